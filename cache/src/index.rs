@@ -1,0 +1,326 @@
+//! The index in memory: where each packed blob and each record lies.
+//!
+//! Rebuilt from the segments when a store opens, and brought up to date with
+//! what other processes append.  Holds no content.  The order in which segments
+//! are read does not matter: of two records for one key the higher generation
+//! wins, then the older one; of two copies of a blob, the one in the later
+//! segment (it was written because the earlier one had been found damaged).
+
+use crate::{
+    Key,
+    codec::Fields,
+    layout::{Layout, names},
+    lease, quarantine,
+    record::Head,
+    segment::{LogEntry, PackedBlob, Sort, scan_log, scan_pack},
+    sidecar,
+};
+use std::{
+    cmp::Reverse,
+    collections::{BTreeSet, HashMap, HashSet},
+    fs, io,
+    path::PathBuf,
+    sync::Arc,
+};
+
+/// Frames in a sealed segment from which an index file is worth its while.
+pub(crate) const SIDECAR_FROM: u64 = 2048;
+
+/// A segment that the index knows.
+#[derive(Debug)]
+pub(crate) struct Segment {
+    pub sort: Sort,
+    pub name: String,
+    pub path: PathBuf,
+    pub seq: u64,
+    pub owner: String,
+    /// Offset up to which the index has read.
+    pub scanned: u64,
+    /// Offset before which the records' blobs were durable when written.
+    pub committed: u64,
+    /// This store instance writes it.
+    pub own: bool,
+    /// Its owner is dead and all of it is read.
+    pub sealed: bool,
+    /// The file is gone: a gc moved what is left elsewhere.
+    pub gone: bool,
+    /// Damaged frames passed over.
+    pub damaged: u64,
+}
+
+/// Where a packed blob lies.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BlobAt {
+    pub segment: u32,
+    pub offset: u64,
+    pub size: u64,
+}
+
+/// Where a record lies, and what statistics need of it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RecordAt {
+    pub segment: u32,
+    pub offset: u64,
+    pub generation: u32,
+    pub origin: u64,
+    pub sum: u64,
+    pub label: u32,
+    pub wall_us: u64,
+    pub bytes: u64,
+    pub when: u64,
+}
+
+/// Namespace (by its number among the names) and key.
+pub(crate) type Slot = (u32, Key);
+
+#[derive(Debug, Default)]
+pub(crate) struct Index {
+    pub segments: Vec<Segment>,
+    by_name: HashMap<String, u32>,
+    pub blobs: HashMap<[u8; 32], BlobAt>,
+    pub records: HashMap<Slot, RecordAt>,
+    names: Vec<Arc<str>>,
+    name_numbers: HashMap<Arc<str>, u32>,
+    /// Uncommitted records of other store instances whose blobs were rehashed.
+    pub proven: HashSet<Slot>,
+    /// Places in packs whose blob is damaged.
+    bad: HashSet<(String, u64)>,
+    /// Keys for which records of one generation with different payloads were found.
+    pub conflicts: BTreeSet<(Arc<str>, Key)>,
+}
+
+impl Index {
+    pub fn name(&self, number: u32) -> &Arc<str> {
+        &self.names[number as usize]
+    }
+
+    pub fn number_of(&self, name: &str) -> Option<u32> {
+        self.name_numbers.get(name).copied()
+    }
+
+    fn intern(&mut self, name: &str) -> u32 {
+        if let Some(number) = self.number_of(name) {
+            return number;
+        }
+        let (name, number): (Arc<str>, _) = (name.into(), self.names.len() as u32);
+        self.names.push(name.clone());
+        self.name_numbers.insert(name, number);
+        number
+    }
+
+    pub fn record(&self, namespace: &str, key: &Key) -> Option<(Slot, RecordAt)> {
+        let slot = (self.number_of(namespace)?, *key);
+        self.records.get(&slot).map(|at| (slot, *at))
+    }
+
+    /// Whether a record may be there without its blobs: no commit mark covers it, and nobody has looked.
+    pub fn is_provisional(&self, slot: &Slot, at: &RecordAt) -> bool {
+        let segment = &self.segments[at.segment as usize];
+        !segment.own && at.offset >= segment.committed && !self.proven.contains(slot)
+    }
+
+    /// Highest sequence number of the segments of a sort.
+    pub fn last_seq(&self, sort: Sort) -> u64 {
+        self.segments.iter().filter(|segment| segment.sort == sort).map(|segment| segment.seq).max().unwrap_or(0)
+    }
+
+    /// Adds a segment that this store instance is about to write.
+    pub fn add_own(&mut self, sort: Sort, name: String, path: PathBuf) -> u32 {
+        let number = self.add(sort, name, path);
+        let segment = &mut self.segments[number as usize];
+        (segment.own, segment.committed) = (true, 0);
+        number
+    }
+
+    fn add(&mut self, sort: Sort, name: String, path: PathBuf) -> u32 {
+        let number = self.segments.len() as u32;
+        let (seq, owner) = sort.parse(&name).unwrap_or_default(); // callers give names of this sort
+        let owner = owner.to_owned();
+        self.by_name.insert(name.clone(), number);
+        self.segments.push(Segment {
+            sort,
+            name,
+            path,
+            seq,
+            owner,
+            scanned: 0,
+            committed: 0,
+            own: false,
+            sealed: false,
+            gone: false,
+            damaged: 0,
+        });
+        number
+    }
+
+    pub fn insert_blob(&mut self, hash: [u8; 32], at: BlobAt) {
+        let place = |at: &BlobAt| {
+            let segment = &self.segments[at.segment as usize];
+            (!segment.gone, segment.seq, segment.name.clone(), at.offset)
+        };
+        if !self.bad.is_empty() && self.bad.contains(&(self.segments[at.segment as usize].name.clone(), at.offset)) {
+            return;
+        }
+        match self.blobs.get(&hash) {
+            Some(known) if place(known) >= place(&at) => {}
+            _ => {
+                self.blobs.insert(hash, at);
+            }
+        }
+    }
+
+    pub fn insert_record(&mut self, head: &Head, segment: u32, offset: u64) {
+        let namespace = self.intern(&head.namespace);
+        let at = RecordAt {
+            segment,
+            offset,
+            generation: head.generation,
+            origin: head.origin,
+            sum: head.sum,
+            label: self.intern(&head.label),
+            wall_us: head.wall_us,
+            bytes: head.bytes,
+            when: head.when,
+        };
+        let slot = (namespace, head.key);
+        if let Some(known) = self.records.get(&slot) {
+            if known.generation == at.generation && known.sum != at.sum {
+                self.conflicts.insert((self.name(namespace).clone(), head.key));
+            }
+            let here = |at: &RecordAt| !self.segments[at.segment as usize].gone;
+            let rank = |at: &RecordAt| (here(at), at.generation, Reverse(at.origin), at.sum);
+            if rank(known) >= rank(&at) {
+                return;
+            }
+        }
+        self.proven.remove(&slot);
+        self.records.insert(slot, at);
+    }
+
+    /// Forgets a place in a pack whose blob is damaged.
+    pub fn mark_bad(&mut self, hash: &[u8; 32], at: BlobAt) {
+        let name = self.segments[at.segment as usize].name.clone();
+        self.bad.insert((name, at.offset));
+        if self.blobs.get(hash).is_some_and(|known| (known.segment, known.offset) == (at.segment, at.offset)) {
+            self.blobs.remove(hash);
+        }
+    }
+
+    /// Reads what is new on disk.  Logs first: a record's blobs were written before it.
+    pub fn refresh(&mut self, layout: &Layout) -> io::Result<()> {
+        let bad = quarantine::places(layout)?;
+        if bad.iter().any(|place| !self.bad.contains(place)) {
+            self.bad.extend(bad);
+            let (segments, bad) = (&self.segments, &self.bad);
+            self.blobs.retain(|_, at| !bad.contains(&(segments[at.segment as usize].name.clone(), at.offset)));
+        }
+        self.refresh_sort(layout, Sort::Log)?;
+        self.refresh_sort(layout, Sort::Pack)
+    }
+
+    fn refresh_sort(&mut self, layout: &Layout, sort: Sort) -> io::Result<()> {
+        let folder = layout.folder(sort.folder());
+        let mut listed = names(&folder)?;
+        if self.mark_gone(sort, &listed) {
+            // The list may be older than the segment that replaced those; this one is not.
+            listed = names(&folder)?;
+            self.forget_gone();
+        }
+        for name in listed {
+            if sort.parse(&name).is_none() {
+                continue;
+            }
+            let number = match self.by_name.get(&name) {
+                Some(&number) => number,
+                None => {
+                    let path = folder.join(&name);
+                    let number = self.add(sort, name, path);
+                    sidecar::load(self, number);
+                    number
+                }
+            };
+            let segment = &self.segments[number as usize];
+            if !(segment.own || segment.sealed) {
+                self.read_on(layout, number)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn mark_gone(&mut self, sort: Sort, listed: &[String]) -> bool {
+        let mut any = false;
+        for segment in self.segments.iter_mut().filter(|segment| segment.sort == sort && !segment.gone) {
+            if listed.binary_search(&segment.name).is_err() {
+                segment.gone = true;
+                any = true;
+                self.by_name.remove(&segment.name);
+            }
+        }
+        any
+    }
+
+    fn forget_gone(&mut self) {
+        let segments = &self.segments;
+        self.blobs.retain(|_, at| !segments[at.segment as usize].gone);
+        self.records.retain(|_, at| !segments[at.segment as usize].gone);
+    }
+
+    fn read_on(&mut self, layout: &Layout, number: u32) -> io::Result<()> {
+        let segment = &self.segments[number as usize];
+        let lease = layout.folder("leases").join(format!("{}.lease", segment.owner));
+        let (path, from, sort) = (segment.path.clone(), segment.scanned, segment.sort);
+        // Asked before the length is read: a dead owner appends no more.
+        let dead = !lease::is_live(&lease);
+        let len = match fs::metadata(&path) {
+            Ok(meta) => meta.len(),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()), // the next refresh sees it gone
+            Err(error) => return Err(error),
+        };
+        let mut frames = 0;
+        if len > from {
+            let scanned = match sort {
+                Sort::Pack => self.read_pack(number, &path, from, &mut frames),
+                Sort::Log => self.read_log(number, &path, from, &mut frames),
+            };
+            match scanned {
+                Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+                other => other?,
+            }
+        }
+        self.segments[number as usize].sealed = dead;
+        if dead && frames >= SIDECAR_FROM {
+            sidecar::save(self, number, layout);
+        }
+        Ok(())
+    }
+
+    fn read_pack(&mut self, number: u32, path: &std::path::Path, from: u64, frames: &mut u64) -> io::Result<()> {
+        let end = scan_pack(path, from, |PackedBlob { hash, size, offset }| {
+            *frames += 1;
+            self.insert_blob(hash, BlobAt { segment: number, offset, size });
+        })?;
+        self.segments[number as usize].scanned = end;
+        Ok(())
+    }
+
+    fn read_log(&mut self, number: u32, path: &std::path::Path, from: u64, frames: &mut u64) -> io::Result<()> {
+        let mut malformed = 0;
+        let scan = scan_log(path, from, |offset, entry| match entry {
+            LogEntry::Record(bytes) => match Head::decode(&mut Fields(bytes)) {
+                Some(head) => {
+                    *frames += 1;
+                    self.insert_record(&head, number, offset);
+                }
+                None => malformed += 1,
+            },
+            LogEntry::Commit(covered) => {
+                let segment = &mut self.segments[number as usize];
+                segment.committed = segment.committed.max(covered.min(offset));
+            }
+        })?;
+        let segment = &mut self.segments[number as usize];
+        segment.scanned = scan.end;
+        segment.damaged += scan.damaged + malformed;
+        Ok(())
+    }
+}

@@ -1,0 +1,170 @@
+//! Leases: which store instances live, and which blobs and records they count on.
+//!
+//! Each open store owns `leases/<owner>.lease`, locked by the operating system
+//! until it drops or its process dies, and notes there what it relies on
+//! *before* it checks that it is there.  A gc first hides what it wants to
+//! delete, then reads the notes, and gives back what has been noted: whichever
+//! comes first, a live run keeps its blobs, and nobody waits for a lock.
+//!
+//! The notes of a dead lease remain as the history of use that gc orders by.
+
+use crate::{
+    Key,
+    codec::{Fields, Put},
+    error::{At, CacheError},
+    layout::Layout,
+};
+use std::{
+    collections::HashSet,
+    fs::{self, File, TryLockError},
+    hash::{BuildHasher, RandomState},
+    io,
+    os::unix::fs::FileExt,
+    path::{Path, PathBuf},
+    sync::{Mutex, PoisonError},
+};
+
+/// One note of a lease.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Use {
+    /// Uses noted from here on happened at this time (unix seconds).
+    Time(u64),
+    /// The blob of this hash.
+    Blob([u8; 32]),
+    /// A record, and the blobs it reaches.
+    Record { namespace: String, key: Key },
+}
+
+impl Use {
+    pub fn encode(&self, out: &mut Vec<u8>) {
+        match self {
+            Self::Time(when) => {
+                out.u8(b'T');
+                out.u64(*when);
+            }
+            Self::Blob(hash) => {
+                out.u8(b'B');
+                out.extend_from_slice(hash);
+            }
+            Self::Record { namespace, key } => {
+                out.u8(b'R');
+                out.text(namespace);
+                out.extend_from_slice(&key.0);
+            }
+        }
+    }
+
+    fn decode(fields: &mut Fields<'_>) -> Option<Self> {
+        match fields.u8()? {
+            b'T' => fields.u64().map(Self::Time),
+            b'B' => fields.array().map(Self::Blob),
+            b'R' => Some(Self::Record { namespace: fields.text()?.to_owned(), key: Key(fields.array()?) }),
+            _ => None,
+        }
+    }
+}
+
+/// The notes in a lease file, up to a torn tail.
+pub(crate) fn read_uses(path: &Path) -> io::Result<Vec<Use>> {
+    let bytes = match fs::read(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
+        other => other?,
+    };
+    let mut fields = Fields(&bytes);
+    Ok(std::iter::from_fn(|| Use::decode(&mut fields)).collect())
+}
+
+/// Whether the owner of a lease file lives.  A file that is gone has no owner.
+pub(crate) fn is_live(path: &Path) -> bool {
+    match File::open(path) {
+        // Shared, so that two processes that ask do not take each other for the owner.
+        Ok(file) => matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)),
+        Err(error) => error.kind() != io::ErrorKind::NotFound, // unreadable: better to think that it lives
+    }
+}
+
+/// The lease of this store instance.
+#[derive(Debug)]
+pub(crate) struct Lease {
+    path: PathBuf,
+    file: File,
+    notes: Mutex<Notes>,
+}
+
+#[derive(Debug, Default)]
+struct Notes {
+    end: u64,
+    seen: HashSet<Use>,
+    timed: bool,
+    has_history: bool,
+}
+
+/// A name that no other store instance has.
+pub(crate) fn new_owner() -> String {
+    // RandomState is the standard library's source of entropy.
+    format!("{}-{:016x}", std::process::id(), RandomState::new().hash_one(0u8))
+}
+
+impl Lease {
+    /// Creates the lease file, locked from the moment it has its name.
+    pub fn open(layout: &Layout) -> Result<Self, CacheError> {
+        let path = layout.folder("leases").join(format!("{}.lease", layout.owner));
+        let mut tries = 0;
+        loop {
+            let tmp = layout.tmp();
+            let made = File::create_new(&tmp).and_then(|file| {
+                file.lock()?;
+                fs::rename(&tmp, &path)?;
+                Ok(file)
+            });
+            match made {
+                Ok(file) => return Ok(Self { path, file, notes: Mutex::default() }),
+                // A gc swept the unlocked temporary file away; once more.
+                Err(error) if error.kind() == io::ErrorKind::NotFound && tries < 10 => tries += 1,
+                Err(error) => return Err(error).at("create the lease", &path),
+            }
+        }
+    }
+
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Notes uses that have not been noted yet.  They are seen by every process when this returns.
+    pub fn note(&self, uses: impl IntoIterator<Item = Use>) -> Result<(), CacheError> {
+        let mut notes = self.notes.lock().unwrap_or_else(PoisonError::into_inner);
+        let fresh: Vec<Use> = uses.into_iter().filter(|used| !notes.seen.contains(used)).collect();
+        if fresh.is_empty() {
+            return Ok(());
+        }
+        let mut bytes = Vec::new();
+        fresh.iter().for_each(|used| used.encode(&mut bytes));
+        if let Err(error) = self.file.write_all_at(&bytes, notes.end) {
+            let _ = self.file.set_len(notes.end); // the next note starts there in any case
+            return Err(error).at("write the lease", &self.path);
+        }
+        notes.end += bytes.len() as u64;
+        notes.has_history |= notes.timed && fresh.iter().any(|used| matches!(used, Use::Record { .. }));
+        notes.seen.extend(fresh);
+        Ok(())
+    }
+
+    /// Tells the time for the uses that follow.
+    pub fn set_time(&self, when: u64) -> Result<(), CacheError> {
+        {
+            let mut notes = self.notes.lock().unwrap_or_else(PoisonError::into_inner);
+            notes.seen.clear();
+            notes.timed = true;
+        }
+        self.note([Use::Time(when)])
+    }
+}
+
+impl Drop for Lease {
+    fn drop(&mut self) {
+        let notes = self.notes.get_mut().unwrap_or_else(PoisonError::into_inner);
+        if !notes.has_history {
+            let _ = fs::remove_file(&self.path); // a dead lease left behind is harmless
+        }
+    }
+}

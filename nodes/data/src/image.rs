@@ -1,0 +1,124 @@
+//! Images: rows of pixels of f32 channels, top row first.
+
+/// An image of `height` x `width` pixels of `channels` values, row-major, top-left first.
+///
+/// # Units
+/// Whatever the holder says: linear radiance for renders, albedo and world-space normals for G-buffers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image {
+    width: usize,
+    height: usize,
+    channels: usize,
+    data: Vec<f32>,
+}
+
+impl Image {
+    /// A black image.
+    pub fn new(width: usize, height: usize, channels: usize) -> Self {
+        Self { width, height, channels, data: vec![0.0; width * height * channels] }
+    }
+
+    /// An image of `data`, shape [height, width, channels].
+    ///
+    /// # Errors
+    /// If the length does not fit the shape.
+    pub fn from_data(width: usize, height: usize, channels: usize, data: Vec<f32>) -> Result<Self, crate::DataError> {
+        if data.len() != width * height * channels {
+            return Err(crate::DataError::Format(format!(
+                "{} values do not make an image of {width} x {height} x {channels}",
+                data.len()
+            )));
+        }
+        Ok(Self { width, height, channels, data })
+    }
+
+    /// Pixels in a row.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Values in a pixel.
+    pub fn channels(&self) -> usize {
+        self.channels
+    }
+
+    /// All values, shape [height, width, channels].
+    pub fn data(&self) -> &[f32] {
+        &self.data
+    }
+
+    /// All values, to write.
+    pub fn data_mut(&mut self) -> &mut [f32] {
+        &mut self.data
+    }
+
+    /// The values, without the image.
+    pub fn into_data(self) -> Vec<f32> {
+        self.data
+    }
+
+    /// A pixel's values.
+    pub fn pixel(&self, x: usize, y: usize) -> &[f32] {
+        let at = (y * self.width + x) * self.channels;
+        &self.data[at..at + self.channels]
+    }
+
+    /// A pixel's values, to write.
+    pub fn pixel_mut(&mut self, x: usize, y: usize) -> &mut [f32] {
+        let at = (y * self.width + x) * self.channels;
+        &mut self.data[at..at + self.channels]
+    }
+
+    /// Every value through `f`.
+    pub fn map(&self, f: impl Fn(f32) -> f32) -> Self {
+        Self { data: self.data.iter().map(|v| f(*v)).collect(), ..*self }
+    }
+
+    /// True if both have the same width, height and channels.
+    pub fn same_shape(&self, other: &Self) -> bool {
+        (self.width, self.height, self.channels) == (other.width, other.height, other.channels)
+    }
+}
+
+/// The display transform: Reinhard x/(1+x), then ^(1/2.2), clipped to [0, 1]; f32, before any 8-bit rounding.
+///
+/// Negatives count as black. Input is exposure-normalised linear radiance.
+pub fn preview(value: f32) -> f32 {
+    let x = value.max(0.0);
+    let mapped = if x.is_finite() { x / (1.0 + x) } else { 1.0 };
+    libm::powf(mapped, 1.0 / 2.2).clamp(0.0, 1.0)
+}
+
+/// Relative luminance of a linear RGB pixel (Rec. 709).
+pub fn luminance(rgb: &[f32]) -> f32 {
+    0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn preview_is_bounded_and_monotone() {
+        assert_eq!(preview(-1.0), 0.0);
+        assert_eq!(preview(f32::INFINITY), 1.0);
+        // x = 1 maps to 1/2, and (1/2)^(1/2.2) = 0.72974.
+        assert!((preview(1.0) - 0.729_740_05).abs() < 1e-6);
+        let values: Vec<f32> = (0..1000).map(|i| preview(i as f32 * 0.01)).collect();
+        assert!(values.windows(2).all(|w| w[0] < w[1]));
+    }
+
+    #[test]
+    fn shapes_are_checked() {
+        assert!(Image::from_data(2, 2, 3, vec![0.0; 11]).is_err());
+        let mut image = Image::new(2, 1, 3);
+        image.pixel_mut(1, 0)[2] = 4.0;
+        assert_eq!(image.data()[5], 4.0);
+        assert_eq!(luminance(&[1.0, 1.0, 1.0]), 1.0);
+    }
+}

@@ -1,0 +1,46 @@
+//! What node kinds exchange: images, ladders, scenes, strata, variance time, and their file formats.
+//!
+//! Knows no kind: how a scene is drawn, rendered, learnt from or judged is elsewhere.
+
+pub mod formats;
+pub mod image;
+pub mod image_io;
+pub mod ladder;
+pub mod maths;
+pub mod rng;
+pub mod scene;
+pub mod stratum;
+pub mod tensors;
+pub mod time;
+
+pub use image::Image;
+pub use ladder::{Ladder, LadderMeta, RungCounts};
+pub use scene::Scene;
+pub use stratum::{ContextClass, Regime, Stratum};
+pub use tensors::{Tensor, TensorFile};
+pub use time::{SdeTime, VarianceTime};
+
+/// A file or artifact that cannot be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum DataError {
+    /// The bytes are not what they should be.
+    #[error("{0}")]
+    Format(String),
+    /// The file cannot be opened, read or written.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+impl From<DataError> for tauflow_contract::KindError {
+    fn from(error: DataError) -> Self {
+        match error {
+            DataError::Format(_) => Self::Input(error.to_string()),
+            DataError::Io { .. } => Self::Environment(error.to_string()),
+        }
+    }
+}

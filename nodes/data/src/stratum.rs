@@ -1,0 +1,121 @@
+//! Strata: regime x context, and the item keys that carry them.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::{fmt, str::FromStr};
+use tauflow_contract::ItemKey;
+
+/// What light does at surfaces, from easy to hard.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize, JsonSchema)]
+pub enum Regime {
+    /// Diffuse only.
+    L0,
+    /// Glossy.
+    L1,
+    /// Refractive, without caustics.
+    L2,
+    /// Caustic-like.
+    L3,
+}
+
+/// Where light comes from and how often it bounces.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ContextClass {
+    /// Environment-dominant: objects under a sky.
+    Environment,
+    /// Open multi-bounce.
+    Open,
+    /// Enclosed multi-bounce: rooms.
+    Enclosed,
+}
+
+impl Regime {
+    /// All four.
+    pub const ALL: [Self; 4] = [Self::L0, Self::L1, Self::L2, Self::L3];
+}
+
+impl ContextClass {
+    /// All three.
+    pub const ALL: [Self; 3] = [Self::Environment, Self::Open, Self::Enclosed];
+}
+
+impl fmt::Display for Regime {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Debug::fmt(self, f)
+    }
+}
+
+impl fmt::Display for ContextClass {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Environment => "environment",
+            Self::Open => "open",
+            Self::Enclosed => "enclosed",
+        })
+    }
+}
+
+/// A regime in a context: one of twelve.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
+pub struct Stratum {
+    /// The regime.
+    pub regime: Regime,
+    /// The context.
+    pub context: ContextClass,
+}
+
+impl Stratum {
+    /// All twelve, in order of regime, then context.
+    pub fn all() -> impl Iterator<Item = Self> {
+        Regime::ALL
+            .into_iter()
+            .flat_map(|regime| ContextClass::ALL.into_iter().map(move |context| Self { regime, context }))
+    }
+
+    /// Key of the `index`-th scene of this stratum, e.g. `L1-open-000123`.
+    pub fn item_key(&self, index: u64) -> ItemKey {
+        ItemKey::new(format!("{self}-{index:06}")).expect("made of letters, digits and dashes")
+    }
+
+    /// The stratum and index of a key made by [`Stratum::item_key`], with or without a cell before it.
+    pub fn of_key(key: &str) -> Option<(Self, u64)> {
+        let own = key.rsplit('/').next()?;
+        let (stratum, index) = own.rsplit_once('-')?;
+        Some((stratum.parse().ok()?, index.parse().ok()?))
+    }
+}
+
+impl fmt::Display for Stratum {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}-{}", self.regime, self.context)
+    }
+}
+
+/// A text that names no stratum.
+#[derive(Debug, thiserror::Error)]
+#[error("`{0}` names no stratum: expected L0 to L3, a dash, and environment, open or enclosed")]
+pub struct ParseStratumError(String);
+
+impl FromStr for Stratum {
+    type Err = ParseStratumError;
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Self::all().find(|s| s.to_string() == text).ok_or_else(|| ParseStratumError(text.to_owned()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_carry_their_stratum() {
+        assert_eq!(Stratum::all().count(), 12);
+        for stratum in Stratum::all() {
+            let key = stratum.item_key(123);
+            assert_eq!(Stratum::of_key(key.as_str()), Some((stratum, 123)));
+        }
+        assert_eq!(Stratum::of_key("cell/L1-open-000007").map(|s| s.1), Some(7));
+        assert!(Stratum::of_key("L9-open-1").is_none());
+    }
+}

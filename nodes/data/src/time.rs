@@ -1,0 +1,140 @@
+//! The clocks: variance time over a ladder, and the clock of the Monte Carlo SDE.
+//!
+//! Source: the central limit theorem's 1/sqrt(n) law; definitions in docs/ARCHITECTURE.md.
+
+use crate::DataError;
+
+/// Variance time over a ladder with first and last sample counts n_min < n_max.
+///
+/// tau(n) = (1/sqrt(n_min) - 1/sqrt(n)) / (1/sqrt(n_min) - 1/sqrt(n_max)), so tau(n_min) = 0 and tau(n_max) = 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VarianceTime {
+    n_min: f64,
+    n_max: f64,
+}
+
+impl VarianceTime {
+    /// The clock of a ladder.
+    ///
+    /// # Errors
+    /// Unless 1 <= n_min < n_max.
+    pub fn new(n_min: u64, n_max: u64) -> Result<Self, DataError> {
+        if n_min < 1 || n_max <= n_min {
+            return Err(DataError::Format(format!(
+                "variance time needs 1 <= n_min < n_max, but n_min is {n_min} and n_max is {n_max}"
+            )));
+        }
+        Ok(Self { n_min: n_min as f64, n_max: n_max as f64 })
+    }
+
+    fn ends(&self) -> (f64, f64) {
+        (1.0 / self.n_min.sqrt(), 1.0 / self.n_max.sqrt())
+    }
+
+    /// tau of a sample count, which may be a fraction.
+    pub fn tau(&self, n: f64) -> f64 {
+        let (first, last) = self.ends();
+        (first - 1.0 / n.sqrt()) / (first - last)
+    }
+
+    /// The sample count at tau.
+    pub fn count(&self, tau: f64) -> f64 {
+        let (first, last) = self.ends();
+        let root = first - tau * (first - last);
+        1.0 / (root * root)
+    }
+
+    /// The SDE's clock at tau.
+    pub fn sde(&self, tau: f64) -> SdeTime {
+        SdeTime::of_count(self.count(tau))
+    }
+
+    /// The last sample count, where tau is 1.
+    pub fn n_max(&self) -> f64 {
+        self.n_max
+    }
+
+    /// The first sample count, where tau is 0.
+    pub fn n_min(&self) -> f64 {
+        self.n_min
+    }
+
+    /// The times of a rollout from sample count `n_start` to the end in `steps` steps; `steps + 1` values, the last exactly 1.
+    pub fn grid(&self, n_start: f64, steps: usize, grid: TimeGrid) -> Vec<f64> {
+        let start = self.tau(n_start);
+        (0..=steps)
+            .map(|i| {
+                let share = i as f64 / steps as f64;
+                if i == steps {
+                    1.0
+                } else if i == 0 {
+                    start
+                } else {
+                    match grid {
+                        TimeGrid::Ladder => self.tau(n_start * libm::pow(self.n_max / n_start, share)),
+                        TimeGrid::Uniform => start + (1.0 - start) * share,
+                    }
+                }
+            })
+            .collect()
+    }
+}
+
+/// How a rollout's times are spread.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum TimeGrid {
+    /// tau of n_i = n_k (n_max/n_k)^(i/N): at N = log2(n_max/n_k) the real rungs of a dyadic ladder.
+    #[default]
+    Ladder,
+    /// Equal steps of tau.
+    Uniform,
+}
+
+/// The clock s = 1 - 1/sqrt(n) of the Monte Carlo SDE dY = 2 (mu - Y)/(1-s) ds + sigma sqrt(2 (1-s)) dW;
+/// s runs from 0 at one sample towards 1 at infinitely many.
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
+pub struct SdeTime(pub f64);
+
+impl SdeTime {
+    /// s of a sample count.
+    pub fn of_count(n: f64) -> Self {
+        Self(1.0 - 1.0 / n.sqrt())
+    }
+
+    /// The sample count at s: (1-s)^-2.
+    pub fn count(&self) -> f64 {
+        1.0 / ((1.0 - self.0) * (1.0 - self.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ends_and_the_design_figure() {
+        let time = VarianceTime::new(1, 512).expect("a ladder");
+        assert_eq!(time.tau(1.0), 0.0);
+        assert_eq!(time.tau(512.0), 1.0);
+        assert!((time.tau(10.0) - 0.7153).abs() < 1e-3);
+        for n in [1.0, 3.0, 10.0, 77.7, 512.0] {
+            assert!((time.count(time.tau(n)) - n).abs() < 1e-9 * n);
+            assert!((time.sde(time.tau(n)).count() - n).abs() < 1e-9 * n);
+        }
+        assert!(VarianceTime::new(4, 4).is_err());
+    }
+
+    #[test]
+    fn the_ladder_grid_visits_the_rungs() {
+        let time = VarianceTime::new(1, 512).expect("a ladder");
+        let grid = time.grid(1.0, 9, TimeGrid::Ladder);
+        for (i, tau) in grid.iter().enumerate() {
+            assert!((time.count(*tau) - f64::from(1u32 << i)).abs() < 1e-9 * f64::from(1u32 << i));
+        }
+        assert_eq!(grid.last(), Some(&1.0));
+        let uniform = time.grid(4.0, 3, TimeGrid::Uniform);
+        assert_eq!(uniform[0], time.tau(4.0));
+        assert!((uniform[2] - uniform[1] - (uniform[1] - uniform[0])).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,1 @@
+//! Path tracer, ladder rendering and quality gate.

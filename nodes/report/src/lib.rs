@@ -1,0 +1,1 @@
+//! Plots, montages, tables and the HTML report.

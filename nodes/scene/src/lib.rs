@@ -1,0 +1,1 @@
+//! Assets, scene generation, stratified sampling, content-signature split.

@@ -1,0 +1,1 @@
+//! Dataset packing, training and refinement of transport solvers.

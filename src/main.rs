@@ -1,0 +1,2 @@
+//! Command line of tauflow.
+fn main() {}
