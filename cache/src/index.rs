@@ -24,7 +24,7 @@ use std::{
 };
 
 /// Frames in a sealed segment from which an index file is worth its while.
-pub(crate) const SIDECAR_FROM: u64 = 2048;
+const SIDECAR_FROM: u64 = 2048;
 
 /// A segment that the index knows.
 #[derive(Debug)]

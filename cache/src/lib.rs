@@ -1,7 +1,50 @@
 //! Content-addressed blob store, action log, verification and garbage collection.
+//!
+//! A [`Store`] keeps immutable blobs by [`Digest`] and [`Record`]s by namespace
+//! and [`Key`].  It knows nothing of pipelines, nodes or items: what is hashed
+//! into a key, and what a payload means, is its callers' business.
+//!
+//! What holds, whatever happens:
+//!
+//! - A blob comes back whole or not at all.  A missing or damaged blob is a miss, never an error.
+//! - A record is never overwritten by another payload; that is reported.
+//! - `kill -9` loses nothing that `put` and `record` returned from.
+//! - After a power cut, a record is believed only if its blobs were synced
+//!   before it (a commit mark says so), or prove good when read.
+//! - Readers take no lock, and no process writes a file of another.  (Only a `get` that misses while a gc
+//!   sweeps waits until the sweep is over, at most ten seconds.)
+//! - A gc never takes away what a live run relies on.
+//! - No clock is read: times are the callers'.
+//!
+//! Needs a Unix: positioned reads and inode numbers.
 
+mod blobs;
+mod claim;
+mod codec;
+mod commit;
 mod digest;
+mod error;
+mod gc;
+mod index;
 mod key;
+mod layout;
+mod lease;
+mod pins;
+mod quarantine;
+mod record;
+mod records;
+mod segment;
+mod sidecar;
+mod stat;
+mod store;
+mod verify;
 
+pub use claim::Claim;
 pub use digest::{Digest, ParseDigestError};
+pub use error::CacheError;
+pub use gc::{GcOptions, GcReport};
 pub use key::{Key, ParseKeyError};
+pub use record::{Record, Recorded};
+pub use stat::{LabelStat, Stat};
+pub use store::Store;
+pub use verify::VerifyReport;

@@ -1,0 +1,229 @@
+//! Blobs: bytes in, the same bytes out, or a miss.
+//!
+//! Small ones are appended to a pack, large ones get a file of their own.  They
+//! are durable when the next commit returns, and visible at once.
+
+use crate::{
+    CacheError, Digest, Store,
+    error::At,
+    gc,
+    index::BlobAt,
+    lease::Use,
+    quarantine,
+    segment::{Appender, BLOB_HEADER, Sort, blob_frame},
+    store::lock,
+};
+use std::{
+    fs::{self, File},
+    io::{self, Write},
+    os::unix::fs::FileExt,
+    path::Path,
+};
+
+/// Blobs of at least this many bytes get a file of their own.
+pub(crate) const LOOSE_FROM: u64 = 64 << 10;
+/// Bytes from which a pack is closed and another begun.
+pub(crate) const PACK_LIMIT: u64 = 256 << 20;
+
+/// What reading a place gave.
+enum Found {
+    Whole(Vec<u8>),
+    Damaged(Vec<u8>),
+    /// The file is gone; the blob may be elsewhere.
+    Moved,
+}
+
+impl Store {
+    /// Stores a blob.  Storing it again costs a look-up.
+    ///
+    /// # Errors
+    /// When it cannot be written; what was stored before is not affected.
+    pub fn put(&self, bytes: &[u8]) -> Result<Digest, CacheError> {
+        let digest = Digest::of(bytes);
+        if self.hold(&digest)? {
+            return Ok(digest);
+        }
+        if digest.size < LOOSE_FROM {
+            self.put_packed(&digest, bytes)?;
+        } else {
+            self.put_loose(&digest, bytes)?;
+        }
+        Ok(digest)
+    }
+
+    /// Reads a blob and checks it.  `None` when it is missing, or damaged: then it goes to quarantine.
+    ///
+    /// # Errors
+    /// When a file that is there cannot be read.
+    pub fn get(&self, digest: &Digest) -> Result<Option<Vec<u8>>, CacheError> {
+        match self.get_now(digest)? {
+            // What this store relies on may have been in the hands of a collection, which gives it back.
+            None => {
+                gc::wait_for_sweep(&self.layout);
+                self.refresh()?;
+                self.get_now(digest)
+            }
+            found => Ok(found),
+        }
+    }
+
+    /// `get`, but never waiting for a collection: for the collection itself.
+    pub(crate) fn get_now(&self, digest: &Digest) -> Result<Option<Vec<u8>>, CacheError> {
+        // Three rounds: where the index says, where a gc may have moved it, where another process may have put it.
+        for _ in 0..3 {
+            if let Some(at) = self.packed_at(digest) {
+                match self.read_packed(digest, at)? {
+                    Found::Whole(bytes) => return Ok(Some(bytes)),
+                    Found::Damaged(bytes) => self.quarantine_packed(digest, at, &bytes),
+                    Found::Moved => self.refresh()?,
+                }
+                continue;
+            }
+            if let Some(bytes) = self.get_loose(digest)? {
+                return Ok(Some(bytes));
+            }
+            if !self.refresh_on_miss() {
+                break;
+            }
+        }
+        Ok(None)
+    }
+
+    /// Whether the blob is there, without reading it.  A gc of another process may take it right afterwards, unless
+    /// this store put it or found it through a record.
+    pub fn contains(&self, digest: &Digest) -> bool {
+        let here = || self.packed_at(digest).is_some() || is_loose(&self.layout.blob(digest), digest);
+        here() || (self.refresh_on_miss() && here())
+    }
+
+    pub(crate) fn packed_at(&self, digest: &Digest) -> Option<BlobAt> {
+        self.index().blobs.get(&digest.hash).copied().filter(|at| at.size == digest.size)
+    }
+
+    /// Notes that this store relies on the blob, *then* looks whether it is there.
+    fn hold(&self, digest: &Digest) -> Result<bool, CacheError> {
+        if let Some(at) = self.packed_at(digest) {
+            if self.is_own(at.segment) {
+                return Ok(true);
+            }
+            let path = self.index().segments[at.segment as usize].path.clone();
+            self.lease.note([Use::Blob(digest.hash)])?;
+            if fs::metadata(path).is_ok() {
+                return Ok(true);
+            }
+            self.refresh()?;
+            return Ok(self.packed_at(digest).is_some());
+        }
+        let path = self.layout.blob(digest);
+        if digest.size < LOOSE_FROM && !is_loose(&path, digest) {
+            return Ok(false);
+        }
+        // For a blob that is about to be written, too: no gc takes it before its record is there.
+        self.lease.note([Use::Blob(digest.hash)])?;
+        Ok(is_loose(&path, digest))
+    }
+
+    fn put_packed(&self, digest: &Digest, bytes: &[u8]) -> Result<(), CacheError> {
+        let frame = blob_frame(&digest.hash, bytes);
+        let mut packs = lock(&self.packs);
+        if self.packed_at(digest).is_some_and(|at| self.is_own(at.segment)) {
+            return Ok(()); // another thread was faster
+        }
+        if packs.appender.as_ref().is_some_and(|to| to.end > PACK_LIMIT || self.is_gone(to)) {
+            packs.appender = None;
+        }
+        if packs.appender.is_none() {
+            packs.appender = Some(self.start_segment(Sort::Pack)?);
+        }
+        let Some(to) = packs.appender.as_mut() else { return Ok(()) }; // set right above
+        let offset = match to.append(&frame) {
+            Ok(offset) => offset,
+            Err((error, spoiled)) => {
+                let path = to.path.clone();
+                if spoiled {
+                    packs.appender = None;
+                }
+                return Err(error).at("write a blob to", &path);
+            }
+        };
+        let (segment, end, entry) = (to.segment, to.end, (to.path.clone(), to.file.clone()));
+        if packs.dirty_packs.last().is_none_or(|(path, _)| *path != entry.0) {
+            packs.dirty_packs.push(entry);
+        }
+        let mut index = self.index_mut();
+        index.segments[segment as usize].scanned = end;
+        index.insert_blob(digest.hash, BlobAt { segment, offset: offset + BLOB_HEADER, size: digest.size });
+        Ok(())
+    }
+
+    /// Whether this instance writes the segment; no gc touches those.
+    pub(crate) fn is_own(&self, segment: u32) -> bool {
+        let segment = &self.index().segments[segment as usize];
+        segment.own && !segment.gone
+    }
+
+    /// Whether somebody removed the segment under its writer.
+    pub(crate) fn is_gone(&self, to: &Appender) -> bool {
+        self.index().segments[to.segment as usize].gone
+    }
+
+    fn put_loose(&self, digest: &Digest, bytes: &[u8]) -> Result<(), CacheError> {
+        let path = self.layout.blob(digest);
+        let folder = path.parent().unwrap_or(&self.layout.root); // a blob's path has one
+        if !folder.is_dir() {
+            fs::create_dir_all(folder).at("create the folder", folder)?;
+        }
+        let tmp = self.layout.tmp();
+        let written = File::create_new(&tmp)
+            .and_then(|mut file| file.write_all(bytes))
+            .and_then(|()| fs::rename(&tmp, &path))
+            .at("write the blob", &path);
+        if written.is_err() {
+            let _ = fs::remove_file(&tmp); // gives the space back; the first error is the one to report
+            return written;
+        }
+        lock(&self.packs).dirty_loose.push(path);
+        Ok(())
+    }
+
+    fn read_packed(&self, digest: &Digest, at: BlobAt) -> Result<Found, CacheError> {
+        let path = || self.index().segments[at.segment as usize].path.clone();
+        let file = match self.segment_file(at.segment) {
+            Ok(file) => file,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Found::Moved),
+            Err(error) => return Err(error).at("open the pack", &path()),
+        };
+        let mut bytes = vec![0; at.size as usize];
+        match file.read_exact_at(&mut bytes, at.offset) {
+            Ok(()) if blake3::hash(&bytes).as_bytes() == &digest.hash => Ok(Found::Whole(bytes)),
+            Ok(()) => Ok(Found::Damaged(bytes)),
+            Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(Found::Damaged(Vec::new())),
+            Err(error) => Err(error).at("read the pack", &path()),
+        }
+    }
+
+    fn quarantine_packed(&self, digest: &Digest, at: BlobAt, bytes: &[u8]) {
+        let mut index = self.index_mut();
+        quarantine::packed(&self.layout, &index.segments[at.segment as usize].name, at.offset, bytes);
+        index.mark_bad(&digest.hash, at);
+    }
+
+    fn get_loose(&self, digest: &Digest) -> Result<Option<Vec<u8>>, CacheError> {
+        let path = self.layout.blob(digest);
+        let bytes = match fs::read(&path) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(error).at("read the blob", &path),
+        };
+        if Digest::of(&bytes) == *digest {
+            return Ok(Some(bytes));
+        }
+        quarantine::loose(&self.layout, digest, &path);
+        Ok(None)
+    }
+}
+
+/// Whether a large blob's file is there, of the right size.
+pub(crate) fn is_loose(path: &Path, digest: &Digest) -> bool {
+    fs::metadata(path).is_ok_and(|meta| meta.is_file() && meta.len() == digest.size)
+}

@@ -1,0 +1,108 @@
+//! Group commit: blobs first, then a mark in the log that says so.
+//!
+//! Records are written to the log at once, so that other processes see them and
+//! a killed process loses none; only a power cut can separate a record from its
+//! blobs.  The mark tells the records that a power cut cannot have separated;
+//! the others are believed once their blobs have been read.
+
+use crate::{
+    CacheError, Store,
+    error::At,
+    layout::sync_dir,
+    records::append_frame,
+    segment::commit_frame,
+    store::{LogWriter, lock},
+};
+use std::{
+    collections::BTreeSet,
+    fs::File,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+/// A commit is due after this many records ...
+const MANY: usize = 512;
+/// ... or when the oldest one has waited this long.
+const LONG: Duration = Duration::from_secs(1);
+/// Bytes from which a log segment is closed and another begun.
+const LOG_LIMIT: u64 = 256 << 20;
+
+/// Whether records have waited long enough.
+pub(crate) fn due(log: &LogWriter) -> bool {
+    log.pending >= MANY || log.since.is_some_and(|since| since.elapsed() >= LONG)
+}
+
+impl Store {
+    /// Makes everything that was put and recorded so far durable.
+    ///
+    /// # Errors
+    /// When the disk refuses.  Everything is readable still, but nothing is promised about a power cut.
+    pub fn flush(&self) -> Result<(), CacheError> {
+        let _one_at_a_time = lock(&self.commit);
+        // The end of the log first, the blobs afterwards: what a record before that end names is among them.
+        let (pending, covered) = {
+            let mut log = lock(&self.log);
+            log.since = None;
+            let end = log.appender.as_ref().map(|to| (to.segment, to.end, to.file.clone(), to.path.clone()));
+            (std::mem::take(&mut log.pending), end)
+        };
+        let (packs, loose) = {
+            let mut packs = lock(&self.packs);
+            (std::mem::take(&mut packs.dirty_packs), std::mem::take(&mut packs.dirty_loose))
+        };
+        let synced = packs
+            .iter()
+            .try_for_each(|(path, file)| file.sync_data().at("sync the pack", path))
+            .and_then(|()| sync_loose(&loose));
+        if synced.is_err() {
+            // After a failed sync, a later success proves nothing about these bytes.  No mark will ever cover them.
+            lock(&self.packs).appender = None;
+            lock(&self.log).appender = None;
+            return synced;
+        }
+        let Some((segment, end, file, path)) = covered else { return Ok(()) };
+        if pending == 0 {
+            return Ok(());
+        }
+        self.mark(segment, end).inspect_err(|_| lock(&self.log).pending += pending)?;
+        file.sync_data().at("sync the log", &path)
+    }
+
+    /// Writes the commit mark, and closes the segment if it has grown long.
+    fn mark(&self, segment: u32, end: u64) -> Result<(), CacheError> {
+        let mut log = lock(&self.log);
+        if log.appender.as_ref().is_none_or(|to| to.segment != segment) {
+            return Ok(()); // spoiled or removed meanwhile: its records are proved on reading
+        }
+        append_frame(&mut log, &commit_frame(end))?;
+        let Some(to) = &log.appender else { return Ok(()) }; // a success keeps it
+        {
+            let segment = &mut self.index_mut().segments[segment as usize];
+            (segment.scanned, segment.committed) = (to.end, end);
+        }
+        if to.end > LOG_LIMIT && log.pending == 0 {
+            log.appender = None;
+        }
+        Ok(())
+    }
+}
+
+fn sync_loose(paths: &[PathBuf]) -> Result<(), CacheError> {
+    let mut folders: BTreeSet<&Path> = BTreeSet::new();
+    for path in paths {
+        match File::open(path) {
+            Ok(file) => file.sync_data().at("sync the blob", path)?,
+            // Quarantined, or taken by hand: a miss later, nothing to sync now.
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
+            Err(error) => return Err(error).at("sync the blob", path),
+        }
+        folders.extend(path.parent());
+    }
+    for folder in &folders {
+        sync_dir(folder).at("sync the folder", folder)?;
+    }
+    if let Some(blobs) = folders.first().and_then(|folder| folder.parent()) {
+        sync_dir(blobs).at("sync the folder", blobs)?; // folders that were made
+    }
+    Ok(())
+}

@@ -1,0 +1,109 @@
+//! Garbage collection: which blobs and records go, and how they go.
+//!
+//! Safe beside live runs, and without making them wait: see `lease` for the
+//! agreement, `plan` for what is kept and `sweep` for the order of steps.  Only
+//! collections exclude each other.
+
+mod plan;
+mod sweep;
+
+use crate::{
+    CacheError, Digest, Store,
+    error::At,
+    layout::{Layout, names},
+};
+use std::{
+    fs::{File, TryLockError},
+    thread::sleep,
+    time::{Duration, Instant},
+};
+
+/// Longest wait for a collection that has things in its trash; one that hangs must not stop everybody.
+const SWEEP_WAIT: Duration = Duration::from_secs(10);
+
+/// What a collection keeps.
+///
+/// Always kept: what pins reach, what live stores have written or looked up, and what was recorded or hit within
+/// `keep_within_secs` of `now`.  Of the rest, the records that were used least recently go until at most `max_bytes`
+/// of blobs are left; without `max_bytes` all of them go if `keep_within_secs` is given, and none if it is not.
+/// Blobs that no record and no pin reaches always go.
+#[derive(Clone, Debug, Default)]
+pub struct GcOptions {
+    /// Bytes of blobs to come down to.
+    pub max_bytes: Option<u64>,
+    /// Keep what was used in the last so many seconds.
+    pub keep_within_secs: Option<u64>,
+    /// The present, in unix seconds.
+    pub now: u64,
+    /// Count only; change nothing.
+    pub dry_run: bool,
+    /// Digests to treat as pinned, this time.
+    pub pins: Vec<Digest>,
+}
+
+/// What a collection did, or would do.
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct GcReport {
+    /// Nothing was changed.
+    pub dry_run: bool,
+    /// Blobs left.
+    pub kept_blobs: u64,
+    /// Their bytes.
+    pub kept_bytes: u64,
+    /// Bytes among them that pins, recent use and live stores keep.
+    pub held_bytes: u64,
+    /// Blobs removed.
+    pub removed_blobs: u64,
+    /// Their bytes.
+    pub removed_bytes: u64,
+    /// Records left.
+    pub kept_records: u64,
+    /// Records removed.
+    pub removed_records: u64,
+    /// Blobs and records that a live store asked for during the collection, and that were given back.
+    pub rescued: u64,
+    /// Other stores on this folder that are open now.
+    pub live_stores: u64,
+    /// Bytes by which the rest exceeds `max_bytes`, because it is held.
+    pub over_budget: u64,
+}
+
+impl Store {
+    /// Removes what is not worth keeping; see [`GcOptions`].
+    ///
+    /// A pack of small blobs of which less than an eighth would go stays as it is, until more goes.
+    ///
+    /// # Errors
+    /// When the disk refuses.  Nothing that was to be kept is lost then; the next collection tidies up.
+    pub fn gc(&self, options: &GcOptions) -> Result<GcReport, CacheError> {
+        if options.dry_run {
+            self.refresh()?;
+            return Ok(plan::Plan::make(self, options)?.report);
+        }
+        let path = self.layout.folder("gc.lock");
+        let file = File::options().create(true).truncate(false).write(true).open(&path).at("open the lock", &path)?;
+        file.lock().at("wait for the lock", &path)?;
+        self.flush()?;
+        sweep::restore_trash(&self.layout)?;
+        self.refresh()?;
+        let plan = plan::Plan::make(self, options)?;
+        sweep::Sweep::run(self, plan)
+    }
+}
+
+/// Waits while a collection has things in its trash that it may give back.
+pub(crate) fn wait_for_sweep(layout: &Layout) {
+    let start = Instant::now();
+    while start.elapsed() < SWEEP_WAIT && is_sweeping(layout) {
+        sleep(Duration::from_millis(2));
+    }
+}
+
+fn is_sweeping(layout: &Layout) -> bool {
+    // Most often nobody collects, and this is all.
+    if !names(&layout.folder("trash")).is_ok_and(|names| !names.is_empty()) {
+        return false;
+    }
+    let lock = File::open(layout.folder("gc.lock"));
+    lock.is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)))
+}

@@ -1,0 +1,321 @@
+//! What a collection keeps and what goes.  Reads; changes nothing.
+
+use super::{GcOptions, GcReport};
+use crate::{
+    CacheError, Digest, Key, Store,
+    error::At,
+    index::Slot,
+    layout::{loose_blobs, names},
+    lease::{Use, is_live, read_uses},
+    record::decode_refs,
+    segment::{BLOB_HEADER, Sort, read_record},
+};
+use std::{
+    collections::{HashMap, HashSet},
+    path::PathBuf,
+};
+
+/// Dead segments below this size are merged once there are more than `MANY_SMALL`.
+const SMALL: u64 = 1 << 20;
+const MANY_SMALL: usize = 16;
+
+/// Where a blob lies.
+#[derive(Clone, Debug)]
+pub(super) enum Place {
+    Loose(PathBuf),
+    Packed { segment: u32, offset: u64 },
+}
+
+/// A blob, and why it stays.
+#[derive(Clone, Debug)]
+pub(super) struct Blob {
+    pub digest: Digest,
+    pub place: Place,
+    /// Kept whatever the budget.
+    held: bool,
+    /// Records that are kept and reach it.
+    references: u32,
+    /// Stays because its pack is not worth rewriting.
+    lingers: bool,
+}
+
+impl Blob {
+    pub fn stays(&self) -> bool {
+        self.held || self.references > 0 || self.lingers
+    }
+}
+
+/// A record, and whether it goes.
+pub(super) struct Row {
+    pub slot: Slot,
+    pub namespace: String,
+    pub segment: u32,
+    pub offset: u64,
+    pub generation: u32,
+    /// Blobs it reaches, as numbers in `Plan::blobs`; those that are missing are left out.
+    pub refs: Vec<u32>,
+    has_refs: bool,
+    complete: bool,
+    pub last_used: u64,
+    pub when: u64,
+    held: bool,
+    pub goes: bool,
+}
+
+/// A pack to be rewritten, with the blobs to take along.
+pub(super) struct PackPlan {
+    pub segment: u32,
+    pub keep: Vec<u32>,
+}
+
+/// The decision.
+pub(super) struct Plan {
+    pub blobs: Vec<Blob>,
+    pub by_hash: HashMap<[u8; 32], u32>,
+    pub rows: Vec<Row>,
+    pub packs: Vec<PackPlan>,
+    /// Log segments to be rewritten.
+    pub logs: Vec<u32>,
+    /// Leases of dead stores.
+    pub dead_leases: Vec<PathBuf>,
+    pub report: GcReport,
+}
+
+impl Plan {
+    pub fn make(store: &Store, options: &GcOptions) -> Result<Self, CacheError> {
+        let mut plan = Self {
+            blobs: Vec::new(),
+            by_hash: HashMap::new(),
+            rows: Vec::new(),
+            packs: Vec::new(),
+            logs: Vec::new(),
+            dead_leases: Vec::new(),
+            report: GcReport { dry_run: options.dry_run, ..GcReport::default() },
+        };
+        let live = live_segments(store);
+        plan.list_blobs(store, &live)?;
+        plan.list_records(store, &live)?;
+        plan.hold(store, options)?;
+        plan.evict(options);
+        plan.choose_packs(store, &live)?;
+        plan.choose_logs(store, &live);
+        plan.count(options);
+        Ok(plan)
+    }
+
+    fn add(&mut self, digest: Digest, place: Place, held: bool) {
+        let blob = Blob { digest, place, held, references: 0, lingers: false };
+        // A blob that is both packed and loose (the limit between them changed) counts where reading finds it.
+        if let std::collections::hash_map::Entry::Vacant(entry) = self.by_hash.entry(digest.hash) {
+            entry.insert(self.blobs.len() as u32);
+            self.blobs.push(blob);
+        }
+    }
+
+    fn list_blobs(&mut self, store: &Store, live: &HashSet<u32>) -> Result<(), CacheError> {
+        let mut packed: Vec<_> = store.index().blobs.iter().map(|(hash, at)| (*hash, *at)).collect();
+        packed.sort_unstable_by_key(|(_, at)| (at.segment, at.offset));
+        for (hash, at) in packed {
+            let place = Place::Packed { segment: at.segment, offset: at.offset };
+            self.add(Digest { hash, size: at.size }, place, live.contains(&at.segment));
+        }
+        for (digest, path) in loose_blobs(&store.layout.root).at("list the blobs in", &store.layout.root)? {
+            self.add(digest, Place::Loose(path), false);
+        }
+        Ok(())
+    }
+
+    fn list_records(&mut self, store: &Store, live: &HashSet<u32>) -> Result<(), CacheError> {
+        let mut records: Vec<_> = store.index().records.iter().map(|(slot, at)| (*slot, *at)).collect();
+        records.sort_unstable_by_key(|(_, at)| (at.segment, at.offset));
+        for (slot, at) in records {
+            let path = store.index().segments[at.segment as usize].path.clone();
+            let bytes = store.segment_file(at.segment).and_then(|file| read_record(&file, at.offset));
+            // A damaged record is a miss already; it is not copied.
+            let Some((head, refs)) = bytes.at("read the log", &path)?.as_deref().and_then(decode_refs) else {
+                continue;
+            };
+            let present: Vec<u32> = refs.iter().filter_map(|digest| self.by_hash.get(&digest.hash).copied()).collect();
+            present.iter().for_each(|&blob| self.blobs[blob as usize].references += 1);
+            self.rows.push(Row {
+                slot,
+                namespace: head.namespace,
+                segment: at.segment,
+                offset: at.offset,
+                generation: at.generation,
+                has_refs: !refs.is_empty(),
+                complete: present.len() == refs.len(),
+                refs: present,
+                last_used: head.when,
+                when: head.when,
+                held: live.contains(&at.segment),
+                goes: false,
+            });
+        }
+        Ok(())
+    }
+
+    /// Marks what is kept whatever the budget.
+    fn hold(&mut self, store: &Store, options: &GcOptions) -> Result<(), CacheError> {
+        let rows: HashMap<(String, Key), u32> =
+            self.rows.iter().enumerate().map(|(n, row)| ((row.namespace.clone(), row.slot.1), n as u32)).collect();
+        let folder = store.layout.folder("leases");
+        for name in names(&folder).at("list", &folder)? {
+            let path = folder.join(name);
+            let live = is_live(&path);
+            let mut time = None;
+            for used in read_uses(&path).at("read the lease", &path)? {
+                match used {
+                    Use::Time(when) => time = Some(when),
+                    Use::Blob(hash) if live => {
+                        if let Some(&blob) = self.by_hash.get(&hash) {
+                            self.blobs[blob as usize].held = true;
+                        }
+                    }
+                    Use::Blob(_) => {}
+                    Use::Record { namespace, key } => {
+                        if let Some(&row) = rows.get(&(namespace, key)) {
+                            let row = &mut self.rows[row as usize];
+                            row.held |= live;
+                            row.last_used = row.last_used.max(time.unwrap_or(0));
+                        }
+                    }
+                }
+            }
+            if !live {
+                self.dead_leases.push(path);
+            } else if path != store.lease.path() {
+                self.report.live_stores += 1;
+            }
+        }
+        let mut pinned = HashSet::new();
+        for digest in store.pins()?.values().chain(&options.pins) {
+            if let Some(&blob) = self.by_hash.get(&digest.hash) {
+                self.blobs[blob as usize].held = true;
+                pinned.insert(blob);
+            }
+        }
+        let recent = options.keep_within_secs.map(|span| options.now.saturating_sub(span));
+        for row in &mut self.rows {
+            row.held |= recent.is_some_and(|since| row.last_used >= since);
+            row.held |= row.refs.iter().any(|blob| pinned.contains(blob));
+            if row.held {
+                row.refs.iter().for_each(|&blob| self.blobs[blob as usize].held = true);
+            }
+        }
+        Ok(())
+    }
+
+    /// Lets records go, least recently used first.
+    fn evict(&mut self, options: &GcOptions) {
+        let mut order: Vec<u32> = (0..self.rows.len() as u32).filter(|&n| !self.rows[n as usize].held).collect();
+        order.sort_unstable_by_key(|&n| {
+            let row = &self.rows[n as usize];
+            (row.last_used, &row.namespace, row.slot.1)
+        });
+        let mut left: u64 = self.blobs.iter().filter(|blob| blob.stays()).map(|blob| blob.digest.size).sum();
+        for n in order {
+            let row = &mut self.rows[n as usize];
+            match options.max_bytes {
+                Some(limit) if left <= limit => break,
+                // Under a budget, a record without blobs is not what takes the space.
+                Some(_) if row.refs.is_empty() => continue,
+                None if options.keep_within_secs.is_none() => break,
+                _ => {}
+            }
+            row.goes = true;
+            for &blob in &row.refs {
+                let blob = &mut self.blobs[blob as usize];
+                blob.references -= 1;
+                if !blob.stays() {
+                    left -= blob.digest.size;
+                }
+            }
+        }
+        // A record all of whose blobs stay for others' sake may stay, too.
+        for row in self.rows.iter_mut().filter(|row| row.goes && row.has_refs && row.complete) {
+            row.goes = !row.refs.iter().all(|&blob| self.blobs[blob as usize].stays());
+        }
+    }
+
+    fn choose_packs(&mut self, store: &Store, live: &HashSet<u32>) -> Result<(), CacheError> {
+        let mut here: HashMap<u32, Vec<u32>> = HashMap::new();
+        for (number, blob) in self.blobs.iter().enumerate() {
+            if let Place::Packed { segment, .. } = blob.place {
+                here.entry(segment).or_default().push(number as u32);
+            }
+        }
+        let (mut chosen, mut small) = (Vec::new(), Vec::new());
+        for (segment, path) in dead_segments(store, Sort::Pack, live) {
+            let len = std::fs::metadata(&path).at("read the pack", &path)?.len();
+            let here = here.remove(&segment).unwrap_or_default();
+            let keep: Vec<u32> = here.iter().copied().filter(|&blob| self.blobs[blob as usize].stays()).collect();
+            let kept: u64 = keep.iter().map(|&blob| BLOB_HEADER + self.blobs[blob as usize].digest.size).sum();
+            // Superseded copies and torn tails are wasted, too.
+            if keep.is_empty() || len.saturating_sub(kept).saturating_mul(8) >= len {
+                chosen.push(PackPlan { segment, keep });
+                continue;
+            }
+            here.iter().for_each(|&blob| self.blobs[blob as usize].lingers = true);
+            if len < SMALL {
+                small.push(PackPlan { segment, keep: here });
+            }
+        }
+        if small.len() > MANY_SMALL {
+            chosen.extend(small);
+        }
+        self.packs = chosen;
+        Ok(())
+    }
+
+    fn choose_logs(&mut self, store: &Store, live: &HashSet<u32>) {
+        let with_loss: HashSet<u32> = self.rows.iter().filter(|row| row.goes).map(|row| row.segment).collect();
+        let in_use: HashSet<u32> = self.rows.iter().map(|row| row.segment).collect();
+        let dead: Vec<_> = dead_segments(store, Sort::Log, live);
+        let is_small = |path: &PathBuf| std::fs::metadata(path).is_ok_and(|meta| meta.len() < SMALL);
+        let small = dead.iter().filter(|(_, path)| is_small(path)).count();
+        let merge = small > MANY_SMALL;
+        let chosen = |(number, path): &(u32, PathBuf)| {
+            with_loss.contains(number) || !in_use.contains(number) || (merge && is_small(path))
+        };
+        self.logs = dead.into_iter().filter(chosen).map(|(number, _)| number).collect();
+    }
+
+    fn count(&mut self, options: &GcOptions) {
+        let report = &mut self.report;
+        for blob in &self.blobs {
+            let size = blob.digest.size;
+            if blob.stays() {
+                report.kept_blobs += 1;
+                report.kept_bytes += size;
+                report.held_bytes += if blob.held { size } else { 0 };
+            } else {
+                report.removed_blobs += 1;
+                report.removed_bytes += size;
+            }
+        }
+        report.removed_records = self.rows.iter().filter(|row| row.goes).count() as u64;
+        report.kept_records = self.rows.len() as u64 - report.removed_records;
+        report.over_budget = options.max_bytes.map_or(0, |limit| report.kept_bytes.saturating_sub(limit));
+    }
+}
+
+/// Segments whose writer lives, this store's among them.
+fn live_segments(store: &Store) -> HashSet<u32> {
+    let leases = store.layout.folder("leases");
+    let index = store.index();
+    let lives = |owner: &str| is_live(&leases.join(format!("{owner}.lease")));
+    let segments = index.segments.iter().enumerate().filter(|(_, segment)| !segment.gone);
+    // One that was not read to its end had a live owner a moment ago.
+    segments
+        .filter(|(_, segment)| segment.own || !segment.sealed || lives(&segment.owner))
+        .map(|(n, _)| n as u32)
+        .collect()
+}
+
+fn dead_segments(store: &Store, sort: Sort, live: &HashSet<u32>) -> Vec<(u32, PathBuf)> {
+    let index = store.index();
+    let segments = index.segments.iter().enumerate().map(|(n, segment)| (n as u32, segment));
+    let dead = segments.filter(|(n, segment)| segment.sort == sort && !segment.gone && !live.contains(n));
+    dead.map(|(n, segment)| (n, segment.path.clone())).collect()
+}

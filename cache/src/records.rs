@@ -1,0 +1,192 @@
+//! Records: written once, found by key, never silently changed.
+
+use crate::{
+    CacheError, Digest, Key, Record, Recorded, Store,
+    blobs::is_loose,
+    commit::due,
+    error::At,
+    index::{RecordAt, Slot},
+    lease::Use,
+    record::{Head, decode, encode},
+    segment::{Appender, MAX_BODY, Sort, read_record, record_frame},
+    store::lock,
+};
+use std::{collections::HashMap, fs, io, sync::Arc, time::Instant};
+
+impl Store {
+    /// Writes a record, after the blobs it names were `put`.  It is visible to everybody when this returns, survives
+    /// the death of the process, and is durable (with its blobs) when the next commit returns: at most a second and
+    /// a few hundred records later, or at once by [`flush`](Self::flush).
+    ///
+    /// # Errors
+    /// When it cannot be written.  The log is then as it was before.
+    pub fn record(&self, record: &Record) -> Result<Recorded, CacheError> {
+        let mut log = lock(&self.log);
+        let known = self.index().record(&record.namespace, &record.key);
+        if let Some((_, at)) = known {
+            let head = Head::of(record, 0, 0);
+            if at.sum == head.sum {
+                return Ok(Recorded::Same);
+            }
+            if let Some(existing) = self.lookup(&record.namespace, &record.key) {
+                return Ok(Recorded::Conflict { existing: Box::new((*existing).clone()) });
+            }
+            // Its frame is damaged, or its blobs are: it is no record any more.
+            self.append(&mut log, record, at.generation.saturating_add(1))?;
+        } else {
+            self.append(&mut log, record, 0)?;
+        }
+        drop(log);
+        self.commit_if_due()?;
+        Ok(Recorded::New)
+    }
+
+    /// Writes a record in place of the one that has its key: for an action that had to run again because its blobs
+    /// are gone, and gave something else.
+    ///
+    /// # Errors
+    /// When it cannot be written.  The earlier record then stays.
+    pub fn replace(&self, record: &Record) -> Result<(), CacheError> {
+        self.refresh()?;
+        let mut log = lock(&self.log);
+        let known = self.index().record(&record.namespace, &record.key);
+        self.append(&mut log, record, known.map_or(0, |(_, at)| at.generation.saturating_add(1)))?;
+        drop(log);
+        self.commit_if_due()
+    }
+
+    /// The record of a key, whether or not its blobs are there.  While this store lives, no gc takes the record or
+    /// its blobs away.
+    pub fn lookup(&self, namespace: &str, key: &Key) -> Option<Arc<Record>> {
+        self.find(namespace, key, false)
+    }
+
+    /// The record of a key, if every blob it reaches is there (by presence and size; only reading proves content).
+    pub fn lookup_full(&self, namespace: &str, key: &Key) -> Option<Arc<Record>> {
+        self.find(namespace, key, true)
+    }
+
+    /// All records of a label, oldest first.
+    pub fn by_label(&self, namespace: &str, label: &str) -> Vec<Record> {
+        let mut found: Vec<(u64, Key)> = {
+            let index = self.index();
+            let (Some(namespace), Some(label)) = (index.number_of(namespace), index.number_of(label)) else {
+                return Vec::new();
+            };
+            let of_label = |(slot, at): (&Slot, &RecordAt)| {
+                (slot.0 == namespace && at.label == label).then_some((at.when, slot.1))
+            };
+            index.records.iter().filter_map(of_label).collect()
+        };
+        found.sort_unstable();
+        let read = |(_, key): &(u64, Key)| self.read_record_of(namespace, key).map(|(_, _, record)| record);
+        found.iter().filter_map(read).collect()
+    }
+
+    fn find(&self, namespace: &str, key: &Key, full: bool) -> Option<Arc<Record>> {
+        let known = self.index().record(namespace, key).is_some();
+        if !known && !self.refresh_on_miss() {
+            return None;
+        }
+        let (slot, at, record) = self.read_record_of(namespace, key)?;
+        if !self.is_own(at.segment) {
+            // Noted first, looked at afterwards (see `lease`).  Protection fails only with a full disk; the hit stands.
+            let _ = self.lease.note([Use::Record { namespace: namespace.to_owned(), key: *key }]);
+        }
+        if full && !self.all_here(&record.refs) {
+            return None;
+        }
+        let provisional = self.index().is_provisional(&slot, &at);
+        if provisional {
+            // Reading a damaged blob quarantines it, and then it is no longer here.
+            let good = |digest: &Digest| !self.contains(digest) || matches!(self.get(digest), Ok(Some(_)));
+            let mut proven = true;
+            for digest in &record.refs {
+                proven &= good(digest);
+            }
+            if !proven {
+                return None;
+            }
+            self.index_mut().proven.insert(slot);
+        }
+        Some(Arc::new(record))
+    }
+
+    fn read_record_of(&self, namespace: &str, key: &Key) -> Option<(Slot, RecordAt, Record)> {
+        for _ in 0..2 {
+            let (slot, at) = self.index().record(namespace, key)?;
+            match self.segment_file(at.segment).and_then(|file| read_record(&file, at.offset)) {
+                Ok(Some(bytes)) => {
+                    let record = decode(&bytes)?;
+                    return (record.key == *key && record.namespace == namespace).then_some((slot, at, record));
+                }
+                Err(error) if error.kind() == io::ErrorKind::NotFound => self.refresh().ok()?,
+                _ => {
+                    // Damaged since it was indexed.
+                    self.index_mut().records.remove(&slot);
+                    return None;
+                }
+            }
+        }
+        None
+    }
+
+    /// Whether all blobs are there, looking at the disk and not only at the index.
+    fn all_here(&self, refs: &[Digest]) -> bool {
+        let mut packs: HashMap<u32, bool> = HashMap::new();
+        refs.iter().all(|digest| match self.packed_at(digest) {
+            Some(at) => {
+                let on_disk = *packs.entry(at.segment).or_insert_with(|| {
+                    let path = self.index().segments[at.segment as usize].path.clone();
+                    fs::metadata(path).is_ok()
+                });
+                on_disk || (self.refresh().is_ok() && self.contains(digest))
+            }
+            None => is_loose(&self.layout.blob(digest), digest) || self.contains(digest),
+        })
+    }
+
+    fn append(&self, log: &mut crate::store::LogWriter, record: &Record, generation: u32) -> Result<(), CacheError> {
+        if log.appender.as_ref().is_some_and(|to| self.is_gone(to)) {
+            log.appender = None; // somebody removed the file under us
+        }
+        if log.appender.is_none() {
+            log.appender = Some(self.start_segment(Sort::Log)?);
+        }
+        let Some(to) = log.appender.as_mut() else { return Ok(()) }; // set right above
+        let origin = self.index().segments[to.segment as usize].seq;
+        let head = Head::of(record, generation, origin);
+        let bytes = encode(&head, record);
+        if bytes.len() as u64 >= MAX_BODY {
+            return Err(CacheError::RecordTooLarge { key: record.key, bytes: bytes.len() as u64, limit: MAX_BODY });
+        }
+        let offset = append_frame(log, &record_frame(&bytes))?;
+        let Some(Appender { segment, end, .. }) = &log.appender else { return Ok(()) }; // a success keeps it
+        let mut index = self.index_mut();
+        index.segments[*segment as usize].scanned = *end;
+        index.insert_record(&head, *segment, offset);
+        drop(index);
+        log.pending += 1;
+        log.since.get_or_insert_with(Instant::now);
+        Ok(())
+    }
+
+    fn commit_if_due(&self) -> Result<(), CacheError> {
+        if due(&lock(&self.log)) { self.flush() } else { Ok(()) }
+    }
+}
+
+/// Appends to the log; after an error that spoiled the segment, the next append begins another.
+pub(crate) fn append_frame(log: &mut crate::store::LogWriter, frame: &[u8]) -> Result<u64, CacheError> {
+    let Some(to) = log.appender.as_mut() else { return Ok(0) }; // callers have one
+    match to.append(frame) {
+        Ok(offset) => Ok(offset),
+        Err((error, spoiled)) => {
+            let path = to.path.clone();
+            if spoiled {
+                log.appender = None;
+            }
+            Err(error).at("write a record to", &path)
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! Verification: every blob is read and rehashed, every record decoded.
+
+use crate::{
+    CacheError, Digest, Key, Store,
+    error::At,
+    index::Slot,
+    layout::loose_blobs,
+    record::{decode_refs, sum},
+    segment::{Sort, read_record},
+};
+use std::collections::BTreeSet;
+
+/// What a verification found.
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct VerifyReport {
+    /// Blobs in the store.
+    pub blobs: u64,
+    /// Blobs that were read.
+    pub checked: u64,
+    /// Bytes that were read.
+    pub checked_bytes: u64,
+    /// Blobs that were damaged; they are in quarantine now, and misses.
+    pub damaged: Vec<Digest>,
+    /// Records in the store.
+    pub records: u64,
+    /// Records whose frame is damaged; they are misses.
+    pub damaged_records: u64,
+    /// Records that reach a blob which is not there: their actions run again when needed.
+    pub incomplete_records: u64,
+    /// Keys for which two processes recorded different payloads at the same time; the older record stands.
+    pub conflicts: Vec<(String, Key)>,
+    /// Bytes after the last whole frame of segments whose writer is dead: what a kill cut off.
+    pub torn_bytes: u64,
+}
+
+impl Store {
+    /// Rehashes all blobs, or about the fraction `sample` of them, chosen by `seed`.  Damaged ones go to quarantine
+    /// and are misses from then on.  `progress` gets the blobs done and the blobs to do.
+    ///
+    /// # Errors
+    /// When a file that is there cannot be read.
+    pub fn verify(
+        &self,
+        sample: Option<f64>,
+        seed: u64,
+        progress: &mut dyn FnMut(u64, u64),
+    ) -> Result<VerifyReport, CacheError> {
+        self.refresh()?;
+        let mut report = VerifyReport::default();
+        let blobs = self.all_blobs()?;
+        report.blobs = blobs.len() as u64;
+        for (done, digest) in blobs.iter().enumerate() {
+            if chosen(digest, sample, seed) {
+                report.checked += 1;
+                report.checked_bytes += digest.size;
+                if self.get(digest)?.is_none() {
+                    report.damaged.push(*digest);
+                }
+            }
+            progress(done as u64 + 1, report.blobs);
+        }
+        self.verify_records(&mut report)?;
+        let index = self.index();
+        report.conflicts = index.conflicts.iter().map(|(namespace, key)| (namespace.to_string(), *key)).collect();
+        for segment in index.segments.iter().filter(|segment| segment.sealed && !segment.gone) {
+            let len = std::fs::metadata(&segment.path).map_or(segment.scanned, |meta| meta.len());
+            report.torn_bytes += len.saturating_sub(segment.scanned);
+            report.damaged_records += if segment.sort == Sort::Log { segment.damaged } else { 0 };
+        }
+        Ok(report)
+    }
+
+    /// Every blob, packed ones in the order of their places.
+    fn all_blobs(&self) -> Result<Vec<Digest>, CacheError> {
+        let mut blobs: Vec<Digest> = {
+            let index = self.index();
+            let mut packed: Vec<_> = index.blobs.iter().collect();
+            packed.sort_unstable_by_key(|(_, at)| (at.segment, at.offset));
+            packed.into_iter().map(|(hash, at)| Digest { hash: *hash, size: at.size }).collect()
+        };
+        let loose = loose_blobs(&self.layout.root).at("list the blobs in", &self.layout.root)?;
+        blobs.extend(loose.into_iter().map(|(digest, _)| digest));
+        Ok(blobs)
+    }
+
+    fn verify_records(&self, report: &mut VerifyReport) -> Result<(), CacheError> {
+        let here: BTreeSet<Digest> = self.all_blobs()?.into_iter().collect();
+        let mut records: Vec<(u32, u64, Slot)> = {
+            let index = self.index();
+            index.records.iter().map(|(slot, at)| (at.segment, at.offset, *slot)).collect()
+        };
+        records.sort_unstable();
+        for (segment, offset, slot) in records {
+            report.records += 1;
+            let read = self.segment_file(segment).and_then(|file| read_record(&file, offset));
+            match read.ok().flatten().as_deref().and_then(decode_refs) {
+                Some((_, refs)) if refs.iter().all(|digest| here.contains(digest)) => {}
+                Some(_) => report.incomplete_records += 1,
+                None => {
+                    report.damaged_records += 1;
+                    self.index_mut().records.remove(&slot);
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+fn chosen(digest: &Digest, sample: Option<f64>, seed: u64) -> bool {
+    let Some(fraction) = sample else { return true };
+    let mut bytes = seed.to_le_bytes().to_vec();
+    bytes.extend_from_slice(&digest.hash);
+    (sum(&bytes) as f64) < fraction * u64::MAX as f64
+}

@@ -1,0 +1,156 @@
+//! Records are found by key, and never silently changed.
+
+use crate::{blob, files, flip, fresh, open, record};
+use std::fs;
+use tauflow_cache::{Digest, Recorded, Store};
+
+fn payload(store: &Store, n: u64) -> Option<String> {
+    store.lookup("action", &record(n, "", vec![]).key).map(|record| record.payload.clone())
+}
+
+#[test]
+fn records_round_trip_and_survive_reopening() {
+    let (dir, store) = fresh();
+    let written = record(1, "{\"out\":2}", vec![Digest::of(b"nowhere")]);
+    assert_eq!(store.record(&written).expect("record"), Recorded::New);
+    assert_eq!(store.record(&written).expect("record"), Recorded::Same);
+    for _ in 0..2 {
+        assert_eq!(store.lookup("action", &written.key).as_deref(), Some(&written));
+        assert_eq!(open(dir.path()).lookup("action", &written.key).as_deref(), Some(&written));
+        assert!(store.lookup("memo", &written.key).is_none());
+        store.flush().expect("flush");
+    }
+    assert!(store.lookup_full("action", &written.key).is_none(), "its blob is not there");
+    store.put(b"nowhere").expect("put");
+    assert!(store.lookup_full("action", &written.key).is_some());
+}
+
+#[test]
+fn another_payload_is_a_conflict_and_does_not_overwrite() {
+    let (dir, store) = fresh();
+    store.record(&record(1, "a", vec![])).expect("record");
+    let conflict = store.record(&record(1, "b", vec![])).expect("record");
+    assert_eq!(conflict, Recorded::Conflict { existing: Box::new(record(1, "a", vec![])) });
+    assert_eq!(payload(&store, 1).as_deref(), Some("a"));
+    store.replace(&record(1, "c", vec![])).expect("replace");
+    assert_eq!(payload(&store, 1).as_deref(), Some("c"));
+    drop(store);
+    assert_eq!(payload(&open(dir.path()), 1).as_deref(), Some("c"));
+    let store = open(dir.path());
+    store.replace(&record(1, "d", vec![])).expect("replace");
+    assert_eq!(payload(&open(dir.path()), 1).as_deref(), Some("d"));
+}
+
+#[test]
+fn a_conflict_of_two_processes_has_one_winner_everywhere_and_is_reported() {
+    let (dir, first) = fresh();
+    let second = open(dir.path());
+    // Neither looks before it writes.
+    first.record(&record(1, "a", vec![])).expect("record");
+    second.record(&record(1, "b", vec![])).expect("record");
+    let third = open(dir.path());
+    for store in [&first, &second, &third] {
+        store.refresh().expect("refresh");
+    }
+    let winners = [&first, &second, &third].map(|store| payload(store, 1));
+    assert!(winners.iter().all(|winner| *winner == winners[0]), "{winners:?}");
+    assert_eq!(third.stat().expect("stat").conflicts, 1);
+    assert_eq!(third.verify(None, 0, &mut |_, _| ()).expect("verify").conflicts.len(), 1);
+}
+
+#[test]
+fn other_instances_see_records_at_once_after_a_claim_and_soon_otherwise() {
+    let (dir, writer) = fresh();
+    let reader = open(dir.path());
+    assert_eq!(payload(&reader, 1), None);
+    writer.record(&record(1, "a", vec![])).expect("record");
+    let _claim = reader.claim(&record(1, "", vec![]).key).expect("claim");
+    assert_eq!(payload(&reader, 1).as_deref(), Some("a"));
+    writer.record(&record(2, "b", vec![])).expect("record");
+    std::thread::sleep(std::time::Duration::from_millis(150));
+    assert_eq!(payload(&reader, 2).as_deref(), Some("b"));
+}
+
+#[test]
+fn by_label_finds_near_runs_oldest_first() {
+    let (_dir, store) = fresh();
+    for n in [3, 1, 2] {
+        store.record(&record(n, "p", vec![])).expect("record");
+    }
+    let mut other = record(9, "p", vec![]);
+    other.label = "training".into();
+    store.record(&other).expect("record");
+    let whens: Vec<u64> = store.by_label("action", "ladder").iter().map(|record| record.when).collect();
+    assert_eq!(whens, [1, 2, 3]);
+    assert!(store.by_label("memo", "ladder").is_empty());
+    let stat = store.stat().expect("stat");
+    assert_eq!((stat.records["action"]["ladder"].count, stat.records["action"]["ladder"].wall_us), (3, 30));
+}
+
+#[test]
+fn a_torn_tail_loses_only_what_was_torn() {
+    let (dir, store) = fresh();
+    for n in 0..10 {
+        store.record(&record(n, "p", vec![])).expect("record");
+    }
+    let log = files(&dir.path().join("log"))[0].clone();
+    std::mem::forget(store); // as a killed process: no flush, no mark
+    let whole = fs::read(&log).expect("read");
+    for cut in 0..whole.len() {
+        fs::write(&log, &whole[..cut]).expect("write");
+        let store = open(dir.path());
+        let found = (0..10).take_while(|n| payload(&store, *n).is_some()).count();
+        assert_eq!(found, cut * 10 / whole.len(), "cut at {cut} of {}", whole.len());
+        assert!((found as u64..10).all(|n| payload(&store, n).is_none()));
+        // What is written afterwards goes to another segment.
+        if cut % 97 == 0 {
+            store.record(&record(100 + cut as u64, "p", vec![])).expect("record");
+            assert!(payload(&open(dir.path()), 100 + cut as u64).is_some());
+        }
+    }
+}
+
+#[test]
+fn a_damaged_record_is_a_miss_and_its_neighbours_are_not() {
+    let (dir, store) = fresh();
+    for n in 0..10 {
+        store.record(&record(n, "p", vec![])).expect("record");
+    }
+    drop(store);
+    let log = files(&dir.path().join("log"))[0].clone();
+    let frame = (fs::metadata(&log).expect("metadata").len() as usize - 33) / 10;
+    flip(&log, 33 + frame * 5 + 10); // in the fifth
+    let store = open(dir.path());
+    let found: Vec<u64> = (0..10).filter(|n| payload(&store, *n).is_some()).collect();
+    assert_eq!(found, [0, 1, 2, 3, 5, 6, 7, 8, 9]);
+    assert_eq!(store.record(&record(4, "p", vec![])).expect("record"), Recorded::New);
+    assert_eq!(store.verify(None, 0, &mut |_, _| ()).expect("verify").damaged_records, 1);
+}
+
+#[test]
+fn thousands_of_records_reopen_from_the_index_file_and_without_it() {
+    let (dir, store) = fresh();
+    let digest = store.put(&blob(1, 100)).expect("put");
+    for n in 0..5000u64 {
+        store.put(&n.to_le_bytes()).expect("put");
+        store.record(&record(n, "p", vec![digest])).expect("record");
+    }
+    drop(store);
+    let is_index = |path: &std::path::PathBuf| path.extension().is_some_and(|extension| extension == "idx");
+    let indices: Vec<_> = files(dir.path()).into_iter().filter(is_index).collect();
+    assert_eq!(indices.len(), 2);
+    let check = || {
+        let store = open(dir.path());
+        for n in (0..5000u64).step_by(7) {
+            assert!(store.lookup_full("action", &record(n, "", vec![]).key).is_some());
+            assert!(store.get(&Digest::of(&n.to_le_bytes())).expect("get").is_some());
+        }
+        assert_eq!(store.stat().expect("stat").records["action"]["ladder"].count, 5000);
+    };
+    check();
+    flip(&indices[0], 50);
+    fs::remove_file(&indices[1]).expect("remove");
+    check();
+    assert!(indices[1].exists(), "it was made again");
+    check();
+}

@@ -1,0 +1,166 @@
+//! A decoded asset: what `assets` makes of a file and `scene_generation` builds from.
+
+use crate::geom::Aabb;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use tauflow_contract::{Artifact, Context, Digest, KindError};
+use tauflow_data::{
+    formats,
+    scene::{Bsdf, Texture},
+};
+
+/// An HDRI or an object; `asset.json` of a [`formats::ASSET`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Asset {
+    /// Its name: the file's, extension included.
+    pub name: String,
+    /// What it is.
+    pub body: Body,
+}
+
+/// What an asset is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Body {
+    /// An environment map.
+    Hdri {
+        /// Its image, in the format of [`formats::Bitmap`].
+        image: Digest,
+        /// Its size in texels.
+        size: [usize; 2],
+        /// Mean luminance over the sphere, by solid angle.
+        mean: f64,
+        /// Share of all light in the brightest thousandth of the sphere.
+        top_share: f64,
+    },
+    /// An object of one or more meshes, standing on y = 0 about the y axis, its robust box of largest side 1.
+    Object {
+        /// Its meshes.
+        parts: Vec<Part>,
+        /// Its materials.
+        materials: Vec<Material>,
+        /// Corners of its box.
+        bounds: [[f64; 3]; 2],
+    },
+}
+
+/// A mesh of an object.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Part {
+    /// Its blob, in the format of [`formats::Mesh`].
+    pub mesh: Digest,
+    /// Index into the object's materials.
+    pub material: usize,
+    /// True if it encloses a volume, so that glass suits it.
+    pub closed: bool,
+    /// True if it has texture coordinates.
+    pub uv: bool,
+    /// Triangles.
+    pub triangles: usize,
+}
+
+/// A material of an object.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Material {
+    /// The file's own material.
+    pub own: Bsdf,
+    /// The same as a diffuse surface: base colour and opacity alone.
+    pub diffuse: Bsdf,
+    /// True if it lets light through other than by opacity.
+    pub transmissive: bool,
+    /// Emitted radiance.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub emission: Option<Texture>,
+}
+
+/// What became of a file; item of the port `reports`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// The file's name.
+    pub name: String,
+    /// True if it became an asset.
+    pub accepted: bool,
+    /// Why not, in one line.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// What was set right, and how often, e.g. `negative texels set to 0`.
+    pub repairs: BTreeMap<String, u64>,
+    /// What is only approximated, or worth knowing.
+    pub notes: Vec<String>,
+    /// Measures: texels, triangles, meshes, mean radiance.
+    pub measures: BTreeMap<String, f64>,
+}
+
+impl Report {
+    /// Counts a repair.
+    pub fn repaired(&mut self, what: &str, count: u64) {
+        if count > 0 {
+            *self.repairs.entry(what.to_owned()).or_default() += count;
+        }
+    }
+
+    /// Notes something once.
+    pub fn note(&mut self, text: impl Into<String>) {
+        let text = text.into();
+        if !self.notes.contains(&text) {
+            self.notes.push(text);
+        }
+    }
+
+    /// Records a measure.
+    pub fn measure(&mut self, name: &str, value: f64) {
+        self.measures.insert(name.to_owned(), value);
+    }
+}
+
+impl Asset {
+    /// Every blob it reads, without repeats.
+    pub fn blobs(&self) -> Vec<Digest> {
+        let mut found = Vec::new();
+        match &self.body {
+            Body::Hdri { image, .. } => found.push(*image),
+            Body::Object { parts, materials, .. } => {
+                found.extend(parts.iter().map(|p| p.mesh));
+                for material in materials {
+                    material.own.images(&mut found);
+                    material.diffuse.images(&mut found);
+                    if let Some(emission) = &material.emission {
+                        emission.images(&mut found);
+                    }
+                }
+            }
+        }
+        found.sort();
+        found.dedup();
+        found
+    }
+
+    /// Stores it; its blobs must be in the store already.
+    ///
+    /// # Errors
+    /// If the store cannot be written.
+    pub fn store(&self, ctx: &Context<'_>) -> Result<Artifact, KindError> {
+        let mut parts = vec![("asset.json".to_owned(), ctx.put_json(self)?)];
+        parts.extend(self.blobs().into_iter().map(|digest| (format!("blob/{digest}"), digest)));
+        Ok(Artifact::tree(formats::ASSET, parts))
+    }
+
+    /// Reads `asset.json` of an artifact.
+    ///
+    /// # Errors
+    /// If it is missing or not an asset's.
+    pub fn load(ctx: &Context<'_>, artifact: &Artifact) -> Result<Self, KindError> {
+        ctx.json(artifact, "asset.json")
+    }
+
+    /// The box of an object; empty for an HDRI.
+    pub(crate) fn aabb(&self) -> Aabb {
+        match &self.body {
+            Body::Hdri { .. } => Aabb::EMPTY,
+            Body::Object { bounds, .. } => Aabb { low: bounds[0], high: bounds[1] },
+        }
+    }
+}

@@ -1,0 +1,2 @@
+//! Assets.
+pub mod asset;

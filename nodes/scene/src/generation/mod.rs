@@ -1,0 +1,83 @@
+#![doc = include_str!("../scene_generation.md")]
+
+mod assemble;
+mod camera;
+mod cast;
+mod forms;
+mod layouts;
+mod materials;
+mod noise;
+mod params;
+mod skies;
+mod stage;
+mod surfaces;
+mod textures;
+
+pub use params::{
+    CausticRanges, DiffuseRanges, GlossyRanges, HoldOut, MaxDepth, Range, RefractiveRanges, SceneGenerationParams,
+};
+
+use serde_json::Value;
+use tauflow_contract::{
+    Action, Context, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs, ParamProblem, SourceItem,
+};
+use tauflow_data::{
+    Stratum,
+    formats::{ASSET, SCENE, store_scene},
+};
+
+/// The kind `scene_generation`.
+pub struct SceneGeneration;
+
+impl Kind for SceneGeneration {
+    type Params = SceneGenerationParams;
+
+    fn spec() -> KindSpec {
+        KindSpec {
+            name: "scene_generation",
+            version: 1,
+            summary: "Draws scenes over regimes x contexts from layouts, objects, skies and materials",
+            manual: include_str!("../scene_generation.md"),
+            mode: Mode::Source,
+            inputs: const { &[InputPort::whole("assets", ASSET, "HDRIs and objects to build with").or_none()] },
+            outputs: const { &[OutputPort::new("scenes", SCENE, "one scene for each item of the pool")] },
+            seeded: true,
+        }
+    }
+
+    fn check(params: &Self::Params) -> Vec<ParamProblem> {
+        params.problems()
+    }
+
+    fn items(params: &Self::Params) -> Result<Vec<SourceItem>, KindError> {
+        Ok(params
+            .counts()
+            .into_iter()
+            .flat_map(|(stratum, count)| (0..count).map(move |index| stratum.item_key(index)))
+            .map(|key| SourceItem { key, files: Vec::new() })
+            .collect())
+    }
+
+    fn project(params: &Self::Params, item: Option<&ItemKey>, _group: &str) -> Value {
+        match item.and_then(|key| Stratum::of_key(key.as_str())) {
+            Some((stratum, _)) => params.read_by(stratum),
+            None => serde_json::to_value(params).expect("params serialise"),
+        }
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let key = action.item()?;
+        let (stratum, index) = Stratum::of_key(key.as_str()).ok_or_else(|| {
+            KindError::Input(format!("item `{key}` names no stratum and index, as L1-open-000123 does"))
+        })?;
+        let pool = match action.whole.get("assets") {
+            Some(assets) => cast::Pool::load(ctx, assets)?,
+            None => cast::Pool::default(),
+        };
+        let (scene, recipe) = assemble::scene(ctx, &action.params, &pool, stratum, index, action.seed)?;
+        Ok(Outputs::default().item("scenes", store_scene(ctx, &scene, &recipe)?))
+    }
+}
+
+#[cfg(test)]
+mod tests;

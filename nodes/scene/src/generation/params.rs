@@ -1,0 +1,285 @@
+//! Params of `scene_generation`, their checks, and which of them an item reads.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use tauflow_contract::ParamProblem;
+use tauflow_data::{ContextClass, Regime, Stratum};
+
+/// A range `[low, high]`.
+pub type Range = [f64; 2];
+
+/// Which assets are parted into train and test pools before scenes are built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum HoldOut {
+    /// Objects, procedural forms among them.
+    Objects,
+    /// Environments: HDRIs and procedural skies.
+    Environments,
+}
+
+/// Params of `scene_generation`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct SceneGenerationParams {
+    /// Number of scenes, spread over the strata as evenly as can be. Raising it appends scenes and changes none.
+    #[schemars(range(min = 1, max = 1_000_000))]
+    pub pool: u64,
+    /// Regimes to draw from.
+    pub regimes: Vec<Regime>,
+    /// Contexts to draw from.
+    pub contexts: Vec<ContextClass>,
+    /// Assets to part into train and test pools.
+    pub hold_out: Vec<HoldOut>,
+    /// Share of scenes, and of each held-out pool, that is for testing; read only with `hold_out`.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub test_share: f64,
+    /// Number of objects in a scene, fewest and most.
+    pub objects: [u32; 2],
+    /// Share of objects taken from the connected assets, besides the first of a scene, which always is.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub asset_share: f64,
+    /// Exposure offset in stops.
+    pub exposure: Range,
+    /// Horizontal field of view in degrees; in rooms it may grow to 90 to hold the objects.
+    pub fov: Range,
+    /// Share of scenes whose camera is placed without looking at what it sees. Real pools hold such scenes; the
+    /// quality gate is there for them.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub unchecked_cameras: f64,
+    /// Longest path in segments, by context.
+    pub max_depth: MaxDepth,
+    /// Diffuse surfaces, which every scene has.
+    pub diffuse: DiffuseRanges,
+    /// Glossy surfaces: read by L1 alone.
+    pub glossy: GlossyRanges,
+    /// Refractive surfaces under broad light: read by L2 alone.
+    pub refractive: RefractiveRanges,
+    /// Glass, mirrors and small lights: read by L3 alone.
+    pub caustic: CausticRanges,
+}
+
+/// Longest path in segments, by context.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct MaxDepth {
+    /// Under an environment.
+    #[schemars(range(min = 1, max = 1000))]
+    pub environment: u32,
+    /// In the open.
+    #[schemars(range(min = 1, max = 1000))]
+    pub open: u32,
+    /// In rooms.
+    #[schemars(range(min = 1, max = 1000))]
+    pub enclosed: u32,
+}
+
+/// Diffuse surfaces.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct DiffuseRanges {
+    /// Largest channel of the albedo.
+    pub albedo: Range,
+    /// Share of surfaces with a texture.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub textured: f64,
+}
+
+/// Glossy surfaces.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct GlossyRanges {
+    /// GGX roughness alpha.
+    pub roughness: Range,
+    /// Share of metals.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub metal: f64,
+}
+
+/// Refractive surfaces under broad light.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct RefractiveRanges {
+    /// Index of refraction.
+    pub ior: Range,
+    /// GGX roughness alpha of frosted glass.
+    pub roughness: Range,
+    /// Share of scenes with a thin pane.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub panes: f64,
+}
+
+/// Glass, mirrors and small lights.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct CausticRanges {
+    /// Index of refraction.
+    pub ior: Range,
+    /// Share of mirrors among the specular objects.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub mirror: f64,
+    /// Radius of the lights, metres; an object is about 1 metre.
+    pub emitter: Range,
+}
+
+impl Default for SceneGenerationParams {
+    fn default() -> Self {
+        Self {
+            pool: 120,
+            regimes: Regime::ALL.to_vec(),
+            contexts: ContextClass::ALL.to_vec(),
+            hold_out: Vec::new(),
+            test_share: 0.2,
+            objects: [1, 4],
+            asset_share: 0.35,
+            exposure: [-1.0, 1.0],
+            fov: [34.0, 54.0],
+            unchecked_cameras: 0.05,
+            max_depth: MaxDepth::default(),
+            diffuse: DiffuseRanges::default(),
+            glossy: GlossyRanges::default(),
+            refractive: RefractiveRanges::default(),
+            caustic: CausticRanges::default(),
+        }
+    }
+}
+
+impl Default for MaxDepth {
+    fn default() -> Self {
+        Self { environment: 8, open: 12, enclosed: 16 }
+    }
+}
+
+impl Default for DiffuseRanges {
+    fn default() -> Self {
+        Self { albedo: [0.2, 0.8], textured: 0.4 }
+    }
+}
+
+impl Default for GlossyRanges {
+    fn default() -> Self {
+        Self { roughness: [0.05, 0.4], metal: 0.5 }
+    }
+}
+
+impl Default for RefractiveRanges {
+    fn default() -> Self {
+        Self { ior: [1.3, 1.7], roughness: [0.1, 0.4], panes: 0.35 }
+    }
+}
+
+impl Default for CausticRanges {
+    fn default() -> Self {
+        Self { ior: [1.33, 1.8], mirror: 0.35, emitter: [0.12, 0.3] }
+    }
+}
+
+impl SceneGenerationParams {
+    /// The strata asked for, in their order, without repeats.
+    pub fn strata(&self) -> Vec<Stratum> {
+        Stratum::all().filter(|s| self.regimes.contains(&s.regime) && self.contexts.contains(&s.context)).collect()
+    }
+
+    /// How many scenes each stratum gets.
+    pub fn counts(&self) -> Vec<(Stratum, u64)> {
+        let strata = self.strata();
+        let n = strata.len().max(1) as u64;
+        strata.into_iter().zip(0..).map(|(s, i)| (s, self.pool / n + u64::from(i < self.pool % n))).collect()
+    }
+
+    /// Longest path of a context.
+    pub fn depth(&self, context: ContextClass) -> u32 {
+        match context {
+            ContextClass::Environment => self.max_depth.environment,
+            ContextClass::Open => self.max_depth.open,
+            ContextClass::Enclosed => self.max_depth.enclosed,
+        }
+    }
+
+    /// Every range that is out of order or out of bounds.
+    pub fn problems(&self) -> Vec<ParamProblem> {
+        let mut out = Vec::new();
+        let mut range = |pointer: &str, [low, high]: Range, least: f64, most: f64| {
+            if !(low <= high) {
+                out.push(ParamProblem::new(pointer, format!("[{low}, {high}] is out of order"), "write [low, high]"));
+            } else if low < least || high > most {
+                out.push(ParamProblem::new(
+                    pointer,
+                    format!("[{low}, {high}] is out of bounds"),
+                    format!("keep within [{least}, {most}]"),
+                ));
+            }
+        };
+        range("/exposure", self.exposure, -16.0, 16.0);
+        range("/fov", self.fov, 5.0, 120.0);
+        range("/diffuse/albedo", self.diffuse.albedo, 0.0, 0.98);
+        range("/glossy/roughness", self.glossy.roughness, 0.0, 1.0);
+        range("/refractive/ior", self.refractive.ior, 1.01, 3.0);
+        range("/refractive/roughness", self.refractive.roughness, 0.0, 1.0);
+        range("/caustic/ior", self.caustic.ior, 1.01, 3.0);
+        range("/caustic/emitter", self.caustic.emitter, 0.01, 1.0);
+        range("/objects", self.objects.map(f64::from), 1.0, 8.0);
+        for (pointer, share) in [
+            ("/test_share", self.test_share),
+            ("/asset_share", self.asset_share),
+            ("/unchecked_cameras", self.unchecked_cameras),
+            ("/diffuse/textured", self.diffuse.textured),
+            ("/glossy/metal", self.glossy.metal),
+            ("/refractive/panes", self.refractive.panes),
+            ("/caustic/mirror", self.caustic.mirror),
+        ] {
+            range(pointer, [share, share], 0.0, 1.0);
+        }
+        if self.pool == 0 {
+            out.push(ParamProblem::new("/pool", "a pool of 0 scenes", "ask for at least 1"));
+        }
+        for (pointer, empty) in [("/regimes", self.regimes.is_empty()), ("/contexts", self.contexts.is_empty())] {
+            if empty {
+                out.push(ParamProblem::new(pointer, "the list is empty", "name at least one"));
+            }
+        }
+        let MaxDepth { environment, open, enclosed } = self.max_depth;
+        for (name, depth) in [("environment", environment), ("open", open), ("enclosed", enclosed)] {
+            if depth == 0 {
+                out.push(ParamProblem::new(format!("/max_depth/{name}"), "paths of 0 segments", "1 or more"));
+            }
+        }
+        if !self.hold_out.is_empty() && !(self.test_share > 0.0 && self.test_share < 1.0) {
+            out.push(ParamProblem::new(
+                "/test_share",
+                "with `hold_out`, both sides need a share",
+                "choose a share between 0 and 1",
+            ));
+        }
+        out
+    }
+
+    /// The params that a scene of `stratum` reads: never the pool, nor ranges of another regime or context.
+    pub fn read_by(&self, stratum: Stratum) -> Value {
+        let mut value = json!({
+            "objects": self.objects,
+            "asset_share": self.asset_share,
+            "exposure": self.exposure,
+            "fov": self.fov,
+            "unchecked_cameras": self.unchecked_cameras,
+            "max_depth": { stratum.context.to_string(): self.depth(stratum.context) },
+            "diffuse": self.diffuse,
+        });
+        let fields = value.as_object_mut().expect("just made");
+        if !self.hold_out.is_empty() {
+            let mut hold_out = self.hold_out.clone();
+            hold_out.sort_unstable();
+            hold_out.dedup();
+            fields.insert("hold_out".into(), json!(hold_out));
+            fields.insert("test_share".into(), json!(self.test_share));
+        }
+        match stratum.regime {
+            Regime::L0 => None,
+            Regime::L1 => fields.insert("glossy".into(), json!(self.glossy)),
+            Regime::L2 => fields.insert("refractive".into(), json!(self.refractive)),
+            Regime::L3 => fields.insert("caustic".into(), json!(self.caustic)),
+        };
+        value
+    }
+}

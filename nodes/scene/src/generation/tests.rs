@@ -1,0 +1,1 @@
+//! Tests of `scene_generation` as the engine calls it.

@@ -1,0 +1,191 @@
+//! Small vectors and affine maps in f64, for building scenes. Knows nothing of shapes or cameras.
+
+use tauflow_data::{
+    maths,
+    scene::{Affine, IDENTITY},
+};
+
+/// A point or direction, y up.
+pub type Vec3 = [f64; 3];
+
+pub fn add(a: Vec3, b: Vec3) -> Vec3 {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+pub fn sub(a: Vec3, b: Vec3) -> Vec3 {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+pub fn mul(a: Vec3, s: f64) -> Vec3 {
+    [a[0] * s, a[1] * s, a[2] * s]
+}
+
+pub fn dot(a: Vec3, b: Vec3) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+pub fn length(a: Vec3) -> f64 {
+    dot(a, a).sqrt()
+}
+
+/// The unit vector along `a`; +y for a vector without length.
+pub fn unit(a: Vec3) -> Vec3 {
+    let l = length(a);
+    if l > 0.0 { mul(a, 1.0 / l) } else { [0.0, 1.0, 0.0] }
+}
+
+/// Direction of an azimuth (about +y, from +z towards +x) and an elevation, radians.
+pub fn direction(azimuth: f64, elevation: f64) -> Vec3 {
+    let c = maths::cos(elevation);
+    [c * maths::sin(azimuth), maths::sin(elevation), c * maths::cos(azimuth)]
+}
+
+/// `a` after `b`.
+pub fn compose(a: &Affine, b: &Affine) -> Affine {
+    let mut out = IDENTITY;
+    for (row, from) in out.iter_mut().zip(a) {
+        for (c, cell) in row.iter_mut().enumerate() {
+            *cell = from[0] * b[0][c] + from[1] * b[1][c] + from[2] * b[2][c] + if c == 3 { from[3] } else { 0.0 };
+        }
+    }
+    out
+}
+
+pub fn translation(t: Vec3) -> Affine {
+    [[1.0, 0.0, 0.0, t[0]], [0.0, 1.0, 0.0, t[1]], [0.0, 0.0, 1.0, t[2]]]
+}
+
+pub fn scaling(s: Vec3) -> Affine {
+    [[s[0], 0.0, 0.0, 0.0], [0.0, s[1], 0.0, 0.0], [0.0, 0.0, s[2], 0.0]]
+}
+
+/// Rotation about +y by `angle` radians, +z towards +x.
+pub fn rotation_y(angle: f64) -> Affine {
+    let (s, c) = (maths::sin(angle), maths::cos(angle));
+    [[c, 0.0, s, 0.0], [0.0, 1.0, 0.0, 0.0], [-s, 0.0, c, 0.0]]
+}
+
+/// Rotation about +x by `angle` radians.
+pub fn rotation_x(angle: f64) -> Affine {
+    let (s, c) = (maths::sin(angle), maths::cos(angle));
+    [[1.0, 0.0, 0.0, 0.0], [0.0, c, -s, 0.0], [0.0, s, c, 0.0]]
+}
+
+/// Rotation about +z by `angle` radians.
+pub fn rotation_z(angle: f64) -> Affine {
+    let (s, c) = (maths::sin(angle), maths::cos(angle));
+    [[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
+}
+
+/// A map whose local +z looks along `forward`, at `origin`, local x and y scaled by `half`.
+pub fn facing(origin: Vec3, forward: Vec3, half: [f64; 2]) -> Affine {
+    let w = unit(forward);
+    let reference = if w[1].abs() > 0.99 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] };
+    let u = unit(cross(reference, w));
+    let v = cross(w, u);
+    let mut out = IDENTITY;
+    for (r, row) in out.iter_mut().enumerate() {
+        *row = [u[r] * half[0], v[r] * half[1], w[r], origin[r]];
+    }
+    out
+}
+
+pub fn apply(m: &Affine, p: Vec3) -> Vec3 {
+    [0, 1, 2].map(|r| m[r][0] * p[0] + m[r][1] * p[1] + m[r][2] * p[2] + m[r][3])
+}
+
+/// Determinant of the linear part.
+pub fn determinant(m: &Affine) -> f64 {
+    let row = |r: usize| [m[r][0], m[r][1], m[r][2]];
+    dot(row(0), cross(row(1), row(2)))
+}
+
+/// A box along the axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Aabb {
+    pub low: Vec3,
+    pub high: Vec3,
+}
+
+impl Aabb {
+    pub const EMPTY: Self = Self { low: [f64::INFINITY; 3], high: [f64::NEG_INFINITY; 3] };
+
+    pub fn around(center: Vec3, half: Vec3) -> Self {
+        Self { low: sub(center, half), high: add(center, half) }
+    }
+
+    pub fn grow(&mut self, p: Vec3) {
+        for (i, v) in p.into_iter().enumerate() {
+            self.low[i] = self.low[i].min(v);
+            self.high[i] = self.high[i].max(v);
+        }
+    }
+
+    pub fn union(mut self, other: &Self) -> Self {
+        self.grow(other.low);
+        self.grow(other.high);
+        self
+    }
+
+    pub fn center(&self) -> Vec3 {
+        mul(add(self.low, self.high), 0.5)
+    }
+
+    pub fn size(&self) -> Vec3 {
+        sub(self.high, self.low)
+    }
+
+    /// The box of this one's corners after a map.
+    pub fn mapped(&self, m: &Affine) -> Self {
+        let mut out = Self::EMPTY;
+        for corner in 0..8 {
+            let pick = |i: usize| if corner >> i & 1 == 0 { self.low[i] } else { self.high[i] };
+            out.grow(apply(m, [pick(0), pick(1), pick(2)]));
+        }
+        out
+    }
+
+    pub fn contains(&self, p: Vec3, margin: f64) -> bool {
+        (0..3).all(|i| p[i] > self.low[i] - margin && p[i] < self.high[i] + margin)
+    }
+
+    /// True if the segment from `a` to `b` meets the box.
+    pub fn meets(&self, a: Vec3, b: Vec3) -> bool {
+        let (mut near, mut far) = (0.0f64, 1.0f64);
+        for i in 0..3 {
+            let d = b[i] - a[i];
+            if d == 0.0 {
+                if a[i] < self.low[i] || a[i] > self.high[i] {
+                    return false;
+                }
+                continue;
+            }
+            let (t0, t1) = ((self.low[i] - a[i]) / d, (self.high[i] - a[i]) / d);
+            near = near.max(t0.min(t1));
+            far = far.min(t0.max(t1));
+        }
+        near <= far
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn maps_compose_and_boxes_meet() {
+        let m = compose(&translation([1.0, 2.0, 3.0]), &rotation_y(core::f64::consts::FRAC_PI_2));
+        let p = apply(&m, [0.0, 0.0, 1.0]);
+        assert!(length(sub(p, [2.0, 2.0, 3.0])) < 1e-12, "{p:?}");
+        assert!((determinant(&m) - 1.0).abs() < 1e-12);
+        let f = facing([0.0; 3], [0.0, -1.0, 0.0], [2.0, 3.0]);
+        assert!((determinant(&f) - 6.0).abs() < 1e-12);
+        let unit_box = Aabb::around([0.0; 3], [1.0; 3]);
+        assert!(unit_box.meets([-3.0, 0.0, 0.0], [3.0, 0.1, 0.0]));
+        assert!(!unit_box.meets([-3.0, 2.0, 0.0], [3.0, 1.5, 0.0]));
+    }
+}

@@ -1,0 +1,221 @@
+//! Problems with a pipeline: what is so, where, what to do. The one place that renders them.
+//!
+//! Problems are collected and shown together: all of a file at once.
+
+use miette::{GraphicalReportHandler, GraphicalTheme, LabeledSpan, NamedSource, SourceCode};
+use std::{fmt, sync::Arc};
+
+/// Some bytes of a source.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub struct Span {
+    /// Which source, an index into [`Sources`].
+    pub source: usize,
+    /// First byte.
+    pub start: usize,
+    /// Number of bytes.
+    pub len: usize,
+}
+
+/// The texts that problems point into: pipeline files, and the command line's overrides.
+#[derive(Clone, Debug, Default)]
+pub struct Sources {
+    texts: Vec<Arc<NamedSource<String>>>,
+}
+
+impl Sources {
+    /// Adds a text, and gives its index.
+    pub fn add(&mut self, name: impl Into<String>, text: impl Into<String>) -> usize {
+        self.texts.push(Arc::new(NamedSource::new(name.into(), text.into())));
+        self.texts.len() - 1
+    }
+
+    /// A text.
+    pub fn text(&self, source: usize) -> &str {
+        self.texts[source].inner()
+    }
+
+    /// `file:line:column` of a span, counted from 1.
+    pub fn place(&self, span: Span) -> String {
+        let text = self.text(span.source);
+        let before = &text[..span.start.min(text.len())];
+        let line = before.matches('\n').count() + 1;
+        let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
+        format!("{}:{line}:{column}", self.texts[span.source].name())
+    }
+}
+
+/// One thing that is wrong.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Problem {
+    /// What is so.
+    pub message: String,
+    /// Where; none for problems with the command line.
+    pub span: Option<Span>,
+    /// A word at the underlined place.
+    pub label: String,
+    /// What to do.
+    pub hint: Option<String>,
+}
+
+impl Problem {
+    /// A problem at a place.
+    pub fn at(span: Span, message: impl Into<String>) -> Self {
+        Self { message: message.into(), span: Some(span), label: String::new(), hint: None }
+    }
+
+    /// A problem that has no place in a file.
+    pub fn nowhere(message: impl Into<String>) -> Self {
+        Self { message: message.into(), span: None, label: String::new(), hint: None }
+    }
+
+    /// The same, with a word at the place.
+    pub fn label(mut self, label: impl Into<String>) -> Self {
+        self.label = label.into();
+        self
+    }
+
+    /// The same, with what to do.
+    pub fn hint(mut self, hint: impl Into<String>) -> Self {
+        let hint = hint.into();
+        self.hint = (!hint.is_empty()).then_some(hint);
+        self
+    }
+}
+
+/// Everything that is wrong with a pipeline, and the texts it stands in.
+#[derive(Clone, Debug)]
+pub struct Problems {
+    /// The texts.
+    pub sources: Sources,
+    /// The problems, in the order of the files.
+    pub list: Vec<Problem>,
+}
+
+impl Problems {
+    /// Sorts by place and drops repetitions.
+    pub fn new(sources: Sources, mut list: Vec<Problem>) -> Self {
+        list.sort_by(|a, b| (a.span, &a.message).cmp(&(b.span, &b.message)));
+        list.dedup_by(|a, b| a.span == b.span && a.message == b.message);
+        Self { sources, list }
+    }
+
+    /// All problems as text: message, `file:line:column`, the source line underlined, and a hint.
+    pub fn render(&self, color: bool) -> String {
+        let theme = if color { GraphicalTheme::unicode() } else { GraphicalTheme::unicode_nocolor() };
+        let handler = GraphicalReportHandler::new_themed(theme).with_width(110).with_context_lines(0).with_links(false);
+        let mut out = String::new();
+        for problem in &self.list {
+            let report = Report { problem, sources: &self.sources };
+            if handler.render_report(&mut out, &report).is_err() {
+                out.push_str(&problem.message);
+            }
+            out.push('\n');
+        }
+        let count = self.list.len();
+        out.push_str(&format!("{count} problem{} found\n", if count == 1 { "" } else { "s" }));
+        // The handler pads lines; trailing blanks help nobody.
+        let lines: Vec<&str> = out.lines().map(str::trim_end).collect();
+        lines.join("\n") + "\n"
+    }
+}
+
+impl fmt::Display for Problems {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.render(false))
+    }
+}
+
+impl std::error::Error for Problems {}
+
+struct Report<'a> {
+    problem: &'a Problem,
+    sources: &'a Sources,
+}
+
+impl fmt::Debug for Report<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.problem.message)
+    }
+}
+
+impl fmt::Display for Report<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.problem.message)
+    }
+}
+
+impl std::error::Error for Report<'_> {}
+
+impl miette::Diagnostic for Report<'_> {
+    fn help<'b>(&'b self) -> Option<Box<dyn fmt::Display + 'b>> {
+        self.problem.hint.as_ref().map(|hint| Box::new(hint) as Box<dyn fmt::Display>)
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        self.problem.span.map(|span| self.sources.texts[span.source].as_ref() as &dyn SourceCode)
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        let span = self.problem.span?;
+        let label = if self.problem.label.is_empty() { "here".to_owned() } else { self.problem.label.clone() };
+        Some(Box::new(std::iter::once(LabeledSpan::new_primary_with_span(Some(label), (span.start, span.len)))))
+    }
+}
+
+/// The nearest of `names` to `wanted` by edit distance, if it is near enough to be meant.
+pub fn nearest<'a>(wanted: &str, names: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let limit = wanted.chars().count().div_ceil(3).max(1);
+    names
+        .into_iter()
+        .map(|name| (distance(&wanted.to_lowercase(), &name.to_lowercase()), name))
+        .filter(|(d, name)| *d <= limit || (wanted.len() >= 3 && name.contains(wanted)))
+        .min()
+        .map(|(_, name)| name)
+}
+
+/// A hint that names the nearest, or else lists all.
+pub fn did_you_mean<'a>(wanted: &str, what: &str, names: impl IntoIterator<Item = &'a str> + Clone) -> String {
+    if let Some(near) = nearest(wanted, names.clone()) {
+        return format!("did you mean `{near}`?");
+    }
+    let all: Vec<String> = names.into_iter().map(|n| format!("`{n}`")).collect();
+    if all.is_empty() { format!("there is no {what} here") } else { format!("{what}: {}", all.join(", ")) }
+}
+
+/// Edits (insert, delete, replace, swap neighbours) that turn `a` into `b`.
+fn distance(a: &str, b: &str) -> usize {
+    let (a, b): (Vec<char>, Vec<char>) = (a.chars().collect(), b.chars().collect());
+    let mut rows = vec![(0..=b.len()).collect::<Vec<_>>()];
+    for i in 1..=a.len() {
+        let mut row = vec![i];
+        for j in 1..=b.len() {
+            let same = usize::from(a[i - 1] != b[j - 1]);
+            let mut best = (rows[i - 1][j] + 1).min(row[j - 1] + 1).min(rows[i - 1][j - 1] + same);
+            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
+                best = best.min(rows[i - 2][j - 2] + 1);
+            }
+            row.push(best);
+        }
+        rows.push(row);
+    }
+    rows[a.len()][b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn near_names_are_found_and_far_ones_are_not() {
+        assert_eq!(distance("ladder", "laddre"), 1);
+        assert_eq!(nearest("ladder_rendring", ["quality_gate", "ladder_rendering"]), Some("ladder_rendering"));
+        assert_eq!(nearest("xyz", ["quality_gate", "ladder_rendering"]), None);
+    }
+
+    #[test]
+    fn places_count_lines_and_characters() {
+        let mut sources = Sources::default();
+        let source = sources.add("f.yaml", "a: ä\nbc: 1\n");
+        assert_eq!(sources.place(Span { source, start: 6, len: 2 }), "f.yaml:2:1");
+    }
+}

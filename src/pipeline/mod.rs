@@ -1,0 +1,126 @@
+//! Pipelines: [`PipelineFile`](file::PipelineFile) as written, with positions, and [`Pipeline`] as resolved: valid,
+//! defaults filled, matrices expanded. Nothing after resolution checks again.
+
+pub mod draw;
+pub mod file;
+mod overrides;
+pub mod reference;
+mod resolve;
+pub mod schema;
+pub mod schema_check;
+mod wire;
+pub mod yaml;
+
+pub use resolve::{Options, resolve, resolve_text};
+
+use serde_json::Value;
+use std::{fmt, ops::Range, sync::Arc};
+use tauflow_contract::{KindSpec, Mode, NodeKind};
+
+/// A resolved pipeline.
+#[derive(Clone, Debug)]
+pub struct Pipeline {
+    /// Its name.
+    pub name: String,
+    /// Its seed.
+    pub seed: u64,
+    /// Its nodes, in an order in which each stands after all that it reads.
+    pub nodes: Vec<Node>,
+    /// The cells of all nodes, in the same order.
+    pub cells: Vec<Cell>,
+    /// What is asked for.
+    pub targets: Vec<Target>,
+}
+
+/// A node: a kind, its cells.
+#[derive(Clone)]
+pub struct Node {
+    /// Its name.
+    pub name: String,
+    /// Its kind.
+    pub kind: Arc<dyn NodeKind>,
+    /// What the kind states.
+    pub spec: KindSpec,
+    /// Its axes, with the texts of their values.
+    pub axes: Vec<(String, Vec<String>)>,
+    /// Its cells, a range of [`Pipeline::cells`].
+    pub cells: Range<usize>,
+}
+
+impl fmt::Debug for Node {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Node").field("name", &self.name).field("kind", &self.spec.name).finish_non_exhaustive()
+    }
+}
+
+/// One cell of a node's matrix; a node without a matrix has one.
+#[derive(Clone, Debug)]
+pub struct Cell {
+    /// Its node.
+    pub node: usize,
+    /// `axis=value+axis2=value2`, or empty.
+    pub text: String,
+    /// Its value on each axis.
+    pub coords: Vec<(String, String)>,
+    /// The params, resolved: every default filled in.
+    pub params: Value,
+    /// For each input port of the kind, what feeds it; empty if it is not connected.
+    pub inputs: Vec<Vec<Feed>>,
+}
+
+/// One collection that feeds an input port.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Feed {
+    /// The cell it comes from.
+    pub cell: usize,
+    /// That cell's output port.
+    pub port: usize,
+    /// What is put before its item keys, if cells are gathered.
+    pub prefix: Option<String>,
+}
+
+/// A node that is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Target {
+    /// The node.
+    pub node: usize,
+    /// One of its ports, or the default port and all that it publishes.
+    pub port: Option<usize>,
+}
+
+impl Pipeline {
+    /// A node by name.
+    pub fn node(&self, name: &str) -> Option<usize> {
+        self.nodes.iter().position(|node| node.name == name)
+    }
+
+    /// `node`, or `node[cell]`.
+    pub fn cell_name(&self, cell: usize) -> String {
+        let cell = &self.cells[cell];
+        let name = &self.nodes[cell.node].name;
+        if cell.text.is_empty() { name.clone() } else { format!("{name}[{}]", cell.text.replace('+', ", ")) }
+    }
+
+    /// The nodes that a node reads, without repetitions.
+    pub fn reads(&self, node: usize) -> Vec<usize> {
+        let mut found: Vec<usize> = self.cells[self.nodes[node].cells.clone()]
+            .iter()
+            .flat_map(|cell| cell.inputs.iter().flatten().map(|feed| self.cells[feed.cell].node))
+            .collect();
+        found.sort_unstable();
+        found.dedup();
+        found
+    }
+}
+
+impl Node {
+    /// How it works through items.
+    pub fn mode(&self) -> Mode {
+        self.spec.mode
+    }
+
+    /// The number of an output port.
+    pub fn output(&self, name: &str) -> Option<usize> {
+        self.spec.outputs.iter().position(|port| port.name == name)
+    }
+}

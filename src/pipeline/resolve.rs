@@ -1,0 +1,318 @@
+//! From the file as written to a [`Pipeline`]: kinds found, matrices expanded, params checked and completed.
+//!
+//! Collects every problem before it gives up.
+
+use super::{
+    Cell, Node, Pipeline, Target,
+    file::{self, PipelineFile, RawNode},
+    overrides,
+    reference::Reference,
+    schema_check, wire,
+    yaml::{Data, Key, Yaml},
+};
+use crate::{
+    diagnostics::{Problem, Problems, Sources, Span, did_you_mean, nearest},
+    kinds::Registry,
+};
+use serde_json::Value;
+use std::{collections::BTreeSet, path::Path, sync::Arc};
+use tauflow_contract::{ItemKey, KindSpec, NodeKind};
+
+/// What the command line changes of a pipeline.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// A profile.
+    pub profile: Option<String>,
+    /// `node.param=value`.
+    pub sets: Vec<String>,
+    /// `node` or `node.port`, instead of the file's targets.
+    pub targets: Vec<String>,
+}
+
+/// Reads and resolves a pipeline file.
+///
+/// # Errors
+/// Every problem of it.
+pub fn resolve(path: &Path, registry: &Registry, options: &Options) -> Result<Pipeline, Problems> {
+    let mut sources = Sources::default();
+    let mut problems = Vec::new();
+    let file = file::load(path, &mut sources, &mut problems);
+    finish(file, path.file_stem().and_then(|s| s.to_str()), registry, options, sources, problems)
+}
+
+/// Resolves a text, for tests and examples; it cannot include files.
+///
+/// # Errors
+/// Every problem of it.
+pub fn resolve_text(name: &str, text: &str, registry: &Registry, options: &Options) -> Result<Pipeline, Problems> {
+    let mut sources = Sources::default();
+    let mut problems = Vec::new();
+    let file = file::load_text(name, text, &mut sources, &mut problems);
+    finish(file, None, registry, options, sources, problems)
+}
+
+fn finish(
+    mut file: PipelineFile,
+    stem: Option<&str>,
+    registry: &Registry,
+    options: &Options,
+    mut sources: Sources,
+    mut problems: Vec<Problem>,
+) -> Result<Pipeline, Problems> {
+    // A text that could not be read has no nodes worth complaining about.
+    if file.nodes.is_empty() {
+        if problems.is_empty() {
+            problems.push(Problem::nowhere("the pipeline has no nodes").hint("add `nodes:`; see `tauflow init`"));
+        }
+        return Err(Problems::new(sources, problems));
+    }
+    overrides::apply(&mut file, options.profile.as_deref(), &options.sets, &mut sources, &mut problems);
+    let seed = seed(&file, &mut problems);
+    let mut drafts: Vec<Draft> = file.nodes.iter().map(|raw| draft(raw, registry, &mut problems)).collect();
+    let wiring = wire::wire(&file, &drafts, &mut problems);
+    for (draft, raw) in drafts.iter_mut().zip(&file.nodes) {
+        check_axes(draft, raw, &wiring, &mut problems);
+        params(draft, raw, &mut problems);
+    }
+    let order = wire::order(&file, &wiring, &mut problems);
+    let name = file.name.as_ref().map(|n| n.text.clone()).or_else(|| stem.map(str::to_owned));
+    let Some(order) = order.filter(|_| problems.is_empty()) else {
+        return Err(Problems::new(sources, problems));
+    };
+    let mut pipeline = assemble(name.unwrap_or_else(|| "pipeline".into()), seed, &drafts, &wiring, &order);
+    targets(&mut pipeline, &file, options, &mut problems);
+    if problems.is_empty() { Ok(pipeline) } else { Err(Problems::new(sources, problems)) }
+}
+
+/// A node on its way: kind found, cells known, inputs not connected yet.
+pub(super) struct Draft {
+    pub kind: Option<(Arc<dyn NodeKind>, KindSpec)>,
+    pub axes: Vec<(String, Vec<String>)>,
+    pub cells: Vec<DraftCell>,
+}
+
+/// A cell on its way.
+pub(super) struct DraftCell {
+    pub coords: Vec<(String, String)>,
+    /// The axis values that the params get, with their places.
+    pub values: Vec<(Key, Yaml)>,
+    pub params: Value,
+}
+
+impl DraftCell {
+    pub fn text(&self) -> String {
+        self.coords.iter().map(|(axis, value)| format!("{axis}={value}")).collect::<Vec<_>>().join("+")
+    }
+}
+
+fn seed(file: &PipelineFile, problems: &mut Vec<Problem>) -> u64 {
+    let Some(seed) = &file.seed else { return 0 };
+    if let Data::Number(number) = &seed.data
+        && let Some(value) = number.as_u64()
+    {
+        return value;
+    }
+    let message = format!("the seed must be a whole number from 0, this is {}", seed.sort());
+    problems.push(Problem::at(seed.span, message).hint("write `seed: 7`"));
+    0
+}
+
+fn draft(raw: &RawNode, registry: &Registry, problems: &mut Vec<Problem>) -> Draft {
+    let kind = raw.kind.as_ref().and_then(|name| {
+        let kind = registry.get(&name.text).map(|kind| (kind.clone(), kind.spec()));
+        if kind.is_none() {
+            let message = format!("there is no kind `{}`", name.text);
+            problems.push(Problem::at(name.span, message).hint(registry.hint(&name.text)));
+        }
+        kind
+    });
+    let mut axes = Vec::new();
+    let mut cells = vec![DraftCell { coords: Vec::new(), values: Vec::new(), params: Value::Null }];
+    for (axis, values) in &raw.matrix {
+        let mut texts: Vec<String> = Vec::new();
+        for value in values {
+            let text = axis_text(value);
+            if ItemKey::new(format!("{}={text}", axis.text)).is_err() || text.contains(['/', '+', '=']) {
+                let message = format!("`{text}` cannot name a cell of the axis `{}`", axis.text);
+                problems.push(Problem::at(value.span, message).hint("use short names and numbers"));
+            } else if texts.contains(&text) {
+                let message = format!("the value `{text}` stands twice in the axis `{}`", axis.text);
+                problems.push(Problem::at(value.span, message).hint("take one away"));
+            }
+            texts.push(text);
+        }
+        cells = cells
+            .into_iter()
+            .flat_map(|cell| {
+                texts.iter().zip(values).map(move |(text, value)| {
+                    let mut coords = cell.coords.clone();
+                    coords.push((axis.text.clone(), text.clone()));
+                    let mut fields = cell.values.clone();
+                    fields.push((axis.clone(), value.clone()));
+                    DraftCell { coords, values: fields, params: Value::Null }
+                })
+            })
+            .collect();
+        axes.push((axis.text.clone(), texts));
+    }
+    Draft { kind, axes, cells }
+}
+
+/// The text of an axis value: scalars as they are, lists and maps with their scalars joined by `-`.
+fn axis_text(value: &Yaml) -> String {
+    match &value.data {
+        Data::Null => "null".into(),
+        Data::Bool(b) => b.to_string(),
+        Data::Number(n) => n.to_string(),
+        Data::Text(s) => s.clone(),
+        Data::List(items) => items.iter().map(axis_text).collect::<Vec<_>>().join("-"),
+        Data::Map(fields) => {
+            fields.iter().map(|(k, v)| format!("{}-{}", k.text, axis_text(v))).collect::<Vec<_>>().join("-")
+        }
+    }
+}
+
+/// An axis sets a param, or binds to an input's axis; else its cells would all be the same.
+fn check_axes(draft: &Draft, raw: &RawNode, wiring: &wire::Wiring, problems: &mut Vec<Problem>) {
+    let Some((kind, spec)) = &draft.kind else { return };
+    let schema = kind.params_schema();
+    let bound = wiring.axes_read(&raw.name.text);
+    for (axis, _) in &raw.matrix {
+        if schema_check::param(&schema, &axis.text).is_some() || bound.contains(&axis.text) {
+            continue;
+        }
+        let names: BTreeSet<&str> =
+            schema_check::params(&schema).into_iter().chain(bound.iter().map(String::as_str)).collect();
+        let message = format!(
+            "the axis `{}` is neither a param of `{}` nor an axis of an input, so that all cells would be the same",
+            axis.text, spec.name
+        );
+        let hint = nearest(&axis.text, names).map_or_else(
+            || format!("name a param of `{}`, or an axis of a node that `{}` reads", spec.name, raw.name.text),
+            |near| format!("did you mean `{near}`?"),
+        );
+        problems.push(Problem::at(axis.span, message).hint(hint));
+    }
+}
+
+/// Checks and completes the params of every cell.
+fn params(draft: &mut Draft, raw: &RawNode, problems: &mut Vec<Problem>) {
+    let Some((kind, _)) = &draft.kind else { return };
+    let schema = kind.params_schema();
+    let Data::Map(base) = &raw.params.data else { return };
+    for (axis, _) in &raw.matrix {
+        if let Some((key, _)) = base.iter().find(|(k, _)| k.text == axis.text) {
+            let message = format!("`{}` is set here and is an axis of the matrix too", axis.text);
+            problems.push(Problem::at(key.span, message).hint("keep one of the two"));
+        }
+    }
+    for cell in &mut draft.cells {
+        let mut fields = base.clone();
+        for (axis, value) in &cell.values {
+            fields.retain(|(k, _)| k.text != axis.text);
+            if schema_check::param(&schema, &axis.text).is_some() {
+                fields.push((axis.clone(), value.clone()));
+            }
+        }
+        let tree = Yaml { data: Data::Map(fields), span: raw.params.span };
+        let json = tree.to_json();
+        let place = |pointer: &str, key: bool| -> Span {
+            let (span, name) = tree.locate(pointer);
+            if key { name.unwrap_or(span) } else { span }
+        };
+        let mismatches = schema_check::check(&schema, &json);
+        if !mismatches.is_empty() {
+            problems
+                .extend(mismatches.into_iter().map(|m| Problem::at(place(&m.pointer, m.key), m.message).hint(m.hint)));
+            continue;
+        }
+        match kind.resolve(&json) {
+            Ok(resolved) => cell.params = resolved,
+            Err(list) => {
+                problems
+                    .extend(list.into_iter().map(|p| Problem::at(place(&p.pointer, false), p.message).hint(p.hint)));
+            }
+        }
+    }
+}
+
+fn assemble(name: String, seed: u64, drafts: &[Draft], wiring: &wire::Wiring, order: &[usize]) -> Pipeline {
+    let mut pipeline = Pipeline { name, seed, nodes: Vec::new(), cells: Vec::new(), targets: Vec::new() };
+    // First cell of each draft, in the pipeline's order.
+    let mut first = vec![0; drafts.len()];
+    let mut next = 0;
+    for &index in order {
+        first[index] = next;
+        next += drafts[index].cells.len();
+    }
+    for &index in order {
+        let draft = &drafts[index];
+        let Some((kind, spec)) = &draft.kind else { continue }; // a missing kind is a problem, and none is left
+        let node = pipeline.nodes.len();
+        let start = pipeline.cells.len();
+        for (i, cell) in draft.cells.iter().enumerate() {
+            let inputs = wiring.feeds(index, i, spec.inputs.len(), &first);
+            let (coords, params) = (cell.coords.clone(), cell.params.clone());
+            pipeline.cells.push(Cell { node, text: cell.text(), coords, params, inputs });
+        }
+        pipeline.nodes.push(Node {
+            name: wiring.names[index].clone(),
+            kind: kind.clone(),
+            spec: spec.clone(),
+            axes: draft.axes.clone(),
+            cells: start..pipeline.cells.len(),
+        });
+    }
+    pipeline
+}
+
+fn targets(pipeline: &mut Pipeline, file: &PipelineFile, options: &Options, problems: &mut Vec<Problem>) {
+    let asked: Vec<(String, Option<Span>)> = if options.targets.is_empty() {
+        file.targets.iter().flatten().map(|key| (key.text.clone(), Some(key.span))).collect()
+    } else {
+        options.targets.iter().map(|text| (text.clone(), None)).collect()
+    };
+    let problem = |span: Option<Span>, message: String| Problem { span, ..Problem::nowhere(message) };
+    let mut found = Vec::new();
+    for (text, span) in asked {
+        let reference = match Reference::parse(&text) {
+            Ok(reference) if reference.select.is_empty() => reference,
+            Ok(_) => {
+                let message = format!("the target `{text}` names cells");
+                problems.push(problem(span, message).hint("name a node, or `node.port`"));
+                continue;
+            }
+            Err(message) => {
+                problems.push(problem(span, message).hint("name a node, or `node.port`"));
+                continue;
+            }
+        };
+        let Some(node) = pipeline.node(reference.node) else {
+            let hint = did_you_mean(reference.node, "nodes", pipeline.nodes.iter().map(|n| n.name.as_str()));
+            problems.push(problem(span, format!("there is no node `{}`", reference.node)).hint(hint));
+            continue;
+        };
+        let spec = &pipeline.nodes[node].spec;
+        let port = match reference.port {
+            None => None,
+            Some(name) => match pipeline.nodes[node].output(name) {
+                Some(port) => Some(port),
+                None => {
+                    let message = format!("`{}` has no output `{name}`", reference.node);
+                    let hint = did_you_mean(name, "outputs", spec.outputs.iter().map(|p| p.name));
+                    problems.push(problem(span, message).hint(hint));
+                    continue;
+                }
+            },
+        };
+        found.push(Target { node, port });
+    }
+    if found.is_empty() {
+        let read: BTreeSet<usize> = (0..pipeline.nodes.len()).flat_map(|n| pipeline.reads(n)).collect();
+        found = (0..pipeline.nodes.len())
+            .filter(|n| !read.contains(n))
+            .map(|node| Target { node, port: None })
+            .collect();
+    }
+    pipeline.targets = found;
+}
