@@ -119,7 +119,7 @@ pub fn mesh(form: &Form, variant: u64) -> Option<(Mesh, Aabb)> {
         }
         "cone" => {
             let (height, tip) = (d.range(1.2, 2.4), d.range(0.0, 0.5));
-            lathe(&sharp(&[[0.0, 0.0], [1.0, 0.0], [tip.max(0.02), height], [0.0, height]]), 48, 48)
+            turned(&sharp(&[[0.0, 0.0], [1.0, 0.0], [tip.max(0.05), height], [0.0, height]]))
         }
         "crystal" => {
             let sides = 5 + d.below(4);
@@ -130,7 +130,7 @@ pub fn mesh(form: &Form, variant: u64) -> Option<(Mesh, Aabb)> {
         }
         "cylinder" => {
             let height = d.range(0.4, 2.4);
-            lathe(&sharp(&[[0.0, 0.0], [1.0, 0.0], [1.0, height], [0.0, height]]), 48, 48)
+            turned(&sharp(&[[0.0, 0.0], [1.0, 0.0], [1.0, height], [0.0, height]]))
         }
         "gear" => {
             let (teeth, depth) = (8 + d.below(9), d.range(0.12, 0.25));
@@ -256,22 +256,47 @@ fn star(n: usize, radius: impl Fn(f64) -> f64) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// Points doubled close beside each corner of a profile, so that the spline turns there within a small radius.
+/// A profile whose corners are rounded by small arcs and whose long sides are divided, for [`turned`].
 fn sharp(profile: &[[f64; 2]]) -> Vec<[f64; 2]> {
-    let mut out = vec![profile[0]];
-    for k in 1..profile.len() - 1 {
+    let last = profile.len() - 1;
+    let mut rounded = vec![profile[0]];
+    for k in 1..last {
         let toward = |from: [f64; 2], to: [f64; 2]| {
             let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
             let l = (dx * dx + dy * dy).sqrt();
-            let step = 0.04f64.min(0.3 * l);
+            let step = 0.05f64.min(0.3 * l);
             [from[0] + dx / l * step, from[1] + dy / l * step]
         };
-        out.push(toward(profile[k], profile[k - 1]));
-        out.push(profile[k]);
-        out.push(toward(profile[k], profile[k + 1]));
+        let (a, b, c) = (toward(profile[k], profile[k - 1]), profile[k], toward(profile[k], profile[k + 1]));
+        // A quadratic Bezier curve from side to side.
+        rounded.extend((0..=5).map(|i| {
+            let t = f64::from(i) / 5.0;
+            [0, 1].map(|i| (1.0 - t) * (1.0 - t) * a[i] + 2.0 * t * (1.0 - t) * b[i] + t * t * c[i])
+        }));
     }
-    out.push(profile[profile.len() - 1]);
+    rounded.push(profile[last]);
+    let mut out = vec![rounded[0]];
+    for pair in rounded.windows(2) {
+        let (dx, dy) = (pair[1][0] - pair[0][0], pair[1][1] - pair[0][1]);
+        let n = ((dx * dx + dy * dy).sqrt() / 0.15).ceil().max(1.0) as usize;
+        out.extend((1..=n).map(|i| {
+            let t = i as f64 / n as f64;
+            [pair[0][0] + t * dx, pair[0][1] + t * dy]
+        }));
+    }
     out
+}
+
+/// A body of revolution of a polyline, one ring of vertices for each of its points.
+fn turned(profile: &[[f64; 2]]) -> Mesh {
+    let spans = profile.len() - 1;
+    grid(48, spans, Ends::Poles, false, |u, v| {
+        let x = (v * spans as f64).clamp(0.0, spans as f64);
+        let k = (x.floor() as usize).min(spans - 1);
+        let t = x - k as f64;
+        let [r, y] = [0, 1].map(|i| profile[k][i] + t * (profile[k + 1][i] - profile[k][i]));
+        [r * maths::sin(TAU * u), y, r * maths::cos(TAU * u)]
+    })
 }
 
 /// A round tube along the closed curve `c(t)`, t in [0, 1), in the frame of its tangent and curvature.

@@ -56,6 +56,14 @@ fn disc(draw: &mut Stream, elevation: [f64; 2], half_degrees: [f64; 2], radiance
     Disc { toward, ends: maths::cos(1.25 * half), full: maths::cos(0.75 * half), radiance }
 }
 
+/// A disc of a flux (radiance x solid angle) of `flux`, whatever its size.
+fn sun(draw: &mut Stream, elevation: [f64; 2], half_degrees: [f64; 2], color: [f64; 3], flux: f64) -> Disc {
+    let mut disc = disc(draw, elevation, half_degrees, color);
+    let solid_angle = core::f64::consts::PI * (2.0 - disc.ends - disc.full);
+    disc.radiance = color.map(|c| c * flux / solid_angle);
+    disc
+}
+
 fn step(low: f64, high: f64, v: f64) -> f64 {
     let t = ((v - low) / (high - low)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
@@ -90,9 +98,9 @@ pub fn sky(name: &str, variant: u64) -> Bitmap {
     };
     let warm = mix3([1.0, 0.95, 0.88], [1.0, 0.8, 0.55], d.uniform());
     let sources: Vec<Disc> = match name {
-        "noon" => vec![disc(&mut s, [0.5, 1.2], [2.5, 4.5], warm.map(|v| v * 350.0))],
+        "noon" => vec![sun(&mut s, [0.5, 1.2], [2.5, 4.5], warm, 8.0)],
         "spotlit" => (0..1 + s.below(2))
-            .map(|_| disc(&mut s, [0.4, 1.2], [3.0, 5.5], warm.map(|v| v * 120.0)))
+            .map(|_| sun(&mut s, [0.4, 1.2], [3.0, 5.5], warm, 3.0))
             .collect(),
         "clear" => vec![disc(&mut s, [0.4, 1.1], [6.0, 12.0], warm.map(|v| v * 12.0))],
         "dusk" => vec![disc(&mut s, [0.03, 0.2], [8.0, 16.0], [9.0, 4.0, 1.4])],

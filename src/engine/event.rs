@@ -1,0 +1,195 @@
+//! What a run tells of itself. Everybody but the scheduler sees only this.
+
+use serde::Serialize;
+use std::{path::PathBuf, time::Duration};
+
+/// Something that happened.
+#[derive(Clone, Debug, Serialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub enum Event {
+    /// The run begins.
+    Started {
+        /// The pipeline.
+        pipeline: String,
+        /// The nodes that are needed, in their order.
+        nodes: Vec<String>,
+    },
+    /// A node's cell is as an earlier run left it.
+    Unchanged {
+        /// The node.
+        node: String,
+        /// The cell, or empty.
+        cell: String,
+        /// The output group.
+        group: String,
+        /// How many actions that is.
+        actions: u64,
+    },
+    /// A node has this many more actions to do.
+    Expect {
+        /// The node.
+        node: String,
+        /// How many.
+        actions: u64,
+    },
+    /// All actions of a node are known.
+    Counted {
+        /// The node.
+        node: String,
+    },
+    /// An action begins.
+    Begin {
+        /// The node.
+        node: String,
+        /// The cell, or empty.
+        cell: String,
+        /// The item, or empty.
+        item: String,
+    },
+    /// A long action goes on.
+    Progress {
+        /// The node.
+        node: String,
+        /// The cell, or empty.
+        cell: String,
+        /// The item, or empty.
+        item: String,
+        /// Units done.
+        done: u64,
+        /// Of so many.
+        total: u64,
+        /// A line.
+        message: String,
+    },
+    /// An action ends.
+    End {
+        /// The node.
+        node: String,
+        /// The cell, or empty.
+        cell: String,
+        /// The item, or empty.
+        item: String,
+        /// The output group.
+        group: String,
+        /// What became of it.
+        outcome: Ended,
+        /// Its wall time, in microseconds (of the run that made it).
+        wall_us: u64,
+        /// Bytes of its outputs.
+        bytes: u64,
+    },
+    /// Blobs are missing; their actions run again.
+    Healing {
+        /// The nodes that make them.
+        nodes: Vec<String>,
+    },
+    /// Something that people should know.
+    Warning {
+        /// What.
+        message: String,
+    },
+    /// The run ends.
+    Finished {
+        /// Actions that ran.
+        ran: u64,
+        /// Actions that were done before.
+        hit: u64,
+        /// Actions that failed.
+        failed: u64,
+        /// Actions that could not be begun.
+        blocked: u64,
+    },
+}
+
+/// What became of an action.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ended {
+    /// It was done before.
+    Hit,
+    /// It was done now.
+    Ran,
+    /// It failed.
+    Failed,
+    /// What it reads failed (or is unknown, in a dry run).
+    Blocked,
+    /// It would run, in a dry run.
+    WouldRun,
+}
+
+/// Numbers of a node.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct NodeStat {
+    /// The node.
+    pub node: String,
+    /// Its kind.
+    pub kind: String,
+    /// Actions that were done before.
+    pub hit: u64,
+    /// Actions that ran (or would, in a dry run).
+    pub ran: u64,
+    /// Actions that failed.
+    pub failed: u64,
+    /// Actions that could not be begun.
+    pub blocked: u64,
+    /// True if it is not known how many actions there are.
+    pub unknown: bool,
+    /// Lanes (a cell and an output group each) that were as an earlier run left them.
+    pub unchanged: u64,
+    /// Lanes in all.
+    pub lanes: u64,
+    /// Wall time of all its actions, in seconds, of the runs that made them.
+    pub wall_s: f64,
+    /// The part of it that was spent in this run.
+    pub spent_s: f64,
+    /// Bytes of its outputs.
+    pub bytes: u64,
+}
+
+/// An action that failed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Failure {
+    /// The node.
+    pub node: String,
+    /// The cell, or empty.
+    pub cell: String,
+    /// The item, or empty.
+    pub item: String,
+    /// What is so, where, and what to do.
+    pub message: String,
+}
+
+impl Failure {
+    /// What `--only` takes to run just this one.
+    pub fn only(&self) -> String {
+        let parts = [&self.node, &self.cell, &self.item];
+        parts.iter().filter(|p| !p.is_empty()).map(|p| p.as_str()).collect::<Vec<_>>().join("/")
+    }
+
+    /// The message without what differs from item to item.
+    pub fn cause(&self) -> String {
+        if self.item.is_empty() { self.message.clone() } else { self.message.replace(&self.item, "<item>") }
+    }
+}
+
+/// What a run did.
+#[derive(Clone, Debug, Default)]
+pub struct Summary {
+    /// Numbers by node, in the pipeline's order.
+    pub nodes: Vec<NodeStat>,
+    /// Failures, in the order they happened.
+    pub failures: Vec<Failure>,
+    /// True if the run was stopped.
+    pub interrupted: bool,
+    /// Files that were written.
+    pub published: Vec<PathBuf>,
+    /// Wall time of this run.
+    pub elapsed: Duration,
+}
+
+impl Summary {
+    /// Sum over nodes.
+    pub fn total(&self, of: impl Fn(&NodeStat) -> u64) -> u64 {
+        self.nodes.iter().map(of).sum()
+    }
+}
