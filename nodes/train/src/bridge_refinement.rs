@@ -1,0 +1,120 @@
+#![doc = include_str!("bridge_refinement.md")]
+
+use crate::{
+    model::Model,
+    parameterization::Parameterization,
+    refinement::{endpoint, features, load_model, store},
+    rollout::{Denoiser, bridge_stop, local_steps},
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use tauflow_contract::{Action, Context, InputPort, Kind, KindError, KindSpec, Mode, OutputPort, Outputs};
+use tauflow_data::formats::{MODEL, PACKED, PackedScene, REFINED, RefinedImage};
+
+/// The kind `bridge_refinement`.
+pub struct BridgeRefinement;
+
+/// Params of `bridge_refinement`: none.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct BridgeRefinementParams {}
+
+/// The clock of the training ladder, as it stands in `bridge.json`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct BridgeClock {
+    n_min: u64,
+    n_max: u64,
+}
+
+const INPUTS: &[InputPort] = &[
+    InputPort::each("endpoints", PACKED, "Scenes at consecutive sample counts, such as 1..10."),
+    InputPort::whole("mc_noise", MODEL, "A solver of parameterization mc_noise: one."),
+    InputPort::whole("local_velocity", MODEL, "A solver of parameterization local_velocity: one."),
+];
+const OUTPUTS: &[OutputPort] =
+    &[OutputPort::new("steps", REFINED, "The images at every stop, and the clock in `bridge.json`.")];
+
+impl Kind for BridgeRefinement {
+    type Params = BridgeRefinementParams;
+
+    fn spec() -> KindSpec {
+        KindSpec {
+            name: "bridge_refinement",
+            version: 1,
+            summary: "Moves endpoints to stops between the training rungs.",
+            manual: include_str!("bridge_refinement.md"),
+            mode: Mode::Map,
+            inputs: INPUTS,
+            outputs: OUTPUTS,
+            seeded: false,
+        }
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let noise = expect(load_model(ctx, action.whole("mc_noise")?, "mc_noise")?, Parameterization::McNoise)?;
+        let local =
+            expect(load_model(ctx, action.whole("local_velocity")?, "local_velocity")?, Parameterization::LocalVelocity)?;
+        if noise.clock() != local.clock() {
+            return Err(KindError::Input(
+                "the two solvers were trained on different ladders; train both on the same rungs".into(),
+            ));
+        }
+        let scene = PackedScene::from_bytes(&ctx.part(action.each("endpoints")?, "")?)?;
+        let stops = stops(&scene.counts)?;
+        let mut images = Vec::new();
+        for (done, (from, to)) in stops.iter().copied().enumerate() {
+            ctx.check_cancelled()?;
+            let start = endpoint(&scene, from)?;
+            let said = |method: &str, nfe| RefinedImage { method: method.into(), from_spp: from, to_spp: to, nfe };
+            images.push((said("hold", 0), start.clone()));
+            let stepped = local_steps(&local, start, features(&local, &scene)?, from, to)?;
+            images.push((said("local_step", to - from), stepped));
+            let moved = bridge_stop(&noise, start, features(&noise, &scene)?, from, to)?;
+            images.push((said("mc_noise", 1), moved));
+            ctx.progress(done as u64 + 1, stops.len() as u64, &format!("{from} -> {to}"));
+        }
+        let clock = BridgeClock { n_min: noise.clock().n_min() as u64, n_max: noise.clock().n_max() as u64 };
+        let parts = vec![("bridge.json".to_owned(), ctx.put_json(&clock)?)];
+        Ok(Outputs::default().item("steps", store(ctx, images, parts)?))
+    }
+}
+
+/// Adjacent stops k -> k+1, then direct ones k -> last that are not adjacent.
+fn stops(counts: &[u64]) -> Result<Vec<(u64, u64)>, KindError> {
+    if counts.len() < 3 || counts.windows(2).any(|w| w[1] != w[0] + 1) {
+        return Err(KindError::Input(format!(
+            "the bridge needs at least three consecutive rungs and got {counts:?}; write for example \
+             `rungs: [1, 2, 3, 4, 5, 6, 7, 8, 9, 10]`"
+        )));
+    }
+    let last = counts[counts.len() - 1];
+    let adjacent = counts.windows(2).map(|w| (w[0], w[1]));
+    let direct = counts[..counts.len() - 2].iter().map(|k| (*k, last));
+    Ok(adjacent.chain(direct).collect())
+}
+
+fn expect(model: Model, parameterization: Parameterization) -> Result<Model, KindError> {
+    let found = model.parameterization();
+    if found == parameterization {
+        return Ok(model);
+    }
+    Err(KindError::Input(format!(
+        "input `{}` got a solver of parameterization `{}`; connect the other cell",
+        parameterization.name(),
+        found.name()
+    )))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nine_adjacent_and_eight_direct_stops() {
+        let counts: Vec<u64> = (1..=10).collect();
+        let stops = stops(&counts).expect("consecutive");
+        assert_eq!(stops.len(), 17);
+        assert_eq!((stops[0], stops[8], stops[9], stops[16]), ((1, 2), (9, 10), (1, 10), (8, 10)));
+        assert!(super::stops(&[1, 2, 4]).is_err());
+    }
+}

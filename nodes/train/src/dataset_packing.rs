@@ -1,0 +1,129 @@
+#![doc = include_str!("dataset_packing.md")]
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use tauflow_contract::{Action, Artifact, Context, InputPort, Kind, KindError, KindSpec, Mode, OutputPort, Outputs};
+use tauflow_data::{
+    Image,
+    formats::{EXPOSURE, Exposure, PACKED, PackedScene},
+    ladder::{GBUFFER, GBuffer, LADDER, Ladder},
+};
+
+/// The kind `dataset_packing`.
+pub struct DatasetPacking;
+
+/// Params of `dataset_packing`: none.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct DatasetPackingParams {}
+
+const INPUTS: &[InputPort] = &[
+    InputPort::each("ladders", LADDER, "The ladders to pack."),
+    InputPort::each("gbuffers", GBUFFER, "Albedo and shading normal of the same scenes.").or_none(),
+    InputPort::each("exposure", EXPOSURE, "The exposure of the same scenes."),
+];
+const OUTPUTS: &[OutputPort] =
+    &[OutputPort::new("packed", PACKED, "Exposed rungs, and the G-buffer if there is one.")];
+
+impl Kind for DatasetPacking {
+    type Params = DatasetPackingParams;
+
+    fn spec() -> KindSpec {
+        KindSpec {
+            name: "dataset_packing",
+            version: 1,
+            summary: "Packs exposed rungs and G-buffers for learning.",
+            manual: include_str!("dataset_packing.md"),
+            mode: Mode::Map,
+            inputs: INPUTS,
+            outputs: OUTPUTS,
+            seeded: false,
+        }
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let ladder = Ladder::load(ctx, action.each("ladders")?)?;
+        let exposure: Exposure = ctx.json(action.each("exposure")?, "")?;
+        let gbuffer = action.each.get("gbuffers").map(|artifact| GBuffer::load(ctx, artifact)).transpose()?;
+        let packed = pack(&ladder, &exposure, gbuffer.as_ref())?;
+        Ok(Outputs::default().item("packed", Artifact::blob(PACKED, ctx.put(&packed.to_bytes()?)?)))
+    }
+}
+
+fn pack(ladder: &Ladder, exposure: &Exposure, gbuffer: Option<&GBuffer>) -> Result<PackedScene, KindError> {
+    if !(exposure.factor.is_finite() && exposure.factor > 0.0) {
+        return Err(KindError::Input(format!(
+            "the exposure factor is {}, expected a positive number; the scene should not have passed the gate",
+            exposure.factor
+        )));
+    }
+    let exposed = |image: &Image| image.map(|v| (f64::from(v) * exposure.factor) as f32);
+    let gbuffer = gbuffer.map(|g| join(&g.albedo, &g.normal)).transpose()?;
+    if let (Some(gbuffer), Some(rung)) = (&gbuffer, ladder.rungs.first())
+        && (gbuffer.width(), gbuffer.height()) != (rung.image.width(), rung.image.height())
+    {
+        return Err(KindError::Input(format!(
+            "the G-buffer has {} x {} pixels and the ladder {} x {}; render both with the same `resolution`",
+            gbuffer.width(),
+            gbuffer.height(),
+            rung.image.width(),
+            rung.image.height()
+        )));
+    }
+    Ok(PackedScene {
+        counts: ladder.rungs.iter().map(|r| r.spp).collect(),
+        states: ladder.rungs.iter().map(|r| exposed(&r.image)).collect(),
+        gbuffer,
+    })
+}
+
+/// Channels of `a`, then of `b`.
+fn join(a: &Image, b: &Image) -> Result<Image, KindError> {
+    let channels = a.channels() + b.channels();
+    let data = a
+        .data()
+        .chunks_exact(a.channels())
+        .zip(b.data().chunks_exact(b.channels()))
+        .flat_map(|(a, b)| a.iter().chain(b).copied())
+        .collect();
+    Ok(Image::from_data(a.width(), a.height(), channels, data)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tauflow_data::ladder::{LadderMeta, Rung};
+
+    fn ladder() -> Ladder {
+        let image = |v: f32| Image::from_data(2, 1, 3, vec![v; 6]).expect("fits");
+        Ladder {
+            meta: LadderMeta { counts: vec![1, 2], width: 2, height: 1, rejected: 0, mean_path_length: 1.0 },
+            rungs: vec![Rung { spp: 1, image: image(4.0) }, Rung { spp: 2, image: image(3.0) }],
+            variance: image(1.0),
+        }
+    }
+
+    #[test]
+    fn one_factor_for_all_rungs() {
+        let exposure = Exposure { factor: 0.5, ev: 0.0, mean_luminance: 0.36 };
+        let gbuffer = GBuffer {
+            albedo: Image::from_data(2, 1, 3, vec![0.1, 0.2, 0.3, 0.4, 0.5, 0.6]).expect("fits"),
+            normal: Image::from_data(2, 1, 3, vec![0.0, 0.0, 1.0, 1.0, 0.0, 0.0]).expect("fits"),
+        };
+        let packed = pack(&ladder(), &exposure, Some(&gbuffer)).expect("consistent");
+        assert_eq!(packed.counts, [1, 2]);
+        assert_eq!((packed.states[0].data()[0], packed.states[1].data()[5]), (2.0, 1.5));
+        let features = packed.gbuffer.expect("connected");
+        assert_eq!(features.pixel(1, 0), [0.4, 0.5, 0.6, 1.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let good = Exposure { factor: 1.0, ev: 0.0, mean_luminance: 0.18 };
+        let bad = Exposure { factor: f64::NAN, ..good.clone() };
+        assert!(pack(&ladder(), &bad, None).is_err());
+        let small = GBuffer { albedo: Image::new(1, 1, 3), normal: Image::new(1, 1, 3) };
+        let error = pack(&ladder(), &good, Some(&small)).expect_err("another size").to_string();
+        assert!(error.contains("1 x 1") && error.contains("2 x 1"), "{error}");
+    }
+}

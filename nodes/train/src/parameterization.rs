@@ -1,0 +1,227 @@
+//! What a solver learns: targets at real endpoints, and how a prediction moves a state. Knows no network.
+//!
+//! With clean = I_nmax and tau the variance time of the ladder:
+//!
+//! | parameterization | input | target |
+//! |---|---|---|
+//! | `mc_noise` | I_k | I_k - clean |
+//! | `mc_velocity` | I_k | (clean - I_k)/(1 - tau_k) |
+//! | `local_velocity` | I_k | (I_next - I_k)/(tau_next - tau_k) |
+//! | `vanilla_rf` | (1 - t) I_nmin + t clean | clean - I_nmin |
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use tauflow_data::{Image, time::VarianceTime};
+
+/// What the network predicts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum Parameterization {
+    /// clean - I_nmin on straight interpolants: rectified flow (Liu et al. 2022), the baseline that sees interpolants.
+    VanillaRf,
+    /// The secant to the next rung.
+    LocalVelocity,
+    /// The secant to the last rung.
+    McVelocity,
+    /// The remaining Monte Carlo noise.
+    #[default]
+    McNoise,
+}
+
+/// What the network sees beside the state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum Conditioning {
+    /// Nothing.
+    #[default]
+    Rgb,
+    /// Albedo and shading normal.
+    Gbuffer,
+}
+
+/// The space in which states are moved and targets are taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum Space {
+    /// Exposed linear radiance.
+    #[default]
+    Linear,
+    /// sign(x) log(1 + |x|) of it.
+    Log1p,
+}
+
+impl Parameterization {
+    /// All of them, in the order of tables.
+    pub const ALL: [Self; 4] = [Self::VanillaRf, Self::LocalVelocity, Self::McVelocity, Self::McNoise];
+
+    /// Its name in pipelines.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::VanillaRf => "vanilla_rf",
+            Self::LocalVelocity => "local_velocity",
+            Self::McVelocity => "mc_velocity",
+            Self::McNoise => "mc_noise",
+        }
+    }
+
+    /// What to learn at endpoint `k` of a ladder, for values `at` of its rungs.
+    ///
+    /// `rung(i)` gives a value of rung `i` of `counts`; `t` in [0, 1] is used by `vanilla_rf` alone. Returns input value
+    /// and target value; the time that belongs to them is [`Parameterization::time`].
+    ///
+    /// # Panics
+    /// If `k` is the last rung, which has nothing to learn.
+    #[inline]
+    pub fn example(self, clock: &VarianceTime, counts: &[u64], k: usize, t: f64, rung: impl Fn(usize) -> f32) -> (f32, f32) {
+        let last = counts.len() - 1;
+        assert!(k < last, "the last rung is no endpoint to learn at");
+        let tau = |i: usize| clock.tau(counts[i] as f64);
+        match self {
+            Self::McNoise => (rung(k), rung(k) - rung(last)),
+            Self::McVelocity => (rung(k), (rung(last) - rung(k)) * (1.0 / (1.0 - tau(k))) as f32),
+            Self::LocalVelocity => (rung(k), (rung(k + 1) - rung(k)) * (1.0 / (tau(k + 1) - tau(k))) as f32),
+            Self::VanillaRf => {
+                let (noisy, clean) = (rung(0), rung(last));
+                (noisy + t as f32 * (clean - noisy), clean - noisy)
+            }
+        }
+    }
+
+    /// The time that the network is told at endpoint `k`.
+    pub fn time(self, clock: &VarianceTime, counts: &[u64], k: usize, t: f64) -> f64 {
+        if self == Self::VanillaRf { t } else { clock.tau(counts[k] as f64) }
+    }
+
+    /// The estimate of the clean image from a state at `tau` and the prediction there; none if it has no such estimate.
+    pub fn clean(self, state: &Image, prediction: &Image, tau: f64) -> Option<Image> {
+        let scale = match self {
+            Self::McNoise => -1.0,
+            Self::McVelocity => (1.0 - tau) as f32,
+            Self::LocalVelocity | Self::VanillaRf => return None,
+        };
+        Some(combine(state, prediction, |s, p| s + scale * p))
+    }
+
+    /// The state at `next` from a state at `tau` and the prediction there.
+    ///
+    /// At `next` = 1 this is exactly the clean estimate, where there is one; nothing is divided by a vanishing 1 - tau.
+    pub fn step(self, state: &Image, prediction: &Image, tau: f64, next: f64) -> Image {
+        match self.clean(state, prediction, tau) {
+            Some(clean) if next >= 1.0 => clean,
+            Some(clean) if self == Self::McNoise => {
+                let share = ((next - tau) / (1.0 - tau)) as f32;
+                combine(state, &clean, |s, c| s + share * (c - s))
+            }
+            _ => {
+                let step = (next - tau) as f32;
+                combine(state, prediction, |s, p| s + step * p)
+            }
+        }
+    }
+}
+
+impl Conditioning {
+    /// Its name in pipelines.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Rgb => "rgb",
+            Self::Gbuffer => "gbuffer",
+        }
+    }
+}
+
+impl Space {
+    /// Its name in pipelines.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Linear => "linear",
+            Self::Log1p => "log1p",
+        }
+    }
+
+    /// A linear value in this space.
+    pub fn encode(self, value: f32) -> f32 {
+        match self {
+            Self::Linear => value,
+            Self::Log1p => signed_log1p(value),
+        }
+    }
+
+    /// A value of this space as a linear one.
+    pub fn decode(self, value: f32) -> f32 {
+        match self {
+            Self::Linear => value,
+            Self::Log1p => libm::expm1f(value.abs()).copysign(value),
+        }
+    }
+}
+
+/// sign(x) log(1 + |x|): what the network is shown of a linear value.
+pub fn signed_log1p(value: f32) -> f32 {
+    libm::log1pf(value.abs()).copysign(value)
+}
+
+fn combine(a: &Image, b: &Image, f: impl Fn(f32, f32) -> f32) -> Image {
+    let mut out = a.clone();
+    for (o, b) in out.data_mut().iter_mut().zip(b.data()) {
+        *o = f(*o, *b);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const COUNTS: [u64; 4] = [1, 2, 4, 8];
+    const RUNGS: [f32; 4] = [5.0, 3.0, 2.5, 2.0];
+
+    fn clock() -> VarianceTime {
+        VarianceTime::new(1, 8).expect("a ladder")
+    }
+
+    #[test]
+    fn a_perfect_prediction_of_the_whole_way_lands_on_clean() {
+        for p in [Parameterization::McNoise, Parameterization::McVelocity] {
+            for k in 0..3 {
+                let (input, target) = p.example(&clock(), &COUNTS, k, 0.0, |i| RUNGS[i]);
+                assert_eq!(input, RUNGS[k]);
+                let tau = p.time(&clock(), &COUNTS, k, 0.0);
+                let state = Image::from_data(1, 1, 1, vec![input]).expect("fits");
+                let prediction = Image::from_data(1, 1, 1, vec![target]).expect("fits");
+                let end = p.step(&state, &prediction, tau, 1.0);
+                assert!((end.data()[0] - 2.0).abs() < 1e-5, "{p:?} {k}: {}", end.data()[0]);
+            }
+        }
+    }
+
+    #[test]
+    fn the_local_target_steps_to_the_next_rung_exactly() {
+        let p = Parameterization::LocalVelocity;
+        for k in 0..3 {
+            let (input, target) = p.example(&clock(), &COUNTS, k, 0.0, |i| RUNGS[i]);
+            let (tau, next) = (clock().tau(COUNTS[k] as f64), clock().tau(COUNTS[k + 1] as f64));
+            let state = Image::from_data(1, 1, 1, vec![input]).expect("fits");
+            let prediction = Image::from_data(1, 1, 1, vec![target]).expect("fits");
+            assert!((p.step(&state, &prediction, tau, next).data()[0] - RUNGS[k + 1]).abs() < 1e-5);
+            assert!(p.clean(&state, &prediction, tau).is_none());
+        }
+    }
+
+    #[test]
+    fn rectified_flow_alone_sees_interpolants() {
+        let p = Parameterization::VanillaRf;
+        let (input, target) = p.example(&clock(), &COUNTS, 1, 0.25, |i| RUNGS[i]);
+        assert_eq!((input, target), (5.0 - 0.75, -3.0));
+        assert_eq!(p.time(&clock(), &COUNTS, 1, 0.25), 0.25);
+    }
+
+    #[test]
+    fn spaces_invert() {
+        for value in [-3.0f32, -0.0, 0.0, 1e-6, 0.5, 80.0, 1e5] {
+            let back = Space::Log1p.decode(Space::Log1p.encode(value));
+            assert!((back - value).abs() <= 2e-6 * value.abs().max(1e-6), "{value} {back}");
+            assert_eq!(Space::Linear.encode(value), value);
+        }
+    }
+}

@@ -1,0 +1,238 @@
+//! Refining an image along variance time in any number of steps. Knows no network: only that something predicts.
+
+use crate::parameterization::{Parameterization, Space};
+use tauflow_contract::KindError;
+use tauflow_data::{
+    Image,
+    time::{TimeGrid, VarianceTime},
+};
+
+/// Something that predicts what its parameterization asks for.
+pub trait Denoiser {
+    /// What it predicts.
+    fn parameterization(&self) -> Parameterization;
+
+    /// The space that its states and predictions are in.
+    fn space(&self) -> Space;
+
+    /// The clock of the ladder that it learned on.
+    fn clock(&self) -> VarianceTime;
+
+    /// The prediction for a state [H, W, 3] in its space, at variance time `tau`, with albedo and normal [H, W, 6] if it
+    /// was trained with them.
+    ///
+    /// # Errors
+    /// If shapes do not fit what it was trained for.
+    fn predict(&self, state: &Image, gbuffer: Option<&Image>, tau: f64) -> Result<Image, KindError>;
+}
+
+/// Where a rollout starts and how it goes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Course {
+    /// Sample count of the endpoint that it starts from.
+    pub from: u64,
+    /// Model calls.
+    pub steps: usize,
+    /// How its times are spread.
+    pub grid: TimeGrid,
+}
+
+/// Refines an endpoint, exposed linear radiance [H, W, 3], to the end of the clock; `steps` model calls.
+///
+/// # Errors
+/// If the endpoint lies outside the clock, no step is asked for, or the model refuses the shapes.
+pub fn rollout(
+    model: &dyn Denoiser,
+    endpoint: &Image,
+    gbuffer: Option<&Image>,
+    course: Course,
+) -> Result<Image, KindError> {
+    let clock = model.clock();
+    if course.steps == 0 {
+        return Err(KindError::Input("a rollout of 0 steps; `nfe` counts from 1".into()));
+    }
+    let from = course.from as f64;
+    if from < clock.n_min() || from >= clock.n_max() {
+        return Err(KindError::Input(format!(
+            "a rollout cannot start at {} spp: the model's ladder goes from {} to {}; choose `from` from there up to \
+             below its last rung",
+            course.from,
+            clock.n_min(),
+            clock.n_max()
+        )));
+    }
+    let times = clock.grid(from, course.steps, course.grid);
+    let mut state = encode(model, endpoint);
+    for pair in times.windows(2) {
+        let prediction = model.predict(&state, gbuffer, pair[0])?;
+        state = model.parameterization().step(&state, &prediction, pair[0], pair[1]);
+    }
+    Ok(decode(model, &state))
+}
+
+/// One stop of the bridge: from endpoint I_k part of the way to the clean estimate, to where variance time puts I_m.
+///
+/// I_k + (tau_m - tau_k)/(1 - tau_k) (clean - I_k), one model call.
+///
+/// # Errors
+/// If the model has no clean estimate, or m is not between k and the clock's end.
+pub fn bridge_stop(
+    model: &dyn Denoiser,
+    endpoint: &Image,
+    gbuffer: Option<&Image>,
+    from: u64,
+    to: u64,
+) -> Result<Image, KindError> {
+    let (tau, next) = span(model, from, to)?;
+    let state = encode(model, endpoint);
+    let prediction = model.predict(&state, gbuffer, tau)?;
+    let Some(clean) = model.parameterization().clean(&state, &prediction, tau) else {
+        return Err(KindError::Input(format!(
+            "a bridge stop needs an estimate of the clean image, which `{}` does not give; use `mc_noise` or \
+             `mc_velocity`",
+            model.parameterization().name()
+        )));
+    };
+    let share = ((next - tau) / (1.0 - tau)) as f32;
+    let mut moved = state;
+    for (s, c) in moved.data_mut().iter_mut().zip(clean.data()) {
+        *s += share * (*c - *s);
+    }
+    Ok(decode(model, &moved))
+}
+
+/// Euler steps k -> k+1 -> .. -> m; one model call each.
+///
+/// # Errors
+/// As [`bridge_stop`].
+pub fn local_steps(
+    model: &dyn Denoiser,
+    endpoint: &Image,
+    gbuffer: Option<&Image>,
+    from: u64,
+    to: u64,
+) -> Result<Image, KindError> {
+    let mut state = encode(model, endpoint);
+    for n in from..to {
+        let (tau, next) = span(model, n, n + 1)?;
+        let prediction = model.predict(&state, gbuffer, tau)?;
+        state = model.parameterization().step(&state, &prediction, tau, next);
+    }
+    Ok(decode(model, &state))
+}
+
+fn span(model: &dyn Denoiser, from: u64, to: u64) -> Result<(f64, f64), KindError> {
+    let clock = model.clock();
+    if (from as f64) < clock.n_min() || to <= from || to as f64 >= clock.n_max() {
+        return Err(KindError::Input(format!(
+            "the stop {from} -> {to} spp does not lie within the model's ladder of {} to {} (its end excluded); bridge \
+             stops use the clock of the training ladder",
+            clock.n_min(),
+            clock.n_max()
+        )));
+    }
+    Ok((clock.tau(from as f64), clock.tau(to as f64)))
+}
+
+fn encode(model: &dyn Denoiser, image: &Image) -> Image {
+    let space = model.space();
+    image.map(|v| space.encode(v))
+}
+
+fn decode(model: &dyn Denoiser, image: &Image) -> Image {
+    let space = model.space();
+    image.map(|v| space.decode(v))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::cell::Cell;
+
+    /// Knows where the clean image is.
+    struct Oracle {
+        kind: Parameterization,
+        space: Space,
+        clean: f32,
+        noisy: f32,
+        calls: Cell<usize>,
+    }
+
+    impl Oracle {
+        fn new(kind: Parameterization, space: Space) -> Self {
+            Self { kind, space, clean: space.encode(2.0), noisy: space.encode(7.0), calls: Cell::new(0) }
+        }
+    }
+
+    impl Denoiser for Oracle {
+        fn parameterization(&self) -> Parameterization {
+            self.kind
+        }
+
+        fn space(&self) -> Space {
+            self.space
+        }
+
+        fn clock(&self) -> VarianceTime {
+            VarianceTime::new(1, 512).expect("a ladder")
+        }
+
+        fn predict(&self, state: &Image, _: Option<&Image>, tau: f64) -> Result<Image, KindError> {
+            self.calls.set(self.calls.get() + 1);
+            Ok(state.map(|x| match self.kind {
+                Parameterization::McNoise => x - self.clean,
+                Parameterization::McVelocity => (self.clean - x) / (1.0 - tau) as f32,
+                // The straight line from noisy to clean has this velocity everywhere.
+                Parameterization::LocalVelocity | Parameterization::VanillaRf => self.clean - self.noisy,
+            }))
+        }
+    }
+
+    fn noisy() -> Image {
+        Image::from_data(2, 1, 3, vec![7.0; 6]).expect("fits")
+    }
+
+    #[test]
+    fn an_oracle_is_followed_to_the_end_in_any_number_of_steps() {
+        for kind in Parameterization::ALL {
+            for space in [Space::Linear, Space::Log1p] {
+                for grid in [TimeGrid::Ladder, TimeGrid::Uniform] {
+                    for steps in [1, 2, 9, 50] {
+                        let oracle = Oracle::new(kind, space);
+                        let end = rollout(&oracle, &noisy(), None, Course { from: 1, steps, grid }).expect("in range");
+                        assert_eq!(oracle.calls.get(), steps);
+                        for v in end.data() {
+                            assert!((v - 2.0).abs() < 2e-4, "{kind:?} {space:?} {steps}: {v}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn an_exact_bridge_keeps_to_the_schedule() {
+        let oracle = Oracle::new(Parameterization::McNoise, Space::Linear);
+        let clock = oracle.clock();
+        let at_10 = bridge_stop(&oracle, &noisy(), None, 1, 10).expect("in range");
+        let expected = 7.0 + clock.tau(10.0) as f32 * (2.0 - 7.0);
+        assert!((at_10.data()[0] - expected).abs() < 1e-5);
+        let local = Oracle::new(Parameterization::LocalVelocity, Space::Linear);
+        let stepped = local_steps(&local, &noisy(), None, 1, 10).expect("in range");
+        assert_eq!(local.calls.get(), 9);
+        assert!((stepped.data()[0] - expected).abs() < 1e-4);
+    }
+
+    #[test]
+    fn what_lies_outside_the_clock_is_refused() {
+        let oracle = Oracle::new(Parameterization::McNoise, Space::Linear);
+        let course = |from, steps| Course { from, steps, grid: TimeGrid::Ladder };
+        assert!(rollout(&oracle, &noisy(), None, course(512, 1)).is_err());
+        assert!(rollout(&oracle, &noisy(), None, course(1, 0)).is_err());
+        assert!(bridge_stop(&oracle, &noisy(), None, 4, 4).is_err());
+        assert!(bridge_stop(&oracle, &noisy(), None, 4, 512).is_err());
+        let local = Oracle::new(Parameterization::LocalVelocity, Space::Linear);
+        let error = bridge_stop(&local, &noisy(), None, 1, 2).expect_err("no clean estimate").to_string();
+        assert!(error.contains("mc_noise"), "{error}");
+    }
+}

@@ -1,0 +1,182 @@
+//! What each edit of a pipeline reruns, on a small pipeline of the real kinds: nothing that the edit does not change.
+
+use std::{collections::BTreeMap, path::Path, sync::Mutex, sync::atomic::AtomicBool};
+use tauflow::{
+    engine::{self, RunOptions, event::Event},
+    pipeline::{self, Options},
+    registry,
+};
+use tauflow_cache::Store;
+
+/// Four strata, four scenes each; a few pixels, a few steps.
+const PIPELINE: &str = r#"
+pipeline: edits
+seed: 5
+nodes:
+  scenes:
+    kind: scene_generation
+    params: { pool: 16, regimes: [L0, L1], contexts: [open, enclosed], unchecked_cameras: 0.0 }
+  previews:
+    kind: ladder_rendering
+    inputs: { scenes: scenes }
+    params: { rungs: [8], resolution: [16, 16] }
+  gate:
+    kind: quality_gate
+    inputs: { scenes: scenes, previews: previews }
+  split:
+    kind: content_signature_split
+    inputs: { scenes: gate.accepted }
+    params: { test_share: 0.5 }
+  sampling:
+    kind: stratified_sampling
+    inputs: { train: split.train, test: split.test }
+    params: { train: 8, test: 4, regimes: [L0, L1], contexts: [open, enclosed] }
+  train_ladders:
+    kind: ladder_rendering
+    inputs: { scenes: sampling.train }
+    params: { rungs: { dyadic: 16 }, resolution: [16, 16] }
+  test_ladders:
+    kind: ladder_rendering
+    inputs: { scenes: sampling.test }
+    params: { rungs: { dyadic: 16 }, resolution: [16, 16] }
+  train_set:
+    kind: dataset_packing
+    inputs: { ladders: train_ladders, exposure: gate.exposure }
+  test_set:
+    kind: dataset_packing
+    inputs: { ladders: test_ladders, exposure: gate.exposure }
+  solvers:
+    kind: training
+    matrix: { steps: [2, 3] }
+    inputs: { train: train_set, test: test_set }
+    params: { parameterization: mc_noise, preset: tiny, batch: 2, crop: 16 }
+  refined:
+    kind: refinement
+    matrix: { steps: [2, 3] }
+    inputs: { endpoints: test_set, model: solvers.model }
+    params: { nfe: [1, 2] }
+  scores:
+    kind: image_metrics
+    matrix: { steps: [2, 3] }
+    inputs: { images: refined, references: test_set }
+  hold:
+    kind: image_metrics
+    inputs: { references: test_set }
+  evaluation:
+    kind: evaluation
+    inputs: { scores: scores, hold: hold }
+    params: { resamples: 200 }
+  report:
+    kind: report
+    inputs: { evaluation: evaluation }
+    params: { title: "Before" }
+"#;
+
+/// What a run did, by node: actions that ran, and actions that were done before.
+struct Ran {
+    nodes: BTreeMap<String, (u64, u64)>,
+    /// The largest total that each node's actions announced in progress reports.
+    units: BTreeMap<String, u64>,
+}
+
+impl Ran {
+    /// Names of the nodes of which something ran.
+    fn names(&self) -> Vec<&str> {
+        self.nodes.iter().filter(|(_, (ran, _))| *ran > 0).map(|(name, _)| name.as_str()).collect()
+    }
+
+    fn ran(&self, node: &str) -> u64 {
+        self.nodes[node].0
+    }
+}
+
+fn run(store: &Path, text: &str) -> Ran {
+    let registry = registry::registry();
+    let pipeline = match pipeline::parse("edits.yaml", text, &registry, &Options::default()) {
+        Ok(pipeline) => pipeline,
+        Err(problems) => panic!("{problems}"),
+    };
+    let store = Store::open(store).expect("a temporary folder can be written");
+    let units = Mutex::new(BTreeMap::new());
+    let look = |event: &Event| {
+        if let Event::Progress { node, total, .. } = event {
+            let mut units = units.lock().expect("no panic in here");
+            let most = units.entry(node.clone()).or_insert(0);
+            *most = (*most).max(*total);
+        }
+    };
+    let summary = engine::run(&pipeline, &store, &RunOptions::default(), &AtomicBool::new(false), &look).expect("runs");
+    assert!(summary.failures.is_empty(), "{:#?}", summary.failures);
+    let nodes = summary.nodes.iter().map(|n| (n.node.clone(), (n.ran, n.hit))).collect();
+    Ran { nodes, units: units.into_inner().expect("no panic in there") }
+}
+
+fn edit(from: &str, to: &str) -> String {
+    assert!(PIPELINE.contains(from), "`{from}` stands in the pipeline");
+    PIPELINE.replace(from, to)
+}
+
+const LEARNING: [&str; 6] = ["evaluation", "refined", "report", "scores", "solvers", "hold"];
+
+#[test]
+fn an_edit_reruns_what_it_changes_and_nothing_else() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let first = run(folder.path(), PIPELINE);
+    assert_eq!(first.ran("scenes"), 16);
+    assert_eq!(first.ran("train_ladders"), 8);
+    assert_eq!(first.ran("solvers"), 2);
+
+    // Nothing changed: nothing runs.
+    assert_eq!(run(folder.path(), PIPELINE).names(), [""; 0]);
+
+    // A title: the report alone.
+    assert_eq!(run(folder.path(), &edit("Before", "After")).names(), ["report"]);
+
+    // A threshold that rejects no other scene: the gate, and nothing whose content stays the same.
+    let strict = run(folder.path(), &edit("scenes: scenes, previews: previews }", "scenes: scenes, previews: previews }\n    params: { black: 0.0000001 }"));
+    assert_eq!(strict.names(), ["gate"]);
+    assert_eq!(strict.ran("gate"), 16);
+
+    // A training step count: that cell's training onwards.
+    let steps = run(folder.path(), &PIPELINE.replace("steps: [2, 3]", "steps: [2, 4]"));
+    assert_eq!(steps.names(), ["evaluation", "refined", "report", "scores", "solvers"]);
+    assert_eq!((steps.ran("solvers"), steps.ran("refined"), steps.ran("scores")), (1, 4, 4));
+
+    // A range that only glossy scenes use: no diffuse scene.
+    let glossy = run(folder.path(), &edit("unchecked_cameras: 0.0", "unchecked_cameras: 0.0, glossy: { roughness: [0.2, 0.3] }"));
+    assert_eq!((glossy.ran("scenes"), glossy.ran("previews"), glossy.ran("gate")), (8, 8, 8));
+    assert!(glossy.ran("train_ladders") <= 4, "{:?}", glossy.nodes);
+}
+
+#[test]
+fn one_more_scene_per_stratum_is_that_many_items_more() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    run(folder.path(), PIPELINE);
+    let text = edit("pool: 16", "pool: 20").replace("train: 8, test: 4", "train: 12, test: 4");
+    let more = run(folder.path(), &text);
+    for node in ["scenes", "previews", "gate", "train_ladders", "train_set"] {
+        assert_eq!(more.ran(node), 4, "{node}: {:?}", more.nodes);
+    }
+    // Every earlier choice is kept, so that the test side is as it was.
+    for node in ["test_ladders", "test_set", "hold"] {
+        assert_eq!(more.ran(node), 0, "{node}: {:?}", more.nodes);
+    }
+    assert_eq!(more.ran("solvers"), 2);
+}
+
+#[test]
+fn a_longer_ladder_renders_the_new_samples_only() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let first = run(folder.path(), PIPELINE);
+    // The gate's 8 samples are the ladder's first 8.
+    assert_eq!((first.units["previews"], first.units["train_ladders"]), (8, 8));
+    let longer = run(folder.path(), &PIPELINE.replace("dyadic: 16", "dyadic: 64"));
+    assert_eq!((longer.units["train_ladders"], longer.units["test_ladders"]), (48, 48));
+    assert_eq!((longer.ran("train_ladders"), longer.ran("test_ladders")), (8, 4));
+    for node in ["scenes", "previews", "gate", "split", "sampling"] {
+        assert_eq!(longer.ran(node), 0, "{node}");
+    }
+    for node in LEARNING {
+        assert!(longer.ran(node) > 0, "{node}");
+    }
+}
