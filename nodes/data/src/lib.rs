@@ -7,6 +7,7 @@ pub mod image;
 pub mod image_io;
 pub mod ladder;
 pub mod maths;
+pub mod mitsuba;
 pub mod results;
 pub mod rng;
 pub mod scene;

@@ -1,1 +1,3 @@
 //! Path tracer, ladder rendering and quality gate.
+
+pub mod geometry;

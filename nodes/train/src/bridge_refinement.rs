@@ -52,8 +52,10 @@ impl Kind for BridgeRefinement {
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let noise = expect(load_model(ctx, action.whole("mc_noise")?, "mc_noise")?, Parameterization::McNoise)?;
-        let local =
-            expect(load_model(ctx, action.whole("local_velocity")?, "local_velocity")?, Parameterization::LocalVelocity)?;
+        let local = expect(
+            load_model(ctx, action.whole("local_velocity")?, "local_velocity")?,
+            Parameterization::LocalVelocity,
+        )?;
         if noise.clock() != local.clock() {
             return Err(KindError::Input(
                 "the two solvers were trained on different ladders; train both on the same rungs".into(),

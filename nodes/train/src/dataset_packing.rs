@@ -22,8 +22,7 @@ const INPUTS: &[InputPort] = &[
     InputPort::each("gbuffers", GBUFFER, "Albedo and shading normal of the same scenes.").or_none(),
     InputPort::each("exposure", EXPOSURE, "The exposure of the same scenes."),
 ];
-const OUTPUTS: &[OutputPort] =
-    &[OutputPort::new("packed", PACKED, "Exposed rungs, and the G-buffer if there is one.")];
+const OUTPUTS: &[OutputPort] = &[OutputPort::new("packed", PACKED, "Exposed rungs, and the G-buffer if there is one.")];
 
 impl Kind for DatasetPacking {
     type Params = DatasetPackingParams;

@@ -72,7 +72,14 @@ impl Parameterization {
     /// # Panics
     /// If `k` is the last rung, which has nothing to learn.
     #[inline]
-    pub fn example(self, clock: &VarianceTime, counts: &[u64], k: usize, t: f64, rung: impl Fn(usize) -> f32) -> (f32, f32) {
+    pub fn example(
+        self,
+        clock: &VarianceTime,
+        counts: &[u64],
+        k: usize,
+        t: f64,
+        rung: impl Fn(usize) -> f32,
+    ) -> (f32, f32) {
         let last = counts.len() - 1;
         assert!(k < last, "the last rung is no endpoint to learn at");
         let tau = |i: usize| clock.tau(counts[i] as f64);

@@ -8,7 +8,8 @@ use crate::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_contract::{
-    Action, Artifact, Collection, Context, InputPort, Kind, KindError, KindSpec, Mode, OutputPort, Outputs, ParamProblem,
+    Action, Artifact, Collection, Context, InputPort, Kind, KindError, KindSpec, Mode, OutputPort, Outputs,
+    ParamProblem,
 };
 use tauflow_data::{
     Image,

@@ -1,0 +1,78 @@
+//! Disks (and ellipses, by uneven maps), intersected in f64.
+
+use super::{Candidate, Map, gamma};
+use glam::{DVec3, Vec2, Vec3};
+use tauflow_data::maths;
+
+/// A disk in the world: the points `center + a x + b y` with a^2 + b^2 <= 1.
+#[derive(Clone, Copy, Debug)]
+pub struct Disk {
+    /// Centre.
+    pub center: Vec3,
+    /// World image of local x.
+    pub x: Vec3,
+    /// World image of local y.
+    pub y: Vec3,
+    /// Unit normal.
+    pub normal: Vec3,
+    /// Area.
+    pub area: f64,
+    dual_x: DVec3,
+    dual_y: DVec3,
+    plane: DVec3,
+}
+
+impl Disk {
+    /// Places the unit disk; `None` if the map flattens it or is not finite.
+    pub fn new(map: &Map) -> Option<Self> {
+        let center = map.point(DVec3::ZERO);
+        let [x, y, _] = map.columns();
+        let (x, y) = (x.as_vec3(), y.as_vec3());
+        let (dx, dy) = (x.as_dvec3(), y.as_dvec3());
+        let cross = dx.cross(dy);
+        let size = cross.length();
+        if !(center.is_finite() && size.is_finite() && size > 1e-30) {
+            return None;
+        }
+        let plane = cross / size;
+        let outside = map.normal(DVec3::Z)?;
+        let side = if outside.dot(plane) < 0.0 { -1.0 } else { 1.0 };
+        Some(Self {
+            center,
+            x,
+            y,
+            normal: (plane * side).as_vec3(),
+            area: std::f64::consts::PI * size,
+            dual_x: dy.cross(plane) / size,
+            dual_y: plane.cross(dx) / size,
+            plane,
+        })
+    }
+
+    /// Meets the disk at a distance in (0, `t_max`]; the hit's u and v are a and b.
+    #[inline]
+    pub fn intersect(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Candidate> {
+        let (o, d) = (origin.as_dvec3() - self.center.as_dvec3(), direction.as_dvec3());
+        let t = -o.dot(self.plane) / d.dot(self.plane);
+        let short = t as f32;
+        if !(short > 0.0 && short <= t_max) {
+            return None;
+        }
+        let p = o + d * t;
+        let (a, b) = (p.dot(self.dual_x), p.dot(self.dual_y));
+        (a * a + b * b <= 1.0).then_some(Candidate { t: short, u: a as f32, v: b as f32 })
+    }
+
+    /// The point at a and b, with a bound on its error.
+    #[inline]
+    pub fn point(&self, a: f32, b: f32) -> (Vec3, Vec3) {
+        let (x, y) = (self.x * a, self.y * b);
+        (self.center + x + y, (self.center.abs() + x.abs() + y.abs()) * gamma(4))
+    }
+
+    /// Texture coordinates: radius, and angle over a turn.
+    pub fn uv(a: f32, b: f32) -> Vec2 {
+        let turn = maths::atan2f(b, a) * (0.5 * std::f32::consts::FRAC_1_PI);
+        Vec2::new((a * a + b * b).sqrt(), if turn < 0.0 { turn + 1.0 } else { turn })
+    }
+}

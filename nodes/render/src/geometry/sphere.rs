@@ -1,0 +1,85 @@
+//! Spheres, intersected in f64.
+
+use super::{Candidate, Map, gamma};
+use glam::{DVec3, Vec2, Vec3};
+use tauflow_data::maths;
+
+/// A sphere in the world.
+#[derive(Clone, Copy, Debug)]
+pub struct Sphere {
+    /// Centre.
+    pub center: Vec3,
+    /// Radius, above 0.
+    pub radius: f32,
+    /// Unit world directions of the local axes, for uv.
+    pub axes: [Vec3; 3],
+}
+
+impl Sphere {
+    /// Places a local sphere.
+    ///
+    /// # Errors
+    /// What is wrong, if the map scales unevenly or shears, or the radius is not positive and finite.
+    pub fn new(center: [f64; 3], radius: f64, map: &Map) -> Result<Self, String> {
+        let columns = map.columns();
+        let scale = columns[0].length();
+        let even = columns.iter().all(|c| (c.length() - scale).abs() <= 1e-5 * scale)
+            && columns[0].dot(columns[1]).abs() <= 1e-5 * scale * scale
+            && columns[1].dot(columns[2]).abs() <= 1e-5 * scale * scale
+            && columns[2].dot(columns[0]).abs() <= 1e-5 * scale * scale;
+        if !even {
+            return Err("a sphere's `to_world` may only move, rotate and scale evenly; use a mesh instead".into());
+        }
+        let radius = (radius * scale) as f32;
+        let center = map.point(DVec3::from_array(center));
+        if !(radius.is_finite() && radius > 0.0 && center.is_finite()) {
+            return Err(format!("a sphere of radius {radius} at {center}; both must be finite, the radius above 0"));
+        }
+        Ok(Self { center, radius, axes: columns.map(|c| (c / scale).as_vec3()) })
+    }
+
+    /// Meets a sphere at a distance in (0, `t_max`].
+    #[inline]
+    pub fn intersect(center: Vec3, radius: f32, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Candidate> {
+        let (o, d) = (origin.as_dvec3() - center.as_dvec3(), direction.as_dvec3());
+        let a = d.dot(d);
+        let b = o.dot(d);
+        // The discriminant from the point of closest approach, which does not cancel (Haines et al. 2019).
+        let nearest = o - d * (b / a);
+        let r = f64::from(radius);
+        let discriminant = r * r - nearest.dot(nearest);
+        if !(discriminant >= 0.0 && a > 0.0) {
+            return None;
+        }
+        let root = (discriminant * a).sqrt();
+        let q = if b > 0.0 { -b - root } else { -b + root };
+        let c = o.dot(o) - r * r;
+        let (t0, t1) = if q == 0.0 { (0.0, 0.0) } else { (q / a, c / q) };
+        let (near, far) = (t0.min(t1) as f32, t0.max(t1) as f32);
+        let t = if near > 0.0 { near } else { far };
+        (t > 0.0 && t <= t_max).then_some(Candidate { t, u: 0.0, v: 0.0 })
+    }
+
+    /// A point near the sphere moved onto it, its outward normal, and a bound on the point's error.
+    #[inline]
+    pub fn project(&self, p: Vec3) -> (Vec3, Vec3, Vec3) {
+        let n = (p - self.center).normalize_or(Vec3::Z);
+        let arm = n * self.radius;
+        let error = arm.abs() * gamma(6) + (self.center.abs() + arm.abs()) * gamma(2);
+        (self.center + arm, n, error)
+    }
+
+    /// Texture coordinates of an outward normal: azimuth and polar angle about local z, both over their range.
+    pub fn uv(&self, n: Vec3) -> Vec2 {
+        let [x, y, z] = self.axes.map(|axis| axis.dot(n));
+        let turn = maths::atan2f(y, x) * (0.5 * std::f32::consts::FRAC_1_PI);
+        let u = if turn < 0.0 { turn + 1.0 } else { turn };
+        Vec2::new(u, maths::acosf(z.clamp(-1.0, 1.0)) * std::f32::consts::FRAC_1_PI)
+    }
+
+    /// Direction of growing u at an outward normal, not of unit length.
+    pub fn dp_du(&self, n: Vec3) -> Vec3 {
+        let [x, y] = [self.axes[0].dot(n), self.axes[1].dot(n)];
+        self.axes[1] * x - self.axes[0] * y
+    }
+}

@@ -1,0 +1,79 @@
+//! Watertight triangles: a ray at a shared edge or vertex meets one of its triangles, whatever the rounding.
+//!
+//! Woop, Benthin, Wald 2013, with the f64 fallback on edges and the distance error of pbrt-v4, section 6.8.7.
+
+use super::{Walk, gamma};
+use glam::{DVec3, Vec3};
+
+/// A possible hit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Candidate {
+    /// Distance along the ray.
+    pub t: f32,
+    /// Barycentric weight of the second vertex, or a form's own first coordinate.
+    pub u: f32,
+    /// Barycentric weight of the third vertex, or a form's own second coordinate.
+    pub v: f32,
+}
+
+/// Meets a triangle at a distance in (0, `t_max`], from either side. The fourth component of a vertex is not read.
+#[inline]
+pub fn intersect_triangle(walk: &Walk, vertices: &[[f32; 4]; 3], t_max: f32) -> Option<Candidate> {
+    // The mask tells the compiler that an axis is within the four components.
+    let [kx, ky, kz] = walk.axes.map(|k| k & 3);
+    let [sx, sy, sz] = walk.shear;
+    let [ox, oy, oz] = walk.start;
+    let [a, b, c] = vertices;
+    let (az, bz, cz) = (a[kz] - oz, b[kz] - oz, c[kz] - oz);
+    let (ax, ay) = ((a[kx] - ox) - sx * az, (a[ky] - oy) - sy * az);
+    let (bx, by) = ((b[kx] - ox) - sx * bz, (b[ky] - oy) - sy * bz);
+    let (cx, cy) = ((c[kx] - ox) - sx * cz, (c[ky] - oy) - sy * cz);
+    let mut u = cx * by - cy * bx;
+    let mut v = ax * cy - ay * cx;
+    let mut w = bx * ay - by * ax;
+    if u == 0.0 || v == 0.0 || w == 0.0 {
+        let cross = |px: f32, qy: f32, py: f32, qx: f32| {
+            (f64::from(px) * f64::from(qy) - f64::from(py) * f64::from(qx)) as f32
+        };
+        u = cross(cx, by, cy, bx);
+        v = cross(ax, cy, ay, cx);
+        w = cross(bx, ay, by, ax);
+    }
+    if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
+        return None;
+    }
+    let det = u + v + w;
+    if det == 0.0 {
+        return None;
+    }
+    let (az, bz, cz) = (az * sz, bz * sz, cz * sz);
+    let scaled = u * az + v * bz + w * cz;
+    let inverse = 1.0 / det;
+    let t = scaled * inverse;
+    // Written so that a NaN, as from a direction of zero length, is a miss.
+    if !(t > 0.0 && t <= t_max) {
+        return None;
+    }
+    // A distance within its own rounding error is behind the origin for all that is known.
+    let max3 = |p: f32, q: f32, r: f32| p.abs().max(q.abs()).max(r.abs());
+    let (x, y, z, e) = (max3(ax, bx, cx), max3(ay, by, cy), max3(az, bz, cz), max3(u, v, w));
+    let (dx, dy, dz) = (gamma(5) * (x + z), gamma(5) * (y + z), gamma(3) * z);
+    let de = 2.0 * (gamma(2) * x * y + dy * x + dx * y);
+    let dt = 3.0 * (gamma(3) * e * z + de * z + dz * e) * inverse.abs();
+    if t <= dt {
+        return None;
+    }
+    Some(Candidate { t, u: v * inverse, v: w * inverse })
+}
+
+/// Unit normal (counter-clockwise outside) and area of a triangle; `None` if it has no area or is not finite.
+pub fn area_normal(a: Vec3, b: Vec3, c: Vec3) -> Option<(f64, Vec3)> {
+    let [a, b, c]: [DVec3; 3] = [a, b, c].map(Vec3::as_dvec3);
+    let cross = (b - a).cross(c - a);
+    let length = cross.length();
+    // The area must also survive in f32.
+    if !(length.is_finite() && length > 1e-30) {
+        return None;
+    }
+    Some((0.5 * length, (cross / length).as_vec3()))
+}
