@@ -32,9 +32,8 @@ pub fn intersect_triangle(walk: &Walk, vertices: &[[f32; 4]; 3], t_max: f32) -> 
     let mut v = ax * cy - ay * cx;
     let mut w = bx * ay - by * ax;
     if u == 0.0 || v == 0.0 || w == 0.0 {
-        let cross = |px: f32, qy: f32, py: f32, qx: f32| {
-            (f64::from(px) * f64::from(qy) - f64::from(py) * f64::from(qx)) as f32
-        };
+        let cross =
+            |px: f32, qy: f32, py: f32, qx: f32| (f64::from(px) * f64::from(qy) - f64::from(py) * f64::from(qx)) as f32;
         u = cross(cx, by, cy, bx);
         v = cross(ax, cy, ay, cx);
         w = cross(bx, ay, by, ax);

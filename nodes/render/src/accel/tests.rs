@@ -1,0 +1,158 @@
+//! The hierarchy against brute force, and on geometry made to break it.
+
+use super::{Accel, Primitive};
+use crate::geometry::{Disk, Map, Ray, Sphere, cube};
+use glam::{DVec3, Vec3};
+use tauflow_data::{rng::Stream, scene::IDENTITY};
+
+struct Draw(Stream);
+
+impl Draw {
+    fn cube(&mut self, half: f32) -> Vec3 {
+        let mut one = || self.0.range(-1.0, 1.0) as f32 * half;
+        Vec3::new(one(), one(), one())
+    }
+
+    fn direction(&mut self) -> Vec3 {
+        loop {
+            let v = self.cube(1.0);
+            if v.length_squared() < 1.0 && v.length_squared() > 1e-4 {
+                return v.normalize();
+            }
+        }
+    }
+}
+
+fn check(accel: &Accel, draw: &mut Draw, rays: usize, half: f32) -> usize {
+    let mut hits = 0;
+    for i in 0..rays {
+        let mut direction = draw.direction();
+        if i % 5 == 0 {
+            direction = [Vec3::X, -Vec3::Y, Vec3::Z, Vec3::new(0.0, 1.0, -1.0), Vec3::new(-0.0, -1.0, 0.0)][i / 5 % 5];
+        }
+        let mut ray = Ray::new(draw.cube(half), direction);
+        let expected = accel.closest_by_force(&ray);
+        assert_eq!(accel.closest(&ray), expected, "{ray:?}");
+        assert_eq!(accel.occluded(&ray), expected.is_some());
+        if let Some(hit) = expected {
+            hits += 1;
+            ray.t_max = hit.t.next_down();
+            assert!(!accel.occluded(&ray) && accel.closest(&ray).is_none());
+        }
+    }
+    hits
+}
+
+#[test]
+fn agrees_with_brute_force_on_random_primitives() {
+    let mut draw = Draw(Stream::new(1, &[]));
+    for count in [1, 2, 5, 40, 700] {
+        let mut primitives: Vec<Primitive> = (0..count)
+            .map(|_| {
+                let a = draw.cube(10.0);
+                Primitive::Triangle([a, a + draw.cube(2.0), a + draw.cube(2.0)])
+            })
+            .collect();
+        for _ in 0..count / 10 {
+            let center = draw.cube(10.0).as_dvec3().to_array();
+            let map = Map::new(&IDENTITY);
+            primitives.push(Primitive::Sphere(Sphere::new(center, 0.7, &map).expect("a plain sphere")));
+            let mut affine = IDENTITY;
+            for row in &mut affine {
+                for value in row.iter_mut() {
+                    *value += draw.0.range(-0.5, 0.5);
+                }
+                row[3] *= 20.0;
+            }
+            primitives.push(Primitive::Disk(Disk::new(&Map::new(&affine)).expect("not flat")));
+        }
+        let accel = Accel::new(&primitives, Vec3::ZERO);
+        let hits = check(&accel, &mut draw, 3000, 15.0);
+        assert!(count < 700 || hits > 300, "{hits} hits of {count}");
+    }
+}
+
+#[test]
+fn degenerate_sets_are_fine() {
+    let mut draw = Draw(Stream::new(2, &[]));
+    let empty = Accel::new(&[], Vec3::ZERO);
+    assert_eq!(check(&empty, &mut draw, 10, 1.0), 0);
+    // One place many times over; a plane of slivers; tiny and far away.
+    let one = Primitive::Triangle([Vec3::ZERO, Vec3::X, Vec3::Y]);
+    let same = Accel::new(&vec![one; 3000], Vec3::ZERO);
+    check(&same, &mut draw, 50, 1.0);
+    let ray = Ray::new(Vec3::new(0.2, 0.2, 1.0), -Vec3::Z);
+    assert_eq!(same.closest(&ray).map(|h| h.primitive), Some(0), "the lowest of those at one distance");
+    let sliver = |i: usize| {
+        let x = i as f32 * 1e-3;
+        Primitive::Triangle([Vec3::new(x, -1.0, 0.0), Vec3::new(x + 1e-3, -1.0, 0.0), Vec3::new(x, 1.0, 0.0)])
+    };
+    let slivers: Vec<Primitive> = (0..500).map(sliver).collect();
+    check(&Accel::new(&slivers, Vec3::ZERO), &mut draw, 500, 1.0);
+    let small = |i: usize| {
+        let at = Vec3::new(1e4, 1e4, i as f32 * 1e-2);
+        Primitive::Triangle([at, at + Vec3::X * 1e-2, at + Vec3::Y * 1e-2])
+    };
+    let far: Vec<Primitive> = (0..300).map(small).collect();
+    let accel = Accel::new(&far, Vec3::ZERO);
+    for i in 0..300 {
+        let ray = Ray::new(Vec3::new(1e4 + 2e-3, 1e4 + 2e-3, i as f32 * 1e-2 + 5e-3), Vec3::Z);
+        assert_eq!(accel.closest(&ray), accel.closest_by_force(&ray));
+    }
+    // A direction of no length, and one that is not finite, meet nothing and do not panic.
+    assert!(same.closest(&Ray::new(Vec3::Z, Vec3::ZERO)).is_none());
+    assert!(same.closest(&Ray::new(Vec3::Z, Vec3::splat(f32::NAN))).is_none());
+    assert!(same.closest(&Ray::new(Vec3::splat(f32::NAN), Vec3::X)).is_none());
+}
+
+/// A sphere of triangles: latitude bands closed at the poles, sharing vertices bit for bit.
+fn ball(bands: usize, center: Vec3, radius: f64) -> Vec<[Vec3; 3]> {
+    use std::f64::consts::PI;
+    let vertex = |i: usize, j: usize| {
+        let (theta, phi) = (PI * i as f64 / bands as f64, 2.0 * PI * (j % (2 * bands)) as f64 / (2 * bands) as f64);
+        let sin = if i == 0 || i == bands { 0.0 } else { libm::sin(theta) };
+        (center.as_dvec3() + DVec3::new(sin * libm::cos(phi), libm::cos(theta), sin * libm::sin(phi)) * radius)
+            .as_vec3()
+    };
+    let mut out = Vec::new();
+    for i in 0..bands {
+        for j in 0..2 * bands {
+            let (a, b, c, d) = (vertex(i, j), vertex(i, j + 1), vertex(i + 1, j + 1), vertex(i + 1, j));
+            out.extend(
+                [[a, b, c], [a, c, d]].into_iter().filter(|t| crate::geometry::area_normal(t[0], t[1], t[2]).is_some()),
+            );
+        }
+    }
+    out
+}
+
+#[test]
+fn no_ray_escapes_a_closed_mesh() {
+    let mut draw = Draw(Stream::new(3, &[]));
+    let box_mesh = cube();
+    let boxed: Vec<[Vec3; 3]> =
+        box_mesh.triangles.iter().map(|t| t.map(|i| Vec3::from_array(box_mesh.positions[i as usize]))).collect();
+    let far = Vec3::new(300.0, -200.0, 100.0);
+    for (center, size, triangles) in [
+        (Vec3::ZERO, 1.0f32, ball(24, Vec3::ZERO, 1.0)),
+        (far, 0.5, ball(64, far, 0.5)),
+        (Vec3::ZERO, 100.0, ball(9, Vec3::ZERO, 100.0)),
+        (Vec3::ZERO, 1.0, boxed),
+    ] {
+        let primitives: Vec<Primitive> = triangles.iter().map(|t| Primitive::Triangle(*t)).collect();
+        let accel = Accel::new(&primitives, Vec3::ZERO);
+        for i in 0..60_000 {
+            let origin = center + draw.cube(0.4 * size);
+            // Half of the rays aim at shared vertices and edges.
+            let triangle = triangles[draw.0.below(triangles.len())];
+            let (a, b) = (triangle[i % 3], triangle[(i + 1) % 3]);
+            let target = match i % 4 {
+                0 => a,
+                1 => a + (b - a) * draw.0.uniform() as f32,
+                _ => origin + draw.direction(),
+            };
+            let ray = Ray::new(origin, (target - origin).normalize());
+            assert!(accel.closest(&ray).is_some() && accel.occluded(&ray), "{ray:?} of size {size} at {center}");
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! Perspective pinhole camera: Mitsuba's `perspective` with a box filter.
+
+use crate::geometry::Ray;
+use glam::{DVec3, Vec2, Vec3};
+use tauflow_contract::KindError;
+use tauflow_data::{maths, scene};
+
+/// A camera for a film of known size.
+#[derive(Clone, Copy, Debug)]
+pub struct Camera {
+    /// Where it stands.
+    pub origin: Vec3,
+    near: f32,
+    /// Directions of the film's top-left corner, and along a pixel's width and height, for axial distance 1.
+    corner: DVec3,
+    right: DVec3,
+    down: DVec3,
+    forward: Vec3,
+}
+
+impl Camera {
+    /// The camera for a film of `width` by `height` pixels.
+    ///
+    /// # Errors
+    /// If it looks nowhere: origin and target coincide, `up` is along the view, or the field of view is not in (0, 180).
+    pub fn new(camera: &scene::Camera, width: usize, height: usize) -> Result<Self, KindError> {
+        let origin = DVec3::from_array(camera.origin);
+        let forward = DVec3::from_array(camera.target) - origin;
+        let side = forward.cross(DVec3::from_array(camera.up));
+        let tangible = |v: DVec3| v.length().is_finite() && v.length() > 1e-12;
+        if !(origin.is_finite() && tangible(forward) && tangible(side)) {
+            return Err(KindError::Input(format!(
+                "the camera at {origin} with target {:?} and up {:?} looks nowhere; give three directions that span a \
+                 frame",
+                camera.target, camera.up
+            )));
+        }
+        if !(camera.fov_x > 0.0 && camera.fov_x < 180.0 && camera.near >= 0.0 && camera.near.is_finite()) {
+            return Err(KindError::Input(format!(
+                "the camera has `fov_x: {}` and `near: {}`; use a field of view between 0 and 180 degrees and a near \
+                 distance from 0",
+                camera.fov_x, camera.near
+            )));
+        }
+        let (forward, side) = (forward / forward.length(), side / side.length());
+        let up = side.cross(forward);
+        let half = maths::tan(camera.fov_x * std::f64::consts::PI / 360.0);
+        let pixel = 2.0 * half / width as f64;
+        Ok(Self {
+            origin: origin.as_vec3(),
+            near: camera.near as f32,
+            corner: forward - side * half + up * (pixel * height as f64 * 0.5),
+            right: side * pixel,
+            down: up * -pixel,
+            forward: forward.as_vec3(),
+        })
+    }
+
+    /// The ray through a point of the film, in pixels from the top left.
+    #[inline]
+    pub fn ray(&self, x: u32, y: u32, jitter: Vec2) -> Ray {
+        let (x, y) = (f64::from(x) + f64::from(jitter.x), f64::from(y) + f64::from(jitter.y));
+        let direction = self.corner + self.right * x + self.down * y;
+        let direction = (direction / direction.length()).as_vec3();
+        let begin = self.near / direction.dot(self.forward);
+        Ray::new(self.origin + direction * begin, direction)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera() -> scene::Camera {
+        scene::Camera {
+            origin: [0.0, 1.0, 5.0],
+            target: [0.0, 1.0, 0.0],
+            up: [0.0, 1.0, 0.0],
+            fov_x: 90.0,
+            near: 0.0,
+        }
+    }
+
+    #[test]
+    fn the_film_is_the_right_way_up() {
+        let camera = Camera::new(&camera(), 8, 4).expect("a plain camera");
+        let center = camera.ray(4, 2, Vec2::ZERO);
+        assert!((center.direction - Vec3::NEG_Z).length() < 1e-6);
+        let left = camera.ray(0, 2, Vec2::ZERO).direction;
+        assert!((left - Vec3::new(-1.0, 0.0, -1.0).normalize()).length() < 1e-6, "half of 90 degrees to the left");
+        let top = camera.ray(4, 0, Vec2::ZERO).direction;
+        assert!((top - Vec3::new(0.0, 0.5, -1.0).normalize()).length() < 1e-6);
+    }
+
+    #[test]
+    fn rays_begin_at_the_near_plane() {
+        let camera = Camera::new(&scene::Camera { near: 2.0, ..camera() }, 8, 8).expect("a plain camera");
+        for (x, y) in [(0, 0), (4, 4), (7, 2)] {
+            assert!((camera.ray(x, y, Vec2::ZERO).origin.z - 3.0).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn cameras_that_see_nothing_are_refused() {
+        let bad = |change: fn(&mut scene::Camera)| {
+            let mut camera = camera();
+            change(&mut camera);
+            Camera::new(&camera, 8, 8).is_err()
+        };
+        assert!(bad(|c| c.target = c.origin) && bad(|c| c.up = [0.0, 0.0, 2.0]) && bad(|c| c.fov_x = 180.0));
+        assert!(bad(|c| c.fov_x = f64::NAN) && bad(|c| c.origin[0] = f64::INFINITY) && bad(|c| c.near = -1.0));
+    }
+}

@@ -1,0 +1,261 @@
+//! A scene made ready to render: shapes in world space under one hierarchy, materials, lights, and what it needs.
+//!
+//! Reads scenes and blobs, never files. Degenerate and non-finite triangles are dropped and counted; what cannot be
+//! rendered at all is refused.
+
+use crate::{
+    accel::{self, Accel, Hit},
+    bsdf::Material,
+    geometry::{Disk, Frame, Map, Ray, Sphere, area_normal, cube, rectangle},
+    lights::{Emission, Lights},
+    surface::{Form, Interaction, MeshAttributes, Primitive, interact, tangent_frame},
+    texture::Texture,
+};
+use glam::{DVec3, Vec2, Vec3, Vec4};
+use tauflow_contract::{Digest, KindError};
+use tauflow_data::{
+    Image,
+    formats::Mesh,
+    scene::{Geometry, Scene, Shape as SceneShape},
+};
+
+/// Hands out the bytes of a blob.
+pub type LoadBlob<'a> = &'a mut dyn FnMut(&Digest) -> Result<Vec<u8>, KindError>;
+
+/// What a scene has: what it lacks is skipped.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Features {
+    /// Light from infinity.
+    pub environment: bool,
+    /// Shapes that emit.
+    pub area_lights: bool,
+    /// Point, spot or directional lights.
+    pub delta_lights: bool,
+    /// Materials that let rays pass.
+    pub opacity: bool,
+    /// Normal maps.
+    pub normal_maps: bool,
+}
+
+/// What was left out of a scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Dropped {
+    /// Triangles without area.
+    pub degenerate: u64,
+    /// Triangles with a vertex that is not finite, or becomes so in the world.
+    pub not_finite: u64,
+}
+
+/// A shape in the world.
+#[derive(Debug)]
+pub(crate) struct Shape {
+    pub(crate) form: Form,
+    pub(crate) material: u32,
+    pub(crate) flip: bool,
+    /// Its light, if it emits.
+    pub(crate) light: Option<u32>,
+}
+
+/// A scene made ready to render.
+pub struct World {
+    pub(crate) accel: Accel,
+    pub(crate) primitives: Vec<Primitive>,
+    pub(crate) shapes: Vec<Shape>,
+    pub(crate) materials: Vec<Material>,
+    pub(crate) lights: Lights,
+    /// Its camera.
+    pub camera: tauflow_data::scene::Camera,
+    /// Longest path in segments.
+    pub max_depth: u32,
+    /// Seed of its random numbers.
+    pub seed: u64,
+    /// What it has.
+    pub features: Features,
+    /// What was left out.
+    pub dropped: Dropped,
+}
+
+/// Shapes and primitives as they are collected.
+#[derive(Default)]
+struct Collected {
+    forms: Vec<accel::Primitive>,
+    primitives: Vec<Primitive>,
+    shapes: Vec<Shape>,
+    emissions: Vec<Emission>,
+    dropped: Dropped,
+}
+
+impl World {
+    /// Compiles a scene.
+    ///
+    /// # Errors
+    /// If the scene is inconsistent (a material that is not there, a sphere that is sheared, two environments), or a
+    /// blob is missing or damaged.
+    pub fn new(scene: &Scene, load: LoadBlob<'_>) -> Result<Self, KindError> {
+        if scene.version != 1 {
+            return Err(KindError::Input(format!("the scene has format version {}; this reads 1", scene.version)));
+        }
+        let mut load_bitmap = |digest: &Digest| -> Result<Image, KindError> { Ok(Image::from_bytes(&load(digest)?)?) };
+        let materials = scene
+            .materials
+            .iter()
+            .map(|bsdf| Material::compile(bsdf, &mut load_bitmap))
+            .collect::<Result<Vec<_>, _>>()?;
+        let mut emissions = Vec::new();
+        for shape in &scene.shapes {
+            emissions.push(match &shape.emission {
+                Some(texture) => Some(Texture::compile(texture, &mut load_bitmap)?),
+                None => None,
+            });
+        }
+        let environment = crate::lights::compile_environment(&scene.emitters, &mut load_bitmap)?;
+        let mut collected = Collected::default();
+        for (index, (shape, emission)) in scene.shapes.iter().zip(emissions).enumerate() {
+            collected
+                .add(shape, emission, materials.len(), load)
+                .map_err(|error| in_shape(index, error))?;
+        }
+        let viewpoint = DVec3::from_array(scene.camera.origin).as_vec3();
+        let accel = Accel::new(&collected.forms, viewpoint);
+        let Collected { forms, primitives, mut shapes, emissions, dropped } = collected;
+        let lights = Lights::new(emissions, environment, &scene.emitters, &forms, accel.bounds())?;
+        for (light, shape) in lights.shapes() {
+            shapes[shape as usize].light = Some(light);
+        }
+        let used = |wanted: fn(&Material) -> bool| shapes.iter().any(|s| wanted(&materials[s.material as usize]));
+        let features = Features {
+            environment: lights.environment().is_some(),
+            area_lights: shapes.iter().any(|s| s.light.is_some()),
+            delta_lights: lights.has_delta(),
+            opacity: used(Material::has_opacity),
+            normal_maps: used(Material::has_normal_map),
+        };
+        Ok(Self {
+            accel,
+            primitives,
+            shapes,
+            materials,
+            lights,
+            camera: scene.camera.clone(),
+            max_depth: scene.max_depth,
+            seed: scene.seed,
+            features,
+            dropped,
+        })
+    }
+
+    /// Number of primitives.
+    pub fn primitive_count(&self) -> usize {
+        self.primitives.len()
+    }
+
+    /// Nearest hit, worked out.
+    #[inline]
+    pub(crate) fn meet(&self, ray: &Ray) -> Option<(Hit, Interaction)> {
+        let hit = self.accel.closest(ray)?;
+        let primitive = &self.primitives[hit.primitive as usize];
+        let shape = &self.shapes[primitive.shape as usize];
+        Some((hit, interact(&self.accel, primitive, &shape.form, shape.flip, ray, &hit)))
+    }
+
+    /// The material of a hit.
+    #[inline]
+    pub(crate) fn material(&self, at: &Interaction) -> &Material {
+        &self.materials[self.shapes[at.shape as usize].material as usize]
+    }
+
+    /// The shading frame of a hit, with its normal map if the material has one.
+    #[inline]
+    pub(crate) fn shading_frame<const NORMAL_MAPS: bool>(&self, hit: &Hit, at: &Interaction) -> Frame {
+        if NORMAL_MAPS && let Some(mapped) = self.material(at).shading_normal(&at.surface) {
+            let primitive = &self.primitives[hit.primitive as usize];
+            let form = &self.shapes[primitive.shape as usize].form;
+            let n = tangent_frame(&self.accel, primitive, form, hit, at).to_world(mapped);
+            return Frame::new(n.normalize_or(at.shading));
+        }
+        Frame::new(at.shading)
+    }
+}
+
+fn in_shape(index: usize, error: KindError) -> KindError {
+    match error {
+        KindError::Input(what) => KindError::Input(format!("shape {index}: {what}")),
+        other => other,
+    }
+}
+
+impl Collected {
+    fn add(
+        &mut self,
+        shape: &SceneShape,
+        emission: Option<Texture>,
+        materials: usize,
+        load: LoadBlob<'_>,
+    ) -> Result<(), KindError> {
+        if shape.material >= materials {
+            return Err(KindError::Input(format!("material {} of {materials}; name one that is there", shape.material)));
+        }
+        let map = Map::new(&shape.to_world);
+        let index = self.shapes.len() as u32;
+        let first = self.primitives.len();
+        let mut single = |form: accel::Primitive, normal: Vec3| {
+            self.forms.push(form);
+            self.primitives.push(Primitive { shape: index, triangle: 0, normal });
+        };
+        let form = match &shape.geometry {
+            Geometry::Sphere { center, radius } => {
+                let sphere = Sphere::new(*center, *radius, &map).map_err(KindError::Input)?;
+                single(accel::Primitive::Sphere(sphere), Vec3::ZERO);
+                Form::Sphere(sphere)
+            }
+            Geometry::Disk => {
+                let flat = || KindError::Input("a disk whose `to_world` leaves it no area, or is not finite".into());
+                let disk = Disk::new(&map).ok_or_else(flat)?;
+                single(accel::Primitive::Disk(disk), disk.normal);
+                Form::Disk(disk)
+            }
+            Geometry::Rectangle => self.add_mesh(index, &rectangle(), &map),
+            Geometry::Cube => self.add_mesh(index, &cube(), &map),
+            Geometry::Mesh { mesh } => self.add_mesh(index, &Mesh::from_bytes(&load(mesh)?)?, &map),
+        };
+        if let Some(texture) = emission {
+            self.emissions.push(Emission { shape: index, texture, first, count: self.primitives.len() - first });
+        }
+        self.shapes.push(Shape { form, material: shape.material as u32, flip: shape.flip_normals, light: None });
+        Ok(())
+    }
+
+    /// Adds a mesh's triangles in the world. A map that mirrors keeps outside outside.
+    fn add_mesh(&mut self, shape: u32, mesh: &Mesh, map: &Map) -> Form {
+        let double = |v: &[f32; 3]| Vec3::from_array(*v).as_dvec3();
+        let positions: Vec<Vec3> = mesh.positions.iter().map(|p| map.point(double(p))).collect();
+        let side = if map.mirrors() { -1.0 } else { 1.0 };
+        let mut triangles = Vec::with_capacity(mesh.triangles.len());
+        for triangle in &mesh.triangles {
+            let vertices = triangle.map(|i| positions[i as usize]);
+            if !vertices.iter().all(|v| v.is_finite()) {
+                self.dropped.not_finite += 1;
+                continue;
+            }
+            let Some((_, normal)) = area_normal(vertices[0], vertices[1], vertices[2]) else {
+                self.dropped.degenerate += 1;
+                continue;
+            };
+            self.forms.push(accel::Primitive::Triangle(vertices));
+            self.primitives.push(Primitive { shape, triangle: triangles.len() as u32, normal: normal * side });
+            triangles.push(*triangle);
+        }
+        let direction = |n: &[f32; 3]| map.normal(double(n)).map_or(Vec3::ZERO, |n| n.as_vec3());
+        let tangent = |t: &[f32; 4]| {
+            let along = map.vector(DVec3::new(t[0].into(), t[1].into(), t[2].into()));
+            (along.normalize_or_zero().as_vec3()).extend(t[3] * side)
+        };
+        Form::Mesh(MeshAttributes {
+            triangles,
+            normals: mesh.normals.as_ref().map(|normals| normals.iter().map(direction).collect()),
+            uvs: mesh.uvs.as_ref().map(|uvs| uvs.iter().map(|uv| Vec2::from_array(*uv)).collect()),
+            colors: mesh.colors.as_ref().map(|colors| colors.iter().map(|c| Vec4::from_array(*c)).collect()),
+            tangents: mesh.tangents.as_ref().map(|tangents| tangents.iter().map(tangent).collect()),
+        })
+    }
+}
