@@ -617,11 +617,6 @@ impl<'a> Scheduler<'a> {
         self.running
     }
 
-    /// Whether something could be begun now.
-    pub fn has_ready(&self) -> bool {
-        !self.ready.is_empty()
-    }
-
     /// Failures so far.
     pub fn failures(&self) -> &[Failure] {
         &self.failures
@@ -642,16 +637,14 @@ impl<'a> Scheduler<'a> {
         self.states[lane].results.get(&port)
     }
 
+    /// The node of a lane.
+    pub fn node_of(&self, lane: usize) -> usize {
+        self.lanes[lane].node
+    }
+
     /// What a rolled lane's roll-up says.
     pub fn rolled(&self, lane: usize) -> Option<&Payload> {
         self.states[lane].rolled.as_ref()
-    }
-
-    /// The items of an incomplete lane's port that there are.
-    pub fn partial(&self, lane: usize, port: usize) -> Collection {
-        let name = self.pipeline.nodes[self.lanes[lane].node].spec.outputs[port].name;
-        let slots = self.states[lane].slots.iter();
-        slots.filter_map(|s| Some((s.key.clone()?, s.made.items.get(name)?.as_ref().clone()))).collect()
     }
 
     /// Ends the pass.

@@ -54,7 +54,7 @@ pub fn describe(root: &Value, schema: &Value) -> String {
     let schema = follow(root, schema);
     let values = choices(root, schema);
     if !values.is_empty() {
-        let list: Vec<String> = values.iter().map(show).collect();
+        let list: Vec<String> = values.iter().map(|v| show(v)).collect();
         return if list.len() == 1 { list[0].clone() } else { format!("one of {}", list.join(", ")) };
     }
     if let Some(branches) = branches(schema) {

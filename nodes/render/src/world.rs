@@ -158,6 +158,18 @@ impl World {
         Some((hit, interact(&self.accel, primitive, &shape.form, shape.flip, ray, &hit)))
     }
 
+    /// Vertices of a triangle by its primitive.
+    #[inline]
+    pub(crate) fn triangle(&self, primitive: u32) -> [Vec3; 3] {
+        self.accel.triangle(primitive)
+    }
+
+    /// Opacity of a shape at a point.
+    #[inline]
+    pub(crate) fn opacity_of(&self, shape: u32, surface: &crate::bsdf::Surface) -> f32 {
+        self.materials[self.shapes[shape as usize].material as usize].opacity(surface)
+    }
+
     /// The material of a hit.
     #[inline]
     pub(crate) fn material(&self, at: &Interaction) -> &Material {

@@ -66,7 +66,7 @@ impl Accel {
                 Boxed((low - pad, high + pad))
             })
             .collect();
-        let mut accel = Self { nodes: Vec::new(), slots: Vec::new(), disks: Vec::new(), bounds: tight };
+        let mut accel = Self { nodes: Vec::new(), slots: Vec::new(), disks: Vec::new(), places: vec![0; primitives.len()], bounds: tight };
         if boxes.is_empty() {
             return accel;
         }
@@ -107,6 +107,7 @@ impl Accel {
                 [row(Vec3::ZERO, index), row(Vec3::ZERO, SPHERE + 1), row(Vec3::ZERO, at)]
             }
         };
+        self.places[index as usize] = self.slots.len() as u32;
         self.slots.push(Slot { rows });
     }
 

@@ -75,6 +75,8 @@ pub struct Accel {
     nodes: Vec<Node>,
     slots: Vec<Slot>,
     disks: Vec<Disk>,
+    /// Slot of each primitive.
+    places: Vec<u32>,
     bounds: (Vec3, Vec3),
 }
 
@@ -87,6 +89,12 @@ impl Accel {
     /// Bytes of nodes and primitives.
     pub fn size(&self) -> usize {
         std::mem::size_of_val(self.nodes.as_slice()) + std::mem::size_of_val(self.slots.as_slice())
+    }
+
+    /// Vertices of a triangle by its primitive.
+    #[inline]
+    pub fn triangle(&self, primitive: u32) -> [Vec3; 3] {
+        self.slots[self.places[primitive as usize] as usize].rows.map(|row| Vec3::new(row[0], row[1], row[2]))
     }
 
     /// Vertices of the triangle that was hit.

@@ -1,0 +1,153 @@
+//! Scenes built by hand, for tests and examples.
+#![allow(dead_code, reason = "each test uses some of them")]
+
+use std::collections::BTreeMap;
+use tauflow_contract::{Digest, KindError};
+use tauflow_data::{
+    formats::Mesh,
+    scene::{Affine, Bsdf, Camera, Emitter, Geometry, IDENTITY, Rgb, Scene, Shape, Texture},
+};
+
+/// A scene and its blobs.
+#[derive(Clone)]
+pub struct Built {
+    /// The scene.
+    pub scene: Scene,
+    /// Its blobs.
+    pub blobs: BTreeMap<Digest, Vec<u8>>,
+}
+
+impl Built {
+    /// A scene without shapes, seen from `origin`.
+    pub fn new(origin: [f64; 3], target: [f64; 3], fov_x: f64, max_depth: u32) -> Self {
+        let camera = Camera { origin, target, up: [0.0, 1.0, 0.0], fov_x, near: 0.01 };
+        let scene = Scene {
+            version: 1,
+            seed: 11,
+            camera,
+            max_depth,
+            shapes: Vec::new(),
+            materials: Vec::new(),
+            emitters: Vec::new(),
+        };
+        Self { scene, blobs: BTreeMap::new() }
+    }
+
+    /// Hands out blobs.
+    pub fn load(&self, digest: &Digest) -> Result<Vec<u8>, KindError> {
+        self.blobs.get(digest).cloned().ok_or(KindError::MissingBlob(*digest))
+    }
+
+    /// Adds a material.
+    pub fn material(&mut self, bsdf: Bsdf) -> usize {
+        self.scene.materials.push(bsdf);
+        self.scene.materials.len() - 1
+    }
+
+    /// Adds a diffuse material.
+    pub fn diffuse(&mut self, reflectance: Rgb) -> usize {
+        self.material(Bsdf::Diffuse { reflectance: Texture::rgb(reflectance) })
+    }
+
+    /// Adds a shape.
+    pub fn shape(&mut self, geometry: Geometry, to_world: Affine, material: usize) -> &mut Shape {
+        self.scene.shapes.push(Shape { geometry, to_world, material, emission: None, flip_normals: false });
+        self.scene.shapes.last_mut().expect("one was just added")
+    }
+
+    /// Adds a sphere.
+    pub fn sphere(&mut self, center: [f64; 3], radius: f64, material: usize) -> &mut Shape {
+        self.shape(Geometry::Sphere { center, radius }, IDENTITY, material)
+    }
+
+    /// Adds a mesh.
+    pub fn mesh(&mut self, mesh: &Mesh, to_world: Affine, material: usize) -> &mut Shape {
+        let bytes = mesh.to_bytes().expect("a small mesh");
+        let digest = Digest::of(&bytes);
+        self.blobs.insert(digest, bytes);
+        self.shape(Geometry::Mesh { mesh: digest }, to_world, material)
+    }
+
+    /// Adds light from everywhere.
+    pub fn sky(&mut self, radiance: Rgb) {
+        self.scene.emitters.push(Emitter::Constant { radiance });
+    }
+}
+
+/// The map whose columns are images of x, y, z and the origin.
+pub fn columns(x: [f64; 3], y: [f64; 3], z: [f64; 3], shift: [f64; 3]) -> Affine {
+    std::array::from_fn(|i| [x[i], y[i], z[i], shift[i]])
+}
+
+/// A square of half side `half` at `at`, facing up or down.
+pub fn level(half: f64, at: [f64; 3], up: bool) -> Affine {
+    if up {
+        columns([half, 0.0, 0.0], [0.0, 0.0, -half], [0.0, half, 0.0], at)
+    } else {
+        columns([half, 0.0, 0.0], [0.0, 0.0, half], [0.0, -half, 0.0], at)
+    }
+}
+
+/// A smooth ball of triangles, of radius 1.
+pub fn ball(bands: u32) -> Mesh {
+    use std::f64::consts::PI;
+    let mut mesh = Mesh { uvs: Some(Vec::new()), ..Mesh::default() };
+    for i in 0..=bands {
+        for j in 0..=2 * bands {
+            let (theta, phi) = (PI * f64::from(i) / f64::from(bands), PI * f64::from(j) / f64::from(bands));
+            let p = [libm::sin(theta) * libm::cos(phi), libm::cos(theta), libm::sin(theta) * libm::sin(phi)];
+            mesh.positions.push(p.map(|v| v as f32));
+            let uv = [f64::from(j) / f64::from(2 * bands), f64::from(i) / f64::from(bands)];
+            mesh.uvs.get_or_insert_default().push(uv.map(|v| v as f32));
+        }
+    }
+    let at = |i: u32, j: u32| i * (2 * bands + 1) + j;
+    for i in 0..bands {
+        for j in 0..2 * bands {
+            mesh.triangles.push([at(i, j), at(i, j + 1), at(i + 1, j)]);
+            mesh.triangles.push([at(i, j + 1), at(i + 1, j + 1), at(i + 1, j)]);
+        }
+    }
+    mesh.normals = Some(mesh.positions.clone());
+    mesh
+}
+
+/// Diffuse balls on a floor under a sky.
+pub fn balls_under_sky() -> Built {
+    let mut built = Built::new([0.0, 2.0, 7.0], [0.0, 0.8, 0.0], 45.0, 6);
+    let floor = built.diffuse([0.5; 3]);
+    let (red, blue) = (built.diffuse([0.7, 0.2, 0.15]), built.diffuse([0.15, 0.3, 0.7]));
+    built.shape(Geometry::Rectangle, level(10.0, [0.0; 3], true), floor);
+    built.sphere([-1.2, 1.0, 0.0], 1.0, red);
+    built.mesh(&ball(24), columns([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.2, 1.0, 0.0]), blue);
+    built.sky([0.8, 0.9, 1.0]);
+    built
+}
+
+/// A closed room with a lamp under its ceiling, a block and a ball.
+pub fn room() -> Built {
+    let mut built = Built::new([0.0, 1.0, 3.2], [0.0, 1.0, 0.0], 50.0, 8);
+    let white = built.diffuse([0.73; 3]);
+    let (red, green) = (built.diffuse([0.63, 0.06, 0.05]), built.diffuse([0.14, 0.45, 0.09]));
+    built.shape(Geometry::Rectangle, level(1.0, [0.0, 0.0, 0.0], true), white);
+    built.shape(Geometry::Rectangle, level(1.0, [0.0, 2.0, 0.0], false), white);
+    let (x, y, z) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]);
+    built.shape(Geometry::Rectangle, columns(x, y, z, [0.0, 1.0, -1.0]), white);
+    let minus = |v: [f64; 3]| v.map(|c: f64| -c);
+    built.shape(Geometry::Rectangle, columns(minus(z), y, x, [-1.0, 1.0, 0.0]), red);
+    built.shape(Geometry::Rectangle, columns(z, y, minus(x), [1.0, 1.0, 0.0]), green);
+    let block = columns([0.28, 0.0, 0.1], [0.0, 0.6, 0.0], [-0.1, 0.0, 0.28], [-0.35, 0.6, -0.3]);
+    built.shape(Geometry::Cube, block, white);
+    built.mesh(&ball(32), columns([0.35, 0.0, 0.0], [0.0, 0.35, 0.0], [0.0, 0.0, 0.35], [0.4, 0.35, 0.25]), white);
+    let lamp = built.shape(Geometry::Rectangle, level(0.3, [0.0, 1.99, 0.0], false), white);
+    lamp.emission = Some(Texture::rgb([17.0, 12.0, 4.0]));
+    built
+}
+
+/// One pixel of a floor of albedo 0.5, seen from the side at the origin; lights are to be added above.
+pub fn floor_point() -> Built {
+    let mut built = Built::new([0.0, 0.5, 2.0], [0.0, 0.0, 0.0], 1e-3, 2);
+    let floor = built.diffuse([0.5; 3]);
+    built.shape(Geometry::Rectangle, level(20.0, [0.0; 3], true), floor);
+    built
+}

@@ -1,0 +1,168 @@
+//! Roll-ups: what a whole lane gave, by what its node is and what its inputs hold. A rerun with nothing changed is then a
+//! handful of look-ups, whatever the number of items.
+
+use super::{
+    lanes::Lane,
+    records::{self, Payload, ROLLUP, Whole},
+    scheduler::{Complete, Scheduler},
+};
+use crate::pipeline::Pipeline;
+use serde::Serialize;
+use serde_json::Value;
+use std::{
+    collections::BTreeMap,
+    sync::Arc,
+};
+use tauflow_cache::{CacheError, Digest, Key, Record, Recorded, Store};
+use tauflow_contract::{FORMAT_VERSION, Mode, canonical_bytes};
+
+/// What decides a lane's outputs. Item keys are part of the inputs' content digests.
+#[derive(Serialize)]
+struct LaneKey<'a> {
+    format: u32,
+    kind: &'a str,
+    version: u32,
+    group: &'a str,
+    params: &'a Value,
+    seed: Option<u64>,
+    /// For each input port, what is put before the keys, and the content digest, of each of its feeds.
+    inputs: BTreeMap<&'a str, Vec<(Option<&'a str>, Digest)>>,
+}
+
+/// The key of a lane, and its preimage; none if an input's content is not known, or the node reads files outside.
+fn lane_key(
+    pipeline: &Pipeline,
+    lane: &Lane,
+    content: impl Fn(usize, usize) -> Option<Digest>,
+) -> Option<(Key, String)> {
+    let node = &pipeline.nodes[lane.node];
+    let cell = &pipeline.cells[lane.cell];
+    if lane.only.is_some() {
+        return None;
+    }
+    if node.mode() == Mode::Source && node.kind.items(&cell.params).ok()?.iter().any(|item| !item.files.is_empty()) {
+        return None;
+    }
+    let mut inputs = BTreeMap::new();
+    for (port, feeds) in node.spec.inputs.iter().zip(&lane.inputs) {
+        let feeds = feeds
+            .iter()
+            .map(|feed| Some((feed.prefix.as_deref(), content(feed.lane, feed.port)?)))
+            .collect::<Option<Vec<_>>>()?;
+        inputs.insert(port.name, feeds);
+    }
+    let key = LaneKey {
+        format: FORMAT_VERSION,
+        kind: node.spec.name,
+        version: node.spec.version,
+        group: lane.group,
+        params: &cell.params,
+        seed: node.spec.seeded.then_some(pipeline.seed),
+        inputs,
+    };
+    let value = serde_json::to_value(&key).expect("a key holds only plain values");
+    let hash = Key(*blake3::hash(&canonical_bytes(&value)).as_bytes());
+    Some((hash, value.to_string()))
+}
+
+/// The lanes whose outputs are known, and the collections of theirs that other lanes need.
+#[derive(Default)]
+pub struct Known {
+    /// One for each lane.
+    pub rolled: Vec<Option<Payload>>,
+    /// Wall time in microseconds, and bytes, of each lane.
+    pub totals: Vec<(u64, u64)>,
+    /// Collections by lane and port.
+    pub loaded: BTreeMap<(usize, usize), Arc<Whole>>,
+}
+
+/// Looks up what the lanes gave in earlier runs.
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn find(
+    pipeline: &Pipeline,
+    lanes: &[Lane],
+    store: &Store,
+    whole: impl Fn(&[Digest]) -> bool,
+) -> Result<Known, CacheError> {
+    let mut known = Known::default();
+    for lane in lanes {
+        let outputs = |at: usize, port: usize| {
+            let payload: &Payload = known.rolled.get(at)?.as_ref()?;
+            let source = &pipeline.nodes[lanes[at].node].spec;
+            payload.collections.get(source.outputs[port].name).map(|listed| listed.digest)
+        };
+        let record = lane_key(pipeline, lane, outputs)
+            .and_then(|(key, _)| store.lookup(ROLLUP, &key))
+            .filter(|record| whole(&record.refs));
+        known.totals.push(record.as_ref().map_or((0, 0), |r| (r.wall_us, r.bytes)));
+        known.rolled.push(record.and_then(|r| Payload::of(&r)));
+    }
+    // Backwards, because a lane whose listing is gone must work, and needs what it reads.
+    for (at, lane) in lanes.iter().enumerate().rev() {
+        if known.rolled[at].is_some() {
+            continue;
+        }
+        for feed in lane.inputs.iter().flatten() {
+            let name = pipeline.nodes[lanes[feed.lane].node].spec.outputs[feed.port].name;
+            let Some(payload) = &known.rolled[feed.lane] else { continue };
+            if known.loaded.contains_key(&(feed.lane, feed.port)) {
+                continue;
+            }
+            let listed = payload.collections.get(name);
+            match listed.map(|listed| records::get_collection(store, listed)).transpose()?.flatten() {
+                Some(collection) => {
+                    known.loaded.insert((feed.lane, feed.port), Arc::new(collection));
+                }
+                None => {
+                    known.rolled[feed.lane] = None;
+                    known.loaded.retain(|(lane, _), _| *lane != feed.lane);
+                }
+            }
+        }
+    }
+    Ok(known)
+}
+
+/// Keeps what a lane gave.
+///
+/// # Errors
+/// If the store cannot be written.
+pub fn keep(
+    pipeline: &Pipeline,
+    lanes: &[Lane],
+    store: &Store,
+    scheduler: &Scheduler<'_>,
+    complete: &Complete,
+) -> Result<(), CacheError> {
+    let lane = &lanes[complete.lane];
+    let outputs = &pipeline.nodes[lane.node].spec.outputs;
+    let content = |at: usize, port: usize| {
+        if let Some(whole) = scheduler.result(at, port) {
+            return Some(whole.digest);
+        }
+        let name = pipeline.nodes[lanes[at].node].spec.outputs[port].name;
+        scheduler.rolled(at)?.collections.get(name).map(|listed| listed.digest)
+    };
+    let Some((key, preimage)) = lane_key(pipeline, lane, content) else { return Ok(()) };
+    let mut payload = Payload { actions: complete.actions, ..Payload::default() };
+    let mut wholes = Vec::new();
+    for port in &lane.ports {
+        let Some(whole) = scheduler.result(complete.lane, *port) else { return Ok(()) };
+        payload.collections.insert(outputs[*port].name.to_owned(), records::put_collection(store, whole)?);
+        wholes.push(whole.clone());
+    }
+    let refs = records::refs(&payload, wholes.iter().map(|w| &w.collection));
+    let label = pipeline.nodes[lane.node].spec.name;
+    let record = Record {
+        wall_us: complete.wall_us,
+        bytes: complete.bytes,
+        ..records::record(ROLLUP, key, label, preimage, &payload, refs)
+    };
+    match store.record(&record)? {
+        Recorded::New | Recorded::Same => Ok(()),
+        // Measured outputs differ from run to run: the latest stands for the lane, as its actions' records say.
+        Recorded::Conflict { .. } => store.replace(&record),
+    }
+}

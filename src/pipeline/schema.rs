@@ -1,0 +1,133 @@
+//! The JSON Schema of pipeline files, for editors: completion and hover docs.
+
+use crate::kinds::Registry;
+use serde_json::{Map, Value, json};
+use tauflow_contract::KindSpec;
+
+/// The schema of the whole format, with the ports and params of every kind.
+pub fn schema(registry: &Registry) -> Value {
+    let mut definitions = Map::new();
+    let mut branches = Vec::new();
+    for kind in registry.iter() {
+        let spec = kind.spec();
+        let mut params = kind.params_schema();
+        lift(&mut params, spec.name, &mut definitions);
+        definitions.insert(params_name(spec.name), params);
+        branches.push(json!({
+            "if": { "properties": { "kind": { "const": spec.name } }, "required": ["kind"] },
+            "then": { "properties": {
+                "kind": { "description": spec.summary },
+                "params": { "$ref": format!("#/$defs/{}", params_name(spec.name)) },
+                "inputs": inputs(&spec),
+            } },
+        }));
+    }
+    let kinds: Vec<Value> =
+        registry.iter().map(|k| k.spec()).map(|s| json!({ "const": s.name, "description": s.summary })).collect();
+    definitions.insert(
+        "reference".into(),
+        json!({
+            "description": "`node`, `node.port`, or `node[axis=value, ...].port`; a list is merged.",
+            "anyOf": [{ "type": "string" }, { "type": "array", "items": { "type": "string" } }],
+        }),
+    );
+    definitions.insert(
+        "node".into(),
+        json!({
+            "type": "object",
+            "required": ["kind"],
+            "additionalProperties": false,
+            "properties": {
+                "kind": { "description": "What the node does; see `tauflow kinds`.", "oneOf": kinds },
+                "inputs": { "description": "What feeds each input port.", "type": "object" },
+                "params": { "description": "Params of the kind; what is left out has its default.", "type": "object" },
+                "matrix": {
+                    "description": "Axes; the node becomes one cell for each combination. An axis named like a param sets it.",
+                    "type": "object",
+                    "additionalProperties": { "type": "array", "minItems": 1 },
+                },
+            },
+            "allOf": branches,
+        }),
+    );
+    json!({
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "tauflow pipeline",
+        "type": "object",
+        "additionalProperties": false,
+        "properties": {
+            "pipeline": { "description": "Name; results go to OUT/<name>/.", "type": "string" },
+            "seed": { "description": "Seed of everything random; 0 if left out.", "type": "integer", "minimum": 0 },
+            "include": {
+                "description": "Pipeline files whose nodes this one continues, relative to this file.",
+                "type": "array",
+                "items": { "type": "string" },
+            },
+            "targets": {
+                "description": "Nodes, or `node.port`, that a run brings up to date; all that nobody reads if left out.",
+                "type": "array",
+                "items": { "type": "string" },
+            },
+            "profiles": {
+                "description": "Sets of overrides, chosen by `--profile`.",
+                "type": "object",
+                "additionalProperties": { "description": "`node.param: value`.", "type": "object" },
+            },
+            "nodes": {
+                "description": "The nodes, by name.",
+                "type": "object",
+                "additionalProperties": { "$ref": "#/$defs/node" },
+            },
+        },
+        "$defs": definitions,
+    })
+}
+
+fn params_name(kind: &str) -> String {
+    format!("params_{kind}")
+}
+
+fn inputs(spec: &KindSpec) -> Value {
+    let properties: Map<String, Value> = spec
+        .inputs
+        .iter()
+        .map(|port| {
+            let doc = format!("{} ({})", port.doc, port.media);
+            (port.name.to_owned(), json!({ "description": doc, "$ref": "#/$defs/reference" }))
+        })
+        .collect();
+    let required: Vec<&str> = spec.inputs.iter().filter(|p| !p.optional).map(|p| p.name).collect();
+    json!({ "type": "object", "additionalProperties": false, "properties": properties, "required": required })
+}
+
+/// Moves a schema's own definitions up, under names of their own.
+fn lift(schema: &mut Value, kind: &str, definitions: &mut Map<String, Value>) {
+    let own = schema.as_object_mut().and_then(|object| {
+        object.remove("$schema");
+        object.remove("$defs")
+    });
+    rename(schema, kind);
+    if let Some(Value::Object(own)) = own {
+        for (name, mut definition) in own {
+            rename(&mut definition, kind);
+            definitions.insert(format!("{kind}_{name}"), definition);
+        }
+    }
+}
+
+fn rename(value: &mut Value, kind: &str) {
+    match value {
+        Value::Object(fields) => {
+            for (name, field) in fields {
+                match field {
+                    Value::String(text) if name == "$ref" => {
+                        *text = text.replace("#/$defs/", &format!("#/$defs/{kind}_"));
+                    }
+                    field => rename(field, kind),
+                }
+            }
+        }
+        Value::Array(items) => items.iter_mut().for_each(|item| rename(item, kind)),
+        _ => {}
+    }
+}
