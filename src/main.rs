@@ -1,2 +1,5 @@
-//! Command line of tauflow.
-fn main() {}
+//! The program `tauflow`; see [`tauflow::cli`].
+
+fn main() -> std::process::ExitCode {
+    tauflow::cli::main()
+}

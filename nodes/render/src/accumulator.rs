@@ -21,8 +21,8 @@ impl Pixel {
     pub fn add(&mut self, count: u64, sample: [f32; 3]) {
         let before = count as f64;
         let inverse = 1.0 / (before + 1.0);
-        for c in 0..3 {
-            let x = f64::from(sample[c]);
+        for (c, value) in sample.into_iter().enumerate() {
+            let x = f64::from(value);
             if count > 0 {
                 // (x - old mean)(x - new mean) = (x - old mean)^2 n / (n + 1).
                 let deviation = x - self.sum[c] / before;

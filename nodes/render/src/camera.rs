@@ -72,13 +72,7 @@ mod tests {
     use super::*;
 
     fn camera() -> scene::Camera {
-        scene::Camera {
-            origin: [0.0, 1.0, 5.0],
-            target: [0.0, 1.0, 0.0],
-            up: [0.0, 1.0, 0.0],
-            fov_x: 90.0,
-            near: 0.0,
-        }
+        scene::Camera { origin: [0.0, 1.0, 5.0], target: [0.0, 1.0, 0.0], up: [0.0, 1.0, 0.0], fov_x: 90.0, near: 0.0 }
     }
 
     #[test]

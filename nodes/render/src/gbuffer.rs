@@ -54,7 +54,8 @@ impl Renderer<'_> {
             return [[0.0; 3]; 2];
         };
         let albedo = world.material(&at).at(&at.surface).albedo();
-        let albedo = if albedo.is_finite() { albedo.clamp(glam::Vec3::ZERO, glam::Vec3::ONE) } else { glam::Vec3::ZERO };
+        let albedo =
+            if albedo.is_finite() { albedo.clamp(glam::Vec3::ZERO, glam::Vec3::ONE) } else { glam::Vec3::ZERO };
         let normal = world.shading_frame::<true>(&hit, &at).n;
         [albedo.to_array(), normal.to_array()]
     }

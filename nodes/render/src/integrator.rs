@@ -116,9 +116,10 @@ pub(crate) fn trace_with<const OPACITY: bool, const NORMAL_MAPS: bool>(
             break;
         };
         if let Some(light) = world.shapes[at.shape as usize].light {
-            let radiance = world.lights.shape(light).map_or(Vec3::ZERO, |shape| {
-                shape.radiance(&at.surface, at.geometric, -ray.direction)
-            });
+            let radiance = world
+                .lights
+                .shape(light)
+                .map_or(Vec3::ZERO, |shape| shape.radiance(&at.surface, at.geometric, -ray.direction));
             if radiance != Vec3::ZERO {
                 let weight = if pdf > 0.0 {
                     strategy.weight(false, pdf, world.lights.shape_pdf(light, from, at.p, at.geometric))
@@ -240,5 +241,57 @@ fn transmittance<const OPACITY: bool>(world: &World, at: &Interaction, arrival: 
 impl Arrival {
     fn is_finite(&self) -> bool {
         !matches!(self.target, Target::Infinity)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        rng::render_state,
+        scenes::{balls_under_sky, level, room},
+    };
+    use glam::Vec2;
+    use tauflow_data::scene::{Bsdf, Geometry, Texture};
+
+    #[test]
+    fn features_that_a_scene_lacks_change_no_bit() {
+        for built in [balls_under_sky(), room()] {
+            let world = World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene");
+            let camera = crate::camera::Camera::new(&world.camera, 32, 32).expect("a sound camera");
+            for index in 0..32 * 32 {
+                let pixel = (index % 32, index / 32);
+                let sampler = Sampler::new(render_state(1, 2), pixel, 3);
+                let ray = camera.ray(pixel.0, pixel.1, Vec2::splat(0.5));
+                let plain = trace_with::<false, false>(&world, &sampler, ray, Strategy::Mis);
+                let full = trace_with::<true, true>(&world, &sampler, ray, Strategy::Mis);
+                assert_eq!((plain.radiance, plain.segments), (full.radiance, full.segments));
+            }
+        }
+    }
+
+    #[test]
+    fn features_are_those_of_shapes_that_are_there() {
+        let mut built = room();
+        let inner = Box::new(Bsdf::Diffuse { reflectance: Texture::scalar(0.5) });
+        let mask = built.material(Bsdf::Mask { opacity: Texture::scalar(0.5), inner });
+        let features =
+            |built: &crate::scenes::Built| World::new(&built.scene, &mut |d| built.load(d)).expect("sound").features;
+        let room = features(&built);
+        assert!(room.area_lights && !room.opacity && !room.environment && !room.delta_lights && !room.normal_maps);
+        built.shape(Geometry::Rectangle, level(0.1, [0.0, 1.0, 0.0], true), mask);
+        built.sky([1.0; 3]);
+        assert!(features(&built).opacity && features(&built).environment);
+    }
+
+    #[test]
+    fn contributions_that_are_not_finite_are_counted_and_left_out() {
+        let mut path = Path::default();
+        path.add(Vec3::ONE);
+        path.add(Vec3::new(f32::NAN, 0.0, 0.0));
+        path.add(Vec3::splat(f32::INFINITY));
+        assert_eq!((path.radiance, path.rejected), (Vec3::ONE, 2));
+        // A density that overflows gives a weight of 0, not of NaN.
+        assert_eq!(Strategy::Mis.weight(true, 1.0, f32::INFINITY), 0.0);
     }
 }

@@ -4,13 +4,13 @@ use crate::{accumulator::Accumulator, render::Renderer, world::World};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, btree_map::Entry};
 use tauflow_contract::{
     Action, Artifact, Context, Digest, InputPort, ItemKey, Kind, KindError, KindSpec, MemoKey, Mode, OutputPort,
     Outputs, ParamProblem,
 };
 use tauflow_data::{
-    Image, LadderMeta, RungCounts, Scene,
+    LadderMeta, RungCounts, Scene,
     formats::SCENE,
     ladder::{GBUFFER, LADDER, rung_part},
 };
@@ -249,18 +249,14 @@ impl Work<'_> {
                 self.ctx.progress(done - begun, last - begun, "samples a pixel");
                 self.ctx.check_cancelled()
             })?;
-            if !images.contains_key(&stop) {
-                let digest = self.put_image(&state.mean())?;
+            if let Entry::Vacant(place) = images.entry(stop) {
+                let digest = self.ctx.put(&state.mean().to_bytes())?;
                 self.remember("rung", stop, digest)?;
-                images.insert(stop, digest);
+                place.insert(digest);
             }
         }
         let digest = self.ctx.put(&state.to_bytes())?;
         self.remember("accumulator", last, digest)?;
         Ok(state)
-    }
-
-    fn put_image(&self, image: &Image) -> Result<Digest, KindError> {
-        self.ctx.put(&image.to_bytes())
     }
 }

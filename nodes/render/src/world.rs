@@ -111,9 +111,7 @@ impl World {
         let environment = crate::lights::compile_environment(&scene.emitters, &mut load_bitmap)?;
         let mut collected = Collected::default();
         for (index, (shape, emission)) in scene.shapes.iter().zip(emissions).enumerate() {
-            collected
-                .add(shape, emission, materials.len(), load)
-                .map_err(|error| in_shape(index, error))?;
+            collected.add(shape, emission, materials.len(), load).map_err(|error| in_shape(index, error))?;
         }
         let viewpoint = DVec3::from_array(scene.camera.origin).as_vec3();
         let accel = Accel::new(&collected.forms, viewpoint);
@@ -205,7 +203,10 @@ impl Collected {
         load: LoadBlob<'_>,
     ) -> Result<(), KindError> {
         if shape.material >= materials {
-            return Err(KindError::Input(format!("material {} of {materials}; name one that is there", shape.material)));
+            return Err(KindError::Input(format!(
+                "material {} of {materials}; name one that is there",
+                shape.material
+            )));
         }
         let map = Map::new(&shape.to_world);
         let index = self.shapes.len() as u32;

@@ -66,7 +66,13 @@ impl Accel {
                 Boxed((low - pad, high + pad))
             })
             .collect();
-        let mut accel = Self { nodes: Vec::new(), slots: Vec::new(), disks: Vec::new(), places: vec![0; primitives.len()], bounds: tight };
+        let mut accel = Self {
+            nodes: Vec::new(),
+            slots: Vec::new(),
+            disks: Vec::new(),
+            places: vec![0; primitives.len()],
+            bounds: tight,
+        };
         if boxes.is_empty() {
             return accel;
         }

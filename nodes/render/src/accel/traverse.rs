@@ -36,7 +36,7 @@ impl Slabs {
 }
 
 impl Accel {
-    #[inline]
+    #[inline(always)]
     fn meet(&self, slot: &Slot, walk: &Walk, t_max: f32) -> Option<Candidate> {
         let kind = slot.rows[1][3].to_bits();
         if kind == TRIANGLE {

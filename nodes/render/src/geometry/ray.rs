@@ -83,14 +83,7 @@ pub fn offset_origin(p: Vec3, error: Vec3, normal: Vec3, towards: Vec3) -> Vec3 
     let side = if towards.dot(normal) < 0.0 { -1.0 } else { 1.0 };
     let offset = normal * (distance * side);
     let moved = p + offset;
-    let away = |at: f32, by: f32| {
-        if by > 0.0 {
-            at.next_up()
-        } else if by < 0.0 {
-            at.next_down()
-        } else {
-            at
-        }
-    };
+    // By more than half a unit in the last place, which is what the addition may have lost.
+    let away = |at: f32, by: f32| if by == 0.0 { at } else { at + (at.abs() * f32::EPSILON).copysign(by) };
     Vec3::new(away(moved.x, offset.x), away(moved.y, offset.y), away(moved.z, offset.z))
 }

@@ -245,9 +245,7 @@ impl Lights {
                 let found = intensity != Vec3::ZERO;
                 found.then(|| lone(direction, Target::Point(spot.position), intensity / (square * probability)))?
             }
-            Light::Directional { to_light, irradiance } => {
-                lone(*to_light, Target::Infinity, *irradiance / probability)
-            }
+            Light::Directional { to_light, irradiance } => lone(*to_light, Target::Infinity, *irradiance / probability),
         }
     }
 }

@@ -126,7 +126,7 @@ impl ShapeLight {
         let normal = if shape.flip { -found.normal } else { found.normal };
         let d = found.p - from;
         let length = d.length();
-        if !(length > 0.0) {
+        if length == 0.0 {
             return None;
         }
         let direction = d / length;

@@ -1,0 +1,259 @@
+//! The kind: nesting, continuation, keys, threads.
+
+mod scenes;
+
+use scenes::{Built, balls_under_sky, room};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::{
+        Mutex,
+        atomic::{AtomicBool, Ordering},
+    },
+};
+use tauflow_contract::{
+    Action, Artifact, Blobs, Context, Digest, Kind, KindError, MemoKey, MemoryBlobs, Progress, Silent,
+};
+use tauflow_data::{Image, Ladder, RungCounts, formats::store_scene, ladder::GBuffer, scene::Recipe};
+use tauflow_render::{
+    ladder_rendering::{LadderRendering, LadderRenderingParams},
+    render::{Renderer, render_image},
+    world::World,
+};
+
+fn recipe() -> Recipe {
+    Recipe {
+        stratum: "L0-open".into(),
+        index: 0,
+        layout: "by-hand".into(),
+        layout_params: BTreeMap::new(),
+        objects: Vec::new(),
+        environment: "none".into(),
+        side: None,
+        exposure_ev: 0.0,
+    }
+}
+
+/// Remembers how many samples a pixel were rendered.
+#[derive(Default)]
+struct Samples(Mutex<BTreeSet<u64>>);
+
+impl Progress for Samples {
+    fn report(&self, _done: u64, total: u64, _message: &str) {
+        self.0.lock().expect("no holder panics").insert(total);
+    }
+}
+
+fn run(
+    blobs: &dyn Blobs,
+    progress: &dyn Progress,
+    built: &Built,
+    params: LadderRenderingParams,
+    group: &str,
+) -> Artifact {
+    let cancel = AtomicBool::new(false);
+    let ctx = Context::new(blobs, progress, &cancel);
+    for bytes in built.blobs.values() {
+        ctx.put(bytes).expect("memory");
+    }
+    let scene = store_scene(&ctx, &built.scene, &recipe()).expect("memory");
+    let action = Action {
+        params,
+        item: None,
+        group,
+        seed: 0,
+        each: BTreeMap::from([("scenes", &scene)]),
+        whole: BTreeMap::new(),
+    };
+    let outputs = LadderRendering::run(&ctx, &action).expect("a sound scene");
+    outputs.items.get(group).cloned().expect("the group's port")
+}
+
+fn params(rungs: RungCounts) -> LadderRenderingParams {
+    LadderRenderingParams { rungs, resolution: [16, 12], ..LadderRenderingParams::default() }
+}
+
+fn dyadic(last: u64) -> LadderRenderingParams {
+    params(RungCounts::Dyadic { dyadic: last })
+}
+
+fn list(counts: &[u64]) -> LadderRenderingParams {
+    params(RungCounts::List(counts.to_vec()))
+}
+
+#[test]
+fn continuing_has_the_bits_of_starting_over_and_renders_only_what_is_new() {
+    for built in [balls_under_sky(), room()] {
+        let fresh = MemoryBlobs::default();
+        let whole = run(&fresh, &Silent, &built, dyadic(256), "ladder");
+        let shared = MemoryBlobs::default();
+        let rendered = |rungs: LadderRenderingParams| {
+            let samples = Samples::default();
+            let artifact = run(&shared, &samples, &built, rungs, "ladder");
+            (artifact, samples.0.into_inner().expect("no holder panics").into_iter().collect::<Vec<_>>())
+        };
+        assert_eq!(rendered(list(&[32])).1, [32]);
+        let (continued, new) = rendered(dyadic(256));
+        assert_eq!(new, [224], "only the samples after the preview's");
+        assert_eq!(continued, whole);
+        assert_eq!(rendered(dyadic(256)), (whole.clone(), vec![]), "nothing is rendered twice");
+        assert_eq!(rendered(list(&[32])).1, Vec::<u64>::new());
+        assert_eq!(rendered(list(&[32, 256])).1, Vec::<u64>::new());
+        // A rung between, and one beyond.
+        let (odd, new) = rendered(list(&[256, 300]));
+        assert_eq!(new, [44]);
+        assert_eq!(odd, run(&MemoryBlobs::default(), &Silent, &built, list(&[256, 300]), "ladder"));
+        let (dense, _) = rendered(list(&[1, 2, 3, 4, 5, 6, 7, 8, 9, 10]));
+        assert_eq!(
+            dense,
+            run(&MemoryBlobs::default(), &Silent, &built, list(&[1, 2, 3, 4, 5, 6, 7, 8, 9, 10]), "ladder")
+        );
+        assert_eq!(dense.part("rung/00000008"), whole.part("rung/00000008"), "ladders share samples");
+        assert_eq!(odd.part("rung/00000256"), whole.part("rung/00000256"));
+    }
+}
+
+#[test]
+fn rungs_are_means_and_the_variance_is_that_of_the_samples() {
+    let built = balls_under_sky();
+    let blobs = MemoryBlobs::default();
+    let artifact = run(&blobs, &Silent, &built, list(&(1..=16).collect::<Vec<_>>()), "ladder");
+    let cancel = AtomicBool::new(false);
+    let ladder = Ladder::load(&Context::new(&blobs, &Silent, &cancel), &artifact).expect("own artifact");
+    assert_eq!((ladder.meta.rejected, ladder.meta.width, ladder.meta.height), (0, 16, 12));
+    assert!(ladder.meta.mean_path_length > 1.0 && ladder.meta.mean_path_length <= 6.0);
+    // The samples, from the means of 1..n.
+    let means: Vec<&Image> = ladder.rungs.iter().map(|rung| &rung.image).collect();
+    for at in 0..means[0].data().len() {
+        let value = |n: usize| f64::from(means[n].data()[at]) * (n + 1) as f64;
+        let samples: Vec<f64> = (0..16).map(|n| if n == 0 { value(0) } else { value(n) - value(n - 1) }).collect();
+        let mean = samples.iter().sum::<f64>() / 16.0;
+        let variance = samples.iter().map(|s| (s - mean) * (s - mean)).sum::<f64>() / 15.0;
+        let found = f64::from(ladder.variance.data()[at]);
+        assert!((found - variance).abs() < 1e-5 + 1e-4 * variance, "{found} {variance}");
+    }
+    let (image, stats) =
+        render_image(&built.scene, &mut |d| built.load(d), (16, 12), 16, &mut |_| Ok(())).expect("sound");
+    assert_eq!(&image, means[15], "the command renders what the kind does");
+    assert_eq!((stats.paths, stats.rejected), (16 * 16 * 12, 0));
+}
+
+#[test]
+fn threads_change_no_bit() {
+    for built in [balls_under_sky(), room()] {
+        let world = World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene");
+        let films: Vec<_> = [1, 2, 4]
+            .into_iter()
+            .map(|threads| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+                pool.install(|| {
+                    let renderer = Renderer::new(&world, 33, 21, 0).expect("a film");
+                    let mut film = renderer.begin();
+                    renderer.advance(&mut film, 9, &mut |_| Ok(())).expect("nothing stops it");
+                    (film, renderer.gbuffer(0, 5, &mut |_| Ok(())).expect("nothing stops it"))
+                })
+            })
+            .collect();
+        assert!(films.windows(2).all(|w| w[0] == w[1]));
+    }
+}
+
+#[test]
+fn streams_are_independent_and_resolutions_apart() {
+    let built = balls_under_sky();
+    let blobs = MemoryBlobs::default();
+    let base = run(&blobs, &Silent, &built, dyadic(4), "ladder");
+    let other = run(&blobs, &Silent, &built, LadderRenderingParams { stream: 1, ..dyadic(4) }, "ladder");
+    let larger = run(&blobs, &Silent, &built, LadderRenderingParams { resolution: [18, 12], ..dyadic(4) }, "ladder");
+    assert_ne!(base.part("rung/00000004"), other.part("rung/00000004"));
+    assert_ne!(base.part("rung/00000004"), larger.part("rung/00000004"));
+    let mut reseeded = built;
+    reseeded.scene.seed += 1;
+    assert_ne!(run(&blobs, &Silent, &reseeded, dyadic(4), "ladder").part("rung/00000004"), base.part("rung/00000004"));
+}
+
+#[test]
+fn the_gbuffer_holds_albedo_and_normal() {
+    let mut built = balls_under_sky();
+    built.scene.camera.fov_x = 60.0;
+    let blobs = MemoryBlobs::default();
+    let artifact = run(&blobs, &Silent, &built, LadderRenderingParams { resolution: [64, 64], ..dyadic(1) }, "gbuffer");
+    let cancel = AtomicBool::new(false);
+    let gbuffer = GBuffer::load(&Context::new(&blobs, &Silent, &cancel), &artifact).expect("own artifact");
+    let near = |a: &[f32], b: [f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 2e-2);
+    assert_eq!(gbuffer.albedo.pixel(32, 1), [0.0; 3], "the sky has none");
+    assert_eq!(gbuffer.normal.pixel(32, 1), [0.0; 3]);
+    assert!(near(gbuffer.albedo.pixel(32, 60), [0.5; 3]) && near(gbuffer.normal.pixel(32, 60), [0.0, 1.0, 0.0]));
+    let red = (0..64 * 64).map(|i| gbuffer.albedo.pixel(i % 64, i / 64)).filter(|p| near(p, [0.7, 0.2, 0.15])).count();
+    let blue = (0..64 * 64).map(|i| gbuffer.albedo.pixel(i % 64, i / 64)).filter(|p| near(p, [0.15, 0.3, 0.7])).count();
+    println!("{red} red and {blue} blue pixels");
+    assert!(red > 150 && blue > 150 && (red as i64 - blue as i64).abs() < 20, "a sphere and its mesh look the same");
+}
+
+/// Forgets half of what it is told, as a cache after its collection.
+#[derive(Default)]
+struct Forgetful(MemoryBlobs, &'static str);
+
+impl Blobs for Forgetful {
+    fn get(&self, digest: &Digest) -> Result<Option<Vec<u8>>, KindError> {
+        self.0.get(digest)
+    }
+
+    fn put(&self, bytes: &[u8]) -> Result<Digest, KindError> {
+        self.0.put(bytes)
+    }
+
+    fn memo_get(&self, key: &MemoKey) -> Option<Artifact> {
+        (!key.name.ends_with(self.1)).then(|| self.0.memo_get(key)).flatten()
+    }
+
+    fn memo_put(&self, key: &MemoKey, artifact: &Artifact) -> Result<(), KindError> {
+        self.0.memo_put(key, artifact)
+    }
+}
+
+#[test]
+fn what_the_cache_forgets_is_rendered_again() {
+    let built = balls_under_sky();
+    let whole = run(&MemoryBlobs::default(), &Silent, &built, dyadic(16), "ladder");
+    for forgotten in ["accumulator", "rung", ""] {
+        let blobs = Forgetful(MemoryBlobs::default(), forgotten);
+        run(&blobs, &Silent, &built, list(&[8]), "ladder");
+        assert_eq!(run(&blobs, &Silent, &built, dyadic(16), "ladder"), whole, "without `{forgotten}`");
+        assert_eq!(run(&blobs, &Silent, &built, dyadic(16), "ladder"), whole, "without `{forgotten}`, again");
+    }
+}
+
+#[test]
+fn a_run_that_is_stopped_says_so() {
+    let blobs = MemoryBlobs::default();
+    let cancel = AtomicBool::new(false);
+    let ctx = Context::new(&blobs, &Silent, &cancel);
+    let built = balls_under_sky();
+    built.blobs.values().for_each(|bytes| drop(ctx.put(bytes)));
+    let scene = store_scene(&ctx, &built.scene, &recipe()).expect("memory");
+    cancel.store(true, Ordering::Relaxed);
+    for group in ["ladder", "gbuffer"] {
+        let each = BTreeMap::from([("scenes", &scene)]);
+        let action = Action { params: dyadic(4), item: None, group, seed: 0, each, whole: BTreeMap::new() };
+        assert!(matches!(LadderRendering::run(&ctx, &action), Err(KindError::Cancelled)));
+    }
+}
+
+#[test]
+fn params_are_checked_and_projected() {
+    let kinds = tauflow_render::kinds();
+    let kind = kinds.iter().find(|k| k.spec().name == "ladder_rendering").expect("the crate's kind");
+    let resolve = |text: &str| kind.resolve(&serde_json::from_str(text).expect("JSON"));
+    let pointer = |text: &str| resolve(text).expect_err("refused")[0].pointer.clone();
+    assert_eq!(pointer(r#"{"rungs": {"dyadic": 12}}"#), "/rungs");
+    assert_eq!(pointer(r#"{"rungs": [4, 2]}"#), "/rungs");
+    assert_eq!(pointer(r#"{"resolution": [0, 64]}"#), "/resolution");
+    assert_eq!(pointer(r#"{"gbuffer_samples": 0}"#), "/gbuffer_samples");
+    assert!(resolve(r#"{"sampler": "sobol"}"#).is_err() && resolve(r#"{"spp": 3}"#).is_err());
+    let full = resolve(r#"{"rungs": {"dyadic": 4}, "gbuffer_samples": 7}"#).expect("sound");
+    let ladder = kind.project(&full, None, "ladder");
+    assert!(ladder.get("gbuffer_samples").is_none() && ladder["rungs"] == serde_json::json!([1, 2, 4]));
+    let gbuffer = kind.project(&full, None, "gbuffer");
+    assert!(gbuffer.get("rungs").is_none() && gbuffer["gbuffer_samples"] == 7);
+    assert!(kind.resolve(&ladder).is_ok() && kind.resolve(&gbuffer).is_ok(), "a projection is a set of params");
+}

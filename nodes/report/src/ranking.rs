@@ -1,0 +1,210 @@
+//! Which figure of a column is best and which second, and in what order methods stand. Knows no layout.
+
+use crate::{material::Cell, text::fixed};
+use tauflow_data::results::{Estimate, Evaluation, MethodTable, higher_is_better};
+
+/// Place of a figure in its column.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Rank {
+    /// The best; bold.
+    Best,
+    /// The second best; underlined.
+    Second,
+    /// Any other.
+    #[default]
+    Other,
+}
+
+/// Ranks a column as it is printed: figures that print alike share a rank. With two or more best there is no second.
+/// A missing figure has no rank, and a column of one has none either.
+pub fn rank(column: &[Option<f64>], higher_is_better: bool, digits: usize) -> Vec<Rank> {
+    let printed: Vec<Option<String>> = column.iter().map(|v| v.filter(|v| !v.is_nan()).map(|v| fixed(v, digits))).collect();
+    let mut order: Vec<usize> = (0..column.len()).filter(|i| printed[*i].is_some()).collect();
+    let value = |i: usize| column[i].unwrap_or(f64::NAN);
+    order.sort_by(|a, b| {
+        let by = value(*a).total_cmp(&value(*b));
+        if higher_is_better { by.reverse() } else { by }
+    });
+    let mut ranks = vec![Rank::Other; column.len()];
+    let (Some(first), true) = (order.first(), order.len() > 1) else { return ranks };
+    let best: Vec<usize> = order.iter().copied().filter(|i| printed[*i] == printed[*first]).collect();
+    for i in &best {
+        ranks[*i] = Rank::Best;
+    }
+    if best.len() == 1 {
+        let second = order[1];
+        for i in order.iter().skip(1).filter(|i| printed[**i] == printed[second]) {
+            ranks[*i] = Rank::Second;
+        }
+    }
+    ranks
+}
+
+/// A row of the main table: a method or the input itself.
+#[derive(Clone, Debug)]
+pub struct Row<'a> {
+    /// Its table; none for hold.
+    pub table: Option<&'a MethodTable>,
+    /// One figure for each column: the NFEs, then AUC and TV.
+    pub figures: Vec<Option<Estimate>>,
+}
+
+/// The rows of a metric: hold, then the methods in order of space, conditioning, method.
+pub fn rows<'a>(evaluation: &'a Evaluation, metric: &str) -> Vec<Row<'a>> {
+    let mut rows = vec![Row {
+        table: None,
+        // Hold makes no call: it is the same at each NFE, and its curve is flat.
+        figures: evaluation
+            .nfe
+            .iter()
+            .map(|_| evaluation.hold.get(metric).copied())
+            .chain([evaluation.hold.get(metric).copied(), None])
+            .collect(),
+    }];
+    for table in ordered(evaluation) {
+        let at = |nfe: &u64| table.at.iter().find(|a| a.nfe == *nfe).and_then(|a| a.metrics.get(metric)).copied();
+        let mut figures: Vec<Option<Estimate>> = evaluation.nfe.iter().map(at).collect();
+        figures.push(table.auc.get(metric).copied());
+        figures.push(table.tv.get(metric).copied());
+        rows.push(Row { table: Some(table), figures });
+    }
+    rows
+}
+
+/// Ranks of [`rows`], by row and column. The last column, TV, is better when lower whatever the metric.
+pub fn ranks(rows: &[Row<'_>], metric: &str, digits: usize) -> Vec<Vec<Rank>> {
+    let columns = rows.first().map_or(0, |r| r.figures.len());
+    let mut out = vec![vec![Rank::Other; columns]; rows.len()];
+    for c in 0..columns {
+        let higher = higher_is_better(metric) && c + 1 < columns;
+        let column: Vec<Option<f64>> = rows.iter().map(|r| r.figures[c].map(|e| e.mean)).collect();
+        for (row, rank) in rank(&column, higher, digits).into_iter().enumerate() {
+            out[row][c] = rank;
+        }
+    }
+    out
+}
+
+/// The methods in the order of tables: space, then conditioning (RGB first), then the order of [`METHODS`].
+pub fn ordered(evaluation: &Evaluation) -> Vec<&MethodTable> {
+    let mut tables: Vec<&MethodTable> = evaluation.methods.iter().collect();
+    tables.sort_by_cached_key(|t| {
+        (t.space.clone(), conditioning_order(&t.conditioning), method_order(&t.method), extra(&t.cell))
+    });
+    tables
+}
+
+/// The parameterizations in the order of tables and colours.
+pub const METHODS: [&str; 4] = ["vanilla_rf", "local_velocity", "mc_velocity", "mc_noise"];
+
+/// Order of a method: that of [`METHODS`], then by name.
+pub fn method_order(method: &str) -> (usize, String) {
+    let known = METHODS.iter().position(|m| *m == method).unwrap_or(METHODS.len());
+    (known, method.to_owned())
+}
+
+/// Order of a conditioning: RGB first.
+pub fn conditioning_order(conditioning: &str) -> (bool, String) {
+    (conditioning != "rgb", conditioning.to_owned())
+}
+
+/// The methods of an evaluation, each once, in order.
+pub fn methods(evaluation: &Evaluation) -> Vec<String> {
+    let mut names: Vec<String> = evaluation.methods.iter().map(|t| t.method.clone()).collect();
+    names.sort_by_key(|m| method_order(m));
+    names.dedup();
+    names
+}
+
+/// CSS class of a method's colour: one of `m0` to `m3` for the known ones, `m4` to `m7` in turn for others.
+pub fn colour(method: &str) -> String {
+    match METHODS.iter().position(|m| *m == method) {
+        Some(i) => format!("m{i}"),
+        None if method == "hold" => "hold".into(),
+        None => format!("m{}", 4 + method.bytes().map(usize::from).sum::<usize>() % 4),
+    }
+}
+
+/// A method's name for people.
+pub fn method_name(method: &str) -> String {
+    match method {
+        "vanilla_rf" => "Vanilla RF".into(),
+        "local_velocity" => "Local velocity".into(),
+        "local_step" => "Local step".into(),
+        "mc_velocity" => "MC velocity".into(),
+        "mc_noise" => "MC noise".into(),
+        "hold" => "Hold".into(),
+        other => other.replace('_', " "),
+    }
+}
+
+/// A conditioning's name for people.
+pub fn conditioning_name(conditioning: &str) -> String {
+    match conditioning {
+        "rgb" => "RGB".into(),
+        "gbuffer" => "G-buffer".into(),
+        other => other.replace('_', " "),
+    }
+}
+
+/// Coordinates beyond the three that tables have columns for, as text; such as `seed 2`.
+pub fn extra(cell: &Cell) -> String {
+    let rest: Vec<String> = cell
+        .iter()
+        .filter(|(axis, _)| !["parameterization", "conditioning", "space"].contains(&axis.as_str()))
+        .map(|(axis, value)| format!("{axis} {value}"))
+        .collect();
+    rest.join(", ")
+}
+
+/// A metric's name for people, with its unit.
+pub fn metric_name(metric: &str) -> &str {
+    match metric {
+        "hdr_psnr" => "HDR PSNR (dB)",
+        "hdr_psnr_max" => "HDR PSNR, peak = maximum (dB)",
+        "hdr_mae" => "HDR MAE",
+        "preview_psnr" => "Preview PSNR (dB)",
+        "preview_mae" => "Preview MAE",
+        "ssim" => "SSIM",
+        other => other,
+    }
+}
+
+/// Decimals of a metric in tables.
+pub fn digits(metric: &str) -> usize {
+    if metric.contains("psnr") { 2 } else { 4 }
+}
+
+/// The best cell at an NFE by mean HDR PSNR.
+pub fn best_at(evaluation: &Evaluation, nfe: u64) -> Option<&MethodTable> {
+    let value = |t: &MethodTable| {
+        t.at.iter().find(|a| a.nfe == nfe).and_then(|a| a.metrics.get("hdr_psnr")).map(|e| e.mean).filter(|v| !v.is_nan())
+    };
+    let mut best: Option<(&MethodTable, f64)> = None;
+    for table in ordered(evaluation) {
+        if let Some(v) = value(table)
+            && best.is_none_or(|(_, b)| v > b)
+        {
+            best = Some((table, v));
+        }
+    }
+    best.map(|(table, _)| table)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn best_and_second_with_ties() {
+        let some = |v: &[f64]| v.iter().map(|v| Some(*v)).collect::<Vec<_>>();
+        use Rank::{Best, Other, Second};
+        assert_eq!(rank(&some(&[1.0, 3.0, 2.0]), true, 2), [Other, Best, Second]);
+        assert_eq!(rank(&some(&[1.0, 3.0, 2.0]), false, 2), [Best, Other, Second]);
+        // Printed alike: shared, and then nobody is second.
+        assert_eq!(rank(&some(&[3.001, 3.002, 2.0]), true, 2), [Best, Best, Other]);
+        assert_eq!(rank(&some(&[3.0, 2.001, 2.002]), true, 2), [Best, Second, Second]);
+        assert_eq!(rank(&[None, Some(1.0), Some(f64::NAN)], true, 2), [Other; 3]);
+        assert_eq!(rank(&some(&[f64::INFINITY, 40.0]), true, 2), [Best, Second]);
+    }
+}

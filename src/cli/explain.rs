@@ -1,0 +1,115 @@
+//! `tauflow explain`.
+
+use super::{CliError, Exit, Open, PipelineArgs, seconds_text};
+use crate::{
+    engine::{
+        self, Only,
+        event::Ended,
+        explain::{History, Planned, reason},
+    },
+    kinds::Registry,
+    pipeline::Pipeline,
+};
+use clap::Args;
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// What `explain` takes.
+#[derive(Args)]
+pub(crate) struct ExplainArgs {
+    #[command(flatten)]
+    pipeline: PipelineArgs,
+    /// The node.
+    node: String,
+    /// The item, or `cell`, or `cell/item`.
+    item: Option<String>,
+}
+
+pub(crate) fn explain(args: &ExplainArgs, registry: &Registry, open: Open<'_>) -> Result<Exit, CliError> {
+    let pipeline = args.pipeline.resolve(registry)?;
+    let text = args.item.as_ref().map_or_else(|| args.node.clone(), |item| format!("{}/{item}", args.node));
+    let only = Only::parse(&text, &pipeline).map_err(CliError::Bad)?;
+    let store = open()?;
+    let plan = engine::plan(&pipeline, &store, Some(only.clone()))?;
+    let mine: Vec<&Planned> = plan
+        .would_run
+        .iter()
+        .filter(|p| p.node == only.node && only.cell.is_none_or(|c| c == p.cell))
+        .filter(|p| only.item.is_none() || p.item == only.item)
+        .collect();
+    if mine.is_empty() {
+        let waits = plan.summary.nodes.iter().filter(|n| n.ran > 0).map(|n| n.node.as_str()).collect::<Vec<_>>();
+        println!(
+            "`{text}` cannot be looked at before {} has run; see `tauflow plan {}`",
+            if waits.is_empty() { "what it reads".to_owned() } else { waits.join(", ") },
+            args.pipeline.again()
+        );
+        return Ok(Exit::Done);
+    }
+    let history = History::of(&store, &mine[0].key.kind);
+    if let [one] = &mine[..] {
+        in_full(&pipeline, one, &history);
+        return Ok(Exit::Done);
+    }
+    let mut groups: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for action in &mine {
+        let why = match action.ended {
+            Ended::WouldRun => format!("runs; {}", reason(history.nearest(&action.key).as_ref())),
+            _ => "done before; nothing it reads has changed".into(),
+        };
+        groups.entry(why).or_default().push(name(&pipeline, action));
+    }
+    for (why, items) in &groups {
+        println!("{} x {why}", items.len());
+        let shown: Vec<&str> = items.iter().take(4).map(String::as_str).collect();
+        println!("    {}{}", shown.join("  "), if items.len() > 4 { "  ..." } else { "" });
+    }
+    println!("\nfor one in full: tauflow explain {} {} ITEM", args.pipeline.again(), args.node);
+    Ok(Exit::Done)
+}
+
+fn name(pipeline: &Pipeline, action: &Planned) -> String {
+    let cell = &pipeline.cells[action.cell].text;
+    let item = action.item.as_ref().map(ToString::to_string).unwrap_or_default();
+    let parts = [cell.as_str(), item.as_str()];
+    let text = parts.iter().filter(|p| !p.is_empty()).copied().collect::<Vec<_>>().join("/");
+    let group = &action.key.group;
+    if group == "main" { text } else { format!("{text} ({group})") }
+}
+
+fn in_full(pipeline: &Pipeline, action: &Planned, history: &History) {
+    let key = &action.key;
+    println!("{} {}", pipeline.cell_name(action.cell), name(pipeline, action));
+    println!("key        {}", key.hash().hex());
+    println!("kind       {} version {}", key.kind, key.version);
+    println!("group      {}", key.group);
+    if let Some(seed) = key.seed {
+        println!("seed       {seed}");
+    }
+    for (port, digest) in &key.inputs {
+        println!("input      {port} = {digest}");
+    }
+    if let Value::Object(params) = &key.params {
+        for (param, value) in params {
+            println!("param      {param} = {value}");
+        }
+    }
+    match action.ended {
+        Ended::WouldRun => match history.nearest(key) {
+            None => println!("\nruns: this kind was never run before"),
+            Some(nearest) => {
+                println!("\nruns: {}", reason(Some(&nearest)));
+                println!(
+                    "nearest earlier key {} (took {})",
+                    nearest.record.key.short(),
+                    seconds_text(nearest.record.wall_us as f64 / 1e6)
+                );
+                let show = |value: &Option<Value>| value.as_ref().map_or("(absent)".into(), ToString::to_string);
+                for difference in &nearest.differences {
+                    println!("  {}\n    before {}\n    now    {}", difference.field, show(&difference.before), show(&difference.now));
+                }
+            }
+        },
+        _ => println!("\ndone before: nothing it reads has changed"),
+    }
+}

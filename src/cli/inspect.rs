@@ -1,0 +1,151 @@
+//! `tauflow check`, `graph`, `kinds` and `schema`: what can be said without a cache.
+
+use super::{CliError, Exit, PipelineArgs};
+use crate::{
+    kinds::Registry,
+    pipeline::{draw, schema as pipeline_schema, schema_check},
+};
+use clap::{Args, ValueEnum};
+use std::{fmt::Write as _, fs, path::PathBuf};
+use tauflow_contract::{Determinism, Feed, Mode, NodeKind};
+
+/// What `graph` takes.
+#[derive(Args)]
+pub(crate) struct GraphArgs {
+    #[command(flatten)]
+    pipeline: PipelineArgs,
+    /// How to draw.
+    #[arg(long, value_enum, default_value_t = GraphFormat::Dot)]
+    format: GraphFormat,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum GraphFormat {
+    Dot,
+    Mermaid,
+    Svg,
+}
+
+/// What `kinds` takes.
+#[derive(Args)]
+pub(crate) struct KindsArgs {
+    /// Show the manual of this kind.
+    kind: Option<String>,
+    /// Write one page for each kind into this folder.
+    #[arg(long, value_name = "DIR")]
+    markdown: Option<PathBuf>,
+}
+
+pub(crate) fn check(args: &PipelineArgs, registry: &Registry) -> Result<Exit, CliError> {
+    let pipeline = args.resolve(registry)?;
+    println!(
+        "{}: no problems; {} nodes, {} cells",
+        args.pipeline.display(),
+        pipeline.nodes.len(),
+        pipeline.cells.len()
+    );
+    Ok(Exit::Done)
+}
+
+pub(crate) fn graph(args: &GraphArgs, registry: &Registry) -> Result<Exit, CliError> {
+    let pipeline = args.pipeline.resolve(registry)?;
+    let format = match args.format {
+        GraphFormat::Dot => draw::Format::Dot,
+        GraphFormat::Mermaid => draw::Format::Mermaid,
+        GraphFormat::Svg => draw::Format::Svg,
+    };
+    println!("{}", draw::draw(&pipeline, format).trim_end());
+    Ok(Exit::Done)
+}
+
+pub(crate) fn schema(registry: &Registry) -> Result<Exit, CliError> {
+    let schema = pipeline_schema::schema(registry);
+    println!("{}", serde_json::to_string_pretty(&schema).expect("a schema is plain data"));
+    Ok(Exit::Done)
+}
+
+pub(crate) fn kinds(args: &KindsArgs, registry: &Registry) -> Result<Exit, CliError> {
+    if let Some(folder) = &args.markdown {
+        let failed = |e| CliError::Environment(format!("cannot write into {}: {e}", folder.display()));
+        fs::create_dir_all(folder).map_err(failed)?;
+        for kind in registry.iter() {
+            fs::write(folder.join(format!("{}.md", kind.spec().name)), page(kind.as_ref())).map_err(failed)?;
+        }
+        return Ok(Exit::Done);
+    }
+    if let Some(name) = &args.kind {
+        let kind = registry
+            .get(name)
+            .ok_or_else(|| CliError::Bad(format!("there is no kind `{name}`; {}", registry.hint(name))))?;
+        print!("{}", page(kind.as_ref()));
+        return Ok(Exit::Done);
+    }
+    let rows: Vec<String> = registry
+        .iter()
+        .map(|kind| kind.spec())
+        .map(|spec| format!("{:24} {}", spec.name, spec.summary))
+        .collect();
+    println!("{}", rows.join("\n"));
+    Ok(Exit::Done)
+}
+
+/// The page of a kind, in Markdown: manual, ports, params.
+pub fn page(kind: &dyn NodeKind) -> String {
+    let spec = kind.spec();
+    let manual = spec.manual.trim();
+    let heading = format!("# {}", spec.name);
+    let mut out = String::new();
+    if !manual.starts_with(&heading) {
+        let _ = writeln!(out, "{heading}\n");
+    }
+    let mode = match spec.mode {
+        Mode::Source => "source: names its own items",
+        Mode::Map => "map: one action for each item",
+        Mode::Gather => "gather: one action over whole collections",
+    };
+    let _ = writeln!(out, "{manual}\n\n## Ports\n\nVersion {}; {mode}.\n", spec.version);
+    let mut rows = vec![["port", "", "holds", "what"].map(str::to_owned).to_vec()];
+    for port in spec.inputs {
+        let feed = if port.feed == Feed::Each { "by item" } else { "whole" };
+        let optional = if port.optional { ", optional" } else { "" };
+        rows.push(vec![port.name.into(), format!("input, {feed}{optional}"), port.media.into(), port.doc.into()]);
+    }
+    for port in spec.outputs {
+        let mut notes = vec!["output"];
+        if port.filter {
+            notes.push("filter");
+        }
+        if port.determinism == Determinism::Measured {
+            notes.push("measured");
+        }
+        if port.publish {
+            notes.push("published");
+        }
+        rows.push(vec![port.name.into(), notes.join(", "), port.media.into(), port.doc.into()]);
+    }
+    out += &markdown(&rows);
+    let schema = kind.params_schema();
+    let params = schema_check::params(&schema);
+    if !params.is_empty() {
+        out += "\n## Params\n\n";
+        let defaults = kind.resolve(&serde_json::json!({})).ok();
+        let mut rows = vec![["param", "default", "takes", "what"].map(str::to_owned).to_vec()];
+        for name in params {
+            let Some(param) = schema["properties"].get(name) else { continue };
+            let default = defaults.as_ref().and_then(|d| d.get(name)).map(|v| format!("`{v}`")).unwrap_or_default();
+            let doc = param["description"].as_str().unwrap_or_default().replace('\n', " ");
+            rows.push(vec![format!("`{name}`"), default, schema_check::describe(&schema, param), doc]);
+        }
+        out += &markdown(&rows);
+    }
+    out
+}
+
+fn markdown(rows: &[Vec<String>]) -> String {
+    let line = |row: &Vec<String>| format!("| {} |\n", row.iter().map(|c| c.replace('|', "\\|")).collect::<Vec<_>>().join(" | "));
+    let Some((head, body)) = rows.split_first() else { return String::new() };
+    let mut out = line(head);
+    out += &format!("|{}\n", "---|".repeat(head.len()));
+    body.iter().for_each(|row| out += &line(row));
+    out
+}

@@ -1,0 +1,249 @@
+//! The command line: arguments in, one command each, exit codes out. Results go to stdout, all else to stderr.
+
+mod cache;
+mod explain;
+mod export;
+mod inspect;
+mod plan;
+mod progress;
+mod run;
+mod scene;
+mod setup;
+
+use crate::{diagnostics::Problems, engine::EngineError, kinds::Registry, pipeline, pipeline::Pipeline, registry};
+use clap::{Args, Parser, Subcommand};
+use std::{
+    io::IsTerminal,
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
+use tauflow_cache::{CacheError, Store};
+
+/// How a command ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exit {
+    /// All is done.
+    Done,
+    /// Some items failed.
+    Failed,
+    /// The pipeline or the arguments are wrong.
+    Bad,
+    /// Disk, permissions.
+    Environment,
+    /// Stopped by the user.
+    Interrupted,
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> Self {
+        Self::from(match exit {
+            Exit::Done => 0,
+            Exit::Failed => 1,
+            Exit::Bad => 2,
+            Exit::Environment => 3,
+            Exit::Interrupted => 130,
+        })
+    }
+}
+
+/// Why a command did not come to its end.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum CliError {
+    #[error("{0}")]
+    Problems(Box<Problems>),
+    #[error("{0}")]
+    Bad(String),
+    #[error("{0}")]
+    Environment(String),
+}
+
+impl From<Problems> for CliError {
+    fn from(problems: Problems) -> Self {
+        Self::Problems(Box::new(problems))
+    }
+}
+
+impl From<CacheError> for CliError {
+    fn from(error: CacheError) -> Self {
+        Self::Environment(error.to_string())
+    }
+}
+
+impl From<EngineError> for CliError {
+    fn from(error: EngineError) -> Self {
+        match error {
+            EngineError::Request(message) => Self::Bad(message),
+            other => Self::Environment(other.to_string()),
+        }
+    }
+}
+
+/// Data-flow pipelines that build Monte Carlo rendering benchmarks and train transport solvers on them.
+#[derive(Parser)]
+#[command(name = "tauflow", version, max_term_width = 110)]
+struct Cli {
+    /// Folder of the cache; else $TAUFLOW_CACHE, `cache/store` of this checkout, or `.tauflow` here.
+    #[arg(long, global = true, value_name = "DIR")]
+    cache: Option<PathBuf>,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Bring a pipeline's targets up to date.
+    Run(run::RunArgs),
+    /// Show what a run would do, and why.
+    Plan(PipelineArgs),
+    /// Show what a node's or item's result depends on, and what changed since it last ran.
+    Explain(explain::ExplainArgs),
+    /// Check a pipeline file; every problem at once.
+    Check(PipelineArgs),
+    /// Draw a pipeline.
+    Graph(inspect::GraphArgs),
+    /// List the node kinds, or show the manual of one.
+    Kinds(inspect::KindsArgs),
+    /// Print the JSON Schema of pipeline files.
+    Schema,
+    /// Write a first pipeline, and settings that let editors complete it.
+    Init(setup::InitArgs),
+    /// Copy a node's results out, as files that other programs read.
+    Export(export::ExportArgs),
+    /// Render a scene.
+    Render(scene::RenderArgs),
+    /// Work with one scene.
+    #[command(subcommand)]
+    Scene(scene::SceneCommand),
+    /// Look after the cache.
+    #[command(subcommand)]
+    Cache(cache::CacheCommand),
+}
+
+/// A pipeline, and what the command line changes of it.
+#[derive(Args)]
+pub(crate) struct PipelineArgs {
+    /// The pipeline file.
+    pipeline: PathBuf,
+    /// A profile of the file.
+    #[arg(long, value_name = "NAME")]
+    profile: Option<String>,
+    /// Override a param: `node.param=value`, the value as YAML. May be given several times.
+    #[arg(long = "set", value_name = "NODE.PARAM=VALUE")]
+    sets: Vec<String>,
+    /// Bring only this node, or `node.port`, up to date. May be given several times.
+    #[arg(long = "target", value_name = "NODE")]
+    targets: Vec<String>,
+}
+
+impl PipelineArgs {
+    fn resolve(&self, registry: &Registry) -> Result<Pipeline, CliError> {
+        let options = pipeline::Options {
+            profile: self.profile.clone(),
+            sets: self.sets.clone(),
+            targets: self.targets.clone(),
+        };
+        Ok(pipeline::resolve(&self.pipeline, registry, &options)?)
+    }
+
+    /// The options as they stood on the command line, to be shown again.
+    fn again(&self) -> String {
+        let quote = |text: &str| {
+            let plain = text.chars().all(|c| c.is_ascii_alphanumeric() || "._-/=+:,".contains(c));
+            if plain { text.to_owned() } else { format!("'{}'", text.replace('\'', "'\\''")) }
+        };
+        let mut words = vec![quote(&self.pipeline.display().to_string())];
+        words.extend(self.profile.iter().map(|p| format!("--profile {}", quote(p))));
+        words.extend(self.sets.iter().map(|s| format!("--set {}", quote(s))));
+        words.join(" ")
+    }
+}
+
+/// Runs the program with the process's arguments.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let registry = registry::registry();
+    let cache = cli.cache;
+    let open = || -> Result<Store, CliError> { Ok(Store::open(&cache_dir(cache.as_deref()))?) };
+    let result = match cli.command {
+        Command::Run(args) => run::run(&args, &registry, &open),
+        Command::Plan(args) => plan::plan(&args, &registry, &open),
+        Command::Explain(args) => explain::explain(&args, &registry, &open),
+        Command::Check(args) => inspect::check(&args, &registry),
+        Command::Graph(args) => inspect::graph(&args, &registry),
+        Command::Kinds(args) => inspect::kinds(&args, &registry),
+        Command::Schema => inspect::schema(&registry),
+        Command::Init(args) => setup::init(&args, &registry),
+        Command::Export(args) => export::export(&args, &registry, &open),
+        Command::Render(args) => scene::render(&args),
+        Command::Scene(command) => scene::scene(&command),
+        Command::Cache(command) => cache::cache(&command, &open),
+    };
+    match result {
+        Ok(exit) => exit.into(),
+        Err(error) => {
+            let exit = match &error {
+                CliError::Problems(problems) => {
+                    eprint!("{}", problems.render(std::io::stderr().is_terminal()));
+                    return Exit::Bad.into();
+                }
+                CliError::Bad(_) => Exit::Bad,
+                CliError::Environment(_) => Exit::Environment,
+            };
+            eprintln!("error: {error}");
+            exit.into()
+        }
+    }
+}
+
+/// Opens the store when a command needs it.
+pub(crate) type Open<'a> = &'a dyn Fn() -> Result<Store, CliError>;
+
+fn cache_dir(asked: Option<&Path>) -> PathBuf {
+    if let Some(dir) = asked {
+        return dir.to_path_buf();
+    }
+    if let Some(dir) = std::env::var_os("TAUFLOW_CACHE").filter(|d| !d.is_empty()) {
+        return dir.into();
+    }
+    let here = std::env::current_dir().unwrap_or_default();
+    let is_checkout = |dir: &&Path| dir.join("Cargo.toml").is_file() && dir.join("cache/src/store.rs").is_file();
+    match here.ancestors().find(is_checkout) {
+        Some(checkout) => checkout.join("cache/store"),
+        None => here.join(".tauflow"),
+    }
+}
+
+/// A count with a unit that reads well.
+pub(crate) fn bytes_text(bytes: u64) -> String {
+    indicatif::BinaryBytes(bytes).to_string()
+}
+
+/// Seconds as people say them.
+pub(crate) fn seconds_text(seconds: f64) -> String {
+    match seconds {
+        s if s < 0.001 => "0 s".into(),
+        s if s < 1.0 => format!("{s:.2} s"),
+        s if s < 100.0 => format!("{s:.1} s"),
+        s if s < 3600.0 => format!("{} min {:02} s", s as u64 / 60, s as u64 % 60),
+        s => format!("{} h {:02} min", s as u64 / 3600, s as u64 / 60 % 60),
+    }
+}
+
+/// Columns of text, the first to the left and the others to the right.
+pub(crate) fn table(rows: &[Vec<String>]) -> String {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |c: usize| rows.iter().filter_map(|r| r.get(c)).map(|t| t.chars().count()).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..columns).map(width).collect();
+    let mut out = String::new();
+    for row in rows {
+        let mut line = String::new();
+        for (c, cell) in row.iter().enumerate() {
+            let pad = " ".repeat(widths[c].saturating_sub(cell.chars().count()));
+            let (before, after) = if c == 0 { ("", pad.as_str()) } else { (pad.as_str(), "") };
+            line += &format!("{}{before}{cell}{after}", if c == 0 { "" } else { "  " });
+        }
+        out += line.trim_end();
+        out.push('\n');
+    }
+    out
+}

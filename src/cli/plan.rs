@@ -1,0 +1,70 @@
+//! `tauflow plan`.
+
+use super::{CliError, Exit, Open, PipelineArgs, seconds_text, table};
+use crate::{
+    engine::{
+        self,
+        event::Ended,
+        explain::{History, reason},
+    },
+    kinds::Registry,
+};
+use std::collections::BTreeMap;
+
+pub(crate) fn plan(args: &PipelineArgs, registry: &Registry, open: Open<'_>) -> Result<Exit, CliError> {
+    let pipeline = args.resolve(registry)?;
+    let store = open()?;
+    let plan = engine::plan(&pipeline, &store, None)?;
+    let mut histories: BTreeMap<String, History> = BTreeMap::new();
+    let mut reasons: BTreeMap<usize, BTreeMap<String, u64>> = BTreeMap::new();
+    for action in plan.would_run.iter().filter(|a| a.ended == Ended::WouldRun) {
+        let kind = &action.key.kind;
+        let history = histories.entry(kind.clone()).or_insert_with(|| History::of(&store, kind));
+        let why = reason(history.nearest(&action.key).as_ref());
+        *reasons.entry(action.node).or_default().entry(why).or_insert(0) += 1;
+    }
+    let mut rows = vec![["node", "as before", "to run", "blocked", "expected"].map(str::to_owned).to_vec()];
+    let (mut total, mut partial) = (0.0, false);
+    let mut lines = Vec::new();
+    for (index, node) in plan.summary.nodes.iter().enumerate().filter(|(_, n)| n.lanes > 0) {
+        let waits = node.blocked > 0 || node.unknown;
+        let seconds = if node.ran > 0 {
+            let kind = &node.kind;
+            histories.entry(kind.clone()).or_insert_with(|| History::of(&store, kind)).mean_seconds()
+        } else {
+            Some(0.0)
+        };
+        let expected = match seconds {
+            Some(mean) => {
+                total += mean * node.ran as f64;
+                if node.ran > 0 { seconds_text(mean * node.ran as f64) } else { String::new() }
+            }
+            None => {
+                partial = true;
+                "not known".into()
+            }
+        };
+        partial |= waits;
+        let blocked = if node.unknown {
+            "not known yet".to_owned()
+        } else if node.blocked > 0 {
+            format!("{} waiting", node.blocked)
+        } else {
+            String::new()
+        };
+        rows.push(vec![node.node.clone(), node.hit.to_string(), node.ran.to_string(), blocked, expected]);
+        for (why, count) in reasons.get(&index).into_iter().flatten() {
+            lines.push(format!("  {}: {count} x {why}", node.node));
+        }
+    }
+    print!("{}", table(&rows));
+    if lines.is_empty() && !partial {
+        println!("nothing to do");
+        return Ok(Exit::Done);
+    }
+    println!("\nwhy:");
+    lines.iter().for_each(|line| println!("{line}"));
+    let more = if partial { ", and what is not known before something else has run" } else { "" };
+    println!("\nexpected: {} of work, from earlier runs{more}", seconds_text(total));
+    Ok(Exit::Done)
+}

@@ -1,0 +1,144 @@
+//! `tauflow run`.
+
+use super::{CliError, Exit, Open, PipelineArgs, bytes_text, progress::Display, seconds_text, table};
+use crate::{
+    engine::{self, Only, RunOptions, Summary, event::Failure},
+    kinds::Registry,
+    pipeline::Pipeline,
+};
+use clap::{Args, ValueEnum};
+use std::{
+    collections::BTreeMap,
+    path::PathBuf,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+};
+
+/// What `run` takes.
+#[derive(Args)]
+pub(crate) struct RunArgs {
+    #[command(flatten)]
+    pipeline: PipelineArgs,
+    /// Folder for results; the report goes to DIR/<pipeline>/report.html.
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    out: PathBuf,
+    /// Run one node, cell or item, and what it needs.
+    #[arg(long, value_name = "NODE[/CELL][/ITEM]")]
+    only: Option<String>,
+    /// Actions at a time; by default one for each core.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    jobs: usize,
+    /// Stop at the first failure.
+    #[arg(long)]
+    fail_fast: bool,
+    /// Run this share of what is done already again, and compare.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    recheck: f64,
+    /// Print events for programs on stdout, one line each.
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    events: Option<EventFormat>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum EventFormat {
+    Json,
+}
+
+pub(crate) fn run(args: &RunArgs, registry: &Registry, open: Open<'_>) -> Result<Exit, CliError> {
+    if !(0.0..=1.0).contains(&args.recheck) {
+        return Err(CliError::Bad(format!("--recheck {} is no share; use 0 to 1, for example 0.05", args.recheck)));
+    }
+    let pipeline = args.pipeline.resolve(registry)?;
+    let only = args.only.as_deref().map(|text| Only::parse(text, &pipeline)).transpose().map_err(CliError::Bad)?;
+    let store = open()?;
+    let stop = Arc::new(AtomicBool::new(false));
+    listen(stop.clone())?;
+    let options = RunOptions {
+        jobs: args.jobs,
+        dry: false,
+        recheck: args.recheck,
+        fail_fast: args.fail_fast,
+        only,
+        out: Some(args.out.clone()),
+    };
+    let display = Display::new(&pipeline, args.events.is_some());
+    let summary = engine::run(&pipeline, &store, &options, &stop, &|event| display.show(event));
+    display.end();
+    let summary = summary?;
+    drop(store);
+    tell(&summary, &pipeline, args);
+    Ok(if summary.interrupted {
+        Exit::Interrupted
+    } else if summary.failures.is_empty() {
+        Exit::Done
+    } else {
+        Exit::Failed
+    })
+}
+
+/// The first Ctrl-C ends the run cleanly, the second at once.
+fn listen(stop: Arc<AtomicBool>) -> Result<(), CliError> {
+    ctrlc::set_handler(move || {
+        if stop.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+        eprintln!("\nstopping: what is in flight ends first (once more stops at once; nothing done is lost)");
+    })
+    .map_err(|e| CliError::Environment(format!("cannot listen for Ctrl-C: {e}")))
+}
+
+fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs) {
+    let ran = summary.total(|n| n.ran);
+    let hit = summary.total(|n| n.hit);
+    let elapsed = seconds_text(summary.elapsed.as_secs_f64());
+    if ran == 0 && summary.failures.is_empty() && !summary.interrupted {
+        eprintln!("nothing to do: {hit} results are as they were ({elapsed})");
+    } else {
+        eprint!("{}", table(&rows(summary)));
+        eprintln!("{ran} actions ran, {hit} were done before ({elapsed})");
+    }
+    show_failures(&summary.failures, args);
+    if summary.interrupted {
+        eprintln!("stopped; run the same command again to go on: tauflow run {}", args.pipeline.again());
+    }
+    if let Some(page) = summary.published.iter().find(|p| p.extension().is_some_and(|e| e == "html")) {
+        println!("{}", page.display());
+    } else if !summary.published.is_empty() {
+        println!("{}", args.out.join(&pipeline.name).display());
+    }
+}
+
+fn rows(summary: &Summary) -> Vec<Vec<String>> {
+    let heads = ["node", "ran", "as before", "failed", "blocked", "time", "size"];
+    let mut rows = vec![heads.map(str::to_owned).to_vec()];
+    for node in summary.nodes.iter().filter(|n| n.ran + n.failed + n.blocked > 0) {
+        let some = |n: u64| if n == 0 { String::new() } else { n.to_string() };
+        rows.push(vec![
+            node.node.clone(),
+            some(node.ran),
+            some(node.hit),
+            some(node.failed),
+            some(node.blocked),
+            seconds_text(node.spent_s),
+            bytes_text(node.bytes),
+        ]);
+    }
+    rows
+}
+
+/// Failures by cause, one message in full each, with the command that runs just that item again.
+fn show_failures(failures: &[Failure], args: &RunArgs) {
+    let mut causes: BTreeMap<(String, String), Vec<&Failure>> = BTreeMap::new();
+    for failure in failures {
+        causes.entry((failure.node.clone(), failure.cause())).or_default().push(failure);
+    }
+    for ((node, _), group) in &causes {
+        let first = group[0];
+        let item = [&first.cell, &first.item].iter().filter(|p| !p.is_empty()).map(|p| p.as_str()).collect::<Vec<_>>();
+        let more = if group.len() > 1 { format!(" and {} more for the same cause", group.len() - 1) } else { String::new() };
+        eprintln!("\nfailed: {node} {}{more}\n  {}", item.join("/"), first.message);
+        eprintln!("  again: tauflow run {} --only {}", args.pipeline.again(), first.only());
+    }
+}

@@ -1,0 +1,37 @@
+//! `tauflow init`.
+
+use super::{CliError, Exit};
+use crate::{kinds::Registry, pipeline::schema};
+use clap::Args;
+use std::{fs, path::PathBuf};
+
+/// What `init` takes.
+#[derive(Args)]
+pub(crate) struct InitArgs {
+    /// The folder to write into.
+    #[arg(default_value = ".")]
+    dir: PathBuf,
+}
+
+/// A first pipeline: small, and worth editing.
+pub const STARTER: &str = include_str!("starter.yaml");
+
+pub(crate) fn init(args: &InitArgs, registry: &Registry) -> Result<Exit, CliError> {
+    let schema = serde_json::to_string_pretty(&schema::schema(registry)).expect("a schema is plain data");
+    let files = [("pipeline.yaml", STARTER.to_owned()), ("tauflow.schema.json", schema + "\n")];
+    for (name, _) in &files {
+        let path = args.dir.join(name);
+        if path.exists() {
+            return Err(CliError::Bad(format!("{} exists already; choose another folder", path.display())));
+        }
+    }
+    let failed = |e| CliError::Environment(format!("cannot write into {}: {e}", args.dir.display()));
+    fs::create_dir_all(&args.dir).map_err(failed)?;
+    for (name, text) in &files {
+        let path = args.dir.join(name);
+        fs::write(&path, text).map_err(failed)?;
+        println!("{}", path.display());
+    }
+    eprintln!("next: tauflow run {}", args.dir.join("pipeline.yaml").display());
+    Ok(Exit::Done)
+}
