@@ -7,7 +7,7 @@ use crate::{
     Image,
     formats::Mesh,
     image_io::write_exr,
-    scene::{Affine, Bsdf, Emitter, Geometry, Rgb, Scene, Shape, Texture},
+    scene::{Affine, Bsdf, DELTA_ALPHA, Emitter, Geometry, Rgb, Scene, Shape, Texture},
 };
 use std::{collections::BTreeSet, fmt::Write as _, fs, path::Path};
 use tauflow_contract::{Digest, KindError};
@@ -162,7 +162,7 @@ impl Writer<'_> {
                 self.line(&format!("<rgb name=\"color0\" value=\"{}\"/>", rgb(color0)));
                 self.line(&format!("<rgb name=\"color1\" value=\"{}\"/>", rgb(color1)));
                 self.open("<transform name=\"to_uv\">");
-                self.line(&format!("<scale x=\"{:?}\" y=\"{:?}\"/>", scale[0], scale[1]));
+                self.line(&format!("<scale x=\"{:?}\" y=\"{:?}\"/>", 0.5 * scale[0], 0.5 * scale[1]));
                 self.close("</transform>");
                 self.close("</texture>");
             }
@@ -268,7 +268,7 @@ impl Writer<'_> {
     }
 
     fn ggx(&mut self, alpha: f32) {
-        if alpha > 0.0 {
+        if alpha >= DELTA_ALPHA {
             self.line("<string name=\"distribution\" value=\"ggx\"/>");
             self.float("alpha", alpha);
         }
@@ -352,7 +352,7 @@ impl Writer<'_> {
 }
 
 fn rough(name: &str, alpha: f32) -> String {
-    if alpha > 0.0 { format!("rough{name}") } else { name.to_owned() }
+    if alpha >= DELTA_ALPHA { format!("rough{name}") } else { name.to_owned() }
 }
 
 /// A binary PLY of a mesh.

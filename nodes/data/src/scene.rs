@@ -167,7 +167,10 @@ impl Texture {
     }
 }
 
-/// What a surface does to light. Roughness `alpha` is GGX's; below the delta threshold a lobe is specular.
+/// Roughness alpha below which a lobe is specular: it has no density, and is exported as the smooth plugin.
+pub const DELTA_ALPHA: f32 = 1e-3;
+
+/// What a surface does to light. Roughness `alpha` is GGX's; below [`DELTA_ALPHA`] a lobe is specular.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 #[allow(

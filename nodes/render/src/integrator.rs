@@ -249,10 +249,10 @@ mod tests {
     use super::*;
     use crate::{
         rng::render_state,
-        scenes::{balls_under_sky, level, room},
+        scenes::{Built, ball, balls_under_sky, columns, level, room},
     };
     use glam::Vec2;
-    use tauflow_data::scene::{Bsdf, Geometry, Texture};
+    use tauflow_data::scene::{Bsdf, Emitter, Geometry, Texture};
 
     #[test]
     fn features_that_a_scene_lacks_change_no_bit() {
@@ -271,12 +271,48 @@ mod tests {
     }
 
     #[test]
+    fn convex_bodies_do_not_shade_themselves() {
+        let mut facets = ball(20);
+        facets.normals = None;
+        for (radius, shift) in [(1.0, 0.0), (1e-2, 1.0), (1e3, -400.0), (1.0, 300.0)] {
+            let at = [shift, 0.5 * shift, -shift];
+            for curved in [false, true] {
+                let eye = [at[0], at[1], at[2] + 4.0 * radius];
+                let mut built = Built::new(eye, at, 40.0, 2);
+                let white = built.diffuse([1.0; 3]);
+                if curved {
+                    built.sphere(at, radius, white);
+                } else {
+                    let (x, y, z) = ([radius, 0.0, 0.0], [0.0, radius, 0.0], [0.0, 0.0, radius]);
+                    built.mesh(&facets, columns(x, y, z, at), white);
+                }
+                let direction = [-1.0, -0.2, 0.1];
+                built.scene.emitters.push(Emitter::Directional { direction, irradiance: [1.0; 3] });
+                let world = World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene");
+                let camera = crate::camera::Camera::new(&world.camera, 64, 64).expect("a sound camera");
+                let to_light = -glam::DVec3::from_array(direction).normalize().as_vec3();
+                let mut lit = 0;
+                for index in 0..64 * 64 {
+                    let sampler = Sampler::new(0, (index, 0), 0);
+                    let ray = camera.ray(index % 64, index / 64, sampler.two(0));
+                    let Some((_, hit)) = world.meet(&ray) else { continue };
+                    if hit.geometric.dot(to_light) > 1e-3 {
+                        lit += 1;
+                        let path = trace(&world, &sampler, ray, Strategy::Mis);
+                        assert!(path.radiance.x > 0.0, "shaded at {hit:?}, radius {radius}");
+                    }
+                }
+                assert!(lit > 500, "{lit}");
+            }
+        }
+    }
+
+    #[test]
     fn features_are_those_of_shapes_that_are_there() {
         let mut built = room();
         let inner = Box::new(Bsdf::Diffuse { reflectance: Texture::scalar(0.5) });
         let mask = built.material(Bsdf::Mask { opacity: Texture::scalar(0.5), inner });
-        let features =
-            |built: &crate::scenes::Built| World::new(&built.scene, &mut |d| built.load(d)).expect("sound").features;
+        let features = |built: &Built| World::new(&built.scene, &mut |d| built.load(d)).expect("sound").features;
         let room = features(&built);
         assert!(room.area_lights && !room.opacity && !room.environment && !room.delta_lights && !room.normal_maps);
         built.shape(Geometry::Rectangle, level(0.1, [0.0, 1.0, 0.0], true), mask);

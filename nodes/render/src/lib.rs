@@ -2,6 +2,27 @@
 
 pub mod accel;
 pub mod accumulator;
+pub mod bsdf;
 pub mod camera;
+pub mod environment;
+pub mod gbuffer;
 pub mod geometry;
+pub mod integrator;
+pub mod ladder_rendering;
+pub mod lights;
+pub mod render;
 pub mod rng;
+pub mod surface;
+pub mod texture;
+pub mod world;
+
+#[cfg(test)]
+#[path = "../tests/scenes/mod.rs"]
+mod scenes;
+
+use tauflow_contract::{KindRow, NodeKind};
+
+/// The kinds of this crate.
+pub fn kinds() -> Vec<Box<dyn NodeKind>> {
+    vec![Box::new(KindRow::<ladder_rendering::LadderRendering>::new())]
+}

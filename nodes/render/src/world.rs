@@ -103,10 +103,8 @@ impl World {
             .collect::<Result<Vec<_>, _>>()?;
         let mut emissions = Vec::new();
         for shape in &scene.shapes {
-            emissions.push(match &shape.emission {
-                Some(texture) => Some(Texture::compile(texture, &mut load_bitmap)?),
-                None => None,
-            });
+            let emission = shape.emission.as_ref().map(|texture| Texture::compile(texture, &mut load_bitmap));
+            emissions.push(emission.transpose()?);
         }
         let environment = crate::lights::compile_environment(&scene.emitters, &mut load_bitmap)?;
         let mut collected = Collected::default();
@@ -232,6 +230,9 @@ impl Collected {
             Geometry::Mesh { mesh } => self.add_mesh(index, &Mesh::from_bytes(&load(mesh)?)?, &map),
         };
         if let Some(texture) = emission {
+            if matches!(&texture, Texture::Constant(value) if value.min_element() < 0.0) {
+                return Err(KindError::Input("an emission below 0; use radiance from 0".into()));
+            }
             self.emissions.push(Emission { shape: index, texture, first, count: self.primitives.len() - first });
         }
         self.shapes.push(Shape { form, material: shape.material as u32, flip: shape.flip_normals, light: None });

@@ -1,1 +1,24 @@
 //! Plots, montages, tables and the HTML report.
+//!
+//! Knows other kinds by their artifacts' formats alone, and computes no score: what it prints was measured elsewhere.
+
+mod csv;
+mod font;
+mod material;
+mod montage;
+mod page;
+mod ranking;
+mod report;
+mod sections;
+mod svg;
+mod tex;
+mod text;
+
+pub use report::{Report, ReportParams};
+
+use tauflow_contract::{KindRow, NodeKind};
+
+/// The kinds of this crate.
+pub fn kinds() -> Vec<Box<dyn NodeKind>> {
+    vec![Box::new(KindRow::<Report>::new())]
+}

@@ -11,11 +11,11 @@ use tauflow_data::{
 /// Coordinates of a matrix cell, e.g. `parameterization` -> `mc_noise`.
 pub type Cell = BTreeMap<String, String>;
 
-/// What there is to report. Whatever is `None` or empty was not connected.
-#[derive(Clone, Debug, Default)]
+/// What there is to report. What is `None` or empty was not connected.
+#[derive(Clone, Debug)]
 pub struct Material {
     /// Scores of every method.
-    pub evaluation: Option<Evaluation>,
+    pub evaluation: Evaluation,
     /// Loss curves, by cell in order of keys.
     pub losses: Vec<TrainingLog>,
     /// Measured training times by cell.
@@ -29,7 +29,7 @@ pub struct Material {
     /// The bridge, with its maps.
     pub bridge: Option<BridgeFiles>,
     /// How far ladders keep to the 1/sqrt(n) law.
-    pub convergence: Option<tauflow_data::convergence::Convergence>,
+    pub convergence: Option<serde_json::Value>,
     /// Size and rungs of the references.
     pub references: Option<References>,
 }
@@ -194,7 +194,9 @@ impl Material {
         let logs: Vec<(String, TrainingLog)> = all(ctx, action, "losses")?;
         let timings: Vec<(String, TrainingTiming)> = all(ctx, action, "timings")?;
         Ok(Self {
-            evaluation: one(ctx, action, "evaluation")?,
+            evaluation: one(ctx, action, "evaluation")?.ok_or_else(|| {
+                KindError::Input("input `evaluation` holds no item; connect a node of kind `evaluation`".into())
+            })?,
             losses: logs.into_iter().map(|(_, log)| log).collect(),
             timings: timings.into_iter().map(|(key, timing)| (cell_of_key(&key), timing)).collect(),
             verdicts: all(ctx, action, "verdicts")?,
@@ -216,7 +218,10 @@ mod tests {
         let cell = cell_of_key("parameterization=mc_noise+conditioning=rgb/L1-open-000003");
         assert_eq!(cell["parameterization"], "mc_noise");
         assert_eq!(cell["conditioning"], "rgb");
-        assert_eq!(cell_of_key("conditioning=rgb+parameterization=x"), cell_of_key("parameterization=x+conditioning=rgb/log"));
+        assert_eq!(
+            cell_of_key("conditioning=rgb+parameterization=x"),
+            cell_of_key("parameterization=x+conditioning=rgb/log")
+        );
         assert!(cell_of_key("L1-open-000003").is_empty());
     }
 }

@@ -18,7 +18,8 @@ pub enum Rank {
 /// Ranks a column as it is printed: figures that print alike share a rank. With two or more best there is no second.
 /// A missing figure has no rank, and a column of one has none either.
 pub fn rank(column: &[Option<f64>], higher_is_better: bool, digits: usize) -> Vec<Rank> {
-    let printed: Vec<Option<String>> = column.iter().map(|v| v.filter(|v| !v.is_nan()).map(|v| fixed(v, digits))).collect();
+    let printed: Vec<Option<String>> =
+        column.iter().map(|v| v.filter(|v| !v.is_nan()).map(|v| fixed(v, digits))).collect();
     let mut order: Vec<usize> = (0..column.len()).filter(|i| printed[*i].is_some()).collect();
     let value = |i: usize| column[i].unwrap_or(f64::NAN);
     order.sort_by(|a, b| {
@@ -49,7 +50,7 @@ pub struct Row<'a> {
     pub figures: Vec<Option<Estimate>>,
 }
 
-/// The rows of a metric: hold, then the methods in order of space, conditioning, method.
+/// The rows of a metric: hold, then the methods in order of space, method, conditioning.
 pub fn rows<'a>(evaluation: &'a Evaluation, metric: &str) -> Vec<Row<'a>> {
     let mut rows = vec![Row {
         table: None,
@@ -85,11 +86,11 @@ pub fn ranks(rows: &[Row<'_>], metric: &str, digits: usize) -> Vec<Vec<Rank>> {
     out
 }
 
-/// The methods in the order of tables: space, then conditioning (RGB first), then the order of [`METHODS`].
+/// The methods in the order of tables: space, then the order of [`METHODS`], then conditioning (RGB first).
 pub fn ordered(evaluation: &Evaluation) -> Vec<&MethodTable> {
     let mut tables: Vec<&MethodTable> = evaluation.methods.iter().collect();
     tables.sort_by_cached_key(|t| {
-        (t.space.clone(), conditioning_order(&t.conditioning), method_order(&t.method), extra(&t.cell))
+        (t.space.clone(), method_order(&t.method), conditioning_order(&t.conditioning), extra(&t.cell))
     });
     tables
 }
@@ -118,6 +119,8 @@ pub fn methods(evaluation: &Evaluation) -> Vec<String> {
 
 /// CSS class of a method's colour: one of `m0` to `m3` for the known ones, `m4` to `m7` in turn for others.
 pub fn colour(method: &str) -> String {
+    // The bridge's local step is taken by the local velocity.
+    let method = if method == "local_step" { "local_velocity" } else { method };
     match METHODS.iter().position(|m| *m == method) {
         Some(i) => format!("m{i}"),
         None if method == "hold" => "hold".into(),
@@ -178,7 +181,11 @@ pub fn digits(metric: &str) -> usize {
 /// The best cell at an NFE by mean HDR PSNR.
 pub fn best_at(evaluation: &Evaluation, nfe: u64) -> Option<&MethodTable> {
     let value = |t: &MethodTable| {
-        t.at.iter().find(|a| a.nfe == nfe).and_then(|a| a.metrics.get("hdr_psnr")).map(|e| e.mean).filter(|v| !v.is_nan())
+        t.at.iter()
+            .find(|a| a.nfe == nfe)
+            .and_then(|a| a.metrics.get("hdr_psnr"))
+            .map(|e| e.mean)
+            .filter(|v| !v.is_nan())
     };
     let mut best: Option<(&MethodTable, f64)> = None;
     for table in ordered(evaluation) {

@@ -138,7 +138,8 @@ impl Plot {
     pub fn x_axis(&mut self, ticks: impl IntoIterator<Item = (f64, String)>, title: &str) -> &mut Self {
         let base = self.height - self.bottom;
         let (left, right) = (self.left, self.width - self.right);
-        let _ = write!(self.body, r#"<line class="axis" x1="{left:.1}" x2="{right:.1}" y1="{base:.1}" y2="{base:.1}"/>"#);
+        let _ =
+            write!(self.body, r#"<line class="axis" x1="{left:.1}" x2="{right:.1}" y1="{base:.1}" y2="{base:.1}"/>"#);
         for (value, text) in ticks {
             let Some(place) = self.x.place(value).filter(|p| (-0.001..=1.001).contains(p)) else { continue };
             let x = left + place * (right - left);
@@ -166,10 +167,15 @@ impl Plot {
         self.x_axis(ticks, title)
     }
 
-    /// The panel's title, above it.
+    /// The panel's title, above it, at the figure's left edge.
     pub fn title(&mut self, text: &str) -> &mut Self {
-        let _ =
-            write!(self.body, r#"<text class="panel" x="{:.1}" y="{:.1}">{}</text>"#, self.left, self.top - 10.0, escape(text));
+        let _ = write!(self.body, r#"<text class="panel" x="0" y="14">{}</text>"#, escape(text));
+        self
+    }
+
+    /// A line below the title.
+    pub fn subtitle(&mut self, text: &str) -> &mut Self {
+        let _ = write!(self.body, r#"<text class="tick" x="0" y="32">{}</text>"#, escape(text));
         self
     }
 
@@ -207,10 +213,7 @@ impl Plot {
         if let Some(place) = self.y.place(y) {
             let y = self.top + (1.0 - place) * (self.height - self.top - self.bottom);
             let (left, right) = (self.left, self.width - self.right);
-            let _ = write!(
-                self.body,
-                r#"<path class="line {class}" d="M{left:.1} {y:.1}H{right:.1}"/>"#
-            );
+            let _ = write!(self.body, r#"<path class="line {class}" d="M{left:.1} {y:.1}H{right:.1}"/>"#);
         }
         self
     }

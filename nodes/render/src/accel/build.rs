@@ -1,9 +1,10 @@
 //! Building: obvhs's PLOC with reinsertion, leaves of a few primitives, collapsed to four children a node.
 
-use super::{Accel, COUNT_SHIFT, LEAF, LEAF_SIZE, Node, Primitive, SPHERE, STACK, Slot, TRIANGLE};
+use super::{Accel, Block, Curved, LEAF, LEAF_SIZE, Node, Primitive, STACK};
 use glam::{Vec3, Vec4};
 use obvhs::{Boundable, BvhBuildParams, aabb::Aabb, bvh2::Bvh2, bvh2::builder::build_bvh2};
 use std::time::Duration;
+use tauflow_data::rng::mix;
 
 type Bounds = (Vec3, Vec3);
 
@@ -27,7 +28,7 @@ impl Boundable for Boxed {
 /// A binary tree on the way from obvhs to nodes of four.
 enum Tree {
     Inner(Bounds, Box<[Tree; 2]>),
-    Leaf(Bounds, u32, u32),
+    Leaf(Bounds, Vec<u32>),
 }
 
 impl Tree {
@@ -55,7 +56,8 @@ impl Primitive {
 impl Accel {
     /// Builds the hierarchy. Primitives must be finite. `viewpoint` is where rays may begin outside the primitives.
     pub fn new(primitives: &[Primitive], viewpoint: Vec3) -> Self {
-        let tight = primitives.iter().map(Primitive::bounds).reduce(union).unwrap_or((Vec3::ZERO, Vec3::ZERO));
+        let empty = (Vec3::ZERO, Vec3::ZERO);
+        let tight = primitives.iter().map(Primitive::bounds).reduce(union).unwrap_or(empty);
         let extent = tight.0.abs().max(tight.1.abs()).max(viewpoint.abs()).max_element();
         // Twice what the intersection of a ray and a primitive rounds at the scene's size.
         let pad = Vec3::splat(extent * 16.0 * f32::EPSILON + f32::MIN_POSITIVE);
@@ -68,57 +70,66 @@ impl Accel {
             .collect();
         let mut accel = Self {
             nodes: Vec::new(),
-            slots: Vec::new(),
-            disks: Vec::new(),
+            blocks: Vec::new(),
+            curved: Vec::new(),
             places: vec![0; primitives.len()],
             bounds: tight,
         };
         if boxes.is_empty() {
             return accel;
         }
+        let groups = group_equal(&boxes);
+        let firsts: Vec<Boxed> = groups.iter().map(|group| Boxed(boxes[group[0] as usize].0)).collect();
         let bvh = build_bvh2(
-            &boxes,
+            &firsts,
             BvhBuildParams { max_prims_per_leaf: LEAF_SIZE, ..BvhBuildParams::medium_build() },
             &mut Duration::default(),
         );
-        let order = leaf_order(&bvh);
-        let mut tree = tree_of(&bvh, &order, &boxes);
-        let mut depth = accel.collapse(&tree);
+        let mut depth = accel.collapse(&tree_of(&bvh, &groups, &boxes), primitives);
         if depth * 3 + 1 > STACK {
-            // Thousands of primitives in one place make a chain of PLOC; its order, cut in halves, is as good there.
-            let sequence: Vec<u32> = order.iter().flat_map(|leaf| leaf.primitives.iter().copied()).collect();
-            tree = balanced(&sequence, 0, &boxes);
+            // A chain rather than a tree; its order, cut in halves, is as good.
             accel.nodes.clear();
-            depth = accel.collapse(&tree);
+            accel.blocks.clear();
+            accel.curved.clear();
+            let order: Vec<u32> = bvh.primitive_indices.iter().flat_map(|g| groups[*g as usize].clone()).collect();
+            depth = accel.collapse(&balanced(&order, &boxes), primitives);
         }
         debug_assert!(depth * 3 < STACK);
-        for leaf in &order {
-            for primitive in &leaf.primitives {
-                accel.push_slot(*primitive, &primitives[*primitive as usize]);
-            }
-        }
         accel
     }
 
-    fn push_slot(&mut self, index: u32, primitive: &Primitive) {
-        let row = |v: Vec3, word: u32| [v.x, v.y, v.z, f32::from_bits(word)];
-        let rows = match primitive {
-            Primitive::Triangle([a, b, c]) => [row(*a, index), row(*b, TRIANGLE), row(*c, 0)],
-            Primitive::Sphere(s) => {
-                [row(s.center, index), row(Vec3::new(s.radius, 0.0, 0.0), SPHERE), row(Vec3::ZERO, 0)]
-            }
-            Primitive::Disk(d) => {
-                self.disks.push(*d);
-                let at = self.disks.len() as u32 - 1;
-                [row(Vec3::ZERO, index), row(Vec3::ZERO, SPHERE + 1), row(Vec3::ZERO, at)]
-            }
-        };
-        self.places[index as usize] = self.slots.len() as u32;
-        self.slots.push(Slot { rows });
+    /// Adds a leaf's block; returns its index.
+    fn push_block(&mut self, leaf: &[u32], primitives: &[Primitive]) -> u32 {
+        let index = self.blocks.len() as u32;
+        // Lanes without a triangle meet nothing.
+        let mut block = Block { vertices: [[Vec4::NAN; 4]; 3] };
+        let mut bits = 0u32;
+        for (lane, primitive) in leaf.iter().enumerate() {
+            self.places[*primitive as usize] = index << 2 | lane as u32;
+            block.vertices[0][3][lane] = f32::from_bits(*primitive);
+            let curved = match &primitives[*primitive as usize] {
+                Primitive::Triangle(vertices) => {
+                    for (axes, vertex) in block.vertices.iter_mut().zip(vertices) {
+                        for axis in 0..3 {
+                            axes[axis][lane] = vertex[axis];
+                        }
+                    }
+                    continue;
+                }
+                Primitive::Sphere(s) => Curved::Sphere { center: s.center, radius: s.radius },
+                Primitive::Disk(d) => Curved::Disk(*d),
+            };
+            bits |= 1 << lane;
+            block.vertices[2][3][lane] = f32::from_bits(self.curved.len() as u32);
+            self.curved.push(curved);
+        }
+        block.vertices[1][3].x = f32::from_bits(bits);
+        self.blocks.push(block);
+        index
     }
 
     /// Writes the tree as nodes of four; returns the depth.
-    fn collapse(&mut self, tree: &Tree) -> usize {
+    fn collapse(&mut self, tree: &Tree, primitives: &[Primitive]) -> usize {
         let index = self.nodes.len();
         self.nodes.push(Node { planes: [Vec4::ZERO; 6], children: [LEAF; 4] });
         let mut parts: Vec<&Tree> = vec![tree];
@@ -142,10 +153,10 @@ impl Accel {
                 node.planes[2 * axis + 1][lane] = high[axis];
             }
             match parts.get(lane) {
-                Some(Tree::Leaf(_, first, count)) => node.children[lane] = LEAF | ((count - 1) << COUNT_SHIFT) | first,
+                Some(Tree::Leaf(_, leaf)) => node.children[lane] = LEAF | self.push_block(leaf, primitives),
                 Some(inner) => {
                     node.children[lane] = self.nodes.len() as u32;
-                    depth = depth.max(self.collapse(inner));
+                    depth = depth.max(self.collapse(inner, primitives));
                 }
                 None => {}
             }
@@ -155,49 +166,42 @@ impl Accel {
     }
 }
 
-/// Primitives of one leaf of obvhs's tree, and where they begin among all slots.
-struct Leaf {
-    node: u32,
-    first: u32,
-    primitives: Vec<u32>,
-}
-
-/// The leaves in the order of the tree, so that neighbours are near each other in memory.
-fn leaf_order(bvh: &Bvh2) -> Vec<Leaf> {
-    let mut leaves = Vec::new();
-    let mut first = 0;
-    let mut stack = vec![0u32];
-    while let Some(at) = stack.pop() {
-        let node = &bvh.nodes[at as usize];
-        if node.is_leaf() {
-            let from = node.first_index as usize;
-            let mut primitives = bvh.primitive_indices[from..from + node.prim_count as usize].to_vec();
-            primitives.sort_unstable();
-            leaves.push(Leaf { node: at, first, primitives });
-            first += node.prim_count;
-        } else {
-            stack.push(node.first_index + 1);
-            stack.push(node.first_index);
+/// Primitives of exactly equal boxes together, by their first: many in one place take obvhs quadratic time.
+fn group_equal(boxes: &[Boxed]) -> Vec<Vec<u32>> {
+    let hash = |b: &Boxed| {
+        let numbers = b.0.0.to_array().into_iter().chain(b.0.1.to_array());
+        numbers.fold(0, |state, value| mix(state, u64::from(value.to_bits())))
+    };
+    let mut order: Vec<(u64, u32)> = boxes.iter().enumerate().map(|(at, b)| (hash(b), at as u32)).collect();
+    order.sort_unstable();
+    let mut groups: Vec<Vec<u32>> = Vec::with_capacity(boxes.len());
+    for (at, (hash, primitive)) in order.iter().enumerate() {
+        let equal = at > 0 && order[at - 1].0 == *hash;
+        match groups.last_mut() {
+            Some(group) if equal && boxes[group[0] as usize].0 == boxes[*primitive as usize].0 => {
+                group.push(*primitive)
+            }
+            _ => groups.push(vec![*primitive]),
         }
     }
-    leaves
+    groups.sort_unstable_by_key(|group| group[0]);
+    groups
 }
 
-/// The tree over the leaves, with bounds of our own.
-fn tree_of(bvh: &Bvh2, leaves: &[Leaf], boxes: &[Boxed]) -> Tree {
+/// obvhs's tree over groups, with bounds of our own and leaves that fit a block.
+fn tree_of(bvh: &Bvh2, groups: &[Vec<u32>], boxes: &[Boxed]) -> Tree {
     let mut done: Vec<Option<Tree>> = (0..bvh.nodes.len()).map(|_| None).collect();
-    for leaf in leaves {
-        let bounds = leaf.primitives.iter().map(|p| boxes[*p as usize].0).reduce(union).expect("no leaf is empty");
-        done[leaf.node as usize] = Some(split_leaf(leaf.first, &leaf.primitives, bounds, boxes));
-    }
     let mut stack = vec![(0u32, false)];
     while let Some((at, children_done)) = stack.pop() {
         let node = &bvh.nodes[at as usize];
-        if node.is_leaf() {
-            continue;
-        }
         let (left, right) = (node.first_index, node.first_index + 1);
-        if children_done {
+        if node.is_leaf() {
+            let from = node.first_index as usize;
+            let leaf = &bvh.primitive_indices[from..from + node.prim_count as usize];
+            let mut leaf: Vec<u32> = leaf.iter().flat_map(|group| groups[*group as usize].iter().copied()).collect();
+            leaf.sort_unstable();
+            done[at as usize] = Some(balanced(&leaf, boxes));
+        } else if children_done {
             let a = done[left as usize].take().expect("children come first");
             let b = done[right as usize].take().expect("children come first");
             done[at as usize] = Some(Tree::Inner(union(a.bounds(), b.bounds()), Box::new([a, b])));
@@ -208,21 +212,13 @@ fn tree_of(bvh: &Bvh2, leaves: &[Leaf], boxes: &[Boxed]) -> Tree {
     done[0].take().expect("the root is done last")
 }
 
-fn split_leaf(first: u32, primitives: &[u32], bounds: Bounds, boxes: &[Boxed]) -> Tree {
+/// A tree that halves a sequence of primitives until the parts fit a block.
+fn balanced(primitives: &[u32], boxes: &[Boxed]) -> Tree {
     if primitives.len() <= LEAF_SIZE as usize {
-        return Tree::Leaf(bounds, first, primitives.len() as u32);
-    }
-    balanced(primitives, first, boxes)
-}
-
-/// A tree that halves a sequence of primitives.
-fn balanced(primitives: &[u32], first: u32, boxes: &[Boxed]) -> Tree {
-    if primitives.len() <= 4 {
         let bounds = primitives.iter().map(|p| boxes[*p as usize].0).reduce(union).expect("no part is empty");
-        return Tree::Leaf(bounds, first, primitives.len() as u32);
+        return Tree::Leaf(bounds, primitives.to_vec());
     }
     let (a, b) = primitives.split_at(primitives.len() / 2);
-    let a = balanced(a, first, boxes);
-    let b = balanced(b, first + (primitives.len() / 2) as u32, boxes);
+    let (a, b) = (balanced(a, boxes), balanced(b, boxes));
     Tree::Inner(union(a.bounds(), b.bounds()), Box::new([a, b]))
 }

@@ -8,7 +8,7 @@
 mod build;
 mod traverse;
 
-use crate::geometry::{Disk, Sphere};
+use crate::geometry::{Disk, Four, Sphere};
 use glam::{Vec3, Vec4};
 
 /// A primitive's form.
@@ -33,24 +33,35 @@ pub struct Hit {
     pub v: f32,
     /// Index of the primitive, in the order given to [`Accel::new`].
     pub primitive: u32,
-    /// Where its vertices are.
-    slot: u32,
+    /// Its block, times four, and its lane.
+    place: u32,
 }
 
-const TRIANGLE: u32 = 0;
-const SPHERE: u32 = 1;
-
-/// A primitive in leaf order: rows of three numbers and a word. The words: index of the primitive; sort of form; index
-/// among the disks.
+/// A form that is no triangle.
 #[derive(Clone, Copy, Debug)]
-#[repr(C, align(16))]
-struct Slot {
-    rows: [[f32; 4]; 3],
+enum Curved {
+    Sphere { center: Vec3, radius: f32 },
+    Disk(Disk),
 }
 
-impl Slot {
-    fn primitive(&self) -> u32 {
-        self.rows[0][3].to_bits()
+/// Up to four primitives, side by side. The fourth axis of the first vertices holds indices of the primitives; of the
+/// second, in its first lane, bits of the lanes that are curved; of the third, indices of these. Other lanes hold
+/// NaN, which meets nothing.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+struct Block {
+    vertices: Four,
+}
+
+impl Block {
+    #[inline]
+    fn primitive(&self, lane: usize) -> u32 {
+        self.vertices[0][3][lane].to_bits()
+    }
+
+    #[inline]
+    fn curved(&self) -> u32 {
+        self.vertices[1][3].x.to_bits()
     }
 }
 
@@ -59,23 +70,22 @@ impl Slot {
 #[repr(C, align(64))]
 struct Node {
     planes: [Vec4; 6],
-    /// Index of an inner node; or, with [`LEAF`], first slot, and above it the number of slots less one.
+    /// Index of an inner node; or, with [`LEAF`], of a block.
     children: [u32; 4],
 }
 
 const LEAF: u32 = 1 << 31;
-const COUNT_SHIFT: u32 = 27;
-/// Most primitives in a leaf.
-const LEAF_SIZE: u32 = 8;
+/// Most primitives in a leaf: those of a block.
+const LEAF_SIZE: u32 = 4;
 /// Entries of the traversal stack; trees that need more are balanced.
 const STACK: usize = 96;
 
 /// The hierarchy over a scene's primitives.
 pub struct Accel {
     nodes: Vec<Node>,
-    slots: Vec<Slot>,
-    disks: Vec<Disk>,
-    /// Slot of each primitive.
+    blocks: Vec<Block>,
+    curved: Vec<Curved>,
+    /// Block and lane of each primitive.
     places: Vec<u32>,
     bounds: (Vec3, Vec3),
 }
@@ -88,19 +98,26 @@ impl Accel {
 
     /// Bytes of nodes and primitives.
     pub fn size(&self) -> usize {
-        std::mem::size_of_val(self.nodes.as_slice()) + std::mem::size_of_val(self.slots.as_slice())
+        std::mem::size_of_val(self.nodes.as_slice()) + std::mem::size_of_val(self.blocks.as_slice())
     }
 
     /// Vertices of a triangle by its primitive.
     #[inline]
     pub fn triangle(&self, primitive: u32) -> [Vec3; 3] {
-        self.slots[self.places[primitive as usize] as usize].rows.map(|row| Vec3::new(row[0], row[1], row[2]))
+        self.at(self.places[primitive as usize])
     }
 
     /// Vertices of the triangle that was hit.
     #[inline]
     pub fn vertices(&self, hit: &Hit) -> [Vec3; 3] {
-        self.slots[hit.slot as usize].rows.map(|row| Vec3::new(row[0], row[1], row[2]))
+        self.at(hit.place)
+    }
+
+    #[inline]
+    fn at(&self, place: u32) -> [Vec3; 3] {
+        let lane = (place & 3) as usize;
+        let block = &self.blocks[(place >> 2) as usize];
+        block.vertices.map(|axes| Vec3::new(axes[0][lane], axes[1][lane], axes[2][lane]))
     }
 }
 

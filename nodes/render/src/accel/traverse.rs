@@ -1,8 +1,8 @@
 //! Traversal: nearest hit and any hit.
 
-use super::{Accel, COUNT_SHIFT, Hit, LEAF, Node, STACK, Slot, TRIANGLE};
-use crate::geometry::{Candidate, Ray, Sphere, Walk, gamma, intersect_triangle};
-use glam::{Vec3, Vec4};
+use super::{Accel, Block, Curved, Hit, LEAF, Node, STACK};
+use crate::geometry::{FourHits, Ray, Sphere, Walk, gamma, intersect_four};
+use glam::Vec4;
 
 /// Rows of a node's planes that a ray enters and leaves by.
 #[derive(Clone, Copy)]
@@ -36,17 +36,44 @@ impl Slabs {
 }
 
 impl Accel {
+    /// Hits with the primitives of a block.
     #[inline(always)]
-    fn meet(&self, slot: &Slot, walk: &Walk, t_max: f32) -> Option<Candidate> {
-        let kind = slot.rows[1][3].to_bits();
-        if kind == TRIANGLE {
-            return intersect_triangle(walk, &slot.rows, t_max);
+    fn meet(&self, block: &Block, walk: &Walk, t_max: f32) -> FourHits {
+        let mut hits = intersect_four(walk, &block.vertices, t_max);
+        let mut curved = block.curved();
+        while curved != 0 {
+            let lane = curved.trailing_zeros() as usize;
+            curved &= curved - 1;
+            let found = match &self.curved[block.vertices[2][3][lane].to_bits() as usize] {
+                Curved::Sphere { center, radius } => {
+                    Sphere::intersect(*center, *radius, walk.origin, walk.direction, t_max)
+                }
+                Curved::Disk(disk) => disk.intersect(walk.origin, walk.direction, t_max),
+            };
+            hits.met &= !(1 << lane);
+            if let Some(found) = found {
+                hits.met |= 1 << lane;
+                (hits.t[lane], hits.u[lane], hits.v[lane]) = (found.t, found.u, found.v);
+            }
         }
-        if kind == super::SPHERE {
-            let [x, y, z, _] = slot.rows[0];
-            return Sphere::intersect(Vec3::new(x, y, z), slot.rows[1][0], walk.origin, walk.direction, t_max);
+        hits
+    }
+
+    /// Takes the best of a block's hits into account.
+    #[inline(always)]
+    fn improve(&self, index: u32, walk: &Walk, t_max: f32, best: &mut Option<Hit>) {
+        let block = &self.blocks[index as usize];
+        let hits = self.meet(block, walk, t_max);
+        let mut met = hits.met;
+        while met != 0 {
+            let lane = met.trailing_zeros() as usize;
+            met &= met - 1;
+            let (t, primitive) = (hits.t[lane], block.primitive(lane));
+            if best.is_none_or(|b| t < b.t || (t == b.t && primitive < b.primitive)) {
+                let place = index << 2 | lane as u32;
+                *best = Some(Hit { t, u: hits.u[lane], v: hits.v[lane], primitive, place });
+            }
         }
-        self.disks[slot.rows[2][3].to_bits() as usize].intersect(walk.origin, walk.direction, t_max)
     }
 
     /// The nearest hit, if any; of several at one distance, that of the lowest primitive.
@@ -82,17 +109,9 @@ impl Accel {
                     }
                 }
             } else {
-                let first = current & ((1 << COUNT_SHIFT) - 1);
-                let count = ((current & !LEAF) >> COUNT_SHIFT) + 1;
-                for at in first..first + count {
-                    let slot = &self.slots[at as usize];
-                    if let Some(Candidate { t, u, v }) = self.meet(slot, &walk, t_max) {
-                        let primitive = slot.primitive();
-                        if best.is_none_or(|b| t < b.t || primitive < b.primitive) {
-                            best = Some(Hit { t, u, v, primitive, slot: at });
-                            t_max = t;
-                        }
-                    }
+                self.improve(current & !LEAF, &walk, t_max, &mut best);
+                if let Some(hit) = &best {
+                    t_max = hit.t;
                 }
             }
             loop {
@@ -130,12 +149,8 @@ impl Accel {
                     stack[height] = node.children[lane];
                     height += 1;
                 }
-            } else {
-                let first = (current & ((1 << COUNT_SHIFT) - 1)) as usize;
-                let count = (((current & !LEAF) >> COUNT_SHIFT) + 1) as usize;
-                if self.slots[first..first + count].iter().any(|slot| self.meet(slot, &walk, ray.t_max).is_some()) {
-                    return true;
-                }
+            } else if self.meet(&self.blocks[(current & !LEAF) as usize], &walk, ray.t_max).met != 0 {
+                return true;
             }
         }
         false
@@ -146,13 +161,8 @@ impl Accel {
     pub(super) fn closest_by_force(&self, ray: &Ray) -> Option<Hit> {
         let walk = Walk::new(ray);
         let mut best: Option<Hit> = None;
-        for (at, slot) in self.slots.iter().enumerate() {
-            if let Some(Candidate { t, u, v }) = self.meet(slot, &walk, ray.t_max) {
-                let primitive = slot.primitive();
-                if best.is_none_or(|b| (t, primitive) < (b.t, b.primitive)) {
-                    best = Some(Hit { t, u, v, primitive, slot: at as u32 });
-                }
-            }
+        for index in 0..self.blocks.len() as u32 {
+            self.improve(index, &walk, ray.t_max, &mut best);
         }
         best
     }

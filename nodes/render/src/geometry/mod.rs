@@ -15,7 +15,7 @@ pub use disk::Disk;
 pub use forms::{cube, rectangle};
 pub use ray::{Ray, Walk, offset_origin};
 pub use sphere::Sphere;
-pub use triangle::{Candidate, area_normal, intersect_triangle};
+pub use triangle::{Candidate, Four, FourHits, area_normal, intersect_four, intersect_triangle, lane_of};
 
 use glam::Vec3;
 

@@ -1,0 +1,170 @@
+//! The GGX microfacet distribution, isotropic, with Smith's separable shadowing and draws of visible normals.
+//!
+//! Source: Walter et al. 2007, Heitz 2018; as Mitsuba 3's `MicrofacetDistribution` with `sample_visible`.
+
+use super::local::{cosine_hemisphere, cosines};
+use glam::{Vec2, Vec3};
+
+const PI: f32 = std::f32::consts::PI;
+
+/// The distribution of one roughness.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ggx {
+    pub(crate) alpha: f32,
+}
+
+impl Ggx {
+    /// Density of normals per projected area of the surface.
+    #[inline]
+    pub(crate) fn d(self, m: Vec3) -> f32 {
+        if m.z <= 0.0 {
+            return 0.0;
+        }
+        let a2 = self.alpha * self.alpha;
+        let t = (m.x * m.x + m.y * m.y) / a2 + m.z * m.z;
+        1.0 / (PI * a2 * t * t)
+    }
+
+    /// Share of facets of normal `m` that are seen from `v`.
+    #[inline]
+    pub(crate) fn g1(self, v: Vec3, m: Vec3) -> f32 {
+        if v.dot(m) * v.z <= 0.0 {
+            return 0.0;
+        }
+        let xy = (v.x * v.x + v.y * v.y) * self.alpha * self.alpha;
+        2.0 / (1.0 + (1.0 + xy / (v.z * v.z)).sqrt())
+    }
+
+    #[inline]
+    pub(crate) fn g(self, v: Vec3, l: Vec3, m: Vec3) -> f32 {
+        self.g1(v, m) * self.g1(l, m)
+    }
+
+    /// Density of [`Ggx::sample`] over the solid angle of `m`; `v` above the surface.
+    #[inline]
+    pub(crate) fn pdf(self, v: Vec3, m: Vec3) -> f32 {
+        if v.z <= 0.0 {
+            return 0.0;
+        }
+        self.d(m) * self.g1(v, m) * v.dot(m).abs() / v.z
+    }
+
+    /// A normal seen from `v`, which lies above the surface.
+    #[inline]
+    pub(crate) fn sample(self, v: Vec3, u: Vec2) -> Vec3 {
+        let stretched = Vec3::new(self.alpha * v.x, self.alpha * v.y, v.z).normalize();
+        let length = stretched.x * stretched.x + stretched.y * stretched.y;
+        let t1 = if length > 0.0 { Vec3::new(-stretched.y, stretched.x, 0.0) / length.sqrt() } else { Vec3::X };
+        let t2 = stretched.cross(t1);
+        let r = u.x.sqrt();
+        let (sin, cos) = cosines(u.y);
+        let p1 = r * cos;
+        let s = 0.5 * (1.0 + stretched.z);
+        let p2 = (1.0 - s) * (1.0 - p1 * p1).max(0.0).sqrt() + s * r * sin;
+        let n = t1 * p1 + t2 * p2 + stretched * (1.0 - p1 * p1 - p2 * p2).max(0.0).sqrt();
+        Vec3::new(self.alpha * n.x, self.alpha * n.y, n.z.max(1e-7)).normalize()
+    }
+}
+
+/// Mean over visible normals of what a rough interface lets through from `cos` to the other side, one bounce.
+pub(crate) fn transmittance(alpha: f32, eta: f32, cos: f32) -> f32 {
+    mean(alpha, cos, |v, m| {
+        let cos_m = v.dot(m);
+        let f = super::fresnel::dielectric(cos_m, eta);
+        let l = super::local::refract(v, m, f.cos_t, f.eta_ti);
+        if l.z < 0.0 { (1.0 - f.r) * Ggx { alpha }.g1(-l, m) } else { 0.0 }
+    })
+}
+
+/// Mean over visible normals of what a rough interface reflects, one bounce.
+pub(crate) fn reflectance(alpha: f32, eta: f32, cos: f32) -> f32 {
+    mean(alpha, cos, |v, m| {
+        let l = super::local::reflect(v, m);
+        if l.z > 0.0 { super::fresnel::dielectric(v.dot(m), eta).r * Ggx { alpha }.g1(l, m) } else { 0.0 }
+    })
+}
+
+fn mean(alpha: f32, cos: f32, value: impl Fn(Vec3, Vec3) -> f32) -> f32 {
+    const SIDE: u32 = 24;
+    let cos = cos.max(1e-4);
+    let v = Vec3::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos);
+    let mut sum = 0.0;
+    for i in 0..SIDE {
+        for j in 0..SIDE {
+            let u = Vec2::new((i as f32 + 0.5) / SIDE as f32, (j as f32 + 0.5) / SIDE as f32);
+            sum += f64::from(value(v, Ggx { alpha }.sample(v, u)));
+        }
+    }
+    (sum / f64::from(SIDE * SIDE)) as f32
+}
+
+/// GTR1, the long-tailed distribution of a clear coat. Source: Burley 2012.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Gtr1 {
+    pub(crate) alpha: f32,
+}
+
+impl Gtr1 {
+    #[inline]
+    pub(crate) fn d(self, m: Vec3) -> f32 {
+        if m.z <= 0.0 {
+            return 0.0;
+        }
+        let a2 = self.alpha * self.alpha;
+        (a2 - 1.0) / (PI * tauflow_data::maths::logf(a2) * (1.0 + (a2 - 1.0) * m.z * m.z))
+    }
+
+    #[inline]
+    pub(crate) fn pdf(self, m: Vec3) -> f32 {
+        self.d(m) * m.z.max(0.0)
+    }
+
+    #[inline]
+    pub(crate) fn sample(self, u: Vec2) -> Vec3 {
+        let a2 = self.alpha * self.alpha;
+        let z2 = ((1.0 - tauflow_data::maths::powf(a2, 1.0 - u.y)) / (1.0 - a2)).clamp(0.0, 1.0);
+        let r = (1.0 - z2).max(0.0).sqrt();
+        let (sin, cos) = cosines(u.x);
+        Vec3::new(r * cos, r * sin, z2.sqrt())
+    }
+}
+
+/// A cosine-weighted direction above the surface; kept here with its density.
+#[inline]
+pub(crate) fn diffuse(u: Vec2) -> (Vec3, f32) {
+    let l = cosine_hemisphere(u);
+    (l, l.z / PI)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn normals_cover_the_surface_and_their_density_is_one() {
+        for alpha in [0.05f32, 0.3, 1.0] {
+            let v = Vec3::new(0.6, 0.0, 0.8);
+            let (mut area, mut density, mut coat) = (0.0f64, 0.0f64, 0.0f64);
+            let (rows, columns) = (4000u32, 64u32);
+            for i in 0..rows {
+                // Dense near the pole, where smooth surfaces have all their normals.
+                let t = (f64::from(i) + 0.5) / f64::from(rows);
+                let theta = t * t * std::f64::consts::FRAC_PI_2;
+                let weight = libm::sin(theta) * 2.0 * t * std::f64::consts::FRAC_PI_2 / f64::from(rows);
+                for j in 0..columns {
+                    let phi = 2.0 * std::f64::consts::PI * (f64::from(j) + 0.5) / f64::from(columns);
+                    let s = libm::sin(theta);
+                    let m =
+                        Vec3::new((s * libm::cos(phi)) as f32, (s * libm::sin(phi)) as f32, libm::cos(theta) as f32);
+                    let solid = weight * 2.0 * std::f64::consts::PI / f64::from(columns);
+                    area += f64::from(Ggx { alpha }.d(m) * m.z) * solid;
+                    density += f64::from(Ggx { alpha }.pdf(v, m)) * solid;
+                    coat += f64::from(Gtr1 { alpha: alpha.min(0.9) }.pdf(m)) * solid;
+                }
+            }
+            assert!((area - 1.0).abs() < 5e-3, "{alpha}: {area}");
+            assert!((density - 1.0).abs() < 5e-3, "{alpha}: {density}");
+            assert!((coat - 1.0).abs() < 5e-3, "{alpha}: {coat}");
+        }
+    }
+}

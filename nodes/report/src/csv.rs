@@ -1,0 +1,103 @@
+//! The figures as CSV (RFC 4180): one row for each cell, NFE and metric, and one for each scene. Knows no layout.
+
+use crate::{
+    material::Cell,
+    ranking::{extra, ordered},
+};
+use std::fmt::Write as _;
+use tauflow_data::results::{Estimate, Evaluation, METRICS};
+
+/// A field, quoted where it must be.
+pub fn field(text: &str) -> String {
+    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
+}
+
+fn three(estimate: Option<&Estimate>) -> String {
+    estimate.map_or_else(|| ",,".into(), |e| format!("{},{},{}", e.mean, e.low, e.high))
+}
+
+fn names(space: &str, method: &str, conditioning: &str, cell: &Cell) -> String {
+    [space, method, conditioning, &extra(cell)].map(field).join(",")
+}
+
+/// Head of [`results`].
+pub const RESULTS: &str =
+    "space,method,conditioning,cell,from_spp,reference_spp,nfe,metric,mean,low,high,gain,gain_low,gain_high";
+
+/// Means and intervals: a row for each cell, NFE and metric; hold at NFE 0.
+pub fn results(evaluation: &Evaluation) -> String {
+    let mut out = format!("{RESULTS}\n");
+    let spp = format!("{},{}", evaluation.from_spp, evaluation.reference_spp);
+    for metric in METRICS.iter().filter(|m| evaluation.hold.contains_key(**m)) {
+        let _ = writeln!(out, ",hold,,,{spp},0,{metric},{},,,", three(evaluation.hold.get(*metric)));
+    }
+    for table in ordered(evaluation) {
+        let names = names(&table.space, &table.method, &table.conditioning, &table.cell);
+        for at in &table.at {
+            for metric in METRICS.iter().filter(|m| at.metrics.contains_key(**m)) {
+                let (mean, gain) = (three(at.metrics.get(*metric)), three(at.gain.get(*metric)));
+                let _ = writeln!(out, "{names},{spp},{},{metric},{mean},{gain}", at.nfe);
+            }
+        }
+    }
+    out
+}
+
+/// Head of [`curves`].
+pub const CURVES: &str = "space,method,conditioning,cell,metric,auc,auc_low,auc_high,tv,tv_low,tv_high";
+
+/// Summaries of the curves over log NFE.
+pub fn curves(evaluation: &Evaluation) -> String {
+    let mut out = format!("{CURVES}\n");
+    for table in ordered(evaluation) {
+        let names = names(&table.space, &table.method, &table.conditioning, &table.cell);
+        for metric in METRICS.iter().filter(|m| table.auc.contains_key(**m)) {
+            let _ =
+                writeln!(out, "{names},{metric},{},{}", three(table.auc.get(*metric)), three(table.tv.get(*metric)));
+        }
+    }
+    out
+}
+
+/// Head of [`per_scene`].
+pub const PER_SCENE: &str = "scene,stratum,space,method,conditioning,cell,from_spp,to_spp,nfe,hdr_psnr,hdr_psnr_max,hdr_mae,preview_psnr,preview_mae,ssim";
+
+/// Every score.
+pub fn per_scene(evaluation: &Evaluation) -> String {
+    let mut out = format!("{PER_SCENE}\n");
+    for row in &evaluation.per_scene {
+        let get = |axis: &str, default: &'static str| match row.cell.get(axis) {
+            Some(value) => value.clone(),
+            None if row.cell.is_empty() => String::new(),
+            None => default.to_owned(),
+        };
+        let names = names(&get("space", "linear"), &row.score.method, &get("conditioning", "rgb"), &row.cell);
+        let _ = write!(
+            out,
+            "{},{},{names},{},{},{}",
+            field(&row.scene),
+            field(&row.stratum),
+            row.score.from_spp,
+            row.score.to_spp,
+            row.score.nfe
+        );
+        for metric in METRICS {
+            let _ = write!(out, ",{}", row.score.metrics.get(metric).unwrap_or(f64::NAN));
+        }
+        out.push('\n');
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn awkward_fields_are_quoted() {
+        assert_eq!(field("a,b"), "\"a,b\"");
+        assert_eq!(field("a\"b"), "\"a\"\"b\"");
+        assert_eq!(field("plain"), "plain");
+        assert_eq!(METRICS.join(","), PER_SCENE.split(",nfe,").nth(1).expect("metrics come last"));
+    }
+}

@@ -1,0 +1,246 @@
+//! Montages: strata x methods, as pictures for the page and as labelled PNGs. Knows no HTML.
+
+use crate::{
+    font,
+    material::{Cell, cell_of_key},
+    ranking::{conditioning_name, conditioning_order, extra, method_name, ordered},
+};
+use std::collections::BTreeMap;
+use tauflow_contract::{Artifact, Collection, Context, KindError};
+use tauflow_data::{
+    Image, Stratum,
+    formats::{PackedScene, Refined, refined_part},
+    image::preview,
+    image_io::encode_png,
+    results::{Evaluation, MethodTable},
+};
+
+/// A grid of pictures that share their conditioning.
+#[derive(Clone, Debug)]
+pub struct Montage {
+    /// What the methods share, e.g. `RGB`.
+    pub title: String,
+    /// File name of its PNG.
+    pub file: String,
+    /// Heads of the columns: the input, each method, the reference; with the method's name.
+    pub columns: Vec<(String, String)>,
+    /// The rows.
+    pub rows: Vec<MontageRow>,
+    /// Integer factor by which pictures were reduced.
+    pub reduced: usize,
+}
+
+/// A scene.
+#[derive(Clone, Debug)]
+pub struct MontageRow {
+    /// Its item key.
+    pub scene: String,
+    /// Its stratum.
+    pub stratum: String,
+    /// A picture for each column.
+    pub pictures: Vec<Picture>,
+}
+
+/// A picture and its score.
+#[derive(Clone, Debug)]
+pub struct Picture {
+    /// Display-encoded, 3 channels; none if there is no such image.
+    pub image: Option<Image>,
+    /// HDR PSNR; none for the reference.
+    pub psnr: Option<f64>,
+}
+
+/// How to make montages.
+#[derive(Clone, Copy, Debug)]
+pub struct Choice {
+    /// Scenes of each stratum.
+    pub scenes: usize,
+    /// Model calls.
+    pub nfe: u64,
+    /// Longest side; larger pictures are reduced by an integer factor.
+    pub pixels: usize,
+}
+
+/// The first scenes of each stratum, in order of strata and keys.
+pub fn choose(references: &Collection, scenes: usize) -> Vec<(String, &Artifact, Stratum)> {
+    let mut by: BTreeMap<Stratum, Vec<(String, &Artifact)>> = BTreeMap::new();
+    for (key, artifact) in references.iter() {
+        if let Some((stratum, _)) = Stratum::of_key(key.as_str()) {
+            by.entry(stratum).or_default().push((key.to_string(), artifact));
+        }
+    }
+    by.into_iter()
+        .flat_map(|(stratum, all)| all.into_iter().take(scenes).map(move |(key, artifact)| (key, artifact, stratum)))
+        .collect()
+}
+
+/// One montage for each group of methods that differ in the method alone.
+///
+/// # Errors
+/// If an image is missing from the store or damaged.
+pub fn montages(
+    ctx: &Context<'_>,
+    evaluation: &Evaluation,
+    references: &Collection,
+    refined: Option<&Collection>,
+    choice: Choice,
+) -> Result<Vec<Montage>, KindError> {
+    let images: BTreeMap<(Cell, &str), &Artifact> = refined
+        .into_iter()
+        .flat_map(Collection::iter)
+        .map(|(key, artifact)| ((cell_of_key(key.as_str()), own(key.as_str())), artifact))
+        .collect();
+    let mut groups: BTreeMap<_, Vec<&MethodTable>> = BTreeMap::new();
+    for table in ordered(evaluation) {
+        groups
+            .entry((table.space.clone(), conditioning_order(&table.conditioning), extra(&table.cell)))
+            .or_default()
+            .push(table);
+    }
+    let many_spaces = evaluation.methods.iter().any(|t| t.space != evaluation.methods[0].space);
+    let chosen = choose(references, choice.scenes);
+    let mut out = Vec::new();
+    for ((space, (_, conditioning), more), tables) in groups {
+        ctx.check_cancelled()?;
+        let mut names = vec![conditioning.clone()];
+        names.extend(many_spaces.then(|| space.clone()));
+        names.extend(Some(more).filter(|m| !m.is_empty()));
+        let mut columns = vec![("hold".to_owned(), format!("Input, {} spp", evaluation.from_spp))];
+        columns.extend(tables.iter().map(|t| (t.method.clone(), method_name(&t.method))));
+        columns.push(("reference".to_owned(), format!("Reference, {} spp", evaluation.reference_spp)));
+        let (mut rows, mut reduced) = (Vec::new(), 1);
+        for (scene, artifact, stratum) in &chosen {
+            let packed = PackedScene::from_bytes(&ctx.part(artifact, "")?)?;
+            let rung = |spp: u64| packed.counts.iter().position(|n| *n == spp).map(|i| &packed.states[i]);
+            reduced = packed.states.first().map_or(1, |i| i.width().max(i.height()).div_ceil(choice.pixels.max(1)));
+            let show = |image: Option<&Image>| image.map(|i| reduce(i, reduced).map(preview));
+            let mut pictures = vec![Picture {
+                image: show(rung(evaluation.from_spp)),
+                psnr: score(evaluation, scene, &Cell::new(), 0),
+            }];
+            for table in &tables {
+                let image = match images.get(&(table.cell.clone(), scene.as_str())) {
+                    Some(artifact) => at_nfe(ctx, artifact, choice.nfe)?,
+                    None => None,
+                };
+                pictures.push(Picture {
+                    image: show(image.as_ref()),
+                    psnr: score(evaluation, scene, &table.cell, choice.nfe),
+                });
+            }
+            pictures.push(Picture { image: show(rung(evaluation.reference_spp)), psnr: None });
+            rows.push(MontageRow { scene: scene.clone(), stratum: stratum.to_string(), pictures });
+        }
+        let title = names.iter().map(|n| conditioning_name(n)).collect::<Vec<_>>().join(", ");
+        out.push(Montage { title, file: format!("montage-{}.png", slug(&names.join("-"))), columns, rows, reduced });
+    }
+    Ok(out)
+}
+
+fn own(key: &str) -> &str {
+    key.rsplit('/').next().unwrap_or(key)
+}
+
+fn slug(text: &str) -> String {
+    text.chars().map(|c| if c.is_ascii_alphanumeric() || c == '_' { c } else { '-' }).collect()
+}
+
+fn at_nfe(ctx: &Context<'_>, artifact: &Artifact, nfe: u64) -> Result<Option<Image>, KindError> {
+    let said: Refined = ctx.json(artifact, "meta.json")?;
+    let Some(index) = said.images.iter().position(|i| i.nfe == nfe) else { return Ok(None) };
+    Ok(Some(Image::from_bytes(&ctx.part(artifact, &refined_part(index))?)?))
+}
+
+fn score(evaluation: &Evaluation, scene: &str, cell: &Cell, nfe: u64) -> Option<f64> {
+    let hit = |r: &&tauflow_data::results::SceneRow| r.scene == scene && r.cell == *cell && r.score.nfe == nfe;
+    evaluation.per_scene.iter().find(hit).map(|r| r.score.metrics.hdr_psnr)
+}
+
+/// The mean of each block of `factor` x `factor` pixels.
+fn reduce(image: &Image, factor: usize) -> Image {
+    if factor <= 1 {
+        return image.clone();
+    }
+    let mut out = Image::new(image.width() / factor, image.height() / factor, image.channels());
+    let area = (factor * factor) as f32;
+    for y in 0..out.height() {
+        for x in 0..out.width() {
+            for c in 0..image.channels() {
+                let block =
+                    (0..factor * factor).map(|i| image.pixel(x * factor + i % factor, y * factor + i / factor)[c]);
+                out.pixel_mut(x, y)[c] = block.sum::<f32>() / area;
+            }
+        }
+    }
+    out
+}
+
+impl Montage {
+    /// The montage as one labelled PNG on white.
+    ///
+    /// # Errors
+    /// If it cannot be encoded.
+    pub fn png(&self) -> Result<Vec<u8>, KindError> {
+        const GAP: usize = 8;
+        const SCALE: usize = 2;
+        const LINE: usize = font::HEIGHT * SCALE + 6;
+        let size = self
+            .rows
+            .iter()
+            .flat_map(|r| &r.pictures)
+            .filter_map(|p| p.image.as_ref())
+            .fold((1, 1), |(w, h), i| (w.max(i.width()), h.max(i.height())));
+        let zoom = (160 / size.0.max(size.1)).max(1);
+        let widest = self.columns.iter().map(|c| font::width(&c.1, SCALE)).max().unwrap_or(0);
+        let (cell_w, cell_h) = ((size.0 * zoom).max(widest), size.1 * zoom);
+        let left = self.rows.iter().map(|r| font::width(&r.stratum, SCALE)).max().unwrap_or(0) + 2 * GAP;
+        let width = left + self.columns.len() * (cell_w + GAP);
+        let mut sheet = Image::new(width, LINE + GAP + self.rows.len() * (cell_h + LINE + GAP), 3).map(|_| 1.0);
+        for (c, (_, head)) in self.columns.iter().enumerate() {
+            centred(&mut sheet, left + c * (cell_w + GAP), cell_w, GAP, head);
+        }
+        for (r, row) in self.rows.iter().enumerate() {
+            let y = LINE + GAP + r * (cell_h + LINE + GAP);
+            font::draw(&mut sheet, [GAP, y + cell_h / 2 - font::HEIGHT], &row.stratum, SCALE, 0.1);
+            for (c, picture) in row.pictures.iter().enumerate() {
+                let x = left + c * (cell_w + GAP);
+                if let Some(image) = &picture.image {
+                    paste(&mut sheet, image, [x + (cell_w - image.width() * zoom) / 2, y], zoom);
+                }
+                let caption = match picture.psnr {
+                    Some(psnr) if psnr.is_infinite() => "equal".to_owned(),
+                    Some(psnr) => format!("{psnr:.2} dB"),
+                    None => String::new(),
+                };
+                centred(&mut sheet, x, cell_w, y + cell_h + 4, &caption);
+            }
+        }
+        Ok(encode_png(&sheet)?)
+    }
+}
+
+fn centred(sheet: &mut Image, x: usize, cell_w: usize, y: usize, text: &str) {
+    let room = cell_w.saturating_sub(font::width(text, 2)) / 2;
+    font::draw(sheet, [x + room, y], text, 2, 0.1);
+}
+
+fn paste(sheet: &mut Image, image: &Image, at: [usize; 2], zoom: usize) {
+    for y in 0..image.height() * zoom {
+        for x in 0..image.width() * zoom {
+            let from = image.pixel(x / zoom, y / zoom);
+            sheet.pixel_mut(at[0] + x, at[1] + y).copy_from_slice(&from[..3]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_are_averaged() {
+        let image = Image::from_data(2, 2, 1, vec![1.0, 2.0, 3.0, 6.0]).expect("fits");
+        assert_eq!(reduce(&image, 2).data(), [3.0]);
+        assert_eq!(reduce(&image, 1), image);
+    }
+}

@@ -1,0 +1,103 @@
+//! The frame of the page: head, style, navigation, tabs without scripts. Knows no section's content.
+
+use crate::text::escape;
+use std::fmt::Write as _;
+
+const STYLE: &str = include_str!("style.css");
+
+/// A part of the page under its own heading.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Section {
+    /// Anchor, of letters and dashes.
+    pub id: &'static str,
+    /// Heading.
+    pub title: String,
+    /// HTML below the heading.
+    pub body: String,
+    /// CSS class, empty for none.
+    pub class: &'static str,
+}
+
+impl Section {
+    /// A section without a class.
+    pub fn new(id: &'static str, title: impl Into<String>, body: String) -> Self {
+        Self { id, title: title.into(), body, class: "" }
+    }
+}
+
+/// Panels of which one is seen at a time, chosen by radio buttons; on paper, all of them. `name` is unique on the page.
+pub fn tabs(name: &str, panels: &[(String, String)]) -> String {
+    if let [(_, only)] = panels {
+        return only.clone();
+    }
+    let mut out = format!(r#"<div class="tabs" id="{name}">"#);
+    for (i, (label, _)) in panels.iter().enumerate() {
+        let checked = if i == 0 { " checked" } else { "" };
+        let _ = write!(
+            out,
+            r#"<input type="radio" name="{name}" id="{name}-{i}"{checked}><label for="{name}-{i}">{}</label>"#,
+            escape(label)
+        );
+    }
+    for (i, (label, body)) in panels.iter().enumerate() {
+        let _ = write!(out, r#"<div class="tab t{i}"><h3 class="name">{}</h3>{body}</div>"#, escape(label));
+    }
+    out.push_str("<style>");
+    for i in 0..panels.len() {
+        let comma = if i == 0 { "" } else { "," };
+        let _ = write!(out, "{comma}#{name}-{i}:checked~.t{i}");
+    }
+    out.push_str("{display:block}</style></div>");
+    out
+}
+
+/// Rules for the colour classes of methods: as a line, as a filled shape, as text.
+fn colours() -> String {
+    let mut out = String::new();
+    for name in ["m0", "m1", "m2", "m3", "m4", "m5", "m6", "m7", "hold", "ink", "soft"] {
+        let _ = write!(
+            out,
+            "svg .line.{name}{{stroke:var(--{name})}}svg .band.{name},svg .dot.{name},svg .end.{name},svg .area.{name}{{fill:var(--{name})}}.key.{name},.bar .{name}{{background:var(--{name})}}"
+        );
+    }
+    out
+}
+
+/// The whole page. `missing` are lines on what was not connected.
+pub fn page(title: &str, header: &str, sections: &[Section], missing: &[String]) -> String {
+    let mut out = String::from("<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">");
+    out.push_str(r#"<meta name="viewport" content="width=device-width, initial-scale=1"><meta name="generator" content="tauflow">"#);
+    let _ = write!(out, "<title>{}</title><style>{STYLE}{}</style></head>\n<body>", escape(title), colours());
+    let _ = write!(out, "<header class=\"top\"><h1>{}</h1>{header}<nav>", escape(title));
+    for section in sections {
+        let _ = write!(out, "<a href=\"#{}\">{}</a>", section.id, escape(&section.title));
+    }
+    out.push_str("</nav></header>\n<main>");
+    for Section { id, title, body, class } in sections {
+        let class = if class.is_empty() { String::new() } else { format!(" class=\"{class}\"") };
+        let _ = write!(out, "<section id=\"{id}\"{class}><h2>{}</h2>{body}</section>\n", escape(title));
+    }
+    out.push_str("</main>\n<footer>");
+    if !missing.is_empty() {
+        let _ = write!(out, "<p class=\"missing\">Not connected, so left out: {}.</p>", escape(&missing.join("; ")));
+    }
+    out.push_str("<p>Made by tauflow. Everything here is a function of the pipeline and its inputs; only what is marked as measured differs between runs. The same figures are in <code>results.json</code>, <code>results.csv</code>, <code>curves.csv</code>, <code>per_scene.csv</code> and <code>table.tex</code> beside this page.</p></footer></body></html>\n");
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn titles_are_escaped_and_tabs_need_no_script() {
+        let panels = [("a<b".to_owned(), "<p>1</p>".to_owned()), ("c".to_owned(), "<p>2</p>".to_owned())];
+        let section = Section::new("x", "T<1>", tabs("t", &panels));
+        let page = page("<script>", "", &[section], &["x".into()]);
+        assert!(
+            page.contains("<title>&lt;script&gt;</title>") && page.contains("T&lt;1&gt;") && page.contains("a&lt;b")
+        );
+        assert!(!page.contains("<script") && page.contains("#t-1:checked~.t1"));
+        assert_eq!(tabs("t", &panels[..1]), "<p>1</p>");
+    }
+}

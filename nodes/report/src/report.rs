@@ -1,0 +1,246 @@
+#![doc = include_str!("report.md")]
+
+use crate::{
+    csv,
+    material::{Cell, Material},
+    montage::{Choice, Montage, montages},
+    page::{Section, page},
+    ranking::extra,
+    sections::{self, data::gate_counts},
+    tex,
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::{collections::BTreeMap, fmt::Write as _};
+use tauflow_contract::{
+    Action, Artifact, Context, Digest, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs,
+    ParamProblem,
+};
+use tauflow_data::{
+    formats::{FILES, JSON, PACKED, REFINED, VERDICT},
+    results::{Evaluation, TrainingTiming},
+};
+
+/// The kind `report`.
+pub struct Report;
+
+/// Params of `report`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ReportParams {
+    /// Title of the page.
+    pub title: String,
+    /// A sentence below the title; may be empty.
+    pub subtitle: String,
+    /// Scenes of each stratum among the pictures; 0 for no pictures.
+    #[schemars(range(min = 0, max = 20))]
+    pub montage_scenes: u64,
+    /// NFE of the pictures and of the heat map; none for the first that was evaluated.
+    pub montage_nfe: Option<u64>,
+    /// Longest side of a picture in pixels; larger ones are reduced by an integer factor.
+    #[schemars(range(min = 16, max = 2048))]
+    pub montage_pixels: u64,
+    /// Scenes whose bridge maps the page shows; the files hold all.
+    #[schemars(range(min = 0, max = 100))]
+    pub bridge_scenes: u64,
+}
+
+impl Default for ReportParams {
+    fn default() -> Self {
+        Self {
+            title: "Monte Carlo transport".into(),
+            subtitle: String::new(),
+            montage_scenes: 1,
+            montage_nfe: None,
+            montage_pixels: 128,
+            bridge_scenes: 2,
+        }
+    }
+}
+
+const INPUTS: &[InputPort] = &[
+    InputPort::whole("evaluation", JSON, "Scores of every method."),
+    InputPort::whole("references", PACKED, "Packed test scenes: input and reference of the pictures.").or_none(),
+    InputPort::whole("refined", REFINED, "Refined images of all cells.").or_none(),
+    InputPort::whole("losses", JSON, "Loss curves of all cells.").or_none(),
+    InputPort::whole("timings", JSON, "Measured training times of all cells.").or_none(),
+    InputPort::whole("verdicts", VERDICT, "The gate's verdicts on the pool.").or_none(),
+    InputPort::whole("split", JSON, "What the split says.").or_none(),
+    InputPort::whole("sampling", JSON, "What the sampling says.").or_none(),
+    InputPort::whole("bridge", FILES, "Bridge validation: `bridge.json`, `cases.csv`, `maps/`.").or_none(),
+    InputPort::whole("convergence", JSON, "How far ladders keep to the 1/sqrt(n) law.").or_none(),
+];
+const OUTPUTS: &[OutputPort] =
+    &[OutputPort::new("report", FILES, "The page, and its figures as JSON, CSV, LaTeX and PNG.").published()];
+
+impl Kind for Report {
+    type Params = ReportParams;
+
+    fn spec() -> KindSpec {
+        KindSpec {
+            name: "report",
+            version: 1,
+            summary: "Shows what was measured: a self-contained page, JSON, CSV, LaTeX and pictures.",
+            manual: include_str!("report.md"),
+            mode: Mode::Gather,
+            inputs: INPUTS,
+            outputs: OUTPUTS,
+            seeded: false,
+        }
+    }
+
+    fn check(params: &Self::Params) -> Vec<ParamProblem> {
+        let mut out = Vec::new();
+        if params.title.trim().is_empty() {
+            out.push(ParamProblem::new("/title", "the title is empty", "write what the pipeline is about"));
+        }
+        if params.montage_pixels < 16 {
+            out.push(ParamProblem::new("/montage_pixels", "pictures of less than 16 pixels", "128 is a good size"));
+        }
+        out
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let material = Material::load(ctx, action)?;
+        let evaluation = &material.evaluation;
+        let params = &action.params;
+        let nfe = picture_nfe(evaluation, params)?;
+        let montages = match action.whole.get("references") {
+            Some(references) if params.montage_scenes > 0 => {
+                let choice =
+                    Choice { scenes: params.montage_scenes as usize, nfe, pixels: params.montage_pixels as usize };
+                montages(ctx, evaluation, references, action.whole.get("refined").copied(), choice)?
+            }
+            _ => Vec::new(),
+        };
+        ctx.check_cancelled()?;
+        let sections = sections(&material, params, &montages, nfe)?;
+        let header = sections::headline::block(evaluation, &material, &params.subtitle);
+        let html = page(&params.title, &header, &sections, &missing(action));
+
+        let mut parts: BTreeMap<String, Digest> = BTreeMap::new();
+        let mut put = |name: &str, bytes: &[u8]| -> Result<(), KindError> {
+            parts.insert(name.to_owned(), ctx.put(bytes)?);
+            Ok(())
+        };
+        put("report.html", html.as_bytes())?;
+        put("results.json", results_json(&material, params)?.as_bytes())?;
+        put("results.csv", csv::results(evaluation).as_bytes())?;
+        put("curves.csv", csv::curves(evaluation).as_bytes())?;
+        put("per_scene.csv", csv::per_scene(evaluation).as_bytes())?;
+        put("table.tex", tex::table(evaluation, "hdr_psnr").as_bytes())?;
+        put("tables.tex", tex::others(evaluation).as_bytes())?;
+        for montage in montages.iter().filter(|m| !m.rows.is_empty()) {
+            put(&montage.file, &montage.png()?)?;
+        }
+        if !material.timings.is_empty() {
+            put("timings.csv", timings_csv(&material.timings).as_bytes())?;
+        }
+        // Files of the bridge go along as they are: the same blobs under another name.
+        for artifact in action.whole.get("bridge").into_iter().flat_map(|c| c.items.values()) {
+            parts.extend(artifact.parts.iter().map(|(name, digest)| (format!("bridge/{name}"), *digest)));
+        }
+        let key = ItemKey::new("report").expect("letters");
+        Ok(Outputs::default().collection("report", [(key, Artifact::tree(FILES, parts))].into_iter().collect()))
+    }
+}
+
+/// The NFE of pictures and heat map.
+fn picture_nfe(evaluation: &Evaluation, params: &ReportParams) -> Result<u64, KindError> {
+    let first = evaluation.nfe.first().copied().unwrap_or(0);
+    match params.montage_nfe {
+        None => Ok(first),
+        Some(nfe) if evaluation.nfe.contains(&nfe) => Ok(nfe),
+        Some(nfe) => Err(KindError::Input(format!(
+            "`montage_nfe: {nfe}` was not evaluated, only {:?}; choose one of these, or add it to `nfe` of the refinement",
+            evaluation.nfe
+        ))),
+    }
+}
+
+/// The sections that there is material for, in order.
+fn sections(
+    material: &Material,
+    params: &ReportParams,
+    montages: &[Montage],
+    nfe: u64,
+) -> Result<Vec<Section>, KindError> {
+    let evaluation = &material.evaluation;
+    let all = [
+        Some(sections::tables::section(evaluation)),
+        Some(sections::curves::section(evaluation)),
+        sections::strata::section(evaluation, nfe),
+        sections::montage::section(montages, nfe)?,
+        material.bridge.as_ref().map(|b| sections::bridge::section(b, params.bridge_scenes as usize)),
+        sections::losses::section(&material.losses),
+        sections::data::section(material),
+        Some(sections::conventions::section(evaluation)),
+        sections::timings::section(&material.timings),
+    ];
+    Ok(all.into_iter().flatten().collect())
+}
+
+/// What was not connected.
+fn missing(action: &Action<'_, ReportParams>) -> Vec<String> {
+    let there = |port: &str| action.whole.get(port).is_some_and(|c| !c.is_empty());
+    INPUTS.iter().filter(|p| !there(p.name)).map(|p| p.name.to_owned()).collect()
+}
+
+/// Every figure but the measured ones.
+fn results_json(material: &Material, params: &ReportParams) -> Result<String, KindError> {
+    let gate: BTreeMap<_, _> = gate_counts(&material.verdicts)
+        .into_iter()
+        .map(|(s, g)| (s, json!({"pool": g.pool, "accepted": g.accepted, "rejected": g.rejected})))
+        .collect();
+    let value = json!({
+        "title": params.title,
+        "references": material.references,
+        "evaluation": material.evaluation,
+        "losses": material.losses,
+        "gate": gate,
+        "split": material.split,
+        "sampling": material.sampling,
+        "bridge": material.bridge.as_ref().map(|b| &b.bridge),
+        "convergence": material.convergence,
+    });
+    serde_json::to_string_pretty(&value)
+        .map(|text| text + "\n")
+        .map_err(|e| KindError::Internal(format!("cannot write results.json: {e}")))
+}
+
+fn timings_csv(timings: &[(Cell, TrainingTiming)]) -> String {
+    let mut out = String::from("parameterization,conditioning,cell,steps,seconds,median_step_ms,threads\n");
+    for (cell, timing) in timings {
+        let get = |axis: &str| csv::field(cell.get(axis).map_or("", String::as_str));
+        let _ = writeln!(
+            out,
+            "{},{},{},{},{},{},{}",
+            get("parameterization"),
+            get("conditioning"),
+            csv::field(&extra(cell)),
+            timing.steps,
+            timing.seconds,
+            timing.median_step_ms,
+            timing.threads
+        );
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tauflow_contract::Determinism;
+
+    #[test]
+    fn the_ports_are_those_of_the_pipelines() {
+        let spec = Report::spec();
+        let names: Vec<&str> = spec.inputs.iter().map(|p| p.name).collect();
+        assert_eq!(names[0], "evaluation");
+        assert!(spec.inputs.iter().skip(1).all(|p| p.optional) && !spec.inputs[0].optional);
+        assert!(spec.outputs[0].publish && spec.outputs[0].determinism == Determinism::Bitwise);
+        assert!(Report::check(&ReportParams::default()).is_empty());
+        assert_eq!(Report::check(&ReportParams { title: " ".into(), ..ReportParams::default() }).len(), 1);
+    }
+}

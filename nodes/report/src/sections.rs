@@ -1,0 +1,20 @@
+//! The sections of the page, one file each: every one turns material into HTML, and is left out without its input.
+
+pub mod bridge;
+
+pub mod conventions;
+pub mod curves;
+pub mod data;
+pub mod headline;
+pub mod losses;
+pub mod montage;
+pub mod strata;
+pub mod tables;
+pub mod timings;
+
+use crate::{ranking, text::escape};
+
+/// A coloured dot and a method's name, as HTML.
+pub fn method_html(method: &str) -> String {
+    format!(r#"<span class="key {}"></span>{}"#, ranking::colour(method), escape(&ranking::method_name(method)))
+}

@@ -1,0 +1,203 @@
+//! Bridge validation: stops from k to m on ladders that no model was trained on.
+
+use crate::{
+    material::BridgeFiles,
+    page::{Section, tabs},
+    ranking::{Rank, colour, method_name, rank},
+    sections::method_html,
+    svg::{Plot, Scale},
+    text::{count, escape, fixed, interval, png_uri, signed},
+};
+use std::{collections::BTreeMap, fmt::Write as _};
+use tauflow_data::results::{Bridge, BridgeRow};
+
+/// Order of methods.
+const ORDER: [&str; 3] = ["hold", "local_step", "mc_noise"];
+
+/// The section. `scenes` is how many scenes' maps are shown.
+pub fn section(files: &BridgeFiles, scenes: usize) -> Section {
+    let bridge = &files.bridge;
+    let last = bridge.rows.iter().map(|r| r.to_spp).max().unwrap_or(0);
+    let mut out = format!(
+        "<p>Ladders of 1, 2, 3 … {last} samples on {} scenes: rungs outside the dyadic training ladder (n<sub>max</sub> = {}), each stop \
+         against the <em>real</em> I<sub>m</sub>. MC noise goes I<sub>k</sub> + (τ<sub>m</sub> − τ<sub>k</sub>)/(1 − τ<sub>k</sub>) \
+         (clean − I<sub>k</sub>); the local step is an Euler step of the local velocity; no model was retrained.</p>",
+        bridge.scenes, bridge.n_max
+    );
+    out.push_str("<div class=\"grid2\">");
+    for (stop, title) in stops(bridge) {
+        let _ = write!(out, "<div><h3>{title}</h3>{}</div>", summary(bridge, stop));
+    }
+    out.push_str("</div><div class=\"grid2\">");
+    let y = Scale::linear(bridge.rows.iter().flat_map(|r| [r.psnr.mean, r.psnr.low, r.psnr.high]));
+    for (stop, title) in stops(bridge) {
+        let _ = write!(out, "<figure>{}</figure>", chart(bridge, stop, &title, y));
+    }
+    out.push_str("</div>");
+    let panels: Vec<(String, String)> =
+        stops(bridge).into_iter().map(|(stop, title)| (title, by_k(bridge, stop))).collect();
+    if !panels.is_empty() {
+        let _ = write!(out, "<details><summary>Figures by k</summary>{}</details>", tabs("bridge-rows", &panels));
+    }
+    out.push_str(&maps(&files.maps, scenes));
+    Section::new("bridge", "Bridge validation", out)
+}
+
+/// Kinds of stop that there are, with their titles.
+fn stops(bridge: &Bridge) -> Vec<(&str, String)> {
+    let known = [("adjacent", "Adjacent stops, k → k + 1"), ("direct", "Direct stops")];
+    let mut out = Vec::new();
+    for (stop, title) in known {
+        if let Some(row) = bridge.rows.iter().find(|r| r.stop == stop) {
+            let title = if stop == "direct" { format!("{title}, k → {}", row.to_spp) } else { title.to_owned() };
+            out.push((stop, title));
+        }
+    }
+    out
+}
+
+fn order(method: &str) -> usize {
+    ORDER.iter().position(|m| *m == method).unwrap_or(ORDER.len())
+}
+
+fn summary(bridge: &Bridge, stop: &str) -> String {
+    let mut rows: Vec<_> = bridge.summary.iter().filter(|s| s.stop == stop).collect();
+    rows.sort_by_key(|s| (order(&s.method), s.method.clone()));
+    let column: Vec<Option<f64>> = rows.iter().map(|r| Some(r.psnr.mean)).collect();
+    let ranks = rank(&column, true, 2);
+    let mut out = String::from(
+        "<table class=\"wide\"><thead><tr><th>Method</th><th>Cases</th><th>PSNR (dB)</th><th>Gain over hold</th><th>Better than hold</th></tr></thead><tbody>",
+    );
+    for (row, rank) in rows.iter().zip(ranks) {
+        let mean = fixed(row.psnr.mean, 2);
+        let mean = match rank {
+            Rank::Best => format!("<b class=\"best\">{mean}</b>"),
+            Rank::Second => format!("<span class=\"second\">{mean}</span>"),
+            Rank::Other => mean,
+        };
+        let (gain, better) = if row.method == "hold" {
+            ("<span class=\"zero\">–</span>".to_owned(), "<span class=\"zero\">–</span>".to_owned())
+        } else {
+            (
+                format!(
+                    "{}<span class=\"ci\">[{}, {}]</span>",
+                    signed(row.gain.mean, 2),
+                    signed(row.gain.low, 2),
+                    signed(row.gain.high, 2)
+                ),
+                format!("{}%", fixed(row.better * 100.0, 0)),
+            )
+        };
+        let _ = write!(
+            out,
+            "<tr><td>{}</td><td>{}</td><td>{mean}<span class=\"ci\">{}</span></td><td>{gain}</td><td>{better}</td></tr>",
+            method_html(&row.method),
+            count(row.cases),
+            interval(&row.psnr, 2)
+        );
+    }
+    out + "</tbody></table>"
+}
+
+/// Rows of a kind of stop, by method in order.
+fn by_method<'a>(bridge: &'a Bridge, stop: &str) -> Vec<(&'a str, Vec<&'a BridgeRow>)> {
+    let mut map: BTreeMap<(usize, &str), Vec<&BridgeRow>> = BTreeMap::new();
+    for row in bridge.rows.iter().filter(|r| r.stop == stop) {
+        map.entry((order(&row.method), row.method.as_str())).or_default().push(row);
+    }
+    map.into_iter()
+        .map(|((_, method), mut rows)| {
+            rows.sort_by_key(|r| r.from_spp);
+            (method, rows)
+        })
+        .collect()
+}
+
+fn chart(bridge: &Bridge, stop: &str, title: &str, y: Scale) -> String {
+    let methods = by_method(bridge, stop);
+    let ks: Vec<u64> = methods.first().map(|(_, rows)| rows.iter().map(|r| r.from_spp).collect()).unwrap_or_default();
+    let mut plot = Plot::new([560.0, 300.0], [48.0, 96.0, 34.0, 40.0], Scale::linear(ks.iter().map(|k| *k as f64)), y);
+    plot.title(&format!("PSNR (dB), {title}")).y_axis(6);
+    plot.x_axis(ks.iter().map(|k| (*k as f64, k.to_string())), "k, samples before");
+    for (method, rows) in &methods {
+        let band: Vec<_> = rows.iter().map(|r| (r.from_spp as f64, r.psnr.low, r.psnr.high)).collect();
+        plot.band(&band, &colour(method));
+    }
+    for (method, rows) in &methods {
+        let class = colour(method);
+        let points: Vec<_> = rows.iter().map(|r| (r.from_spp as f64, r.psnr.mean)).collect();
+        let look = if *method == "hold" { format!("{class} dashed") } else { class.clone() };
+        plot.line(points.iter().copied(), &look).dots(points.iter().copied(), 3.2, &class);
+        if let Some((_, last)) = points.last() {
+            plot.end_label(*last, &class, &method_name(method));
+        }
+    }
+    plot.finish(&format!("PSNR by k, {title}; the figures are in the tables of this section"))
+}
+
+fn by_k(bridge: &Bridge, stop: &str) -> String {
+    let methods = by_method(bridge, stop);
+    let mut out = String::from("<div class=\"scroll\"><table class=\"wide\"><thead><tr><th>Stop</th><th>Fraction</th>");
+    for (method, _) in &methods {
+        let _ = write!(out, "<th>{}</th>", escape(&method_name(method)));
+    }
+    out.push_str("</tr></thead><tbody>");
+    let rows = methods.first().map_or(0, |(_, rows)| rows.len());
+    for i in 0..rows {
+        let first = methods[0].1[i];
+        let ranks = rank(&methods.iter().map(|(_, r)| r.get(i).map(|r| r.psnr.mean)).collect::<Vec<_>>(), true, 2);
+        let _ = write!(out, "<tr><td>{} → {}</td><td>{}</td>", first.from_spp, first.to_spp, fixed(first.fraction, 3));
+        for ((_, rows), rank) in methods.iter().zip(ranks) {
+            let class = match rank {
+                Rank::Best => "best",
+                Rank::Second => "second",
+                Rank::Other => "",
+            };
+            let _ = match rows.get(i) {
+                Some(r) => write!(
+                    out,
+                    "<td><span class=\"{class}\">{}</span><span class=\"ci\">{}</span></td>",
+                    fixed(r.psnr.mean, 2),
+                    interval(&r.psnr, 2)
+                ),
+                None => write!(out, "<td class=\"zero\">–</td>"),
+            };
+        }
+        out.push_str("</tr>");
+    }
+    out + "</tbody></table></div>"
+}
+
+/// The maps of the first scenes, by folder.
+fn maps(maps: &[(String, Vec<u8>)], scenes: usize) -> String {
+    let mut folders: BTreeMap<&str, Vec<(&str, &[u8])>> = BTreeMap::new();
+    for (name, png) in maps {
+        let (folder, file) = name.split_once('/').unwrap_or(("", name));
+        folders.entry(folder).or_default().push((file.trim_end_matches(".png"), png));
+    }
+    if folders.is_empty() || scenes == 0 {
+        return String::new();
+    }
+    let more = folders.len().saturating_sub(scenes);
+    let mut out = String::from("<h3>Update directions and absolute differences</h3>");
+    for (folder, files) in folders.into_iter().take(scenes) {
+        let _ = write!(out, "<p class=\"note\">{}</p><div class=\"maps\">", escape(folder));
+        for (file, png) in files {
+            let name = file.replace(['/', '_'], " ");
+            let _ = write!(
+                out,
+                "<figure><img alt=\"{0}\" src=\"{1}\"><figcaption>{0}</figcaption></figure>",
+                escape(&name),
+                png_uri(png)
+            );
+        }
+        out.push_str("</div>");
+    }
+    if more > 0 {
+        let _ = write!(
+            out,
+            "<p class=\"note\">Those of {more} more are in <code>bridge/maps/</code> beside this page.</p>"
+        );
+    }
+    out
+}

@@ -1,0 +1,132 @@
+//! The head of the page: what was built, and the figures to remember.
+
+use crate::{
+    material::Material,
+    ranking::{best_at, conditioning_name, method_name, ordered},
+    text::{count, escape, fixed, plural, signed},
+};
+use std::fmt::Write as _;
+use tauflow_data::results::{Evaluation, MethodTable};
+
+/// The block below the title.
+pub fn block(evaluation: &Evaluation, material: &Material, subtitle: &str) -> String {
+    let mut out = String::new();
+    if !subtitle.is_empty() {
+        let _ = write!(out, "<p class=\"lead\">{}</p>", escape(subtitle));
+    }
+    let _ = write!(out, "<p class=\"lead\">{}</p><div class=\"cards\">", built(evaluation, material));
+    if let Some(nfe) = evaluation.nfe.first() {
+        best_cards(&mut out, evaluation, *nfe);
+    }
+    data_cards(&mut out, evaluation, material);
+    let _ = write!(out, "</div><p class=\"note\">{}</p>", reference_note(evaluation));
+    out
+}
+
+/// One sentence on what was built.
+fn built(evaluation: &Evaluation, material: &Material) -> String {
+    let mut parts = Vec::new();
+    let accepted = material.verdicts.iter().filter(|(_, v)| v.reasons.is_empty()).count() as u64;
+    if !material.verdicts.is_empty() {
+        parts.push(format!(
+            "A pool of <b>{}</b>, of which the gate let <b>{}</b> through",
+            plural(material.verdicts.len() as u64, "scene"),
+            count(accepted)
+        ));
+    }
+    let train = material.sampling.as_ref().map(|s| s.train.chosen);
+    let test = evaluation.scenes;
+    parts.push(match train {
+        Some(train) => format!("<b>{}</b> to train and <b>{}</b> to test", plural(train, "scene"), count(test)),
+        None => format!("<b>{}</b> to test", plural(test, "scene")),
+    });
+    if let Some(references) = &material.references {
+        let (first, last) = (references.counts.first().copied(), references.counts.last().copied());
+        parts.push(format!(
+            "ladders of <b>{} rungs</b> from {} to {} samples a pixel at {} × {}",
+            references.counts.len(),
+            count(first.unwrap_or(0)),
+            count(last.unwrap_or(0)),
+            references.width,
+            references.height
+        ));
+    }
+    let n = evaluation.methods.len() as u64;
+    parts.push(format!("<b>{}</b> compared", plural(n, "solver")));
+    let mut text = parts.join("; ");
+    if let Some(first) = text.get(..1).filter(|c| c.chars().all(char::is_lowercase)) {
+        let upper = first.to_uppercase();
+        text.replace_range(..1, &upper);
+    }
+    text + "."
+}
+
+/// What to keep in mind of the references.
+pub fn reference_note(evaluation: &Evaluation) -> String {
+    let n = evaluation.reference_spp;
+    format!(
+        "Scores are against I<sub>{n}</sub>, the ladder's own last rung. It shares its samples with every rung: I<sub>k</sub> is part of \
+         I<sub>{n}</sub>, so its error here is σ²(1/k − 1/{n}) rather than σ²/k, and I<sub>{n}</sub> is itself noisy by σ²/{n}. \
+         Intervals are 95% bootstrap intervals over test scenes; the best solver is chosen on the same scenes that it is scored on."
+    )
+}
+
+fn name(table: &MethodTable) -> String {
+    format!("{}, {}", method_name(&table.method), conditioning_name(&table.conditioning))
+}
+
+fn card(out: &mut String, class: &str, big: &str, what: &str) {
+    let _ = write!(out, r#"<div class="card{class}"><div class="big">{big}</div><div class="what">{what}</div></div>"#);
+}
+
+fn best_cards(out: &mut String, evaluation: &Evaluation, nfe: u64) {
+    let Some(best) = best_at(evaluation, nfe) else { return };
+    let Some(at) = best.at.iter().find(|a| a.nfe == nfe) else { return };
+    if let Some(gain) = at.gain.get("hdr_psnr") {
+        let what = format!(
+            "over hold at NFE {nfe}, 95% interval {} to {}: {}",
+            signed(gain.low, 2),
+            signed(gain.high, 2),
+            escape(&name(best))
+        );
+        card(out, " strong", &format!("{} <small>dB</small>", signed(gain.mean, 2)), &what);
+    }
+    if let (Some(psnr), Some(hold)) = (at.metrics.get("hdr_psnr"), evaluation.hold.get("hdr_psnr")) {
+        let what = format!("HDR PSNR of the best solver at NFE {nfe}; the input itself has {} dB", fixed(hold.mean, 2));
+        card(out, "", &format!("{} <small>dB</small>", fixed(psnr.mean, 2)), &what);
+    }
+    let steady = |t: &&MethodTable| t.auc.get("hdr_psnr").map(|e| e.mean).filter(|v| !v.is_nan());
+    let top = ordered(evaluation)
+        .into_iter()
+        .filter(|t| steady(t).is_some())
+        .reduce(|a, b| if steady(&b) > steady(&a) { b } else { a });
+    if let Some((table, auc)) = top.and_then(|t| t.auc.get("hdr_psnr").map(|auc| (t, auc)))
+        && evaluation.nfe.len() > 1
+    {
+        let what = format!(
+            "best mean over log NFE {} to {} (AUC): {}",
+            nfe,
+            evaluation.nfe.last().copied().unwrap_or(nfe),
+            escape(&name(table))
+        );
+        card(out, "", &format!("{} <small>dB</small>", fixed(auc.mean, 2)), &what);
+    }
+}
+
+fn data_cards(out: &mut String, evaluation: &Evaluation, material: &Material) {
+    if material.verdicts.is_empty() {
+        return;
+    }
+    let pool = material.verdicts.len() as u64;
+    let accepted = material.verdicts.iter().filter(|(_, v)| v.reasons.is_empty()).count() as u64;
+    let mut strata: Vec<&str> = evaluation.per_scene.iter().map(|r| r.stratum.as_str()).collect();
+    strata.sort_unstable();
+    strata.dedup();
+    let what =
+        format!("scenes passed the gate; tested on {} in {}", count(evaluation.scenes), strata_text(strata.len()));
+    card(out, "", &format!("{} <small>of {}</small>", count(accepted), count(pool)), &what);
+}
+
+fn strata_text(n: usize) -> String {
+    if n == 1 { "1 stratum".into() } else { format!("{n} strata") }
+}

@@ -1,0 +1,78 @@
+//! Loss curves of every cell as small multiples.
+
+use crate::{
+    page::Section,
+    ranking::{colour, conditioning_name, conditioning_order, method_name, method_order},
+    svg::{Plot, Scale},
+    text::{compact, count, escape},
+};
+use std::fmt::Write as _;
+use tauflow_data::results::TrainingLog;
+
+/// The section; none without curves.
+pub fn section(losses: &[TrainingLog]) -> Option<Section> {
+    let first = losses.first()?;
+    let mut logs: Vec<&TrainingLog> = losses.iter().collect();
+    logs.sort_by_key(|l| (l.space.clone(), conditioning_order(&l.conditioning), method_order(&l.parameterization)));
+    let many_spaces = logs.iter().any(|l| l.space != first.space);
+    let same = logs.iter().all(|l| l.steps == first.steps && l.preset == first.preset);
+    let setting = if same {
+        format!("Every cell: preset <code>{}</code>, {} steps.", escape(&first.preset), count(first.steps))
+    } else {
+        "Presets and steps differ between cells: see <code>results.json</code>.".to_owned()
+    };
+    let weights: Vec<u64> = logs.iter().map(|l| l.weights).collect();
+    let (least, most) = (weights.iter().min()?, weights.iter().max()?);
+    let weights = if least == most { count(*least) } else { format!("{} to {}", count(*least), count(*most)) };
+    let mut body = format!(
+        "<p>{setting} {weights} weights. Bold: averaged weights on the test scenes; thin: training batches. Targets have different \
+         scales, so compare shapes within a column of one method, not heights between methods.</p><div class=\"grid4\">"
+    );
+    for log in logs {
+        let _ = write!(body, "<figure>{}</figure>", panel(log, many_spaces));
+    }
+    body.push_str("</div>");
+    Some(Section::new("training", "Training", body))
+}
+
+/// First and last loss on the test scenes.
+fn fall(log: &TrainingLog) -> Option<(f64, f64)> {
+    let mut tests = log.points.iter().filter_map(|p| p.test);
+    let first = tests.next()?;
+    Some((first, tests.last()?))
+}
+
+fn panel(log: &TrainingLog, many_spaces: bool) -> String {
+    let series = |pick: fn(&tauflow_data::results::TrainingPoint) -> Option<f64>| -> Vec<(f64, f64)> {
+        log.points.iter().filter_map(|p| pick(p).map(|v| (p.step as f64, v))).collect()
+    };
+    let (train, test) = (series(|p| p.train), series(|p| p.test));
+    let y = Scale::log(train.iter().chain(&test).map(|p| p.1), 0.06);
+    let x = Scale::linear([0.0, log.steps as f64]);
+    let mut plot = Plot::new([290.0, 216.0], [46.0, 10.0, 50.0, 36.0], x, y);
+    let class = colour(&log.parameterization);
+    let space = if many_spaces { format!(", {}", log.space) } else { String::new() };
+    plot.title(&format!("{}, {}{space}", method_name(&log.parameterization), conditioning_name(&log.conditioning)));
+    plot.y_axis(4).x_axis([(0.0, "0".to_owned()), (log.steps as f64, count(log.steps))], "step");
+    plot.line(train, &format!("{class} thin")).line(test.iter().copied(), &class);
+    if let Some(last) = test.last() {
+        plot.dots([*last], 3.2, &class);
+    }
+    let said = match fall(log) {
+        Some((first, last)) => {
+            format!(
+                "test {} → {} ({}%)",
+                compact(first),
+                compact(last),
+                crate::text::signed((last / first - 1.0) * 100.0, 0)
+            )
+        }
+        None => "no loss on test scenes".to_owned(),
+    };
+    plot.subtitle(&said);
+    plot.finish(&format!(
+        "Loss of {} with {}: {said}",
+        method_name(&log.parameterization),
+        conditioning_name(&log.conditioning)
+    ))
+}

@@ -1,0 +1,70 @@
+//! Pictures: strata x methods.
+
+use crate::{
+    montage::Montage,
+    page::{Section, tabs},
+    text::{escape, fixed, png_uri},
+};
+use std::fmt::Write as _;
+use tauflow_contract::KindError;
+use tauflow_data::image_io::encode_png;
+
+/// The section; none without pictures.
+///
+/// # Errors
+/// If a picture cannot be encoded.
+pub fn section(montages: &[Montage], nfe: u64) -> Result<Option<Section>, KindError> {
+    let Some(first) = montages.iter().find(|m| !m.rows.is_empty()) else { return Ok(None) };
+    let mut panels = Vec::new();
+    for montage in montages {
+        panels.push((montage.title.clone(), grid(montage)?));
+    }
+    let reduced = match first.reduced {
+        1 => String::new(),
+        n => format!(
+            " Pictures are averaged over {n} × {n} pixels to fit, which hides some noise; scores are of the full ones."
+        ),
+    };
+    let body = format!(
+        "<p>The first scene of each stratum by number, not the fairest, at NFE {nfe}. Captions: HDR PSNR in dB, the best of a row in bold.{reduced}</p>{}",
+        tabs("montage", &panels)
+    );
+    Ok(Some(Section::new("pictures", "Pictures", body)))
+}
+
+fn grid(montage: &Montage) -> Result<String, KindError> {
+    let mut out = String::from(r#"<table class="montage"><thead><tr><th></th>"#);
+    for (_, head) in &montage.columns {
+        let _ = write!(out, "<th>{}</th>", escape(head));
+    }
+    out.push_str("</tr></thead><tbody>");
+    for row in &montage.rows {
+        let (regime, context) = row.stratum.split_once('-').unwrap_or((&row.stratum, ""));
+        let _ = write!(out, r#"<tr title="{}"><td>{regime}<br>{context}</td>"#, escape(&row.scene));
+        let best = row.pictures.iter().filter_map(|p| p.psnr).fold(f64::NEG_INFINITY, f64::max);
+        for (picture, (_, head)) in row.pictures.iter().zip(&montage.columns) {
+            out.push_str("<td>");
+            match &picture.image {
+                Some(image) => {
+                    let alt = format!("{head}, {}", row.scene);
+                    let (w, h) = (image.width(), image.height());
+                    let _ = write!(
+                        out,
+                        r#"<img alt="{}" width="{w}" height="{h}" src="{}">"#,
+                        escape(&alt),
+                        png_uri(&encode_png(image)?)
+                    );
+                }
+                None => out.push_str(r#"<span class="zero">none</span>"#),
+            }
+            let (text, top) = match picture.psnr {
+                Some(psnr) => (fixed(psnr, 2), if psnr == best { " top" } else { "" }),
+                None => ("&nbsp;".into(), ""),
+            };
+            let _ = write!(out, r#"<div class="psnr{top}">{text}</div></td>"#);
+        }
+        out.push_str("</tr>");
+    }
+    out.push_str("</tbody></table>");
+    Ok(out)
+}

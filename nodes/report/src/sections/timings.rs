@@ -1,0 +1,62 @@
+//! Training times: the one measured section.
+
+use crate::{
+    material::Cell,
+    page::Section,
+    ranking::{conditioning_name, conditioning_order, extra, method_order},
+    sections::method_html,
+    text::{count, escape, fixed},
+};
+use std::fmt::Write as _;
+use tauflow_data::results::TrainingTiming;
+
+/// The section; none without timings.
+pub fn section(timings: &[(Cell, TrainingTiming)]) -> Option<Section> {
+    if timings.is_empty() {
+        return None;
+    }
+    let get = |cell: &Cell, axis: &str| cell.get(axis).cloned().unwrap_or_default();
+    let mut rows: Vec<&(Cell, TrainingTiming)> = timings.iter().collect();
+    rows.sort_by_cached_key(|(cell, _)| {
+        (
+            get(cell, "space"),
+            method_order(&get(cell, "parameterization")),
+            conditioning_order(&get(cell, "conditioning")),
+            extra(cell),
+        )
+    });
+    let mut out = String::from(
+        "<p class=\"note\">Measured on the machine that ran the pipeline, and different from run to run; nothing above depends on it. Steps are those of \
+         the last run where a training was resumed.</p><div class=\"scroll\"><table class=\"wide\"><thead><tr><th>Method</th><th class=\"left\">Conditioning</th><th>Steps</th>\
+         <th>Time (s)</th><th>Median step (ms)</th><th>Steps/s</th><th>Threads</th></tr></thead><tbody>",
+    );
+    let mut total = 0.0;
+    for (cell, timing) in rows {
+        let more = extra(cell);
+        let conditioning = get(cell, "conditioning");
+        let _ = write!(
+            out,
+            "<tr><td>{}</td><td class=\"left\">{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            method_html(&get(cell, "parameterization")),
+            escape(
+                &[conditioning_name(&conditioning), more]
+                    .into_iter()
+                    .filter(|t| !t.is_empty())
+                    .collect::<Vec<_>>()
+                    .join(", ")
+            ),
+            count(timing.steps),
+            fixed(timing.seconds, 1),
+            fixed(timing.median_step_ms, 1),
+            if timing.seconds > 0.0 { fixed(timing.steps as f64 / timing.seconds, 1) } else { "–".into() },
+            timing.threads
+        );
+        total += timing.seconds;
+    }
+    let _ = write!(
+        out,
+        "<tr class=\"total\"><td>All</td><td></td><td></td><td>{}</td><td></td><td></td><td></td></tr></tbody></table></div>",
+        fixed(total, 1)
+    );
+    Some(Section { class: "measured", ..Section::new("timings", "Timings (measured)", out) })
+}
