@@ -52,10 +52,10 @@ pub(crate) fn cache(command: &CacheCommand, open: Open<'_>) -> Result<Exit, CliE
     match command {
         CacheCommand::Stat => {
             let stat = store.stat()?;
-            println!("{}", store.dir().display());
-            println!("{} blobs, {}; log {}", stat.blobs, bytes_text(stat.bytes), bytes_text(stat.log_bytes));
+            outln!("{}", store.dir().display());
+            outln!("{} blobs, {}; log {}", stat.blobs, bytes_text(stat.bytes), bytes_text(stat.log_bytes));
             if stat.quarantined + stat.conflicts > 0 {
-                println!("{} damaged blobs set aside, {} conflicting records", stat.quarantined, stat.conflicts);
+                outln!("{} damaged blobs set aside, {} conflicting records", stat.quarantined, stat.conflicts);
             }
             let mut rows = vec![["records of", "count", "time", "size"].map(str::to_owned).to_vec()];
             for (namespace, labels) in &stat.records {
@@ -68,7 +68,7 @@ pub(crate) fn cache(command: &CacheCommand, open: Open<'_>) -> Result<Exit, CliE
                     ]);
                 }
             }
-            print!("{}", table(&rows));
+            out!("{}", table(&rows));
         }
         CacheCommand::Verify { sample } => {
             if sample.is_some_and(|s| !(0.0..=1.0).contains(&s)) {
@@ -84,7 +84,7 @@ pub(crate) fn cache(command: &CacheCommand, open: Open<'_>) -> Result<Exit, CliE
                 bar.set_position(done);
             })?;
             bar.finish_and_clear();
-            println!(
+            outln!(
                 "{} of {} blobs checked ({}), {} damaged; {} records, {} damaged, {} incomplete",
                 report.checked,
                 report.blobs,
@@ -95,7 +95,7 @@ pub(crate) fn cache(command: &CacheCommand, open: Open<'_>) -> Result<Exit, CliE
                 report.incomplete_records
             );
             for digest in &report.damaged {
-                println!("set aside: {digest}");
+                outln!("set aside: {digest}");
             }
         }
         CacheCommand::Gc { max_gib, keep_days, dry_run } => {
@@ -113,7 +113,7 @@ pub(crate) fn cache(command: &CacheCommand, open: Open<'_>) -> Result<Exit, CliE
                 pins: Vec::new(),
             })?;
             let verb = if *dry_run { "would remove" } else { "removed" };
-            println!(
+            outln!(
                 "{verb} {} blobs, {}, and {} records; {} blobs stay, {}",
                 report.removed_blobs,
                 bytes_text(report.removed_bytes),
@@ -138,7 +138,7 @@ pub(crate) fn cache(command: &CacheCommand, open: Open<'_>) -> Result<Exit, CliE
         }
         CacheCommand::Pins => {
             for (name, digest) in store.pins()? {
-                println!("{name}  {digest}");
+                outln!("{name}  {digest}");
             }
         }
     }

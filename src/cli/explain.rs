@@ -39,7 +39,7 @@ pub(crate) fn explain(args: &ExplainArgs, registry: &Registry, open: Open<'_>) -
         .collect();
     if mine.is_empty() {
         let waits = plan.summary.nodes.iter().filter(|n| n.ran > 0).map(|n| n.node.as_str()).collect::<Vec<_>>();
-        println!(
+        outln!(
             "`{text}` cannot be looked at before {} has run; see `tauflow plan {}`",
             if waits.is_empty() { "what it reads".to_owned() } else { waits.join(", ") },
             args.pipeline.again()
@@ -60,11 +60,11 @@ pub(crate) fn explain(args: &ExplainArgs, registry: &Registry, open: Open<'_>) -
         groups.entry(why).or_default().push(name(&pipeline, action));
     }
     for (why, items) in &groups {
-        println!("{} x {why}", items.len());
+        outln!("{} x {why}", items.len());
         let shown: Vec<&str> = items.iter().take(4).map(String::as_str).collect();
-        println!("    {}{}", shown.join("  "), if items.len() > 4 { "  ..." } else { "" });
+        outln!("    {}{}", shown.join("  "), if items.len() > 4 { "  ..." } else { "" });
     }
-    println!("\nfor one in full: tauflow explain {} {} ITEM", args.pipeline.again(), args.node);
+    outln!("\nfor one in full: tauflow explain {} {} ITEM", args.pipeline.again(), args.node);
     Ok(Exit::Done)
 }
 
@@ -79,37 +79,37 @@ fn name(pipeline: &Pipeline, action: &Planned) -> String {
 
 fn in_full(pipeline: &Pipeline, action: &Planned, history: &History) {
     let key = &action.key;
-    println!("{} {}", pipeline.cell_name(action.cell), name(pipeline, action));
-    println!("key        {}", key.hash().hex());
-    println!("kind       {} version {}", key.kind, key.version);
-    println!("group      {}", key.group);
+    outln!("{} {}", pipeline.cell_name(action.cell), name(pipeline, action));
+    outln!("key        {}", key.hash().hex());
+    outln!("kind       {} version {}", key.kind, key.version);
+    outln!("group      {}", key.group);
     if let Some(seed) = key.seed {
-        println!("seed       {seed}");
+        outln!("seed       {seed}");
     }
     for (port, digest) in &key.inputs {
-        println!("input      {port} = {digest}");
+        outln!("input      {port} = {digest}");
     }
     if let Value::Object(params) = &key.params {
         for (param, value) in params {
-            println!("param      {param} = {value}");
+            outln!("param      {param} = {value}");
         }
     }
     match action.ended {
         Ended::WouldRun => match history.nearest(key) {
-            None => println!("\nruns: this kind was never run before"),
+            None => outln!("\nruns: this kind was never run before"),
             Some(nearest) => {
-                println!("\nruns: {}", reason(Some(&nearest)));
-                println!(
+                outln!("\nruns: {}", reason(Some(&nearest)));
+                outln!(
                     "nearest earlier key {} (took {})",
                     nearest.record.key.short(),
                     seconds_text(nearest.record.wall_us as f64 / 1e6)
                 );
                 let show = |value: &Option<Value>| value.as_ref().map_or("(absent)".into(), ToString::to_string);
                 for difference in &nearest.differences {
-                    println!("  {}\n    before {}\n    now    {}", difference.field, show(&difference.before), show(&difference.now));
+                    outln!("  {}\n    before {}\n    now    {}", difference.field, show(&difference.before), show(&difference.now));
                 }
             }
         },
-        _ => println!("\ndone before: nothing it reads has changed"),
+        _ => outln!("\ndone before: nothing it reads has changed"),
     }
 }

@@ -92,7 +92,7 @@ pub(crate) fn export(args: &ExportArgs, registry: &Registry, open: Open<'_>) -> 
     });
     put(&args.out.join("manifest.json"), &pretty(&manifest)).map_err(|e| CliError::Environment(e.to_string()))?;
     eprintln!("{count} items");
-    println!("{}", args.out.display());
+    outln!("{}", args.out.display());
     Ok(Exit::Done)
 }
 

@@ -38,7 +38,7 @@ pub(crate) struct KindsArgs {
 
 pub(crate) fn check(args: &PipelineArgs, registry: &Registry) -> Result<Exit, CliError> {
     let pipeline = args.resolve(registry)?;
-    println!(
+    outln!(
         "{}: no problems; {} nodes, {} cells",
         args.pipeline.display(),
         pipeline.nodes.len(),
@@ -54,13 +54,13 @@ pub(crate) fn graph(args: &GraphArgs, registry: &Registry) -> Result<Exit, CliEr
         GraphFormat::Mermaid => draw::Format::Mermaid,
         GraphFormat::Svg => draw::Format::Svg,
     };
-    println!("{}", draw::draw(&pipeline, format).trim_end());
+    outln!("{}", draw::draw(&pipeline, format).trim_end());
     Ok(Exit::Done)
 }
 
 pub(crate) fn schema(registry: &Registry) -> Result<Exit, CliError> {
     let schema = pipeline_schema::schema(registry);
-    println!("{}", serde_json::to_string_pretty(&schema).expect("a schema is plain data"));
+    outln!("{}", serde_json::to_string_pretty(&schema).expect("a schema is plain data"));
     Ok(Exit::Done)
 }
 
@@ -77,7 +77,7 @@ pub(crate) fn kinds(args: &KindsArgs, registry: &Registry) -> Result<Exit, CliEr
         let kind = registry
             .get(name)
             .ok_or_else(|| CliError::Bad(format!("there is no kind `{name}`; {}", registry.hint(name))))?;
-        print!("{}", page(kind.as_ref()));
+        out!("{}", page(kind.as_ref()));
         return Ok(Exit::Done);
     }
     let rows: Vec<String> = registry
@@ -85,7 +85,7 @@ pub(crate) fn kinds(args: &KindsArgs, registry: &Registry) -> Result<Exit, CliEr
         .map(|kind| kind.spec())
         .map(|spec| format!("{:24} {}", spec.name, spec.summary))
         .collect();
-    println!("{}", rows.join("\n"));
+    outln!("{}", rows.join("\n"));
     Ok(Exit::Done)
 }
 

@@ -1,5 +1,8 @@
 //! The command line: arguments in, one command each, exit codes out. Results go to stdout, all else to stderr.
 
+#[macro_use]
+mod output;
+
 mod cache;
 mod explain;
 mod export;
@@ -9,6 +12,8 @@ mod progress;
 mod run;
 mod scene;
 mod setup;
+
+pub(crate) use output::{bytes_text, counted, seconds_text, table};
 
 use crate::{diagnostics::Problems, engine::EngineError, kinds::Registry, pipeline, pipeline::Pipeline, registry};
 use clap::{Args, Parser, Subcommand};
@@ -211,39 +216,4 @@ fn cache_dir(asked: Option<&Path>) -> PathBuf {
         Some(checkout) => checkout.join("cache/store"),
         None => here.join(".tauflow"),
     }
-}
-
-/// A count with a unit that reads well.
-pub(crate) fn bytes_text(bytes: u64) -> String {
-    indicatif::BinaryBytes(bytes).to_string()
-}
-
-/// Seconds as people say them.
-pub(crate) fn seconds_text(seconds: f64) -> String {
-    match seconds {
-        s if s < 0.001 => "0 s".into(),
-        s if s < 1.0 => format!("{s:.2} s"),
-        s if s < 100.0 => format!("{s:.1} s"),
-        s if s < 3600.0 => format!("{} min {:02} s", s as u64 / 60, s as u64 % 60),
-        s => format!("{} h {:02} min", s as u64 / 3600, s as u64 / 60 % 60),
-    }
-}
-
-/// Columns of text, the first to the left and the others to the right.
-pub(crate) fn table(rows: &[Vec<String>]) -> String {
-    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let width = |c: usize| rows.iter().filter_map(|r| r.get(c)).map(|t| t.chars().count()).max().unwrap_or(0);
-    let widths: Vec<usize> = (0..columns).map(width).collect();
-    let mut out = String::new();
-    for row in rows {
-        let mut line = String::new();
-        for (c, cell) in row.iter().enumerate() {
-            let pad = " ".repeat(widths[c].saturating_sub(cell.chars().count()));
-            let (before, after) = if c == 0 { ("", pad.as_str()) } else { (pad.as_str(), "") };
-            line += &format!("{}{before}{cell}{after}", if c == 0 { "" } else { "  " });
-        }
-        out += line.trim_end();
-        out.push('\n');
-    }
-    out
 }

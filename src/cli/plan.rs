@@ -57,14 +57,14 @@ pub(crate) fn plan(args: &PipelineArgs, registry: &Registry, open: Open<'_>) -> 
             lines.push(format!("  {}: {count} x {why}", node.node));
         }
     }
-    print!("{}", table(&rows));
+    out!("{}", table(&rows));
     if lines.is_empty() && !partial {
-        println!("nothing to do");
+        outln!("nothing to do");
         return Ok(Exit::Done);
     }
-    println!("\nwhy:");
-    lines.iter().for_each(|line| println!("{line}"));
+    outln!("\nwhy:");
+    lines.iter().for_each(|line| outln!("{line}"));
     let more = if partial { ", and what is not known before something else has run" } else { "" };
-    println!("\nexpected: {} of work, from earlier runs{more}", seconds_text(total));
+    outln!("\nexpected: {} of work, from earlier runs{more}", seconds_text(total));
     Ok(Exit::Done)
 }

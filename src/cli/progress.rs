@@ -184,6 +184,7 @@ impl Display {
         if node.started.is_none() && node.failed == 0 {
             return;
         }
+        let (position, text) = (node.position(), node.text());
         match &self.bars {
             Some(bars) => {
                 let bar = node.bar.get_or_insert_with(|| {
@@ -196,15 +197,15 @@ impl Display {
                 });
                 // A thousand steps for each action, so that a long one moves its bar.
                 bar.set_length(node.expected * 1000);
-                bar.set_position((node.position() * 1000.0) as u64);
-                bar.set_message(node.text());
+                bar.set_position((position * 1000.0) as u64);
+                bar.set_message(text);
             }
             None => {
                 let due = node.told.is_none_or(|told| told.elapsed() >= LINE_EVERY);
                 if (ended && !node.told_done) || (!ended && due) {
                     node.told = Some(Instant::now());
                     node.told_done = ended;
-                    eprintln!("{name}: {}", node.text());
+                    eprintln!("{name}: {text}");
                 }
             }
         }

@@ -104,9 +104,9 @@ fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs) {
         eprintln!("stopped; run the same command again to go on: tauflow run {}", args.pipeline.again());
     }
     if let Some(page) = summary.published.iter().find(|p| p.extension().is_some_and(|e| e == "html")) {
-        println!("{}", page.display());
+        outln!("{}", page.display());
     } else if !summary.published.is_empty() {
-        println!("{}", args.out.join(&pipeline.name).display());
+        outln!("{}", args.out.join(&pipeline.name).display());
     }
 }
 

@@ -100,7 +100,7 @@ pub(crate) fn render(args: &RenderArgs) -> Result<Exit, CliError> {
     } else {
         indicatif::ProgressBar::hidden()
     };
-    let (image, stats) = tauflow_render::render_image(
+    let (image, stats) = tauflow_render::render::render_image(
         &scene,
         &mut |digest| blob(&folder, digest),
         (args.film.width, args.film.height),
@@ -129,7 +129,7 @@ pub(crate) fn render(args: &RenderArgs) -> Result<Exit, CliError> {
         stats.mean_path_length,
         stats.rejected
     );
-    println!("{}", args.out.display());
+    outln!("{}", args.out.display());
     Ok(Exit::Done)
 }
 
@@ -138,6 +138,6 @@ pub(crate) fn scene(command: &SceneCommand) -> Result<Exit, CliError> {
     let (scene, folder) = open(scene)?;
     let film = Film { width: film.width, height: film.height, spp: film.spp };
     mitsuba::export(&scene, &mut |digest| blob(&folder, digest), out, film).map_err(told)?;
-    println!("{}", out.join("scene.xml").display());
+    outln!("{}", out.join("scene.xml").display());
     Ok(Exit::Done)
 }

@@ -30,7 +30,7 @@ pub(crate) fn init(args: &InitArgs, registry: &Registry) -> Result<Exit, CliErro
     for (name, text) in &files {
         let path = args.dir.join(name);
         fs::write(&path, text).map_err(failed)?;
-        println!("{}", path.display());
+        outln!("{}", path.display());
     }
     eprintln!("next: tauflow run {}", args.dir.join("pipeline.yaml").display());
     Ok(Exit::Done)

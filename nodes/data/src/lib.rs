@@ -2,6 +2,7 @@
 //!
 //! Knows no kind: how a scene is drawn, rendered, learnt from or judged is elsewhere.
 
+pub mod convergence;
 pub mod formats;
 pub mod image;
 pub mod image_io;

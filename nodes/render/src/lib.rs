@@ -8,8 +8,10 @@ pub mod environment;
 pub mod gbuffer;
 pub mod geometry;
 pub mod integrator;
+pub mod ladder_convergence;
 pub mod ladder_rendering;
 pub mod lights;
+pub mod quality_gate;
 pub mod render;
 pub mod rng;
 pub mod surface;
@@ -24,5 +26,9 @@ use tauflow_contract::{KindRow, NodeKind};
 
 /// The kinds of this crate.
 pub fn kinds() -> Vec<Box<dyn NodeKind>> {
-    vec![Box::new(KindRow::<ladder_rendering::LadderRendering>::new())]
+    vec![
+        Box::new(KindRow::<ladder_rendering::LadderRendering>::new()),
+        Box::new(KindRow::<quality_gate::QualityGate>::new()),
+        Box::new(KindRow::<ladder_convergence::LadderConvergence>::new()),
+    ]
 }

@@ -1,0 +1,165 @@
+//! The rest of the material: losses, gate, split, sampling, bridge, timings.
+
+use super::{METHODS, NFE, cell_key, json_item, key};
+use std::collections::BTreeMap;
+use tauflow_contract::{Artifact, Collection, Context, MemoryBlobs, Silent};
+use tauflow_data::{
+    Image, Stratum,
+    formats::{FILES, VERDICT, Verdict},
+    image_io::encode_png,
+    maths::{exp, log2},
+    results::{Bridge, BridgeRow, BridgeSummary, Estimate, TrainingLog, TrainingPoint, TrainingTiming},
+    rng::Stream,
+};
+
+fn around(mean: f64, half: f64) -> Estimate {
+    Estimate { mean, low: mean - half, high: mean + half }
+}
+
+fn cells() -> impl Iterator<Item = (&'static str, &'static str)> {
+    ["rgb", "gbuffer"].into_iter().flat_map(|c| METHODS.into_iter().map(move |m| (m, c)))
+}
+
+fn losses(ctx: &Context<'_>) -> Collection {
+    let log = |method: &str, conditioning: &str| {
+        let mut stream = Stream::new(9, &[]).part(method).part(conditioning);
+        let floor = if conditioning == "gbuffer" { 0.11 } else { 0.14 };
+        let point = |step: u64, stream: &mut Stream| {
+            let loss = floor + 0.9 * exp(-(step as f64) / 220.0);
+            TrainingPoint {
+                step,
+                train: (step > 0).then(|| loss * (1.0 + 0.12 * stream.normal())),
+                test: Some(loss * 1.08),
+                learning_rate: 2e-4,
+                gradient_norm: None,
+            }
+        };
+        TrainingLog {
+            parameterization: method.into(),
+            conditioning: conditioning.into(),
+            space: "linear".into(),
+            preset: "tiny".into(),
+            weights: if conditioning == "gbuffer" { 118_211 } else { 117_347 },
+            steps: 1500,
+            points: (0..=30).map(|i| point(i * 50, &mut stream)).collect(),
+        }
+    };
+    cells().map(|(m, c)| json_item(ctx, &cell_key(m, c), &log(m, c))).collect()
+}
+
+fn timings(ctx: &Context<'_>) -> Collection {
+    let timing = |i: usize| TrainingTiming {
+        steps: 1500,
+        seconds: 61.3 + i as f64,
+        median_step_ms: 40.2 + 0.6 * i as f64,
+        threads: 2,
+    };
+    cells().enumerate().map(|(i, (m, c))| json_item(ctx, &format!("{}/timing", cell_key(m, c)), &timing(i))).collect()
+}
+
+fn verdicts(ctx: &Context<'_>) -> Collection {
+    let mut out = Collection::default();
+    for (s, stratum) in Stratum::all().enumerate() {
+        for i in 0..10 {
+            let reasons: &[&str] = match (s * 10 + i) % 17 {
+                3 => &["black"],
+                8 if s > 6 => &["over_exposed", "near_constant"],
+                11 if s > 2 => &["near_constant"],
+                _ => &[],
+            };
+            let verdict = Verdict { reasons: reasons.iter().map(|r| (*r).into()).collect(), measures: BTreeMap::new() };
+            let digest = ctx.put_json(&verdict).expect("memory");
+            out.items.insert(stratum.item_key(i as u64), Artifact::blob(VERDICT, digest));
+        }
+    }
+    out
+}
+
+fn split() -> serde_json::Value {
+    let strata: BTreeMap<String, serde_json::Value> =
+        Stratum::all().map(|s| (s.to_string(), serde_json::json!({"train": 6, "test": 3}))).collect();
+    serde_json::json!({
+        "groups": 106, "quantum": 0.05, "sides": {"train": 72, "test": 36}, "strata": strata,
+        "leaks": [], "near_duplicates": [{"signature": "ab", "side": "train", "items": ["a", "b"]}], "dropped": []
+    })
+}
+
+fn sampling() -> serde_json::Value {
+    let side = |n: u64| {
+        let strata: BTreeMap<String, serde_json::Value> = Stratum::all()
+            .map(|s| (s.to_string(), serde_json::json!({"wanted": n, "available": n + 1, "chosen": n})))
+            .collect();
+        serde_json::json!({"wanted": 12 * n, "chosen": 12 * n, "equal": true, "strata": strata})
+    };
+    serde_json::json!({"train": side(4), "test": side(2), "short": [], "notes": []})
+}
+
+fn bridge(ctx: &Context<'_>) -> Artifact {
+    let (mut rows, mut summary) = (Vec::new(), Vec::new());
+    for (stop, ks) in [("adjacent", 1..=9u64), ("direct", 1..=8)] {
+        for (method, lead) in [("hold", 0.0), ("local_step", 0.8), ("mc_noise", 2.1)] {
+            let n = ks.clone().count() as f64;
+            let mut sum = 0.0;
+            for k in ks.clone() {
+                let gain = lead * (1.0 - 0.08 * k as f64);
+                let base = if stop == "adjacent" { 20.0 + 5.6 * log2(k as f64) } else { 17.0 + 3.2 * log2(k as f64) };
+                sum += base + gain;
+                rows.push(BridgeRow {
+                    stop: stop.into(),
+                    method: method.into(),
+                    from_spp: k,
+                    to_spp: if stop == "adjacent" { k + 1 } else { 10 },
+                    fraction: 0.7 / k as f64,
+                    psnr: around(base + gain, 1.1),
+                    gain: around(gain, 0.3),
+                });
+            }
+            summary.push(BridgeSummary {
+                stop: stop.into(),
+                method: method.into(),
+                cases: 10 * n as u64,
+                psnr: around(sum / n, 0.9),
+                gain: around(lead * 0.6, 0.25),
+                better: if method == "hold" { 0.0 } else { 0.87 },
+            });
+        }
+    }
+    let table = Bridge { n_max: 256, scenes: 10, rows, summary, cases: Vec::new() };
+    let mut parts = vec![
+        ("bridge.json".to_owned(), ctx.put_json(&table).expect("memory")),
+        ("cases.csv".to_owned(), ctx.put(b"scene,stop\n").expect("memory")),
+    ];
+    for scene in ["L0-open-000003", "L3-enclosed-000011"] {
+        for (i, stop) in ["adjacent-1-2", "adjacent-4-5", "direct-1-10", "direct-4-10"].into_iter().enumerate() {
+            for kind in ["direction", "difference"] {
+                let mut stream = Stream::new(i as u64, &[]).part(kind);
+                let mut image = Image::new(48, 48, 3);
+                image.data_mut().iter_mut().for_each(|v| *v = stream.uniform() as f32);
+                let png = encode_png(&image).expect("3 channels");
+                parts.push((format!("maps/{scene}/{stop}-mc_noise-{kind}.png"), ctx.put(&png).expect("memory")));
+            }
+        }
+    }
+    Artifact::tree(FILES, parts)
+}
+
+/// Every input of a report, over synthetic material.
+pub fn all(blobs: &MemoryBlobs) -> BTreeMap<&'static str, Collection> {
+    let cancel = std::sync::atomic::AtomicBool::new(false);
+    let ctx = Context::new(blobs, &Silent, &cancel);
+    let pictures = super::pictures(&ctx).expect("memory");
+    let evaluation = super::evaluation(pictures.rows);
+    assert_eq!(evaluation.nfe, NFE);
+    let one = |item: (tauflow_contract::ItemKey, Artifact)| [item].into_iter().collect::<Collection>();
+    BTreeMap::from([
+        ("evaluation", one(json_item(&ctx, "evaluation", &evaluation))),
+        ("references", pictures.references),
+        ("refined", pictures.refined),
+        ("losses", losses(&ctx)),
+        ("timings", timings(&ctx)),
+        ("verdicts", verdicts(&ctx)),
+        ("split", one(json_item(&ctx, "report", &split()))),
+        ("sampling", one(json_item(&ctx, "report", &sampling()))),
+        ("bridge", one((key("bridge"), bridge(&ctx)))),
+    ])
+}

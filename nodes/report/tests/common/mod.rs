@@ -1,0 +1,234 @@
+//! Synthetic material for reports: invented scenes, noise and scores of a plausible shape. None of it is a result.
+
+pub mod extras;
+
+use std::collections::BTreeMap;
+use tauflow_contract::{Action, Artifact, Collection, Context, ItemKey, Kind, KindError, MemoryBlobs, Outputs, Silent};
+use tauflow_data::{
+    Image, Stratum,
+    formats::{JSON, PACKED, PackedScene, REFINED, Refined, RefinedImage, refined_part},
+    image::preview,
+    maths::{cosf, exp, log10, sinf},
+    results::{Estimate, Evaluation, METRICS, MethodTable, Metrics, NfeTable, SceneRow, Score},
+    rng::Stream,
+};
+use tauflow_report::{Report, ReportParams};
+
+pub const NFE: [u64; 5] = [1, 2, 9, 20, 50];
+pub const METHODS: [&str; 4] = ["vanilla_rf", "local_velocity", "mc_velocity", "mc_noise"];
+pub const LAST: u64 = 256;
+const SIZE: usize = 48;
+
+pub fn key(text: &str) -> ItemKey {
+    ItemKey::new(text).expect("a plain key")
+}
+
+pub fn cell(method: &str, conditioning: &str) -> BTreeMap<String, String> {
+    BTreeMap::from([("parameterization".into(), method.into()), ("conditioning".into(), conditioning.into())])
+}
+
+pub fn cell_key(method: &str, conditioning: &str) -> String {
+    format!("parameterization={method}+conditioning={conditioning}")
+}
+
+/// Scenes: two of each stratum.
+pub fn scenes() -> Vec<(String, Stratum)> {
+    Stratum::all().flat_map(|s| [3, 11].map(|i| (s.item_key(i).to_string(), s))).collect()
+}
+
+/// A ball on a floor below a sky, its colours by number.
+fn clean(number: usize) -> Image {
+    let mut image = Image::new(SIZE, SIZE, 3);
+    let hue = number as f32 * 0.7;
+    let tint = [0.5 + 0.4 * sinf(hue), 0.5 + 0.4 * sinf(hue + 2.1), 0.5 + 0.4 * sinf(hue + 4.2)];
+    for y in 0..SIZE {
+        for x in 0..SIZE {
+            let (u, v) = ((x as f32 + 0.5) / SIZE as f32 * 2.0 - 1.0, 1.0 - (y as f32 + 0.5) / SIZE as f32 * 2.0);
+            let r2 = u * u + (v + 0.1) * (v + 0.1);
+            let value = if r2 < 0.3 {
+                let nz = (1.0 - r2 / 0.3).sqrt();
+                let light = (0.4 * u + 0.7 * (v + 0.1) + 0.6 * nz).max(0.05);
+                tint.map(|t| t * light + 0.6 * light * light * light * light * light * light)
+            } else if v < -0.25 {
+                let check = cosf(14.0 * u / (0.3 - v)) * cosf(6.0 / (0.2 - v)) > 0.0;
+                [if check { 0.45 } else { 0.12 }; 3]
+            } else {
+                [0.25 + 0.2 * v, 0.4 + 0.2 * v, 0.7 + 0.3 * v]
+            };
+            image.pixel_mut(x, y).copy_from_slice(&value);
+        }
+    }
+    image
+}
+
+fn noisy(image: &Image, sigma: f32, stream: &mut Stream) -> Image {
+    let mut out = image.clone();
+    for value in out.data_mut() {
+        *value = (*value + sigma * stream.normal() as f32).max(0.0);
+    }
+    out
+}
+
+pub fn metrics(image: &Image, reference: &Image) -> Metrics {
+    let n = image.data().len() as f64;
+    let pairs = || image.data().iter().zip(reference.data());
+    let square: f64 = pairs().map(|(a, b)| f64::from(a - b) * f64::from(a - b)).sum::<f64>() / n;
+    let mae = pairs().map(|(a, b)| f64::from((a - b).abs())).sum::<f64>() / n;
+    let shown: f64 = pairs().map(|(a, b)| f64::from((preview(*a) - preview(*b)).abs())).sum::<f64>() / n;
+    let psnr = -10.0 * log10(square);
+    Metrics {
+        hdr_psnr: psnr,
+        hdr_psnr_max: psnr + 1.3,
+        hdr_mae: mae,
+        preview_psnr: -20.0 * log10(shown * 1.25),
+        preview_mae: shown,
+        ssim: exp(-6.0 * shown),
+    }
+}
+
+/// Noise that a method leaves at an NFE.
+fn left(method: &str, conditioning: &str, nfe: u64, regime: usize) -> f32 {
+    let base = match method {
+        "vanilla_rf" => 0.115,
+        "local_velocity" => 0.16 / (nfe as f32).sqrt() + 0.07,
+        "mc_velocity" => 0.085 + 0.0006 * nfe as f32,
+        _ => 0.062 + 0.0001 * nfe as f32,
+    };
+    base * if conditioning == "gbuffer" { 0.82 } else { 1.0 } * (0.7 + 0.25 * regime as f32)
+}
+
+/// References and refined images.
+pub struct Pictures {
+    pub references: Collection,
+    pub refined: Collection,
+    pub rows: Vec<SceneRow>,
+}
+
+pub fn pictures(ctx: &Context<'_>) -> Result<Pictures, KindError> {
+    let (mut references, mut refined, mut rows) = (Collection::default(), Collection::default(), Vec::new());
+    for (number, (name, stratum)) in scenes().into_iter().enumerate() {
+        let mut stream = Stream::new(5, &[number as u64]);
+        let truth = clean(number);
+        let regime = stratum.regime as usize;
+        let sigma = 0.2 + 0.12 * regime as f32;
+        let counts: Vec<u64> = (0..=8).map(|i| 1u64 << i).collect();
+        let states: Vec<Image> =
+            counts.iter().map(|n| noisy(&truth, sigma / (*n as f32).sqrt(), &mut stream)).collect();
+        let reference = states[8].clone();
+        let row = |cell, method: &str, nfe, image: &Image| SceneRow {
+            scene: name.clone(),
+            stratum: stratum.to_string(),
+            cell,
+            score: Score { method: method.into(), from_spp: 1, to_spp: LAST, nfe, metrics: metrics(image, &reference) },
+        };
+        rows.push(row(BTreeMap::new(), "hold", 0, &states[0]));
+        for conditioning in ["rgb", "gbuffer"] {
+            for method in METHODS {
+                let (mut parts, mut said) = (Vec::new(), Vec::new());
+                for (i, nfe) in NFE.into_iter().enumerate() {
+                    let image = noisy(&truth, left(method, conditioning, nfe, regime), &mut stream);
+                    rows.push(row(cell(method, conditioning), method, nfe, &image));
+                    parts.push((refined_part(i), ctx.put(&image.to_bytes())?));
+                    said.push(RefinedImage { method: method.into(), from_spp: 1, to_spp: LAST, nfe });
+                }
+                parts.push(("meta.json".into(), ctx.put_json(&Refined { images: said })?));
+                let item = format!("{}/{name}", cell_key(method, conditioning));
+                refined.items.insert(key(&item), Artifact::tree(REFINED, parts));
+            }
+        }
+        let packed = PackedScene { counts, states, gbuffer: None };
+        references.items.insert(key(&name), Artifact::blob(PACKED, ctx.put(&packed.to_bytes()?)?));
+    }
+    Ok(Pictures { references, refined, rows })
+}
+
+fn estimate(values: &[f64]) -> Estimate {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let spread = (values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (n - 1.0).max(1.0)).sqrt();
+    let half = 1.96 * spread / n.sqrt();
+    Estimate { mean, low: mean - half, high: mean + half }
+}
+
+/// Means and intervals of rows; the intervals are normal ones.
+pub fn evaluation(per_scene: Vec<SceneRow>) -> Evaluation {
+    let value = |r: &SceneRow, m: &str| r.score.metrics.get(m).expect("a known metric");
+    let of = |cell: &BTreeMap<String, String>, nfe: u64, m: &str| -> Vec<f64> {
+        per_scene.iter().filter(|r| r.cell == *cell && r.score.nfe == nfe).map(|r| value(r, m)).collect()
+    };
+    let none = BTreeMap::new();
+    let by = |f: &dyn Fn(&str) -> Estimate| METRICS.iter().map(|m| ((*m).to_owned(), f(m))).collect::<BTreeMap<_, _>>();
+    let mut methods = Vec::new();
+    for conditioning in ["rgb", "gbuffer"] {
+        for method in METHODS {
+            let cell = cell(method, conditioning);
+            let at: Vec<NfeTable> = NFE
+                .into_iter()
+                .map(|nfe| {
+                    let gain = |m: &str| -> Vec<f64> {
+                        of(&cell, nfe, m).iter().zip(of(&none, 0, m)).map(|(a, b)| a - b).collect()
+                    };
+                    let strata = Stratum::all().map(|s| s.to_string()).map(|s| {
+                        let mean = |m: &str| {
+                            let own: Vec<f64> = per_scene
+                                .iter()
+                                .filter(|r| r.cell == cell && r.score.nfe == nfe && r.stratum == s)
+                                .map(|r| value(r, m))
+                                .collect();
+                            own.iter().sum::<f64>() / own.len() as f64
+                        };
+                        (s.clone(), METRICS.iter().map(|m| ((*m).to_owned(), mean(m))).collect())
+                    });
+                    NfeTable {
+                        nfe,
+                        metrics: by(&|m| estimate(&of(&cell, nfe, m))),
+                        gain: by(&|m| estimate(&gain(m))),
+                        strata: strata.collect(),
+                    }
+                })
+                .collect();
+            let curve = |m: &str| -> Vec<f64> { at.iter().map(|a| a.metrics[m].mean).collect() };
+            let auc = by(&|m| estimate(&curve(m)));
+            let tv = by(&|m| estimate(&curve(m).windows(2).map(|w| (w[1] - w[0]).abs()).collect::<Vec<_>>()));
+            methods.push(MethodTable {
+                method: method.into(),
+                conditioning: conditioning.into(),
+                space: "linear".into(),
+                cell,
+                at,
+                auc,
+                tv,
+            });
+        }
+    }
+    Evaluation {
+        reference_spp: LAST,
+        from_spp: 1,
+        scenes: scenes().len() as u64,
+        resamples: 2000,
+        nfe: NFE.to_vec(),
+        hold: by(&|m| estimate(&of(&none, 0, m))),
+        methods,
+        per_scene,
+    }
+}
+
+/// One JSON item under a key.
+pub fn json_item<T: serde::Serialize>(ctx: &Context<'_>, name: &str, value: &T) -> (ItemKey, Artifact) {
+    (key(name), Artifact::blob(JSON, ctx.put_json(value).expect("memory")))
+}
+
+/// Runs the kind on these inputs.
+pub fn run(
+    blobs: &MemoryBlobs,
+    params: ReportParams,
+    inputs: &BTreeMap<&'static str, Collection>,
+) -> Result<BTreeMap<String, Vec<u8>>, KindError> {
+    let cancel = std::sync::atomic::AtomicBool::new(false);
+    let ctx = Context::new(blobs, &Silent, &cancel);
+    let whole = inputs.iter().map(|(port, collection)| (*port, collection)).collect();
+    let action = Action { params, item: None, group: "main", seed: 0, each: BTreeMap::new(), whole };
+    let outputs: Outputs = Report::run(&ctx, &action)?;
+    let artifact = outputs.collections["report"].get("report").expect("one item").clone();
+    artifact.parts.iter().map(|(name, digest)| Ok((name.clone(), ctx.get(digest)?))).collect()
+}

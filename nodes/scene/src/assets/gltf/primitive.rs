@@ -1,0 +1,251 @@
+//! Primitives: attributes and indices as triangles, in the space of their node. Knows nothing of materials.
+
+use super::{
+    accessor::{self, Values},
+    container::Document,
+    draco,
+};
+use crate::{
+    assets::{
+        asset::Report,
+        refusal::{Refusal, damaged},
+    },
+    geom::{Vec3, apply, cross, determinant, unit},
+};
+use gltf::json::{
+    mesh::{Mode, Primitive, Semantic},
+    validation::Checked,
+};
+use tauflow_data::scene::Affine;
+
+/// Triangles with attributes, before they become a mesh of the scene format.
+#[derive(Clone, Debug, Default)]
+pub struct Piece {
+    /// Vertex positions.
+    pub positions: Vec<Vec3>,
+    /// Vertices of each triangle.
+    pub triangles: Vec<[u32; 3]>,
+    /// Vertex normals; flat without.
+    pub normals: Option<Vec<Vec3>>,
+    /// Texture coordinates of the set that the material reads.
+    pub uvs: Option<Vec<[f32; 2]>>,
+    /// Vertex colours, linear.
+    pub colors: Option<Vec<[f32; 4]>>,
+    /// Tangents and handedness.
+    pub tangents: Option<Vec<[f64; 4]>>,
+}
+
+/// What of a primitive is wanted.
+#[derive(Clone, Copy, Debug)]
+pub struct Want {
+    /// The set of texture coordinates, if any is read.
+    pub uv_set: Option<u32>,
+    /// True if tangents are read.
+    pub tangents: bool,
+}
+
+/// Where attributes come from.
+struct Source<'a> {
+    document: &'a Document<'a>,
+    primitive: &'a Primitive,
+    draco: Option<draco::Decoded>,
+    place: &'a str,
+}
+
+impl Source<'_> {
+    fn get(&self, semantic: Semantic, name: &str, count: Option<usize>) -> Result<Option<Values>, Refusal> {
+        let Some(index) = self.primitive.attributes.get(&Checked::Valid(semantic)) else { return Ok(None) };
+        let packed = self.draco.as_ref().and_then(|draco| draco.attribute(name));
+        let values = match packed {
+            Some(values) => values,
+            None => accessor::values(self.document, index.value())?,
+        };
+        let place = format!("{} {name}", self.place);
+        let widths: &[usize] = match name {
+            "POSITION" | "NORMAL" => &[3],
+            "TANGENT" => &[4],
+            "COLOR_0" => &[3, 4],
+            _ => &[2],
+        };
+        if !widths.contains(&values.width) {
+            return Err(damaged(place, format!("vectors of {} numbers", values.width)));
+        }
+        if let Some(count) = count.filter(|count| *count != values.len()) {
+            return Err(damaged(place, format!("{} elements for {count} positions", values.len())));
+        }
+        Ok(Some(values))
+    }
+}
+
+/// The triangles of a primitive; none if it has no surface (points, lines, no positions).
+///
+/// # Errors
+/// If an accessor is damaged, an index names no vertex, or attributes differ in length.
+pub fn read(
+    document: &Document<'_>,
+    primitive: &Primitive,
+    place: &str,
+    want: Want,
+    report: &mut Report,
+) -> Result<Option<Piece>, Refusal> {
+    let mode = match &primitive.mode {
+        Checked::Valid(mode @ (Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)) => *mode,
+        Checked::Valid(_) => {
+            report.repaired("primitives of points or lines left out", 1);
+            return Ok(None);
+        }
+        Checked::Invalid => return Err(damaged(place, "a mode that does not exist")),
+    };
+    let extension = primitive.extensions.as_ref().and_then(|e| e.others.get("KHR_draco_mesh_compression"));
+    let draco = match extension {
+        Some(extension) => {
+            let view = extension.get("bufferView").and_then(serde_json::Value::as_u64).unwrap_or(u64::MAX);
+            let (bytes, _) = document.view(usize::try_from(view).unwrap_or(usize::MAX))?;
+            Some(draco::decode(bytes, extension, place)?)
+        }
+        None => None,
+    };
+    let source = Source { document, primitive, draco, place };
+    let Some(positions) = source.get(Semantic::Positions, "POSITION", None)? else {
+        report.repaired("primitives without positions left out", 1);
+        return Ok(None);
+    };
+    let count = positions.len();
+    let indices: Vec<u32> = match (&source.draco, primitive.indices) {
+        (Some(draco), _) => draco.indices.clone(),
+        (None, None) => (0..count as u32).collect(),
+        (None, Some(index)) => {
+            let values = accessor::values(document, index.value())?;
+            if values.width != 1 || !values.integers {
+                return Err(damaged(format!("{place} indices"), "they are no whole numbers"));
+            }
+            values.data.into_iter().map(|v| v as u32).collect()
+        }
+    };
+    if let Some(beyond) = indices.iter().find(|i| **i as usize >= count) {
+        return Err(damaged(format!("{place} indices"), format!("vertex {beyond} of {count} is named")));
+    }
+    let uvs = match want.uv_set {
+        Some(set) => source.get(Semantic::TexCoords(set), &format!("TEXCOORD_{set}"), Some(count))?,
+        None => None,
+    };
+    let tangents = if want.tangents { source.get(Semantic::Tangents, "TANGENT", Some(count))? } else { None };
+    let single = |v: [f64; 2]| v.map(|x| if x.is_finite() { x as f32 } else { 0.0 });
+    let color = |v: [f64; 4]| v.map(|x| if x.is_finite() { x.clamp(0.0, 1.0) as f32 } else { 1.0 });
+    Ok(Some(Piece {
+        positions: positions.vectors::<3>(0.0),
+        triangles: triangles(mode, &indices, report),
+        normals: source.get(Semantic::Normals, "NORMAL", Some(count))?.map(|v| v.vectors::<3>(0.0)),
+        uvs: uvs.map(|v| v.vectors::<2>(0.0).into_iter().map(single).collect()),
+        colors: colors(&source, count)?.map(|v| v.vectors::<4>(1.0).into_iter().map(color).collect()),
+        tangents: tangents.map(|v| v.vectors::<4>(1.0)),
+    }))
+}
+
+/// Vertex colours; those of a Draco stream are whole numbers where the accessor says that they are normalised.
+fn colors(source: &Source<'_>, count: usize) -> Result<Option<Values>, Refusal> {
+    let Some(mut values) = source.get(Semantic::Colors(0), "COLOR_0", Some(count))? else { return Ok(None) };
+    if source.draco.is_some() {
+        let most = values.data.iter().copied().fold(0.0, f64::max);
+        let unit = if most <= 1.0 { 1.0 } else if most <= 255.0 { 255.0 } else { 65535.0 };
+        values.data.iter_mut().for_each(|v| *v /= unit);
+    }
+    Ok(Some(values))
+}
+
+/// Triangles of a list, strip or fan (glTF 2.0, section 3.7.2.1).
+fn triangles(mode: Mode, indices: &[u32], report: &mut Report) -> Vec<[u32; 3]> {
+    match mode {
+        Mode::TriangleStrip => indices
+            .windows(3)
+            .enumerate()
+            .map(|(i, w)| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[0], w[2], w[1]] })
+            .collect(),
+        Mode::TriangleFan => match indices.split_first() {
+            Some((first, rest)) => rest.windows(2).map(|w| [w[0], w[1], *first]).collect(),
+            None => Vec::new(),
+        },
+        _ => {
+            report.repaired("indices beyond the last whole triangle left out", (indices.len() % 3) as u64);
+            indices.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect()
+        }
+    }
+}
+
+impl Piece {
+    /// Maps it into another space; a mirroring map turns the triangles round, so that outside stays outside.
+    pub fn transform(&mut self, map: &Affine) {
+        self.positions.iter_mut().for_each(|p| *p = apply(map, *p));
+        let mirrors = determinant(map) < 0.0;
+        let sign = if mirrors { -1.0 } else { 1.0 };
+        let row = |r: usize| [map[r][0], map[r][1], map[r][2]];
+        // Rows of the cofactor matrix, which maps normals, times the determinant's sign.
+        let cofactors = [cross(row(1), row(2)), cross(row(2), row(0)), cross(row(0), row(1))];
+        let linear = |rows: &[Vec3; 3], v: Vec3| rows.map(|r| r[0] * v[0] + r[1] * v[1] + r[2] * v[2]);
+        if let Some(normals) = &mut self.normals {
+            normals.iter_mut().for_each(|n| *n = scaled_unit(linear(&cofactors, *n), sign));
+        }
+        let rows = [row(0), row(1), row(2)];
+        if let Some(tangents) = &mut self.tangents {
+            for t in tangents {
+                let along = scaled_unit(linear(&rows, [t[0], t[1], t[2]]), 1.0);
+                *t = [along[0], along[1], along[2], t[3] * sign];
+            }
+        }
+        if mirrors {
+            self.turn();
+        }
+    }
+
+    /// Turns every triangle round, leaving normals.
+    fn turn(&mut self) {
+        self.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    }
+
+    /// Turns the surface inside out: triangles and normals.
+    pub fn invert(&mut self) {
+        self.turn();
+        if let Some(normals) = &mut self.normals {
+            normals.iter_mut().for_each(|n| *n = n.map(|v| -v));
+        }
+    }
+}
+
+/// `v` scaled to length 1 and a sign; zero if it has no direction.
+fn scaled_unit(v: Vec3, sign: f64) -> Vec3 {
+    let usable = v.iter().all(|x| x.is_finite()) && v.iter().any(|x| *x != 0.0);
+    if usable { unit(v).map(|x| x * sign) } else { [0.0; 3] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strips_and_fans_keep_their_winding() {
+        let mut report = Report::default();
+        let of = |mode, report: &mut Report| triangles(mode, &[0, 1, 2, 3, 4], report);
+        assert_eq!(of(Mode::TriangleStrip, &mut report), [[0, 1, 2], [1, 3, 2], [2, 3, 4]]);
+        assert_eq!(of(Mode::TriangleFan, &mut report), [[1, 2, 0], [2, 3, 0], [3, 4, 0]]);
+        assert_eq!(of(Mode::Triangles, &mut report), [[0, 1, 2]]);
+        assert_eq!(report.repairs.values().sum::<u64>(), 2);
+        assert!(triangles(Mode::TriangleFan, &[], &mut report).is_empty());
+    }
+
+    #[test]
+    fn mirrors_keep_outside_outside() {
+        let mut piece = Piece {
+            positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+            triangles: vec![[0, 1, 2]],
+            normals: Some(vec![[0.0, 0.0, 1.0]; 3]),
+            tangents: Some(vec![[1.0, 0.0, 0.0, 1.0]; 3]),
+            ..Piece::default()
+        };
+        piece.transform(&crate::geom::scaling([-2.0, 1.0, 3.0]));
+        let [a, b, c] = piece.triangles[0].map(|i| piece.positions[i as usize]);
+        let facing = cross(crate::geom::sub(b, a), crate::geom::sub(c, a));
+        assert!(facing[2] > 0.0, "{facing:?}");
+        assert_eq!(piece.normals.as_ref().expect("kept")[0], [0.0, 0.0, 1.0]);
+        assert_eq!(piece.tangents.as_ref().expect("kept")[0], [-1.0, 0.0, 0.0, -1.0]);
+    }
+}

@@ -1,0 +1,84 @@
+//! Writing of results to stdout, and how numbers and tables look. Knows no command.
+
+use std::{fmt, io::Write, process};
+
+/// Prints results, as `print!` does; see [`show`].
+macro_rules! out {
+    ($($text:tt)*) => { $crate::cli::output::show(format_args!($($text)*)) };
+}
+
+/// Prints a line of results, as `println!` does; see [`show`].
+macro_rules! outln {
+    ($($text:tt)*) => { $crate::cli::output::show(format_args!("{}\n", format_args!($($text)*))) };
+}
+
+/// Writes to stdout. A reader that has gone away (`tauflow schema | head`) ends the program quietly, and a full disk
+/// with a message: results that did not arrive are no success.
+pub(crate) fn show(text: fmt::Arguments<'_>) {
+    let mut stdout = std::io::stdout().lock();
+    if let Err(error) = stdout.write_fmt(text).and_then(|()| stdout.flush()) {
+        if error.kind() == std::io::ErrorKind::BrokenPipe {
+            process::exit(0);
+        }
+        eprintln!("error: cannot write to stdout: {error}");
+        process::exit(3);
+    }
+}
+
+/// A count of bytes, with a unit that reads well.
+pub(crate) fn bytes_text(bytes: u64) -> String {
+    indicatif::BinaryBytes(bytes).to_string()
+}
+
+/// Seconds as people say them.
+pub(crate) fn seconds_text(seconds: f64) -> String {
+    match seconds {
+        s if s < 0.001 => "0 s".into(),
+        s if s < 1.0 => format!("{s:.2} s"),
+        s if s < 100.0 => format!("{s:.1} s"),
+        s if s < 3600.0 => format!("{} min {:02} s", s as u64 / 60, s as u64 % 60),
+        s => format!("{} h {:02} min", s as u64 / 3600, s as u64 / 60 % 60),
+    }
+}
+
+/// `1 item`, `2 items`.
+pub(crate) fn counted(count: u64, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}
+
+/// Columns of text, the first to the left and the others to the right.
+pub(crate) fn table(rows: &[Vec<String>]) -> String {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |c: usize| rows.iter().filter_map(|r| r.get(c)).map(|t| t.chars().count()).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..columns).map(width).collect();
+    let mut out = String::new();
+    for row in rows {
+        let mut line = String::new();
+        for (c, cell) in row.iter().enumerate() {
+            let pad = " ".repeat(widths[c].saturating_sub(cell.chars().count()));
+            let (before, after) = if c == 0 { ("", pad.as_str()) } else { (pad.as_str(), "") };
+            line += &format!("{}{before}{cell}{after}", if c == 0 { "" } else { "  " });
+        }
+        out += line.trim_end();
+        out.push('\n');
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_line_up_and_have_no_trailing_blanks() {
+        let row = |cells: [&str; 3]| cells.map(str::to_owned).to_vec();
+        let text = table(&[row(["node", "ran", "size"]), row(["a", "10", ""]), row(["gather", "1", "2 KiB"])]);
+        assert_eq!(text, "node    ran   size\na        10\ngather    1  2 KiB\n");
+    }
+
+    #[test]
+    fn durations_read_well() {
+        let texts = [0.0, 0.12, 4.31, 130.0, 7380.0].map(seconds_text);
+        assert_eq!(texts, ["0 s", "0.12 s", "4.3 s", "2 min 10 s", "2 h 03 min"]);
+    }
+}
