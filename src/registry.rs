@@ -8,8 +8,6 @@ pub fn registry() -> Registry {
         [
             tauflow_scene::kinds(),
             tauflow_render::kinds(),
-            tauflow_train::kinds(),
-            tauflow_eval::kinds(),
             tauflow_report::kinds(),
         ]
         .into_iter()

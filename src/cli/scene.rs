@@ -34,7 +34,7 @@ pub(crate) struct RenderArgs {
 
 /// Film and samples.
 #[derive(Args)]
-struct FilmArgs {
+pub(crate) struct FilmArgs {
     /// Samples a pixel.
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u64).range(1..))]
     spp: u64,

@@ -29,7 +29,7 @@ pub struct Material {
     /// The bridge, with its maps.
     pub bridge: Option<BridgeFiles>,
     /// How far ladders keep to the 1/sqrt(n) law.
-    pub convergence: Option<serde_json::Value>,
+    pub convergence: Option<tauflow_data::convergence::Convergence>,
     /// Size and rungs of the references.
     pub references: Option<References>,
 }

@@ -109,14 +109,6 @@ pub fn conditioning_order(conditioning: &str) -> (bool, String) {
     (conditioning != "rgb", conditioning.to_owned())
 }
 
-/// The methods of an evaluation, each once, in order.
-pub fn methods(evaluation: &Evaluation) -> Vec<String> {
-    let mut names: Vec<String> = evaluation.methods.iter().map(|t| t.method.clone()).collect();
-    names.sort_by_key(|m| method_order(m));
-    names.dedup();
-    names
-}
-
 /// CSS class of a method's colour: one of `m0` to `m3` for the known ones, `m4` to `m7` in turn for others.
 pub fn colour(method: &str) -> String {
     // The bridge's local step is taken by the local velocity.

@@ -175,6 +175,7 @@ fn sections(
         material.bridge.as_ref().map(|b| sections::bridge::section(b, params.bridge_scenes as usize)),
         sections::losses::section(&material.losses),
         sections::data::section(material),
+        material.convergence.as_ref().and_then(sections::convergence::section),
         Some(sections::conventions::section(evaluation)),
         sections::timings::section(&material.timings),
     ];

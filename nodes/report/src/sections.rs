@@ -3,6 +3,7 @@
 pub mod bridge;
 
 pub mod conventions;
+pub mod convergence;
 pub mod curves;
 pub mod data;
 pub mod headline;

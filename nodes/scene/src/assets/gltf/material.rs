@@ -1,0 +1,294 @@
+//! Materials of a glTF file in the terms of the scene format. Knows nothing of meshes but which attributes they have.
+//!
+//! | glTF | here |
+//! |---|---|
+//! | metallic-roughness | `principled` (base colour, metallic, roughness), two-sided: no renderer of light culls faces |
+//! | `KHR_materials_ior`, `_specular` | `specular` = F0 / 0.08, F0 = ((n - 1) / (n + 1))^2 factor |
+//! | `KHR_materials_clearcoat` | `clearcoat`, `clearcoat_gloss` = 1 - roughness; its textures are left out |
+//! | `KHR_materials_transmission` with a thickness, closed body | `spec_trans` of `principled` |
+//! | the same, thin or open | a blend with `thin_dielectric`, tinted by the base colour |
+//! | `MASK`, `BLEND` | `mask` with opacity 0 or 1 by the cut-off, or alpha itself |
+//! | `KHR_materials_unlit` | diffuse: a path tracer has no unlit surface |
+//! | emission, `_emissive_strength` | an area emitter |
+
+use super::{
+    container::Document,
+    images::{Images, Use},
+    slots::{Slot, number, triple},
+};
+use crate::assets::{
+    asset::{Material, Report},
+    blobs::BlobSet,
+    refusal::{Refusal, damaged},
+};
+use gltf::json::{
+    material::{AlphaMode, Material as Source},
+    validation::Checked,
+};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use tauflow_data::scene::{Bsdf, Rgb, Texture};
+
+/// What of a mesh decides its material's form.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Features {
+    /// It has the texture coordinates that the material reads.
+    pub uv: bool,
+    /// It has vertex colours.
+    pub colors: bool,
+    /// It encloses a volume.
+    pub closed: bool,
+}
+
+/// The materials made of one file.
+pub struct Materials<'a, 'd> {
+    document: &'a Document<'d>,
+    images: Images,
+    made: BTreeMap<(Option<usize>, Features), usize>,
+    /// The materials, in the order in which they were first asked for.
+    pub list: Vec<Material>,
+}
+
+/// The extension `name` of a material.
+fn extension<'m>(material: &'m Source, name: &str) -> Option<&'m Value> {
+    material.extensions.as_ref()?.others.get(name)
+}
+
+/// The slots of a material, the one that decides the set of texture coordinates first.
+fn slots(material: &Source) -> Vec<Slot> {
+    let pbr = &material.pbr_metallic_roughness;
+    let transmission = extension(material, "KHR_materials_transmission").and_then(|t| t.get("transmissionTexture"));
+    let all = [
+        pbr.base_color_texture.as_ref().map(Slot::of),
+        material.normal_texture.as_ref().map(Slot::of_normal),
+        pbr.metallic_roughness_texture.as_ref().map(Slot::of),
+        material.emissive_texture.as_ref().map(Slot::of),
+        Slot::of_json(transmission),
+    ];
+    all.into_iter().flatten().collect()
+}
+
+fn rgb(value: [f64; 3]) -> Rgb {
+    value.map(|v| v.clamp(0.0, 1e6) as f32)
+}
+
+fn times(a: Texture, b: Texture) -> Texture {
+    Texture::Product { a: Box::new(a), b: Box::new(b) }
+}
+
+fn two_sided(inner: Bsdf) -> Bsdf {
+    Bsdf::TwoSided { inner: Box::new(inner) }
+}
+
+/// One material being made.
+struct Making<'m, 'a, 'd> {
+    document: &'a Document<'d>,
+    images: &'m mut Images,
+    blobs: &'m mut BlobSet,
+    report: &'m mut Report,
+    set: Option<u32>,
+    features: Features,
+}
+
+impl Making<'_, '_, '_> {
+    /// The texture of a slot times `scale`; the scale alone where the mesh lacks the coordinates.
+    fn texture(&mut self, slot: Option<Slot>, purpose: Use, scale: Rgb, channel: Option<u8>) -> Result<Texture, Refusal> {
+        let Some(slot) = slot else { return Ok(Texture::rgb(scale)) };
+        if !self.features.uv {
+            self.report.note("textures left out on meshes without their texture coordinates");
+            return Ok(Texture::rgb(scale));
+        }
+        if self.set != Some(slot.set) {
+            self.report.note("textures on a second set of coordinates are left out");
+            return Ok(Texture::rgb(scale));
+        }
+        let (image, clamp) = slot.image(self.document, self.report)?;
+        let image = self.images.get(self.document, image, purpose, self.blobs, self.report)?;
+        Ok(Texture::Bitmap { image, uv: slot.uv, scale, channel, clamp })
+    }
+
+    /// Opacity, if it is not 1 everywhere.
+    fn opacity(&mut self, material: &Source) -> Result<Option<Texture>, Refusal> {
+        let pbr = &material.pbr_metallic_roughness;
+        let factor = pbr.base_color_factor.0[3];
+        let slot = pbr.base_color_texture.as_ref().map(Slot::of);
+        match &material.alpha_mode {
+            Checked::Valid(AlphaMode::Blend) => {
+                let alpha = self.texture(slot, Use::Alpha, [factor.clamp(0.0, 1.0); 3], None)?;
+                let colors = Texture::VertexColor { scale: [1.0; 3], channel: Some(3) };
+                Ok(Some(if self.features.colors { times(alpha, colors) } else { alpha }))
+            }
+            Checked::Valid(AlphaMode::Mask) => {
+                let cutoff = material.alpha_cutoff.map_or(0.5, |c| c.0);
+                // factor * alpha >= cutoff where alpha >= cutoff / factor.
+                let threshold = if factor > 0.0 { cutoff / factor } else { f32::MAX };
+                if cutoff <= 0.0 {
+                    return Ok(None);
+                }
+                if slot.is_none() || !self.features.uv {
+                    return Ok(Some(Texture::scalar(if threshold <= 1.0 { 1.0 } else { 0.0 })));
+                }
+                self.texture(slot, Use::Mask(threshold.to_bits()), [1.0; 3], None).map(Some)
+            }
+            _ => Ok(None),
+        }
+    }
+
+    fn emission(&mut self, material: &Source) -> Result<Option<Texture>, Refusal> {
+        let strength = extension(material, "KHR_materials_emissive_strength")
+            .map_or(1.0, |e| number(e, "emissiveStrength", 1.0));
+        let factor = rgb(material.emissive_factor.0.map(|v| f64::from(v) * strength));
+        if factor.iter().all(|v| *v <= 0.0) {
+            return Ok(None);
+        }
+        self.texture(material.emissive_texture.as_ref().map(Slot::of), Use::Color, factor, None).map(Some)
+    }
+
+    fn make(&mut self, material: &Source) -> Result<Material, Refusal> {
+        let pbr = &material.pbr_metallic_roughness;
+        let base = pbr.base_color_factor.0;
+        let slot = pbr.base_color_texture.as_ref().map(Slot::of);
+        let mut color = self.texture(slot, Use::Color, [base[0], base[1], base[2]].map(|v| v.clamp(0.0, 1.0)), None)?;
+        if self.features.colors {
+            color = times(color, Texture::VertexColor { scale: [1.0; 3], channel: None });
+        }
+        let opacity = self.opacity(material)?;
+        let masked = |bsdf: Bsdf| match &opacity {
+            Some(opacity) => Bsdf::Mask { opacity: opacity.clone(), inner: Box::new(bsdf) },
+            None => bsdf,
+        };
+        let diffuse = masked(two_sided(Bsdf::Diffuse { reflectance: color.clone() }));
+        let emission = self.emission(material)?;
+        if extension(material, "KHR_materials_unlit").is_some() {
+            self.report.note("unlit surfaces are shown as diffuse ones");
+            return Ok(Material { own: diffuse.clone(), diffuse, transmissive: false, emission });
+        }
+        let (surface, transmissive) = self.surface(material, &color)?;
+        let own = match &material.normal_texture {
+            Some(map) if self.features.uv => {
+                let slot = Slot::of_normal(map);
+                if self.set == Some(slot.set) {
+                    let scale = map.scale;
+                    let map = self.texture(Some(slot), Use::Linear, [1.0; 3], None)?;
+                    Bsdf::NormalMap { map, scale, inner: Box::new(surface) }
+                } else {
+                    surface
+                }
+            }
+            _ => surface,
+        };
+        Ok(Material { own: masked(own), diffuse, transmissive, emission })
+    }
+
+    /// The surface under normal map and opacity, and whether light passes through it.
+    fn surface(&mut self, material: &Source, color: &Texture) -> Result<(Bsdf, bool), Refusal> {
+        let pbr = &material.pbr_metallic_roughness;
+        let roughness_slot = || pbr.metallic_roughness_texture.as_ref().map(Slot::of);
+        let metallic = self.texture(roughness_slot(), Use::Linear, [pbr.metallic_factor.0.clamp(0.0, 1.0); 3], Some(2))?;
+        let roughness = self.texture(roughness_slot(), Use::Linear, [pbr.roughness_factor.0.clamp(0.0, 1.0); 3], Some(1))?;
+        let ior = extension(material, "KHR_materials_ior").map_or(1.5, |e| number(e, "ior", 1.5)).clamp(1.0, 4.0);
+        let mut f0 = ((ior - 1.0) / (ior + 1.0)) * ((ior - 1.0) / (ior + 1.0));
+        if let Some(e) = extension(material, "KHR_materials_specular") {
+            let tint = triple(e, "specularColorFactor", [1.0; 3]);
+            f0 *= number(e, "specularFactor", 1.0).clamp(0.0, 1.0) * (tint[0] + tint[1] + tint[2]) / 3.0;
+            if tint[0] != tint[1] || tint[1] != tint[2] || e.get("specularTexture").is_some() || e.get("specularColorTexture").is_some() {
+                self.report.note("specular tints and textures are averaged or left out");
+            }
+        }
+        let (mut clearcoat, mut gloss) = (0.0, 1.0);
+        if let Some(e) = extension(material, "KHR_materials_clearcoat") {
+            clearcoat = number(e, "clearcoatFactor", 0.0).clamp(0.0, 1.0);
+            gloss = 1.0 - number(e, "clearcoatRoughnessFactor", 0.0).clamp(0.0, 1.0);
+            if ["clearcoatTexture", "clearcoatRoughnessTexture", "clearcoatNormalTexture"].iter().any(|t| e.get(*t).is_some()) {
+                self.report.note("textures of clearcoats are left out");
+            }
+        }
+        for name in ["sheen", "iridescence", "anisotropy", "dispersion"] {
+            if extension(material, &format!("KHR_materials_{name}")).is_some() {
+                self.report.note(format!("{name} is left out"));
+            }
+        }
+        let principled = |spec_trans: Texture| Bsdf::Principled {
+            base_color: color.clone(),
+            metallic: metallic.clone(),
+            roughness: roughness.clone(),
+            specular: (f0 / 0.08).clamp(0.0, 1.0) as f32,
+            spec_trans,
+            clearcoat: clearcoat as f32,
+            clearcoat_gloss: gloss as f32,
+        };
+        let opaque = || two_sided(principled(Texture::scalar(0.0)));
+        let Some(e) = extension(material, "KHR_materials_transmission") else { return Ok((opaque(), false)) };
+        let factor = number(e, "transmissionFactor", 0.0).clamp(0.0, 1.0);
+        if factor <= 0.0 {
+            return Ok((opaque(), false));
+        }
+        let slot = Slot::of_json(e.get("transmissionTexture"));
+        let share = self.texture(slot, Use::Linear, [factor as f32; 3], Some(0))?;
+        let volume = extension(material, "KHR_materials_volume");
+        if volume.is_some_and(|v| v.get("attenuationDistance").is_some()) {
+            self.report.note("attenuation in a volume is left out");
+        }
+        let thick = volume.is_some_and(|v| number(v, "thicknessFactor", 0.0) > 0.0);
+        if thick && self.features.closed {
+            return Ok((principled(share), true));
+        }
+        self.report.note("transmission through thin or open surfaces is smooth, whatever their roughness");
+        let pane = Bsdf::ThinDielectric {
+            int_ior: ior.max(1.01) as f32,
+            ext_ior: 1.0,
+            specular_reflectance: Texture::scalar(1.0),
+            specular_transmittance: color.clone(),
+        };
+        Ok((Bsdf::Blend { weight: share, a: Box::new(opaque()), b: Box::new(pane) }, true))
+    }
+}
+
+impl<'a, 'd> Materials<'a, 'd> {
+    /// None yet; images will be reduced to `most` texels a side.
+    pub fn new(document: &'a Document<'d>, most: usize) -> Self {
+        Self { document, images: Images::new(most), made: BTreeMap::new(), list: Vec::new() }
+    }
+
+    fn source(&self, number: Option<usize>) -> Result<Option<&'a Source>, Refusal> {
+        let Some(number) = number else { return Ok(None) };
+        let found = self.document.root.materials.get(number);
+        found.map(Some).ok_or_else(|| damaged(format!("material {number}"), "there is no such material"))
+    }
+
+    /// The set of texture coordinates that a material reads, and whether it reads tangents.
+    ///
+    /// # Errors
+    /// If there is no such material.
+    pub fn reads(&self, number: Option<usize>) -> Result<(Option<u32>, bool), Refusal> {
+        let Some(source) = self.source(number)? else { return Ok((None, false)) };
+        Ok((slots(source).first().map(|slot| slot.set), source.normal_texture.is_some()))
+    }
+
+    /// The index of a material for meshes with such features; `None` is the default material.
+    ///
+    /// # Errors
+    /// If there is no such material, or an image of it cannot be read.
+    pub fn get(
+        &mut self,
+        number: Option<usize>,
+        features: Features,
+        blobs: &mut BlobSet,
+        report: &mut Report,
+    ) -> Result<usize, Refusal> {
+        if let Some(made) = self.made.get(&(number, features)) {
+            return Ok(*made);
+        }
+        let standard = Source::default();
+        let source = self.source(number)?.unwrap_or(&standard);
+        let set = slots(source).first().map(|slot| slot.set);
+        let document = self.document;
+        let material = Making { document, images: &mut self.images, blobs, report, set, features }.make(source)?;
+        let index = self.list.iter().position(|m| *m == material).unwrap_or(self.list.len());
+        if index == self.list.len() {
+            self.list.push(material);
+        }
+        self.made.insert((number, features), index);
+        Ok(index)
+    }
+}
