@@ -89,6 +89,21 @@ impl NodeState {
     }
 }
 
+/// Lines for people on stderr, above the bars if there are any.
+pub(crate) struct Voice(Option<MultiProgress>);
+
+impl Voice {
+    pub(crate) fn say(&self, text: &str) {
+        match &self.0 {
+            Some(bars) => {
+                // The terminal going away must not stop the run.
+                let _ = bars.println(text);
+            }
+            None => eprintln!("{text}"),
+        }
+    }
+}
+
 impl Display {
     pub(crate) fn new(pipeline: &Pipeline, json: bool) -> Self {
         let terminal = std::io::stderr().is_terminal() && !json;
@@ -106,9 +121,9 @@ impl Display {
         }
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         match event {
-            Event::Warning { message } => self.line(&format!("warning: {message}")),
+            Event::Warning { message } => self.voice().say(&format!("warning: {message}")),
             Event::Healing { nodes } => {
-                self.line(&format!("some results are gone from the cache; making them again ({})", nodes.join(", ")));
+                self.voice().say(&format!("some results are gone from the cache; making them again ({})", nodes.join(", ")));
                 for node in state.nodes.values_mut() {
                     let bar = node.bar.take();
                     *node = NodeState { bar, ..NodeState::default() };
@@ -155,7 +170,12 @@ impl Display {
         }
     }
 
-    /// Takes the bars away.
+    /// Says things beside the bars, from any thread.
+    pub(crate) fn voice(&self) -> Voice {
+        Voice(self.bars.clone())
+    }
+
+    /// Leaves the bars as they are.
     pub(crate) fn end(&self) {
         let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         for node in state.nodes.values() {
@@ -165,15 +185,6 @@ impl Display {
         }
     }
 
-    fn line(&self, text: &str) {
-        match &self.bars {
-            Some(bars) => {
-                // The terminal going away must not stop the run.
-                let _ = bars.println(text);
-            }
-            None => eprintln!("{text}"),
-        }
-    }
 
     fn update(&self, state: &mut State, name: &str, ended: bool) {
         let place = |n: &str| state.order.iter().position(|o| o == n);

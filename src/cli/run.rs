@@ -1,6 +1,6 @@
 //! `tauflow run`.
 
-use super::{CliError, Exit, Open, PipelineArgs, bytes_text, progress::Display, seconds_text, table};
+use super::{CliError, Exit, Open, PipelineArgs, bytes_text, counted, progress::{Display, Voice}, seconds_text, table};
 use crate::{
     engine::{self, Only, RunOptions, Summary, event::Failure},
     kinds::Registry,
@@ -54,7 +54,8 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, open: Open<'_>) -> Result
     let only = args.only.as_deref().map(|text| Only::parse(text, &pipeline)).transpose().map_err(CliError::Bad)?;
     let store = open()?;
     let stop = Arc::new(AtomicBool::new(false));
-    listen(stop.clone())?;
+    let display = Display::new(&pipeline, args.events.is_some());
+    listen(stop.clone(), display.voice())?;
     let options = RunOptions {
         jobs: args.jobs,
         dry: false,
@@ -63,7 +64,6 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, open: Open<'_>) -> Result
         only,
         out: Some(args.out.clone()),
     };
-    let display = Display::new(&pipeline, args.events.is_some());
     let summary = engine::run(&pipeline, &store, &options, &stop, &|event| display.show(event));
     display.end();
     let summary = summary?;
@@ -79,12 +79,12 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, open: Open<'_>) -> Result
 }
 
 /// The first Ctrl-C ends the run cleanly, the second at once.
-fn listen(stop: Arc<AtomicBool>) -> Result<(), CliError> {
+fn listen(stop: Arc<AtomicBool>, voice: Voice) -> Result<(), CliError> {
     ctrlc::set_handler(move || {
         if stop.swap(true, Ordering::Relaxed) {
             std::process::exit(130);
         }
-        eprintln!("\nstopping: what is in flight ends first (once more stops at once; nothing done is lost)");
+        voice.say("stopping: what is in flight ends first (once more stops at once; nothing done is lost)");
     })
     .map_err(|e| CliError::Environment(format!("cannot listen for Ctrl-C: {e}")))
 }
@@ -94,31 +94,34 @@ fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs) {
     let hit = summary.total(|n| n.hit);
     let elapsed = seconds_text(summary.elapsed.as_secs_f64());
     if ran == 0 && summary.failures.is_empty() && !summary.interrupted {
-        eprintln!("nothing to do: {hit} results are as they were ({elapsed})");
+        eprintln!("nothing to do: {} as they were ({elapsed})", counted(hit, "result"));
     } else {
         eprint!("{}", table(&rows(summary)));
-        eprintln!("{ran} actions ran, {hit} were done before ({elapsed})");
+        eprintln!("{} ran, {hit} as before ({elapsed})", counted(ran, "action"));
     }
     show_failures(&summary.failures, args);
     if summary.interrupted {
         eprintln!("stopped; run the same command again to go on: tauflow run {}", args.pipeline.again());
     }
-    if let Some(page) = summary.published.iter().find(|p| p.extension().is_some_and(|e| e == "html")) {
-        outln!("{}", page.display());
-    } else if !summary.published.is_empty() {
-        outln!("{}", args.out.join(&pipeline.name).display());
+    let page = summary.published.iter().find(|p| p.extension().is_some_and(|e| e == "html"));
+    let folder = (!summary.published.is_empty()).then(|| args.out.join(&pipeline.name));
+    match page.or(folder.as_ref()) {
+        // A program that reads events finds the path in the last line's place on the other stream.
+        Some(path) if args.events.is_some() => eprintln!("{}", path.display()),
+        Some(path) => outln!("{}", path.display()),
+        None => {}
     }
 }
 
 fn rows(summary: &Summary) -> Vec<Vec<String>> {
-    let heads = ["node", "ran", "as before", "failed", "blocked", "time", "size"];
+    let heads = ["node", "as before", "ran", "failed", "blocked", "time", "size"];
     let mut rows = vec![heads.map(str::to_owned).to_vec()];
-    for node in summary.nodes.iter().filter(|n| n.ran + n.failed + n.blocked > 0) {
+    for node in summary.nodes.iter().filter(|n| n.lanes > 0) {
         let some = |n: u64| if n == 0 { String::new() } else { n.to_string() };
         rows.push(vec![
             node.node.clone(),
-            some(node.ran),
             some(node.hit),
+            some(node.ran),
             some(node.failed),
             some(node.blocked),
             seconds_text(node.spent_s),

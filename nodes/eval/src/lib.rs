@@ -1,1 +1,17 @@
 //! Metrics, evaluation and bridge validation.
+//!
+//! Compares images with references and sums the scores up; knows nothing of how images are made or shown.
+
+pub mod curve;
+mod image_metrics;
+pub mod metrics;
+mod ssim;
+
+pub use image_metrics::{HOLD, ImageMetrics, ImageMetricsParams};
+
+use tauflow_contract::{KindRow, NodeKind};
+
+/// The kinds of this crate.
+pub fn kinds() -> Vec<Box<dyn NodeKind>> {
+    vec![Box::new(KindRow::<ImageMetrics>::new())]
+}

@@ -22,8 +22,8 @@ pub struct Montage {
     pub title: String,
     /// File name of its PNG.
     pub file: String,
-    /// Heads of the columns: the input, each method, the reference; with the method's name.
-    pub columns: Vec<(String, String)>,
+    /// The columns: the input, each method with its cell, the reference; with their heads.
+    pub columns: Vec<(Option<Cell>, String)>,
     /// The rows.
     pub rows: Vec<MontageRow>,
     /// Integer factor by which pictures were reduced.
@@ -105,9 +105,9 @@ pub fn montages(
         let mut names = vec![conditioning.clone()];
         names.extend(many_spaces.then(|| space.clone()));
         names.extend(Some(more).filter(|m| !m.is_empty()));
-        let mut columns = vec![("hold".to_owned(), format!("Input, {} spp", evaluation.from_spp))];
-        columns.extend(tables.iter().map(|t| (t.method.clone(), method_name(&t.method))));
-        columns.push(("reference".to_owned(), format!("Reference, {} spp", evaluation.reference_spp)));
+        let mut columns = vec![(None, format!("Input, {} spp", evaluation.from_spp))];
+        columns.extend(tables.iter().map(|t| (Some(t.cell.clone()), method_name(&t.method))));
+        columns.push((None, format!("Reference, {} spp", evaluation.reference_spp)));
         let (mut rows, mut reduced) = (Vec::new(), 1);
         for (scene, artifact, stratum) in &chosen {
             let packed = PackedScene::from_bytes(&ctx.part(artifact, "")?)?;
@@ -190,9 +190,8 @@ impl Montage {
             .flat_map(|r| &r.pictures)
             .filter_map(|p| p.image.as_ref())
             .fold((1, 1), |(w, h), i| (w.max(i.width()), h.max(i.height())));
-        let zoom = (160 / size.0.max(size.1)).max(1);
-        let widest = self.columns.iter().map(|c| font::width(&c.1, SCALE)).max().unwrap_or(0);
-        let (cell_w, cell_h) = ((size.0 * zoom).max(widest), size.1 * zoom);
+        let zoom = (208 / size.0.max(size.1)).max(1);
+        let (cell_w, cell_h) = (size.0 * zoom, size.1 * zoom);
         let left = self.rows.iter().map(|r| font::width(&r.stratum, SCALE)).max().unwrap_or(0) + 2 * GAP;
         let width = left + self.columns.len() * (cell_w + GAP);
         let mut sheet = Image::new(width, LINE + GAP + self.rows.len() * (cell_h + LINE + GAP), 3).map(|_| 1.0);
@@ -219,9 +218,11 @@ impl Montage {
     }
 }
 
+/// A text in the middle of a cell; smaller where it does not fit.
 fn centred(sheet: &mut Image, x: usize, cell_w: usize, y: usize, text: &str) {
-    let room = cell_w.saturating_sub(font::width(text, 2)) / 2;
-    font::draw(sheet, [x + room, y], text, 2, 0.1);
+    let scale = if font::width(text, 2) > cell_w { 1 } else { 2 };
+    let room = cell_w.saturating_sub(font::width(text, scale)) / 2;
+    font::draw(sheet, [x + room, y + (2 - scale) * font::HEIGHT / 2], text, scale, 0.1);
 }
 
 fn paste(sheet: &mut Image, image: &Image, at: [usize; 2], zoom: usize) {

@@ -116,7 +116,7 @@ impl Kind for Report {
         };
         ctx.check_cancelled()?;
         let sections = sections(&material, params, &montages, nfe)?;
-        let header = sections::headline::block(evaluation, &material, &params.subtitle);
+        let header = sections::headline::block(evaluation, &material, &params.subtitle, &montages, nfe)?;
         let html = page(&params.title, &header, &sections, &missing(action));
 
         let mut parts: BTreeMap<String, Digest> = BTreeMap::new();

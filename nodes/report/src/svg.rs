@@ -120,7 +120,8 @@ impl Plot {
     /// Horizontal grid lines with their values, about `count`.
     pub fn y_axis(&mut self, count: usize) -> &mut Self {
         for tick in self.y.ticks(count) {
-            let Some(place) = self.y.place(tick) else { continue };
+            // A line so near the axis would look like a double one.
+            let Some(place) = self.y.place(tick).filter(|p| *p > 0.02) else { continue };
             let y = self.top + (1.0 - place) * (self.height - self.top - self.bottom);
             let (left, right) = (self.left, self.width - self.right);
             let _ = write!(

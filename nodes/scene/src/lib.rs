@@ -10,6 +10,10 @@ mod sampling;
 mod signature;
 mod split;
 
+pub use assets::{
+    Assets, AssetsParams,
+    asset::{Asset, Body, Material, Part, Report as AssetReport},
+};
 pub use generation::{
     CausticRanges, DiffuseRanges, GlossyRanges, HoldOut, MaxDepth, Range, RefractiveRanges, SceneGeneration,
     SceneGenerationParams,
@@ -23,6 +27,7 @@ use tauflow_contract::{KindRow, NodeKind};
 /// The kinds of this crate.
 pub fn kinds() -> Vec<Box<dyn NodeKind>> {
     vec![
+        Box::new(KindRow::<Assets>::new()),
         Box::new(KindRow::<SceneGeneration>::new()),
         Box::new(KindRow::<ContentSignatureSplit>::new()),
         Box::new(KindRow::<StratifiedSampling>::new()),

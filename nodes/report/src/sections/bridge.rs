@@ -9,7 +9,7 @@ use crate::{
     text::{count, escape, fixed, interval, png_uri, signed},
 };
 use std::{collections::BTreeMap, fmt::Write as _};
-use tauflow_data::results::{Bridge, BridgeRow};
+use tauflow_data::results::{Bridge, BridgeRow, Estimate};
 
 /// Order of methods.
 const ORDER: [&str; 3] = ["hold", "local_step", "mc_noise"];
@@ -17,21 +17,26 @@ const ORDER: [&str; 3] = ["hold", "local_step", "mc_noise"];
 /// The section. `scenes` is how many scenes' maps are shown.
 pub fn section(files: &BridgeFiles, scenes: usize) -> Section {
     let bridge = &files.bridge;
-    let last = bridge.rows.iter().map(|r| r.to_spp).max().unwrap_or(0);
+    let counts = bridge.rows.iter().flat_map(|r| [r.from_spp, r.to_spp]);
+    let (first, last) = (counts.clone().min().unwrap_or(0), counts.max().unwrap_or(0));
     let mut out = format!(
-        "<p>Ladders of 1, 2, 3 … {last} samples on {} scenes: rungs outside the dyadic training ladder (n<sub>max</sub> = {}), each stop \
-         against the <em>real</em> I<sub>m</sub>. MC noise goes I<sub>k</sub> + (τ<sub>m</sub> − τ<sub>k</sub>)/(1 − τ<sub>k</sub>) \
-         (clean − I<sub>k</sub>); the local step is an Euler step of the local velocity; no model was retrained.</p>",
+        "<p>Stops between real endpoints of {first} to {last} samples on {} scenes, by models of the ladder that ends at n<sub>max</sub> = \
+         {}; each is judged against the <em>real</em> I<sub>m</sub>. MC noise goes I<sub>k</sub> + (τ<sub>m</sub> − τ<sub>k</sub>)/(1 − \
+         τ<sub>k</sub>) (clean − I<sub>k</sub>), with τ of that ladder; the local step is an Euler step of the local velocity for each sample \
+         more. I<sub>k</sub> is part of I<sub>m</sub>, so that hold is a strong baseline.</p>",
         bridge.scenes, bridge.n_max
     );
     out.push_str("<div class=\"grid2\">");
     for (stop, title) in stops(bridge) {
         let _ = write!(out, "<div><h3>{title}</h3>{}</div>", summary(bridge, stop));
     }
-    out.push_str("</div><div class=\"grid2\">");
-    let y = Scale::linear(bridge.rows.iter().flat_map(|r| [r.psnr.mean, r.psnr.low, r.psnr.high]));
-    for (stop, title) in stops(bridge) {
-        let _ = write!(out, "<figure>{}</figure>", chart(bridge, stop, &title, y));
+    out.push_str("</div><div class=\"grid2 charts\">");
+    let charts: [Shown; 2] = [("PSNR (dB)", |r| r.psnr), ("Gain over hold (dB)", |r| r.gain)];
+    for shown in charts {
+        let y = Scale::linear(bridge.rows.iter().map(shown.1).flat_map(|e| [e.mean, e.low, e.high]));
+        for (stop, title) in stops(bridge) {
+            let _ = write!(out, "<figure>{}</figure>", chart(bridge, stop, &title, shown, y));
+        }
     }
     out.push_str("</div>");
     let panels: Vec<(String, String)> =
@@ -113,26 +118,33 @@ fn by_method<'a>(bridge: &'a Bridge, stop: &str) -> Vec<(&'a str, Vec<&'a Bridge
         .collect()
 }
 
-fn chart(bridge: &Bridge, stop: &str, title: &str, y: Scale) -> String {
+/// What a chart shows: the title, and the figure of a row.
+type Shown = (&'static str, fn(&BridgeRow) -> Estimate);
+
+fn chart(bridge: &Bridge, stop: &str, title: &str, shown: Shown, y: Scale) -> String {
     let methods = by_method(bridge, stop);
+    let (what, figure) = shown;
     let ks: Vec<u64> = methods.first().map(|(_, rows)| rows.iter().map(|r| r.from_spp).collect()).unwrap_or_default();
-    let mut plot = Plot::new([560.0, 300.0], [48.0, 96.0, 34.0, 40.0], Scale::linear(ks.iter().map(|k| *k as f64)), y);
-    plot.title(&format!("PSNR (dB), {title}")).y_axis(6);
+    let mut plot = Plot::new([560.0, 290.0], [48.0, 96.0, 34.0, 40.0], Scale::linear(ks.iter().map(|k| *k as f64)), y);
+    plot.title(&format!("{what}: {title}")).y_axis(6);
     plot.x_axis(ks.iter().map(|k| (*k as f64, k.to_string())), "k, samples before");
-    for (method, rows) in &methods {
-        let band: Vec<_> = rows.iter().map(|r| (r.from_spp as f64, r.psnr.low, r.psnr.high)).collect();
+    for (method, rows) in methods.iter().filter(|(method, _)| *method != "hold") {
+        let band: Vec<_> = rows.iter().map(|r| (r.from_spp as f64, figure(r).low, figure(r).high)).collect();
         plot.band(&band, &colour(method));
     }
     for (method, rows) in &methods {
         let class = colour(method);
-        let points: Vec<_> = rows.iter().map(|r| (r.from_spp as f64, r.psnr.mean)).collect();
-        let look = if *method == "hold" { format!("{class} dashed") } else { class.clone() };
-        plot.line(points.iter().copied(), &look).dots(points.iter().copied(), 3.2, &class);
+        let points: Vec<_> = rows.iter().map(|r| (r.from_spp as f64, figure(r).mean)).collect();
+        if *method == "hold" {
+            plot.line(points.iter().copied(), &format!("{class} dashed"));
+        } else {
+            plot.line(points.iter().copied(), &class).dots(points.iter().copied(), 3.2, &class);
+        }
         if let Some((_, last)) = points.last() {
             plot.end_label(*last, &class, &method_name(method));
         }
     }
-    plot.finish(&format!("PSNR by k, {title}; the figures are in the tables of this section"))
+    plot.finish(&format!("{what} by k, {title}; the figures are in the tables of this section"))
 }
 
 fn by_k(bridge: &Bridge, stop: &str) -> String {

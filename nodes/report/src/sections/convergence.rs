@@ -50,7 +50,7 @@ fn name(row: &ConvergenceRow) -> String {
 
 fn panel(convergence: &Convergence, row: &ConvergenceRow, y: Scale) -> String {
     let x = Scale::log(convergence.counts.iter().map(|n| *n as f64), 0.03);
-    let mut plot = Plot::new([290.0, 216.0], [46.0, 10.0, 50.0, 36.0], x, y);
+    let mut plot = Plot::new([290.0, 222.0], [46.0, 10.0, 50.0, 42.0], x, y);
     let points = |values: &[f64]| -> Vec<(f64, f64)> {
         convergence.counts.iter().map(|n| *n as f64).zip(values.iter().copied()).collect()
     };
@@ -61,7 +61,7 @@ fn panel(convergence: &Convergence, row: &ConvergenceRow, y: Scale) -> String {
         if row.heavy_tail { ", heavy tail" } else { "" }
     ));
     plot.y_axis(4).x_axis_round(5, "n, samples a pixel");
-    plot.line(points(&row.law), "hold dashed").line(points(&row.rmse), class).dots(points(&row.rmse), 3.0, class);
+    plot.line(points(&row.law), "hold dashed").dots(points(&row.rmse), 3.6, class);
     let (first, last) = (row.rmse.first().copied().unwrap_or(0.0), row.rmse.last().copied().unwrap_or(0.0));
     plot.finish(&format!("RMSE by samples in {}, from {} to {}", name(row), compact(first), compact(last)))
 }

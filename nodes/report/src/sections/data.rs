@@ -78,7 +78,10 @@ fn gate(verdicts: &[(String, Verdict)]) -> String {
     }
     out.push_str("</tr></thead><tbody>");
     let mut total = Gate { pool, accepted, ..Gate::default() };
-    for (stratum, gate) in &strata {
+    let known: Vec<String> = Stratum::all().map(|s| s.to_string()).collect();
+    let mut rows: Vec<(&String, &Gate)> = strata.iter().collect();
+    rows.sort_by_key(|(name, _)| known.iter().position(|k| k == *name).unwrap_or(known.len()));
+    for (stratum, gate) in rows {
         for (reason, n) in &gate.rejected {
             *total.rejected.entry(reason.clone()).or_default() += n;
         }
@@ -121,7 +124,7 @@ fn sides(split: Option<&Split>, sampling: Option<&Sampling>) -> String {
         };
         let _ = write!(
             out,
-            "<p>{} of content signature: {} to train, {} to test. {leaks}; {} more than one scene and stay on one side.{}</p>",
+            "<p>{} of content signature: {} to train, {} to test. {leaks}; {} more than one scene, which then stand on one side together.{}</p>",
             plural(split.groups, "group"),
             count(split.sides.train),
             count(split.sides.test),

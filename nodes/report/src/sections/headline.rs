@@ -2,14 +2,28 @@
 
 use crate::{
     material::Material,
+    montage::{Montage, MontageRow},
     ranking::{best_at, conditioning_name, method_name, ordered},
-    text::{count, escape, fixed, plural, signed},
+    text::{count, escape, fixed, plural, png_uri, signed},
 };
 use std::fmt::Write as _;
-use tauflow_data::results::{Evaluation, MethodTable};
+use tauflow_contract::KindError;
+use tauflow_data::{
+    image_io::encode_png,
+    results::{Evaluation, MethodTable},
+};
 
 /// The block below the title.
-pub fn block(evaluation: &Evaluation, material: &Material, subtitle: &str) -> String {
+///
+/// # Errors
+/// If a picture cannot be encoded.
+pub fn block(
+    evaluation: &Evaluation,
+    material: &Material,
+    subtitle: &str,
+    montages: &[Montage],
+    nfe: u64,
+) -> Result<String, KindError> {
     let mut out = String::new();
     if !subtitle.is_empty() {
         let _ = write!(out, "<p class=\"lead\">{}</p>", escape(subtitle));
@@ -19,8 +33,43 @@ pub fn block(evaluation: &Evaluation, material: &Material, subtitle: &str) -> St
         best_cards(&mut out, evaluation, *nfe);
     }
     data_cards(&mut out, evaluation, material);
-    let _ = write!(out, "</div><p class=\"note\">{}</p>", reference_note(evaluation));
-    out
+    out.push_str("</div>");
+    if let Some(best) = best_at(evaluation, nfe) {
+        out.push_str(&hero(best, montages, nfe)?);
+    }
+    let _ = write!(out, "<p class=\"note\">{}</p>", reference_note(evaluation));
+    Ok(out)
+}
+
+/// Input, best solver and reference of the scene whose gain is the median among the pictures.
+fn hero(best: &MethodTable, montages: &[Montage], nfe: u64) -> Result<String, KindError> {
+    let column = |m: &Montage| m.columns.iter().position(|(cell, _)| cell.as_ref() == Some(&best.cell));
+    let Some((montage, column)) = montages.iter().find_map(|m| Some((m, column(m)?))) else { return Ok(String::new()) };
+    let gain = |row: &MontageRow| Some(row.pictures[column].psnr? - row.pictures[0].psnr?);
+    let mut rows: Vec<(f64, &MontageRow)> =
+        montage.rows.iter().filter_map(|r| Some((gain(r).filter(|g| g.is_finite())?, r))).collect();
+    rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let Some((_, row)) = rows.get(rows.len().saturating_sub(1) / 2) else { return Ok(String::new()) };
+    let mut out = String::from("<figure class=\"hero\"><div>");
+    for place in [0, column, row.pictures.len() - 1] {
+        let (picture, head) = (&row.pictures[place], &montage.columns[place].1);
+        let Some(image) = &picture.image else { return Ok(String::new()) };
+        let score = picture.psnr.map_or_else(String::new, |p| format!(" · {} dB", fixed(p, 2)));
+        let calls = if place == column { format!(", NFE {nfe}") } else { String::new() };
+        let _ = write!(
+            out,
+            r#"<div><img alt="{0}" src="{1}"><span><b>{0}{calls}</b>{score}</span></div>"#,
+            escape(head),
+            png_uri(&encode_png(image)?)
+        );
+    }
+    let _ = write!(
+        out,
+        "</div><figcaption>{}, {}: the scene of median gain among the pictures below.</figcaption></figure>",
+        escape(&montage.title),
+        escape(&row.scene)
+    );
+    Ok(out)
 }
 
 /// One sentence on what was built.

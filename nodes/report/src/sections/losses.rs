@@ -49,7 +49,7 @@ fn panel(log: &TrainingLog, many_spaces: bool) -> String {
     let (train, test) = (series(|p| p.train), series(|p| p.test));
     let y = Scale::log(train.iter().chain(&test).map(|p| p.1), 0.06);
     let x = Scale::linear([0.0, log.steps as f64]);
-    let mut plot = Plot::new([290.0, 216.0], [46.0, 10.0, 50.0, 36.0], x, y);
+    let mut plot = Plot::new([290.0, 222.0], [46.0, 14.0, 50.0, 42.0], x, y);
     let class = colour(&log.parameterization);
     let space = if many_spaces { format!(", {}", log.space) } else { String::new() };
     plot.title(&format!("{}, {}{space}", method_name(&log.parameterization), conditioning_name(&log.conditioning)));

@@ -32,18 +32,25 @@ pub fn section(evaluation: &Evaluation, nfe: u64) -> Option<Section> {
     let mut out = format!(
         "<p>HDR PSNR at NFE {nfe} minus that of the input (hold), in dB, by stratum: regime L0 diffuse, L1 glossy, L2 refractive, L3 \
          caustic-like; context environment, open, enclosed. Blue is a gain, orange a loss.</p>\
-         <div class=\"scroll\"><table class=\"wide heat\"><thead><tr><th>Stratum</th><th>Hold (dB)</th>"
+         <div class=\"scroll\"><table class=\"wide heat\"><thead><tr><th rowspan=\"2\">Stratum</th><th rowspan=\"2\">Hold (dB)</th>"
     );
-    for (table, _) in &columns {
-        let more = extra(&table.cell);
+    let mut run = 0;
+    while run < columns.len() {
+        let method = &columns[run].0.method;
+        let span = columns[run..].iter().take_while(|c| c.0.method == *method).count();
         let _ = write!(
             out,
-            r#"<th><span class="key {}"></span>{}<br>{}{}</th>"#,
-            colour(&table.method),
-            escape(&method_name(&table.method)),
-            escape(&conditioning_name(&table.conditioning)),
-            if more.is_empty() { String::new() } else { format!("<br>{}", escape(&more)) }
+            r#"<th class="of" colspan="{span}"><span class="key {}"></span>{}</th>"#,
+            colour(method),
+            escape(&method_name(method))
         );
+        run += span;
+    }
+    out.push_str("</tr><tr>");
+    for (table, _) in &columns {
+        let more = [conditioning_name(&table.conditioning), extra(&table.cell)];
+        let more: Vec<String> = more.into_iter().filter(|m| !m.is_empty()).map(|m| escape(&m)).collect();
+        let _ = write!(out, "<th>{}</th>", more.join("<br>"));
     }
     out.push_str("</tr></thead><tbody>");
     for stratum in &names {

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use tauflow_contract::{Artifact, Collection, Context, MemoryBlobs, Silent};
 use tauflow_data::{
     Image, Stratum,
+    convergence::{Convergence, ConvergenceRow},
     formats::{FILES, VERDICT, Verdict},
     image_io::encode_png,
     maths::{exp, log2},
@@ -143,6 +144,35 @@ fn bridge(ctx: &Context<'_>) -> Artifact {
     Artifact::tree(FILES, parts)
 }
 
+fn convergence() -> Convergence {
+    let counts: Vec<u64> = (0..8).map(|i| 1u64 << i).collect();
+    let row = |name: String, sigma: f64, heavy: bool, scenes: u64| {
+        let law: Vec<f64> = counts.iter().map(|n| sigma * (1.0 / *n as f64 - 1.0 / 256.0).sqrt()).collect();
+        let rmse = law.iter().enumerate().map(|(i, v)| v * (1.0 + if i % 2 == 0 { 0.03 } else { -0.03 })).collect();
+        let slope = if heavy { -0.43 } else { -0.498 };
+        let tail_share = if heavy { 0.64 } else { 0.12 };
+        ConvergenceRow {
+            stratum: name,
+            scenes,
+            rmse,
+            law,
+            slope,
+            tail_share,
+            heavy_tail: heavy,
+            mean_path_length: 4.2,
+            rejected: 0,
+        }
+    };
+    Convergence {
+        reference_spp: 256,
+        strata: Stratum::all()
+            .map(|s| row(s.to_string(), 0.2 + 0.12 * f64::from(s.regime as u8), s.to_string() == "L3-enclosed", 2))
+            .collect(),
+        overall: row("all".into(), 0.38, false, 24),
+        counts,
+    }
+}
+
 /// Every input of a report, over synthetic material.
 pub fn all(blobs: &MemoryBlobs) -> BTreeMap<&'static str, Collection> {
     let cancel = std::sync::atomic::AtomicBool::new(false);
@@ -161,5 +191,6 @@ pub fn all(blobs: &MemoryBlobs) -> BTreeMap<&'static str, Collection> {
         ("split", one(json_item(&ctx, "report", &split()))),
         ("sampling", one(json_item(&ctx, "report", &sampling()))),
         ("bridge", one((key("bridge"), bridge(&ctx)))),
+        ("convergence", one(json_item(&ctx, "convergence", &convergence()))),
     ])
 }

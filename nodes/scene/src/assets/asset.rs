@@ -81,6 +81,9 @@ pub struct Material {
 pub struct Report {
     /// The file's name.
     pub name: String,
+    /// `environment` or `object`, once that is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sort: Option<String>,
     /// True if it became an asset.
     pub accepted: bool,
     /// Why not, in one line.

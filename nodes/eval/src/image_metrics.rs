@@ -1,0 +1,109 @@
+#![doc = include_str!("image_metrics.md")]
+
+use crate::metrics::{MetricError, Reference};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use tauflow_contract::{Action, Artifact, Context, InputPort, Kind, KindError, KindSpec, Mode, OutputPort, Outputs};
+use tauflow_data::{
+    Image,
+    formats::{JSON, PACKED, PackedScene, REFINED, Refined, RefinedImage, refined_part},
+    results::{SceneScores, Score},
+};
+
+/// The method of a scene's own rung.
+pub const HOLD: &str = "hold";
+
+/// The kind `image_metrics`.
+pub struct ImageMetrics;
+
+/// Params of `image_metrics`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ImageMetricsParams {
+    /// Sample count of the rung that is scored where no `images` are connected.
+    #[schemars(range(min = 1))]
+    pub from: u64,
+}
+
+impl Default for ImageMetricsParams {
+    fn default() -> Self {
+        Self { from: 1 }
+    }
+}
+
+// `images` stands first: where it is connected it decides the items, and each needs a reference.
+const INPUTS: &[InputPort] = &[
+    InputPort::each("images", REFINED, "The images to score; left out, a rung of the references is scored.").or_none(),
+    InputPort::each("references", PACKED, "The same scenes; the last rung is the reference."),
+];
+const OUTPUTS: &[OutputPort] = &[OutputPort::new("metrics", JSON, "The metrics of each image of a scene.")];
+
+impl Kind for ImageMetrics {
+    type Params = ImageMetricsParams;
+
+    fn spec() -> KindSpec {
+        KindSpec {
+            name: "image_metrics",
+            version: 1,
+            summary: "Compares images with references: PSNR, MAE, SSIM.",
+            manual: include_str!("image_metrics.md"),
+            mode: Mode::Map,
+            inputs: INPUTS,
+            outputs: OUTPUTS,
+            seeded: false,
+        }
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let item = action.item()?.as_str();
+        let scene = PackedScene::from_bytes(&ctx.part(action.each("references")?, "")?)?;
+        let (Some(reference_spp), Some(last)) = (scene.counts.last().copied(), scene.states.last()) else {
+            return Err(KindError::Input(format!("`{item}` has no rung to be its reference")));
+        };
+        let reference =
+            Reference::new(last).map_err(|e| KindError::Input(format!("the reference of `{item}`: {e}")))?;
+        let images = match action.each.get("images") {
+            Some(refined) => load_refined(ctx, refined)?,
+            None => vec![own_rung(&scene, action.params.from)?],
+        };
+        let mut scores = Vec::with_capacity(images.len());
+        for (said, image) in images {
+            ctx.check_cancelled()?;
+            let metrics = reference.metrics(&image).map_err(|e| not_comparable(&e, &said, item))?;
+            let RefinedImage { method, from_spp, to_spp, nfe } = said;
+            scores.push(Score { method, from_spp, to_spp, nfe, metrics });
+        }
+        let digest = ctx.put_json(&SceneScores { reference_spp, scores })?;
+        Ok(Outputs::default().item("metrics", Artifact::blob(JSON, digest)))
+    }
+}
+
+/// What is wrong with which image.
+pub(crate) fn not_comparable(error: &MetricError, said: &RefinedImage, scene: &str) -> KindError {
+    let RefinedImage { method, from_spp, to_spp, nfe } = said;
+    KindError::Input(format!(
+        "the image of `{method}`, {from_spp} -> {to_spp} samples, NFE {nfe}, of `{scene}`: {error}"
+    ))
+}
+
+/// The images of a refined artifact, with what it says of each.
+pub(crate) fn load_refined(ctx: &Context<'_>, artifact: &Artifact) -> Result<Vec<(RefinedImage, Image)>, KindError> {
+    let refined: Refined = ctx.json(artifact, "meta.json")?;
+    let load = |(index, said)| Ok((said, Image::from_bytes(&ctx.part(artifact, &refined_part(index))?)?));
+    refined.images.into_iter().enumerate().map(load).collect()
+}
+
+/// The rung of `spp` samples.
+pub(crate) fn rung(scene: &PackedScene, spp: u64) -> Result<&Image, KindError> {
+    scene.counts.iter().zip(&scene.states).find(|(n, _)| **n == spp).map(|(_, state)| state).ok_or_else(|| {
+        KindError::Input(format!(
+            "there is no rung of {spp} samples, only {:?}; add it to `rungs` of the ladders, or change `from`",
+            scene.counts
+        ))
+    })
+}
+
+fn own_rung(scene: &PackedScene, from: u64) -> Result<(RefinedImage, Image), KindError> {
+    let said = RefinedImage { method: HOLD.into(), from_spp: from, to_spp: from, nfe: 0 };
+    Ok((said, rung(scene, from)?.clone()))
+}

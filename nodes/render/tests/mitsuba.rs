@@ -1,0 +1,131 @@
+//! Surfaces and environment maps have the values that Mitsuba 3 gives them (`mitsuba/values.py` asked it).
+
+use glam::{Vec2, Vec3, Vec4};
+use serde::Deserialize;
+use tauflow_contract::Digest;
+use tauflow_data::{
+    Image,
+    scene::{Affine, Bsdf, Emitter},
+};
+use tauflow_render::{
+    bsdf::{Material, Surface},
+    environment::Environment,
+};
+
+const AT: Surface = Surface { uv: Vec2::ZERO, color: Vec4::ONE };
+
+#[derive(Deserialize)]
+struct Values {
+    mitsuba: String,
+    smooth: Vec<Compared<Pair>>,
+    delta: Vec<Compared<Draw>>,
+    environment: Map,
+}
+
+#[derive(Deserialize)]
+struct Compared<T> {
+    name: String,
+    bsdf: Bsdf,
+    cases: Vec<T>,
+}
+
+#[derive(Deserialize)]
+struct Pair {
+    wo: [f32; 3],
+    wi: [f32; 3],
+    value: [f32; 3],
+}
+
+#[derive(Deserialize)]
+struct Draw {
+    wo: [f32; 3],
+    lobe: f32,
+    wi: [f32; 3],
+    value: [f32; 3],
+}
+
+#[derive(Deserialize)]
+struct Map {
+    width: usize,
+    height: usize,
+    pixels: Vec<f32>,
+    scale: f32,
+    to_world: Affine,
+    cases: Vec<Look>,
+}
+
+#[derive(Deserialize)]
+struct Look {
+    direction: [f32; 3],
+    value: [f32; 3],
+}
+
+fn values() -> Values {
+    let values: Values = serde_json::from_str(include_str!("mitsuba/values.json")).expect("a sound file");
+    assert_eq!(values.mitsuba, "3.9.1");
+    values
+}
+
+fn unit(v: [f32; 3]) -> Vec3 {
+    Vec3::from_array(v).normalize()
+}
+
+fn material(bsdf: &Bsdf) -> Material {
+    Material::compile(bsdf, &mut |_| unreachable!("no images here")).expect("sound numbers")
+}
+
+/// Largest difference, relative to the value or to a thousandth.
+fn off(found: Vec3, expected: [f32; 3]) -> f32 {
+    let expected = Vec3::from_array(expected);
+    ((found - expected).abs() / expected.abs().max(Vec3::splat(1e-3))).max_element()
+}
+
+#[test]
+fn smooth_lobes_have_mitsubas_values() {
+    let mut failures = Vec::new();
+    for of in values().smooth {
+        let material = material(&of.bsdf);
+        let bsdf = material.at(&AT);
+        let mut worst = 0.0f32;
+        for case in &of.cases {
+            let found = bsdf.eval(unit(case.wo), unit(case.wi));
+            let off = off(found, case.value);
+            worst = worst.max(off);
+            if off > 1e-3 {
+                failures.push(format!("{}: {:?} {:?}: {found} {:?}", of.name, case.wo, case.wi, case.value));
+            }
+        }
+        println!("{}: {worst:e}", of.name);
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+#[test]
+fn specular_lobes_go_where_mitsubas_go() {
+    for of in values().delta {
+        let material = material(&of.bsdf);
+        for case in &of.cases {
+            let sample = material.at(&AT).sample(unit(case.wo), case.lobe, Vec2::new(0.3, 0.6));
+            let what = format!("{} {:?} {}: {sample:?} {:?}", of.name, case.wo, case.lobe, case.value);
+            let Some(sample) = sample else {
+                assert_eq!(case.value, [0.0; 3], "{what}");
+                continue;
+            };
+            assert!(sample.delta && sample.pdf == 0.0, "{what}");
+            assert!((sample.wi - Vec3::from_array(case.wi)).length() < 1e-5, "{what}");
+            assert!(off(sample.weight, case.value) < 1e-4, "{what}");
+        }
+    }
+}
+
+#[test]
+fn environment_maps_have_mitsubas_values() {
+    let map = values().environment;
+    let image = Image::from_data(map.width, map.height, 3, map.pixels).expect("fits");
+    let emitter = Emitter::Envmap { image: Digest::of(b"map"), scale: map.scale, to_world: map.to_world };
+    let environment = Environment::compile(&emitter, &mut |_| Ok(image.clone())).expect("a sound map");
+    for case in &map.cases {
+        let found = environment.eval(unit(case.direction));
+        assert!(off(found, case.value) < 1e-4, "{:?}: {found} {:?}", case.direction, case.value);
+    }
+}

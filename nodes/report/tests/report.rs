@@ -1,0 +1,283 @@
+//! The report over synthetic material: what it holds, and that its figures are those it was given.
+
+mod common;
+
+use common::{extras, run};
+use std::collections::BTreeMap;
+use tauflow_contract::{Collection, Context, MemoryBlobs, Silent};
+use tauflow_data::results::{Evaluation, METRICS, higher_is_better};
+use tauflow_report::ReportParams;
+
+type Files = BTreeMap<String, Vec<u8>>;
+
+fn text(files: &Files, name: &str) -> String {
+    String::from_utf8(files[name].clone()).expect("text files are UTF-8")
+}
+
+fn whole() -> (MemoryBlobs, BTreeMap<&'static str, Collection>, Evaluation) {
+    let blobs = MemoryBlobs::default();
+    let inputs = extras::all(&blobs);
+    let cancel = std::sync::atomic::AtomicBool::new(false);
+    let ctx = Context::new(&blobs, &Silent, &cancel);
+    let (_, artifact) = inputs["evaluation"].iter().next().expect("one item");
+    let evaluation = ctx.json(artifact, "").expect("an evaluation");
+    (blobs, inputs, evaluation)
+}
+
+/// Every tag is closed in order; returns the number of elements.
+fn check_nesting(html: &str) -> usize {
+    const VOID: [&str; 10] = ["meta", "img", "br", "input", "line", "circle", "path", "!doctype", "hr", "link"];
+    let (mut open, mut elements) = (Vec::new(), 0);
+    let mut rest = html;
+    while let Some(start) = rest.find('<') {
+        let end = start + rest[start..].find('>').expect("every tag ends");
+        let tag = &rest[start + 1..end];
+        rest = &rest[end + 1..];
+        let name = tag.trim_start_matches('/').split([' ', '/']).next().expect("a name");
+        if tag.starts_with('/') {
+            assert_eq!(open.pop(), Some(name), "before {}", &rest[..rest.len().min(120)]);
+        } else if !VOID.contains(&name) && !tag.ends_with('/') {
+            open.push(name);
+            elements += 1;
+            if name == "style" {
+                rest = &rest[rest.find("</style>").expect("the style ends")..];
+            }
+        }
+    }
+    assert!(open.is_empty(), "left open: {open:?}");
+    elements
+}
+
+/// Text between tags, one entry for each run.
+fn texts(html: &str) -> Vec<&str> {
+    html.split('<')
+        .filter_map(|part| part.split_once('>'))
+        .map(|(_, text)| text.trim())
+        .filter(|t| !t.is_empty())
+        .collect()
+}
+
+/// A line of CSV without quoted fields.
+fn fields(line: &str) -> Vec<&str> {
+    line.split(',').collect()
+}
+
+#[test]
+fn the_page_stands_alone_and_is_well_formed() {
+    let (blobs, inputs, _) = whole();
+    let files = run(&blobs, ReportParams::default(), &inputs).expect("a report");
+    let html = text(&files, "report.html");
+    for outside in ["http://", "https://", "<script", "@import", "url(", "<link", "<iframe", "src=\"/", "file:"] {
+        assert!(!html.contains(outside), "{outside}");
+    }
+    assert!(html.split("src=\"").skip(1).all(|rest| rest.starts_with("data:image/png;base64,")));
+    assert!(html.split("href=\"").skip(1).all(|rest| rest.starts_with('#')));
+    assert!(!html.contains("NaN") && !html.contains(">inf<"));
+    assert!(check_nesting(&html) > 500);
+    for id in ["results", "curves", "strata", "pictures", "bridge", "training", "data", "convergence", "timings"] {
+        assert!(html.contains(&format!("<section id=\"{id}\"")), "{id}");
+        assert!(html.contains(&format!("href=\"#{id}\"")), "{id}");
+    }
+    assert!(!html.contains("Not connected"));
+    assert!(html.contains("shares its samples with every rung"));
+}
+
+#[test]
+fn the_same_material_gives_the_same_files() {
+    let (blobs, inputs, _) = whole();
+    let first = run(&blobs, ReportParams::default(), &inputs).expect("a report");
+    assert_eq!(first, run(&blobs, ReportParams::default(), &inputs).expect("a report"));
+    let names: Vec<&str> = first.keys().map(String::as_str).filter(|n| !n.starts_with("bridge/maps")).collect();
+    assert_eq!(
+        names,
+        [
+            "bridge/bridge.json",
+            "bridge/cases.csv",
+            "curves.csv",
+            "montage-gbuffer.png",
+            "montage-rgb.png",
+            "per_scene.csv",
+            "report.html",
+            "results.csv",
+            "results.json",
+            "table.tex",
+            "tables.tex",
+            "timings.csv"
+        ]
+    );
+    assert_eq!(first.keys().filter(|n| n.starts_with("bridge/maps/")).count(), 16);
+    assert!(first["montage-rgb.png"].starts_with(b"\x89PNG"));
+}
+
+#[test]
+fn tables_hold_the_figures_with_best_and_second_marked() {
+    let (blobs, inputs, evaluation) = whole();
+    let files = run(&blobs, ReportParams::default(), &inputs).expect("a report");
+    let html = text(&files, "report.html");
+    for metric in METRICS {
+        let digits = if metric.contains("psnr") { 2 } else { 4 };
+        let start = html.find(&format!("data-metric=\"{metric}\"")).expect("a table for each metric");
+        let table = &html[start..start + html[start..].find("</table>").expect("the table ends")];
+        let rows: Vec<&str> = table.split("<tr").skip(2).collect();
+        assert_eq!(rows.len(), 1 + evaluation.methods.len());
+        // The order of rows: method, then conditioning with RGB first; the evaluation has conditioning outermost.
+        for (r, row) in rows.iter().enumerate().skip(1) {
+            let (method, conditioning) = ((r - 1) / 2, (r - 1) % 2);
+            let given = &evaluation.methods[conditioning * 4 + method];
+            let cells: Vec<&str> = row.split("<td").skip(3).collect();
+            let figures = given.at.iter().map(|a| a.metrics[metric]).chain([given.auc[metric], given.tv[metric]]);
+            for (cell, figure) in cells.iter().zip(figures) {
+                let seen = texts(&format!("<td{cell}"));
+                let minus = |v: f64| format!("{v:.digits$}").replace('-', "−");
+                assert_eq!(seen[0], minus(figure.mean), "{metric}, row {r}");
+                assert_eq!(seen[1], format!("[{}, {}]", minus(figure.low), minus(figure.high)));
+            }
+            assert_eq!(cells.len(), evaluation.nfe.len() + 2);
+        }
+        // At each NFE the printed best is bold, the next underlined.
+        for (c, nfe) in evaluation.nfe.iter().enumerate() {
+            let column: Vec<(f64, bool, bool)> = rows
+                .iter()
+                .map(|row| {
+                    let cell = row.split("<td").nth(3 + c).expect("a cell for each NFE");
+                    let value = texts(&format!("<td{cell}"))[0].replace('−', "-").parse().expect("a number");
+                    (value, cell.contains("class=\"best\""), cell.contains("class=\"second\""))
+                })
+                .collect();
+            let better = |a: f64, b: f64| if higher_is_better(metric) { a > b } else { a < b };
+            for (value, best, second) in &column {
+                let above = column.iter().filter(|o| better(o.0, *value)).count();
+                let tops = column.iter().filter(|o| !column.iter().any(|p| better(p.0, o.0))).count();
+                assert_eq!(*best, above == 0, "{metric} at NFE {nfe}: {value}");
+                assert_eq!(*second, tops == 1 && above == 1, "{metric} at NFE {nfe}: {value}");
+            }
+        }
+    }
+}
+
+#[test]
+fn csv_and_json_read_back_exactly() {
+    let (blobs, inputs, evaluation) = whole();
+    let files = run(&blobs, ReportParams::default(), &inputs).expect("a report");
+    let csv = text(&files, "results.csv");
+    let mut lines = csv.lines();
+    let head = fields(lines.next().expect("a head"));
+    let mut seen = 0;
+    for line in lines {
+        let row: BTreeMap<&str, &str> = head.iter().copied().zip(fields(line)).collect();
+        assert_eq!(row.len(), head.len(), "{line}");
+        let (nfe, metric): (u64, &str) = (row["nfe"].parse().expect("a number"), row["metric"]);
+        let number = |name: &str| row[name].parse::<f64>().expect("a number");
+        let (mean, gain) = if row["method"] == "hold" {
+            (evaluation.hold[metric], None)
+        } else {
+            let table = evaluation
+                .methods
+                .iter()
+                .find(|t| t.method == row["method"] && t.conditioning == row["conditioning"])
+                .expect("a known cell");
+            let at = table.at.iter().find(|a| a.nfe == nfe).expect("a known NFE");
+            (at.metrics[metric], Some(at.gain[metric]))
+        };
+        assert_eq!([number("mean"), number("low"), number("high")], [mean.mean, mean.low, mean.high]);
+        if let Some(gain) = gain {
+            assert_eq!([number("gain"), number("gain_low"), number("gain_high")], [gain.mean, gain.low, gain.high]);
+        }
+        seen += 1;
+    }
+    assert_eq!(seen, METRICS.len() * (1 + evaluation.methods.len() * evaluation.nfe.len()));
+    assert_eq!(text(&files, "per_scene.csv").lines().count(), 1 + evaluation.per_scene.len());
+    assert_eq!(text(&files, "curves.csv").lines().count(), 1 + evaluation.methods.len() * METRICS.len());
+    let json: serde_json::Value = serde_json::from_str(&text(&files, "results.json")).expect("JSON");
+    let back: Evaluation = serde_json::from_value(json["evaluation"].clone()).expect("an evaluation");
+    assert_eq!(back, evaluation);
+    let gate = json["gate"].as_object().expect("an object");
+    assert_eq!(gate.values().map(|g| g["pool"].as_u64().expect("a count")).sum::<u64>(), 120);
+}
+
+#[test]
+fn the_latex_tables_have_their_structure() {
+    let (blobs, inputs, evaluation) = whole();
+    let files = run(&blobs, ReportParams::default(), &inputs).expect("a report");
+    let tex = text(&files, "table.tex");
+    assert_eq!(tex.matches('{').count(), tex.matches('}').count());
+    for once in [r"\begin{tabular}{lllrrrrrrr}", r"\toprule", r"\bottomrule", r"\end{tabular}", r"\label{tab:hdr-psnr}"]
+    {
+        assert_eq!(tex.matches(once).count(), 1, "{once}");
+    }
+    let rows: Vec<&str> = tex.lines().filter(|l| l.ends_with(r"\\") && !l.contains("multicolumn")).collect();
+    assert_eq!(rows.len(), 2 + evaluation.methods.len());
+    assert!(rows.iter().all(|r| r.matches('&').count() == 9), "{rows:?}");
+    let best =
+        &evaluation.methods.iter().find(|t| t.method == "mc_noise" && t.conditioning == "gbuffer").expect("there");
+    assert!(tex.contains(&format!(r"\textbf{{{:.2}}}", best.at[0].metrics["hdr_psnr"].mean)));
+    assert!(tex.contains(r"\underline{"));
+    assert_eq!(text(&files, "tables.tex").matches(r"\begin{table}").count(), METRICS.len() - 1);
+}
+
+#[test]
+fn whatever_is_not_connected_is_left_out_and_named() {
+    let (blobs, inputs, _) = whole();
+    let only: BTreeMap<_, _> =
+        inputs.iter().filter(|(p, _)| **p == "evaluation").map(|(p, c)| (*p, c.clone())).collect();
+    let files = run(&blobs, ReportParams::default(), &only).expect("a report");
+    let html = text(&files, "report.html");
+    check_nesting(&html);
+    for id in ["pictures", "bridge", "training", "data", "convergence", "timings"] {
+        assert!(!html.contains(&format!("id=\"{id}\"")), "{id}");
+    }
+    assert!(html.contains(
+        "Not connected, so left out: references; refined; losses; timings; verdicts; split; sampling; bridge; convergence."
+    ));
+    assert!(!files.keys().any(|n| n.ends_with(".png") || n == "timings.csv"));
+    // Each optional input alone, and all but each.
+    for port in inputs.keys().filter(|p| **p != "evaluation") {
+        let mut some = only.clone();
+        some.insert(port, inputs[port].clone());
+        check_nesting(&text(&run(&blobs, ReportParams::default(), &some).expect("a report"), "report.html"));
+        let mut most = inputs.clone();
+        most.remove(port);
+        check_nesting(&text(&run(&blobs, ReportParams::default(), &most).expect("a report"), "report.html"));
+    }
+    let none = run(&blobs, ReportParams::default(), &BTreeMap::new()).expect_err("the evaluation is required");
+    assert!(none.to_string().contains("evaluation"), "{none}");
+}
+
+#[test]
+fn titles_cannot_inject_markup() {
+    let (blobs, inputs, _) = whole();
+    let params = ReportParams {
+        title: "<script>alert(1)</script> & \"co\"".into(),
+        subtitle: "a < b".into(),
+        ..ReportParams::default()
+    };
+    let html = text(&run(&blobs, params, &inputs).expect("a report"), "report.html");
+    assert!(!html.contains("<script"));
+    assert!(
+        html.contains("<h1>&lt;script&gt;alert(1)&lt;/script&gt; &amp; &quot;co&quot;</h1>")
+            && html.contains("a &lt; b")
+    );
+    check_nesting(&html);
+}
+
+#[test]
+fn timings_touch_their_own_section_alone() {
+    let (blobs, mut inputs, _) = whole();
+    let with = run(&blobs, ReportParams::default(), &inputs).expect("a report");
+    inputs.remove("timings");
+    let without = run(&blobs, ReportParams::default(), &inputs).expect("a report");
+    let differ: Vec<&String> = with.keys().filter(|n| with.get(*n) != without.get(*n)).collect();
+    assert_eq!(differ, ["report.html", "timings.csv"]);
+    assert!(text(&with, "report.html").contains("Timings (measured)"));
+}
+
+#[test]
+fn an_nfe_that_was_not_evaluated_is_refused() {
+    let (blobs, inputs, _) = whole();
+    let params = ReportParams { montage_nfe: Some(3), ..ReportParams::default() };
+    let error = run(&blobs, params, &inputs).expect_err("3 is not there").to_string();
+    assert!(error.contains("montage_nfe: 3") && error.contains("[1, 2, 9, 20, 50]"), "{error}");
+    let params = ReportParams { montage_nfe: Some(9), ..ReportParams::default() };
+    let html = text(&run(&blobs, params, &inputs).expect("a report"), "report.html");
+    assert!(html.contains("Gain by stratum at NFE 9"));
+}

@@ -1,0 +1,79 @@
+//! Runs kinds of this crate as the engine does: items, projection, files imported, outputs collected.
+
+use std::{collections::BTreeMap, fs, path::PathBuf, sync::atomic::AtomicBool};
+use tauflow_contract::{
+    Action, Artifact, Collection, Context, ItemKey, KindError, MemoryBlobs, NodeKind, Outputs, Silent, SourceItem,
+    derive_seed,
+};
+
+/// A kind of this crate by name.
+pub fn kind(name: &str) -> Box<dyn NodeKind> {
+    tauflow_scene::kinds().into_iter().find(|k| k.spec().name == name).expect("a kind of this crate")
+}
+
+/// A folder of the shared assets, if they are there.
+pub fn shared(folder: &str) -> Option<String> {
+    let path: PathBuf = [env!("CARGO_MANIFEST_DIR"), "../../../shared/assets", folder].iter().collect();
+    if path.is_dir() {
+        return Some(path.display().to_string());
+    }
+    println!("skipped: no shared assets at {}", path.display());
+    None
+}
+
+/// Runs one action on blobs in memory.
+pub fn act(
+    blobs: &MemoryBlobs,
+    kind: &dyn NodeKind,
+    params: &serde_json::Value,
+    item: Option<&SourceItem>,
+    whole: BTreeMap<&str, &Collection>,
+) -> Result<Outputs, KindError> {
+    let cancel = AtomicBool::new(false);
+    let ctx = Context::new(blobs, &Silent, &cancel);
+    let key = item.map(|i| &i.key);
+    let file = match item {
+        Some(item) if !item.files.is_empty() => {
+            let mut parts = Vec::new();
+            for (name, path) in &item.files {
+                parts.push((name.clone(), ctx.put(&fs::read(path).expect("a file that was listed"))?));
+            }
+            Some(Artifact::tree("tauflow/files", parts))
+        }
+        _ => None,
+    };
+    let action = Action {
+        params: kind.project(params, key, "main"),
+        item: key,
+        group: "main",
+        seed: derive_seed(7, kind.spec().name, key.map_or("", ItemKey::as_str)),
+        each: file.iter().map(|f| ("file", f)).collect(),
+        whole,
+    };
+    kind.run(&ctx, &action)
+}
+
+/// Runs every item of a source; its collections by port.
+pub fn source(
+    blobs: &MemoryBlobs,
+    name: &str,
+    params: serde_json::Value,
+    whole: &BTreeMap<&str, &Collection>,
+) -> BTreeMap<String, Collection> {
+    let kind = kind(name);
+    let params = kind.resolve(&params).expect("fine params");
+    let mut out: BTreeMap<String, Collection> = BTreeMap::new();
+    for item in kind.items(&params).expect("files that can be listed") {
+        let outputs = act(blobs, kind.as_ref(), &params, Some(&item), whole.clone()).expect("an action that works");
+        for (port, artifact) in outputs.items {
+            out.entry(port).or_default().items.insert(item.key.clone(), artifact);
+        }
+    }
+    out
+}
+
+/// The JSON of a part of an artifact.
+pub fn json<T: serde::de::DeserializeOwned>(blobs: &MemoryBlobs, artifact: &Artifact, part: &str) -> T {
+    let cancel = AtomicBool::new(false);
+    Context::new(blobs, &Silent, &cancel).json(artifact, part).expect("JSON of its type")
+}

@@ -1,0 +1,120 @@
+//! Operators of our own in burn's autodiff graph: a forward and a backward pass over plain slices.
+//!
+//! burn's stock convolution spends most of a training step in its weight gradient, and normalisation takes a pass for
+//! each elementary operation; the network's heavy operators are therefore written out here and in the modules beside it.
+//! Every sum is taken in an order that depends on shapes alone, so that results have the same bits on any number of
+//! threads. Knows nothing of networks.
+
+use burn::{
+    backend::{
+        Autodiff, Flex,
+        autodiff::{
+            checkpoint::{base::Checkpointer, strategy::NoCheckpointing},
+            grads::Gradients,
+            ops::{Backward, Ops, OpsKind},
+        },
+        flex::FlexTensor,
+    },
+    tensor::{Tensor, TensorData},
+};
+use std::fmt::Debug;
+
+/// A differentiable operator of `N` inputs and one output, all contiguous f32.
+pub(crate) trait Operator<const N: usize>: Clone + Send + Debug + 'static {
+    /// What the forward pass keeps for the backward pass beside the inputs.
+    type Saved: Clone + Send + Debug + 'static;
+
+    /// The output of these inputs.
+    fn forward(&self, inputs: [&[f32]; N]) -> (Vec<f32>, Self::Saved);
+
+    /// The gradients of the inputs that are `wanted`; the others may be empty.
+    fn backward(
+        &self,
+        inputs: [&[f32]; N],
+        saved: &Self::Saved,
+        gradient: &[f32],
+        wanted: [bool; N],
+    ) -> [Vec<f32>; N];
+}
+
+/// A tensor's primitive, with or without its place in a graph.
+pub(crate) enum Input {
+    Tracked(burn::backend::autodiff::AutodiffTensor<Flex>),
+    Plain(FlexTensor),
+}
+
+impl<const D: usize> From<Tensor<D>> for Input {
+    fn from(tensor: Tensor<D>) -> Self {
+        if tensor.is_autodiff() {
+            Self::Tracked(tensor.try_into_primitive::<Autodiff<Flex>>().expect("the device is flex with autodiff"))
+        } else {
+            Self::Plain(tensor.try_into_primitive::<Flex>().expect("the device is flex"))
+        }
+    }
+}
+
+#[derive(Clone, Debug)]
+struct Step<O>(O);
+
+#[derive(Clone, Debug)]
+struct State<const N: usize, S> {
+    inputs: [FlexTensor; N],
+    saved: S,
+}
+
+impl<const N: usize, O: Operator<N>> Backward<Flex, N> for Step<O> {
+    type State = State<N, O::Saved>;
+
+    fn backward(self, ops: Ops<Self::State, N>, grads: &mut Gradients, _: &mut Checkpointer) {
+        let gradient = contiguous(grads.consume::<Flex>(&ops.node));
+        let wanted = ops.parents.each_ref().map(Option::is_some);
+        let inputs = ops.state.inputs.each_ref().map(values);
+        let made = self.0.backward(inputs, &ops.state.saved, values(&gradient), wanted);
+        for ((parent, data), input) in ops.parents.into_iter().zip(made).zip(&ops.state.inputs) {
+            if let Some(parent) = parent {
+                let shape = input.layout().shape().clone();
+                grads.register::<Flex>(parent.id, FlexTensor::from_data(TensorData::new(data, shape)));
+            }
+        }
+    }
+}
+
+/// Applies an operator; the output has this shape.
+pub(crate) fn apply<const N: usize, const D: usize, O: Operator<N>>(
+    operator: O,
+    inputs: [Input; N],
+    shape: [usize; D],
+) -> Tensor<D> {
+    let tracked = inputs.iter().any(|input| matches!(input, Input::Tracked(_)));
+    let mut guards = Vec::with_capacity(N);
+    let primitives = inputs.map(|input| match input {
+        Input::Tracked(tensor) => {
+            let (primitive, guard) = tensor.into_parts();
+            guards.push(guard);
+            contiguous(primitive)
+        }
+        Input::Plain(tensor) => {
+            assert!(!tracked, "an operator got tensors with and without autodiff");
+            contiguous(tensor)
+        }
+    });
+    let (data, saved) = operator.forward(primitives.each_ref().map(values));
+    let output = FlexTensor::from_data(TensorData::new(data, shape));
+    if !tracked {
+        return Tensor::from_primitive::<Flex>(output);
+    }
+    let guards = guards.try_into().expect("one guard for each input");
+    let output = match Step(operator).prepare::<NoCheckpointing>(guards).compute_bound().stateful() {
+        OpsKind::Tracked(prep) => prep.finish(State { inputs: primitives, saved }, output),
+        OpsKind::UnTracked(prep) => prep.finish(output),
+    };
+    Tensor::from_primitive::<Autodiff<Flex>>(output)
+}
+
+fn contiguous(tensor: FlexTensor) -> FlexTensor {
+    if tensor.is_contiguous() && tensor.layout().start_offset() == 0 { tensor } else { tensor.to_contiguous() }
+}
+
+fn values(tensor: &FlexTensor) -> &[f32] {
+    &tensor.storage::<f32>()[..tensor.layout().num_elements()]
+}
