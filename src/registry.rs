@@ -1,16 +1,11 @@
-//! The one file that names all node kinds.
+//! The one file that names the kinds' crates: all node kinds, and what commands use of a crate outside pipelines.
 
 use crate::kinds::Registry;
 
+pub use tauflow_render::render::{RenderStats, render_image};
+
 /// Every kind there is.
 pub fn registry() -> Registry {
-    Registry::new(
-        [
-            tauflow_scene::kinds(),
-            tauflow_render::kinds(),
-            tauflow_report::kinds(),
-        ]
-        .into_iter()
-        .flatten(),
-    )
+    let crates = [tauflow_scene::kinds(), tauflow_render::kinds(), tauflow_eval::kinds(), tauflow_report::kinds()];
+    Registry::new(crates.into_iter().flatten())
 }

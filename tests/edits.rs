@@ -92,7 +92,7 @@ impl Ran {
 
 fn run(store: &Path, text: &str) -> Ran {
     let registry = registry::registry();
-    let pipeline = match pipeline::parse("edits.yaml", text, &registry, &Options::default()) {
+    let pipeline = match pipeline::resolve_text("edits.yaml", text, &registry, &Options::default()) {
         Ok(pipeline) => pipeline,
         Err(problems) => panic!("{problems}"),
     };
@@ -133,7 +133,13 @@ fn an_edit_reruns_what_it_changes_and_nothing_else() {
     assert_eq!(run(folder.path(), &edit("Before", "After")).names(), ["report"]);
 
     // A threshold that rejects no other scene: the gate, and nothing whose content stays the same.
-    let strict = run(folder.path(), &edit("scenes: scenes, previews: previews }", "scenes: scenes, previews: previews }\n    params: { black: 0.0000001 }"));
+    let strict = run(
+        folder.path(),
+        &edit(
+            "scenes: scenes, previews: previews }",
+            "scenes: scenes, previews: previews }\n    params: { black: 0.0000001 }",
+        ),
+    );
     assert_eq!(strict.names(), ["gate"]);
     assert_eq!(strict.ran("gate"), 16);
 
@@ -143,7 +149,10 @@ fn an_edit_reruns_what_it_changes_and_nothing_else() {
     assert_eq!((steps.ran("solvers"), steps.ran("refined"), steps.ran("scores")), (1, 4, 4));
 
     // A range that only glossy scenes use: no diffuse scene.
-    let glossy = run(folder.path(), &edit("unchecked_cameras: 0.0", "unchecked_cameras: 0.0, glossy: { roughness: [0.2, 0.3] }"));
+    let glossy = run(
+        folder.path(),
+        &edit("unchecked_cameras: 0.0", "unchecked_cameras: 0.0, glossy: { roughness: [0.2, 0.3] }"),
+    );
     assert_eq!((glossy.ran("scenes"), glossy.ran("previews"), glossy.ran("gate")), (8, 8, 8));
     assert!(glossy.ran("train_ladders") <= 4, "{:?}", glossy.nodes);
 }

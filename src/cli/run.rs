@@ -7,6 +7,7 @@ use crate::{
     pipeline::Pipeline,
 };
 use clap::{Args, ValueEnum};
+use serde_json::json;
 use std::{
     collections::BTreeMap,
     path::PathBuf,
@@ -106,8 +107,7 @@ fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs) {
     let page = summary.published.iter().find(|p| p.extension().is_some_and(|e| e == "html"));
     let folder = (!summary.published.is_empty()).then(|| args.out.join(&pipeline.name));
     match page.or(folder.as_ref()) {
-        // A program that reads events finds the path in the last line's place on the other stream.
-        Some(path) if args.events.is_some() => eprintln!("{}", path.display()),
+        Some(path) if args.events.is_some() => outln!("{}", json!({ "event": "published", "path": path })),
         Some(path) => outln!("{}", path.display()),
         None => {}
     }

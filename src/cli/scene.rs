@@ -3,6 +3,7 @@
 //! A scene is a folder as `tauflow export PIPELINE scenes` writes it: `scene.json`, and what it names in `blob/`.
 
 use super::{CliError, Exit, seconds_text};
+use crate::registry;
 use clap::{Args, Subcommand};
 use std::{
     fs,
@@ -100,7 +101,7 @@ pub(crate) fn render(args: &RenderArgs) -> Result<Exit, CliError> {
     } else {
         indicatif::ProgressBar::hidden()
     };
-    let (image, stats) = tauflow_render::render::render_image(
+    let (image, stats) = registry::render_image(
         &scene,
         &mut |digest| blob(&folder, digest),
         (args.film.width, args.film.height),

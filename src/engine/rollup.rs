@@ -61,7 +61,7 @@ fn lane_key(
         inputs,
     };
     let value = serde_json::to_value(&key).expect("a key holds only plain values");
-    let hash = Key(*blake3::hash(&canonical_bytes(&value)).as_bytes());
+    let hash = Key(Digest::of(&canonical_bytes(&value)).hash);
     Some((hash, value.to_string()))
 }
 

@@ -2,16 +2,19 @@
 //!
 //! Compares images with references and sums the scores up; knows nothing of how images are made or shown.
 
+pub mod bootstrap;
 pub mod curve;
+mod evaluation;
 mod image_metrics;
 pub mod metrics;
 mod ssim;
 
+pub use evaluation::{EvaluationKind, EvaluationParams, PSNR_CEILING, bounded, evaluate};
 pub use image_metrics::{HOLD, ImageMetrics, ImageMetricsParams};
 
 use tauflow_contract::{KindRow, NodeKind};
 
 /// The kinds of this crate.
 pub fn kinds() -> Vec<Box<dyn NodeKind>> {
-    vec![Box::new(KindRow::<ImageMetrics>::new())]
+    vec![Box::new(KindRow::<ImageMetrics>::new()), Box::new(KindRow::<EvaluationKind>::new())]
 }

@@ -13,7 +13,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         std::env::args().nth(1).map_or_else(|| std::env::temp_dir().join("tauflow-sample-report"), PathBuf::from);
     let blobs = MemoryBlobs::default();
     let params = ReportParams { title: "Sample of a report, synthetic data".into(), ..ReportParams::default() };
-    for (name, bytes) in common::run(&blobs, params, &common::extras::all(&blobs))? {
+    for (name, bytes) in common::run(&blobs, params, &common::extras::all(&blobs, 64))? {
         let path = folder.join(name);
         std::fs::create_dir_all(path.parent().unwrap_or(&folder))?;
         std::fs::write(path, bytes)?;

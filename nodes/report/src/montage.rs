@@ -3,7 +3,7 @@
 use crate::{
     font,
     material::{Cell, cell_of_key},
-    ranking::{conditioning_name, conditioning_order, extra, method_name, ordered},
+    ranking::{Group, groups, method_name},
 };
 use std::collections::BTreeMap;
 use tauflow_contract::{Artifact, Collection, Context, KindError};
@@ -12,7 +12,7 @@ use tauflow_data::{
     formats::{PackedScene, Refined, refined_part},
     image::preview,
     image_io::encode_png,
-    results::{Evaluation, MethodTable},
+    results::Evaluation,
 };
 
 /// A grid of pictures that share their conditioning.
@@ -90,21 +90,10 @@ pub fn montages(
         .flat_map(Collection::iter)
         .map(|(key, artifact)| ((cell_of_key(key.as_str()), own(key.as_str())), artifact))
         .collect();
-    let mut groups: BTreeMap<_, Vec<&MethodTable>> = BTreeMap::new();
-    for table in ordered(evaluation) {
-        groups
-            .entry((table.space.clone(), conditioning_order(&table.conditioning), extra(&table.cell)))
-            .or_default()
-            .push(table);
-    }
-    let many_spaces = evaluation.methods.iter().any(|t| t.space != evaluation.methods[0].space);
     let chosen = choose(references, choice.scenes);
     let mut out = Vec::new();
-    for ((space, (_, conditioning), more), tables) in groups {
+    for Group { title, slug, tables } in groups(evaluation) {
         ctx.check_cancelled()?;
-        let mut names = vec![conditioning.clone()];
-        names.extend(many_spaces.then(|| space.clone()));
-        names.extend(Some(more).filter(|m| !m.is_empty()));
         let mut columns = vec![(None, format!("Input, {} spp", evaluation.from_spp))];
         columns.extend(tables.iter().map(|t| (Some(t.cell.clone()), method_name(&t.method))));
         columns.push((None, format!("Reference, {} spp", evaluation.reference_spp)));
@@ -131,18 +120,13 @@ pub fn montages(
             pictures.push(Picture { image: show(rung(evaluation.reference_spp)), psnr: None });
             rows.push(MontageRow { scene: scene.clone(), stratum: stratum.to_string(), pictures });
         }
-        let title = names.iter().map(|n| conditioning_name(n)).collect::<Vec<_>>().join(", ");
-        out.push(Montage { title, file: format!("montage-{}.png", slug(&names.join("-"))), columns, rows, reduced });
+        out.push(Montage { title, file: format!("montage-{slug}.png"), columns, rows, reduced });
     }
     Ok(out)
 }
 
 fn own(key: &str) -> &str {
     key.rsplit('/').next().unwrap_or(key)
-}
-
-fn slug(text: &str) -> String {
-    text.chars().map(|c| if c.is_ascii_alphanumeric() || c == '_' { c } else { '-' }).collect()
 }
 
 fn at_nfe(ctx: &Context<'_>, artifact: &Artifact, nfe: u64) -> Result<Option<Image>, KindError> {

@@ -75,7 +75,7 @@ pub fn page(title: &str, header: &str, sections: &[Section], missing: &[String])
     out.push_str("</nav></header>\n<main>");
     for Section { id, title, body, class } in sections {
         let class = if class.is_empty() { String::new() } else { format!(" class=\"{class}\"") };
-        let _ = write!(out, "<section id=\"{id}\"{class}><h2>{}</h2>{body}</section>\n", escape(title));
+        let _ = writeln!(out, "<section id=\"{id}\"{class}><h2>{}</h2>{body}</section>", escape(title));
     }
     out.push_str("</main>\n<footer>");
     if !missing.is_empty() {

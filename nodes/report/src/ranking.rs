@@ -1,6 +1,7 @@
 //! Which figure of a column is best and which second, and in what order methods stand. Knows no layout.
 
 use crate::{material::Cell, text::fixed};
+use std::collections::BTreeMap;
 use tauflow_data::results::{Estimate, Evaluation, MethodTable, higher_is_better};
 
 /// Place of a figure in its column.
@@ -75,15 +76,47 @@ pub fn rows<'a>(evaluation: &'a Evaluation, metric: &str) -> Vec<Row<'a>> {
 /// Ranks of [`rows`], by row and column. The last column, TV, is better when lower whatever the metric.
 pub fn ranks(rows: &[Row<'_>], metric: &str, digits: usize) -> Vec<Vec<Rank>> {
     let columns = rows.first().map_or(0, |r| r.figures.len());
-    let mut out = vec![vec![Rank::Other; columns]; rows.len()];
-    for c in 0..columns {
-        let higher = higher_is_better(metric) && c + 1 < columns;
-        let column: Vec<Option<f64>> = rows.iter().map(|r| r.figures[c].map(|e| e.mean)).collect();
-        for (row, rank) in rank(&column, higher, digits).into_iter().enumerate() {
-            out[row][c] = rank;
-        }
+    let by_column: Vec<Vec<Rank>> = (0..columns)
+        .map(|c| {
+            let higher = higher_is_better(metric) && c + 1 < columns;
+            let column: Vec<Option<f64>> = rows.iter().map(|r| r.figures[c].map(|e| e.mean)).collect();
+            rank(&column, higher, digits)
+        })
+        .collect();
+    (0..rows.len()).map(|r| by_column.iter().map(|column| column[r]).collect()).collect()
+}
+
+/// Methods that differ in the method alone.
+#[derive(Clone, Debug)]
+pub struct Group<'a> {
+    /// What they share, for people: the conditioning, and what else tells groups apart.
+    pub title: String,
+    /// The same as part of a file name.
+    pub slug: String,
+    /// The methods, in order.
+    pub tables: Vec<&'a MethodTable>,
+}
+
+/// The methods by space, conditioning (RGB first) and further coordinates.
+pub fn groups(evaluation: &Evaluation) -> Vec<Group<'_>> {
+    let many_spaces = evaluation.methods.iter().any(|t| t.space != evaluation.methods[0].space);
+    let mut out: BTreeMap<_, Group<'_>> = BTreeMap::new();
+    for table in ordered(evaluation) {
+        let more = extra(&table.cell);
+        let group = out
+            .entry((table.space.clone(), conditioning_order(&table.conditioning), more.clone()))
+            .or_insert_with(|| {
+                let mut names = vec![table.conditioning.clone()];
+                names.extend(many_spaces.then(|| format!("{} space", table.space)));
+                names.extend(Some(more).filter(|m| !m.is_empty()));
+                let fine = |c: char| if c.is_ascii_alphanumeric() || c == '_' { c } else { '-' };
+                let slug = names.join("-").chars().map(fine).collect();
+                names[0] = conditioning_name(&names[0]);
+                Group { title: names.join(", "), slug, tables: Vec::new() }
+            });
+        group.tables.push(table);
     }
-    out
+    out.into_values().collect()
 }
 
 /// The methods in the order of tables: space, then the order of [`METHODS`], then conditioning (RGB first).

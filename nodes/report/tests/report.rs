@@ -16,7 +16,7 @@ fn text(files: &Files, name: &str) -> String {
 
 fn whole() -> (MemoryBlobs, BTreeMap<&'static str, Collection>, Evaluation) {
     let blobs = MemoryBlobs::default();
-    let inputs = extras::all(&blobs);
+    let inputs = extras::all(&blobs, 12);
     let cancel = std::sync::atomic::AtomicBool::new(false);
     let ctx = Context::new(&blobs, &Silent, &cancel);
     let (_, artifact) = inputs["evaluation"].iter().next().expect("one item");
@@ -72,7 +72,8 @@ fn the_page_stands_alone_and_is_well_formed() {
     }
     assert!(html.split("src=\"").skip(1).all(|rest| rest.starts_with("data:image/png;base64,")));
     assert!(html.split("href=\"").skip(1).all(|rest| rest.starts_with('#')));
-    assert!(!html.contains("NaN") && !html.contains(">inf<"));
+    assert!(texts(&html).iter().all(|t| !t.contains("NaN") && *t != "inf" && *t != "-inf"));
+    assert!(html.split(" d=\"").skip(1).all(|path| !path.split('"').next().unwrap_or("").contains(['N', 'i'])));
     assert!(check_nesting(&html) > 500);
     for id in ["results", "curves", "strata", "pictures", "bridge", "training", "data", "convergence", "timings"] {
         assert!(html.contains(&format!("<section id=\"{id}\"")), "{id}");
@@ -127,8 +128,10 @@ fn tables_hold_the_figures_with_best_and_second_marked() {
             let cells: Vec<&str> = row.split("<td").skip(3).collect();
             let figures = given.at.iter().map(|a| a.metrics[metric]).chain([given.auc[metric], given.tv[metric]]);
             for (cell, figure) in cells.iter().zip(figures) {
-                let seen = texts(&format!("<td{cell}"));
-                let minus = |v: f64| format!("{v:.digits$}").replace('-', "−");
+                let markup = format!("<td{cell}");
+                let seen = texts(&markup);
+                let zero = format!("-{:.digits$}", 0.0);
+                let minus = |v: f64| format!("{v:.digits$}").replace(&zero, &zero[1..]).replace('-', "−");
                 assert_eq!(seen[0], minus(figure.mean), "{metric}, row {r}");
                 assert_eq!(seen[1], format!("[{}, {}]", minus(figure.low), minus(figure.high)));
             }

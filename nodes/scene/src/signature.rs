@@ -118,7 +118,7 @@ pub(crate) mod tests {
             |r: &mut Recipe| r.layout = "corridor".into(),
             |r: &mut Recipe| r.objects[0] = "dog.glb".into(),
             |r: &mut Recipe| r.environment = "sky".into(),
-            |r: &mut Recipe| drop(r.layout_params.insert("room.width".into(), 4.5)),
+            |r: &mut Recipe| *r.layout_params.entry("room.width".into()).or_default() = 4.5,
         ] {
             let mut other = base.clone();
             change(&mut other);

@@ -172,8 +172,7 @@ impl Kind for ContentSignatureSplit {
         let recipes = |side: &[&'_ Entry<'_>]| side.iter().map(|e| e.recipe.clone()).collect::<Vec<_>>();
         let (train_recipes, test_recipes) = (recipes(&train), recipes(&test));
         let held = |which| params.hold_out.contains(&which);
-        let shared =
-            shared_assets(&train_recipes, &test_recipes, held(HoldOut::Objects), held(HoldOut::Environments));
+        let shared = shared_assets(&train_recipes, &test_recipes, held(HoldOut::Objects), held(HoldOut::Environments));
         if !shared.is_empty() {
             return Err(KindError::Input(format!(
                 "held-out assets stand on both sides: {}; draw the scenes with the same `hold_out`",

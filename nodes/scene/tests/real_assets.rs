@@ -126,7 +126,7 @@ fn malformed_files_give_one_line_each() {
     let reports = reports(&blobs, &made);
     assert_eq!(reports.len(), 10);
     let says = BTreeMap::from([
-        ("BoxWithInfinites.glb", "not finite"),
+        ("BoxWithInfinites.glb", "no vertex is finite"),
         ("IndexOutOfRange.gltf", "is named"),
         ("RecursiveNodes.gltf", "ancestor"),
         ("invalid_json_chunk.glb", "JSON"),

@@ -24,12 +24,9 @@ impl Coat {
         }
         let cosine = |i: usize| (i as f32 / (STEPS - 1) as f32).max(1e-4);
         let enters = (0..STEPS).map(|i| ggx::transmittance(alpha, eta, cosine(i))).collect();
-        let sum: f64 = (0..STEPS)
-            .map(|i| {
-                let cos = (i as f64 + 0.5) / STEPS as f64;
-                f64::from(ggx::reflectance(alpha, 1.0 / eta, cos as f32)) * cos
-            })
-            .sum();
+        // Over the same cosines as the table, both ends counted whole, as Mitsuba has it.
+        let sum: f64 =
+            (0..STEPS).map(|i| f64::from(ggx::reflectance(alpha, 1.0 / eta, cosine(i))) * f64::from(cosine(i))).sum();
         Self { eta, alpha, inner: (2.0 * sum / STEPS as f64) as f32, enters }
     }
 

@@ -1,13 +1,11 @@
 //! PSNR and HDR MAE against NFE: one panel for each conditioning, methods as lines with their intervals as bands.
 
 use crate::{
-    material::Cell,
     page::{Section, tabs},
-    ranking::{colour, conditioning_name, conditioning_order, extra, method_name, metric_name, ordered},
+    ranking::{Group, colour, groups, method_name, metric_name},
     svg::{Plot, Scale},
 };
-use std::collections::BTreeMap;
-use tauflow_data::results::{Evaluation, METRICS, MethodTable};
+use tauflow_data::results::{Evaluation, METRICS};
 
 /// The section.
 pub fn section(evaluation: &Evaluation) -> Section {
@@ -27,49 +25,25 @@ pub fn section(evaluation: &Evaluation) -> Section {
     Section::new("curves", "Quality against model calls", body)
 }
 
-/// Methods of one panel: everything but the method is alike.
-fn panels(evaluation: &Evaluation) -> BTreeMap<(String, (bool, String), String), Vec<&MethodTable>> {
-    let mut out: BTreeMap<_, Vec<&MethodTable>> = BTreeMap::new();
-    for table in ordered(evaluation) {
-        let key = (table.space.clone(), conditioning_order(&table.conditioning), extra(&table.cell));
-        out.entry(key).or_default().push(table);
-    }
-    out
-}
-
-/// Title of a panel: the conditioning, and what else tells panels apart.
-pub fn panel_title(space: &str, conditioning: &str, cell: &Cell, many_spaces: bool) -> String {
-    let mut parts = vec![conditioning_name(conditioning)];
-    if many_spaces {
-        parts.push(format!("{space} space"));
-    }
-    parts.extend(Some(extra(cell)).filter(|e| !e.is_empty()));
-    parts.join(", ")
-}
-
 /// The panels of one metric, on one y axis.
 fn row(evaluation: &Evaluation, metric: &str) -> String {
     let hold = evaluation.hold.get(metric);
-    let panels = panels(evaluation);
     let log = metric.ends_with("_mae");
     let mut values: Vec<f64> = hold.iter().flat_map(|h| [h.mean, h.low, h.high]).collect();
     for at in evaluation.methods.iter().flat_map(|t| &t.at) {
         values.extend(at.metrics.get(metric).iter().flat_map(|e| [e.mean, e.low, e.high]));
     }
     let y = if log { Scale::log(values, 0.05) } else { Scale::linear(values) };
-    let many_spaces = panels.keys().any(|k| Some(&k.0) != panels.keys().next().map(|k| &k.0));
     let mut out = String::from(r#"<div class="grid2" style="margin-bottom:26px">"#);
-    for tables in panels.values() {
-        let first = tables[0];
+    for Group { title, tables, .. } in groups(evaluation) {
         let x = Scale::log(evaluation.nfe.iter().map(|n| *n as f64), 0.03);
         let mut plot = Plot::new([560.0, 310.0], [52.0, 108.0, 34.0, 40.0], x, y);
-        let title = panel_title(&first.space, &first.conditioning, &first.cell, many_spaces);
         plot.title(&format!("{}, {title}", metric_name(metric))).y_axis(6);
         plot.x_axis(evaluation.nfe.iter().map(|n| (*n as f64, n.to_string())), "NFE (log)");
         if let Some(hold) = hold {
             plot.level(hold.mean, "hold dashed").end_label(hold.mean, "hold", "Hold");
         }
-        for table in tables {
+        for table in &tables {
             let class = colour(&table.method);
             let points: Vec<(f64, f64, f64, f64)> = table
                 .at
@@ -79,7 +53,7 @@ fn row(evaluation: &Evaluation, metric: &str) -> String {
             let band: Vec<(f64, f64, f64)> = points.iter().map(|p| (p.0, p.1, p.2)).collect();
             plot.band(&band, &class);
         }
-        for table in tables {
+        for table in &tables {
             let class = colour(&table.method);
             let points: Vec<(f64, f64)> =
                 table.at.iter().filter_map(|a| a.metrics.get(metric).map(|e| (a.nfe as f64, e.mean))).collect();

@@ -37,9 +37,8 @@ pub fn section(losses: &[TrainingLog]) -> Option<Section> {
 
 /// First and last loss on the test scenes.
 fn fall(log: &TrainingLog) -> Option<(f64, f64)> {
-    let mut tests = log.points.iter().filter_map(|p| p.test);
-    let first = tests.next()?;
-    Some((first, tests.last()?))
+    let tests: Vec<f64> = log.points.iter().filter_map(|p| p.test).collect();
+    Some((*tests.first()?, *tests.last()?))
 }
 
 fn panel(log: &TrainingLog, many_spaces: bool) -> String {

@@ -173,11 +173,11 @@ fn convergence() -> Convergence {
     }
 }
 
-/// Every input of a report, over synthetic material.
-pub fn all(blobs: &MemoryBlobs) -> BTreeMap<&'static str, Collection> {
+/// Every input of a report, over synthetic material; pictures of `size` x `size` pixels.
+pub fn all(blobs: &MemoryBlobs, size: usize) -> BTreeMap<&'static str, Collection> {
     let cancel = std::sync::atomic::AtomicBool::new(false);
     let ctx = Context::new(blobs, &Silent, &cancel);
-    let pictures = super::pictures(&ctx).expect("memory");
+    let pictures = super::pictures(&ctx, size).expect("memory");
     let evaluation = super::evaluation(pictures.rows);
     assert_eq!(evaluation.nfe, NFE);
     let one = |item: (tauflow_contract::ItemKey, Artifact)| [item].into_iter().collect::<Collection>();

@@ -17,7 +17,6 @@ use tauflow_report::{Report, ReportParams};
 pub const NFE: [u64; 5] = [1, 2, 9, 20, 50];
 pub const METHODS: [&str; 4] = ["vanilla_rf", "local_velocity", "mc_velocity", "mc_noise"];
 pub const LAST: u64 = 256;
-const SIZE: usize = 48;
 
 pub fn key(text: &str) -> ItemKey {
     ItemKey::new(text).expect("a plain key")
@@ -37,13 +36,13 @@ pub fn scenes() -> Vec<(String, Stratum)> {
 }
 
 /// A ball on a floor below a sky, its colours by number.
-fn clean(number: usize) -> Image {
-    let mut image = Image::new(SIZE, SIZE, 3);
+fn clean(number: usize, size: usize) -> Image {
+    let mut image = Image::new(size, size, 3);
     let hue = number as f32 * 0.7;
     let tint = [0.5 + 0.4 * sinf(hue), 0.5 + 0.4 * sinf(hue + 2.1), 0.5 + 0.4 * sinf(hue + 4.2)];
-    for y in 0..SIZE {
-        for x in 0..SIZE {
-            let (u, v) = ((x as f32 + 0.5) / SIZE as f32 * 2.0 - 1.0, 1.0 - (y as f32 + 0.5) / SIZE as f32 * 2.0);
+    for y in 0..size {
+        for x in 0..size {
+            let (u, v) = ((x as f32 + 0.5) / size as f32 * 2.0 - 1.0, 1.0 - (y as f32 + 0.5) / size as f32 * 2.0);
             let r2 = u * u + (v + 0.1) * (v + 0.1);
             let value = if r2 < 0.3 {
                 let nz = (1.0 - r2 / 0.3).sqrt();
@@ -104,11 +103,11 @@ pub struct Pictures {
     pub rows: Vec<SceneRow>,
 }
 
-pub fn pictures(ctx: &Context<'_>) -> Result<Pictures, KindError> {
+pub fn pictures(ctx: &Context<'_>, size: usize) -> Result<Pictures, KindError> {
     let (mut references, mut refined, mut rows) = (Collection::default(), Collection::default(), Vec::new());
     for (number, (name, stratum)) in scenes().into_iter().enumerate() {
         let mut stream = Stream::new(5, &[number as u64]);
-        let truth = clean(number);
+        let truth = clean(number, size);
         let regime = stratum.regime as usize;
         let sigma = 0.2 + 0.12 * regime as f32;
         let counts: Vec<u64> = (0..=8).map(|i| 1u64 << i).collect();

@@ -29,10 +29,4 @@ impl BlobSet {
         }
         Ok(())
     }
-
-    /// The bytes of a blob.
-    #[cfg(test)]
-    pub fn get(&self, digest: &Digest) -> Option<&[u8]> {
-        self.blobs.get(digest).map(Vec::as_slice)
-    }
 }

@@ -40,7 +40,10 @@ pub fn read(bytes: &[u8]) -> Result<Image, Refusal> {
             return Err(Refusal::new("header", "deep data", "flatten the picture"));
         }
         if size.width() * size.height() > bytes.len().saturating_mul(4096) {
-            return Err(damaged("header", format!("{} bytes for {} x {} texels", bytes.len(), size.width(), size.height())));
+            return Err(damaged(
+                "header",
+                format!("{} bytes for {} x {} texels", bytes.len(), size.width(), size.height()),
+            ));
         }
     }
     let picture = exr_read()
@@ -77,7 +80,8 @@ pub fn read(bytes: &[u8]) -> Result<Image, Refusal> {
     };
     let (left, top) = (offset(|p| p.x()), offset(|p| p.y()));
     for (c, channel) in channels.into_iter().enumerate() {
-        if channel.sampling.x() != 1 || channel.sampling.y() != 1 || channel.sample_data.len() != own_width * own_height {
+        if channel.sampling.x() != 1 || channel.sampling.y() != 1 || channel.sample_data.len() != own_width * own_height
+        {
             return Err(Refusal::new("channels", "subsampled colours", "save the picture at full resolution"));
         }
         for own_y in 0..own_height {

@@ -115,8 +115,9 @@ fn externals(path: &Path) -> Result<Vec<(String, PathBuf)>, KindError> {
     if ending != "gltf" && ending != "glb" {
         return Ok(Vec::new());
     }
-    let bytes = fs::read(path)
-        .map_err(|e| KindError::Environment(format!("cannot read `{}`: {e}; mend it or take it away", path.display())))?;
+    let bytes = fs::read(path).map_err(|e| {
+        KindError::Environment(format!("cannot read `{}`: {e}; mend it or take it away", path.display()))
+    })?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let named = uris(&bytes).into_iter().enumerate();
     let there = named.filter_map(|(number, uri)| {
@@ -167,7 +168,8 @@ pub fn items(folders: &[String], patterns: &[String]) -> Result<Vec<SourceItem>,
 
 /// A key for each path: its file name; that with its folder's before it where two are the same; then numbered.
 fn named(paths: Vec<PathBuf>) -> Result<Vec<(ItemKey, PathBuf)>, KindError> {
-    let text = |part: Option<&std::ffi::OsStr>| ascii(&part.map_or(String::new(), |p| p.to_string_lossy().into_owned()));
+    let text =
+        |part: Option<&std::ffi::OsStr>| ascii(&part.map_or(String::new(), |p| p.to_string_lossy().into_owned()));
     let mut counts: BTreeMap<String, usize> = BTreeMap::new();
     paths.iter().for_each(|p| *counts.entry(text(p.file_name())).or_default() += 1);
     let mut taken: BTreeMap<String, usize> = BTreeMap::new();

@@ -84,9 +84,11 @@ fn header(bytes: &[u8]) -> Result<Header, Refusal> {
     let mut at = 0;
     let mut line = |number: usize| -> Result<&str, Refusal> {
         let rest = &bytes[at..];
-        let end = rest.iter().take(4096).position(|b| *b == b'\n').ok_or_else(|| {
-            damaged(format!("header line {number}"), "the header has no end")
-        })?;
+        let end = rest
+            .iter()
+            .take(4096)
+            .position(|b| *b == b'\n')
+            .ok_or_else(|| damaged(format!("header line {number}"), "the header has no end"))?;
         at += end + 1;
         let text = std::str::from_utf8(&rest[..end]).unwrap_or("?");
         Ok(text.trim_end_matches('\r'))
@@ -117,7 +119,10 @@ fn header(bytes: &[u8]) -> Result<Header, Refusal> {
             "EXPOSURE" => {
                 let value: f64 = value.trim().parse().unwrap_or(f64::NAN);
                 if !(value > 0.0 && value.is_finite()) {
-                    return Err(damaged(format!("header line {}", number - 1), "an exposure that is no positive number"));
+                    return Err(damaged(
+                        format!("header line {}", number - 1),
+                        "an exposure that is no positive number",
+                    ));
                 }
                 exposure *= value;
             }
@@ -126,8 +131,8 @@ fn header(bytes: &[u8]) -> Result<Header, Refusal> {
     }
     let text = line(number)?.to_owned();
     let place = format!("header line {number}");
-    let (lines, across, layout) =
-        resolution(&text).ok_or_else(|| damaged(place, format!("`{text}` is no resolution such as `-Y 512 +X 1024`")))?;
+    let (lines, across, layout) = resolution(&text)
+        .ok_or_else(|| damaged(place, format!("`{text}` is no resolution such as `-Y 512 +X 1024`")))?;
     Ok(Header { length: at, exposure, lines, across, layout })
 }
 

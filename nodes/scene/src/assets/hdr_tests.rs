@@ -3,7 +3,8 @@
 use super::*;
 
 fn picture(resolution: &str, extra: &str, body: &[u8]) -> Vec<u8> {
-    let mut bytes = format!("#?RADIANCE\n#?RADIANCE\n# a note\n{extra}FORMAT=32-bit_rle_rgbe\n\n{resolution}\n").into_bytes();
+    let mut bytes =
+        format!("#?RADIANCE\n#?RADIANCE\n# a note\n{extra}FORMAT=32-bit_rle_rgbe\n\n{resolution}\n").into_bytes();
     bytes.extend_from_slice(body);
     bytes
 }

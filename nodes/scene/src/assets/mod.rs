@@ -65,7 +65,11 @@ fn decode(
         "exr" => exr_file::read(bytes)?,
         "glb" | "gltf" => return gltf::read(bytes, externals, max_texture as usize, blobs, report),
         other => {
-            return Err(Refusal::new("name", format!("files of the ending `.{other}` are not read"), "convert it to .exr or .glb"));
+            return Err(Refusal::new(
+                "name",
+                format!("files of the ending `.{other}` are not read"),
+                "convert it to .exr or .glb",
+            ));
         }
     };
     let (image, light) = environment::finish(picture, report)?;

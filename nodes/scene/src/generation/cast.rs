@@ -101,7 +101,12 @@ impl Pool {
 }
 
 /// The part of `all` (in the order of its names' hashes) that belongs to a side.
-fn side_of<'a, T>(all: impl Iterator<Item = &'a T>, name: impl Fn(&T) -> &str, side: Option<Side>, share: f64) -> Vec<&'a T> {
+fn side_of<'a, T>(
+    all: impl Iterator<Item = &'a T>,
+    name: impl Fn(&T) -> &str,
+    side: Option<Side>,
+    share: f64,
+) -> Vec<&'a T> {
     let mut all: Vec<&T> = all.collect();
     let Some(side) = side else { return all };
     all.sort_by_key(|t| hashed(name(t)));

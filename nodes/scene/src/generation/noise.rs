@@ -23,11 +23,7 @@ pub fn noise(seed: u64, p: [f64; 3], period: [i64; 3]) -> f64 {
     };
     let lerp = |a: f64, b: f64, t: f64| a + (b - a) * t;
     let plane = |dz: i64| {
-        lerp(
-            lerp(lattice(0, 0, dz), lattice(1, 0, dz), t[0]),
-            lerp(lattice(0, 1, dz), lattice(1, 1, dz), t[0]),
-            t[1],
-        )
+        lerp(lerp(lattice(0, 0, dz), lattice(1, 0, dz), t[0]), lerp(lattice(0, 1, dz), lattice(1, 1, dz), t[0]), t[1])
     };
     lerp(plane(0), plane(1), t[2])
 }

@@ -99,9 +99,7 @@ pub fn sky(name: &str, variant: u64) -> Bitmap {
     let warm = mix3([1.0, 0.95, 0.88], [1.0, 0.8, 0.55], d.uniform());
     let sources: Vec<Disc> = match name {
         "noon" => vec![sun(&mut s, [0.5, 1.2], [2.5, 4.5], warm, 8.0)],
-        "spotlit" => (0..1 + s.below(2))
-            .map(|_| sun(&mut s, [0.4, 1.2], [3.0, 5.5], warm, 3.0))
-            .collect(),
+        "spotlit" => (0..1 + s.below(2)).map(|_| sun(&mut s, [0.4, 1.2], [3.0, 5.5], warm, 3.0)).collect(),
         "clear" => vec![disc(&mut s, [0.4, 1.1], [6.0, 12.0], warm.map(|v| v * 12.0))],
         "dusk" => vec![disc(&mut s, [0.03, 0.2], [8.0, 16.0], [9.0, 4.0, 1.4])],
         "softboxes" => (0..2 + s.below(3))

@@ -86,7 +86,10 @@ fn scenes_are_whole_round_trip_and_belong_to_their_stratum() {
         let text = serde_json::to_string(&scene.materials).expect("JSON");
         let has = |name: &str| text.contains(&format!("\"type\":\"{name}\""));
         match stratum.regime {
-            Regime::L0 => assert!(!["conductor", "dielectric", "plastic", "principled", "thin_dielectric"].iter().any(|n| has(n)), "{key}"),
+            Regime::L0 => assert!(
+                !["conductor", "dielectric", "plastic", "principled", "thin_dielectric"].iter().any(|n| has(n)),
+                "{key}"
+            ),
             Regime::L1 => assert!(has("conductor") || has("plastic") || has("principled"), "{key}"),
             Regime::L2 => assert!(has("dielectric") && !has("conductor"), "{key}"),
             Regime::L3 => {
@@ -167,7 +170,8 @@ fn hold_out_parts_objects_and_environments() {
     assert_eq!(of(Test).count(), 72, "30 in a hundred of 20 for each stratum");
     let shared = crate::signature::shared_assets(of(Train), of(Test), false, true);
     assert!(shared.is_empty(), "{shared:?}");
-    let form = |r: &Recipe| r.objects.iter().map(|o| o.rsplit_once('-').expect("a variant").0.to_owned()).collect::<Vec<_>>();
+    let form =
+        |r: &Recipe| r.objects.iter().map(|o| o.rsplit_once('-').expect("a variant").0.to_owned()).collect::<Vec<_>>();
     let train: std::collections::BTreeSet<String> = of(Train).flat_map(form).collect();
     assert!(of(Test).flat_map(form).all(|f| !train.contains(&f)));
 }
@@ -175,7 +179,8 @@ fn hold_out_parts_objects_and_environments() {
 #[test]
 fn params_out_of_order_are_named() {
     let row = KindRow::<SceneGeneration>::new();
-    let bad = serde_json::json!({ "pool": 0, "glossy": { "roughness": [0.5, 0.1] }, "fov": [1.0, 200.0], "regimes": [] });
+    let bad =
+        serde_json::json!({ "pool": 0, "glossy": { "roughness": [0.5, 0.1] }, "fov": [1.0, 200.0], "regimes": [] });
     let problems = row.resolve(&bad).expect_err("bad");
     let pointers: Vec<&str> = problems.iter().map(|p| p.pointer.as_str()).collect();
     for pointer in ["/pool", "/glossy/roughness", "/fov", "/regimes"] {

@@ -15,7 +15,11 @@ fn side(per_stratum: u64, without: &str) -> Collection {
         .collect()
 }
 
-fn run(train: &Collection, test: Option<&Collection>, params: StratifiedSamplingParams) -> Result<(Outputs, serde_json::Value), KindError> {
+fn run(
+    train: &Collection,
+    test: Option<&Collection>,
+    params: StratifiedSamplingParams,
+) -> Result<(Outputs, serde_json::Value), KindError> {
     let (blobs, cancel) = (MemoryBlobs::default(), AtomicBool::new(false));
     let ctx = Context::new(&blobs, &Silent, &cancel);
     let mut whole = BTreeMap::from([("train", train)]);
@@ -55,7 +59,8 @@ fn strata_that_fall_short_are_named() {
     let params = StratifiedSamplingParams { train: 24, ..Default::default() };
     let error = run(&train, None, params.clone()).expect_err("short").to_string();
     assert!(error.contains("L2-open on the train side: 0 of 2") && !error.contains("L1-open"), "{error}");
-    let (outputs, report) = run(&train, None, StratifiedSamplingParams { allow_short: true, ..params }).expect("allowed");
+    let (outputs, report) =
+        run(&train, None, StratifiedSamplingParams { allow_short: true, ..params }).expect("allowed");
     assert_eq!(outputs.collections["train"].len(), 22);
     assert_eq!(report["short"].as_array().map(Vec::len), Some(1));
     let unconnected = StratifiedSamplingParams { test: 12, ..Default::default() };

@@ -15,7 +15,10 @@ fn scenes(ctx: &Context<'_>, recipes: &[(String, Recipe)]) -> Collection {
         .collect()
 }
 
-fn run(recipes: &[(String, Recipe)], params: ContentSignatureSplitParams) -> Result<(Outputs, serde_json::Value), KindError> {
+fn run(
+    recipes: &[(String, Recipe)],
+    params: ContentSignatureSplitParams,
+) -> Result<(Outputs, serde_json::Value), KindError> {
     let (blobs, cancel) = (MemoryBlobs::default(), AtomicBool::new(false));
     let ctx = Context::new(&blobs, &Silent, &cancel);
     let input = scenes(&ctx, recipes);
@@ -81,7 +84,8 @@ fn near_duplicates_stay_together_and_are_named() {
         recipe.exposure_ev = -0.7 + 0.5 * copy as f64;
         all.push((format!("L0-environment-{:06}", 6 + copy), recipe));
     }
-    let (outputs, report) = run(&all, ContentSignatureSplitParams { test_share: 0.5, ..Default::default() }).expect("splits");
+    let (outputs, report) =
+        run(&all, ContentSignatureSplitParams { test_share: 0.5, ..Default::default() }).expect("splits");
     let duplicates = report["near_duplicates"].as_array().expect("a list");
     assert_eq!(duplicates.len(), 1);
     assert_eq!(duplicates[0]["items"].as_array().map(Vec::len), Some(4));
@@ -98,7 +102,8 @@ fn planted_leaks_are_found() {
     let (mut train, test): (Vec<_>, Vec<_>) = all.into_iter().enumerate().partition(|(n, _)| n % 3 != 0);
     let side = |side: &[(usize, (String, Recipe))]| side.iter().map(|(_, e)| e.clone()).collect::<Vec<_>>();
     let count = |train: &[(String, Recipe)], test: &[(String, Recipe)]| {
-        check_leaks(train.iter().map(|(k, r)| (k.as_str(), r)), test.iter().map(|(k, r)| (k.as_str(), r)), QUANTUM).len()
+        check_leaks(train.iter().map(|(k, r)| (k.as_str(), r)), test.iter().map(|(k, r)| (k.as_str(), r)), QUANTUM)
+            .len()
     };
     assert_eq!(count(&side(&train), &side(&test)), 0);
     // The same scene on both sides, and a near-duplicate under another exposure and index.

@@ -10,7 +10,10 @@ use gltf::json::{
 };
 
 /// Most numbers that one accessor may hold.
-const MOST_VALUES: usize = 1 << 27;
+const MOST_VALUES: usize = 1 << 26;
+
+/// Most numbers of an accessor without data of its own, which are all 0: a small file must not name a large memory.
+const MOST_ZEROS: usize = 1 << 22;
 
 /// Numbers of an accessor, `width` to an element.
 pub struct Values {
@@ -65,8 +68,13 @@ fn layout(accessor: &Accessor, place: &str) -> Result<Layout, Refusal> {
         Checked::Invalid => return Err(damaged(place, "a type that does not exist")),
     };
     let count = usize::try_from(accessor.count.0).unwrap_or(usize::MAX);
-    if count.checked_mul(width).is_none_or(|n| n > MOST_VALUES) {
-        return Err(Refusal::new(place, format!("{count} elements"), "split the mesh: 2^27 numbers are the most"));
+    let most = if accessor.buffer_view.is_some() { MOST_VALUES } else { MOST_ZEROS };
+    if count.checked_mul(width).is_none_or(|n| n > most) {
+        return Err(Refusal::new(
+            place,
+            format!("{count} elements"),
+            format!("split the mesh: {most} numbers are the most"),
+        ));
     }
     Ok(Layout { component: component.0, width, count, normalized: accessor.normalized })
 }
@@ -90,7 +98,8 @@ fn strided(
         return Ok(());
     }
     let offset = usize::try_from(offset).unwrap_or(usize::MAX);
-    let end = (layout.count - 1).checked_mul(stride).and_then(|n| n.checked_add(element)).and_then(|n| n.checked_add(offset));
+    let end =
+        (layout.count - 1).checked_mul(stride).and_then(|n| n.checked_add(element)).and_then(|n| n.checked_add(offset));
     if end.is_none_or(|end| end > bytes.len()) {
         return Err(damaged(
             place,
@@ -110,8 +119,7 @@ fn strided(
 /// If it is not there, of no type that fits, or leaves its view.
 pub fn values(document: &Document<'_>, index: usize) -> Result<Values, Refusal> {
     let place = format!("accessor {index}");
-    let accessor =
-        document.root.accessors.get(index).ok_or_else(|| damaged(&place, "there is no such accessor"))?;
+    let accessor = document.root.accessors.get(index).ok_or_else(|| damaged(&place, "there is no such accessor"))?;
     let layout = layout(accessor, &place)?;
     let mut data = vec![0.0; layout.count * layout.width];
     let width = layout.width;

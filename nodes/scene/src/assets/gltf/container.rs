@@ -24,7 +24,7 @@ pub struct Document<'a> {
 }
 
 /// Extensions that a file may require.
-const SUPPORTED: [&str; 17] = [
+const SUPPORTED: [&str; 18] = [
     "EXT_texture_webp",
     "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
@@ -34,6 +34,7 @@ const SUPPORTED: [&str; 17] = [
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_iridescence",
+    "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_sheen",
     "KHR_materials_specular",
     "KHR_materials_transmission",
@@ -116,7 +117,8 @@ fn is_data(uri: &str) -> bool {
 /// The external files that a file names, sorted, without repeats; none if it cannot be read.
 pub fn uris(bytes: &[u8]) -> Vec<String> {
     let Ok((root, _)) = parse(bytes) else { return Vec::new() };
-    let named = root.buffers.iter().filter_map(|b| b.uri.as_ref()).chain(root.images.iter().filter_map(|i| i.uri.as_ref()));
+    let named =
+        root.buffers.iter().filter_map(|b| b.uri.as_ref()).chain(root.images.iter().filter_map(|i| i.uri.as_ref()));
     named.filter(|uri| !is_data(uri)).cloned().collect::<BTreeSet<_>>().into_iter().collect()
 }
 
@@ -139,7 +141,8 @@ pub fn relative_path(uri: &str) -> Option<String> {
         }
     }
     let path = String::from_utf8(bytes).ok()?.replace('\\', "/");
-    let inside = !path.is_empty() && !path.contains(['\0', ':']) && path.split('/').all(|part| !part.is_empty() && part != "..");
+    let inside =
+        !path.is_empty() && !path.contains(['\0', ':']) && path.split('/').all(|part| !part.is_empty() && part != "..");
     inside.then_some(path)
 }
 
@@ -212,7 +215,10 @@ impl<'a> Document<'a> {
         let view = self.root.buffer_views.get(number).ok_or_else(|| damaged(place(), "there is no such view"))?;
         let buffer = view.buffer.value();
         // While buffers are being opened, later ones are not there yet; views are looked at afterwards only.
-        let data = self.buffers.get(buffer).ok_or_else(|| damaged(place(), format!("it names buffer {buffer}, which is not there")))?;
+        let data = self
+            .buffers
+            .get(buffer)
+            .ok_or_else(|| damaged(place(), format!("it names buffer {buffer}, which is not there")))?;
         let (start, length) = (view.byte_offset.map_or(0, |o| o.0), view.byte_length.0);
         let end = start.checked_add(length).filter(|end| *end <= data.len() as u64).ok_or_else(|| {
             damaged(place(), format!("bytes {start}..{start}+{length} leave buffer {buffer} of {} bytes", data.len()))

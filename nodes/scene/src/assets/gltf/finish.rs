@@ -51,7 +51,9 @@ impl Frame {
         for axis in 0..3 {
             let mut along: Vec<f64> = used.iter().map(|p| p[axis]).collect();
             along.sort_unstable_by(f64::total_cmp);
-            if let (Some(low), Some(high)) = (along.get(skip), along.len().checked_sub(skip + 1).and_then(|i| along.get(i))) {
+            if let (Some(low), Some(high)) =
+                (along.get(skip), along.len().checked_sub(skip + 1).and_then(|i| along.get(i)))
+            {
                 (core.low[axis], core.high[axis]) = (*low, *high);
             }
         }
@@ -62,7 +64,10 @@ impl Frame {
         }
         let bounds = if strays { core } else { full };
         let side = largest(&bounds);
-        if used.is_empty() || !(side > 0.0 && side.is_finite()) {
+        if used.is_empty() {
+            return Err(damaged("positions", "no vertex is finite"));
+        }
+        if !(side > 0.0 && side.is_finite()) {
             return Err(damaged("positions", "the vertices span no finite box"));
         }
         let (center, k) = (bounds.center(), 1.0 / side);

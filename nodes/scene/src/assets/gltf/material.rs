@@ -10,6 +10,7 @@
 //! | `MASK`, `BLEND` | `mask` with opacity 0 or 1 by the cut-off, or alpha itself |
 //! | `KHR_materials_unlit` | diffuse: a path tracer has no unlit surface |
 //! | emission, `_emissive_strength` | an area emitter |
+//! | `KHR_materials_pbrSpecularGlossiness` | `principled` without metal: diffuse colour, specular, roughness = 1 - glossiness |
 
 use super::{
     container::Document,
@@ -26,7 +27,7 @@ use gltf::json::{
     validation::Checked,
 };
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::{borrow::Cow, collections::BTreeMap};
 use tauflow_data::scene::{Bsdf, Rgb, Texture};
 
 /// What of a mesh decides its material's form.
@@ -52,6 +53,25 @@ pub struct Materials<'a, 'd> {
 /// The extension `name` of a material.
 fn extension<'m>(material: &'m Source, name: &str) -> Option<&'m Value> {
     material.extensions.as_ref()?.others.get(name)
+}
+
+/// A material of `KHR_materials_pbrSpecularGlossiness` in terms of the core: its slots and factors moved over.
+fn glossy(material: &Source) -> Option<Source> {
+    let old = extension(material, "KHR_materials_pbrSpecularGlossiness")?;
+    let mut new = material.clone();
+    let pbr = &mut new.pbr_metallic_roughness;
+    let [r, g, b] = triple(old, "diffuseFactor", [1.0; 3]);
+    let alpha = old.get("diffuseFactor").and_then(|f| f.get(3)).and_then(Value::as_f64).unwrap_or(1.0);
+    pbr.base_color_factor.0 = [r, g, b, alpha].map(|v| v as f32);
+    pbr.base_color_texture = old.get("diffuseTexture").and_then(|t| serde_json::from_value(t.clone()).ok());
+    pbr.metallic_roughness_texture = None;
+    pbr.metallic_factor.0 = 0.0;
+    pbr.roughness_factor.0 = (1.0 - number(old, "glossinessFactor", 1.0)) as f32;
+    let specular = triple(old, "specularFactor", [1.0; 3]).into_iter().sum::<f64>() / 3.0;
+    // `specularFactor` there is F0 itself, here it scales that of the index of refraction 1.5.
+    let scaled = serde_json::json!({ "specularFactor": (specular / 0.04).min(1.0) });
+    new.extensions.get_or_insert_default().others.insert("KHR_materials_specular".to_owned(), scaled);
+    Some(new)
 }
 
 /// The slots of a material, the one that decides the set of texture coordinates first.
@@ -92,7 +112,13 @@ struct Making<'m, 'a, 'd> {
 
 impl Making<'_, '_, '_> {
     /// The texture of a slot times `scale`; the scale alone where the mesh lacks the coordinates.
-    fn texture(&mut self, slot: Option<Slot>, purpose: Use, scale: Rgb, channel: Option<u8>) -> Result<Texture, Refusal> {
+    fn texture(
+        &mut self,
+        slot: Option<Slot>,
+        purpose: Use,
+        scale: Rgb,
+        channel: Option<u8>,
+    ) -> Result<Texture, Refusal> {
         let Some(slot) = slot else { return Ok(Texture::rgb(scale)) };
         if !self.features.uv {
             self.report.note("textures left out on meshes without their texture coordinates");
@@ -135,8 +161,8 @@ impl Making<'_, '_, '_> {
     }
 
     fn emission(&mut self, material: &Source) -> Result<Option<Texture>, Refusal> {
-        let strength = extension(material, "KHR_materials_emissive_strength")
-            .map_or(1.0, |e| number(e, "emissiveStrength", 1.0));
+        let strength =
+            extension(material, "KHR_materials_emissive_strength").map_or(1.0, |e| number(e, "emissiveStrength", 1.0));
         let factor = rgb(material.emissive_factor.0.map(|v| f64::from(v) * strength));
         if factor.iter().all(|v| *v <= 0.0) {
             return Ok(None);
@@ -184,14 +210,20 @@ impl Making<'_, '_, '_> {
     fn surface(&mut self, material: &Source, color: &Texture) -> Result<(Bsdf, bool), Refusal> {
         let pbr = &material.pbr_metallic_roughness;
         let roughness_slot = || pbr.metallic_roughness_texture.as_ref().map(Slot::of);
-        let metallic = self.texture(roughness_slot(), Use::Linear, [pbr.metallic_factor.0.clamp(0.0, 1.0); 3], Some(2))?;
-        let roughness = self.texture(roughness_slot(), Use::Linear, [pbr.roughness_factor.0.clamp(0.0, 1.0); 3], Some(1))?;
+        let metallic =
+            self.texture(roughness_slot(), Use::Linear, [pbr.metallic_factor.0.clamp(0.0, 1.0); 3], Some(2))?;
+        let roughness =
+            self.texture(roughness_slot(), Use::Linear, [pbr.roughness_factor.0.clamp(0.0, 1.0); 3], Some(1))?;
         let ior = extension(material, "KHR_materials_ior").map_or(1.5, |e| number(e, "ior", 1.5)).clamp(1.0, 4.0);
         let mut f0 = ((ior - 1.0) / (ior + 1.0)) * ((ior - 1.0) / (ior + 1.0));
         if let Some(e) = extension(material, "KHR_materials_specular") {
             let tint = triple(e, "specularColorFactor", [1.0; 3]);
             f0 *= number(e, "specularFactor", 1.0).clamp(0.0, 1.0) * (tint[0] + tint[1] + tint[2]) / 3.0;
-            if tint[0] != tint[1] || tint[1] != tint[2] || e.get("specularTexture").is_some() || e.get("specularColorTexture").is_some() {
+            if tint[0] != tint[1]
+                || tint[1] != tint[2]
+                || e.get("specularTexture").is_some()
+                || e.get("specularColorTexture").is_some()
+            {
                 self.report.note("specular tints and textures are averaged or left out");
             }
         }
@@ -199,7 +231,10 @@ impl Making<'_, '_, '_> {
         if let Some(e) = extension(material, "KHR_materials_clearcoat") {
             clearcoat = number(e, "clearcoatFactor", 0.0).clamp(0.0, 1.0);
             gloss = 1.0 - number(e, "clearcoatRoughnessFactor", 0.0).clamp(0.0, 1.0);
-            if ["clearcoatTexture", "clearcoatRoughnessTexture", "clearcoatNormalTexture"].iter().any(|t| e.get(*t).is_some()) {
+            if ["clearcoatTexture", "clearcoatRoughnessTexture", "clearcoatNormalTexture"]
+                .iter()
+                .any(|t| e.get(*t).is_some())
+            {
                 self.report.note("textures of clearcoats are left out");
             }
         }
@@ -250,10 +285,11 @@ impl<'a, 'd> Materials<'a, 'd> {
         Self { document, images: Images::new(most), made: BTreeMap::new(), list: Vec::new() }
     }
 
-    fn source(&self, number: Option<usize>) -> Result<Option<&'a Source>, Refusal> {
+    fn source(&self, number: Option<usize>) -> Result<Option<Cow<'a, Source>>, Refusal> {
         let Some(number) = number else { return Ok(None) };
         let found = self.document.root.materials.get(number);
-        found.map(Some).ok_or_else(|| damaged(format!("material {number}"), "there is no such material"))
+        let found = found.ok_or_else(|| damaged(format!("material {number}"), "there is no such material"))?;
+        Ok(Some(glossy(found).map_or(Cow::Borrowed(found), Cow::Owned)))
     }
 
     /// The set of texture coordinates that a material reads, and whether it reads tangents.
@@ -262,7 +298,7 @@ impl<'a, 'd> Materials<'a, 'd> {
     /// If there is no such material.
     pub fn reads(&self, number: Option<usize>) -> Result<(Option<u32>, bool), Refusal> {
         let Some(source) = self.source(number)? else { return Ok((None, false)) };
-        Ok((slots(source).first().map(|slot| slot.set), source.normal_texture.is_some()))
+        Ok((slots(&source).first().map(|slot| slot.set), source.normal_texture.is_some()))
     }
 
     /// The index of a material for meshes with such features; `None` is the default material.
@@ -279,11 +315,13 @@ impl<'a, 'd> Materials<'a, 'd> {
         if let Some(made) = self.made.get(&(number, features)) {
             return Ok(*made);
         }
-        let standard = Source::default();
-        let source = self.source(number)?.unwrap_or(&standard);
-        let set = slots(source).first().map(|slot| slot.set);
+        let source = self.source(number)?.unwrap_or_default();
+        let set = slots(&source).first().map(|slot| slot.set);
         let document = self.document;
-        let material = Making { document, images: &mut self.images, blobs, report, set, features }.make(source)?;
+        if extension(&source, "KHR_materials_pbrSpecularGlossiness").is_some() {
+            report.note("specular-glossiness materials lose their textures of specular colour and gloss");
+        }
+        let material = Making { document, images: &mut self.images, blobs, report, set, features }.make(&source)?;
         let index = self.list.iter().position(|m| *m == material).unwrap_or(self.list.len());
         if index == self.list.len() {
             self.list.push(material);

@@ -55,7 +55,8 @@ pub fn read(
             let place = format!("{place} primitive {number}");
             let material = primitive.material.map(|m| m.value());
             let (uv_set, tangents) = materials.reads(material)?;
-            let Some(mut piece) = primitive::read(&document, primitive, &place, Want { uv_set, tangents }, report)? else {
+            let Some(mut piece) = primitive::read(&document, primitive, &place, Want { uv_set, tangents }, report)?
+            else {
                 continue;
             };
             piece.transform(&instance.map);
@@ -81,12 +82,16 @@ pub fn read(
         let features = Features { uv: mesh.uvs.is_some(), colors: mesh.colors.is_some(), closed };
         let material = materials.get(material, features, blobs, report)?;
         let triangles = mesh.triangles.len();
-        let bytes = mesh.to_bytes().map_err(|e| Refusal::new(format!("part {number}"), e.to_string(), "split the mesh"))?;
+        let bytes =
+            mesh.to_bytes().map_err(|e| Refusal::new(format!("part {number}"), e.to_string(), "split the mesh"))?;
         parts.push(Part { mesh: blobs.add(bytes), material, closed, uv: features.uv, triangles });
     }
     // A stray vertex is mended; a file full of them is damaged.
     if dropped * 10 > triangles {
-        return Err(damaged("positions", format!("{dropped} of {triangles} triangles have vertices that are not finite")));
+        return Err(damaged(
+            "positions",
+            format!("{dropped} of {triangles} triangles have vertices that are not finite"),
+        ));
     }
     if parts.is_empty() {
         return Err(damaged("scene", "no triangle has an area"));

@@ -147,7 +147,13 @@ fn colors(source: &Source<'_>, count: usize) -> Result<Option<Values>, Refusal> 
     let Some(mut values) = source.get(Semantic::Colors(0), "COLOR_0", Some(count))? else { return Ok(None) };
     if source.draco.is_some() {
         let most = values.data.iter().copied().fold(0.0, f64::max);
-        let unit = if most <= 1.0 { 1.0 } else if most <= 255.0 { 255.0 } else { 65535.0 };
+        let unit = if most <= 1.0 {
+            1.0
+        } else if most <= 255.0 {
+            255.0
+        } else {
+            65535.0
+        };
         values.data.iter_mut().for_each(|v| *v /= unit);
     }
     Ok(Some(values))

@@ -92,8 +92,7 @@ impl Slot {
     pub fn image(&self, document: &Document<'_>, report: &mut Report) -> Result<(usize, bool), Refusal> {
         let place = format!("texture {}", self.texture);
         let root = &document.root;
-        let texture =
-            root.textures.get(self.texture).ok_or_else(|| damaged(&place, "there is no such texture"))?;
+        let texture = root.textures.get(self.texture).ok_or_else(|| damaged(&place, "there is no such texture"))?;
         let other = |name: &str| {
             let source = texture.extensions.as_ref()?.others.get(name)?.get("source")?.as_u64()?;
             usize::try_from(source).ok()
@@ -109,8 +108,10 @@ impl Slot {
             return Err(damaged(place, "it names no image that is there"));
         };
         let Some(sampler) = texture.sampler else { return Ok((image, false)) };
-        let sampler =
-            root.samplers.get(sampler.value()).ok_or_else(|| damaged(&place, "it names a sampler that is not there"))?;
+        let sampler = root
+            .samplers
+            .get(sampler.value())
+            .ok_or_else(|| damaged(&place, "it names a sampler that is not there"))?;
         let wraps = [&sampler.wrap_s, &sampler.wrap_t];
         if wraps.iter().any(|w| matches!(w, Checked::Valid(WrappingMode::MirroredRepeat))) {
             report.note("mirrored textures are repeated plainly");
@@ -120,5 +121,22 @@ impl Slot {
             report.note("textures clamped along one axis are repeated along both");
         }
         Ok((image, wraps.into_iter().all(clamps)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_positive_rotation_is_counter_clockwise_with_v_downwards() {
+        // A transform of the Khronos file TextureTransformMultiTest, whose check mark is in the upper right corner.
+        let info = serde_json::json!({ "index": 3, "texCoord": 0, "extensions": { "KHR_texture_transform":
+            { "offset": [0.705, 0.285], "rotation": core::f64::consts::FRAC_PI_2, "scale": [0.35, 0.35], "texCoord": 1 } } });
+        let slot = Slot::of_json(Some(&info)).expect("a slot");
+        assert_eq!((slot.texture, slot.set), (3, 1));
+        let [u, v] = slot.uv.map(|row| row[0] * 0.5 + row[1] * 0.5 + row[2]);
+        assert!((u - 0.88).abs() < 1e-9 && (v - 0.11).abs() < 1e-9, "{u} {v}");
+        assert_eq!(Slot::of_json(Some(&serde_json::json!({ "texCoord": 0 }))), None);
     }
 }

@@ -50,17 +50,8 @@ fn colonnade(s: &mut Stage, others: usize) {
     let (gap, aisle) = (s.draw("columns.gap", 1.1, 1.6), s.draw("aisle.half", 1.3, 1.8));
     let (height, thick) = (s.draw("columns.height", 2.2, 3.0), s.draw("columns.radius", 0.12, 0.2));
     s.panel([0.0; 3], [0.0, 1.0, 0.0], [8.0, 8.0], Role::Floor);
-    let profile = [
-        [0.0, 0.0],
-        [1.3, 0.0],
-        [1.3, 0.25],
-        [1.0, 0.5],
-        [1.0, 4.0],
-        [0.9, 8.0],
-        [1.3, 8.6],
-        [1.3, 9.0],
-        [0.0, 9.0],
-    ];
+    let profile =
+        [[0.0, 0.0], [1.3, 0.0], [1.3, 0.25], [1.0, 0.5], [1.0, 4.0], [0.9, 8.0], [1.3, 8.6], [1.3, 9.0], [0.0, 9.0]];
     let (column, bounds) = normalised(lathe(&profile, 24, 36));
     let size = bounds.size();
     let to = scaling([2.0 * thick / size[0], height / size[1], 2.0 * thick / size[2]]);
@@ -85,7 +76,8 @@ fn colonnade(s: &mut Stage, others: usize) {
 
 /// A table before a wall, two soft boxes.
 fn table(s: &mut Stage, others: usize) {
-    let (half, depth, height) = (s.draw("table.half", 1.1, 1.6), s.draw("table.depth", 0.9, 1.2), s.draw("table.y", 0.6, 0.9));
+    let (half, depth, height) =
+        (s.draw("table.half", 1.1, 1.6), s.draw("table.depth", 0.9, 1.2), s.draw("table.y", 0.6, 0.9));
     s.panel([0.0; 3], [0.0, 1.0, 0.0], [6.0, 6.0], Role::Floor);
     let leg = 0.06;
     let mut parts = vec![([0.0, height - 0.04, 0.0], [half, 0.04, depth])];
@@ -98,7 +90,11 @@ fn table(s: &mut Stage, others: usize) {
     let tall = s.draw("wall.height", 2.4, 3.4);
     s.block([0.0, 0.5 * tall, -wall - 0.1], [4.0, 0.5 * tall, 0.1], Role::Wall(2));
     for (name, side) in [("key", 1.0), ("fill", -1.0)] {
-        let at = [side * s.draw(&format!("{name}.x"), 1.2, 2.2), s.draw(&format!("{name}.y"), 2.2, 3.2), s.draw(&format!("{name}.z"), 0.2, 1.8)];
+        let at = [
+            side * s.draw(&format!("{name}.x"), 1.2, 2.2),
+            s.draw(&format!("{name}.y"), 2.2, 3.2),
+            s.draw(&format!("{name}.z"), 0.2, 1.8),
+        ];
         let size = s.draw(&format!("{name}.half"), 0.25, 0.6);
         let power = if name == "key" { [70.0, 130.0] } else { [10.0, 50.0] };
         s.light(name, at, [0.0, height, 0.0], [size, size], power);
@@ -151,7 +147,8 @@ fn passage(s: &mut Stage, others: usize) {
 fn podium(s: &mut Stage, others: usize) {
     s.panel([0.0; 3], [0.0, 1.0, 0.0], [6.0, 6.0], Role::Floor);
     let (radius, rise) = (s.draw("platform.radius", 1.3, 1.9), s.draw("platform.rise", 0.08, 0.25));
-    let (slab, bounds) = normalised(lathe(&[[0.0, 0.0], [1.0, 0.0], [1.0, 0.02], [1.0, 0.18], [1.0, 0.2], [0.0, 0.2]], 48, 20));
+    let (slab, bounds) =
+        normalised(lathe(&[[0.0, 0.0], [1.0, 0.0], [1.0, 0.02], [1.0, 0.18], [1.0, 0.2], [0.0, 0.2]], 48, 20));
     let size = bounds.size();
     s.mesh(slab, scaling([2.0 * radius / size[0], rise / size[1], 2.0 * radius / size[2]]), Role::Furniture, None);
     let screens = 2 + s.choose("screens", 3);

@@ -1,0 +1,308 @@
+#![doc = include_str!("evaluation.md")]
+
+use crate::{bootstrap::Resampled, bootstrap::Table, curve::summarise};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use tauflow_contract::{
+    Action, Artifact, Collection, Context, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs,
+    ParamProblem,
+};
+use tauflow_data::{
+    Stratum,
+    formats::JSON,
+    results::{Estimate, Evaluation, METRICS, MethodTable, Metrics, NfeTable, SceneRow, SceneScores, Score},
+};
+
+/// What a PSNR counts as at most in a mean, in dB: 20 log10 2^24, the rounding of an f32 at the peak.
+pub const PSNR_CEILING: f64 = 144.494_397_918_710_97;
+
+/// The kind `evaluation`.
+pub struct EvaluationKind;
+
+/// Params of `evaluation`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct EvaluationParams {
+    /// Resamples of the bootstrap.
+    #[schemars(range(min = 100, max = 100_000))]
+    pub resamples: u64,
+}
+
+impl Default for EvaluationParams {
+    fn default() -> Self {
+        Self { resamples: 2000 }
+    }
+}
+
+/// Problems of a number of resamples.
+pub(crate) fn check_resamples(resamples: u64) -> Vec<ParamProblem> {
+    if (100..=100_000).contains(&resamples) {
+        return Vec::new();
+    }
+    vec![ParamProblem::new(
+        "/resamples",
+        format!("{resamples} resamples are too few for a 95% interval, or more than any needs"),
+        "use 100 to 100000; 2000 is the usual number",
+    )]
+}
+
+const INPUTS: &[InputPort] = &[
+    InputPort::whole("scores", JSON, "Scores of refined images, by cell and scene."),
+    InputPort::whole("hold", JSON, "Scores of the endpoints that all start from, by scene."),
+];
+const OUTPUTS: &[OutputPort] = &[OutputPort::new("tables", JSON, "Means, intervals, curves and every score.")];
+
+impl Kind for EvaluationKind {
+    type Params = EvaluationParams;
+
+    fn spec() -> KindSpec {
+        KindSpec {
+            name: "evaluation",
+            version: 1,
+            summary: "Sums scores up by method, model calls and stratum, with intervals.",
+            manual: include_str!("evaluation.md"),
+            mode: Mode::Gather,
+            inputs: INPUTS,
+            outputs: OUTPUTS,
+            seeded: true,
+        }
+    }
+
+    fn check(params: &Self::Params) -> Vec<ParamProblem> {
+        check_resamples(params.resamples)
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let read = |collection: &Collection| -> Result<Vec<(ItemKey, SceneScores)>, KindError> {
+            let item = |(key, artifact): (&ItemKey, &Artifact)| Ok((key.clone(), ctx.json(artifact, "")?));
+            collection.iter().map(item).collect()
+        };
+        let hold = read(action.whole("hold")?)?;
+        let scores = read(action.whole("scores")?)?;
+        ctx.check_cancelled()?;
+        let evaluation = evaluate(&hold, &scores, action.params.resamples, action.seed)?;
+        let key = ItemKey::new("evaluation").expect("a valid key");
+        let artifact = Artifact::blob(JSON, ctx.put_json(&evaluation)?);
+        Ok(Outputs::default().collection("tables", Collection::from_iter([(key, artifact)])))
+    }
+}
+
+/// A value as it enters means: a PSNR is held below [`PSNR_CEILING`].
+pub fn bounded(metric: &str, value: f64) -> f64 {
+    if metric.contains("psnr") { value.min(PSNR_CEILING) } else { value }
+}
+
+/// A cell's coordinates, from a text such as `parameterization=mc_noise+conditioning=rgb`.
+fn coordinates(cell: &str) -> BTreeMap<String, String> {
+    cell.split(['+', '/']).filter_map(|p| p.split_once('=')).map(|(a, v)| (a.to_owned(), v.to_owned())).collect()
+}
+
+fn stratum(scene: &str) -> String {
+    Stratum::of_key(scene).map_or_else(|| "other".to_owned(), |(stratum, _)| stratum.to_string())
+}
+
+/// The scores of a cell: the method's NFE, and by scene one score for each.
+struct Cell<'a> {
+    key: &'a str,
+    nfe: Vec<u64>,
+    scenes: BTreeMap<&'a str, Vec<&'a Score>>,
+}
+
+fn input(message: String) -> KindError {
+    KindError::Input(message)
+}
+
+/// Groups scores by cell, and checks that each scene of a cell has the same NFE.
+fn cells<'a>(scores: &'a [(ItemKey, SceneScores)], port: &str) -> Result<Vec<Cell<'a>>, KindError> {
+    let mut cells: BTreeMap<&str, Cell<'_>> = BTreeMap::new();
+    for (key, of) in scores {
+        let (name, scene) = key.split_cell().unwrap_or(("", key.as_str()));
+        let mut sorted: Vec<&Score> = of.scores.iter().collect();
+        sorted.sort_by_key(|s| s.nfe);
+        let nfe: Vec<u64> = sorted.iter().map(|s| s.nfe).collect();
+        if nfe.is_empty() || nfe.windows(2).any(|w| w[0] == w[1]) {
+            return Err(input(format!(
+                "item `{key}` of `{port}` has scores at NFE {nfe:?}; it takes one score at each of one NFE or more"
+            )));
+        }
+        let cell = cells.entry(name).or_insert_with(|| Cell { key: name, nfe: nfe.clone(), scenes: BTreeMap::new() });
+        if cell.nfe != nfe {
+            return Err(input(format!(
+                "item `{key}` of `{port}` has scores at NFE {nfe:?} and others of its cell at {:?}; refine all alike",
+                cell.nfe
+            )));
+        }
+        cell.scenes.insert(scene, sorted);
+    }
+    Ok(cells.into_values().collect())
+}
+
+/// The one value that all items share.
+fn common(values: impl Iterator<Item = (String, u64)>, what: &str) -> Result<u64, KindError> {
+    let mut first: Option<(String, u64)> = None;
+    for (name, value) in values {
+        match &first {
+            Some((other, expected)) if *expected != value => {
+                return Err(input(format!(
+                    "{what} is {expected} samples for `{other}` and {value} for `{name}`; compare like with like"
+                )));
+            }
+            Some(_) => {}
+            None => first = Some((name, value)),
+        }
+    }
+    first.map(|(_, value)| value).ok_or_else(|| input("there are no scores to sum up".into()))
+}
+
+fn check_scenes(hold: &Cell<'_>, cell: &Cell<'_>) -> Result<(), KindError> {
+    let name = if cell.key.is_empty() { "scores" } else { cell.key };
+    if let Some(scene) = hold.scenes.keys().find(|s| !cell.scenes.contains_key(*s)) {
+        return Err(input(format!(
+            "`{name}` has no scores of scene `{scene}`, which `hold` has; score the same scenes"
+        )));
+    }
+    match cell.scenes.keys().find(|s| !hold.scenes.contains_key(*s)) {
+        Some(scene) => Err(input(format!(
+            "`hold` has no score of scene `{scene}`, which `{name}` has; connect the same references to both"
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// Sums scores up. `hold` is keyed by scene, `scores` by cell and scene.
+///
+/// # Errors
+/// If there are none, or cells differ in scenes, start or reference.
+pub fn evaluate(
+    hold: &[(ItemKey, SceneScores)],
+    scores: &[(ItemKey, SceneScores)],
+    resamples: u64,
+    seed: u64,
+) -> Result<Evaluation, KindError> {
+    let items = || hold.iter().chain(scores);
+    let reference_spp = common(items().map(|(k, s)| (k.to_string(), s.reference_spp)), "the reference")?;
+    let starts = items().flat_map(|(k, s)| s.scores.iter().map(move |score| (k.to_string(), score.from_spp)));
+    let from_spp = common(starts, "the start")?;
+    let cells_of_hold = cells(hold, "hold")?;
+    let [hold] = &cells_of_hold[..] else {
+        return Err(input(format!("input `hold` takes one node's scores and got {} cells", cells_of_hold.len())));
+    };
+    if hold.nfe.len() != 1 {
+        return Err(input(format!("input `hold` takes one score of each scene and got NFE {:?}", hold.nfe)));
+    }
+    let cells = cells(scores, "scores")?;
+    cells.iter().try_for_each(|cell| check_scenes(hold, cell))?;
+
+    let resampled = resample(hold, &cells, resamples, seed)?;
+    let names = || METRICS.iter().map(|m| (*m).to_owned());
+    let mut at = METRICS.len();
+    let mut methods = Vec::with_capacity(cells.len());
+    for cell in &cells {
+        methods.push(method(cell, &resampled, at));
+        at += cell.nfe.len() * METRICS.len();
+    }
+    let mut nfe: Vec<u64> = cells.iter().flat_map(|c| c.nfe.iter().copied()).collect();
+    nfe.sort_unstable();
+    nfe.dedup();
+    Ok(Evaluation {
+        reference_spp,
+        from_spp,
+        scenes: hold.scenes.len() as u64,
+        resamples,
+        nfe,
+        hold: names().enumerate().map(|(i, name)| (name, resampled.estimate(|m| m[i]))).collect(),
+        methods,
+        per_scene: std::iter::once(hold).chain(&cells).flat_map(rows).collect(),
+    })
+}
+
+/// The figures of an image as they enter means.
+fn figures(metrics: &Metrics) -> impl Iterator<Item = f64> {
+    METRICS.iter().map(|name| bounded(name, metrics.get(name).expect("a name of METRICS")))
+}
+
+/// Columns: hold's metrics, then those of each cell at each NFE.
+fn resample(hold: &Cell<'_>, cells: &[Cell<'_>], resamples: u64, seed: u64) -> Result<Resampled, KindError> {
+    let images = 1 + cells.iter().map(|c| c.nfe.len()).sum::<usize>();
+    let mut table = Table::new(images * METRICS.len());
+    for scene in hold.scenes.keys() {
+        let of = std::iter::once(hold).chain(cells).flat_map(|cell| &cell.scenes[scene]);
+        let row: Vec<f64> = of.flat_map(|score| figures(&score.metrics)).collect();
+        table.push(&row);
+    }
+    Resampled::new(&table, resamples as usize, seed).ok_or_else(|| input("`hold` has no scenes".into()))
+}
+
+/// The table of a cell whose columns start at `at`; those of hold start at 0.
+fn method(cell: &Cell<'_>, resampled: &Resampled, at: usize) -> MethodTable {
+    let count = METRICS.len();
+    let by_metric = |of: &dyn Fn(usize) -> Estimate| -> BTreeMap<String, Estimate> {
+        METRICS.iter().enumerate().map(|(i, name)| ((*name).to_owned(), of(i))).collect()
+    };
+    let strata = strata(cell);
+    let tables = cell.nfe.iter().enumerate().map(|(step, nfe)| {
+        let first = at + step * count;
+        NfeTable {
+            nfe: *nfe,
+            metrics: by_metric(&|i| resampled.estimate(|m| m[first + i])),
+            gain: by_metric(&|i| resampled.estimate(|m| m[first + i] - m[i])),
+            strata: strata[step].clone(),
+        }
+    });
+    let curve = |i: usize, pick: &dyn Fn(crate::curve::CurveSummary) -> f64| {
+        resampled.estimate(|m| {
+            let q: Vec<f64> = (0..cell.nfe.len()).map(|step| m[at + step * count + i]).collect();
+            pick(summarise(&cell.nfe, &q).expect("two increasing NFE or more"))
+        })
+    };
+    let curves = |pick: &dyn Fn(crate::curve::CurveSummary) -> f64| {
+        let is_curve = cell.nfe.len() >= 2 && cell.nfe[0] >= 1;
+        if is_curve { by_metric(&|i| curve(i, pick)) } else { BTreeMap::new() }
+    };
+    let coordinates = coordinates(cell.key);
+    let named = |axis: &str, otherwise: &str| coordinates.get(axis).map_or(otherwise, String::as_str).to_owned();
+    let own = cell.scenes.values().next().and_then(|s| s.first()).map_or("", |s| s.method.as_str());
+    MethodTable {
+        method: named("parameterization", own),
+        conditioning: named("conditioning", "rgb"),
+        space: named("space", "linear"),
+        at: tables.collect(),
+        auc: curves(&|c| c.auc),
+        tv: curves(&|c| c.tv),
+        cell: coordinates,
+    }
+}
+
+/// For each NFE, the mean over the scenes of each stratum.
+fn strata(cell: &Cell<'_>) -> Vec<BTreeMap<String, BTreeMap<String, f64>>> {
+    let mut groups: BTreeMap<String, Vec<&Vec<&Score>>> = BTreeMap::new();
+    for (scene, scores) in &cell.scenes {
+        groups.entry(stratum(scene)).or_default().push(scores);
+    }
+    let mean = |scenes: &[&Vec<&Score>], step: usize, name: &str| {
+        let value = |s: &&Vec<&Score>| bounded(name, s[step].metrics.get(name).expect("a name of METRICS"));
+        scenes.iter().map(value).sum::<f64>() / scenes.len() as f64
+    };
+    let of_step = |step: usize| {
+        let of_group = |scenes: &[&Vec<&Score>]| {
+            METRICS.iter().map(|name| ((*name).to_owned(), mean(scenes, step, name))).collect()
+        };
+        groups.iter().map(|(stratum, scenes)| (stratum.clone(), of_group(scenes))).collect()
+    };
+    (0..cell.nfe.len()).map(of_step).collect()
+}
+
+/// Every score of a cell, by scene.
+fn rows<'a>(cell: &'a Cell<'_>) -> impl Iterator<Item = SceneRow> + 'a {
+    let coordinates = coordinates(cell.key);
+    cell.scenes.iter().flat_map(move |(scene, scores)| {
+        let coordinates = coordinates.clone();
+        scores.iter().map(move |score| SceneRow {
+            scene: (*scene).to_owned(),
+            stratum: stratum(scene),
+            cell: coordinates.clone(),
+            score: (*score).clone(),
+        })
+    })
+}

@@ -1,0 +1,214 @@
+//! The kind `evaluation` over scores in memory: means, paired gains, curves, strata, infinite PSNRs, refusals.
+
+use std::{
+    collections::BTreeMap,
+    sync::atomic::{AtomicBool, Ordering},
+};
+use tauflow_contract::{Action, Artifact, Collection, Context, ItemKey, Kind, KindError, MemoryBlobs, Silent};
+use tauflow_data::{
+    Stratum,
+    formats::JSON,
+    results::{Evaluation, METRICS, Metrics, SceneScores, Score},
+};
+use tauflow_eval::{EvaluationKind, EvaluationParams, PSNR_CEILING, kinds};
+
+const NFE: [u64; 5] = [1, 2, 9, 20, 50];
+
+fn metrics(psnr: f64) -> Metrics {
+    Metrics {
+        hdr_psnr: psnr,
+        hdr_psnr_max: psnr + 6.0,
+        hdr_mae: 0.1 - psnr.min(90.0) / 1000.0,
+        preview_psnr: psnr + 1.0,
+        preview_mae: 0.05,
+        ssim: 0.5,
+    }
+}
+
+fn score(method: &str, nfe: u64, psnr: f64) -> Score {
+    Score { method: method.into(), from_spp: 1, to_spp: 256, nfe, metrics: metrics(psnr) }
+}
+
+/// PSNR of a scene's endpoint: scenes differ by far more than methods do.
+fn base(index: u64) -> f64 {
+    10.0 + 3.0 * (index % 7) as f64
+}
+
+fn scenes() -> Vec<(String, u64)> {
+    Stratum::all().enumerate().map(|(i, s)| (s.item_key(i as u64).to_string(), i as u64)).collect()
+}
+
+struct Bench {
+    blobs: MemoryBlobs,
+    stop: AtomicBool,
+    scores: Collection,
+    hold: Collection,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let mut bench = Self {
+            blobs: MemoryBlobs::default(),
+            stop: AtomicBool::new(false),
+            scores: Collection::default(),
+            hold: Collection::default(),
+        };
+        for (scene, i) in scenes() {
+            bench.put(true, &scene, 256, vec![score("hold", 0, base(i))]);
+            for conditioning in ["rgb", "gbuffer"] {
+                let gain = if conditioning == "rgb" { 4.0 } else { 5.0 };
+                // A little scatter that scenes do not share, and a curve that falls by 0.5 dB a step.
+                let at = |(step, n): (usize, &u64)| {
+                    score("mc_noise", *n, base(i) + gain + 0.1 * (i % 3) as f64 - 0.5 * step as f64)
+                };
+                let key = format!("parameterization=mc_noise+conditioning={conditioning}/{scene}");
+                bench.put(false, &key, 256, NFE.iter().enumerate().map(at).collect());
+            }
+        }
+        bench
+    }
+
+    fn put(&mut self, hold: bool, key: &str, reference_spp: u64, scores: Vec<Score>) {
+        let ctx = Context::new(&self.blobs, &Silent, &self.stop);
+        let artifact = Artifact::blob(JSON, ctx.put_json(&SceneScores { reference_spp, scores }).expect("stored"));
+        let to = if hold { &mut self.hold } else { &mut self.scores };
+        to.items.insert(ItemKey::new(key).expect("a valid key"), artifact);
+    }
+
+    fn run(&self, seed: u64) -> Result<Evaluation, KindError> {
+        let ctx = Context::new(&self.blobs, &Silent, &self.stop);
+        let action = Action {
+            params: EvaluationParams { resamples: 500 },
+            item: None,
+            group: "main",
+            seed,
+            each: BTreeMap::new(),
+            whole: BTreeMap::from([("scores", &self.scores), ("hold", &self.hold)]),
+        };
+        let out = EvaluationKind::run(&ctx, &action)?;
+        ctx.json(out.collections["tables"].get("evaluation").expect("the item"), "")
+    }
+
+    fn refusal(&self) -> String {
+        self.run(0).expect_err("refused").to_string()
+    }
+}
+
+fn near(found: f64, expected: f64) {
+    assert!((found - expected).abs() < 1e-9, "{found}, expected {expected}");
+}
+
+#[test]
+fn means_gains_curves_and_strata() {
+    let bench = Bench::new();
+    let e = bench.run(7).expect("sound scores");
+    assert_eq!((e.reference_spp, e.from_spp, e.scenes, e.resamples, e.nfe.as_slice()), (256, 1, 12, 500, &NFE[..]));
+    assert_eq!(e.per_scene.len(), 12 + 2 * 12 * 5);
+    let mean_base = scenes().iter().map(|(_, i)| base(*i)).sum::<f64>() / 12.0;
+    near(e.hold["hdr_psnr"].mean, mean_base);
+    assert_eq!(e.hold.len(), METRICS.len());
+
+    let rgb = e.methods.iter().find(|m| m.conditioning == "rgb").expect("the cell");
+    assert_eq!((rgb.method.as_str(), rgb.space.as_str(), rgb.cell.len()), ("mc_noise", "linear", 2));
+    // 12 scenes have the scatters 0, .1, .2 alike often: .1 on average.
+    let first = &rgb.at[0];
+    near(first.metrics["hdr_psnr"].mean, mean_base + 4.1);
+    let gain = first.gain["hdr_psnr"];
+    near(gain.mean, 4.1);
+    // Paired: the interval knows of the scatter of .1, not of the scenes' spread of some 6 dB.
+    assert!(gain.low > 4.03 && gain.low < 4.1 && gain.high > 4.1 && gain.high < 4.17, "{gain:?}");
+    assert!(e.hold["hdr_psnr"].high - e.hold["hdr_psnr"].low > 3.0);
+    near(first.gain["hdr_mae"].mean, -4.1 / 1000.0);
+
+    // Values fall by .5 dB at each of four steps; areas with the widths ln 2, ln 4.5, ln 20/9, ln 2.5.
+    let (widths, range) = ([2f64.ln(), 4.5f64.ln(), (20.0f64 / 9.0).ln(), 2.5f64.ln()], 50f64.ln());
+    let drop = widths.iter().zip([0.25, 0.75, 1.25, 1.75]).map(|(w, q)| w * q).sum::<f64>() / range;
+    near(rgb.auc["hdr_psnr"].mean, mean_base + 4.1 - drop);
+    near(rgb.tv["hdr_psnr"].mean, 2.0 / range);
+    near(rgb.tv["ssim"].mean, 0.0);
+
+    assert_eq!(first.strata.len(), 12);
+    near(first.strata["L0-environment"]["hdr_psnr"], base(0) + 4.0);
+    near(first.strata["L3-enclosed"]["hdr_psnr"], base(11) + 4.2);
+    assert_eq!(bench.run(7).expect("again"), e, "the same seed gives the same tables");
+    assert_ne!(bench.run(8).expect("again").hold, e.hold);
+}
+
+#[test]
+fn an_infinite_psnr_counts_as_the_ceiling() {
+    let mut bench = Bench::new();
+    let (scene, _) = scenes().swap_remove(0);
+    bench.put(true, &scene, 256, vec![score("hold", 0, f64::INFINITY)]);
+    let e = bench.run(0).expect("sound scores");
+    let rest = scenes().iter().skip(1).map(|(_, i)| base(*i)).sum::<f64>();
+    near(e.hold["hdr_psnr"].mean, (rest + PSNR_CEILING) / 12.0);
+    assert!(e.hold["hdr_psnr"].high.is_finite());
+    assert!(e.per_scene[0].score.metrics.hdr_psnr.is_infinite(), "the scene's own score keeps it");
+}
+
+#[test]
+fn one_nfe_has_no_curve_and_plain_scores_need_no_cell() {
+    let mut bench = Bench::new();
+    bench.scores = Collection::default();
+    for (scene, i) in scenes() {
+        bench.put(false, &scene, 256, vec![score("my_solver", 1, base(i) + 1.0)]);
+    }
+    let e = bench.run(0).expect("sound scores");
+    let method = &e.methods[0];
+    assert_eq!((method.method.as_str(), method.conditioning.as_str()), ("my_solver", "rgb"));
+    assert!(method.auc.is_empty() && method.tv.is_empty() && method.cell.is_empty());
+    near(method.at[0].gain["hdr_psnr"].low, 1.0);
+}
+
+#[test]
+fn what_cannot_be_compared_is_refused() {
+    let cell = "parameterization=mc_noise+conditioning=rgb";
+    let key = |i: usize| format!("{cell}/{}", scenes()[i].0);
+    let all = |psnr: f64| NFE.iter().map(|n| score("mc_noise", *n, psnr)).collect::<Vec<_>>();
+
+    let mut bench = Bench::new();
+    bench.scores.items.remove(key(3).as_str());
+    let refusal = bench.refusal();
+    assert!(refusal.contains(cell) && refusal.contains("L1-environment-000003"), "{refusal}");
+
+    let mut bench = Bench::new();
+    bench.hold.items.remove(scenes()[3].0.as_str());
+    assert!(bench.refusal().contains("`hold` has no score of scene `L1-environment-000003`"));
+
+    let mut bench = Bench::new();
+    bench.put(false, &key(0), 512, all(20.0));
+    assert!(bench.refusal().contains("the reference is 256 samples"));
+
+    let mut bench = Bench::new();
+    let other = all(20.0).into_iter().map(|s| Score { from_spp: 4, ..s }).collect();
+    bench.put(false, &key(0), 256, other);
+    assert!(bench.refusal().contains("the start is 1 samples"));
+
+    let mut bench = Bench::new();
+    bench.put(false, &key(0), 256, all(20.0).split_off(1));
+    assert!(bench.refusal().contains("refine all alike"));
+
+    let mut bench = Bench::new();
+    bench.put(true, &scenes()[0].0, 256, Vec::new());
+    assert!(bench.refusal().contains("one score at each"));
+
+    let mut bench = Bench::new();
+    (bench.scores, bench.hold) = (Collection::default(), Collection::default());
+    assert!(bench.refusal().contains("no scores"));
+
+    let bench = Bench::new();
+    bench.stop.store(true, Ordering::Relaxed);
+    assert!(matches!(bench.run(0), Err(KindError::Cancelled)));
+    assert!(!EvaluationKind::check(&EvaluationParams { resamples: 5 }).is_empty());
+}
+
+#[test]
+fn every_kind_resolves_its_defaults() {
+    for kind in kinds() {
+        let spec = kind.spec();
+        let resolved = kind.resolve(&serde_json::json!({})).expect("defaults are sound");
+        assert_eq!(kind.resolve(&resolved).expect("resolved params are sound"), resolved, "{}", spec.name);
+        assert!(spec.manual.contains(&format!("kind: {}", spec.name)), "{}", spec.name);
+        assert!(kind.resolve(&serde_json::json!({"no_such_param": 1})).is_err(), "{}", spec.name);
+    }
+}

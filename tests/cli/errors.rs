@@ -1,0 +1,80 @@
+//! Exit codes of what goes wrong: 1 an item, 2 pipeline or arguments, 3 the environment, 130 interrupted.
+
+use crate::{PIPELINE, Place, Said};
+use std::{
+    io::{BufRead, BufReader},
+    process::{Command, Stdio},
+};
+
+#[test]
+fn bad_arguments_are_2() {
+    let place = Place::new();
+    for (arguments, part) in [
+        (&["run"][..], "PIPELINE"),
+        (&["rum", "small.yaml"], "'run'"),
+        (&["run", "other.yaml"], "other.yaml"),
+        (&["run", "small.yaml", "--recheck", "2"], "--recheck 2"),
+        (&["run", "small.yaml", "--only", "nothing"], "nothing"),
+        (&["run", "small.yaml", "--profile", "mor"], "did you mean `more`?"),
+        (&["run", "small.yaml", "--set", "scenes.poll=3"], "did you mean `pool`?"),
+        (&["run", "small.yaml", "--target", "splt"], "did you mean `split`?"),
+        (&["graph", "small.yaml", "--format", "png"], "mermaid"),
+        (&["export", "small.yaml", "split.tran", "-o", "x"], "did you mean `train`?"),
+        (&["explain", "small.yaml", "splt"], "splt"),
+        (&["cache", "gc"], "--max-gib"),
+        (&["cache", "verify", "--sample", "7"], "--sample"),
+        (&["cache", "pin", "it", "no-digest"], "no-digest"),
+        (&["cache", "unpin", "it"], "there is no pin `it`"),
+        (&["render", "none.json", "-o", "x.exr"], "none.json"),
+        (&["render", "none.json", "-o", "x.jpg"], "x.jpg"),
+    ] {
+        let said = place.tauflow(arguments).ends(2);
+        assert!(said.err.contains(part), "{arguments:?}: `{part}` is not in\n{}", said.err);
+        assert_eq!(said.out, "", "{arguments:?}");
+    }
+}
+
+#[test]
+fn a_cache_that_cannot_be_made_is_3() {
+    let place = Place::new();
+    let said = place.tauflow(&["run", "small.yaml", "--cache", "small.yaml"]).ends(3);
+    assert!(said.err.contains("small.yaml"), "{}", said.err);
+}
+
+#[test]
+fn a_failed_item_is_1_and_says_how_to_run_it_again() {
+    let place = Place::with(&PIPELINE.replace("train: 2,", "train: 200,"));
+    let said = place.tauflow(&["run", "small.yaml"]).ends(1);
+    assert!(said.err.contains("strata fall short"), "{}", said.err);
+    let again = said.err.lines().find_map(|line| line.trim().strip_prefix("again: tauflow "));
+    let again: Vec<&str> = again.expect("the command is shown").split_whitespace().collect();
+    assert_eq!(again, ["run", "small.yaml", "--only", "sampling"]);
+    // Errors are never cached; what was done stays done.
+    let said = place.tauflow(&again).ends(1);
+    assert!(said.err.contains("strata fall short"), "{}", said.err);
+}
+
+#[test]
+fn an_interrupt_is_130_and_the_next_run_goes_on() {
+    let place = Place::with(&PIPELINE.replace("pool: 8", "pool: 20000"));
+    let mut child = place
+        .command(&["run", "small.yaml", "--events", "json", "--jobs", "1", "--target", "scenes"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    let mut lines = BufReader::new(child.stdout.take().expect("it was asked for")).lines();
+    let first_end = lines.find(|line| line.as_ref().is_ok_and(|l| l.contains(r#""event":"end""#)));
+    assert!(first_end.is_some(), "the run goes on");
+    let interrupt = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill starts");
+    assert!(interrupt.success());
+    let rest: Vec<String> = lines.map(|line| line.expect("text")).collect();
+    let said = Said::of(&child.wait_with_output().expect("it ends")).ends(130);
+    assert!(said.err.contains("stopping") && said.err.contains("run the same command again"), "{}", said.err);
+    assert!(rest.last().is_some_and(|l| l.contains(r#""event":"finished""#)), "{:?}", rest.last());
+    // What was done before the interrupt is done.
+    let plan = place.tauflow(&["plan", "small.yaml", "--target", "scenes"]).ends(0).out;
+    let row: Vec<&str> = plan.lines().find(|l| l.starts_with("scenes")).expect("a row").split_whitespace().collect();
+    let done: u64 = row[1].parse().expect("a count");
+    assert!(done > 0 && done < 20_000, "{plan}");
+}

@@ -1,0 +1,93 @@
+//! `check`, `graph`, `kinds`, `init`: what can be said without a cache.
+
+use crate::Place;
+use std::{fs, io::Read, process::Stdio};
+
+#[test]
+fn check_finds_nothing_wrong_with_a_good_pipeline() {
+    let place = Place::new();
+    let said = place.tauflow(&["check", "small.yaml"]).ends(0);
+    assert_eq!(said.out, "small.yaml: no problems; 3 nodes, 3 cells\n");
+    assert_eq!(said.err, "");
+    assert!(!place.path("store").exists(), "a check needs no cache");
+}
+
+#[test]
+fn check_names_every_problem_at_its_place() {
+    let place = Place::with(
+        "pipeline: small\nnodes:\n  scenes:\n    kind: scene_generaton\n  split:\n    kind: content_signature_split\n    \
+         inputs: { scenes: scnes }\n    params: { test_shar: 0.5 }\n",
+    );
+    let said = place.tauflow(&["check", "small.yaml"]).ends(2);
+    assert_eq!(said.out, "");
+    for part in [
+        "small.yaml:4:11",
+        "there is no kind `scene_generaton`",
+        "did you mean `scene_generation`?",
+        "small.yaml:7:",
+        "there is no node `scnes`",
+        "small.yaml:8:",
+        "did you mean `test_share`?",
+        "3 problems found",
+    ] {
+        assert!(said.err.contains(part), "`{part}` is not in\n{}", said.err);
+    }
+}
+
+#[test]
+fn the_graph_is_drawn_in_three_formats() {
+    let place = Place::new();
+    let dot = place.tauflow(&["graph", "small.yaml"]).ends(0).out;
+    assert!(dot.starts_with("digraph {") && dot.contains("scene_generation") && dot.contains("0 -> 1"), "{dot}");
+    let mermaid = place.tauflow(&["graph", "small.yaml", "--format", "mermaid"]).ends(0).out;
+    assert!(mermaid.starts_with("flowchart LR\n") && mermaid.contains("n0 --> n1"), "{mermaid}");
+    let svg = place.tauflow(&["graph", "small.yaml", "--format", "svg"]).ends(0).out;
+    assert!(svg.starts_with("<svg ") && svg.ends_with("</svg>\n"), "{svg}");
+    assert_eq!(svg.matches("<rect ").count(), 1 + 3, "a background and three boxes");
+    assert_eq!(svg.matches("<path ").count(), 2, "two arrows");
+}
+
+#[test]
+fn kinds_are_listed_and_explained() {
+    let place = Place::new();
+    let list = place.tauflow(&["kinds"]).ends(0);
+    let names: Vec<&str> = list.lines().iter().filter_map(|line| line.split_whitespace().next()).collect();
+    assert!(names.is_sorted() && names.contains(&"scene_generation"), "{names:?}");
+    assert!(list.lines().iter().all(|line| line.split_whitespace().count() > 3), "each has a summary: {}", list.out);
+    let manual = place.tauflow(&["kinds", "stratified_sampling"]).ends(0).out;
+    for part in ["# stratified_sampling\n", "```yaml", "## Ports", "## Params", "| `train` |"] {
+        assert!(manual.contains(part), "`{part}` is not in\n{manual}");
+    }
+    let said = place.tauflow(&["kinds", "stratified_samplng"]).ends(2);
+    assert_eq!(said.err, "error: there is no kind `stratified_samplng`; did you mean `stratified_sampling`?\n");
+}
+
+#[test]
+fn init_writes_a_pipeline_that_checks_and_overwrites_nothing() {
+    let place = Place::new();
+    let said = place.tauflow(&["init", "first"]).ends(0);
+    assert_eq!(said.lines(), ["first/pipeline.yaml", "first/tauflow.schema.json"]);
+    assert!(said.err.contains("tauflow run first/pipeline.yaml"), "{}", said.err);
+    place.tauflow(&["check", "first/pipeline.yaml"]).ends(0);
+    place.write("first/pipeline.yaml", "mine");
+    let said = place.tauflow(&["init", "first"]).ends(2);
+    assert!(said.err.contains("first/pipeline.yaml exists already"), "{}", said.err);
+    assert_eq!(fs::read_to_string(place.path("first/pipeline.yaml")).expect("it is there"), "mine");
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_failure() {
+    let place = Place::new();
+    let mut child = place
+        .command(&["schema"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    // Closed before a byte is read; the schema is longer than a pipe's buffer, or its write fails at once.
+    drop(child.stdout.take());
+    let mut err = String::new();
+    child.stderr.take().expect("it was asked for").read_to_string(&mut err).expect("text");
+    assert!(child.wait().expect("it ends").success());
+    assert_eq!(err, "");
+}

@@ -1,0 +1,157 @@
+//! Holds the directions `cache <- contract <- data <- each kind's crate <- root`, so that a change in the renderer never
+//! rebuilds burn, nor the reverse; that burn stays below `nodes/train`, and that `cargo test` at the root skips no crate.
+
+use serde_json::Value;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+/// A member of the workspace.
+#[derive(Clone, Debug)]
+struct Member {
+    /// Its folder, from the root; empty for the root.
+    folder: String,
+    /// Names of all it depends on: for building, testing and build scripts.
+    needs: BTreeSet<String>,
+}
+
+type Members = BTreeMap<String, Member>;
+
+/// Where a crate stands; it may depend on lower ones only.
+fn layer(folder: &str) -> u32 {
+    match folder {
+        "" => 4,
+        "cache" => 0,
+        "nodes/contract" => 1,
+        "nodes/data" => 2,
+        _ => 3,
+    }
+}
+
+/// The first folder below `nodes`: crates of one family, such as `nodes/train/ops`, may use each other.
+fn family(folder: &str) -> Option<&str> {
+    folder.strip_prefix("nodes/")?.split('/').next()
+}
+
+/// What breaks the rules, a line each.
+fn violations(members: &Members) -> Vec<String> {
+    let mut found = Vec::new();
+    for (name, member) in members {
+        for need in &member.needs {
+            if need.starts_with("burn") && family(&member.folder) != Some("train") {
+                found.push(format!("{name} names {need}; only crates under nodes/train may"));
+            }
+            let Some(other) = members.get(need) else { continue };
+            let below = layer(&other.folder) < layer(&member.folder);
+            let kin = family(&member.folder).is_some() && family(&member.folder) == family(&other.folder);
+            if !below && !kin {
+                found.push(format!("{name} ({}) must not depend on {need} ({})", member.folder, other.folder));
+            }
+        }
+    }
+    found
+}
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn metadata() -> Value {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let output = Command::new(cargo)
+        .args(["metadata", "--no-deps", "--offline", "--format-version", "1"])
+        .current_dir(root())
+        .output()
+        .expect("cargo runs this test, so it can be started");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("cargo metadata is JSON")
+}
+
+fn members(metadata: &Value) -> Members {
+    let packages = metadata["packages"].as_array().expect("packages");
+    let text = |value: &Value| value.as_str().expect("a text").to_owned();
+    let root = text(&metadata["workspace_root"]);
+    let member = |package: &Value| {
+        let manifest = text(&package["manifest_path"]);
+        let folder = Path::new(&manifest).parent().expect("a manifest lies in a folder");
+        let folder = folder.strip_prefix(&root).expect("members lie below the root").display().to_string();
+        let needs = package["dependencies"].as_array().expect("dependencies").iter().map(|d| text(&d["name"]));
+        (text(&package["name"]), Member { folder, needs: needs.collect() })
+    };
+    packages.iter().map(member).collect()
+}
+
+#[test]
+fn dependencies_point_one_way() {
+    let members = members(&metadata());
+    for folder in ["", "cache", "nodes/contract", "nodes/data", "nodes/scene", "nodes/render", "nodes/eval"] {
+        assert!(members.values().any(|m| m.folder == folder), "no crate in `{folder}`: {members:#?}");
+    }
+    assert_eq!(violations(&members), [""; 0]);
+}
+
+#[test]
+fn planted_violations_are_found() {
+    let member = |folder: &str, needs: &[&str]| Member {
+        folder: folder.into(),
+        needs: needs.iter().map(|n| (*n).to_owned()).collect(),
+    };
+    let sound = BTreeMap::from([
+        ("tauflow".to_owned(), member("", &["tauflow-render", "tauflow-train", "clap"])),
+        ("tauflow-cache".to_owned(), member("cache", &["blake3"])),
+        ("tauflow-data".to_owned(), member("nodes/data", &["tauflow-cache"])),
+        ("tauflow-render".to_owned(), member("nodes/render", &["tauflow-data"])),
+        ("tauflow-train".to_owned(), member("nodes/train", &["tauflow-train-ops", "burn"])),
+        ("tauflow-train-ops".to_owned(), member("nodes/train/ops", &["burn-core"])),
+    ]);
+    assert_eq!(violations(&sound), [""; 0]);
+    for (name, need) in [
+        ("tauflow-cache", "tauflow-data"),
+        ("tauflow-data", "tauflow-render"),
+        ("tauflow-render", "tauflow-train"),
+        ("tauflow-train-ops", "tauflow-render"),
+        ("tauflow-render", "tauflow"),
+        ("tauflow-render", "burn-tensor"),
+        ("tauflow", "burn"),
+    ] {
+        let mut broken = sound.clone();
+        broken.get_mut(name).expect("it is in the list").needs.insert(need.to_owned());
+        let found = violations(&broken);
+        assert!(found.len() == 1 && found[0].contains(name) && found[0].contains(need), "{name} -> {need}: {found:?}");
+    }
+}
+
+#[test]
+fn cargo_test_at_the_root_skips_no_member() {
+    let metadata = metadata();
+    let list = |name: &str| -> BTreeSet<String> {
+        let ids = metadata[name].as_array().expect("a list of members");
+        ids.iter().map(|id| id.as_str().expect("a text").to_owned()).collect()
+    };
+    assert_eq!(list("workspace_default_members"), list("workspace_members"), "default-members must list every member");
+}
+
+#[test]
+fn one_file_names_the_kinds_crates() {
+    let members = members(&metadata());
+    let crates: Vec<String> =
+        members.iter().filter(|(_, m)| layer(&m.folder) == 3).map(|(name, _)| name.replace('-', "_")).collect();
+    let mut folders = vec![root().join("src")];
+    let mut naming = BTreeSet::new();
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).expect("src can be read").map(|e| e.expect("src can be read").path()) {
+            if entry.is_dir() {
+                folders.push(entry);
+            } else if entry.extension().is_some_and(|e| e == "rs") {
+                let text = fs::read_to_string(&entry).expect("a source file");
+                if crates.iter().any(|name| text.contains(name.as_str())) {
+                    naming.insert(entry.strip_prefix(root()).expect("below the root").display().to_string());
+                }
+            }
+        }
+    }
+    assert_eq!(naming, BTreeSet::from(["src/registry.rs".to_owned()]));
+}
