@@ -330,7 +330,7 @@ impl<'a> Run<'a> {
             scheduler.take_events().iter().for_each(self.sink);
             let failed = self.options.fail_fast && !scheduler.failures().is_empty();
             while scheduler.running() < jobs && !failed && !self.stop.load(Ordering::Relaxed) {
-                let Some(job) = scheduler.next_job(<[_]>::to_vec) else { break };
+                let Some(job) = scheduler.next_job() else { break };
                 // The workers live as long as this loop does.
                 if job_sender.send(job).is_err() {
                     return Ok(());

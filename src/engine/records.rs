@@ -21,7 +21,7 @@ pub const ROLLUP: &str = "rollup";
 pub const MEMO: &str = "memo";
 
 /// Blobs beyond this many are not listed in a roll-up; the records of its actions list them too.
-const MAX_REFS: usize = 200_000;
+pub const MAX_REFS: usize = 200_000;
 
 /// Seconds since 1970, for records; no key depends on it.
 pub fn now() -> u64 {

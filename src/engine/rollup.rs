@@ -5,16 +5,19 @@ use super::{
     lanes::Lane,
     records::{self, Payload, ROLLUP, Whole},
     scheduler::{Complete, Scheduler},
+    work::files_artifact,
 };
-use crate::pipeline::Pipeline;
+use crate::pipeline::{Node, Pipeline};
 use serde::Serialize;
 use serde_json::Value;
 use std::{
     collections::BTreeMap,
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::PathBuf,
     sync::Arc,
 };
 use tauflow_cache::{CacheError, Digest, Key, Record, Recorded, Store};
-use tauflow_contract::{FORMAT_VERSION, Mode, canonical_bytes};
+use tauflow_contract::{FORMAT_VERSION, ItemKey, Mode, canonical_bytes};
 
 /// What decides a lane's outputs. Item keys are part of the inputs' content digests.
 #[derive(Serialize)]
@@ -25,24 +28,48 @@ struct LaneKey<'a> {
     group: &'a str,
     params: &'a Value,
     seed: Option<u64>,
+    /// Of a source: its items, with the content digests of the files that they read.
+    listing: Option<Digest>,
     /// For each input port, what is put before the keys, and the content digest, of each of its feeds.
     inputs: BTreeMap<&'a str, Vec<(Option<&'a str>, Digest)>>,
 }
 
-/// The key of a lane, and its preimage; none if an input's content is not known, or the node reads files outside.
+/// The items of a source, with the content digests of the files that they read.
+type Listing = Vec<(ItemKey, Option<Digest>)>;
+
+/// Lists a source's items now; none if that fails, which the run will tell.
+fn list(node: &Node, params: &Value) -> Option<Listing> {
+    let mut items = catch_unwind(AssertUnwindSafe(|| node.kind.items(params))).ok()?.ok()?;
+    items.sort_by(|a, b| a.key.cmp(&b.key));
+    let digest = |files: &[(String, PathBuf)]| {
+        if files.is_empty() {
+            return Some(None);
+        }
+        let artifact = files_artifact(files, |bytes| Ok(Digest::of(bytes))).ok()?.ok()?;
+        Some(Some(artifact.digest()))
+    };
+    items.into_iter().map(|item| Some((item.key, digest(&item.files)?))).collect()
+}
+
+/// The key of a lane, and its preimage; none if its items, or an input's content, are not known.
 fn lane_key(
     pipeline: &Pipeline,
     lane: &Lane,
     content: impl Fn(usize, usize) -> Option<Digest>,
+    listing: impl Fn() -> Option<Listing>,
 ) -> Option<(Key, String)> {
     let node = &pipeline.nodes[lane.node];
     let cell = &pipeline.cells[lane.cell];
     if lane.only.is_some() {
         return None;
     }
-    if node.mode() == Mode::Source && node.kind.items(&cell.params).ok()?.iter().any(|item| !item.files.is_empty()) {
-        return None;
-    }
+    let listing = match node.mode() {
+        Mode::Source => {
+            let value = serde_json::to_value(listing()?).expect("keys and digests always serialise");
+            Some(Digest::of(&canonical_bytes(&value)))
+        }
+        Mode::Map | Mode::Gather => None,
+    };
     let mut inputs = BTreeMap::new();
     for (port, feeds) in node.spec.inputs.iter().zip(&lane.inputs) {
         let feeds = feeds
@@ -58,10 +85,11 @@ fn lane_key(
         group: lane.group,
         params: &cell.params,
         seed: node.spec.seeded.then_some(pipeline.seed),
+        listing,
         inputs,
     };
     let value = serde_json::to_value(&key).expect("a key holds only plain values");
-    let hash = Key(Digest::of(&canonical_bytes(&value)).hash);
+    let hash = Key::of(&canonical_bytes(&value));
     Some((hash, value.to_string()))
 }
 
@@ -93,7 +121,8 @@ pub fn find(
             let source = &pipeline.nodes[lanes[at].node].spec;
             payload.collections.get(source.outputs[port].name).map(|listed| listed.digest)
         };
-        let record = lane_key(pipeline, lane, outputs)
+        let node = &pipeline.nodes[lane.node];
+        let record = lane_key(pipeline, lane, outputs, || list(node, &pipeline.cells[lane.cell].params))
             .and_then(|(key, _)| store.lookup(ROLLUP, &key))
             .filter(|record| whole(&record.refs));
         known.totals.push(record.as_ref().map_or((0, 0), |r| (r.wall_us, r.bytes)));
@@ -145,7 +174,7 @@ pub fn keep(
         let name = pipeline.nodes[lanes[at].node].spec.outputs[port].name;
         scheduler.rolled(at)?.collections.get(name).map(|listed| listed.digest)
     };
-    let Some((key, preimage)) = lane_key(pipeline, lane, content) else { return Ok(()) };
+    let Some((key, preimage)) = lane_key(pipeline, lane, content, || Some(scheduler.listing(complete.lane))) else { return Ok(()) };
     let mut payload = Payload { actions: complete.actions, ..Payload::default() };
     let mut wholes = Vec::new();
     for port in &lane.ports {

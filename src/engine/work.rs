@@ -19,6 +19,28 @@ use tauflow_contract::{
 
 /// Media type of files outside that a source reads.
 const FILES: &str = "tauflow/files";
+/// The port on which a source's action finds them.
+pub const FILE_PORT: &str = "file";
+
+/// The artifact of files outside; `put` digests or stores the bytes of each.
+///
+/// # Errors
+/// In words if a file cannot be read; whatever `put` says.
+pub fn files_artifact(
+    files: &[(String, PathBuf)],
+    put: impl Fn(&[u8]) -> Result<Digest, CacheError>,
+) -> Result<Result<Artifact, String>, CacheError> {
+    let mut parts = Vec::new();
+    for (name, path) in files {
+        match fs::read(path) {
+            Ok(bytes) => parts.push((name.clone(), put(&bytes)?)),
+            Err(error) => {
+                return Ok(Err(format!("cannot read `{}`: {error}; mend it or take it away", path.display())));
+            }
+        }
+    }
+    Ok(Ok(Artifact::tree(FILES, parts)))
+}
 
 /// An action to be done.
 #[derive(Clone)]
@@ -141,18 +163,8 @@ impl Bench<'_> {
         if job.files.is_empty() {
             return Ok(Ok(None));
         }
-        let mut parts = Vec::new();
-        for (name, path) in &job.files {
-            let bytes = match fs::read(path) {
-                Ok(bytes) => bytes,
-                Err(error) => {
-                    return Ok(Err(format!("cannot read `{}`: {error}; mend it or take it away", path.display())));
-                }
-            };
-            let digest = if self.dry { Digest::of(&bytes) } else { self.store.put(&bytes)? };
-            parts.push((name.clone(), digest));
-        }
-        Ok(Ok(Some(Artifact::tree(FILES, parts))))
+        let put = |bytes: &[u8]| if self.dry { Ok(Digest::of(bytes)) } else { self.store.put(bytes) };
+        Ok(files_artifact(&job.files, put)?.map(Some))
     }
 
     fn look_up(&self, hash: &tauflow_cache::Key) -> Result<Option<Made>, CacheError> {
@@ -164,7 +176,9 @@ impl Bench<'_> {
 
     /// Whether none of the blobs that a reader missed is still missing here.
     pub fn whole(&self, refs: &[Digest]) -> bool {
-        self.wanted.is_empty() || refs.iter().all(|d| !self.wanted.contains(d) || self.store.contains(d))
+        // A list that was cut short does not say what else it would name.
+        let listed = refs.len() < records::MAX_REFS;
+        self.wanted.is_empty() || (listed && refs.iter().all(|d| !self.wanted.contains(d) || self.store.contains(d)))
     }
 
     fn sampled(&self, hash: &tauflow_cache::Key) -> bool {
@@ -182,7 +196,7 @@ impl Bench<'_> {
     ) -> Result<Result<(Payload, BTreeMap<String, Arc<Whole>>), Outcome>, CacheError> {
         let mut each: BTreeMap<&str, &Artifact> = job.each.iter().map(|(port, a)| (*port, a.as_ref())).collect();
         if let Some(file) = file {
-            each.insert("file", file);
+            each.insert(FILE_PORT, file);
         }
         let whole: BTreeMap<&str, &Collection> = job.whole.iter().map(|(port, w)| (*port, &w.collection)).collect();
         let action = Action {
@@ -292,7 +306,7 @@ fn action_key(job: &Job, file: Option<&Artifact>) -> ActionKey {
         job.each.iter().map(|(port, artifact)| ((*port).to_owned(), artifact.digest())).collect();
     inputs.extend(job.whole.iter().map(|(port, whole)| ((*port).to_owned(), whole.digest)));
     if let Some(file) = file {
-        inputs.insert("file".into(), file.digest());
+        inputs.insert(FILE_PORT.into(), file.digest());
     }
     let item = job.item.as_ref().map_or("", |i| i.as_str());
     ActionKey {
@@ -313,6 +327,12 @@ fn check_outputs(job: &Job, outputs: &Outputs) -> Result<(), String> {
     for port in outputs.items.keys().chain(outputs.collections.keys()) {
         if ports.iter().all(|p| p.name != port) {
             return Err(format!("`{name}` filled `{port}`, which is no port of its group `{}`", job.group));
+        }
+    }
+    let artifacts = outputs.items.values().chain(outputs.collections.values().flat_map(|c| c.items.values()));
+    for part in artifacts.flat_map(|a| a.parts.keys()) {
+        if !part.is_empty() && ItemKey::new(part.as_str()).is_err() {
+            return Err(format!("`{name}` named a part `{part}`, which cannot be a file name"));
         }
     }
     for port in ports {

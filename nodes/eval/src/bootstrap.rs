@@ -36,7 +36,8 @@ impl Table {
         self.data.len().checked_div(self.columns).unwrap_or(0)
     }
 
-    fn row(&self, scene: usize) -> &[f64] {
+    /// The row of a scene.
+    pub fn row(&self, scene: usize) -> &[f64] {
         &self.data[scene * self.columns..(scene + 1) * self.columns]
     }
 

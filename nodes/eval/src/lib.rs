@@ -3,12 +3,17 @@
 //! Compares images with references and sums the scores up; knows nothing of how images are made or shown.
 
 pub mod bootstrap;
+mod bridge;
+pub mod bridge_maps;
+mod bridge_tables;
 pub mod curve;
 mod evaluation;
 mod image_metrics;
 pub mod metrics;
 mod ssim;
 
+pub use bridge::{BridgeClock, BridgeValidation, BridgeValidationParams};
+pub use bridge_tables::fraction;
 pub use evaluation::{EvaluationKind, EvaluationParams, PSNR_CEILING, bounded, evaluate};
 pub use image_metrics::{HOLD, ImageMetrics, ImageMetricsParams};
 
@@ -16,5 +21,9 @@ use tauflow_contract::{KindRow, NodeKind};
 
 /// The kinds of this crate.
 pub fn kinds() -> Vec<Box<dyn NodeKind>> {
-    vec![Box::new(KindRow::<ImageMetrics>::new()), Box::new(KindRow::<EvaluationKind>::new())]
+    vec![
+        Box::new(KindRow::<ImageMetrics>::new()),
+        Box::new(KindRow::<EvaluationKind>::new()),
+        Box::new(KindRow::<BridgeValidation>::new()),
+    ]
 }

@@ -5,11 +5,12 @@ use serde::Deserialize;
 use tauflow_contract::Digest;
 use tauflow_data::{
     Image,
-    scene::{Affine, Bsdf, Emitter},
+    scene::{self, Affine, Bsdf, Emitter},
 };
 use tauflow_render::{
     bsdf::{Material, Surface},
     environment::Environment,
+    texture::Texture,
 };
 
 const AT: Surface = Surface { uv: Vec2::ZERO, color: Vec4::ONE };
@@ -20,6 +21,8 @@ struct Values {
     smooth: Vec<Compared<Pair>>,
     delta: Vec<Compared<Draw>>,
     environment: Map,
+    image: Texels,
+    textures: Vec<Read>,
 }
 
 #[derive(Deserialize)]
@@ -60,6 +63,25 @@ struct Look {
     value: [f32; 3],
 }
 
+#[derive(Deserialize)]
+struct Texels {
+    columns: usize,
+    rows: usize,
+    texels: Vec<f32>,
+}
+
+#[derive(Deserialize)]
+struct Read {
+    texture: scene::Texture,
+    cases: Vec<At>,
+}
+
+#[derive(Deserialize)]
+struct At {
+    uv: [f32; 2],
+    value: [f32; 3],
+}
+
 fn values() -> Values {
     let values: Values = serde_json::from_str(include_str!("mitsuba/values.json")).expect("a sound file");
     assert_eq!(values.mitsuba, "3.9.1");
@@ -86,16 +108,15 @@ fn smooth_lobes_have_mitsubas_values() {
     for of in values().smooth {
         let material = material(&of.bsdf);
         let bsdf = material.at(&AT);
-        let mut worst = 0.0f32;
+        // Mitsuba integrates the coat's transmittance numerically, and so do we, over other points.
+        let limit = if of.name.ends_with("plastic") { 5e-4 } else { 2e-5 };
         for case in &of.cases {
             let found = bsdf.eval(unit(case.wo), unit(case.wi));
             let off = off(found, case.value);
-            worst = worst.max(off);
-            if off > 1e-3 {
+            if off > limit {
                 failures.push(format!("{}: {:?} {:?}: {found} {:?}", of.name, case.wo, case.wi, case.value));
             }
         }
-        println!("{}: {worst:e}", of.name);
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
@@ -127,5 +148,18 @@ fn environment_maps_have_mitsubas_values() {
     for case in &map.cases {
         let found = environment.eval(unit(case.direction));
         assert!(off(found, case.value) < 1e-4, "{:?}: {found} {:?}", case.direction, case.value);
+    }
+}
+
+#[test]
+fn textures_have_mitsubas_values() {
+    let Values { image, textures, .. } = values();
+    let image = Image::from_data(image.columns, image.rows, 3, image.texels).expect("fits");
+    for read in textures {
+        let texture = Texture::compile(&read.texture, &mut |_| Ok(image.clone())).expect("a sound texture");
+        for at in &read.cases {
+            let found = texture.eval(&Surface { uv: Vec2::from_array(at.uv), ..AT });
+            assert!(off(found, at.value) < 1e-4, "{:?} {:?}: {found} {:?}", read.texture, at.uv, at.value);
+        }
     }
 }

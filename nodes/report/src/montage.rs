@@ -180,7 +180,7 @@ impl Montage {
         let width = left + self.columns.len() * (cell_w + GAP);
         let mut sheet = Image::new(width, LINE + GAP + self.rows.len() * (cell_h + LINE + GAP), 3).map(|_| 1.0);
         for (c, (_, head)) in self.columns.iter().enumerate() {
-            centred(&mut sheet, left + c * (cell_w + GAP), cell_w, GAP, head);
+            centred(&mut sheet, left + c * (cell_w + GAP), cell_w, GAP, &head.replace("Reference", "Ref."));
         }
         for (r, row) in self.rows.iter().enumerate() {
             let y = LINE + GAP + r * (cell_h + LINE + GAP);

@@ -284,3 +284,35 @@ fn an_nfe_that_was_not_evaluated_is_refused() {
     let html = text(&run(&blobs, params, &inputs).expect("a report"), "report.html");
     assert!(html.contains("Gain by stratum at NFE 9"));
 }
+
+#[test]
+fn spaces_seeds_and_infinite_scores_have_their_place() {
+    let (blobs, mut inputs, mut evaluation) = whole();
+    evaluation.nfe.truncate(1);
+    for (i, table) in evaluation.methods.iter_mut().enumerate() {
+        table.at.truncate(1);
+        if i % 2 == 1 {
+            table.space = "log1p".into();
+            table.cell.insert("space".into(), "log1p".into());
+        }
+        table.cell.insert("seed".into(), "2".into());
+    }
+    // An image that equals its reference; JSON holds no infinity, so it is in the scenes alone.
+    for row in evaluation.per_scene.iter_mut().filter(|r| r.score.method == "hold").take(1) {
+        row.score.metrics.hdr_psnr = f64::INFINITY;
+    }
+    let cancel = std::sync::atomic::AtomicBool::new(false);
+    let ctx = Context::new(&blobs, &Silent, &cancel);
+    let item = common::json_item(&ctx, "evaluation", &evaluation);
+    inputs.insert("evaluation", [item].into_iter().collect());
+    let files = run(&blobs, ReportParams::default(), &inputs).expect("a report");
+    let html = text(&files, "report.html");
+    check_nesting(&html);
+    for told in ["<th class=\"left\">Space</th>", "<td class=\"left\">seed 2</td>", "RGB, log1p space, seed 2", "∞"] {
+        assert!(html.contains(told), "{told}");
+    }
+    let tex = text(&files, "table.tex");
+    assert!(tex.contains(r"\begin{tabular}{lllrrr}") && tex.contains("log1p & "), "{tex}");
+    assert!(text(&files, "per_scene.csv").lines().any(|l| l.contains(",hold,,,1,256,0,inf,")));
+    assert!(text(&files, "results.csv").contains("log1p,local_velocity,rgb,seed 2,1,256,1,hdr_psnr,"));
+}

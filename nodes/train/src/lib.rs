@@ -1,1 +1,31 @@
 //! Dataset packing, training and refinement of transport solvers.
+
+mod bridge_refinement;
+mod dataset_packing;
+mod model;
+mod network;
+mod parameterization;
+mod refinement;
+mod rollout;
+mod training;
+
+pub use bridge_refinement::{BridgeRefinement, BridgeRefinementParams};
+pub use dataset_packing::{DatasetPacking, DatasetPackingParams};
+pub use model::{Model, ModelInfo};
+pub use network::Preset;
+pub use parameterization::{Conditioning, Parameterization, Space, signed_log1p};
+pub use refinement::{Refinement, RefinementParams};
+pub use rollout::{Course, Denoiser, bridge_stop, local_steps, rollout};
+//pub use training::{Training, TrainingParams};
+
+use tauflow_contract::{KindRow, NodeKind};
+
+/// The kinds of this crate.
+pub fn kinds() -> Vec<Box<dyn NodeKind>> {
+    vec![
+        Box::new(KindRow::<DatasetPacking>::new()),
+        //Box::new(KindRow::<Training>::new()),
+        Box::new(KindRow::<Refinement>::new()),
+        Box::new(KindRow::<BridgeRefinement>::new()),
+    ]
+}

@@ -23,10 +23,12 @@ impl Coat {
             return Self { eta, alpha, inner: fresnel::diffuse_reflectance(1.0 / eta), enters: Vec::new() };
         }
         let cosine = |i: usize| (i as f32 / (STEPS - 1) as f32).max(1e-4);
-        let enters = (0..STEPS).map(|i| ggx::transmittance(alpha, eta, cosine(i))).collect();
+        let disk = ggx::half_disk();
+        let enters = (0..STEPS).map(|i| ggx::transmittance(alpha, eta, cosine(i), &disk)).collect();
         // Over the same cosines as the table, both ends counted whole, as Mitsuba has it.
-        let sum: f64 =
-            (0..STEPS).map(|i| f64::from(ggx::reflectance(alpha, 1.0 / eta, cosine(i))) * f64::from(cosine(i))).sum();
+        let sum: f64 = (0..STEPS)
+            .map(|i| f64::from(ggx::reflectance(alpha, 1.0 / eta, cosine(i), &disk)) * f64::from(cosine(i)))
+            .sum();
         Self { eta, alpha, inner: (2.0 * sum / STEPS as f64) as f32, enters }
     }
 

@@ -52,50 +52,60 @@ impl Ggx {
     /// A normal seen from `v`, which lies above the surface.
     #[inline]
     pub(crate) fn sample(self, v: Vec3, u: Vec2) -> Vec3 {
+        let (sin, cos) = cosines(u.y);
+        self.facet(v, Vec2::new(cos, sin) * u.x.sqrt())
+    }
+
+    /// The normal seen from `v` at a point of the unit disk.
+    #[inline]
+    fn facet(self, v: Vec3, disk: Vec2) -> Vec3 {
         let stretched = Vec3::new(self.alpha * v.x, self.alpha * v.y, v.z).normalize();
         let length = stretched.x * stretched.x + stretched.y * stretched.y;
         let t1 = if length > 0.0 { Vec3::new(-stretched.y, stretched.x, 0.0) / length.sqrt() } else { Vec3::X };
         let t2 = stretched.cross(t1);
-        let r = u.x.sqrt();
-        let (sin, cos) = cosines(u.y);
-        let p1 = r * cos;
+        let p1 = disk.x;
         let s = 0.5 * (1.0 + stretched.z);
-        let p2 = (1.0 - s) * (1.0 - p1 * p1).max(0.0).sqrt() + s * r * sin;
+        let p2 = (1.0 - s) * (1.0 - p1 * p1).max(0.0).sqrt() + s * disk.y;
         let n = t1 * p1 + t2 * p2 + stretched * (1.0 - p1 * p1 - p2 * p2).max(0.0).sqrt();
         Vec3::new(self.alpha * n.x, self.alpha * n.y, n.z.max(1e-7)).normalize()
     }
 }
 
-/// Mean over visible normals of what a rough interface lets through from `cos` to the other side, one bounce.
-pub(crate) fn transmittance(alpha: f32, eta: f32, cos: f32) -> f32 {
-    mean(alpha, cos, |v, m| {
-        let cos_m = v.dot(m);
-        let f = super::fresnel::dielectric(cos_m, eta);
+/// Points spread evenly over half of the unit disk: all that a mean over the normals seen needs, the other half being
+/// its mirror image. Total reflection is a jump along the radius, hence the many steps there.
+pub(crate) fn half_disk() -> Vec<Vec2> {
+    const RADII: u32 = 128;
+    const ANGLES: u32 = 16;
+    (0..RADII)
+        .flat_map(|i| (0..ANGLES).map(move |j| (i, j)))
+        .map(|(i, j)| {
+            let (sin, cos) = cosines((j as f32 + 0.5) / (2 * ANGLES) as f32 - 0.25);
+            Vec2::new(cos, sin) * ((i as f32 + 0.5) / RADII as f32).sqrt()
+        })
+        .collect()
+}
+
+/// What a rough interface lets through from `cos` to the other side in one bounce, over the normals at `disk`.
+pub(crate) fn transmittance(alpha: f32, eta: f32, cos: f32, disk: &[Vec2]) -> f32 {
+    mean(alpha, cos, disk, |v, m| {
+        let f = super::fresnel::dielectric(v.dot(m), eta);
         let l = super::local::refract(v, m, f.cos_t, f.eta_ti);
         if l.z < 0.0 { (1.0 - f.r) * Ggx { alpha }.g1(-l, m) } else { 0.0 }
     })
 }
 
-/// Mean over visible normals of what a rough interface reflects, one bounce.
-pub(crate) fn reflectance(alpha: f32, eta: f32, cos: f32) -> f32 {
-    mean(alpha, cos, |v, m| {
+/// What a rough interface reflects in one bounce, over the normals at `disk`.
+pub(crate) fn reflectance(alpha: f32, eta: f32, cos: f32, disk: &[Vec2]) -> f32 {
+    mean(alpha, cos, disk, |v, m| {
         let l = super::local::reflect(v, m);
         if l.z > 0.0 { super::fresnel::dielectric(v.dot(m), eta).r * Ggx { alpha }.g1(l, m) } else { 0.0 }
     })
 }
 
-fn mean(alpha: f32, cos: f32, value: impl Fn(Vec3, Vec3) -> f32) -> f32 {
-    const SIDE: u32 = 24;
-    let cos = cos.max(1e-4);
+fn mean(alpha: f32, cos: f32, disk: &[Vec2], value: impl Fn(Vec3, Vec3) -> f32) -> f32 {
     let v = Vec3::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos);
-    let mut sum = 0.0;
-    for i in 0..SIDE {
-        for j in 0..SIDE {
-            let u = Vec2::new((i as f32 + 0.5) / SIDE as f32, (j as f32 + 0.5) / SIDE as f32);
-            sum += f64::from(value(v, Ggx { alpha }.sample(v, u)));
-        }
-    }
-    (sum / f64::from(SIDE * SIDE)) as f32
+    let sum: f64 = disk.iter().map(|p| f64::from(value(v, Ggx { alpha }.facet(v, *p)))).sum();
+    (sum / disk.len() as f64) as f32
 }
 
 /// GTR1, the long-tailed distribution of a clear coat. Source: Burley 2012.

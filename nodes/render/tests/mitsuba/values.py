@@ -161,6 +161,45 @@ matrix = [figures([turn.matrix[r, c] for c in range(4)]) for r in range(3)]
 map_of = {"width": width, "height": height, "pixels": pixels, "scale": scale, "to_world": matrix}
 result["environment"] = map_of | {"cases": cases}
 
+columns, rows = 3, 2
+texels = [round(draw.uniform(0, 1), 3) for _ in range(columns * rows * 3)]
+uv = [[0.8, 0.3, 0.1], [-0.2, 1.1, 0.4]]
+affine = [uv[0], uv[1], [0, 0, 1]]
+checks = {"type": "checkerboard", "color0": [0.1, 0.2, 0.3], "color1": [0.9, 0.8, 0.7], "scale": [3.0, 5.0]}
+TEXTURES = [
+    (
+        {"type": "bitmap", "image": "0" * 64, "uv": uv, "scale": [1.0] * 3, "clamp": clamp},
+        {
+            "type": "bitmap",
+            "data": mi.TensorXf(texels, (rows, columns, 3)),
+            "raw": True,
+            "wrap_mode": "clamp" if clamp else "repeat",
+            "to_uv": mi.ScalarTransform3f(affine),
+        },
+    )
+    for clamp in [False, True]
+] + [
+    (
+        checks,
+        {
+            "type": "checkerboard",
+            "color0": rgb(checks["color0"]),
+            "color1": rgb(checks["color1"]),
+            # Its squares are half a unit wide.
+            "to_uv": mi.ScalarTransform3f().scale([0.5 * s for s in checks["scale"]]),
+        },
+    )
+]
+result["textures"] = []
+for ours, plugin in TEXTURES:
+    texture, cases = mi.load_dict(plugin), []
+    for _ in range(16):
+        si = interaction([0, 0, 1])
+        at = [round(draw.uniform(-1, 2), 4) for _ in range(2)]
+        si.uv = mi.Point2f(at)
+        cases.append({"uv": at, "value": figures(texture.eval(si))})
+    result["textures"].append({"texture": ours, "cases": cases})
+
 
 def block(entry):
     """One line for what is compared, then one for each case."""
@@ -170,6 +209,7 @@ def block(entry):
 
 
 print('{"mitsuba": ' + json.dumps(mi.__version__) + ",")
-for group in ["smooth", "delta"]:
+print(f'"image": {json.dumps({"columns": columns, "rows": rows, "texels": texels})},')
+for group in ["smooth", "delta", "textures"]:
     print(f'"{group}": [\n' + ",\n".join(block(entry) for entry in result[group]) + "\n],")
 print('"environment": ' + block(result["environment"]) + "}")

@@ -192,8 +192,9 @@ fn maps(maps: &[(String, Vec<u8>)], scenes: usize) -> String {
     }
     let more = folders.len().saturating_sub(scenes);
     let mut out = String::from("<h3>Update directions and absolute differences</h3>");
-    for (folder, files) in folders.into_iter().take(scenes) {
-        let _ = write!(out, "<p class=\"note\">{}</p><div class=\"maps\">", escape(folder));
+    for (i, (folder, files)) in folders.into_iter().take(scenes).enumerate() {
+        let open = if i == 0 { " open" } else { "" };
+        let _ = write!(out, "<details{open}><summary>{}</summary><div class=\"maps\">", escape(folder));
         for (file, png) in files {
             let name = file.replace(['/', '_'], " ");
             let _ = write!(
@@ -203,7 +204,7 @@ fn maps(maps: &[(String, Vec<u8>)], scenes: usize) -> String {
                 png_uri(png)
             );
         }
-        out.push_str("</div>");
+        out.push_str("</div></details>");
     }
     if more > 0 {
         let _ = write!(

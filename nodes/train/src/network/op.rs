@@ -14,6 +14,7 @@ use burn::{
             ops::{Backward, Ops, OpsKind},
         },
         flex::FlexTensor,
+        tensor::FloatTensor,
     },
     tensor::{Tensor, TensorData},
 };
@@ -39,7 +40,7 @@ pub(crate) trait Operator<const N: usize>: Clone + Send + Debug + 'static {
 
 /// A tensor's primitive, with or without its place in a graph.
 pub(crate) enum Input {
-    Tracked(burn::backend::autodiff::AutodiffTensor<Flex>),
+    Tracked(FloatTensor<Autodiff<Flex>>),
     Plain(FlexTensor),
 }
 

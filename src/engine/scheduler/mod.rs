@@ -6,92 +6,26 @@
 //!
 //! In a dry run a slot that would run ends as such, and what reads it is blocked: its inputs are not known.
 
+mod flow;
+mod state;
+
+pub use state::{Complete, Finished};
+
 use super::{
     event::{Ended, Event, Failure, NodeStat},
     lanes::Lane,
-    records::{Made, Payload, Whole},
-    work::{Job, Outcome, Reply},
+    records::{Payload, Whole},
+    work::{FILE_PORT, Job, Outcome, Reply},
 };
 use crate::pipeline::Pipeline;
+use state::{Given, Input, LaneState, Op, Slot, Status};
 use std::{
     cmp::Reverse,
     collections::{BTreeMap, BinaryHeap, HashMap, HashSet, VecDeque},
-    panic::{AssertUnwindSafe, catch_unwind},
-    path::PathBuf,
     sync::Arc,
 };
 use tauflow_cache::Digest;
-use tauflow_contract::{ActionKey, Artifact, Collection, ItemKey, Mode};
-
-/// What a slot is doing.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Status {
-    Waiting,
-    Ready,
-    Running,
-    /// Blobs of its inputs are missing; the next pass makes them.
-    Stalled,
-    Ended(Ended),
-}
-
-struct Slot {
-    key: Option<ItemKey>,
-    files: Vec<(String, PathBuf)>,
-    status: Status,
-    made: Made,
-}
-
-/// An item on its way into an input.
-#[derive(Clone)]
-enum Given {
-    Item(Arc<Artifact>),
-    /// It failed, or is not known.
-    Broken,
-}
-
-#[derive(Default)]
-struct Input {
-    open: usize,
-    broken: bool,
-    given: HashMap<ItemKey, Given>,
-    whole: Option<Arc<Whole>>,
-    error: Option<String>,
-}
-
-struct LaneState {
-    slots: Vec<Slot>,
-    index: HashMap<ItemKey, usize>,
-    inputs: Vec<Input>,
-    /// No more slots will come.
-    known: bool,
-    open: usize,
-    done: bool,
-    /// The items are not all known, because what names them failed.
-    unknown: bool,
-    /// Some slot did not come to outputs.
-    failed: bool,
-    results: BTreeMap<usize, Arc<Whole>>,
-    rolled: Option<Payload>,
-}
-
-enum Op {
-    Give { lane: usize, input: usize, key: ItemKey, given: Given },
-    FeedDone { lane: usize, input: usize, broken: bool },
-    Try { lane: usize, slot: usize },
-    Check { lane: usize },
-}
-
-/// A lane that ended with all its outputs.
-pub struct Complete {
-    /// The lane.
-    pub lane: usize,
-    /// Its number of actions.
-    pub actions: u64,
-    /// Wall time of its actions.
-    pub wall_us: u64,
-    /// Bytes of its outputs.
-    pub bytes: u64,
-}
+use tauflow_contract::{ActionKey, ItemKey, Mode};
 
 /// See the module.
 pub struct Scheduler<'a> {
@@ -205,7 +139,7 @@ impl<'a> Scheduler<'a> {
     }
 
     /// The next action to do, latest stage first.
-    pub fn next_job(&mut self, files_of: impl Fn(&[(String, PathBuf)]) -> Vec<(String, PathBuf)>) -> Option<Job> {
+    pub fn next_job(&mut self) -> Option<Job> {
         let (_, Reverse(lane), Reverse(slot)) = self.ready.pop()?;
         let of = &self.lanes[lane];
         let node = &self.pipeline.nodes[of.node];
@@ -231,7 +165,7 @@ impl<'a> Scheduler<'a> {
             seed: self.pipeline.seed,
             each,
             whole,
-            files: files_of(&state.slots[slot].files),
+            files: state.slots[slot].files.clone(),
         };
         self.running += 1;
         self.set(lane, slot, Status::Running);
@@ -246,6 +180,7 @@ impl<'a> Scheduler<'a> {
             self.events.push(Event::Warning { message });
         }
         let id = (lane, self.states[lane].slots[slot].key.clone());
+        self.states[lane].slots[slot].file = reply.key.as_ref().and_then(|k| k.inputs.get(FILE_PORT).copied());
         let ended = match reply.outcome {
             Outcome::Hit(made) => {
                 self.states[lane].slots[slot].made = made;
@@ -338,221 +273,6 @@ impl<'a> Scheduler<'a> {
         }
     }
 
-    fn fill_source(&mut self, lane: usize) {
-        let of = &self.lanes[lane];
-        let node = &self.pipeline.nodes[of.node];
-        let params = &self.pipeline.cells[of.cell].params;
-        let listed = catch_unwind(AssertUnwindSafe(|| node.kind.items(params)));
-        self.states[lane].known = true;
-        let items = match listed {
-            Ok(Ok(mut items)) => {
-                items.sort_by(|a, b| a.key.cmp(&b.key));
-                items
-            }
-            Ok(Err(error)) => return self.fail_lane(lane, error.to_string()),
-            Err(_) => return self.fail_lane(lane, "internal error: listing the items panicked; please report it".into()),
-        };
-        if let Some(pair) = items.windows(2).find(|w| w[0].key == w[1].key) {
-            return self.fail_lane(lane, format!("two items have the key `{}`; please report it", pair[0].key));
-        }
-        for item in items {
-            if let Some(slot) = self.add_slot(lane, Some(item.key), item.files) {
-                self.ops.push_back(Op::Try { lane, slot });
-            }
-        }
-        self.ops.push_back(Op::Check { lane });
-    }
-
-    fn add_slot(&mut self, lane: usize, key: Option<ItemKey>, files: Vec<(String, PathBuf)>) -> Option<usize> {
-        if let (Some(only), Some(key)) = (&self.lanes[lane].only, &key)
-            && !only.contains(key)
-        {
-            return None;
-        }
-        let state = &mut self.states[lane];
-        let slot = state.slots.len();
-        if let Some(key) = &key {
-            state.index.insert(key.clone(), slot);
-        }
-        let gather = key.is_none();
-        state.slots.push(Slot { key, files, status: Status::Waiting, made: Made::default() });
-        state.open += 1;
-        let (node, ..) = self.names(lane);
-        self.events.push(Event::Expect { node, actions: 1 });
-        if gather {
-            self.ops.push_back(Op::Try { lane, slot });
-        }
-        Some(slot)
-    }
-
-    fn give(&mut self, lane: usize, input: usize, key: ItemKey, given: Given) {
-        if self.states[lane].inputs[input].given.insert(key.clone(), given).is_some() {
-            let port = self.pipeline.nodes[self.lanes[lane].node].spec.inputs[input].name;
-            return self.fail_lane(lane, format!("two of the nodes on input `{port}` give an item `{key}`"));
-        }
-        let slot = if self.lanes[lane].driving == Some(input) {
-            self.add_slot(lane, Some(key), Vec::new())
-        } else {
-            self.states[lane].index.get(key.as_str()).copied()
-        };
-        if let Some(slot) = slot {
-            self.ops.push_back(Op::Try { lane, slot });
-        }
-    }
-
-    fn feed_done(&mut self, lane: usize, input: usize, broken: bool) {
-        let pipeline = self.pipeline;
-        let state = &mut self.states[lane];
-        if state.done {
-            return; // rolled lanes read nothing
-        }
-        state.inputs[input].open -= 1;
-        state.inputs[input].broken |= broken;
-        if state.inputs[input].open > 0 {
-            return;
-        }
-        if self.lanes[lane].is_whole(pipeline, input) && !state.inputs[input].broken {
-            match self.gathered(lane, input) {
-                Ok(whole) => self.states[lane].inputs[input].whole = Some(whole),
-                Err(message) => self.states[lane].inputs[input].error = Some(message),
-            }
-        }
-        let state = &mut self.states[lane];
-        if self.lanes[lane].driving == Some(input) {
-            state.known = true;
-            state.unknown |= state.inputs[input].broken;
-        }
-        let waiting = state.slots.iter().enumerate().filter(|(_, s)| s.status == Status::Waiting);
-        self.ops.extend(waiting.map(|(slot, _)| Op::Try { lane, slot }));
-        self.ops.push_back(Op::Check { lane });
-    }
-
-    /// The collection on a closed input: its feeds' collections, merged.
-    fn gathered(&self, lane: usize, input: usize) -> Result<Arc<Whole>, String> {
-        let feeds = &self.lanes[lane].inputs[input];
-        let result = |feed: &super::lanes::LaneFeed| self.states[feed.lane].results.get(&feed.port).cloned();
-        if let [feed] = &feeds[..]
-            && feed.prefix.is_none()
-            && let Some(whole) = result(feed)
-        {
-            return Ok(whole);
-        }
-        let mut merged = Collection::default();
-        for feed in feeds {
-            let Some(whole) = result(feed) else { return Err("internal error: a collection is missing".into()) };
-            for (key, artifact) in whole.collection.iter() {
-                let key = match &feed.prefix {
-                    Some(prefix) => key.in_cell(prefix).map_err(|e| e.to_string())?,
-                    None => key.clone(),
-                };
-                if merged.items.insert(key.clone(), artifact.clone()).is_some() {
-                    let port = self.pipeline.nodes[self.lanes[lane].node].spec.inputs[input].name;
-                    return Err(format!("two of the nodes on input `{port}` give an item `{key}`"));
-                }
-            }
-        }
-        Ok(Arc::new(Whole::new(merged)))
-    }
-
-    fn try_ready(&mut self, lane: usize, slot: usize) {
-        let state = &self.states[lane];
-        if state.slots[slot].status != Status::Waiting {
-            return;
-        }
-        let spec = &self.pipeline.nodes[self.lanes[lane].node].spec;
-        let (mut wait, mut blocked, mut error) = (false, false, None);
-        for (number, input) in state.inputs.iter().enumerate() {
-            if self.lanes[lane].inputs[number].is_empty() {
-                continue;
-            }
-            error = error.or_else(|| input.error.clone());
-            if self.lanes[lane].is_whole(self.pipeline, number) {
-                wait |= input.open > 0;
-                blocked |= input.broken;
-                continue;
-            }
-            let Some(key) = &state.slots[slot].key else { continue }; // gathers have whole inputs only
-            match input.given.get(key) {
-                Some(Given::Item(_)) => {}
-                Some(Given::Broken) => blocked = true,
-                None if input.open > 0 => wait = true,
-                None if input.broken => blocked = true,
-                None if spec.inputs[number].optional => {}
-                None => {
-                    let message = format!(
-                        "the input `{}` has no item `{key}`; connect a node that has every item of input `{}`",
-                        spec.inputs[number].name,
-                        self.lanes[lane].driving.map_or("", |d| spec.inputs[d].name)
-                    );
-                    error = error.or(Some(message));
-                }
-            }
-        }
-        if blocked {
-            self.set(lane, slot, Status::Ended(Ended::Blocked));
-        } else if let Some(message) = error {
-            let key = state.slots[slot].key.clone();
-            self.fail(lane, key.as_ref(), message);
-            self.set(lane, slot, Status::Ended(Ended::Failed));
-        } else if !wait {
-            self.set(lane, slot, Status::Ready);
-        }
-    }
-
-    /// Gives an ended slot's outputs to those who read item by item.
-    fn hand_on(&mut self, lane: usize, slot: usize) {
-        let lanes = self.lanes;
-        let state = &self.states[lane];
-        let slot = &state.slots[slot];
-        let good = matches!(slot.status, Status::Ended(Ended::Hit | Ended::Ran));
-        let outputs = &self.pipeline.nodes[lanes[lane].node].spec.outputs;
-        for reader in &lanes[lane].readers {
-            if self.states[reader.lane].done || lanes[reader.lane].is_whole(self.pipeline, reader.input) {
-                continue;
-            }
-            let feed = &lanes[reader.lane].inputs[reader.input][reader.feed];
-            let port = outputs[feed.port].name;
-            let mut items: Vec<(ItemKey, Given)> = Vec::new();
-            match &slot.key {
-                Some(key) if !good => items.push((key.clone(), Given::Broken)),
-                Some(key) => items.extend(slot.made.items.get(port).map(|a| (key.clone(), Given::Item(a.clone())))),
-                None => {
-                    if let Some(whole) = slot.made.collections.get(port) {
-                        items = given(&whole.collection);
-                    }
-                }
-            }
-            give_all(&mut self.ops, reader.lane, reader.input, feed.prefix.as_deref(), items);
-        }
-    }
-
-    /// Tells the readers that a lane is done; those of a rolled lane get its items now.
-    fn hand_on_whole(&mut self, lane: usize) {
-        let lanes = self.lanes;
-        let (rolled, unknown, failed) = {
-            let state = &self.states[lane];
-            (state.rolled.is_some(), state.unknown, state.failed)
-        };
-        let gather = self.pipeline.nodes[lanes[lane].node].mode() == Mode::Gather;
-        for reader in &lanes[lane].readers {
-            if self.states[reader.lane].rolled.is_some() {
-                continue;
-            }
-            let feed = &lanes[reader.lane].inputs[reader.input][reader.feed];
-            let whole = lanes[reader.lane].is_whole(self.pipeline, reader.input);
-            if rolled
-                && !whole
-                && let Some(result) = self.states[lane].results.get(&feed.port)
-            {
-                let items = given(&result.collection);
-                give_all(&mut self.ops, reader.lane, reader.input, feed.prefix.as_deref(), items);
-            }
-            // Items that failed were told one by one to those who read item by item.
-            let broken = unknown || (failed && (whole || gather));
-            self.ops.push_back(Op::FeedDone { lane: reader.lane, input: reader.input, broken });
-        }
-    }
-
     fn check_done(&mut self, lane: usize) {
         let state = &mut self.states[lane];
         if state.done || !state.known || state.open > 0 {
@@ -637,6 +357,11 @@ impl<'a> Scheduler<'a> {
         self.states[lane].results.get(&port)
     }
 
+    /// The items of a source's lane, with the content digests of the files that they read.
+    pub fn listing(&self, lane: usize) -> Vec<(ItemKey, Option<Digest>)> {
+        self.states[lane].slots.iter().filter_map(|s| Some((s.key.clone()?, s.file))).collect()
+    }
+
     /// The node of a lane.
     pub fn node_of(&self, lane: usize) -> usize {
         self.lanes[lane].node
@@ -656,31 +381,5 @@ impl<'a> Scheduler<'a> {
             ran: self.ran,
             keys: self.keys,
         }
-    }
-}
-
-/// What a pass leaves.
-pub struct Finished {
-    /// Numbers by node.
-    pub stats: Vec<NodeStat>,
-    /// Failures.
-    pub failures: Vec<Failure>,
-    /// Blobs that readers missed.
-    pub missing: HashSet<Digest>,
-    /// Slots that ran.
-    pub ran: HashSet<(usize, Option<ItemKey>)>,
-    /// Keys of slots, if they were asked for.
-    pub keys: Vec<(usize, Option<ItemKey>, Ended, Box<ActionKey>)>,
-}
-
-fn given(collection: &Collection) -> Vec<(ItemKey, Given)> {
-    collection.iter().map(|(k, a)| (k.clone(), Given::Item(Arc::new(a.clone())))).collect()
-}
-
-fn give_all(ops: &mut VecDeque<Op>, lane: usize, input: usize, prefix: Option<&str>, items: Vec<(ItemKey, Given)>) {
-    for (key, given) in items {
-        // A key that is too long with its prefix stays as it is; it then stands out as not found.
-        let key = prefix.and_then(|p| key.in_cell(p).ok()).unwrap_or(key);
-        ops.push_back(Op::Give { lane, input, key, given });
     }
 }

@@ -1,0 +1,161 @@
+//! Bridge cases summed up: by stop, method and k, and over all cases of a kind of stop.
+//!
+//! Knows no image. The fraction of the way is (tau_m - tau_k)/(1 - tau_k) on the training ladder's clock.
+
+use crate::{
+    bootstrap::{Resampled, Table},
+    evaluation::bounded,
+    image_metrics::HOLD,
+};
+use std::{collections::BTreeMap, fmt::Write as _};
+use tauflow_contract::KindError;
+use tauflow_data::{
+    VarianceTime,
+    results::{Bridge, BridgeCase, BridgeRow, BridgeSummary},
+};
+
+/// A scene's cases, each with its fraction, by kind of stop, sample count before, and method.
+pub type SceneCases = BTreeMap<(&'static str, u64, String), (f64, BridgeCase)>;
+
+/// The fraction (tau_m - tau_k)/(1 - tau_k) of the way from k to the end of the training ladder.
+///
+/// # Errors
+/// If m is the ladder's last count or beyond, where the fraction is 1 or more.
+pub fn fraction(time: VarianceTime, k: u64, m: u64) -> Result<f64, KindError> {
+    if m as f64 >= time.n_max() {
+        return Err(KindError::Input(format!(
+            "the stop {k} -> {m} goes to the end of the training ladder, {} samples, or beyond: its fraction \
+             (tau_m - tau_k)/(1 - tau_k) would be 1 or more; train on a longer ladder, or end the bridge's rungs earlier",
+            time.n_max()
+        )));
+    }
+    let tau = time.tau(k as f64);
+    Ok((time.tau(m as f64) - tau) / (1.0 - tau))
+}
+
+/// The columns of hold and of a method at one stop.
+struct Column<'a> {
+    stop: &'static str,
+    from: u64,
+    method: &'a str,
+    at: usize,
+    hold: usize,
+}
+
+/// Finds each case's column and that of hold beside it, and checks that all scenes have the same cases.
+fn columns(scenes: &[SceneCases]) -> Result<Vec<Column<'_>>, KindError> {
+    let first = scenes.first().filter(|s| !s.is_empty());
+    let first = first.ok_or_else(|| KindError::Input("`steps` holds no images to validate".into()))?;
+    for scene in scenes {
+        let odd = |a: &SceneCases, b: &SceneCases| a.keys().find(|k| !b.contains_key(*k)).cloned();
+        if let Some((stop, from, method)) = odd(first, scene).or_else(|| odd(scene, first)) {
+            return Err(KindError::Input(format!(
+                "not every scene has the {stop} stop from {from} samples by `{method}`; pack all with the same rungs"
+            )));
+        }
+    }
+    let keys: Vec<_> = first.keys().collect();
+    let mut columns = Vec::with_capacity(keys.len());
+    for (at, (stop, from, method)) in keys.iter().enumerate() {
+        let hold = keys.iter().position(|k| (k.0, k.1, k.2.as_str()) == (*stop, *from, HOLD)).ok_or_else(|| {
+            KindError::Input(format!("`steps` has no image of `{HOLD}` at the {stop} stop from {from} samples"))
+        })?;
+        columns.push(Column { stop, from: *from, method, at, hold });
+    }
+    Ok(columns)
+}
+
+/// A case's PSNR as it enters means.
+fn value(case: &BridgeCase) -> f64 {
+    bounded("hdr_psnr", case.psnr)
+}
+
+/// Sums up the cases of all scenes.
+///
+/// # Errors
+/// If there are none, scenes differ in their stops, or one lacks hold.
+pub fn summarise(scenes: &[SceneCases], n_max: u64, resamples: u64, seed: u64) -> Result<Bridge, KindError> {
+    let columns = columns(scenes)?;
+    let mut table = Table::new(columns.len());
+    for scene in scenes {
+        let row: Vec<f64> = scene.values().map(|(_, case)| value(case)).collect();
+        table.push(&row);
+    }
+    let resampled = Resampled::new(&table, resamples as usize, seed)
+        .ok_or_else(|| KindError::Input("there are no scenes to validate the bridge on".into()))?;
+
+    let row = |(column, (fraction, case)): (&Column<'_>, &(f64, BridgeCase))| BridgeRow {
+        stop: column.stop.to_owned(),
+        method: column.method.to_owned(),
+        from_spp: column.from,
+        to_spp: case.to_spp,
+        fraction: *fraction,
+        psnr: resampled.estimate(|m| m[column.at]),
+        gain: resampled.estimate(|m| m[column.at] - m[column.hold]),
+    };
+    let rows = columns.iter().zip(scenes[0].values()).map(row).collect();
+
+    let mut groups: BTreeMap<(&str, &str), Vec<&Column<'_>>> = BTreeMap::new();
+    for column in &columns {
+        groups.entry((column.stop, column.method)).or_default().push(column);
+    }
+    let summary = groups
+        .into_iter()
+        .map(|((stop, method), of)| {
+            let count = of.len() as f64;
+            let better = |cases: &[f64]| of.iter().filter(|c| cases[c.at] > cases[c.hold]).count();
+            let wins: usize = (0..table.scenes()).map(|scene| better(table.row(scene))).sum();
+            BridgeSummary {
+                stop: stop.to_owned(),
+                method: method.to_owned(),
+                cases: (of.len() * table.scenes()) as u64,
+                psnr: resampled.estimate(|m| of.iter().map(|c| m[c.at]).sum::<f64>() / count),
+                gain: resampled.estimate(|m| of.iter().map(|c| m[c.at] - m[c.hold]).sum::<f64>() / count),
+                better: wins as f64 / (count * table.scenes() as f64),
+            }
+        })
+        .collect();
+    Ok(Bridge {
+        n_max,
+        scenes: table.scenes() as u64,
+        rows,
+        summary,
+        cases: scenes.iter().flat_map(|scene| scene.values().map(|(_, case)| case.clone())).collect(),
+    })
+}
+
+/// Every case as CSV.
+pub fn csv(bridge: &Bridge) -> String {
+    let fractions: BTreeMap<(&str, u64), f64> =
+        bridge.rows.iter().map(|r| ((r.stop.as_str(), r.from_spp), r.fraction)).collect();
+    let mut out = String::from("scene,stop,method,from_spp,to_spp,fraction,psnr,direction\n");
+    for case in &bridge.cases {
+        let BridgeCase { scene, stop, method, from_spp, to_spp, psnr, direction } = case;
+        let fraction = fractions[&(stop.as_str(), *from_spp)];
+        let direction = direction.map_or_else(String::new, |d| d.to_string());
+        writeln!(out, "{scene},{stop},{method},{from_spp},{to_spp},{fraction},{psnr},{direction}")
+            .expect("a string takes any text");
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fractions_are_those_of_the_training_ladder() {
+        let time = VarianceTime::new(1, 512).expect("a ladder");
+        // The fraction in counts: (k^-1/2 - m^-1/2)/(k^-1/2 - 512^-1/2).
+        let by_hand = |k: f64, m: f64| (k.powf(-0.5) - m.powf(-0.5)) / (k.powf(-0.5) - 512f64.powf(-0.5));
+        for (k, m) in [(1, 2), (9, 10), (1, 10), (8, 10)] {
+            let found = fraction(time, k, m).expect("inside");
+            assert!((found - by_hand(k as f64, m as f64)).abs() < 1e-12 && found > 0.0 && found < 1.0);
+        }
+        for n_max in [10, 8] {
+            let time = VarianceTime::new(1, n_max).expect("a ladder");
+            let error = fraction(time, 1, 10).expect_err("fraction 1").to_string();
+            assert!(error.contains("1 -> 10") && error.contains("would be 1"), "{error}");
+        }
+    }
+}

@@ -1,0 +1,6 @@
+//! The kinds of this crate, run as the engine runs them: assets, scenes, split and sampling.
+
+mod choices;
+mod real_assets;
+mod small_assets;
+mod support;

@@ -1,0 +1,201 @@
+//! A trained solver: its weights, what it was trained for, and its predictions. The file is one safetensors blob, the
+//! averaged weights under their names, with [`ModelInfo`] as the note `model`.
+
+use crate::{
+    network::{
+        Preset,
+        features::{Encoding, Sample},
+        unet::Unet,
+        weights::Weights,
+    },
+    parameterization::{Conditioning, Parameterization, Space},
+    rollout::Denoiser,
+};
+use burn::tensor::{Device, Tensor};
+use serde::{Deserialize, Serialize};
+use tauflow_contract::KindError;
+use tauflow_data::{Image, TensorFile, time::VarianceTime};
+
+/// What a model was trained for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ModelInfo {
+    /// What it predicts.
+    pub parameterization: Parameterization,
+    /// What it sees beside the state.
+    pub conditioning: Conditioning,
+    /// Size of its network.
+    pub preset: Preset,
+    /// The space that states and predictions are in.
+    pub space: Space,
+    /// Sample counts of the ladder that it was trained on, increasing.
+    pub counts: Vec<u64>,
+    /// Training steps.
+    pub steps: u64,
+}
+
+impl ModelInfo {
+    /// First sample count of the training ladder.
+    pub fn n_min(&self) -> u64 {
+        self.counts.first().copied().unwrap_or(0)
+    }
+
+    /// Last sample count of the training ladder.
+    pub fn n_max(&self) -> u64 {
+        self.counts.last().copied().unwrap_or(0)
+    }
+
+    pub(crate) fn encoding(&self) -> Result<Encoding, KindError> {
+        Ok(Encoding {
+            parameterization: self.parameterization,
+            space: self.space,
+            clock: VarianceTime::new(self.n_min(), self.n_max())?,
+            gbuffer: self.conditioning == Conditioning::Gbuffer,
+        })
+    }
+}
+
+/// A trained solver.
+pub struct Model {
+    info: ModelInfo,
+    encoding: Encoding,
+    network: Unet,
+    weights: Weights,
+    tensors: Vec<Tensor<2>>,
+    device: Device,
+}
+
+impl Model {
+    pub(crate) fn new(info: ModelInfo, weights: Weights) -> Result<Self, KindError> {
+        let encoding = info.encoding()?;
+        let network = encoding.network(info.preset);
+        let device = Device::flex();
+        let tensors = network.slots().tensors(&weights, &device);
+        Ok(Self { info, encoding, network, weights, tensors, device })
+    }
+
+    /// Reads a model.
+    ///
+    /// # Errors
+    /// If the bytes are damaged or of another version.
+    pub fn load(bytes: &[u8]) -> Result<Self, KindError> {
+        let damaged = |why: String| {
+            KindError::Input(format!("this is no model file: {why}; connect the output `model` of a `training` node"))
+        };
+        let file = TensorFile::from_bytes(bytes).map_err(|e| damaged(e.to_string()))?;
+        let note = file.metadata.get("model").ok_or_else(|| damaged("the note `model` is missing".into()))?;
+        let info: ModelInfo = serde_json::from_str(note).map_err(|e| damaged(format!("its note `model`: {e}")))?;
+        let weights = info.encoding()?.network(info.preset).slots().read(&file, "")?;
+        Self::new(info, weights)
+    }
+
+    /// The model as bytes; the same model gives the same bytes.
+    ///
+    /// # Errors
+    /// If it cannot be written as safetensors.
+    pub fn to_bytes(&self) -> Result<Vec<u8>, KindError> {
+        let note = serde_json::to_string(&self.info).expect("plain data");
+        let file = self.network.slots().write(TensorFile::default().note("model", note), "", &self.weights);
+        Ok(file.to_bytes()?)
+    }
+
+    /// What it was trained for.
+    pub fn info(&self) -> &ModelInfo {
+        &self.info
+    }
+
+    /// Number of weights.
+    pub fn weights(&self) -> usize {
+        self.network.slots().count()
+    }
+
+    /// Predictions for a batch of states [H, W, 3] of one shape, each with its G-buffer and time.
+    ///
+    /// # Errors
+    /// If shapes differ, or G-buffers are missing where the model needs them.
+    pub fn predict_batch(
+        &self,
+        states: &[&Image],
+        gbuffers: &[Option<&Image>],
+        tau: &[f64],
+    ) -> Result<Vec<Image>, KindError> {
+        let Some(first) = states.first() else { return Ok(Vec::new()) };
+        if states.len() != gbuffers.len() || states.len() != tau.len() {
+            return Err(KindError::Internal("a batch of states needs as many G-buffers and times".into()));
+        }
+        let (width, height) = (first.width(), first.height());
+        let multiple = self.network.multiple();
+        let padded = (width.next_multiple_of(multiple), height.next_multiple_of(multiple));
+        let mut planes = Vec::with_capacity(states.len());
+        for (state, gbuffer) in states.iter().zip(gbuffers) {
+            if !state.same_shape(first) || state.channels() != 3 {
+                return Err(shape_error("a state", state, first));
+            }
+            let gbuffer = if self.encoding.gbuffer { Some(self.checked(*gbuffer, state)?) } else { None };
+            planes.push((pad(state, padded), gbuffer.map(|g| pad(g, padded))));
+        }
+        let samples: Vec<Sample<'_>> = planes
+            .iter()
+            .zip(tau)
+            .map(|((state, gbuffer), tau)| Sample { state, gbuffer: gbuffer.as_deref(), tau: *tau })
+            .collect();
+        let inputs = self.encoding.inputs(&self.device, &samples, padded.1, padded.0);
+        let output = self.network.forward(&self.tensors, inputs).into_data();
+        let values = output.as_slice::<f32>().map_err(|e| KindError::Internal(format!("network output: {e:?}")))?;
+        let crop = |values: &[f32]| {
+            let rows = values.chunks_exact(3 * padded.0).take(height);
+            Ok(Image::from_data(width, height, 3, rows.flat_map(|r| &r[..3 * width]).copied().collect())?)
+        };
+        values.chunks_exact(3 * padded.0 * padded.1).map(crop).collect()
+    }
+
+    fn checked<'a>(&self, gbuffer: Option<&'a Image>, state: &Image) -> Result<&'a Image, KindError> {
+        let gbuffer = gbuffer.ok_or_else(|| {
+            KindError::Input("the model was trained with G-buffers and got a state without; connect them".into())
+        })?;
+        if (gbuffer.width(), gbuffer.height(), gbuffer.channels()) != (state.width(), state.height(), 6) {
+            return Err(shape_error("a G-buffer", gbuffer, state));
+        }
+        Ok(gbuffer)
+    }
+}
+
+impl Denoiser for Model {
+    fn parameterization(&self) -> Parameterization {
+        self.info.parameterization
+    }
+
+    fn space(&self) -> Space {
+        self.info.space
+    }
+
+    fn clock(&self) -> VarianceTime {
+        self.encoding.clock
+    }
+
+    fn predict(&self, state: &Image, gbuffer: Option<&Image>, tau: f64) -> Result<Image, KindError> {
+        let mut images = self.predict_batch(&[state], &[gbuffer], &[tau])?;
+        images.pop().ok_or_else(|| KindError::Internal("the network gave no image".into()))
+    }
+}
+
+fn shape_error(what: &str, image: &Image, expected: &Image) -> KindError {
+    KindError::Input(format!(
+        "{what} has {} x {} pixels of {} values, expected {} x {}; render both with the same `resolution`",
+        image.width(),
+        image.height(),
+        image.channels(),
+        expected.width(),
+        expected.height()
+    ))
+}
+
+/// The image's values with its last column and row repeated up to a size.
+fn pad(image: &Image, (width, height): (usize, usize)) -> Vec<f32> {
+    let mut data = Vec::with_capacity(width * height * image.channels());
+    for y in 0..height {
+        for x in 0..width {
+            data.extend_from_slice(image.pixel(x.min(image.width() - 1), y.min(image.height() - 1)));
+        }
+    }
+    data
+}

@@ -1,0 +1,74 @@
+//! The two ends of the network that are not learned: what the last layer's numbers mean, and the loss.
+
+use super::op::{Operator, apply};
+use burn::tensor::Tensor;
+use std::sync::Arc;
+
+/// Channels that the last layer has for the three of an image.
+pub(crate) const RAW: usize = 6;
+
+/// What the last layer's numbers are multiplied with: f = state g + magnitude r, for raw values (g, r).
+///
+/// Targets are as heavy-tailed as the states themselves: a firefly of a thousand asks for an output of a thousand. Through
+/// `g` the network takes such a pixel off as a share of itself, and through `r` it works in units of what is around.
+#[derive(Clone, Debug)]
+pub(crate) struct Basis {
+    /// [N, H, W, 3].
+    pub(crate) state: Arc<Vec<f32>>,
+    /// [N, H, W, 3].
+    pub(crate) magnitude: Arc<Vec<f32>>,
+}
+
+/// `raw` [N, H, W, 6] in a basis, [N, H, W, 3].
+pub(crate) fn expand(raw: Tensor<4>, basis: Basis) -> Tensor<4> {
+    let [images, height, width, channels] = raw.dims();
+    assert_eq!(channels, RAW, "two numbers for each colour");
+    apply(basis, [raw.into()], [images, height, width, 3])
+}
+
+impl Operator<1> for Basis {
+    type Saved = ();
+
+    fn forward(&self, [raw]: [&[f32]; 1]) -> (Vec<f32>, ()) {
+        let mut out = Vec::with_capacity(raw.len() / 2);
+        let pixels = raw.chunks_exact(RAW).zip(self.state.chunks_exact(3)).zip(self.magnitude.chunks_exact(3));
+        for ((raw, state), magnitude) in pixels {
+            out.extend((0..3).map(|c| state[c] * raw[c] + magnitude[c] * raw[3 + c]));
+        }
+        (out, ())
+    }
+
+    fn backward(&self, _: [&[f32]; 1], _: &(), gradient: &[f32], _: [bool; 1]) -> [Vec<f32>; 1] {
+        let mut out = Vec::with_capacity(gradient.len() * 2);
+        let pixels = gradient.chunks_exact(3).zip(self.state.chunks_exact(3)).zip(self.magnitude.chunks_exact(3));
+        for ((gradient, state), magnitude) in pixels {
+            out.extend((0..3).map(|c| state[c] * gradient[c]));
+            out.extend((0..3).map(|c| magnitude[c] * gradient[c]));
+        }
+        [out]
+    }
+}
+
+/// The mean squared difference between a prediction and a target of its shape.
+pub(crate) fn mean_square<const D: usize>(prediction: Tensor<D>, target: Arc<Vec<f32>>) -> Tensor<1> {
+    assert_eq!(prediction.shape().num_elements(), target.len(), "the target has the prediction's shape");
+    apply(MeanSquare(target), [prediction.into()], [1])
+}
+
+#[derive(Clone, Debug)]
+struct MeanSquare(Arc<Vec<f32>>);
+
+impl Operator<1> for MeanSquare {
+    type Saved = ();
+
+    fn forward(&self, [prediction]: [&[f32]; 1]) -> (Vec<f32>, ()) {
+        let difference = |(p, t): (&f32, &f32)| f64::from(p - t) * f64::from(p - t);
+        let total: f64 = prediction.iter().zip(self.0.iter()).map(difference).sum();
+        (vec![(total / self.0.len() as f64) as f32], ())
+    }
+
+    fn backward(&self, [prediction]: [&[f32]; 1], _: &(), gradient: &[f32], _: [bool; 1]) -> [Vec<f32>; 1] {
+        let scale = gradient[0] * 2.0 / self.0.len() as f32;
+        [prediction.iter().zip(self.0.iter()).map(|(p, t)| (p - t) * scale).collect()]
+    }
+}

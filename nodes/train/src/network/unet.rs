@@ -1,0 +1,221 @@
+//! The U-Net (Ronneberger et al. 2015): residual blocks at falling resolutions and back, told the time in every block.
+//!
+//! The image is first folded, [H, W, C] to [H/2, W/2, 4 C], which loses nothing and makes every layer four times cheaper
+//! than at full resolution; the last layer unfolds again.
+
+use super::{
+    conv::{conv3, linear},
+    head::{Basis, RAW, expand},
+    norm::{norm_silu, silu},
+    shuffle::{fold, unfold},
+    weights::{Slots, Start},
+};
+use burn::tensor::Tensor;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Size of the network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum Preset {
+    /// About 0.2 million weights: minutes on one core.
+    #[default]
+    Tiny,
+    /// About 2 million weights: studies on a CPU.
+    Small,
+    /// About 12 million weights.
+    Base,
+}
+
+impl Preset {
+    /// Its name in pipelines.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tiny => "tiny",
+            Self::Small => "small",
+            Self::Base => "base",
+        }
+    }
+
+    fn plan(self) -> Plan {
+        match self {
+            Self::Tiny => Plan { widths: &[32, 64, 96], blocks: 1, convolutions: 1, embedding: 64 },
+            Self::Small => Plan { widths: &[48, 96, 160], blocks: 1, convolutions: 2, embedding: 128 },
+            Self::Base => Plan { widths: &[96, 192, 320], blocks: 2, convolutions: 2, embedding: 256 },
+        }
+    }
+}
+
+struct Plan {
+    /// Channels at each resolution.
+    widths: &'static [usize],
+    /// Residual blocks at each resolution, on the way down and on the way up.
+    blocks: usize,
+    /// Convolutions in a block.
+    convolutions: usize,
+    /// Channels of the time embedding.
+    embedding: usize,
+}
+
+/// What the network reads.
+pub(crate) struct Inputs {
+    /// [N, H, W, C]; H and W are multiples of [`Unet::multiple`].
+    pub(crate) features: Tensor<4>,
+    /// [N, [`super::features::CLOCK`]].
+    pub(crate) clock: Tensor<2>,
+    /// How the output is expressed.
+    pub(crate) basis: Basis,
+}
+
+/// A network: which weights are used where.
+#[derive(Clone, Debug)]
+pub(crate) struct Unet {
+    slots: Slots,
+    time: [Layer; 2],
+    stem: Layer,
+    down: Vec<Level>,
+    middle: Vec<Block>,
+    up: Vec<Level>,
+    last: Layer,
+    head: Layer,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Layer {
+    kernel: usize,
+    bias: usize,
+}
+
+/// Residual blocks, and what leads to or from the next lower resolution.
+#[derive(Clone, Debug)]
+struct Level {
+    blocks: Vec<Block>,
+    resize: Layer,
+    /// On the way up: what the image of the way down is added through.
+    skip: Option<Layer>,
+}
+
+/// Each convolution with the modulation of the normalisation before it.
+#[derive(Clone, Debug)]
+struct Block(Vec<(Layer, Layer)>);
+
+impl Unet {
+    /// The network of a preset for inputs of so many channels.
+    pub(crate) fn new(preset: Preset, channels: usize, clock: usize) -> Self {
+        let plan = preset.plan();
+        let mut build = Builder { slots: Slots::default(), embedding: plan.embedding };
+        let time = [
+            build.layer("time.0", clock, plan.embedding, Start::Normal(2.0)),
+            build.layer("time.1", plan.embedding, plan.embedding, Start::Normal(2.0)),
+        ];
+        let stem = build.conv("stem", 4 * channels, plan.widths[0], Start::Normal(1.0));
+        let (deepest, upper) = plan.widths.split_last().expect("a preset has resolutions");
+        let mut down = Vec::new();
+        for (i, width) in upper.iter().enumerate() {
+            let blocks = build.blocks(&format!("down.{i}"), *width, &plan);
+            let resize = build.layer(&format!("down.{i}.out"), 4 * width, plan.widths[i + 1], Start::Normal(1.0));
+            down.push(Level { blocks, resize, skip: None });
+        }
+        let middle = build.blocks("middle", *deepest, &plan);
+        let mut up = Vec::new();
+        for (i, width) in upper.iter().enumerate().rev() {
+            let resize = build.layer(&format!("up.{i}.in"), plan.widths[i + 1], 4 * width, Start::Normal(0.5));
+            let skip = build.layer(&format!("up.{i}.skip"), *width, *width, Start::Normal(0.5));
+            up.push(Level { blocks: build.blocks(&format!("up.{i}"), *width, &plan), resize, skip: Some(skip) });
+        }
+        let last = build.modulation("last", plan.widths[0]);
+        let head = build.conv("head", plan.widths[0], 4 * RAW, Start::Zero);
+        Self { slots: build.slots, time, stem, down, middle, up, last, head }
+    }
+
+    /// Its weights.
+    pub(crate) fn slots(&self) -> &Slots {
+        &self.slots
+    }
+
+    /// Height and width must be multiples of this.
+    pub(crate) fn multiple(&self) -> usize {
+        2 << self.down.len()
+    }
+
+    /// The prediction, [N, H, W, 3].
+    pub(crate) fn forward(&self, weights: &[Tensor<2>], inputs: Inputs) -> Tensor<4> {
+        let run = Run { weights };
+        let time = silu(run.linear(self.time[0], inputs.clock));
+        let time = silu(run.linear(self.time[1], time));
+        let mut x = run.conv(self.stem, fold(inputs.features));
+        let mut skips = Vec::new();
+        for level in &self.down {
+            x = run.blocks(&level.blocks, x, &time);
+            skips.push(x.clone());
+            x = run.linear(level.resize, fold(x));
+        }
+        x = run.blocks(&self.middle, x, &time);
+        for level in &self.up {
+            x = unfold(run.linear(level.resize, x));
+            if let (Some(layer), Some(skip)) = (level.skip, skips.pop()) {
+                x = x + run.linear(layer, skip);
+            }
+            x = run.blocks(&level.blocks, x, &time);
+        }
+        let x = norm_silu(x, run.linear(self.last, time));
+        expand(unfold(run.conv(self.head, x)), inputs.basis)
+    }
+}
+
+struct Builder {
+    slots: Slots,
+    embedding: usize,
+}
+
+impl Builder {
+    fn layer(&mut self, name: &str, rows: usize, columns: usize, start: Start) -> Layer {
+        let kernel = self.slots.add(format!("{name}.kernel"), [rows, columns], start);
+        Layer { kernel, bias: self.slots.add(format!("{name}.bias"), [1, columns], Start::Zero) }
+    }
+
+    fn conv(&mut self, name: &str, inputs: usize, outputs: usize, start: Start) -> Layer {
+        self.layer(name, 9 * inputs, outputs, start)
+    }
+
+    fn modulation(&mut self, name: &str, channels: usize) -> Layer {
+        self.layer(&format!("{name}.time"), self.embedding, 2 * channels, Start::Normal(0.1))
+    }
+
+    fn blocks(&mut self, name: &str, channels: usize, plan: &Plan) -> Vec<Block> {
+        let mut block = |i: usize| {
+            let step = |j: usize| {
+                let name = format!("{name}.{i}.{j}");
+                // The branch starts as nothing: only its last convolution is zero.
+                let start = if j + 1 == plan.convolutions { Start::Zero } else { Start::Normal(2.0) };
+                (self.modulation(&name, channels), self.conv(&name, channels, channels, start))
+            };
+            Block((0..plan.convolutions).map(step).collect())
+        };
+        (0..plan.blocks).map(&mut block).collect()
+    }
+}
+
+struct Run<'a> {
+    weights: &'a [Tensor<2>],
+}
+
+impl Run<'_> {
+    fn linear<const D: usize>(&self, layer: Layer, x: Tensor<D>) -> Tensor<D> {
+        linear(x, self.weights[layer.kernel].clone(), self.weights[layer.bias].clone())
+    }
+
+    fn conv(&self, layer: Layer, x: Tensor<4>) -> Tensor<4> {
+        conv3(x, self.weights[layer.kernel].clone(), self.weights[layer.bias].clone())
+    }
+
+    fn blocks(&self, blocks: &[Block], mut x: Tensor<4>, time: &Tensor<2>) -> Tensor<4> {
+        for Block(steps) in blocks {
+            let branch = steps.iter().fold(x.clone(), |h, (modulation, conv)| {
+                self.conv(*conv, norm_silu(h, self.linear(*modulation, time.clone())))
+            });
+            x = x + branch;
+        }
+        x
+    }
+}

@@ -1,0 +1,58 @@
+//! `tauflow schema`: a JSON Schema that every pipeline of the repository fits, and that finds what is wrong.
+
+use crate::{Place, files, validator::problems};
+use serde_json::Value;
+use std::fs;
+
+fn schema() -> Value {
+    let said = Place::new().tauflow(&["schema"]).ends(0);
+    serde_json::from_str(&said.out).expect("the schema is JSON")
+}
+
+fn yaml(text: &str) -> Value {
+    serde_saphyr::from_str(text).unwrap_or_else(|e| panic!("{e}: {text}"))
+}
+
+#[test]
+fn every_pipeline_fits() {
+    let schema = schema();
+    let mut paths = files("pipelines", "yaml");
+    paths.extend(files("src/cli", "yaml"));
+    assert!(paths.len() >= 2, "{paths:?}");
+    for path in paths {
+        let text = fs::read_to_string(&path).expect("the pipeline can be read");
+        assert_eq!(problems(&schema, &yaml(&text)), [""; 0], "{}", path.display());
+    }
+}
+
+#[test]
+fn what_is_wrong_does_not_fit() {
+    let schema = schema();
+    for (text, part) in [
+        ("nodse: {}", "/nodse: unknown"),
+        ("seed: -1", "/seed: -1 is below 0"),
+        ("nodes: { a: { params: {} } }", "/nodes/a: \"kind\" is missing"),
+        ("nodes: { a: { kind: no_such } }", "/nodes/a/kind"),
+        ("nodes: { a: { kind: scene_generation, params: { poll: 1 } } }", "/nodes/a/params/poll: unknown"),
+        ("nodes: { a: { kind: scene_generation, params: { pool: many } } }", "/nodes/a/params/pool: expected"),
+        ("nodes: { a: { kind: scene_generation, params: { regimes: [L7] } } }", "/nodes/a/params/regimes/0"),
+        ("nodes: { a: { kind: content_signature_split, inputs: { scene: b } } }", "/nodes/a/inputs/scene: unknown"),
+    ] {
+        let found = problems(&schema, &yaml(text));
+        assert!(found.iter().any(|line| line.starts_with(part)), "{text}: {found:#?}");
+    }
+}
+
+#[test]
+fn hover_docs_are_there() {
+    let schema = schema();
+    let mut bare = Vec::new();
+    for (name, definition) in schema["$defs"].as_object().expect("definitions") {
+        for (param, rule) in definition["properties"].as_object().into_iter().flatten() {
+            if name.starts_with("params_") && rule["description"].as_str().is_none_or(str::is_empty) {
+                bare.push(format!("{name}.{param}"));
+            }
+        }
+    }
+    assert_eq!(bare, [""; 0], "params without a description");
+}
