@@ -74,9 +74,9 @@ pub fn ssim(image: &Image, reference: &Image, of: usize, reference_moments: &Mom
     let product = windowed(&products, image.width());
     let y = reference_moments;
     let mut sum = 0.0;
-    for i in 0..product.len() {
+    for (i, product) in product.iter().enumerate() {
         let (mx, my) = (x.mean[i], y.mean[i]);
-        let (vx, vy, cov) = (x.square[i] - mx * mx, y.square[i] - my * my, product[i] - mx * my);
+        let (vx, vy, cov) = (x.square[i] - mx * mx, y.square[i] - my * my, product - mx * my);
         sum += (2.0 * mx * my + C1) * (2.0 * cov + C2) / ((mx * mx + my * my + C1) * (vx + vy + C2));
     }
     sum / product.len() as f64

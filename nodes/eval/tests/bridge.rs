@@ -161,8 +161,8 @@ fn ten_scenes_make_ninety_adjacent_and_eighty_direct_cases() {
     assert_eq!(csv.lines().count(), 1 + bridge.cases.len());
     let maps: Vec<&String> = artifact.parts.keys().filter(|k| k.starts_with("maps/")).collect();
     assert_eq!(maps.len(), 2 * 17);
-    assert!(artifact.parts.contains_key("maps/L0-environment-000000/adjacent-09.png"));
-    assert!(artifact.parts.contains_key("maps/L0-environment-000000/direct-08.png"));
+    assert!(artifact.parts.contains_key("maps/L0-enclosed-000002/adjacent-09.png"));
+    assert!(artifact.parts.contains_key("maps/L0-enclosed-000002/direct-08.png"));
     assert_eq!(bench.run().expect("again"), out, "the same bits again");
 }
 

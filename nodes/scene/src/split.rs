@@ -126,7 +126,7 @@ impl Kind for ContentSignatureSplit {
         if !(0.0..=1.0).contains(&params.test_share) {
             out.push(ParamProblem::new("/test_share", format!("{} is no share", params.test_share), "0 to 1"));
         }
-        if !(params.quantum > 0.0) {
+        if params.quantum <= 0.0 {
             out.push(ParamProblem::new("/quantum", format!("a step of {}", params.quantum), "above 0, such as 0.05"));
         }
         out

@@ -168,7 +168,7 @@ affine = [uv[0], uv[1], [0, 0, 1]]
 checks = {"type": "checkerboard", "color0": [0.1, 0.2, 0.3], "color1": [0.9, 0.8, 0.7], "scale": [3.0, 5.0]}
 TEXTURES = [
     (
-        {"type": "bitmap", "image": "0" * 64, "uv": uv, "scale": [1.0] * 3, "clamp": clamp},
+        {"type": "bitmap", "image": "0" * 64 + "-1", "uv": uv, "scale": [1.0] * 3, "clamp": clamp},
         {
             "type": "bitmap",
             "data": mi.TensorXf(texels, (rows, columns, 3)),

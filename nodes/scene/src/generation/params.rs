@@ -201,7 +201,7 @@ impl SceneGenerationParams {
     pub fn problems(&self) -> Vec<ParamProblem> {
         let mut out = Vec::new();
         let mut range = |pointer: &str, [low, high]: Range, least: f64, most: f64| {
-            if !(low <= high) {
+            if low > high {
                 out.push(ParamProblem::new(pointer, format!("[{low}, {high}] is out of order"), "write [low, high]"));
             } else if low < least || high > most {
                 out.push(ParamProblem::new(
@@ -245,7 +245,7 @@ impl SceneGenerationParams {
                 out.push(ParamProblem::new(format!("/max_depth/{name}"), "paths of 0 segments", "1 or more"));
             }
         }
-        if !self.hold_out.is_empty() && !(self.test_share > 0.0 && self.test_share < 1.0) {
+        if !self.hold_out.is_empty() && (self.test_share <= 0.0 || self.test_share >= 1.0) {
             out.push(ParamProblem::new(
                 "/test_share",
                 "with `hold_out`, both sides need a share",

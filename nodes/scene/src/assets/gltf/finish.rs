@@ -97,9 +97,7 @@ pub fn mesh(mut piece: Piece, frame: &Frame, report: &mut Report) -> (Option<Mes
             return false;
         }
         let area = length(cross(sub(b, a), sub(c, a)));
-        if !(area > 0.0) {
-            degenerate += 1;
-        }
+        degenerate += u64::from(area <= 0.0);
         area > 0.0
     });
     report.repaired("triangles with vertices that are not finite left out", lost.not_finite as u64);
@@ -156,7 +154,7 @@ fn compact(piece: &mut Piece) {
 /// Gives normals without a direction that of the triangles about their vertex.
 fn mend_normals(piece: &mut Piece, report: &mut Report) {
     let Some(normals) = &mut piece.normals else { return };
-    let bad: Vec<bool> = normals.iter().map(|n| !(length(*n) > 0.5)).collect();
+    let bad: Vec<bool> = normals.iter().map(|n| length(*n) < 0.5).collect();
     let count = bad.iter().filter(|b| **b).count();
     if count == 0 {
         return;
@@ -177,7 +175,7 @@ fn mend_normals(piece: &mut Piece, report: &mut Report) {
 
 /// Leaves tangents out if some have no direction: the renderer then takes those of the texture coordinates.
 fn mend_tangents(piece: &mut Piece, report: &mut Report) {
-    let bad = |t: &[f64; 4]| !(length([t[0], t[1], t[2]]) > 0.5) || !t[3].is_finite() || t[3] == 0.0;
+    let bad = |t: &[f64; 4]| length([t[0], t[1], t[2]]) < 0.5 || !t[3].is_finite() || t[3] == 0.0;
     if piece.tangents.as_ref().is_some_and(|tangents| tangents.iter().any(bad)) {
         piece.tangents = None;
         report.repaired("sets of tangents with some without a direction left out", 1);

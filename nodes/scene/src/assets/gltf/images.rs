@@ -10,7 +10,10 @@ use crate::assets::{
     refusal::{Refusal, damaged},
 };
 use image::{DynamicImage, ImageReader, Limits};
-use std::{collections::BTreeMap, io::Cursor};
+use std::{
+    collections::{BTreeMap, btree_map::Entry},
+    io::Cursor,
+};
 use tauflow_contract::Digest;
 use tauflow_data::{Image, maths};
 
@@ -62,12 +65,13 @@ impl Images {
         if let Some(made) = self.made.get(&(number, purpose)) {
             return Ok(*made);
         }
-        if !self.decoded.contains_key(&number) {
-            self.decoded.insert(number, decode(document, number)?);
-            report.measure("images", self.decoded.len() as f64);
-        }
-        let Some(decoded) = self.decoded.get(&number) else {
-            return Err(damaged(format!("image {number}"), "it was not decoded"));
+        let count = self.decoded.len() as f64;
+        let decoded = match self.decoded.entry(number) {
+            Entry::Occupied(entry) => entry.into_mut(),
+            Entry::Vacant(entry) => {
+                report.measure("images", count + 1.0);
+                entry.insert(decode(document, number)?)
+            }
         };
         let (width, height) = (decoded.width() as usize, decoded.height() as usize);
         let factor = width.max(height).div_ceil(self.most);
