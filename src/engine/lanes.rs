@@ -167,7 +167,11 @@ fn lane(pipeline: &Pipeline, cell: usize, group: &'static str, target: bool, lan
                 .iter()
                 .filter_map(|feed| {
                     // Always found: whatever a wanted cell reads is wanted, and stands before it.
-                    find(feed.cell, feed.port).map(|lane| LaneFeed { lane, port: feed.port, prefix: feed.prefix.clone() })
+                    find(feed.cell, feed.port).map(|lane| LaneFeed {
+                        lane,
+                        port: feed.port,
+                        prefix: feed.prefix.clone(),
+                    })
                 })
                 .collect()
         })

@@ -221,7 +221,14 @@ pub fn load(store: &Store, record: &Record) -> Result<Option<Made>, CacheError> 
 }
 
 /// A record of an action or lane.
-pub fn record(namespace: &str, key: Key, label: &str, preimage: String, payload: &Payload, refs: Vec<Digest>) -> Record {
+pub fn record(
+    namespace: &str,
+    key: Key,
+    label: &str,
+    preimage: String,
+    payload: &Payload,
+    refs: Vec<Digest>,
+) -> Record {
     Record {
         namespace: namespace.into(),
         key,

@@ -174,7 +174,9 @@ pub fn keep(
         let name = pipeline.nodes[lanes[at].node].spec.outputs[port].name;
         scheduler.rolled(at)?.collections.get(name).map(|listed| listed.digest)
     };
-    let Some((key, preimage)) = lane_key(pipeline, lane, content, || Some(scheduler.listing(complete.lane))) else { return Ok(()) };
+    let Some((key, preimage)) = lane_key(pipeline, lane, content, || Some(scheduler.listing(complete.lane))) else {
+        return Ok(());
+    };
     let mut payload = Payload { actions: complete.actions, ..Payload::default() };
     let mut wholes = Vec::new();
     for port in &lane.ports {

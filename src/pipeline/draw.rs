@@ -48,7 +48,10 @@ fn dot(pipeline: &Pipeline) -> String {
             graph.add_edge(at[from], *to, "");
         }
     }
-    format!("{}", Dot::with_attr_getters(&graph, &[Config::EdgeNoLabel], &|_, _| String::new(), &|_, _| "shape=box".into()))
+    format!(
+        "{}",
+        Dot::with_attr_getters(&graph, &[Config::EdgeNoLabel], &|_, _| String::new(), &|_, _| "shape=box".into())
+    )
 }
 
 fn mermaid(pipeline: &Pipeline) -> String {

@@ -99,9 +99,7 @@ impl Loader<'_> {
                 let message = format!("cannot read the pipeline `{}`: {error}", path.display());
                 let hint = "give the path of a YAML file; `tauflow init` writes one to start from";
                 self.problem(match from {
-                    Some(span) => {
-                        Problem::at(span, message).hint("paths are relative to the file that includes them")
-                    }
+                    Some(span) => Problem::at(span, message).hint("paths are relative to the file that includes them"),
                     None => Problem::nowhere(message).hint(hint),
                 });
                 return;

@@ -309,10 +309,8 @@ fn targets(pipeline: &mut Pipeline, file: &PipelineFile, options: &Options, prob
     }
     if found.is_empty() {
         let read: BTreeSet<usize> = (0..pipeline.nodes.len()).flat_map(|n| pipeline.reads(n)).collect();
-        found = (0..pipeline.nodes.len())
-            .filter(|n| !read.contains(n))
-            .map(|node| Target { node, port: None })
-            .collect();
+        found =
+            (0..pipeline.nodes.len()).filter(|n| !read.contains(n)).map(|node| Target { node, port: None }).collect();
     }
     pipeline.targets = found;
 }

@@ -294,8 +294,7 @@ impl Checker<'_> {
             if let Some(known) = properties.and_then(|p| p.get(name)) {
                 self.value(known, field, &pointer);
             } else if additional == Some(&Value::Bool(false)) {
-                let names: Vec<&str> =
-                    properties.map(|p| p.keys().map(String::as_str).collect()).unwrap_or_default();
+                let names: Vec<&str> = properties.map(|p| p.keys().map(String::as_str).collect()).unwrap_or_default();
                 let what = if at.is_empty() { "params" } else { "keys" };
                 let one = if at.is_empty() { "param" } else { "key" };
                 self.add(&pointer, true, format!("unknown {one} `{name}`"), did_you_mean(name, what, names));
@@ -380,7 +379,8 @@ mod tests {
         let good = json!({"steps": 3, "rungs": [1, 2], "preset": "base", "size": [2, 3], "name": null, "share": 1});
         assert_eq!(check(&schema, &good), []);
         assert_eq!(check(&schema, &json!({"rungs": {"dyadic": 4}, "name": "x"})), []);
-        let bad = json!({"stepz": 1, "steps": 0, "rungs": {"dyadic": "x"}, "preset": "tinny", "size": [1], "share": "2"});
+        let bad =
+            json!({"stepz": 1, "steps": 0, "rungs": {"dyadic": "x"}, "preset": "tinny", "size": [1], "share": "2"});
         let found = check(&schema, &bad);
         let texts: Vec<String> = found.iter().map(|m| format!("{}: {} | {}", m.pointer, m.message, m.hint)).collect();
         assert_eq!(

@@ -52,8 +52,7 @@ impl Wiring {
 /// Follows every reference.
 pub(super) fn wire(file: &PipelineFile, drafts: &[Draft], problems: &mut Vec<Problem>) -> Wiring {
     let names: Vec<String> = file.nodes.iter().map(|n| n.name.text.clone()).collect();
-    let mut wiring =
-        Wiring { bound: vec![BTreeSet::new(); names.len()], names, links: Vec::new(), edges: Vec::new() };
+    let mut wiring = Wiring { bound: vec![BTreeSet::new(); names.len()], names, links: Vec::new(), edges: Vec::new() };
     for (reader, raw) in file.nodes.iter().enumerate() {
         Wirer { file, drafts, problems, wiring: &mut wiring }.node(reader, raw);
     }
@@ -86,9 +85,10 @@ pub(super) fn order(file: &PipelineFile, wiring: &Wiring, problems: &mut Vec<Pro
     // Of the nodes that could come next, the one that stands first in the file.
     let mut waiting: Vec<usize> = (0..file.nodes.len()).collect();
     let mut order = Vec::new();
-    while let Some(at) = waiting.iter().position(|n| {
-        wiring.edges.iter().all(|(source, reader, _)| reader != n || order.contains(source))
-    }) {
+    while let Some(at) = waiting
+        .iter()
+        .position(|n| wiring.edges.iter().all(|(source, reader, _)| reader != n || order.contains(source)))
+    {
         order.push(waiting.remove(at));
     }
     Some(order)
@@ -154,7 +154,8 @@ impl Wirer<'_> {
         for port in spec.inputs.iter().filter(|p| !p.optional) {
             if raw.inputs.iter().all(|i| i.port.text != port.name) {
                 let message = format!("the input `{}` of `{}` is missing", port.name, raw.name.text);
-                let hint = format!("add `inputs: {{ {}: NODE }}`, items of type `{}`: {}", port.name, port.media, port.doc);
+                let hint =
+                    format!("add `inputs: {{ {}: NODE }}`, items of type `{}`: {}", port.name, port.media, port.doc);
                 self.problem(raw.name.span, message, hint);
             }
         }

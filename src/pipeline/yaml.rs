@@ -110,9 +110,7 @@ impl Yaml {
                 Data::Map(fields) => {
                     fields.iter().find(|(k, _)| k.text == part).map(|(k, v)| ((v.span, Some(k.span)), v))
                 }
-                Data::List(items) => {
-                    part.parse::<usize>().ok().and_then(|i| items.get(i)).map(|v| ((v.span, None), v))
-                }
+                Data::List(items) => part.parse::<usize>().ok().and_then(|i| items.get(i)).map(|v| ((v.span, None), v)),
                 _ => None,
             };
             let Some((span, child)) = next else { break };
@@ -283,10 +281,7 @@ mod tests {
     fn values_and_positions() {
         let text = "a: 1\nb: {c: [x, 2.5, true, no, null]}\nd: \"7\"\n";
         let yaml = parse(text, 3).expect("valid");
-        assert_eq!(
-            yaml.to_json(),
-            serde_json::json!({"a": 1, "b": {"c": ["x", 2.5, true, "no", null]}, "d": "7"})
-        );
+        assert_eq!(yaml.to_json(), serde_json::json!({"a": 1, "b": {"c": ["x", 2.5, true, "no", null]}, "d": "7"}));
         let (span, key) = yaml.locate("/b/c/1");
         assert_eq!((&text[span.start..span.start + span.len], span.source, key), ("2.5", 3, None));
         let (span, key) = yaml.locate("/d/nothing/below");

@@ -106,7 +106,7 @@ fn the_same_material_gives_the_same_files() {
             "timings.csv"
         ]
     );
-    assert_eq!(first.keys().filter(|n| n.starts_with("bridge/maps/")).count(), 16);
+    assert_eq!(first.keys().filter(|n| n.starts_with("bridge/maps/")).count(), 8);
     assert!(first["montage-rgb.png"].starts_with(b"\x89PNG"));
 }
 

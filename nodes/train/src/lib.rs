@@ -16,7 +16,7 @@ pub use network::Preset;
 pub use parameterization::{Conditioning, Parameterization, Space, signed_log1p};
 pub use refinement::{Refinement, RefinementParams};
 pub use rollout::{Course, Denoiser, bridge_stop, local_steps, rollout};
-//pub use training::{Training, TrainingParams};
+pub use training::{Decay, Training, TrainingParams};
 
 use tauflow_contract::{KindRow, NodeKind};
 
@@ -24,7 +24,7 @@ use tauflow_contract::{KindRow, NodeKind};
 pub fn kinds() -> Vec<Box<dyn NodeKind>> {
     vec![
         Box::new(KindRow::<DatasetPacking>::new()),
-        //Box::new(KindRow::<Training>::new()),
+        Box::new(KindRow::<Training>::new()),
         Box::new(KindRow::<Refinement>::new()),
         Box::new(KindRow::<BridgeRefinement>::new()),
     ]

@@ -1,0 +1,322 @@
+#![doc = include_str!("training.md")]
+
+mod batches;
+mod checkpoint;
+mod optimiser;
+mod record;
+mod trainer;
+
+pub use optimiser::Decay;
+
+use crate::{
+    model::{Model, ModelInfo},
+    network::Preset,
+    parameterization::{Conditioning, Parameterization, Space},
+};
+use batches::{DataSet, Draw};
+use checkpoint::Checkpoints;
+use optimiser::Rates;
+use record::Record;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+use tauflow_contract::{
+    Action, Artifact, Collection, Context, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs,
+    ParamProblem,
+};
+use tauflow_data::{
+    formats::{JSON, MODEL, PACKED},
+    results::{TrainingLog, TrainingTiming},
+};
+use trainer::Trainer;
+
+/// The kind `training`.
+pub struct Training;
+
+/// Params of `training`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrainingParams {
+    /// What the network predicts.
+    pub parameterization: Parameterization,
+    /// What it sees beside the state.
+    pub conditioning: Conditioning,
+    /// Size of the network.
+    pub preset: Preset,
+    /// The space that states and targets are in.
+    pub space: Space,
+    /// Training steps.
+    #[schemars(range(min = 1))]
+    pub steps: u64,
+    /// Examples in a step.
+    #[schemars(range(min = 1, max = 4096))]
+    pub batch: usize,
+    /// Side of the windows that are trained on, in pixels; cut to the images' size and a multiple of 8.
+    #[schemars(range(min = 8))]
+    pub crop: usize,
+    /// Learning rate of Adam.
+    #[schemars(range(min = 0.0))]
+    pub learning_rate: f64,
+    /// Decay rates of Adam's moments.
+    pub betas: [f64; 2],
+    /// Steps over which the learning rate rises from 0.
+    pub warmup: u64,
+    /// How the learning rate falls afterwards.
+    pub decay: Decay,
+    /// Largest norm of the gradient.
+    #[schemars(range(min = 0.0))]
+    pub clip: f64,
+    /// Share that the average of the weights keeps in each step; in short runs, less.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub ema: f64,
+    /// Takes targets from other scenes: a check that what is learned comes from the data.
+    pub shuffle_targets: bool,
+    /// Steps between points of the loss curve.
+    #[schemars(range(min = 1))]
+    pub test_every: u64,
+    /// Steps between checkpoints.
+    #[schemars(range(min = 1))]
+    pub checkpoint_every: u64,
+}
+
+impl Default for TrainingParams {
+    fn default() -> Self {
+        Self {
+            parameterization: Parameterization::default(),
+            conditioning: Conditioning::default(),
+            preset: Preset::default(),
+            space: Space::default(),
+            steps: 60_000,
+            batch: 16,
+            crop: 128,
+            learning_rate: 2e-4,
+            betas: [0.9, 0.999],
+            warmup: 100,
+            decay: Decay::None,
+            clip: 1.0,
+            ema: 0.999,
+            shuffle_targets: false,
+            test_every: 250,
+            checkpoint_every: 500,
+        }
+    }
+}
+
+const INPUTS: &[InputPort] = &[
+    InputPort::whole("train", PACKED, "The scenes to learn from."),
+    InputPort::whole("test", PACKED, "Scenes whose loss is written down, never learned from.").or_none(),
+];
+const OUTPUTS: &[OutputPort] = &[
+    OutputPort::new("model", MODEL, "The averaged weights."),
+    OutputPort::new("log", JSON, "The loss curve."),
+    OutputPort::new("timing", JSON, "Time of a step.").measured(),
+];
+
+impl Kind for Training {
+    type Params = TrainingParams;
+
+    fn spec() -> KindSpec {
+        KindSpec {
+            name: "training",
+            version: 1,
+            summary: "Trains a transport solver.",
+            manual: include_str!("training.md"),
+            mode: Mode::Gather,
+            inputs: INPUTS,
+            outputs: OUTPUTS,
+            seeded: true,
+        }
+    }
+
+    fn check(params: &Self::Params) -> Vec<ParamProblem> {
+        let mut problems = Vec::new();
+        let mut expect = |fine: bool, pointer: &str, message: String, hint: &str| {
+            if !fine {
+                problems.push(ParamProblem::new(pointer, message, hint));
+            }
+        };
+        let p = params;
+        expect(p.steps >= 1, "/steps", "no steps to train".into(), "write at least 1");
+        expect((1..=4096).contains(&p.batch), "/batch", format!("a batch of {}", p.batch), "write 1 to 4096");
+        expect(p.crop >= 8, "/crop", format!("a crop of {} pixels", p.crop), "write at least 8");
+        let positive = |v: f64| v.is_finite() && v > 0.0;
+        expect(
+            positive(p.learning_rate),
+            "/learning_rate",
+            format!("a learning rate of {}", p.learning_rate),
+            "write a positive number such as 2e-4",
+        );
+        expect(positive(p.clip), "/clip", format!("a clip of {}", p.clip), "write a positive number such as 1");
+        expect(
+            p.betas.iter().all(|b| (0.0..1.0).contains(b)),
+            "/betas",
+            format!("betas {:?} outside [0, 1)", p.betas),
+            "write for example [0.9, 0.999]",
+        );
+        expect((0.0..1.0).contains(&p.ema), "/ema", format!("ema {} outside [0, 1)", p.ema), "write 0.999, say");
+        expect(p.test_every >= 1, "/test_every", "a point every 0 steps".into(), "write at least 1");
+        expect(p.checkpoint_every >= 1, "/checkpoint_every", "one every 0 steps".into(), "write at least 1");
+        problems
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let params = &action.params;
+        let train = action.whole("train")?;
+        let test = action.whole.get("test").copied();
+        let threads = match params.preset {
+            // Trainings of a matrix run side by side; so small a network gains nothing from more.
+            Preset::Tiny => 1,
+            Preset::Small | Preset::Base => std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
+        };
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .map_err(|e| KindError::Environment(format!("cannot start {threads} threads for training: {e}")))?;
+        let job = Job { ctx, params, seed: action.seed, train, test, threads };
+        // From a thread of its own: a worker of the engine that waits for a pool would start other actions meanwhile.
+        std::thread::scope(|scope| scope.spawn(|| pool.install(|| job.run())).join())
+            .map_err(|_| KindError::Internal("the training thread panicked".into()))?
+    }
+}
+
+/// One training.
+struct Job<'a> {
+    ctx: &'a Context<'a>,
+    params: &'a TrainingParams,
+    seed: u64,
+    train: &'a Collection,
+    test: Option<&'a Collection>,
+    threads: usize,
+}
+
+impl Job<'_> {
+    fn run(&self) -> Result<Outputs, KindError> {
+        let (ctx, params) = (self.ctx, self.params);
+        let train = DataSet::load(ctx, self.train, "train", params.conditioning)?;
+        let test = match self.test {
+            Some(test) if !test.is_empty() => Some(DataSet::load(ctx, test, "test", params.conditioning)?),
+            _ => None,
+        };
+        if let Some(test) = test.as_ref().filter(|t| t.counts != train.counts) {
+            return Err(KindError::Input(format!(
+                "the test scenes have rungs {:?} and the training scenes {:?}; give both ladders the same `rungs`",
+                test.counts, train.counts
+            )));
+        }
+        if params.shuffle_targets && train.len() < 2 {
+            return Err(KindError::Input("`shuffle_targets` needs at least two training scenes".into()));
+        }
+        let info = ModelInfo {
+            parameterization: params.parameterization,
+            conditioning: params.conditioning,
+            preset: params.preset,
+            space: params.space,
+            counts: train.counts.clone(),
+            steps: params.steps,
+        };
+        let mut trainer = Trainer::new(info.encoding()?, params.preset, self.rates(), self.seed);
+        let checkpoints = self.checkpoints();
+        let mut record = checkpoints.latest(ctx, &mut trainer, params.steps).unwrap_or_default();
+        let seconds = self.steps(&mut trainer, &mut record, &checkpoints, &train, test.as_ref())?;
+        let log = TrainingLog {
+            parameterization: params.parameterization.name().into(),
+            conditioning: params.conditioning.name().into(),
+            space: params.space.name().into(),
+            preset: params.preset.name().into(),
+            weights: trainer.network.slots().count() as u64,
+            steps: params.steps,
+            points: record.points,
+        };
+        let model = Model::new(info, trainer.state.average)?;
+        let one = |port: &str, artifact: Artifact| -> Result<Collection, KindError> {
+            let key = ItemKey::new(port).map_err(|e| KindError::Internal(e.to_string()))?;
+            Ok([(key, artifact)].into_iter().collect())
+        };
+        let model = one("model", Artifact::blob(MODEL, ctx.put(&model.to_bytes()?)?))?;
+        let log = one("model", Artifact::blob(JSON, ctx.put_json(&log)?))?;
+        let timing = one("model", Artifact::blob(JSON, ctx.put_json(&self.timing(seconds))?))?;
+        Ok(Outputs::default().collection("model", model).collection("log", log).collection("timing", timing))
+    }
+
+    fn rates(&self) -> Rates {
+        let p = self.params;
+        Rates {
+            learning_rate: p.learning_rate,
+            betas: p.betas,
+            warmup: p.warmup,
+            clip: p.clip,
+            ema: p.ema,
+            decay: p.decay,
+            steps: p.steps,
+        }
+    }
+
+    fn checkpoints(&self) -> Checkpoints {
+        // How many steps follow matters only to a rate that falls towards the last.
+        let steps = if self.params.decay == Decay::None { 0 } else { self.params.steps };
+        let params = TrainingParams { steps, ..self.params.clone() };
+        let mut inputs = vec![self.train.digest()];
+        inputs.extend(self.test.map(Collection::digest));
+        Checkpoints {
+            params: serde_json::json!({ "params": params, "seed": self.seed }),
+            inputs,
+            every: self.params.checkpoint_every,
+        }
+    }
+
+    /// Takes the steps that are left; returns how long each took.
+    fn steps(
+        &self,
+        trainer: &mut Trainer,
+        record: &mut Record,
+        checkpoints: &Checkpoints,
+        train: &DataSet,
+        test: Option<&DataSet>,
+    ) -> Result<Vec<f64>, KindError> {
+        let p = self.params;
+        let multiple = trainer.network.multiple();
+        let side = train.side(p.crop, multiple)?;
+        let test_side = test.map(|t| t.side(p.crop, multiple)).transpose()?.unwrap_or(side);
+        let draw = Draw { seed: self.seed, batch: p.batch, side, shuffle_targets: p.shuffle_targets };
+        let score = |trainer: &Trainer| test.map(|t| trainer.test(t, test_side, p.batch));
+        if record.points.is_empty() {
+            record.point(0, score(trainer), trainer.learning_rate());
+        }
+        let mut seconds = Vec::new();
+        while trainer.state.step < p.steps {
+            self.ctx.check_cancelled()?;
+            let start = Instant::now();
+            let batch = train.draw(&trainer.encoding, &draw, trainer.state.step);
+            let rate = trainer.learning_rate();
+            let (loss, norm) = trainer.step(&batch)?;
+            seconds.push(start.elapsed().as_secs_f64());
+            record.add(loss, norm);
+            let step = trainer.state.step;
+            if step.is_multiple_of(p.test_every) {
+                record.point(step, score(trainer), rate);
+            }
+            if checkpoints.due(step) {
+                checkpoints.keep(self.ctx, trainer, record)?;
+            }
+            if step.is_multiple_of(10) || step == p.steps {
+                self.ctx.progress(step, p.steps, &format!("loss {loss:.4}"));
+            }
+        }
+        if record.points.last().is_some_and(|last| last.step < p.steps) {
+            record.point(p.steps, score(trainer), self.rates().at(p.steps - 1));
+        }
+        Ok(seconds)
+    }
+
+    fn timing(&self, mut seconds: Vec<f64>) -> TrainingTiming {
+        let total = seconds.iter().sum();
+        seconds.sort_by(f64::total_cmp);
+        let median = seconds.get(seconds.len() / 2).copied().unwrap_or(0.0);
+        TrainingTiming {
+            steps: seconds.len() as u64,
+            seconds: total,
+            median_step_ms: 1000.0 * median,
+            threads: self.threads as u64,
+        }
+    }
+}

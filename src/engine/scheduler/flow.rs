@@ -30,7 +30,9 @@ impl Scheduler<'_> {
                 items
             }
             Ok(Err(error)) => return self.fail_lane(lane, error.to_string()),
-            Err(_) => return self.fail_lane(lane, "internal error: listing the items panicked; please report it".into()),
+            Err(_) => {
+                return self.fail_lane(lane, "internal error: listing the items panicked; please report it".into());
+            }
         };
         if let Some(pair) = items.windows(2).find(|w| w[0].key == w[1].key) {
             return self.fail_lane(lane, format!("two items have the key `{}`; please report it", pair[0].key));
@@ -43,7 +45,12 @@ impl Scheduler<'_> {
         self.ops.push_back(Op::Check { lane });
     }
 
-    pub(super) fn add_slot(&mut self, lane: usize, key: Option<ItemKey>, files: Vec<(String, PathBuf)>) -> Option<usize> {
+    pub(super) fn add_slot(
+        &mut self,
+        lane: usize,
+        key: Option<ItemKey>,
+        files: Vec<(String, PathBuf)>,
+    ) -> Option<usize> {
         if let (Some(only), Some(key)) = (&self.lanes[lane].only, &key)
             && !only.contains(key)
         {

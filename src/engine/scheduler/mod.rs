@@ -315,7 +315,11 @@ impl<'a> Scheduler<'a> {
 
     fn names(&self, lane: usize) -> (String, String, String) {
         let lane = &self.lanes[lane];
-        (self.pipeline.nodes[lane.node].name.clone(), self.pipeline.cells[lane.cell].text.clone(), lane.group.to_owned())
+        (
+            self.pipeline.nodes[lane.node].name.clone(),
+            self.pipeline.cells[lane.cell].text.clone(),
+            lane.group.to_owned(),
+        )
     }
 
     fn fail(&mut self, lane: usize, item: Option<&ItemKey>, message: String) {
@@ -374,12 +378,6 @@ impl<'a> Scheduler<'a> {
 
     /// Ends the pass.
     pub fn finish(self) -> Finished {
-        Finished {
-            stats: self.stats,
-            failures: self.failures,
-            missing: self.missing,
-            ran: self.ran,
-            keys: self.keys,
-        }
+        Finished { stats: self.stats, failures: self.failures, missing: self.missing, ran: self.ran, keys: self.keys }
     }
 }

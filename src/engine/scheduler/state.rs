@@ -101,7 +101,13 @@ pub(super) fn given(collection: &Collection) -> Vec<(ItemKey, Given)> {
     collection.iter().map(|(k, a)| (k.clone(), Given::Item(Arc::new(a.clone())))).collect()
 }
 
-pub(super) fn give_all(ops: &mut VecDeque<Op>, lane: usize, input: usize, prefix: Option<&str>, items: Vec<(ItemKey, Given)>) {
+pub(super) fn give_all(
+    ops: &mut VecDeque<Op>,
+    lane: usize,
+    input: usize,
+    prefix: Option<&str>,
+    items: Vec<(ItemKey, Given)>,
+) {
     for (key, given) in items {
         // A key that is too long with its prefix stays as it is; it then stands out as not found.
         let key = prefix.and_then(|p| key.in_cell(p).ok()).unwrap_or(key);

@@ -180,6 +180,14 @@ fn by_k(bridge: &Bridge, stop: &str) -> String {
     out + "</tbody></table></div>"
 }
 
+/// A map's name for people: `adjacent-01` is the adjacent stop from k = 1.
+fn map_name(file: &str) -> String {
+    match file.rsplit_once('-').and_then(|(stop, k)| Some((stop, k.parse::<u64>().ok()?))) {
+        Some((stop, k)) => format!("{stop} stop, k = {k}"),
+        None => file.replace(['/', '_'], " "),
+    }
+}
+
 /// The maps of the first scenes, by folder.
 fn maps(maps: &[(String, Vec<u8>)], scenes: usize) -> String {
     let mut folders: BTreeMap<&str, Vec<(&str, &[u8])>> = BTreeMap::new();
@@ -191,12 +199,16 @@ fn maps(maps: &[(String, Vec<u8>)], scenes: usize) -> String {
         return String::new();
     }
     let more = folders.len().saturating_sub(scenes);
-    let mut out = String::from("<h3>Update directions and absolute differences</h3>");
+    let mut out = String::from(
+        "<h3>Update directions and absolute differences</h3><p>Upper row of each picture: the real update I<sub>m</sub> − I<sub>k</sub>, then \
+         each method's; grey is no change, brighter is more light, darker less, a tint a change of colour. Lower row: absolute difference to \
+         I<sub>m</sub>, of hold, then of each method, from black over red and yellow to white.</p>",
+    );
     for (i, (folder, files)) in folders.into_iter().take(scenes).enumerate() {
         let open = if i == 0 { " open" } else { "" };
         let _ = write!(out, "<details{open}><summary>{}</summary><div class=\"maps\">", escape(folder));
         for (file, png) in files {
-            let name = file.replace(['/', '_'], " ");
+            let name = map_name(file);
             let _ = write!(
                 out,
                 "<figure><img alt=\"{0}\" src=\"{1}\"><figcaption>{0}</figcaption></figure>",
@@ -213,4 +225,18 @@ fn maps(maps: &[(String, Vec<u8>)], scenes: usize) -> String {
         );
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn maps_are_named_by_their_stop() {
+        assert_eq!(map_name("adjacent-01"), "adjacent stop, k = 1");
+        assert_eq!(map_name("over_view"), "over view");
+        let png = |name: &str| (name.to_owned(), vec![1u8]);
+        let html = maps(&[png("a/adjacent-01.png"), png("b/direct-02.png")], 1);
+        assert!(html.contains("k = 1") && !html.contains("k = 2") && html.contains("Those of 1 more"));
+    }
 }

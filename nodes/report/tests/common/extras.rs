@@ -131,14 +131,12 @@ fn bridge(ctx: &Context<'_>) -> Artifact {
         ("cases.csv".to_owned(), ctx.put(b"scene,stop\n").expect("memory")),
     ];
     for scene in ["L0-open-000003", "L3-enclosed-000011"] {
-        for (i, stop) in ["adjacent-1-2", "adjacent-4-5", "direct-1-10", "direct-4-10"].into_iter().enumerate() {
-            for kind in ["direction", "difference"] {
-                let mut stream = Stream::new(i as u64, &[]).part(kind);
-                let mut image = Image::new(48, 48, 3);
-                image.data_mut().iter_mut().for_each(|v| *v = stream.uniform() as f32);
-                let png = encode_png(&image).expect("3 channels");
-                parts.push((format!("maps/{scene}/{stop}-mc_noise-{kind}.png"), ctx.put(&png).expect("memory")));
-            }
+        for (i, stop) in ["adjacent-01", "adjacent-02", "adjacent-03", "direct-01"].into_iter().enumerate() {
+            let mut stream = Stream::new(i as u64, &[]).part(scene);
+            let mut image = Image::new(3 * 32 + 4, 2 * 32 + 2, 3);
+            image.data_mut().iter_mut().for_each(|v| *v = stream.uniform() as f32);
+            let png = encode_png(&image).expect("3 channels");
+            parts.push((format!("maps/{scene}/{stop}.png"), ctx.put(&png).expect("memory")));
         }
     }
     Artifact::tree(FILES, parts)

@@ -1,0 +1,82 @@
+//! Checkpoints: everything that the rest of a training depends on, as one blob; a run that resumes ends with the same
+//! bits as one that was never stopped.
+
+use super::{optimiser::Optimised, record::Record, trainer::Trainer};
+use serde_json::Value;
+use tauflow_contract::{Artifact, Context, Digest, KindError, MemoKey};
+use tauflow_data::TensorFile;
+
+const MEDIA: &str = "tauflow/training-checkpoint";
+
+/// Where the checkpoints of one training are kept.
+pub(crate) struct Checkpoints {
+    /// Params, seed and inputs: all that decides the weights after a number of steps.
+    pub(crate) params: Value,
+    pub(crate) inputs: Vec<Digest>,
+    /// Steps between two.
+    pub(crate) every: u64,
+}
+
+impl Checkpoints {
+    fn key(&self, step: u64) -> MemoKey {
+        MemoKey {
+            name: "training/checkpoint".into(),
+            version: 1,
+            params: serde_json::json!({ "training": self.params, "step": step }),
+            inputs: self.inputs.clone(),
+        }
+    }
+
+    /// True if there is one to be kept at this step.
+    pub(crate) fn due(&self, step: u64) -> bool {
+        step.is_multiple_of(self.every)
+    }
+
+    /// Keeps where a training stands.
+    pub(crate) fn keep(&self, ctx: &Context<'_>, trainer: &Trainer, record: &Record) -> Result<(), KindError> {
+        let state = &trainer.state;
+        let slots = trainer.network.slots();
+        let mut file = TensorFile::default()
+            .note("record", serde_json::to_string(record).expect("plain data"))
+            .note("step", state.step.to_string());
+        for (prefix, weights) in [
+            ("weights.", &state.weights),
+            ("average.", &state.average),
+            ("first.", &state.first),
+            ("second.", &state.second),
+        ] {
+            file = slots.write(file, prefix, weights);
+        }
+        let digest = ctx.put(&file.to_bytes()?)?;
+        ctx.memo_put(&self.key(state.step), &Artifact::blob(MEDIA, digest))
+    }
+
+    /// The latest one at or before `steps`, if there is any.
+    pub(crate) fn latest(&self, ctx: &Context<'_>, trainer: &mut Trainer, steps: u64) -> Option<Record> {
+        (1..=steps / self.every).rev().find_map(|i| {
+            let artifact = ctx.memo_get(&self.key(i * self.every))?;
+            // A checkpoint that cannot be read is as good as none: the training takes an earlier one.
+            let (state, record) = read(&ctx.part(&artifact, "").ok()?, trainer).ok()?;
+            trainer.state = state;
+            Some(record)
+        })
+    }
+}
+
+fn read(bytes: &[u8], trainer: &Trainer) -> Result<(Optimised, Record), KindError> {
+    let file = TensorFile::from_bytes(bytes)?;
+    let slots = trainer.network.slots();
+    let note = |name: &str| {
+        let missing = || KindError::Input(format!("a checkpoint without the note `{name}`"));
+        file.metadata.get(name).map(String::as_str).ok_or_else(missing)
+    };
+    let broken = |e: &dyn std::fmt::Display| KindError::Input(format!("a damaged checkpoint: {e}"));
+    let state = Optimised {
+        weights: slots.read(&file, "weights.")?,
+        average: slots.read(&file, "average.")?,
+        first: slots.read(&file, "first.")?,
+        second: slots.read(&file, "second.")?,
+        step: note("step")?.parse().map_err(|e| broken(&e))?,
+    };
+    Ok((state, serde_json::from_str(note("record")?).map_err(|e| broken(&e))?))
+}

@@ -1,0 +1,99 @@
+//! Adam (Kingma and Ba 2015) with warm-up, a clip on the norm of the whole gradient, and an average of the weights.
+//!
+//! burn's own optimiser clips each tensor by itself and keeps no average; this one goes once over plain numbers, in order.
+
+use crate::network::weights::Weights;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use tauflow_data::maths;
+
+const EPSILON: f64 = 1e-8;
+
+/// How the learning rate falls.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum Decay {
+    /// It stays.
+    #[default]
+    None,
+    /// Half a cosine, to a hundredth at the last step: for short runs.
+    Cosine,
+}
+
+/// The rates of an optimiser.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Rates {
+    pub(crate) learning_rate: f64,
+    pub(crate) betas: [f64; 2],
+    pub(crate) warmup: u64,
+    pub(crate) clip: f64,
+    pub(crate) ema: f64,
+    pub(crate) decay: Decay,
+    pub(crate) steps: u64,
+}
+
+impl Rates {
+    /// The learning rate of a step, counted from 0.
+    pub(crate) fn at(&self, step: u64) -> f64 {
+        let rise = ((step + 1) as f64 / self.warmup.max(1) as f64).min(1.0);
+        let fall = match self.decay {
+            Decay::None => 1.0,
+            Decay::Cosine => {
+                let angle = core::f64::consts::PI * (step as f64 / self.steps.max(1) as f64).min(1.0);
+                0.01 + 0.99 * 0.5 * (1.0 + maths::cos(angle))
+            }
+        };
+        self.learning_rate * rise * fall
+    }
+
+    /// The share that the average keeps at a step: `ema` in the long run; early on it looks back a tenth of the way.
+    fn keep(&self, step: u64) -> f64 {
+        self.ema.min((step + 1) as f64 / (step + 10) as f64)
+    }
+}
+
+/// Weights on their way.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Optimised {
+    pub(crate) weights: Weights,
+    /// Their average: what a model is made of.
+    pub(crate) average: Weights,
+    pub(crate) first: Weights,
+    pub(crate) second: Weights,
+    /// Steps done.
+    pub(crate) step: u64,
+}
+
+impl Optimised {
+    /// At the start.
+    pub(crate) fn new(weights: Weights) -> Self {
+        let (first, second) = (weights.zeros(), weights.zeros());
+        Self { average: weights.clone(), weights, first, second, step: 0 }
+    }
+
+    /// One step along `gradient`; returns the norm that it had.
+    pub(crate) fn update(&mut self, rates: &Rates, gradient: &Weights) -> f64 {
+        let square = |values: &Vec<f32>| values.iter().map(|g| f64::from(*g) * f64::from(*g)).sum::<f64>();
+        let norm = gradient.0.iter().map(square).sum::<f64>().sqrt();
+        let clip = if norm > rates.clip { (rates.clip / norm) as f32 } else { 1.0 };
+        let [b1, b2] = rates.betas;
+        let count = (self.step + 1) as f64;
+        // lr m/(1 - b1^t) / (sqrt(v/(1 - b2^t)) + eps) with the corrections drawn together.
+        let corrected = (1.0 - maths::pow(b2, count)).sqrt();
+        let rate = (rates.at(self.step) * corrected / (1.0 - maths::pow(b1, count))) as f32;
+        let epsilon = (EPSILON * corrected) as f32;
+        let (b1, b2, keep) = (b1 as f32, b2 as f32, rates.keep(self.step) as f32);
+        let matrices = self.weights.0.iter_mut().zip(&mut self.average.0).zip(&mut self.first.0);
+        for ((((weights, average), first), second), gradient) in matrices.zip(&mut self.second.0).zip(&gradient.0) {
+            for i in 0..gradient.len() {
+                let g = gradient[i] * clip;
+                first[i] = b1 * first[i] + (1.0 - b1) * g;
+                second[i] = b2 * second[i] + (1.0 - b2) * g * g;
+                weights[i] -= rate * first[i] / (second[i].sqrt() + epsilon);
+                average[i] = keep * average[i] + (1.0 - keep) * weights[i];
+            }
+        }
+        self.step += 1;
+        norm
+    }
+}

@@ -1,0 +1,31 @@
+//! The loss curve while it is written.
+
+use serde::{Deserialize, Serialize};
+use tauflow_data::results::TrainingPoint;
+
+/// Points so far, and the sums since the last one.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Record {
+    /// The curve.
+    pub(crate) points: Vec<TrainingPoint>,
+    loss: f64,
+    norm: f64,
+    count: u64,
+}
+
+impl Record {
+    /// Adds a step's loss and gradient norm.
+    pub(crate) fn add(&mut self, loss: f64, norm: f64) {
+        self.loss += loss;
+        self.norm += norm;
+        self.count += 1;
+    }
+
+    /// Ends the running means in a point.
+    pub(crate) fn point(&mut self, step: u64, test: Option<f64>, learning_rate: f64) {
+        let mean = |sum: f64| (self.count > 0).then(|| sum / self.count as f64);
+        let (train, gradient_norm) = (mean(self.loss), mean(self.norm));
+        self.points.push(TrainingPoint { step, train, test, learning_rate, gradient_norm });
+        (self.loss, self.norm, self.count) = (0.0, 0.0, 0);
+    }
+}
