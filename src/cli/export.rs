@@ -81,7 +81,13 @@ pub(crate) fn export(args: &ExportArgs, registry: &Registry, open: Open<'_>) -> 
             }
             other => CliError::Environment(format!("{key}: {other}")),
         })?;
-        items.push(json!({ "item": key.as_str(), "media": artifact.media, "digest": artifact.digest(), "files": files }));
+        items.push(json!({
+            "item": key.as_str(),
+            "media": artifact.media,
+            "digest": artifact.digest(),
+            "parts": artifact.parts,
+            "files": files,
+        }));
     }
     let count = items.len();
     let manifest = json!({

@@ -33,7 +33,7 @@ struct State {
 struct NodeState {
     expected: u64,
     /// All its actions are known.
-    lanes_open: u64,
+    counted: bool,
     hit: u64,
     ran: u64,
     failed: u64,
@@ -68,7 +68,7 @@ impl NodeState {
 
     fn text(&self) -> String {
         let mut parts = Vec::new();
-        let unknown = if self.lanes_open > 0 { "+" } else { "" };
+        let unknown = if self.counted { "" } else { "+" };
         parts.push(format!("{}/{}{unknown}", self.done(), self.expected));
         let mut count = |n: u64, what: &str| {
             if n > 0 {
@@ -82,8 +82,8 @@ impl NodeState {
         if let Some(eta) = self.eta() {
             parts.push(format!("{} to go", seconds_text(eta)));
         }
-        if let Some((_, _, message)) = self.long.values().find(|(_, _, m)| !m.is_empty()) {
-            parts.push(message.clone());
+        if let Some((done, total, message)) = self.long.values().find(|(_, _, m)| !m.is_empty()) {
+            parts.push(format!("{done}/{total} {message}"));
         }
         parts.join(", ")
     }
@@ -140,7 +140,12 @@ impl Display {
                 entry.expected += actions;
                 self.update(&mut state, node, false);
             }
-            Event::Counted { node } => self.update(&mut state, node, false),
+            Event::Counted { node } => {
+                let entry = state.nodes.entry(node.clone()).or_default();
+                entry.counted = true;
+                let ended = entry.done() == entry.expected;
+                self.update(&mut state, node, ended);
+            }
             Event::Begin { node, .. } => {
                 let entry = state.nodes.entry(node.clone()).or_default();
                 entry.running += 1;
@@ -164,7 +169,7 @@ impl Display {
                 if !matches!(outcome, Ended::Blocked) {
                     entry.running = entry.running.saturating_sub(1);
                 }
-                let ended = entry.done() == entry.expected;
+                let ended = entry.counted && entry.done() == entry.expected;
                 self.update(&mut state, node, ended);
             }
         }

@@ -102,7 +102,7 @@ pub fn run(
 pub struct Plan {
     /// Numbers by node: `ran` is what would run.
     pub summary: Summary,
-    /// The keys of the actions that would run, by node and item.
+    /// The actions that were looked at one by one, with their keys.
     pub would_run: Vec<explain::Planned>,
 }
 

@@ -61,19 +61,3 @@ pub(crate) fn multiply(out: &mut [f32], a: Matrix<'_>, b: Matrix<'_>, add: bool)
         );
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn products_and_transposes() {
-        let a = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
-        let b = [1.0, 0.0, -1.0, 2.0, 0.5, 1.0];
-        let mut out = [0.0; 4];
-        multiply(&mut out, Matrix::new(&a, 3), Matrix::new(&b, 2), false);
-        assert_eq!(out, [0.5, 7.0, 2.0, 16.0]);
-        multiply(&mut out, Matrix::new(&a, 2).transposed(), Matrix::new(&b, 3).transposed().transposed(), true);
-        // Plus [[1, 3, 5], [2, 4, 6]] [[1, 0], [-1, 2], [0.5, 1]] does not fit b's shape: b is [2, 3] here.
-    }
-}

@@ -4,6 +4,8 @@
 
 mod conv;
 pub(crate) mod features;
+#[cfg(test)]
+mod gradients;
 pub(crate) mod head;
 mod matrix;
 mod norm;

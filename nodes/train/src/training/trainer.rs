@@ -85,5 +85,5 @@ impl Trainer {
 }
 
 fn numbers(tensor: Tensor<2>) -> Result<Vec<f32>, KindError> {
-    tensor.into_data().into_vec::<f32>().map_err(|e| KindError::Internal(format!("a gradient that is not f32: {e:?}")))
+    tensor.into_data().try_into_vec::<f32>().map_err(|e| KindError::Internal(format!("a gradient that is not f32: {e:?}")))
 }

@@ -1,0 +1,251 @@
+//! Tests of the operators and of the whole network: gradients against central differences.
+
+use super::{
+    conv, features,
+    head::{self, Basis},
+    matrix::{Matrix, multiply},
+    norm, op,
+    shuffle,
+    unet::{Preset, Unet},
+};
+use crate::parameterization::{Parameterization, Space};
+use burn::tensor::{Device, Tensor, TensorData};
+use std::sync::Arc;
+use tauflow_data::{maths, rng::Stream, time::VarianceTime};
+
+fn numbers(seed: u64, size: usize) -> Vec<f32> {
+    let mut stream = Stream::new(seed, &[]);
+    (0..size).map(|_| stream.range(-1.0, 1.0) as f32).collect()
+}
+
+fn tensor<const D: usize>(values: &[f32], shape: [usize; D], device: &Device) -> Tensor<D> {
+    Tensor::from_data(TensorData::new(values.to_vec(), shape), device)
+}
+
+/// The weighted sum of an output, so that every element has a gradient of its own.
+fn probe<const D: usize>(output: Tensor<D>) -> f64 {
+    let data = output.into_data().try_into_vec::<f32>().expect("f32");
+    let weights = numbers(99, data.len());
+    data.iter().zip(weights).map(|(a, b)| f64::from(*a) * f64::from(b)).sum()
+}
+
+/// Checks the gradients of `f`, at some elements of each input, against central differences.
+fn check<const D: usize>(inputs: &[(Vec<f32>, Vec<usize>)], f: impl Fn(&[Tensor<4>]) -> Tensor<D>) {
+    let shaped = |shape: &[usize]| -> [usize; 4] {
+        let mut out = [1; 4];
+        out[4 - shape.len()..].copy_from_slice(shape);
+        out
+    };
+    let tracked = Device::flex().autodiff();
+    let tensors: Vec<Tensor<4>> =
+        inputs.iter().map(|(v, shape)| tensor(v, shaped(shape), &tracked).require_grad()).collect();
+    let output = f(&tensors);
+    let weights = tensor(&numbers(99, output.shape().num_elements()), output.dims(), &tracked);
+    let gradients = (output * weights).sum().backward();
+    let plain = Device::flex();
+    let value = |which: usize, at: usize, by: f32| {
+        let tensors: Vec<Tensor<4>> = inputs
+            .iter()
+            .enumerate()
+            .map(|(i, (v, shape))| {
+                let mut v = v.clone();
+                if i == which {
+                    v[at] += by;
+                }
+                tensor(&v, shaped(shape), &plain)
+            })
+            .collect();
+        probe(f(&tensors))
+    };
+    for (which, input) in tensors.iter().enumerate() {
+        let found = input.grad(&gradients).expect("tracked").into_data().try_into_vec::<f32>().expect("f32");
+        let largest = found.iter().fold(0.0f32, |m, g| m.max(g.abs()));
+        let mut stream = Stream::new(5, &[which as u64]);
+        for _ in 0..24 {
+            let at = stream.below(found.len());
+            let step = 1e-2f32;
+            let expected = (value(which, at, step) - value(which, at, -step)) / (2.0 * f64::from(step));
+            let error = (f64::from(found[at]) - expected).abs();
+            assert!(
+                error < 2e-3 * f64::from(largest).max(1.0),
+                "input {which} at {at}: {} but differences say {expected}",
+                found[at]
+            );
+        }
+    }
+}
+
+fn flat(t: &Tensor<4>) -> Tensor<2> {
+    let [_, _, rows, columns] = t.dims();
+    t.clone().reshape([rows, columns])
+}
+
+#[test]
+fn products_of_matrices_and_their_transposes() {
+    let (a, b) = ([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [1.0, 0.0, -1.0, 2.0, 0.5, 1.0]);
+    let mut out = [0.0; 4];
+    multiply(&mut out, Matrix::new(&a, 3), Matrix::new(&b, 2), false);
+    assert_eq!(out, [0.5, 7.0, 2.0, 16.0]);
+    // a' = [[1, 3, 5], [2, 4, 6]] of rows of two; b' likewise [[1, -1, 0.5], [0, 2, 1]]; a' b'' = the sum added.
+    multiply(&mut out, Matrix::new(&a, 2).transposed(), Matrix::new(&b, 2), true);
+    assert_eq!(out, [0.5 + 0.5, 7.0 + 11.0, 2.0 + 1.0, 16.0 + 14.0]);
+}
+
+#[test]
+fn convolution_is_what_it_says() {
+    let (h, w, c, o) = (5, 7, 3, 4);
+    let (x, kernel, bias) = (numbers(1, 2 * h * w * c), numbers(2, 9 * c * o), numbers(3, o));
+    let device = Device::flex();
+    let out = conv::conv3(
+        tensor(&x, [2, h, w, c], &device),
+        tensor(&kernel, [9 * c, o], &device),
+        tensor(&bias, [1, o], &device),
+    );
+    let out = out.into_data().try_into_vec::<f32>().expect("f32");
+    for (i, found) in out.iter().enumerate() {
+        let (output, x_at, y_at, image) = (i % o, i / o % w, i / (o * w) % h, i / (o * w * h));
+        let mut expected = f64::from(bias[output]);
+        for tap in 0..9 {
+            let (sx, sy) = ((x_at + tap % 3).wrapping_sub(1), (y_at + tap / 3).wrapping_sub(1));
+            if sx < w && sy < h {
+                for input in 0..c {
+                    let value = x[((image * h + sy) * w + sx) * c + input];
+                    expected += f64::from(value) * f64::from(kernel[(tap * c + input) * o + output]);
+                }
+            }
+        }
+        assert!((f64::from(*found) - expected).abs() < 1e-5, "{i}: {found} {expected}");
+    }
+}
+
+#[test]
+fn gradients_of_convolutions() {
+    let inputs = [
+        (numbers(1, 2 * 6 * 5 * 3), vec![2, 6, 5, 3]),
+        (numbers(2, 27 * 4), vec![27, 4]),
+        (numbers(3, 4), vec![1, 4]),
+    ];
+    check(&inputs, |t| conv::conv3(t[0].clone(), flat(&t[1]), flat(&t[2])));
+    let inputs = [
+        (numbers(1, 2 * 20 * 30 * 3), vec![2, 20, 30, 3]),
+        (numbers(2, 3 * 4), vec![3, 4]),
+        (numbers(3, 4), vec![1, 4]),
+    ];
+    check(&inputs, |t| conv::linear(t[0].clone(), flat(&t[1]), flat(&t[2])));
+}
+
+#[test]
+fn gradients_of_normalisation() {
+    let inputs = [(numbers(1, 2 * 4 * 5 * 16), vec![2, 4, 5, 16]), (numbers(2, 2 * 32), vec![2, 32])];
+    check(&inputs, |t| norm::norm_silu(t[0].clone(), flat(&t[1])));
+    check(&inputs[..1], |t| norm::silu(t[0].clone()));
+}
+
+#[test]
+fn normalised_values_have_no_mean_and_unit_variance() {
+    let (size, c) = (2 * 8 * 8 * 8, 8);
+    let x: Vec<f32> = numbers(1, size).iter().map(|v| 30.0 + 4.0 * v).collect();
+    let device = Device::flex();
+    // A shift of 20 puts SiLU where it is the identity.
+    let modulation: Vec<f32> = (0..2).flat_map(|_| [vec![0.0; c], vec![20.0; c]].concat()).collect();
+    let out = norm::norm_silu(tensor(&x, [2, 8, 8, 8], &device), tensor(&modulation, [2, 2 * c], &device));
+    let out = out.into_data().try_into_vec::<f32>().expect("f32");
+    for image in out.chunks_exact(size / 2) {
+        let mean = image.iter().map(|v| f64::from(*v) - 20.0).sum::<f64>() / image.len() as f64;
+        let square = image.iter().map(|v| (f64::from(*v) - 20.0).powi(2)).sum::<f64>() / image.len() as f64;
+        assert!(mean.abs() < 1e-4 && (square - 1.0).abs() < 1e-3, "{mean} {square}");
+    }
+}
+
+#[test]
+fn exp_is_exp() {
+    for i in -8600..8600 {
+        let x = i as f32 * 0.01;
+        let expected = maths::exp(f64::from(x));
+        let error = (f64::from(norm::exp(x)) - expected).abs() / expected;
+        assert!(error < 3e-7, "exp {x}: {} {expected}", norm::exp(x));
+    }
+    assert!(norm::exp(-1e9) < 1e-37 && norm::exp(1e9).is_finite());
+}
+
+#[test]
+fn folding_is_undone_and_moves_gradients() {
+    let values = numbers(1, 2 * 4 * 6 * 3);
+    let device = Device::flex();
+    let folded = shuffle::fold(tensor(&values, [2, 4, 6, 3], &device));
+    assert_eq!(folded.dims(), [2, 2, 3, 12]);
+    let first = folded.clone().into_data().try_into_vec::<f32>().expect("f32");
+    // The first small pixel: two pixels of the first row, then two of the second.
+    assert_eq!(first[..6], values[..6]);
+    assert_eq!(first[6..12], values[18..24]);
+    assert_eq!(shuffle::unfold(folded).into_data().try_into_vec::<f32>().expect("f32"), values);
+    check(&[(values, vec![2, 4, 6, 3])], |t| shuffle::fold(t[0].clone()));
+    check(&[(numbers(2, 2 * 2 * 3 * 8), vec![2, 2, 3, 8])], |t| shuffle::unfold(t[0].clone()));
+}
+
+#[test]
+fn gradients_of_head_and_loss() {
+    let basis = Basis { state: Arc::new(numbers(5, 2 * 4 * 3)), magnitude: Arc::new(numbers(6, 2 * 4 * 3)) };
+    let inputs = [(numbers(1, 2 * 4 * 6), vec![1, 2, 4, 6])];
+    check(&inputs, |t| head::expand(t[0].clone(), basis.clone()));
+    let target = Arc::new(numbers(7, 2 * 4 * 6));
+    check(&inputs, |t| head::mean_square(t[0].clone(), target.clone()).reshape([1]));
+}
+
+#[test]
+fn gradients_of_the_whole_network() {
+    let encoding = features::Encoding {
+        parameterization: Parameterization::McNoise,
+        space: Space::Linear,
+        clock: VarianceTime::new(1, 16).expect("a ladder"),
+        gbuffer: true,
+    };
+    let network: Unet = encoding.network(Preset::Tiny);
+    let state: Vec<f32> = numbers(1, 16 * 16 * 3).iter().map(|v| 3.0 * v.abs()).collect();
+    let gbuffer = numbers(2, 16 * 16 * 6);
+    let mut weights = network.slots().draw(3);
+    // Nothing may be zero, or its gradient and those behind it would be.
+    for (i, matrix) in weights.0.iter_mut().enumerate() {
+        if matrix.iter().all(|v| *v == 0.0) {
+            *matrix = numbers(100 + i as u64, matrix.len()).iter().map(|v| 0.05 * v).collect();
+        }
+    }
+    let target = Arc::new(numbers(4, 16 * 16 * 3));
+    let loss = |weights: &super::weights::Weights, device: &Device| {
+        let tensors = network.slots().tensors(weights, device);
+        let sample = features::Sample { state: &state, gbuffer: Some(&gbuffer), tau: 0.3 };
+        let inputs = encoding.inputs(device, &[sample], 16, 16);
+        (head::mean_square(network.forward(&tensors, inputs), target.clone()), tensors)
+    };
+    let (value, tensors) = loss(&weights, &Device::flex().autodiff());
+    let gradients = value.backward();
+    for (i, tensor) in tensors.iter().enumerate() {
+        let found = tensor.grad(&gradients).expect("every weight is used").into_data();
+        let found = found.try_into_vec::<f32>().expect("f32");
+        // Along the gradient itself the loss must rise by its squared length.
+        let length = found.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
+        assert!(length > 0.0, "matrix {i} has no gradient");
+        let step = 2e-2 / length.max(1e-2);
+        let moved = |sign: f64| {
+            let mut moved = weights.clone();
+            for (w, g) in moved.0[i].iter_mut().zip(&found) {
+                *w += (sign * step * f64::from(*g) / length.max(1e-2)) as f32;
+            }
+            f64::from(loss(&moved, &Device::flex()).0.into_scalar::<f32>())
+        };
+        let slope = (moved(1.0) - moved(-1.0)) / (2.0 * step);
+        let expected = length * length / length.max(1e-2);
+        assert!((slope - expected).abs() < 0.03 * expected + 2e-3, "matrix {i}: {slope} {expected}");
+    }
+}
+
+#[test]
+fn an_operator_refuses_to_mix_devices() {
+    let mixed = std::panic::catch_unwind(|| {
+        let x = tensor(&[1.0, 2.0], [1, 2], &Device::flex().autodiff());
+        let kernel = tensor(&[1.0, 2.0], [2, 1], &Device::flex());
+        conv::linear(x, kernel.clone(), kernel.slice([0..1, 0..1]))
+    });
+    assert!(mixed.is_err());
+    let _: Option<op::Input> = None;
+}

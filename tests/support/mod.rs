@@ -1,0 +1,7 @@
+//! Toy kinds, and a workshop with a store of its own to run small pipelines in.
+
+mod kinds;
+mod workshop;
+
+pub use kinds::registry;
+pub use workshop::{Ran, Workshop, resolve};
