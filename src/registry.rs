@@ -6,6 +6,12 @@ pub use tauflow_render::render::{RenderStats, render_image};
 
 /// Every kind there is.
 pub fn registry() -> Registry {
-    let crates = [tauflow_scene::kinds(), tauflow_render::kinds(), tauflow_eval::kinds(), tauflow_report::kinds()];
+    let crates = [
+        tauflow_scene::kinds(),
+        tauflow_render::kinds(),
+        tauflow_train::kinds(),
+        tauflow_eval::kinds(),
+        tauflow_report::kinds(),
+    ];
     Registry::new(crates.into_iter().flatten())
 }

@@ -102,7 +102,7 @@ pub(crate) fn cache(command: &CacheCommand, open: Open<'_>) -> Result<Exit, CliE
             if max_gib.is_none() && keep_days.is_none() {
                 return Err(CliError::Bad("say what to keep: --max-gib, --keep-days, or both".into()));
             }
-            if max_gib.into_iter().chain(keep_days).any(|v| !(v.is_finite() && *v >= 0.0)) {
+            if max_gib.iter().chain(keep_days).any(|v| !(v.is_finite() && *v >= 0.0)) {
                 return Err(CliError::Bad("--max-gib and --keep-days take numbers from 0".into()));
             }
             let report = store.gc(&GcOptions {

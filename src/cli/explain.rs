@@ -106,7 +106,12 @@ fn in_full(pipeline: &Pipeline, action: &Planned, history: &History) {
                 );
                 let show = |value: &Option<Value>| value.as_ref().map_or("(absent)".into(), ToString::to_string);
                 for difference in &nearest.differences {
-                    outln!("  {}\n    before {}\n    now    {}", difference.field, show(&difference.before), show(&difference.now));
+                    outln!(
+                        "  {}\n    before {}\n    now    {}",
+                        difference.field,
+                        show(&difference.before),
+                        show(&difference.now)
+                    );
                 }
             }
         },

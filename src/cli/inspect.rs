@@ -38,12 +38,7 @@ pub(crate) struct KindsArgs {
 
 pub(crate) fn check(args: &PipelineArgs, registry: &Registry) -> Result<Exit, CliError> {
     let pipeline = args.resolve(registry)?;
-    outln!(
-        "{}: no problems; {} nodes, {} cells",
-        args.pipeline.display(),
-        pipeline.nodes.len(),
-        pipeline.cells.len()
-    );
+    outln!("{}: no problems; {} nodes, {} cells", args.pipeline.display(), pipeline.nodes.len(), pipeline.cells.len());
     Ok(Exit::Done)
 }
 
@@ -80,11 +75,8 @@ pub(crate) fn kinds(args: &KindsArgs, registry: &Registry) -> Result<Exit, CliEr
         out!("{}", page(kind.as_ref()));
         return Ok(Exit::Done);
     }
-    let rows: Vec<String> = registry
-        .iter()
-        .map(|kind| kind.spec())
-        .map(|spec| format!("{:24} {}", spec.name, spec.summary))
-        .collect();
+    let rows: Vec<String> =
+        registry.iter().map(|kind| kind.spec()).map(|spec| format!("{:24} {}", spec.name, spec.summary)).collect();
     outln!("{}", rows.join("\n"));
     Ok(Exit::Done)
 }
@@ -142,7 +134,9 @@ pub fn page(kind: &dyn NodeKind) -> String {
 }
 
 fn markdown(rows: &[Vec<String>]) -> String {
-    let line = |row: &Vec<String>| format!("| {} |\n", row.iter().map(|c| c.replace('|', "\\|")).collect::<Vec<_>>().join(" | "));
+    let line = |row: &Vec<String>| {
+        format!("| {} |\n", row.iter().map(|c| c.replace('|', "\\|")).collect::<Vec<_>>().join(" | "))
+    };
     let Some((head, body)) = rows.split_first() else { return String::new() };
     let mut out = line(head);
     out += &format!("|{}\n", "---|".repeat(head.len()));

@@ -12,6 +12,7 @@ mod progress;
 mod run;
 mod scene;
 mod setup;
+mod tally;
 
 pub(crate) use output::{bytes_text, counted, seconds_text, table};
 
@@ -142,11 +143,8 @@ pub(crate) struct PipelineArgs {
 
 impl PipelineArgs {
     fn resolve(&self, registry: &Registry) -> Result<Pipeline, CliError> {
-        let options = pipeline::Options {
-            profile: self.profile.clone(),
-            sets: self.sets.clone(),
-            targets: self.targets.clone(),
-        };
+        let options =
+            pipeline::Options { profile: self.profile.clone(), sets: self.sets.clone(), targets: self.targets.clone() };
         Ok(pipeline::resolve(&self.pipeline, registry, &options)?)
     }
 

@@ -1,10 +1,7 @@
 //! How a run looks while it goes on: bars on a terminal, lines elsewhere, JSON for programs.
 
-use super::seconds_text;
-use crate::{
-    engine::event::{Ended, Event},
-    pipeline::Pipeline,
-};
+use super::tally::Tally;
+use crate::{engine::event::Event, pipeline::Pipeline};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::{
     collections::BTreeMap,
@@ -23,70 +20,18 @@ pub(crate) struct Display {
     state: Mutex<State>,
 }
 
-#[derive(Default)]
 struct State {
     order: Vec<String>,
-    nodes: BTreeMap<String, NodeState>,
+    tally: Tally,
+    shown: BTreeMap<String, Shown>,
 }
 
+/// What was shown of a node.
 #[derive(Default)]
-struct NodeState {
-    expected: u64,
-    /// All its actions are known.
-    counted: bool,
-    hit: u64,
-    ran: u64,
-    failed: u64,
-    blocked: u64,
-    running: u64,
-    started: Option<Instant>,
-    told: Option<Instant>,
-    told_done: bool,
-    /// Units of the long actions in flight, by cell and item.
-    long: BTreeMap<(String, String), (u64, u64, String)>,
+struct Shown {
     bar: Option<ProgressBar>,
-}
-
-impl NodeState {
-    fn done(&self) -> u64 {
-        self.hit + self.ran + self.failed + self.blocked
-    }
-
-    /// Done actions, and the parts of those in flight.
-    fn position(&self) -> f64 {
-        let parts = self.long.values().map(|(done, total, _)| *done as f64 / (*total).max(1) as f64);
-        self.done() as f64 + parts.sum::<f64>()
-    }
-
-    /// Seconds to go, from what ran so far.
-    fn eta(&self) -> Option<f64> {
-        let elapsed = self.started?.elapsed().as_secs_f64();
-        let worked = self.position() - (self.hit + self.blocked) as f64;
-        let left = self.expected as f64 - self.position();
-        (worked > 0.0 && left > 0.0 && elapsed > 1.0).then(|| elapsed / worked * left)
-    }
-
-    fn text(&self) -> String {
-        let mut parts = Vec::new();
-        let unknown = if self.counted { "" } else { "+" };
-        parts.push(format!("{}/{}{unknown}", self.done(), self.expected));
-        let mut count = |n: u64, what: &str| {
-            if n > 0 {
-                parts.push(format!("{n} {what}"));
-            }
-        };
-        count(self.hit, "as before");
-        count(self.running, "running");
-        count(self.failed, "failed");
-        count(self.blocked, "blocked");
-        if let Some(eta) = self.eta() {
-            parts.push(format!("{} to go", seconds_text(eta)));
-        }
-        if let Some((done, total, message)) = self.long.values().find(|(_, _, m)| !m.is_empty()) {
-            parts.push(format!("{done}/{total} {message}"));
-        }
-        parts.join(", ")
-    }
+    told: Option<Instant>,
+    told_end: bool,
 }
 
 /// Lines for people on stderr, above the bars if there are any.
@@ -108,7 +53,9 @@ impl Display {
     pub(crate) fn new(pipeline: &Pipeline, json: bool) -> Self {
         let terminal = std::io::stderr().is_terminal() && !json;
         let bars = terminal.then(|| MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(10)));
-        let state = State { order: pipeline.nodes.iter().map(|n| n.name.clone()).collect(), ..State::default() };
+        let order: Vec<String> = pipeline.nodes.iter().map(|n| n.name.clone()).collect();
+        let graph = order.iter().enumerate().map(|(n, name)| (name.clone(), pipeline.reads(n))).collect();
+        let state = State { order, tally: Tally::new(graph), shown: BTreeMap::new() };
         Self { json, bars, state: Mutex::new(state) }
     }
 
@@ -123,55 +70,14 @@ impl Display {
         match event {
             Event::Warning { message } => self.voice().say(&format!("warning: {message}")),
             Event::Healing { nodes } => {
-                self.voice().say(&format!("some results are gone from the cache; making them again ({})", nodes.join(", ")));
-                for node in state.nodes.values_mut() {
-                    let bar = node.bar.take();
-                    *node = NodeState { bar, ..NodeState::default() };
-                }
+                let nodes = nodes.join(", ");
+                self.voice().say(&format!("some results are gone from the cache; making them again ({nodes})"));
+                state.shown.values_mut().for_each(|shown| shown.told_end = false);
             }
-            Event::Started { .. } | Event::Finished { .. } => {}
-            Event::Unchanged { node, actions, .. } => {
-                let node = state.nodes.entry(node.clone()).or_default();
-                node.expected += actions;
-                node.hit += actions;
-            }
-            Event::Expect { node, actions } => {
-                let entry = state.nodes.entry(node.clone()).or_default();
-                entry.expected += actions;
-                self.update(&mut state, node, false);
-            }
-            Event::Counted { node } => {
-                let entry = state.nodes.entry(node.clone()).or_default();
-                entry.counted = true;
-                let ended = entry.done() == entry.expected;
-                self.update(&mut state, node, ended);
-            }
-            Event::Begin { node, .. } => {
-                let entry = state.nodes.entry(node.clone()).or_default();
-                entry.running += 1;
-                entry.started.get_or_insert_with(Instant::now);
-                self.update(&mut state, node, false);
-            }
-            Event::Progress { node, cell, item, done, total, message } => {
-                let entry = state.nodes.entry(node.clone()).or_default();
-                entry.long.insert((cell.clone(), item.clone()), (*done, *total, message.clone()));
-                self.update(&mut state, node, false);
-            }
-            Event::End { node, cell, item, outcome, .. } => {
-                let entry = state.nodes.entry(node.clone()).or_default();
-                entry.long.remove(&(cell.clone(), item.clone()));
-                match outcome {
-                    Ended::Hit => entry.hit += 1,
-                    Ended::Ran | Ended::WouldRun => entry.ran += 1,
-                    Ended::Failed => entry.failed += 1,
-                    Ended::Blocked => entry.blocked += 1,
-                }
-                if !matches!(outcome, Ended::Blocked) {
-                    entry.running = entry.running.saturating_sub(1);
-                }
-                let ended = entry.counted && entry.done() == entry.expected;
-                self.update(&mut state, node, ended);
-            }
+            _ => {}
+        }
+        if let Some(node) = state.tally.count(event) {
+            self.update(&mut state, &node);
         }
     }
 
@@ -183,28 +89,19 @@ impl Display {
     /// Leaves the bars as they are.
     pub(crate) fn end(&self) {
         let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        for node in state.nodes.values() {
-            if let Some(bar) = &node.bar {
-                bar.abandon();
-            }
-        }
+        state.shown.values().filter_map(|shown| shown.bar.as_ref()).for_each(ProgressBar::abandon);
     }
 
-
-    fn update(&self, state: &mut State, name: &str, ended: bool) {
-        let place = |n: &str| state.order.iter().position(|o| o == n);
-        let mine = place(name);
-        // Bars stand in the pipeline's order, whichever node begins first.
-        let before = state.nodes.iter().filter(|(n, s)| s.bar.is_some() && place(n) < mine).count();
-        let Some(node) = state.nodes.get_mut(name) else { return };
-        if node.started.is_none() && node.failed == 0 {
-            return;
-        }
-        let (position, text) = (node.position(), node.text());
+    fn update(&self, state: &mut State, name: &str) {
+        let Some(node) = state.tally.node(name).filter(|n| n.has_begun()) else { return };
+        let (known, ended) = state.tally.standing(name);
         match &self.bars {
             Some(bars) => {
-                let bar = node.bar.get_or_insert_with(|| {
-                    let style = ProgressStyle::with_template("{prefix:18} {bar:24.cyan/dim} {msg}")
+                let place = |n: &str| state.order.iter().position(|o| o == n);
+                // Bars stand in the pipeline's order, whichever node begins first.
+                let before = state.shown.keys().filter(|n| place(n) < place(name)).count();
+                let bar = state.shown.entry(name.to_owned()).or_default().bar.get_or_insert_with(|| {
+                    let style = ProgressStyle::with_template("{prefix:18} {bar:24.cyan/dim} {wide_msg}")
                         .unwrap_or_else(|_| ProgressStyle::default_bar())
                         .progress_chars("━━─");
                     let bar = bars.insert(before, ProgressBar::new(0).with_style(style));
@@ -212,16 +109,17 @@ impl Display {
                     bar
                 });
                 // A thousand steps for each action, so that a long one moves its bar.
-                bar.set_length(node.expected * 1000);
-                bar.set_position((position * 1000.0) as u64);
-                bar.set_message(text);
+                bar.set_length(node.expected() * 1000);
+                bar.set_position((node.position() * 1000.0) as u64);
+                bar.set_message(node.text(known));
             }
             None => {
-                let due = node.told.is_none_or(|told| told.elapsed() >= LINE_EVERY);
-                if (ended && !node.told_done) || (!ended && due) {
-                    node.told = Some(Instant::now());
-                    node.told_done = ended;
-                    eprintln!("{name}: {text}");
+                let shown = state.shown.entry(name.to_owned()).or_default();
+                let due = shown.told.is_none_or(|told| told.elapsed() >= LINE_EVERY);
+                if (ended && !shown.told_end) || (!ended && due) {
+                    shown.told = Some(Instant::now());
+                    shown.told_end = ended;
+                    eprintln!("{name}: {}", node.text(known));
                 }
             }
         }

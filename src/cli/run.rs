@@ -1,6 +1,10 @@
 //! `tauflow run`.
 
-use super::{CliError, Exit, Open, PipelineArgs, bytes_text, counted, progress::{Display, Voice}, seconds_text, table};
+use super::{
+    CliError, Exit, Open, PipelineArgs, bytes_text, counted,
+    progress::{Display, Voice},
+    seconds_text, table,
+};
 use crate::{
     engine::{self, Only, RunOptions, Summary, event::Failure},
     kinds::Registry,
@@ -140,7 +144,8 @@ fn show_failures(failures: &[Failure], args: &RunArgs) {
     for ((node, _), group) in &causes {
         let first = group[0];
         let item = [&first.cell, &first.item].iter().filter(|p| !p.is_empty()).map(|p| p.as_str()).collect::<Vec<_>>();
-        let more = if group.len() > 1 { format!(" and {} more for the same cause", group.len() - 1) } else { String::new() };
+        let more =
+            if group.len() > 1 { format!(" and {} more for the same cause", group.len() - 1) } else { String::new() };
         eprintln!("\nfailed: {node} {}{more}\n  {}", item.join("/"), first.message);
         eprintln!("  again: tauflow run {} --only {}", args.pipeline.again(), first.only());
     }

@@ -78,12 +78,8 @@ fn init_writes_a_pipeline_that_checks_and_overwrites_nothing() {
 #[test]
 fn a_reader_that_goes_away_is_no_failure() {
     let place = Place::new();
-    let mut child = place
-        .command(&["schema"])
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("the program starts");
+    let mut child =
+        place.command(&["schema"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts");
     // Closed before a byte is read; the schema is longer than a pipe's buffer, or its write fails at once.
     drop(child.stdout.take());
     let mut err = String::new();

@@ -26,7 +26,9 @@ fn the_yaml_of_every_manual_checks() {
         for text in found {
             let indented: Vec<String> = text.lines().map(|line| format!("  {line}")).collect();
             let pipeline = format!("pipeline: manual\nnodes:\n{}\n", indented.join("\n"));
-            let Err(mut problems) = resolve_text(spec.name, &pipeline, &registry, &Options::default()) else { continue };
+            let Err(mut problems) = resolve_text(spec.name, &pipeline, &registry, &Options::default()) else {
+                continue;
+            };
             // A snippet shows one node; those that it reads stand elsewhere.
             problems.list.retain(|problem| !problem.message.starts_with("there is no node `"));
             if !problems.list.is_empty() {

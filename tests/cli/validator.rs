@@ -66,7 +66,8 @@ fn check(root: &Value, schema: &Value, value: &Value, place: &str, found: &mut V
             }
             "anyOf" | "oneOf" => {}
             "required" => {
-                let missing = |name: &&Value| value.as_object().is_some_and(|o| !o.contains_key(name.as_str().unwrap_or("")));
+                let missing =
+                    |name: &&Value| value.as_object().is_some_and(|o| !o.contains_key(name.as_str().unwrap_or("")));
                 list(rule).iter().filter(missing).for_each(|name| fail(format!("{name} is missing")));
             }
             "minimum" if number(rule).is_some_and(|(v, limit)| v < limit) => fail(format!("{value} is below {rule}")),

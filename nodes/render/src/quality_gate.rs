@@ -42,11 +42,14 @@ pub struct QualityGateParams {
     /// Largest share of light in the brightest 1% of the bins.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub concentration: f64,
+    /// Largest standard error of a bin over the mean luminance.
+    #[schemars(range(min = 0.0))]
+    pub noise: f64,
 }
 
 impl Default for QualityGateParams {
     fn default() -> Self {
-        Self { black: 1e-6, dark_share: 0.6, contrast: 0.03, bright_share: 0.25, concentration: 0.9 }
+        Self { black: 1e-6, dark_share: 0.6, contrast: 0.02, bright_share: 0.25, concentration: 0.9, noise: 1.0 }
     }
 }
 
@@ -84,7 +87,9 @@ impl Kind for QualityGate {
         let meta = Ladder::load_meta(ctx, previews)?;
         let last = *meta.counts.last().ok_or_else(|| KindError::Input("a preview without rungs".into()))?;
         let image = Ladder::load_rung(ctx, previews, last)?;
-        let (verdict, exposure) = judge(&image, meta.rejected, recipe.exposure_ev, &action.params);
+        let variance = Image::from_bytes(&ctx.part(previews, "variance")?)?;
+        let preview = Preview { image: &image, variance: &variance, spp: last, rejected: meta.rejected };
+        let (verdict, exposure) = judge(&preview, recipe.exposure_ev, &action.params);
         let outputs = Outputs::default().item("verdicts", Artifact::blob(VERDICT, ctx.put_json(&verdict)?));
         if !verdict.reasons.is_empty() {
             return Ok(outputs);
@@ -112,8 +117,27 @@ fn bins(image: &Image) -> Vec<f64> {
     bins
 }
 
-fn judge(image: &Image, rejected: u64, ev: f64, params: &QualityGateParams) -> (Verdict, Exposure) {
-    let broken = image.data().iter().filter(|v| !v.is_finite()).count();
+/// What is judged.
+struct Preview<'a> {
+    image: &'a Image,
+    /// Variance of single samples.
+    variance: &'a Image,
+    spp: u64,
+    rejected: u64,
+}
+
+impl Preview<'_> {
+    /// Root mean square of the standard errors of whole bins.
+    fn error(&self) -> f64 {
+        let values = self.variance.data();
+        let mean = values.iter().map(|v| f64::from(*v)).sum::<f64>() / values.len() as f64;
+        (mean / (self.spp as f64 * (BIN * BIN) as f64)).sqrt()
+    }
+}
+
+fn judge(of: &Preview<'_>, ev: f64, params: &QualityGateParams) -> (Verdict, Exposure) {
+    let Preview { image, variance, rejected, .. } = *of;
+    let broken = [image, variance].iter().flat_map(|i| i.data()).filter(|v| !v.is_finite()).count();
     if broken > 0 {
         let measures = BTreeMap::from([("non_finite".to_owned(), broken as f64)]);
         let verdict = Verdict { reasons: vec!["non_finite".into()], measures };
@@ -141,6 +165,7 @@ fn judge(image: &Image, rejected: u64, ev: f64, params: &QualityGateParams) -> (
             ("contrast", deviation.sqrt()),
             ("bright_share", share(&|p| p * neutral > WHITE)),
             ("concentration", if total > 0.0 { top / total } else { 0.0 }),
+            ("noise", if mean > 0.0 { of.error() / mean } else { 0.0 }),
             ("rejected", rejected as f64),
         ]
         .map(|(name, value)| (name.to_owned(), value)),
@@ -159,6 +184,7 @@ fn judge(image: &Image, rejected: u64, ev: f64, params: &QualityGateParams) -> (
         reject(measures["contrast"] < params.contrast, "near_constant");
         reject(measures["bright_share"] > params.bright_share, "over_exposed");
         reject(measures["concentration"] > params.concentration, "degenerate");
+        reject(measures["noise"] > params.noise, "noisy");
     }
     let exposure = Exposure { factor: neutral * exp2(ev), ev, mean_luminance: geometric };
     (Verdict { reasons, measures }, exposure)
@@ -173,8 +199,13 @@ mod tests {
         Image::from_data(32, 32, 3, data).expect("fits")
     }
 
+    fn judged(image: &Image, variance: f32, rejected: u64, ev: f64, params: &QualityGateParams) -> (Verdict, Exposure) {
+        let variance = image.map(|_| variance);
+        judge(&Preview { image, variance: &variance, spp: 32, rejected }, ev, params)
+    }
+
     fn reasons(image: &Image) -> Vec<String> {
-        judge(image, 0, 0.0, &QualityGateParams::default()).0.reasons
+        judged(image, 0.0, 0, 0.0, &QualityGateParams::default()).0.reasons
     }
 
     #[test]
@@ -188,19 +219,26 @@ mod tests {
         assert!(reasons(&image(|x, _| if x < 11 { 100.0 } else { 0.1 })).contains(&"over_exposed".to_owned()));
         let one_lamp = image(|x, y| if (x, y) == (9, 9) { 1e5 } else { 0.01 + 0.001 * x as f32 });
         assert!(reasons(&one_lamp).contains(&"degenerate".to_owned()));
-        assert_eq!(judge(&good, 2, 0.0, &QualityGateParams::default()).0.reasons, ["non_finite"]);
+        let usual = QualityGateParams::default();
+        assert_eq!(judged(&good, 0.0, 2, 0.0, &usual).0.reasons, ["non_finite"]);
+        assert_eq!(judged(&good, f32::INFINITY, 0, 0.0, &usual).0.reasons, ["non_finite"]);
+        // 512 samples of variance 512 have a mean of standard error 1; the picture's mean is 0.41.
+        let (verdict, _) = judged(&good, 512.0, 0, 0.0, &usual);
+        assert_eq!(verdict.reasons, ["noisy"]);
+        assert!((verdict.measures["noise"] - 1.0 / 0.41).abs() < 1e-5, "{verdict:?}");
+        assert_eq!(judged(&good, 5.0, 0, 0.0, &usual).0.reasons, [""; 0]);
     }
 
     #[test]
     fn exposure_brings_the_geometric_mean_to_mid_grey_and_no_threshold_moves_it() {
         let picture = image(|x, _| if x < 16 { 2.0 } else { 8.0 });
-        let (_, exposure) = judge(&picture, 0, 0.0, &QualityGateParams::default());
+        let (_, exposure) = judged(&picture, 0.1, 0, 0.0, &QualityGateParams::default());
         assert!((exposure.mean_luminance - 4.0).abs() < 1e-5 && (exposure.factor - 0.045).abs() < 1e-7);
         let strict = QualityGateParams { contrast: 0.9, ..QualityGateParams::default() };
-        let (verdict, same) = judge(&picture, 0, 0.0, &strict);
+        let (verdict, same) = judged(&picture, 0.1, 0, 0.0, &strict);
         assert_eq!(same, exposure);
         assert_eq!(verdict.reasons, ["near_constant"]);
-        let (_, brighter) = judge(&picture, 0, 1.0, &strict);
+        let (_, brighter) = judged(&picture, 0.1, 0, 1.0, &strict);
         assert!((brighter.factor / exposure.factor - 2.0).abs() < 1e-12);
     }
 }

@@ -7,6 +7,9 @@ use super::{
 };
 use glam::{Vec2, Vec3};
 
+/// Relative indices nearer to 1 than this bend light by less than the precision of half vectors allows.
+const INDEX_MATCHED: f32 = 1e-3;
+
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Glass {
     /// Index inside over index outside.
@@ -29,7 +32,7 @@ struct Facet {
 impl Glass {
     /// Without a difference of indices nothing bends, however rough.
     pub(crate) fn is_delta(&self) -> bool {
-        self.alpha < DELTA_ALPHA || self.eta == 1.0
+        self.alpha < DELTA_ALPHA || (self.eta - 1.0).abs() < INDEX_MATCHED
     }
 
     #[inline]

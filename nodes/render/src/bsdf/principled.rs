@@ -42,9 +42,10 @@ struct Shares {
 }
 
 impl Principled {
-    /// Index of refraction of a specular level.
+    /// Index of refraction of a specular level; a level of 0 counts as 0.001, as in Mitsuba, for an index of 1 would leave
+    /// transmission without half vectors.
     pub(crate) fn index(specular: f32) -> f32 {
-        2.0 / (1.0 - (0.08 * specular.clamp(0.0, 1.0)).sqrt()) - 1.0
+        2.0 / (1.0 - (0.08 * specular.clamp(1e-3, 1.0)).sqrt()) - 1.0
     }
 
     #[inline]

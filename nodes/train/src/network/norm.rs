@@ -33,7 +33,9 @@ pub(crate) fn silu<const D: usize>(x: Tensor<D>) -> Tensor<D> {
 pub(crate) fn exp(x: f32) -> f32 {
     const ROUND: f32 = 12_582_912.0;
     let x = x.clamp(-87.0, 87.0);
-    let n = (x * core::f32::consts::LOG2_E + ROUND) - ROUND;
+    // The sum's last bits are the nearest whole number.
+    let rounded = x * core::f32::consts::LOG2_E + ROUND;
+    let n = rounded - ROUND;
     let r = x - n * 0.693_359_4 + n * 2.121_944_4e-4;
     let mut p = 1.987_569_1e-4;
     p = p * r + 1.398_199_9e-3;
@@ -42,7 +44,7 @@ pub(crate) fn exp(x: f32) -> f32 {
     p = p * r + 1.666_666_5e-1;
     p = p * r + 0.5;
     let value = p * r * r + r + 1.0;
-    value * f32::from_bits(((n as i32 + 127) << 23) as u32)
+    value * f32::from_bits(rounded.to_bits().wrapping_sub(ROUND.to_bits()).wrapping_add(127) << 23)
 }
 
 #[inline(always)]
@@ -67,6 +69,7 @@ struct NormSilu {
 type Moments = Vec<(Vec<f32>, Vec<f32>)>;
 
 impl NormSilu {
+    #[inline(always)]
     fn moments(&self, x: &[f32]) -> (Vec<f32>, Vec<f32>) {
         let count = (self.pixels * GROUP) as f64;
         let per_group = |sums: Vec<f64>| -> Vec<f64> {
@@ -78,6 +81,35 @@ impl NormSilu {
         let inverse = variances.into_iter().map(|v| (1.0 / (v + EPSILON).sqrt()) as f32).collect();
         (means, inverse)
     }
+}
+
+/// silu(x a + b), channel by channel.
+#[inline(always)]
+fn activate(out: &mut [f32], x: &[f32], a: &[f32], b: &[f32]) {
+    for (out, x) in out.chunks_exact_mut(a.len()).zip(x.chunks_exact(a.len())) {
+        for (((out, x), a), b) in out.iter_mut().zip(x).zip(a).zip(b) {
+            let u = x * a + b;
+            *out = u * sigmoid(u);
+        }
+    }
+}
+
+/// Runs `f`, compiled for eight lanes where the machine has them. Lanes change no bits: each holds another value, and
+/// Rust never fuses a product and a sum by itself.
+#[inline(always)]
+fn wide<T>(f: impl FnOnce() -> T) -> T {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2")]
+        fn eight<T>(f: impl FnOnce() -> T) -> T {
+            f()
+        }
+        if std::arch::is_x86_feature_detected!("avx2") {
+            // SAFETY: the machine has AVX2.
+            return unsafe { eight(f) };
+        }
+    }
+    f()
 }
 
 /// Sums over pixels of `f(channel, value)`: in f32 over runs of 64 pixels, those in f64.
@@ -110,16 +142,17 @@ impl Operator<2> for NormSilu {
             .zip(x.par_chunks_exact(size))
             .zip(modulation.par_chunks_exact(2 * c))
             .map(|((out, x), modulation)| {
-                let (mean, inverse) = self.moments(x);
+                let (mean, inverse) = wide(
+                    #[inline(always)]
+                    || self.moments(x),
+                );
                 // u = x a + b
                 let a: Vec<f32> = (0..c).map(|i| inverse[i] * (1.0 + modulation[i])).collect();
                 let b: Vec<f32> = (0..c).map(|i| modulation[c + i] - mean[i] * a[i]).collect();
-                for (out, x) in out.chunks_exact_mut(c).zip(x.chunks_exact(c)) {
-                    for (((out, x), a), b) in out.iter_mut().zip(x).zip(&a).zip(&b) {
-                        let u = x * a + b;
-                        *out = u * sigmoid(u);
-                    }
-                }
+                wide(
+                    #[inline(always)]
+                    || activate(out, x, &a, &b),
+                );
                 (mean, inverse)
             })
             .collect();
@@ -141,7 +174,10 @@ impl Operator<2> for NormSilu {
                     modulation: &modulation[image * 2 * c..(image + 1) * 2 * c],
                     moments: &saved[image],
                 };
-                self.image_backward(&part, of_x, of_modulation);
+                wide(
+                    #[inline(always)]
+                    || self.image_backward(&part, of_x, of_modulation),
+                );
             });
         [of_x, of_modulation]
     }
@@ -155,6 +191,7 @@ struct Image<'a> {
 }
 
 impl NormSilu {
+    #[inline(always)]
     fn image_backward(&self, image: &Image<'_>, of_x: &mut [f32], of_modulation: &mut [f32]) {
         let c = self.channels;
         let (mean, inverse) = image.moments;

@@ -1,0 +1,238 @@
+//! The kind `training` as the engine runs it, on toy scenes.
+
+mod toy;
+
+use std::{
+    collections::BTreeMap,
+    sync::atomic::{AtomicBool, Ordering},
+};
+use tauflow_contract::{Action, Collection, Context, Kind, KindError, MemoryBlobs, Outputs, Progress, Silent};
+use tauflow_data::{
+    formats::PackedScene,
+    results::{TrainingLog, TrainingTiming},
+    time::TimeGrid,
+};
+use tauflow_train::{Conditioning, Course, Decay, Model, Parameterization, Training, TrainingParams, rollout};
+
+const COUNTS: [u64; 5] = [1, 2, 4, 8, 16];
+
+struct Lab {
+    blobs: MemoryBlobs,
+    train: Collection,
+    test: Collection,
+}
+
+impl Lab {
+    fn new(train: u64, test: u64, side: usize) -> Self {
+        let blobs = MemoryBlobs::default();
+        let train = toy::collection(&blobs, 0..train, side, &COUNTS);
+        let test = toy::collection(&blobs, 1000..1000 + test, side, &COUNTS);
+        Self { blobs, train, test }
+    }
+
+    fn run(&self, params: &TrainingParams, progress: &dyn Progress, cancel: &AtomicBool) -> Result<Outputs, KindError> {
+        let ctx = Context::new(&self.blobs, progress, cancel);
+        let whole = BTreeMap::from([("train", &self.train), ("test", &self.test)]);
+        let params = params.clone();
+        Training::run(&ctx, &Action { params, item: None, group: "main", seed: 11, each: BTreeMap::new(), whole })
+    }
+
+    fn train(&self, params: &TrainingParams) -> Outputs {
+        self.run(params, &Silent, &AtomicBool::new(false)).expect("trains")
+    }
+
+    fn bytes(&self, outputs: &Outputs, port: &str) -> Vec<u8> {
+        let cancel = AtomicBool::new(false);
+        let ctx = Context::new(&self.blobs, &Silent, &cancel);
+        ctx.part(outputs.collections[port].get("model").expect("one item"), "").expect("stored")
+    }
+
+    fn log(&self, outputs: &Outputs) -> TrainingLog {
+        serde_json::from_slice(&self.bytes(outputs, "log")).expect("a log")
+    }
+
+    /// Mean gain in dB of one model call over the input, on the test scenes.
+    fn gain(&self, outputs: &Outputs) -> f64 {
+        let model = Model::load(&self.bytes(outputs, "model")).expect("own bytes");
+        let cancel = AtomicBool::new(false);
+        let ctx = Context::new(&self.blobs, &Silent, &cancel);
+        let gains = self.test.iter().map(|(_, artifact)| {
+            let scene = PackedScene::from_bytes(&ctx.part(artifact, "").expect("stored")).expect("own bytes");
+            let course = Course { from: 1, steps: 1, grid: TimeGrid::Ladder };
+            let refined = rollout(&model, &scene.states[0], scene.gbuffer.as_ref(), course).expect("fits");
+            let clean = &scene.states[COUNTS.len() - 1];
+            toy::psnr(&refined, clean) - toy::psnr(&scene.states[0], clean)
+        });
+        gains.sum::<f64>() / self.test.len() as f64
+    }
+}
+
+fn short() -> TrainingParams {
+    TrainingParams { steps: 12, batch: 3, warmup: 2, test_every: 5, checkpoint_every: 4, ..Default::default() }
+}
+
+/// Stops the run at the first report after so many steps.
+struct Stopper<'a>(u64, &'a AtomicBool);
+
+impl Progress for Stopper<'_> {
+    fn report(&self, done: u64, _: u64, _: &str) {
+        if done >= self.0 {
+            self.1.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
+#[test]
+fn a_stopped_training_goes_on_to_the_same_bits() {
+    let params = TrainingParams { steps: 16, decay: Decay::Cosine, ..short() };
+    let straight = Lab::new(3, 1, 24);
+    let whole = straight.train(&params);
+    let halved = Lab::new(3, 1, 24);
+    let cancel = AtomicBool::new(false);
+    let stopped = halved.run(&params, &Stopper(10, &cancel), &cancel);
+    assert!(matches!(stopped, Err(KindError::Cancelled)));
+    let resumed = halved.train(&params);
+    let timing: TrainingTiming = serde_json::from_slice(&halved.bytes(&resumed, "timing")).expect("a timing");
+    assert_eq!(timing.steps, 8, "the checkpoint of step 8 was taken up");
+    for port in ["model", "log"] {
+        assert!(straight.bytes(&whole, port) == halved.bytes(&resumed, port), "{port} differs");
+    }
+    // Without a decay that looks ahead, more steps go on from fewer.
+    let params = TrainingParams { decay: Decay::None, ..params };
+    halved.train(&TrainingParams { steps: 8, ..params.clone() });
+    let longer = halved.train(&params);
+    let timing: TrainingTiming = serde_json::from_slice(&halved.bytes(&longer, "timing")).expect("a timing");
+    assert_eq!(timing.steps, 8);
+    assert!(straight.bytes(&straight.train(&params), "model") == halved.bytes(&longer, "model"));
+}
+
+#[test]
+fn trainings_side_by_side_have_the_bits_of_one_alone() {
+    let lab = Lab::new(3, 1, 24);
+    // Fresh stores, so that no checkpoint is found.
+    let model = |params: &TrainingParams| {
+        let lab = Lab::new(3, 1, 24);
+        lab.bytes(&lab.train(params), "model")
+    };
+    let first = short();
+    let second = TrainingParams {
+        parameterization: Parameterization::McVelocity,
+        conditioning: Conditioning::Gbuffer,
+        ..short()
+    };
+    let alone = [lab.bytes(&lab.train(&first), "model"), lab.bytes(&lab.train(&second), "model")];
+    let together = std::thread::scope(|scope| {
+        let jobs = [scope.spawn(|| model(&first)), scope.spawn(|| model(&second)), scope.spawn(|| model(&first))];
+        jobs.map(|job| job.join().expect("trains"))
+    });
+    assert!(alone[0] == together[0] && alone[1] == together[1] && alone[0] == together[2]);
+    assert!(alone[0] != alone[1]);
+}
+
+#[test]
+fn every_cell_learns_and_its_curve_says_so() {
+    let lab = Lab::new(6, 3, 24);
+    for parameterization in Parameterization::ALL {
+        for conditioning in [Conditioning::Rgb, Conditioning::Gbuffer] {
+            let params = TrainingParams {
+                parameterization,
+                conditioning,
+                steps: 80,
+                batch: 4,
+                learning_rate: 7e-4,
+                warmup: 20,
+                test_every: 40,
+                checkpoint_every: 1000,
+                ..Default::default()
+            };
+            let log = lab.log(&lab.train(&params));
+            assert_eq!(log.points.iter().map(|p| p.step).collect::<Vec<_>>(), [0, 40, 80]);
+            let test: Vec<f64> = log.points.iter().filter_map(|p| p.test).collect();
+            assert!(test[2] < 0.9 * test[0], "{parameterization:?} {conditioning:?}: {test:?}");
+            assert!(log.points[0].train.is_none() && log.points[1].train.is_some() && log.weights > 100_000);
+        }
+    }
+}
+
+#[test]
+fn shuffled_targets_destroy_the_gain() {
+    let lab = Lab::new(16, 6, 24);
+    let params = TrainingParams {
+        steps: 150,
+        batch: 4,
+        learning_rate: 2e-3,
+        warmup: 10,
+        test_every: 1000,
+        checkpoint_every: 1000,
+        decay: Decay::Cosine,
+        ..Default::default()
+    };
+    let (real, shuffled) =
+        (lab.train(&params), lab.train(&TrainingParams { shuffle_targets: true, ..params.clone() }));
+    let (real, shuffled) = (lab.gain(&real), lab.gain(&shuffled));
+    println!("gain {real:.2} dB, with shuffled targets {shuffled:.2} dB");
+    assert!(real > 3.0, "{real}");
+    assert!(shuffled < real - 3.0, "{shuffled} {real}");
+}
+
+#[test]
+fn model_files_round_trip_and_damage_is_named() {
+    let lab = Lab::new(2, 1, 16);
+    let outputs = lab.train(&TrainingParams { steps: 2, ..short() });
+    let bytes = lab.bytes(&outputs, "model");
+    let model = Model::load(&bytes).expect("own bytes");
+    assert!(model.to_bytes().expect("writes") == bytes);
+    assert_eq!((model.info().n_min(), model.info().n_max(), model.info().steps), (1, 16, 2));
+    let cut = Model::load(&bytes[..bytes.len() / 2]).err().expect("cut in half").to_string();
+    assert!(cut.contains("no model file") && cut.contains("training"), "{cut}");
+    let other = Model::load(&toy::scene(1, 16, &COUNTS).to_bytes().expect("consistent")).err().expect("a scene");
+    assert!(other.to_string().contains("no model file"), "{other}");
+    let mut poisoned = bytes.clone();
+    let end = poisoned.len();
+    poisoned[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
+    let error = Model::load(&poisoned).err().expect("a NaN").to_string();
+    assert!(error.contains("not finite"), "{error}");
+}
+
+#[test]
+fn images_of_any_size_are_predicted_alone_as_in_a_batch() {
+    let lab = Lab::new(2, 1, 16);
+    let params = TrainingParams { steps: 3, conditioning: Conditioning::Gbuffer, ..short() };
+    let model = Model::load(&lab.bytes(&lab.train(&params), "model")).expect("own bytes");
+    let scenes = [toy::scene(5, 21, &COUNTS), toy::scene(6, 21, &COUNTS)];
+    let states: Vec<_> = scenes.iter().map(|s| &s.states[0]).collect();
+    let gbuffers: Vec<_> = scenes.iter().map(|s| s.gbuffer.as_ref()).collect();
+    let both = model.predict_batch(&states, &gbuffers, &[0.0, 0.5]).expect("fits");
+    let alone = model.predict_batch(&states[1..], &gbuffers[1..], &[0.5]).expect("fits");
+    assert_eq!((both[1].width(), both[1].height()), (21, 21));
+    // Products of one row and of two are summed in another order: the last bits may differ.
+    let near = |(a, b): (&f32, &f32)| (a - b).abs() <= 1e-4 * b.abs().max(0.01);
+    assert!(both[1].data().iter().zip(alone[0].data()).all(near));
+    let missing = model.predict_batch(&states, &[None, None], &[0.0, 0.5]).expect_err("no G-buffers").to_string();
+    assert!(missing.contains("G-buffers"), "{missing}");
+    assert!(model.predict_batch(&states, &gbuffers[..1], &[0.0, 0.5]).is_err());
+}
+
+#[test]
+fn unfit_data_are_refused_with_a_reason() {
+    let mut lab = Lab::new(2, 1, 16);
+    let refused = |lab: &Lab, params: &TrainingParams| {
+        lab.run(params, &Silent, &AtomicBool::new(false)).expect_err("unfit").to_string()
+    };
+    let other = toy::collection(&lab.blobs, 50..51, 16, &[1, 2, 4]);
+    lab.test = other;
+    assert!(refused(&lab, &short()).contains("same `rungs`"));
+    lab.train = toy::collection(&lab.blobs, 0..1, 16, &COUNTS);
+    lab.test = Collection::default();
+    assert!(refused(&lab, &TrainingParams { shuffle_targets: true, ..short() }).contains("two training scenes"));
+    lab.train = Collection::default();
+    assert!(refused(&lab, &short()).contains("no scenes"));
+    lab.train = toy::collection(&lab.blobs, 0..1, 6, &COUNTS);
+    assert!(refused(&lab, &short()).contains("`crop`"));
+    lab.train = toy::collection(&lab.blobs, 0..2, 16, &COUNTS);
+    let wild = TrainingParams { learning_rate: 1e30, ..short() };
+    assert!(refused(&lab, &wild).contains("`learning_rate`"));
+    let bad = TrainingParams { steps: 0, betas: [0.9, 1.0], clip: f64::NAN, ..short() };
+    assert_eq!(Training::check(&bad).len(), 3);
+    assert!(Training::check(&TrainingParams::default()).is_empty());
+}

@@ -1,0 +1,204 @@
+//! Where a run stands, node by node, counted from its events. Draws nothing.
+
+use super::seconds_text;
+use crate::engine::event::{Ended, Event};
+use std::{collections::BTreeMap, time::Instant};
+
+/// Where the nodes of a run stand.
+pub(crate) struct Tally {
+    /// The nodes in an order in which each stands after those that it reads, and the numbers of these.
+    graph: Vec<(String, Vec<usize>)>,
+    nodes: BTreeMap<String, NodeTally>,
+}
+
+/// Where a node stands.
+#[derive(Default)]
+pub(crate) struct NodeTally {
+    expected: u64,
+    hit: u64,
+    ran: u64,
+    failed: u64,
+    blocked: u64,
+    running: u64,
+    started: Option<Instant>,
+    /// Units of the long actions in flight, by cell and item: done, total, a line.
+    long: BTreeMap<(String, String), (u64, u64, String)>,
+}
+
+impl Tally {
+    /// Of nodes that stand after those that they read, with the numbers of these.
+    pub(crate) fn new(graph: Vec<(String, Vec<usize>)>) -> Self {
+        Self { graph, nodes: BTreeMap::new() }
+    }
+
+    /// Counts an event; the node whose standing it changed.
+    pub(crate) fn count(&mut self, event: &Event) -> Option<String> {
+        let name = match event {
+            Event::Started { .. } | Event::Finished { .. } | Event::Warning { .. } => return None,
+            Event::Healing { .. } => {
+                self.nodes.clear();
+                return None;
+            }
+            Event::Unchanged { node, .. }
+            | Event::Expect { node, .. }
+            | Event::Counted { node }
+            | Event::Begin { node, .. }
+            | Event::Progress { node, .. }
+            | Event::End { node, .. } => node,
+        };
+        let node = self.nodes.entry(name.clone()).or_default();
+        match event {
+            Event::Unchanged { actions, .. } => {
+                node.expected += actions;
+                node.hit += actions;
+            }
+            Event::Expect { actions, .. } => node.expected += actions,
+            Event::Begin { .. } => {
+                node.running += 1;
+                node.started.get_or_insert_with(Instant::now);
+            }
+            Event::Progress { cell, item, done, total, message, .. } => {
+                node.long.insert((cell.clone(), item.clone()), (*done, *total, message.clone()));
+            }
+            Event::End { cell, item, outcome, .. } => {
+                node.long.remove(&(cell.clone(), item.clone()));
+                match outcome {
+                    Ended::Hit => node.hit += 1,
+                    Ended::Ran | Ended::WouldRun => node.ran += 1,
+                    Ended::Failed => node.failed += 1,
+                    Ended::Blocked => node.blocked += 1,
+                }
+                if *outcome != Ended::Blocked {
+                    node.running = node.running.saturating_sub(1);
+                }
+            }
+            _ => {}
+        }
+        Some(name.clone())
+    }
+
+    /// Whether all actions of a node are known, and whether all are done. They are known once what it reads is done.
+    pub(crate) fn standing(&self, name: &str) -> (bool, bool) {
+        let mut ended = Vec::with_capacity(self.graph.len());
+        for (node, reads) in &self.graph {
+            let known = reads.iter().all(|read| ended[*read]);
+            let done = known && self.nodes.get(node).is_none_or(|n| n.done() == n.expected);
+            if node == name {
+                return (known, done);
+            }
+            ended.push(done);
+        }
+        (false, false)
+    }
+
+    /// Where a node stands.
+    pub(crate) fn node(&self, name: &str) -> Option<&NodeTally> {
+        self.nodes.get(name)
+    }
+}
+
+impl NodeTally {
+    fn done(&self) -> u64 {
+        self.hit + self.ran + self.failed + self.blocked
+    }
+
+    /// How many actions are known of.
+    pub(crate) fn expected(&self) -> u64 {
+        self.expected
+    }
+
+    /// Done actions, and the parts of those in flight.
+    pub(crate) fn position(&self) -> f64 {
+        let parts = self.long.values().map(|(done, total, _)| *done as f64 / (*total).max(1) as f64);
+        self.done() as f64 + parts.sum::<f64>()
+    }
+
+    /// True once there is anything to show.
+    pub(crate) fn has_begun(&self) -> bool {
+        self.started.is_some() || self.failed > 0
+    }
+
+    /// Seconds to go, from what ran so far.
+    fn eta(&self) -> Option<f64> {
+        let elapsed = self.started?.elapsed().as_secs_f64();
+        let worked = self.position() - (self.hit + self.blocked) as f64;
+        let left = self.expected as f64 - self.position();
+        (worked > 0.0 && left > 0.0 && elapsed > 1.0).then(|| elapsed / worked * left)
+    }
+
+    /// A line: done of expected (with a `+` unless all are known), what became of them, time to go, the news of an action.
+    pub(crate) fn text(&self, known: bool) -> String {
+        let more = if known { "" } else { "+" };
+        let mut parts = vec![format!("{}/{}{more}", self.done(), self.expected)];
+        let counts =
+            [(self.hit, "as before"), (self.running, "running"), (self.failed, "failed"), (self.blocked, "blocked")];
+        parts.extend(counts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")));
+        if let Some(eta) = self.eta() {
+            parts.push(format!("{} to go", seconds_text(eta)));
+        }
+        if let Some((done, total, message)) = self.long.values().find(|(_, _, m)| !m.is_empty()) {
+            parts.push(format!("{done}/{total} {message}"));
+        }
+        parts.join(", ")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tally() -> Tally {
+        Tally::new(vec![("source".into(), vec![]), ("n".into(), vec![0])])
+    }
+
+    fn end(node: &str, item: &str, outcome: Ended) -> Event {
+        let (cell, group) = (String::new(), "main".into());
+        Event::End { node: node.into(), cell, item: item.into(), group, outcome, wall_us: 1, bytes: 1 }
+    }
+
+    fn begin(item: &str) -> Event {
+        Event::Begin { node: "n".into(), cell: String::new(), item: item.into() }
+    }
+
+    fn expect(node: &str, actions: u64) -> Event {
+        Event::Expect { node: node.into(), actions }
+    }
+
+    fn progress(message: &str) -> Event {
+        let (node, cell, item) = ("n".into(), String::new(), "a".into());
+        Event::Progress { node, cell, item, done: 1, total: 4, message: message.into() }
+    }
+
+    #[test]
+    fn a_node_counts_up_to_its_end() {
+        let mut tally = tally();
+        tally.count(&expect("source", 1));
+        let mut count = |event: Event| {
+            tally.count(&event);
+            let (known, done) = tally.standing("n");
+            (tally.node("n").expect("it was counted").text(known), done)
+        };
+        assert_eq!(count(expect("n", 4)).0, "0/4+");
+        assert_eq!(count(begin("a")).0, "0/4+, 1 running");
+        assert_eq!(count(progress("samples")).0, "0/4+, 1 running, 1/4 samples");
+        assert_eq!(count(end("n", "a", Ended::Ran)).0, "1/4+");
+        assert_eq!(count(end("n", "b", Ended::Blocked)).0, "2/4+, 1 blocked");
+        count(begin("c"));
+        assert_eq!(count(end("n", "c", Ended::Failed)).0, "3/4+, 1 failed, 1 blocked");
+        count(begin("d"));
+        assert!(!count(end("n", "d", Ended::Hit)).1, "more may come as long as the source goes on");
+        let (text, done) = count(end("source", "x", Ended::Ran));
+        assert_eq!((text.as_str(), done), ("4/4, 1 as before, 1 failed, 1 blocked", true));
+    }
+
+    #[test]
+    fn actions_in_flight_move_the_bar() {
+        let mut tally = tally();
+        tally.count(&expect("n", 2));
+        tally.count(&begin("a"));
+        assert_eq!(tally.count(&progress("")).as_deref(), Some("n"));
+        assert_eq!(tally.node("n").map(NodeTally::position), Some(0.25));
+        tally.count(&Event::Healing { nodes: vec!["n".into()] });
+        assert!(tally.node("n").is_none(), "another pass counts anew");
+    }
+}
