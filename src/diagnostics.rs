@@ -2,7 +2,9 @@
 //!
 //! Problems are collected and shown together: all of a file at once.
 
-use miette::{GraphicalReportHandler, GraphicalTheme, LabeledSpan, NamedSource, SourceCode};
+use miette::{
+    GraphicalReportHandler, GraphicalTheme, LabeledSpan, MietteError, NamedSource, SourceCode, SourceSpan, SpanContents,
+};
 use std::{fmt, sync::Arc};
 
 /// Some bytes of a source.
@@ -51,8 +53,6 @@ pub struct Problem {
     pub message: String,
     /// Where; none for problems with the command line.
     pub span: Option<Span>,
-    /// A word at the underlined place.
-    pub label: String,
     /// What to do.
     pub hint: Option<String>,
 }
@@ -60,18 +60,12 @@ pub struct Problem {
 impl Problem {
     /// A problem at a place.
     pub fn at(span: Span, message: impl Into<String>) -> Self {
-        Self { message: message.into(), span: Some(span), label: String::new(), hint: None }
+        Self { message: message.into(), span: Some(span), hint: None }
     }
 
     /// A problem that has no place in a file.
     pub fn nowhere(message: impl Into<String>) -> Self {
-        Self { message: message.into(), span: None, label: String::new(), hint: None }
-    }
-
-    /// The same, with a word at the place.
-    pub fn label(mut self, label: impl Into<String>) -> Self {
-        self.label = label.into();
-        self
+        Self { message: message.into(), span: None, hint: None }
     }
 
     /// The same, with what to do.
@@ -102,7 +96,7 @@ impl Problems {
     /// All problems as text: message, `file:line:column`, the source line underlined, and a hint.
     pub fn render(&self, color: bool) -> String {
         let theme = if color { GraphicalTheme::unicode() } else { GraphicalTheme::unicode_nocolor() };
-        let handler = GraphicalReportHandler::new_themed(theme).with_width(110).with_context_lines(0).with_links(false);
+        let handler = GraphicalReportHandler::new_themed(theme).with_width(110).with_context_lines(1).with_links(false);
         let mut out = String::new();
         for problem in &self.list {
             let report = Report { problem, sources: &self.sources };
@@ -152,19 +146,42 @@ impl miette::Diagnostic for Report<'_> {
     }
 
     fn source_code(&self) -> Option<&dyn SourceCode> {
-        self.problem.span.map(|span| self.sources.texts[span.source].as_ref() as &dyn SourceCode)
+        self.problem.span.map(|_| self as &dyn SourceCode)
     }
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
         let span = self.problem.span?;
-        let label = if self.problem.label.is_empty() { "here".to_owned() } else { self.problem.label.clone() };
-        Some(Box::new(std::iter::once(LabeledSpan::new_primary_with_span(Some(label), (span.start, span.len)))))
+        Some(Box::new(std::iter::once(LabeledSpan::new_primary_with_span(None, (span.start, span.len)))))
+    }
+}
+
+impl SourceCode for Report<'_> {
+    /// The span itself, for its place; with context, the whole lines that it stands on, and no others.
+    fn read_span<'a>(
+        &'a self,
+        span: &SourceSpan,
+        before: usize,
+        after: usize,
+    ) -> Result<Box<dyn SpanContents<'a> + 'a>, MietteError> {
+        let source = self.problem.span.map(|s| s.source).ok_or(MietteError::OutOfBounds)?;
+        let text = self.sources.text(source);
+        let (start, end) = (span.offset().min(text.len()), (span.offset() + span.len()).min(text.len()));
+        let whole = if before + after > 0 {
+            let start = text[..start].rfind('\n').map_or(0, |i| i + 1);
+            let end = text[end..].find('\n').map_or(text.len(), |i| end + i);
+            SourceSpan::from((start, end - start))
+        } else {
+            *span
+        };
+        self.sources.texts[source].read_span(&whole, 0, 0)
     }
 }
 
 /// The nearest of `names` to `wanted` by edit distance, if it is near enough to be meant.
 pub fn nearest<'a>(wanted: &str, names: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let limit = wanted.chars().count().div_ceil(3).max(1);
+    // Any two names of one or two letters are near each other, which says nothing.
+    let length = wanted.chars().count();
+    let limit = if length < 3 { 0 } else { length.div_ceil(3) };
     names
         .into_iter()
         .map(|name| (distance(&wanted.to_lowercase(), &name.to_lowercase()), name))
@@ -179,7 +196,7 @@ pub fn did_you_mean<'a>(wanted: &str, what: &str, names: impl IntoIterator<Item 
         return format!("did you mean `{near}`?");
     }
     let all: Vec<String> = names.into_iter().map(|n| format!("`{n}`")).collect();
-    if all.is_empty() { format!("there is no {what} here") } else { format!("{what}: {}", all.join(", ")) }
+    if all.is_empty() { format!("there are no {what} here") } else { format!("{what}: {}", all.join(", ")) }
 }
 
 /// Edits (insert, delete, replace, swap neighbours) that turn `a` into `b`.

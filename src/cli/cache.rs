@@ -1,6 +1,6 @@
 //! `tauflow cache`.
 
-use super::{CliError, Exit, Open, bytes_text, seconds_text, table};
+use super::{CacheAt, CliError, Exit, bytes_text, seconds_text, table};
 use clap::Subcommand;
 use std::{
     io::IsTerminal,
@@ -47,8 +47,8 @@ pub(crate) enum CacheCommand {
     Pins,
 }
 
-pub(crate) fn cache(command: &CacheCommand, open: Open<'_>) -> Result<Exit, CliError> {
-    let store = open()?;
+pub(crate) fn cache(command: &CacheCommand, at: &CacheAt) -> Result<Exit, CliError> {
+    let store = at.open()?;
     match command {
         CacheCommand::Stat => {
             let stat = store.stat()?;

@@ -1,7 +1,8 @@
 //! `tauflow explain`.
 
-use super::{CliError, Exit, Open, PipelineArgs, seconds_text};
+use super::{CacheAt, CliError, Exit, PipelineArgs, seconds_text};
 use crate::{
+    diagnostics::nearest,
     engine::{
         self, Only,
         event::Ended,
@@ -12,7 +13,9 @@ use crate::{
 };
 use clap::Args;
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use tauflow_cache::Store;
+use tauflow_contract::ItemKey;
 
 /// What `explain` takes.
 #[derive(Args)]
@@ -25,11 +28,11 @@ pub(crate) struct ExplainArgs {
     item: Option<String>,
 }
 
-pub(crate) fn explain(args: &ExplainArgs, registry: &Registry, open: Open<'_>) -> Result<Exit, CliError> {
+pub(crate) fn explain(args: &ExplainArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     let pipeline = args.pipeline.resolve(registry)?;
     let text = args.item.as_ref().map_or_else(|| args.node.clone(), |item| format!("{}/{item}", args.node));
     let only = Only::parse(&text, &pipeline).map_err(CliError::Bad)?;
-    let store = open()?;
+    let store = cache.open()?;
     let plan = engine::plan(&pipeline, &store, Some(only.clone()))?;
     let mine: Vec<&Planned> = plan
         .would_run
@@ -38,6 +41,9 @@ pub(crate) fn explain(args: &ExplainArgs, registry: &Registry, open: Open<'_>) -
         .filter(|p| only.item.is_none() || p.item == only.item)
         .collect();
     if mine.is_empty() {
+        if let Some(item) = &only.item {
+            there_is(item.as_str(), &Only { item: None, ..only.clone() }, &pipeline, &store)?;
+        }
         let waits = plan.summary.nodes.iter().filter(|n| n.ran > 0).map(|n| n.node.as_str()).collect::<Vec<_>>();
         outln!(
             "`{text}` cannot be looked at before {} has run; see `tauflow plan {}`",
@@ -66,6 +72,20 @@ pub(crate) fn explain(args: &ExplainArgs, registry: &Registry, open: Open<'_>) -
     }
     outln!("\nfor one in full: tauflow explain {} {} ITEM", args.pipeline.again(), args.node);
     Ok(Exit::Done)
+}
+
+/// Finds out whether the node's items are known and `item` is not among them.
+fn there_is(item: &str, only: &Only, pipeline: &Pipeline, store: &Store) -> Result<(), CliError> {
+    let plan = engine::plan(pipeline, store, Some(only.clone()))?;
+    let mine = plan.would_run.iter().filter(|p| p.node == only.node && only.cell.is_none_or(|c| c == p.cell));
+    let items: BTreeSet<&str> = mine.filter_map(|p| p.item.as_ref()).map(ItemKey::as_str).collect();
+    if items.is_empty() || items.contains(item) {
+        return Ok(());
+    }
+    let first = items.iter().next().map(|first| format!("items read like `{first}`"));
+    let hint = nearest(item, items.iter().copied()).map(|near| format!("did you mean `{near}`?")).or(first);
+    let node = &pipeline.nodes[only.node].name;
+    Err(CliError::Bad(format!("`{node}` has no item `{item}`; {}", hint.unwrap_or_default())))
 }
 
 fn name(pipeline: &Pipeline, action: &Planned) -> String {

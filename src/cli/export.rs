@@ -1,7 +1,10 @@
 //! `tauflow export`: results as files that other programs read.
 
-use super::{CliError, Exit, Open, PipelineArgs};
-use crate::{engine, kinds::Registry, pipeline::reference::Reference};
+use super::{
+    CacheAt, CliError, Exit, PipelineArgs, counted,
+    results::{Asked, Reading, unread},
+};
+use crate::kinds::Registry;
 use clap::Args;
 use serde_json::{Value, json};
 use std::{
@@ -9,8 +12,7 @@ use std::{
     path::{Path, PathBuf},
     sync::atomic::AtomicBool,
 };
-use tauflow_cache::{Digest, Store};
-use tauflow_contract::{Artifact, Blobs, Context, KindError, MemoKey, Silent};
+use tauflow_contract::{Artifact, Context, KindError, Silent};
 use tauflow_data::{
     Image,
     formats::{PACKED, PackedScene, REFINED, Refined, refined_part},
@@ -23,64 +25,25 @@ use tauflow_data::{
 pub(crate) struct ExportArgs {
     #[command(flatten)]
     pipeline: PipelineArgs,
-    /// The node, or `node.port`.
+    /// The node, `node.port`, or `node[axis=value].port`.
     node: String,
     /// The folder to write.
     #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
 }
 
-/// The store, for reading only.
-struct Reading<'a>(&'a Store);
-
-impl Blobs for Reading<'_> {
-    fn get(&self, digest: &Digest) -> Result<Option<Vec<u8>>, KindError> {
-        self.0.get(digest).map_err(|e| KindError::Environment(e.to_string()))
-    }
-
-    fn put(&self, _: &[u8]) -> Result<Digest, KindError> {
-        Err(KindError::Internal("an export writes nothing into the store".into()))
-    }
-
-    fn memo_get(&self, _: &MemoKey) -> Option<Artifact> {
-        None
-    }
-
-    fn memo_put(&self, _: &MemoKey, _: &Artifact) -> Result<(), KindError> {
-        Err(KindError::Internal("an export writes nothing into the store".into()))
-    }
-}
-
-pub(crate) fn export(args: &ExportArgs, registry: &Registry, open: Open<'_>) -> Result<Exit, CliError> {
+pub(crate) fn export(args: &ExportArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     let pipeline = args.pipeline.resolve(registry)?;
-    let reference = Reference::parse(&args.node).map_err(CliError::Bad)?;
-    let node = pipeline.node(reference.node).ok_or_else(|| {
-        let names = pipeline.nodes.iter().map(|n| n.name.as_str());
-        let hint = crate::diagnostics::did_you_mean(reference.node, "nodes", names);
-        CliError::Bad(format!("there is no node `{}`; {hint}", reference.node))
-    })?;
-    let port = match reference.port {
-        None => 0,
-        Some(name) => pipeline.nodes[node].output(name).ok_or_else(|| {
-            let names = pipeline.nodes[node].spec.outputs.iter().map(|p| p.name);
-            let hint = crate::diagnostics::did_you_mean(name, "outputs", names);
-            CliError::Bad(format!("`{}` has no output `{name}`; {hint}", reference.node))
-        })?,
-    };
-    let store = open()?;
-    let collection = engine::outputs(&pipeline, &store, node, port)?;
+    let asked = Asked::parse(&args.node, &pipeline)?;
+    let store = cache.open()?;
+    let collection = asked.collection(&store)?;
     let reading = Reading(&store);
     let stop = AtomicBool::new(false);
     let ctx = Context::new(&reading, &Silent, &stop);
     let mut items = Vec::new();
     for (key, artifact) in collection.iter() {
         let folder = args.out.join(key.as_str());
-        let files = write(&ctx, artifact, &folder).map_err(|error| match error {
-            KindError::MissingBlob(_) => {
-                CliError::Bad(format!("`{key}` is no longer whole in the cache; run the pipeline again first"))
-            }
-            other => CliError::Environment(format!("{key}: {other}")),
-        })?;
+        let files = write(&ctx, artifact, &folder).map_err(|error| unread(key.as_str(), error))?;
         items.push(json!({
             "item": key.as_str(),
             "media": artifact.media,
@@ -89,15 +52,15 @@ pub(crate) fn export(args: &ExportArgs, registry: &Registry, open: Open<'_>) -> 
             "files": files,
         }));
     }
-    let count = items.len();
+    let count = items.len() as u64;
     let manifest = json!({
         "pipeline": pipeline.name,
-        "node": pipeline.nodes[node].name,
-        "port": pipeline.nodes[node].spec.outputs[port].name,
+        "node": pipeline.nodes[asked.node].name,
+        "port": pipeline.nodes[asked.node].spec.outputs[asked.port].name,
         "items": items,
     });
     put(&args.out.join("manifest.json"), &pretty(&manifest)).map_err(|e| CliError::Environment(e.to_string()))?;
-    eprintln!("{count} items");
+    eprintln!("{}", counted(count, "item"));
     outln!("{}", args.out.display());
     Ok(Exit::Done)
 }
@@ -108,16 +71,21 @@ fn pretty(value: &Value) -> Vec<u8> {
     text
 }
 
+fn make_room(path: &Path) -> Result<(), KindError> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let failed = |e| KindError::Environment(format!("cannot make {}: {e}", folder.display()));
+    fs::create_dir_all(folder).map_err(failed)
+}
+
 fn put(path: &Path, bytes: &[u8]) -> Result<(), KindError> {
-    let failed = |e| KindError::Environment(format!("cannot write {}: {e}", path.display()));
-    fs::create_dir_all(path.parent().unwrap_or(Path::new("."))).map_err(failed)?;
-    fs::write(path, bytes).map_err(failed)
+    make_room(path)?;
+    fs::write(path, bytes).map_err(|e| KindError::Environment(format!("cannot write {}: {e}", path.display())))
 }
 
 /// An image as EXR and, if it has three channels, as a preview beside it.
 fn picture(folder: &Path, name: &str, image: &Image, preview: bool, files: &mut Vec<String>) -> Result<(), KindError> {
     let path = folder.join(format!("{name}.exr"));
-    put(&path, &[])?;
+    make_room(&path)?;
     write_exr(&path, &[("", image)])?;
     files.push(format!("{name}.exr"));
     if preview && image.channels() == 3 {
@@ -142,8 +110,9 @@ fn write(ctx: &Context<'_>, artifact: &Artifact, folder: &Path) -> Result<Vec<St
         }
         GBUFFER => {
             let gbuffer = GBuffer::load(ctx, artifact)?;
-            put(&folder.join("gbuffer.exr"), &[])?;
-            write_exr(&folder.join("gbuffer.exr"), &[("albedo", &gbuffer.albedo), ("normal", &gbuffer.normal)])?;
+            let path = folder.join("gbuffer.exr");
+            make_room(&path)?;
+            write_exr(&path, &[("albedo", &gbuffer.albedo), ("normal", &gbuffer.normal)])?;
             files.push("gbuffer.exr".into());
         }
         PACKED => {

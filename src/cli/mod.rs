@@ -9,6 +9,7 @@ mod export;
 mod inspect;
 mod plan;
 mod progress;
+mod results;
 mod run;
 mod scene;
 mod setup;
@@ -150,13 +151,9 @@ impl PipelineArgs {
 
     /// The options as they stood on the command line, to be shown again.
     fn again(&self) -> String {
-        let quote = |text: &str| {
-            let plain = text.chars().all(|c| c.is_ascii_alphanumeric() || "._-/=+:,".contains(c));
-            if plain { text.to_owned() } else { format!("'{}'", text.replace('\'', "'\\''")) }
-        };
-        let mut words = vec![quote(&self.pipeline.display().to_string())];
-        words.extend(self.profile.iter().map(|p| format!("--profile {}", quote(p))));
-        words.extend(self.sets.iter().map(|s| format!("--set {}", quote(s))));
+        let mut words = vec![quoted(&self.pipeline.display().to_string())];
+        words.extend(self.profile.iter().map(|p| format!("--profile {}", quoted(p))));
+        words.extend(self.sets.iter().map(|s| format!("--set {}", quoted(s))));
         words.join(" ")
     }
 }
@@ -165,21 +162,20 @@ impl PipelineArgs {
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let registry = registry::registry();
-    let cache = cli.cache;
-    let open = || -> Result<Store, CliError> { Ok(Store::open(&cache_dir(cache.as_deref()))?) };
+    let cache = CacheAt(cli.cache);
     let result = match cli.command {
-        Command::Run(args) => run::run(&args, &registry, &open),
-        Command::Plan(args) => plan::plan(&args, &registry, &open),
-        Command::Explain(args) => explain::explain(&args, &registry, &open),
+        Command::Run(args) => run::run(&args, &registry, &cache),
+        Command::Plan(args) => plan::plan(&args, &registry, &cache),
+        Command::Explain(args) => explain::explain(&args, &registry, &cache),
         Command::Check(args) => inspect::check(&args, &registry),
         Command::Graph(args) => inspect::graph(&args, &registry),
         Command::Kinds(args) => inspect::kinds(&args, &registry),
         Command::Schema => inspect::schema(&registry),
         Command::Init(args) => setup::init(&args, &registry),
-        Command::Export(args) => export::export(&args, &registry, &open),
-        Command::Render(args) => scene::render(&args),
-        Command::Scene(command) => scene::scene(&command),
-        Command::Cache(command) => cache::cache(&command, &open),
+        Command::Export(args) => export::export(&args, &registry, &cache),
+        Command::Render(args) => scene::render(&args, &registry, &cache),
+        Command::Scene(command) => scene::scene(&command, &registry, &cache),
+        Command::Cache(command) => cache::cache(&command, &cache),
     };
     match result {
         Ok(exit) => exit.into(),
@@ -198,20 +194,38 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Opens the store when a command needs it.
-pub(crate) type Open<'a> = &'a dyn Fn() -> Result<Store, CliError>;
+/// Where the cache lies, as asked for on the command line.
+pub(crate) struct CacheAt(Option<PathBuf>);
 
-fn cache_dir(asked: Option<&Path>) -> PathBuf {
-    if let Some(dir) = asked {
-        return dir.to_path_buf();
+impl CacheAt {
+    /// Opens it, when a command needs it.
+    pub(crate) fn open(&self) -> Result<Store, CliError> {
+        Ok(Store::open(&self.folder())?)
     }
-    if let Some(dir) = std::env::var_os("TAUFLOW_CACHE").filter(|d| !d.is_empty()) {
-        return dir.into();
+
+    /// The option as it stood on the command line, to be shown again; with a blank before it.
+    pub(crate) fn again(&self) -> String {
+        self.0.as_ref().map_or_else(String::new, |folder| format!(" --cache {}", quoted(&folder.display().to_string())))
     }
-    let here = std::env::current_dir().unwrap_or_default();
-    let is_checkout = |dir: &&Path| dir.join("Cargo.toml").is_file() && dir.join("cache/src/store.rs").is_file();
-    match here.ancestors().find(is_checkout) {
-        Some(checkout) => checkout.join("cache/store"),
-        None => here.join(".tauflow"),
+
+    fn folder(&self) -> PathBuf {
+        if let Some(asked) = &self.0 {
+            return asked.clone();
+        }
+        if let Some(folder) = std::env::var_os("TAUFLOW_CACHE").filter(|d| !d.is_empty()) {
+            return folder.into();
+        }
+        let here = std::env::current_dir().unwrap_or_default();
+        let is_checkout = |dir: &&Path| dir.join("Cargo.toml").is_file() && dir.join("cache/src/store.rs").is_file();
+        match here.ancestors().find(is_checkout) {
+            Some(checkout) => checkout.join("cache/store"),
+            None => here.join(".tauflow"),
+        }
     }
+}
+
+/// A word as a shell takes it.
+fn quoted(text: &str) -> String {
+    let plain = text.chars().all(|c| c.is_ascii_alphanumeric() || "._-/=+:,".contains(c));
+    if plain { text.to_owned() } else { format!("'{}'", text.replace('\'', "'\\''")) }
 }

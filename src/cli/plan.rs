@@ -1,6 +1,6 @@
 //! `tauflow plan`.
 
-use super::{CliError, Exit, Open, PipelineArgs, seconds_text, table};
+use super::{CacheAt, CliError, Exit, PipelineArgs, seconds_text, table};
 use crate::{
     engine::{
         self,
@@ -11,9 +11,9 @@ use crate::{
 };
 use std::collections::BTreeMap;
 
-pub(crate) fn plan(args: &PipelineArgs, registry: &Registry, open: Open<'_>) -> Result<Exit, CliError> {
+pub(crate) fn plan(args: &PipelineArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     let pipeline = args.resolve(registry)?;
-    let store = open()?;
+    let store = cache.open()?;
     let plan = engine::plan(&pipeline, &store, None)?;
     let mut histories: BTreeMap<String, History> = BTreeMap::new();
     let mut reasons: BTreeMap<usize, BTreeMap<String, u64>> = BTreeMap::new();

@@ -1,7 +1,7 @@
 //! `tauflow run`.
 
 use super::{
-    CliError, Exit, Open, PipelineArgs, bytes_text, counted,
+    CacheAt, CliError, Exit, PipelineArgs, bytes_text, counted,
     progress::{Display, Voice},
     seconds_text, table,
 };
@@ -51,13 +51,13 @@ enum EventFormat {
     Json,
 }
 
-pub(crate) fn run(args: &RunArgs, registry: &Registry, open: Open<'_>) -> Result<Exit, CliError> {
+pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     if !(0.0..=1.0).contains(&args.recheck) {
         return Err(CliError::Bad(format!("--recheck {} is no share; use 0 to 1, for example 0.05", args.recheck)));
     }
     let pipeline = args.pipeline.resolve(registry)?;
     let only = args.only.as_deref().map(|text| Only::parse(text, &pipeline)).transpose().map_err(CliError::Bad)?;
-    let store = open()?;
+    let store = cache.open()?;
     let stop = Arc::new(AtomicBool::new(false));
     let display = Display::new(&pipeline, args.events.is_some());
     listen(stop.clone(), display.voice())?;
@@ -73,7 +73,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, open: Open<'_>) -> Result
     display.end();
     let summary = summary?;
     drop(store);
-    tell(&summary, &pipeline, args);
+    tell(&summary, &pipeline, args, cache);
     Ok(if summary.interrupted {
         Exit::Interrupted
     } else if summary.failures.is_empty() {
@@ -94,7 +94,8 @@ fn listen(stop: Arc<AtomicBool>, voice: Voice) -> Result<(), CliError> {
     .map_err(|e| CliError::Environment(format!("cannot listen for Ctrl-C: {e}")))
 }
 
-fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs) {
+fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, cache: &CacheAt) {
+    let again = format!("tauflow run {}{}", args.pipeline.again(), cache.again());
     let ran = summary.total(|n| n.ran);
     let hit = summary.total(|n| n.hit);
     let elapsed = seconds_text(summary.elapsed.as_secs_f64());
@@ -104,9 +105,12 @@ fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs) {
         eprint!("{}", table(&rows(summary)));
         eprintln!("{} ran, {hit} as before ({elapsed})", counted(ran, "action"));
     }
-    show_failures(&summary.failures, args);
+    show_failures(&summary.failures, &again);
+    if args.events.is_some() {
+        summary.failures.iter().for_each(|failure| outln!("{}", json!({ "event": "failure", "of": failure })));
+    }
     if summary.interrupted {
-        eprintln!("stopped; run the same command again to go on: tauflow run {}", args.pipeline.again());
+        eprintln!("stopped; run the same command again to go on: {again}");
     }
     let page = summary.published.iter().find(|p| p.extension().is_some_and(|e| e == "html"));
     let folder = (!summary.published.is_empty()).then(|| args.out.join(&pipeline.name));
@@ -136,7 +140,7 @@ fn rows(summary: &Summary) -> Vec<Vec<String>> {
 }
 
 /// Failures by cause, one message in full each, with the command that runs just that item again.
-fn show_failures(failures: &[Failure], args: &RunArgs) {
+fn show_failures(failures: &[Failure], again: &str) {
     let mut causes: BTreeMap<(String, String), Vec<&Failure>> = BTreeMap::new();
     for failure in failures {
         causes.entry((failure.node.clone(), failure.cause())).or_default().push(failure);
@@ -147,6 +151,6 @@ fn show_failures(failures: &[Failure], args: &RunArgs) {
         let more =
             if group.len() > 1 { format!(" and {} more for the same cause", group.len() - 1) } else { String::new() };
         eprintln!("\nfailed: {node} {}{more}\n  {}", item.join("/"), first.message);
-        eprintln!("  again: tauflow run {} --only {}", args.pipeline.again(), first.only());
+        eprintln!("  again: {again} --only {}", first.only());
     }
 }

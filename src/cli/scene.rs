@@ -1,18 +1,26 @@
 //! `tauflow render` and `tauflow scene`: one scene, outside any pipeline.
 //!
-//! A scene is a folder as `tauflow export PIPELINE scenes` writes it: `scene.json`, and what it names in `blob/`.
+//! A scene is an item of a pipeline's node, or a folder as `tauflow export PIPELINE scenes` writes it: `scene.json`, and
+//! what it names in `blob/`.
 
-use super::{CliError, Exit, seconds_text};
-use crate::registry;
+use super::{
+    CacheAt, CliError, Exit, PipelineArgs,
+    results::{Asked, Reading, unread},
+    seconds_text,
+};
+use crate::{diagnostics::did_you_mean, kinds::Registry};
 use clap::{Args, Subcommand};
 use std::{
     fs,
     io::IsTerminal,
     path::{Path, PathBuf},
+    sync::atomic::AtomicBool,
     time::Instant,
 };
-use tauflow_contract::{Digest, KindError};
+use tauflow_cache::Store;
+use tauflow_contract::{Blobs, Context, Digest, ItemKey, KindError, Silent};
 use tauflow_data::{
+    formats::SCENE,
     image_io::{preview_png, write_exr},
     mitsuba::{self, Film},
     scene::Scene,
@@ -21,8 +29,8 @@ use tauflow_data::{
 /// What `render` takes.
 #[derive(Args)]
 pub(crate) struct RenderArgs {
-    /// A folder with `scene.json` and `blob/`, as `tauflow export PIPELINE scenes` writes it; or the `scene.json`.
-    scene: PathBuf,
+    #[command(flatten)]
+    scene: SceneArgs,
     #[command(flatten)]
     film: FilmArgs,
     /// The image: .exr (linear radiance), or .png (a preview).
@@ -31,6 +39,16 @@ pub(crate) struct RenderArgs {
     /// Factor on the radiance.
     #[arg(long, default_value_t = 1.0)]
     exposure: f32,
+}
+
+/// Which scene.
+#[derive(Args)]
+pub(crate) struct SceneArgs {
+    /// A pipeline file, with --item; or a folder with `scene.json` and `blob/`, as `tauflow export` writes it.
+    scene: PathBuf,
+    /// The scene of a pipeline: `node/item` or `node.port/item`.
+    #[arg(long, value_name = "NODE/ITEM")]
+    item: Option<String>,
 }
 
 /// Film and samples.
@@ -52,8 +70,8 @@ pub(crate) struct FilmArgs {
 pub(crate) enum SceneCommand {
     /// Write it as Mitsuba 3 reads it: scene.xml, meshes, textures.
     Mitsuba {
-        /// A folder with `scene.json` and `blob/`; or the `scene.json`.
-        scene: PathBuf,
+        #[command(flatten)]
+        scene: SceneArgs,
         #[command(flatten)]
         film: FilmArgs,
         /// The folder to write.
@@ -62,23 +80,72 @@ pub(crate) enum SceneCommand {
     },
 }
 
-fn open(path: &Path) -> Result<(Scene, PathBuf), CliError> {
-    let file = if path.is_dir() { path.join("scene.json") } else { path.to_path_buf() };
-    let bytes = fs::read(&file).map_err(|e| CliError::Bad(format!("cannot read {}: {e}", file.display())))?;
-    let scene = serde_json::from_slice(&bytes).map_err(|e| {
-        CliError::Bad(format!("{} is no scene: {e}; export one by `tauflow export PIPELINE scenes`", file.display()))
-    })?;
-    let folder = file.parent().unwrap_or(Path::new(".")).join("blob");
-    Ok((scene, folder))
+/// Where a scene's meshes and textures are read.
+enum Source {
+    Folder(PathBuf),
+    Store(Box<Store>),
 }
 
-fn blob(folder: &Path, digest: &Digest) -> Result<Vec<u8>, KindError> {
-    let path = folder.join(digest.to_string());
-    let bytes = fs::read(&path).map_err(|e| KindError::Input(format!("cannot read {}: {e}", path.display())))?;
-    if Digest::of(&bytes) == *digest {
-        Ok(bytes)
-    } else {
-        Err(KindError::Input(format!("{} does not hold what its name says; export the scene again", path.display())))
+impl Source {
+    fn blob(&self, digest: &Digest) -> Result<Vec<u8>, KindError> {
+        match self {
+            Self::Store(store) => Reading(store).get(digest)?.ok_or(KindError::MissingBlob(*digest)),
+            Self::Folder(folder) => {
+                let path = folder.join(digest.to_string());
+                let failed = |e| KindError::Input(format!("cannot read {}: {e}", path.display()));
+                let bytes = fs::read(&path).map_err(failed)?;
+                if Digest::of(&bytes) == *digest {
+                    return Ok(bytes);
+                }
+                let path = path.display();
+                Err(KindError::Input(format!("{path} does not hold what its name says; export the scene again")))
+            }
+        }
+    }
+}
+
+impl SceneArgs {
+    fn open(&self, registry: &Registry, cache: &CacheAt) -> Result<(Scene, Source), CliError> {
+        match &self.item {
+            Some(item) => self.of_pipeline(item, registry, cache),
+            None => self.of_folder(),
+        }
+    }
+
+    fn of_folder(&self) -> Result<(Scene, Source), CliError> {
+        let file = if self.scene.is_dir() { self.scene.join("scene.json") } else { self.scene.clone() };
+        let bytes = fs::read(&file).map_err(|e| CliError::Bad(format!("cannot read {}: {e}", file.display())))?;
+        let scene = serde_json::from_slice(&bytes).map_err(|e| {
+            let hint =
+                "name a scene of a pipeline by `PIPELINE --item NODE/ITEM`, or a folder that `tauflow export` wrote";
+            CliError::Bad(format!("{} is no scene: {e}; {hint}", file.display()))
+        })?;
+        Ok((scene, Source::Folder(file.parent().unwrap_or(Path::new(".")).join("blob"))))
+    }
+
+    fn of_pipeline(&self, item: &str, registry: &Registry, cache: &CacheAt) -> Result<(Scene, Source), CliError> {
+        let Some((node, key)) = item.split_once('/') else {
+            return Err(CliError::Bad(format!("--item {item} names no item; it reads NODE/ITEM")));
+        };
+        let (profile, sets, targets) = (None, Vec::new(), Vec::new());
+        let pipeline = PipelineArgs { pipeline: self.scene.clone(), profile, sets, targets }.resolve(registry)?;
+        let store = cache.open()?;
+        let collection = Asked::parse(node, &pipeline)?.collection(&store)?;
+        let artifact = collection.get(key).ok_or_else(|| {
+            let hint = did_you_mean(key, "items", collection.items.keys().take(8).map(ItemKey::as_str));
+            CliError::Bad(format!("`{node}` has no item `{key}`; {hint}"))
+        })?;
+        if artifact.media != SCENE {
+            return Err(CliError::Bad(format!(
+                "`{item}` is a `{}`, no scene; name an item of a node that makes scenes",
+                artifact.media
+            )));
+        }
+        let stop = AtomicBool::new(false);
+        let scene = Context::new(&Reading(&store), &Silent, &stop)
+            .json(artifact, "scene.json")
+            .map_err(|error| unread(item, error))?;
+        Ok((scene, Source::Store(Box::new(store))))
     }
 }
 
@@ -89,21 +156,21 @@ fn told(error: KindError) -> CliError {
     }
 }
 
-pub(crate) fn render(args: &RenderArgs) -> Result<Exit, CliError> {
+pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     let extension = args.out.extension().and_then(|e| e.to_str()).unwrap_or_default();
     if !["exr", "png"].contains(&extension) {
         return Err(CliError::Bad(format!("{} ends neither in .exr nor in .png", args.out.display())));
     }
-    let (scene, folder) = open(&args.scene)?;
+    let (scene, source) = args.scene.open(registry, cache)?;
     let start = Instant::now();
     let bar = if std::io::stderr().is_terminal() {
         indicatif::ProgressBar::new(args.film.spp)
     } else {
         indicatif::ProgressBar::hidden()
     };
-    let (image, stats) = registry::render_image(
+    let (image, stats) = crate::registry::render_image(
         &scene,
-        &mut |digest| blob(&folder, digest),
+        &mut |digest| source.blob(digest),
         (args.film.width, args.film.height),
         args.film.spp,
         &mut |done| {
@@ -134,11 +201,11 @@ pub(crate) fn render(args: &RenderArgs) -> Result<Exit, CliError> {
     Ok(Exit::Done)
 }
 
-pub(crate) fn scene(command: &SceneCommand) -> Result<Exit, CliError> {
+pub(crate) fn scene(command: &SceneCommand, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     let SceneCommand::Mitsuba { scene, film, out } = command;
-    let (scene, folder) = open(scene)?;
+    let (scene, source) = scene.open(registry, cache)?;
     let film = Film { width: film.width, height: film.height, spp: film.spp };
-    mitsuba::export(&scene, &mut |digest| blob(&folder, digest), out, film).map_err(told)?;
+    mitsuba::export(&scene, &mut |digest| source.blob(digest), out, film).map_err(told)?;
     outln!("{}", out.join("scene.xml").display());
     Ok(Exit::Done)
 }

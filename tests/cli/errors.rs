@@ -27,6 +27,9 @@ fn bad_arguments_are_2() {
         (&["cache", "unpin", "it"], "there is no pin `it`"),
         (&["render", "none.json", "-o", "x.exr"], "none.json"),
         (&["render", "none.json", "-o", "x.jpg"], "x.jpg"),
+        (&["render", "small.yaml", "-o", "x.exr"], "--item NODE/ITEM"),
+        (&["render", "small.yaml", "--item", "scenes", "-o", "x.exr"], "names no item"),
+        (&["export", "small.yaml", "split[a=1]", "-o", "x"], "it has no axes"),
     ] {
         let said = place.tauflow(arguments).ends(2);
         assert!(said.err.contains(part), "{arguments:?}: `{part}` is not in\n{}", said.err);
@@ -49,6 +52,9 @@ fn a_failed_item_is_1_and_says_how_to_run_it_again() {
     let again = said.err.lines().find_map(|line| line.trim().strip_prefix("again: tauflow "));
     let again: Vec<&str> = again.expect("the command is shown").split_whitespace().collect();
     assert_eq!(again, ["run", "small.yaml", "--only", "sampling"]);
+    let events = place.tauflow(&["run", "small.yaml", "--events", "json"]).ends(1);
+    let failure = events.lines().into_iter().find(|line| line.contains(r#""event":"failure""#)).expect("it is told");
+    assert!(failure.contains("strata fall short"), "{failure}");
     // Errors are never cached; what was done stays done.
     let said = place.tauflow(&again).ends(1);
     assert!(said.err.contains("strata fall short"), "{}", said.err);

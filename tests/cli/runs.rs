@@ -81,6 +81,8 @@ fn explain_shows_which_field_differs() {
     assert!(item.contains("L0-open-000000") && item.contains("seed"), "{item}");
     let all = place.tauflow(&["explain", "small.yaml", "scenes"]).ends(0).out;
     assert!(all.starts_with("8 x done before"), "{all}");
+    let none = place.tauflow(&["explain", "small.yaml", "scenes", "L0-open-00000"]).ends(2);
+    assert!(none.err.contains("did you mean `L0-open-00000"), "{}", none.err);
 }
 
 #[test]
@@ -124,6 +126,9 @@ fn an_exported_scene_is_rendered_and_written_for_mitsuba() {
     assert_eq!(&read("a.exr")[..4], [0x76, 0x2f, 0x31, 0x01], "the first bytes of every EXR");
     render("a.png");
     assert_eq!(&read("a.png")[..4], b"\x89PNG");
+    let item = ["render", "small.yaml", "--item", "scenes/L0-open-000000", "-o", "c.exr"];
+    place.tauflow(&[&item, &film[..]].concat()).ends(0);
+    assert_eq!(read("a.exr"), read("c.exr"), "the item itself gives what its export gives");
     let xml = [&["scene", "mitsuba", scene, "-o", "mitsuba"], &film[..]].concat();
     assert_eq!(place.tauflow(&xml).ends(0).out, "mitsuba/scene.xml\n");
     let xml = fs::read_to_string(place.path("mitsuba/scene.xml")).expect("the scene is there");

@@ -70,7 +70,7 @@ fn one_missing_blob_runs_one_action() {
     let name = blob.expect("one blob").hex();
     let found = remove_named(&shop.cache(), &name[2..]);
     assert_eq!(found, 1);
-    let edited = PADDED.replace("mul: 3", "mul: 4");
+    let edited = PADDED.replace("mul: 3", "mul: 3, add: 10");
     let healed = shop.run(&edited);
     assert_eq!(healed.ran(), BTreeMap::from([("long", 1), ("longer", 3), ("rounded", 3), ("total", 2)]));
 }
@@ -113,6 +113,6 @@ nodes:
     assert_eq!(remove(&shop.cache(), |len| len > 70_000), 2);
     let healed = shop.run_with(text, &RunOptions::default(), |_, _| {});
     assert!(healed.summary.failures.is_empty(), "{:#?}", healed.summary.failures);
-    assert_eq!(healed.ran(), BTreeMap::from([("numbers", 2), ("unsteady", 2), ("padded", 2)]));
+    assert_eq!(healed.ran(), BTreeMap::from([("unsteady", 2), ("padded", 2)]));
     assert_eq!(shop.run(text).ran(), BTreeMap::new());
 }

@@ -19,6 +19,7 @@ nodes:
     kind: affine
     matrix: {mul: [2, 3]}
     inputs: {in: scaled}
+    params: {add: 1}
   total: {kind: total, inputs: {in: scaled}}
   picked: {kind: total, inputs: {in: \"scaled[mul=3, add=5]\"}}
   row: {kind: total, inputs: {in: \"scaled[add=0]\"}}
@@ -62,7 +63,7 @@ fn an_axis_that_the_reader_has_not_is_gathered() {
     let (shop, counts) = run();
     assert_eq!(counts["half"], 8);
     // The reader's own axis binds; the other one stands before the items' keys.
-    assert_eq!(shop.numbers(GRID, "half")["mul=3/add=5/n0001"], 3 * 38);
+    assert_eq!(shop.numbers(GRID, "half")["mul=3/add=5/n0001"], 3 * 38 + 1);
     assert_eq!(shop.numbers(GRID, "total")["all"], 24 + 34 + 36 + 46);
 }
 

@@ -4,4 +4,4 @@ mod kinds;
 mod workshop;
 
 pub use kinds::registry;
-pub use workshop::{Ran, Workshop, resolve};
+pub use workshop::{Workshop, resolve};

@@ -199,25 +199,25 @@ impl NormSilu {
         let b: Vec<f32> = (0..c).map(|i| image.modulation[c + i] - mean[i] * a[i]).collect();
         // The gradient of u, and its sums with (x - mean) and alone over the pixels.
         let mut sums = (vec![0.0f64; c], vec![0.0f64; c]);
-        let mut runs = (vec![0.0f32; c], vec![0.0f32; c]);
-        let rows = of_x.chunks_mut(64 * c).zip(image.x.chunks(64 * c)).zip(image.gradient.chunks(64 * c));
-        for ((of_u, x), g) in rows {
-            runs.0.fill(0.0);
-            runs.1.fill(0.0);
-            for ((of_u, x), g) in of_u.chunks_exact_mut(c).zip(x.chunks_exact(c)).zip(g.chunks_exact(c)) {
-                let (of_u, x, g) = (&mut of_u[..c], &x[..c], &g[..c]);
-                let (mean, a, b) = (&mean[..c], &a[..c], &b[..c]);
-                let (with, alone) = (&mut runs.0[..c], &mut runs.1[..c]);
-                for i in 0..c {
-                    let d = g[i] * slope(x[i] * a[i] + b[i]);
-                    of_u[i] = d;
-                    with[i] += d * (x[i] - mean[i]);
-                    alone[i] += d;
+        for first in (0..c).step_by(GROUP) {
+            let (a, b, mean) = (lanes(&a, first), lanes(&b, first), lanes(mean, first));
+            for block in (0..self.pixels).step_by(64) {
+                let (mut with, mut alone) = ([0.0f32; GROUP], [0.0f32; GROUP]);
+                for pixel in block..(block + 64).min(self.pixels) {
+                    let at = pixel * c + first;
+                    let (x, g) = (lanes(image.x, at), lanes(image.gradient, at));
+                    let mut d = [0.0f32; GROUP];
+                    for i in 0..GROUP {
+                        d[i] = g[i] * slope(x[i] * a[i] + b[i]);
+                        with[i] += d[i] * (x[i] - mean[i]);
+                        alone[i] += d[i];
+                    }
+                    of_x[at..at + GROUP].copy_from_slice(&d);
                 }
-            }
-            for i in 0..c {
-                sums.0[i] += f64::from(runs.0[i]);
-                sums.1[i] += f64::from(runs.1[i]);
+                for i in 0..GROUP {
+                    sums.0[first + i] += f64::from(with[i]);
+                    sums.1[first + i] += f64::from(alone[i]);
+                }
             }
         }
         for i in 0..c {
@@ -227,11 +227,11 @@ impl NormSilu {
         // The means over a group of the gradient of the normalised value, with that value and alone.
         let count = (self.pixels * GROUP) as f64;
         let (mut with, mut alone) = (vec![0.0f32; c], vec![0.0f32; c]);
+        let gain: Vec<f32> = image.modulation[..c].iter().map(|scale| 1.0 + scale).collect();
         for group in (0..c).step_by(GROUP) {
             let scaled = |sums: &[f64], extra: &[f32]| -> f64 {
                 (group..group + GROUP).map(|i| sums[i] * f64::from(extra[i])).sum::<f64>() / count
             };
-            let gain: Vec<f32> = (0..c).map(|i| 1.0 + image.modulation[i]).collect();
             // a = inverse gain, so this is the sum of gain d xhat.
             let (w, m) = (scaled(&sums.0, &a), scaled(&sums.1, &gain));
             for i in group..group + GROUP {
@@ -240,13 +240,24 @@ impl NormSilu {
                 alone[i] = (m * f64::from(inverse[i])) as f32;
             }
         }
-        for (of_x, x) in of_x.chunks_exact_mut(c).zip(image.x.chunks_exact(c)) {
-            let (of_x, x, mean) = (&mut of_x[..c], &x[..c], &mean[..c]);
-            for i in 0..c {
-                of_x[i] = a[i] * of_x[i] - alone[i] - with[i] * (x[i] - mean[i]);
+        for first in (0..c).step_by(GROUP) {
+            let (a, mean) = (lanes(&a, first), lanes(mean, first));
+            let (with, alone) = (lanes(&with, first), lanes(&alone, first));
+            for at in (first..of_x.len()).step_by(c) {
+                let (x, mut d) = (lanes(image.x, at), lanes(of_x, at));
+                for i in 0..GROUP {
+                    d[i] = a[i] * d[i] - alone[i] - with[i] * (x[i] - mean[i]);
+                }
+                of_x[at..at + GROUP].copy_from_slice(&d);
             }
         }
     }
+}
+
+/// The values of a group's channels.
+#[inline(always)]
+fn lanes(values: &[f32], at: usize) -> [f32; GROUP] {
+    values[at..at + GROUP].try_into().expect("channels come in groups")
 }
 
 #[derive(Clone, Debug)]

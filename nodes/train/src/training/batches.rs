@@ -243,3 +243,98 @@ fn gather(image: &Image, places: &[usize]) -> Vec<f32> {
     let channels = image.channels();
     places.iter().flat_map(|at| &image.data()[at * channels..(at + 1) * channels]).copied().collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::parameterization::{Parameterization, Space};
+    use std::collections::BTreeSet;
+    use tauflow_data::time::VarianceTime;
+
+    const COUNTS: [u64; 3] = [1, 4, 16];
+    const SIDE: usize = 12;
+
+    /// Pixels that name themselves: scene, rung and place.
+    fn set(scenes: usize) -> DataSet {
+        let value = |scene: usize, rung: usize, i: usize| (10_000 * scene + 1000 * rung + i) as f32;
+        let packed = |scene: usize| {
+            let image = |rung| {
+                let data = (0..SIDE * SIDE * 3).map(|i| value(scene, rung, i)).collect();
+                Image::from_data(SIDE, SIDE, 3, data).expect("fits")
+            };
+            let normal = (0..SIDE * SIDE * 6).map(|i| i as f32).collect();
+            PackedScene {
+                counts: COUNTS.to_vec(),
+                states: (0..3).map(image).collect(),
+                gbuffer: Some(Image::from_data(SIDE, SIDE, 6, normal).expect("fits")),
+            }
+        };
+        DataSet::new((0..scenes).map(|s| ("scene", packed(s))).collect(), "train", Conditioning::Gbuffer).expect("fits")
+    }
+
+    fn encoding(parameterization: Parameterization) -> Encoding {
+        let clock = VarianceTime::new(1, 16).expect("a ladder");
+        Encoding { parameterization, space: Space::Linear, clock, gbuffer: true }
+    }
+
+    #[test]
+    fn targets_are_those_of_the_real_rungs_pixel_by_pixel() {
+        let (set, draw) = (set(4), Draw { seed: 3, batch: 6, side: 8, shuffle_targets: false });
+        let encoding = encoding(Parameterization::McNoise);
+        let mut rungs = BTreeSet::new();
+        for step in 0..20 {
+            let batch = set.draw(&encoding, &draw, step);
+            for (i, state) in batch.states.iter().enumerate() {
+                let target = &batch.targets[i * 192..(i + 1) * 192];
+                let rung = (state[0] as usize % 10_000) / 1000;
+                rungs.insert(rung);
+                // I_k - I_last, whatever the turn: 1000 for each rung between.
+                assert!(target.iter().all(|t| *t == 1000.0 * (rung as f32 - 2.0)));
+                assert!((batch.tau[i] - encoding.clock.tau(COUNTS[rung] as f64)).abs() < 1e-12);
+                // The G-buffer moves with the state: its first channel is twice the state's place.
+                let gbuffer = batch.gbuffers[i].as_ref().expect("asked for");
+                for (state, gbuffer) in state.chunks_exact(3).zip(gbuffer.chunks_exact(6)) {
+                    assert_eq!(gbuffer[0], 2.0 * (state[0] % 1000.0));
+                }
+            }
+        }
+        assert_eq!(rungs, BTreeSet::from([0, 1]));
+    }
+
+    #[test]
+    fn shuffled_targets_come_from_another_scene() {
+        let (set, draw) = (set(3), Draw { seed: 3, batch: 8, side: 8, shuffle_targets: true });
+        let encoding = encoding(Parameterization::VanillaRf);
+        let batch = set.draw(&encoding, &draw, 1);
+        assert!(batch.targets.iter().all(|t| *t == 2000.0), "within each scene");
+        let mut stream = Stream::new(3, &[1]).part("batch");
+        let first = stream.below(3);
+        let other = (first + 1 + stream.below(2)) % 3;
+        assert_ne!(first, other);
+    }
+
+    #[test]
+    fn turns_are_eight_and_lose_no_pixel() {
+        let pick = |turn| Pick { scene: 0, target: 0, rung: 0, t: 0.0, left: 2, top: 1, turn };
+        let all: BTreeSet<Vec<usize>> = (0..8).map(|turn| pick(turn).places(SIDE, 4)).collect();
+        assert_eq!(all.len(), 8);
+        for places in &all {
+            let sorted: BTreeSet<usize> = places.iter().copied().collect();
+            assert_eq!(sorted, pick(0).places(SIDE, 4).into_iter().collect());
+            assert_eq!(sorted.len(), 16);
+        }
+        assert_eq!(pick(0).places(SIDE, 4)[..2], [SIDE + 2, SIDE + 3]);
+    }
+
+    #[test]
+    fn a_batch_depends_on_seed_and_step_alone() {
+        let (set, encoding) = (set(3), encoding(Parameterization::McVelocity));
+        let draw = Draw { seed: 3, batch: 4, side: 8, shuffle_targets: false };
+        let states = |draw: &Draw, step| set.draw(&encoding, draw, step).states;
+        assert_eq!(states(&draw, 7), states(&draw, 7));
+        assert_ne!(states(&draw, 7), states(&draw, 8));
+        assert_ne!(states(&draw, 7), states(&Draw { seed: 4, ..draw }, 7));
+        assert_eq!(set.side(128, 8).expect("12 pixels"), 8);
+        assert!(set.side(4, 8).is_err());
+    }
+}

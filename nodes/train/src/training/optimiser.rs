@@ -97,3 +97,48 @@ impl Optimised {
         norm
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rates() -> Rates {
+        Rates {
+            learning_rate: 0.1,
+            betas: [0.9, 0.999],
+            warmup: 4,
+            clip: 1.0,
+            ema: 0.9,
+            decay: Decay::None,
+            steps: 100,
+        }
+    }
+
+    #[test]
+    fn the_rate_rises_and_falls() {
+        assert_eq!(rates().at(0), 0.025);
+        assert_eq!(rates().at(3), 0.1);
+        assert_eq!(rates().at(99), 0.1);
+        let cosine = Rates { decay: Decay::Cosine, ..rates() };
+        assert!((cosine.at(50) - 0.0505).abs() < 1e-9 && (cosine.at(100) - 0.001).abs() < 1e-12);
+    }
+
+    #[test]
+    fn two_steps_by_hand() {
+        let mut state = Optimised::new(Weights(vec![vec![1.0], vec![-2.0, 0.0]]));
+        // The norm is 5: everything is divided by it, and Adam's first step is the rate times the sign.
+        let norm = state.update(&rates(), &Weights(vec![vec![3.0], vec![-4.0, 0.0]]));
+        assert!((norm - 5.0).abs() < 1e-6);
+        assert!((state.weights.0[0][0] - 0.975).abs() < 1e-6 && (state.weights.0[1][0] + 1.975).abs() < 1e-6);
+        assert_eq!(state.weights.0[1][1], 0.0);
+        assert!((state.first.0[0][0] - 0.06).abs() < 1e-6 && (state.second.0[0][0] - 3.6e-4).abs() < 1e-8);
+        // The first average keeps a tenth.
+        assert!((state.average.0[0][0] - 0.9775).abs() < 1e-6);
+        // A gradient within the clip is left alone: m = .9 .06 + .1 .3, v = .999 3.6e-4 + .001 .09.
+        state.update(&rates(), &Weights(vec![vec![0.3], vec![0.0, 0.0]]));
+        let (m, v) = (0.084 / (1.0 - 0.81), 4.4964e-4 / (1.0 - 0.998_001));
+        let expected = 0.975 - 0.05 * m / f64::sqrt(v);
+        assert!((f64::from(state.weights.0[0][0]) - expected).abs() < 1e-5, "{} {expected}", state.weights.0[0][0]);
+        assert_eq!(state.step, 2);
+    }
+}

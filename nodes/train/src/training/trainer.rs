@@ -87,3 +87,80 @@ impl Trainer {
 fn numbers(tensor: Tensor<2>) -> Result<Vec<f32>, KindError> {
     tensor.into_data().try_into_vec::<f32>().map_err(|e| KindError::Internal(format!("a gradient that is not f32: {e:?}")))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        parameterization::{Conditioning, Parameterization, Space},
+        training::{batches::Draw, optimiser::Decay},
+    };
+    use tauflow_data::{Image, formats::PackedScene, rng::Stream, time::VarianceTime};
+
+    /// Scenes of noise around a ramp; the rungs get nearer to it.
+    fn scenes(count: usize, side: usize) -> DataSet {
+        let counts = [1u64, 4, 16];
+        let scenes = (0..count).map(|scene| {
+            let states = counts.iter().enumerate().map(|(rung, n)| {
+                let mut stream = Stream::new(scene as u64, &[rung as u64]);
+                let ramp = |i: usize| (i / 3 % side) as f64 / side as f64;
+                let noise = 1.0 / (*n as f64).sqrt();
+                let data = (0..side * side * 3).map(|i| (ramp(i) + noise * stream.uniform()) as f32).collect();
+                Image::from_data(side, side, 3, data).expect("fits")
+            });
+            let gbuffer = Some(Image::new(side, side, 6));
+            ("scene", PackedScene { counts: counts.to_vec(), states: states.collect(), gbuffer })
+        });
+        DataSet::new(scenes.collect(), "train", Conditioning::Gbuffer).expect("consistent")
+    }
+
+    fn encoding(parameterization: Parameterization) -> Encoding {
+        let clock = VarianceTime::new(1, 16).expect("a ladder");
+        Encoding { parameterization, space: Space::Linear, clock, gbuffer: true }
+    }
+
+    #[test]
+    fn one_batch_is_learned_by_heart() {
+        let rates = Rates {
+            learning_rate: 2e-3,
+            betas: [0.9, 0.999],
+            warmup: 5,
+            clip: 1.0,
+            ema: 0.999,
+            decay: Decay::None,
+            steps: 150,
+        };
+        for parameterization in Parameterization::ALL {
+            let mut trainer = Trainer::new(encoding(parameterization), Preset::Tiny, rates, 3);
+            let draw = Draw { seed: 5, batch: 2, side: 16, shuffle_targets: false };
+            let batch = scenes(2, 16).draw(&trainer.encoding, &draw, 0);
+            let first = trainer.step(&batch).expect("finite").0;
+            let mut last = first;
+            for _ in 0..149 {
+                last = trainer.step(&batch).expect("finite").0;
+            }
+            println!("{parameterization:?}: {first:.4} -> {last:.5}");
+            assert!(last < first / 5.0, "{parameterization:?}: {first} {last}");
+        }
+    }
+
+    #[test]
+    fn the_loss_of_zero_weights_at_the_head_is_the_mean_square_of_the_targets() {
+        let set = scenes(3, 16);
+        let rates = Rates {
+            learning_rate: 1e-3,
+            betas: [0.9, 0.999],
+            warmup: 1,
+            clip: 1.0,
+            ema: 0.9,
+            decay: Decay::None,
+            steps: 1,
+        };
+        let trainer = Trainer::new(encoding(Parameterization::McNoise), Preset::Tiny, rates, 1);
+        let targets: Vec<f32> =
+            set.all(&trainer.encoding, 16, 4).flat_map(|b| b.targets.iter().copied().collect::<Vec<_>>()).collect();
+        assert_eq!(targets.len(), 3 * 2 * 16 * 16 * 3);
+        let square = targets.iter().map(|t| f64::from(*t).powi(2)).sum::<f64>() / targets.len() as f64;
+        assert!((trainer.test(&set, 16, 4) - square).abs() < 1e-6 * square);
+    }
+}
