@@ -139,9 +139,18 @@ pub fn parse(text: &str, source: usize) -> Result<Yaml, Box<Problem>> {
             let message = error.without_snippet().to_string();
             let message = message.split(" at line ").next().unwrap_or_default();
             let message = message.strip_prefix("error: ").unwrap_or(message);
-            Err(Box::new(Problem::at(span, format!("this is not YAML that can be read: {message}")).hint(
-                "check the indentation, quotes and brackets on this line and the one above; each key stands once",
-            )))
+            // The parser's advice is for its callers.
+            let (message, hint) = match message.strip_prefix("duplicate mapping key: ") {
+                Some(rest) => {
+                    let key = rest.split(", set ").next().unwrap_or(rest);
+                    (format!("the key `{key}` stands twice in one map"), "keep one of the two")
+                }
+                None => (
+                    format!("this is not YAML that can be read: {message}"),
+                    "check the indentation, quotes and brackets on this line and the one above",
+                ),
+            };
+            Err(Box::new(Problem::at(span, message).hint(hint)))
         }
     }
 }

@@ -1,5 +1,5 @@
-//! Trains a cell on toy scenes, or on a folder of packed scenes, and prints the time of a step, the loss curve and the
-//! gain over the noisy input on test scenes.
+//! Trains a cell on toy scenes and prints the time of a step and of a prediction, the loss curve, and the gain over the
+//! noisy input on test scenes.
 //!
 //! ```text
 //! cargo run --release -p tauflow-train --example step_time -- '{"preset":"tiny","steps":300,"batch":8}' [seed]
@@ -8,8 +8,8 @@
 #[path = "../tests/toy/mod.rs"]
 mod toy;
 
-use std::{collections::BTreeMap, sync::atomic::AtomicBool};
-use tauflow_contract::{Action, Context, Kind, MemoryBlobs, Silent};
+use std::{collections::BTreeMap, sync::atomic::AtomicBool, time::Instant};
+use tauflow_contract::{Action, Collection, Context, Kind, KindError, MemoryBlobs, Silent};
 use tauflow_data::{
     formats::PackedScene,
     results::{TrainingLog, TrainingTiming},
@@ -39,17 +39,26 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     let model = Model::load(&ctx.part(one("model")?, "")?)?;
     for steps in [1, 2, 9, 20] {
-        let (mut before, mut after, mut count) = (0.0, 0.0, 0.0);
-        for (_, artifact) in test.iter() {
-            let scene = PackedScene::from_bytes(&ctx.part(artifact, "")?)?;
-            let course = Course { from: 1, steps, grid: TimeGrid::Ladder };
-            let refined = rollout(&model, &scene.states[0], scene.gbuffer.as_ref(), course)?;
-            let reference = &scene.states[scene.states.len() - 1];
-            before += toy::psnr(&scene.states[0], reference);
-            after += toy::psnr(&refined, reference);
-            count += 1.0;
-        }
-        println!("NFE {steps:3}: hold {:.2} dB, refined {:.2} dB", before / count, after / count);
+        report(&ctx, &model, &test, steps)?;
     }
+    Ok(())
+}
+
+/// Prints the mean PSNR over scenes, before and after a rollout of so many steps.
+fn report(ctx: &Context<'_>, model: &Model, scenes: &Collection, steps: usize) -> Result<(), KindError> {
+    let (mut before, mut after, mut seconds) = (0.0, 0.0, 0.0);
+    for (_, artifact) in scenes.iter() {
+        let scene = PackedScene::from_bytes(&ctx.part(artifact, "")?)?;
+        let course = Course { from: 1, steps, grid: TimeGrid::Ladder };
+        let start = Instant::now();
+        let refined = rollout(model, &scene.states[0], scene.gbuffer.as_ref(), course)?;
+        seconds += start.elapsed().as_secs_f64();
+        let reference = &scene.states[scene.states.len() - 1];
+        before += toy::psnr(&scene.states[0], reference);
+        after += toy::psnr(&refined, reference);
+    }
+    let count = scenes.len() as f64;
+    let call = 1000.0 * seconds / (count * steps as f64);
+    println!("NFE {steps:3}: hold {:.2} dB, refined {:.2} dB, {call:.2} ms a call", before / count, after / count);
     Ok(())
 }

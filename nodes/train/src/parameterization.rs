@@ -190,9 +190,9 @@ mod tests {
     #[test]
     fn a_perfect_prediction_of_the_whole_way_lands_on_clean() {
         for p in [Parameterization::McNoise, Parameterization::McVelocity] {
-            for k in 0..3 {
+            for (k, rung) in RUNGS.iter().enumerate().take(3) {
                 let (input, target) = p.example(&clock(), &COUNTS, k, 0.0, |i| RUNGS[i]);
-                assert_eq!(input, RUNGS[k]);
+                assert_eq!(input, *rung);
                 let tau = p.time(&clock(), &COUNTS, k, 0.0);
                 let state = Image::from_data(1, 1, 1, vec![input]).expect("fits");
                 let prediction = Image::from_data(1, 1, 1, vec![target]).expect("fits");

@@ -295,11 +295,14 @@ impl Job<'_> {
             if step.is_multiple_of(p.test_every) {
                 record.point(step, score(trainer), rate);
             }
-            if checkpoints.due(step) {
+            // The last state serves a longer training, but not where the rate has already fallen for the end.
+            if checkpoints.due(step) && (step < p.steps || p.decay == Decay::None) {
                 checkpoints.keep(self.ctx, trainer, record)?;
             }
             if step.is_multiple_of(10) || step == p.steps {
-                self.ctx.progress(step, p.steps, &format!("loss {loss:.4}"));
+                let recent = &seconds[seconds.len().saturating_sub(20)..];
+                let rate = recent.len() as f64 / recent.iter().sum::<f64>().max(1e-9);
+                self.ctx.progress(step, p.steps, &format!("loss {loss:.4}  {rate:.1} steps/s"));
             }
         }
         if record.points.last().is_some_and(|last| last.step < p.steps) {

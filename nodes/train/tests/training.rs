@@ -169,8 +169,7 @@ fn shuffled_targets_destroy_the_gain() {
         decay: Decay::Cosine,
         ..Default::default()
     };
-    let (real, shuffled) =
-        (lab.train(&params), lab.train(&TrainingParams { shuffle_targets: true, ..params.clone() }));
+    let (real, shuffled) = (lab.train(&params), lab.train(&TrainingParams { shuffle_targets: true, ..params.clone() }));
     let (real, shuffled) = (lab.gain(&real), lab.gain(&shuffled));
     println!("gain {real:.2} dB, with shuffled targets {shuffled:.2} dB");
     assert!(real > 3.0, "{real}");

@@ -6,6 +6,7 @@
 use super::{
     matrix::{Matrix, multiply},
     op::{Operator, apply},
+    sums::{columns, parts},
 };
 use burn::tensor::Tensor;
 use rayon::prelude::*;
@@ -104,10 +105,11 @@ impl Operator<3> for Conv3 {
         let pixels = self.height * self.width;
         let images = x.len() / (pixels * self.inputs);
         let mut out = bias.repeat(images * pixels);
-        out.par_chunks_exact_mut(pixels * self.outputs).zip(x.par_chunks_exact(pixels * self.inputs)).for_each_init(
-            Vec::new,
-            |patches, (out, x)| self.image(out, x, kernel, (self.inputs, self.outputs), patches),
-        );
+        out.par_chunks_exact_mut(pixels * self.outputs)
+            .zip(x.par_chunks_exact(pixels * self.inputs))
+            .for_each_init(Vec::new, |patches, (out, x)| {
+                self.image(out, x, kernel, (self.inputs, self.outputs), patches)
+            });
         (out, ())
     }
 
@@ -118,14 +120,15 @@ impl Operator<3> for Conv3 {
         if wanted[0] {
             let turned = self.turned(kernel);
             of_x = vec![0.0; x.len()];
-            of_x.par_chunks_exact_mut(per_x).zip(gradient.par_chunks_exact(per_g)).for_each_init(
-                Vec::new,
-                |patches, (out, g)| self.image(out, g, &turned, (self.outputs, self.inputs), patches),
-            );
+            of_x.par_chunks_exact_mut(per_x)
+                .zip(gradient.par_chunks_exact(per_g))
+                .for_each_init(Vec::new, |patches, (out, g)| {
+                    self.image(out, g, &turned, (self.outputs, self.inputs), patches)
+                });
         }
         let mut of_kernel = Vec::new();
         if wanted[1] {
-            let parts: Vec<Vec<f32>> = x
+            let of_images = x
                 .par_chunks_exact(per_x)
                 .zip(gradient.par_chunks_exact(per_g))
                 .map_init(Vec::new, |patches, (x, g)| {
@@ -139,9 +142,9 @@ impl Operator<3> for Conv3 {
                     part
                 })
                 .collect();
-            of_kernel = sum(parts);
+            of_kernel = parts(of_images);
         }
-        [of_x, of_kernel, column_sums(gradient, self.outputs)]
+        [of_x, of_kernel, columns(gradient, self.outputs)]
     }
 }
 
@@ -167,7 +170,7 @@ impl Operator<3> for Linear {
                 },
             );
         }
-        let parts: Vec<Vec<f32>> = x
+        let of_bands = x
             .par_chunks(BAND * self.inputs)
             .zip(gradient.par_chunks(BAND * self.outputs))
             .map(|(x, g)| {
@@ -176,36 +179,6 @@ impl Operator<3> for Linear {
                 part
             })
             .collect();
-        [of_x, sum(parts), column_sums(gradient, self.outputs)]
+        [of_x, parts(of_bands), columns(gradient, self.outputs)]
     }
-}
-
-/// The sum of equally long parts, in their order.
-pub(crate) fn sum(parts: Vec<Vec<f32>>) -> Vec<f32> {
-    let mut parts = parts.into_iter();
-    let mut total = parts.next().expect("at least one part");
-    for part in parts {
-        for (total, part) in total.iter_mut().zip(part) {
-            *total += part;
-        }
-    }
-    total
-}
-
-/// Sums of the columns of rows of `columns` values: in f32 over short runs of rows, those in f64.
-pub(crate) fn column_sums(data: &[f32], columns: usize) -> Vec<f32> {
-    let mut total = vec![0.0f64; columns];
-    let mut run = vec![0.0f32; columns];
-    for rows in data.chunks(64 * columns) {
-        run.fill(0.0);
-        for row in rows.chunks_exact(columns) {
-            for (run, value) in run.iter_mut().zip(row) {
-                *run += value;
-            }
-        }
-        for (total, run) in total.iter_mut().zip(&run) {
-            *total += f64::from(*run);
-        }
-    }
-    total.into_iter().map(|v| v as f32).collect()
 }

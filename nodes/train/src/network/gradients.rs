@@ -119,11 +119,8 @@ fn convolution_is_what_it_says() {
 
 #[test]
 fn gradients_of_convolutions() {
-    let inputs = [
-        (numbers(1, 2 * 6 * 5 * 3), vec![2, 6, 5, 3]),
-        (numbers(2, 27 * 4), vec![27, 4]),
-        (numbers(3, 4), vec![1, 4]),
-    ];
+    let inputs =
+        [(numbers(1, 2 * 6 * 5 * 3), vec![2, 6, 5, 3]), (numbers(2, 27 * 4), vec![27, 4]), (numbers(3, 4), vec![1, 4])];
     check(&inputs, |t| conv::conv3(t[0].clone(), flat(&t[1]), flat(&t[2])));
     let inputs = [
         (numbers(1, 2 * 20 * 30 * 3), vec![2, 20, 30, 3]),

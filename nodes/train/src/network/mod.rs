@@ -11,6 +11,7 @@ mod matrix;
 mod norm;
 mod op;
 mod shuffle;
+mod sums;
 pub(crate) mod unet;
 pub(crate) mod weights;
 

@@ -4,7 +4,10 @@
 //! channels of a group of an image (Wu and He 2018), scale and shift for each image and channel (Perez et al. 2018), and
 //! silu(u) = u/(1 + exp(-u)).
 
-use super::op::{Operator, apply};
+use super::{
+    op::{Operator, apply},
+    sums::by_column,
+};
 use burn::tensor::Tensor;
 use rayon::prelude::*;
 
@@ -75,9 +78,8 @@ impl NormSilu {
         let per_group = |sums: Vec<f64>| -> Vec<f64> {
             sums.chunks_exact(GROUP).flat_map(|g| [g.iter().sum::<f64>() / count; GROUP]).collect()
         };
-        let means: Vec<f32> =
-            per_group(reduce(x, self.channels, |_, v| v)).into_iter().map(|v| v as f32).collect();
-        let variances = per_group(reduce(x, self.channels, |c, v| (v - means[c]) * (v - means[c])));
+        let means: Vec<f32> = per_group(by_column(x, self.channels, |_, v| v)).into_iter().map(|v| v as f32).collect();
+        let variances = per_group(by_column(x, self.channels, |c, v| (v - means[c]) * (v - means[c])));
         let inverse = variances.into_iter().map(|v| (1.0 / (v + EPSILON).sqrt()) as f32).collect();
         (means, inverse)
     }
@@ -112,25 +114,6 @@ fn wide<T>(f: impl FnOnce() -> T) -> T {
     f()
 }
 
-/// Sums over pixels of `f(channel, value)`: in f32 over runs of 64 pixels, those in f64.
-#[inline(always)]
-fn reduce(x: &[f32], channels: usize, f: impl Fn(usize, f32) -> f32) -> Vec<f64> {
-    let mut total = vec![0.0f64; channels];
-    let mut run = vec![0.0f32; channels];
-    for rows in x.chunks(64 * channels) {
-        run.fill(0.0);
-        for row in rows.chunks_exact(channels) {
-            for (c, (run, value)) in run.iter_mut().zip(row).enumerate() {
-                *run += f(c, *value);
-            }
-        }
-        for (total, run) in total.iter_mut().zip(&run) {
-            *total += f64::from(*run);
-        }
-    }
-    total
-}
-
 impl Operator<2> for NormSilu {
     type Saved = Moments;
 
@@ -163,10 +146,8 @@ impl Operator<2> for NormSilu {
         let (c, size) = (self.channels, self.pixels * self.channels);
         let mut of_x = vec![0.0; x.len()];
         let mut of_modulation = vec![0.0; modulation.len()];
-        of_x.par_chunks_exact_mut(size)
-            .zip(of_modulation.par_chunks_exact_mut(2 * c))
-            .enumerate()
-            .for_each(|(image, (of_x, of_modulation))| {
+        of_x.par_chunks_exact_mut(size).zip(of_modulation.par_chunks_exact_mut(2 * c)).enumerate().for_each(
+            |(image, (of_x, of_modulation))| {
                 let at = image * size;
                 let part = Image {
                     x: &x[at..at + size],
@@ -178,7 +159,8 @@ impl Operator<2> for NormSilu {
                     #[inline(always)]
                     || self.image_backward(&part, of_x, of_modulation),
                 );
-            });
+            },
+        );
         [of_x, of_modulation]
     }
 }

@@ -29,13 +29,7 @@ pub(crate) trait Operator<const N: usize>: Clone + Send + Debug + 'static {
     fn forward(&self, inputs: [&[f32]; N]) -> (Vec<f32>, Self::Saved);
 
     /// The gradients of the inputs that are `wanted`; the others may be empty.
-    fn backward(
-        &self,
-        inputs: [&[f32]; N],
-        saved: &Self::Saved,
-        gradient: &[f32],
-        wanted: [bool; N],
-    ) -> [Vec<f32>; N];
+    fn backward(&self, inputs: [&[f32]; N], saved: &Self::Saved, gradient: &[f32], wanted: [bool; N]) -> [Vec<f32>; N];
 }
 
 /// A tensor's primitive, with or without its place in a graph.

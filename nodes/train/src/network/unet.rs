@@ -18,10 +18,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
 #[serde(rename_all = "snake_case")]
 pub enum Preset {
-    /// About 0.2 million weights: minutes on one core.
+    /// About 0.3 million weights: minutes on one core.
     #[default]
     Tiny,
-    /// About 2 million weights: studies on a CPU.
+    /// About 1.3 million weights: studies on a CPU.
     Small,
     /// About 12 million weights.
     Base,
@@ -41,7 +41,7 @@ impl Preset {
         match self {
             Self::Tiny => Plan { widths: &[32, 64, 96], blocks: 1, convolutions: 1, embedding: 64 },
             Self::Small => Plan { widths: &[48, 96, 160], blocks: 1, convolutions: 2, embedding: 128 },
-            Self::Base => Plan { widths: &[96, 192, 320], blocks: 2, convolutions: 2, embedding: 256 },
+            Self::Base => Plan { widths: &[96, 192, 384], blocks: 2, convolutions: 2, embedding: 256 },
         }
     }
 }
@@ -217,5 +217,30 @@ impl Run<'_> {
             x = x + branch;
         }
         x
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presets_have_the_sizes_that_they_say() {
+        let count = |preset| Unet::new(preset, 9, 14).slots().count();
+        let sizes = [count(Preset::Tiny), count(Preset::Small), count(Preset::Base)];
+        assert!((250_000..350_000).contains(&sizes[0]), "{sizes:?}");
+        assert!((1_000_000..2_000_000).contains(&sizes[1]), "{sizes:?}");
+        assert!((10_000_000..15_000_000).contains(&sizes[2]), "{sizes:?}");
+    }
+
+    #[test]
+    fn weights_start_as_a_function_of_seed_and_name() {
+        let net = Unet::new(Preset::Tiny, 3, 14);
+        let weights = net.slots().draw(1);
+        assert!(weights == net.slots().draw(1) && weights != net.slots().draw(2));
+        let kernel = &weights.0[net.stem.kernel];
+        let square = kernel.iter().map(|w| f64::from(*w).powi(2)).sum::<f64>() / kernel.len() as f64;
+        assert!((square * 108.0 - 1.0).abs() < 0.1, "{square}");
+        assert!(weights.0[net.head.kernel].iter().all(|w| *w == 0.0));
     }
 }

@@ -4,13 +4,7 @@ use super::{
     batches::{Batch, DataSet},
     optimiser::{Optimised, Rates},
 };
-use crate::network::{
-    Preset,
-    features::Encoding,
-    head::mean_square,
-    unet::Unet,
-    weights::Weights,
-};
+use crate::network::{Preset, features::Encoding, head::mean_square, unet::Unet, weights::Weights};
 use burn::tensor::{Device, Tensor};
 use tauflow_contract::KindError;
 
@@ -85,7 +79,10 @@ impl Trainer {
 }
 
 fn numbers(tensor: Tensor<2>) -> Result<Vec<f32>, KindError> {
-    tensor.into_data().try_into_vec::<f32>().map_err(|e| KindError::Internal(format!("a gradient that is not f32: {e:?}")))
+    tensor
+        .into_data()
+        .try_into_vec::<f32>()
+        .map_err(|e| KindError::Internal(format!("a gradient that is not f32: {e:?}")))
 }
 
 #[cfg(test)]
@@ -119,19 +116,15 @@ mod tests {
         Encoding { parameterization, space: Space::Linear, clock, gbuffer: true }
     }
 
+    fn rates() -> Rates {
+        let (decay, betas) = (Decay::None, [0.9, 0.999]);
+        Rates { learning_rate: 2e-3, betas, warmup: 5, clip: 1.0, ema: 0.999, decay, steps: 150 }
+    }
+
     #[test]
     fn one_batch_is_learned_by_heart() {
-        let rates = Rates {
-            learning_rate: 2e-3,
-            betas: [0.9, 0.999],
-            warmup: 5,
-            clip: 1.0,
-            ema: 0.999,
-            decay: Decay::None,
-            steps: 150,
-        };
         for parameterization in Parameterization::ALL {
-            let mut trainer = Trainer::new(encoding(parameterization), Preset::Tiny, rates, 3);
+            let mut trainer = Trainer::new(encoding(parameterization), Preset::Tiny, rates(), 3);
             let draw = Draw { seed: 5, batch: 2, side: 16, shuffle_targets: false };
             let batch = scenes(2, 16).draw(&trainer.encoding, &draw, 0);
             let first = trainer.step(&batch).expect("finite").0;
@@ -147,16 +140,7 @@ mod tests {
     #[test]
     fn the_loss_of_zero_weights_at_the_head_is_the_mean_square_of_the_targets() {
         let set = scenes(3, 16);
-        let rates = Rates {
-            learning_rate: 1e-3,
-            betas: [0.9, 0.999],
-            warmup: 1,
-            clip: 1.0,
-            ema: 0.9,
-            decay: Decay::None,
-            steps: 1,
-        };
-        let trainer = Trainer::new(encoding(Parameterization::McNoise), Preset::Tiny, rates, 1);
+        let trainer = Trainer::new(encoding(Parameterization::McNoise), Preset::Tiny, rates(), 1);
         let targets: Vec<f32> =
             set.all(&trainer.encoding, 16, 4).flat_map(|b| b.targets.iter().copied().collect::<Vec<_>>()).collect();
         assert_eq!(targets.len(), 3 * 2 * 16 * 16 * 3);

@@ -45,13 +45,11 @@ pub fn scene(seed: u64, side: usize, counts: &[u64]) -> PackedScene {
                 if stream.chance(0.004) {
                     noise += 50.0;
                 }
-                for c in 0..3 {
-                    sum[c] += clean[c] * noise;
+                for (sum, clean) in sum.iter_mut().zip(clean) {
+                    *sum += clean * noise;
                 }
                 if n == counts[rung] {
-                    for c in 0..3 {
-                        states[rung].pixel_mut(x, y)[c] = (sum[c] / n as f64) as f32;
-                    }
+                    states[rung].pixel_mut(x, y).copy_from_slice(&sum.map(|sum| (sum / n as f64) as f32));
                     rung += 1;
                 }
             }
