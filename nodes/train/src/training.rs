@@ -30,6 +30,9 @@ use tauflow_data::{
 };
 use trainer::Trainer;
 
+/// Raised with every change of what a training computes: neither results nor checkpoints of before count then.
+const VERSION: u32 = 5;
+
 /// The kind `training`.
 pub struct Training;
 
@@ -71,6 +74,11 @@ pub struct TrainingParams {
     pub ema: f64,
     /// Takes targets from other scenes: a check that what is learned comes from the data.
     pub shuffle_targets: bool,
+    /// Largest change of the exposure of an example, in EV: factors 2^U[-j, j] on all its rungs.
+    #[schemars(range(min = 0.0, max = 8.0))]
+    pub exposure_jitter: f64,
+    /// Puts the colours of each example, albedo included, into an order drawn for it.
+    pub permute_colours: bool,
     /// Steps between points of the loss curve.
     #[schemars(range(min = 1))]
     pub test_every: u64,
@@ -96,6 +104,8 @@ impl Default for TrainingParams {
             clip: 1.0,
             ema: 0.999,
             shuffle_targets: false,
+            exposure_jitter: 0.0,
+            permute_colours: false,
             test_every: 250,
             checkpoint_every: 500,
         }
@@ -118,7 +128,7 @@ impl Kind for Training {
     fn spec() -> KindSpec {
         KindSpec {
             name: "training",
-            version: 1,
+            version: VERSION,
             summary: "Trains a transport solver.",
             manual: include_str!("training.md"),
             mode: Mode::Gather,
@@ -154,6 +164,12 @@ impl Kind for Training {
             "write for example [0.9, 0.999]",
         );
         expect((0.0..1.0).contains(&p.ema), "/ema", format!("ema {} outside [0, 1)", p.ema), "write 0.999, say");
+        expect(
+            (0.0..=8.0).contains(&p.exposure_jitter),
+            "/exposure_jitter",
+            format!("a change of exposure of {} EV", p.exposure_jitter),
+            "write 0 to 8",
+        );
         expect(p.test_every >= 1, "/test_every", "a point every 0 steps".into(), "write at least 1");
         expect(p.checkpoint_every >= 1, "/checkpoint_every", "one every 0 steps".into(), "write at least 1");
         problems
@@ -258,7 +274,7 @@ impl Job<'_> {
         let mut inputs = vec![self.train.digest()];
         inputs.extend(self.test.map(Collection::digest));
         Checkpoints {
-            params: serde_json::json!({ "params": params, "seed": self.seed }),
+            params: serde_json::json!({ "version": VERSION, "params": params, "seed": self.seed }),
             inputs,
             every: self.params.checkpoint_every,
         }
@@ -277,7 +293,14 @@ impl Job<'_> {
         let multiple = trainer.network.multiple();
         let side = train.side(p.crop, multiple)?;
         let test_side = test.map(|t| t.side(p.crop, multiple)).transpose()?.unwrap_or(side);
-        let draw = Draw { seed: self.seed, batch: p.batch, side, shuffle_targets: p.shuffle_targets };
+        let draw = Draw {
+            seed: self.seed,
+            batch: p.batch,
+            side,
+            shuffle_targets: p.shuffle_targets,
+            exposure_jitter: p.exposure_jitter,
+            permute_colours: p.permute_colours,
+        };
         let score = |trainer: &Trainer| test.map(|t| trainer.test(t, test_side, p.batch));
         if record.points.is_empty() {
             record.point(0, score(trainer), trainer.learning_rate());

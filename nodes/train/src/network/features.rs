@@ -12,11 +12,14 @@ use tauflow_data::{maths, time::VarianceTime};
 /// Numbers that tell the time.
 pub(crate) const CLOCK: usize = 14;
 
-/// Added to the magnitude around a pixel: about the darkest value that counts at an exposure of key 0.18.
+/// Added to the deviation around a pixel: where all samples missed the light, it must still be possible to add some.
 const FLOOR: f32 = 0.05;
 
-/// Half the side, less a half, of the window that magnitudes are averaged over.
+/// Half the side, less a half, of the window that is averaged over.
 const REACH: usize = 2;
+
+/// Samples that a solver's own estimate of the clean image is worth, roughly.
+const WORTH: f64 = 8.0;
 
 /// One state with what belongs to it.
 pub(crate) struct Sample<'a> {
@@ -40,7 +43,7 @@ pub(crate) struct Encoding {
 impl Encoding {
     /// Channels of the features.
     pub(crate) fn channels(&self) -> usize {
-        if self.gbuffer { 9 } else { 3 }
+        if self.gbuffer { 12 } else { 6 }
     }
 
     /// Inputs of a batch of samples of `height` x `width` pixels.
@@ -48,15 +51,17 @@ impl Encoding {
         let (pixels, channels) = (height * width, self.channels());
         let mut features = Vec::with_capacity(samples.len() * pixels * channels);
         let mut clock = Vec::with_capacity(samples.len() * CLOCK);
-        let mut state = Vec::with_capacity(samples.len() * pixels * 3);
-        let mut magnitude = Vec::with_capacity(samples.len() * pixels * 3);
+        let mut residual = Vec::with_capacity(samples.len() * pixels * 3);
+        let mut spread = Vec::with_capacity(samples.len() * pixels * 3);
         for sample in samples {
             let seen: Vec<f32> = match self.space {
                 Space::Linear => sample.state.iter().map(|v| signed_log1p(*v)).collect(),
                 Space::Log1p => sample.state.to_vec(),
             };
+            let surroundings = self.surroundings(&seen, height, width);
             for (pixel, rgb) in seen.chunks_exact(3).enumerate() {
                 features.extend_from_slice(rgb);
+                features.extend((3 * pixel..3 * pixel + 3).map(|i| surroundings.contrast(sample.state[i], i)));
                 if self.gbuffer {
                     let gbuffer = sample.gbuffer.expect("the caller checks that there is a G-buffer");
                     features.extend_from_slice(&gbuffer[pixel * 6..pixel * 6 + 6]);
@@ -64,14 +69,17 @@ impl Encoding {
             }
             clock.extend(self.time(sample.tau));
             let gain = self.gain(sample.tau) as f32;
-            state.extend(sample.state.iter().map(|v| v * gain));
-            magnitude.extend(self.magnitude(&seen, height, width).into_iter().map(|v| v * gain));
+            let parts = sample.state.iter().zip(surroundings.mean).zip(surroundings.spread);
+            for ((value, mean), deviation) in parts {
+                residual.push((value - mean) * gain);
+                spread.push((FLOOR + deviation) * gain);
+            }
         }
         let shape = [samples.len(), height, width, channels];
         Inputs {
             features: Tensor::from_data(TensorData::new(features, shape), device),
             clock: Tensor::from_data(TensorData::new(clock, [samples.len(), CLOCK]), device),
-            basis: Basis { state: Arc::new(state), magnitude: Arc::new(magnitude) },
+            basis: Basis { residual: Arc::new(residual), spread: Arc::new(spread) },
         }
     }
 
@@ -80,17 +88,22 @@ impl Encoding {
         Unet::new(preset, self.channels(), CLOCK)
     }
 
-    /// The deviation that the central limit theorem expects of the target at `tau`, in units of that at the start: the
-    /// noise of mc_noise falls from 1 to nearly 0 over a ladder, and no network should have to learn that.
+    /// How large an answer to expect at `tau`, in units of that at the start; no network should have to learn it.
+    ///
+    /// The target's deviation is that of the central limit theorem: the noise of mc_noise falls from 1 to nearly 0 over
+    /// a ladder. What can be known of it is less, and less the cleaner the state: a Wiener filter whose own estimate is
+    /// worth `WORTH` samples keeps the share 1/(1 + n/WORTH) of it.
     fn gain(&self, tau: f64) -> f64 {
         let error = |n: f64| (1.0 / n - 1.0 / self.clock.n_max()).max(0.0).sqrt();
-        let relative = error(self.clock.count(tau)) / error(self.clock.n_min());
-        match self.parameterization {
+        let count = self.clock.count(tau);
+        let relative = error(count) / error(self.clock.n_min());
+        let deviation = match self.parameterization {
             Parameterization::McNoise => relative,
             // Towards tau = 1 this tends to infinity, slowly; it is 4.6 at half a sample before n_max = 256.
             Parameterization::McVelocity => relative / (1.0 - tau).max(1e-3),
             Parameterization::LocalVelocity | Parameterization::VanillaRf => 1.0,
-        }
+        };
+        deviation / (1.0 + count / WORTH)
     }
 
     /// Smooth functions of tau. Training sees few times, rollouts many: high frequencies would not carry over.
@@ -106,15 +119,33 @@ impl Encoding {
         out
     }
 
-    /// How large values around each pixel are: the mean of their logarithm over a window, as a linear value.
-    fn magnitude(&self, seen: &[f32], height: usize, width: usize) -> Vec<f32> {
-        if self.space == Space::Log1p {
-            return vec![1.0; seen.len()];
+    /// What is around each pixel: mean and deviation of the logarithms over a window, as values in the training space.
+    fn surroundings(&self, seen: &[f32], height: usize, width: usize) -> Surroundings {
+        let averaged = |values: &[f32]| window_means(&window_means(values, 3, width), 3 * width, height);
+        let mut mean = averaged(seen);
+        let off: Vec<f32> = seen.iter().zip(&mean).map(|(v, m)| (v - m).abs()).collect();
+        let mut spread = averaged(&off);
+        if self.space == Space::Linear {
+            for (mean, spread) in mean.iter_mut().zip(&mut spread) {
+                // d expm1(x) = exp(x) dx, taken over the whole deviation so that it stays positive and grows with it.
+                *spread = maths::expm1f(mean.abs() + *spread) - maths::expm1f(mean.abs());
+                *mean = Space::Log1p.decode(*mean);
+            }
         }
-        let sizes: Vec<f32> = seen.iter().map(|v| v.abs()).collect();
-        let across = window_means(&sizes, 3, width);
-        let both = window_means(&across, 3 * width, height);
-        both.into_iter().map(|v| FLOOR + maths::expm1f(v)).collect()
+        Surroundings { mean, spread }
+    }
+}
+
+/// Mean and deviation around each pixel, in the training space.
+struct Surroundings {
+    mean: Vec<f32>,
+    spread: Vec<f32>,
+}
+
+impl Surroundings {
+    /// How far a value is from its surroundings in units of their deviation, compressed: the same at any brightness.
+    fn contrast(&self, value: f32, at: usize) -> f32 {
+        signed_log1p((value - self.mean[at]) / (FLOOR + self.spread[at]))
     }
 }
 

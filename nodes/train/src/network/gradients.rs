@@ -181,7 +181,7 @@ fn folding_is_undone_and_moves_gradients() {
 
 #[test]
 fn gradients_of_head_and_loss() {
-    let basis = Basis { state: Arc::new(numbers(5, 2 * 4 * 3)), magnitude: Arc::new(numbers(6, 2 * 4 * 3)) };
+    let basis = Basis { residual: Arc::new(numbers(5, 2 * 4 * 3)), spread: Arc::new(numbers(6, 2 * 4 * 3)) };
     let inputs = [(numbers(1, 2 * 4 * 6), vec![1, 2, 4, 6])];
     check(&inputs, |t| head::expand(t[0].clone(), basis.clone()));
     let target = Arc::new(numbers(7, 2 * 4 * 6));

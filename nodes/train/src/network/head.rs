@@ -7,16 +7,17 @@ use std::sync::Arc;
 /// Channels that the last layer has for the three of an image.
 pub(crate) const RAW: usize = 6;
 
-/// What the last layer's numbers are multiplied with: f = state g + magnitude r, for raw values (g, r).
+/// What the last layer's numbers are multiplied with: f = residual g + spread r, for raw values (g, r).
 ///
 /// Targets are as heavy-tailed as the states themselves: a firefly of a thousand asks for an output of a thousand. Through
-/// `g` the network takes such a pixel off as a share of itself, and through `r` it works in units of what is around.
+/// `g` the network takes off a share of what sets a pixel apart from its surroundings, and through `r` it works in units
+/// of how much these vary. Where nothing varies, in a lamp of a thousand too, there is no noise and little to get wrong.
 #[derive(Clone, Debug)]
 pub(crate) struct Basis {
     /// [N, H, W, 3].
-    pub(crate) state: Arc<Vec<f32>>,
+    pub(crate) residual: Arc<Vec<f32>>,
     /// [N, H, W, 3].
-    pub(crate) magnitude: Arc<Vec<f32>>,
+    pub(crate) spread: Arc<Vec<f32>>,
 }
 
 /// `raw` [N, H, W, 6] in a basis, [N, H, W, 3].
@@ -31,19 +32,19 @@ impl Operator<1> for Basis {
 
     fn forward(&self, [raw]: [&[f32]; 1]) -> (Vec<f32>, ()) {
         let mut out = Vec::with_capacity(raw.len() / 2);
-        let pixels = raw.chunks_exact(RAW).zip(self.state.chunks_exact(3)).zip(self.magnitude.chunks_exact(3));
-        for ((raw, state), magnitude) in pixels {
-            out.extend((0..3).map(|c| state[c] * raw[c] + magnitude[c] * raw[3 + c]));
+        let pixels = raw.chunks_exact(RAW).zip(self.residual.chunks_exact(3)).zip(self.spread.chunks_exact(3));
+        for ((raw, residual), spread) in pixels {
+            out.extend((0..3).map(|c| residual[c] * raw[c] + spread[c] * raw[3 + c]));
         }
         (out, ())
     }
 
     fn backward(&self, _: [&[f32]; 1], _: &(), gradient: &[f32], _: [bool; 1]) -> [Vec<f32>; 1] {
         let mut out = Vec::with_capacity(gradient.len() * 2);
-        let pixels = gradient.chunks_exact(3).zip(self.state.chunks_exact(3)).zip(self.magnitude.chunks_exact(3));
-        for ((gradient, state), magnitude) in pixels {
-            out.extend((0..3).map(|c| state[c] * gradient[c]));
-            out.extend((0..3).map(|c| magnitude[c] * gradient[c]));
+        let pixels = gradient.chunks_exact(3).zip(self.residual.chunks_exact(3)).zip(self.spread.chunks_exact(3));
+        for ((gradient, residual), spread) in pixels {
+            out.extend((0..3).map(|c| residual[c] * gradient[c]));
+            out.extend((0..3).map(|c| spread[c] * gradient[c]));
         }
         [out]
     }

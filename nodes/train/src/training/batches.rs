@@ -6,7 +6,7 @@ use crate::{
 };
 use std::sync::Arc;
 use tauflow_contract::{Collection, Context, KindError};
-use tauflow_data::{Image, formats::PackedScene, rng::Stream};
+use tauflow_data::{Image, formats::PackedScene, maths, rng::Stream};
 
 /// Scenes with the same rungs, of the same size.
 #[derive(Debug)]
@@ -40,7 +40,14 @@ struct Pick {
     top: usize,
     /// 0..8: quarter turns, and a flip from 4 on.
     turn: usize,
+    /// What radiance is multiplied with.
+    scale: f32,
+    /// Which of the six orders of the colours.
+    colours: usize,
 }
+
+/// Orders of the colours; the first leaves them.
+const COLOURS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
 
 impl DataSet {
     /// Loads a collection of packed scenes.
@@ -143,6 +150,8 @@ impl DataSet {
                     left: stream.below(self.width - draw.side + 1),
                     top: stream.below(self.height - draw.side + 1),
                     turn: stream.below(8),
+                    scale: maths::exp2(draw.exposure_jitter * (2.0 * stream.uniform() - 1.0)) as f32,
+                    colours: if draw.permute_colours { stream.below(COLOURS.len()) } else { 0 },
                 }
             })
             .collect();
@@ -163,7 +172,8 @@ impl DataSet {
                 // One time for each rung, spread evenly and shifted from scene to scene.
                 let shift = (scene as f64 + 0.5) / self.scenes.len() as f64;
                 let t = (rung as f64 + shift) / rungs as f64;
-                Pick { scene, target: scene, rung, t, left: middle(self.width), top: middle(self.height), turn: 0 }
+                let (left, top) = (middle(self.width), middle(self.height));
+                Pick { scene, target: scene, rung, t, left, top, turn: 0, scale: 1.0, colours: 0 }
             })
             .collect();
         let batches: Vec<Vec<Pick>> = picks.chunks(batch).map(<[Pick]>::to_vec).collect();
@@ -177,10 +187,11 @@ impl DataSet {
         let last = self.counts.len() - 1;
         for pick in picks {
             let places = pick.places(self.width, side);
-            let window = |image: &Image| gather(image, &places);
+            let window = |image: &Image| gather(image, &places, COLOURS[pick.colours]);
             let read = |scene: usize| -> Vec<Option<Vec<f32>>> {
                 let needed = |i: usize| i == 0 || i == last || i == pick.rung || i == pick.rung + 1;
-                let encoded = |image: &Image| window(image).into_iter().map(|v| encoding.space.encode(v)).collect();
+                let encode = |v: f32| encoding.space.encode(v * pick.scale);
+                let encoded = |image: &Image| window(image).into_iter().map(encode).collect();
                 let states = self.scenes[scene].states.iter().enumerate();
                 states.map(|(i, image)| needed(i).then(|| encoded(image))).collect()
             };
@@ -212,6 +223,9 @@ pub(crate) struct Draw {
     pub(crate) batch: usize,
     pub(crate) side: usize,
     pub(crate) shuffle_targets: bool,
+    /// Largest change of exposure, in EV.
+    pub(crate) exposure_jitter: f64,
+    pub(crate) permute_colours: bool,
 }
 
 impl Batch {
@@ -239,9 +253,11 @@ impl Pick {
     }
 }
 
-fn gather(image: &Image, places: &[usize]) -> Vec<f32> {
+/// The pixels at these places, their first three channels in this order.
+fn gather(image: &Image, places: &[usize], colours: [usize; 3]) -> Vec<f32> {
     let channels = image.channels();
-    places.iter().flat_map(|at| &image.data()[at * channels..(at + 1) * channels]).copied().collect()
+    let channel = |c: usize| if c < 3 { colours[c] } else { c };
+    places.iter().flat_map(|at| (0..channels).map(move |c| image.data()[at * channels + channel(c)])).collect()
 }
 
 #[cfg(test)]
@@ -253,6 +269,8 @@ mod tests {
 
     const COUNTS: [u64; 3] = [1, 4, 16];
     const SIDE: usize = 12;
+    const PLAIN: Draw =
+        Draw { seed: 3, batch: 6, side: 8, shuffle_targets: false, exposure_jitter: 0.0, permute_colours: false };
 
     /// Pixels that name themselves: scene, rung and place.
     fn set(scenes: usize) -> DataSet {
@@ -279,7 +297,7 @@ mod tests {
 
     #[test]
     fn targets_are_those_of_the_real_rungs_pixel_by_pixel() {
-        let (set, draw) = (set(4), Draw { seed: 3, batch: 6, side: 8, shuffle_targets: false });
+        let (set, draw) = (set(4), Draw { seed: 3, batch: 6, shuffle_targets: false, ..PLAIN });
         let encoding = encoding(Parameterization::McNoise);
         let mut rungs = BTreeSet::new();
         for step in 0..20 {
@@ -303,7 +321,7 @@ mod tests {
 
     #[test]
     fn shuffled_targets_come_from_another_scene() {
-        let (set, draw) = (set(3), Draw { seed: 3, batch: 8, side: 8, shuffle_targets: true });
+        let (set, draw) = (set(3), Draw { seed: 3, batch: 8, shuffle_targets: true, ..PLAIN });
         let encoding = encoding(Parameterization::VanillaRf);
         let batch = set.draw(&encoding, &draw, 1);
         assert!(batch.targets.iter().all(|t| *t == 2000.0), "within each scene");
@@ -315,7 +333,7 @@ mod tests {
 
     #[test]
     fn turns_are_eight_and_lose_no_pixel() {
-        let pick = |turn| Pick { scene: 0, target: 0, rung: 0, t: 0.0, left: 2, top: 1, turn };
+        let pick = |turn| Pick { scene: 0, target: 0, rung: 0, t: 0.0, left: 2, top: 1, turn, scale: 1.0, colours: 0 };
         let all: BTreeSet<Vec<usize>> = (0..8).map(|turn| pick(turn).places(SIDE, 4)).collect();
         assert_eq!(all.len(), 8);
         for places in &all {
@@ -327,13 +345,43 @@ mod tests {
     }
 
     #[test]
+    fn exposure_and_colours_change_on_state_target_and_albedo_alike() {
+        let set = set(4);
+        let encoding = encoding(Parameterization::McNoise);
+        let draw = Draw { exposure_jitter: 2.0, permute_colours: true, ..PLAIN };
+        let mut orders = BTreeSet::new();
+        for step in 0..20 {
+            let batch = set.draw(&encoding, &draw, step);
+            for (i, state) in batch.states.iter().enumerate() {
+                let target = &batch.targets[i * 192..(i + 1) * 192];
+                let gbuffer = batch.gbuffers[i].as_ref().expect("asked for");
+                // Channels of a pixel follow each other by 1 where colours are in order, whatever the exposure.
+                let order = [gbuffer[1] - gbuffer[0], gbuffer[2] - gbuffer[0]];
+                let scale = (state[1] - state[0]) / order[0];
+                assert!((0.25..=4.0).contains(&scale), "{scale}");
+                assert!((state[2] - state[0] - scale * order[1]).abs() < 1e-2 * scale);
+                assert!((gbuffer[3] - gbuffer[4] + 1.0).abs() < 1e-6, "normals stay");
+                let rung = (target[0] / (1000.0 * scale)).round();
+                assert!(rung == -1.0 || rung == -2.0, "{rung}");
+                // Differences of 1 between values of 10,000: a scale of three digits.
+                assert!(target.iter().all(|t| (t / scale - 1000.0 * rung).abs() < 30.0));
+                orders.insert(order.map(|o| o as i32));
+            }
+        }
+        assert_eq!(orders.len(), 6);
+    }
+
+    #[test]
     fn a_batch_depends_on_seed_and_step_alone() {
         let (set, encoding) = (set(3), encoding(Parameterization::McVelocity));
-        let draw = Draw { seed: 3, batch: 4, side: 8, shuffle_targets: false };
+        let draw = Draw { seed: 3, batch: 4, shuffle_targets: false, ..PLAIN };
         let states = |draw: &Draw, step| set.draw(&encoding, draw, step).states;
         assert_eq!(states(&draw, 7), states(&draw, 7));
         assert_ne!(states(&draw, 7), states(&draw, 8));
         assert_ne!(states(&draw, 7), states(&Draw { seed: 4, ..draw }, 7));
+        let varied = Draw { exposure_jitter: 2.0, permute_colours: true, ..draw };
+        let (plain, varied) = (set.draw(&encoding, &draw, 7), set.draw(&encoding, &varied, 7));
+        assert_ne!(plain.states, varied.states);
         assert_eq!(set.side(128, 8).expect("12 pixels"), 8);
         assert!(set.side(4, 8).is_err());
     }

@@ -125,7 +125,14 @@ mod tests {
     fn one_batch_is_learned_by_heart() {
         for parameterization in Parameterization::ALL {
             let mut trainer = Trainer::new(encoding(parameterization), Preset::Tiny, rates(), 3);
-            let draw = Draw { seed: 5, batch: 2, side: 16, shuffle_targets: false };
+            let draw = Draw {
+                seed: 5,
+                batch: 2,
+                side: 16,
+                shuffle_targets: false,
+                exposure_jitter: 0.0,
+                permute_colours: false,
+            };
             let batch = scenes(2, 16).draw(&trainer.encoding, &draw, 0);
             let first = trainer.step(&batch).expect("finite").0;
             let mut last = first;
