@@ -161,16 +161,18 @@ fn an_edit_reruns_what_it_changes_and_nothing_else() {
 fn one_more_scene_per_stratum_is_that_many_items_more() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     run(folder.path(), PIPELINE);
-    let text = edit("pool: 16", "pool: 20").replace("train: 8, test: 4", "train: 12, test: 4");
+    // Five scenes a stratum are two to train and three to test.
+    let text = edit("pool: 16", "pool: 20").replace("train: 8, test: 4", "train: 8, test: 8");
     let more = run(folder.path(), &text);
-    for node in ["scenes", "previews", "gate", "train_ladders", "train_set"] {
+    for node in ["scenes", "previews", "gate", "test_ladders", "test_set", "hold"] {
         assert_eq!(more.ran(node), 4, "{node}: {:?}", more.nodes);
     }
-    // Every earlier choice is kept, so that the test side is as it was.
-    for node in ["test_ladders", "test_set", "hold"] {
+    // Every earlier choice is kept, so that the training side is as it was.
+    for node in ["train_ladders", "train_set"] {
         assert_eq!(more.ran(node), 0, "{node}: {:?}", more.nodes);
     }
-    assert_eq!(more.ran("solvers"), 2);
+    // Two cells, two images each, for the new scenes alone; unless the solvers changed, but they only log other losses.
+    assert_eq!((more.ran("solvers"), more.ran("refined")), (2, 8), "{:?}", more.nodes);
 }
 
 #[test]

@@ -54,7 +54,7 @@ fn an_unknown_key_of_a_node() {
 
 #[test]
 fn an_unknown_param() {
-    assert_snapshot!(told("
+    assert_snapshot!(told("\
 nodes:
   a:
     kind: numbers
@@ -515,7 +515,7 @@ fn a_target_with_an_unknown_output() {
 
 #[test]
 fn every_problem_at_once() {
-    assert_snapshot!(told("
+    assert_snapshot!(told("\
 pipeline: demo
 seed: one
 nodes:
