@@ -31,7 +31,7 @@ use tauflow_data::{
 use trainer::Trainer;
 
 /// Raised with every change of what a training computes: neither results nor checkpoints of before count then.
-const VERSION: u32 = 5;
+const VERSION: u32 = 1;
 
 /// The kind `training`.
 pub struct Training;

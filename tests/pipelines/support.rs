@@ -1,0 +1,62 @@
+//! Results of a pipeline, read out of a store.
+
+use std::{collections::BTreeMap, path::Path, sync::atomic::AtomicBool};
+use tauflow::{
+    engine::{self, RunOptions},
+    pipeline::{self, Options, Pipeline},
+    registry,
+};
+use tauflow_cache::Store;
+use tauflow_contract::Collection;
+
+/// A pipeline that was run, and the store with its results.
+pub struct Done {
+    pipeline: Pipeline,
+    store: Store,
+}
+
+impl Done {
+    /// Resolves a pipeline file and brings its targets up to date; nothing may fail.
+    pub fn run(file: &Path, sets: Vec<String>, store: &Path) -> Self {
+        let options = Options { sets, ..Options::default() };
+        let pipeline = match pipeline::resolve(file, &registry::registry(), &options) {
+            Ok(pipeline) => pipeline,
+            Err(problems) => panic!("{problems}"),
+        };
+        let store = Store::open(store).expect("the folder can be written");
+        let stop = AtomicBool::new(false);
+        let summary = engine::run(&pipeline, &store, &RunOptions::default(), &stop, &|_| {}).expect("runs");
+        assert!(summary.failures.is_empty(), "{:#?}", summary.failures);
+        Self { pipeline, store }
+    }
+
+    /// What stands at `node` or `node.port`.
+    pub fn collection(&self, node: &str) -> Collection {
+        let (name, port) = node.split_once('.').unwrap_or((node, ""));
+        let node = self.pipeline.node(name).expect("the node is there");
+        let port = if port.is_empty() { 0 } else { self.pipeline.nodes[node].output(port).expect("the port is there") };
+        engine::outputs(&self.pipeline, &self.store, node, port).expect("up to date")
+    }
+
+    /// The keys at `node` or `node.port`.
+    pub fn keys(&self, node: &str) -> Vec<String> {
+        self.collection(node).iter().map(|(key, _)| key.to_string()).collect()
+    }
+
+    /// A part of every item, as JSON.
+    pub fn json<T: serde::de::DeserializeOwned>(&self, node: &str, part: &str) -> BTreeMap<String, T> {
+        let read = |digest| self.store.get(&digest).expect("the store can be read").expect("the blob is there");
+        self.collection(node)
+            .iter()
+            .map(|(key, artifact)| {
+                let bytes = read(artifact.part(part).expect("the part is there"));
+                (key.to_string(), serde_json::from_slice(&bytes).expect("what the kind wrote"))
+            })
+            .collect()
+    }
+}
+
+/// The folder of this project.
+pub fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
