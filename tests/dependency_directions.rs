@@ -155,3 +155,29 @@ fn one_file_names_the_kinds_crates() {
     }
     assert_eq!(naming, BTreeSet::from(["src/registry.rs".to_owned()]));
 }
+
+/// Each package of the graph with the features that are on.
+fn features(more: &[&str]) -> BTreeSet<String> {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let output = Command::new(cargo)
+        .args(["tree", "--offline", "--prefix", "none", "--no-dedupe", "--format", "{p} {f}"])
+        .args(more)
+        .current_dir(root())
+        .output()
+        .expect("cargo runs this test, so it can be started");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8_lossy(&output.stdout).lines().map(str::to_owned).collect()
+}
+
+#[test]
+fn running_and_testing_share_one_build_of_burn() {
+    let running = features(&["--package", "tauflow", "--edges", "normal,build"]);
+    let testing = features(&["--workspace", "--edges", "normal,build,dev"]);
+    assert!(running.iter().any(|line| line.starts_with("burn-flex ")));
+    let differ: Vec<&String> = running.difference(&testing).collect();
+    assert!(
+        differ.is_empty(),
+        "built twice, with these features to run and others to test: {differ:?}; ask for the union in \
+         nodes/train/Cargo.toml"
+    );
+}

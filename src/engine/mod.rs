@@ -82,7 +82,7 @@ pub fn run(
 ) -> Result<Summary, EngineError> {
     let start = Instant::now();
     let mut run = Run::new(pipeline, store, options, stop, sink);
-    let mut summary = run.to_the_end()?;
+    let mut summary = run.finish()?;
     summary.elapsed = start.elapsed();
     if let (Some(out), false) = (&options.out, options.dry) {
         publish::write_summary(&out.join(&pipeline.name), &pipeline.name, &summary)?;
@@ -116,7 +116,7 @@ pub fn plan(pipeline: &Pipeline, store: &Store, only: Option<Only>) -> Result<Pl
     let stop = AtomicBool::new(false);
     let mut run = Run::new(pipeline, store, &options, &stop, &|_| {});
     run.keep_keys = true;
-    let mut summary = run.to_the_end()?;
+    let mut summary = run.finish()?;
     summary.elapsed = start.elapsed();
     Ok(Plan { summary, would_run: run.planned })
 }
@@ -134,7 +134,7 @@ pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: usize) -> 
     let stop = AtomicBool::new(false);
     let mut run = Run::new(&asked, store, &options, &stop, &|_| {});
     run.keep_results = true;
-    let summary = run.to_the_end()?;
+    let summary = run.finish()?;
     let mut all = Collection::default();
     for cell in pipeline.nodes[node].cells.clone() {
         let found = run.results.iter().find(|r| r.cell == cell && r.port == port);

@@ -69,7 +69,7 @@ impl<'a> Run<'a> {
         Self { pipeline, store, options, stop, sink, lanes, keep_keys: false, keep_results: false, planned, results }
     }
 
-    pub fn to_the_end(&mut self) -> Result<Summary, EngineError> {
+    pub fn finish(&mut self) -> Result<Summary, EngineError> {
         if !self.options.dry {
             self.store.set_time(records::now())?;
         }

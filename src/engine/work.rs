@@ -22,6 +22,9 @@ const FILES: &str = "tauflow/files";
 /// The port on which a source's action finds them.
 pub const FILE_PORT: &str = "file";
 
+/// What an action gave: what is recorded of it, and its collections by port.
+type Given = (Payload, BTreeMap<String, Arc<Whole>>);
+
 /// The artifact of files outside; `put` digests or stores the bytes of each.
 ///
 /// # Errors
@@ -193,7 +196,7 @@ impl Bench<'_> {
         key: &ActionKey,
         file: Option<&Artifact>,
         progress: &dyn Progress,
-    ) -> Result<Result<(Payload, BTreeMap<String, Arc<Whole>>), Outcome>, CacheError> {
+    ) -> Result<Result<Given, Outcome>, CacheError> {
         let mut each: BTreeMap<&str, &Artifact> = job.each.iter().map(|(port, a)| (*port, a.as_ref())).collect();
         if let Some(file) = file {
             each.insert(FILE_PORT, file);
@@ -237,7 +240,7 @@ impl Bench<'_> {
         &self,
         job: &Job,
         key: &ActionKey,
-        (payload, collections): (Payload, BTreeMap<String, Arc<Whole>>),
+        (payload, collections): Given,
         wall_us: u64,
         warning: &mut Option<String>,
     ) -> Result<Outcome, CacheError> {

@@ -109,11 +109,10 @@ impl<'a> Scheduler<'a> {
         for ((lane, port), whole) in loaded {
             self.states[lane].results.insert(port, whole);
         }
-        for lane in 0..self.lanes.len() {
+        for (lane, &(wall_us, bytes)) in totals.iter().enumerate() {
             let node = self.lanes[lane].node;
             self.stats[node].lanes += 1;
             if let Some(payload) = self.states[lane].rolled.clone() {
-                let (wall_us, bytes) = totals[lane];
                 let stat = &mut self.stats[node];
                 stat.hit += payload.actions;
                 stat.unchanged += 1;
