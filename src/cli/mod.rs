@@ -154,6 +154,7 @@ impl PipelineArgs {
         let mut words = vec![quoted(&self.pipeline.display().to_string())];
         words.extend(self.profile.iter().map(|p| format!("--profile {}", quoted(p))));
         words.extend(self.sets.iter().map(|s| format!("--set {}", quoted(s))));
+        words.extend(self.targets.iter().map(|t| format!("--target {}", quoted(t))));
         words.join(" ")
     }
 }

@@ -14,7 +14,7 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 use std::{
     collections::BTreeMap,
-    path::PathBuf,
+    path::{Path, PathBuf},
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -95,7 +95,8 @@ fn listen(stop: Arc<AtomicBool>, voice: Voice) -> Result<(), CliError> {
 }
 
 fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, cache: &CacheAt) {
-    let again = format!("tauflow run {}{}", args.pipeline.again(), cache.again());
+    let out = if args.out == Path::new("out") { String::new() } else { format!(" --out {}", args.out.display()) };
+    let again = format!("tauflow run {}{out}{}", args.pipeline.again(), cache.again());
     let ran = summary.total(|n| n.ran);
     let hit = summary.total(|n| n.hit);
     let elapsed = seconds_text(summary.elapsed.as_secs_f64());

@@ -1,5 +1,6 @@
 //! What each edit of a pipeline reruns, on a small pipeline of the real kinds: nothing that the edit does not change.
 
+use crate::support::Done;
 use std::{collections::BTreeMap, path::Path, sync::Mutex, sync::atomic::AtomicBool};
 use tauflow::{
     engine::{self, RunOptions, event::Event},
@@ -7,9 +8,10 @@ use tauflow::{
     registry,
 };
 use tauflow_cache::Store;
+use tauflow_data::formats::Verdict;
 
 /// Four strata, four scenes each; a few pixels, a few steps.
-const PIPELINE: &str = r#"
+pub const PIPELINE: &str = r#"
 pipeline: edits
 seed: 5
 nodes:
@@ -30,7 +32,7 @@ nodes:
   sampling:
     kind: stratified_sampling
     inputs: { train: split.train, test: split.test }
-    params: { train: 8, test: 4, regimes: [L0, L1], contexts: [open, enclosed] }
+    params: { train: 8, test: 4, regimes: [L0, L1], contexts: [open, enclosed], allow_short: true }
   train_ladders:
     kind: ladder_rendering
     inputs: { scenes: sampling.train }
@@ -155,6 +157,34 @@ fn an_edit_reruns_what_it_changes_and_nothing_else() {
     );
     assert_eq!((glossy.ran("scenes"), glossy.ran("previews"), glossy.ran("gate")), (8, 8, 8));
     assert!(glossy.ran("train_ladders") <= 4, "{:?}", glossy.nodes);
+}
+
+#[test]
+fn a_verdict_moves_no_other_scene() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let file = folder.path().join("edits.yaml");
+    std::fs::write(&file, PIPELINE).expect("written");
+    let before = Done::run(&file, Vec::new(), folder.path());
+    let verdicts: BTreeMap<String, Verdict> = before.json("gate.verdicts", "");
+    let mut contrast: Vec<f64> = verdicts.values().map(|v| v.measures["contrast"]).collect();
+    contrast.sort_by(f64::total_cmp);
+    // Between the two least: one scene more is rejected.
+    let threshold = f64::midpoint(contrast[0], contrast[1]);
+    let text = edit(
+        "scenes: scenes, previews: previews }",
+        &format!("scenes: scenes, previews: previews }}\n    params: {{ contrast: {threshold} }}"),
+    );
+    let ran = run(folder.path(), &text);
+    std::fs::write(&file, &text).expect("written");
+    let after = Done::run(&file, Vec::new(), folder.path());
+    assert_eq!(after.keys("gate.accepted").len(), 15);
+    for side in ["split.train", "split.test"] {
+        let (before, after) = (before.keys(side), after.keys(side));
+        assert!(after.iter().all(|key| before.contains(key)), "{side}: {before:?} {after:?}");
+    }
+    // At most one scene stands in for the rejected one; no other ladder is rendered.
+    assert_eq!((ran.ran("gate"), ran.ran("split")), (16, 1));
+    assert!(ran.ran("train_ladders") + ran.ran("test_ladders") <= 1, "{:?}", ran.nodes);
 }
 
 #[test]

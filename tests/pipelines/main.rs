@@ -1,6 +1,8 @@
 //! Pipelines of the real kinds, from the file to the results.
 
+mod digests;
 mod edits;
+mod protocol;
 mod quickstart;
 mod real_assets;
 mod support;

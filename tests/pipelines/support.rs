@@ -30,6 +30,13 @@ impl Done {
         Self { pipeline, store }
     }
 
+    /// The kind of the node of `node.port`, and its version.
+    pub fn kind(&self, port: &str) -> (&'static str, u32) {
+        let name = port.split_once('.').map_or(port, |(name, _)| name);
+        let spec = &self.pipeline.nodes[self.pipeline.node(name).expect("the node is there")].spec;
+        (spec.name, spec.version)
+    }
+
     /// What stands at `node` or `node.port`.
     pub fn collection(&self, node: &str) -> Collection {
         let (name, port) = node.split_once('.').unwrap_or((node, ""));

@@ -143,7 +143,7 @@ pub const GBUFFER: &str = "tauflow/gbuffer";
 pub struct GBuffer {
     /// Albedo in [0, 1].
     pub albedo: Image,
-    /// World-space shading normal, in [-1, 1]; shorter than 1 where samples differ, 0 where nothing is hit.
+    /// Shading normal in the camera's frame (to the right, up, towards the camera), in [-1, 1]; shorter than 1 where samples differ, 0 where nothing is hit.
     pub normal: Image,
 }
 

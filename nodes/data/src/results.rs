@@ -163,6 +163,8 @@ pub struct TrainingLog {
     pub weights: u64,
     /// Steps in all.
     pub steps: u64,
+    /// Every param of the training, as it was resolved.
+    pub params: serde_json::Map<String, serde_json::Value>,
     /// Points of the curve; the first is before the first step.
     pub points: Vec<TrainingPoint>,
 }

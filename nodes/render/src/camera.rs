@@ -56,6 +56,14 @@ impl Camera {
         })
     }
 
+    /// A direction as the camera sees it: to the right, up, and towards the camera.
+    pub fn seen(&self, direction: Vec3) -> Vec3 {
+        let direction = direction.as_dvec3();
+        let across = |axis: DVec3| direction.dot(axis / axis.length());
+        let back = -self.forward.as_dvec3();
+        DVec3::new(across(self.right), -across(self.down), across(back)).as_vec3()
+    }
+
     /// The ray through a point of the film, in pixels from the top left.
     #[inline]
     pub fn ray(&self, x: u32, y: u32, jitter: Vec2) -> Ray {
@@ -84,6 +92,17 @@ mod tests {
         assert!((left - Vec3::new(-1.0, 0.0, -1.0).normalize()).length() < 1e-6, "half of 90 degrees to the left");
         let top = camera.ray(4, 0, Vec2::ZERO).direction;
         assert!((top - Vec3::new(0.0, 0.5, -1.0).normalize()).length() < 1e-6);
+    }
+
+    #[test]
+    fn directions_are_seen_in_the_frame_of_the_film() {
+        let plain = Camera::new(&camera(), 8, 4).expect("a plain camera");
+        assert!((plain.seen(Vec3::new(0.1, 0.2, 0.3)) - Vec3::new(0.1, 0.2, 0.3)).length() < 1e-6);
+        // From above: what faces up faces the camera, and what lies behind is up in the picture.
+        let above = scene::Camera { origin: [0.0, 9.0, 0.0], target: [0.0; 3], up: [0.0, 0.0, -1.0], ..camera() };
+        let above = Camera::new(&above, 8, 4).expect("a camera that looks down");
+        assert!((above.seen(Vec3::Y) - Vec3::Z).length() < 1e-6 && (above.seen(Vec3::NEG_Z) - Vec3::Y).length() < 1e-6);
+        assert!((above.seen(Vec3::X) - Vec3::X).length() < 1e-6);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! First-hit features: albedo and world-space shading normal, averaged over samples of each pixel.
+//! First-hit features: albedo and camera-space shading normal, averaged over samples of each pixel.
 
 use crate::{
     accumulator::Accumulator,
@@ -56,7 +56,7 @@ impl Renderer<'_> {
         let albedo = world.material(&at).at(&at.surface).albedo();
         let albedo =
             if albedo.is_finite() { albedo.clamp(glam::Vec3::ZERO, glam::Vec3::ONE) } else { glam::Vec3::ZERO };
-        let normal = world.shading_frame::<true>(&hit, &at).n;
+        let normal = self.seen(world.shading_frame::<true>(&hit, &at).n);
         [albedo.to_array(), normal.to_array()]
     }
 }

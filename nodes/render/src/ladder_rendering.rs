@@ -184,7 +184,8 @@ impl Work<'_> {
         candidates.dedup();
         for count in candidates.into_iter().rev() {
             if let Some(digest) = self.remembered("accumulator", count)? {
-                let state = Accumulator::from_bytes(&self.ctx.get(&digest)?)?;
+                // One that another version wrote is no use: what it saves is rendered again.
+                let Ok(state) = Accumulator::from_bytes(&self.ctx.get(&digest)?) else { continue };
                 let [width, height] = self.params.resolution;
                 if (state.width(), state.height(), state.count) == (width as usize, height as usize, count) {
                     return Ok(Some(state));

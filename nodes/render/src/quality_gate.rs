@@ -13,12 +13,8 @@ use tauflow_data::{
     scene::Recipe,
 };
 
-/// Mid-grey that the geometric mean is exposed to.
-const KEY: f64 = 0.18;
 /// Side of a bin in pixels.
 const BIN: usize = 4;
-/// Exposed luminance from which a pixel counts as white.
-const WHITE: f64 = 8.0;
 
 /// The kind `quality_gate`.
 pub struct QualityGate;
@@ -30,26 +26,45 @@ pub struct QualityGateParams {
     /// Smallest mean luminance, in the scene's own radiance.
     #[schemars(range(min = 0.0))]
     pub black: f64,
-    /// Largest share of pixels below 1/1000 of the mean luminance.
+    /// Largest share of dark pixels.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub dark_share: f64,
+    /// Share of the mean luminance below which a pixel is dark.
+    #[schemars(range(min = 0.0))]
+    pub dark: f64,
     /// Smallest standard deviation of the preview over bins; previews run from 0 to 1.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub contrast: f64,
     /// Largest share of pixels that show white.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub bright_share: f64,
+    /// Exposed luminance, without the scene's EV, from which a pixel shows white; a preview shows 8 as 0.95.
+    #[schemars(range(min = 0.0))]
+    pub white: f64,
     /// Largest share of light in the brightest 1% of the bins.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub concentration: f64,
     /// Largest standard error of a bin over the mean luminance.
     #[schemars(range(min = 0.0))]
     pub noise: f64,
+    /// Luminance that the geometric mean over the bins is exposed to.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub key: f64,
 }
 
 impl Default for QualityGateParams {
     fn default() -> Self {
-        Self { black: 1e-6, dark_share: 0.6, contrast: 0.02, bright_share: 0.25, concentration: 0.9, noise: 1.0 }
+        Self {
+            black: 1e-6,
+            dark_share: 0.6,
+            dark: 1e-3,
+            contrast: 0.02,
+            bright_share: 0.25,
+            white: 8.0,
+            concentration: 0.9,
+            noise: 1.0,
+            key: 0.18,
+        }
     }
 }
 
@@ -148,7 +163,7 @@ fn judge(of: &Preview<'_>, ev: f64, params: &QualityGateParams) -> (Verdict, Exp
     let mean = pixels.iter().sum::<f64>() / pixels.len() as f64;
     let floor = (mean * 1e-4).max(1e-30);
     let geometric = exp(bins.iter().map(|b| log(b.max(floor))).sum::<f64>() / bins.len() as f64);
-    let neutral = KEY / geometric;
+    let neutral = params.key / geometric;
     let share = |of: &dyn Fn(f64) -> bool| pixels.iter().filter(|p| of(**p)).count() as f64 / pixels.len() as f64;
     let shown: Vec<f64> = bins.iter().map(|b| f64::from(preview((b * neutral) as f32))).collect();
     let shown_mean = shown.iter().sum::<f64>() / shown.len() as f64;
@@ -161,9 +176,9 @@ fn judge(of: &Preview<'_>, ev: f64, params: &QualityGateParams) -> (Verdict, Exp
         [
             ("mean_luminance", mean),
             ("geometric_mean_luminance", geometric),
-            ("dark_share", share(&|p| p < mean * 1e-3)),
+            ("dark_share", share(&|p| p < mean * params.dark)),
             ("contrast", deviation.sqrt()),
-            ("bright_share", share(&|p| p * neutral > WHITE)),
+            ("bright_share", share(&|p| p * neutral > params.white)),
             ("concentration", if total > 0.0 { top / total } else { 0.0 }),
             ("noise", if mean > 0.0 { of.error() / mean } else { 0.0 }),
             ("rejected", rejected as f64),

@@ -64,6 +64,10 @@ impl<'a> Renderer<'a> {
         self.camera.ray(pixel.0, pixel.1, sampler.two(FILM))
     }
 
+    pub(crate) fn seen(&self, direction: glam::Vec3) -> glam::Vec3 {
+        self.camera.seen(direction)
+    }
+
     pub(crate) fn pixel(&self, index: usize) -> (u32, u32) {
         ((index % self.width) as u32, (index / self.width) as u32)
     }

@@ -78,7 +78,7 @@ struct Entry<'a> {
     stratum: usize,
 }
 
-/// True if the `n`-th signature of a stratum goes to the test side: the `n` with
+/// True if the `n`-th scene of a stratum's pool goes to the test side: the `n` with
 /// `floor((n + 1) share + 1/2) > floor(n share + 1/2)`, so that every prefix has its share to within a half.
 pub fn is_test(n: u64, share: f64) -> bool {
     let before = |n: u64| (n as f64 * share + 0.5).floor();
@@ -143,13 +143,12 @@ impl Kind for ContentSignatureSplit {
                 entry.key
             )));
         }
-        let mut seen = vec![0u64; Stratum::all().count()];
         let mut groups: BTreeMap<Digest, (Side, Vec<usize>)> = BTreeMap::new();
         let mut dropped = Vec::new();
         for (number, entry) in entries.iter().enumerate() {
             let group = groups.entry(signature(&entry.recipe, params.quantum)).or_insert_with(|| {
-                let by_turn = if is_test(seen[entry.stratum], params.test_share) { Side::Test } else { Side::Train };
-                seen[entry.stratum] += 1;
+                // By its place in the pool, not among those that passed: a verdict moves no other scene.
+                let by_turn = if is_test(entry.recipe.index, params.test_share) { Side::Test } else { Side::Train };
                 (entry.recipe.side.unwrap_or(by_turn), Vec::new())
             });
             if entry.recipe.side.is_some_and(|side| side != group.0) {

@@ -58,7 +58,7 @@ pub struct TrainingParams {
     #[schemars(range(min = 8))]
     pub crop: usize,
     /// Learning rate of Adam.
-    #[schemars(range(min = 0.0))]
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub learning_rate: f64,
     /// Decay rates of Adam's moments.
     pub betas: [f64; 2],
@@ -67,10 +67,10 @@ pub struct TrainingParams {
     /// How the learning rate falls afterwards.
     pub decay: Decay,
     /// Largest norm of the gradient.
-    #[schemars(range(min = 0.0))]
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub clip: f64,
     /// Share that the average of the weights keeps in each step; in short runs, less.
-    #[schemars(range(min = 0.0, max = 1.0))]
+    #[schemars(range(min = 0.0), extend("exclusiveMaximum" = 1.0))]
     pub ema: f64,
     /// Takes targets from other scenes: a check that what is learned comes from the data.
     pub shuffle_targets: bool,
@@ -241,6 +241,10 @@ impl Job<'_> {
             preset: params.preset.name().into(),
             weights: trainer.network.slots().count() as u64,
             steps: params.steps,
+            params: match serde_json::to_value(params).map_err(|e| KindError::Internal(e.to_string()))? {
+                serde_json::Value::Object(params) => params,
+                _ => serde_json::Map::default(),
+            },
             points: record.points,
         };
         let model = Model::new(info, trainer.state.average)?;

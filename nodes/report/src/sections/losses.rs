@@ -28,11 +28,31 @@ pub fn section(losses: &[TrainingLog]) -> Option<Section> {
         "<p>{setting} {weights} weights. Bold: averaged weights on the test scenes; thin: training batches. Targets have different \
          scales, so compare shapes within a column of one method, not heights between methods.</p><div class=\"grid4\">"
     );
-    for log in logs {
+    for log in &logs {
         let _ = write!(body, "<figure>{}</figure>", panel(log, many_spaces));
     }
     body.push_str("</div>");
+    body.push_str(&params(&logs));
     Some(Section::new("training", "Training", body))
+}
+
+/// Every param of the trainings: those that all share, with their values, and the names of those that differ.
+fn params(logs: &[&TrainingLog]) -> String {
+    let Some(first) = logs.first() else { return String::new() };
+    let (mut shared, mut differ) = (Vec::new(), Vec::new());
+    for (name, value) in &first.params {
+        let name = escape(name);
+        if logs.iter().all(|log| log.params.get(name.as_str()) == Some(value)) {
+            shared.push(format!("<code>{name}: {}</code>", escape(&value.to_string())));
+        } else {
+            differ.push(format!("<code>{name}</code>"));
+        }
+    }
+    if shared.is_empty() {
+        return String::new();
+    }
+    let differ = if differ.is_empty() { String::new() } else { format!(" Cells differ in {}.", differ.join(", ")) };
+    format!("<details><summary>Every param</summary><p>{}.{differ}</p></details>", shared.join(", "))
 }
 
 /// First and last loss on the test scenes.

@@ -42,6 +42,11 @@ fn losses(ctx: &Context<'_>) -> Collection {
             preset: "tiny".into(),
             weights: if conditioning == "gbuffer" { 118_211 } else { 117_347 },
             steps: 1500,
+            params: serde_json::Map::from_iter([
+                ("batch".to_owned(), 8.into()),
+                ("parameterization".to_owned(), method.into()),
+                ("steps".to_owned(), 1500.into()),
+            ]),
             points: (0..=30).map(|i| point(i * 50, &mut stream)).collect(),
         }
     };
