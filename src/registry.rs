@@ -2,7 +2,11 @@
 
 use crate::kinds::Registry;
 
-pub use tauflow_render::render::{RenderStats, render_image};
+pub use tauflow_render::{
+    quality_gate::geometric_mean_luminance,
+    render::{RenderStats, render_image},
+};
+pub use tauflow_train::{Conditioning, Course, Denoiser, Model, rollout_to};
 
 /// Every kind there is.
 pub fn registry() -> Registry {

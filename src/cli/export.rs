@@ -15,7 +15,7 @@ use std::{
 use tauflow_contract::{Artifact, Context, KindError, Silent};
 use tauflow_data::{
     Image,
-    formats::{PACKED, PackedScene, REFINED, Refined, refined_part},
+    formats::{MODEL, PACKED, PackedScene, REFINED, Refined, refined_part},
     image_io::{preview_png, write_exr},
     ladder::{GBUFFER, GBuffer, LADDER, Ladder},
 };
@@ -135,6 +135,7 @@ fn write(ctx: &Context<'_>, artifact: &Artifact, folder: &Path) -> Result<Vec<St
                 let json: Option<Value> = serde_json::from_slice(&bytes).ok();
                 let name = match (&json, part.as_str()) {
                     (Some(_), "") => "value.json",
+                    (None, "") if artifact.media == MODEL => "model.safetensors",
                     (None, "") => "value.bin",
                     (_, part) => part,
                 };

@@ -9,6 +9,7 @@ mod export;
 mod inspect;
 mod plan;
 mod progress;
+mod refine;
 mod results;
 mod run;
 mod scene;
@@ -118,6 +119,8 @@ enum Command {
     Export(export::ExportArgs),
     /// Render a scene.
     Render(scene::RenderArgs),
+    /// Refine a rendered image with a trained solver.
+    Refine(refine::RefineArgs),
     /// Work with one scene.
     #[command(subcommand)]
     Scene(scene::SceneCommand),
@@ -174,6 +177,7 @@ pub fn main() -> ExitCode {
         Command::Schema => inspect::schema(&registry),
         Command::Init(args) => setup::init(&args, &registry),
         Command::Export(args) => export::export(&args, &registry, &cache),
+        Command::Refine(args) => refine::refine(&args),
         Command::Render(args) => scene::render(&args, &registry, &cache),
         Command::Scene(command) => scene::scene(&command, &registry, &cache),
         Command::Cache(command) => cache::cache(&command, &cache),

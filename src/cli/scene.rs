@@ -20,6 +20,7 @@ use std::{
 use tauflow_cache::Store;
 use tauflow_contract::{Blobs, Context, Digest, ItemKey, KindError, Silent};
 use tauflow_data::{
+    Image,
     formats::SCENE,
     image_io::{preview_png, write_exr},
     mitsuba::{self, Film},
@@ -149,7 +150,24 @@ impl SceneArgs {
     }
 }
 
-fn told(error: KindError) -> CliError {
+/// Images are written as .exr or .png.
+pub(crate) fn check_picture(path: &Path) -> Result<(), CliError> {
+    match path.extension().and_then(|e| e.to_str()) {
+        Some("exr" | "png") => Ok(()),
+        _ => Err(CliError::Bad(format!("{} ends neither in .exr nor in .png", path.display()))),
+    }
+}
+
+/// Linear radiance as .exr, or a preview as .png.
+pub(crate) fn write_picture(path: &Path, image: &Image) -> Result<(), CliError> {
+    if path.extension().is_some_and(|e| e == "exr") {
+        return write_exr(path, &[("", image)]).map_err(|e| told(e.into()));
+    }
+    let bytes = preview_png(image).map_err(|e| told(e.into()))?;
+    fs::write(path, bytes).map_err(|e| CliError::Environment(format!("cannot write {}: {e}", path.display())))
+}
+
+pub(crate) fn told(error: KindError) -> CliError {
     match error {
         KindError::Environment(message) => CliError::Environment(message),
         other => CliError::Bad(other.to_string()),
@@ -157,10 +175,7 @@ fn told(error: KindError) -> CliError {
 }
 
 pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
-    let extension = args.out.extension().and_then(|e| e.to_str()).unwrap_or_default();
-    if !["exr", "png"].contains(&extension) {
-        return Err(CliError::Bad(format!("{} ends neither in .exr nor in .png", args.out.display())));
-    }
+    check_picture(&args.out)?;
     let (scene, source) = args.scene.open(registry, cache)?;
     let start = Instant::now();
     let bar = if std::io::stderr().is_terminal() {
@@ -181,14 +196,7 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
     .map_err(told)?;
     bar.finish_and_clear();
     let seconds = start.elapsed().as_secs_f64();
-    let image = image.map(|v| v * args.exposure);
-    if extension == "exr" {
-        write_exr(&args.out, &[("", &image)]).map_err(|e| told(e.into()))?;
-    } else {
-        let bytes = preview_png(&image).map_err(|e| told(e.into()))?;
-        fs::write(&args.out, bytes)
-            .map_err(|e| CliError::Environment(format!("cannot write {}: {e}", args.out.display())))?;
-    }
+    write_picture(&args.out, &image.map(|v| v * args.exposure))?;
     eprintln!(
         "{} paths in {} ({:.2} million a second), {:.2} segments a path, {} rejected",
         stats.paths,

@@ -3,6 +3,7 @@
 mod errors;
 mod inspect;
 mod manuals;
+mod refining;
 mod runs;
 mod schema;
 mod validator;

@@ -2,7 +2,7 @@
 
 use crate::{DataError, Image, image::preview};
 use exr::prelude::*;
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 /// Named layers of one EXR file; an image of 3 channels is R, G, B.
 pub fn write_exr(path: &Path, layers: &[(&str, &Image)]) -> std::result::Result<(), DataError> {
@@ -38,6 +38,42 @@ pub fn write_exr(path: &Path, layers: &[(&str, &Image)]) -> std::result::Result<
         other => DataError::Format(format!("{}: {other}", path.display())),
     };
     exr::image::Image::from_layer(layer).write().to_file(path).map_err(failed)
+}
+
+/// The layers of three colours in an EXR file, by name; the one without a name is named "". Samples outside the data
+/// window are 0.
+///
+/// # Errors
+/// If the file cannot be read, or a layer has not R, G and B (or X, Y and Z) at full resolution.
+pub fn read_exr(path: &Path) -> std::result::Result<BTreeMap<String, Image>, DataError> {
+    let failed = |what: String| DataError::Format(format!("{}: {what}", path.display()));
+    let file = read_first_flat_layer_from_file(path).map_err(|e| match e {
+        exr::error::Error::Io(source) => DataError::Io { path: path.display().to_string(), source },
+        other => failed(format!("no OpenEXR file that can be read: {other}")),
+    })?;
+    let size = file.layer_data.size;
+    let mut images: BTreeMap<String, Image> = BTreeMap::new();
+    for channel in &file.layer_data.channel_data.list {
+        let full = channel.name.to_string();
+        let (layer, letter) = full.rsplit_once('.').unwrap_or(("", &full));
+        let Some(c) = ["R", "G", "B"].iter().chain(&["X", "Y", "Z"]).position(|l| l.eq_ignore_ascii_case(letter))
+        else {
+            continue;
+        };
+        if channel.sampling != Vec2(1, 1) || channel.sample_data.len() != size.area() {
+            return Err(failed(format!("its channel `{full}` is subsampled; save it at full resolution")));
+        }
+        let image = images.entry(layer.to_owned()).or_insert_with(|| Image::new(size.0, size.1, 3));
+        for (target, value) in
+            image.data_mut().iter_mut().skip(c % 3).step_by(3).zip(channel.sample_data.values_as_f32())
+        {
+            *target = value;
+        }
+    }
+    if images.is_empty() {
+        return Err(failed("it has no channels R, G and B".into()));
+    }
+    Ok(images)
 }
 
 /// A PNG of 8-bit RGB through the display transform [`preview`]; input is exposed linear radiance, 3 channels.
@@ -81,6 +117,11 @@ mod tests {
         write_exr(&path, &[("", &image), ("albedo", &image)]).expect("written");
         let back = exr::prelude::read_first_flat_layer_from_file(&path).expect("readable");
         assert_eq!(back.layer_data.channel_data.list.len(), 6);
+        let layers = read_exr(&path).expect("own file");
+        assert_eq!(layers.keys().collect::<Vec<_>>(), ["", "albedo"]);
+        assert!(layers.values().all(|layer| layer == &image));
+        std::fs::write(&path, b"v/1\x01 no picture").expect("written");
+        assert!(read_exr(&path).expect_err("damaged").to_string().contains("x.exr"));
         std::fs::remove_dir_all(&dir).expect("removed");
     }
 

@@ -61,18 +61,23 @@ impl VarianceTime {
 
     /// The times of a rollout from sample count `n_start` to the end in `steps` steps; `steps + 1` values, the last exactly 1.
     pub fn grid(&self, n_start: f64, steps: usize, grid: TimeGrid) -> Vec<f64> {
-        let start = self.tau(n_start);
+        self.grid_to(n_start, self.n_max, steps, grid)
+    }
+
+    /// The times of a rollout from sample count `n_start` to `n_end`; `steps + 1` values, the last exactly the end's.
+    pub fn grid_to(&self, n_start: f64, n_end: f64, steps: usize, grid: TimeGrid) -> Vec<f64> {
+        let (start, end) = (self.tau(n_start), if n_end == self.n_max { 1.0 } else { self.tau(n_end) });
         (0..=steps)
             .map(|i| {
                 let share = i as f64 / steps as f64;
                 if i == steps {
-                    1.0
+                    end
                 } else if i == 0 {
                     start
                 } else {
                     match grid {
-                        TimeGrid::Ladder => self.tau(n_start * libm::pow(self.n_max / n_start, share)),
-                        TimeGrid::Uniform => start + (1.0 - start) * share,
+                        TimeGrid::Ladder => self.tau(n_start * libm::pow(n_end / n_start, share)),
+                        TimeGrid::Uniform => start + (end - start) * share,
                     }
                 }
             })

@@ -132,6 +132,15 @@ fn bins(image: &Image) -> Vec<f64> {
     bins
 }
 
+/// The geometric mean over bins of an image's luminance, with bins below 1/10,000 of the mean counted as that much: what
+/// `key` is divided by for the exposure factor.
+pub fn geometric_mean_luminance(image: &Image) -> f64 {
+    let pixels = image.data().chunks_exact(3).map(|rgb| f64::from(luminance(rgb)).max(0.0));
+    let floor = (pixels.sum::<f64>() / (image.width() * image.height()) as f64 * 1e-4).max(1e-30);
+    let bins = bins(image);
+    exp(bins.iter().map(|b| log(b.max(floor))).sum::<f64>() / bins.len() as f64)
+}
+
 /// What is judged.
 struct Preview<'a> {
     image: &'a Image,
@@ -161,8 +170,7 @@ fn judge(of: &Preview<'_>, ev: f64, params: &QualityGateParams) -> (Verdict, Exp
     let pixels: Vec<f64> = image.data().chunks_exact(3).map(|rgb| f64::from(luminance(rgb)).max(0.0)).collect();
     let bins = bins(image);
     let mean = pixels.iter().sum::<f64>() / pixels.len() as f64;
-    let floor = (mean * 1e-4).max(1e-30);
-    let geometric = exp(bins.iter().map(|b| log(b.max(floor))).sum::<f64>() / bins.len() as f64);
+    let geometric = geometric_mean_luminance(image);
     let neutral = params.key / geometric;
     let share = |of: &dyn Fn(f64) -> bool| pixels.iter().filter(|p| of(**p)).count() as f64 / pixels.len() as f64;
     let shown: Vec<f64> = bins.iter().map(|b| f64::from(preview((b * neutral) as f32))).collect();

@@ -15,7 +15,7 @@ pub use model::{Model, ModelInfo};
 pub use network::Preset;
 pub use parameterization::{Conditioning, Parameterization, Space, signed_log1p};
 pub use refinement::{Refinement, RefinementParams};
-pub use rollout::{Course, Denoiser, bridge_stop, local_steps, rollout};
+pub use rollout::{Course, Denoiser, bridge_stop, local_steps, rollout, rollout_to};
 pub use training::{Decay, Training, TrainingParams};
 
 use tauflow_contract::{KindRow, NodeKind};

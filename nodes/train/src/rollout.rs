@@ -47,6 +47,20 @@ pub fn rollout(
     gbuffer: Option<&Image>,
     course: Course,
 ) -> Result<Image, KindError> {
+    rollout_to(model, endpoint, gbuffer, course, model.clock().n_max())
+}
+
+/// Refines an endpoint, exposed linear radiance [H, W, 3], to the noise of `to` samples; `steps` model calls.
+///
+/// # Errors
+/// If the endpoints are not in order within the clock, no step is asked for, or the model refuses the shapes.
+pub fn rollout_to(
+    model: &dyn Denoiser,
+    endpoint: &Image,
+    gbuffer: Option<&Image>,
+    course: Course,
+    to: f64,
+) -> Result<Image, KindError> {
     let clock = model.clock();
     if course.steps == 0 {
         return Err(KindError::Input("a rollout of 0 steps; `nfe` counts from 1".into()));
@@ -61,7 +75,14 @@ pub fn rollout(
             clock.n_max()
         )));
     }
-    let times = clock.grid(from, course.steps, course.grid);
+    if !(to > from && to <= clock.n_max()) {
+        return Err(KindError::Input(format!(
+            "a rollout from {from} spp cannot end at {to}: the end lies above the start and at most at {}, the last rung of \
+             the model's ladder",
+            clock.n_max()
+        )));
+    }
+    let times = clock.grid_to(from, to, course.steps, course.grid);
     let mut state = encode(model, endpoint);
     for pair in times.windows(2) {
         let prediction = model.predict(&state, gbuffer, pair[0])?;
@@ -206,6 +227,21 @@ mod tests {
                         }
                     }
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn a_rollout_between_endpoints_keeps_to_the_schedule() {
+        for kind in Parameterization::ALL {
+            let oracle = Oracle::new(kind, Space::Linear);
+            let share = oracle.clock().tau(64.0) as f32;
+            for steps in [1, 3, 9] {
+                let course = Course { from: 1, steps, grid: TimeGrid::Ladder };
+                let end = rollout_to(&oracle, &noisy(), None, course, 64.0).expect("in range");
+                assert!((end.data()[0] - (7.0 + share * (2.0 - 7.0))).abs() < 1e-4, "{kind:?} {steps}");
+                assert!(rollout_to(&oracle, &noisy(), None, course, 513.0).is_err());
+                assert!(rollout_to(&oracle, &noisy(), None, course, 1.0).is_err());
             }
         }
     }

@@ -1,0 +1,106 @@
+//! `tauflow refine`: a trained solver on an image of any renderer, outside any pipeline.
+
+use super::{
+    CliError, Exit,
+    scene::{check_picture, told, write_picture},
+    seconds_text,
+};
+use crate::registry::{Conditioning, Course, Denoiser, Model, geometric_mean_luminance, rollout_to};
+use clap::Args;
+use std::{collections::BTreeMap, fs, path::PathBuf, time::Instant};
+use tauflow_data::{Image, image_io::read_exr, time::TimeGrid};
+
+/// Mid-grey that solvers saw scenes exposed to.
+const KEY: f64 = 0.18;
+
+/// What `refine` takes.
+#[derive(Args)]
+pub(crate) struct RefineArgs {
+    /// The solver: a model file, as `tauflow export PIPELINE solvers.model` writes it.
+    model: PathBuf,
+    /// The image: an EXR of linear radiance; layers `albedo` and `normal` are its G-buffer.
+    image: PathBuf,
+    /// Samples a pixel of the image.
+    #[arg(long, value_name = "N")]
+    from_spp: u64,
+    /// Samples a pixel whose noise the result should have; by default the last rung that the solver learned.
+    #[arg(long, value_name = "N")]
+    to_spp: Option<u64>,
+    /// Model calls.
+    #[arg(long, default_value_t = 1)]
+    nfe: usize,
+    /// An EXR with the layers `albedo` and `normal` (to the right, up, towards the camera), if the image has none.
+    #[arg(long, value_name = "FILE")]
+    gbuffer: Option<PathBuf>,
+    /// Factor that exposes the radiance for the solver, taken back afterwards; by default 0.18 over the image's geometric
+    /// mean luminance.
+    #[arg(long)]
+    exposure: Option<f64>,
+    /// The image to write: .exr (linear radiance), or .png (an exposed preview).
+    #[arg(short, long, value_name = "FILE")]
+    out: PathBuf,
+}
+
+pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
+    check_picture(&args.out)?;
+    let read = |path: &PathBuf| read_exr(path).map_err(|e| told(e.into()));
+    let bytes = fs::read(&args.model)
+        .map_err(|e| CliError::Environment(format!("cannot read {}: {e}", args.model.display())))?;
+    let model = Model::load(&bytes).map_err(|e| CliError::Bad(format!("{}: {e}", args.model.display())))?;
+    let mut layers = read(&args.image)?;
+    let gbuffer = match (model.info().conditioning, &args.gbuffer) {
+        (Conditioning::Rgb, _) => None,
+        (Conditioning::Gbuffer, Some(path)) => Some(gbuffer(&read(path)?, path)?),
+        (Conditioning::Gbuffer, None) => Some(gbuffer(&layers, &args.image)?),
+    };
+    let Some(image) = layers.remove("") else {
+        let names: Vec<&str> = layers.keys().map(String::as_str).collect();
+        return Err(CliError::Bad(format!(
+            "{} has no channels R, G and B without a layer's name, only `{}`",
+            args.image.display(),
+            names.join("`, `")
+        )));
+    };
+    if let Some(at) = image.data().iter().position(|v| !v.is_finite()) {
+        let (x, y) = (at / 3 % image.width(), at / 3 / image.width());
+        return Err(CliError::Bad(format!(
+            "{}: pixel ({x}, {y}) is not finite; mend the image first",
+            args.image.display()
+        )));
+    }
+    let exposure = args.exposure.unwrap_or_else(|| KEY / geometric_mean_luminance(&image));
+    if !(exposure.is_finite() && exposure > 0.0) {
+        return Err(CliError::Bad(format!("an exposure of {exposure}; give a positive factor by --exposure")));
+    }
+    let start = Instant::now();
+    let exposed = image.map(|v| (f64::from(v) * exposure) as f32);
+    let course = Course { from: args.from_spp, steps: args.nfe, grid: TimeGrid::Ladder };
+    let to = args.to_spp.map_or(model.clock().n_max(), |n| n as f64);
+    let refined = rollout_to(&model, &exposed, gbuffer.as_ref(), course, to).map_err(told)?;
+    let seconds = start.elapsed().as_secs_f64();
+    let png = args.out.extension().is_some_and(|e| e == "png");
+    let refined = if png { refined } else { refined.map(|v| (f64::from(v) / exposure) as f32) };
+    write_picture(&args.out, &refined)?;
+    eprintln!(
+        "{} spp -> {to} spp in {} and {}, exposure {exposure:.4}",
+        args.from_spp,
+        super::counted(args.nfe as u64, "model call"),
+        seconds_text(seconds)
+    );
+    outln!("{}", args.out.display());
+    Ok(Exit::Done)
+}
+
+/// Albedo and normal as the network wants them, [H, W, 6].
+fn gbuffer(layers: &BTreeMap<String, Image>, path: &std::path::Path) -> Result<Image, CliError> {
+    let (Some(albedo), Some(normal)) = (layers.get("albedo"), layers.get("normal")) else {
+        return Err(CliError::Bad(format!(
+            "the solver was trained with G-buffers, and {} has no layers `albedo` and `normal`; name a file that has by \
+             --gbuffer, or take a solver trained on RGB",
+            path.display()
+        )));
+    };
+    let pixels = albedo.data().chunks_exact(3).zip(normal.data().chunks_exact(3));
+    let data = pixels.flat_map(|(a, n)| a.iter().chain(n)).copied().collect();
+    Image::from_data(albedo.width(), albedo.height(), 6, data).map_err(|e| told(e.into()))
+}

@@ -1,0 +1,84 @@
+//! `tauflow refine`: a solver out of a pipeline, on images out of any renderer.
+
+use crate::Place;
+use tauflow_data::image_io::{read_exr, write_exr};
+
+const PIPELINE: &str = "\
+pipeline: small
+nodes:
+  scenes:
+    kind: scene_generation
+    params: { pool: 4, regimes: [L0], contexts: [open, enclosed], unchecked_cameras: 0.0 }
+  ladders:
+    kind: ladder_rendering
+    inputs: { scenes: scenes }
+    params: { rungs: { dyadic: 8 }, resolution: [16, 16], gbuffer_samples: 4 }
+  gate:
+    kind: quality_gate
+    inputs: { scenes: scenes, previews: ladders }
+    params: { contrast: 0.0 }
+  set:
+    kind: dataset_packing
+    inputs: { ladders: ladders, gbuffers: ladders.gbuffer, exposure: gate.exposure }
+  solvers:
+    kind: training
+    matrix: { conditioning: [rgb, gbuffer] }
+    inputs: { train: set }
+    params: { steps: 3, batch: 2, crop: 16 }
+targets: [solvers]
+";
+
+#[test]
+fn an_image_of_any_renderer_is_refined() {
+    let place = Place::with(PIPELINE);
+    place.tauflow(&["run", "small.yaml"]).ends(0);
+    place.tauflow(&["export", "small.yaml", "solvers.model", "-o", "models"]).ends(0);
+    place.tauflow(&["export", "small.yaml", "ladders.gbuffer", "-o", "gbuffers"]).ends(0);
+    let scene = ["render", "small.yaml", "--item", "scenes/L0-open-000000", "--spp", "2", "-o", "in.exr"];
+    place.tauflow(&[&scene[..], &["--width", "16", "--height", "16"]].concat()).ends(0);
+    let refine = |model: &str, more: &[&str]| {
+        let model = format!("models/conditioning={model}/model/model.safetensors");
+        place.tauflow(&[&["refine", &model, "in.exr", "--from-spp", "2"], more].concat())
+    };
+    let read = |name: &str| read_exr(&place.path(name)).expect("an EXR").remove("").expect("unnamed");
+    let said = refine("rgb", &["--nfe", "3", "-o", "out.exr"]).ends(0);
+    assert!(said.out == "out.exr\n" && said.err.starts_with("2 spp -> 8 spp in 3 model calls"), "{}", said.err);
+    let (before, after) = (read("in.exr"), read("out.exr"));
+    assert!(after.same_shape(&before) && after != before && after.data().iter().all(|v| v.is_finite()));
+    refine("rgb", &["--nfe", "3", "-o", "again.exr"]).ends(0);
+    assert_eq!(read("again.exr"), after);
+    refine("rgb", &["--to-spp", "4", "-o", "half.exr"]).ends(0);
+    assert_ne!(read("half.exr"), after);
+    refine("rgb", &["--exposure", "2", "-o", "out.png"]).ends(0);
+
+    // With a G-buffer, of a file of its own or of layers of the image.
+    let features = "gbuffers/L0-open-000000/gbuffer.exr";
+    refine("gbuffer", &["--gbuffer", features, "-o", "apart.exr"]).ends(0);
+    let error = refine("gbuffer", &["-o", "x.exr"]).ends(2).err;
+    assert!(error.contains("albedo") && error.contains("--gbuffer"), "{error}");
+    let mut layers = read_exr(&place.path(features)).expect("an EXR");
+    layers.insert(String::new(), before.clone());
+    let layers: Vec<_> = layers.iter().map(|(name, image)| (name.as_str(), image)).collect();
+    write_exr(&place.path("in.exr"), &layers).expect("written");
+    refine("gbuffer", &["-o", "together.exr"]).ends(0);
+    assert_eq!(read("together.exr"), read("apart.exr"));
+
+    // What is wrong is named.
+    for (more, part) in [
+        (&["--to-spp", "9", "-o", "x.exr"][..], "at most at 8"),
+        (&["--nfe", "0", "-o", "x.exr"], "counts from 1"),
+        (&["--exposure=-1", "-o", "x.exr"], "positive"),
+        (&["-o", "x.jpg"], ".exr"),
+    ] {
+        let error = refine("rgb", more).ends(2).err;
+        assert!(error.contains(part), "{more:?}: {error}");
+    }
+    let mut broken = before;
+    broken.data_mut()[3 * 17] = f32::NAN;
+    write_exr(&place.path("in.exr"), &[("", &broken)]).expect("written");
+    let error = refine("rgb", &["-o", "x.exr"]).ends(2).err;
+    assert!(error.contains("pixel (1, 1) is not finite"), "{error}");
+    place.write("in.exr", "no picture");
+    let error = refine("rgb", &["-o", "x.exr"]).ends(2).err;
+    assert!(error.contains("in.exr"), "{error}");
+}
