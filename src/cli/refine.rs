@@ -43,9 +43,9 @@ pub(crate) struct RefineArgs {
 
 pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     check_picture(&args.out)?;
-    let read = |path: &PathBuf| read_exr(path).map_err(|e| told(e.into()));
-    let bytes = fs::read(&args.model)
-        .map_err(|e| CliError::Environment(format!("cannot read {}: {e}", args.model.display())))?;
+    let read = |path: &PathBuf| read_exr(path).map_err(|e| CliError::Bad(e.to_string()));
+    let bytes =
+        fs::read(&args.model).map_err(|e| CliError::Bad(format!("cannot read {}: {e}", args.model.display())))?;
     let model = Model::load(&bytes).map_err(|e| CliError::Bad(format!("{}: {e}", args.model.display())))?;
     let mut layers = read(&args.image)?;
     let gbuffer = match (model.info().conditioning, &args.gbuffer) {
@@ -61,12 +61,20 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
             names.join("`, `")
         )));
     };
-    if let Some(at) = image.data().iter().position(|v| !v.is_finite()) {
-        let (x, y) = (at / 3 % image.width(), at / 3 / image.width());
-        return Err(CliError::Bad(format!(
-            "{}: pixel ({x}, {y}) is not finite; mend the image first",
-            args.image.display()
-        )));
+    finite(&image, &format!("{}", args.image.display()), "mend the image first")?;
+    if let Some(gbuffer) = &gbuffer {
+        let path = args.gbuffer.as_ref().unwrap_or(&args.image).display();
+        finite(gbuffer, &format!("the G-buffer of {path}"), "mend it first")?;
+        if (gbuffer.width(), gbuffer.height()) != (image.width(), image.height()) {
+            return Err(CliError::Bad(format!(
+                "{} has {} x {} pixels and the G-buffer of {path} {} x {}; render both at one size",
+                args.image.display(),
+                image.width(),
+                image.height(),
+                gbuffer.width(),
+                gbuffer.height()
+            )));
+        }
     }
     let exposure = args.exposure.unwrap_or_else(|| KEY / geometric_mean_luminance(&image));
     if !(exposure.is_finite() && exposure > 0.0) {
@@ -74,12 +82,14 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     }
     let start = Instant::now();
     let exposed = image.map(|v| (f64::from(v) * exposure) as f32);
+    finite(&exposed, "the exposed image", "lower --exposure")?;
     let course = Course { from: args.from_spp, steps: args.nfe, grid: TimeGrid::Ladder };
     let to = args.to_spp.map_or(model.clock().n_max(), |n| n as f64);
     let refined = rollout_to(&model, &exposed, gbuffer.as_ref(), course, to).map_err(told)?;
     let seconds = start.elapsed().as_secs_f64();
     let png = args.out.extension().is_some_and(|e| e == "png");
     let refined = if png { refined } else { refined.map(|v| (f64::from(v) / exposure) as f32) };
+    finite(&refined, "the refined image", "the solver fails on such an image; take another, or another --exposure")?;
     write_picture(&args.out, &refined)?;
     eprintln!(
         "{} spp -> {to} spp in {} and {}, exposure {exposure:.4}",
@@ -89,6 +99,14 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     );
     outln!("{}", args.out.display());
     Ok(Exit::Done)
+}
+
+/// That all of an image is finite.
+fn finite(image: &Image, what: &str, remedy: &str) -> Result<(), CliError> {
+    let Some(at) = image.data().iter().position(|v| !v.is_finite()) else { return Ok(()) };
+    let pixel = at / image.channels();
+    let (x, y) = (pixel % image.width(), pixel / image.width());
+    Err(CliError::Bad(format!("{what}: pixel ({x}, {y}) is not finite; {remedy}")))
 }
 
 /// Albedo and normal as the network wants them, [H, W, 6].

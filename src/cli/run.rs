@@ -41,6 +41,9 @@ pub(crate) struct RunArgs {
     /// Run this share of what is done already again, and compare.
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     recheck: f64,
+    /// Look every item up again, even where a whole node is known to be as it was.
+    #[arg(long)]
+    no_rollup: bool,
     /// Print events for programs on stdout, one line each.
     #[arg(long, value_enum, value_name = "FORMAT")]
     events: Option<EventFormat>,
@@ -65,6 +68,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         jobs: args.jobs,
         dry: false,
         recheck: args.recheck,
+        no_rollup: args.no_rollup,
         fail_fast: args.fail_fast,
         only,
         out: Some(args.out.clone()),

@@ -31,6 +31,8 @@ pub struct RunOptions {
     pub dry: bool,
     /// Share of hits that run again and are compared.
     pub recheck: f64,
+    /// Look every item's key up, even where a whole node is known to be as it was.
+    pub no_rollup: bool,
     /// Stop at the first failure.
     pub fail_fast: bool,
     /// Only this.
@@ -41,7 +43,7 @@ pub struct RunOptions {
 
 impl Default for RunOptions {
     fn default() -> Self {
-        Self { jobs: 0, dry: false, recheck: 0.0, fail_fast: false, only: None, out: None }
+        Self { jobs: 0, dry: false, recheck: 0.0, no_rollup: false, fail_fast: false, only: None, out: None }
     }
 }
 

@@ -114,7 +114,7 @@ impl<'a> Run<'a> {
         let lanes = std::mem::take(&mut self.lanes);
         let bench = Bench { store: self.store, stop: self.stop, dry: options.dry, recheck: options.recheck, wanted };
         // Roll-ups would hide the items that a recheck or `--only` looks at, and the keys that a plan explains.
-        let known = if options.recheck > 0.0 || options.only.is_some() {
+        let known = if options.recheck > 0.0 || options.only.is_some() || options.no_rollup {
             rollup::Known {
                 rolled: lanes.iter().map(|_| None).collect(),
                 totals: vec![(0, 0); lanes.len()],

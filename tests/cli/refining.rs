@@ -64,10 +64,23 @@ fn an_image_of_any_renderer_is_refined() {
     assert_eq!(read("together.exr"), read("apart.exr"));
 
     // What is wrong is named.
+    let mut odd = read_exr(&place.path(features)).expect("an EXR");
+    odd.get_mut("normal").expect("the layer").data_mut()[0] = f32::INFINITY;
+    let odd: Vec<_> = odd.iter().map(|(name, image)| (name.as_str(), image)).collect();
+    write_exr(&place.path("odd.exr"), &odd).expect("written");
+    let error = refine("gbuffer", &["--gbuffer", "odd.exr", "-o", "x.exr"]).ends(2).err;
+    assert!(error.contains("odd.exr") && error.contains("pixel (0, 0)"), "{error}");
+    let small = tauflow_data::Image::new(8, 8, 3);
+    write_exr(&place.path("odd.exr"), &[("albedo", &small), ("normal", &small)]).expect("written");
+    let error = refine("gbuffer", &["--gbuffer", "odd.exr", "-o", "x.exr"]).ends(2).err;
+    assert!(error.contains("16 x 16") && error.contains("8 x 8"), "{error}");
+    let error = refine("gbuffer", &["--gbuffer", "none.exr", "-o", "x.exr"]).ends(2).err;
+    assert!(error.contains("none.exr"), "{error}");
     for (more, part) in [
         (&["--to-spp", "9", "-o", "x.exr"][..], "at most at 8"),
         (&["--nfe", "0", "-o", "x.exr"], "counts from 1"),
         (&["--exposure=-1", "-o", "x.exr"], "positive"),
+        (&["--exposure=1e300", "-o", "x.exr"], "lower --exposure"),
         (&["-o", "x.jpg"], ".exr"),
     ] {
         let error = refine("rgb", more).ends(2).err;

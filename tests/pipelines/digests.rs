@@ -1,6 +1,6 @@
-//! Holds the bits of what each kind makes of a tiny pipeline, beside the kind's version: who changes outputs raises the
-//! version, or results of before are taken for results of now. They hold on any x86-64 machine. Training is not among
-//! them: its matrix products use what instructions the processor has.
+//! Holds the bits of what kinds make of a tiny pipeline, beside the kind's version: who changes outputs raises the
+//! version, or results of before are taken for results of now. They hold on any x86-64 machine. Training and what
+//! follows from it are not among them: its matrix products use what instructions the processor has.
 
 use crate::{edits::PIPELINE, support::Done};
 use std::fmt::Write as _;
@@ -11,7 +11,15 @@ const PINNED: &str = include_str!("digests.txt");
 fn outputs_change_with_versions_alone() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let file = folder.path().join("tiny.yaml");
-    std::fs::write(&file, PIPELINE).expect("written");
+    let more = "  \
+  features:
+    kind: dataset_packing
+    inputs: { ladders: train_ladders, gbuffers: train_ladders.gbuffer, exposure: gate.exposure }
+  convergence:
+    kind: ladder_convergence
+    inputs: { ladders: test_ladders, exposure: gate.exposure }
+";
+    std::fs::write(&file, format!("{PIPELINE}{more}")).expect("written");
     let done = Done::run(&file, Vec::new(), folder.path());
     let mut found = String::new();
     for port in [
@@ -27,7 +35,10 @@ fn outputs_change_with_versions_alone() {
         "sampling.test",
         "sampling.report",
         "train_ladders.ladder",
+        "train_ladders.gbuffer",
         "train_set.packed",
+        "features.packed",
+        "convergence.convergence",
         "hold.metrics",
     ] {
         let (kind, version) = done.kind(port);

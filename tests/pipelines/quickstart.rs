@@ -76,6 +76,23 @@ fn the_quickstart_learns_what_it_should() {
     let rejected: Vec<_> = verdicts.iter().filter(|(_, v)| !v.reasons.is_empty()).collect();
     assert!(verdicts.len() == 480 && !rejected.is_empty() && rejected.len() < verdicts.len() / 4);
     for (scene, verdict) in rejected {
+        // Each reason stands on what was measured, against the default thresholds.
+        for reason in &verdict.reasons {
+            let m = |name: &str| verdict.measures[name];
+            assert!(
+                match reason.as_str() {
+                    "black" => m("mean_luminance") <= 1e-6,
+                    "dark" => m("dark_share") > 0.6,
+                    "near_constant" => m("contrast") < 0.02,
+                    "over_exposed" => m("bright_share") > 0.25,
+                    "degenerate" => m("concentration") > 0.9,
+                    "noisy" => m("noise") > 1.0,
+                    _ => false,
+                },
+                "{scene}: {reason}: {:?}",
+                verdict.measures
+            );
+        }
         println!("rejected: {scene}: {}", verdict.reasons.join(", "));
     }
 

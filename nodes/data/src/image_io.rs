@@ -40,38 +40,78 @@ pub fn write_exr(path: &Path, layers: &[(&str, &Image)]) -> std::result::Result<
     exr::image::Image::from_layer(layer).write().to_file(path).map_err(failed)
 }
 
-/// The layers of three colours in an EXR file, by name; the one without a name is named "". Samples outside the data
-/// window are 0.
+/// Most pixels of a picture that is read.
+const MOST_PIXELS: usize = 1 << 26;
+
+/// The layers of three colours in an EXR file, by name; the one without a name is named "". Layers are parts of the file, or
+/// share one part as `layer.R`. Pictures have the size of the display window; outside the data window they are 0.
 ///
 /// # Errors
-/// If the file cannot be read, or a layer has not R, G and B (or X, Y and Z) at full resolution.
+/// If the file cannot be read, is deep or larger than 2^26 pixels, or holds no layer with R, G and B (or, for normals, X, Y
+/// and Z) at full resolution.
 pub fn read_exr(path: &Path) -> std::result::Result<BTreeMap<String, Image>, DataError> {
     let failed = |what: String| DataError::Format(format!("{}: {what}", path.display()));
-    let file = read_first_flat_layer_from_file(path).map_err(|e| match e {
+    let broken = |e: exr::error::Error| match e {
         exr::error::Error::Io(source) => DataError::Io { path: path.display().to_string(), source },
         other => failed(format!("no OpenEXR file that can be read: {other}")),
-    })?;
-    let size = file.layer_data.size;
-    let mut images: BTreeMap<String, Image> = BTreeMap::new();
-    for channel in &file.layer_data.channel_data.list {
-        let full = channel.name.to_string();
-        let (layer, letter) = full.rsplit_once('.').unwrap_or(("", &full));
-        let Some(c) = ["R", "G", "B"].iter().chain(&["X", "Y", "Z"]).position(|l| l.eq_ignore_ascii_case(letter))
-        else {
-            continue;
-        };
-        if channel.sampling != Vec2(1, 1) || channel.sample_data.len() != size.area() {
-            return Err(failed(format!("its channel `{full}` is subsampled; save it at full resolution")));
+    };
+    // Before anything of the size that the header claims is made.
+    let meta = MetaData::read_from_file(path, false).map_err(broken)?;
+    for header in &meta.headers {
+        for size in [header.layer_size, header.shared_attributes.display_window.size] {
+            if size.width().checked_mul(size.height()).is_none_or(|n| n == 0 || n > MOST_PIXELS) {
+                return Err(failed(format!("{} x {} pixels; 1 to 2^26 can be read", size.width(), size.height())));
+            }
         }
-        let image = images.entry(layer.to_owned()).or_insert_with(|| Image::new(size.0, size.1, 3));
-        for (target, value) in
-            image.data_mut().iter_mut().skip(c % 3).step_by(3).zip(channel.sample_data.values_as_f32())
-        {
-            *target = value;
+        if header.deep {
+            return Err(failed("deep data; flatten the picture".into()));
         }
     }
+    let file = read_all_flat_layers_from_file(path).map_err(broken)?;
+    let window = file.attributes.display_window;
+    // Channels by layer and letter first: letters alone do not say whether a Z is a depth or part of a normal.
+    let mut found: BTreeMap<String, BTreeMap<char, Image>> = BTreeMap::new();
+    for part in &file.layer_data {
+        let name = part.attributes.layer_name.as_ref().map(ToString::to_string).unwrap_or_default();
+        let offset = |axis: fn(&Vec2<i32>) -> i32| {
+            i64::from(axis(&part.attributes.layer_position)) - i64::from(axis(&window.position))
+        };
+        let (left, top) = (offset(|p| p.x()), offset(|p| p.y()));
+        for channel in &part.channel_data.list {
+            let full = channel.name.to_string();
+            let (layer, letter) = full.rsplit_once('.').unwrap_or(("", &full));
+            let Some(letter) =
+                Some(letter.to_ascii_uppercase()).filter(|l| l.len() == 1).and_then(|l| l.chars().next())
+            else {
+                continue;
+            };
+            if !"RGBXYZ".contains(letter) || channel.sampling != Vec2(1, 1) {
+                continue;
+            }
+            let mut plane = Image::new(window.size.width(), window.size.height(), 1);
+            for (at, value) in channel.sample_data.values_as_f32().enumerate() {
+                let (x, y) = ((at % part.size.width()) as i64 + left, (at / part.size.width()) as i64 + top);
+                if (0..plane.width() as i64).contains(&x) && (0..plane.height() as i64).contains(&y) {
+                    plane.pixel_mut(x as usize, y as usize)[0] = value;
+                }
+            }
+            let layer = if layer.is_empty() { name.clone() } else { layer.to_owned() };
+            found.entry(layer).or_default().insert(letter, plane);
+        }
+    }
+    let mut images = BTreeMap::new();
+    for (name, planes) in found {
+        let all = |letters: [char; 3]| letters.map(|l| planes.get(&l));
+        let planes = match (all(['R', 'G', 'B']), all(['X', 'Y', 'Z'])) {
+            ([Some(r), Some(g), Some(b)], _) => [r, g, b],
+            (_, [Some(x), Some(y), Some(z)]) if !name.is_empty() => [x, y, z],
+            _ => continue,
+        };
+        let values = (0..planes[0].data().len()).flat_map(|i| planes.map(|plane| plane.data()[i])).collect();
+        images.insert(name, Image::from_data(window.size.width(), window.size.height(), 3, values)?);
+    }
     if images.is_empty() {
-        return Err(failed("it has no channels R, G and B".into()));
+        return Err(failed("it has no layer with channels R, G and B at full resolution".into()));
     }
     Ok(images)
 }
@@ -120,6 +160,34 @@ mod tests {
         let layers = read_exr(&path).expect("own file");
         assert_eq!(layers.keys().collect::<Vec<_>>(), ["", "albedo"]);
         assert!(layers.values().all(|layer| layer == &image));
+        // Depth is no blue, and no picture; a part of a colour is none either.
+        let written = |names: &[&str], position: i32, window: i32| {
+            let channels = names
+                .iter()
+                .enumerate()
+                .map(|(i, name)| AnyChannel::new(*name, FlatSamples::F32(vec![i as f32 + 1.0; 2])));
+            let mut layer = Layer::new(
+                Vec2(2, 1),
+                LayerAttributes::default(),
+                Encoding::UNCOMPRESSED,
+                AnyChannels::sort(channels.collect()),
+            );
+            layer.attributes.layer_position = Vec2(position, 0);
+            let mut file = exr::image::Image::from_layer(layer);
+            file.attributes.display_window = IntegerBounds::from_dimensions(Vec2(window as usize, 1));
+            file.write().to_file(&path).expect("written");
+        };
+        written(&["B", "G", "R", "Z"], 0, 2);
+        assert_eq!(read_exr(&path).expect("a picture with depth")[""].pixel(1, 0), [3.0, 2.0, 1.0]);
+        for names in [&["Z"][..], &["R"], &["X", "Y", "Z"]] {
+            written(names, 0, 2);
+            assert!(read_exr(&path).expect_err("no picture").to_string().contains("R, G and B"), "{names:?}");
+        }
+        written(&["B", "G", "R"], 2, 4);
+        assert_eq!(
+            read_exr(&path).expect("a cropped picture")[""].data()[..9],
+            [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 2.0, 1.0]
+        );
         std::fs::write(&path, b"v/1\x01 no picture").expect("written");
         assert!(read_exr(&path).expect_err("damaged").to_string().contains("x.exr"));
         std::fs::remove_dir_all(&dir).expect("removed");

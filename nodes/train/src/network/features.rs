@@ -21,6 +21,9 @@ const REACH: usize = 2;
 /// Samples that a solver's own estimate of the clean image is worth, roughly.
 const WORTH: f64 = 8.0;
 
+/// Largest deviation of a velocity, in units of that at the start.
+const STEEPEST: f64 = 16.0;
+
 /// One state with what belongs to it.
 pub(crate) struct Sample<'a> {
     /// [H, W, 3], in the training space.
@@ -99,8 +102,8 @@ impl Encoding {
         let relative = error(count) / error(self.clock.n_min());
         let deviation = match self.parameterization {
             Parameterization::McNoise => relative,
-            // Towards tau = 1 this tends to infinity, slowly; it is 4.6 at half a sample before n_max = 256.
-            Parameterization::McVelocity => relative / (1.0 - tau).max(1e-3),
+            // Tends to infinity towards tau = 1; at 229 of 256 samples, the last call of 50, it is 5.6.
+            Parameterization::McVelocity => (relative / (1.0 - tau).max(1e-9)).min(STEEPEST),
             Parameterization::LocalVelocity | Parameterization::VanillaRf => 1.0,
         };
         deviation / (1.0 + count / WORTH)
@@ -165,4 +168,45 @@ fn window_means(data: &[f32], stride: usize, length: usize) -> Vec<f32> {
         }
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn expected_answers_follow_the_central_limit_theorem() {
+        let clock = VarianceTime::new(1, 256).expect("a ladder");
+        let encoding = |parameterization| Encoding { parameterization, space: Space::Linear, clock, gbuffer: false };
+        let deviation = |parameterization, n: f64| encoding(parameterization).gain(clock.tau(n)) * (1.0 + n / WORTH);
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-6 * b.max(1.0);
+        for n in [1.0f64, 4.0, 64.0, 128.0] {
+            let noise = ((1.0 / n - 1.0 / 256.0) / (1.0 - 1.0 / 256.0)).sqrt();
+            assert!(near(deviation(Parameterization::McNoise, n), noise), "{n}");
+            let velocity = noise * (1.0 - 1.0 / 16.0) / (1.0 / n.sqrt() - 1.0 / 16.0);
+            assert!(near(deviation(Parameterization::McVelocity, n), velocity), "{n}");
+        }
+        let velocities: Vec<f64> =
+            (1..2560).map(|i| deviation(Parameterization::McVelocity, f64::from(i) / 10.0)).skip(10).collect();
+        assert!(velocities.windows(2).all(|w| w[1] >= w[0] - 1e-6), "never falls towards the end");
+        assert!(near(velocities[velocities.len() - 1], STEEPEST));
+    }
+
+    #[test]
+    fn surroundings_are_those_of_the_window() {
+        let clock = VarianceTime::new(1, 256).expect("a ladder");
+        let encoding =
+            Encoding { parameterization: Parameterization::McNoise, space: Space::Linear, clock, gbuffer: false };
+        // A lamp of 50: nothing varies, so that there is nothing to take off.
+        let lamp = vec![signed_log1p(50.0); 8 * 8 * 3];
+        let around = encoding.surroundings(&lamp, 8, 8);
+        assert!(around.mean.iter().all(|m| (m - 50.0).abs() < 1e-3) && around.spread.iter().all(|s| s.abs() < 1e-3));
+        assert!(around.contrast(50.0, 0).abs() < 1e-2);
+        // One firefly in the dark sets itself apart, and moves its surroundings little.
+        let mut dark = vec![signed_log1p(0.1); 8 * 8 * 3];
+        dark[3 * 27] = signed_log1p(1000.0);
+        let around = encoding.surroundings(&dark, 8, 8);
+        assert!(around.mean[3 * 27] < 1.0 && around.contrast(1000.0, 3 * 27) > 5.0, "{}", around.mean[3 * 27]);
+        assert_eq!(around.mean[3 * 27 + 1], around.mean[1], "other colours see nothing of it");
+    }
 }

@@ -337,14 +337,31 @@ mod tests {
 
     #[test]
     fn shuffled_targets_come_from_another_scene() {
-        let (set, draw) = (set(3), Draw { seed: 3, batch: 8, shuffle_targets: true, ..PLAIN });
-        let encoding = encoding(Parameterization::VanillaRf);
-        let batch = set.draw(&encoding, &draw, 1);
-        assert!(batch.targets.iter().all(|t| *t == 2000.0), "within each scene");
-        let mut stream = Stream::new(3, &[1]).part("batch");
-        let first = stream.below(3);
-        let other = (first + 1 + stream.below(2)) % 3;
-        assert_ne!(first, other);
+        // From rung to rung scene s rises by 1000 (s + 1), so that a target tells whose it is, and a state by 100,000 s.
+        let packed = |scene: usize| {
+            let image = |rung: usize| {
+                let value = (100_000 * scene + 1000 * rung * (scene + 1)) as f32;
+                Image::from_data(SIDE, SIDE, 3, vec![value; SIDE * SIDE * 3]).expect("fits")
+            };
+            let gbuffer = Some(Image::new(SIDE, SIDE, 6));
+            ("scene", PackedScene { counts: COUNTS.to_vec(), states: (0..3).map(image).collect(), gbuffer })
+        };
+        let set = DataSet::new((0..3).map(packed).collect(), "train", Conditioning::Gbuffer).expect("fits");
+        let encoding = encoding(Parameterization::McNoise);
+        let mut pairs = BTreeSet::new();
+        for step in 0..20 {
+            for shuffle_targets in [false, true] {
+                let batch = set.draw(&encoding, &Draw { shuffle_targets, ..PLAIN }, step);
+                for (state, target) in batch.states.iter().zip(batch.targets.chunks_exact(192)) {
+                    let scene = (state[0] / 100_000.0).floor() as usize;
+                    let rung = ((state[0] - 100_000.0 * scene as f32) / (1000.0 * (scene + 1) as f32)).round();
+                    let whose = (-target[0] / (1000.0 * (2.0 - rung))).round() as usize - 1;
+                    assert_eq!(whose != scene, shuffle_targets, "{scene} {rung} {}", target[0]);
+                    pairs.insert((scene, whose));
+                }
+            }
+        }
+        assert_eq!(pairs.len(), 9, "every scene's targets reach every other scene: {pairs:?}");
     }
 
     #[test]

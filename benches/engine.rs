@@ -1,0 +1,164 @@
+//! Overhead of the engine: ten map nodes over many items that do next to nothing.
+//!
+//! ```text
+//! cargo bench --bench engine [-- ITEMS [FOLDER]]          30,000 items unless told; the cache lies in FOLDER, or in memory
+//! ```
+//!
+//! `benches/engine_ninja.sh` does the same graph with ninja.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::{error::Error, path::PathBuf, sync::atomic::AtomicBool, time::Instant};
+use tauflow::{
+    engine::{self, RunOptions, Summary},
+    kinds::Registry,
+    pipeline::{self, Options},
+};
+use tauflow_cache::Store;
+use tauflow_contract::{
+    Action, Artifact, Context, InputPort, ItemKey, Kind, KindError, KindRow, KindSpec, Mode, NodeKind, OutputPort,
+    Outputs, SourceItem,
+};
+
+/// Bytes of an output.
+const SIZE: usize = 1024;
+/// Map nodes in a row.
+const NODES: usize = 10;
+
+#[derive(Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+struct SourceParams {
+    /// How many items.
+    items: u64,
+    /// The item that is another than before.
+    changed: u64,
+}
+
+struct Source;
+
+impl Kind for Source {
+    type Params = SourceParams;
+
+    fn spec() -> KindSpec {
+        spec("source", Mode::Source, &[])
+    }
+
+    fn items(params: &Self::Params) -> Result<Vec<SourceItem>, KindError> {
+        (0..params.items).map(|i| Ok(SourceItem { key: key(i)?, files: Vec::new() })).collect()
+    }
+
+    fn project(params: &Self::Params, item: Option<&ItemKey>, _: &str) -> Value {
+        let index = item.and_then(|i| i.as_str().parse::<u64>().ok()).unwrap_or_default();
+        json!({ "items": index, "changed": u64::from(params.changed > 0 && params.changed == index) })
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let mut bytes = vec![0; SIZE];
+        bytes[..8].copy_from_slice(&action.params.items.to_le_bytes());
+        bytes[8] = action.params.changed as u8;
+        Ok(Outputs::default().item("out", Artifact::blob("bench", ctx.put(&bytes)?)))
+    }
+}
+
+#[derive(Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+struct CopyParams {
+    /// Which node this is.
+    node: u8,
+}
+
+struct Copy;
+
+impl Kind for Copy {
+    type Params = CopyParams;
+
+    fn spec() -> KindSpec {
+        spec("copy", Mode::Map, const { &[InputPort::each("in", "bench", "What to copy.")] })
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let mut bytes = ctx.part(action.each("in")?, "")?;
+        bytes[9] = action.params.node;
+        Ok(Outputs::default().item("out", Artifact::blob("bench", ctx.put(&bytes)?)))
+    }
+}
+
+fn spec(name: &'static str, mode: Mode, inputs: &'static [InputPort]) -> KindSpec {
+    let outputs = const { &[OutputPort::new("out", "bench", "A kilobyte.")] };
+    KindSpec { name, version: 1, summary: "A toy.", manual: "", mode, inputs, outputs, seeded: false }
+}
+
+fn key(index: u64) -> Result<ItemKey, KindError> {
+    ItemKey::new(format!("{index:06}")).map_err(|e| KindError::Internal(e.to_string()))
+}
+
+/// Largest memory of this process so far, in MiB.
+fn memory() -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:")).unwrap_or("0 kB");
+    line.trim().trim_end_matches(" kB").trim().parse::<f64>().unwrap_or(0.0) / 1024.0
+}
+
+struct Bench {
+    registry: Registry,
+    folder: PathBuf,
+    items: u64,
+}
+
+impl Bench {
+    /// Resolves and runs the pipeline in a freshly opened store, as a new process would; seconds and what it did.
+    fn run(&self, changed: u64, no_rollup: bool) -> Result<(f64, Summary), Box<dyn Error>> {
+        let start = Instant::now();
+        let mut text = format!(
+            "pipeline: bench\nnodes:\n  n0: {{ kind: source, params: {{ items: {}, changed: {changed} }} }}\n",
+            self.items
+        );
+        for node in 1..=NODES {
+            let before = node - 1;
+            text.push_str(&format!(
+                "  n{node}: {{ kind: copy, inputs: {{ in: n{before} }}, params: {{ node: {node} }} }}\n"
+            ));
+        }
+        let pipeline = pipeline::resolve_text("bench.yaml", &text, &self.registry, &Options::default())?;
+        let store = Store::open(&self.folder)?;
+        let options = RunOptions { no_rollup, ..RunOptions::default() };
+        let summary = engine::run(&pipeline, &store, &options, &AtomicBool::new(false), &|_| {})?;
+        drop(store);
+        assert!(summary.failures.is_empty());
+        Ok((start.elapsed().as_secs_f64(), summary))
+    }
+
+    fn tell(&self, what: &str, changed: u64, no_rollup: bool, times: usize) -> Result<(), Box<dyn Error>> {
+        let mut runs = Vec::new();
+        for _ in 0..times {
+            runs.push(self.run(changed, no_rollup)?);
+        }
+        runs.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (seconds, summary) = &runs[times / 2];
+        let ran: u64 = summary.nodes.iter().map(|n| n.ran).sum();
+        let actions = self.items as f64 * (NODES as f64 + 1.0);
+        println!(
+            "{what:<44} {:>9.1} ms {:>8.2} us an action, {ran} ran, {:.0} MiB at most so far",
+            seconds * 1e3,
+            seconds * 1e6 / actions,
+            memory()
+        );
+        Ok(())
+    }
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut args = std::env::args().skip(1).filter(|a| !a.starts_with("--"));
+    let items = args.next().map_or(Ok(30_000), |a| a.parse())?;
+    let own = tempfile::tempdir_in(args.next().map_or_else(std::env::temp_dir, PathBuf::from))?;
+    let registry =
+        Registry::new([Box::new(KindRow::<Source>::new()) as Box<dyn NodeKind>, Box::new(KindRow::<Copy>::new())]);
+    let bench = Bench { registry, folder: own.path().join("store"), items };
+    bench.tell("first run", 0, false, 1)?;
+    bench.tell("nothing changed, by roll-ups", 0, false, 5)?;
+    bench.tell("nothing changed, every key derived", 0, true, 5)?;
+    bench.tell("one source item changed", items / 2, false, 1)?;
+    bench.tell("another one changed", items / 3, false, 1)?;
+    Ok(())
+}
