@@ -166,7 +166,8 @@ impl<'a> Run<'a> {
                     }
                 });
             }
-            let result = self.steer(lanes, jobs, scheduler, &job_sender, &reply_receiver);
+            let workers = Workers { count: jobs, jobs: &job_sender, replies: &reply_receiver };
+            let result = self.steer(lanes, bench, scheduler, &workers);
             if result.is_err() {
                 // Nobody will look at what is still being done.
                 self.stop.store(true, Ordering::Relaxed);
@@ -179,11 +180,14 @@ impl<'a> Run<'a> {
     fn steer(
         &self,
         lanes: &[Lane],
-        jobs: usize,
+        bench: &Bench<'_>,
         scheduler: &mut Scheduler<'_>,
-        job_sender: &mpsc::Sender<Job>,
-        replies: &mpsc::Receiver<(Reply, u64)>,
+        workers: &Workers<'_>,
     ) -> Result<(), EngineError> {
+        let take = |scheduler: &mut Scheduler<'_>, (reply, spent_us): (Reply, u64)| {
+            let spent = if matches!(reply.outcome, Outcome::Ran(_)) { spent_us } else { 0 };
+            scheduler.reply(reply, spent)
+        };
         loop {
             for complete in scheduler.take_complete() {
                 if !self.options.dry {
@@ -192,20 +196,32 @@ impl<'a> Run<'a> {
             }
             scheduler.take_events().iter().for_each(self.sink);
             let failed = self.options.fail_fast && !scheduler.failures().is_empty();
-            while scheduler.running() < jobs && !failed && !self.stop.load(Ordering::Relaxed) {
+            let mut glances = 0;
+            while scheduler.running() < workers.count
+                && glances < GLANCES
+                && !failed
+                && !self.stop.load(Ordering::Relaxed)
+            {
                 let Some(job) = scheduler.next_job() else { break };
-                // The workers live as long as this loop does.
-                if job_sender.send(job).is_err() {
+                if let Some(reply) = bench.glance(&job) {
+                    glances += 1;
+                    take(scheduler, (reply, 0))?;
+                } else if workers.jobs.send(job).is_err() {
+                    // The workers live as long as this loop does.
                     return Ok(());
                 }
             }
             scheduler.take_events().iter().for_each(self.sink);
+            if glances > 0 {
+                // There may be more to see at once; workers that are through must not wait for it.
+                workers.replies.try_iter().try_for_each(|done| take(scheduler, done))?;
+                continue;
+            }
             if scheduler.running() == 0 {
                 return Ok(());
             }
-            let Ok((reply, spent_us)) = replies.recv() else { return Ok(()) };
-            let spent = if matches!(reply.outcome, Outcome::Ran(_)) { spent_us } else { 0 };
-            scheduler.reply(reply, spent)?;
+            let Ok(done) = workers.replies.recv() else { return Ok(()) };
+            take(scheduler, done)?;
         }
     }
 
@@ -282,6 +298,16 @@ impl<'a> Run<'a> {
         let found = records::get_collection(self.store, listed)?;
         Ok(found.map_or(Found::Missing(listed.blob), |whole| Found::Collection(Arc::new(whole))))
     }
+}
+
+/// Look-ups between two looks at what the workers have done.
+const GLANCES: usize = 64;
+
+/// The threads that do actions, and the ways to them.
+struct Workers<'a> {
+    count: usize,
+    jobs: &'a mpsc::Sender<Job>,
+    replies: &'a mpsc::Receiver<(Reply, u64)>,
 }
 
 /// What is known of a lane's collection.

@@ -127,6 +127,27 @@ impl Bench<'_> {
         reply
     }
 
+    /// Whether an action has been done already, or would be in a dry run; none where a worker must see to it. Cheap enough for
+    /// the thread that hands out work: passing a job to a worker and back costs several times as much.
+    pub fn glance(&self, job: &Job) -> Option<Reply> {
+        if !job.files.is_empty() {
+            return None;
+        }
+        let seen = catch_unwind(AssertUnwindSafe(|| {
+            let key = action_key(job, None);
+            let hash = key.hash();
+            let outcome = match self.look_up(&hash) {
+                Ok(Some(made)) if self.dry || !self.sampled(&hash) => Outcome::Hit(made),
+                Ok(None) if self.dry => Outcome::WouldRun,
+                Ok(_) => return None,
+                Err(error) => Outcome::Fatal(error),
+            };
+            Some(Reply { slot: job.slot, outcome, key: Some(Box::new(key)), warning: None })
+        }));
+        // A panic is told by the worker that meets it again.
+        seen.ok().flatten()
+    }
+
     fn attempt(&self, job: &Job, progress: &dyn Progress, reply: &mut Reply) -> Result<Outcome, CacheError> {
         let file = match self.import(job)? {
             Ok(file) => file,

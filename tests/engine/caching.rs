@@ -5,7 +5,10 @@ use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
 };
-use tauflow::engine::{RunOptions, event::Event};
+use tauflow::engine::{
+    RunOptions,
+    event::{Ended, Event},
+};
 
 const CHAIN: &str = "
 pipeline: chain
@@ -31,6 +34,18 @@ fn the_first_run_does_everything_and_the_second_nothing() {
     }
     let unchanged = second.events.iter().filter(|e| matches!(e, Event::Unchanged { .. })).count();
     assert_eq!(unchanged, 5, "one for each lane: the total has two groups");
+}
+
+#[test]
+fn without_roll_ups_every_item_is_looked_up_and_nothing_runs() {
+    let shop = Workshop::new();
+    let done = shop.run(CHAIN).ran().into_iter().map(|(node, n)| (node.to_owned(), n)).collect::<BTreeMap<_, _>>();
+    let options = RunOptions { no_rollup: true, ..RunOptions::default() };
+    let again = shop.run_with(CHAIN, &options, |_, _| {});
+    assert_eq!(again.ran(), BTreeMap::new());
+    assert_eq!(again.count(|n| n.hit).into_iter().map(|(k, n)| (k.to_owned(), n)).collect::<BTreeMap<_, _>>(), done);
+    assert!(again.events.iter().all(|e| !matches!(e, Event::Unchanged { .. })), "each item by itself");
+    assert_eq!(again.ended(Ended::Hit).len(), 14);
 }
 
 #[test]
