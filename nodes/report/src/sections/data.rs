@@ -124,14 +124,14 @@ fn sides(split: Option<&Split>, sampling: Option<&Sampling>) -> String {
         };
         let _ = write!(
             out,
-            "<p>{} of content signature: {} to train, {} to test. {leaks}; {} more than one scene, which then stand on one side together.{}</p>",
+            "<p>{} of content signature: {} to train, {} to test. {leaks}; {}.{}</p>",
             plural(split.groups, "group"),
             count(split.sides.train),
             count(split.sides.test),
             match split.near_duplicates.len() {
-                0 => "no group has".to_owned(),
-                1 => "1 group has".to_owned(),
-                n => format!("{} groups have", count(n as u64)),
+                0 => "no group has more than one scene".to_owned(),
+                1 => "1 group has more than one scene, all of them on one side".to_owned(),
+                n => format!("{} groups have more than one scene, each group on one side", count(n as u64)),
             },
             match split.dropped.len() as u64 {
                 0 => String::new(),
