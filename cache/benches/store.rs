@@ -24,6 +24,7 @@ fn record(n: u64) -> Record {
         preimage: "p".repeat(800),
         payload: "o".repeat(200),
         refs: Vec::new(),
+        trees: Vec::new(),
         wall_us: 1000,
         bytes: 500,
         when: n,

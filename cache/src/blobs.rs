@@ -156,10 +156,9 @@ impl Store {
         Ok(())
     }
 
-    /// Whether this instance writes the segment; no gc touches those.
+    /// Whether this instance writes the segment.
     pub(crate) fn is_own(&self, segment: u32) -> bool {
-        let segment = &self.index().segments[segment as usize];
-        segment.own && !segment.gone
+        self.index().segments[segment as usize].is_own()
     }
 
     /// Whether somebody removed the segment under its writer.

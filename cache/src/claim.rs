@@ -1,37 +1,44 @@
 //! Claims: one action runs in one place at a time, across threads and processes.
 //!
-//! A claim is an operating system lock on `locks/<key>`, so it dies with its
-//! process.  Exclusion is exact: one file a key, no stripes, so two keys never
-//! wait for each other and one thread may hold many.  Claims deadlock only when
-//! their holders wait in a circle; an action that claims the sub-actions it
-//! needs waits along the edges of an acyclic graph, which has no circles.  Two
-//! rules follow for callers.  Claim only what the held action depends on.  Do
-//! not run foreign work while holding a claim (a work-stealing wait may pick an
-//! action that needs what this thread holds): use `try_claim` there.
+//! A claim is an operating system lock on one byte of `locks/claims`, the byte whose number are 63 bits of the key, so it dies
+//! with its process and costs a system call.  Two keys never wait for each other (unless 63 bits of their hashes are equal), and
+//! one thread may hold many.  Claims deadlock only when their holders wait in a circle; an action that claims the sub-actions it
+//! needs waits along the edges of an acyclic graph, which has no circles.  Two rules follow for callers.  Claim only what the
+//! held action depends on.  Do not run foreign work while holding a claim (a work-stealing wait may pick an action that needs
+//! what this thread holds): use `try_claim` there.
+//!
+//! The lock belongs to the open file, so threads of one store exclude each other by a table beside it.
 
 use crate::{CacheError, Key, error::At};
+use nix::{
+    errno::Errno,
+    fcntl::{FcntlArg, fcntl},
+    libc,
+};
 use std::{
     collections::HashMap,
-    fs::{self, File, TryLockError},
+    fs::File,
     io,
-    os::unix::fs::MetadataExt,
     path::{Path, PathBuf},
-    sync::{Arc, Mutex, PoisonError},
+    sync::{Arc, Condvar, Mutex, PoisonError},
     thread::{self, ThreadId},
 };
 
-/// Which thread of this store instance holds which key.
-pub(crate) type Held = Mutex<HashMap<Key, ThreadId>>;
+/// The claims of a store instance.
+#[derive(Debug)]
+pub(crate) struct Claims {
+    file: File,
+    path: PathBuf,
+    held: Mutex<HashMap<Key, ThreadId>>,
+    freed: Condvar,
+}
 
 /// The right to run one action; given back on drop, or by the death of the process.
 #[derive(Debug)]
 pub struct Claim {
     key: Key,
-    path: PathBuf,
-    held: Arc<Held>,
+    claims: Arc<Claims>,
     waited: bool,
-    // Closing the file releases the lock, after `drop` removed its name.
-    _file: File,
 }
 
 impl Claim {
@@ -44,68 +51,73 @@ impl Claim {
     pub fn waited(&self) -> bool {
         self.waited
     }
+}
+
+impl Claims {
+    pub fn open(folder: &Path) -> Result<Self, CacheError> {
+        let path = folder.join("claims");
+        let file = File::options().create(true).truncate(false).write(true).open(&path).at("open the lock", &path)?;
+        Ok(Self { file, path, held: Mutex::default(), freed: Condvar::new() })
+    }
 
     /// Claims `key`; `Ok(None)` when it is taken and `wait` is false.
-    pub(crate) fn take(dir: &Path, key: &Key, held: &Arc<Held>, wait: bool) -> Result<Option<Self>, CacheError> {
+    pub fn take(self: &Arc<Self>, key: &Key, wait: bool) -> Result<Option<Claim>, CacheError> {
         let me = thread::current().id();
-        if held.lock().unwrap_or_else(PoisonError::into_inner).get(key) == Some(&me) {
-            return if wait { Err(CacheError::ClaimedTwice { key: *key }) } else { Ok(None) };
-        }
-        let path = dir.join(key.hex());
         let mut waited = false;
-        loop {
-            let file = File::options().create(true).truncate(false).write(true).open(&path);
-            let file = file.at("open the lock", &path)?;
-            match file.try_lock() {
-                Ok(()) => {}
-                Err(TryLockError::WouldBlock) if !wait => return Ok(None),
-                Err(TryLockError::WouldBlock) => {
-                    waited = true;
-                    lock(&file).at("wait for the lock", &path)?;
+        {
+            let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
+            while let Some(holder) = held.get(key) {
+                match (wait, *holder == me) {
+                    (false, _) => return Ok(None),
+                    (true, true) => return Err(CacheError::ClaimedTwice { key: *key }),
+                    (true, false) => waited = true,
                 }
-                Err(TryLockError::Error(error)) => return Err(error).at("lock", &path),
+                held = self.freed.wait(held).unwrap_or_else(PoisonError::into_inner);
             }
-            // Its last holder may have removed the name while we waited: then the lock guards nothing.
-            if same_file(&file, &path) {
-                held.lock().unwrap_or_else(PoisonError::into_inner).insert(*key, me);
-                return Ok(Some(Self { key: *key, path, held: held.clone(), waited, _file: file }));
+            held.insert(*key, me);
+        }
+        // From here on its drop gives the place in the table back.
+        let mut claim = Claim { key: *key, claims: self.clone(), waited };
+        let mut taken = self.lock(key, libc::F_WRLCK, false);
+        if wait && is_taken(&taken) {
+            claim.waited = true;
+            taken = self.lock(key, libc::F_WRLCK, true);
+        }
+        match taken {
+            Ok(()) => Ok(Some(claim)),
+            Err(_) if is_taken(&taken) => Ok(None),
+            Err(error) => Err(io::Error::from(error)).at("lock", &self.path),
+        }
+    }
+
+    fn lock(&self, key: &Key, kind: libc::c_int, wait: bool) -> Result<(), Errno> {
+        let head = key.0.first_chunk().map_or(0, |head| u64::from_le_bytes(*head));
+        let range = libc::flock {
+            l_type: kind as libc::c_short,
+            l_whence: libc::SEEK_SET as libc::c_short,
+            l_start: (head >> 1).min(i64::MAX as u64 - 1) as libc::off_t,
+            l_len: 1,
+            l_pid: 0,
+        };
+        loop {
+            let how = if wait { FcntlArg::F_OFD_SETLKW(&range) } else { FcntlArg::F_OFD_SETLK(&range) };
+            match fcntl(&self.file, how) {
+                Err(Errno::EINTR) => {}
+                other => return other.map(drop),
             }
         }
     }
+}
+
+fn is_taken(result: &Result<(), Errno>) -> bool {
+    matches!(result, Err(Errno::EAGAIN | Errno::EACCES))
 }
 
 impl Drop for Claim {
     fn drop(&mut self) {
-        self.held.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.key);
-        let _ = fs::remove_file(&self.path); // a name left behind is harmless; gc removes it
+        // Unlocking a byte that is not locked does nothing; the death of the process unlocks it in any case.
+        let _ = self.claims.lock(&self.key, libc::F_UNLCK, false);
+        self.claims.held.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.key);
+        self.claims.freed.notify_all();
     }
-}
-
-fn lock(file: &File) -> io::Result<()> {
-    loop {
-        match file.lock() {
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            other => return other,
-        }
-    }
-}
-
-fn same_file(file: &File, path: &Path) -> bool {
-    match (file.metadata(), fs::metadata(path)) {
-        (Ok(ours), Ok(named)) => ours.ino() == named.ino() && ours.dev() == named.dev(),
-        _ => false,
-    }
-}
-
-/// Removes the lock files of processes that died.
-pub(crate) fn sweep(dir: &Path) -> io::Result<()> {
-    for name in crate::layout::names(dir)? {
-        let path = dir.join(name);
-        let Ok(file) = File::options().write(true).open(&path) else { continue };
-        // Holding the lock on the named file is what entitles to remove the name.
-        if file.try_lock().is_ok() && same_file(&file, &path) {
-            let _ = fs::remove_file(&path);
-        }
-    }
-    Ok(())
 }

@@ -1,6 +1,8 @@
-//! Little-endian, length-prefixed fields: the bytes of frames and index files.
+//! Little-endian, length-prefixed fields: the bytes of frames, trees and index files.
 //!
 //! Knows no record and no file.  Every read is checked: bytes come from disk.
+
+use crate::Digest;
 
 /// Appends fields to a buffer.
 pub(crate) trait Put {
@@ -8,6 +10,7 @@ pub(crate) trait Put {
     fn u32(&mut self, value: u32);
     fn u64(&mut self, value: u64);
     fn text(&mut self, value: &str);
+    fn digests(&mut self, value: &[Digest]);
 }
 
 impl Put for Vec<u8> {
@@ -27,6 +30,14 @@ impl Put for Vec<u8> {
     fn text(&mut self, value: &str) {
         self.u32(value.len() as u32);
         self.extend_from_slice(value.as_bytes());
+    }
+
+    fn digests(&mut self, value: &[Digest]) {
+        self.u32(value.len() as u32);
+        for digest in value {
+            self.extend_from_slice(&digest.hash);
+            self.u64(digest.size);
+        }
     }
 }
 
@@ -59,5 +70,11 @@ impl<'a> Fields<'a> {
     pub fn text(&mut self) -> Option<&'a str> {
         let len = self.u32()? as usize;
         std::str::from_utf8(self.take(len)?).ok()
+    }
+
+    pub fn digests(&mut self) -> Option<Vec<Digest>> {
+        let count = self.u32()? as usize;
+        let mut bytes = Fields(self.take(count.checked_mul(40)?)?);
+        (0..count).map(|_| Some(Digest { hash: bytes.array()?, size: bytes.u64()? })).collect()
     }
 }

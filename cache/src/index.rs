@@ -18,7 +18,9 @@ use crate::{
 use std::{
     cmp::Reverse,
     collections::{BTreeSet, HashMap, HashSet},
-    fs, io,
+    fs,
+    hash::{BuildHasherDefault, Hasher},
+    io,
     path::PathBuf,
     sync::Arc,
 };
@@ -61,6 +63,8 @@ pub(crate) struct BlobAt {
 pub(crate) struct RecordAt {
     pub segment: u32,
     pub offset: u64,
+    /// Length of the body of its frame.
+    pub len: u32,
     pub generation: u32,
     pub origin: u64,
     pub sum: u64,
@@ -73,12 +77,45 @@ pub(crate) struct RecordAt {
 /// Namespace (by its number among the names) and key.
 pub(crate) type Slot = (u32, Key);
 
+/// Hasher of what holds a hash already: its first eight bytes will do.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Prehashed(u64);
+
+impl Hasher for Prehashed {
+    fn write(&mut self, bytes: &[u8]) {
+        if let Some(head) = bytes.first_chunk() {
+            self.0 ^= u64::from_le_bytes(*head);
+        }
+    }
+
+    fn write_u32(&mut self, namespace: u32) {
+        self.0 ^= u64::from(namespace) << 20;
+    }
+
+    /// The length of the hash is the same for all.
+    fn write_usize(&mut self, _: usize) {}
+
+    fn finish(&self) -> u64 {
+        self.0
+    }
+}
+
+/// A map from something with a hash in it.
+pub(crate) type HashedMap<K, V> = HashMap<K, V, BuildHasherDefault<Prehashed>>;
+
+impl Segment {
+    /// Whether this store instance writes it; no gc touches those.
+    pub fn is_own(&self) -> bool {
+        self.own && !self.gone
+    }
+}
+
 #[derive(Debug, Default)]
 pub(crate) struct Index {
     pub segments: Vec<Segment>,
     by_name: HashMap<String, u32>,
-    pub blobs: HashMap<[u8; 32], BlobAt>,
-    pub records: HashMap<Slot, RecordAt>,
+    pub blobs: HashedMap<[u8; 32], BlobAt>,
+    pub records: HashedMap<Slot, RecordAt>,
     names: Vec<Arc<str>>,
     name_numbers: HashMap<Arc<str>, u32>,
     /// Uncommitted records of other store instances whose blobs were rehashed.
@@ -98,7 +135,7 @@ impl Index {
         self.name_numbers.get(name).copied()
     }
 
-    fn intern(&mut self, name: &str) -> u32 {
+    pub fn intern(&mut self, name: &str) -> u32 {
         if let Some(number) = self.number_of(name) {
             return number;
         }
@@ -169,23 +206,27 @@ impl Index {
         }
     }
 
-    pub fn insert_record(&mut self, head: &Head, segment: u32, offset: u64) {
-        let namespace = self.intern(&head.namespace);
+    pub fn insert_record(&mut self, head: &Head<'_>, segment: u32, offset: u64, len: u32) {
+        let slot = (self.intern(head.namespace), head.key);
         let at = RecordAt {
             segment,
             offset,
+            len,
             generation: head.generation,
             origin: head.origin,
             sum: head.sum,
-            label: self.intern(&head.label),
+            label: self.intern(head.label),
             wall_us: head.wall_us,
             bytes: head.bytes,
             when: head.when,
         };
-        let slot = (namespace, head.key);
+        self.insert_record_at(slot, at);
+    }
+
+    pub fn insert_record_at(&mut self, slot: Slot, at: RecordAt) {
         if let Some(known) = self.records.get(&slot) {
             if known.generation == at.generation && known.sum != at.sum {
-                self.conflicts.insert((self.name(namespace).clone(), head.key));
+                self.conflicts.insert((self.name(slot.0).clone(), slot.1));
             }
             let here = |at: &RecordAt| !self.segments[at.segment as usize].gone;
             let rank = |at: &RecordAt| (here(at), at.generation, Reverse(at.origin), at.sum);
@@ -193,7 +234,9 @@ impl Index {
                 return;
             }
         }
-        self.proven.remove(&slot);
+        if !self.proven.is_empty() {
+            self.proven.remove(&slot);
+        }
         self.records.insert(slot, at);
     }
 
@@ -309,7 +352,8 @@ impl Index {
             LogEntry::Record(bytes) => match Head::decode(&mut Fields(bytes)) {
                 Some(head) => {
                     *frames += 1;
-                    self.insert_record(&head, number, offset);
+                    // The body is the record and a byte before it that says so; its length was read from 32 bits.
+                    self.insert_record(&head, number, offset, bytes.len() as u32 + 1);
                 }
                 None => malformed += 1,
             },

@@ -8,7 +8,7 @@
 //! log/<seq>-<owner>.log          records, appended by one store instance
 //! {packs,log}/<segment>.idx      what a segment holds; can be deleted at any time
 //! leases/<owner>.lease           locked while its owner lives; what the owner uses
-//! locks/<key>                    locked while an action is claimed
+//! locks/claims                   a byte of it is locked while an action is claimed
 //! pins/<name>                    a digest that gc keeps
 //! quarantine/                    damaged blobs, for inspection
 //! tmp/<owner>.<n>                files being written
@@ -28,7 +28,7 @@ use std::{
 };
 
 /// First line of the FORMAT file.
-pub(crate) const FORMAT: &str = "tauflow-cache 1";
+pub(crate) const FORMAT: &str = "tauflow-cache 2";
 const TAG: &str = "Signature: 8a477f597d28d172789f06886806bc55\n# This folder is a cache of tauflow.\n";
 const FOLDERS: [&str; 9] = ["blobs", "packs", "log", "leases", "locks", "pins", "quarantine", "tmp", "trash"];
 

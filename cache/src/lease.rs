@@ -21,7 +21,7 @@ use std::{
     io,
     os::unix::fs::FileExt,
     path::{Path, PathBuf},
-    sync::{Mutex, PoisonError},
+    sync::{Arc, Mutex, PoisonError},
 };
 
 /// One note of a lease.
@@ -32,7 +32,7 @@ pub(crate) enum Use {
     /// The blob of this hash.
     Blob([u8; 32]),
     /// A record, and the blobs it reaches.
-    Record { namespace: String, key: Key },
+    Record { namespace: Arc<str>, key: Key },
 }
 
 impl Use {
@@ -58,7 +58,7 @@ impl Use {
         match fields.u8()? {
             b'T' => fields.u64().map(Self::Time),
             b'B' => fields.array().map(Self::Blob),
-            b'R' => Some(Self::Record { namespace: fields.text()?.to_owned(), key: Key(fields.array()?) }),
+            b'R' => Some(Self::Record { namespace: fields.text()?.into(), key: Key(fields.array()?) }),
             _ => None,
         }
     }

@@ -16,7 +16,7 @@
 //! - A gc never takes away what a live run relies on.
 //! - No clock is read: times are the callers'.
 //!
-//! Needs a Unix: positioned reads and inode numbers.
+//! Needs Linux: positioned reads, and locks of open file descriptions.
 
 mod blobs;
 mod claim;
@@ -37,6 +37,7 @@ mod segment;
 mod sidecar;
 mod stat;
 mod store;
+pub mod tree;
 mod verify;
 
 pub use claim::Claim;

@@ -23,6 +23,8 @@ pub struct Record {
     pub payload: String,
     /// Blobs that the payload reaches: what garbage collection keeps alive for it.
     pub refs: Vec<Digest>,
+    /// Blobs made by [`tree::encode`](crate::tree::encode) that it reaches, with all that they list.
+    pub trees: Vec<Digest>,
     /// Wall time of the action, in microseconds.
     pub wall_us: u64,
     /// Bytes that the action made.
@@ -46,10 +48,10 @@ pub enum Recorded {
 }
 
 /// The part of a record that the index holds in memory.
-#[derive(Clone, Debug)]
-pub(crate) struct Head {
-    pub namespace: String,
-    pub label: String,
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Head<'a> {
+    pub namespace: &'a str,
+    pub label: &'a str,
     pub key: Key,
     /// How often the key was explicitly superseded; the highest wins.
     pub generation: u32,
@@ -68,11 +70,11 @@ pub(crate) fn sum(bytes: &[u8]) -> u64 {
     Fields(hash.as_bytes()).u64().unwrap_or_default() // a hash has 32 bytes
 }
 
-impl Head {
-    pub fn of(record: &Record, generation: u32, origin: u64) -> Self {
+impl<'a> Head<'a> {
+    pub fn of(record: &'a Record, generation: u32, origin: u64) -> Self {
         Self {
-            namespace: record.namespace.clone(),
-            label: record.label.clone(),
+            namespace: &record.namespace,
+            label: &record.label,
             key: record.key,
             generation,
             origin,
@@ -84,8 +86,8 @@ impl Head {
     }
 
     pub fn encode(&self, out: &mut Vec<u8>) {
-        out.text(&self.namespace);
-        out.text(&self.label);
+        out.text(self.namespace);
+        out.text(self.label);
         out.extend_from_slice(&self.key.0);
         out.u32(self.generation);
         for value in [self.origin, self.sum, self.wall_us, self.bytes, self.when] {
@@ -93,10 +95,10 @@ impl Head {
         }
     }
 
-    pub fn decode(fields: &mut Fields<'_>) -> Option<Self> {
+    pub fn decode(fields: &mut Fields<'a>) -> Option<Self> {
         Some(Self {
-            namespace: fields.text()?.to_owned(),
-            label: fields.text()?.to_owned(),
+            namespace: fields.text()?,
+            label: fields.text()?,
             key: Key(fields.array()?),
             generation: fields.u32()?,
             origin: fields.u64()?,
@@ -108,48 +110,41 @@ impl Head {
     }
 }
 
-/// The bytes of a record: head, blobs reached, preimage, payload.
-pub(crate) fn encode(head: &Head, record: &Record) -> Vec<u8> {
-    let mut out = Vec::with_capacity(160 + record.refs.len() * 40 + record.preimage.len() + record.payload.len());
+/// The bytes of a record: head, blobs reached, trees, preimage, payload.
+pub(crate) fn encode(head: &Head<'_>, record: &Record) -> Vec<u8> {
+    let digests = record.refs.len() + record.trees.len();
+    let mut out = Vec::with_capacity(160 + digests * 40 + record.preimage.len() + record.payload.len());
     head.encode(&mut out);
-    out.u32(record.refs.len() as u32);
-    for digest in &record.refs {
-        out.extend_from_slice(&digest.hash);
-        out.u64(digest.size);
-    }
+    out.digests(&record.refs);
+    out.digests(&record.trees);
     out.text(&record.preimage);
     out.text(&record.payload);
     out
 }
 
-/// The blobs that an encoded record reaches; cheaper than all of it.
-pub(crate) fn decode_refs(bytes: &[u8]) -> Option<(Head, Vec<Digest>)> {
+/// The blobs and trees that an encoded record reaches; cheaper than all of it.
+pub(crate) fn decode_refs(bytes: &[u8]) -> Option<(Head<'_>, Vec<Digest>, Vec<Digest>)> {
     let mut fields = Fields(bytes);
     let head = Head::decode(&mut fields)?;
-    Some((head, refs(&mut fields)?))
+    Some((head, fields.digests()?, fields.digests()?))
 }
 
 pub(crate) fn decode(bytes: &[u8]) -> Option<Record> {
     let mut fields = Fields(bytes);
     let head = Head::decode(&mut fields)?;
-    let refs = refs(&mut fields)?;
+    let (refs, trees) = (fields.digests()?, fields.digests()?);
     Some(Record {
-        namespace: head.namespace,
+        namespace: head.namespace.to_owned(),
         key: head.key,
-        label: head.label,
+        label: head.label.to_owned(),
         preimage: fields.text()?.to_owned(),
         payload: fields.text()?.to_owned(),
         refs,
+        trees,
         wall_us: head.wall_us,
         bytes: head.bytes,
         when: head.when,
     })
-}
-
-fn refs(fields: &mut Fields<'_>) -> Option<Vec<Digest>> {
-    let count = fields.u32()? as usize;
-    let mut bytes = Fields(fields.take(count.checked_mul(40)?)?);
-    (0..count).map(|_| Some(Digest { hash: bytes.array()?, size: bytes.u64()? })).collect()
 }
 
 #[cfg(test)]
@@ -165,6 +160,7 @@ mod tests {
             preimage: "{\"a\":1}".into(),
             payload: "[]".into(),
             refs: vec![Digest::of(b"x"), Digest::of(b"yy")],
+            trees: vec![Digest::of(b"zzz")],
             wall_us: 3,
             bytes: 4,
             when: 5,
@@ -172,7 +168,8 @@ mod tests {
         let head = Head::of(&record, 7, 9);
         let bytes = encode(&head, &record);
         assert_eq!(decode(&bytes).as_ref(), Some(&record));
-        assert_eq!(decode_refs(&bytes).map(|(h, r)| (h.generation, h.origin, r)), Some((7, 9, record.refs)));
+        let (found, refs, trees) = decode_refs(&bytes).expect("own bytes");
+        assert_eq!((found.generation, found.origin, refs, trees), (7, 9, record.refs, record.trees));
         assert!((0..bytes.len()).all(|n| decode(&bytes[..n]).is_none()));
     }
 }

@@ -83,16 +83,47 @@ impl Store {
         found.iter().filter_map(read).collect()
     }
 
+    /// Like [`lookup`](Self::lookup), of many keys at once, which costs less.
+    pub fn lookup_many(&self, namespace: &str, keys: &[Key]) -> Vec<Option<Arc<Record>>> {
+        let missed = {
+            let index = self.index();
+            keys.iter().any(|key| index.record(namespace, key).is_none())
+        };
+        if missed {
+            self.refresh_on_miss();
+        }
+        let uses: Vec<Use> = {
+            let index = self.index();
+            let foreign = |key: &Key| {
+                let (slot, at) = index.record(namespace, key)?;
+                let own = index.segments[at.segment as usize].is_own();
+                (!own).then(|| Use::Record { namespace: index.name(slot.0).clone(), key: *key })
+            };
+            keys.iter().filter_map(foreign).collect()
+        };
+        // Noted first, looked at afterwards (see `lease`).  Protection fails only with a full disk; the hits stand.
+        let _ = self.lease.note(uses);
+        keys.iter().map(|key| self.read_noted(namespace, key, false)).collect()
+    }
+
     fn find(&self, namespace: &str, key: &Key, full: bool) -> Option<Arc<Record>> {
         let known = self.index().record(namespace, key).is_some();
         if !known && !self.refresh_on_miss() {
             return None;
         }
+        let used = {
+            let index = self.index();
+            let (slot, at) = index.record(namespace, key)?;
+            let own = index.segments[at.segment as usize].is_own();
+            (!own).then(|| Use::Record { namespace: index.name(slot.0).clone(), key: *key })
+        };
+        let _ = self.lease.note(used); // as above
+        self.read_noted(namespace, key, full)
+    }
+
+    /// The record of a key whose use has been noted.
+    fn read_noted(&self, namespace: &str, key: &Key, full: bool) -> Option<Arc<Record>> {
         let (slot, at, record) = self.read_record_of(namespace, key)?;
-        if !self.is_own(at.segment) {
-            // Noted first, looked at afterwards (see `lease`).  Protection fails only with a full disk; the hit stands.
-            let _ = self.lease.note([Use::Record { namespace: namespace.to_owned(), key: *key }]);
-        }
         if full && !self.all_here(&record.refs) {
             return None;
         }
@@ -101,7 +132,7 @@ impl Store {
             // Reading a damaged blob quarantines it, and then it is no longer here.
             let good = |digest: &Digest| !self.contains(digest) || matches!(self.get(digest), Ok(Some(_)));
             let mut proven = true;
-            for digest in &record.refs {
+            for digest in &self.reach(&record.refs, &record.trees).ok()? {
                 proven &= good(digest);
             }
             if !proven {
@@ -115,9 +146,9 @@ impl Store {
     fn read_record_of(&self, namespace: &str, key: &Key) -> Option<(Slot, RecordAt, Record)> {
         for _ in 0..2 {
             let (slot, at) = self.index().record(namespace, key)?;
-            match self.segment_file(at.segment).and_then(|file| read_record(&file, at.offset)) {
-                Ok(Some(bytes)) => {
-                    let record = decode(&bytes)?;
+            match self.segment_file(at.segment).and_then(|file| read_record(&file, at.offset, at.len)) {
+                Ok(Some(frame)) => {
+                    let record = decode(frame.bytes())?;
                     return (record.key == *key && record.namespace == namespace).then_some((slot, at, record));
                 }
                 Err(error) if error.kind() == io::ErrorKind::NotFound => self.refresh().ok()?,
@@ -160,11 +191,12 @@ impl Store {
         if bytes.len() as u64 >= MAX_BODY {
             return Err(CacheError::RecordTooLarge { key: record.key, bytes: bytes.len() as u64, limit: MAX_BODY });
         }
+        let len = bytes.len() as u32 + 1; // below MAX_BODY
         let offset = append_frame(log, &record_frame(&bytes))?;
         let Some(Appender { segment, end, .. }) = &log.appender else { return Ok(()) }; // a success keeps it
         let mut index = self.index_mut();
         index.segments[*segment as usize].scanned = *end;
-        index.insert_record(&head, *segment, offset);
+        index.insert_record(&head, *segment, offset, len);
         drop(index);
         log.pending += 1;
         log.since.get_or_insert_with(Instant::now);

@@ -205,21 +205,28 @@ fn parse_body(body: &[u8]) -> Option<LogEntry<'_>> {
     }
 }
 
-/// The encoded record at `offset`; `None` when its frame is damaged.
-pub(crate) fn read_record(file: &File, offset: u64) -> io::Result<Option<Vec<u8>>> {
-    let mut header = [0; RECORD_HEADER as usize];
-    file.read_exact_at(&mut header, offset)?;
-    let Some((size, check)) = parse_log_header(&header) else { return Ok(None) };
-    if offset + RECORD_HEADER + size > file.metadata()?.len() {
-        return Ok(None);
+/// A frame with a record, read from a log.
+pub(crate) struct RecordFrame(Vec<u8>);
+
+impl RecordFrame {
+    /// The encoded record.
+    pub fn bytes(&self) -> &[u8] {
+        &self.0[RECORD_HEADER as usize + 1..]
     }
-    let mut body = vec![0; size as usize];
-    file.read_exact_at(&mut body, offset + RECORD_HEADER)?;
-    if blake3::hash(&body).as_bytes()[..16] != check || body.first() != Some(&RECORD) {
-        return Ok(None);
+}
+
+/// The record whose frame is at `offset` and has a body of `len` bytes; `None` when it is damaged, or cut off.
+pub(crate) fn read_record(file: &File, offset: u64, len: u32) -> io::Result<Option<RecordFrame>> {
+    let mut frame = vec![0; RECORD_HEADER as usize + len as usize];
+    match file.read_exact_at(&mut frame, offset) {
+        Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => return Ok(None),
+        other => other?,
     }
-    body.remove(0);
-    Ok(Some(body))
+    let Some((header, body)) = frame.split_first_chunk() else { return Ok(None) };
+    let good = parse_log_header(header).is_some_and(|(size, check)| {
+        size == u64::from(len) && blake3::hash(body).as_bytes()[..16] == check && body.first() == Some(&RECORD)
+    });
+    Ok(good.then_some(RecordFrame(frame)))
 }
 
 /// The end of a segment that this store instance writes.

@@ -5,15 +5,19 @@
 //! and any may be deleted.
 
 use crate::{
+    Key,
     codec::{Fields, Put},
-    index::{BlobAt, Index},
+    index::{BlobAt, Index, RecordAt},
     layout::Layout,
-    record::Head,
     segment::Sort,
 };
 use std::{fs, path::Path};
 
-const MAGIC: &[u8; 8] = b"tauidx 1";
+const MAGIC: &[u8; 8] = b"tauidx 2";
+/// Bytes of a packed blob's entry: hash, offset, size.
+const BLOB: usize = 48;
+/// Bytes of a record's entry: see `record`.
+const RECORD: usize = 96;
 
 fn path_of(segment: &Path) -> std::path::PathBuf {
     segment.with_added_extension("idx")
@@ -28,41 +32,67 @@ pub(crate) fn load(index: &mut Index, number: u32) {
     if blake3::hash(body).as_bytes() != check {
         return;
     }
-    let mut fields = Fields(body);
-    let Some((scanned, committed, count)) = head(&mut fields) else { return };
-    if fs::metadata(&path).map_or(0, |meta| meta.len()) < scanned {
-        return; // of another file of that name
+    // The checksum was right, so what does not parse is of another version; the scan then starts at 0.
+    let _ = fill(index, number, sort, &path, Fields(body));
+}
+
+fn fill(index: &mut Index, number: u32, sort: Sort, path: &Path, mut fields: Fields<'_>) -> Option<()> {
+    (fields.take(8)? == MAGIC).then_some(())?;
+    let (scanned, committed, count) = (fields.u64()?, fields.u64()?, fields.u64()? as usize);
+    if fs::metadata(path).map_or(0, |meta| meta.len()) < scanned {
+        return None; // of another file of that name
     }
-    for _ in 0..count {
-        let read = match sort {
-            Sort::Pack => blob(&mut fields).map(|(hash, offset, size)| {
+    let mut names = Vec::new();
+    for _ in 0..fields.u32()? {
+        names.push(index.intern(fields.text()?));
+    }
+    match sort {
+        Sort::Pack => {
+            let entries = fields.take(count.checked_mul(BLOB)?)?;
+            index.blobs.reserve(count);
+            for entry in entries.chunks_exact(BLOB) {
+                let mut entry = Fields(entry);
+                let (hash, offset, size) = (entry.array()?, entry.u64()?, entry.u64()?);
                 index.insert_blob(hash, BlobAt { segment: number, offset, size });
-            }),
-            Sort::Log => Head::decode(&mut fields).zip(fields.u64()).map(|(head, offset)| {
-                index.insert_record(&head, number, offset);
-            }),
-        };
-        if read.is_none() {
-            return; // the checksum was right, so this is another version; the scan starts at 0 then
+            }
+        }
+        Sort::Log => {
+            let entries = fields.take(count.checked_mul(RECORD)?)?;
+            index.records.reserve(count);
+            for entry in entries.chunks_exact(RECORD) {
+                let (namespace, key, at) = record(Fields(entry), number, &names)?;
+                index.insert_record_at((namespace, key), at);
+            }
         }
     }
     let segment = &mut index.segments[number as usize];
     (segment.scanned, segment.committed) = (scanned, committed);
+    Some(())
 }
 
-fn head(fields: &mut Fields<'_>) -> Option<(u64, u64, u64)> {
-    (fields.take(8)? == MAGIC).then_some(())?;
-    Some((fields.u64()?, fields.u64()?, fields.u64()?))
-}
-
-fn blob(fields: &mut Fields<'_>) -> Option<([u8; 32], u64, u64)> {
-    Some((fields.array()?, fields.u64()?, fields.u64()?))
+fn record(mut entry: Fields<'_>, segment: u32, names: &[u32]) -> Option<(u32, Key, RecordAt)> {
+    let key = Key(entry.array()?);
+    let namespace = *names.get(entry.u32()? as usize)?;
+    let label = *names.get(entry.u32()? as usize)?;
+    let at = RecordAt {
+        segment,
+        label,
+        generation: entry.u32()?,
+        len: entry.u32()?,
+        offset: entry.u64()?,
+        origin: entry.u64()?,
+        sum: entry.u64()?,
+        wall_us: entry.u64()?,
+        bytes: entry.u64()?,
+        when: entry.u64()?,
+    };
+    Some((namespace, key, at))
 }
 
 /// Writes the segment's index file.  Failure is of no consequence.
 pub(crate) fn save(index: &Index, number: u32, layout: &Layout) {
     let segment = &index.segments[number as usize];
-    let (mut entries, mut count) = (Vec::new(), 0);
+    let (mut names, mut entries, mut count): (Vec<u32>, Vec<u8>, u64) = Default::default();
     match segment.sort {
         Sort::Pack => {
             let mut blobs: Vec<_> = index.blobs.iter().filter(|(_, at)| at.segment == number).collect();
@@ -77,20 +107,21 @@ pub(crate) fn save(index: &Index, number: u32, layout: &Layout) {
         Sort::Log => {
             let mut records: Vec<_> = index.records.iter().filter(|(_, at)| at.segment == number).collect();
             records.sort_unstable_by_key(|(_, at)| at.offset);
+            let mut of_file = |name: u32| match names.iter().position(|known| *known == name) {
+                Some(place) => place as u32,
+                None => {
+                    names.push(name);
+                    names.len() as u32 - 1
+                }
+            };
             for ((namespace, key), at) in records {
-                let head = Head {
-                    namespace: index.name(*namespace).to_string(),
-                    label: index.name(at.label).to_string(),
-                    key: *key,
-                    generation: at.generation,
-                    origin: at.origin,
-                    sum: at.sum,
-                    wall_us: at.wall_us,
-                    bytes: at.bytes,
-                    when: at.when,
-                };
-                head.encode(&mut entries);
-                entries.u64(at.offset);
+                entries.extend_from_slice(&key.0);
+                for value in [of_file(*namespace), of_file(at.label), at.generation, at.len] {
+                    entries.u32(value);
+                }
+                for value in [at.offset, at.origin, at.sum, at.wall_us, at.bytes, at.when] {
+                    entries.u64(value);
+                }
                 count += 1;
             }
         }
@@ -99,6 +130,8 @@ pub(crate) fn save(index: &Index, number: u32, layout: &Layout) {
     for value in [segment.scanned, segment.committed, count] {
         body.u64(value);
     }
+    body.u32(names.len() as u32);
+    names.iter().for_each(|name| body.text(index.name(*name)));
     body.extend_from_slice(&entries);
     let check = blake3::hash(&body);
     body.extend_from_slice(check.as_bytes());

@@ -4,11 +4,11 @@
 
 use crate::{
     CacheError, Claim, Key,
-    claim::Held,
+    claim::Claims,
     error::At,
     index::Index,
-    layout::{Layout, sync_dir},
-    lease::{Lease, new_owner},
+    layout::{Layout, names, sync_dir},
+    lease::{Lease, is_live, new_owner},
     segment::{Appender, Sort},
     sidecar,
 };
@@ -18,11 +18,13 @@ use std::{
     io,
     path::{Path, PathBuf},
     sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard},
-    time::{Duration, Instant},
+    time::{Duration, Instant, SystemTime},
 };
 
 /// How long a miss trusts the index before it looks for what other processes wrote.
 const REFRESH_AFTER: Duration = Duration::from_millis(100);
+/// By how much the time of a folder may lag behind its changes, and more.
+const COARSE: Duration = Duration::from_millis(100);
 /// Bytes of an own segment from which an index file is worth its while.
 const SIDECAR_BYTES: u64 = 128 << 10;
 /// Open segment files kept for reading.
@@ -41,7 +43,17 @@ pub struct Store {
     index: RwLock<Index>,
     files: Mutex<HashMap<u32, Arc<File>>>,
     refreshed: Mutex<Instant>,
-    held: Arc<Held>,
+    claims: Arc<Claims>,
+    alone: Mutex<Alone>,
+}
+
+/// What this store knows of others on its folder.
+#[derive(Debug, Default)]
+struct Alone {
+    /// The time of the folder of leases when no other store was seen to live, and when that was.
+    seen: Option<(SystemTime, Instant)>,
+    /// It was looked again when a change would have had to show in the folder's time.
+    sure: bool,
 }
 
 /// The log segment being written, and what waits for the next commit.
@@ -75,6 +87,7 @@ impl Store {
         let root = dir.canonicalize().at("find the cache folder", dir)?;
         let layout = Layout::open(&root, new_owner())?;
         let lease = Lease::open(&layout)?;
+        let claims = Claims::open(&layout.folder("locks"))?;
         let mut index = Index::default();
         index.refresh(&layout).at("read the cache", &root)?;
         Ok(Self {
@@ -86,7 +99,8 @@ impl Store {
             index: RwLock::new(index),
             files: Mutex::default(),
             refreshed: Mutex::new(Instant::now()),
-            held: Arc::default(),
+            claims: Arc::new(claims),
+            alone: Mutex::default(),
         })
     }
 
@@ -113,11 +127,10 @@ impl Store {
     /// # Errors
     /// When the lock file cannot be made, or this thread holds the key already.
     pub fn claim(&self, key: &Key) -> Result<Claim, CacheError> {
-        let locks = self.layout.folder("locks");
         loop {
             // Waiting ends with a claim, so this goes round once.
-            if let Some(claim) = Claim::take(&locks, key, &self.held, true)? {
-                self.refresh()?;
+            if let Some(claim) = self.claims.take(key, true)? {
+                self.refresh_unless_alone()?;
                 return Ok(claim);
             }
         }
@@ -128,11 +141,35 @@ impl Store {
     /// # Errors
     /// When the lock file cannot be made.
     pub fn try_claim(&self, key: &Key) -> Result<Option<Claim>, CacheError> {
-        let claim = Claim::take(&self.layout.folder("locks"), key, &self.held, false)?;
+        let claim = self.claims.take(key, false)?;
         if claim.is_some() {
-            self.refresh()?;
+            self.refresh_unless_alone()?;
         }
         Ok(claim)
+    }
+
+    /// Refreshes, unless no other store has been open since the last time. Whoever opens one adds a lease to the folder, whose
+    /// time then changes; as that time is coarse, one look that finds nobody is only trusted after another, a moment later.
+    fn refresh_unless_alone(&self) -> Result<(), CacheError> {
+        let folder = self.layout.folder("leases");
+        let changed = fs::metadata(&folder).and_then(|meta| meta.modified()).at("look at", &folder)?;
+        let since = {
+            let alone = lock(&self.alone);
+            match alone.seen {
+                Some((time, _)) if time == changed && alone.sure => return Ok(()),
+                Some((time, since)) if time == changed => Some(since),
+                _ => None,
+            }
+        };
+        let mut others = names(&folder).at("list", &folder)?.into_iter().map(|name| folder.join(name));
+        let now = if others.any(|path| path != self.lease.path() && is_live(&path)) {
+            Alone::default()
+        } else {
+            let since = since.unwrap_or_else(Instant::now);
+            Alone { seen: Some((changed, since)), sure: since.elapsed() >= COARSE }
+        };
+        *lock(&self.alone) = now;
+        self.refresh()
     }
 
     /// Reads what other processes have appended.  Misses do this by themselves, a few times a second.

@@ -8,7 +8,7 @@ use crate::{
     record::{decode_refs, sum},
     segment::{Sort, read_record},
 };
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 
 /// What a verification found.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -85,17 +85,30 @@ impl Store {
 
     fn verify_records(&self, report: &mut VerifyReport) -> Result<(), CacheError> {
         let here: BTreeSet<Digest> = self.all_blobs()?.into_iter().collect();
-        let mut records: Vec<(u32, u64, Slot)> = {
+        let mut records: Vec<(u32, u64, u32, Slot)> = {
             let index = self.index();
-            index.records.iter().map(|(slot, at)| (at.segment, at.offset, *slot)).collect()
+            index.records.iter().map(|(slot, at)| (at.segment, at.offset, at.len, *slot)).collect()
         };
         records.sort_unstable();
-        for (segment, offset, slot) in records {
+        // Whether all that a tree lists is here; a tree below several records is walked once.
+        let mut whole: HashMap<Vec<Digest>, bool> = HashMap::new();
+        for (segment, offset, len, slot) in records {
             report.records += 1;
-            let read = self.segment_file(segment).and_then(|file| read_record(&file, offset));
-            match read.ok().flatten().as_deref().and_then(decode_refs) {
-                Some((_, refs)) if refs.iter().all(|digest| here.contains(digest)) => {}
-                Some(_) => report.incomplete_records += 1,
+            let frame = self.segment_file(segment).and_then(|file| read_record(&file, offset, len)).ok().flatten();
+            match frame.as_ref().and_then(|frame| decode_refs(frame.bytes())) {
+                Some((_, refs, trees)) => {
+                    let listed = match whole.get(&trees) {
+                        Some(&listed) => listed,
+                        None => {
+                            let listed = self.reach(&[], &trees)?.iter().all(|digest| here.contains(digest));
+                            whole.insert(trees, listed);
+                            listed
+                        }
+                    };
+                    if !listed || !refs.iter().all(|digest| here.contains(digest)) {
+                        report.incomplete_records += 1;
+                    }
+                }
                 None => {
                     report.damaged_records += 1;
                     self.index_mut().records.remove(&slot);

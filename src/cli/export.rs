@@ -130,7 +130,7 @@ fn write(ctx: &Context<'_>, artifact: &Artifact, folder: &Path) -> Result<Vec<St
             }
         }
         _ => {
-            for (part, digest) in &artifact.parts {
+            for (part, digest) in artifact.parts.iter() {
                 let bytes = ctx.get(digest)?;
                 let json: Option<Value> = serde_json::from_slice(&bytes).ok();
                 let name = match (&json, part.as_str()) {

@@ -1,14 +1,14 @@
 //! Where a run stands, node by node, counted from its events. Draws nothing.
 
 use super::seconds_text;
-use crate::engine::event::{Ended, Event};
+use crate::engine::event::{Ended, Event, Name};
 use std::{collections::BTreeMap, time::Instant};
 
 /// Where the nodes of a run stand.
 pub(crate) struct Tally {
     /// The nodes in an order in which each stands after those that it reads, and the numbers of these.
     graph: Vec<(String, Vec<usize>)>,
-    nodes: BTreeMap<String, NodeTally>,
+    nodes: BTreeMap<Name, NodeTally>,
 }
 
 /// Where a node stands.
@@ -19,10 +19,11 @@ pub(crate) struct NodeTally {
     ran: u64,
     failed: u64,
     blocked: u64,
-    running: u64,
+    /// Actions in flight, by cell and item; two output groups of an item may be.
+    running: BTreeMap<(Name, Name), u64>,
     started: Option<Instant>,
     /// Units of the long actions in flight, by cell and item: done, total, a line.
-    long: BTreeMap<(String, String), (u64, u64, String)>,
+    long: BTreeMap<(Name, Name), (u64, u64, String)>,
 }
 
 impl Tally {
@@ -32,7 +33,7 @@ impl Tally {
     }
 
     /// Counts an event; the node whose standing it changed.
-    pub(crate) fn count(&mut self, event: &Event) -> Option<String> {
+    pub(crate) fn count(&mut self, event: &Event) -> Option<Name> {
         let name = match event {
             Event::Started { .. } | Event::Finished { .. } | Event::Warning { .. } => return None,
             Event::Healing { .. } => {
@@ -53,23 +54,28 @@ impl Tally {
                 node.hit += actions;
             }
             Event::Expect { actions, .. } => node.expected += actions,
-            Event::Begin { .. } => {
-                node.running += 1;
+            Event::Begin { cell, item, .. } => {
+                *node.running.entry((cell.clone(), item.clone())).or_insert(0) += 1;
                 node.started.get_or_insert_with(Instant::now);
             }
             Event::Progress { cell, item, done, total, message, .. } => {
                 node.long.insert((cell.clone(), item.clone()), (*done, *total, message.clone()));
             }
             Event::End { cell, item, outcome, .. } => {
-                node.long.remove(&(cell.clone(), item.clone()));
+                let at = (cell.clone(), item.clone());
+                node.long.remove(&at);
+                // What was done before, or could not begin, is not in flight.
+                if let Some(running) = node.running.get_mut(&at) {
+                    *running -= 1;
+                    if *running == 0 {
+                        node.running.remove(&at);
+                    }
+                }
                 match outcome {
                     Ended::Hit => node.hit += 1,
                     Ended::Ran | Ended::WouldRun => node.ran += 1,
                     Ended::Failed => node.failed += 1,
                     Ended::Blocked => node.blocked += 1,
-                }
-                if *outcome != Ended::Blocked {
-                    node.running = node.running.saturating_sub(1);
                 }
             }
             _ => {}
@@ -82,7 +88,7 @@ impl Tally {
         let mut ended = Vec::with_capacity(self.graph.len());
         for (node, reads) in &self.graph {
             let known = reads.iter().all(|read| ended[*read]);
-            let done = known && self.nodes.get(node).is_none_or(|n| n.done() == n.expected);
+            let done = known && self.nodes.get(node.as_str()).is_none_or(|n| n.done() == n.expected);
             if node == name {
                 return (known, done);
             }
@@ -130,8 +136,12 @@ impl NodeTally {
     pub(crate) fn text(&self, known: bool) -> String {
         let more = if known { "" } else { "+" };
         let mut parts = vec![format!("{}/{}{more}", self.done(), self.expected)];
-        let counts =
-            [(self.hit, "as before"), (self.running, "running"), (self.failed, "failed"), (self.blocked, "blocked")];
+        let counts = [
+            (self.hit, "as before"),
+            (self.running.values().sum(), "running"),
+            (self.failed, "failed"),
+            (self.blocked, "blocked"),
+        ];
         parts.extend(counts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")));
         if let Some(eta) = self.eta() {
             parts.push(format!("{} to go", seconds_text(eta)));
@@ -152,12 +162,12 @@ mod tests {
     }
 
     fn end(node: &str, item: &str, outcome: Ended) -> Event {
-        let (cell, group) = (String::new(), "main".into());
+        let (cell, group) = (Name::default(), "main".into());
         Event::End { node: node.into(), cell, item: item.into(), group, outcome, wall_us: 1, bytes: 1 }
     }
 
     fn begin(item: &str) -> Event {
-        Event::Begin { node: "n".into(), cell: String::new(), item: item.into() }
+        Event::Begin { node: "n".into(), cell: Name::default(), item: item.into() }
     }
 
     fn expect(node: &str, actions: u64) -> Event {
@@ -165,7 +175,7 @@ mod tests {
     }
 
     fn progress(message: &str) -> Event {
-        let (node, cell, item) = ("n".into(), String::new(), "a".into());
+        let (node, cell, item) = ("n".into(), Name::default(), "a".into());
         Event::Progress { node, cell, item, done: 1, total: 4, message: message.into() }
     }
 

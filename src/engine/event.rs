@@ -1,7 +1,55 @@
 //! What a run tells of itself. Everybody but the scheduler sees only this.
 
-use serde::Serialize;
-use std::{path::PathBuf, time::Duration};
+use serde::{Serialize, Serializer};
+use std::{borrow::Borrow, fmt, ops::Deref, path::PathBuf, sync::Arc, time::Duration};
+use tauflow_contract::ItemKey;
+
+/// A name that is said often: cheap to clone.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+pub struct Name(Arc<str>);
+
+impl From<&ItemKey> for Name {
+    fn from(key: &ItemKey) -> Self {
+        Self(key.text())
+    }
+}
+
+impl From<&str> for Name {
+    fn from(text: &str) -> Self {
+        Self(text.into())
+    }
+}
+
+impl Deref for Name {
+    type Target = str;
+    fn deref(&self) -> &str {
+        &self.0
+    }
+}
+
+impl Borrow<str> for Name {
+    fn borrow(&self) -> &str {
+        &self.0
+    }
+}
+
+impl PartialEq<str> for Name {
+    fn eq(&self, other: &str) -> bool {
+        **self == *other
+    }
+}
+
+impl fmt::Display for Name {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl Serialize for Name {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(&self.0)
+    }
+}
 
 /// Something that happened.
 #[derive(Clone, Debug, Serialize)]
@@ -10,50 +58,50 @@ pub enum Event {
     /// The run begins.
     Started {
         /// The pipeline.
-        pipeline: String,
+        pipeline: Name,
         /// The nodes that are needed, in their order.
-        nodes: Vec<String>,
+        nodes: Vec<Name>,
     },
-    /// A node's cell is as an earlier run left it.
+    /// A node's cell, or a part of it, is as an earlier run left it.
     Unchanged {
         /// The node.
-        node: String,
+        node: Name,
         /// The cell, or empty.
-        cell: String,
+        cell: Name,
         /// The output group.
-        group: String,
+        group: Name,
         /// How many actions that is.
         actions: u64,
     },
     /// A node has this many more actions to do.
     Expect {
         /// The node.
-        node: String,
+        node: Name,
         /// How many.
         actions: u64,
     },
     /// All actions of a node are known.
     Counted {
         /// The node.
-        node: String,
+        node: Name,
     },
     /// An action begins.
     Begin {
         /// The node.
-        node: String,
+        node: Name,
         /// The cell, or empty.
-        cell: String,
+        cell: Name,
         /// The item, or empty.
-        item: String,
+        item: Name,
     },
     /// A long action goes on.
     Progress {
         /// The node.
-        node: String,
+        node: Name,
         /// The cell, or empty.
-        cell: String,
+        cell: Name,
         /// The item, or empty.
-        item: String,
+        item: Name,
         /// Units done.
         done: u64,
         /// Of so many.
@@ -61,16 +109,16 @@ pub enum Event {
         /// A line.
         message: String,
     },
-    /// An action ends.
+    /// An action ends; one that was done before ends without having begun.
     End {
         /// The node.
-        node: String,
+        node: Name,
         /// The cell, or empty.
-        cell: String,
+        cell: Name,
         /// The item, or empty.
-        item: String,
+        item: Name,
         /// The output group.
-        group: String,
+        group: Name,
         /// What became of it.
         outcome: Ended,
         /// Its wall time, in microseconds (of the run that made it).
@@ -81,7 +129,7 @@ pub enum Event {
     /// Blobs are missing; their actions run again.
     Healing {
         /// The nodes that make them.
-        nodes: Vec<String>,
+        nodes: Vec<Name>,
     },
     /// Something that people should know.
     Warning {
@@ -144,6 +192,21 @@ pub struct NodeStat {
     pub spent_s: f64,
     /// Bytes of its outputs.
     pub bytes: u64,
+    /// The part of them that this run made.
+    pub written: u64,
+}
+
+/// An action that took long.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Slow {
+    /// The node.
+    pub node: Name,
+    /// The cell, or empty.
+    pub cell: Name,
+    /// The item, or empty.
+    pub item: Name,
+    /// What it took, in seconds.
+    pub spent_s: f64,
 }
 
 /// An action that failed.
@@ -181,6 +244,8 @@ pub struct Summary {
     pub failures: Vec<Failure>,
     /// True if the run was stopped.
     pub interrupted: bool,
+    /// The actions that took longest in this run, longest first.
+    pub slowest: Vec<Slow>,
     /// Files that were written.
     pub published: Vec<PathBuf>,
     /// Wall time of this run.

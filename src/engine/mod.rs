@@ -10,6 +10,7 @@ mod records;
 mod rollup;
 mod run;
 mod scheduler;
+mod whole;
 mod work;
 
 pub use event::Summary;
@@ -19,7 +20,7 @@ use crate::pipeline::{Pipeline, Target};
 use event::{Event, NodeStat};
 use run::Run;
 use std::{path::PathBuf, sync::atomic::AtomicBool, time::Instant};
-use tauflow_cache::{CacheError, Store};
+use tauflow_cache::{CacheError, Digest, Store};
 use tauflow_contract::Collection;
 
 /// How a run is done.
@@ -150,13 +151,20 @@ pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: usize) -> 
             )));
         };
         let prefix = &pipeline.cells[cell].text;
-        for (key, artifact) in result.whole.collection.iter() {
+        let missing = |blob: Digest| {
+            EngineError::Request(format!(
+                "blob {} of `{}` is missing; run the pipeline, which makes it again, then ask again",
+                blob.short(),
+                pipeline.cell_name(cell)
+            ))
+        };
+        for (key, output) in result.whole.items(store)?.map_err(missing)? {
             let key = if prefix.is_empty() {
-                key.clone()
+                key
             } else {
                 key.in_cell(prefix).map_err(|e| EngineError::Request(e.to_string()))?
             };
-            all.items.insert(key, artifact.clone());
+            all.items.insert(key, output.artifact.clone());
         }
     }
     Ok(all)

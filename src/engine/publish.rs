@@ -1,6 +1,6 @@
 //! Writes published outputs as files below `OUT/<pipeline>/`, and `run.json` beside them.
 
-use super::{EngineError, Summary, records::Whole};
+use super::{EngineError, Summary, whole::Whole};
 use serde_json::json;
 use std::{
     fs,
@@ -28,13 +28,20 @@ pub fn publish(
 ) -> Result<(Vec<PathBuf>, Vec<Digest>), EngineError> {
     let (mut written, mut missing) = (Vec::new(), Vec::new());
     for publication in publications {
-        let many = publication.whole.collection.len() > 1;
-        for (key, artifact) in publication.whole.collection.iter() {
+        let many = publication.whole.len() > 1;
+        let items = match publication.whole.items(store)? {
+            Ok(items) => items,
+            Err(blob) => {
+                missing.push(blob);
+                continue;
+            }
+        };
+        for (key, output) in items {
             let mut folder = out.join(&publication.folder);
             if many {
                 folder.push(key.as_str());
             }
-            for (part, digest) in &artifact.parts {
+            for (part, digest) in output.artifact.parts.iter() {
                 let path = folder.join(if part.is_empty() { "value" } else { part });
                 match store.get(digest)? {
                     Some(bytes) => {
@@ -79,6 +86,7 @@ pub fn write_summary(out: &Path, pipeline: &str, summary: &Summary) -> Result<()
         "elapsed_s": summary.elapsed.as_secs_f64(),
         "interrupted": summary.interrupted,
         "nodes": summary.nodes,
+        "slowest": summary.slowest,
         "failures": summary.failures,
     });
     let mut text = serde_json::to_vec_pretty(&value).expect("plain data");

@@ -1,6 +1,7 @@
-//! What the engine keeps in the store: records of actions, of memoised sub-actions and of whole lanes, and the blobs
-//! that running actions see.
+//! What the engine keeps in the store: records of actions, of memoised sub-actions, of whole lanes and of their shards, and
+//! the blobs that running actions see.
 
+use super::whole::{Listed, Output, Whole};
 use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,
@@ -11,32 +12,20 @@ use std::{
     time::{SystemTime, UNIX_EPOCH},
 };
 use tauflow_cache::{CacheError, Digest, Key, Record, Recorded, Store};
-use tauflow_contract::{Artifact, Blobs, Collection, Determinism, KindError, KindSpec, MemoKey};
+use tauflow_contract::{Artifact, Blobs, Determinism, KindError, KindSpec, MemoKey};
 
 /// Namespace of action records.
 pub const ACTION: &str = "action";
 /// Namespace of lane roll-ups.
 pub const ROLLUP: &str = "rollup";
+/// Namespace of roll-ups of one shard of a lane.
+pub const SHARD: &str = "shard";
 /// Namespace of memoised sub-actions.
 pub const MEMO: &str = "memo";
-
-/// Blobs beyond this many are not listed in a roll-up; the records of its actions list them too.
-pub const MAX_REFS: usize = 200_000;
 
 /// Seconds since 1970, for records; no key depends on it.
 pub fn now() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs())
-}
-
-/// A collection kept as a blob.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Listed {
-    /// Content digest of the collection.
-    pub digest: Digest,
-    /// The blob that lists it: JSON of the collection.
-    pub blob: Digest,
-    /// How many items it has.
-    pub len: u64,
 }
 
 /// What a record holds: the outputs of an action or a lane, by port name.
@@ -57,74 +46,40 @@ fn is_zero(n: &u64) -> bool {
     *n == 0
 }
 
-/// A collection together with its content digest.
-#[derive(Clone, Debug)]
-pub struct Whole {
-    /// The items.
-    pub collection: Collection,
-    /// Their digest.
-    pub digest: Digest,
-}
-
-impl Whole {
-    /// Computes the digest.
-    pub fn new(collection: Collection) -> Self {
-        Self { digest: collection.digest(), collection }
-    }
-}
-
 impl Payload {
     /// Reads a record's payload; a payload of another version is none.
     pub fn of(record: &Record) -> Option<Self> {
         serde_json::from_str(&record.payload).ok()
     }
 
-    /// Every blob that the payload names itself.
-    pub fn blobs(&self) -> impl Iterator<Item = Digest> + '_ {
-        let items = self.items.values().flat_map(|a| a.parts.values().copied());
-        items.chain(self.collections.values().map(|l| l.blob))
+    /// The blobs that the payload reaches beside its listings.
+    pub fn refs(&self) -> Vec<Digest> {
+        let mut refs: Vec<Digest> = self.items.values().flat_map(|a| a.parts.values().copied()).collect();
+        refs.sort_unstable();
+        refs.dedup();
+        refs
     }
 
-    /// The ports on which two payloads of one action differ though their kind says that they are reproducible.
-    pub fn differs(&self, other: &Self, spec: &KindSpec) -> Vec<&'static str> {
-        let digest = |l: Option<&Listed>| l.map(|l| l.digest);
+    /// Its listings.
+    pub fn trees(&self) -> Vec<Digest> {
+        self.collections.values().map(|listed| listed.blob).collect()
+    }
+
+    /// Where two payloads of one action differ though their kind says that they are reproducible: each port with the digests
+    /// of its content here and in the other.
+    pub fn differs(&self, other: &Self, spec: &KindSpec) -> Vec<String> {
+        let digest = |payload: &Self, port: &str| {
+            let item = payload.items.get(port).map(Artifact::digest);
+            let found = item.or_else(|| payload.collections.get(port).map(|listed| listed.digest));
+            found.map_or_else(|| "nothing".to_owned(), |digest| digest.to_string())
+        };
         let bitwise = spec.outputs.iter().filter(|p| p.determinism == Determinism::Bitwise);
         bitwise
-            .filter(|p| {
-                self.items.get(p.name) != other.items.get(p.name)
-                    || digest(self.collections.get(p.name)) != digest(other.collections.get(p.name))
-            })
-            .map(|p| p.name)
+            .map(|p| (p.name, digest(self, p.name), digest(other, p.name)))
+            .filter(|(_, before, now)| before != now)
+            .map(|(port, before, now)| format!("`{port}` (was {before}, now {now})"))
             .collect()
     }
-}
-
-/// Stores a collection as a blob.
-///
-/// # Errors
-/// If the store cannot be written.
-pub fn put_collection(store: &Store, whole: &Whole) -> Result<Listed, CacheError> {
-    let bytes = serde_json::to_vec(&whole.collection).expect("keys and digests always serialise");
-    Ok(Listed { digest: whole.digest, blob: store.put(&bytes)?, len: whole.collection.len() as u64 })
-}
-
-/// Loads a collection; `None` if its blob is missing.
-///
-/// # Errors
-/// If the store cannot be read.
-pub fn get_collection(store: &Store, listed: &Listed) -> Result<Option<Whole>, CacheError> {
-    let Some(bytes) = store.get(&listed.blob)? else { return Ok(None) };
-    Ok(serde_json::from_slice(&bytes).ok().map(|collection| Whole { collection, digest: listed.digest }))
-}
-
-/// The blobs that a record of these outputs keeps alive.
-pub fn refs<'a>(payload: &Payload, collections: impl IntoIterator<Item = &'a Collection>) -> Vec<Digest> {
-    let mut refs: Vec<Digest> = payload.blobs().collect();
-    let inside = collections.into_iter().flat_map(|c| c.items.values()).flat_map(|a| a.parts.values().copied());
-    refs.extend(inside.take(MAX_REFS));
-    refs.sort_unstable();
-    refs.dedup();
-    refs
 }
 
 /// The store as running actions see it.
@@ -176,6 +131,7 @@ impl Blobs for StoreBlobs<'_> {
             preimage: serde_json::to_string(key).expect("a key holds only plain values"),
             payload: serde_json::to_string(artifact).expect("strings and digests always serialise"),
             refs: artifact.parts.values().copied().collect(),
+            trees: Vec::new(),
             wall_us: 0,
             bytes: artifact.size(),
             when: now(),
@@ -192,50 +148,65 @@ impl Blobs for StoreBlobs<'_> {
     }
 }
 
-/// What an action gave, loaded.
+/// What an action gave.
 #[derive(Clone, Debug, Default)]
 pub struct Made {
-    /// Artifacts by port name (sources and maps).
-    pub items: BTreeMap<String, Arc<Artifact>>,
-    /// Collections by port name (gathers).
-    pub collections: BTreeMap<String, Arc<Whole>>,
+    /// Artifacts by output port (sources and maps).
+    pub items: Vec<(usize, Arc<Output>)>,
+    /// Collections by output port (gathers).
+    pub collections: Vec<(usize, Arc<Whole>)>,
     /// Wall time in microseconds, of the run that made it.
     pub wall_us: u64,
     /// Bytes of the outputs.
     pub bytes: u64,
 }
 
+impl Made {
+    /// The artifact on a port.
+    pub fn item(&self, port: usize) -> Option<&Arc<Output>> {
+        self.items.iter().find(|(at, _)| *at == port).map(|(_, output)| output)
+    }
+
+    /// The collection on a port.
+    pub fn collection(&self, port: usize) -> Option<&Arc<Whole>> {
+        self.collections.iter().find(|(at, _)| *at == port).map(|(_, whole)| whole)
+    }
+}
+
+/// The number of an output port.
+pub fn port_of(spec: &KindSpec, name: &str) -> Option<usize> {
+    spec.outputs.iter().position(|port| port.name == name)
+}
+
 /// Loads an action's outputs from its record; `None` if a listing is missing.
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn load(store: &Store, record: &Record) -> Result<Option<Made>, CacheError> {
+pub fn load(store: &Store, record: &Record, spec: &KindSpec) -> Result<Option<Made>, CacheError> {
     let Some(payload) = Payload::of(record) else { return Ok(None) };
     let mut made = Made { wall_us: record.wall_us, bytes: record.bytes, ..Made::default() };
-    for (port, listed) in &payload.collections {
-        let Some(whole) = get_collection(store, listed)? else { return Ok(None) };
-        made.collections.insert(port.clone(), Arc::new(whole));
+    for (name, listed) in &payload.collections {
+        let (Some(port), Some(whole)) = (port_of(spec, name), Whole::get(store, listed)?) else { return Ok(None) };
+        made.collections.push((port, Arc::new(whole)));
     }
-    made.items = payload.items.into_iter().map(|(port, artifact)| (port, Arc::new(artifact))).collect();
+    made.items.reserve_exact(payload.items.len());
+    for (name, artifact) in payload.items {
+        let Some(port) = port_of(spec, &name) else { return Ok(None) };
+        made.items.push((port, Output::new(artifact)));
+    }
     Ok(Some(made))
 }
 
-/// A record of an action or lane.
-pub fn record(
-    namespace: &str,
-    key: Key,
-    label: &str,
-    preimage: String,
-    payload: &Payload,
-    refs: Vec<Digest>,
-) -> Record {
+/// A record of an action, a lane or a part of one.
+pub fn record(namespace: &str, key: Key, label: &str, preimage: String, payload: &Payload) -> Record {
     Record {
         namespace: namespace.into(),
         key,
         label: label.into(),
         preimage,
         payload: serde_json::to_string(payload).expect("strings and digests always serialise"),
-        refs,
+        refs: payload.refs(),
+        trees: payload.trees(),
         wall_us: 0,
         bytes: 0,
         when: now(),

@@ -1,19 +1,20 @@
-//! Roll-ups: what a whole lane gave, by what its node is and what its inputs hold. A rerun with nothing changed is then a
-//! handful of look-ups, whatever the number of items.
+//! Roll-ups: what a whole lane gave, by what its node is and what its inputs hold, and what a shard of it gave. A rerun with
+//! nothing changed is then a handful of look-ups, whatever the number of items, and one after a small change is a few for
+//! every shard.
 
 use super::{
     lanes::Lane,
-    records::{self, Payload, ROLLUP, Whole},
-    scheduler::{Complete, Scheduler},
-    work::files_artifact,
+    records::{self, Payload, ROLLUP, SHARD},
+    scheduler::{Complete, CompleteShard, Scheduler},
+    whole::Whole,
+    work::{Bench, files_artifact},
 };
 use crate::pipeline::{Node, Pipeline};
 use serde::Serialize;
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::{
     collections::BTreeMap,
     panic::{AssertUnwindSafe, catch_unwind},
-    path::PathBuf,
     sync::Arc,
 };
 use tauflow_cache::{CacheError, Digest, Key, Record, Recorded, Store};
@@ -34,21 +35,43 @@ struct LaneKey<'a> {
     inputs: BTreeMap<&'a str, Vec<(Option<&'a str>, Digest)>>,
 }
 
-/// The items of a source, with the content digests of the files that they read.
-type Listing = Vec<(ItemKey, Option<Digest>)>;
+/// Digest of a source's items, in order, with the content digests of the files that they read.
+pub fn listing_digest<'a>(items: impl Iterator<Item = (&'a ItemKey, Option<Digest>)>) -> Digest {
+    let mut bytes = b"tauflow-listing-1".to_vec();
+    for (key, file) in items {
+        bytes.extend((key.as_str().len() as u64).to_le_bytes());
+        bytes.extend(key.as_str().as_bytes());
+        bytes.push(u8::from(file.is_some()));
+        if let Some(file) = file {
+            bytes.extend(file.hash);
+            bytes.extend(file.size.to_le_bytes());
+        }
+    }
+    Digest::of(&bytes)
+}
 
 /// Lists a source's items now; none if that fails, which the run will tell.
-fn list(node: &Node, params: &Value) -> Option<Listing> {
+fn list(node: &Node, params: &Value) -> Option<Digest> {
     let mut items = catch_unwind(AssertUnwindSafe(|| node.kind.items(params))).ok()?.ok()?;
     items.sort_by(|a, b| a.key.cmp(&b.key));
-    let digest = |files: &[(String, PathBuf)]| {
-        if files.is_empty() {
-            return Some(None);
-        }
-        let artifact = files_artifact(files, |bytes| Ok(Digest::of(bytes))).ok()?.ok()?;
-        Some(Some(artifact.digest()))
-    };
-    items.into_iter().map(|item| Some((item.key, digest(&item.files)?))).collect()
+    let mut files = Vec::with_capacity(items.len());
+    for item in &items {
+        files.push(if item.files.is_empty() {
+            None
+        } else {
+            Some(files_artifact(&item.files, |bytes| Ok(Digest::of(bytes))).ok()?.ok()?.digest())
+        });
+    }
+    Some(listing_digest(items.iter().map(|item| &item.key).zip(files)))
+}
+
+/// Digest of what decides a lane's shards beside the items: of the params, a source's items name their own.
+pub fn shard_prefix(pipeline: &Pipeline, lane: &Lane, whole: BTreeMap<&str, Digest>) -> Digest {
+    let node = &pipeline.nodes[lane.node];
+    let params = (node.mode() != Mode::Source).then_some(&pipeline.cells[lane.cell].params);
+    let seed = node.spec.seeded.then_some(pipeline.seed);
+    let value = json!([FORMAT_VERSION, node.spec.name, node.spec.version, lane.group, params, seed, whole]);
+    Digest::of(&canonical_bytes(&value))
 }
 
 /// The key of a lane, and its preimage; none if its items, or an input's content, are not known.
@@ -56,7 +79,7 @@ fn lane_key(
     pipeline: &Pipeline,
     lane: &Lane,
     content: impl Fn(usize, usize) -> Option<Digest>,
-    listing: impl Fn() -> Option<Listing>,
+    listing: impl Fn() -> Option<Digest>,
 ) -> Option<(Key, String)> {
     let node = &pipeline.nodes[lane.node];
     let cell = &pipeline.cells[lane.cell];
@@ -64,10 +87,7 @@ fn lane_key(
         return None;
     }
     let listing = match node.mode() {
-        Mode::Source => {
-            let value = serde_json::to_value(listing()?).expect("keys and digests always serialise");
-            Some(Digest::of(&canonical_bytes(&value)))
-        }
+        Mode::Source => Some(listing()?),
         Mode::Map | Mode::Gather => None,
     };
     let mut inputs = BTreeMap::new();
@@ -104,16 +124,19 @@ pub struct Known {
     pub loaded: BTreeMap<(usize, usize), Arc<Whole>>,
 }
 
+impl Known {
+    /// Nothing, of so many lanes.
+    pub fn none(lanes: usize) -> Self {
+        Self { rolled: vec![None; lanes], totals: vec![(0, 0); lanes], loaded: BTreeMap::new() }
+    }
+}
+
 /// Looks up what the lanes gave in earlier runs.
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn find(
-    pipeline: &Pipeline,
-    lanes: &[Lane],
-    store: &Store,
-    whole: impl Fn(&[Digest]) -> bool,
-) -> Result<Known, CacheError> {
+pub fn find(pipeline: &Pipeline, lanes: &[Lane], bench: &Bench<'_>) -> Result<Known, CacheError> {
+    let store = bench.store;
     let mut known = Known::default();
     for lane in lanes {
         let outputs = |at: usize, port: usize| {
@@ -122,9 +145,13 @@ pub fn find(
             payload.collections.get(source.outputs[port].name).map(|listed| listed.digest)
         };
         let node = &pipeline.nodes[lane.node];
-        let record = lane_key(pipeline, lane, outputs, || list(node, &pipeline.cells[lane.cell].params))
-            .and_then(|(key, _)| store.lookup(ROLLUP, &key))
-            .filter(|record| whole(&record.refs));
+        let key = lane_key(pipeline, lane, outputs, || list(node, &pipeline.cells[lane.cell].params));
+        let mut record = key.and_then(|(key, _)| store.lookup(ROLLUP, &key));
+        if let Some(found) = &record
+            && !bench.whole(found)?
+        {
+            record = None;
+        }
         known.totals.push(record.as_ref().map_or((0, 0), |r| (r.wall_us, r.bytes)));
         known.rolled.push(record.and_then(|r| Payload::of(&r)));
     }
@@ -140,7 +167,7 @@ pub fn find(
                 continue;
             }
             let listed = payload.collections.get(name);
-            match listed.map(|listed| records::get_collection(store, listed)).transpose()?.flatten() {
+            match listed.map(|listed| Whole::get(store, listed)).transpose()?.flatten() {
                 Some(collection) => {
                     known.loaded.insert((feed.lane, feed.port), Arc::new(collection));
                 }
@@ -178,22 +205,38 @@ pub fn keep(
         return Ok(());
     };
     let mut payload = Payload { actions: complete.actions, ..Payload::default() };
-    let mut wholes = Vec::new();
     for port in &lane.ports {
         let Some(whole) = scheduler.result(complete.lane, *port) else { return Ok(()) };
-        payload.collections.insert(outputs[*port].name.to_owned(), records::put_collection(store, whole)?);
-        wholes.push(whole.clone());
+        payload.collections.insert(outputs[*port].name.to_owned(), whole.put(store)?);
     }
-    let refs = records::refs(&payload, wholes.iter().map(|w| &w.collection));
     let label = pipeline.nodes[lane.node].spec.name;
-    let record = Record {
-        wall_us: complete.wall_us,
-        bytes: complete.bytes,
-        ..records::record(ROLLUP, key, label, preimage, &payload, refs)
-    };
-    match store.record(&record)? {
+    let record = records::record(ROLLUP, key, label, preimage, &payload);
+    write(store, &Record { wall_us: complete.wall_us, bytes: complete.bytes, ..record })
+}
+
+/// Keeps what a shard of a lane gave.
+///
+/// # Errors
+/// If the store cannot be written.
+pub fn keep_shard(
+    pipeline: &Pipeline,
+    lanes: &[Lane],
+    store: &Store,
+    complete: &CompleteShard,
+) -> Result<(), CacheError> {
+    let spec = &pipeline.nodes[lanes[complete.lane].node].spec;
+    let mut payload = Payload { actions: complete.actions, ..Payload::default() };
+    for (port, part) in &complete.parts {
+        payload.collections.insert(spec.outputs[*port].name.to_owned(), part.put(store)?);
+    }
+    let record = records::record(SHARD, complete.key, spec.name, String::new(), &payload);
+    write(store, &Record { wall_us: complete.wall_us, bytes: complete.bytes, ..record })
+}
+
+fn write(store: &Store, record: &Record) -> Result<(), CacheError> {
+    match store.record(record)? {
         Recorded::New | Recorded::Same => Ok(()),
-        // Measured outputs differ from run to run: the latest stands for the lane, as its actions' records say.
-        Recorded::Conflict { .. } => store.replace(&record),
+        // Measured outputs differ from run to run: the latest stands for the whole, as its actions' records say.
+        Recorded::Conflict { .. } => store.replace(record),
     }
 }

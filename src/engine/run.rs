@@ -2,14 +2,13 @@
 
 use super::{
     EngineError, RunOptions, Sink, Summary,
-    event::{Event, Failure, NodeStat},
+    event::{Event, Failure, Name, NodeStat, Slow},
     explain,
     lanes::{self, Lane},
-    publish,
-    records::{self, Whole},
-    rollup,
-    scheduler::Scheduler,
-    work::{Bench, Job, Outcome, Reply},
+    publish, records, rollup,
+    scheduler::{SLOWEST, Scheduler},
+    whole::Whole,
+    work::{Batch, Bench, Job, Outcome, Reply},
 };
 use crate::pipeline::{Pipeline, Target};
 use std::{
@@ -21,7 +20,6 @@ use std::{
         mpsc,
     },
     thread,
-    time::Instant,
 };
 use tauflow_cache::{Digest, Store};
 use tauflow_contract::{ItemKey, Progress};
@@ -76,19 +74,23 @@ impl<'a> Run<'a> {
         let mut needed: Vec<usize> = self.lanes.iter().map(|l| l.node).collect();
         needed.sort_unstable();
         needed.dedup();
-        let nodes = needed.iter().map(|n| self.pipeline.nodes[*n].name.clone()).collect();
-        (self.sink)(&Event::Started { pipeline: self.pipeline.name.clone(), nodes });
+        let nodes = needed.iter().map(|n| self.pipeline.nodes[*n].name.as_str().into()).collect();
+        (self.sink)(&Event::Started { pipeline: self.pipeline.name.as_str().into(), nodes });
         let (mut wanted, mut ran) = (HashSet::new(), HashSet::new());
         let mut summary = Summary::default();
-        let mut spent = vec![0.0; self.pipeline.nodes.len()];
+        let mut spent = vec![(0.0, 0); self.pipeline.nodes.len()];
         for _ in 0..MAX_PASSES {
             let pass = self.pass(&wanted, &ran)?;
             summary.failures = pass.failures;
             summary.nodes = pass.stats;
-            for (total, node) in spent.iter_mut().zip(&mut summary.nodes) {
-                *total += node.spent_s;
-                node.spent_s = *total;
+            for ((seconds, bytes), node) in spent.iter_mut().zip(&mut summary.nodes) {
+                *seconds += node.spent_s;
+                *bytes += node.written;
+                (node.spent_s, node.written) = (*seconds, *bytes);
             }
+            summary.slowest.extend(pass.slowest);
+            summary.slowest.sort_by(|a, b| b.spent_s.total_cmp(&a.spent_s));
+            summary.slowest.truncate(SLOWEST);
             summary.published = pass.published;
             ran.extend(pass.ran);
             let before = wanted.len();
@@ -98,7 +100,7 @@ impl<'a> Run<'a> {
             if wanted.len() == before || stopped || self.options.dry {
                 break;
             }
-            let nodes = summary.nodes.iter().filter(|n| n.lanes > 0).map(|n| n.node.clone()).collect();
+            let nodes = summary.nodes.iter().filter(|n| n.lanes > 0).map(|n| n.node.as_str().into()).collect();
             (self.sink)(&Event::Healing { nodes });
         }
         self.store.flush()?;
@@ -112,19 +114,19 @@ impl<'a> Run<'a> {
     ) -> Result<Pass, EngineError> {
         let options = self.options;
         let lanes = std::mem::take(&mut self.lanes);
-        let bench = Bench { store: self.store, stop: self.stop, dry: options.dry, recheck: options.recheck, wanted };
-        // Roll-ups would hide the items that a recheck or `--only` looks at, and the keys that a plan explains.
-        let known = if options.recheck > 0.0 || options.only.is_some() || options.no_rollup {
-            rollup::Known {
-                rolled: lanes.iter().map(|_| None).collect(),
-                totals: vec![(0, 0); lanes.len()],
-                ..rollup::Known::default()
-            }
-        } else {
-            rollup::find(self.pipeline, &lanes, self.store, |refs| bench.whole(refs))?
+        let bench = Bench {
+            store: self.store,
+            stop: self.stop,
+            dry: options.dry,
+            keep_keys: self.keep_keys,
+            recheck: options.recheck,
+            wanted,
         };
-        let mut scheduler = Scheduler::new(self.pipeline, &lanes, known.rolled, wanted, ran_before, self.keep_keys);
-        scheduler.start(known.loaded, &known.totals);
+        // Roll-ups would hide the items that a recheck or `--only` looks at, and the keys that a plan explains.
+        let roll = options.recheck == 0.0 && options.only.is_none() && !options.no_rollup;
+        let known = if roll { rollup::find(self.pipeline, &lanes, &bench)? } else { rollup::Known::none(lanes.len()) };
+        let mut scheduler = Scheduler::new(self.pipeline, &lanes, &bench, ran_before, roll);
+        scheduler.start(known);
         let worked = self.work(&lanes, &bench, &mut scheduler);
         let finished = worked.and_then(|()| self.conclude(&lanes, &scheduler)).map(|(published, missing)| {
             let mut finished = scheduler.finish();
@@ -139,6 +141,7 @@ impl<'a> Run<'a> {
             failures: finished.failures,
             missing: finished.missing,
             ran: finished.ran,
+            slowest: finished.slowest,
             published,
         })
     }
@@ -146,92 +149,110 @@ impl<'a> Run<'a> {
     /// Does actions until none is left.
     fn work(&self, lanes: &[Lane], bench: &Bench<'_>, scheduler: &mut Scheduler<'_>) -> Result<(), EngineError> {
         let cores = thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        let jobs = if self.options.jobs == 0 { cores } else { self.options.jobs };
-        let (job_sender, job_receiver) = mpsc::channel::<Job>();
-        let job_receiver = Mutex::new(job_receiver);
-        let (reply_sender, reply_receiver) = mpsc::channel::<(Reply, u64)>();
+        let count = if self.options.jobs == 0 { cores } else { self.options.jobs };
+        let (seek, sought) = mpsc::channel::<Batch>();
+        let (run, to_run) = mpsc::channel::<Batch>();
+        let (sought, to_run) = (Mutex::new(sought), Mutex::new(to_run));
+        let halt = AtomicBool::new(false);
+        let (reply, replies) = mpsc::channel::<Done>();
+        let next = |queue: &Mutex<mpsc::Receiver<Batch>>| queue.lock().unwrap_or_else(PoisonError::into_inner).recv();
         thread::scope(|scope| {
-            for _ in 0..jobs {
-                let reply_sender = reply_sender.clone();
-                let job_receiver = &job_receiver;
+            // Threads of their own for look-ups, so that none waits for an action that takes hours.
+            for _ in 0..count {
+                let (reply, sought) = (reply.clone(), &sought);
                 scope.spawn(move || {
-                    loop {
-                        let job = job_receiver.lock().unwrap_or_else(PoisonError::into_inner).recv();
-                        let Ok(job) = job else { return };
-                        let (start, reporter) = (Instant::now(), self.reporter(lanes, &job));
-                        let reply = bench.perform(&job, &reporter);
-                        if reply_sender.send((reply, start.elapsed().as_micros() as u64)).is_err() {
+                    while let Ok(batch) = next(sought) {
+                        if reply.send(Done::LookedUp(bench.look_up(batch))).is_err() {
                             return;
                         }
                     }
                 });
             }
-            let workers = Workers { count: jobs, jobs: &job_sender, replies: &reply_receiver };
-            let result = self.steer(lanes, bench, scheduler, &workers);
+            for _ in 0..count {
+                let (reply, to_run, halt) = (reply.clone(), &to_run, &halt);
+                scope.spawn(move || {
+                    while let Ok(mut batch) = next(to_run) {
+                        let jobs = std::mem::take(&mut batch.jobs);
+                        let mut left = jobs.len();
+                        for job in jobs {
+                            left -= 1;
+                            let done = self.perform(lanes, bench, &batch, job, halt);
+                            if reply.send(Done::Performed(Box::new(done), left == 0)).is_err() {
+                                return;
+                            }
+                        }
+                    }
+                });
+            }
+            let workers = Workers { count, seek: &seek, run: &run, replies: &replies };
+            let result = self.steer(lanes, scheduler, &workers);
             if result.is_err() {
                 // Nobody will look at what is still being done.
                 self.stop.store(true, Ordering::Relaxed);
             }
-            drop(job_sender);
+            drop((seek, run));
             result
         })
     }
 
-    fn steer(
-        &self,
-        lanes: &[Lane],
-        bench: &Bench<'_>,
-        scheduler: &mut Scheduler<'_>,
-        workers: &Workers<'_>,
-    ) -> Result<(), EngineError> {
-        let take = |scheduler: &mut Scheduler<'_>, (reply, spent_us): (Reply, u64)| {
-            let spent = if matches!(reply.outcome, Outcome::Ran(_)) { spent_us } else { 0 };
-            scheduler.reply(reply, spent)
+    /// Does an action, unless the run is being stopped, or nothing is to begin any more because one failed (`halt`).
+    fn perform(&self, lanes: &[Lane], bench: &Bench<'_>, batch: &Batch, job: Job, halt: &AtomicBool) -> Reply {
+        if halt.load(Ordering::Relaxed) || self.stop.load(Ordering::Relaxed) {
+            return Reply::of((batch.task.lane, job.slot), Outcome::Cancelled);
+        }
+        let lane = &lanes[batch.task.lane];
+        let reporter = Reporter {
+            node: self.pipeline.nodes[lane.node].name.as_str().into(),
+            cell: self.pipeline.cells[lane.cell].text.as_str().into(),
+            item: job.item.as_ref().map_or_else(Name::default, Name::from),
+            sink: self.sink,
+        };
+        let Reporter { node, cell, item, .. } = &reporter;
+        (self.sink)(&Event::Begin { node: node.clone(), cell: cell.clone(), item: item.clone() });
+        let reply = bench.perform(batch, job, &reporter);
+        if self.options.fail_fast && matches!(reply.outcome, Outcome::Failed(_)) {
+            halt.store(true, Ordering::Relaxed);
+        }
+        reply
+    }
+
+    fn steer(&self, lanes: &[Lane], scheduler: &mut Scheduler<'_>, workers: &Workers<'_>) -> Result<(), EngineError> {
+        let take = |scheduler: &mut Scheduler<'_>, done: Done| match done {
+            Done::LookedUp(replies) => scheduler.looked_up(replies),
+            Done::Performed(reply, last) => scheduler.performed(*reply, last),
         };
         loop {
-            for complete in scheduler.take_complete() {
-                if !self.options.dry {
+            if let Some(error) = scheduler.take_fatal() {
+                return Err(error.into());
+            }
+            if !self.options.dry {
+                for complete in scheduler.take_complete_shards() {
+                    rollup::keep_shard(self.pipeline, lanes, self.store, &complete)?;
+                }
+                for complete in scheduler.take_complete() {
                     rollup::keep(self.pipeline, lanes, self.store, scheduler, &complete)?;
                 }
             }
             scheduler.take_events().iter().for_each(self.sink);
             let failed = self.options.fail_fast && !scheduler.failures().is_empty();
-            let mut glances = 0;
-            while scheduler.running() < workers.count
-                && glances < GLANCES
-                && !failed
-                && !self.stop.load(Ordering::Relaxed)
-            {
-                let Some(job) = scheduler.next_job() else { break };
-                if let Some(reply) = bench.glance(&job) {
-                    glances += 1;
-                    take(scheduler, (reply, 0))?;
-                } else if workers.jobs.send(job).is_err() {
+            if !failed && !self.stop.load(Ordering::Relaxed) {
+                // Two batches for each thread, so that none waits for the next.
+                while scheduler.seeking() < 2 * workers.count
+                    && let Some(batch) = scheduler.next_look_up()
+                {
                     // The workers live as long as this loop does.
-                    return Ok(());
+                    let _ = workers.seek.send(batch);
+                }
+                while let Some(batch) = scheduler.next_run(workers.count) {
+                    let _ = workers.run.send(batch);
                 }
             }
-            scheduler.take_events().iter().for_each(self.sink);
-            if glances > 0 {
-                // There may be more to see at once; workers that are through must not wait for it.
-                workers.replies.try_iter().try_for_each(|done| take(scheduler, done))?;
-                continue;
-            }
-            if scheduler.running() == 0 {
+            if scheduler.running() + scheduler.seeking() == 0 {
                 return Ok(());
             }
             let Ok(done) = workers.replies.recv() else { return Ok(()) };
             take(scheduler, done)?;
-        }
-    }
-
-    fn reporter(&self, lanes: &[Lane], job: &Job) -> Reporter<'a> {
-        let lane = &lanes[job.slot.0];
-        Reporter {
-            node: self.pipeline.nodes[lane.node].name.clone(),
-            cell: self.pipeline.cells[lane.cell].text.clone(),
-            item: job.item.as_ref().map_or_else(String::new, ToString::to_string),
-            sink: self.sink,
+            workers.replies.try_iter().take(AT_ONCE).try_for_each(|done| take(scheduler, done))?;
         }
     }
 
@@ -254,8 +275,13 @@ impl<'a> Run<'a> {
                     Found::Unknown => continue,
                 };
                 // What is asked for must be there, whether or not somebody reads it in this run.
-                let parts = whole.collection.items.values().flat_map(|a| a.parts.values());
-                missing.extend(parts.filter(|d| !self.store.contains(d)));
+                match whole.blobs(self.store)? {
+                    Ok(blobs) => missing.extend(blobs.iter().filter(|d| !self.store.contains(d))),
+                    Err(blob) => {
+                        missing.push(blob);
+                        continue;
+                    }
+                }
                 if self.keep_results {
                     self.results.push(ResultOf { cell: lane.cell, port: *port, whole: whole.clone() });
                 }
@@ -295,19 +321,27 @@ impl<'a> Run<'a> {
         let Some(listed) = scheduler.rolled(lane).and_then(|p| p.collections.get(name)) else {
             return Ok(Found::Unknown);
         };
-        let found = records::get_collection(self.store, listed)?;
+        let found = Whole::get(self.store, listed)?;
         Ok(found.map_or(Found::Missing(listed.blob), |whole| Found::Collection(Arc::new(whole))))
     }
 }
 
-/// Look-ups between two looks at what the workers have done.
-const GLANCES: usize = 64;
+/// Replies that are taken before work is handed out again.
+const AT_ONCE: usize = 256;
 
 /// The threads that do actions, and the ways to them.
 struct Workers<'a> {
     count: usize,
-    jobs: &'a mpsc::Sender<Job>,
-    replies: &'a mpsc::Receiver<(Reply, u64)>,
+    seek: &'a mpsc::Sender<Batch>,
+    run: &'a mpsc::Sender<Batch>,
+    replies: &'a mpsc::Receiver<Done>,
+}
+
+/// What a thread has done.
+enum Done {
+    LookedUp(Vec<Reply>),
+    /// And whether that was the last of its batch.
+    Performed(Box<Reply>, bool),
 }
 
 /// What is known of a lane's collection.
@@ -324,14 +358,15 @@ struct Pass {
     failures: Vec<Failure>,
     missing: HashSet<Digest>,
     ran: HashSet<(usize, Option<ItemKey>)>,
+    slowest: Vec<Slow>,
     published: Vec<PathBuf>,
 }
 
 /// Passes progress of an action on, with its name.
 struct Reporter<'a> {
-    node: String,
-    cell: String,
-    item: String,
+    node: Name,
+    cell: Name,
+    item: Name,
     sink: Sink<'a>,
 }
 

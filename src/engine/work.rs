@@ -1,8 +1,12 @@
-//! One action, from its inputs to its outputs: key, look-up, claim, run, record. Runs on a worker thread.
+//! One action, from its inputs to its outputs: key, look-up, claim, run, record. Done on worker threads.
 //!
-//! Knows nothing of lanes, nodes and what comes next.
+//! Knows nothing of lanes, nodes and what comes next. Actions are looked up by the batch, because most are there already and a
+//! look-up costs less than passing a message; those that are not are run by the batch, too, when they are known to be short.
 
-use super::records::{self, ACTION, Made, Payload, StoreBlobs, Whole};
+use super::{
+    records::{self, ACTION, Made, Payload, StoreBlobs, port_of},
+    whole::{Output, Whole},
+};
 use std::{
     collections::{BTreeMap, HashSet},
     fs,
@@ -11,19 +15,16 @@ use std::{
     sync::{Arc, atomic::AtomicBool},
     time::Instant,
 };
-use tauflow_cache::{CacheError, Digest, Record, Recorded, Store};
+use tauflow_cache::{CacheError, Digest, Key, Record, Recorded, Store};
 use tauflow_contract::{
     Action, ActionKey, Artifact, Collection, Context, FORMAT_VERSION, ItemKey, KindError, KindSpec, Mode, NodeKind,
-    Outputs, Progress, derive_seed,
+    Outputs, Progress, Projection, derive_seed,
 };
 
 /// Media type of files outside that a source reads.
 const FILES: &str = "tauflow/files";
 /// The port on which a source's action finds them.
 pub const FILE_PORT: &str = "file";
-
-/// What an action gave: what is recorded of it, and its collections by port.
-type Given = (Payload, BTreeMap<String, Arc<Whole>>);
 
 /// The artifact of files outside; `put` digests or stores the bytes of each.
 ///
@@ -45,37 +46,63 @@ pub fn files_artifact(
     Ok(Ok(Artifact::tree(FILES, parts)))
 }
 
-/// An action to be done.
-#[derive(Clone)]
-pub struct Job {
-    /// Which lane it belongs to, and which of its slots it is.
-    pub slot: (usize, usize),
+/// What all actions of a lane share.
+pub struct Task {
+    /// Number of the lane.
+    pub lane: usize,
     /// The kind.
     pub kind: Arc<dyn NodeKind>,
     /// What the kind states.
     pub spec: KindSpec,
     /// The group of outputs.
     pub group: &'static str,
-    /// The item.
-    pub item: Option<ItemKey>,
-    /// The node's params, resolved.
-    pub params: serde_json::Value,
+    /// The params that each action reads.
+    pub projection: Projection,
     /// The pipeline's seed.
     pub seed: u64,
-    /// Artifacts by port.
-    pub each: Vec<(&'static str, Arc<Artifact>)>,
-    /// Collections by port.
-    pub whole: Vec<(&'static str, Arc<Whole>)>,
-    /// Files outside, of a source's item.
-    pub files: Vec<(String, PathBuf)>,
 }
 
-/// What became of it.
+/// An action to be done.
+pub struct Job {
+    /// Which of its lane's slots it is.
+    pub slot: usize,
+    /// The item.
+    pub item: Option<ItemKey>,
+    /// Artifacts by input port.
+    pub each: Vec<(usize, Arc<Output>)>,
+    /// Files outside, of a source's item.
+    pub files: Vec<(String, PathBuf)>,
+    /// What its look-up found.
+    pub todo: Option<Box<Todo>>,
+}
+
+/// Actions of one lane that are done together.
+pub struct Batch {
+    /// The lane's.
+    pub task: Arc<Task>,
+    /// Collections by input port, the same for all.
+    pub whole: Vec<(usize, Arc<Whole>)>,
+    /// The actions.
+    pub jobs: Vec<Job>,
+}
+
+/// An action that has been looked up and must run.
+pub struct Todo {
+    key: ActionKey,
+    hash: Key,
+    file: Option<Artifact>,
+    /// What it gave before, if it runs only to be compared.
+    before: Option<Made>,
+}
+
+/// What became of an action.
 pub enum Outcome {
     /// It was done before.
     Hit(Made),
     /// It was done now.
     Ran(Made),
+    /// It must run.
+    Todo(Box<Todo>),
     /// It would be done, in a dry run.
     WouldRun,
     /// It failed.
@@ -88,16 +115,27 @@ pub enum Outcome {
     Fatal(CacheError),
 }
 
-/// What became of an action, its key, and what should be told to people.
+/// What became of an action, and what should be told to people.
 pub struct Reply {
-    /// The action.
+    /// Its lane and slot.
     pub slot: (usize, usize),
     /// What became of it.
     pub outcome: Outcome,
-    /// Its key, if it came that far.
+    /// Its key, if keys are kept and it came that far.
     pub key: Option<Box<ActionKey>>,
+    /// Content digest of the files outside that it read.
+    pub file: Option<Digest>,
     /// A remark, such as two outputs for one key.
     pub warning: Option<String>,
+    /// What it took now, in microseconds.
+    pub spent_us: u64,
+}
+
+impl Reply {
+    /// An outcome without more.
+    pub fn of(slot: (usize, usize), outcome: Outcome) -> Self {
+        Self { slot, outcome, key: None, file: None, warning: None, spent_us: 0 }
+    }
 }
 
 /// What all actions of a run share.
@@ -108,78 +146,116 @@ pub struct Bench<'a> {
     pub stop: &'a AtomicBool,
     /// Look up only, run nothing.
     pub dry: bool,
+    /// Give the keys back.
+    pub keep_keys: bool,
     /// The share of hits that run again and are compared.
     pub recheck: f64,
     /// Blobs that were found missing: a record that names one counts only when it is there again.
     pub wanted: &'a HashSet<Digest>,
 }
 
+/// What an action gave: what is recorded of it, and its collections by port.
+type Given = (Payload, Vec<(usize, Arc<Whole>)>);
+
 impl Bench<'_> {
-    /// Does an action.
-    pub fn perform(&self, job: &Job, progress: &dyn Progress) -> Reply {
-        let mut reply = Reply { slot: job.slot, outcome: Outcome::Cancelled, key: None, warning: None };
-        let result = catch_unwind(AssertUnwindSafe(|| self.attempt(job, progress, &mut reply)));
-        reply.outcome = match result {
-            Ok(Ok(outcome)) => outcome,
-            Ok(Err(error)) => Outcome::Fatal(error),
-            Err(panic) => Outcome::Failed(format!("internal error: it panicked: {}; please report it", told(&panic))),
+    /// Looks actions up.
+    pub fn look_up(&self, batch: Batch) -> Vec<Reply> {
+        let task = &batch.task;
+        let jobs: Vec<_> = batch.jobs.iter().map(|job| (job.slot, self.key_of(task, &batch.whole, job))).collect();
+        let hashes: Vec<Key> = jobs.iter().filter_map(|(_, key)| key.as_ref().ok().map(|(_, hash, _)| *hash)).collect();
+        let mut records = self.store.lookup_many(ACTION, &hashes).into_iter();
+        let reply = |(slot, key): (usize, Result<(ActionKey, Key, Option<Artifact>), Outcome>)| {
+            let slot = (task.lane, slot);
+            let (key, hash, file) = match key {
+                Ok(found) => found,
+                Err(outcome) => return Reply::of(slot, outcome),
+            };
+            let record = records.next().flatten();
+            let digest = file.as_ref().map(Artifact::digest);
+            let kept = self.keep_keys.then(|| Box::new(key.clone()));
+            let outcome = match self.found(task, record.as_deref()) {
+                Err(error) => Outcome::Fatal(error),
+                Ok(Some(made)) if self.dry || !self.sampled(&hash) => Outcome::Hit(made),
+                Ok(None) if self.dry => Outcome::WouldRun,
+                Ok(before) => Outcome::Todo(Box::new(Todo { key, hash, file, before })),
+            };
+            Reply { slot, outcome, key: kept, file: digest, warning: None, spent_us: 0 }
         };
+        jobs.into_iter().map(reply).collect()
+    }
+
+    /// The key of an action, its hash, and the artifact of the files that it reads.
+    fn key_of(
+        &self,
+        task: &Task,
+        whole: &[(usize, Arc<Whole>)],
+        job: &Job,
+    ) -> Result<(ActionKey, Key, Option<Artifact>), Outcome> {
+        let derive = || {
+            let file = match self.import(job) {
+                Ok(Ok(file)) => file,
+                Ok(Err(message)) => return Err(Outcome::Failed(message)),
+                Err(error) => return Err(Outcome::Fatal(error)),
+            };
+            let key = action_key(task, whole, job, file.as_ref());
+            let hash = key.hash();
+            Ok((key, hash, file))
+        };
+        catch_unwind(AssertUnwindSafe(derive)).unwrap_or_else(|panic| Err(panicked(&panic)))
+    }
+
+    /// Does an action that has been looked up.
+    pub fn perform(&self, batch: &Batch, job: Job, progress: &dyn Progress) -> Reply {
+        let start = Instant::now();
+        let slot = (batch.task.lane, job.slot);
+        let file = job.todo.as_ref().and_then(|todo| todo.file.as_ref().map(Artifact::digest));
+        let mut reply = Reply { file, ..Reply::of(slot, Outcome::Cancelled) };
+        let result = catch_unwind(AssertUnwindSafe(|| self.attempt(batch, job, progress, &mut reply.warning)));
+        reply.outcome = match result {
+            Ok(Ok((outcome, key))) => {
+                reply.key = self.keep_keys.then(|| Box::new(key));
+                outcome
+            }
+            Ok(Err(error)) => Outcome::Fatal(error),
+            Err(panic) => panicked(&panic),
+        };
+        reply.spent_us = start.elapsed().as_micros() as u64;
         reply
     }
 
-    /// Whether an action has been done already, or would be in a dry run; none where a worker must see to it. Cheap enough for
-    /// the thread that hands out work: passing a job to a worker and back costs several times as much.
-    pub fn glance(&self, job: &Job) -> Option<Reply> {
-        if !job.files.is_empty() {
-            return None;
-        }
-        let seen = catch_unwind(AssertUnwindSafe(|| {
-            let key = action_key(job, None);
-            let hash = key.hash();
-            let outcome = match self.look_up(&hash) {
-                Ok(Some(made)) if self.dry || !self.sampled(&hash) => Outcome::Hit(made),
-                Ok(None) if self.dry => Outcome::WouldRun,
-                Ok(_) => return None,
-                Err(error) => Outcome::Fatal(error),
-            };
-            Some(Reply { slot: job.slot, outcome, key: Some(Box::new(key)), warning: None })
-        }));
-        // A panic is told by the worker that meets it again.
-        seen.ok().flatten()
-    }
-
-    fn attempt(&self, job: &Job, progress: &dyn Progress, reply: &mut Reply) -> Result<Outcome, CacheError> {
-        let file = match self.import(job)? {
-            Ok(file) => file,
-            Err(message) => return Ok(Outcome::Failed(message)),
+    fn attempt(
+        &self,
+        batch: &Batch,
+        mut job: Job,
+        progress: &dyn Progress,
+        warning: &mut Option<String>,
+    ) -> Result<(Outcome, ActionKey), CacheError> {
+        let task = &*batch.task;
+        let Some(todo) = job.todo.take() else {
+            let lost = KindError::Internal("an action was to run that had not been looked up".into());
+            return Ok((Outcome::Failed(lost.to_string()), action_key(task, &batch.whole, &job, None)));
         };
-        let key = action_key(job, file.as_ref());
-        let hash = key.hash();
-        reply.key = Some(Box::new(key.clone()));
-        if let Some(made) = self.look_up(&hash)? {
-            if self.dry || !self.sampled(&hash) {
-                return Ok(Outcome::Hit(made));
-            }
-            let _claim = self.store.claim(&hash)?;
-            return self.again(job, &key, file.as_ref(), progress, made);
-        }
-        if self.dry {
-            return Ok(Outcome::WouldRun);
-        }
+        let Todo { key, hash, file, before } = *todo;
         let claim = self.store.claim(&hash)?;
-        // Whoever held it, in this process or another, may have done it meanwhile.
-        if let Some(made) = self.look_up(&hash)? {
-            return Ok(Outcome::Hit(made));
+        if before.is_none() {
+            // Whoever held it, in this process or another, may have done it meanwhile.
+            let record = self.store.lookup(ACTION, &hash);
+            if let Some(made) = self.found(task, record.as_deref())? {
+                return Ok((Outcome::Hit(made), key));
+            }
         }
         let start = Instant::now();
-        let payload = match self.run(job, &key, file.as_ref(), progress)? {
+        let (payload, collections) = match self.run(batch, &job, &key, file.as_ref(), progress)? {
             Ok(done) => done,
-            Err(outcome) => return Ok(outcome),
+            Err(outcome) => return Ok((outcome, key)),
         };
         let wall_us = start.elapsed().as_micros() as u64;
-        let outcome = self.keep(job, &key, payload, wall_us, &mut reply.warning)?;
+        let outcome = match before {
+            Some(made) => self.compare(task, &hash, &payload, made),
+            None => self.keep(task, &key, hash, (payload, collections), wall_us, warning)?,
+        };
         drop(claim);
-        Ok(outcome)
+        Ok((outcome, key))
     }
 
     /// Digests a source's files and imports them.
@@ -191,21 +267,26 @@ impl Bench<'_> {
         Ok(files_artifact(&job.files, put)?.map(Some))
     }
 
-    fn look_up(&self, hash: &tauflow_cache::Key) -> Result<Option<Made>, CacheError> {
-        match self.store.lookup(ACTION, hash) {
-            Some(record) if self.whole(&record.refs) => records::load(self.store, &record),
+    fn found(&self, task: &Task, record: Option<&Record>) -> Result<Option<Made>, CacheError> {
+        match record {
+            Some(record) if self.whole(record)? => records::load(self.store, record, &task.spec),
             _ => Ok(None),
         }
     }
 
     /// Whether none of the blobs that a reader missed is still missing here.
-    pub fn whole(&self, refs: &[Digest]) -> bool {
-        // A list that was cut short does not say what else it would name.
-        let listed = refs.len() < records::MAX_REFS;
-        self.wanted.is_empty() || (listed && refs.iter().all(|d| !self.wanted.contains(d) || self.store.contains(d)))
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub fn whole(&self, record: &Record) -> Result<bool, CacheError> {
+        if self.wanted.is_empty() {
+            return Ok(true);
+        }
+        let reached = self.store.reach(&record.refs, &record.trees)?;
+        Ok(reached.iter().all(|digest| !self.wanted.contains(digest) || self.store.contains(digest)))
     }
 
-    fn sampled(&self, hash: &tauflow_cache::Key) -> bool {
+    fn sampled(&self, hash: &Key) -> bool {
         let head = u32::from_le_bytes([hash.0[0], hash.0[1], hash.0[2], hash.0[3]]);
         f64::from(head) < self.recheck * f64::from(u32::MAX)
     }
@@ -213,27 +294,37 @@ impl Bench<'_> {
     /// Runs the kind, checks what it gave, and stores collections.
     fn run(
         &self,
+        batch: &Batch,
         job: &Job,
         key: &ActionKey,
         file: Option<&Artifact>,
         progress: &dyn Progress,
     ) -> Result<Result<Given, Outcome>, CacheError> {
-        let mut each: BTreeMap<&str, &Artifact> = job.each.iter().map(|(port, a)| (*port, a.as_ref())).collect();
+        let task = &*batch.task;
+        let name = |port: usize| task.spec.inputs[port].name;
+        let mut each: BTreeMap<&str, &Artifact> =
+            job.each.iter().map(|(port, output)| (name(*port), &output.artifact)).collect();
         if let Some(file) = file {
             each.insert(FILE_PORT, file);
         }
-        let whole: BTreeMap<&str, &Collection> = job.whole.iter().map(|(port, w)| (*port, &w.collection)).collect();
+        let mut read: Vec<(&str, &Collection)> = Vec::new();
+        for (port, whole) in &batch.whole {
+            match whole.collection(self.store)? {
+                Ok(collection) => read.push((name(*port), collection)),
+                Err(missing) => return Ok(Err(Outcome::Missing(missing))),
+            }
+        }
         let action = Action {
             params: key.params.clone(),
             item: job.item.as_ref(),
-            group: job.group,
+            group: task.group,
             seed: key.seed.unwrap_or(0),
             each,
-            whole,
+            whole: read.into_iter().collect(),
         };
         let blobs = StoreBlobs::new(self.store);
         let context = Context::new(&blobs, progress, self.stop);
-        let result = job.kind.run(&context, &action);
+        let result = task.kind.run(&context, &action);
         if let Some(error) = blobs.fatal() {
             return Err(error);
         }
@@ -243,15 +334,16 @@ impl Bench<'_> {
             Err(KindError::MissingBlob(digest)) => return Ok(Err(Outcome::Missing(digest))),
             Err(error) => return Ok(Err(Outcome::Failed(error.to_string()))),
         };
-        if let Err(message) = check_outputs(job, &outputs) {
+        if let Err(message) = check_outputs(task, &outputs) {
             return Ok(Err(Outcome::Failed(format!("internal error: {message}; please report it"))));
         }
         let mut payload = Payload { items: outputs.items, ..Payload::default() };
-        let mut collections = BTreeMap::new();
-        for (port, collection) in outputs.collections {
-            let whole = Whole::new(collection);
-            payload.collections.insert(port.clone(), records::put_collection(self.store, &whole)?);
-            collections.insert(port, Arc::new(whole));
+        let mut collections = Vec::new();
+        for (name, collection) in outputs.collections {
+            let Some(port) = port_of(&task.spec, &name) else { continue }; // checked above
+            let whole = Whole::of(collection.items.into_iter().map(|(key, artifact)| (key, Output::new(artifact))));
+            payload.collections.insert(name, whole.put(self.store)?);
+            collections.push((port, Arc::new(whole)));
         }
         Ok(Ok((payload, collections)))
     }
@@ -259,98 +351,88 @@ impl Bench<'_> {
     /// Records what an action gave.
     fn keep(
         &self,
-        job: &Job,
+        task: &Task,
         key: &ActionKey,
+        hash: Key,
         (payload, collections): Given,
         wall_us: u64,
         warning: &mut Option<String>,
     ) -> Result<Outcome, CacheError> {
-        let refs = records::refs(&payload, collections.values().map(|w| &w.collection));
-        let bytes = payload.items.values().map(Artifact::size).sum::<u64>()
-            + collections.values().flat_map(|w| w.collection.items.values()).map(Artifact::size).sum::<u64>();
-        let record = Record {
-            wall_us,
-            bytes,
-            ..records::record(ACTION, key.hash(), job.spec.name, key.preimage(), &payload, refs)
-        };
+        let mut bytes = payload.items.values().map(Artifact::size).sum::<u64>();
+        for (_, whole) in &collections {
+            let items = whole.items(self.store)?.unwrap_or_default(); // just made, so at hand
+            bytes += items.iter().map(|(_, output)| output.artifact.size()).sum::<u64>();
+        }
+        let record = records::record(ACTION, hash, task.spec.name, key.preimage(), &payload);
+        let record = Record { wall_us, bytes, ..record };
         if let Recorded::Conflict { existing } = self.store.record(&record)? {
             let other = Payload::of(&existing).unwrap_or_default();
-            let differing = other.differs(&payload, &job.spec);
+            let differing = other.differs(&payload, &task.spec);
             if !differing.is_empty() {
                 *warning = Some(format!(
-                    "`{}` gave two different outputs for key {} (ports {}): it is not reproducible; the first stays \
+                    "`{}` gave two different outputs for key {hash}: {}; it is not reproducible, and the first stays \
                      unless its blobs are gone",
-                    job.spec.name,
-                    key.hash().short(),
+                    task.spec.name,
                     differing.join(", ")
                 ));
             }
             // The earlier outputs stay, measured ones too, as long as they are whole.
-            if existing.refs.iter().all(|d| self.store.contains(d))
-                && let Some(made) = records::load(self.store, &existing)?
+            if existing.refs.iter().chain(&existing.trees).all(|d| self.store.contains(d))
+                && let Some(made) = records::load(self.store, &existing, &task.spec)?
             {
                 return Ok(Outcome::Ran(made));
             }
             self.store.replace(&record)?;
         }
-        let items = payload.items.into_iter().map(|(port, a)| (port, Arc::new(a))).collect();
+        let port = |(name, artifact): (String, Artifact)| Some((port_of(&task.spec, &name)?, Output::new(artifact)));
+        let items = payload.items.into_iter().filter_map(port).collect();
         Ok(Outcome::Ran(Made { items, collections, wall_us, bytes }))
     }
 
-    /// Runs a hit again and compares.
-    fn again(
-        &self,
-        job: &Job,
-        key: &ActionKey,
-        file: Option<&Artifact>,
-        progress: &dyn Progress,
-        made: Made,
-    ) -> Result<Outcome, CacheError> {
-        let (payload, _) = match self.run(job, key, file, progress)? {
-            Ok(done) => done,
-            Err(outcome) => return Ok(outcome),
-        };
-        let before = self.store.lookup(ACTION, &key.hash()).and_then(|r| Payload::of(&r)).unwrap_or_default();
-        let differing = before.differs(&payload, &job.spec);
+    /// What a recheck found.
+    fn compare(&self, task: &Task, hash: &Key, payload: &Payload, made: Made) -> Outcome {
+        let before = self.store.lookup(ACTION, hash).and_then(|r| Payload::of(&r)).unwrap_or_default();
+        let differing = before.differs(payload, &task.spec);
         if differing.is_empty() {
-            return Ok(Outcome::Ran(made));
+            return Outcome::Ran(made);
         }
-        Ok(Outcome::Failed(format!(
-            "the recheck gave other content on {}: `{}` is not reproducible, or its version should have gone up; \
-             the recorded output stays",
+        Outcome::Failed(format!(
+            "the recheck gave other content on {}: `{}` is not reproducible, or its version should have gone up; the \
+             recorded output stays",
             differing.join(", "),
-            job.spec.name
-        )))
+            task.spec.name
+        ))
     }
 }
 
 /// The key of an action.
-fn action_key(job: &Job, file: Option<&Artifact>) -> ActionKey {
+fn action_key(task: &Task, whole: &[(usize, Arc<Whole>)], job: &Job, file: Option<&Artifact>) -> ActionKey {
+    let name = |port: usize| task.spec.inputs[port].name.to_owned();
     let mut inputs: BTreeMap<String, Digest> =
-        job.each.iter().map(|(port, artifact)| ((*port).to_owned(), artifact.digest())).collect();
-    inputs.extend(job.whole.iter().map(|(port, whole)| ((*port).to_owned(), whole.digest)));
+        job.each.iter().map(|(port, output)| (name(*port), output.digest)).collect();
+    inputs.extend(whole.iter().map(|(port, whole)| (name(*port), whole.digest)));
     if let Some(file) = file {
         inputs.insert(FILE_PORT.into(), file.digest());
     }
     let item = job.item.as_ref().map_or("", |i| i.as_str());
     ActionKey {
         format: FORMAT_VERSION,
-        kind: job.spec.name.to_owned(),
-        version: job.spec.version,
-        group: job.group.to_owned(),
-        params: job.kind.project(&job.params, job.item.as_ref(), job.group),
+        kind: task.spec.name.to_owned(),
+        version: task.spec.version,
+        group: task.group.to_owned(),
+        params: (task.projection)(job.item.as_ref(), task.group),
         inputs,
-        seed: job.spec.seeded.then(|| derive_seed(job.seed, job.spec.name, item)),
+        seed: task.spec.seeded.then(|| derive_seed(task.seed, task.spec.name, item)),
     }
 }
 
 /// A kind must fill exactly the ports of its group, with what they say they hold.
-fn check_outputs(job: &Job, outputs: &Outputs) -> Result<(), String> {
-    let name = job.spec.name;
-    let ports: Vec<_> = job.spec.outputs.iter().filter(|p| p.group == job.group).collect();
+fn check_outputs(task: &Task, outputs: &Outputs) -> Result<(), String> {
+    let name = task.spec.name;
+    let ports: Vec<_> = task.spec.outputs.iter().filter(|p| p.group == task.group).collect();
     for port in outputs.items.keys().chain(outputs.collections.keys()) {
         if ports.iter().all(|p| p.name != port) {
-            return Err(format!("`{name}` filled `{port}`, which is no port of its group `{}`", job.group));
+            return Err(format!("`{name}` filled `{port}`, which is no port of its group `{}`", task.group));
         }
     }
     let artifacts = outputs.items.values().chain(outputs.collections.values().flat_map(|c| c.items.values()));
@@ -361,7 +443,7 @@ fn check_outputs(job: &Job, outputs: &Outputs) -> Result<(), String> {
     }
     for port in ports {
         let wrong = |media: &str| port.media != "*" && media != port.media;
-        if job.spec.mode == Mode::Gather {
+        if task.spec.mode == Mode::Gather {
             let collection = outputs.collections.get(port.name);
             let Some(collection) = collection else { return Err(format!("`{name}` left `{}` out", port.name)) };
             if let Some((key, artifact)) = collection.iter().find(|(_, a)| wrong(&a.media)) {
@@ -380,10 +462,8 @@ fn check_outputs(job: &Job, outputs: &Outputs) -> Result<(), String> {
     Ok(())
 }
 
-fn told(panic: &Box<dyn std::any::Any + Send>) -> String {
-    panic
-        .downcast_ref::<String>()
-        .cloned()
-        .or_else(|| panic.downcast_ref::<&str>().map(|s| (*s).to_owned()))
-        .unwrap_or_else(|| "no message".into())
+fn panicked(panic: &Box<dyn std::any::Any + Send>) -> Outcome {
+    let told = panic.downcast_ref::<String>().map(String::as_str);
+    let told = told.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no message");
+    Outcome::Failed(format!("internal error: it panicked: {told}; please report it"))
 }

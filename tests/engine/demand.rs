@@ -21,7 +21,7 @@ fn groups(events: &[Event], of: &str) -> Vec<String> {
     let mut found: Vec<String> = events
         .iter()
         .filter_map(|e| match e {
-            Event::End { node, group, .. } if node == of => Some(group.clone()),
+            Event::End { node, group, .. } if node == of => Some(group.to_string()),
             _ => None,
         })
         .collect();

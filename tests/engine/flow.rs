@@ -11,17 +11,27 @@ use tauflow::engine::{
 fn an_item_goes_on_before_its_siblings_are_done() {
     let text = "
 nodes:
-  numbers: {kind: numbers, params: {count: 3}}
+  numbers: {kind: numbers, params: {count: COUNT, nap_ms: NAP}}
   scaled: {kind: affine, inputs: {in: numbers}, params: {mul: 2}}
   rounded: {kind: round, inputs: {in: scaled}}
 ";
-    let shop = Workshop::new();
-    let ran = shop.run_with(text, &RunOptions { jobs: 1, ..RunOptions::default() }, |_, _| {});
+    let ended = |count: usize, nap: usize| {
+        let shop = Workshop::new();
+        let text = text.replace("COUNT", &count.to_string()).replace("NAP", &nap.to_string());
+        shop.run_with(&text, &RunOptions { jobs: 1, ..RunOptions::default() }, |_, _| {}).ended(Ended::Ran)
+    };
+    // What takes its time goes one by one, the latest stage first.
     let expected: Vec<String> = ["n0000", "n0001", "n0002"]
         .iter()
         .flat_map(|i| ["numbers", "scaled", "rounded"].map(|n| format!("{n}/{i}")))
         .collect();
-    assert_eq!(ran.ended(Ended::Ran), expected);
+    assert_eq!(ended(3, 3), expected);
+    // What is short goes by the batch, and still an item is through before the first node has done its last.
+    let short = ended(3000, 0);
+    let last = short.iter().rposition(|e| e.starts_with("numbers/")).expect("it ran");
+    let first = short.iter().position(|e| e.starts_with("rounded/")).expect("it ran");
+    assert_eq!(short.len(), 9000);
+    assert!(first < last / 4, "the first was through after {first} ends, the last began after {last}");
 }
 
 #[test]

@@ -12,3 +12,4 @@ mod healing;
 mod matrix;
 mod plans;
 mod publishing;
+mod shards;

@@ -82,7 +82,7 @@ fn a_cell_more_runs_that_cell_and_what_gathers_it() {
     // `row` and `picked` do not read the new cells.
     assert_eq!(ran.ran(), BTreeMap::from([("scaled", 4), ("rounded", 4), ("half", 4), ("total", 2)]));
     let cells = ran.events.iter().filter_map(|e| match e {
-        Event::Begin { node, cell, .. } if node == "scaled" => Some(cell.as_str()),
+        Event::Begin { node, cell, .. } if node == "scaled" => Some(&**cell),
         _ => None,
     });
     assert!(cells.into_iter().all(|cell| cell.ends_with("add=6")));

@@ -110,7 +110,10 @@ fn run(store: &Path, text: &str) -> Ran {
     let summary = engine::run(&pipeline, &store, &RunOptions::default(), &AtomicBool::new(false), &look).expect("runs");
     assert!(summary.failures.is_empty(), "{:#?}", summary.failures);
     let nodes = summary.nodes.iter().map(|n| (n.node.clone(), (n.ran, n.hit))).collect();
-    Ran { nodes, units: units.into_inner().expect("no panic in there") }
+    Ran {
+        nodes,
+        units: units.into_inner().expect("no panic in there").into_iter().map(|(n, u)| (n.to_string(), u)).collect(),
+    }
 }
 
 fn edit(from: &str, to: &str) -> String {

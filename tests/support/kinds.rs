@@ -64,11 +64,15 @@ pub struct NumbersParams {
     count: u64,
     /// Added to each.
     offset: i64,
+    /// Items that are one more than they would be.
+    raised: Vec<u64>,
+    /// Milliseconds that each takes.
+    nap_ms: u64,
 }
 
 impl Default for NumbersParams {
     fn default() -> Self {
-        Self { count: 4, offset: 0 }
+        Self { count: 4, offset: 0, raised: Vec::new(), nap_ms: 0 }
     }
 }
 
@@ -88,11 +92,14 @@ impl Kind for Numbers {
 
     fn project(params: &Self::Params, item: Option<&ItemKey>, _group: &str) -> Value {
         // The number itself stands in for the item, so that how many there are does not matter.
-        json!({"count": item.and_then(|i| i.as_str()[1..].parse::<u64>().ok()), "offset": params.offset})
+        let number = item.and_then(|i| i.as_str()[1..].parse::<u64>().ok());
+        let raised: Vec<u64> = params.raised.iter().copied().filter(|n| Some(*n) == number).collect();
+        json!({"count": number, "offset": params.offset, "raised": raised, "nap_ms": params.nap_ms})
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let value = 10 * action.params.count as i64 + action.params.offset;
+        std::thread::sleep(std::time::Duration::from_millis(action.params.nap_ms));
+        let value = 10 * action.params.count as i64 + action.params.offset + action.params.raised.len() as i64;
         Ok(Outputs::default().item("out", number(ctx, value, 0)?))
     }
 }

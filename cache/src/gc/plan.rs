@@ -9,10 +9,12 @@ use crate::{
     lease::{Use, is_live, read_uses},
     record::decode_refs,
     segment::{BLOB_HEADER, Sort, read_record},
+    tree,
 };
 use std::{
     collections::{HashMap, HashSet},
     path::PathBuf,
+    sync::Arc,
 };
 
 /// Dead segments below this size are merged once there are more than `MANY_SMALL`.
@@ -48,9 +50,10 @@ impl Blob {
 /// A record, and whether it goes.
 pub(super) struct Row {
     pub slot: Slot,
-    pub namespace: String,
+    pub namespace: Arc<str>,
     pub segment: u32,
     pub offset: u64,
+    pub len: u32,
     pub generation: u32,
     /// Blobs it reaches, as numbers in `Plan::blobs`; those that are missing are left out.
     pub refs: Vec<u32>,
@@ -60,6 +63,27 @@ pub(super) struct Row {
     pub when: u64,
     held: bool,
     pub goes: bool,
+}
+
+/// Blobs that are reached, as numbers in `Plan::blobs`.
+#[derive(Default)]
+struct Listing {
+    present: Vec<u32>,
+    complete: bool,
+}
+
+impl Listing {
+    fn add(&mut self, by_hash: &HashMap<[u8; 32], u32>, digest: &Digest) {
+        match by_hash.get(&digest.hash) {
+            Some(&blob) => self.present.push(blob),
+            None => self.complete = false,
+        }
+    }
+
+    fn merge(&mut self, other: &Self) {
+        self.present.extend(&other.present);
+        self.complete &= other.complete;
+    }
 }
 
 /// A pack to be rewritten, with the blobs to take along.
@@ -128,23 +152,37 @@ impl Plan {
     fn list_records(&mut self, store: &Store, live: &HashSet<u32>) -> Result<(), CacheError> {
         let mut records: Vec<_> = store.index().records.iter().map(|(slot, at)| (*slot, *at)).collect();
         records.sort_unstable_by_key(|(_, at)| (at.segment, at.offset));
+        let mut listings: HashMap<Digest, Listing> = HashMap::new();
         for (slot, at) in records {
             let path = store.index().segments[at.segment as usize].path.clone();
-            let bytes = store.segment_file(at.segment).and_then(|file| read_record(&file, at.offset));
+            let frame = store.segment_file(at.segment).and_then(|file| read_record(&file, at.offset, at.len));
+            let frame = frame.at("read the log", &path)?;
             // A damaged record is a miss already; it is not copied.
-            let Some((head, refs)) = bytes.at("read the log", &path)?.as_deref().and_then(decode_refs) else {
+            let Some((head, refs, trees)) = frame.as_ref().and_then(|frame| decode_refs(frame.bytes())) else {
                 continue;
             };
-            let present: Vec<u32> = refs.iter().filter_map(|digest| self.by_hash.get(&digest.hash).copied()).collect();
+            let namespace = store.index().name(slot.0).clone();
+            let mut reach = Listing { complete: true, ..Listing::default() };
+            refs.iter().for_each(|digest| reach.add(&self.by_hash, digest));
+            for tree in &trees {
+                self.read_listing(store, tree, &mut listings)?;
+                if let Some(listing) = listings.get(tree) {
+                    reach.merge(listing);
+                }
+            }
+            reach.present.sort_unstable();
+            reach.present.dedup();
+            let (present, complete) = (reach.present, reach.complete);
             present.iter().for_each(|&blob| self.blobs[blob as usize].references += 1);
             self.rows.push(Row {
                 slot,
-                namespace: head.namespace,
+                namespace,
                 segment: at.segment,
                 offset: at.offset,
+                len: at.len,
                 generation: at.generation,
-                has_refs: !refs.is_empty(),
-                complete: present.len() == refs.len(),
+                has_refs: !refs.is_empty() || !trees.is_empty(),
+                complete,
                 refs: present,
                 last_used: head.when,
                 when: head.when,
@@ -155,9 +193,39 @@ impl Plan {
         Ok(())
     }
 
+    /// Reads what a tree lists, unless that was done.
+    fn read_listing(
+        &self,
+        store: &Store,
+        tree: &Digest,
+        listings: &mut HashMap<Digest, Listing>,
+    ) -> Result<(), CacheError> {
+        if listings.contains_key(tree) {
+            return Ok(());
+        }
+        let mut listing = Listing { complete: true, ..Listing::default() };
+        listing.add(&self.by_hash, tree);
+        let mut below = Vec::new();
+        if let Some(bytes) = store.get_now(tree)?
+            && let Some(read) = tree::decode(&bytes)
+        {
+            read.refs.iter().for_each(|digest| listing.add(&self.by_hash, digest));
+            below = read.trees;
+        }
+        // A content address cannot be among what it lists, so this ends.
+        for tree in &below {
+            self.read_listing(store, tree, listings)?;
+            if let Some(found) = listings.get(tree) {
+                listing.merge(found);
+            }
+        }
+        listings.insert(*tree, listing);
+        Ok(())
+    }
+
     /// Marks what is kept whatever the budget.
     fn hold(&mut self, store: &Store, options: &GcOptions) -> Result<(), CacheError> {
-        let rows: HashMap<(String, Key), u32> =
+        let rows: HashMap<(Arc<str>, Key), u32> =
             self.rows.iter().enumerate().map(|(n, row)| ((row.namespace.clone(), row.slot.1), n as u32)).collect();
         let folder = store.layout.folder("leases");
         for name in names(&folder).at("list", &folder)? {

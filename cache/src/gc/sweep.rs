@@ -17,13 +17,13 @@ use super::{
 use crate::{
     CacheError, Digest, Key, Record, Store,
     blobs::PACK_LIMIT,
-    claim,
     error::At,
     index::Slot,
     layout::{Layout, names, sync_dir},
     lease::{Use, is_live, new_owner, read_uses},
     record::{decode, decode_refs},
     segment::{Sort, blob_frame, commit_frame, read_record, record_frame},
+    tree,
 };
 use std::{
     collections::{BTreeMap, HashMap, HashSet},
@@ -31,6 +31,7 @@ use std::{
     io::{self, Write},
     os::unix::fs::FileExt,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 pub(super) struct Sweep<'a> {
@@ -38,8 +39,8 @@ pub(super) struct Sweep<'a> {
     plan: Plan,
     /// Where things are that went: blobs by hash ...
     blobs: HashMap<[u8; 32], (Digest, Trashed)>,
-    /// ... and records.
-    records: HashMap<(String, Key), Record>,
+    /// ... and records, with the hashes of what they reach.
+    records: HashMap<(Arc<str>, Key), (Record, Vec<[u8; 32]>)>,
 }
 
 enum Trashed {
@@ -122,11 +123,12 @@ impl<'a> Sweep<'a> {
         let mut out = NewSegment::new(&self.store.layout, Sort::Log);
         for row in self.plan.rows.iter().filter(|row| logs.contains(&row.segment)) {
             let path = self.path_of(row.segment);
-            let bytes = self.store.segment_file(row.segment).and_then(|file| read_record(&file, row.offset));
-            let Some(bytes) = bytes.at("read the log", &path)? else { continue };
+            let frame = self.store.segment_file(row.segment).and_then(|file| read_record(&file, row.offset, row.len));
+            let Some(frame) = frame.at("read the log", &path)? else { continue };
             if row.goes {
-                if let Some(record) = decode(&bytes) {
-                    self.records.insert((row.namespace.clone(), row.slot.1), record);
+                if let Some(record) = decode(frame.bytes()) {
+                    let reach = row.refs.iter().map(|&blob| self.plan.blobs[blob as usize].digest.hash).collect();
+                    self.records.insert((row.namespace.clone(), row.slot.1), (record, reach));
                 }
                 continue;
             }
@@ -135,7 +137,7 @@ impl<'a> Sweep<'a> {
             if at.is_none_or(|at| self.store.index().is_provisional(&row.slot, &at)) && !self.proves(&row.refs)? {
                 continue;
             }
-            out.write(&record_frame(&bytes))?;
+            out.write(&record_frame(frame.bytes()))?;
         }
         if out.len > 0 {
             let end = out.len;
@@ -190,8 +192,8 @@ impl<'a> Sweep<'a> {
         self.store.refresh()?;
         hashes.extend(self.refs_of_new_records()?);
         for key in keys {
-            let Some(record) = self.records.remove(&key) else { continue };
-            hashes.extend(record.refs.iter().map(|digest| digest.hash));
+            let Some((record, reach)) = self.records.remove(&key) else { continue };
+            hashes.extend(reach);
             self.store.record(&record)?;
             self.plan.report.rescued += 1;
             self.plan.report.removed_records -= 1;
@@ -206,11 +208,7 @@ impl<'a> Sweep<'a> {
                     }
                 }
                 Trashed::Packed { trash, offset } => {
-                    let mut bytes = vec![0; digest.size as usize];
-                    let read = File::open(&trash).and_then(|file| file.read_exact_at(&mut bytes, offset));
-                    if read.is_err() || Digest::of(&bytes) != digest {
-                        continue; // damaged: a miss
-                    }
+                    let Some(bytes) = read_packed(&trash, offset, &digest) else { continue }; // damaged: a miss
                     self.store.put(&bytes)?;
                 }
             }
@@ -229,15 +227,27 @@ impl<'a> Sweep<'a> {
         let new: Vec<_> = {
             let index = self.store.index();
             let new = index.records.iter().filter(|(slot, at)| !known.contains(&(**slot, at.generation)));
-            new.map(|(_, at)| (at.segment, at.offset)).collect()
+            new.map(|(_, at)| (at.segment, at.offset, at.len)).collect()
         };
-        let mut hashes = Vec::new();
-        for (segment, offset) in new {
-            let bytes = self.store.segment_file(segment).and_then(|file| read_record(&file, offset));
-            let refs = bytes.at("read the log", &self.path_of(segment))?.as_deref().and_then(decode_refs);
-            hashes.extend(refs.into_iter().flat_map(|(_, refs)| refs).map(|digest| digest.hash));
+        let (mut hashes, mut seen) = (Vec::new(), HashSet::new());
+        for (segment, offset, len) in new {
+            let frame = self.store.segment_file(segment).and_then(|file| read_record(&file, offset, len));
+            let frame = frame.at("read the log", &self.path_of(segment))?;
+            let Some((_, refs, trees)) = frame.as_ref().and_then(|frame| decode_refs(frame.bytes())) else { continue };
+            hashes.extend(refs.iter().map(|digest| digest.hash));
+            let mut found = |digest: &Digest| hashes.push(digest.hash);
+            tree::walk(&trees, &mut seen, &mut |digest| self.read_anywhere(digest), &mut found)?;
         }
         Ok(hashes)
+    }
+
+    /// A blob from where it belongs, or from the trash.
+    fn read_anywhere(&self, digest: &Digest) -> Result<Option<Vec<u8>>, CacheError> {
+        match self.blobs.get(&digest.hash) {
+            Some((_, Trashed::Loose { trash, .. })) => Ok(fs::read(trash).ok().filter(|b| Digest::of(b) == *digest)),
+            Some((_, Trashed::Packed { trash, offset })) => Ok(read_packed(trash, *offset, digest)),
+            None => self.store.get_now(digest),
+        }
     }
 
     /// One history of use instead of many.
@@ -268,8 +278,6 @@ impl<'a> Sweep<'a> {
     /// Removes what dead processes left lying about.
     fn tidy(&self) -> Result<(), CacheError> {
         let layout = &self.store.layout;
-        let locks = layout.folder("locks");
-        claim::sweep(&locks).at("tidy", &locks)?;
         let tmp = layout.folder("tmp");
         for name in names(&tmp).at("list", &tmp)? {
             let owner = name.rsplit_once('.').map_or(name.as_str(), |(owner, _)| owner);
@@ -288,6 +296,13 @@ impl<'a> Sweep<'a> {
         }
         Ok(())
     }
+}
+
+/// A packed blob; none if it is damaged.
+fn read_packed(pack: &Path, offset: u64, digest: &Digest) -> Option<Vec<u8>> {
+    let mut bytes = vec![0; digest.size as usize];
+    File::open(pack).and_then(|file| file.read_exact_at(&mut bytes, offset)).ok()?;
+    (Digest::of(&bytes) == *digest).then_some(bytes)
 }
 
 /// A segment written aside and published whole.  It has no live owner.

@@ -40,6 +40,7 @@ fn record(n: u64, payload: &str, refs: Vec<Digest>) -> Record {
         payload: payload.into(),
         bytes: refs.iter().map(|digest| digest.size).sum(),
         refs,
+        trees: Vec::new(),
         wall_us: 10,
         when: n,
     }

@@ -1,7 +1,7 @@
 //! Artifacts, and collections of them.
 
-use crate::key::canonical_bytes;
-use serde::{Deserialize, Serialize};
+use crate::key::encode_text;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::{borrow::Borrow, collections::BTreeMap, fmt, sync::Arc};
 use tauflow_cache::Digest;
 
@@ -35,6 +35,11 @@ impl ItemKey {
         Ok(Self(text.into()))
     }
 
+    /// The key's text, shared.
+    pub fn text(&self) -> Arc<str> {
+        self.0.clone()
+    }
+
     /// The key's text.
     pub fn as_str(&self) -> &str {
         &self.0
@@ -43,6 +48,13 @@ impl ItemKey {
     /// The key below a matrix cell: `cell/key`.
     pub fn in_cell(&self, cell: &str) -> Result<Self, ItemKeyError> {
         Self::new(format!("{cell}/{}", self.0))
+    }
+
+    /// The shard that the item belongs to: see [`Collection::digest`]. A function of the item's own text, so that an item
+    /// stays in its shard below any matrix cell.
+    pub fn shard(&self) -> u8 {
+        let own = self.split_cell().map_or(self.as_str(), |(_, own)| own);
+        blake3::hash(own.as_bytes()).as_bytes()[0]
     }
 
     /// The cell's text and the item's own text, for a key made by [`ItemKey::in_cell`].
@@ -84,13 +96,91 @@ pub struct Artifact {
     /// What the bytes are, e.g. `tauflow/ladder`.
     pub media: String,
     /// Parts by name; names follow the rules of [`ItemKey`] or are empty.
-    pub parts: BTreeMap<String, Digest>,
+    pub parts: Parts,
+}
+
+/// Named digests, ordered by name: a map that takes no more room than its few entries.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Parts(Box<[(String, Digest)]>);
+
+impl Parts {
+    /// The digest of a name.
+    pub fn get(&self, name: &str) -> Option<&Digest> {
+        self.0.binary_search_by(|(there, _)| there.as_str().cmp(name)).ok().map(|at| &self.0[at].1)
+    }
+
+    /// Whether the name is there.
+    pub fn contains_key(&self, name: &str) -> bool {
+        self.get(name).is_some()
+    }
+
+    /// Names, in order.
+    pub fn keys(&self) -> impl Iterator<Item = &String> {
+        self.0.iter().map(|(name, _)| name)
+    }
+
+    /// Digests, in the order of their names.
+    pub fn values(&self) -> impl Iterator<Item = &Digest> {
+        self.0.iter().map(|(_, digest)| digest)
+    }
+
+    /// Names and digests, in order.
+    pub fn iter(&self) -> impl Iterator<Item = (&String, &Digest)> {
+        self.0.iter().map(|(name, digest)| (name, digest))
+    }
+
+    /// How many.
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// True if there are none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+}
+
+impl FromIterator<(String, Digest)> for Parts {
+    /// Of two entries of one name the later stays.
+    fn from_iter<I: IntoIterator<Item = (String, Digest)>>(iter: I) -> Self {
+        let mut parts: Vec<(String, Digest)> = iter.into_iter().collect();
+        parts.reverse();
+        parts.sort_by(|a, b| a.0.cmp(&b.0));
+        parts.dedup_by(|later, first| later.0 == first.0);
+        Self(parts.into())
+    }
+}
+
+impl Serialize for Parts {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.iter())
+    }
+}
+
+impl<'de> Deserialize<'de> for Parts {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Entries;
+        impl<'de> serde::de::Visitor<'de> for Entries {
+            type Value = Parts;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("digests by name")
+            }
+            fn visit_map<A: serde::de::MapAccess<'de>>(self, mut map: A) -> Result<Parts, A::Error> {
+                let mut parts = Vec::with_capacity(map.size_hint().unwrap_or(1));
+                while let Some(entry) = map.next_entry()? {
+                    parts.push(entry);
+                }
+                Ok(parts.into_iter().collect())
+            }
+        }
+        deserializer.deserialize_map(Entries)
+    }
 }
 
 impl Artifact {
     /// An artifact of a single blob.
     pub fn blob(media: impl Into<String>, digest: Digest) -> Self {
-        Self { media: media.into(), parts: BTreeMap::from([(String::new(), digest)]) }
+        Self { media: media.into(), parts: Parts(Box::new([(String::new(), digest)])) }
     }
 
     /// An artifact of named parts.
@@ -105,8 +195,20 @@ impl Artifact {
 
     /// Content digest of the whole artifact: of its canonical encoding, which names every part's digest.
     pub fn digest(&self) -> Digest {
-        let value = serde_json::to_value(self).expect("strings and digests always serialise");
-        Digest::of(&canonical_bytes(&value))
+        // The canonical encoding of `{"media": .., "parts": {..}}`, without making that value first.
+        let mut out = Vec::with_capacity(64 + self.media.len() + self.parts.len() * 128);
+        out.push(b'o');
+        out.extend(2u64.to_le_bytes());
+        encode_text(b'k', "media", &mut out);
+        encode_text(b's', &self.media, &mut out);
+        encode_text(b'k', "parts", &mut out);
+        out.push(b'o');
+        out.extend((self.parts.len() as u64).to_le_bytes());
+        for (name, digest) in self.parts.iter() {
+            encode_text(b'k', name, &mut out);
+            encode_text(b's', &digest.to_string(), &mut out);
+        }
+        Digest::of(&out)
     }
 
     /// Sum of the parts' sizes in bytes.
@@ -122,18 +224,43 @@ pub struct Collection {
     pub items: BTreeMap<ItemKey, Artifact>,
 }
 
+/// Content digest of the items of one shard: over every key, in order, and its artifact's digest.
+pub fn shard_digest<'a>(items: impl Iterator<Item = (&'a ItemKey, Digest)>) -> Digest {
+    let mut bytes = b"tauflow-shard-1".to_vec();
+    for (key, digest) in items {
+        bytes.extend((key.as_str().len() as u64).to_le_bytes());
+        bytes.extend(key.as_str().as_bytes());
+        bytes.extend(digest.hash);
+        bytes.extend(digest.size.to_le_bytes());
+    }
+    Digest::of(&bytes)
+}
+
+/// Content digest of a collection, from the shards that hold items: number, items, and [`shard_digest`], in the order of their
+/// numbers.
+pub fn collection_digest(shards: impl Iterator<Item = (u8, u64, Digest)>) -> Digest {
+    let mut bytes = b"tauflow-collection-2".to_vec();
+    for (shard, len, digest) in shards {
+        bytes.push(shard);
+        bytes.extend(len.to_le_bytes());
+        bytes.extend(digest.hash);
+        bytes.extend(digest.size.to_le_bytes());
+    }
+    Digest::of(&bytes)
+}
+
 impl Collection {
-    /// Content digest of the collection: over every item's key and artifact digest.
+    /// Content digest of the collection: a tree of two levels, over every item's key and artifact digest. Items are dealt to
+    /// 256 shards by [`ItemKey::shard`], so that a change of one item changes one shard, and the others' digests can be
+    /// kept.
     pub fn digest(&self) -> Digest {
-        let mut bytes = b"tauflow-collection-1".to_vec();
+        let mut shards: BTreeMap<u8, Vec<(&ItemKey, Digest)>> = BTreeMap::new();
         for (key, artifact) in &self.items {
-            let digest = artifact.digest();
-            bytes.extend((key.as_str().len() as u64).to_le_bytes());
-            bytes.extend(key.as_str().as_bytes());
-            bytes.extend(digest.hash);
-            bytes.extend(digest.size.to_le_bytes());
+            shards.entry(key.shard()).or_default().push((key, artifact.digest()));
         }
-        Digest::of(&bytes)
+        let digests =
+            shards.into_iter().map(|(shard, items)| (shard, items.len() as u64, shard_digest(items.into_iter())));
+        collection_digest(digests)
     }
 
     /// Number of items.
@@ -175,6 +302,25 @@ mod tests {
         }
         let key = ItemKey::new("x").expect("plain").in_cell("mc_noise+rgb").expect("plain");
         assert_eq!(key.split_cell(), Some(("mc_noise+rgb", "x")));
+    }
+
+    #[test]
+    fn an_artifact_digest_is_that_of_its_canonical_encoding() {
+        let artifact = Artifact::tree("m", [("b".to_owned(), Digest::of(b"b")), ("a".to_owned(), Digest::of(b"a"))]);
+        let value = serde_json::to_value(&artifact).expect("plain");
+        assert_eq!(artifact.digest(), Digest::of(&crate::key::canonical_bytes(&value)));
+        assert_eq!(serde_json::from_value::<Artifact>(value).expect("own value"), artifact);
+        assert_eq!(artifact.part("b"), Some(Digest::of(b"b")));
+        assert!(!artifact.parts.contains_key("c"));
+    }
+
+    #[test]
+    fn an_item_stays_in_its_shard_below_a_cell() {
+        let key = ItemKey::new("L1-open-000123").expect("plain");
+        assert_eq!(key.in_cell("mc_noise+rgb").expect("plain").shard(), key.shard());
+        let shards: std::collections::BTreeSet<u8> =
+            (0..4096).map(|n| ItemKey::new(format!("{n}")).expect("plain").shard()).collect();
+        assert_eq!(shards.len(), 256);
     }
 
     #[test]

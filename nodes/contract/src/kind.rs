@@ -290,6 +290,9 @@ pub trait Kind: Send + Sync + 'static {
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError>;
 }
 
+/// The params that the action of an item (if it has one) and an output group reads.
+pub type Projection = Box<dyn Fn(Option<&ItemKey>, &str) -> Value + Send + Sync>;
+
 /// A kind as the engine sees it: object-safe, with JSON params.
 pub trait NodeKind: Send + Sync {
     /// What the kind states about itself.
@@ -306,8 +309,8 @@ pub trait NodeKind: Send + Sync {
     /// # Errors
     /// As [`Kind::items`].
     fn items(&self, params: &Value) -> Result<Vec<SourceItem>, KindError>;
-    /// See [`Kind::project`]; `params` are resolved.
-    fn project(&self, params: &Value, item: Option<&ItemKey>, group: &str) -> Value;
+    /// See [`Kind::project`]; `params` are resolved, and are read once for all the items that the projection is asked about.
+    fn projection(&self, params: &Value) -> Projection;
     /// See [`Kind::run`]; the params are a projection.
     ///
     /// # Errors
@@ -359,11 +362,14 @@ impl<K: Kind> NodeKind for KindRow<K> {
         K::items(&parse(params)?)
     }
 
-    fn project(&self, params: &Value, item: Option<&ItemKey>, group: &str) -> Value {
+    fn projection(&self, params: &Value) -> Projection {
         match parse::<K::Params>(params) {
-            Ok(typed) => K::project(&typed, item, group),
+            Ok(typed) => Box::new(move |item, group| K::project(&typed, item, group)),
             // Cannot be for resolved params; the whole params are a sound, if broad, key.
-            Err(_) => params.clone(),
+            Err(_) => {
+                let params = params.clone();
+                Box::new(move |_, _| params.clone())
+            }
         }
     }
 

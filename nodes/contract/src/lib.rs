@@ -11,11 +11,11 @@ mod context;
 mod key;
 mod kind;
 
-pub use artifact::{Artifact, Collection, ItemKey, ItemKeyError};
+pub use artifact::{Artifact, Collection, ItemKey, ItemKeyError, Parts, collection_digest, shard_digest};
 pub use context::{Blobs, Context, MemoKey, MemoryBlobs, Progress, Silent};
 pub use key::{ActionKey, FORMAT_VERSION, canonical_bytes, derive_seed};
 pub use kind::{
     Action, Determinism, Feed, InputPort, Kind, KindError, KindRow, KindSpec, Mode, NodeKind, OutputPort, Outputs,
-    ParamProblem, SourceItem,
+    ParamProblem, Projection, SourceItem,
 };
 pub use tauflow_cache::{Digest, ParseDigestError};

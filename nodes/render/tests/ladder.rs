@@ -257,9 +257,9 @@ fn params_are_checked_and_projected() {
     assert_eq!(pointer(r#"{"gbuffer_samples": 0}"#), "/gbuffer_samples");
     assert!(resolve(r#"{"sampler": "sobol"}"#).is_err() && resolve(r#"{"spp": 3}"#).is_err());
     let full = resolve(r#"{"rungs": {"dyadic": 4}, "gbuffer_samples": 7}"#).expect("sound");
-    let ladder = kind.project(&full, None, "ladder");
+    let ladder = kind.projection(&full)(None, "ladder");
     assert!(ladder.get("gbuffer_samples").is_none() && ladder["rungs"] == serde_json::json!([1, 2, 4]));
-    let gbuffer = kind.project(&full, None, "gbuffer");
+    let gbuffer = kind.projection(&full)(None, "gbuffer");
     assert!(gbuffer.get("rungs").is_none() && gbuffer["gbuffer_samples"] == 7);
     assert!(kind.resolve(&ladder).is_ok() && kind.resolve(&gbuffer).is_ok(), "a projection is a set of params");
 }

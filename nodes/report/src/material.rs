@@ -162,7 +162,7 @@ fn only<'a, P>(action: &Action<'a, P>, port: &str) -> Result<Option<&'a Artifact
 fn bridge<P>(ctx: &Context<'_>, action: &Action<'_, P>) -> Result<Option<BridgeFiles>, KindError> {
     let Some(artifact) = only(action, "bridge")? else { return Ok(None) };
     let mut maps = Vec::new();
-    for (name, digest) in &artifact.parts {
+    for (name, digest) in artifact.parts.iter() {
         if let Some(short) = name.strip_prefix("maps/")
             && short.ends_with(".png")
         {

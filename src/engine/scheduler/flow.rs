@@ -3,45 +3,56 @@
 
 use super::{
     Scheduler,
-    state::{Given, Op, Slot, Status, give_all, given},
+    state::{Given, Op, Slot, Stage, Status},
+    with_files,
 };
 use crate::engine::{
-    event::{Ended, Event},
-    lanes::LaneFeed,
-    records::{Made, Whole},
+    event::Ended,
+    lanes::{LaneFeed, Reader},
+    records::Made,
+    whole::{Items, SHARDS, Whole},
 };
 use std::{
     panic::{AssertUnwindSafe, catch_unwind},
     path::PathBuf,
     sync::Arc,
 };
-use tauflow_contract::{Collection, ItemKey, Mode};
+use tauflow_contract::{ItemKey, Mode, SourceItem};
 
 impl Scheduler<'_> {
-    pub(super) fn fill_source(&mut self, lane: usize) {
+    /// The items of a source, in order; none if they cannot be listed, which is told.
+    pub(super) fn list_source(&mut self, lane: usize) -> Vec<SourceItem> {
         let of = &self.lanes[lane];
         let node = &self.pipeline.nodes[of.node];
         let params = &self.pipeline.cells[of.cell].params;
         let listed = catch_unwind(AssertUnwindSafe(|| node.kind.items(params)));
         self.states[lane].known = true;
-        let items = match listed {
+        let message = match listed {
             Ok(Ok(mut items)) => {
                 items.sort_by(|a, b| a.key.cmp(&b.key));
-                items
+                match items.windows(2).find(|w| w[0].key == w[1].key) {
+                    Some(pair) => format!("two items have the key `{}`; please report it", pair[0].key),
+                    None => return items,
+                }
             }
-            Ok(Err(error)) => return self.fail_lane(lane, error.to_string()),
-            Err(_) => {
-                return self.fail_lane(lane, "internal error: listing the items panicked; please report it".into());
-            }
+            Ok(Err(error)) => error.to_string(),
+            Err(_) => "internal error: listing the items panicked; please report it".into(),
         };
-        if let Some(pair) = items.windows(2).find(|w| w[0].key == w[1].key) {
-            return self.fail_lane(lane, format!("two items have the key `{}`; please report it", pair[0].key));
+        self.fail_lane(lane, message);
+        Vec::new()
+    }
+
+    /// Gives a source its slots.
+    pub(super) fn fill_source(&mut self, lane: usize, items: Vec<SourceItem>) {
+        if self.states[lane].unknown {
+            return;
         }
-        for item in items {
-            if let Some(slot) = self.add_slot(lane, Some(item.key), item.files) {
+        for (key, files) in self.roll_source(lane, items) {
+            if let Some(slot) = self.add_slot(lane, Some(key), files) {
                 self.ops.push_back(Op::Try { lane, slot });
             }
         }
+        self.check_shards(lane);
         self.ops.push_back(Op::Check { lane });
     }
 
@@ -56,16 +67,20 @@ impl Scheduler<'_> {
         {
             return None;
         }
+        let indexed = self.lanes[lane].inputs.iter().filter(|feeds| !feeds.is_empty()).count() > 1;
         let state = &mut self.states[lane];
         let slot = state.slots.len();
-        if let Some(key) = &key {
-            state.index.insert(key.clone(), slot);
+        if indexed && let Some(key) = &key {
+            state.index.insert(key.clone(), slot as u32);
         }
         let gather = key.is_none();
-        state.slots.push(Slot { key, files, status: Status::Waiting, made: Made::default(), file: None });
+        let shard = key.as_ref().map_or(0, ItemKey::shard);
+        let of = &mut state.shards[usize::from(shard)];
+        of.slots.push(slot as u32);
+        of.open += 1;
+        state.slots.push(Slot { key, shard, status: Status::Waiting, made: Made::default(), extra: with_files(files) });
         state.open += 1;
-        let (node, ..) = self.names(lane);
-        self.events.push(Event::Expect { node, actions: 1 });
+        self.expected[self.lanes[lane].node] += 1;
         if gather {
             self.ops.push_back(Op::Try { lane, slot });
         }
@@ -80,7 +95,7 @@ impl Scheduler<'_> {
         let slot = if self.lanes[lane].driving == Some(input) {
             self.add_slot(lane, Some(key), Vec::new())
         } else {
-            self.states[lane].index.get(key.as_str()).copied()
+            self.states[lane].index.get(key.as_str()).map(|slot| *slot as usize)
         };
         if let Some(slot) = slot {
             self.ops.push_back(Op::Try { lane, slot });
@@ -111,11 +126,18 @@ impl Scheduler<'_> {
         }
         let waiting = state.slots.iter().enumerate().filter(|(_, s)| s.status == Status::Waiting);
         self.ops.extend(waiting.map(|(slot, _)| Op::Try { lane, slot }));
+        if state.by_shard {
+            let pending = (0..=u8::MAX).filter(|shard| state.shards[usize::from(*shard)].stage == Stage::Pending);
+            self.ops.extend(pending.map(|shard| Op::Decide { lane, shard }));
+        }
+        if self.states[lane].known {
+            self.check_shards(lane);
+        }
         self.ops.push_back(Op::Check { lane });
     }
 
     /// The collection on a closed input: its feeds' collections, merged.
-    pub(super) fn gathered(&self, lane: usize, input: usize) -> Result<Arc<Whole>, String> {
+    pub(super) fn gathered(&mut self, lane: usize, input: usize) -> Result<Arc<Whole>, String> {
         let feeds = &self.lanes[lane].inputs[input];
         let result = |feed: &LaneFeed| self.states[feed.lane].results.get(&feed.port).cloned();
         if let [feed] = &feeds[..]
@@ -124,21 +146,34 @@ impl Scheduler<'_> {
         {
             return Ok(whole);
         }
-        let mut merged = Collection::default();
+        let mut merged = Items::new();
         for feed in feeds {
             let Some(whole) = result(feed) else { return Err("internal error: a collection is missing".into()) };
-            for (key, artifact) in whole.collection.iter() {
+            let items = match whole.items(self.bench.store) {
+                Ok(Ok(items)) => items,
+                Ok(Err(blob)) if self.bench.wanted.contains(&blob) => return Err(super::lost(&blob)),
+                Ok(Err(blob)) => {
+                    // The next pass makes it; until then the input stays open.
+                    self.missing.insert(blob);
+                    self.states[lane].inputs[input].open += 1;
+                    return Err(super::lost(&blob));
+                }
+                Err(error) => return Err(error.to_string()),
+            };
+            for (key, output) in items {
                 let key = match &feed.prefix {
                     Some(prefix) => key.in_cell(prefix).map_err(|e| e.to_string())?,
-                    None => key.clone(),
+                    None => key,
                 };
-                if merged.items.insert(key.clone(), artifact.clone()).is_some() {
-                    let port = self.pipeline.nodes[self.lanes[lane].node].spec.inputs[input].name;
-                    return Err(format!("two of the nodes on input `{port}` give an item `{key}`"));
-                }
+                merged.push((key, output));
             }
         }
-        Ok(Arc::new(Whole::new(merged)))
+        merged.sort_by(|a, b| a.0.cmp(&b.0));
+        if let Some(pair) = merged.windows(2).find(|pair| pair[0].0 == pair[1].0) {
+            let port = self.pipeline.nodes[self.lanes[lane].node].spec.inputs[input].name;
+            return Err(format!("two of the nodes on input `{port}` give an item `{}`", pair[0].0));
+        }
+        Ok(Arc::new(Whole::of(merged)))
     }
 
     pub(super) fn try_ready(&mut self, lane: usize, slot: usize) {
@@ -147,22 +182,25 @@ impl Scheduler<'_> {
             return;
         }
         let spec = &self.pipeline.nodes[self.lanes[lane].node].spec;
+        let shard = usize::from(state.slots[slot].shard);
         let (mut wait, mut blocked, mut error) = (false, false, None);
         for (number, input) in state.inputs.iter().enumerate() {
             if self.lanes[lane].inputs[number].is_empty() {
                 continue;
             }
-            error = error.or_else(|| input.error.clone());
             if self.lanes[lane].is_whole(self.pipeline, number) {
                 wait |= input.open > 0;
                 blocked |= input.broken;
+                if input.open == 0 {
+                    error = error.or_else(|| input.error.clone());
+                }
                 continue;
             }
             let Some(key) = &state.slots[slot].key else { continue }; // gathers have whole inputs only
             match input.given.get(key) {
                 Some(Given::Item(_)) => {}
                 Some(Given::Broken) => blocked = true,
-                None if input.open > 0 => wait = true,
+                None if input.open > 0 && input.open_shards[shard] > 0 => wait = true,
                 None if input.broken => blocked = true,
                 None if spec.inputs[number].optional => {}
                 None => {
@@ -189,27 +227,59 @@ impl Scheduler<'_> {
     /// Gives an ended slot's outputs to those who read item by item.
     pub(super) fn hand_on(&mut self, lane: usize, slot: usize) {
         let lanes = self.lanes;
-        let state = &self.states[lane];
-        let slot = &state.slots[slot];
-        let good = matches!(slot.status, Status::Ended(Ended::Hit | Ended::Ran));
-        let outputs = &self.pipeline.nodes[lanes[lane].node].spec.outputs;
+        if self.states[lane].slots[slot].key.is_none() {
+            return self.hand_on_gathered(lane, slot);
+        }
+        let (shard, status) = (self.states[lane].slots[slot].shard, self.states[lane].slots[slot].status);
+        let open = |reader: &&Reader| {
+            let reading = &self.states[reader.lane];
+            let whole = lanes[reader.lane].is_whole(self.pipeline, reader.input);
+            !reading.done && !whole && reading.shards[usize::from(shard)].stage == Stage::Open
+        };
+        // Those that are opened below take what is there, this item included.
+        let open: Vec<&Reader> = lanes[lane].readers.iter().filter(open).collect();
+        if status != Status::Ended(Ended::Hit) {
+            self.open_readers(lane, shard);
+        }
+        for reader in open {
+            let feed = &lanes[reader.lane].inputs[reader.input][reader.feed];
+            self.give_slot(reader.lane, reader.input, feed, slot);
+        }
+    }
+
+    /// Gives one slot's output on.
+    pub(super) fn give_slot(&mut self, lane: usize, input: usize, feed: &LaneFeed, slot: usize) {
+        let from = &self.states[feed.lane].slots[slot];
+        let Some(key) = &from.key else { return };
+        let given = match from.status {
+            Status::Ended(Ended::Hit | Ended::Ran) => match from.made.item(feed.port) {
+                Some(output) => Given::Item(output.clone()),
+                None => return, // filtered out
+            },
+            Status::Ended(_) => Given::Broken,
+            _ => return,
+        };
+        let key = prefixed(feed, key);
+        self.give(lane, input, key, given);
+    }
+
+    /// Gives what a gather made to those who read item by item.
+    fn hand_on_gathered(&mut self, lane: usize, slot: usize) {
+        let lanes = self.lanes;
         for reader in &lanes[lane].readers {
             if self.states[reader.lane].done || lanes[reader.lane].is_whole(self.pipeline, reader.input) {
                 continue;
             }
             let feed = &lanes[reader.lane].inputs[reader.input][reader.feed];
-            let port = outputs[feed.port].name;
-            let mut items: Vec<(ItemKey, Given)> = Vec::new();
-            match &slot.key {
-                Some(key) if !good => items.push((key.clone(), Given::Broken)),
-                Some(key) => items.extend(slot.made.items.get(port).map(|a| (key.clone(), Given::Item(a.clone())))),
-                None => {
-                    if let Some(whole) = slot.made.collections.get(port) {
-                        items = given(&whole.collection);
-                    }
+            let Some(whole) = self.states[lane].slots[slot].made.collection(feed.port).cloned() else { continue };
+            if lanes[reader.lane].driving == Some(reader.input) {
+                self.choose_by_shard_of(reader.lane, whole.len());
+            }
+            for (shard, part) in &whole.parts {
+                if self.states[reader.lane].shards[usize::from(*shard)].stage == Stage::Open {
+                    self.give_part(reader.lane, reader.input, feed, *shard, part);
                 }
             }
-            give_all(&mut self.ops, reader.lane, reader.input, feed.prefix.as_deref(), items);
         }
     }
 
@@ -229,14 +299,29 @@ impl Scheduler<'_> {
             let whole = lanes[reader.lane].is_whole(self.pipeline, reader.input);
             if rolled
                 && !whole
-                && let Some(result) = self.states[lane].results.get(&feed.port)
+                && let Some(result) = self.states[lane].results.get(&feed.port).cloned()
             {
-                let items = given(&result.collection);
-                give_all(&mut self.ops, reader.lane, reader.input, feed.prefix.as_deref(), items);
+                if lanes[reader.lane].driving == Some(reader.input) {
+                    self.choose_by_shard_of(reader.lane, result.len());
+                }
+                for (shard, part) in &result.parts {
+                    if self.states[reader.lane].shards[usize::from(*shard)].stage == Stage::Open {
+                        self.give_part(reader.lane, reader.input, feed, *shard, part);
+                    }
+                }
+            }
+            if !whole && (rolled || gather) {
+                let (lane, input) = (reader.lane, reader.input);
+                self.ops.extend((0..SHARDS).map(|shard| Op::ShardFed { lane, input, shard: shard as u8 }));
             }
             // Items that failed were told one by one to those who read item by item.
             let broken = unknown || (failed && (whole || gather));
             self.ops.push_back(Op::FeedDone { lane: reader.lane, input: reader.input, broken });
         }
     }
+}
+
+/// An item's key below the prefix of a feed. A key that is too long with it stays as it is; it then stands out as not found.
+pub(super) fn prefixed(feed: &LaneFeed, key: &ItemKey) -> ItemKey {
+    feed.prefix.as_deref().and_then(|prefix| key.in_cell(prefix).ok()).unwrap_or_else(|| key.clone())
 }

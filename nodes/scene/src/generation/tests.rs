@@ -14,7 +14,7 @@ fn make(blobs: &MemoryBlobs, params: &Value, key: &str, assets: Option<&Collecti
     let row = KindRow::<SceneGeneration>::new();
     let key = ItemKey::new(key).expect("plain");
     let params = row.resolve(params).expect("fine params");
-    let params = row.project(&params, Some(&key), "main");
+    let params = row.projection(&params)(Some(&key), "main");
     let cancel = AtomicBool::new(false);
     let ctx = Context::new(blobs, &Silent, &cancel);
     let action = Action {
@@ -134,14 +134,14 @@ fn a_range_is_read_by_its_regime_alone() {
         let after = row.resolve(&edit).expect("fine");
         for stratum in Stratum::all() {
             let key = stratum.item_key(0);
-            let same = row.project(&before, Some(&key), "main") == row.project(&after, Some(&key), "main");
+            let same = row.projection(&before)(Some(&key), "main") == row.projection(&after)(Some(&key), "main");
             assert_eq!(same, regime != Some(stratum.regime), "{edit} {stratum}");
         }
     }
     let after = row.resolve(&serde_json::json!({ "max_depth": { "enclosed": 20 } })).expect("fine");
     for stratum in Stratum::all() {
         let key = stratum.item_key(0);
-        let same = row.project(&before, Some(&key), "main") == row.project(&after, Some(&key), "main");
+        let same = row.projection(&before)(Some(&key), "main") == row.projection(&after)(Some(&key), "main");
         assert_eq!(same, stratum.context != ContextClass::Enclosed, "{stratum}");
     }
 }

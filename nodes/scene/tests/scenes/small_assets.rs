@@ -268,7 +268,7 @@ fn damage(name: &str, whole: &[u8], times: usize) {
         let cancel = std::sync::atomic::AtomicBool::new(false);
         let ctx = tauflow_contract::Context::new(&blobs, &tauflow_contract::Silent, &cancel);
         let action = tauflow_contract::Action {
-            params: kind.project(&params, Some(&item.key), "main"),
+            params: kind.projection(&params)(Some(&item.key), "main"),
             item: Some(&item.key),
             group: "main",
             seed: 0,

@@ -43,7 +43,7 @@ pub fn act(
         _ => None,
     };
     let action = Action {
-        params: kind.project(params, key, "main"),
+        params: kind.projection(params)(key, "main"),
         item: key,
         group: "main",
         seed: derive_seed(7, kind.spec().name, key.map_or("", ItemKey::as_str)),
