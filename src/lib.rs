@@ -6,5 +6,6 @@ pub mod cli;
 pub mod diagnostics;
 pub mod engine;
 pub mod kinds;
+pub mod lock;
 pub mod pipeline;
 pub mod registry;

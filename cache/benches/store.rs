@@ -25,6 +25,8 @@ fn record(n: u64) -> Record {
         payload: "o".repeat(200),
         refs: Vec::new(),
         trees: Vec::new(),
+        recipe: String::new(),
+        derived: false,
         wall_us: 1000,
         bytes: 500,
         when: n,

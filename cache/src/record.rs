@@ -21,6 +21,10 @@ pub struct Record {
     pub preimage: String,
     /// JSON text of the outputs; opaque to the store.
     pub payload: String,
+    /// JSON text of what it takes to do the action again; opaque to the store, and no part of what makes two records equal.
+    pub recipe: String,
+    /// It only sums other records up: it costs nothing to make again, whatever its wall time says.
+    pub derived: bool,
     /// Blobs that the payload reaches: what garbage collection keeps alive for it.
     pub refs: Vec<Digest>,
     /// Blobs made by [`tree::encode`](crate::tree::encode) that it reaches, with all that they list.
@@ -117,30 +121,42 @@ pub(crate) fn encode(head: &Head<'_>, record: &Record) -> Vec<u8> {
     head.encode(&mut out);
     out.digests(&record.refs);
     out.digests(&record.trees);
+    out.u8(u8::from(record.derived));
     out.text(&record.preimage);
     out.text(&record.payload);
+    out.text(&record.recipe);
     out
 }
 
-/// The blobs and trees that an encoded record reaches; cheaper than all of it.
-pub(crate) fn decode_refs(bytes: &[u8]) -> Option<(Head<'_>, Vec<Digest>, Vec<Digest>)> {
+/// The part of a record that collections and verification look at.
+pub(crate) struct Reach<'a> {
+    pub head: Head<'a>,
+    pub refs: Vec<Digest>,
+    pub trees: Vec<Digest>,
+    pub derived: bool,
+}
+
+/// What an encoded record reaches; cheaper than all of it.
+pub(crate) fn decode_reach(bytes: &[u8]) -> Option<Reach<'_>> {
     let mut fields = Fields(bytes);
     let head = Head::decode(&mut fields)?;
-    Some((head, fields.digests()?, fields.digests()?))
+    Some(Reach { head, refs: fields.digests()?, trees: fields.digests()?, derived: fields.u8()? != 0 })
 }
 
 pub(crate) fn decode(bytes: &[u8]) -> Option<Record> {
     let mut fields = Fields(bytes);
     let head = Head::decode(&mut fields)?;
-    let (refs, trees) = (fields.digests()?, fields.digests()?);
+    let (refs, trees, derived) = (fields.digests()?, fields.digests()?, fields.u8()? != 0);
     Some(Record {
         namespace: head.namespace.to_owned(),
         key: head.key,
         label: head.label.to_owned(),
         preimage: fields.text()?.to_owned(),
         payload: fields.text()?.to_owned(),
+        recipe: fields.text()?.to_owned(),
         refs,
         trees,
+        derived,
         wall_us: head.wall_us,
         bytes: head.bytes,
         when: head.when,
@@ -159,6 +175,8 @@ mod tests {
             label: "ladder".into(),
             preimage: "{\"a\":1}".into(),
             payload: "[]".into(),
+            recipe: "{}".into(),
+            derived: true,
             refs: vec![Digest::of(b"x"), Digest::of(b"yy")],
             trees: vec![Digest::of(b"zzz")],
             wall_us: 3,
@@ -168,8 +186,8 @@ mod tests {
         let head = Head::of(&record, 7, 9);
         let bytes = encode(&head, &record);
         assert_eq!(decode(&bytes).as_ref(), Some(&record));
-        let (found, refs, trees) = decode_refs(&bytes).expect("own bytes");
-        assert_eq!((found.generation, found.origin, refs, trees), (7, 9, record.refs, record.trees));
+        let Reach { head, refs, trees, derived } = decode_reach(&bytes).expect("own bytes");
+        assert_eq!((head.generation, head.origin, refs, trees, derived), (7, 9, record.refs, record.trees, true));
         assert!((0..bytes.len()).all(|n| decode(&bytes[..n]).is_none()));
     }
 }

@@ -66,6 +66,16 @@ impl Store {
         self.find(namespace, key, true)
     }
 
+    /// The keys of a namespace whose text begins like this, sorted.
+    pub fn keys_like(&self, namespace: &str, start: &str) -> Vec<Key> {
+        let index = self.index();
+        let Some(namespace) = index.number_of(namespace) else { return Vec::new() };
+        let of = index.records.keys().filter(|slot| slot.0 == namespace).map(|slot| slot.1);
+        let mut found: Vec<Key> = of.filter(|key| start.is_empty() || key.hex().starts_with(start)).collect();
+        found.sort_unstable();
+        found
+    }
+
     /// All records of a label, oldest first.
     pub fn by_label(&self, namespace: &str, label: &str) -> Vec<Record> {
         let mut found: Vec<(u64, Key)> = {

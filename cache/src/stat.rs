@@ -65,6 +65,15 @@ impl Store {
             }
         }
         stat.conflicts = index.conflicts.len() as u64;
+        drop(index);
+        stat.records = self.record_stats();
+        Ok(stat)
+    }
+
+    /// Numbers of the records, by namespace and label, from the index alone.
+    pub fn record_stats(&self) -> BTreeMap<String, BTreeMap<String, LabelStat>> {
+        let index = self.index();
+        let mut found: BTreeMap<String, BTreeMap<String, LabelStat>> = BTreeMap::new();
         let mut by_number: BTreeMap<(u32, u32), LabelStat> = BTreeMap::new();
         for ((namespace, _), at) in &index.records {
             let label = by_number.entry((*namespace, at.label)).or_default();
@@ -73,9 +82,9 @@ impl Store {
             label.bytes = label.bytes.saturating_add(at.bytes);
         }
         for ((namespace, label), numbers) in by_number {
-            let labels = stat.records.entry(index.name(namespace).to_string()).or_default();
+            let labels = found.entry(index.name(namespace).to_string()).or_default();
             labels.insert(index.name(label).to_string(), numbers);
         }
-        Ok(stat)
+        found
     }
 }

@@ -39,12 +39,15 @@ pub fn decode(bytes: &[u8]) -> Option<Tree<'_>> {
     Some(Tree { refs: fields.digests()?, trees: fields.digests()?, body: fields.0 })
 }
 
+/// Gives a blob's bytes.
+pub(crate) type Reader<'a> = &'a mut dyn FnMut(&Digest) -> Result<Option<Vec<u8>>, CacheError>;
+
 /// Calls `found` with every blob that these trees list, and with the trees themselves, each tree once; `read` gives a tree's
 /// bytes.  A tree that is missing, or is none, lists nothing.
 pub(crate) fn walk(
     trees: &[Digest],
     seen: &mut HashSet<Digest>,
-    read: &mut dyn FnMut(&Digest) -> Result<Option<Vec<u8>>, CacheError>,
+    read: Reader<'_>,
     found: &mut dyn FnMut(&Digest),
 ) -> Result<(), CacheError> {
     let mut open = trees.to_vec();

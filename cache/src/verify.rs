@@ -5,7 +5,7 @@ use crate::{
     error::At,
     index::Slot,
     layout::loose_blobs,
-    record::{decode_refs, sum},
+    record::{Reach, decode_reach, sum},
     segment::{Sort, read_record},
 };
 use std::collections::{BTreeSet, HashMap};
@@ -95,8 +95,8 @@ impl Store {
         for (segment, offset, len, slot) in records {
             report.records += 1;
             let frame = self.segment_file(segment).and_then(|file| read_record(&file, offset, len)).ok().flatten();
-            match frame.as_ref().and_then(|frame| decode_refs(frame.bytes())) {
-                Some((_, refs, trees)) => {
+            match frame.as_ref().and_then(|frame| decode_reach(frame.bytes())) {
+                Some(Reach { refs, trees, .. }) => {
                     let listed = match whole.get(&trees) {
                         Some(&listed) => listed,
                         None => {

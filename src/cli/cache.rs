@@ -1,12 +1,14 @@
 //! `tauflow cache`.
 
 use super::{CacheAt, CliError, Exit, bytes_text, seconds_text, table};
+use crate::engine::PIPELINE;
 use clap::Subcommand;
 use std::{
+    collections::BTreeMap,
     io::IsTerminal,
     time::{SystemTime, UNIX_EPOCH},
 };
-use tauflow_cache::{Digest, GcOptions};
+use tauflow_cache::{Digest, GcOptions, Store};
 
 /// What can be done with the cache.
 #[derive(Subcommand)]
@@ -19,14 +21,14 @@ pub(crate) enum CacheCommand {
         #[arg(long, value_name = "SHARE")]
         sample: Option<f64>,
     },
-    /// Remove what nothing recent or pinned reaches.
+    /// Remove what nothing recent or pinned reaches; what is quickest to make again goes first.
     Gc {
-        /// Keep at most so many GiB.
-        #[arg(long, value_name = "GIB")]
-        max_gib: Option<f64>,
-        /// Keep what was used in the last so many days.
-        #[arg(long, value_name = "DAYS")]
-        keep_days: Option<f64>,
+        /// Come down to this size, such as 20GiB or 500MB.
+        #[arg(long, value_name = "SIZE", value_parser = bytes)]
+        max_size: Option<u64>,
+        /// Keep what was used in this time, such as 12h or 30d.
+        #[arg(long, value_name = "TIME", value_parser = seconds)]
+        keep_within: Option<f64>,
         /// Only say what would be removed.
         #[arg(long)]
         dry_run: bool,
@@ -45,6 +47,66 @@ pub(crate) enum CacheCommand {
     },
     /// List the pins.
     Pins,
+}
+
+/// What the last whole run of each pipeline reaches.
+fn by_pipeline<'a>(store: &Store, names: impl Iterator<Item = &'a String>) -> Result<(), CliError> {
+    let mut rows = vec![["pipeline", "blobs", "size", "its own"].map(str::to_owned).to_vec()];
+    let (mut reached, mut users) = (Vec::new(), BTreeMap::new());
+    for name in names {
+        let trees: Vec<Digest> = store.by_label(PIPELINE, name).into_iter().flat_map(|r| r.trees).collect();
+        let mut blobs = store.reach(&[], &trees)?;
+        blobs.retain(|blob| store.contains(blob));
+        blobs.iter().for_each(|blob| *users.entry(*blob).or_insert(0) += 1);
+        reached.push((name, blobs));
+    }
+    for (name, blobs) in &reached {
+        let size = |own: bool| blobs.iter().filter(|b| !own || users[*b] == 1).map(|b| b.size).sum::<u64>();
+        rows.push(vec![name.to_string(), blobs.len().to_string(), bytes_text(size(false)), bytes_text(size(true))]);
+    }
+    if rows.len() > 1 {
+        out!("\n{}", table(&rows));
+    }
+    Ok(())
+}
+
+/// A number and its unit.
+fn measure(text: &str, units: &[(&str, f64)]) -> Result<f64, String> {
+    let text = text.trim();
+    let at = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
+    let (number, unit) = text.split_at(at);
+    let unit = unit.trim().to_ascii_lowercase();
+    let factor = units.iter().find(|(name, _)| *name == unit).map(|(_, factor)| *factor);
+    match (number.parse::<f64>(), factor) {
+        (Ok(number), Some(factor)) if number.is_finite() => Ok(number * factor),
+        _ => {
+            let names: Vec<&str> = units.iter().map(|(name, _)| *name).filter(|name| !name.is_empty()).collect();
+            Err(format!("give a number and one of {}", names.join(", ")))
+        }
+    }
+}
+
+/// Seconds of a text such as `90s` or `30d`.
+pub(crate) fn seconds(text: &str) -> Result<f64, String> {
+    measure(text, &[("s", 1.0), ("m", 60.0), ("h", 3600.0), ("d", 86_400.0)])
+}
+
+/// Bytes of a text such as `20GiB`.
+fn bytes(text: &str) -> Result<u64, String> {
+    let k = 1024.0;
+    let units = [
+        ("", 1.0),
+        ("b", 1.0),
+        ("kb", 1e3),
+        ("mb", 1e6),
+        ("gb", 1e9),
+        ("tb", 1e12),
+        ("kib", k),
+        ("mib", k * k),
+        ("gib", k * k * k),
+        ("tib", k * k * k * k),
+    ];
+    measure(text, &units).map(|bytes| bytes as u64)
 }
 
 pub(crate) fn cache(command: &CacheCommand, at: &CacheAt) -> Result<Exit, CliError> {
@@ -69,6 +131,7 @@ pub(crate) fn cache(command: &CacheCommand, at: &CacheAt) -> Result<Exit, CliErr
                 }
             }
             out!("{}", table(&rows));
+            by_pipeline(&store, stat.records.get(PIPELINE).into_iter().flat_map(|labels| labels.keys()))?;
         }
         CacheCommand::Verify { sample } => {
             if sample.is_some_and(|s| !(0.0..=1.0).contains(&s)) {
@@ -98,16 +161,13 @@ pub(crate) fn cache(command: &CacheCommand, at: &CacheAt) -> Result<Exit, CliErr
                 outln!("set aside: {digest}");
             }
         }
-        CacheCommand::Gc { max_gib, keep_days, dry_run } => {
-            if max_gib.is_none() && keep_days.is_none() {
-                return Err(CliError::Bad("say what to keep: --max-gib, --keep-days, or both".into()));
-            }
-            if max_gib.iter().chain(keep_days).any(|v| !(v.is_finite() && *v >= 0.0)) {
-                return Err(CliError::Bad("--max-gib and --keep-days take numbers from 0".into()));
+        CacheCommand::Gc { max_size, keep_within, dry_run } => {
+            if max_size.is_none() && keep_within.is_none() {
+                return Err(CliError::Bad("say what to keep: --max-size, --keep-within, or both".into()));
             }
             let report = store.gc(&GcOptions {
-                max_bytes: max_gib.map(|gib| (gib * f64::from(1u32 << 30)) as u64),
-                keep_within_secs: keep_days.map(|days| (days * 86_400.0) as u64),
+                max_bytes: *max_size,
+                keep_within_secs: keep_within.map(|seconds| seconds as u64),
                 now: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()),
                 dry_run: *dry_run,
                 pins: Vec::new(),
@@ -121,6 +181,12 @@ pub(crate) fn cache(command: &CacheCommand, at: &CacheAt) -> Result<Exit, CliErr
                 report.kept_blobs,
                 bytes_text(report.kept_bytes)
             );
+            if report.over_budget > 0 {
+                outln!(
+                    "{} more than asked for: runs that are going on, pins and recent use hold them",
+                    bytes_text(report.over_budget)
+                );
+            }
         }
         CacheCommand::Pin { name, digest } => {
             let digest: Digest = digest
@@ -143,4 +209,19 @@ pub(crate) fn cache(command: &CacheCommand, at: &CacheAt) -> Result<Exit, CliErr
         }
     }
     Ok(Exit::Done)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_and_times_have_units() {
+        assert_eq!((bytes("20GiB"), bytes("1.5 mb"), bytes("7")), (Ok(20 << 30), Ok(1_500_000), Ok(7)));
+        assert_eq!((seconds("90s"), seconds("30d"), seconds("1.5h")), (Ok(90.0), Ok(2_592_000.0), Ok(5400.0)));
+        for bad in ["", "x", "3", "-1d", "3 weeks", "1e9d"] {
+            assert!(seconds(bad).is_err(), "{bad}");
+        }
+        assert!(bytes("3 apples").is_err());
+    }
 }

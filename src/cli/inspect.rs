@@ -107,8 +107,10 @@ pub fn page(kind: &dyn NodeKind) -> String {
         if port.filter {
             notes.push("filter");
         }
-        if port.determinism == Determinism::Measured {
-            notes.push("measured");
+        match port.determinism {
+            Determinism::Bitwise => {}
+            Determinism::Processor => notes.push("by processor"),
+            Determinism::Measured => notes.push("measured"),
         }
         if port.publish {
             notes.push("published");

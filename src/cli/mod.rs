@@ -4,6 +4,7 @@
 mod output;
 
 mod cache;
+mod exec;
 mod explain;
 mod export;
 mod inspect;
@@ -124,6 +125,8 @@ enum Command {
     /// Work with one scene.
     #[command(subcommand)]
     Scene(scene::SceneCommand),
+    /// Run one action alone, from the cache and nothing else, and compare what it gives with the record.
+    Exec(exec::ExecArgs),
     /// Look after the cache.
     #[command(subcommand)]
     Cache(cache::CacheCommand),
@@ -150,6 +153,16 @@ impl PipelineArgs {
         let options =
             pipeline::Options { profile: self.profile.clone(), sets: self.sets.clone(), targets: self.targets.clone() };
         Ok(pipeline::resolve(&self.pipeline, registry, &options)?)
+    }
+
+    /// The pipeline's file, and the profile.
+    pub(crate) fn file(&self) -> (&Path, Option<&str>) {
+        (&self.pipeline, self.profile.as_deref())
+    }
+
+    /// Whether the command line changes what the file and profile say.
+    pub(crate) fn is_changed(&self) -> bool {
+        !(self.sets.is_empty() && self.targets.is_empty())
     }
 
     /// The options as they stood on the command line, to be shown again.
@@ -180,6 +193,7 @@ pub fn main() -> ExitCode {
         Command::Refine(args) => refine::refine(&args),
         Command::Render(args) => scene::render(&args, &registry, &cache),
         Command::Scene(command) => scene::scene(&command, &registry, &cache),
+        Command::Exec(args) => exec::exec(&args, &registry, &cache),
         Command::Cache(command) => cache::cache(&command, &cache),
     };
     match result {
@@ -213,7 +227,8 @@ impl CacheAt {
         self.0.as_ref().map_or_else(String::new, |folder| format!(" --cache {}", quoted(&folder.display().to_string())))
     }
 
-    fn folder(&self) -> PathBuf {
+    /// Its folder.
+    pub(crate) fn folder(&self) -> PathBuf {
         if let Some(asked) = &self.0 {
             return asked.clone();
         }

@@ -1,6 +1,6 @@
 //! `tauflow plan`.
 
-use super::{CacheAt, CliError, Exit, PipelineArgs, seconds_text, table};
+use super::{CacheAt, CliError, Exit, PipelineArgs, bytes_text, seconds_text, table};
 use crate::{
     engine::{
         self,
@@ -23,25 +23,25 @@ pub(crate) fn plan(args: &PipelineArgs, registry: &Registry, cache: &CacheAt) ->
         let why = reason(history.nearest(&action.key).as_ref());
         *reasons.entry(action.node).or_default().entry(why).or_insert(0) += 1;
     }
-    let mut rows = vec![["node", "as before", "to run", "blocked", "expected"].map(str::to_owned).to_vec()];
-    let (mut total, mut partial) = (0.0, false);
+    let costs = store.record_stats().remove(engine::ACTION).unwrap_or_default();
+    let heads = ["node", "as before", "to run", "blocked", "expected", "size"];
+    let mut rows = vec![heads.map(str::to_owned).to_vec()];
+    let (mut total, mut size, mut partial) = (0.0, 0.0, false);
     let mut lines = Vec::new();
     for (index, node) in plan.summary.nodes.iter().enumerate().filter(|(_, n)| n.lanes > 0) {
         let waits = node.blocked > 0 || node.unknown;
-        let seconds = if node.ran > 0 {
-            let kind = &node.kind;
-            histories.entry(kind.clone()).or_insert_with(|| History::of(&store, kind)).mean_seconds()
-        } else {
-            Some(0.0)
-        };
-        let expected = match seconds {
-            Some(mean) => {
-                total += mean * node.ran as f64;
-                if node.ran > 0 { seconds_text(mean * node.ran as f64) } else { String::new() }
+        let (expected, makes) = match costs.get(&node.kind) {
+            _ if node.ran == 0 => (String::new(), String::new()),
+            Some(of) if of.count > 0 => {
+                let (seconds, bytes) = (of.wall_us as f64 / 1e6, of.bytes as f64);
+                let share = node.ran as f64 / of.count as f64;
+                total += seconds * share;
+                size += bytes * share;
+                (seconds_text(seconds * share), bytes_text((bytes * share) as u64))
             }
-            None => {
+            _ => {
                 partial = true;
-                "not known".into()
+                ("not known".into(), "not known".into())
             }
         };
         partial |= waits;
@@ -52,7 +52,7 @@ pub(crate) fn plan(args: &PipelineArgs, registry: &Registry, cache: &CacheAt) ->
         } else {
             String::new()
         };
-        rows.push(vec![node.node.clone(), node.hit.to_string(), node.ran.to_string(), blocked, expected]);
+        rows.push(vec![node.node.clone(), node.hit.to_string(), node.ran.to_string(), blocked, expected, makes]);
         for (why, count) in reasons.get(&index).into_iter().flatten() {
             lines.push(format!("  {}: {count} x {why}", node.node));
         }
@@ -65,6 +65,10 @@ pub(crate) fn plan(args: &PipelineArgs, registry: &Registry, cache: &CacheAt) ->
     outln!("\nwhy:");
     lines.iter().for_each(|line| outln!("{line}"));
     let more = if partial { ", and what is not known before something else has run" } else { "" };
-    outln!("\nexpected: {} of work, from earlier runs{more}", seconds_text(total));
+    outln!(
+        "\nexpected: {} of work and {} of results, from earlier runs{more}",
+        seconds_text(total),
+        bytes_text(size as u64)
+    );
     Ok(Exit::Done)
 }

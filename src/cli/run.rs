@@ -8,6 +8,7 @@ use super::{
 use crate::{
     engine::{self, Only, RunOptions, Summary, event::Failure},
     kinds::Registry,
+    lock::{self, Lock, LockError},
     pipeline::Pipeline,
 };
 use clap::{Args, ValueEnum};
@@ -20,6 +21,15 @@ use std::{
         atomic::{AtomicBool, Ordering},
     },
 };
+
+impl From<LockError> for CliError {
+    fn from(error: LockError) -> Self {
+        match error {
+            LockError::Io { what: "write", .. } => Self::Environment(error.to_string()),
+            other => Self::Bad(other.to_string()),
+        }
+    }
+}
 
 /// What `run` takes.
 #[derive(Args)]
@@ -44,6 +54,12 @@ pub(crate) struct RunArgs {
     /// Look every item up again, even where a whole node is known to be as it was.
     #[arg(long)]
     no_rollup: bool,
+    /// Compare the content of every reproducible output with the pipeline's lock file.
+    #[arg(long, conflicts_with_all = ["only", "update_lock"])]
+    locked: bool,
+    /// Write the lock file, which lies beside the pipeline's.
+    #[arg(long, conflicts_with = "only")]
+    update_lock: bool,
     /// Print events for programs on stdout, one line each.
     #[arg(long, value_enum, value_name = "FORMAT")]
     events: Option<EventFormat>,
@@ -58,7 +74,12 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     if !(0.0..=1.0).contains(&args.recheck) {
         return Err(CliError::Bad(format!("--recheck {} is no share; use 0 to 1, for example 0.05", args.recheck)));
     }
+    if (args.locked || args.update_lock) && args.pipeline.is_changed() {
+        let message = "a lock is of what the file says; leave --set and --target away, or make a profile of them";
+        return Err(CliError::Bad(message.into()));
+    }
     let pipeline = args.pipeline.resolve(registry)?;
+    let before = if args.locked { Some(Lock::read(&args.lock_path())?) } else { None };
     let only = args.only.as_deref().map(|text| Only::parse(text, &pipeline)).transpose().map_err(CliError::Bad)?;
     let store = cache.open()?;
     let stop = Arc::new(AtomicBool::new(false));
@@ -78,13 +99,61 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     let summary = summary?;
     drop(store);
     tell(&summary, &pipeline, args, cache);
-    Ok(if summary.interrupted {
-        Exit::Interrupted
-    } else if summary.failures.is_empty() {
-        Exit::Done
+    if summary.interrupted {
+        return Ok(Exit::Interrupted);
+    }
+    if !summary.failures.is_empty() {
+        if args.locked || args.update_lock {
+            eprintln!("the lock file was left as it is, because not everything ran");
+        }
+        return Ok(Exit::Failed);
+    }
+    let now = Lock::of(&pipeline.name, &summary.outputs);
+    if args.update_lock {
+        now.write(&args.lock_path())?;
+        eprintln!("wrote {}", args.lock_path().display());
+    }
+    let same = before.is_none_or(|before| tell_differences(&before, &now, args));
+    Ok(if same { Exit::Done } else { Exit::Failed })
+}
+
+impl RunArgs {
+    fn lock_path(&self) -> PathBuf {
+        let (file, profile) = self.pipeline.file();
+        lock::path_of(file, profile)
+    }
+}
+
+/// Says how the outputs differ from the lock; whether they do not.
+fn tell_differences(before: &Lock, now: &Lock, args: &RunArgs) -> bool {
+    let found = before.compare(now);
+    if args.events.is_some() {
+        outln!("{}", json!({ "event": "locked", "of": found }));
+    }
+    let path = args.lock_path();
+    if let Some((theirs, ours)) = &found.processors {
+        eprintln!("{} was written on {theirs}, this is {ours}: what depends on that is not compared", path.display());
+    }
+    for (output, was, is) in &found.outputs {
+        match (was, is) {
+            (Some(was), Some(is)) => eprintln!("`{output}` is {is}; in the lock it is {was}"),
+            (None, Some(is)) => eprintln!("`{output}` is {is}; the lock does not have it"),
+            (was, None) => {
+                let was = was.map(|digest| digest.to_string()).unwrap_or_default();
+                eprintln!("`{output}` is {was} in the lock; this run does not have it");
+            }
+        }
+    }
+    if found.outputs.is_empty() {
+        eprintln!("{} agrees: {}", path.display(), counted(found.equal as u64, "output"));
     } else {
-        Exit::Failed
-    })
+        eprintln!(
+            "error: {} differ from {}; find out why, or accept them by --update-lock",
+            counted(found.outputs.len() as u64, "output"),
+            path.display()
+        );
+    }
+    found.outputs.is_empty()
 }
 
 /// The first Ctrl-C ends the run cleanly, the second at once.
@@ -108,7 +177,16 @@ fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, cache: &CacheAt)
         eprintln!("nothing to do: {} as they were ({elapsed})", counted(hit, "result"));
     } else {
         eprint!("{}", table(&rows(summary)));
-        eprintln!("{} ran, {hit} as before ({elapsed})", counted(ran, "action"));
+        let written = bytes_text(summary.total(|n| n.written));
+        let failed = summary.total(|n| n.failed);
+        let failed = if failed > 0 { format!(", {failed} failed") } else { String::new() };
+        eprintln!("{} ran, {hit} as before{failed}; {written} made ({elapsed})", counted(ran, "action"));
+        // Where the time went, if anybody would ask.
+        let long = summary.slowest.iter().filter(|slow| slow.spent_s >= 1.0);
+        let long: Vec<String> = long.map(|slow| format!("{} {}", slow.name(), seconds_text(slow.spent_s))).collect();
+        if !long.is_empty() {
+            eprintln!("slowest: {}", long.join(", "));
+        }
     }
     show_failures(&summary.failures, &again);
     if args.events.is_some() {

@@ -2,7 +2,7 @@
 
 use serde::{Serialize, Serializer};
 use std::{borrow::Borrow, fmt, ops::Deref, path::PathBuf, sync::Arc, time::Duration};
-use tauflow_contract::ItemKey;
+use tauflow_contract::{Determinism, Digest, ItemKey};
 
 /// A name that is said often: cheap to clone.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
@@ -146,6 +146,14 @@ pub enum Event {
         failed: u64,
         /// Actions that could not be begun.
         blocked: u64,
+        /// Bytes that were made.
+        written: u64,
+        /// Wall time, in seconds.
+        elapsed_s: f64,
+        /// Numbers of the nodes that were needed.
+        nodes: Vec<NodeStat>,
+        /// The actions that took longest.
+        slowest: Vec<Slow>,
     },
 }
 
@@ -209,6 +217,25 @@ pub struct Slow {
     pub spent_s: f64,
 }
 
+impl Slow {
+    /// `node/cell/item`.
+    pub fn name(&self) -> String {
+        let parts = [&self.node, &self.cell, &self.item];
+        parts.iter().filter(|p| !p.is_empty()).map(|p| &***p).collect::<Vec<_>>().join("/")
+    }
+}
+
+/// An output of a cell.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OutputOf {
+    /// `node.port`, or `node[cell].port`.
+    pub name: String,
+    /// Whether its bits are reproducible, given what it is made from.
+    pub determinism: Determinism,
+    /// Content digest; none if it is not known, because something failed.
+    pub digest: Option<Digest>,
+}
+
 /// An action that failed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Failure {
@@ -246,6 +273,8 @@ pub struct Summary {
     pub interrupted: bool,
     /// The actions that took longest in this run, longest first.
     pub slowest: Vec<Slow>,
+    /// The outputs that were needed, whether made now or before.
+    pub outputs: Vec<OutputOf>,
     /// Files that were written.
     pub published: Vec<PathBuf>,
     /// Wall time of this run.

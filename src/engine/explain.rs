@@ -3,9 +3,9 @@
 use super::{event::Ended, lanes::Lane, records::ACTION};
 use crate::pipeline::Pipeline;
 use serde_json::Value;
-use std::collections::BTreeSet;
-use tauflow_cache::{Record, Store};
-use tauflow_contract::{ActionKey, ItemKey};
+use std::collections::{BTreeSet, HashMap};
+use tauflow_cache::{Key, Record, Store};
+use tauflow_contract::{ActionKey, ItemKey, canonical_bytes};
 
 /// An action that a plan looked at.
 #[derive(Clone, Debug)]
@@ -59,26 +59,34 @@ pub struct Nearest {
 #[derive(Default)]
 pub struct History {
     keys: Vec<(Record, Value)>,
+    /// The latest action for each key without one of its fields: what differs in one field alone is found at once, however
+    /// many actions there are.
+    but_one: HashMap<Key, usize>,
 }
+
+/// Earlier actions that are looked at where more than one field differs.
+const LOOKED_AT: usize = 256;
 
 impl History {
     /// Reads what was run of a kind.
     pub fn of(store: &Store, kind: &str) -> Self {
         let read = |record: Record| serde_json::from_str(&record.preimage).ok().map(|value| (record, value));
-        Self { keys: store.by_label(ACTION, kind).into_iter().filter_map(read).collect() }
+        let keys: Vec<(Record, Value)> = store.by_label(ACTION, kind).into_iter().filter_map(read).collect();
+        // Oldest first, so that the latest stays.
+        let but_one =
+            keys.iter().enumerate().flat_map(|(n, (_, key))| but_one(key).into_iter().map(move |k| (k, n))).collect();
+        Self { keys, but_one }
     }
 
-    /// Mean wall time of an action in seconds, as far as it is known.
-    pub fn mean_seconds(&self) -> Option<f64> {
-        let total: u64 = self.keys.iter().map(|(record, _)| record.wall_us).sum();
-        (!self.keys.is_empty()).then(|| total as f64 / 1e6 / self.keys.len() as f64)
-    }
-
-    /// The earlier key of the same group that differs least; the latest of those that differ equally.
+    /// The earlier key of the same group that differs least; the latest of those that differ equally. Where the nearest
+    /// differ in several fields, it is sought among the latest.
     pub fn nearest(&self, key: &ActionKey) -> Option<Nearest> {
         let now = serde_json::to_value(key).expect("a key holds only plain values");
-        let of_group = self.keys.iter().filter(|(_, before)| before["group"] == now["group"]);
-        let (_, _, record, differences) = of_group
+        let exact = but_one(&now).iter().filter_map(|key| self.but_one.get(key)).copied().collect::<Vec<_>>();
+        let latest = self.keys.iter().rev().filter(|(_, before)| before["group"] == now["group"]).take(LOOKED_AT);
+        let candidates = exact.into_iter().map(|n| &self.keys[n]).chain(latest);
+        let (_, _, record, differences) = candidates
+            .filter(|(_, before)| before["group"] == now["group"])
             .map(|(record, before)| {
                 let mut found = Vec::new();
                 differences("", before, &now, &mut found);
@@ -89,6 +97,31 @@ impl History {
             .min_by_key(|(count, when, ..)| (*count, *when))?;
         Some(Nearest { record: record.clone(), differences })
     }
+}
+
+/// Hashes of a key without one of its fields, for each field; params and inputs count one by one.
+fn but_one(key: &Value) -> Vec<Key> {
+    let Value::Object(fields) = key else { return Vec::new() };
+    let mut leaves: Vec<(String, Vec<u8>)> = Vec::new();
+    for (name, value) in fields {
+        match value {
+            Value::Object(inner) => {
+                leaves.extend(inner.iter().map(|(leaf, value)| (format!("{name}/{leaf}"), canonical_bytes(value))));
+            }
+            value => leaves.push((name.clone(), canonical_bytes(value))),
+        }
+    }
+    let without = |left: usize| {
+        let mut bytes = leaves[left].0.clone().into_bytes();
+        for (name, value) in leaves.iter().enumerate().filter(|(n, _)| *n != left).map(|(_, leaf)| leaf) {
+            bytes.extend(name.as_bytes());
+            bytes.push(0);
+            bytes.extend((value.len() as u64).to_le_bytes());
+            bytes.extend(value);
+        }
+        Key::of(&bytes)
+    };
+    (0..leaves.len()).map(without).collect()
 }
 
 /// A line for people: which parts of the key changed.

@@ -3,6 +3,7 @@
 //! A run is a pass, or several: a pass that meets missing blobs is followed by one that makes them again.
 
 pub mod event;
+pub mod exec;
 pub mod explain;
 mod lanes;
 mod publish;
@@ -15,6 +16,7 @@ mod work;
 
 pub use event::Summary;
 pub use lanes::Only;
+pub use records::{ACTION, PIPELINE};
 
 use crate::pipeline::{Pipeline, Target};
 use event::{Event, NodeStat};
@@ -96,6 +98,10 @@ pub fn run(
         hit: total(|n| n.hit),
         failed: total(|n| n.failed),
         blocked: total(|n| n.blocked),
+        written: total(|n| n.written),
+        elapsed_s: summary.elapsed.as_secs_f64(),
+        nodes: summary.nodes.iter().filter(|n| n.lanes > 0).cloned().collect(),
+        slowest: summary.slowest.clone(),
     });
     Ok(summary)
 }

@@ -9,7 +9,7 @@ use std::{
         Arc, Mutex, PoisonError,
         atomic::{AtomicU64, Ordering},
     },
-    time::{SystemTime, UNIX_EPOCH},
+    time::{Instant, SystemTime, UNIX_EPOCH},
 };
 use tauflow_cache::{CacheError, Digest, Key, Record, Recorded, Store};
 use tauflow_contract::{Artifact, Blobs, Determinism, KindError, KindSpec, MemoKey};
@@ -20,6 +20,8 @@ pub const ACTION: &str = "action";
 pub const ROLLUP: &str = "rollup";
 /// Namespace of roll-ups of one shard of a lane.
 pub const SHARD: &str = "shard";
+/// Namespace of what a whole run of a pipeline reaches.
+pub const PIPELINE: &str = "pipeline";
 /// Namespace of memoised sub-actions.
 pub const MEMO: &str = "memo";
 
@@ -73,7 +75,7 @@ impl Payload {
             let found = item.or_else(|| payload.collections.get(port).map(|listed| listed.digest));
             found.map_or_else(|| "nothing".to_owned(), |digest| digest.to_string())
         };
-        let bitwise = spec.outputs.iter().filter(|p| p.determinism == Determinism::Bitwise);
+        let bitwise = spec.outputs.iter().filter(|p| p.determinism != Determinism::Measured);
         bitwise
             .map(|p| (p.name, digest(self, p.name), digest(other, p.name)))
             .filter(|(_, before, now)| before != now)
@@ -87,13 +89,14 @@ pub struct StoreBlobs<'a> {
     store: &'a Store,
     /// The first error of the store itself: it stops the run.
     fatal: Mutex<Option<CacheError>>,
+    start: Instant,
     written: AtomicU64,
 }
 
 impl<'a> StoreBlobs<'a> {
     /// Wraps a store for one action.
     pub fn new(store: &'a Store) -> Self {
-        Self { store, fatal: Mutex::default(), written: AtomicU64::new(0) }
+        Self { store, fatal: Mutex::default(), start: Instant::now(), written: AtomicU64::new(0) }
     }
 
     /// The error of the store that spoiled the action, if there was one.
@@ -130,9 +133,12 @@ impl Blobs for StoreBlobs<'_> {
             label: key.name.clone(),
             preimage: serde_json::to_string(key).expect("a key holds only plain values"),
             payload: serde_json::to_string(artifact).expect("strings and digests always serialise"),
+            recipe: String::new(),
+            derived: false,
             refs: artifact.parts.values().copied().collect(),
             trees: Vec::new(),
-            wall_us: 0,
+            // It belongs to the action that made it; a gc should know that it was not free.
+            wall_us: self.start.elapsed().as_micros() as u64,
             bytes: artifact.size(),
             when: now(),
         };
@@ -205,6 +211,8 @@ pub fn record(namespace: &str, key: Key, label: &str, preimage: String, payload:
         label: label.into(),
         preimage,
         payload: serde_json::to_string(payload).expect("strings and digests always serialise"),
+        recipe: String::new(),
+        derived: namespace != ACTION,
         refs: payload.refs(),
         trees: payload.trees(),
         wall_us: 0,

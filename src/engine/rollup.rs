@@ -3,8 +3,9 @@
 //! every shard.
 
 use super::{
+    event::OutputOf,
     lanes::Lane,
-    records::{self, Payload, ROLLUP, SHARD},
+    records::{self, PIPELINE, Payload, ROLLUP, SHARD},
     scheduler::{Complete, CompleteShard, Scheduler},
     whole::Whole,
     work::{Bench, files_artifact},
@@ -18,7 +19,7 @@ use std::{
     sync::Arc,
 };
 use tauflow_cache::{CacheError, Digest, Key, Record, Recorded, Store};
-use tauflow_contract::{FORMAT_VERSION, ItemKey, Mode, canonical_bytes};
+use tauflow_contract::{Determinism, FORMAT_VERSION, ItemKey, Mode, canonical_bytes};
 
 /// What decides a lane's outputs. Item keys are part of the inputs' content digests.
 #[derive(Serialize)]
@@ -231,6 +232,50 @@ pub fn keep_shard(
     }
     let record = records::record(SHARD, complete.key, spec.name, String::new(), &payload);
     write(store, &Record { wall_us: complete.wall_us, bytes: complete.bytes, ..record })
+}
+
+/// Every output of the lanes, and the blobs that list them.
+pub fn outputs(pipeline: &Pipeline, lanes: &[Lane], scheduler: &Scheduler<'_>) -> (Vec<OutputOf>, Vec<Digest>) {
+    let (mut found, mut trees): (Vec<OutputOf>, Vec<Digest>) = Default::default();
+    // What a lane reads decides, too, how far its outputs are reproducible.
+    let mut read = vec![Determinism::Bitwise; lanes.len()];
+    let weaker = |a: Determinism, b: Determinism| match (a, b) {
+        (Determinism::Measured, _) | (_, Determinism::Measured) => Determinism::Measured,
+        (Determinism::Processor, _) | (_, Determinism::Processor) => Determinism::Processor,
+        _ => Determinism::Bitwise,
+    };
+    for (at, lane) in lanes.iter().enumerate() {
+        let outputs = |lane: usize| &pipeline.nodes[lanes[lane].node].spec.outputs;
+        for feed in lane.inputs.iter().flatten() {
+            read[at] = weaker(read[at], weaker(read[feed.lane], outputs(feed.lane)[feed.port].determinism));
+        }
+        for port in &lane.ports {
+            let of = &outputs(at)[*port];
+            let rolled = scheduler.rolled(at).and_then(|payload| payload.collections.get(of.name));
+            let whole = scheduler.result(at, *port);
+            trees.extend(rolled.map(|listed| listed.blob).or_else(|| whole?.blob()));
+            found.push(OutputOf {
+                name: format!("{}.{}", pipeline.cell_name(lane.cell), of.name),
+                determinism: weaker(read[at], of.determinism),
+                digest: rolled.map(|listed| listed.digest).or_else(|| Some(whole?.digest)),
+            });
+        }
+    }
+    (found, trees)
+}
+
+/// Keeps what a whole run of a pipeline reaches: `trees` are the listings of all its outputs.
+///
+/// # Errors
+/// If the store cannot be written.
+pub fn keep_pipeline(pipeline: &Pipeline, store: &Store, mut trees: Vec<Digest>) -> Result<(), CacheError> {
+    trees.sort_unstable();
+    trees.dedup();
+    let key = Key::of(format!("tauflow-pipeline-1 {}", pipeline.name).as_bytes());
+    // The payload is what tells one run's reach from another's.
+    let payload = Digest::of(&tauflow_cache::tree::encode(&[], &trees, b"")).to_string();
+    let record = records::record(PIPELINE, key, &pipeline.name, String::new(), &Payload::default());
+    write(store, &Record { payload, trees, ..record })
 }
 
 fn write(store: &Store, record: &Record) -> Result<(), CacheError> {

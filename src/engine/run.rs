@@ -2,7 +2,7 @@
 
 use super::{
     EngineError, RunOptions, Sink, Summary,
-    event::{Event, Failure, Name, NodeStat, Slow},
+    event::{Event, Failure, Name, NodeStat, OutputOf, Slow},
     explain,
     lanes::{self, Lane},
     publish, records, rollup,
@@ -92,6 +92,11 @@ impl<'a> Run<'a> {
             summary.slowest.sort_by(|a, b| b.spent_s.total_cmp(&a.spent_s));
             summary.slowest.truncate(SLOWEST);
             summary.published = pass.published;
+            summary.outputs = pass.outputs;
+            let whole = summary.failures.is_empty() && self.options.only.is_none() && !self.options.dry;
+            if whole && pass.missing.is_empty() && !self.stop.load(Ordering::Relaxed) {
+                rollup::keep_pipeline(self.pipeline, self.store, pass.trees)?;
+            }
             ran.extend(pass.ran);
             let before = wanted.len();
             wanted.extend(pass.missing);
@@ -129,12 +134,13 @@ impl<'a> Run<'a> {
         scheduler.start(known);
         let worked = self.work(&lanes, &bench, &mut scheduler);
         let finished = worked.and_then(|()| self.conclude(&lanes, &scheduler)).map(|(published, missing)| {
+            let (outputs, trees) = rollup::outputs(self.pipeline, &lanes, &scheduler);
             let mut finished = scheduler.finish();
             finished.missing.extend(missing);
-            (published, finished)
+            (published, finished, outputs, trees)
         });
         self.lanes = lanes;
-        let (published, finished) = finished?;
+        let (published, finished, outputs, trees) = finished?;
         self.planned = explain::planned(self.pipeline, &self.lanes, finished.keys);
         Ok(Pass {
             stats: finished.stats,
@@ -142,6 +148,8 @@ impl<'a> Run<'a> {
             missing: finished.missing,
             ran: finished.ran,
             slowest: finished.slowest,
+            outputs,
+            trees,
             published,
         })
     }
@@ -359,6 +367,8 @@ struct Pass {
     missing: HashSet<Digest>,
     ran: HashSet<(usize, Option<ItemKey>)>,
     slowest: Vec<Slow>,
+    outputs: Vec<OutputOf>,
+    trees: Vec<Digest>,
     published: Vec<PathBuf>,
 }
 

@@ -123,13 +123,15 @@ pub struct Whole {
     pub parts: BTreeMap<u8, Arc<Part>>,
     /// As kinds see it, once one has.
     seen: OnceLock<Collection>,
+    /// Its listing, once it is stored.
+    stored: OnceLock<Listed>,
 }
 
 impl Whole {
     /// Of its shards.
     pub fn new(parts: BTreeMap<u8, Arc<Part>>) -> Self {
         let digest = collection_digest(parts.iter().map(|(shard, part)| (*shard, part.len, part.digest)));
-        Self { digest, parts, seen: OnceLock::new() }
+        Self { digest, parts, seen: OnceLock::new(), stored: OnceLock::new() }
     }
 
     /// Of items at hand.
@@ -187,6 +189,11 @@ impl Whole {
         Ok(Ok(all))
     }
 
+    /// The blob of its listing, once it is stored.
+    pub fn blob(&self) -> Option<Digest> {
+        self.stored.get().map(|listed| listed.blob)
+    }
+
     /// As a kind sees it.
     ///
     /// # Errors
@@ -200,11 +207,14 @@ impl Whole {
         Ok(items.map(|items| self.seen.get_or_init(|| artifacts(items))))
     }
 
-    /// Stores its listing.
+    /// Stores its listing, unless that was done.
     ///
     /// # Errors
     /// If the store cannot be written.
     pub fn put(&self, store: &Store) -> Result<Listed, CacheError> {
+        if let Some(listed) = self.stored.get() {
+            return Ok(listed.clone());
+        }
         let len = self.len();
         let at_hand: Vec<&Items> = self.parts.values().filter_map(|part| part.items.get()).collect();
         let bytes = if len < MANY && at_hand.len() == self.parts.len() {
@@ -217,7 +227,8 @@ impl Whole {
             let shards = self.parts.iter().map(|(shard, part)| (*shard, part.len, part.digest)).collect();
             tree::encode(&[], &trees, &body_bytes(&Body::Shards(shards)))
         };
-        Ok(Listed { digest: self.digest, blob: store.put(&bytes)?, len })
+        let listed = Listed { digest: self.digest, blob: store.put(&bytes)?, len };
+        Ok(self.stored.get_or_init(|| listed).clone())
     }
 
     /// Reads a listing; `None` if its blob is missing.
@@ -240,6 +251,7 @@ impl Whole {
             },
             _ => return Ok(None),
         };
+        let _ = whole.stored.set(listed.clone()); // new, so empty
         Ok((whole.digest == listed.digest).then_some(whole))
     }
 }

@@ -5,8 +5,9 @@
 
 use super::{
     records::{self, ACTION, Made, Payload, StoreBlobs, port_of},
-    whole::{Output, Whole},
+    whole::{Listed, Output, Whole},
 };
+use serde::{Deserialize, Serialize};
 use std::{
     collections::{BTreeMap, HashSet},
     fs,
@@ -95,6 +96,28 @@ pub struct Todo {
     before: Option<Made>,
 }
 
+impl Todo {
+    /// An action that is known by its key; `before` is what it gave, if it runs only to be compared.
+    pub fn new(key: ActionKey, file: Option<Artifact>, before: Option<Made>) -> Self {
+        Self { hash: key.hash(), key, file, before }
+    }
+}
+
+/// What it takes to do an action, beside its key: its inputs, where the key has their digests alone.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recipe {
+    /// The item.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub item: Option<ItemKey>,
+    /// Artifacts by input port; the files outside of a source's item are on the port `file`.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub each: BTreeMap<String, Artifact>,
+    /// Collections by input port.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub whole: BTreeMap<String, Listed>,
+}
+
 /// What became of an action.
 pub enum Outcome {
     /// It was done before.
@@ -154,6 +177,8 @@ pub struct Bench<'a> {
     pub wanted: &'a HashSet<Digest>,
 }
 
+/// The key of an action, its hash, and the artifact of the files outside that it reads.
+type Keyed = (ActionKey, Key, Option<Artifact>);
 /// What an action gave: what is recorded of it, and its collections by port.
 type Given = (Payload, Vec<(usize, Arc<Whole>)>);
 
@@ -164,7 +189,7 @@ impl Bench<'_> {
         let jobs: Vec<_> = batch.jobs.iter().map(|job| (job.slot, self.key_of(task, &batch.whole, job))).collect();
         let hashes: Vec<Key> = jobs.iter().filter_map(|(_, key)| key.as_ref().ok().map(|(_, hash, _)| *hash)).collect();
         let mut records = self.store.lookup_many(ACTION, &hashes).into_iter();
-        let reply = |(slot, key): (usize, Result<(ActionKey, Key, Option<Artifact>), Outcome>)| {
+        let reply = |(slot, key): (usize, Result<Keyed, Outcome>)| {
             let slot = (task.lane, slot);
             let (key, hash, file) = match key {
                 Ok(found) => found,
@@ -185,12 +210,7 @@ impl Bench<'_> {
     }
 
     /// The key of an action, its hash, and the artifact of the files that it reads.
-    fn key_of(
-        &self,
-        task: &Task,
-        whole: &[(usize, Arc<Whole>)],
-        job: &Job,
-    ) -> Result<(ActionKey, Key, Option<Artifact>), Outcome> {
+    fn key_of(&self, task: &Task, whole: &[(usize, Arc<Whole>)], job: &Job) -> Result<Keyed, Outcome> {
         let derive = || {
             let file = match self.import(job) {
                 Ok(Ok(file)) => file,
@@ -252,7 +272,10 @@ impl Bench<'_> {
         let wall_us = start.elapsed().as_micros() as u64;
         let outcome = match before {
             Some(made) => self.compare(task, &hash, &payload, made),
-            None => self.keep(task, &key, hash, (payload, collections), wall_us, warning)?,
+            None => {
+                let recipe = self.recipe(batch, &job, file.as_ref())?;
+                self.keep(task, &key, hash, (payload, collections), (wall_us, recipe), warning)?
+            }
         };
         drop(claim);
         Ok((outcome, key))
@@ -355,7 +378,7 @@ impl Bench<'_> {
         key: &ActionKey,
         hash: Key,
         (payload, collections): Given,
-        wall_us: u64,
+        (wall_us, recipe): (u64, String),
         warning: &mut Option<String>,
     ) -> Result<Outcome, CacheError> {
         let mut bytes = payload.items.values().map(Artifact::size).sum::<u64>();
@@ -364,7 +387,7 @@ impl Bench<'_> {
             bytes += items.iter().map(|(_, output)| output.artifact.size()).sum::<u64>();
         }
         let record = records::record(ACTION, hash, task.spec.name, key.preimage(), &payload);
-        let record = Record { wall_us, bytes, ..record };
+        let record = Record { wall_us, bytes, recipe, ..record };
         if let Recorded::Conflict { existing } = self.store.record(&record)? {
             let other = Payload::of(&existing).unwrap_or_default();
             let differing = other.differs(&payload, &task.spec);
@@ -387,6 +410,20 @@ impl Bench<'_> {
         let port = |(name, artifact): (String, Artifact)| Some((port_of(&task.spec, &name)?, Output::new(artifact)));
         let items = payload.items.into_iter().filter_map(port).collect();
         Ok(Outcome::Ran(Made { items, collections, wall_us, bytes }))
+    }
+
+    /// What it takes to do an action again, as text.
+    fn recipe(&self, batch: &Batch, job: &Job, file: Option<&Artifact>) -> Result<String, CacheError> {
+        let name = |port: usize| batch.task.spec.inputs[port].name.to_owned();
+        let mut each: BTreeMap<String, Artifact> =
+            job.each.iter().map(|(port, output)| (name(*port), output.artifact.clone())).collect();
+        each.extend(file.map(|file| (FILE_PORT.to_owned(), file.clone())));
+        let mut whole = BTreeMap::new();
+        for (port, collection) in &batch.whole {
+            whole.insert(name(*port), collection.put(self.store)?);
+        }
+        let recipe = Recipe { item: job.item.clone(), each, whole };
+        Ok(serde_json::to_string(&recipe).expect("keys and digests always serialise"))
     }
 
     /// What a recheck found.

@@ -21,7 +21,7 @@ fn bad_arguments_are_2() {
         (&["graph", "small.yaml", "--format", "png"], "mermaid"),
         (&["export", "small.yaml", "split.tran", "-o", "x"], "did you mean `train`?"),
         (&["explain", "small.yaml", "splt"], "splt"),
-        (&["cache", "gc"], "--max-gib"),
+        (&["cache", "gc"], "--max-size"),
         (&["cache", "verify", "--sample", "7"], "--sample"),
         (&["cache", "pin", "it", "no-digest"], "no-digest"),
         (&["cache", "unpin", "it"], "there is no pin `it`"),

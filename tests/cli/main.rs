@@ -1,7 +1,9 @@
 //! The built program, from outside: exit codes, what goes to which stream, what the files hold.
 
+mod alone;
 mod errors;
 mod inspect;
+mod locks;
 mod manuals;
 mod refining;
 mod runs;

@@ -150,11 +150,11 @@ fn the_cache_is_counted_checked_pinned_and_emptied() {
     assert_eq!(place.tauflow(&["cache", "pins"]).ends(0).out, format!("mine  {digest}\n"));
     place.tauflow(&["cache", "unpin", "mine"]).ends(0);
     assert_eq!(place.tauflow(&["cache", "pins"]).ends(0).out, "");
-    let dry = place.tauflow(&["cache", "gc", "--keep-days", "0", "--dry-run"]).ends(0).out;
+    let dry = place.tauflow(&["cache", "gc", "--keep-within", "0d", "--dry-run"]).ends(0).out;
     assert!(dry.starts_with("would remove "), "{dry}");
     let plan = place.tauflow(&["plan", "small.yaml"]).ends(0).out;
     assert!(plan.ends_with("nothing to do\n"), "a dry run removes nothing: {plan}");
-    place.tauflow(&["cache", "gc", "--keep-days", "1"]).ends(0);
+    place.tauflow(&["cache", "gc", "--keep-within", "1d"]).ends(0);
     let plan = place.tauflow(&["plan", "small.yaml"]).ends(0).out;
     assert!(plan.ends_with("nothing to do\n"), "what is recent stays: {plan}");
 }

@@ -7,7 +7,7 @@ use crate::{
     index::Slot,
     layout::{loose_blobs, names},
     lease::{Use, is_live, read_uses},
-    record::decode_refs,
+    record::{Reach, decode_reach},
     segment::{BLOB_HEADER, Sort, read_record},
     tree,
 };
@@ -37,6 +37,8 @@ pub(super) struct Blob {
     held: bool,
     /// Records that are kept and reach it.
     references: u32,
+    /// It lists others.
+    tree: bool,
     /// Stays because its pack is not worth rewriting.
     lingers: bool,
 }
@@ -58,6 +60,10 @@ pub(super) struct Row {
     /// Blobs it reaches, as numbers in `Plan::blobs`; those that are missing are left out.
     pub refs: Vec<u32>,
     has_refs: bool,
+    /// It only sums other records up.
+    derived: bool,
+    /// Microseconds that it takes to make a byte of what it reaches again.
+    cost: f64,
     complete: bool,
     pub last_used: u64,
     pub when: u64,
@@ -128,7 +134,7 @@ impl Plan {
     }
 
     fn add(&mut self, digest: Digest, place: Place, held: bool) {
-        let blob = Blob { digest, place, held, references: 0, lingers: false };
+        let blob = Blob { digest, place, held, references: 0, tree: false, lingers: false };
         // A blob that is both packed and loose (the limit between them changed) counts where reading finds it.
         if let std::collections::hash_map::Entry::Vacant(entry) = self.by_hash.entry(digest.hash) {
             entry.insert(self.blobs.len() as u32);
@@ -158,9 +164,8 @@ impl Plan {
             let frame = store.segment_file(at.segment).and_then(|file| read_record(&file, at.offset, at.len));
             let frame = frame.at("read the log", &path)?;
             // A damaged record is a miss already; it is not copied.
-            let Some((head, refs, trees)) = frame.as_ref().and_then(|frame| decode_refs(frame.bytes())) else {
-                continue;
-            };
+            let found = frame.as_ref().and_then(|frame| decode_reach(frame.bytes()));
+            let Some(Reach { head, refs, trees, derived }) = found else { continue };
             let namespace = store.index().name(slot.0).clone();
             let mut reach = Listing { complete: true, ..Listing::default() };
             refs.iter().for_each(|digest| reach.add(&self.by_hash, digest));
@@ -174,6 +179,7 @@ impl Plan {
             reach.present.dedup();
             let (present, complete) = (reach.present, reach.complete);
             present.iter().for_each(|&blob| self.blobs[blob as usize].references += 1);
+            let cost = if derived { 0.0 } else { head.wall_us as f64 / self.size(&present).max(1) as f64 };
             self.rows.push(Row {
                 slot,
                 namespace,
@@ -184,6 +190,8 @@ impl Plan {
                 has_refs: !refs.is_empty() || !trees.is_empty(),
                 complete,
                 refs: present,
+                cost,
+                derived,
                 last_used: head.when,
                 when: head.when,
                 held: live.contains(&at.segment),
@@ -195,7 +203,7 @@ impl Plan {
 
     /// Reads what a tree lists, unless that was done.
     fn read_listing(
-        &self,
+        &mut self,
         store: &Store,
         tree: &Digest,
         listings: &mut HashMap<Digest, Listing>,
@@ -205,6 +213,7 @@ impl Plan {
         }
         let mut listing = Listing { complete: true, ..Listing::default() };
         listing.add(&self.by_hash, tree);
+        listing.present.iter().for_each(|&blob| self.blobs[blob as usize].tree = true);
         let mut below = Vec::new();
         if let Some(bytes) = store.get_now(tree)?
             && let Some(read) = tree::decode(&bytes)
@@ -274,12 +283,18 @@ impl Plan {
         Ok(())
     }
 
-    /// Lets records go, least recently used first.
+    fn size(&self, blobs: &[u32]) -> u64 {
+        blobs.iter().map(|&blob| self.blobs[blob as usize].digest.size).sum()
+    }
+
+    /// Lets records go: under a budget those first that take the least time to make a byte of again, of these the least
+    /// recently used.
     fn evict(&mut self, options: &GcOptions) {
         let mut order: Vec<u32> = (0..self.rows.len() as u32).filter(|&n| !self.rows[n as usize].held).collect();
-        order.sort_unstable_by_key(|&n| {
-            let row = &self.rows[n as usize];
-            (row.last_used, &row.namespace, row.slot.1)
+        order.sort_unstable_by(|&a, &b| {
+            let (a, b) = (&self.rows[a as usize], &self.rows[b as usize]);
+            let rest = |row: &Row| (row.last_used, row.namespace.clone(), row.slot.1);
+            b.derived.cmp(&a.derived).then(a.cost.total_cmp(&b.cost)).then_with(|| rest(a).cmp(&rest(b)))
         });
         let mut left: u64 = self.blobs.iter().filter(|blob| blob.stays()).map(|blob| blob.digest.size).sum();
         for n in order {
@@ -300,9 +315,14 @@ impl Plan {
                 }
             }
         }
-        // A record all of whose blobs stay for others' sake may stay, too.
+        // A record all of whose blobs stay for others' sake may stay, too. Nobody but such records may keep their lists.
         for row in self.rows.iter_mut().filter(|row| row.goes && row.has_refs && row.complete) {
-            row.goes = !row.refs.iter().all(|&blob| self.blobs[blob as usize].stays());
+            let blobs = &mut self.blobs;
+            row.goes =
+                !row.refs.iter().map(|&blob| &blobs[blob as usize]).all(|b| b.stays() || (row.derived && b.tree));
+            if !row.goes {
+                row.refs.iter().for_each(|&blob| blobs[blob as usize].references += 1);
+            }
         }
     }
 

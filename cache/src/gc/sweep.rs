@@ -21,7 +21,7 @@ use crate::{
     index::Slot,
     layout::{Layout, names, sync_dir},
     lease::{Use, is_live, new_owner, read_uses},
-    record::{decode, decode_refs},
+    record::{Reach, decode, decode_reach},
     segment::{Sort, blob_frame, commit_frame, read_record, record_frame},
     tree,
 };
@@ -40,8 +40,10 @@ pub(super) struct Sweep<'a> {
     /// Where things are that went: blobs by hash ...
     blobs: HashMap<[u8; 32], (Digest, Trashed)>,
     /// ... and records, with the hashes of what they reach.
-    records: HashMap<(Arc<str>, Key), (Record, Vec<[u8; 32]>)>,
+    records: HashMap<(Arc<str>, Key), Removed>,
 }
+
+type Removed = (Record, Vec<[u8; 32]>);
 
 enum Trashed {
     Loose { trash: PathBuf, home: PathBuf },
@@ -233,7 +235,8 @@ impl<'a> Sweep<'a> {
         for (segment, offset, len) in new {
             let frame = self.store.segment_file(segment).and_then(|file| read_record(&file, offset, len));
             let frame = frame.at("read the log", &self.path_of(segment))?;
-            let Some((_, refs, trees)) = frame.as_ref().and_then(|frame| decode_refs(frame.bytes())) else { continue };
+            let reach = frame.as_ref().and_then(|frame| decode_reach(frame.bytes()));
+            let Some(Reach { refs, trees, .. }) = reach else { continue };
             hashes.extend(refs.iter().map(|digest| digest.hash));
             let mut found = |digest: &Digest| hashes.push(digest.hash);
             tree::walk(&trees, &mut seen, &mut |digest| self.read_anywhere(digest), &mut found)?;

@@ -41,6 +41,8 @@ fn record(n: u64, payload: &str, refs: Vec<Digest>) -> Record {
         bytes: refs.iter().map(|digest| digest.size).sum(),
         refs,
         trees: Vec::new(),
+        recipe: String::new(),
+        derived: false,
         wall_us: 10,
         when: n,
     }

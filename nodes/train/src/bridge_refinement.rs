@@ -32,7 +32,7 @@ const INPUTS: &[InputPort] = &[
     InputPort::whole("local_velocity", MODEL, "A solver of parameterization local_velocity: one."),
 ];
 const OUTPUTS: &[OutputPort] =
-    &[OutputPort::new("steps", REFINED, "The images at every stop, and the clock in `bridge.json`.")];
+    &[OutputPort::new("steps", REFINED, "The images at every stop, and the clock in `bridge.json`.").by_processor()];
 
 impl Kind for BridgeRefinement {
     type Params = BridgeRefinementParams;

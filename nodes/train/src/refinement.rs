@@ -44,7 +44,8 @@ const INPUTS: &[InputPort] = &[
     InputPort::each("endpoints", PACKED, "The scenes whose endpoints are refined."),
     InputPort::whole("model", MODEL, "The trained solver: one."),
 ];
-const OUTPUTS: &[OutputPort] = &[OutputPort::new("refined", REFINED, "One image for each number of model calls.")];
+const OUTPUTS: &[OutputPort] =
+    &[OutputPort::new("refined", REFINED, "One image for each number of model calls.").by_processor()];
 
 impl Kind for Refinement {
     type Params = RefinementParams;

@@ -117,8 +117,8 @@ const INPUTS: &[InputPort] = &[
     InputPort::whole("test", PACKED, "Scenes whose loss is written down, never learned from.").or_none(),
 ];
 const OUTPUTS: &[OutputPort] = &[
-    OutputPort::new("model", MODEL, "The averaged weights."),
-    OutputPort::new("log", JSON, "The loss curve."),
+    OutputPort::new("model", MODEL, "The averaged weights.").by_processor(),
+    OutputPort::new("log", JSON, "The loss curve.").by_processor(),
     OutputPort::new("timing", JSON, "Time of a step.").measured(),
 ];
 

@@ -99,7 +99,7 @@ impl Scheduler<'_> {
         let state = &mut self.states[lane];
         let digest = *state.prefix.get_or_insert_with(|| {
             let spec = &self.pipeline.nodes[of.node].spec;
-            let whole = state.inputs.iter().zip(&spec.inputs[..]);
+            let whole = state.inputs.iter().zip(spec.inputs);
             let whole = whole.filter_map(|(input, port)| Some((port.name, input.whole.as_ref()?.digest))).collect();
             rollup::shard_prefix(self.pipeline, of, whole)
         });

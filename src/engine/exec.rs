@@ -1,0 +1,196 @@
+//! One action alone, from nothing but a store: its key says what it is, its recipe where its inputs are.
+
+use super::{
+    records::{self, ACTION},
+    whole::{Output, Whole},
+    work::{Batch, Bench, FILE_PORT, Job, Outcome, Recipe, Task, Todo},
+};
+use crate::kinds::Registry;
+use serde::{Deserialize, Serialize};
+use std::{
+    collections::{BTreeMap, HashSet},
+    sync::{Arc, atomic::AtomicBool},
+};
+use tauflow_cache::{CacheError, Key, Store};
+use tauflow_contract::{ActionKey, Digest, Progress};
+
+/// An action as a file: all that it takes, beside the blobs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ActionFile {
+    /// What decides its outputs.
+    pub key: ActionKey,
+    /// Its inputs.
+    pub recipe: Recipe,
+}
+
+/// What became of an action that was run alone.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Executed {
+    /// The hash of its key.
+    pub key: Key,
+    /// Its kind.
+    pub kind: String,
+    /// True if the store had no record of it: it has one now.
+    pub new: bool,
+    /// Content digests of its outputs, by port.
+    pub outputs: BTreeMap<String, Digest>,
+    /// Wall time, in microseconds.
+    pub wall_us: u64,
+}
+
+/// Why an action could not be run alone.
+#[derive(Debug, thiserror::Error)]
+pub enum ExecError {
+    /// The store.
+    #[error(transparent)]
+    Cache(#[from] CacheError),
+    /// The action, or what it asks for.
+    #[error("{0}")]
+    Action(String),
+    /// It ran and failed, or gave other content than before.
+    #[error("{0}")]
+    Failed(String),
+}
+
+impl ActionFile {
+    /// The action that a record was made by.
+    ///
+    /// # Errors
+    /// If there is no such record, or it does not say enough.
+    pub fn recorded(store: &Store, key: &Key) -> Result<Self, ExecError> {
+        let Some(record) = store.lookup(ACTION, key) else {
+            return Err(ExecError::Action(format!(
+                "the store has no action {key}; `tauflow explain PIPELINE NODE ITEM` tells an action's key"
+            )));
+        };
+        let unread = |what: &str, e: serde_json::Error| {
+            ExecError::Action(format!("the {what} of action {key} does not parse: {e}; run its pipeline again"))
+        };
+        let key = serde_json::from_str(&record.preimage).map_err(|e| unread("key", e))?;
+        let recipe = serde_json::from_str(&record.recipe).map_err(|e| unread("recipe", e))?;
+        Ok(Self { key, recipe })
+    }
+
+    /// Runs it. If the store has a record of it, the outputs are compared with that; else they are recorded.
+    ///
+    /// # Errors
+    /// If inputs are missing or are not what the key says, if the kind is not here or of another version, if the action
+    /// fails, and if it gives other content than before.
+    pub fn run(
+        self,
+        store: &Store,
+        registry: &Registry,
+        stop: &AtomicBool,
+        progress: &dyn Progress,
+    ) -> Result<Executed, ExecError> {
+        let Self { key, recipe } = self;
+        let hash = key.hash();
+        let Some(kind) = registry.get(&key.kind) else {
+            return Err(ExecError::Action(format!("there is no kind `{}`; {}", key.kind, registry.hint(&key.kind))));
+        };
+        let spec = kind.spec();
+        if spec.version != key.version {
+            return Err(ExecError::Action(format!(
+                "the action asks for version {} of `{}`, and this is {}; run it with the program that made it",
+                key.version, key.kind, spec.version
+            )));
+        }
+        let Some(group) = spec.outputs.iter().map(|port| port.group).find(|group| *group == key.group) else {
+            return Err(ExecError::Action(format!("`{}` has no outputs of a group `{}`", key.kind, key.group)));
+        };
+        let port = |name: &str| {
+            let found = spec.inputs.iter().position(|port| port.name == name);
+            found.ok_or_else(|| ExecError::Action(format!("`{}` has no input `{name}`", key.kind)))
+        };
+        let same = |name: &str, digest: Digest| match key.inputs.get(name) {
+            Some(asked) if *asked == digest => Ok(()),
+            asked => Err(ExecError::Action(format!(
+                "the recipe's input `{name}` is {digest}, and the key asks for {}",
+                asked.map_or_else(|| "none".to_owned(), ToString::to_string)
+            ))),
+        };
+        let (mut each, mut whole, mut file) = (Vec::new(), Vec::new(), None);
+        for (name, artifact) in recipe.each {
+            same(&name, artifact.digest())?;
+            if name == FILE_PORT && spec.inputs.iter().all(|port| port.name != FILE_PORT) {
+                file = Some(artifact);
+            } else {
+                each.push((port(&name)?, Output::new(artifact)));
+            }
+        }
+        for (name, listed) in recipe.whole {
+            same(&name, listed.digest)?;
+            let Some(found) = Whole::get(store, &listed)? else { return Err(missing(&listed.blob)) };
+            whole.push((port(&name)?, Arc::new(found)));
+        }
+        if each.len() + whole.len() + usize::from(file.is_some()) != key.inputs.len() {
+            return Err(ExecError::Action("the recipe leaves inputs of the key out".into()));
+        }
+        let record = store.lookup(ACTION, &hash);
+        let before = record.as_ref().map(|record| records::load(store, record, &spec)).transpose()?.flatten();
+        let new = before.is_none();
+        let params = key.params.clone();
+        let task = Task {
+            lane: 0,
+            kind: kind.clone(),
+            spec,
+            group,
+            projection: Box::new(move |_, _| params.clone()),
+            seed: 0, // the key has the derived one
+        };
+        let (kind, todo) = (key.kind.clone(), Some(Box::new(Todo::new(key, file, before))));
+        let batch = Batch { task: Arc::new(task), whole, jobs: Vec::new() };
+        let job = Job { slot: 0, item: recipe.item, each, files: Vec::new(), todo };
+        let wanted = HashSet::new();
+        let bench = Bench { store, stop, dry: false, keep_keys: false, recheck: 1.0, wanted: &wanted };
+        let reply = bench.perform(&batch, job, progress);
+        if let Some(warning) = reply.warning {
+            return Err(ExecError::Failed(warning));
+        }
+        let made = match reply.outcome {
+            Outcome::Ran(made) | Outcome::Hit(made) => made,
+            Outcome::Missing(digest) => return Err(missing(&digest)),
+            Outcome::Failed(message) => return Err(ExecError::Failed(message)),
+            Outcome::Fatal(error) => return Err(error.into()),
+            Outcome::Cancelled | Outcome::Todo(_) | Outcome::WouldRun => {
+                return Err(ExecError::Failed("the action was stopped".into()));
+            }
+        };
+        store.flush()?;
+        let name = |port: usize| batch.task.spec.outputs[port].name.to_owned();
+        let mut outputs: BTreeMap<String, Digest> =
+            made.items.iter().map(|(port, output)| (name(*port), output.digest)).collect();
+        outputs.extend(made.collections.iter().map(|(port, whole)| (name(*port), whole.digest)));
+        Ok(Executed { key: hash, kind, new, outputs, wall_us: reply.spent_us })
+    }
+}
+
+/// The actions of the store whose key begins like this.
+///
+/// # Errors
+/// If there is none, or more than one.
+pub fn find(store: &Store, start: &str) -> Result<Key, ExecError> {
+    let found = store.keys_like(ACTION, start);
+    match &found[..] {
+        [key] => Ok(*key),
+        [] => Err(ExecError::Action(format!(
+            "the store in {} has no action `{start}`; `tauflow explain PIPELINE NODE ITEM` tells an action's key",
+            store.dir().display()
+        ))),
+        several => Err(ExecError::Action(format!(
+            "{} actions begin with `{start}`; give more of the key, such as {}",
+            several.len(),
+            several[0]
+        ))),
+    }
+}
+
+/// Keys of the store's actions, sorted.
+pub fn recorded(store: &Store) -> Vec<Key> {
+    store.keys_like(ACTION, "")
+}
+
+fn missing(digest: &Digest) -> ExecError {
+    ExecError::Action(format!("the store does not hold the input blob {digest}; copy it there, or run what makes it"))
+}

@@ -1,0 +1,242 @@
+//! Lock files: the content of every reproducible output of a pipeline, to hold later runs, and other machines, against.
+//!
+//! `<pipeline>.lock` lies beside the pipeline's file, `<pipeline>.<profile>.lock` for a profile. What is measured, and what is
+//! made from it, is named there as left out; what depends on the processor's instruction sets is compared on such a processor
+//! alone.
+
+use crate::engine::event::OutputOf;
+use serde::{Deserialize, Serialize};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fmt::Write as _,
+    fs, io,
+    path::{Path, PathBuf},
+};
+use tauflow_contract::{Determinism, Digest};
+
+/// What a lock file says.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lock {
+    /// The pipeline.
+    pub pipeline: String,
+    /// The widest instruction set of the processor that wrote it.
+    pub processor: String,
+    /// Contents that are the same everywhere, by output.
+    #[serde(default)]
+    pub bitwise: BTreeMap<String, Digest>,
+    /// Contents that are the same on such a processor.
+    #[serde(default)]
+    pub by_processor: BTreeMap<String, Digest>,
+    /// Outputs that are measured, or made from what is.
+    #[serde(default)]
+    pub left_out: BTreeSet<String>,
+}
+
+/// How a run's outputs differ from a lock.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Differences {
+    /// An output, its content in the lock and now; none where it is not there.
+    pub outputs: Vec<(String, Option<Digest>, Option<Digest>)>,
+    /// The processors, if they differ: outputs that depend on it were not compared then.
+    pub processors: Option<(String, String)>,
+    /// Outputs that were compared and are equal.
+    pub equal: usize,
+}
+
+/// A lock file that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum LockError {
+    /// It cannot be read or written.
+    #[error("cannot {what} {path}: {source}; {hint}", path = path.display())]
+    Io {
+        /// `read` or `write`.
+        what: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+        /// What to do.
+        hint: &'static str,
+    },
+    /// It is no lock file.
+    #[error("{path} is no lock file: {message}; write it anew by `--update-lock`", path = path.display())]
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// Where and why.
+        message: String,
+    },
+}
+
+/// The widest instruction set, of those that numerical code asks for, that this processor has.
+pub fn processor() -> &'static str {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if std::arch::is_x86_feature_detected!("avx512f") {
+            return "avx512";
+        }
+        if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma") {
+            return "avx2";
+        }
+        "sse2"
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    std::env::consts::ARCH
+}
+
+/// Where the lock of a pipeline's file and profile lies.
+pub fn path_of(pipeline: &Path, profile: Option<&str>) -> PathBuf {
+    match profile {
+        Some(profile) => pipeline.with_extension(format!("{profile}.lock")),
+        None => pipeline.with_extension("lock"),
+    }
+}
+
+impl Lock {
+    /// Of a run's outputs, on this processor.
+    pub fn of(pipeline: &str, outputs: &[OutputOf]) -> Self {
+        let mut lock = Self { pipeline: pipeline.into(), processor: processor().into(), ..Self::default() };
+        for output in outputs {
+            match (output.determinism, output.digest) {
+                (Determinism::Bitwise, Some(digest)) => {
+                    lock.bitwise.insert(output.name.clone(), digest);
+                }
+                (Determinism::Processor, Some(digest)) => {
+                    lock.by_processor.insert(output.name.clone(), digest);
+                }
+                (Determinism::Measured, _) => {
+                    lock.left_out.insert(output.name.clone());
+                }
+                (_, None) => {} // not known, because something failed
+            }
+        }
+        lock
+    }
+
+    /// Reads a lock file.
+    ///
+    /// # Errors
+    /// If it is missing, unreadable or damaged.
+    pub fn read(path: &Path) -> Result<Self, LockError> {
+        let text = fs::read_to_string(path).map_err(|source| LockError::Io {
+            what: "read",
+            path: path.to_owned(),
+            source,
+            hint: "`--update-lock` writes it",
+        })?;
+        serde_saphyr::from_str(&text)
+            .map_err(|error| LockError::Parse { path: path.to_owned(), message: error.to_string() })
+    }
+
+    /// Writes it at once.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), LockError> {
+        let failed = |source| LockError::Io {
+            what: "write",
+            path: path.to_owned(),
+            source,
+            hint: "make room, or look at its folder",
+        };
+        let temporary = path.with_added_extension(format!("{}.tmp", std::process::id()));
+        fs::write(&temporary, self.text()).and_then(|()| fs::rename(&temporary, path)).map_err(|source| {
+            let _ = fs::remove_file(&temporary); // of no use to anybody
+            failed(source)
+        })
+    }
+
+    /// The file's text: YAML, an output a line, so that a diff shows what changed.
+    pub fn text(&self) -> String {
+        let mut text = String::from(
+            "# The content of every reproducible output of a pipeline, written by `tauflow run PIPELINE --update-lock`;\n\
+             # `tauflow run PIPELINE --locked` compares.\n",
+        );
+        let quoted = |name: &str| serde_json::to_string(name).expect("a text serialises");
+        let _ = writeln!(text, "pipeline: {}\nprocessor: {}", quoted(&self.pipeline), self.processor);
+        let tables = [
+            ("bitwise", "the same everywhere", &self.bitwise),
+            ("by_processor", "the same on processors like this one", &self.by_processor),
+        ];
+        for (name, what, table) in tables.into_iter().filter(|(_, _, table)| !table.is_empty()) {
+            let _ = writeln!(text, "{name}: # {what}");
+            for (output, digest) in table {
+                let _ = writeln!(text, "  {}: {digest}", quoted(output));
+            }
+        }
+        if !self.left_out.is_empty() {
+            text.push_str("left_out: # measured, or made from what is\n");
+            self.left_out.iter().for_each(|output| {
+                let _ = writeln!(text, "  - {}", quoted(output));
+            });
+        }
+        text
+    }
+
+    /// Compares what a run gave now.
+    pub fn compare(&self, now: &Self) -> Differences {
+        let mut found = Differences::default();
+        let mut tables = vec![(&self.bitwise, &now.bitwise)];
+        if self.processor == now.processor {
+            tables.push((&self.by_processor, &now.by_processor));
+        } else {
+            found.processors = Some((self.processor.clone(), now.processor.clone()));
+        }
+        for (before, now) in tables {
+            let names: BTreeSet<&String> = before.keys().chain(now.keys()).collect();
+            for name in names {
+                let (was, is) = (before.get(name).copied(), now.get(name).copied());
+                if was == is {
+                    found.equal += 1;
+                } else {
+                    found.outputs.push((name.clone(), was, is));
+                }
+            }
+        }
+        found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lock() -> Lock {
+        let output = |name: &str, determinism, text: &str| OutputOf {
+            name: name.into(),
+            determinism,
+            digest: Some(Digest::of(text.as_bytes())),
+        };
+        let outputs = [
+            output("scenes.scenes", Determinism::Bitwise, "a"),
+            output("solvers[loss=l1, x=\"2\"].model", Determinism::Processor, "b"),
+            output("solvers.timing", Determinism::Measured, "c"),
+        ];
+        Lock::of("p", &outputs)
+    }
+
+    #[test]
+    fn a_lock_reads_as_it_was_written() {
+        let dir = tempfile::tempdir().expect("a folder");
+        let path = path_of(&dir.path().join("p.yaml"), Some("tiny"));
+        assert!(path.ends_with("p.tiny.lock"));
+        assert!(matches!(Lock::read(&path), Err(LockError::Io { .. })));
+        lock().write(&path).expect("room");
+        assert_eq!(Lock::read(&path).expect("own text"), lock());
+        fs::write(&path, "pipeline: [").expect("room");
+        assert!(matches!(Lock::read(&path), Err(LockError::Parse { .. })));
+    }
+
+    #[test]
+    fn what_depends_on_the_processor_is_compared_on_such_a_processor() {
+        let (before, mut now) = (lock(), lock());
+        now.by_processor.values_mut().for_each(|digest| *digest = Digest::of(b"other"));
+        assert_eq!((before.compare(&now).outputs.len(), before.compare(&now).equal), (1, 1));
+        now.processor = "z80".into();
+        let found = before.compare(&now);
+        assert!(found.outputs.is_empty() && found.processors.is_some());
+        now.bitwise.clear();
+        assert_eq!(before.compare(&now).outputs[0].2, None);
+    }
+}

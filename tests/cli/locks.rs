@@ -1,0 +1,43 @@
+//! `run --update-lock` and `run --locked`.
+
+use crate::{PIPELINE, Place};
+use std::fs;
+
+#[test]
+fn a_lock_holds_until_something_changes_and_is_never_written_by_itself() {
+    let place = Place::new();
+    let none = place.tauflow(&["run", "small.yaml", "--locked"]).ends(2);
+    assert!(none.err.contains("small.lock") && none.err.contains("--update-lock"), "{}", none.err);
+    place.tauflow(&["run", "small.yaml", "--update-lock"]).ends(0);
+    let lock = fs::read_to_string(place.path("small.lock")).expect("it was written");
+    assert!(lock.contains("\"scenes.scenes\": ") && lock.contains("\"sampling.report\": "), "{lock}");
+    let held = place.tauflow(&["run", "small.yaml", "--locked"]).ends(0);
+    assert!(held.err.contains("small.lock agrees"), "{}", held.err);
+    // From an empty cache, with other numbers of threads.
+    for jobs in ["1", "2", "4"] {
+        let cache = place.path(jobs).display().to_string();
+        let other = place.tauflow(&["run", "small.yaml", "--locked", "--jobs", jobs, "--cache", &cache]).ends(0);
+        assert!(other.err.contains("agrees"), "{}", other.err);
+    }
+    place.write("small.yaml", &PIPELINE.replace("test_share: 0.5", "test_share: 0.25"));
+    let differs = place.tauflow(&["run", "small.yaml", "--locked"]).ends(1);
+    assert!(differs.err.contains("`split.train` is ") && differs.err.contains("in the lock it is"), "{}", differs.err);
+    assert!(!differs.err.contains("`scenes.scenes`"), "{}", differs.err);
+    assert_eq!(fs::read_to_string(place.path("small.lock")).expect("it is there"), lock);
+    // A node that goes is missed, one that comes is told.
+    place.write("small.yaml", &PIPELINE[..PIPELINE.find("  sampling:").expect("it has one")]);
+    let less = place.tauflow(&["run", "small.yaml", "--locked"]).ends(1);
+    assert!(less.err.contains("`sampling.train` is ") && less.err.contains("does not have it"), "{}", less.err);
+}
+
+#[test]
+fn a_profile_has_a_lock_of_its_own_and_overrides_have_none() {
+    let place = Place::new();
+    place.tauflow(&["run", "small.yaml", "--profile", "more", "--update-lock"]).ends(0);
+    assert!(place.path("small.more.lock").is_file() && !place.path("small.lock").exists());
+    let set = place.tauflow(&["run", "small.yaml", "--set", "scenes.pool=9", "--locked"]).ends(2);
+    assert!(set.err.contains("leave --set and --target away"), "{}", set.err);
+    place.write("small.more.lock", "pipeline: small\nprocessor: none\nbitwise: [1]\n");
+    let damaged = place.tauflow(&["run", "small.yaml", "--profile", "more", "--locked"]).ends(2);
+    assert!(damaged.err.contains("small.more.lock is no lock file"), "{}", damaged.err);
+}
