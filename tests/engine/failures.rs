@@ -106,7 +106,7 @@ fn a_stopped_run_goes_on_where_it_stopped() {
     });
     assert!(stopped.summary.interrupted);
     let before = stopped.summary.total(|n| n.ran);
-    assert!((7..=9).contains(&before), "{before}");
+    assert!((7..22).contains(&before), "{before}");
     assert!(stopped.summary.failures.is_empty());
     let rest = shop.run(&text);
     assert!(!rest.summary.interrupted);

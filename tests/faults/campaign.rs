@@ -1,0 +1,204 @@
+//! What all faults share: processes on caches, what an undisturbed run gives, and the account of what was done.
+
+use crate::child::{CACHE, LEDGER, TEXT};
+use std::{
+    collections::{BTreeMap, HashSet},
+    fs,
+    io::Read,
+    os::unix::process::ExitStatusExt,
+    path::{Path, PathBuf},
+    process::{Child, Command, Stdio},
+    sync::OnceLock,
+    time::{Duration, Instant},
+};
+use tempfile::TempDir;
+
+/// Small blobs and large ones, memoised sub-actions, a filter, two inputs that meet, gathers.
+pub const PIPELINE: &str = "
+pipeline: faults
+nodes:
+  numbers: {kind: numbers, params: {count: 24}}
+  long: {kind: affine, inputs: {in: numbers}, params: {mul: 2, add: 1, pad: 70000}}
+  rounded: {kind: round, inputs: {in: long}, params: {to: 30}}
+  gate: {kind: below, inputs: {in: rounded}, params: {limit: 300}}
+  pairs: {kind: pair, inputs: {left: gate, right: long}}
+  shares: {kind: shares, inputs: {in: pairs, of: gate.others}}
+  total: {kind: total, inputs: {in: [shares, gate.others]}}
+";
+
+/// Whether there is time for more.
+pub fn slow() -> bool {
+    std::env::var_os("TAUFLOW_SLOW").is_some_and(|value| !value.is_empty())
+}
+
+/// Numbers that are the same each time.
+pub struct Random(pub u64);
+
+impl Random {
+    /// A number below `limit`.
+    pub fn below(&mut self, limit: u64) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        (z ^ (z >> 31)) % limit.max(1)
+    }
+}
+
+/// One sort of fault.
+pub struct Campaign {
+    name: String,
+    folder: TempDir,
+    caches: u32,
+    random: Random,
+    /// Outputs by pipeline, as an undisturbed run gives them.
+    expected: BTreeMap<String, String>,
+    /// What an undisturbed run takes.
+    pub undisturbed: Duration,
+}
+
+/// A process that runs a pipeline.
+pub struct Process(Child);
+
+/// How it ended.
+#[derive(Debug)]
+pub struct Ended {
+    /// By a kill.
+    pub killed: bool,
+    pub code: i32,
+    pub text: String,
+}
+
+impl Ended {
+    fn outputs(&self) -> String {
+        self.text.lines().filter(|line| line.starts_with("output ")).map(|line| format!("{line}\n")).collect()
+    }
+}
+
+/// The library that makes calls fail, compiled once.
+fn shim() -> &'static Path {
+    static SHIM: OnceLock<(TempDir, PathBuf)> = OnceLock::new();
+    let (_, path) = SHIM.get_or_init(|| {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("shim.so");
+        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/faults/shim.rs");
+        let rustc = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
+        let options = ["--edition", "2024", "--crate-type", "cdylib", "-O", "-o"];
+        let done = Command::new(rustc).args(options).arg(&path).arg(source).output().expect("rustc starts");
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        (folder, path)
+    });
+    path
+}
+
+impl Campaign {
+    pub fn new(name: &str) -> Self {
+        let mut campaign = Self {
+            name: name.into(),
+            folder: tempfile::tempdir().expect("a temporary folder"),
+            caches: 0,
+            random: Random(name.len() as u64),
+            expected: BTreeMap::new(),
+            undisturbed: Duration::ZERO,
+        };
+        let start = Instant::now();
+        campaign.learn(PIPELINE);
+        campaign.undisturbed = start.elapsed();
+        campaign
+    }
+
+    pub fn random(&mut self, limit: u64) -> u64 {
+        self.random.below(limit)
+    }
+
+    /// Learns what a pipeline gives undisturbed.
+    pub fn learn(&mut self, text: &str) {
+        if self.expected.contains_key(text) {
+            return;
+        }
+        let cache = self.fresh();
+        let ended = self.start(&cache, text, &[]).wait();
+        assert_eq!(ended.code, 0, "{ended:?}");
+        assert!(ended.outputs().lines().count() > 8, "{ended:?}");
+        self.expected.insert(text.into(), ended.outputs());
+    }
+
+    /// An empty cache.
+    pub fn fresh(&mut self) -> PathBuf {
+        // One at a time: what a campaign leaves would fill a small disk.
+        let _ = fs::remove_dir_all(self.folder.path().join(format!("cache{}", self.caches)));
+        self.caches += 1;
+        self.forgets();
+        self.folder.path().join(format!("cache{}", self.caches))
+    }
+
+    /// Begins the ledger anew: what was done may have to be done again.
+    pub fn forgets(&self) {
+        fs::write(self.ledger(), "").expect("writable");
+    }
+
+    fn ledger(&self) -> PathBuf {
+        self.folder.path().join("ledger")
+    }
+
+    /// Starts a process on a cache; `shim` says what happens to it, if anything.
+    pub fn start(&self, cache: &Path, text: &str, faults: &[(&str, &str)]) -> Process {
+        let mut command = Command::new(std::env::current_exe().expect("this program"));
+        command.args(["--exact", "child::child", "--nocapture", "--test-threads=1"]);
+        command.env(CACHE, cache).env(LEDGER, self.ledger()).env(TEXT, text).env_remove("RUST_BACKTRACE");
+        if !faults.is_empty() {
+            command.env("LD_PRELOAD", shim()).envs(faults.iter().copied());
+        }
+        Process(command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().expect("the child starts"))
+    }
+
+    /// Checks what a process that came through says.
+    pub fn same(&self, ended: &Ended, text: &str) {
+        assert_eq!(ended.outputs(), self.expected[text], "{}", self.name);
+    }
+
+    /// The same command comes through now, with the same outputs.
+    pub fn ends_alike(&self, cache: &Path) {
+        let ended = self.start(cache, PIPELINE, &[]).wait();
+        assert_eq!(ended.code, 0, "{}: {ended:?}", self.name);
+        self.same(&ended, PIPELINE);
+    }
+
+    /// As [`Campaign::ends_alike`]; and nothing in the ledger was done twice.
+    pub fn ends_well(&self, cache: &Path) {
+        self.ends_alike(cache);
+        let ledger = fs::read_to_string(self.ledger()).expect("readable");
+        let mut seen = HashSet::new();
+        // A line that a kill cut off has no end.
+        for line in ledger.split_inclusive('\n').filter(|line| line.ends_with('\n')) {
+            assert!(seen.insert(line), "{}: done again though it was done: {line}", self.name);
+        }
+    }
+
+    /// Tells how many faults there were.
+    pub fn made(&self, count: u64) {
+        println!("{count:>6} {}", self.name);
+    }
+}
+
+impl Process {
+    /// Kills it; whether it was still there to be killed.
+    pub fn kill(&mut self) -> bool {
+        let _ = self.0.kill(); // it may be gone
+        let status = self.0.wait().expect("it can be waited for");
+        status.signal() == Some(9)
+    }
+
+    pub fn goes_on(&mut self) -> bool {
+        self.0.try_wait().expect("it can be asked").is_none()
+    }
+
+    /// Waits for its end.
+    pub fn wait(mut self) -> Ended {
+        let mut text = String::new();
+        let stdout = self.0.stdout.take();
+        stdout.map(|mut out| out.read_to_string(&mut text)).transpose().expect("text");
+        let status = self.0.wait().expect("it can be waited for");
+        Ended { killed: status.signal() == Some(9), code: status.code().unwrap_or(-1), text }
+    }
+}
