@@ -151,12 +151,16 @@ impl miette::Diagnostic for Report<'_> {
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
         let span = self.problem.span?;
-        Some(Box::new(std::iter::once(LabeledSpan::new_primary_with_span(None, (span.start, span.len)))))
+        let text = self.sources.text(span.source);
+        let end = near(text, span.start, span.start + span.len.min(SHOWN));
+        let len = end.saturating_sub(span.start);
+        Some(Box::new(std::iter::once(LabeledSpan::new_primary_with_span(None, (span.start, len)))))
     }
 }
 
 impl SourceCode for Report<'_> {
-    /// The span itself, for its place; with context, the whole lines that it stands on, and no others.
+    /// The span itself, for its place; with context, the whole lines that it stands on, and no others, but of very long ones only
+    /// what is near.
     fn read_span<'a>(
         &'a self,
         span: &SourceSpan,
@@ -167,14 +171,25 @@ impl SourceCode for Report<'_> {
         let text = self.sources.text(source);
         let (start, end) = (span.offset().min(text.len()), (span.offset() + span.len()).min(text.len()));
         let whole = if before + after > 0 {
-            let start = text[..start].rfind('\n').map_or(0, |i| i + 1);
-            let end = text[end..].find('\n').map_or(text.len(), |i| end + i);
-            SourceSpan::from((start, end - start))
+            let line = text[..start].rfind('\n').map_or(0, |i| i + 1);
+            let until = text[end..].find('\n').map_or(text.len(), |i| end + i);
+            let from = near(text, line, start.saturating_sub(SHOWN));
+            let until = near(text, end, until.min(end + SHOWN));
+            SourceSpan::from((from, until - from))
         } else {
             *span
         };
         self.sources.texts[source].read_span(&whole, 0, 0)
     }
+}
+
+/// Bytes of a line that are shown before and after what is meant, and of that itself.
+const SHOWN: usize = 100;
+
+/// The first character that begins at `at` or after it, but not before `least`.
+fn near(text: &str, least: usize, at: usize) -> usize {
+    let at = at.max(least).min(text.len());
+    (at..=text.len()).find(|at| text.is_char_boundary(*at)).unwrap_or(text.len())
 }
 
 /// The nearest of `names` to `wanted` by edit distance, if it is near enough to be meant.

@@ -81,13 +81,22 @@ impl Layout {
 
     /// Writes a small file whole and durably: temporary file, sync, rename, sync of the folder.
     pub fn write_file(&self, path: &Path, bytes: &[u8]) -> Result<(), CacheError> {
-        let tmp = self.tmp();
-        let written = File::create_new(&tmp)
-            .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
-            .and_then(|()| fs::rename(&tmp, path));
-        if written.is_err() {
-            let _ = fs::remove_file(&tmp); // the first error is the one to report
-        }
+        let mut tries = 0;
+        let written = loop {
+            let tmp = self.tmp();
+            let written = File::create_new(&tmp)
+                .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
+                .and_then(|()| fs::rename(&tmp, path));
+            match &written {
+                // Before it has a lease, a gc beside it may sweep the temporary file away; once more.
+                Err(error) if error.kind() == io::ErrorKind::NotFound && tries < 10 => tries += 1,
+                Err(_) => {
+                    let _ = fs::remove_file(&tmp); // the first error is the one to report
+                    break written;
+                }
+                Ok(()) => break written,
+            }
+        };
         written.at("write", path)?;
         sync_dir(path.parent().unwrap_or(&self.root)).at("sync the folder of", path)
     }

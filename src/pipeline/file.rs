@@ -93,8 +93,22 @@ impl Loader<'_> {
     }
 
     fn load(&mut self, path: &Path, from: Option<Span>, depth: usize) {
-        let text = match fs::read_to_string(path) {
-            Ok(text) => text,
+        let read = fs::read(path).map(String::from_utf8);
+        let text = match read {
+            Ok(Ok(text)) => text,
+            Ok(Err(error)) => {
+                let at = error.utf8_error().valid_up_to();
+                let bytes = error.into_bytes();
+                let line = bytes[..at].iter().filter(|byte| **byte == b'\n').count() + 1;
+                let message = format!(
+                    "the pipeline `{}` is no UTF-8 text: byte {:#04x} on line {line}",
+                    path.display(),
+                    bytes.get(at).copied().unwrap_or_default()
+                );
+                let problem = from.map_or_else(|| Problem::nowhere(&message), |span| Problem::at(span, &message));
+                self.problem(problem.hint("save it as UTF-8, which plain ASCII is too"));
+                return;
+            }
             Err(error) => {
                 let message = format!("cannot read the pipeline `{}`: {error}", path.display());
                 let hint = "give the path of a YAML file; `tauflow init` writes one to start from";

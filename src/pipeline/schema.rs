@@ -4,6 +4,9 @@ use crate::kinds::Registry;
 use serde_json::{Map, Value, json};
 use tauflow_contract::KindSpec;
 
+/// What names look like.
+const NAME: &str = "^[A-Za-z_][A-Za-z0-9_-]*$";
+
 /// The schema of the whole format, with the ports and params of every kind.
 pub fn schema(registry: &Registry) -> Value {
     let mut definitions = Map::new();
@@ -55,8 +58,9 @@ pub fn schema(registry: &Registry) -> Value {
         "title": "tauflow pipeline",
         "type": "object",
         "additionalProperties": false,
+        "anyOf": [{ "required": ["nodes"] }, { "required": ["include"] }],
         "properties": {
-            "pipeline": { "description": "Name; results go to OUT/<name>/.", "type": "string" },
+            "pipeline": { "description": "Name; results go to OUT/<name>/.", "type": "string", "pattern": NAME },
             "seed": { "description": "Seed of everything random; 0 if left out.", "type": "integer", "minimum": 0 },
             "include": {
                 "description": "Pipeline files whose nodes this one continues, relative to this file.",
@@ -76,6 +80,7 @@ pub fn schema(registry: &Registry) -> Value {
             "nodes": {
                 "description": "The nodes, by name.",
                 "type": "object",
+                "propertyNames": { "pattern": NAME },
                 "additionalProperties": { "$ref": "#/$defs/node" },
             },
         },

@@ -117,6 +117,7 @@ fn value_words(value: &Value) -> &'static str {
     match value {
         Value::Null => "null",
         Value::Bool(_) => "a boolean",
+        Value::Number(n) if n.as_f64().is_some_and(|v| v.abs() >= 9.0e15) => "a number too large for that",
         Value::Number(n) if n.is_f64() => "a number with a fraction",
         Value::Number(_) => "a whole number",
         Value::String(_) => "a text",
@@ -324,6 +325,7 @@ fn advice(schema: &Value, value: &Value) -> String {
             "write `true` or `false`; `yes` and `no` are plain texts here".into()
         }
         _ if wants("array") && !value.is_array() => format!("write a list: `[{}]`", plain(value)),
+        Value::Number(n) if n.as_f64().is_some_and(|v| v.abs() >= 9.0e15) => "write a smaller number".into(),
         Value::Number(_) if wants("integer") => "write it without a fraction".into(),
         _ => String::new(),
     }

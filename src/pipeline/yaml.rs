@@ -145,13 +145,39 @@ pub fn parse(text: &str, source: usize) -> Result<Yaml, Box<Problem>> {
                     let key = rest.split(", set ").next().unwrap_or(rest);
                     (format!("the key `{key}` stands twice in one map"), "keep one of the two")
                 }
-                None => (
-                    format!("this is not YAML that can be read: {message}"),
-                    "check the indentation, quotes and brackets on this line and the one above",
-                ),
+                None => refused(message),
             };
             Err(Box::new(Problem::at(span, message).hint(hint)))
         }
+    }
+}
+
+/// What the parser refuses, and what to do: parsers know the grammar, people know what they meant.
+fn refused(message: &str) -> (String, &'static str) {
+    let known = [
+        (
+            "budget breached: Documents",
+            "the file holds more than one document",
+            "keep one pipeline in a file: take what begins with `---` away",
+        ),
+        (
+            "budget breached",
+            "it grows too large when its aliases are written out",
+            "take aliases (`*name`) of what holds aliases away",
+        ),
+        ("recursion limit", "it is nested too deep", "a pipeline needs few levels; close brackets where they belong"),
+        ("tabs disallowed", "a tab stands where only blanks may", "indent by blanks; YAML takes no tabs there"),
+        ("non-finite float", "a number must be finite", "write a finite number"),
+        ("expected string scalar", "the key of a map must be a text", "write `name: value`"),
+        ("unclosed quote", "a quote is not closed", "close the quote on this line"),
+        ("unknown anchor", "this alias has no anchor before it", "write `&name` before what it should repeat"),
+    ];
+    match known.iter().find(|(part, ..)| message.contains(part)) {
+        Some((_, what, hint)) => ((*what).to_owned(), hint),
+        None => (
+            format!("this is not YAML that can be read: {message}"),
+            "check the indentation, quotes and brackets on this line and the one above",
+        ),
     }
 }
 

@@ -6,6 +6,9 @@ use serde_json::Value;
 /// Keywords that say something to people or editors only.
 const NOTES: [&str; 8] = ["$schema", "$defs", "title", "description", "default", "format", "examples", "deprecated"];
 
+/// What names of pipelines and nodes look like.
+const NAME: &str = "^[A-Za-z_][A-Za-z0-9_-]*$";
+
 /// What is wrong with `value`, a line each, with its place.
 pub fn problems(root: &Value, value: &Value) -> Vec<String> {
     let mut found = Vec::new();
@@ -87,6 +90,23 @@ fn check(root: &Value, schema: &Value, value: &Value, place: &str, found: &mut V
                 let repeated = |items: &Vec<Value>| (1..items.len()).any(|i| items[..i].contains(&items[i]));
                 if *rule == Value::Bool(true) && value.as_array().is_some_and(repeated) {
                     fail("an item stands twice".into());
+                }
+            }
+            "pattern" => {
+                assert_eq!(rule, NAME, "the validator knows one pattern");
+                let fine = |text: &str| {
+                    text.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+                        && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-')
+                };
+                if value.as_str().is_some_and(|text| !fine(text)) {
+                    fail(format!("{value} does not look like a name"));
+                }
+            }
+            "propertyNames" => {
+                for name in value.as_object().into_iter().flat_map(|fields| fields.keys()) {
+                    if !fits(root, rule, &Value::String(name.clone())) {
+                        fail(format!("{name} does not look like a name"));
+                    }
                 }
             }
             "if" => {}

@@ -8,8 +8,12 @@ mod demand;
 mod diagnostics;
 mod failures;
 mod flow;
+mod fuzz;
 mod healing;
 mod matrix;
 mod plans;
 mod publishing;
 mod shards;
+#[path = "../cli/validator.rs"]
+mod validator;
+mod yaml_text;
