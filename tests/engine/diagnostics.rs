@@ -328,12 +328,12 @@ fn a_cell_that_is_not_there() {
 #[test]
 fn an_alias_without_an_anchor() {
     assert_snapshot!(told("nodes:\n  a: *nowhere\n"), @r"
-      × this is not YAML that can be read: alias references unknown anchor
+      × this alias has no anchor before it
        ╭─[toy.yaml:2:6]
      2 │   a: *nowhere
        ·      ─
        ╰────
-      help: check the indentation, quotes and brackets on this line and the one above
+      help: write `&name` before what it should repeat
 
     1 problem found
     ");
