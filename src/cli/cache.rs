@@ -92,7 +92,7 @@ pub(crate) fn seconds(text: &str) -> Result<f64, String> {
 }
 
 /// Bytes of a text such as `20GiB`.
-fn bytes(text: &str) -> Result<u64, String> {
+pub(crate) fn bytes(text: &str) -> Result<u64, String> {
     let k = 1024.0;
     let units = [
         ("", 1.0),

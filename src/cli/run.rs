@@ -1,7 +1,9 @@
 //! `tauflow run`.
 
 use super::{
-    CacheAt, CliError, Exit, PipelineArgs, bytes_text, counted,
+    CacheAt, CliError, Exit, PipelineArgs, bytes_text,
+    cache::bytes,
+    counted,
     progress::{Display, Voice},
     seconds_text, table,
 };
@@ -45,6 +47,9 @@ pub(crate) struct RunArgs {
     /// Actions at a time; by default one for each core.
     #[arg(long, value_name = "N", default_value_t = 0)]
     jobs: usize,
+    /// Memory that actions in flight and transient outputs may take together, such as 8GiB; by default half of what there is.
+    #[arg(long, value_name = "SIZE", value_parser = bytes)]
+    memory: Option<u64>,
     /// Stop at the first failure.
     #[arg(long)]
     fail_fast: bool,
@@ -92,6 +97,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         no_rollup: args.no_rollup,
         fail_fast: args.fail_fast,
         only,
+        memory: args.memory,
         out: Some(args.out.clone()),
     };
     let summary = engine::run(&pipeline, &store, &options, &stop, &|event| display.show(event));

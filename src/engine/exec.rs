@@ -2,6 +2,7 @@
 
 use super::{
     records::{self, ACTION},
+    transient::Pool,
     whole::{Output, Whole},
     work::{Batch, Bench, FILE_PORT, Job, Outcome, Recipe, Task, Todo},
 };
@@ -138,12 +139,14 @@ impl ActionFile {
             group,
             projection: Box::new(move |_, _| params.clone()),
             seed: 0, // the key has the derived one
+            transient: false,
         };
         let (kind, todo) = (key.kind.clone(), Some(Box::new(Todo::new(key, file, before))));
         let batch = Batch { task: Arc::new(task), whole, jobs: Vec::new() };
         let job = Job { slot: 0, item: recipe.item, each, files: Vec::new(), todo };
         let wanted = HashSet::new();
-        let bench = Bench { store, stop, dry: false, keep_keys: false, recheck: 1.0, wanted: &wanted };
+        let pool = Pool::new(0);
+        let bench = Bench { store, pool: &pool, stop, dry: false, keep_keys: false, recheck: 1.0, wanted: &wanted };
         let reply = bench.perform(&batch, job, progress);
         if let Some(warning) = reply.warning {
             return Err(ExecError::Failed(warning));

@@ -11,6 +11,7 @@ mod records;
 mod rollup;
 mod run;
 mod scheduler;
+mod transient;
 mod whole;
 mod work;
 
@@ -40,13 +41,24 @@ pub struct RunOptions {
     pub fail_fast: bool,
     /// Only this.
     pub only: Option<Only>,
+    /// Bytes that actions in flight, and transient outputs, are to hold in memory; half of the machine's unless told.
+    pub memory: Option<u64>,
     /// Folder below which published outputs are written; none writes nothing.
     pub out: Option<PathBuf>,
 }
 
 impl Default for RunOptions {
     fn default() -> Self {
-        Self { jobs: 0, dry: false, recheck: 0.0, no_rollup: false, fail_fast: false, only: None, out: None }
+        Self {
+            jobs: 0,
+            dry: false,
+            recheck: 0.0,
+            no_rollup: false,
+            fail_fast: false,
+            only: None,
+            memory: None,
+            out: None,
+        }
     }
 }
 

@@ -1,14 +1,14 @@
 //! What the engine keeps in the store: records of actions, of memoised sub-actions, of whole lanes and of their shards, and
 //! the blobs that running actions see.
 
-use super::whole::{Listed, Output, Whole};
+use super::{
+    transient::Pool,
+    whole::{Listed, Output, Whole},
+};
 use serde::{Deserialize, Serialize};
 use std::{
-    collections::BTreeMap,
-    sync::{
-        Arc, Mutex, PoisonError,
-        atomic::{AtomicU64, Ordering},
-    },
+    collections::{BTreeMap, HashMap},
+    sync::{Arc, Mutex, PoisonError},
     time::{Instant, SystemTime, UNIX_EPOCH},
 };
 use tauflow_cache::{CacheError, Digest, Key, Record, Recorded, Store};
@@ -87,16 +87,19 @@ impl Payload {
 /// The store as running actions see it.
 pub struct StoreBlobs<'a> {
     store: &'a Store,
+    pool: &'a Pool,
+    /// What a transient action has made, until it is known who holds it.
+    staged: Option<Mutex<HashMap<Digest, Arc<Vec<u8>>>>>,
     /// The first error of the store itself: it stops the run.
     fatal: Mutex<Option<CacheError>>,
     start: Instant,
-    written: AtomicU64,
 }
 
 impl<'a> StoreBlobs<'a> {
-    /// Wraps a store for one action.
-    pub fn new(store: &'a Store) -> Self {
-        Self { store, fatal: Mutex::default(), start: Instant::now(), written: AtomicU64::new(0) }
+    /// Wraps a store for one action; a transient one's blobs go to the pool.
+    pub fn new(store: &'a Store, pool: &'a Pool, transient: bool) -> Self {
+        let staged = transient.then(Mutex::default);
+        Self { store, pool, staged, fatal: Mutex::default(), start: Instant::now() }
     }
 
     /// The error of the store that spoiled the action, if there was one.
@@ -109,16 +112,49 @@ impl<'a> StoreBlobs<'a> {
         self.fatal.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
         told
     }
+
+    fn take_staged(&self, digest: &Digest) -> Option<Arc<Vec<u8>>> {
+        self.staged.as_ref()?.lock().unwrap_or_else(PoisonError::into_inner).remove(digest)
+    }
+
+    /// Hands what an artifact of a transient action holds to the pool; what has no room there is stored.
+    ///
+    /// # Errors
+    /// If the store cannot be written.
+    pub fn hand_over<'b>(&self, artifacts: impl Iterator<Item = &'b Artifact>) -> Result<(), CacheError> {
+        let mut handed = HashMap::new();
+        for digest in artifacts.flat_map(|artifact| artifact.parts.values()) {
+            // An output may also name a blob that was there before, or one that another output names, too.
+            let bytes = self.take_staged(digest).or_else(|| handed.get(digest).cloned());
+            let Some(bytes) = bytes.or_else(|| self.pool.get(digest)) else { continue };
+            if !self.pool.put(*digest, &bytes) {
+                self.store.put(&bytes)?;
+            }
+            handed.insert(*digest, bytes);
+        }
+        Ok(())
+    }
 }
 
 impl Blobs for StoreBlobs<'_> {
     fn get(&self, digest: &Digest) -> Result<Option<Vec<u8>>, KindError> {
+        if let Some(staged) = &self.staged
+            && let Some(bytes) = staged.lock().unwrap_or_else(PoisonError::into_inner).get(digest)
+        {
+            return Ok(Some(bytes.to_vec()));
+        }
+        if let Some(bytes) = self.pool.get(digest) {
+            return Ok(Some(bytes.to_vec()));
+        }
         self.store.get(digest).map_err(|e| self.fail(e))
     }
 
     fn put(&self, bytes: &[u8]) -> Result<Digest, KindError> {
-        self.written.fetch_add(bytes.len() as u64, Ordering::Relaxed);
-        self.store.put(bytes).map_err(|e| self.fail(e))
+        let Some(staged) = &self.staged else { return self.store.put(bytes).map_err(|e| self.fail(e)) };
+        let digest = Digest::of(bytes);
+        let mut staged = staged.lock().unwrap_or_else(PoisonError::into_inner);
+        staged.entry(digest).or_insert_with(|| Arc::new(bytes.to_vec()));
+        Ok(digest)
     }
 
     fn memo_get(&self, key: &MemoKey) -> Option<Artifact> {
@@ -142,6 +178,13 @@ impl Blobs for StoreBlobs<'_> {
             bytes: artifact.size(),
             when: now(),
         };
+        // What is memoised is kept.
+        for digest in &record.refs {
+            let staged = self.staged.as_ref().map(|all| all.lock().unwrap_or_else(PoisonError::into_inner));
+            if let Some(bytes) = staged.and_then(|all| all.get(digest).cloned()) {
+                self.store.put(&bytes).map_err(|e| self.fail(e))?;
+            }
+        }
         match self.store.record(&record).map_err(|e| self.fail(e))? {
             Recorded::New | Recorded::Same => Ok(()),
             Recorded::Conflict { existing } if existing.refs.iter().all(|d| self.store.contains(d)) => {

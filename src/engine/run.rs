@@ -7,6 +7,7 @@ use super::{
     lanes::{self, Lane},
     publish, records, rollup,
     scheduler::{SLOWEST, Scheduler},
+    transient::{self, Pool},
     whole::Whole,
     work::{Batch, Bench, Job, Outcome, Reply},
 };
@@ -42,6 +43,8 @@ pub(super) struct Run<'a> {
     stop: &'a AtomicBool,
     sink: Sink<'a>,
     lanes: Vec<Lane>,
+    memory: u64,
+    pool: Arc<Pool>,
     /// Keep the keys of all actions that are looked at.
     pub keep_keys: bool,
     /// Keep the collections that are asked for.
@@ -63,8 +66,21 @@ impl<'a> Run<'a> {
             targets = vec![Target { node: only.node, port: None }];
         }
         let lanes = lanes::demand(pipeline, &targets, options.only.as_ref());
-        let (planned, results) = (Vec::new(), Vec::new());
-        Self { pipeline, store, options, stop, sink, lanes, keep_keys: false, keep_results: false, planned, results }
+        let memory = options.memory.unwrap_or_else(transient::default_memory);
+        Self {
+            pipeline,
+            store,
+            options,
+            stop,
+            sink,
+            lanes,
+            memory,
+            pool: Arc::new(Pool::new(memory / 2)),
+            keep_keys: false,
+            keep_results: false,
+            planned: Vec::new(),
+            results: Vec::new(),
+        }
     }
 
     pub fn finish(&mut self) -> Result<Summary, EngineError> {
@@ -119,8 +135,10 @@ impl<'a> Run<'a> {
     ) -> Result<Pass, EngineError> {
         let options = self.options;
         let lanes = std::mem::take(&mut self.lanes);
+        let pool = self.pool.clone();
         let bench = Bench {
             store: self.store,
+            pool: &pool,
             stop: self.stop,
             dry: options.dry,
             keep_keys: self.keep_keys,
@@ -130,7 +148,7 @@ impl<'a> Run<'a> {
         // Roll-ups would hide the items that a recheck or `--only` looks at, and the keys that a plan explains.
         let roll = options.recheck == 0.0 && options.only.is_none() && !options.no_rollup;
         let known = if roll { rollup::find(self.pipeline, &lanes, &bench)? } else { rollup::Known::none(lanes.len()) };
-        let mut scheduler = Scheduler::new(self.pipeline, &lanes, &bench, ran_before, roll);
+        let mut scheduler = Scheduler::new(self.pipeline, &lanes, &bench, ran_before, roll, self.memory);
         scheduler.start(known);
         let worked = self.work(&lanes, &bench, &mut scheduler);
         let finished = worked.and_then(|()| self.conclude(&lanes, &scheduler)).map(|(published, missing)| {

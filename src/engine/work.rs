@@ -5,6 +5,7 @@
 
 use super::{
     records::{self, ACTION, Made, Payload, StoreBlobs, port_of},
+    transient::Pool,
     whole::{Listed, Output, Whole},
 };
 use serde::{Deserialize, Serialize};
@@ -61,6 +62,8 @@ pub struct Task {
     pub projection: Projection,
     /// The pipeline's seed.
     pub seed: u64,
+    /// Its outputs are handed on in memory.
+    pub transient: bool,
 }
 
 /// An action to be done.
@@ -165,6 +168,8 @@ impl Reply {
 pub struct Bench<'a> {
     /// The store.
     pub store: &'a Store,
+    /// Blobs that are in memory only.
+    pub pool: &'a Pool,
     /// Set when actions should stop.
     pub stop: &'a AtomicBool,
     /// Look up only, run nothing.
@@ -306,7 +311,12 @@ impl Bench<'_> {
             return Ok(true);
         }
         let reached = self.store.reach(&record.refs, &record.trees)?;
-        Ok(reached.iter().all(|digest| !self.wanted.contains(digest) || self.store.contains(digest)))
+        Ok(reached.iter().all(|digest| !self.wanted.contains(digest) || self.is_here(digest)))
+    }
+
+    /// Whether a blob is there, stored or in memory.
+    pub fn is_here(&self, digest: &Digest) -> bool {
+        self.pool.contains(digest) || self.store.contains(digest)
     }
 
     fn sampled(&self, hash: &Key) -> bool {
@@ -345,7 +355,7 @@ impl Bench<'_> {
             each,
             whole: read.into_iter().collect(),
         };
-        let blobs = StoreBlobs::new(self.store);
+        let blobs = StoreBlobs::new(self.store, self.pool, task.transient);
         let context = Context::new(&blobs, progress, self.stop);
         let result = task.kind.run(&context, &action);
         if let Some(error) = blobs.fatal() {
@@ -360,6 +370,8 @@ impl Bench<'_> {
         if let Err(message) = check_outputs(task, &outputs) {
             return Ok(Err(Outcome::Failed(format!("internal error: {message}; please report it"))));
         }
+        let gathered = outputs.collections.values().flat_map(|collection| collection.items.values());
+        blobs.hand_over(outputs.items.values().chain(gathered))?;
         let mut payload = Payload { items: outputs.items, ..Payload::default() };
         let mut collections = Vec::new();
         for (name, collection) in outputs.collections {
@@ -400,7 +412,7 @@ impl Bench<'_> {
                 ));
             }
             // The earlier outputs stay, measured ones too, as long as they are whole.
-            if existing.refs.iter().chain(&existing.trees).all(|d| self.store.contains(d))
+            if existing.refs.iter().chain(&existing.trees).all(|d| self.is_here(d))
                 && let Some(made) = records::load(self.store, &existing, &task.spec)?
             {
                 return Ok(Outcome::Ran(made));

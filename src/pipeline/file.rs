@@ -51,6 +51,8 @@ pub struct RawNode {
     pub params: Yaml,
     /// Its axes.
     pub matrix: Vec<(Key, Vec<Yaml>)>,
+    /// Its outputs need not be stored.
+    pub transient: bool,
 }
 
 /// An input as written.
@@ -85,7 +87,7 @@ struct Loader<'a> {
 }
 
 const TOP: [&str; 6] = ["pipeline", "seed", "include", "profiles", "targets", "nodes"];
-const NODE: [&str; 4] = ["kind", "inputs", "params", "matrix"];
+const NODE: [&str; 5] = ["kind", "inputs", "params", "matrix", "transient"];
 
 impl Loader<'_> {
     fn problem(&mut self, problem: Problem) {
@@ -200,8 +202,9 @@ impl Loader<'_> {
 
     fn node(&mut self, name: Key, body: Yaml) -> RawNode {
         let empty = Yaml { data: Data::Map(Vec::new()), span: name.span };
-        let mut node =
-            RawNode { name: name.clone(), kind: None, inputs: Vec::new(), params: empty, matrix: Vec::new() };
+        let name_key = name.clone();
+        let (inputs, matrix) = (Vec::new(), Vec::new());
+        let mut node = RawNode { name: name_key, kind: None, inputs, params: empty, matrix, transient: false };
         let mut has_kind = false;
         for (key, value) in self.map(body, "a node") {
             match key.text.as_str() {
@@ -224,6 +227,13 @@ impl Loader<'_> {
                     node.params = Yaml { data: Data::Map(self.map(value, "params")), span };
                 }
                 "matrix" => node.matrix = self.matrix(value),
+                "transient" => match value.data {
+                    Data::Bool(transient) => node.transient = transient,
+                    _ => {
+                        let message = format!("`transient` must be true or false, this is {}", value.sort());
+                        self.problem(Problem::at(value.span, message).hint("write `transient: true`, or leave it out"));
+                    }
+                },
                 other => {
                     let hint = did_you_mean(other, "keys of a node", NODE);
                     self.problem(Problem::at(key.span, format!("unknown key `{other}` of a node")).hint(hint));

@@ -45,6 +45,8 @@ pub struct Node {
     pub axes: Vec<(String, Vec<String>)>,
     /// Its cells, a range of [`Pipeline::cells`].
     pub cells: Range<usize>,
+    /// Its outputs are handed on in memory and need not be stored, unless they are asked for.
+    pub transient: bool,
 }
 
 impl fmt::Debug for Node {

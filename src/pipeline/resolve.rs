@@ -89,6 +89,7 @@ pub(super) struct Draft {
     pub kind: Option<(Arc<dyn NodeKind>, KindSpec)>,
     pub axes: Vec<(String, Vec<String>)>,
     pub cells: Vec<DraftCell>,
+    pub transient: bool,
 }
 
 /// A cell on its way.
@@ -155,7 +156,7 @@ fn draft(raw: &RawNode, registry: &Registry, problems: &mut Vec<Problem>) -> Dra
             .collect();
         axes.push((axis.text.clone(), texts));
     }
-    Draft { kind, axes, cells }
+    Draft { kind, axes, cells, transient: raw.transient }
 }
 
 /// The text of an axis value: scalars as they are, lists and maps with their scalars joined by `-`.
@@ -261,6 +262,7 @@ fn assemble(name: String, seed: u64, drafts: &[Draft], wiring: &wire::Wiring, or
             spec: spec.clone(),
             axes: draft.axes.clone(),
             cells: start..pipeline.cells.len(),
+            transient: draft.transient,
         });
     }
     pipeline

@@ -44,6 +44,10 @@ pub fn schema(registry: &Registry) -> Value {
                 "kind": { "description": "What the node does; see `tauflow kinds`.", "oneOf": kinds },
                 "inputs": { "description": "What feeds each input port.", "type": "object" },
                 "params": { "description": "Params of the kind; what is left out has its default.", "type": "object" },
+                "transient": {
+                    "description": "Hand the outputs on in memory and store none: for what is quick to make and large. What needs them later makes them again.",
+                    "type": "boolean",
+                },
                 "matrix": {
                     "description": "Axes; the node becomes one cell for each combination. An axis named like a param sets it.",
                     "type": "object",

@@ -11,6 +11,7 @@ mod flow;
 mod fuzz;
 mod healing;
 mod matrix;
+mod memory;
 mod plans;
 mod publishing;
 mod shards;

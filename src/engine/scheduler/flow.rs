@@ -247,6 +247,21 @@ impl Scheduler<'_> {
         }
     }
 
+    /// Lets what an ended slot read of transient lanes go, where nobody else reads it.
+    pub(super) fn release(&self, lane: usize, slot: usize) {
+        let lanes = self.lanes;
+        let Some(key) = &self.states[lane].slots[slot].key else { return };
+        for (input, feeds) in lanes[lane].inputs.iter().enumerate() {
+            let alone = |feed: &LaneFeed| self.tasks[feed.lane].transient && lanes[feed.lane].readers.len() == 1;
+            if !feeds.is_empty()
+                && feeds.iter().all(alone)
+                && let Some(Given::Item(output)) = self.states[lane].inputs[input].given.get(key)
+            {
+                output.artifact.parts.values().for_each(|digest| self.bench.pool.release(digest));
+            }
+        }
+    }
+
     /// Gives one slot's output on.
     pub(super) fn give_slot(&mut self, lane: usize, input: usize, feed: &LaneFeed, slot: usize) {
         let from = &self.states[feed.lane].slots[slot];

@@ -83,16 +83,22 @@ pub struct Scheduler<'a> {
     sought: Vec<usize>,
     seeking: usize,
     running: usize,
+    /// Bytes that may be held, that actions in flight are expected to hold, and by which of them.
+    memory: u64,
+    in_flight: u64,
+    weights: HashMap<(usize, usize), u64>,
 }
 
 impl<'a> Scheduler<'a> {
-    /// Lays out the lanes. `roll` says whether shards may be looked up as wholes.
+    /// Lays out the lanes. `roll` says whether shards may be looked up as wholes; actions in flight are to hold no more than
+    /// `memory` bytes.
     pub fn new(
         pipeline: &'a Pipeline,
         lanes: &'a [Lane],
         bench: &'a Bench<'a>,
         ran_before: &'a HashSet<(usize, Option<ItemKey>)>,
         roll: bool,
+        memory: u64,
     ) -> Self {
         let task = |(number, lane): (usize, &Lane)| {
             let node = &pipeline.nodes[lane.node];
@@ -103,6 +109,8 @@ impl<'a> Scheduler<'a> {
                 group: lane.group,
                 projection: node.kind.projection(&pipeline.cells[lane.cell].params),
                 seed: pipeline.seed,
+                // What is asked for is stored.
+                transient: node.transient && !lane.target,
             })
         };
         let names = |lane: &Lane| Names {
@@ -150,6 +158,9 @@ impl<'a> Scheduler<'a> {
             sought: vec![0; pipeline.nodes.len()],
             seeking: 0,
             running: 0,
+            memory,
+            in_flight: 0,
+            weights: HashMap::new(),
         }
     }
 
@@ -231,10 +242,37 @@ impl<'a> Scheduler<'a> {
         let fits = mean.map_or(1.0, |mean| BATCH_US / mean.max(1.0));
         // The last ones are shared out.
         let share = self.todo.len() / (2 * workers.max(1));
-        let slots = take(&mut self.todo, lane, (fits as usize).clamp(1, LOOK_UPS).min(share.max(1)));
+        let limit = (fits as usize).clamp(1, LOOK_UPS).min(share.max(1));
+        let mut slots = Vec::with_capacity(limit);
+        while slots.len() < limit && self.todo.peek().is_some_and(|(_, Reverse(of), _)| *of == lane) {
+            let Some((_, _, Reverse(slot))) = self.todo.peek().copied() else { break };
+            // One action runs whatever it takes.
+            let bytes = self.weight(lane, slot);
+            if self.in_flight > 0 && self.in_flight + bytes + self.bench.pool.bytes() > self.memory {
+                break;
+            }
+            self.todo.pop();
+            self.in_flight += bytes.max(1);
+            self.weights.insert((lane, slot), bytes.max(1));
+            slots.push(slot);
+        }
+        if slots.is_empty() {
+            return None;
+        }
         slots.iter().for_each(|slot| self.set(lane, *slot, Status::Running));
         self.running += 1;
         Some(self.batch(lane, &slots))
+    }
+
+    /// Bytes that an action is expected to hold: what it reads item by item, and what its like have made.
+    fn weight(&self, lane: usize, slot: usize) -> u64 {
+        let state = &self.states[lane];
+        let Some(key) = &state.slots[slot].key else { return state.mean_bytes };
+        let given = state.inputs.iter().filter_map(|input| match input.given.get(key) {
+            Some(Given::Item(output)) => Some(output.artifact.size()),
+            _ => None,
+        });
+        given.sum::<u64>() + state.mean_bytes
     }
 
     fn batch(&mut self, lane: usize, slots: &[usize]) -> Batch {
@@ -272,6 +310,7 @@ impl<'a> Scheduler<'a> {
     /// Takes note of an action that was done; `last` says whether it was the last of its batch.
     pub fn performed(&mut self, reply: Reply, last: bool) -> Result<(), CacheError> {
         self.running -= usize::from(last);
+        self.in_flight -= self.weights.remove(&reply.slot).unwrap_or(0);
         self.reply(reply)
     }
 
@@ -339,6 +378,8 @@ impl<'a> Scheduler<'a> {
         stat.written += bytes;
         let mean = &mut self.states[lane].mean_us;
         *mean = Some(mean.map_or(spent_us as f64, |mean| mean + (spent_us as f64 - mean) / 8.0));
+        let mean = &mut self.states[lane].mean_bytes;
+        *mean = if *mean == 0 { bytes } else { (*mean * 7 + bytes) / 8 };
         let spent_s = spent_us as f64 / 1e6;
         if self.slowest.len() < SLOWEST || self.slowest.last().is_some_and(|last| last.spent_s < spent_s) {
             let Names { node, cell, .. } = &self.names[lane];
@@ -386,6 +427,7 @@ impl<'a> Scheduler<'a> {
                 of.failed |= failed;
                 let last = of.open == 0;
                 self.hand_on(lane, slot);
+                self.release(lane, slot);
                 if last {
                     self.ops.push_back(Op::CheckShard { lane, shard });
                 }

@@ -119,6 +119,8 @@ pub(super) struct LaneState {
     pub failed: bool,
     pub results: BTreeMap<usize, Arc<Whole>>,
     pub rolled: Option<Payload>,
+    /// Mean bytes of its actions' outputs, as far as they ran in this pass.
+    pub mean_bytes: u64,
     /// Mean time of its actions, in microseconds, as far as they ran in this pass.
     pub mean_us: Option<f64>,
 }
@@ -152,6 +154,7 @@ impl LaneState {
             failed: false,
             results: BTreeMap::new(),
             rolled,
+            mean_bytes: 0,
             mean_us: None,
         }
     }
