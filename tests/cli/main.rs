@@ -9,6 +9,7 @@ mod refining;
 mod runs;
 mod schema;
 mod validator;
+mod words;
 
 use std::{
     fs,

@@ -2,7 +2,7 @@
 
 use crate::{blob, files, fresh, open, record};
 use std::{path::Path, sync::atomic::AtomicBool, sync::atomic::Ordering::SeqCst, thread};
-use tauflow_cache::{Digest, GcOptions, Store};
+use tauflow_cache::{Digest, GcOptions, Store, tree};
 
 const SIZES: [usize; 2] = [10_000, 100_000];
 
@@ -185,4 +185,58 @@ fn a_collection_that_died_is_undone_by_the_next() {
     assert!(left(&open(dir.path()), 2).is_empty());
     store.gc(&GcOptions::default()).expect("gc");
     assert_eq!(left(&open(dir.path()), 2), [1, 2]);
+}
+
+#[test]
+fn what_is_quickest_to_make_again_goes_first_and_summaries_before_it() {
+    let (dir, store) = fresh();
+    // Record n took n seconds for a blob of the same size; the last but one was used last.
+    let mut digests = Vec::new();
+    for n in 1..=6 {
+        let digest = store.put(&blob(n, 10_000)).expect("put");
+        let made = tauflow_cache::Record { wall_us: n * 1_000_000, ..record(100 - n, "p", vec![digest]) };
+        store.record(&tauflow_cache::Record { when: n, ..made }).expect("record");
+        digests.push(digest);
+    }
+    let tree = store.put(&tree::encode(&digests, &[], b"")).expect("put");
+    let all =
+        tauflow_cache::Record { trees: vec![tree], derived: true, wall_us: u64::MAX, ..record(1000, "all", vec![]) };
+    store.record(&all).expect("record");
+    drop(store);
+    let store = open(dir.path());
+    store.gc(&GcOptions { max_bytes: Some(30_500), now: 10, ..GcOptions::default() }).expect("gc");
+    let left: Vec<u64> = (1..=6).filter(|n| store.contains(&digests[*n as usize - 1])).collect();
+    assert_eq!(left, [4, 5, 6]);
+    assert!(store.lookup("action", &all.key).is_none() && !store.contains(&tree), "what it sums up is not there");
+}
+
+#[test]
+fn a_tree_keeps_what_it_lists_and_goes_with_its_record() {
+    let (dir, store) = fresh();
+    let leaves: Vec<Digest> = (0..4).map(|n| store.put(&blob(n, SIZES[n as usize % 2])).expect("put")).collect();
+    let low = store.put(&tree::encode(&leaves[..2], &[], b"low")).expect("put");
+    let top = store.put(&tree::encode(&leaves[2..3], &[low], b"top")).expect("put");
+    let made = tauflow_cache::Record { trees: vec![top], ..record(5, "p", vec![]) };
+    store.record(&made).expect("record");
+    assert_eq!(store.reach(&[], &[top]).expect("readable").len(), 5);
+    drop(store);
+    let store = open(dir.path());
+    let report = store.gc(&GcOptions::default()).expect("gc");
+    assert_eq!((report.removed_blobs, report.kept_blobs), (1, 5), "the fourth leaf is nobody's");
+    assert!(readable(&store, &leaves[..3]) && readable(&store, &[low, top]));
+    // A live store that looked the record up keeps all of it.
+    let user = open(dir.path());
+    assert!(user.lookup("action", &made.key).is_some());
+    let options = GcOptions { max_bytes: Some(0), now: 100, ..GcOptions::default() };
+    assert_eq!(store.gc(&options).expect("gc").removed_blobs, 0);
+    drop(user);
+    let old = GcOptions { keep_within_secs: Some(1), ..options };
+    assert_eq!(open(dir.path()).gc(&old).expect("gc").kept_blobs, 0);
+    // A tree that is gone is a miss: the record is incomplete, and verification says so.
+    let store = open(dir.path());
+    let blob = store.put(b"leaf").expect("put");
+    let tree = tree::encode(&[blob], &[], b"");
+    let gone = tauflow_cache::Record { trees: vec![Digest::of(&tree)], ..record(6, "p", vec![]) };
+    store.record(&gone).expect("record");
+    assert_eq!(store.verify(None, 0, &mut |_, _| ()).expect("verify").incomplete_records, 1);
 }
