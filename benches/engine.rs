@@ -1,10 +1,10 @@
-//! Overhead of the engine: ten map nodes over many items that do next to nothing.
+//! Overhead of the engine: ten map nodes over many items that do next to nothing; and large items beside plain files.
 //!
 //! ```text
 //! cargo bench --bench engine [-- ITEMS [FOLDER]]          30,000 items unless told; the cache lies in FOLDER, or in memory
 //! ```
 //!
-//! `benches/engine_ninja.sh` does the same graph with ninja.
+//! `benches/engine_peers.sh` does the same graph with ninja and with Snakemake.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -33,6 +33,8 @@ struct SourceParams {
     items: u64,
     /// The item that is another than before.
     changed: u64,
+    /// Bytes of an item.
+    bytes: usize,
 }
 
 struct Source;
@@ -50,11 +52,12 @@ impl Kind for Source {
 
     fn project(params: &Self::Params, item: Option<&ItemKey>, _: &str) -> Value {
         let index = item.and_then(|i| i.as_str().parse::<u64>().ok()).unwrap_or_default();
-        json!({ "items": index, "changed": u64::from(params.changed > 0 && params.changed == index) })
+        let changed = u64::from(params.changed > 0 && params.changed == index);
+        json!({ "items": index, "changed": changed, "bytes": params.bytes })
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let mut bytes = vec![0; SIZE];
+        let mut bytes = vec![0; action.params.bytes.max(SIZE)];
         bytes[..8].copy_from_slice(&action.params.items.to_le_bytes());
         bytes[8] = action.params.changed as u8;
         Ok(Outputs::default().item("out", Artifact::blob("bench", ctx.put(&bytes)?)))
@@ -150,12 +153,55 @@ impl Bench {
     }
 }
 
+/// Items of 10 MB, one after the other, beside plain files that are written and synced; both are there when the power goes.
+fn large(registry: &Registry, folder: &std::path::Path) -> Result<(), Box<dyn Error>> {
+    const COUNT: u64 = 30;
+    const BYTES: usize = 10_000_000;
+    let mut ratios = Vec::new();
+    let (mut ours, mut plain) = (Vec::new(), Vec::new());
+    for round in 0..5 {
+        let start = Instant::now();
+        for item in 0..COUNT {
+            let mut bytes = vec![0; BYTES];
+            bytes[..8].copy_from_slice(&(item + 1000 * round).to_le_bytes());
+            let mut file = std::fs::File::create(folder.join(format!("plain{round}-{item}")))?;
+            std::io::Write::write_all(&mut file, &bytes)?;
+            file.sync_data()?;
+        }
+        plain.push(start.elapsed().as_secs_f64() / COUNT as f64);
+        let text = format!(
+            "pipeline: large\nseed: {round}\nnodes:\n  n: {{ kind: source, params: {{ items: {COUNT}, bytes: {} }} }}\n",
+            BYTES + round as usize
+        );
+        let pipeline = pipeline::resolve_text("large.yaml", &text, registry, &Options::default())?;
+        let store = Store::open(&folder.join("large"))?;
+        let start = Instant::now();
+        let options = RunOptions { jobs: 1, ..RunOptions::default() };
+        let summary = engine::run(&pipeline, &store, &options, &AtomicBool::new(false), &|_| {})?;
+        ours.push(start.elapsed().as_secs_f64() / COUNT as f64);
+        assert_eq!(summary.nodes[0].ran, COUNT);
+        ratios.push(ours[ours.len() - 1] / plain[plain.len() - 1]);
+    }
+    let median = |mut values: Vec<f64>| {
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    println!(
+        "one item of 10 MB {:>45.1} ms; a plain file, synced, {:.1} ms; ratio {:.2}",
+        median(ours) * 1e3,
+        median(plain) * 1e3,
+        median(ratios)
+    );
+    Ok(())
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let mut args = std::env::args().skip(1).filter(|a| !a.starts_with("--"));
     let items = args.next().map_or(Ok(30_000), |a| a.parse())?;
     let own = tempfile::tempdir_in(args.next().map_or_else(std::env::temp_dir, PathBuf::from))?;
     let registry =
         Registry::new([Box::new(KindRow::<Source>::new()) as Box<dyn NodeKind>, Box::new(KindRow::<Copy>::new())]);
+    large(&registry, own.path())?;
     let bench = Bench { registry, folder: own.path().join("store"), items };
     bench.tell("first run", &[0], false)?;
     bench.tell("nothing changed, by roll-ups", &[0; 5], false)?;
