@@ -10,8 +10,14 @@ use crate::{
     record::{Head, decode, encode},
     segment::{Appender, MAX_BODY, Sort, read_record, record_frame},
     store::lock,
+    tree,
 };
-use std::{collections::HashMap, fs, io, sync::Arc, time::Instant};
+use std::{
+    collections::{HashMap, HashSet},
+    fs, io,
+    sync::Arc,
+    time::Instant,
+};
 
 impl Store {
     /// Writes a record, after the blobs it names were `put`.  It is visible to everybody when this returns, survives
@@ -141,8 +147,15 @@ impl Store {
         if provisional {
             // Reading a damaged blob quarantines it, and then it is no longer here.
             let good = |digest: &Digest| !self.contains(digest) || matches!(self.get(digest), Ok(Some(_)));
+            // What only sums others up is not worth the proof. Of a tree's leaves each is proved when it is read, as ever.
+            if record.derived {
+                return None;
+            }
             let mut proven = true;
-            for digest in &self.reach(&record.refs, &record.trees).ok()? {
+            let mut trees = Vec::new();
+            let (mut read, mut found) = (|tree: &Digest| self.get(tree), |_: &Digest| ());
+            tree::walk(&record.trees, &mut HashSet::new(), &mut read, &mut found, &mut trees).ok()?;
+            for digest in record.refs.iter().chain(&trees) {
                 proven &= good(digest);
             }
             if !proven {

@@ -23,6 +23,8 @@ use std::{
 
 /// How long a miss trusts the index before it looks for what other processes wrote.
 const REFRESH_AFTER: Duration = Duration::from_millis(100);
+/// How long this store trusts that it is alone: times of folders are cached by network file systems.
+const TRUST: Duration = Duration::from_secs(1);
 /// By how much the time of a folder may lag behind its changes, and more.
 const COARSE: Duration = Duration::from_millis(100);
 /// Bytes of an own segment from which an index file is worth its while.
@@ -75,6 +77,11 @@ pub(crate) struct PackWriter {
 /// Locks a mutex.  The values guarded here are valid after every statement, so a panic elsewhere does not spoil them.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Whether the last refresh is too long ago to count on.
+fn is_old(refreshed: &Mutex<Instant>) -> bool {
+    lock(refreshed).elapsed() >= TRUST
 }
 
 impl Store {
@@ -156,13 +163,15 @@ impl Store {
         let since = {
             let alone = lock(&self.alone);
             match alone.seen {
-                Some((time, _)) if time == changed && alone.sure => return Ok(()),
+                Some((time, _)) if time == changed && alone.sure && !is_old(&self.refreshed) => return Ok(()),
                 Some((time, since)) if time == changed => Some(since),
                 _ => None,
             }
         };
         let mut others = names(&folder).at("list", &folder)?.into_iter().map(|name| folder.join(name));
-        let now = if others.any(|path| path != self.lease.path() && is_live(&path)) {
+        // A file system that counts whole seconds would hide changes.
+        let coarse = changed.duration_since(SystemTime::UNIX_EPOCH).is_ok_and(|time| time.subsec_nanos() == 0);
+        let now = if coarse || others.any(|path| path != self.lease.path() && is_live(&path)) {
             Alone::default()
         } else {
             let since = since.unwrap_or_else(Instant::now);

@@ -42,13 +42,15 @@ pub fn decode(bytes: &[u8]) -> Option<Tree<'_>> {
 /// Gives a blob's bytes.
 pub(crate) type Reader<'a> = &'a mut dyn FnMut(&Digest) -> Result<Option<Vec<u8>>, CacheError>;
 
-/// Calls `found` with every blob that these trees list, and with the trees themselves, each tree once; `read` gives a tree's
+/// Calls `found` with every blob that these trees list, and with the trees themselves, each tree once, and adds the trees to
+/// `walked`; `read` gives a tree's
 /// bytes.  A tree that is missing, or is none, lists nothing.
 pub(crate) fn walk(
     trees: &[Digest],
     seen: &mut HashSet<Digest>,
     read: Reader<'_>,
     found: &mut dyn FnMut(&Digest),
+    walked: &mut Vec<Digest>,
 ) -> Result<(), CacheError> {
     let mut open = trees.to_vec();
     while let Some(digest) = open.pop() {
@@ -56,6 +58,7 @@ pub(crate) fn walk(
             continue;
         }
         found(&digest);
+        walked.push(digest);
         let Some(bytes) = read(&digest)? else { continue };
         if let Some(tree) = decode(&bytes) {
             tree.refs.iter().for_each(&mut *found);
@@ -73,7 +76,7 @@ impl Store {
     pub fn reach(&self, refs: &[Digest], trees: &[Digest]) -> Result<Vec<Digest>, CacheError> {
         let mut all = refs.to_vec();
         let mut found = |digest: &Digest| all.push(*digest);
-        walk(trees, &mut HashSet::new(), &mut |digest| self.get(digest), &mut found)?;
+        walk(trees, &mut HashSet::new(), &mut |digest| self.get(digest), &mut found, &mut Vec::new())?;
         all.sort_unstable();
         all.dedup();
         Ok(all)
@@ -100,7 +103,7 @@ mod tests {
         let bytes = encode(&[Digest::of(b"x")], &[top], b"");
         let mut count = 0;
         let mut read = |_: &Digest| Ok(Some(bytes.clone()));
-        walk(&[top, top], &mut HashSet::new(), &mut read, &mut |_| count += 1).expect("no disk");
+        walk(&[top, top], &mut HashSet::new(), &mut read, &mut |_| count += 1, &mut Vec::new()).expect("no disk");
         assert_eq!(count, 2);
     }
 }

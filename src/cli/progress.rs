@@ -71,7 +71,7 @@ impl Display {
             Event::Warning { message } => self.voice().say(&format!("warning: {message}")),
             Event::Healing { nodes } => {
                 let nodes = nodes.join(", ");
-                self.voice().say(&format!("some results are gone from the cache; making them again ({nodes})"));
+                self.voice().say(&format!("making again what is needed and is not in the cache ({nodes})"));
                 state.shown.values_mut().for_each(|shown| shown.told_end = false);
             }
             _ => {}

@@ -99,6 +99,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         only,
         memory: args.memory,
         out: Some(args.out.clone()),
+        ..RunOptions::default()
     };
     let summary = engine::run(&pipeline, &store, &options, &stop, &|event| display.show(event));
     display.end();

@@ -1,10 +1,11 @@
 //! One action alone, from nothing but a store: its key says what it is, its recipe where its inputs are.
 
 use super::{
+    action::FILE_PORT,
     records::{self, ACTION},
     transient::Pool,
     whole::{Output, Whole},
-    work::{Batch, Bench, FILE_PORT, Job, Outcome, Recipe, Task, Todo},
+    work::{Batch, Bench, Job, Outcome, Recipe, Task, Todo},
 };
 use crate::kinds::Registry;
 use serde::{Deserialize, Serialize};
@@ -140,6 +141,7 @@ impl ActionFile {
             projection: Box::new(move |_, _| params.clone()),
             seed: 0, // the key has the derived one
             transient: false,
+            read: Vec::new(),
         };
         let (kind, todo) = (key.kind.clone(), Some(Box::new(Todo::new(key, file, before))));
         let batch = Batch { task: Arc::new(task), whole, jobs: Vec::new() };
@@ -195,5 +197,7 @@ pub fn recorded(store: &Store) -> Vec<Key> {
 }
 
 fn missing(digest: &Digest) -> ExecError {
-    ExecError::Action(format!("the store does not hold the input blob {digest}; copy it there, or run what makes it"))
+    ExecError::Action(format!(
+        "the store does not hold the input blob {digest}; copy it there, or run what makes it, without `transient` if that is set"
+    ))
 }

@@ -70,7 +70,12 @@ const LOOKED_AT: usize = 256;
 impl History {
     /// Reads what was run of a kind.
     pub fn of(store: &Store, kind: &str) -> Self {
-        let read = |record: Record| serde_json::from_str(&record.preimage).ok().map(|value| (record, value));
+        let read = |record: Record| {
+            let value = serde_json::from_str(&record.preimage).ok()?;
+            // The texts are not needed any more, and are most of it.
+            let light = Record { preimage: String::new(), payload: String::new(), recipe: String::new(), ..record };
+            Some((light, value))
+        };
         let keys: Vec<(Record, Value)> = store.by_label(ACTION, kind).into_iter().filter_map(read).collect();
         // Oldest first, so that the latest stays.
         let but_one =
@@ -83,7 +88,9 @@ impl History {
     pub fn nearest(&self, key: &ActionKey) -> Option<Nearest> {
         let now = serde_json::to_value(key).expect("a key holds only plain values");
         let exact = but_one(&now).iter().filter_map(|key| self.but_one.get(key)).copied().collect::<Vec<_>>();
-        let latest = self.keys.iter().rev().filter(|(_, before)| before["group"] == now["group"]).take(LOOKED_AT);
+        // A key that differs in one field has no nearer; else the latest ones may differ less than any that was found.
+        let more = if exact.is_empty() { LOOKED_AT } else { 0 };
+        let latest = self.keys.iter().rev().filter(|(_, before)| before["group"] == now["group"]).take(more);
         let candidates = exact.into_iter().map(|n| &self.keys[n]).chain(latest);
         let (_, _, record, differences) = candidates
             .filter(|(_, before)| before["group"] == now["group"])

@@ -2,6 +2,7 @@
 //!
 //! A run is a pass, or several: a pass that meets missing blobs is followed by one that makes them again.
 
+mod action;
 pub mod event;
 pub mod exec;
 pub mod explain;
@@ -43,6 +44,8 @@ pub struct RunOptions {
     pub only: Option<Only>,
     /// Bytes that actions in flight, and transient outputs, are to hold in memory; half of the machine's unless told.
     pub memory: Option<u64>,
+    /// Items from which a node's shards are looked up as wholes before its items are.
+    pub many: u64,
     /// Folder below which published outputs are written; none writes nothing.
     pub out: Option<PathBuf>,
 }
@@ -57,6 +60,7 @@ impl Default for RunOptions {
             fail_fast: false,
             only: None,
             memory: None,
+            many: whole::MANY,
             out: None,
         }
     }

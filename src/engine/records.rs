@@ -122,15 +122,12 @@ impl<'a> StoreBlobs<'a> {
     /// # Errors
     /// If the store cannot be written.
     pub fn hand_over<'b>(&self, artifacts: impl Iterator<Item = &'b Artifact>) -> Result<(), CacheError> {
-        let mut handed = HashMap::new();
         for digest in artifacts.flat_map(|artifact| artifact.parts.values()) {
-            // An output may also name a blob that was there before, or one that another output names, too.
-            let bytes = self.take_staged(digest).or_else(|| handed.get(digest).cloned());
-            let Some(bytes) = bytes.or_else(|| self.pool.get(digest)) else { continue };
+            // An output may also name a blob that was there before, or one that was handed over just now.
+            let Some(bytes) = self.take_staged(digest) else { continue };
             if !self.pool.put(*digest, &bytes) {
                 self.store.put(&bytes)?;
             }
-            handed.insert(*digest, bytes);
         }
         Ok(())
     }

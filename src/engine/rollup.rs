@@ -3,12 +3,13 @@
 //! every shard.
 
 use super::{
+    action::files_artifact,
     event::OutputOf,
     lanes::Lane,
     records::{self, PIPELINE, Payload, ROLLUP, SHARD},
     scheduler::{Complete, CompleteShard, Scheduler},
     whole::Whole,
-    work::{Bench, files_artifact},
+    work::Bench,
 };
 use crate::pipeline::{Node, Pipeline};
 use serde::Serialize;
@@ -271,7 +272,10 @@ pub fn outputs(pipeline: &Pipeline, lanes: &[Lane], scheduler: &Scheduler<'_>) -
 pub fn keep_pipeline(pipeline: &Pipeline, store: &Store, mut trees: Vec<Digest>) -> Result<(), CacheError> {
     trees.sort_unstable();
     trees.dedup();
-    let key = Key::of(format!("tauflow-pipeline-1 {}", pipeline.name).as_bytes());
+    // Runs of a part of it, by `--target`, do not take its place.
+    let target = |t: &crate::pipeline::Target| format!(" {}.{:?}", pipeline.nodes[t.node].name, t.port);
+    let targets: String = pipeline.targets.iter().map(target).collect();
+    let key = Key::of(format!("tauflow-pipeline-1 {}{targets}", pipeline.name).as_bytes());
     // The payload is what tells one run's reach from another's.
     let payload = Digest::of(&tauflow_cache::tree::encode(&[], &trees, b"")).to_string();
     let record = records::record(PIPELINE, key, &pipeline.name, String::new(), &Payload::default());

@@ -2,6 +2,7 @@
 
 use super::{
     EngineError, RunOptions, Sink, Summary,
+    action::panicked,
     event::{Event, Failure, Name, NodeStat, OutputOf, Slow},
     explain,
     lanes::{self, Lane},
@@ -14,6 +15,7 @@ use super::{
 use crate::pipeline::{Pipeline, Target};
 use std::{
     collections::HashSet,
+    panic::{AssertUnwindSafe, catch_unwind},
     path::PathBuf,
     sync::{
         Arc, Mutex, PoisonError,
@@ -95,7 +97,7 @@ impl<'a> Run<'a> {
         let (mut wanted, mut ran) = (HashSet::new(), HashSet::new());
         let mut summary = Summary::default();
         let mut spent = vec![(0.0, 0); self.pipeline.nodes.len()];
-        for _ in 0..MAX_PASSES {
+        for number in 1..=MAX_PASSES {
             let pass = self.pass(&wanted, &ran)?;
             summary.failures = pass.failures;
             summary.nodes = pass.stats;
@@ -118,7 +120,11 @@ impl<'a> Run<'a> {
             wanted.extend(pass.missing);
             let stopped = self.stop.load(Ordering::Relaxed);
             summary.interrupted = stopped;
-            if wanted.len() == before || stopped || self.options.dry {
+            if wanted.len() == before || stopped || self.options.dry || number == MAX_PASSES {
+                let halted = stopped || self.options.dry || (self.options.fail_fast && !summary.failures.is_empty());
+                if !halted {
+                    summary.failures.extend(pass.stuck);
+                }
                 break;
             }
             let nodes = summary.nodes.iter().filter(|n| n.lanes > 0).map(|n| n.node.as_str().into()).collect();
@@ -145,20 +151,23 @@ impl<'a> Run<'a> {
             recheck: options.recheck,
             wanted,
         };
-        // Roll-ups would hide the items that a recheck or `--only` looks at, and the keys that a plan explains.
-        let roll = options.recheck == 0.0 && options.only.is_none() && !options.no_rollup;
+        // Roll-ups would hide the items that a recheck or `--only` looks at. Where something is missing they hide what else may
+        // be: item by item, a pass finds at once all that can be found.
+        let whole = wanted.is_empty();
+        let roll = whole && options.recheck == 0.0 && options.only.is_none() && !options.no_rollup;
         let known = if roll { rollup::find(self.pipeline, &lanes, &bench)? } else { rollup::Known::none(lanes.len()) };
-        let mut scheduler = Scheduler::new(self.pipeline, &lanes, &bench, ran_before, roll, self.memory);
+        let mut scheduler = Scheduler::new(self.pipeline, &lanes, &bench, ran_before, roll, options, self.memory);
         scheduler.start(known);
         let worked = self.work(&lanes, &bench, &mut scheduler);
         let finished = worked.and_then(|()| self.conclude(&lanes, &scheduler)).map(|(published, missing)| {
             let (outputs, trees) = rollup::outputs(self.pipeline, &lanes, &scheduler);
+            let stuck = scheduler.stuck();
             let mut finished = scheduler.finish();
             finished.missing.extend(missing);
-            (published, finished, outputs, trees)
+            (published, finished, outputs, trees, stuck)
         });
         self.lanes = lanes;
-        let (published, finished, outputs, trees) = finished?;
+        let (published, finished, outputs, trees, stuck) = finished?;
         self.planned = explain::planned(self.pipeline, &self.lanes, finished.keys);
         Ok(Pass {
             stats: finished.stats,
@@ -168,6 +177,7 @@ impl<'a> Run<'a> {
             slowest: finished.slowest,
             outputs,
             trees,
+            stuck,
             published,
         })
     }
@@ -188,7 +198,7 @@ impl<'a> Run<'a> {
                 let (reply, sought) = (reply.clone(), &sought);
                 scope.spawn(move || {
                     while let Ok(batch) = next(sought) {
-                        if reply.send(Done::LookedUp(bench.look_up(batch))).is_err() {
+                        if reply.send(Done::LookedUp(look_up(bench, batch))).is_err() {
                             return;
                         }
                     }
@@ -210,6 +220,8 @@ impl<'a> Run<'a> {
                     }
                 });
             }
+            // If all threads are gone, waiting for them ends.
+            drop(reply);
             let workers = Workers { count, seek: &seek, run: &run, replies: &replies };
             let result = self.steer(lanes, scheduler, &workers);
             if result.is_err() {
@@ -352,6 +364,15 @@ impl<'a> Run<'a> {
     }
 }
 
+/// Looks a batch up; a panic is an answer, too.
+fn look_up(bench: &Bench<'_>, batch: Batch) -> Vec<Reply> {
+    let slots: Vec<(usize, usize)> = batch.jobs.iter().map(|job| (batch.task.lane, job.slot)).collect();
+    catch_unwind(AssertUnwindSafe(|| bench.look_up(batch))).unwrap_or_else(|panic| {
+        let message = panicked(&panic);
+        slots.into_iter().map(|slot| Reply::of(slot, Outcome::Failed(message.clone()))).collect()
+    })
+}
+
 /// Replies that are taken before work is handed out again.
 const AT_ONCE: usize = 256;
 
@@ -387,6 +408,8 @@ struct Pass {
     slowest: Vec<Slow>,
     outputs: Vec<OutputOf>,
     trees: Vec<Digest>,
+    /// Lanes that came to no end, which none may.
+    stuck: Vec<Failure>,
     published: Vec<PathBuf>,
 }
 

@@ -1,4 +1,4 @@
-//! Blobs of transient nodes: handed on in memory, and gone when their readers are through.
+//! Blobs of transient nodes: handed on in memory, for as long as the run.
 
 use std::{
     collections::HashMap,
@@ -7,7 +7,7 @@ use std::{
 };
 use tauflow_cache::Digest;
 
-/// Blobs in memory, up to a number of bytes.
+/// Blobs in memory, up to a number of bytes. None goes before the run ends: whoever saw one there can count on it.
 pub struct Pool {
     limit: u64,
     held: Mutex<Held>,
@@ -15,8 +15,7 @@ pub struct Pool {
 
 #[derive(Default)]
 struct Held {
-    /// Bytes, and how many outputs hold them.
-    blobs: HashMap<Digest, (Arc<Vec<u8>>, u64)>,
+    blobs: HashMap<Digest, Arc<Vec<u8>>>,
     bytes: u64,
 }
 
@@ -33,37 +32,25 @@ impl Pool {
     /// Takes a blob in; false if there is no room.
     pub fn put(&self, digest: Digest, bytes: &Arc<Vec<u8>>) -> bool {
         let mut held = self.held();
-        if let Some((_, holders)) = held.blobs.get_mut(&digest) {
-            *holders += 1;
+        if held.blobs.contains_key(&digest) {
             return true;
         }
         if held.bytes + digest.size > self.limit {
             return false;
         }
         held.bytes += digest.size;
-        held.blobs.insert(digest, (bytes.clone(), 1));
+        held.blobs.insert(digest, bytes.clone());
         true
     }
 
     /// The bytes of a blob that is held.
     pub fn get(&self, digest: &Digest) -> Option<Arc<Vec<u8>>> {
-        self.held().blobs.get(digest).map(|(bytes, _)| bytes.clone())
+        self.held().blobs.get(digest).cloned()
     }
 
     /// Whether a blob is held.
     pub fn contains(&self, digest: &Digest) -> bool {
         self.held().blobs.contains_key(digest)
-    }
-
-    /// Lets a blob go, unless another output holds it.
-    pub fn release(&self, digest: &Digest) {
-        let mut held = self.held();
-        let Some((_, holders)) = held.blobs.get_mut(digest) else { return };
-        *holders -= 1;
-        if *holders == 0 {
-            held.blobs.remove(digest);
-            held.bytes -= digest.size;
-        }
     }
 
     /// Bytes that are held.
@@ -72,13 +59,16 @@ impl Pool {
     }
 }
 
-/// Half of the machine's memory, in bytes: what a run plans with unless it is told.
+/// Half of the memory that this process may use, in bytes: what a run plans with unless it is told.
 pub fn default_memory() -> u64 {
-    let total = fs::read_to_string("/proc/meminfo").ok().and_then(|text| {
+    let machine = fs::read_to_string("/proc/meminfo").ok().and_then(|text| {
         let line = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
-        line.trim().strip_suffix(" kB")?.trim().parse::<u64>().ok()
+        line.trim().strip_suffix(" kB")?.trim().parse::<u64>().ok().map(|kib| kib * 1024)
     });
-    total.map_or(4 << 30, |kib| kib * 1024 / 2)
+    // Of a container, in either version of control groups; `max` is no number, and no limit.
+    let group = ["/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"];
+    let group = group.iter().filter_map(|path| fs::read_to_string(path).ok()?.trim().parse::<u64>().ok()).min();
+    machine.into_iter().chain(group).min().map_or(4 << 30, |bytes| bytes / 2)
 }
 
 #[cfg(test)]
@@ -86,17 +76,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_blob_stays_while_somebody_holds_it_and_what_has_no_room_is_refused() {
+    fn what_has_no_room_is_refused() {
         let pool = Pool::new(10);
         let blob = |text: &str| (Digest::of(text.as_bytes()), Arc::new(text.as_bytes().to_vec()));
         let ((a, a_bytes), (b, b_bytes)) = (blob("123456"), blob("12345"));
         assert!(pool.put(a, &a_bytes) && pool.put(a, &a_bytes) && !pool.put(b, &b_bytes));
-        pool.release(&a);
-        assert!(pool.contains(&a) && pool.get(&a).is_some());
-        pool.release(&a);
-        assert!(!pool.contains(&a) && pool.put(b, &b_bytes));
-        assert_eq!(pool.bytes(), 5);
-        pool.release(&a);
-        assert!(default_memory() > 1 << 28);
+        assert!(pool.contains(&a) && pool.get(&a).is_some() && !pool.contains(&b));
+        assert_eq!(pool.bytes(), 6);
+        assert!(default_memory() > 1 << 26);
     }
 }

@@ -93,8 +93,8 @@ impl Part {
         let tree = self.tree.get().copied().unwrap_or(self.digest); // one of the two is always there
         let Some(bytes) = store.get(&tree)? else { return Ok(Err(tree)) };
         match read_items(&bytes) {
-            Some(items) => Ok(Ok(self.items.get_or_init(|| items))),
-            None => Ok(Err(tree)),
+            Some(items) if items.len() as u64 == self.len => Ok(Ok(self.items.get_or_init(|| items))),
+            _ => Ok(Err(tree)),
         }
     }
 
@@ -217,7 +217,8 @@ impl Whole {
         }
         let len = self.len();
         let at_hand: Vec<&Items> = self.parts.values().filter_map(|part| part.items.get()).collect();
-        let bytes = if len < MANY && at_hand.len() == self.parts.len() {
+        let listed = self.parts.values().any(|part| part.tree.get().is_some());
+        let bytes = if len < MANY && at_hand.len() == self.parts.len() && !listed {
             items_bytes(at_hand.into_iter().flatten())
         } else {
             let mut trees = Vec::with_capacity(self.parts.len());

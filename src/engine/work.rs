@@ -4,6 +4,7 @@
 //! look-up costs less than passing a message; those that are not are run by the batch, too, when they are known to be short.
 
 use super::{
+    action::{FILE_PORT, action_key, check_outputs, files_artifact, panicked},
     records::{self, ACTION, Made, Payload, StoreBlobs, port_of},
     transient::Pool,
     whole::{Listed, Output, Whole},
@@ -11,42 +12,19 @@ use super::{
 use serde::{Deserialize, Serialize};
 use std::{
     collections::{BTreeMap, HashSet},
-    fs,
     panic::{AssertUnwindSafe, catch_unwind},
     path::PathBuf,
-    sync::{Arc, atomic::AtomicBool},
-    time::Instant,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread,
+    time::{Duration, Instant},
 };
-use tauflow_cache::{CacheError, Digest, Key, Record, Recorded, Store};
+use tauflow_cache::{CacheError, Claim, Digest, Key, Record, Recorded, Store};
 use tauflow_contract::{
-    Action, ActionKey, Artifact, Collection, Context, FORMAT_VERSION, ItemKey, KindError, KindSpec, Mode, NodeKind,
-    Outputs, Progress, Projection, derive_seed,
+    Action, ActionKey, Artifact, Collection, Context, ItemKey, KindError, KindSpec, NodeKind, Progress, Projection,
 };
-
-/// Media type of files outside that a source reads.
-const FILES: &str = "tauflow/files";
-/// The port on which a source's action finds them.
-pub const FILE_PORT: &str = "file";
-
-/// The artifact of files outside; `put` digests or stores the bytes of each.
-///
-/// # Errors
-/// In words if a file cannot be read; whatever `put` says.
-pub fn files_artifact(
-    files: &[(String, PathBuf)],
-    put: impl Fn(&[u8]) -> Result<Digest, CacheError>,
-) -> Result<Result<Artifact, String>, CacheError> {
-    let mut parts = Vec::new();
-    for (name, path) in files {
-        match fs::read(path) {
-            Ok(bytes) => parts.push((name.clone(), put(&bytes)?)),
-            Err(error) => {
-                return Ok(Err(format!("cannot read `{}`: {error}; mend it or take it away", path.display())));
-            }
-        }
-    }
-    Ok(Ok(Artifact::tree(FILES, parts)))
-}
 
 /// What all actions of a lane share.
 pub struct Task {
@@ -64,6 +42,8 @@ pub struct Task {
     pub seed: u64,
     /// Its outputs are handed on in memory.
     pub transient: bool,
+    /// Output ports that somebody reads.
+    pub read: Vec<usize>,
 }
 
 /// An action to be done.
@@ -184,6 +164,9 @@ pub struct Bench<'a> {
 
 /// The key of an action, its hash, and the artifact of the files outside that it reads.
 type Keyed = (ActionKey, Key, Option<Artifact>);
+/// Longest time between two looks whether another process is through with an action.
+const LONG_WAIT: Duration = Duration::from_millis(100);
+
 /// What an action gave: what is recorded of it, and its collections by port.
 type Given = (Payload, Vec<(usize, Arc<Whole>)>);
 
@@ -226,7 +209,7 @@ impl Bench<'_> {
             let hash = key.hash();
             Ok((key, hash, file))
         };
-        catch_unwind(AssertUnwindSafe(derive)).unwrap_or_else(|panic| Err(panicked(&panic)))
+        catch_unwind(AssertUnwindSafe(derive)).unwrap_or_else(|panic| Err(Outcome::Failed(panicked(&panic))))
     }
 
     /// Does an action that has been looked up.
@@ -242,7 +225,7 @@ impl Bench<'_> {
                 outcome
             }
             Ok(Err(error)) => Outcome::Fatal(error),
-            Err(panic) => panicked(&panic),
+            Err(panic) => Outcome::Failed(panicked(&panic)),
         };
         reply.spent_us = start.elapsed().as_micros() as u64;
         reply
@@ -261,7 +244,7 @@ impl Bench<'_> {
             return Ok((Outcome::Failed(lost.to_string()), action_key(task, &batch.whole, &job, None)));
         };
         let Todo { key, hash, file, before } = *todo;
-        let claim = self.store.claim(&hash)?;
+        let Some(claim) = self.claim(&hash, progress)? else { return Ok((Outcome::Cancelled, key)) };
         if before.is_none() {
             // Whoever held it, in this process or another, may have done it meanwhile.
             let record = self.store.lookup(ACTION, &hash);
@@ -284,6 +267,24 @@ impl Bench<'_> {
         };
         drop(claim);
         Ok((outcome, key))
+    }
+
+    /// Waits until nobody else is at this action; none if the run is being stopped first.
+    fn claim(&self, hash: &Key, progress: &dyn Progress) -> Result<Option<Claim>, CacheError> {
+        let mut wait = Duration::from_millis(1);
+        loop {
+            if let Some(claim) = self.store.try_claim(hash)? {
+                return Ok(Some(claim));
+            }
+            if self.stop.load(Ordering::Relaxed) {
+                return Ok(None);
+            }
+            if wait >= LONG_WAIT {
+                progress.report(0, 1, "another process is at it; waiting for that");
+            }
+            thread::sleep(wait);
+            wait = (wait * 2).min(LONG_WAIT);
+        }
     }
 
     /// Digests a source's files and imports them.
@@ -370,8 +371,11 @@ impl Bench<'_> {
         if let Err(message) = check_outputs(task, &outputs) {
             return Ok(Err(Outcome::Failed(format!("internal error: {message}; please report it"))));
         }
-        let gathered = outputs.collections.values().flat_map(|collection| collection.items.values());
-        blobs.hand_over(outputs.items.values().chain(gathered))?;
+        // Of a transient node, what nobody reads is not even kept in memory.
+        let is_read = |name: &&String| port_of(&task.spec, name).is_some_and(|port| task.read.contains(&port));
+        let items = outputs.items.iter().filter(|(name, _)| is_read(name)).map(|(_, artifact)| artifact);
+        let gathered = outputs.collections.iter().filter(|(name, _)| is_read(name));
+        blobs.hand_over(items.chain(gathered.flat_map(|(_, collection)| collection.items.values())))?;
         let mut payload = Payload { items: outputs.items, ..Payload::default() };
         let mut collections = Vec::new();
         for (name, collection) in outputs.collections {
@@ -452,67 +456,4 @@ impl Bench<'_> {
             task.spec.name
         ))
     }
-}
-
-/// The key of an action.
-fn action_key(task: &Task, whole: &[(usize, Arc<Whole>)], job: &Job, file: Option<&Artifact>) -> ActionKey {
-    let name = |port: usize| task.spec.inputs[port].name.to_owned();
-    let mut inputs: BTreeMap<String, Digest> =
-        job.each.iter().map(|(port, output)| (name(*port), output.digest)).collect();
-    inputs.extend(whole.iter().map(|(port, whole)| (name(*port), whole.digest)));
-    if let Some(file) = file {
-        inputs.insert(FILE_PORT.into(), file.digest());
-    }
-    let item = job.item.as_ref().map_or("", |i| i.as_str());
-    ActionKey {
-        format: FORMAT_VERSION,
-        kind: task.spec.name.to_owned(),
-        version: task.spec.version,
-        group: task.group.to_owned(),
-        params: (task.projection)(job.item.as_ref(), task.group),
-        inputs,
-        seed: task.spec.seeded.then(|| derive_seed(task.seed, task.spec.name, item)),
-    }
-}
-
-/// A kind must fill exactly the ports of its group, with what they say they hold.
-fn check_outputs(task: &Task, outputs: &Outputs) -> Result<(), String> {
-    let name = task.spec.name;
-    let ports: Vec<_> = task.spec.outputs.iter().filter(|p| p.group == task.group).collect();
-    for port in outputs.items.keys().chain(outputs.collections.keys()) {
-        if ports.iter().all(|p| p.name != port) {
-            return Err(format!("`{name}` filled `{port}`, which is no port of its group `{}`", task.group));
-        }
-    }
-    let artifacts = outputs.items.values().chain(outputs.collections.values().flat_map(|c| c.items.values()));
-    for part in artifacts.flat_map(|a| a.parts.keys()) {
-        if !part.is_empty() && ItemKey::new(part.as_str()).is_err() {
-            return Err(format!("`{name}` named a part `{part}`, which cannot be a file name"));
-        }
-    }
-    for port in ports {
-        let wrong = |media: &str| port.media != "*" && media != port.media;
-        if task.spec.mode == Mode::Gather {
-            let collection = outputs.collections.get(port.name);
-            let Some(collection) = collection else { return Err(format!("`{name}` left `{}` out", port.name)) };
-            if let Some((key, artifact)) = collection.iter().find(|(_, a)| wrong(&a.media)) {
-                return Err(format!("`{name}` put `{}` on `{}` for `{key}`", artifact.media, port.name));
-            }
-        } else {
-            match outputs.items.get(port.name) {
-                Some(artifact) if wrong(&artifact.media) => {
-                    return Err(format!("`{name}` put `{}` on `{}`", artifact.media, port.name));
-                }
-                None if !port.filter => return Err(format!("`{name}` left `{}` out", port.name)),
-                _ => {}
-            }
-        }
-    }
-    Ok(())
-}
-
-fn panicked(panic: &Box<dyn std::any::Any + Send>) -> Outcome {
-    let told = panic.downcast_ref::<String>().map(String::as_str);
-    let told = told.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no message");
-    Outcome::Failed(format!("internal error: it panicked: {told}; please report it"))
 }

@@ -147,3 +147,53 @@ fn damage_anywhere_in_a_big_cache_ends_where_a_fresh_run_does() {
         assert_eq!(shop.numbers(&edited, "both"), expected);
     }
 }
+
+#[test]
+fn a_source_whose_listing_is_gone_gives_each_item_once() {
+    let shop = Workshop::new();
+    let before = text(0, &[], 0, 30_000);
+    shop.run(&before);
+    let expected = {
+        let fresh = Workshop::new();
+        let edited = text(0, &[], 5, 30_000);
+        fresh.run(&edited);
+        fresh.numbers(&edited, "both")
+    };
+    // Of the listings that the packs hold, flip a byte in each that lists shards: those of whole nodes, and no item's.
+    let packs = shop.cache().join("packs");
+    for entry in fs::read_dir(&packs).expect("readable") {
+        let path = entry.expect("readable").path();
+        let mut bytes = fs::read(&path).expect("readable");
+        let shards = b"{\"Shards\":";
+        let places: Vec<usize> =
+            (0..bytes.len().saturating_sub(shards.len())).filter(|at| bytes[*at..].starts_with(shards)).collect();
+        places.into_iter().for_each(|at| bytes[at + 2] ^= 0x20);
+        fs::write(&path, &bytes).expect("writable");
+    }
+    let edited = text(0, &[], 5, 30_000);
+    let ran = shop.run(&edited);
+    assert!(ran.summary.failures.is_empty(), "{:#?}", ran.summary.failures);
+    assert!(!ran.ran().contains_key("numbers") && !ran.ran().contains_key("drawn"), "{:?}", ran.ran());
+    assert_eq!(ran.count(|n| n.hit + n.ran)["drawn"], COUNT);
+    assert_eq!(shop.numbers(&edited, "both"), expected);
+}
+
+#[test]
+fn items_of_a_big_node_go_on_before_it_is_through() {
+    let shop = Workshop::new();
+    let text = "
+nodes:
+  numbers: {kind: numbers, params: {count: 3000}}
+  scaled: {kind: affine, inputs: {in: numbers}, params: {mul: 2}}
+  rounded: {kind: round, inputs: {in: scaled}}
+";
+    let ended = |ran: &[Event], of: &str| -> Vec<usize> {
+        let is = |event: &Event| matches!(event, Event::End { node, .. } if **node == *of);
+        ran.iter().enumerate().filter(|(_, event)| is(event)).map(|(at, _)| at).collect()
+    };
+    for edited in [text.to_owned(), text.replace("count: 3000", "count: 3000, offset: 7")] {
+        let events = shop.run(&edited).events;
+        let (first, last) = (ended(&events, "rounded")[0], *ended(&events, "numbers").last().expect("it ran"));
+        assert!(first < last / 2, "the first item was through at {first}, the last began at {last}");
+    }
+}

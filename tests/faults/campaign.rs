@@ -154,7 +154,7 @@ impl Campaign {
 
     /// Checks what a process that came through says.
     pub fn same(&self, ended: &Ended, text: &str) {
-        assert_eq!(ended.outputs(), self.expected[text], "{}", self.name);
+        assert_eq!(ended.outputs(), self.expected[text], "{}: {}", self.name, ended.text);
     }
 
     /// The same command comes through now, with the same outputs.

@@ -2,6 +2,7 @@
 
 mod digests;
 mod edits;
+mod processors;
 mod protocol;
 mod quickstart;
 mod real_assets;

@@ -61,7 +61,7 @@ pub(super) struct Row {
     pub refs: Vec<u32>,
     has_refs: bool,
     /// It only sums other records up.
-    derived: bool,
+    pub derived: bool,
     /// Microseconds that it takes to make a byte of what it reaches again.
     cost: f64,
     complete: bool,

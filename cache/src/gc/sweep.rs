@@ -123,6 +123,7 @@ impl<'a> Sweep<'a> {
             return Ok(());
         }
         let mut out = NewSegment::new(&self.store.layout, Sort::Log);
+        let mut proven = HashSet::new();
         for row in self.plan.rows.iter().filter(|row| logs.contains(&row.segment)) {
             let path = self.path_of(row.segment);
             let frame = self.store.segment_file(row.segment).and_then(|file| read_record(&file, row.offset, row.len));
@@ -136,7 +137,8 @@ impl<'a> Sweep<'a> {
             }
             // The new segment's commit mark vouches for the blobs, so they are proved first.
             let at = self.store.index().records.get(&row.slot).copied();
-            if at.is_none_or(|at| self.store.index().is_provisional(&row.slot, &at)) && !self.proves(&row.refs)? {
+            let provisional = at.is_none_or(|at| self.store.index().is_provisional(&row.slot, &at));
+            if provisional && (row.derived || !self.proves(&row.refs, &mut proven)?) {
                 continue;
             }
             out.write(&record_frame(frame.bytes()))?;
@@ -150,10 +152,15 @@ impl<'a> Sweep<'a> {
         self.discard(&mut done)
     }
 
-    fn proves(&self, refs: &[u32]) -> Result<bool, CacheError> {
-        for &blob in refs {
-            let blob = &self.plan.blobs[blob as usize];
+    /// Whether all these are good, or go; `proven` are those that are known to be.
+    fn proves(&self, refs: &[u32], proven: &mut HashSet<u32>) -> Result<bool, CacheError> {
+        for &number in refs {
+            if !proven.insert(number) {
+                continue;
+            }
+            let blob = &self.plan.blobs[number as usize];
             if blob.stays() && self.store.get_now(&blob.digest)?.is_none() {
+                proven.remove(&number);
                 return Ok(false);
             }
         }
@@ -239,7 +246,7 @@ impl<'a> Sweep<'a> {
             let Some(Reach { refs, trees, .. }) = reach else { continue };
             hashes.extend(refs.iter().map(|digest| digest.hash));
             let mut found = |digest: &Digest| hashes.push(digest.hash);
-            tree::walk(&trees, &mut seen, &mut |digest| self.read_anywhere(digest), &mut found)?;
+            tree::walk(&trees, &mut seen, &mut |digest| self.read_anywhere(digest), &mut found, &mut Vec::new())?;
         }
         Ok(hashes)
     }

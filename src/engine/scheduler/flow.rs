@@ -161,11 +161,7 @@ impl Scheduler<'_> {
                 Err(error) => return Err(error.to_string()),
             };
             for (key, output) in items {
-                let key = match &feed.prefix {
-                    Some(prefix) => key.in_cell(prefix).map_err(|e| e.to_string())?,
-                    None => key,
-                };
-                merged.push((key, output));
+                merged.push((prefixed(feed, &key)?, output));
             }
         }
         merged.sort_by(|a, b| a.0.cmp(&b.0));
@@ -247,21 +243,6 @@ impl Scheduler<'_> {
         }
     }
 
-    /// Lets what an ended slot read of transient lanes go, where nobody else reads it.
-    pub(super) fn release(&self, lane: usize, slot: usize) {
-        let lanes = self.lanes;
-        let Some(key) = &self.states[lane].slots[slot].key else { return };
-        for (input, feeds) in lanes[lane].inputs.iter().enumerate() {
-            let alone = |feed: &LaneFeed| self.tasks[feed.lane].transient && lanes[feed.lane].readers.len() == 1;
-            if !feeds.is_empty()
-                && feeds.iter().all(alone)
-                && let Some(Given::Item(output)) = self.states[lane].inputs[input].given.get(key)
-            {
-                output.artifact.parts.values().for_each(|digest| self.bench.pool.release(digest));
-            }
-        }
-    }
-
     /// Gives one slot's output on.
     pub(super) fn give_slot(&mut self, lane: usize, input: usize, feed: &LaneFeed, slot: usize) {
         let from = &self.states[feed.lane].slots[slot];
@@ -274,8 +255,10 @@ impl Scheduler<'_> {
             Status::Ended(_) => Given::Broken,
             _ => return,
         };
-        let key = prefixed(feed, key);
-        self.give(lane, input, key, given);
+        match prefixed(feed, key) {
+            Ok(key) => self.give(lane, input, key, given),
+            Err(message) => self.fail_lane(lane, message),
+        }
     }
 
     /// Gives what a gather made to those who read item by item.
@@ -325,7 +308,8 @@ impl Scheduler<'_> {
                     }
                 }
             }
-            if !whole && (rolled || gather) {
+            // Of what failed as a whole, nobody knows which items there would be: its shards stay open until that is told below.
+            if !whole && (rolled || (gather && !unknown && !failed)) {
                 let (lane, input) = (reader.lane, reader.input);
                 self.ops.extend((0..SHARDS).map(|shard| Op::ShardFed { lane, input, shard: shard as u8 }));
             }
@@ -336,7 +320,13 @@ impl Scheduler<'_> {
     }
 }
 
-/// An item's key below the prefix of a feed. A key that is too long with it stays as it is; it then stands out as not found.
-pub(super) fn prefixed(feed: &LaneFeed, key: &ItemKey) -> ItemKey {
-    feed.prefix.as_deref().and_then(|prefix| key.in_cell(prefix).ok()).unwrap_or_else(|| key.clone())
+/// An item's key below the prefix of a feed.
+///
+/// # Errors
+/// In words, if it is too long with it.
+pub(super) fn prefixed(feed: &LaneFeed, key: &ItemKey) -> Result<ItemKey, String> {
+    match feed.prefix.as_deref() {
+        Some(prefix) => key.in_cell(prefix).map_err(|e| e.to_string()),
+        None => Ok(key.clone()),
+    }
 }

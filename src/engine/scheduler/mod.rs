@@ -10,22 +10,25 @@
 //!
 //! In a dry run a slot that would run ends as such, and what reads it is blocked: its inputs are not known.
 
+mod dispatch;
 mod flow;
+mod replies;
 mod shards;
 mod state;
 
 pub use state::{Complete, CompleteShard, Finished};
 
 use super::{
+    RunOptions,
     event::{Ended, Event, Failure, Name, NodeStat, Slow},
-    lanes::Lane,
+    lanes::{Lane, Reader},
     records::Payload,
     rollup::{self, Known},
     whole::Whole,
-    work::{Batch, Bench, Job, Outcome, Reply, Task},
+    work::{Bench, Task},
 };
 use crate::pipeline::Pipeline;
-use state::{Extra, Given, LaneState, Names, Op, Ops, Status};
+use state::{Extra, LaneState, Names, Op, Ops, Status};
 use std::{
     cmp::Reverse,
     collections::{BTreeMap, BinaryHeap, HashMap, HashSet},
@@ -34,14 +37,6 @@ use std::{
 use tauflow_cache::{CacheError, Digest};
 use tauflow_contract::{ActionKey, ItemKey, Mode, SourceItem};
 
-/// Actions that are looked up together.
-const LOOK_UPS: usize = 64;
-/// Time that a batch of actions should take, in microseconds.
-const BATCH_US: f64 = 2000.0;
-/// Actions below this mean time, in microseconds, are short.
-const SHORT_US: f64 = 1000.0;
-/// Actions waiting to run from which no more of the same stage are looked up: their keys take memory.
-const WAITING: usize = 1024;
 /// Actions that are named as the slowest.
 pub const SLOWEST: usize = 5;
 
@@ -83,10 +78,14 @@ pub struct Scheduler<'a> {
     sought: Vec<usize>,
     seeking: usize,
     running: usize,
+    /// Items from which a lane goes by shards.
+    many: u64,
     /// Bytes that may be held, that actions in flight are expected to hold, and by which of them.
     memory: u64,
     in_flight: u64,
     weights: HashMap<(usize, usize), u64>,
+    /// Items of transient lanes that a dry run would make again.
+    again: HashSet<(usize, ItemKey)>,
 }
 
 impl<'a> Scheduler<'a> {
@@ -98,6 +97,7 @@ impl<'a> Scheduler<'a> {
         bench: &'a Bench<'a>,
         ran_before: &'a HashSet<(usize, Option<ItemKey>)>,
         roll: bool,
+        options: &RunOptions,
         memory: u64,
     ) -> Self {
         let task = |(number, lane): (usize, &Lane)| {
@@ -111,6 +111,12 @@ impl<'a> Scheduler<'a> {
                 seed: pipeline.seed,
                 // What is asked for is stored.
                 transient: node.transient && !lane.target,
+                read: lane
+                    .ports
+                    .iter()
+                    .copied()
+                    .filter(|p| lane.readers.iter().any(|r| port_read(lanes, r) == *p))
+                    .collect(),
             })
         };
         let names = |lane: &Lane| Names {
@@ -158,9 +164,11 @@ impl<'a> Scheduler<'a> {
             sought: vec![0; pipeline.nodes.len()],
             seeking: 0,
             running: 0,
+            many: options.many,
             memory,
             in_flight: 0,
             weights: HashMap::new(),
+            again: HashSet::new(),
         }
     }
 
@@ -216,180 +224,6 @@ impl<'a> Scheduler<'a> {
         self.events.push(Event::Unchanged { node, cell, group, actions });
     }
 
-    /// The next actions to look up, latest stage first; none while enough is waiting to be run.
-    pub fn next_look_up(&mut self) -> Option<Batch> {
-        let (node, Reverse(lane), _) = *self.ready.peek()?;
-        if self.todo.len() >= WAITING && self.todo.peek().is_some_and(|top| top.0 >= node) {
-            return None;
-        }
-        let slots = take(&mut self.ready, lane, LOOK_UPS);
-        slots.iter().for_each(|slot| self.set(lane, *slot, Status::Sought));
-        self.sought[node] += 1;
-        self.seeking += 1;
-        Some(self.batch(lane, &slots))
-    }
-
-    /// The next actions to run, latest stage first, for so many workers: several together when they are short. None when all
-    /// have work, or when a later stage is being looked up, unless the next are short.
-    pub fn next_run(&mut self, workers: usize) -> Option<Batch> {
-        let (node, Reverse(lane), _) = *self.todo.peek()?;
-        let mean = self.states[lane].mean_us;
-        let short = mean.is_some_and(|mean| mean < SHORT_US);
-        let later = self.sought[node + 1..].iter().any(|batches| *batches > 0);
-        if self.running >= workers * if short { 2 } else { 1 } || (later && !short) {
-            return None;
-        }
-        let fits = mean.map_or(1.0, |mean| BATCH_US / mean.max(1.0));
-        // The last ones are shared out.
-        let share = self.todo.len() / (2 * workers.max(1));
-        let limit = (fits as usize).clamp(1, LOOK_UPS).min(share.max(1));
-        let mut slots = Vec::with_capacity(limit);
-        while slots.len() < limit && self.todo.peek().is_some_and(|(_, Reverse(of), _)| *of == lane) {
-            let Some((_, _, Reverse(slot))) = self.todo.peek().copied() else { break };
-            // One action runs whatever it takes.
-            let bytes = self.weight(lane, slot);
-            if self.in_flight > 0 && self.in_flight + bytes + self.bench.pool.bytes() > self.memory {
-                break;
-            }
-            self.todo.pop();
-            self.in_flight += bytes.max(1);
-            self.weights.insert((lane, slot), bytes.max(1));
-            slots.push(slot);
-        }
-        if slots.is_empty() {
-            return None;
-        }
-        slots.iter().for_each(|slot| self.set(lane, *slot, Status::Running));
-        self.running += 1;
-        Some(self.batch(lane, &slots))
-    }
-
-    /// Bytes that an action is expected to hold: what it reads item by item, and what its like have made.
-    fn weight(&self, lane: usize, slot: usize) -> u64 {
-        let state = &self.states[lane];
-        let Some(key) = &state.slots[slot].key else { return state.mean_bytes };
-        let given = state.inputs.iter().filter_map(|input| match input.given.get(key) {
-            Some(Given::Item(output)) => Some(output.artifact.size()),
-            _ => None,
-        });
-        given.sum::<u64>() + state.mean_bytes
-    }
-
-    fn batch(&mut self, lane: usize, slots: &[usize]) -> Batch {
-        let lanes = self.lanes;
-        let inputs = &lanes[lane].inputs;
-        let state = &mut self.states[lane];
-        let whole = state.inputs.iter().enumerate();
-        let whole = whole.filter_map(|(port, input)| Some((port, input.whole.clone()?))).collect();
-        let job = |slot: &usize| {
-            let mut each = Vec::with_capacity(inputs.len());
-            let at = &mut state.slots[*slot];
-            if let Some(key) = &at.key {
-                for (port, input) in state.inputs.iter().enumerate() {
-                    if let Some(Given::Item(output)) = input.given.get(key) {
-                        each.push((port, output.clone()));
-                    }
-                }
-            }
-            let files = at.extra.as_ref().map(|extra| extra.files.clone()).unwrap_or_default();
-            let todo = at.extra.as_mut().and_then(|extra| extra.todo.take());
-            Job { slot: *slot, item: at.key.clone(), each, files, todo }
-        };
-        Batch { task: self.tasks[lane].clone(), whole, jobs: slots.iter().map(job).collect() }
-    }
-
-    /// Takes note of a batch that was looked up.
-    pub fn looked_up(&mut self, replies: Vec<Reply>) -> Result<(), CacheError> {
-        self.seeking -= 1;
-        if let Some(reply) = replies.first() {
-            self.sought[self.lanes[reply.slot.0].node] -= 1;
-        }
-        replies.into_iter().try_for_each(|reply| self.reply(reply))
-    }
-
-    /// Takes note of an action that was done; `last` says whether it was the last of its batch.
-    pub fn performed(&mut self, reply: Reply, last: bool) -> Result<(), CacheError> {
-        self.running -= usize::from(last);
-        self.in_flight -= self.weights.remove(&reply.slot).unwrap_or(0);
-        self.reply(reply)
-    }
-
-    /// Takes note of what became of an action.
-    fn reply(&mut self, reply: Reply) -> Result<(), CacheError> {
-        let (lane, slot) = reply.slot;
-        if let Some(message) = reply.warning {
-            self.events.push(Event::Warning { message });
-        }
-        if reply.file.is_some() {
-            self.states[lane].slots[slot].extra.get_or_insert_default().file = reply.file;
-        }
-        let item = self.states[lane].slots[slot].key.clone();
-        let ended = match reply.outcome {
-            Outcome::Hit(made) => {
-                self.states[lane].slots[slot].made = made;
-                let before = !self.ran_before.is_empty() && self.ran_before.contains(&(lane, item.clone()));
-                if before { Ended::Ran } else { Ended::Hit }
-            }
-            Outcome::Ran(made) => {
-                self.note_run(lane, item.as_ref(), reply.spent_us, made.bytes);
-                self.states[lane].slots[slot].made = made;
-                self.ran.insert((lane, item.clone()));
-                Ended::Ran
-            }
-            Outcome::Todo(todo) => {
-                self.states[lane].slots[slot].extra.get_or_insert_default().todo = Some(todo);
-                self.set(lane, slot, Status::Todo);
-                self.settle();
-                return Ok(());
-            }
-            Outcome::WouldRun => Ended::WouldRun,
-            Outcome::Failed(message) => {
-                self.fail(lane, item.as_ref(), message);
-                Ended::Failed
-            }
-            Outcome::Missing(digest) if self.bench.wanted.contains(&digest) => {
-                self.fail(lane, item.as_ref(), lost(&digest));
-                Ended::Failed
-            }
-            Outcome::Missing(digest) => {
-                self.missing.insert(digest);
-                self.set(lane, slot, Status::Stalled);
-                self.settle();
-                return Ok(());
-            }
-            Outcome::Cancelled => {
-                self.set(lane, slot, Status::Stalled);
-                self.settle();
-                return Ok(());
-            }
-            Outcome::Fatal(error) => return Err(error),
-        };
-        if let Some(key) = reply.key {
-            self.keys.push((lane, item, ended, key));
-        }
-        self.set(lane, slot, Status::Ended(ended));
-        self.settle();
-        Ok(())
-    }
-
-    fn note_run(&mut self, lane: usize, item: Option<&ItemKey>, spent_us: u64, bytes: u64) {
-        let stat = &mut self.stats[self.lanes[lane].node];
-        stat.spent_s += spent_us as f64 / 1e6;
-        stat.written += bytes;
-        let mean = &mut self.states[lane].mean_us;
-        *mean = Some(mean.map_or(spent_us as f64, |mean| mean + (spent_us as f64 - mean) / 8.0));
-        let mean = &mut self.states[lane].mean_bytes;
-        *mean = if *mean == 0 { bytes } else { (*mean * 7 + bytes) / 8 };
-        let spent_s = spent_us as f64 / 1e6;
-        if self.slowest.len() < SLOWEST || self.slowest.last().is_some_and(|last| last.spent_s < spent_s) {
-            let Names { node, cell, .. } = &self.names[lane];
-            let item = item.map_or_else(|| self.none.clone(), Name::from);
-            let at = self.slowest.partition_point(|other| other.spent_s >= spent_s);
-            self.slowest.insert(at, Slow { node: node.clone(), cell: cell.clone(), item, spent_s });
-            self.slowest.truncate(SLOWEST);
-        }
-    }
-
     /// Moves a slot from one state to the next: the only place that does.
     fn set(&mut self, lane: usize, slot: usize, status: Status) {
         let at = &mut self.states[lane].slots[slot];
@@ -400,8 +234,12 @@ impl<'a> Scheduler<'a> {
             Status::Waiting | Status::Sought | Status::Running | Status::Stalled => {}
             Status::Ready => self.ready.push(turn),
             Status::Todo => {
+                let gather = at.key.is_none();
                 self.todo.push(turn);
-                self.open_readers(lane, shard);
+                // What a gather makes is not known to be in any shard.
+                if !gather {
+                    self.open_readers(lane, shard);
+                }
             }
             Status::Ended(outcome) => {
                 let (wall_us, bytes) = (at.made.wall_us, at.made.bytes);
@@ -427,7 +265,6 @@ impl<'a> Scheduler<'a> {
                 of.failed |= failed;
                 let last = of.open == 0;
                 self.hand_on(lane, slot);
-                self.release(lane, slot);
                 if last {
                     self.ops.push_back(Op::CheckShard { lane, shard });
                 }
@@ -576,6 +413,23 @@ impl<'a> Scheduler<'a> {
         self.states[lane].rolled.as_ref()
     }
 
+    /// Lanes that came to no end though nothing is left to do: a mistake of this scheduler, which must not pass for success.
+    pub fn stuck(&self) -> Vec<Failure> {
+        let open = self.states.iter().enumerate().filter(|(_, state)| !state.done);
+        open.map(|(lane, state)| {
+            let waiting = state.slots.iter().filter(|slot| !matches!(slot.status, Status::Ended(_))).count();
+            let Names { node, cell, group } = &self.names[lane];
+            let message = format!(
+                "internal error: group `{group}` came to no end ({waiting} of {} actions and {} shards are open); please report \
+                 it, and run with `--no-rollup`",
+                state.slots.len(),
+                state.open_shards
+            );
+            Failure { node: node.to_string(), cell: cell.to_string(), item: String::new(), message }
+        })
+        .collect()
+    }
+
     /// Ends the pass.
     pub fn finish(self) -> Finished {
         Finished {
@@ -589,14 +443,9 @@ impl<'a> Scheduler<'a> {
     }
 }
 
-/// Takes slots of one lane off the top.
-fn take(heap: &mut BinaryHeap<Turn>, lane: usize, limit: usize) -> Vec<usize> {
-    let mut slots = Vec::with_capacity(limit);
-    while slots.len() < limit && heap.peek().is_some_and(|(_, Reverse(of), _)| *of == lane) {
-        let Some((_, _, Reverse(slot))) = heap.pop() else { break };
-        slots.push(slot);
-    }
-    slots
+/// The port of the lane before it that a reader reads.
+fn port_read(lanes: &[Lane], reader: &Reader) -> usize {
+    lanes[reader.lane].inputs[reader.input][reader.feed].port
 }
 
 /// A blob that does not come back.

@@ -9,7 +9,7 @@ use crate::engine::{
     lanes::{LaneFeed, Reader},
     records::{Payload, SHARD},
     rollup,
-    whole::{MANY, Part, SHARDS},
+    whole::{Part, SHARDS},
 };
 use std::{path::PathBuf, sync::Arc};
 use tauflow_cache::{Key, Record};
@@ -24,7 +24,7 @@ impl Scheduler<'_> {
             let from = &self.states[feed.lane];
             let name = self.pipeline.nodes[lanes[feed.lane].node].spec.outputs[feed.port].name;
             let rolled = from.rolled.as_ref().and_then(|payload| payload.collections.get(name));
-            from.by_shard || rolled.is_some_and(|listed| listed.len >= MANY)
+            from.by_shard || rolled.is_some_and(|listed| listed.len >= self.many)
         });
         if big {
             self.go_by_shard(lane);
@@ -33,7 +33,7 @@ impl Scheduler<'_> {
 
     /// As [`Scheduler::choose_by_shard`], when a gather that names a lane's items is done.
     pub(super) fn choose_by_shard_of(&mut self, lane: usize, len: u64) {
-        if len < MANY || self.states[lane].by_shard {
+        if len < self.many || self.states[lane].by_shard {
             return;
         }
         self.go_by_shard(lane);
@@ -56,7 +56,7 @@ impl Scheduler<'_> {
     /// Decides whether a source goes by shards. Files outside are read item by item in any case.
     pub(super) fn choose_source_by_shard(&mut self, lane: usize, items: &[SourceItem]) {
         let plain = items.iter().all(|item| item.files.is_empty());
-        if self.roll && plain && self.lanes[lane].only.is_none() && items.len() as u64 >= MANY {
+        if self.roll && plain && self.lanes[lane].only.is_none() && items.len() as u64 >= self.many {
             self.states[lane].by_shard = true;
             self.states[lane].listing = Some(rollup::listing_digest(items.iter().map(|item| (&item.key, None))));
         }
@@ -225,7 +225,8 @@ impl Scheduler<'_> {
     }
 
     fn reads_items(&self, reader: &Reader) -> bool {
-        !self.states[reader.lane].done && !self.lanes[reader.lane].is_whole(self.pipeline, reader.input)
+        let reading = &self.states[reader.lane];
+        !reading.done && reading.rolled.is_none() && !self.lanes[reader.lane].is_whole(self.pipeline, reader.input)
     }
 
     fn tell_fed(&mut self, lane: usize, shard: u8) {
@@ -279,7 +280,10 @@ impl Scheduler<'_> {
         match part.items(self.bench.store) {
             Ok(Ok(items)) => {
                 for (key, output) in items {
-                    self.give(lane, input, prefixed(feed, key), Given::Item(output.clone()));
+                    match prefixed(feed, key) {
+                        Ok(key) => self.give(lane, input, key, Given::Item(output.clone())),
+                        Err(message) => return self.fail_lane(lane, message),
+                    }
                 }
             }
             Ok(Err(blob)) if self.bench.wanted.contains(&blob) => self.fail_lane(lane, super::lost(&blob)),
