@@ -49,8 +49,8 @@ fn main() -> Outcome<()> {
         }
     }
     let store = timed("open without index files", count, || Ok(Store::open(dir.path())?))?;
-    timed("claim and drop", 1000, || {
-        (0..1000u64).try_for_each(|n| Ok(store.claim(&Key::of(&n.to_le_bytes())).map(drop)?))
+    timed("claim and drop", 50_000, || {
+        (0..50_000u64).try_for_each(|n| Ok(store.claim(&Key::of(&n.to_le_bytes())).map(drop)?))
     })?;
     timed("verify", count, || Ok(store.verify(None, 0, &mut |_, _| ())?))?;
     let options = GcOptions { keep_within_secs: Some(count / 2), now: count, ..GcOptions::default() };
