@@ -200,7 +200,7 @@ pub struct NodeStat {
     pub spent_s: f64,
     /// Bytes of its outputs.
     pub bytes: u64,
-    /// The part of them that this run made.
+    /// Bytes of the blobs that this run made. Outputs may name blobs of others, which are counted where they were made.
     pub written: u64,
 }
 

@@ -8,7 +8,10 @@ use super::{
 use serde::{Deserialize, Serialize};
 use std::{
     collections::{BTreeMap, HashMap},
-    sync::{Arc, Mutex, PoisonError},
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicU64, Ordering},
+    },
     time::{Instant, SystemTime, UNIX_EPOCH},
 };
 use tauflow_cache::{CacheError, Digest, Key, Record, Recorded, Store};
@@ -93,18 +96,25 @@ pub struct StoreBlobs<'a> {
     /// The first error of the store itself: it stops the run.
     fatal: Mutex<Option<CacheError>>,
     start: Instant,
+    /// Bytes of what the action put.
+    made: AtomicU64,
 }
 
 impl<'a> StoreBlobs<'a> {
     /// Wraps a store for one action; a transient one's blobs go to the pool.
     pub fn new(store: &'a Store, pool: &'a Pool, transient: bool) -> Self {
         let staged = transient.then(Mutex::default);
-        Self { store, pool, staged, fatal: Mutex::default(), start: Instant::now() }
+        Self { store, pool, staged, fatal: Mutex::default(), start: Instant::now(), made: AtomicU64::new(0) }
     }
 
     /// The error of the store that spoiled the action, if there was one.
     pub fn fatal(&self) -> Option<CacheError> {
         self.fatal.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    /// Bytes of the blobs that the action has made, whether or not they were there before.
+    pub fn made(&self) -> u64 {
+        self.made.load(Ordering::Relaxed)
     }
 
     fn fail(&self, error: CacheError) -> KindError {
@@ -147,6 +157,7 @@ impl Blobs for StoreBlobs<'_> {
     }
 
     fn put(&self, bytes: &[u8]) -> Result<Digest, KindError> {
+        self.made.fetch_add(bytes.len() as u64, Ordering::Relaxed);
         let Some(staged) = &self.staged else { return self.store.put(bytes).map_err(|e| self.fail(e)) };
         let digest = Digest::of(bytes);
         let mut staged = staged.lock().unwrap_or_else(PoisonError::into_inner);
@@ -205,6 +216,8 @@ pub struct Made {
     pub wall_us: u64,
     /// Bytes of the outputs.
     pub bytes: u64,
+    /// Bytes of the blobs that it put when it ran: outputs may name blobs of others.
+    pub put: u64,
 }
 
 impl Made {

@@ -168,7 +168,7 @@ type Keyed = (ActionKey, Key, Option<Artifact>);
 const LONG_WAIT: Duration = Duration::from_millis(100);
 
 /// What an action gave: what is recorded of it, and its collections by port.
-type Given = (Payload, Vec<(usize, Arc<Whole>)>);
+type Given = (Payload, Vec<(usize, Arc<Whole>)>, u64);
 
 impl Bench<'_> {
     /// Looks actions up.
@@ -253,7 +253,7 @@ impl Bench<'_> {
             }
         }
         let start = Instant::now();
-        let (payload, collections) = match self.run(batch, &job, &key, file.as_ref(), progress)? {
+        let (payload, collections, put) = match self.run(batch, &job, &key, file.as_ref(), progress)? {
             Ok(done) => done,
             Err(outcome) => return Ok((outcome, key)),
         };
@@ -262,7 +262,7 @@ impl Bench<'_> {
             Some(made) => self.compare(task, &hash, &payload, made),
             None => {
                 let recipe = self.recipe(batch, &job, file.as_ref())?;
-                self.keep(task, &key, hash, (payload, collections), (wall_us, recipe), warning)?
+                self.keep(task, &key, hash, (payload, collections, put), (wall_us, recipe), warning)?
             }
         };
         drop(claim);
@@ -384,7 +384,7 @@ impl Bench<'_> {
             payload.collections.insert(name, whole.put(self.store)?);
             collections.push((port, Arc::new(whole)));
         }
-        Ok(Ok((payload, collections)))
+        Ok(Ok((payload, collections, blobs.made())))
     }
 
     /// Records what an action gave.
@@ -393,7 +393,7 @@ impl Bench<'_> {
         task: &Task,
         key: &ActionKey,
         hash: Key,
-        (payload, collections): Given,
+        (payload, collections, put): Given,
         (wall_us, recipe): (u64, String),
         warning: &mut Option<String>,
     ) -> Result<Outcome, CacheError> {
@@ -425,7 +425,7 @@ impl Bench<'_> {
         }
         let port = |(name, artifact): (String, Artifact)| Some((port_of(&task.spec, &name)?, Output::new(artifact)));
         let items = payload.items.into_iter().filter_map(port).collect();
-        Ok(Outcome::Ran(Made { items, collections, wall_us, bytes }))
+        Ok(Outcome::Ran(Made { items, collections, wall_us, bytes, put }))
     }
 
     /// What it takes to do an action again, as text.

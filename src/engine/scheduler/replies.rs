@@ -6,6 +6,7 @@ use super::{
 };
 use crate::engine::{
     event::{Ended, Event, Name, Slow},
+    records::Made,
     work::{Outcome, Reply},
 };
 use tauflow_cache::CacheError;
@@ -45,7 +46,7 @@ impl Scheduler<'_> {
                 if before { Ended::Ran } else { Ended::Hit }
             }
             Outcome::Ran(made) => {
-                self.note_run(lane, item.as_ref(), reply.spent_us, made.bytes);
+                self.note_run(lane, item.as_ref(), reply.spent_us, &made);
                 self.states[lane].slots[slot].made = made;
                 self.ran.insert((lane, item.clone()));
                 Ended::Ran
@@ -105,14 +106,14 @@ impl Scheduler<'_> {
         }
     }
 
-    fn note_run(&mut self, lane: usize, item: Option<&ItemKey>, spent_us: u64, bytes: u64) {
+    fn note_run(&mut self, lane: usize, item: Option<&ItemKey>, spent_us: u64, made: &Made) {
         let stat = &mut self.stats[self.lanes[lane].node];
         stat.spent_s += spent_us as f64 / 1e6;
-        stat.written += bytes;
+        stat.written += made.put;
         let mean = &mut self.states[lane].mean_us;
         *mean = Some(mean.map_or(spent_us as f64, |mean| mean + (spent_us as f64 - mean) / 8.0));
         let mean = &mut self.states[lane].mean_bytes;
-        *mean = if *mean == 0 { bytes } else { (*mean * 7 + bytes) / 8 };
+        *mean = if *mean == 0 { made.put } else { (*mean * 7 + made.put) / 8 };
         let spent_s = spent_us as f64 / 1e6;
         if self.slowest.len() < SLOWEST || self.slowest.last().is_some_and(|last| last.spent_s < spent_s) {
             let Names { node, cell, .. } = &self.names[lane];
