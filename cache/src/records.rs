@@ -5,7 +5,7 @@ use crate::{
     blobs::is_loose,
     commit::due,
     error::At,
-    index::{RecordAt, Slot},
+    index::{Index, RecordAt, Slot},
     lease::Use,
     record::{Head, decode, encode},
     segment::{Appender, MAX_BODY, Sort, read_record, record_frame},
@@ -110,12 +110,7 @@ impl Store {
         }
         let uses: Vec<Use> = {
             let index = self.index();
-            let foreign = |key: &Key| {
-                let (slot, at) = index.record(namespace, key)?;
-                let own = index.segments[at.segment as usize].is_own();
-                (!own).then(|| Use::Record { namespace: index.name(slot.0).clone(), key: *key })
-            };
-            keys.iter().filter_map(foreign).collect()
+            keys.iter().filter_map(|key| foreign_use(&index, namespace, key)).collect()
         };
         // Noted first, looked at afterwards (see `lease`).  Protection fails only with a full disk; the hits stand.
         let _ = self.lease.note(uses);
@@ -127,12 +122,7 @@ impl Store {
         if !known && !self.refresh_on_miss() {
             return None;
         }
-        let used = {
-            let index = self.index();
-            let (slot, at) = index.record(namespace, key)?;
-            let own = index.segments[at.segment as usize].is_own();
-            (!own).then(|| Use::Record { namespace: index.name(slot.0).clone(), key: *key })
-        };
+        let used = foreign_use(&self.index(), namespace, key);
         let _ = self.lease.note(used); // as above
         self.read_noted(namespace, key, full)
     }
@@ -229,6 +219,13 @@ impl Store {
     fn commit_if_due(&self) -> Result<(), CacheError> {
         if due(&lock(&self.log)) { self.flush() } else { Ok(()) }
     }
+}
+
+/// What is to be noted of a record's use, if it lies in a segment of another store instance.
+fn foreign_use(index: &Index, namespace: &str, key: &Key) -> Option<Use> {
+    let (slot, at) = index.record(namespace, key)?;
+    let own = index.segments[at.segment as usize].is_own();
+    (!own).then(|| Use::Record { namespace: index.name(slot.0).clone(), key: *key })
 }
 
 /// Appends to the log; after an error that spoiled the segment, the next append begins another.

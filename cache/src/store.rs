@@ -128,7 +128,7 @@ impl Store {
     /// Waits until this thread alone, among all threads and processes, holds `key`.  Look the key up again
     /// afterwards: whoever held it may have done the work.  The index is up to date when this returns.
     ///
-    /// Exclusion is exact: keys never wait for each other.  To avoid circles, claim while holding a claim only what
+    /// Keys do not wait for each other (unless 63 bits of their hashes are equal).  To avoid circles, claim while holding a claim only what
     /// the held action depends on, and use [`try_claim`](Self::try_claim) where a thread may pick up foreign work.
     ///
     /// # Errors
