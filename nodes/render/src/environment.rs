@@ -1,19 +1,19 @@
 //! Light from infinity: constant, or a latitude-longitude map with Mitsuba 3's conventions (`constant`, `envmap`).
 //!
 //! A map is read bilinearly: columns repeat with texel centres in the middle of a cell, the first and last row lie on the
-//! poles. Directions are drawn from f64 tables over the cells between texels, in proportion to the mean luminance of a
-//! cell's corners times its solid angle; within a cell evenly in (u, v).
+//! poles. Directions are drawn over the cells between texels, in proportion to the mean luminance of a cell's corners times
+//! its solid angle, by alias tables (Walker 1977, Vose 1991) over rows and columns that are worked out in f64; within a
+//! cell evenly in (u, v).
 
-use crate::texture::LoadBitmap;
+use crate::{
+    alias::Alias,
+    lanes::{Pair, Real, Triple, Whole, atan2, sin_cos_turn},
+    texture::LoadBitmap,
+};
 use glam::{Mat3, Vec2, Vec3};
 use std::f64::consts::PI;
 use tauflow_contract::KindError;
-use tauflow_data::{
-    Image,
-    image::luminance,
-    maths::{acosf, atan2f, cos, cosf, sinf},
-    scene::Emitter,
-};
+use tauflow_data::{Image, image::luminance, maths::cos, scene::Emitter};
 
 const PI_F: f32 = std::f32::consts::PI;
 
@@ -33,13 +33,17 @@ pub struct Map {
     scale: f32,
     to_world: Mat3,
     to_local: Mat3,
-    /// Sums over cells, by row: `columns` values each, the last 1.
-    conditional: Vec<f64>,
-    /// Sums over rows, the last 1.
-    marginal: Vec<f64>,
+    /// Columns, row after row.
+    columns: Alias,
+    rows: Alias,
+    /// Density over (u, v) of each cell, over 2 pi^2: over the sine of the polar angle, that over solid angle.
+    density: Vec<f32>,
     /// Integral of luminance over the sphere.
     total: f64,
 }
+
+/// Numbers that a draw takes.
+pub(crate) type Numbers<R> = [Pair<R>; 3];
 
 impl Environment {
     /// Compiles an emitter of type `constant` or `envmap`.
@@ -65,46 +69,48 @@ impl Environment {
         }
     }
 
-    /// Radiance from a unit direction.
-    #[inline]
-    pub fn eval(&self, direction: Vec3) -> Vec3 {
-        match self {
-            Self::Constant(radiance) => *radiance,
-            Self::Map(map) => map.eval(map.uv(direction).0),
-        }
-    }
-
-    /// Density of [`Environment::sample`] over solid angle.
-    #[inline]
-    pub fn pdf(&self, direction: Vec3) -> f32 {
-        match self {
-            Self::Constant(_) => 1.0 / (4.0 * PI_F),
-            Self::Map(map) => map.pdf(direction),
-        }
+    /// Radiance from a unit direction, and the density of [`Environment::sample`] over solid angle.
+    pub fn look(&self, direction: Vec3) -> (Vec3, f32) {
+        let (radiance, pdf) = self.look_lanes::<f32>(direction.into());
+        (radiance.into(), pdf)
     }
 
     /// Unit direction, radiance and density of a draw; a density of 0 is no sample.
-    #[inline]
-    pub fn sample(&self, u: Vec2) -> (Vec3, Vec3, f32) {
+    pub fn sample(&self, numbers: [Vec2; 3]) -> (Vec3, Vec3, f32) {
+        let (direction, radiance, pdf) = self.sample_lanes::<f32>(numbers.map(Into::into));
+        (direction.into(), radiance.into(), pdf)
+    }
+
+    /// [`Environment::look`] by lane.
+    #[inline(always)]
+    pub(crate) fn look_lanes<R: Real>(&self, direction: Triple<R>) -> (Triple<R>, R) {
         match self {
-            Self::Constant(radiance) => {
-                let z = 1.0 - 2.0 * u.y;
-                let r = (1.0 - z * z).max(0.0).sqrt();
-                let phi = 2.0 * PI_F * u.x;
-                (Vec3::new(r * cosf(phi), z, r * sinf(phi)), *radiance, 1.0 / (4.0 * PI_F))
-            }
-            Self::Map(map) => map.sample(u),
+            Self::Constant(radiance) => (Triple::splat(*radiance), R::splat(1.0 / (4.0 * PI_F))),
+            Self::Map(map) => map.look(direction),
         }
     }
 
-    /// Power that enters a scene of this radius, as luminance.
-    pub fn power(&self, radius: f32) -> f32 {
-        let disk = PI * f64::from(radius) * f64::from(radius);
-        let integral = match self {
+    /// [`Environment::sample`] by lane.
+    #[inline(always)]
+    pub(crate) fn sample_lanes<R: Real>(&self, numbers: Numbers<R>) -> (Triple<R>, Triple<R>, R) {
+        match self {
+            Self::Constant(radiance) => {
+                let u = numbers[2];
+                let z = R::one() - u.y * 2.0;
+                let r = (R::one() - z * z).max(R::zero()).sqrt();
+                let (sin, cos) = sin_cos_turn(u.x);
+                (Triple::new(r * cos, z, r * sin), Triple::splat(*radiance), R::splat(1.0 / (4.0 * PI_F)))
+            }
+            Self::Map(map) => map.sample(numbers),
+        }
+    }
+
+    /// Integral of luminance over the sphere.
+    pub fn total(&self) -> f64 {
+        match self {
             Self::Constant(radiance) => 4.0 * PI * f64::from(luminance(&radiance.to_array())),
             Self::Map(map) => map.total,
-        };
-        (disk * integral) as f32
+        }
     }
 }
 
@@ -137,132 +143,92 @@ impl Map {
             Image::from_data(width, 2, channels, twice)?
         };
         let rows = image.height() - 1;
-        let mut map = Self {
-            image,
-            scale,
-            to_world,
-            to_local: to_world.transpose(),
-            conditional: Vec::with_capacity(rows * width),
-            marginal: Vec::with_capacity(rows),
-            total: 0.0,
-        };
-        let light = |x: usize, y: usize| f64::from(luminance(map.image.pixel(x % width, y))) * f64::from(scale);
-        let (mut conditional, mut marginal) = (Vec::with_capacity(rows * width), Vec::with_capacity(rows));
-        let mut total = 0.0;
+        let light = |x: usize, y: usize| f64::from(luminance(image.pixel(x % width, y))) * f64::from(scale);
+        let (mut weights, mut by_row) = (Vec::with_capacity(rows * width), Vec::with_capacity(rows));
         for y in 0..rows {
             // Solid angle of a cell of this row.
             let angle = |i: usize| cos(PI * i as f64 / rows as f64);
             let cell = (angle(y) - angle(y + 1)) * 2.0 * PI / width as f64;
-            let start = conditional.len();
-            let mut sum = 0.0;
-            for x in 0..width {
-                sum += 0.25 * (light(x, y) + light(x + 1, y) + light(x, y + 1) + light(x + 1, y + 1)) * cell;
-                conditional.push(sum);
-            }
-            normalise(&mut conditional[start..], sum);
-            total += sum;
-            marginal.push(total);
+            let start = weights.len();
+            weights.extend(
+                (0..width)
+                    .map(|x| 0.25 * (light(x, y) + light(x + 1, y) + light(x, y + 1) + light(x + 1, y + 1)) * cell),
+            );
+            by_row.push(weights[start..].iter().sum());
         }
-        normalise(&mut marginal, total);
-        map.conditional = conditional;
-        map.marginal = marginal;
-        map.total = total;
-        Ok(map)
+        let total: f64 = by_row.iter().sum();
+        let scale_to_density = (rows * width) as f64 / (total * 2.0 * PI * PI);
+        let density = weights.iter().map(|w| if total > 0.0 { (w * scale_to_density) as f32 } else { 0.0 }).collect();
+        let mut columns = Alias::default();
+        for row in weights.chunks(width) {
+            columns.extend(row);
+        }
+        let mut of_rows = Alias::default();
+        of_rows.extend(&by_row);
+        let to_local = to_world.transpose();
+        Ok(Self { image, scale, to_world, to_local, columns, rows: of_rows, density, total })
     }
 
-    /// (u, v) of a direction, u shifted so that cells begin at whole columns; and the sine of the polar angle.
-    #[inline]
-    fn uv(&self, direction: Vec3) -> (Vec2, f32) {
-        let d = self.to_local * direction;
+    #[inline(always)]
+    fn turned<R: Real>(map: &Mat3, d: Triple<R>) -> Triple<R> {
+        let (x, y, z) = (map.row(0), map.row(1), map.row(2));
+        Triple::new(d.dot(Triple::splat(x)), d.dot(Triple::splat(y)), d.dot(Triple::splat(z)))
+    }
+
+    #[inline(always)]
+    fn look<R: Real>(&self, direction: Triple<R>) -> (Triple<R>, R) {
+        let d = Self::turned(&self.to_local, direction);
         let sin = (d.x * d.x + d.z * d.z).sqrt();
-        let u = atan2f(d.x, -d.z) * (0.5 / PI_F) - 0.5 / self.image.width() as f32;
-        // Near the poles the arc cosine loses its digits.
-        let theta = if d.y.abs() < 0.9 { acosf(d.y) } else { atan2f(sin, d.y) };
-        (Vec2::new(u - u.floor(), theta / PI_F), sin)
+        // Shifted so that cells begin at whole columns. The arc tangent keeps its digits near the poles.
+        let u = atan2(d.x, -d.z) * (0.5 / PI_F) - 0.5 / self.image.width() as f32;
+        let v = atan2(sin, d.y) * (1.0 / PI_F);
+        self.read(Pair::new(u - u.floor(), v), sin)
     }
 
-    /// Cell and place in it of (u, v).
-    #[inline]
-    fn cell(&self, uv: Vec2) -> (usize, usize, Vec2) {
-        let (columns, rows) = (self.image.width(), self.image.height() - 1);
+    /// Radiance and density at (u, v), given the sine of the polar angle.
+    #[inline(always)]
+    fn read<R: Real>(&self, uv: Pair<R>, sin: R) -> (Triple<R>, R) {
+        let (columns, rows, channels) = (self.image.width(), self.image.height() - 1, self.image.channels());
         let (x, y) = (uv.x * columns as f32, uv.y * rows as f32);
-        let (i, j) = ((x as usize).min(columns - 1), (y as usize).min(rows - 1));
-        (i, j, Vec2::new(x - i as f32, y - j as f32))
-    }
-
-    #[inline]
-    fn eval(&self, uv: Vec2) -> Vec3 {
-        let (i, j, f) = self.cell(uv);
-        let next = if i + 1 == self.image.width() { 0 } else { i + 1 };
-        let texel = |x: usize, y: usize| {
-            let pixel = self.image.pixel(x, y);
-            Vec3::new(pixel[0], pixel[1], pixel[2])
-        };
-        let upper = texel(i, j) * (1.0 - f.x) + texel(next, j) * f.x;
-        let lower = texel(i, j + 1) * (1.0 - f.x) + texel(next, j + 1) * f.x;
-        (upper * (1.0 - f.y) + lower * f.y) * self.scale
-    }
-
-    /// Probability of a cell, times the number of cells: the density over (u, v).
-    #[inline]
-    fn density(&self, i: usize, j: usize) -> f64 {
-        let (columns, rows) = (self.image.width(), self.image.height() - 1);
-        let step = |sums: &[f64], at: usize| sums[at] - if at == 0 { 0.0 } else { sums[at - 1] };
-        let row = &self.conditional[j * columns..(j + 1) * columns];
-        step(&self.marginal, j) * step(row, i) * (rows * columns) as f64
-    }
-
-    #[inline]
-    fn pdf(&self, direction: Vec3) -> f32 {
-        let (uv, sin) = self.uv(direction);
-        let (i, j, _) = self.cell(uv);
-        solid(self.density(i, j), sin)
-    }
-
-    #[inline]
-    fn sample(&self, u: Vec2) -> (Vec3, Vec3, f32) {
-        if self.total <= 0.0 {
-            return (Vec3::Y, Vec3::ZERO, 0.0);
+        let (i, j) = (x.clamp(0.0, (columns - 1) as f32).floor(), y.clamp(0.0, (rows - 1) as f32).floor());
+        let (fx, fy) = (x - i, y - j);
+        let next = R::select(i.equals(R::splat((columns - 1) as f32)), R::zero(), i + 1.0);
+        let (i, j, next) = (i.whole(), j.whole(), next.whole());
+        let row = j * R::Whole::splat(columns as i32);
+        let data = self.image.data();
+        let step = R::Whole::splat(channels as i32);
+        macro_rules! texel {
+            ($at:expr) => {{
+                let index = ($at) * step;
+                let (green, blue) = (index + R::Whole::splat(1), index + R::Whole::splat(2));
+                Triple::new(R::gather(data, index), R::gather(data, green), R::gather(data, blue))
+            }};
         }
-        let columns = self.image.width();
-        let (j, fy) = invert(&self.marginal, f64::from(u.y));
-        let (i, fx) = invert(&self.conditional[j * columns..(j + 1) * columns], f64::from(u.x));
-        let uv = Vec2::new(
-            ((i as f64 + fx) / columns as f64) as f32,
-            ((j as f64 + fy) / (self.image.height() - 1) as f64) as f32,
+        let below = row + R::Whole::splat(columns as i32);
+        let upper = texel!(row + i) * (R::one() - fx) + texel!(row + next) * fx;
+        let lower = texel!(below + i) * (R::one() - fx) + texel!(below + next) * fx;
+        let radiance = (upper * (R::one() - fy) + lower * fy) * R::splat(self.scale);
+        let pdf = (R::gather(&self.density, row + i) / sin).only(sin.positive());
+        (radiance, pdf)
+    }
+
+    #[inline(always)]
+    fn sample<R: Real>(&self, [pick, accept, within]: Numbers<R>) -> (Triple<R>, Triple<R>, R) {
+        let (columns, rows) = (self.image.width(), self.image.height() - 1);
+        let none = R::Whole::splat(0);
+        let j = self.rows.draw(none, rows, pick.x, accept.x);
+        let start = j * R::Whole::splat(columns as i32);
+        let i = self.columns.draw(start, columns, pick.y, accept.y);
+        let uv = Pair::new(
+            (R::of_whole(i) + within.x) * (1.0 / columns as f32),
+            (R::of_whole(j) + within.y) * (1.0 / rows as f32),
         );
-        let theta = uv.y * PI_F;
-        let phi = (uv.x + 0.5 / columns as f32) * 2.0 * PI_F;
-        let sin = sinf(theta);
-        let local = Vec3::new(sinf(phi) * sin, cosf(theta), -cosf(phi) * sin);
-        (self.to_world * local, self.eval(uv), solid(self.density(i, j), sin))
+        let (sin_phi, cos_phi) = sin_cos_turn(uv.x + 0.5 / columns as f32);
+        let (sin, cos) = sin_cos_turn(uv.y * 0.5);
+        let local = Triple::new(sin_phi * sin, cos, -cos_phi * sin);
+        let (radiance, pdf) = self.read(uv, sin);
+        (Self::turned(&self.to_world, local), radiance, pdf)
     }
-}
-
-/// Density over solid angle from one over (u, v).
-#[inline]
-fn solid(density: f64, sin: f32) -> f32 {
-    if sin <= 0.0 { 0.0 } else { (density / (2.0 * PI * PI * f64::from(sin))) as f32 }
-}
-
-/// Turns sums into a cumulative distribution; without any weight, an even one.
-fn normalise(sums: &mut [f64], total: f64) {
-    let count = sums.len() as f64;
-    for (i, sum) in sums.iter_mut().enumerate() {
-        *sum = if total > 0.0 { *sum / total } else { (i + 1) as f64 / count };
-    }
-    if let Some(last) = sums.last_mut() {
-        *last = 1.0;
-    }
-}
-
-/// The step of a cumulative distribution that `u` falls in, and how far in.
-#[inline]
-fn invert(sums: &[f64], u: f64) -> (usize, f64) {
-    let at = sums.partition_point(|s| *s <= u).min(sums.len() - 1);
-    let before = if at == 0 { 0.0 } else { sums[at - 1] };
-    let width = sums[at] - before;
-    (at, if width > 0.0 { ((u - before) / width).clamp(0.0, 1.0) } else { 0.5 })
 }
 
 #[cfg(test)]
@@ -292,8 +258,8 @@ mod tests {
     #[test]
     fn densities_integrate_to_one_and_draws_agree_with_them() {
         for (number, environment) in all().iter().enumerate() {
-            if environment.power(1.0) == 0.0 {
-                assert_eq!(environment.sample(Vec2::splat(0.3)).2, 0.0);
+            if environment.total() == 0.0 {
+                assert_eq!(environment.sample([Vec2::splat(0.3); 3]).2, 0.0);
                 continue;
             }
             let (mut integral, mut radiance) = (0.0, 0.0);
@@ -305,8 +271,9 @@ mod tests {
                     let phi = 2.0 * PI * (f64::from(x) + 0.5) / f64::from(columns);
                     let (s, c) = (libm::sin(theta), libm::cos(theta));
                     let d = Vec3::new((s * libm::cos(phi)) as f32, c as f32, (s * libm::sin(phi)) as f32);
-                    integral += f64::from(environment.pdf(d)) * cell;
-                    radiance += f64::from(environment.eval(d).y) * cell;
+                    let (value, pdf) = environment.look(d);
+                    integral += f64::from(pdf) * cell;
+                    radiance += f64::from(value.y) * cell;
                 }
             }
             assert!((integral - 1.0).abs() < 0.01, "{number}: {integral}");
@@ -314,10 +281,11 @@ mod tests {
             let count = 200_000;
             let (mut sum, mut squares) = (0.0, 0.0);
             for _ in 0..count {
-                let (d, value, pdf) = environment.sample(Vec2::new(stream.uniform() as f32, stream.uniform() as f32));
+                let mut two = || Vec2::new(stream.range(0.0, 0.999_999) as f32, stream.range(0.0, 0.999_999) as f32);
+                let (d, value, pdf) = environment.sample([two(), two(), two()]);
                 assert!((d.length() - 1.0).abs() < 1e-5);
-                let again = environment.pdf(d);
-                assert!(pdf > 0.0 && (again - pdf).abs() < 0.02 * pdf || environment.power(1.0) > 1e3, "{pdf} {again}");
+                let again = environment.look(d).1;
+                assert!(pdf > 0.0 && (again - pdf).abs() < 0.02 * pdf || environment.total() > 3e3, "{pdf} {again}");
                 let estimate = f64::from(value.y) / f64::from(pdf);
                 sum += estimate;
                 squares += estimate * estimate;

@@ -50,13 +50,13 @@ impl Renderer<'_> {
     fn features(&self, sampler: &Sampler, pixel: (u32, u32)) -> [[f32; 3]; 2] {
         let world = self.world();
         let ray = self.camera_ray(sampler, pixel);
-        let Some((hit, at)) = first_solid::<true>(world, sampler, Sampler::vertex(0), ray) else {
+        let Some((hit, at)) = first_solid(world, sampler, 0, ray) else {
             return [[0.0; 3]; 2];
         };
         let albedo = world.material(&at).at(&at.surface).albedo();
         let albedo =
             if albedo.is_finite() { albedo.clamp(glam::Vec3::ZERO, glam::Vec3::ONE) } else { glam::Vec3::ZERO };
-        let normal = self.seen(world.shading_frame::<true>(&hit, &at).n);
+        let normal = self.seen(world.shading_frame(&hit, &at).n);
         [albedo.to_array(), normal.to_array()]
     }
 }

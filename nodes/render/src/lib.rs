@@ -2,19 +2,24 @@
 
 pub mod accel;
 pub mod accumulator;
+mod alias;
 pub mod bsdf;
 pub mod camera;
+pub mod dispatch;
 pub mod environment;
 pub mod gbuffer;
 pub mod geometry;
 pub mod integrator;
 pub mod ladder_convergence;
 pub mod ladder_rendering;
+pub mod lanes;
 pub mod lights;
 pub mod quality_gate;
 pub mod render;
 pub mod rng;
+mod stream;
 pub mod surface;
+mod table;
 pub mod texture;
 pub mod world;
 

@@ -3,18 +3,22 @@
 use crate::{
     accumulator::Accumulator,
     camera::Camera,
-    integrator::{Strategy, trace},
-    rng::{Sampler, render_state},
+    dispatch::Instructions,
+    integrator::Strategy,
+    rng::{FILM, Sampler, render_state},
+    stream::Batch,
     world::{Dropped, LoadBlob, World},
 };
 use rayon::prelude::*;
 use tauflow_contract::KindError;
 use tauflow_data::{Image, scene::Scene};
 
-/// Dimension of a sample's place in its pixel.
-const FILM: u64 = 0;
-/// Pixels that one task renders.
-const TASK: usize = 64;
+/// Paths in a batch: enough for many lanes of each material, few enough for the cache of a core.
+const BATCH: usize = 4096;
+/// Samples of a pixel in a batch: rays that go nearly the same way, next to each other.
+const TOGETHER: u64 = 64;
+/// Pixels in a tile at least, however many samples they get.
+const TILE: usize = 16;
 /// Samples between looks at whether to stop.
 const CHUNK: u64 = 1 << 18;
 /// Longest side of a film.
@@ -28,6 +32,7 @@ pub struct Renderer<'a> {
     height: usize,
     stream: u64,
     strategy: Strategy,
+    instructions: Instructions,
 }
 
 impl<'a> Renderer<'a> {
@@ -42,12 +47,18 @@ impl<'a> Renderer<'a> {
             )));
         }
         let camera = Camera::new(&world.camera, width, height)?;
-        Ok(Self { world, camera, width, height, stream, strategy: Strategy::Mis })
+        Ok(Self { world, camera, width, height, stream, strategy: Strategy::Mis, instructions: Instructions::best() })
     }
 
     /// The same, with another way of finding light.
     pub fn with_strategy(mut self, strategy: Strategy) -> Self {
         self.strategy = strategy;
+        self
+    }
+
+    /// The same by other instructions; without effect on the result.
+    pub fn with_instructions(mut self, instructions: Instructions) -> Self {
+        self.instructions = instructions;
         self
     }
 
@@ -99,21 +110,36 @@ impl<'a> Renderer<'a> {
     fn render(&self, accumulator: &mut Accumulator, until: u64) {
         let state = render_state(self.world.seed, self.stream);
         let from = accumulator.count;
+        let together = (until - from).min(TOGETHER);
+        // Enough tiles for every thread, if the film is small and the samples are few.
+        let spread = accumulator.pixels.len().div_ceil(4 * rayon::current_num_threads());
+        let tile = (BATCH / together as usize).min(spread).max(TILE);
         let (segments, rejected) = accumulator
             .pixels
-            .par_chunks_mut(TASK)
+            .par_chunks_mut(tile)
             .enumerate()
             .map(|(task, pixels)| {
                 let (mut segments, mut rejected) = (0u64, 0u64);
-                for (offset, target) in pixels.iter_mut().enumerate() {
-                    let pixel = self.pixel(task * TASK + offset);
-                    for index in from..until {
-                        let sampler = Sampler::new(state, pixel, index);
-                        let path = trace(self.world, &sampler, self.camera_ray(&sampler, pixel), self.strategy);
-                        segments += u64::from(path.segments);
-                        rejected += u64::from(path.rejected);
-                        target.add(index, path.radiance.to_array());
+                let mut paths = Vec::with_capacity(pixels.len() * together as usize);
+                let mut first = from;
+                while first < until {
+                    let last = (first + together).min(until);
+                    paths.clear();
+                    for offset in 0..pixels.len() {
+                        let pixel = self.pixel(task * tile + offset);
+                        paths.extend((first..last).map(|index| (pixel, Sampler::new(state, pixel, index))));
                     }
+                    let (world, camera, strategy) = (self.world, &self.camera, self.strategy);
+                    let found = self.instructions.trace(&Batch { world, camera, strategy, paths: &paths });
+                    segments += found.segments;
+                    rejected += found.rejected;
+                    for (target, samples) in pixels.iter_mut().zip(found.radiance.chunks_exact((last - first) as usize))
+                    {
+                        for (index, sample) in (first..last).zip(samples) {
+                            target.add(index, sample.to_array());
+                        }
+                    }
+                    first = last;
                 }
                 (segments, rejected)
             })

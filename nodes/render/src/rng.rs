@@ -12,6 +12,9 @@ pub struct Sampler {
     state: u64,
 }
 
+/// Dimension of a sample's place in its pixel.
+pub(crate) const FILM: u64 = 0;
+
 /// Dimensions of one path vertex; see [`Sampler::vertex`].
 pub const VERTEX_DIMENSIONS: u64 = 8;
 
@@ -26,6 +29,12 @@ impl Sampler {
     pub fn new(render_state: u64, pixel: (u32, u32), index: u64) -> Self {
         let pixel = u64::from(pixel.0) | u64::from(pixel.1) << 32;
         Self { state: mix(mix(render_state, pixel), index) }
+    }
+
+    /// What all its numbers are made of.
+    #[inline(always)]
+    pub(crate) fn state(&self) -> u64 {
+        self.state
     }
 
     /// 64 random bits of a dimension.

@@ -1,9 +1,10 @@
 //! What a ray finds at a hit: point with error bound, normals, texture coordinates, tangents.
 
 use crate::{
-    accel::{Accel, Hit},
+    accel::Hit,
     bsdf::Surface,
     geometry::{Disk, Frame, Ray, Sphere, gamma},
+    table::Table,
 };
 use glam::{Vec2, Vec3, Vec4};
 
@@ -72,17 +73,30 @@ impl MeshAttributes {
         let [i, j, k] = self.corners(primitive);
         let [a, b, c] = weights;
         let uv = self.uvs.as_ref().map_or(Vec2::new(b, c), |uv| uv[i] * a + uv[j] * b + uv[k] * c);
-        let color = self.colors.as_ref().map_or(Vec4::ONE, |v| v[i] * a + v[j] * b + v[k] * c);
-        Surface { uv, color }
+        Surface { uv, color: self.color(primitive, weights) }
+    }
+
+    /// Vertex colour at a point of a triangle; one without any.
+    pub(crate) fn color(&self, primitive: &Primitive, [a, b, c]: [f32; 3]) -> Vec4 {
+        let [i, j, k] = self.corners(primitive);
+        self.colors.as_ref().map_or(Vec4::ONE, |v| v[i] * a + v[j] * b + v[k] * c)
     }
 }
 
 /// Works out a hit.
 #[inline]
-pub fn interact(accel: &Accel, primitive: &Primitive, form: &Form, flip: bool, ray: &Ray, hit: &Hit) -> Interaction {
+pub(crate) fn interact(
+    table: &Table,
+    primitive: &Primitive,
+    form: &Form,
+    flip: bool,
+    ray: &Ray,
+    hit: &Hit,
+    uv: bool,
+) -> Interaction {
     let mut found = match form {
         Form::Mesh(mesh) => {
-            let [p0, p1, p2] = accel.vertices(hit);
+            let [p0, p1, p2] = table.triangle(hit.primitive);
             let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];
             let (a, b, c) = (p0 * weights[0], p1 * weights[1], p2 * weights[2]);
             let shading = mesh.normals.as_ref().map_or(primitive.normal, |normals| {
@@ -101,12 +115,14 @@ pub fn interact(accel: &Accel, primitive: &Primitive, form: &Form, flip: bool, r
         }
         Form::Sphere(sphere) => {
             let (p, n, error) = sphere.project(ray.at(hit.t));
-            let surface = Surface { uv: sphere.uv(n), color: Vec4::ONE };
+            let uv = if uv { sphere.uv(n) } else { Vec2::ZERO };
+            let surface = Surface { uv, color: Vec4::ONE };
             Interaction { p, error, geometric: n, shading: n, surface, shape: primitive.shape }
         }
         Form::Disk(disk) => {
             let (p, error) = disk.point(hit.u, hit.v);
-            let surface = Surface { uv: Disk::uv(hit.u, hit.v), color: Vec4::ONE };
+            let uv = if uv { Disk::uv(hit.u, hit.v) } else { Vec2::ZERO };
+            let surface = Surface { uv, color: Vec4::ONE };
             let n = disk.normal;
             Interaction { p, error, geometric: n, shading: n, surface, shape: primitive.shape }
         }
@@ -120,7 +136,7 @@ pub fn interact(accel: &Accel, primitive: &Primitive, form: &Form, flip: bool, r
 
 /// The frame of a normal map about the shading normal: s along growing u (or the mesh's tangent), t upwards in the
 /// image, as glTF has it.
-pub fn tangent_frame(accel: &Accel, primitive: &Primitive, form: &Form, hit: &Hit, at: &Interaction) -> Frame {
+pub(crate) fn tangent_frame(table: &Table, primitive: &Primitive, form: &Form, hit: &Hit, at: &Interaction) -> Frame {
     let n = at.shading;
     let (along, handedness) = match form {
         Form::Sphere(sphere) => (sphere.dp_du(at.geometric), 1.0),
@@ -131,7 +147,7 @@ pub fn tangent_frame(accel: &Accel, primitive: &Primitive, form: &Form, hit: &Hi
                 let sum = tangents[i] * (1.0 - hit.u - hit.v) + tangents[j] * hit.u + tangents[k] * hit.v;
                 (sum.truncate(), if sum.w < 0.0 { -1.0 } else { 1.0 })
             } else if let Some(uvs) = &mesh.uvs {
-                let [p0, p1, p2] = accel.vertices(hit);
+                let [p0, p1, p2] = table.triangle(hit.primitive);
                 let (q1, q2) = (p1 - p0, p2 - p0);
                 let (d1, d2) = (uvs[j] - uvs[i], uvs[k] - uvs[i]);
                 let det = d1.perp_dot(d2);

@@ -1,6 +1,9 @@
 //! Values over surfaces. Definitions of Mitsuba 3's `bitmap` (bilinear, raw) and `checkerboard`.
 
-use crate::bsdf::Surface;
+use crate::{
+    bsdf::{Points, Surface},
+    lanes::{Pair, Real, Triple, Whole},
+};
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
 use tauflow_contract::{Digest, KindError};
@@ -30,8 +33,8 @@ pub enum Texture {
         /// One channel, or RGB.
         channel: Option<u8>,
     },
-    /// The product of two.
-    Product(Box<(Texture, Texture)>),
+    /// The product of several.
+    Product(Vec<Texture>),
 }
 
 /// An image over uv.
@@ -85,73 +88,165 @@ impl Texture {
             scene::Texture::VertexColor { scale, channel } => {
                 Self::VertexColor { scale: rgb(scale)?, channel: *channel }
             }
-            scene::Texture::Product { a, b } => {
-                Self::Product(Box::new((Self::compile(a, load)?, Self::compile(b, load)?)))
-            }
+            scene::Texture::Product { a, b } => Self::compile(a, load)?.times(Self::compile(b, load)?),
         })
     }
 
-    /// Its value at a point of a surface.
-    #[inline]
-    pub fn eval(&self, at: &Surface) -> Vec3 {
-        match self {
-            Self::Constant(value) => *value,
-            Self::Checkerboard { colors, scale } => {
-                let square = (at.uv * *scale).floor();
-                // The sum of two whole numbers is odd if and only if half of it is not whole.
-                let half = (square.x + square.y) * 0.5;
-                colors[usize::from(half != half.floor())]
+    /// The product with another; no product holds a product.
+    pub(crate) fn times(self, other: Self) -> Self {
+        let mut factors = Vec::new();
+        for texture in [self, other] {
+            match texture {
+                Self::Product(own) => factors.extend(own),
+                simple => factors.push(simple),
             }
-            Self::Bitmap(bitmap) => bitmap.eval(at.uv),
-            Self::VertexColor { scale, channel } => match channel {
-                Some(channel) => Vec3::splat(at.color[usize::from(*channel).min(3)]) * *scale,
-                None => at.color.truncate() * *scale,
-            },
-            Self::Product(both) => both.0.eval(at) * both.1.eval(at),
+        }
+        Self::Product(factors)
+    }
+
+    /// Whether it reads texture coordinates.
+    pub(crate) fn reads_uv(&self) -> bool {
+        match self {
+            Self::Constant(_) | Self::VertexColor { .. } => false,
+            Self::Checkerboard { .. } | Self::Bitmap(_) => true,
+            Self::Product(factors) => factors.iter().any(Self::reads_uv),
         }
     }
 
+    /// Whether it reads vertex colours.
+    pub(crate) fn reads_colors(&self) -> bool {
+        match self {
+            Self::VertexColor { .. } => true,
+            Self::Constant(_) | Self::Checkerboard { .. } | Self::Bitmap(_) => false,
+            Self::Product(factors) => factors.iter().any(Self::reads_colors),
+        }
+    }
+
+    /// Its value at a point of a surface.
+    pub fn eval(&self, at: &Surface) -> Vec3 {
+        self.at(&at.into()).into()
+    }
+
     /// Its value where it is used as a number.
-    #[inline]
     pub fn scalar(&self, at: &Surface) -> f32 {
-        self.eval(at).x
+        self.at(&at.into()).x
+    }
+
+    /// Its value at a point.
+    pub(crate) fn at(&self, at: &Points<f32>) -> Triple<f32> {
+        self.lanes::<f32>(at)
+    }
+
+    /// Its values at points, lane after lane unless it is constant: for what is rarely anything else.
+    #[inline(always)]
+    pub(crate) fn one_by_one<R: Real>(&self, at: &Points<R>) -> Triple<R> {
+        if let Self::Constant(value) = self {
+            return Triple::splat(*value);
+        }
+        let mut rows = [[0.0f32; 16]; 9];
+        at.uv.x.store(&mut rows[0]);
+        at.uv.y.store(&mut rows[1]);
+        at.color.x.store(&mut rows[2]);
+        at.color.y.store(&mut rows[3]);
+        at.color.z.store(&mut rows[4]);
+        at.alpha.store(&mut rows[5]);
+        self.rows(&mut rows, R::N);
+        Triple::load([&rows[6], &rows[7], &rows[8]], 0)
+    }
+
+    #[inline(never)]
+    fn rows(&self, rows: &mut [[f32; 16]; 9], lanes: usize) {
+        for lane in 0..lanes {
+            let [u, v, r, g, b, alpha] = [0, 1, 2, 3, 4, 5].map(|k: usize| rows[k][lane]);
+            let value = self.at(&Points { uv: Pair::new(u, v), color: Triple::new(r, g, b), alpha });
+            (rows[6][lane], rows[7][lane], rows[8][lane]) = (value.x, value.y, value.z);
+        }
+    }
+
+    /// Its values at points, by lane.
+    #[inline(always)]
+    pub(crate) fn lanes<R: Real>(&self, at: &Points<R>) -> Triple<R> {
+        match self {
+            Self::Product(factors) => {
+                let mut product = Triple::all(R::one());
+                for factor in factors {
+                    product = product * factor.simple(at);
+                }
+                product
+            }
+            simple => simple.simple(at),
+        }
+    }
+
+    #[inline(always)]
+    fn simple<R: Real>(&self, at: &Points<R>) -> Triple<R> {
+        match self {
+            Self::Constant(value) => Triple::splat(*value),
+            Self::Checkerboard { colors, scale } => {
+                // The sum of two whole numbers is odd if and only if half of it is not whole.
+                let half = ((at.uv.x * scale.x).floor() + (at.uv.y * scale.y).floor()) * 0.5;
+                Triple::select(half.equals(half.floor()), Triple::splat(colors[0]), Triple::splat(colors[1]))
+            }
+            Self::Bitmap(bitmap) => bitmap.lanes(at),
+            Self::VertexColor { scale, channel } => {
+                let color = match channel {
+                    None => at.color,
+                    Some(0) => Triple::all(at.color.x),
+                    Some(1) => Triple::all(at.color.y),
+                    Some(2) => Triple::all(at.color.z),
+                    Some(_) => Triple::all(at.alpha),
+                };
+                color * Triple::splat(*scale)
+            }
+            Self::Product(_) => Triple::all(R::one()),
+        }
     }
 }
 
 impl Bitmap {
-    #[inline]
-    fn eval(&self, uv: Vec2) -> Vec3 {
+    #[inline(always)]
+    fn lanes<R: Real>(&self, at: &Points<R>) -> Triple<R> {
         let [a, b] = &self.rows;
-        let (width, height) = (self.image.width(), self.image.height());
-        let x = (a[0] * uv.x + a[1] * uv.y + a[2]) * width as f32 - 0.5;
-        let y = (b[0] * uv.x + b[1] * uv.y + b[2]) * height as f32 - 0.5;
-        if !(x.is_finite() && y.is_finite()) {
-            return Vec3::ZERO;
-        }
+        let (width, height, channels) = (self.image.width(), self.image.height(), self.image.channels());
+        let x = (at.uv.x * a[0] + at.uv.y * a[1] + a[2]) * width as f32 - 0.5;
+        let y = (at.uv.x * b[0] + at.uv.y * b[1] + b[2]) * height as f32 - 0.5;
+        let sound = x.finite() & y.finite();
         let (left, top) = (x.floor(), y.floor());
         let (fx, fy) = (x - left, y - top);
-        let place = |at: f32, size: usize| -> usize {
-            // i64 holds every f32 below 2^63; beyond that one texel is as good as another.
-            let at = at as i64;
-            (if self.clamp { at.clamp(0, size as i64 - 1) } else { at.rem_euclid(size as i64) }) as usize
+        let (x0, x1) = (self.place(left, width), self.place(left + 1.0, width));
+        let (y0, y1) = (self.place(top, height), self.place(top + 1.0, height));
+        let (row, step) = (R::Whole::splat(width as i32), R::Whole::splat(channels as i32));
+        let data = self.image.data();
+        let corners = [(y0 * row + x0) * step, (y0 * row + x1) * step, (y1 * row + x0) * step, (y1 * row + x1) * step];
+        macro_rules! mix {
+            ($channel:expr) => {{
+                let shift = R::Whole::splat($channel as i32);
+                let [a, b, c, d] = corners;
+                let upper = R::gather(data, a + shift) * (R::one() - fx) + R::gather(data, b + shift) * fx;
+                let lower = R::gather(data, c + shift) * (R::one() - fx) + R::gather(data, d + shift) * fx;
+                upper * (R::one() - fy) + lower * fy
+            }};
+        }
+        let single = match self.channel {
+            Some(channel) if channels == 1 && channel < 3 => Some(0),
+            Some(channel) => Some(channel),
+            None if channels == 1 => Some(0),
+            None => None,
         };
-        let (x0, x1) = (place(left, width), place(left + 1.0, width));
-        let (y0, y1) = (place(top, height), place(top + 1.0, height));
-        let upper = self.texel(x0, y0) * (1.0 - fx) + self.texel(x1, y0) * fx;
-        let lower = self.texel(x0, y1) * (1.0 - fx) + self.texel(x1, y1) * fx;
-        (upper * (1.0 - fy) + lower * fy) * self.scale
+        let value = match single {
+            None => Triple::new(mix!(0), mix!(1), mix!(2)),
+            Some(channel) if usize::from(channel) < channels => Triple::all(mix!(channel)),
+            // An image without alpha is opaque.
+            Some(_) => Triple::all(R::one()),
+        };
+        (value * Triple::splat(self.scale)).only(sound)
     }
 
-    #[inline]
-    fn texel(&self, x: usize, y: usize) -> Vec3 {
-        let pixel = self.image.pixel(x, y);
-        match (self.channel, pixel.len()) {
-            (Some(channel), 1) if channel < 3 => Vec3::splat(pixel[0]),
-            // An image without alpha is opaque.
-            (Some(channel), _) => Vec3::splat(pixel.get(usize::from(channel)).copied().unwrap_or(1.0)),
-            (None, 1) => Vec3::splat(pixel[0]),
-            (None, _) => Vec3::new(pixel[0], pixel[1], pixel[2]),
-        }
+    /// Column or row of a texel, repeated or clamped; beyond 2^24 one is as good as another.
+    #[inline(always)]
+    fn place<R: Real>(&self, at: R, size: usize) -> R::Whole {
+        let wrapped = if self.clamp { at } else { at - (at / size as f32).floor() * size as f32 };
+        wrapped.clamp(0.0, (size - 1) as f32).whole()
     }
 }
 
@@ -198,7 +293,7 @@ mod tests {
         assert_eq!(squares.eval(&at(-0.1, 0.1)), Vec3::ZERO);
         assert_eq!(squares.eval(&at(0.6, 0.3)), Vec3::ONE);
         let color = Texture::VertexColor { scale: Vec3::splat(2.0), channel: None };
-        let product = Texture::Product(Box::new((color, Texture::Constant(Vec3::new(1.0, 0.5, 0.0)))));
+        let product = color.times(Texture::Constant(Vec3::new(1.0, 0.5, 0.0)));
         assert!((product.eval(&at(0.0, 0.0)) - Vec3::new(0.2, 0.2, 0.0)).length() < 1e-7);
     }
 }

@@ -9,6 +9,7 @@ use crate::{
     geometry::{Disk, Frame, Map, Ray, Sphere, area_normal, cube, rectangle},
     lights::{Emission, Lights},
     surface::{Form, Interaction, MeshAttributes, Primitive, interact, tangent_frame},
+    table::{Row, Table},
     texture::Texture,
 };
 use glam::{DVec3, Vec2, Vec3, Vec4};
@@ -60,6 +61,9 @@ pub(crate) struct Shape {
 pub struct World {
     pub(crate) accel: Accel,
     pub(crate) primitives: Vec<Primitive>,
+    pub(crate) table: Table,
+    /// Which materials are of shapes that emit.
+    pub(crate) emits: Vec<bool>,
     pub(crate) shapes: Vec<Shape>,
     pub(crate) materials: Vec<Material>,
     pub(crate) lights: Lights,
@@ -80,6 +84,7 @@ pub struct World {
 struct Collected {
     forms: Vec<accel::Primitive>,
     primitives: Vec<Primitive>,
+    table: Table,
     shapes: Vec<Shape>,
     emissions: Vec<Emission>,
     dropped: Dropped,
@@ -113,10 +118,14 @@ impl World {
         }
         let viewpoint = DVec3::from_array(scene.camera.origin).as_vec3();
         let accel = Accel::new(&collected.forms, viewpoint);
-        let Collected { forms, primitives, mut shapes, emissions, dropped } = collected;
+        let Collected { forms, primitives, mut table, mut shapes, emissions, dropped } = collected;
         let lights = Lights::new(emissions, environment, &scene.emitters, &forms, accel.bounds())?;
-        for (light, shape) in lights.shapes() {
-            shapes[shape as usize].light = Some(light);
+        let mut emits = vec![false; materials.len()];
+        for (index, light) in lights.shapes() {
+            let shape = &mut shapes[light.shape as usize];
+            shape.light = Some(index);
+            emits[shape.material as usize] = true;
+            table.light[light.primitives()].fill(index);
         }
         let used = |wanted: fn(&Material) -> bool| shapes.iter().any(|s| wanted(&materials[s.material as usize]));
         let features = Features {
@@ -129,6 +138,8 @@ impl World {
         Ok(Self {
             accel,
             primitives,
+            table,
+            emits,
             shapes,
             materials,
             lights,
@@ -149,15 +160,23 @@ impl World {
     #[inline]
     pub(crate) fn meet(&self, ray: &Ray) -> Option<(Hit, Interaction)> {
         let hit = self.accel.closest(ray)?;
-        let primitive = &self.primitives[hit.primitive as usize];
-        let shape = &self.shapes[primitive.shape as usize];
-        Some((hit, interact(&self.accel, primitive, &shape.form, shape.flip, ray, &hit)))
+        Some((hit, self.interaction(ray, &hit, true)))
     }
 
-    /// Vertices of a triangle by its primitive.
-    #[inline]
-    pub(crate) fn triangle(&self, primitive: u32) -> [Vec3; 3] {
-        self.accel.triangle(primitive)
+    /// A hit of a ray, worked out; texture coordinates of spheres and disks only if they are asked for.
+    pub(crate) fn interaction(&self, ray: &Ray, hit: &Hit, uv: bool) -> Interaction {
+        let primitive = &self.primitives[hit.primitive as usize];
+        let shape = &self.shapes[primitive.shape as usize];
+        interact(&self.table, primitive, &shape.form, shape.flip, ray, hit, uv)
+    }
+
+    /// Vertex colour at a point of a triangle; one on what is none.
+    pub(crate) fn color(&self, primitive: u32, u: f32, v: f32) -> Vec4 {
+        let primitive = &self.primitives[primitive as usize];
+        match &self.shapes[primitive.shape as usize].form {
+            Form::Mesh(mesh) => mesh.color(primitive, [1.0 - u - v, u, v]),
+            Form::Sphere(_) | Form::Disk(_) => Vec4::ONE,
+        }
     }
 
     /// Opacity of a shape at a point.
@@ -174,11 +193,11 @@ impl World {
 
     /// The shading frame of a hit, with its normal map if the material has one.
     #[inline]
-    pub(crate) fn shading_frame<const NORMAL_MAPS: bool>(&self, hit: &Hit, at: &Interaction) -> Frame {
-        if NORMAL_MAPS && let Some(mapped) = self.material(at).shading_normal(&at.surface) {
+    pub(crate) fn shading_frame(&self, hit: &Hit, at: &Interaction) -> Frame {
+        if let Some(mapped) = self.material(at).shading_normal(&at.surface) {
             let primitive = &self.primitives[hit.primitive as usize];
             let form = &self.shapes[primitive.shape as usize].form;
-            let n = tangent_frame(&self.accel, primitive, form, hit, at).to_world(mapped);
+            let n = tangent_frame(&self.table, primitive, form, hit, at).to_world(mapped);
             return Frame::new(n.normalize_or(at.shading));
         }
         Frame::new(at.shading)
@@ -209,9 +228,12 @@ impl Collected {
         let map = Map::new(&shape.to_world);
         let index = self.shapes.len() as u32;
         let first = self.primitives.len();
+        let material = shape.material as u32;
         let mut single = |form: accel::Primitive, normal: Vec3| {
             self.forms.push(form);
             self.primitives.push(Primitive { shape: index, triangle: 0, normal });
+            let row = Row { positions: [Vec3::ZERO; 3], normal, normals: [normal; 3], uvs: [Vec2::ZERO; 3] };
+            self.table.push(&row, index, material, true);
         };
         let form = match &shape.geometry {
             Geometry::Sphere { center, radius } => {
@@ -225,25 +247,34 @@ impl Collected {
                 single(accel::Primitive::Disk(disk), disk.normal);
                 Form::Disk(disk)
             }
-            Geometry::Rectangle => self.add_mesh(index, &rectangle(), &map),
-            Geometry::Cube => self.add_mesh(index, &cube(), &map),
-            Geometry::Mesh { mesh } => self.add_mesh(index, &Mesh::from_bytes(&load(mesh)?)?, &map),
+            Geometry::Rectangle => self.add_mesh(index, shape, &rectangle(), &map),
+            Geometry::Cube => self.add_mesh(index, shape, &cube(), &map),
+            Geometry::Mesh { mesh } => self.add_mesh(index, shape, &Mesh::from_bytes(&load(mesh)?)?, &map),
         };
         if let Some(texture) = emission {
             if matches!(&texture, Texture::Constant(value) if value.min_element() < 0.0) {
                 return Err(KindError::Input("an emission below 0; use radiance from 0".into()));
             }
-            self.emissions.push(Emission { shape: index, texture, first, count: self.primitives.len() - first });
+            let count = self.primitives.len() - first;
+            let normal = match &form {
+                Form::Sphere(_) => None,
+                Form::Disk(disk) => Some(if shape.flip_normals { -disk.normal } else { disk.normal }),
+                Form::Mesh(_) => self.table.flat(first, count),
+            };
+            self.emissions.push(Emission { shape: index, texture, first, count, normal });
         }
         self.shapes.push(Shape { form, material: shape.material as u32, flip: shape.flip_normals, light: None });
         Ok(())
     }
 
     /// Adds a mesh's triangles in the world. A map that mirrors keeps outside outside.
-    fn add_mesh(&mut self, shape: u32, mesh: &Mesh, map: &Map) -> Form {
+    fn add_mesh(&mut self, index: u32, shape: &SceneShape, mesh: &Mesh, map: &Map) -> Form {
         let double = |v: &[f32; 3]| Vec3::from_array(*v).as_dvec3();
         let positions: Vec<Vec3> = mesh.positions.iter().map(|p| map.point(double(p))).collect();
         let side = if map.mirrors() { -1.0 } else { 1.0 };
+        let direction = |n: &[f32; 3]| map.normal(double(n)).map_or(Vec3::ZERO, |n| n.as_vec3());
+        let normals: Option<Vec<Vec3>> = mesh.normals.as_ref().map(|all| all.iter().map(direction).collect());
+        let turned = if shape.flip_normals { -1.0 } else { 1.0 };
         let mut triangles = Vec::with_capacity(mesh.triangles.len());
         for triangle in &mesh.triangles {
             let vertices = triangle.map(|i| positions[i as usize]);
@@ -255,18 +286,28 @@ impl Collected {
                 self.dropped.degenerate += 1;
                 continue;
             };
+            let normal = normal * side;
+            let row = Row {
+                positions: vertices,
+                normal: normal * turned,
+                normals: triangle.map(|at| normals.as_ref().map_or(normal, |all| all[at as usize]) * turned),
+                // Without coordinates of its own a triangle has its weights.
+                uvs: mesh.uvs.as_ref().map_or([Vec2::ZERO, Vec2::X, Vec2::Y], |uvs| {
+                    triangle.map(|at| Vec2::from_array(uvs[at as usize]))
+                }),
+            };
+            self.table.push(&row, index, shape.material as u32, false);
             self.forms.push(accel::Primitive::Triangle(vertices));
-            self.primitives.push(Primitive { shape, triangle: triangles.len() as u32, normal: normal * side });
+            self.primitives.push(Primitive { shape: index, triangle: triangles.len() as u32, normal });
             triangles.push(*triangle);
         }
-        let direction = |n: &[f32; 3]| map.normal(double(n)).map_or(Vec3::ZERO, |n| n.as_vec3());
         let tangent = |t: &[f32; 4]| {
             let along = map.vector(DVec3::new(t[0].into(), t[1].into(), t[2].into()));
             (along.normalize_or_zero().as_vec3()).extend(t[3] * side)
         };
         Form::Mesh(MeshAttributes {
             triangles,
-            normals: mesh.normals.as_ref().map(|normals| normals.iter().map(direction).collect()),
+            normals,
             uvs: mesh.uvs.as_ref().map(|uvs| uvs.iter().map(|uv| Vec2::from_array(*uv)).collect()),
             colors: mesh.colors.as_ref().map(|colors| colors.iter().map(|c| Vec4::from_array(*c)).collect()),
             tangents: mesh.tangents.as_ref().map(|tangents| tangents.iter().map(tangent).collect()),

@@ -1,7 +1,7 @@
-//! Building: obvhs's PLOC with reinsertion, leaves of a few primitives, collapsed to four children a node.
+//! Building: obvhs's PLOC with reinsertion, leaves of a few primitives, collapsed to eight children a node.
 
-use super::{Accel, Block, Curved, LEAF, LEAF_SIZE, Node, Primitive, STACK};
-use glam::{Vec3, Vec4};
+use super::{Accel, Block, Curved, LEAF, LEAF_SIZE, Node, Primitive, STACK, WIDE};
+use glam::Vec3;
 use obvhs::{Boundable, BvhBuildParams, aabb::Aabb, bvh2::Bvh2, bvh2::builder::build_bvh2};
 use std::time::Duration;
 use tauflow_data::rng::mix;
@@ -25,7 +25,7 @@ impl Boundable for Boxed {
     }
 }
 
-/// A binary tree on the way from obvhs to nodes of four.
+/// A binary tree on the way from obvhs to nodes of eight.
 enum Tree {
     Inner(Bounds, Box<[Tree; 2]>),
     Leaf(Bounds, Vec<u32>),
@@ -68,13 +68,7 @@ impl Accel {
                 Boxed((low - pad, high + pad))
             })
             .collect();
-        let mut accel = Self {
-            nodes: Vec::new(),
-            blocks: Vec::new(),
-            curved: Vec::new(),
-            places: vec![0; primitives.len()],
-            bounds: tight,
-        };
+        let mut accel = Self { nodes: Vec::new(), blocks: Vec::new(), curved: Vec::new(), bounds: tight };
         if boxes.is_empty() {
             return accel;
         }
@@ -86,7 +80,7 @@ impl Accel {
             &mut Duration::default(),
         );
         let mut depth = accel.collapse(&tree_of(&bvh, &groups, &boxes), primitives);
-        if depth * 3 + 1 > STACK {
+        if depth * (WIDE - 1) + 1 > STACK {
             // A chain rather than a tree; its order, cut in halves, is as good.
             accel.nodes.clear();
             accel.blocks.clear();
@@ -94,19 +88,21 @@ impl Accel {
             let order: Vec<u32> = bvh.primitive_indices.iter().flat_map(|g| groups[*g as usize].clone()).collect();
             depth = accel.collapse(&balanced(&order, &boxes), primitives);
         }
-        debug_assert!(depth * 3 < STACK);
+        debug_assert!(depth * (WIDE - 1) < STACK);
         accel
     }
 
     /// Adds a leaf's block; returns its index.
     fn push_block(&mut self, leaf: &[u32], primitives: &[Primitive]) -> u32 {
         let index = self.blocks.len() as u32;
-        // Lanes without a triangle meet nothing.
-        let mut block = Block { vertices: [[Vec4::NAN; 4]; 3] };
-        let mut bits = 0u32;
+        let mut block = Block {
+            vertices: [[[f32::NAN; 8]; 3]; 3],
+            primitives: [u32::MAX; 8],
+            curved: 0,
+            first_curved: self.curved.len() as u32,
+        };
         for (lane, primitive) in leaf.iter().enumerate() {
-            self.places[*primitive as usize] = index << 2 | lane as u32;
-            block.vertices[0][3][lane] = f32::from_bits(*primitive);
+            block.primitives[lane] = *primitive;
             let curved = match &primitives[*primitive as usize] {
                 Primitive::Triangle(vertices) => {
                     for (axes, vertex) in block.vertices.iter_mut().zip(vertices) {
@@ -119,22 +115,20 @@ impl Accel {
                 Primitive::Sphere(s) => Curved::Sphere { center: s.center, radius: s.radius },
                 Primitive::Disk(d) => Curved::Disk(*d),
             };
-            bits |= 1 << lane;
-            block.vertices[2][3][lane] = f32::from_bits(self.curved.len() as u32);
+            block.curved |= 1 << lane;
             self.curved.push(curved);
         }
-        block.vertices[1][3].x = f32::from_bits(bits);
         self.blocks.push(block);
         index
     }
 
-    /// Writes the tree as nodes of four; returns the depth.
+    /// Writes the tree as nodes of eight; returns the depth.
     fn collapse(&mut self, tree: &Tree, primitives: &[Primitive]) -> usize {
         let index = self.nodes.len();
-        self.nodes.push(Node { planes: [Vec4::ZERO; 6], children: [LEAF; 4] });
+        self.nodes.push(Node { planes: [[0.0; WIDE]; 6], children: [LEAF; WIDE] });
         let mut parts: Vec<&Tree> = vec![tree];
-        // Opens the inner part of the largest area until there are four.
-        while parts.len() < 4 {
+        // Opens the inner part of the largest area until there are eight.
+        while parts.len() < WIDE {
             let largest = parts
                 .iter()
                 .enumerate()
@@ -144,9 +138,9 @@ impl Accel {
             parts[at] = &pair[0];
             parts.push(&pair[1]);
         }
-        let mut node = Node { planes: [Vec4::ZERO; 6], children: [LEAF; 4] };
+        let mut node = Node { planes: [[0.0; WIDE]; 6], children: [LEAF; WIDE] };
         let mut depth = 0;
-        for lane in 0..4 {
+        for lane in 0..WIDE {
             let (low, high) = parts.get(lane).map_or((Vec3::MAX, Vec3::MIN), |part| part.bounds());
             for axis in 0..3 {
                 node.planes[2 * axis][lane] = low[axis];

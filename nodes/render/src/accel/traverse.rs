@@ -1,104 +1,136 @@
-//! Traversal: nearest hit and any hit.
+//! Traversal by one ray: nearest hit and any hit.
 
-use super::{Accel, Block, Curved, Hit, LEAF, Node, STACK};
-use crate::geometry::{FourHits, Ray, Sphere, Walk, gamma, intersect_four};
-use glam::Vec4;
+use super::{Accel, Block, Curved, Hit, LEAF, Node, STACK, WIDE};
+use crate::{
+    geometry::{Ray, Sphere, Walk, gamma, intersect_lanes, intersect_triangle, lane_of, seen_from},
+    lanes::{Mask, Real},
+};
+
+/// Nodes to be visited, and where the ray enters them.
+pub(crate) type Stack = [(u32, f32); STACK];
 
 /// Rows of a node's planes that a ray enters and leaves by.
 #[derive(Clone, Copy)]
 struct Slabs {
     near: [usize; 3],
-    origin: [Vec4; 3],
-    inverse: [Vec4; 3],
+    origin: [f32; 3],
+    inverse: [f32; 3],
 }
 
 impl Slabs {
-    #[inline]
+    #[inline(always)]
     fn new(walk: &Walk) -> Self {
         let side = |v: f32| usize::from(v < 0.0);
         let inverse = walk.inverse;
         Self {
             near: [side(inverse.x), 2 + side(inverse.y), 4 + side(inverse.z)],
-            origin: [walk.origin.x, walk.origin.y, walk.origin.z].map(Vec4::splat),
-            inverse: [inverse.x, inverse.y, inverse.z].map(Vec4::splat),
+            origin: walk.origin.to_array(),
+            inverse: inverse.to_array(),
         }
     }
 
-    /// Entry distances of the four boxes, and which of them are met in [0, t_max].
-    #[inline]
-    fn enter(&self, node: &Node, t_max: f32) -> ([f32; 4], u32) {
-        let at = |axis: usize, row: usize| (node.planes[row] - self.origin[axis]) * self.inverse[axis];
-        let enter = at(0, self.near[0]).max(at(1, self.near[1])).max(at(2, self.near[2]).max(Vec4::ZERO));
-        let leave = at(0, self.near[0] ^ 1).min(at(1, self.near[1] ^ 1)).min(at(2, self.near[2] ^ 1));
-        let leave = (leave * (1.0 + 2.0 * gamma(3))).min(Vec4::splat(t_max));
-        (enter.to_array(), enter.cmple(leave).bitmask())
+    /// Entry distances of the eight boxes, and which of them are met in [0, t_max].
+    #[inline(always)]
+    fn enter<R: Real>(&self, node: &Node, t_max: f32) -> ([f32; WIDE], u32) {
+        let (mut entries, mut met, mut at) = ([0.0; WIDE], 0, 0);
+        while at < WIDE {
+            macro_rules! distance {
+                ($axis:expr, $row:expr) => {
+                    (R::load(&node.planes[$row][at..]) - self.origin[$axis]) * self.inverse[$axis]
+                };
+            }
+            let [x, y, z] = self.near;
+            let enter = distance!(0, x).max(distance!(1, y)).max(distance!(2, z).max(R::zero()));
+            let leave = distance!(0, x ^ 1).min(distance!(1, y ^ 1)).min(distance!(2, z ^ 1));
+            let leave = (leave * (1.0 + 2.0 * gamma(3))).min(R::splat(t_max));
+            met |= enter.le(leave).bits() << at;
+            enter.store(&mut entries[at..]);
+            at += R::N;
+        }
+        (entries, met)
     }
 }
 
 impl Accel {
-    /// Hits with the primitives of a block.
+    /// Takes the hits of a block into account: the best is kept.
     #[inline(always)]
-    fn meet(&self, block: &Block, walk: &Walk, t_max: f32) -> FourHits {
-        let mut hits = intersect_four(walk, &block.vertices, t_max);
-        let mut curved = block.curved();
-        while curved != 0 {
-            let lane = curved.trailing_zeros() as usize;
-            curved &= curved - 1;
-            let found = match &self.curved[block.vertices[2][3][lane].to_bits() as usize] {
-                Curved::Sphere { center, radius } => {
-                    Sphere::intersect(*center, *radius, walk.origin, walk.direction, t_max)
-                }
-                Curved::Disk(disk) => disk.intersect(walk.origin, walk.direction, t_max),
-            };
-            hits.met &= !(1 << lane);
-            if let Some(found) = found {
-                hits.met |= 1 << lane;
-                (hits.t[lane], hits.u[lane], hits.v[lane]) = (found.t, found.u, found.v);
-            }
-        }
-        hits
-    }
-
-    /// Takes the best of a block's hits into account.
-    #[inline(always)]
-    fn improve(&self, index: u32, walk: &Walk, t_max: f32, best: &mut Option<Hit>) {
+    fn improve<R: Real>(&self, index: u32, walk: &Walk, shear: [R; 3], best: &mut Best) {
         let block = &self.blocks[index as usize];
-        let hits = self.meet(block, walk, t_max);
-        let mut met = hits.met;
-        while met != 0 {
-            let lane = met.trailing_zeros() as usize;
-            met &= met - 1;
-            let (t, primitive) = (hits.t[lane], block.primitive(lane));
-            if best.is_none_or(|b| t < b.t || (t == b.t && primitive < b.primitive)) {
-                let place = index << 2 | lane as u32;
-                *best = Some(Hit { t, u: hits.u[lane], v: hits.v[lane], primitive, place });
+        let mut at = 0;
+        while at < WIDE {
+            let found = intersect_lanes(seen_from(walk, &block.vertices, at), shear, R::splat(best.t));
+            let mut met = found.met.bits();
+            if met != 0 {
+                let [mut t, mut u, mut v] = [[0.0; WIDE]; 3];
+                found.t.store(&mut t);
+                found.u.store(&mut u);
+                found.v.store(&mut v);
+                while met != 0 {
+                    let lane = met.trailing_zeros() as usize % WIDE;
+                    met &= met - 1;
+                    best.take(t[lane], u[lane], v[lane], block.primitives[(at + lane) % WIDE]);
+                }
+            }
+            let unsure = found.edges.bits();
+            if unsure != 0 {
+                block.decide(walk, unsure << at, best);
+            }
+            at += R::N;
+        }
+        if block.curved != 0 {
+            self.improve_curved(block, walk, best);
+        }
+    }
+
+    /// Hits with what is curved in a block.
+    #[cold]
+    pub(super) fn improve_curved(&self, block: &Block, walk: &Walk, best: &mut Best) {
+        let (mut curved, mut index) = (block.curved, block.first_curved as usize);
+        while curved != 0 {
+            let lane = curved.trailing_zeros() as usize % WIDE;
+            curved &= curved - 1;
+            let found = match &self.curved[index] {
+                Curved::Sphere { center, radius } => {
+                    Sphere::intersect(*center, *radius, walk.origin, walk.direction, best.t)
+                }
+                Curved::Disk(disk) => disk.intersect(walk.origin, walk.direction, best.t),
+            };
+            index += 1;
+            if let Some(found) = found {
+                best.take(found.t, found.u, found.v, block.primitives[lane]);
             }
         }
     }
 
-    /// The nearest hit, if any; of several at one distance, that of the lowest primitive.
-    pub fn closest(&self, ray: &Ray) -> Option<Hit> {
+    /// [`Accel::closest`] with lanes of at most eight.
+    #[inline(always)]
+    pub(crate) fn closest_lanes<R: Real>(&self, ray: &Ray, stack: &mut Stack) -> Option<Hit> {
         if self.nodes.is_empty() {
             return None;
         }
         let walk = Walk::new(ray);
         let slabs = Slabs::new(&walk);
-        let mut best: Option<Hit> = None;
-        let mut t_max = ray.t_max;
-        let mut stack = [(0u32, 0.0f32); STACK];
+        let shear = [R::splat(walk.shear[0]), R::splat(walk.shear[1]), R::splat(walk.shear[2])];
+        let mut best = Best::none(ray.t_max);
         let mut height = 0;
         let mut current = 0u32;
         loop {
             if current & LEAF == 0 {
                 let node = &self.nodes[current as usize];
-                let (enter, mut met) = slabs.enter(node, t_max);
+                let (enter, mut met) = slabs.enter::<R>(node, best.t);
                 if met != 0 {
-                    // Sorts the few children that are met onto the stack, the nearest on top.
+                    let lane = met.trailing_zeros() as usize & 7;
+                    met &= met - 1;
+                    let mut nearest = (node.children[lane], enter[lane]);
+                    // The nearest is next; the others go onto the stack, nearer ones above.
                     let base = height;
                     while met != 0 {
-                        let lane = met.trailing_zeros() as usize;
+                        let lane = met.trailing_zeros() as usize & 7;
                         met &= met - 1;
-                        let entry = (node.children[lane], enter[lane]);
+                        let mut entry = (node.children[lane], enter[lane]);
+                        if entry.1 < nearest.1 {
+                            std::mem::swap(&mut entry, &mut nearest);
+                        }
                         let mut at = height;
                         while at > base && stack[at - 1].1 < entry.1 {
                             stack[at] = stack[at - 1];
@@ -107,20 +139,19 @@ impl Accel {
                         stack[at] = entry;
                         height += 1;
                     }
+                    current = nearest.0;
+                    continue;
                 }
             } else {
-                self.improve(current & !LEAF, &walk, t_max, &mut best);
-                if let Some(hit) = &best {
-                    t_max = hit.t;
-                }
+                self.improve::<R>(current & !LEAF, &walk, shear, &mut best);
             }
             loop {
                 if height == 0 {
-                    return best;
+                    return best.hit();
                 }
                 height -= 1;
                 let (next, enter) = stack[height];
-                if enter <= t_max {
+                if enter <= best.t {
                     current = next;
                     break;
                 }
@@ -128,42 +159,126 @@ impl Accel {
         }
     }
 
-    /// True if anything is met before the ray's end.
-    pub fn occluded(&self, ray: &Ray) -> bool {
+    /// [`Accel::occluded`] with lanes of at most eight.
+    #[inline(always)]
+    pub(crate) fn occluded_lanes<R: Real>(&self, ray: &Ray, stack: &mut Stack) -> bool {
         if self.nodes.is_empty() {
             return false;
         }
         let walk = Walk::new(ray);
         let slabs = Slabs::new(&walk);
-        let mut stack = [0u32; STACK];
+        let shear = [R::splat(walk.shear[0]), R::splat(walk.shear[1]), R::splat(walk.shear[2])];
+        stack[0].0 = 0;
         let mut height = 1;
         while height > 0 {
             height -= 1;
-            let current = stack[height];
+            let current = stack[height].0;
             if current & LEAF == 0 {
                 let node = &self.nodes[current as usize];
-                let (_, mut met) = slabs.enter(node, ray.t_max);
+                let (_, mut met) = slabs.enter::<R>(node, ray.t_max);
                 while met != 0 {
-                    let lane = met.trailing_zeros() as usize;
+                    let lane = met.trailing_zeros() as usize & 7;
                     met &= met - 1;
-                    stack[height] = node.children[lane];
+                    stack[height].0 = node.children[lane];
                     height += 1;
                 }
-            } else if self.meet(&self.blocks[(current & !LEAF) as usize], &walk, ray.t_max).met != 0 {
+            } else if self.stops::<R>(&self.blocks[(current & !LEAF) as usize], &walk, shear, ray.t_max) {
                 return true;
             }
         }
         false
     }
 
+    /// Whether anything in a block is met.
+    #[inline(always)]
+    fn stops<R: Real>(&self, block: &Block, walk: &Walk, shear: [R; 3], t_max: f32) -> bool {
+        let mut at = 0;
+        while at < WIDE {
+            let found = intersect_lanes(seen_from(walk, &block.vertices, at), shear, R::splat(t_max));
+            if found.met.any() {
+                return true;
+            }
+            let unsure = found.edges.bits();
+            if unsure != 0 {
+                let mut best = Best::none(t_max);
+                block.decide(walk, unsure << at, &mut best);
+                if best.hit().is_some() {
+                    return true;
+                }
+            }
+            at += R::N;
+        }
+        if block.curved == 0 {
+            return false;
+        }
+        let mut best = Best::none(t_max);
+        self.improve_curved(block, walk, &mut best);
+        best.hit().is_some()
+    }
+
+    /// The nearest hit, if any; of several at one distance, that of the lowest primitive.
+    pub fn closest(&self, ray: &Ray) -> Option<Hit> {
+        self.closest_lanes::<f32>(ray, &mut [(0, 0.0); STACK])
+    }
+
+    /// True if anything is met before the ray's end.
+    pub fn occluded(&self, ray: &Ray) -> bool {
+        self.occluded_lanes::<f32>(ray, &mut [(0, 0.0); STACK])
+    }
+
     /// The nearest hit by trying every primitive: what [`Accel::closest`] must find.
     #[cfg(test)]
     pub(super) fn closest_by_force(&self, ray: &Ray) -> Option<Hit> {
         let walk = Walk::new(ray);
-        let mut best: Option<Hit> = None;
+        let mut best = Best::none(ray.t_max);
         for index in 0..self.blocks.len() as u32 {
-            self.improve(index, &walk, ray.t_max, &mut best);
+            self.improve::<f32>(index, &walk, walk.shear, &mut best);
         }
-        best
+        best.hit()
+    }
+}
+
+/// The best hit so far.
+pub(super) struct Best {
+    pub(super) t: f32,
+    pub(super) u: f32,
+    pub(super) v: f32,
+    /// Its primitive, or [`NONE`].
+    pub(super) primitive: u32,
+}
+
+const NONE: u32 = u32::MAX;
+
+impl Best {
+    #[inline(always)]
+    pub(super) fn none(t_max: f32) -> Self {
+        Self { t: t_max, u: 0.0, v: 0.0, primitive: NONE }
+    }
+
+    /// Takes a hit not beyond the best; of those at one distance the lowest primitive counts.
+    #[inline(always)]
+    fn take(&mut self, t: f32, u: f32, v: f32, primitive: u32) {
+        if t < self.t || (t == self.t && primitive < self.primitive) {
+            *self = Self { t, u, v, primitive };
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn hit(&self) -> Option<Hit> {
+        (self.primitive != NONE).then_some(Hit { t: self.t, u: self.u, v: self.v, primitive: self.primitive })
+    }
+}
+
+impl Block {
+    /// Decides lanes whose edge the ray goes through.
+    #[cold]
+    fn decide(&self, walk: &Walk, mut unsure: u32, best: &mut Best) {
+        while unsure != 0 {
+            let lane = unsure.trailing_zeros() as usize % WIDE;
+            unsure &= unsure - 1;
+            if let Some(found) = intersect_triangle(walk, &lane_of(&self.vertices, lane), best.t) {
+                best.take(found.t, found.u, found.v, self.primitives[lane]);
+            }
+        }
     }
 }

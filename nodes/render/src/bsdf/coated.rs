@@ -1,7 +1,7 @@
 //! A diffuse base under a dielectric coat: `plastic`, `roughplastic` with `nonlinear: false`.
 
-use super::{DELTA_ALPHA, Sample, fresnel, ggx, ggx::Ggx, local::reflect};
-use glam::{Vec2, Vec3};
+use super::{DELTA_ALPHA, Drawn, fresnel, ggx, ggx::Ggx, local::reflect};
+use crate::lanes::{Pair, Real, Triple, Whole};
 
 const PI: f32 = std::f32::consts::PI;
 
@@ -32,105 +32,86 @@ impl Coat {
         Self { eta, alpha, inner: (2.0 * sum / STEPS as f64) as f32, enters }
     }
 
-    #[inline]
-    fn enters(&self, cos: f32) -> f32 {
+    #[inline(always)]
+    fn enters<R: Real>(&self, cos: R) -> R {
         if self.enters.is_empty() {
-            return 1.0 - fresnel::dielectric(cos, self.eta).r;
+            return R::one() - fresnel::dielectric(cos, self.eta).r;
         }
-        let x = cos.clamp(0.0, 1.0) * (self.enters.len() - 1) as f32;
-        let i = (x as usize).min(self.enters.len() - 2);
-        let f = x - i as f32;
-        self.enters[i] * (1.0 - f) + self.enters[i + 1] * f
+        let last = self.enters.len() as i32 - 2;
+        let x = cos.clamp(0.0, 1.0) * (last + 1) as f32;
+        let i = x.whole().min(R::Whole::splat(last));
+        let f = x - R::of_whole(i);
+        R::gather(&self.enters, i) * (R::one() - f) + R::gather(&self.enters, i + R::Whole::splat(1)) * f
     }
 }
 
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Plastic<'a> {
-    pub(crate) base: Vec3,
+pub(crate) struct Plastic<'a, R> {
+    pub(crate) base: Triple<R>,
     pub(crate) coat: &'a Coat,
 }
 
-impl Plastic<'_> {
-    fn is_delta(&self) -> bool {
+impl<R: Real> Plastic<'_, R> {
+    pub(crate) fn is_delta(&self) -> bool {
         self.coat.alpha < DELTA_ALPHA
     }
 
+    #[inline(always)]
+    fn ggx(&self) -> Ggx<R> {
+        Ggx { alpha: R::splat(self.coat.alpha) }
+    }
+
     /// Probability of drawing the coat.
-    #[inline]
-    fn share(&self, cos: f32) -> f32 {
-        let enters = self.coat.enters(cos);
-        let (coat, base) = (1.0 - enters, enters * self.base.max_element());
-        if coat + base > 0.0 { coat / (coat + base) } else { 1.0 }
+    #[inline(always)]
+    fn share(&self, enters: R) -> R {
+        let (coat, base) = (R::one() - enters, enters * self.base.largest());
+        R::select((coat + base).positive(), coat / (coat + base), R::one())
     }
 
-    #[inline]
-    fn diffuse(&self, wo: Vec3, wi: Vec3) -> Vec3 {
+    /// Value and density.
+    #[inline(always)]
+    pub(crate) fn eval(&self, wo: Triple<R>, wi: Triple<R>) -> (Triple<R>, R) {
+        let above = wo.z.positive() & wi.z.positive();
+        let enters = self.coat.enters(wo.z);
+        let share = self.share(enters);
         let inside = 1.0 / (self.coat.eta * self.coat.eta * (1.0 - self.coat.inner));
-        self.base * (self.coat.enters(wo.z) * self.coat.enters(wi.z) * inside * wi.z / PI)
-    }
-
-    #[inline]
-    pub(crate) fn eval(&self, wo: Vec3, wi: Vec3) -> Vec3 {
-        if wo.z <= 0.0 || wi.z <= 0.0 {
-            return Vec3::ZERO;
-        }
-        let mut value = self.diffuse(wo, wi);
+        let mut value = self.base * (enters * self.coat.enters(wi.z) * inside * wi.z / PI);
+        let mut pdf = (R::one() - share) * wi.z / PI;
         if !self.is_delta() {
-            let ggx = Ggx { alpha: self.coat.alpha };
+            let ggx = self.ggx();
             let m = (wo + wi).normalize();
-            let f = fresnel::dielectric(wo.dot(m), self.coat.eta).r;
-            value += f * ggx.d(m) * ggx.g(wo, wi, m) / (4.0 * wo.z);
+            let cos = wo.dot(m);
+            let f = fresnel::dielectric(cos, self.coat.eta).r;
+            value += Triple::all(f * ggx.d(m) * ggx.g(wo, wi, m) / (wo.z * 4.0));
+            pdf += share * ggx.pdf(wo, m) / (cos * 4.0);
         }
-        value
+        (value.only(above), pdf.only(above))
     }
 
-    #[inline]
-    pub(crate) fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
-        if wo.z <= 0.0 || wi.z <= 0.0 {
-            return 0.0;
+    #[inline(always)]
+    pub(crate) fn sample(&self, wo: Triple<R>, lobe: R, u: Pair<R>) -> Drawn<R> {
+        let above = wo.z.positive();
+        let share = self.share(self.coat.enters(wo.z));
+        let coat = lobe.lt(share);
+        let base = ggx::diffuse(u).0;
+        let mirrored =
+            if self.is_delta() { Triple::new(-wo.x, -wo.y, wo.z) } else { reflect(wo, self.ggx().sample(wo, u)) };
+        let wi = Triple::select(coat, mirrored, base);
+        let (value, pdf) = self.eval(wo, wi);
+        let mut drawn =
+            Drawn { wi, weight: value * (R::one() / pdf), pdf, valid: above & pdf.positive(), ..Drawn::nothing() };
+        if self.is_delta() {
+            let f = fresnel::dielectric(wo.z, self.coat.eta).r;
+            drawn.weight = Triple::select(coat, Triple::all(f / share), drawn.weight);
+            drawn.delta = coat & above;
+            drawn.pdf = R::select(coat, R::zero(), drawn.pdf);
+            drawn.valid = above & (coat | pdf.positive());
         }
-        let share = self.share(wo.z);
-        let mut pdf = (1.0 - share) * wi.z / PI;
-        if !self.is_delta() {
-            let m = (wo + wi).normalize();
-            pdf += share * Ggx { alpha: self.coat.alpha }.pdf(wo, m) / (4.0 * wo.dot(m));
-        }
-        pdf
+        drawn
     }
 
-    #[inline]
-    pub(crate) fn sample(&self, wo: Vec3, lobe: f32, u: Vec2) -> Option<Sample> {
-        if wo.z <= 0.0 {
-            return None;
-        }
-        let share = self.share(wo.z);
-        let mut sample = Sample {
-            wi: Vec3::new(-wo.x, -wo.y, wo.z),
-            weight: Vec3::ZERO,
-            pdf: 0.0,
-            delta: false,
-            transmitted: false,
-            eta: 1.0,
-        };
-        if lobe < share {
-            if self.is_delta() {
-                let f = fresnel::dielectric(wo.z, self.coat.eta).r;
-                return Some(Sample { weight: Vec3::splat(f / share), delta: true, ..sample });
-            }
-            sample.wi = reflect(wo, Ggx { alpha: self.coat.alpha }.sample(wo, u));
-        } else {
-            sample.wi = ggx::diffuse(u).0;
-        }
-        sample.pdf = self.pdf(wo, sample.wi);
-        if sample.pdf <= 0.0 {
-            return None;
-        }
-        sample.weight = self.eval(wo, sample.wi) / sample.pdf;
-        Some(sample)
-    }
-
-    pub(crate) fn albedo(&self) -> Vec3 {
-        let enters = self.coat.enters(1.0);
-        self.base * enters + Vec3::splat(1.0 - enters)
+    pub(crate) fn albedo(&self) -> Triple<R> {
+        let enters: R = self.coat.enters(R::one());
+        self.base * enters + Triple::all(R::one() - enters)
     }
 }

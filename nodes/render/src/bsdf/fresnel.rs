@@ -1,78 +1,81 @@
 //! Fresnel terms. Source: Walter et al. 2007 for dielectrics, the usual complex formula for conductors; Schlick's weight
 //! as Mitsuba 3's `principled` uses it.
 
+use crate::lanes::{Real, Triple};
 use glam::Vec3;
 
 /// Reflectance of a smooth interface, and what goes with it.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Dielectric {
+pub(crate) struct Dielectric<R> {
     /// Share that is reflected.
-    pub(crate) r: f32,
+    pub(crate) r: R,
     /// Cosine of the transmitted direction, of the other sign than the incident one; 0 in total reflection.
-    pub(crate) cos_t: f32,
+    pub(crate) cos_t: R,
     /// Relative index across the interface, in the direction of travel.
-    pub(crate) eta_it: f32,
+    pub(crate) eta_it: R,
     /// Its inverse.
-    pub(crate) eta_ti: f32,
+    pub(crate) eta_ti: R,
 }
 
 /// Unpolarised reflectance at an interface of relative index `eta` (inside over outside); `cos_i` is negative inside.
-#[inline]
-pub(crate) fn dielectric(cos_i: f32, eta: f32) -> Dielectric {
-    let outside = cos_i >= 0.0;
-    let (eta_it, eta_ti) = if outside { (eta, 1.0 / eta) } else { (1.0 / eta, eta) };
-    let cos_t_squared = 1.0 - eta_ti * eta_ti * (1.0 - cos_i * cos_i).max(0.0);
-    let cos_i_abs = cos_i.abs();
-    if cos_t_squared <= 0.0 {
-        return Dielectric { r: 1.0, cos_t: 0.0, eta_it, eta_ti };
-    }
-    let cos_t_abs = cos_t_squared.sqrt();
-    let (s, p) = (
-        (cos_i_abs - eta_it * cos_t_abs) / (cos_i_abs + eta_it * cos_t_abs),
-        (cos_t_abs - eta_it * cos_i_abs) / (cos_t_abs + eta_it * cos_i_abs),
-    );
-    let r = if eta == 1.0 {
-        0.0
-    } else if cos_i_abs == 0.0 {
-        1.0
-    } else {
-        0.5 * (s * s + p * p)
-    };
-    Dielectric { r, cos_t: if outside { -cos_t_abs } else { cos_t_abs }, eta_it, eta_ti }
+#[inline(always)]
+pub(crate) fn dielectric<R: Real>(cos_i: R, eta: f32) -> Dielectric<R> {
+    let outside = cos_i.ge(R::zero());
+    let eta_it = R::select(outside, R::splat(eta), R::splat(1.0 / eta));
+    let eta_ti = R::select(outside, R::splat(1.0 / eta), R::splat(eta));
+    let cos_t_squared = R::one() - eta_ti * eta_ti * (R::one() - cos_i * cos_i).max(R::zero());
+    let passes = cos_t_squared.positive();
+    let cos = cos_i.abs();
+    let cos_t = cos_t_squared.max(R::zero()).sqrt();
+    let s = (cos - eta_it * cos_t) / (cos + eta_it * cos_t);
+    let p = (cos_t - eta_it * cos) / (cos_t + eta_it * cos);
+    let r = (s * s + p * p) * 0.5;
+    let r = if eta == 1.0 { R::zero() } else { R::select(cos.positive() & passes, r, R::one()) };
+    let cos_t = R::select(outside, -cos_t, cos_t).only(passes);
+    Dielectric { r, cos_t, eta_it, eta_ti }
 }
 
 /// Unpolarised reflectance of a conductor with complex index `eta` + i `k`.
-#[inline]
-pub(crate) fn conductor(cos_i: f32, eta: Vec3, k: Vec3) -> Vec3 {
+#[inline(always)]
+pub(crate) fn conductor<R: Real>(cos_i: R, eta: Vec3, k: Vec3) -> Triple<R> {
     let c2 = cos_i * cos_i;
-    let s2 = 1.0 - c2;
-    let t0 = eta * eta - k * k - s2;
-    let a2b2 = (t0 * t0 + 4.0 * k * k * eta * eta).map(f32::sqrt);
-    let t1 = a2b2 + c2;
-    let a = ((a2b2 + t0) * 0.5).max(Vec3::ZERO).map(f32::sqrt);
-    let t2 = 2.0 * a * cos_i;
-    let s = (t1 - t2) / (t1 + t2);
-    let t3 = a2b2 * c2 + s2 * s2;
-    let t4 = t2 * s2;
-    let p = s * (t3 - t4) / (t3 + t4);
-    0.5 * (p + s)
+    let s2 = R::one() - c2;
+    macro_rules! channel {
+        ($eta:expr, $k:expr) => {{
+            let (eta, k): (f32, f32) = ($eta, $k);
+            let t0 = R::splat(eta * eta - k * k) - s2;
+            let a2b2 = (t0 * t0 + 4.0 * k * k * eta * eta).sqrt();
+            let t1 = a2b2 + c2;
+            let a = ((a2b2 + t0) * 0.5).max(R::zero()).sqrt();
+            let t2 = a * 2.0 * cos_i;
+            let s = (t1 - t2) / (t1 + t2);
+            let t3 = a2b2 * c2 + s2 * s2;
+            let t4 = t2 * s2;
+            let p = s * (t3 - t4) / (t3 + t4);
+            (p + s) * 0.5
+        }};
+    }
+    Triple::new(channel!(eta.x, k.x), channel!(eta.y, k.y), channel!(eta.z, k.z))
 }
 
 /// (1 - cos)^5.
-#[inline]
-pub(crate) fn schlick_weight(cos: f32) -> f32 {
-    let m = (1.0 - cos).clamp(0.0, 1.0);
+#[inline(always)]
+pub(crate) fn schlick_weight<R: Real>(cos: R) -> R {
+    let m = (R::one() - cos).clamp(0.0, 1.0);
     let m2 = m * m;
     m2 * m2 * m
 }
 
 /// Schlick's approximation from normal reflectance `r0`, with the transmitted cosine on the denser side.
-#[inline]
-pub(crate) fn schlick(r0: Vec3, cos_i: f32, eta: f32) -> Vec3 {
-    let (eta_it, eta_ti) = if cos_i >= 0.0 { (eta, 1.0 / eta) } else { (1.0 / eta, eta) };
-    let cos = if eta_it > 1.0 { cos_i.abs() } else { (1.0 - eta_ti * eta_ti * (1.0 - cos_i * cos_i)).max(0.0).sqrt() };
-    let w = schlick_weight(cos);
-    r0 + (Vec3::ONE - r0) * w
+#[inline(always)]
+pub(crate) fn schlick<R: Real>(r0: Triple<R>, cos_i: R, eta: f32) -> Triple<R> {
+    let outside = cos_i.ge(R::zero());
+    // The cosine on the rarer side, as the denser side's; only one of the two needs it.
+    let other = if eta > 1.0 { eta } else { 1.0 / eta };
+    let transmitted = (R::one() - (R::one() - cos_i * cos_i) * (other * other)).max(R::zero()).sqrt();
+    let direct = if eta > 1.0 { outside } else { !outside };
+    let w = schlick_weight(R::select(direct, cos_i.abs(), transmitted));
+    r0 + (Triple::all(R::one()) - r0) * w
 }
 
 /// Share of diffuse light that an interface reflects back, by the fits that Mitsuba 3 uses: Egan and Hilgeman 1973 for
@@ -92,19 +95,19 @@ mod tests {
     #[test]
     fn known_values() {
         // ((1.5 - 1)/(1.5 + 1))^2 = 0.04.
-        assert!((dielectric(1.0, 1.5).r - 0.04).abs() < 1e-6);
-        assert!((dielectric(-1.0, 1.5).r - 0.04).abs() < 1e-6);
+        assert!((dielectric(1.0f32, 1.5).r - 0.04).abs() < 1e-6);
+        assert!((dielectric(-1.0f32, 1.5).r - 0.04).abs() < 1e-6);
         // Beyond the critical angle inside glass, cos < sqrt(1 - 1/2.25) = 0.745.
-        assert_eq!(dielectric(-0.7, 1.5).r, 1.0);
-        assert!(dielectric(-0.76, 1.5).r < 1.0);
+        assert_eq!(dielectric(-0.7f32, 1.5).r, 1.0);
+        assert!(dielectric(-0.76f32, 1.5).r < 1.0);
         // A conductor without absorption is a dielectric.
         for cos in [0.05f32, 0.3, 0.9] {
-            let metal = conductor(cos, Vec3::splat(1.5), Vec3::ZERO).x;
+            let metal = conductor::<f32>(cos, Vec3::splat(1.5), Vec3::ZERO).x;
             assert!((metal - dielectric(cos, 1.5).r).abs() < 1e-5);
         }
         // Brewster's angle: tan = 1.5, where the parallel part vanishes.
         let brewster = dielectric(1.0 / (1.0f32 + 2.25).sqrt(), 1.5);
-        let s = brewster.r * 2.0;
+        let s: f32 = brewster.r * 2.0;
         assert!((s.sqrt() - 5.0 / 13.0).abs() < 1e-5);
     }
 
@@ -128,7 +131,7 @@ mod tests {
     #[test]
     fn refraction_obeys_snell() {
         for cos in [-0.9f32, -0.8, 0.2, 0.7, 1.0] {
-            let f = dielectric(cos, 1.5);
+            let f = dielectric::<f32>(cos, 1.5);
             let (sin_i, sin_t) = ((1.0 - cos * cos).sqrt(), (1.0 - f.cos_t * f.cos_t).max(0.0).sqrt());
             assert!((sin_i - f.eta_it * sin_t).abs() < 1e-5);
             assert!(f.cos_t * cos < 0.0);

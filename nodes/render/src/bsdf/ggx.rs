@@ -2,72 +2,73 @@
 //!
 //! Source: Walter et al. 2007, Heitz 2018; as Mitsuba 3's `MicrofacetDistribution` with `sample_visible`.
 
-use super::local::{cosine_hemisphere, cosines};
-use glam::{Vec2, Vec3};
+use super::local::cosine_hemisphere;
+use crate::lanes::{Pair, Real, Triple, exp, sin_cos_turn};
+use glam::Vec2;
+use tauflow_data::maths::logf;
 
 const PI: f32 = std::f32::consts::PI;
 
 /// The distribution of one roughness.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Ggx {
-    pub(crate) alpha: f32,
+pub(crate) struct Ggx<R> {
+    pub(crate) alpha: R,
 }
 
-impl Ggx {
+impl<R: Real> Ggx<R> {
     /// Density of normals per projected area of the surface.
-    #[inline]
-    pub(crate) fn d(self, m: Vec3) -> f32 {
-        if m.z <= 0.0 {
-            return 0.0;
-        }
+    #[inline(always)]
+    pub(crate) fn d(self, m: Triple<R>) -> R {
         let a2 = self.alpha * self.alpha;
         let t = (m.x * m.x + m.y * m.y) / a2 + m.z * m.z;
-        1.0 / (PI * a2 * t * t)
+        (R::one() / (a2 * PI * t * t)).only(m.z.positive())
     }
 
     /// Share of facets of normal `m` that are seen from `v`.
-    #[inline]
-    pub(crate) fn g1(self, v: Vec3, m: Vec3) -> f32 {
-        if v.dot(m) * v.z <= 0.0 {
-            return 0.0;
-        }
+    #[inline(always)]
+    pub(crate) fn g1(self, v: Triple<R>, m: Triple<R>) -> R {
         let xy = (v.x * v.x + v.y * v.y) * self.alpha * self.alpha;
-        2.0 / (1.0 + (1.0 + xy / (v.z * v.z)).sqrt())
+        let seen = (v.dot(m) * v.z).positive();
+        (R::splat(2.0) / ((xy / (v.z * v.z) + 1.0).sqrt() + 1.0)).only(seen)
     }
 
-    #[inline]
-    pub(crate) fn g(self, v: Vec3, l: Vec3, m: Vec3) -> f32 {
+    #[inline(always)]
+    pub(crate) fn g(self, v: Triple<R>, l: Triple<R>, m: Triple<R>) -> R {
         self.g1(v, m) * self.g1(l, m)
     }
 
     /// Density of [`Ggx::sample`] over the solid angle of `m`; `v` above the surface.
-    #[inline]
-    pub(crate) fn pdf(self, v: Vec3, m: Vec3) -> f32 {
-        if v.z <= 0.0 {
-            return 0.0;
-        }
-        self.d(m) * self.g1(v, m) * v.dot(m).abs() / v.z
+    #[inline(always)]
+    pub(crate) fn pdf(self, v: Triple<R>, m: Triple<R>) -> R {
+        (self.d(m) * self.g1(v, m) * v.dot(m).abs() / v.z).only(v.z.positive())
     }
 
     /// A normal seen from `v`, which lies above the surface.
-    #[inline]
-    pub(crate) fn sample(self, v: Vec3, u: Vec2) -> Vec3 {
-        let (sin, cos) = cosines(u.y);
-        self.facet(v, Vec2::new(cos, sin) * u.x.sqrt())
+    #[inline(always)]
+    pub(crate) fn sample(self, v: Triple<R>, u: Pair<R>) -> Triple<R> {
+        let (sin, cos) = sin_cos_turn(u.y);
+        let r = u.x.sqrt();
+        self.facet(v, Pair::new(cos * r, sin * r))
     }
 
     /// The normal seen from `v` at a point of the unit disk.
-    #[inline]
-    fn facet(self, v: Vec3, disk: Vec2) -> Vec3 {
-        let stretched = Vec3::new(self.alpha * v.x, self.alpha * v.y, v.z).normalize();
-        let length = stretched.x * stretched.x + stretched.y * stretched.y;
-        let t1 = if length > 0.0 { Vec3::new(-stretched.y, stretched.x, 0.0) / length.sqrt() } else { Vec3::X };
+    #[inline(always)]
+    fn facet(self, v: Triple<R>, disk: Pair<R>) -> Triple<R> {
+        let stretched = Triple::new(self.alpha * v.x, self.alpha * v.y, v.z).normalize();
+        let square = stretched.x * stretched.x + stretched.y * stretched.y;
+        let tilted = square.positive();
+        let inverse = R::one() / square.sqrt();
+        let t1 = Triple::new(
+            R::select(tilted, -stretched.y * inverse, R::one()),
+            (stretched.x * inverse).only(tilted),
+            R::zero(),
+        );
         let t2 = stretched.cross(t1);
         let p1 = disk.x;
-        let s = 0.5 * (1.0 + stretched.z);
-        let p2 = (1.0 - s) * (1.0 - p1 * p1).max(0.0).sqrt() + s * disk.y;
-        let n = t1 * p1 + t2 * p2 + stretched * (1.0 - p1 * p1 - p2 * p2).max(0.0).sqrt();
-        Vec3::new(self.alpha * n.x, self.alpha * n.y, n.z.max(1e-7)).normalize()
+        let s = (stretched.z + 1.0) * 0.5;
+        let p2 = (R::one() - s) * (R::one() - p1 * p1).max(R::zero()).sqrt() + s * disk.y;
+        let n = t1 * p1 + t2 * p2 + stretched * (R::one() - p1 * p1 - p2 * p2).max(R::zero()).sqrt();
+        Triple::new(self.alpha * n.x, self.alpha * n.y, n.z.max(R::splat(1e-7))).normalize()
     }
 }
 
@@ -79,7 +80,7 @@ pub(crate) fn half_disk() -> Vec<Vec2> {
     (0..RADII)
         .flat_map(|i| (0..ANGLES).map(move |j| (i, j)))
         .map(|(i, j)| {
-            let (sin, cos) = cosines((j as f32 + 0.5) / (2 * ANGLES) as f32 - 0.25);
+            let (sin, cos) = sin_cos_turn((j as f32 + 0.5) / (2 * ANGLES) as f32 - 0.25);
             Vec2::new(cos, sin) * ((i as f32 + 0.5) / RADII as f32).sqrt()
         })
         .collect()
@@ -102,9 +103,9 @@ pub(crate) fn reflectance(alpha: f32, eta: f32, cos: f32, disk: &[Vec2]) -> f32 
     })
 }
 
-fn mean(alpha: f32, cos: f32, disk: &[Vec2], value: impl Fn(Vec3, Vec3) -> f32) -> f32 {
-    let v = Vec3::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos);
-    let sum: f64 = disk.iter().map(|p| f64::from(value(v, Ggx { alpha }.facet(v, *p)))).sum();
+fn mean(alpha: f32, cos: f32, disk: &[Vec2], value: impl Fn(Triple<f32>, Triple<f32>) -> f32) -> f32 {
+    let v = Triple::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos);
+    let sum: f64 = disk.iter().map(|p| f64::from(value(v, Ggx { alpha }.facet(v, (*p).into())))).sum();
     (sum / disk.len() as f64) as f32
 }
 
@@ -115,33 +116,32 @@ pub(crate) struct Gtr1 {
 }
 
 impl Gtr1 {
-    #[inline]
-    pub(crate) fn d(self, m: Vec3) -> f32 {
-        if m.z <= 0.0 {
-            return 0.0;
-        }
+    #[inline(always)]
+    pub(crate) fn d<R: Real>(self, m: Triple<R>) -> R {
         let a2 = self.alpha * self.alpha;
-        (a2 - 1.0) / (PI * tauflow_data::maths::logf(a2) * (1.0 + (a2 - 1.0) * m.z * m.z))
+        let scale = (a2 - 1.0) / (PI * logf(a2));
+        (R::splat(scale) / (m.z * m.z * (a2 - 1.0) + 1.0)).only(m.z.positive())
     }
 
-    #[inline]
-    pub(crate) fn pdf(self, m: Vec3) -> f32 {
-        self.d(m) * m.z.max(0.0)
+    #[inline(always)]
+    pub(crate) fn pdf<R: Real>(self, m: Triple<R>) -> R {
+        self.d(m) * m.z.max(R::zero())
     }
 
-    #[inline]
-    pub(crate) fn sample(self, u: Vec2) -> Vec3 {
+    #[inline(always)]
+    pub(crate) fn sample<R: Real>(self, u: Pair<R>) -> Triple<R> {
         let a2 = self.alpha * self.alpha;
-        let z2 = ((1.0 - tauflow_data::maths::powf(a2, 1.0 - u.y)) / (1.0 - a2)).clamp(0.0, 1.0);
-        let r = (1.0 - z2).max(0.0).sqrt();
-        let (sin, cos) = cosines(u.x);
-        Vec3::new(r * cos, r * sin, z2.sqrt())
+        let power = exp((R::one() - u.y) * logf(a2));
+        let z2 = ((R::one() - power) / (1.0 - a2)).clamp(0.0, 1.0);
+        let r = (R::one() - z2).max(R::zero()).sqrt();
+        let (sin, cos) = sin_cos_turn(u.x);
+        Triple::new(r * cos, r * sin, z2.sqrt())
     }
 }
 
-/// A cosine-weighted direction above the surface; kept here with its density.
-#[inline]
-pub(crate) fn diffuse(u: Vec2) -> (Vec3, f32) {
+/// A cosine-weighted direction above the surface, and its density.
+#[inline(always)]
+pub(crate) fn diffuse<R: Real>(u: Pair<R>) -> (Triple<R>, R) {
     let l = cosine_hemisphere(u);
     (l, l.z / PI)
 }
@@ -149,11 +149,12 @@ pub(crate) fn diffuse(u: Vec2) -> (Vec3, f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::Vec3;
 
     #[test]
     fn normals_cover_the_surface_and_their_density_is_one() {
         for alpha in [0.05f32, 0.3, 1.0] {
-            let v = Vec3::new(0.6, 0.0, 0.8);
+            let v: Triple<f32> = Vec3::new(0.6, 0.0, 0.8).into();
             let (mut area, mut density, mut coat) = (0.0f64, 0.0f64, 0.0f64);
             let (rows, columns) = (4000u32, 64u32);
             for i in 0..rows {
@@ -164,8 +165,9 @@ mod tests {
                 for j in 0..columns {
                     let phi = 2.0 * std::f64::consts::PI * (f64::from(j) + 0.5) / f64::from(columns);
                     let s = libm::sin(theta);
-                    let m =
-                        Vec3::new((s * libm::cos(phi)) as f32, (s * libm::sin(phi)) as f32, libm::cos(theta) as f32);
+                    let m: Triple<f32> =
+                        Vec3::new((s * libm::cos(phi)) as f32, (s * libm::sin(phi)) as f32, libm::cos(theta) as f32)
+                            .into();
                     let solid = weight * 2.0 * std::f64::consts::PI / f64::from(columns);
                     area += f64::from(Ggx { alpha }.d(m) * m.z) * solid;
                     density += f64::from(Ggx { alpha }.pdf(v, m)) * solid;

@@ -1,146 +1,152 @@
 //! Glass: `dielectric`, `roughdielectric`, `thindielectric`.
 
 use super::{
-    DELTA_ALPHA, Sample, fresnel,
+    DELTA_ALPHA, Drawn, fresnel,
     ggx::Ggx,
-    local::{flip, reflect, refract},
+    local::{reflect, refract},
 };
-use glam::{Vec2, Vec3};
+use crate::lanes::{Pair, Real, Triple};
 
 /// Relative indices nearer to 1 than this bend light by less than the precision of half vectors allows.
 const INDEX_MATCHED: f32 = 1e-3;
 
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Glass {
+pub(crate) struct Glass<R> {
     /// Index inside over index outside.
     pub(crate) eta: f32,
     pub(crate) alpha: f32,
-    pub(crate) reflectance: Vec3,
-    pub(crate) transmittance: Vec3,
+    pub(crate) reflectance: Triple<R>,
+    pub(crate) transmittance: Triple<R>,
 }
 
-/// The facet that turns `wo` into `wi`, on the outer side, and whether light crosses it.
-struct Facet {
-    m: Vec3,
-    reflected: bool,
-    /// Relative index in the direction of travel.
-    eta: f32,
-    /// Factor from density of facets to density of directions.
-    spread: f32,
-}
-
-impl Glass {
+impl<R: Real> Glass<R> {
     /// Without a difference of indices nothing bends, however rough.
     pub(crate) fn is_delta(&self) -> bool {
         self.alpha < DELTA_ALPHA || (self.eta - 1.0).abs() < INDEX_MATCHED
     }
 
-    #[inline]
-    fn facet(&self, wo: Vec3, wi: Vec3) -> Option<Facet> {
-        let crossing = wo.z * wi.z;
-        if self.is_delta() || crossing == 0.0 {
-            return None;
-        }
-        let reflected = crossing > 0.0;
-        let eta = if wo.z > 0.0 { self.eta } else { 1.0 / self.eta };
-        let m = (wo + wi * if reflected { 1.0 } else { eta }).normalize_or_zero();
-        let m = if m.z < 0.0 { -m } else { m };
-        let (o, i) = (wo.dot(m), wi.dot(m));
-        // Facets face the side that each direction is on.
-        if o * wo.z <= 0.0 || i * wi.z <= 0.0 {
-            return None;
-        }
-        let spread = if reflected {
-            1.0 / (4.0 * i)
-        } else {
-            let sum = o + eta * i;
-            eta * eta * i / (sum * sum)
-        };
-        Some(Facet { m, reflected, eta, spread: spread.abs() })
+    #[inline(always)]
+    fn ggx(&self) -> Ggx<R> {
+        Ggx { alpha: R::splat(self.alpha) }
     }
 
-    #[inline]
-    pub(crate) fn eval(&self, wo: Vec3, wi: Vec3) -> Vec3 {
-        let Some(facet) = self.facet(wo, wi) else { return Vec3::ZERO };
-        let ggx = Ggx { alpha: self.alpha };
-        let f = fresnel::dielectric(wo.dot(facet.m), self.eta).r;
-        let shape = ggx.d(facet.m) * ggx.g(wo, wi, facet.m);
-        if facet.reflected {
-            return self.reflectance * (f * shape / (4.0 * wo.z.abs()));
+    /// Value and density.
+    #[inline(always)]
+    pub(crate) fn eval(&self, wo: Triple<R>, wi: Triple<R>) -> (Triple<R>, R) {
+        if self.is_delta() {
+            return (Triple::zero(), R::zero());
         }
+        let facet = facet(self.eta, wo, wi);
+        let ggx = self.ggx();
+        let f = fresnel::dielectric(facet.o, self.eta).r;
+        let (d, seen) = (ggx.d(facet.m), ggx.g1(wo, facet.m));
+        let shape = d * seen * ggx.g1(wi, facet.m);
+        let reflected = f * shape / (wo.z.abs() * 4.0);
         // The squared index of radiance cancels that of the facets' spread.
         let spread = facet.spread / (facet.eta * facet.eta);
-        self.transmittance * ((1.0 - f) * shape * (wo.dot(facet.m) / wo.z).abs() * spread)
+        let crossed = (R::one() - f) * shape * (facet.o / wo.z).abs() * spread;
+        let value = Triple::select(facet.reflected, self.reflectance * reflected, self.transmittance * crossed);
+        let density = d * seen * facet.o.abs() / wo.z.abs();
+        let pdf = density * facet.spread * R::select(facet.reflected, f, R::one() - f);
+        (value.only(facet.fits), pdf.only(facet.fits))
     }
 
-    #[inline]
-    pub(crate) fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
-        let Some(facet) = self.facet(wo, wi) else { return 0.0 };
-        let f = fresnel::dielectric(wo.dot(facet.m), self.eta).r;
-        let upper = if wo.z < 0.0 { -wo } else { wo };
-        let density = Ggx { alpha: self.alpha }.pdf(upper, facet.m);
-        density * facet.spread * if facet.reflected { f } else { 1.0 - f }
-    }
-
-    #[inline]
-    pub(crate) fn sample(&self, wo: Vec3, lobe: f32, u: Vec2) -> Option<Sample> {
-        if wo.z == 0.0 {
-            return None;
-        }
+    #[inline(always)]
+    pub(crate) fn sample(&self, wo: Triple<R>, lobe: R, u: Pair<R>) -> Drawn<R> {
+        let zero = R::zero();
         let delta = self.is_delta();
-        let ggx = Ggx { alpha: self.alpha };
-        let m = if delta { Vec3::Z } else { ggx.sample(if wo.z < 0.0 { -wo } else { wo }, u) };
-        let cos = wo.dot(m);
-        let f = fresnel::dielectric(cos, self.eta);
-        let transmitted = lobe >= f.r;
-        let wi = if transmitted { refract(wo, m, f.cos_t, f.eta_ti) } else { reflect(wo, m) };
-        if (wi.z * wo.z < 0.0) != transmitted || wi.z == 0.0 {
-            return None;
+        let ggx = self.ggx();
+        let upper = Triple::select(wo.z.lt(zero), -wo, wo);
+        let m = if delta { Triple::new(zero, zero, R::one()) } else { ggx.sample(upper, u) };
+        let f = fresnel::dielectric(wo.dot(m), self.eta);
+        let transmitted = lobe.ge(f.r);
+        let wi = Triple::select(transmitted, refract(wo, m, f.cos_t, f.eta_ti), reflect(wo, m));
+        let across = (wi.z * wo.z).lt(zero);
+        let valid = !(wo.z.equals(zero) | wi.z.equals(zero)) & ((across & transmitted) | !(across | transmitted));
+        let mut weight = Triple::select(transmitted, self.transmittance * (f.eta_ti * f.eta_ti), self.reflectance);
+        let eta = R::select(transmitted, f.eta_it, R::one());
+        let mut drawn = Drawn { wi, weight, eta, transmitted, valid, ..Drawn::nothing() };
+        if delta {
+            drawn.delta = valid;
+        } else {
+            weight = weight * ggx.g1(wi, m);
+            drawn.weight = weight;
+            drawn.pdf = self.eval(wo, wi).1;
         }
-        let (mut weight, eta) =
-            if transmitted { (self.transmittance * (f.eta_ti * f.eta_ti), f.eta_it) } else { (self.reflectance, 1.0) };
-        let mut pdf = 0.0;
-        if !delta {
-            weight *= ggx.g1(wi, m);
-            pdf = self.pdf(wo, wi);
-        }
-        Some(Sample { wi, weight, pdf, delta, transmitted, eta })
+        drawn
     }
 
-    pub(crate) fn albedo(&self) -> Vec3 {
-        let f = fresnel::dielectric(1.0, self.eta).r;
-        self.reflectance * f + self.transmittance * (1.0 - f)
+    pub(crate) fn albedo(&self) -> Triple<R> {
+        let f = fresnel::dielectric(R::one(), self.eta).r;
+        self.reflectance * f + self.transmittance * (R::one() - f)
     }
+}
+
+/// The facet that turns one direction into another, on the outer side.
+pub(crate) struct Facet<R: Real> {
+    pub(crate) m: Triple<R>,
+    /// Cosines of both directions to it.
+    pub(crate) o: R,
+    pub(crate) i: R,
+    /// Relative index in the direction of travel.
+    pub(crate) eta: R,
+    /// Factor from density of facets to density of directions.
+    pub(crate) spread: R,
+    /// Whether light stays on its side.
+    pub(crate) reflected: R::Mask,
+    /// Whether the facet faces the side that each direction is on.
+    pub(crate) fits: R::Mask,
+}
+
+#[inline(always)]
+pub(crate) fn facet<R: Real>(inside: f32, wo: Triple<R>, wi: Triple<R>) -> Facet<R> {
+    let zero = R::zero();
+    let crossing = wo.z * wi.z;
+    let reflected = crossing.positive();
+    let eta = R::select(wo.z.positive(), R::splat(inside), R::splat(1.0 / inside));
+    let m = (wo + wi * R::select(reflected, R::one(), eta)).normalize();
+    let m = Triple::select(m.z.lt(zero), -m, m);
+    let (o, i) = (wo.dot(m), wi.dot(m));
+    let sum = o + eta * i;
+    let spread = R::select(reflected, R::splat(0.25) / i, eta * eta * i / (sum * sum)).abs();
+    let fits = !crossing.equals(zero) & (o * wo.z).positive() & (i * wi.z).positive();
+    Facet { m, o, i, eta, spread, reflected, fits }
 }
 
 /// A sheet so thin that what crosses it goes straight on, all inner reflections added up.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Thin {
+pub(crate) struct Thin<R> {
     pub(crate) eta: f32,
-    pub(crate) reflectance: Vec3,
-    pub(crate) transmittance: Vec3,
+    pub(crate) reflectance: Triple<R>,
+    pub(crate) transmittance: Triple<R>,
 }
 
-impl Thin {
-    fn reflected(&self, cos: f32) -> f32 {
+impl<R: Real> Thin<R> {
+    #[inline(always)]
+    fn reflected(&self, cos: R) -> R {
+        let one = R::one();
         let r = fresnel::dielectric(cos.abs(), self.eta).r;
         // r + t^2 r + t^2 r^3 + ... with t = 1 - r.
-        if r < 1.0 { r + (1.0 - r) * (1.0 - r) * r / (1.0 - r * r) } else { 1.0 }
+        R::select(r.lt(one), r + (one - r) * (one - r) * r / (one - r * r), one)
     }
 
-    #[inline]
-    pub(crate) fn sample(&self, wo: Vec3, lobe: f32) -> Option<Sample> {
-        if wo.z == 0.0 {
-            return None;
-        }
-        let transmitted = lobe >= self.reflected(wo.z);
-        let wi = if transmitted { -wo } else { flip(-wo) };
-        let weight = if transmitted { self.transmittance } else { self.reflectance };
-        Some(Sample { wi, weight, pdf: 0.0, delta: true, transmitted, eta: 1.0 })
+    /// No density anywhere.
+    #[inline(always)]
+    pub(crate) fn eval(&self, _: Triple<R>, _: Triple<R>) -> (Triple<R>, R) {
+        (Triple::zero(), R::zero())
     }
 
-    pub(crate) fn albedo(&self) -> Vec3 {
-        let f = self.reflected(1.0);
-        self.reflectance * f + self.transmittance * (1.0 - f)
+    #[inline(always)]
+    pub(crate) fn sample(&self, wo: Triple<R>, lobe: R, _: Pair<R>) -> Drawn<R> {
+        let transmitted = lobe.ge(self.reflected(wo.z));
+        let wi = Triple::select(transmitted, -wo, Triple::new(-wo.x, -wo.y, wo.z));
+        let weight = Triple::select(transmitted, self.transmittance, self.reflectance);
+        let valid = !wo.z.equals(R::zero());
+        Drawn { wi, weight, delta: valid, transmitted, valid, ..Drawn::nothing() }
+    }
+
+    pub(crate) fn albedo(&self) -> Triple<R> {
+        let f = self.reflected(R::one());
+        self.reflectance * f + self.transmittance * (R::one() - f)
     }
 }

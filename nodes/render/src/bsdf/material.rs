@@ -1,16 +1,35 @@
 //! Materials: BSDFs with their textures, before a point on the surface is known.
 
 use super::{
-    Bsdf, Lobes, Surface,
+    Bsdf, Diffuse, Lobe, Points, Surface,
     coated::{Coat, Plastic},
     glass::{Glass, Thin},
     metal::Metal,
-    principled::Principled,
+    principled::{self, Principled},
 };
-use crate::texture::{LoadBitmap, Texture};
+use crate::{
+    lanes::{Real, Triple},
+    texture::{LoadBitmap, Texture},
+};
 use glam::Vec3;
 use tauflow_contract::KindError;
 use tauflow_data::scene;
+
+/// Textures of a layer at most.
+pub(crate) const SLOTS: usize = 4;
+
+/// Kernels by what they shade.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Sort {
+    Diffuse,
+    Metal,
+    Glass,
+    Thin,
+    Plastic,
+    Principled,
+    /// Several layers.
+    Blend,
+}
 
 /// A material ready to render.
 #[derive(Clone, Debug)]
@@ -18,18 +37,29 @@ pub struct Material {
     opacity: Option<Texture>,
     normal_map: Option<(Texture, f32)>,
     two_sided: bool,
-    sort: Sort,
+    /// One, or those of a blend.
+    pub(super) layers: Vec<Layer>,
+    /// Whether lights can be sampled for it.
+    smooth: bool,
+}
+
+/// A lobe and its share in a blend.
+#[derive(Clone, Debug)]
+pub(super) struct Layer {
+    /// Its share is the product of these weights, or of one minus them where it is the first of two.
+    weights: Vec<(Texture, bool)>,
+    pub(super) two_sided: bool,
+    sort: Textured,
 }
 
 #[derive(Clone, Debug)]
-enum Sort {
+enum Textured {
     Diffuse(Texture),
     Conductor { eta: Vec3, k: Vec3, alpha: f32, tint: Texture },
     Dielectric { eta: f32, alpha: f32, reflectance: Texture, transmittance: Texture },
     Thin { eta: f32, reflectance: Texture, transmittance: Texture },
     Plastic { base: Texture, coat: Coat },
     Principled(Box<PrincipledTextures>),
-    Blend { weight: Texture, materials: Box<(Material, Material)> },
 }
 
 #[derive(Clone, Debug)]
@@ -67,15 +97,15 @@ impl Material {
     /// If a number is out of range, an image is missing, or opacity or a normal map stands inside a blend.
     pub fn compile(bsdf: &scene::Bsdf, load: LoadBitmap<'_>) -> Result<Self, KindError> {
         let sort = match bsdf {
-            scene::Bsdf::Diffuse { reflectance } => Sort::Diffuse(Texture::compile(reflectance, load)?),
-            scene::Bsdf::Conductor { eta, k, alpha, specular_reflectance } => Sort::Conductor {
+            scene::Bsdf::Diffuse { reflectance } => Textured::Diffuse(Texture::compile(reflectance, load)?),
+            scene::Bsdf::Conductor { eta, k, alpha, specular_reflectance } => Textured::Conductor {
                 eta: Vec3::from_array(*eta),
                 k: Vec3::from_array(*k),
                 alpha: roughness(*alpha)?,
                 tint: Texture::compile(specular_reflectance, load)?,
             },
             scene::Bsdf::Dielectric { int_ior, ext_ior, alpha, specular_reflectance, specular_transmittance } => {
-                Sort::Dielectric {
+                Textured::Dielectric {
                     eta: index(*int_ior, *ext_ior)?,
                     alpha: roughness(*alpha)?,
                     reflectance: Texture::compile(specular_reflectance, load)?,
@@ -83,13 +113,13 @@ impl Material {
                 }
             }
             scene::Bsdf::ThinDielectric { int_ior, ext_ior, specular_reflectance, specular_transmittance } => {
-                Sort::Thin {
+                Textured::Thin {
                     eta: index(*int_ior, *ext_ior)?,
                     reflectance: Texture::compile(specular_reflectance, load)?,
                     transmittance: Texture::compile(specular_transmittance, load)?,
                 }
             }
-            scene::Bsdf::Plastic { diffuse_reflectance, int_ior, ext_ior, alpha } => Sort::Plastic {
+            scene::Bsdf::Plastic { diffuse_reflectance, int_ior, ext_ior, alpha } => Textured::Plastic {
                 base: Texture::compile(diffuse_reflectance, load)?,
                 coat: Coat::new(index(*int_ior, *ext_ior)?, roughness(*alpha)?),
             },
@@ -101,12 +131,12 @@ impl Material {
                 spec_trans,
                 clearcoat,
                 clearcoat_gloss,
-            } => Sort::Principled(Box::new(PrincipledTextures {
+            } => Textured::Principled(Box::new(PrincipledTextures {
                 base: Texture::compile(base_color, load)?,
                 metallic: Texture::compile(metallic, load)?,
                 roughness: Texture::compile(roughness, load)?,
                 transmission: Texture::compile(spec_trans, load)?,
-                eta: Principled::index(*specular),
+                eta: principled::index(*specular),
                 clearcoat: clearcoat.clamp(0.0, 1.0),
                 clearcoat_gloss: clearcoat_gloss.clamp(0.0, 1.0),
             })),
@@ -114,7 +144,7 @@ impl Material {
                 let mut material = Self::compile(inner, load)?;
                 let opacity = Texture::compile(opacity, load)?;
                 material.opacity = Some(match material.opacity.take() {
-                    Some(inner) => Texture::Product(Box::new((opacity, inner))),
+                    Some(inner) => opacity.times(inner),
                     None => opacity,
                 });
                 return Ok(material);
@@ -132,50 +162,115 @@ impl Material {
                             .into(),
                     ));
                 }
-                Sort::Blend { weight: Texture::compile(weight, load)?, materials: Box::new((a, b)) }
+                let weight = Texture::compile(weight, load)?;
+                let mut layers = Vec::new();
+                for (material, second) in [(b, true), (a, false)] {
+                    layers.extend(material.layers.into_iter().map(|mut layer| {
+                        layer.weights.push((weight.clone(), second));
+                        layer.two_sided |= material.two_sided;
+                        layer
+                    }));
+                }
+                return Ok(Self::of(layers));
             }
         };
-        Ok(Self { opacity: None, normal_map: None, two_sided: false, sort })
+        Ok(Self::of(vec![Layer { weights: Vec::new(), two_sided: false, sort }]))
+    }
+
+    fn of(layers: Vec<Layer>) -> Self {
+        let smooth = layers.iter().any(Layer::smooth);
+        Self { opacity: None, normal_map: None, two_sided: false, layers, smooth }
+    }
+
+    /// Whether lights can be sampled for it.
+    #[inline]
+    pub fn has_smooth(&self) -> bool {
+        self.smooth
     }
 
     /// Its scattering at a point.
-    #[inline]
     pub fn at(&self, s: &Surface) -> Bsdf<'_> {
-        let unit = |texture: &Texture| texture.eval(s).clamp(Vec3::ZERO, Vec3::ONE);
-        let share = |texture: &Texture| texture.scalar(s).clamp(0.0, 1.0);
-        let lobes = match &self.sort {
-            Sort::Diffuse(albedo) => Lobes::Diffuse(unit(albedo)),
-            Sort::Conductor { eta, k, alpha, tint } => {
-                Lobes::Metal(Metal { eta: *eta, k: *k, alpha: *alpha, tint: unit(tint) })
-            }
-            Sort::Dielectric { eta, alpha, reflectance, transmittance } => Lobes::Glass(Glass {
-                eta: *eta,
-                alpha: *alpha,
-                reflectance: unit(reflectance),
-                transmittance: unit(transmittance),
-            }),
-            Sort::Thin { eta, reflectance, transmittance } => {
-                Lobes::Thin(Thin { eta: *eta, reflectance: unit(reflectance), transmittance: unit(transmittance) })
-            }
-            Sort::Plastic { base, coat } => Lobes::Plastic(Plastic { base: unit(base), coat }),
-            Sort::Principled(of) => Lobes::Principled(Principled {
-                base: unit(&of.base),
-                metallic: share(&of.metallic),
-                roughness: share(&of.roughness),
-                transmission: share(&of.transmission),
-                clearcoat: of.clearcoat,
-                clearcoat_gloss: of.clearcoat_gloss,
-                eta: of.eta,
-            }),
-            Sort::Blend { weight, materials } => Lobes::Blend { weight: share(weight), materials, at: *s },
-        };
-        Bsdf { two_sided: self.two_sided, lobes }
+        Bsdf { material: self, at: s.into() }
+    }
+
+    /// Whether it is the same from both sides.
+    #[inline(always)]
+    pub(crate) fn is_two_sided(&self) -> bool {
+        self.two_sided || (self.layers.len() == 1 && self.layers[0].two_sided)
+    }
+
+    /// Which kernel shades it.
+    pub(crate) fn sort(&self) -> Sort {
+        match self.layers.as_slice() {
+            [one] => match &one.sort {
+                Textured::Diffuse(_) => Sort::Diffuse,
+                Textured::Conductor { .. } => Sort::Metal,
+                Textured::Dielectric { .. } => Sort::Glass,
+                Textured::Thin { .. } => Sort::Thin,
+                Textured::Plastic { .. } => Sort::Plastic,
+                Textured::Principled(_) => Sort::Principled,
+            },
+            _ => Sort::Blend,
+        }
+    }
+
+    /// The textures of a single layer, by slot.
+    pub(crate) fn slots(&self) -> [Option<&Texture>; SLOTS] {
+        self.layers[0].slots()
+    }
+
+    #[inline(always)]
+    pub(super) fn diffuse<R: Real>(&self, values: &[Triple<R>; SLOTS]) -> Option<Diffuse<R>> {
+        self.layers[0].diffuse(values)
+    }
+
+    #[inline(always)]
+    pub(super) fn metal<R: Real>(&self, values: &[Triple<R>; SLOTS]) -> Option<Metal<R>> {
+        self.layers[0].metal(values)
+    }
+
+    #[inline(always)]
+    pub(super) fn glass<R: Real>(&self, values: &[Triple<R>; SLOTS]) -> Option<Glass<R>> {
+        self.layers[0].glass(values)
+    }
+
+    #[inline(always)]
+    pub(super) fn thin<R: Real>(&self, values: &[Triple<R>; SLOTS]) -> Option<Thin<R>> {
+        self.layers[0].thin(values)
+    }
+
+    #[inline(always)]
+    pub(super) fn plastic<R: Real>(&self, values: &[Triple<R>; SLOTS]) -> Option<Plastic<'_, R>> {
+        self.layers[0].plastic(values)
+    }
+
+    #[inline(always)]
+    pub(super) fn principled<R: Real>(&self, values: &[Triple<R>; SLOTS]) -> Option<Principled<R>> {
+        self.layers[0].principled(values)
+    }
+
+    /// Whether it reads texture coordinates.
+    pub(crate) fn reads_uv(&self) -> bool {
+        self.opacity.iter().any(Texture::reads_uv)
+            || self.normal_map.is_some()
+            || self.layers.iter().any(|layer| layer.textures().any(Texture::reads_uv))
+    }
+
+    /// Whether it reads vertex colours.
+    pub(crate) fn reads_colors(&self) -> bool {
+        self.opacity.iter().any(Texture::reads_colors)
+            || self.layers.iter().any(|layer| layer.textures().any(Texture::reads_colors))
     }
 
     /// Opacity at a point, 1 where it is opaque.
     #[inline]
     pub fn opacity(&self, s: &Surface) -> f32 {
         self.opacity.as_ref().map_or(1.0, |texture| texture.scalar(s).clamp(0.0, 1.0))
+    }
+
+    /// What its opacity is read from, if it is not opaque.
+    pub(crate) fn opacity_texture(&self) -> Option<&Texture> {
+        self.opacity.as_ref()
     }
 
     /// Whether rays may pass somewhere.
@@ -195,5 +290,106 @@ impl Material {
         let n = map.eval(s) * 2.0 - Vec3::ONE;
         // A map may point below the surface where it was compressed badly.
         Some(Vec3::new(n.x * scale, n.y * scale, n.z.max(1e-3)).normalize_or(Vec3::Z))
+    }
+}
+
+#[inline(always)]
+fn unit<R: Real>(v: Triple<R>) -> Triple<R> {
+    Triple::new(v.x.clamp(0.0, 1.0), v.y.clamp(0.0, 1.0), v.z.clamp(0.0, 1.0))
+}
+
+impl Layer {
+    fn smooth(&self) -> bool {
+        let delta = |alpha: f32| alpha < super::DELTA_ALPHA;
+        let white = [Triple::all(1.0f32); SLOTS];
+        match &self.sort {
+            Textured::Diffuse(_) | Textured::Plastic { .. } | Textured::Principled(_) => true,
+            Textured::Conductor { alpha, .. } => !delta(*alpha),
+            Textured::Dielectric { .. } => self.glass(&white).is_some_and(|glass| !glass.is_delta()),
+            Textured::Thin { .. } => false,
+        }
+    }
+
+    /// Textures by slot: what the lobes below find their values by.
+    fn slots(&self) -> [Option<&Texture>; SLOTS] {
+        match &self.sort {
+            Textured::Diffuse(t) | Textured::Conductor { tint: t, .. } | Textured::Plastic { base: t, .. } => {
+                [Some(t), None, None, None]
+            }
+            Textured::Dielectric { reflectance, transmittance, .. }
+            | Textured::Thin { reflectance, transmittance, .. } => [Some(reflectance), Some(transmittance), None, None],
+            Textured::Principled(of) => {
+                [Some(&of.base), Some(&of.metallic), Some(&of.roughness), Some(&of.transmission)]
+            }
+        }
+    }
+
+    fn textures(&self) -> impl Iterator<Item = &Texture> {
+        self.weights.iter().map(|w| &w.0).chain(self.slots().into_iter().flatten())
+    }
+
+    /// Its share of the blend.
+    pub(super) fn weight(&self, at: &Points<f32>) -> f32 {
+        self.weights.iter().fold(1.0, |share, (texture, second)| {
+            let weight = texture.at(at).x.clamp(0.0, 1.0);
+            share * if *second { weight } else { 1.0 - weight }
+        })
+    }
+
+    #[inline(always)]
+    fn diffuse<R: Real>(&self, values: &[Triple<R>; SLOTS]) -> Option<Diffuse<R>> {
+        let Textured::Diffuse(_) = &self.sort else { return None };
+        Some(Diffuse(unit(values[0])))
+    }
+
+    #[inline(always)]
+    fn metal<R: Real>(&self, values: &[Triple<R>; SLOTS]) -> Option<Metal<R>> {
+        let Textured::Conductor { eta, k, alpha, .. } = &self.sort else { return None };
+        Some(Metal { eta: *eta, k: *k, alpha: *alpha, tint: unit(values[0]) })
+    }
+
+    #[inline(always)]
+    fn glass<R: Real>(&self, values: &[Triple<R>; SLOTS]) -> Option<Glass<R>> {
+        let Textured::Dielectric { eta, alpha, .. } = &self.sort else { return None };
+        Some(Glass { eta: *eta, alpha: *alpha, reflectance: unit(values[0]), transmittance: unit(values[1]) })
+    }
+
+    #[inline(always)]
+    fn thin<R: Real>(&self, values: &[Triple<R>; SLOTS]) -> Option<Thin<R>> {
+        let Textured::Thin { eta, .. } = &self.sort else { return None };
+        Some(Thin { eta: *eta, reflectance: unit(values[0]), transmittance: unit(values[1]) })
+    }
+
+    #[inline(always)]
+    fn plastic<R: Real>(&self, values: &[Triple<R>; SLOTS]) -> Option<Plastic<'_, R>> {
+        let Textured::Plastic { coat, .. } = &self.sort else { return None };
+        Some(Plastic { base: unit(values[0]), coat })
+    }
+
+    #[inline(always)]
+    fn principled<R: Real>(&self, values: &[Triple<R>; SLOTS]) -> Option<Principled<R>> {
+        let Textured::Principled(of) = &self.sort else { return None };
+        Some(Principled {
+            base: unit(values[0]),
+            metallic: values[1].x.clamp(0.0, 1.0),
+            roughness: values[2].x.clamp(0.0, 1.0),
+            transmission: values[3].x.clamp(0.0, 1.0),
+            clearcoat: of.clearcoat,
+            clearcoat_gloss: of.clearcoat_gloss,
+            eta: of.eta,
+            clear: !matches!(&of.transmission, Texture::Constant(v) if v.x <= 0.0),
+        })
+    }
+
+    /// Its scattering at a point.
+    pub(super) fn lobe(&self, at: &Points<f32>) -> Lobe<'_> {
+        let values = self.slots().map(|slot| slot.map_or(Triple::zero(), |texture| texture.at(at)));
+        None.or_else(|| self.diffuse(&values).map(Lobe::Diffuse))
+            .or_else(|| self.metal(&values).map(Lobe::Metal))
+            .or_else(|| self.glass(&values).map(Lobe::Glass))
+            .or_else(|| self.thin(&values).map(Lobe::Thin))
+            .or_else(|| self.plastic(&values).map(Lobe::Plastic))
+            .or_else(|| self.principled(&values).map(Lobe::Principled))
+            .unwrap_or(Lobe::Diffuse(Diffuse(Triple::zero())))
     }
 }

@@ -1,65 +1,66 @@
-//! Metals: `conductor`, `roughconductor`.
+//! Metal: `conductor`, `roughconductor`.
 
-use super::{DELTA_ALPHA, Sample, fresnel, ggx::Ggx, local::reflect};
-use glam::{Vec2, Vec3};
+use super::{DELTA_ALPHA, Drawn, fresnel, ggx::Ggx, local::reflect};
+use crate::lanes::{Pair, Real, Triple};
+use glam::Vec3;
 
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Metal {
+pub(crate) struct Metal<R> {
     pub(crate) eta: Vec3,
     pub(crate) k: Vec3,
     pub(crate) alpha: f32,
-    pub(crate) tint: Vec3,
+    pub(crate) tint: Triple<R>,
 }
 
-impl Metal {
+impl<R: Real> Metal<R> {
     pub(crate) fn is_delta(&self) -> bool {
         self.alpha < DELTA_ALPHA
     }
 
-    #[inline]
-    pub(crate) fn eval(&self, wo: Vec3, wi: Vec3) -> Vec3 {
-        if self.is_delta() || wo.z <= 0.0 || wi.z <= 0.0 {
-            return Vec3::ZERO;
-        }
-        let ggx = Ggx { alpha: self.alpha };
-        let m = (wo + wi).normalize();
-        let f = fresnel::conductor(wo.dot(m), self.eta, self.k);
-        f * self.tint * (ggx.d(m) * ggx.g(wo, wi, m) / (4.0 * wo.z))
+    #[inline(always)]
+    fn ggx(&self) -> Ggx<R> {
+        Ggx { alpha: R::splat(self.alpha) }
     }
 
-    #[inline]
-    pub(crate) fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
-        if self.is_delta() || wo.z <= 0.0 || wi.z <= 0.0 {
-            return 0.0;
-        }
-        let m = (wo + wi).normalize();
-        Ggx { alpha: self.alpha }.pdf(wo, m) / (4.0 * wo.dot(m))
-    }
-
-    #[inline]
-    pub(crate) fn sample(&self, wo: Vec3, u: Vec2) -> Option<Sample> {
-        if wo.z <= 0.0 {
-            return None;
-        }
-        let whole = |wi: Vec3, weight: Vec3, pdf: f32, delta: bool| {
-            Some(Sample { wi, weight, pdf, delta, transmitted: false, eta: 1.0 })
-        };
+    /// Value and density.
+    #[inline(always)]
+    pub(crate) fn eval(&self, wo: Triple<R>, wi: Triple<R>) -> (Triple<R>, R) {
         if self.is_delta() {
-            let wi = Vec3::new(-wo.x, -wo.y, wo.z);
-            return whole(wi, fresnel::conductor(wo.z, self.eta, self.k) * self.tint, 0.0, true);
+            return (Triple::zero(), R::zero());
         }
-        let ggx = Ggx { alpha: self.alpha };
+        let above = wo.z.positive() & wi.z.positive();
+        let m = (wo + wi).normalize();
+        let cos = wo.dot(m);
+        let ggx = self.ggx();
+        let f = fresnel::conductor(cos, self.eta, self.k);
+        let value = f * self.tint * (ggx.d(m) * ggx.g(wo, wi, m) / (wo.z * 4.0));
+        let pdf = ggx.pdf(wo, m) / (cos * 4.0);
+        (value.only(above), pdf.only(above))
+    }
+
+    #[inline(always)]
+    pub(crate) fn sample(&self, wo: Triple<R>, _: R, u: Pair<R>) -> Drawn<R> {
+        let above = wo.z.positive();
+        if self.is_delta() {
+            let wi = Triple::new(-wo.x, -wo.y, wo.z);
+            let weight = fresnel::conductor(wo.z, self.eta, self.k) * self.tint;
+            return Drawn { wi, weight, delta: above, valid: above, ..Drawn::nothing() };
+        }
+        let ggx = self.ggx();
         let m = ggx.sample(wo, u);
         let wi = reflect(wo, m);
         let cos = wo.dot(m);
-        if wi.z <= 0.0 || cos <= 0.0 {
-            return None;
-        }
         let f = fresnel::conductor(cos, self.eta, self.k);
-        whole(wi, f * self.tint * ggx.g1(wi, m), ggx.pdf(wo, m) / (4.0 * cos), false)
+        Drawn {
+            wi,
+            weight: f * self.tint * ggx.g1(wi, m),
+            pdf: ggx.pdf(wo, m) / (cos * 4.0),
+            valid: above & wi.z.positive() & cos.positive(),
+            ..Drawn::nothing()
+        }
     }
 
-    pub(crate) fn albedo(&self) -> Vec3 {
-        fresnel::conductor(1.0, self.eta, self.k) * self.tint
+    pub(crate) fn albedo(&self) -> Triple<R> {
+        fresnel::conductor(R::one(), self.eta, self.k) * self.tint
     }
 }

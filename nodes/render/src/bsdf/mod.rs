@@ -16,13 +16,15 @@ mod principled;
 #[cfg(test)]
 mod tests;
 
-use coated::Plastic;
+use crate::lanes::{Mask, Pair, Real, Triple};
+pub(crate) use coated::Plastic;
 use glam::{Vec2, Vec3, Vec4};
-use glass::{Glass, Thin};
-use local::flip;
+pub(crate) use glass::{Glass, Thin};
+pub(crate) use local::flip;
 pub use material::Material;
-use metal::Metal;
-use principled::Principled;
+pub(crate) use material::{SLOTS, Sort};
+pub(crate) use metal::Metal;
+pub(crate) use principled::Principled;
 pub use tauflow_data::scene::DELTA_ALPHA;
 
 /// What textures are read by.
@@ -32,6 +34,24 @@ pub struct Surface {
     pub uv: Vec2,
     /// Vertex colour; one without any.
     pub color: Vec4,
+}
+
+/// What textures are read by, by lane.
+#[derive(Clone, Copy, Debug)]
+pub struct Points<R> {
+    /// Texture coordinates, v downwards.
+    pub uv: Pair<R>,
+    /// Vertex colour.
+    pub color: Triple<R>,
+    /// Its alpha.
+    pub alpha: R,
+}
+
+impl From<&Surface> for Points<f32> {
+    #[inline(always)]
+    fn from(s: &Surface) -> Self {
+        Self { uv: s.uv.into(), color: s.color.truncate().into(), alpha: s.color.w }
+    }
 }
 
 /// A scattered direction.
@@ -51,137 +71,228 @@ pub struct Sample {
     pub eta: f32,
 }
 
-/// A material's scattering at one point.
+/// Scattered directions by lane; see [`Sample`].
 #[derive(Clone, Copy, Debug)]
-pub struct Bsdf<'a> {
-    two_sided: bool,
-    lobes: Lobes<'a>,
+pub(crate) struct Drawn<R: Real> {
+    pub(crate) wi: Triple<R>,
+    pub(crate) weight: Triple<R>,
+    pub(crate) pdf: R,
+    pub(crate) eta: R,
+    pub(crate) delta: R::Mask,
+    pub(crate) transmitted: R::Mask,
+    /// Lanes where there is one; the others absorb the path.
+    pub(crate) valid: R::Mask,
 }
 
+impl<R: Real> Drawn<R> {
+    #[inline(always)]
+    fn nothing() -> Self {
+        let none = R::Mask::from_bits(0);
+        Self {
+            wi: Triple::zero(),
+            weight: Triple::zero(),
+            pdf: R::zero(),
+            eta: R::one(),
+            delta: none,
+            transmitted: none,
+            valid: none,
+        }
+    }
+}
+
+/// What a lobe does to light, by lane.
+pub(crate) trait Scatter<'a, R: Real>: Sized {
+    /// The lobe of a material at points, given the values of its first layer's textures there.
+    fn of(material: &'a Material, values: &[Triple<R>; SLOTS], at: &Points<R>) -> Option<Self>;
+    /// f |cos wi|, and the density of a draw over solid angle; specular lobes left out.
+    fn eval(&self, wo: Triple<R>, wi: Triple<R>) -> (Triple<R>, R);
+    /// Draws directions; `lobe` picks the lobe and `u` the direction.
+    fn sample(&self, wo: Triple<R>, lobe: R, u: Pair<R>) -> Drawn<R>;
+}
+
+/// Lambert's law.
 #[derive(Clone, Copy, Debug)]
-enum Lobes<'a> {
-    Diffuse(Vec3),
-    Metal(Metal),
-    Glass(Glass),
-    Thin(Thin),
-    Plastic(Plastic<'a>),
-    Principled(Principled),
-    Blend { weight: f32, materials: &'a (Material, Material), at: Surface },
+pub(crate) struct Diffuse<R>(pub(super) Triple<R>);
+
+impl<R: Real> Diffuse<R> {
+    #[inline(always)]
+    fn eval(&self, wo: Triple<R>, wi: Triple<R>) -> (Triple<R>, R) {
+        let cos = (wi.z / std::f32::consts::PI).only(wo.z.positive() & wi.z.positive());
+        (self.0 * cos, cos)
+    }
+
+    #[inline(always)]
+    fn sample(&self, wo: Triple<R>, _: R, u: Pair<R>) -> Drawn<R> {
+        let (wi, pdf) = ggx::diffuse(u);
+        Drawn { wi, weight: self.0, pdf, valid: wo.z.positive(), ..Drawn::nothing() }
+    }
+}
+
+macro_rules! scatter {
+    ($name:ident, $type:ty) => {
+        impl<'a, R: Real> Scatter<'a, R> for $type {
+            #[inline(always)]
+            fn of(material: &'a Material, values: &[Triple<R>; SLOTS], _: &Points<R>) -> Option<Self> {
+                material.$name(values)
+            }
+            #[inline(always)]
+            fn eval(&self, wo: Triple<R>, wi: Triple<R>) -> (Triple<R>, R) {
+                self.eval(wo, wi)
+            }
+            #[inline(always)]
+            fn sample(&self, wo: Triple<R>, lobe: R, u: Pair<R>) -> Drawn<R> {
+                self.sample(wo, lobe, u)
+            }
+        }
+    };
+}
+
+scatter!(diffuse, Diffuse<R>);
+scatter!(metal, Metal<R>);
+scatter!(glass, Glass<R>);
+scatter!(thin, Thin<R>);
+scatter!(plastic, Plastic<'a, R>);
+scatter!(principled, Principled<R>);
+
+/// A material's scattering at one point: any lobe, or a blend of several.
+#[derive(Clone, Copy, Debug)]
+pub struct Bsdf<'a> {
+    material: &'a Material,
+    at: Points<f32>,
+}
+
+/// A layer's scattering.
+#[derive(Clone, Copy, Debug)]
+enum Lobe<'a> {
+    Diffuse(Diffuse<f32>),
+    Metal(Metal<f32>),
+    Glass(Glass<f32>),
+    Thin(Thin<f32>),
+    Plastic(Plastic<'a, f32>),
+    Principled(Principled<f32>),
+}
+
+/// Both directions turned to the front in the lanes where `wo` is behind.
+#[inline(always)]
+pub(crate) fn to_front<R: Real>(wo: Triple<R>, wi: Triple<R>) -> (Triple<R>, Triple<R>) {
+    let behind = wo.z.lt(R::zero());
+    (flip(wo, behind), flip(wi, behind))
+}
+
+impl Lobe<'_> {
+    fn eval(&self, wo: Triple<f32>, wi: Triple<f32>) -> (Triple<f32>, f32) {
+        match self {
+            Self::Diffuse(diffuse) => diffuse.eval(wo, wi),
+            Self::Metal(metal) => metal.eval(wo, wi),
+            Self::Glass(glass) => glass.eval(wo, wi),
+            Self::Thin(thin) => thin.eval(wo, wi),
+            Self::Plastic(plastic) => plastic.eval(wo, wi),
+            Self::Principled(principled) => principled.eval(wo, wi),
+        }
+    }
+
+    fn sample(&self, wo: Triple<f32>, lobe: f32, u: Pair<f32>) -> Drawn<f32> {
+        match self {
+            Self::Diffuse(diffuse) => diffuse.sample(wo, lobe, u),
+            Self::Metal(metal) => metal.sample(wo, lobe, u),
+            Self::Glass(glass) => glass.sample(wo, lobe, u),
+            Self::Thin(thin) => thin.sample(wo, lobe, u),
+            Self::Plastic(plastic) => plastic.sample(wo, lobe, u),
+            Self::Principled(principled) => principled.sample(wo, lobe, u),
+        }
+    }
+
+    fn albedo(&self) -> Triple<f32> {
+        match self {
+            Self::Diffuse(diffuse) => diffuse.0,
+            Self::Metal(metal) => metal.albedo(),
+            Self::Glass(glass) => glass.albedo(),
+            Self::Thin(thin) => thin.albedo(),
+            Self::Plastic(plastic) => plastic.albedo(),
+            Self::Principled(principled) => principled.albedo(),
+        }
+    }
+}
+
+impl<'a> Scatter<'a, f32> for Bsdf<'a> {
+    fn of(material: &'a Material, _: &[Triple<f32>; SLOTS], at: &Points<f32>) -> Option<Self> {
+        Some(Self { material, at: *at })
+    }
+
+    fn eval(&self, wo: Triple<f32>, wi: Triple<f32>) -> (Triple<f32>, f32) {
+        let (mut value, mut pdf) = (Triple::zero(), 0.0);
+        for layer in &self.material.layers {
+            let (wo, wi) = if layer.two_sided { to_front(wo, wi) } else { (wo, wi) };
+            let weight = layer.weight(&self.at);
+            let (v, p) = layer.lobe(&self.at).eval(wo, wi);
+            value += v * weight;
+            pdf += p * weight;
+        }
+        (value, pdf)
+    }
+
+    fn sample(&self, wo: Triple<f32>, lobe: f32, u: Pair<f32>) -> Drawn<f32> {
+        let mut drawn = Drawn::nothing();
+        let mut below = 0.0;
+        for layer in &self.material.layers {
+            let weight = layer.weight(&self.at);
+            if weight > 0.0 && lobe >= below && lobe < below + weight {
+                let behind = layer.two_sided && wo.z < 0.0;
+                // What is left of the number, spread over [0, 1) again.
+                let rest = ((lobe - below) / weight).min(1.0 - f32::EPSILON);
+                drawn = layer.lobe(&self.at).sample(flip(wo, behind), rest, u);
+                drawn.wi = flip(drawn.wi, behind);
+            }
+            below += weight;
+        }
+        if self.material.layers.len() > 1 && drawn.valid && !drawn.delta {
+            let (value, pdf) = Scatter::eval(self, wo, drawn.wi);
+            drawn.pdf = pdf;
+            drawn.weight = value * (1.0 / pdf);
+        }
+        drawn
+    }
+}
+
+/// Drops draws of no density.
+#[inline(always)]
+pub(crate) fn sound<R: Real>(mut drawn: Drawn<R>) -> Drawn<R> {
+    drawn.valid = drawn.valid & (drawn.delta | (drawn.pdf.positive() & drawn.pdf.finite()));
+    drawn
 }
 
 impl Bsdf<'_> {
+    /// Both directions, turned to the front if the material is the same from both sides.
+    fn turned(&self, wo: Vec3, wi: Vec3) -> (Triple<f32>, Triple<f32>) {
+        if self.material.is_two_sided() { to_front(wo.into(), wi.into()) } else { (wo.into(), wi.into()) }
+    }
+
     /// f |cos wi|, specular lobes left out.
-    #[inline]
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> Vec3 {
-        let (wo, wi) = if self.two_sided && wo.z < 0.0 { (flip(wo), flip(wi)) } else { (wo, wi) };
-        match &self.lobes {
-            Lobes::Diffuse(albedo) => {
-                if wo.z > 0.0 && wi.z > 0.0 {
-                    *albedo * (wi.z / std::f32::consts::PI)
-                } else {
-                    Vec3::ZERO
-                }
-            }
-            Lobes::Metal(metal) => metal.eval(wo, wi),
-            Lobes::Glass(glass) => glass.eval(wo, wi),
-            Lobes::Thin(_) => Vec3::ZERO,
-            Lobes::Plastic(plastic) => plastic.eval(wo, wi),
-            Lobes::Principled(principled) => principled.eval(wo, wi),
-            Lobes::Blend { weight, materials, at } => {
-                let (a, b) = (materials.0.at(at).eval(wo, wi), materials.1.at(at).eval(wo, wi));
-                a * (1.0 - weight) + b * *weight
-            }
-        }
+        let (wo, wi) = self.turned(wo, wi);
+        Scatter::eval(self, wo, wi).0.into()
     }
 
     /// Density of [`Bsdf::sample`] over solid angle, specular lobes left out.
-    #[inline]
     pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
-        let (wo, wi) = if self.two_sided && wo.z < 0.0 { (flip(wo), flip(wi)) } else { (wo, wi) };
-        match &self.lobes {
-            Lobes::Diffuse(_) => {
-                if wo.z > 0.0 && wi.z > 0.0 {
-                    wi.z / std::f32::consts::PI
-                } else {
-                    0.0
-                }
-            }
-            Lobes::Metal(metal) => metal.pdf(wo, wi),
-            Lobes::Glass(glass) => glass.pdf(wo, wi),
-            Lobes::Thin(_) => 0.0,
-            Lobes::Plastic(plastic) => plastic.pdf(wo, wi),
-            Lobes::Principled(principled) => principled.pdf(wo, wi),
-            Lobes::Blend { weight, materials, at } => {
-                let (a, b) = (materials.0.at(at).pdf(wo, wi), materials.1.at(at).pdf(wo, wi));
-                a * (1.0 - weight) + b * *weight
-            }
-        }
+        let (wo, wi) = self.turned(wo, wi);
+        Scatter::eval(self, wo, wi).1
     }
 
     /// Draws a direction; `lobe` picks the lobe and `u` the direction. None absorbs the path.
-    #[inline]
     pub fn sample(&self, wo: Vec3, lobe: f32, u: Vec2) -> Option<Sample> {
-        let turned = self.two_sided && wo.z < 0.0;
-        let wo = if turned { flip(wo) } else { wo };
-        let mut sample = match &self.lobes {
-            Lobes::Diffuse(albedo) => {
-                if wo.z <= 0.0 {
-                    return None;
-                }
-                let (wi, pdf) = ggx::diffuse(u);
-                Sample { wi, weight: *albedo, pdf, delta: false, transmitted: false, eta: 1.0 }
-            }
-            Lobes::Metal(metal) => metal.sample(wo, u)?,
-            Lobes::Glass(glass) => glass.sample(wo, lobe, u)?,
-            Lobes::Thin(thin) => thin.sample(wo, lobe)?,
-            Lobes::Plastic(plastic) => plastic.sample(wo, lobe, u)?,
-            Lobes::Principled(principled) => principled.sample(wo, lobe, u)?,
-            Lobes::Blend { weight, materials, at } => {
-                let second = lobe < *weight;
-                let share = if second { *weight } else { 1.0 - weight };
-                // What is left of the number, spread over [0, 1) again.
-                let lobe = if second { lobe / share } else { (lobe - weight) / share };
-                let chosen = if second { &materials.1 } else { &materials.0 };
-                let mut sample = chosen.at(at).sample(wo, lobe.min(1.0 - f32::EPSILON), u)?;
-                if !sample.delta {
-                    let both = Bsdf { two_sided: false, lobes: self.lobes };
-                    sample.pdf = both.pdf(wo, sample.wi);
-                    sample.weight = both.eval(wo, sample.wi) / sample.pdf;
-                }
-                sample
-            }
-        };
-        if turned {
-            sample.wi = flip(sample.wi);
-        }
-        (sample.delta || (sample.pdf > 0.0 && sample.pdf.is_finite())).then_some(sample)
+        let behind = self.material.is_two_sided() && wo.z < 0.0;
+        let drawn = sound(Scatter::sample(self, flip(wo.into(), behind), lobe, u.into()));
+        let Drawn { wi, weight, pdf, eta, delta, transmitted, valid } = drawn;
+        valid.then(|| Sample { wi: flip(wi, behind).into(), weight: weight.into(), pdf, delta, transmitted, eta })
     }
 
     /// Share of white light that comes back, roughly: a feature for denoisers.
     pub fn albedo(&self) -> Vec3 {
-        match &self.lobes {
-            Lobes::Diffuse(albedo) => *albedo,
-            Lobes::Metal(metal) => metal.albedo(),
-            Lobes::Glass(glass) => glass.albedo(),
-            Lobes::Thin(thin) => thin.albedo(),
-            Lobes::Plastic(plastic) => plastic.albedo(),
-            Lobes::Principled(principled) => principled.albedo(),
-            Lobes::Blend { weight, materials, at } => {
-                materials.0.at(at).albedo() * (1.0 - weight) + materials.1.at(at).albedo() * *weight
-            }
+        let mut all = Triple::zero();
+        for layer in &self.material.layers {
+            all += layer.lobe(&self.at).albedo() * layer.weight(&self.at);
         }
-        .clamp(Vec3::ZERO, Vec3::ONE)
-    }
-
-    /// Whether lights can be sampled for it.
-    #[inline]
-    pub fn has_smooth(&self) -> bool {
-        match &self.lobes {
-            Lobes::Diffuse(_) | Lobes::Plastic(_) | Lobes::Principled(_) => true,
-            Lobes::Metal(metal) => !metal.is_delta(),
-            Lobes::Glass(glass) => !glass.is_delta(),
-            Lobes::Thin(_) => false,
-            Lobes::Blend { materials, at, .. } => materials.0.at(at).has_smooth() || materials.1.at(at).has_smooth(),
-        }
+        Vec3::from(all).clamp(Vec3::ZERO, Vec3::ONE)
     }
 }

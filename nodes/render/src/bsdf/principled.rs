@@ -3,209 +3,173 @@
 //! Source: Burley 2012 and 2015. Its value is Mitsuba's; how directions are drawn is our own.
 
 use super::{
-    Sample, fresnel,
+    Drawn, fresnel,
     ggx::{self, Ggx, Gtr1},
+    glass::facet,
     local::{reflect, refract},
 };
-use glam::{Vec2, Vec3};
+use crate::lanes::{Mask, Pair, Real, Triple};
 
 const PI: f32 = std::f32::consts::PI;
 
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Principled {
-    pub(crate) base: Vec3,
-    pub(crate) metallic: f32,
-    pub(crate) roughness: f32,
-    pub(crate) transmission: f32,
+pub(crate) struct Principled<R> {
+    pub(crate) base: Triple<R>,
+    pub(crate) metallic: R,
+    pub(crate) roughness: R,
+    pub(crate) transmission: R,
     pub(crate) clearcoat: f32,
     pub(crate) clearcoat_gloss: f32,
     /// Index of refraction inside.
     pub(crate) eta: f32,
-}
-
-/// The facet between two directions.
-struct Facet {
-    m: Vec3,
-    o: f32,
-    i: f32,
-    eta: f32,
-    reflected: bool,
-    fits: bool,
+    /// Whether light may cross anywhere: what cannot, is not worked out.
+    pub(crate) clear: bool,
 }
 
 /// Probabilities of the lobes.
-struct Shares {
-    reflect: f32,
-    transmit: f32,
-    coat: f32,
-    diffuse: f32,
+struct Shares<R> {
+    reflect: R,
+    transmit: R,
+    coat: R,
+    diffuse: R,
 }
 
-impl Principled {
-    /// Index of refraction of a specular level; a level of 0 counts as 0.001, as in Mitsuba, for an index of 1 would leave
-    /// transmission without half vectors.
-    pub(crate) fn index(specular: f32) -> f32 {
-        2.0 / (1.0 - (0.08 * specular.clamp(1e-3, 1.0)).sqrt()) - 1.0
+/// Index of refraction of a specular level; a level of 0 counts as 0.001, as in Mitsuba, for an index of 1 would leave
+/// transmission without half vectors.
+pub(crate) fn index(specular: f32) -> f32 {
+    2.0 / (1.0 - (0.08 * specular.clamp(1e-3, 1.0)).sqrt()) - 1.0
+}
+
+#[inline(always)]
+fn root<R: Real>(v: R) -> R {
+    v.max(R::zero()).sqrt()
+}
+
+impl<R: Real> Principled<R> {
+    #[inline(always)]
+    fn ggx(&self) -> Ggx<R> {
+        Ggx { alpha: (self.roughness * self.roughness).max(R::splat(0.001)) }
     }
 
-    #[inline]
-    fn ggx(&self) -> Ggx {
-        Ggx { alpha: (self.roughness * self.roughness).max(0.001) }
-    }
-
-    #[inline]
+    #[inline(always)]
     fn coat(&self) -> Gtr1 {
         Gtr1 { alpha: 0.1 + (0.001 - 0.1) * self.clearcoat_gloss }
     }
 
     /// Weights of the opaque and the transmitting base.
-    #[inline]
-    fn bases(&self) -> (f32, f32) {
-        let dielectric = 1.0 - self.metallic;
-        (dielectric * (1.0 - self.transmission), dielectric * self.transmission)
+    #[inline(always)]
+    fn bases(&self) -> (R, R) {
+        let dielectric = R::one() - self.metallic;
+        (dielectric * (R::one() - self.transmission), dielectric * self.transmission)
     }
 
-    #[inline]
-    fn facet(&self, wo: Vec3, wi: Vec3) -> Facet {
-        let reflected = wo.z * wi.z > 0.0;
-        let eta = if wo.z > 0.0 { self.eta } else { 1.0 / self.eta };
-        let m = (wo + wi * if reflected { 1.0 } else { eta }).normalize_or_zero();
-        let m = if m.z < 0.0 { -m } else { m };
-        let (o, i) = (wo.dot(m), wi.dot(m));
-        let fits = wo.z * wi.z != 0.0 && o * wo.z > 0.0 && i * wi.z > 0.0;
-        Facet { m, o, i, eta, reflected, fits }
-    }
-
-    #[inline]
-    fn shares(&self, front: bool, f: f32) -> Shares {
+    #[inline(always)]
+    fn shares(&self, front: R::Mask, f: R) -> Shares<R> {
         let (opaque, clear) = self.bases();
-        let mut shares = if front {
-            Shares {
-                reflect: 1.0 - clear * (1.0 - f),
-                transmit: clear * (1.0 - f),
-                coat: 0.25 * self.clearcoat,
-                diffuse: opaque * self.base.max_element().clamp(0.1, 1.0),
-            }
-        } else {
-            Shares { reflect: clear * f, transmit: clear * (1.0 - f), coat: 0.0, diffuse: 0.0 }
-        };
-        let sum = shares.reflect + shares.transmit + shares.coat + shares.diffuse;
-        let scale = if sum > 0.0 { 1.0 / sum } else { 0.0 };
-        for share in [&mut shares.reflect, &mut shares.transmit, &mut shares.coat, &mut shares.diffuse] {
-            *share *= scale;
-        }
-        shares
+        let one = R::one();
+        let transmit = clear * (one - f);
+        let reflect = R::select(front, one - transmit, clear * f);
+        let coat = R::splat(0.25 * self.clearcoat).only(front);
+        let diffuse = (opaque * self.base.largest().clamp(0.1, 1.0)).only(front);
+        let sum = reflect + transmit + coat + diffuse;
+        let scale = (one / sum).only(sum.positive());
+        Shares { reflect: reflect * scale, transmit: transmit * scale, coat: coat * scale, diffuse: diffuse * scale }
     }
 
-    #[inline]
-    pub(crate) fn eval(&self, wo: Vec3, wi: Vec3) -> Vec3 {
-        let facet = self.facet(wo, wi);
-        let front = wo.z > 0.0;
+    /// Value and density.
+    #[inline(always)]
+    pub(crate) fn eval(&self, wo: Triple<R>, wi: Triple<R>) -> (Triple<R>, R) {
+        let one = R::one();
+        let front = wo.z.positive();
         let (opaque, clear) = self.bases();
         let ggx = self.ggx();
-        let mut value = Vec3::ZERO;
-        if facet.fits {
-            let f = fresnel::dielectric(facet.o, self.eta).r;
-            let shape = ggx.d(facet.m) * ggx.g(wo, wi, facet.m);
-            if facet.reflected {
-                let reflected = if front {
-                    let metal = fresnel::schlick(self.base, facet.o, self.eta);
-                    Vec3::splat((1.0 - self.metallic) * f) + self.metallic * metal
-                } else {
-                    Vec3::splat(clear * f)
-                };
-                value += reflected * (shape / (4.0 * wo.z.abs()));
-                if front && self.clearcoat > 0.0 {
-                    let coat = fresnel::schlick(Vec3::splat(0.04), facet.o, self.eta).x;
-                    let smith = Ggx { alpha: 0.25 }.g(wo, wi, facet.m);
-                    value += 0.25 * self.clearcoat * coat * self.coat().d(facet.m) * smith * wi.z.abs();
-                }
-            } else if clear > 0.0 {
-                let sum = facet.o + facet.eta * facet.i;
-                let amount = clear * (1.0 - f) * shape * (facet.o * facet.i / (wo.z * sum * sum)).abs();
-                value += self.base.max(Vec3::ZERO).map(f32::sqrt) * amount;
-            }
-        }
-        if front && wi.z > 0.0 && opaque > 0.0 {
-            let (fo, fi) = (fresnel::schlick_weight(wi.z), fresnel::schlick_weight(wo.z));
-            let retro = 2.0 * self.roughness * facet.i * facet.i;
-            let back = retro * (fo + fi + fo * fi * (retro - 1.0));
-            let shape = (1.0 - 0.5 * fi) * (1.0 - 0.5 * fo) + back;
-            value += self.base * (opaque * wi.z / PI * shape);
-        }
-        value
-    }
-
-    #[inline]
-    pub(crate) fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
-        let facet = self.facet(wo, wi);
-        let front = wo.z > 0.0;
-        let upper = if front { wo } else { -wo };
-        let mut pdf = 0.0;
+        let facet = facet(self.eta, wo, wi);
+        let f = fresnel::dielectric(facet.o, self.eta).r;
+        let (d, seen) = (ggx.d(facet.m), ggx.g1(wo, facet.m));
+        let shape = d * seen * ggx.g1(wi, facet.m);
+        let reflected = facet.fits & facet.reflected;
+        let crossed = facet.fits & !facet.reflected;
+        let metal = fresnel::schlick(self.base, facet.o, self.eta);
+        let outer = Triple::all((one - self.metallic) * f) + metal * self.metallic;
+        let specular = Triple::select(front, outer, Triple::all(clear * f));
+        let mut value = (specular * (shape / (wo.z.abs() * 4.0))).only(reflected);
         // The lobe is chosen after the facet, so that its Fresnel term weighs the choice; the diffuse lobe and the coat
         // are chosen by the term at the normal.
         let fixed = self.shares(front, fresnel::dielectric(wo.z, self.eta).r);
-        let specular = fixed.reflect + fixed.transmit;
-        if facet.fits && specular > 0.0 {
-            let f = fresnel::dielectric(facet.o, self.eta).r;
-            let at = self.shares(front, f);
-            let reflected = at.reflect / (at.reflect + at.transmit).max(f32::MIN_POSITIVE);
-            let density = self.ggx().pdf(upper, facet.m) * specular;
-            if facet.reflected {
-                let spread = 1.0 / (4.0 * facet.i.abs());
-                pdf += density * reflected * spread + fixed.coat * self.coat().pdf(facet.m) * spread;
-            } else {
-                let sum = facet.o + facet.eta * facet.i;
-                pdf += density * (1.0 - reflected) * (facet.eta * facet.eta * facet.i / (sum * sum)).abs();
-            }
+        let at = self.shares(front, f);
+        let kept = at.reflect / (at.reflect + at.transmit).max(R::splat(f32::MIN_POSITIVE));
+        let chosen = fixed.reflect + fixed.transmit;
+        let density = (d * seen * facet.o.abs() / wo.z.abs() * chosen).only(facet.fits & chosen.positive());
+        let spread = R::splat(0.25) / facet.i.abs();
+        let mut pdf = (density * kept * spread).only(reflected);
+        if self.clearcoat > 0.0 {
+            let coat = fresnel::schlick(Triple::all(R::splat(0.04)), facet.o, self.eta).x;
+            let smith = Ggx { alpha: R::splat(0.25) }.g(wo, wi, facet.m);
+            let gtr = self.coat().d(facet.m);
+            let amount = coat * (0.25 * self.clearcoat) * gtr * smith * wi.z.abs();
+            let shown = reflected & front;
+            value += Triple::all(amount.only(shown));
+            pdf += (fixed.coat * self.coat().pdf(facet.m) * spread).only(reflected & chosen.positive());
         }
-        if front && wi.z > 0.0 {
-            pdf += fixed.diffuse * wi.z / PI;
+        if self.clear {
+            let sum = facet.o + facet.eta * facet.i;
+            let amount = clear * (one - f) * shape * (facet.o * facet.i / (wo.z * sum * sum)).abs();
+            value += (Triple::new(root(self.base.x), root(self.base.y), root(self.base.z)) * amount)
+                .only(crossed & clear.positive());
+            let across = density * (one - kept) * (facet.eta * facet.eta * facet.i / (sum * sum)).abs();
+            pdf += across.only(crossed);
         }
-        pdf
+        let above = front & wi.z.positive();
+        let (fo, fi) = (fresnel::schlick_weight(wi.z), fresnel::schlick_weight(wo.z));
+        let retro = self.roughness * 2.0 * facet.i * facet.i;
+        let back = retro * (fo + fi + fo * fi * (retro - 1.0));
+        let lambert = (one - fi * 0.5) * (one - fo * 0.5) + back;
+        value += (self.base * (opaque * wi.z / PI * lambert)).only(above & opaque.positive());
+        pdf += (fixed.diffuse * wi.z / PI).only(above);
+        (value, pdf)
     }
 
-    #[inline]
-    pub(crate) fn sample(&self, wo: Vec3, lobe: f32, u: Vec2) -> Option<Sample> {
-        if wo.z == 0.0 {
-            return None;
-        }
-        let front = wo.z > 0.0;
+    #[inline(always)]
+    pub(crate) fn sample(&self, wo: Triple<R>, lobe: R, u: Pair<R>) -> Drawn<R> {
+        let (zero, one) = (R::zero(), R::one());
+        let front = wo.z.positive();
         let fixed = self.shares(front, fresnel::dielectric(wo.z, self.eta).r);
         let specular = fixed.reflect + fixed.transmit;
-        let (mut transmitted, mut eta) = (false, 1.0);
-        let wi = if lobe < fixed.diffuse {
-            ggx::diffuse(u).0
-        } else if lobe < fixed.diffuse + fixed.coat {
-            reflect(wo, self.coat().sample(u))
-        } else {
-            if specular <= 0.0 {
-                return None;
-            }
-            let lobe = ((lobe - fixed.diffuse - fixed.coat) / specular).clamp(0.0, 1.0 - f32::EPSILON);
-            let m = self.ggx().sample(if front { wo } else { -wo }, u);
-            let cos = wo.dot(m);
-            let f = fresnel::dielectric(cos, self.eta);
+        let diffuse = lobe.lt(fixed.diffuse);
+        let coat = !diffuse & lobe.lt(fixed.diffuse + fixed.coat);
+        let mut wi = ggx::diffuse(u).0;
+        if self.clearcoat > 0.0 {
+            wi = Triple::select(coat, reflect(wo, self.coat().sample(u)), wi);
+        }
+        let chosen = !(diffuse | coat);
+        let rest = ((lobe - fixed.diffuse - fixed.coat) / specular).clamp(0.0, 1.0 - f32::EPSILON);
+        let m = self.ggx().sample(Triple::select(front, wo, -wo), u);
+        let f = fresnel::dielectric(wo.dot(m), self.eta);
+        let mut transmitted = R::Mask::from_bits(0);
+        let mut faceted = reflect(wo, m);
+        if self.clear {
             let at = self.shares(front, f.r);
-            transmitted = lobe >= at.reflect / (at.reflect + at.transmit).max(f32::MIN_POSITIVE);
-            if transmitted {
-                eta = f.eta_it;
-                refract(wo, m, f.cos_t, f.eta_ti)
-            } else {
-                reflect(wo, m)
-            }
-        };
-        if wi.z == 0.0 || (wi.z * wo.z < 0.0) != transmitted {
-            return None;
+            let kept = at.reflect / (at.reflect + at.transmit).max(R::splat(f32::MIN_POSITIVE));
+            transmitted = chosen & rest.ge(kept);
+            faceted = Triple::select(transmitted, refract(wo, m, f.cos_t, f.eta_ti), faceted);
         }
-        let pdf = self.pdf(wo, wi);
-        if pdf <= 0.0 {
-            return None;
+        let wi = Triple::select(chosen, faceted, wi);
+        let (value, pdf) = self.eval(wo, wi);
+        let across = (wi.z * wo.z).lt(zero);
+        let fits = (across & transmitted) | !(across | transmitted);
+        let valid = fits & pdf.positive() & !(wo.z.equals(zero) | wi.z.equals(zero)) & (!chosen | specular.positive());
+        Drawn {
+            wi,
+            weight: value * (one / pdf),
+            pdf,
+            eta: R::select(transmitted, f.eta_it, one),
+            transmitted,
+            valid,
+            ..Drawn::nothing()
         }
-        Some(Sample { wi, weight: self.eval(wo, wi) / pdf, pdf, delta: false, transmitted, eta })
     }
 
-    pub(crate) fn albedo(&self) -> Vec3 {
+    pub(crate) fn albedo(&self) -> Triple<R> {
         self.base
     }
 }

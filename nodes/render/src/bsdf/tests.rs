@@ -254,7 +254,7 @@ fn light_can_go_either_way() {
             // f(a -> b) / eta_b^2 is symmetric.
             let eta = match &description {
                 scene::Bsdf::Dielectric { int_ior, .. } => *int_ior,
-                scene::Bsdf::Principled { .. } => Principled::index(0.5),
+                scene::Bsdf::Principled { .. } => principled::index(0.5),
                 _ => 1.0,
             };
             let medium = |d: Vec3| if d.z > 0.0 { 1.0 } else { eta * eta };

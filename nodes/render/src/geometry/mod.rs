@@ -15,8 +15,10 @@ pub use disk::Disk;
 pub use forms::{cube, rectangle};
 pub use ray::{Ray, Walk, offset_origin};
 pub use sphere::Sphere;
-pub use triangle::{Candidate, Four, FourHits, area_normal, intersect_four, intersect_triangle, lane_of};
+pub use triangle::{Candidate, Eight, area_normal, intersect_triangle, lane_of};
+pub(crate) use triangle::{intersect_lanes, seen_from};
 
+use crate::lanes::{Real, Triple};
 use glam::Vec3;
 
 /// Bound on the relative error of `n` rounded f32 operations in a row.
@@ -62,6 +64,61 @@ impl Frame {
     pub fn to_world(&self, v: Vec3) -> Vec3 {
         self.s * v.x + self.t * v.y + self.n * v.z
     }
+}
+
+/// [`Frame`] by lane.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Frames<R> {
+    s: Triple<R>,
+    t: Triple<R>,
+    n: Triple<R>,
+}
+
+impl<R: Real> Frames<R> {
+    /// The frames about unit vectors.
+    #[inline(always)]
+    pub(crate) fn new(n: Triple<R>) -> Self {
+        let sign = R::select(n.z.ge(R::zero()), R::one(), -R::one());
+        let a = -R::one() / (sign + n.z);
+        let b = n.x * n.y * a;
+        Self {
+            s: Triple::new(sign * n.x * n.x * a + 1.0, sign * b, -sign * n.x),
+            t: Triple::new(b, sign + n.y * n.y * a, -n.y),
+            n,
+        }
+    }
+
+    /// World directions into the frames.
+    #[inline(always)]
+    pub(crate) fn to_local(self, v: Triple<R>) -> Triple<R> {
+        Triple::new(v.dot(self.s), v.dot(self.t), v.dot(self.n))
+    }
+
+    /// Directions of the frames into the world.
+    #[inline(always)]
+    pub(crate) fn to_world(self, v: Triple<R>) -> Triple<R> {
+        self.s * v.x + self.t * v.y + self.n * v.z
+    }
+}
+
+/// [`offset_origin`] by lane.
+#[inline(always)]
+pub(crate) fn offset_origins<R: Real>(
+    p: Triple<R>,
+    error: Triple<R>,
+    normal: Triple<R>,
+    towards: Triple<R>,
+) -> Triple<R> {
+    let distance = normal.abs().dot(error) * (1.0 + gamma(4));
+    let behind = towards.dot(normal).lt(R::zero());
+    let offset = normal * R::select(behind, -distance, distance);
+    let moved = p + offset;
+    Triple::new(away(moved.x, offset.x), away(moved.y, offset.y), away(moved.z, offset.z))
+}
+
+#[inline(always)]
+fn away<R: Real>(at: R, by: R) -> R {
+    R::select(by.equals(R::zero()), at, at + (at.abs() * f32::EPSILON).copysign(by))
 }
 
 #[cfg(test)]

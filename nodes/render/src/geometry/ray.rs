@@ -38,9 +38,9 @@ pub struct Walk {
     pub direction: Vec3,
     /// Finite reciprocal of the direction: a component of (almost) zero becomes a large finite number.
     pub inverse: Vec3,
-    pub(super) axes: [usize; 3],
-    pub(super) start: [f32; 3],
-    pub(super) shear: [f32; 3],
+    pub(crate) axes: [usize; 3],
+    pub(crate) start: [f32; 3],
+    pub(crate) shear: [f32; 3],
 }
 
 impl Walk {

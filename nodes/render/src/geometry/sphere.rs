@@ -1,6 +1,7 @@
 //! Spheres, intersected in f64.
 
 use super::{Candidate, Map, gamma};
+use crate::lanes::{Pair, Real, Triple, acos, atan2};
 use glam::{DVec3, Vec2, Vec3};
 use tauflow_data::maths;
 
@@ -75,6 +76,15 @@ impl Sphere {
         let turn = maths::atan2f(y, x) * (0.5 * std::f32::consts::FRAC_1_PI);
         let u = if turn < 0.0 { turn + 1.0 } else { turn };
         Vec2::new(u, maths::acosf(z.clamp(-1.0, 1.0)) * std::f32::consts::FRAC_1_PI)
+    }
+
+    /// [`Sphere::uv`] by lane.
+    #[inline(always)]
+    pub(crate) fn uv_lanes<R: Real>(&self, n: Triple<R>) -> Pair<R> {
+        let [x, y, z] = self.axes;
+        let (x, y, z) = (n.dot(Triple::splat(x)), n.dot(Triple::splat(y)), n.dot(Triple::splat(z)));
+        let turn = atan2(y, x) * (0.5 * std::f32::consts::FRAC_1_PI);
+        Pair::new(R::select(turn.lt(R::zero()), turn + 1.0, turn), acos(z) * std::f32::consts::FRAC_1_PI)
     }
 
     /// Direction of growing u at an outward normal, not of unit length.

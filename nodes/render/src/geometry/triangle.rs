@@ -3,7 +3,8 @@
 //! Woop, Benthin, Wald 2013, with the f64 fallback on edges and the distance error of pbrt-v4, section 6.8.7.
 
 use super::{Walk, gamma};
-use glam::{DVec3, Vec3, Vec4};
+use crate::lanes::{Mask, Real, Triple};
+use glam::{DVec3, Vec3};
 
 /// A possible hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,71 +66,74 @@ pub fn intersect_triangle(walk: &Walk, vertices: &[[f32; 4]; 3], t_max: f32) -> 
     Some(Candidate { t, u: v * inverse, v: w * inverse })
 }
 
-/// Four triangles side by side: `block[vertex][axis]`; the fourth axis is not read.
-pub type Four = [[Vec4; 4]; 3];
+/// Eight triangles side by side: `block[vertex][axis]`.
+pub type Eight = [[[f32; 8]; 3]; 3];
 
-/// One triangle of four.
+/// One triangle of eight.
 #[inline]
-pub fn lane_of(block: &Four, lane: usize) -> [[f32; 4]; 3] {
-    block.map(|axes| axes.map(|values| values[lane]))
+pub fn lane_of(block: &Eight, lane: usize) -> [[f32; 4]; 3] {
+    block.map(|axes| [axes[0][lane], axes[1][lane], axes[2][lane], 0.0])
 }
 
-/// Hits of a ray with four triangles: distances and weights, and a bit for each that counts.
-#[derive(Clone, Copy, Debug)]
-pub struct FourHits {
-    /// Bits of the triangles that are met.
-    pub met: u32,
-    /// Distances.
-    pub t: [f32; 4],
-    /// Weights of the second vertices.
-    pub u: [f32; 4],
-    /// Weights of the third vertices.
-    pub v: [f32; 4],
+/// Distances, weights, and lanes that meet; and the lanes on an edge, which [`intersect_triangle`] has to decide.
+pub(crate) struct Met<R: Real> {
+    pub(crate) t: R,
+    pub(crate) u: R,
+    pub(crate) v: R,
+    pub(crate) met: R::Mask,
+    pub(crate) edges: R::Mask,
 }
 
-/// [`intersect_triangle`] of four at once, with the same bits.
 #[inline(always)]
-pub fn intersect_four(walk: &Walk, block: &Four, t_max: f32) -> FourHits {
-    let [kx, ky, kz] = walk.axes.map(|k| k & 3);
-    let [sx, sy, sz] = walk.shear.map(Vec4::splat);
-    let [ox, oy, oz] = walk.start.map(Vec4::splat);
-    let [a, b, c] = block;
-    let (az, bz, cz) = (a[kz] - oz, b[kz] - oz, c[kz] - oz);
-    let (ax, ay) = ((a[kx] - ox) - sx * az, (a[ky] - oy) - sy * az);
-    let (bx, by) = ((b[kx] - ox) - sx * bz, (b[ky] - oy) - sy * bz);
-    let (cx, cy) = ((c[kx] - ox) - sx * cz, (c[ky] - oy) - sy * cz);
+fn largest<R: Real>(p: R, q: R, r: R) -> R {
+    p.abs().max(q.abs()).max(r.abs())
+}
+
+/// [`intersect_triangle`] by lane, with the same bits; vertices relative to the origin, their axes in the ray's order.
+#[inline(always)]
+pub(crate) fn intersect_lanes<R: Real>([a, b, c]: [Triple<R>; 3], [sx, sy, sz]: [R; 3], t_max: R) -> Met<R> {
+    let zero = R::zero();
+    let (ax, ay) = (a.x - sx * a.z, a.y - sy * a.z);
+    let (bx, by) = (b.x - sx * b.z, b.y - sy * b.z);
+    let (cx, cy) = (c.x - sx * c.z, c.y - sy * c.z);
     let u = cx * by - cy * bx;
     let v = ax * cy - ay * cx;
     let w = bx * ay - by * ax;
-    let zero = Vec4::ZERO;
-    let edges = (u.cmpeq(zero) | v.cmpeq(zero) | w.cmpeq(zero)).bitmask();
-    let mixed = u.min(v).min(w).cmplt(zero) & u.max(v).max(w).cmpgt(zero);
+    let edges = u.equals(zero) | v.equals(zero) | w.equals(zero);
+    let mixed = (u.lt(zero) | v.lt(zero) | w.lt(zero)) & (u.positive() | v.positive() | w.positive());
+    let mut met = !(mixed | edges);
+    if !met.any() {
+        return Met { t: zero, u: zero, v: zero, met, edges };
+    }
     let det = u + v + w;
-    let (az, bz, cz) = (az * sz, bz * sz, cz * sz);
+    let (az, bz, cz) = (a.z * sz, b.z * sz, c.z * sz);
     let scaled = u * az + v * bz + w * cz;
-    let inverse = Vec4::ONE / det;
+    let inverse = R::one() / det;
     let t = scaled * inverse;
-    let near = t.cmpgt(zero) & t.cmple(Vec4::splat(t_max)) & det.cmpne(zero) & !mixed;
-    let mut hits = FourHits { met: near.bitmask() & !edges, t: [0.0; 4], u: [0.0; 4], v: [0.0; 4] };
-    if hits.met != 0 {
-        let max3 = |p: Vec4, q: Vec4, r: Vec4| p.abs().max(q.abs()).max(r.abs());
-        let (x, y, z, e) = (max3(ax, bx, cx), max3(ay, by, cy), max3(az, bz, cz), max3(u, v, w));
+    met = met & t.positive() & t.le(t_max) & !det.equals(zero);
+    if met.any() {
+        let (x, y) = (largest(ax, bx, cx), largest(ay, by, cy));
+        let (z, e) = (largest(az, bz, cz), largest(u, v, w));
         let (dx, dy, dz) = ((x + z) * gamma(5), (y + z) * gamma(5), z * gamma(3));
         let de = (x * gamma(2) * y + dy * x + dx * y) * 2.0;
         let dt = (e * gamma(3) * z + de * z + dz * e) * 3.0 * inverse.abs();
-        hits.met &= t.cmpgt(dt).bitmask();
-        (hits.t, hits.u, hits.v) = (t.to_array(), (v * inverse).to_array(), (w * inverse).to_array());
+        met = met & t.gt(dt);
     }
-    let mut unsure = edges;
-    while unsure != 0 {
-        let lane = unsure.trailing_zeros() as usize;
-        unsure &= unsure - 1;
-        if let Some(found) = intersect_triangle(walk, &lane_of(block, lane), t_max) {
-            hits.met |= 1 << lane;
-            (hits.t[lane], hits.u[lane], hits.v[lane]) = (found.t, found.u, found.v);
-        }
+    Met { t, u: v * inverse, v: w * inverse, met, edges }
+}
+
+/// The lanes from `at` on of eight triangles, relative to a ray's origin, their axes in its order.
+#[inline(always)]
+pub(crate) fn seen_from<R: Real>(walk: &Walk, block: &Eight, at: usize) -> [Triple<R>; 3] {
+    let [kx, ky, kz] = walk.axes;
+    let [ox, oy, oz] = walk.start;
+    macro_rules! vertex {
+        ($v:expr) => {{
+            let axes = &block[$v];
+            Triple::new(R::load(&axes[kx][at..]) - ox, R::load(&axes[ky][at..]) - oy, R::load(&axes[kz][at..]) - oz)
+        }};
     }
-    hits
+    [vertex!(0), vertex!(1), vertex!(2)]
 }
 
 /// Unit normal (counter-clockwise outside) and area of a triangle; `None` if it has no area or is not finite.
@@ -151,7 +155,7 @@ mod tests {
     use tauflow_data::rng::Stream;
 
     #[test]
-    fn four_at_once_have_the_bits_of_one_by_one() {
+    fn eight_at_once_have_the_bits_of_one_by_one() {
         let mut stream = Stream::new(5, &[]);
         let mut hits = 0;
         for round in 0..20_000 {
@@ -161,22 +165,36 @@ mod tests {
                 let value = stream.range(-2.0, 2.0) as f32;
                 if coarse { value.round() } else { value }
             };
-            let block: Four =
-                std::array::from_fn(|_| std::array::from_fn(|_| Vec4::new(draw(), draw(), draw(), draw())));
+            let block: Eight = std::array::from_fn(|_| std::array::from_fn(|_| std::array::from_fn(|_| draw())));
             let ray = Ray::new(Vec3::new(draw(), draw(), draw() - 4.0), Vec3::new(draw() * 0.5, draw() * 0.5, 1.0));
             let walk = Walk::new(&ray);
-            let four = intersect_four(&walk, &block, 6.0);
-            for lane in 0..4 {
+            let check = |lane: usize, met: bool, edge: bool, hit: [f32; 3]| {
                 let one = intersect_triangle(&walk, &lane_of(&block, lane), 6.0);
-                let found = (four.met >> lane & 1 == 1).then(|| Candidate {
-                    t: four.t[lane],
-                    u: four.u[lane],
-                    v: four.v[lane],
-                });
-                assert_eq!(found, one, "lane {lane} of {block:?}, {ray:?}");
-                hits += u32::from(one.is_some());
+                if !edge {
+                    let found = met.then_some(Candidate { t: hit[0], u: hit[1], v: hit[2] });
+                    assert_eq!(found, one, "lane {lane} of {block:?}, {ray:?}");
+                }
+                u32::from(one.is_some())
+            };
+            let shear = walk.shear;
+            for lane in 0..8 {
+                let found = intersect_lanes::<f32>(seen_from(&walk, &block, lane), shear, 6.0);
+                hits += check(lane, found.met, found.edges, [found.t, found.u, found.v]);
+            }
+            #[cfg(target_arch = "x86_64")]
+            for at in [0, 4] {
+                use crate::lanes::F4;
+                let found = intersect_lanes::<F4>(seen_from(&walk, &block, at), shear.map(F4::splat), F4::splat(6.0));
+                let [mut t, mut u, mut v] = [[0.0; 4]; 3];
+                found.t.store(&mut t);
+                found.u.store(&mut u);
+                found.v.store(&mut v);
+                for lane in 0..4 {
+                    let (met, edge) = (found.met.bits() >> lane & 1 == 1, found.edges.bits() >> lane & 1 == 1);
+                    check(at + lane, met, edge, [t[lane], u[lane], v[lane]]);
+                }
             }
         }
-        assert!(hits > 3000, "{hits}");
+        assert!(hits > 6000, "{hits}");
     }
 }

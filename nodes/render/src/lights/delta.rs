@@ -1,17 +1,12 @@
 //! Lights without extent: Mitsuba's `point` and `spot`.
 
-use crate::geometry::Map;
+use crate::{
+    geometry::Map,
+    lanes::{Real, Triple, acos},
+};
 use glam::{DVec3, Vec3};
 use tauflow_contract::KindError;
 use tauflow_data::{maths, scene::Affine};
-
-/// Unit direction from one point to another, and the squared distance; `None` if they coincide.
-#[inline]
-pub(super) fn towards(from: Vec3, to: Vec3) -> Option<(Vec3, f32)> {
-    let d = to - from;
-    let square = d.length_squared();
-    (square > 0.0 && square.is_finite()).then(|| (d / square.sqrt(), square))
-}
 
 /// A spot light whose intensity falls linearly with the angle between two half angles.
 #[derive(Debug)]
@@ -55,16 +50,17 @@ impl Spot {
         2.0 * std::f64::consts::PI * (1.0 - 0.5 * f64::from(self.cos_cutoff + self.cos_beam))
     }
 
-    /// Intensity in a direction away from the light.
-    #[inline]
-    pub(super) fn intensity(&self, direction: Vec3) -> Vec3 {
-        let cos = direction.dot(self.axis);
-        if cos <= self.cos_cutoff {
-            Vec3::ZERO
-        } else if cos >= self.cos_beam {
-            self.intensity
-        } else {
-            self.intensity * ((self.cutoff - maths::acosf(cos)) / (self.cutoff - self.beam))
-        }
+    /// Intensity in directions away from the light.
+    #[inline(always)]
+    pub(super) fn intensity<R: Real>(&self, direction: Triple<R>) -> Triple<R> {
+        let cos = direction.dot(Triple::splat(self.axis));
+        let fall = (R::splat(self.cutoff) - acos(cos)) / (self.cutoff - self.beam);
+        let share = R::select(cos.ge(R::splat(self.cos_beam)), R::one(), fall);
+        Triple::splat(self.intensity) * share.only(cos.gt(R::splat(self.cos_cutoff)))
+    }
+
+    /// Its largest intensity.
+    pub(super) fn brightest(&self) -> Vec3 {
+        self.intensity
     }
 }

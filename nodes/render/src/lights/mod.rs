@@ -1,22 +1,30 @@
 //! The lights of a scene, and which of them to sample.
 //!
-//! A light is picked with half the probability by power, half evenly: a strong sun outside must not starve the lamp in
-//! the room. Shapes are sampled evenly over their area, spheres over the cone that they fill. Lights that emit nothing
-//! are dropped.
+//! A light is picked in proportion to what it would bring to the point if nothing stood in between and the surface faced
+//! anywhere, with a tenth of the probability spread evenly, so that none is ever left out; a scene of many lights picks
+//! by power, half of the probability spread evenly. Shapes are sampled evenly over their area, spheres over the cone
+//! that they fill. Lights that emit nothing are dropped.
 
 mod delta;
 mod shape;
 
 use crate::{
     accel,
+    alias::Alias,
     environment::Environment,
+    geometry::offset_origins,
+    lanes::{Mask, Pair, Real, Triple, Whole},
     texture::{LoadBitmap, Texture},
+    world::World,
 };
 use delta::Spot;
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec3};
 pub(crate) use shape::ShapeLight;
 use tauflow_contract::KindError;
 use tauflow_data::{image::luminance, scene};
+
+/// Scenes of more lights pick by power alone.
+const GUIDED: usize = 8;
 
 /// A light.
 #[derive(Debug)]
@@ -34,38 +42,86 @@ pub(crate) struct Emission {
     pub(crate) texture: Texture,
     pub(crate) first: usize,
     pub(crate) count: usize,
+    /// Outer normal, if it is flat.
+    pub(crate) normal: Option<Vec3>,
 }
 
-/// Where a shadow ray ends.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Target {
-    /// At infinity.
-    Infinity,
-    /// At a point that is no surface.
-    Point(Vec3),
-    /// At a surface.
-    Surface { p: Vec3, error: Vec3, normal: Vec3 },
+/// Points that light may arrive at.
+#[derive(Clone, Copy)]
+pub(crate) struct Vantage<R> {
+    pub(crate) p: Triple<R>,
+    /// Bound on the error of `p`.
+    pub(crate) error: Triple<R>,
+    /// Geometric normal.
+    pub(crate) normal: Triple<R>,
 }
 
-/// Light that may arrive at a point.
+/// Light that may arrive at points.
+#[derive(Clone, Copy)]
+pub(crate) struct Arrivals<R: Real> {
+    /// Unit directions towards it.
+    pub(crate) direction: Triple<R>,
+    /// Shadow rays: where they begin, where they go in units of `t_max`.
+    pub(crate) origin: Triple<R>,
+    pub(crate) ray: Triple<R>,
+    pub(crate) t_max: f32,
+    /// Radiance over the density of the sample.
+    pub(crate) weight: Triple<R>,
+    /// Density over solid angle; 0 for lights that nothing else can find.
+    pub(crate) pdf: R,
+    /// Lanes where light may arrive.
+    pub(crate) valid: R::Mask,
+}
+
+/// [`Arrivals`] of whatever lights the lanes have picked.
+pub(crate) struct Arrived<R: Real> {
+    pub(crate) direction: Triple<R>,
+    pub(crate) origin: Triple<R>,
+    pub(crate) ray: Triple<R>,
+    pub(crate) t_max: R,
+    pub(crate) weight: Triple<R>,
+    pub(crate) pdf: R,
+    pub(crate) valid: R::Mask,
+}
+
+/// How much light a light would bring to a point.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Arrival {
-    /// Unit direction towards it.
-    pub(crate) direction: Vec3,
-    /// Where the shadow ray ends.
-    pub(crate) target: Target,
-    /// Radiance over the density of the sample, the choice of light included.
-    pub(crate) weight: Vec3,
-    /// Density over solid angle, the choice of light included; 0 for lights that nothing else can find.
-    pub(crate) pdf: f32,
+struct Guide {
+    center: Vec3,
+    /// Squared radius: nearer than that, distance does not count.
+    square: f32,
+    /// Intensity, or irradiance of what is infinitely far.
+    strength: f32,
+    /// Normal of what shines to one side only; 0 of what shines to all.
+    normal: Vec3,
+    far: bool,
+}
+
+impl Guide {
+    #[inline(always)]
+    fn importance<R: Real>(&self, p: Triple<R>) -> R {
+        if self.far {
+            return R::splat(self.strength);
+        }
+        let d = p - Triple::splat(self.center);
+        let square = d.dot(d);
+        let near = R::splat(self.strength) / square.max(R::splat(self.square));
+        if self.normal == Vec3::ZERO {
+            return near;
+        }
+        // Half of it whatever the angle: a light of some extent is seen from beside it.
+        let cos = d.dot(Triple::splat(self.normal)) / square.max(R::splat(self.square)).sqrt();
+        near * (cos.max(R::zero()) + 0.1)
+    }
 }
 
 /// The lights of a scene.
 pub struct Lights {
     lights: Vec<Light>,
     environment: Option<(Environment, u32)>,
+    guides: Vec<Guide>,
     probability: Vec<f32>,
-    cumulative: Vec<f32>,
+    alias: Alias,
 }
 
 /// The scene's light from infinity, if it has one.
@@ -115,51 +171,55 @@ impl Lights {
         bounds: (Vec3, Vec3),
     ) -> Result<Self, KindError> {
         let radius = f64::from((bounds.1 - bounds.0).length() * 0.5).max(1e-6);
-        let mut found: Vec<(Light, f64)> = Vec::new();
+        let disk = std::f64::consts::PI * radius * radius;
+        let mut found: Vec<(Light, f64, Guide)> = Vec::new();
         for emission in emissions {
+            let normal = emission.normal;
             if let Some(light) = ShapeLight::new(emission, forms) {
-                let power = light.power();
-                found.push((Light::Shape(light), power));
+                let (power, intensity) = light.power();
+                let own = &forms[light.first..light.first + light.count];
+                let guide = shape_guide(own, normal, intensity as f32);
+                found.push((Light::Shape(light), power, guide));
             }
         }
         for emitter in emitters {
-            found.extend(Self::delta(emitter, radius)?);
+            found.extend(Self::delta(emitter, disk)?);
         }
         let environment = environment.map(|environment| {
-            let power = f64::from(environment.power(radius as f32));
-            found.push((Light::Environment, power));
+            // Seen by a surface that faces anywhere: a quarter of the light from all sides.
+            let total = environment.total();
+            let guide = Guide { strength: (0.25 * total) as f32, far: true, ..Guide::point(Vec3::ZERO, 0.0) };
+            found.push((Light::Environment, disk * total, guide));
             (environment, found.len() as u32 - 1)
         });
         let count = found.len().max(1) as f64;
         let total: f64 = found.iter().map(|f| f.1).sum();
         let by_power = |power: f64| if total > 0.0 && total.is_finite() { power / total } else { 1.0 / count };
-        let probability: Vec<f32> = found.iter().map(|f| (0.5 / count + 0.5 * by_power(f.1)) as f32).collect();
-        let mut sum = 0.0;
-        let cumulative = probability
-            .iter()
-            .map(|p| {
-                sum += f64::from(*p);
-                sum as f32
-            })
-            .collect();
+        let weights: Vec<f64> = found.iter().map(|f| 0.5 / count + 0.5 * by_power(f.1)).collect();
+        let mut alias = Alias::default();
+        alias.extend(&weights);
+        let guides = found.iter().map(|f| f.2).collect();
         let lights = found.into_iter().map(|f| f.0).collect();
-        Ok(Self { lights, environment, probability, cumulative })
+        let probability = weights.iter().map(|w| *w as f32).collect();
+        Ok(Self { lights, environment, guides, probability, alias })
     }
 
-    fn delta(emitter: &scene::Emitter, radius: f64) -> Result<Option<(Light, f64)>, KindError> {
+    fn delta(emitter: &scene::Emitter, disk: f64) -> Result<Option<(Light, f64, Guide)>, KindError> {
         use std::f64::consts::PI;
         let found = match emitter {
             scene::Emitter::Constant { .. } | scene::Emitter::Envmap { .. } => return Ok(None),
             scene::Emitter::Point { position, intensity } => {
                 let intensity = finite("point", position, *intensity)?;
                 let position = DVec3::from_array(*position).as_vec3();
-                (Light::Point { position, intensity }, 4.0 * PI * brightness(intensity))
+                let guide = Guide::point(position, 0.25 * brightness(intensity) as f32);
+                (Light::Point { position, intensity }, 4.0 * PI * brightness(intensity), guide)
             }
             scene::Emitter::Spot { to_world, intensity, cutoff_angle, beam_width } => {
                 let intensity = finite("spot", &[*cutoff_angle, *beam_width], *intensity)?;
                 let spot = Spot::new(to_world, intensity, *cutoff_angle, *beam_width)?;
                 let power = spot.solid_angle() * brightness(intensity);
-                (Light::Spot(spot), power)
+                let guide = Guide::point(spot.position, 0.25 * brightness(spot.brightest()) as f32);
+                (Light::Spot(spot), power, guide)
             }
             scene::Emitter::Directional { direction, irradiance } => {
                 let irradiance = finite("directional", direction, *irradiance)?;
@@ -167,7 +227,9 @@ impl Lights {
                 if to_light == Vec3::ZERO {
                     return Err(KindError::Input("a directional light without a direction; give one".into()));
                 }
-                (Light::Directional { to_light, irradiance }, PI * radius * radius * brightness(irradiance))
+                let strength = 0.25 * brightness(irradiance) as f32;
+                let guide = Guide { strength, far: true, ..Guide::point(Vec3::ZERO, 0.0) };
+                (Light::Directional { to_light, irradiance }, disk * brightness(irradiance), guide)
             }
         };
         Ok((found.1 > 0.0).then_some(found))
@@ -183,10 +245,10 @@ impl Lights {
         self.lights.iter().any(|l| !matches!(l, Light::Shape(_) | Light::Environment))
     }
 
-    /// Index of each shape's light, and the shape.
-    pub(crate) fn shapes(&self) -> impl Iterator<Item = (u32, u32)> {
+    /// The lights that are shapes, by index.
+    pub(crate) fn shapes(&self) -> impl Iterator<Item = (u32, &ShapeLight)> {
         self.lights.iter().enumerate().filter_map(|(index, light)| match light {
-            Light::Shape(light) => Some((index as u32, light.shape)),
+            Light::Shape(light) => Some((index as u32, light)),
             _ => None,
         })
     }
@@ -196,14 +258,46 @@ impl Lights {
         self.environment.as_ref().map(|(environment, _)| environment)
     }
 
-    /// Density with which sampling finds a direction towards infinity.
-    #[inline]
-    pub(crate) fn environment_pdf(&self, direction: Vec3) -> f32 {
-        self.environment.as_ref().map_or(0.0, |(e, at)| self.probability[*at as usize] * e.pdf(direction))
+    /// What each light would bring to points, and the sum; for the few lights of most scenes.
+    #[inline(always)]
+    fn importances<R: Real>(&self, p: Triple<R>) -> ([R; GUIDED], R) {
+        let (mut all, mut sum) = ([R::zero(); GUIDED], R::zero());
+        for (value, guide) in all.iter_mut().zip(&self.guides) {
+            *value = guide.importance(p);
+            sum += *value;
+        }
+        (all, sum)
+    }
+
+    #[inline(always)]
+    fn share<R: Real>(&self, importance: R, sum: R) -> R {
+        let even = 1.0 / self.lights.len() as f32;
+        R::select(sum.positive() & sum.finite(), importance / sum * 0.9 + 0.1 * even, R::splat(even))
+    }
+
+    /// Probability with which points pick a light.
+    #[inline(always)]
+    fn picked<R: Real>(&self, light: usize, p: Triple<R>) -> R {
+        match self.lights.len() {
+            1 => R::one(),
+            2..=GUIDED => {
+                let (all, sum) = self.importances(p);
+                self.share(all[light], sum)
+            }
+            _ => R::splat(self.probability[light]),
+        }
+    }
+
+    /// Radiance from infinity in directions, and the density with which sampling from `from` finds them.
+    #[inline(always)]
+    pub(crate) fn environment_look<R: Real>(&self, from: Triple<R>, direction: Triple<R>) -> (Triple<R>, R) {
+        let Some((environment, index)) = &self.environment else { return (Triple::zero(), R::zero()) };
+        let (radiance, pdf) = environment.look_lanes(direction);
+        (radiance, pdf * self.picked(*index as usize, from))
     }
 
     /// A shape's light.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn shape(&self, light: u32) -> Option<&ShapeLight> {
         match &self.lights[light as usize] {
             Light::Shape(light) => Some(light),
@@ -211,41 +305,142 @@ impl Lights {
         }
     }
 
-    /// Density with which sampling from `from` finds the point `p` of a shape's light.
-    #[inline]
-    pub(crate) fn shape_pdf(&self, light: u32, from: Vec3, p: Vec3, normal: Vec3) -> f32 {
-        self.shape(light).map_or(0.0, |l| self.probability[light as usize] * l.pdf(from, p, normal))
+    /// Density with which sampling from `from` finds points `p` of a shape's light.
+    #[inline(always)]
+    pub(crate) fn shape_pdf<R: Real>(&self, light: u32, from: Triple<R>, p: Triple<R>, normal: Triple<R>) -> R {
+        self.shape(light).map_or(R::zero(), |l| l.pdf(from, p, normal) * self.picked(light as usize, from))
     }
 
-    /// Samples a light from the point `from`: `pick` chooses light and primitive, `u` the point on it.
-    #[inline]
-    pub(crate) fn sample(&self, world: &crate::world::World, from: Vec3, pick: Vec2, u: Vec2) -> Option<Arrival> {
-        let at = self.cumulative.partition_point(|c| *c <= pick.x).min(self.lights.len() - 1);
-        let probability = self.probability[at];
-        let lone = |direction, target, weight| Some(Arrival { direction, target, weight, pdf: 0.0 });
-        match &self.lights[at] {
-            Light::Shape(light) => {
-                let arrival = light.sample(world, from, pick.y, u)?;
-                Some(Arrival { weight: arrival.weight / probability, pdf: arrival.pdf * probability, ..arrival })
+    /// Samples a light from points, in the lanes of a mask. Of the numbers, the first picks the light.
+    #[inline(always)]
+    pub(crate) fn sample<R: Real>(
+        &self,
+        world: &World,
+        from: &Vantage<R>,
+        mask: R::Mask,
+        numbers: [Pair<R>; 4],
+    ) -> Arrived<R> {
+        let count = self.lights.len();
+        let pick = numbers[0].x;
+        let mut arrived = Arrived {
+            direction: Triple::zero(),
+            origin: Triple::zero(),
+            ray: Triple::zero(),
+            t_max: R::zero(),
+            weight: Triple::zero(),
+            pdf: R::zero(),
+            valid: R::Mask::from_bits(0),
+        };
+        let (mut chosen, mut probability) = (R::Whole::splat(0), R::one());
+        if count > GUIDED {
+            chosen = self.alias.draw::<R>(chosen, count, pick, numbers[2].y);
+            probability = R::gather(&self.probability, chosen);
+        } else if count > 1 {
+            let (all, sum) = self.importances(from.p);
+            let mut below = R::zero();
+            for (light, importance) in all.iter().enumerate().take(count) {
+                let share = self.share(*importance, sum);
+                // The last takes what rounding leaves over.
+                let own = pick.ge(below);
+                chosen = R::select_whole(own, R::Whole::splat(light as i32), chosen);
+                probability = R::select(own, share, probability);
+                below += share;
             }
+        }
+        let mut indices = [0; 16];
+        chosen.store(&mut indices);
+        let mut rest = mask;
+        while rest.any() {
+            let light = indices[rest.bits().trailing_zeros() as usize & 15];
+            let own = rest & R::same(chosen, R::Whole::splat(light as i32));
+            rest = rest & !own;
+            arrived.take(own, probability, self.sample_one(light as usize, world, from, numbers));
+        }
+        arrived
+    }
+
+    #[inline(always)]
+    fn sample_one<R: Real>(
+        &self,
+        light: usize,
+        world: &World,
+        from: &Vantage<R>,
+        [a, b, c, point]: [Pair<R>; 4],
+    ) -> Arrivals<R> {
+        match &self.lights[light] {
+            Light::Shape(shape) => shape.sample(world, from, a.y, b.x, point),
             Light::Environment => {
-                let (environment, _) = self.environment.as_ref()?;
-                let (direction, radiance, pdf) = environment.sample(u);
-                let pdf = pdf * probability;
-                let found = pdf > 0.0 && radiance != Vec3::ZERO;
-                found.then(|| Arrival { direction, target: Target::Infinity, weight: radiance / pdf, pdf })
+                let numbers = [Pair::new(a.y, b.y), Pair::new(b.x, c.x), point];
+                let Some((environment, _)) = &self.environment else {
+                    let none = Triple::zero();
+                    return from.endless(none, none, R::zero(), R::Mask::from_bits(0));
+                };
+                let (direction, radiance, pdf) = environment.sample_lanes(numbers);
+                from.endless(direction, radiance * (R::one() / pdf), pdf, pdf.positive() & radiance.some())
             }
-            Light::Point { position, intensity } => {
-                let (direction, square) = delta::towards(from, *position)?;
-                lone(direction, Target::Point(*position), *intensity / (square * probability))
-            }
+            Light::Point { position, intensity } => from.lone(*position, Triple::splat(*intensity)),
             Light::Spot(spot) => {
-                let (direction, square) = delta::towards(from, spot.position)?;
-                let intensity = spot.intensity(-direction);
-                let found = intensity != Vec3::ZERO;
-                found.then(|| lone(direction, Target::Point(spot.position), intensity / (square * probability)))?
+                let direction = (from.p - Triple::splat(spot.position)).normalize();
+                from.lone(spot.position, spot.intensity(direction))
             }
-            Light::Directional { to_light, irradiance } => lone(*to_light, Target::Infinity, *irradiance / probability),
+            Light::Directional { to_light, irradiance } => {
+                from.endless(Triple::splat(*to_light), Triple::splat(*irradiance), R::zero(), !R::Mask::from_bits(0))
+            }
         }
     }
+}
+
+impl<R: Real> Vantage<R> {
+    /// Light from infinity.
+    #[inline(always)]
+    fn endless(&self, direction: Triple<R>, weight: Triple<R>, pdf: R, valid: R::Mask) -> Arrivals<R> {
+        let origin = offset_origins(self.p, self.error, self.normal, direction);
+        Arrivals { direction, origin, ray: direction, t_max: f32::MAX, weight, pdf, valid }
+    }
+
+    /// Light from a point without extent.
+    #[inline(always)]
+    fn lone(&self, position: Vec3, intensity: Triple<R>) -> Arrivals<R> {
+        let end = Triple::splat(position);
+        let d = end - self.p;
+        let square = d.dot(d);
+        let direction = d * (R::one() / square.sqrt());
+        let origin = offset_origins(self.p, self.error, self.normal, direction);
+        let weight = intensity * (R::one() / square);
+        let valid = square.positive() & square.finite() & weight.some();
+        Arrivals { direction, origin, ray: end - origin, t_max: 1.0, weight, pdf: R::zero(), valid }
+    }
+}
+
+impl<R: Real> Arrived<R> {
+    /// Takes over the lanes of a mask, which picked this light with a probability.
+    #[inline(always)]
+    fn take(&mut self, own: R::Mask, probability: R, from: Arrivals<R>) {
+        self.direction = Triple::select(own, from.direction, self.direction);
+        self.origin = Triple::select(own, from.origin, self.origin);
+        self.ray = Triple::select(own, from.ray, self.ray);
+        self.t_max = R::select(own, R::splat(from.t_max), self.t_max);
+        self.weight = Triple::select(own, from.weight * (R::one() / probability), self.weight);
+        self.pdf = R::select(own, from.pdf * probability, self.pdf);
+        self.valid = self.valid | (own & from.valid);
+    }
+}
+
+impl Guide {
+    fn point(center: Vec3, strength: f32) -> Self {
+        Self { center, square: f32::MIN_POSITIVE, strength, normal: Vec3::ZERO, far: false }
+    }
+}
+
+/// The guide of a shape of an intensity, by its extent and, if it is flat, its normal.
+fn shape_guide(forms: &[accel::Primitive], normal: Option<Vec3>, intensity: f32) -> Guide {
+    let (low, high) = forms
+        .iter()
+        .map(accel::Primitive::bounds)
+        .fold((Vec3::MAX, Vec3::MIN), |all, own| (all.0.min(own.0), all.1.max(own.1)));
+    let square = ((high - low) * 0.5).length_squared().max(f32::MIN_POSITIVE);
+    // A quarter for a surface that faces anywhere, and another for a body that is seen from all sides.
+    let seen = if normal.is_some() { 0.25 } else { 0.0625 };
+    let point = Guide::point((low + high) * 0.5, seen * intensity);
+    Guide { square: 0.25 * square, normal: normal.unwrap_or(Vec3::ZERO), ..point }
 }

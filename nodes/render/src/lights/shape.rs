@@ -2,173 +2,247 @@
 //!
 //! Sphere sampling after Pharr, Jakob, Humphreys, *Physically Based Rendering*, 4th edition, section 6.2.4.
 
-use super::{Arrival, Emission, Target, brightness};
+use super::{Arrivals, Emission, brightness};
 use crate::{
     accel,
-    bsdf::Surface,
-    geometry::{Disk, Frame, Sphere, area_normal, gamma},
+    alias::Alias,
+    bsdf::{Points, Surface},
+    geometry::{Disk, Frames, Sphere, area_normal, gamma, offset_origins},
+    lanes::{Mask, Pair, Real, Triple, Whole, sin_cos_turn},
     surface::Form,
     texture::Texture,
     world::World,
 };
 use glam::{Vec2, Vec3, Vec4};
 use std::f32::consts::PI;
-use tauflow_data::maths;
+
+/// Shadow rays end this short of a surface: the rounding of a distance near 1, with room to spare.
+const SHADOW_END: f32 = 1.0 - 1e-5;
 
 /// A shape's light.
 #[derive(Debug)]
 pub(crate) struct ShapeLight {
     pub(crate) shape: u32,
     pub(crate) texture: Texture,
-    /// First of its primitives.
-    first: usize,
-    /// Share of the area in the primitives up to and with each.
-    cumulative: Vec<f32>,
+    /// First of its primitives, and how many there are.
+    pub(super) first: usize,
+    pub(super) count: usize,
+    /// Its primitives by area.
+    alias: Alias,
     area: f64,
     /// The sphere, if it is one.
     sphere: Option<Sphere>,
 }
 
-/// A point on the shape, found by area.
-struct Found {
-    p: Vec3,
-    error: Vec3,
-    normal: Vec3,
-    surface: Surface,
+/// Points on the shape, found by area.
+struct Found<R> {
+    p: Triple<R>,
+    error: Triple<R>,
+    normal: Triple<R>,
+    at: Points<R>,
 }
 
 impl ShapeLight {
     /// `None` if it has no area, or its emission is 0.
     pub(super) fn new(emission: Emission, forms: &[accel::Primitive]) -> Option<Self> {
-        let Emission { shape, texture, first, count } = emission;
+        let Emission { shape, texture, first, count, .. } = emission;
         let own = &forms[first..first + count];
-        let areas = own.iter().map(|form| match form {
-            accel::Primitive::Triangle([a, b, c]) => area_normal(*a, *b, *c).map_or(0.0, |f| f.0),
-            accel::Primitive::Sphere(s) => 4.0 * std::f64::consts::PI * f64::from(s.radius).powi(2),
-            accel::Primitive::Disk(d) => d.area,
-        });
-        let mut area = 0.0;
-        let sums: Vec<f64> = areas
-            .map(|a| {
-                area += a;
-                area
+        let areas: Vec<f64> = own
+            .iter()
+            .map(|form| match form {
+                accel::Primitive::Triangle([a, b, c]) => area_normal(*a, *b, *c).map_or(0.0, |f| f.0),
+                accel::Primitive::Sphere(s) => 4.0 * std::f64::consts::PI * f64::from(s.radius).powi(2),
+                accel::Primitive::Disk(d) => d.area,
             })
             .collect();
+        let area: f64 = areas.iter().sum();
         let sphere = own.iter().find_map(|form| match form {
             accel::Primitive::Sphere(s) => Some(*s),
             _ => None,
         });
         let black = matches!(&texture, Texture::Constant(value) if *value == Vec3::ZERO);
-        let cumulative = sums.iter().map(|s| (s / area) as f32).collect();
-        (area > 0.0 && !black).then_some(Self { shape, texture, first, cumulative, area, sphere })
+        let mut alias = Alias::default();
+        alias.extend(&areas);
+        (area > 0.0 && !black).then_some(Self { shape, texture, first, count, alias, area, sphere })
     }
 
-    /// Power by the mean of its texture over the unit square of uv.
-    pub(super) fn power(&self) -> f64 {
+    /// Its primitives.
+    pub(crate) fn primitives(&self) -> std::ops::Range<usize> {
+        self.first..self.first + self.count
+    }
+
+    /// Mean radiance over its texture, as brightness.
+    fn mean(&self) -> f64 {
         const SIDE: u32 = 16;
+        if let Texture::Constant(value) = &self.texture {
+            return brightness(*value);
+        }
         let mut sum = 0.0;
         for i in 0..SIDE * SIDE {
             let uv = Vec2::new((i % SIDE) as f32 + 0.5, (i / SIDE) as f32 + 0.5) / SIDE as f32;
             sum += brightness(self.texture.eval(&Surface { uv, color: Vec4::ONE }));
         }
-        std::f64::consts::PI * self.area * sum / f64::from(SIDE * SIDE)
+        sum / f64::from(SIDE * SIDE)
     }
 
-    /// Radiance that leaves a point of the shape towards a direction, given its outer normal.
-    #[inline]
-    pub(crate) fn radiance(&self, surface: &Surface, normal: Vec3, direction: Vec3) -> Vec3 {
-        if normal.dot(direction) > 0.0 { self.texture.eval(surface) } else { Vec3::ZERO }
+    /// Power, and intensity along the normal if it were flat.
+    pub(super) fn power(&self) -> (f64, f64) {
+        let intensity = self.mean() * self.area;
+        (std::f64::consts::PI * intensity, intensity)
     }
 
-    /// Distance to a sphere's centre, and 1 - cos of the half angle that it fills; `None` if `from` is inside or on it.
-    #[inline]
-    fn cone(sphere: &Sphere, from: Vec3) -> Option<(f32, f32)> {
-        let square = (sphere.center - from).length_squared();
-        let share = sphere.radius * sphere.radius / square;
-        (share < 0.9999).then(|| (square.sqrt(), share / (1.0 + (1.0 - share).sqrt())))
+    /// Radiance that leaves points of the shape towards directions, given the outer normals.
+    #[inline(always)]
+    pub(crate) fn radiance<R: Real>(&self, at: &Points<R>, normal: Triple<R>, direction: Triple<R>) -> Triple<R> {
+        self.texture.one_by_one(at).only(normal.dot(direction).positive())
     }
 
-    /// Density over solid angle, seen from `from`, with which the point `p` of outer normal `normal` is sampled.
-    #[inline]
-    pub(crate) fn pdf(&self, from: Vec3, p: Vec3, normal: Vec3) -> f32 {
-        if let Some((_, width)) = self.sphere.as_ref().and_then(|sphere| Self::cone(sphere, from)) {
-            return 1.0 / (2.0 * PI * width);
-        }
+    /// Distances to a sphere's centre, 1 - cos of the half angle that it fills, and the lanes outside of it.
+    #[inline(always)]
+    fn cone<R: Real>(sphere: &Sphere, from: Triple<R>) -> (R, R, R::Mask) {
+        let d = Triple::splat(sphere.center) - from;
+        let square = d.dot(d);
+        let share = R::splat(sphere.radius * sphere.radius) / square;
+        let width = share / ((R::one() - share).max(R::zero()).sqrt() + 1.0);
+        (square.sqrt(), width, share.lt(R::splat(0.9999)))
+    }
+
+    /// Density over solid angle, seen from `from`, with which the points `p` of outer normals `normal` are sampled.
+    #[inline(always)]
+    pub(crate) fn pdf<R: Real>(&self, from: Triple<R>, p: Triple<R>, normal: Triple<R>) -> R {
         let d = p - from;
-        let square = d.length_squared();
+        let square = d.dot(d);
         // square / (cos area), with cos = |n . d| / sqrt(square).
         let facing = normal.dot(d).abs();
-        if facing > 0.0 { square * square.sqrt() / (facing * self.area as f32) } else { 0.0 }
+        let pdf = (square * square.sqrt() / (facing * self.area as f32)).only(facing.positive());
+        let Some(sphere) = &self.sphere else { return pdf };
+        let (_, width, outside) = Self::cone(sphere, from);
+        R::select(outside, R::splat(1.0 / (2.0 * PI)) / width, pdf)
     }
 
-    /// Samples the shape from a point.
-    #[inline]
-    pub(super) fn sample(&self, world: &World, from: Vec3, pick: f32, u: Vec2) -> Option<Arrival> {
+    /// Samples the shape from points: `pick` and `accept` choose the primitive, `u` the point on it.
+    #[inline(always)]
+    pub(super) fn sample<R: Real>(
+        &self,
+        world: &World,
+        from: &super::Vantage<R>,
+        pick: R,
+        accept: R,
+        u: Pair<R>,
+    ) -> Arrivals<R> {
         let shape = &world.shapes[self.shape as usize];
-        let found = match (&shape.form, &self.sphere) {
-            (Form::Sphere(sphere), _) => Self::on_sphere(sphere, from, u),
-            (Form::Disk(disk), _) => Self::on_disk(disk, u),
-            (Form::Mesh(mesh), _) => {
-                let at = self.cumulative.partition_point(|c| *c <= pick).min(self.cumulative.len() - 1) + self.first;
-                let primitive = &world.primitives[at];
-                let [p0, p1, p2] = world.triangle(at as u32);
-                let root = u.x.sqrt();
-                let weights = [1.0 - root, root * (1.0 - u.y), root * u.y];
-                let (a, b, c) = (p0 * weights[0], p1 * weights[1], p2 * weights[2]);
-                Found {
-                    p: a + b + c,
-                    error: (a.abs() + b.abs() + c.abs()) * gamma(6),
-                    normal: primitive.normal,
-                    surface: mesh.surface(primitive, weights),
-                }
-            }
+        let found = match &shape.form {
+            Form::Sphere(sphere) => self.on_sphere(sphere, from.p, u),
+            Form::Disk(disk) => on_disk(disk, u),
+            Form::Mesh(_) => self.on_mesh(world, pick, accept, u),
         };
-        let normal = if shape.flip { -found.normal } else { found.normal };
-        let d = found.p - from;
+        // Normals of the table are turned already.
+        let turned = shape.flip && !matches!(shape.form, Form::Mesh(_));
+        let normal = if turned { -found.normal } else { found.normal };
+        let d = found.p - from.p;
         let length = d.length();
-        if length == 0.0 {
-            return None;
+        let direction = d * (R::one() / length);
+        let radiance = self.radiance(&found.at, normal, -direction);
+        let pdf = self.pdf(from.p, found.p, normal);
+        let valid = length.positive() & pdf.positive() & radiance.some();
+        let mut weight = radiance * (R::one() / pdf);
+        if world.features.opacity {
+            if let Some(opacity) = world.materials[shape.material as usize].opacity_texture() {
+                weight = weight * opacity.one_by_one(&found.at).x.clamp(0.0, 1.0);
+            }
         }
-        let direction = d / length;
-        let radiance = self.radiance(&found.surface, normal, -direction);
-        let pdf = self.pdf(from, found.p, normal);
-        if radiance == Vec3::ZERO || pdf <= 0.0 {
-            return None;
-        }
-        let opacity = world.opacity_of(self.shape, &found.surface);
-        let target = Target::Surface { p: found.p, error: found.error, normal };
-        Some(Arrival { direction, target, weight: radiance * (opacity / pdf), pdf })
+        let origin = offset_origins(from.p, from.error, from.normal, direction);
+        let end = offset_origins(found.p, found.error, normal, -direction);
+        Arrivals { direction, origin, ray: end - origin, t_max: SHADOW_END, weight, pdf, valid }
     }
 
-    fn on_disk(disk: &Disk, u: Vec2) -> Found {
-        let (radius, angle) = (u.x.sqrt(), 2.0 * PI * u.y);
-        let (a, b) = (radius * maths::cosf(angle), radius * maths::sinf(angle));
-        let (p, error) = disk.point(a, b);
-        Found { p, error, normal: disk.normal, surface: Surface { uv: Disk::uv(a, b), color: Vec4::ONE } }
-    }
-
-    fn on_sphere(sphere: &Sphere, from: Vec3, u: Vec2) -> Found {
-        let angle = 2.0 * PI * u.y;
-        let (sin_phi, cos_phi) = (maths::sinf(angle), maths::cosf(angle));
-        let n = if let Some((distance, width)) = Self::cone(sphere, from) {
-            let drop = u.x * width;
-            let (cos, sin2) = (1.0 - drop, drop * (2.0 - drop));
-            let share = sphere.radius / distance;
-            // Angle at the centre between the point and the direction back.
-            let sin_alpha2 = sin2 / (share * share);
-            let cos_alpha = sin2 / share + cos * (1.0 - sin_alpha2).max(0.0).sqrt();
-            let sin_alpha = (1.0 - cos_alpha * cos_alpha).max(0.0).sqrt();
-            Frame::new((from - sphere.center) / distance).to_world(Vec3::new(
-                sin_alpha * cos_phi,
-                sin_alpha * sin_phi,
-                cos_alpha,
-            ))
+    #[inline(always)]
+    fn on_mesh<R: Real>(&self, world: &World, pick: R, accept: R, u: Pair<R>) -> Found<R> {
+        let own = self.alias.draw::<R>(R::Whole::splat(0), self.count, pick, accept);
+        let primitive = own + R::Whole::splat(self.first as i32);
+        let [p0, p1, p2] = world.table.positions::<R>(primitive);
+        let root = u.x.sqrt();
+        let weights = [R::one() - root, root * (R::one() - u.y), root * u.y];
+        let (a, b, c) = (p0 * weights[0], p1 * weights[1], p2 * weights[2]);
+        let zero = R::zero();
+        let uv = if self.texture.reads_uv() || world.features.opacity {
+            world.table.uv(primitive, weights)
         } else {
-            let z = 1.0 - 2.0 * u.x;
-            let r = (1.0 - z * z).max(0.0).sqrt();
-            Vec3::new(r * cos_phi, r * sin_phi, z)
+            Pair::new(zero, zero)
         };
-        let (p, normal, error) = sphere.project(sphere.center + n * sphere.radius);
-        Found { p, error, normal, surface: Surface { uv: sphere.uv(normal), color: Vec4::ONE } }
+        let mut at = Points { uv, color: Triple::all(R::one()), alpha: R::one() };
+        let shape = &world.shapes[self.shape as usize];
+        if self.texture.reads_colors() || world.materials[shape.material as usize].reads_colors() {
+            colors(world, primitive, weights, &mut at);
+        }
+        Found {
+            p: a + b + c,
+            error: (a.abs() + b.abs() + c.abs()) * R::splat(gamma(6)),
+            normal: world.table.normal(primitive),
+            at,
+        }
     }
+
+    #[inline(always)]
+    fn on_sphere<R: Real>(&self, sphere: &Sphere, from: Triple<R>, u: Pair<R>) -> Found<R> {
+        let one = R::one();
+        let (sin_phi, cos_phi) = sin_cos_turn(u.y);
+        let center = Triple::splat(sphere.center);
+        let (distance, width, outside) = Self::cone(sphere, from);
+        let drop = u.x * width;
+        let (cos, sin2) = (one - drop, drop * (R::splat(2.0) - drop));
+        let share = R::splat(sphere.radius) / distance;
+        // Angle at the centre between the point and the direction back.
+        let sin_alpha2 = sin2 / (share * share);
+        let cos_alpha = sin2 / share + cos * (one - sin_alpha2).max(R::zero()).sqrt();
+        let sin_alpha = (one - cos_alpha * cos_alpha).max(R::zero()).sqrt();
+        let back = (from - center) * (one / distance);
+        let seen = Frames::new(back).to_world(Triple::new(sin_alpha * cos_phi, sin_alpha * sin_phi, cos_alpha));
+        let mut n = seen;
+        if (!outside).any() {
+            let z = one - u.x * 2.0;
+            let r = (one - z * z).max(R::zero()).sqrt();
+            n = Triple::select(outside, seen, Triple::new(r * cos_phi, r * sin_phi, z));
+        }
+        let n = n.normalize();
+        let arm = n * R::splat(sphere.radius);
+        let error = arm.abs() * R::splat(gamma(6)) + (center.abs() + arm.abs()) * R::splat(gamma(2));
+        let mut at = Points { uv: Pair::new(R::zero(), R::zero()), color: Triple::all(one), alpha: one };
+        if self.texture.reads_uv() {
+            at.uv = sphere.uv_lanes(n);
+        }
+        Found { p: center + arm, error, normal: n, at }
+    }
+}
+
+#[inline(always)]
+fn on_disk<R: Real>(disk: &Disk, u: Pair<R>) -> Found<R> {
+    let radius = u.x.sqrt();
+    let (sin, cos) = sin_cos_turn(u.y);
+    let (x, y) = (Triple::splat(disk.x) * (radius * cos), Triple::splat(disk.y) * (radius * sin));
+    let center = Triple::splat(disk.center);
+    let at = Points { uv: Pair::new(radius, u.y), color: Triple::all(R::one()), alpha: R::one() };
+    Found {
+        p: center + x + y,
+        error: (center.abs() + x.abs() + y.abs()) * R::splat(gamma(4)),
+        normal: Triple::splat(disk.normal),
+        at,
+    }
+}
+
+/// Vertex colours at points of triangles.
+#[inline(always)]
+fn colors<R: Real>(world: &World, primitive: R::Whole, weights: [R; 3], at: &mut Points<R>) {
+    let (mut index, mut rows) = ([0; 16], [[0.0f32; 16]; 6]);
+    primitive.store(&mut index);
+    weights[1].store(&mut rows[0]);
+    weights[2].store(&mut rows[1]);
+    for lane in 0..R::N {
+        let color = world.color(index[lane], rows[0][lane], rows[1][lane]);
+        for (row, value) in rows[2..].iter_mut().zip(color.to_array()) {
+            row[lane] = value;
+        }
+    }
+    at.color = Triple::load([&rows[2], &rows[3], &rows[4]], 0);
+    at.alpha = R::load(&rows[5]);
 }

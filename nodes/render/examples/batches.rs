@@ -1,0 +1,58 @@
+//! Renders independent batches of a scene and times them, for the comparisons in `benches/mitsuba`.
+//!
+//! `batches SCENE SIDE SPP BATCHES THREADS [OUT]`: SCENE is a folder as `tauflow export` or `tauflow render` read it, with
+//! `scene.json` and `blob/`. Each batch has a random stream of its own. OUT gets the batch means, f32 RGB, one after
+//! another; standard output one line of JSON.
+
+use std::{collections::BTreeMap, error::Error, fs, path::Path, time::Instant};
+use tauflow_contract::{Digest, KindError};
+use tauflow_data::scene::Scene;
+use tauflow_render::{render::Renderer, world::World};
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    let [scene, side, spp, batches, threads, out @ ..] = args.as_slice() else {
+        return Err("usage: batches SCENE SIDE SPP BATCHES THREADS [OUT]".into());
+    };
+    let (side, spp, batches): (usize, u64, u64) = (side.parse()?, spp.parse()?, batches.parse()?);
+    let folder = Path::new(scene);
+    let scene: Scene = serde_json::from_slice(&fs::read(folder.join("scene.json"))?)?;
+    let mut blobs = BTreeMap::new();
+    if let Ok(entries) = fs::read_dir(folder.join("blob")) {
+        for entry in entries {
+            let bytes = fs::read(entry?.path())?;
+            blobs.insert(Digest::of(&bytes), bytes);
+        }
+    }
+    let mut load = |digest: &Digest| -> Result<Vec<u8>, KindError> {
+        blobs.get(digest).cloned().ok_or_else(|| KindError::Input(format!("no blob {digest}")))
+    };
+    let begun = Instant::now();
+    let world = World::new(&scene, &mut load)?;
+    let compiled = begun.elapsed().as_secs_f64();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.parse()?).build()?;
+    let mut bytes = Vec::new();
+    let (mut seconds, mut segments, mut rejected) = (Vec::new(), 0, 0);
+    for batch in 0..batches {
+        let renderer = Renderer::new(&world, side, side, 1000 + batch)?;
+        let mut film = renderer.begin();
+        let begun = Instant::now();
+        pool.install(|| renderer.advance(&mut film, spp, &mut |_| Ok(())))?;
+        seconds.push(begun.elapsed().as_secs_f64());
+        segments += film.segments;
+        rejected += film.rejected;
+        film.mean().data().iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+    }
+    if let [out, ..] = out {
+        fs::write(out, bytes)?;
+    }
+    let report = serde_json::json!({
+        "prepared_s": compiled,
+        "seconds": seconds,
+        "path_length": segments as f64 / (batches * spp) as f64 / (side * side) as f64,
+        "rejected": rejected,
+        "primitives": world.primitive_count(),
+    });
+    println!("{report}");
+    Ok(())
+}

@@ -1,0 +1,212 @@
+//! Traversal by as many rays as there are lanes, for rays that go nearly the same way, as those of one pixel do.
+
+use super::{Accel, Block, LEAF, Stack, WIDE, traverse::Best};
+use crate::{
+    geometry::{Ray, Walk, gamma, intersect_lanes, intersect_triangle, lane_of},
+    lanes::{Mask, Real, Triple, Whole},
+};
+
+/// Hits by lane; a primitive of -1 is none.
+pub(crate) struct PacketHits<R: Real> {
+    pub(crate) t: R,
+    pub(crate) u: R,
+    pub(crate) v: R,
+    pub(crate) primitive: R::Whole,
+}
+
+/// Rays by lane, without end, and what all have in common.
+pub(crate) struct Packet<R: Real> {
+    origin: Triple<R>,
+    direction: Triple<R>,
+    inverse: Triple<R>,
+    near: [usize; 3],
+    axes: [usize; 3],
+    shear: [R; 3],
+}
+
+#[inline(always)]
+fn axis<R: Real>(v: &Triple<R>, axis: usize) -> R {
+    match axis {
+        0 => v.x,
+        1 => v.y,
+        _ => v.z,
+    }
+}
+
+/// 0 if no lane of `all` is in a mask, 1 if all are.
+#[inline(always)]
+fn side(mask: u32, all: u32) -> Option<usize> {
+    match mask & all {
+        0 => Some(0),
+        some if some == all => Some(1),
+        _ => None,
+    }
+}
+
+/// Finite reciprocals, as [`Walk`] has them.
+#[inline(always)]
+fn safe<R: Real>(v: R) -> R {
+    R::select(v.abs().gt(R::splat(1e-18)), R::one() / v, R::splat(1e18).copysign(v))
+}
+
+impl<R: Real> Packet<R> {
+    /// `None` if the rays of the mask differ in the signs of their directions or in the longest axis.
+    #[inline(always)]
+    pub(crate) fn new(origin: Triple<R>, direction: Triple<R>, mask: R::Mask) -> Option<Self> {
+        let zero = R::zero();
+        let size = direction.abs();
+        let all = mask.bits();
+        // As a single ray's walk has it: the signs of reciprocals, which those of -0 are part of.
+        let one = R::one();
+        let negative = [
+            one.copysign(direction.x).lt(zero).bits(),
+            one.copysign(direction.y).lt(zero).bits(),
+            one.copysign(direction.z).lt(zero).bits(),
+        ];
+        let signs = [side(negative[0], all)?, side(negative[1], all)?, side(negative[2], all)?];
+        let xy = side(size.x.gt(size.y).bits(), all)?;
+        let xz = side(size.x.gt(size.z).bits(), all)?;
+        let yz = side(size.y.gt(size.z).bits(), all)?;
+        let kz = match (xy, xz, yz) {
+            (1, 1, _) => 0,
+            (1, 0, _) => 2,
+            (_, _, 1) => 1,
+            _ => 2,
+        };
+        let mut kx = (kz + 1) % 3;
+        let mut ky = (kx + 1) % 3;
+        let longest = axis(&direction, kz);
+        if side(longest.lt(zero).bits(), all)? == 1 {
+            std::mem::swap(&mut kx, &mut ky);
+        }
+        Some(Self {
+            origin,
+            direction,
+            inverse: Triple::new(safe(direction.x), safe(direction.y), safe(direction.z)),
+            near: [signs[0], 2 + signs[1], 4 + signs[2]],
+            axes: [kx, ky, kz],
+            shear: [axis(&direction, kx) / longest, axis(&direction, ky) / longest, one / longest],
+        })
+    }
+
+    /// The ray of one lane.
+    fn walk(&self, lane: usize) -> Walk {
+        Walk::new(&Ray::new(self.origin.lane(lane), self.direction.lane(lane)))
+    }
+}
+
+impl Accel {
+    /// The nearest hits of a packet: those of [`Accel::closest`], ray by ray.
+    #[inline(always)]
+    pub(crate) fn closest_packet<R: Real>(&self, rays: &Packet<R>, mask: R::Mask, stack: &mut Stack) -> PacketHits<R> {
+        let none = R::Whole::splat(-1);
+        let mut best = PacketHits { t: R::splat(f32::MAX), u: R::zero(), v: R::zero(), primitive: none };
+        if self.nodes.is_empty() {
+            return best;
+        }
+        stack[0].0 = 0;
+        let mut height = 1;
+        while height > 0 {
+            height -= 1;
+            let (current, _) = stack[height];
+            if current & LEAF != 0 {
+                self.meet_packet(&self.blocks[(current & !LEAF) as usize], rays, mask, &mut best);
+                continue;
+            }
+            let node = &self.nodes[current as usize];
+            let base = height;
+            for child in 0..WIDE {
+                let plane = |row: usize| node.planes[row][child];
+                if plane(0) > plane(1) {
+                    // Used children come first.
+                    break;
+                }
+                macro_rules! distance {
+                    ($axis:ident, $row:expr) => {
+                        (R::splat(plane($row)) - rays.origin.$axis) * rays.inverse.$axis
+                    };
+                }
+                let [a, b, c] = rays.near;
+                let enter = distance!(x, a).max(distance!(y, b)).max(distance!(z, c).max(R::zero()));
+                let leave = distance!(x, a ^ 1).min(distance!(y, b ^ 1)).min(distance!(z, c ^ 1));
+                let leave = (leave * (1.0 + 2.0 * gamma(3))).min(best.t);
+                let met = (enter.le(leave) & mask).bits();
+                if met != 0 {
+                    let mut entries = [0.0; 16];
+                    enter.store(&mut entries);
+                    let entry = (node.children[child], entries[met.trailing_zeros() as usize & 15]);
+                    let mut at = height;
+                    while at > base && stack[at - 1].1 < entry.1 {
+                        stack[at] = stack[at - 1];
+                        at -= 1;
+                    }
+                    stack[at] = entry;
+                    height += 1;
+                }
+            }
+        }
+        best
+    }
+
+    #[inline(always)]
+    fn meet_packet<R: Real>(&self, block: &Block, rays: &Packet<R>, mask: R::Mask, best: &mut PacketHits<R>) {
+        let [kx, ky, kz] = rays.axes;
+        let (ox, oy, oz) = (axis(&rays.origin, kx), axis(&rays.origin, ky), axis(&rays.origin, kz));
+        for lane in 0..8 {
+            let primitive = block.primitives[lane];
+            if primitive == u32::MAX {
+                break;
+            }
+            if block.curved >> lane & 1 == 1 {
+                continue;
+            }
+            macro_rules! vertex {
+                ($v:expr) => {{
+                    let at = &block.vertices[$v];
+                    Triple::new(R::splat(at[kx][lane]) - ox, R::splat(at[ky][lane]) - oy, R::splat(at[kz][lane]) - oz)
+                }};
+            }
+            let found = intersect_lanes([vertex!(0), vertex!(1), vertex!(2)], rays.shear, best.t);
+            self.improve_packet(best, found.t, found.u, found.v, primitive, found.met & mask);
+            let mut unsure = (found.edges & mask).bits();
+            while unsure != 0 {
+                let ray = unsure.trailing_zeros() as usize;
+                unsure &= unsure - 1;
+                if let Some(hit) = intersect_triangle(&rays.walk(ray), &lane_of(&block.vertices, lane), f32::MAX) {
+                    let own = R::Mask::from_bits(1 << ray);
+                    let [t, u, v] = [hit.t, hit.u, hit.v].map(R::splat);
+                    self.improve_packet(best, t, u, v, primitive, own & t.le(best.t));
+                }
+            }
+        }
+        if block.curved != 0 {
+            let mut rest = mask.bits();
+            while rest != 0 {
+                let ray = rest.trailing_zeros() as usize;
+                rest &= rest - 1;
+                let mut found = Best::none(f32::MAX);
+                self.improve_curved(block, &rays.walk(ray), &mut found);
+                if let Some(hit) = found.hit() {
+                    let [t, u, v] = [R::splat(hit.t), R::splat(hit.u), R::splat(hit.v)];
+                    let own = R::Mask::from_bits(1 << ray) & t.le(best.t);
+                    self.improve_packet(best, t, u, v, hit.primitive, own);
+                }
+            }
+        }
+    }
+
+    /// Takes hits not beyond the best into account; of those at one distance the lowest primitive counts.
+    #[inline(always)]
+    fn improve_packet<R: Real>(&self, best: &mut PacketHits<R>, t: R, u: R, v: R, primitive: u32, met: R::Mask) {
+        if !met.any() {
+            return;
+        }
+        let number = R::Whole::splat(primitive as i32);
+        let lower = R::same(best.primitive.max(number), best.primitive);
+        let better = met & (t.lt(best.t) | lower);
+        best.t = R::select(better, t, best.t);
+        best.u = R::select(better, u, best.u);
+        best.v = R::select(better, v, best.v);
+        best.primitive = R::select_whole(better, number, best.primitive);
+    }
+}

@@ -1,0 +1,206 @@
+//! Which instructions kernels are made of: chosen once, by what the processor has. The bits do not depend on it.
+//!
+//! Each kernel is a function of its own for each set of instructions; what it calls is inlined into it, and so made of
+//! the same instructions. Hence no closures in kernels: those stay functions of their own, of the plain instructions,
+//! which nothing can be inlined into.
+
+use crate::{
+    bsdf::Sort,
+    stream::{Batch, Found, Group, Stream, trace},
+};
+use std::sync::OnceLock;
+
+/// Sets of instructions that kernels are compiled for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Instructions {
+    /// One number at a time; processors other than x86-64.
+    Portable,
+    /// Four lanes; any x86-64 processor.
+    Sse2,
+    /// Eight lanes.
+    Avx2,
+    /// Sixteen lanes.
+    Avx512,
+}
+
+impl Instructions {
+    /// All that this processor has, from the narrowest.
+    pub fn available() -> Vec<Self> {
+        #[cfg(not(target_arch = "x86_64"))]
+        return vec![Self::Portable];
+        #[cfg(target_arch = "x86_64")]
+        {
+            let mut found = vec![Self::Sse2];
+            let avx2 = is_x86_feature_detected!("avx2")
+                && is_x86_feature_detected!("bmi1")
+                && is_x86_feature_detected!("bmi2")
+                && is_x86_feature_detected!("lzcnt")
+                && is_x86_feature_detected!("popcnt");
+            let avx512 = is_x86_feature_detected!("avx512f")
+                && is_x86_feature_detected!("avx512dq")
+                && is_x86_feature_detected!("avx512bw")
+                && is_x86_feature_detected!("avx512vl");
+            if avx2 {
+                found.push(Self::Avx2);
+            }
+            if avx2 && avx512 {
+                found.push(Self::Avx512);
+            }
+            found
+        }
+    }
+
+    /// The widest that this processor has.
+    pub fn best() -> Self {
+        static BEST: OnceLock<Instructions> = OnceLock::new();
+        *BEST.get_or_init(|| Self::available().into_iter().max().unwrap_or(Self::Portable))
+    }
+
+    /// Traces a batch, by narrower lanes if the processor lacks these.
+    pub(crate) fn trace(self, batch: &Batch<'_>) -> Found {
+        #[cfg(target_arch = "x86_64")]
+        let kernels = match self.min(Self::best()) {
+            Self::Avx512 => &avx512::KERNELS,
+            Self::Avx2 => &avx2::KERNELS,
+            Self::Sse2 | Self::Portable => &sse2::KERNELS,
+        };
+        #[cfg(not(target_arch = "x86_64"))]
+        let kernels = &portable::KERNELS;
+        trace(batch, kernels)
+    }
+}
+
+type Whole = unsafe fn(&mut Stream<'_>);
+type Grouped = unsafe fn(&mut Stream<'_>, &Group);
+
+/// Functions compiled for one set of instructions.
+pub(crate) struct Kernels {
+    meet: unsafe fn(&mut Stream<'_>, usize, usize),
+    meet_packets: Whole,
+    miss: Whole,
+    vertices: Grouped,
+    emit: Grouped,
+    textures: Grouped,
+    lights: Grouped,
+    diffuse: Grouped,
+    metal: Grouped,
+    glass: Grouped,
+    thin: Grouped,
+    plastic: Grouped,
+    principled: Grouped,
+    shadow: Whole,
+}
+
+#[allow(unsafe_code, reason = "`Instructions::trace` hands out only what the processor can run")]
+impl Kernels {
+    pub(crate) fn meet(&self, stream: &mut Stream<'_>, from: usize, to: usize) {
+        unsafe { (self.meet)(stream, from, to) }
+    }
+
+    pub(crate) fn meet_packets(&self, stream: &mut Stream<'_>) {
+        unsafe { (self.meet_packets)(stream) }
+    }
+
+    pub(crate) fn miss(&self, stream: &mut Stream<'_>) {
+        unsafe { (self.miss)(stream) }
+    }
+
+    pub(crate) fn vertices(&self, stream: &mut Stream<'_>, group: &Group) {
+        unsafe { (self.vertices)(stream, group) }
+    }
+
+    pub(crate) fn emit(&self, stream: &mut Stream<'_>, group: &Group) {
+        unsafe { (self.emit)(stream, group) }
+    }
+
+    pub(crate) fn textures(&self, stream: &mut Stream<'_>, group: &Group) {
+        unsafe { (self.textures)(stream, group) }
+    }
+
+    pub(crate) fn lights(&self, stream: &mut Stream<'_>, group: &Group) {
+        unsafe { (self.lights)(stream, group) }
+    }
+
+    /// Of all sorts but blends.
+    pub(crate) fn scatter(&self, sort: Sort, stream: &mut Stream<'_>, group: &Group) {
+        let kernel = match sort {
+            Sort::Diffuse | Sort::Blend => self.diffuse,
+            Sort::Metal => self.metal,
+            Sort::Glass => self.glass,
+            Sort::Thin => self.thin,
+            Sort::Plastic => self.plastic,
+            Sort::Principled => self.principled,
+        };
+        unsafe { kernel(stream, group) }
+    }
+
+    pub(crate) fn shadow(&self, stream: &mut Stream<'_>) {
+        unsafe { (self.shadow)(stream) }
+    }
+}
+
+macro_rules! kernels {
+    ($name:ident, $wide:ty, $ray:ty $(, $feature:literal)?) => {
+        mod $name {
+            use super::{Group, Kernels, Stream};
+            use crate::bsdf::{Diffuse, Glass, Metal, Plastic, Principled, Thin};
+
+            pub(super) static KERNELS: Kernels = Kernels {
+                meet,
+                meet_packets,
+                miss,
+                vertices,
+                emit,
+                textures,
+                lights,
+                diffuse,
+                metal,
+                glass,
+                thin,
+                plastic,
+                principled,
+                shadow,
+            };
+
+            $(#[target_feature(enable = $feature)])?
+            fn meet(stream: &mut Stream<'_>, from: usize, to: usize) {
+                stream.meet::<$ray>(from, to);
+            }
+
+            kernels!(@whole meet_packets, meet_packets::<$wide, $ray> $(, $feature)?);
+            kernels!(@whole miss, miss::<$wide> $(, $feature)?);
+            kernels!(@group vertices, vertices::<$wide> $(, $feature)?);
+            kernels!(@group emit, emit::<$wide> $(, $feature)?);
+            kernels!(@group textures, textures::<$wide> $(, $feature)?);
+            kernels!(@group lights, lights::<$wide> $(, $feature)?);
+            kernels!(@group diffuse, scatter::<$wide, Diffuse<$wide>> $(, $feature)?);
+            kernels!(@group metal, scatter::<$wide, Metal<$wide>> $(, $feature)?);
+            kernels!(@group glass, scatter::<$wide, Glass<$wide>> $(, $feature)?);
+            kernels!(@group thin, scatter::<$wide, Thin<$wide>> $(, $feature)?);
+            kernels!(@group plastic, scatter::<$wide, Plastic<'_, $wide>> $(, $feature)?);
+            kernels!(@group principled, scatter::<$wide, Principled<$wide>> $(, $feature)?);
+            kernels!(@whole shadow, shadow::<$ray> $(, $feature)?);
+        }
+    };
+    (@whole $name:ident, $method:ident::<$($of:ty),+> $(, $feature:literal)?) => {
+        $(#[target_feature(enable = $feature)])?
+        fn $name(stream: &mut Stream<'_>) {
+            stream.$method::<$($of),+>();
+        }
+    };
+    (@group $name:ident, $method:ident::<$($of:ty),+> $(, $feature:literal)?) => {
+        $(#[target_feature(enable = $feature)])?
+        fn $name(stream: &mut Stream<'_>, group: &Group) {
+            stream.$method::<$($of),+>(group);
+        }
+    };
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+kernels!(portable, f32, f32);
+#[cfg(target_arch = "x86_64")]
+kernels!(sse2, crate::lanes::F4, crate::lanes::F4);
+#[cfg(target_arch = "x86_64")]
+kernels!(avx2, crate::lanes::F8, crate::lanes::F8, "avx2,bmi1,bmi2,lzcnt,popcnt");
+#[cfg(target_arch = "x86_64")]
+kernels!(avx512, crate::lanes::F16, crate::lanes::F8, "avx2,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512dq,avx512bw,avx512vl");

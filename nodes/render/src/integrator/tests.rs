@@ -1,0 +1,86 @@
+use super::*;
+use crate::{
+    dispatch::Instructions,
+    render::Renderer,
+    scenes::{Built, ball, balls_under_sky, columns, level, room},
+};
+use tauflow_data::scene::{Bsdf, Emitter, Geometry, Texture};
+
+fn world(built: &Built) -> World {
+    World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene")
+}
+
+#[test]
+fn every_set_of_instructions_has_the_same_bits() {
+    for built in [balls_under_sky(), room()] {
+        let world = world(&built);
+        let films: Vec<_> = Instructions::available()
+            .into_iter()
+            .map(|instructions| {
+                let renderer = Renderer::new(&world, 24, 20, 3).expect("a film").with_instructions(instructions);
+                let mut film = renderer.begin();
+                renderer.advance(&mut film, 7, &mut |_| Ok(())).expect("nothing stops it");
+                film
+            })
+            .collect();
+        assert!(films.iter().all(|film| *film == films[0]), "{:?}", Instructions::available());
+    }
+}
+
+#[test]
+fn convex_bodies_do_not_shade_themselves() {
+    let mut facets = ball(20);
+    facets.normals = None;
+    for (radius, shift) in [(1.0, 0.0), (1e-2, 1.0), (1e3, -400.0), (1.0, 300.0)] {
+        let at = [shift, 0.5 * shift, -shift];
+        for curved in [false, true] {
+            let eye = [at[0], at[1], at[2] + 4.0 * radius];
+            let mut built = Built::new(eye, at, 40.0, 2);
+            let white = built.diffuse([1.0; 3]);
+            if curved {
+                built.sphere(at, radius, white);
+            } else {
+                let (x, y, z) = ([radius, 0.0, 0.0], [0.0, radius, 0.0], [0.0, 0.0, radius]);
+                built.mesh(&facets, columns(x, y, z, at), white);
+            }
+            let direction = [-1.0, -0.2, 0.1];
+            built.scene.emitters.push(Emitter::Directional { direction, irradiance: [1.0; 3] });
+            let world = World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene");
+            let renderer = Renderer::new(&world, 64, 64, 0).expect("a sound film");
+            let mut film = renderer.begin();
+            renderer.advance(&mut film, 1, &mut |_| Ok(())).expect("nothing stops it");
+            let to_light = -glam::DVec3::from_array(direction).normalize().as_vec3();
+            let mut lit = 0;
+            for (index, pixel) in film.pixels.iter().enumerate() {
+                let at = renderer.pixel(index);
+                let sampler = Sampler::new(crate::rng::render_state(world.seed, 0), at, 0);
+                let Some((_, hit)) = world.meet(&renderer.camera_ray(&sampler, at)) else { continue };
+                if hit.geometric.dot(to_light) > 1e-3 {
+                    lit += 1;
+                    assert!(pixel.sum[0] > 0.0, "shaded at {hit:?}, radius {radius}");
+                }
+            }
+            assert!(lit > 500, "{lit}");
+        }
+    }
+}
+
+#[test]
+fn features_are_those_of_shapes_that_are_there() {
+    let mut built = room();
+    let inner = Box::new(Bsdf::Diffuse { reflectance: Texture::scalar(0.5) });
+    let mask = built.material(Bsdf::Mask { opacity: Texture::scalar(0.5), inner });
+    let features = |built: &Built| World::new(&built.scene, &mut |d| built.load(d)).expect("sound").features;
+    let room = features(&built);
+    assert!(room.area_lights && !room.opacity && !room.environment && !room.delta_lights && !room.normal_maps);
+    built.shape(Geometry::Rectangle, level(0.1, [0.0, 1.0, 0.0], true), mask);
+    built.sky([1.0; 3]);
+    assert!(features(&built).opacity && features(&built).environment);
+}
+
+#[test]
+fn weights_of_densities_that_overflow_are_no_nan() {
+    assert_eq!(Strategy::Mis.weight(true, 1.0, f32::INFINITY), 0.0);
+    assert_eq!(Strategy::LightsOnly.weight(false, 1.0, 0.0), 1.0);
+    assert_eq!(Strategy::ScatteringOnly.weight(true, 1.0, 2.0), 0.0);
+}
