@@ -94,9 +94,12 @@ pub fn preview(value: f32) -> f32 {
     libm::powf(mapped, 1.0 / 2.2).clamp(0.0, 1.0)
 }
 
-/// Relative luminance of a linear RGB pixel (Rec. 709).
+/// Weights of relative luminance (Rec. 709).
+pub const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
+
+/// Relative luminance of a linear RGB pixel.
 pub fn luminance(rgb: &[f32]) -> f32 {
-    0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]
+    LUMINANCE[0] * rgb[0] + LUMINANCE[1] * rgb[1] + LUMINANCE[2] * rgb[2]
 }
 
 #[cfg(test)]

@@ -1,18 +1,18 @@
 //! Renders independent batches of a scene and times them, for the comparisons in `benches/mitsuba`.
 //!
-//! `batches SCENE SIDE SPP BATCHES THREADS [OUT]`: SCENE is a folder as `tauflow export` or `tauflow render` read it, with
+//! `batches SCENE SIDE SPP BATCHES THREADS OUT [late]`: SCENE is a folder as `tauflow export` or `tauflow render` read it, with
 //! `scene.json` and `blob/`. Each batch has a random stream of its own. OUT gets the batch means, f32 RGB, one after
-//! another; standard output one line of JSON.
+//! another; standard output one line of JSON. With `late`, paths are ended as Mitsuba ends them.
 
 use std::{collections::BTreeMap, error::Error, fs, path::Path, time::Instant};
 use tauflow_contract::{Digest, KindError};
 use tauflow_data::scene::Scene;
-use tauflow_render::{render::Renderer, world::World};
+use tauflow_render::{integrator::Roulette, render::Renderer, world::World};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
-    let [scene, side, spp, batches, threads, out @ ..] = args.as_slice() else {
-        return Err("usage: batches SCENE SIDE SPP BATCHES THREADS [OUT]".into());
+    let [scene, side, spp, batches, threads, out, how @ ..] = args.as_slice() else {
+        return Err("usage: batches SCENE SIDE SPP BATCHES THREADS OUT [late]".into());
     };
     let (side, spp, batches): (usize, u64, u64) = (side.parse()?, spp.parse()?, batches.parse()?);
     let folder = Path::new(scene);
@@ -34,7 +34,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut bytes = Vec::new();
     let (mut seconds, mut segments, mut rejected) = (Vec::new(), 0, 0);
     for batch in 0..batches {
-        let renderer = Renderer::new(&world, side, side, 1000 + batch)?;
+        let roulette = if how.iter().any(|h| h == "late") { Roulette::LATE } else { Roulette::default() };
+        let renderer = Renderer::new(&world, side, side, 1000 + batch)?.with_roulette(roulette);
         let mut film = renderer.begin();
         let begun = Instant::now();
         pool.install(|| renderer.advance(&mut film, spp, &mut |_| Ok(())))?;
@@ -43,9 +44,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         rejected += film.rejected;
         film.mean().data().iter().for_each(|v| bytes.extend(v.to_le_bytes()));
     }
-    if let [out, ..] = out {
-        fs::write(out, bytes)?;
-    }
+    fs::write(out, bytes)?;
     let report = serde_json::json!({
         "prepared_s": compiled,
         "seconds": seconds,

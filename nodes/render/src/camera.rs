@@ -1,6 +1,9 @@
 //! Perspective pinhole camera: Mitsuba's `perspective` with a box filter.
 
-use crate::geometry::Ray;
+use crate::{
+    geometry::Ray,
+    lanes::{Real, Triple},
+};
 use glam::{DVec3, Vec2, Vec3};
 use tauflow_contract::KindError;
 use tauflow_data::{maths, scene};
@@ -12,7 +15,8 @@ pub struct Camera {
     pub origin: Vec3,
     near: f32,
     /// Directions of the film's top-left corner, and along a pixel's width and height, for axial distance 1.
-    corner: DVec3,
+    /// Middle of the film, in pixels.
+    middle: Vec2,
     right: DVec3,
     down: DVec3,
     forward: Vec3,
@@ -49,7 +53,7 @@ impl Camera {
         Ok(Self {
             origin: origin.as_vec3(),
             near: camera.near as f32,
-            corner: forward - side * half + up * (pixel * height as f64 * 0.5),
+            middle: Vec2::new(width as f32 * 0.5, height as f32 * 0.5),
             right: side * pixel,
             down: up * -pixel,
             forward: forward.as_vec3(),
@@ -64,14 +68,21 @@ impl Camera {
         DVec3::new(across(self.right), -across(self.down), across(back)).as_vec3()
     }
 
+    /// Rays through points of the film, in pixels from the top left.
+    #[inline(always)]
+    pub(crate) fn rays<R: Real>(&self, x: R, y: R) -> (Triple<R>, Triple<R>) {
+        // From the middle of the film, where nothing cancels.
+        let (x, y) = (x - self.middle.x, y - self.middle.y);
+        let (right, down) = (Triple::splat(self.right.as_vec3()), Triple::splat(self.down.as_vec3()));
+        let direction = (Triple::splat(self.forward) + right * x + down * y).normalize();
+        let begin = R::splat(self.near) / direction.dot(Triple::splat(self.forward));
+        (Triple::splat(self.origin) + direction * begin, direction)
+    }
+
     /// The ray through a point of the film, in pixels from the top left.
-    #[inline]
     pub fn ray(&self, x: u32, y: u32, jitter: Vec2) -> Ray {
-        let (x, y) = (f64::from(x) + f64::from(jitter.x), f64::from(y) + f64::from(jitter.y));
-        let direction = self.corner + self.right * x + self.down * y;
-        let direction = (direction / direction.length()).as_vec3();
-        let begin = self.near / direction.dot(self.forward);
-        Ray::new(self.origin + direction * begin, direction)
+        let (origin, direction) = self.rays::<f32>(x as f32 + jitter.x, y as f32 + jitter.y);
+        Ray::new(origin.into(), direction.into())
     }
 }
 

@@ -75,7 +75,8 @@ type Grouped = unsafe fn(&mut Stream<'_>, &Group);
 
 /// Functions compiled for one set of instructions.
 pub(crate) struct Kernels {
-    meet: unsafe fn(&mut Stream<'_>, usize, usize),
+    begin: Whole,
+    meet: Whole,
     meet_packets: Whole,
     miss: Whole,
     vertices: Grouped,
@@ -93,8 +94,12 @@ pub(crate) struct Kernels {
 
 #[allow(unsafe_code, reason = "`Instructions::trace` hands out only what the processor can run")]
 impl Kernels {
-    pub(crate) fn meet(&self, stream: &mut Stream<'_>, from: usize, to: usize) {
-        unsafe { (self.meet)(stream, from, to) }
+    pub(crate) fn begin(&self, stream: &mut Stream<'_>) {
+        unsafe { (self.begin)(stream) }
+    }
+
+    pub(crate) fn meet(&self, stream: &mut Stream<'_>) {
+        unsafe { (self.meet)(stream) }
     }
 
     pub(crate) fn meet_packets(&self, stream: &mut Stream<'_>) {
@@ -146,6 +151,7 @@ macro_rules! kernels {
             use crate::bsdf::{Diffuse, Glass, Metal, Plastic, Principled, Thin};
 
             pub(super) static KERNELS: Kernels = Kernels {
+                begin,
                 meet,
                 meet_packets,
                 miss,
@@ -162,11 +168,8 @@ macro_rules! kernels {
                 shadow,
             };
 
-            $(#[target_feature(enable = $feature)])?
-            fn meet(stream: &mut Stream<'_>, from: usize, to: usize) {
-                stream.meet::<$ray>(from, to);
-            }
-
+            kernels!(@whole begin, begin::<$wide> $(, $feature)?);
+            kernels!(@whole meet, meet::<$wide, $ray> $(, $feature)?);
             kernels!(@whole meet_packets, meet_packets::<$wide, $ray> $(, $feature)?);
             kernels!(@whole miss, miss::<$wide> $(, $feature)?);
             kernels!(@group vertices, vertices::<$wide> $(, $feature)?);
@@ -179,7 +182,7 @@ macro_rules! kernels {
             kernels!(@group thin, scatter::<$wide, Thin<$wide>> $(, $feature)?);
             kernels!(@group plastic, scatter::<$wide, Plastic<'_, $wide>> $(, $feature)?);
             kernels!(@group principled, scatter::<$wide, Principled<$wide>> $(, $feature)?);
-            kernels!(@whole shadow, shadow::<$ray> $(, $feature)?);
+            kernels!(@whole shadow, shadow::<$wide, $ray> $(, $feature)?);
         }
     };
     (@whole $name:ident, $method:ident::<$($of:ty),+> $(, $feature:literal)?) => {

@@ -3,7 +3,9 @@
 //! A map is read bilinearly: columns repeat with texel centres in the middle of a cell, the first and last row lie on the
 //! poles. Directions are drawn over the cells between texels, in proportion to the mean luminance of a cell's corners times
 //! its solid angle, by alias tables (Walker 1977, Vose 1991) over rows and columns that are worked out in f64; within a
-//! cell evenly in (u, v).
+//! cell in proportion to the luminance between the texels. Of the luminance only what is above the mean counts: the rest
+//! is found by scattering as well, and multiple importance sampling adds up the two (Karlik et al. 2019, *MIS
+//! Compensation*). A vertex that samples the map must therefore also be able to scatter.
 
 use crate::{
     alias::Alias,
@@ -13,7 +15,12 @@ use crate::{
 use glam::{Mat3, Vec2, Vec3};
 use std::f64::consts::PI;
 use tauflow_contract::KindError;
-use tauflow_data::{Image, image::luminance, maths::cos, scene::Emitter};
+use tauflow_data::{
+    Image,
+    image::{LUMINANCE, luminance},
+    maths::cos,
+    scene::Emitter,
+};
 
 const PI_F: f32 = std::f32::consts::PI;
 
@@ -36,8 +43,10 @@ pub struct Map {
     /// Columns, row after row.
     columns: Alias,
     rows: Alias,
-    /// Density over (u, v) of each cell, over 2 pi^2: over the sine of the polar angle, that over solid angle.
+    /// By row, density over solid angle times the sine of the polar angle, over luminance.
     density: Vec<f32>,
+    /// Luminance that is left to scattering.
+    floor: f32,
     /// Integral of luminance over the sphere.
     total: f64,
 }
@@ -143,22 +152,28 @@ impl Map {
             Image::from_data(width, 2, channels, twice)?
         };
         let rows = image.height() - 1;
-        let light = |x: usize, y: usize| f64::from(luminance(image.pixel(x % width, y))) * f64::from(scale);
-        let (mut weights, mut by_row) = (Vec::with_capacity(rows * width), Vec::with_capacity(rows));
-        for y in 0..rows {
-            // Solid angle of a cell of this row.
-            let angle = |i: usize| cos(PI * i as f64 / rows as f64);
-            let cell = (angle(y) - angle(y + 1)) * 2.0 * PI / width as f64;
-            let start = weights.len();
-            weights.extend(
-                (0..width)
-                    .map(|x| 0.25 * (light(x, y) + light(x + 1, y) + light(x, y + 1) + light(x + 1, y + 1)) * cell),
-            );
-            by_row.push(weights[start..].iter().sum());
-        }
-        let total: f64 = by_row.iter().sum();
-        let scale_to_density = (rows * width) as f64 / (total * 2.0 * PI * PI);
-        let density = weights.iter().map(|w| if total > 0.0 { (w * scale_to_density) as f32 } else { 0.0 }).collect();
+        // Solid angle of a cell of each row.
+        let angle = |i: usize| cos(PI * i as f64 / rows as f64);
+        let solid: Vec<f64> = (0..rows).map(|y| (angle(y) - angle(y + 1)) * 2.0 * PI / width as f64).collect();
+        let weights = |floor: f64| -> Vec<f64> {
+            let light = |x: usize, y: usize| (f64::from(luminance(image.pixel(x % width, y))) - floor).max(0.0);
+            let cells = (0..rows).flat_map(|y| (0..width).map(move |x| (x, y)));
+            cells
+                .map(|(x, y)| 0.25 * (light(x, y) + light(x + 1, y) + light(x, y + 1) + light(x + 1, y + 1)) * solid[y])
+                .collect()
+        };
+        let whole = weights(0.0);
+        let integral: f64 = whole.iter().sum();
+        // What is no brighter than the mean is left to scattering, unless there is nothing else.
+        let floor = f64::from((integral / (4.0 * PI)) as f32);
+        let above = weights(floor);
+        let (floor, weights) = if above.iter().sum::<f64>() > 1e-3 * integral { (floor, above) } else { (0.0, whole) };
+        let by_row: Vec<f64> = weights.chunks(width).map(|row| row.iter().sum()).collect();
+        let sum: f64 = by_row.iter().sum();
+        // Cells have one over their number of (u, v), which has sin / (2 pi^2) of solid angle.
+        let density = |cell: &f64| cell * (rows * width) as f64 / (sum * 2.0 * PI * PI);
+        let density = solid.iter().map(|cell| if sum > 0.0 { density(cell) as f32 } else { 0.0 }).collect();
+        let total = integral * f64::from(scale);
         let mut columns = Alias::default();
         for row in weights.chunks(width) {
             columns.extend(row);
@@ -166,7 +181,7 @@ impl Map {
         let mut of_rows = Alias::default();
         of_rows.extend(&by_row);
         let to_local = to_world.transpose();
-        Ok(Self { image, scale, to_world, to_local, columns, rows: of_rows, density, total })
+        Ok(Self { image, scale, to_world, to_local, columns, rows: of_rows, density, floor: floor as f32, total })
     }
 
     #[inline(always)]
@@ -182,21 +197,41 @@ impl Map {
         // Shifted so that cells begin at whole columns. The arc tangent keeps its digits near the poles.
         let u = atan2(d.x, -d.z) * (0.5 / PI_F) - 0.5 / self.image.width() as f32;
         let v = atan2(sin, d.y) * (1.0 / PI_F);
-        self.read(Pair::new(u - u.floor(), v), sin)
+        let (columns, rows) = (self.image.width(), self.image.height() - 1);
+        let (x, y) = ((u - u.floor()) * columns as f32, v * rows as f32);
+        let (i, j) = (x.clamp(0.0, (columns - 1) as f32).floor(), y.clamp(0.0, (rows - 1) as f32).floor());
+        let corners = self.corners(i.whole(), j.whole());
+        let (fx, fy) = (x - i, y - j);
+        let [a, b, c, d] = self.lights(&corners);
+        let upper = a * (R::one() - fx) + b * fx;
+        let lower = c * (R::one() - fx) + d * fx;
+        let light = upper * (R::one() - fy) + lower * fy;
+        (between(&corners, fx, fy) * R::splat(self.scale), self.pdf(j.whole(), light, sin))
     }
 
-    /// Radiance and density at (u, v), given the sine of the polar angle.
+    /// Density over solid angle in a row of cells, where the luminance above the floor is `light`.
     #[inline(always)]
-    fn read<R: Real>(&self, uv: Pair<R>, sin: R) -> (Triple<R>, R) {
-        let (columns, rows, channels) = (self.image.width(), self.image.height() - 1, self.image.channels());
-        let (x, y) = (uv.x * columns as f32, uv.y * rows as f32);
-        let (i, j) = (x.clamp(0.0, (columns - 1) as f32).floor(), y.clamp(0.0, (rows - 1) as f32).floor());
-        let (fx, fy) = (x - i, y - j);
-        let next = R::select(i.equals(R::splat((columns - 1) as f32)), R::zero(), i + 1.0);
-        let (i, j, next) = (i.whole(), j.whole(), next.whole());
-        let row = j * R::Whole::splat(columns as i32);
+    fn pdf<R: Real>(&self, row: R::Whole, light: R, sin: R) -> R {
+        (R::gather(&self.density, row) * light / sin).only(sin.positive())
+    }
+
+    /// Luminance above the floor.
+    #[inline(always)]
+    fn lights<R: Real>(&self, [a, b, c, d]: &[Triple<R>; 4]) -> [R; 4] {
+        let floor = self.floor;
+        [above(*a, floor), above(*b, floor), above(*c, floor), above(*d, floor)]
+    }
+
+    /// Texels about a cell: upper left and right, lower left and right.
+    #[inline(always)]
+    fn corners<R: Real>(&self, i: R::Whole, j: R::Whole) -> [Triple<R>; 4] {
+        let (columns, channels) = (self.image.width(), self.image.channels());
         let data = self.image.data();
         let step = R::Whole::splat(channels as i32);
+        let last = R::same(i, R::Whole::splat(columns as i32 - 1));
+        let next = R::select_whole(last, R::Whole::splat(0), i + R::Whole::splat(1));
+        let row = j * R::Whole::splat(columns as i32);
+        let below = row + R::Whole::splat(columns as i32);
         macro_rules! texel {
             ($at:expr) => {{
                 let index = ($at) * step;
@@ -204,12 +239,7 @@ impl Map {
                 Triple::new(R::gather(data, index), R::gather(data, green), R::gather(data, blue))
             }};
         }
-        let below = row + R::Whole::splat(columns as i32);
-        let upper = texel!(row + i) * (R::one() - fx) + texel!(row + next) * fx;
-        let lower = texel!(below + i) * (R::one() - fx) + texel!(below + next) * fx;
-        let radiance = (upper * (R::one() - fy) + lower * fy) * R::splat(self.scale);
-        let pdf = (R::gather(&self.density, row + i) / sin).only(sin.positive());
-        (radiance, pdf)
+        [texel!(row + i), texel!(row + next), texel!(below + i), texel!(below + next)]
     }
 
     #[inline(always)]
@@ -219,16 +249,46 @@ impl Map {
         let j = self.rows.draw(none, rows, pick.x, accept.x);
         let start = j * R::Whole::splat(columns as i32);
         let i = self.columns.draw(start, columns, pick.y, accept.y);
-        let uv = Pair::new(
-            (R::of_whole(i) + within.x) * (1.0 / columns as f32),
-            (R::of_whole(j) + within.y) * (1.0 / rows as f32),
-        );
-        let (sin_phi, cos_phi) = sin_cos_turn(uv.x + 0.5 / columns as f32);
-        let (sin, cos) = sin_cos_turn(uv.y * 0.5);
+        let corners = self.corners::<R>(i, j);
+        // Down by the sums of the rows, across by the luminance at that height.
+        let [a, b, c, d] = self.lights(&corners);
+        let y = ramp(a + b, c + d, within.y);
+        let (left, right) = (a * (R::one() - y) + c * y, b * (R::one() - y) + d * y);
+        let x = ramp(left, right, within.x);
+        let light = left * (R::one() - x) + right * x;
+        let radiance = between(&corners, x, y);
+        let u = (R::of_whole(i) + x) * (1.0 / columns as f32);
+        let v = (R::of_whole(j) + y) * (1.0 / rows as f32);
+        let (sin_phi, cos_phi) = sin_cos_turn(u + 0.5 / columns as f32);
+        let (sin, cos) = sin_cos_turn(v * 0.5);
         let local = Triple::new(sin_phi * sin, cos, -cos_phi * sin);
-        let (radiance, pdf) = self.read(uv, sin);
-        (Self::turned(&self.to_world, local), radiance, pdf)
+        (Self::turned(&self.to_world, local), radiance * R::splat(self.scale), self.pdf(j, light, sin))
     }
+}
+
+/// Luminance above a floor.
+#[inline(always)]
+fn above<R: Real>(v: Triple<R>, floor: f32) -> R {
+    let [r, g, b] = LUMINANCE;
+    (v.x * r + v.y * g + v.z * b - floor).max(R::zero())
+}
+
+/// Between the corners of a cell.
+#[inline(always)]
+fn between<R: Real>([a, b, c, d]: &[Triple<R>; 4], x: R, y: R) -> Triple<R> {
+    let upper = *a * (R::one() - x) + *b * x;
+    let lower = *c * (R::one() - x) + *d * x;
+    upper * (R::one() - y) + lower * y
+}
+
+/// Draws from [0, 1) in proportion to what rises or falls from `from` to `to`.
+#[inline(always)]
+fn ramp<R: Real>(from: R, to: R, u: R) -> R {
+    // The inverse of (from x + (to - from) x^2 / 2) over its end, in the form that does not cancel.
+    let root = (from * from * (R::one() - u) + to * to * u).max(R::zero()).sqrt();
+    let sum = from + root;
+    let x = u * (from + to) / sum;
+    R::select(sum.positive(), x, u).clamp(0.0, 1.0 - f32::EPSILON)
 }
 
 #[cfg(test)]
@@ -273,7 +333,8 @@ mod tests {
                     let d = Vec3::new((s * libm::cos(phi)) as f32, c as f32, (s * libm::sin(phi)) as f32);
                     let (value, pdf) = environment.look(d);
                     integral += f64::from(pdf) * cell;
-                    radiance += f64::from(value.y) * cell;
+                    // What is not drawn is left to scattering.
+                    radiance += if pdf > 0.0 { f64::from(value.y) * cell } else { 0.0 };
                 }
             }
             assert!((integral - 1.0).abs() < 0.01, "{number}: {integral}");

@@ -4,7 +4,7 @@ use crate::{
     accumulator::Accumulator,
     camera::Camera,
     dispatch::Instructions,
-    integrator::Strategy,
+    integrator::{Roulette, Strategy},
     rng::{FILM, Sampler, render_state},
     stream::Batch,
     world::{Dropped, LoadBlob, World},
@@ -32,6 +32,7 @@ pub struct Renderer<'a> {
     height: usize,
     stream: u64,
     strategy: Strategy,
+    roulette: Roulette,
     instructions: Instructions,
 }
 
@@ -47,12 +48,27 @@ impl<'a> Renderer<'a> {
             )));
         }
         let camera = Camera::new(&world.camera, width, height)?;
-        Ok(Self { world, camera, width, height, stream, strategy: Strategy::Mis, instructions: Instructions::best() })
+        Ok(Self {
+            world,
+            camera,
+            width,
+            height,
+            stream,
+            strategy: Strategy::Mis,
+            roulette: Roulette::default(),
+            instructions: Instructions::best(),
+        })
     }
 
     /// The same, with another way of finding light.
     pub fn with_strategy(mut self, strategy: Strategy) -> Self {
         self.strategy = strategy;
+        self
+    }
+
+    /// The same, with paths ended in another way.
+    pub fn with_roulette(mut self, roulette: Roulette) -> Self {
+        self.roulette = roulette;
         self
     }
 
@@ -129,8 +145,9 @@ impl<'a> Renderer<'a> {
                         let pixel = self.pixel(task * tile + offset);
                         paths.extend((first..last).map(|index| (pixel, Sampler::new(state, pixel, index))));
                     }
-                    let (world, camera, strategy) = (self.world, &self.camera, self.strategy);
-                    let found = self.instructions.trace(&Batch { world, camera, strategy, paths: &paths });
+                    let (world, camera) = (self.world, &self.camera);
+                    let (strategy, roulette) = (self.strategy, self.roulette);
+                    let found = self.instructions.trace(&Batch { world, camera, strategy, roulette, paths: &paths });
                     segments += found.segments;
                     rejected += found.rejected;
                     for (target, samples) in pixels.iter_mut().zip(found.radiance.chunks_exact((last - first) as usize))

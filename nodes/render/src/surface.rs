@@ -92,7 +92,6 @@ pub(crate) fn interact(
     flip: bool,
     ray: &Ray,
     hit: &Hit,
-    uv: bool,
 ) -> Interaction {
     let mut found = match form {
         Form::Mesh(mesh) => {
@@ -115,14 +114,12 @@ pub(crate) fn interact(
         }
         Form::Sphere(sphere) => {
             let (p, n, error) = sphere.project(ray.at(hit.t));
-            let uv = if uv { sphere.uv(n) } else { Vec2::ZERO };
-            let surface = Surface { uv, color: Vec4::ONE };
+            let surface = Surface { uv: sphere.uv(n), color: Vec4::ONE };
             Interaction { p, error, geometric: n, shading: n, surface, shape: primitive.shape }
         }
         Form::Disk(disk) => {
             let (p, error) = disk.point(hit.u, hit.v);
-            let uv = if uv { Disk::uv(hit.u, hit.v) } else { Vec2::ZERO };
-            let surface = Surface { uv, color: Vec4::ONE };
+            let surface = Surface { uv: Disk::uv(hit.u, hit.v), color: Vec4::ONE };
             let n = disk.normal;
             Interaction { p, error, geometric: n, shading: n, surface, shape: primitive.shape }
         }

@@ -13,6 +13,14 @@ const UVS: usize = 21;
 /// The light of primitives that do not emit.
 pub(crate) const DARK: u32 = u32::MAX;
 
+/// A triangle, by its vertices.
+pub(crate) const TRIANGLE: u32 = 0;
+/// A disk: centre and images of the unit vectors instead of vertices.
+pub(crate) const DISK: u32 = 1;
+/// A sphere: its centre, and its radius as the first number of the second vertex; the next is -1 if it is turned inside
+/// out.
+pub(crate) const SPHERE: u32 = 2;
+
 /// Rows of all primitives.
 #[derive(Default)]
 pub(crate) struct Table {
@@ -23,8 +31,8 @@ pub(crate) struct Table {
     pub(crate) light: Vec<u32>,
     /// Shape of each.
     pub(crate) shape: Vec<u32>,
-    /// 1 for what is no triangle.
-    pub(crate) curved: Vec<u32>,
+    /// What each is: [`TRIANGLE`], [`DISK`] or [`SPHERE`].
+    pub(crate) form: Vec<u32>,
 }
 
 /// A triangle's row.
@@ -38,14 +46,14 @@ pub(crate) struct Row {
 }
 
 impl Table {
-    pub(crate) fn push(&mut self, row: &Row, shape: u32, material: u32, curved: bool) {
+    pub(crate) fn push(&mut self, row: &Row, shape: u32, material: u32, form: u32) {
         let all = row.positions.iter().chain([&row.normal]).chain(&row.normals).flat_map(|v| v.to_array());
         self.rows.extend(all.chain(row.uvs.iter().flat_map(|v| v.to_array())));
         self.rows.resize((self.material.len() + 1) * WIDTH, 0.0);
         self.material.push(material);
         self.light.push(DARK);
         self.shape.push(shape);
-        self.curved.push(u32::from(curved));
+        self.form.push(form);
     }
 
     /// Vertices of a primitive.

@@ -156,10 +156,12 @@ impl Texture {
 
     #[inline(never)]
     fn rows(&self, rows: &mut [[f32; 16]; 9], lanes: usize) {
-        for lane in 0..lanes {
-            let [u, v, r, g, b, alpha] = [0, 1, 2, 3, 4, 5].map(|k: usize| rows[k][lane]);
-            let value = self.at(&Points { uv: Pair::new(u, v), color: Triple::new(r, g, b), alpha });
-            (rows[6][lane], rows[7][lane], rows[8][lane]) = (value.x, value.y, value.z);
+        let [us, vs, reds, greens, blues, alphas, x, y, z] = rows;
+        for lane in 0..lanes.min(16) {
+            let uv = Pair::new(us[lane], vs[lane]);
+            let color = Triple::new(reds[lane], greens[lane], blues[lane]);
+            let value = self.at(&Points { uv, color, alpha: alphas[lane] });
+            (x[lane], y[lane], z[lane]) = (value.x, value.y, value.z);
         }
     }
 
@@ -170,7 +172,7 @@ impl Texture {
             Self::Product(factors) => {
                 let mut product = Triple::all(R::one());
                 for factor in factors {
-                    product = product * factor.simple(at);
+                    product *= factor.simple(at);
                 }
                 product
             }

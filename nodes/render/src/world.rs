@@ -9,7 +9,7 @@ use crate::{
     geometry::{Disk, Frame, Map, Ray, Sphere, area_normal, cube, rectangle},
     lights::{Emission, Lights},
     surface::{Form, Interaction, MeshAttributes, Primitive, interact, tangent_frame},
-    table::{Row, Table},
+    table::{DISK, Row, SPHERE, TRIANGLE, Table},
     texture::Texture,
 };
 use glam::{DVec3, Vec2, Vec3, Vec4};
@@ -64,6 +64,8 @@ pub struct World {
     pub(crate) table: Table,
     /// Which materials are of shapes that emit.
     pub(crate) emits: Vec<bool>,
+    /// Which materials are of shapes that are no meshes.
+    pub(crate) bodies: Vec<bool>,
     pub(crate) shapes: Vec<Shape>,
     pub(crate) materials: Vec<Material>,
     pub(crate) lights: Lights,
@@ -127,6 +129,10 @@ impl World {
             emits[shape.material as usize] = true;
             table.light[light.primitives()].fill(index);
         }
+        let mut bodies = vec![false; materials.len()];
+        for shape in shapes.iter().filter(|shape| !matches!(shape.form, Form::Mesh(_))) {
+            bodies[shape.material as usize] = true;
+        }
         let used = |wanted: fn(&Material) -> bool| shapes.iter().any(|s| wanted(&materials[s.material as usize]));
         let features = Features {
             environment: lights.environment().is_some(),
@@ -140,6 +146,7 @@ impl World {
             primitives,
             table,
             emits,
+            bodies,
             shapes,
             materials,
             lights,
@@ -160,14 +167,14 @@ impl World {
     #[inline]
     pub(crate) fn meet(&self, ray: &Ray) -> Option<(Hit, Interaction)> {
         let hit = self.accel.closest(ray)?;
-        Some((hit, self.interaction(ray, &hit, true)))
+        Some((hit, self.interaction(ray, &hit)))
     }
 
-    /// A hit of a ray, worked out; texture coordinates of spheres and disks only if they are asked for.
-    pub(crate) fn interaction(&self, ray: &Ray, hit: &Hit, uv: bool) -> Interaction {
+    /// A hit of a ray, worked out.
+    pub(crate) fn interaction(&self, ray: &Ray, hit: &Hit) -> Interaction {
         let primitive = &self.primitives[hit.primitive as usize];
         let shape = &self.shapes[primitive.shape as usize];
-        interact(&self.table, primitive, &shape.form, shape.flip, ray, hit, uv)
+        interact(&self.table, primitive, &shape.form, shape.flip, ray, hit)
     }
 
     /// Vertex colour at a point of a triangle; one on what is none.
@@ -229,22 +236,25 @@ impl Collected {
         let index = self.shapes.len() as u32;
         let first = self.primitives.len();
         let material = shape.material as u32;
-        let mut single = |form: accel::Primitive, normal: Vec3| {
+        let turned = if shape.flip_normals { -1.0 } else { 1.0 };
+        let mut single = |form: accel::Primitive, normal: Vec3, positions: [Vec3; 3], sort: u32| {
             self.forms.push(form);
             self.primitives.push(Primitive { shape: index, triangle: 0, normal });
-            let row = Row { positions: [Vec3::ZERO; 3], normal, normals: [normal; 3], uvs: [Vec2::ZERO; 3] };
-            self.table.push(&row, index, material, true);
+            let normal = normal * turned;
+            let row = Row { positions, normal, normals: [normal; 3], uvs: [Vec2::ZERO; 3] };
+            self.table.push(&row, index, material, sort);
         };
         let form = match &shape.geometry {
             Geometry::Sphere { center, radius } => {
                 let sphere = Sphere::new(*center, *radius, &map).map_err(KindError::Input)?;
-                single(accel::Primitive::Sphere(sphere), Vec3::ZERO);
+                let radius = Vec3::new(sphere.radius, turned, 0.0);
+                single(accel::Primitive::Sphere(sphere), Vec3::ZERO, [sphere.center, radius, Vec3::ZERO], SPHERE);
                 Form::Sphere(sphere)
             }
             Geometry::Disk => {
                 let flat = || KindError::Input("a disk whose `to_world` leaves it no area, or is not finite".into());
                 let disk = Disk::new(&map).ok_or_else(flat)?;
-                single(accel::Primitive::Disk(disk), disk.normal);
+                single(accel::Primitive::Disk(disk), disk.normal, [disk.center, disk.x, disk.y], DISK);
                 Form::Disk(disk)
             }
             Geometry::Rectangle => self.add_mesh(index, shape, &rectangle(), &map),
@@ -296,7 +306,7 @@ impl Collected {
                     triangle.map(|at| Vec2::from_array(uvs[at as usize]))
                 }),
             };
-            self.table.push(&row, index, shape.material as u32, false);
+            self.table.push(&row, index, shape.material as u32, TRIANGLE);
             self.forms.push(accel::Primitive::Triangle(vertices));
             self.primitives.push(Primitive { shape: index, triangle: triangles.len() as u32, normal });
             triangles.push(*triangle);

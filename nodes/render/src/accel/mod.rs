@@ -8,9 +8,11 @@
 
 mod build;
 mod packet;
+mod sweep;
 mod traverse;
 
 pub(crate) use packet::Packet;
+pub(crate) use sweep::{Set, Sweep};
 pub(crate) use traverse::Stack;
 
 use crate::geometry::{Disk, Eight, Sphere};

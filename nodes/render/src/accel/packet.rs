@@ -5,6 +5,7 @@ use crate::{
     geometry::{Ray, Walk, gamma, intersect_lanes, intersect_triangle, lane_of},
     lanes::{Mask, Real, Triple, Whole},
 };
+use glam::Vec3;
 
 /// Hits by lane; a primitive of -1 is none.
 pub(crate) struct PacketHits<R: Real> {
@@ -45,7 +46,7 @@ fn side(mask: u32, all: u32) -> Option<usize> {
 
 /// Finite reciprocals, as [`Walk`] has them.
 #[inline(always)]
-fn safe<R: Real>(v: R) -> R {
+pub(super) fn safe<R: Real>(v: R) -> R {
     R::select(v.abs().gt(R::splat(1e-18)), R::one() / v, R::splat(1e18).copysign(v))
 }
 
@@ -180,19 +181,34 @@ impl Accel {
             }
         }
         if block.curved != 0 {
-            let mut rest = mask.bits();
-            while rest != 0 {
-                let ray = rest.trailing_zeros() as usize;
-                rest &= rest - 1;
-                let mut found = Best::none(f32::MAX);
-                self.improve_curved(block, &rays.walk(ray), &mut found);
-                if let Some(hit) = found.hit() {
-                    let [t, u, v] = [R::splat(hit.t), R::splat(hit.u), R::splat(hit.v)];
-                    let own = R::Mask::from_bits(1 << ray) & t.le(best.t);
-                    self.improve_packet(best, t, u, v, hit.primitive, own);
-                }
-            }
+            self.meet_packet_curved(block, rays, mask, best);
         }
+    }
+
+    #[inline(always)]
+    fn meet_packet_curved<R: Real>(&self, block: &Block, rays: &Packet<R>, mask: R::Mask, best: &mut PacketHits<R>) {
+        let mut rows = [[0.0f32; 16]; 9];
+        let (o, d) = (rays.origin, rays.direction);
+        for (row, value) in rows.iter_mut().zip([o.x, o.y, o.z, d.x, d.y, d.z, best.t, best.u, best.v]) {
+            value.store(row);
+        }
+        let mut primitives = [0u32; 16];
+        best.primitive.store(&mut primitives);
+        let mut rest = mask.bits();
+        while rest != 0 {
+            let ray = rest.trailing_zeros() as usize & 15;
+            rest &= rest - 1;
+            let origin = Vec3::new(rows[0][ray], rows[1][ray], rows[2][ray]);
+            let direction = Vec3::new(rows[3][ray], rows[4][ray], rows[5][ray]);
+            let mut found = Best { t: rows[6][ray], u: rows[7][ray], v: rows[8][ray], primitive: primitives[ray] };
+            self.improve_curved(block, origin, direction, &mut found);
+            (rows[6][ray], rows[7][ray], rows[8][ray]) = (found.t, found.u, found.v);
+            primitives[ray] = found.primitive;
+        }
+        best.t = R::load(&rows[6]);
+        best.u = R::load(&rows[7]);
+        best.v = R::load(&rows[8]);
+        best.primitive = R::Whole::load(&primitives);
     }
 
     /// Takes hits not beyond the best into account; of those at one distance the lowest primitive counts.

@@ -5,6 +5,7 @@ use crate::{
     geometry::{Ray, Sphere, Walk, gamma, intersect_lanes, intersect_triangle, lane_of, seen_from},
     lanes::{Mask, Real},
 };
+use glam::Vec3;
 
 /// Nodes to be visited, and where the ray enters them.
 pub(crate) type Stack = [(u32, f32); STACK];
@@ -78,22 +79,19 @@ impl Accel {
             at += R::N;
         }
         if block.curved != 0 {
-            self.improve_curved(block, walk, best);
+            self.improve_curved(block, walk.origin, walk.direction, best);
         }
     }
 
     /// Hits with what is curved in a block.
-    #[cold]
-    pub(super) fn improve_curved(&self, block: &Block, walk: &Walk, best: &mut Best) {
+    pub(super) fn improve_curved(&self, block: &Block, origin: Vec3, direction: Vec3, best: &mut Best) {
         let (mut curved, mut index) = (block.curved, block.first_curved as usize);
         while curved != 0 {
             let lane = curved.trailing_zeros() as usize % WIDE;
             curved &= curved - 1;
             let found = match &self.curved[index] {
-                Curved::Sphere { center, radius } => {
-                    Sphere::intersect(*center, *radius, walk.origin, walk.direction, best.t)
-                }
-                Curved::Disk(disk) => disk.intersect(walk.origin, walk.direction, best.t),
+                Curved::Sphere { center, radius } => Sphere::intersect(*center, *radius, origin, direction, best.t),
+                Curved::Disk(disk) => disk.intersect(origin, direction, best.t),
             };
             index += 1;
             if let Some(found) = found {
@@ -105,15 +103,21 @@ impl Accel {
     /// [`Accel::closest`] with lanes of at most eight.
     #[inline(always)]
     pub(crate) fn closest_lanes<R: Real>(&self, ray: &Ray, stack: &mut Stack) -> Option<Hit> {
-        if self.nodes.is_empty() {
-            return None;
+        let mut best = Best::none(ray.t_max);
+        if !self.nodes.is_empty() {
+            self.closest_from::<R>(0, ray, &mut best, stack);
         }
+        best.hit()
+    }
+
+    /// Looks below a node for what is nearer than the best.
+    #[inline(always)]
+    pub(super) fn closest_from<R: Real>(&self, node: u32, ray: &Ray, best: &mut Best, stack: &mut Stack) {
         let walk = Walk::new(ray);
         let slabs = Slabs::new(&walk);
         let shear = [R::splat(walk.shear[0]), R::splat(walk.shear[1]), R::splat(walk.shear[2])];
-        let mut best = Best::none(ray.t_max);
         let mut height = 0;
-        let mut current = 0u32;
+        let mut current = node;
         loop {
             if current & LEAF == 0 {
                 let node = &self.nodes[current as usize];
@@ -143,11 +147,11 @@ impl Accel {
                     continue;
                 }
             } else {
-                self.improve::<R>(current & !LEAF, &walk, shear, &mut best);
+                self.improve::<R>(current & !LEAF, &walk, shear, best);
             }
             loop {
                 if height == 0 {
-                    return best.hit();
+                    return;
                 }
                 height -= 1;
                 let (next, enter) = stack[height];
@@ -162,13 +166,16 @@ impl Accel {
     /// [`Accel::occluded`] with lanes of at most eight.
     #[inline(always)]
     pub(crate) fn occluded_lanes<R: Real>(&self, ray: &Ray, stack: &mut Stack) -> bool {
-        if self.nodes.is_empty() {
-            return false;
-        }
+        !self.nodes.is_empty() && self.occluded_from::<R>(0, ray, stack)
+    }
+
+    /// Whether anything below a node is met.
+    #[inline(always)]
+    pub(super) fn occluded_from<R: Real>(&self, node: u32, ray: &Ray, stack: &mut Stack) -> bool {
         let walk = Walk::new(ray);
         let slabs = Slabs::new(&walk);
         let shear = [R::splat(walk.shear[0]), R::splat(walk.shear[1]), R::splat(walk.shear[2])];
-        stack[0].0 = 0;
+        stack[0].0 = node;
         let mut height = 1;
         while height > 0 {
             height -= 1;
@@ -212,7 +219,7 @@ impl Accel {
             return false;
         }
         let mut best = Best::none(t_max);
-        self.improve_curved(block, walk, &mut best);
+        self.improve_curved(block, walk.origin, walk.direction, &mut best);
         best.hit().is_some()
     }
 
@@ -257,7 +264,7 @@ impl Best {
 
     /// Takes a hit not beyond the best; of those at one distance the lowest primitive counts.
     #[inline(always)]
-    fn take(&mut self, t: f32, u: f32, v: f32, primitive: u32) {
+    pub(super) fn take(&mut self, t: f32, u: f32, v: f32, primitive: u32) {
         if t < self.t || (t == self.t && primitive < self.primitive) {
             *self = Self { t, u, v, primitive };
         }
@@ -272,7 +279,7 @@ impl Best {
 impl Block {
     /// Decides lanes whose edge the ray goes through.
     #[cold]
-    fn decide(&self, walk: &Walk, mut unsure: u32, best: &mut Best) {
+    pub(super) fn decide(&self, walk: &Walk, mut unsure: u32, best: &mut Best) {
         while unsure != 0 {
             let lane = unsure.trailing_zeros() as usize % WIDE;
             unsure &= unsure - 1;

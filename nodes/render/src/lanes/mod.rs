@@ -71,6 +71,8 @@ pub trait Real:
     fn store(self, to: &mut [f32]);
     /// Writes the lanes of a mask one after another to a slice that has room for all lanes.
     fn compress(self, mask: Self::Mask, to: &mut [f32]);
+    /// [`Real::compress`] of whole numbers.
+    fn compress_whole(value: Self::Whole, mask: Self::Mask, to: &mut [u32]);
     /// Square root.
     fn sqrt(self) -> Self;
     /// Without its sign.
@@ -209,6 +211,12 @@ impl Real for f32 {
     fn compress(self, mask: bool, to: &mut [f32]) {
         if mask {
             to[0] = self;
+        }
+    }
+    #[inline(always)]
+    fn compress_whole(value: i32, mask: bool, to: &mut [u32]) {
+        if mask {
+            to[0] = value as u32;
         }
     }
     #[inline(always)]

@@ -146,10 +146,8 @@ impl ShapeLight {
         let pdf = self.pdf(from.p, found.p, normal);
         let valid = length.positive() & pdf.positive() & radiance.some();
         let mut weight = radiance * (R::one() / pdf);
-        if world.features.opacity {
-            if let Some(opacity) = world.materials[shape.material as usize].opacity_texture() {
-                weight = weight * opacity.one_by_one(&found.at).x.clamp(0.0, 1.0);
-            }
+        if let Some(opacity) = world.materials[shape.material as usize].opacity_texture() {
+            weight = weight * opacity.one_by_one(&found.at).x.clamp(0.0, 1.0);
         }
         let origin = offset_origins(from.p, from.error, from.normal, direction);
         let end = offset_origins(found.p, found.error, normal, -direction);

@@ -101,6 +101,10 @@ pub fn scene(
     Ok((scene, recipe))
 }
 
+/// Air below what stands on something, in metres. Surfaces in one place are met in an order that rounding decides, and
+/// renderers that move rays off surfaces by fixed steps see light where bodies touch.
+const GAP: f64 = 1e-3;
+
 struct Work<'a, 'c> {
     ctx: &'a Context<'c>,
     params: &'a SceneGenerationParams,
@@ -164,7 +168,8 @@ impl Work<'_, '_> {
         let mut special_done = false;
         for (slot, choice) in choices.iter().enumerate() {
             let Some(spot) = stage.spots.get(slot) else { break };
-            let (position, size, floating) = (spot.position, spot.size, spot.floating);
+            let ([x, y, z], size, floating) = (spot.position, spot.size, spot.floating);
+            let position = if floating { [x, y, z] } else { [x, y + GAP, z] };
             let mut d = self.stream.part(&format!("place.{slot}"));
             let turn = stage.draw(&format!("object.{slot}.turn"), 0.0, core::f64::consts::TAU);
             let mut to_world = compose(&rotation_y(turn), &scaling([size; 3]));

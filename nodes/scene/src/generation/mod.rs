@@ -35,7 +35,7 @@ impl Kind for SceneGeneration {
     fn spec() -> KindSpec {
         KindSpec {
             name: "scene_generation",
-            version: 1,
+            version: 2,
             summary: "Draws scenes over regimes x contexts from layouts, objects, skies and materials",
             manual: include_str!("../scene_generation.md"),
             mode: Mode::Source,

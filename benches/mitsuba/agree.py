@@ -1,0 +1,84 @@
+"""Whether both renderers have the same expectation on every scene of FOLDER; see README.md.
+
+python agree.py FOLDER [--scenes N] [--side 64] [--seconds 10]
+
+Two-sample tests on means of independent batches: of the image mean, and of 8 x 8 bins. The limits are Sidak's for all
+scenes (and bins) together at 1%: if the renderers agree, one run in a hundred names a scene. Batches are added until the
+smallest bias of the image mean that would be found (80% power) is below 0.3%, or the time for a scene is spent.
+"""
+
+import argparse
+import json
+import math
+import pathlib
+import statistics
+
+import numpy as np
+
+import both
+
+BINS = 8
+parser = argparse.ArgumentParser()
+parser.add_argument("folder", type=pathlib.Path)
+parser.add_argument("--scenes", type=int, default=3)
+parser.add_argument("--side", type=int, default=64)
+parser.add_argument("--batches", type=int, default=16)
+parser.add_argument("--most", type=int, default=8192, help="samples a pixel and batch at most")
+args = parser.parse_args()
+names = both.scenes(args.folder, args.scenes)
+normal = statistics.NormalDist()
+
+
+def limit(count):
+    """Deviation that one of so many tests exceeds by chance with 1%."""
+    return -normal.inv_cdf(0.5 * (1.0 - 0.99 ** (1.0 / count)))
+
+
+def deviation(a, b):
+    """Welch's statistic over batches, as the deviation of a normal distribution, and the standard error."""
+    n = len(a)
+    va, vb = a.var(0, ddof=1) / n, b.var(0, ddof=1) / n
+    error = np.sqrt(va + vb)
+    difference = a.mean(0) - b.mean(0)
+    t = np.where(error > 0, difference / np.where(error > 0, error, 1), np.where(difference == 0, 0, np.inf))
+    freedom = (va + vb) ** 2 / np.maximum((va**2 + vb**2) / (n - 1), 1e-300)
+    # Cornish and Fisher: from t to a normal deviate.
+    return np.sign(t) * np.sqrt(freedom * np.log1p(t * t / freedom)) * (1 - 3 / (4 * freedom)), error
+
+
+def binned(images):
+    batches, side = images.shape[:2]
+    cell = side // BINS
+    return images.mean(-1).reshape(batches, BINS, cell, BINS, cell).mean((2, 4))
+
+
+rows, bins_limit, mean_limit = [], limit(len(names) * BINS * BINS), limit(len(names))
+print(f"{len(names)} scenes; limits {mean_limit:.2f} for means, {bins_limit:.2f} for bins")
+for name in names:
+    spp = 256
+    while True:
+        report, a = both.ours(args.folder, name, args.side, spp, args.batches)
+        _, b = both.mitsuba(args.folder, name, args.side, spp, args.batches)
+        z, error = deviation(a.mean((1, 2, 3)), b.mean((1, 2, 3)))
+        mean = b.mean()
+        smallest = (mean_limit + 0.84) * error / mean
+        if smallest < 0.003 or 4 * spp > args.most:
+            break
+        spp *= 4
+    worst = float(np.abs(deviation(binned(a), binned(b))[0]).max())
+    row = {
+        "scene": name, "spp": spp * args.batches, "mean": mean, "bias": float(a.mean() / mean - 1), "z": float(z),
+        "smallest": float(smallest), "worst_bin": worst, "rejected": report["rejected"],
+        "agrees": bool(abs(z) < mean_limit and worst < bins_limit and report["rejected"] == 0),
+    }
+    rows.append(row)
+    print(
+        f"{name:24s} {row['spp']:7d} spp  bias {100 * row['bias']:+.3f}%  z {row['z']:+.2f}  finds {100 * smallest:.2f}%  "
+        f"worst bin {worst:.2f}  {'agrees' if row['agrees'] else 'DIFFERS'}",
+        flush=True,
+    )
+(args.folder / "agree.json").write_text(json.dumps(rows, indent=1))
+squares = sum(row["z"] ** 2 for row in rows)
+spread = math.sqrt(2.0 / (9.0 * len(rows)))
+print(f"{sum(row['agrees'] for row in rows)} of {len(rows)} agree; mean square of z {squares / len(rows):.2f} (1 expected, "
+      f"{((squares / len(rows)) ** (1 / 3) - 1 + spread**2) / spread:+.1f} deviations)")

@@ -1,0 +1,198 @@
+//! Four lanes of SSE2.
+
+use super::{Mask, Real, Whole, draw, squeeze};
+use std::{
+    arch::x86_64::*,
+    ops::{Add, AddAssign, BitAnd, BitOr, Div, Mul, MulAssign, Neg, Not, Sub},
+};
+
+/// Four lanes.
+#[derive(Clone, Copy, Debug)]
+#[repr(transparent)]
+pub struct F4(__m128);
+
+/// Four whole numbers.
+#[derive(Clone, Copy, Debug)]
+#[repr(transparent)]
+pub struct I4([i32; 4]);
+
+/// Which of four lanes: all bits of a lane are set or none.
+#[derive(Clone, Copy, Debug)]
+#[repr(transparent)]
+pub struct M4(__m128);
+
+arithmetic!(F4, _mm_set1_ps, _mm_add_ps, _mm_sub_ps, _mm_mul_ps, _mm_div_ps);
+combine!(M4, BitAnd, bitand, _mm_and_ps);
+combine!(M4, BitOr, bitor, _mm_or_ps);
+
+impl Add for I4 {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, o: Self) -> Self {
+        Self(std::array::from_fn(|i| self.0[i].wrapping_add(o.0[i])))
+    }
+}
+
+impl Mul for I4 {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, o: Self) -> Self {
+        Self(std::array::from_fn(|i| self.0[i].wrapping_mul(o.0[i])))
+    }
+}
+
+impl Not for M4 {
+    type Output = Self;
+    #[inline(always)]
+    fn not(self) -> Self {
+        Self(unsafe { _mm_xor_ps(self.0, _mm_castsi128_ps(_mm_set1_epi32(-1))) })
+    }
+}
+
+impl Mask for M4 {
+    #[inline(always)]
+    fn from_bits(bits: u32) -> Self {
+        unsafe {
+            let each = _mm_setr_epi32(1, 2, 4, 8);
+            let own = _mm_and_si128(_mm_set1_epi32(bits as i32), each);
+            Self(_mm_castsi128_ps(_mm_cmpeq_epi32(own, each)))
+        }
+    }
+    #[inline(always)]
+    fn bits(self) -> u32 {
+        unsafe { _mm_movemask_ps(self.0) as u32 }
+    }
+}
+
+impl Whole for I4 {
+    #[inline(always)]
+    fn splat(value: i32) -> Self {
+        Self([value; 4])
+    }
+    #[inline(always)]
+    fn min(self, o: Self) -> Self {
+        Self(std::array::from_fn(|i| Ord::min(self.0[i], o.0[i])))
+    }
+    #[inline(always)]
+    fn max(self, o: Self) -> Self {
+        Self(std::array::from_fn(|i| Ord::max(self.0[i], o.0[i])))
+    }
+    #[inline(always)]
+    fn load(from: &[u32]) -> Self {
+        Self(std::array::from_fn(|i| from[i] as i32))
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [u32]) {
+        for (to, value) in to.iter_mut().zip(self.0) {
+            *to = value as u32;
+        }
+    }
+}
+
+impl Real for F4 {
+    const N: usize = 4;
+    type Mask = M4;
+    type Whole = I4;
+    #[inline(always)]
+    fn splat(value: f32) -> Self {
+        Self(unsafe { _mm_set1_ps(value) })
+    }
+    #[inline(always)]
+    fn load(from: &[f32]) -> Self {
+        assert!(from.len() >= 4);
+        Self(unsafe { _mm_loadu_ps(from.as_ptr()) })
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f32]) {
+        assert!(to.len() >= 4);
+        unsafe { _mm_storeu_ps(to.as_mut_ptr(), self.0) }
+    }
+    #[inline(always)]
+    fn compress(self, mask: M4, to: &mut [f32]) {
+        let mut all = [0.0; 4];
+        self.store(&mut all);
+        squeeze(&all, mask.bits(), to);
+    }
+    #[inline(always)]
+    fn compress_whole(value: I4, mask: M4, to: &mut [u32]) {
+        squeeze(&value.0.map(|v| v as u32), mask.bits(), to);
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(unsafe { _mm_sqrt_ps(self.0) })
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(unsafe { _mm_andnot_ps(_mm_set1_ps(-0.0), self.0) })
+    }
+    #[inline(always)]
+    fn min(self, o: Self) -> Self {
+        Self(unsafe { _mm_min_ps(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn max(self, o: Self) -> Self {
+        Self(unsafe { _mm_max_ps(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn floor(self) -> Self {
+        let mut all = [0.0; 4];
+        self.store(&mut all);
+        Self::load(&all.map(f32::floor))
+    }
+    #[inline(always)]
+    fn copysign(self, sign: Self) -> Self {
+        unsafe {
+            let bit = _mm_set1_ps(-0.0);
+            Self(_mm_or_ps(_mm_andnot_ps(bit, self.0), _mm_and_ps(bit, sign.0)))
+        }
+    }
+    #[inline(always)]
+    fn lt(self, o: Self) -> M4 {
+        M4(unsafe { _mm_cmplt_ps(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn le(self, o: Self) -> M4 {
+        M4(unsafe { _mm_cmple_ps(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn equals(self, o: Self) -> M4 {
+        M4(unsafe { _mm_cmpeq_ps(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn select(mask: M4, yes: Self, no: Self) -> Self {
+        Self(unsafe { _mm_or_ps(_mm_and_ps(mask.0, yes.0), _mm_andnot_ps(mask.0, no.0)) })
+    }
+    #[inline(always)]
+    fn whole(self) -> I4 {
+        let mut all = [0; 4];
+        unsafe { _mm_storeu_si128(all.as_mut_ptr().cast(), _mm_cvttps_epi32(self.0)) }
+        I4(all)
+    }
+    #[inline(always)]
+    fn of_whole(value: I4) -> Self {
+        Self::load(&value.0.map(|v| v as f32))
+    }
+    #[inline(always)]
+    fn gather(from: &[f32], index: I4) -> Self {
+        Self::load(&index.0.map(|i| f32::gather(from, i)))
+    }
+    #[inline(always)]
+    fn gather_whole(from: &[u32], index: I4) -> I4 {
+        I4(index.0.map(|i| f32::gather_whole(from, i)))
+    }
+    #[inline(always)]
+    fn same(a: I4, b: I4) -> M4 {
+        let bit = |i: usize| u32::from(a.0[i] == b.0[i]) << i;
+        M4::from_bits(bit(0) | bit(1) | bit(2) | bit(3))
+    }
+    #[inline(always)]
+    fn select_whole(mask: M4, yes: I4, no: I4) -> I4 {
+        let bits = mask.bits();
+        I4(std::array::from_fn(|i| if bits >> i & 1 == 1 { yes.0[i] } else { no.0[i] }))
+    }
+    #[inline(always)]
+    fn draw(states: &[u64], dimension: u64) -> (Self, Self) {
+        let (a, b) = draw::<4>(states, dimension);
+        (Self::load(&a), Self::load(&b))
+    }
+}

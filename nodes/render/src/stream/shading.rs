@@ -1,0 +1,303 @@
+//! Shading of the paths that meet a material.
+
+use super::{Group, Stream, draw, rows::*};
+use crate::{
+    accel::Hit,
+    bsdf::{Material, Points, SLOTS, Scatter, Sort, flip, sound},
+    geometry::{Frames, gamma, offset_origins},
+    integrator::dimension,
+    lanes::{Mask, Pair, Real, Triple, Whole},
+    lights::Vantage,
+    rng::Sampler,
+    table::{DARK, DISK, SPHERE, TRIANGLE},
+    texture::Texture,
+    world::World,
+};
+
+impl<'a> Stream<'a> {
+    /// Works hits out.
+    #[inline(always)]
+    pub(crate) fn vertices<R: Real>(&mut self, group: &Group) {
+        let world = self.batch.world;
+        let material = &world.materials[group.index];
+        let reads_uv = material.reads_uv() || world.emits[group.index];
+        let bodies = world.bodies[group.index];
+        for at in (group.from..group.end).step_by(R::N) {
+            let row = at - group.from;
+            let place = R::Whole::load(&self.order[at..]);
+            let primitive = R::gather_whole(&self.primitive, place);
+            let (u, v) = (R::gather(&self.u, place), R::gather(&self.v, place));
+            let mut weights = [R::one() - u - v, u, v];
+            let (mut disks, mut spheres) = (R::Mask::from_bits(0), R::Mask::from_bits(0));
+            if bodies {
+                let form = R::gather_whole(&world.table.form, primitive);
+                disks = R::same(form, R::Whole::splat(DISK as i32));
+                spheres = R::same(form, R::Whole::splat(SPHERE as i32));
+                weights[0] = R::select(disks, R::one(), weights[0]);
+            }
+            let positions = world.table.positions::<R>(primitive);
+            let (a, b, c) = (positions[0] * weights[0], positions[1] * weights[1], positions[2] * weights[2]);
+            let mut p = a + b + c;
+            let mut error = (a.abs() + b.abs() + c.abs()) * R::splat(gamma(7));
+            let mut geometric = world.table.normal::<R>(primitive);
+            let mean = world.table.shading(primitive, weights).normalize();
+            let mut shading = Triple::select(mean.some() & !disks, mean, geometric);
+            let direction = self.paths.triple::<R>(DIRECTION, place);
+            let throughput = self.paths.triple::<R>(THROUGHPUT, place);
+            if spheres.any() {
+                let t = R::gather(&self.t, place);
+                let met = self.paths.triple::<R>(ORIGIN, place) + direction * t;
+                let (center, radius, side) = (positions[0], positions[1].x, positions[1].y);
+                let n = (met - center).normalize();
+                let arm = n * radius;
+                let own = arm.abs() * R::splat(gamma(6)) + (center.abs() + arm.abs()) * R::splat(gamma(2));
+                p = Triple::select(spheres, center + arm, p);
+                error = Triple::select(spheres, own, error);
+                geometric = Triple::select(spheres, n * side, geometric);
+                shading = Triple::select(spheres, geometric, shading);
+            }
+            let rows = &mut self.vertices;
+            rows.put(POINT, row, p);
+            rows.put(ERROR, row, error);
+            rows.put(GEOMETRIC, row, geometric);
+            rows.put(SHADING, row, shading);
+            rows.put(ARRIVED_BY, row, direction);
+            rows.put(CARRIES, row, throughput);
+            if reads_uv {
+                let uv = world.table.uv(primitive, weights);
+                uv.x.store(&mut rows.rows[UV][row..]);
+                uv.y.store(&mut rows.rows[UV + 1][row..]);
+            }
+        }
+    }
+
+    /// Points of groups with texture coordinates and colours, if the material reads them.
+    #[inline(always)]
+    fn points<R: Real>(&self, row: usize) -> Points<R> {
+        let rows = &self.vertices.rows;
+        Points {
+            uv: Pair::new(R::load(&rows[UV][row..]), R::load(&rows[UV + 1][row..])),
+            color: self.vertices.row(COLOR, row),
+            alpha: R::load(&rows[COLOR + 3][row..]),
+        }
+    }
+
+    /// What the table does not hold: texture coordinates of spheres and disks, and vertex colours.
+    pub(super) fn extras(&mut self, group: &Group) {
+        let world = self.batch.world;
+        let reads_colors = world.materials[group.index].reads_colors();
+        for at in group.from..group.end {
+            let row = at - group.from;
+            let from = self.order[at] as usize;
+            let primitive = self.primitive[from];
+            if reads_colors {
+                let color = world.color(primitive, self.u[from], self.v[from]);
+                for (k, value) in color.to_array().into_iter().enumerate() {
+                    self.vertices.rows[COLOR + k][row] = value;
+                }
+            }
+            if world.table.form[primitive as usize] != TRIANGLE {
+                let uv = world.interaction(&self.ray(from), &self.hit(from)).surface.uv;
+                (self.vertices.rows[UV][row], self.vertices.rows[UV + 1][row]) = (uv.x, uv.y);
+            }
+        }
+    }
+
+    fn hit(&self, at: usize) -> Hit {
+        Hit { t: self.t[at], u: self.u[at], v: self.v[at], primitive: self.primitive[at] }
+    }
+
+    /// Shading normals of a normal map.
+    pub(super) fn map_normals(&mut self, group: &Group) {
+        let world = self.batch.world;
+        for at in group.from..group.end {
+            let row = at - group.from;
+            let from = self.order[at] as usize;
+            let hit = self.hit(from);
+            let found = world.interaction(&self.ray(from), &hit);
+            let n = world.shading_frame(&hit, &found).n;
+            for k in 0..3 {
+                self.vertices.rows[MAPPED + k][row] = n[k];
+            }
+        }
+    }
+
+    /// Emission of what is hit.
+    #[inline(always)]
+    pub(crate) fn emit<R: Real>(&mut self, group: &Group) {
+        let world = self.batch.world;
+        for at in (group.from..group.end).step_by(R::N) {
+            let row = at - group.from;
+            let (mask, ids) = (Self::mask::<R>(at, group.end), self.ids::<R>(at));
+            let place = R::Whole::load(&self.order[at..]);
+            let primitive = R::gather_whole(&self.primitive, place);
+            let lights = R::gather_whole(&world.table.light, primitive);
+            let mut numbers = [DARK; SPARE];
+            lights.store(&mut numbers);
+            let mut rest = mask & !R::same(lights, R::Whole::splat(DARK as i32));
+            while rest.any() {
+                let light = numbers[rest.bits().trailing_zeros() as usize % SPARE];
+                let own = rest & R::same(lights, R::Whole::splat(light as i32));
+                rest = rest & !own;
+                let Some(shape) = world.lights.shape(light) else { continue };
+                let normal = self.vertices.row::<R>(GEOMETRIC, row);
+                let direction = self.vertices.row::<R>(ARRIVED_BY, row);
+                let radiance = shape.radiance(&self.points(row), normal, -direction);
+                if !(own & radiance.some()).any() {
+                    continue;
+                }
+                let origin = self.paths.triple::<R>(ORIGIN, place);
+                let pdf = R::gather(&self.paths.rows[PDF], place);
+                let other = world.lights.shape_pdf(light, origin, self.vertices.row(POINT, row), normal);
+                let weight = R::select(pdf.positive(), self.batch.strategy.weight(false, pdf, other), R::one());
+                self.add(own, self.vertices.row::<R>(CARRIES, row) * radiance * weight, &ids);
+            }
+        }
+    }
+
+    /// Values of a material's textures.
+    #[inline(always)]
+    pub(crate) fn textures<R: Real>(&mut self, group: &Group) {
+        let material = &self.batch.world.materials[group.index];
+        if material.sort() == Sort::Blend {
+            return;
+        }
+        for (slot, texture) in material.slots().into_iter().enumerate() {
+            let Some(texture) = texture else { continue };
+            if matches!(texture, Texture::Constant(_)) {
+                continue;
+            }
+            for at in (group.from..group.end).step_by(R::N) {
+                let row = at - group.from;
+                let value = texture.lanes::<R>(&self.points(row));
+                self.vertices.put(TEXTURES + 3 * slot, row, value);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn vantage<R: Real>(&self, row: usize) -> Vantage<R> {
+        Vantage {
+            p: self.vertices.row(POINT, row),
+            error: self.vertices.row(ERROR, row),
+            normal: self.vertices.row(GEOMETRIC, row),
+        }
+    }
+
+    #[inline(always)]
+    fn states<R: Real>(&self, ids: &[u32; SPARE]) -> [u64; SPARE] {
+        let mut states = [0; SPARE];
+        for (state, id) in states[..R::N].iter_mut().zip(ids) {
+            *state = self.batch.paths[*id as usize].1.state();
+        }
+        states
+    }
+
+    /// Samples a light for each vertex.
+    #[inline(always)]
+    pub(crate) fn lights<R: Real>(&mut self, group: &Group) {
+        let world = self.batch.world;
+        let first = Sampler::vertex(group.depth);
+        for at in (group.from..group.end).step_by(R::N) {
+            let row = at - group.from;
+            let (mask, ids) = (Self::mask::<R>(at, group.end), self.ids::<R>(at));
+            let states = self.states::<R>(&ids);
+            let numbers = [
+                draw::<R>(&states, first + dimension::LIGHT),
+                draw::<R>(&states, first + dimension::LIGHT_PART),
+                draw::<R>(&states, first + dimension::LIGHT_SPARE),
+                draw::<R>(&states, first + dimension::LIGHT_POINT),
+            ];
+            let arrived = world.lights.sample(world, &self.vantage(row), mask, numbers);
+            let rows = &mut self.vertices;
+            rows.put(TOWARDS, row, arrived.direction);
+            rows.put(SHADOW, row, arrived.origin);
+            rows.put(SHADOW + 3, row, arrived.ray);
+            arrived.t_max.store(&mut rows.rows[SHADOW + 6][row..]);
+            rows.put(WEIGHT, row, arrived.weight.only(arrived.valid));
+            arrived.pdf.store(&mut rows.rows[LIGHT_PDF][row..]);
+        }
+    }
+
+    /// What the light brings, if nothing is in between, and where the paths go on.
+    #[inline(always)]
+    pub(crate) fn scatter<R: Real, S: Scatter<'a, R>>(&mut self, group: &Group) {
+        let world: &'a World = self.batch.world;
+        let material: &'a Material = &world.materials[group.index];
+        let lit = material.has_smooth() && !world.lights.is_empty();
+        let mapped = material.has_normal_map();
+        let first = Sampler::vertex(group.depth);
+        let slots = material.slots();
+        for at in (group.from..group.end).step_by(R::N) {
+            let row = at - group.from;
+            let (mask, ids) = (Self::mask::<R>(at, group.end), self.ids::<R>(at));
+            let states = self.states::<R>(&ids);
+            let shading = self.vertices.row::<R>(SHADING, row);
+            let throughput = self.vertices.row::<R>(CARRIES, row);
+            let frame = Frames::new(if mapped { self.vertices.row::<R>(MAPPED, row) } else { shading });
+            let wo = frame.to_local(-self.vertices.row::<R>(ARRIVED_BY, row));
+            let behind = if material.is_two_sided() { wo.z.lt(R::zero()) } else { R::Mask::from_bits(0) };
+            let wo = flip(wo, behind);
+            let mut values = [Triple::zero(); SLOTS];
+            for (slot, value) in values.iter_mut().enumerate() {
+                *value = match slots[slot] {
+                    None => Triple::zero(),
+                    Some(Texture::Constant(value)) => Triple::splat(*value),
+                    Some(_) => self.vertices.row(TEXTURES + 3 * slot, row),
+                };
+            }
+            let Some(lobe) = S::of(material, &values, &self.points(row)) else { return };
+            if lit {
+                let towards = self.vertices.row::<R>(TOWARDS, row);
+                let local = frame.to_local(towards);
+                let (value, other) = lobe.eval(wo, flip(local, behind));
+                let pdf = R::load(&self.vertices.rows[LIGHT_PDF][row..]);
+                let own = self.batch.strategy.weight(true, pdf, other);
+                let weight = R::select(pdf.positive(), own, R::one());
+                let arrives = self.vertices.row::<R>(WEIGHT, row);
+                let light = throughput * value * arrives * weight;
+                let mut reached = mask & arrives.some() & value.some() & weight.positive();
+                if mapped {
+                    // A normal map must not carry light through the surface.
+                    reached = reached & (towards.dot(shading) * local.z).positive();
+                }
+                let sound = light.finite();
+                self.found.rejected += u64::from((reached & !sound).bits().count_ones());
+                let reached = reached & sound;
+                if reached.any() {
+                    let (o, d) = (self.vertices.row::<R>(SHADOW, row), self.vertices.row::<R>(SHADOW + 3, row));
+                    let end = R::load(&self.vertices.rows[SHADOW + 6][row..]);
+                    let values = [o.x, o.y, o.z, d.x, d.y, d.z, end, light.x, light.y, light.z];
+                    self.shadows.push(reached, values, &ids);
+                }
+            }
+            let choice = draw::<R>(&states, first + dimension::LOBE_AND_ROULETTE);
+            let drawn = sound(lobe.sample(wo, choice.x, draw(&states, first + dimension::SCATTER)));
+            let mut throughput = throughput * drawn.weight;
+            let mut alive = mask & drawn.valid;
+            let finite = throughput.finite();
+            self.found.rejected += u64::from((alive & !finite).bits().count_ones());
+            let local = flip(drawn.wi, behind);
+            let wi = frame.to_world(local).normalize();
+            alive = alive & finite & throughput.some();
+            if mapped {
+                alive = alive & (wi.dot(shading) * local.z).positive();
+            }
+            let place = R::Whole::load(&self.order[at..]);
+            let eta = R::gather(&self.paths.rows[ETA], place) * drawn.eta;
+            let pdf = R::select(drawn.delta, R::zero(), drawn.pdf);
+            if group.depth + 1 >= self.batch.roulette.from {
+                let likely = throughput.largest() * eta * eta * self.batch.roulette.gain;
+                let survival = likely.min(R::splat(0.95));
+                alive = alive & choice.y.lt(survival);
+                throughput = throughput * (R::one() / survival);
+            }
+            if alive.any() {
+                let from = self.vantage::<R>(row);
+                let o = offset_origins(from.p, from.error, from.normal, wi);
+                let t = throughput;
+                self.next.push(alive, [o.x, o.y, o.z, wi.x, wi.y, wi.z, t.x, t.y, t.z, eta, pdf], &ids);
+            }
+        }
+    }
+}
