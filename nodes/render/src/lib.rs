@@ -12,7 +12,7 @@ pub mod geometry;
 pub mod integrator;
 pub mod ladder_convergence;
 pub mod ladder_rendering;
-pub mod lanes;
+mod lanes;
 pub mod lights;
 pub mod quality_gate;
 pub mod render;

@@ -1,7 +1,10 @@
 //! The hierarchy against brute force, and on geometry made to break it.
 
-use super::{Accel, Primitive};
-use crate::geometry::{Disk, Map, Ray, Sphere, cube};
+use super::{Accel, Hit, Packet, Primitive, STACK, Set, Sweep};
+use crate::{
+    geometry::{Disk, Map, Ray, Sphere, cube},
+    lanes::{Mask, Real, Triple, Whole},
+};
 use glam::{DVec3, Vec3};
 use tauflow_data::{rng::Stream, scene::IDENTITY};
 
@@ -68,8 +71,98 @@ fn agrees_with_brute_force_on_random_primitives() {
         }
         let accel = Accel::new(&primitives, Vec3::ZERO);
         let hits = check(&accel, &mut draw, 3000, 15.0);
+        sweep_and_packets::<f32>(&accel, &mut draw, 15.0);
+        #[cfg(target_arch = "x86_64")]
+        sweep_and_packets::<crate::lanes::F4>(&accel, &mut draw, 15.0);
         assert!(count < 700 || hits > 300, "{hits} hits of {count}");
     }
+}
+
+/// Sweeps of many rays and packets of few find what every primitive tried one by one gives.
+fn sweep_and_packets<R: Real>(accel: &Accel, draw: &mut Draw, half: f32) {
+    let count = 700;
+    let rays: Vec<Ray> = (0..count)
+        .map(|i| {
+            let direction = match i % 7 {
+                0 => [Vec3::X, -Vec3::Y, Vec3::Z, Vec3::new(0.0, 1.0, -1.0), Vec3::new(-0.0, -1.0, 0.0)][i / 7 % 5],
+                _ => draw.direction(),
+            };
+            let t_max = if i % 3 == 0 { 4.0 } else { f32::MAX };
+            Ray { t_max, ..Ray::new(draw.cube(half), direction) }
+        })
+        .collect();
+    let room = count + 16;
+    let row = |value: fn(&Ray) -> f32| -> Vec<f32> { rays.iter().map(value).chain([0.0; 16]).collect() };
+    let rows = [
+        row(|r| r.origin.x),
+        row(|r| r.origin.y),
+        row(|r| r.origin.z),
+        row(|r| r.direction.x),
+        row(|r| r.direction.y),
+        row(|r| r.direction.z),
+    ];
+    let [ox, oy, oz, dx, dy, dz] = &rows;
+    let (mut memory, mut stack) = (Sweep::default(), [(0, 0.0); STACK]);
+    for any in [false, true] {
+        let (mut t, mut u, mut v) = (row(|r| r.t_max), vec![0.0; room], vec![0.0; room]);
+        let mut primitive = vec![u32::MAX; room];
+        let mut set = Set {
+            origin: [ox, oy, oz],
+            direction: [dx, dy, dz],
+            t: &mut t,
+            u: &mut u,
+            v: &mut v,
+            primitive: &mut primitive,
+        };
+        if any {
+            accel.sweep::<R, R, true>(&mut set, count, &mut memory, &mut stack);
+        } else {
+            accel.sweep::<R, R, false>(&mut set, count, &mut memory, &mut stack);
+        }
+        for (at, ray) in rays.iter().enumerate() {
+            let expected = accel.closest_by_force(ray);
+            if any {
+                assert_eq!(t[at] < 0.0, expected.is_some(), "{ray:?}");
+            } else {
+                let found =
+                    (primitive[at] != u32::MAX).then(|| Hit { t: t[at], u: u[at], v: v[at], primitive: primitive[at] });
+                assert_eq!(found, expected, "{ray:?}");
+            }
+        }
+    }
+    // From one place, as from a camera.
+    let eye = draw.cube(half);
+    let mut packets = 0;
+    for _ in 0..60 {
+        let to = draw.direction();
+        let ways: Vec<Vec3> = (0..R::N).map(|_| (to + draw.cube(0.05)).normalize()).collect();
+        let part = |k: usize| {
+            let mut row = [0.0; 16];
+            row.iter_mut().zip(&ways).for_each(|(r, way)| *r = way[k]);
+            R::load(&row)
+        };
+        let mask = !R::Mask::from_bits(0);
+        let Some(packet) = Packet::new(Triple::splat(eye), Triple::new(part(0), part(1), part(2)), mask) else {
+            continue;
+        };
+        packets += 1;
+        let hits = accel.closest_packet(&packet, mask, &mut stack);
+        let (mut rows, mut primitive) = ([[0.0; 16]; 3], [0; 16]);
+        hits.t.store(&mut rows[0]);
+        hits.u.store(&mut rows[1]);
+        hits.v.store(&mut rows[2]);
+        hits.primitive.store(&mut primitive);
+        for (lane, way) in ways.iter().enumerate() {
+            let found = (primitive[lane] != u32::MAX).then(|| Hit {
+                t: rows[0][lane],
+                u: rows[1][lane],
+                v: rows[2][lane],
+                primitive: primitive[lane],
+            });
+            assert_eq!(found, accel.closest_by_force(&Ray::new(eye, *way)), "{eye} {way}");
+        }
+    }
+    assert!(packets > 5, "{packets} packets");
 }
 
 #[test]
@@ -141,7 +234,8 @@ fn no_ray_escapes_a_closed_mesh() {
     ] {
         let primitives: Vec<Primitive> = triangles.iter().map(|t| Primitive::Triangle(*t)).collect();
         let accel = Accel::new(&primitives, Vec3::ZERO);
-        for i in 0..60_000 {
+        let rays = if std::env::var_os("TAUFLOW_SLOW").is_some_and(|v| v == "1") { 2_500_000 } else { 60_000 };
+        for i in 0..rays {
             let origin = center + draw.cube(0.4 * size);
             // Half of the rays aim at shared vertices and edges.
             let triangle = triangles[draw.0.below(triangles.len())];

@@ -38,7 +38,7 @@ pub struct Surface {
 
 /// What textures are read by, by lane.
 #[derive(Clone, Copy, Debug)]
-pub struct Points<R> {
+pub(crate) struct Points<R> {
     /// Texture coordinates, v downwards.
     pub uv: Pair<R>,
     /// Vertex colour.

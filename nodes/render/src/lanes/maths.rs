@@ -30,7 +30,7 @@ pub fn acos<R: Real>(x: R) -> R {
     let outer = R::splat(0.5).lt(size);
     let z = R::select(outer, (R::one() - size) * 0.5, size * size);
     let root = R::select(outer, z.sqrt(), size);
-    let poly = (((z * 4.216_32e-2 + 2.418_131_1e-2) * z + 4.547_002_6e-2) * z + 7.495_300_3e-2) * z + 1.666_675_2e-1;
+    let poly = (((z * 4.216_32e-2 + 2.418_131e-2) * z + 4.547_002_5e-2) * z + 7.495_300_3e-2) * z + 1.666_675_2e-1;
     let arc = poly * z * root + root;
     // Near the ends 2 asin sqrt((1 - x) / 2), else pi / 2 - asin x.
     let negative = x.lt(R::zero());

@@ -30,12 +30,6 @@ impl<R: Real> Pair<R> {
     pub fn new(x: R, y: R) -> Self {
         Self { x, y }
     }
-
-    /// The same in every lane.
-    #[inline(always)]
-    pub fn splat(v: Vec2) -> Self {
-        Self { x: R::splat(v.x), y: R::splat(v.y) }
-    }
 }
 
 impl<R: Real> Triple<R> {
