@@ -12,25 +12,48 @@ pub fn rectangle() -> Mesh {
     }
 }
 
-/// The cube [-1, 1]^3 with outward normals; each face has uv over the whole unit square.
+/// The cube [-1, 1]^3 with outward normals; each face has uv over the whole unit square, turned as in Mitsuba's `cube`.
 pub fn cube() -> Mesh {
+    // Corners of each face, counter-clockwise from outside: at uv (0, 1), (1, 1), (1, 0), (0, 0).
+    const FACES: [[[f32; 3]; 4]; 6] = [
+        [[1.0, -1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, -1.0, 1.0], [-1.0, -1.0, -1.0]],
+        [[1.0, 1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, 1.0, 1.0], [1.0, 1.0, 1.0]],
+        [[1.0, -1.0, -1.0], [1.0, 1.0, -1.0], [1.0, 1.0, 1.0], [1.0, -1.0, 1.0]],
+        [[1.0, -1.0, 1.0], [1.0, 1.0, 1.0], [-1.0, 1.0, 1.0], [-1.0, -1.0, 1.0]],
+        [[-1.0, -1.0, 1.0], [-1.0, 1.0, 1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, -1.0]],
+        [[1.0, 1.0, -1.0], [1.0, -1.0, -1.0], [-1.0, -1.0, -1.0], [-1.0, 1.0, -1.0]],
+    ];
     let mut mesh = Mesh { uvs: Some(Vec::new()), ..Mesh::default() };
-    let uvs = mesh.uvs.get_or_insert_default();
-    for axis in 0..3 {
-        for side in [-1.0f32, 1.0] {
-            let first = mesh.positions.len() as u32;
-            // (axis, b, c) is a right-handed frame; for the negative side b and c change places.
-            let (b, c) = if side > 0.0 { ((axis + 1) % 3, (axis + 2) % 3) } else { ((axis + 2) % 3, (axis + 1) % 3) };
-            for (s, t) in [(-1.0f32, -1.0f32), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
-                let mut p = [0.0f32; 3];
-                p[axis] = side;
-                p[b] = s;
-                p[c] = t;
-                mesh.positions.push(p);
-                uvs.push([(s + 1.0) * 0.5, (t + 1.0) * 0.5]);
-            }
-            mesh.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
-        }
+    for corners in FACES {
+        let first = mesh.positions.len() as u32;
+        mesh.positions.extend(corners);
+        mesh.uvs.get_or_insert_default().extend([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]]);
+        mesh.triangles.extend([[first, first + 1, first + 2], [first + 3, first, first + 2]]);
     }
     mesh
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    #[test]
+    fn faces_look_outward_and_have_the_whole_of_uv() {
+        let mesh = cube();
+        let uvs = mesh.uvs.as_ref().expect("it has some");
+        for triangle in &mesh.triangles {
+            let [a, b, c] = triangle.map(|i| Vec3::from_array(mesh.positions[i as usize]));
+            let normal = (b - a).cross(c - a);
+            assert!(normal.dot(a + b + c) > 0.0 && (normal.length() - 4.0).abs() < 1e-6);
+            let [p, q, r] = triangle.map(|i| glam::Vec2::from_array(uvs[i as usize]));
+            assert_eq!((q - p).perp_dot(r - p).abs(), 1.0);
+        }
+        // What Mitsuba 3.9 says of its cube: on top, u grows towards -x and v towards -z.
+        let top = |x: f32, z: f32| {
+            let at = mesh.positions[4..8].iter().position(|p| *p == [x, 1.0, z]).expect("a corner of the top");
+            uvs[4 + at]
+        };
+        assert_eq!([top(1.0, 1.0), top(-1.0, 1.0), top(1.0, -1.0)], [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]);
+    }
 }
