@@ -1,10 +1,11 @@
 """Whether both renderers have the same expectation on every scene of FOLDER; see README.md.
 
-python agree.py FOLDER [--scenes N] [--side 64] [--seconds 10]
+python agree.py FOLDER [--scenes N] [--side 64] [--batches 16] [--most 8192]
 
-Two-sample tests on means of independent batches: of the image mean, and of 8 x 8 bins. The limits are Sidak's for all
-scenes (and bins) together at 1%, with 2e-5 of the value allowed for rounding: if the renderers agree, one run in a hundred names a scene. Batches are added until the
-smallest bias of the image mean that would be found (80% power) is below 0.3%, or the time for a scene is spent.
+Two-sample tests on means of independent batches: of the image mean, and of 8 x 8 bins. The limits are Sidak's over all
+scenes, and over all bins, at 1% each, with 2e-5 of the value allowed for rounding: if the renderers agree, two runs in a
+hundred name a scene. Samples a batch are quadrupled until the smallest bias of the image mean that would be found (80%
+power) is below 0.3%, or there are as many as allowed.
 """
 
 import argparse
@@ -43,7 +44,8 @@ def deviation(a, b):
     error = np.sqrt(va + vb + (ROUNDING * (np.abs(a.mean(0)) + np.abs(b.mean(0))) / 2) ** 2)
     difference = a.mean(0) - b.mean(0)
     t = np.where(error > 0, difference / np.where(error > 0, error, 1), np.where(difference == 0, 0, np.inf))
-    freedom = (va + vb) ** 2 / np.maximum((va**2 + vb**2) / (n - 1), 1e-300)
+    # Where neither varies, what differs beyond rounding is certain.
+    freedom = np.where(va + vb > 0, (va + vb) ** 2 / np.maximum((va**2 + vb**2) / (n - 1), 1e-300), 1e9)
     # Cornish and Fisher: from t to a normal deviate.
     return np.sign(t) * np.sqrt(freedom * np.log1p(t * t / freedom)) * (1 - 3 / (4 * freedom)), error
 

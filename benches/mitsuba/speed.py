@@ -4,7 +4,8 @@ python speed.py FOLDER [--scenes N] [--side 128] [--cores 1|2] [--late] [--compe
 
 The error is the root of the mean square error over pixels and channels against a held-out reference: the mean of all of
 the other renderer's batches, whose own variance is subtracted. Time to the error that Mitsuba has at 64 and at 512
-samples a pixel: its own render, and ours with as many samples as that error takes. Batches of both renderers alternate.
+samples a pixel: its own render, and ours with as many samples as that error takes. Errors are measured at the first
+number of samples and follow 1/sqrt(n). Ours is timed before and after Mitsuba's.
 --late gives ours the Russian roulette of Mitsuba; --compensate gives Mitsuba's environment maps MIS compensation.
 """
 
@@ -44,7 +45,6 @@ how, options = (["late"] if args.late else []), (["--compensate"] if args.compen
 for name in both.scenes(args.folder, args.scenes):
     for spp in args.spp:
         batches = max(args.batches * 64 // spp, 2) if spp > 64 else args.batches
-        kinds = {}
         ours_report, a = both.ours(args.folder, name, args.side, spp, batches, args.cores, *how)
         report, b = both.mitsuba(args.folder, name, args.side, spp, batches, args.cores, args.variant, *options)
         again, _ = both.ours(args.folder, name, args.side, spp, batches, args.cores, *how)

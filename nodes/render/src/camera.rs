@@ -14,9 +14,9 @@ pub struct Camera {
     /// Where it stands.
     pub origin: Vec3,
     near: f32,
-    /// Directions of the film's top-left corner, and along a pixel's width and height, for axial distance 1.
     /// Middle of the film, in pixels.
     middle: Vec2,
+    /// Along a pixel's width and height, for axial distance 1.
     right: DVec3,
     down: DVec3,
     forward: Vec3,

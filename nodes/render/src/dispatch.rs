@@ -13,7 +13,7 @@ use std::sync::OnceLock;
 /// Sets of instructions that kernels are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Instructions {
-    /// One number at a time; processors other than x86-64.
+    /// One number at a time: for processors other than x86-64, and to hold the others to.
     Portable,
     /// Four lanes; any x86-64 processor.
     Sse2,
@@ -24,13 +24,13 @@ pub enum Instructions {
 }
 
 impl Instructions {
-    /// All that this processor has, from the narrowest.
+    /// All that this processor has, from the narrowest; in tests one number at a time as well.
     pub fn available() -> Vec<Self> {
         #[cfg(not(target_arch = "x86_64"))]
         return vec![Self::Portable];
         #[cfg(target_arch = "x86_64")]
         {
-            let mut found = vec![Self::Sse2];
+            let mut found = if cfg!(test) { vec![Self::Portable, Self::Sse2] } else { vec![Self::Sse2] };
             let avx2 = is_x86_feature_detected!("avx2")
                 && is_x86_feature_detected!("bmi1")
                 && is_x86_feature_detected!("bmi2")
@@ -62,7 +62,9 @@ impl Instructions {
         let kernels = match self.min(Self::best()) {
             Self::Avx512 => &avx512::KERNELS,
             Self::Avx2 => &avx2::KERNELS,
-            Self::Sse2 | Self::Portable => &sse2::KERNELS,
+            #[cfg(test)]
+            Self::Portable => &portable::KERNELS,
+            _ => &sse2::KERNELS,
         };
         #[cfg(not(target_arch = "x86_64"))]
         let kernels = &portable::KERNELS;
@@ -199,7 +201,7 @@ macro_rules! kernels {
     };
 }
 
-#[cfg(not(target_arch = "x86_64"))]
+#[cfg(any(test, not(target_arch = "x86_64")))]
 kernels!(portable, f32, f32);
 #[cfg(target_arch = "x86_64")]
 kernels!(sse2, crate::lanes::F4, crate::lanes::F4);

@@ -104,6 +104,17 @@ impl Texture {
         Self::Product(factors)
     }
 
+    /// Whether it has values below 0 anywhere; of products, any factor.
+    pub(crate) fn is_negative(&self) -> bool {
+        match self {
+            Self::Constant(value) => value.min_element() < 0.0,
+            Self::Checkerboard { colors, .. } => colors.iter().any(|c| c.min_element() < 0.0),
+            Self::Bitmap(bitmap) => bitmap.scale.min_element() < 0.0 || bitmap.image.data().iter().any(|v| *v < 0.0),
+            Self::VertexColor { scale, .. } => scale.min_element() < 0.0,
+            Self::Product(factors) => factors.iter().any(Self::is_negative),
+        }
+    }
+
     /// Whether it reads texture coordinates.
     pub(crate) fn reads_uv(&self) -> bool {
         match self {

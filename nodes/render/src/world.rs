@@ -23,6 +23,9 @@ use tauflow_data::{
 /// Hands out the bytes of a blob.
 pub type LoadBlob<'a> = &'a mut dyn FnMut(&Digest) -> Result<Vec<u8>, KindError>;
 
+/// Primitives of a scene at most: their rows are found by numbers of 31 bits, and their tree is not too deep.
+const MOST_PRIMITIVES: usize = 1 << 24;
+
 /// What a scene has: what it lacks is skipped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Features {
@@ -64,6 +67,8 @@ pub struct World {
     pub(crate) table: Table,
     /// Which materials are of shapes that emit.
     pub(crate) emits: Vec<bool>,
+    /// Which materials, or the emission of their shapes, read vertex colours.
+    pub(crate) reads_colors: Vec<bool>,
     /// Which materials are of shapes that are no meshes.
     pub(crate) bodies: Vec<bool>,
     pub(crate) shapes: Vec<Shape>,
@@ -118,13 +123,21 @@ impl World {
         for (index, (shape, emission)) in scene.shapes.iter().zip(emissions).enumerate() {
             collected.add(shape, emission, materials.len(), load).map_err(|error| in_shape(index, error))?;
         }
+        if collected.primitives.len() > MOST_PRIMITIVES {
+            return Err(KindError::Input(format!(
+                "the scene has {} triangles and bodies; at most {MOST_PRIMITIVES} can be rendered",
+                collected.primitives.len()
+            )));
+        }
         let viewpoint = DVec3::from_array(scene.camera.origin).as_vec3();
         let accel = Accel::new(&collected.forms, viewpoint);
         let Collected { forms, primitives, mut table, mut shapes, emissions, dropped } = collected;
         let lights = Lights::new(emissions, environment, &scene.emitters, &forms, accel.bounds())?;
         let mut emits = vec![false; materials.len()];
+        let mut reads_colors: Vec<bool> = materials.iter().map(Material::reads_colors).collect();
         for (index, light) in lights.shapes() {
             let shape = &mut shapes[light.shape as usize];
+            reads_colors[shape.material as usize] |= light.texture.reads_colors();
             shape.light = Some(index);
             emits[shape.material as usize] = true;
             table.light[light.primitives()].fill(index);
@@ -146,6 +159,7 @@ impl World {
             primitives,
             table,
             emits,
+            reads_colors,
             bodies,
             shapes,
             materials,
@@ -262,7 +276,7 @@ impl Collected {
             Geometry::Mesh { mesh } => self.add_mesh(index, shape, &Mesh::from_bytes(&load(mesh)?)?, &map),
         };
         if let Some(texture) = emission {
-            if matches!(&texture, Texture::Constant(value) if value.min_element() < 0.0) {
+            if texture.is_negative() {
                 return Err(KindError::Input("an emission below 0; use radiance from 0".into()));
             }
             let count = self.primitives.len() - first;
@@ -271,7 +285,7 @@ impl Collected {
                 Form::Disk(disk) => Some(if shape.flip_normals { -disk.normal } else { disk.normal }),
                 Form::Mesh(_) => self.table.flat(first, count),
             };
-            self.emissions.push(Emission { shape: index, texture, first, count, normal });
+            self.emissions.push(Emission { shape: index, texture, first, count, normal, flip: shape.flip_normals });
         }
         self.shapes.push(Shape { form, material: shape.material as u32, flip: shape.flip_normals, light: None });
         Ok(())

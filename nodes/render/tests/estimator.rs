@@ -218,6 +218,42 @@ fn opacity_lets_its_share_through() {
 }
 
 #[test]
+fn emission_by_vertex_colours_is_that_of_the_colour() {
+    let lit = |emission: Texture| {
+        let mut built = floor_point();
+        let mut lamp = ball(6);
+        lamp.colors = Some(vec![[0.5, 0.5, 0.5, 1.0]; lamp.positions.len()]);
+        let black = built.diffuse([0.0; 3]);
+        let place = columns([0.3, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.3], [0.0, 1.0, 0.0]);
+        built.mesh(&lamp, place, black).emission = Some(emission);
+        // Seen, too.
+        built.scene.camera.fov_x = 60.0;
+        render(&built, 16, 64, Strategy::Mis)
+    };
+    let colored = lit(Texture::VertexColor { scale: [3.0; 3], channel: None });
+    let plain = lit(Texture::scalar(1.5));
+    assert!(estimate(&plain, 0).0 > 0.01);
+    // But for the rounding of sums of thirds.
+    for (a, b) in colored.pixels.iter().zip(&plain.pixels) {
+        assert!((a.sum[0] - b.sum[0]).abs() <= 1e-5 * b.sum[0], "{a:?} {b:?}");
+    }
+}
+
+#[test]
+fn a_lamp_with_holes_is_found_alike_by_light_and_by_scattering() {
+    let mut built = floor_point();
+    let inner = Box::new(Bsdf::Diffuse { reflectance: Texture::scalar(0.0) });
+    let opacity = Texture::Checkerboard { color0: [1.0; 3], color1: [0.2; 3], scale: [6.0, 5.0] };
+    let holes = built.material(Bsdf::Mask { opacity, inner });
+    built.sphere([0.2, 0.9, 0.1], 0.4, holes).emission = Some(Texture::scalar(2.0));
+    let [both, lights, scattering] = ALL.map(|strategy| estimate(&render(&built, 8, 4096, strategy), 0));
+    for other in [lights, scattering] {
+        let deviation = (both.0 - other.0) / (both.1 * both.1 + other.1 * other.1).sqrt();
+        assert!(deviation.abs() < 4.5 && both.1 < 0.01 * both.0, "{both:?} {other:?}");
+    }
+}
+
+#[test]
 fn scenes_that_cannot_be_rendered_are_refused_and_poor_ones_repaired() {
     let refuse = |change: fn(&mut Built)| {
         let mut built = room();
@@ -232,6 +268,11 @@ fn scenes_that_cannot_be_rendered_are_refused_and_poor_ones_repaired() {
     assert!(
         refuse(|b| b.scene.shapes[7].emission = Some(Texture::scalar(-1.0))).contains("shape 7: an emission below 0")
     );
+    let below = |b: &mut Built| {
+        let squares = Texture::Checkerboard { color0: [1.0; 3], color1: [-1.0; 3], scale: [2.0, 2.0] };
+        b.scene.shapes[7].emission = Some(squares);
+    };
+    assert!(refuse(below).contains("shape 7: an emission below 0"));
     let point = |b: &mut Built| {
         b.scene.emitters.push(Emitter::Point { position: [f64::INFINITY, 0.0, 0.0], intensity: [1.0; 3] });
     };

@@ -80,6 +80,12 @@ impl Set<'_> {
     }
 }
 
+/// A number in the lanes of a mask, 0 in the others.
+#[inline(always)]
+fn number<R: Real>(mask: R::Mask, value: i32) -> R::Whole {
+    R::select_whole(mask, R::Whole::splat(value), R::Whole::splat(0))
+}
+
 impl Sweep {
     /// Reciprocals and shears, and the group of each ray.
     #[inline(always)]
@@ -108,13 +114,12 @@ impl Sweep {
             (R::select(turned, b, a) / along).store(&mut self.shear[0][at..]);
             (R::select(turned, a, b) / along).store(&mut self.shear[1][at..]);
             (one / along).store(&mut self.shear[2][at..]);
-            let number = |mask: R::Mask, value: i32| R::select_whole(mask, R::Whole::splat(value), R::Whole::splat(0));
             let axis = R::select_whole(
                 first,
                 R::Whole::splat(0),
                 R::select_whole(second, R::Whole::splat(8), R::Whole::splat(16)),
             );
-            let group = axis + number(negative[0], 1) + number(negative[1], 2) + number(negative[2], 4);
+            let group = axis + number::<R>(negative[0], 1) + number::<R>(negative[1], 2) + number::<R>(negative[2], 4);
             group.store(&mut self.group[at..]);
         }
     }

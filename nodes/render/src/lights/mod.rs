@@ -44,6 +44,8 @@ pub(crate) struct Emission {
     pub(crate) count: usize,
     /// Outer normal, if it is flat.
     pub(crate) normal: Option<Vec3>,
+    /// Whether its outer side is turned in.
+    pub(crate) flip: bool,
 }
 
 /// Points that light may arrive at.
@@ -308,7 +310,8 @@ impl Lights {
     /// Density with which sampling from `from` finds points `p` of a shape's light.
     #[inline(always)]
     pub(crate) fn shape_pdf<R: Real>(&self, light: u32, from: Triple<R>, p: Triple<R>, normal: Triple<R>) -> R {
-        self.shape(light).map_or(R::zero(), |l| l.pdf(from, p, normal) * self.picked(light as usize, from))
+        let Some(shape) = self.shape(light) else { return R::zero() };
+        shape.pdf(from, p, normal) * self.picked(light as usize, from)
     }
 
     /// Samples a light from points, in the lanes of a mask. Of the numbers, the first picks the light.
@@ -368,7 +371,7 @@ impl Lights {
         [a, b, c, point]: [Pair<R>; 4],
     ) -> Arrivals<R> {
         match &self.lights[light] {
-            Light::Shape(shape) => shape.sample(world, from, a.y, b.x, point),
+            Light::Shape(shape) => shape.sample(world, from, [a.y, b.x], point),
             Light::Environment => {
                 let numbers = [Pair::new(a.y, b.y), Pair::new(b.x, c.x), point];
                 let Some((environment, _)) = &self.environment else {

@@ -30,7 +30,7 @@ pub(crate) struct ShapeLight {
     /// Its primitives by area.
     alias: Alias,
     area: f64,
-    /// The sphere, if it is one.
+    /// The sphere, if it is one that shines outwards.
     sphere: Option<Sphere>,
 }
 
@@ -45,7 +45,8 @@ struct Found<R> {
 impl ShapeLight {
     /// `None` if it has no area, or its emission is 0.
     pub(super) fn new(emission: Emission, forms: &[accel::Primitive]) -> Option<Self> {
-        let Emission { shape, texture, first, count, .. } = emission;
+        let Emission { shape, first, count, .. } = emission;
+        let texture = emission.texture;
         let own = &forms[first..first + count];
         let areas: Vec<f64> = own
             .iter()
@@ -57,7 +58,8 @@ impl ShapeLight {
             .collect();
         let area: f64 = areas.iter().sum();
         let sphere = own.iter().find_map(|form| match form {
-            accel::Primitive::Sphere(s) => Some(*s),
+            // One that shines inwards is seen from within, or through itself.
+            accel::Primitive::Sphere(s) if !emission.flip => Some(*s),
             _ => None,
         });
         let black = matches!(&texture, Texture::Constant(value) if *value == Vec3::ZERO);
@@ -120,21 +122,20 @@ impl ShapeLight {
         R::select(outside, R::splat(1.0 / (2.0 * PI)) / width, pdf)
     }
 
-    /// Samples the shape from points: `pick` and `accept` choose the primitive, `u` the point on it.
+    /// Samples the shape from points: the numbers choose the primitive, `u` the point on it.
     #[inline(always)]
     pub(super) fn sample<R: Real>(
         &self,
         world: &World,
         from: &super::Vantage<R>,
-        pick: R,
-        accept: R,
+        [pick, accept]: [R; 2],
         u: Pair<R>,
     ) -> Arrivals<R> {
         let shape = &world.shapes[self.shape as usize];
         let found = match &shape.form {
-            Form::Sphere(sphere) => self.on_sphere(sphere, from.p, u),
+            Form::Sphere(sphere) => self.on_sphere(world, sphere, from.p, u),
             Form::Disk(disk) => on_disk(disk, u),
-            Form::Mesh(_) => self.on_mesh(world, pick, accept, u),
+            Form::Mesh(_) => self.on_mesh(world, [pick, accept], u),
         };
         // Normals of the table are turned already.
         let turned = shape.flip && !matches!(shape.form, Form::Mesh(_));
@@ -155,7 +156,7 @@ impl ShapeLight {
     }
 
     #[inline(always)]
-    fn on_mesh<R: Real>(&self, world: &World, pick: R, accept: R, u: Pair<R>) -> Found<R> {
+    fn on_mesh<R: Real>(&self, world: &World, [pick, accept]: [R; 2], u: Pair<R>) -> Found<R> {
         let own = self.alias.draw::<R>(R::Whole::splat(0), self.count, pick, accept);
         let primitive = own + R::Whole::splat(self.first as i32);
         let [p0, p1, p2] = world.table.positions::<R>(primitive);
@@ -182,7 +183,7 @@ impl ShapeLight {
     }
 
     #[inline(always)]
-    fn on_sphere<R: Real>(&self, sphere: &Sphere, from: Triple<R>, u: Pair<R>) -> Found<R> {
+    fn on_sphere<R: Real>(&self, world: &World, sphere: &Sphere, from: Triple<R>, u: Pair<R>) -> Found<R> {
         let one = R::one();
         let (sin_phi, cos_phi) = sin_cos_turn(u.y);
         let center = Triple::splat(sphere.center);
@@ -196,6 +197,7 @@ impl ShapeLight {
         let sin_alpha = (one - cos_alpha * cos_alpha).max(R::zero()).sqrt();
         let back = (from - center) * (one / distance);
         let seen = Frames::new(back).to_world(Triple::new(sin_alpha * cos_phi, sin_alpha * sin_phi, cos_alpha));
+        let outside = if self.sphere.is_some() { outside } else { R::Mask::from_bits(0) };
         let mut n = seen;
         if (!outside).any() {
             let z = one - u.x * 2.0;
@@ -206,7 +208,7 @@ impl ShapeLight {
         let arm = n * R::splat(sphere.radius);
         let error = arm.abs() * R::splat(gamma(6)) + (center.abs() + arm.abs()) * R::splat(gamma(2));
         let mut at = Points { uv: Pair::new(R::zero(), R::zero()), color: Triple::all(one), alpha: one };
-        if self.texture.reads_uv() {
+        if self.texture.reads_uv() || world.features.opacity {
             at.uv = sphere.uv_lanes(n);
         }
         Found { p: center + arm, error, normal: n, at }

@@ -147,7 +147,7 @@ impl<'a> Stream<'a> {
         let world = self.batch.world;
         kernels.vertices(self, group);
         let reads_uv = material.reads_uv() || world.emits[group.index];
-        if (world.bodies[group.index] && reads_uv) || material.reads_colors() {
+        if (world.bodies[group.index] && reads_uv) || world.reads_colors[group.index] {
             self.extras(group);
         }
         if world.emits[group.index] {

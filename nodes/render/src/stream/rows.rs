@@ -71,7 +71,7 @@ impl<const N: usize> Rows<N> {
     }
 }
 
-/// Rows of a path: origin, direction, throughput, squared product of relative indices, density of the last scattering
+/// Rows of a path: origin, direction, throughput, product of relative indices, density of the last scattering
 /// (0 where nothing but it can find the light).
 pub(super) type Paths = Rows<11>;
 pub(super) const ORIGIN: usize = 0;

@@ -85,7 +85,7 @@ impl<'a> Stream<'a> {
     /// What the table does not hold: texture coordinates of spheres and disks, and vertex colours.
     pub(super) fn extras(&mut self, group: &Group) {
         let world = self.batch.world;
-        let reads_colors = world.materials[group.index].reads_colors();
+        let reads_colors = world.reads_colors[group.index];
         for at in group.from..group.end {
             let row = at - group.from;
             let from = self.order[at] as usize;
@@ -150,7 +150,7 @@ impl<'a> Stream<'a> {
                 let pdf = R::gather(&self.paths.rows[PDF], place);
                 let other = world.lights.shape_pdf(light, origin, self.vertices.row(POINT, row), normal);
                 let weight = R::select(pdf.positive(), self.batch.strategy.weight(false, pdf, other), R::one());
-                self.add(own, self.vertices.row::<R>(CARRIES, row) * radiance * weight, &ids);
+                self.add(own & radiance.some(), self.vertices.row::<R>(CARRIES, row) * radiance * weight, &ids);
             }
         }
     }
@@ -288,7 +288,8 @@ impl<'a> Stream<'a> {
             let pdf = R::select(drawn.delta, R::zero(), drawn.pdf);
             if group.depth + 1 >= self.batch.roulette.from {
                 let likely = throughput.largest() * eta * eta * self.batch.roulette.gain;
-                let survival = likely.min(R::splat(0.95));
+                // Numbers have 24 bits: less cannot be told from nothing.
+                let survival = likely.min(R::splat(0.95)).max(R::splat(1.0 / (1u32 << 24) as f32));
                 alive = alive & choice.y.lt(survival);
                 throughput = throughput * (R::one() / survival);
             }
