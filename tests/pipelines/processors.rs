@@ -1,10 +1,13 @@
-//! The same bits on other processors: everything up to dataset packing, on emulated ones that have SSE2 alone, or AVX2, and on
-//! this one. Needs `qemu-x86_64` (Debian: qemu-user), and says when it is not there.
+//! The same bits on other processors: everything up to dataset packing, on this one with all that it has, with AVX2 and with
+//! SSE2 in the renderer, and on an emulated one that has no more than SSE2. That needs `qemu-x86_64` (Debian: qemu-user), and says when
+//! it is not there. (One with AVX2 is not emulated: qemu 7.2 computes some of its instructions wrongly, and fails tests of the
+//! renderer that processors with AVX2 pass.)
 
 use crate::edits::PIPELINE;
 use std::{fs, path::Path, process::Command};
 
-fn run(folder: &Path, processor: Option<&str>, arguments: &[&str]) -> String {
+/// Runs the pipeline in a cache of its own, with some of this processor's instructions or on an emulated one.
+fn run(folder: &Path, instructions: &str, processor: Option<&str>, arguments: &[&str]) -> String {
     let program = env!("CARGO_BIN_EXE_tauflow");
     let mut command = match processor {
         Some(processor) => {
@@ -14,7 +17,8 @@ fn run(folder: &Path, processor: Option<&str>, arguments: &[&str]) -> String {
         }
         None => Command::new(program),
     };
-    let cache = folder.join(processor.unwrap_or("native"));
+    let cache = folder.join(processor.unwrap_or(instructions));
+    command.env("TAUFLOW_INSTRUCTIONS", instructions);
     let output =
         command.args(["run", "bits.yaml"]).args(arguments).arg("--cache").arg(cache).current_dir(folder).output();
     let output = output.expect("it starts");
@@ -25,21 +29,23 @@ fn run(folder: &Path, processor: Option<&str>, arguments: &[&str]) -> String {
 
 #[test]
 fn everything_up_to_packing_is_the_same_on_sse2_avx2_and_this_processor() {
-    if Command::new("qemu-x86_64").arg("--version").output().is_err() {
-        println!("skipped: qemu-x86_64 (Debian: qemu-user) is not there");
-        return;
-    }
     let folder = tempfile::tempdir().expect("a temporary folder");
     let until = PIPELINE.find("  solvers:").expect("it trains");
     let text = format!("{}targets: [train_set, test_set, split.report, sampling.report]\n", &PIPELINE[..until]);
     fs::write(folder.path().join("bits.yaml"), text).expect("writable");
-    run(folder.path(), None, &["--update-lock"]);
-    for (processor, set) in [("qemu64", "sse2"), ("Haswell", "avx2")] {
-        let told = run(folder.path(), Some(processor), &["--locked"]);
-        assert!(told.contains("bits.lock agrees"), "{told}");
-        // The emulation is what it says: the program itself found no more than this.
-        let lock = fs::read_to_string(folder.path().join("bits.lock")).expect("it was written");
-        let native = lock.lines().find_map(|line| line.strip_prefix("processor: ")).expect("it says");
-        assert!(native == set || told.contains(&format!("this is {set}")), "{told}");
+    run(folder.path(), "avx512", None, &["--update-lock"]);
+    for instructions in ["avx2", "sse2"] {
+        let told = run(folder.path(), instructions, None, &["--locked"]);
+        assert!(told.contains("bits.lock agrees"), "{instructions}: {told}");
     }
+    if Command::new("qemu-x86_64").arg("--version").output().is_err() {
+        println!("skipped: qemu-x86_64 (Debian: qemu-user) is not there");
+        return;
+    }
+    let told = run(folder.path(), "avx512", Some("qemu64"), &["--locked"]);
+    assert!(told.contains("bits.lock agrees"), "{told}");
+    // The emulation is what it says: the program itself found no more than this.
+    let lock = fs::read_to_string(folder.path().join("bits.lock")).expect("it was written");
+    let native = lock.lines().find_map(|line| line.strip_prefix("processor: ")).expect("it says");
+    assert!(native == "sse2" || told.contains("this is sse2"), "{told}");
 }

@@ -1,4 +1,5 @@
-//! Which instructions kernels are made of: chosen once, by what the processor has. The bits do not depend on it.
+//! Which instructions kernels are made of: chosen once, by what the processor has, or fewer if `TAUFLOW_INSTRUCTIONS` says
+//! so. The bits do not depend on it, so that this is no param and in no key.
 //!
 //! Each kernel is a function of its own for each set of instructions; what it calls is inlined into it, and so made of
 //! the same instructions. Hence no closures in kernels: those stay functions of their own, of the plain instructions,
@@ -50,10 +51,27 @@ impl Instructions {
         }
     }
 
-    /// The widest that this processor has.
+    /// The widest that this processor has, and that `TAUFLOW_INSTRUCTIONS` (`sse2`, `avx2` or `avx512`) allows.
     pub fn best() -> Self {
         static BEST: OnceLock<Instructions> = OnceLock::new();
-        *BEST.get_or_init(|| Self::available().into_iter().max().unwrap_or(Self::Portable))
+        *BEST.get_or_init(|| {
+            let most = std::env::var("TAUFLOW_INSTRUCTIONS").map_or(Self::Avx512, |name| Self::named(&name));
+            Self::available().into_iter().filter(|found| *found <= most).max().unwrap_or(Self::Portable)
+        })
+    }
+
+    fn named(name: &str) -> Self {
+        match name {
+            "sse2" => Self::Sse2,
+            "avx2" => Self::Avx2,
+            "avx512" => Self::Avx512,
+            other => {
+                eprintln!(
+                    "TAUFLOW_INSTRUCTIONS is `{other}`, which is none of sse2, avx2 and avx512; it is not heeded"
+                );
+                Self::Avx512
+            }
+        }
     }
 
     /// Traces a batch, by narrower lanes if the processor lacks these.
