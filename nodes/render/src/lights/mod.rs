@@ -111,7 +111,7 @@ impl Guide {
         if self.normal == Vec3::ZERO {
             return near;
         }
-        // Half of it whatever the angle: a light of some extent is seen from beside it.
+        // A little whatever the angle: a light of some extent is seen from beside it.
         let cos = d.dot(Triple::splat(self.normal)) / square.max(R::splat(self.square)).sqrt();
         near * (cos.max(R::zero()) + 0.1)
     }
