@@ -109,6 +109,7 @@ pub(crate) struct Kernels {
     thin: Grouped,
     plastic: Grouped,
     principled: Grouped,
+    blend: Grouped,
     shadow: Whole,
 }
 
@@ -146,15 +147,15 @@ impl Kernels {
         unsafe { (self.lights)(stream, group) }
     }
 
-    /// Of all sorts but blends.
     pub(crate) fn scatter(&self, sort: Sort, stream: &mut Stream<'_>, group: &Group) {
         let kernel = match sort {
-            Sort::Diffuse | Sort::Blend => self.diffuse,
+            Sort::Diffuse => self.diffuse,
             Sort::Metal => self.metal,
             Sort::Glass => self.glass,
             Sort::Thin => self.thin,
             Sort::Plastic => self.plastic,
             Sort::Principled => self.principled,
+            Sort::Blend => self.blend,
         };
         unsafe { kernel(stream, group) }
     }
@@ -168,7 +169,7 @@ macro_rules! kernels {
     ($name:ident, $wide:ty, $ray:ty $(, $feature:literal)?) => {
         mod $name {
             use super::{Group, Kernels, Stream};
-            use crate::bsdf::{Diffuse, Glass, Metal, Plastic, Principled, Thin};
+            use crate::bsdf::{Bsdf, Diffuse, Glass, Metal, Plastic, Principled, Thin};
 
             pub(super) static KERNELS: Kernels = Kernels {
                 begin,
@@ -185,6 +186,7 @@ macro_rules! kernels {
                 thin,
                 plastic,
                 principled,
+                blend,
                 shadow,
             };
 
@@ -202,6 +204,8 @@ macro_rules! kernels {
             kernels!(@group thin, scatter::<$wide, Thin<$wide>> $(, $feature)?);
             kernels!(@group plastic, scatter::<$wide, Plastic<'_, $wide>> $(, $feature)?);
             kernels!(@group principled, scatter::<$wide, Principled<$wide>> $(, $feature)?);
+            // Blends are rare, and shaded one by one.
+            kernels!(@group blend, scatter::<f32, Bsdf<'_>> $(, $feature)?);
             kernels!(@whole shadow, shadow::<$wide, $ray> $(, $feature)?);
         }
     };

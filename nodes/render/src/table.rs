@@ -1,5 +1,5 @@
 //! What the shading of a hit reads, in one row for each primitive: positions, normals, texture coordinates, and which
-//! material, light and shape it is of.
+//! material and light it is of.
 
 use crate::lanes::{Pair, Real, Triple, Whole};
 use glam::{Vec2, Vec3};
@@ -29,8 +29,6 @@ pub(crate) struct Table {
     pub(crate) material: Vec<u32>,
     /// Light of each, or [`DARK`].
     pub(crate) light: Vec<u32>,
-    /// Shape of each.
-    pub(crate) shape: Vec<u32>,
     /// What each is: [`TRIANGLE`], [`DISK`] or [`SPHERE`].
     pub(crate) form: Vec<u32>,
 }
@@ -46,13 +44,12 @@ pub(crate) struct Row {
 }
 
 impl Table {
-    pub(crate) fn push(&mut self, row: &Row, shape: u32, material: u32, form: u32) {
+    pub(crate) fn push(&mut self, row: &Row, material: u32, form: u32) {
         let all = row.positions.iter().chain([&row.normal]).chain(&row.normals).flat_map(|v| v.to_array());
         self.rows.extend(all.chain(row.uvs.iter().flat_map(|v| v.to_array())));
         self.rows.resize((self.material.len() + 1) * WIDTH, 0.0);
         self.material.push(material);
         self.light.push(DARK);
-        self.shape.push(shape);
         self.form.push(form);
     }
 

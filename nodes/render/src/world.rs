@@ -256,7 +256,7 @@ impl Collected {
             self.primitives.push(Primitive { shape: index, triangle: 0, normal });
             let normal = normal * turned;
             let row = Row { positions, normal, normals: [normal; 3], uvs: [Vec2::ZERO; 3] };
-            self.table.push(&row, index, material, sort);
+            self.table.push(&row, material, sort);
         };
         let form = match &shape.geometry {
             Geometry::Sphere { center, radius } => {
@@ -320,7 +320,7 @@ impl Collected {
                     triangle.map(|at| Vec2::from_array(uvs[at as usize]))
                 }),
             };
-            self.table.push(&row, index, shape.material as u32, TRIANGLE);
+            self.table.push(&row, shape.material as u32, TRIANGLE);
             self.forms.push(accel::Primitive::Triangle(vertices));
             self.primitives.push(Primitive { shape: index, triangle: triangles.len() as u32, normal });
             triangles.push(*triangle);

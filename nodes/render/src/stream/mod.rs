@@ -2,8 +2,8 @@
 //! own, shadow rays come last.
 //!
 //! Shading knows one material at a time, so that what it lacks costs nothing, and works on as many paths as there are
-//! lanes, in steps: the vertex, what it emits, its textures, a light, where the path goes on. What a path finds does not depend on the batch it is in: every operation is on its own numbers, in its own
-//! order.
+//! lanes, in steps: the vertex, what it emits, its textures, a light, where the path goes on. What a path finds does not
+//! depend on the batch it is in: every operation is on its own numbers, in its own order.
 
 mod rays;
 mod rows;
@@ -11,7 +11,7 @@ mod shading;
 
 use crate::{
     accel::{Hit, Sweep},
-    bsdf::{Bsdf, Material, Sort},
+    bsdf::Material,
     camera::Camera,
     dispatch::Kernels,
     geometry::Ray,
@@ -108,7 +108,7 @@ pub(crate) fn trace(batch: &Batch<'_>, kernels: &Kernels) -> Found {
     found
 }
 
-impl<'a> Stream<'a> {
+impl Stream<'_> {
     fn run(&mut self, kernels: &Kernels) {
         let stream = self;
         kernels.begin(stream);
@@ -163,11 +163,7 @@ impl<'a> Stream<'a> {
         if material.has_smooth() && !world.lights.is_empty() {
             kernels.lights(self, group);
         }
-        if material.sort() == Sort::Blend {
-            self.scatter::<f32, Bsdf<'a>>(group);
-        } else {
-            kernels.scatter(material.sort(), self, group);
-        }
+        kernels.scatter(material.sort(), self, group);
     }
 }
 
