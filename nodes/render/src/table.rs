@@ -1,14 +1,11 @@
 //! What the shading of a hit reads, in one row for each primitive: positions, normals, texture coordinates, and which
 //! material and light it is of.
 
-use crate::lanes::{Pair, Real, Triple, Whole};
+use crate::lanes::{Pair, Real, Record, Triple, Whole};
 use glam::{Vec2, Vec3};
 
-/// Numbers in a row.
-const WIDTH: usize = 32;
-const NORMAL: usize = 9;
-const VERTEX_NORMALS: usize = 12;
-const UVS: usize = 21;
+/// Records of a primitive.
+const WIDTH: usize = 2;
 
 /// The light of primitives that do not emit.
 pub(crate) const DARK: u32 = u32::MAX;
@@ -21,16 +18,27 @@ pub(crate) const DISK: u32 = 1;
 /// out.
 pub(crate) const SPHERE: u32 = 2;
 
-/// Rows of all primitives.
+/// What is known of all primitives.
 #[derive(Default)]
 pub(crate) struct Table {
-    rows: Vec<f32>,
+    /// Of each, two records: vertices, normal and vertex normals, texture coordinates.
+    rows: Vec<Record>,
     /// Material of each.
     pub(crate) material: Vec<u32>,
     /// Light of each, or [`DARK`].
     pub(crate) light: Vec<u32>,
     /// What each is: [`TRIANGLE`], [`DISK`] or [`SPHERE`].
     pub(crate) form: Vec<u32>,
+}
+
+/// What is known of primitives, by lane.
+pub(crate) struct Facts<R> {
+    pub(crate) positions: [Triple<R>; 3],
+    /// Geometric normal.
+    pub(crate) normal: Triple<R>,
+    normals: [Triple<R>; 3],
+    /// u and v of each vertex.
+    uvs: [R; 6],
 }
 
 /// A triangle's row.
@@ -46,8 +54,12 @@ pub(crate) struct Row {
 impl Table {
     pub(crate) fn push(&mut self, row: &Row, material: u32, form: u32) {
         let all = row.positions.iter().chain([&row.normal]).chain(&row.normals).flat_map(|v| v.to_array());
-        self.rows.extend(all.chain(row.uvs.iter().flat_map(|v| v.to_array())));
-        self.rows.resize((self.material.len() + 1) * WIDTH, 0.0);
+        let mut records = [Record::default(); WIDTH];
+        let places = records.iter_mut().flat_map(|record| &mut record.0);
+        for (place, value) in places.zip(all.chain(row.uvs.iter().flat_map(|v| v.to_array()))) {
+            *place = value;
+        }
+        self.rows.extend(records);
         self.material.push(material);
         self.light.push(DARK);
         self.form.push(form);
@@ -55,61 +67,46 @@ impl Table {
 
     /// Vertices of a primitive.
     pub(crate) fn triangle(&self, primitive: u32) -> [Vec3; 3] {
-        self.positions::<f32>(primitive as i32).map(Into::into)
+        self.facts::<f32>(primitive as i32).positions.map(Into::into)
     }
 
     /// The normal of some primitives, if all have the same.
     pub(crate) fn flat(&self, first: usize, count: usize) -> Option<Vec3> {
-        let normal = |at: usize| Vec3::from(self.normal::<f32>(at as i32));
+        let normal = |at: usize| Vec3::from(self.facts::<f32>(at as i32).normal);
         let same = |at: usize| normal(at).dot(normal(first)) > 0.999;
         (count > 0 && (first..first + count).all(same)).then(|| normal(first))
     }
 
+    /// What is known of primitives.
     #[inline(always)]
-    fn read<R: Real>(&self, row: R::Whole, at: usize) -> R {
-        R::gather(&self.rows, row + R::Whole::splat(at as i32))
+    pub(crate) fn facts<R: Real>(&self, primitive: R::Whole) -> Facts<R> {
+        let row = primitive * R::Whole::splat(WIDTH as i32);
+        let next = row + R::Whole::splat(1);
+        let [ax, ay, az, bx, by, bz, cx, cy] = R::columns(&self.rows, row, 0);
+        let [cz, nx, ny, nz, px, py, pz, qx] = R::columns(&self.rows, row, 1);
+        let [qy, qz, rx, ry, rz, pu, pv, qu] = R::columns(&self.rows, next, 0);
+        let [qv, ru, rv, ..] = R::columns(&self.rows, next, 1);
+        Facts {
+            positions: [Triple::new(ax, ay, az), Triple::new(bx, by, bz), Triple::new(cx, cy, cz)],
+            normal: Triple::new(nx, ny, nz),
+            normals: [Triple::new(px, py, pz), Triple::new(qx, qy, qz), Triple::new(rx, ry, rz)],
+            uvs: [pu, pv, qu, qv, ru, rv],
+        }
     }
+}
 
-    #[inline(always)]
-    fn triple<R: Real>(&self, row: R::Whole, at: usize) -> Triple<R> {
-        Triple::new(self.read(row, at), self.read(row, at + 1), self.read(row, at + 2))
-    }
-
-    #[inline(always)]
-    fn row<R: Real>(primitive: R::Whole) -> R::Whole {
-        primitive * R::Whole::splat(WIDTH as i32)
-    }
-
-    /// Vertices.
-    #[inline(always)]
-    pub(crate) fn positions<R: Real>(&self, primitive: R::Whole) -> [Triple<R>; 3] {
-        let row = Self::row::<R>(primitive);
-        [self.triple(row, 0), self.triple(row, 3), self.triple(row, 6)]
-    }
-
-    /// Geometric normal.
-    #[inline(always)]
-    pub(crate) fn normal<R: Real>(&self, primitive: R::Whole) -> Triple<R> {
-        self.triple(Self::row::<R>(primitive), NORMAL)
-    }
-
+impl<R: Real> Facts<R> {
     /// Mean of the vertex normals, not of unit length.
     #[inline(always)]
-    pub(crate) fn shading<R: Real>(&self, primitive: R::Whole, weights: [R; 3]) -> Triple<R> {
-        let row = Self::row::<R>(primitive);
-        let [a, b, c] = weights;
-        self.triple(row, VERTEX_NORMALS) * a
-            + self.triple(row, VERTEX_NORMALS + 3) * b
-            + self.triple(row, VERTEX_NORMALS + 6) * c
+    pub(crate) fn shading(&self, [a, b, c]: [R; 3]) -> Triple<R> {
+        let [p, q, r] = self.normals;
+        p * a + q * b + r * c
     }
 
     /// Texture coordinates.
     #[inline(always)]
-    pub(crate) fn uv<R: Real>(&self, primitive: R::Whole, weights: [R; 3]) -> Pair<R> {
-        let row = Self::row::<R>(primitive);
-        let [a, b, c] = weights;
-        let u = self.read::<R>(row, UVS) * a + self.read::<R>(row, UVS + 2) * b + self.read::<R>(row, UVS + 4) * c;
-        let v = self.read::<R>(row, UVS + 1) * a + self.read::<R>(row, UVS + 3) * b + self.read::<R>(row, UVS + 5) * c;
-        Pair::new(u, v)
+    pub(crate) fn uv(&self, [a, b, c]: [R; 3]) -> Pair<R> {
+        let [pu, pv, qu, qv, ru, rv] = self.uvs;
+        Pair::new(pu * a + qu * b + ru * c, pv * a + qv * b + rv * c)
     }
 }

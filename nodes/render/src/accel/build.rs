@@ -6,6 +6,9 @@ use obvhs::{Boundable, BvhBuildParams, aabb::Aabb, bvh2::Bvh2, bvh2::builder::bu
 use std::time::Duration;
 use tauflow_data::rng::mix;
 
+/// Leaves of a larger share of the scene's surface are worth splitting, being met by many rays.
+const LARGE: f32 = 0.05;
+
 type Bounds = (Vec3, Vec3);
 
 fn union(a: Bounds, b: Bounds) -> Bounds {
@@ -184,6 +187,8 @@ fn group_equal(boxes: &[Boxed]) -> Vec<Vec<u32>> {
 
 /// obvhs's tree over groups, with bounds of our own and leaves that fit a block.
 fn tree_of(bvh: &Bvh2, groups: &[Vec<u32>], boxes: &[Boxed]) -> Tree {
+    let all = boxes.iter().map(|b| b.0).reduce(union).expect("there are boxes");
+    let least = LARGE * half_area(all);
     let mut done: Vec<Option<Tree>> = (0..bvh.nodes.len()).map(|_| None).collect();
     let mut stack = vec![(0u32, false)];
     while let Some((at, children_done)) = stack.pop() {
@@ -194,7 +199,7 @@ fn tree_of(bvh: &Bvh2, groups: &[Vec<u32>], boxes: &[Boxed]) -> Tree {
             let leaf = &bvh.primitive_indices[from..from + node.prim_count as usize];
             let mut leaf: Vec<u32> = leaf.iter().flat_map(|group| groups[*group as usize].iter().copied()).collect();
             leaf.sort_unstable();
-            done[at as usize] = Some(balanced(&leaf, boxes));
+            done[at as usize] = Some(part(&leaf, boxes, least));
         } else if children_done {
             let a = done[left as usize].take().expect("children come first");
             let b = done[right as usize].take().expect("children come first");
@@ -204,6 +209,37 @@ fn tree_of(bvh: &Bvh2, groups: &[Vec<u32>], boxes: &[Boxed]) -> Tree {
         }
     }
     done[0].take().expect("the root is done last")
+}
+
+/// A leaf; or, if its box is larger than `least` and much of it is empty, several: a box that many rays meet had better
+/// hold little else than what they meet.
+fn part(primitives: &[u32], boxes: &[Boxed], least: f32) -> Tree {
+    let bounds = |part: &[u32]| part.iter().map(|p| boxes[*p as usize].0).reduce(union).expect("no part is empty");
+    let count = primitives.len();
+    let area = half_area(bounds(primitives));
+    if count < 2 || count > LEAF_SIZE as usize || area < least {
+        return balanced(primitives, boxes);
+    }
+    let mut best: Option<(f32, Vec<u32>, usize)> = None;
+    for axis in 0..3 {
+        let mut order = primitives.to_vec();
+        let center = |p: u32| boxes[p as usize].0.0[axis] + boxes[p as usize].0.1[axis];
+        order.sort_by(|a, b| center(*a).total_cmp(&center(*b)).then(a.cmp(b)));
+        for at in 1..count {
+            let (a, b) = order.split_at(at);
+            let cost = half_area(bounds(a)) * a.len() as f32 + half_area(bounds(b)) * b.len() as f32;
+            if best.as_ref().is_none_or(|best| cost < best.0) {
+                best = Some((cost, order.clone(), at));
+            }
+        }
+    }
+    match best {
+        Some((cost, order, at)) if cost + area < area * count as f32 => {
+            let (a, b) = (part(&order[..at], boxes, least), part(&order[at..], boxes, least));
+            Tree::Inner(union(a.bounds(), b.bounds()), Box::new([a, b]))
+        }
+        _ => balanced(primitives, boxes),
+    }
 }
 
 /// A tree that halves a sequence of primitives until the parts fit a block.

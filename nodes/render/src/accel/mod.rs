@@ -7,6 +7,7 @@
 //! Traversal*.
 
 mod build;
+mod leaves;
 mod packet;
 mod sweep;
 mod traverse;

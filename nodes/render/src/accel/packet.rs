@@ -1,11 +1,10 @@
 //! Traversal by as many rays as there are lanes, for rays that go nearly the same way, as those of one pixel do.
 
-use super::{Accel, Block, LEAF, Stack, WIDE, traverse::Best};
+use super::{Accel, Block, LEAF, Stack, WIDE, leaves::bits, sweep::SPARE};
 use crate::{
-    geometry::{Ray, Walk, gamma, intersect_lanes, intersect_triangle, lane_of},
+    geometry::{Ray, Rays, Walk, gamma, intersect_lanes, intersect_triangle, lane_of},
     lanes::{Mask, Real, Triple, Whole},
 };
-use glam::Vec3;
 
 /// Hits by lane; a primitive of -1 is none.
 pub(crate) struct PacketHits<R: Real> {
@@ -187,28 +186,24 @@ impl Accel {
 
     #[inline(always)]
     fn meet_packet_curved<R: Real>(&self, block: &Block, rays: &Packet<R>, mask: R::Mask, best: &mut PacketHits<R>) {
-        let mut rows = [[0.0f32; 16]; 9];
+        let mut own = Rays { origin: [[0.0; SPARE]; 3], direction: [[0.0; SPARE]; 3] };
         let (o, d) = (rays.origin, rays.direction);
-        for (row, value) in rows.iter_mut().zip([o.x, o.y, o.z, d.x, d.y, d.z, best.t, best.u, best.v]) {
-            value.store(row);
+        for (axis, (o, d)) in [(o.x, d.x), (o.y, d.y), (o.z, d.z)].into_iter().enumerate() {
+            o.store(&mut own.origin[axis]);
+            d.store(&mut own.direction[axis]);
         }
-        let mut primitives = [0u32; 16];
-        best.primitive.store(&mut primitives);
-        let mut rest = mask.bits();
-        while rest != 0 {
-            let ray = rest.trailing_zeros() as usize & 15;
-            rest &= rest - 1;
-            let origin = Vec3::new(rows[0][ray], rows[1][ray], rows[2][ray]);
-            let direction = Vec3::new(rows[3][ray], rows[4][ray], rows[5][ray]);
-            let mut found = Best { t: rows[6][ray], u: rows[7][ray], v: rows[8][ray], primitive: primitives[ray] };
-            self.improve_curved(block, origin, direction, &mut found);
-            (rows[6][ray], rows[7][ray], rows[8][ray]) = (found.t, found.u, found.v);
-            primitives[ray] = found.primitive;
+        let mut index = block.first_curved as usize;
+        for lane in 0..8 {
+            if block.curved >> lane & 1 == 0 {
+                continue;
+            }
+            let mut ends = [0.0; SPARE];
+            best.t.store(&mut ends);
+            let ([t, u, v], met) = self.curved[index].intersect_all(&own, &ends);
+            index += 1;
+            let met = mask & R::Mask::from_bits(bits(&met));
+            self.improve_packet(best, R::load(&t), R::load(&u), R::load(&v), block.primitives[lane], met);
         }
-        best.t = R::load(&rows[6]);
-        best.u = R::load(&rows[7]);
-        best.v = R::load(&rows[8]);
-        best.primitive = R::Whole::load(&primitives);
     }
 
     /// Takes hits not beyond the best into account; of those at one distance the lowest primitive counts.

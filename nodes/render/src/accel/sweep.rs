@@ -4,15 +4,15 @@
 //! After Barringer, Akenine-Moeller 2014, *Dynamic Ray Stream Traversal*. What a ray finds is what [`Accel::closest`]
 //! finds, whatever else is in the list: the order of visits changes no result.
 
-use super::{Accel, Block, LEAF, Stack, WIDE, traverse::Best};
+use super::{Accel, LEAF, Stack, WIDE, traverse::Best};
 use crate::{
-    geometry::{Ray, Walk, gamma, intersect_lanes},
-    lanes::{Mask, Real, Triple, Whole},
+    geometry::{Walk, gamma},
+    lanes::{Mask, Real, Record, Triple, Whole},
 };
 use glam::Vec3;
 
 /// Lanes at most; lists have as many entries to spare.
-const SPARE: usize = 16;
+pub(super) const SPARE: usize = 16;
 /// Lists that are shorter are followed ray by ray.
 const FEW: usize = 2;
 /// Octants times longest axes.
@@ -32,51 +32,38 @@ pub(crate) struct Set<'a> {
 /// Memory that is kept from sweep to sweep.
 #[derive(Default)]
 pub(crate) struct Sweep {
-    inverse: [Vec<f32>; 3],
-    shear: [Vec<f32>; 3],
+    /// What nodes and leaves read of a ray: origin, reciprocal direction and the end of it; origin in the order of the
+    /// ray's axes, shear and the end again. A ray that was stopped ends below 0.
+    pub(super) rays: Vec<Record>,
     group: Vec<u32>,
     lists: Vec<u32>,
     visits: Vec<Visit>,
 }
 
+/// Columns of a ray's halves: its end.
+pub(super) const END: usize = 6;
+
 /// A node to be visited by a list of rays.
 #[derive(Clone, Copy)]
-struct Visit {
+pub(super) struct Visit {
     node: u32,
-    start: usize,
-    len: usize,
+    pub(super) start: usize,
+    pub(super) len: usize,
     /// Where lists may begin that this visit makes.
     free: usize,
 }
 
 /// What the rays of a group have in common.
-struct Common {
+pub(super) struct Common {
     near: [usize; 3],
-    axes: [usize; 3],
+    pub(super) axes: [usize; 3],
     signs: [f32; 3],
-}
-
-#[inline(always)]
-fn gathered<R: Real>(rows: [&[f32]; 3], at: R::Whole) -> Triple<R> {
-    Triple::new(R::gather(rows[0], at), R::gather(rows[1], at), R::gather(rows[2], at))
 }
 
 impl Set<'_> {
     #[inline(always)]
-    fn ray(&self, at: usize) -> Ray {
-        let ([ox, oy, oz], [dx, dy, dz]) = (self.origin, self.direction);
-        let (origin, direction) = (Vec3::new(ox[at], oy[at], oz[at]), Vec3::new(dx[at], dy[at], dz[at]));
-        Ray { origin, direction, t_max: self.t[at] }
-    }
-
-    #[inline(always)]
-    fn best(&self, at: usize) -> Best {
-        Best { t: self.t[at], u: self.u[at], v: self.v[at], primitive: self.primitive[at] }
-    }
-
-    #[inline(always)]
-    fn keep(&mut self, at: usize, best: &Best) {
-        (self.t[at], self.u[at], self.v[at], self.primitive[at]) = (best.t, best.u, best.v, best.primitive);
+    pub(super) fn keep(&mut self, at: usize, u: f32, v: f32, primitive: u32) {
+        (self.u[at], self.v[at], self.primitive[at]) = (u, v, primitive);
     }
 }
 
@@ -87,33 +74,37 @@ fn number<R: Real>(mask: R::Mask, value: i32) -> R::Whole {
 }
 
 impl Sweep {
-    /// Reciprocals and shears, and the group of each ray.
+    /// What is read of the rays, and the group of each.
     #[inline(always)]
     fn prepare<R: Real>(&mut self, set: &Set<'_>, count: usize) {
         let room = count + SPARE;
-        for row in self.inverse.iter_mut().chain(&mut self.shear) {
-            row.resize(row.len().max(room), 0.0);
-        }
+        self.rays.resize(self.rays.len().max(room), Record::default());
         self.group.resize(self.group.len().max(room), 0);
-        let one = R::one();
+        let (one, zero) = (R::one(), R::zero());
         for at in (0..count).step_by(R::N) {
-            let d = Triple::<R>::load(set.direction, at);
-            let size = Triple::new(d.x.abs(), d.y.abs(), d.z.abs());
-            super::packet::safe(d.x).store(&mut self.inverse[0][at..]);
-            super::packet::safe(d.y).store(&mut self.inverse[1][at..]);
-            super::packet::safe(d.z).store(&mut self.inverse[2][at..]);
-            let zero = R::zero();
+            let (o, d) = (Triple::<R>::load(set.origin, at), Triple::<R>::load(set.direction, at));
+            let end = R::load(&set.t[at..]);
+            let size = d.abs();
+            let inverse = [super::packet::safe(d.x), super::packet::safe(d.y), super::packet::safe(d.z)];
             let negative = [one.copysign(d.x).lt(zero), one.copysign(d.y).lt(zero), one.copysign(d.z).lt(zero)];
             let first = size.x.gt(size.y) & size.x.gt(size.z);
             let second = !size.x.gt(size.y) & size.y.gt(size.z);
             // The axes that follow the longest, in order, and its own; turned where it is negative.
+            macro_rules! turned {
+                ($x:expr, $y:expr, $z:expr, $turned:expr) => {{
+                    let along = R::select(first, $x, R::select(second, $y, $z));
+                    let a = R::select(first, $y, R::select(second, $z, $x));
+                    let b = R::select(first, $z, R::select(second, $x, $y));
+                    [R::select($turned, b, a), R::select($turned, a, b), along]
+                }};
+            }
             let along = R::select(first, d.x, R::select(second, d.y, d.z));
-            let a = R::select(first, d.y, R::select(second, d.z, d.x));
-            let b = R::select(first, d.z, R::select(second, d.x, d.y));
             let turned = along.lt(zero);
-            (R::select(turned, b, a) / along).store(&mut self.shear[0][at..]);
-            (R::select(turned, a, b) / along).store(&mut self.shear[1][at..]);
-            (one / along).store(&mut self.shear[2][at..]);
+            let [ox, oy, oz] = turned!(o.x, o.y, o.z, turned);
+            let [dx, dy, _] = turned!(d.x, d.y, d.z, turned);
+            let to = &mut self.rays[at..];
+            R::put_columns([o.x, o.y, o.z, inverse[0], inverse[1], inverse[2], end, zero], to, 0);
+            R::put_columns([ox, oy, oz, dx / along, dy / along, one / along, end, zero], to, 1);
             let axis = R::select_whole(
                 first,
                 R::Whole::splat(0),
@@ -121,6 +112,28 @@ impl Sweep {
             );
             let group = axis + number::<R>(negative[0], 1) + number::<R>(negative[1], 2) + number::<R>(negative[2], 4);
             group.store(&mut self.group[at..]);
+        }
+    }
+
+    /// A ray ends at what it has met.
+    #[inline(always)]
+    pub(super) fn end(&mut self, at: usize, t: f32) {
+        let ray = &mut self.rays[at].0;
+        (ray[END], ray[8 + END]) = (t, t);
+    }
+
+    /// One ray, as single rays are followed.
+    #[inline(always)]
+    pub(super) fn walk(&self, at: usize, set: &Set<'_>, axes: [usize; 3]) -> Walk {
+        let [x, y, z, ix, iy, iz, _, _, a, b, c, p, q, r, ..] = self.rays[at].0;
+        let [dx, dy, dz] = set.direction;
+        Walk {
+            origin: Vec3::new(x, y, z),
+            direction: Vec3::new(dx[at], dy[at], dz[at]),
+            inverse: Vec3::new(ix, iy, iz),
+            axes,
+            start: [a, b, c],
+            shear: [p, q, r],
         }
     }
 }
@@ -169,6 +182,9 @@ impl Accel {
             }
         }
         memory.lists = lists;
+        for (t, ray) in set.t.iter_mut().zip(&memory.rays[..count]) {
+            *t = ray.0[END];
+        }
     }
 
     #[inline(always)]
@@ -195,13 +211,13 @@ impl Accel {
         while let Some(visit) = visits.pop() {
             if visit.len <= FEW {
                 for at in &lists[visit.start..visit.start + visit.len] {
-                    self.follow::<T, ANY>(visit.node, *at as usize, set, stack);
+                    self.follow::<T, ANY>(visit.node, *at as usize, &common, set, memory, stack);
                 }
             } else if visit.node & LEAF == 0 {
-                self.sweep_node::<R>(visit, &common, set, memory, lists, &mut visits);
+                self.sweep_node::<R>(visit, &common, memory, lists, &mut visits);
             } else {
                 let block = &self.blocks[(visit.node & !LEAF) as usize];
-                self.sweep_block::<R, ANY>(block, visit, &common, set, memory, lists);
+                self.sweep_block::<R, ANY>(block, &lists[visit.start..], visit.len, common.axes, set, memory);
             }
         }
         memory.visits = visits;
@@ -209,16 +225,29 @@ impl Accel {
 
     /// One ray from a node on.
     #[inline(always)]
-    fn follow<T: Real, const ANY: bool>(&self, node: u32, at: usize, set: &mut Set<'_>, stack: &mut Stack) {
-        let ray = set.ray(at);
+    fn follow<T: Real, const ANY: bool>(
+        &self,
+        node: u32,
+        at: usize,
+        common: &Common,
+        set: &mut Set<'_>,
+        memory: &mut Sweep,
+        stack: &mut Stack,
+    ) {
+        let t = memory.rays[at].0[END];
+        if ANY && t < 0.0 {
+            return;
+        }
+        let walk = memory.walk(at, set, common.axes);
         if ANY {
-            if ray.t_max >= 0.0 && self.occluded_from::<T>(node, &ray, stack) {
-                set.t[at] = -1.0;
+            if self.occluded_from::<T>(node, &walk, t, stack) {
+                memory.end(at, -1.0);
             }
         } else {
-            let mut best = set.best(at);
-            self.closest_from::<T>(node, &ray, &mut best, stack);
-            set.keep(at, &best);
+            let mut best = Best { t, u: set.u[at], v: set.v[at], primitive: set.primitive[at] };
+            self.closest_from::<T>(node, &walk, &mut best, stack);
+            set.keep(at, best.u, best.v, best.primitive);
+            memory.end(at, best.t);
         }
     }
 
@@ -228,7 +257,6 @@ impl Accel {
         &self,
         visit: Visit,
         common: &Common,
-        set: &Set<'_>,
         memory: &Sweep,
         lists: &mut Vec<u32>,
         visits: &mut Vec<Visit>,
@@ -239,13 +267,12 @@ impl Accel {
         if lists.len() < free {
             lists.resize(2 * free, 0);
         }
-        let inverse = [memory.inverse[0].as_slice(), &memory.inverse[1], &memory.inverse[2]];
         let mut lens = [0usize; WIDE];
         for k in (0..visit.len).step_by(R::N) {
             let at = R::Whole::load(&lists[visit.start + k..]);
             let mask = R::Mask::from_bits(u32::MAX >> (32 - R::N.min(visit.len - k)));
-            let (o, i) = (gathered::<R>(set.origin, at), gathered::<R>(inverse, at));
-            let t = R::gather(set.t, at);
+            let [ox, oy, oz, ix, iy, iz, t, _] = R::columns(&memory.rays, at, 0);
+            let (o, i) = (Triple::new(ox, oy, oz), Triple::new(ix, iy, iz));
             for (child, len) in lens.iter_mut().enumerate() {
                 if node.planes[0][child] > node.planes[1][child] {
                     // Used children come first.
@@ -287,110 +314,6 @@ impl Accel {
                 at -= 1;
             }
             keys[at - base] = key;
-        }
-    }
-
-    /// Meets the triangles of a block.
-    #[inline(always)]
-    fn sweep_block<R: Real, const ANY: bool>(
-        &self,
-        block: &Block,
-        visit: Visit,
-        common: &Common,
-        set: &mut Set<'_>,
-        memory: &Sweep,
-        lists: &[u32],
-    ) {
-        let [kx, ky, kz] = common.axes;
-        for k in (0..visit.len).step_by(R::N) {
-            let list = &lists[visit.start + k..];
-            let at = R::Whole::load(list);
-            let mask = R::Mask::from_bits(u32::MAX >> (32 - R::N.min(visit.len - k)));
-            let [sx, sy, sz] = &memory.shear;
-            let shear = [R::gather(sx, at), R::gather(sy, at), R::gather(sz, at)];
-            let (ox, oy, oz) =
-                (R::gather(set.origin[kx], at), R::gather(set.origin[ky], at), R::gather(set.origin[kz], at));
-            let mut t = R::gather(set.t, at);
-            for (lane, primitive) in block.primitives.into_iter().enumerate() {
-                if primitive == u32::MAX {
-                    break;
-                }
-                macro_rules! vertex {
-                    ($v:expr) => {{
-                        let at = &block.vertices[$v];
-                        Triple::new(
-                            R::splat(at[kx][lane]) - ox,
-                            R::splat(at[ky][lane]) - oy,
-                            R::splat(at[kz][lane]) - oz,
-                        )
-                    }};
-                }
-                let found = intersect_lanes([vertex!(0), vertex!(1), vertex!(2)], shear, t);
-                let mut bits = (found.met & mask).bits();
-                let mut unsure = (found.edges & mask).bits();
-                if bits | unsure == 0 {
-                    continue;
-                }
-                if ANY {
-                    while bits != 0 {
-                        set.t[list[bits.trailing_zeros() as usize % SPARE] as usize] = -1.0;
-                        bits &= bits - 1;
-                    }
-                } else if bits != 0 {
-                    let mut rows = [[0.0; SPARE]; 3];
-                    found.t.store(&mut rows[0]);
-                    found.u.store(&mut rows[1]);
-                    found.v.store(&mut rows[2]);
-                    while bits != 0 {
-                        let ray = bits.trailing_zeros() as usize % SPARE;
-                        bits &= bits - 1;
-                        let index = list[ray] as usize;
-                        let mut best = set.best(index);
-                        best.take(rows[0][ray], rows[1][ray], rows[2][ray], primitive);
-                        set.keep(index, &best);
-                    }
-                }
-                while unsure != 0 {
-                    let index = list[unsure.trailing_zeros() as usize % SPARE] as usize;
-                    unsure &= unsure - 1;
-                    self.sweep_unsure::<ANY>(block, lane, index, set);
-                }
-                t = R::gather(set.t, at);
-            }
-            if block.curved != 0 {
-                for index in &list[..R::N.min(visit.len - k)] {
-                    self.sweep_curved::<ANY>(block, *index as usize, set);
-                }
-            }
-        }
-    }
-
-    /// Decides a triangle whose edge a ray goes through.
-    #[cold]
-    fn sweep_unsure<const ANY: bool>(&self, block: &Block, lane: usize, at: usize, set: &mut Set<'_>) {
-        let mut best = if ANY { Best::none(set.t[at]) } else { set.best(at) };
-        if best.t >= 0.0 {
-            block.decide(&Walk::new(&set.ray(at)), 1 << lane, &mut best);
-            set.note::<ANY>(at, &best);
-        }
-    }
-
-    fn sweep_curved<const ANY: bool>(&self, block: &Block, at: usize, set: &mut Set<'_>) {
-        let mut best = if ANY { Best::none(set.t[at]) } else { set.best(at) };
-        if best.t >= 0.0 {
-            let ray = set.ray(at);
-            self.improve_curved(block, ray.origin, ray.direction, &mut best);
-            set.note::<ANY>(at, &best);
-        }
-    }
-}
-
-impl Set<'_> {
-    fn note<const ANY: bool>(&mut self, at: usize, best: &Best) {
-        if !ANY {
-            self.keep(at, best);
-        } else if best.hit().is_some() {
-            self.t[at] = -1.0;
         }
     }
 }

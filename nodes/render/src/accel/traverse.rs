@@ -105,16 +105,15 @@ impl Accel {
     pub(crate) fn closest_lanes<R: Real>(&self, ray: &Ray, stack: &mut Stack) -> Option<Hit> {
         let mut best = Best::none(ray.t_max);
         if !self.nodes.is_empty() {
-            self.closest_from::<R>(0, ray, &mut best, stack);
+            self.closest_from::<R>(0, &Walk::new(ray), &mut best, stack);
         }
         best.hit()
     }
 
     /// Looks below a node for what is nearer than the best.
     #[inline(always)]
-    pub(super) fn closest_from<R: Real>(&self, node: u32, ray: &Ray, best: &mut Best, stack: &mut Stack) {
-        let walk = Walk::new(ray);
-        let slabs = Slabs::new(&walk);
+    pub(super) fn closest_from<R: Real>(&self, node: u32, walk: &Walk, best: &mut Best, stack: &mut Stack) {
+        let slabs = Slabs::new(walk);
         let shear = [R::splat(walk.shear[0]), R::splat(walk.shear[1]), R::splat(walk.shear[2])];
         let mut height = 0;
         let mut current = node;
@@ -147,7 +146,7 @@ impl Accel {
                     continue;
                 }
             } else {
-                self.improve::<R>(current & !LEAF, &walk, shear, best);
+                self.improve::<R>(current & !LEAF, walk, shear, best);
             }
             loop {
                 if height == 0 {
@@ -166,14 +165,13 @@ impl Accel {
     /// [`Accel::occluded`] with lanes of at most eight.
     #[inline(always)]
     pub(crate) fn occluded_lanes<R: Real>(&self, ray: &Ray, stack: &mut Stack) -> bool {
-        !self.nodes.is_empty() && self.occluded_from::<R>(0, ray, stack)
+        !self.nodes.is_empty() && self.occluded_from::<R>(0, &Walk::new(ray), ray.t_max, stack)
     }
 
     /// Whether anything below a node is met.
     #[inline(always)]
-    pub(super) fn occluded_from<R: Real>(&self, node: u32, ray: &Ray, stack: &mut Stack) -> bool {
-        let walk = Walk::new(ray);
-        let slabs = Slabs::new(&walk);
+    pub(super) fn occluded_from<R: Real>(&self, node: u32, walk: &Walk, t_max: f32, stack: &mut Stack) -> bool {
+        let slabs = Slabs::new(walk);
         let shear = [R::splat(walk.shear[0]), R::splat(walk.shear[1]), R::splat(walk.shear[2])];
         stack[0].0 = node;
         let mut height = 1;
@@ -182,14 +180,14 @@ impl Accel {
             let current = stack[height].0;
             if current & LEAF == 0 {
                 let node = &self.nodes[current as usize];
-                let (_, mut met) = slabs.enter::<R>(node, ray.t_max);
+                let (_, mut met) = slabs.enter::<R>(node, t_max);
                 while met != 0 {
                     let lane = met.trailing_zeros() as usize & 7;
                     met &= met - 1;
                     stack[height].0 = node.children[lane];
                     height += 1;
                 }
-            } else if self.stops::<R>(&self.blocks[(current & !LEAF) as usize], &walk, shear, ray.t_max) {
+            } else if self.stops::<R>(&self.blocks[(current & !LEAF) as usize], walk, shear, t_max) {
                 return true;
             }
         }

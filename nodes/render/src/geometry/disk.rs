@@ -1,6 +1,6 @@
 //! Disks (and ellipses, by uneven maps), intersected in f64.
 
-use super::{Candidate, Map, gamma};
+use super::{Candidate, Map, Rays, gamma};
 use glam::{DVec3, Vec2, Vec3};
 use tauflow_data::maths;
 
@@ -52,15 +52,25 @@ impl Disk {
     /// Meets the disk at a distance in (0, `t_max`]; the hit's u and v are a and b.
     #[inline]
     pub fn intersect(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Candidate> {
-        let (o, d) = (origin.as_dvec3() - self.center.as_dvec3(), direction.as_dvec3());
-        let t = -o.dot(self.plane) / d.dot(self.plane);
-        let short = t as f32;
-        if !(short > 0.0 && short <= t_max) {
-            return None;
+        let rays = Rays { origin: origin.to_array().map(|v| [v]), direction: direction.to_array().map(|v| [v]) };
+        let ([t, u, v], met) = self.intersect_all(&rays, &[t_max]);
+        met[0].then_some(Candidate { t: t[0], u: u[0], v: v[0] })
+    }
+
+    /// Distances of many rays in (0, `t_max`], a and b of the hits, and which of them meet the disk.
+    #[inline(always)]
+    pub(crate) fn intersect_all<const N: usize>(&self, rays: &Rays<N>, t_max: &[f32; N]) -> ([[f32; N]; 3], [bool; N]) {
+        let (mut found, mut met) = ([[0.0; N]; 3], [false; N]);
+        for k in 0..N {
+            let (o, d) = (rays.origin(k) - self.center.as_dvec3(), rays.direction(k));
+            let t = -o.dot(self.plane) / d.dot(self.plane);
+            let p = o + d * t;
+            let (a, b) = (p.dot(self.dual_x), p.dot(self.dual_y));
+            let short = t as f32;
+            (found[0][k], found[1][k], found[2][k]) = (short, a as f32, b as f32);
+            met[k] = (short > 0.0) & (short <= t_max[k]) & (a * a + b * b <= 1.0);
         }
-        let p = o + d * t;
-        let (a, b) = (p.dot(self.dual_x), p.dot(self.dual_y));
-        (a * a + b * b <= 1.0).then_some(Candidate { t: short, u: a as f32, v: b as f32 })
+        (found, met)
     }
 
     /// The point at a and b, with a bound on its error.

@@ -13,6 +13,7 @@ mod triangle;
 pub use affine::Map;
 pub use disk::Disk;
 pub use forms::{cube, rectangle};
+pub(crate) use ray::Rays;
 pub use ray::{Ray, Walk, offset_origin};
 pub use sphere::Sphere;
 pub use triangle::{Candidate, Eight, area_normal, intersect_triangle, lane_of};

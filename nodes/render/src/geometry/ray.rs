@@ -1,7 +1,7 @@
 //! Rays, and origins that are safely off the surface they leave.
 
 use super::gamma;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// A ray; `direction` need not be of unit length, and distances are in units of it.
 #[derive(Clone, Copy, Debug)]
@@ -25,6 +25,26 @@ impl Ray {
     #[inline]
     pub fn at(&self, t: f32) -> Vec3 {
         self.origin + self.direction * t
+    }
+}
+
+/// Rays by component.
+pub(crate) struct Rays<const N: usize> {
+    pub(crate) origin: [[f32; N]; 3],
+    pub(crate) direction: [[f32; N]; 3],
+}
+
+impl<const N: usize> Rays<N> {
+    #[inline(always)]
+    pub(super) fn origin(&self, k: usize) -> DVec3 {
+        let [x, y, z] = &self.origin;
+        DVec3::new(f64::from(x[k]), f64::from(y[k]), f64::from(z[k]))
+    }
+
+    #[inline(always)]
+    pub(super) fn direction(&self, k: usize) -> DVec3 {
+        let [x, y, z] = &self.direction;
+        DVec3::new(f64::from(x[k]), f64::from(y[k]), f64::from(z[k]))
     }
 }
 

@@ -1,6 +1,6 @@
 //! Spheres, intersected in f64.
 
-use super::{Candidate, Map, gamma};
+use super::{Candidate, Map, Rays, gamma};
 use crate::lanes::{Pair, Real, Triple, acos, atan2};
 use glam::{DVec3, Vec2, Vec3};
 use tauflow_data::maths;
@@ -42,23 +42,39 @@ impl Sphere {
     /// Meets a sphere at a distance in (0, `t_max`].
     #[inline]
     pub fn intersect(center: Vec3, radius: f32, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Candidate> {
-        let (o, d) = (origin.as_dvec3() - center.as_dvec3(), direction.as_dvec3());
-        let a = d.dot(d);
-        let b = o.dot(d);
-        // The discriminant from the point of closest approach, which does not cancel (Haines et al. 2019).
-        let nearest = o - d * (b / a);
-        let r = f64::from(radius);
-        let discriminant = r * r - nearest.dot(nearest);
-        if !(discriminant >= 0.0 && a > 0.0) {
-            return None;
+        let rays = Rays { origin: origin.to_array().map(|v| [v]), direction: direction.to_array().map(|v| [v]) };
+        let (t, met) = Self::intersect_all(center, radius, &rays, &[t_max]);
+        met[0].then_some(Candidate { t: t[0], u: 0.0, v: 0.0 })
+    }
+
+    /// Distances of many rays in (0, `t_max`], and which of them meet the sphere.
+    #[inline(always)]
+    pub(crate) fn intersect_all<const N: usize>(
+        center: Vec3,
+        radius: f32,
+        rays: &Rays<N>,
+        t_max: &[f32; N],
+    ) -> ([f32; N], [bool; N]) {
+        let (mut t, mut met) = ([0.0; N], [false; N]);
+        // No branch, for the compiler to do several at once.
+        for k in 0..N {
+            let (o, d) = (rays.origin(k) - center.as_dvec3(), rays.direction(k));
+            let a = d.dot(d);
+            let b = o.dot(d);
+            // The discriminant from the point of closest approach, which does not cancel (Haines et al. 2019).
+            let nearest = o - d * (b / a);
+            let r = f64::from(radius);
+            let discriminant = r * r - nearest.dot(nearest);
+            let root = (discriminant * a).sqrt();
+            let q = if b > 0.0 { -b - root } else { -b + root };
+            let c = o.dot(o) - r * r;
+            let t0 = if q == 0.0 { 0.0 } else { q / a };
+            let t1 = if q == 0.0 { 0.0 } else { c / q };
+            let (near, far) = if t0 < t1 { (t0 as f32, t1 as f32) } else { (t1 as f32, t0 as f32) };
+            t[k] = if near > 0.0 { near } else { far };
+            met[k] = (discriminant >= 0.0) & (a > 0.0) & (t[k] > 0.0) & (t[k] <= t_max[k]);
         }
-        let root = (discriminant * a).sqrt();
-        let q = if b > 0.0 { -b - root } else { -b + root };
-        let c = o.dot(o) - r * r;
-        let (t0, t1) = if q == 0.0 { (0.0, 0.0) } else { (q / a, c / q) };
-        let (near, far) = (t0.min(t1) as f32, t0.max(t1) as f32);
-        let t = if near > 0.0 { near } else { far };
-        (t > 0.0 && t <= t_max).then_some(Candidate { t, u: 0.0, v: 0.0 })
+        (t, met)
     }
 
     /// A point near the sphere moved onto it, its outward normal, and a bound on the point's error.

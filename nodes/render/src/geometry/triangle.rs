@@ -99,9 +99,10 @@ pub(crate) fn intersect_lanes<R: Real>([a, b, c]: [Triple<R>; 3], [sx, sy, sz]: 
     let u = cx * by - cy * bx;
     let v = ax * cy - ay * cx;
     let w = bx * ay - by * ax;
-    let edges = u.equals(zero) | v.equals(zero) | w.equals(zero);
-    let mixed = (u.lt(zero) | v.lt(zero) | w.lt(zero)) & (u.positive() | v.positive() | w.positive());
-    let mut met = !(mixed | edges);
+    let (low, high) = (u.min(v).min(w), u.max(v).max(w));
+    // Also where the product underflows: there the fallback decides as well as this would.
+    let edges = (u * v * w).equals(zero);
+    let mut met = (low.positive() | high.lt(zero)) & !edges;
     if !met.any() {
         return Met { t: zero, u: zero, v: zero, met, edges };
     }

@@ -42,6 +42,11 @@ pub trait Whole: Copy + Add<Output = Self> + Mul<Output = Self> {
     fn store(self, to: &mut [u32]);
 }
 
+/// Sixteen numbers of one thing, in one line of the cache: what many lanes read of as many things at once.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C, align(64))]
+pub struct Record(pub [f32; 16]);
+
 /// Real numbers of 32 bits, by lane.
 pub trait Real:
     Copy
@@ -101,6 +106,11 @@ pub trait Real:
     fn gather(from: &[f32], index: Self::Whole) -> Self;
     /// Reads whole numbers at an index by lane, as [`Real::gather`].
     fn gather_whole(from: &[u32], index: Self::Whole) -> Self::Whole;
+    /// The first eight numbers (`half` 0) or the last (1) of the records at an index by lane, number by number; indices
+    /// beyond them read the last record. No records read as 0.
+    fn columns(from: &[Record], index: Self::Whole, half: usize) -> [Self; 8];
+    /// Writes half of the first records of a slice that has as many as there are lanes, number by number.
+    fn put_columns(columns: [Self; 8], to: &mut [Record], half: usize);
     /// Equal whole numbers.
     fn same(a: Self::Whole, b: Self::Whole) -> Self::Mask;
     /// [`Real::select`] of whole numbers.
@@ -275,6 +285,15 @@ impl Real for f32 {
     #[inline(always)]
     fn gather_whole(from: &[u32], index: i32) -> i32 {
         from.get(index as usize).or(from.last()).copied().unwrap_or(0) as i32
+    }
+    #[inline(always)]
+    fn columns(from: &[Record], index: i32, half: usize) -> [Self; 8] {
+        let record = from.get(index as usize).or(from.last()).copied().unwrap_or_default();
+        std::array::from_fn(|k| record.0[8 * (half & 1) + k])
+    }
+    #[inline(always)]
+    fn put_columns(columns: [Self; 8], to: &mut [Record], half: usize) {
+        to[0].0[8 * (half & 1)..][..8].copy_from_slice(&columns);
     }
     #[inline(always)]
     fn same(a: i32, b: i32) -> bool {

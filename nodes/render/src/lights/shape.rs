@@ -159,27 +159,20 @@ impl ShapeLight {
     fn on_mesh<R: Real>(&self, world: &World, [pick, accept]: [R; 2], u: Pair<R>) -> Found<R> {
         let own = self.alias.draw::<R>(R::Whole::splat(0), self.count, pick, accept);
         let primitive = own + R::Whole::splat(self.first as i32);
-        let [p0, p1, p2] = world.table.positions::<R>(primitive);
+        let facts = world.table.facts::<R>(primitive);
+        let [p0, p1, p2] = facts.positions;
         let root = u.x.sqrt();
         let weights = [R::one() - root, root * (R::one() - u.y), root * u.y];
         let (a, b, c) = (p0 * weights[0], p1 * weights[1], p2 * weights[2]);
         let zero = R::zero();
-        let uv = if self.texture.reads_uv() || world.features.opacity {
-            world.table.uv(primitive, weights)
-        } else {
-            Pair::new(zero, zero)
-        };
+        let uv =
+            if self.texture.reads_uv() || world.features.opacity { facts.uv(weights) } else { Pair::new(zero, zero) };
         let mut at = Points { uv, color: Triple::all(R::one()), alpha: R::one() };
         let shape = &world.shapes[self.shape as usize];
         if self.texture.reads_colors() || world.materials[shape.material as usize].reads_colors() {
             colors(world, primitive, weights, &mut at);
         }
-        Found {
-            p: a + b + c,
-            error: (a.abs() + b.abs() + c.abs()) * R::splat(gamma(6)),
-            normal: world.table.normal(primitive),
-            at,
-        }
+        Found { p: a + b + c, error: (a.abs() + b.abs() + c.abs()) * R::splat(gamma(6)), normal: facts.normal, at }
     }
 
     #[inline(always)]

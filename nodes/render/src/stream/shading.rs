@@ -35,12 +35,13 @@ impl<'a> Stream<'a> {
                 spheres = R::same(form, R::Whole::splat(SPHERE as i32));
                 weights[0] = R::select(disks, R::one(), weights[0]);
             }
-            let positions = world.table.positions::<R>(primitive);
+            let facts = world.table.facts::<R>(primitive);
+            let positions = facts.positions;
             let (a, b, c) = (positions[0] * weights[0], positions[1] * weights[1], positions[2] * weights[2]);
             let mut p = a + b + c;
             let mut error = (a.abs() + b.abs() + c.abs()) * R::splat(gamma(7));
-            let mut geometric = world.table.normal::<R>(primitive);
-            let mean = world.table.shading(primitive, weights).normalize();
+            let mut geometric = facts.normal;
+            let mean = facts.shading(weights).normalize();
             let mut shading = Triple::select(mean.some() & !disks, mean, geometric);
             let direction = self.paths.triple::<R>(DIRECTION, place);
             let throughput = self.paths.triple::<R>(THROUGHPUT, place);
@@ -64,7 +65,7 @@ impl<'a> Stream<'a> {
             rows.put(ARRIVED_BY, row, direction);
             rows.put(CARRIES, row, throughput);
             if reads_uv {
-                let uv = world.table.uv(primitive, weights);
+                let uv = facts.uv(weights);
                 uv.x.store(&mut rows.rows[UV][row..]);
                 uv.y.store(&mut rows.rows[UV + 1][row..]);
             }

@@ -1,6 +1,6 @@
 //! Eight lanes of AVX2.
 
-use super::{Mask, Real, Whole, draw, squeeze};
+use super::{Mask, Real, Record, Whole, draw, halves, squeeze};
 use std::{
     arch::x86_64::*,
     ops::{Add, AddAssign, BitAnd, BitOr, Div, Mul, MulAssign, Neg, Not, Sub},
@@ -72,6 +72,21 @@ impl Whole for I8 {
     fn store(self, to: &mut [u32]) {
         assert!(to.len() >= 8);
         unsafe { _mm256_storeu_si256(to.as_mut_ptr().cast(), self.0) }
+    }
+}
+
+/// Rows as columns, in each half.
+#[inline(always)]
+fn turn([a, b, c, d]: [__m256; 4]) -> [__m256; 4] {
+    unsafe {
+        let (ab, cd) = (_mm256_unpacklo_ps(a, b), _mm256_unpacklo_ps(c, d));
+        let (ba, dc) = (_mm256_unpackhi_ps(a, b), _mm256_unpackhi_ps(c, d));
+        [
+            _mm256_shuffle_ps::<0x44>(ab, cd),
+            _mm256_shuffle_ps::<0xEE>(ab, cd),
+            _mm256_shuffle_ps::<0x44>(ba, dc),
+            _mm256_shuffle_ps::<0xEE>(ba, dc),
+        ]
     }
 }
 
@@ -170,6 +185,39 @@ impl Real for F8 {
         unsafe {
             let index = _mm256_min_epu32(index.0, _mm256_set1_epi32(last.min(i32::MAX as usize) as i32));
             I8(_mm256_i32gather_epi32::<4>(from.as_ptr().cast(), index))
+        }
+    }
+    #[inline(always)]
+    fn columns(from: &[Record], index: I8, half: usize) -> [Self; 8] {
+        let mut all = [0; 8];
+        index.store(&mut all);
+        let Some(at) = halves(from, all, half) else { return [Self::zero(); 8] };
+        // Numbers 0 to 3 of things 0 to 3 and 4 to 7, then 4 to 7.
+        macro_rules! four {
+            ($from:expr) => {
+                turn(std::array::from_fn(|k| unsafe {
+                    _mm256_insertf128_ps::<1>(
+                        _mm256_castps128_ps256(_mm_load_ps(at[k].add($from))),
+                        _mm_load_ps(at[k + 4].add($from)),
+                    )
+                }))
+            };
+        }
+        let ([a, b, c, d], [e, f, g, h]) = (four!(0), four!(4));
+        [Self(a), Self(b), Self(c), Self(d), Self(e), Self(f), Self(g), Self(h)]
+    }
+    #[inline(always)]
+    fn put_columns([a, b, c, d, e, f, g, h]: [Self; 8], to: &mut [Record], half: usize) {
+        let (low, high) = (turn([a.0, b.0, c.0, d.0]), turn([e.0, f.0, g.0, h.0]));
+        let (first, rest) = to[..8].split_at_mut(4);
+        for (k, (one, other)) in first.iter_mut().zip(rest).enumerate() {
+            let (one, other) = (one.0[8 * (half & 1)..].as_mut_ptr(), other.0[8 * (half & 1)..].as_mut_ptr());
+            unsafe {
+                _mm_store_ps(one, _mm256_castps256_ps128(low[k]));
+                _mm_store_ps(one.add(4), _mm256_castps256_ps128(high[k]));
+                _mm_store_ps(other, _mm256_extractf128_ps::<1>(low[k]));
+                _mm_store_ps(other.add(4), _mm256_extractf128_ps::<1>(high[k]));
+            }
         }
     }
     #[inline(always)]

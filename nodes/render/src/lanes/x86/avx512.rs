@@ -1,6 +1,6 @@
 //! Sixteen lanes of AVX-512.
 
-use super::{Mask, Real, Whole, draw};
+use super::{Mask, Real, Record, Whole, draw, halves};
 use std::{
     arch::x86_64::*,
     ops::{Add, AddAssign, BitAnd, BitOr, Div, Mul, MulAssign, Neg, Not, Sub},
@@ -82,6 +82,21 @@ impl Whole for I16 {
     fn store(self, to: &mut [u32]) {
         assert!(to.len() >= 16);
         unsafe { _mm512_storeu_si512(to.as_mut_ptr().cast(), self.0) }
+    }
+}
+
+/// Rows as columns, in each quarter.
+#[inline(always)]
+fn turn([a, b, c, d]: [__m512; 4]) -> [__m512; 4] {
+    unsafe {
+        let (ab, cd) = (_mm512_unpacklo_ps(a, b), _mm512_unpacklo_ps(c, d));
+        let (ba, dc) = (_mm512_unpackhi_ps(a, b), _mm512_unpackhi_ps(c, d));
+        [
+            _mm512_shuffle_ps::<0x44>(ab, cd),
+            _mm512_shuffle_ps::<0xEE>(ab, cd),
+            _mm512_shuffle_ps::<0x44>(ba, dc),
+            _mm512_shuffle_ps::<0xEE>(ba, dc),
+        ]
     }
 }
 
@@ -178,6 +193,57 @@ impl Real for F16 {
             let index = _mm512_min_epu32(index.0, _mm512_set1_epi32(last.min(i32::MAX as usize) as i32));
             I16(_mm512_i32gather_epi32::<4>(index, from.as_ptr().cast()))
         }
+    }
+    #[inline(always)]
+    fn columns(from: &[Record], index: I16, half: usize) -> [Self; 8] {
+        let mut all = [0; 16];
+        index.store(&mut all);
+        let Some(at) = halves(from, all, half) else { return [Self::zero(); 8] };
+        // Things k and k + 4: quarters are numbers 0 to 3 and 4 to 7 of the one, then of the other.
+        macro_rules! pair {
+            ($k:expr) => {
+                unsafe {
+                    _mm512_insertf32x8::<1>(_mm512_castps256_ps512(_mm256_load_ps(at[$k])), _mm256_load_ps(at[$k + 4]))
+                }
+            };
+        }
+        let low = turn([pair!(0), pair!(1), pair!(2), pair!(3)]);
+        let high = turn([pair!(8), pair!(9), pair!(10), pair!(11)]);
+        macro_rules! column {
+            ($k:expr, $quarters:literal) => {
+                Self(unsafe { _mm512_shuffle_f32x4::<$quarters>(low[$k], high[$k]) })
+            };
+        }
+        [
+            column!(0, 0x88),
+            column!(1, 0x88),
+            column!(2, 0x88),
+            column!(3, 0x88),
+            column!(0, 0xDD),
+            column!(1, 0xDD),
+            column!(2, 0xDD),
+            column!(3, 0xDD),
+        ]
+    }
+    #[inline(always)]
+    fn put_columns([a, b, c, d, e, f, g, h]: [Self; 8], to: &mut [Record], half: usize) {
+        let (low, high) = (turn([a.0, b.0, c.0, d.0]), turn([e.0, f.0, g.0, h.0]));
+        let to = &mut to[..16];
+        macro_rules! quarter {
+            ($quarter:literal) => {
+                for (k, (low, high)) in low.iter().zip(&high).enumerate() {
+                    let to = to[4 * $quarter + k].0[8 * (half & 1)..].as_mut_ptr();
+                    unsafe {
+                        _mm_store_ps(to, _mm512_extractf32x4_ps::<$quarter>(*low));
+                        _mm_store_ps(to.add(4), _mm512_extractf32x4_ps::<$quarter>(*high));
+                    }
+                }
+            };
+        }
+        quarter!(0);
+        quarter!(1);
+        quarter!(2);
+        quarter!(3);
     }
     #[inline(always)]
     fn same(a: I16, b: I16) -> M16 {

@@ -5,7 +5,7 @@
 //! generic kernels names them.
 #![allow(unsafe_code, reason = "intrinsics; each is sound on a processor that has it, which dispatch makes sure of")]
 
-use super::{Mask, Real, Whole, units};
+use super::{Mask, Real, Record, Whole, units};
 use tauflow_data::rng::mix;
 
 macro_rules! arithmetic {
@@ -81,6 +81,14 @@ fn squeeze<T: Copy, const N: usize>(all: &[T; N], mut bits: u32, to: &mut [T]) {
         bits &= bits - 1;
         at += 1;
     }
+}
+
+/// Where half of each record at the indices begins; indices beyond the records are those of the last.
+#[inline(always)]
+fn halves<const N: usize>(from: &[Record], index: [u32; N], half: usize) -> Option<[*const f32; N]> {
+    let last = from.len().checked_sub(1)?;
+    // Within the slice, and within a record.
+    Some(index.map(|at| unsafe { from.as_ptr().add((at as usize).min(last)).cast::<f32>().add(8 * (half & 1)) }))
 }
 
 #[inline(always)]

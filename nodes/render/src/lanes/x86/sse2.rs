@@ -1,6 +1,6 @@
 //! Four lanes of SSE2.
 
-use super::{Mask, Real, Whole, draw, squeeze};
+use super::{Mask, Real, Record, Whole, draw, halves, squeeze};
 use std::{
     arch::x86_64::*,
     ops::{Add, AddAssign, BitAnd, BitOr, Div, Mul, MulAssign, Neg, Not, Sub},
@@ -86,6 +86,16 @@ impl Whole for I4 {
         for (to, value) in to.iter_mut().zip(self.0) {
             *to = value as u32;
         }
+    }
+}
+
+/// Rows as columns.
+#[inline(always)]
+pub(super) fn turn([a, b, c, d]: [__m128; 4]) -> [__m128; 4] {
+    unsafe {
+        let (ab, cd) = (_mm_unpacklo_ps(a, b), _mm_unpacklo_ps(c, d));
+        let (ba, dc) = (_mm_unpackhi_ps(a, b), _mm_unpackhi_ps(c, d));
+        [_mm_movelh_ps(ab, cd), _mm_movehl_ps(cd, ab), _mm_movelh_ps(ba, dc), _mm_movehl_ps(dc, ba)]
     }
 }
 
@@ -179,6 +189,24 @@ impl Real for F4 {
     #[inline(always)]
     fn gather_whole(from: &[u32], index: I4) -> I4 {
         I4(index.0.map(|i| f32::gather_whole(from, i)))
+    }
+    #[inline(always)]
+    fn columns(from: &[Record], index: I4, half: usize) -> [Self; 8] {
+        let Some(at) = halves(from, index.0.map(|i| i as u32), half) else { return [Self::zero(); 8] };
+        let [a, b, c, d] = turn(at.map(|at| unsafe { _mm_load_ps(at) }));
+        let [e, f, g, h] = turn(at.map(|at| unsafe { _mm_load_ps(at.add(4)) }));
+        [Self(a), Self(b), Self(c), Self(d), Self(e), Self(f), Self(g), Self(h)]
+    }
+    #[inline(always)]
+    fn put_columns([a, b, c, d, e, f, g, h]: [Self; 8], to: &mut [Record], half: usize) {
+        let (low, high) = (turn([a.0, b.0, c.0, d.0]), turn([e.0, f.0, g.0, h.0]));
+        for ((record, low), high) in to[..4].iter_mut().zip(low).zip(high) {
+            let to = record.0[8 * (half & 1)..].as_mut_ptr();
+            unsafe {
+                _mm_store_ps(to, low);
+                _mm_store_ps(to.add(4), high);
+            }
+        }
     }
     #[inline(always)]
     fn same(a: I4, b: I4) -> M4 {
