@@ -102,6 +102,7 @@ pub(crate) struct Kernels {
     vertices: Grouped,
     emit: Grouped,
     textures: Grouped,
+    bodies: Grouped,
     lights: Grouped,
     diffuse: Grouped,
     metal: Grouped,
@@ -147,6 +148,10 @@ impl Kernels {
         unsafe { (self.lights)(stream, group) }
     }
 
+    pub(crate) fn bodies(&self, stream: &mut Stream<'_>, group: &Group) {
+        unsafe { (self.bodies)(stream, group) }
+    }
+
     pub(crate) fn scatter(&self, sort: Sort, stream: &mut Stream<'_>, group: &Group) {
         let kernel = match sort {
             Sort::Diffuse => self.diffuse,
@@ -179,6 +184,7 @@ macro_rules! kernels {
                 vertices,
                 emit,
                 textures,
+                bodies,
                 lights,
                 diffuse,
                 metal,
@@ -197,6 +203,7 @@ macro_rules! kernels {
             kernels!(@group vertices, vertices::<$wide> $(, $feature)?);
             kernels!(@group emit, emit::<$wide> $(, $feature)?);
             kernels!(@group textures, textures::<$wide> $(, $feature)?);
+            kernels!(@group bodies, bodies::<$wide> $(, $feature)?);
             kernels!(@group lights, lights::<$wide> $(, $feature)?);
             kernels!(@group diffuse, scatter::<$wide, Diffuse<$wide>> $(, $feature)?);
             kernels!(@group metal, scatter::<$wide, Metal<$wide>> $(, $feature)?);

@@ -9,7 +9,7 @@
 
 use crate::{
     alias::Alias,
-    lanes::{Pair, Real, Triple, Whole, atan2, sin_cos_turn},
+    lanes::{Pair, Real, Record, Triple, Whole, atan2, sin_cos_turn},
     texture::LoadBitmap,
 };
 use glam::{Mat3, Vec2, Vec3};
@@ -36,7 +36,10 @@ pub enum Environment {
 /// A map, and the tables to draw from it.
 #[derive(Debug)]
 pub struct Map {
-    image: Image,
+    width: usize,
+    height: usize,
+    /// Of each texel and the next in its row, radiance and luminance above the floor: a half record.
+    pairs: Vec<Record>,
     scale: f32,
     to_world: Mat3,
     to_local: Mat3,
@@ -45,8 +48,6 @@ pub struct Map {
     rows: Alias,
     /// By row, density over solid angle times the sine of the polar angle, over luminance.
     density: Vec<f32>,
-    /// Luminance that is left to scattering.
-    floor: f32,
     /// Integral of luminance over the sphere.
     total: f64,
 }
@@ -181,7 +182,9 @@ impl Map {
         let mut of_rows = Alias::default();
         of_rows.extend(&by_row);
         let to_local = to_world.transpose();
-        Ok(Self { image, scale, to_world, to_local, columns, rows: of_rows, density, floor: floor as f32, total })
+        let (height, floor) = (image.height(), floor as f32);
+        let pairs = pairs(&image, floor);
+        Ok(Self { width, height, pairs, scale, to_world, to_local, columns, rows: of_rows, density, total })
     }
 
     #[inline(always)]
@@ -195,14 +198,13 @@ impl Map {
         let d = Self::turned(&self.to_local, direction);
         let sin = (d.x * d.x + d.z * d.z).sqrt();
         // Shifted so that cells begin at whole columns. The arc tangent keeps its digits near the poles.
-        let u = atan2(d.x, -d.z) * (0.5 / PI_F) - 0.5 / self.image.width() as f32;
+        let u = atan2(d.x, -d.z) * (0.5 / PI_F) - 0.5 / self.width as f32;
         let v = atan2(sin, d.y) * (1.0 / PI_F);
-        let (columns, rows) = (self.image.width(), self.image.height() - 1);
+        let (columns, rows) = (self.width, self.height - 1);
         let (x, y) = ((u - u.floor()) * columns as f32, v * rows as f32);
         let (i, j) = (x.clamp(0.0, (columns - 1) as f32).floor(), y.clamp(0.0, (rows - 1) as f32).floor());
-        let corners = self.corners(i.whole(), j.whole());
+        let (corners, [a, b, c, d]) = self.corners(i.whole(), j.whole());
         let (fx, fy) = (x - i, y - j);
-        let [a, b, c, d] = self.lights(&corners);
         let upper = a * (R::one() - fx) + b * fx;
         let lower = c * (R::one() - fx) + d * fx;
         let light = upper * (R::one() - fy) + lower * fy;
@@ -215,43 +217,26 @@ impl Map {
         (R::gather(&self.density, row) * light / sin).only(sin.positive())
     }
 
-    /// Luminance above the floor.
+    /// Texels about a cell: upper left and right, lower left and right; and the luminance above the floor of each.
     #[inline(always)]
-    fn lights<R: Real>(&self, [a, b, c, d]: &[Triple<R>; 4]) -> [R; 4] {
-        let floor = self.floor;
-        [above(*a, floor), above(*b, floor), above(*c, floor), above(*d, floor)]
-    }
-
-    /// Texels about a cell: upper left and right, lower left and right.
-    #[inline(always)]
-    fn corners<R: Real>(&self, i: R::Whole, j: R::Whole) -> [Triple<R>; 4] {
-        let (columns, channels) = (self.image.width(), self.image.channels());
-        let data = self.image.data();
-        let step = R::Whole::splat(channels as i32);
-        let last = R::same(i, R::Whole::splat(columns as i32 - 1));
-        let next = R::select_whole(last, R::Whole::splat(0), i + R::Whole::splat(1));
-        let row = j * R::Whole::splat(columns as i32);
-        let below = row + R::Whole::splat(columns as i32);
-        macro_rules! texel {
-            ($at:expr) => {{
-                let index = ($at) * step;
-                let (green, blue) = (index + R::Whole::splat(1), index + R::Whole::splat(2));
-                Triple::new(R::gather(data, index), R::gather(data, green), R::gather(data, blue))
-            }};
-        }
-        [texel!(row + i), texel!(row + next), texel!(below + i), texel!(below + next)]
+    fn corners<R: Real>(&self, i: R::Whole, j: R::Whole) -> ([Triple<R>; 4], [R; 4]) {
+        let at = j * R::Whole::splat(self.width as i32) + i;
+        let [ar, ag, ab, a, br, bg, bb, b] = R::columns(&self.pairs, at);
+        let [cr, cg, cb, c, dr, dg, db, d] = R::columns(&self.pairs, at + R::Whole::splat(self.width as i32));
+        let corners =
+            [Triple::new(ar, ag, ab), Triple::new(br, bg, bb), Triple::new(cr, cg, cb), Triple::new(dr, dg, db)];
+        (corners, [a, b, c, d])
     }
 
     #[inline(always)]
     fn sample<R: Real>(&self, [pick, accept, within]: Numbers<R>) -> (Triple<R>, Triple<R>, R) {
-        let (columns, rows) = (self.image.width(), self.image.height() - 1);
+        let (columns, rows) = (self.width, self.height - 1);
         let none = R::Whole::splat(0);
         let j = self.rows.draw(none, rows, pick.x, accept.x);
         let start = j * R::Whole::splat(columns as i32);
         let i = self.columns.draw(start, columns, pick.y, accept.y);
-        let corners = self.corners::<R>(i, j);
+        let (corners, [a, b, c, d]) = self.corners::<R>(i, j);
         // Down by the sums of the rows, across by the luminance at that height.
-        let [a, b, c, d] = self.lights(&corners);
         let y = ramp(a + b, c + d, within.y);
         let (left, right) = (a * (R::one() - y) + c * y, b * (R::one() - y) + d * y);
         let x = ramp(left, right, within.x);
@@ -266,11 +251,20 @@ impl Map {
     }
 }
 
-/// Luminance above a floor.
-#[inline(always)]
-fn above<R: Real>(v: Triple<R>, floor: f32) -> R {
-    let [r, g, b] = LUMINANCE;
-    (v.x * r + v.y * g + v.z * b - floor).max(R::zero())
+/// Of each texel and the next in its row, radiance and luminance above a floor.
+fn pairs(image: &Image, floor: f32) -> Vec<Record> {
+    let (width, height) = (image.width(), image.height());
+    let [red, green, blue] = LUMINANCE;
+    let mut records = vec![Record::default(); (width * height).div_ceil(2)];
+    for at in 0..width * height {
+        let (x, y) = (at % width, at / width);
+        for (k, x) in [x, (x + 1) % width].into_iter().enumerate() {
+            let [r, g, b] = [0, 1, 2].map(|c| image.pixel(x, y)[c]);
+            let above = (r * red + g * green + b * blue - floor).max(0.0);
+            records[at / 2].0[8 * (at % 2) + 4 * k..][..4].copy_from_slice(&[r, g, b, above]);
+        }
+    }
+    records
 }
 
 /// Between the corners of a cell.

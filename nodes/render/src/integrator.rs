@@ -55,6 +55,14 @@ pub(crate) mod dimension {
     pub(crate) const SCATTER: u64 = 5;
     /// Whether a transparent surface lets the ray pass.
     pub(crate) const PASSAGE: u64 = 6;
+    /// Whether a light takes the place of the candidates before it.
+    pub(crate) const CANDIDATE: u64 = 7;
+
+    /// What is added for the candidates after the first.
+    #[inline(always)]
+    pub(crate) fn candidate(number: u64) -> u64 {
+        number << 24
+    }
 }
 
 /// Which ways of finding light count: all in a render, one of two in tests of the estimator.

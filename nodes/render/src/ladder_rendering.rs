@@ -16,7 +16,7 @@ use tauflow_data::{
 };
 
 /// Version of the renderer: goes up when any image changes.
-const RENDERER_VERSION: u32 = 3;
+const RENDERER_VERSION: u32 = 4;
 /// Media type of memoised sub-actions.
 const STATE: &str = "tauflow/render-state";
 
@@ -67,7 +67,7 @@ impl Kind for LadderRendering {
     fn spec() -> KindSpec {
         KindSpec {
             name: "ladder_rendering",
-            version: 3,
+            version: 4,
             summary: "Renders nested sample ladders of scenes by path tracing",
             manual: include_str!("ladder_rendering.md"),
             mode: Mode::Map,

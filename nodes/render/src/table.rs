@@ -80,12 +80,11 @@ impl Table {
     /// What is known of primitives.
     #[inline(always)]
     pub(crate) fn facts<R: Real>(&self, primitive: R::Whole) -> Facts<R> {
-        let row = primitive * R::Whole::splat(WIDTH as i32);
-        let next = row + R::Whole::splat(1);
-        let [ax, ay, az, bx, by, bz, cx, cy] = R::columns(&self.rows, row, 0);
-        let [cz, nx, ny, nz, px, py, pz, qx] = R::columns(&self.rows, row, 1);
-        let [qy, qz, rx, ry, rz, pu, pv, qu] = R::columns(&self.rows, next, 0);
-        let [qv, ru, rv, ..] = R::columns(&self.rows, next, 1);
+        let first = primitive * R::Whole::splat(2 * WIDTH as i32);
+        let [ax, ay, az, bx, by, bz, cx, cy] = R::columns(&self.rows, first);
+        let [cz, nx, ny, nz, px, py, pz, qx] = R::columns(&self.rows, first + R::Whole::splat(1));
+        let [qy, qz, rx, ry, rz, pu, pv, qu] = R::columns(&self.rows, first + R::Whole::splat(2));
+        let [qv, ru, rv, ..] = R::columns(&self.rows, first + R::Whole::splat(3));
         Facts {
             positions: [Triple::new(ax, ay, az), Triple::new(bx, by, bz), Triple::new(cx, cy, cz)],
             normal: Triple::new(nx, ny, nz),

@@ -112,6 +112,28 @@ fn direct_light_has_its_closed_form() {
 }
 
 #[test]
+fn a_choice_between_sky_and_lamps_adds_up() {
+    // Seen from below, a disk of radius r at height h takes r^2 / (r^2 + h^2) of the sky's light and gives its own.
+    let mut built = floor_point();
+    built.sky([1.0; 3]);
+    let (mut share, mut lamps) = (1.0, 0.0);
+    for (radius, radiance, aside) in [(0.3, 40.0, 0.0), (0.2, 5.0, 1.5)] {
+        let height = 1.2f64;
+        let lamp = built.shape(Geometry::Disk, level(radius, [aside, height, 0.0], false), 0);
+        lamp.emission = Some(Texture::scalar(radiance as f32));
+        // From aside: the form factor of a parallel disk.
+        let (h, r) = (height * height, radius * radius);
+        let z = h + aside * aside + r;
+        let factor = 0.5 * (1.0 - (h + aside * aside - r) / (z * z - 4.0 * r * aside * aside).sqrt());
+        share -= factor;
+        lamps += radiance * factor;
+    }
+    for strategy in ALL {
+        assert_mean("sky and lamps", &render(&built, 16, 8192, strategy), 0.5 * (share + lamps));
+    }
+}
+
+#[test]
 fn lights_without_extent_have_their_closed_form() {
     let emitters = [
         (Emitter::Point { position: [0.0, 2.0, 0.0], intensity: [4.0; 3] }, 4.0 / 4.0),

@@ -58,7 +58,7 @@ impl Accel {
             let list = &list[k..];
             let at = R::Whole::load(list);
             let mut mask = R::Mask::from_bits(u32::MAX >> (32 - R::N.min(len - k)));
-            let [ox, oy, oz, sx, sy, sz, t, _] = R::columns(&memory.rays, at, 1);
+            let [ox, oy, oz, sx, sy, sz, t, _] = R::columns(&memory.rays, at + at + R::Whole::splat(1));
             if ANY {
                 mask = mask & t.ge(R::zero());
                 if !mask.any() {

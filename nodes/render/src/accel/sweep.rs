@@ -271,7 +271,7 @@ impl Accel {
         for k in (0..visit.len).step_by(R::N) {
             let at = R::Whole::load(&lists[visit.start + k..]);
             let mask = R::Mask::from_bits(u32::MAX >> (32 - R::N.min(visit.len - k)));
-            let [ox, oy, oz, ix, iy, iz, t, _] = R::columns(&memory.rays, at, 0);
+            let [ox, oy, oz, ix, iy, iz, t, _] = R::columns(&memory.rays, at + at);
             let (o, i) = (Triple::new(ox, oy, oz), Triple::new(ix, iy, iz));
             for (child, len) in lens.iter_mut().enumerate() {
                 if node.planes[0][child] > node.planes[1][child] {

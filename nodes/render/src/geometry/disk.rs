@@ -1,6 +1,7 @@
 //! Disks (and ellipses, by uneven maps), intersected in f64.
 
 use super::{Candidate, Map, Rays, gamma};
+use crate::lanes::{Pair, Real, atan2};
 use glam::{DVec3, Vec2, Vec3};
 use tauflow_data::maths;
 
@@ -78,6 +79,13 @@ impl Disk {
     pub fn point(&self, a: f32, b: f32) -> (Vec3, Vec3) {
         let (x, y) = (self.x * a, self.y * b);
         (self.center + x + y, (self.center.abs() + x.abs() + y.abs()) * gamma(4))
+    }
+
+    /// [`Disk::uv`] by lane.
+    #[inline(always)]
+    pub(crate) fn uv_lanes<R: Real>(a: R, b: R) -> Pair<R> {
+        let turn = atan2(b, a) * (0.5 * std::f32::consts::FRAC_1_PI);
+        Pair::new((a * a + b * b).sqrt(), R::select(turn.lt(R::zero()), turn + 1.0, turn))
     }
 
     /// Texture coordinates: radius, and angle over a turn.

@@ -106,9 +106,9 @@ pub trait Real:
     fn gather(from: &[f32], index: Self::Whole) -> Self;
     /// Reads whole numbers at an index by lane, as [`Real::gather`].
     fn gather_whole(from: &[u32], index: Self::Whole) -> Self::Whole;
-    /// The first eight numbers (`half` 0) or the last (1) of the records at an index by lane, number by number; indices
-    /// beyond them read the last record. No records read as 0.
-    fn columns(from: &[Record], index: Self::Whole, half: usize) -> [Self; 8];
+    /// The eight numbers of the half records at an index by lane, number by number: those of a record `k` are at `2 k` and
+    /// `2 k + 1`. Indices beyond them read the last half. No records read as 0.
+    fn columns(from: &[Record], index: Self::Whole) -> [Self; 8];
     /// Writes half of the first records of a slice that has as many as there are lanes, number by number.
     fn put_columns(columns: [Self; 8], to: &mut [Record], half: usize);
     /// Equal whole numbers.
@@ -287,9 +287,10 @@ impl Real for f32 {
         from.get(index as usize).or(from.last()).copied().unwrap_or(0) as i32
     }
     #[inline(always)]
-    fn columns(from: &[Record], index: i32, half: usize) -> [Self; 8] {
-        let record = from.get(index as usize).or(from.last()).copied().unwrap_or_default();
-        std::array::from_fn(|k| record.0[8 * (half & 1) + k])
+    fn columns(from: &[Record], index: i32) -> [Self; 8] {
+        let index = (index as u32 as usize).min((2 * from.len()).saturating_sub(1));
+        let record = from.get(index / 2).copied().unwrap_or_default();
+        std::array::from_fn(|k| record.0[8 * (index % 2) + k])
     }
     #[inline(always)]
     fn put_columns(columns: [Self; 8], to: &mut [Record], half: usize) {

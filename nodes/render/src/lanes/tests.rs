@@ -77,11 +77,16 @@ fn exercise<R: Real>(a: &[f32], b: &[f32], states: &[u64], table: &[f32]) -> Vec
             R::put_columns(std::array::from_fn(|k| all[k + half]), &mut records, half);
         }
         let back: [u32; 16] = std::array::from_fn(|lane| (R::N - lane.min(R::N)) as u32);
+        let places = R::Whole::load(&back) * R::Whole::splat(2);
         for half in 0..2 {
-            for (k, column) in R::columns(&records[..R::N], R::Whole::load(&back), half).into_iter().enumerate() {
+            for (k, column) in
+                R::columns(&records[..R::N], places + R::Whole::splat(half as i32)).into_iter().enumerate()
+            {
                 let mut row = [0.0f32; 16];
                 column.store(&mut row);
                 for (value, from) in row.iter().zip(back).take(R::N) {
+                    // One beyond the last is its second half.
+                    let half = if from as usize == R::N { 1 } else { half };
                     let put = rows[k + half][(from as usize).min(R::N - 1)];
                     assert!(value.to_bits() == put.to_bits() || (value.is_nan() && put.is_nan()));
                 }

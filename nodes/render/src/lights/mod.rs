@@ -5,6 +5,7 @@
 //! by power, half of the probability spread evenly. Shapes are sampled evenly over their area, spheres over the cone
 //! that they fill. Lights that emit nothing are dropped.
 
+mod choice;
 mod delta;
 mod shape;
 
@@ -17,6 +18,7 @@ use crate::{
     texture::{LoadBitmap, Texture},
     world::World,
 };
+pub(crate) use choice::Choice;
 use delta::Spot;
 use glam::{DVec3, Vec3};
 pub(crate) use shape::ShapeLight;
@@ -247,6 +249,11 @@ impl Lights {
         self.lights.iter().any(|l| !matches!(l, Light::Shape(_) | Light::Environment))
     }
 
+    /// True if there is light from infinity and other light, between which the choice by guides is poor.
+    pub(crate) fn mixed(&self) -> bool {
+        self.environment.is_some() && self.lights.len() > 1
+    }
+
     /// The lights that are shapes, by index.
     pub(crate) fn shapes(&self) -> impl Iterator<Item = (u32, &ShapeLight)> {
         self.lights.iter().enumerate().filter_map(|(index, light)| match light {
@@ -325,15 +332,7 @@ impl Lights {
     ) -> Arrived<R> {
         let count = self.lights.len();
         let pick = numbers[0].x;
-        let mut arrived = Arrived {
-            direction: Triple::zero(),
-            origin: Triple::zero(),
-            ray: Triple::zero(),
-            t_max: R::zero(),
-            weight: Triple::zero(),
-            pdf: R::zero(),
-            valid: R::Mask::from_bits(0),
-        };
+        let mut arrived = Arrived::none();
         let (mut chosen, mut probability) = (R::Whole::splat(0), R::one());
         if count > GUIDED {
             chosen = self.alias.draw::<R>(chosen, count, pick, numbers[2].y);
@@ -416,6 +415,19 @@ impl<R: Real> Vantage<R> {
 }
 
 impl<R: Real> Arrived<R> {
+    #[inline(always)]
+    fn none() -> Self {
+        Self {
+            direction: Triple::zero(),
+            origin: Triple::zero(),
+            ray: Triple::zero(),
+            t_max: R::zero(),
+            weight: Triple::zero(),
+            pdf: R::zero(),
+            valid: R::Mask::from_bits(0),
+        }
+    }
+
     /// Takes over the lanes of a mask, which picked this light with a probability.
     #[inline(always)]
     fn take(&mut self, own: R::Mask, probability: R, from: Arrivals<R>) {

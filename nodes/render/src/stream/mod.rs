@@ -147,8 +147,11 @@ impl Stream<'_> {
         let world = self.batch.world;
         kernels.vertices(self, group);
         let reads_uv = material.reads_uv() || world.emits[group.index];
-        if (world.bodies[group.index] && reads_uv) || world.reads_colors[group.index] {
-            self.extras(group);
+        if world.bodies[group.index] && reads_uv {
+            kernels.bodies(self, group);
+        }
+        if world.reads_colors[group.index] {
+            self.colors(group);
         }
         if world.emits[group.index] {
             kernels.emit(self, group);

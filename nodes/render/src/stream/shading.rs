@@ -4,15 +4,19 @@ use super::{Group, Stream, draw, rows::*};
 use crate::{
     accel::Hit,
     bsdf::{Material, Points, SLOTS, Scatter, Sort, flip, sound},
-    geometry::{Frames, gamma, offset_origins},
+    geometry::{Disk, Frames, gamma, offset_origins},
     integrator::dimension,
     lanes::{Mask, Pair, Real, Triple, Whole},
-    lights::Vantage,
+    lights::{Choice, Vantage},
     rng::Sampler,
+    surface::Form,
     table::{DARK, DISK, SPHERE, TRIANGLE},
     texture::Texture,
     world::World,
 };
+
+/// Candidates where there are several. More, and on later vertices, cost more time than they save.
+const CANDIDATES: u64 = 2;
 
 impl<'a> Stream<'a> {
     /// Works hits out.
@@ -83,23 +87,47 @@ impl<'a> Stream<'a> {
         }
     }
 
-    /// What the table does not hold: texture coordinates of spheres and disks, and vertex colours.
-    pub(super) fn extras(&mut self, group: &Group) {
+    /// Texture coordinates of spheres and disks.
+    #[inline(always)]
+    pub(crate) fn bodies<R: Real>(&mut self, group: &Group) {
         let world = self.batch.world;
-        let reads_colors = world.reads_colors[group.index];
+        for at in (group.from..group.end).step_by(R::N) {
+            let row = at - group.from;
+            let place = R::Whole::load(&self.order[at..]);
+            let primitive = R::gather_whole(&self.primitive, place);
+            let form = R::gather_whole(&world.table.form, primitive);
+            let mut rest = Self::mask::<R>(at, group.end) & !R::same(form, R::Whole::splat(TRIANGLE as i32));
+            let mut primitives = [0; SPARE];
+            primitive.store(&mut primitives);
+            while rest.any() {
+                let one = primitives[rest.bits().trailing_zeros() as usize % SPARE];
+                let own = rest & R::same(primitive, R::Whole::splat(one as i32));
+                rest = rest & !own;
+                let uv = match &world.shapes[world.primitives[one as usize].shape as usize].form {
+                    Form::Sphere(sphere) => {
+                        let outer = self.vertices.row::<R>(POINT, row) - Triple::splat(sphere.center);
+                        sphere.uv_lanes(outer.normalize())
+                    }
+                    Form::Disk(_) => Disk::uv_lanes(R::gather(&self.u, place), R::gather(&self.v, place)),
+                    Form::Mesh(_) => continue,
+                };
+                let rows = &mut self.vertices.rows;
+                for (to, value) in [(UV, uv.x), (UV + 1, uv.y)] {
+                    R::select(own, value, R::load(&rows[to][row..])).store(&mut rows[to][row..]);
+                }
+            }
+        }
+    }
+
+    /// Vertex colours.
+    pub(super) fn colors(&mut self, group: &Group) {
+        let world = self.batch.world;
         for at in group.from..group.end {
             let row = at - group.from;
             let from = self.order[at] as usize;
-            let primitive = self.primitive[from];
-            if reads_colors {
-                let color = world.color(primitive, self.u[from], self.v[from]);
-                for (k, value) in color.to_array().into_iter().enumerate() {
-                    self.vertices.rows[COLOR + k][row] = value;
-                }
-            }
-            if world.table.form[primitive as usize] != TRIANGLE {
-                let uv = world.interaction(&self.ray(from), &self.hit(from)).surface.uv;
-                (self.vertices.rows[UV][row], self.vertices.rows[UV + 1][row]) = (uv.x, uv.y);
+            let color = world.color(self.primitive[from], self.u[from], self.v[from]);
+            for (k, value) in color.to_array().into_iter().enumerate() {
+                self.vertices.rows[COLOR + k][row] = value;
             }
         }
     }
@@ -194,22 +222,45 @@ impl<'a> Stream<'a> {
         states
     }
 
+    /// Among how many samples of lights one is chosen for each vertex: where the camera looks, the choice between the sky
+    /// and lamps is worth a second one.
+    fn candidates(&self, group: &Group) -> u64 {
+        let world = self.batch.world;
+        let broad = matches!(world.materials[group.index].sort(), Sort::Diffuse | Sort::Plastic);
+        if broad && group.depth == 0 && world.lights.mixed() { CANDIDATES } else { 1 }
+    }
+
     /// Samples a light for each vertex.
     #[inline(always)]
     pub(crate) fn lights<R: Real>(&mut self, group: &Group) {
         let world = self.batch.world;
+        let normals = if world.materials[group.index].has_normal_map() { MAPPED } else { SHADING };
+        let candidates = self.candidates(group);
         let first = Sampler::vertex(group.depth);
         for at in (group.from..group.end).step_by(R::N) {
             let row = at - group.from;
             let (mask, ids) = (Self::mask::<R>(at, group.end), self.ids::<R>(at));
             let states = self.states::<R>(&ids);
-            let numbers = [
-                draw::<R>(&states, first + dimension::LIGHT),
-                draw::<R>(&states, first + dimension::LIGHT_PART),
-                draw::<R>(&states, first + dimension::LIGHT_SPARE),
-                draw::<R>(&states, first + dimension::LIGHT_POINT),
-            ];
-            let arrived = world.lights.sample(world, &self.vantage(row), mask, numbers);
+            let vantage = self.vantage(row);
+            let normal = self.vertices.row::<R>(normals, row);
+            let normal = normal * R::one().copysign(-normal.dot(self.vertices.row(ARRIVED_BY, row)));
+            let mut choice = Choice::new();
+            for candidate in 0..candidates {
+                let first = first + dimension::candidate(candidate);
+                let numbers = [
+                    draw::<R>(&states, first + dimension::LIGHT),
+                    draw::<R>(&states, first + dimension::LIGHT_PART),
+                    draw::<R>(&states, first + dimension::LIGHT_SPARE),
+                    draw::<R>(&states, first + dimension::LIGHT_POINT),
+                ];
+                let arrived = world.lights.sample(world, &vantage, mask, numbers);
+                if candidates == 1 {
+                    choice.only(arrived);
+                } else {
+                    choice.consider(arrived, normal, draw::<R>(&states, first + dimension::CANDIDATE).x);
+                }
+            }
+            let arrived = choice.made(candidates);
             let rows = &mut self.vertices;
             rows.put(TOWARDS, row, arrived.direction);
             rows.put(SHADOW, row, arrived.origin);
@@ -228,6 +279,7 @@ impl<'a> Stream<'a> {
         let lit = material.has_smooth() && !world.lights.is_empty();
         let mapped = material.has_normal_map();
         let first = Sampler::vertex(group.depth);
+        let candidates = self.candidates(group) as f32;
         let slots = material.slots();
         for at in (group.from..group.end).step_by(R::N) {
             let row = at - group.from;
@@ -286,7 +338,8 @@ impl<'a> Stream<'a> {
             }
             let place = R::Whole::load(&self.order[at..]);
             let eta = R::gather(&self.paths.rows[ETA], place) * drawn.eta;
-            let pdf = R::select(drawn.delta, R::zero(), drawn.pdf);
+            // Light that scattering finds could have been any of the candidates.
+            let pdf = R::select(drawn.delta, R::zero(), drawn.pdf) * (1.0 / candidates);
             if group.depth + 1 >= self.batch.roulette.from {
                 let likely = throughput.largest() * eta * eta * self.batch.roulette.gain;
                 // Numbers have 24 bits: less cannot be told from nothing.

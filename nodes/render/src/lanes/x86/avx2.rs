@@ -188,10 +188,10 @@ impl Real for F8 {
         }
     }
     #[inline(always)]
-    fn columns(from: &[Record], index: I8, half: usize) -> [Self; 8] {
+    fn columns(from: &[Record], index: I8) -> [Self; 8] {
         let mut all = [0; 8];
         index.store(&mut all);
-        let Some(at) = halves(from, all, half) else { return [Self::zero(); 8] };
+        let Some(at) = halves(from, all) else { return [Self::zero(); 8] };
         // Numbers 0 to 3 of things 0 to 3 and 4 to 7, then 4 to 7.
         macro_rules! four {
             ($from:expr) => {

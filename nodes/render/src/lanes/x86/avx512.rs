@@ -195,10 +195,10 @@ impl Real for F16 {
         }
     }
     #[inline(always)]
-    fn columns(from: &[Record], index: I16, half: usize) -> [Self; 8] {
+    fn columns(from: &[Record], index: I16) -> [Self; 8] {
         let mut all = [0; 16];
         index.store(&mut all);
-        let Some(at) = halves(from, all, half) else { return [Self::zero(); 8] };
+        let Some(at) = halves(from, all) else { return [Self::zero(); 8] };
         // Things k and k + 4: quarters are numbers 0 to 3 and 4 to 7 of the one, then of the other.
         macro_rules! pair {
             ($k:expr) => {

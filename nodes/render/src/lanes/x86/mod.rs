@@ -83,12 +83,12 @@ fn squeeze<T: Copy, const N: usize>(all: &[T; N], mut bits: u32, to: &mut [T]) {
     }
 }
 
-/// Where half of each record at the indices begins; indices beyond the records are those of the last.
+/// Where half records begin; indices beyond them are those of the last.
 #[inline(always)]
-fn halves<const N: usize>(from: &[Record], index: [u32; N], half: usize) -> Option<[*const f32; N]> {
-    let last = from.len().checked_sub(1)?;
-    // Within the slice, and within a record.
-    Some(index.map(|at| unsafe { from.as_ptr().add((at as usize).min(last)).cast::<f32>().add(8 * (half & 1)) }))
+fn halves<const N: usize>(from: &[Record], index: [u32; N]) -> Option<[*const f32; N]> {
+    let last = (2 * from.len()).checked_sub(1)?;
+    // Within the slice, whose records are eight and eight numbers.
+    Some(index.map(|at| unsafe { from.as_ptr().cast::<f32>().add(8 * (at as usize).min(last)) }))
 }
 
 #[inline(always)]

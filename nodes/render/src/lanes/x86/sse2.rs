@@ -191,8 +191,8 @@ impl Real for F4 {
         I4(index.0.map(|i| f32::gather_whole(from, i)))
     }
     #[inline(always)]
-    fn columns(from: &[Record], index: I4, half: usize) -> [Self; 8] {
-        let Some(at) = halves(from, index.0.map(|i| i as u32), half) else { return [Self::zero(); 8] };
+    fn columns(from: &[Record], index: I4) -> [Self; 8] {
+        let Some(at) = halves(from, index.0.map(|i| i as u32)) else { return [Self::zero(); 8] };
         let [a, b, c, d] = turn(at.map(|at| unsafe { _mm_load_ps(at) }));
         let [e, f, g, h] = turn(at.map(|at| unsafe { _mm_load_ps(at.add(4)) }));
         [Self(a), Self(b), Self(c), Self(d), Self(e), Self(f), Self(g), Self(h)]
