@@ -18,6 +18,10 @@ fn outputs_change_with_versions_alone() {
   convergence:
     kind: ladder_convergence
     inputs: { ladders: test_ladders, exposure: gate.exposure }
+  statistics:
+    kind: scene_statistics
+    inputs: { scenes: sampling.test }
+    params: { resolution: [8, 8], spp: 8, reference: 4 }
 ";
     std::fs::write(&file, format!("{PIPELINE}{more}")).expect("written");
     let done = Done::run(&file, Vec::new(), folder.path());
@@ -39,6 +43,7 @@ fn outputs_change_with_versions_alone() {
         "train_set.packed",
         "features.packed",
         "convergence.convergence",
+        "statistics.statistics",
         "hold.metrics",
     ] {
         let (kind, version) = done.kind(port);

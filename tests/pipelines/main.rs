@@ -6,4 +6,5 @@ mod processors;
 mod protocol;
 mod quickstart;
 mod real_assets;
+mod strata;
 mod support;

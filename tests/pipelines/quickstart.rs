@@ -14,7 +14,7 @@ const CONTROL: &str = r#"
 pipeline: quickstart_results
 seed: 7
 include: [QUICKSTART]
-targets: [evaluation, solvers.log, gate.verdicts, sampling.train, sampling.test, bridge, shuffled_scores]
+targets: [evaluation, solvers.log, gate.verdicts, sampling.train, sampling.test, bridge, shuffled_scores, statistics]
 nodes:
   shuffled:
     kind: training
@@ -95,6 +95,9 @@ fn the_quickstart_learns_what_it_should() {
         }
         println!("rejected: {scene}: {}", verdict.reasons.join(", "));
     }
+
+    // Its strata are what they say.
+    crate::strata::check(done.json("statistics.statistics", ""), 4);
 
     // The MC noise solver beats its input by 3 dB in one step, surely.
     let evaluation: Evaluation = done.json("evaluation", "").into_values().next().expect("one table");

@@ -12,6 +12,8 @@ pub const ASSET: &str = "tauflow/asset";
 pub const EXPOSURE: &str = "tauflow/exposure";
 /// Media type of a gate verdict, JSON of [`Verdict`].
 pub const VERDICT: &str = "tauflow/verdict";
+/// What a scene is, measured: [`crate::statistics::SceneStatistics`] as JSON.
+pub const STATISTICS: &str = "tauflow/scene-statistics";
 /// Media type of a packed scene, see [`PackedScene`].
 pub const PACKED: &str = "tauflow/packed-scene";
 /// Media type of a trained model: one safetensors blob.

@@ -12,6 +12,7 @@ pub mod mitsuba;
 pub mod results;
 pub mod rng;
 pub mod scene;
+pub mod statistics;
 pub mod stratum;
 pub mod tensors;
 pub mod time;

@@ -65,7 +65,8 @@ pub(crate) mod dimension {
     }
 }
 
-/// Which ways of finding light count: all in a render, one of two in tests of the estimator.
+/// Which ways of finding light count: all in a render; one of two in tests of the estimator; one where its share is asked
+/// for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Strategy {
     /// Both, weighted against each other.
@@ -74,6 +75,9 @@ pub enum Strategy {
     LightsOnly,
     /// Scattering alone, but for lights that it cannot find.
     ScatteringOnly,
+    /// Only light that a specular surface sends onto one that scatters it, and that is seen there: caustics, and what they
+    /// light in turn. What passes a thin sheet of glass straight on does not count.
+    Caustics,
 }
 
 impl Strategy {
@@ -87,6 +91,8 @@ impl Strategy {
             }
             Self::LightsOnly if by_light => R::one(),
             Self::ScatteringOnly if !by_light => R::one(),
+            // Where scattering is specular, and only there, light is not weighed.
+            Self::Caustics => R::zero(),
             _ => R::select(other.positive(), R::zero(), R::one()),
         }
     }

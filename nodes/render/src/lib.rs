@@ -17,6 +17,7 @@ pub mod lights;
 pub mod quality_gate;
 pub mod render;
 pub mod rng;
+pub mod scene_statistics;
 mod stream;
 pub mod surface;
 mod table;
@@ -35,5 +36,6 @@ pub fn kinds() -> Vec<Box<dyn NodeKind>> {
         Box::new(KindRow::<ladder_rendering::LadderRendering>::new()),
         Box::new(KindRow::<quality_gate::QualityGate>::new()),
         Box::new(KindRow::<ladder_convergence::LadderConvergence>::new()),
+        Box::new(KindRow::<scene_statistics::SceneStatisticsKind>::new()),
     ]
 }

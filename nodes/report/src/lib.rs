@@ -2,6 +2,7 @@
 //!
 //! Knows other kinds by their artifacts' formats alone, and computes no score: what it prints was measured elsewhere.
 
+mod contact_sheet;
 mod csv;
 mod font;
 mod material;
@@ -20,5 +21,5 @@ use tauflow_contract::{KindRow, NodeKind};
 
 /// The kinds of this crate.
 pub fn kinds() -> Vec<Box<dyn NodeKind>> {
-    vec![Box::new(KindRow::<Report>::new())]
+    vec![Box::new(KindRow::<Report>::new()), Box::new(KindRow::<contact_sheet::ContactSheet>::new())]
 }

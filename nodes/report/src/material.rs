@@ -6,6 +6,7 @@ use tauflow_contract::{Action, Artifact, Collection, Context, KindError};
 use tauflow_data::{
     formats::{PackedScene, Verdict},
     results::{Bridge, Evaluation, TrainingLog, TrainingTiming},
+    statistics::SceneStatistics,
 };
 
 /// Coordinates of a matrix cell, e.g. `parameterization` -> `mc_noise`.
@@ -30,6 +31,8 @@ pub struct Material {
     pub bridge: Option<BridgeFiles>,
     /// How far ladders keep to the 1/sqrt(n) law.
     pub convergence: Option<tauflow_data::convergence::Convergence>,
+    /// What scenes are, by scene.
+    pub statistics: Vec<(String, SceneStatistics)>,
     /// Size and rungs of the references.
     pub references: Option<References>,
 }
@@ -204,6 +207,7 @@ impl Material {
             sampling: one(ctx, action, "sampling")?,
             bridge: bridge(ctx, action)?,
             convergence: one(ctx, action, "convergence")?,
+            statistics: all(ctx, action, "statistics")?,
             references: references(ctx, action)?,
         })
     }

@@ -209,7 +209,8 @@ fn centred(sheet: &mut Image, x: usize, cell_w: usize, y: usize, text: &str) {
     font::draw(sheet, [x + room, y + (2 - scale) * font::HEIGHT / 2], text, scale, 0.1);
 }
 
-fn paste(sheet: &mut Image, image: &Image, at: [usize; 2], zoom: usize) {
+/// Puts a picture onto a sheet, its pixels enlarged.
+pub fn paste(sheet: &mut Image, image: &Image, at: [usize; 2], zoom: usize) {
     for y in 0..image.height() * zoom {
         for x in 0..image.width() * zoom {
             let from = image.pixel(x / zoom, y / zoom);

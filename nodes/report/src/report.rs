@@ -18,7 +18,7 @@ use tauflow_contract::{
     ParamProblem,
 };
 use tauflow_data::{
-    formats::{FILES, JSON, PACKED, REFINED, VERDICT},
+    formats::{FILES, JSON, PACKED, REFINED, STATISTICS, VERDICT},
     results::{Evaluation, TrainingTiming},
 };
 
@@ -70,6 +70,7 @@ const INPUTS: &[InputPort] = &[
     InputPort::whole("sampling", JSON, "What the sampling says.").or_none(),
     InputPort::whole("bridge", FILES, "Bridge validation: `bridge.json`, `cases.csv`, `maps/`.").or_none(),
     InputPort::whole("convergence", JSON, "How far ladders keep to the 1/sqrt(n) law.").or_none(),
+    InputPort::whole("statistics", STATISTICS, "What the scenes are, measured.").or_none(),
 ];
 const OUTPUTS: &[OutputPort] =
     &[OutputPort::new("report", FILES, "The page, and its figures as JSON, CSV, LaTeX and PNG.").published()];
@@ -80,7 +81,7 @@ impl Kind for Report {
     fn spec() -> KindSpec {
         KindSpec {
             name: "report",
-            version: 1,
+            version: 2,
             summary: "Shows what was measured: a self-contained page, JSON, CSV, LaTeX and pictures.",
             manual: include_str!("report.md"),
             mode: Mode::Gather,
@@ -175,6 +176,7 @@ fn sections(
         material.bridge.as_ref().map(|b| sections::bridge::section(b, params.bridge_scenes as usize)),
         sections::losses::section(&material.losses),
         sections::data::section(material),
+        sections::scenes::section(&material.statistics),
         material.convergence.as_ref().and_then(sections::convergence::section),
         Some(sections::conventions::section(evaluation)),
         sections::timings::section(&material.timings),
@@ -204,6 +206,7 @@ fn results_json(material: &Material, params: &ReportParams) -> Result<String, Ki
         "sampling": material.sampling,
         "bridge": material.bridge.as_ref().map(|b| &b.bridge),
         "convergence": material.convergence,
+        "statistics": material.statistics.iter().map(|(key, of)| (key, of)).collect::<BTreeMap<_, _>>(),
     });
     serde_json::to_string_pretty(&value)
         .map(|text| text + "\n")

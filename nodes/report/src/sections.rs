@@ -9,6 +9,7 @@ pub mod data;
 pub mod headline;
 pub mod losses;
 pub mod montage;
+pub mod scenes;
 pub mod strata;
 pub mod tables;
 pub mod timings;

@@ -75,7 +75,9 @@ fn the_page_stands_alone_and_is_well_formed() {
     assert!(texts(&html).iter().all(|t| !t.contains("NaN") && *t != "inf" && *t != "-inf"));
     assert!(html.split(" d=\"").skip(1).all(|path| !path.split('"').next().unwrap_or("").contains(['N', 'i'])));
     assert!(check_nesting(&html) > 500);
-    for id in ["results", "curves", "strata", "pictures", "bridge", "training", "data", "convergence", "timings"] {
+    let all =
+        ["results", "curves", "strata", "pictures", "bridge", "training", "data", "scenes", "convergence", "timings"];
+    for id in all {
         assert!(html.contains(&format!("<section id=\"{id}\"")), "{id}");
         assert!(html.contains(&format!("href=\"#{id}\"")), "{id}");
     }
@@ -226,11 +228,12 @@ fn whatever_is_not_connected_is_left_out_and_named() {
     let files = run(&blobs, ReportParams::default(), &only).expect("a report");
     let html = text(&files, "report.html");
     check_nesting(&html);
-    for id in ["pictures", "bridge", "training", "data", "convergence", "timings"] {
+    for id in ["pictures", "bridge", "training", "data", "scenes", "convergence", "timings"] {
         assert!(!html.contains(&format!("id=\"{id}\"")), "{id}");
     }
     assert!(html.contains(
-        "Not connected, so left out: references; refined; losses; timings; verdicts; split; sampling; bridge; convergence."
+        "Not connected, so left out: references; refined; losses; timings; verdicts; split; sampling; bridge; convergence; \
+         statistics."
     ));
     assert!(!files.keys().any(|n| n.ends_with(".png") || n == "timings.csv"));
     // Each optional input alone, and all but each.

@@ -106,7 +106,7 @@ impl Stream<'_> {
             let pdf = R::gather(&self.paths.rows[PDF], place);
             let (radiance, other) = world.lights.environment_look(origin, direction);
             let weight = R::select(pdf.positive(), self.batch.strategy.weight(false, pdf, other), R::one());
-            self.add(mask, throughput * radiance * weight, &ids);
+            self.add(mask & self.counts(pdf), throughput * radiance * weight, &ids);
         }
     }
 

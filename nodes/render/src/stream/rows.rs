@@ -72,7 +72,7 @@ impl<const N: usize> Rows<N> {
 }
 
 /// Rows of a path: origin, direction, throughput, product of relative indices, density of the last scattering
-/// (0 where nothing but it can find the light).
+/// (0 or less where nothing but it can find the light).
 pub(super) type Paths = Rows<11>;
 pub(super) const ORIGIN: usize = 0;
 pub(super) const DIRECTION: usize = 3;

@@ -5,7 +5,7 @@ use crate::{
     accel::Hit,
     bsdf::{Material, Points, SLOTS, Scatter, Sort, flip, sound},
     geometry::{Disk, Frames, gamma, offset_origins},
-    integrator::dimension,
+    integrator::{Strategy, dimension},
     lanes::{Mask, Pair, Real, Triple, Whole},
     lights::{Choice, Vantage},
     rng::Sampler,
@@ -179,9 +179,16 @@ impl<'a> Stream<'a> {
                 let pdf = R::gather(&self.paths.rows[PDF], place);
                 let other = world.lights.shape_pdf(light, origin, self.vertices.row(POINT, row), normal);
                 let weight = R::select(pdf.positive(), self.batch.strategy.weight(false, pdf, other), R::one());
+                let own = own & self.counts(pdf);
                 self.add(own & radiance.some(), self.vertices.row::<R>(CARRIES, row) * radiance * weight, &ids);
             }
         }
+    }
+
+    /// Lanes whose light counts, by the density of the last scattering.
+    #[inline(always)]
+    pub(super) fn counts<R: Real>(&self, pdf: R) -> R::Mask {
+        if self.batch.strategy == Strategy::Caustics { pdf.lt(R::zero()) } else { !R::Mask::from_bits(0) }
     }
 
     /// Values of a material's textures.
@@ -339,7 +346,17 @@ impl<'a> Stream<'a> {
             let place = R::Whole::load(&self.order[at..]);
             let eta = R::gather(&self.paths.rows[ETA], place) * drawn.eta;
             // Light that scattering finds could have been any of the candidates.
-            let pdf = R::select(drawn.delta, R::zero(), drawn.pdf) * (1.0 / candidates);
+            let mut pdf = R::select(drawn.delta, R::zero(), drawn.pdf) * (1.0 / candidates);
+            let mut eta = eta;
+            if self.batch.strategy == Strategy::Caustics {
+                // A path that has been scattered carries the sign on its index; what bends it then has a density of -1.
+                let last = R::gather(&self.paths.rows[PDF], place);
+                let scattered = eta.lt(R::zero());
+                let straight = wi.dot(self.vertices.row(ARRIVED_BY, row)).gt(R::splat(0.9999));
+                let bent = drawn.delta & ((scattered & !straight) | (straight & last.lt(R::zero())));
+                pdf = R::select(bent, R::splat(-1.0), pdf);
+                eta = R::select(drawn.delta, eta, -eta.abs());
+            }
             if group.depth + 1 >= self.batch.roulette.from {
                 let likely = throughput.largest() * eta * eta * self.batch.roulette.gain;
                 // Numbers have 24 bits: less cannot be told from nothing.

@@ -6,11 +6,12 @@ use tauflow_contract::{Artifact, Collection, Context, MemoryBlobs, Silent};
 use tauflow_data::{
     Image, Stratum,
     convergence::{Convergence, ConvergenceRow},
-    formats::{FILES, VERDICT, Verdict},
+    formats::{FILES, STATISTICS, VERDICT, Verdict},
     image_io::encode_png,
     maths::{exp, log2},
     results::{Bridge, BridgeRow, BridgeSummary, Estimate, TrainingLog, TrainingPoint, TrainingTiming},
     rng::Stream,
+    statistics::SceneStatistics,
 };
 
 fn around(mean: f64, half: f64) -> Estimate {
@@ -147,6 +148,29 @@ fn bridge(ctx: &Context<'_>) -> Artifact {
     Artifact::tree(FILES, parts)
 }
 
+fn statistics(ctx: &Context<'_>) -> Collection {
+    let mut stream = Stream::new(11, &[]);
+    let scenes = Stratum::all().flat_map(|s| (0..3).map(move |i| (s, i)));
+    scenes
+        .map(|(stratum, i)| {
+            let of = SceneStatistics {
+                mean_path_length: 2.0 + f64::from(stratum.context as u8),
+                environment_share: 1.0 - 0.5 * f64::from(stratum.context as u8),
+                diffuse_share: stream.uniform(),
+                refractive_share: stream.uniform(),
+                caustic_share: 0.01 * f64::from(i),
+                relative_rmse: 0.4 + stream.uniform(),
+                slope: -0.5,
+                tail_share: 0.1,
+                spp: [128, 2048],
+                rejected: 0,
+            };
+            let artifact = Artifact::blob(STATISTICS, ctx.put_json(&of).expect("memory"));
+            (key(&format!("{stratum}-{i:06}")), artifact)
+        })
+        .collect()
+}
+
 fn convergence() -> Convergence {
     let counts: Vec<u64> = (0..8).map(|i| 1u64 << i).collect();
     let row = |name: String, sigma: f64, heavy: bool, scenes: u64| {
@@ -195,5 +219,6 @@ pub fn all(blobs: &MemoryBlobs, size: usize) -> BTreeMap<&'static str, Collectio
         ("sampling", one(json_item(&ctx, "report", &sampling()))),
         ("bridge", one((key("bridge"), bridge(&ctx)))),
         ("convergence", one(json_item(&ctx, "convergence", &convergence()))),
+        ("statistics", statistics(&ctx)),
     ])
 }

@@ -13,6 +13,9 @@ use exr::{
 use std::io::Cursor;
 use tauflow_data::Image;
 
+/// No sound picture says more with a byte: what a header asks for is bound by what the file holds.
+const MOST_TEXELS_PER_BYTE: usize = 1024;
+
 /// Reads a picture; linear RGB over its display window, row 0 on top, black outside its data window.
 ///
 /// # Errors
@@ -39,7 +42,7 @@ pub fn read(bytes: &[u8]) -> Result<Image, Refusal> {
         if header.deep {
             return Err(Refusal::new("header", "deep data", "flatten the picture"));
         }
-        if size.width() * size.height() > bytes.len().saturating_mul(4096) {
+        if size.width() * size.height() > bytes.len().saturating_mul(MOST_TEXELS_PER_BYTE) {
             return Err(damaged(
                 "header",
                 format!("{} bytes for {} x {} texels", bytes.len(), size.width(), size.height()),

@@ -1,6 +1,7 @@
 //! The kinds of this crate, run as the engine runs them: assets, scenes, split and sampling.
 
 mod choices;
+mod fuzz;
 mod real_assets;
 mod small_assets;
 mod support;

@@ -17,7 +17,8 @@ use tauflow_data::{
 };
 use tauflow_scene::{Asset, AssetReport, Body};
 
-fn folder(name: &str) -> PathBuf {
+/// A folder for files made here.
+pub fn folder(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     fs::create_dir_all(&folder).expect("a writable target folder");
     folder
@@ -45,8 +46,8 @@ fn mesh(blobs: &MemoryBlobs, asset: &Asset, part: usize) -> Mesh {
 }
 
 /// A GLB of a JSON and a binary chunk.
-fn glb(json: &Value, binary: &[u8]) -> Vec<u8> {
-    let mut text = json.to_string().into_bytes();
+pub fn glb(json: &str, binary: &[u8]) -> Vec<u8> {
+    let mut text = json.as_bytes().to_vec();
     text.resize(text.len().next_multiple_of(4), b' ');
     let mut body = binary.to_vec();
     body.resize(body.len().next_multiple_of(4), 0);
@@ -65,39 +66,39 @@ fn glb(json: &Value, binary: &[u8]) -> Vec<u8> {
 
 /// Buffer, views and accessors in the making.
 #[derive(Default)]
-struct Data {
-    bytes: Vec<u8>,
+pub struct Data {
+    pub bytes: Vec<u8>,
     views: Vec<Value>,
-    accessors: Vec<Value>,
+    pub accessors: Vec<Value>,
 }
 
 impl Data {
-    fn view(&mut self, bytes: &[u8]) -> usize {
+    pub fn view(&mut self, bytes: &[u8]) -> usize {
         self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
         self.views.push(object!({ "buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len() }));
         self.bytes.extend_from_slice(bytes);
         self.views.len() - 1
     }
 
-    fn accessor(&mut self, bytes: &[u8], component: u32, sort: &str, count: usize, normalized: bool) -> usize {
+    pub fn accessor(&mut self, bytes: &[u8], component: u32, sort: &str, count: usize, normalized: bool) -> usize {
         let view = self.view(bytes);
         self.accessors.push(object!({ "bufferView": view, "componentType": component, "type": sort, "count": count,
             "normalized": normalized }));
         self.accessors.len() - 1
     }
 
-    fn floats(&mut self, values: &[f32], sort: &str, width: usize) -> usize {
+    pub fn floats(&mut self, values: &[f32], sort: &str, width: usize) -> usize {
         let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
         self.accessor(&bytes, 5126, sort, values.len() / width, false)
     }
 
-    fn file(&self, mut rest: Value) -> Vec<u8> {
+    pub fn file(&self, mut rest: Value) -> Vec<u8> {
         let fields = rest.as_object_mut().expect("an object");
         fields.insert("asset".into(), object!({ "version": "2.0" }));
         fields.insert("buffers".into(), object!([{ "byteLength": self.bytes.len() }]));
         fields.insert("bufferViews".into(), object!(self.views));
         fields.insert("accessors".into(), object!(self.accessors));
-        glb(&rest, &self.bytes)
+        glb(&rest.to_string(), &self.bytes)
     }
 }
 

@@ -1,0 +1,28 @@
+//! What a scene is, measured, as `scene_statistics` hands it on.
+
+use serde::{Deserialize, Serialize};
+
+/// What one scene is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SceneStatistics {
+    /// Mean number of segments of a path.
+    pub mean_path_length: f64,
+    /// Share of the image's light that comes from infinity, directly or in the end.
+    pub environment_share: f64,
+    /// Share of the light whose paths meet nothing but diffuse surfaces.
+    pub diffuse_share: f64,
+    /// Share of the light whose paths meet glass.
+    pub refractive_share: f64,
+    /// Share of the light that a specular surface sends onto one that scatters it.
+    pub caustic_share: f64,
+    /// Root mean square error of an image of 1 sample a pixel, over the image's mean.
+    pub relative_rmse: f64,
+    /// Slope of log RMSE on log n over the ladder, against a held-out reference; the law says -1/2.
+    pub slope: f64,
+    /// Share of variance in the 1% of pixels that vary most.
+    pub tail_share: f64,
+    /// Samples a pixel of the ladder's last rung and of the reference.
+    pub spp: [u64; 2],
+    /// Contributions that were rejected as non-finite.
+    pub rejected: u64,
+}

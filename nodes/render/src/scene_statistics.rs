@@ -1,0 +1,234 @@
+#![doc = include_str!("scene_statistics.md")]
+
+use crate::{accumulator::Accumulator, integrator::Strategy, render::Renderer, world::World};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use tauflow_contract::{
+    Action, Artifact, Context, Digest, InputPort, Kind, KindError, KindSpec, Mode, OutputPort, Outputs, ParamProblem,
+};
+use tauflow_data::{
+    Scene,
+    formats::{SCENE, STATISTICS},
+    image::luminance,
+    maths::log,
+    scene::{Bsdf, Emitter, Texture},
+    statistics::SceneStatistics,
+};
+
+/// The kind `scene_statistics`.
+pub struct SceneStatisticsKind;
+
+/// Params of `scene_statistics`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct SceneStatisticsParams {
+    /// Width and height in pixels.
+    pub resolution: [u32; 2],
+    /// Samples a pixel: the last rung of the ladder that the slope is measured on, and of the renders that shares are
+    /// taken from.
+    #[schemars(range(min = 8, max = 65536))]
+    pub spp: u64,
+    /// How many times as many samples the reference has.
+    #[schemars(range(min = 4, max = 256))]
+    pub reference: u64,
+}
+
+impl Default for SceneStatisticsParams {
+    fn default() -> Self {
+        Self { resolution: [32, 32], spp: 128, reference: 16 }
+    }
+}
+
+/// The stream of the reference, which no ladder of a usual pipeline has.
+const HELD_OUT: u64 = 0x5EED;
+
+impl Kind for SceneStatisticsKind {
+    type Params = SceneStatisticsParams;
+
+    fn spec() -> KindSpec {
+        KindSpec {
+            name: "scene_statistics",
+            version: 1,
+            summary: "Measures what scenes are: path lengths, shares of light, errors and slopes.",
+            manual: include_str!("scene_statistics.md"),
+            mode: Mode::Map,
+            inputs: const { &[InputPort::each("scenes", SCENE, "The scenes to measure.")] },
+            outputs: const { &[OutputPort::new("statistics", STATISTICS, "What was measured.")] },
+            seeded: false,
+        }
+    }
+
+    fn check(params: &Self::Params) -> Vec<ParamProblem> {
+        let mut problems = Vec::new();
+        if params.resolution.iter().any(|side| !(4..=crate::render::MAX_SIDE as u32).contains(side)) {
+            let what = format!("{:?} is no film that statistics can be taken from", params.resolution);
+            problems.push(ParamProblem::new("/resolution", what, "[32, 32] is enough"));
+        }
+        if !(8..=65536).contains(&params.spp) {
+            problems.push(ParamProblem::new("/spp", format!("{} samples a pixel", params.spp), "use 8 to 65536"));
+        }
+        if !(4..=256).contains(&params.reference) {
+            let what = format!("a reference of {} times the samples", params.reference);
+            problems.push(ParamProblem::new("/reference", what, "use 4 to 256; 16 is enough"));
+        }
+        problems
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let scene: Scene = ctx.json(action.each("scenes")?, "scene.json")?;
+        let statistics = Measure { ctx, params: &action.params }.measure(&scene)?;
+        Ok(Outputs::default().item("statistics", Artifact::blob(STATISTICS, ctx.put_json(&statistics)?)))
+    }
+}
+
+struct Measure<'a> {
+    ctx: &'a Context<'a>,
+    params: &'a SceneStatisticsParams,
+}
+
+impl Measure<'_> {
+    fn world(&self, scene: &Scene) -> Result<World, KindError> {
+        World::new(scene, &mut |digest: &Digest| self.ctx.get(digest))
+    }
+
+    /// Renders to each of the sample counts, and hands over what there is then.
+    fn render(
+        &self,
+        world: &World,
+        stream: u64,
+        strategy: Strategy,
+        stops: &[u64],
+        at: &mut dyn FnMut(&Accumulator),
+    ) -> Result<(), KindError> {
+        let [width, height] = self.params.resolution;
+        let renderer = Renderer::new(world, width as usize, height as usize, stream)?.with_strategy(strategy);
+        let mut film = renderer.begin();
+        for stop in stops {
+            renderer.advance(&mut film, *stop, &mut |done| {
+                self.ctx.progress(done, *stop, "samples a pixel");
+                self.ctx.check_cancelled()
+            })?;
+            at(&film);
+        }
+        Ok(())
+    }
+
+    /// Mean luminance of a scene, or of part of its light.
+    fn light(&self, world: &World, strategy: Strategy) -> Result<f64, KindError> {
+        let mut mean = 0.0;
+        self.render(world, 0, strategy, &[self.params.spp], &mut |film| mean = mean_luminance(film))?;
+        Ok(mean)
+    }
+
+    fn measure(&self, scene: &Scene) -> Result<SceneStatistics, KindError> {
+        let world = self.world(scene)?;
+        let SceneStatisticsParams { spp, reference, .. } = *self.params;
+        let stops: Vec<u64> = (0..).map(|i| 1u64 << i).take_while(|n| *n < spp).chain([spp]).collect();
+        let mut films = Vec::new();
+        self.render(&world, 0, Strategy::Mis, &stops, &mut |film| films.push(film.clone()))?;
+        let last = films.last().ok_or_else(|| KindError::Internal("a ladder without rungs".into()))?;
+        let mean = mean_luminance(last);
+        let held_out = spp * reference;
+        let mut slope = -0.5;
+        self.render(&world, HELD_OUT, Strategy::Mis, &[held_out], &mut |film| slope = fit(&films, film))?;
+        let share = |light: f64| if mean > 0.0 { light / mean } else { 0.0 };
+        let rest = |light: f64| if mean > 0.0 { (1.0 - light / mean).max(0.0) } else { 0.0 };
+
+        let mut lit = scene.clone();
+        lit.emitters.retain(|emitter| matches!(emitter, Emitter::Constant { .. } | Emitter::Envmap { .. }));
+        lit.shapes.iter_mut().for_each(|shape| shape.emission = None);
+        let alone = lit.emitters.len() == scene.emitters.len() && lit.shapes == scene.shapes;
+        let environment_share = match lit.emitters.len() {
+            0 => 0.0,
+            _ if alone => 1.0,
+            _ => share(self.light(&self.world(&lit)?, Strategy::Mis)?),
+        };
+        // `None` if there is nothing of the kind.
+        let without = |wanted: fn(&Bsdf) -> bool| -> Result<Option<f64>, KindError> {
+            let mut painted = scene.clone();
+            painted.materials.iter_mut().for_each(|bsdf| paint(bsdf, wanted));
+            (painted != *scene).then(|| self.light(&self.world(&painted)?, Strategy::Mis)).transpose()
+        };
+        let diffuse = without(|bsdf| !matches!(bsdf, Bsdf::Diffuse { .. }))?;
+        let caustics = diffuse.map(|_| self.light(&world, Strategy::Caustics)).transpose()?;
+        Ok(SceneStatistics {
+            mean_path_length: last.mean_path_length(),
+            environment_share,
+            diffuse_share: diffuse.map_or(1.0, share),
+            refractive_share: without(is_glass)?.map_or(0.0, rest),
+            caustic_share: caustics.map_or(0.0, share),
+            relative_rmse: share((variances(last).iter().sum::<f64>() / last.pixels.len() as f64).sqrt()),
+            slope,
+            tail_share: tail(last),
+            spp: [spp, held_out],
+            rejected: last.rejected,
+        })
+    }
+}
+
+fn is_glass(bsdf: &Bsdf) -> bool {
+    match bsdf {
+        Bsdf::Dielectric { .. } | Bsdf::ThinDielectric { .. } => true,
+        Bsdf::Principled { spec_trans, .. } => *spec_trans != Texture::scalar(0.0),
+        _ => false,
+    }
+}
+
+/// Makes black what is wanted of a material; what lets rays pass goes on to.
+fn paint(bsdf: &mut Bsdf, wanted: fn(&Bsdf) -> bool) {
+    match bsdf {
+        Bsdf::Mask { inner, .. } | Bsdf::NormalMap { inner, .. } | Bsdf::TwoSided { inner } => paint(inner, wanted),
+        Bsdf::Blend { a, b, .. } => {
+            paint(a, wanted);
+            paint(b, wanted);
+        }
+        leaf if wanted(leaf) => *leaf = Bsdf::Diffuse { reflectance: Texture::scalar(0.0) },
+        _ => {}
+    }
+}
+
+fn mean_luminance(film: &Accumulator) -> f64 {
+    let image = film.mean();
+    let sum: f64 = image.data().chunks_exact(3).map(|rgb| f64::from(luminance(rgb))).sum();
+    sum / film.pixels.len() as f64
+}
+
+/// Variance of single samples of each pixel, mean over the channels.
+fn variances(film: &Accumulator) -> Vec<f64> {
+    let image = film.variance();
+    image.data().chunks_exact(3).map(|rgb| rgb.iter().map(|v| f64::from(*v)).sum::<f64>() / 3.0).collect()
+}
+
+/// Share of variance in the 1% of pixels that vary most.
+fn tail(film: &Accumulator) -> f64 {
+    let mut pixels = variances(film);
+    pixels.sort_by(|a, b| b.total_cmp(a));
+    let total: f64 = pixels.iter().sum();
+    let top: f64 = pixels.iter().take(pixels.len().div_ceil(100)).sum();
+    if total > 0.0 { top / total } else { 0.0 }
+}
+
+/// Slope of log RMSE on log n by least squares, against a reference whose variance is subtracted; -1/2, what the law says,
+/// for scenes without noise.
+fn fit(films: &[Accumulator], reference: &Accumulator) -> f64 {
+    let own = variances(reference).iter().sum::<f64>() / reference.pixels.len() as f64 / reference.count as f64;
+    let truth = reference.mean();
+    // What is left of scenes without noise is rounding.
+    let least = (1e-5 * mean_luminance(reference)).powi(2);
+    let points: Vec<(f64, f64)> = films
+        .iter()
+        .filter_map(|film| {
+            let image = film.mean();
+            let square = |(a, b): (&f32, &f32)| (f64::from(*a) - f64::from(*b)).powi(2);
+            let mse = image.data().iter().zip(truth.data()).map(square).sum::<f64>() / truth.data().len() as f64 - own;
+            (mse > least).then(|| (log(film.count as f64), 0.5 * log(mse)))
+        })
+        .collect();
+    if points.len() < 3 {
+        return -0.5;
+    }
+    let n = points.len() as f64;
+    let (x, y) = (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
+    let sxy: f64 = points.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
+    sxy / points.iter().map(|p| (p.0 - x) * (p.0 - x)).sum::<f64>()
+}

@@ -1,0 +1,154 @@
+#![doc = include_str!("contact_sheet.md")]
+
+use crate::{
+    font,
+    montage::{choose, paste},
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use tauflow_contract::{
+    Action, Artifact, Collection, Context, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs,
+    ParamProblem,
+};
+use tauflow_data::{
+    ContextClass, Image, Ladder, Regime, Stratum,
+    formats::{EXPOSURE, Exposure, FILES},
+    image::preview,
+    image_io::encode_png,
+    ladder::LADDER,
+};
+
+/// The kind `contact_sheet`.
+pub struct ContactSheet;
+
+/// Params of `contact_sheet`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ContactSheetParams {
+    /// Scenes of each stratum.
+    #[schemars(range(min = 1, max = 16))]
+    pub columns: u64,
+}
+
+impl Default for ContactSheetParams {
+    fn default() -> Self {
+        Self { columns: 4 }
+    }
+}
+
+impl Kind for ContactSheet {
+    type Params = ContactSheetParams;
+
+    fn spec() -> KindSpec {
+        KindSpec {
+            name: "contact_sheet",
+            version: 1,
+            summary: "Shows scenes side by side, by regime and context, as one picture.",
+            manual: include_str!("contact_sheet.md"),
+            mode: Mode::Gather,
+            inputs: const {
+                &[
+                    InputPort::whole("ladders", LADDER, "Ladders of the scenes; their last rungs are shown."),
+                    InputPort::whole("exposure", EXPOSURE, "The exposure of the same scenes."),
+                ]
+            },
+            outputs: const { &[OutputPort::new("sheet", FILES, "`contact_sheet.png`.").published()] },
+            seeded: false,
+        }
+    }
+
+    fn check(params: &Self::Params) -> Vec<ParamProblem> {
+        if (1..=16).contains(&params.columns) {
+            return Vec::new();
+        }
+        vec![ParamProblem::new("/columns", format!("{} scenes of each stratum", params.columns), "use 1 to 16")]
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let exposures = action.whole("exposure")?;
+        let mut pictures: BTreeMap<Stratum, Vec<Image>> = BTreeMap::new();
+        for (key, artifact, stratum) in choose(action.whole("ladders")?, action.params.columns as usize) {
+            ctx.check_cancelled()?;
+            let exposure = exposures.get(&key).ok_or_else(|| {
+                KindError::Input(format!("`exposure` has no item `{key}`; connect the gate that these scenes passed"))
+            })?;
+            let factor = ctx.json::<Exposure>(exposure, "")?.factor as f32;
+            let meta = Ladder::load_meta(ctx, artifact)?;
+            let last = *meta.counts.last().ok_or_else(|| KindError::Input(format!("`{key}` has no rungs")))?;
+            let image = Ladder::load_rung(ctx, artifact, last)?.map(|v| preview(v * factor));
+            let all = pictures.entry(stratum).or_default();
+            if all.first().is_some_and(|first| !first.same_shape(&image)) {
+                return Err(KindError::Input(format!(
+                    "the ladder of `{key}` has another resolution than the first; connect ladders of one"
+                )));
+            }
+            all.push(image);
+        }
+        if pictures.is_empty() {
+            return Err(KindError::Input("there are no ladders whose keys name a stratum".into()));
+        }
+        let png = encode_png(&sheet(&pictures, action.params.columns as usize))?;
+        let parts = [("contact_sheet.png".to_owned(), ctx.put(&png)?)];
+        let key = ItemKey::new("sheet").expect("letters");
+        let item = Collection::from_iter([(key, Artifact::tree(FILES, parts))]);
+        Ok(Outputs::default().collection("sheet", item))
+    }
+}
+
+/// Between pictures, and between strata.
+const GAPS: [usize; 2] = [3, 14];
+
+/// Regimes down, contexts across.
+fn sheet(pictures: &BTreeMap<Stratum, Vec<Image>>, columns: usize) -> Image {
+    const SCALE: usize = 2;
+    let line = font::HEIGHT * SCALE;
+    let (width, height) = pictures.values().flatten().fold((1, 1), |(w, h), i| (w.max(i.width()), h.max(i.height())));
+    let regimes: Vec<Regime> = Regime::ALL.into_iter().filter(|r| pictures.keys().any(|s| s.regime == *r)).collect();
+    let contexts: Vec<ContextClass> =
+        ContextClass::ALL.into_iter().filter(|c| pictures.keys().any(|s| s.context == *c)).collect();
+    let left = font::width("L0", SCALE) + 2 * GAPS[1];
+    let group = columns * (width + GAPS[0]) - GAPS[0] + GAPS[1];
+    let top = line + 2 * GAPS[1];
+    let size = [left + contexts.len() * group, top + regimes.len() * (height + GAPS[0]) - GAPS[0] + GAPS[1]];
+    let mut sheet = Image::new(size[0], size[1], 3).map(|_| 1.0);
+    for (c, context) in contexts.iter().enumerate() {
+        let x = left + c * group;
+        font::draw(&mut sheet, [x, GAPS[1]], &context.to_string(), SCALE, 0.1);
+        for (r, regime) in regimes.iter().enumerate() {
+            let y = top + r * (height + GAPS[0]);
+            if c == 0 {
+                font::draw(&mut sheet, [GAPS[1], y + (height - line) / 2], &regime.to_string(), SCALE, 0.1);
+            }
+            let own = pictures.get(&Stratum { regime: *regime, context: *context });
+            for (k, image) in own.into_iter().flatten().enumerate() {
+                paste(&mut sheet, image, [x + k * (width + GAPS[0]), y], 1);
+            }
+        }
+    }
+    sheet
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_are_where_their_strata_say() {
+        let grey = |value: f32| Image::new(8, 30, 3).map(|_| value);
+        let stratum = |regime, context| Stratum { regime, context };
+        let pictures = BTreeMap::from([
+            (stratum(Regime::L0, ContextClass::Open), vec![grey(0.25), grey(0.5)]),
+            (stratum(Regime::L3, ContextClass::Enclosed), vec![grey(0.75)]),
+        ]);
+        let sheet = sheet(&pictures, 2);
+        let (left, top) = (22 + 28, 16 + 28);
+        let group = 2 * 8 + 3 + 14;
+        assert_eq!((sheet.width(), sheet.height()), (left + 2 * group, top + 63 + 14));
+        assert_eq!(sheet.pixel(left, top)[0], 0.25);
+        assert_eq!(sheet.pixel(left + 11, top + 29)[0], 0.5);
+        assert_eq!(sheet.pixel(left + group, top + 33)[0], 0.75);
+        // What is not there is paper.
+        assert_eq!(sheet.pixel(left, top + 33)[0], 1.0);
+    }
+}

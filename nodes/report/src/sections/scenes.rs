@@ -1,0 +1,88 @@
+//! What the scenes of each stratum are, measured.
+
+use crate::{
+    page::Section,
+    text::{compact, count, fixed},
+};
+use std::{collections::BTreeMap, fmt::Write as _};
+use tauflow_data::{Stratum, statistics::SceneStatistics};
+
+/// The section; none without statistics.
+pub fn section(statistics: &[(String, SceneStatistics)]) -> Option<Section> {
+    let first = statistics.first()?;
+    let mut strata: BTreeMap<String, Vec<&SceneStatistics>> = BTreeMap::new();
+    for (key, of) in statistics {
+        let stratum = Stratum::of_key(key).map_or_else(|| "other".to_owned(), |(s, _)| s.to_string());
+        strata.entry(stratum).or_default().push(of);
+    }
+    let [spp, reference] = first.1.spp;
+    let mut out = format!(
+        "<p>Whether strata are what they say: medians over the scenes of each, quartiles below. Light is split by where it comes \
+         from and what its paths meet: the sky; nothing but diffuse surfaces; glass; a specular surface that sends it onto one \
+         that scatters it (a caustic). RMSE is that of one sample a pixel over the image's mean; slopes are of log RMSE on log n \
+         up to {} samples against a held-out reference of {}, one ladder a scene.</p>\
+         <div class=\"scroll\"><table class=\"wide\"><thead><tr><th>Stratum</th><th>Scenes</th><th>Path length</th><th>From the sky</th>\
+         <th>Diffuse only</th><th>Through glass</th><th>Caustic</th><th>RMSE at 1</th><th>Slope</th>\
+         <th>Variance in the top 1%</th></tr></thead><tbody>",
+        count(spp),
+        count(reference)
+    );
+    // Context by context, so that regimes stand below each other.
+    let ordered = Stratum::all().map(|s| s.to_string()).chain(strata.keys().filter(|k| *k == "other").cloned());
+    let mut names: Vec<String> = ordered.filter(|name| strata.contains_key(name)).collect();
+    names.sort_by_cached_key(|name| name.parse::<Stratum>().ok().map(|s| (s.context, s.regime)));
+    let mut context = None;
+    for name in names {
+        let scenes = &strata[&name];
+        let own = name.parse::<Stratum>().ok().map(|s| s.context);
+        let class = if context != own { " class=\"group\"" } else { "" };
+        context = own;
+        let _ =
+            write!(out, "<tr{class}><td>{}</td><td>{}</td>", name.replacen('-', " ", 1), count(scenes.len() as u64));
+        type Value = (fn(&SceneStatistics) -> f64, fn(f64) -> String);
+        let columns: [Value; 8] = [
+            (|s| s.mean_path_length, |v| fixed(v, 2)),
+            (|s| s.environment_share, percent),
+            (|s| s.diffuse_share, percent),
+            (|s| s.refractive_share, percent),
+            (|s| s.caustic_share, percent),
+            (|s| s.relative_rmse, compact),
+            (|s| s.slope, |v| fixed(v, 2)),
+            (|s| s.tail_share, percent),
+        ];
+        for (value, show) in columns {
+            let mut values: Vec<f64> = scenes.iter().map(|s| value(s)).collect();
+            values.sort_by(f64::total_cmp);
+            let [low, middle, high] = [0.25, 0.5, 0.75].map(|share| show(quantile(&values, share)));
+            let _ = write!(out, "<td>{middle}<span class=\"ci\">{low} – {high}</span></td>");
+        }
+        out.push_str("</tr>");
+    }
+    out.push_str("</tbody></table></div>");
+    Some(Section::new("scenes", "What the scenes are", out))
+}
+
+fn percent(share: f64) -> String {
+    let digits = if share > 0.0 && share < 0.0995 { 1 } else { 0 };
+    format!("{}%", fixed(share * 100.0, digits))
+}
+
+/// A quantile of sorted values, between neighbours.
+fn quantile(sorted: &[f64], share: f64) -> f64 {
+    let at = share * (sorted.len() - 1) as f64;
+    let low = at as usize;
+    let high = (low + 1).min(sorted.len() - 1);
+    sorted[low] + (sorted[high] - sorted[low]) * (at - low as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_between_neighbours() {
+        assert_eq!([0.0, 0.5, 1.0].map(|share| quantile(&[1.0, 2.0, 4.0, 8.0], share)), [1.0, 3.0, 8.0]);
+        assert_eq!(quantile(&[5.0], 0.25), 5.0);
+        assert_eq!([percent(0.0), percent(0.004), percent(0.5)], ["0%", "0.4%", "50%"]);
+    }
+}
