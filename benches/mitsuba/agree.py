@@ -25,6 +25,7 @@ parser.add_argument("folder", type=pathlib.Path)
 parser.add_argument("--scenes", type=int, default=3)
 parser.add_argument("--side", type=int, default=64)
 parser.add_argument("--batches", type=int, default=16)
+parser.add_argument("--reference", type=pathlib.Path, help="writes Mitsuba's means of bins, for the project's tests")
 parser.add_argument("--most", type=int, default=8192, help="samples a pixel and batch at most")
 args = parser.parse_args()
 names = both.scenes(args.folder, args.scenes)
@@ -56,6 +57,9 @@ def binned(images):
     return images.mean(-1).reshape(batches, BINS, cell, BINS, cell).mean((2, 4))
 
 
+manifest = json.loads((args.folder / "all" / "manifest.json").read_text())
+digests = {item["item"]: item["digest"] for item in manifest["items"]}
+references = []
 rows, bins_limit, mean_limit = [], limit(len(names) * BINS * BINS), limit(len(names))
 print(f"{len(names)} scenes; limits {mean_limit:.2f} for means, {bins_limit:.2f} for bins")
 for name in names:
@@ -76,12 +80,22 @@ for name in names:
         "agrees": bool(abs(z) < mean_limit and worst < bins_limit and report["rejected"] == 0),
     }
     rows.append(row)
+    cells = binned(b)
+    references.append({
+        "scene": name, "digest": digests[name], "spp": row["spp"],
+        "means": [float(f"{v:.6g}") for v in cells.mean(0).ravel()],
+        "errors": [float(f"{v:.3g}") for v in (cells.std(0, ddof=1) / math.sqrt(len(cells))).ravel()],
+    })
     print(
         f"{name:24s} {row['spp']:7d} spp  bias {100 * row['bias']:+.3f}%  z {row['z']:+.2f}  finds {100 * smallest:.2f}%  "
         f"worst bin {worst:.2f}  {'agrees' if row['agrees'] else 'DIFFERS'}",
         flush=True,
     )
 (args.folder / "agree.json").write_text(json.dumps(rows, indent=1))
+if args.reference:
+    head = f'{{"mitsuba": "3.9.1", "batches": {args.batches}, "side": {args.side}, "scenes": [\n'
+    lines = ",\n".join(json.dumps(reference, separators=(",", ":")) for reference in references)
+    args.reference.write_text(head + lines + "\n]}\n")
 squares = sum(row["z"] ** 2 for row in rows)
 spread = math.sqrt(2.0 / (9.0 * len(rows)))
 print(f"{sum(row['agrees'] for row in rows)} of {len(rows)} agree; mean square of z {squares / len(rows):.2f} (1 expected, "

@@ -2,6 +2,7 @@
 
 mod digests;
 mod edits;
+mod mitsuba;
 mod processors;
 mod protocol;
 mod quickstart;

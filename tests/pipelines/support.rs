@@ -7,7 +7,7 @@ use tauflow::{
     registry,
 };
 use tauflow_cache::Store;
-use tauflow_contract::Collection;
+use tauflow_contract::{Artifact, Collection};
 
 /// A pipeline that was run, and the store with its results.
 pub struct Done {
@@ -50,13 +50,18 @@ impl Done {
         self.collection(node).iter().map(|(key, _)| key.to_string()).collect()
     }
 
+    /// The bytes of a part of an artifact.
+    pub fn part(&self, artifact: &Artifact, part: &str) -> Vec<u8> {
+        let digest = artifact.part(part).expect("the part is there");
+        self.store.get(&digest).expect("the store can be read").expect("the blob is there")
+    }
+
     /// A part of every item, as JSON.
     pub fn json<T: serde::de::DeserializeOwned>(&self, node: &str, part: &str) -> BTreeMap<String, T> {
-        let read = |digest| self.store.get(&digest).expect("the store can be read").expect("the blob is there");
         self.collection(node)
             .iter()
             .map(|(key, artifact)| {
-                let bytes = read(artifact.part(part).expect("the part is there"));
+                let bytes = self.part(artifact, part);
                 (key.to_string(), serde_json::from_slice(&bytes).expect("what the kind wrote"))
             })
             .collect()

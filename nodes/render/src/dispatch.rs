@@ -6,6 +6,7 @@
 //! which nothing can be inlined into.
 
 use crate::{
+    accel::{Accel, Set, Sweep},
     bsdf::Sort,
     stream::{Batch, Found, Group, Stream, trace},
 };
@@ -76,27 +77,33 @@ impl Instructions {
 
     /// Traces a batch, by narrower lanes if the processor lacks these.
     pub(crate) fn trace(self, batch: &Batch<'_>) -> Found {
+        trace(batch, self.kernels())
+    }
+
+    /// Kernels of these instructions, or of fewer if the processor lacks them.
+    pub(crate) fn kernels(self) -> &'static Kernels {
         #[cfg(target_arch = "x86_64")]
-        let kernels = match self.min(Self::best()) {
+        match self.min(Self::best()) {
             Self::Avx512 => &avx512::KERNELS,
             Self::Avx2 => &avx2::KERNELS,
             #[cfg(test)]
             Self::Portable => &portable::KERNELS,
             _ => &sse2::KERNELS,
-        };
+        }
         #[cfg(not(target_arch = "x86_64"))]
-        let kernels = &portable::KERNELS;
-        trace(batch, kernels)
+        &portable::KERNELS
     }
 }
 
 type Whole = unsafe fn(&mut Stream<'_>);
 type Grouped = unsafe fn(&mut Stream<'_>, &Group);
+type Swept = unsafe fn(&Accel, &mut Set<'_>, usize, &mut Sweep);
 
 /// Functions compiled for one set of instructions.
 pub(crate) struct Kernels {
     begin: Whole,
-    meet: Whole,
+    nearest: Swept,
+    stopped: Swept,
     meet_packets: Whole,
     miss: Whole,
     vertices: Grouped,
@@ -111,17 +118,22 @@ pub(crate) struct Kernels {
     plastic: Grouped,
     principled: Grouped,
     blend: Grouped,
-    shadow: Whole,
 }
 
-#[allow(unsafe_code, reason = "`Instructions::trace` hands out only what the processor can run")]
+#[allow(unsafe_code, reason = "`Instructions::kernels` hands out only what the processor can run")]
 impl Kernels {
     pub(crate) fn begin(&self, stream: &mut Stream<'_>) {
         unsafe { (self.begin)(stream) }
     }
 
-    pub(crate) fn meet(&self, stream: &mut Stream<'_>) {
-        unsafe { (self.meet)(stream) }
+    /// Nearest hits of rays.
+    pub(crate) fn nearest(&self, accel: &Accel, set: &mut Set<'_>, count: usize, memory: &mut Sweep) {
+        unsafe { (self.nearest)(accel, set, count, memory) }
+    }
+
+    /// Whether rays meet anything; those that do end below 0.
+    pub(crate) fn stopped(&self, accel: &Accel, set: &mut Set<'_>, count: usize, memory: &mut Sweep) {
+        unsafe { (self.stopped)(accel, set, count, memory) }
     }
 
     pub(crate) fn meet_packets(&self, stream: &mut Stream<'_>) {
@@ -164,21 +176,18 @@ impl Kernels {
         };
         unsafe { kernel(stream, group) }
     }
-
-    pub(crate) fn shadow(&self, stream: &mut Stream<'_>) {
-        unsafe { (self.shadow)(stream) }
-    }
 }
 
 macro_rules! kernels {
     ($name:ident, $wide:ty, $ray:ty $(, $feature:literal)?) => {
         mod $name {
-            use super::{Group, Kernels, Stream};
+            use super::{Accel, Group, Kernels, Set, Stream, Sweep};
             use crate::bsdf::{Bsdf, Diffuse, Glass, Metal, Plastic, Principled, Thin};
 
             pub(super) static KERNELS: Kernels = Kernels {
                 begin,
-                meet,
+                nearest,
+                stopped,
                 meet_packets,
                 miss,
                 vertices,
@@ -193,11 +202,11 @@ macro_rules! kernels {
                 plastic,
                 principled,
                 blend,
-                shadow,
             };
 
             kernels!(@whole begin, begin::<$wide> $(, $feature)?);
-            kernels!(@whole meet, meet::<$wide, $ray> $(, $feature)?);
+            kernels!(@sweep nearest, false, $wide, $ray $(, $feature)?);
+            kernels!(@sweep stopped, true, $wide, $ray $(, $feature)?);
             kernels!(@whole meet_packets, meet_packets::<$wide, $ray> $(, $feature)?);
             kernels!(@whole miss, miss::<$wide> $(, $feature)?);
             kernels!(@group vertices, vertices::<$wide> $(, $feature)?);
@@ -213,13 +222,18 @@ macro_rules! kernels {
             kernels!(@group principled, scatter::<$wide, Principled<$wide>> $(, $feature)?);
             // Blends are rare, and shaded one by one.
             kernels!(@group blend, scatter::<f32, Bsdf<'_>> $(, $feature)?);
-            kernels!(@whole shadow, shadow::<$wide, $ray> $(, $feature)?);
         }
     };
     (@whole $name:ident, $method:ident::<$($of:ty),+> $(, $feature:literal)?) => {
         $(#[target_feature(enable = $feature)])?
         fn $name(stream: &mut Stream<'_>) {
             stream.$method::<$($of),+>();
+        }
+    };
+    (@sweep $name:ident, $any:literal, $wide:ty, $ray:ty $(, $feature:literal)?) => {
+        $(#[target_feature(enable = $feature)])?
+        fn $name(accel: &Accel, set: &mut Set<'_>, count: usize, memory: &mut Sweep) {
+            accel.sweep::<$wide, $ray, $any>(set, count, memory);
         }
     };
     (@group $name:ident, $method:ident::<$($of:ty),+> $(, $feature:literal)?) => {

@@ -351,6 +351,61 @@ mod tests {
         }
     }
 
+    /// Draws by cell, against the density integrated over each: suns at the seam, in a corner cell and at the poles.
+    #[test]
+    fn draws_fall_into_cells_as_the_density_says() {
+        const FINE: usize = 24;
+        let suns: [(&str, [usize; 2], [(usize, usize); 2]); 4] = [
+            ("seam", [16, 9], [(15, 4), (15, 4)]),
+            ("pole", [16, 9], [(3, 0), (3, 0)]),
+            ("other pole and corner", [12, 7], [(0, 6), (11, 1)]),
+            ("two", [9, 5], [(4, 2), (8, 3)]),
+        ];
+        for (name, [width, height], bright) in suns {
+            let of = |x: usize, y: usize| if bright.contains(&(x, y)) { 1e5 } else { 0.1 + (x + y) as f32 };
+            let environment = map(width, height, of);
+            let Environment::Map(own) = &environment else { panic!("a map") };
+            let rows = height - 1;
+            // Where a direction is in the map, in cells; texel centres are in the middle of columns.
+            let place = |d: Vec3| -> usize {
+                let local: Vec3 = Map::turned(&own.to_local, Triple::<f32>::from(d)).into();
+                let u = libm::atan2(f64::from(local.x), f64::from(-local.z)) / (2.0 * PI) - 0.5 / width as f64;
+                let v = libm::acos(f64::from(local.y).clamp(-1.0, 1.0)) / PI;
+                let x = ((u - libm::floor(u)) * width as f64) as usize;
+                ((v * rows as f64) as usize).min(rows - 1) * width + x.min(width - 1)
+            };
+            let mut expected = vec![0.0; rows * width];
+            for y in 0..rows * FINE {
+                let theta = PI * (y as f64 + 0.5) / (rows * FINE) as f64;
+                let solid = libm::sin(theta) * PI / (rows * FINE) as f64 * 2.0 * PI / (width * FINE) as f64;
+                for x in 0..width * FINE {
+                    let phi = 2.0 * PI * ((x as f64 + 0.5) / (width * FINE) as f64 + 0.5 / width as f64);
+                    let sin = libm::sin(theta);
+                    let local = Vec3::new(
+                        (sin * libm::sin(phi)) as f32,
+                        libm::cos(theta) as f32,
+                        (-sin * libm::cos(phi)) as f32,
+                    );
+                    let d: Vec3 = Map::turned(&own.to_world, Triple::<f32>::from(local)).into();
+                    expected[y / FINE * width + x / FINE] += f64::from(environment.look(d).1) * solid;
+                }
+            }
+            let count = 200_000;
+            let mut stream = Stream::new(6, &[]).part(name);
+            let mut found = vec![0.0; rows * width];
+            for _ in 0..count {
+                let mut two = || Vec2::new(stream.uniform() as f32, stream.uniform() as f32);
+                let (d, _, pdf) = environment.sample([two(), two(), two()]);
+                assert!(pdf > 0.0 && pdf.is_finite(), "{name}");
+                found[place(d)] += 1.0;
+            }
+            let expected: Vec<f64> = expected.iter().map(|e| e * f64::from(count)).collect();
+            let deviation = crate::chi_square::deviation(&found, &expected, 3e-3);
+            println!("{name}: {deviation:+.2} deviations");
+            assert!(deviation < crate::chi_square::ALLOWED, "{name}: {deviation}");
+        }
+    }
+
     #[test]
     fn bad_maps_are_refused() {
         let image = Image::from_data(1, 1, 3, vec![-1.0, 0.0, 0.0]).expect("fits");

@@ -18,12 +18,15 @@ pub mod quality_gate;
 pub mod render;
 pub mod rng;
 pub mod scene_statistics;
+pub mod skips;
 mod stream;
 pub mod surface;
 mod table;
 pub mod texture;
 pub mod world;
 
+#[cfg(test)]
+mod chi_square;
 #[cfg(test)]
 #[path = "../tests/scenes/mod.rs"]
 mod scenes;

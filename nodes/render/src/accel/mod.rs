@@ -6,12 +6,14 @@
 //! Karras, Laine 2017 in its ordering of children; the exit distance is widened as by Ize 2013, *Robust BVH Ray
 //! Traversal*.
 
+mod batch;
 mod build;
 mod leaves;
 mod packet;
 mod sweep;
 mod traverse;
 
+pub use batch::RayBatch;
 pub(crate) use packet::Packet;
 pub(crate) use sweep::{Set, Sweep};
 pub(crate) use traverse::Stack;

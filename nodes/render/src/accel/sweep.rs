@@ -4,7 +4,7 @@
 //! After Barringer, Akenine-Moeller 2014, *Dynamic Ray Stream Traversal*. What a ray finds is what [`Accel::closest`]
 //! finds, whatever else is in the list: the order of visits changes no result.
 
-use super::{Accel, LEAF, Stack, WIDE, traverse::Best};
+use super::{Accel, LEAF, STACK, Stack, WIDE, traverse::Best};
 use crate::{
     geometry::{Walk, gamma},
     lanes::{Mask, Real, Record, Triple, Whole},
@@ -141,16 +141,11 @@ impl Sweep {
 impl Accel {
     /// Meets all rays of a set: their nearest hits, or with `ANY` whether they are stopped.
     #[inline(always)]
-    pub(crate) fn sweep<R: Real, T: Real, const ANY: bool>(
-        &self,
-        set: &mut Set<'_>,
-        count: usize,
-        memory: &mut Sweep,
-        stack: &mut Stack,
-    ) {
+    pub(crate) fn sweep<R: Real, T: Real, const ANY: bool>(&self, set: &mut Set<'_>, count: usize, memory: &mut Sweep) {
         if self.nodes.is_empty() || count == 0 {
             return;
         }
+        let mut stack: Stack = [(0, 0.0); STACK];
         memory.prepare::<R>(set, count);
         let mut starts = [0usize; GROUPS + 1];
         for group in &memory.group[..count] {
@@ -177,7 +172,7 @@ impl Accel {
                     memory,
                     &mut lists,
                     Visit { node: 0, start, len, free },
-                    stack,
+                    &mut stack,
                 );
             }
         }

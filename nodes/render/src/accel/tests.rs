@@ -115,9 +115,9 @@ fn sweep_and_packets<R: Real>(accel: &Accel, draw: &mut Draw, half: f32) {
             primitive: &mut primitive,
         };
         if any {
-            accel.sweep::<R, R, true>(&mut set, count, &mut memory, &mut stack);
+            accel.sweep::<R, R, true>(&mut set, count, &mut memory);
         } else {
-            accel.sweep::<R, R, false>(&mut set, count, &mut memory, &mut stack);
+            accel.sweep::<R, R, false>(&mut set, count, &mut memory);
         }
         for (at, ray) in rays.iter().enumerate() {
             let expected = accel.closest_by_force(ray);

@@ -41,6 +41,8 @@ pub struct Material {
     pub(super) layers: Vec<Layer>,
     /// Whether lights can be sampled for it.
     smooth: bool,
+    /// Shaded by the kernel of blends whatever it is.
+    general: bool,
 }
 
 /// A lobe and its share in a blend.
@@ -179,7 +181,7 @@ impl Material {
 
     fn of(layers: Vec<Layer>) -> Self {
         let smooth = layers.iter().any(Layer::smooth);
-        Self { opacity: None, normal_map: None, two_sided: false, layers, smooth }
+        Self { opacity: None, normal_map: None, two_sided: false, layers, smooth, general: false }
     }
 
     /// Whether lights can be sampled for it.
@@ -199,10 +201,15 @@ impl Material {
         self.two_sided || (self.layers.len() == 1 && self.layers[0].two_sided)
     }
 
+    /// Leaves it to the kernel that shades everything.
+    pub(crate) fn make_general(&mut self) {
+        self.general = true;
+    }
+
     /// Which kernel shades it.
     pub(crate) fn sort(&self) -> Sort {
         match self.layers.as_slice() {
-            [one] => match &one.sort {
+            [one] if !self.general => match &one.sort {
                 Textured::Diffuse(_) => Sort::Diffuse,
                 Textured::Conductor { .. } => Sort::Metal,
                 Textured::Dielectric { .. } => Sort::Glass,

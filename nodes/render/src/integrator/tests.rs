@@ -31,11 +31,15 @@ fn every_set_of_instructions_has_the_same_bits() {
 fn convex_bodies_do_not_shade_themselves() {
     let mut facets = ball(20);
     facets.normals = None;
-    for (radius, shift) in [(1.0, 0.0), (1e-2, 1.0), (1e3, -400.0), (1.0, 300.0)] {
+    // Over twelve orders of magnitude of size, and away from the origin.
+    let sizes = [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e2, 1e3, 1e4, 1e5, 1e6];
+    let away = [(1e-2, 1.0), (1e3, -400.0), (1.0, 300.0), (1e6, 3e7)];
+    for (radius, shift) in sizes.map(|size| (size, 0.0)).into_iter().chain(away) {
         let at = [shift, 0.5 * shift, -shift];
         for curved in [false, true] {
             let eye = [at[0], at[1], at[2] + 4.0 * radius];
             let mut built = Built::new(eye, at, 40.0, 2);
+            built.scene.camera.near = 0.0;
             let white = built.diffuse([1.0; 3]);
             if curved {
                 built.sphere(at, radius, white);
@@ -60,7 +64,7 @@ fn convex_bodies_do_not_shade_themselves() {
                     assert!(pixel.sum[0] > 0.0, "shaded at {hit:?}, radius {radius}");
                 }
             }
-            assert!(lit > 500, "{lit}");
+            assert!(lit > 500, "{lit}, radius {radius}, {curved}, {shift}");
         }
     }
 }

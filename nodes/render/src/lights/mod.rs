@@ -459,3 +459,6 @@ fn shape_guide(forms: &[accel::Primitive], normal: Option<Vec3>, intensity: f32)
     let point = Guide::point((low + high) * 0.5, seen * intensity);
     Guide { square: 0.25 * square, normal: normal.unwrap_or(Vec3::ZERO), ..point }
 }
+
+#[cfg(test)]
+mod tests;

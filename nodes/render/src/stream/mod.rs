@@ -123,7 +123,7 @@ impl Stream<'_> {
             } else if depth == 0 {
                 kernels.meet_packets(stream);
             } else {
-                kernels.meet(stream);
+                stream.meet(kernels);
             }
             stream.sort();
             (stream.next.len, stream.shadows.len) = (0, 0);
@@ -137,7 +137,7 @@ impl Stream<'_> {
                     stream.shade(kernels, material, &group);
                 }
             }
-            kernels.shadow(stream);
+            stream.shadow(kernels);
             std::mem::swap(&mut stream.paths, &mut stream.next);
         }
     }

@@ -3,6 +3,7 @@
 use super::{MISS, Stream, draw, rows::*};
 use crate::{
     accel::{Packet, STACK, Set, Stack},
+    dispatch::Kernels,
     geometry::Ray,
     integrator::{first_solid, transmittance},
     lanes::{Mask, Real, Triple, Whole},
@@ -35,9 +36,7 @@ impl Stream<'_> {
     }
 
     /// Nearest hits.
-    #[inline(always)]
-    pub(crate) fn meet<R: Real, T: Real>(&mut self) {
-        let mut stack: Stack = [(0, 0.0); STACK];
+    pub(super) fn meet(&mut self, kernels: &Kernels) {
         let count = self.paths.len;
         self.t[..count].fill(f32::MAX);
         self.primitive[..count].fill(MISS);
@@ -50,7 +49,7 @@ impl Stream<'_> {
             v: &mut self.v,
             primitive: &mut self.primitive,
         };
-        self.batch.world.accel.sweep::<R, T, false>(&mut set, count, &mut self.sweep, &mut stack);
+        kernels.nearest(&self.batch.world.accel, &mut set, count, &mut self.sweep);
     }
 
     /// Nearest hits of some, ray by ray.
@@ -111,12 +110,10 @@ impl Stream<'_> {
     }
 
     /// Adds the light of shadow rays that nothing stops.
-    #[inline(always)]
-    pub(crate) fn shadow<R: Real, T: Real>(&mut self) {
+    pub(super) fn shadow(&mut self, kernels: &Kernels) {
         let world = self.batch.world;
         let count = self.shadows.len;
         if !world.features.opacity {
-            let mut stack: Stack = [(0, 0.0); STACK];
             let [ox, oy, oz, dx, dy, dz, end, ..] = &mut self.shadows.rows;
             let mut set = Set {
                 origin: [ox, oy, oz],
@@ -126,7 +123,7 @@ impl Stream<'_> {
                 v: &mut self.v,
                 primitive: &mut self.primitive,
             };
-            world.accel.sweep::<R, T, true>(&mut set, count, &mut self.sweep, &mut stack);
+            kernels.stopped(&world.accel, &mut set, count, &mut self.sweep);
         }
         for at in 0..count {
             let mut light = self.shadows.vector(ARRIVES, at);

@@ -42,11 +42,12 @@ pub fn read(bytes: &[u8]) -> Result<Image, Refusal> {
         if header.deep {
             return Err(Refusal::new("header", "deep data", "flatten the picture"));
         }
-        if size.width() * size.height() > bytes.len().saturating_mul(MOST_TEXELS_PER_BYTE) {
-            return Err(damaged(
-                "header",
-                format!("{} bytes for {} x {} texels", bytes.len(), size.width(), size.height()),
-            ));
+        // The window too: what is outside of the data is black, and takes as much room.
+        for s in [size, window] {
+            if s.width() * s.height() > bytes.len().saturating_mul(MOST_TEXELS_PER_BYTE) {
+                let what = format!("{} bytes for {} x {} texels", bytes.len(), s.width(), s.height());
+                return Err(damaged("header", what));
+            }
         }
     }
     let picture = exr_read()

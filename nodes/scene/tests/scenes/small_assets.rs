@@ -216,6 +216,31 @@ fn materials_follow_their_extensions() {
 }
 
 #[test]
+fn volumes_tint_closed_bodies_by_their_thickness() {
+    let mut data = Data::default();
+    // A tetrahedron.
+    let corners = [0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+    let positions = data.floats(&corners, "VEC3", 3);
+    let indices = data.accessor(&[0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3], 5121, "SCALAR", 12, false);
+    let volume = object!({ "thicknessFactor": 3.0, "attenuationDistance": 1.5, "attenuationColor": [0.25, 0.5, 1.0] });
+    let material = object!({ "extensions": { "KHR_materials_transmission": { "transmissionFactor": 1 },
+        "KHR_materials_volume": volume }, "pbrMetallicRoughness": { "baseColorFactor": [1, 0.5, 1, 1] } });
+    let bytes = data.file(object!({ "materials": [material], "nodes": [{ "mesh": 0 }], "scenes": [{ "nodes": [0] }],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": positions }, "indices": indices, "material": 0 }] }] }));
+    let path = folder("volumes").join("body.glb");
+    fs::write(&path, bytes).expect("writable");
+    let (report, asset) = asset(&MemoryBlobs::default(), &path);
+    assert!(report.notes.iter().any(|n| n.contains("attenuation")), "{report:?}");
+    let Body::Object { materials, .. } = asset.body else { panic!("no object") };
+    let Bsdf::Principled { base_color, .. } = &materials[0].own else { panic!("{:?}", materials[0]) };
+    let Texture::Product { a, b } = base_color else { panic!("{base_color:?}") };
+    let (Texture::Constant { value: own }, Texture::Constant { value: tint }) = (&**a, &**b) else { panic!() };
+    // Twice the distance: the square of the colour.
+    let off = |found: f32, expected: f32| (found - expected).abs() > 1e-6;
+    assert!(*own == [1.0, 0.5, 1.0] && !tint.iter().zip([0.0625, 0.25, 1.0]).any(|(f, e)| off(*f, e)), "{tint:?}");
+}
+
+#[test]
 fn maps_with_broken_texels_are_mended_and_counted() {
     let folder = folder("maps");
     let mut image = Image::new(4, 2, 3);

@@ -6,7 +6,8 @@
 //! | `KHR_materials_ior`, `_specular` | `specular` = F0 / 0.08, F0 = ((n - 1) / (n + 1))^2 factor |
 //! | `KHR_materials_clearcoat` | `clearcoat`, `clearcoat_gloss` = 1 - roughness; its textures are left out |
 //! | `KHR_materials_transmission` with a thickness, closed body | `spec_trans` of `principled` |
-//! | the same, thin or open | a blend with `thin_dielectric`, tinted by the base colour |
+//! | attenuation in its volume | base colour times `attenuationColor` ^ (thickness / `attenuationDistance`) |
+//! | transmission, thin or open | a blend with `thin_dielectric`, tinted by the base colour |
 //! | `MASK`, `BLEND` | `mask` with opacity 0 or 1 by the cut-off, or alpha itself |
 //! | `KHR_materials_unlit` | diffuse: a path tracer has no unlit surface |
 //! | emission, `_emissive_strength` | an area emitter |
@@ -28,7 +29,10 @@ use gltf::json::{
 };
 use serde_json::Value;
 use std::{borrow::Cow, collections::BTreeMap};
-use tauflow_data::scene::{Bsdf, Rgb, Texture};
+use tauflow_data::{
+    maths,
+    scene::{Bsdf, Rgb, Texture},
+};
 
 /// What of a mesh decides its material's form.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -206,6 +210,20 @@ impl Making<'_, '_, '_> {
         Ok(Material { own: masked(own), diffuse, transmissive, emission })
     }
 
+    /// What a volume leaves of light over its thickness: `attenuationColor` is left after `attenuationDistance`.
+    fn attenuation(&mut self, volume: &Value, thickness: f64) -> Rgb {
+        let distance = number(volume, "attenuationDistance", f64::INFINITY);
+        if !(distance > 0.0 && distance.is_finite()) {
+            return [1.0; 3];
+        }
+        self.report.note("attenuation in a volume is that over its thickness, whatever the way through it");
+        if volume.get("thicknessTexture").is_some() {
+            self.report.note("textures of thickness are left out");
+        }
+        let color = triple(volume, "attenuationColor", [1.0; 3]);
+        rgb(color.map(|c| maths::exp(maths::log(c.clamp(1e-6, 1.0)) * (thickness / distance).min(1e3))))
+    }
+
     /// The surface under normal map and opacity, and whether light passes through it.
     fn surface(&mut self, material: &Source, color: &Texture) -> Result<(Bsdf, bool), Refusal> {
         let pbr = &material.pbr_metallic_roughness;
@@ -243,8 +261,8 @@ impl Making<'_, '_, '_> {
                 self.report.note(format!("{name} is left out"));
             }
         }
-        let principled = |spec_trans: Texture| Bsdf::Principled {
-            base_color: color.clone(),
+        let principled = |base_color: Texture, spec_trans: Texture| Bsdf::Principled {
+            base_color,
             metallic: metallic.clone(),
             roughness: roughness.clone(),
             specular: (f0 / 0.08).clamp(0.0, 1.0) as f32,
@@ -252,7 +270,7 @@ impl Making<'_, '_, '_> {
             clearcoat: clearcoat as f32,
             clearcoat_gloss: gloss as f32,
         };
-        let opaque = || two_sided(principled(Texture::scalar(0.0)));
+        let opaque = || two_sided(principled(color.clone(), Texture::scalar(0.0)));
         let Some(e) = extension(material, "KHR_materials_transmission") else { return Ok((opaque(), false)) };
         let factor = number(e, "transmissionFactor", 0.0).clamp(0.0, 1.0);
         if factor <= 0.0 {
@@ -261,12 +279,12 @@ impl Making<'_, '_, '_> {
         let slot = Slot::of_json(e.get("transmissionTexture"));
         let share = self.texture(slot, Use::Linear, [factor as f32; 3], Some(0))?;
         let volume = extension(material, "KHR_materials_volume");
-        if volume.is_some_and(|v| v.get("attenuationDistance").is_some()) {
-            self.report.note("attenuation in a volume is left out");
-        }
-        let thick = volume.is_some_and(|v| number(v, "thicknessFactor", 0.0) > 0.0);
-        if thick && self.features.closed {
-            return Ok((principled(share), true));
+        let thickness = volume.map_or(0.0, |v| number(v, "thicknessFactor", 0.0));
+        if let Some(volume) = volume.filter(|_| thickness > 0.0 && self.features.closed) {
+            // Light is tinted where it crosses the surface, by the square root of this at each of two crossings.
+            let tint = self.attenuation(volume, thickness);
+            let base = if tint == [1.0; 3] { color.clone() } else { times(color.clone(), Texture::rgb(tint)) };
+            return Ok((principled(base, share), true));
         }
         self.report.note("transmission through thin or open surfaces is smooth, whatever their roughness");
         let pane = Bsdf::ThinDielectric {
