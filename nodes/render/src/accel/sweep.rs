@@ -14,7 +14,7 @@ use glam::Vec3;
 /// Lanes at most; lists have as many entries to spare.
 pub(super) const SPARE: usize = 16;
 /// Lists that are shorter are followed ray by ray.
-const FEW: usize = 2;
+const FEW: usize = 4;
 /// Octants times longest axes.
 const GROUPS: usize = 24;
 
