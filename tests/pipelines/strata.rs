@@ -66,7 +66,10 @@ pub fn check(all: BTreeMap<String, SceneStatistics>, least: usize) {
         assert!(
             match stratum.regime {
                 Regime::L0 => every(&|s| s.diffuse_share == 1.0),
-                Regime::L1 => most(&|s| s.diffuse_share < 0.999) && every(&|s| s.refractive_share == 0.0),
+                Regime::L1 => {
+                    most(&|s| s.diffuse_share < 0.999)
+                        && every(&|s| s.refractive_share == 0.0 && s.caustic_share < 0.01)
+                }
                 Regime::L2 => most(&|s| s.refractive_share > 0.001) && m(|s| s.caustic_share) < 0.01,
                 Regime::L3 => most(&|s| s.caustic_share > 0.001) && m(|s| s.caustic_share) > 0.01,
             },

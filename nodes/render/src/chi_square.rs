@@ -20,8 +20,12 @@ pub(crate) fn deviation(found: &[f64], expected: &[f64], slack: f64) -> f64 {
         // Draws where there should be hardly any.
         return f64::INFINITY;
     }
-    let spread: f64 = 2.0 / (9.0 * f64::max(freedom, 1.0));
-    (libm::cbrt(statistic / f64::max(freedom, 1.0)) - (1.0 - spread)) / spread.sqrt()
+    if freedom < 2.0 {
+        // Too few draws, or bins, to say anything.
+        return f64::INFINITY;
+    }
+    let spread: f64 = 2.0 / (9.0 * freedom);
+    (libm::cbrt(statistic / freedom) - (1.0 - spread)) / spread.sqrt()
 }
 
 /// What is allowed: a false alarm once in a million, over the hundreds of tests there are.

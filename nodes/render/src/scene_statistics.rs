@@ -131,7 +131,9 @@ impl Measure<'_> {
         let held_out = spp * reference;
         let mut slope = -0.5;
         self.render(&world, HELD_OUT, Strategy::Mis, &[held_out], &mut |film| slope = fit(&films, film))?;
-        let share = |light: f64| if mean > 0.0 { light / mean } else { 0.0 };
+        let over = |value: f64| if mean > 0.0 { value / mean } else { 0.0 };
+        // The two renders have errors of their own.
+        let share = |light: f64| over(light).min(1.0);
         let rest = |light: f64| if mean > 0.0 { (1.0 - light / mean).max(0.0) } else { 0.0 };
 
         let mut lit = scene.clone();
@@ -157,7 +159,7 @@ impl Measure<'_> {
             diffuse_share: diffuse.map_or(1.0, share),
             refractive_share: without(is_glass)?.map_or(0.0, rest),
             caustic_share: caustics.map_or(0.0, share),
-            relative_rmse: share((variances(last).iter().sum::<f64>() / last.pixels.len() as f64).sqrt()),
+            relative_rmse: over((variances(last).iter().sum::<f64>() / last.pixels.len() as f64).sqrt()),
             slope,
             tail_share: tail(last),
             spp: [spp, held_out],

@@ -98,6 +98,11 @@ fn continuing_has_the_bits_of_starting_over_and_renders_only_what_is_new() {
         assert_eq!(rendered(dyadic(256)), (whole.clone(), vec![]), "nothing is rendered twice");
         assert_eq!(rendered(list(&[32])).1, Vec::<u64>::new());
         assert_eq!(rendered(list(&[32, 256])).1, Vec::<u64>::new());
+        // 32, then 512, then 1024.
+        assert_eq!(rendered(dyadic(512)).1, [256]);
+        let (long, new) = rendered(dyadic(1024));
+        assert_eq!(new, [512]);
+        assert_eq!(long, run(&MemoryBlobs::default(), &Silent, &built, dyadic(1024), "ladder"));
         // A rung between, and one beyond.
         let (odd, new) = rendered(list(&[256, 300]));
         assert_eq!(new, [44]);
@@ -141,7 +146,7 @@ fn rungs_are_means_and_the_variance_is_that_of_the_samples() {
 fn threads_change_no_bit() {
     for built in [balls_under_sky(), room()] {
         let world = World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene");
-        let films: Vec<_> = [1, 2, 4]
+        let films: Vec<_> = [1, 2, 4, 7]
             .into_iter()
             .map(|threads| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");

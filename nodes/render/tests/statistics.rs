@@ -7,7 +7,7 @@ use std::{collections::BTreeMap, sync::atomic::AtomicBool};
 use tauflow_contract::{Action, Context, Kind, MemoryBlobs, Silent};
 use tauflow_data::{
     formats::store_scene,
-    scene::{Bsdf, Geometry, Recipe, Texture},
+    scene::{Bsdf, Emitter, Geometry, Recipe, Texture},
     statistics::SceneStatistics,
 };
 use tauflow_render::scene_statistics::{SceneStatisticsKind, SceneStatisticsParams};
@@ -80,6 +80,19 @@ fn a_mirror_gives_light_by_the_lamps_image() {
     let expected = image / (factor(h) + image);
     assert!((found.caustic_share / expected - 1.0).abs() < 0.1, "{found:?}, expected {expected}");
     assert!((found.diffuse_share - (1.0 - expected)).abs() < 0.02 && found.refractive_share == 0.0, "{found:?}");
+}
+
+#[test]
+fn light_from_a_point_is_no_caustic_but_what_a_mirror_makes_of_it_cannot_be_found() {
+    let mut built = floor_point();
+    built.scene.emitters.push(Emitter::Point { position: [0.0, 1.0, 0.0], intensity: [4.0; 3] });
+    let mirror = Bsdf::Conductor { eta: [0.0; 3], k: [1.0; 3], alpha: 0.0, specular_reflectance: Texture::scalar(0.5) };
+    built.scene.materials.push(Bsdf::TwoSided { inner: Box::new(mirror) });
+    let mirror = built.scene.materials.len() - 1;
+    built.shape(Geometry::Rectangle, level(6.0, [0.0, 2.0, 0.0], false), mirror);
+    built.scene.max_depth = 3;
+    let found = measure(&built);
+    assert!(found.caustic_share == 0.0 && found.diffuse_share > 0.999, "{found:?}");
 }
 
 #[test]

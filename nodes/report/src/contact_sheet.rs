@@ -77,13 +77,12 @@ impl Kind for ContactSheet {
             let meta = Ladder::load_meta(ctx, artifact)?;
             let last = *meta.counts.last().ok_or_else(|| KindError::Input(format!("`{key}` has no rungs")))?;
             let image = Ladder::load_rung(ctx, artifact, last)?.map(|v| preview(v * factor));
-            let all = pictures.entry(stratum).or_default();
-            if all.first().is_some_and(|first| !first.same_shape(&image)) {
+            if pictures.values().flatten().next().is_some_and(|first| !first.same_shape(&image)) {
                 return Err(KindError::Input(format!(
                     "the ladder of `{key}` has another resolution than the first; connect ladders of one"
                 )));
             }
-            all.push(image);
+            pictures.entry(stratum).or_default().push(image);
         }
         if pictures.is_empty() {
             return Err(KindError::Input("there are no ladders whose keys name a stratum".into()));
@@ -104,6 +103,8 @@ fn sheet(pictures: &BTreeMap<Stratum, Vec<Image>>, columns: usize) -> Image {
     const SCALE: usize = 2;
     let line = font::HEIGHT * SCALE;
     let (width, height) = pictures.values().flatten().fold((1, 1), |(w, h), i| (w.max(i.width()), h.max(i.height())));
+    // Rows are as high as their names at least.
+    let height = height.max(line);
     let regimes: Vec<Regime> = Regime::ALL.into_iter().filter(|r| pictures.keys().any(|s| s.regime == *r)).collect();
     let contexts: Vec<ContextClass> =
         ContextClass::ALL.into_iter().filter(|c| pictures.keys().any(|s| s.context == *c)).collect();

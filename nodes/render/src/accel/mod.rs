@@ -94,11 +94,6 @@ impl Accel {
     pub fn bounds(&self) -> (Vec3, Vec3) {
         self.bounds
     }
-
-    /// Bytes of nodes and primitives.
-    pub fn size(&self) -> usize {
-        std::mem::size_of_val(self.nodes.as_slice()) + std::mem::size_of_val(self.blocks.as_slice())
-    }
 }
 
 #[cfg(test)]

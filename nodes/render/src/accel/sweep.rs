@@ -13,7 +13,7 @@ use glam::Vec3;
 
 /// Lanes at most; lists have as many entries to spare.
 pub(super) const SPARE: usize = 16;
-/// Lists that are shorter are followed ray by ray.
+/// Lists of no more are followed ray by ray.
 const FEW: usize = 4;
 /// Octants times longest axes.
 const GROUPS: usize = 24;
@@ -41,22 +41,22 @@ pub(crate) struct Sweep {
 }
 
 /// Columns of a ray's halves: its end.
-pub(super) const END: usize = 6;
+const END: usize = 6;
 
 /// A node to be visited by a list of rays.
 #[derive(Clone, Copy)]
-pub(super) struct Visit {
+struct Visit {
     node: u32,
-    pub(super) start: usize,
-    pub(super) len: usize,
+    start: usize,
+    len: usize,
     /// Where lists may begin that this visit makes.
     free: usize,
 }
 
 /// What the rays of a group have in common.
-pub(super) struct Common {
+struct Common {
     near: [usize; 3],
-    pub(super) axes: [usize; 3],
+    axes: [usize; 3],
     signs: [f32; 3],
 }
 

@@ -1,7 +1,8 @@
 //! The hierarchy against brute force, and on geometry made to break it.
 
-use super::{Accel, Hit, Packet, Primitive, STACK, Set, Sweep};
+use super::{Accel, Hit, Packet, Primitive, RayBatch, STACK, Set, Sweep};
 use crate::{
+    dispatch::Instructions,
     geometry::{Disk, Map, Ray, Sphere, cube},
     lanes::{Mask, Real, Triple, Whole},
 };
@@ -71,10 +72,39 @@ fn agrees_with_brute_force_on_random_primitives() {
         }
         let accel = Accel::new(&primitives, Vec3::ZERO);
         let hits = check(&accel, &mut draw, 3000, 15.0);
+        batches(&accel, &mut draw, 15.0);
         sweep_and_packets::<f32>(&accel, &mut draw, 15.0);
         #[cfg(target_arch = "x86_64")]
         sweep_and_packets::<crate::lanes::F4>(&accel, &mut draw, 15.0);
         assert!(count < 700 || hits > 300, "{hits} hits of {count}");
+    }
+}
+
+/// Lists of rays find what every primitive tried one by one gives, by whatever instructions.
+fn batches(accel: &Accel, draw: &mut Draw, half: f32) {
+    let rays: Vec<Ray> = (0..900)
+        .map(|i| {
+            let t_max = if i % 3 == 0 { 4.0 } else { f32::MAX };
+            // Many from one place: lists stay long. Some along the axes.
+            let origin = if i % 2 == 0 { Vec3::splat(0.3) } else { draw.cube(half) };
+            let direction = if i % 11 == 0 { [Vec3::X, -Vec3::Y, -Vec3::Z][i / 11 % 3] } else { draw.direction() };
+            Ray { t_max, ..Ray::new(origin, direction) }
+        })
+        .collect();
+    let expected: Vec<Option<Hit>> = rays.iter().map(|ray| accel.closest_by_force(ray)).collect();
+    for count in [0, 1, 17, rays.len()] {
+        let mut batch = RayBatch::new(&rays[..count]);
+        assert!(batch.len() == count && batch.is_empty() == (count == 0));
+        for instructions in Instructions::available() {
+            batch.nearest(accel, instructions);
+            for (k, (ray, expected)) in rays.iter().zip(&expected).take(count).enumerate() {
+                assert_eq!(batch.hit(k), *expected, "{instructions:?}, {ray:?}");
+            }
+            batch.stopped(accel, instructions);
+            for (k, (ray, expected)) in rays.iter().zip(&expected).take(count).enumerate() {
+                assert_eq!(batch.is_stopped(k), expected.is_some(), "{instructions:?}, {ray:?}");
+            }
+        }
     }
 }
 
@@ -234,7 +264,8 @@ fn no_ray_escapes_a_closed_mesh() {
     ] {
         let primitives: Vec<Primitive> = triangles.iter().map(|t| Primitive::Triangle(*t)).collect();
         let accel = Accel::new(&primitives, Vec3::ZERO);
-        let rays = if std::env::var_os("TAUFLOW_SLOW").is_some_and(|v| v == "1") { 2_500_000 } else { 60_000 };
+        let rays = if std::env::var_os("TAUFLOW_SLOW").is_some_and(|v| !v.is_empty()) { 2_500_000 } else { 60_000 };
+        let mut together = Vec::with_capacity(rays);
         for i in 0..rays {
             let origin = center + draw.cube(0.4 * size);
             // Half of the rays aim at shared vertices and edges.
@@ -247,6 +278,19 @@ fn no_ray_escapes_a_closed_mesh() {
             };
             let ray = Ray::new(origin, (target - origin).normalize());
             assert!(accel.closest(&ray).is_some() && accel.occluded(&ray), "{ray:?} of size {size} at {center}");
+            together.push(ray);
+        }
+        // The same by lists, as renders trace them.
+        for rays in together.chunks(4096) {
+            let mut batch = RayBatch::new(rays);
+            for instructions in Instructions::available() {
+                batch.nearest(&accel, instructions);
+                let lost = (0..rays.len()).find(|k| batch.hit(*k).is_none());
+                assert!(lost.is_none(), "{instructions:?}: {lost:?} of size {size} at {center}");
+                batch.stopped(&accel, instructions);
+                let lost = (0..rays.len()).find(|k| !batch.is_stopped(*k));
+                assert!(lost.is_none(), "{instructions:?}: {lost:?} of size {size} at {center}");
+            }
         }
     }
 }

@@ -207,9 +207,14 @@ impl Material {
     }
 
     /// Which kernel shades it.
+    pub(crate) fn kernel(&self) -> Sort {
+        if self.general { Sort::Blend } else { self.sort() }
+    }
+
+    /// What it is.
     pub(crate) fn sort(&self) -> Sort {
         match self.layers.as_slice() {
-            [one] if !self.general => match &one.sort {
+            [one] => match &one.sort {
                 Textured::Diffuse(_) => Sort::Diffuse,
                 Textured::Conductor { .. } => Sort::Metal,
                 Textured::Dielectric { .. } => Sort::Glass,

@@ -2,7 +2,7 @@ use super::*;
 use crate::{
     dispatch::Instructions,
     render::Renderer,
-    scenes::{Built, ball, balls_under_sky, columns, level, room},
+    scenes::{Built, ball, balls_under_sky, columns, everything, level, room},
 };
 use tauflow_data::scene::{Bsdf, Emitter, Geometry, Texture};
 
@@ -12,7 +12,7 @@ fn world(built: &Built) -> World {
 
 #[test]
 fn every_set_of_instructions_has_the_same_bits() {
-    for built in [balls_under_sky(), room()] {
+    for built in [balls_under_sky(), room(), everything()] {
         let world = world(&built);
         let films: Vec<_> = Instructions::available()
             .into_iter()

@@ -5,7 +5,7 @@
 //! shadow ray.
 
 use super::Arrived;
-use crate::lanes::{Real, Triple};
+use crate::lanes::{Mask, Real, Triple};
 
 /// The candidates so far.
 pub(crate) struct Choice<R: Real> {
@@ -14,12 +14,14 @@ pub(crate) struct Choice<R: Real> {
     own: R,
     /// Brightness of all.
     sum: R,
+    /// Candidates whose brightness is not finite.
+    rejected: u64,
 }
 
 impl<R: Real> Choice<R> {
     #[inline(always)]
     pub(crate) fn new() -> Self {
-        Self { kept: Arrived::none(), own: R::one(), sum: R::zero() }
+        Self { kept: Arrived::none(), own: R::one(), sum: R::zero(), rejected: 0 }
     }
 
     /// Takes what is the only candidate.
@@ -32,7 +34,9 @@ impl<R: Real> Choice<R> {
     #[inline(always)]
     pub(crate) fn consider(&mut self, one: Arrived<R>, normal: Triple<R>, number: R) {
         let bright = (one.weight.x + one.weight.y + one.weight.z) * normal.dot(one.direction).max(R::zero());
-        let bright = bright.only(one.valid & bright.finite());
+        let finite = bright.finite();
+        self.rejected += u64::from((one.valid & !finite).bits().count_ones());
+        let bright = bright.only(one.valid & finite);
         self.sum += bright;
         let better = bright.positive() & (number * self.sum).lt(bright);
         let kept = &mut self.kept;
@@ -44,6 +48,11 @@ impl<R: Real> Choice<R> {
         kept.pdf = R::select(better, one.pdf, kept.pdf);
         kept.valid = kept.valid | better;
         self.own = R::select(better, bright, self.own);
+    }
+
+    /// How many candidates were left out for not being finite.
+    pub(crate) fn rejected(&self) -> u64 {
+        self.rejected
     }
 
     /// What was kept of so many candidates, with the weight and the density of all.

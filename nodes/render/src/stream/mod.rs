@@ -163,10 +163,10 @@ impl Stream<'_> {
             self.map_normals(group);
         }
         kernels.textures(self, group);
-        if material.has_smooth() && !world.lights.is_empty() {
+        if self.samples_lights(material) {
             kernels.lights(self, group);
         }
-        kernels.scatter(material.sort(), self, group);
+        kernels.scatter(material.kernel(), self, group);
     }
 }
 

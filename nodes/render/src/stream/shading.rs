@@ -195,7 +195,7 @@ impl<'a> Stream<'a> {
     #[inline(always)]
     pub(crate) fn textures<R: Real>(&mut self, group: &Group) {
         let material = &self.batch.world.materials[group.index];
-        if material.sort() == Sort::Blend {
+        if material.kernel() == Sort::Blend {
             return;
         }
         for (slot, texture) in material.slots().into_iter().enumerate() {
@@ -227,6 +227,11 @@ impl<'a> Stream<'a> {
             *state = self.batch.paths[*id as usize].1.state();
         }
         states
+    }
+
+    /// Whether lights are sampled at a material. What they bring to it is no caustic.
+    pub(super) fn samples_lights(&self, material: &Material) -> bool {
+        material.has_smooth() && !self.batch.world.lights.is_empty() && self.batch.strategy != Strategy::Caustics
     }
 
     /// Among how many samples of lights one is chosen for each vertex: where the camera looks, the choice between the sky
@@ -267,6 +272,7 @@ impl<'a> Stream<'a> {
                     choice.consider(arrived, normal, draw::<R>(&states, first + dimension::CANDIDATE).x);
                 }
             }
+            self.found.rejected += choice.rejected();
             let arrived = choice.made(candidates);
             let rows = &mut self.vertices;
             rows.put(TOWARDS, row, arrived.direction);
@@ -283,10 +289,11 @@ impl<'a> Stream<'a> {
     pub(crate) fn scatter<R: Real, S: Scatter<'a, R>>(&mut self, group: &Group) {
         let world: &'a World = self.batch.world;
         let material: &'a Material = &world.materials[group.index];
-        let lit = material.has_smooth() && !world.lights.is_empty();
+        let lit = self.samples_lights(material);
         let mapped = material.has_normal_map();
         let first = Sampler::vertex(group.depth);
         let candidates = self.candidates(group) as f32;
+        let thin = matches!(material.sort(), Sort::Thin | Sort::Blend);
         let slots = material.slots();
         for at in (group.from..group.end).step_by(R::N) {
             let row = at - group.from;
@@ -352,7 +359,8 @@ impl<'a> Stream<'a> {
                 // A path that has been scattered carries the sign on its index; what bends it then has a density of -1.
                 let last = R::gather(&self.paths.rows[PDF], place);
                 let scattered = eta.lt(R::zero());
-                let straight = wi.dot(self.vertices.row(ARRIVED_BY, row)).gt(R::splat(0.9999));
+                let passed = wi.dot(self.vertices.row(ARRIVED_BY, row)).gt(R::splat(0.9999));
+                let straight = if thin { passed } else { R::Mask::from_bits(0) };
                 let bent = drawn.delta & ((scattered & !straight) | (straight & last.lt(R::zero())));
                 pdf = R::select(bent, R::splat(-1.0), pdf);
                 eta = R::select(drawn.delta, eta, -eta.abs());

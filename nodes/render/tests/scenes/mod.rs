@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 use tauflow_contract::{Digest, KindError};
 use tauflow_data::{
+    Image,
     formats::Mesh,
     scene::{Affine, Bsdf, Camera, Emitter, Geometry, IDENTITY, Rgb, Scene, Shape, Texture},
 };
@@ -121,6 +122,89 @@ pub fn balls_under_sky() -> Built {
     built.sphere([-1.2, 1.0, 0.0], 1.0, red);
     built.mesh(&ball(24), columns([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.2, 1.0, 0.0]), blue);
     built.sky([0.8, 0.9, 1.0]);
+    built
+}
+
+/// Something of everything: a sky of an odd size, a lamp and a spot, textures on spheres and disks, each sort of material,
+/// a blend and a normal map.
+pub fn everything() -> Built {
+    let mut built = Built::new([0.0, 2.0, 7.0], [0.0, 0.8, 0.0], 55.0, 6);
+    let mut image = |width: usize, height: usize, value: &dyn Fn(usize) -> f32| {
+        let data: Vec<f32> = (0..width * height * 3).map(value).collect();
+        let bytes = Image::from_data(width, height, 3, data).expect("fits").to_bytes();
+        let digest = Digest::of(&bytes);
+        built.blobs.insert(digest, bytes);
+        digest
+    };
+    let sky = image(7, 5, &|i| if i == 40 { 60.0 } else { 0.2 + (i % 5) as f32 * 0.1 });
+    let colors = image(5, 3, &|i| 0.1 + (i * 7 % 11) as f32 * 0.07);
+    let bumps = image(3, 3, &|i| [0.55, 0.45, 0.95, 0.4, 0.5, 0.9][i % 6]);
+    let bitmap = |image| Texture::Bitmap {
+        image,
+        uv: [[3.0, 0.5, 0.0], [0.0, 2.0, 0.1]],
+        scale: [1.0; 3],
+        channel: None,
+        clamp: false,
+    };
+    let half = || Texture::scalar(0.5);
+    let painted = built.material(Bsdf::Diffuse { reflectance: bitmap(colors) });
+    let metal = Bsdf::Conductor { eta: [0.2, 0.9, 1.1], k: [3.9, 2.4, 2.2], alpha: 0.2, specular_reflectance: half() };
+    let glass = Bsdf::Dielectric {
+        int_ior: 1.5,
+        ext_ior: 1.0,
+        alpha: 0.0,
+        specular_reflectance: Texture::scalar(1.0),
+        specular_transmittance: Texture::rgb([0.9, 1.0, 0.8]),
+    };
+    let thin = Bsdf::ThinDielectric {
+        int_ior: 1.4,
+        ext_ior: 1.0,
+        specular_reflectance: Texture::scalar(1.0),
+        specular_transmittance: bitmap(colors),
+    };
+    let plastic = Bsdf::Plastic { diffuse_reflectance: bitmap(colors), int_ior: 1.5, ext_ior: 1.0, alpha: 0.1 };
+    let principled = Bsdf::Principled {
+        base_color: bitmap(colors),
+        metallic: half(),
+        roughness: half(),
+        specular: 0.5,
+        spec_trans: Texture::scalar(0.3),
+        clearcoat: 0.5,
+        clearcoat_gloss: 0.8,
+    };
+    let rough = Bsdf::Dielectric {
+        int_ior: 1.33,
+        ext_ior: 1.0,
+        alpha: 0.3,
+        specular_reflectance: Texture::scalar(1.0),
+        specular_transmittance: Texture::scalar(1.0),
+    };
+    let blend = Bsdf::Blend { weight: half(), a: Box::new(metal.clone()), b: Box::new(plastic.clone()) };
+    let mapped = Bsdf::TwoSided {
+        inner: Box::new(Bsdf::NormalMap { map: bitmap(bumps), scale: 0.7, inner: Box::new(plastic.clone()) }),
+    };
+    built.shape(Geometry::Rectangle, level(10.0, [0.0; 3], true), painted);
+    for (k, bsdf) in [metal, glass, thin, plastic, principled, rough, blend, mapped].into_iter().enumerate() {
+        let material = built.material(bsdf);
+        let at = [-3.0 + 0.85 * k as f64, 0.5, 0.4 * (k % 3) as f64];
+        if k % 2 == 0 {
+            built.sphere(at, 0.45, material);
+        } else {
+            let (x, y, z) = ([0.4, 0.0, 0.1], [0.0, 0.4, 0.0], [-0.1, 0.0, 0.4]);
+            built.mesh(&ball(8), columns(x, y, z, at), material);
+        }
+    }
+    let tilted = columns([0.5, 0.0, 0.0], [0.0, 0.35, -0.35], [0.0, 0.35, 0.35], [1.5, 1.8, -0.5]);
+    built.shape(Geometry::Disk, tilted, painted);
+    built.shape(Geometry::Rectangle, level(0.4, [0.0, 3.0, 0.5], false), painted).emission = Some(bitmap(colors));
+    let place = columns([1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [-1.0, 3.5, 0.0]);
+    built.scene.emitters.push(Emitter::Spot {
+        to_world: place,
+        intensity: [9.0; 3],
+        cutoff_angle: 30.0,
+        beam_width: 20.0,
+    });
+    built.scene.emitters.push(Emitter::Envmap { image: sky, scale: 0.7, to_world: IDENTITY });
     built
 }
 

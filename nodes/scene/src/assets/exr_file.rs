@@ -13,7 +13,7 @@ use exr::{
 use std::io::Cursor;
 use tauflow_data::Image;
 
-/// No sound picture says more with a byte: what a header asks for is bound by what the file holds.
+/// What a header may ask for is bound by what the file holds: the best compression of one colour says about as much.
 const MOST_TEXELS_PER_BYTE: usize = 1024;
 
 /// Reads a picture; linear RGB over its display window, row 0 on top, black outside its data window.
@@ -42,12 +42,14 @@ pub fn read(bytes: &[u8]) -> Result<Image, Refusal> {
         if header.deep {
             return Err(Refusal::new("header", "deep data", "flatten the picture"));
         }
-        // The window too: what is outside of the data is black, and takes as much room.
-        for s in [size, window] {
-            if s.width() * s.height() > bytes.len().saturating_mul(MOST_TEXELS_PER_BYTE) {
-                let what = format!("{} bytes for {} x {} texels", bytes.len(), s.width(), s.height());
-                return Err(damaged("header", what));
-            }
+        if size.width() * size.height() > bytes.len().saturating_mul(MOST_TEXELS_PER_BYTE) {
+            let what = format!("{} bytes for {} x {} texels", bytes.len(), size.width(), size.height());
+            return Err(damaged("header", what));
+        }
+        // What is outside of the data is black, and takes as much room.
+        if window.width() * window.height() > bytes.len().saturating_mul(MOST_TEXELS_PER_BYTE) {
+            let what = format!("{} bytes in a window of {} x {} texels", bytes.len(), window.width(), window.height());
+            return Err(Refusal::new("header", what, "crop the display window to the data"));
         }
     }
     let picture = exr_read()

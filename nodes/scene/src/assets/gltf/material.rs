@@ -216,7 +216,7 @@ impl Making<'_, '_, '_> {
         if !(distance > 0.0 && distance.is_finite()) {
             return [1.0; 3];
         }
-        self.report.note("attenuation in a volume is that over its thickness, whatever the way through it");
+        self.report.note("attenuation in a volume is that over its thickness, unscaled, whatever the way through it");
         if volume.get("thicknessTexture").is_some() {
             self.report.note("textures of thickness are left out");
         }
