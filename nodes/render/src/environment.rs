@@ -355,7 +355,7 @@ mod tests {
     #[test]
     fn draws_fall_into_cells_as_the_density_says() {
         const FINE: usize = 24;
-        let suns: [(&str, [usize; 2], [(usize, usize); 2]); 4] = [
+        let suns = [
             ("seam", [16, 9], [(15, 4), (15, 4)]),
             ("pole", [16, 9], [(3, 0), (3, 0)]),
             ("other pole and corner", [12, 7], [(0, 6), (11, 1)]),

@@ -13,7 +13,7 @@ fn samples(built: &Built) -> Vec<Vec<f64>> {
     let world = World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene");
     let renderer = Renderer::new(&world, SIDE, SIDE, 0).expect("a film");
     let mut film = renderer.begin();
-    let mut all = vec![Vec::with_capacity(COUNT); SIDE * SIDE];
+    let mut all = vec![Vec::new(); SIDE * SIDE];
     let mut before = vec![0.0; SIDE * SIDE];
     for n in 1..=COUNT as u64 {
         renderer.advance(&mut film, n, &mut |_| Ok(())).expect("nothing stops it");
