@@ -1,4 +1,4 @@
-//! Lights are sampled as their densities say. With `TAUFLOW_SLOW=1` five times as many draws, and a finer quadrature.
+//! Lights are sampled as their densities say. With `TAUFLOW_SLOW=1` more draws, and a finer quadrature.
 
 use super::*;
 use crate::{
@@ -48,7 +48,7 @@ fn compare(name: &str, built: &Built, p: Vec3, toward: Vec3, near: f64) {
     let vantage = Vantage::<f32> { p: p.into(), error: Vec3::ZERO.into(), normal: Vec3::new(0.0, 1.0, 0.0).into() };
     let slow = std::env::var_os("TAUFLOW_SLOW").is_some_and(|v| !v.is_empty());
     // Draws, and directions of the quadrature along a side of a bin.
-    let (count, fine) = if slow { (1_000_000, 240) } else { (200_000, 80) };
+    let (count, fine) = if slow { (500_000, 160) } else { (200_000, 80) };
     let mut stream = Stream::new(5, &[]).part(name);
     let mut found = vec![0.0; ROWS * COLUMNS + 1];
     for _ in 0..count {
