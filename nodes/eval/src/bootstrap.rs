@@ -4,7 +4,7 @@
 //! replacement and takes all columns of a drawn scene together, so that differences between methods are paired, and the
 //! same draws serve every figure. Knows no metric.
 
-use tauflow_data::{results::Estimate, rng::Stream};
+use tauflow_data::{results::Estimate, rng::Stream, statistics::quantile};
 
 /// Share of the draws below the interval, and above it.
 const TAIL: f64 = 0.025;
@@ -94,25 +94,9 @@ impl Resampled {
     }
 }
 
-/// A quantile of sorted values, linear between neighbours.
-fn quantile(sorted: &[f64], share: f64) -> f64 {
-    let at = share * (sorted.len() - 1) as f64;
-    let below = at.floor() as usize;
-    let above = (below + 1).min(sorted.len() - 1);
-    let part = at - below as f64;
-    sorted[below] * (1.0 - part) + sorted[above] * part
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn quantiles_lie_between_neighbours() {
-        assert_eq!(quantile(&[1.0, 2.0, 4.0], 0.5), 2.0);
-        assert_eq!(quantile(&[1.0, 2.0, 4.0], 0.75), 3.0);
-        assert_eq!((quantile(&[7.0], 0.025), quantile(&[1.0, 3.0], 1.0)), (7.0, 3.0));
-    }
 
     #[test]
     fn intervals_cover_the_truth_as_often_as_they_say() {

@@ -107,14 +107,14 @@ fn measure(ladder: &Ladder, factor: f64) -> Result<Measured, KindError> {
         .chunks_exact(3)
         .map(|rgb| rgb.iter().map(|v| f64::from(*v)).sum::<f64>() * factor * factor / 3.0)
         .collect();
-    let count = pixels.len();
+    // Smallest last, whatever their places: the sum's bits are those of its order.
     pixels.sort_by(|a, b| b.total_cmp(a));
     let total: f64 = pixels.iter().sum();
-    let top: f64 = pixels.iter().take(count.div_ceil(100)).sum();
+    let count = pixels.len();
     Ok(Measured {
         mse,
         variance: total / count as f64,
-        tail_share: if total > 0.0 { top / total } else { 0.0 },
+        tail_share: top_share(pixels),
         mean_path_length: ladder.meta.mean_path_length,
         rejected: ladder.meta.rejected,
     })
@@ -158,8 +158,16 @@ fn row(stratum: &str, counts: &[u64], scenes: &[&Measured]) -> ConvergenceRow {
     }
 }
 
-/// Least squares.
-fn slope(points: &[(f64, f64)]) -> f64 {
+/// Share of the sum that is in the largest 1% of values.
+pub(crate) fn top_share(mut values: Vec<f64>) -> f64 {
+    values.sort_by(|a, b| b.total_cmp(a));
+    let total: f64 = values.iter().sum();
+    let top: f64 = values.iter().take(values.len().div_ceil(100)).sum();
+    if total > 0.0 { top / total } else { 0.0 }
+}
+
+/// Slope by least squares.
+pub(crate) fn slope(points: &[(f64, f64)]) -> f64 {
     let n = points.len() as f64;
     let (x, y) = (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
     let sxy: f64 = points.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();

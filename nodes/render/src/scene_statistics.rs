@@ -1,6 +1,12 @@
 #![doc = include_str!("scene_statistics.md")]
 
-use crate::{accumulator::Accumulator, integrator::Strategy, render::Renderer, world::World};
+use crate::{
+    accumulator::Accumulator,
+    integrator::Strategy,
+    ladder_convergence::{slope, top_share},
+    render::Renderer,
+    world::World,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_contract::{
@@ -161,7 +167,7 @@ impl Measure<'_> {
             caustic_share: caustics.map_or(0.0, share),
             relative_rmse: over((variances(last).iter().sum::<f64>() / last.pixels.len() as f64).sqrt()),
             slope,
-            tail_share: tail(last),
+            tail_share: top_share(variances(last)),
             spp: [spp, held_out],
             rejected: last.rejected,
         })
@@ -201,15 +207,6 @@ fn variances(film: &Accumulator) -> Vec<f64> {
     image.data().chunks_exact(3).map(|rgb| rgb.iter().map(|v| f64::from(*v)).sum::<f64>() / 3.0).collect()
 }
 
-/// Share of variance in the 1% of pixels that vary most.
-fn tail(film: &Accumulator) -> f64 {
-    let mut pixels = variances(film);
-    pixels.sort_by(|a, b| b.total_cmp(a));
-    let total: f64 = pixels.iter().sum();
-    let top: f64 = pixels.iter().take(pixels.len().div_ceil(100)).sum();
-    if total > 0.0 { top / total } else { 0.0 }
-}
-
 /// Slope of log RMSE on log n by least squares, against a reference whose variance is subtracted; -1/2, what the law says,
 /// for scenes without noise.
 fn fit(films: &[Accumulator], reference: &Accumulator) -> f64 {
@@ -226,11 +223,5 @@ fn fit(films: &[Accumulator], reference: &Accumulator) -> f64 {
             (mse > least).then(|| (log(film.count as f64), 0.5 * log(mse)))
         })
         .collect();
-    if points.len() < 3 {
-        return -0.5;
-    }
-    let n = points.len() as f64;
-    let (x, y) = (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
-    let sxy: f64 = points.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
-    sxy / points.iter().map(|p| (p.0 - x) * (p.0 - x)).sum::<f64>()
+    if points.len() < 3 { -0.5 } else { slope(&points) }
 }

@@ -2,14 +2,13 @@
 
 mod scenes;
 
-use scenes::{Built, balls_under_sky, room};
+use scenes::{Built, balls_under_sky, recipe, room};
 use std::{collections::BTreeMap, sync::atomic::AtomicBool};
 use tauflow_contract::{Action, Artifact, Collection, Context, ItemKey, Kind, KindError, MemoryBlobs, Outputs, Silent};
 use tauflow_data::{
     RungCounts,
     convergence::Convergence,
     formats::{Exposure, Verdict, store_scene},
-    scene::Recipe,
 };
 use tauflow_render::{
     ladder_convergence::{LadderConvergence, LadderConvergenceParams},
@@ -36,17 +35,7 @@ impl Bench {
         for bytes in built.blobs.values() {
             ctx.put(bytes).expect("memory");
         }
-        let recipe = Recipe {
-            stratum: "L0-open".into(),
-            index: 0,
-            layout: "by-hand".into(),
-            layout_params: BTreeMap::new(),
-            objects: Vec::new(),
-            environment: "none".into(),
-            side: None,
-            exposure_ev,
-        };
-        store_scene(&ctx, &built.scene, &recipe).expect("memory")
+        store_scene(&ctx, &built.scene, &recipe(exposure_ev)).expect("memory")
     }
 
     fn ladder(&self, scene: &Artifact, rungs: RungCounts) -> Artifact {

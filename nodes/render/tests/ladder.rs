@@ -2,7 +2,7 @@
 
 mod scenes;
 
-use scenes::{Built, balls_under_sky, room};
+use scenes::{Built, balls_under_sky, recipe, room};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::{
@@ -13,25 +13,12 @@ use std::{
 use tauflow_contract::{
     Action, Artifact, Blobs, Context, Digest, Kind, KindError, MemoKey, MemoryBlobs, Progress, Silent,
 };
-use tauflow_data::{Image, Ladder, RungCounts, formats::store_scene, ladder::GBuffer, scene::Recipe};
+use tauflow_data::{Image, Ladder, RungCounts, formats::store_scene, ladder::GBuffer};
 use tauflow_render::{
     ladder_rendering::{LadderRendering, LadderRenderingParams},
     render::{Renderer, render_image},
     world::World,
 };
-
-fn recipe() -> Recipe {
-    Recipe {
-        stratum: "L0-open".into(),
-        index: 0,
-        layout: "by-hand".into(),
-        layout_params: BTreeMap::new(),
-        objects: Vec::new(),
-        environment: "none".into(),
-        side: None,
-        exposure_ev: 0.0,
-    }
-}
 
 /// Remembers how many samples a pixel were rendered.
 #[derive(Default)]
@@ -55,7 +42,7 @@ fn run(
     for bytes in built.blobs.values() {
         ctx.put(bytes).expect("memory");
     }
-    let scene = store_scene(&ctx, &built.scene, &recipe()).expect("memory");
+    let scene = store_scene(&ctx, &built.scene, &recipe(0.0)).expect("memory");
     let action = Action {
         params,
         item: None,
@@ -241,7 +228,7 @@ fn a_run_that_is_stopped_says_so() {
     let ctx = Context::new(&blobs, &Silent, &cancel);
     let built = balls_under_sky();
     built.blobs.values().for_each(|bytes| drop(ctx.put(bytes)));
-    let scene = store_scene(&ctx, &built.scene, &recipe()).expect("memory");
+    let scene = store_scene(&ctx, &built.scene, &recipe(0.0)).expect("memory");
     cancel.store(true, Ordering::Relaxed);
     for group in ["ladder", "gbuffer"] {
         let each = BTreeMap::from([("scenes", &scene)]);

@@ -2,12 +2,12 @@
 
 mod scenes;
 
-use scenes::{Built, floor_point, level, room};
+use scenes::{Built, floor_point, level, recipe, room};
 use std::{collections::BTreeMap, sync::atomic::AtomicBool};
 use tauflow_contract::{Action, Context, Kind, MemoryBlobs, Silent};
 use tauflow_data::{
     formats::store_scene,
-    scene::{Bsdf, Emitter, Geometry, Recipe, Texture},
+    scene::{Bsdf, Emitter, Geometry, Texture},
     statistics::SceneStatistics,
 };
 use tauflow_render::scene_statistics::{SceneStatisticsKind, SceneStatisticsParams};
@@ -18,17 +18,7 @@ fn measure(built: &Built) -> SceneStatistics {
     for bytes in built.blobs.values() {
         ctx.put(bytes).expect("memory");
     }
-    let recipe = Recipe {
-        stratum: "L0-open".into(),
-        index: 0,
-        layout: "by-hand".into(),
-        layout_params: BTreeMap::new(),
-        objects: Vec::new(),
-        environment: "none".into(),
-        side: None,
-        exposure_ev: 0.0,
-    };
-    let scene = store_scene(&ctx, &built.scene, &recipe).expect("memory");
+    let scene = store_scene(&ctx, &built.scene, &recipe(0.0)).expect("memory");
     let params = SceneStatisticsParams { resolution: [8, 8], spp: 2048, ..SceneStatisticsParams::default() };
     let each = BTreeMap::from([("scenes", &scene)]);
     let action = Action { params, item: None, group: "main", seed: 0, each, whole: BTreeMap::new() };

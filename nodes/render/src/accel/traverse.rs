@@ -1,8 +1,8 @@
 //! Traversal by one ray: nearest hit and any hit.
 
-use super::{Accel, Block, Curved, Hit, LEAF, Node, STACK, WIDE};
+use super::{Accel, Block, Hit, LEAF, Node, STACK, WIDE};
 use crate::{
-    geometry::{Ray, Sphere, Walk, gamma, intersect_lanes, intersect_triangle, lane_of, seen_from},
+    geometry::{Ray, Rays, Walk, gamma, intersect_lanes, intersect_triangle, lane_of, seen_from},
     lanes::{Mask, Real},
 };
 use glam::Vec3;
@@ -84,18 +84,16 @@ impl Accel {
     }
 
     /// Hits with what is curved in a block.
-    pub(super) fn improve_curved(&self, block: &Block, origin: Vec3, direction: Vec3, best: &mut Best) {
+    fn improve_curved(&self, block: &Block, origin: Vec3, direction: Vec3, best: &mut Best) {
         let (mut curved, mut index) = (block.curved, block.first_curved as usize);
+        let ray = Rays { origin: origin.to_array().map(|v| [v]), direction: direction.to_array().map(|v| [v]) };
         while curved != 0 {
             let lane = curved.trailing_zeros() as usize % WIDE;
             curved &= curved - 1;
-            let found = match &self.curved[index] {
-                Curved::Sphere { center, radius } => Sphere::intersect(*center, *radius, origin, direction, best.t),
-                Curved::Disk(disk) => disk.intersect(origin, direction, best.t),
-            };
+            let ([t, u, v], met) = self.curved[index].intersect_all(&ray, &[best.t]);
             index += 1;
-            if let Some(found) = found {
-                best.take(found.t, found.u, found.v, block.primitives[lane]);
+            if met[0] {
+                best.take(t[0], u[0], v[0], block.primitives[lane]);
             }
         }
     }

@@ -1,6 +1,6 @@
 //! Disks (and ellipses, by uneven maps), intersected in f64.
 
-use super::{Candidate, Map, Rays, gamma};
+use super::{Map, Rays, gamma};
 use crate::lanes::{Pair, Real, atan2};
 use glam::{DVec3, Vec2, Vec3};
 use tauflow_data::maths;
@@ -48,14 +48,6 @@ impl Disk {
             dual_y: plane.cross(dx) / size,
             plane,
         })
-    }
-
-    /// Meets the disk at a distance in (0, `t_max`]; the hit's u and v are a and b.
-    #[inline]
-    pub fn intersect(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Candidate> {
-        let rays = Rays { origin: origin.to_array().map(|v| [v]), direction: direction.to_array().map(|v| [v]) };
-        let ([t, u, v], met) = self.intersect_all(&rays, &[t_max]);
-        met[0].then_some(Candidate { t: t[0], u: u[0], v: v[0] })
     }
 
     /// Distances of many rays in (0, `t_max`], a and b of the hits, and which of them meet the disk.

@@ -1,6 +1,6 @@
 //! Spheres, intersected in f64.
 
-use super::{Candidate, Map, Rays, gamma};
+use super::{Map, Rays, gamma};
 use crate::lanes::{Pair, Real, Triple, acos, atan2};
 use glam::{DVec3, Vec2, Vec3};
 use tauflow_data::maths;
@@ -37,14 +37,6 @@ impl Sphere {
             return Err(format!("a sphere of radius {radius} at {center}; both must be finite, the radius above 0"));
         }
         Ok(Self { center, radius, axes: columns.map(|c| (c / scale).as_vec3()) })
-    }
-
-    /// Meets a sphere at a distance in (0, `t_max`].
-    #[inline]
-    pub fn intersect(center: Vec3, radius: f32, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Candidate> {
-        let rays = Rays { origin: origin.to_array().map(|v| [v]), direction: direction.to_array().map(|v| [v]) };
-        let (t, met) = Self::intersect_all(center, radius, &rays, &[t_max]);
-        met[0].then_some(Candidate { t: t[0], u: 0.0, v: 0.0 })
     }
 
     /// Distances of many rays in (0, `t_max`], and which of them meet the sphere.

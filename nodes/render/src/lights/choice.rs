@@ -51,6 +51,7 @@ impl<R: Real> Choice<R> {
     }
 
     /// How many candidates were left out for not being finite.
+    #[inline(always)]
     pub(crate) fn rejected(&self) -> u64 {
         self.rejected
     }

@@ -6,7 +6,7 @@ use tauflow_contract::{Digest, KindError};
 use tauflow_data::{
     Image,
     formats::Mesh,
-    scene::{Affine, Bsdf, Camera, Emitter, Geometry, IDENTITY, Rgb, Scene, Shape, Texture},
+    scene::{Affine, Bsdf, Camera, Emitter, Geometry, IDENTITY, Recipe, Rgb, Scene, Shape, Texture},
 };
 
 /// A scene and its blobs.
@@ -234,4 +234,18 @@ pub fn floor_point() -> Built {
     let floor = built.diffuse([0.5; 3]);
     built.shape(Geometry::Rectangle, level(20.0, [0.0; 3], true), floor);
     built
+}
+
+/// The recipe of a scene built by hand.
+pub fn recipe(exposure_ev: f64) -> Recipe {
+    Recipe {
+        stratum: "L0-open".into(),
+        index: 0,
+        layout: "by-hand".into(),
+        layout_params: BTreeMap::new(),
+        objects: Vec::new(),
+        environment: "none".into(),
+        side: None,
+        exposure_ev,
+    }
 }

@@ -5,7 +5,10 @@ use crate::{
     text::{compact, count, fixed},
 };
 use std::{collections::BTreeMap, fmt::Write as _};
-use tauflow_data::{Stratum, statistics::SceneStatistics};
+use tauflow_data::{
+    Stratum,
+    statistics::{SceneStatistics, quantile},
+};
 
 /// The section; none without statistics.
 pub fn section(statistics: &[(String, SceneStatistics)]) -> Option<Section> {
@@ -67,22 +70,12 @@ fn percent(share: f64) -> String {
     format!("{}%", fixed(share * 100.0, digits))
 }
 
-/// A quantile of sorted values, between neighbours.
-fn quantile(sorted: &[f64], share: f64) -> f64 {
-    let at = share * (sorted.len() - 1) as f64;
-    let low = at as usize;
-    let high = (low + 1).min(sorted.len() - 1);
-    sorted[low] + (sorted[high] - sorted[low]) * (at - low as f64)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_are_between_neighbours() {
-        assert_eq!([0.0, 0.5, 1.0].map(|share| quantile(&[1.0, 2.0, 4.0, 8.0], share)), [1.0, 3.0, 8.0]);
-        assert_eq!(quantile(&[5.0], 0.25), 5.0);
+    fn small_shares_keep_a_digit() {
         assert_eq!([percent(0.0), percent(0.004), percent(0.5)], ["0%", "0.4%", "50%"]);
     }
 }

@@ -6,7 +6,7 @@
 
 use crate::{
     small_assets::{Data, folder, glb},
-    support::{json, kind, shared},
+    support::{kind, report_on, shared},
 };
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use serde_json::{Value, json as object};
@@ -16,16 +16,13 @@ use std::{
     collections::BTreeMap,
     fs,
     panic::{AssertUnwindSafe, catch_unwind},
-    sync::atomic::AtomicBool,
     time::{Duration, Instant},
 };
-use tauflow_contract::{Action, Artifact, Blobs, Context, ItemKey, MemoryBlobs, Silent, SourceItem};
 use tauflow_data::{
     Image,
     image_io::{encode_png, write_exr},
     rng::Stream,
 };
-use tauflow_scene::AssetReport;
 
 /// Counts what is allocated, and remembers the most there was.
 struct Counting;
@@ -244,26 +241,10 @@ fn fuzz() {
         let seed = &seeds[draw.below(seeds.len())];
         let bytes = mangle(seed, &seeds[draw.below(seeds.len())], &mut draw);
         let name = format!("mangled.{}", seed.ending);
-        let item = SourceItem { key: ItemKey::new(&name).expect("plain"), files: Vec::new() };
-        let blobs = MemoryBlobs::default();
-        let digest = blobs.put(&bytes).expect("in memory");
-        let file = Artifact::tree("tauflow/files", [("file".to_owned(), digest)]);
-        let cancel = AtomicBool::new(false);
         let before = NOW.get();
         MOST.set(before);
         let from = Instant::now();
-        let done = catch_unwind(AssertUnwindSafe(|| {
-            let action = Action {
-                params: kind.projection(&params)(Some(&item.key), "main"),
-                item: Some(&item.key),
-                group: "main",
-                seed: 0,
-                each: BTreeMap::from([("file", &file)]),
-                whole: BTreeMap::new(),
-            };
-            let outputs = kind.run(&Context::new(&blobs, &Silent, &cancel), &action).expect("a report at least");
-            json::<AssetReport>(&blobs, &outputs.items["reports"], "")
-        }));
+        let done = catch_unwind(AssertUnwindSafe(|| report_on(kind.as_ref(), &params, &name, &bytes)));
         let (took, held) = (from.elapsed(), MOST.get() - before);
         let told = |what: String| -> ! {
             let path = folder("fuzz").join(format!("failed.{}", seed.ending));

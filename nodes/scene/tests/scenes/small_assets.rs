@@ -1,13 +1,13 @@
 //! Small files made here: a GLB of every sort of accessor, maps with broken texels, and files with random damage.
 
-use crate::support::{act, json, kind, shared};
+use crate::support::{act, json, kind, report_on, shared};
 use serde_json::{Value, json as object};
 use std::{
     collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
 };
-use tauflow_contract::{Artifact, Blobs, ItemKey, MemoryBlobs, SourceItem};
+use tauflow_contract::{Artifact, Blobs, MemoryBlobs};
 use tauflow_data::{
     Image,
     formats::Mesh,
@@ -269,10 +269,8 @@ fn maps_with_broken_texels_are_mended_and_counted() {
 
 /// Runs files with bytes changed, dropped or cut off through the kind: no panic, and one line for each that is refused.
 fn damage(name: &str, whole: &[u8], times: usize) {
-    let blobs = MemoryBlobs::default();
     let kind = kind("assets");
     let params = kind.resolve(&object!({ "files": ["unused"], "max_texture": 16 })).expect("fine params");
-    let item = SourceItem { key: ItemKey::new(name).expect("plain"), files: Vec::new() };
     let mut draw = Stream::new(11, &[]).part(name);
     let mut refused = 0;
     for round in 0..times {
@@ -289,20 +287,7 @@ fn damage(name: &str, whole: &[u8], times: usize) {
                 bytes[draw.below(reach)] = draw.bits() as u8;
             }),
         }
-        let digest = blobs.put(&bytes).expect("in memory");
-        let file = Artifact::tree("tauflow/files", [("file".to_owned(), digest)]);
-        let cancel = std::sync::atomic::AtomicBool::new(false);
-        let ctx = tauflow_contract::Context::new(&blobs, &tauflow_contract::Silent, &cancel);
-        let action = tauflow_contract::Action {
-            params: kind.projection(&params)(Some(&item.key), "main"),
-            item: Some(&item.key),
-            group: "main",
-            seed: 0,
-            each: BTreeMap::from([("file", &file)]),
-            whole: BTreeMap::new(),
-        };
-        let outputs = kind.run(&ctx, &action).expect("a report at least");
-        let report: AssetReport = json(&blobs, &outputs.items["reports"], "");
+        let report = report_on(kind.as_ref(), &params, name, &bytes);
         assert_eq!(report.accepted, report.reason.is_none());
         if let Some(line) = report.reason {
             refused += 1;
@@ -313,22 +298,9 @@ fn damage(name: &str, whole: &[u8], times: usize) {
 }
 
 #[test]
-fn damaged_files_never_panic() {
-    let folder = folder("damage");
-    let mut image = Image::new(16, 8, 3);
-    image.data_mut().iter_mut().enumerate().for_each(|(i, v)| *v = i as f32);
-    let path = folder.join("map.exr");
-    write_exr(&path, &[("", &image)]).expect("writable");
-    damage("map.exr", &fs::read(&path).expect("written"), 400);
-    let mut map = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 8\n".to_vec();
-    for _ in 0..2 {
-        map.extend([2, 2, 0, 8, 136, 128, 8, 1, 2, 3, 4, 5, 6, 7, 8, 136, 0, 136, 129]);
-    }
-    damage("map.hdr", &map, 400);
+fn damaged_files_of_draco_never_panic() {
+    // What the fuzz test does more of with smaller files.
     let Some(folder) = shared("gltf") else { return };
-    for (name, times) in
-        [("Box.glb", 400), ("BoxVertexColors.glb", 400), ("glass-table.glb", 200), ("carbon-sphere.glb", 24)]
-    {
-        damage(name, &fs::read(Path::new(&folder).join(name)).expect("a shared file"), times);
-    }
+    let name = "carbon-sphere.glb";
+    damage(name, &fs::read(Path::new(&folder).join(name)).expect("a shared file"), 24);
 }

@@ -2,9 +2,10 @@
 
 use std::{collections::BTreeMap, fs, path::PathBuf, sync::atomic::AtomicBool};
 use tauflow_contract::{
-    Action, Artifact, Collection, Context, ItemKey, KindError, MemoryBlobs, NodeKind, Outputs, Silent, SourceItem,
-    derive_seed,
+    Action, Artifact, Blobs, Collection, Context, ItemKey, KindError, MemoryBlobs, NodeKind, Outputs, Silent,
+    SourceItem, derive_seed,
 };
+use tauflow_scene::AssetReport;
 
 /// A kind of this crate by name.
 pub fn kind(name: &str) -> Box<dyn NodeKind> {
@@ -76,4 +77,22 @@ pub fn source(
 pub fn json<T: serde::de::DeserializeOwned>(blobs: &MemoryBlobs, artifact: &Artifact, part: &str) -> T {
     let cancel = AtomicBool::new(false);
     Context::new(blobs, &Silent, &cancel).json(artifact, part).expect("JSON of its type")
+}
+
+/// What the kind `assets` says of a file of these bytes.
+pub fn report_on(kind: &dyn NodeKind, params: &serde_json::Value, name: &str, bytes: &[u8]) -> AssetReport {
+    let blobs = MemoryBlobs::default();
+    let key = ItemKey::new(name).expect("plain");
+    let file = Artifact::tree("tauflow/files", [("file".to_owned(), blobs.put(bytes).expect("in memory"))]);
+    let cancel = AtomicBool::new(false);
+    let action = Action {
+        params: kind.projection(params)(Some(&key), "main"),
+        item: Some(&key),
+        group: "main",
+        seed: 0,
+        each: BTreeMap::from([("file", &file)]),
+        whole: BTreeMap::new(),
+    };
+    let outputs = kind.run(&Context::new(&blobs, &Silent, &cancel), &action).expect("a report at least");
+    json(&blobs, &outputs.items["reports"], "")
 }
