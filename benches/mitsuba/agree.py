@@ -1,11 +1,12 @@
 """Whether both renderers have the same expectation on every scene of FOLDER; see README.md.
 
-python agree.py FOLDER [--scenes N] [--side 64] [--batches 16] [--most 8192]
+python agree.py FOLDER [--scenes N] [--side 64] [--batches 16] [--most 8192] [--only SCENE ...]
 
 Two-sample tests on means of independent batches: of the image mean, and of 8 x 8 bins. The limits are Sidak's over all
 scenes, and over all bins, at 1% each, with 2e-5 of the value allowed for rounding: if the renderers agree, two runs in a
 hundred name a scene. Samples a batch are quadrupled until the smallest bias of the image mean that would be found (80%
-power) is below 0.3%, or there are as many as allowed.
+power) is below 0.3%, or there are as many as allowed. Where only some scenes are asked for, the limits stay those of all,
+and agree.json keeps what it says of the others.
 """
 
 import argparse
@@ -27,7 +28,10 @@ parser.add_argument("--side", type=int, default=64)
 parser.add_argument("--batches", type=int, default=16)
 parser.add_argument("--reference", type=pathlib.Path, help="writes Mitsuba's means of bins, for the project's tests")
 parser.add_argument("--most", type=int, default=8192, help="samples a pixel and batch at most")
+parser.add_argument("--only", nargs="*", metavar="SCENE", help="these of the scenes, at the limits of all")
 args = parser.parse_args()
+if args.only and args.reference:
+    parser.error("--reference is of all scenes")
 names = both.scenes(args.folder, args.scenes)
 normal = statistics.NormalDist()
 
@@ -62,7 +66,7 @@ digests = {item["item"]: item["digest"] for item in manifest["items"]}
 references = []
 rows, bins_limit, mean_limit = [], limit(len(names) * BINS * BINS), limit(len(names))
 print(f"{len(names)} scenes; limits {mean_limit:.2f} for means, {bins_limit:.2f} for bins")
-for name in names:
+for name in args.only or names:
     spp = 256
     while True:
         report, a = both.ours(args.folder, name, args.side, spp, args.batches)
@@ -91,7 +95,11 @@ for name in names:
         f"worst bin {worst:.2f}  {'agrees' if row['agrees'] else 'DIFFERS'}",
         flush=True,
     )
-(args.folder / "agree.json").write_text(json.dumps(rows, indent=1))
+table = args.folder / "agree.json"
+if args.only:
+    again = {row["scene"]: row for row in rows}
+    rows = [again.get(row["scene"], row) for row in json.loads(table.read_text())]
+table.write_text(json.dumps(rows, indent=1))
 if args.reference:
     head = f'{{"mitsuba": "3.9.1", "batches": {args.batches}, "side": {args.side}, "scenes": [\n'
     lines = ",\n".join(json.dumps(reference, separators=(",", ":")) for reference in references)
