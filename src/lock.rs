@@ -1,8 +1,7 @@
 //! Lock files: the content of every reproducible output of a pipeline, to hold later runs, and other machines, against.
 //!
 //! `<pipeline>.lock` lies beside the pipeline's file, `<pipeline>.<profile>.lock` for a profile. What is measured, and what is
-//! made from it, is named there as left out; what depends on the processor's instruction sets is compared on such a processor
-//! alone.
+//! made from it, is named there as left out.
 
 use crate::engine::event::OutputOf;
 use serde::{Deserialize, Serialize};
@@ -20,14 +19,9 @@ use tauflow_contract::{Determinism, Digest};
 pub struct Lock {
     /// The pipeline.
     pub pipeline: String,
-    /// The widest instruction set of the processor that wrote it.
-    pub processor: String,
     /// Contents that are the same everywhere, by output.
     #[serde(default)]
     pub bitwise: BTreeMap<String, Digest>,
-    /// Contents that are the same on such a processor.
-    #[serde(default)]
-    pub by_processor: BTreeMap<String, Digest>,
     /// Outputs that are measured, or made from what is.
     #[serde(default)]
     pub left_out: BTreeSet<String>,
@@ -38,8 +32,6 @@ pub struct Lock {
 pub struct Differences {
     /// An output, its content in the lock and now; none where it is not there.
     pub outputs: Vec<(String, Option<Digest>, Option<Digest>)>,
-    /// The processors, if they differ: outputs that depend on it were not compared then.
-    pub processors: Option<(String, String)>,
     /// Outputs that were compared and are equal.
     pub equal: usize,
 }
@@ -69,22 +61,6 @@ pub enum LockError {
     },
 }
 
-/// The widest instruction set, of those that numerical code asks for, that this processor has.
-pub fn processor() -> &'static str {
-    #[cfg(target_arch = "x86_64")]
-    {
-        if std::arch::is_x86_feature_detected!("avx512f") {
-            return "avx512";
-        }
-        if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma") {
-            return "avx2";
-        }
-        "sse2"
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    std::env::consts::ARCH
-}
-
 /// Where the lock of a pipeline's file and profile lies.
 pub fn path_of(pipeline: &Path, profile: Option<&str>) -> PathBuf {
     match profile {
@@ -94,16 +70,13 @@ pub fn path_of(pipeline: &Path, profile: Option<&str>) -> PathBuf {
 }
 
 impl Lock {
-    /// Of a run's outputs, on this processor.
+    /// Of a run's outputs.
     pub fn of(pipeline: &str, outputs: &[OutputOf]) -> Self {
-        let mut lock = Self { pipeline: pipeline.into(), processor: processor().into(), ..Self::default() };
+        let mut lock = Self { pipeline: pipeline.into(), ..Self::default() };
         for output in outputs {
             match (output.determinism, output.digest) {
                 (Determinism::Bitwise, Some(digest)) => {
                     lock.bitwise.insert(output.name.clone(), digest);
-                }
-                (Determinism::Processor, Some(digest)) => {
-                    lock.by_processor.insert(output.name.clone(), digest);
                 }
                 (Determinism::Measured, _) => {
                     lock.left_out.insert(output.name.clone());
@@ -154,16 +127,12 @@ impl Lock {
              # `tauflow run PIPELINE --locked` compares.\n",
         );
         let quoted = |name: &str| serde_json::to_string(name).expect("a text serialises");
-        let _ = writeln!(text, "pipeline: {}\nprocessor: {}", quoted(&self.pipeline), self.processor);
-        let tables = [
-            ("bitwise", "the same everywhere", &self.bitwise),
-            ("by_processor", "the same on processors like this one", &self.by_processor),
-        ];
-        for (name, what, table) in tables.into_iter().filter(|(_, _, table)| !table.is_empty()) {
-            let _ = writeln!(text, "{name}: # {what}");
-            for (output, digest) in table {
+        let _ = writeln!(text, "pipeline: {}", quoted(&self.pipeline));
+        if !self.bitwise.is_empty() {
+            text.push_str("bitwise: # the same everywhere\n");
+            self.bitwise.iter().for_each(|(output, digest)| {
                 let _ = writeln!(text, "  {}: {digest}", quoted(output));
-            }
+            });
         }
         if !self.left_out.is_empty() {
             text.push_str("left_out: # measured, or made from what is\n");
@@ -177,21 +146,13 @@ impl Lock {
     /// Compares what a run gave now.
     pub fn compare(&self, now: &Self) -> Differences {
         let mut found = Differences::default();
-        let mut tables = vec![(&self.bitwise, &now.bitwise)];
-        if self.processor == now.processor {
-            tables.push((&self.by_processor, &now.by_processor));
-        } else {
-            found.processors = Some((self.processor.clone(), now.processor.clone()));
-        }
-        for (before, now) in tables {
-            let names: BTreeSet<&String> = before.keys().chain(now.keys()).collect();
-            for name in names {
-                let (was, is) = (before.get(name).copied(), now.get(name).copied());
-                if was == is {
-                    found.equal += 1;
-                } else {
-                    found.outputs.push((name.clone(), was, is));
-                }
+        let names: BTreeSet<&String> = self.bitwise.keys().chain(now.bitwise.keys()).collect();
+        for name in names {
+            let (was, is) = (self.bitwise.get(name).copied(), now.bitwise.get(name).copied());
+            if was == is {
+                found.equal += 1;
+            } else {
+                found.outputs.push((name.clone(), was, is));
             }
         }
         found
@@ -210,7 +171,7 @@ mod tests {
         };
         let outputs = [
             output("scenes.scenes", Determinism::Bitwise, "a"),
-            output("solvers[loss=l1, x=\"2\"].model", Determinism::Processor, "b"),
+            output("solvers[loss=l1, x=\"2\"].model", Determinism::Bitwise, "b"),
             output("solvers.timing", Determinism::Measured, "c"),
         ];
         Lock::of("p", &outputs)
@@ -229,13 +190,12 @@ mod tests {
     }
 
     #[test]
-    fn what_depends_on_the_processor_is_compared_on_such_a_processor() {
+    fn what_differs_or_is_gone_is_found_and_measurements_are_not_compared() {
         let (before, mut now) = (lock(), lock());
-        now.by_processor.values_mut().for_each(|digest| *digest = Digest::of(b"other"));
-        assert_eq!((before.compare(&now).outputs.len(), before.compare(&now).equal), (1, 1));
-        now.processor = "z80".into();
+        assert!(before.left_out.contains("solvers.timing"));
+        *now.bitwise.get_mut("scenes.scenes").expect("it is there") = Digest::of(b"other");
         let found = before.compare(&now);
-        assert!(found.outputs.is_empty() && found.processors.is_some());
+        assert_eq!((found.outputs.len(), found.equal, found.outputs[0].0.as_str()), (1, 1, "scenes.scenes"));
         now.bitwise.clear();
         assert_eq!(before.compare(&now).outputs[0].2, None);
     }

@@ -109,7 +109,6 @@ pub fn page(kind: &dyn NodeKind) -> String {
         }
         match port.determinism {
             Determinism::Bitwise => {}
-            Determinism::Processor => notes.push("by processor"),
             Determinism::Measured => notes.push("measured"),
         }
         if port.publish {

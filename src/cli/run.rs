@@ -138,9 +138,6 @@ fn tell_differences(before: &Lock, now: &Lock, args: &RunArgs) -> bool {
         outln!("{}", json!({ "event": "locked", "of": found }));
     }
     let path = args.lock_path();
-    if let Some((theirs, ours)) = &found.processors {
-        eprintln!("{} was written on {theirs}, this is {ours}: what depends on that is not compared", path.display());
-    }
     for (output, was, is) in &found.outputs {
         match (was, is) {
             (Some(was), Some(is)) => eprintln!("`{output}` is {is}; in the lock it is {was}"),

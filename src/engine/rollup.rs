@@ -242,7 +242,6 @@ pub fn outputs(pipeline: &Pipeline, lanes: &[Lane], scheduler: &Scheduler<'_>) -
     let mut read = vec![Determinism::Bitwise; lanes.len()];
     let weaker = |a: Determinism, b: Determinism| match (a, b) {
         (Determinism::Measured, _) | (_, Determinism::Measured) => Determinism::Measured,
-        (Determinism::Processor, _) | (_, Determinism::Processor) => Determinism::Processor,
         _ => Determinism::Bitwise,
     };
     for (at, lane) in lanes.iter().enumerate() {

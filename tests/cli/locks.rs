@@ -37,7 +37,7 @@ fn a_profile_has_a_lock_of_its_own_and_overrides_have_none() {
     assert!(place.path("small.more.lock").is_file() && !place.path("small.lock").exists());
     let set = place.tauflow(&["run", "small.yaml", "--set", "scenes.pool=9", "--locked"]).ends(2);
     assert!(set.err.contains("leave --set and --target away"), "{}", set.err);
-    place.write("small.more.lock", "pipeline: small\nprocessor: none\nbitwise: [1]\n");
+    place.write("small.more.lock", "pipeline: small\nbitwise: [1]\n");
     let damaged = place.tauflow(&["run", "small.yaml", "--profile", "more", "--locked"]).ends(2);
     assert!(damaged.err.contains("small.more.lock is no lock file"), "{}", damaged.err);
 }

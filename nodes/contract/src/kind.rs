@@ -32,9 +32,6 @@ pub enum Feed {
 pub enum Determinism {
     /// The same bits.
     Bitwise,
-    /// The same bits on a processor with the same instruction sets, which is what matrix products of learning give; what is
-    /// made from it is so, too.
-    Processor,
     /// A measurement, such as a time; taints what is made from it.
     Measured,
 }
@@ -94,12 +91,6 @@ impl OutputPort {
     /// The same port, as a measurement.
     pub const fn measured(mut self) -> Self {
         self.determinism = Determinism::Measured;
-        self
-    }
-
-    /// The same port, with bits that depend on the processor's instruction sets.
-    pub const fn by_processor(mut self) -> Self {
-        self.determinism = Determinism::Processor;
         self
     }
 

@@ -32,7 +32,7 @@ const INPUTS: &[InputPort] = &[
     InputPort::whole("local_velocity", MODEL, "A solver of parameterization local_velocity: one."),
 ];
 const OUTPUTS: &[OutputPort] =
-    &[OutputPort::new("steps", REFINED, "The images at every stop, and the clock in `bridge.json`.").by_processor()];
+    &[OutputPort::new("steps", REFINED, "The images at every stop, and the clock in `bridge.json`.")];
 
 impl Kind for BridgeRefinement {
     type Params = BridgeRefinementParams;
@@ -40,7 +40,7 @@ impl Kind for BridgeRefinement {
     fn spec() -> KindSpec {
         KindSpec {
             name: "bridge_refinement",
-            version: 1,
+            version: 2,
             summary: "Moves endpoints to stops between the training rungs.",
             manual: include_str!("bridge_refinement.md"),
             mode: Mode::Map,

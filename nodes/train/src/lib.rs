@@ -16,7 +16,7 @@ pub use network::Preset;
 pub use parameterization::{Conditioning, Parameterization, Space, signed_log1p};
 pub use refinement::{Refinement, RefinementParams};
 pub use rollout::{Course, Denoiser, bridge_stop, local_steps, rollout, rollout_to};
-pub use training::{Decay, Training, TrainingParams};
+pub use training::{Decay, Training, TrainingParams, timing};
 
 use tauflow_contract::{KindRow, NodeKind};
 

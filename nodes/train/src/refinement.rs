@@ -44,8 +44,7 @@ const INPUTS: &[InputPort] = &[
     InputPort::each("endpoints", PACKED, "The scenes whose endpoints are refined."),
     InputPort::whole("model", MODEL, "The trained solver: one."),
 ];
-const OUTPUTS: &[OutputPort] =
-    &[OutputPort::new("refined", REFINED, "One image for each number of model calls.").by_processor()];
+const OUTPUTS: &[OutputPort] = &[OutputPort::new("refined", REFINED, "One image for each number of model calls.")];
 
 impl Kind for Refinement {
     type Params = RefinementParams;
@@ -53,7 +52,7 @@ impl Kind for Refinement {
     fn spec() -> KindSpec {
         KindSpec {
             name: "refinement",
-            version: 1,
+            version: 2,
             summary: "Refines endpoints with a trained solver in any number of steps.",
             manual: include_str!("refinement.md"),
             mode: Mode::Map,

@@ -4,6 +4,7 @@ mod batches;
 mod checkpoint;
 mod optimiser;
 mod record;
+pub mod timing;
 mod trainer;
 
 pub use optimiser::Decay;
@@ -31,7 +32,7 @@ use tauflow_data::{
 use trainer::Trainer;
 
 /// Raised with every change of what a training computes: neither results nor checkpoints of before count then.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// The kind `training`.
 pub struct Training;
@@ -117,8 +118,8 @@ const INPUTS: &[InputPort] = &[
     InputPort::whole("test", PACKED, "Scenes whose loss is written down, never learned from.").or_none(),
 ];
 const OUTPUTS: &[OutputPort] = &[
-    OutputPort::new("model", MODEL, "The averaged weights.").by_processor(),
-    OutputPort::new("log", JSON, "The loss curve.").by_processor(),
+    OutputPort::new("model", MODEL, "The averaged weights."),
+    OutputPort::new("log", JSON, "The loss curve."),
     OutputPort::new("timing", JSON, "Time of a step.").measured(),
 ];
 

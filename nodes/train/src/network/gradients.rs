@@ -1,16 +1,15 @@
 //! Tests of the operators and of the whole network: gradients against central differences.
 
 use super::{
-    conv, features,
+    features,
     head::{self, Basis},
-    matrix::{Matrix, multiply},
-    norm, shuffle,
+    layers,
     unet::{Preset, Unet},
 };
 use crate::parameterization::{Parameterization, Space};
 use burn::tensor::{Device, Tensor, TensorData};
 use std::sync::Arc;
-use tauflow_data::{maths, rng::Stream, time::VarianceTime};
+use tauflow_data::{rng::Stream, time::VarianceTime};
 
 fn numbers(seed: u64, size: usize) -> Vec<f32> {
     let mut stream = Stream::new(seed, &[]);
@@ -80,61 +79,23 @@ fn flat(t: &Tensor<4>) -> Tensor<2> {
 }
 
 #[test]
-fn products_of_matrices_and_their_transposes() {
-    let (a, b) = ([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [1.0, 0.0, -1.0, 2.0, 0.5, 1.0]);
-    let mut out = [0.0; 4];
-    multiply(&mut out, Matrix::new(&a, 3), Matrix::new(&b, 2), false);
-    assert_eq!(out, [0.5, 7.0, 2.0, 16.0]);
-    // a' = [[1, 3, 5], [2, 4, 6]] of rows of two; b' likewise [[1, -1, 0.5], [0, 2, 1]]; a' b'' = the sum added.
-    multiply(&mut out, Matrix::new(&a, 2).transposed(), Matrix::new(&b, 2), true);
-    assert_eq!(out, [0.5 + 0.5, 7.0 + 11.0, 2.0 + 1.0, 16.0 + 14.0]);
-}
-
-#[test]
-fn convolution_is_what_it_says() {
-    let (h, w, c, o) = (5, 7, 3, 4);
-    let (x, kernel, bias) = (numbers(1, 2 * h * w * c), numbers(2, 9 * c * o), numbers(3, o));
-    let device = Device::flex();
-    let out = conv::conv3(
-        tensor(&x, [2, h, w, c], &device),
-        tensor(&kernel, [9 * c, o], &device),
-        tensor(&bias, [1, o], &device),
-    );
-    let out = out.into_data().try_into_vec::<f32>().expect("f32");
-    for (i, found) in out.iter().enumerate() {
-        let (output, x_at, y_at, image) = (i % o, i / o % w, i / (o * w) % h, i / (o * w * h));
-        let mut expected = f64::from(bias[output]);
-        for tap in 0..9 {
-            let (sx, sy) = ((x_at + tap % 3).wrapping_sub(1), (y_at + tap / 3).wrapping_sub(1));
-            if sx < w && sy < h {
-                for input in 0..c {
-                    let value = x[((image * h + sy) * w + sx) * c + input];
-                    expected += f64::from(value) * f64::from(kernel[(tap * c + input) * o + output]);
-                }
-            }
-        }
-        assert!((f64::from(*found) - expected).abs() < 1e-5, "{i}: {found} {expected}");
-    }
-}
-
-#[test]
 fn gradients_of_convolutions() {
     let inputs =
         [(numbers(1, 2 * 6 * 5 * 3), vec![2, 6, 5, 3]), (numbers(2, 27 * 4), vec![27, 4]), (numbers(3, 4), vec![1, 4])];
-    check(&inputs, |t| conv::conv3(t[0].clone(), flat(&t[1]), flat(&t[2])));
+    check(&inputs, |t| layers::conv3(t[0].clone(), flat(&t[1]), flat(&t[2])));
     let inputs = [
         (numbers(1, 2 * 20 * 30 * 3), vec![2, 20, 30, 3]),
         (numbers(2, 3 * 4), vec![3, 4]),
         (numbers(3, 4), vec![1, 4]),
     ];
-    check(&inputs, |t| conv::linear(t[0].clone(), flat(&t[1]), flat(&t[2])));
+    check(&inputs, |t| layers::linear(t[0].clone(), flat(&t[1]), flat(&t[2])));
 }
 
 #[test]
 fn gradients_of_normalisation() {
     let inputs = [(numbers(1, 2 * 4 * 5 * 16), vec![2, 4, 5, 16]), (numbers(2, 2 * 32), vec![2, 32])];
-    check(&inputs, |t| norm::norm_silu(t[0].clone(), flat(&t[1])));
-    check(&inputs[..1], |t| norm::silu(t[0].clone()));
+    check(&inputs, |t| layers::norm_silu(t[0].clone(), flat(&t[1])));
+    check(&inputs[..1], |t| layers::silu(t[0].clone()));
 }
 
 #[test]
@@ -144,7 +105,7 @@ fn normalised_values_have_no_mean_and_unit_variance() {
     let device = Device::flex();
     // A shift of 20 puts SiLU where it is the identity.
     let modulation: Vec<f32> = (0..2).flat_map(|_| [vec![0.0; c], vec![20.0; c]].concat()).collect();
-    let out = norm::norm_silu(tensor(&x, [2, 8, 8, 8], &device), tensor(&modulation, [2, 2 * c], &device));
+    let out = layers::norm_silu(tensor(&x, [2, 8, 8, 8], &device), tensor(&modulation, [2, 2 * c], &device));
     let out = out.into_data().try_into_vec::<f32>().expect("f32");
     for image in out.chunks_exact(size / 2) {
         let mean = image.iter().map(|v| f64::from(*v) - 20.0).sum::<f64>() / image.len() as f64;
@@ -154,29 +115,18 @@ fn normalised_values_have_no_mean_and_unit_variance() {
 }
 
 #[test]
-fn exp_is_exp() {
-    for i in -8600..8600 {
-        let x = i as f32 * 0.01;
-        let expected = maths::exp(f64::from(x));
-        let error = (f64::from(norm::exp(x)) - expected).abs() / expected;
-        assert!(error < 3e-7, "exp {x}: {} {expected}", norm::exp(x));
-    }
-    assert!(norm::exp(-1e9) < 1e-37 && norm::exp(1e9).is_finite());
-}
-
-#[test]
 fn folding_is_undone_and_moves_gradients() {
     let values = numbers(1, 2 * 4 * 6 * 3);
     let device = Device::flex();
-    let folded = shuffle::fold(tensor(&values, [2, 4, 6, 3], &device));
+    let folded = layers::fold(tensor(&values, [2, 4, 6, 3], &device));
     assert_eq!(folded.dims(), [2, 2, 3, 12]);
     let first = folded.clone().into_data().try_into_vec::<f32>().expect("f32");
     // The first small pixel: two pixels of the first row, then two of the second.
     assert_eq!(first[..6], values[..6]);
     assert_eq!(first[6..12], values[18..24]);
-    assert_eq!(shuffle::unfold(folded).into_data().try_into_vec::<f32>().expect("f32"), values);
-    check(&[(values, vec![2, 4, 6, 3])], |t| shuffle::fold(t[0].clone()));
-    check(&[(numbers(2, 2 * 2 * 3 * 8), vec![2, 2, 3, 8])], |t| shuffle::unfold(t[0].clone()));
+    assert_eq!(layers::unfold(folded).into_data().try_into_vec::<f32>().expect("f32"), values);
+    check(&[(values, vec![2, 4, 6, 3])], |t| layers::fold(t[0].clone()));
+    check(&[(numbers(2, 2 * 2 * 3 * 8), vec![2, 2, 3, 8])], |t| layers::unfold(t[0].clone()));
 }
 
 #[test]
@@ -239,7 +189,7 @@ fn an_operator_refuses_to_mix_devices() {
     let mixed = std::panic::catch_unwind(|| {
         let x = tensor(&[1.0, 2.0], [1, 2], &Device::flex().autodiff());
         let kernel = tensor(&[1.0, 2.0], [2, 1], &Device::flex());
-        conv::linear(x, kernel.clone(), kernel.slice([0..1, 0..1]))
+        layers::linear(x, kernel.clone(), kernel.slice([0..1, 0..1]))
     });
     assert!(mixed.is_err());
 }

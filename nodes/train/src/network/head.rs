@@ -1,8 +1,9 @@
 //! The two ends of the network that are not learned: what the last layer's numbers mean, and the loss.
 
-use super::op::{Operator, apply};
+use super::op::apply;
 use burn::tensor::Tensor;
 use std::sync::Arc;
+use tauflow_ops::Operator;
 
 /// Channels that the last layer has for the three of an image.
 pub(crate) const RAW: usize = 6;

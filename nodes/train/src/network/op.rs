@@ -1,9 +1,7 @@
-//! Operators of our own in burn's autodiff graph: a forward and a backward pass over plain slices.
+//! Operators over plain slices in burn's autodiff graph.
 //!
 //! burn's stock convolution spends most of a training step in its weight gradient, and normalisation takes a pass for
-//! each elementary operation; the network's heavy operators are therefore written out here and in the modules beside it.
-//! Every sum is taken in an order that depends on shapes alone, so that results have the same bits on any number of
-//! threads. Knows nothing of networks.
+//! each elementary operation; the network's heavy operators are therefore those of `tauflow-ops`. Knows nothing of networks.
 
 use burn::{
     backend::{
@@ -18,19 +16,7 @@ use burn::{
     },
     tensor::{Tensor, TensorData},
 };
-use std::fmt::Debug;
-
-/// A differentiable operator of `N` inputs and one output, all contiguous f32.
-pub(crate) trait Operator<const N: usize>: Clone + Send + Debug + 'static {
-    /// What the forward pass keeps for the backward pass beside the inputs.
-    type Saved: Clone + Send + Debug + 'static;
-
-    /// The output of these inputs.
-    fn forward(&self, inputs: [&[f32]; N]) -> (Vec<f32>, Self::Saved);
-
-    /// The gradients of the inputs that are `wanted`; the others may be empty.
-    fn backward(&self, inputs: [&[f32]; N], saved: &Self::Saved, gradient: &[f32], wanted: [bool; N]) -> [Vec<f32>; N];
-}
+use tauflow_ops::Operator;
 
 /// A tensor's primitive, with or without its place in a graph.
 pub(crate) enum Input {

@@ -4,10 +4,8 @@
 //! than at full resolution; the last layer unfolds again.
 
 use super::{
-    conv::{conv3, linear},
     head::{Basis, RAW, expand},
-    norm::{norm_silu, silu},
-    shuffle::{fold, unfold},
+    layers::{conv3, fold, linear, norm_silu, silu, unfold},
     weights::{Slots, Start},
 };
 use burn::tensor::Tensor;

@@ -6,6 +6,7 @@ use crate::network::weights::Weights;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_data::maths;
+use tauflow_ops::{Adam, square_sum};
 
 const EPSILON: f64 = 1e-8;
 
@@ -73,8 +74,7 @@ impl Optimised {
 
     /// One step along `gradient`; returns the norm that it had.
     pub(crate) fn update(&mut self, rates: &Rates, gradient: &Weights) -> f64 {
-        let square = |values: &Vec<f32>| values.iter().map(|g| f64::from(*g) * f64::from(*g)).sum::<f64>();
-        let norm = gradient.0.iter().map(square).sum::<f64>().sqrt();
+        let norm = gradient.0.iter().map(|values| square_sum(values)).sum::<f64>().sqrt();
         let clip = if norm > rates.clip { (rates.clip / norm) as f32 } else { 1.0 };
         let [b1, b2] = rates.betas;
         let count = (self.step + 1) as f64;
@@ -82,16 +82,11 @@ impl Optimised {
         let corrected = (1.0 - maths::pow(b2, count)).sqrt();
         let rate = (rates.at(self.step) * corrected / (1.0 - maths::pow(b1, count))) as f32;
         let epsilon = (EPSILON * corrected) as f32;
-        let (b1, b2, keep) = (b1 as f32, b2 as f32, rates.keep(self.step) as f32);
+        let betas = [b1 as f32, b2 as f32];
+        let adam = Adam { clip, betas, rate, epsilon, keep: rates.keep(self.step) as f32 };
         let matrices = self.weights.0.iter_mut().zip(&mut self.average.0).zip(&mut self.first.0);
         for ((((weights, average), first), second), gradient) in matrices.zip(&mut self.second.0).zip(&gradient.0) {
-            for i in 0..gradient.len() {
-                let g = gradient[i] * clip;
-                first[i] = b1 * first[i] + (1.0 - b1) * g;
-                second[i] = b2 * second[i] + (1.0 - b2) * g * g;
-                weights[i] -= rate * first[i] / (second[i].sqrt() + epsilon);
-                average[i] = keep * average[i] + (1.0 - keep) * weights[i];
-            }
+            adam.update(weights, average, [first, second], gradient);
         }
         self.step += 1;
         norm

@@ -1,33 +1,30 @@
 //! Moving 2x2 blocks of pixels into channels and back.
 
-use super::op::{Operator, apply};
-use burn::tensor::Tensor;
+use crate::{fresh::filled, operator::Operator};
+use std::mem::MaybeUninit;
 
-/// [N, H, W, C] to [N, H/2, W/2, 4 C].
-pub(crate) fn fold(x: Tensor<4>) -> Tensor<4> {
-    let [images, height, width, channels] = x.dims();
-    let shape = [images, height / 2, width / 2, 4 * channels];
-    apply(Fold { width, channels, back: false }, [x.into()], shape)
-}
-
-/// [N, H, W, 4 C] to [N, 2 H, 2 W, C]: the inverse of [`fold`].
-pub(crate) fn unfold(x: Tensor<4>) -> Tensor<4> {
-    let [images, height, width, channels] = x.dims();
-    let shape = [images, 2 * height, 2 * width, channels / 4];
-    apply(Fold { width: 2 * width, channels: channels / 4, back: true }, [x.into()], shape)
-}
-
+/// [N, H, W, C] to [N, H/2, W/2, 4 C], or back: a small pixel is its two upper, then its two lower pixels.
 #[derive(Clone, Debug)]
-struct Fold {
-    /// Width and channels of the large image.
-    width: usize,
-    channels: usize,
-    back: bool,
+pub struct Fold {
+    /// Width of the large image.
+    pub width: usize,
+    /// Channels of the large image.
+    pub channels: usize,
+    /// From the small image to the large one.
+    pub back: bool,
 }
 
 impl Fold {
     fn moved(&self, from: &[f32], back: bool) -> Vec<f32> {
-        let mut to = vec![0.0; from.len()];
+        assert!(
+            self.width.is_multiple_of(2) && from.len().is_multiple_of(2 * self.width * self.channels),
+            "even sides"
+        );
+        // SAFETY: every pixel of the one image has its place in the other.
+        unsafe { filled(from.len(), |to| self.move_to(to, from, back)) }
+    }
+
+    fn move_to(&self, to: &mut [MaybeUninit<f32>], from: &[f32], back: bool) {
         let (row, pair) = (self.width * self.channels, 2 * self.channels);
         // Two rows of the large image are one row of the small one; a small pixel is its two upper, then lower pixels.
         for (from, to) in from.chunks_exact(2 * row).zip(to.chunks_exact_mut(2 * row)) {
@@ -35,11 +32,10 @@ impl Fold {
                 for y in 0..2 {
                     let (large, small) = (y * row + x * pair, x * 2 * pair + y * pair);
                     let (source, target) = if back { (small, large) } else { (large, small) };
-                    to[target..target + pair].copy_from_slice(&from[source..source + pair]);
+                    to[target..target + pair].write_copy_of_slice(&from[source..source + pair]);
                 }
             }
         }
-        to
     }
 }
 

@@ -1,23 +1,17 @@
 //! Sums whose order depends on shapes alone.
 
+use crate::instructions::wide;
+
 /// Rows that are summed in f32 before they go into the total in f64.
 const RUN: usize = 64;
 
-/// The sum of equally long parts, in their order.
-pub(crate) fn parts(parts: Vec<Vec<f32>>) -> Vec<f32> {
-    let mut parts = parts.into_iter();
-    let mut total = parts.next().unwrap_or_default();
-    for part in parts {
-        for (total, part) in total.iter_mut().zip(part) {
-            *total += part;
-        }
-    }
-    total
-}
-
 /// Sums of each column of rows of `columns` values.
 pub(crate) fn columns(data: &[f32], columns: usize) -> Vec<f32> {
-    by_column(data, columns, |_, value| value).into_iter().map(|v| v as f32).collect()
+    let sums = wide(
+        #[inline(always)]
+        || by_column(data, columns, |_, value| value),
+    );
+    sums.into_iter().map(|v| v as f32).collect()
 }
 
 /// Sums of `f(column, value)` over the rows.
@@ -45,7 +39,6 @@ mod tests {
 
     #[test]
     fn long_sums_keep_their_small_parts() {
-        assert_eq!(parts(vec![vec![1.0, 2.0], vec![3.0, 4.0]]), [4.0, 6.0]);
         let data: Vec<f32> = (0..200_000).map(|i| if i % 2 == 0 { 0.1 } else { 1.0 }).collect();
         let sums = columns(&data, 2);
         assert!((sums[0] - 10_000.0).abs() < 0.01 && sums[1] == 100_000.0, "{sums:?}");

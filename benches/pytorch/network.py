@@ -1,0 +1,173 @@
+"""Our network and PyTorch's version of it, one after the other: a training step and a prediction; see README.md.
+
+python network.py [--presets tiny small base] [--threads 1 2] [--rounds 5]
+
+PyTorch runs in both of its memory layouts, and the faster one counts. Both sides do forward and backward pass, a clip of the
+gradient's norm, Adam and the average of the weights, on 64 x 64 crops with G-buffers; predictions are of a 256 x 256 image.
+Each round runs every program once in a process of its own; figures are medians over the rounds of medians in a round.
+"""
+
+import argparse
+import json
+import os
+import pathlib
+import statistics
+import subprocess
+import sys
+import time
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+PLANS = {"tiny": ([32, 64, 96], 1, 1, 64), "small": ([48, 96, 160], 1, 2, 128), "base": ([96, 192, 384], 2, 2, 256)}
+BATCH = {"tiny": 8, "small": 4, "base": 4}
+STEPS = {"tiny": 30, "small": 15, "base": 6}
+CHANNELS, CLOCK, RAW = 12, 14, 6
+
+
+def network(preset):
+    import torch
+    from torch import nn
+    from torch.nn import functional as F
+
+    widths, blocks, convolutions, embedding = PLANS[preset]
+
+    class Step(nn.Module):
+        def __init__(self, channels, out=None):
+            super().__init__()
+            self.norm = nn.GroupNorm(channels // 8, channels, affine=False)
+            self.time = nn.Linear(embedding, 2 * channels)
+            self.conv = nn.Conv2d(channels, out or channels, 3, padding=1)
+
+        def forward(self, x, time):
+            scale, shift = self.time(time)[:, :, None, None].chunk(2, 1)
+            return self.conv(F.silu(torch.addcmul(shift, self.norm(x), 1 + scale)))
+
+    class Block(nn.Module):
+        def __init__(self, channels):
+            super().__init__()
+            self.steps = nn.ModuleList(Step(channels) for _ in range(convolutions))
+
+        def forward(self, x, time):
+            branch = x
+            for step in self.steps:
+                branch = step(branch, time)
+            return x + branch
+
+    class Unet(nn.Module):
+        def __init__(self):
+            super().__init__()
+            level = lambda width: nn.ModuleList(Block(width) for _ in range(blocks))
+            self.time = nn.Sequential(nn.Linear(CLOCK, embedding), nn.SiLU(), nn.Linear(embedding, embedding), nn.SiLU())
+            self.stem = nn.Conv2d(4 * CHANNELS, widths[0], 3, padding=1)
+            self.down = nn.ModuleList(level(w) for w in widths[:-1])
+            self.smaller = nn.ModuleList(nn.Conv2d(4 * a, b, 1) for a, b in zip(widths, widths[1:]))
+            self.middle = level(widths[-1])
+            self.larger = nn.ModuleList(nn.Conv2d(b, 4 * a, 1) for a, b in reversed(list(zip(widths, widths[1:]))))
+            self.skip = nn.ModuleList(nn.Conv2d(w, w, 1) for w in reversed(widths[:-1]))
+            self.up = nn.ModuleList(level(w) for w in reversed(widths[:-1]))
+            self.last = Step(widths[0], 4 * RAW)
+
+        def forward(self, x, clock, residual, spread):
+            time = self.time(clock)
+            x = self.stem(F.pixel_unshuffle(x, 2))
+            skips = []
+            for level, smaller in zip(self.down, self.smaller):
+                for block in level:
+                    x = block(x, time)
+                skips.append(x)
+                x = smaller(F.pixel_unshuffle(x, 2))
+            for block in self.middle:
+                x = block(x, time)
+            for level, larger, skip in zip(self.up, self.larger, self.skip):
+                x = F.pixel_shuffle(larger(x), 2) + skip(skips.pop())
+                for block in level:
+                    x = block(x, time)
+            raw = F.pixel_shuffle(self.last(x, time), 2)
+            return residual * raw[:, :3] + spread * raw[:, 3:]
+
+    return Unet()
+
+
+def peer(preset, threads, layout):
+    import torch
+
+    torch.set_num_threads(threads)
+    torch.manual_seed(1)
+    form = torch.channels_last if layout == "nhwc" else torch.contiguous_format
+    net = network(preset).to(memory_format=form)
+    weights = list(net.parameters())
+    average = [w.detach().clone() for w in weights]
+    adam = torch.optim.Adam(weights, lr=1e-4, fused=True)
+
+    def inputs(count, side):
+        image = lambda channels: torch.randn(count, channels, side, side).to(memory_format=form)
+        return image(CHANNELS), torch.randn(count, CLOCK), image(3), image(3)
+
+    def step():
+        adam.zero_grad(set_to_none=True)
+        loss = (net(*batch) - target).square().mean()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(weights, 1.0)
+        adam.step()
+        with torch.no_grad():
+            torch._foreach_lerp_(average, weights, 0.001)
+        return loss.item()
+
+    def median(f, times):
+        f(), f(), f()
+        found = []
+        for _ in range(times):
+            start = time.perf_counter()
+            f()
+            found.append(1000 * (time.perf_counter() - start))
+        return statistics.median(found)
+
+    batch, target = inputs(BATCH[preset], 64), torch.randn(BATCH[preset], 3, 64, 64).to(memory_format=form)
+    step_ms = median(step, STEPS[preset])
+    batch = inputs(1, 256)
+    net.eval()
+    with torch.inference_mode():
+        predict_ms = median(lambda: net(*batch), STEPS[preset])
+    count = sum(w.numel() for w in weights)
+    print(json.dumps({"step_ms": step_ms, "predict_ms": predict_ms, "weights": count}))
+
+
+def run(command, threads):
+    environment = {**os.environ, "OMP_NUM_THREADS": str(threads)}
+    pinned = ["taskset", "-c", ",".join(str(core) for core in range(threads))]
+    done = subprocess.run(pinned + [str(c) for c in command], capture_output=True, text=True, env=environment, check=True)
+    return json.loads(done.stdout.strip().splitlines()[-1])
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--presets", nargs="*", default=list(PLANS))
+    parser.add_argument("--threads", nargs="*", type=int, default=[1, 2])
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--peer", nargs=3, help=argparse.SUPPRESS)
+    parser.add_argument("--ours", default=ROOT / "target/release/examples/network_time", help="the program of our side")
+    args = parser.parse_args()
+    if args.peer:
+        preset, threads, layout = args.peer
+        return peer(preset, int(threads), layout)
+    print("| preset | threads | step | PyTorch NCHW, NHWC | ratio | prediction | PyTorch NCHW, NHWC | ratio | drawing |")
+    print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
+    for preset in args.presets:
+        for threads in args.threads:
+            found = {"ours": [], "nchw": [], "nhwc": []}
+            for _ in range(args.rounds):
+                ours = [args.ours, preset, threads, BATCH[preset], STEPS[preset], STEPS[preset]]
+                found["ours"].append(run(ours, threads))
+                for layout in ("nchw", "nhwc"):
+                    found[layout].append(run([sys.executable, __file__, "--peer", preset, threads, layout], threads))
+            middle = lambda who, what: statistics.median(row[what] for row in found[who])
+            cells = [preset, threads]
+            for what in ("step_ms", "predict_ms"):
+                better = min(("nchw", "nhwc"), key=lambda layout: middle(layout, what))
+                ratio = statistics.median(a[what] / b[what] for a, b in zip(found["ours"], found[better]))
+                cells += [f"{middle('ours', what):.1f} ms", f"{middle('nchw', what):.1f}, {middle('nhwc', what):.1f} ms"]
+                cells.append(f"{ratio:.2f}")
+            cells.append(f"{100 * middle('ours', 'draw_share'):.1f}%")
+            print("| " + " | ".join(str(cell) for cell in cells) + " |", flush=True)
+
+
+main()

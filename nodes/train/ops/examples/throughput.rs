@@ -1,0 +1,100 @@
+//! Arithmetic throughput of convolutions on one thread, GFLOP/s and as a share of what a loop of nothing but fused products
+//! reaches on this processor.
+//!
+//! ```text
+//! cargo run --release -p tauflow-ops --example throughput
+//! ```
+
+use std::{hint::black_box, time::Instant};
+use tauflow_ops::{Conv3, Instructions, Operator};
+
+/// Shortest time of some runs, in seconds.
+fn shortest<T>(mut f: impl FnMut() -> T) -> f64 {
+    (0..15)
+        .map(|_| {
+            let start = Instant::now();
+            black_box(f());
+            start.elapsed().as_secs_f64()
+        })
+        .fold(f64::INFINITY, f64::min)
+}
+
+/// GFLOP/s of independent chains of fused products in registers.
+fn peak() -> f64 {
+    const TIMES: usize = 2_000_000;
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::*;
+        #[target_feature(enable = "avx512f")]
+        fn wide() -> f32 {
+            let (a, b) = (_mm512_set1_ps(black_box(0.999)), _mm512_set1_ps(black_box(0.001)));
+            let mut sums = [_mm512_set1_ps(black_box(1.0)); 24];
+            for _ in 0..TIMES {
+                for sum in &mut sums {
+                    *sum = _mm512_fmadd_ps(*sum, a, b);
+                }
+            }
+            sums.iter().map(|sum| _mm512_reduce_add_ps(*sum)).sum()
+        }
+        #[target_feature(enable = "avx2,fma")]
+        fn narrow() -> f32 {
+            let (a, b) = (_mm256_set1_ps(black_box(0.999)), _mm256_set1_ps(black_box(0.001)));
+            let mut sums = [_mm256_set1_ps(black_box(1.0)); 12];
+            for _ in 0..TIMES {
+                for sum in &mut sums {
+                    *sum = _mm256_fmadd_ps(*sum, a, b);
+                }
+            }
+            sums.iter().map(|sum| _mm_cvtss_f32(_mm256_castps256_ps128(*sum))).sum()
+        }
+        match Instructions::best() {
+            // SAFETY: the processor has the instructions.
+            Instructions::Avx512 => return (TIMES * 24 * 32) as f64 / shortest(|| unsafe { wide() }) / 1e9,
+            // SAFETY: the processor has the instructions.
+            Instructions::Avx2 => return (TIMES * 12 * 16) as f64 / shortest(|| unsafe { narrow() }) / 1e9,
+            Instructions::Portable => {}
+        }
+    }
+    f64::NAN
+}
+
+fn main() -> Result<(), rayon::ThreadPoolBuildError> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    pool.install(|| {
+        let peak = peak();
+        println!("fused products alone: {peak:.0} GFLOP/s with {:?}", Instructions::best());
+        for (images, side, inputs, outputs) in [
+            (8, 32, 36, 32),
+            (8, 32, 32, 32),
+            (8, 16, 64, 64),
+            (8, 8, 96, 96),
+            (4, 32, 48, 48),
+            (4, 16, 96, 96),
+            (4, 8, 160, 160),
+            (4, 16, 192, 192),
+            (4, 8, 384, 384),
+            (1, 128, 48, 48),
+            (1, 128, 96, 96),
+            (1, 32, 384, 384),
+        ] {
+            let conv = Conv3 { height: side, width: side, inputs, outputs, instructions: Instructions::best() };
+            let pixels = images * side * side;
+            let fill = |size: usize| (0..size).map(|i| (i % 17) as f32 - 8.0).collect::<Vec<_>>();
+            let (x, kernel, bias) = (fill(pixels * inputs), fill(9 * inputs * outputs), fill(outputs));
+            let gradient = fill(pixels * outputs);
+            let work = (2 * 9 * pixels * inputs * outputs) as f64 / 1e9;
+            let inputs_of = [&x[..], &kernel, &bias];
+            let told = |seconds: f64| format!("{:6.1} ({:3.0}%)", work / seconds, 100.0 * work / seconds / peak);
+            let forward = shortest(|| conv.forward(inputs_of));
+            let of_x = shortest(|| conv.backward(inputs_of, &(), &gradient, [true, false, false]));
+            let of_kernel = shortest(|| conv.backward(inputs_of, &(), &gradient, [false, true, false]));
+            println!(
+                "{images} x {side:3} x {side:3}, {inputs:3} -> {outputs:3}: forward {}, input {}, kernel {}",
+                told(forward),
+                told(of_x),
+                told(of_kernel)
+            );
+        }
+    });
+    Ok(())
+}

@@ -1,0 +1,146 @@
+use super::*;
+
+/// Numbers between -1 and 1 (Knuth's multiplicative generator).
+pub(crate) fn numbers(seed: u64, size: usize) -> Vec<f32> {
+    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+    let mut next = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f32 / (1u64 << 23) as f32 - 1.0
+    };
+    (0..size).map(|_| next()).collect()
+}
+
+/// Output, and gradients of input and kernel for a gradient of the output, in f64 from the definition.
+fn defined(conv: &Conv3, x: &[f32], kernel: &[f32], bias: &[f32], gradient: &[f32]) -> [Vec<f64>; 3] {
+    let (h, w, c, o) = (conv.height, conv.width, conv.inputs, conv.outputs);
+    let mut out: Vec<f64> = bias.iter().map(|v| f64::from(*v)).cycle().take(x.len() / c * o).collect();
+    let (mut of_x, mut of_kernel) = (vec![0.0; x.len()], vec![0.0; kernel.len()]);
+    for pixel in 0..x.len() / c {
+        let (at_x, at_y, image) = (pixel % w, pixel / w % h, pixel / (w * h));
+        for tap in 0..9 {
+            let (sx, sy) = ((at_x + tap % 3).wrapping_sub(1), (at_y + tap / 3).wrapping_sub(1));
+            if sx >= w || sy >= h {
+                continue;
+            }
+            let source = ((image * h + sy) * w + sx) * c;
+            for i in 0..c {
+                for j in 0..o {
+                    let at = (tap * c + i) * o + j;
+                    out[pixel * o + j] += f64::from(x[source + i]) * f64::from(kernel[at]);
+                    of_x[source + i] += f64::from(gradient[pixel * o + j]) * f64::from(kernel[at]);
+                    of_kernel[at] += f64::from(gradient[pixel * o + j]) * f64::from(x[source + i]);
+                }
+            }
+        }
+    }
+    [out, of_x, of_kernel]
+}
+
+fn near(found: &[f32], expected: &[f64], what: &str) {
+    assert_eq!(found.len(), expected.len());
+    let scale = expected.iter().fold(1.0f64, |m, v| m.max(v.abs()));
+    for (i, (found, expected)) in found.iter().zip(expected).enumerate() {
+        assert!((f64::from(*found) - expected).abs() < 3e-6 * scale, "{what} {i}: {found} {expected}");
+    }
+}
+
+fn bits(values: &[f32]) -> Vec<u32> {
+    values.iter().map(|v| v.to_bits()).collect()
+}
+
+/// Shapes with whole and ragged panels, tiles, bands and depths.
+const SHAPES: [[usize; 5]; 7] = [
+    [2, 5, 7, 3, 4],
+    [1, 1, 1, 16, 16],
+    [2, 8, 8, 36, 32],
+    [1, 17, 33, 32, 24],
+    [1, 3, 300, 5, 48],
+    [3, 4, 12, 24, 80],
+    [1, 2, 16, 70, 112],
+];
+
+#[test]
+fn convolutions_are_what_they_say_with_any_instructions() {
+    for [images, height, width, inputs, outputs] in SHAPES {
+        let (x, kernel, bias) =
+            (numbers(1, images * height * width * inputs), numbers(2, 9 * inputs * outputs), numbers(3, outputs));
+        let gradient = numbers(4, images * height * width * outputs);
+        let mut first = None;
+        for instructions in Instructions::available() {
+            let conv = Conv3 { height, width, inputs, outputs, instructions };
+            let (out, ()) = conv.forward([&x, &kernel, &bias]);
+            let [of_x, of_kernel, of_bias] = conv.backward([&x, &kernel, &bias], &(), &gradient, [true; 3]);
+            let found = [&out, &of_x, &of_kernel, &of_bias].map(|v| bits(v));
+            match &first {
+                None => {
+                    let [expected, expected_x, expected_kernel] = defined(&conv, &x, &kernel, &bias, &gradient);
+                    near(&out, &expected, "output");
+                    near(&of_x, &expected_x, "gradient of x");
+                    near(&of_kernel, &expected_kernel, "gradient of the kernel");
+                    first = Some(found);
+                }
+                Some(first) => assert!(*first == found, "{instructions:?} differs for {conv:?}"),
+            }
+        }
+    }
+}
+
+#[test]
+fn linear_maps_are_what_they_say_with_any_instructions() {
+    for (pixels, inputs, outputs) in [(1, 3, 4), (300, 36, 32), (513, 160, 96), (40, 200, 24), (7, 8, 144)] {
+        let (x, kernel, bias) = (numbers(1, pixels * inputs), numbers(2, inputs * outputs), numbers(3, outputs));
+        let gradient = numbers(4, pixels * outputs);
+        let mut first = None;
+        for instructions in Instructions::available() {
+            let map = Linear { inputs, outputs, instructions };
+            let (out, ()) = map.forward([&x, &kernel, &bias]);
+            let [of_x, of_kernel, of_bias] = map.backward([&x, &kernel, &bias], &(), &gradient, [true; 3]);
+            let found = [&out, &of_x, &of_kernel, &of_bias].map(|v| bits(v));
+            if let Some(first) = &first {
+                assert!(*first == found, "{instructions:?} differs for {map:?}");
+                continue;
+            }
+            first = Some(found);
+            let sum = |size: usize, f: &dyn Fn(usize) -> f64| (0..size).map(f).sum::<f64>();
+            let of = |values: &[f32], at: usize| f64::from(values[at]);
+            let expected: Vec<f64> = (0..pixels * outputs)
+                .map(|i| {
+                    let (p, j) = (i / outputs, i % outputs);
+                    of(&bias, j) + sum(inputs, &|k| of(&x, p * inputs + k) * of(&kernel, k * outputs + j))
+                })
+                .collect();
+            near(&out, &expected, "output");
+            let expected: Vec<f64> = (0..x.len())
+                .map(|i| {
+                    let (p, k) = (i / inputs, i % inputs);
+                    sum(outputs, &|j| of(&gradient, p * outputs + j) * of(&kernel, k * outputs + j))
+                })
+                .collect();
+            near(&of_x, &expected, "gradient of x");
+            let expected: Vec<f64> = (0..kernel.len())
+                .map(|i| {
+                    let (k, j) = (i / outputs, i % outputs);
+                    sum(pixels, &|p| of(&x, p * inputs + k) * of(&gradient, p * outputs + j))
+                })
+                .collect();
+            near(&of_kernel, &expected, "gradient of the kernel");
+        }
+    }
+}
+
+#[test]
+fn bits_do_not_depend_on_the_number_of_threads() {
+    let instructions = Instructions::best();
+    let conv = Conv3 { height: 40, width: 24, inputs: 48, outputs: 48, instructions };
+    let (x, kernel, bias) = (numbers(1, 3 * 960 * 48), numbers(2, 9 * 48 * 48), numbers(3, 48));
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        pool.install(|| {
+            let (out, ()) = conv.forward([&x, &kernel, &bias]);
+            let gradients = conv.backward([&x, &kernel, &bias], &(), &out, [true; 3]);
+            [vec![out], gradients.to_vec()].concat().iter().map(|v| bits(v)).collect::<Vec<_>>()
+        })
+    };
+    let one = run(1);
+    assert!(one == run(2) && one == run(5));
+}

@@ -1,0 +1,24 @@
+//! The heavy operators of small image networks on a CPU, forward and backward, and their optimiser, over plain slices of f32.
+//!
+//! Images are [N, H, W, C], channels last. Every sum is taken in an order that depends on shapes alone, and every product
+//! that is added to a sum is fused with it, so that results have the same bits on any number of threads and with any set of
+//! [`Instructions`]. Work is split by rayon over images, rows of images and rows of weights. Knows neither networks nor graphs
+//! of gradients.
+
+mod adam;
+mod convolution;
+mod fold;
+mod fresh;
+mod instructions;
+mod lanes;
+mod normalisation;
+mod operator;
+mod products;
+mod sums;
+
+pub use adam::{Adam, square_sum};
+pub use convolution::{Conv3, Linear};
+pub use fold::Fold;
+pub use instructions::Instructions;
+pub use normalisation::{GROUP, NormSilu, Silu, exp};
+pub use operator::Operator;

@@ -1,0 +1,357 @@
+//! Group normalisation, modulation by the time embedding, and SiLU, in one operator.
+//!
+//! y = silu(u), u = (x - mean)/sqrt(variance + eps) (1 + scale) + shift, with mean and variance over the pixels and
+//! channels of a group of an image (Wu and He 2018), scale and shift for each image and channel (Perez et al. 2018), and
+//! silu(u) = u/(1 + exp(-u)).
+
+#![expect(clippy::needless_range_loop, reason = "lanes are arrays, each loop over the same ones")]
+
+use crate::{fresh::filled, instructions::wide, operator::Operator, sums::by_column};
+use rayon::prelude::*;
+use std::mem::MaybeUninit;
+
+/// Channels of a group.
+pub const GROUP: usize = 8;
+const EPSILON: f64 = 1e-5;
+
+/// exp by range reduction and a polynomial (Cephes' coefficients): plain arithmetic, so the same bits everywhere, and
+/// the compiler can do several at once. Relative error below 2e-7; arguments are clamped to [-87, 87].
+#[inline(always)]
+pub fn exp(x: f32) -> f32 {
+    const ROUND: f32 = 12_582_912.0;
+    let x = x.clamp(-87.0, 87.0);
+    // The sum's last bits are the nearest whole number.
+    let rounded = x * core::f32::consts::LOG2_E + ROUND;
+    let n = rounded - ROUND;
+    let r = x - n * 0.693_359_4 + n * 2.121_944_4e-4;
+    let mut p = 1.987_569_1e-4;
+    p = p * r + 1.398_199_9e-3;
+    p = p * r + 8.333_452e-3;
+    p = p * r + 4.166_579_6e-2;
+    p = p * r + 1.666_666_5e-1;
+    p = p * r + 0.5;
+    let value = p * r * r + r + 1.0;
+    value * f32::from_bits(rounded.to_bits().wrapping_sub(ROUND.to_bits()).wrapping_add(127) << 23)
+}
+
+#[inline(always)]
+fn sigmoid(x: f32) -> f32 {
+    1.0 / (1.0 + exp(-x))
+}
+
+/// The derivative of SiLU.
+#[inline(always)]
+fn slope(x: f32) -> f32 {
+    let s = sigmoid(x);
+    s * (1.0 + x * (1.0 - s))
+}
+
+/// Normalises `x` [N, pixels, C] in groups of [`GROUP`] channels, modulates it by `modulation` [N, 2 C] (scales, then shifts),
+/// and applies SiLU.
+#[derive(Clone, Debug)]
+pub struct NormSilu {
+    /// Pixels of an image.
+    pub pixels: usize,
+    /// C, a multiple of [`GROUP`].
+    pub channels: usize,
+}
+
+/// Pixels of a band: bands are worked on side by side, and their sums added in order.
+const BAND: usize = 512;
+/// Pixels whose values are summed in f32.
+const RUN: usize = 64;
+
+/// Of an image, for each channel.
+#[derive(Clone, Debug)]
+pub struct Moments {
+    mean: Vec<f32>,
+    /// Of the deviation.
+    inverse: Vec<f32>,
+}
+
+/// u = x scale + shift, for each channel.
+struct Affine {
+    scale: Vec<f32>,
+    shift: Vec<f32>,
+}
+
+impl NormSilu {
+    /// Panics unless there are whole images of whole groups, and a modulation for each.
+    fn check(&self, x: &[f32], modulation: &[f32]) {
+        let images = x.len() / (self.pixels * self.channels);
+        assert_eq!(x.len(), images * self.pixels * self.channels, "whole images");
+        assert_eq!(modulation.len(), images * 2 * self.channels, "scales and shifts for each image");
+        assert!(self.channels.is_multiple_of(GROUP), "whole groups");
+    }
+
+    /// Means of `f(channel, value)` over the pixels and channels of each group.
+    fn means(&self, x: &[f32], f: impl Fn(usize, f32) -> f32 + Sync) -> impl Iterator<Item = f64> {
+        let bands: Vec<Vec<f64>> = x
+            .par_chunks(BAND * self.channels)
+            .map(|band| {
+                wide(
+                    #[inline(always)]
+                    || by_column(band, self.channels, &f),
+                )
+            })
+            .collect();
+        let count = (self.pixels * GROUP) as f64;
+        let sums = added(bands);
+        (0..self.channels / GROUP)
+            .flat_map(move |g| [sums[g * GROUP..(g + 1) * GROUP].iter().sum::<f64>() / count; GROUP])
+    }
+
+    fn moments(&self, x: &[f32]) -> Moments {
+        let mean: Vec<f32> = self.means(x, |_, v| v).map(|v| v as f32).collect();
+        let variances = self.means(x, |c, v| (v - mean[c]) * (v - mean[c]));
+        let inverse = variances.map(|v| (1.0 / (v + EPSILON).sqrt()) as f32).collect();
+        Moments { mean, inverse }
+    }
+
+    fn affine(&self, moments: &Moments, modulation: &[f32]) -> Affine {
+        let c = self.channels;
+        let scale: Vec<f32> = (0..c).map(|i| moments.inverse[i] * (1.0 + modulation[i])).collect();
+        let shift = (0..c).map(|i| modulation[c + i] - moments.mean[i] * scale[i]).collect();
+        Affine { scale, shift }
+    }
+}
+
+/// The sum of equally long rows, in their order.
+fn added(rows: Vec<Vec<f64>>) -> Vec<f64> {
+    let mut rows = rows.into_iter();
+    let mut total = rows.next().unwrap_or_default();
+    rows.for_each(|row| total.iter_mut().zip(row).for_each(|(total, value)| *total += value));
+    total
+}
+
+/// silu(x scale + shift), channel by channel.
+#[inline(always)]
+fn activate(out: &mut [MaybeUninit<f32>], x: &[f32], affine: &Affine) {
+    let c = affine.scale.len();
+    for (out, x) in out.chunks_exact_mut(c).zip(x.chunks_exact(c)) {
+        for (((out, x), scale), shift) in out.iter_mut().zip(x).zip(&affine.scale).zip(&affine.shift) {
+            let u = x * scale + shift;
+            out.write(u * sigmoid(u));
+        }
+    }
+}
+
+impl Operator<2> for NormSilu {
+    type Saved = Vec<Moments>;
+
+    fn forward(&self, [x, modulation]: [&[f32]; 2]) -> (Vec<f32>, Vec<Moments>) {
+        let (c, size) = (self.channels, self.pixels * self.channels);
+        self.check(x, modulation);
+        let mut moments = Vec::new();
+        let image = |(out, (x, modulation)): (&mut [MaybeUninit<f32>], (&[f32], &[f32]))| {
+            let moments = self.moments(x);
+            let affine = self.affine(&moments, modulation);
+            out.par_chunks_mut(BAND * c).zip(x.par_chunks(BAND * c)).for_each(|(out, x)| {
+                wide(
+                    #[inline(always)]
+                    || activate(out, x, &affine),
+                );
+            });
+            moments
+        };
+        // SAFETY: bands cover an image, images the result, and `activate` writes all that it is given.
+        let out = unsafe {
+            filled(x.len(), |out| {
+                let inputs = x.par_chunks_exact(size).zip(modulation.par_chunks_exact(2 * c));
+                out.par_chunks_exact_mut(size).zip(inputs).map(image).collect_into_vec(&mut moments);
+            })
+        };
+        (out, moments)
+    }
+
+    fn backward(
+        &self,
+        [x, modulation]: [&[f32]; 2],
+        saved: &Vec<Moments>,
+        gradient: &[f32],
+        _: [bool; 2],
+    ) -> [Vec<f32>; 2] {
+        let (c, size) = (self.channels, self.pixels * self.channels);
+        self.check(x, modulation);
+        assert!(saved.len() * size == x.len() && gradient.len() == x.len(), "as many images as went forward");
+        let mut of_modulation = vec![0.0; modulation.len()];
+        // SAFETY: `image_backward` writes all of an image.
+        let of_x = unsafe {
+            filled(x.len(), |of_x| {
+                let images = of_x.par_chunks_exact_mut(size).zip(of_modulation.par_chunks_exact_mut(2 * c)).zip(saved);
+                images.enumerate().for_each(|(image, ((of_x, of_modulation), moments))| {
+                    let (at, modulated) = (image * size..(image + 1) * size, image * 2 * c..(image + 1) * 2 * c);
+                    let image = Image {
+                        x: &x[at.clone()],
+                        gradient: &gradient[at],
+                        modulation: &modulation[modulated],
+                        moments,
+                    };
+                    self.image_backward(&image, of_x, of_modulation);
+                });
+            })
+        };
+        [of_x, of_modulation]
+    }
+}
+
+struct Image<'a> {
+    x: &'a [f32],
+    gradient: &'a [f32],
+    modulation: &'a [f32],
+    moments: &'a Moments,
+}
+
+impl NormSilu {
+    fn image_backward(&self, image: &Image<'_>, of_x: &mut [MaybeUninit<f32>], of_modulation: &mut [f32]) {
+        let c = self.channels;
+        let Moments { mean, inverse } = image.moments;
+        let affine = self.affine(image.moments, image.modulation);
+        // The gradient of u, and its sums with (x - mean) and alone over the pixels.
+        let bands =
+            of_x.par_chunks_mut(BAND * c).zip(image.x.par_chunks(BAND * c)).zip(image.gradient.par_chunks(BAND * c));
+        let sums = bands
+            .map(|((of_u, x), gradient)| {
+                let mut sums = vec![0.0; 2 * c];
+                wide(
+                    #[inline(always)]
+                    || of_inner(of_u, [x, gradient], &affine, mean, &mut sums),
+                );
+                sums
+            })
+            .collect();
+        let sums = added(sums);
+        let (with, alone) = sums.split_at(c);
+        for i in 0..c {
+            of_modulation[i] = (with[i] * f64::from(inverse[i])) as f32;
+            of_modulation[c + i] = alone[i] as f32;
+        }
+        // The means over a group of the gradient of the normalised value, with that value and alone: as a line of x,
+        // of x = scale d - slope (x - mean) - offset.
+        let count = (self.pixels * GROUP) as f64;
+        let (mut slope, mut offset) = (vec![0.0f32; c], vec![0.0f32; c]);
+        for group in (0..c).step_by(GROUP) {
+            let channels = group..group + GROUP;
+            let w = channels.clone().map(|i| with[i] * f64::from(affine.scale[i])).sum::<f64>() / count;
+            let m = channels.clone().map(|i| alone[i] * f64::from(1.0 + image.modulation[i])).sum::<f64>() / count;
+            for i in channels {
+                slope[i] = (w * f64::from(inverse[i]) * f64::from(inverse[i])) as f32;
+                offset[i] = (m * f64::from(inverse[i])) as f32;
+            }
+        }
+        of_x.par_chunks_mut(BAND * c).zip(image.x.par_chunks(BAND * c)).for_each(|(of_x, x)| {
+            // SAFETY: `of_inner` wrote all of a band.
+            let of_x = unsafe { of_x.assume_init_mut() };
+            wide(
+                #[inline(always)]
+                || of_outer(of_x, x, [&affine.scale, &slope, &offset, mean]),
+            );
+        });
+    }
+}
+
+/// The gradient d of u = x scale + shift, and, added to `sums`, its sums over the pixels with x - mean and alone.
+#[inline(always)]
+fn of_inner(
+    of_u: &mut [MaybeUninit<f32>],
+    [x, gradient]: [&[f32]; 2],
+    affine: &Affine,
+    mean: &[f32],
+    sums: &mut [f64],
+) {
+    let c = mean.len();
+    let mut first = 0;
+    while first < c {
+        // Two groups at once fill sixteen lanes.
+        if first + 2 * GROUP <= c {
+            of_inner_channels::<{ 2 * GROUP }>(of_u, [x, gradient], affine, mean, sums, first);
+            first += 2 * GROUP;
+        } else {
+            of_inner_channels::<GROUP>(of_u, [x, gradient], affine, mean, sums, first);
+            first += GROUP;
+        }
+    }
+}
+
+#[inline(always)]
+fn of_inner_channels<const N: usize>(
+    of_u: &mut [MaybeUninit<f32>],
+    [x, gradient]: [&[f32]; 2],
+    affine: &Affine,
+    mean: &[f32],
+    sums: &mut [f64],
+    first: usize,
+) {
+    let c = mean.len();
+    let (scale, shift, mean) =
+        (lanes::<N>(&affine.scale, first), lanes::<N>(&affine.shift, first), lanes::<N>(mean, first));
+    let pixels = x.len() / c;
+    for block in (0..pixels).step_by(RUN) {
+        let (mut with, mut alone) = ([0.0f32; N], [0.0f32; N]);
+        for pixel in block..(block + RUN).min(pixels) {
+            let at = pixel * c + first;
+            let (x, g) = (lanes::<N>(x, at), lanes::<N>(gradient, at));
+            let mut d = [0.0f32; N];
+            for i in 0..N {
+                d[i] = g[i] * slope(x[i] * scale[i] + shift[i]);
+                with[i] += d[i] * (x[i] - mean[i]);
+                alone[i] += d[i];
+            }
+            of_u[at..at + N].write_copy_of_slice(&d);
+        }
+        for i in 0..N {
+            sums[first + i] += f64::from(with[i]);
+            sums[c + first + i] += f64::from(alone[i]);
+        }
+    }
+}
+
+/// `of_x = scale of_x - offset - slope (x - mean)`, channel by channel.
+#[inline(always)]
+fn of_outer(of_x: &mut [f32], x: &[f32], [scale, slope, offset, mean]: [&[f32]; 4]) {
+    let c = mean.len();
+    for (of_x, x) in of_x.chunks_exact_mut(c).zip(x.chunks_exact(c)) {
+        let factors = scale.iter().zip(slope).zip(offset).zip(mean);
+        for ((d, x), (((scale, slope), offset), mean)) in of_x.iter_mut().zip(x).zip(factors) {
+            *d = scale * *d - offset - slope * (x - mean);
+        }
+    }
+}
+
+/// The values of some channels.
+#[inline(always)]
+fn lanes<const N: usize>(values: &[f32], at: usize) -> [f32; N] {
+    values[at..at + N].try_into().expect("as many as asked for")
+}
+
+/// SiLU of every value.
+#[derive(Clone, Debug)]
+pub struct Silu;
+
+impl Operator<1> for Silu {
+    type Saved = ();
+
+    fn forward(&self, [x]: [&[f32]; 1]) -> (Vec<f32>, ()) {
+        (x.iter().map(|x| x * sigmoid(*x)).collect(), ())
+    }
+
+    fn backward(&self, [x]: [&[f32]; 1], _: &(), gradient: &[f32], _: [bool; 1]) -> [Vec<f32>; 1] {
+        [x.iter().zip(gradient).map(|(x, g)| g * slope(*x)).collect()]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exp_is_exp() {
+        for i in -8600..8600 {
+            let x = i as f32 * 0.01;
+            let expected = f64::from(x).exp();
+            let error = (f64::from(exp(x)) - expected).abs() / expected;
+            assert!(error < 3e-7, "exp {x}: {} {expected}", exp(x));
+        }
+        assert!(exp(-1e9) < 1e-37 && exp(1e9).is_finite());
+    }
+}

@@ -1,0 +1,80 @@
+//! Times of the network by itself, for benches: no kind reads a clock through these.
+
+use super::{DataSet, Decay, Draw, Rates, Trainer};
+use crate::{
+    model::{Model, ModelInfo},
+    network::Preset,
+    parameterization::{Conditioning, Parameterization, Space},
+    rollout::Denoiser,
+};
+use std::time::Instant;
+use tauflow_contract::KindError;
+use tauflow_data::{Image, formats::PackedScene};
+
+fn info(preset: Preset) -> ModelInfo {
+    ModelInfo {
+        parameterization: Parameterization::McNoise,
+        conditioning: Conditioning::Gbuffer,
+        preset,
+        space: Space::Linear,
+        counts: vec![1, 4, 16],
+        steps: 1,
+    }
+}
+
+fn image(side: usize, period: usize) -> Result<Image, KindError> {
+    Ok(Image::from_data(side, side, 3, (0..side * side * 3).map(|i| (i % period) as f32 / 40.0).collect())?)
+}
+
+fn scene(side: usize) -> Result<PackedScene, KindError> {
+    let states = [97, 89, 83].into_iter().map(|period| image(side, period)).collect::<Result<_, _>>()?;
+    Ok(PackedScene { counts: vec![1, 4, 16], states, gbuffer: Some(Image::new(side, side, 6)) })
+}
+
+/// Milliseconds of each of some training steps with G-buffers on a made-up batch of `side` x `side` pixels, drawn anew for
+/// each, and of drawing it; on the threads of the rayon pool that this is called in.
+///
+/// # Errors
+/// If the loss is no longer finite.
+pub fn training_steps(preset: Preset, batch: usize, side: usize, steps: usize) -> Result<Vec<[f64; 2]>, KindError> {
+    let rates = Rates {
+        learning_rate: 1e-4,
+        betas: [0.9, 0.999],
+        warmup: 5,
+        clip: 1.0,
+        ema: 0.999,
+        decay: Decay::None,
+        steps: steps as u64,
+    };
+    let mut trainer = Trainer::new(info(preset).encoding()?, preset, rates, 1);
+    let set = DataSet::new(vec![("made-up", scene(2 * side)?)], "train", Conditioning::Gbuffer)?;
+    let draw = Draw { seed: 1, batch, side, shuffle_targets: false, exposure_jitter: 1.0, permute_colours: true };
+    let milliseconds = |from: Instant| 1000.0 * from.elapsed().as_secs_f64();
+    (0..steps as u64)
+        .map(|step| {
+            let start = Instant::now();
+            let batch = set.draw(&trainer.encoding, &draw, step);
+            let drawn = milliseconds(start);
+            trainer.step(&batch)?;
+            Ok([milliseconds(start), drawn])
+        })
+        .collect()
+}
+
+/// Milliseconds of each of some predictions with G-buffers of an image of `side` x `side` pixels.
+///
+/// # Errors
+/// If the network cannot be made.
+pub fn predictions(preset: Preset, side: usize, times: usize) -> Result<Vec<f64>, KindError> {
+    let info = info(preset);
+    let weights = info.encoding()?.network(preset).slots().draw(1);
+    let model = Model::new(info, weights)?;
+    let (state, gbuffer) = (image(side, 97)?, Image::new(side, side, 6));
+    (0..times)
+        .map(|_| {
+            let start = Instant::now();
+            model.predict(&state, Some(&gbuffer), 0.0)?;
+            Ok(1000.0 * start.elapsed().as_secs_f64())
+        })
+        .collect()
+}
