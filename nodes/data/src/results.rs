@@ -193,7 +193,7 @@ pub struct TrainingTiming {
     pub seconds: f64,
     /// Median time of a step, in milliseconds.
     pub median_step_ms: f64,
-    /// Threads that the backend was given.
+    /// Threads that it had at most.
     pub threads: u64,
 }
 

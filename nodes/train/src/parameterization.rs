@@ -12,6 +12,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_data::{Image, time::VarianceTime};
+use tauflow_ops::{expm1, log1p};
 
 /// What the network predicts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
@@ -64,33 +65,21 @@ impl Parameterization {
         }
     }
 
-    /// What to learn at endpoint `k` of a ladder, for values `at` of its rungs.
-    ///
-    /// `rung(i)` gives a value of rung `i` of `counts`; `t` in [0, 1] is used by `vanilla_rf` alone. Returns input value
-    /// and target value; the time that belongs to them is [`Parameterization::time`].
+    /// What to learn at endpoint `k` of a ladder with these sample counts; `t` in [0, 1] is used by `vanilla_rf` alone. The
+    /// time that belongs to it is [`Parameterization::time`].
     ///
     /// # Panics
     /// If `k` is the last rung, which has nothing to learn.
-    #[inline]
-    pub fn example(
-        self,
-        clock: &VarianceTime,
-        counts: &[u64],
-        k: usize,
-        t: f64,
-        rung: impl Fn(usize) -> f32,
-    ) -> (f32, f32) {
+    pub fn lesson(self, clock: &VarianceTime, counts: &[u64], k: usize, t: f64) -> Lesson {
         let last = counts.len() - 1;
         assert!(k < last, "the last rung is no endpoint to learn at");
         let tau = |i: usize| clock.tau(counts[i] as f64);
+        let from_endpoint = |to, scale: f64| Lesson { from: k, to, share: 0.0, scale: scale as f32 };
         match self {
-            Self::McNoise => (rung(k), rung(k) - rung(last)),
-            Self::McVelocity => (rung(k), (rung(last) - rung(k)) * (1.0 / (1.0 - tau(k))) as f32),
-            Self::LocalVelocity => (rung(k), (rung(k + 1) - rung(k)) * (1.0 / (tau(k + 1) - tau(k))) as f32),
-            Self::VanillaRf => {
-                let (noisy, clean) = (rung(0), rung(last));
-                (noisy + t as f32 * (clean - noisy), clean - noisy)
-            }
+            Self::McNoise => from_endpoint(last, -1.0),
+            Self::McVelocity => from_endpoint(last, 1.0 / (1.0 - tau(k))),
+            Self::LocalVelocity => from_endpoint(k + 1, 1.0 / (tau(k + 1) - tau(k))),
+            Self::VanillaRf => Lesson { from: 0, to: last, share: t as f32, scale: 1.0 },
         }
     }
 
@@ -127,6 +116,28 @@ impl Parameterization {
     }
 }
 
+/// What a solver learns from two rungs of a ladder.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lesson {
+    /// The rung that the input starts from.
+    pub from: usize,
+    /// The rung that the target points at.
+    pub to: usize,
+    /// How far the input is moved towards that rung; 0 but for interpolants.
+    pub share: f32,
+    /// What the difference of the rungs is multiplied with to give the target.
+    pub scale: f32,
+}
+
+impl Lesson {
+    /// Input and target for a value of rung `from` and one of rung `to`.
+    #[inline(always)]
+    pub fn example(self, from: f32, to: f32) -> (f32, f32) {
+        let whole = to - from;
+        (from + self.share * whole, self.scale * whole)
+    }
+}
+
 impl Conditioning {
     /// Its name in pipelines.
     pub fn name(self) -> &'static str {
@@ -158,14 +169,15 @@ impl Space {
     pub fn decode(self, value: f32) -> f32 {
         match self {
             Self::Linear => value,
-            Self::Log1p => libm::expm1f(value.abs()).copysign(value),
+            Self::Log1p => expm1(value.abs()).copysign(value),
         }
     }
 }
 
 /// sign(x) log(1 + |x|): what the network is shown of a linear value.
+#[inline(always)]
 pub fn signed_log1p(value: f32) -> f32 {
-    libm::log1pf(value.abs()).copysign(value)
+    log1p(value.abs()).copysign(value)
 }
 
 fn combine(a: &Image, b: &Image, f: impl Fn(f32, f32) -> f32) -> Image {
@@ -191,7 +203,8 @@ mod tests {
     fn a_perfect_prediction_of_the_whole_way_lands_on_clean() {
         for p in [Parameterization::McNoise, Parameterization::McVelocity] {
             for (k, rung) in RUNGS.iter().enumerate().take(3) {
-                let (input, target) = p.example(&clock(), &COUNTS, k, 0.0, |i| RUNGS[i]);
+                let lesson = p.lesson(&clock(), &COUNTS, k, 0.0);
+                let (input, target) = lesson.example(RUNGS[lesson.from], RUNGS[lesson.to]);
                 assert_eq!(input, *rung);
                 let tau = p.time(&clock(), &COUNTS, k, 0.0);
                 let state = Image::from_data(1, 1, 1, vec![input]).expect("fits");
@@ -206,7 +219,8 @@ mod tests {
     fn the_local_target_steps_to_the_next_rung_exactly() {
         let p = Parameterization::LocalVelocity;
         for k in 0..3 {
-            let (input, target) = p.example(&clock(), &COUNTS, k, 0.0, |i| RUNGS[i]);
+            let lesson = p.lesson(&clock(), &COUNTS, k, 0.0);
+            let (input, target) = lesson.example(RUNGS[lesson.from], RUNGS[lesson.to]);
             let (tau, next) = (clock().tau(COUNTS[k] as f64), clock().tau(COUNTS[k + 1] as f64));
             let state = Image::from_data(1, 1, 1, vec![input]).expect("fits");
             let prediction = Image::from_data(1, 1, 1, vec![target]).expect("fits");
@@ -218,7 +232,8 @@ mod tests {
     #[test]
     fn rectified_flow_alone_sees_interpolants() {
         let p = Parameterization::VanillaRf;
-        let (input, target) = p.example(&clock(), &COUNTS, 1, 0.25, |i| RUNGS[i]);
+        let lesson = p.lesson(&clock(), &COUNTS, 1, 0.25);
+        let (input, target) = lesson.example(RUNGS[lesson.from], RUNGS[lesson.to]);
         assert_eq!((input, target), (5.0 - 0.75, -3.0));
         assert_eq!(p.time(&clock(), &COUNTS, 1, 0.25), 0.25);
     }

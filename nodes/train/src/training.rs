@@ -4,6 +4,7 @@ mod batches;
 mod checkpoint;
 mod optimiser;
 mod record;
+mod threads;
 pub mod timing;
 mod trainer;
 
@@ -29,6 +30,7 @@ use tauflow_data::{
     formats::{JSON, MODEL, PACKED},
     results::{TrainingLog, TrainingTiming},
 };
+use threads::Share;
 use trainer::Trainer;
 
 /// Raised with every change of what a training computes: neither results nor checkpoints of before count then.
@@ -180,18 +182,9 @@ impl Kind for Training {
         let params = &action.params;
         let train = action.whole("train")?;
         let test = action.whole.get("test").copied();
-        let threads = match params.preset {
-            // Trainings of a matrix run side by side; so small a network gains nothing from more.
-            Preset::Tiny => 1,
-            Preset::Small | Preset::Base => std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
-        };
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .map_err(|e| KindError::Environment(format!("cannot start {threads} threads for training: {e}")))?;
-        let job = Job { ctx, params, seed: action.seed, train, test, threads };
-        // From a thread of its own: a worker of the engine that waits for a pool would start other actions meanwhile.
-        std::thread::scope(|scope| scope.spawn(|| pool.install(|| job.run())).join())
+        let job = Job { ctx, params, seed: action.seed, train, test };
+        // On a thread of its own: a worker of the engine that waits for a pool would start other actions meanwhile.
+        std::thread::scope(|scope| scope.spawn(|| job.run(&mut Share::new())).join())
             .map_err(|_| KindError::Internal("the training thread panicked".into()))?
     }
 }
@@ -203,11 +196,10 @@ struct Job<'a> {
     seed: u64,
     train: &'a Collection,
     test: Option<&'a Collection>,
-    threads: usize,
 }
 
 impl Job<'_> {
-    fn run(&self) -> Result<Outputs, KindError> {
+    fn run(&self, share: &mut Share) -> Result<Outputs, KindError> {
         let (ctx, params) = (self.ctx, self.params);
         let train = DataSet::load(ctx, self.train, "train", params.conditioning)?;
         let test = match self.test {
@@ -234,7 +226,7 @@ impl Job<'_> {
         let mut trainer = Trainer::new(info.encoding()?, params.preset, self.rates(), self.seed);
         let checkpoints = self.checkpoints();
         let mut record = checkpoints.latest(ctx, &mut trainer, params.steps).unwrap_or_default();
-        let seconds = self.steps(&mut trainer, &mut record, &checkpoints, &train, test.as_ref())?;
+        let seconds = self.steps(&mut trainer, &mut record, &checkpoints, (&train, test.as_ref()), share)?;
         let log = TrainingLog {
             parameterization: params.parameterization.name().into(),
             conditioning: params.conditioning.name().into(),
@@ -255,7 +247,7 @@ impl Job<'_> {
         };
         let model = one("model", Artifact::blob(MODEL, ctx.put(&model.to_bytes()?)?))?;
         let log = one("model", Artifact::blob(JSON, ctx.put_json(&log)?))?;
-        let timing = one("model", Artifact::blob(JSON, ctx.put_json(&self.timing(seconds))?))?;
+        let timing = one("model", Artifact::blob(JSON, ctx.put_json(&timing(seconds, share.most()))?))?;
         Ok(Outputs::default().collection("model", model).collection("log", log).collection("timing", timing))
     }
 
@@ -291,8 +283,8 @@ impl Job<'_> {
         trainer: &mut Trainer,
         record: &mut Record,
         checkpoints: &Checkpoints,
-        train: &DataSet,
-        test: Option<&DataSet>,
+        (train, test): (&DataSet, Option<&DataSet>),
+        share: &mut Share,
     ) -> Result<Vec<f64>, KindError> {
         let p = self.params;
         let multiple = trainer.network.multiple();
@@ -308,20 +300,24 @@ impl Job<'_> {
         };
         let score = |trainer: &Trainer| test.map(|t| trainer.test(t, test_side, p.batch));
         if record.points.is_empty() {
-            record.point(0, score(trainer), trainer.learning_rate());
+            let trainer: &Trainer = trainer;
+            record.point(0, share.run(|| score(trainer))?, trainer.learning_rate());
         }
         let mut seconds = Vec::new();
         while trainer.state.step < p.steps {
             self.ctx.check_cancelled()?;
             let start = Instant::now();
-            let batch = train.draw(&trainer.encoding, &draw, trainer.state.step);
             let rate = trainer.learning_rate();
-            let (loss, norm) = trainer.step(&batch)?;
+            let (loss, norm) = share.run(|| {
+                let batch = train.draw(&trainer.encoding, &draw, trainer.state.step);
+                trainer.step(&batch)
+            })??;
             seconds.push(start.elapsed().as_secs_f64());
             record.add(loss, norm);
             let step = trainer.state.step;
             if step.is_multiple_of(p.test_every) {
-                record.point(step, score(trainer), rate);
+                let trainer: &Trainer = trainer;
+                record.point(step, share.run(|| score(trainer))?, rate);
             }
             // The last state serves a longer training, but not where the rate has already fallen for the end.
             if checkpoints.due(step) && (step < p.steps || p.decay == Decay::None) {
@@ -334,20 +330,21 @@ impl Job<'_> {
             }
         }
         if record.points.last().is_some_and(|last| last.step < p.steps) {
-            record.point(p.steps, score(trainer), self.rates().at(p.steps - 1));
+            let trainer: &Trainer = trainer;
+            record.point(p.steps, share.run(|| score(trainer))?, self.rates().at(p.steps - 1));
         }
         Ok(seconds)
     }
+}
 
-    fn timing(&self, mut seconds: Vec<f64>) -> TrainingTiming {
-        let total = seconds.iter().sum();
-        seconds.sort_by(f64::total_cmp);
-        let median = seconds.get(seconds.len() / 2).copied().unwrap_or(0.0);
-        TrainingTiming {
-            steps: seconds.len() as u64,
-            seconds: total,
-            median_step_ms: 1000.0 * median,
-            threads: self.threads as u64,
-        }
+fn timing(mut seconds: Vec<f64>, threads: usize) -> TrainingTiming {
+    let total = seconds.iter().sum();
+    seconds.sort_by(f64::total_cmp);
+    let median = seconds.get(seconds.len() / 2).copied().unwrap_or(0.0);
+    TrainingTiming {
+        steps: seconds.len() as u64,
+        seconds: total,
+        median_step_ms: 1000.0 * median,
+        threads: threads as u64,
     }
 }

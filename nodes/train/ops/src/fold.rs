@@ -1,6 +1,7 @@
 //! Moving 2x2 blocks of pixels into channels and back.
 
 use crate::{fresh::filled, operator::Operator};
+use rayon::prelude::*;
 use std::mem::MaybeUninit;
 
 /// [N, H, W, C] to [N, H/2, W/2, 4 C], or back: a small pixel is its two upper, then its two lower pixels.
@@ -27,7 +28,7 @@ impl Fold {
     fn move_to(&self, to: &mut [MaybeUninit<f32>], from: &[f32], back: bool) {
         let (row, pair) = (self.width * self.channels, 2 * self.channels);
         // Two rows of the large image are one row of the small one; a small pixel is its two upper, then lower pixels.
-        for (from, to) in from.chunks_exact(2 * row).zip(to.chunks_exact_mut(2 * row)) {
+        from.par_chunks_exact(2 * row).zip(to.par_chunks_exact_mut(2 * row)).with_min_len(4).for_each(|(from, to)| {
             for x in 0..self.width / 2 {
                 for y in 0..2 {
                     let (large, small) = (y * row + x * pair, x * 2 * pair + y * pair);
@@ -35,7 +36,7 @@ impl Fold {
                     to[target..target + pair].write_copy_of_slice(&from[source..source + pair]);
                 }
             }
-        }
+        });
     }
 }
 

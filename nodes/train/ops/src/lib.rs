@@ -7,6 +7,7 @@
 
 mod adam;
 mod convolution;
+mod elementary;
 mod fold;
 mod fresh;
 mod instructions;
@@ -18,7 +19,8 @@ mod sums;
 
 pub use adam::{Adam, square_sum};
 pub use convolution::{Conv3, Linear};
+pub use elementary::{exp, expm1, log1p, map, map2};
 pub use fold::Fold;
 pub use instructions::Instructions;
-pub use normalisation::{GROUP, NormSilu, Silu, exp};
+pub use normalisation::{GROUP, NormSilu, Silu};
 pub use operator::Operator;

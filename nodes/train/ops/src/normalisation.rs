@@ -4,35 +4,19 @@
 //! channels of a group of an image (Wu and He 2018), scale and shift for each image and channel (Perez et al. 2018), and
 //! silu(u) = u/(1 + exp(-u)).
 
-#![expect(clippy::needless_range_loop, reason = "lanes are arrays, each loop over the same ones")]
-
-use crate::{fresh::filled, instructions::wide, operator::Operator, sums::by_column};
+use crate::{
+    elementary::{exp, map, map2},
+    fresh::filled,
+    instructions::wide,
+    operator::Operator,
+    sums::{BAND, added, all},
+};
 use rayon::prelude::*;
 use std::mem::MaybeUninit;
 
 /// Channels of a group.
 pub const GROUP: usize = 8;
 const EPSILON: f64 = 1e-5;
-
-/// exp by range reduction and a polynomial (Cephes' coefficients): plain arithmetic, so the same bits everywhere, and
-/// the compiler can do several at once. Relative error below 2e-7; arguments are clamped to [-87, 87].
-#[inline(always)]
-pub fn exp(x: f32) -> f32 {
-    const ROUND: f32 = 12_582_912.0;
-    let x = x.clamp(-87.0, 87.0);
-    // The sum's last bits are the nearest whole number.
-    let rounded = x * core::f32::consts::LOG2_E + ROUND;
-    let n = rounded - ROUND;
-    let r = x - n * 0.693_359_4 + n * 2.121_944_4e-4;
-    let mut p = 1.987_569_1e-4;
-    p = p * r + 1.398_199_9e-3;
-    p = p * r + 8.333_452e-3;
-    p = p * r + 4.166_579_6e-2;
-    p = p * r + 1.666_666_5e-1;
-    p = p * r + 0.5;
-    let value = p * r * r + r + 1.0;
-    value * f32::from_bits(rounded.to_bits().wrapping_sub(ROUND.to_bits()).wrapping_add(127) << 23)
-}
 
 #[inline(always)]
 fn sigmoid(x: f32) -> f32 {
@@ -56,8 +40,6 @@ pub struct NormSilu {
     pub channels: usize,
 }
 
-/// Pixels of a band: bands are worked on side by side, and their sums added in order.
-const BAND: usize = 512;
 /// Pixels whose values are summed in f32.
 const RUN: usize = 64;
 
@@ -86,17 +68,8 @@ impl NormSilu {
 
     /// Means of `f(channel, value)` over the pixels and channels of each group.
     fn means(&self, x: &[f32], f: impl Fn(usize, f32) -> f32 + Sync) -> impl Iterator<Item = f64> {
-        let bands: Vec<Vec<f64>> = x
-            .par_chunks(BAND * self.channels)
-            .map(|band| {
-                wide(
-                    #[inline(always)]
-                    || by_column(band, self.channels, &f),
-                )
-            })
-            .collect();
+        let sums = all(x, self.channels, f);
         let count = (self.pixels * GROUP) as f64;
-        let sums = added(bands);
         (0..self.channels / GROUP)
             .flat_map(move |g| [sums[g * GROUP..(g + 1) * GROUP].iter().sum::<f64>() / count; GROUP])
     }
@@ -114,14 +87,6 @@ impl NormSilu {
         let shift = (0..c).map(|i| modulation[c + i] - moments.mean[i] * scale[i]).collect();
         Affine { scale, shift }
     }
-}
-
-/// The sum of equally long rows, in their order.
-fn added(rows: Vec<Vec<f64>>) -> Vec<f64> {
-    let mut rows = rows.into_iter();
-    let mut total = rows.next().unwrap_or_default();
-    rows.for_each(|row| total.iter_mut().zip(row).for_each(|(total, value)| *total += value));
-    total
 }
 
 /// silu(x scale + shift), channel by channel.
@@ -143,7 +108,7 @@ impl Operator<2> for NormSilu {
         let (c, size) = (self.channels, self.pixels * self.channels);
         self.check(x, modulation);
         let mut moments = Vec::new();
-        let image = |(out, (x, modulation)): (&mut [MaybeUninit<f32>], (&[f32], &[f32]))| {
+        let image = |out: &mut [MaybeUninit<f32>], x: &[f32], modulation: &[f32]| {
             let moments = self.moments(x);
             let affine = self.affine(&moments, modulation);
             out.par_chunks_mut(BAND * c).zip(x.par_chunks(BAND * c)).for_each(|(out, x)| {
@@ -158,7 +123,10 @@ impl Operator<2> for NormSilu {
         let out = unsafe {
             filled(x.len(), |out| {
                 let inputs = x.par_chunks_exact(size).zip(modulation.par_chunks_exact(2 * c));
-                out.par_chunks_exact_mut(size).zip(inputs).map(image).collect_into_vec(&mut moments);
+                out.par_chunks_exact_mut(size)
+                    .zip(inputs)
+                    .map(|(out, (x, modulation))| image(out, x, modulation))
+                    .collect_into_vec(&mut moments);
             })
         };
         (out, moments)
@@ -332,26 +300,20 @@ impl Operator<1> for Silu {
     type Saved = ();
 
     fn forward(&self, [x]: [&[f32]; 1]) -> (Vec<f32>, ()) {
-        (x.iter().map(|x| x * sigmoid(*x)).collect(), ())
+        let silu = map(
+            x,
+            #[inline(always)]
+            |x| x * sigmoid(x),
+        );
+        (silu, ())
     }
 
     fn backward(&self, [x]: [&[f32]; 1], _: &(), gradient: &[f32], _: [bool; 1]) -> [Vec<f32>; 1] {
-        [x.iter().zip(gradient).map(|(x, g)| g * slope(*x)).collect()]
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn exp_is_exp() {
-        for i in -8600..8600 {
-            let x = i as f32 * 0.01;
-            let expected = f64::from(x).exp();
-            let error = (f64::from(exp(x)) - expected).abs() / expected;
-            assert!(error < 3e-7, "exp {x}: {} {expected}", exp(x));
-        }
-        assert!(exp(-1e9) < 1e-37 && exp(1e9).is_finite());
+        [map2(
+            x,
+            gradient,
+            #[inline(always)]
+            |x, g| g * slope(x),
+        )]
     }
 }

@@ -1,22 +1,40 @@
 //! Sums whose order depends on shapes alone.
 
 use crate::instructions::wide;
+use rayon::prelude::*;
 
+/// Rows of a band.
+pub(crate) const BAND: usize = 512;
 /// Rows that are summed in f32 before they go into the total in f64.
 const RUN: usize = 64;
 
 /// Sums of each column of rows of `columns` values.
 pub(crate) fn columns(data: &[f32], columns: usize) -> Vec<f32> {
-    let sums = wide(
-        #[inline(always)]
-        || by_column(data, columns, |_, value| value),
-    );
-    sums.into_iter().map(|v| v as f32).collect()
+    all(data, columns, |_, value| value).into_iter().map(|v| v as f32).collect()
+}
+
+/// Sums of `f(column, value)` over the rows: over bands of them side by side, and over the bands in their order.
+pub(crate) fn all(data: &[f32], columns: usize, f: impl Fn(usize, f32) -> f32 + Sync) -> Vec<f64> {
+    let bands = data.par_chunks(BAND * columns).map(|band| {
+        wide(
+            #[inline(always)]
+            || by_column(band, columns, &f),
+        )
+    });
+    added(bands.collect())
+}
+
+/// The sum of equally long rows, in their order.
+pub(crate) fn added(rows: Vec<Vec<f64>>) -> Vec<f64> {
+    let mut rows = rows.into_iter();
+    let mut total = rows.next().unwrap_or_default();
+    rows.for_each(|row| total.iter_mut().zip(row).for_each(|(total, value)| *total += value));
+    total
 }
 
 /// Sums of `f(column, value)` over the rows.
 #[inline(always)]
-pub(crate) fn by_column(data: &[f32], columns: usize, f: impl Fn(usize, f32) -> f32) -> Vec<f64> {
+fn by_column(data: &[f32], columns: usize, f: impl Fn(usize, f32) -> f32) -> Vec<f64> {
     let mut total = vec![0.0f64; columns];
     let mut run = vec![0.0f32; columns];
     for rows in data.chunks(RUN * columns) {

@@ -6,8 +6,10 @@ use super::{
 };
 use crate::parameterization::{Parameterization, Space, signed_log1p};
 use burn::tensor::{Device, Tensor, TensorData};
-use std::sync::Arc;
+use rayon::prelude::*;
+use std::{ops::RangeInclusive, sync::Arc};
 use tauflow_data::{maths, time::VarianceTime};
+use tauflow_ops::{expm1, map, map2};
 
 /// Numbers that tell the time.
 pub(crate) const CLOCK: usize = 14;
@@ -52,37 +54,37 @@ impl Encoding {
     /// Inputs of a batch of samples of `height` x `width` pixels.
     pub(crate) fn inputs(&self, device: &Device, samples: &[Sample<'_>], height: usize, width: usize) -> Inputs {
         let (pixels, channels) = (height * width, self.channels());
-        let mut features = Vec::with_capacity(samples.len() * pixels * channels);
+        let mut features = vec![0.0; samples.len() * pixels * channels];
         let mut clock = Vec::with_capacity(samples.len() * CLOCK);
-        let mut residual = Vec::with_capacity(samples.len() * pixels * 3);
-        let mut spread = Vec::with_capacity(samples.len() * pixels * 3);
-        for sample in samples {
-            let seen: Vec<f32> = match self.space {
-                Space::Linear => sample.state.iter().map(|v| signed_log1p(*v)).collect(),
+        let (mut residual, mut spread) = (Vec::new(), Vec::new());
+        for (sample, features) in samples.iter().zip(features.chunks_exact_mut(pixels * channels)) {
+            let seen = match self.space {
+                Space::Linear => map(sample.state, signed_log1p),
                 Space::Log1p => sample.state.to_vec(),
             };
-            let surroundings = self.surroundings(&seen, height, width);
-            for (pixel, rgb) in seen.chunks_exact(3).enumerate() {
-                features.extend_from_slice(rgb);
-                features.extend((3 * pixel..3 * pixel + 3).map(|i| surroundings.contrast(sample.state[i], i)));
-                if self.gbuffer {
-                    let gbuffer = sample.gbuffer.expect("the caller checks that there is a G-buffer");
-                    features.extend_from_slice(&gbuffer[pixel * 6..pixel * 6 + 6]);
+            let around = self.surroundings(&seen, height, width);
+            let off = map2(sample.state, &around.mean, |value, mean| value - mean);
+            let contrast = map2(&off, &around.spread, contrast);
+            let gbuffer = sample.gbuffer.filter(|_| self.gbuffer);
+            assert_eq!(gbuffer.is_some(), self.gbuffer, "the caller checks that there is a G-buffer");
+            features.par_chunks_exact_mut(channels).with_min_len(1024).enumerate().for_each(|(pixel, features)| {
+                let at = 3 * pixel..3 * pixel + 3;
+                features[..3].copy_from_slice(&seen[at.clone()]);
+                features[3..6].copy_from_slice(&contrast[at]);
+                if let Some(gbuffer) = gbuffer {
+                    features[6..].copy_from_slice(&gbuffer[6 * pixel..6 * pixel + 6]);
                 }
-            }
+            });
             clock.extend(self.time(sample.tau));
             let gain = self.gain(sample.tau) as f32;
-            let parts = sample.state.iter().zip(surroundings.mean).zip(surroundings.spread);
-            for ((value, mean), deviation) in parts {
-                residual.push((value - mean) * gain);
-                spread.push((FLOOR + deviation) * gain);
-            }
+            residual.push(map(&off, |off| off * gain));
+            spread.push(map(&around.spread, |deviation| (FLOOR + deviation) * gain));
         }
         let shape = [samples.len(), height, width, channels];
         Inputs {
             features: Tensor::from_data(TensorData::new(features, shape), device),
             clock: Tensor::from_data(TensorData::new(clock, [samples.len(), CLOCK]), device),
-            basis: Basis { residual: Arc::new(residual), spread: Arc::new(spread) },
+            basis: Basis { residual: Arc::new(residual.concat()), spread: Arc::new(spread.concat()) },
         }
     }
 
@@ -124,18 +126,17 @@ impl Encoding {
 
     /// What is around each pixel: mean and deviation of the logarithms over a window, as values in the training space.
     fn surroundings(&self, seen: &[f32], height: usize, width: usize) -> Surroundings {
-        let averaged = |values: &[f32]| window_means(&window_means(values, 3, width), 3 * width, height);
-        let mut mean = averaged(seen);
-        let off: Vec<f32> = seen.iter().zip(&mean).map(|(v, m)| (v - m).abs()).collect();
-        let mut spread = averaged(&off);
-        if self.space == Space::Linear {
-            for (mean, spread) in mean.iter_mut().zip(&mut spread) {
-                // d expm1(x) = exp(x) dx, taken over the whole deviation so that it stays positive and grows with it.
-                *spread = maths::expm1f(mean.abs() + *spread) - maths::expm1f(mean.abs());
-                *mean = Space::Log1p.decode(*mean);
-            }
+        let averaged = |values: &[f32]| means_of_columns(&means_of_rows(values, width), height, width);
+        let mean = averaged(seen);
+        let spread = averaged(&map2(seen, &mean, |v, m| (v - m).abs()));
+        match self.space {
+            // d expm1(x) = exp(x) dx, taken over the whole deviation so that it stays positive and grows with it.
+            Space::Linear => Surroundings {
+                spread: map2(&mean, &spread, |mean, spread| expm1(mean.abs() + spread) - expm1(mean.abs())),
+                mean: map(&mean, |mean| expm1(mean.abs()).copysign(mean)),
+            },
+            Space::Log1p => Surroundings { mean, spread },
         }
-        Surroundings { mean, spread }
     }
 }
 
@@ -145,28 +146,49 @@ struct Surroundings {
     spread: Vec<f32>,
 }
 
-impl Surroundings {
-    /// How far a value is from its surroundings in units of their deviation, compressed: the same at any brightness.
-    fn contrast(&self, value: f32, at: usize) -> f32 {
-        signed_log1p((value - self.mean[at]) / (FLOOR + self.spread[at]))
-    }
+/// How far a value is off its surroundings in units of their deviation, compressed: the same at any brightness.
+#[inline(always)]
+fn contrast(off: f32, spread: f32) -> f32 {
+    signed_log1p(off / (FLOOR + spread))
 }
 
-/// Means over windows along one axis: of `length` elements `stride` apart, whatever axes are outside.
-fn window_means(data: &[f32], stride: usize, length: usize) -> Vec<f32> {
+/// The window around `at` on an axis of some length, and the share of each of its places.
+fn window(at: usize, length: usize) -> (RangeInclusive<usize>, f32) {
+    let (first, last) = (at.saturating_sub(REACH), (at + REACH).min(length - 1));
+    (first..=last, 1.0 / (last - first + 1) as f32)
+}
+
+/// Means over windows along rows of pixels of three values.
+fn means_of_rows(data: &[f32], width: usize) -> Vec<f32> {
     let mut out = vec![0.0; data.len()];
-    for (data, out) in data.chunks_exact(stride * length).zip(out.chunks_exact_mut(stride * length)) {
-        for at in 0..length {
-            let (first, last) = (at.saturating_sub(REACH), (at + REACH).min(length - 1));
-            let share = 1.0 / (last - first + 1) as f32;
-            let out = &mut out[at * stride..(at + 1) * stride];
-            for from in first..=last {
-                for (out, value) in out.iter_mut().zip(&data[from * stride..(from + 1) * stride]) {
-                    *out += value * share;
-                }
+    out.par_chunks_exact_mut(3 * width).zip(data.par_chunks_exact(3 * width)).for_each(|(out, data)| {
+        let middle = REACH.min(width)..width.saturating_sub(REACH).max(REACH.min(width));
+        for at in (0..middle.start).chain(middle.end..width) {
+            let (places, share) = window(at, width);
+            for from in places {
+                (0..3).for_each(|c| out[3 * at + c] += data[3 * from + c] * share);
             }
         }
-    }
+        // Where windows are whole, a row is a row of numbers.
+        let share = 1.0 / (2 * REACH + 1) as f32;
+        let whole = &mut out[3 * middle.start..3 * middle.end];
+        for step in (0..=2 * REACH).take_while(|_| !middle.is_empty()) {
+            whole.iter_mut().zip(&data[3 * step..]).for_each(|(out, value)| *out += value * share);
+        }
+    });
+    out
+}
+
+/// Means over windows along columns of pixels of three values.
+fn means_of_columns(data: &[f32], height: usize, width: usize) -> Vec<f32> {
+    let mut out = vec![0.0; data.len()];
+    out.par_chunks_exact_mut(3 * width).enumerate().for_each(|(at, out)| {
+        let (places, share) = window(at, height);
+        for from in places {
+            let row = &data[from * 3 * width..(from + 1) * 3 * width];
+            out.iter_mut().zip(row).for_each(|(out, value)| *out += value * share);
+        }
+    });
     out
 }
 
@@ -193,6 +215,22 @@ mod tests {
     }
 
     #[test]
+    fn means_are_those_of_the_window_at_any_width() {
+        for (height, width) in [(1, 1), (2, 3), (4, 4), (5, 8), (9, 6)] {
+            let data: Vec<f32> = (0..height * width * 3).map(|i| (i * i % 23) as f32).collect();
+            let found = means_of_columns(&means_of_rows(&data, width), height, width);
+            for (i, found) in found.iter().enumerate() {
+                let (c, x, y) = (i % 3, i / 3 % width, i / (3 * width));
+                let (rows, columns) = (window(y, height).0, window(x, width).0);
+                let pixels: Vec<f32> =
+                    rows.flat_map(|y| columns.clone().map(move |x| (y * width + x) * 3 + c)).map(|i| data[i]).collect();
+                let expected = pixels.iter().sum::<f32>() / pixels.len() as f32;
+                assert!((found - expected).abs() < 1e-4, "{height} x {width} at {i}: {found} {expected}");
+            }
+        }
+    }
+
+    #[test]
     fn surroundings_are_those_of_the_window() {
         let clock = VarianceTime::new(1, 256).expect("a ladder");
         let encoding =
@@ -201,12 +239,16 @@ mod tests {
         let lamp = vec![signed_log1p(50.0); 8 * 8 * 3];
         let around = encoding.surroundings(&lamp, 8, 8);
         assert!(around.mean.iter().all(|m| (m - 50.0).abs() < 1e-3) && around.spread.iter().all(|s| s.abs() < 1e-3));
-        assert!(around.contrast(50.0, 0).abs() < 1e-2);
+        assert!(contrast(50.0 - around.mean[0], around.spread[0]).abs() < 1e-2);
         // One firefly in the dark sets itself apart, and moves its surroundings little.
         let mut dark = vec![signed_log1p(0.1); 8 * 8 * 3];
         dark[3 * 27] = signed_log1p(1000.0);
         let around = encoding.surroundings(&dark, 8, 8);
-        assert!(around.mean[3 * 27] < 1.0 && around.contrast(1000.0, 3 * 27) > 5.0, "{}", around.mean[3 * 27]);
+        assert!(
+            around.mean[3 * 27] < 1.0 && contrast(1000.0 - around.mean[3 * 27], around.spread[3 * 27]) > 5.0,
+            "{}",
+            around.mean[3 * 27]
+        );
         assert_eq!(around.mean[3 * 27 + 1], around.mean[1], "other colours see nothing of it");
     }
 }

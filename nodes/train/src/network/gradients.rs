@@ -135,7 +135,7 @@ fn gradients_of_head_and_loss() {
     let inputs = [(numbers(1, 2 * 4 * 6), vec![1, 2, 4, 6])];
     check(&inputs, |t| head::expand(t[0].clone(), basis.clone()));
     let target = Arc::new(numbers(7, 2 * 4 * 6));
-    check(&inputs, |t| head::mean_square(t[0].clone(), target.clone()).reshape([1]));
+    check(&inputs, |t| head::mean_square(t[0].clone(), target.clone(), target.len()).reshape([1]));
 }
 
 #[test]
@@ -161,7 +161,7 @@ fn gradients_of_the_whole_network() {
         let tensors = network.slots().tensors(weights, device);
         let sample = features::Sample { state: &state, gbuffer: Some(&gbuffer), tau: 0.3 };
         let inputs = encoding.inputs(device, &[sample], 16, 16);
-        (head::mean_square(network.forward(&tensors, inputs), target.clone()), tensors)
+        (head::mean_square(network.forward(&tensors, inputs), target.clone(), target.len()), tensors)
     };
     let (value, tensors) = loss(&weights, &Device::flex().autodiff());
     let gradients = value.backward();

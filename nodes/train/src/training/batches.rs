@@ -4,6 +4,7 @@ use crate::{
     network::features::{Encoding, Sample},
     parameterization::Conditioning,
 };
+use rayon::prelude::*;
 use std::sync::Arc;
 use tauflow_contract::{Collection, Context, KindError};
 use tauflow_data::{Image, formats::PackedScene, maths, rng::Stream};
@@ -181,39 +182,39 @@ impl DataSet {
     }
 
     fn batch(&self, encoding: &Encoding, picks: &[Pick], side: usize) -> Batch {
+        let examples: Vec<_> = picks.par_iter().map(|pick| self.example(encoding, pick, side)).collect();
         let mut targets = Vec::with_capacity(picks.len() * side * side * 3);
         let mut batch =
             Batch { states: Vec::new(), gbuffers: Vec::new(), tau: Vec::new(), targets: Arc::default(), side };
-        let last = self.counts.len() - 1;
-        for pick in picks {
-            let places = pick.places(self.width, side);
-            let window = |image: &Image| gather(image, &places, COLOURS[pick.colours]);
-            let features = |gbuffer: &Image| pick.turned(window(gbuffer));
-            let read = |scene: usize| -> Vec<Option<Vec<f32>>> {
-                let needed = |i: usize| i == 0 || i == last || i == pick.rung || i == pick.rung + 1;
-                let encode = |v: f32| encoding.space.encode(v * pick.scale);
-                let encoded = |image: &Image| window(image).into_iter().map(encode).collect();
-                let states = self.scenes[scene].states.iter().enumerate();
-                states.map(|(i, image)| needed(i).then(|| encoded(image))).collect()
-            };
-            let example = |rungs: &[Option<Vec<f32>>]| -> (Vec<f32>, Vec<f32>) {
-                let value = |rung: usize, at: usize| rungs[rung].as_ref().map_or(0.0, |r| r[at]);
-                (0..side * side * 3)
-                    .map(|at| {
-                        let rung = |rung| value(rung, at);
-                        encoding.parameterization.example(&encoding.clock, &self.counts, pick.rung, pick.t, rung)
-                    })
-                    .unzip()
-            };
-            let (state, target) = example(&read(pick.scene));
-            targets.extend(if pick.target == pick.scene { target } else { example(&read(pick.target)).1 });
+        for (pick, (state, target, gbuffer)) in picks.iter().zip(examples) {
+            targets.extend(target);
             batch.states.push(state);
-            let gbuffer = self.scenes[pick.scene].gbuffer.as_ref().filter(|_| encoding.gbuffer);
-            batch.gbuffers.push(gbuffer.map(features));
+            batch.gbuffers.push(gbuffer);
             batch.tau.push(encoding.parameterization.time(&encoding.clock, &self.counts, pick.rung, pick.t));
         }
         batch.targets = Arc::new(targets);
         batch
+    }
+
+    /// State, target and G-buffer of a pick.
+    fn example(&self, encoding: &Encoding, pick: &Pick, side: usize) -> (Vec<f32>, Vec<f32>, Option<Vec<f32>>) {
+        let places = pick.places(self.width, side);
+        let lesson = encoding.parameterization.lesson(&encoding.clock, &self.counts, pick.rung, pick.t);
+        let read = |scene: usize| -> (Vec<f32>, Vec<f32>) {
+            let encode = |v: f32| encoding.space.encode(v * pick.scale);
+            let rung = |i: usize| pick.colours(&self.scenes[scene].states[i], &places);
+            let pairs = rung(lesson.from).zip(rung(lesson.to));
+            let pixels = pairs.map(|(from, to)| {
+                let parts = [0, 1, 2].map(|c| lesson.example(encode(from[c]), encode(to[c])));
+                (parts.map(|(state, _)| state), parts.map(|(_, target)| target))
+            });
+            let (states, targets): (Vec<[f32; 3]>, Vec<[f32; 3]>) = pixels.unzip();
+            (states.into_flattened(), targets.into_flattened())
+        };
+        let (state, target) = read(pick.scene);
+        let target = if pick.target == pick.scene { target } else { read(pick.target).1 };
+        let gbuffer = self.scenes[pick.scene].gbuffer.as_ref().filter(|_| encoding.gbuffer);
+        (state, target, gbuffer.map(|gbuffer| pick.turned(gbuffer, &places)))
     }
 }
 
@@ -230,6 +231,24 @@ pub(crate) struct Draw {
 }
 
 impl Batch {
+    /// The examples in their order, in at most so many batches as even as they can be.
+    pub(crate) fn parts(&self, most: usize) -> Vec<Self> {
+        let examples = self.states.len();
+        let count = most.min(examples);
+        let size = self.targets.len() / examples.max(1);
+        let part = |i: usize| {
+            let of = i * examples / count..(i + 1) * examples / count;
+            Self {
+                states: self.states[of.clone()].to_vec(),
+                gbuffers: self.gbuffers[of.clone()].to_vec(),
+                tau: self.tau[of.clone()].to_vec(),
+                targets: Arc::new(self.targets[of.start * size..of.end * size].to_vec()),
+                side: self.side,
+            }
+        };
+        (0..count).map(part).collect()
+    }
+
     /// The examples as the network's samples.
     pub(crate) fn samples(&self) -> Vec<Sample<'_>> {
         let parts = self.states.iter().zip(&self.gbuffers).zip(&self.tau);
@@ -253,27 +272,30 @@ impl Pick {
         (0..side * side).map(|i| place(i % side, i / side)).collect()
     }
 
-    /// Pixels of a G-buffer that were moved by `places`, their normals (right, up, back) turned the same way.
-    fn turned(&self, mut pixels: Vec<f32>) -> Vec<f32> {
-        for normal in pixels.chunks_exact_mut(6).map(|pixel| &mut pixel[3..5]) {
-            let [right, up] = [normal[0], normal[1]];
+    /// The first three channels of the pixels at these places, in this pick's order.
+    fn colours(&self, image: &Image, places: &[usize]) -> impl Iterator<Item = [f32; 3]> {
+        let (data, channels, order) = (image.data(), image.channels(), COLOURS[self.colours]);
+        places.iter().map(move |at| {
+            let pixel = &data[at * channels..at * channels + 3];
+            order.map(|c| pixel[c])
+        })
+    }
+
+    /// Pixels of a G-buffer at these places, colours in order, normals (right, up, back) turned as the places are.
+    fn turned(&self, gbuffer: &Image, places: &[usize]) -> Vec<f32> {
+        let normals = places.iter().map(|at| {
+            let [right, up, back] = [3, 4, 5].map(|c| gbuffer.data()[6 * at + c]);
             let [right, up] = match self.turn % 4 {
                 0 => [right, up],
                 1 => [up, -right],
                 2 => [-right, -up],
                 _ => [-up, right],
             };
-            normal.copy_from_slice(&[if self.turn >= 4 { -right } else { right }, up]);
-        }
-        pixels
+            [if self.turn >= 4 { -right } else { right }, up, back]
+        });
+        let pixels: Vec<[[f32; 3]; 2]> = self.colours(gbuffer, places).zip(normals).map(<[_; 2]>::from).collect();
+        pixels.into_flattened().into_flattened()
     }
-}
-
-/// The pixels at these places, their first three channels in this order.
-fn gather(image: &Image, places: &[usize], colours: [usize; 3]) -> Vec<f32> {
-    let channels = image.channels();
-    let channel = |c: usize| if c < 3 { colours[c] } else { c };
-    places.iter().flat_map(|at| (0..channels).map(move |c| image.data()[at * channels + channel(c)])).collect()
 }
 
 #[cfg(test)]
@@ -414,7 +436,7 @@ mod tests {
         let image = Image::from_data(side, side, 6, (0..side * side).flat_map(bump).collect()).expect("fits");
         for turn in 0..8 {
             let pick = Pick { scene: 0, target: 0, rung: 0, t: 0.0, left: 0, top: 0, turn, scale: 1.0, colours: 0 };
-            let turned = pick.turned(gather(&image, &pick.places(side, side), COLOURS[0]));
+            let turned = pick.turned(&image, &pick.places(side, side));
             assert_eq!(turned, image.data(), "{turn}");
         }
     }

@@ -6,7 +6,11 @@ use super::{
 };
 use crate::network::{Preset, features::Encoding, head::mean_square, unet::Unet, weights::Weights};
 use burn::tensor::{Device, Tensor};
+use rayon::prelude::*;
 use tauflow_contract::KindError;
+
+/// Parts of a batch, at most.
+const PARTS: usize = 2;
 
 /// A network and its weights on their way.
 pub(crate) struct Trainer {
@@ -27,27 +31,45 @@ impl Trainer {
 
     /// One step on a batch; returns its loss and the norm of the gradient.
     ///
+    /// Its parts go through networks of their own, side by side where there are threads, and their gradients are added in
+    /// order: parts, not threads, decide the bits.
+    ///
     /// # Errors
     /// If the loss is no longer finite.
     pub(crate) fn step(&mut self, batch: &Batch) -> Result<(f64, f64), KindError> {
         let weights = self.network.slots().tensors(&self.state.weights, &self.device);
-        let loss = self.loss(batch, &weights, &self.device);
-        let mut gradients = loss.backward();
-        let value = f64::from(loss.into_scalar::<f32>());
+        let count = batch.targets.len();
+        let parts = batch.parts(PARTS);
+        let found: Vec<(f64, Vec<Vec<f32>>)> =
+            parts.par_iter().map(|part| self.part(part, &weights, count)).collect::<Result<_, _>>()?;
+        let value = found.iter().map(|(loss, _)| loss).sum::<f64>();
         if !value.is_finite() {
             return Err(KindError::Input(format!(
                 "the loss is {value} at step {}; lower `learning_rate` or `clip`",
                 self.state.step + 1
             )));
         }
-        let mut gradient = self.state.weights.zeros();
-        for (tensor, values) in weights.iter().zip(&mut gradient.0) {
-            if let Some(found) = tensor.grad_remove(&mut gradients) {
-                *values = numbers(found)?;
-            }
-        }
+        let gradient = found.into_iter().map(|(_, gradient)| gradient).reduce(|mut sum, part| {
+            sum.par_iter_mut().zip(&part).for_each(|(sum, part)| sum.iter_mut().zip(part).for_each(|(s, p)| *s += p));
+            sum
+        });
+        let gradient = Weights(gradient.ok_or_else(|| KindError::Internal("a batch without examples".into()))?);
         let norm = self.state.update(&self.rates, &gradient);
         Ok((value, norm))
+    }
+
+    /// A part's share in the loss of `count` numbers, and its gradients.
+    fn part(&self, part: &Batch, weights: &[Tensor<2>], count: usize) -> Result<(f64, Vec<Vec<f32>>), KindError> {
+        // The same numbers at the start of a graph of its own.
+        let weights: Vec<Tensor<2>> = weights.iter().map(|weight| weight.clone().detach().require_grad()).collect();
+        let loss = self.loss(part, &weights, &self.device, count);
+        let mut gradients = loss.backward();
+        let value = f64::from(loss.into_scalar::<f32>());
+        let found = weights.iter().map(|weight| match weight.grad_remove(&mut gradients) {
+            Some(gradient) => numbers(gradient),
+            None => Err(KindError::Internal("a weight that the network does not use".into())),
+        });
+        Ok((value, found.collect::<Result<_, _>>()?))
     }
 
     /// The learning rate of the next step.
@@ -65,16 +87,17 @@ impl Trainer {
         let weights = self.network.slots().tensors(weights, &device);
         let (mut total, mut count) = (0.0, 0);
         for batch in batches {
-            let loss = f64::from(self.loss(&batch, &weights, &device).into_scalar::<f32>());
+            let loss = self.loss(&batch, &weights, &device, batch.targets.len());
+            let loss = f64::from(loss.into_scalar::<f32>());
             total += loss * batch.targets.len() as f64;
             count += batch.targets.len();
         }
         total / count.max(1) as f64
     }
 
-    fn loss(&self, batch: &Batch, weights: &[Tensor<2>], device: &Device) -> Tensor<1> {
+    fn loss(&self, batch: &Batch, weights: &[Tensor<2>], device: &Device, count: usize) -> Tensor<1> {
         let inputs = self.encoding.inputs(device, &batch.samples(), batch.side, batch.side);
-        mean_square(self.network.forward(weights, inputs), batch.targets.clone())
+        mean_square(self.network.forward(weights, inputs), batch.targets.clone(), count)
     }
 }
 

@@ -1,0 +1,58 @@
+//! Threads for trainings that run side by side: each has its share of the processor, anew at every step, so that the last of a
+//! matrix of trainings has all of it. The bits do not depend on it.
+
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use std::{
+    collections::{BTreeMap, btree_map::Entry},
+    sync::atomic::{AtomicUsize, Ordering},
+};
+use tauflow_contract::KindError;
+
+/// Trainings that run in this process.
+static RUNNING: AtomicUsize = AtomicUsize::new(0);
+
+/// One training's share of the processor.
+pub(crate) struct Share {
+    /// By how many threads they have.
+    pools: BTreeMap<usize, ThreadPool>,
+    most: usize,
+}
+
+impl Share {
+    pub(crate) fn new() -> Self {
+        RUNNING.fetch_add(1, Ordering::Relaxed);
+        Self { pools: BTreeMap::new(), most: 0 }
+    }
+
+    /// The largest share that there was.
+    pub(crate) fn most(&self) -> usize {
+        self.most
+    }
+
+    /// Runs `f` on as many threads as are this training's now.
+    ///
+    /// # Errors
+    /// If threads cannot be started.
+    pub(crate) fn run<T: Send>(&mut self, f: impl FnOnce() -> T + Send) -> Result<T, KindError> {
+        let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        let threads = (cores / RUNNING.load(Ordering::Relaxed).max(1)).max(1);
+        self.most = self.most.max(threads);
+        let pool =
+            match self.pools.entry(threads) {
+                Entry::Occupied(there) => there.into_mut(),
+                Entry::Vacant(free) => {
+                    let pool = ThreadPoolBuilder::new().num_threads(threads).build();
+                    free.insert(pool.map_err(|e| {
+                        KindError::Environment(format!("cannot start {threads} threads for training: {e}"))
+                    })?)
+                }
+            };
+        Ok(pool.install(f))
+    }
+}
+
+impl Drop for Share {
+    fn drop(&mut self) {
+        RUNNING.fetch_sub(1, Ordering::Relaxed);
+    }
+}
