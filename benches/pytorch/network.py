@@ -1,8 +1,9 @@
 """Our network and PyTorch's version of it, one after the other: a training step and a prediction; see README.md.
 
-python network.py [--presets tiny small base] [--threads 1 2] [--rounds 5]
+python network.py [--presets tiny small base] [--threads 1 2] [--rounds 5] [--preload libjemalloc.so.2 ...]
 
-PyTorch runs in both of its memory layouts, and the faster one counts. Both sides do forward and backward pass, a clip of the
+PyTorch runs in both of its memory layouts, by itself and with each allocator that is preloaded (our program has mimalloc), and the
+fastest counts, round by round; it runs eagerly. Both sides do forward and backward pass, a clip of the
 gradient's norm, Adam and the average of the weights, on 64 x 64 crops with G-buffers; predictions are of a 256 x 256 image.
 Each round runs every program once in a process of its own; figures are medians over the rounds of medians in a round.
 """
@@ -131,8 +132,8 @@ def peer(preset, threads, layout):
     print(json.dumps({"step_ms": step_ms, "predict_ms": predict_ms, "weights": count}))
 
 
-def run(command, threads):
-    environment = {**os.environ, "OMP_NUM_THREADS": str(threads)}
+def run(command, threads, preload=""):
+    environment = {**os.environ, "OMP_NUM_THREADS": str(threads), "LD_PRELOAD": preload}
     pinned = ["taskset", "-c", ",".join(str(core) for core in range(threads))]
     done = subprocess.run(pinned + [str(c) for c in command], capture_output=True, text=True, env=environment, check=True)
     return json.loads(done.stdout.strip().splitlines()[-1])
@@ -144,29 +145,33 @@ def main():
     parser.add_argument("--threads", nargs="*", type=int, default=[1, 2])
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--peer", nargs=3, help=argparse.SUPPRESS)
+    parser.add_argument("--preload", nargs="*", default=[], help="allocators that PyTorch runs with, too")
     parser.add_argument("--ours", default=ROOT / "target/release/examples/network_time", help="the program of our side")
     args = parser.parse_args()
     if args.peer:
         preset, threads, layout = args.peer
         return peer(preset, int(threads), layout)
-    print("| preset | threads | step | PyTorch NCHW, NHWC | ratio | prediction | PyTorch NCHW, NHWC | ratio | drawing |")
-    print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
+    ways = [(layout, preload) for layout in ("nchw", "nhwc") for preload in ["", *args.preload]]
+    print("| preset | threads | step | PyTorch | ratio | prediction | PyTorch | ratio | drawing | fastest |")
+    print("|---|---:|---:|---:|---:|---:|---:|---:|---:|---|")
     for preset in args.presets:
         for threads in args.threads:
-            found = {"ours": [], "nchw": [], "nhwc": []}
+            ours, peers = [], []
             for _ in range(args.rounds):
-                ours = [args.ours, preset, threads, BATCH[preset], STEPS[preset], STEPS[preset]]
-                found["ours"].append(run(ours, threads))
-                for layout in ("nchw", "nhwc"):
-                    found[layout].append(run([sys.executable, __file__, "--peer", preset, threads, layout], threads))
-            middle = lambda who, what: statistics.median(row[what] for row in found[who])
-            cells = [preset, threads]
+                ours.append(run([args.ours, preset, threads, BATCH[preset], STEPS[preset], STEPS[preset]], threads))
+                script = [sys.executable, __file__, "--peer", preset, threads]
+                peers.append({way: run([*script, way[0]], threads, way[1]) for way in ways})
+                assert all(peer["weights"] == ours[-1]["weights"] for peer in peers[-1].values()), "the same network"
+            cells, fastest = [preset, threads], []
             for what in ("step_ms", "predict_ms"):
-                better = min(("nchw", "nhwc"), key=lambda layout: middle(layout, what))
-                ratio = statistics.median(a[what] / b[what] for a, b in zip(found["ours"], found[better]))
-                cells += [f"{middle('ours', what):.1f} ms", f"{middle('nchw', what):.1f}, {middle('nhwc', what):.1f} ms"]
-                cells.append(f"{ratio:.2f}")
-            cells.append(f"{100 * middle('ours', 'draw_share'):.1f}%")
+                best = [min(round, key=lambda way: round[way][what]) for round in peers]
+                theirs = [round[way][what] for round, way in zip(peers, best)]
+                mine = [round[what] for round in ours]
+                ratio = statistics.median(a / b for a, b in zip(mine, theirs))
+                cells += [f"{statistics.median(mine):.1f} ms", f"{statistics.median(theirs):.1f} ms", f"{ratio:.2f}"]
+                fastest.append(" ".join(statistics.mode(best)).strip())
+            cells.append(f"{100 * statistics.median(round['draw_share'] for round in ours):.1f}%")
+            cells.append(", ".join(fastest))
             print("| " + " | ".join(str(cell) for cell in cells) + " |", flush=True)
 
 

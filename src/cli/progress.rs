@@ -1,7 +1,10 @@
 //! How a run looks while it goes on: bars on a terminal, lines elsewhere, JSON for programs.
 
 use super::tally::Tally;
-use crate::{engine::event::Event, pipeline::Pipeline};
+use crate::{
+    engine::event::{Event, Name},
+    pipeline::Pipeline,
+};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::{
     collections::BTreeMap,
@@ -12,6 +15,22 @@ use std::{
 
 /// A line at most this often, for each node.
 const LINE_EVERY: Duration = Duration::from_secs(5);
+
+/// Actions that take at least this long are shown one by one.
+const LONG: Duration = Duration::from_secs(2);
+/// Long actions of a node that are shown one by one, at most.
+const MOST_PARTS: usize = 8;
+
+fn style(template: &str) -> ProgressStyle {
+    let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    style.progress_chars("━━─")
+}
+
+/// What an action is called beside its node: the values of its cell, and its item.
+fn title((cell, item): &(Name, Name)) -> String {
+    let values = cell.split('+').filter_map(|pair| pair.split_once('=').map(|(_, value)| value));
+    values.chain((!item.is_empty()).then_some(&**item)).collect::<Vec<_>>().join(" ")
+}
 
 /// See the module.
 pub(crate) struct Display {
@@ -30,6 +49,8 @@ struct State {
 #[derive(Default)]
 struct Shown {
     bar: Option<ProgressBar>,
+    /// Of its long actions in flight, by cell and item.
+    parts: BTreeMap<(Name, Name), ProgressBar>,
     told: Option<Instant>,
     told_end: bool,
 }
@@ -97,21 +118,48 @@ impl Display {
         let (known, ended) = state.tally.standing(name);
         match &self.bars {
             Some(bars) => {
-                let place = |n: &str| state.order.iter().position(|o| o == n);
-                // Bars stand in the pipeline's order, whichever node begins first.
-                let before = state.shown.keys().filter(|n| place(n) < place(name)).count();
-                let bar = state.shown.entry(name.to_owned()).or_default().bar.get_or_insert_with(|| {
-                    let style = ProgressStyle::with_template("{prefix:18} {bar:24.cyan/dim} {wide_msg}")
-                        .unwrap_or_else(|_| ProgressStyle::default_bar())
-                        .progress_chars("━━─");
-                    let bar = bars.insert(before, ProgressBar::new(0).with_style(style));
+                if state.shown.get(name).is_none_or(|shown| shown.bar.is_none()) {
+                    // Bars stand in the pipeline's order, whichever node begins first, each followed by its actions'.
+                    let shown = |node: &String| state.shown.get(node);
+                    let last = |shown: &Shown| shown.parts.values().last().or(shown.bar.as_ref()).cloned();
+                    let place = state.order.iter().position(|node| node == name).unwrap_or(0);
+                    let before = state.order[..place].iter().rev().find_map(|node| shown(node).and_then(last));
+                    let bar = ProgressBar::new(0).with_style(style("{prefix:18} {bar:24.cyan/dim} {wide_msg}"));
+                    let bar = match before {
+                        Some(before) => bars.insert_after(&before, bar),
+                        None => bars.insert(0, bar),
+                    };
                     bar.set_prefix(name.to_owned());
-                    bar
-                });
+                    state.shown.entry(name.to_owned()).or_default().bar = Some(bar);
+                }
+                let shown = state.shown.entry(name.to_owned()).or_default();
+                let Some(bar) = &shown.bar else { return };
                 // A thousand steps for each action, so that a long one moves its bar.
                 bar.set_length(node.expected() * 1000);
                 bar.set_position((node.position() * 1000.0) as u64);
                 bar.set_message(node.text(known));
+                let mut last = bar.clone();
+                let parts = &mut shown.parts;
+                parts.retain(|at, part| {
+                    let goes_on = node.long(LONG).any(|(other, _)| other == at);
+                    if !goes_on {
+                        part.finish_and_clear();
+                        bars.remove(part);
+                    }
+                    goes_on
+                });
+                for (at, long) in node.long(LONG).take(MOST_PARTS) {
+                    let part = parts.entry(at.clone()).or_insert_with(|| {
+                        let part = ProgressBar::new(long.total)
+                            .with_style(style("  {prefix:28.dim} {bar:12.cyan/dim} {wide_msg:.dim}"));
+                        let part = bars.insert_after(&last, part);
+                        part.set_prefix(title(at));
+                        part
+                    });
+                    part.set_position(long.done);
+                    part.set_message(long.text());
+                    last = part.clone();
+                }
             }
             None => {
                 let shown = state.shown.entry(name.to_owned()).or_default();
@@ -120,6 +168,9 @@ impl Display {
                     shown.told = Some(Instant::now());
                     shown.told_end = ended;
                     eprintln!("{name}: {}", node.text(known));
+                    for (at, long) in node.long(LONG).take(MOST_PARTS) {
+                        eprintln!("  {}: {}", title(at), long.text());
+                    }
                 }
             }
         }

@@ -2,7 +2,10 @@
 
 use super::seconds_text;
 use crate::engine::event::{Ended, Event, Name};
-use std::{collections::BTreeMap, time::Instant};
+use std::{
+    collections::BTreeMap,
+    time::{Duration, Instant},
+};
 
 /// Where the nodes of a run stand.
 pub(crate) struct Tally {
@@ -22,8 +25,30 @@ pub(crate) struct NodeTally {
     /// Actions in flight, by cell and item; two output groups of an item may be.
     running: BTreeMap<(Name, Name), u64>,
     started: Option<Instant>,
-    /// Units of the long actions in flight, by cell and item: done, total, a line.
-    long: BTreeMap<(Name, Name), (u64, u64, String)>,
+    /// The long actions in flight, by cell and item.
+    long: BTreeMap<(Name, Name), Long>,
+}
+
+/// Where a long action stands.
+pub(crate) struct Long {
+    pub(crate) done: u64,
+    pub(crate) total: u64,
+    /// Its news.
+    pub(crate) message: String,
+    /// When it was first heard of, and how much was done by then: a resumed one begins in the middle.
+    since: (Instant, u64),
+}
+
+impl Long {
+    /// Done of total, the news, and the time to go.
+    pub(crate) fn text(&self) -> String {
+        let (worked, elapsed) =
+            ((self.done - self.since.1.min(self.done)) as f64, self.since.0.elapsed().as_secs_f64());
+        let left = self.total.saturating_sub(self.done) as f64;
+        let eta = (worked > 0.0 && left > 0.0 && elapsed > 1.0).then(|| elapsed / worked * left);
+        let eta = eta.map(|eta| format!("  {} to go", seconds_text(eta))).unwrap_or_default();
+        format!("{}/{}  {}{eta}", self.done, self.total, self.message)
+    }
 }
 
 impl Tally {
@@ -59,7 +84,9 @@ impl Tally {
                 node.started.get_or_insert_with(Instant::now);
             }
             Event::Progress { cell, item, done, total, message, .. } => {
-                node.long.insert((cell.clone(), item.clone()), (*done, *total, message.clone()));
+                let at = (cell.clone(), item.clone());
+                let since = node.long.get(&at).map_or_else(|| (Instant::now(), *done), |long| long.since);
+                node.long.insert(at, Long { done: *done, total: *total, message: message.clone(), since });
             }
             Event::End { cell, item, outcome, .. } => {
                 let at = (cell.clone(), item.clone());
@@ -115,7 +142,7 @@ impl NodeTally {
 
     /// Done actions, and the parts of those in flight.
     pub(crate) fn position(&self) -> f64 {
-        let parts = self.long.values().map(|(done, total, _)| *done as f64 / (*total).max(1) as f64);
+        let parts = self.long.values().map(|long| long.done as f64 / long.total.max(1) as f64);
         self.done() as f64 + parts.sum::<f64>()
     }
 
@@ -132,7 +159,12 @@ impl NodeTally {
         (worked > 0.0 && left > 0.0 && elapsed > 1.0).then(|| elapsed / worked * left)
     }
 
-    /// A line: done of expected (with a `+` unless all are known), what became of them, time to go, the news of an action.
+    /// The actions in flight that have news and take long, with the names of their cells and items.
+    pub(crate) fn long(&self, least: Duration) -> impl Iterator<Item = (&(Name, Name), &Long)> {
+        self.long.iter().filter(move |(_, long)| !long.message.is_empty() && long.since.0.elapsed() >= least)
+    }
+
+    /// A line: done of expected (with a `+` unless all are known), what became of them, time to go.
     pub(crate) fn text(&self, known: bool) -> String {
         let more = if known { "" } else { "+" };
         let mut parts = vec![format!("{}/{}{more}", self.done(), self.expected)];
@@ -145,9 +177,6 @@ impl NodeTally {
         parts.extend(counts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")));
         if let Some(eta) = self.eta() {
             parts.push(format!("{} to go", seconds_text(eta)));
-        }
-        if let Some((done, total, message)) = self.long.values().find(|(_, _, m)| !m.is_empty()) {
-            parts.push(format!("{done}/{total} {message}"));
         }
         parts.join(", ")
     }
@@ -190,7 +219,7 @@ mod tests {
         };
         assert_eq!(count(expect("n", 4)).0, "0/4+");
         assert_eq!(count(begin("a")).0, "0/4+, 1 running");
-        assert_eq!(count(progress("samples")).0, "0/4+, 1 running, 1/4 samples");
+        assert_eq!(count(progress("samples")).0, "0/4+, 1 running");
         assert_eq!(count(end("n", "a", Ended::Ran)).0, "1/4+");
         assert_eq!(count(end("n", "b", Ended::Blocked)).0, "2/4+, 1 blocked");
         count(begin("c"));
@@ -207,7 +236,13 @@ mod tests {
         tally.count(&expect("n", 2));
         tally.count(&begin("a"));
         assert_eq!(tally.count(&progress("")).as_deref(), Some("n"));
-        assert_eq!(tally.node("n").map(NodeTally::position), Some(0.25));
+        let node = tally.node("n").expect("it was counted");
+        assert!(node.position() == 0.25 && node.long(Duration::ZERO).next().is_none());
+        tally.count(&progress("loss 2"));
+        let node = tally.node("n").expect("it was counted");
+        let told: Vec<String> =
+            node.long(Duration::ZERO).map(|((_, item), long)| format!("{item}: {}", long.text())).collect();
+        assert_eq!(told, ["a: 1/4  loss 2"]);
         tally.count(&Event::Healing { nodes: vec!["n".into()] });
         assert!(tally.node("n").is_none(), "another pass counts anew");
     }

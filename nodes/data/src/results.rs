@@ -178,6 +178,8 @@ pub struct TrainingPoint {
     pub train: Option<f64>,
     /// Loss of the averaged weights on the test scenes; none without any.
     pub test: Option<f64>,
+    /// Mean gain of one call of the averaged weights over the first rung, on the first test scenes: dB of PSNR.
+    pub gain: Option<f64>,
     /// Learning rate.
     pub learning_rate: f64,
     /// Mean norm of the gradient before clipping, since the last point.

@@ -27,7 +27,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let found = pool.install(|| timing::training_steps(preset, batch, 64, steps + 3))?;
     let predictions = pool.install(|| timing::predictions(preset, 256, times + 1))?;
     println!(
-        "{{\"step_ms\":{:.3},\"draw_share\":{:.4},\"predict_ms\":{:.3}}}",
+        "{{\"weights\":{},\"step_ms\":{:.3},\"draw_share\":{:.4},\"predict_ms\":{:.3}}}",
+        timing::weights(preset)?,
         median(found[3..].iter().map(|[step, _]| *step).collect()),
         median(found[3..].iter().map(|[step, draw]| draw / step).collect()),
         median(predictions[1..].to_vec())

@@ -40,7 +40,7 @@ impl Kind for BridgeRefinement {
     fn spec() -> KindSpec {
         KindSpec {
             name: "bridge_refinement",
-            version: 2,
+            version: 3,
             summary: "Moves endpoints to stops between the training rungs.",
             manual: include_str!("bridge_refinement.md"),
             mode: Mode::Map,

@@ -52,7 +52,7 @@ impl Kind for Refinement {
     fn spec() -> KindSpec {
         KindSpec {
             name: "refinement",
-            version: 2,
+            version: 3,
             summary: "Refines endpoints with a trained solver in any number of steps.",
             manual: include_str!("refinement.md"),
             mode: Mode::Map,

@@ -18,7 +18,7 @@ use crate::{
 use batches::{DataSet, Draw};
 use checkpoint::Checkpoints;
 use optimiser::Rates;
-use record::Record;
+use record::{Record, Score};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -34,7 +34,7 @@ use threads::Share;
 use trainer::Trainer;
 
 /// Raised with every change of what a training computes: neither results nor checkpoints of before count then.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// The kind `training`.
 pub struct Training;
@@ -154,10 +154,10 @@ impl Kind for Training {
         expect(p.crop >= 8, "/crop", format!("a crop of {} pixels", p.crop), "write at least 8");
         let positive = |v: f64| v.is_finite() && v > 0.0;
         expect(
-            positive(p.learning_rate),
+            positive(p.learning_rate) && p.learning_rate <= 1e3,
             "/learning_rate",
             format!("a learning rate of {}", p.learning_rate),
-            "write a positive number such as 2e-4",
+            "write a positive number such as 2e-4, at most 1000",
         );
         expect(positive(p.clip), "/clip", format!("a clip of {}", p.clip), "write a positive number such as 1");
         expect(
@@ -183,9 +183,7 @@ impl Kind for Training {
         let train = action.whole("train")?;
         let test = action.whole.get("test").copied();
         let job = Job { ctx, params, seed: action.seed, train, test };
-        // On a thread of its own: a worker of the engine that waits for a pool would start other actions meanwhile.
-        std::thread::scope(|scope| scope.spawn(|| job.run(&mut Share::new())).join())
-            .map_err(|_| KindError::Internal("the training thread panicked".into()))?
+        job.run(&mut Share::new())
     }
 }
 
@@ -226,7 +224,7 @@ impl Job<'_> {
         let mut trainer = Trainer::new(info.encoding()?, params.preset, self.rates(), self.seed);
         let checkpoints = self.checkpoints();
         let mut record = checkpoints.latest(ctx, &mut trainer, params.steps).unwrap_or_default();
-        let seconds = self.steps(&mut trainer, &mut record, &checkpoints, (&train, test.as_ref()), share)?;
+        let seconds = self.steps(&info, &mut trainer, &mut record, &checkpoints, (&train, test.as_ref()), share)?;
         let log = TrainingLog {
             parameterization: params.parameterization.name().into(),
             conditioning: params.conditioning.name().into(),
@@ -240,6 +238,9 @@ impl Job<'_> {
             },
             points: record.points,
         };
+        if !trainer.state.is_finite() {
+            return Err(KindError::Input("weights are no longer finite; lower `learning_rate` or `clip`".into()));
+        }
         let model = Model::new(info, trainer.state.average)?;
         let one = |port: &str, artifact: Artifact| -> Result<Collection, KindError> {
             let key = ItemKey::new(port).map_err(|e| KindError::Internal(e.to_string()))?;
@@ -280,6 +281,7 @@ impl Job<'_> {
     /// Takes the steps that are left; returns how long each took.
     fn steps(
         &self,
+        info: &ModelInfo,
         trainer: &mut Trainer,
         record: &mut Record,
         checkpoints: &Checkpoints,
@@ -298,10 +300,14 @@ impl Job<'_> {
             exposure_jitter: p.exposure_jitter,
             permute_colours: p.permute_colours,
         };
-        let score = |trainer: &Trainer| test.map(|t| trainer.test(t, test_side, p.batch));
+        let score = |trainer: &Trainer| -> Result<Option<Score>, KindError> {
+            let Some(set) = test else { return Ok(None) };
+            let model = Model::new(info.clone(), trainer.state.average.clone())?;
+            Ok(Some(Score { test: trainer.test(set, test_side, p.batch), gain: set.gain(&model)? }))
+        };
         if record.points.is_empty() {
             let trainer: &Trainer = trainer;
-            record.point(0, share.run(|| score(trainer))?, trainer.learning_rate());
+            record.point(0, share.run(|| score(trainer))??, trainer.learning_rate());
         }
         let mut seconds = Vec::new();
         while trainer.state.step < p.steps {
@@ -317,7 +323,7 @@ impl Job<'_> {
             let step = trainer.state.step;
             if step.is_multiple_of(p.test_every) {
                 let trainer: &Trainer = trainer;
-                record.point(step, share.run(|| score(trainer))?, rate);
+                record.point(step, share.run(|| score(trainer))??, rate);
             }
             // The last state serves a longer training, but not where the rate has already fallen for the end.
             if checkpoints.due(step) && (step < p.steps || p.decay == Decay::None) {
@@ -326,12 +332,13 @@ impl Job<'_> {
             if step.is_multiple_of(10) || step == p.steps {
                 let recent = &seconds[seconds.len().saturating_sub(20)..];
                 let rate = recent.len() as f64 / recent.iter().sum::<f64>().max(1e-9);
-                self.ctx.progress(step, p.steps, &format!("loss {loss:.4}  {rate:.1} steps/s"));
+                let gain = record.gain().map(|gain| format!("{gain:+.2} dB  ")).unwrap_or_default();
+                self.ctx.progress(step, p.steps, &format!("loss {loss:.4}  {gain}{rate:.1} steps/s"));
             }
         }
         if record.points.last().is_some_and(|last| last.step < p.steps) {
             let trainer: &Trainer = trainer;
-            record.point(p.steps, share.run(|| score(trainer))?, self.rates().at(p.steps - 1));
+            record.point(p.steps, share.run(|| score(trainer))??, self.rates().at(p.steps - 1));
         }
         Ok(seconds)
     }

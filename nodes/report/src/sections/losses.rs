@@ -25,11 +25,13 @@ pub fn section(losses: &[TrainingLog]) -> Option<Section> {
     let (least, most) = (weights.iter().min()?, weights.iter().max()?);
     let weights = if least == most { count(*least) } else { format!("{} to {}", count(*least), count(*most)) };
     let mut body = format!(
-        "<p>{setting} {weights} weights. Bold: averaged weights on the test scenes; thin: training batches. Targets have different \
-         scales, so compare shapes within a column of one method, not heights between methods.</p><div class=\"grid4\">"
+        "<p>{setting} {weights} weights. Bold: averaged weights on the test scenes; thin: training batches; under the panels, how \
+         much one call gains over the first rung on the first test scenes, in dB of PSNR. Targets have different scales, so compare shapes within a column of one method, not heights between methods.</p><div class=\"grid4\">"
     );
     for log in &logs {
-        let _ = write!(body, "<figure>{}</figure>", panel(log, many_spaces));
+        let gain = log.points.last().and_then(|point| point.gain);
+        let gain = gain.map(|gain| format!("<figcaption>{} dB</figcaption>", crate::text::signed(gain, 2)));
+        let _ = write!(body, "<figure>{}{}</figure>", panel(log, many_spaces), gain.unwrap_or_default());
     }
     body.push_str("</div>");
     body.push_str(&params(&logs));
@@ -61,6 +63,25 @@ fn fall(log: &TrainingLog) -> Option<(f64, f64)> {
     Some((*tests.first()?, *tests.last()?))
 }
 
+/// What the loss on the test scenes did last, in words.
+fn standing(log: &TrainingLog) -> String {
+    let tests: Vec<(u64, f64)> = log.points.iter().filter_map(|p| p.test.map(|test| (p.step, test))).collect();
+    let Some(((_, first), (_, last))) = tests.first().zip(tests.last()) else { return String::new() };
+    let Some((at, best)) = tests.iter().min_by(|a, b| a.1.total_cmp(&b.1)) else { return String::new() };
+    let fallen = first - best;
+    // How much of the fall the last quarter of the steps brought.
+    let late = tests.iter().rfind(|(step, _)| step * 4 <= log.steps * 3).map_or(*first, |(_, test)| *test) - last;
+    if fallen <= 0.0 {
+        ", never fell".to_owned()
+    } else if *last > best + 0.25 * fallen {
+        format!(", rises since step {}", count(*at))
+    } else if late > 0.1 * fallen {
+        ", still falling".to_owned()
+    } else {
+        ", settled".to_owned()
+    }
+}
+
 fn panel(log: &TrainingLog, many_spaces: bool) -> String {
     let series = |pick: fn(&tauflow_data::results::TrainingPoint) -> Option<f64>| -> Vec<(f64, f64)> {
         log.points.iter().filter_map(|p| pick(p).map(|v| (p.step as f64, v))).collect()
@@ -79,12 +100,8 @@ fn panel(log: &TrainingLog, many_spaces: bool) -> String {
     }
     let said = match fall(log) {
         Some((first, last)) => {
-            format!(
-                "test {} → {} ({}%)",
-                compact(first),
-                compact(last),
-                crate::text::signed((last / first - 1.0) * 100.0, 0)
-            )
+            let change = crate::text::signed((last / first - 1.0) * 100.0, 0);
+            format!("test {} → {} ({change}%){}", compact(first), compact(last), standing(log))
         }
         None => "no loss on test scenes".to_owned(),
     };
@@ -94,4 +111,41 @@ fn panel(log: &TrainingLog, many_spaces: bool) -> String {
         method_name(&log.parameterization),
         conditioning_name(&log.conditioning)
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tauflow_data::results::TrainingPoint;
+
+    #[test]
+    fn curves_are_told_in_words() {
+        let told = |tests: &[f64]| {
+            let last = tests.len() as u64 - 1;
+            let point = |(i, test): (usize, &f64)| TrainingPoint {
+                step: i as u64 * 100,
+                train: None,
+                test: Some(*test),
+                gain: None,
+                learning_rate: 1e-3,
+                gradient_norm: None,
+            };
+            let points = tests.iter().enumerate().map(point).collect();
+            let text = String::new;
+            standing(&TrainingLog {
+                parameterization: text(),
+                conditioning: text(),
+                space: text(),
+                preset: text(),
+                weights: 1,
+                steps: last * 100,
+                params: serde_json::Map::new(),
+                points,
+            })
+        };
+        assert_eq!(told(&[1.0, 0.8, 0.6, 0.4, 0.2]), ", still falling");
+        assert_eq!(told(&[1.0, 0.5, 0.41, 0.4, 0.4]), ", settled");
+        assert_eq!(told(&[1.0, 0.4, 0.5, 0.8, 0.9]), ", rises since step 100");
+        assert_eq!(told(&[1.0, 1.1, 1.2]), ", never fell");
+    }
 }

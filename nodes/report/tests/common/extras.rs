@@ -31,6 +31,7 @@ fn losses(ctx: &Context<'_>) -> Collection {
             TrainingPoint {
                 step,
                 train: (step > 0).then(|| loss * (1.0 + 0.12 * stream.normal())),
+                gain: Some(3.5),
                 test: Some(loss * 1.08),
                 learning_rate: 2e-4,
                 gradient_norm: None,

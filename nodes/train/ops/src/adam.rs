@@ -14,19 +14,24 @@ pub struct Adam {
     /// What gradients are multiplied with first.
     pub clip: f32,
     /// Decay rates of the moments.
-    pub betas: [f32; 2],
+    pub betas: [f64; 2],
     /// The learning rate, with the corrections of both moments.
     pub rate: f32,
     /// Added to the root of the second moment.
     pub epsilon: f32,
     /// Share that the average keeps.
-    pub keep: f32,
+    pub keep: f64,
 }
 
 impl Adam {
-    /// Updates moments, weights and their average, all as long as the gradient.
+    /// Updates moments, weights and their average.
+    ///
+    /// # Panics
+    /// If they are not all as long as the gradient.
     pub fn update(self, weights: &mut [f32], average: &mut [f32], moments: [&mut [f32]; 2], gradient: &[f32]) {
         let [first, second] = moments;
+        let lengths = [weights.len(), average.len(), first.len(), second.len()];
+        assert!(lengths.iter().all(|len| *len == gradient.len()), "{lengths:?} are as long as {}", gradient.len());
         weights
             .par_chunks_mut(PART)
             .zip(average.par_chunks_mut(PART))
@@ -42,15 +47,16 @@ impl Adam {
 
     #[inline(always)]
     fn part(self, weights: &mut [f32], average: &mut [f32], first: &mut [f32], second: &mut [f32], gradient: &[f32]) {
-        let [b1, b2] = self.betas;
-        let (c1, c2, leave) = (1.0 - b1, 1.0 - b2, 1.0 - self.keep);
+        // What is left of 1 would be lost in f32.
+        let [(b1, c1), (b2, c2), (keep, leave)] =
+            [self.betas[0], self.betas[1], self.keep].map(|share| (share as f32, (1.0 - share) as f32));
         let moments = first.iter_mut().zip(second);
         for (((weight, average), (first, second)), g) in weights.iter_mut().zip(average).zip(moments).zip(gradient) {
             let g = g * self.clip;
             *first = b1 * *first + c1 * g;
             *second = b2 * *second + c2 * g * g;
             *weight -= self.rate * *first / (second.sqrt() + self.epsilon);
-            *average = self.keep * *average + leave * *weight;
+            *average = keep * *average + leave * *weight;
         }
     }
 }

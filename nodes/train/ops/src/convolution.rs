@@ -85,12 +85,21 @@ impl Conv3 {
         self.height * self.width
     }
 
+    /// Panics unless there are whole images and a kernel of the right size; with an image, no product of sizes overflows then.
+    fn check(&self, x: &[f32], kernel: &[f32], bias: &[f32]) {
+        let size = self.height.checked_mul(self.width).and_then(|pixels| pixels.checked_mul(self.inputs));
+        assert!(size.is_some_and(|size| size > 0 && x.len().is_multiple_of(size)), "whole images of {self:?}");
+        assert!(bias.len() == self.outputs && self.outputs > 0, "a bias for each output of {self:?}");
+        let rows = self.inputs.checked_mul(9);
+        assert!(rows.and_then(|rows| rows.checked_mul(self.outputs)) == Some(kernel.len()), "the kernel of {self:?}");
+    }
+
     /// The convolution of images of `channels` with a packed kernel, and a bias for each output.
     fn convolve(&self, x: &[f32], channels: usize, kernel: &Packed, bias: &[f32]) -> Vec<f32> {
-        let outputs = bias.len();
-        assert!(x.len().is_multiple_of(self.pixels() * channels), "whole images");
-        // SAFETY: bands cover the result, and all of a band is written at the first row of the kernel.
-        unsafe { filled(x.len() / channels * outputs, |out| self.convolve_to(out, x, channels, kernel, bias)) }
+        let size = (x.len() / channels).checked_mul(bias.len()).expect("a result that fits into memory");
+        // SAFETY: there are whole images, see `check`; bands cover the result, and all of a band is written at the first row of
+        // the kernel.
+        unsafe { filled(size, |out| self.convolve_to(out, x, channels, kernel, bias)) }
     }
 
     fn convolve_to(&self, out: &mut [MaybeUninit<f32>], x: &[f32], channels: usize, kernel: &Packed, bias: &[f32]) {
@@ -106,7 +115,8 @@ impl Conv3 {
             .for_each(|(x, first, band)| {
                 let rows = band.len() / (width * outputs);
                 with_scratch((rows + 2) * stride, |near| {
-                    surround(maybe(near), x, width, channels, first);
+                    // SAFETY: `surround` writes numbers.
+                    surround(unsafe { maybe(near) }, x, width, channels, first);
                     for ky in 0..3 {
                         let runs: Vec<Run> = (0..rows)
                             .map(|y| Run { left: (y + ky) * stride, other: y * width * outputs, rows: width })
@@ -132,10 +142,9 @@ impl Conv3 {
     fn of_kernel(&self, x: &[f32], gradient: &[f32]) -> Vec<f32> {
         let (width, height, c) = (self.width, self.height, self.inputs);
         let stride = (width + 2) * c;
-        assert!(x.len().is_multiple_of(self.pixels() * c), "whole images");
-        // SAFETY: `surround` writes all of an image.
+        // SAFETY: there are whole images, see `check`; `surround` writes all of an image.
         let near = unsafe {
-            filled(x.len() / self.pixels() * (height + 2) * stride, |near| {
+            filled(x.len() / (self.pixels() * c) * (height + 2) * stride, |near| {
                 near.par_chunks_exact_mut((height + 2) * stride)
                     .zip(x.par_chunks_exact(self.pixels() * c))
                     .for_each(|(near, x)| surround(near, x, width, c, 0));
@@ -194,11 +203,18 @@ impl Operator<3> for Conv3 {
     type Saved = ();
 
     fn forward(&self, [x, kernel, bias]: [&[f32]; 3]) -> (Vec<f32>, ()) {
+        self.check(x, kernel, bias);
         let (c, o) = (self.inputs, self.outputs);
         (self.convolve(x, c, &Packed::new((9 * c, o), kernel, |row| row * o, 1), bias), ())
     }
 
-    fn backward(&self, [x, kernel, _]: [&[f32]; 3], _: &(), gradient: &[f32], wanted: [bool; 3]) -> [Vec<f32>; 3] {
+    fn backward(&self, [x, kernel, bias]: [&[f32]; 3], _: &(), gradient: &[f32], wanted: [bool; 3]) -> [Vec<f32>; 3] {
+        self.check(x, kernel, bias);
+        assert_eq!(
+            Some(gradient.len()),
+            (x.len() / self.inputs).checked_mul(self.outputs),
+            "the gradient of the result"
+        );
         let of_x = if wanted[0] { self.of_input(kernel, gradient) } else { Vec::new() };
         let of_kernel = if wanted[1] { self.of_kernel(x, gradient) } else { Vec::new() };
         [of_x, of_kernel, columns(gradient, self.outputs)]
@@ -206,8 +222,16 @@ impl Operator<3> for Conv3 {
 }
 
 impl Linear {
+    /// Panics unless there are whole rows and a matrix of the right size.
+    fn check(&self, x: &[f32], kernel: &[f32], bias: &[f32]) {
+        assert!(self.inputs > 0 && x.len().is_multiple_of(self.inputs), "whole rows of {self:?}");
+        assert!(bias.len() == self.outputs && self.outputs > 0, "a bias for each output of {self:?}");
+        assert_eq!(self.inputs.checked_mul(self.outputs), Some(kernel.len()), "the matrix of {self:?}");
+    }
+
     /// Rows of `x`, [.., channels], times a packed matrix, and a bias for each output.
     fn map(&self, x: &[f32], channels: usize, matrix: &Packed, bias: &[f32]) -> Vec<f32> {
+        let size = (x.len() / channels).checked_mul(bias.len()).expect("a result that fits into memory");
         let outputs = bias.len();
         let write = |out: &mut [MaybeUninit<f32>], x: &[f32]| {
             let run = Run { left: 0, other: 0, rows: x.len() / channels };
@@ -215,10 +239,9 @@ impl Linear {
             // SAFETY: sums start with the bias.
             unsafe { add_products((out, start), left, matrix, (0, channels), &[run], self.instructions) };
         };
-        assert!(x.len().is_multiple_of(channels), "whole rows");
-        // SAFETY: parts cover the result, and all of a part is written.
+        // SAFETY: there are whole rows, see `check`; parts cover the result, and all of a part is written.
         unsafe {
-            filled(x.len() / channels * outputs, |out| {
+            filled(size, |out| {
                 let parts = out.par_chunks_mut(BAND * outputs).zip(x.par_chunks(BAND * channels));
                 parts.for_each(|(out, x)| write(out, x));
             })
@@ -230,12 +253,15 @@ impl Operator<3> for Linear {
     type Saved = ();
 
     fn forward(&self, [x, kernel, bias]: [&[f32]; 3]) -> (Vec<f32>, ()) {
+        self.check(x, kernel, bias);
         let (c, o) = (self.inputs, self.outputs);
         (self.map(x, c, &Packed::new((c, o), kernel, |row| row * o, 1), bias), ())
     }
 
-    fn backward(&self, [x, kernel, _]: [&[f32]; 3], _: &(), gradient: &[f32], wanted: [bool; 3]) -> [Vec<f32>; 3] {
+    fn backward(&self, [x, kernel, bias]: [&[f32]; 3], _: &(), gradient: &[f32], wanted: [bool; 3]) -> [Vec<f32>; 3] {
+        self.check(x, kernel, bias);
         let (c, o) = (self.inputs, self.outputs);
+        assert_eq!(Some(gradient.len()), (x.len() / c).checked_mul(o), "the gradient of the result");
         let mut of_x = Vec::new();
         if wanted[0] {
             of_x = self.map(gradient, o, &Packed::new((o, c), kernel, |row| row, o), &vec![0.0; c]);

@@ -7,7 +7,9 @@ use std::mem::MaybeUninit;
 /// [N, H, W, C] to [N, H/2, W/2, 4 C], or back: a small pixel is its two upper, then its two lower pixels.
 #[derive(Clone, Debug)]
 pub struct Fold {
-    /// Width of the large image.
+    /// Height of the large image, even.
+    pub height: usize,
+    /// Width of the large image, even.
     pub width: usize,
     /// Channels of the large image.
     pub channels: usize,
@@ -17,10 +19,9 @@ pub struct Fold {
 
 impl Fold {
     fn moved(&self, from: &[f32], back: bool) -> Vec<f32> {
-        assert!(
-            self.width.is_multiple_of(2) && from.len().is_multiple_of(2 * self.width * self.channels),
-            "even sides"
-        );
+        let size = self.height.checked_mul(self.width).and_then(|pixels| pixels.checked_mul(self.channels));
+        assert!(self.width.is_multiple_of(2) && self.height.is_multiple_of(2), "even sides of {self:?}");
+        assert!(size.is_some_and(|size| size > 0 && from.len().is_multiple_of(size)), "whole images of {self:?}");
         // SAFETY: every pixel of the one image has its place in the other.
         unsafe { filled(from.len(), |to| self.move_to(to, from, back)) }
     }

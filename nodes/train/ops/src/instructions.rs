@@ -47,6 +47,7 @@ impl Instructions {
             let most = match std::env::var("TAUFLOW_INSTRUCTIONS").as_deref() {
                 Ok("sse2") => Self::Portable,
                 Ok("avx2") => Self::Avx2,
+                // Whoever misspells it is told by the renderer, which heeds it too.
                 _ => Self::Avx512,
             };
             Self::most().min(most)

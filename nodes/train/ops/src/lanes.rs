@@ -1,7 +1,7 @@
 //! The same arithmetic on eight or sixteen numbers side by side.
 //!
-//! Products are fused with their sums everywhere, in lanes and out of them: IEEE 754 says what a fused product is, so that
-//! every set of instructions gives the same bits, the portable one included, which is slow where the processor cannot fuse.
+//! Products are fused with their sums: IEEE 754 says what a fused product is, so that every set of instructions gives the same
+//! bits, the portable one included, which is slow where the processor cannot fuse.
 
 /// Numbers side by side.
 pub(crate) trait Lanes: Copy {
@@ -9,10 +9,16 @@ pub(crate) trait Lanes: Copy {
     const COUNT: usize;
 
     /// The same number everywhere.
-    fn splat(value: f32) -> Self;
+    ///
+    /// # Safety
+    /// The processor has the instructions.
+    unsafe fn splat(value: f32) -> Self;
 
     /// `self * b + c`, rounded once.
-    fn fused(self, b: Self, c: Self) -> Self;
+    ///
+    /// # Safety
+    /// The processor has the instructions.
+    unsafe fn fused(self, b: Self, c: Self) -> Self;
 
     /// Reads `COUNT` numbers.
     ///
@@ -35,12 +41,12 @@ impl Lanes for Plain {
     const COUNT: usize = 8;
 
     #[inline(always)]
-    fn splat(value: f32) -> Self {
+    unsafe fn splat(value: f32) -> Self {
         Self([value; 8])
     }
 
     #[inline(always)]
-    fn fused(self, b: Self, c: Self) -> Self {
+    unsafe fn fused(self, b: Self, c: Self) -> Self {
         Self(std::array::from_fn(|i| self.0[i].mul_add(b.0[i], c.0[i])))
     }
 
@@ -75,12 +81,12 @@ pub(crate) mod x86 {
         const COUNT: usize = 8;
 
         #[inline(always)]
-        fn splat(value: f32) -> Self {
+        unsafe fn splat(value: f32) -> Self {
             Self(unsafe { _mm256_set1_ps(value) })
         }
 
         #[inline(always)]
-        fn fused(self, b: Self, c: Self) -> Self {
+        unsafe fn fused(self, b: Self, c: Self) -> Self {
             Self(unsafe { _mm256_fmadd_ps(self.0, b.0, c.0) })
         }
 
@@ -99,12 +105,12 @@ pub(crate) mod x86 {
         const COUNT: usize = 16;
 
         #[inline(always)]
-        fn splat(value: f32) -> Self {
+        unsafe fn splat(value: f32) -> Self {
             Self(unsafe { _mm512_set1_ps(value) })
         }
 
         #[inline(always)]
-        fn fused(self, b: Self, c: Self) -> Self {
+        unsafe fn fused(self, b: Self, c: Self) -> Self {
             Self(unsafe { _mm512_fmadd_ps(self.0, b.0, c.0) })
         }
 

@@ -188,7 +188,7 @@ impl NormSilu {
                 sums
             })
             .collect();
-        let sums = added(sums);
+        let sums = added(sums, 2 * c);
         let (with, alone) = sums.split_at(c);
         for i in 0..c {
             of_modulation[i] = (with[i] * f64::from(inverse[i])) as f32;
@@ -315,5 +315,80 @@ impl Operator<1> for Silu {
             #[inline(always)]
             |x, g| g * slope(x),
         )]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn numbers(seed: u32, size: usize) -> Vec<f32> {
+        (0..size as u32)
+            .map(|i| (i.wrapping_mul(2_654_435_761).wrapping_add(seed) >> 8) as f32 / 8_388_608.0 - 1.0)
+            .collect()
+    }
+
+    /// Output in f64 from the definition.
+    fn defined(norm: &NormSilu, x: &[f64], modulation: &[f64]) -> Vec<f64> {
+        let (c, size) = (norm.channels, norm.pixels * norm.channels);
+        let mut out = vec![0.0; x.len()];
+        for (image, x) in x.chunks_exact(size).enumerate() {
+            for group in 0..c / GROUP {
+                let inside = |i: &usize| i % c / GROUP == group;
+                let count = (norm.pixels * GROUP) as f64;
+                let mean = (0..size).filter(inside).map(|i| x[i]).sum::<f64>() / count;
+                let variance = (0..size).filter(inside).map(|i| (x[i] - mean).powi(2)).sum::<f64>() / count;
+                for i in (0..size).filter(inside) {
+                    let modulation = &modulation[image * 2 * c..(image + 1) * 2 * c];
+                    let u =
+                        (x[i] - mean) / (variance + EPSILON).sqrt() * (1.0 + modulation[i % c]) + modulation[c + i % c];
+                    out[image * size + i] = u / (1.0 + (-u).exp());
+                }
+            }
+        }
+        out
+    }
+
+    #[test]
+    fn normalisation_and_its_gradients_are_what_they_say_over_runs_and_bands() {
+        for (images, pixels, channels) in [(1, 700, 24), (2, 1100, 16), (1, 513, 40), (2, 65, 8)] {
+            let norm = NormSilu { pixels, channels };
+            let (x, modulation) = (numbers(1, images * pixels * channels), numbers(2, images * 2 * channels));
+            let gradient = numbers(3, x.len());
+            let (out, moments) = norm.forward([&x, &modulation]);
+            let wide = |values: &[f32]| values.iter().map(|v| f64::from(*v)).collect::<Vec<f64>>();
+            let inputs = [wide(&x), wide(&modulation)];
+            let expected = defined(&norm, &inputs[0], &inputs[1]);
+            assert!(out.iter().zip(&expected).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-5));
+            let found = norm.backward([&x, &modulation], &moments, &gradient, [true; 2]);
+            for (which, found) in found.iter().enumerate() {
+                for at in [0, 1, found.len() / 2 + 3, found.len() - 1] {
+                    let value = |by: f64| {
+                        let mut moved = inputs.clone();
+                        moved[which][at] += by;
+                        let out = defined(&norm, &moved[0], &moved[1]);
+                        out.iter().zip(&gradient).map(|(v, g)| v * f64::from(*g)).sum::<f64>()
+                    };
+                    let expected = (value(1e-4) - value(-1e-4)) / 2e-4;
+                    let error = (f64::from(found[at]) - expected).abs();
+                    assert!(error < 1e-4 * expected.abs().max(1.0), "{norm:?} {which} {at}: {} {expected}", found[at]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn bits_do_not_depend_on_the_number_of_threads() {
+        let norm = NormSilu { pixels: 1300, channels: 48 };
+        let (x, modulation) = (numbers(1, 3 * 1300 * 48), numbers(2, 3 * 96));
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            pool.install(|| {
+                let (out, moments) = norm.forward([&x, &modulation]);
+                (norm.backward([&x, &modulation], &moments, &out, [true; 2]), out)
+            })
+        };
+        let one = run(1);
+        assert!(one == run(2) && one == run(5));
     }
 }

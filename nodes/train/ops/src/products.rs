@@ -41,9 +41,13 @@ impl Left<'_> {
     /// Panics unless all rows of the runs have `columns` numbers, and `other` holds as many rows of `width`.
     fn check(&self, runs: &[Run], columns: usize, other: usize, width: usize) {
         for run in runs.iter().filter(|run| run.rows > 0) {
-            let end = run.left + (run.rows - 1) * self.stride + columns;
-            assert!(end <= self.data.len(), "the left matrix has the rows of {run:?}");
-            assert!(run.other + run.rows * width <= other, "the other matrix has the rows of {run:?}");
+            let end = |from: usize, rows: usize, stride: usize, last: usize| {
+                rows.checked_mul(stride)?.checked_add(from)?.checked_add(last)
+            };
+            let left = end(run.left, run.rows - 1, self.stride, columns);
+            assert!(left.is_some_and(|end| end <= self.data.len()), "the left matrix has the rows of {run:?}");
+            let there = end(run.other, run.rows, width, 0);
+            assert!(there.is_some_and(|end| end <= other), "the other matrix has the rows of {run:?}");
         }
     }
 }
@@ -86,6 +90,8 @@ impl Packed {
         row: impl Fn(usize) -> usize,
         stride: usize,
     ) -> Self {
+        let extent = (0..depth).map(|i| row(i) + (columns - 1) * stride + 1).max().unwrap_or(0);
+        assert!(extent <= data.len(), "the matrix is as large as it should be");
         let mut packed = vec![0.0; depth * columns.next_multiple_of(UNIT)];
         for panel in Panel::all(columns) {
             let there = panel.width().min(columns - panel.first);
@@ -174,9 +180,11 @@ pub(crate) unsafe fn add_products(
                         }
                     }
                 }
-                let mut beside = Product { start: None, out: maybe(&mut ragged), out_stride: width, ..product };
-                // SAFETY: as above, with room for whole panels.
-                unsafe { kernel(&mut beside) };
+                // SAFETY: as above, with room for whole panels; kernels write numbers.
+                unsafe {
+                    let out = maybe(&mut ragged);
+                    kernel(&mut Product { start: None, out, out_stride: width, ..product });
+                }
                 for (i, row) in ragged.chunks_exact(width).take(rows).enumerate() {
                     let to = &mut out[run.other + panel.first + i * right.columns..][..there];
                     to.iter_mut().zip(row).for_each(|(to, v)| _ = to.write(*v));
@@ -187,7 +195,7 @@ pub(crate) unsafe fn add_products(
 }
 
 /// Adds to `out`, [depth, columns], the sums over the rows of the runs of left row times right row: what left columns
-/// `from..from + depth` have in common with those of `right`, [.., columns], a multiple of 16.
+/// `from..from + depth` have in common with those of `right`, [.., columns], a multiple of 16. No run may be empty.
 pub(crate) fn add_outer_products(
     out: &mut [f32],
     left: Left<'_>,
@@ -199,6 +207,7 @@ pub(crate) fn add_outer_products(
     assert!(columns > 0 && columns.is_multiple_of(UNIT), "columns come in units");
     let depth = out.len() / columns;
     assert_eq!(out.len(), depth * columns, "rows are whole");
+    assert!(runs.iter().all(|run| run.rows > 0), "runs have rows");
     left.check(runs, from + depth, right.len(), columns);
     for panel in Panel::all(columns) {
         let mut outer = Outer {

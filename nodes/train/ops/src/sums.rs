@@ -15,20 +15,20 @@ pub(crate) fn columns(data: &[f32], columns: usize) -> Vec<f32> {
 
 /// Sums of `f(column, value)` over the rows: over bands of them side by side, and over the bands in their order.
 pub(crate) fn all(data: &[f32], columns: usize, f: impl Fn(usize, f32) -> f32 + Sync) -> Vec<f64> {
+    assert!(data.len().is_multiple_of(columns), "whole rows");
     let bands = data.par_chunks(BAND * columns).map(|band| {
         wide(
             #[inline(always)]
             || by_column(band, columns, &f),
         )
     });
-    added(bands.collect())
+    added(bands.collect(), columns)
 }
 
-/// The sum of equally long rows, in their order.
-pub(crate) fn added(rows: Vec<Vec<f64>>) -> Vec<f64> {
-    let mut rows = rows.into_iter();
-    let mut total = rows.next().unwrap_or_default();
-    rows.for_each(|row| total.iter_mut().zip(row).for_each(|(total, value)| *total += value));
+/// The sum of rows of so many values, in their order.
+pub(crate) fn added(rows: Vec<Vec<f64>>, columns: usize) -> Vec<f64> {
+    let mut total = vec![0.0; columns];
+    rows.into_iter().for_each(|row| total.iter_mut().zip(row).for_each(|(total, value)| *total += value));
     total
 }
 

@@ -42,12 +42,13 @@ pub(crate) fn silu<const D: usize>(x: Tensor<D>) -> Tensor<D> {
 pub(crate) fn fold(x: Tensor<4>) -> Tensor<4> {
     let [images, height, width, channels] = x.dims();
     let shape = [images, height / 2, width / 2, 4 * channels];
-    apply(Fold { width, channels, back: false }, [x.into()], shape)
+    apply(Fold { height, width, channels, back: false }, [x.into()], shape)
 }
 
 /// [N, H, W, 4 C] to [N, 2 H, 2 W, C]: the inverse of [`fold`].
 pub(crate) fn unfold(x: Tensor<4>) -> Tensor<4> {
     let [images, height, width, channels] = x.dims();
-    let shape = [images, 2 * height, 2 * width, channels / 4];
-    apply(Fold { width: 2 * width, channels: channels / 4, back: true }, [x.into()], shape)
+    assert_eq!(channels % 4, 0, "channels of four pixels");
+    let (height, width, channels) = (2 * height, 2 * width, channels / 4);
+    apply(Fold { height, width, channels, back: true }, [x.into()], [images, height, width, channels])
 }

@@ -3,6 +3,7 @@
 use burn::tensor::{Device, Tensor, TensorData};
 use tauflow_contract::KindError;
 use tauflow_data::{TensorFile, rng::Stream};
+use tauflow_ops::square_sum;
 
 /// How a weight matrix starts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -102,6 +103,11 @@ impl Slots {
 pub(crate) struct Weights(pub(crate) Vec<Vec<f32>>);
 
 impl Weights {
+    /// The root of the sum of all squares.
+    pub(crate) fn norm(&self) -> f64 {
+        self.0.iter().map(|values| square_sum(values)).sum::<f64>().sqrt()
+    }
+
     /// Zeros of the same shapes.
     pub(crate) fn zeros(&self) -> Self {
         Self(self.0.iter().map(|v| vec![0.0; v.len()]).collect())

@@ -1,13 +1,15 @@
 //! Training batches out of packed scenes, all in memory. The batch of a step is a function of the seed and the step.
 
 use crate::{
+    model::Model,
     network::features::{Encoding, Sample},
     parameterization::Conditioning,
+    rollout::{Course, rollout},
 };
 use rayon::prelude::*;
 use std::sync::Arc;
 use tauflow_contract::{Collection, Context, KindError};
-use tauflow_data::{Image, formats::PackedScene, maths, rng::Stream};
+use tauflow_data::{Image, formats::PackedScene, maths, rng::Stream, time::TimeGrid};
 
 /// Scenes with the same rungs, of the same size.
 #[derive(Debug)]
@@ -46,6 +48,9 @@ struct Pick {
     /// Which of the six orders of the colours.
     colours: usize,
 }
+
+/// Test scenes whose gain is watched during training.
+const WATCHED: usize = 8;
 
 /// Orders of the colours; the first leaves them.
 const COLOURS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
@@ -103,6 +108,12 @@ impl DataSet {
                     image.height()
                 )));
             }
+            if scene.gbuffer.as_ref().is_some_and(|g| g.data().iter().any(|v| !v.is_finite())) {
+                return Err(KindError::Input(format!(
+                    "scene {key} of input `{port}` holds a value that is not finite in its G-buffer; render it again, or \
+                     leave `gbuffers` away"
+                )));
+            }
             let fits = |g: &Image| (g.width(), g.height(), g.channels()) == (size.0, size.1, 6);
             if conditioning == Conditioning::Gbuffer && !scene.gbuffer.as_ref().is_some_and(fits) {
                 return Err(KindError::Input(format!(
@@ -134,6 +145,27 @@ impl DataSet {
             )));
         }
         Ok(side)
+    }
+
+    /// The mean gain of one model call from the first rung to the last over the first rung itself, on the first scenes: dB of
+    /// PSNR against the last.
+    ///
+    /// # Errors
+    /// If the model refuses the scenes.
+    pub(crate) fn gain(&self, model: &Model) -> Result<f64, KindError> {
+        let scenes = &self.scenes[..self.scenes.len().min(WATCHED)];
+        let gains: Vec<f64> = scenes
+            .iter()
+            .map(|scene| {
+                let (first, last) = (&scene.states[0], &scene.states[scene.states.len() - 1]);
+                let course = Course { from: self.counts[0], steps: 1, grid: TimeGrid::Ladder };
+                let refined = rollout(model, first, scene.gbuffer.as_ref(), course)?;
+                let [before, after] = [first, &refined].map(|image| square_error(image, last));
+                // Of an image without noise there is nothing to gain.
+                Ok(if before > 0.0 && after > 0.0 { 10.0 * maths::log10(before / after) } else { 0.0 })
+            })
+            .collect::<Result<_, KindError>>()?;
+        Ok(gains.iter().sum::<f64>() / gains.len() as f64)
     }
 
     /// The batch of a training step.
@@ -216,6 +248,10 @@ impl DataSet {
         let gbuffer = self.scenes[pick.scene].gbuffer.as_ref().filter(|_| encoding.gbuffer);
         (state, target, gbuffer.map(|gbuffer| pick.turned(gbuffer, &places)))
     }
+}
+
+fn square_error(a: &Image, b: &Image) -> f64 {
+    a.data().iter().zip(b.data()).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum()
 }
 
 /// How batches are drawn.

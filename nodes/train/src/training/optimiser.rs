@@ -6,7 +6,7 @@ use crate::network::weights::Weights;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_data::maths;
-use tauflow_ops::{Adam, square_sum};
+use tauflow_ops::Adam;
 
 const EPSILON: f64 = 1e-8;
 
@@ -72,9 +72,13 @@ impl Optimised {
         Self { average: weights.clone(), weights, first, second, step: 0 }
     }
 
-    /// One step along `gradient`; returns the norm that it had.
-    pub(crate) fn update(&mut self, rates: &Rates, gradient: &Weights) -> f64 {
-        let norm = gradient.0.iter().map(|values| square_sum(values)).sum::<f64>().sqrt();
+    /// Whether all weights and their averages are.
+    pub(crate) fn is_finite(&self) -> bool {
+        self.weights.norm().is_finite() && self.average.norm().is_finite()
+    }
+
+    /// One step along `gradient`, which has this norm.
+    pub(crate) fn update(&mut self, rates: &Rates, gradient: &Weights, norm: f64) {
         let clip = if norm > rates.clip { (rates.clip / norm) as f32 } else { 1.0 };
         let [b1, b2] = rates.betas;
         let count = (self.step + 1) as f64;
@@ -82,14 +86,12 @@ impl Optimised {
         let corrected = (1.0 - maths::pow(b2, count)).sqrt();
         let rate = (rates.at(self.step) * corrected / (1.0 - maths::pow(b1, count))) as f32;
         let epsilon = (EPSILON * corrected) as f32;
-        let betas = [b1 as f32, b2 as f32];
-        let adam = Adam { clip, betas, rate, epsilon, keep: rates.keep(self.step) as f32 };
+        let adam = Adam { clip, betas: rates.betas, rate, epsilon, keep: rates.keep(self.step) };
         let matrices = self.weights.0.iter_mut().zip(&mut self.average.0).zip(&mut self.first.0);
         for ((((weights, average), first), second), gradient) in matrices.zip(&mut self.second.0).zip(&gradient.0) {
             adam.update(weights, average, [first, second], gradient);
         }
         self.step += 1;
-        norm
     }
 }
 
@@ -122,15 +124,16 @@ mod tests {
     fn two_steps_by_hand() {
         let mut state = Optimised::new(Weights(vec![vec![1.0], vec![-2.0, 0.0]]));
         // The norm is 5: everything is divided by it, and Adam's first step is the rate times the sign.
-        let norm = state.update(&rates(), &Weights(vec![vec![3.0], vec![-4.0, 0.0]]));
-        assert!((norm - 5.0).abs() < 1e-6);
+        let gradient = Weights(vec![vec![3.0], vec![-4.0, 0.0]]);
+        assert!((gradient.norm() - 5.0).abs() < 1e-6);
+        state.update(&rates(), &gradient, 5.0);
         assert!((state.weights.0[0][0] - 0.975).abs() < 1e-6 && (state.weights.0[1][0] + 1.975).abs() < 1e-6);
         assert_eq!(state.weights.0[1][1], 0.0);
         assert!((state.first.0[0][0] - 0.06).abs() < 1e-6 && (state.second.0[0][0] - 3.6e-4).abs() < 1e-8);
         // The first average keeps a tenth.
         assert!((state.average.0[0][0] - 0.9775).abs() < 1e-6);
         // A gradient within the clip is left alone: m = .9 .06 + .1 .3, v = .999 3.6e-4 + .001 .09.
-        state.update(&rates(), &Weights(vec![vec![0.3], vec![0.0, 0.0]]));
+        state.update(&rates(), &Weights(vec![vec![0.3], vec![0.0, 0.0]]), 0.3);
         let (m, v) = (0.084 / (1.0 - 0.81), 4.4964e-4 / (1.0 - 0.998_001));
         let expected = 0.975 - 0.05 * m / f64::sqrt(v);
         assert!((f64::from(state.weights.0[0][0]) - expected).abs() < 1e-5, "{} {expected}", state.weights.0[0][0]);

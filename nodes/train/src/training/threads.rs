@@ -56,3 +56,25 @@ impl Drop for Share {
         RUNNING.fetch_sub(1, Ordering::Relaxed);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_are_given_back_even_by_a_panic() {
+        // Other tests of this program train, too: theirs come and go.
+        let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        let mut share = Share::new();
+        let threads = share.run(rayon::current_num_threads).expect("threads");
+        assert!((1..=cores).contains(&threads) && share.most() == threads);
+        let before = std::panic::catch_unwind(|| {
+            let _share = Share::new();
+            panic!("on purpose");
+        });
+        assert!(before.is_err());
+        let many: Vec<Share> = (0..4 * cores).map(|_| Share::new()).collect();
+        assert_eq!(share.run(rayon::current_num_threads).expect("threads"), 1);
+        drop(many);
+    }
+}

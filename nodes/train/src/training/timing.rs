@@ -22,6 +22,14 @@ fn info(preset: Preset) -> ModelInfo {
     }
 }
 
+/// Number of weights of the network that is timed.
+///
+/// # Errors
+/// None: the made-up ladder is one.
+pub fn weights(preset: Preset) -> Result<usize, KindError> {
+    Ok(info(preset).encoding()?.network(preset).slots().count())
+}
+
 fn image(side: usize, period: usize) -> Result<Image, KindError> {
     Ok(Image::from_data(side, side, 3, (0..side * side * 3).map(|i| (i % period) as f32 / 40.0).collect())?)
 }

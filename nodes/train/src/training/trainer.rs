@@ -54,7 +54,14 @@ impl Trainer {
             sum
         });
         let gradient = Weights(gradient.ok_or_else(|| KindError::Internal("a batch without examples".into()))?);
-        let norm = self.state.update(&self.rates, &gradient);
+        let norm = gradient.norm();
+        if !norm.is_finite() {
+            return Err(KindError::Input(format!(
+                "the norm of the gradient is {norm} at step {}, with a loss of {value:.3e}; lower `learning_rate` or `clip`",
+                self.state.step + 1
+            )));
+        }
+        self.state.update(&self.rates, &gradient, norm);
         Ok((value, norm))
     }
 
@@ -142,6 +149,36 @@ mod tests {
     fn rates() -> Rates {
         let (decay, betas) = (Decay::None, [0.9, 0.999]);
         Rates { learning_rate: 2e-3, betas, warmup: 5, clip: 1.0, ema: 0.999, decay, steps: 150 }
+    }
+
+    #[test]
+    fn parts_of_a_batch_add_up_to_its_gradient() {
+        let trainer = Trainer::new(encoding(Parameterization::McVelocity), Preset::Tiny, rates(), 3);
+        let mut weights = trainer.state.weights.clone();
+        // Nothing may be zero, or gradients behind it would be.
+        weights.0.iter_mut().enumerate().for_each(|(i, matrix)| {
+            let mut stream = Stream::new(9, &[i as u64]);
+            matrix.iter_mut().filter(|w| **w == 0.0).for_each(|w| *w = stream.range(-0.05, 0.05) as f32);
+        });
+        for batch in [1, 2, 5] {
+            let draw =
+                Draw { seed: 5, batch, side: 16, shuffle_targets: false, exposure_jitter: 0.0, permute_colours: false };
+            let batch = scenes(3, 16).draw(&trainer.encoding, &draw, 0);
+            let tensors = trainer.network.slots().tensors(&weights, &trainer.device);
+            let count = batch.targets.len();
+            let whole = trainer.part(&batch, &tensors, count).expect("finite");
+            let parts = batch.parts(PARTS);
+            assert_eq!(parts.len(), PARTS.min(draw.batch));
+            let parts: Vec<_> = parts.iter().map(|part| trainer.part(part, &tensors, count).expect("finite")).collect();
+            assert!((parts.iter().map(|(loss, _)| loss).sum::<f64>() - whole.0).abs() < 1e-6 * whole.0);
+            for (slot, expected) in whole.1.iter().enumerate() {
+                let largest = expected.iter().fold(0.0f32, |m, g| m.max(g.abs()));
+                for (at, expected) in expected.iter().enumerate() {
+                    let found: f32 = parts.iter().map(|(_, gradients)| gradients[slot][at]).sum();
+                    assert!((found - expected).abs() <= 1e-4 * largest, "{slot} {at}: {found} {expected}");
+                }
+            }
+        }
     }
 
     #[test]

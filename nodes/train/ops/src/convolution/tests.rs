@@ -49,7 +49,7 @@ fn bits(values: &[f32]) -> Vec<u32> {
 }
 
 /// Shapes with whole and ragged panels, tiles, bands and depths.
-const SHAPES: [[usize; 5]; 7] = [
+const SHAPES: [[usize; 5]; 9] = [
     [2, 5, 7, 3, 4],
     [1, 1, 1, 16, 16],
     [2, 8, 8, 36, 32],
@@ -57,6 +57,8 @@ const SHAPES: [[usize; 5]; 7] = [
     [1, 3, 300, 5, 48],
     [3, 4, 12, 24, 80],
     [1, 2, 16, 70, 112],
+    [3, 6, 1, 5, 17],
+    [2, 1, 40, 16, 16],
 ];
 
 #[test]
@@ -126,6 +128,42 @@ fn linear_maps_are_what_they_say_with_any_instructions() {
             near(&of_kernel, &expected, "gradient of the kernel");
         }
     }
+}
+
+/// Whether it panics.
+fn refused(f: impl FnOnce() + std::panic::UnwindSafe) -> bool {
+    std::panic::catch_unwind(f).is_err()
+}
+
+#[test]
+fn sizes_that_do_not_fit_are_refused() {
+    let conv =
+        |height, width, inputs, outputs| Conv3 { height, width, inputs, outputs, instructions: Instructions::best() };
+    let forward = |conv: Conv3, x: usize, kernel: usize, bias: usize| {
+        refused(move || _ = conv.forward([&vec![1.0; x], &vec![1.0; kernel], &vec![1.0; bias]]))
+    };
+    assert!(!forward(conv(2, 2, 1, 1), 8, 9, 1));
+    assert!(
+        forward(conv(2, 2, 1, 1), 7, 9, 1) && forward(conv(2, 2, 1, 1), 8, 10, 1) && forward(conv(2, 2, 1, 1), 8, 9, 2)
+    );
+    assert!(forward(conv(0, 2, 1, 1), 8, 9, 1) && forward(conv(2, 2, 0, 1), 8, 0, 1));
+    // Products of sizes that wrap around.
+    assert!(forward(conv(1, (1 << 60) + 1, 16, 16), 16, 2304, 16));
+    assert!(forward(conv(0xAAAA_AAAA_AAAA_AAAB, 1, 3, 1), 1, 27, 1));
+    let conv = conv(2, 2, 1, 1);
+    assert!(refused(move || _ = conv.backward([&[1.0; 4], &[1.0; 9], &[0.0]], &(), &[1.0; 8], [true; 3])));
+    let map = Linear { inputs: 3, outputs: 5, instructions: Instructions::best() };
+    let other = map.clone();
+    assert!(refused(move || _ = map.backward([&[1.0; 3], &[1.0; 11], &[0.0; 5]], &(), &[1.0; 5], [true; 3])));
+    assert!(!refused(move || _ = other.backward([&[1.0; 3], &[1.0; 15], &[0.0; 5]], &(), &[1.0; 5], [true; 3])));
+}
+
+#[test]
+fn no_images_give_no_result_and_gradients_of_nothing() {
+    let conv = Conv3 { height: 4, width: 4, inputs: 2, outputs: 3, instructions: Instructions::best() };
+    let inputs = [&[][..], &[1.0; 54], &[1.0; 3]];
+    assert!(conv.forward(inputs).0.is_empty());
+    assert_eq!(conv.backward(inputs, &(), &[], [true; 3]).map(|v| v.len()), [0, 54, 3]);
 }
 
 #[test]
