@@ -5,6 +5,8 @@
 //! cargo run --release -p tauflow-ops --example throughput
 //! ```
 
+#![expect(clippy::needless_range_loop, reason = "references would keep the sums in memory")]
+
 use std::{hint::black_box, time::Instant};
 use tauflow_ops::{Conv3, Instructions, Operator};
 
@@ -28,24 +30,32 @@ fn peak() -> f64 {
         #[target_feature(enable = "avx512f")]
         fn wide() -> f32 {
             let (a, b) = (_mm512_set1_ps(black_box(0.999)), _mm512_set1_ps(black_box(0.001)));
-            let mut sums = [_mm512_set1_ps(black_box(1.0)); 24];
+            let mut sums = [_mm512_setzero_ps(); 24];
             for _ in 0..TIMES {
-                for sum in &mut sums {
-                    *sum = _mm512_fmadd_ps(*sum, a, b);
+                for i in 0..24 {
+                    sums[i] = _mm512_fmadd_ps(a, b, sums[i]);
                 }
             }
-            sums.iter().map(|sum| _mm512_reduce_add_ps(*sum)).sum()
+            let mut total = _mm512_setzero_ps();
+            for i in 0..24 {
+                total = _mm512_add_ps(total, sums[i]);
+            }
+            _mm512_reduce_add_ps(total)
         }
         #[target_feature(enable = "avx2,fma")]
         fn narrow() -> f32 {
             let (a, b) = (_mm256_set1_ps(black_box(0.999)), _mm256_set1_ps(black_box(0.001)));
-            let mut sums = [_mm256_set1_ps(black_box(1.0)); 12];
+            let mut sums = [_mm256_setzero_ps(); 12];
             for _ in 0..TIMES {
-                for sum in &mut sums {
-                    *sum = _mm256_fmadd_ps(*sum, a, b);
+                for i in 0..12 {
+                    sums[i] = _mm256_fmadd_ps(a, b, sums[i]);
                 }
             }
-            sums.iter().map(|sum| _mm_cvtss_f32(_mm256_castps256_ps128(*sum))).sum()
+            let mut total = _mm256_setzero_ps();
+            for i in 0..12 {
+                total = _mm256_add_ps(total, sums[i]);
+            }
+            _mm_cvtss_f32(_mm256_castps256_ps128(total))
         }
         match Instructions::best() {
             // SAFETY: the processor has the instructions.
