@@ -175,4 +175,5 @@ def main():
             print("| " + " | ".join(str(cell) for cell in cells) + " |", flush=True)
 
 
-main()
+if __name__ == "__main__":
+    main()

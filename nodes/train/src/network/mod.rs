@@ -8,6 +8,8 @@ mod gradients;
 pub(crate) mod head;
 mod layers;
 mod op;
+#[cfg(test)]
+mod peer;
 pub(crate) mod unet;
 pub(crate) mod weights;
 

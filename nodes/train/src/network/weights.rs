@@ -33,6 +33,12 @@ impl Slots {
         self.0.len() - 1
     }
 
+    /// Names and shapes.
+    #[cfg(test)]
+    pub(crate) fn shapes(&self) -> Vec<(String, [usize; 2])> {
+        self.0.iter().map(|slot| (slot.name.clone(), slot.shape)).collect()
+    }
+
     /// Number of weights.
     pub(crate) fn count(&self) -> usize {
         self.0.iter().map(|s| s.shape[0] * s.shape[1]).sum()
