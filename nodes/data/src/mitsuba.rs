@@ -3,12 +3,15 @@
 //! The folder gets `scene.xml`, meshes as PLY and images as EXR. Radiance is exported as it is; the exposure factor is
 //! applied to images afterwards, on both sides alike.
 
+mod ply;
+
 use crate::{
     Image,
     formats::Mesh,
     image_io::write_exr,
     scene::{Affine, Bsdf, DELTA_ALPHA, Emitter, Geometry, Rgb, Scene, Shape, Texture},
 };
+use ply::ply;
 use std::{collections::BTreeSet, fmt::Write as _, fs, path::Path};
 use tauflow_contract::{Digest, KindError};
 
@@ -23,12 +26,22 @@ pub struct Film {
     pub spp: u64,
 }
 
+/// Vertex colours as a texture reads them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Tint {
+    scale: Rgb,
+    /// One channel, or all three colours.
+    channel: Option<u8>,
+}
+
 struct Writer<'a> {
     dir: &'a Path,
     load: &'a mut dyn FnMut(&Digest) -> Result<Vec<u8>, KindError>,
     xml: String,
     indent: usize,
     written: BTreeSet<String>,
+    /// What textures make of vertex colours; every mesh with colours gets all of them.
+    tints: Vec<Tint>,
 }
 
 /// Writes `scene.xml` and what it names into `dir`, which is made if it is absent.
@@ -43,7 +56,7 @@ pub fn export(
 ) -> Result<(), KindError> {
     let io = |source| KindError::Environment(format!("cannot write {}: {source}", dir.display()));
     fs::create_dir_all(dir).map_err(io)?;
-    let mut writer = Writer { dir, load, xml: String::new(), indent: 0, written: BTreeSet::new() };
+    let mut writer = Writer { dir, load, xml: String::new(), indent: 0, written: BTreeSet::new(), tints: Vec::new() };
     writer.open("<scene version=\"3.0.0\">");
     writer.open("<integrator type=\"path\">");
     writer.line(&format!("<integer name=\"max_depth\" value=\"{}\"/>", scene.max_depth));
@@ -52,6 +65,10 @@ pub fn export(
     for (index, material) in scene.materials.iter().enumerate() {
         writer.bsdf(material, &format!(" id=\"material-{index}\""))?;
     }
+    // Meshes are written with all that reads their colours.
+    scene.shapes.iter().filter_map(|shape| shape.emission.as_ref()).for_each(|emission| {
+        writer.tint(emission);
+    });
     for (index, shape) in scene.shapes.iter().enumerate() {
         writer.shape(index, shape)?;
     }
@@ -60,6 +77,28 @@ pub fn export(
     }
     writer.close("</scene>");
     fs::write(dir.join("scene.xml"), &writer.xml).map_err(io)
+}
+
+/// A texture without constant factors: those of products go into the other factor.
+fn simplified(texture: &Texture) -> Texture {
+    let Texture::Product { a, b } = texture else { return texture.clone() };
+    let times = |scale: &Rgb, by: &Rgb| [0, 1, 2].map(|c| scale[c] * by[c]);
+    match (simplified(a), simplified(b)) {
+        (Texture::Constant { value }, other) | (other, Texture::Constant { value }) => match other {
+            Texture::Constant { value: other } => Texture::Constant { value: times(&other, &value) },
+            Texture::Checkerboard { color0, color1, scale } => {
+                Texture::Checkerboard { color0: times(&color0, &value), color1: times(&color1, &value), scale }
+            }
+            Texture::Bitmap { image, uv, scale, channel, clamp } => {
+                Texture::Bitmap { image, uv, scale: times(&scale, &value), channel, clamp }
+            }
+            Texture::VertexColor { scale, channel } => Texture::VertexColor { scale: times(&scale, &value), channel },
+            product @ Texture::Product { .. } => {
+                Texture::Product { a: Box::new(Texture::Constant { value }), b: Box::new(product) }
+            }
+        },
+        (a, b) => Texture::Product { a: Box::new(a), b: Box::new(b) },
+    }
 }
 
 fn rgb(value: &Rgb) -> String {
@@ -123,13 +162,33 @@ impl Writer<'_> {
         self.close("</sensor>");
     }
 
-    fn image(&mut self, digest: &Digest, scale: &Rgb, channel: Option<u8>) -> Result<String, KindError> {
+    /// The index of what a texture makes of vertex colours, if that is what it is.
+    fn tint(&mut self, texture: &Texture) -> Option<usize> {
+        let Texture::VertexColor { scale, channel } = simplified(texture) else { return None };
+        let tint = Tint { scale, channel };
+        Some(self.tints.iter().position(|other| *other == tint).unwrap_or_else(|| {
+            self.tints.push(tint);
+            self.tints.len() - 1
+        }))
+    }
+
+    /// Writes an image, once; `bend` is what the first two components of the normals that it encodes are scaled by.
+    fn image(
+        &mut self,
+        digest: &Digest,
+        scale: &Rgb,
+        channel: Option<u8>,
+        bend: Option<f32>,
+    ) -> Result<String, KindError> {
         let mut name = format!("image-{}", digest.short());
         if *scale != [1.0; 3] {
             let _ = write!(name, "-x{:08x}{:08x}{:08x}", scale[0].to_bits(), scale[1].to_bits(), scale[2].to_bits());
         }
         if let Some(channel) = channel {
             let _ = write!(name, "-c{channel}");
+        }
+        if let Some(bend) = bend {
+            let _ = write!(name, "-n{:08x}", bend.to_bits());
         }
         name.push_str(".exr");
         if self.written.insert(name.clone()) {
@@ -141,10 +200,15 @@ impl Writer<'_> {
                 (None, 1) => pixel[0],
                 (None, _) => pixel[c],
             };
+            // Of values that are looked up between texels, too: this is linear.
+            let bent = |value: f32, c: usize| match bend {
+                Some(bend) if c < 2 => bend * value + 0.5 * (1.0 - bend),
+                _ => value,
+            };
             let data = image
                 .data()
                 .chunks_exact(count)
-                .flat_map(|pixel| [0, 1, 2].map(|c| read(pixel, c) * scale[c]))
+                .flat_map(|pixel| [0, 1, 2].map(|c| bent(read(pixel, c) * scale[c], c)))
                 .collect();
             let image = Image::from_data(image.width(), image.height(), 3, data)?;
             write_exr(&self.dir.join(&name), &[("", &image)])?;
@@ -154,6 +218,7 @@ impl Writer<'_> {
 
     /// A texture in the role `name`; scalars are exported as the mean of equal channels, which is exact.
     fn texture(&mut self, name: &str, texture: &Texture, scalar: bool) -> Result<(), KindError> {
+        let texture = &simplified(texture);
         match texture {
             Texture::Constant { value } if scalar => self.float(name, value[0]),
             Texture::Constant { value } => self.line(&format!("<rgb name=\"{name}\" value=\"{}\"/>", rgb(value))),
@@ -167,31 +232,34 @@ impl Writer<'_> {
                 self.close("</texture>");
             }
             Texture::Bitmap { image, uv, scale, channel, clamp } => {
-                let file = self.image(image, scale, *channel)?;
-                self.open(&format!("<texture type=\"bitmap\" name=\"{name}\">"));
-                self.line(&format!("<string name=\"filename\" value=\"{file}\"/>"));
-                self.line("<boolean name=\"raw\" value=\"true\"/>");
-                self.line(&format!(
-                    "<string name=\"wrap_mode\" value=\"{}\"/>",
-                    if *clamp { "clamp" } else { "repeat" }
-                ));
-                self.open("<transform name=\"to_uv\">");
-                let [a, b] = uv;
-                self.line(&format!(
-                    "<matrix value=\"{:?} {:?} {:?} {:?} {:?} {:?} 0 0 1\"/>",
-                    a[0], a[1], a[2], b[0], b[1], b[2]
-                ));
-                self.close("</transform>");
+                let file = self.image(image, scale, *channel, None)?;
+                self.bitmap(name, &file, uv, *clamp);
+            }
+            Texture::VertexColor { .. } => {
+                let index = self.tint(texture).unwrap_or_default();
+                self.open(&format!("<texture type=\"mesh_attribute\" name=\"{name}\">"));
+                self.line(&format!("<string name=\"name\" value=\"vertex_c{index}_color\"/>"));
                 self.close("</texture>");
             }
-            Texture::VertexColor { .. } | Texture::Product { .. } => {
+            Texture::Product { .. } => {
                 return Err(KindError::Input(format!(
-                    "`{name}` is a vertex colour or a product of textures, which Mitsuba's plugins do not express; \
-                     export a scene without it"
+                    "`{name}` is a product of textures, which Mitsuba's plugins do not express; export a scene without it"
                 )));
             }
         }
         Ok(())
+    }
+
+    fn bitmap(&mut self, name: &str, file: &str, [a, b]: &[[f64; 3]; 2], clamp: bool) {
+        self.open(&format!("<texture type=\"bitmap\" name=\"{name}\">"));
+        self.line(&format!("<string name=\"filename\" value=\"{file}\"/>"));
+        self.line("<boolean name=\"raw\" value=\"true\"/>");
+        self.line(&format!("<string name=\"wrap_mode\" value=\"{}\"/>", if clamp { "clamp" } else { "repeat" }));
+        self.open("<transform name=\"to_uv\">");
+        let values = [a[0], a[1], a[2], b[0], b[1], b[2]].map(|v| format!("{v:?}")).join(" ");
+        self.line(&format!("<matrix value=\"{values} 0 0 1\"/>"));
+        self.close("</transform>");
+        self.close("</texture>");
     }
 
     fn bsdf(&mut self, bsdf: &Bsdf, id: &str) -> Result<(), KindError> {
@@ -237,6 +305,11 @@ impl Writer<'_> {
                 self.float("clearcoat_gloss", *clearcoat_gloss);
             }
             Bsdf::Mask { opacity, inner } => {
+                // What both factors let through, one after the other.
+                if let Texture::Product { a, b } = simplified(opacity) {
+                    let inner = Bsdf::Mask { opacity: *b, inner: inner.clone() };
+                    return self.bsdf(&Bsdf::Mask { opacity: *a, inner: Box::new(inner) }, id);
+                }
                 self.open(&format!("<bsdf type=\"mask\"{id}>"));
                 self.texture("opacity", opacity, true)?;
                 self.bsdf(inner, "")?;
@@ -248,14 +321,14 @@ impl Writer<'_> {
                 self.bsdf(b, "")?;
             }
             Bsdf::NormalMap { map, scale, inner } => {
-                if *scale != 1.0 {
-                    return Err(KindError::Input(format!(
-                        "a normal map is scaled by {scale}, which Mitsuba's plugin does not express; export a scene \
-                         without it"
-                    )));
-                }
                 self.open(&format!("<bsdf type=\"normalmap\"{id}>"));
-                self.texture("normalmap", map, false)?;
+                match simplified(map) {
+                    Texture::Bitmap { image, uv, scale: factor, channel, clamp } if *scale != 1.0 => {
+                        let file = self.image(&image, &factor, channel, Some(*scale))?;
+                        self.bitmap("normalmap", &file, &uv, clamp);
+                    }
+                    map => self.texture("normalmap", &map, false)?,
+                }
                 self.bsdf(inner, "")?;
             }
             Bsdf::TwoSided { inner } => {
@@ -284,7 +357,7 @@ impl Writer<'_> {
             Geometry::Mesh { mesh } => {
                 let mesh = Mesh::from_bytes(&(self.load)(mesh)?)?;
                 let file = format!("mesh-{index:04}.ply");
-                fs::write(self.dir.join(&file), ply(&mesh))
+                fs::write(self.dir.join(&file), ply(&mesh, &self.tints))
                     .map_err(|e| KindError::Environment(format!("cannot write {file}: {e}")))?;
                 self.open("<shape type=\"ply\">");
                 self.line(&format!("<string name=\"filename\" value=\"{file}\"/>"));
@@ -322,7 +395,7 @@ impl Writer<'_> {
                 self.line(&format!("<rgb name=\"radiance\" value=\"{}\"/>", rgb(radiance)));
             }
             Emitter::Envmap { image, scale, to_world } => {
-                let file = self.image(image, &[1.0; 3], None)?;
+                let file = self.image(image, &[1.0; 3], None, None)?;
                 self.open("<emitter type=\"envmap\">");
                 self.line(&format!("<string name=\"filename\" value=\"{file}\"/>"));
                 self.float("scale", *scale);
@@ -355,72 +428,5 @@ fn rough(name: &str, alpha: f32) -> String {
     if alpha >= DELTA_ALPHA { format!("rough{name}") } else { name.to_owned() }
 }
 
-/// A binary PLY of a mesh.
-fn ply(mesh: &Mesh) -> Vec<u8> {
-    let mut head = format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\n", mesh.positions.len());
-    let mut property = |names: &[&str]| names.iter().for_each(|n| head.push_str(&format!("property float {n}\n")));
-    property(&["x", "y", "z"]);
-    if mesh.normals.is_some() {
-        property(&["nx", "ny", "nz"]);
-    }
-    if mesh.uvs.is_some() {
-        property(&["u", "v"]);
-    }
-    let _ = write!(head, "element face {}\nproperty list uchar int vertex_indices\nend_header\n", mesh.triangles.len());
-    let mut out = head.into_bytes();
-    let mut put = |values: &[f32]| values.iter().for_each(|v| out.extend(v.to_le_bytes()));
-    for (i, position) in mesh.positions.iter().enumerate() {
-        put(position);
-        if let Some(normals) = &mesh.normals {
-            put(&normals[i]);
-        }
-        if let Some(uvs) = &mesh.uvs {
-            put(&uvs[i]);
-        }
-    }
-    for triangle in &mesh.triangles {
-        out.push(3);
-        triangle.iter().for_each(|i| out.extend(i.to_le_bytes()));
-    }
-    out
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::scene::{Camera, IDENTITY};
-
-    #[test]
-    fn a_scene_becomes_a_folder() {
-        let dir = std::env::temp_dir().join(format!("tauflow-mitsuba-{}", std::process::id()));
-        let mesh = Mesh {
-            positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-            triangles: vec![[0, 1, 2]],
-            ..Mesh::default()
-        };
-        let bytes = mesh.to_bytes().expect("small");
-        let digest = Digest::of(&bytes);
-        let scene = Scene {
-            version: 1,
-            seed: 1,
-            camera: Camera { origin: [0.0, 0.0, 4.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_x: 40.0, near: 0.01 },
-            max_depth: 5,
-            shapes: vec![Shape {
-                geometry: Geometry::Mesh { mesh: digest },
-                to_world: IDENTITY,
-                material: 0,
-                emission: None,
-                flip_normals: false,
-            }],
-            materials: vec![Bsdf::TwoSided { inner: Box::new(Bsdf::Diffuse { reflectance: Texture::scalar(0.5) }) }],
-            emitters: vec![Emitter::Constant { radiance: [1.0; 3] }],
-        };
-        let film = Film { width: 8, height: 8, spp: 4 };
-        export(&scene, &mut |_| Ok(bytes.clone()), &dir, film).expect("exportable");
-        let xml = fs::read_to_string(dir.join("scene.xml")).expect("written");
-        assert_eq!(xml.matches("<bsdf").count(), xml.matches("</bsdf>").count());
-        assert!(xml.contains("mesh-0000.ply") && xml.contains("face_normals"));
-        assert!(fs::read(dir.join("mesh-0000.ply")).expect("written").starts_with(b"ply\n"));
-        fs::remove_dir_all(&dir).expect("removed");
-    }
-}
+mod tests;

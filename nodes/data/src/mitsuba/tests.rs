@@ -1,0 +1,108 @@
+use super::*;
+use crate::scene::{Camera, IDENTITY};
+
+#[test]
+fn a_scene_becomes_a_folder() {
+    let dir = std::env::temp_dir().join(format!("tauflow-mitsuba-{}", std::process::id()));
+    let mesh = Mesh {
+        positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+        triangles: vec![[0, 1, 2]],
+        ..Mesh::default()
+    };
+    let bytes = mesh.to_bytes().expect("small");
+    let digest = Digest::of(&bytes);
+    let scene = Scene {
+        version: 1,
+        seed: 1,
+        camera: Camera { origin: [0.0, 0.0, 4.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_x: 40.0, near: 0.01 },
+        max_depth: 5,
+        shapes: vec![Shape {
+            geometry: Geometry::Mesh { mesh: digest },
+            to_world: IDENTITY,
+            material: 0,
+            emission: None,
+            flip_normals: false,
+        }],
+        materials: vec![Bsdf::TwoSided { inner: Box::new(Bsdf::Diffuse { reflectance: Texture::scalar(0.5) }) }],
+        emitters: vec![Emitter::Constant { radiance: [1.0; 3] }],
+    };
+    let film = Film { width: 8, height: 8, spp: 4 };
+    export(&scene, &mut |_| Ok(bytes.clone()), &dir, film).expect("exportable");
+    let xml = fs::read_to_string(dir.join("scene.xml")).expect("written");
+    assert_eq!(xml.matches("<bsdf").count(), xml.matches("</bsdf>").count());
+    assert!(xml.contains("mesh-0000.ply") && xml.contains("face_normals"));
+    assert!(fs::read(dir.join("mesh-0000.ply")).expect("written").starts_with(b"ply\n"));
+    fs::remove_dir_all(&dir).expect("removed");
+}
+
+fn bitmap(image: Digest) -> Texture {
+    let uv = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    Texture::Bitmap { image, uv, scale: [1.0; 3], channel: None, clamp: false }
+}
+
+fn times(a: Texture, b: Texture) -> Texture {
+    Texture::Product { a: Box::new(a), b: Box::new(b) }
+}
+
+/// Exports materials on a triangle of two colours; the folder's `scene.xml` and PLY.
+fn exported(materials: Vec<Bsdf>) -> Result<(tempfile::TempDir, String, Vec<u8>), KindError> {
+    let dir = tempfile::tempdir().expect("a folder");
+    let mesh = Mesh {
+        positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+        triangles: vec![[0, 1, 2]],
+        colors: Some(vec![[1.0, 0.5, 0.25, 0.125]; 3]),
+        ..Mesh::default()
+    };
+    let image = Image::from_data(1, 1, 3, vec![0.5, 0.75, 1.0]).expect("fits");
+    let (mesh, image) = (mesh.to_bytes().expect("small"), image.to_bytes());
+    let shape = Shape {
+        geometry: Geometry::Mesh { mesh: Digest::of(&mesh) },
+        to_world: IDENTITY,
+        material: 0,
+        emission: None,
+        flip_normals: false,
+    };
+    let camera = Camera { origin: [0.0, 0.0, 4.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_x: 40.0, near: 0.01 };
+    let scene =
+        Scene { version: 1, seed: 1, camera, max_depth: 5, shapes: vec![shape], materials, emitters: Vec::new() };
+    let mut load = |digest: &Digest| Ok(if *digest == Digest::of(&mesh) { mesh.clone() } else { image.clone() });
+    export(&scene, &mut load, dir.path(), Film { width: 8, height: 8, spp: 4 })?;
+    let xml = fs::read_to_string(dir.path().join("scene.xml")).expect("written");
+    let ply = fs::read(dir.path().join("mesh-0000.ply")).expect("written");
+    Ok((dir, xml, ply))
+}
+
+#[test]
+fn vertex_colours_become_attributes_of_meshes() {
+    let colors = |channel| Texture::VertexColor { scale: [1.0; 3], channel };
+    let tinted = times(Texture::rgb([0.5, 1.0, 2.0]), colors(None));
+    let diffuse = |reflectance| Box::new(Bsdf::Diffuse { reflectance });
+    let mask = Bsdf::Mask { opacity: times(colors(Some(3)), bitmap(Digest::of(b"i"))), inner: diffuse(tinted) };
+    let (_dir, xml, ply) = exported(vec![mask]).expect("exportable");
+    // A mask for each factor of the opacity, and two ways in which colours are read.
+    assert_eq!(xml.matches("<bsdf type=\"mask\"").count(), 2, "{xml}");
+    assert!(xml.contains("vertex_c0_color") && xml.contains("vertex_c1_color") && !xml.contains("vertex_c2"), "{xml}");
+    let end = b"end_header\n";
+    let at = ply.windows(end.len()).position(|w| w == end).expect("a header") + end.len();
+    let values: Vec<f32> =
+        ply[at..at + 36].chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().expect("four"))).collect();
+    assert_eq!(values[3..], [0.125, 0.125, 0.125, 0.5, 0.5, 0.5]);
+}
+
+#[test]
+fn normal_maps_are_scaled_in_their_images() {
+    let inner = Box::new(Bsdf::Diffuse { reflectance: Texture::scalar(0.5) });
+    let map = bitmap(Digest::of(b"i"));
+    let (dir, xml, _) = exported(vec![Bsdf::NormalMap { map, scale: 0.5, inner }]).expect("exportable");
+    let name = xml.split('"').find(|part| part.ends_with(".exr")).expect("an image");
+    let image = crate::image_io::read_exr(&dir.path().join(name)).expect("readable");
+    // 2 t - 1 is (0, 0.5, 1): halved in its first two components.
+    assert_eq!(image[""].data(), [0.5, 0.625, 1.0]);
+}
+
+#[test]
+fn products_that_mitsuba_cannot_express_are_refused() {
+    let product = times(bitmap(Digest::of(b"i")), Texture::VertexColor { scale: [1.0; 3], channel: None });
+    let error = exported(vec![Bsdf::Diffuse { reflectance: product }]).expect_err("refused").to_string();
+    assert!(error.contains("`reflectance` is a product of textures"), "{error}");
+}
