@@ -1,0 +1,155 @@
+use super::*;
+use crate::parameterization::{Parameterization, Space};
+use std::collections::BTreeSet;
+use tauflow_data::time::VarianceTime;
+
+const COUNTS: [u64; 3] = [1, 4, 16];
+const SIDE: usize = 12;
+const PLAIN: Draw =
+    Draw { seed: 3, batch: 6, side: 8, shuffle_targets: false, exposure_jitter: 0.0, permute_colours: false };
+
+/// Pixels that name themselves: scene, rung and place.
+fn set(scenes: usize) -> DataSet {
+    let value = |scene: usize, rung: usize, i: usize| (10_000 * scene + 1000 * rung + i) as f32;
+    let packed = |scene: usize| {
+        let image = |rung| {
+            let data = (0..SIDE * SIDE * 3).map(|i| value(scene, rung, i)).collect();
+            Image::from_data(SIDE, SIDE, 3, data).expect("fits")
+        };
+        let normal = (0..SIDE * SIDE * 6).map(|i| i as f32).collect();
+        PackedScene {
+            counts: COUNTS.to_vec(),
+            states: (0..3).map(image).collect(),
+            gbuffer: Some(Image::from_data(SIDE, SIDE, 6, normal).expect("fits")),
+        }
+    };
+    DataSet::new((0..scenes).map(|s| ("scene", packed(s))).collect(), "train", Conditioning::Gbuffer).expect("fits")
+}
+
+fn encoding(parameterization: Parameterization) -> Encoding {
+    let clock = VarianceTime::new(1, 16).expect("a ladder");
+    Encoding { parameterization, space: Space::Linear, clock, gbuffer: true }
+}
+
+#[test]
+fn targets_are_those_of_the_real_rungs_pixel_by_pixel() {
+    let (set, draw) = (set(4), Draw { seed: 3, batch: 6, shuffle_targets: false, ..PLAIN });
+    let encoding = encoding(Parameterization::McNoise);
+    let mut rungs = BTreeSet::new();
+    for step in 0..20 {
+        let batch = set.draw(&encoding, &draw, step);
+        for (i, state) in batch.states.iter().enumerate() {
+            let target = &batch.targets[i * 192..(i + 1) * 192];
+            let rung = (state[0] as usize % 10_000) / 1000;
+            rungs.insert(rung);
+            // I_k - I_last, whatever the turn: 1000 for each rung between.
+            assert!(target.iter().all(|t| *t == 1000.0 * (rung as f32 - 2.0)));
+            assert!((batch.tau[i] - encoding.clock.tau(COUNTS[rung] as f64)).abs() < 1e-12);
+            // The G-buffer moves with the state: its first channel is twice the state's place.
+            let gbuffer = batch.gbuffers[i].as_ref().expect("asked for");
+            for (state, gbuffer) in state.chunks_exact(3).zip(gbuffer.chunks_exact(6)) {
+                assert_eq!(gbuffer[0], 2.0 * (state[0] % 1000.0));
+            }
+        }
+    }
+    assert_eq!(rungs, BTreeSet::from([0, 1]));
+}
+
+#[test]
+fn shuffled_targets_come_from_another_scene() {
+    // From rung to rung scene s rises by 1000 (s + 1), so that a target tells whose it is, and a state by 100,000 s.
+    let packed = |scene: usize| {
+        let image = |rung: usize| {
+            let value = (100_000 * scene + 1000 * rung * (scene + 1)) as f32;
+            Image::from_data(SIDE, SIDE, 3, vec![value; SIDE * SIDE * 3]).expect("fits")
+        };
+        let gbuffer = Some(Image::new(SIDE, SIDE, 6));
+        ("scene", PackedScene { counts: COUNTS.to_vec(), states: (0..3).map(image).collect(), gbuffer })
+    };
+    let set = DataSet::new((0..3).map(packed).collect(), "train", Conditioning::Gbuffer).expect("fits");
+    let encoding = encoding(Parameterization::McNoise);
+    let mut pairs = BTreeSet::new();
+    for step in 0..20 {
+        for shuffle_targets in [false, true] {
+            let batch = set.draw(&encoding, &Draw { shuffle_targets, ..PLAIN }, step);
+            for (state, target) in batch.states.iter().zip(batch.targets.chunks_exact(192)) {
+                let scene = (state[0] / 100_000.0).floor() as usize;
+                let rung = ((state[0] - 100_000.0 * scene as f32) / (1000.0 * (scene + 1) as f32)).round();
+                let whose = (-target[0] / (1000.0 * (2.0 - rung))).round() as usize - 1;
+                assert_eq!(whose != scene, shuffle_targets, "{scene} {rung} {}", target[0]);
+                pairs.insert((scene, whose));
+            }
+        }
+    }
+    assert_eq!(pairs.len(), 9, "every scene's targets reach every other scene: {pairs:?}");
+}
+
+#[test]
+fn turns_are_eight_and_lose_no_pixel() {
+    let pick = |turn| Pick { scene: 0, target: 0, rung: 0, t: 0.0, left: 2, top: 1, turn, scale: 1.0, colours: 0 };
+    let all: BTreeSet<Vec<usize>> = (0..8).map(|turn| pick(turn).places(SIDE, 4)).collect();
+    assert_eq!(all.len(), 8);
+    for places in &all {
+        let sorted: BTreeSet<usize> = places.iter().copied().collect();
+        assert_eq!(sorted, pick(0).places(SIDE, 4).into_iter().collect());
+        assert_eq!(sorted.len(), 16);
+    }
+    assert_eq!(pick(0).places(SIDE, 4)[..2], [SIDE + 2, SIDE + 3]);
+}
+
+#[test]
+fn exposure_and_colours_change_on_state_target_and_albedo_alike() {
+    let set = set(4);
+    let encoding = encoding(Parameterization::McNoise);
+    let draw = Draw { exposure_jitter: 2.0, permute_colours: true, ..PLAIN };
+    let mut orders = BTreeSet::new();
+    for step in 0..20 {
+        let batch = set.draw(&encoding, &draw, step);
+        for (i, state) in batch.states.iter().enumerate() {
+            let target = &batch.targets[i * 192..(i + 1) * 192];
+            let gbuffer = batch.gbuffers[i].as_ref().expect("asked for");
+            // Channels of a pixel follow each other by 1 where colours are in order, whatever the exposure.
+            let order = [gbuffer[1] - gbuffer[0], gbuffer[2] - gbuffer[0]];
+            let scale = (state[1] - state[0]) / order[0];
+            assert!((0.25..=4.0).contains(&scale), "{scale}");
+            assert!((state[2] - state[0] - scale * order[1]).abs() < 1e-2 * scale);
+            let rung = (target[0] / (1000.0 * scale)).round();
+            assert!(rung == -1.0 || rung == -2.0, "{rung}");
+            // Differences of 1 between values of 10,000: a scale of three digits.
+            assert!(target.iter().all(|t| (t / scale - 1000.0 * rung).abs() < 30.0));
+            orders.insert(order.map(|o| o as i32));
+        }
+    }
+    assert_eq!(orders.len(), 6);
+}
+
+/// A bump seen from the front: normals lean away from the middle, so that turning it as a picture changes nothing.
+#[test]
+fn normals_turn_with_the_picture() {
+    let side = 6;
+    let bump = |i: usize| {
+        let (right, down) = ((i % side) as f32 - 2.5, (i / side) as f32 - 2.5);
+        [0.1, 0.2, 0.3, right, -down, 1.0]
+    };
+    let image = Image::from_data(side, side, 6, (0..side * side).flat_map(bump).collect()).expect("fits");
+    for turn in 0..8 {
+        let pick = Pick { scene: 0, target: 0, rung: 0, t: 0.0, left: 0, top: 0, turn, scale: 1.0, colours: 0 };
+        let turned = pick.turned(&image, &pick.places(side, side));
+        assert_eq!(turned, image.data(), "{turn}");
+    }
+}
+
+#[test]
+fn a_batch_depends_on_seed_and_step_alone() {
+    let (set, encoding) = (set(3), encoding(Parameterization::McVelocity));
+    let draw = Draw { seed: 3, batch: 4, shuffle_targets: false, ..PLAIN };
+    let states = |draw: &Draw, step| set.draw(&encoding, draw, step).states;
+    assert_eq!(states(&draw, 7), states(&draw, 7));
+    assert_ne!(states(&draw, 7), states(&draw, 8));
+    assert_ne!(states(&draw, 7), states(&Draw { seed: 4, ..draw }, 7));
+    let varied = Draw { exposure_jitter: 2.0, permute_colours: true, ..draw };
+    let (plain, varied) = (set.draw(&encoding, &draw, 7), set.draw(&encoding, &varied, 7));
+    assert_ne!(plain.states, varied.states);
+    assert_eq!(set.side(128, 8).expect("12 pixels"), 8);
+    assert!(set.side(4, 8).is_err());
+}
