@@ -33,6 +33,8 @@ args = parser.parse_args()
 if args.only and args.reference:
     parser.error("--reference is of all scenes")
 names = both.scenes(args.folder, args.scenes)
+for name in set(args.only or []) - set(names):
+    parser.error(f"{name} is none of the scenes: {', '.join(names)}")
 normal = statistics.NormalDist()
 
 
@@ -96,9 +98,9 @@ for name in args.only or names:
         flush=True,
     )
 table = args.folder / "agree.json"
-if args.only:
-    again = {row["scene"]: row for row in rows}
-    rows = [again.get(row["scene"], row) for row in json.loads(table.read_text())]
+if args.only and table.exists():
+    found = {row["scene"]: row for row in json.loads(table.read_text()) + rows}
+    rows = [found[name] for name in names if name in found]
 table.write_text(json.dumps(rows, indent=1))
 if args.reference:
     head = f'{{"mitsuba": "3.9.1", "batches": {args.batches}, "side": {args.side}, "scenes": [\n'

@@ -40,7 +40,7 @@ struct Writer<'a> {
     xml: String,
     indent: usize,
     written: BTreeSet<String>,
-    /// What textures make of vertex colours; every mesh with colours gets all of them.
+    /// What textures make of vertex colours; every mesh gets all of them.
     tints: Vec<Tint>,
 }
 

@@ -17,26 +17,24 @@ pub enum Instructions {
 impl Instructions {
     /// All that this processor has, from the narrowest.
     pub fn available() -> Vec<Self> {
-        #[allow(unused_mut)]
-        let mut found = vec![Self::Portable];
-        #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-            found.push(Self::Avx2);
-            if is_x86_feature_detected!("avx512f")
-                && is_x86_feature_detected!("avx512dq")
-                && is_x86_feature_detected!("avx512bw")
-                && is_x86_feature_detected!("avx512vl")
-            {
-                found.push(Self::Avx512);
-            }
-        }
-        found
+        let most = Self::most();
+        [Self::Portable, Self::Avx2, Self::Avx512].into_iter().filter(|one| *one <= most).collect()
     }
 
     /// The widest that this processor has.
     pub(crate) fn most() -> Self {
         static MOST: OnceLock<Instructions> = OnceLock::new();
-        *MOST.get_or_init(|| Self::available().into_iter().max().unwrap_or(Self::Portable))
+        *MOST.get_or_init(|| {
+            #[cfg(target_arch = "x86_64")]
+            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+                let wide = is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512bw")
+                    && is_x86_feature_detected!("avx512vl");
+                return if wide { Self::Avx512 } else { Self::Avx2 };
+            }
+            Self::Portable
+        })
     }
 
     /// The widest that this processor has, and that `TAUFLOW_INSTRUCTIONS` (`sse2`, for the portable ones, `avx2` or
@@ -47,8 +45,13 @@ impl Instructions {
             let most = match std::env::var("TAUFLOW_INSTRUCTIONS").as_deref() {
                 Ok("sse2") => Self::Portable,
                 Ok("avx2") => Self::Avx2,
-                // Whoever misspells it is told by the renderer, which heeds it too.
-                _ => Self::Avx512,
+                Ok("avx512") | Err(_) => Self::Avx512,
+                Ok(other) => {
+                    eprintln!(
+                        "TAUFLOW_INSTRUCTIONS is `{other}`, which is none of sse2, avx2 and avx512; trainings do not heed it"
+                    );
+                    Self::Avx512
+                }
             };
             Self::most().min(most)
         })

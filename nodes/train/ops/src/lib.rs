@@ -12,6 +12,8 @@ mod fold;
 mod fresh;
 mod instructions;
 mod lanes;
+#[cfg(test)]
+mod made_up;
 mod normalisation;
 mod operator;
 mod products;

@@ -321,12 +321,7 @@ impl Operator<1> for Silu {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn numbers(seed: u32, size: usize) -> Vec<f32> {
-        (0..size as u32)
-            .map(|i| (i.wrapping_mul(2_654_435_761).wrapping_add(seed) >> 8) as f32 / 8_388_608.0 - 1.0)
-            .collect()
-    }
+    use crate::made_up::numbers;
 
     /// Output in f64 from the definition.
     fn defined(norm: &NormSilu, x: &[f64], modulation: &[f64]) -> Vec<f64> {

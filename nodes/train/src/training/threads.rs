@@ -2,10 +2,7 @@
 //! matrix of trainings has all of it. The bits do not depend on it.
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use std::{
-    collections::{BTreeMap, btree_map::Entry},
-    sync::atomic::{AtomicUsize, Ordering},
-};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use tauflow_contract::KindError;
 
 /// Trainings that run in this process.
@@ -13,15 +10,14 @@ static RUNNING: AtomicUsize = AtomicUsize::new(0);
 
 /// One training's share of the processor.
 pub(crate) struct Share {
-    /// By how many threads they have.
-    pools: BTreeMap<usize, ThreadPool>,
+    pool: Option<ThreadPool>,
     most: usize,
 }
 
 impl Share {
     pub(crate) fn new() -> Self {
         RUNNING.fetch_add(1, Ordering::Relaxed);
-        Self { pools: BTreeMap::new(), most: 0 }
+        Self { pool: None, most: 0 }
     }
 
     /// The largest share that there was.
@@ -37,17 +33,14 @@ impl Share {
         let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         let threads = (cores / RUNNING.load(Ordering::Relaxed).max(1)).max(1);
         self.most = self.most.max(threads);
-        let pool =
-            match self.pools.entry(threads) {
-                Entry::Occupied(there) => there.into_mut(),
-                Entry::Vacant(free) => {
-                    let pool = ThreadPoolBuilder::new().num_threads(threads).build();
-                    free.insert(pool.map_err(|e| {
-                        KindError::Environment(format!("cannot start {threads} threads for training: {e}"))
-                    })?)
-                }
-            };
-        Ok(pool.install(f))
+        let pool = match self.pool.take().filter(|pool| pool.current_num_threads() == threads) {
+            Some(pool) => pool,
+            None => ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .map_err(|e| KindError::Environment(format!("cannot start {threads} threads for training: {e}")))?,
+        };
+        Ok(self.pool.insert(pool).install(f))
     }
 }
 

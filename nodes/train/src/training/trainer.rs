@@ -182,6 +182,17 @@ mod tests {
     }
 
     #[test]
+    fn a_loss_beyond_all_numbers_is_told_and_changes_nothing() {
+        let mut trainer = Trainer::new(encoding(Parameterization::McNoise), Preset::Tiny, rates(), 3);
+        let before = trainer.state.clone();
+        let mut batch = scenes(2, 16).all(&trainer.encoding, 16, 2).next().expect("scenes");
+        batch.targets = vec![1e30; batch.targets.len()].into();
+        let told = trainer.step(&batch).expect_err("1e60 is no f32").to_string();
+        assert!(told.contains("the loss is inf at step 1") && told.contains("lower `learning_rate`"), "{told}");
+        assert!(trainer.state == before);
+    }
+
+    #[test]
     fn one_batch_is_learned_by_heart() {
         for parameterization in Parameterization::ALL {
             let mut trainer = Trainer::new(encoding(parameterization), Preset::Tiny, rates(), 3);
