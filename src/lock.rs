@@ -22,7 +22,7 @@ pub struct Lock {
     /// Contents that are the same everywhere, by output.
     #[serde(default)]
     pub bitwise: BTreeMap<String, Digest>,
-    /// Outputs that are measured, or made from what is.
+    /// Outputs that are measured or of this machine alone, or made from what is.
     #[serde(default)]
     pub left_out: BTreeSet<String>,
 }
@@ -78,7 +78,7 @@ impl Lock {
                 (Determinism::Bitwise, Some(digest)) => {
                     lock.bitwise.insert(output.name.clone(), digest);
                 }
-                (Determinism::Measured, _) => {
+                (Determinism::Local | Determinism::Measured, _) => {
                     lock.left_out.insert(output.name.clone());
                 }
                 (_, None) => {} // not known, because something failed
@@ -135,7 +135,7 @@ impl Lock {
             });
         }
         if !self.left_out.is_empty() {
-            text.push_str("left_out: # measured, or made from what is\n");
+            text.push_str("left_out: # measured or of one machine, or made from what is\n");
             self.left_out.iter().for_each(|output| {
                 let _ = writeln!(text, "  - {}", quoted(output));
             });

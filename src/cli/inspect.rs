@@ -109,6 +109,7 @@ pub fn page(kind: &dyn NodeKind) -> String {
         }
         match port.determinism {
             Determinism::Bitwise => {}
+            Determinism::Local => notes.push("of this machine"),
             Determinism::Measured => notes.push("measured"),
         }
         if port.publish {

@@ -44,6 +44,7 @@ pub fn action_key(task: &Task, whole: &[(usize, Arc<Whole>)], job: &Job, file: O
     }
     let item = job.item.as_ref().map_or("", |i| i.as_str());
     ActionKey {
+        environment: task.environment.clone(),
         format: FORMAT_VERSION,
         kind: task.spec.name.to_owned(),
         version: task.spec.version,

@@ -139,6 +139,8 @@ impl ActionFile {
             spec,
             group,
             projection: Box::new(move |_, _| params.clone()),
+            environment: key.environment.clone(),
+            alone: false,
             seed: 0, // the key has the derived one
             transient: false,
             read: Vec::new(),

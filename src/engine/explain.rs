@@ -144,6 +144,7 @@ pub fn reason(nearest: Option<&Nearest>) -> String {
             Some("params") => format!("param {}", d.field.trim_start_matches("/params/").replace('/', ".")),
             Some("inputs") => format!("input {}", d.field.trim_start_matches("/inputs/")),
             Some("seed") => "another item or seed".into(),
+            Some("environment") => "the machine, or a library of it".into(),
             Some("version") => "version of the kind".into(),
             _ => d.field.trim_start_matches('/').into(),
         })

@@ -3,6 +3,7 @@
 //! A lane is a queue of like actions. Lanes are few and known before the run; their items are many and are not.
 
 use crate::pipeline::{Pipeline, Target};
+use serde_json::Value;
 use std::collections::BTreeSet;
 use tauflow_contract::{Feed, ItemKey, Mode};
 
@@ -15,6 +16,8 @@ pub struct Lane {
     pub node: usize,
     /// The group.
     pub group: &'static str,
+    /// What of the machine decides its outputs; null for most kinds.
+    pub environment: Value,
     /// The output ports of the group.
     pub ports: Vec<usize>,
     /// What feeds each input port.
@@ -179,7 +182,8 @@ fn lane(pipeline: &Pipeline, cell: usize, group: &'static str, target: bool, lan
     let each = |input: &usize| spec.inputs[*input].feed == Feed::Each && !inputs[*input].is_empty();
     let driving = if spec.mode == Mode::Map { (0..inputs.len()).find(each) } else { None };
     let ports = (0..spec.outputs.len()).filter(|p| spec.outputs[*p].group == group).collect();
-    Lane { cell, node, group, ports, inputs, driving, readers: Vec::new(), target, only: None }
+    let environment = pipeline.nodes[node].kind.environment(&pipeline.cells[cell].params, group);
+    Lane { cell, node, group, environment, ports, inputs, driving, readers: Vec::new(), target, only: None }
 }
 
 /// Leaves of each lane only the items that one item of the target needs.

@@ -31,6 +31,8 @@ struct LaneKey<'a> {
     group: &'a str,
     params: &'a Value,
     seed: Option<u64>,
+    #[serde(skip_serializing_if = "Value::is_null")]
+    environment: &'a Value,
     /// Of a source: its items, with the content digests of the files that they read.
     listing: Option<Digest>,
     /// For each input port, what is put before the keys, and the content digest, of each of its feeds.
@@ -72,7 +74,12 @@ pub fn shard_prefix(pipeline: &Pipeline, lane: &Lane, whole: BTreeMap<&str, Dige
     let node = &pipeline.nodes[lane.node];
     let params = (node.mode() != Mode::Source).then_some(&pipeline.cells[lane.cell].params);
     let seed = node.spec.seeded.then_some(pipeline.seed);
-    let value = json!([FORMAT_VERSION, node.spec.name, node.spec.version, lane.group, params, seed, whole]);
+    let mut value = json!([FORMAT_VERSION, node.spec.name, node.spec.version, lane.group, params, seed, whole]);
+    if let Value::Array(values) = &mut value
+        && !lane.environment.is_null()
+    {
+        values.push(lane.environment.clone());
+    }
     Digest::of(&canonical_bytes(&value))
 }
 
@@ -107,6 +114,7 @@ fn lane_key(
         group: lane.group,
         params: &cell.params,
         seed: node.spec.seeded.then_some(pipeline.seed),
+        environment: &lane.environment,
         listing,
         inputs,
     };
@@ -242,6 +250,7 @@ pub fn outputs(pipeline: &Pipeline, lanes: &[Lane], scheduler: &Scheduler<'_>) -
     let mut read = vec![Determinism::Bitwise; lanes.len()];
     let weaker = |a: Determinism, b: Determinism| match (a, b) {
         (Determinism::Measured, _) | (_, Determinism::Measured) => Determinism::Measured,
+        (Determinism::Local, _) | (_, Determinism::Local) => Determinism::Local,
         _ => Determinism::Bitwise,
     };
     for (at, lane) in lanes.iter().enumerate() {

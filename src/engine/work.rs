@@ -10,6 +10,7 @@ use super::{
     whole::{Listed, Output, Whole},
 };
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::{
     collections::{BTreeMap, HashSet},
     panic::{AssertUnwindSafe, catch_unwind},
@@ -38,6 +39,10 @@ pub struct Task {
     pub group: &'static str,
     /// The params that each action reads.
     pub projection: Projection,
+    /// What of the machine decides its outputs.
+    pub environment: Value,
+    /// It makes measurements, and must have the machine to itself.
+    pub alone: bool,
     /// The pipeline's seed.
     pub seed: u64,
     /// Its outputs are handed on in memory.

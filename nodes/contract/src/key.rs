@@ -13,6 +13,9 @@ pub const FORMAT_VERSION: u32 = 1;
 /// Everything that decides an action's outputs, and nothing else: no node name, item index, path, time, thread count.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ActionKey {
+    /// What of the machine decides the outputs, such as a library that was found; null for most kinds.
+    #[serde(default, skip_serializing_if = "Value::is_null")]
+    pub environment: Value,
     /// [`FORMAT_VERSION`].
     pub format: u32,
     /// The kind's name.
@@ -39,7 +42,12 @@ impl ActionKey {
             out.extend(n.to_le_bytes());
         };
         out.push(b'o');
-        out.extend(7u64.to_le_bytes());
+        let there = !self.environment.is_null();
+        out.extend((7 + u64::from(there)).to_le_bytes());
+        if there {
+            encode_text(b'k', "environment", &mut out);
+            encode(&self.environment, &mut out);
+        }
         encode_text(b'k', "format", &mut out);
         number(i64::from(self.format), &mut out);
         encode_text(b'k', "group", &mut out);
@@ -164,6 +172,7 @@ mod tests {
     #[test]
     fn key_format_is_pinned() {
         let key = ActionKey {
+            environment: Value::Null,
             format: FORMAT_VERSION,
             kind: "k".into(),
             version: 1,
@@ -174,8 +183,8 @@ mod tests {
         };
         // A change here changes every key in every cache: raise FORMAT_VERSION with it.
         assert_eq!(key.hash().to_string(), "e6dd5c9a3f849b901f23b0fd71a3376f2553bf60c2b8ab0a557bc463bf6dd703");
-        for seed in [None, Some(0), Some(u64::MAX)] {
-            let key = ActionKey { seed, ..key.clone() };
+        for (seed, environment) in [(None, json!(null)), (Some(0), json!({"library": "a"})), (Some(u64::MAX), json!(null))] {
+            let key = ActionKey { seed, environment, ..key.clone() };
             let value = serde_json::to_value(&key).expect("plain");
             assert_eq!(key.hash(), Key::of(&canonical_bytes(&value)), "{seed:?}");
         }

@@ -32,6 +32,8 @@ pub enum Feed {
 pub enum Determinism {
     /// The same bits.
     Bitwise,
+    /// The same bits on this machine; [`Kind::environment`] says what of it decides them. Taints what is made from it.
+    Local,
     /// A measurement, such as a time; taints what is made from it.
     Measured,
 }
@@ -62,7 +64,7 @@ pub struct OutputPort {
     pub group: &'static str,
     /// True if an action may leave its item out of this port (a filter).
     pub filter: bool,
-    /// Whether its bits are reproducible.
+    /// Whether its bits are reproducible. An action that makes nothing but measurements has the machine to itself.
     pub determinism: Determinism,
     /// True if the parts are also written as files below `OUT/<pipeline>/` when the node is a target.
     pub publish: bool,
@@ -91,6 +93,12 @@ impl OutputPort {
     /// The same port, as a measurement.
     pub const fn measured(mut self) -> Self {
         self.determinism = Determinism::Measured;
+        self
+    }
+
+    /// The same port, decided by the machine, too.
+    pub const fn local(mut self) -> Self {
+        self.determinism = Determinism::Local;
         self
     }
 
@@ -138,6 +146,14 @@ pub struct KindSpec {
     pub outputs: &'static [OutputPort],
     /// True if its actions get a seed derived from the pipeline's.
     pub seeded: bool,
+}
+
+impl KindSpec {
+    /// Whether a group of outputs is nothing but measurements.
+    pub fn measures(&self, group: &str) -> bool {
+        let mut ports = self.outputs.iter().filter(|port| port.group == group).peekable();
+        ports.peek().is_some() && ports.all(|port| port.determinism == Determinism::Measured)
+    }
 }
 
 /// An item that a source names.
@@ -283,6 +299,12 @@ pub trait Kind: Send + Sync + 'static {
         serde_json::to_value(params).expect("params serialise")
     }
 
+    /// What of this machine decides the outputs of a group, beside all that an action is handed: a library that is found
+    /// at run time, the processor that is timed. It enters the keys. The default is nothing, null.
+    fn environment(_params: &Self::Params, _group: &str) -> Value {
+        Value::Null
+    }
+
     /// Does the work.
     ///
     /// # Errors
@@ -311,6 +333,8 @@ pub trait NodeKind: Send + Sync {
     fn items(&self, params: &Value) -> Result<Vec<SourceItem>, KindError>;
     /// See [`Kind::project`]; `params` are resolved, and are read once for all the items that the projection is asked about.
     fn projection(&self, params: &Value) -> Projection;
+    /// See [`Kind::environment`]; `params` are resolved.
+    fn environment(&self, params: &Value, group: &str) -> Value;
     /// See [`Kind::run`]; the params are a projection.
     ///
     /// # Errors
@@ -371,6 +395,11 @@ impl<K: Kind> NodeKind for KindRow<K> {
                 Box::new(move |_, _| params.clone())
             }
         }
+    }
+
+    fn environment(&self, params: &Value, group: &str) -> Value {
+        // Params that do not parse cannot be, once they are resolved.
+        parse(params).map_or(Value::Null, |params| K::environment(&params, group))
     }
 
     fn run(&self, ctx: &Context<'_>, action: &Action<'_, Value>) -> Result<Outputs, KindError> {

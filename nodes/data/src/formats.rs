@@ -2,7 +2,7 @@
 
 use crate::{DataError, Image, TensorFile, scene::Recipe, scene::Scene};
 use serde::{Deserialize, Serialize};
-use tauflow_contract::{Artifact, Context, KindError};
+use tauflow_contract::{Artifact, Context, Digest, KindError};
 
 /// Media type of a scene: `scene.json` ([`Scene`]), `recipe.json` ([`Recipe`]), and its blobs as `blob/<digest>`.
 pub const SCENE: &str = "tauflow/scene";
@@ -218,6 +218,9 @@ impl PackedScene {
 pub struct Refined {
     /// One for each image, in order.
     pub images: Vec<RefinedImage>,
+    /// Why there are none, for people; such as a library that is missing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
 }
 
 /// One refined image.
@@ -231,6 +234,39 @@ pub struct RefinedImage {
     pub to_spp: u64,
     /// Model calls.
     pub nfe: u64,
+}
+
+/// Stores refined images with what is said of each, and more parts beside them.
+///
+/// # Errors
+/// If the store cannot be written.
+pub fn store_refined(
+    ctx: &Context<'_>,
+    images: Vec<(RefinedImage, Image)>,
+    note: Option<String>,
+    mut parts: Vec<(String, Digest)>,
+) -> Result<Artifact, KindError> {
+    let mut said = Vec::with_capacity(images.len());
+    for (index, (meta, image)) in images.into_iter().enumerate() {
+        parts.push((refined_part(index), ctx.put(&image.to_bytes())?));
+        said.push(meta);
+    }
+    parts.push(("meta.json".into(), ctx.put_json(&Refined { images: said, note })?));
+    Ok(Artifact::tree(REFINED, parts))
+}
+
+/// The images of a refined artifact, with what it says of each, and why there are none if there are none.
+///
+/// # Errors
+/// If a part is missing, or not what it should be.
+pub fn load_refined(
+    ctx: &Context<'_>,
+    artifact: &Artifact,
+) -> Result<(Vec<(RefinedImage, Image)>, Option<String>), KindError> {
+    let refined: Refined = ctx.json(artifact, "meta.json")?;
+    let load = |(index, said)| Ok((said, Image::from_bytes(&ctx.part(artifact, &refined_part(index))?)?));
+    let images = refined.images.into_iter().enumerate().map(load).collect::<Result<_, KindError>>()?;
+    Ok((images, refined.note))
 }
 
 /// Name of a refined image's part.

@@ -80,6 +80,9 @@ pub struct SceneScores {
     pub reference_spp: u64,
     /// One for each image.
     pub scores: Vec<Score>,
+    /// Why there are none, for people.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
 }
 
 /// What `evaluation` says.
@@ -99,8 +102,34 @@ pub struct Evaluation {
     pub hold: BTreeMap<String, Estimate>,
     /// One for each cell: space, method, conditioning.
     pub methods: Vec<MethodTable>,
+    /// Other methods that were scored on the same scenes, such as denoisers; one for each cell.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub baselines: Vec<MethodTable>,
+    /// Every solver against every baseline, at each of the solver's NFE.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub versus: Vec<Versus>,
+    /// What was left out, and why.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
     /// Every score, for further work.
     pub per_scene: Vec<SceneRow>,
+}
+
+/// A solver against a baseline.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Versus {
+    /// The solver's cell.
+    pub cell: BTreeMap<String, String>,
+    /// Its model calls.
+    pub nfe: u64,
+    /// The baseline's cell.
+    pub baseline: BTreeMap<String, String>,
+    /// The baseline's method.
+    pub method: String,
+    /// Paired difference, the solver's value less the baseline's, by metric.
+    pub gain: BTreeMap<String, Estimate>,
+    /// Share of scenes on which the solver is better, by metric.
+    pub better: BTreeMap<String, f64>,
 }
 
 /// The row of a method.

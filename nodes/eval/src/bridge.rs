@@ -4,7 +4,7 @@ use crate::{
     bridge_maps::stop_map,
     bridge_tables::{SceneCases, fraction, summarise},
     evaluation::check_resamples,
-    image_metrics::{HOLD, load_refined, not_comparable, rung},
+    image_metrics::{HOLD, not_comparable, rung},
     metrics::linear_psnr,
 };
 use schemars::JsonSchema;
@@ -16,7 +16,7 @@ use tauflow_contract::{
 };
 use tauflow_data::{
     Image, VarianceTime,
-    formats::{FILES, PACKED, PackedScene, REFINED, RefinedImage},
+    formats::{FILES, PACKED, PackedScene, REFINED, RefinedImage, load_refined},
     results::BridgeCase,
 };
 
@@ -94,7 +94,7 @@ impl Kind for BridgeValidation {
             let scene = Stepped {
                 key: key.as_str(),
                 packed: PackedScene::from_bytes(&ctx.part(packed, "")?)?,
-                images: load_refined(ctx, artifact)?,
+                images: load_refined(ctx, artifact)?.0,
                 time: VarianceTime::new(own.n_min, own.n_max)?,
             };
             scenes.push(scene.cases()?);

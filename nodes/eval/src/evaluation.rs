@@ -11,7 +11,10 @@ use tauflow_contract::{
 use tauflow_data::{
     Stratum,
     formats::JSON,
-    results::{Estimate, Evaluation, METRICS, MethodTable, Metrics, NfeTable, SceneRow, SceneScores, Score},
+    results::{
+        Estimate, Evaluation, METRICS, MethodTable, Metrics, NfeTable, SceneRow, SceneScores, Score, Versus,
+        higher_is_better,
+    },
 };
 
 /// What a PSNR counts as at most in a mean, in dB: 20 log10 2^24, the rounding of an f32 at the peak.
@@ -50,6 +53,7 @@ pub(crate) fn check_resamples(resamples: u64) -> Vec<ParamProblem> {
 const INPUTS: &[InputPort] = &[
     InputPort::whole("scores", JSON, "Scores of refined images, by cell and scene."),
     InputPort::whole("hold", JSON, "Scores of the endpoints that all start from, by scene."),
+    InputPort::whole("baselines", JSON, "Scores of other methods, such as denoisers, by cell and scene.").or_none(),
 ];
 const OUTPUTS: &[OutputPort] = &[OutputPort::new("tables", JSON, "Means, intervals, curves and every score.")];
 
@@ -80,8 +84,9 @@ impl Kind for EvaluationKind {
         };
         let hold = read(action.whole("hold")?)?;
         let scores = read(action.whole("scores")?)?;
+        let baselines = action.whole.get("baselines").map_or_else(|| Ok(Vec::new()), |of| read(of))?;
         ctx.check_cancelled()?;
-        let evaluation = evaluate(&hold, &scores, action.params.resamples, action.seed)?;
+        let evaluation = evaluate(&hold, &scores, &baselines, action.params.resamples, action.seed)?;
         let key = ItemKey::new("evaluation").expect("a valid key");
         let artifact = Artifact::blob(JSON, ctx.put_json(&evaluation)?);
         Ok(Outputs::default().collection("tables", Collection::from_iter([(key, artifact)])))
@@ -170,17 +175,24 @@ fn check_scenes(hold: &Cell<'_>, cell: &Cell<'_>) -> Result<(), KindError> {
     }
 }
 
-/// Sums scores up. `hold` is keyed by scene, `scores` by cell and scene.
+/// Sums scores up. `hold` is keyed by scene, `scores` and `baselines` by cell and scene. A baseline without scores is left
+/// out, with what it says of that.
 ///
 /// # Errors
 /// If there are none, or cells differ in scenes, start or reference.
 pub fn evaluate(
     hold: &[(ItemKey, SceneScores)],
     scores: &[(ItemKey, SceneScores)],
+    baselines: &[(ItemKey, SceneScores)],
     resamples: u64,
     seed: u64,
 ) -> Result<Evaluation, KindError> {
-    let items = || hold.iter().chain(scores);
+    let (baselines, absent): (Vec<_>, Vec<_>) = baselines.iter().cloned().partition(|(_, of)| !of.scores.is_empty());
+    let mut notes: Vec<String> = absent.into_iter().filter_map(|(_, of)| of.note).collect();
+    notes.sort_unstable();
+    notes.dedup();
+    let baselines = &baselines[..];
+    let items = || hold.iter().chain(scores).chain(baselines);
     let reference_spp = common(items().map(|(k, s)| (k.to_string(), s.reference_spp)), "the reference")?;
     let starts = items().flat_map(|(k, s)| s.scores.iter().map(move |score| (k.to_string(), score.from_spp)));
     let from_spp = common(starts, "the start")?;
@@ -192,15 +204,23 @@ pub fn evaluate(
         return Err(input(format!("input `hold` takes one score of each scene and got NFE {:?}", hold.nfe)));
     }
     let cells = cells(scores, "scores")?;
-    cells.iter().try_for_each(|cell| check_scenes(hold, cell))?;
+    let others = self::cells(baselines, "baselines")?;
+    cells.iter().chain(&others).try_for_each(|cell| check_scenes(hold, cell))?;
 
-    let resampled = resample(hold, &cells, resamples, seed)?;
+    let resampled = resample(hold, cells.iter().chain(&others), resamples, seed)?;
     let names = || METRICS.iter().map(|m| (*m).to_owned());
     let mut at = METRICS.len();
     let mut methods = Vec::with_capacity(cells.len());
     for cell in &cells {
         methods.push(method(cell, &resampled, at));
         at += cell.nfe.len() * METRICS.len();
+    }
+    let mut tables = Vec::with_capacity(others.len());
+    let mut versus = Vec::new();
+    for other in &others {
+        tables.push(method(other, &resampled, at));
+        versus.extend(against(&cells, other, &resampled, at));
+        at += other.nfe.len() * METRICS.len();
     }
     let mut nfe: Vec<u64> = cells.iter().flat_map(|c| c.nfe.iter().copied()).collect();
     nfe.sort_unstable();
@@ -213,8 +233,45 @@ pub fn evaluate(
         nfe,
         hold: names().enumerate().map(|(i, name)| (name, resampled.estimate(|m| m[i]))).collect(),
         methods,
-        per_scene: std::iter::once(hold).chain(&cells).flat_map(rows).collect(),
+        baselines: tables,
+        versus,
+        notes,
+        per_scene: std::iter::once(hold).chain(&cells).chain(&others).flat_map(rows).collect(),
     })
+}
+
+/// Every cell at each of its NFE against a baseline whose columns start at `at`; those of the cells follow those of hold.
+fn against(cells: &[Cell<'_>], baseline: &Cell<'_>, resampled: &Resampled, at: usize) -> Vec<Versus> {
+    let count = METRICS.len();
+    let own = |cell: &Cell<'_>| cell.scenes.values().next().and_then(|s| s.first()).map_or("", |s| s.method.as_str()).to_owned();
+    let mut first = 0;
+    let mut out = Vec::new();
+    for cell in cells {
+        for (step, nfe) in cell.nfe.iter().enumerate() {
+            first += count;
+            let gain = |(i, name): (usize, &&str)| {
+                ((*name).to_owned(), resampled.estimate(|m| m[first + i] - m[at + i]))
+            };
+            let better = |name: &&str| {
+                let ahead = |(scene, scores): (&&str, &Vec<&Score>)| {
+                    let value = |score: &Score| bounded(name, score.metrics.get(name).expect("a name of METRICS"));
+                    let (ours, theirs) = (value(scores[step]), value(baseline.scenes[scene][0]));
+                    if higher_is_better(name) { ours > theirs } else { ours < theirs }
+                };
+                let wins = cell.scenes.iter().filter(|of| ahead(*of)).count();
+                ((*name).to_owned(), wins as f64 / cell.scenes.len() as f64)
+            };
+            out.push(Versus {
+                cell: coordinates(cell.key),
+                nfe: *nfe,
+                baseline: coordinates(baseline.key),
+                method: own(baseline),
+                gain: METRICS.iter().enumerate().map(gain).collect(),
+                better: METRICS.iter().map(better).collect(),
+            });
+        }
+    }
+    out
 }
 
 /// The figures of an image as they enter means.
@@ -223,11 +280,16 @@ fn figures(metrics: &Metrics) -> impl Iterator<Item = f64> {
 }
 
 /// Columns: hold's metrics, then those of each cell at each NFE.
-fn resample(hold: &Cell<'_>, cells: &[Cell<'_>], resamples: u64, seed: u64) -> Result<Resampled, KindError> {
-    let images = 1 + cells.iter().map(|c| c.nfe.len()).sum::<usize>();
+fn resample<'a>(
+    hold: &'a Cell<'a>,
+    cells: impl Iterator<Item = &'a Cell<'a>> + Clone,
+    resamples: u64,
+    seed: u64,
+) -> Result<Resampled, KindError> {
+    let images = 1 + cells.clone().map(|c| c.nfe.len()).sum::<usize>();
     let mut table = Table::new(images * METRICS.len());
     for scene in hold.scenes.keys() {
-        let of = std::iter::once(hold).chain(cells).flat_map(|cell| &cell.scenes[scene]);
+        let of = std::iter::once(hold).chain(cells.clone()).flat_map(|cell| &cell.scenes[scene]);
         let row: Vec<f64> = of.flat_map(|score| figures(&score.metrics)).collect();
         table.push(&row);
     }

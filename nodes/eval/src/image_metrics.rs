@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use tauflow_contract::{Action, Artifact, Context, InputPort, Kind, KindError, KindSpec, Mode, OutputPort, Outputs};
 use tauflow_data::{
     Image,
-    formats::{JSON, PACKED, PackedScene, REFINED, Refined, RefinedImage, refined_part},
+    formats::{JSON, PACKED, PackedScene, REFINED, RefinedImage, load_refined},
     results::{SceneScores, Score},
 };
 
@@ -62,9 +62,9 @@ impl Kind for ImageMetrics {
         };
         let reference =
             Reference::new(last).map_err(|e| KindError::Input(format!("the reference of `{item}`: {e}")))?;
-        let images = match action.each.get("images") {
+        let (images, note) = match action.each.get("images") {
             Some(refined) => load_refined(ctx, refined)?,
-            None => vec![own_rung(&scene, action.params.from)?],
+            None => (vec![own_rung(&scene, action.params.from)?], None),
         };
         let mut scores = Vec::with_capacity(images.len());
         for (said, image) in images {
@@ -73,7 +73,7 @@ impl Kind for ImageMetrics {
             let RefinedImage { method, from_spp, to_spp, nfe } = said;
             scores.push(Score { method, from_spp, to_spp, nfe, metrics });
         }
-        let digest = ctx.put_json(&SceneScores { reference_spp, scores })?;
+        let digest = ctx.put_json(&SceneScores { reference_spp, scores, note })?;
         Ok(Outputs::default().item("metrics", Artifact::blob(JSON, digest)))
     }
 }
@@ -84,13 +84,6 @@ pub(crate) fn not_comparable(error: &MetricError, said: &RefinedImage, scene: &s
     KindError::Input(format!(
         "the image of `{method}`, {from_spp} -> {to_spp} samples, NFE {nfe}, of `{scene}`: {error}"
     ))
-}
-
-/// The images of a refined artifact, with what it says of each.
-pub(crate) fn load_refined(ctx: &Context<'_>, artifact: &Artifact) -> Result<Vec<(RefinedImage, Image)>, KindError> {
-    let refined: Refined = ctx.json(artifact, "meta.json")?;
-    let load = |(index, said)| Ok((said, Image::from_bytes(&ctx.part(artifact, &refined_part(index))?)?));
-    refined.images.into_iter().enumerate().map(load).collect()
 }
 
 /// The rung of `spp` samples.

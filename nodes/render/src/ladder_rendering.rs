@@ -11,12 +11,17 @@ use tauflow_contract::{
 };
 use tauflow_data::{
     LadderMeta, RungCounts, Scene,
-    formats::SCENE,
+    formats::{JSON, SCENE},
     ladder::{GBUFFER, LADDER, rung_part},
+    timing::{Repeated, TimedImage, Timing, machine},
 };
 
 /// Version of the renderer: goes up when any image changes.
 const RENDERER_VERSION: u32 = 4;
+/// Group of the output port that is measured.
+const TIMING: &str = "timing";
+/// What a path tracer is called among methods that are timed.
+const METHOD: &str = "path_tracer";
 /// Media type of memoised sub-actions.
 const STATE: &str = "tauflow/render-state";
 
@@ -47,6 +52,9 @@ pub struct LadderRenderingParams {
     /// Samples a pixel of the G-buffer.
     #[schemars(range(min = 1, max = 65536))]
     pub gbuffer_samples: u64,
+    /// Times that `timing` renders the ladder.
+    #[schemars(range(min = 1, max = 1000))]
+    pub repeats: u64,
 }
 
 impl Default for LadderRenderingParams {
@@ -57,6 +65,7 @@ impl Default for LadderRenderingParams {
             stream: 0,
             sampler: SamplerKind::Independent,
             gbuffer_samples: 32,
+            repeats: 3,
         }
     }
 }
@@ -71,11 +80,19 @@ impl Kind for LadderRendering {
             summary: "Renders nested sample ladders of scenes by path tracing",
             manual: include_str!("ladder_rendering.md"),
             mode: Mode::Map,
-            inputs: const { &[InputPort::each("scenes", SCENE, "the scenes to render")] },
+            inputs: const {
+                &[
+                    InputPort::each("scenes", SCENE, "the scenes to render"),
+                    InputPort::whole("after", "*", "what must be there before `timing` measures").or_none(),
+                ]
+            },
             outputs: const {
                 &[
                     OutputPort::new("ladder", LADDER, "the rungs, and the variance of samples").in_group("ladder"),
                     OutputPort::new("gbuffer", GBUFFER, "albedo and normal at the first surface").in_group("gbuffer"),
+                    OutputPort::new("timing", JSON, "how long it takes to get to each rung, on all cores")
+                        .in_group(TIMING)
+                        .measured(),
                 ]
             },
             seeded: false,
@@ -105,8 +122,9 @@ impl Kind for LadderRendering {
     }
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
-        let LadderRenderingParams { rungs, resolution, stream, sampler, gbuffer_samples } = params;
+        let LadderRenderingParams { rungs, resolution, stream, sampler, gbuffer_samples, repeats } = params;
         match group {
+            TIMING => json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler, "repeats": repeats }),
             "gbuffer" => json!({ "resolution": resolution, "stream": stream, "gbuffer_samples": gbuffer_samples }),
             _ => {
                 // `{dyadic: 4}` and `[1, 2, 4]` are the same ladder.
@@ -116,11 +134,19 @@ impl Kind for LadderRendering {
         }
     }
 
+    fn environment(_params: &Self::Params, group: &str) -> Value {
+        if group == TIMING { machine() } else { Value::Null }
+    }
+
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let artifact = action.each("scenes")?;
         let work = Work { ctx, artifact, params: &action.params };
         match action.group {
             "gbuffer" => Ok(Outputs::default().item("gbuffer", work.gbuffer()?)),
+            TIMING => {
+                let timing = Artifact::blob(JSON, ctx.put_json(&work.timing()?)?);
+                Ok(Outputs::default().item("timing", timing))
+            }
             _ => Ok(Outputs::default().item("ladder", work.ladder()?)),
         }
     }
@@ -153,6 +179,31 @@ impl Work<'_> {
                 self.ctx.check_cancelled()
             })?
             .store(self.ctx)
+    }
+
+    /// What it takes to get from the scene's files to each rung; rung 0 is a scene that is ready to be rendered.
+    fn timing(&self) -> Result<Timing, KindError> {
+        let counts = self.params.rungs.counts()?;
+        let entry = |spp| TimedImage { method: METHOD.into(), from_spp: spp, nfe: 0, took: Repeated::default() };
+        let mut entries: Vec<TimedImage> = std::iter::once(0).chain(counts.iter().copied()).map(entry).collect();
+        for round in 0..self.params.repeats {
+            let mut parts = Repeated::default();
+            let world = parts.add(|| self.world())?;
+            let renderer = parts.add(|| self.renderer(&world))?;
+            let mut state = renderer.begin();
+            for count in &counts {
+                parts.add(|| renderer.advance(&mut state, *count, &mut |_| self.ctx.check_cancelled()))?;
+            }
+            let (mut wall, mut cpu) = (parts.wall_s[0], parts.cpu_s[0]);
+            for (entry, at) in entries.iter_mut().zip(1..) {
+                wall += parts.wall_s[at];
+                cpu += parts.cpu_s[at];
+                entry.took.wall_s.push(wall);
+                entry.took.cpu_s.push(cpu);
+            }
+            self.ctx.progress(round + 1, self.params.repeats, "rounds");
+        }
+        Ok(Timing { entries })
     }
 
     /// Key of the state, or of the image, after `count` samples. The scene's JSON names its blobs by digest.

@@ -3,13 +3,13 @@
 use crate::{
     model::Model,
     parameterization::Parameterization,
-    refinement::{endpoint, features, load_model, store},
+    refinement::{endpoint, features, load_model},
     rollout::{Denoiser, bridge_stop, local_steps},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_contract::{Action, Context, InputPort, Kind, KindError, KindSpec, Mode, OutputPort, Outputs};
-use tauflow_data::formats::{MODEL, PACKED, PackedScene, REFINED, RefinedImage};
+use tauflow_data::formats::{MODEL, PACKED, PackedScene, REFINED, RefinedImage, store_refined};
 
 /// The kind `bridge_refinement`.
 pub struct BridgeRefinement;
@@ -77,7 +77,7 @@ impl Kind for BridgeRefinement {
         }
         let clock = BridgeClock { n_min: noise.clock().n_min() as u64, n_max: noise.clock().n_max() as u64 };
         let parts = vec![("bridge.json".to_owned(), ctx.put_json(&clock)?)];
-        Ok(Outputs::default().item("steps", store(ctx, images, parts)?))
+        Ok(Outputs::default().item("steps", store_refined(ctx, images, None, parts)?))
     }
 }
 

@@ -7,14 +7,16 @@ use crate::{
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use tauflow_contract::{
-    Action, Artifact, Collection, Context, InputPort, Kind, KindError, KindSpec, Mode, OutputPort, Outputs,
+    Action, Artifact, Collection, Context, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs,
     ParamProblem,
 };
 use tauflow_data::{
     Image,
-    formats::{MODEL, PACKED, PackedScene, REFINED, Refined, RefinedImage, refined_part},
+    formats::{JSON, MODEL, PACKED, PackedScene, REFINED, RefinedImage, store_refined},
     time::TimeGrid,
+    timing::{Repeated, TimedImage, Timing, machine},
 };
 
 /// The kind `refinement`.
@@ -32,19 +34,28 @@ pub struct RefinementParams {
     pub from: u64,
     /// How the times of a rollout are spread.
     pub grid: TimeGrid,
+    /// Times that `timing` measures each number of calls.
+    #[schemars(range(min = 1, max = 1000))]
+    pub repeats: u64,
 }
 
 impl Default for RefinementParams {
     fn default() -> Self {
-        Self { nfe: vec![1, 2, 9, 20, 50], from: 1, grid: TimeGrid::Ladder }
+        Self { nfe: vec![1, 2, 9, 20, 50], from: 1, grid: TimeGrid::Ladder, repeats: 3 }
     }
 }
 
 const INPUTS: &[InputPort] = &[
     InputPort::each("endpoints", PACKED, "The scenes whose endpoints are refined."),
     InputPort::whole("model", MODEL, "The trained solver: one."),
+    InputPort::each("after", "*", "What must be there before `timing` measures, so that methods take turns.").or_none(),
 ];
-const OUTPUTS: &[OutputPort] = &[OutputPort::new("refined", REFINED, "One image for each number of model calls.")];
+/// Group of the output port that is measured.
+const TIMING: &str = "timing";
+const OUTPUTS: &[OutputPort] = &[
+    OutputPort::new("refined", REFINED, "One image for each number of model calls."),
+    OutputPort::new("timing", JSON, "How long each takes, on all cores.").in_group(TIMING).measured(),
+];
 
 impl Kind for Refinement {
     type Params = RefinementParams;
@@ -73,11 +84,29 @@ impl Kind for Refinement {
         Vec::new()
     }
 
+    fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
+        let mut value = serde_json::to_value(params).expect("plain data");
+        if group != TIMING
+            && let Value::Object(fields) = &mut value
+        {
+            fields.remove("repeats");
+        }
+        value
+    }
+
+    fn environment(_params: &Self::Params, group: &str) -> Value {
+        if group == TIMING { machine() } else { Value::Null }
+    }
+
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let model = load_model(ctx, action.whole("model")?, "model")?;
         let scene = PackedScene::from_bytes(&ctx.part(action.each("endpoints")?, "")?)?;
         let endpoint = endpoint(&scene, action.params.from)?;
         let gbuffer = features(&model, &scene)?;
+        if action.group == TIMING {
+            let timing = timed(ctx, &model, endpoint, gbuffer, &action.params)?;
+            return Ok(Outputs::default().item("timing", Artifact::blob(JSON, ctx.put_json(&timing)?)));
+        }
         let mut images = Vec::new();
         let total = action.params.nfe.len() as u64;
         for (done, nfe) in action.params.nfe.iter().enumerate() {
@@ -93,8 +122,36 @@ impl Kind for Refinement {
             images.push((said, image));
             ctx.progress(done as u64 + 1, total, &format!("NFE {nfe}"));
         }
-        Ok(Outputs::default().item("refined", store(ctx, images, Vec::new())?))
+        Ok(Outputs::default().item("refined", store_refined(ctx, images, None, Vec::new())?))
     }
+}
+
+/// What each number of calls takes, once unmeasured and then in turns.
+fn timed(
+    ctx: &Context<'_>,
+    model: &Model,
+    endpoint: &Image,
+    gbuffer: Option<&Image>,
+    params: &RefinementParams,
+) -> Result<Timing, KindError> {
+    let course = |nfe: u64| Course { from: params.from, steps: nfe as usize, grid: params.grid };
+    rollout(model, endpoint, gbuffer, course(1))?;
+    let entry = |nfe: &u64| TimedImage {
+        method: model.parameterization().name().into(),
+        from_spp: params.from,
+        nfe: *nfe,
+        took: Repeated::default(),
+    };
+    let mut entries: Vec<TimedImage> = params.nfe.iter().map(entry).collect();
+    for done in 0..params.repeats {
+        for entry in &mut entries {
+            ctx.check_cancelled()?;
+            let course = course(entry.nfe);
+            entry.took.add(|| rollout(model, endpoint, gbuffer, course))?;
+        }
+        ctx.progress(done + 1, params.repeats, "rounds");
+    }
+    Ok(Timing { entries })
 }
 
 /// The one model of a collection.
@@ -129,19 +186,4 @@ pub(crate) fn features<'a>(model: &Model, scene: &'a PackedScene) -> Result<Opti
             )
         }),
     }
-}
-
-/// Stores refined images, and more parts beside them.
-pub(crate) fn store(
-    ctx: &Context<'_>,
-    images: Vec<(RefinedImage, Image)>,
-    mut parts: Vec<(String, tauflow_contract::Digest)>,
-) -> Result<Artifact, KindError> {
-    let mut said = Vec::with_capacity(images.len());
-    for (index, (meta, image)) in images.into_iter().enumerate() {
-        parts.push((refined_part(index), ctx.put(&image.to_bytes())?));
-        said.push(meta);
-    }
-    parts.push(("meta.json".into(), ctx.put_json(&Refined { images: said })?));
-    Ok(Artifact::tree(REFINED, parts))
 }

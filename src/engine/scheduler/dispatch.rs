@@ -30,9 +30,14 @@ impl Scheduler<'_> {
     }
 
     /// The next actions to run, latest stage first, for so many workers: several together when they are short. None when all
-    /// have work, or when a later stage is being looked up, unless the next are short.
+    /// have work, or when a later stage is being looked up, unless the next are short. An action that measures runs alone: it
+    /// waits for the others, and they for it.
     pub fn next_run(&mut self, workers: usize) -> Option<Batch> {
         let (node, Reverse(lane), _) = *self.todo.peek()?;
+        let alone = self.tasks[lane].alone;
+        if self.measuring || (alone && self.running > 0) {
+            return None;
+        }
         let mean = self.states[lane].mean_us;
         let short = mean.is_some_and(|mean| mean < SHORT_US);
         let later = self.sought[node + 1..].iter().any(|batches| *batches > 0);
@@ -42,7 +47,7 @@ impl Scheduler<'_> {
         let fits = mean.map_or(1.0, |mean| BATCH_US / mean.max(1.0));
         // The last ones are shared out.
         let share = self.todo.len() / (2 * workers.max(1));
-        let limit = (fits as usize).clamp(1, LOOK_UPS).min(share.max(1));
+        let limit = if alone { 1 } else { (fits as usize).clamp(1, LOOK_UPS).min(share.max(1)) };
         let mut slots = Vec::with_capacity(limit);
         while slots.len() < limit && self.todo.peek().is_some_and(|(_, Reverse(of), _)| *of == lane) {
             let Some((_, _, Reverse(slot))) = self.todo.peek().copied() else { break };
@@ -61,6 +66,7 @@ impl Scheduler<'_> {
         }
         slots.iter().for_each(|slot| self.set(lane, *slot, Status::Running));
         self.running += 1;
+        self.measuring = alone;
         Some(self.batch(lane, &slots))
     }
 

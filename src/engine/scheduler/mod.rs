@@ -78,6 +78,8 @@ pub struct Scheduler<'a> {
     sought: Vec<usize>,
     seeking: usize,
     running: usize,
+    /// An action is running that must be alone.
+    measuring: bool,
     /// Items from which a lane goes by shards.
     many: u64,
     /// Bytes that may be held, that actions in flight are expected to hold, and by which of them.
@@ -108,6 +110,8 @@ impl<'a> Scheduler<'a> {
                 spec: node.spec.clone(),
                 group: lane.group,
                 projection: node.kind.projection(&pipeline.cells[lane.cell].params),
+                environment: lane.environment.clone(),
+                alone: node.spec.measures(lane.group),
                 seed: pipeline.seed,
                 // What is asked for is stored.
                 transient: node.transient && !lane.target,
@@ -164,6 +168,7 @@ impl<'a> Scheduler<'a> {
             sought: vec![0; pipeline.nodes.len()],
             seeking: 0,
             running: 0,
+            measuring: false,
             many: options.many,
             memory,
             in_flight: 0,

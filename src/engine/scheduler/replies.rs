@@ -25,6 +25,7 @@ impl Scheduler<'_> {
     /// Takes note of an action that was done; `last` says whether it was the last of its batch.
     pub fn performed(&mut self, reply: Reply, last: bool) -> Result<(), CacheError> {
         self.running -= usize::from(last);
+        self.measuring &= !last;
         self.in_flight -= self.weights.remove(&reply.slot).unwrap_or(0);
         self.reply(reply)
     }

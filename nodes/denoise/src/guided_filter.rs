@@ -1,0 +1,342 @@
+#![doc = include_str!("guided_filter.md")]
+
+use crate::timed::{self, Conditioning, TIMING};
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use tauflow_contract::{
+    Action, Context, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs, ParamProblem,
+};
+use tauflow_data::{
+    Image,
+    formats::{JSON, PACKED, REFINED},
+    maths::{exp, log},
+    timing::machine,
+};
+
+/// Added to the albedo that radiance is divided by.
+const DARKEST: f32 = 0.02;
+
+/// The kind `guided_filter`.
+pub struct GuidedFilter;
+
+/// Params of `guided_filter`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct GuidedFilterParams {
+    /// Its name in tables.
+    pub method: String,
+    /// What guides it beside the endpoint.
+    pub conditioning: Conditioning,
+    /// Sample count of the endpoint to filter.
+    #[schemars(range(min = 1))]
+    pub from: u64,
+    /// Half the side of the window, less a half, in pixels.
+    #[schemars(range(min = 0, max = 64))]
+    pub radius: u64,
+    /// Deviation of the weights over distance, in pixels.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub spatial: f64,
+    /// Deviation over differences of albedo.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub albedo: f64,
+    /// Deviation over differences of normals.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub normal: f64,
+    /// Deviation over differences of patches of log radiance (non-local means); none for a joint bilateral filter, whose weights
+    /// come from the G-buffer alone.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub colour: Option<f64>,
+    /// Half the side of those patches, less a half.
+    #[schemars(range(min = 0, max = 16))]
+    pub patch: u64,
+    /// Filters radiance divided by albedo, and multiplies it back.
+    pub demodulate: bool,
+    /// Times that `timing` measures it.
+    #[schemars(range(min = 1, max = 1000))]
+    pub repeats: u64,
+}
+
+impl Default for GuidedFilterParams {
+    fn default() -> Self {
+        Self {
+            method: "guided_filter".into(),
+            conditioning: Conditioning::Gbuffer,
+            from: 1,
+            radius: 10,
+            spatial: 5.0,
+            albedo: 0.1,
+            normal: 0.2,
+            colour: None,
+            patch: 3,
+            demodulate: true,
+            repeats: 5,
+        }
+    }
+}
+
+const INPUTS: &[InputPort] = &[
+    InputPort::each("endpoints", PACKED, "The scenes whose endpoints are filtered."),
+    InputPort::each("after", "*", "What must be there before `timing` measures, so that methods take turns.").or_none(),
+];
+const OUTPUTS: &[OutputPort] = &[
+    OutputPort::new("refined", REFINED, "The filtered image."),
+    OutputPort::new("timing", JSON, "How long it takes, on all cores.").in_group(TIMING).measured(),
+];
+
+impl Kind for GuidedFilter {
+    type Params = GuidedFilterParams;
+
+    fn spec() -> KindSpec {
+        KindSpec {
+            name: "guided_filter",
+            version: 1,
+            summary: "Filters endpoints by joint bilateral weights or non-local means, guided by G-buffers.",
+            manual: include_str!("guided_filter.md"),
+            mode: Mode::Map,
+            inputs: INPUTS,
+            outputs: OUTPUTS,
+            seeded: false,
+        }
+    }
+
+    fn check(params: &Self::Params) -> Vec<ParamProblem> {
+        let mut out = Vec::new();
+        let deviations = [
+            ("/spatial", Some(params.spatial)),
+            ("/albedo", Some(params.albedo)),
+            ("/normal", Some(params.normal)),
+            ("/colour", params.colour),
+        ];
+        for (pointer, value) in deviations {
+            if value.is_some_and(|v| !(v > 0.0 && v.is_finite())) {
+                out.push(ParamProblem::new(pointer, "a deviation that is not above 0", "use for example 0.2"));
+            }
+        }
+        if params.conditioning == Conditioning::Rgb && params.demodulate {
+            let hint = "say `demodulate: false`, or `conditioning: gbuffer`";
+            out.push(ParamProblem::new("/demodulate", "there is no albedo to divide by", hint));
+        }
+        out
+    }
+
+    fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
+        let mut value = serde_json::to_value(params).expect("plain data");
+        if group != TIMING
+            && let Value::Object(fields) = &mut value
+        {
+            fields.remove("repeats");
+        }
+        value
+    }
+
+    fn environment(_params: &Self::Params, group: &str) -> Value {
+        if group == TIMING { machine() } else { Value::Null }
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let params = &action.params;
+        let scene = timed::scene(ctx, action)?;
+        let color = timed::endpoint(&scene, params.from)?;
+        let gbuffer = timed::gbuffer(&scene, params.conditioning)?;
+        let said = timed::said(&params.method, &scene, params.from);
+        match action.group {
+            TIMING => timed::timing(ctx, &said, params.repeats, || filtered(color, gbuffer, params).map(|_| None)),
+            _ => timed::refined(ctx, vec![(said, filtered(color, gbuffer, params)?)], None),
+        }
+    }
+}
+
+/// An image [H, W, 3] of linear radiance, each pixel a weighted mean of those around it.
+///
+/// # Errors
+/// If the G-buffer [H, W, 6] is of another size.
+pub fn filtered(color: &Image, gbuffer: Option<&Image>, params: &GuidedFilterParams) -> Result<Image, KindError> {
+    let (width, height) = (color.width(), color.height());
+    if let Some(g) = gbuffer
+        && (g.width(), g.height(), g.channels()) != (width, height, 6)
+    {
+        return Err(KindError::Input(format!(
+            "the G-buffer has {} x {} pixels of {} values, the endpoint {width} x {height}; render both alike",
+            g.width(),
+            g.height(),
+            g.channels()
+        )));
+    }
+    let albedo = |at: usize, c: usize| match gbuffer.filter(|_| params.demodulate) {
+        Some(gbuffer) => gbuffer.data()[6 * at + c] + DARKEST,
+        None => 1.0,
+    };
+    let light: Vec<f32> = color.data().iter().enumerate().map(|(i, v)| v / albedo(i / 3, i % 3)).collect();
+    let seen: Vec<f32> = match params.colour {
+        Some(_) => light.iter().map(|v| log(1.0 + f64::from(v.max(0.0))) as f32).collect(),
+        None => Vec::new(),
+    };
+    let view = View { width, height, gbuffer, seen: &seen, params };
+    let mut data = vec![0.0f32; 3 * width * height];
+    data.par_chunks_exact_mut(3 * width).enumerate().for_each(|(y, row)| {
+        let mut sums = vec![[0.0f64; 4]; width];
+        let radius = params.radius as isize;
+        for dy in -radius..=radius {
+            let Some(there) = y.checked_add_signed(dy).filter(|at| *at < height) else { continue };
+            for dx in -radius..=radius {
+                let patches = view.patches(y, dx, dy);
+                for (x, sums) in sums.iter_mut().enumerate() {
+                    let Some(other) = x.checked_add_signed(dx).filter(|at| *at < width) else { continue };
+                    let (here, from) = (y * width + x, there * width + other);
+                    let patch = patches.as_ref().map_or(0.0, |patches| patches[x]);
+                    let weight = exp(-0.5 * (view.distance(here, from, dx, dy) + patch));
+                    for (c, sum) in sums[..3].iter_mut().enumerate() {
+                        *sum += weight * f64::from(light[3 * from + c]);
+                    }
+                    sums[3] += weight;
+                }
+            }
+        }
+        for (i, value) in row.iter_mut().enumerate() {
+            let sums = &sums[i / 3];
+            // The pixel itself has weight 1.
+            *value = (sums[i % 3] / sums[3]) as f32 * albedo(y * width + i / 3, i % 3);
+        }
+    });
+    Ok(Image::from_data(width, height, 3, data)?)
+}
+
+/// What weights are made of.
+struct View<'a> {
+    width: usize,
+    height: usize,
+    gbuffer: Option<&'a Image>,
+    /// Logarithms of what is filtered; empty without patches.
+    seen: &'a [f32],
+    params: &'a GuidedFilterParams,
+}
+
+impl View<'_> {
+    /// Squared distance in units of the deviations, but for the patches.
+    fn distance(&self, here: usize, there: usize, dx: isize, dy: isize) -> f64 {
+        let square = |deviation: f64| 1.0 / (deviation * deviation);
+        let mut sum = (dx * dx + dy * dy) as f64 * square(self.params.spatial);
+        if let Some(gbuffer) = self.gbuffer {
+            let pixel = |at: usize| &gbuffer.data()[6 * at..6 * at + 6];
+            let (a, b) = (pixel(here), pixel(there));
+            let part = |of: std::ops::Range<usize>| of.map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();
+            sum += part(0..3) * square(self.params.albedo) + part(3..6) * square(self.params.normal);
+        }
+        sum
+    }
+
+    /// For each pixel of row `y`, the mean squared difference of the patch around it and that around the pixel (dx, dy) away,
+    /// in units of the deviation; none without patches. What lies outside has the value of the edge.
+    fn patches(&self, y: usize, dx: isize, dy: isize) -> Option<Vec<f64>> {
+        let deviation = self.params.colour?;
+        let reach = self.params.patch as isize;
+        let edge = |at: isize, size: usize| at.clamp(0, size as isize - 1) as usize;
+        // Sums over the columns of patches first, from `reach` left of the row to as far right of it.
+        let column = |x: isize| -> f64 {
+            let square = |v: isize| -> f64 {
+                let at = |x: isize, y: isize| 3 * (edge(y, self.height) * self.width + edge(x, self.width));
+                let (a, b) = (at(x, v), at(x + dx, v + dy));
+                (0..3).map(|c| f64::from(self.seen[a + c] - self.seen[b + c]).powi(2)).sum()
+            };
+            (-reach..=reach).map(|v| square(y as isize + v)).sum()
+        };
+        let columns: Vec<f64> = (-reach..self.width as isize + reach).map(column).collect();
+        let side = (2 * reach + 1) as usize;
+        let scale = 1.0 / ((3 * side * side) as f64 * deviation * deviation);
+        Some((0..self.width).map(|x| columns[x..x + side].iter().sum::<f64>() * scale).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tauflow_data::rng::Stream;
+
+    fn params() -> GuidedFilterParams {
+        GuidedFilterParams { radius: 3, spatial: 2.0, ..GuidedFilterParams::default() }
+    }
+
+    /// Two halves of other albedo and light under noise, and their G-buffer.
+    fn halves() -> (Image, Image, Image) {
+        let (mut clean, mut noisy, mut gbuffer) = (Image::new(16, 8, 3), Image::new(16, 8, 3), Image::new(16, 8, 6));
+        for y in 0..8 {
+            for x in 0..16 {
+                let mut stream = Stream::new(4, &[x as u64, y as u64]);
+                let (albedo, light) = if x < 8 { (0.2, 1.0) } else { (0.8, 3.0) };
+                clean.pixel_mut(x, y).fill((albedo + DARKEST) * light);
+                let noise = stream.range(0.0, 2.0) as f32;
+                noisy.pixel_mut(x, y).fill((albedo + DARKEST) * light * noise);
+                gbuffer.pixel_mut(x, y).copy_from_slice(&[albedo, albedo, albedo, 0.0, 0.0, 1.0]);
+            }
+        }
+        (clean, noisy, gbuffer)
+    }
+
+    fn error(a: &Image, b: &Image) -> f64 {
+        a.data().iter().zip(b.data()).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / a.data().len() as f64
+    }
+
+    #[test]
+    fn weights_are_those_of_the_definition() {
+        let (_, noisy, gbuffer) = halves();
+        for colour in [None, Some(0.4)] {
+            let params = GuidedFilterParams { colour, patch: 1, radius: 2, ..params() };
+            let found = filtered(&noisy, Some(&gbuffer), &params).expect("fits");
+            let light = |x: usize, y: usize, c: usize| {
+                f64::from(noisy.pixel(x, y)[c] / (gbuffer.pixel(x, y)[c] + DARKEST))
+            };
+            let seen = |x: i64, y: i64, c: usize| {
+                let (x, y) = (x.clamp(0, 15) as usize, y.clamp(0, 7) as usize);
+                log(1.0 + light(x, y, c))
+            };
+            for (x, y) in [(0i64, 0i64), (7, 3), (8, 4), (15, 7), (4, 7)] {
+                let (mut sum, mut weights) = (0.0, 0.0);
+                for v in (y - 2).max(0)..=(y + 2).min(7) {
+                    for u in (x - 2).max(0)..=(x + 2).min(15) {
+                        let mut d = ((u - x).pow(2) + (v - y).pow(2)) as f64 / params.spatial.powi(2);
+                        let (a, b) = (gbuffer.pixel(x as usize, y as usize), gbuffer.pixel(u as usize, v as usize));
+                        d += 3.0 * f64::from(a[0] - b[0]).powi(2) / params.albedo.powi(2);
+                        if let Some(colour) = colour {
+                            let mut patch = 0.0;
+                            for (i, j) in (-1..=1).flat_map(|j| (-1..=1).map(move |i| (i, j))) {
+                                let at = |c| seen(x + i, y + j, c) - seen(u + i, v + j, c);
+                                patch += (0..3).map(|c| at(c).powi(2)).sum::<f64>() / 27.0;
+                            }
+                            d += patch / colour.powi(2);
+                        }
+                        sum += (-0.5 * d).exp() * light(u as usize, v as usize, 1);
+                        weights += (-0.5 * d).exp();
+                    }
+                }
+                let albedo = f64::from(gbuffer.pixel(x as usize, y as usize)[1] + DARKEST);
+                let expected = sum / weights * albedo;
+                let found = f64::from(found.pixel(x as usize, y as usize)[1]);
+                assert!((found - expected).abs() < 1e-4 * expected, "{colour:?} {x} {y}: {found} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn noise_falls_and_edges_stay() {
+        let (clean, noisy, gbuffer) = halves();
+        let with = filtered(&noisy, Some(&gbuffer), &params()).expect("fits");
+        assert!(error(&with, &clean) < 0.15 * error(&noisy, &clean), "{} {}", error(&with, &clean), error(&noisy, &clean));
+        let blind = GuidedFilterParams { conditioning: Conditioning::Rgb, demodulate: false, ..params() };
+        let without = filtered(&noisy, None, &blind).expect("fits");
+        assert!(error(&with, &clean) < 0.5 * error(&without, &clean));
+        let flat = filtered(&clean, Some(&gbuffer), &params()).expect("fits");
+        assert!(error(&flat, &clean) < 1e-10);
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused() {
+        let (_, noisy, _) = halves();
+        let error = filtered(&noisy, Some(&Image::new(4, 4, 6)), &params()).expect_err("another size").to_string();
+        assert!(error.contains("4 x 4") && error.contains("16 x 8"), "{error}");
+        let bad = GuidedFilterParams { normal: 0.0, conditioning: Conditioning::Rgb, ..params() };
+        let pointers: Vec<String> = GuidedFilter::check(&bad).into_iter().map(|p| p.pointer).collect();
+        assert_eq!(pointers, ["/normal", "/demodulate"]);
+    }
+}
