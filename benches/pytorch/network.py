@@ -21,7 +21,8 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 PLANS = {"tiny": ([32, 64, 96], 1, 1, 64), "small": ([48, 96, 160], 1, 2, 128), "base": ([96, 192, 384], 2, 2, 256)}
 BATCH = {"tiny": 8, "small": 4, "base": 4}
 STEPS = {"tiny": 30, "small": 15, "base": 6}
-CHANNELS, CLOCK, RAW = 12, 14, 6
+CHANNELS, CLOCK, SIDES = 15, 14, (5, 5, 5, 5)
+WEIGHTS = sum(side * side for side in SIDES)
 
 
 def network(preset):
@@ -65,9 +66,9 @@ def network(preset):
             self.larger = nn.ModuleList(nn.Conv2d(b, 4 * a, 1) for a, b in reversed(list(zip(widths, widths[1:]))))
             self.skip = nn.ModuleList(nn.Conv2d(w, w, 1) for w in reversed(widths[:-1]))
             self.up = nn.ModuleList(level(w) for w in reversed(widths[:-1]))
-            self.last = Step(widths[0], 4 * RAW)
+            self.last = Step(widths[0], 4 * WEIGHTS)
 
-        def forward(self, x, clock, residual, spread):
+        def forward(self, x, clock, bases, albedo, state, gain):
             time = self.time(clock)
             x = self.stem(F.pixel_unshuffle(x, 2))
             skips = []
@@ -82,10 +83,25 @@ def network(preset):
                 x = F.pixel_shuffle(larger(x), 2) + skip(skips.pop())
                 for block in level:
                     x = block(x, time)
-            raw = F.pixel_shuffle(self.last(x, time), 2)
-            return residual * raw[:, :3] + spread * raw[:, 3:]
+            weights = F.pixel_shuffle(self.last(x, time), 2).softmax(1)
+            mean = torch.einsum("ncbhw,nbhw->nchw", bases, weights)
+            return gain * (albedo * mean - state)
 
     return Unet()
+
+
+def bases(light):
+    """What lies around each pixel of [N, 3, H, W] at each scale: [N, 3, WEIGHTS, H, W]."""
+    import torch
+    from torch.nn import functional as F
+
+    found = []
+    for scale, side in enumerate(SIDES):
+        small = F.avg_pool2d(light, 2**scale) if scale else light
+        count, colours, height, width = small.shape
+        around = F.unfold(F.pad(small, (side // 2,) * 4, mode="replicate"), side).view(count, colours, side * side, height, width)
+        found.append(around.repeat_interleave(2**scale, 3).repeat_interleave(2**scale, 4))
+    return torch.cat(found, 2)
 
 
 def peer(preset, threads, layout):
@@ -101,7 +117,8 @@ def peer(preset, threads, layout):
 
     def inputs(count, side):
         image = lambda channels: torch.randn(count, channels, side, side).to(memory_format=form)
-        return image(CHANNELS), torch.randn(count, CLOCK), image(3), image(3)
+        # Ours makes them in each step; PyTorch is given them.
+        return image(CHANNELS), torch.randn(count, CLOCK), bases(image(3)), image(3), image(3), torch.ones(count, 1, 1, 1)
 
     def step():
         adam.zero_grad(set_to_none=True)

@@ -10,7 +10,7 @@ import math
 
 import torch
 
-from network import CHANNELS, CLOCK, PLANS, RAW, network
+from network import CHANNELS, CLOCK, PLANS, WEIGHTS, bases, network
 
 SIDE, PRESET = 16, "tiny"
 
@@ -40,7 +40,7 @@ def shapes():
         level(f"up.{i}", width)
     level("middle", widths[-1])
     found["last.time"] = (embedding, 2 * widths[0])
-    found["head"] = (9 * widths[0], 4 * RAW)
+    found["head"] = (9 * widths[0], 4 * WEIGHTS)
     return {f"{name}.{part}": shape if part == "kernel" else (1, shape[1])
             for name, shape in found.items() for part in ("kernel", "bias")}
 
@@ -98,8 +98,9 @@ def main():
         theirs[f"{place(name)}.weight"], theirs[f"{place(name)}.bias"] = weight, bias
     assert {name: w.shape for name, w in theirs.items()} == {name: w.shape for name, w in net.named_parameters()}
     image = lambda channels, salt: numbers(SIDE * SIDE * channels, salt).float().double().reshape(1, SIDE, SIDE, channels)
-    inputs = [image(CHANNELS, 1001), numbers(CLOCK, 1002).float().double().reshape(1, CLOCK), image(3, 1003), image(3, 1004)]
-    inputs = [x.permute(0, 3, 1, 2) if x.dim() == 4 else x for x in inputs]
+    first = lambda x: x.permute(0, 3, 1, 2)
+    inputs = [first(image(CHANNELS, 1001)), numbers(CLOCK, 1002).float().double().reshape(1, CLOCK)]
+    inputs += [bases(first(image(3, 1003))), first(image(3, 1004)), first(image(3, 1007)), torch.full((1, 1, 1, 1), -1.5)]
     output = torch.func.functional_call(net, theirs, tuple(inputs)).permute(0, 2, 3, 1)
     (output * image(3, 1005)).sum().backward()
     gradients = {}

@@ -183,7 +183,9 @@ mod tests {
         };
         // A change here changes every key in every cache: raise FORMAT_VERSION with it.
         assert_eq!(key.hash().to_string(), "e6dd5c9a3f849b901f23b0fd71a3376f2553bf60c2b8ab0a557bc463bf6dd703");
-        for (seed, environment) in [(None, json!(null)), (Some(0), json!({"library": "a"})), (Some(u64::MAX), json!(null))] {
+        for (seed, environment) in
+            [(None, json!(null)), (Some(0), json!({"library": "a"})), (Some(u64::MAX), json!(null))]
+        {
             let key = ActionKey { seed, environment, ..key.clone() };
             let value = serde_json::to_value(&key).expect("plain");
             assert_eq!(key.hash(), Key::of(&canonical_bytes(&value)), "{seed:?}");

@@ -16,6 +16,7 @@ pub mod statistics;
 pub mod stratum;
 pub mod tensors;
 pub mod time;
+pub mod time_error;
 pub mod timing;
 
 pub use image::Image;

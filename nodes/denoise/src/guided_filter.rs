@@ -284,9 +284,8 @@ mod tests {
         for colour in [None, Some(0.4)] {
             let params = GuidedFilterParams { colour, patch: 1, radius: 2, ..params() };
             let found = filtered(&noisy, Some(&gbuffer), &params).expect("fits");
-            let light = |x: usize, y: usize, c: usize| {
-                f64::from(noisy.pixel(x, y)[c] / (gbuffer.pixel(x, y)[c] + DARKEST))
-            };
+            let light =
+                |x: usize, y: usize, c: usize| f64::from(noisy.pixel(x, y)[c] / (gbuffer.pixel(x, y)[c] + DARKEST));
             let seen = |x: i64, y: i64, c: usize| {
                 let (x, y) = (x.clamp(0, 15) as usize, y.clamp(0, 7) as usize);
                 log(1.0 + light(x, y, c))
@@ -322,7 +321,12 @@ mod tests {
     fn noise_falls_and_edges_stay() {
         let (clean, noisy, gbuffer) = halves();
         let with = filtered(&noisy, Some(&gbuffer), &params()).expect("fits");
-        assert!(error(&with, &clean) < 0.15 * error(&noisy, &clean), "{} {}", error(&with, &clean), error(&noisy, &clean));
+        assert!(
+            error(&with, &clean) < 0.15 * error(&noisy, &clean),
+            "{} {}",
+            error(&with, &clean),
+            error(&noisy, &clean)
+        );
         let blind = GuidedFilterParams { conditioning: Conditioning::Rgb, demodulate: false, ..params() };
         let without = filtered(&noisy, None, &blind).expect("fits");
         assert!(error(&with, &clean) < 0.5 * error(&without, &clean));

@@ -34,8 +34,7 @@ struct Functions {
     release_device: unsafe extern "C" fn(Handle),
     new_filter: unsafe extern "C" fn(Handle, *const c_char) -> Handle,
     #[allow(clippy::type_complexity)]
-    set_image:
-        unsafe extern "C" fn(Handle, *const c_char, *mut c_void, c_int, usize, usize, usize, usize, usize),
+    set_image: unsafe extern "C" fn(Handle, *const c_char, *mut c_void, c_int, usize, usize, usize, usize, usize),
     set_filter_bool: unsafe extern "C" fn(Handle, *const c_char, bool),
     commit_filter: unsafe extern "C" fn(Handle),
     execute_filter: unsafe extern "C" fn(Handle),
@@ -175,7 +174,12 @@ impl<'a> Filter<'a> {
     ///
     /// # Errors
     /// If the library refuses.
-    pub(crate) fn new(oidn: &'a Oidn, gbuffer: Option<&Image>, size: (usize, usize), threads: usize) -> Result<Self, KindError> {
+    pub(crate) fn new(
+        oidn: &'a Oidn,
+        gbuffer: Option<&Image>,
+        size: (usize, usize),
+        threads: usize,
+    ) -> Result<Self, KindError> {
         let device = Device::new(oidn, threads)?;
         let f = &oidn.functions;
         // SAFETY: the name ends with a zero.

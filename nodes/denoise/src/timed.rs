@@ -32,7 +32,10 @@ pub(crate) fn scene<P>(ctx: &Context<'_>, action: &Action<'_, P>) -> Result<Pack
 pub(crate) fn endpoint(scene: &PackedScene, from: u64) -> Result<&Image, KindError> {
     let rung = scene.counts.iter().zip(&scene.states).find(|(count, _)| **count == from);
     rung.map(|(_, image)| image).ok_or_else(|| {
-        KindError::Input(format!("the scene has no rung of {from} samples, only {:?}; change `from` or the rungs", scene.counts))
+        KindError::Input(format!(
+            "the scene has no rung of {from} samples, only {:?}; change `from` or the rungs",
+            scene.counts
+        ))
     })
 }
 
@@ -42,7 +45,8 @@ pub(crate) fn gbuffer(scene: &PackedScene, conditioning: Conditioning) -> Result
         (Conditioning::Rgb, _) => Ok(None),
         (Conditioning::Gbuffer, Some(gbuffer)) => Ok(Some(gbuffer)),
         (Conditioning::Gbuffer, None) => Err(KindError::Input(
-            "`conditioning` is gbuffer and the scene has no G-buffer; connect `gbuffers` of its `dataset_packing`".into(),
+            "`conditioning` is gbuffer and the scene has no G-buffer; connect `gbuffers` of its `dataset_packing`"
+                .into(),
         )),
     }
 }

@@ -99,11 +99,11 @@ pub fn bounded(metric: &str, value: f64) -> f64 {
 }
 
 /// A cell's coordinates, from a text such as `parameterization=mc_noise+conditioning=rgb`.
-fn coordinates(cell: &str) -> BTreeMap<String, String> {
+pub(crate) fn coordinates(cell: &str) -> BTreeMap<String, String> {
     cell.split(['+', '/']).filter_map(|p| p.split_once('=')).map(|(a, v)| (a.to_owned(), v.to_owned())).collect()
 }
 
-fn stratum(scene: &str) -> String {
+pub(crate) fn stratum(scene: &str) -> String {
     Stratum::of_key(scene).map_or_else(|| "other".to_owned(), |(stratum, _)| stratum.to_string())
 }
 
@@ -243,15 +243,16 @@ pub fn evaluate(
 /// Every cell at each of its NFE against a baseline whose columns start at `at`; those of the cells follow those of hold.
 fn against(cells: &[Cell<'_>], baseline: &Cell<'_>, resampled: &Resampled, at: usize) -> Vec<Versus> {
     let count = METRICS.len();
-    let own = |cell: &Cell<'_>| cell.scenes.values().next().and_then(|s| s.first()).map_or("", |s| s.method.as_str()).to_owned();
+    let own = |cell: &Cell<'_>| {
+        cell.scenes.values().next().and_then(|s| s.first()).map_or("", |s| s.method.as_str()).to_owned()
+    };
     let mut first = 0;
     let mut out = Vec::new();
     for cell in cells {
         for (step, nfe) in cell.nfe.iter().enumerate() {
             first += count;
-            let gain = |(i, name): (usize, &&str)| {
-                ((*name).to_owned(), resampled.estimate(|m| m[first + i] - m[at + i]))
-            };
+            let gain =
+                |(i, name): (usize, &&str)| ((*name).to_owned(), resampled.estimate(|m| m[first + i] - m[at + i]));
             let better = |name: &&str| {
                 let ahead = |(scene, scores): (&&str, &Vec<&Score>)| {
                     let value = |score: &Score| bounded(name, score.metrics.get(name).expect("a name of METRICS"));

@@ -11,11 +11,14 @@ mod evaluation;
 mod image_metrics;
 pub mod metrics;
 mod ssim;
+mod time_error;
+mod time_tables;
 
 pub use bridge::{BridgeClock, BridgeValidation, BridgeValidationParams};
 pub use bridge_tables::fraction;
 pub use evaluation::{EvaluationKind, EvaluationParams, PSNR_CEILING, bounded, evaluate};
 pub use image_metrics::{HOLD, ImageMetrics, ImageMetricsParams};
+pub use time_error::{TimeErrorKind, TimeErrorParams};
 
 use tauflow_contract::{KindRow, NodeKind};
 
@@ -25,5 +28,6 @@ pub fn kinds() -> Vec<Box<dyn NodeKind>> {
         Box::new(KindRow::<ImageMetrics>::new()),
         Box::new(KindRow::<EvaluationKind>::new()),
         Box::new(KindRow::<BridgeValidation>::new()),
+        Box::new(KindRow::<TimeErrorKind>::new()),
     ]
 }

@@ -81,7 +81,7 @@ impl Bench {
     fn put(&mut self, key: ItemKey, scene: &PackedScene, images: &[(RefinedImage, Image)], clock: BridgeClock) {
         let ctx = Context::new(&self.blobs, &Silent, &self.stop);
         let packed = ctx.put(&scene.to_bytes().expect("consistent")).expect("stored");
-        let meta = Refined { images: images.iter().map(|(said, _)| said.clone()).collect() };
+        let meta = Refined { images: images.iter().map(|(said, _)| said.clone()).collect(), note: None };
         let mut parts = vec![
             ("meta.json".to_owned(), ctx.put_json(&meta).expect("stored")),
             ("bridge.json".to_owned(), ctx.put_json(&clock).expect("stored")),

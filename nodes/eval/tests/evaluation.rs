@@ -43,6 +43,7 @@ struct Bench {
     stop: AtomicBool,
     scores: Collection,
     hold: Collection,
+    baselines: Collection,
 }
 
 impl Bench {
@@ -52,6 +53,7 @@ impl Bench {
             stop: AtomicBool::new(false),
             scores: Collection::default(),
             hold: Collection::default(),
+            baselines: Collection::default(),
         };
         for (scene, i) in scenes() {
             bench.put(true, &scene, 256, vec![score("hold", 0, base(i))]);
@@ -70,7 +72,8 @@ impl Bench {
 
     fn put(&mut self, hold: bool, key: &str, reference_spp: u64, scores: Vec<Score>) {
         let ctx = Context::new(&self.blobs, &Silent, &self.stop);
-        let artifact = Artifact::blob(JSON, ctx.put_json(&SceneScores { reference_spp, scores }).expect("stored"));
+        let of = SceneScores { reference_spp, scores, note: None };
+        let artifact = Artifact::blob(JSON, ctx.put_json(&of).expect("stored"));
         let to = if hold { &mut self.hold } else { &mut self.scores };
         to.items.insert(ItemKey::new(key).expect("a valid key"), artifact);
     }
@@ -83,7 +86,7 @@ impl Bench {
             group: "main",
             seed,
             each: BTreeMap::new(),
-            whole: BTreeMap::from([("scores", &self.scores), ("hold", &self.hold)]),
+            whole: BTreeMap::from([("scores", &self.scores), ("hold", &self.hold), ("baselines", &self.baselines)]),
         };
         let out = EvaluationKind::run(&ctx, &action)?;
         ctx.json(out.collections["tables"].get("evaluation").expect("the item"), "")
@@ -96,6 +99,35 @@ impl Bench {
 
 fn near(found: f64, expected: f64) {
     assert!((found - expected).abs() < 1e-9, "{found}, expected {expected}");
+}
+
+#[test]
+fn solvers_are_held_against_baselines_and_absent_ones_are_told() {
+    let mut bench = Bench::new();
+    let ctx = Context::new(&bench.blobs, &Silent, &bench.stop);
+    let mut baselines = Collection::default();
+    for (scene, i) in scenes() {
+        // Better than RGB by 1 dB in even scenes, worse by 2 dB in odd ones.
+        let value = base(i) + 0.1 * (i % 3) as f64 + 4.0 + if i % 2 == 0 { 1.0 } else { -2.0 };
+        let there = SceneScores { reference_spp: 256, scores: vec![score("oidn", 1, value)], note: None };
+        let absent = SceneScores { reference_spp: 256, scores: Vec::new(), note: Some("other: not here".into()) };
+        for (cell, of) in [("method=oidn+conditioning=gbuffer", there), ("method=other", absent)] {
+            let key = ItemKey::new(format!("{cell}/{scene}")).expect("a valid key");
+            baselines.items.insert(key, Artifact::blob(JSON, ctx.put_json(&of).expect("stored")));
+        }
+    }
+    bench.baselines = baselines;
+    let e = bench.run(7).expect("sound scores");
+    assert_eq!(e.notes, ["other: not here"]);
+    let [oidn] = &e.baselines[..] else { panic!("{:?}", e.baselines) };
+    assert_eq!((oidn.method.as_str(), oidn.conditioning.as_str(), oidn.at.len()), ("oidn", "gbuffer", 1));
+    assert!(oidn.auc.is_empty());
+    assert_eq!(e.versus.len(), 2 * NFE.len());
+    let versus = e.versus.iter().find(|v| v.nfe == 1 && v.cell["conditioning"] == "rgb").expect("a row");
+    near(versus.gain["hdr_psnr"].mean, 0.5);
+    near(versus.better["hdr_psnr"], 0.5);
+    assert!(versus.gain["hdr_psnr"].low < 0.0 && versus.gain["hdr_psnr"].high > 0.0);
+    assert_eq!(e.per_scene.len(), 12 + 2 * 12 * 5 + 12);
 }
 
 #[test]

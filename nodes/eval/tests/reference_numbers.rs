@@ -99,7 +99,7 @@ fn packed(ctx: &Context<'_>) -> Artifact {
 
 fn refined(ctx: &Context<'_>, images: &[(u64, Image)]) -> Artifact {
     let said = |nfe| RefinedImage { method: "mc_noise".into(), from_spp: 1, to_spp: 4, nfe };
-    let meta = Refined { images: images.iter().map(|(nfe, _)| said(*nfe)).collect() };
+    let meta = Refined { images: images.iter().map(|(nfe, _)| said(*nfe)).collect(), note: None };
     let mut parts = vec![("meta.json".to_owned(), ctx.put_json(&meta).expect("stored"))];
     for (index, (_, image)) in images.iter().enumerate() {
         parts.push((refined_part(index), ctx.put(&image.to_bytes()).expect("stored")));

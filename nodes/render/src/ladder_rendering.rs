@@ -124,7 +124,8 @@ impl Kind for LadderRendering {
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
         let LadderRenderingParams { rungs, resolution, stream, sampler, gbuffer_samples, repeats } = params;
         match group {
-            TIMING => json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler, "repeats": repeats }),
+            TIMING => json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler,
+                "gbuffer_samples": gbuffer_samples, "repeats": repeats }),
             "gbuffer" => json!({ "resolution": resolution, "stream": stream, "gbuffer_samples": gbuffer_samples }),
             _ => {
                 // `{dyadic: 4}` and `[1, 2, 4]` are the same ladder.
@@ -181,11 +182,13 @@ impl Work<'_> {
             .store(self.ctx)
     }
 
-    /// What it takes to get from the scene's files to each rung; rung 0 is a scene that is ready to be rendered.
+    /// What it takes to get from the scene's files to each rung, and for a G-buffer; rung 0 is a scene that is ready to be
+    /// rendered.
     fn timing(&self) -> Result<Timing, KindError> {
         let counts = self.params.rungs.counts()?;
         let entry = |spp| TimedImage { method: METHOD.into(), from_spp: spp, nfe: 0, took: Repeated::default() };
         let mut entries: Vec<TimedImage> = std::iter::once(0).chain(counts.iter().copied()).map(entry).collect();
+        let mut gbuffer = Repeated::default();
         for round in 0..self.params.repeats {
             let mut parts = Repeated::default();
             let world = parts.add(|| self.world())?;
@@ -201,8 +204,12 @@ impl Work<'_> {
                 entry.took.wall_s.push(wall);
                 entry.took.cpu_s.push(cpu);
             }
+            let samples = self.params.gbuffer_samples;
+            gbuffer.add(|| renderer.gbuffer(self.params.stream, samples, &mut |_| self.ctx.check_cancelled()))?;
             self.ctx.progress(round + 1, self.params.repeats, "rounds");
         }
+        let (method, from_spp) = ("gbuffer".to_owned(), self.params.gbuffer_samples);
+        entries.push(TimedImage { method, from_spp, nfe: 0, took: gbuffer });
         Ok(Timing { entries })
     }
 

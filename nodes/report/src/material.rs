@@ -31,6 +31,8 @@ pub struct Material {
     pub bridge: Option<BridgeFiles>,
     /// How far ladders keep to the 1/sqrt(n) law.
     pub convergence: Option<tauflow_data::convergence::Convergence>,
+    /// Error against time.
+    pub time_error: Option<tauflow_data::time_error::TimeError>,
     /// What scenes are, by scene.
     pub statistics: Vec<(String, SceneStatistics)>,
     /// Size and rungs of the references.
@@ -207,6 +209,7 @@ impl Material {
             sampling: one(ctx, action, "sampling")?,
             bridge: bridge(ctx, action)?,
             convergence: one(ctx, action, "convergence")?,
+            time_error: one(ctx, action, "time_error")?,
             statistics: all(ctx, action, "statistics")?,
             references: references(ctx, action)?,
         })

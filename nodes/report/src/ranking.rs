@@ -51,7 +51,7 @@ pub struct Row<'a> {
     pub figures: Vec<Option<Estimate>>,
 }
 
-/// The rows of a metric: hold, then the methods in order of space, method, conditioning.
+/// The rows of a metric: hold, then the methods in order of space, method, conditioning, then baselines.
 pub fn rows<'a>(evaluation: &'a Evaluation, metric: &str) -> Vec<Row<'a>> {
     let mut rows = vec![Row {
         table: None,
@@ -63,7 +63,7 @@ pub fn rows<'a>(evaluation: &'a Evaluation, metric: &str) -> Vec<Row<'a>> {
             .chain([evaluation.hold.get(metric).copied(), None])
             .collect(),
     }];
-    for table in ordered(evaluation) {
+    for table in with_baselines(evaluation) {
         let at = |nfe: &u64| table.at.iter().find(|a| a.nfe == *nfe).and_then(|a| a.metrics.get(metric)).copied();
         let mut figures: Vec<Option<Estimate>> = evaluation.nfe.iter().map(at).collect();
         figures.push(table.auc.get(metric).copied());
@@ -128,6 +128,11 @@ pub fn ordered(evaluation: &Evaluation) -> Vec<&MethodTable> {
     tables
 }
 
+/// The methods in that order, then those that they are compared with.
+pub fn with_baselines(evaluation: &Evaluation) -> Vec<&MethodTable> {
+    ordered(evaluation).into_iter().chain(&evaluation.baselines).collect()
+}
+
 /// The parameterizations in the order of tables and colours.
 pub const METHODS: [&str; 4] = ["vanilla_rf", "local_velocity", "mc_velocity", "mc_noise"];
 
@@ -162,6 +167,7 @@ pub fn method_name(method: &str) -> String {
         "mc_velocity" => "MC velocity".into(),
         "mc_noise" => "MC noise".into(),
         "hold" => "Hold".into(),
+        "oidn" => "OIDN".into(),
         other => other.replace('_', " "),
     }
 }
@@ -179,7 +185,7 @@ pub fn conditioning_name(conditioning: &str) -> String {
 pub fn extra(cell: &Cell) -> String {
     let rest: Vec<String> = cell
         .iter()
-        .filter(|(axis, _)| !["parameterization", "conditioning", "space"].contains(&axis.as_str()))
+        .filter(|(axis, _)| !["parameterization", "conditioning", "space", "method"].contains(&axis.as_str()))
         .map(|(axis, value)| format!("{axis} {value}"))
         .collect();
     rest.join(", ")

@@ -70,6 +70,7 @@ const INPUTS: &[InputPort] = &[
     InputPort::whole("sampling", JSON, "What the sampling says.").or_none(),
     InputPort::whole("bridge", FILES, "Bridge validation: `bridge.json`, `cases.csv`, `maps/`.").or_none(),
     InputPort::whole("convergence", JSON, "How far ladders keep to the 1/sqrt(n) law.").or_none(),
+    InputPort::whole("time_error", JSON, "Error against time: the page opens with it.").or_none(),
     InputPort::whole("statistics", STATISTICS, "What the scenes are, measured.").or_none(),
 ];
 const OUTPUTS: &[OutputPort] =
@@ -81,7 +82,7 @@ impl Kind for Report {
     fn spec() -> KindSpec {
         KindSpec {
             name: "report",
-            version: 2,
+            version: 3,
             summary: "Shows what was measured: a self-contained page, JSON, CSV, LaTeX and pictures.",
             manual: include_str!("report.md"),
             mode: Mode::Gather,
@@ -117,7 +118,8 @@ impl Kind for Report {
         };
         ctx.check_cancelled()?;
         let sections = sections(&material, params, &montages, nfe)?;
-        let header = sections::headline::block(evaluation, &material, &params.subtitle, &montages, nfe)?;
+        let opening = material.time_error.as_ref().map(sections::time_error::opening).unwrap_or_default();
+        let header = opening + &sections::headline::block(evaluation, &material, &params.subtitle, &montages, nfe)?;
         let html = page(&params.title, &header, &sections, &missing(action));
 
         let mut parts: BTreeMap<String, Digest> = BTreeMap::new();
@@ -134,6 +136,9 @@ impl Kind for Report {
         put("tables.tex", tex::others(evaluation).as_bytes())?;
         for montage in montages.iter().filter(|m| !m.rows.is_empty()) {
             put(&montage.file, &montage.png()?)?;
+        }
+        if let Some(time_error) = &material.time_error {
+            put("time_error.csv", sections::time_error::csv(time_error).as_bytes())?;
         }
         if !material.timings.is_empty() {
             put("timings.csv", timings_csv(&material.timings).as_bytes())?;
@@ -172,6 +177,8 @@ fn sections(
         Some(sections::tables::section(evaluation)),
         Some(sections::curves::section(evaluation)),
         sections::strata::section(evaluation, nfe),
+        sections::baselines::section(evaluation),
+        material.time_error.as_ref().map(sections::time_error::section),
         sections::montage::section(montages, nfe)?,
         material.bridge.as_ref().map(|b| sections::bridge::section(b, params.bridge_scenes as usize)),
         sections::losses::section(&material.losses),

@@ -1,7 +1,7 @@
 //! The sections of the page, one file each: every one turns material into HTML, and is left out without its input.
 
+pub mod baselines;
 pub mod bridge;
-
 pub mod conventions;
 pub mod convergence;
 pub mod curves;
@@ -12,6 +12,7 @@ pub mod montage;
 pub mod scenes;
 pub mod strata;
 pub mod tables;
+pub mod time_error;
 pub mod timings;
 
 use crate::{ranking, text::escape};

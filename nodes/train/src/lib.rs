@@ -12,7 +12,7 @@ mod training;
 pub use bridge_refinement::{BridgeRefinement, BridgeRefinementParams};
 pub use dataset_packing::{DatasetPacking, DatasetPackingParams};
 pub use model::{Model, ModelInfo};
-pub use network::Preset;
+pub use network::{Loss, Preset};
 pub use parameterization::{Conditioning, Parameterization, Space, signed_log1p};
 pub use refinement::{Refinement, RefinementParams};
 pub use rollout::{Course, Denoiser, bridge_stop, local_steps, rollout, rollout_to};

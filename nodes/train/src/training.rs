@@ -12,7 +12,7 @@ pub use optimiser::Decay;
 
 use crate::{
     model::{Model, ModelInfo},
-    network::Preset,
+    network::{Loss, Preset},
     parameterization::{Conditioning, Parameterization, Space},
 };
 use batches::{DataSet, Draw};
@@ -34,7 +34,7 @@ use threads::Share;
 use trainer::Trainer;
 
 /// Raised with every change of what a training computes: neither results nor checkpoints of before count then.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 /// The kind `training`.
 pub struct Training;
@@ -51,6 +51,8 @@ pub struct TrainingParams {
     pub preset: Preset,
     /// The space that states and targets are in.
     pub space: Space,
+    /// How predictions are judged.
+    pub loss: Loss,
     /// Training steps.
     #[schemars(range(min = 1))]
     pub steps: u64,
@@ -97,6 +99,7 @@ impl Default for TrainingParams {
             conditioning: Conditioning::default(),
             preset: Preset::default(),
             space: Space::default(),
+            loss: Loss::default(),
             steps: 60_000,
             batch: 16,
             crop: 128,
@@ -221,7 +224,7 @@ impl Job<'_> {
             counts: train.counts.clone(),
             steps: params.steps,
         };
-        let mut trainer = Trainer::new(info.encoding()?, params.preset, self.rates(), self.seed);
+        let mut trainer = Trainer::new(info.encoding()?, params.preset, self.rates(), params.loss, self.seed);
         let checkpoints = self.checkpoints();
         let mut record = checkpoints.latest(ctx, &mut trainer, params.steps).unwrap_or_default();
         let seconds = self.steps(&info, &mut trainer, &mut record, &checkpoints, (&train, test.as_ref()), share)?;

@@ -30,7 +30,7 @@ fn row(evaluation: &Evaluation, metric: &str) -> String {
     let hold = evaluation.hold.get(metric);
     let log = metric.ends_with("_mae");
     let mut values: Vec<f64> = hold.iter().flat_map(|h| [h.mean, h.low, h.high]).collect();
-    for at in evaluation.methods.iter().flat_map(|t| &t.at) {
+    for at in evaluation.methods.iter().chain(&evaluation.baselines).flat_map(|t| &t.at) {
         values.extend(at.metrics.get(metric).iter().flat_map(|e| [e.mean, e.low, e.high]));
     }
     let y = if log { Scale::log(values, 0.05) } else { Scale::linear(values) };
@@ -42,6 +42,18 @@ fn row(evaluation: &Evaluation, metric: &str) -> String {
         plot.x_axis(evaluation.nfe.iter().map(|n| (*n as f64, n.to_string())), "NFE (log)");
         if let Some(hold) = hold {
             plot.level(hold.mean, "hold dashed").end_label(hold.mean, "hold", "Hold");
+        }
+        let conditioning = tables.first().map(|table| &table.conditioning);
+        for other in evaluation.baselines.iter().filter(|other| Some(&other.conditioning) == conditioning) {
+            // Made in one go: the same whatever the number of calls.
+            if let Some(found) = other.at.first().and_then(|at| at.metrics.get(metric)) {
+                let class = colour(&other.method);
+                plot.level(found.mean, &format!("{class} dashed")).end_label(
+                    found.mean,
+                    &class,
+                    &method_name(&other.method),
+                );
+            }
         }
         for table in &tables {
             let class = colour(&table.method);

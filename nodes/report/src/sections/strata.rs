@@ -2,7 +2,7 @@
 
 use crate::{
     page::Section,
-    ranking::{colour, conditioning_name, extra, method_name, ordered},
+    ranking::{colour, conditioning_name, extra, method_name, with_baselines},
     text::{escape, fixed, signed},
 };
 use std::{collections::BTreeMap, fmt::Write as _};
@@ -15,7 +15,7 @@ const METRIC: &str = "hdr_psnr";
 
 /// The section; none if no method was measured at `nfe`.
 pub fn section(evaluation: &Evaluation, nfe: u64) -> Option<Section> {
-    let tables = ordered(evaluation);
+    let tables = with_baselines(evaluation);
     let columns: Vec<(&MethodTable, BTreeMap<String, f64>)> =
         tables.into_iter().filter_map(|t| Some((t, at(t, nfe)?))).collect();
     if columns.is_empty() {

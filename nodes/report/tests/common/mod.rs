@@ -130,7 +130,7 @@ pub fn pictures(ctx: &Context<'_>, size: usize) -> Result<Pictures, KindError> {
                     parts.push((refined_part(i), ctx.put(&image.to_bytes())?));
                     said.push(RefinedImage { method: method.into(), from_spp: 1, to_spp: LAST, nfe });
                 }
-                parts.push(("meta.json".into(), ctx.put_json(&Refined { images: said })?));
+                parts.push(("meta.json".into(), ctx.put_json(&Refined { images: said, note: None })?));
                 let item = format!("{}/{name}", cell_key(method, conditioning));
                 refined.items.insert(key(&item), Artifact::tree(REFINED, parts));
             }
@@ -208,6 +208,9 @@ pub fn evaluation(per_scene: Vec<SceneRow>) -> Evaluation {
         nfe: NFE.to_vec(),
         hold: by(&|m| estimate(&of(&none, 0, m))),
         methods,
+        baselines: Vec::new(),
+        versus: Vec::new(),
+        notes: Vec::new(),
         per_scene,
     }
 }

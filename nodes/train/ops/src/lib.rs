@@ -17,6 +17,7 @@ mod made_up;
 mod normalisation;
 mod operator;
 mod products;
+mod pyramid;
 mod sums;
 
 pub use adam::{Adam, square_sum};
@@ -26,3 +27,4 @@ pub use fold::Fold;
 pub use instructions::Instructions;
 pub use normalisation::{GROUP, NormSilu, Silu};
 pub use operator::Operator;
+pub use pyramid::{Pyramid, WeightedMean};

@@ -1,7 +1,7 @@
 //! What the network sees of a state, and the units in which it answers.
 
 use super::{
-    head::Basis,
+    head::{Answer, Head, SIDES},
     unet::{Inputs, Unet},
 };
 use crate::parameterization::{Parameterization, Space, signed_log1p};
@@ -9,7 +9,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
 use std::{ops::RangeInclusive, sync::Arc};
 use tauflow_data::{maths, time::VarianceTime};
-use tauflow_ops::{expm1, map, map2};
+use tauflow_ops::{Pyramid, expm1, map, map2};
 
 /// Numbers that tell the time.
 pub(crate) const CLOCK: usize = 14;
@@ -20,10 +20,10 @@ const FLOOR: f32 = 0.05;
 /// Half the side, less a half, of the window that is averaged over.
 const REACH: usize = 2;
 
-/// Samples that a solver's own estimate of the clean image is worth, roughly.
-const WORTH: f64 = 8.0;
+/// Added to albedo before it divides: what is black has light on it, too.
+const BLACK: f32 = 0.02;
 
-/// Largest deviation of a velocity, in units of that at the start.
+/// Largest factor between what is left to the end of an interpolant and its target.
 const STEEPEST: f64 = 16.0;
 
 /// One state with what belongs to it.
@@ -48,7 +48,7 @@ pub(crate) struct Encoding {
 impl Encoding {
     /// Channels of the features.
     pub(crate) fn channels(&self) -> usize {
-        if self.gbuffer { 12 } else { 6 }
+        if self.gbuffer { 15 } else { 6 }
     }
 
     /// Inputs of a batch of samples of `height` x `width` pixels.
@@ -56,35 +56,52 @@ impl Encoding {
         let (pixels, channels) = (height * width, self.channels());
         let mut features = vec![0.0; samples.len() * pixels * channels];
         let mut clock = Vec::with_capacity(samples.len() * CLOCK);
-        let (mut residual, mut spread) = (Vec::new(), Vec::new());
+        let (mut lights, mut albedos, mut gains) = (Vec::new(), Vec::new(), Vec::new());
         for (sample, features) in samples.iter().zip(features.chunks_exact_mut(pixels * channels)) {
-            let seen = match self.space {
-                Space::Linear => map(sample.state, signed_log1p),
-                Space::Log1p => sample.state.to_vec(),
-            };
-            let around = self.surroundings(&seen, height, width);
-            let off = map2(sample.state, &around.mean, |value, mean| value - mean);
-            let contrast = map2(&off, &around.spread, contrast);
             let gbuffer = sample.gbuffer.filter(|_| self.gbuffer);
             assert_eq!(gbuffer.is_some(), self.gbuffer, "the caller checks that there is a G-buffer");
+            let radiance = match self.space {
+                Space::Linear => sample.state.to_vec(),
+                Space::Log1p => map(sample.state, |value| expm1(value.abs()).copysign(value)),
+            };
+            let albedo = gbuffer.map(|gbuffer| -> Vec<f32> {
+                gbuffer.chunks_exact(6).flat_map(|pixel| [0, 1, 2].map(|c| pixel[c].max(0.0) + BLACK)).collect()
+            });
+            let light = match &albedo {
+                Some(albedo) => map2(&radiance, albedo, |value, albedo| value / albedo),
+                None => radiance.clone(),
+            };
+            let seen = map(&light, signed_log1p);
+            let around = surroundings(&seen, height, width);
+            let off = map2(&light, &around.mean, |value, mean| value - mean);
+            let contrast = map2(&off, &around.spread, contrast);
+            let whole = gbuffer.map(|_| map(&radiance, signed_log1p));
             features.par_chunks_exact_mut(channels).with_min_len(1024).enumerate().for_each(|(pixel, features)| {
                 let at = 3 * pixel..3 * pixel + 3;
                 features[..3].copy_from_slice(&seen[at.clone()]);
-                features[3..6].copy_from_slice(&contrast[at]);
-                if let Some(gbuffer) = gbuffer {
-                    features[6..].copy_from_slice(&gbuffer[6 * pixel..6 * pixel + 6]);
+                features[3..6].copy_from_slice(&contrast[at.clone()]);
+                if let (Some(gbuffer), Some(whole)) = (gbuffer, &whole) {
+                    features[6..12].copy_from_slice(&gbuffer[6 * pixel..6 * pixel + 6]);
+                    features[12..].copy_from_slice(&whole[at]);
                 }
             });
             clock.extend(self.time(sample.tau));
-            let gain = self.gain(sample.tau) as f32;
-            residual.push(map(&off, |off| off * gain));
-            spread.push(map(&around.spread, |deviation| (FLOOR + deviation) * gain));
+            gains.push(self.gain(sample.tau) as f32);
+            lights.extend(light);
+            albedos.extend(albedo.into_iter().flatten());
         }
         let shape = [samples.len(), height, width, channels];
+        let answer = Answer {
+            albedo: self.gbuffer.then(|| Arc::new(albedos)),
+            state: Arc::new(samples.iter().flat_map(|sample| sample.state.iter().copied()).collect()),
+            gain: Arc::new(gains),
+            log: self.space == Space::Log1p,
+        };
+        let light = Arc::new(Pyramid::new(&lights, height, width, &SIDES));
         Inputs {
             features: Tensor::from_data(TensorData::new(features, shape), device),
             clock: Tensor::from_data(TensorData::new(clock, [samples.len(), CLOCK]), device),
-            basis: Basis { residual: Arc::new(residual.concat()), spread: Arc::new(spread.concat()) },
+            head: Head { light, answer },
         }
     }
 
@@ -93,22 +110,22 @@ impl Encoding {
         Unet::new(preset, self.channels(), CLOCK)
     }
 
-    /// How large an answer to expect at `tau`, in units of that at the start; no network should have to learn it.
+    /// What the target is of the way from the state to the mean of endlessly many samples: known, so that no network should
+    /// have to learn it.
     ///
-    /// The target's deviation is that of the central limit theorem: the noise of mc_noise falls from 1 to nearly 0 over
-    /// a ladder. What can be known of it is less, and less the cleaner the state: a Wiener filter whose own estimate is
-    /// worth `WORTH` samples keeps the share 1/(1 + n/WORTH) of it.
+    /// Given I_n, the expectation of I_m, m > n, is (1 - n/m) of the way to the mean: the samples of I_n are among its own.
+    /// Velocities divide that by the time it takes. At the end of the ladder the time vanishes with the way, and what is left is
+    /// finite. Interpolants of rectified flow have 1 - t of their way before them, whatever it is worth.
     fn gain(&self, tau: f64) -> f64 {
-        let error = |n: f64| (1.0 / n - 1.0 / self.clock.n_max()).max(0.0).sqrt();
-        let count = self.clock.count(tau);
-        let relative = error(count) / error(self.clock.n_min());
-        let deviation = match self.parameterization {
-            Parameterization::McNoise => relative,
-            // Tends to infinity towards tau = 1; at 229 of 256 samples, the last call of 50, it is 5.6.
-            Parameterization::McVelocity => (relative / (1.0 - tau).max(1e-9)).min(STEEPEST),
-            Parameterization::LocalVelocity | Parameterization::VanillaRf => 1.0,
-        };
-        deviation / (1.0 + count / WORTH)
+        let (count, last) = (self.clock.count(tau), self.clock.n_max());
+        // d tau/dn = 1/(2 unit n^(3/2)), and 1 - tau = (1/sqrt n - 1/sqrt n_max)/unit.
+        let unit = 1.0 / self.clock.n_min().sqrt() - 1.0 / last.sqrt();
+        match self.parameterization {
+            Parameterization::McNoise => -(1.0 - (count / last).min(1.0)),
+            Parameterization::McVelocity => unit * count.sqrt() * (1.0 + (count / last).sqrt()),
+            Parameterization::LocalVelocity => unit * count.sqrt() * 2.0,
+            Parameterization::VanillaRf => (1.0 / (1.0 - tau).max(1e-9)).min(STEEPEST),
+        }
     }
 
     /// Smooth functions of tau. Training sees few times, rollouts many: high frequencies would not carry over.
@@ -123,24 +140,21 @@ impl Encoding {
         }
         out
     }
+}
 
-    /// What is around each pixel: mean and deviation of the logarithms over a window, as values in the training space.
-    fn surroundings(&self, seen: &[f32], height: usize, width: usize) -> Surroundings {
-        let averaged = |values: &[f32]| means_of_columns(&means_of_rows(values, width), height, width);
-        let mean = averaged(seen);
-        let spread = averaged(&map2(seen, &mean, |v, m| (v - m).abs()));
-        match self.space {
-            // d expm1(x) = exp(x) dx, taken over the whole deviation so that it stays positive and grows with it.
-            Space::Linear => Surroundings {
-                spread: map2(&mean, &spread, |mean, spread| expm1(mean.abs() + spread) - expm1(mean.abs())),
-                mean: map(&mean, |mean| expm1(mean.abs()).copysign(mean)),
-            },
-            Space::Log1p => Surroundings { mean, spread },
-        }
+/// What is around each pixel: mean and deviation of the logarithms over a window, as linear values.
+fn surroundings(seen: &[f32], height: usize, width: usize) -> Surroundings {
+    let averaged = |values: &[f32]| means_of_columns(&means_of_rows(values, width), height, width);
+    let mean = averaged(seen);
+    let spread = averaged(&map2(seen, &mean, |v, m| (v - m).abs()));
+    Surroundings {
+        // d expm1(x) = exp(x) dx, taken over the whole deviation so that it stays positive and grows with it.
+        spread: map2(&mean, &spread, |mean, spread| expm1(mean.abs() + spread) - expm1(mean.abs())),
+        mean: map(&mean, |mean| expm1(mean.abs()).copysign(mean)),
     }
 }
 
-/// Mean and deviation around each pixel, in the training space.
+/// Mean and deviation around each pixel, linear.
 struct Surroundings {
     mean: Vec<f32>,
     spread: Vec<f32>,
@@ -197,21 +211,47 @@ mod tests {
     use super::*;
 
     #[test]
-    fn expected_answers_follow_the_central_limit_theorem() {
+    fn gains_are_those_of_the_law() {
         let clock = VarianceTime::new(1, 256).expect("a ladder");
-        let encoding = |parameterization| Encoding { parameterization, space: Space::Linear, clock, gbuffer: false };
-        let deviation = |parameterization, n: f64| encoding(parameterization).gain(clock.tau(n)) * (1.0 + n / WORTH);
-        let near = |a: f64, b: f64| (a - b).abs() < 1e-6 * b.max(1.0);
-        for n in [1.0f64, 4.0, 64.0, 128.0] {
-            let noise = ((1.0 / n - 1.0 / 256.0) / (1.0 - 1.0 / 256.0)).sqrt();
-            assert!(near(deviation(Parameterization::McNoise, n), noise), "{n}");
-            let velocity = noise * (1.0 - 1.0 / 16.0) / (1.0 / n.sqrt() - 1.0 / 16.0);
-            assert!(near(deviation(Parameterization::McVelocity, n), velocity), "{n}");
+        let gain = |parameterization, tau| {
+            Encoding { parameterization, space: Space::Linear, clock, gbuffer: false }.gain(tau)
+        };
+        let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-6 * b.abs().max(1.0), "{a} {b}");
+        for n in [1.0f64, 4.0, 100.0, 255.0] {
+            let tau = clock.tau(n);
+            near(gain(Parameterization::McNoise, tau), n / 256.0 - 1.0);
+            // The same way by the time that is left.
+            near(gain(Parameterization::McVelocity, tau), (1.0 - n / 256.0) / (1.0 - tau));
+            // The limit of (1 - n/m)/(tau_m - tau_n) for m near n.
+            let m = n * (1.0 + 1e-7);
+            let limit = (1.0 - n / m) / (clock.tau(m) - tau);
+            assert!((gain(Parameterization::LocalVelocity, tau) / limit - 1.0).abs() < 1e-4);
         }
-        let velocities: Vec<f64> =
-            (1..2560).map(|i| deviation(Parameterization::McVelocity, f64::from(i) / 10.0)).skip(10).collect();
-        assert!(velocities.windows(2).all(|w| w[1] >= w[0] - 1e-6), "never falls towards the end");
-        assert!(near(velocities[velocities.len() - 1], STEEPEST));
+        near(gain(Parameterization::McVelocity, 1.0), 2.0 * (1.0 - 1.0 / 16.0) * 16.0);
+        near(gain(Parameterization::VanillaRf, 0.5), 2.0);
+        near(gain(Parameterization::VanillaRf, 1.0), STEEPEST);
+    }
+
+    #[test]
+    fn equal_weights_give_the_mean_of_the_window_times_the_albedo() {
+        let clock = VarianceTime::new(1, 256).expect("a ladder");
+        let device = Device::flex();
+        for space in [Space::Linear, Space::Log1p] {
+            let encoding = Encoding { parameterization: Parameterization::McNoise, space, clock, gbuffer: true };
+            let network = encoding.network(super::super::unet::Preset::Tiny);
+            // Light of 3 on albedos that change from pixel to pixel.
+            let albedo = |i: usize| (i % 5) as f32 / 5.0;
+            let state: Vec<f32> = (0..16 * 16 * 3).map(|i| space.encode(3.0 * (albedo(i / 3) + BLACK))).collect();
+            let gbuffer: Vec<f32> =
+                (0..16 * 16).flat_map(|i| [albedo(i), albedo(i), albedo(i), 0.0, 0.0, 1.0]).collect();
+            let sample = Sample { state: &state, gbuffer: Some(&gbuffer), tau: 0.0 };
+            let inputs = encoding.inputs(&device, &[sample], 16, 16);
+            assert_eq!(inputs.features.dims(), [1, 16, 16, encoding.channels()]);
+            let weights = network.slots().draw(1);
+            let output = network.forward(&network.slots().tensors(&weights, &device), inputs).into_data();
+            // A fresh network weighs alike, and light that is alike is its own mean: there is no noise.
+            assert!(output.as_slice::<f32>().expect("f32").iter().all(|v| v.abs() < 1e-5), "{space:?}");
+        }
     }
 
     #[test]
@@ -232,18 +272,15 @@ mod tests {
 
     #[test]
     fn surroundings_are_those_of_the_window() {
-        let clock = VarianceTime::new(1, 256).expect("a ladder");
-        let encoding =
-            Encoding { parameterization: Parameterization::McNoise, space: Space::Linear, clock, gbuffer: false };
         // A lamp of 50: nothing varies, so that there is nothing to take off.
         let lamp = vec![signed_log1p(50.0); 8 * 8 * 3];
-        let around = encoding.surroundings(&lamp, 8, 8);
+        let around = surroundings(&lamp, 8, 8);
         assert!(around.mean.iter().all(|m| (m - 50.0).abs() < 1e-3) && around.spread.iter().all(|s| s.abs() < 1e-3));
         assert!(contrast(50.0 - around.mean[0], around.spread[0]).abs() < 1e-2);
         // One firefly in the dark sets itself apart, and moves its surroundings little.
         let mut dark = vec![signed_log1p(0.1); 8 * 8 * 3];
         dark[3 * 27] = signed_log1p(1000.0);
-        let around = encoding.surroundings(&dark, 8, 8);
+        let around = surroundings(&dark, 8, 8);
         assert!(
             around.mean[3 * 27] < 1.0 && contrast(1000.0 - around.mean[3 * 27], around.spread[3 * 27]) > 5.0,
             "{}",

@@ -2,7 +2,7 @@
 
 use super::{
     features,
-    head::{self, Basis},
+    head::{self, Answer, Loss},
     layers,
     unet::{Preset, Unet},
 };
@@ -131,11 +131,19 @@ fn folding_is_undone_and_moves_gradients() {
 
 #[test]
 fn gradients_of_head_and_loss() {
-    let basis = Basis { residual: Arc::new(numbers(5, 2 * 4 * 3)), spread: Arc::new(numbers(6, 2 * 4 * 3)) };
-    let inputs = [(numbers(1, 2 * 4 * 6), vec![1, 2, 4, 6])];
-    check(&inputs, |t| head::expand(t[0].clone(), basis.clone()));
-    let target = Arc::new(numbers(7, 2 * 4 * 6));
-    check(&inputs, |t| head::mean_square(t[0].clone(), target.clone(), target.len()).reshape([1]));
+    let size = 2 * 2 * 4 * 3;
+    let inputs = [(numbers(1, size), vec![2, 2, 4, 3])];
+    for (albedo, log) in [(None, false), (Some(Arc::new(numbers(5, size))), true)] {
+        let answer = Answer { albedo, state: Arc::new(numbers(6, size)), gain: Arc::new(vec![0.5, -2.0]), log };
+        check(&inputs, |t| super::op::apply(answer.clone(), [t[0].clone().into()], [2, 2, 4, 3]));
+    }
+    // Nowhere so near that a difference changes its sign on the way.
+    let target: Vec<f32> =
+        inputs[0].0.iter().enumerate().map(|(i, v)| if i % 2 == 0 { v + 0.3 } else { v - 0.2 }).collect();
+    let target = Arc::new(target);
+    for loss in [Loss::Squared, Loss::Absolute] {
+        check(&inputs, |t| head::mean_loss(t[0].clone(), target.clone(), target.len(), loss).reshape([1]));
+    }
 }
 
 #[test]
@@ -161,7 +169,7 @@ fn gradients_of_the_whole_network() {
         let tensors = network.slots().tensors(weights, device);
         let sample = features::Sample { state: &state, gbuffer: Some(&gbuffer), tau: 0.3 };
         let inputs = encoding.inputs(device, &[sample], 16, 16);
-        (head::mean_square(network.forward(&tensors, inputs), target.clone(), target.len()), tensors)
+        (head::mean_loss(network.forward(&tensors, inputs), target.clone(), target.len(), Loss::Squared), tensors)
     };
     let (value, tensors) = loss(&weights, &Device::flex().autodiff());
     let gradients = value.backward();

@@ -1,86 +1,150 @@
 //! The two ends of the network that are not learned: what the last layer's numbers mean, and the loss.
+//!
+//! The numbers are weights: of what lies around each pixel of the state, divided by albedo where there is one, at several
+//! scales. The weighted mean, times the albedo, is the network's estimate of what more samples would give; the answer is that
+//! less the state, times what the law says of how far the target is from it. So a firefly of a thousand asks for no output of
+//! a thousand, texture passes through, and no network has to learn sizes that are known.
 
 use super::op::apply;
 use burn::tensor::Tensor;
 use rayon::prelude::*;
 use std::sync::Arc;
-use tauflow_ops::Operator;
+use tauflow_ops::{Operator, Pyramid, WeightedMean};
 
-/// Channels that the last layer has for the three of an image.
-pub(crate) const RAW: usize = 6;
+/// Sides of the windows of weights, from full resolution down.
+pub(crate) const SIDES: [usize; 4] = [5, 5, 5, 5];
+/// Numbers of the last layer for a pixel.
+pub(crate) const WEIGHTS: usize = {
+    let (mut sum, mut i) = (0, 0);
+    while i < SIDES.len() {
+        sum += SIDES[i] * SIDES[i];
+        i += 1;
+    }
+    sum
+};
 
 /// Pixels that a thread does at least.
 const PIXELS: usize = 1024;
 
-/// What the last layer's numbers are multiplied with: f = residual g + spread r, for raw values (g, r).
-///
-/// Targets are as heavy-tailed as the states themselves: a firefly of a thousand asks for an output of a thousand. Through
-/// `g` the network takes off a share of what sets a pixel apart from its surroundings, and through `r` it works in units
-/// of how much these vary. Where nothing varies, in a lamp of a thousand too, there is no noise and little to get wrong.
+/// What turns weights into a prediction.
 #[derive(Clone, Debug)]
-pub(crate) struct Basis {
-    /// [N, H, W, 3].
-    pub(crate) residual: Arc<Vec<f32>>,
-    /// [N, H, W, 3].
-    pub(crate) spread: Arc<Vec<f32>>,
+pub(crate) struct Head {
+    /// Of the state as linear radiance, divided by albedo where there is one.
+    pub(crate) light: Arc<Pyramid>,
+    /// What becomes of the weighted mean.
+    pub(crate) answer: Answer,
 }
 
-/// `raw` [N, H, W, 6] in a basis, [N, H, W, 3].
-pub(crate) fn expand(raw: Tensor<4>, basis: Basis) -> Tensor<4> {
-    let [images, height, width, channels] = raw.dims();
-    assert_eq!(channels, RAW, "two numbers for each colour");
-    apply(basis, [raw.into()], [images, height, width, 3])
+impl Head {
+    /// The prediction [N, H, W, 3] of numbers [N, H, W, [`WEIGHTS`]].
+    pub(crate) fn expand(self, numbers: Tensor<4>) -> Tensor<4> {
+        let [images, height, width, channels] = numbers.dims();
+        assert_eq!(channels, WEIGHTS, "a number for each place of the windows");
+        let shape = [images, height, width, 3];
+        let mean = apply(WeightedMean(self.light), [numbers.into()], shape);
+        apply(self.answer, [mean.into()], shape)
+    }
 }
 
-impl Operator<1> for Basis {
+/// f = gain (encode(albedo mean) - state).
+#[derive(Clone, Debug)]
+pub(crate) struct Answer {
+    /// [N, H, W, 3]; none for 1 everywhere.
+    pub(crate) albedo: Option<Arc<Vec<f32>>>,
+    /// [N, H, W, 3], in the training space.
+    pub(crate) state: Arc<Vec<f32>>,
+    /// One for each image.
+    pub(crate) gain: Arc<Vec<f32>>,
+    /// The training space is that of logarithms.
+    pub(crate) log: bool,
+}
+
+impl Answer {
+    /// Values of an image.
+    fn size(&self) -> usize {
+        self.state.len() / self.gain.len().max(1)
+    }
+
+    /// Fills `out` from what `f(index, gain, albedo)` gives.
+    fn fill(&self, len: usize, f: impl Fn(usize, f32, f32) -> f32 + Sync) -> Vec<f32> {
+        assert_eq!(len, self.state.len(), "a mean for each value of the state");
+        let mut out = vec![0.0; len];
+        let size = self.size();
+        out.par_chunks_mut(3 * PIXELS).enumerate().for_each(|(part, out)| {
+            for (i, out) in (part * 3 * PIXELS..).zip(out) {
+                *out = f(i, self.gain[i / size], self.albedo.as_ref().map_or(1.0, |albedo| albedo[i]));
+            }
+        });
+        out
+    }
+}
+
+impl Operator<1> for Answer {
     type Saved = ();
 
-    fn forward(&self, [raw]: [&[f32]; 1]) -> (Vec<f32>, ()) {
-        let mut out = vec![0.0; raw.len() / 2];
-        let factors = self.residual.par_chunks_exact(3).zip(self.spread.par_chunks_exact(3));
-        let pixels = out.par_chunks_exact_mut(3).zip(raw.par_chunks_exact(RAW)).zip(factors);
-        pixels.with_min_len(PIXELS).for_each(|((out, raw), (residual, spread))| {
-            (0..3).for_each(|c| out[c] = residual[c] * raw[c] + spread[c] * raw[3 + c]);
-        });
-        (out, ())
+    fn forward(&self, [mean]: [&[f32]; 1]) -> (Vec<f32>, ()) {
+        let encode = |value: f32| if self.log { crate::parameterization::signed_log1p(value) } else { value };
+        (self.fill(mean.len(), |i, gain, albedo| gain * (encode(albedo * mean[i]) - self.state[i])), ())
     }
 
-    fn backward(&self, _: [&[f32]; 1], _: &(), gradient: &[f32], _: [bool; 1]) -> [Vec<f32>; 1] {
-        let mut out = vec![0.0; gradient.len() * 2];
-        let factors = self.residual.par_chunks_exact(3).zip(self.spread.par_chunks_exact(3));
-        let pixels = out.par_chunks_exact_mut(RAW).zip(gradient.par_chunks_exact(3)).zip(factors);
-        pixels.with_min_len(PIXELS).for_each(|((out, gradient), (residual, spread))| {
-            (0..3).for_each(|c| out[c] = residual[c] * gradient[c]);
-            (0..3).for_each(|c| out[3 + c] = spread[c] * gradient[c]);
-        });
-        [out]
+    fn backward(&self, [mean]: [&[f32]; 1], _: &(), gradient: &[f32], _: [bool; 1]) -> [Vec<f32>; 1] {
+        let slope = |value: f32| if self.log { 1.0 / (1.0 + value.abs()) } else { 1.0 };
+        [self.fill(mean.len(), |i, gain, albedo| gradient[i] * gain * albedo * slope(albedo * mean[i]))]
     }
 }
 
-/// The squared differences between a prediction and a target of its shape, added and divided by `count`: how many there are
-/// in all parts of a batch together.
-pub(crate) fn mean_square<const D: usize>(prediction: Tensor<D>, target: Arc<Vec<f32>>, count: usize) -> Tensor<1> {
+/// How a prediction is judged by its target.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum Loss {
+    /// By the square of the difference: what is learned is the mean of the targets.
+    #[default]
+    Squared,
+    /// By its size: the median, which a few fireflies do not move.
+    Absolute,
+}
+
+/// The losses of a prediction by a target of its shape, added and divided by `count`: how many there are in all parts of a batch
+/// together.
+pub(crate) fn mean_loss<const D: usize>(
+    prediction: Tensor<D>,
+    target: Arc<Vec<f32>>,
+    count: usize,
+    loss: Loss,
+) -> Tensor<1> {
     assert_eq!(prediction.shape().num_elements(), target.len(), "the target has the prediction's shape");
-    apply(MeanSquare { target, count }, [prediction.into()], [1])
+    apply(MeanLoss { target, count, loss }, [prediction.into()], [1])
 }
 
 #[derive(Clone, Debug)]
-struct MeanSquare {
+struct MeanLoss {
     target: Arc<Vec<f32>>,
     count: usize,
+    loss: Loss,
 }
 
-impl Operator<1> for MeanSquare {
+impl Operator<1> for MeanLoss {
     type Saved = ();
 
     fn forward(&self, [prediction]: [&[f32]; 1]) -> (Vec<f32>, ()) {
-        let difference = |(p, t): (&f32, &f32)| f64::from(p - t) * f64::from(p - t);
-        let total: f64 = prediction.iter().zip(self.target.iter()).map(difference).sum();
+        let of = |(p, t): (&f32, &f32)| {
+            let difference = f64::from(p - t);
+            match self.loss {
+                Loss::Squared => difference * difference,
+                Loss::Absolute => difference.abs(),
+            }
+        };
+        let total: f64 = prediction.iter().zip(self.target.iter()).map(of).sum();
         (vec![(total / self.count as f64) as f32], ())
     }
 
     fn backward(&self, [prediction]: [&[f32]; 1], _: &(), gradient: &[f32], _: [bool; 1]) -> [Vec<f32>; 1] {
-        let scale = gradient[0] * 2.0 / self.count as f32;
-        [prediction.iter().zip(self.target.iter()).map(|(p, t)| (p - t) * scale).collect()]
+        let scale = gradient[0] / self.count as f32;
+        let of = |(p, t): (&f32, &f32)| match self.loss {
+            Loss::Squared => 2.0 * (p - t) * scale,
+            Loss::Absolute if p == t => 0.0,
+            Loss::Absolute => scale * (p - t).signum(),
+        };
+        [prediction.iter().zip(self.target.iter()).map(of).collect()]
     }
 }

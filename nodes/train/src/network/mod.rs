@@ -13,4 +13,5 @@ mod peer;
 pub(crate) mod unet;
 pub(crate) mod weights;
 
+pub use head::Loss;
 pub use unet::Preset;

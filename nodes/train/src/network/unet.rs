@@ -4,7 +4,7 @@
 //! than at full resolution; the last layer unfolds again.
 
 use super::{
-    head::{Basis, RAW, expand},
+    head::{Head, SIDES, WEIGHTS},
     layers::{conv3, fold, linear, norm_silu, silu, unfold},
     weights::{Slots, Start},
 };
@@ -16,10 +16,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
 #[serde(rename_all = "snake_case")]
 pub enum Preset {
-    /// About 0.3 million weights: minutes on one core.
+    /// About 0.4 million weights: minutes on one core.
     #[default]
     Tiny,
-    /// About 1.3 million weights: studies on a CPU.
+    /// About 1.5 million weights: studies on a CPU.
     Small,
     /// About 12 million weights.
     Base,
@@ -61,8 +61,8 @@ pub(crate) struct Inputs {
     pub(crate) features: Tensor<4>,
     /// [N, [`super::features::CLOCK`]].
     pub(crate) clock: Tensor<2>,
-    /// How the output is expressed.
-    pub(crate) basis: Basis,
+    /// What the output is made of.
+    pub(crate) head: Head,
 }
 
 /// A network: which weights are used where.
@@ -122,7 +122,8 @@ impl Unet {
             up.push(Level { blocks: build.blocks(&format!("up.{i}"), *width, &plan), resize, skip: Some(skip) });
         }
         let last = build.modulation("last", plan.widths[0]);
-        let head = build.conv("head", plan.widths[0], 4 * RAW, Start::Zero);
+        // Every place weighs the same at first.
+        let head = build.conv("head", plan.widths[0], 4 * WEIGHTS, Start::Zero);
         Self { slots: build.slots, time, stem, down, middle, up, last, head }
     }
 
@@ -133,7 +134,7 @@ impl Unet {
 
     /// Height and width must be multiples of this.
     pub(crate) fn multiple(&self) -> usize {
-        2 << self.down.len()
+        (2 << self.down.len()).max(1 << (SIDES.len() - 1))
     }
 
     /// The prediction, [N, H, W, 3].
@@ -157,7 +158,7 @@ impl Unet {
             x = run.blocks(&level.blocks, x, &time);
         }
         let x = norm_silu(x, run.linear(self.last, time));
-        expand(unfold(run.conv(self.head, x)), inputs.basis)
+        inputs.head.expand(unfold(run.conv(self.head, x)))
     }
 }
 
@@ -224,9 +225,9 @@ mod tests {
 
     #[test]
     fn presets_have_the_sizes_that_they_say() {
-        let count = |preset| Unet::new(preset, 9, 14).slots().count();
+        let count = |preset| Unet::new(preset, 15, 14).slots().count();
         let sizes = [count(Preset::Tiny), count(Preset::Small), count(Preset::Base)];
-        assert!((250_000..350_000).contains(&sizes[0]), "{sizes:?}");
+        assert!((400_000..500_000).contains(&sizes[0]), "{sizes:?}");
         assert!((1_000_000..2_000_000).contains(&sizes[1]), "{sizes:?}");
         assert!((10_000_000..15_000_000).contains(&sizes[2]), "{sizes:?}");
     }

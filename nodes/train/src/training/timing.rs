@@ -3,7 +3,7 @@
 use super::{DataSet, Decay, Draw, Rates, Trainer};
 use crate::{
     model::{Model, ModelInfo},
-    network::Preset,
+    network::{Loss, Preset},
     parameterization::{Conditioning, Parameterization, Space},
     rollout::Denoiser,
 };
@@ -54,7 +54,7 @@ pub fn training_steps(preset: Preset, batch: usize, side: usize, steps: usize) -
         decay: Decay::None,
         steps: steps as u64,
     };
-    let mut trainer = Trainer::new(info(preset).encoding()?, preset, rates, 1);
+    let mut trainer = Trainer::new(info(preset).encoding()?, preset, rates, Loss::Squared, 1);
     let set = DataSet::new(vec![("made-up", scene(2 * side)?)], "train", Conditioning::Gbuffer)?;
     let draw = Draw { seed: 1, batch, side, shuffle_targets: false, exposure_jitter: 1.0, permute_colours: true };
     let milliseconds = |from: Instant| 1000.0 * from.elapsed().as_secs_f64();

@@ -1,0 +1,117 @@
+//! Error against time, as `time_error` hands it on.
+
+use crate::results::Estimate;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// What `time_error` says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TimeError {
+    /// What times were taken on.
+    pub machine: Value,
+    /// Samples a pixel of the held-out references.
+    pub reference_spp: u64,
+    /// Number of scenes.
+    pub scenes: u64,
+    /// Resamples of the bootstrap.
+    pub resamples: u64,
+    /// The path tracer first, then the others by name.
+    pub methods: Vec<TimedMethod>,
+    /// Names and points of the methods on the front: no other point is both faster and better.
+    pub front: Vec<FrontPoint>,
+    /// What was left out, and why.
+    pub notes: Vec<String>,
+}
+
+/// A method, from every endpoint and at every NFE that was timed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TimedMethod {
+    /// Such as `mc_noise`, `oidn`, `path_tracer`.
+    pub method: String,
+    /// What it sees beside the noisy image: `rgb` or `gbuffer`.
+    pub conditioning: String,
+    /// Other coordinates of its cell.
+    pub cell: BTreeMap<String, String>,
+    /// By samples, then NFE.
+    pub points: Vec<TimedPoint>,
+    /// How long it takes to errors that are asked for.
+    pub targets: Vec<TimeTo>,
+}
+
+/// A method at one point.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TimedPoint {
+    /// Samples a pixel that were rendered.
+    pub from_spp: u64,
+    /// Model calls.
+    pub nfe: u64,
+    /// All scenes.
+    pub all: TimedSummary,
+    /// By stratum.
+    pub strata: BTreeMap<String, TimedSummary>,
+    /// Against the path tracer; none for itself.
+    pub versus: Option<VersusRendering>,
+}
+
+/// Scenes at one point.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TimedSummary {
+    /// How many.
+    pub scenes: u64,
+    /// Seconds of wall time from a scene's files to the image: quartiles over scenes.
+    pub wall_s: [f64; 3],
+    /// The same of processor time.
+    pub cpu_s: [f64; 3],
+    /// Geometric mean over scenes of the mean squared error, exposed linear radiance, less the reference's own.
+    pub mse: f64,
+    /// The same of errors relative to the reference, (x - r)^2/(r^2 + 0.01).
+    pub rel_mse: f64,
+    /// Mean PSNR of exposed linear radiance, peak 1, in dB.
+    pub hdr_psnr: f64,
+    /// Mean PSNR of previews, in dB.
+    pub preview_psnr: f64,
+    /// Mean structural similarity of previews.
+    pub ssim: f64,
+    /// Geometric mean of the samples a pixel after which the path tracer has the same error; none for itself.
+    pub crossover_spp: Option<f64>,
+    /// Geometric mean of the path tracer's time to the same error over this time; none for itself.
+    pub speed_up: Option<Estimate>,
+}
+
+/// A method against the path tracer that is given the same wall time, paired by scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct VersusRendering {
+    /// Median samples a pixel that the path tracer gets to in that time.
+    pub spp: f64,
+    /// Gain in PSNR of linear radiance, dB.
+    pub hdr_psnr: Estimate,
+    /// Gain in PSNR of previews, dB.
+    pub preview_psnr: Estimate,
+    /// Gain in structural similarity.
+    pub ssim: Estimate,
+    /// Share of scenes with a gain in PSNR of linear radiance.
+    pub better: f64,
+}
+
+/// How long a method takes to an error.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TimeTo {
+    /// `hdr_psnr` or `rel_mse`.
+    pub metric: String,
+    /// The value.
+    pub target: f64,
+    /// Share of scenes that get there, at any point that was measured.
+    pub reached: f64,
+    /// Median over all scenes of the least wall time; none where fewer than half of them get there.
+    pub wall_s: Option<f64>,
+}
+
+/// A point on the front.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrontPoint {
+    /// Index of the method.
+    pub method: usize,
+    /// Index of its point.
+    pub point: usize,
+}

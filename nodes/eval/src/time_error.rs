@@ -1,0 +1,282 @@
+#![doc = include_str!("time_error.md")]
+
+use crate::{
+    evaluation::check_resamples,
+    metrics::Reference,
+    time_tables::{Measured, MethodOf, Sample, summarise},
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use tauflow_contract::{
+    Action, Artifact, Collection, Context, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs,
+    ParamProblem,
+};
+use tauflow_data::{
+    Image, Ladder,
+    formats::{EXPOSURE, Exposure, JSON, PACKED, PackedScene, REFINED, load_refined},
+    ladder::LADDER,
+    statistics::quantile,
+    timing::{Repeated, Timing, machine},
+};
+
+/// Added to squares of the reference that errors are relative to.
+const DARKEST: f64 = 0.01;
+/// What the path tracer is called.
+pub(crate) const PATH_TRACER: &str = "path_tracer";
+/// What timings call a G-buffer.
+const GBUFFER: &str = "gbuffer";
+
+/// The kind `time_error`.
+pub struct TimeErrorKind;
+
+/// Params of `time_error`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct TimeErrorParams {
+    /// PSNR of linear radiance that times are given to, in dB.
+    pub psnr_targets: Vec<f64>,
+    /// Relative mean squared errors that times are given to.
+    pub rel_mse_targets: Vec<f64>,
+    /// Resamples of the bootstrap.
+    #[schemars(range(min = 100, max = 100_000))]
+    pub resamples: u64,
+}
+
+impl Default for TimeErrorParams {
+    fn default() -> Self {
+        Self { psnr_targets: vec![25.0, 30.0, 35.0, 40.0], rel_mse_targets: vec![0.1, 0.01, 0.001], resamples: 2000 }
+    }
+}
+
+const INPUTS: &[InputPort] = &[
+    InputPort::whole("references", LADDER, "Held-out references: of another stream, their last rung counts."),
+    InputPort::whole("exposure", EXPOSURE, "The exposure of the same scenes."),
+    InputPort::whole("ladders", PACKED, "The path tracer's own images, exposed."),
+    InputPort::whole("render_times", JSON, "What they take: `timing` of `ladder_rendering`."),
+    InputPort::whole("refined", REFINED, "Images of the other methods, by cell and scene.").or_none(),
+    InputPort::whole("times", JSON, "What these take: `timing` of the nodes that made them.").or_none(),
+];
+const OUTPUTS: &[OutputPort] =
+    &[OutputPort::new("tables", JSON, "Errors and times by method, and what follows from them.").measured()];
+
+impl Kind for TimeErrorKind {
+    type Params = TimeErrorParams;
+
+    fn spec() -> KindSpec {
+        KindSpec {
+            name: "time_error",
+            version: 1,
+            summary: "Error against time: of rendering alone, solvers and denoisers.",
+            manual: include_str!("time_error.md"),
+            mode: Mode::Gather,
+            inputs: INPUTS,
+            outputs: OUTPUTS,
+            seeded: true,
+        }
+    }
+
+    fn check(params: &Self::Params) -> Vec<ParamProblem> {
+        let mut out = check_resamples(params.resamples);
+        let bad = |v: &f64| !(v.is_finite() && *v > 0.0);
+        for (pointer, values) in
+            [("/psnr_targets", &params.psnr_targets), ("/rel_mse_targets", &params.rel_mse_targets)]
+        {
+            if values.iter().any(bad) {
+                out.push(ParamProblem::new(pointer, "a target that is not above 0", "write for example `[25, 30]`"));
+            }
+        }
+        out
+    }
+
+    fn environment(_params: &Self::Params, _group: &str) -> Value {
+        machine()
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let references = action.whole("references")?;
+        let cells = cells(action.whole.get("refined").copied(), action.whole.get("times").copied())?;
+        let mut notes = Vec::new();
+        let mut scenes = Vec::new();
+        for (done, (key, artifact)) in references.iter().enumerate() {
+            ctx.check_cancelled()?;
+            let item = |port: &str| -> Result<&Artifact, KindError> {
+                action.whole(port)?.get(key.as_str()).ok_or_else(|| {
+                    KindError::Input(format!(
+                        "`{port}` has no item `{key}`, which `references` has; connect the same scenes"
+                    ))
+                })
+            };
+            let exposure: Exposure = ctx.json(item("exposure")?, "")?;
+            let reference = HeldOut::load(ctx, artifact, exposure.factor, key)?;
+            let packed = PackedScene::from_bytes(&ctx.part(item("ladders")?, "")?)?;
+            let rendering: Timing = ctx.json(item("render_times")?, "")?;
+            scenes.push(scene(ctx, key, &reference, &packed, &rendering, &cells, &mut notes)?);
+            ctx.progress(done as u64 + 1, references.len() as u64, "");
+        }
+        notes.sort_unstable();
+        notes.dedup();
+        let reference_spp = scenes.first().map_or(0, |(spp, _)| *spp);
+        let measured: Vec<Measured> = scenes.into_iter().map(|(_, measured)| measured).collect();
+        let result = summarise(&measured, &action.params, reference_spp, notes, action.seed)?;
+        let key = ItemKey::new("time_error").expect("a valid key");
+        let artifact = Artifact::blob(JSON, ctx.put_json(&result)?);
+        Ok(Outputs::default().collection("tables", Collection::from_iter([(key, artifact)])))
+    }
+}
+
+/// A cell's images and times, by scene.
+struct CellOf<'a> {
+    name: &'a str,
+    images: BTreeMap<&'a str, &'a Artifact>,
+    times: BTreeMap<&'a str, &'a Artifact>,
+}
+
+/// Cells by name, which the two ports must share.
+fn cells<'a>(refined: Option<&'a Collection>, times: Option<&'a Collection>) -> Result<Vec<CellOf<'a>>, KindError> {
+    let mut cells: BTreeMap<&str, CellOf<'_>> = BTreeMap::new();
+    let listed = |of: Option<&'a Collection>| of.into_iter().flat_map(Collection::iter);
+    let empty = |name| CellOf { name, images: BTreeMap::new(), times: BTreeMap::new() };
+    for (key, artifact) in listed(refined) {
+        let (name, scene) = key.split_cell().unwrap_or(("", key.as_str()));
+        cells.entry(name).or_insert_with(|| empty(name)).images.insert(scene, artifact);
+    }
+    for (key, artifact) in listed(times) {
+        let (name, scene) = key.split_cell().unwrap_or(("", key.as_str()));
+        cells.entry(name).or_insert_with(|| empty(name)).times.insert(scene, artifact);
+    }
+    if let Some(cell) = cells.values().find(|cell| cell.images.is_empty() || cell.times.is_empty()) {
+        let (there, missing) = if cell.images.is_empty() { ("times", "refined") } else { ("refined", "times") };
+        return Err(KindError::Input(format!(
+            "`{there}` has the cell `{}` and `{missing}` has not; connect the output and the `timing` of the same nodes",
+            cell.name
+        )));
+    }
+    Ok(cells.into_values().collect())
+}
+
+/// A reference, exposed, and how much of a squared error is its own.
+struct HeldOut {
+    image: Image,
+    spp: u64,
+    own_mse: f64,
+    own_rel: f64,
+}
+
+impl HeldOut {
+    fn load(ctx: &Context<'_>, artifact: &Artifact, factor: f64, key: &ItemKey) -> Result<Self, KindError> {
+        let ladder = Ladder::load(ctx, artifact)?;
+        let last =
+            ladder.rungs.last().ok_or_else(|| KindError::Input(format!("the reference of `{key}` has no rung")))?;
+        let image = last.image.map(|v| (f64::from(v) * factor) as f32);
+        let count = image.data().len() as f64;
+        let variance = |v: &f32| f64::from(*v) * factor * factor / last.spp as f64;
+        let own_mse = ladder.variance.data().iter().map(variance).sum::<f64>() / count;
+        let pairs = ladder.variance.data().iter().zip(image.data());
+        let own_rel = pairs.map(|(v, r)| variance(v) / (f64::from(*r).powi(2) + DARKEST)).sum::<f64>() / count;
+        Ok(Self { spp: last.spp, image, own_mse, own_rel })
+    }
+}
+
+/// Median times of an image; none if it was not timed.
+fn median(timing: &Timing, method: Option<&str>, spp: u64, nfe: u64) -> Option<(f64, f64)> {
+    let fits = |e: &&tauflow_data::timing::TimedImage| {
+        e.from_spp == spp
+            && e.nfe == nfe
+            && method.is_none_or(|m| m == e.method)
+            && (method.is_some() || e.method != GBUFFER)
+    };
+    let Repeated { wall_s, cpu_s } = &timing.entries.iter().find(fits)?.took;
+    let middle = |times: &[f64]| {
+        let mut sorted = times.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        (!sorted.is_empty()).then(|| quantile(&sorted, 0.5))
+    };
+    Some((middle(wall_s)?, middle(cpu_s)?))
+}
+
+fn scene(
+    ctx: &Context<'_>,
+    key: &ItemKey,
+    held_out: &HeldOut,
+    packed: &PackedScene,
+    rendering: &Timing,
+    cells: &[CellOf<'_>],
+    notes: &mut Vec<String>,
+) -> Result<(u64, Measured), KindError> {
+    let reference =
+        Reference::new(&held_out.image).map_err(|e| KindError::Input(format!("the reference of `{key}`: {e}")))?;
+    let untimed =
+        |what: &str| KindError::Input(format!("`{what}` of `{key}` was not timed; time it at the same rungs and NFE"));
+    let sample = |image: &Image, from: u64, nfe: u64, took: (f64, f64)| -> Result<Sample, KindError> {
+        let metrics = reference.metrics(image).map_err(|e| KindError::Input(format!("an image of `{key}`: {e}")))?;
+        let (mse, rel_mse) = errors(image, held_out);
+        Ok(Sample {
+            from_spp: from,
+            nfe,
+            wall_s: took.0,
+            cpu_s: took.1,
+            mse,
+            rel_mse,
+            hdr_psnr: metrics.hdr_psnr,
+            preview_psnr: metrics.preview_psnr,
+            ssim: metrics.ssim,
+        })
+    };
+    let mut methods = BTreeMap::new();
+    let mut own = Vec::new();
+    for (spp, image) in packed.counts.iter().zip(&packed.states) {
+        // A ladder may go on beyond what was timed.
+        if let Some(took) = median(rendering, Some(PATH_TRACER), *spp, 0) {
+            own.push(sample(image, *spp, 0, took)?);
+        }
+    }
+    if own.len() < 2 {
+        return Err(untimed(PATH_TRACER));
+    }
+    let gbuffer = rendering
+        .entries
+        .iter()
+        .find(|e| e.method == GBUFFER)
+        .and_then(|e| median(rendering, Some(GBUFFER), e.from_spp, 0));
+    for cell in cells {
+        let (Some(images), Some(times)) = (cell.images.get(key.as_str()), cell.times.get(key.as_str())) else {
+            return Err(KindError::Input(format!(
+                "the cell `{}` has no scene `{key}`; connect the same scenes",
+                cell.name
+            )));
+        };
+        let (images, note) = load_refined(ctx, images)?;
+        notes.extend(note);
+        let times: Timing = ctx.json(times, "")?;
+        for (said, image) in images {
+            let method = MethodOf::new(cell.name, &said.method);
+            let took = median(&times, None, said.from_spp, said.nfe).ok_or_else(|| untimed(&said.method))?;
+            let before = median(rendering, Some(PATH_TRACER), said.from_spp, 0).ok_or_else(|| untimed(PATH_TRACER))?;
+            let aside = match (method.conditioning.as_str(), gbuffer) {
+                ("gbuffer", Some(took)) => took,
+                ("gbuffer", None) => return Err(untimed(GBUFFER)),
+                _ => (0.0, 0.0),
+            };
+            let whole = (took.0 + before.0 + aside.0, took.1 + before.1 + aside.1);
+            methods.entry(method).or_insert_with(Vec::new).push(sample(&image, said.from_spp, said.nfe, whole)?);
+        }
+    }
+    Ok((held_out.spp, Measured { scene: key.to_string(), own, methods }))
+}
+
+/// Mean squared errors, absolute and relative, less what the reference's own noise adds; at least a thousandth of what was
+/// measured, as noise may hide the rest.
+fn errors(image: &Image, held_out: &HeldOut) -> (f64, f64) {
+    let (mut square, mut relative) = (0.0, 0.0);
+    for (a, r) in image.data().iter().zip(held_out.image.data()) {
+        let (a, r) = (f64::from(a.max(0.0)), f64::from(*r));
+        let d = (a - r) * (a - r);
+        square += d;
+        relative += d / (r * r + DARKEST);
+    }
+    let count = image.data().len().max(1) as f64;
+    let less = |found: f64, own: f64| (found - own).max(1e-3 * found).max(f64::MIN_POSITIVE);
+    (less(square / count, held_out.own_mse), less(relative / count, held_out.own_rel))
+}

@@ -1,0 +1,416 @@
+//! From errors and times of each scene to tables: summaries, times to an error, the path tracer at equal time, the front.
+
+use crate::{
+    bootstrap::{Resampled, Table},
+    evaluation::{PSNR_CEILING, coordinates, stratum},
+    time_error::{PATH_TRACER, TimeErrorParams},
+};
+use std::collections::BTreeMap;
+use tauflow_contract::KindError;
+use tauflow_data::{
+    maths::{exp, log, log10},
+    results::Estimate,
+    statistics::quantile,
+    time_error::{FrontPoint, TimeError, TimeTo, TimedMethod, TimedPoint, TimedSummary, VersusRendering},
+    timing::machine,
+};
+
+/// One image: what it took, and how far off it is.
+#[derive(Clone, Debug)]
+pub(crate) struct Sample {
+    pub(crate) from_spp: u64,
+    pub(crate) nfe: u64,
+    pub(crate) wall_s: f64,
+    pub(crate) cpu_s: f64,
+    pub(crate) mse: f64,
+    pub(crate) rel_mse: f64,
+    pub(crate) hdr_psnr: f64,
+    pub(crate) preview_psnr: f64,
+    pub(crate) ssim: f64,
+}
+
+/// A method's name and coordinates, but for where it starts.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct MethodOf {
+    pub(crate) method: String,
+    pub(crate) conditioning: String,
+    pub(crate) cell: BTreeMap<String, String>,
+}
+
+impl MethodOf {
+    pub(crate) fn new(cell: &str, method: &str) -> Self {
+        let mut cell = coordinates(cell);
+        let conditioning = cell.remove("conditioning").unwrap_or_else(|| "rgb".into());
+        ["from", "parameterization", "method"].into_iter().for_each(|axis| drop(cell.remove(axis)));
+        Self { method: method.to_owned(), conditioning, cell }
+    }
+}
+
+/// A scene's images: the path tracer's by samples, and those of the other methods.
+#[derive(Clone, Debug)]
+pub(crate) struct Measured {
+    pub(crate) scene: String,
+    pub(crate) own: Vec<Sample>,
+    pub(crate) methods: BTreeMap<MethodOf, Vec<Sample>>,
+}
+
+/// How a scene's path tracer goes on, between and beyond the rungs that were measured.
+struct Course<'a>(&'a [Sample]);
+
+impl Course<'_> {
+    fn spp(&self, i: usize) -> f64 {
+        self.0[i].from_spp as f64
+    }
+
+    fn last(&self) -> usize {
+        self.0.len() - 1
+    }
+
+    /// Samples after which the squared error is this: along straight lines of logarithms, and beyond the ends by the law.
+    fn spp_of(&self, mse: f64) -> f64 {
+        let by_law = |i: usize| self.spp(i) * self.0[i].mse / mse;
+        let Some(i) = self.0.iter().position(|s| s.mse <= mse) else { return by_law(self.last()) };
+        if i == 0 {
+            return by_law(0);
+        }
+        let (a, b) = (log(self.0[i - 1].mse), log(self.0[i].mse));
+        let share = if a > b { (a - log(mse)) / (a - b) } else { 1.0 };
+        exp(log(self.spp(i - 1)) + share * (log(self.spp(i)) - log(self.spp(i - 1))))
+    }
+
+    /// Wall time to so many samples: along straight lines; what is less than the first rung takes as long as that.
+    fn wall_of(&self, spp: f64) -> f64 {
+        let i = (1..self.last()).find(|i| self.spp(*i) >= spp).unwrap_or(self.last());
+        let slope = (self.0[i].wall_s - self.0[i - 1].wall_s) / (self.spp(i) - self.spp(i - 1));
+        self.0[i - 1].wall_s + slope.max(0.0) * (spp.max(self.spp(0)) - self.spp(i - 1))
+    }
+
+    /// Samples after so much wall time: no less than the first rung.
+    fn spp_after(&self, wall_s: f64) -> f64 {
+        let i = (1..self.last()).find(|i| self.0[*i].wall_s >= wall_s).unwrap_or(self.last());
+        let (from, to) = (&self.0[i - 1], &self.0[i]);
+        let step = to.wall_s - from.wall_s;
+        let share = if step > 0.0 { (wall_s - from.wall_s) / step } else { 1.0 };
+        (self.spp(i - 1) + share * (self.spp(i) - self.spp(i - 1))).max(self.spp(0))
+    }
+
+    /// A figure at so many samples: along straight lines over log samples; beyond the last rung `beyond` for each factor of e.
+    fn at(&self, spp: f64, of: impl Fn(&Sample) -> f64, beyond: f64) -> f64 {
+        let last = self.last();
+        if spp >= self.spp(last) {
+            return of(&self.0[last]) + beyond * log(spp / self.spp(last));
+        }
+        let i = (1..last).find(|i| self.spp(*i) >= spp).unwrap_or(last);
+        let share = log(spp / self.spp(i - 1)) / log(self.spp(i) / self.spp(i - 1));
+        of(&self.0[i - 1]) + share.clamp(0.0, 1.0) * (of(&self.0[i]) - of(&self.0[i - 1]))
+    }
+}
+
+impl Measured {
+    /// The path tracer's images, then those of each method.
+    fn samples(&self) -> impl Iterator<Item = &Vec<Sample>> {
+        std::iter::once(&self.own).chain(self.methods.values())
+    }
+
+    /// What was measured, without the figures.
+    fn layout(&self) -> Vec<(Option<&MethodOf>, Vec<(u64, u64)>)> {
+        let names = std::iter::once(None).chain(self.methods.keys().map(Some));
+        names.zip(self.samples()).map(|(name, of)| (name, of.iter().map(|s| (s.from_spp, s.nfe)).collect())).collect()
+    }
+}
+
+/// Columns of a point in the table that is resampled: logarithms of the speed-up and of the crossover, and three gains.
+const COLUMNS: usize = 5;
+
+/// Sums scenes up.
+///
+/// # Errors
+/// If there are none, or they differ in what was measured.
+pub(crate) fn summarise(
+    scenes: &[Measured],
+    params: &TimeErrorParams,
+    reference_spp: u64,
+    notes: Vec<String>,
+    seed: u64,
+) -> Result<TimeError, KindError> {
+    let first = scenes.first().ok_or_else(|| KindError::Input("there are no scenes to measure".into()))?;
+    let layout = first.layout();
+    if let Some(other) = scenes.iter().find(|scene| scene.layout() != layout) {
+        return Err(KindError::Input(format!(
+            "`{}` was measured with other methods, samples or NFE than `{}`; measure all alike",
+            other.scene, first.scene
+        )));
+    }
+    let mut groups: BTreeMap<String, Vec<&Measured>> = BTreeMap::new();
+    for scene in scenes {
+        groups.entry(stratum(&scene.scene)).or_default().push(scene);
+    }
+    let all = Group::new(scenes.iter().collect(), params.resamples, seed)?;
+    let strata = groups
+        .into_iter()
+        .map(|(name, of)| Ok((name, Group::new(of, params.resamples, seed)?)))
+        .collect::<Result<BTreeMap<_, _>, KindError>>()?;
+    let mut methods = Vec::with_capacity(layout.len());
+    // Columns go on from method to method; the path tracer has none.
+    let mut at = 0;
+    for (method, (name, points)) in layout.iter().enumerate() {
+        let mut found = Vec::with_capacity(points.len());
+        for (point, (from_spp, nfe)) in points.iter().enumerate() {
+            let column = name.is_some().then_some(at);
+            found.push(TimedPoint {
+                from_spp: *from_spp,
+                nfe: *nfe,
+                all: all.summary(method, point, column),
+                strata: strata.iter().map(|(name, of)| (name.clone(), of.summary(method, point, column))).collect(),
+                versus: column.map(|column| all.versus(method, point, column)),
+            });
+            at += if name.is_some() { COLUMNS } else { 0 };
+        }
+        methods.push(TimedMethod {
+            method: name.map_or(PATH_TRACER, |of| &of.method).to_owned(),
+            conditioning: name.map_or("rgb", |of| &of.conditioning).to_owned(),
+            cell: name.map(|of| of.cell.clone()).unwrap_or_default(),
+            points: found,
+            targets: targets(scenes, method, params),
+        });
+    }
+    Ok(TimeError {
+        machine: machine(),
+        reference_spp,
+        scenes: scenes.len() as u64,
+        resamples: params.resamples,
+        front: front(&methods),
+        methods,
+        notes,
+    })
+}
+
+/// Scenes that are summed up together.
+struct Group<'a> {
+    scenes: Vec<&'a Measured>,
+    resampled: Resampled,
+}
+
+/// dB for each factor of e by which a squared error falls.
+fn decibels() -> f64 {
+    10.0 / log(10.0)
+}
+
+impl<'a> Group<'a> {
+    fn new(scenes: Vec<&'a Measured>, resamples: u64, seed: u64) -> Result<Self, KindError> {
+        let points = scenes.first().map_or(0, |of| of.methods.values().map(Vec::len).sum::<usize>());
+        let mut table = Table::new(points * COLUMNS);
+        for scene in scenes.iter().filter(|_| points > 0) {
+            let course = Course(&scene.own);
+            let columns = |s: &Sample| {
+                let spp = course.spp_of(s.mse);
+                let same_time = course.spp_after(s.wall_s);
+                let psnr = |s: &Sample| s.hdr_psnr.min(PSNR_CEILING);
+                let preview = |s: &Sample| s.preview_psnr.min(PSNR_CEILING);
+                [
+                    log(course.wall_of(spp) / s.wall_s),
+                    log(spp),
+                    psnr(s) - course.at(same_time, psnr, decibels()),
+                    preview(s) - course.at(same_time, preview, decibels()),
+                    s.ssim - course.at(same_time, |s| s.ssim, 0.0),
+                ]
+            };
+            table.push(&scene.methods.values().flatten().flat_map(columns).collect::<Vec<f64>>());
+        }
+        // With nothing but the path tracer there is nothing to resample.
+        let resampled =
+            if points > 0 { Resampled::new(&table, resamples as usize, seed) } else { Resampled::new(&one(), 1, 0) };
+        let resampled = resampled.ok_or_else(|| KindError::Internal("a group without scenes".into()))?;
+        Ok(Self { scenes, resampled })
+    }
+
+    fn samples(&self, method: usize, point: usize) -> Vec<&'a Sample> {
+        self.scenes.iter().filter_map(|scene| scene.samples().nth(method)?.get(point)).collect()
+    }
+
+    fn summary(&self, method: usize, point: usize, column: Option<usize>) -> TimedSummary {
+        let samples = self.samples(method, point);
+        let mean = |of: &dyn Fn(&Sample) -> f64| samples.iter().map(|s| of(s)).sum::<f64>() / samples.len() as f64;
+        TimedSummary {
+            scenes: samples.len() as u64,
+            wall_s: quartiles(samples.iter().map(|s| s.wall_s)),
+            cpu_s: quartiles(samples.iter().map(|s| s.cpu_s)),
+            mse: exp(mean(&|s| log(s.mse))),
+            rel_mse: exp(mean(&|s| log(s.rel_mse))),
+            hdr_psnr: mean(&|s| s.hdr_psnr.min(PSNR_CEILING)),
+            preview_psnr: mean(&|s| s.preview_psnr.min(PSNR_CEILING)),
+            ssim: mean(&|s| s.ssim),
+            crossover_spp: column.map(|at| exp(self.resampled.means()[at + 1])),
+            speed_up: column.map(|at| {
+                let Estimate { mean, low, high } = self.resampled.estimate(|m| m[at]);
+                Estimate { mean: exp(mean), low: exp(low), high: exp(high) }
+            }),
+        }
+    }
+
+    fn versus(&self, method: usize, point: usize, column: usize) -> VersusRendering {
+        let samples = self.samples(method, point);
+        let spp = |(scene, s): (&&Measured, &&Sample)| Course(&scene.own).spp_after(s.wall_s);
+        let better = |(scene, s): &(&&Measured, &&Sample)| {
+            let course = Course(&scene.own);
+            s.hdr_psnr > course.at(course.spp_after(s.wall_s), |s| s.hdr_psnr, decibels())
+        };
+        VersusRendering {
+            spp: quartiles(self.scenes.iter().zip(&samples).map(spp))[1],
+            hdr_psnr: self.resampled.estimate(|m| m[column + 2]),
+            preview_psnr: self.resampled.estimate(|m| m[column + 3]),
+            ssim: self.resampled.estimate(|m| m[column + 4]),
+            better: self.scenes.iter().zip(&samples).filter(better).count() as f64 / samples.len() as f64,
+        }
+    }
+}
+
+/// A table of nothing.
+fn one() -> Table {
+    let mut table = Table::new(1);
+    table.push(&[0.0]);
+    table
+}
+
+fn quartiles(values: impl Iterator<Item = f64>) -> [f64; 3] {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_by(f64::total_cmp);
+    [0.25, 0.5, 0.75].map(|share| quantile(&sorted, share))
+}
+
+/// How long a method takes to each target.
+fn targets(scenes: &[Measured], method: usize, params: &TimeErrorParams) -> Vec<TimeTo> {
+    let time_to = |metric: &str, target: f64, there: &dyn Fn(&Sample) -> bool| {
+        let least = |scene: &Measured| {
+            let of = scene.samples().nth(method).into_iter().flatten();
+            of.filter(|s| there(s)).map(|s| s.wall_s).fold(f64::INFINITY, f64::min)
+        };
+        let mut times: Vec<f64> = scenes.iter().map(least).collect();
+        times.sort_by(f64::total_cmp);
+        let reached = times.iter().filter(|t| t.is_finite()).count() as f64 / times.len() as f64;
+        // Of an even number the later of the two in the middle: with infinities among them there is no mean.
+        let middle = times[times.len() / 2];
+        TimeTo { metric: metric.to_owned(), target, reached, wall_s: middle.is_finite().then_some(middle) }
+    };
+    let psnr = params.psnr_targets.iter().map(|t| time_to("hdr_psnr", *t, &|s| -10.0 * log10(s.mse) >= *t));
+    let relative = params.rel_mse_targets.iter().map(|t| time_to("rel_mse", *t, &|s| s.rel_mse <= *t));
+    psnr.chain(relative).collect()
+}
+
+/// The points that no other is both faster and better than, by median wall time.
+fn front(methods: &[TimedMethod]) -> Vec<FrontPoint> {
+    let mut points: Vec<(f64, f64, FrontPoint)> = Vec::new();
+    for (method, timed) in methods.iter().enumerate() {
+        for (point, at) in timed.points.iter().enumerate() {
+            points.push((at.all.wall_s[1], at.all.mse, FrontPoint { method, point }));
+        }
+    }
+    points.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    let mut least = f64::INFINITY;
+    points.retain(|(_, mse, _)| {
+        let on = *mse < least;
+        least = least.min(*mse);
+        on
+    });
+    points.into_iter().map(|(_, _, point)| point).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tauflow_data::rng::Stream;
+
+    fn sample(from_spp: u64, nfe: u64, wall_s: f64, mse: f64) -> Sample {
+        let hdr_psnr = -10.0 * log10(mse);
+        let preview_psnr = hdr_psnr + 5.0;
+        Sample {
+            from_spp,
+            nfe,
+            wall_s,
+            cpu_s: 2.0 * wall_s,
+            mse,
+            rel_mse: 2.0 * mse,
+            hdr_psnr,
+            preview_psnr,
+            ssim: 0.5,
+        }
+    }
+
+    /// A path tracer with error variance/n and time 0.1 s + n times 10 ms, and a solver that divides the error of 1 sample by
+    /// 100 in 0.2 s more.
+    fn scene(i: u64) -> Measured {
+        let variance = 0.1 + Stream::new(5, &[i]).uniform();
+        let own = (0..8).map(|k| 1u64 << k);
+        let own = own.map(|n| sample(n, 0, 0.1 + 0.01 * n as f64, variance / n as f64)).collect();
+        let solver = MethodOf::new("parameterization=mc_noise+conditioning=gbuffer+from=1+extra=x", "mc_noise");
+        assert_eq!(solver.cell.len(), 1);
+        let methods = BTreeMap::from([(solver, vec![sample(1, 1, 0.31, variance / 100.0)])]);
+        Measured { scene: format!("L{}-open-{i:06}", i % 2), own, methods }
+    }
+
+    fn near(found: f64, expected: f64) {
+        assert!((found - expected).abs() < 1e-9 * expected.abs().max(1.0), "{found} {expected}");
+    }
+
+    #[test]
+    fn a_path_tracer_that_keeps_to_the_law_is_followed_exactly() {
+        let scene = scene(3);
+        let course = Course(&scene.own);
+        let variance = scene.own[0].mse;
+        for n in [0.5, 1.0, 3.0, 100.0, 128.0, 5000.0] {
+            near(course.spp_of(variance / n), n);
+            near(course.at(n, |s| s.hdr_psnr, decibels()), -10.0 * log10(variance / f64::max(n, 1.0)));
+        }
+        for n in [1.0, 3.0, 100.0, 128.0, 5000.0] {
+            near(course.wall_of(n), 0.1 + 0.01 * n);
+            near(course.spp_after(0.1 + 0.01 * n), n);
+        }
+        near(course.wall_of(0.25), 0.11);
+        near(course.spp_after(0.01), 1.0);
+    }
+
+    #[test]
+    fn summaries_say_what_was_put_in() {
+        let scenes: Vec<Measured> = (0..12).map(scene).collect();
+        let params = TimeErrorParams { resamples: 200, psnr_targets: vec![15.0, 60.0], ..TimeErrorParams::default() };
+        let result = summarise(&scenes, &params, 4096, vec!["a note".into()], 1).expect("alike");
+        assert_eq!((result.scenes, result.methods.len(), result.methods[0].points.len()), (12, 2, 8));
+        let point = &result.methods[1].points[0];
+        near(point.all.crossover_spp.expect("a solver"), 100.0);
+        // 100 samples take 1.1 s.
+        let speed_up = point.all.speed_up.expect("a solver");
+        near(speed_up.mean, 1.1 / 0.31);
+        near(speed_up.high, 1.1 / 0.31);
+        let versus = point.versus.as_ref().expect("a solver");
+        near(versus.spp, 21.0);
+        near(versus.better, 1.0);
+        // Between the rungs of 16 and 32, too, the error falls along a straight line of logarithms.
+        near(versus.hdr_psnr.mean, 10.0 * log10(100.0 / 21.0));
+        near(versus.preview_psnr.low, 10.0 * log10(100.0 / 21.0));
+        assert_eq!(point.strata.keys().collect::<Vec<_>>(), ["L0-open", "L1-open"]);
+        near(point.all.wall_s[1], 0.31);
+        near(point.all.cpu_s[2], 0.62);
+        // Nobody gets to 60 dB; the solver gets to 15 dB in its one time.
+        let targets = &result.methods[1].targets;
+        let reached = [targets[0].reached, targets[1].reached];
+        assert_eq!((reached, targets[0].wall_s, targets[1].wall_s), ([1.0, 0.0], Some(0.31), None));
+        // The front: rendering until the solver is done, and again from 128 samples on.
+        let front: Vec<(usize, usize)> = result.front.iter().map(|f| (f.method, f.point)).collect();
+        assert_eq!(front, [(0, 0), (0, 1), (0, 2), (0, 3), (0, 4), (1, 0), (0, 7)]);
+        assert_eq!(result.notes, ["a note"]);
+    }
+
+    #[test]
+    fn scenes_that_differ_are_refused_and_rendering_alone_is_no_mistake() {
+        let mut scenes: Vec<Measured> = (0..2).map(scene).collect();
+        scenes[1].own.pop();
+        let error =
+            summarise(&scenes, &TimeErrorParams::default(), 1, Vec::new(), 1).expect_err("other rungs").to_string();
+        assert!(error.contains("L1-open-000001") && error.contains("L0-open-000000"), "{error}");
+        assert!(summarise(&[], &TimeErrorParams::default(), 1, Vec::new(), 1).is_err());
+        let mut alone = vec![scene(1)];
+        alone[0].methods.clear();
+        let result = summarise(&alone, &TimeErrorParams::default(), 1, Vec::new(), 1).expect("one method");
+        assert_eq!((result.methods.len(), result.front.len()), (1, 8));
+    }
+}
