@@ -16,7 +16,7 @@ fn outputs_change_with_versions_alone() {
     kind: dataset_packing
     inputs: { ladders: train_ladders, gbuffers: train_ladders.gbuffer, exposure: gate.exposure }
   convergence:
-    kind: ladder_convergence
+    kind: convergence
     inputs: { ladders: test_ladders, exposure: gate.exposure }
   statistics:
     kind: scene_statistics

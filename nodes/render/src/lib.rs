@@ -10,7 +10,7 @@ pub mod environment;
 pub mod gbuffer;
 pub mod geometry;
 pub mod integrator;
-pub mod ladder_convergence;
+pub mod convergence;
 pub mod ladder_rendering;
 mod lanes;
 pub mod lights;
@@ -38,7 +38,7 @@ pub fn kinds() -> Vec<Box<dyn NodeKind>> {
     vec![
         Box::new(KindRow::<ladder_rendering::LadderRendering>::new()),
         Box::new(KindRow::<quality_gate::QualityGate>::new()),
-        Box::new(KindRow::<ladder_convergence::LadderConvergence>::new()),
+        Box::new(KindRow::<convergence::ConvergenceKind>::new()),
         Box::new(KindRow::<scene_statistics::SceneStatisticsKind>::new()),
     ]
 }

@@ -3,7 +3,7 @@
 use crate::{
     accumulator::Accumulator,
     integrator::Strategy,
-    ladder_convergence::{slope, top_share},
+    convergence::{slope, top_share},
     render::Renderer,
     world::World,
 };

@@ -24,7 +24,7 @@ use serde::{Deserialize, Serialize};
 use std::time::Instant;
 use tauflow_contract::{
     Action, Artifact, Collection, Context, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs,
-    ParamProblem,
+    ParamProblem, derive_seed,
 };
 use tauflow_data::{
     formats::{JSON, MODEL, PACKED},
@@ -53,6 +53,8 @@ pub struct TrainingParams {
     pub space: Space,
     /// How predictions are judged.
     pub loss: Loss,
+    /// Which draw of first weights and batches: trainings that differ in it alone show how far chance goes.
+    pub draw: u64,
     /// Training steps.
     #[schemars(range(min = 1))]
     pub steps: u64,
@@ -100,6 +102,7 @@ impl Default for TrainingParams {
             preset: Preset::default(),
             space: Space::default(),
             loss: Loss::default(),
+            draw: 0,
             steps: 60_000,
             batch: 16,
             crop: 128,
@@ -185,7 +188,8 @@ impl Kind for Training {
         let params = &action.params;
         let train = action.whole("train")?;
         let test = action.whole.get("test").copied();
-        let job = Job { ctx, params, seed: action.seed, train, test };
+        let seed = if params.draw == 0 { action.seed } else { derive_seed(action.seed, "draw", &params.draw.to_string()) };
+        let job = Job { ctx, params, seed, train, test };
         job.run(&mut Share::new())
     }
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use tauflow_contract::{Artifact, Collection, Context, MemoryBlobs, Silent};
 use tauflow_data::{
     Image, Stratum,
-    convergence::{Convergence, ConvergenceRow},
+    convergence::{Convergence, ConvergenceRow, SdeRow},
     formats::{FILES, STATISTICS, VERDICT, Verdict},
     image_io::encode_png,
     maths::{exp, log2},
@@ -172,12 +172,18 @@ fn statistics(ctx: &Context<'_>) -> Collection {
         .collect()
 }
 
+fn sde(n: u64) -> SdeRow {
+    let [sde_variance, real_variance, sde_covariance, real_covariance] = [1.01, 0.98, 0.99, 1.03];
+    SdeRow { n, sde_mean: 0.01, sde_variance, sde_covariance, real_mean: -0.01, real_variance, real_covariance }
+}
+
 fn convergence() -> Convergence {
     let counts: Vec<u64> = (0..8).map(|i| 1u64 << i).collect();
     let row = |name: String, sigma: f64, heavy: bool, scenes: u64| {
-        let law: Vec<f64> = counts.iter().map(|n| sigma * (1.0 / *n as f64 - 1.0 / 256.0).sqrt()).collect();
+        let law: Vec<f64> = counts.iter().map(|n| sigma / (*n as f64).sqrt()).collect();
         let rmse = law.iter().enumerate().map(|(i, v)| v * (1.0 + if i % 2 == 0 { 0.03 } else { -0.03 })).collect();
         let slope = if heavy { -0.43 } else { -0.498 };
+        let slope = Estimate { mean: slope, low: slope - 0.02, high: slope + 0.02 };
         let tail_share = if heavy { 0.64 } else { 0.12 };
         ConvergenceRow {
             stratum: name,
@@ -185,6 +191,10 @@ fn convergence() -> Convergence {
             rmse,
             law,
             slope,
+            covariance: (0..counts.len()).map(|m| vec![1.0 - 0.01 * m as f64; m + 1]).collect(),
+            excess_kurtosis: Some(if heavy { 900.0 } else { 12.0 }),
+            tail_index: Some(if heavy { 1.7 } else { 4.2 }),
+            trusted_from: (!heavy).then_some(16),
             tail_share,
             heavy_tail: heavy,
             mean_path_length: 4.2,
@@ -192,7 +202,9 @@ fn convergence() -> Convergence {
         }
     };
     Convergence {
-        reference_spp: 256,
+        reference_spp: 4096,
+        scenes: Vec::new(),
+        sde: counts.iter().map(|n| sde(*n)).collect(),
         strata: Stratum::all()
             .map(|s| row(s.to_string(), 0.2 + 0.12 * f64::from(s.regime as u8), s.to_string() == "L3-enclosed", 2))
             .collect(),

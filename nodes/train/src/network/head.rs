@@ -12,7 +12,7 @@ use std::sync::Arc;
 use tauflow_ops::{Operator, Pyramid, WeightedMean};
 
 /// Sides of the windows of weights, from full resolution down.
-pub(crate) const SIDES: [usize; 4] = [5, 5, 5, 5];
+pub(crate) const SIDES: [usize; 4] = [5, 3, 3, 3];
 /// Numbers of the last layer for a pixel.
 pub(crate) const WEIGHTS: usize = {
     let (mut sum, mut i) = (0, 0);

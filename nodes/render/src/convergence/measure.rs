@@ -1,0 +1,264 @@
+//! One scene: errors of rungs against a reference that shares no sample with them, their covariances, and tails of samples.
+
+use super::RESAMPLES;
+use tauflow_contract::KindError;
+use tauflow_data::{
+    ladder::Ladder,
+    maths::log,
+    results::Estimate,
+    rng::Stream,
+    statistics::quantile,
+};
+
+/// Blocks of pixels along each side, over which a scene's slope is resampled.
+const BLOCKS: usize = 8;
+/// Fewest samples that a tail is measured on.
+const FEWEST: usize = 400;
+
+/// What one scene shows, exposed.
+#[derive(Clone, Debug)]
+pub(super) struct Measured {
+    pub(super) scene: String,
+    /// For each rung m and those up to it, n: the mean over pixels of (I_n - mu)(I_m - mu).
+    pub(super) covariance: Vec<Vec<f64>>,
+    /// Mean variance of a single sample.
+    pub(super) variance: f64,
+    pub(super) slope: Estimate,
+    pub(super) tail: Option<Tail>,
+    pub(super) tail_share: f64,
+    pub(super) mean_path_length: f64,
+    pub(super) rejected: u64,
+}
+
+/// How far single samples go, in units of their pixels' deviations.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Tail {
+    pub(super) excess_kurtosis: f64,
+    /// None where the largest are all alike.
+    pub(super) index: Option<f64>,
+}
+
+pub(super) fn measure(
+    scene: &str,
+    ladder: &Ladder,
+    reference: &Ladder,
+    factor: f64,
+    stream: &mut Stream,
+) -> Result<Measured, KindError> {
+    let counts = &ladder.meta.counts;
+    let last = reference.rungs.last().filter(|last| last.image.same_shape(&ladder.variance));
+    let (Some(truth), true) = (last, counts.len() >= 3) else {
+        return Err(KindError::Input(format!(
+            "the ladder of `{scene}` has rungs {counts:?}, and its reference {:?}; a slope needs three rungs or more, and both \
+             the same `resolution`",
+            reference.meta.counts
+        )));
+    };
+    let (width, height) = (ladder.variance.width(), ladder.variance.height());
+    let values = 3 * width * height;
+    // What the reference's own noise adds to every product of differences from it.
+    let own: Vec<f64> =
+        reference.variance.data().iter().map(|v| f64::from(*v) * factor * factor / truth.spp as f64).collect();
+    let off = |rung: usize, at: usize| {
+        (f64::from(ladder.rungs[rung].image.data()[at]) - f64::from(truth.image.data()[at])) * factor
+    };
+    let covariance: Vec<Vec<f64>> = (0..counts.len())
+        .map(|m| {
+            let with = |n: usize| (0..values).map(|at| off(m, at) * off(n, at) - own[at]).sum::<f64>() / values as f64;
+            (0..=m).map(with).collect()
+        })
+        .collect();
+    let pixels: Vec<f64> = reference
+        .variance
+        .data()
+        .chunks_exact(3)
+        .map(|rgb| rgb.iter().map(|v| f64::from(*v)).sum::<f64>() * factor * factor / 3.0)
+        .collect();
+    let variance = pixels.iter().sum::<f64>() / pixels.len().max(1) as f64;
+    // Sums of squares in blocks of pixels: what the slope is resampled over.
+    let block = |at: usize| {
+        let (x, y) = (at / 3 % width, at / 3 / width);
+        (y * BLOCKS / height) * BLOCKS + x * BLOCKS / width
+    };
+    let mut blocks = vec![vec![0.0; counts.len()]; BLOCKS * BLOCKS];
+    for at in 0..values {
+        let of = &mut blocks[block(at)];
+        (0..counts.len()).for_each(|k| of[k] += off(k, at).powi(2) - own[at]);
+    }
+    let fit = |sums: &[f64]| {
+        let point = |(n, sum): (&u64, &f64)| (log(*n as f64), 0.5 * log((sum / values as f64).max(1e-24)));
+        slope(&counts.iter().zip(sums).map(point).collect::<Vec<_>>())
+    };
+    let total = |chosen: &mut dyn Iterator<Item = usize>| {
+        let mut sums = vec![0.0; counts.len()];
+        chosen.for_each(|block| sums.iter_mut().zip(&blocks[block]).for_each(|(sum, v)| *sum += v));
+        sums
+    };
+    let mut draws: Vec<f64> =
+        (0..RESAMPLES).map(|_| fit(&total(&mut (0..blocks.len()).map(|_| stream.below(BLOCKS * BLOCKS))))).collect();
+    draws.sort_by(f64::total_cmp);
+    let mean = fit(&total(&mut (0..blocks.len())));
+    Ok(Measured {
+        scene: scene.to_owned(),
+        covariance,
+        variance,
+        slope: Estimate { mean, low: quantile(&draws, 0.025), high: quantile(&draws, 0.975) },
+        tail: tail(ladder, reference),
+        tail_share: top_share(pixels),
+        mean_path_length: ladder.meta.mean_path_length,
+        rejected: ladder.meta.rejected + reference.meta.rejected,
+    })
+}
+
+/// Single samples in units of their pixels' deviations: sample n is what takes I_n to I_n+1, for each pair of such rungs.
+pub(super) fn samples(ladder: &Ladder, reference: &Ladder) -> Vec<f64> {
+    let Some(truth) = reference.rungs.last() else { return Vec::new() };
+    let mut found = Vec::new();
+    let mut before: Option<(u64, &[f32])> = None;
+    for rung in &ladder.rungs {
+        let single = match before {
+            None => rung.spp == 1,
+            Some((n, _)) => rung.spp == n + 1,
+        };
+        if single {
+            for (at, value) in rung.image.data().iter().enumerate() {
+                let earlier = before.map_or(0.0, |(n, image)| n as f64 * f64::from(image[at]));
+                let sample = rung.spp as f64 * f64::from(*value) - earlier;
+                let deviation = f64::from(reference.variance.data()[at]).sqrt();
+                if deviation > 0.0 {
+                    found.push((sample - f64::from(truth.image.data()[at])) / deviation);
+                }
+            }
+        }
+        before = Some((rung.spp, rung.image.data()));
+    }
+    found
+}
+
+fn tail(ladder: &Ladder, reference: &Ladder) -> Option<Tail> {
+    let samples = samples(ladder, reference);
+    if samples.len() < FEWEST {
+        return None;
+    }
+    let moment = |power: i32| samples.iter().map(|z| z.powi(power)).sum::<f64>() / samples.len() as f64;
+    let mut sizes: Vec<f64> = samples.iter().map(|z| z.abs()).collect();
+    sizes.sort_by(|a, b| b.total_cmp(a));
+    let top = sizes.len() / 100;
+    // Hill 1975.
+    let logs: f64 = sizes[..top].iter().map(|size| log(size / sizes[top])).sum();
+    let index = (sizes[top] > 0.0 && logs > 0.0).then(|| top as f64 / logs);
+    Some(Tail { excess_kurtosis: moment(4) / moment(2).powi(2) - 3.0, index })
+}
+
+/// Share of the sum that is in the largest 1% of values.
+pub(crate) fn top_share(mut values: Vec<f64>) -> f64 {
+    values.sort_by(|a, b| b.total_cmp(a));
+    let total: f64 = values.iter().sum();
+    let top: f64 = values.iter().take(values.len().div_ceil(100)).sum();
+    if total > 0.0 { top / total } else { 0.0 }
+}
+
+/// Slope by least squares.
+pub(crate) fn slope(points: &[(f64, f64)]) -> f64 {
+    let n = points.len() as f64;
+    let (x, y) = (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
+    let sxy: f64 = points.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
+    let sxx: f64 = points.iter().map(|p| (p.0 - x) * (p.0 - x)).sum();
+    sxy / sxx
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use tauflow_data::{
+        Image,
+        ladder::{LadderMeta, Rung},
+    };
+
+    const SIDE: usize = 24;
+
+    /// A ladder of the samples that `draw` gives.
+    pub(in crate::convergence) fn ladder(counts: &[u64], mut draw: impl FnMut(usize) -> f64) -> Ladder {
+        let mut rungs: Vec<Rung> =
+            counts.iter().map(|spp| Rung { spp: *spp, image: Image::new(SIDE, SIDE, 3) }).collect();
+        let mut variance = Image::new(SIDE, SIDE, 3);
+        let last = counts[counts.len() - 1];
+        for at in 0..SIDE * SIDE * 3 {
+            let (mut sum, mut squares) = (0.0, 0.0);
+            for n in 1..=last {
+                let sample = draw(at);
+                sum += sample;
+                squares += sample * sample;
+                if let Some(k) = counts.iter().position(|count| *count == n) {
+                    rungs[k].image.data_mut()[at] = (sum / n as f64) as f32;
+                }
+            }
+            let n = last as f64;
+            variance.data_mut()[at] = ((squares - sum * sum / n) / (n - 1.0)) as f32;
+        }
+        let meta = LadderMeta { counts: counts.to_vec(), width: SIDE, height: SIDE, rejected: 0, mean_path_length: 2.0 };
+        Ladder { meta, rungs, variance }
+    }
+
+    pub(in crate::convergence) const COUNTS: [u64; 7] = [1, 2, 4, 8, 16, 32, 64];
+
+    #[test]
+    fn normal_samples_keep_the_law_against_a_held_out_reference() {
+        let (mut a, mut b) = (Stream::new(1, &[0]), Stream::new(1, &[1]));
+        let sigma = |at: usize| 0.1 + 0.3 * (at % 7) as f64;
+        let own = ladder(&COUNTS, |at| 1.0 + sigma(at) * a.normal());
+        let reference = ladder(&[1024], |at| 1.0 + sigma(at) * b.normal());
+        let found = measure("L0-open-000000", &own, &reference, 2.0, &mut Stream::new(1, &[2])).expect("enough rungs");
+        assert!((found.slope.mean + 0.5).abs() < 0.03, "{:?}", found.slope);
+        assert!(found.slope.low < found.slope.mean && found.slope.mean < found.slope.high);
+        assert!(found.slope.low < -0.5 && -0.5 < found.slope.high, "{:?}", found.slope);
+        for (m, row) in found.covariance.iter().enumerate() {
+            for (n, covariance) in row.iter().enumerate() {
+                let ratio = covariance * COUNTS[m] as f64 / found.variance;
+                // The covariance with a rung far below is a small thing in large noise.
+                assert!((ratio - 1.0).abs() < 0.1 + 0.06 * ((m - n) as f64).exp2().sqrt(), "{m} {n}: {ratio}");
+            }
+        }
+        let tail = found.tail.expect("samples");
+        assert!(tail.excess_kurtosis.abs() < 0.4 && tail.index.is_some_and(|i| i > 4.0), "{tail:?}");
+        assert!(found.tail_share < 0.1);
+    }
+
+    #[test]
+    fn rare_bright_samples_have_the_kurtosis_of_their_odds() {
+        // One in a hundred: a Bernoulli variable has the excess kurtosis (1 - 6 p (1 - p))/(p (1 - p)) = 95.
+        let (mut a, mut b) = (Stream::new(3, &[0]), Stream::new(3, &[1]));
+        let rare = |stream: &mut Stream| if stream.uniform() < 0.01 { 50.0 } else { 0.0 };
+        let (own, reference) = (ladder(&COUNTS, |_| rare(&mut a)), ladder(&[4096], |_| rare(&mut b)));
+        let found = measure("L3-open-000000", &own, &reference, 1.0, &mut Stream::new(1, &[2])).expect("enough rungs");
+        let kurtosis = found.tail.expect("samples").excess_kurtosis;
+        assert!((kurtosis / 95.0 - 1.0).abs() < 0.25, "{kurtosis}");
+    }
+
+    #[test]
+    fn single_samples_come_back_from_neighbouring_rungs() {
+        let mut drawn = Vec::new();
+        let mut stream = Stream::new(5, &[]);
+        let own = ladder(&[1, 2, 3, 8], |at| {
+            let sample = stream.uniform();
+            drawn.push((at, sample));
+            sample
+        });
+        let mut other = Stream::new(6, &[]);
+        let reference = ladder(&[64], |_| other.uniform());
+        let found = samples(&own, &reference);
+        assert_eq!(found.len(), 3 * 3 * SIDE * SIDE);
+        // The third sample of pixel value 5: eight are drawn for each.
+        let (at, sample) = drawn[5 * 8 + 2];
+        let expected = (sample - f64::from(reference.rungs[0].image.data()[at])) / f64::from(reference.variance.data()[at]).sqrt();
+        assert!((found[2 * 3 * SIDE * SIDE + 5] - expected).abs() < 1e-4);
+    }
+
+    #[test]
+    fn what_has_no_slope_is_refused() {
+        let mut stream = Stream::new(5, &[]);
+        let own = ladder(&[1, 2], |_| stream.uniform());
+        let error = measure("x", &own, &own, 1.0, &mut Stream::new(1, &[])).expect_err("two rungs").to_string();
+        assert!(error.contains("three rungs"), "{error}");
+    }
+}
