@@ -10,6 +10,7 @@ mod failures;
 mod flow;
 mod fuzz;
 mod healing;
+mod machine;
 mod matrix;
 mod memory;
 mod plans;

@@ -15,9 +15,17 @@ fn outputs_change_with_versions_alone() {
   features:
     kind: dataset_packing
     inputs: { ladders: train_ladders, gbuffers: train_ladders.gbuffer, exposure: gate.exposure }
+  held_out:
+    kind: ladder_rendering
+    inputs: { scenes: sampling.test }
+    params: { rungs: [32], resolution: [16, 16], stream: 1 }
   convergence:
     kind: convergence
-    inputs: { ladders: test_ladders, exposure: gate.exposure }
+    inputs: { references: held_out, ladders: test_ladders, exposure: gate.exposure }
+  filtered:
+    kind: guided_filter
+    inputs: { endpoints: features }
+    params: { colour: 0.5 }
   statistics:
     kind: scene_statistics
     inputs: { scenes: sampling.test }
@@ -42,7 +50,9 @@ fn outputs_change_with_versions_alone() {
         "train_ladders.gbuffer",
         "train_set.packed",
         "features.packed",
+        "held_out.ladder",
         "convergence.convergence",
+        "filtered.refined",
         "statistics.statistics",
         "hold.metrics",
     ] {

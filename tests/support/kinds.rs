@@ -1,5 +1,8 @@
 //! Toy kinds on whole numbers: every sort of node that the engine knows, and some that misbehave.
 
+#[path = "machine.rs"]
+mod machine;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -29,6 +32,7 @@ pub fn registry() -> Registry {
         Box::new(KindRow::<Shares>::new()),
         Box::new(KindRow::<Unsteady>::new()),
         Box::new(KindRow::<Drawn>::new()),
+        Box::new(KindRow::<machine::Sited>::new()),
     ])
 }
 

@@ -66,12 +66,12 @@ pub struct SceneConvergence {
     pub tail_share: f64,
 }
 
-/// The SDE and the ladders at a rung, pixel by pixel in units of the pixel's deviation: what one pixel is from the reference.
+/// The SDE and the ladders at a rung: how far pixels are from the reference, over what their variances say.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SdeRow {
     /// Sample count.
     pub n: u64,
-    /// Mean of the simulated ones, times sqrt n; the law says 0.
+    /// Mean of the simulated ones, in units of the mean deviation, times sqrt n; the law says 0.
     pub sde_mean: f64,
     /// Their variance times n; the law says 1.
     pub sde_variance: f64,

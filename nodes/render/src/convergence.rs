@@ -41,7 +41,7 @@ impl Kind for ConvergenceKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "convergence",
-            version: 1,
+            version: 2,
             summary: "Measures how far ladders keep to the law of variance time, against held-out references.",
             manual: include_str!("convergence.md"),
             mode: Mode::Gather,
@@ -66,7 +66,9 @@ impl Kind for ConvergenceKind {
             ctx.check_cancelled()?;
             let item = |port: &str| {
                 action.whole(port)?.get(key.as_str()).ok_or_else(|| {
-                    KindError::Input(format!("`{port}` has no item `{key}`, which `references` has; connect the same scenes"))
+                    KindError::Input(format!(
+                        "`{port}` has no item `{key}`, which `references` has; connect the same scenes"
+                    ))
                 })
             };
             let reference = Ladder::load(ctx, artifact)?;

@@ -2,8 +2,8 @@
 
 use crate::{
     accumulator::Accumulator,
-    integrator::Strategy,
     convergence::{slope, top_share},
+    integrator::Strategy,
     render::Renderer,
     world::World,
 };

@@ -1,4 +1,4 @@
-//! `quality_gate` and `ladder_convergence` as the engine calls them, on ladders that were really rendered.
+//! `quality_gate` and `convergence` as the engine calls them, on ladders that were really rendered.
 
 mod scenes;
 
@@ -6,12 +6,12 @@ use scenes::{Built, balls_under_sky, recipe, room};
 use std::{collections::BTreeMap, sync::atomic::AtomicBool};
 use tauflow_contract::{Action, Artifact, Collection, Context, ItemKey, Kind, KindError, MemoryBlobs, Outputs, Silent};
 use tauflow_data::{
-    RungCounts,
+    Ladder, RungCounts,
     convergence::Convergence,
     formats::{Exposure, Verdict, store_scene},
 };
 use tauflow_render::{
-    ladder_convergence::{LadderConvergence, LadderConvergenceParams},
+    convergence::{ConvergenceKind, ConvergenceParams},
     ladder_rendering::{LadderRendering, LadderRenderingParams},
     quality_gate::{QualityGate, QualityGateParams},
 };
@@ -39,7 +39,11 @@ impl Bench {
     }
 
     fn ladder(&self, scene: &Artifact, rungs: RungCounts) -> Artifact {
-        let params = LadderRenderingParams { rungs, resolution: [24, 24], ..LadderRenderingParams::default() };
+        self.rendered(scene, rungs, 0)
+    }
+
+    fn rendered(&self, scene: &Artifact, rungs: RungCounts, stream: u64) -> Artifact {
+        let params = LadderRenderingParams { rungs, resolution: [24, 24], stream, ..LadderRenderingParams::default() };
         let each = BTreeMap::from([("scenes", scene)]);
         let action = Action { params, item: None, group: "ladder", seed: 0, each, whole: BTreeMap::new() };
         let mut outputs = LadderRendering::run(&self.ctx(), &action).expect("a sound scene");
@@ -84,35 +88,79 @@ fn the_gate_passes_scenes_on_unchanged_and_no_threshold_changes_what_it_says_of_
 #[test]
 fn rendered_ladders_keep_the_law() {
     let bench = bench();
-    let (mut ladders, mut exposure) = (Vec::new(), Vec::new());
+    let (mut ladders, mut references, mut exposure) = (Vec::new(), Vec::new(), Vec::new());
     for (name, built) in [("L0-open-000000", balls_under_sky()), ("L0-enclosed-000000", room())] {
         let key = ItemKey::new(name).expect("plain");
         let scene = bench.store(&built, 0.0);
         let ladder = bench.ladder(&scene, RungCounts::Dyadic { dyadic: 128 });
         exposure
             .push((key.clone(), bench.gate(&scene, &ladder, QualityGateParams::default()).items["exposure"].clone()));
+        references.push((key.clone(), bench.rendered(&scene, RungCounts::List(vec![2048]), 1)));
         ladders.push((key, ladder));
     }
-    let run = |ladders: &Collection, exposure: &Collection| {
-        let whole = BTreeMap::from([("ladders", ladders), ("exposure", exposure)]);
-        let params = LadderConvergenceParams::default();
+    let run = |references: &Collection, ladders: &Collection, exposure: &Collection| {
+        let whole = BTreeMap::from([("references", references), ("ladders", ladders), ("exposure", exposure)]);
+        let params = ConvergenceParams::default();
         let action = Action { params, item: None, group: "main", seed: 0, each: BTreeMap::new(), whole };
-        LadderConvergence::run(&bench.ctx(), &action)
+        ConvergenceKind::run(&bench.ctx(), &action)
     };
-    let (ladders, all): (Collection, Collection) = (ladders.into_iter().collect(), exposure.iter().cloned().collect());
-    let outputs = run(&ladders, &all).expect("sound ladders");
+    let all = |items: &[(ItemKey, Artifact)]| items.iter().cloned().collect::<Collection>();
+    let outputs = run(&all(&references), &all(&ladders), &all(&exposure)).expect("sound ladders");
     let found: Convergence = bench.json(outputs.collections["convergence"].get("convergence").expect("one item"));
-    assert_eq!((found.reference_spp, found.counts.as_slice()), (128, &[1, 2, 4, 8, 16, 32, 64][..]));
+    assert_eq!((found.reference_spp, found.counts.as_slice()), (2048, &[1, 2, 4, 8, 16, 32, 64, 128][..]));
     assert_eq!(found.strata.iter().map(|s| s.stratum.as_str()).collect::<Vec<_>>(), ["L0-enclosed", "L0-open"]);
-    assert_eq!((found.overall.scenes, found.overall.rejected), (2, 0));
+    assert_eq!((found.overall.scenes, found.overall.rejected, found.scenes.len()), (2, 0, 2));
     let [enclosed, open] = [&found.strata[0], &found.strata[1]];
-    assert!((open.slope + 0.5).abs() < 0.05 && !open.heavy_tail, "{open:?}");
+    assert!((open.slope.mean + 0.5).abs() < 0.05 && !open.heavy_tail, "{open:?}");
     for (rmse, law) in open.rmse.iter().zip(&open.law) {
         assert!((rmse / law - 1.0).abs() < 0.2, "{open:?}");
     }
+    // A rung and the next share half of the samples: without them the covariance would be 0.
+    for (m, row) in open.covariance.iter().enumerate().skip(1) {
+        assert!((row[m - 1] - 1.0).abs() < 0.4, "{open:?}");
+    }
     // Most of the room's variance sits in the few pixels that the lamp's edge crosses, and it says so.
-    assert!(enclosed.heavy_tail && (enclosed.slope + 0.5).abs() < 0.2, "{enclosed:?}");
-    let one: Collection = exposure.into_iter().take(1).collect();
-    let Err(KindError::Input(message)) = run(&ladders, &one) else { panic!("an exposure is missing") };
+    assert!(enclosed.heavy_tail && (enclosed.slope.mean + 0.5).abs() < 0.2, "{enclosed:?}");
+    assert!(
+        enclosed.excess_kurtosis > open.excess_kurtosis && enclosed.trusted_from.is_none_or(|n| n > 1),
+        "{enclosed:?}"
+    );
+    for row in &found.sde {
+        assert!(
+            (row.sde_variance - 1.0).abs() < 0.15 && (row.real_variance / row.sde_variance - 1.0).abs() < 0.3,
+            "{row:?}"
+        );
+    }
+    let Err(KindError::Input(message)) = run(&all(&references), &all(&ladders), &all(&exposure[..1])) else {
+        panic!("an exposure is missing")
+    };
     assert!(message.contains("L0-enclosed-000000"), "{message}");
+    let Err(KindError::Input(message)) = run(&all(&ladders), &all(&ladders), &all(&exposure)) else {
+        panic!("ladders judged by themselves")
+    };
+    assert!(message.contains("another `stream`"), "{message}");
+}
+
+#[test]
+fn references_of_another_stream_are_uncorrelated_with_the_ladder() {
+    let bench = bench();
+    let scene = bench.store(&balls_under_sky(), 0.0);
+    let image = |rungs: u64, stream: u64| {
+        let ladder = Ladder::load(&bench.ctx(), &bench.rendered(&scene, RungCounts::List(vec![rungs]), stream));
+        ladder.expect("a ladder").rungs.pop().expect("a rung").image
+    };
+    let truth = image(4096, 2);
+    let noise = |rungs: u64, stream: u64| -> Vec<f64> {
+        let found = image(rungs, stream);
+        found.data().iter().zip(truth.data()).map(|(a, b)| f64::from(a - b)).collect()
+    };
+    let correlation = |a: &[f64], b: &[f64]| {
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        dot(a, b) / (dot(a, a) * dot(b, b)).sqrt()
+    };
+    let (four, eight, held_out) = (noise(4, 0), noise(8, 0), noise(8, 1));
+    // 1,728 values, of which the colours of a pixel go together: a deviation of 1/sqrt(576).
+    assert!(correlation(&four, &held_out).abs() < 4.0 / 24.0, "{}", correlation(&four, &held_out));
+    // sqrt(4/8) for rungs that share half of their samples.
+    assert!((correlation(&four, &eight) - 0.707).abs() < 0.12, "{}", correlation(&four, &eight));
 }

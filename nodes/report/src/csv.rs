@@ -2,7 +2,7 @@
 
 use crate::{
     material::Cell,
-    ranking::{extra, ordered},
+    ranking::{extra, ordered, with_baselines},
 };
 use std::fmt::Write as _;
 use tauflow_data::results::{Estimate, Evaluation, METRICS};
@@ -24,14 +24,14 @@ fn names(space: &str, method: &str, conditioning: &str, cell: &Cell) -> String {
 pub const RESULTS: &str =
     "space,method,conditioning,cell,from_spp,reference_spp,nfe,metric,mean,low,high,gain,gain_low,gain_high";
 
-/// Means and intervals: a row for each cell, NFE and metric; hold at NFE 0.
+/// Means and intervals: a row for each cell, NFE and metric; hold at NFE 0, methods to compare with last.
 pub fn results(evaluation: &Evaluation) -> String {
     let mut out = format!("{RESULTS}\n");
     let spp = format!("{},{}", evaluation.from_spp, evaluation.reference_spp);
     for metric in METRICS.iter().filter(|m| evaluation.hold.contains_key(**m)) {
         let _ = writeln!(out, ",hold,,,{spp},0,{metric},{},,,", three(evaluation.hold.get(*metric)));
     }
-    for table in ordered(evaluation) {
+    for table in with_baselines(evaluation) {
         let names = names(&table.space, &table.method, &table.conditioning, &table.cell);
         for at in &table.at {
             for metric in METRICS.iter().filter(|m| at.metrics.contains_key(**m)) {

@@ -75,14 +75,33 @@ fn the_page_stands_alone_and_is_well_formed() {
     assert!(texts(&html).iter().all(|t| !t.contains("NaN") && *t != "inf" && *t != "-inf"));
     assert!(html.split(" d=\"").skip(1).all(|path| !path.split('"').next().unwrap_or("").contains(['N', 'i'])));
     assert!(check_nesting(&html) > 500);
-    let all =
-        ["results", "curves", "strata", "pictures", "bridge", "training", "data", "scenes", "convergence", "timings"];
+    let all = [
+        "results",
+        "curves",
+        "strata",
+        "baselines",
+        "time",
+        "pictures",
+        "bridge",
+        "training",
+        "data",
+        "scenes",
+        "convergence",
+        "timings",
+    ];
     for id in all {
         assert!(html.contains(&format!("<section id=\"{id}\"")), "{id}");
         assert!(html.contains(&format!("href=\"#{id}\"")), "{id}");
     }
     assert!(!html.contains("Not connected"));
     assert!(html.contains("shares its samples with every rung"));
+    // It opens with error against time; what machines and notes say is text.
+    let opening = html.find("class=\"opening\"").expect("an opening figure");
+    assert!(opening < html.find("class=\"cards\"").expect("figures to remember"));
+    assert!(
+        html.contains("Abacus &lt;9&gt;") && html.contains("no library &lt;here&gt;") && html.contains("<b>10.0×</b>")
+    );
+    assert!(html.contains("Left out: another: no library."));
 }
 
 #[test]
@@ -105,6 +124,7 @@ fn the_same_material_gives_the_same_files() {
             "results.json",
             "table.tex",
             "tables.tex",
+            "time_error.csv",
             "timings.csv"
         ]
     );
@@ -122,9 +142,10 @@ fn tables_hold_the_figures_with_best_and_second_marked() {
         let start = html.find(&format!("data-metric=\"{metric}\"")).expect("a table for each metric");
         let table = &html[start..start + html[start..].find("</table>").expect("the table ends")];
         let rows: Vec<&str> = table.split("<tr").skip(2).collect();
-        assert_eq!(rows.len(), 1 + evaluation.methods.len());
+        assert_eq!(rows.len(), 1 + evaluation.methods.len() + evaluation.baselines.len());
+        assert!(rows[9].contains("OIDN") && rows[9].contains("G-buffer"));
         // The order of rows: method, then conditioning with RGB first; the evaluation has conditioning outermost.
-        for (r, row) in rows.iter().enumerate().skip(1) {
+        for (r, row) in rows.iter().enumerate().skip(1).take(evaluation.methods.len()) {
             let (method, conditioning) = ((r - 1) / 2, (r - 1) % 2);
             let given = &evaluation.methods[conditioning * 4 + method];
             let cells: Vec<&str> = row.split("<td").skip(3).collect();
@@ -190,7 +211,10 @@ fn csv_and_json_read_back_exactly() {
         }
         seen += 1;
     }
-    assert_eq!(seen, METRICS.len() * (1 + evaluation.methods.len() * evaluation.nfe.len()));
+    assert_eq!(
+        seen,
+        METRICS.len() * (1 + evaluation.methods.len() * evaluation.nfe.len() + evaluation.baselines.len())
+    );
     assert_eq!(text(&files, "per_scene.csv").lines().count(), 1 + evaluation.per_scene.len());
     assert_eq!(text(&files, "curves.csv").lines().count(), 1 + evaluation.methods.len() * METRICS.len());
     let json: serde_json::Value = serde_json::from_str(&text(&files, "results.json")).expect("JSON");
@@ -211,7 +235,7 @@ fn the_latex_tables_have_their_structure() {
         assert_eq!(tex.matches(once).count(), 1, "{once}");
     }
     let rows: Vec<&str> = tex.lines().filter(|l| l.ends_with(r"\\") && !l.contains("multicolumn")).collect();
-    assert_eq!(rows.len(), 2 + evaluation.methods.len());
+    assert_eq!(rows.len(), 2 + evaluation.methods.len() + evaluation.baselines.len());
     assert!(rows.iter().all(|r| r.matches('&').count() == 9), "{rows:?}");
     let best =
         &evaluation.methods.iter().find(|t| t.method == "mc_noise" && t.conditioning == "gbuffer").expect("there");
@@ -228,12 +252,12 @@ fn whatever_is_not_connected_is_left_out_and_named() {
     let files = run(&blobs, ReportParams::default(), &only).expect("a report");
     let html = text(&files, "report.html");
     check_nesting(&html);
-    for id in ["pictures", "bridge", "training", "data", "scenes", "convergence", "timings"] {
+    for id in ["time", "pictures", "bridge", "training", "data", "scenes", "convergence", "timings"] {
         assert!(!html.contains(&format!("id=\"{id}\"")), "{id}");
     }
     assert!(html.contains(
         "Not connected, so left out: references; refined; losses; timings; verdicts; split; sampling; bridge; convergence; \
-         statistics."
+         time_error; statistics."
     ));
     assert!(!files.keys().any(|n| n.ends_with(".png") || n == "timings.csv"));
     // Each optional input alone, and all but each.

@@ -82,6 +82,8 @@ pub fn rollout_to(
             clock.n_max()
         )));
     }
+    finite(endpoint, "endpoint")?;
+    gbuffer.map_or(Ok(()), |gbuffer| finite(gbuffer, "G-buffer"))?;
     let times = clock.grid_to(from, to, course.steps, course.grid);
     let mut state = encode(model, endpoint);
     for pair in times.windows(2) {
@@ -105,6 +107,7 @@ pub fn bridge_stop(
     to: u64,
 ) -> Result<Image, KindError> {
     let (tau, next) = span(model, from, to)?;
+    finite(endpoint, "endpoint")?;
     let state = encode(model, endpoint);
     let prediction = model.predict(&state, gbuffer, tau)?;
     let Some(clean) = model.parameterization().clean(&state, &prediction, tau) else {
@@ -133,6 +136,7 @@ pub fn local_steps(
     from: u64,
     to: u64,
 ) -> Result<Image, KindError> {
+    finite(endpoint, "endpoint")?;
     let mut state = encode(model, endpoint);
     for n in from..to {
         let (tau, next) = span(model, n, n + 1)?;
@@ -153,6 +157,18 @@ fn span(model: &dyn Denoiser, from: u64, to: u64) -> Result<(f64, f64), KindErro
         )));
     }
     Ok((clock.tau(from as f64), clock.tau(to as f64)))
+}
+
+/// A value that is no number would spread over the network's whole field of view.
+fn finite(image: &Image, what: &str) -> Result<(), KindError> {
+    let bad = image.data().iter().filter(|v| !v.is_finite()).count();
+    if bad == 0 {
+        return Ok(());
+    }
+    Err(KindError::Input(format!(
+        "{bad} of the {} values of the {what} are not finite; mend the image, or look at what made it",
+        image.data().len()
+    )))
 }
 
 fn encode(model: &dyn Denoiser, image: &Image) -> Image {

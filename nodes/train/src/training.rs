@@ -188,7 +188,8 @@ impl Kind for Training {
         let params = &action.params;
         let train = action.whole("train")?;
         let test = action.whole.get("test").copied();
-        let seed = if params.draw == 0 { action.seed } else { derive_seed(action.seed, "draw", &params.draw.to_string()) };
+        let seed =
+            if params.draw == 0 { action.seed } else { derive_seed(action.seed, "draw", &params.draw.to_string()) };
         let job = Job { ctx, params, seed, train, test };
         job.run(&mut Share::new())
     }

@@ -2,13 +2,7 @@
 
 use super::RESAMPLES;
 use tauflow_contract::KindError;
-use tauflow_data::{
-    ladder::Ladder,
-    maths::log,
-    results::Estimate,
-    rng::Stream,
-    statistics::quantile,
-};
+use tauflow_data::{ladder::Ladder, maths::log, results::Estimate, rng::Stream, statistics::quantile};
 
 /// Blocks of pixels along each side, over which a scene's slope is resampled.
 const BLOCKS: usize = 8;
@@ -196,7 +190,8 @@ pub(super) mod tests {
             let n = last as f64;
             variance.data_mut()[at] = ((squares - sum * sum / n) / (n - 1.0)) as f32;
         }
-        let meta = LadderMeta { counts: counts.to_vec(), width: SIDE, height: SIDE, rejected: 0, mean_path_length: 2.0 };
+        let meta =
+            LadderMeta { counts: counts.to_vec(), width: SIDE, height: SIDE, rejected: 0, mean_path_length: 2.0 };
         Ladder { meta, rungs, variance }
     }
 
@@ -250,7 +245,8 @@ pub(super) mod tests {
         assert_eq!(found.len(), 3 * 3 * SIDE * SIDE);
         // The third sample of pixel value 5: eight are drawn for each.
         let (at, sample) = drawn[5 * 8 + 2];
-        let expected = (sample - f64::from(reference.rungs[0].image.data()[at])) / f64::from(reference.variance.data()[at]).sqrt();
+        let expected =
+            (sample - f64::from(reference.rungs[0].image.data()[at])) / f64::from(reference.variance.data()[at]).sqrt();
         assert!((found[2 * 3 * SIDE * SIDE + 5] - expected).abs() < 1e-4);
     }
 

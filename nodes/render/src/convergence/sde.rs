@@ -1,7 +1,8 @@
 //! The Monte Carlo SDE, simulated pixel by pixel, beside the real ladders.
 //!
 //! dY = 2 (mu - Y)/(1 - s) ds + sigma sqrt(2 (1 - s)) dW on the clock s = 1 - 1/sqrt n, from a normal start at the first rung,
-//! by the method of Euler and Maruyama. All is in units of the pixel's deviation about its mean, so that mu = 0 and sigma = 1.
+//! by the method of Euler and Maruyama. Pixels are pooled: sums of products are over the sum of the pixels' variances, so that a pixel
+//! whose variance the reference has missed does not count for all.
 
 use tauflow_data::{SdeTime, convergence::SdeRow, ladder::Ladder, rng::Stream};
 
@@ -14,6 +15,8 @@ const PATHS: usize = 4096;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Sde {
     count: f64,
+    /// Of the pixels.
+    variance: f64,
     /// For each rung: sums of the value, its square, and its product with that at the first rung; simulated, then real.
     simulated: Vec<[f64; 3]>,
     real: Vec<[f64; 3]>,
@@ -33,6 +36,7 @@ impl Sde {
                 continue;
             }
             self.count += 1.0;
+            self.variance += deviation * deviation;
             let first = 1.0 / (counts[0] as f64).sqrt();
             let mut path = first * stream.normal();
             let start = path;
@@ -42,12 +46,13 @@ impl Sde {
                     path = go(path, SdeTime::of_count(counts[k - 1] as f64), SdeTime::of_count(*n as f64), stream);
                 }
                 let difference = f64::from(ladder.rungs[k].image.data()[at]) - f64::from(truth.image.data()[at]);
-                let real = difference / deviation;
+                let (path, start) = (path * deviation, start * deviation);
+                let real = difference;
                 if k == 0 {
                     real_start = real;
                 }
                 // The reference is off, too, by 1/reference of the variance, and is in both factors.
-                let own = 1.0 / truth.spp as f64;
+                let own = deviation * deviation / truth.spp as f64;
                 for (sums, found) in [
                     (&mut self.simulated[k], [path, path * path, path * start]),
                     (&mut self.real[k], [real, real * real - own, real * real_start - own]),
@@ -61,10 +66,10 @@ impl Sde {
     /// What there is at each rung.
     pub(super) fn rows(&self, counts: &[u64]) -> Vec<SdeRow> {
         let row = |(k, n): (usize, &u64)| {
-            let count = self.count.max(1.0);
             let scaled = |sums: &[f64; 3]| {
-                let n = *n as f64;
-                [sums[0] / count * n.sqrt(), sums[1] / count * n, sums[2] / count * n]
+                let (n, variance) = (*n as f64, self.variance.max(f64::MIN_POSITIVE));
+                let mean = sums[0] * n.sqrt() / (self.count.max(1.0) * variance).sqrt();
+                [mean, sums[1] / variance * n, sums[2] / variance * n]
             };
             let (sde, real) = (scaled(&self.simulated[k]), scaled(&self.real[k]));
             SdeRow {
@@ -116,7 +121,10 @@ mod tests {
             let noise = 4.0 * ((row.n as f64).max(2.0) / 13_824.0).sqrt();
             assert!((row.sde_variance - 1.0).abs() < 0.06 && (row.real_variance - 1.0).abs() < 0.06, "{row:?}");
             assert!(row.sde_mean.abs() < 0.04 && row.real_mean.abs() < 0.08, "{row:?}");
-            assert!((row.sde_covariance - 1.0).abs() < 0.02 + noise && (row.real_covariance - 1.0).abs() < 0.02 + noise, "{row:?}");
+            assert!(
+                (row.sde_covariance - 1.0).abs() < 0.02 + noise && (row.real_covariance - 1.0).abs() < 0.02 + noise,
+                "{row:?}"
+            );
         }
     }
 }

@@ -96,7 +96,11 @@ pub fn ball(bands: u32) -> Mesh {
     for i in 0..=bands {
         for j in 0..=2 * bands {
             let (theta, phi) = (PI * f64::from(i) / f64::from(bands), PI * f64::from(j) / f64::from(bands));
-            let p = [libm::sin(theta) * libm::cos(phi), libm::cos(theta), libm::sin(theta) * libm::sin(phi)];
+            let p = [
+                tauflow_data::maths::sin(theta) * tauflow_data::maths::cos(phi),
+                tauflow_data::maths::cos(theta),
+                tauflow_data::maths::sin(theta) * tauflow_data::maths::sin(phi),
+            ];
             mesh.positions.push(p.map(|v| v as f32));
             let uv = [f64::from(j) / f64::from(2 * bands), f64::from(i) / f64::from(bands)];
             mesh.uvs.get_or_insert_default().push(uv.map(|v| v as f32));

@@ -120,13 +120,14 @@ fn covariances(convergence: &Convergence) -> String {
 /// The SDE beside the ladders.
 fn sde(convergence: &Convergence) -> String {
     let mut out = String::from(
-        "<details><summary>The Monte Carlo SDE beside the ladders</summary><p class=\"note\">Simulated pixel by pixel on its clock s = 1 − 1/√n, in \
-         units of each pixel's deviation. By the law means are 0, variances times n are 1, and so are covariances with the first rung \
+        "<details><summary>The Monte Carlo SDE beside the ladders</summary><p class=\"note\">Simulated pixel by pixel on its clock s = 1 − 1/√n; pixels \
+         are pooled over their variances. By the law means are 0, variances times n are 1, and so are covariances with the first rung \
          times n.</p><div class=\"scroll\"><table class=\"wide\"><thead><tr><th>n</th><th>Mean √n, SDE</th><th>ladders</th><th>Variance n, \
          SDE</th><th>ladders</th><th>Covariance n, SDE</th><th>ladders</th></tr></thead><tbody>",
     );
     for row in &convergence.sde {
-        let values = [row.sde_mean, row.real_mean, row.sde_variance, row.real_variance, row.sde_covariance, row.real_covariance];
+        let values =
+            [row.sde_mean, row.real_mean, row.sde_variance, row.real_variance, row.sde_covariance, row.real_covariance];
         let cells: String = values.iter().map(|v| format!("<td>{}</td>", fixed(*v, 3))).collect();
         let _ = write!(out, "<tr><td>{}</td>{cells}</tr>", count(row.n));
     }

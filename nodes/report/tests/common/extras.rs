@@ -12,6 +12,7 @@ use tauflow_data::{
     results::{Bridge, BridgeRow, BridgeSummary, Estimate, TrainingLog, TrainingPoint, TrainingTiming},
     rng::Stream,
     statistics::SceneStatistics,
+    time_error::{FrontPoint, TimeError, TimeTo, TimedMethod, TimedPoint, TimedSummary, VersusRendering},
 };
 
 fn around(mean: f64, half: f64) -> Estimate {
@@ -172,6 +173,64 @@ fn statistics(ctx: &Context<'_>) -> Collection {
         .collect()
 }
 
+/// Rendering alone, a solver that is 10 times as fast, and a denoiser between them.
+fn time_error() -> TimeError {
+    let summary = |wall: f64, mse: f64, own: bool| TimedSummary {
+        scenes: 24,
+        wall_s: [0.9 * wall, wall, 1.2 * wall],
+        cpu_s: [1.8 * wall, 1.9 * wall, 2.4 * wall],
+        mse,
+        rel_mse: 3.0 * mse,
+        hdr_psnr: -4.3 * mse.ln(),
+        preview_psnr: 5.0 - 4.3 * mse.ln(),
+        ssim: 0.9,
+        crossover_spp: (!own).then(|| 1.0 / mse),
+        speed_up: (!own).then_some(Estimate { mean: 10.0, low: 8.0, high: 12.5 }),
+    };
+    let point = |from_spp: u64, nfe: u64, wall: f64, mse: f64| {
+        let own = nfe == 0;
+        let gain = |mean: f64| Estimate { mean, low: 0.5 * mean, high: 1.5 * mean };
+        TimedPoint {
+            from_spp,
+            nfe,
+            all: summary(wall, mse, own),
+            strata: Stratum::all().map(|s| (s.to_string(), summary(wall, mse, own))).collect(),
+            versus: (!own).then(|| VersusRendering {
+                spp: 3.5,
+                hdr_psnr: gain(6.0),
+                preview_psnr: gain(7.0),
+                ssim: gain(0.1),
+                better: 0.97,
+            }),
+        }
+    };
+    let method = |method: &str, conditioning: &str, points: Vec<TimedPoint>| TimedMethod {
+        method: method.into(),
+        conditioning: conditioning.into(),
+        cell: BTreeMap::new(),
+        points,
+        targets: vec![
+            TimeTo { metric: "hdr_psnr".into(), target: 30.0, reached: 0.75, wall_s: Some(0.4) },
+            TimeTo { metric: "rel_mse".into(), target: 0.001, reached: 0.1, wall_s: None },
+        ],
+    };
+    let rendering = (0..8).map(|k| 1u64 << k).map(|n| point(n, 0, 0.01 * n as f64, 1.0 / n as f64)).collect();
+    let solver = vec![point(1, 1, 0.012, 0.05), point(1, 2, 0.014, 0.06), point(4, 1, 0.05, 0.02)];
+    TimeError {
+        machine: serde_json::json!({ "processor": "Abacus <9>", "cores": 2 }),
+        reference_spp: 4096,
+        scenes: 24,
+        resamples: 2000,
+        methods: vec![
+            method("path_tracer", "rgb", rendering),
+            method("mc_noise", "gbuffer", solver),
+            method("oidn", "gbuffer", vec![point(1, 1, 0.02, 0.04)]),
+        ],
+        front: vec![FrontPoint { method: 0, point: 0 }, FrontPoint { method: 1, point: 0 }],
+        notes: vec!["other: there is no library <here>".into()],
+    }
+}
+
 fn sde(n: u64) -> SdeRow {
     let [sde_variance, real_variance, sde_covariance, real_covariance] = [1.01, 0.98, 0.99, 1.03];
     SdeRow { n, sde_mean: 0.01, sde_variance, sde_covariance, real_mean: -0.01, real_variance, real_covariance }
@@ -232,6 +291,7 @@ pub fn all(blobs: &MemoryBlobs, size: usize) -> BTreeMap<&'static str, Collectio
         ("sampling", one(json_item(&ctx, "report", &sampling()))),
         ("bridge", one((key("bridge"), bridge(&ctx)))),
         ("convergence", one(json_item(&ctx, "convergence", &convergence()))),
+        ("time_error", one(json_item(&ctx, "time_error", &time_error()))),
         ("statistics", statistics(&ctx)),
     ])
 }

@@ -1,0 +1,200 @@
+//! The kinds as the engine calls them: what is absent is told, programs are run, times are taken; and Open Image Denoise itself,
+//! where TAUFLOW_OIDN names its library.
+
+use std::{collections::BTreeMap, fs, path::Path, sync::atomic::AtomicBool};
+use tauflow_contract::{Action, Artifact, Context, Kind, KindError, MemoryBlobs, Outputs, Silent};
+use tauflow_data::{
+    Image,
+    formats::{PACKED, PackedScene, RefinedImage, load_refined},
+    rng::Stream,
+    timing::Timing,
+};
+use tauflow_denoise::{ExternalDenoiser, ExternalDenoiserParams, GuidedFilter, GuidedFilterParams};
+
+const SIDE: usize = 48;
+
+/// Two surfaces of other albedo and normal, lit evenly, under noise; and without it.
+fn scene() -> (PackedScene, Image) {
+    let (mut clean, mut noisy) = (Image::new(SIDE, SIDE, 3), Image::new(SIDE, SIDE, 3));
+    let mut gbuffer = Image::new(SIDE, SIDE, 6);
+    for y in 0..SIDE {
+        for x in 0..SIDE {
+            let mut stream = Stream::new(8, &[x as u64, y as u64]);
+            let left = x < SIDE / 2;
+            let albedo = if left { [0.7, 0.2, 0.2] } else { [0.2, 0.3, 0.8] };
+            let normal = if left { [0.0, 0.0, 1.0] } else { [1.0, 0.0, 0.0] };
+            let noise = 2.0 * stream.uniform() as f32;
+            for c in 0..3 {
+                clean.pixel_mut(x, y)[c] = albedo[c];
+                noisy.pixel_mut(x, y)[c] = albedo[c] * noise;
+                gbuffer.pixel_mut(x, y)[c] = albedo[c];
+                gbuffer.pixel_mut(x, y)[3 + c] = normal[c];
+            }
+        }
+    }
+    (PackedScene { counts: vec![1, 64], states: vec![noisy, clean.clone()], gbuffer: Some(gbuffer) }, clean)
+}
+
+fn error(a: &Image, b: &Image) -> f64 {
+    a.data().iter().zip(b.data()).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / a.data().len() as f64
+}
+
+struct Bench {
+    blobs: MemoryBlobs,
+    stop: AtomicBool,
+    endpoints: Artifact,
+}
+
+impl Bench {
+    fn new(scene: &PackedScene) -> Self {
+        let (blobs, stop) = (MemoryBlobs::default(), AtomicBool::new(false));
+        let bytes = scene.to_bytes().expect("consistent");
+        let digest = Context::new(&blobs, &Silent, &stop).put(&bytes).expect("memory");
+        Self { blobs, stop, endpoints: Artifact::blob(PACKED, digest) }
+    }
+
+    fn ctx(&self) -> Context<'_> {
+        Context::new(&self.blobs, &Silent, &self.stop)
+    }
+
+    fn run<K: Kind>(&self, params: K::Params, group: &str) -> Result<Outputs, KindError> {
+        let each = BTreeMap::from([("endpoints", &self.endpoints)]);
+        K::run(&self.ctx(), &Action { params, item: None, group, seed: 0, each, whole: BTreeMap::new() })
+    }
+
+    fn images(&self, outputs: &Outputs) -> (Vec<(RefinedImage, Image)>, Option<String>) {
+        load_refined(&self.ctx(), &outputs.items["refined"]).expect("stored")
+    }
+
+    fn timing(&self, outputs: &Outputs) -> Timing {
+        self.ctx().json(&outputs.items["timing"], "").expect("stored")
+    }
+}
+
+/// A program that copies its input, as a shell script with a name.
+fn program(folder: &Path, text: &str) -> Vec<String> {
+    let script = folder.join("denoise.sh");
+    fs::write(&script, text).expect("writable");
+    ["sh", &script.to_string_lossy(), "{color}", "{albedo}", "{normal}", "{output}"].map(str::to_owned).to_vec()
+}
+
+#[test]
+fn a_program_denoises_and_is_timed() {
+    let (scene, _) = scene();
+    let bench = Bench::new(&scene);
+    let folder = tempfile::tempdir().expect("a folder");
+    let copy = ExternalDenoiserParams {
+        method: "copy".into(),
+        command: program(folder.path(), "test -s \"$2\" && test -s \"$3\" && cp \"$1\" \"$4\"\n"),
+        repeats: 2,
+        ..ExternalDenoiserParams::default()
+    };
+    assert!(ExternalDenoiser::check(&copy).is_empty());
+    let (images, note) = bench.images(&bench.run::<ExternalDenoiser>(copy.clone(), "main").expect("it copies"));
+    let [(said, image)] = &images[..] else { panic!("one image") };
+    assert_eq!((said.method.as_str(), said.from_spp, said.to_spp, said.nfe, note), ("copy", 1, 64, 1, None));
+    assert_eq!(image, &scene.states[0]);
+    let timing = bench.timing(&bench.run::<ExternalDenoiser>(copy, "timing").expect("it copies"));
+    assert_eq!((timing.entries.len(), timing.entries[0].took.wall_s.len()), (1, 2));
+    assert!(timing.entries[0].took.wall_s.iter().all(|s| *s > 0.0));
+}
+
+#[test]
+fn programs_that_fail_are_told() {
+    let (scene, _) = scene();
+    let bench = Bench::new(&scene);
+    let folder = tempfile::tempdir().expect("a folder");
+    for (text, expected) in [
+        ("echo out of luck >&2; exit 3\n", "out of luck"),
+        ("true\n", "no image that can be read"),
+        ("echo nonsense > \"$4\"\n", "no image that can be read"),
+    ] {
+        let command = program(folder.path(), text);
+        let params = ExternalDenoiserParams { command, ..ExternalDenoiserParams::default() };
+        let error = bench.run::<ExternalDenoiser>(params, "main").expect_err("it fails").to_string();
+        assert!(error.contains(expected) && error.contains("denoise.sh"), "{error}");
+    }
+    let nowhere = ["/no/such/program", "{color}", "{output}"].map(str::to_owned).to_vec();
+    let params = ExternalDenoiserParams { command: nowhere, ..ExternalDenoiserParams::default() };
+    let error = bench.run::<ExternalDenoiser>(params, "main").expect_err("no program").to_string();
+    assert!(error.contains("/no/such/program") && error.contains("cannot be started"), "{error}");
+}
+
+#[test]
+fn templates_and_inputs_are_checked() {
+    let with = |command: &[&str]| {
+        let command = command.iter().map(|word| (*word).to_owned()).collect();
+        let params = ExternalDenoiserParams { command, ..ExternalDenoiserParams::default() };
+        ExternalDenoiser::check(&params).into_iter().map(|p| p.message).collect::<Vec<_>>().join(" ")
+    };
+    assert!(with(&["denoise", "{color}"]).contains("never names {output}"));
+    assert!(with(&["denoise", "{colour}", "{color}", "{output}"]).contains("`{colour}`"));
+    let (mut scene, _) = scene();
+    scene.gbuffer = None;
+    let bench = Bench::new(&scene);
+    let error = bench.run::<GuidedFilter>(GuidedFilterParams::default(), "main").expect_err("no G-buffer").to_string();
+    assert!(error.contains("no G-buffer"), "{error}");
+    let params = GuidedFilterParams { from: 2, ..GuidedFilterParams::default() };
+    assert!(bench.run::<GuidedFilter>(params, "main").expect_err("no such rung").to_string().contains("[1, 64]"));
+}
+
+#[test]
+fn a_library_that_is_not_there_is_told() {
+    let (scene, _) = scene();
+    let bench = Bench::new(&scene);
+    let library = Some("/no/such/libOpenImageDenoise.so".to_owned());
+    let named = ExternalDenoiserParams { library, ..ExternalDenoiserParams::default() };
+    let error = bench.run::<ExternalDenoiser>(named, "main").expect_err("no library").to_string();
+    assert!(error.contains("/no/such/libOpenImageDenoise.so") && error.contains("TAUFLOW_OIDN"), "{error}");
+    if std::env::var_os("TAUFLOW_OIDN").is_some() {
+        println!("skipped: TAUFLOW_OIDN names a library, so that it cannot be missing");
+        return;
+    }
+    let outputs = bench.run::<ExternalDenoiser>(ExternalDenoiserParams::default(), "main").expect("left out");
+    let (images, note) = bench.images(&outputs);
+    if images.is_empty() {
+        assert!(note.is_some_and(|note| note.contains("no Open Image Denoise library")));
+        let needed = ExternalDenoiserParams { required: true, ..ExternalDenoiserParams::default() };
+        assert!(bench.run::<ExternalDenoiser>(needed, "main").is_err());
+        let outputs = bench.run::<ExternalDenoiser>(ExternalDenoiserParams::default(), "timing").expect("left out");
+        assert!(bench.timing(&outputs).entries.is_empty());
+    }
+}
+
+#[test]
+fn open_image_denoise_denoises_and_sees_g_buffers() {
+    if std::env::var_os("TAUFLOW_OIDN").is_none() {
+        println!("skipped: TAUFLOW_OIDN names no library of Open Image Denoise");
+        return;
+    }
+    let (scene, clean) = scene();
+    let bench = Bench::new(&scene);
+    let params = ExternalDenoiserParams { required: true, repeats: 3, ..ExternalDenoiserParams::default() };
+    let run = |params: &ExternalDenoiserParams| {
+        let (mut images, _) = bench.images(&bench.run::<ExternalDenoiser>(params.clone(), "main").expect("it runs"));
+        images.pop().expect("one image").1
+    };
+    let with = run(&params);
+    let blind =
+        ExternalDenoiserParams { conditioning: serde_json::from_str("\"rgb\"").expect("a name"), ..params.clone() };
+    let without = run(&blind);
+    let before = error(&scene.states[0], &clean);
+    assert!(error(&with, &clean) < 0.1 * before, "{} {before}", error(&with, &clean));
+    assert!(error(&with, &clean) < error(&without, &clean));
+    assert_eq!(with, run(&params), "the same bits again");
+    let timing = bench.timing(&bench.run::<ExternalDenoiser>(params, "timing").expect("it runs"));
+    assert_eq!(timing.entries[0].took.wall_s.len(), 3);
+}
+
+#[test]
+fn the_filter_denoises_and_is_timed() {
+    let (scene, clean) = scene();
+    let bench = Bench::new(&scene);
+    for colour in [None, Some(0.5)] {
+        let params = GuidedFilterParams { colour, repeats: 2, ..GuidedFilterParams::default() };
+        let (images, _) = bench.images(&bench.run::<GuidedFilter>(params.clone(), "main").expect("it runs"));
+        assert!(error(&images[0].1, &clean) < 0.1 * error(&scene.states[0], &clean), "{colour:?}");
+        let timing = bench.timing(&bench.run::<GuidedFilter>(params, "timing").expect("it runs"));
+        assert_eq!(timing.entries[0].took.cpu_s.len(), 2);
+    }
+}

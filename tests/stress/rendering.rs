@@ -1,0 +1,342 @@
+//! Geometry, light, materials and films.
+
+use super::{
+    Hazard, about, held,
+    scenes::{Built, ball, balls_under_sky, columns, floor_point, level, room},
+};
+use tauflow_contract::Digest;
+use tauflow_data::{
+    Image,
+    formats::Mesh,
+    scene::{Bsdf, Emitter, Geometry, IDENTITY, Texture},
+};
+use tauflow_render::{
+    accumulator::{Accumulator, Pixel},
+    render::Renderer,
+    world::World,
+};
+
+const AREA: &str = "Rendering";
+
+fn world(built: &Built) -> Result<World, String> {
+    World::new(&built.scene, &mut |digest| built.load(digest)).map_err(|e| e.to_string())
+}
+
+fn rendered(built: &Built, width: usize, height: usize, spp: u64) -> Result<Accumulator, String> {
+    let world = world(built)?;
+    let renderer = Renderer::new(&world, width, height, 0).map_err(|e| e.to_string())?;
+    let mut film = renderer.begin();
+    renderer.advance(&mut film, spp, &mut |_| Ok(())).map_err(|e| e.to_string())?;
+    let image = film.mean();
+    if film.rejected > 0 || image.data().iter().any(|v| !v.is_finite()) {
+        return Err(format!(
+            "{} contributions rejected, {} values not finite",
+            film.rejected,
+            image.data().iter().filter(|v| !v.is_finite()).count()
+        ));
+    }
+    Ok(film)
+}
+
+fn mean(film: &Accumulator) -> f64 {
+    let image = film.mean();
+    image.data().iter().map(|v| f64::from(*v)).sum::<f64>() / image.data().len() as f64
+}
+
+/// The largest difference of a pixel, relative to the mean.
+fn difference(a: &Accumulator, b: &Accumulator) -> f64 {
+    let pairs = a.mean();
+    let largest = pairs.data().iter().zip(b.mean().data()).map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max);
+    largest / mean(b).max(1e-30)
+}
+
+fn glass(ior: f32, alpha: f32) -> Bsdf {
+    Bsdf::Dielectric {
+        int_ior: ior,
+        ext_ior: 1.0,
+        alpha,
+        specular_reflectance: Texture::scalar(1.0),
+        specular_transmittance: Texture::scalar(1.0),
+    }
+}
+
+/// A ball of a material under a sky of 1 everywhere, filling the view.
+fn furnace(bsdf: Bsdf, max_depth: u32) -> Built {
+    let mut built = Built::new([0.0, 0.0, 4.0], [0.0; 3], 20.0, max_depth);
+    let material = built.material(bsdf);
+    built.sphere([0.0; 3], 1.0, material);
+    built.sky([1.0; 3]);
+    built
+}
+
+/// A scene scaled about the origin and moved.
+fn moved(built: &Built, scale: f64, shift: f64) -> Built {
+    let mut out = built.clone();
+    let point = |p: &mut [f64; 3]| p.iter_mut().for_each(|v| *v = *v * scale + shift);
+    point(&mut out.scene.camera.origin);
+    point(&mut out.scene.camera.target);
+    out.scene.camera.near *= scale;
+    for shape in &mut out.scene.shapes {
+        for row in &mut shape.to_world {
+            row[..3].iter_mut().for_each(|v| *v *= scale);
+            row[3] = row[3] * scale + shift;
+        }
+    }
+    out
+}
+
+fn within(film: &Accumulator, expected: f64, tolerance: f64) -> Result<String, String> {
+    let off = (mean(film) / expected - 1.0).abs();
+    held(off <= tolerance, format!("off by {} of it, nothing rejected", about(off)))
+}
+
+pub fn hazards() -> Vec<Hazard> {
+    let mut out = Vec::new();
+    let mut add = |fed: String, must: &str, came: Result<String, String>| out.push(Hazard::new(AREA, fed, must, came));
+    space(&mut add);
+    light(&mut add);
+    materials(&mut add);
+    geometry(&mut add);
+    films(&mut add);
+    out
+}
+
+type Add<'a> = &'a mut dyn FnMut(String, &str, Result<String, String>);
+
+fn space(add: Add<'_>) {
+    let base = balls_under_sky();
+    let reference = rendered(&base, 16, 16, 16);
+    for scale in [1e-6, 1e-3, 1e3, 1e6] {
+        let came = reference.clone().and_then(|reference| {
+            let off = (mean(&rendered(&moved(&base, scale, 0.0), 16, 16, 16)?) / mean(&reference) - 1.0).abs();
+            held(off < 2e-3, format!("mean off by {}", about(off)))
+        });
+        add(format!("a scene of balls at {scale:.0e} of its size"), "the same mean to 0.2%", came);
+    }
+    for (shift, tolerance) in [(1e2, 1e-3), (1e4, 0.02), (1e6, 0.5)] {
+        let came = reference.clone().and_then(|reference| {
+            let off = (mean(&rendered(&moved(&base, 1.0, shift), 16, 16, 16)?) / mean(&reference) - 1.0).abs();
+            held(
+                off < tolerance,
+                format!(
+                    "mean off by {}: single precision has {} m between neighbours there",
+                    about(off),
+                    about(f64::from(f32::EPSILON) * shift)
+                ),
+            )
+        });
+        let must = format!("finite; the mean to {tolerance}");
+        add(format!("the same scene {shift:.0e} m from the origin on every axis"), &must, came);
+    }
+}
+
+fn light(add: Add<'_>) {
+    // A floor of albedo 1/2 under a light from straight above: radiance = irradiance/2/pi.
+    for irradiance in [1e5f32, 1e8] {
+        let mut built = floor_point();
+        built.scene.emitters.push(Emitter::Directional { direction: [0.0, -1.0, 0.0], irradiance: [irradiance; 3] });
+        let expected = 0.5 * f64::from(irradiance) / std::f64::consts::PI;
+        let came = rendered(&built, 4, 4, 4).and_then(|film| within(&film, expected, 1e-5));
+        add(format!("a sun of irradiance {irradiance:.0e} on a floor"), "irradiance albedo/pi", came);
+    }
+    let black = Built::new([0.0; 3], [1.0, 0.0, 0.0], 40.0, 4);
+    let came = rendered(&black, 8, 8, 4).and_then(|film| held(mean(&film) == 0.0, about(mean(&film))));
+    add("no shape and no light".into(), "exactly 0", came);
+    let mut dark = room();
+    dark.scene.shapes.iter_mut().for_each(|shape| shape.emission = None);
+    let came = rendered(&dark, 8, 8, 4).and_then(|film| held(mean(&film) == 0.0, about(mean(&film))));
+    add("a closed room whose lamp is out".into(), "exactly 0", came);
+    // A lamp so small that it is a point: E = L A cos/d^2 of a floor point below.
+    for half in [1e-2, 1e-4, 1e-6] {
+        let mut built = floor_point();
+        let lamp = built.diffuse([0.0; 3]);
+        let radiance = (1.0 / (half * half)) as f32;
+        built.shape(Geometry::Rectangle, level(half, [0.0, 2.0, 0.0], false), lamp).emission =
+            Some(Texture::scalar(radiance));
+        // The camera sees a small patch of the floor around the point below the lamp.
+        let expected = 0.5 / std::f64::consts::PI * f64::from(radiance) * 4.0 * half * half / 4.0;
+        let came = rendered(&built, 4, 4, 64).and_then(|film| within(&film, expected, 0.01));
+        add(
+            format!("a square lamp of {:.0e} m, two metres above a floor, as bright as it is small", 2.0 * half),
+            "its irradiance times albedo/pi, to 1%",
+            came,
+        );
+    }
+    // Nearly in the plane of the floor: little light, and no sparkle.
+    let mut built = floor_point();
+    let lamp = built.diffuse([0.0; 3]);
+    built.shape(Geometry::Rectangle, level(0.5, [3.0, 1e-4, 0.0], false), lamp).emission = Some(Texture::scalar(1.0));
+    let came = rendered(&built, 8, 8, 64).and_then(|film| {
+        let largest = film.mean().data().iter().fold(0.0f32, |m, v| m.max(*v));
+        held(largest < 1e-3, format!("at most {} of the lamp's radiance", about(f64::from(largest))))
+    });
+    add(
+        "a lamp 0.1 mm above the floor, three metres away".into(),
+        "less than a thousandth of its radiance anywhere",
+        came,
+    );
+}
+
+fn materials(add: Add<'_>) {
+    // Glass that absorbs nothing under a sky of 1 everywhere is not seen.
+    for ior in [1.0001f32, 1.5, 4.0] {
+        let came = rendered(&furnace(glass(ior, 0.0), 200), 8, 8, 4096).and_then(|film| within(&film, 1.0, 2e-3));
+        add(format!("a glass ball of index {ior} under a sky of 1"), "1 everywhere, to 0.2%", came);
+    }
+    for alpha in [0.0f32, 9.9e-4, 1e-3, 1.01e-3, 1e-2] {
+        let bsdf = Bsdf::Conductor { eta: [0.0; 3], k: [1e4; 3], alpha, specular_reflectance: Texture::scalar(1.0) };
+        let came = rendered(&furnace(bsdf, 8), 8, 8, 64).and_then(|film| within(&film, 1.0, 2e-3));
+        add(format!("a perfect mirror ball of roughness {alpha}, around the threshold of 0.001"), "1, to 0.2%", came);
+    }
+    let mut nested = furnace(glass(1.5, 0.0), 400);
+    let (inner, air) = (nested.material(glass(1.3, 0.0)), nested.material(glass(1.0 / 1.3, 0.0)));
+    nested.sphere([0.0; 3], 0.7, inner);
+    nested.sphere([0.0; 3], 0.4, air);
+    let came = rendered(&nested, 8, 8, 4096).and_then(|film| within(&film, 1.0, 2e-3));
+    add("three glass balls inside each other under a sky of 1".into(), "1, to 0.2%", came);
+    let mut touching = furnace(glass(1.5, 0.0), 400);
+    touching.sphere([2.0, 0.0, 0.0], 1.0, 0);
+    touching.scene.camera.target = [1.0, 0.0, 0.0];
+    touching.scene.camera.origin = [1.0, 0.0, 4.0];
+    let came = rendered(&touching, 8, 8, 4096).and_then(|film| within(&film, 1.0, 2e-3));
+    add("two glass balls that touch, seen at the point where they do".into(), "1, to 0.2%", came);
+    // A closed room of white walls in which nothing shines but the walls themselves: L = 1 + rho + rho^2 + ...
+    for depth in [1u32, 2, 1000] {
+        let mut shell = Built::new([0.0; 3], [1.0, 0.0, 0.0], 60.0, depth);
+        let white = shell.diffuse([0.5; 3]);
+        let wall = shell.shape(Geometry::Cube, IDENTITY, white);
+        wall.flip_normals = true;
+        wall.emission = Some(Texture::scalar(1.0));
+        let expected = 2.0 - 0.5f64.powi(depth.min(60) as i32 - 1);
+        let came = rendered(&shell, 8, 8, 256).and_then(|film| within(&film, expected, 0.01));
+        add(
+            format!("a glowing closed cube of albedo 1/2, paths of at most {depth} segments"),
+            "the sum of its reflections, to 1%",
+            came,
+        );
+    }
+}
+
+fn geometry(add: Add<'_>) {
+    let mut one = floor_point();
+    one.sky([1.0; 3]);
+    let mut two = one.clone();
+    let again = two.scene.shapes[0].clone();
+    two.scene.shapes.push(again);
+    let came = rendered(&one, 8, 8, 16).and_then(|one| {
+        let off = difference(&rendered(&two, 8, 8, 16)?, &one);
+        held(off < 1e-6, format!("the same to {}", about(off)))
+    });
+    add("a floor twice in one place".into(), "the image of one", came);
+    // Triangles a million times as long as wide.
+    let mut slivers = Built::new([0.0, 0.0, 4.0], [0.0; 3], 20.0, 4);
+    let white =
+        slivers.material(Bsdf::TwoSided { inner: Box::new(Bsdf::Diffuse { reflectance: Texture::scalar(1.0) }) });
+    let rows = 2000;
+    let mut mesh = Mesh::default();
+    for i in 0..rows {
+        let (y, step) = (-1.0 + 2.0 * i as f32 / rows as f32, 2e-6);
+        let first = mesh.positions.len() as u32;
+        mesh.positions.extend([[-1.0, y, 0.0], [1.0, y, 0.0], [1.0, y + step, 0.0]]);
+        mesh.triangles.push([first, first + 1, first + 2]);
+    }
+    slivers.mesh(&mesh, IDENTITY, white);
+    slivers.sky([1.0; 3]);
+    let came = rendered(&slivers, 16, 16, 64).and_then(|film| within(&film, 1.0, 2e-3));
+    add("2,000 white triangles, a million times as long as wide, under a sky of 1".into(), "1, to 0.2%", came);
+    let mut heap = floor_point();
+    heap.sky([1.0; 3]);
+    let mesh = Mesh {
+        positions: vec![[0.0, 1.0, 0.0], [1e-3, 1.0, 0.0], [0.0, 1.0, 1e-3]],
+        triangles: vec![[0, 1, 2]; 1_000_000],
+        ..Mesh::default()
+    };
+    heap.mesh(&mesh, IDENTITY, 0);
+    let came = world(&heap).and_then(|world| {
+        let film = rendered(&heap, 8, 8, 4)?;
+        held(mean(&film) > 0.0, format!("{} primitives, rendered", world.primitive_count()))
+    });
+    add("a million triangles in one place".into(), "a tree, and an image", came);
+    let mut points = heap.clone();
+    let mesh = Mesh { positions: vec![[0.0, 1.0, 0.0]; 3], triangles: vec![[0, 1, 2]; 1_000_000], ..Mesh::default() };
+    points.scene.shapes.pop();
+    points.mesh(&mesh, IDENTITY, 0);
+    let came = world(&points).and_then(|world| {
+        rendered(&points, 8, 8, 4)?;
+        held(world.dropped.degenerate == 1_000_000, format!("{} left out and counted", world.dropped.degenerate))
+    });
+    add("a million triangles that are points".into(), "left out and counted", came);
+    let mut broken = one.clone();
+    let mut mesh = ball(8);
+    mesh.positions[40] = [f32::NAN, 0.0, 0.0];
+    mesh.positions[41] = [f32::INFINITY, 0.0, 0.0];
+    broken.mesh(&mesh, columns([0.3, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.3], [0.0, 0.5, 0.0]), 0);
+    let came = world(&broken).and_then(|world| {
+        rendered(&broken, 8, 8, 16)?;
+        held(
+            world.dropped.not_finite > 0,
+            format!("{} triangles left out and counted, the rest rendered", world.dropped.not_finite),
+        )
+    });
+    add("a mesh with corners at NaN and infinity".into(), "they are left out and counted", came);
+}
+
+fn films(add: Add<'_>) {
+    for value in [f32::NAN, f32::INFINITY, -1.0] {
+        let mut built = floor_point();
+        let mut sky = Image::from_data(8, 4, 3, vec![1.0; 96]).expect("fits");
+        sky.pixel_mut(3, 1)[1] = value;
+        let bytes = sky.to_bytes();
+        let digest = Digest::of(&bytes);
+        built.blobs.insert(digest, bytes);
+        built.scene.emitters.push(Emitter::Envmap { image: digest, scale: 1.0, to_world: IDENTITY });
+        let came = match world(&built) {
+            Err(told) => held(
+                told.contains("environment") || told.contains("finite") || told.contains("negative"),
+                format!("refused: {told}"),
+            ),
+            Ok(_) => Err("taken".into()),
+        };
+        add(
+            format!("an environment map with a texel of {value}"),
+            "refused by name (importing mends and counts such texels)",
+            came,
+        );
+    }
+    let mut built = floor_point();
+    let mut sky = Image::from_data(8, 4, 3, vec![0.1; 96]).expect("fits");
+    sky.pixel_mut(3, 1).fill(65504.0);
+    let bytes = sky.to_bytes();
+    let digest = Digest::of(&bytes);
+    built.blobs.insert(digest, bytes);
+    built.scene.emitters.push(Emitter::Envmap { image: digest, scale: 1e3, to_world: IDENTITY });
+    let came = rendered(&built, 8, 8, 64).map(|film| format!("finite, mean {}", about(mean(&film))));
+    add("an environment map capped at half's largest number, a thousand times".into(), "finite", came);
+    for (width, height) in [(1, 1), (1, 17), (31, 3)] {
+        let came = rendered(&balls_under_sky(), width, height, 8).and_then(|film| {
+            held((film.width(), film.height()) == (width, height) && mean(&film) > 0.0, "an image".into())
+        });
+        add(format!("a film of {width} x {height}"), "an image", came);
+    }
+    // Samples of 1 and of 1 + 2^-20 by turns: the mean is known to the bit.
+    let mut pixel = Pixel::default();
+    let (low, high) = (1.0f32, 1.0 + 2f32.powi(-20));
+    let count = 1u64 << 20;
+    (0..count).for_each(|n| pixel.add(n, [if n % 2 == 0 { low } else { high }; 3]));
+    let mean = pixel.sum[0] / count as f64;
+    let off = (mean - (1.0 + 2f64.powi(-21))).abs();
+    add(
+        "2^20 samples of a pixel, 1 and 1 + 2^-20 by turns".into(),
+        "their exact mean",
+        held(off == 0.0, format!("off by {}", about(off))),
+    );
+    let mut pixel = Pixel::default();
+    (0..count).for_each(|n| pixel.add(n, [if n == 0 { 1e8 } else { 1e-3 }; 3]));
+    let exact = 1e8 + (count - 1) as f64 * f64::from(1e-3f32);
+    let off = (pixel.sum[0] / exact - 1.0).abs();
+    add(
+        "a firefly of 1e8, then 2^20 samples of 1e-3".into(),
+        "their sum to 1e-10",
+        held(off < 1e-10, format!("off by {}", about(off))),
+    );
+}

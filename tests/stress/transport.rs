@@ -1,0 +1,203 @@
+//! Clocks, rungs and rollouts, on predictions that are exact.
+
+use super::{Hazard, about, held};
+use tauflow_contract::KindError;
+use tauflow_data::{Image, RungCounts, SdeTime, VarianceTime, time::TimeGrid};
+use tauflow_train::{Course, Denoiser, Parameterization, Space, rollout};
+
+const CLOCKS: &str = "Ladders and variance time";
+const SOLVERS: &str = "Solvers";
+
+/// Knows the clean image: every prediction is exact.
+struct Oracle {
+    kind: Parameterization,
+    space: Space,
+    clock: VarianceTime,
+    clean: Image,
+}
+
+impl Denoiser for Oracle {
+    fn parameterization(&self) -> Parameterization {
+        self.kind
+    }
+
+    fn space(&self) -> Space {
+        self.space
+    }
+
+    fn clock(&self) -> VarianceTime {
+        self.clock
+    }
+
+    fn predict(&self, state: &Image, _: Option<&Image>, tau: f64) -> Result<Image, KindError> {
+        let mut out = state.clone();
+        for (out, clean) in out.data_mut().iter_mut().zip(self.clean.data()) {
+            let noise = *out - self.space.encode(*clean);
+            *out = match self.kind {
+                Parameterization::McNoise => noise,
+                // v = -eps/(1 - tau).
+                _ => (-f64::from(noise) / (1.0 - tau)) as f32,
+            };
+        }
+        Ok(out)
+    }
+}
+
+fn image(values: &[f32]) -> Image {
+    let data = values.iter().flat_map(|v| [*v; 3]).collect();
+    Image::from_data(values.len(), 1, 3, data).expect("fits")
+}
+
+/// Largest difference, relative to the larger of 1e-6 and the second image's value.
+fn difference(a: &Image, b: &Image) -> f64 {
+    let off = |(a, b): (&f32, &f32)| f64::from((a - b).abs()) / f64::from(b.abs().max(1e-6));
+    a.data().iter().zip(b.data()).map(off).fold(0.0, f64::max)
+}
+
+pub fn hazards() -> Vec<Hazard> {
+    let mut out = clocks();
+    out.extend(solvers());
+    out
+}
+
+fn clocks() -> Vec<Hazard> {
+    let mut out = Vec::new();
+    let mut add =
+        |fed: String, must: &str, came: Result<String, String>| out.push(Hazard::new(CLOCKS, fed, must, came));
+    for (first, last) in [(1u64, 2u64), (7, 8), (1_000_000, 1_000_001), (1, 1 << 52)] {
+        let came = VarianceTime::new(first, last).map_err(|e| e.to_string()).and_then(|clock| {
+            let (a, b) = (clock.tau(first as f64), clock.tau(last as f64));
+            let back = [0.0, 0.25, 0.5, 1.0]
+                .map(|tau| (clock.tau(clock.count(tau)) - tau).abs())
+                .into_iter()
+                .fold(0.0, f64::max);
+            held(a == 0.0 && b == 1.0 && back < 1e-3, format!("0 and 1 exactly; there and back to {}", about(back)))
+        });
+        add(
+            format!("a ladder from {first} to {last} samples"),
+            "tau from exactly 0 to exactly 1, and its inverse",
+            came,
+        );
+    }
+    let refused = [(0u64, 4u64), (4, 4), (8, 4)].iter().all(|(a, b)| VarianceTime::new(*a, *b).is_err());
+    add("ladders from 0, to where they start, and backwards".into(), "refused", held(refused, "refused".into()));
+    let clock = VarianceTime::new(1, 512).expect("a ladder");
+    let counts: Vec<f64> = [1.0 - 1e-6, 1.0 - 1e-9, 1.0 - 1e-12, 1.0].map(|tau| clock.count(tau)).to_vec();
+    let rising = counts.windows(2).all(|w| w[0] <= w[1]) && counts.iter().all(|n| n.is_finite());
+    let near = (counts[3] / 512.0 - 1.0).abs();
+    add(
+        "tau up to 1 - 1e-12, and 1".into(),
+        "finite counts that rise to n_max",
+        held(rising && near < 1e-12, format!("n_max to {}", about(near))),
+    );
+    for kind in [TimeGrid::Ladder, TimeGrid::Uniform] {
+        let fine = [1usize, 2, 9, 50, 1000, 100_000].into_iter().all(|steps| {
+            let times = clock.grid(1.0, steps, kind);
+            times.len() == steps + 1 && times[0] == 0.0 && times[steps] == 1.0 && times.windows(2).all(|w| w[0] < w[1])
+        });
+        add(
+            format!("grids of 1 to 100,000 steps, {kind:?}").to_lowercase(),
+            "rising, from exactly 0 to exactly 1",
+            held(fine, "so".into()),
+        );
+    }
+    let lists = [vec![1u64, 3, 10, 11], vec![5, 6], vec![1, 1 << 40]];
+    let fine = lists.iter().all(|list| RungCounts::List(list.clone()).counts().is_ok_and(|found| found == *list));
+    let bad = [vec![], vec![0, 1], vec![2, 2], vec![3, 1]];
+    let refused = bad.iter().all(|list| RungCounts::List(list.clone()).counts().is_err())
+        && RungCounts::Dyadic { dyadic: 48 }.counts().is_err();
+    add(
+        "rungs that are no powers of two; none, equal and falling ones".into(),
+        "taken; refused",
+        held(fine && refused, "so".into()),
+    );
+    let infinite = [1.0, 1e6, 1e15].map(SdeTime::of_count);
+    let off = infinite.iter().zip([1.0, 1e6, 1e15]).map(|(s, n)| (s.count() / n - 1.0).abs()).fold(0.0, f64::max);
+    let below = infinite.iter().all(|s| s.0 < 1.0);
+    add(
+        "the SDE's clock at up to 1e15 samples".into(),
+        "s below 1, and its inverse",
+        held(below && off < 1e-6, format!("there and back to {}: 1 - s has lost half of its digits", about(off))),
+    );
+    out
+}
+
+fn solvers() -> Vec<Hazard> {
+    let mut out = Vec::new();
+    let mut add =
+        |fed: String, must: &str, came: Result<String, String>| out.push(Hazard::new(SOLVERS, fed, must, came));
+    let clock = VarianceTime::new(1, 512).expect("a ladder");
+    let noisy = image(&[0.0, 7.0, 0.3, 1e6, 1e-6, 100.0]);
+    let clean = image(&[0.5, 2.0, 0.3, 0.4, 2e-6, 1e4]);
+    let run = |kind, space, steps: usize, noisy: &Image, clean: &Image| {
+        let oracle = Oracle { kind, space, clock, clean: clean.clone() };
+        rollout(&oracle, noisy, None, Course { from: 1, steps, grid: TimeGrid::Ladder }).map_err(|e| e.to_string())
+    };
+    for space in [Space::Linear, Space::Log1p] {
+        for kind in [Parameterization::McNoise, Parameterization::McVelocity] {
+            let worst = [1usize, 2, 9, 50, 1000].into_iter().try_fold(0.0f64, |worst, steps| {
+                Ok::<_, String>(worst.max(difference(&run(kind, space, steps, &noisy, &clean)?, &clean)))
+            });
+            // Single precision of the state, and the last step lands on the estimate itself.
+            let came = worst.and_then(|worst| held(worst < 0.1, format!("off by {} of a value at most", about(worst))));
+            add(
+                format!(
+                    "{} on exact predictions in {} space, 1 to 1,000 steps, a firefly of 1e6 among the pixels",
+                    kind.name(),
+                    space.name()
+                ),
+                "the clean image, to the digits of the firefly: 0.06 at 1e6",
+                came,
+            );
+        }
+    }
+    let came = [1usize, 9, 1000].into_iter().try_fold(0.0f64, |worst, steps| {
+        let a = run(Parameterization::McNoise, Space::Linear, steps, &noisy, &clean)?;
+        let b = run(Parameterization::McVelocity, Space::Linear, steps, &noisy, &clean)?;
+        Ok::<_, String>(worst.max(difference(&a, &b)))
+    });
+    add(
+        "mc_noise and mc_velocity on the same exact predictions, v = -eps/(1 - tau)".into(),
+        "the same end",
+        came.and_then(|worst| held(worst < 0.1, format!("within {}", about(worst)))),
+    );
+    // The same steps in double precision, part of the way: how far single precision drifts.
+    let course = |steps: usize| clock.grid(1.0, steps, TimeGrid::Ladder);
+    let drift = |steps: usize| {
+        let (start, target) = (7.0f64, 2.0f64);
+        let times = course(steps);
+        let (mut wide, mut narrow) = (start, start as f32);
+        for pair in times[..steps].windows(2) {
+            let share = (pair[1] - pair[0]) / (1.0 - pair[0]);
+            wide += share * (target - wide);
+            narrow += share as f32 * (target as f32 - narrow);
+        }
+        (f64::from(narrow) / wide - 1.0).abs()
+    };
+    for steps in [9usize, 50, 1000] {
+        let off = drift(steps);
+        add(
+            format!("{steps} steps of mc_noise in single precision, up to the last but one, beside double"),
+            "the same to 1e-5",
+            held(off < 1e-5, format!("off by {}", about(off))),
+        );
+    }
+    for (name, value) in [("black", 0.0f32), ("constant", 0.7)] {
+        let flat = image(&[value; 8]);
+        let came = run(Parameterization::McNoise, Space::Log1p, 9, &flat, &flat).and_then(|end| {
+            let off = difference(&end, &flat);
+            held(off < 1e-5, format!("to {}", about(off)))
+        });
+        add(format!("a {name} image that is clean already"), "itself", came);
+    }
+    for value in [f32::NAN, f32::INFINITY] {
+        let mut broken = noisy.clone();
+        broken.data_mut()[4] = value;
+        let came = match run(Parameterization::McNoise, Space::Linear, 2, &broken, &clean) {
+            Err(told) => held(told.contains("finite") && told.contains('1'), "refused, with how many".into()),
+            Ok(_) => Err("taken".into()),
+        };
+        add(format!("an endpoint with a pixel of {value}"), "refused by name", came);
+    }
+    out
+}

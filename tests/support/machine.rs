@@ -1,0 +1,73 @@
+//! A toy kind that depends on the machine: on what a file says, and on who runs beside it.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::{
+    collections::HashMap,
+    path::PathBuf,
+    sync::{LazyLock, Mutex},
+    time::Duration,
+};
+use tauflow_contract::{Action, Artifact, Context, InputPort, Kind, KindError, KindSpec, Mode, OutputPort, Outputs};
+
+const NUMBER: &str = "toy/number";
+
+/// How many actions run, and the most that ever ran beside one that measures, for each file.
+static RUNNING: LazyLock<Mutex<HashMap<PathBuf, i64>>> = LazyLock::new(Mutex::default);
+
+/// Params of `sited`.
+#[derive(Serialize, Deserialize, JsonSchema, Default)]
+#[serde(default, deny_unknown_fields)]
+pub struct SitedParams {
+    /// What stands for the machine.
+    site: PathBuf,
+}
+
+/// Map: `out` is what the file says, and belongs to the machine; `clocked` is a measurement: how many actions ran with it.
+pub struct Sited;
+
+impl Kind for Sited {
+    type Params = SitedParams;
+
+    fn spec() -> KindSpec {
+        KindSpec {
+            name: "sited",
+            version: 1,
+            summary: "A toy.",
+            manual: "",
+            mode: Mode::Map,
+            inputs: const { &[InputPort::each("in", NUMBER, "Anything.")] },
+            outputs: const {
+                &[
+                    OutputPort::new("out", NUMBER, "What the file says.").local(),
+                    OutputPort::new("clocked", NUMBER, "Who ran beside it.").in_group("clock").measured(),
+                ]
+            },
+            seeded: false,
+        }
+    }
+
+    fn environment(params: &Self::Params, _group: &str) -> Value {
+        json!({ "site": std::fs::read_to_string(&params.site).unwrap_or_default() })
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let site = &action.params.site;
+        let count = |by: i64| {
+            let mut running = RUNNING.lock().expect("no holder panics");
+            let of = running.entry(site.clone()).or_default();
+            *of += by;
+            *of
+        };
+        let before = count(1);
+        std::thread::sleep(Duration::from_millis(4));
+        let after = count(0);
+        count(-1);
+        let (port, text) = match action.group {
+            "clock" => ("clocked", before.max(after).to_string()),
+            _ => ("out", std::fs::read_to_string(site).map_err(|e| KindError::Environment(e.to_string()))?),
+        };
+        Ok(Outputs::default().item(port, Artifact::blob(NUMBER, ctx.put(text.as_bytes())?)))
+    }
+}
