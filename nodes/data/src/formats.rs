@@ -242,7 +242,7 @@ pub struct RefinedImage {
 /// If the store cannot be written.
 pub fn store_refined(
     ctx: &Context<'_>,
-    images: Vec<(RefinedImage, Image)>,
+    images: RefinedImages,
     note: Option<String>,
     mut parts: Vec<(String, Digest)>,
 ) -> Result<Artifact, KindError> {
@@ -255,14 +255,14 @@ pub fn store_refined(
     Ok(Artifact::tree(REFINED, parts))
 }
 
+/// Refined images, with what is said of each.
+pub type RefinedImages = Vec<(RefinedImage, Image)>;
+
 /// The images of a refined artifact, with what it says of each, and why there are none if there are none.
 ///
 /// # Errors
 /// If a part is missing, or not what it should be.
-pub fn load_refined(
-    ctx: &Context<'_>,
-    artifact: &Artifact,
-) -> Result<(Vec<(RefinedImage, Image)>, Option<String>), KindError> {
+pub fn load_refined(ctx: &Context<'_>, artifact: &Artifact) -> Result<(RefinedImages, Option<String>), KindError> {
     let refined: Refined = ctx.json(artifact, "meta.json")?;
     let load = |(index, said)| Ok((said, Image::from_bytes(&ctx.part(artifact, &refined_part(index))?)?));
     let images = refined.images.into_iter().enumerate().map(load).collect::<Result<_, KindError>>()?;

@@ -50,6 +50,9 @@ pub(crate) struct Oidn {
     pub(crate) version: i64,
 }
 
+/// What was found, by what was named.
+type Known = BTreeMap<Option<String>, Option<Arc<Oidn>>>;
+
 /// The library of a path or name; of none, that of the variable, or the system's. None if there is none.
 ///
 /// Loaded once, and never let go of: its threads may outlive any use.
@@ -57,7 +60,7 @@ pub(crate) struct Oidn {
 /// # Errors
 /// If a library that was named cannot be loaded, or is no Open Image Denoise 2.
 pub(crate) fn find(named: Option<&str>) -> Result<Option<Arc<Oidn>>, KindError> {
-    static FOUND: OnceLock<Mutex<BTreeMap<Option<String>, Option<Arc<Oidn>>>>> = OnceLock::new();
+    static FOUND: OnceLock<Mutex<Known>> = OnceLock::new();
     let named = named.map(str::to_owned).or_else(|| std::env::var(VARIABLE).ok().filter(|name| !name.is_empty()));
     let mut found = FOUND.get_or_init(Mutex::default).lock().expect("no holder panics");
     if let Some(known) = found.get(&named) {

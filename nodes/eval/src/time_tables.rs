@@ -106,6 +106,9 @@ impl Course<'_> {
     }
 }
 
+/// A method, none for the path tracer, with its samples and NFE.
+type Points<'a> = (Option<&'a MethodOf>, Vec<(u64, u64)>);
+
 impl Measured {
     /// The path tracer's images, then those of each method.
     fn samples(&self) -> impl Iterator<Item = &Vec<Sample>> {
@@ -113,7 +116,7 @@ impl Measured {
     }
 
     /// What was measured, without the figures.
-    fn layout(&self) -> Vec<(Option<&MethodOf>, Vec<(u64, u64)>)> {
+    fn layout(&self) -> Vec<Points<'_>> {
         let names = std::iter::once(None).chain(self.methods.keys().map(Some));
         names.zip(self.samples()).map(|(name, of)| (name, of.iter().map(|s| (s.from_spp, s.nfe)).collect())).collect()
     }

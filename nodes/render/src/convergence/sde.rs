@@ -32,7 +32,7 @@ impl Sde {
         let values = ladder.variance.data().len();
         for at in (0..values).step_by(values.div_ceil(PATHS)) {
             let deviation = f64::from(reference.variance.data()[at]).sqrt();
-            if !(deviation > 0.0) {
+            if deviation.is_nan() || deviation <= 0.0 {
                 continue;
             }
             self.count += 1.0;
