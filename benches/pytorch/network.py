@@ -21,7 +21,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 PLANS = {"tiny": ([32, 64, 96], 1, 1, 64), "small": ([48, 96, 160], 1, 2, 128), "base": ([96, 192, 384], 2, 2, 256)}
 BATCH = {"tiny": 8, "small": 4, "base": 4}
 STEPS = {"tiny": 30, "small": 15, "base": 6}
-CHANNELS, CLOCK, SIDES = 15, 14, (5, 5, 5, 5)
+CHANNELS, CLOCK, SIDES = 15, 14, (5, 3, 3, 3)
 WEIGHTS = sum(side * side for side in SIDES)
 
 
