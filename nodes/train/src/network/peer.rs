@@ -78,7 +78,7 @@ fn outputs_and_gradients_are_pytorchs() {
         let product: f64 =
             found.iter().zip(made_up(found.len(), 1006)).map(|(g, m)| f64::from(*g) * f64::from(m)).sum();
         let expected = reference.gradients[name];
-        let near = |found: f64, expected: f64| (found - expected).abs() < 1e-5 * norm;
+        let near = |found: f64, expected: f64| (found - expected).abs() < 3e-5 * norm;
         assert!(near(norm, expected[0]) && near(product, expected[1]), "{name}: {norm} {product} {expected:?}");
     }
 }
