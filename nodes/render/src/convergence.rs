@@ -41,7 +41,7 @@ impl Kind for ConvergenceKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "convergence",
-            version: 2,
+            version: 3,
             summary: "Measures how far ladders keep to the law of variance time, against held-out references.",
             manual: include_str!("convergence.md"),
             mode: Mode::Gather,
@@ -89,7 +89,7 @@ impl Kind for ConvergenceKind {
             }
             let mut stream = Stream::new(action.seed, &[]).part(key.as_str());
             scenes.push(measure(key.as_str(), &ladder, &reference, exposure.factor, &mut stream)?);
-            sde.add(&ladder, &reference, &mut stream);
+            sde.add(&ladder, &reference, exposure.factor, &mut stream);
             ctx.progress(done as u64 + 1, references.len() as u64, "");
         }
         let (counts, reference_spp) =

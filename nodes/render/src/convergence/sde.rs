@@ -23,15 +23,15 @@ pub(super) struct Sde {
 }
 
 impl Sde {
-    /// Takes in a scene.
-    pub(super) fn add(&mut self, ladder: &Ladder, reference: &Ladder, stream: &mut Stream) {
+    /// Takes in a scene of this exposure.
+    pub(super) fn add(&mut self, ladder: &Ladder, reference: &Ladder, factor: f64, stream: &mut Stream) {
         let Some(truth) = reference.rungs.last() else { return };
         let counts = &ladder.meta.counts;
         self.simulated.resize(counts.len(), [0.0; 3]);
         self.real.resize(counts.len(), [0.0; 3]);
         let values = ladder.variance.data().len();
         for at in (0..values).step_by(values.div_ceil(PATHS)) {
-            let deviation = f64::from(reference.variance.data()[at]).sqrt();
+            let deviation = f64::from(reference.variance.data()[at]).sqrt() * factor;
             if deviation.is_nan() || deviation <= 0.0 {
                 continue;
             }
@@ -47,7 +47,7 @@ impl Sde {
                 }
                 let difference = f64::from(ladder.rungs[k].image.data()[at]) - f64::from(truth.image.data()[at]);
                 let (path, start) = (path * deviation, start * deviation);
-                let real = difference;
+                let real = difference * factor;
                 if k == 0 {
                     real_start = real;
                 }
@@ -113,7 +113,7 @@ mod tests {
         for scene in 0..8 {
             let own = ladder(&COUNTS, |_| 1.0 + 0.5 * a.normal());
             let reference = ladder(&[1024], |_| 1.0 + 0.5 * b.normal());
-            sde.add(&own, &reference, &mut Stream::new(9, &[scene]));
+            sde.add(&own, &reference, 2.0, &mut Stream::new(9, &[scene]));
         }
         let rows = sde.rows(&COUNTS);
         // 13,824 paths: variances within 1.2%, covariances with the first rung within n/sqrt(paths).
