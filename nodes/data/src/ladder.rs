@@ -60,6 +60,27 @@ pub struct LadderMeta {
     pub rejected: u64,
     /// Mean number of path segments, over all samples of the last rung.
     pub mean_path_length: f64,
+    /// How its samples were drawn.
+    #[serde(default, skip_serializing_if = "SamplerKind::is_independent")]
+    pub sampler: SamplerKind,
+}
+
+/// How samples are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum SamplerKind {
+    /// Independent and identically distributed: what variance time rests on.
+    #[default]
+    Independent,
+    /// Owen-scrambled Sobol' points: less error after the same number of samples, which depend on each other.
+    Sobol,
+}
+
+impl SamplerKind {
+    /// Whether single samples say how far the mean of many is off.
+    pub fn is_independent(&self) -> bool {
+        *self == Self::Independent
+    }
 }
 
 /// One rung: a sample count and the mean of that many samples.

@@ -1,7 +1,7 @@
 #![doc = include_str!("external_denoiser.md")]
 
 use crate::{
-    command,
+    command::{self, Places},
     oidn::{self, Filter},
     timed::{self, Conditioning, TIMING},
 };
@@ -12,7 +12,9 @@ use tauflow_contract::{
     Action, Context, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs, ParamProblem,
 };
 use tauflow_data::{
+    Image,
     formats::{JSON, PACKED, REFINED},
+    image_io::{read_exr, write_exr},
     timing::{Timing, machine},
 };
 
@@ -70,7 +72,7 @@ impl Kind for ExternalDenoiser {
     fn spec() -> KindSpec {
         KindSpec {
             name: "external_denoiser",
-            version: 1,
+            version: 2,
             summary: "Denoises endpoints with Open Image Denoise, or any program, to compare with.",
             manual: include_str!("external_denoiser.md"),
             mode: Mode::Map,
@@ -86,7 +88,7 @@ impl Kind for ExternalDenoiser {
             out.push(ParamProblem::new("/method", "the method has no name", "write for example `method: oidn`"));
         }
         if !params.command.is_empty()
-            && let Some(problem) = command::problem(&params.command)
+            && let Some(problem) = PLACES.problem(&params.command)
         {
             let hint = "write for example `command: [denoise, \"{color}\", \"{albedo}\", \"{normal}\", \"{output}\"]`";
             out.push(ParamProblem::new("/command", problem, hint));
@@ -99,13 +101,7 @@ impl Kind for ExternalDenoiser {
     }
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
-        let mut value = serde_json::to_value(params).expect("plain data");
-        if group != TIMING
-            && let Value::Object(fields) = &mut value
-        {
-            fields.remove("repeats");
-        }
-        value
+        timed::projected(params, group)
     }
 
     fn environment(params: &Self::Params, _group: &str) -> Value {
@@ -114,7 +110,7 @@ impl Kind for ExternalDenoiser {
             true => oidn::find(params.library.as_deref()).ok().flatten().map(|oidn| oidn.version),
             false => None,
         };
-        json!({ "oidn": version, "machine": machine() })
+        json!({ "oidn": version, "program": command::identity(&params.command), "machine": machine() })
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -126,9 +122,9 @@ impl Kind for ExternalDenoiser {
         if !params.command.is_empty() {
             return match action.group {
                 TIMING => timed::timing(ctx, &said, params.repeats, || {
-                    Ok(Some(command::run(&params.command, color, gbuffer)?.1))
+                    Ok(Some(by_program(&params.command, color, gbuffer)?.1))
                 }),
-                _ => timed::refined(ctx, vec![(said, command::run(&params.command, color, gbuffer)?.0)], None),
+                _ => timed::refined(ctx, vec![(said, by_program(&params.command, color, gbuffer)?.0)], None),
             };
         }
         let size = (color.width(), color.height());
@@ -151,3 +147,41 @@ impl Kind for ExternalDenoiser {
 /// What is said where there is no library.
 const MISSING: &str = "there is no Open Image Denoise library here; install it (the wheel `pyoidn` has one) and name it with \
                        `library` or TAUFLOW_OIDN";
+
+/// What may stand in a command: EXR files.
+const PLACES: Places = Places {
+    what: "denoiser",
+    all: &["{color}", "{albedo}", "{normal}", "{output}"],
+    needed: &["{color}", "{output}"],
+};
+
+/// The image that a program makes of an image [H, W, 3], and the seconds that it took.
+///
+/// # Errors
+/// If it cannot be started, fails, or writes no image of the same size.
+fn by_program(template: &[String], color: &Image, gbuffer: Option<&Image>) -> Result<(Image, f64), KindError> {
+    let failed = |what: String| PLACES.failed(template, &what);
+    let folder = tempfile::tempdir().map_err(|e| failed(format!("got no folder for its images: {e}")))?;
+    let path = |name: &str| folder.path().join(name);
+    write_exr(&path("color.exr"), &[("", color)])?;
+    if let Some(gbuffer) = gbuffer {
+        for (name, first) in [("albedo.exr", 0), ("normal.exr", 3)] {
+            let part = gbuffer.data().chunks_exact(6).flat_map(|pixel| pixel[first..first + 3].iter().copied());
+            let image = Image::from_data(gbuffer.width(), gbuffer.height(), 3, part.collect())?;
+            write_exr(&path(name), &[("", &image)])?;
+        }
+    }
+    let file = |place: &&'static str| {
+        let name = format!("{}.exr", place.trim_matches(['{', '}']));
+        (*place, path(&name).to_string_lossy().into_owned())
+    };
+    let seconds = PLACES.run(template, &PLACES.all.iter().map(file).collect::<Vec<_>>())?;
+    let layers = read_exr(&path("output.exr")).map_err(|e| failed(format!("left no image that can be read: {e}")))?;
+    // The layer without a name comes first.
+    let image = layers.into_values().next().ok_or_else(|| failed("left an image without channels".into()))?;
+    if !image.same_shape(color) {
+        let shape = |i: &Image| format!("{} x {} pixels of {} values", i.width(), i.height(), i.channels());
+        return Err(failed(format!("made {} of {}", shape(&image), shape(color))));
+    }
+    Ok((image, seconds))
+}

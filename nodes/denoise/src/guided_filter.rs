@@ -122,13 +122,7 @@ impl Kind for GuidedFilter {
     }
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
-        let mut value = serde_json::to_value(params).expect("plain data");
-        if group != TIMING
-            && let Value::Object(fields) = &mut value
-        {
-            fields.remove("repeats");
-        }
-        value
+        timed::projected(params, group)
     }
 
     fn environment(_params: &Self::Params, group: &str) -> Value {

@@ -1,11 +1,11 @@
-//! What both kinds share: the endpoint, its G-buffer, the images that come out, and their times.
+//! What the kinds share: the endpoint, its G-buffer, the images that come out, and their times.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_contract::{Action, Artifact, Context, KindError, Outputs};
 use tauflow_data::{
     Image,
-    formats::{JSON, PackedScene, RefinedImage, store_refined},
+    formats::{JSON, PackedScene, RefinedImage, RefinedImages, store_refined},
     timing::{Repeated, TimedImage, Timing},
 };
 
@@ -21,6 +21,17 @@ pub enum Conditioning {
     /// Albedo and shading normal.
     #[default]
     Gbuffer,
+}
+
+/// Params without what only `timing` reads, in the other groups.
+pub(crate) fn projected(params: &impl Serialize, group: &str) -> serde_json::Value {
+    let mut value = serde_json::to_value(params).expect("plain data");
+    if group != TIMING
+        && let serde_json::Value::Object(fields) = &mut value
+    {
+        fields.remove("repeats");
+    }
+    value
 }
 
 /// The scene of an action.
@@ -58,11 +69,7 @@ pub(crate) fn said(method: &str, scene: &PackedScene, from: u64) -> RefinedImage
 }
 
 /// The port `refined`: one image, or none with a note that says why.
-pub(crate) fn refined(
-    ctx: &Context<'_>,
-    images: Vec<(RefinedImage, Image)>,
-    note: Option<String>,
-) -> Result<Outputs, KindError> {
+pub(crate) fn refined(ctx: &Context<'_>, images: RefinedImages, note: Option<String>) -> Result<Outputs, KindError> {
     Ok(Outputs::default().item("refined", store_refined(ctx, images, note, Vec::new())?))
 }
 

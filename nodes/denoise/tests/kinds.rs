@@ -4,12 +4,16 @@
 use std::{collections::BTreeMap, fs, path::Path, sync::atomic::AtomicBool};
 use tauflow_contract::{Action, Artifact, Context, Kind, KindError, MemoryBlobs, Outputs, Silent};
 use tauflow_data::{
-    Image,
-    formats::{PACKED, PackedScene, RefinedImage, load_refined},
+    Image, RungCounts, Scene,
+    formats::{PACKED, PackedScene, RefinedImage, RefinedImages, SCENE, load_refined},
+    image_io::write_exr,
     rng::Stream,
     timing::Timing,
 };
-use tauflow_denoise::{ExternalDenoiser, ExternalDenoiserParams, GuidedFilter, GuidedFilterParams};
+use tauflow_denoise::{
+    ExternalDenoiser, ExternalDenoiserParams, ExternalRenderer, ExternalRendererParams, GuidedFilter,
+    GuidedFilterParams,
+};
 
 const SIDE: usize = 48;
 
@@ -197,4 +201,101 @@ fn the_filter_denoises_and_is_timed() {
         let timing = bench.timing(&bench.run::<GuidedFilter>(params, "timing").expect("it runs"));
         assert_eq!(timing.entries[0].took.cpu_s.len(), 2);
     }
+}
+
+/// A scene of one lamp, stored.
+fn a_scene(ctx: &Context<'_>) -> Artifact {
+    let scene: Scene = serde_json::from_value(serde_json::json!({ "version": 1,
+        "camera": { "origin": [0, 0, 4], "target": [0, 0, 0], "up": [0, 1, 0], "fov_x": 40.0, "near": 0.1 },
+        "shapes": [], "materials": [], "emitters": [], "max_depth": 3, "seed": 1,
+    }))
+    .expect("a scene");
+    Artifact::tree(SCENE, vec![("scene.json".into(), ctx.put_json(&scene).expect("memory"))])
+}
+
+/// A renderer that is a script: it copies an EXR of the right size for each count, and tells the times that it is asked for.
+fn renderer(folder: &Path, text: &str) -> ExternalRendererParams {
+    let image = Image::from_data(4, 2, 3, (0..24).map(|i| i as f32).collect()).expect("fits");
+    write_exr(&folder.join("image.exr"), &[("", &image)]).expect("writable");
+    let script = folder.join("render.sh");
+    fs::write(&script, text.replace("IMAGE", &folder.join("image.exr").to_string_lossy())).expect("writable");
+    let places = ["{scene}", "{counts}", "{repeats}", "{seed}", "{folder}"];
+    let command = ["sh", &script.to_string_lossy()].into_iter().chain(places).map(str::to_owned).collect();
+    let (method, counts) = ("script".to_owned(), RungCounts::List(vec![1, 8]));
+    ExternalRendererParams { method, command, counts, resolution: [4, 2], repeats: 2, required: true }
+}
+
+const SOUND: &str = r#"
+grep -q "<scene version=" "$1" || exit 3
+for n in $(echo "$2" | tr , " "); do cp IMAGE "$5/$n.exr"; done
+if test "$3" -gt 0; then
+    test "$3" = 2 || exit 4
+    echo '{"1": {"wall_s": [0.5, 0.25], "cpu_s": [1, 1]}, "8": {"wall_s": [4, 2], "cpu_s": [8, 8]}}' > "$5/times.json"
+fi
+"#;
+
+fn rendered(params: ExternalRendererParams, group: &str) -> Result<(RefinedImages, Option<String>, Timing), KindError> {
+    let (blobs, stop) = (MemoryBlobs::default(), AtomicBool::new(false));
+    let ctx = Context::new(&blobs, &Silent, &stop);
+    let scene = a_scene(&ctx);
+    let each = BTreeMap::from([("scenes", &scene)]);
+    let action = Action { params, item: None, group, seed: 1 << 40 | 5, each, whole: BTreeMap::new() };
+    let outputs = ExternalRenderer::run(&ctx, &action)?;
+    let (images, note) = match outputs.items.get("rendered") {
+        Some(images) => load_refined(&ctx, images)?,
+        None => (Vec::new(), None),
+    };
+    let timing = outputs.items.get("timing").map(|timing| ctx.json(timing, "")).transpose()?;
+    Ok((images, note, timing.unwrap_or(Timing { entries: Vec::new() })))
+}
+
+#[test]
+fn another_renderer_renders_and_tells_its_times() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let params = renderer(folder.path(), SOUND);
+    assert!(ExternalRenderer::check(&params).is_empty());
+    let (images, note, _) = rendered(params.clone(), "main").expect("it renders");
+    let said: Vec<(&str, u64, u64)> = images.iter().map(|(s, _)| (s.method.as_str(), s.from_spp, s.nfe)).collect();
+    assert_eq!((said, note), (vec![("script", 1, 0), ("script", 8, 0)], None));
+    assert_eq!(images[1].1.data()[23], 23.0);
+    let (_, _, timing) = rendered(params.clone(), "timing").expect("it renders");
+    assert_eq!(timing.entries.iter().map(|e| e.took.wall_s.clone()).collect::<Vec<_>>(), [[0.5, 0.25], [4.0, 2.0]]);
+    // Another script is another renderer.
+    let before = ExternalRenderer::environment(&params, "main");
+    assert!(before["program"].as_object().is_some_and(|of| of.len() == 2), "{before}");
+    fs::write(folder.path().join("render.sh"), "exit 1 # not the same\n").expect("writable");
+    assert_ne!(ExternalRenderer::environment(&params, "main"), before);
+}
+
+#[test]
+fn renderers_that_fail_are_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (text, group, expected) in [
+        ("echo no licence >&2; exit 3\n", "main", "no licence"),
+        ("cp IMAGE \"$5/1.exr\"\n", "main", "`8.exr`"),
+        ("true\n", "timing", "times.json"),
+        (
+            "echo '{\"1\": {\"wall_s\": [1, 2], \"cpu_s\": [1, 2]}}' > \"$5/times.json\"\n",
+            "timing",
+            "none of 8 samples",
+        ),
+        ("echo '{\"1\": {\"wall_s\": [1], \"cpu_s\": [1]}}' > \"$5/times.json\"\n", "timing", "2 of each kind"),
+    ] {
+        let error = rendered(renderer(folder.path(), text), group).expect_err("it fails").to_string();
+        assert!(error.contains(expected) && error.contains("render.sh"), "{error}");
+    }
+    let large = ExternalRendererParams { resolution: [5, 2], ..renderer(folder.path(), SOUND) };
+    assert!(rendered(large, "main").expect_err("another size").to_string().contains("expected 5 x 2"));
+    let missing = ExternalRendererParams {
+        command: ["/no/such/program", "{scene}", "{counts}", "{folder}"].map(str::to_owned).to_vec(),
+        ..renderer(folder.path(), SOUND)
+    };
+    assert!(rendered(missing.clone(), "main").expect_err("required").to_string().contains("/no/such/program"));
+    let (images, note, _) = rendered(ExternalRendererParams { required: false, ..missing }, "main").expect("left out");
+    assert!(images.is_empty() && note.is_some_and(|note| note.contains("/no/such/program")));
+    let bad = ExternalRendererParams {
+        command: vec!["render".into(), "{scenes}".into()],
+        ..ExternalRendererParams::default()
+    };
+    assert!(!ExternalRenderer::check(&bad).is_empty());
 }

@@ -16,7 +16,7 @@ use tauflow_contract::{
 use tauflow_data::{
     Image, Ladder,
     formats::{EXPOSURE, Exposure, JSON, PACKED, PackedScene, REFINED, load_refined},
-    ladder::LADDER,
+    ladder::{LADDER, SamplerKind},
     statistics::quantile,
     timing::{Repeated, Timing, machine},
 };
@@ -57,6 +57,9 @@ const INPUTS: &[InputPort] = &[
     InputPort::whole("render_times", JSON, "What they take: `timing` of `ladder_rendering`."),
     InputPort::whole("refined", REFINED, "Images of the other methods, by cell and scene.").or_none(),
     InputPort::whole("times", JSON, "What these take: `timing` of the nodes that made them.").or_none(),
+    InputPort::whole("sampled", LADDER, "Ladders of other samplers, by cell and scene.").or_none(),
+    InputPort::whole("rendered", REFINED, "Images of other renderers, by cell and scene; not exposed.").or_none(),
+    InputPort::whole("rendered_times", JSON, "What both take: `timing` of the nodes that made them.").or_none(),
 ];
 const OUTPUTS: &[OutputPort] =
     &[OutputPort::new("tables", JSON, "Errors and times by method, and what follows from them.").measured()];
@@ -67,7 +70,7 @@ impl Kind for TimeErrorKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "time_error",
-            version: 1,
+            version: 2,
             summary: "Error against time: of rendering alone, solvers and denoisers.",
             manual: include_str!("time_error.md"),
             mode: Mode::Gather,
@@ -96,7 +99,14 @@ impl Kind for TimeErrorKind {
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let references = action.whole("references")?;
-        let cells = cells(action.whole.get("refined").copied(), action.whole.get("times").copied())?;
+        let port = |name: &str| action.whole.get(name).copied();
+        let cells = Cells {
+            refined: cells(("refined", [port("refined"), None]), ("times", port("times")))?,
+            rendered: cells(
+                ("rendered` or `sampled", [port("rendered"), port("sampled")]),
+                ("rendered_times", port("rendered_times")),
+            )?,
+        };
         let mut notes = Vec::new();
         let mut scenes = Vec::new();
         for (done, (key, artifact)) in references.iter().enumerate() {
@@ -112,7 +122,8 @@ impl Kind for TimeErrorKind {
             let reference = HeldOut::load(ctx, artifact, exposure.factor, key)?;
             let packed = PackedScene::from_bytes(&ctx.part(item("ladders")?, "")?)?;
             let rendering: Timing = ctx.json(item("render_times")?, "")?;
-            scenes.push(scene(ctx, key, &reference, &packed, &rendering, &cells, &mut notes)?);
+            let own = Own { packed: &packed, rendering: &rendering, factor: exposure.factor };
+            scenes.push(scene(ctx, key, &reference, &own, &cells, &mut notes)?);
             ctx.progress(done as u64 + 1, references.len() as u64, "");
         }
         notes.sort_unstable();
@@ -133,12 +144,38 @@ struct CellOf<'a> {
     times: BTreeMap<&'a str, &'a Artifact>,
 }
 
-/// Cells by name, which the two ports must share.
-fn cells<'a>(refined: Option<&'a Collection>, times: Option<&'a Collection>) -> Result<Vec<CellOf<'a>>, KindError> {
+/// The cells that start from our own endpoints, and those that render for themselves.
+struct Cells<'a> {
+    refined: Vec<CellOf<'a>>,
+    rendered: Vec<CellOf<'a>>,
+}
+
+/// The path tracer's images of a scene, what they take, and the scene's exposure.
+struct Own<'a> {
+    packed: &'a PackedScene,
+    rendering: &'a Timing,
+    factor: f64,
+}
+
+impl<'a> CellOf<'a> {
+    /// Images and times of a scene.
+    fn scene(&self, key: &ItemKey) -> Result<(&'a Artifact, &'a Artifact), KindError> {
+        let found = self.images.get(key.as_str()).zip(self.times.get(key.as_str()));
+        found.map(|(images, times)| (*images, *times)).ok_or_else(|| {
+            KindError::Input(format!("the cell `{}` has no scene `{key}`; connect the same scenes", self.name))
+        })
+    }
+}
+
+/// Cells by name, which the ports of images and of times must share; each with its name.
+fn cells<'a>(
+    (images_port, images): (&str, [Option<&'a Collection>; 2]),
+    (times_port, times): (&str, Option<&'a Collection>),
+) -> Result<Vec<CellOf<'a>>, KindError> {
     let mut cells: BTreeMap<&str, CellOf<'_>> = BTreeMap::new();
     let listed = |of: Option<&'a Collection>| of.into_iter().flat_map(Collection::iter);
     let empty = |name| CellOf { name, images: BTreeMap::new(), times: BTreeMap::new() };
-    for (key, artifact) in listed(refined) {
+    for (key, artifact) in images.into_iter().flat_map(listed) {
         let (name, scene) = key.split_cell().unwrap_or(("", key.as_str()));
         cells.entry(name).or_insert_with(|| empty(name)).images.insert(scene, artifact);
     }
@@ -147,7 +184,8 @@ fn cells<'a>(refined: Option<&'a Collection>, times: Option<&'a Collection>) -> 
         cells.entry(name).or_insert_with(|| empty(name)).times.insert(scene, artifact);
     }
     if let Some(cell) = cells.values().find(|cell| cell.images.is_empty() || cell.times.is_empty()) {
-        let (there, missing) = if cell.images.is_empty() { ("times", "refined") } else { ("refined", "times") };
+        let (there, missing) =
+            if cell.images.is_empty() { (times_port, images_port) } else { (images_port, times_port) };
         return Err(KindError::Input(format!(
             "`{there}` has the cell `{}` and `{missing}` has not; connect the output and the `timing` of the same nodes",
             cell.name
@@ -171,7 +209,9 @@ impl HeldOut {
             ladder.rungs.last().ok_or_else(|| KindError::Input(format!("the reference of `{key}` has no rung")))?;
         let image = last.image.map(|v| (f64::from(v) * factor) as f32);
         let count = image.data().len() as f64;
-        let variance = |v: &f32| f64::from(*v) * factor * factor / last.spp as f64;
+        // Samples that depend on each other do not tell: less is taken off than could be.
+        let known = f64::from(u8::from(ladder.meta.sampler.is_independent()));
+        let variance = |v: &f32| known * f64::from(*v) * factor * factor / last.spp as f64;
         let own_mse = ladder.variance.data().iter().map(variance).sum::<f64>() / count;
         let pairs = ladder.variance.data().iter().zip(image.data());
         let own_rel = pairs.map(|(v, r)| variance(v) / (f64::from(*r).powi(2) + DARKEST)).sum::<f64>() / count;
@@ -200,11 +240,11 @@ fn scene(
     ctx: &Context<'_>,
     key: &ItemKey,
     held_out: &HeldOut,
-    packed: &PackedScene,
-    rendering: &Timing,
-    cells: &[CellOf<'_>],
+    of: &Own<'_>,
+    cells: &Cells<'_>,
     notes: &mut Vec<String>,
 ) -> Result<(u64, Measured), KindError> {
+    let Own { packed, rendering, factor } = of;
     let reference =
         Reference::new(&held_out.image).map_err(|e| KindError::Input(format!("the reference of `{key}`: {e}")))?;
     let untimed =
@@ -240,13 +280,20 @@ fn scene(
         .iter()
         .find(|e| e.method == GBUFFER)
         .and_then(|e| median(rendering, Some(GBUFFER), e.from_spp, 0));
-    for cell in cells {
-        let (Some(images), Some(times)) = (cell.images.get(key.as_str()), cell.times.get(key.as_str())) else {
-            return Err(KindError::Input(format!(
-                "the cell `{}` has no scene `{key}`; connect the same scenes",
-                cell.name
-            )));
-        };
+    for cell in &cells.rendered {
+        let (artifact, times) = cell.scene(key)?;
+        let (images, note) = rendered(ctx, artifact)?;
+        notes.extend(note);
+        let times: Timing = ctx.json(times, "")?;
+        for (name, spp, image) in images {
+            let Some(took) = median(&times, None, spp, 0) else { continue };
+            let exposed = image.map(|v| (f64::from(v) * factor) as f32);
+            let method = MethodOf::new(cell.name, &name);
+            methods.entry(method).or_insert_with(Vec::new).push(sample(&exposed, spp, 0, took)?);
+        }
+    }
+    for cell in &cells.refined {
+        let (images, times) = cell.scene(key)?;
         let (images, note) = load_refined(ctx, images)?;
         notes.extend(note);
         let times: Timing = ctx.json(times, "")?;
@@ -264,6 +311,22 @@ fn scene(
         }
     }
     Ok((held_out.spp, Measured { scene: key.to_string(), own, methods }))
+}
+
+/// Images of a ladder of another sampler, or of another renderer: each with its method's name and samples a pixel; and a note.
+type Rendered = (Vec<(String, u64, Image)>, Option<String>);
+
+fn rendered(ctx: &Context<'_>, artifact: &Artifact) -> Result<Rendered, KindError> {
+    if artifact.media != LADDER {
+        let (images, note) = load_refined(ctx, artifact)?;
+        return Ok((images.into_iter().map(|(said, image)| (said.method, said.from_spp, image)).collect(), note));
+    }
+    let ladder = Ladder::load(ctx, artifact)?;
+    let name = match ladder.meta.sampler {
+        SamplerKind::Independent => PATH_TRACER.to_owned(),
+        SamplerKind::Sobol => format!("{PATH_TRACER}_sobol"),
+    };
+    Ok((ladder.rungs.into_iter().map(|rung| (name.clone(), rung.spp, rung.image)).collect(), None))
 }
 
 /// Mean squared errors, absolute and relative, less what the reference's own noise adds; at least a thousandth of what was

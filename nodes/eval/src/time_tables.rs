@@ -41,7 +41,7 @@ impl MethodOf {
     pub(crate) fn new(cell: &str, method: &str) -> Self {
         let mut cell = coordinates(cell);
         let conditioning = cell.remove("conditioning").unwrap_or_else(|| "rgb".into());
-        ["from", "parameterization", "method"].into_iter().for_each(|axis| drop(cell.remove(axis)));
+        ["from", "parameterization", "method", "sampler"].into_iter().for_each(|axis| drop(cell.remove(axis)));
         Self { method: method.to_owned(), conditioning, cell }
     }
 }

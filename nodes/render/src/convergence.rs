@@ -81,6 +81,12 @@ impl Kind for ConvergenceKind {
                     "the ladder or reference of `{key}` has other rungs than the first; connect ladders of one `rungs`"
                 )));
             }
+            if !(ladder.meta.sampler.is_independent() && reference.meta.sampler.is_independent()) {
+                return Err(KindError::Input(format!(
+                    "samples of `{key}` depend on each other, and variances of single samples say nothing of their means; render \
+                     ladder and reference with `sampler: independent`"
+                )));
+            }
             if artifact.part("variance") == item("ladders")?.part("variance") {
                 return Err(KindError::Input(format!(
                     "the reference of `{key}` is its own ladder: nothing can be judged by itself; render references with \

@@ -8,7 +8,7 @@ use crate::{
 };
 use rayon::prelude::*;
 use tauflow_contract::KindError;
-use tauflow_data::ladder::GBuffer;
+use tauflow_data::ladder::{GBuffer, SamplerKind};
 
 /// Label that parts the samples of the G-buffer from those of the render.
 const GBUFFER_STREAM: u64 = 0x6762_7566;
@@ -36,7 +36,7 @@ impl Renderer<'_> {
             albedo.pixels.par_iter_mut().zip(&mut normal.pixels).enumerate().for_each(|(at, (albedo, normal))| {
                 let pixel = self.pixel(at);
                 for index in done..until {
-                    let features = self.features(&Sampler::new(state, pixel, index), pixel);
+                    let features = self.features(&Sampler::new(SamplerKind::Independent, state, pixel, index), pixel);
                     albedo.add(index, features[0]);
                     normal.add(index, features[1]);
                 }

@@ -12,7 +12,7 @@ use tauflow_contract::{
 use tauflow_data::{
     LadderMeta, RungCounts, Scene,
     formats::{JSON, SCENE},
-    ladder::{GBUFFER, LADDER, rung_part},
+    ladder::{GBUFFER, LADDER, SamplerKind, rung_part},
     timing::{Repeated, TimedImage, Timing, machine},
 };
 
@@ -22,19 +22,13 @@ const RENDERER_VERSION: u32 = 4;
 const TIMING: &str = "timing";
 /// What a path tracer is called among methods that are timed.
 const METHOD: &str = "path_tracer";
+/// Points of a sequence: a sample's index has 32 bits.
+const MOST_SOBOL: u64 = 1 << 32;
 /// Media type of memoised sub-actions.
 const STATE: &str = "tauflow/render-state";
 
 /// The kind `ladder_rendering`.
 pub struct LadderRendering;
-
-/// How samples are drawn.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum SamplerKind {
-    /// Independent and identically distributed.
-    Independent,
-}
 
 /// Params of `ladder_rendering`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -118,6 +112,15 @@ impl Kind for LadderRendering {
                 "use 1 to 65536",
             ));
         }
+        if params.sampler == SamplerKind::Sobol
+            && params.rungs.counts().is_ok_and(|counts| counts.last().is_some_and(|last| *last > MOST_SOBOL))
+        {
+            problems.push(ParamProblem::new(
+                "/rungs",
+                format!("more samples than the {MOST_SOBOL} points of a Sobol' sequence"),
+                "end at one of these, or use `sampler: independent`",
+            ));
+        }
         problems
     }
 
@@ -168,7 +171,8 @@ impl Work<'_> {
 
     fn renderer<'w>(&self, world: &'w World) -> Result<Renderer<'w>, KindError> {
         let [width, height] = self.params.resolution;
-        Renderer::new(world, width as usize, height as usize, self.params.stream)
+        let renderer = Renderer::new(world, width as usize, height as usize, self.params.stream)?;
+        Ok(renderer.with_sampler(self.params.sampler))
     }
 
     fn gbuffer(&self) -> Result<Artifact, KindError> {
@@ -275,6 +279,7 @@ impl Work<'_> {
             height: state.height(),
             rejected: state.rejected,
             mean_path_length: state.mean_path_length(),
+            sampler: self.params.sampler,
         };
         let mut parts = vec![
             ("meta.json".to_owned(), self.ctx.put_json(&meta)?),

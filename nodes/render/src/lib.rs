@@ -19,6 +19,7 @@ pub mod render;
 pub mod rng;
 pub mod scene_statistics;
 pub mod skips;
+mod sobol;
 mod stream;
 pub mod surface;
 mod table;

@@ -11,7 +11,7 @@ use crate::{
 };
 use rayon::prelude::*;
 use tauflow_contract::KindError;
-use tauflow_data::{Image, scene::Scene};
+use tauflow_data::{Image, ladder::SamplerKind, scene::Scene};
 
 /// Paths in a batch: enough for many lanes of each material, few enough for the cache of a core.
 const BATCH: usize = 4096;
@@ -31,6 +31,7 @@ pub struct Renderer<'a> {
     width: usize,
     height: usize,
     stream: u64,
+    sampler: SamplerKind,
     strategy: Strategy,
     roulette: Roulette,
     instructions: Instructions,
@@ -54,10 +55,17 @@ impl<'a> Renderer<'a> {
             width,
             height,
             stream,
+            sampler: SamplerKind::Independent,
             strategy: Strategy::Mis,
             roulette: Roulette::default(),
             instructions: Instructions::best(),
         })
+    }
+
+    /// The same, with samples drawn in another way.
+    pub fn with_sampler(mut self, sampler: SamplerKind) -> Self {
+        self.sampler = sampler;
+        self
     }
 
     /// The same, with another way of finding light.
@@ -124,7 +132,7 @@ impl<'a> Renderer<'a> {
     }
 
     fn render(&self, accumulator: &mut Accumulator, until: u64) {
-        let state = render_state(self.world.seed, self.stream);
+        let (state, sampler) = (render_state(self.world.seed, self.stream), self.sampler);
         let from = accumulator.count;
         let together = (until - from).min(TOGETHER);
         // Enough tiles for every thread, if the film is small and the samples are few.
@@ -143,11 +151,12 @@ impl<'a> Renderer<'a> {
                     paths.clear();
                     for offset in 0..pixels.len() {
                         let pixel = self.pixel(task * tile + offset);
-                        paths.extend((first..last).map(|index| (pixel, Sampler::new(state, pixel, index))));
+                        paths.extend((first..last).map(|index| (pixel, Sampler::new(sampler, state, pixel, index))));
                     }
                     let (world, camera) = (self.world, &self.camera);
                     let (strategy, roulette) = (self.strategy, self.roulette);
-                    let found = self.instructions.trace(&Batch { world, camera, strategy, roulette, paths: &paths });
+                    let found =
+                        self.instructions.trace(&Batch { world, camera, strategy, roulette, sampler, paths: &paths });
                     segments += found.segments;
                     rejected += found.rejected;
                     for (target, samples) in pixels.iter_mut().zip(found.radiance.chunks_exact((last - first) as usize))

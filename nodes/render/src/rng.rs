@@ -3,13 +3,18 @@
 //! Nothing here depends on the film's size, the thread or the tile, and a number that is not drawn changes no other:
 //! features that a scene lacks can be skipped without changing a bit of it.
 
+use crate::{
+    lanes::{Pair, Real},
+    sobol,
+};
 use glam::Vec2;
-use tauflow_data::rng::mix;
+use tauflow_data::{ladder::SamplerKind, rng::mix};
 
-/// The `independent` sampler: independent uniform numbers for one sample of one pixel.
+/// The numbers of one sample of one pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Sampler {
     state: u64,
+    kind: SamplerKind,
 }
 
 /// Dimension of a sample's place in its pixel.
@@ -24,11 +29,16 @@ pub fn render_state(seed: u64, stream: u64) -> u64 {
 }
 
 impl Sampler {
-    /// The numbers of sample `index` at a pixel.
+    /// The numbers of sample `index` at a pixel; of Sobol' points there are 2^32.
     #[inline]
-    pub fn new(render_state: u64, pixel: (u32, u32), index: u64) -> Self {
+    pub fn new(kind: SamplerKind, render_state: u64, pixel: (u32, u32), index: u64) -> Self {
         let pixel = u64::from(pixel.0) | u64::from(pixel.1) << 32;
-        Self { state: mix(mix(render_state, pixel), index) }
+        let own = mix(render_state, pixel);
+        let state = match kind {
+            SamplerKind::Independent => mix(own, index),
+            SamplerKind::Sobol => own & !u64::from(u32::MAX) | index & u64::from(u32::MAX),
+        };
+        Self { state, kind }
     }
 
     /// What all its numbers are made of.
@@ -37,10 +47,16 @@ impl Sampler {
         self.state
     }
 
-    /// 64 random bits of a dimension.
+    /// 64 random bits of a dimension, of which the upper 48 are used.
     #[inline]
     pub fn bits(&self, dimension: u64) -> u64 {
-        mix(self.state, dimension)
+        match self.kind {
+            SamplerKind::Independent => mix(self.state, dimension),
+            SamplerKind::Sobol => {
+                let [x, y] = sobol::point(self.state as u32, mix(self.state >> 32, dimension));
+                u64::from(x >> 8) << 40 | u64::from(y >> 8) << 16
+            }
+        }
     }
 
     /// A number in [0, 1), with 24 bits.
@@ -64,6 +80,21 @@ impl Sampler {
     }
 }
 
+/// Points of many samples of one kind in a dimension, lane by lane; `states` are those of their samplers.
+#[inline(always)]
+pub(crate) fn draw<R: Real, const SPARE: usize>(kind: SamplerKind, states: &[u64; SPARE], dimension: u64) -> Pair<R> {
+    if kind == SamplerKind::Independent {
+        let (x, y) = R::draw(states, dimension);
+        return Pair::new(x, y);
+    }
+    let (mut x, mut y) = ([0.0; SPARE], [0.0; SPARE]);
+    for lane in 0..R::N {
+        let point = Sampler { state: states[lane], kind }.two(dimension);
+        (x[lane], y[lane]) = (point.x, point.y);
+    }
+    Pair::new(R::load(&x), R::load(&y))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -77,14 +108,15 @@ mod tests {
             let mut cells = [0u32; 256];
             for i in 0..n as u64 {
                 let pixel = ((i % 64) as u32, (i / 64 % 64) as u32);
-                let sampler = Sampler::new(state, pixel, i / 4096);
+                let sampler = Sampler::new(SamplerKind::Independent, state, pixel, i / 4096);
                 let p = sampler.two(dimension);
                 assert!(p.x >= 0.0 && p.x < 1.0 && p.y >= 0.0 && p.y < 1.0);
                 let (x, y) = (f64::from(p.x) - 0.5, f64::from(p.y) - 0.5);
                 sum += x;
                 square += x * x;
                 cross += x * y;
-                next += x * (f64::from(Sampler::new(state, pixel, i / 4096 + 1).one(dimension)) - 0.5);
+                let following = Sampler::new(SamplerKind::Independent, state, pixel, i / 4096 + 1);
+                next += x * (f64::from(following.one(dimension)) - 0.5);
                 cells[(p.x * 16.0) as usize * 16 + (p.y * 16.0) as usize] += 1;
             }
             let n = n as f64;
@@ -101,12 +133,14 @@ mod tests {
 
     #[test]
     fn every_coordinate_counts() {
-        let one = |seed, stream, pixel, index, dimension| {
-            Sampler::new(render_state(seed, stream), pixel, index).bits(dimension)
-        };
-        let base = one(1, 0, (3, 4), 5, 6);
-        let others =
-            [one(2, 0, (3, 4), 5, 6), one(1, 1, (3, 4), 5, 6), one(1, 0, (4, 3), 5, 6), one(1, 0, (3, 4), 6, 5)];
-        assert!(others.iter().all(|o| *o != base));
+        for kind in [SamplerKind::Independent, SamplerKind::Sobol] {
+            let one = |seed, stream, pixel, index, dimension| {
+                Sampler::new(kind, render_state(seed, stream), pixel, index).bits(dimension)
+            };
+            let base = one(1, 0, (3, 4), 5, 6);
+            let others =
+                [one(2, 0, (3, 4), 5, 6), one(1, 1, (3, 4), 5, 6), one(1, 0, (4, 3), 5, 6), one(1, 0, (3, 4), 6, 5)];
+            assert!(others.iter().all(|o| *o != base), "{kind:?}");
+        }
     }
 }

@@ -247,9 +247,12 @@ fn params_are_checked_and_projected() {
     assert_eq!(pointer(r#"{"rungs": [4, 2]}"#), "/rungs");
     assert_eq!(pointer(r#"{"resolution": [0, 64]}"#), "/resolution");
     assert_eq!(pointer(r#"{"gbuffer_samples": 0}"#), "/gbuffer_samples");
-    assert!(resolve(r#"{"sampler": "sobol"}"#).is_err() && resolve(r#"{"spp": 3}"#).is_err());
+    assert_eq!(pointer(r#"{"sampler": "sobol", "rungs": [4, 8589934592]}"#), "/rungs");
+    assert!(resolve(r#"{"sampler": "halton"}"#).is_err() && resolve(r#"{"spp": 3}"#).is_err());
     let full = resolve(r#"{"rungs": {"dyadic": 4}, "gbuffer_samples": 7}"#).expect("sound");
     let ladder = kind.projection(&full)(None, "ladder");
+    let sobol = resolve(r#"{"rungs": {"dyadic": 4}, "sampler": "sobol"}"#).expect("sound");
+    assert_ne!(kind.projection(&sobol)(None, "ladder"), ladder);
     assert!(ladder.get("gbuffer_samples").is_none() && ladder["rungs"] == serde_json::json!([1, 2, 4]));
     let gbuffer = kind.projection(&full)(None, "gbuffer");
     assert!(gbuffer.get("rungs").is_none() && gbuffer["gbuffer_samples"] == 7);

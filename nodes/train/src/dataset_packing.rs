@@ -56,6 +56,13 @@ fn pack(ladder: &Ladder, exposure: &Exposure, gbuffer: Option<&GBuffer>) -> Resu
             exposure.factor
         )));
     }
+    if !ladder.meta.sampler.is_independent() {
+        return Err(KindError::Input(
+            "the ladder's samples depend on each other, and variance time rests on independent ones; render it with `sampler: \
+             independent`"
+                .into(),
+        ));
+    }
     let exposed = |image: &Image| image.map(|v| (f64::from(v) * exposure.factor) as f32);
     let gbuffer = gbuffer.map(|g| join(&g.albedo, &g.normal)).transpose()?;
     if let (Some(gbuffer), Some(rung)) = (&gbuffer, ladder.rungs.first())
@@ -91,15 +98,31 @@ fn join(a: &Image, b: &Image) -> Result<Image, KindError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tauflow_data::ladder::{LadderMeta, Rung};
+    use tauflow_data::ladder::{LadderMeta, Rung, SamplerKind};
 
     fn ladder() -> Ladder {
         let image = |v: f32| Image::from_data(2, 1, 3, vec![v; 6]).expect("fits");
         Ladder {
-            meta: LadderMeta { counts: vec![1, 2], width: 2, height: 1, rejected: 0, mean_path_length: 1.0 },
+            meta: LadderMeta {
+                counts: vec![1, 2],
+                width: 2,
+                height: 1,
+                rejected: 0,
+                mean_path_length: 1.0,
+                sampler: SamplerKind::Independent,
+            },
             rungs: vec![Rung { spp: 1, image: image(4.0) }, Rung { spp: 2, image: image(3.0) }],
             variance: image(1.0),
         }
+    }
+
+    #[test]
+    fn samples_that_depend_on_each_other_are_refused() {
+        let mut ladder = ladder();
+        ladder.meta.sampler = SamplerKind::Sobol;
+        let exposure = Exposure { factor: 1.0, ev: 0.0, mean_luminance: 0.18 };
+        let error = pack(&ladder, &exposure, None).expect_err("not independent").to_string();
+        assert!(error.contains("sampler: independent"), "{error}");
     }
 
     #[test]

@@ -166,7 +166,7 @@ pub(super) mod tests {
     use super::*;
     use tauflow_data::{
         Image,
-        ladder::{LadderMeta, Rung},
+        ladder::{LadderMeta, Rung, SamplerKind},
     };
 
     const SIDE: usize = 24;
@@ -190,8 +190,14 @@ pub(super) mod tests {
             let n = last as f64;
             variance.data_mut()[at] = ((squares - sum * sum / n) / (n - 1.0)) as f32;
         }
-        let meta =
-            LadderMeta { counts: counts.to_vec(), width: SIDE, height: SIDE, rejected: 0, mean_path_length: 2.0 };
+        let meta = LadderMeta {
+            counts: counts.to_vec(),
+            width: SIDE,
+            height: SIDE,
+            rejected: 0,
+            mean_path_length: 2.0,
+            sampler: SamplerKind::Independent,
+        };
         Ladder { meta, rungs, variance }
     }
 

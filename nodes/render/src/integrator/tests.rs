@@ -1,10 +1,16 @@
 use super::*;
 use crate::{
+    accumulator::Accumulator,
     dispatch::Instructions,
     render::Renderer,
+    rng::render_state,
     scenes::{Built, ball, balls_under_sky, columns, everything, level, room},
 };
-use tauflow_data::scene::{Bsdf, Emitter, Geometry, Texture};
+use tauflow_data::{
+    Image,
+    ladder::SamplerKind,
+    scene::{Bsdf, Emitter, Geometry, Texture},
+};
 
 fn world(built: &Built) -> World {
     World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene")
@@ -17,13 +23,53 @@ fn every_set_of_instructions_has_the_same_bits() {
         let films: Vec<_> = Instructions::available()
             .into_iter()
             .map(|instructions| {
-                let renderer = Renderer::new(&world, 24, 20, 3).expect("a film").with_instructions(instructions);
-                let mut film = renderer.begin();
-                renderer.advance(&mut film, 7, &mut |_| Ok(())).expect("nothing stops it");
-                film
+                [SamplerKind::Independent, SamplerKind::Sobol].map(|sampler| {
+                    let renderer = Renderer::new(&world, 24, 20, 3).expect("a film").with_instructions(instructions);
+                    let renderer = renderer.with_sampler(sampler);
+                    let mut film = renderer.begin();
+                    renderer.advance(&mut film, 7, &mut |_| Ok(())).expect("nothing stops it");
+                    film
+                })
             })
             .collect();
         assert!(films.iter().all(|film| *film == films[0]), "{:?}", Instructions::available());
+    }
+}
+
+/// Mean squared difference of two films.
+fn square_error(a: &Accumulator, b: &Accumulator) -> f64 {
+    let (a, b) = (a.mean(), b.mean());
+    let pairs = a.data().iter().zip(b.data());
+    pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / a.data().len() as f64
+}
+
+#[test]
+fn sobol_points_find_the_same_image_with_less_error() {
+    for (name, built, gain) in [("balls", balls_under_sky(), 2.0), ("room", room(), 1.3)] {
+        let world = world(&built);
+        let render = |sampler, stream, count| {
+            let renderer = Renderer::new(&world, 16, 16, stream).expect("a film").with_sampler(sampler);
+            let mut film = renderer.begin();
+            // In two goes: samples are numbered, not counted.
+            renderer.advance(&mut film, count / 3, &mut |_| Ok(())).expect("nothing stops it");
+            renderer.advance(&mut film, count, &mut |_| Ok(())).expect("nothing stops it");
+            film
+        };
+        let reference = render(SamplerKind::Independent, 1, 16384);
+        let own = {
+            let mean =
+                |image: &Image| image.data().iter().map(|v| f64::from(*v)).sum::<f64>() / image.data().len() as f64;
+            mean(&reference.variance()) / 16384.0
+        };
+        let error = |sampler, count| {
+            let streams = [2, 3, 4, 5].map(|stream| square_error(&render(sampler, stream, count), &reference) - own);
+            streams.iter().sum::<f64>() / 4.0
+        };
+        // The squared error after 64 samples is that much less, and it falls to the reference's: the mean is the same.
+        let (independent, sobol) = (error(SamplerKind::Independent, 64), error(SamplerKind::Sobol, 64));
+        assert!(gain * sobol < independent, "{name}: {sobol} {independent}");
+        let later = error(SamplerKind::Sobol, 1024);
+        assert!(later < 0.1 * sobol, "{name}: {later} {sobol}");
     }
 }
 
@@ -57,7 +103,7 @@ fn convex_bodies_do_not_shade_themselves() {
             let mut lit = 0;
             for (index, pixel) in film.pixels.iter().enumerate() {
                 let at = renderer.pixel(index);
-                let sampler = Sampler::new(crate::rng::render_state(world.seed, 0), at, 0);
+                let sampler = Sampler::new(SamplerKind::Independent, render_state(world.seed, 0), at, 0);
                 let Some((_, hit)) = world.meet(&renderer.camera_ray(&sampler, at)) else { continue };
                 if hit.geometric.dot(to_light) > 1e-3 {
                     lit += 1;

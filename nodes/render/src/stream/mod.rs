@@ -17,12 +17,13 @@ use crate::{
     geometry::Ray,
     integrator::{Roulette, Strategy},
     lanes::{Mask, Pair, Real, Triple},
-    rng::Sampler,
+    rng::{Sampler, draw},
     world::World,
 };
 use glam::Vec3;
 use rows::{DIRECTION, ORIGIN, Paths, Rows, SPARE, Shadows, VERTEX};
 use std::cell::RefCell;
+use tauflow_data::ladder::SamplerKind;
 
 /// Paths that are shaded together: few enough for what is known of their vertices to stay in the nearest cache.
 const CHUNK: usize = 256;
@@ -35,7 +36,9 @@ pub(crate) struct Batch<'a> {
     pub(crate) camera: &'a Camera,
     pub(crate) strategy: Strategy,
     pub(crate) roulette: Roulette,
-    /// Pixels and the seeds of their samples.
+    /// How all of them draw.
+    pub(crate) sampler: SamplerKind,
+    /// Pixels and the numbers of their samples.
     pub(crate) paths: &'a [((u32, u32), Sampler)],
 }
 
@@ -235,6 +238,12 @@ impl Stream<'_> {
         ids
     }
 
+    /// Points of the paths in the lanes, whose samplers have these states, in a dimension.
+    #[inline(always)]
+    fn draw<R: Real>(&self, states: &[u64; SPARE], dimension: u64) -> Pair<R> {
+        draw(self.batch.sampler, states, dimension)
+    }
+
     /// Adds to the radiance of the paths of a mask; what is not finite is counted and left out.
     #[inline(always)]
     fn add<R: Real>(&mut self, mask: R::Mask, light: Triple<R>, ids: &[u32; SPARE]) {
@@ -254,10 +263,4 @@ impl Stream<'_> {
             self.found.radiance[ids[lane] as usize] += Vec3::new(rows[0][lane], rows[1][lane], rows[2][lane]);
         }
     }
-}
-
-#[inline(always)]
-fn draw<R: Real>(states: &[u64; SPARE], dimension: u64) -> Pair<R> {
-    let (x, y) = R::draw(states, dimension);
-    Pair::new(x, y)
 }

@@ -1,6 +1,6 @@
 //! Rays of a batch: from the camera, to what they meet, to lights, and out of the scene.
 
-use super::{MISS, Stream, draw, rows::*};
+use super::{MISS, Stream, rows::*};
 use crate::{
     accel::{Packet, STACK, Set, Stack},
     dispatch::Kernels,
@@ -21,7 +21,7 @@ impl Stream<'_> {
                 states[lane] = sampler.state();
                 (x[lane], y[lane]) = (pixel.0 as f32, pixel.1 as f32);
             }
-            let jitter = draw::<R>(&states, FILM);
+            let jitter = self.draw::<R>(&states, FILM);
             let (origin, direction) = self.batch.camera.rays(R::load(&x) + jitter.x, R::load(&y) + jitter.y);
             self.paths.put(ORIGIN, at, origin);
             self.paths.put(DIRECTION, at, direction);

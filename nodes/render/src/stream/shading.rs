@@ -1,6 +1,6 @@
 //! Shading of the paths that meet a material.
 
-use super::{Group, Stream, draw, rows::*};
+use super::{Group, Stream, rows::*};
 use crate::{
     accel::Hit,
     bsdf::{Material, Points, SLOTS, Scatter, Sort, flip, sound},
@@ -260,16 +260,16 @@ impl<'a> Stream<'a> {
             for candidate in 0..candidates {
                 let first = first + dimension::candidate(candidate);
                 let numbers = [
-                    draw::<R>(&states, first + dimension::LIGHT),
-                    draw::<R>(&states, first + dimension::LIGHT_PART),
-                    draw::<R>(&states, first + dimension::LIGHT_SPARE),
-                    draw::<R>(&states, first + dimension::LIGHT_POINT),
+                    self.draw::<R>(&states, first + dimension::LIGHT),
+                    self.draw::<R>(&states, first + dimension::LIGHT_PART),
+                    self.draw::<R>(&states, first + dimension::LIGHT_SPARE),
+                    self.draw::<R>(&states, first + dimension::LIGHT_POINT),
                 ];
                 let arrived = world.lights.sample(world, &vantage, mask, numbers);
                 if candidates == 1 {
                     choice.only(arrived);
                 } else {
-                    choice.consider(arrived, normal, draw::<R>(&states, first + dimension::CANDIDATE).x);
+                    choice.consider(arrived, normal, self.draw::<R>(&states, first + dimension::CANDIDATE).x);
                 }
             }
             self.found.rejected += choice.rejected();
@@ -338,8 +338,8 @@ impl<'a> Stream<'a> {
                     self.shadows.push(reached, values, &ids);
                 }
             }
-            let choice = draw::<R>(&states, first + dimension::LOBE_AND_ROULETTE);
-            let drawn = sound(lobe.sample(wo, choice.x, draw(&states, first + dimension::SCATTER)));
+            let choice = self.draw::<R>(&states, first + dimension::LOBE_AND_ROULETTE);
+            let drawn = sound(lobe.sample(wo, choice.x, self.draw(&states, first + dimension::SCATTER)));
             let mut throughput = throughput * drawn.weight;
             let mut alive = mask & drawn.valid;
             let finite = throughput.finite();

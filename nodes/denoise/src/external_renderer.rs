@@ -1,0 +1,236 @@
+#![doc = include_str!("external_renderer.md")]
+
+use crate::{
+    command::{self, Places},
+    timed::{self, TIMING},
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::{collections::BTreeMap, path::Path};
+use tauflow_contract::{
+    Action, Artifact, Context, Digest, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs,
+    ParamProblem,
+};
+use tauflow_data::{
+    Image, RungCounts, Scene,
+    formats::{JSON, REFINED, RefinedImage, RefinedImages, SCENE, store_refined},
+    image_io::read_exr,
+    mitsuba::{self, Film},
+    timing::{Repeated, TimedImage, Timing, machine},
+};
+
+/// The kind `external_renderer`.
+pub struct ExternalRenderer;
+
+/// Params of `external_renderer`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ExternalRendererParams {
+    /// Its name in tables.
+    pub method: String,
+    /// Words of a program's command line, with {scene}, {counts}, {repeats}, {seed} and {folder}.
+    pub command: Vec<String>,
+    /// Samples a pixel of its images: `{dyadic: 64}` for 1, 2, 4 ... 64, or an increasing list.
+    pub counts: RungCounts,
+    /// Width and height in pixels.
+    #[schemars(inner(range(min = 1, max = 16384)))]
+    pub resolution: [u32; 2],
+    /// True if it is an error that the program is missing; else the method is left out with a note.
+    pub required: bool,
+    /// Times that each image is rendered where times are taken.
+    #[schemars(range(min = 1, max = 1000))]
+    pub repeats: u64,
+}
+
+impl Default for ExternalRendererParams {
+    fn default() -> Self {
+        Self {
+            method: "mitsuba".into(),
+            command: ["mitsuba.py", "{scene}", "{counts}", "{repeats}", "{seed}", "{folder}"]
+                .map(str::to_owned)
+                .to_vec(),
+            counts: RungCounts::Dyadic { dyadic: 64 },
+            resolution: [256, 256],
+            required: false,
+            repeats: 3,
+        }
+    }
+}
+
+const INPUTS: &[InputPort] = &[
+    InputPort::each("scenes", SCENE, "The scenes to render."),
+    InputPort::each("after", "*", "What must be there before `timing` measures, so that methods take turns.").or_none(),
+];
+const OUTPUTS: &[OutputPort] = &[
+    OutputPort::new("rendered", REFINED, "One image for each count; none where the program is missing.").local(),
+    OutputPort::new("timing", JSON, "How long each takes, as the program says.").in_group(TIMING).measured(),
+];
+const PLACES: Places = Places {
+    what: "renderer",
+    all: &["{scene}", "{counts}", "{repeats}", "{seed}", "{folder}"],
+    needed: &["{scene}", "{counts}", "{folder}"],
+};
+
+impl Kind for ExternalRenderer {
+    type Params = ExternalRendererParams;
+
+    fn spec() -> KindSpec {
+        KindSpec {
+            name: "external_renderer",
+            version: 1,
+            summary: "Renders scenes with another renderer, to compare with.",
+            manual: include_str!("external_renderer.md"),
+            mode: Mode::Map,
+            inputs: INPUTS,
+            outputs: OUTPUTS,
+            seeded: true,
+        }
+    }
+
+    fn check(params: &Self::Params) -> Vec<ParamProblem> {
+        let mut out = Vec::new();
+        if params.method.trim().is_empty() {
+            out.push(ParamProblem::new("/method", "the method has no name", "write for example `method: mitsuba`"));
+        }
+        let problem = match params.command.is_empty() {
+            true => Some("there is no command".to_owned()),
+            false => PLACES.problem(&params.command),
+        };
+        if let Some(problem) = problem {
+            let hint = "write for example `command: [mitsuba.py, \"{scene}\", \"{counts}\", \"{folder}\"]`";
+            out.push(ParamProblem::new("/command", problem, hint));
+        }
+        if let Err(error) = params.counts.counts() {
+            out.push(ParamProblem::new("/counts", error.to_string(), "write `{dyadic: 64}` or `[1, 4, 16]`"));
+        }
+        if params.resolution.contains(&0) {
+            out.push(ParamProblem::new("/resolution", "an image without pixels", "use sides of at least 1"));
+        }
+        out
+    }
+
+    fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
+        timed::projected(params, group)
+    }
+
+    fn environment(params: &Self::Params, _group: &str) -> Value {
+        json!({ "program": command::identity(&params.command), "machine": machine() })
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let params = &action.params;
+        let name = params.command.first().map_or("", String::as_str);
+        if command::program(name).is_none() {
+            let missing = format!("there is no program `{name}` here; install it, or give its whole path");
+            return match (params.required, action.group) {
+                (true, _) => Err(KindError::Environment(format!("{missing}; or say `required: false`"))),
+                (false, TIMING) => timed::timings(ctx, &Timing { entries: Vec::new() }),
+                (false, _) => rendered(ctx, Vec::new(), Some(format!("{}: {missing}", params.method))),
+            };
+        }
+        let work = Work { ctx, params, seed: action.seed, artifact: action.each("scenes")? };
+        match action.group {
+            TIMING => timed::timings(ctx, &work.render(params.repeats)?.1),
+            _ => rendered(ctx, work.render(0)?.0, None),
+        }
+    }
+}
+
+/// The port `rendered`: its images, or none with a note that says why.
+fn rendered(ctx: &Context<'_>, images: RefinedImages, note: Option<String>) -> Result<Outputs, KindError> {
+    Ok(Outputs::default().item("rendered", store_refined(ctx, images, note, Vec::new())?))
+}
+
+/// A scene to be rendered.
+struct Work<'a> {
+    ctx: &'a Context<'a>,
+    params: &'a ExternalRendererParams,
+    seed: u64,
+    artifact: &'a Artifact,
+}
+
+/// What a program says of the images of one count: seconds of each time that it was made.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Told {
+    wall_s: Vec<f64>,
+    cpu_s: Vec<f64>,
+}
+
+impl Work<'_> {
+    fn failed(&self, what: &str) -> KindError {
+        PLACES.failed(&self.params.command, what)
+    }
+
+    /// Its images, and how long each took; without repeats no times.
+    fn render(&self, repeats: u64) -> Result<(RefinedImages, Timing), KindError> {
+        let counts = self.params.counts.counts()?;
+        let folder = tempfile::tempdir().map_err(|e| self.failed(&format!("got no folder for its images: {e}")))?;
+        let (inputs, images) = (folder.path().join("scene"), folder.path().join("images"));
+        std::fs::create_dir(&images).map_err(|e| self.failed(&format!("got no folder for its images: {e}")))?;
+        let scene: Scene = self.ctx.json(self.artifact, "scene.json")?;
+        let [width, height] = self.params.resolution.map(|side| side as usize);
+        let film = Film { width, height, spp: counts.last().copied().unwrap_or(1) };
+        mitsuba::export(&scene, &mut |digest: &Digest| self.ctx.get(digest), &inputs, film)?;
+        let listed: Vec<String> = counts.iter().map(u64::to_string).collect();
+        self.ctx.check_cancelled()?;
+        PLACES.run(
+            &self.params.command,
+            &[
+                ("{scene}", inputs.join("scene.xml").to_string_lossy().into_owned()),
+                ("{counts}", listed.join(",")),
+                ("{repeats}", repeats.to_string()),
+                // What any program can take for a seed.
+                ("{seed}", (self.seed % (1 << 31)).to_string()),
+                ("{folder}", images.to_string_lossy().into_owned()),
+            ],
+        )?;
+        let image = |count: &u64| Ok((self.said(*count), self.image(&images, *count)?));
+        let images_of = || counts.iter().map(image).collect::<Result<Vec<_>, KindError>>();
+        match repeats {
+            0 => Ok((images_of()?, Timing { entries: Vec::new() })),
+            _ => Ok((Vec::new(), self.times(&images, &counts, repeats)?)),
+        }
+    }
+
+    fn said(&self, count: u64) -> RefinedImage {
+        RefinedImage { method: self.params.method.clone(), from_spp: count, to_spp: count, nfe: 0 }
+    }
+
+    fn image(&self, folder: &Path, count: u64) -> Result<Image, KindError> {
+        let file = format!("{count}.exr");
+        let layers = read_exr(&folder.join(&file))
+            .map_err(|e| self.failed(&format!("left no `{file}` that can be read: {e}")))?;
+        let image = layers.into_values().next().ok_or_else(|| self.failed(&format!("left no channels in `{file}`")))?;
+        let [width, height] = self.params.resolution.map(|side| side as usize);
+        if (image.width(), image.height(), image.channels()) != (width, height, 3) {
+            return Err(self.failed(&format!(
+                "made `{file}` of {} x {} pixels of {} values, expected {width} x {height} of 3",
+                image.width(),
+                image.height(),
+                image.channels()
+            )));
+        }
+        Ok(image)
+    }
+
+    fn times(&self, folder: &Path, counts: &[u64], repeats: u64) -> Result<Timing, KindError> {
+        let broken = |what: &dyn std::fmt::Display| self.failed(&format!("left no times in `times.json`: {what}"));
+        let text = std::fs::read_to_string(folder.join("times.json")).map_err(|e| broken(&e))?;
+        let mut told: BTreeMap<u64, Told> = serde_json::from_str(&text).map_err(|e| broken(&e))?;
+        let mut entries = Vec::new();
+        for count in counts {
+            let Told { wall_s, cpu_s } =
+                told.remove(count).ok_or_else(|| broken(&format!("none of {count} samples a pixel")))?;
+            let sound =
+                |times: &[f64]| times.len() as u64 == repeats && times.iter().all(|t| t.is_finite() && *t >= 0.0);
+            if !(sound(&wall_s) && sound(&cpu_s)) {
+                return Err(broken(&format!("{repeats} of each kind are asked for, of {count} samples a pixel")));
+            }
+            let RefinedImage { method, from_spp, nfe, .. } = self.said(*count);
+            entries.push(TimedImage { method, from_spp, nfe, took: Repeated { wall_s, cpu_s } });
+        }
+        Ok(Timing { entries })
+    }
+}

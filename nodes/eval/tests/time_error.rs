@@ -1,0 +1,174 @@
+//! The kind `time_error` over ladders and times in memory: whose time is whose, exposures, references' own noise, refusals.
+
+use std::{collections::BTreeMap, sync::atomic::AtomicBool};
+use tauflow_contract::{Action, Artifact, Collection, Context, ItemKey, Kind, KindError, MemoryBlobs, Outputs, Silent};
+use tauflow_data::{
+    Image, Ladder, LadderMeta,
+    formats::{EXPOSURE, Exposure, JSON, PACKED, PackedScene, RefinedImage, store_refined},
+    ladder::{Rung, SamplerKind},
+    time_error::{TimeError, TimedMethod},
+    timing::{Repeated, TimedImage, Timing},
+};
+use tauflow_eval::{TimeErrorKind, TimeErrorParams};
+
+const SIDE: usize = 12;
+const SCENES: [&str; 2] = ["L0-open-000000", "L1-enclosed-000003"];
+/// Of every scene: what its images are off by is given in exposed radiance.
+const FACTOR: f64 = 0.5;
+
+struct Bench {
+    blobs: MemoryBlobs,
+    stop: AtomicBool,
+    ports: BTreeMap<&'static str, Collection>,
+}
+
+/// Radiance whose exposed squared error is `mse` everywhere.
+fn off(mse: f64) -> Image {
+    Image::from_data(SIDE, SIDE, 3, vec![((0.4 + mse.sqrt()) / FACTOR) as f32; SIDE * SIDE * 3]).expect("fits")
+}
+
+fn ladder(counts: &[(u64, f64)], sampler: SamplerKind, variance: f32) -> Ladder {
+    let rungs = counts.iter().map(|(spp, mse)| Rung { spp: *spp, image: off(*mse) }).collect();
+    let counts = counts.iter().map(|(spp, _)| *spp).collect();
+    let meta = LadderMeta { counts, width: SIDE, height: SIDE, rejected: 0, mean_path_length: 2.0, sampler };
+    let variance = Image::from_data(SIDE, SIDE, 3, vec![variance; SIDE * SIDE * 3]).expect("fits");
+    Ladder { meta, rungs, variance }
+}
+
+fn timing(method: &str, nfe: u64, times: &[(u64, f64)]) -> Timing {
+    let took = |wall: f64| Repeated { wall_s: vec![wall, wall, 9.0], cpu_s: vec![2.0 * wall; 3] };
+    let entry = |(spp, wall): &(u64, f64)| TimedImage { method: method.into(), from_spp: *spp, nfe, took: took(*wall) };
+    Timing { entries: times.iter().map(entry).collect() }
+}
+
+impl Bench {
+    /// A path tracer whose squared error is 0.04/n after 0.01 n seconds, and references of 1000 samples.
+    fn new() -> Self {
+        let mut bench = Self { blobs: MemoryBlobs::default(), stop: AtomicBool::new(false), ports: BTreeMap::new() };
+        let counts = [1, 4, 16].map(|n| (n, 0.04 / n as f64));
+        for scene in SCENES {
+            bench.put("references", scene, |ctx| ladder(&[(1000, 0.0)], SamplerKind::Independent, 0.0).store(ctx));
+            let exposure = Exposure { factor: FACTOR, ev: 0.0, mean_luminance: 0.4 };
+            bench.put("exposure", scene, |ctx| Ok(Artifact::blob(EXPOSURE, ctx.put_json(&exposure)?)));
+            bench.put("ladders", scene, |ctx| {
+                let exposed = |mse: &(u64, f64)| off(mse.1).map(|v| v * FACTOR as f32);
+                let states = counts.iter().map(exposed).collect();
+                let packed = PackedScene { counts: vec![1, 4, 16], states, gbuffer: None };
+                Ok(Artifact::blob(PACKED, ctx.put(&packed.to_bytes()?)?))
+            });
+            bench.times("render_times", scene, timing("path_tracer", 0, &[(1, 0.01), (4, 0.04), (16, 0.16)]));
+        }
+        bench
+    }
+
+    fn ctx(&self) -> Context<'_> {
+        Context::new(&self.blobs, &Silent, &self.stop)
+    }
+
+    fn put(&mut self, port: &'static str, key: &str, make: impl FnOnce(&Context<'_>) -> Result<Artifact, KindError>) {
+        let artifact = make(&self.ctx()).expect("memory");
+        let before = self.ports.remove(port).unwrap_or_default();
+        let item = (ItemKey::new(key).expect("a key"), artifact);
+        self.ports.insert(port, before.iter().map(|(k, a)| (k.clone(), a.clone())).chain([item]).collect());
+    }
+
+    fn times(&mut self, port: &'static str, key: &str, times: Timing) {
+        self.put(port, key, |ctx| Ok(Artifact::blob(JSON, ctx.put_json(&times)?)));
+    }
+
+    fn run(&self) -> Result<Outputs, KindError> {
+        let whole = self.ports.iter().map(|(port, of)| (*port, of)).collect();
+        let params = TimeErrorParams { resamples: 100, ..TimeErrorParams::default() };
+        let action = Action { params, item: None, group: "main", seed: 3, each: BTreeMap::new(), whole };
+        TimeErrorKind::run(&self.ctx(), &action)
+    }
+
+    fn tables(&self) -> TimeError {
+        let outputs = self.run().expect("sound inputs");
+        let (_, artifact) = outputs.collections["tables"].iter().next().expect("one item");
+        self.ctx().json(artifact, "").expect("tables")
+    }
+}
+
+fn method<'a>(tables: &'a TimeError, name: &str) -> &'a TimedMethod {
+    tables.methods.iter().find(|m| m.method == name).unwrap_or_else(|| panic!("no {name}"))
+}
+
+fn near(found: f64, expected: f64) {
+    assert!((found / expected - 1.0).abs() < 1e-3, "{found}, expected {expected}");
+}
+
+#[test]
+fn other_samplers_and_renderers_take_their_own_time_and_are_exposed() {
+    let mut bench = Bench::new();
+    for scene in SCENES {
+        let key = format!("sampler=sobol/{scene}");
+        bench.put("sampled", &key, |ctx| ladder(&[(1, 0.04), (4, 0.0025)], SamplerKind::Sobol, 0.0).store(ctx));
+        // A rung that was not timed is left away.
+        bench.times("rendered_times", &key, timing("path_tracer", 0, &[(4, 0.05)]));
+        bench.put("rendered", &format!("method=mitsuba/{scene}"), |ctx| {
+            let said = RefinedImage { method: "mitsuba".into(), from_spp: 4, to_spp: 4, nfe: 0 };
+            store_refined(ctx, vec![(said, off(0.01))], None, Vec::new())
+        });
+        bench.times("rendered_times", &format!("method=mitsuba/{scene}"), timing("mitsuba", 0, &[(4, 0.08)]));
+    }
+    let tables = bench.tables();
+    let names: Vec<&str> = tables.methods.iter().map(|m| m.method.as_str()).collect();
+    assert_eq!(names, ["path_tracer", "mitsuba", "path_tracer_sobol"]);
+    let sobol = &method(&tables, "path_tracer_sobol");
+    assert!(sobol.cell.is_empty() && sobol.points.len() == 1);
+    // Its error at 4 samples is that of the path tracer at 16, after 0.05 s in place of 0.16 s.
+    near(sobol.points[0].all.mse, 0.0025);
+    near(sobol.points[0].all.wall_s[1], 0.05);
+    near(sobol.points[0].all.speed_up.expect("not the path tracer").mean, 3.2);
+    near(sobol.points[0].all.crossover_spp.expect("not the path tracer"), 16.0);
+    // Mitsuba's is that of 4, after twice the time.
+    near(method(&tables, "mitsuba").points[0].all.speed_up.expect("not the path tracer").mean, 0.5);
+}
+
+#[test]
+fn refined_images_take_the_endpoints_time_too() {
+    let mut bench = Bench::new();
+    for scene in SCENES {
+        let key = format!("conditioning=rgb+from=1/{scene}");
+        bench.put("refined", &key, |ctx| {
+            let said = RefinedImage { method: "mc_noise".into(), from_spp: 1, to_spp: 16, nfe: 2 };
+            store_refined(ctx, vec![(said, off(0.01).map(|v| v * FACTOR as f32))], None, Vec::new())
+        });
+        bench.times("times", &key, timing("mc_noise", 2, &[(1, 0.03)]));
+    }
+    let tables = bench.tables();
+    let point = &method(&tables, "mc_noise").points[0];
+    near(point.all.wall_s[1], 0.04);
+    near(point.all.cpu_s[1], 0.08);
+    near(point.all.mse, 0.01);
+    near(point.all.speed_up.expect("not the path tracer").mean, 1.0);
+}
+
+#[test]
+fn what_the_references_own_noise_adds_is_taken_off_where_it_is_known() {
+    let with = |sampler| {
+        let mut bench = Bench::new();
+        bench.ports.remove("references");
+        for scene in SCENES {
+            // Of 1000 samples of exposed variance 5: 0.005 of every squared error is the reference's.
+            let variance = (5.0 / (FACTOR * FACTOR)) as f32;
+            bench.put("references", scene, |ctx| ladder(&[(1000, 0.0)], sampler, variance).store(ctx));
+        }
+        bench.tables().methods[0].points[0].all.mse
+    };
+    near(with(SamplerKind::Independent), 0.04 - 0.005);
+    near(with(SamplerKind::Sobol), 0.04);
+}
+
+#[test]
+fn ports_that_do_not_fit_are_told() {
+    let mut bench = Bench::new();
+    let key = format!("sampler=sobol/{}", SCENES[0]);
+    bench.put("sampled", &key, |ctx| ladder(&[(1, 0.04)], SamplerKind::Sobol, 0.0).store(ctx));
+    let error = bench.run().expect_err("no times").to_string();
+    assert!(error.contains("`rendered` or `sampled`") && error.contains("`rendered_times`"), "{error}");
+    bench.times("rendered_times", &key, timing("path_tracer", 0, &[(1, 0.05)]));
+    let error = bench.run().expect_err("one scene of two").to_string();
+    assert!(error.contains(SCENES[1]) && error.contains("sampler=sobol"), "{error}");
+}
