@@ -101,3 +101,27 @@ fn digest(file: &Path) -> Option<Digest> {
     known.insert(file.to_owned(), (changed, size, digest));
     Some(digest)
 }
+
+/// What a command line prints of a version, asked once in a process; nothing of no command.
+///
+/// # Errors
+/// What is so and what to do, if it cannot be started or fails.
+pub(crate) fn version(words: &[String]) -> Result<String, String> {
+    static KNOWN: Mutex<BTreeMap<Vec<String>, Result<String, String>>> = Mutex::new(BTreeMap::new());
+    let Some((program, arguments)) = words.split_first() else { return Ok(String::new()) };
+    let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(told) = known.get(words) {
+        return told.clone();
+    }
+    let missing = |what: String| format!("`{}` {what}; install what it asks for", words.join(" "));
+    let told = match Command::new(program).args(arguments).output() {
+        Err(error) => Err(missing(format!("cannot be started: {error}"))),
+        Ok(done) if !done.status.success() => {
+            let told = String::from_utf8_lossy(&done.stderr);
+            Err(missing(format!("failed: {}", told.lines().last().unwrap_or_default())))
+        }
+        Ok(done) => Ok(String::from_utf8_lossy(&done.stdout).trim().to_owned()),
+    };
+    known.insert(words.to_vec(), told.clone());
+    told
+}

@@ -31,6 +31,9 @@ pub struct ExternalRendererParams {
     pub method: String,
     /// Words of a program's command line, with {scene}, {counts}, {repeats}, {seed} and {folder}.
     pub command: Vec<String>,
+    /// Words of a command line that prints which version is there, and fails where none is; none if the program's own file says
+    /// enough.
+    pub version: Vec<String>,
     /// Samples a pixel of its images: `{dyadic: 64}` for 1, 2, 4 ... 64, or an increasing list.
     pub counts: RungCounts,
     /// Width and height in pixels.
@@ -50,6 +53,7 @@ impl Default for ExternalRendererParams {
             command: ["mitsuba.py", "{scene}", "{counts}", "{repeats}", "{seed}", "{folder}"]
                 .map(str::to_owned)
                 .to_vec(),
+            version: Vec::new(),
             counts: RungCounts::Dyadic { dyadic: 64 },
             resolution: [256, 256],
             required: false,
@@ -115,14 +119,18 @@ impl Kind for ExternalRenderer {
     }
 
     fn environment(params: &Self::Params, _group: &str) -> Value {
-        json!({ "program": command::identity(&params.command), "machine": machine() })
+        let version = command::version(&params.version).ok();
+        json!({ "program": command::identity(&params.command), "version": version, "machine": machine() })
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let params = &action.params;
         let name = params.command.first().map_or("", String::as_str);
-        if command::program(name).is_none() {
-            let missing = format!("there is no program `{name}` here; install it, or give its whole path");
+        let missing = match command::program(name) {
+            None => Some(format!("there is no program `{name}` here; install it, or give its whole path")),
+            Some(_) => command::version(&params.version).err(),
+        };
+        if let Some(missing) = missing {
             return match (params.required, action.group) {
                 (true, _) => Err(KindError::Environment(format!("{missing}; or say `required: false`"))),
                 (false, TIMING) => timed::timings(ctx, &Timing { entries: Vec::new() }),

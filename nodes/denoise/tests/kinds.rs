@@ -222,7 +222,15 @@ fn renderer(folder: &Path, text: &str) -> ExternalRendererParams {
     let places = ["{scene}", "{counts}", "{repeats}", "{seed}", "{folder}"];
     let command = ["sh", &script.to_string_lossy()].into_iter().chain(places).map(str::to_owned).collect();
     let (method, counts) = ("script".to_owned(), RungCounts::List(vec![1, 8]));
-    ExternalRendererParams { method, command, counts, resolution: [4, 2], repeats: 2, required: true }
+    ExternalRendererParams {
+        method,
+        command,
+        version: Vec::new(),
+        counts,
+        resolution: [4, 2],
+        repeats: 2,
+        required: true,
+    }
 }
 
 const SOUND: &str = r#"
@@ -265,6 +273,9 @@ fn another_renderer_renders_and_tells_its_times() {
     assert!(before["program"].as_object().is_some_and(|of| of.len() == 2), "{before}");
     fs::write(folder.path().join("render.sh"), "exit 1 # not the same\n").expect("writable");
     assert_ne!(ExternalRenderer::environment(&params, "main"), before);
+    let version = ["echo", "3.9.1"].map(str::to_owned).to_vec();
+    let told = ExternalRenderer::environment(&ExternalRendererParams { version, ..params }, "main");
+    assert_eq!(told["version"], "3.9.1");
 }
 
 #[test]
@@ -291,8 +302,13 @@ fn renderers_that_fail_are_told() {
         ..renderer(folder.path(), SOUND)
     };
     assert!(rendered(missing.clone(), "main").expect_err("required").to_string().contains("/no/such/program"));
-    let (images, note, _) = rendered(ExternalRendererParams { required: false, ..missing }, "main").expect("left out");
-    assert!(images.is_empty() && note.is_some_and(|note| note.contains("/no/such/program")));
+    let version = ["sh", "-c", "echo no module named mitsuba >&2; exit 1"].map(str::to_owned).to_vec();
+    let unfit = ExternalRendererParams { version, ..renderer(folder.path(), SOUND) };
+    for (params, expected) in [(missing, "/no/such/program"), (unfit, "no module named mitsuba")] {
+        let (images, note, _) =
+            rendered(ExternalRendererParams { required: false, ..params }, "main").expect("left out");
+        assert!(images.is_empty() && note.is_some_and(|note| note.contains(expected)));
+    }
     let bad = ExternalRendererParams {
         command: vec!["render".into(), "{scenes}".into()],
         ..ExternalRendererParams::default()
