@@ -1,7 +1,8 @@
 //! What each skip saves: time with it undone over time as usual, on one core.
 //!
-//! `skips FOLDER [SIDE SPP]`: FOLDER holds scenes as `tauflow export` writes them, `L0-open-000000/scene.json` and so on.
-//! Prints a table: medians over scenes, and how far images differ.
+//! `skips FOLDER [SIDE SPP [--together]]`: FOLDER holds scenes as `tauflow export` writes them, `L0-open-000000/scene.json` and so on.
+//! Prints a table: medians over scenes, and how far images differ; with `--together`, as JSON, how long all scenes take as usual and
+//! with all undone at once.
 
 use std::{collections::BTreeMap, error::Error, fs, path::Path, time::Instant};
 use tauflow_contract::{Digest, KindError};
@@ -45,6 +46,53 @@ fn median(mut values: Vec<f64>) -> f64 {
     values[values.len() / 2]
 }
 
+/// A scene and the blobs that it names.
+fn read(folder: &Path) -> Result<(Scene, Blobs), Box<dyn Error>> {
+    let scene: Scene = serde_json::from_slice(&fs::read(folder.join("scene.json"))?)?;
+    let mut blobs = Blobs::new();
+    if let Ok(entries) = fs::read_dir(folder.join("blob")) {
+        for entry in entries {
+            let bytes = fs::read(entry?.path())?;
+            blobs.insert(Digest::of(&bytes), bytes);
+        }
+    }
+    Ok((scene, blobs))
+}
+
+/// Seconds that all scenes take as usual, and with every skip undone.
+fn together(
+    folder: &Path,
+    names: &[String],
+    (side, spp): (usize, u64),
+    pool: &rayon::ThreadPool,
+) -> Result<(), Box<dyn Error>> {
+    let (mut usual_s, mut undone_s) = (0.0, 0.0);
+    for name in names {
+        let (scene, blobs) = read(&folder.join(name))?;
+        let (mut changed, mut more) = (scene.clone(), blobs.clone());
+        for skip in Skip::ALL {
+            skip.undo_in_scene(&mut changed, &mut |bytes| {
+                let digest = Digest::of(&bytes);
+                more.insert(digest, bytes);
+                digest
+            });
+        }
+        let (usual, mut undone) = (world(&scene, &blobs)?, world(&changed, &more)?);
+        for skip in Skip::ALL {
+            skip.undo_in_world(&mut undone);
+        }
+        let (mut on, mut off) = (f64::INFINITY, f64::INFINITY);
+        for _ in 0..ROUNDS {
+            on = on.min(pool.install(|| render(&usual, side, spp))?.0);
+            off = off.min(pool.install(|| render(&undone, side, spp))?.0);
+        }
+        usual_s += on;
+        undone_s += off;
+    }
+    println!("{{\"scenes\": {}, \"usual_s\": {usual_s}, \"undone_s\": {undone_s}}}", names.len());
+    Ok(())
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
     let folder = Path::new(args.first().ok_or("usage: skips FOLDER [SIDE SPP]")?);
@@ -55,17 +103,13 @@ fn main() -> Result<(), Box<dyn Error>> {
         fs::read_dir(folder)?.filter_map(|entry| entry.ok()?.file_name().into_string().ok()).collect();
     names.retain(|name| Stratum::of_key(name).is_some());
     names.sort();
+    if args.iter().any(|word| word == "--together") {
+        return together(folder, &names, (side, spp), &pool);
+    }
     // By skip and context: ratios and deviations.
     let mut found: BTreeMap<(usize, String), Vec<(f64, f64)>> = BTreeMap::new();
     for name in &names {
-        let scene: Scene = serde_json::from_slice(&fs::read(folder.join(name).join("scene.json"))?)?;
-        let mut blobs = Blobs::new();
-        if let Ok(entries) = fs::read_dir(folder.join(name).join("blob")) {
-            for entry in entries {
-                let bytes = fs::read(entry?.path())?;
-                blobs.insert(Digest::of(&bytes), bytes);
-            }
-        }
+        let (scene, blobs) = read(&folder.join(name))?;
         let usual = world(&scene, &blobs)?;
         let context = Stratum::of_key(name).map_or(String::new(), |s| s.0.context.to_string());
         let mut note = |skip: usize, ratio: f64, off: f64| {

@@ -1,0 +1,136 @@
+"""What not doing needless work saves, on against off, as one table; needs nothing but Python and a built checkout.
+
+    cargo build --release && python3 benches/skips.py [--rounds 3] [--pipelines quickstart benchmark]
+
+Scenes to packed sets of two pipelines: the quickstart, and the benchmark scaled down. Every run starts from a cache of its own. Each
+skip is undone by what a pipeline's author would have to write without it:
+
+- demand: the G-buffers of the previews are asked for, too, which nothing reads;
+- early gating: every scene of the pool is rendered in full, then gated;
+- prefix reuse: previews are of other samples than the ladders, which then begin from nothing;
+- transient outputs: previews and ladders, which only packing reads, are left in the cache (on: `transient: true`);
+- early cutoff: a limit of the gate moves and no verdict does; without it, all that follows the gate would run;
+- specialisation: scenes of the sampling are rendered with all that they lack undone at once (nodes/render/examples/skips.rs).
+
+Seconds are of wall time, medians over rounds, whose runs take turns; bytes are what a run wrote.
+"""
+
+import argparse
+import json
+import pathlib
+import re
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+TAUFLOW = ROOT / "target" / "release" / "tauflow"
+TARGETS = ["train_set", "test_set"]
+# Of the benchmark so much that it takes a minute.
+PIPELINES = {
+    "quickstart": (["--profile", "tiny"], {"scenes.pool": 480, "split.test_share": 0.34, "sampling.train": 240, "sampling.test": 48,
+        "train_ladders.rungs": "{ dyadic: 256 }", "test_ladders.rungs": "{ dyadic: 256 }"}, "{ dyadic: 256 }"),
+    "benchmark": (["--profile", "smoke"], {"scenes.pool": 240, "previews.resolution": "[64, 64]", "train_ladders.resolution": "[64, 64]",
+        "test_ladders.resolution": "[64, 64]", "sampling.train": 96, "sampling.test": 24, "train_ladders.rungs": "{ dyadic: 512 }",
+        "test_ladders.rungs": "{ dyadic: 512 }"}, "{ dyadic: 512 }"),
+}
+EDIT = {"gate.noise": 1.001}
+
+
+def run(pipeline, cache, targets=TARGETS, more=(), file=None):
+    """The account of a run: seconds, bytes written, actions."""
+    arguments, params, _ = PIPELINES[pipeline]
+    sets = {**params, **dict(more)}
+    command = [TAUFLOW, "run", file or ROOT / "pipelines" / f"{pipeline}.yaml", *arguments, "--cache", cache, "--events", "json"]
+    command += [word for target in targets for word in ("--target", target)]
+    command += [word for name, value in sets.items() for word in ("--set", f"{name}={value}")]
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, cwd=ROOT)
+    if done.returncode:
+        sys.exit(f"{' '.join(map(str, command))}\n{done.stderr[-2000:]}")
+    account = json.loads(done.stdout.strip().splitlines()[-1])
+    return account["elapsed_s"], account["written"], account["ran"]
+
+
+def transient(pipeline, folder):
+    """The pipeline with outputs that are not kept."""
+    shutil.copytree(ROOT / "pipelines", folder, dirs_exist_ok=True)
+    file = pathlib.Path(folder) / f"{pipeline}.yaml"
+    text = file.read_text()
+    for node in ("previews", "train_ladders", "test_ladders"):
+        text, times = re.subn(rf"(\n  {node}:\n    kind: ladder_rendering\n)", r"\1    transient: true\n", text)
+        assert times == 1, node
+    file.write_text(text)
+    return file
+
+
+def front(pipeline, scratch):
+    """For each skip: the accounts of a run with it, and of one without."""
+    fresh = lambda name: pathlib.Path(tempfile.mkdtemp(prefix=f"{name}-", dir=scratch))
+    whole = PIPELINES[pipeline][2]
+    base = fresh("base")
+    on = run(pipeline, base)
+    found = {
+        "demand": (on, run(pipeline, fresh("demand"), TARGETS + ["previews.gbuffer"])),
+        "early gating": (on, run(pipeline, fresh("gating"), more={"previews.rungs": whole}.items())),
+        "prefix reuse": (on, run(pipeline, fresh("prefix"), more={"previews.stream": 9}.items())),
+        "transient outputs": (run(pipeline, fresh("transient"), file=transient(pipeline, fresh("pipelines"))), on),
+    }
+    edited = run(pipeline, base, more=EDIT.items())
+    after = fresh("cutoff")
+    run(pipeline, after, ["gate"])
+    found["early cutoff, after an edit"] = (edited, run(pipeline, after))
+    for folder in pathlib.Path(scratch).iterdir():
+        if folder != base:
+            shutil.rmtree(folder)
+    return found, base
+
+
+def specialisation(pipeline, cache, scratch):
+    """Seconds of rendering scenes as usual, and with all undone, on one core."""
+    out = pathlib.Path(tempfile.mkdtemp(prefix="scenes-", dir=scratch))
+    arguments, params, _ = PIPELINES[pipeline]
+    sets = [word for name, value in params.items() for word in ("--set", f"{name}={value}")]
+    file = ROOT / "pipelines" / f"{pipeline}.yaml"
+    export = [TAUFLOW, "export", file, "sampling.test", *arguments, *sets, "--cache", cache, "-o", out]
+    subprocess.run([str(word) for word in export], check=True, capture_output=True, cwd=ROOT)
+    example = [ROOT / "target" / "examples" / "release" / "examples" / "skips", out, "64", "16", "--together"]
+    told = json.loads(subprocess.run([str(w) for w in example], check=True, capture_output=True, text=True).stdout)
+    return (told["usual_s"], 0, told["scenes"]), (told["undone_s"], 0, told["scenes"])
+
+
+def size(count):
+    return "–" if not count else f"{count / 2**20:.1f} MiB"
+
+
+def row(name, accounts):
+    middle = lambda side, of: statistics.median(account[side][of] for account in accounts)
+    (on_s, off_s), (on_b, off_b) = ((middle(0, of), middle(1, of)) for of in (0, 1))
+    less = f"{1 - on_b / off_b:.0%}" if off_b else "–"
+    return f"| {name} | {on_s:.2f} | {off_s:.2f} | {off_s / max(on_s, 1e-3):.2f}x | {size(on_b)} | {size(off_b)} | {less} |"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--pipelines", nargs="+", default=list(PIPELINES), choices=list(PIPELINES))
+    args = parser.parse_args()
+    example = ["cargo", "build", "--quiet", "--release", "-p", "tauflow-render", "--example", "skips", "--target-dir", "target/examples"]
+    subprocess.run(example, check=True, cwd=ROOT)
+    for pipeline in args.pipelines:
+        accounts = {}
+        for _ in range(args.rounds):
+            with tempfile.TemporaryDirectory() as scratch:
+                found, base = front(pipeline, scratch)
+                found["specialisation, one core"] = specialisation(pipeline, base, scratch)
+                for name, pair in found.items():
+                    accounts.setdefault(name, []).append(pair)
+        print(f"\n{pipeline}, scenes to packed sets: {accounts['demand'][0][0][2]} actions\n")
+        print("| skip | on, s | off, s | time saved | on, written | off, written | less |")
+        print("|---|---:|---:|---:|---:|---:|---:|")
+        for name, pairs in accounts.items():
+            print(row(name, pairs), flush=True)
+
+
+main()
