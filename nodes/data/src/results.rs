@@ -108,11 +108,50 @@ pub struct Evaluation {
     /// Every solver against every baseline, at each of the solver's NFE.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub versus: Vec<Versus>,
+    /// What the solvers are said to do, held against these figures.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub claims: Vec<Claim>,
     /// What was left out, and why.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
     /// Every score, for further work.
     pub per_scene: Vec<SceneRow>,
+}
+
+/// A claim, in one group of cells.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Claim {
+    /// What is claimed.
+    pub statement: String,
+    /// Coordinates that the cells share.
+    pub group: BTreeMap<String, String>,
+    /// Differences that are all above 0 if it is so.
+    pub evidence: Vec<Evidence>,
+    /// What they say.
+    pub verdict: Verdict,
+}
+
+/// A difference that a claim says is above 0.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Evidence {
+    /// Of what.
+    pub what: String,
+    /// In which metric.
+    pub metric: String,
+    /// The difference, paired by scene.
+    pub difference: Estimate,
+}
+
+/// What became of a claim.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// All intervals are above 0.
+    Held,
+    /// An interval is below 0.
+    NotHeld,
+    /// Neither.
+    Undecided,
 }
 
 /// A solver against a baseline.
@@ -239,6 +278,9 @@ pub struct Bridge {
     pub rows: Vec<BridgeRow>,
     /// Mean over all cases of a kind of stop, by method.
     pub summary: Vec<BridgeSummary>,
+    /// What the solvers are said to do between rungs, held against these figures.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub claims: Vec<Claim>,
     /// Every case.
     pub cases: Vec<BridgeCase>,
 }

@@ -62,7 +62,7 @@ impl Kind for BridgeValidation {
     fn spec() -> KindSpec {
         KindSpec {
             name: "bridge_validation",
-            version: 1,
+            version: 2,
             summary: "Compares steps between rungs with the real rungs.",
             manual: include_str!("bridge.md"),
             mode: Mode::Gather,

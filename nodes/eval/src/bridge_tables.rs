@@ -7,12 +7,19 @@ use crate::{
     evaluation::bounded,
     image_metrics::HOLD,
 };
-use std::{collections::BTreeMap, fmt::Write as _};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fmt::Write as _,
+};
 use tauflow_contract::KindError;
 use tauflow_data::{
     VarianceTime,
-    results::{Bridge, BridgeCase, BridgeRow, BridgeSummary},
+    results::{Bridge, BridgeCase, BridgeRow, BridgeSummary, Claim, Evidence},
 };
+
+/// What steps of the other solvers are called.
+const MC_NOISE: &str = "mc_noise";
+const LOCAL_STEP: &str = "local_step";
 
 /// A scene's cases, each with its fraction, by kind of stop, sample count before, and method.
 pub type SceneCases = BTreeMap<(&'static str, u64, String), (f64, BridgeCase)>;
@@ -63,6 +70,30 @@ fn columns(scenes: &[SceneCases]) -> Result<Vec<Column<'_>>, KindError> {
         columns.push(Column { stop, from: *from, method, at, hold });
     }
     Ok(columns)
+}
+
+/// At each kind of stop MC noise is said to be above hold and above the local step.
+fn claims(columns: &[Column<'_>], resampled: &Resampled) -> Vec<Claim> {
+    let stops: BTreeSet<&str> = columns.iter().map(|c| c.stop).collect();
+    let claim = |stop: &str| {
+        let of = |method: &str| -> Vec<usize> {
+            columns.iter().filter(|c| (c.stop, c.method) == (stop, method)).map(|c| c.at).collect()
+        };
+        let own = of(MC_NOISE);
+        let above = |method: &str| {
+            let other = of(method);
+            let mean = |means: &[f64], of: &[usize]| of.iter().map(|at| means[*at]).sum::<f64>() / of.len() as f64;
+            (!own.is_empty() && other.len() == own.len()).then(|| Evidence {
+                what: format!("over {method}"),
+                metric: "hdr_psnr".into(),
+                difference: resampled.estimate(|means| mean(means, &own) - mean(means, &other)),
+            })
+        };
+        let evidence = [HOLD, LOCAL_STEP].into_iter().filter_map(above).collect();
+        let group = BTreeMap::from([("stop".to_owned(), stop.to_owned())]);
+        crate::claims::claim("Between rungs MC noise is above hold and the local step", &group, Some(evidence))
+    };
+    stops.into_iter().filter_map(claim).collect()
 }
 
 /// A case's PSNR as it enters means.
@@ -118,6 +149,7 @@ pub fn summarise(scenes: &[SceneCases], n_max: u64, resamples: u64, seed: u64) -
     Ok(Bridge {
         n_max,
         scenes: table.scenes() as u64,
+        claims: claims(&columns, &resampled),
         rows,
         summary,
         cases: scenes.iter().flat_map(|scene| scene.values().map(|(_, case)| case.clone())).collect(),

@@ -1,6 +1,10 @@
 #![doc = include_str!("evaluation.md")]
 
-use crate::{bootstrap::Resampled, bootstrap::Table, curve::summarise};
+use crate::{
+    bootstrap::{Resampled, Table},
+    claims::{Curve, claims},
+    curve::summarise,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -63,7 +67,7 @@ impl Kind for EvaluationKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "evaluation",
-            version: 1,
+            version: 2,
             summary: "Sums scores up by method, model calls and stratum, with intervals.",
             manual: include_str!("evaluation.md"),
             mode: Mode::Gather,
@@ -211,7 +215,9 @@ pub fn evaluate(
     let names = || METRICS.iter().map(|m| (*m).to_owned());
     let mut at = METRICS.len();
     let mut methods = Vec::with_capacity(cells.len());
+    let mut curves = Vec::with_capacity(cells.len());
     for cell in &cells {
+        curves.push(Curve { cell: coordinates(cell.key), nfe: &cell.nfe, at });
         methods.push(method(cell, &resampled, at));
         at += cell.nfe.len() * METRICS.len();
     }
@@ -235,6 +241,7 @@ pub fn evaluate(
         methods,
         baselines: tables,
         versus,
+        claims: claims(&curves, &resampled),
         notes,
         per_scene: std::iter::once(hold).chain(&cells).chain(&others).flat_map(rows).collect(),
     })

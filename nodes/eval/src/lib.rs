@@ -6,6 +6,7 @@ pub mod bootstrap;
 mod bridge;
 pub mod bridge_maps;
 mod bridge_tables;
+mod claims;
 pub mod curve;
 mod evaluation;
 mod image_metrics;

@@ -19,7 +19,7 @@ use tauflow_contract::{
 };
 use tauflow_data::{
     formats::{FILES, JSON, PACKED, REFINED, STATISTICS, VERDICT},
-    results::{Evaluation, TrainingTiming},
+    results::{Claim, Evaluation, TrainingTiming},
 };
 
 /// The kind `report`.
@@ -82,7 +82,7 @@ impl Kind for Report {
     fn spec() -> KindSpec {
         KindSpec {
             name: "report",
-            version: 3,
+            version: 4,
             summary: "Shows what was measured: a self-contained page, JSON, CSV, LaTeX and pictures.",
             manual: include_str!("report.md"),
             mode: Mode::Gather,
@@ -137,6 +137,11 @@ impl Kind for Report {
         for montage in montages.iter().filter(|m| !m.rows.is_empty()) {
             put(&montage.file, &montage.png()?)?;
         }
+        let between = material.bridge.iter().flat_map(|b| &b.bridge.claims);
+        let claims: Vec<&Claim> = evaluation.claims.iter().chain(between).collect();
+        if !claims.is_empty() {
+            put("claims.csv", sections::claims::csv(&claims).as_bytes())?;
+        }
         if let Some(time_error) = &material.time_error {
             put("time_error.csv", sections::time_error::csv(time_error).as_bytes())?;
         }
@@ -174,6 +179,7 @@ fn sections(
 ) -> Result<Vec<Section>, KindError> {
     let evaluation = &material.evaluation;
     let all = [
+        sections::claims::section(evaluation, material.bridge.as_ref().map(|b| &b.bridge)),
         Some(sections::tables::section(evaluation)),
         Some(sections::curves::section(evaluation)),
         sections::strata::section(evaluation, nfe),

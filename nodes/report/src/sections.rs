@@ -2,6 +2,7 @@
 
 pub mod baselines;
 pub mod bridge;
+pub mod claims;
 pub mod conventions;
 pub mod convergence;
 pub mod curves;

@@ -115,6 +115,7 @@ fn the_same_material_gives_the_same_files() {
         [
             "bridge/bridge.json",
             "bridge/cases.csv",
+            "claims.csv",
             "curves.csv",
             "montage-gbuffer.png",
             "montage-rgb.png",
@@ -244,6 +245,22 @@ fn the_latex_tables_have_their_structure() {
     assert!(tex.contains(&format!(r"\textbf{{{:.2}}}", best.at[0].metrics["hdr_psnr"].mean)));
     assert!(tex.contains(r"\underline{"));
     assert_eq!(text(&files, "tables.tex").matches(r"\begin{table}").count(), METRICS.len() - 1);
+}
+
+#[test]
+fn claims_are_told_with_their_verdicts() {
+    let (blobs, inputs, _) = whole();
+    let files = run(&blobs, ReportParams::default(), &inputs).expect("a report");
+    let html = text(&files, "report.html");
+    let start = html.find("id=\"claims\"").expect("the section");
+    let section = &html[start..start + html[start..].find("</section>").expect("it ends")];
+    assert_eq!(section.matches("MC noise has the best AUC").count(), 1, "named once for all its groups");
+    for words in ["<b>held</b>", "<b>undecided</b>", "<b>did not</b>", "+0.31", "−0.25"] {
+        assert!(section.contains(words), "{words}: {section}");
+    }
+    let csv = text(&files, "claims.csv");
+    assert_eq!(csv.lines().count(), 1 + 5);
+    assert!(csv.lines().all(|line| line.split(',').count() == 8), "{csv}");
 }
 
 #[test]

@@ -133,7 +133,7 @@ fn bridge(ctx: &Context<'_>) -> Artifact {
             });
         }
     }
-    let table = Bridge { n_max: 256, scenes: 10, rows, summary, cases: Vec::new() };
+    let table = Bridge { n_max: 256, scenes: 10, rows, summary, claims: Vec::new(), cases: Vec::new() };
     let mut parts = vec![
         ("bridge.json".to_owned(), ctx.put_json(&table).expect("memory")),
         ("cases.csv".to_owned(), ctx.put(b"scene,stop\n").expect("memory")),

@@ -9,7 +9,10 @@ use tauflow_data::{
     formats::{JSON, PACKED, PackedScene, REFINED, Refined, RefinedImage, refined_part},
     image::preview,
     maths::{cosf, exp, log10, sinf},
-    results::{Estimate, Evaluation, METRICS, MethodTable, Metrics, NfeTable, SceneRow, Score, Versus},
+    results::{
+        Claim, Estimate, Evaluation, Evidence, METRICS, MethodTable, Metrics, NfeTable, SceneRow, Score, Verdict,
+        Versus,
+    },
     rng::Stream,
 };
 use tauflow_report::{Report, ReportParams};
@@ -149,6 +152,29 @@ fn estimate(values: &[f64]) -> Estimate {
     Estimate { mean, low: mean - half, high: mean + half }
 }
 
+/// One claim of each verdict.
+fn claims() -> Vec<Claim> {
+    let evidence = |what: &str, metric: &str, mean: f64| Evidence {
+        what: what.into(),
+        metric: metric.into(),
+        difference: Estimate { mean, low: mean - 0.1, high: mean + 0.1 },
+    };
+    let claim = |statement: &str, conditioning: &str, verdict, evidence| Claim {
+        statement: statement.into(),
+        group: BTreeMap::from([("conditioning".to_owned(), conditioning.to_owned())]),
+        evidence,
+        verdict,
+    };
+    let best = |by: f64| {
+        vec![evidence("AUC over vanilla_rf", "hdr_psnr", by), evidence("AUC over mc_velocity", "hdr_psnr", 0.7)]
+    };
+    vec![
+        claim("MC noise has the best AUC", "rgb", Verdict::Held, best(0.31)),
+        claim("MC noise has the best AUC", "gbuffer", Verdict::Undecided, best(0.05)),
+        claim("HDR MAE grows", "rgb", Verdict::NotHeld, vec![evidence("NFE 50 over NFE 1", "hdr_mae", -0.25)]),
+    ]
+}
+
 /// Means and intervals of rows; the intervals are normal ones.
 pub fn evaluation(per_scene: Vec<SceneRow>) -> Evaluation {
     let value = |r: &SceneRow, m: &str| r.score.metrics.get(m).expect("a known metric");
@@ -222,6 +248,7 @@ pub fn evaluation(per_scene: Vec<SceneRow>) -> Evaluation {
             tv: BTreeMap::new(),
             ..like
         }],
+        claims: claims(),
         notes: vec!["another: no library".into()],
         reference_spp: LAST,
         from_spp: 1,

@@ -1,0 +1,97 @@
+//! What the solvers are said to do, and what the figures say of it.
+
+use crate::{
+    page::Section,
+    ranking::{conditioning_name, digits, extra, metric_name},
+    text::{escape, interval, signed},
+};
+use std::{collections::BTreeMap, fmt::Write as _};
+use tauflow_data::results::{Bridge, Claim, Evaluation, Evidence, Verdict};
+
+/// The section; none without a claim that could be judged.
+pub fn section(evaluation: &Evaluation, bridge: Option<&Bridge>) -> Option<Section> {
+    let claims: Vec<&Claim> =
+        evaluation.claims.iter().chain(bridge.into_iter().flat_map(|bridge| &bridge.claims)).collect();
+    if claims.is_empty() {
+        return None;
+    }
+    let mut out = String::from(
+        "<p>Each claim is a difference, or several, that must be above 0; intervals are 95%, paired by scene. It <b>held</b> where all of \
+         them are above 0, did <b>not</b> where one is below, and is undecided else. Means over scenes can agree with a claim and leave it \
+         undecided.</p><div class=\"scroll\"><table class=\"wide\"><thead><tr><th class=\"left\">Claim</th><th class=\"left\">Cells</th><th \
+         class=\"left\">It</th><th class=\"left\">Differences</th></tr></thead><tbody>",
+    );
+    let mut before = "";
+    for claim in claims {
+        let statement = if claim.statement == before { "" } else { &claim.statement };
+        before = &claim.statement;
+        let _ = write!(
+            out,
+            "<tr><td class=\"left\">{}</td><td class=\"left\">{}</td><td class=\"left\"><b>{}</b></td><td class=\"left\">{}</td></tr>",
+            escape(statement),
+            escape(&group(&claim.group)),
+            verdict(claim.verdict),
+            evidence(&claim.evidence)
+        );
+    }
+    out.push_str("</tbody></table></div>");
+    Some(Section::new("claims", "What is claimed", out))
+}
+
+/// The claims as a table of values, one row for each difference.
+pub fn csv(claims: &[&Claim]) -> String {
+    let mut out = String::from("claim,cells,verdict,what,metric,difference,low,high\n");
+    for claim in claims {
+        for Evidence { what, metric, difference } in &claim.evidence {
+            let words = [&claim.statement, &group(&claim.group)].map(|text| crate::csv::field(text));
+            let _ = writeln!(
+                out,
+                "{},{},{},{},{metric},{},{},{}",
+                words[0],
+                words[1],
+                verdict(claim.verdict),
+                crate::csv::field(what),
+                difference.mean,
+                difference.low,
+                difference.high
+            );
+        }
+    }
+    out
+}
+
+fn verdict(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Held => "held",
+        Verdict::NotHeld => "did not",
+        Verdict::Undecided => "undecided",
+    }
+}
+
+/// Coordinates of a group in words.
+fn group(cell: &BTreeMap<String, String>) -> String {
+    let named = |axis: &str| cell.get(axis).cloned();
+    let words = [
+        named("parameterization").map(|m| crate::ranking::method_name(&m)),
+        named("conditioning").map(|c| conditioning_name(&c)),
+        Some(extra(cell)),
+    ];
+    words.into_iter().flatten().filter(|text| !text.is_empty()).collect::<Vec<_>>().join(", ")
+}
+
+/// Differences, those of one metric on a line.
+fn evidence(of: &[Evidence]) -> String {
+    let mut metrics: Vec<&str> = of.iter().map(|e| e.metric.as_str()).collect();
+    metrics.sort_unstable();
+    metrics.dedup();
+    let line = |metric: &str| {
+        let one = |e: &Evidence| {
+            let places = digits(metric);
+            let value = signed(e.difference.mean, places);
+            format!("{} {value} <small>{}</small>", escape(&e.what), interval(&e.difference, places))
+        };
+        let all: Vec<String> = of.iter().filter(|e| e.metric == metric).map(one).collect();
+        format!("{}: {}", escape(metric_name(metric)), all.join("; "))
+    };
+    metrics.into_iter().map(line).collect::<Vec<_>>().join("<br>")
+}
