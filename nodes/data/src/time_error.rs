@@ -29,7 +29,7 @@ pub struct TimeError {
 pub struct TimedMethod {
     /// Such as `mc_noise`, `oidn`, `path_tracer`.
     pub method: String,
-    /// What it sees beside the noisy image: `rgb` or `gbuffer`.
+    /// What it sees beside the noisy image: `rgb` or `gbuffer`; nothing for a renderer.
     pub conditioning: String,
     /// Other coordinates of its cell.
     pub cell: BTreeMap<String, String>,

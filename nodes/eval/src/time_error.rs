@@ -288,7 +288,8 @@ fn scene(
         for (name, spp, image) in images {
             let Some(took) = median(&times, None, spp, 0) else { continue };
             let exposed = image.map(|v| (f64::from(v) * factor) as f32);
-            let method = MethodOf::new(cell.name, &name);
+            // A renderer sees a scene, and no image of it.
+            let method = MethodOf { conditioning: String::new(), ..MethodOf::new(cell.name, &name) };
             methods.entry(method).or_insert_with(Vec::new).push(sample(&exposed, spp, 0, took)?);
         }
     }

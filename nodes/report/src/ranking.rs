@@ -168,6 +168,8 @@ pub fn method_name(method: &str) -> String {
         "mc_noise" => "MC noise".into(),
         "hold" => "Hold".into(),
         "oidn" => "OIDN".into(),
+        "mitsuba" => "Mitsuba".into(),
+        "path_tracer_sobol" => "Rendering alone, Sobol'".into(),
         other => other.replace('_', " "),
     }
 }

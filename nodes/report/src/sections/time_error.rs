@@ -29,6 +29,7 @@ fn name(method: &TimedMethod) -> String {
     let cell: Vec<String> = method.cell.iter().map(|(axis, value)| format!("{axis} {value}")).collect();
     let mut parts = vec![method_name(&method.method), conditioning_name(&method.conditioning)];
     parts.extend(cell);
+    parts.retain(|part| !part.is_empty());
     parts.join(", ")
 }
 
@@ -160,10 +161,10 @@ fn cells(texts: &[String]) -> String {
 }
 
 fn named(method: &TimedMethod) -> String {
-    if method.method == RENDERING {
-        "Rendering alone".into()
-    } else {
-        format!("{}, {}", method_html(&method.method), escape(&conditioning_name(&method.conditioning)))
+    match (method.method.as_str(), method.conditioning.as_str()) {
+        (RENDERING, _) => "Rendering alone".into(),
+        (name, "") => method_html(name),
+        (name, sees) => format!("{}, {}", method_html(name), escape(&conditioning_name(sees))),
     }
 }
 
