@@ -2,7 +2,7 @@
 
 use crate::{
     page::Section,
-    ranking::{conditioning_name, digits, extra, metric_name},
+    ranking::{METHODS, conditioning_name, digits, extra, method_name, metric_name},
     text::{escape, interval, signed},
 };
 use std::{collections::BTreeMap, fmt::Write as _};
@@ -72,11 +72,17 @@ fn verdict(verdict: Verdict) -> &'static str {
 fn group(cell: &BTreeMap<String, String>) -> String {
     let named = |axis: &str| cell.get(axis).cloned();
     let words = [
-        named("parameterization").map(|m| crate::ranking::method_name(&m)),
+        named("parameterization").map(|m| method_name(&m)),
         named("conditioning").map(|c| conditioning_name(&c)),
         Some(extra(cell)),
     ];
     words.into_iter().flatten().filter(|text| !text.is_empty()).collect::<Vec<_>>().join(", ")
+}
+
+/// A text with methods by their names.
+fn named(text: &str) -> String {
+    let known = METHODS.into_iter().chain(["local_step", "hold"]);
+    known.fold(text.to_owned(), |text, method| text.replace(method, &method_name(method)))
 }
 
 /// Differences, those of one metric on a line.
@@ -88,7 +94,7 @@ fn evidence(of: &[Evidence]) -> String {
         let one = |e: &Evidence| {
             let places = digits(metric);
             let value = signed(e.difference.mean, places);
-            format!("{} {value} <small>{}</small>", escape(&e.what), interval(&e.difference, places))
+            format!("{} {value} <small>{}</small>", escape(&named(&e.what)), interval(&e.difference, places))
         };
         let all: Vec<String> = of.iter().filter(|e| e.metric == metric).map(one).collect();
         format!("{}: {}", escape(metric_name(metric)), all.join("; "))
