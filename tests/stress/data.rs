@@ -9,24 +9,26 @@ use tauflow_data::{
     Image, Ladder, LadderMeta, Regime, Stratum,
     convergence::Convergence,
     formats::{EXPOSURE, Exposure, JSON, SCENE},
+    image_io::write_exr,
     ladder::{Rung, SamplerKind},
     results::{Evaluation, METRICS, Metrics, SceneScores, Score},
     rng::Stream,
 };
 use tauflow_eval::{EvaluationKind, EvaluationParams, TimeErrorKind, TimeErrorParams};
 use tauflow_render::convergence::{ConvergenceKind, ConvergenceParams};
-use tauflow_scene::{StratifiedSampling, StratifiedSamplingParams};
+use tauflow_scene::{Asset, AssetReport, Assets, AssetsParams, Body, StratifiedSampling, StratifiedSamplingParams};
 
-const STRATA: &str = "Strata and ladders";
+const AREA: &str = "Strata, ladders and files";
 
 type Add<'a> = &'a mut dyn FnMut(&str, &str, Result<String, String>);
 
 pub fn hazards() -> Vec<Hazard> {
     let mut out = Vec::new();
-    let mut add = |fed: &str, must: &str, came: Result<String, String>| out.push(Hazard::new(STRATA, fed, must, came));
+    let mut add = |fed: &str, must: &str, came: Result<String, String>| out.push(Hazard::new(AREA, fed, must, came));
     strata(&mut add);
     scores(&mut add);
     constant_ladders(&mut add);
+    maps(&mut add);
     out
 }
 
@@ -229,4 +231,62 @@ fn constant_ladders(add: Add<'_>) {
         });
         add(&format!("convergence of {name}"), "finite errors, slopes and covariances", came);
     }
+}
+
+/// Imports a map of 1 everywhere but for its first values.
+fn imported(values: &[f32]) -> Result<(AssetReport, Option<Image>), String> {
+    let mut map = Image::from_data(8, 4, 3, vec![1.0; 96]).expect("fits");
+    map.data_mut()[..values.len()].copy_from_slice(values);
+    let folder = tempfile::tempdir().map_err(|e| e.to_string())?;
+    let path = folder.path().join("sky.exr");
+    write_exr(&path, &[("", &map)]).map_err(|e| e.to_string())?;
+    let (blobs, stop) = (MemoryBlobs::default(), AtomicBool::new(false));
+    let ctx = Context::new(&blobs, &Silent, &stop);
+    let bytes = std::fs::read(&path).map_err(|e| e.to_string())?;
+    let file = Artifact::tree("file", vec![("file".to_owned(), blobs.put(&bytes).expect("memory"))]);
+    let key = ItemKey::new("sky.exr").expect("plain");
+    let (each, whole) = (BTreeMap::from([("file", &file)]), BTreeMap::new());
+    let params = AssetsParams::default();
+    let outputs = Assets::run(&ctx, &Action { params, item: Some(&key), group: "main", seed: 0, each, whole })
+        .map_err(|e| e.to_string())?;
+    let report = ctx.json(&outputs.items["reports"], "").map_err(|e| e.to_string())?;
+    let image = |artifact: &Artifact| -> Result<Image, String> {
+        let Asset { body: Body::Hdri { image, .. }, .. } = Asset::load(&ctx, artifact).map_err(|e| e.to_string())?
+        else {
+            return Err("no map".into());
+        };
+        Image::from_bytes(&ctx.get(&image).map_err(|e| e.to_string())?).map_err(|e| e.to_string())
+    };
+    Ok((report, outputs.items.get("assets").map(image).transpose()?))
+}
+
+fn maps(add: Add<'_>) {
+    let came =
+        imported(&[f32::NAN, -1.0, f32::INFINITY, f32::NEG_INFINITY, 65504.0, 3.0]).and_then(|(report, image)| {
+            let image = image.ok_or("refused")?;
+            let repaired: Vec<u64> = report.repairs.values().copied().collect();
+            // By name: infinite, NaN, negative (one of them infinitely), texels.
+            let told = repaired == [1, 1, 2, 2] && report.notes.iter().any(|note| note.contains("1 texels at 65504"));
+            let mended = image.data()[..6] == [0.0, 0.0, 65504.0, 0.0, 65504.0, 3.0];
+            held(
+                told && mended,
+                if told && mended {
+                    "each set right and counted; the capped texel is noted".into()
+                } else {
+                    format!("{report:?}")
+                },
+            )
+        });
+    add(
+        "the import of a map with NaN, -1, infinities of both signs, and half precision's cap",
+        "0, 0, the largest finite and 0, each counted; a note of the cap",
+        came,
+    );
+    let came = imported(&[f32::NAN; 96]).and_then(|(report, image)| {
+        held(
+            image.is_none() && report.reason.is_some_and(|r| r.contains("no texel holds any light")),
+            "refused, by name".into(),
+        )
+    });
+    add("the import of a map of nothing but NaN", "refused by name", came);
 }

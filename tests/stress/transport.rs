@@ -103,7 +103,7 @@ fn clocks() -> Vec<Hazard> {
         held(
             rising,
             format!(
-                "1 - tau is {}, {} and {}: counts nearer than a millionth of each other share their tau",
+                "1 - tau is {}, {} and {}: at the end of so long a ladder, counts within 256 of each other share their tau",
                 about(1.0 - taus[0]),
                 about(1.0 - taus[1]),
                 about(1.0 - taus[2])
