@@ -8,4 +8,5 @@ mod protocol;
 mod quickstart;
 mod real_assets;
 mod strata;
+mod stress;
 mod support;

@@ -7,7 +7,7 @@ use tauflow::{
     registry,
 };
 use tauflow_cache::Store;
-use tauflow_contract::{Artifact, Collection};
+use tauflow_contract::{Artifact, Blobs, Collection, Context, Digest, KindError, MemoKey, Silent};
 
 /// A pipeline that was run, and the store with its results.
 pub struct Done {
@@ -18,6 +18,11 @@ pub struct Done {
 impl Done {
     /// Resolves a pipeline file and brings its targets up to date; nothing may fail.
     pub fn run(file: &Path, sets: Vec<String>, store: &Path) -> Self {
+        Self::run_with(file, sets, store, &RunOptions::default())
+    }
+
+    /// The same with options of the engine's.
+    pub fn run_with(file: &Path, sets: Vec<String>, store: &Path, run: &RunOptions) -> Self {
         let options = Options { sets, ..Options::default() };
         let pipeline = match pipeline::resolve(file, &registry::registry(), &options) {
             Ok(pipeline) => pipeline,
@@ -25,9 +30,14 @@ impl Done {
         };
         let store = Store::open(store).expect("the folder can be written");
         let stop = AtomicBool::new(false);
-        let summary = engine::run(&pipeline, &store, &RunOptions::default(), &stop, &|_| {}).expect("runs");
+        let summary = engine::run(&pipeline, &store, run, &stop, &|_| {}).expect("runs");
         assert!(summary.failures.is_empty(), "{:#?}", summary.failures);
         Self { pipeline, store }
+    }
+
+    /// Hands out a context that reads from the store.
+    pub fn with<T>(&self, read: impl FnOnce(&Context<'_>) -> T) -> T {
+        read(&Context::new(&Reading(&self.store), &Silent, &AtomicBool::new(false)))
     }
 
     /// The kind of the node of `node.port`, and its version.
@@ -65,6 +75,26 @@ impl Done {
                 (key.to_string(), serde_json::from_slice(&bytes).expect("what the kind wrote"))
             })
             .collect()
+    }
+}
+
+struct Reading<'a>(&'a Store);
+
+impl Blobs for Reading<'_> {
+    fn get(&self, digest: &Digest) -> Result<Option<Vec<u8>>, KindError> {
+        Ok(self.0.get(digest).expect("the store can be read"))
+    }
+
+    fn put(&self, _: &[u8]) -> Result<Digest, KindError> {
+        unreachable!("results are read")
+    }
+
+    fn memo_get(&self, _: &MemoKey) -> Option<Artifact> {
+        None
+    }
+
+    fn memo_put(&self, _: &MemoKey, _: &Artifact) -> Result<(), KindError> {
+        unreachable!("results are read")
     }
 }
 

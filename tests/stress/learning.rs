@@ -1,24 +1,22 @@
-//! Trainings on small bad data, and networks on extreme images.
+//! Trainings on small bad data, trainings that diverge, and such as are stopped.
 
-use super::{Hazard, about, held};
+use super::{Hazard, held};
 use std::{collections::BTreeMap, sync::atomic::AtomicBool};
 use tauflow_contract::{Action, Artifact, Blobs, Collection, Context, ItemKey, Kind, MemoryBlobs, Outputs, Silent};
 use tauflow_data::{
     Image,
     formats::{PACKED, PackedScene},
-    results::TrainingLog,
+    results::{TrainingLog, TrainingTiming},
     rng::Stream,
-    time::TimeGrid,
 };
-use tauflow_train::{Conditioning, Course, Loss, Model, Parameterization, Space, Training, TrainingParams, rollout};
+use tauflow_train::{Conditioning, Loss, Model, Parameterization, Space, Training, TrainingParams};
 
 const TRAINING: &str = "Training";
-const NETWORKS: &str = "Networks";
-const SIDE: usize = 16;
+pub(super) const SIDE: usize = 16;
 const COUNTS: [u64; 4] = [1, 2, 4, 8];
 
 /// A scene of noise about a ramp; `bright` is put into one pixel of the first rung.
-fn scene(seed: u64, bright: f32) -> PackedScene {
+pub(super) fn scene(seed: u64, bright: f32) -> PackedScene {
     let mut stream = Stream::new(seed, &[]);
     let mut states = vec![Image::new(SIDE, SIDE, 3); COUNTS.len()];
     for at in 0..SIDE * SIDE * 3 {
@@ -35,17 +33,17 @@ fn scene(seed: u64, bright: f32) -> PackedScene {
     PackedScene { counts: COUNTS.to_vec(), states, gbuffer: Some(Image::new(SIDE, SIDE, 6)) }
 }
 
-struct Lab {
+pub(super) struct Lab {
     blobs: MemoryBlobs,
     stop: AtomicBool,
 }
 
 impl Lab {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         Self { blobs: MemoryBlobs::default(), stop: AtomicBool::new(false) }
     }
 
-    fn scenes(&self, scenes: impl IntoIterator<Item = PackedScene>) -> Collection {
+    pub(super) fn scenes(&self, scenes: impl IntoIterator<Item = PackedScene>) -> Collection {
         let store = |(i, scene): (usize, PackedScene)| {
             let digest = self.blobs.put(&scene.to_bytes().expect("consistent")).expect("memory");
             (ItemKey::new(format!("L0-open-{i:06}")).expect("plain"), Artifact::blob(PACKED, digest))
@@ -53,20 +51,30 @@ impl Lab {
         scenes.into_iter().enumerate().map(store).collect()
     }
 
-    fn train(&self, train: &Collection, params: TrainingParams) -> Result<Outputs, String> {
+    pub(super) fn train(&self, train: &Collection, params: TrainingParams) -> Result<Outputs, String> {
+        self.train_and_test(train, None, params)
+    }
+
+    fn train_and_test(
+        &self,
+        train: &Collection,
+        test: Option<&Collection>,
+        params: TrainingParams,
+    ) -> Result<Outputs, String> {
         let ctx = Context::new(&self.blobs, &Silent, &self.stop);
-        let whole = BTreeMap::from([("train", train)]);
+        let mut whole = BTreeMap::from([("train", train)]);
+        whole.extend(test.map(|test| ("test", test)));
         let action = Action { params, item: None, group: "main", seed: 3, each: BTreeMap::new(), whole };
         Training::run(&ctx, &action).map_err(|e| e.to_string())
     }
 
-    fn part(&self, outputs: &Outputs, port: &str) -> Vec<u8> {
+    pub(super) fn part(&self, outputs: &Outputs, port: &str) -> Vec<u8> {
         let ctx = Context::new(&self.blobs, &Silent, &self.stop);
         ctx.part(outputs.collections[port].get("model").expect("one item"), "").expect("stored")
     }
 }
 
-fn short() -> TrainingParams {
+pub(super) fn short() -> TrainingParams {
     TrainingParams {
         steps: 6,
         batch: 2,
@@ -78,27 +86,45 @@ fn short() -> TrainingParams {
     }
 }
 
-pub fn hazards() -> Vec<Hazard> {
-    let mut out = trainings();
-    out.extend(networks());
-    out
+/// Scenes in which nothing varies.
+fn flat(value: f32) -> PackedScene {
+    let mut flat = scene(0, 0.0);
+    flat.states.iter_mut().for_each(|state| state.data_mut().fill(value));
+    flat
 }
 
-fn trainings() -> Vec<Hazard> {
+type Add<'a> = &'a mut dyn FnMut(String, &str, Result<String, String>);
+
+pub fn hazards() -> Vec<Hazard> {
     let mut out = Vec::new();
     let mut add =
         |fed: String, must: &str, came: Result<String, String>| out.push(Hazard::new(TRAINING, fed, must, came));
+    data(&mut add);
+    divergence(&mut add);
+    resumption(&mut add);
+    out
+}
+
+/// A training's losses, all of them, and its model, which is read.
+fn sound(lab: &Lab, outputs: &Outputs) -> Result<Vec<f64>, String> {
+    let log: TrainingLog = serde_json::from_slice(&lab.part(outputs, "log")).map_err(|e| e.to_string())?;
+    let losses: Vec<f64> = log.points.iter().filter_map(|p| p.train).collect();
+    // The curve has a point without a loss, before the first step.
+    if losses.len() + 1 != log.points.len() || !losses.iter().all(|loss| loss.is_finite()) {
+        return Err(format!("losses {losses:?} at {} points", log.points.len()));
+    }
+    Model::load(&lab.part(outputs, "model")).map(|_| losses).map_err(|e| e.to_string())
+}
+
+fn data(add: Add<'_>) {
     for (space, loss) in [(Space::Linear, Loss::Squared), (Space::Log1p, Loss::Absolute)] {
         for parameterization in Parameterization::ALL {
             let lab = Lab::new();
             let bright = lab.scenes((0..3).map(|i| scene(i, 1e6)));
             let params =
                 TrainingParams { parameterization, space, loss, conditioning: Conditioning::Gbuffer, ..short() };
-            let came = lab.train(&bright, params).and_then(|outputs| {
-                let log: TrainingLog = serde_json::from_slice(&lab.part(&outputs, "log")).map_err(|e| e.to_string())?;
-                let fine = log.points.iter().filter_map(|p| p.train).all(f64::is_finite);
-                held(fine && Model::load(&lab.part(&outputs, "model")).is_ok(), "finite losses and weights".into())
-            });
+            let came = lab.train(&bright, params);
+            let came = came.and_then(|out| sound(&lab, &out)).map(|_| "finite losses and weights".into());
             add(
                 format!("a firefly of 1e6 in every scene, {} in {} space", parameterization.name(), space.name()),
                 "finite losses and weights",
@@ -106,17 +132,33 @@ fn trainings() -> Vec<Hazard> {
             );
         }
     }
+    for (name, value) in [("black", 0.0f32), ("constant", 0.7)] {
+        let came = Parameterization::ALL.into_iter().try_fold(0.0f64, |most, parameterization| {
+            let lab = Lab::new();
+            let params = TrainingParams { parameterization, conditioning: Conditioning::Gbuffer, ..short() };
+            let outputs = lab.train(&lab.scenes([flat(value), flat(value)]), params)?;
+            Ok::<_, String>(sound(&lab, &outputs)?.into_iter().fold(most, f64::max))
+        });
+        // Nothing is to be learned: the loss is rounding.
+        let came = came.and_then(|most| held(most < 1e-10, "no loss but rounding".into()));
+        add(
+            format!("scenes that are {name}, without noise, in all four parameterizations"),
+            "a loss of 0, and a model",
+            came,
+        );
+    }
     let lab = Lab::new();
-    let scenes = lab.scenes((0..3).map(|i| scene(i, 0.0)));
-    let params = TrainingParams { learning_rate: 1e3, clip: 1e9, steps: 200, ..short() };
-    let came = match lab.train(&scenes, params) {
-        Err(told) => held(told.contains("learning_rate"), "told by name, with the step and the remedy".into()),
-        // Weighted means cannot leave the window: a rate that makes no sense need not end in infinities.
-        Ok(_) => Ok("weights stayed finite".into()),
-    };
-    add("a learning rate of 1,000 without clipping".into(), "an error that names it, or finite weights", came);
     let one = lab.scenes([scene(1, 0.0)]);
-    add("a data set of one scene".into(), "a model", lab.train(&one, short()).map(|_| "a model".into()));
+    let came = Parameterization::ALL.into_iter().try_for_each(|parameterization| {
+        let outputs = lab.train(&one, TrainingParams { parameterization, ..short() })?;
+        sound(&lab, &outputs).map(|_| ())
+    });
+    add("a data set of one scene, in all four parameterizations".into(), "models", came.map(|()| "models".into()));
+    let came = match lab.train(&one, TrainingParams { shuffle_targets: true, ..short() }) {
+        Err(told) => held(told.contains("two training scenes"), "refused by name".into()),
+        Ok(_) => Err("taken".into()),
+    };
+    add("one scene, with targets from another".into(), "refused by name", came);
     let came = match lab.train(&Collection::default(), short()) {
         Err(told) => held(told.contains("train"), "refused by name".into()),
         Ok(_) => Err("taken".into()),
@@ -131,6 +173,102 @@ fn trainings() -> Vec<Hazard> {
         Ok(_) => Err("taken".into()),
     };
     add("a scene with a value that is no number".into(), "refused by name", came);
+    let broken = PackedScene { gbuffer: scene(1, 0.0).gbuffer.map(|g| g.map(|_| f32::INFINITY)), ..scene(1, 0.0) };
+    let came = match lab.train(&lab.scenes([scene(0, 0.0), broken]), short()) {
+        Err(told) => {
+            held(told.contains("G-buffer") && told.contains("L0-open-000001"), "refused, with the scene's name".into())
+        }
+        Ok(_) => Err("taken".into()),
+    };
+    add("a scene with a G-buffer of infinities".into(), "refused by name", came);
+    let blinding = lab.scenes([scene(1, 1e25)]);
+    let came = match lab.train_and_test(&one, Some(&blinding), short()) {
+        Err(told) => held(told.contains("test scenes") && told.contains("step 0"), "refused, with the step".into()),
+        Ok(_) => Err("taken, with a curve that looks as if there were no test scenes".into()),
+    };
+    add("a test scene of radiance 1e25, whose square no single precision holds".into(), "refused by name", came);
+}
+
+fn divergence(add: Add<'_>) {
+    let told_all = |told: &str| ["step", "learning_rate", "clip"].iter().all(|word| told.contains(word));
+    // The rate rises by a quarter at every step: some go well, and each is kept.
+    let lab = Lab::new();
+    let scenes = lab.scenes((0..3).map(|i| scene(i, 0.0)));
+    let rising = TrainingParams { learning_rate: 1e3, warmup: 4000, steps: 400, checkpoint_every: 1, ..short() };
+    let diverged = lab.train(&scenes, rising.clone());
+    let kept = match diverged {
+        Err(told) if told_all(&told) && told.contains("diverges") => told
+            .rsplit_once("`steps: ")
+            .and_then(|(_, rest)| rest.split('`').next()?.parse::<u64>().ok())
+            .ok_or_else(|| format!("no step to go back to in: {told}")),
+        Err(told) => Err(told),
+        Ok(_) => Err("taken for a training".into()),
+    };
+    add(
+        "a learning rate that rises to 1,000, a quarter more at every step".into(),
+        "an error that names the step, the rate and the last checkpoint",
+        kept.clone().and_then(|step| {
+            held(step > 1, "told, with the step, `learning_rate`, `clip`, and the last good step".into())
+        }),
+    );
+    let came = kept.and_then(|step| {
+        let outputs = lab.train(&scenes, TrainingParams { steps: step, ..rising.clone() })?;
+        sound(&lab, &outputs)?;
+        let timing: TrainingTiming =
+            serde_json::from_slice(&lab.part(&outputs, "timing")).map_err(|e| e.to_string())?;
+        // The same without a store of before, from its first step on.
+        let fresh = Lab::new();
+        let scenes = fresh.scenes((0..3).map(|i| scene(i, 0.0)));
+        let again = fresh.train(&scenes, TrainingParams { steps: step, ..rising.clone() })?;
+        let same = fresh.part(&again, "model") == lab.part(&outputs, "model");
+        held(timing.steps == 0 && same, "no step is done again; the bits of a training that ends there".into())
+    });
+    add("as many steps of it as that error says".into(), "the model of the last checkpoint", came);
+    let came = lab.train(&scenes, TrainingParams { learning_rate: 2e-4, steps: 30, ..short() });
+    let came = came
+        .and_then(|outputs| sound(&lab, &outputs))
+        .and_then(|losses| held(losses.iter().all(|loss| *loss < 1.0), "finite losses and weights".into()));
+    add("the same scenes and store, with a rate of 2e-4".into(), "a training", came);
+    let gone = |bright: f32, params: TrainingParams, word: &str| {
+        let lab = Lab::new();
+        let scenes = lab.scenes((0..3).map(|i| scene(i, bright)));
+        match lab.train(&scenes, params) {
+            Err(told) => held(told_all(&told) && told.contains(word), told)
+                .map(|_| "told, with the step and what to lower".into()),
+            Ok(_) => Err("taken for a training".into()),
+        }
+    };
+    let at_once = TrainingParams { learning_rate: 1e3, clip: 1e9, steps: 60, ..short() };
+    add(
+        "a learning rate of 1,000 at once, without clipping: losses stay finite, as predictions are means".into(),
+        "an error that names the step and the rate",
+        gone(0.0, at_once, "after step 1,").map(|_| "told at the first step, by the size of the weights".into()),
+    );
+    let linear = TrainingParams { space: Space::Linear, loss: Loss::Squared, ..short() };
+    add(
+        "a radiance of 1e25 in every scene, in linear space, squared".into(),
+        "an error that names the step",
+        gone(1e25, linear.clone(), "the loss is inf"),
+    );
+    add(
+        "a radiance of 1e15, without clipping: the square of the gradient is beyond single precision, its loss is not"
+            .into(),
+        "an error that names the step, before weights stand still for ever",
+        gone(1e15, TrainingParams { clip: 1e30, steps: 60, ..linear.clone() }, "the norm of the gradient"),
+    );
+    let lab = Lab::new();
+    let scenes = lab.scenes((0..3).map(|i| scene(i, 1e15)));
+    let came = lab.train(&scenes, linear).and_then(|outputs| sound(&lab, &outputs));
+    add(
+        "the same with `clip: 1`".into(),
+        "finite losses and weights",
+        came.map(|_| "finite losses and weights".into()),
+    );
+}
+
+fn resumption(add: Add<'_>) {
+    let lab = Lab::new();
+    let scenes = lab.scenes((0..3).map(|i| scene(i, 0.0)));
     // Stopped after each step and gone on with: what one run has done, another finds.
     let whole = lab.train(&scenes, TrainingParams { checkpoint_every: 100, ..short() }).map(|o| lab.part(&o, "model"));
     let came = whole.and_then(|whole| {
@@ -151,60 +289,4 @@ fn trainings() -> Vec<Hazard> {
         "the bits of one that is not",
         came,
     );
-    out
-}
-
-fn networks() -> Vec<Hazard> {
-    let mut out = Vec::new();
-    let mut add =
-        |fed: String, must: &str, came: Result<String, String>| out.push(Hazard::new(NETWORKS, fed, must, came));
-    let lab = Lab::new();
-    let scenes = lab.scenes((0..3).map(|i| scene(i, 0.0)));
-    for parameterization in [Parameterization::McNoise, Parameterization::McVelocity] {
-        let params =
-            TrainingParams { parameterization, conditioning: Conditioning::Gbuffer, space: Space::Log1p, ..short() };
-        let model =
-            lab.train(&scenes, params).and_then(|o| Model::load(&lab.part(&o, "model")).map_err(|e| e.to_string()));
-        let refine = |factor: f32, steps: usize, flat: Option<f32>| -> Result<(f64, f64, f64), String> {
-            let model = model.as_ref().map_err(Clone::clone)?;
-            let scene = scene(9, 0.0);
-            let image = scene.states[0].map(|v| flat.unwrap_or(v) * factor);
-            let course = Course { from: 1, steps, grid: TimeGrid::Ladder };
-            let end = rollout(model, &image, scene.gbuffer.as_ref(), course).map_err(|e| e.to_string())?;
-            let range = |image: &Image| {
-                image.data().iter().fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(f64::from(*v)), b.max(f64::from(*v))))
-            };
-            let (_, before) = range(&image);
-            let (low, high) = range(&end);
-            Ok((low, high, before))
-        };
-        for exponent in [-6i32, 0, 6] {
-            let came = refine(10f32.powi(exponent), 9, None).and_then(|(low, high, before)| {
-                held(
-                    low.is_finite() && high <= 1.001 * before && low >= -1e-3 * before,
-                    "finite, and within the range of the input".into(),
-                )
-            });
-            add(
-                format!("{}, an exposure of 1e{exponent}", parameterization.name()),
-                "an image within the range of its input",
-                came,
-            );
-        }
-        let came = refine(1.0, 9, Some(0.0)).and_then(|(low, high, _)| held(low == 0.0 && high == 0.0, "black".into()));
-        add(format!("{}, a black image", parameterization.name()), "black", came);
-        let came = refine(1.0, 9, Some(0.7)).and_then(|(low, high, _)| {
-            let off = (low / 0.7 - 1.0).abs().max((high / 0.7 - 1.0).abs());
-            held(off < 1e-4, format!("itself to {}", about(off)))
-        });
-        add(
-            format!("{}, a constant image", parameterization.name()),
-            "itself: nothing varies, so nothing is noise",
-            came,
-        );
-        let came = refine(1.0, 200, None)
-            .and_then(|(low, high, _)| held(low.is_finite() && high.is_finite(), "finite".into()));
-        add(format!("{}, 200 calls", parameterization.name()), "a finite image", came);
-    }
-    out
 }

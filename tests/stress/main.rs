@@ -4,8 +4,11 @@
 #[path = "../../nodes/render/tests/scenes/mod.rs"]
 mod scenes;
 
+mod data;
+mod geometry;
 mod learning;
 mod metrics;
+mod networks;
 mod rendering;
 mod transport;
 
@@ -68,6 +71,8 @@ fn every_hazard_is_met_and_the_page_tells_what_came_of_it() {
     let mut hazards = rendering::hazards();
     hazards.extend(transport::hazards());
     hazards.extend(learning::hazards());
+    hazards.extend(networks::hazards());
+    hazards.extend(data::hazards());
     hazards.extend(metrics::hazards());
     let failed: Vec<String> = hazards
         .iter()

@@ -2,12 +2,11 @@
 
 use super::{
     Hazard, about, held,
-    scenes::{Built, ball, balls_under_sky, columns, floor_point, level, room},
+    scenes::{Built, balls_under_sky, columns, floor_point, level, room},
 };
 use tauflow_contract::Digest;
 use tauflow_data::{
     Image,
-    formats::Mesh,
     scene::{Bsdf, Emitter, Geometry, IDENTITY, Texture},
 };
 use tauflow_render::{
@@ -18,11 +17,11 @@ use tauflow_render::{
 
 const AREA: &str = "Rendering";
 
-fn world(built: &Built) -> Result<World, String> {
+pub(super) fn world(built: &Built) -> Result<World, String> {
     World::new(&built.scene, &mut |digest| built.load(digest)).map_err(|e| e.to_string())
 }
 
-fn rendered(built: &Built, width: usize, height: usize, spp: u64) -> Result<Accumulator, String> {
+pub(super) fn rendered(built: &Built, width: usize, height: usize, spp: u64) -> Result<Accumulator, String> {
     let world = world(built)?;
     let renderer = Renderer::new(&world, width, height, 0).map_err(|e| e.to_string())?;
     let mut film = renderer.begin();
@@ -38,19 +37,19 @@ fn rendered(built: &Built, width: usize, height: usize, spp: u64) -> Result<Accu
     Ok(film)
 }
 
-fn mean(film: &Accumulator) -> f64 {
+pub(super) fn mean(film: &Accumulator) -> f64 {
     let image = film.mean();
     image.data().iter().map(|v| f64::from(*v)).sum::<f64>() / image.data().len() as f64
 }
 
 /// The largest difference of a pixel, relative to the mean.
-fn difference(a: &Accumulator, b: &Accumulator) -> f64 {
+pub(super) fn difference(a: &Accumulator, b: &Accumulator) -> f64 {
     let pairs = a.mean();
     let largest = pairs.data().iter().zip(b.mean().data()).map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max);
     largest / mean(b).max(1e-30)
 }
 
-fn glass(ior: f32, alpha: f32) -> Bsdf {
+pub(super) fn glass(ior: f32, alpha: f32) -> Bsdf {
     Bsdf::Dielectric {
         int_ior: ior,
         ext_ior: 1.0,
@@ -61,12 +60,22 @@ fn glass(ior: f32, alpha: f32) -> Bsdf {
 }
 
 /// A ball of a material under a sky of 1 everywhere, filling the view.
-fn furnace(bsdf: Bsdf, max_depth: u32) -> Built {
+pub(super) fn furnace(bsdf: Bsdf, max_depth: u32) -> Built {
     let mut built = Built::new([0.0, 0.0, 4.0], [0.0; 3], 20.0, max_depth);
     let material = built.material(bsdf);
     built.sphere([0.0; 3], 1.0, material);
     built.sky([1.0; 3]);
     built
+}
+
+/// Inside a closed cube of albedo 1/2 that shines by itself: L = 1 + 1/2 + 1/4 + ..., as far as paths go.
+pub(super) fn glowing(depth: u32) -> Built {
+    let mut shell = Built::new([0.0; 3], [1.0, 0.0, 0.0], 60.0, depth);
+    let grey = shell.diffuse([0.5; 3]);
+    let wall = shell.shape(Geometry::Cube, IDENTITY, grey);
+    wall.flip_normals = true;
+    wall.emission = Some(Texture::scalar(1.0));
+    shell
 }
 
 /// A scene scaled about the origin and moved.
@@ -85,7 +94,7 @@ fn moved(built: &Built, scale: f64, shift: f64) -> Built {
     out
 }
 
-fn within(film: &Accumulator, expected: f64, tolerance: f64) -> Result<String, String> {
+pub(super) fn within(film: &Accumulator, expected: f64, tolerance: f64) -> Result<String, String> {
     let off = (mean(film) / expected - 1.0).abs();
     held(off <= tolerance, format!("off by {} of it, nothing rejected", about(off)))
 }
@@ -96,12 +105,12 @@ pub fn hazards() -> Vec<Hazard> {
     space(&mut add);
     light(&mut add);
     materials(&mut add);
-    geometry(&mut add);
+    super::geometry::hazards(&mut add);
     films(&mut add);
     out
 }
 
-type Add<'a> = &'a mut dyn FnMut(String, &str, Result<String, String>);
+pub(super) type Add<'a> = &'a mut dyn FnMut(String, &str, Result<String, String>);
 
 fn space(add: Add<'_>) {
     let base = balls_under_sky();
@@ -162,6 +171,15 @@ fn light(add: Add<'_>) {
             came,
         );
     }
+    // A sun at the horizon: the cosine is all that is left of it.
+    for elevation in [1e-1f64, 1e-3, 1e-5] {
+        let mut built = floor_point();
+        let direction = [-elevation.cos(), -elevation.sin(), 0.0];
+        built.scene.emitters.push(Emitter::Directional { direction, irradiance: [1e6; 3] });
+        let expected = 0.5 * 1e6 * elevation.sin() / std::f64::consts::PI;
+        let came = rendered(&built, 4, 4, 4).and_then(|film| within(&film, expected, 1e-4));
+        add(format!("a sun {elevation:.0e} radians above the horizon"), "irradiance albedo/pi sin, to 1e-4", came);
+    }
     // Nearly in the plane of the floor: little light, and no sparkle.
     let mut built = floor_point();
     let lamp = built.diffuse([0.0; 3]);
@@ -188,6 +206,10 @@ fn materials(add: Add<'_>) {
         let came = rendered(&furnace(bsdf, 8), 8, 8, 64).and_then(|film| within(&film, 1.0, 2e-3));
         add(format!("a perfect mirror ball of roughness {alpha}, around the threshold of 0.001"), "1, to 0.2%", came);
     }
+    for alpha in [9.9e-4f32, 1e-3, 1.01e-3] {
+        let came = rendered(&furnace(glass(1.5, alpha), 200), 8, 8, 4096).and_then(|film| within(&film, 1.0, 2e-3));
+        add(format!("a glass ball of roughness {alpha}, around the threshold of 0.001"), "1, to 0.2%", came);
+    }
     let mut nested = furnace(glass(1.5, 0.0), 400);
     let (inner, air) = (nested.material(glass(1.3, 0.0)), nested.material(glass(1.0 / 1.3, 0.0)));
     nested.sphere([0.0; 3], 0.7, inner);
@@ -200,13 +222,12 @@ fn materials(add: Add<'_>) {
     touching.scene.camera.origin = [1.0, 0.0, 4.0];
     let came = rendered(&touching, 8, 8, 4096).and_then(|film| within(&film, 1.0, 2e-3));
     add("two glass balls that touch, seen at the point where they do".into(), "1, to 0.2%", came);
-    // A closed room of white walls in which nothing shines but the walls themselves: L = 1 + rho + rho^2 + ...
+    let mut twice = furnace(glass(1.5, 0.0), 400);
+    twice.sphere([0.0; 3], 1.0, 0);
+    let came = rendered(&twice, 8, 8, 4096).and_then(|film| within(&film, 1.0, 2e-3));
+    add("two glass balls in one place".into(), "1, to 0.2%", came);
     for depth in [1u32, 2, 1000] {
-        let mut shell = Built::new([0.0; 3], [1.0, 0.0, 0.0], 60.0, depth);
-        let white = shell.diffuse([0.5; 3]);
-        let wall = shell.shape(Geometry::Cube, IDENTITY, white);
-        wall.flip_normals = true;
-        wall.emission = Some(Texture::scalar(1.0));
+        let shell = glowing(depth);
         let expected = 2.0 - 0.5f64.powi(depth.min(60) as i32 - 1);
         let came = rendered(&shell, 8, 8, 256).and_then(|film| within(&film, expected, 0.01));
         add(
@@ -215,70 +236,6 @@ fn materials(add: Add<'_>) {
             came,
         );
     }
-}
-
-fn geometry(add: Add<'_>) {
-    let mut one = floor_point();
-    one.sky([1.0; 3]);
-    let mut two = one.clone();
-    let again = two.scene.shapes[0].clone();
-    two.scene.shapes.push(again);
-    let came = rendered(&one, 8, 8, 16).and_then(|one| {
-        let off = difference(&rendered(&two, 8, 8, 16)?, &one);
-        held(off < 1e-6, format!("the same to {}", about(off)))
-    });
-    add("a floor twice in one place".into(), "the image of one", came);
-    // Triangles a million times as long as wide.
-    let mut slivers = Built::new([0.0, 0.0, 4.0], [0.0; 3], 20.0, 4);
-    let white =
-        slivers.material(Bsdf::TwoSided { inner: Box::new(Bsdf::Diffuse { reflectance: Texture::scalar(1.0) }) });
-    let rows = 2000;
-    let mut mesh = Mesh::default();
-    for i in 0..rows {
-        let (y, step) = (-1.0 + 2.0 * i as f32 / rows as f32, 2e-6);
-        let first = mesh.positions.len() as u32;
-        mesh.positions.extend([[-1.0, y, 0.0], [1.0, y, 0.0], [1.0, y + step, 0.0]]);
-        mesh.triangles.push([first, first + 1, first + 2]);
-    }
-    slivers.mesh(&mesh, IDENTITY, white);
-    slivers.sky([1.0; 3]);
-    let came = rendered(&slivers, 16, 16, 64).and_then(|film| within(&film, 1.0, 2e-3));
-    add("2,000 white triangles, a million times as long as wide, under a sky of 1".into(), "1, to 0.2%", came);
-    let mut heap = floor_point();
-    heap.sky([1.0; 3]);
-    let mesh = Mesh {
-        positions: vec![[0.0, 1.0, 0.0], [1e-3, 1.0, 0.0], [0.0, 1.0, 1e-3]],
-        triangles: vec![[0, 1, 2]; 1_000_000],
-        ..Mesh::default()
-    };
-    heap.mesh(&mesh, IDENTITY, 0);
-    let came = world(&heap).and_then(|world| {
-        let film = rendered(&heap, 8, 8, 4)?;
-        held(mean(&film) > 0.0, format!("{} primitives, rendered", world.primitive_count()))
-    });
-    add("a million triangles in one place".into(), "a tree, and an image", came);
-    let mut points = heap.clone();
-    let mesh = Mesh { positions: vec![[0.0, 1.0, 0.0]; 3], triangles: vec![[0, 1, 2]; 1_000_000], ..Mesh::default() };
-    points.scene.shapes.pop();
-    points.mesh(&mesh, IDENTITY, 0);
-    let came = world(&points).and_then(|world| {
-        rendered(&points, 8, 8, 4)?;
-        held(world.dropped.degenerate == 1_000_000, format!("{} left out and counted", world.dropped.degenerate))
-    });
-    add("a million triangles that are points".into(), "left out and counted", came);
-    let mut broken = one.clone();
-    let mut mesh = ball(8);
-    mesh.positions[40] = [f32::NAN, 0.0, 0.0];
-    mesh.positions[41] = [f32::INFINITY, 0.0, 0.0];
-    broken.mesh(&mesh, columns([0.3, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.3], [0.0, 0.5, 0.0]), 0);
-    let came = world(&broken).and_then(|world| {
-        rendered(&broken, 8, 8, 16)?;
-        held(
-            world.dropped.not_finite > 0,
-            format!("{} triangles left out and counted, the rest rendered", world.dropped.not_finite),
-        )
-    });
-    add("a mesh with corners at NaN and infinity".into(), "they are left out and counted", came);
 }
 
 fn films(add: Add<'_>) {
@@ -312,12 +269,23 @@ fn films(add: Add<'_>) {
     built.scene.emitters.push(Emitter::Envmap { image: digest, scale: 1e3, to_world: IDENTITY });
     let came = rendered(&built, 8, 8, 64).map(|film| format!("finite, mean {}", about(mean(&film))));
     add("an environment map capped at half's largest number, a thousand times".into(), "finite", came);
-    for (width, height) in [(1, 1), (1, 17), (31, 3)] {
-        let came = rendered(&balls_under_sky(), width, height, 8).and_then(|film| {
-            held((film.width(), film.height()) == (width, height) && mean(&film) > 0.0, "an image".into())
+    for (width, height) in [(1, 1), (1, 17), (31, 3), (33, 17)] {
+        let came = rendered(&glowing(1000), width, height, 4096 / (width * height) as u64 * 16).and_then(|film| {
+            let fits = (film.width(), film.height()) == (width, height);
+            within(&film, 2.0, 0.02).and_then(|said| held(fits, said))
         });
-        add(format!("a film of {width} x {height}"), "an image", came);
+        add(format!("a film of {width} x {height} inside the glowing cube"), "2, to 2%", came);
     }
+    // Each sample is the same number of 24 binary digits: 2^20 of them have 44, and their mean is exact.
+    let mut lamp = Built::new([0.0, 0.0, 4.0], [0.0; 3], 20.0, 1);
+    let black = lamp.diffuse([0.0; 3]);
+    let square = columns([2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 1.0], [0.0; 3]);
+    lamp.shape(Geometry::Rectangle, square, black).emission = Some(Texture::scalar(0.1));
+    let came = rendered(&lamp, 1, 1, 1 << 20).and_then(|film| {
+        let off = (mean(&film) - f64::from(0.1f32)).abs();
+        held(off == 0.0, format!("off by {}", about(off)))
+    });
+    add("2^20 paths of a pixel to a lamp of 0.1".into(), "0.1 in single precision, exactly", came);
     // Samples of 1 and of 1 + 2^-20 by turns: the mean is known to the bit.
     let mut pixel = Pixel::default();
     let (low, high) = (1.0f32, 1.0 + 2f32.powi(-20));

@@ -13,6 +13,8 @@ struct Oracle {
     kind: Parameterization,
     space: Space,
     clock: VarianceTime,
+    /// Where it starts.
+    start: Image,
     clean: Image,
 }
 
@@ -31,10 +33,12 @@ impl Denoiser for Oracle {
 
     fn predict(&self, state: &Image, _: Option<&Image>, tau: f64) -> Result<Image, KindError> {
         let mut out = state.clone();
-        for (out, clean) in out.data_mut().iter_mut().zip(self.clean.data()) {
+        for ((out, clean), start) in out.data_mut().iter_mut().zip(self.clean.data()).zip(self.start.data()) {
             let noise = *out - self.space.encode(*clean);
             *out = match self.kind {
                 Parameterization::McNoise => noise,
+                // The same all the way.
+                Parameterization::VanillaRf => self.space.encode(*clean) - self.space.encode(*start),
                 // v = -eps/(1 - tau).
                 _ => (-f64::from(noise) / (1.0 - tau)) as f32,
             };
@@ -90,6 +94,22 @@ fn clocks() -> Vec<Hazard> {
         "finite counts that rise to n_max",
         held(rising && near < 1e-12, format!("n_max to {}", about(near))),
     );
+    let long = VarianceTime::new(1, 1 << 40).expect("a ladder");
+    let taus = [20, 8, 0].map(|apart| long.tau(((1u64 << 40) - (1 << apart)) as f64));
+    let rising = taus.windows(2).all(|pair| pair[0] <= pair[1]) && taus[0] < 1.0 && taus[2] <= 1.0;
+    add(
+        "tau of 2^40 - 2^20, 2^40 - 2^8 and 2^40 - 1 of 2^40 samples".into(),
+        "rising, and never above 1",
+        held(
+            rising,
+            format!(
+                "1 - tau is {}, {} and {}: at the end of so long a ladder, counts within 256 of each other share their tau",
+                about(1.0 - taus[0]),
+                about(1.0 - taus[1]),
+                about(1.0 - taus[2])
+            ),
+        ),
+    );
     for kind in [TimeGrid::Ladder, TimeGrid::Uniform] {
         let fine = [1usize, 2, 9, 50, 1000, 100_000].into_iter().all(|steps| {
             let times = clock.grid(1.0, steps, kind);
@@ -130,7 +150,7 @@ fn solvers() -> Vec<Hazard> {
     let noisy = image(&[0.0, 7.0, 0.3, 1e6, 1e-6, 100.0]);
     let clean = image(&[0.5, 2.0, 0.3, 0.4, 2e-6, 1e4]);
     let run = |kind, space, steps: usize, noisy: &Image, clean: &Image| {
-        let oracle = Oracle { kind, space, clock, clean: clean.clone() };
+        let oracle = Oracle { kind, space, clock, start: noisy.clone(), clean: clean.clone() };
         rollout(&oracle, noisy, None, Course { from: 1, steps, grid: TimeGrid::Ladder }).map_err(|e| e.to_string())
     };
     for space in [Space::Linear, Space::Log1p] {
@@ -166,13 +186,14 @@ fn solvers() -> Vec<Hazard> {
     let drift = |steps: usize| {
         let (start, target) = (7.0f64, 2.0f64);
         let times = course(steps);
-        let (mut wide, mut narrow) = (start, start as f32);
+        let (mut wide, mut narrow) = (start, image(&[start as f32]));
         for pair in times[..steps].windows(2) {
             let share = (pair[1] - pair[0]) / (1.0 - pair[0]);
             wide += share * (target - wide);
-            narrow += share as f32 * (target as f32 - narrow);
+            let noise = narrow.map(|v| v - target as f32);
+            narrow = Parameterization::McNoise.step(&narrow, &noise, pair[0], pair[1]);
         }
-        (f64::from(narrow) / wide - 1.0).abs()
+        (f64::from(narrow.data()[0]) / wide - 1.0).abs()
     };
     for steps in [9usize, 50, 1000] {
         let off = drift(steps);
@@ -189,6 +210,77 @@ fn solvers() -> Vec<Hazard> {
             held(off < 1e-5, format!("to {}", about(off)))
         });
         add(format!("a {name} image that is clean already"), "itself", came);
+    }
+    // The straight way of rectified flow, in Euler steps: what is lost is the rounding of each.
+    for steps in [1usize, 9, 1000] {
+        let (noisy, clean) = (image(&[0.0, 7.0, 0.3, 1e-6, 100.0]), image(&[0.5, 2.0, 0.3, 2e-6, 1e4]));
+        let came = run(Parameterization::VanillaRf, Space::Log1p, steps, &noisy, &clean).and_then(|end| {
+            let off = difference(&end, &clean);
+            held(off < 0.02 * (steps as f64).sqrt(), format!("off by {} of a value at most", about(off)))
+        });
+        add(
+            format!("vanilla_rf on its exact velocity, {steps} steps"),
+            "the clean image, to the rounding of the sum",
+            came,
+        );
+    }
+    // Where 1 - tau is small, v = -eps/(1 - tau) is large: endpoints next to the last rung of a long ladder.
+    let late = VarianceTime::new(1, 1 << 40).expect("a ladder");
+    let ends = [Parameterization::McNoise, Parameterization::McVelocity].map(|kind| {
+        let oracle = Oracle { kind, space: Space::Linear, clock: late, start: noisy.clone(), clean: clean.clone() };
+        let course = Course { from: (1 << 40) - (1 << 20), steps: 50, grid: TimeGrid::Ladder };
+        rollout(&oracle, &noisy, None, course).map_err(|e| e.to_string())
+    });
+    let came = match &ends {
+        [Ok(a), Ok(b)] => {
+            let off = difference(a, &clean).max(difference(b, &clean));
+            held(off < 0.1, format!("off by {} of a value at most", about(off)))
+        }
+        [a, b] => Err(format!("{:?} {:?}", a.as_ref().err(), b.as_ref().err())),
+    };
+    add(
+        "both from 2^40 - 2^20 to 2^40 samples, where 1 - tau is 5e-13".into(),
+        "the clean image, to the digits of the firefly",
+        came,
+    );
+    let outside = [(0usize, 1u64), (2, 512), (2, 513), (2, 0)].into_iter().all(|(steps, from)| {
+        let oracle = Oracle {
+            kind: Parameterization::McNoise,
+            space: Space::Linear,
+            clock,
+            start: noisy.clone(),
+            clean: clean.clone(),
+        };
+        rollout(&oracle, &noisy, None, Course { from, steps, grid: TimeGrid::Ladder }).is_err()
+    });
+    add("no steps; a start at the last rung, after it, and at 0".into(), "refused", held(outside, "refused".into()));
+    for (space, value) in [(Space::Log1p, 1e38f32), (Space::Log1p, -1e38)] {
+        let came = match run(Parameterization::McNoise, space, 2, &image(&[1.0, value]), &image(&[1.0, 1.0])) {
+            Err(told) => held(told.contains("beyond") && told.contains("log1p"), "refused, with how many".into()),
+            Ok(_) => Err("taken".into()),
+        };
+        add(
+            format!("an endpoint of {value:.0e} in log1p space, which ends at 6e37"),
+            "refused by name: nothing is cut",
+            came,
+        );
+    }
+    for value in [f32::NAN, f32::INFINITY] {
+        let mut gbuffer = Image::new(noisy.width(), noisy.height(), 6);
+        gbuffer.data_mut()[3] = value;
+        let oracle = Oracle {
+            kind: Parameterization::McNoise,
+            space: Space::Linear,
+            clock,
+            start: noisy.clone(),
+            clean: clean.clone(),
+        };
+        let course = Course { from: 1, steps: 2, grid: TimeGrid::Ladder };
+        let came = match rollout(&oracle, &noisy, Some(&gbuffer), course).map_err(|e| e.to_string()) {
+            Err(told) => held(told.contains("G-buffer") && told.contains('1'), "refused, with how many".into()),
+            Ok(_) => Err("taken".into()),
+        };
+        add(format!("a G-buffer with a value of {value}"), "refused by name", came);
     }
     for value in [f32::NAN, f32::INFINITY] {
         let mut broken = noisy.clone();

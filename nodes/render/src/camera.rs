@@ -32,17 +32,19 @@ impl Camera {
         let forward = DVec3::from_array(camera.target) - origin;
         let side = forward.cross(DVec3::from_array(camera.up));
         let tangible = |v: DVec3| v.length().is_finite() && v.length() > 1e-12;
-        if !(origin.is_finite() && tangible(forward) && tangible(side)) {
+        // What single precision cannot hold is nowhere, too.
+        if !(origin.as_vec3().is_finite() && tangible(forward) && tangible(side)) {
             return Err(KindError::Input(format!(
                 "the camera at {origin} with target {:?} and up {:?} looks nowhere; give three directions that span a \
                  frame",
                 camera.target, camera.up
             )));
         }
-        if !(camera.fov_x > 0.0 && camera.fov_x < 180.0 && camera.near >= 0.0 && camera.near.is_finite()) {
+        let near = camera.near as f32;
+        if !(camera.fov_x > 0.0 && camera.fov_x < 180.0 && near >= 0.0 && near.is_finite()) {
             return Err(KindError::Input(format!(
                 "the camera has `fov_x: {}` and `near: {}`; use a field of view between 0 and 180 degrees and a near \
-                 distance from 0",
+                 distance from 0 that single precision holds",
                 camera.fov_x, camera.near
             )));
         }
@@ -52,7 +54,7 @@ impl Camera {
         let pixel = 2.0 * half / width as f64;
         Ok(Self {
             origin: origin.as_vec3(),
-            near: camera.near as f32,
+            near,
             middle: Vec2::new(width as f32 * 0.5, height as f32 * 0.5),
             right: side * pixel,
             down: up * -pixel,
@@ -133,5 +135,6 @@ mod tests {
         };
         assert!(bad(|c| c.target = c.origin) && bad(|c| c.up = [0.0, 0.0, 2.0]) && bad(|c| c.fov_x = 180.0));
         assert!(bad(|c| c.fov_x = f64::NAN) && bad(|c| c.origin[0] = f64::INFINITY) && bad(|c| c.near = -1.0));
+        assert!(bad(|c| c.near = 1e39) && bad(|c| c.origin[0] = -1e39));
     }
 }

@@ -157,6 +157,15 @@ impl Space {
         }
     }
 
+    /// The largest value in this space that [`Space::decode`] gives back: of logarithms that of 6e37, beyond which its exponential
+    /// function stays.
+    pub fn largest(self) -> f32 {
+        match self {
+            Self::Linear => f32::MAX,
+            Self::Log1p => 87.0,
+        }
+    }
+
     /// A linear value in this space.
     pub fn encode(self, value: f32) -> f32 {
         match self {

@@ -85,12 +85,12 @@ pub fn rollout_to(
     finite(endpoint, "endpoint")?;
     gbuffer.map_or(Ok(()), |gbuffer| finite(gbuffer, "G-buffer"))?;
     let times = clock.grid_to(from, to, course.steps, course.grid);
-    let mut state = encode(model, endpoint);
+    let mut state = encode(model, endpoint)?;
     for pair in times.windows(2) {
         let prediction = model.predict(&state, gbuffer, pair[0])?;
         state = model.parameterization().step(&state, &prediction, pair[0], pair[1]);
     }
-    Ok(decode(model, &state))
+    decode(model, state, endpoint)
 }
 
 /// One stop of the bridge: from endpoint I_k part of the way to the clean estimate, to where variance time puts I_m.
@@ -108,7 +108,7 @@ pub fn bridge_stop(
 ) -> Result<Image, KindError> {
     let (tau, next) = span(model, from, to)?;
     finite(endpoint, "endpoint")?;
-    let state = encode(model, endpoint);
+    let state = encode(model, endpoint)?;
     let prediction = model.predict(&state, gbuffer, tau)?;
     let Some(clean) = model.parameterization().clean(&state, &prediction, tau) else {
         return Err(KindError::Input(format!(
@@ -122,7 +122,7 @@ pub fn bridge_stop(
     for (s, c) in moved.data_mut().iter_mut().zip(clean.data()) {
         *s += share * (*c - *s);
     }
-    Ok(decode(model, &moved))
+    decode(model, moved, endpoint)
 }
 
 /// Euler steps k -> k+1 -> .. -> m; one model call each.
@@ -137,13 +137,13 @@ pub fn local_steps(
     to: u64,
 ) -> Result<Image, KindError> {
     finite(endpoint, "endpoint")?;
-    let mut state = encode(model, endpoint);
+    let mut state = encode(model, endpoint)?;
     for n in from..to {
         let (tau, next) = span(model, n, n + 1)?;
         let prediction = model.predict(&state, gbuffer, tau)?;
         state = model.parameterization().step(&state, &prediction, tau, next);
     }
-    Ok(decode(model, &state))
+    decode(model, state, endpoint)
 }
 
 fn span(model: &dyn Denoiser, from: u64, to: u64) -> Result<(f64, f64), KindError> {
@@ -171,14 +171,31 @@ fn finite(image: &Image, what: &str) -> Result<(), KindError> {
     )))
 }
 
-fn encode(model: &dyn Denoiser, image: &Image) -> Image {
+fn encode(model: &dyn Denoiser, image: &Image) -> Result<Image, KindError> {
     let space = model.space();
-    image.map(|v| space.encode(v))
+    within(space, image.map(|v| space.encode(v)), image)
 }
 
-fn decode(model: &dyn Denoiser, image: &Image) -> Image {
+fn decode(model: &dyn Denoiser, state: Image, endpoint: &Image) -> Result<Image, KindError> {
     let space = model.space();
-    image.map(|v| space.decode(v))
+    within(space, state, endpoint).map(|state| state.map(|v| space.decode(v)))
+}
+
+/// A state, unless its endpoint is so bright that values leave what the space can hold: nothing is cut.
+fn within(space: Space, state: Image, endpoint: &Image) -> Result<Image, KindError> {
+    // What is no number is not below the largest, either.
+    let fits = state.data().iter().filter(|v| v.abs() <= space.largest()).count();
+    if fits == state.data().len() {
+        return Ok(state);
+    }
+    let brightest = endpoint.data().iter().fold(0.0f32, |most, v| most.max(v.abs()));
+    Err(KindError::Input(format!(
+        "{} of the {} values of a state are beyond what `space: {}` holds in single precision: the endpoint goes up to \
+         {brightest:.1e}; expose it lower",
+        state.data().len() - fits,
+        state.data().len(),
+        space.name()
+    )))
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 mod batches;
 mod checkpoint;
+mod divergence;
 mod optimiser;
 mod record;
 mod threads;
@@ -286,6 +287,18 @@ impl Job<'_> {
         }
     }
 
+    /// What went wrong after `done` steps, and what is there of them.
+    fn with_checkpoint(&self, error: KindError, checkpoints: &Checkpoints, done: u64) -> KindError {
+        let last = checkpoints.last_due(done);
+        match error {
+            // A rate that falls towards the last step has other checkpoints for fewer steps.
+            KindError::Input(told) if last > 0 && self.params.decay == Decay::None => KindError::Input(format!(
+                "{told}; the state after step {last} is kept: `steps: {last}` makes a model of it"
+            )),
+            error => error,
+        }
+    }
+
     /// Takes the steps that are left; returns how long each took.
     fn steps(
         &self,
@@ -311,7 +324,16 @@ impl Job<'_> {
         let score = |trainer: &Trainer| -> Result<Option<Score>, KindError> {
             let Some(set) = test else { return Ok(None) };
             let model = Model::new(info.clone(), trainer.state.average.clone())?;
-            Ok(Some(Score { test: trainer.test(set, test_side, p.batch), gain: set.gain(&model)? }))
+            let test = trainer.test(set, test_side, p.batch);
+            // JSON has no infinity: the curve would look as if there were no test scenes.
+            if !test.is_finite() {
+                return Err(KindError::Input(format!(
+                    "the loss on the test scenes is {test} after step {}: a value of theirs is too large for `loss`; render \
+                     them again, or take `space: log1p`",
+                    trainer.state.step
+                )));
+            }
+            Ok(Some(Score { test, gain: set.gain(&model)? }))
         };
         if record.points.is_empty() {
             let trainer: &Trainer = trainer;
@@ -321,11 +343,12 @@ impl Job<'_> {
         while trainer.state.step < p.steps {
             self.ctx.check_cancelled()?;
             let start = Instant::now();
-            let rate = trainer.learning_rate();
-            let (loss, norm) = share.run(|| {
-                let batch = train.draw(&trainer.encoding, &draw, trainer.state.step);
+            let (rate, before) = (trainer.learning_rate(), trainer.state.step);
+            let stepped = share.run(|| {
+                let batch = train.draw(&trainer.encoding, &draw, before);
                 trainer.step(&batch)
-            })??;
+            })?;
+            let (loss, norm) = stepped.map_err(|error| self.with_checkpoint(error, checkpoints, before))?;
             seconds.push(start.elapsed().as_secs_f64());
             record.add(loss, norm);
             let step = trainer.state.step;

@@ -32,6 +32,11 @@ impl Checkpoints {
         step.is_multiple_of(self.every)
     }
 
+    /// The latest step up to `step` at which one was due; 0 for none.
+    pub(crate) fn last_due(&self, step: u64) -> u64 {
+        step / self.every * self.every
+    }
+
     /// Keeps where a training stands.
     pub(crate) fn keep(&self, ctx: &Context<'_>, trainer: &Trainer, record: &Record) -> Result<(), KindError> {
         let state = &trainer.state;

@@ -2,6 +2,7 @@
 
 use super::{
     batches::{Batch, DataSet},
+    divergence,
     optimiser::{Optimised, Rates},
 };
 use crate::network::{Loss, Preset, features::Encoding, head::mean_loss, unet::Unet, weights::Weights};
@@ -17,6 +18,8 @@ pub(crate) struct Trainer {
     pub(crate) encoding: Encoding,
     pub(crate) network: Unet,
     pub(crate) state: Optimised,
+    /// The norm of the first weights.
+    first: f64,
     rates: Rates,
     loss: Loss,
     device: Device,
@@ -27,7 +30,8 @@ impl Trainer {
     pub(crate) fn new(encoding: Encoding, preset: Preset, rates: Rates, loss: Loss, seed: u64) -> Self {
         let network = encoding.network(preset);
         let state = Optimised::new(network.slots().draw(seed));
-        Self { encoding, network, state, rates, loss, device: Device::flex().autodiff() }
+        let first = state.weights.norm();
+        Self { encoding, network, state, first, rates, loss, device: Device::flex().autodiff() }
     }
 
     /// One step on a batch; returns its loss and the norm of the gradient.
@@ -36,7 +40,7 @@ impl Trainer {
     /// order: parts, not threads, decide the bits.
     ///
     /// # Errors
-    /// If the loss is no longer finite.
+    /// If it diverges.
     pub(crate) fn step(&mut self, batch: &Batch) -> Result<(f64, f64), KindError> {
         let weights = self.network.slots().tensors(&self.state.weights, &self.device);
         let count = batch.targets.len();
@@ -44,25 +48,18 @@ impl Trainer {
         let found: Vec<(f64, Vec<Vec<f32>>)> =
             parts.par_iter().map(|part| self.part(part, &weights, count)).collect::<Result<_, _>>()?;
         let value = found.iter().map(|(loss, _)| loss).sum::<f64>();
-        if !value.is_finite() {
-            return Err(KindError::Input(format!(
-                "the loss is {value} at step {}; lower `learning_rate` or `clip`",
-                self.state.step + 1
-            )));
-        }
+        let step = self.state.step + 1;
+        divergence::loss(step, value, batch.targets.iter().fold(0.0, |most, target| most.max(target.abs())))?;
         let gradient = found.into_iter().map(|(_, gradient)| gradient).reduce(|mut sum, part| {
             sum.par_iter_mut().zip(&part).for_each(|(sum, part)| sum.iter_mut().zip(part).for_each(|(s, p)| *s += p));
             sum
         });
         let gradient = Weights(gradient.ok_or_else(|| KindError::Internal("a batch without examples".into()))?);
         let norm = gradient.norm();
-        if !norm.is_finite() {
-            return Err(KindError::Input(format!(
-                "the norm of the gradient is {norm} at step {}, with a loss of {value:.3e}; lower `learning_rate` or `clip`",
-                self.state.step + 1
-            )));
-        }
+        divergence::gradient(step, value, norm, self.rates.clip)?;
+        let rate = self.learning_rate();
         self.state.update(&self.rates, &gradient, norm);
+        divergence::weights(step, self.state.weights.norm(), self.first, rate)?;
         Ok((value, norm))
     }
 

@@ -1,0 +1,292 @@
+//! Empty strata, ladders without noise, and maps with broken texels: what kinds make of data that lack something.
+
+use super::{Hazard, held};
+use std::{collections::BTreeMap, sync::atomic::AtomicBool};
+use tauflow_contract::{
+    Action, Artifact, Blobs, Collection, Context, Digest, ItemKey, Kind, KindError, MemoryBlobs, Outputs, Silent,
+};
+use tauflow_data::{
+    Image, Ladder, LadderMeta, Regime, Stratum,
+    convergence::Convergence,
+    formats::{EXPOSURE, Exposure, JSON, SCENE},
+    image_io::write_exr,
+    ladder::{Rung, SamplerKind},
+    results::{Evaluation, METRICS, Metrics, SceneScores, Score},
+    rng::Stream,
+};
+use tauflow_eval::{EvaluationKind, EvaluationParams, TimeErrorKind, TimeErrorParams};
+use tauflow_render::convergence::{ConvergenceKind, ConvergenceParams};
+use tauflow_scene::{Asset, AssetReport, Assets, AssetsParams, Body, StratifiedSampling, StratifiedSamplingParams};
+
+const AREA: &str = "Strata, ladders and files";
+
+type Add<'a> = &'a mut dyn FnMut(&str, &str, Result<String, String>);
+
+pub fn hazards() -> Vec<Hazard> {
+    let mut out = Vec::new();
+    let mut add = |fed: &str, must: &str, came: Result<String, String>| out.push(Hazard::new(AREA, fed, must, came));
+    strata(&mut add);
+    scores(&mut add);
+    constant_ladders(&mut add);
+    maps(&mut add);
+    out
+}
+
+/// Runs a kind that sees whole collections.
+fn run<K: Kind>(
+    blobs: &MemoryBlobs,
+    params: K::Params,
+    whole: &[(&'static str, &Collection)],
+) -> Result<Outputs, String> {
+    let stop = AtomicBool::new(false);
+    let ctx = Context::new(blobs, &Silent, &stop);
+    let whole = whole.iter().copied().collect();
+    let action = Action { params, item: None, group: "main", seed: 1, each: BTreeMap::new(), whole };
+    K::run(&ctx, &action).map_err(|e: KindError| e.to_string())
+}
+
+/// The one item of a port, read.
+fn read<T: serde::de::DeserializeOwned>(blobs: &MemoryBlobs, outputs: &Outputs, port: &str) -> Result<T, String> {
+    let stop = AtomicBool::new(false);
+    let ctx = Context::new(blobs, &Silent, &stop);
+    let (_, artifact) = outputs.collections[port].iter().next().ok_or("no item")?;
+    ctx.json(artifact, "").map_err(|e| e.to_string())
+}
+
+/// That an error says all this.
+fn refused<T>(outcome: Result<T, String>, words: &[&str], came: &str) -> Result<String, String> {
+    match outcome {
+        Err(told) => {
+            let all = words.iter().all(|word| told.contains(word));
+            held(all, if all { came.into() } else { told })
+        }
+        Ok(_) => Err("taken".into()),
+    }
+}
+
+fn strata(add: Add<'_>) {
+    let blobs = MemoryBlobs::default();
+    let pool: Collection = Stratum::all()
+        .filter(|stratum| stratum.to_string() != "L2-open")
+        .flat_map(|stratum| (0..3).map(move |i| stratum.item_key(i)))
+        .map(|key| {
+            let digest = Digest::of(key.as_str().as_bytes());
+            (key, Artifact::blob(SCENE, digest))
+        })
+        .collect();
+    let sample = |params, pool: &Collection| run::<StratifiedSampling>(&blobs, params, &[("train", pool)]);
+    let params = || StratifiedSamplingParams { train: 24, ..Default::default() };
+    add(
+        "sampling from a pool without a scene of L2-open",
+        "refused: the stratum, and how many it lacks",
+        refused(
+            sample(params(), &pool),
+            &["L2-open on the train side: 0 of 2", "allow_short"],
+            "refused, with the stratum and what to do",
+        ),
+    );
+    let came = sample(StratifiedSamplingParams { allow_short: true, ..params() }, &pool).and_then(|outputs| {
+        let report: serde_json::Value = read(&blobs, &outputs, "report")?;
+        let told = report["short"].as_array().is_some_and(|short| short.len() == 1)
+            && report["train"]["strata"]["L2-open"]["chosen"] == 0;
+        held(told && outputs.collections["train"].len() == 22, "22 of 24, and the report says which are missing".into())
+    });
+    add("the same with `allow_short`", "what there is, and a report of what is not", came);
+    let came = sample(StratifiedSamplingParams { allow_short: true, ..params() }, &Collection::default()).and_then(
+        |outputs| {
+            let report: serde_json::Value = read(&blobs, &outputs, "report")?;
+            let told = report["short"].as_array().is_some_and(|short| short.len() == 12);
+            held(told && outputs.collections["train"].is_empty(), "none, and all twelve strata are reported".into())
+        },
+    );
+    add("a pool of no scenes at all, with `allow_short`", "none, and a report that says so", came);
+    add(
+        "a pool of no scenes at all",
+        "refused by name",
+        refused(
+            sample(params(), &Collection::default()),
+            &["L0-environment", "L3-enclosed"],
+            "refused, with all twelve strata",
+        ),
+    );
+    let only = StratifiedSamplingParams { regimes: vec![Regime::L2], ..params() };
+    add(
+        "sampling 24 scenes of one regime, of which a context has none",
+        "refused: each stratum that falls short",
+        refused(sample(only, &pool), &["L2-environment", "L2-open", "L2-enclosed"], "refused, with all three"),
+    );
+}
+
+fn scores(add: Add<'_>) {
+    let blobs = MemoryBlobs::default();
+    let none = Collection::default();
+    let params = EvaluationParams { resamples: 100 };
+    add(
+        "an evaluation of no scenes",
+        "refused",
+        refused(
+            run::<EvaluationKind>(&blobs, params.clone(), &[("scores", &none), ("hold", &none)]),
+            &["no scores"],
+            "refused: there are no scores",
+        ),
+    );
+    let whole = [("references", &none), ("exposure", &none), ("ladders", &none), ("render_times", &none)];
+    let came = run::<TimeErrorKind>(&blobs, TimeErrorParams::default(), &whole);
+    add("error against time of no scenes", "refused", refused(came, &["no scenes"], "refused: there are no scenes"));
+    let came = run::<ConvergenceKind>(&blobs, ConvergenceParams {}, &whole[..3]);
+    add("convergence of no ladders", "refused", refused(came, &["no references"], "refused: there are no references"));
+    // One scene: nothing to resample, one stratum of twelve.
+    let metrics = |psnr: f64| Metrics {
+        hdr_psnr: psnr,
+        hdr_psnr_max: psnr,
+        hdr_mae: 0.1,
+        preview_psnr: psnr,
+        preview_mae: 0.1,
+        ssim: 0.5,
+    };
+    let scored = |key: &str, method: &str, nfe: u64, psnr: f64| -> Collection {
+        let score = Score { method: method.into(), from_spp: 1, to_spp: 8, nfe, metrics: metrics(psnr) };
+        let scores = SceneScores { reference_spp: 8, scores: vec![score], note: None };
+        let digest = blobs.put(&serde_json::to_vec(&scores).expect("plain data")).expect("memory");
+        [(ItemKey::new(key).expect("plain"), Artifact::blob(JSON, digest))].into_iter().collect()
+    };
+    let hold = scored("L1-open-000000", "hold", 0, 20.0);
+    let cell = scored("parameterization=mc_noise/L1-open-000000", "mc_noise", 1, f64::INFINITY);
+    let came = run::<EvaluationKind>(&blobs, params, &[("scores", &cell), ("hold", &hold)]).and_then(|outputs| {
+        let found: Evaluation = read(&blobs, &outputs, "tables")?;
+        let at = &found.methods[0].at[0];
+        let finite = METRICS.iter().all(|name| {
+            let estimate = &at.gain[*name];
+            [estimate.mean, estimate.low, estimate.high].iter().all(|v| v.is_finite())
+        });
+        held(
+            finite && at.strata.len() == 1,
+            "finite means; eleven strata are left out of the table, not zero in it".into(),
+        )
+    });
+    add(
+        "an evaluation of one scene, whose image is its reference",
+        "finite means and intervals, and its stratum alone",
+        came,
+    );
+}
+
+/// A ladder of images of one value, with the variance of its samples; `noise` moves each rung by chance.
+fn ladder(counts: &[u64], value: f32, noise: f32, seed: u64) -> Ladder {
+    let mut stream = Stream::new(seed, &[]);
+    let mut image = |n: u64| {
+        let scale = noise / (n as f32).sqrt();
+        let data = (0..12 * 12 * 3).map(|_| value + scale * stream.normal() as f32).collect();
+        Image::from_data(12, 12, 3, data).expect("fits")
+    };
+    Ladder {
+        rungs: counts.iter().map(|spp| Rung { spp: *spp, image: image(*spp) }).collect(),
+        meta: LadderMeta {
+            counts: counts.to_vec(),
+            width: 12,
+            height: 12,
+            rejected: 0,
+            mean_path_length: 1.0,
+            sampler: SamplerKind::Independent,
+        },
+        variance: Image::from_data(12, 12, 3, vec![noise * noise; 12 * 12 * 3]).expect("fits"),
+    }
+}
+
+fn constant_ladders(add: Add<'_>) {
+    for (name, values, noise) in [
+        ("ladders of black images", [0.0f32, 0.0], [0.0f32, 0.0]),
+        ("ladders of constant images", [0.7, 0.7], [0.0, 0.0]),
+        ("a ladder of constant images beside one of noise", [0.7, 0.7], [0.0, 0.1]),
+        ("constant ladders whose references are off by 1", [0.7, 1.7], [0.0, 0.0]),
+    ] {
+        let blobs = MemoryBlobs::default();
+        let stop = AtomicBool::new(false);
+        let ctx = Context::new(&blobs, &Silent, &stop);
+        let (mut ladders, mut references, mut exposure) = (Vec::new(), Vec::new(), Vec::new());
+        for (i, noise) in noise.into_iter().enumerate() {
+            let key = ItemKey::new(format!("L0-open-{i:06}")).expect("plain");
+            ladders.push((key.clone(), ladder(&[1, 2, 4, 8], values[0], noise, 1).store(&ctx).expect("memory")));
+            // Estimates of one variance differ between streams, unless there is none.
+            let mut reference = ladder(&[128], values[1], noise, 2);
+            reference.variance.data_mut().iter_mut().for_each(|v| *v *= 1.01);
+            references.push((key.clone(), reference.store(&ctx).expect("memory")));
+            let factor = Exposure { factor: 1.0, ev: 0.0, mean_luminance: 0.18 };
+            exposure.push((key, Artifact::blob(EXPOSURE, ctx.put_json(&factor).expect("memory"))));
+        }
+        let [ladders, references, exposure] =
+            [ladders, references, exposure].map(|of| of.into_iter().collect::<Collection>());
+        let whole = [("references", &references), ("ladders", &ladders), ("exposure", &exposure)];
+        // JSON has no NaN: a number that is none would be read as missing, and refused.
+        let came = run::<ConvergenceKind>(&blobs, ConvergenceParams {}, &whole).and_then(|outputs| {
+            let found: Convergence = read(&blobs, &outputs, "convergence")?;
+            let row = &found.overall;
+            let values = row.rmse.iter().chain(&row.law).chain(row.covariance.iter().flatten());
+            let sde = found
+                .sde
+                .iter()
+                .flat_map(|r| [r.sde_mean, r.sde_variance, r.real_mean, r.real_variance, r.real_covariance]);
+            let slope = [row.slope.mean, row.slope.low, row.slope.high];
+            held(values.copied().chain(sde).chain(slope).all(f64::is_finite), "finite".into())
+        });
+        add(&format!("convergence of {name}"), "finite errors, slopes and covariances", came);
+    }
+}
+
+/// Imports a map of 1 everywhere but for its first values.
+fn imported(values: &[f32]) -> Result<(AssetReport, Option<Image>), String> {
+    let mut map = Image::from_data(8, 4, 3, vec![1.0; 96]).expect("fits");
+    map.data_mut()[..values.len()].copy_from_slice(values);
+    let folder = tempfile::tempdir().map_err(|e| e.to_string())?;
+    let path = folder.path().join("sky.exr");
+    write_exr(&path, &[("", &map)]).map_err(|e| e.to_string())?;
+    let (blobs, stop) = (MemoryBlobs::default(), AtomicBool::new(false));
+    let ctx = Context::new(&blobs, &Silent, &stop);
+    let bytes = std::fs::read(&path).map_err(|e| e.to_string())?;
+    let file = Artifact::tree("file", vec![("file".to_owned(), blobs.put(&bytes).expect("memory"))]);
+    let key = ItemKey::new("sky.exr").expect("plain");
+    let (each, whole) = (BTreeMap::from([("file", &file)]), BTreeMap::new());
+    let params = AssetsParams::default();
+    let outputs = Assets::run(&ctx, &Action { params, item: Some(&key), group: "main", seed: 0, each, whole })
+        .map_err(|e| e.to_string())?;
+    let report = ctx.json(&outputs.items["reports"], "").map_err(|e| e.to_string())?;
+    let image = |artifact: &Artifact| -> Result<Image, String> {
+        let Asset { body: Body::Hdri { image, .. }, .. } = Asset::load(&ctx, artifact).map_err(|e| e.to_string())?
+        else {
+            return Err("no map".into());
+        };
+        Image::from_bytes(&ctx.get(&image).map_err(|e| e.to_string())?).map_err(|e| e.to_string())
+    };
+    Ok((report, outputs.items.get("assets").map(image).transpose()?))
+}
+
+fn maps(add: Add<'_>) {
+    let came =
+        imported(&[f32::NAN, -1.0, f32::INFINITY, f32::NEG_INFINITY, 65504.0, 3.0]).and_then(|(report, image)| {
+            let image = image.ok_or("refused")?;
+            let repaired: Vec<u64> = report.repairs.values().copied().collect();
+            // By name: infinite, NaN, negative (one of them infinitely), texels.
+            let told = repaired == [1, 1, 2, 2] && report.notes.iter().any(|note| note.contains("1 texels at 65504"));
+            let mended = image.data()[..6] == [0.0, 0.0, 65504.0, 0.0, 65504.0, 3.0];
+            held(
+                told && mended,
+                if told && mended {
+                    "each set right and counted; the capped texel is noted".into()
+                } else {
+                    format!("{report:?}")
+                },
+            )
+        });
+    add(
+        "the import of a map with NaN, -1, infinities of both signs, and half precision's cap",
+        "0, 0, the largest finite and 0, each counted; a note of the cap",
+        came,
+    );
+    let came = imported(&[f32::NAN; 96]).and_then(|(report, image)| {
+        held(
+            image.is_none() && report.reason.is_some_and(|r| r.contains("no texel holds any light")),
+            "refused, by name".into(),
+        )
+    });
+    add("the import of a map of nothing but NaN", "refused by name", came);
+}

@@ -1,0 +1,171 @@
+//! Surfaces in one place, slivers, heaps and broken meshes; cameras at the ends of what they can be.
+
+use super::{
+    about, held,
+    rendering::{Add, difference, glowing, mean, rendered, within, world},
+    scenes::{Built, ball, columns, floor_point},
+};
+use tauflow_data::{
+    formats::Mesh,
+    scene::{IDENTITY, Texture},
+};
+
+/// A plate of strips of 2 m by 2e-6 m, two triangles each, of which every `of`th is there; they shine, and nothing else does.
+fn slivers(distance: f64, of: usize) -> Built {
+    // The view is 1.4 mm wide.
+    let mut built = Built::new([0.0, 0.0, distance], [0.0; 3], 0.08 / distance, 1);
+    let black = built.diffuse([0.0; 3]);
+    let (rows, width) = (2000, 2e-6);
+    let mut mesh = Mesh::default();
+    for row in (0..rows).step_by(of) {
+        let edge = |row: usize| width * (row as f32 - rows as f32 / 2.0);
+        let first = mesh.positions.len() as u32;
+        let (low, high) = (edge(row), edge(row + 1));
+        mesh.positions.extend([[-1.0, low, 0.0], [1.0, low, 0.0], [1.0, high, 0.0], [-1.0, high, 0.0]]);
+        mesh.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+    }
+    built.mesh(&mesh, IDENTITY, black).emission = Some(Texture::scalar(1.0));
+    built
+}
+
+pub fn hazards(add: Add<'_>) {
+    surfaces(add);
+    cameras(add);
+}
+
+fn surfaces(add: Add<'_>) {
+    let mut one = floor_point();
+    one.sky([1.0; 3]);
+    let mut two = one.clone();
+    let again = two.scene.shapes[0].clone();
+    two.scene.shapes.push(again);
+    let came = rendered(&one, 8, 8, 16).and_then(|one| {
+        let off = difference(&rendered(&two, 8, 8, 16)?, &one);
+        held(off < 1e-6, format!("the same to {}", about(off)))
+    });
+    add("a floor twice in one place".into(), "the image of one", came);
+    // Two materials in one place: of several hits at one distance the first shape counts, for every ray.
+    let mut split = one.clone();
+    let white = split.diffuse([0.9; 3]);
+    let mut again = split.scene.shapes[0].clone();
+    again.material = white;
+    split.scene.shapes.push(again);
+    let came = rendered(&one, 8, 8, 16).and_then(|one| {
+        let off = difference(&rendered(&split, 8, 8, 16)?, &one);
+        held(off < 1e-6, format!("the same to {}", about(off)))
+    });
+    add("a grey floor, and a white one in the same place".into(), "the image of the first", came);
+    // Triangles a million times as long as wide, glowing in the dark: a ray that slips through one sees black.
+    for distance in [0.2, 1.0] {
+        let came = rendered(&slivers(distance, 1), 16, 16, 256).and_then(|film| {
+            let off = (mean(&film) - 1.0).abs();
+            held(off == 0.0, format!("off by {}", about(off)))
+        });
+        add(
+            format!("triangles of 2 m by 2e-6 m side by side, glowing, seen from {distance} m"),
+            "exactly 1: no ray slips through",
+            came,
+        );
+    }
+    let came = rendered(&slivers(0.2, 2), 16, 16, 256).and_then(|film| within(&film, 0.5, 0.01));
+    add("the same from 0.2 m, every other pair left out".into(), "1/2, to 1%: no ray hits what is not there", came);
+    // How near a hit is has to be known better than that it is before the camera.
+    let came = rendered(&slivers(4.0, 1), 16, 16, 256).and_then(|film| {
+        held(
+            mean(&film) == 0.0,
+            "none is met: hits of triangles thinner than a millionth of their distance are lost".into(),
+        )
+    });
+    add("the same from 4 m, where they are 5e-7 of their distance wide".into(), "what is lost is told here", came);
+    let mut heap = floor_point();
+    heap.sky([1.0; 3]);
+    let mesh = Mesh {
+        positions: vec![[0.0, 1.0, 0.0], [1e-3, 1.0, 0.0], [0.0, 1.0, 1e-3]],
+        triangles: vec![[0, 1, 2]; 1_000_000],
+        ..Mesh::default()
+    };
+    heap.mesh(&mesh, IDENTITY, 0);
+    let came = world(&heap).and_then(|world| {
+        let film = rendered(&heap, 8, 8, 4)?;
+        held(mean(&film) > 0.0, format!("{} primitives, rendered", world.primitive_count()))
+    });
+    add("a million triangles in one place".into(), "a tree, and an image", came);
+    let mut points = heap.clone();
+    let mesh = Mesh { positions: vec![[0.0, 1.0, 0.0]; 3], triangles: vec![[0, 1, 2]; 1_000_000], ..Mesh::default() };
+    points.scene.shapes.pop();
+    points.mesh(&mesh, IDENTITY, 0);
+    let came = world(&points).and_then(|world| {
+        rendered(&points, 8, 8, 4)?;
+        held(world.dropped.degenerate == 1_000_000, format!("{} left out and counted", world.dropped.degenerate))
+    });
+    add("a million triangles that are points".into(), "left out and counted", came);
+    let mut broken = one.clone();
+    let mut mesh = ball(8);
+    mesh.positions[40] = [f32::NAN, 0.0, 0.0];
+    mesh.positions[41] = [f32::INFINITY, 0.0, 0.0];
+    broken.mesh(&mesh, columns([0.3, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.3], [0.0, 0.5, 0.0]), 0);
+    let came = world(&broken).and_then(|world| {
+        rendered(&broken, 8, 8, 16)?;
+        held(
+            world.dropped.not_finite > 0,
+            format!("{} triangles left out and counted, the rest rendered", world.dropped.not_finite),
+        )
+    });
+    add("a mesh with corners at NaN and infinity".into(), "they are left out and counted", came);
+}
+
+fn cameras(add: Add<'_>) {
+    // Above a floor of albedo 1/2 under a sky of 1.
+    let above = |distance: f64, near: f64| {
+        let mut built = floor_point();
+        built.sky([1.0; 3]);
+        built.scene.camera.origin = [0.0, distance, 0.0];
+        built.scene.camera.target = [0.0, distance - 1.0, 0.0];
+        built.scene.camera.up = [0.0, 0.0, 1.0];
+        built.scene.camera.fov_x = 40.0;
+        built.scene.camera.near = near;
+        built
+    };
+    for distance in [1e-6, 1e-3, 1e6] {
+        // Far away, the floor has to be as large as the view.
+        let mut built = above(distance, 0.0);
+        built.scene.shapes[0]
+            .to_world
+            .iter_mut()
+            .for_each(|row| row[..3].iter_mut().for_each(|v| *v *= distance.max(1.0)));
+        let came = rendered(&built, 8, 8, 1024).and_then(|film| within(&film, 0.5, 2e-3));
+        add(format!("a camera {distance:.0e} m above a floor of albedo 1/2 under a sky of 1"), "1/2, to 0.2%", came);
+    }
+    for (near, expected) in [(0.0, 0.5), (9e-7, 0.5), (1.1e-6, 1.0), (1e30, 1.0)] {
+        // The sky has no noise.
+        let (what, tolerance) = if expected < 1.0 { ("the floor: 1/2, to 0.2%", 2e-3) } else { ("the sky: 1", 0.0) };
+        let came = rendered(&above(1e-6, near), 8, 8, 1024).and_then(|film| within(&film, expected, tolerance));
+        add(format!("the same camera at 1e-6 m that sees nothing nearer than {near:.1e} m"), what, came);
+    }
+    for fov in [1e-6, 1e-2, 179.0, 179.999] {
+        let mut built = glowing(1000);
+        built.scene.camera.fov_x = fov;
+        // The near plane is nowhere near the view's edges.
+        built.scene.camera.near = 0.0;
+        let came = rendered(&built, 8, 8, 1024).and_then(|film| within(&film, 2.0, 0.01));
+        add(format!("a field of view of {fov} degrees inside the glowing cube"), "2, to 1%", came);
+    }
+    let looks: [(&str, fn(&mut Built)); 6] = [
+        ("that looks at where it stands", |b| b.scene.camera.target = b.scene.camera.origin),
+        ("whose way up is its way forward", |b| b.scene.camera.up = [0.0, -0.5, -2.0]),
+        ("with a field of view of 180 degrees", |b| b.scene.camera.fov_x = 180.0),
+        ("at NaN", |b| b.scene.camera.origin[1] = f64::NAN),
+        ("1e39 m away", |b| b.scene.camera.origin[1] = 1e39),
+        ("that sees nothing nearer than 1e39 m", |b| b.scene.camera.near = 1e39),
+    ];
+    for (what, change) in looks {
+        let mut built = floor_point();
+        built.sky([1.0; 3]);
+        change(&mut built);
+        let came = match rendered(&built, 2, 2, 1) {
+            Err(told) => held(told.contains("the camera"), "refused, with what to give it".into()),
+            Ok(_) => Err("taken".into()),
+        };
+        add(format!("a camera {what}"), "refused by name", came);
+    }
+}
