@@ -114,6 +114,9 @@ fn surfaces(add: Add<'_>) {
     add("a mesh with corners at NaN and infinity".into(), "they are left out and counted", came);
 }
 
+/// What makes a scene into another.
+type Change = fn(&mut Built);
+
 fn cameras(add: Add<'_>) {
     // Above a floor of albedo 1/2 under a sky of 1.
     let above = |distance: f64, near: f64| {
@@ -150,7 +153,7 @@ fn cameras(add: Add<'_>) {
         let came = rendered(&built, 8, 8, 1024).and_then(|film| within(&film, 2.0, 0.01));
         add(format!("a field of view of {fov} degrees inside the glowing cube"), "2, to 1%", came);
     }
-    let looks: [(&str, fn(&mut Built)); 6] = [
+    let looks: [(&str, Change); 6] = [
         ("that looks at where it stands", |b| b.scene.camera.target = b.scene.camera.origin),
         ("whose way up is its way forward", |b| b.scene.camera.up = [0.0, -0.5, -2.0]),
         ("with a field of view of 180 degrees", |b| b.scene.camera.fov_x = 180.0),
