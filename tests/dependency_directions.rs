@@ -174,6 +174,7 @@ fn running_and_testing_share_one_build_of_burn() {
     let running = features(&["--package", "tauflow", "--edges", "normal,build"]);
     let testing = features(&["--workspace", "--edges", "normal,build,dev"]);
     assert!(running.iter().any(|line| line.starts_with("burn-flex ")));
+    assert!(testing.iter().all(|line| !line.starts_with("wgpu ")), "only the feature `gpu` brings it");
     let differ: Vec<&String> = running.difference(&testing).collect();
     assert!(
         differ.is_empty(),

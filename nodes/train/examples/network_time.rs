@@ -5,7 +5,7 @@
 //! cargo run --release -p tauflow-train --example network_time -- small 2 [batch 4] [steps 20] [predictions 10]
 //! ```
 
-use tauflow_train::{Preset, timing};
+use tauflow_train::{Place, Preset, timing};
 
 /// As in the program.
 #[global_allocator]
@@ -23,9 +23,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let threads = number(1, 1)?;
     let (batch, steps, times) = (number(2, 4)?, number(3, 20)?, number(4, 10)?);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+    let cpu = Place::cpu();
     // The first ones warm up caches and memory.
-    let found = pool.install(|| timing::training_steps(preset, batch, 64, steps + 3))?;
-    let predictions = pool.install(|| timing::predictions(preset, 256, times + 1))?;
+    let found = pool.install(|| timing::training_steps(&cpu, preset, batch, 64, steps + 3))?;
+    let predictions = pool.install(|| timing::predictions(&cpu, preset, 256, times + 1))?;
     println!(
         "{{\"weights\":{},\"step_ms\":{:.3},\"draw_share\":{:.4},\"predict_ms\":{:.3}}}",
         timing::weights(preset)?,

@@ -1,6 +1,7 @@
 #![doc = include_str!("bridge_refinement.md")]
 
 use crate::{
+    device,
     model::Model,
     parameterization::Parameterization,
     refinement::{endpoint, features, load_model},
@@ -8,6 +9,7 @@ use crate::{
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use tauflow_contract::{Action, Context, InputPort, Kind, KindError, KindSpec, Mode, OutputPort, Outputs};
 use tauflow_data::formats::{MODEL, PACKED, PackedScene, REFINED, RefinedImage, store_refined};
 
@@ -45,9 +47,13 @@ impl Kind for BridgeRefinement {
             manual: include_str!("bridge_refinement.md"),
             mode: Mode::Map,
             inputs: INPUTS,
-            outputs: OUTPUTS,
+            outputs: device::ports!(OUTPUTS),
             seeded: false,
         }
+    }
+
+    fn environment(_params: &Self::Params, _group: &str) -> Value {
+        device::environment(Value::Null)
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {

@@ -2,6 +2,7 @@
 
 mod bridge_refinement;
 mod dataset_packing;
+mod device;
 mod model;
 mod network;
 mod parameterization;
@@ -11,6 +12,7 @@ mod training;
 
 pub use bridge_refinement::{BridgeRefinement, BridgeRefinementParams};
 pub use dataset_packing::{DatasetPacking, DatasetPackingParams};
+pub use device::Place;
 pub use model::{Model, ModelInfo};
 pub use network::{Loss, Preset};
 pub use parameterization::{Conditioning, Parameterization, Space, signed_log1p};

@@ -2,6 +2,7 @@
 //! averaged weights under their names, with [`ModelInfo`] as the note `model`.
 
 use crate::{
+    device::Place,
     network::{
         Preset,
         features::{Encoding, Sample},
@@ -11,7 +12,7 @@ use crate::{
     parameterization::{Conditioning, Parameterization, Space},
     rollout::Denoiser,
 };
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
 use tauflow_contract::KindError;
 use tauflow_data::{Image, TensorFile, time::VarianceTime};
@@ -61,23 +62,30 @@ pub struct Model {
     network: Unet,
     weights: Weights,
     tensors: Vec<Tensor<2>>,
-    device: Device,
+    place: Place,
 }
 
 impl Model {
-    pub(crate) fn new(info: ModelInfo, weights: Weights) -> Result<Self, KindError> {
+    pub(crate) fn new(info: ModelInfo, weights: Weights, place: &Place) -> Result<Self, KindError> {
         let encoding = info.encoding()?;
         let network = encoding.network(info.preset);
-        let device = Device::flex();
-        let tensors = network.slots().tensors(&weights, &device);
-        Ok(Self { info, encoding, network, weights, tensors, device })
+        let tensors = network.slots().tensors(&weights, place.device());
+        Ok(Self { info, encoding, network, weights, tensors, place: place.clone() })
     }
 
-    /// Reads a model.
+    /// Reads a model, to predict where this process is to.
+    ///
+    /// # Errors
+    /// If the bytes are damaged or of another version, or there is no such place; see [`Place::chosen`].
+    pub fn load(bytes: &[u8]) -> Result<Self, KindError> {
+        Self::load_to(bytes, &Place::chosen()?)
+    }
+
+    /// Reads a model, to predict at a place.
     ///
     /// # Errors
     /// If the bytes are damaged or of another version.
-    pub fn load(bytes: &[u8]) -> Result<Self, KindError> {
+    pub fn load_to(bytes: &[u8], place: &Place) -> Result<Self, KindError> {
         let damaged = |why: String| {
             KindError::Input(format!("this is no model file: {why}; connect the output `model` of a `training` node"))
         };
@@ -85,7 +93,7 @@ impl Model {
         let note = file.metadata.get("model").ok_or_else(|| damaged("the note `model` is missing".into()))?;
         let info: ModelInfo = serde_json::from_str(note).map_err(|e| damaged(format!("its note `model`: {e}")))?;
         let weights = info.encoding()?.network(info.preset).slots().read(&file, "")?;
-        Self::new(info, weights)
+        Self::new(info, weights, place)
     }
 
     /// The model as bytes; the same model gives the same bytes.
@@ -138,7 +146,7 @@ impl Model {
             .zip(tau)
             .map(|((state, gbuffer), tau)| Sample { state, gbuffer: gbuffer.as_deref(), tau: *tau })
             .collect();
-        let inputs = self.encoding.inputs(&self.device, &samples, padded.1, padded.0);
+        let inputs = self.encoding.inputs(self.place.device(), &samples, padded.1, padded.0);
         let output = self.network.forward(&self.tensors, inputs).into_data();
         let values = output.as_slice::<f32>().map_err(|e| KindError::Internal(format!("network output: {e:?}")))?;
         let crop = |values: &[f32]| {

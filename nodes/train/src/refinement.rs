@@ -1,6 +1,7 @@
 #![doc = include_str!("refinement.md")]
 
 use crate::{
+    device,
     model::Model,
     parameterization::Conditioning,
     rollout::{Course, Denoiser, rollout},
@@ -68,7 +69,7 @@ impl Kind for Refinement {
             manual: include_str!("refinement.md"),
             mode: Mode::Map,
             inputs: INPUTS,
-            outputs: OUTPUTS,
+            outputs: device::ports!(OUTPUTS),
             seeded: false,
         }
     }
@@ -95,7 +96,7 @@ impl Kind for Refinement {
     }
 
     fn environment(_params: &Self::Params, group: &str) -> Value {
-        if group == TIMING { machine() } else { Value::Null }
+        device::environment(if group == TIMING { machine() } else { Value::Null })
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {

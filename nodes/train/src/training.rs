@@ -12,6 +12,7 @@ mod trainer;
 pub use optimiser::Decay;
 
 use crate::{
+    device::{self, Place},
     model::{Model, ModelInfo},
     network::{Loss, Preset},
     parameterization::{Conditioning, Parameterization, Space},
@@ -22,6 +23,7 @@ use optimiser::Rates;
 use record::{Record, Score};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 use std::time::Instant;
 use tauflow_contract::{
     Action, Artifact, Collection, Context, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs,
@@ -143,7 +145,7 @@ impl Kind for Training {
             manual: include_str!("training.md"),
             mode: Mode::Gather,
             inputs: INPUTS,
-            outputs: OUTPUTS,
+            outputs: device::ports!(OUTPUTS),
             seeded: true,
         }
     }
@@ -185,13 +187,17 @@ impl Kind for Training {
         problems
     }
 
+    fn environment(_params: &Self::Params, _group: &str) -> Value {
+        device::environment(Value::Null)
+    }
+
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let params = &action.params;
         let train = action.whole("train")?;
         let test = action.whole.get("test").copied();
         let seed =
             if params.draw == 0 { action.seed } else { derive_seed(action.seed, "draw", &params.draw.to_string()) };
-        let job = Job { ctx, params, seed, train, test };
+        let job = Job { ctx, params, seed, train, test, place: Place::chosen()? };
         job.run(&mut Share::new())
     }
 }
@@ -203,6 +209,7 @@ struct Job<'a> {
     seed: u64,
     train: &'a Collection,
     test: Option<&'a Collection>,
+    place: Place,
 }
 
 impl Job<'_> {
@@ -230,7 +237,8 @@ impl Job<'_> {
             counts: train.counts.clone(),
             steps: params.steps,
         };
-        let mut trainer = Trainer::new(info.encoding()?, params.preset, self.rates(), params.loss, self.seed);
+        let (encoding, rates) = (info.encoding()?, self.rates());
+        let mut trainer = Trainer::new(encoding, params.preset, rates, params.loss, self.seed, &self.place);
         let checkpoints = self.checkpoints();
         let mut record = checkpoints.latest(ctx, &mut trainer, params.steps).unwrap_or_default();
         let seconds = self.steps(&info, &mut trainer, &mut record, &checkpoints, (&train, test.as_ref()), share)?;
@@ -242,7 +250,7 @@ impl Job<'_> {
             weights: trainer.network.slots().count() as u64,
             steps: params.steps,
             params: match serde_json::to_value(params).map_err(|e| KindError::Internal(e.to_string()))? {
-                serde_json::Value::Object(params) => params,
+                Value::Object(params) => params,
                 _ => serde_json::Map::default(),
             },
             points: record.points,
@@ -250,7 +258,7 @@ impl Job<'_> {
         if !trainer.state.is_finite() {
             return Err(KindError::Input("weights are no longer finite; lower `learning_rate` or `clip`".into()));
         }
-        let model = Model::new(info, trainer.state.average)?;
+        let model = Model::new(info, trainer.state.average, &self.place)?;
         let one = |port: &str, artifact: Artifact| -> Result<Collection, KindError> {
             let key = ItemKey::new(port).map_err(|e| KindError::Internal(e.to_string()))?;
             Ok([(key, artifact)].into_iter().collect())
@@ -281,7 +289,7 @@ impl Job<'_> {
         let mut inputs = vec![self.train.digest()];
         inputs.extend(self.test.map(Collection::digest));
         Checkpoints {
-            params: serde_json::json!({ "version": VERSION, "params": params, "seed": self.seed }),
+            params: self.place.beside(json!({ "version": VERSION, "params": params, "seed": self.seed })),
             inputs,
             every: self.params.checkpoint_every,
         }
@@ -323,7 +331,7 @@ impl Job<'_> {
         };
         let score = |trainer: &Trainer| -> Result<Option<Score>, KindError> {
             let Some(set) = test else { return Ok(None) };
-            let model = Model::new(info.clone(), trainer.state.average.clone())?;
+            let model = Model::new(info.clone(), trainer.state.average.clone(), &self.place)?;
             let test = trainer.test(set, test_side, p.batch);
             // JSON has no infinity: the curve would look as if there were no test scenes.
             if !test.is_finite() {

@@ -27,4 +27,4 @@ pub use fold::Fold;
 pub use instructions::Instructions;
 pub use normalisation::{GROUP, NormSilu, Silu};
 pub use operator::Operator;
-pub use pyramid::{Pyramid, WeightedMean};
+pub use pyramid::{Blocks, Pyramid, WeightedMean};

@@ -20,6 +20,18 @@ pub struct Pyramid {
     levels: Vec<Level>,
 }
 
+/// One level of a [`Pyramid`].
+#[derive(Clone, Copy, Debug)]
+pub struct Blocks<'a> {
+    /// Blocks have 2^scale x 2^scale pixels.
+    pub scale: u32,
+    /// Side of the window, in blocks.
+    pub side: usize,
+    /// Means over the blocks, [N, H/2^scale + side - 1, W/2^scale + side - 1, 4]: with the edge repeated around them, three
+    /// colours and a one.
+    pub pixels: &'a [f32],
+}
+
 /// Means over blocks of 2^scale x 2^scale pixels, with the edge repeated around them as far as the window reaches.
 #[derive(Clone, Debug)]
 struct Level {
@@ -52,6 +64,16 @@ impl Pyramid {
             levels.push(Level::new(&current, images, (h, w), scale, *side));
         }
         Self { images, height, width, levels }
+    }
+
+    /// How many images, their height and their width.
+    pub fn size(&self) -> (usize, usize, usize) {
+        (self.images, self.height, self.width)
+    }
+
+    /// Its levels, from full resolution down.
+    pub fn levels(&self) -> impl Iterator<Item = Blocks<'_>> {
+        self.levels.iter().map(|level| Blocks { scale: level.scale, side: level.side, pixels: &level.data })
     }
 
     /// Weights of a pixel: those of all windows.

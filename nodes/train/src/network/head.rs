@@ -116,11 +116,12 @@ pub(crate) fn mean_loss<const D: usize>(
     apply(MeanLoss { target, count, loss }, [prediction.into()], [1])
 }
 
+/// See [`mean_loss`].
 #[derive(Clone, Debug)]
-struct MeanLoss {
-    target: Arc<Vec<f32>>,
-    count: usize,
-    loss: Loss,
+pub(super) struct MeanLoss {
+    pub(super) target: Arc<Vec<f32>>,
+    pub(super) count: usize,
+    pub(super) loss: Loss,
 }
 
 impl Operator<1> for MeanLoss {

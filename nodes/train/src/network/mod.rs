@@ -1,4 +1,5 @@
-//! The network of the solvers: a U-Net on burn's autodiff graph, with the heavy operators of `tauflow-ops`.
+//! The network of the solvers: a U-Net on burn's autodiff graph, with the heavy operators of `tauflow-ops`; on devices that are no
+//! CPU, with burn's.
 //!
 //! Knows images and times, nothing of data sets or of how it is trained.
 
@@ -7,6 +8,8 @@ pub(crate) mod features;
 mod gradients;
 pub(crate) mod head;
 mod layers;
+#[cfg(any(test, feature = "gpu"))]
+mod on_device;
 mod op;
 #[cfg(test)]
 mod peer;

@@ -1,7 +1,8 @@
 //! Operators over plain slices in burn's autodiff graph.
 //!
 //! burn's stock convolution spends most of a training step in its weight gradient, and normalisation takes a pass for
-//! each elementary operation; the network's heavy operators are therefore those of `tauflow-ops`. Knows nothing of networks.
+//! each elementary operation; the network's heavy operators are therefore those of `tauflow-ops`. Devices that are no CPU, in builds
+//! for them, do burn's own operations (`on_device`). Knows nothing of networks.
 
 use burn::{
     backend::{
@@ -18,14 +19,27 @@ use burn::{
 };
 use tauflow_ops::Operator;
 
+/// What can be applied: in a build for GPUs, an operator that they can do as well.
+#[cfg(feature = "gpu")]
+use super::on_device::OnDevice as Applicable;
+#[cfg(not(feature = "gpu"))]
+use tauflow_ops::Operator as Applicable;
+
 /// A tensor's primitive, with or without its place in a graph.
 pub(crate) enum Input {
     Tracked(FloatTensor<Autodiff<Flex>>),
     Plain(FlexTensor),
+    /// A flat tensor of a device that is no CPU, with or without its place in a graph.
+    #[cfg(feature = "gpu")]
+    Elsewhere(Tensor<1>),
 }
 
 impl<const D: usize> From<Tensor<D>> for Input {
     fn from(tensor: Tensor<D>) -> Self {
+        #[cfg(feature = "gpu")]
+        if tensor.device() != burn::tensor::Device::flex() {
+            return Self::Elsewhere(tensor.reshape([-1]));
+        }
         if tensor.is_autodiff() {
             Self::Tracked(tensor.try_into_primitive::<Autodiff<Flex>>().expect("the device is flex with autodiff"))
         } else {
@@ -61,11 +75,19 @@ impl<const N: usize, O: Operator<N>> Backward<Flex, N> for Step<O> {
 }
 
 /// Applies an operator; the output has this shape.
-pub(crate) fn apply<const N: usize, const D: usize, O: Operator<N>>(
+pub(crate) fn apply<const N: usize, const D: usize, O: Applicable<N>>(
     operator: O,
     inputs: [Input; N],
     shape: [usize; D],
 ) -> Tensor<D> {
+    #[cfg(feature = "gpu")]
+    if matches!(inputs[0], Input::Elsewhere(_)) {
+        let inputs = inputs.map(|input| match input {
+            Input::Elsewhere(tensor) => tensor,
+            _ => panic!("an operator got tensors of several devices"),
+        });
+        return operator.by_tensors(inputs).reshape(shape);
+    }
     let tracked = inputs.iter().any(|input| matches!(input, Input::Tracked(_)));
     let mut guards = Vec::with_capacity(N);
     let primitives = inputs.map(|input| match input {
@@ -78,6 +100,8 @@ pub(crate) fn apply<const N: usize, const D: usize, O: Operator<N>>(
             assert!(!tracked, "an operator got tensors with and without autodiff");
             contiguous(tensor)
         }
+        #[cfg(feature = "gpu")]
+        Input::Elsewhere(_) => panic!("an operator got tensors of several devices"),
     });
     let (data, saved) = operator.forward(primitives.each_ref().map(values));
     let output = FlexTensor::from_data(TensorData::new(data, shape));

@@ -2,6 +2,7 @@
 
 use super::{DataSet, Decay, Draw, Rates, Trainer};
 use crate::{
+    device::Place,
     model::{Model, ModelInfo},
     network::{Loss, Preset},
     parameterization::{Conditioning, Parameterization, Space},
@@ -44,7 +45,13 @@ fn scene(side: usize) -> Result<PackedScene, KindError> {
 ///
 /// # Errors
 /// If the loss is no longer finite.
-pub fn training_steps(preset: Preset, batch: usize, side: usize, steps: usize) -> Result<Vec<[f64; 2]>, KindError> {
+pub fn training_steps(
+    place: &Place,
+    preset: Preset,
+    batch: usize,
+    side: usize,
+    steps: usize,
+) -> Result<Vec<[f64; 2]>, KindError> {
     let rates = Rates {
         learning_rate: 1e-4,
         betas: [0.9, 0.999],
@@ -54,7 +61,7 @@ pub fn training_steps(preset: Preset, batch: usize, side: usize, steps: usize) -
         decay: Decay::None,
         steps: steps as u64,
     };
-    let mut trainer = Trainer::new(info(preset).encoding()?, preset, rates, Loss::Squared, 1);
+    let mut trainer = Trainer::new(info(preset).encoding()?, preset, rates, Loss::Squared, 1, place);
     let set = DataSet::new(vec![("made-up", scene(2 * side)?)], "train", Conditioning::Gbuffer)?;
     let draw = Draw { seed: 1, batch, side, shuffle_targets: false, exposure_jitter: 1.0, permute_colours: true };
     let milliseconds = |from: Instant| 1000.0 * from.elapsed().as_secs_f64();
@@ -73,10 +80,10 @@ pub fn training_steps(preset: Preset, batch: usize, side: usize, steps: usize) -
 ///
 /// # Errors
 /// If the network cannot be made.
-pub fn predictions(preset: Preset, side: usize, times: usize) -> Result<Vec<f64>, KindError> {
+pub fn predictions(place: &Place, preset: Preset, side: usize, times: usize) -> Result<Vec<f64>, KindError> {
     let info = info(preset);
     let weights = info.encoding()?.network(preset).slots().draw(1);
-    let model = Model::new(info, weights)?;
+    let model = Model::new(info, weights, place)?;
     let (state, gbuffer) = (image(side, 97)?, Image::new(side, side, 6));
     (0..times)
         .map(|_| {

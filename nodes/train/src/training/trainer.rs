@@ -5,12 +5,15 @@ use super::{
     divergence,
     optimiser::{Optimised, Rates},
 };
-use crate::network::{Loss, Preset, features::Encoding, head::mean_loss, unet::Unet, weights::Weights};
+use crate::{
+    device::Place,
+    network::{Loss, Preset, features::Encoding, head::mean_loss, unet::Unet, weights::Weights},
+};
 use burn::tensor::{Device, Tensor};
 use rayon::prelude::*;
 use tauflow_contract::KindError;
 
-/// Parts of a batch, at most.
+/// Parts of a batch, at most, on a CPU; a device is filled by one.
 const PARTS: usize = 2;
 
 /// A network and its weights on their way.
@@ -23,15 +26,18 @@ pub(crate) struct Trainer {
     rates: Rates,
     loss: Loss,
     device: Device,
+    parts: usize,
 }
 
 impl Trainer {
     /// At the start.
-    pub(crate) fn new(encoding: Encoding, preset: Preset, rates: Rates, loss: Loss, seed: u64) -> Self {
+    pub(crate) fn new(encoding: Encoding, preset: Preset, rates: Rates, loss: Loss, seed: u64, place: &Place) -> Self {
         let network = encoding.network(preset);
         let state = Optimised::new(network.slots().draw(seed));
         let first = state.weights.norm();
-        Self { encoding, network, state, first, rates, loss, device: Device::flex().autodiff() }
+        let parts = if place.adapter().is_none() { PARTS } else { 1 };
+        let device = place.device().clone().autodiff();
+        Self { encoding, network, state, first, rates, loss, device, parts }
     }
 
     /// One step on a batch; returns its loss and the norm of the gradient.
@@ -44,7 +50,7 @@ impl Trainer {
     pub(crate) fn step(&mut self, batch: &Batch) -> Result<(f64, f64), KindError> {
         let weights = self.network.slots().tensors(&self.state.weights, &self.device);
         let count = batch.targets.len();
-        let parts = batch.parts(PARTS);
+        let parts = batch.parts(self.parts);
         let found: Vec<(f64, Vec<Vec<f32>>)> =
             parts.par_iter().map(|part| self.part(part, &weights, count)).collect::<Result<_, _>>()?;
         let value = found.iter().map(|(loss, _)| loss).sum::<f64>();
@@ -88,7 +94,7 @@ impl Trainer {
     }
 
     fn loss_of(&self, weights: &Weights, batches: impl Iterator<Item = Batch>) -> f64 {
-        let device = Device::flex();
+        let device = self.device.clone().inner();
         let weights = self.network.slots().tensors(weights, &device);
         let (mut total, mut count) = (0.0, 0);
         for batch in batches {
@@ -151,7 +157,14 @@ mod tests {
 
     #[test]
     fn parts_of_a_batch_add_up_to_its_gradient() {
-        let trainer = Trainer::new(encoding(Parameterization::McVelocity), Preset::Tiny, rates(), Loss::Squared, 3);
+        let trainer = Trainer::new(
+            encoding(Parameterization::McVelocity),
+            Preset::Tiny,
+            rates(),
+            Loss::Squared,
+            3,
+            &Place::cpu(),
+        );
         let mut weights = trainer.state.weights.clone();
         // Nothing may be zero, or gradients behind it would be.
         weights.0.iter_mut().enumerate().for_each(|(i, matrix)| {
@@ -181,7 +194,8 @@ mod tests {
 
     #[test]
     fn a_loss_beyond_all_numbers_is_told_and_changes_nothing() {
-        let mut trainer = Trainer::new(encoding(Parameterization::McNoise), Preset::Tiny, rates(), Loss::Squared, 3);
+        let mut trainer =
+            Trainer::new(encoding(Parameterization::McNoise), Preset::Tiny, rates(), Loss::Squared, 3, &Place::cpu());
         let before = trainer.state.clone();
         let mut batch = scenes(2, 16).all(&trainer.encoding, 16, 2).next().expect("scenes");
         batch.targets = vec![1e30; batch.targets.len()].into();
@@ -193,7 +207,8 @@ mod tests {
     #[test]
     fn one_batch_is_learned() {
         for parameterization in Parameterization::ALL {
-            let mut trainer = Trainer::new(encoding(parameterization), Preset::Tiny, rates(), Loss::Squared, 3);
+            let mut trainer =
+                Trainer::new(encoding(parameterization), Preset::Tiny, rates(), Loss::Squared, 3, &Place::cpu());
             let draw = Draw {
                 seed: 5,
                 batch: 2,
@@ -217,7 +232,8 @@ mod tests {
     #[test]
     fn a_fresh_network_averages_and_its_loss_is_that_of_any_batches() {
         let set = scenes(3, 16);
-        let trainer = Trainer::new(encoding(Parameterization::McNoise), Preset::Tiny, rates(), Loss::Squared, 1);
+        let trainer =
+            Trainer::new(encoding(Parameterization::McNoise), Preset::Tiny, rates(), Loss::Squared, 1, &Place::cpu());
         let targets: Vec<f32> =
             set.all(&trainer.encoding, 16, 4).flat_map(|b| b.targets.iter().copied().collect::<Vec<_>>()).collect();
         assert_eq!(targets.len(), 3 * 2 * 16 * 16 * 3);

@@ -1,0 +1,161 @@
+//! burn's operations make what the operators of `tauflow-ops` make, with the same gradients.
+
+use super::*;
+use crate::network::head::SIDES;
+#[cfg(feature = "gpu")]
+use crate::{
+    network::{
+        Preset,
+        features::{Encoding, Sample},
+        head::mean_loss,
+    },
+    parameterization::{Parameterization, Space},
+};
+use std::sync::Arc;
+use tauflow_data::rng::Stream;
+#[cfg(feature = "gpu")]
+use tauflow_data::time::VarianceTime;
+use tauflow_ops::{Instructions, Pyramid};
+
+fn numbers(seed: u64, size: usize) -> Vec<f32> {
+    let mut stream = Stream::new(seed, &[]);
+    (0..size).map(|_| stream.range(-1.0, 1.0) as f32).collect()
+}
+
+/// The largest difference by the largest number.
+fn apart(found: &[f32], expected: &[f32]) -> f64 {
+    assert_eq!(found.len(), expected.len());
+    let largest = expected.iter().fold(0.0f32, |m, v| m.max(v.abs()));
+    let difference = found.iter().zip(expected).fold(0.0f64, |m, (a, b)| m.max(f64::from((a - b).abs())));
+    assert!(found.iter().all(|v| v.is_finite()) && largest > 0.0);
+    difference / f64::from(largest)
+}
+
+fn values(tensor: Tensor<1>) -> Vec<f32> {
+    tensor.into_data().try_into_vec().expect("f32")
+}
+
+/// How far output and gradients are from those of plain slices, at most.
+fn difference<const N: usize>(operator: impl OnDevice<N>, inputs: [Vec<f32>; N], device: &Device) -> f64 {
+    let slices = inputs.each_ref().map(Vec::as_slice);
+    let (expected, saved) = operator.forward(slices);
+    let probe = numbers(99, expected.len());
+    let gradients = operator.backward(slices, &saved, &probe, [true; N]);
+    let device = device.clone().autodiff();
+    let tensors = slices.map(|values| constant(values, [values.len()], &device).require_grad());
+    let output = operator.by_tensors(tensors.clone());
+    let found = (output.clone() * constant(&probe, [probe.len()], &device)).sum().backward();
+    let gradients = tensors.iter().zip(&gradients);
+    gradients
+        .map(|(tensor, expected)| apart(&values(tensor.grad(&found).expect("tracked")), expected))
+        .fold(apart(&values(output), &expected), f64::max)
+}
+
+/// Differences of all operators on a device.
+fn differences(device: &Device) -> Vec<(String, f64)> {
+    let mut all = Vec::new();
+    let instructions = Instructions::best();
+    for (images, height, width, inputs, outputs) in [(2, 6, 5, 3, 4), (1, 16, 16, 60, 32), (2, 8, 24, 32, 64)] {
+        let conv = Conv3 { height, width, inputs, outputs, instructions };
+        let x = numbers(1, images * height * width * inputs);
+        let made = difference(conv.clone(), [x, numbers(2, 9 * inputs * outputs), numbers(3, outputs)], device);
+        all.push((format!("{conv:?}"), made));
+    }
+    for (rows, inputs, outputs) in [(1, 14, 64), (600, 128, 48)] {
+        let map = Linear { inputs, outputs, instructions };
+        let inputs = [numbers(1, rows * inputs), numbers(2, inputs * outputs), numbers(3, outputs)];
+        all.push((format!("{map:?}"), difference(map, inputs, device)));
+    }
+    for (images, pixels, channels) in [(2, 20, 16), (1, 1024, 32)] {
+        let norm = NormSilu { pixels, channels };
+        let inputs = [numbers(1, images * pixels * channels), numbers(2, images * 2 * channels)];
+        all.push((format!("{norm:?}"), difference(norm, inputs, device)));
+    }
+    all.push(("Silu".into(), difference(Silu, [numbers(1, 500).iter().map(|v| 9.0 * v).collect()], device)));
+    for back in [false, true] {
+        let fold = Fold { height: 4, width: 6, channels: 3, back };
+        all.push((format!("{fold:?}"), difference(fold, [numbers(1, 2 * 4 * 6 * 3)], device)));
+    }
+    let (height, width) = (8, 16);
+    let light = Arc::new(Pyramid::new(&numbers(1, 2 * height * width * 3), height, width, &SIDES));
+    let logits = numbers(2, 2 * height * width * light.weights()).iter().map(|v| 4.0 * v).collect();
+    all.push(("WeightedMean".into(), difference(WeightedMean(light), [logits], device)));
+    let size = 2 * 4 * 4 * 3;
+    for (albedo, log) in [(None, false), (Some(Arc::new(numbers(5, size))), true)] {
+        let answer = Answer { albedo, state: Arc::new(numbers(6, size)), gain: Arc::new(vec![0.5, -2.0]), log };
+        all.push((format!("Answer, log {log}"), difference(answer, [numbers(7, size)], device)));
+    }
+    for loss in [Loss::Squared, Loss::Absolute] {
+        let loss = MeanLoss { target: Arc::new(numbers(8, 700)), count: 900, loss };
+        all.push((format!("{:?}", loss.loss), difference(loss, [numbers(9, 700)], device)));
+    }
+    all
+}
+
+fn check(device: &Device, most: f64) {
+    for (name, difference) in differences(device) {
+        println!("{difference:.1e} {name}");
+        assert!(difference < most, "{name}: {difference}");
+    }
+}
+
+#[test]
+fn operators_by_tensors_are_those_over_slices() {
+    check(&Device::flex(), 2e-5);
+}
+
+#[cfg(feature = "gpu")]
+#[test]
+fn operators_on_a_device_are_those_over_slices() {
+    if let Some(place) = crate::device::vulkan::for_tests() {
+        check(place.device(), 1e-4);
+    }
+}
+
+/// The output of a network for a fixed batch, and the gradients of a loss.
+#[cfg(feature = "gpu")]
+fn of_network(preset: Preset, gbuffer: bool, device: &Device) -> Vec<Vec<f32>> {
+    const SIDE: usize = 16;
+    let encoding = Encoding {
+        parameterization: Parameterization::McVelocity,
+        space: Space::Linear,
+        clock: VarianceTime::new(1, 16).expect("a ladder"),
+        gbuffer,
+    };
+    let network = encoding.network(preset);
+    let mut weights = network.slots().draw(3);
+    // Nothing may be zero, or its gradient and those behind it would be.
+    for (i, matrix) in weights.0.iter_mut().enumerate() {
+        if matrix.iter().all(|v| *v == 0.0) {
+            *matrix = numbers(100 + i as u64, matrix.len()).iter().map(|v| 0.05 * v).collect();
+        }
+    }
+    let device = device.clone().autodiff();
+    let weights = network.slots().tensors(&weights, &device);
+    let state = |i| numbers(i, SIDE * SIDE * 3).iter().map(|v| 3.0 * v.abs()).collect::<Vec<f32>>();
+    let (states, gbuffers) = ([state(1), state(2)], [3, 4].map(|i| numbers(i, SIDE * SIDE * 6)));
+    let samples: Vec<Sample<'_>> = (0..2)
+        .map(|i| Sample { state: &states[i], gbuffer: gbuffer.then_some(&gbuffers[i][..]), tau: 0.3 * i as f64 })
+        .collect();
+    let output = network.forward(&weights, encoding.inputs(&device, &samples, SIDE, SIDE));
+    let target = Arc::new(numbers(5, 2 * SIDE * SIDE * 3));
+    let found = mean_loss(output.clone(), target.clone(), target.len(), Loss::Squared).backward();
+    let gradients = weights.iter().map(|weight| values(flat(weight.grad(&found).expect("every weight is used"))));
+    std::iter::once(values(flat(output))).chain(gradients.collect::<Vec<_>>()).collect()
+}
+
+#[cfg(feature = "gpu")]
+#[test]
+fn networks_on_a_device_are_those_on_the_cpu() {
+    let Some(place) = crate::device::vulkan::for_tests() else { return };
+    for preset in [Preset::Tiny, Preset::Small, Preset::Base] {
+        for gbuffer in [false, true] {
+            let (found, expected) =
+                (of_network(preset, gbuffer, place.device()), of_network(preset, gbuffer, &Device::flex()));
+            let apart: Vec<f64> = found.iter().zip(&expected).map(|(found, expected)| apart(found, expected)).collect();
+            let gradients = apart[1..].iter().fold(0.0f64, |most, apart| most.max(*apart));
+            println!("{preset:?}, G-buffers {gbuffer}: outputs {:.1e}, gradients {gradients:.1e}", apart[0]);
+            assert!(apart[0] < 1e-3 && gradients < 1e-3);
+        }
+    }
+}
