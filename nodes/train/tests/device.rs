@@ -3,6 +3,7 @@
 
 #![cfg(feature = "gpu")]
 
+#[expect(dead_code, reason = "other tests use the rest")]
 mod toy;
 
 use serde_json::{Value, json};
@@ -149,7 +150,7 @@ fn kinds_on_a_device_do_as_on_the_cpu() {
     for what in ["losses", "refined", "bridge"] {
         let apart = apart(&found["results"][what], &expected["results"][what]);
         println!("{what} on {}: {apart:.1e} apart", place.adapter().unwrap_or_default());
-        assert!(apart < 1e-2, "{what}: {apart}");
+        assert!(apart < 1e-3, "{what}: {apart}");
     }
     for losses in found["results"]["losses"].as_array().expect("two") {
         let losses = losses.as_array().expect("a curve");

@@ -37,6 +37,13 @@ impl Place {
         let (opened, kinds) = match name {
             "cpu" => return Ok(Self::cpu()),
             "vulkan" => (&GPU, GPUS),
+            // They crash in the compiler of such drivers.
+            "software_vulkan" if cfg!(feature = "gpu-spirv") => {
+                return Err(KindError::Environment(format!(
+                    "{VARIABLE} is `{name}`, which this build's kernels, in SPIR-V, do not run on; build with the feature `gpu` \
+                     alone"
+                )));
+            }
             "software_vulkan" => (&SOFTWARE, &[DeviceKind::Cpu] as &[DeviceKind]),
             _ => {
                 return Err(KindError::Environment(format!(
