@@ -27,7 +27,7 @@ pub fn section(evaluation: &Evaluation, bridge: Option<&Bridge>) -> Option<Secti
         before = &claim.statement;
         let _ = write!(
             out,
-            "<tr><td class=\"left\">{}</td><td class=\"left\">{}</td><td class=\"left\"><b>{}</b></td><td class=\"left\">{}</td></tr>",
+            "<tr><td class=\"left\">{}</td><td class=\"left\">{}</td><td class=\"left\"><b>{}</b></td><td class=\"left wrap\">{}</td></tr>",
             escape(statement),
             escape(&group(&claim.group)),
             verdict(claim.verdict),
