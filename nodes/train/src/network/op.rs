@@ -31,14 +31,14 @@ pub(crate) enum Input {
     Plain(FlexTensor),
     /// A flat tensor of a device that is no CPU, with or without its place in a graph.
     #[cfg(feature = "gpu")]
-    Elsewhere(Tensor<1>),
+    Elsewhere(Box<Tensor<1>>),
 }
 
 impl<const D: usize> From<Tensor<D>> for Input {
     fn from(tensor: Tensor<D>) -> Self {
         #[cfg(feature = "gpu")]
         if tensor.device() != burn::tensor::Device::flex() {
-            return Self::Elsewhere(tensor.reshape([-1]));
+            return Self::Elsewhere(Box::new(tensor.reshape([-1])));
         }
         if tensor.is_autodiff() {
             Self::Tracked(tensor.try_into_primitive::<Autodiff<Flex>>().expect("the device is flex with autodiff"))
@@ -83,7 +83,7 @@ pub(crate) fn apply<const N: usize, const D: usize, O: Applicable<N>>(
     #[cfg(feature = "gpu")]
     if matches!(inputs[0], Input::Elsewhere(_)) {
         let inputs = inputs.map(|input| match input {
-            Input::Elsewhere(tensor) => tensor,
+            Input::Elsewhere(tensor) => *tensor,
             _ => panic!("an operator got tensors of several devices"),
         });
         return operator.by_tensors(inputs).reshape(shape);
