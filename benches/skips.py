@@ -12,7 +12,7 @@ skip is undone by what a pipeline's author would have to write without it:
 - early cutoff: a limit of the gate moves and no verdict does; without it, all that follows the gate would run;
 - specialisation: scenes of the sampling are rendered with all that they lack undone at once (nodes/render/examples/skips.rs).
 
-Seconds are of wall time, medians over rounds, whose runs take turns; bytes are what a run wrote.
+Seconds are of wall time, medians over rounds, whose runs take turns; bytes are what a run left in its cache.
 """
 
 import argparse
@@ -39,18 +39,24 @@ PIPELINES = {
 EDIT = {"gate.noise": 1.001}
 
 
+def kept(folder):
+    """Bytes of the files in a folder."""
+    return sum(path.stat().st_size for path in pathlib.Path(folder).rglob("*") if path.is_file())
+
+
 def run(pipeline, cache, targets=TARGETS, more=(), file=None):
-    """The account of a run: seconds, bytes written, actions."""
+    """The account of a run: seconds, bytes that it left in the cache, actions."""
     arguments, params, _ = PIPELINES[pipeline]
     sets = {**params, **dict(more)}
     command = [TAUFLOW, "run", file or ROOT / "pipelines" / f"{pipeline}.yaml", *arguments, "--cache", cache, "--events", "json"]
     command += [word for target in targets for word in ("--target", target)]
     command += [word for name, value in sets.items() for word in ("--set", f"{name}={value}")]
+    before = kept(cache)
     done = subprocess.run([str(word) for word in command], capture_output=True, text=True, cwd=ROOT)
     if done.returncode:
         sys.exit(f"{' '.join(map(str, command))}\n{done.stderr[-2000:]}")
     account = json.loads(done.stdout.strip().splitlines()[-1])
-    return account["elapsed_s"], account["written"], account["ran"]
+    return account["elapsed_s"], kept(cache) - before, account["ran"]
 
 
 def transient(pipeline, folder):
@@ -127,7 +133,7 @@ def main():
                 for name, pair in found.items():
                     accounts.setdefault(name, []).append(pair)
         print(f"\n{pipeline}, scenes to packed sets: {accounts['demand'][0][0][2]} actions\n")
-        print("| skip | on, s | off, s | time saved | on, written | off, written | less |")
+        print("| skip | on, s | off, s | time saved | on, kept | off, kept | less |")
         print("|---|---:|---:|---:|---:|---:|---:|")
         for name, pairs in accounts.items():
             print(row(name, pairs), flush=True)

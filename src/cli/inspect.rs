@@ -126,7 +126,9 @@ pub fn page(kind: &dyn NodeKind) -> String {
         let mut rows = vec![["param", "default", "takes", "what"].map(str::to_owned).to_vec()];
         for name in params {
             let Some(param) = schema["properties"].get(name) else { continue };
-            let default = defaults.as_ref().and_then(|d| d.get(name)).map(|v| format!("`{v}`")).unwrap_or_default();
+            // Where one param must be given, nothing resolves without it.
+            let default = defaults.as_ref().and_then(|d| d.get(name)).or_else(|| param.get("default"));
+            let default = default.map(|v| format!("`{v}`")).unwrap_or_default();
             let doc = param["description"].as_str().unwrap_or_default().replace('\n', " ");
             rows.push(vec![format!("`{name}`"), default, schema_check::describe(&schema, param), doc]);
         }

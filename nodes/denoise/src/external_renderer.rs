@@ -29,7 +29,7 @@ pub struct ExternalRenderer;
 pub struct ExternalRendererParams {
     /// Its name in tables.
     pub method: String,
-    /// Words of a program's command line, with {scene}, {counts}, {repeats}, {seed} and {folder}.
+    /// Words of a program's command line, with {scene}, {counts}, {repeats}, {seed} and {folder}. Must be given.
     pub command: Vec<String>,
     /// Words of a command line that prints which version is there, and fails where none is; none if the program's own file says
     /// enough.
@@ -50,9 +50,7 @@ impl Default for ExternalRendererParams {
     fn default() -> Self {
         Self {
             method: "mitsuba".into(),
-            command: ["mitsuba.py", "{scene}", "{counts}", "{repeats}", "{seed}", "{folder}"]
-                .map(str::to_owned)
-                .to_vec(),
+            command: Vec::new(),
             version: Vec::new(),
             counts: RungCounts::Dyadic { dyadic: 64 },
             resolution: [256, 256],
@@ -102,7 +100,7 @@ impl Kind for ExternalRenderer {
             false => PLACES.problem(&params.command),
         };
         if let Some(problem) = problem {
-            let hint = "write for example `command: [mitsuba.py, \"{scene}\", \"{counts}\", \"{folder}\"]`";
+            let hint = "write for example `command: [python3, render.py, \"{scene}\", \"{counts}\", \"{folder}\"]`";
             out.push(ParamProblem::new("/command", problem, hint));
         }
         if let Err(error) = params.counts.counts() {

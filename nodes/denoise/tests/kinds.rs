@@ -314,4 +314,6 @@ fn renderers_that_fail_are_told() {
         ..ExternalRendererParams::default()
     };
     assert!(!ExternalRenderer::check(&bad).is_empty());
+    let forgotten = ExternalRenderer::check(&ExternalRendererParams::default());
+    assert!(forgotten.iter().any(|problem| problem.pointer == "/command"), "{forgotten:?}");
 }

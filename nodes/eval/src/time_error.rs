@@ -285,6 +285,12 @@ fn scene(
         let (images, note) = rendered(ctx, artifact)?;
         notes.extend(note);
         let times: Timing = ctx.json(times, "")?;
+        // A ladder may go on beyond what was timed, but not be without.
+        if let Some((name, ..)) = images.first()
+            && images.iter().all(|(_, spp, _)| median(&times, None, *spp, 0).is_none())
+        {
+            return Err(untimed(name));
+        }
         for (name, spp, image) in images {
             let Some(took) = median(&times, None, spp, 0) else { continue };
             let exposed = image.map(|v| (f64::from(v) * factor) as f32);

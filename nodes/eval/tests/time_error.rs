@@ -171,4 +171,12 @@ fn ports_that_do_not_fit_are_told() {
     bench.times("rendered_times", &key, timing("path_tracer", 0, &[(1, 0.05)]));
     let error = bench.run().expect_err("one scene of two").to_string();
     assert!(error.contains(SCENES[1]) && error.contains("sampler=sobol"), "{error}");
+    let mut bench = Bench::new();
+    for scene in SCENES {
+        let key = format!("sampler=sobol/{scene}");
+        bench.put("sampled", &key, |ctx| ladder(&[(1, 0.04)], SamplerKind::Sobol, 0.0).store(ctx));
+        bench.times("rendered_times", &key, timing("path_tracer", 0, &[(4, 0.05)]));
+    }
+    let error = bench.run().expect_err("times of other rungs").to_string();
+    assert!(error.contains("`path_tracer_sobol`") && error.contains("was not timed"), "{error}");
 }

@@ -4,7 +4,7 @@
 use crate::{
     device::Place,
     network::{
-        Preset,
+        Output, Preset,
         features::{Encoding, Sample},
         unet::Unet,
         weights::Weights,
@@ -32,6 +32,9 @@ pub struct ModelInfo {
     pub counts: Vec<u64>,
     /// Training steps.
     pub steps: u64,
+    /// What its network's numbers are.
+    #[serde(default, skip_serializing_if = "Output::is_default")]
+    pub output: Output,
 }
 
 impl ModelInfo {
@@ -51,6 +54,7 @@ impl ModelInfo {
             space: self.space,
             clock: VarianceTime::new(self.n_min(), self.n_max())?,
             gbuffer: self.conditioning == Conditioning::Gbuffer,
+            output: self.output,
         })
     }
 }

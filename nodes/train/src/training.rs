@@ -14,7 +14,7 @@ pub use optimiser::Decay;
 use crate::{
     device::{self, Place},
     model::{Model, ModelInfo},
-    network::{Loss, Preset},
+    network::{Loss, Output, Preset},
     parameterization::{Conditioning, Parameterization, Space},
 };
 use batches::{DataSet, Draw};
@@ -89,6 +89,11 @@ pub struct TrainingParams {
     pub exposure_jitter: f64,
     /// Puts the colours of each example, albedo included, into an order drawn for it.
     pub permute_colours: bool,
+    /// Rungs of n samples are drawn in proportion to n to minus this: 0 for all as often, 0.5 as their standard errors are.
+    #[schemars(range(min = 0.0, max = 4.0))]
+    pub rung_exponent: f64,
+    /// What the network's numbers are.
+    pub output: Output,
     /// Steps between points of the loss curve.
     #[schemars(range(min = 1))]
     pub test_every: u64,
@@ -118,6 +123,8 @@ impl Default for TrainingParams {
             shuffle_targets: false,
             exposure_jitter: 0.0,
             permute_colours: false,
+            rung_exponent: 0.0,
+            output: Output::default(),
             test_every: 250,
             checkpoint_every: 500,
         }
@@ -182,9 +189,28 @@ impl Kind for Training {
             format!("a change of exposure of {} EV", p.exposure_jitter),
             "write 0 to 8",
         );
+        expect(
+            (0.0..=4.0).contains(&p.rung_exponent),
+            "/rung_exponent",
+            format!("an exponent of {}", p.rung_exponent),
+            "write 0 to 4",
+        );
         expect(p.test_every >= 1, "/test_every", "a point every 0 steps".into(), "write at least 1");
         expect(p.checkpoint_every >= 1, "/checkpoint_every", "one every 0 steps".into(), "write at least 1");
         problems
+    }
+
+    /// All params, less those that came later where they change nothing: trainings of before stay what they are.
+    fn project(params: &Self::Params, _item: Option<&ItemKey>, _group: &str) -> Value {
+        let mut value = serde_json::to_value(params).expect("plain data");
+        if let Value::Object(fields) = &mut value {
+            let plain =
+                [("rung_exponent", params.rung_exponent == 0.0), ("output", params.output == Output::default())];
+            for (name, _) in plain.into_iter().filter(|(_, plain)| *plain) {
+                fields.remove(name);
+            }
+        }
+        value
     }
 
     fn environment(_params: &Self::Params, _group: &str) -> Value {
@@ -236,6 +262,7 @@ impl Job<'_> {
             space: params.space,
             counts: train.counts.clone(),
             steps: params.steps,
+            output: params.output,
         };
         let (encoding, rates) = (info.encoding()?, self.rates());
         let mut trainer = Trainer::new(encoding, params.preset, rates, params.loss, self.seed, &self.place);
@@ -328,6 +355,7 @@ impl Job<'_> {
             shuffle_targets: p.shuffle_targets,
             exposure_jitter: p.exposure_jitter,
             permute_colours: p.permute_colours,
+            rung_exponent: p.rung_exponent,
         };
         let score = |trainer: &Trainer| -> Result<Option<Score>, KindError> {
             let Some(set) = test else { return Ok(None) };

@@ -1,7 +1,7 @@
 //! What the network sees of a state, and the units in which it answers.
 
 use super::{
-    head::{Answer, Head, SIDES},
+    head::{Answer, Head, Output, SIDES},
     unet::{Inputs, Unet},
 };
 use crate::parameterization::{Parameterization, Space, signed_log1p};
@@ -43,6 +43,7 @@ pub(crate) struct Encoding {
     pub(crate) space: Space,
     pub(crate) clock: VarianceTime,
     pub(crate) gbuffer: bool,
+    pub(crate) output: Output,
 }
 
 impl Encoding {
@@ -91,23 +92,25 @@ impl Encoding {
             albedos.extend(albedo.into_iter().flatten());
         }
         let shape = [samples.len(), height, width, channels];
-        let answer = Answer {
-            albedo: self.gbuffer.then(|| Arc::new(albedos)),
-            state: Arc::new(samples.iter().flat_map(|sample| sample.state.iter().copied()).collect()),
-            gain: Arc::new(gains),
-            log: self.space == Space::Log1p,
-        };
-        let light = Arc::new(Pyramid::new(&lights, height, width, &SIDES));
+        let head = (self.output != Output::Values).then(|| Head {
+            light: Arc::new(Pyramid::new(&lights, height, width, &SIDES)),
+            answer: Answer {
+                albedo: self.gbuffer.then(|| Arc::new(albedos)),
+                state: Arc::new(samples.iter().flat_map(|sample| sample.state.iter().copied()).collect()),
+                gain: Arc::new(gains),
+                log: self.space == Space::Log1p,
+            },
+        });
         Inputs {
             features: Tensor::from_data(TensorData::new(features, shape), device),
             clock: Tensor::from_data(TensorData::new(clock, [samples.len(), CLOCK]), device),
-            head: Head { light, answer },
+            head,
         }
     }
 
     /// The network for such inputs.
     pub(crate) fn network(&self, preset: super::unet::Preset) -> Unet {
-        Unet::new(preset, self.channels(), CLOCK)
+        Unet::new(preset, self.channels(), CLOCK, self.output)
     }
 
     /// What the target is of the way from the state to the mean of endlessly many samples: known, so that no network should
@@ -214,7 +217,7 @@ mod tests {
     fn gains_are_those_of_the_law() {
         let clock = VarianceTime::new(1, 256).expect("a ladder");
         let gain = |parameterization, tau| {
-            Encoding { parameterization, space: Space::Linear, clock, gbuffer: false }.gain(tau)
+            Encoding { parameterization, space: Space::Linear, clock, gbuffer: false, output: Output::Means }.gain(tau)
         };
         let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-6 * b.abs().max(1.0), "{a} {b}");
         for n in [1.0f64, 4.0, 100.0, 255.0] {
@@ -237,7 +240,8 @@ mod tests {
         let clock = VarianceTime::new(1, 256).expect("a ladder");
         let device = Device::flex();
         for space in [Space::Linear, Space::Log1p] {
-            let encoding = Encoding { parameterization: Parameterization::McNoise, space, clock, gbuffer: true };
+            let (parameterization, output) = (Parameterization::McNoise, Output::Means);
+            let encoding = Encoding { parameterization, space, clock, gbuffer: true, output };
             let network = encoding.network(super::super::unet::Preset::Tiny);
             // Light of 3 on albedos that change from pixel to pixel.
             let albedo = |i: usize| (i % 5) as f32 / 5.0;

@@ -2,7 +2,7 @@
 
 use super::{
     features,
-    head::{self, Answer, Loss},
+    head::{self, Answer, Loss, Output, Shade},
     layers,
     unet::{Preset, Unet},
 };
@@ -137,6 +137,9 @@ fn gradients_of_head_and_loss() {
         let answer = Answer { albedo, state: Arc::new(numbers(6, size)), gain: Arc::new(vec![0.5, -2.0]), log };
         check(&inputs, |t| super::op::apply(answer.clone(), [t[0].clone().into()], [2, 2, 4, 3]));
     }
+    let shaded =
+        [(numbers(1, size), vec![2, 2, 4, 3]), (numbers(2, size).iter().map(|v| 5.0 * v).collect(), vec![2, 2, 4, 3])];
+    check(&shaded, |t| super::op::apply(Shade, [t[0].clone().into(), t[1].clone().into()], [2, 2, 4, 3]));
     // Nowhere so near that a difference changes its sign on the way.
     let target: Vec<f32> =
         inputs[0].0.iter().enumerate().map(|(i, v)| if i % 2 == 0 { v + 0.3 } else { v - 0.2 }).collect();
@@ -148,11 +151,18 @@ fn gradients_of_head_and_loss() {
 
 #[test]
 fn gradients_of_the_whole_network() {
+    for output in [Output::Means, Output::ShadedMeans, Output::Values] {
+        gradients_of_the_network(output);
+    }
+}
+
+fn gradients_of_the_network(output: Output) {
     let encoding = features::Encoding {
         parameterization: Parameterization::McNoise,
         space: Space::Linear,
         clock: VarianceTime::new(1, 16).expect("a ladder"),
         gbuffer: true,
+        output,
     };
     let network: Unet = encoding.network(Preset::Tiny);
     let state: Vec<f32> = numbers(1, 16 * 16 * 3).iter().map(|v| 3.0 * v.abs()).collect();

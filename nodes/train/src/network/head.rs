@@ -9,7 +9,35 @@ use super::op::apply;
 use burn::tensor::Tensor;
 use rayon::prelude::*;
 use std::sync::Arc;
-use tauflow_ops::{Operator, Pyramid, WeightedMean};
+use tauflow_ops::{Operator, Pyramid, WeightedMean, exp, map2};
+
+/// What the network's numbers are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum Output {
+    /// Weights of what lies around a pixel; the law makes predictions of their mean.
+    #[default]
+    Means,
+    /// The same, and a factor between 1/4 and 4 for each colour of the mean: light falls on a pixel otherwise than around it.
+    ShadedMeans,
+    /// Predictions, with nothing known put in: for studies of what the law is worth.
+    Values,
+}
+
+impl Output {
+    /// True of what model files say nothing of.
+    pub(crate) fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Numbers of the last layer for a pixel.
+    pub(crate) fn numbers(self) -> usize {
+        match self {
+            Self::Means | Self::ShadedMeans => WEIGHTS,
+            Self::Values => 3,
+        }
+    }
+}
 
 /// Sides of the windows of weights, from full resolution down.
 pub(crate) const SIDES: [usize; 4] = [5, 3, 3, 3];
@@ -36,13 +64,53 @@ pub(crate) struct Head {
 }
 
 impl Head {
-    /// The prediction [N, H, W, 3] of numbers [N, H, W, [`WEIGHTS`]].
-    pub(crate) fn expand(self, numbers: Tensor<4>) -> Tensor<4> {
+    /// The prediction [N, H, W, 3] of numbers [N, H, W, [`WEIGHTS`]], and of shades [N, H, W, 3] if there are any.
+    pub(crate) fn expand(self, numbers: Tensor<4>, shades: Option<Tensor<4>>) -> Tensor<4> {
         let [images, height, width, channels] = numbers.dims();
         assert_eq!(channels, WEIGHTS, "a number for each place of the windows");
         let shape = [images, height, width, 3];
-        let mean = apply(WeightedMean(self.light), [numbers.into()], shape);
+        let mut mean = apply(WeightedMean(self.light), [numbers.into()], shape);
+        if let Some(shades) = shades {
+            mean = apply(Shade, [mean.into(), shades.into()], shape);
+        }
         apply(self.answer, [mean.into()], shape)
+    }
+}
+
+/// mean times a factor of the shade: 1 for 0, from 1/[`BRIGHTEST`] to [`BRIGHTEST`].
+#[derive(Clone, Debug)]
+pub(super) struct Shade;
+
+/// The largest factor of a shade, so that no mistake makes a firefly.
+pub(super) const BRIGHTEST: f32 = 4.0;
+
+impl Shade {
+    /// (1 + b e^s)/(b + e^s), which is 1 over itself for -s.
+    #[inline(always)]
+    fn factor(shade: f32) -> f32 {
+        let power = exp(shade);
+        (1.0 + BRIGHTEST * power) / (BRIGHTEST + power)
+    }
+
+    /// The slope of the factor. Nothing is squared that could be too large.
+    #[inline(always)]
+    fn slope(shade: f32) -> f32 {
+        let power = exp(shade);
+        (BRIGHTEST * BRIGHTEST - 1.0) * (power / (BRIGHTEST + power)) / (BRIGHTEST + power)
+    }
+}
+
+impl Operator<2> for Shade {
+    type Saved = ();
+
+    fn forward(&self, [mean, shade]: [&[f32]; 2]) -> (Vec<f32>, ()) {
+        (map2(mean, shade, |mean, shade| mean * Self::factor(shade)), ())
+    }
+
+    fn backward(&self, [mean, shade]: [&[f32]; 2], _: &(), gradient: &[f32], _: [bool; 2]) -> [Vec<f32>; 2] {
+        let of_mean = map2(gradient, shade, |gradient, shade| gradient * Self::factor(shade));
+        let slopes = map2(mean, shade, |mean, shade| mean * Self::slope(shade));
+        [of_mean, map2(gradient, &slopes, |gradient, slope| gradient * slope)]
     }
 }
 

@@ -16,5 +16,5 @@ mod peer;
 pub(crate) mod unet;
 pub(crate) mod weights;
 
-pub use head::Loss;
+pub use head::{Loss, Output};
 pub use unet::Preset;

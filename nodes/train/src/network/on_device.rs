@@ -3,7 +3,7 @@
 //!
 //! Tensors are flat, as slices are there: an operator knows what shape its numbers have. Knows nothing of networks.
 
-use super::head::{Answer, Loss, MeanLoss};
+use super::head::{Answer, BRIGHTEST, Loss, MeanLoss, Shade};
 use burn::tensor::{
     Device, Tensor, TensorData,
     activation::{sigmoid, softmax},
@@ -107,6 +107,13 @@ impl OnDevice<1> for WeightedMean {
         let around = Tensor::cat(levels.collect(), 4);
         let weights = softmax(logits.reshape([images, height, width, 1, self.0.weights()]), 4);
         flat((around * weights).sum_dim(4))
+    }
+}
+
+impl OnDevice<2> for Shade {
+    fn by_tensors(&self, [mean, shade]: [Tensor<1>; 2]) -> Tensor<1> {
+        let power = shade.clamp(-87.0, 87.0).exp();
+        mean * (power.clone() * BRIGHTEST + 1.0) / (power + BRIGHTEST)
     }
 }
 

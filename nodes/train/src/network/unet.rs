@@ -4,7 +4,7 @@
 //! than at full resolution; the last layer unfolds again.
 
 use super::{
-    head::{Head, SIDES, WEIGHTS},
+    head::{Head, Output, SIDES},
     layers::{conv3, fold, linear, norm_silu, silu, unfold},
     weights::{Slots, Start},
 };
@@ -61,8 +61,8 @@ pub(crate) struct Inputs {
     pub(crate) features: Tensor<4>,
     /// [N, [`super::features::CLOCK`]].
     pub(crate) clock: Tensor<2>,
-    /// What the output is made of.
-    pub(crate) head: Head,
+    /// What the output is made of; none if it is the prediction.
+    pub(crate) head: Option<Head>,
 }
 
 /// A network: which weights are used where.
@@ -76,6 +76,7 @@ pub(crate) struct Unet {
     up: Vec<Level>,
     last: Layer,
     head: Layer,
+    shade: Option<Layer>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -99,7 +100,7 @@ struct Block(Vec<(Layer, Layer)>);
 
 impl Unet {
     /// The network of a preset for inputs of so many channels.
-    pub(crate) fn new(preset: Preset, channels: usize, clock: usize) -> Self {
+    pub(crate) fn new(preset: Preset, channels: usize, clock: usize, output: Output) -> Self {
         let plan = preset.plan();
         let mut build = Builder { slots: Slots::default(), embedding: plan.embedding };
         let time = [
@@ -122,9 +123,11 @@ impl Unet {
             up.push(Level { blocks: build.blocks(&format!("up.{i}"), *width, &plan), resize, skip: Some(skip) });
         }
         let last = build.modulation("last", plan.widths[0]);
-        // Every place weighs the same at first.
-        let head = build.conv("head", plan.widths[0], 4 * WEIGHTS, Start::Zero);
-        Self { slots: build.slots, time, stem, down, middle, up, last, head }
+        // Every place weighs the same at first, or nothing is predicted.
+        let head = build.conv("head", plan.widths[0], 4 * output.numbers(), Start::Zero);
+        let shaded = output == Output::ShadedMeans;
+        let shade = shaded.then(|| build.conv("shade", plan.widths[0], 4 * 3, Start::Zero));
+        Self { slots: build.slots, time, stem, down, middle, up, last, head, shade }
     }
 
     /// Its weights.
@@ -158,7 +161,12 @@ impl Unet {
             x = run.blocks(&level.blocks, x, &time);
         }
         let x = norm_silu(x, run.linear(self.last, time));
-        inputs.head.expand(unfold(run.conv(self.head, x)))
+        let shades = self.shade.map(|shade| unfold(run.conv(shade, x.clone())));
+        let numbers = unfold(run.conv(self.head, x));
+        match inputs.head {
+            Some(head) => head.expand(numbers, shades),
+            None => numbers,
+        }
     }
 }
 
@@ -225,7 +233,7 @@ mod tests {
 
     #[test]
     fn presets_have_the_sizes_that_they_say() {
-        let count = |preset| Unet::new(preset, 15, 14).slots().count();
+        let count = |preset| Unet::new(preset, 15, 14, Output::Means).slots().count();
         let sizes = [count(Preset::Tiny), count(Preset::Small), count(Preset::Base)];
         assert!((350_000..450_000).contains(&sizes[0]), "{sizes:?}");
         assert!((1_000_000..2_000_000).contains(&sizes[1]), "{sizes:?}");
@@ -234,7 +242,7 @@ mod tests {
 
     #[test]
     fn weights_start_as_a_function_of_seed_and_name() {
-        let net = Unet::new(Preset::Tiny, 3, 14);
+        let net = Unet::new(Preset::Tiny, 3, 14, Output::Means);
         let weights = net.slots().draw(1);
         assert!(weights == net.slots().draw(1) && weights != net.slots().draw(2));
         let kernel = &weights.0[net.stem.kernel];

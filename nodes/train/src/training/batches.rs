@@ -171,6 +171,7 @@ impl DataSet {
     /// The batch of a training step.
     pub(crate) fn draw(&self, encoding: &Encoding, draw: &Draw, step: u64) -> Batch {
         let mut stream = Stream::new(draw.seed, &[step]).part("batch");
+        let shares = draw.shares(&self.counts[..self.counts.len() - 1]);
         let picks: Vec<Pick> = (0..draw.batch)
             .map(|_| {
                 let scene = stream.below(self.scenes.len());
@@ -178,7 +179,13 @@ impl DataSet {
                 Pick {
                     scene,
                     target: if draw.shuffle_targets { other } else { scene },
-                    rung: stream.below(self.counts.len() - 1),
+                    rung: match &shares {
+                        None => stream.below(self.counts.len() - 1),
+                        Some(shares) => {
+                            let at = stream.uniform() * shares[shares.len() - 1];
+                            shares.iter().position(|share| at < *share).unwrap_or(shares.len() - 1)
+                        }
+                    },
                     t: stream.uniform(),
                     left: stream.below(self.width - draw.side + 1),
                     top: stream.below(self.height - draw.side + 1),
@@ -264,6 +271,33 @@ pub(crate) struct Draw {
     /// Largest change of exposure, in EV.
     pub(crate) exposure_jitter: f64,
     pub(crate) permute_colours: bool,
+    /// Rungs of n samples are drawn in proportion to n to minus this.
+    pub(crate) rung_exponent: f64,
+}
+
+impl Draw {
+    /// Nothing is changed, and all rungs are drawn as often.
+    pub(crate) const PLAIN: Self = Self {
+        seed: 0,
+        batch: 1,
+        side: 8,
+        shuffle_targets: false,
+        exposure_jitter: 0.0,
+        permute_colours: false,
+        rung_exponent: 0.0,
+    };
+
+    /// Running sums of what rungs with these sample counts are drawn in proportion to; none if all are alike.
+    fn shares(&self, counts: &[u64]) -> Option<Vec<f64>> {
+        (self.rung_exponent != 0.0).then(|| {
+            let share = |n: &u64| maths::exp2(-self.rung_exponent * maths::log2(*n as f64));
+            let add = |sum: &mut f64, share: f64| {
+                *sum += share;
+                Some(*sum)
+            };
+            counts.iter().map(share).scan(0.0, add).collect()
+        })
+    }
 }
 
 impl Batch {

@@ -4,7 +4,7 @@ use super::{DataSet, Decay, Draw, Rates, Trainer};
 use crate::{
     device::Place,
     model::{Model, ModelInfo},
-    network::{Loss, Preset},
+    network::{Loss, Output, Preset},
     parameterization::{Conditioning, Parameterization, Space},
     rollout::Denoiser,
 };
@@ -20,6 +20,7 @@ fn info(preset: Preset) -> ModelInfo {
         space: Space::Linear,
         counts: vec![1, 4, 16],
         steps: 1,
+        output: Output::Means,
     }
 }
 
@@ -63,7 +64,7 @@ pub fn training_steps(
     };
     let mut trainer = Trainer::new(info(preset).encoding()?, preset, rates, Loss::Squared, 1, place);
     let set = DataSet::new(vec![("made-up", scene(2 * side)?)], "train", Conditioning::Gbuffer)?;
-    let draw = Draw { seed: 1, batch, side, shuffle_targets: false, exposure_jitter: 1.0, permute_colours: true };
+    let draw = Draw { seed: 1, batch, side, exposure_jitter: 1.0, permute_colours: true, ..Draw::PLAIN };
     let milliseconds = |from: Instant| 1000.0 * from.elapsed().as_secs_f64();
     (0..steps as u64)
         .map(|step| {

@@ -123,6 +123,7 @@ fn numbers(tensor: Tensor<2>) -> Result<Vec<f32>, KindError> {
 mod tests {
     use super::*;
     use crate::{
+        network::Output,
         parameterization::{Conditioning, Parameterization, Space},
         training::{batches::Draw, optimiser::Decay},
     };
@@ -147,7 +148,7 @@ mod tests {
 
     fn encoding(parameterization: Parameterization) -> Encoding {
         let clock = VarianceTime::new(1, 16).expect("a ladder");
-        Encoding { parameterization, space: Space::Linear, clock, gbuffer: true }
+        Encoding { parameterization, space: Space::Linear, clock, gbuffer: true, output: Output::Means }
     }
 
     fn rates() -> Rates {
@@ -172,8 +173,7 @@ mod tests {
             matrix.iter_mut().filter(|w| **w == 0.0).for_each(|w| *w = stream.range(-0.05, 0.05) as f32);
         });
         for batch in [1, 2, 5] {
-            let draw =
-                Draw { seed: 5, batch, side: 16, shuffle_targets: false, exposure_jitter: 0.0, permute_colours: false };
+            let draw = Draw { seed: 5, batch, side: 16, ..Draw::PLAIN };
             let batch = scenes(3, 16).draw(&trainer.encoding, &draw, 0);
             let tensors = trainer.network.slots().tensors(&weights, &trainer.device);
             let count = batch.targets.len();
@@ -209,14 +209,7 @@ mod tests {
         for parameterization in Parameterization::ALL {
             let mut trainer =
                 Trainer::new(encoding(parameterization), Preset::Tiny, rates(), Loss::Squared, 3, &Place::cpu());
-            let draw = Draw {
-                seed: 5,
-                batch: 2,
-                side: 16,
-                shuffle_targets: false,
-                exposure_jitter: 0.0,
-                permute_colours: false,
-            };
+            let draw = Draw { seed: 5, batch: 2, side: 16, ..Draw::PLAIN };
             let batch = scenes(2, 16).draw(&trainer.encoding, &draw, 0);
             let first = trainer.step(&batch).expect("finite").0;
             let mut last = first;

@@ -5,7 +5,7 @@ use crate::network::head::SIDES;
 #[cfg(feature = "gpu")]
 use crate::{
     network::{
-        Preset,
+        Output, Preset,
         features::{Encoding, Sample},
         head::mean_loss,
     },
@@ -85,6 +85,8 @@ fn differences(device: &Device) -> Vec<(String, f64)> {
         let answer = Answer { albedo, state: Arc::new(numbers(6, size)), gain: Arc::new(vec![0.5, -2.0]), log };
         all.push((format!("Answer, log {log}"), difference(answer, [numbers(7, size)], device)));
     }
+    let shades = numbers(2, 300).iter().map(|v| 9.0 * v).collect();
+    all.push(("Shade".into(), difference(Shade, [numbers(1, 300), shades], device)));
     for loss in [Loss::Squared, Loss::Absolute] {
         let loss = MeanLoss { target: Arc::new(numbers(8, 700)), count: 900, loss };
         all.push((format!("{:?}", loss.loss), difference(loss, [numbers(9, 700)], device)));
@@ -121,6 +123,7 @@ fn of_network(preset: Preset, gbuffer: bool, device: &Device) -> Vec<Vec<f32>> {
         space: Space::Linear,
         clock: VarianceTime::new(1, 16).expect("a ladder"),
         gbuffer,
+        output: Output::Means,
     };
     let network = encoding.network(preset);
     let mut weights = network.slots().draw(3);

@@ -1,12 +1,14 @@
 use super::*;
-use crate::parameterization::{Parameterization, Space};
+use crate::{
+    network::Output,
+    parameterization::{Parameterization, Space},
+};
 use std::collections::BTreeSet;
 use tauflow_data::time::VarianceTime;
 
 const COUNTS: [u64; 3] = [1, 4, 16];
 const SIDE: usize = 12;
-const PLAIN: Draw =
-    Draw { seed: 3, batch: 6, side: 8, shuffle_targets: false, exposure_jitter: 0.0, permute_colours: false };
+const PLAIN: Draw = Draw { seed: 3, batch: 6, side: 8, ..Draw::PLAIN };
 
 /// Pixels that name themselves: scene, rung and place.
 fn set(scenes: usize) -> DataSet {
@@ -28,7 +30,7 @@ fn set(scenes: usize) -> DataSet {
 
 fn encoding(parameterization: Parameterization) -> Encoding {
     let clock = VarianceTime::new(1, 16).expect("a ladder");
-    Encoding { parameterization, space: Space::Linear, clock, gbuffer: true }
+    Encoding { parameterization, space: Space::Linear, clock, gbuffer: true, output: Output::Means }
 }
 
 #[test]
@@ -53,6 +55,17 @@ fn targets_are_those_of_the_real_rungs_pixel_by_pixel() {
         }
     }
     assert_eq!(rungs, BTreeSet::from([0, 1]));
+}
+
+#[test]
+fn rungs_are_drawn_as_often_as_their_exponent_says() {
+    let (set, encoding) = (set(3), encoding(Parameterization::McNoise));
+    for (rung_exponent, expected) in [(0.0, 0.5), (0.5, 2.0 / 3.0), (1.0, 0.8), (4.0, 256.0 / 257.0)] {
+        let draw = Draw { rung_exponent, batch: 50, ..PLAIN };
+        let first = (0..80).flat_map(|step| set.draw(&encoding, &draw, step).tau).filter(|tau| *tau == 0.0).count();
+        let (share, deviation) = (first as f64 / 4000.0, (expected * (1.0f64 - expected) / 4000.0).sqrt());
+        assert!((share - expected).abs() < 4.0 * deviation, "{rung_exponent}: {share} {expected}");
+    }
 }
 
 #[test]
