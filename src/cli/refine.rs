@@ -5,7 +5,7 @@ use super::{
     scene::{check_picture, told, write_picture},
     seconds_text,
 };
-use crate::registry::{Conditioning, Course, Denoiser, Model, geometric_mean_luminance, rollout_to};
+use crate::registry::{Conditioning, Course, Denoiser, Mirrored, Model, geometric_mean_luminance, rollout_to};
 use clap::Args;
 use std::{collections::BTreeMap, fs, path::PathBuf, time::Instant};
 use tauflow_data::{Image, image_io::read_exr, time::TimeGrid};
@@ -29,6 +29,9 @@ pub(crate) struct RefineArgs {
     /// Model calls.
     #[arg(long, default_value_t = 1)]
     nfe: usize,
+    /// Views of the image whose mean each call is: 1, 2 or 4, in as many times the time.
+    #[arg(long, default_value_t = 1)]
+    mirrors: usize,
     /// An EXR with the layers `albedo` and `normal` (to the right, up, towards the camera), if the image has none.
     #[arg(long, value_name = "FILE")]
     gbuffer: Option<PathBuf>,
@@ -85,6 +88,7 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     finite(&exposed, "the exposed image", "lower --exposure")?;
     let course = Course { from: args.from_spp, steps: args.nfe, grid: TimeGrid::Ladder };
     let to = args.to_spp.map_or(model.clock().n_max(), |n| n as f64);
+    let model = Mirrored::new(&model, args.mirrors).map_err(told)?;
     let refined = rollout_to(&model, &exposed, gbuffer.as_ref(), course, to).map_err(told)?;
     let seconds = start.elapsed().as_secs_f64();
     let png = args.out.extension().is_some_and(|e| e == "png");

@@ -3,6 +3,7 @@
 mod bridge_refinement;
 mod dataset_packing;
 mod device;
+mod mirrors;
 mod model;
 mod network;
 mod parameterization;
@@ -13,6 +14,7 @@ mod training;
 pub use bridge_refinement::{BridgeRefinement, BridgeRefinementParams};
 pub use dataset_packing::{DatasetPacking, DatasetPackingParams};
 pub use device::Place;
+pub use mirrors::Mirrored;
 pub use model::{Model, ModelInfo};
 pub use network::{Loss, Preset};
 pub use parameterization::{Conditioning, Parameterization, Space, signed_log1p};

@@ -211,3 +211,34 @@ fn pad(image: &Image, (width, height): (usize, usize)) -> Vec<f32> {
     }
     data
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_say_what_the_networks_numbers_are_where_they_are_not_as_ever() {
+        let info = |output| ModelInfo {
+            parameterization: Parameterization::McNoise,
+            conditioning: Conditioning::Gbuffer,
+            preset: Preset::Tiny,
+            space: Space::Log1p,
+            counts: vec![1, 4, 16],
+            steps: 1,
+            output,
+        };
+        for output in [Output::Means, Output::ShadedMeans, Output::Values] {
+            let weights = info(output).encoding().expect("a ladder").network(Preset::Tiny).slots().draw(3);
+            let model = Model::new(info(output), weights, &Place::cpu()).expect("fits");
+            let bytes = model.to_bytes().expect("plain numbers");
+            let text = String::from_utf8_lossy(&bytes[..2048]).into_owned();
+            assert_eq!(text.contains("output"), output != Output::Means, "{output:?}");
+            let read = Model::load_to(&bytes, &Place::cpu()).expect("sound");
+            assert_eq!(read.info(), model.info());
+            // Weights that are zero at first: means of pixels for two of them, no noise at all for the third.
+            let state = Image::from_data(8, 8, 3, (0..192).map(|i| (i % 7) as f32 / 7.0).collect()).expect("fits");
+            let predicted = read.predict(&state, Some(&Image::new(8, 8, 6)), 0.0).expect("fits");
+            assert_eq!(predicted.data().iter().all(|v| *v == 0.0), output == Output::Values, "{output:?}");
+        }
+    }
+}

@@ -2,6 +2,7 @@
 
 use crate::{
     device,
+    mirrors::Mirrored,
     model::Model,
     parameterization::Conditioning,
     rollout::{Course, Denoiser, rollout},
@@ -35,6 +36,9 @@ pub struct RefinementParams {
     pub from: u64,
     /// How the times of a rollout are spread.
     pub grid: TimeGrid,
+    /// Views of the image whose mean a model call is: 1, 2 for its mirror image too, or 4 for both upside down as well.
+    #[schemars(range(min = 1, max = 4))]
+    pub mirrors: u64,
     /// Times that `timing` measures each number of calls.
     #[schemars(range(min = 1, max = 1000))]
     pub repeats: u64,
@@ -42,7 +46,7 @@ pub struct RefinementParams {
 
 impl Default for RefinementParams {
     fn default() -> Self {
-        Self { nfe: vec![1, 2, 9, 20, 50], from: 1, grid: TimeGrid::Ladder, repeats: 3 }
+        Self { nfe: vec![1, 2, 9, 20, 50], from: 1, grid: TimeGrid::Ladder, mirrors: 1, repeats: 3 }
     }
 }
 
@@ -75,22 +79,31 @@ impl Kind for Refinement {
     }
 
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
+        let mut problems = Vec::new();
         if params.nfe.is_empty() || params.nfe[0] == 0 || params.nfe.windows(2).any(|w| w[1] <= w[0]) {
-            return vec![ParamProblem::new(
+            problems.push(ParamProblem::new(
                 "/nfe",
                 "the numbers of model calls must increase from at least 1",
                 "write for example `nfe: [1, 2, 9, 20, 50]`",
-            )];
+            ));
         }
-        Vec::new()
+        if !Mirrored::VIEWS.contains(&(params.mirrors as usize)) {
+            let problem = format!("{} views of an image", params.mirrors);
+            problems.push(ParamProblem::new("/mirrors", problem, "write 1, 2 or 4"));
+        }
+        problems
     }
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
         let mut value = serde_json::to_value(params).expect("plain data");
-        if group != TIMING
-            && let Value::Object(fields) = &mut value
-        {
-            fields.remove("repeats");
+        if let Value::Object(fields) = &mut value {
+            if group != TIMING {
+                fields.remove("repeats");
+            }
+            // It came later: refinements of before stay what they are.
+            if params.mirrors == 1 {
+                fields.remove("mirrors");
+            }
         }
         value
     }
@@ -104,6 +117,7 @@ impl Kind for Refinement {
         let scene = PackedScene::from_bytes(&ctx.part(action.each("endpoints")?, "")?)?;
         let endpoint = endpoint(&scene, action.params.from)?;
         let gbuffer = features(&model, &scene)?;
+        let model = Mirrored::new(&model, action.params.mirrors as usize)?;
         if action.group == TIMING {
             let timing = timed(ctx, &model, endpoint, gbuffer, &action.params)?;
             return Ok(Outputs::default().item("timing", Artifact::blob(JSON, ctx.put_json(&timing)?)));
@@ -130,7 +144,7 @@ impl Kind for Refinement {
 /// What each number of calls takes, once unmeasured and then in turns.
 fn timed(
     ctx: &Context<'_>,
-    model: &Model,
+    model: &Mirrored<'_>,
     endpoint: &Image,
     gbuffer: Option<&Image>,
     params: &RefinementParams,

@@ -1,0 +1,172 @@
+//! A solver that looks at an image and at its mirror images: its prediction is the mean of theirs, mirrored back. Each errs in its
+//! own way, so that the mean errs less.
+
+use crate::{
+    model::Model,
+    parameterization::{Parameterization, Space},
+    rollout::Denoiser,
+};
+use tauflow_contract::KindError;
+use tauflow_data::{Image, time::VarianceTime};
+
+/// A model by the mean of several views.
+pub struct Mirrored<'a> {
+    model: &'a Model,
+    views: usize,
+}
+
+impl<'a> Mirrored<'a> {
+    /// How many views there can be: the image alone, its mirror image from left to right too, and both upside down.
+    pub const VIEWS: [usize; 3] = [1, 2, 4];
+
+    /// Of so many views.
+    ///
+    /// # Errors
+    /// If it is none of [`Mirrored::VIEWS`].
+    pub fn new(model: &'a Model, views: usize) -> Result<Self, KindError> {
+        if Self::VIEWS.contains(&views) {
+            return Ok(Self { model, views });
+        }
+        Err(KindError::Input(format!("{views} views of an image; there are 1, 2 or 4")))
+    }
+}
+
+impl Denoiser for Mirrored<'_> {
+    fn parameterization(&self) -> Parameterization {
+        self.model.parameterization()
+    }
+
+    fn space(&self) -> Space {
+        self.model.space()
+    }
+
+    fn clock(&self) -> VarianceTime {
+        self.model.clock()
+    }
+
+    fn predict(&self, state: &Image, gbuffer: Option<&Image>, tau: f64) -> Result<Image, KindError> {
+        let mut sum = self.model.predict(state, gbuffer, tau)?;
+        for view in (1..self.views).map(View) {
+            let gbuffer = gbuffer.map(|gbuffer| view.gbuffer(gbuffer)).transpose()?;
+            let seen = self.model.predict(&view.image(state)?, gbuffer.as_ref(), tau)?;
+            sum.data_mut().iter_mut().zip(view.image(&seen)?.data()).for_each(|(sum, seen)| *sum += seen);
+        }
+        let share = 1.0 / self.views as f32;
+        Ok(sum.map(|value| value * share))
+    }
+}
+
+/// Which sides change places: left and right if the first bit is set, top and bottom if the second is. Its own inverse.
+#[derive(Clone, Copy)]
+struct View(usize);
+
+impl View {
+    fn sides(self) -> bool {
+        self.0 & 1 == 1
+    }
+
+    fn ends(self) -> bool {
+        self.0 & 2 == 2
+    }
+
+    fn image(self, image: &Image) -> Result<Image, KindError> {
+        let (width, height) = (image.width(), image.height());
+        let mut data = Vec::with_capacity(image.data().len());
+        for y in 0..height {
+            for x in 0..width {
+                let from_x = if self.sides() { width - 1 - x } else { x };
+                let from_y = if self.ends() { height - 1 - y } else { y };
+                data.extend_from_slice(image.pixel(from_x, from_y));
+            }
+        }
+        Ok(Image::from_data(width, height, image.channels(), data)?)
+    }
+
+    /// Normals (right, up, back) turn along.
+    fn gbuffer(self, gbuffer: &Image) -> Result<Image, KindError> {
+        let mut out = self.image(gbuffer)?;
+        for pixel in out.data_mut().chunks_exact_mut(6) {
+            if self.sides() {
+                pixel[3] = -pixel[3];
+            }
+            if self.ends() {
+                pixel[4] = -pixel[4];
+            }
+        }
+        Ok(out)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        device::Place,
+        model::ModelInfo,
+        network::{Output, Preset},
+        parameterization::Conditioning,
+    };
+    use tauflow_data::rng::Stream;
+
+    /// A model of weights that are nowhere zero.
+    fn model() -> Model {
+        let info = ModelInfo {
+            parameterization: Parameterization::McNoise,
+            conditioning: Conditioning::Gbuffer,
+            preset: Preset::Tiny,
+            space: Space::Log1p,
+            counts: vec![1, 4, 16],
+            steps: 1,
+            output: Output::Means,
+        };
+        let network = info.encoding().expect("a ladder").network(Preset::Tiny);
+        let mut weights = network.slots().draw(3);
+        for (i, matrix) in weights.0.iter_mut().enumerate() {
+            let mut stream = Stream::new(5, &[i as u64]);
+            matrix.iter_mut().filter(|w| **w == 0.0).for_each(|w| *w = stream.range(-0.05, 0.05) as f32);
+        }
+        Model::new(info, weights, &Place::cpu()).expect("fits")
+    }
+
+    fn image(channels: usize, seed: u64) -> Image {
+        let mut stream = Stream::new(seed, &[]);
+        let data = (0..16 * 8 * channels).map(|_| stream.range(0.0, 1.0) as f32).collect();
+        Image::from_data(16, 8, channels, data).expect("fits")
+    }
+
+    fn furthest(a: &Image, b: &Image) -> f32 {
+        a.data().iter().zip(b.data()).fold(0.0, |most, (a, b)| most.max((a - b).abs()))
+    }
+
+    #[test]
+    fn a_view_is_its_own_inverse_and_normals_turn_with_it() {
+        for view in (0..4).map(View) {
+            let (state, gbuffer) = (image(3, 1), image(6, 2));
+            let again = view.gbuffer(&view.gbuffer(&gbuffer).expect("fits")).expect("fits");
+            assert_eq!((view.image(&view.image(&state).expect("fits")).expect("fits"), again), (state, gbuffer));
+        }
+        // A bump seen from the front, whose normals lean away from its middle, looks the same from all sides.
+        let bump = |i: usize| [0.1, 0.2, 0.3, (i % 6) as f32 - 2.5, 2.5 - (i / 6) as f32, 1.0];
+        let bump = Image::from_data(6, 6, 6, (0..36).flat_map(bump).collect()).expect("fits");
+        assert!((0..4).all(|view| View(view).gbuffer(&bump).expect("fits") == bump));
+    }
+
+    #[test]
+    fn one_view_is_the_model_and_all_of_them_do_not_know_left_from_right() {
+        let (model, state, gbuffer) = (model(), image(3, 1), image(6, 2));
+        let alone = model.predict(&state, Some(&gbuffer), 0.3).expect("fits");
+        let of = |views: usize, view: View| {
+            let (state, gbuffer) = (view.image(&state).expect("fits"), view.gbuffer(&gbuffer).expect("fits"));
+            let mirrored = Mirrored::new(&model, views).expect("a number of views");
+            view.image(&mirrored.predict(&state, Some(&gbuffer), 0.3).expect("fits")).expect("fits")
+        };
+        assert_eq!(of(1, View(0)), alone);
+        assert!(furthest(&of(1, View(1)), &alone) > 1e-3, "the network knows left from right");
+        assert!(furthest(&of(2, View(1)), &of(2, View(0))) < 1e-5);
+        assert!(furthest(&of(2, View(2)), &of(2, View(0))) > 1e-3);
+        for view in 1..4 {
+            assert!(furthest(&of(4, View(view)), &of(4, View(0))) < 1e-5, "{view}");
+        }
+        assert!(Mirrored::new(&model, 3).is_err());
+    }
+}
