@@ -50,6 +50,8 @@ fn an_image_of_any_renderer_is_refined() {
     refine("rgb", &["--to-spp", "4", "-o", "half.exr"]).ends(0);
     assert_ne!(read("half.exr"), after);
     refine("rgb", &["--exposure", "2", "-o", "out.png"]).ends(0);
+    refine("rgb", &["--nfe", "3", "--mirrors", "4", "-o", "mirrored.exr"]).ends(0);
+    assert_ne!(read("mirrored.exr"), after);
 
     // With a G-buffer, of a file of its own or of layers of the image.
     let features = "gbuffers/L0-open-000000/gbuffer.exr";
@@ -79,6 +81,7 @@ fn an_image_of_any_renderer_is_refined() {
     for (more, part) in [
         (&["--to-spp", "9", "-o", "x.exr"][..], "at most at 8"),
         (&["--nfe", "0", "-o", "x.exr"], "counts from 1"),
+        (&["--mirrors", "3", "-o", "x.exr"], "1, 2 or 4"),
         (&["--exposure=-1", "-o", "x.exr"], "positive"),
         (&["--exposure=1e300", "-o", "x.exr"], "lower --exposure"),
         (&["-o", "x.jpg"], ".exr"),
