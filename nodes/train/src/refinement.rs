@@ -37,7 +37,7 @@ pub struct RefinementParams {
     /// How the times of a rollout are spread.
     pub grid: TimeGrid,
     /// Views of the image whose mean a model call is: 1, 2 for its mirror image too, or 4 for both upside down as well.
-    #[schemars(range(min = 1, max = 4))]
+    #[schemars(extend("enum" = [1, 2, 4]))]
     pub mirrors: u64,
     /// Times that `timing` measures each number of calls.
     #[schemars(range(min = 1, max = 1000))]
@@ -200,5 +200,21 @@ pub(crate) fn features<'a>(model: &Model, scene: &'a PackedScene) -> Result<Opti
                     .into(),
             )
         }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mirrors_are_in_keys_only_where_there_are_any() {
+        let of = |mirrors| RefinementParams { mirrors, ..RefinementParams::default() };
+        let key = |mirrors, group| Refinement::project(&of(mirrors), None, group);
+        for group in ["main", TIMING] {
+            assert!(key(1, group).get("mirrors").is_none() && key(2, group) != key(4, group));
+        }
+        assert!([1, 2, 4].iter().all(|mirrors| Refinement::check(&of(*mirrors)).is_empty()));
+        assert!([0, 3, 8].iter().all(|mirrors| Refinement::check(&of(*mirrors))[0].pointer == "/mirrors"));
     }
 }

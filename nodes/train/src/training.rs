@@ -23,7 +23,7 @@ use optimiser::Rates;
 use record::{Record, Score};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use std::time::Instant;
 use tauflow_contract::{
     Action, Artifact, Collection, Context, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs,
@@ -195,22 +195,19 @@ impl Kind for Training {
             format!("an exponent of {}", p.rung_exponent),
             "write 0 to 4",
         );
+        expect(
+            p.rung_exponent == 0.0 || p.parameterization != Parameterization::VanillaRf,
+            "/rung_exponent",
+            "`vanilla_rf` learns between the first rung and the last: there are no others to draw".into(),
+            "leave it at 0",
+        );
         expect(p.test_every >= 1, "/test_every", "a point every 0 steps".into(), "write at least 1");
         expect(p.checkpoint_every >= 1, "/checkpoint_every", "one every 0 steps".into(), "write at least 1");
         problems
     }
 
-    /// All params, less those that came later where they change nothing: trainings of before stay what they are.
     fn project(params: &Self::Params, _item: Option<&ItemKey>, _group: &str) -> Value {
-        let mut value = serde_json::to_value(params).expect("plain data");
-        if let Value::Object(fields) = &mut value {
-            let plain =
-                [("rung_exponent", params.rung_exponent == 0.0), ("output", params.output == Output::default())];
-            for (name, _) in plain.into_iter().filter(|(_, plain)| *plain) {
-                fields.remove(name);
-            }
-        }
-        value
+        Value::Object(telling(params))
     }
 
     fn environment(_params: &Self::Params, _group: &str) -> Value {
@@ -226,6 +223,17 @@ impl Kind for Training {
         let job = Job { ctx, params, seed, train, test, place: Place::chosen()? };
         job.run(&mut Share::new())
     }
+}
+
+/// All params, less those that came later where they change nothing: keys, checkpoints and logs of trainings of before stay what they
+/// are.
+fn telling(params: &TrainingParams) -> Map<String, Value> {
+    let Value::Object(mut fields) = serde_json::to_value(params).expect("plain data") else { return Map::default() };
+    let plain = [("rung_exponent", params.rung_exponent == 0.0), ("output", params.output == Output::default())];
+    for (name, _) in plain.into_iter().filter(|(_, plain)| *plain) {
+        fields.remove(name);
+    }
+    fields
 }
 
 /// One training.
@@ -276,10 +284,7 @@ impl Job<'_> {
             preset: params.preset.name().into(),
             weights: trainer.network.slots().count() as u64,
             steps: params.steps,
-            params: match serde_json::to_value(params).map_err(|e| KindError::Internal(e.to_string()))? {
-                Value::Object(params) => params,
-                _ => serde_json::Map::default(),
-            },
+            params: telling(params),
             points: record.points,
         };
         if !trainer.state.is_finite() {
@@ -312,7 +317,7 @@ impl Job<'_> {
     fn checkpoints(&self) -> Checkpoints {
         // How many steps follow matters only to a rate that falls towards the last.
         let steps = if self.params.decay == Decay::None { 0 } else { self.params.steps };
-        let params = TrainingParams { steps, ..self.params.clone() };
+        let params = telling(&TrainingParams { steps, ..self.params.clone() });
         let mut inputs = vec![self.train.digest()];
         inputs.extend(self.test.map(Collection::digest));
         Checkpoints {
@@ -420,5 +425,26 @@ fn timing(mut seconds: Vec<f64>, threads: usize) -> TrainingTiming {
         seconds: total,
         median_step_ms: 1000.0 * median,
         threads: threads as u64,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn params_that_came_later_are_in_keys_only_where_they_change_something() {
+        let plain = TrainingParams::default();
+        let names = ["rung_exponent", "output"];
+        assert!(names.iter().all(|name| !telling(&plain).contains_key(*name)));
+        let changed = TrainingParams { rung_exponent: 0.5, output: Output::ShadedMeans, ..plain.clone() };
+        assert!(names.iter().all(|name| telling(&changed).contains_key(*name)));
+        assert_ne!(Training::project(&plain, None, "main"), Training::project(&changed, None, "main"));
+        assert!(Training::check(&plain).is_empty() && Training::check(&changed).is_empty());
+        for rung_exponent in [-0.1, 4.1, f64::NAN] {
+            assert_eq!(Training::check(&TrainingParams { rung_exponent, ..plain.clone() }).len(), 1, "{rung_exponent}");
+        }
+        let vanilla = TrainingParams { parameterization: Parameterization::VanillaRf, ..changed };
+        assert_eq!(Training::check(&vanilla)[0].pointer, "/rung_exponent");
     }
 }

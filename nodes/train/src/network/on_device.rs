@@ -112,8 +112,10 @@ impl OnDevice<1> for WeightedMean {
 
 impl OnDevice<2> for Shade {
     fn by_tensors(&self, [mean, shade]: [Tensor<1>; 2]) -> Tensor<1> {
-        let power = shade.clamp(-87.0, 87.0).exp();
-        mean * (power.clone() * BRIGHTEST + 1.0) / (power + BRIGHTEST)
+        const { assert!(BRIGHTEST == 4.0, "its logarithm is 2 ln 2") };
+        // The same factor without exponentials, whose squares would be too large in a gradient.
+        let part = sigmoid(shade - 2.0 * core::f32::consts::LN_2);
+        mean * (part * (BRIGHTEST - 1.0 / BRIGHTEST) + 1.0 / BRIGHTEST)
     }
 }
 

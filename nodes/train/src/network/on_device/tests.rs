@@ -85,7 +85,7 @@ fn differences(device: &Device) -> Vec<(String, f64)> {
         let answer = Answer { albedo, state: Arc::new(numbers(6, size)), gain: Arc::new(vec![0.5, -2.0]), log };
         all.push((format!("Answer, log {log}"), difference(answer, [numbers(7, size)], device)));
     }
-    let shades = numbers(2, 300).iter().map(|v| 9.0 * v).collect();
+    let shades = numbers(2, 300).iter().map(|v| 100.0 * v * v * v).collect();
     all.push(("Shade".into(), difference(Shade, [numbers(1, 300), shades], device)));
     for loss in [Loss::Squared, Loss::Absolute] {
         let loss = MeanLoss { target: Arc::new(numbers(8, 700)), count: 900, loss };
