@@ -3,8 +3,8 @@
 python render.py SCENE COUNTS REPEATS SEED FOLDER [--variant llvm_ad_rgb]
 
 SCENE is `scene.xml`; FOLDER gets `<count>.exr` for each of the COUNTS, linear radiance. With REPEATS above 0 it also gets
-`times.json`: the seconds of so many renders of each, after one that compiles the kernels. On LLVM mode's account it must be
-said that compiling takes seconds, which are not counted.
+`times.json`: the seconds of so many renders of each, from the scene's files to the image, as the path tracer's are. Each is
+after one that has compiled the kernels: in LLVM mode that takes seconds, which are not counted.
 """
 
 import argparse
@@ -27,7 +27,6 @@ args = parser.parse_args()
 
 mi.set_variant(args.variant)
 mi.set_log_level(mi.LogLevel.Error)
-scene = mi.load_file(args.scene)
 
 
 def cpu():
@@ -36,7 +35,7 @@ def cpu():
 
 
 def render(count, seed):
-    image = mi.render(scene, spp=count, seed=seed % 2**31)
+    image = mi.render(mi.load_file(args.scene), spp=count, seed=seed % 2**31)
     dr.eval(image)
     dr.sync_thread()
     return image

@@ -10,3 +10,4 @@ mod real_assets;
 mod strata;
 mod stress;
 mod support;
+mod time_error;

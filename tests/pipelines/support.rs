@@ -23,8 +23,16 @@ impl Done {
 
     /// The same with options of the engine's.
     pub fn run_with(file: &Path, sets: Vec<String>, store: &Path, run: &RunOptions) -> Self {
-        let options = Options { sets, ..Options::default() };
-        let pipeline = match pipeline::resolve(file, &registry::registry(), &options) {
+        Self::resolved(file, &Options { sets, ..Options::default() }, store, run)
+    }
+
+    /// The same with a profile of the file.
+    pub fn run_profile(file: &Path, profile: &str, sets: Vec<String>, store: &Path, run: &RunOptions) -> Self {
+        Self::resolved(file, &Options { sets, profile: Some(profile.to_owned()), ..Options::default() }, store, run)
+    }
+
+    fn resolved(file: &Path, options: &Options, store: &Path, run: &RunOptions) -> Self {
+        let pipeline = match pipeline::resolve(file, &registry::registry(), options) {
             Ok(pipeline) => pipeline,
             Err(problems) => panic!("{problems}"),
         };

@@ -37,6 +37,8 @@ pub struct TimedMethod {
     pub points: Vec<TimedPoint>,
     /// How long it takes to errors that are asked for.
     pub targets: Vec<TimeTo>,
+    /// The same by stratum.
+    pub strata_targets: BTreeMap<String, Vec<TimeTo>>,
 }
 
 /// A method at one point.
@@ -46,6 +48,8 @@ pub struct TimedPoint {
     pub from_spp: u64,
     /// Model calls.
     pub nfe: u64,
+    /// Each scene, in the order of their names.
+    pub scenes: Vec<TimedScene>,
     /// All scenes.
     pub all: TimedSummary,
     /// By stratum.
@@ -73,10 +77,40 @@ pub struct TimedSummary {
     pub preview_psnr: f64,
     /// Mean structural similarity of previews.
     pub ssim: f64,
-    /// Geometric mean of the samples a pixel after which the path tracer has the same error; none for itself.
-    pub crossover_spp: Option<f64>,
-    /// Geometric mean of the path tracer's time to the same error over this time; none for itself.
+    /// Geometric mean of the samples a pixel after which the path tracer has the same error; none for itself. Of one scene its
+    /// interval is a point, and means nothing.
+    pub crossover_spp: Option<Estimate>,
+    /// Share of scenes whose crossover lies beyond the last rung that was timed, where the law of 1/n stands in for a measurement;
+    /// 0 for the path tracer itself.
+    pub extrapolated: f64,
+    /// Geometric mean of the path tracer's time to the same error over this time; none for itself. Of one scene its interval is a
+    /// point, and means nothing.
     pub speed_up: Option<Estimate>,
+}
+
+/// One scene at one point.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TimedScene {
+    /// Its key.
+    pub scene: String,
+    /// Seconds of wall time from its files to the image: the median of what was measured.
+    pub wall_s: f64,
+    /// The same of processor time.
+    pub cpu_s: f64,
+    /// Mean squared error, exposed linear radiance, less the reference's own.
+    pub mse: f64,
+    /// The same of errors relative to the reference.
+    pub rel_mse: f64,
+    /// PSNR of exposed linear radiance, dB; at most what is counted in means.
+    pub hdr_psnr: f64,
+    /// PSNR of the preview, dB; at most what is counted in means.
+    pub preview_psnr: f64,
+    /// Structural similarity of the preview.
+    pub ssim: f64,
+    /// Samples a pixel after which the path tracer has the same error; none for itself.
+    pub crossover_spp: Option<f64>,
+    /// The path tracer's time to the same error over this time; none for itself.
+    pub speed_up: Option<f64>,
 }
 
 /// A method against the path tracer that is given the same wall time, paired by scene.
@@ -105,6 +139,19 @@ pub struct TimeTo {
     pub reached: f64,
     /// Median over all scenes of the least wall time; none where fewer than half of them get there.
     pub wall_s: Option<f64>,
+}
+
+/// Indices of the points (time, error) that no other is both faster and better than, the fastest first.
+pub fn front(points: &[(f64, f64)]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..points.len()).collect();
+    order.sort_by(|a, b| points[*a].0.total_cmp(&points[*b].0).then(points[*a].1.total_cmp(&points[*b].1)));
+    let mut least = f64::INFINITY;
+    order.retain(|at| {
+        let on = points[*at].1 < least;
+        least = least.min(points[*at].1);
+        on
+    });
+    order
 }
 
 /// A point on the front.

@@ -1,23 +1,39 @@
 //! Times as kinds measure them: repeated, taking turns, on a machine with a name. Nothing but measured ports may hold them.
 
-use rustix::time::{ClockId, clock_gettime};
+use nix::{
+    sys::{
+        resource::{UsageWho, getrusage},
+        time::TimeVal,
+    },
+    time::{ClockId, clock_gettime},
+};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// What times depend on beside the work: the processor, how many of its cores there are, and the system. Part of the keys of
-/// measurements, so that those of two machines are never mixed.
+/// measurements, so that those of two machines are never mixed. Virtual machines hide the processor's full name, so that its
+/// family, model, stepping and cache and the widest of its vectors stand beside it.
 pub fn machine() -> Value {
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let system = format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS);
-    json!({ "processor": processor(), "cores": cores, "system": system })
+    let told = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    json!({ "processor": field(&told, "model name"), "type": kind_of_processor(&told), "cores": cores, "system": system })
 }
 
-/// The processor's name, as the system has it.
-fn processor() -> String {
-    let told = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let named = told.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
-    named.map_or_else(|| "unknown".to_owned(), |(_, name)| name.trim().to_owned())
+/// A field of the first processor that `/proc/cpuinfo` lists.
+fn field<'a>(told: &'a str, name: &str) -> &'a str {
+    let fields = told.lines().filter_map(|line| line.split_once(':'));
+    fields.into_iter().find(|(key, _)| key.trim() == name).map_or("unknown", |(_, value)| value.trim())
+}
+
+/// Family, model and stepping, the size of the last cache that is told of, and the widest vectors.
+fn kind_of_processor(told: &str) -> String {
+    let flags: Vec<&str> = field(told, "flags").split(' ').collect();
+    let vectors = ["avx512f", "avx2", "sse2"].into_iter().find(|vectors| flags.contains(vectors)).unwrap_or("unknown");
+    let [family, model, stepping, cache] =
+        ["cpu family", "model", "stepping", "cache size"].map(|name| field(told, name));
+    format!("family {family}, model {model}, stepping {stepping}, cache {cache}, vectors {vectors}")
 }
 
 /// What one thing took, each time it was done, in seconds.
@@ -25,7 +41,7 @@ fn processor() -> String {
 pub struct Repeated {
     /// On the wall's clock.
     pub wall_s: Vec<f64>,
-    /// Of all threads of the process together; of a command, its whole wall time again.
+    /// Of all threads of the process together, and of the commands that it ran.
     pub cpu_s: Vec<f64>,
 }
 
@@ -40,10 +56,16 @@ impl Repeated {
     }
 }
 
-/// Processor time of this process so far.
+/// Processor time so far of this process and of the commands that it has waited for.
 fn cpu_seconds() -> f64 {
-    let spent = clock_gettime(ClockId::ProcessCPUTime);
-    spent.tv_sec as f64 + spent.tv_nsec as f64 * 1e-9
+    let own = clock_gettime(ClockId::CLOCK_PROCESS_CPUTIME_ID).map_or(Duration::ZERO, Duration::from);
+    own.as_secs_f64() + commands_cpu_seconds()
+}
+
+/// Processor time so far of the commands that this process has waited for, in user and kernel mode.
+pub fn commands_cpu_seconds() -> f64 {
+    let seconds = |time: TimeVal| time.tv_sec() as f64 + time.tv_usec() as f64 * 1e-6;
+    getrusage(UsageWho::RUSAGE_CHILDREN).map_or(0.0, |used| seconds(used.user_time()) + seconds(used.system_time()))
 }
 
 /// The times of a scene's images.
@@ -77,6 +99,25 @@ mod tests {
         let mut sum = 0u64;
         took.add(|| (0..20_000_000u64).for_each(|i| sum = std::hint::black_box(sum ^ i)));
         assert!(took.wall_s[0] >= 0.03 && took.wall_s[1] > 0.0 && took.cpu_s[1] > 0.0, "{took:?}");
+    }
+
+    #[test]
+    fn the_processor_time_of_commands_counts() {
+        let mut took = Repeated::default();
+        let work = "i=0; while [ $i -lt 200000 ]; do i=$((i+1)); done";
+        let done = took.add(|| std::process::Command::new("sh").args(["-c", work]).status());
+        assert!(done.is_ok_and(|status| status.success()));
+        assert!(took.cpu_s[0] > 0.3 * took.wall_s[0] && took.cpu_s[0] < 1.2 * took.wall_s[0], "{took:?}");
+    }
+
+    #[test]
+    fn processors_of_one_name_are_told_apart() {
+        let told = "processor\t: 0\ncpu family\t: 25\nmodel\t\t: 1\nmodel name\t: AMD EPYC\nstepping\t: 1\n\
+                    cache size\t: 512 KB\nflags\t\t: fpu sse2 avx avx2\n\nprocessor\t: 1\nmodel\t\t: 17\n";
+        assert_eq!(field(told, "model name"), "AMD EPYC");
+        assert_eq!(kind_of_processor(told), "family 25, model 1, stepping 1, cache 512 KB, vectors avx2");
+        assert_ne!(kind_of_processor(told), kind_of_processor(&told.replace("stepping\t: 1", "stepping\t: 2")));
+        assert!(kind_of_processor("").starts_with("family unknown"));
     }
 
     #[test]

@@ -9,6 +9,7 @@ use std::{
     time::{Instant, SystemTime},
 };
 use tauflow_contract::{Digest, KindError};
+use tauflow_data::timing::commands_cpu_seconds;
 
 /// What may stand in a template, and what must.
 pub(crate) struct Places {
@@ -39,20 +40,21 @@ impl Places {
         }
     }
 
-    /// Runs the program with places filled in; the seconds that it took.
+    /// Runs the program with places filled in; the seconds that it took, of wall and processor time. The latter are right where no
+    /// other command ends meanwhile, as when times are taken.
     ///
     /// # Errors
     /// If it cannot be started, or fails.
-    pub(crate) fn run(&self, template: &[String], filled: &[(&str, String)]) -> Result<f64, KindError> {
+    pub(crate) fn run(&self, template: &[String], filled: &[(&str, String)]) -> Result<[f64; 2], KindError> {
         let fill = |word: &String| filled.iter().fold(word.clone(), |word, (place, value)| word.replace(place, value));
         let words: Vec<String> = template.iter().map(fill).collect();
         let Some((program, arguments)) = words.split_first() else { return Err(self.failed(template, "is empty")) };
-        let begun = Instant::now();
+        let (begun, spent) = (Instant::now(), commands_cpu_seconds());
         let done = Command::new(program)
             .args(arguments)
             .output()
             .map_err(|e| self.failed(template, &format!("cannot be started: {e}")))?;
-        let seconds = begun.elapsed().as_secs_f64();
+        let seconds = [begun.elapsed().as_secs_f64(), commands_cpu_seconds() - spent];
         if !done.status.success() {
             let told = String::from_utf8_lossy(&done.stderr);
             let last = told.lines().rev().take(5).collect::<Vec<_>>().into_iter().rev().collect::<Vec<_>>().join("\n");

@@ -155,11 +155,11 @@ const PLACES: Places = Places {
     needed: &["{color}", "{output}"],
 };
 
-/// The image that a program makes of an image [H, W, 3], and the seconds that it took.
+/// The image that a program makes of an image [H, W, 3], and the seconds that it took, of wall and processor time.
 ///
 /// # Errors
 /// If it cannot be started, fails, or writes no image of the same size.
-fn by_program(template: &[String], color: &Image, gbuffer: Option<&Image>) -> Result<(Image, f64), KindError> {
+fn by_program(template: &[String], color: &Image, gbuffer: Option<&Image>) -> Result<(Image, [f64; 2]), KindError> {
     let failed = |what: String| PLACES.failed(template, &what);
     let folder = tempfile::tempdir().map_err(|e| failed(format!("got no folder for its images: {e}")))?;
     let path = |name: &str| folder.path().join(name);

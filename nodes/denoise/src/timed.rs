@@ -73,23 +73,24 @@ pub(crate) fn refined(ctx: &Context<'_>, images: RefinedImages, note: Option<Str
     Ok(Outputs::default().item("refined", store_refined(ctx, images, note, Vec::new())?))
 }
 
-/// The port `timing`: what `run` took, so many times after once that does not count. Where it tells its own seconds, those.
+/// The port `timing`: what `run` took, so many times after once that does not count. Where it tells its own seconds, of wall and
+/// processor time, those.
 pub(crate) fn timing(
     ctx: &Context<'_>,
     said: &RefinedImage,
     repeats: u64,
-    mut run: impl FnMut() -> Result<Option<f64>, KindError>,
+    mut run: impl FnMut() -> Result<Option<[f64; 2]>, KindError>,
 ) -> Result<Outputs, KindError> {
     let mut took = Repeated::default();
     run()?;
     for _ in 0..repeats {
         ctx.check_cancelled()?;
-        if let Some(seconds) = took.add(&mut run)? {
-            // A program of its own: its processor time is not ours.
+        if let Some([wall, cpu]) = took.add(&mut run)? {
+            // A program of its own: what we do to hand images over is not its time.
             took.wall_s.pop();
             took.cpu_s.pop();
-            took.wall_s.push(seconds);
-            took.cpu_s.push(seconds);
+            took.wall_s.push(wall);
+            took.cpu_s.push(cpu);
         }
     }
     let RefinedImage { method, from_spp, nfe, .. } = said.clone();

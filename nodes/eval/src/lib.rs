@@ -12,6 +12,7 @@ mod evaluation;
 mod image_metrics;
 pub mod metrics;
 mod ssim;
+mod time_course;
 mod time_error;
 mod time_tables;
 

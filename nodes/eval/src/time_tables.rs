@@ -3,6 +3,7 @@
 use crate::{
     bootstrap::{Resampled, Table},
     evaluation::{PSNR_CEILING, coordinates, stratum},
+    time_course::{Course, decibels},
     time_error::{PATH_TRACER, TimeErrorParams},
 };
 use std::collections::BTreeMap;
@@ -11,7 +12,9 @@ use tauflow_data::{
     maths::{exp, log, log10},
     results::Estimate,
     statistics::quantile,
-    time_error::{FrontPoint, TimeError, TimeTo, TimedMethod, TimedPoint, TimedSummary, VersusRendering},
+    time_error::{
+        self, FrontPoint, TimeError, TimeTo, TimedMethod, TimedPoint, TimedScene, TimedSummary, VersusRendering,
+    },
     timing::machine,
 };
 
@@ -52,58 +55,6 @@ pub(crate) struct Measured {
     pub(crate) scene: String,
     pub(crate) own: Vec<Sample>,
     pub(crate) methods: BTreeMap<MethodOf, Vec<Sample>>,
-}
-
-/// How a scene's path tracer goes on, between and beyond the rungs that were measured.
-struct Course<'a>(&'a [Sample]);
-
-impl Course<'_> {
-    fn spp(&self, i: usize) -> f64 {
-        self.0[i].from_spp as f64
-    }
-
-    fn last(&self) -> usize {
-        self.0.len() - 1
-    }
-
-    /// Samples after which the squared error is this: along straight lines of logarithms, and beyond the ends by the law.
-    fn spp_of(&self, mse: f64) -> f64 {
-        let by_law = |i: usize| self.spp(i) * self.0[i].mse / mse;
-        let Some(i) = self.0.iter().position(|s| s.mse <= mse) else { return by_law(self.last()) };
-        if i == 0 {
-            return by_law(0);
-        }
-        let (a, b) = (log(self.0[i - 1].mse), log(self.0[i].mse));
-        let share = if a > b { (a - log(mse)) / (a - b) } else { 1.0 };
-        exp(log(self.spp(i - 1)) + share * (log(self.spp(i)) - log(self.spp(i - 1))))
-    }
-
-    /// Wall time to so many samples: along straight lines; what is less than the first rung takes as long as that.
-    fn wall_of(&self, spp: f64) -> f64 {
-        let i = (1..self.last()).find(|i| self.spp(*i) >= spp).unwrap_or(self.last());
-        let slope = (self.0[i].wall_s - self.0[i - 1].wall_s) / (self.spp(i) - self.spp(i - 1));
-        self.0[i - 1].wall_s + slope.max(0.0) * (spp.max(self.spp(0)) - self.spp(i - 1))
-    }
-
-    /// Samples after so much wall time: no less than the first rung.
-    fn spp_after(&self, wall_s: f64) -> f64 {
-        let i = (1..self.last()).find(|i| self.0[*i].wall_s >= wall_s).unwrap_or(self.last());
-        let (from, to) = (&self.0[i - 1], &self.0[i]);
-        let step = to.wall_s - from.wall_s;
-        let share = if step > 0.0 { (wall_s - from.wall_s) / step } else { 1.0 };
-        (self.spp(i - 1) + share * (self.spp(i) - self.spp(i - 1))).max(self.spp(0))
-    }
-
-    /// A figure at so many samples: along straight lines over log samples; beyond the last rung `beyond` for each factor of e.
-    fn at(&self, spp: f64, of: impl Fn(&Sample) -> f64, beyond: f64) -> f64 {
-        let last = self.last();
-        if spp >= self.spp(last) {
-            return of(&self.0[last]) + beyond * log(spp / self.spp(last));
-        }
-        let i = (1..last).find(|i| self.spp(*i) >= spp).unwrap_or(last);
-        let share = log(spp / self.spp(i - 1)) / log(self.spp(i) / self.spp(i - 1));
-        of(&self.0[i - 1]) + share.clamp(0.0, 1.0) * (of(&self.0[i]) - of(&self.0[i - 1]))
-    }
 }
 
 /// A method, none for the path tracer, with its samples and NFE.
@@ -163,6 +114,7 @@ pub(crate) fn summarise(
             found.push(TimedPoint {
                 from_spp: *from_spp,
                 nfe: *nfe,
+                scenes: all.scenes(method, point),
                 all: all.summary(method, point, column),
                 strata: strata.iter().map(|(name, of)| (name.clone(), of.summary(method, point, column))).collect(),
                 versus: column.map(|column| all.versus(method, point, column)),
@@ -174,7 +126,11 @@ pub(crate) fn summarise(
             conditioning: name.map_or("rgb", |of| &of.conditioning).to_owned(),
             cell: name.map(|of| of.cell.clone()).unwrap_or_default(),
             points: found,
-            targets: targets(scenes, method, params),
+            targets: targets(&all.scenes, method, params),
+            strata_targets: strata
+                .iter()
+                .map(|(name, of)| (name.clone(), targets(&of.scenes, method, params)))
+                .collect(),
         });
     }
     Ok(TimeError {
@@ -194,11 +150,6 @@ struct Group<'a> {
     resampled: Resampled,
 }
 
-/// dB for each factor of e by which a squared error falls.
-fn decibels() -> f64 {
-    10.0 / log(10.0)
-}
-
 impl<'a> Group<'a> {
     fn new(scenes: Vec<&'a Measured>, resamples: u64, seed: u64) -> Result<Self, KindError> {
         let points = scenes.first().map_or(0, |of| of.methods.values().map(Vec::len).sum::<usize>());
@@ -206,12 +157,12 @@ impl<'a> Group<'a> {
         for scene in scenes.iter().filter(|_| points > 0) {
             let course = Course(&scene.own);
             let columns = |s: &Sample| {
-                let spp = course.spp_of(s.mse);
+                let (spp, speed_up) = course.against(s);
                 let same_time = course.spp_after(s.wall_s);
                 let psnr = |s: &Sample| s.hdr_psnr.min(PSNR_CEILING);
                 let preview = |s: &Sample| s.preview_psnr.min(PSNR_CEILING);
                 [
-                    log(course.wall_of(spp) / s.wall_s),
+                    log(speed_up),
                     log(spp),
                     psnr(s) - course.at(same_time, psnr, decibels()),
                     preview(s) - course.at(same_time, preview, decibels()),
@@ -231,8 +182,37 @@ impl<'a> Group<'a> {
         self.scenes.iter().filter_map(|scene| scene.samples().nth(method)?.get(point)).collect()
     }
 
+    /// Each scene at a point.
+    fn scenes(&self, method: usize, point: usize) -> Vec<TimedScene> {
+        let scene = |(of, s): (&&Measured, &Sample)| {
+            let against = (method > 0).then(|| Course(&of.own).against(s));
+            TimedScene {
+                scene: of.scene.clone(),
+                wall_s: s.wall_s,
+                cpu_s: s.cpu_s,
+                mse: s.mse,
+                rel_mse: s.rel_mse,
+                hdr_psnr: s.hdr_psnr.min(PSNR_CEILING),
+                preview_psnr: s.preview_psnr.min(PSNR_CEILING),
+                ssim: s.ssim,
+                crossover_spp: against.map(|(spp, _)| spp),
+                speed_up: against.map(|(_, speed_up)| speed_up),
+            }
+        };
+        self.scenes.iter().zip(self.samples(method, point)).map(scene).collect()
+    }
+
     fn summary(&self, method: usize, point: usize, column: Option<usize>) -> TimedSummary {
         let samples = self.samples(method, point);
+        let power = |at: usize| {
+            let Estimate { mean, low, high } = self.resampled.estimate(|m| m[at]);
+            Estimate { mean: exp(mean), low: exp(low), high: exp(high) }
+        };
+        let beyond = |(scene, s): &(&&Measured, &&Sample)| {
+            let course = Course(&scene.own);
+            course.against(s).0 > course.spp(course.last())
+        };
+        let extrapolated = self.scenes.iter().zip(&samples).filter(|_| column.is_some()).filter(beyond).count();
         let mean = |of: &dyn Fn(&Sample) -> f64| samples.iter().map(|s| of(s)).sum::<f64>() / samples.len() as f64;
         TimedSummary {
             scenes: samples.len() as u64,
@@ -243,11 +223,9 @@ impl<'a> Group<'a> {
             hdr_psnr: mean(&|s| s.hdr_psnr.min(PSNR_CEILING)),
             preview_psnr: mean(&|s| s.preview_psnr.min(PSNR_CEILING)),
             ssim: mean(&|s| s.ssim),
-            crossover_spp: column.map(|at| exp(self.resampled.means()[at + 1])),
-            speed_up: column.map(|at| {
-                let Estimate { mean, low, high } = self.resampled.estimate(|m| m[at]);
-                Estimate { mean: exp(mean), low: exp(low), high: exp(high) }
-            }),
+            crossover_spp: column.map(|at| power(at + 1)),
+            extrapolated: extrapolated as f64 / samples.len() as f64,
+            speed_up: column.map(power),
         }
     }
 
@@ -282,9 +260,9 @@ fn quartiles(values: impl Iterator<Item = f64>) -> [f64; 3] {
 }
 
 /// How long a method takes to each target.
-fn targets(scenes: &[Measured], method: usize, params: &TimeErrorParams) -> Vec<TimeTo> {
+fn targets(scenes: &[&Measured], method: usize, params: &TimeErrorParams) -> Vec<TimeTo> {
     let time_to = |metric: &str, target: f64, there: &dyn Fn(&Sample) -> bool| {
-        let least = |scene: &Measured| {
+        let least = |scene: &&Measured| {
             let of = scene.samples().nth(method).into_iter().flatten();
             of.filter(|s| there(s)).map(|s| s.wall_s).fold(f64::INFINITY, f64::min)
         };
@@ -302,28 +280,20 @@ fn targets(scenes: &[Measured], method: usize, params: &TimeErrorParams) -> Vec<
 
 /// The points that no other is both faster and better than, by median wall time.
 fn front(methods: &[TimedMethod]) -> Vec<FrontPoint> {
-    let mut points: Vec<(f64, f64, FrontPoint)> = Vec::new();
-    for (method, timed) in methods.iter().enumerate() {
-        for (point, at) in timed.points.iter().enumerate() {
-            points.push((at.all.wall_s[1], at.all.mse, FrontPoint { method, point }));
-        }
-    }
-    points.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-    let mut least = f64::INFINITY;
-    points.retain(|(_, mse, _)| {
-        let on = *mse < least;
-        least = least.min(*mse);
-        on
-    });
-    points.into_iter().map(|(_, _, point)| point).collect()
+    let listed = |(method, timed): (usize, &TimedMethod)| {
+        let points = timed.points.iter().enumerate();
+        points.map(|(point, at)| ((at.all.wall_s[1], at.all.mse), FrontPoint { method, point })).collect::<Vec<_>>()
+    };
+    let (places, points): (Vec<_>, Vec<_>) = methods.iter().enumerate().flat_map(listed).unzip();
+    time_error::front(&places).into_iter().map(|at| points[at].clone()).collect()
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use tauflow_data::rng::Stream;
 
-    fn sample(from_spp: u64, nfe: u64, wall_s: f64, mse: f64) -> Sample {
+    pub(crate) fn sample(from_spp: u64, nfe: u64, wall_s: f64, mse: f64) -> Sample {
         let hdr_psnr = -10.0 * log10(mse);
         let preview_psnr = hdr_psnr + 5.0;
         Sample {
@@ -341,7 +311,7 @@ mod tests {
 
     /// A path tracer with error variance/n and time 0.1 s + n times 10 ms, and a solver that divides the error of 1 sample by
     /// 100 in 0.2 s more.
-    fn scene(i: u64) -> Measured {
+    pub(crate) fn scene(i: u64) -> Measured {
         let variance = 0.1 + Stream::new(5, &[i]).uniform();
         let own = (0..8).map(|k| 1u64 << k);
         let own = own.map(|n| sample(n, 0, 0.1 + 0.01 * n as f64, variance / n as f64)).collect();
@@ -351,25 +321,8 @@ mod tests {
         Measured { scene: format!("L{}-open-{i:06}", i % 2), own, methods }
     }
 
-    fn near(found: f64, expected: f64) {
+    pub(crate) fn near(found: f64, expected: f64) {
         assert!((found - expected).abs() < 1e-9 * expected.abs().max(1.0), "{found} {expected}");
-    }
-
-    #[test]
-    fn a_path_tracer_that_keeps_to_the_law_is_followed_exactly() {
-        let scene = scene(3);
-        let course = Course(&scene.own);
-        let variance = scene.own[0].mse;
-        for n in [0.5, 1.0, 3.0, 100.0, 128.0, 5000.0] {
-            near(course.spp_of(variance / n), n);
-            near(course.at(n, |s| s.hdr_psnr, decibels()), -10.0 * log10(variance / f64::max(n, 1.0)));
-        }
-        for n in [1.0, 3.0, 100.0, 128.0, 5000.0] {
-            near(course.wall_of(n), 0.1 + 0.01 * n);
-            near(course.spp_after(0.1 + 0.01 * n), n);
-        }
-        near(course.wall_of(0.25), 0.11);
-        near(course.spp_after(0.01), 1.0);
     }
 
     #[test]
@@ -379,7 +332,10 @@ mod tests {
         let result = summarise(&scenes, &params, 4096, vec!["a note".into()], 1).expect("alike");
         assert_eq!((result.scenes, result.methods.len(), result.methods[0].points.len()), (12, 2, 8));
         let point = &result.methods[1].points[0];
-        near(point.all.crossover_spp.expect("a solver"), 100.0);
+        let crossover = point.all.crossover_spp.expect("a solver");
+        near(crossover.mean, 100.0);
+        near(crossover.low, 100.0);
+        assert_eq!((point.all.extrapolated, result.methods[0].points[7].all.extrapolated), (0.0, 0.0));
         // 100 samples take 1.1 s.
         let speed_up = point.all.speed_up.expect("a solver");
         near(speed_up.mean, 1.1 / 0.31);
@@ -392,15 +348,36 @@ mod tests {
         near(versus.preview_psnr.low, 10.0 * log10(100.0 / 21.0));
         assert_eq!(point.strata.keys().collect::<Vec<_>>(), ["L0-open", "L1-open"]);
         near(point.all.wall_s[1], 0.31);
+        assert_eq!((point.scenes.len(), point.scenes[5].scene.as_str()), (12, "L1-open-000005"));
+        near(point.scenes[5].speed_up.expect("a solver"), 1.1 / 0.31);
+        near(point.scenes[5].crossover_spp.expect("a solver"), 100.0);
+        assert_eq!(result.methods[0].points[0].scenes[0].speed_up, None);
         near(point.all.cpu_s[2], 0.62);
         // Nobody gets to 60 dB; the solver gets to 15 dB in its one time.
         let targets = &result.methods[1].targets;
         let reached = [targets[0].reached, targets[1].reached];
         assert_eq!((reached, targets[0].wall_s, targets[1].wall_s), ([1.0, 0.0], Some(0.31), None));
+        let open = &result.methods[1].strata_targets["L1-open"];
+        assert_eq!((open[0].reached, open[0].wall_s, open[1].wall_s), (1.0, Some(0.31), None));
         // The front: rendering until the solver is done, and again from 128 samples on.
         let front: Vec<(usize, usize)> = result.front.iter().map(|f| (f.method, f.point)).collect();
         assert_eq!(front, [(0, 0), (0, 1), (0, 2), (0, 3), (0, 4), (1, 0), (0, 7)]);
         assert_eq!(result.notes, ["a note"]);
+    }
+
+    #[test]
+    fn a_crossover_beyond_what_was_timed_is_counted() {
+        // Of the two scenes one solver is worth 100 samples, the other 200, where 128 is the last rung.
+        let mut scenes: Vec<Measured> = (0..2).map(scene).collect();
+        let own = scenes[1].own[0].mse;
+        scenes[1].methods.values_mut().flatten().for_each(|s| *s = sample(1, 1, 0.31, own / 200.0));
+        let result = summarise(&scenes, &TimeErrorParams::default(), 1, Vec::new(), 1).expect("alike");
+        let point = &result.methods[1].points[0];
+        assert_eq!((point.all.extrapolated, point.strata["L1-open"].extrapolated), (0.5, 1.0));
+        let crossover = point.all.crossover_spp.expect("a solver");
+        near(crossover.mean, (100.0 * 200.0f64).sqrt());
+        near(crossover.low, 100.0);
+        near(crossover.high, 200.0);
     }
 
     #[test]

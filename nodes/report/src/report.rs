@@ -82,7 +82,7 @@ impl Kind for Report {
     fn spec() -> KindSpec {
         KindSpec {
             name: "report",
-            version: 5,
+            version: 6,
             summary: "Shows what was measured: a self-contained page, JSON, CSV, LaTeX and pictures.",
             manual: include_str!("report.md"),
             mode: Mode::Gather,
@@ -143,7 +143,9 @@ impl Kind for Report {
             put("claims.csv", sections::claims::csv(&claims).as_bytes())?;
         }
         if let Some(time_error) = &material.time_error {
-            put("time_error.csv", sections::time_error::csv(time_error).as_bytes())?;
+            put("time_error.csv", sections::time_error::points_csv(time_error).as_bytes())?;
+            put("time_error_scenes.csv", sections::time_error::scenes_csv(time_error).as_bytes())?;
+            put("time_error_targets.csv", sections::time_error::targets_csv(time_error).as_bytes())?;
         }
         if !material.timings.is_empty() {
             put("timings.csv", timings_csv(&material.timings).as_bytes())?;

@@ -126,6 +126,8 @@ fn the_same_material_gives_the_same_files() {
             "table.tex",
             "tables.tex",
             "time_error.csv",
+            "time_error_scenes.csv",
+            "time_error_targets.csv",
             "timings.csv"
         ]
     );

@@ -12,7 +12,7 @@ use tauflow_data::{
     results::{Bridge, BridgeRow, BridgeSummary, Estimate, TrainingLog, TrainingPoint, TrainingTiming},
     rng::Stream,
     statistics::SceneStatistics,
-    time_error::{FrontPoint, TimeError, TimeTo, TimedMethod, TimedPoint, TimedSummary, VersusRendering},
+    time_error::{FrontPoint, TimeError, TimeTo, TimedMethod, TimedPoint, TimedScene, TimedSummary, VersusRendering},
 };
 
 fn around(mean: f64, half: f64) -> Estimate {
@@ -184,8 +184,21 @@ fn time_error() -> TimeError {
         hdr_psnr: -4.3 * mse.ln(),
         preview_psnr: 5.0 - 4.3 * mse.ln(),
         ssim: 0.9,
-        crossover_spp: (!own).then(|| 1.0 / mse),
+        crossover_spp: (!own).then(|| Estimate { mean: 1.0 / mse, low: 0.8 / mse, high: 1.25 / mse }),
+        extrapolated: if mse < 0.03 && !own { 0.25 } else { 0.0 },
         speed_up: (!own).then_some(Estimate { mean: 10.0, low: 8.0, high: 12.5 }),
+    };
+    let scene = |scene: String, wall: f64, mse: f64, own: bool| TimedScene {
+        scene,
+        wall_s: wall,
+        cpu_s: 1.9 * wall,
+        mse,
+        rel_mse: 3.0 * mse,
+        hdr_psnr: -4.3 * mse.ln(),
+        preview_psnr: 5.0 - 4.3 * mse.ln(),
+        ssim: 0.9,
+        crossover_spp: (!own).then_some(1.0 / mse),
+        speed_up: (!own).then_some(10.0),
     };
     let point = |from_spp: u64, nfe: u64, wall: f64, mse: f64| {
         let own = nfe == 0;
@@ -193,6 +206,10 @@ fn time_error() -> TimeError {
         TimedPoint {
             from_spp,
             nfe,
+            scenes: Stratum::all()
+                .flat_map(|s| (0..2).map(move |i| format!("{s}-{i:06}")))
+                .map(|s| scene(s, wall, mse, own))
+                .collect(),
             all: summary(wall, mse, own),
             strata: Stratum::all().map(|s| (s.to_string(), summary(wall, mse, own))).collect(),
             versus: (!own).then(|| VersusRendering {
@@ -204,15 +221,19 @@ fn time_error() -> TimeError {
             }),
         }
     };
+    let targets = || {
+        vec![
+            TimeTo { metric: "hdr_psnr".into(), target: 30.0, reached: 0.75, wall_s: Some(0.4) },
+            TimeTo { metric: "rel_mse".into(), target: 0.001, reached: 0.1, wall_s: None },
+        ]
+    };
     let method = |method: &str, conditioning: &str, points: Vec<TimedPoint>| TimedMethod {
         method: method.into(),
         conditioning: conditioning.into(),
         cell: BTreeMap::new(),
         points,
-        targets: vec![
-            TimeTo { metric: "hdr_psnr".into(), target: 30.0, reached: 0.75, wall_s: Some(0.4) },
-            TimeTo { metric: "rel_mse".into(), target: 0.001, reached: 0.1, wall_s: None },
-        ],
+        targets: targets(),
+        strata_targets: Stratum::all().map(|s| (s.to_string(), targets())).collect(),
     };
     let rendering = (0..8).map(|k| 1u64 << k).map(|n| point(n, 0, 0.01 * n as f64, 1.0 / n as f64)).collect();
     let solver = vec![point(1, 1, 0.012, 0.05), point(1, 2, 0.014, 0.06), point(4, 1, 0.05, 0.02)];
