@@ -221,13 +221,19 @@ fn constant_ladders(add: Add<'_>) {
         let came = run::<ConvergenceKind>(&blobs, ConvergenceParams {}, &whole).and_then(|outputs| {
             let found: Convergence = read(&blobs, &outputs, "convergence")?;
             let row = &found.overall;
-            let values = row.rmse.iter().chain(&row.law).chain(row.covariance.iter().flatten());
-            let sde = found
-                .sde
+            let values = row
+                .rmse
                 .iter()
-                .flat_map(|r| [r.sde_mean, r.sde_variance, r.real_mean, r.real_variance, r.real_covariance]);
+                .chain(&row.law)
+                .chain(&row.off_normal)
+                .chain(found.scenes.iter().flat_map(|scene| &scene.image));
+            let law = row.mean.iter().chain(row.covariance.iter().flatten());
+            let law =
+                law.chain(found.scenes.iter().flat_map(|scene| &scene.variance)).flat_map(|r| [r.value, r.error, r.z]);
+            let sde = found.sde.iter().flat_map(|r| [&r.mean, &r.variance].into_iter().chain(&r.covariance));
+            let sde = sde.flat_map(|r| [r.sde, r.ladders, r.z]);
             let slope = [row.slope.mean, row.slope.low, row.slope.high];
-            held(values.copied().chain(sde).chain(slope).all(f64::is_finite), "finite".into())
+            held(values.copied().chain(law).chain(sde).chain(slope).all(f64::is_finite), "finite".into())
         });
         add(&format!("convergence of {name}"), "finite errors, slopes and covariances", came);
     }

@@ -1,13 +1,15 @@
 #![doc = include_str!("convergence.md")]
 
 mod measure;
+mod moments;
 mod sde;
+mod trust;
 
 pub(crate) use measure::{slope, top_share};
 
 use measure::{Measured, measure};
+use moments::{Figure, Moments, pooled};
 use schemars::JsonSchema;
-use sde::Sde;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use tauflow_contract::{
@@ -15,7 +17,7 @@ use tauflow_contract::{
 };
 use tauflow_data::{
     Stratum,
-    convergence::{Convergence, ConvergenceRow, SceneConvergence},
+    convergence::{AgainstLaw, Convergence, ConvergenceRow, SceneConvergence},
     formats::{EXPOSURE, Exposure, JSON},
     ladder::{LADDER, Ladder},
     maths::{exp, log},
@@ -41,7 +43,7 @@ impl Kind for ConvergenceKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "convergence",
-            version: 3,
+            version: 4,
             summary: "Measures how far ladders keep to the law of variance time, against held-out references.",
             manual: include_str!("convergence.md"),
             mode: Mode::Gather,
@@ -61,7 +63,6 @@ impl Kind for ConvergenceKind {
         let references = action.whole("references")?;
         let mut counts: Option<(Vec<u64>, u64)> = None;
         let mut scenes: Vec<Measured> = Vec::new();
-        let mut sde = Sde::default();
         for (done, (key, artifact)) in references.iter().enumerate() {
             ctx.check_cancelled()?;
             let item = |port: &str| {
@@ -97,22 +98,29 @@ impl Kind for ConvergenceKind {
             }
             let mut stream = Stream::new(action.seed, &[]).part(key.as_str());
             scenes.push(measure(key.as_str(), &ladder, &reference, exposure.factor, &mut stream)?);
-            sde.add(&ladder, &reference, exposure.factor, &mut stream);
             ctx.progress(done as u64 + 1, references.len() as u64, "");
         }
         let (counts, reference_spp) =
             counts.ok_or_else(|| KindError::Input("there are no references to measure by".into()))?;
+        ctx.check_cancelled()?;
         let mut stream = Stream::new(action.seed, &[]).part("rows");
         let mut groups: BTreeMap<String, Vec<&Measured>> = BTreeMap::new();
         for scene in &scenes {
             let stratum = Stratum::of_key(&scene.scene).map_or("other".to_owned(), |(s, _)| s.to_string());
             groups.entry(stratum).or_default().push(scene);
         }
+        let overall = row("all", &counts, &scenes.iter().collect::<Vec<_>>(), &mut stream);
+        let sde = if overall.mean.is_empty() {
+            Vec::new()
+        } else {
+            let simulated = sde::simulate(&counts, &mut Stream::new(action.seed, &[]).part("sde"));
+            simulated.rows(&counts, &overall.mean, &overall.covariance)
+        };
         let result = Convergence {
-            overall: row("all", &counts, &scenes.iter().collect::<Vec<_>>(), &mut stream),
+            overall,
             strata: groups.into_iter().map(|(name, of)| row(&name, &counts, &of, &mut stream)).collect(),
-            scenes: scenes.iter().map(of_scene).collect(),
-            sde: sde.rows(&counts),
+            scenes: scenes.iter().map(|scene| of_scene(scene, &counts)).collect(),
+            sde,
             reference_spp,
             counts,
         };
@@ -122,14 +130,37 @@ impl Kind for ConvergenceKind {
     }
 }
 
-fn of_scene(scene: &Measured) -> SceneConvergence {
+fn of_scene(scene: &Measured, counts: &[u64]) -> SceneConvergence {
+    let excess_kurtosis = scene.moments.as_ref().map(|moments| moments.kurtosis);
+    let off_normal = scene.moments.as_ref().map_or_else(Vec::new, |moments| moments.off_normal.clone());
+    let variances = scene.moments.iter().flat_map(|moments| moments.covariance.iter().filter_map(|row| row.last()));
+    let reasons = flags(scene);
+    let ratio = |(mse, n): (&f64, &u64)| mse * *n as f64 / scene.variance;
+    // Pixels that have no more than rounding have no law either.
+    let image: Vec<f64> = match &scene.moments {
+        Some(_) if scene.variance > 0.0 => scene.mse.iter().zip(counts).map(ratio).collect(),
+        _ => Vec::new(),
+    };
     SceneConvergence {
         scene: scene.scene.clone(),
         slope: scene.slope,
-        excess_kurtosis: scene.tail.map(|tail| tail.excess_kurtosis),
-        tail_index: scene.tail.and_then(|tail| tail.index),
+        variance: variances.map(|figure| AgainstLaw::new(figure.value, figure.error, 1.0)).collect(),
+        excess_kurtosis,
+        tail_index: scene.tail_index,
         tail_share: scene.tail_share,
+        trusted_from: trust::trusted_from(counts, &off_normal),
+        trust: trust::words(counts, &off_normal, &image),
+        off_normal,
+        image_from: trust::image_from(counts, &image),
+        image,
+        heavy_tail: !reasons.is_empty(),
+        reasons,
     }
+}
+
+/// Reasons to call a scene heavy-tailed.
+fn flags(scene: &Measured) -> Vec<String> {
+    trust::reasons(scene.tail_index, scene.moments.as_ref().map(|moments| moments.kurtosis), scene.tail_share)
 }
 
 fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
@@ -142,36 +173,49 @@ fn row(stratum: &str, counts: &[u64], scenes: &[&Measured], stream: &mut Stream)
     let mean = |of: &dyn Fn(&Measured) -> f64| scenes.iter().map(|m| of(m)).sum::<f64>() / scenes.len() as f64;
     // A scene without any noise at a rung has no logarithm there; the floor is far below every real error.
     let geometric = |of: &dyn Fn(&Measured) -> f64| exp(mean(&|m| 0.5 * log(of(m).max(1e-24))));
-    let noisy: Vec<&&Measured> = scenes.iter().filter(|m| m.variance > 0.0).collect();
-    let covariance = |m: usize, n: usize| {
-        let ratio = |of: &&&Measured| of.covariance[m][n] * counts[m] as f64 / of.variance;
-        noisy.iter().map(ratio).sum::<f64>() / noisy.len().max(1) as f64
+    let noisy: Vec<&Moments> = scenes.iter().filter_map(|m| m.moments.as_ref()).collect();
+    let against = |law: f64, of: &dyn Fn(&Moments) -> Figure| {
+        let [value, error] = pooled(&noisy.iter().map(|m| of(m)).collect::<Vec<_>>());
+        AgainstLaw::new(value, error, law)
     };
-    let excess_kurtosis = median(scenes.iter().filter_map(|m| Some(m.tail?.excess_kurtosis)));
-    let tail_share = mean(&|m| m.tail_share);
+    // Without noise there is nothing to hold against the law.
+    let rungs = if noisy.is_empty() { 0 } else { counts.len() };
+    let off_normal: Vec<f64> =
+        (0..rungs).map(|k| noisy.iter().map(|m| m.off_normal[k]).sum::<f64>() / noisy.len() as f64).collect();
+    let heavy_scenes = scenes.iter().filter(|m| !flags(m).is_empty()).count();
     ConvergenceRow {
         stratum: stratum.to_owned(),
         scenes: scenes.len() as u64,
-        rmse: (0..counts.len()).map(|k| geometric(&|m| m.covariance[k][k])).collect(),
+        rmse: (0..counts.len()).map(|k| geometric(&|m| m.mse[k])).collect(),
         law: counts.iter().map(|n| geometric(&|m| m.variance / *n as f64)).collect(),
-        slope: resampled(&scenes.iter().map(|m| m.slope.mean).collect::<Vec<_>>(), stream),
-        covariance: (0..counts.len()).map(|m| (0..=m).map(|n| covariance(m, n)).collect()).collect(),
-        excess_kurtosis,
-        tail_index: median(scenes.iter().filter_map(|m| m.tail?.index)),
-        trusted_from: excess_kurtosis.and_then(|kurtosis| counts.iter().copied().find(|n| kurtosis <= *n as f64)),
-        tail_share,
-        heavy_tail: tail_share > 0.5,
+        slope: slope_of(scenes, stream),
+        mean: (0..rungs).map(|k| against(0.0, &|m| m.mean[k])).collect(),
+        covariance: (0..rungs).map(|m| (0..=m).map(|n| against(1.0, &|of| of.covariance[m][n])).collect()).collect(),
+        excess_kurtosis: median(noisy.iter().map(|m| m.kurtosis)),
+        tail_index: median(scenes.iter().filter_map(|m| m.tail_index)),
+        trusted_from: trust::trusted_from(counts, &off_normal),
+        off_normal,
+        tail_share: mean(&|m| m.tail_share),
+        heavy_scenes: heavy_scenes as u64,
+        heavy_tail: 2 * heavy_scenes >= scenes.len(),
         mean_path_length: mean(&|m| m.mean_path_length),
         rejected: scenes.iter().map(|m| m.rejected).sum(),
     }
 }
 
-/// The mean, with a bootstrap interval.
-fn resampled(values: &[f64], stream: &mut Stream) -> Estimate {
-    let count = values.len() as f64;
-    let mut draws: Vec<f64> = (0..RESAMPLES)
-        .map(|_| (0..values.len()).map(|_| values[stream.below(values.len())]).sum::<f64>() / count)
-        .collect();
+/// Mean slope of scenes, with a bootstrap interval over scenes and, within each, over its blocks of pixels: that of one scene is over
+/// its pixels, and few scenes that happen to agree don't have a narrower one than their pixels allow.
+fn slope_of(scenes: &[&Measured], stream: &mut Stream) -> Estimate {
+    let count = scenes.len() as f64;
+    let mut draw = || {
+        let slopes = &scenes[stream.below(scenes.len())].slopes;
+        slopes[stream.below(slopes.len())]
+    };
+    let mut draws: Vec<f64> = (0..RESAMPLES).map(|_| (0..scenes.len()).map(|_| draw()).sum::<f64>() / count).collect();
     draws.sort_by(f64::total_cmp);
-    Estimate { mean: values.iter().sum::<f64>() / count, low: quantile(&draws, 0.025), high: quantile(&draws, 0.975) }
+    Estimate {
+        mean: scenes.iter().map(|m| m.slope.mean).sum::<f64>() / count,
+        low: quantile(&draws, 0.025),
+        high: quantile(&draws, 0.975),
+    }
 }

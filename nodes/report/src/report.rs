@@ -142,6 +142,9 @@ impl Kind for Report {
         if !claims.is_empty() {
             put("claims.csv", sections::claims::csv(&claims).as_bytes())?;
         }
+        if let Some(convergence) = &material.convergence {
+            put("convergence.csv", sections::convergence::csv(convergence).as_bytes())?;
+        }
         if let Some(time_error) = &material.time_error {
             put("time_error.csv", sections::time_error::points_csv(time_error).as_bytes())?;
             put("time_error_scenes.csv", sections::time_error::scenes_csv(time_error).as_bytes())?;

@@ -116,6 +116,7 @@ fn the_same_material_gives_the_same_files() {
             "bridge/bridge.json",
             "bridge/cases.csv",
             "claims.csv",
+            "convergence.csv",
             "curves.csv",
             "montage-gbuffer.png",
             "montage-rgb.png",

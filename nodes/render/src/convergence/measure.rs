@@ -1,6 +1,9 @@
-//! One scene: errors of rungs against a reference that shares no sample with them, their covariances, and tails of samples.
+//! One scene: errors of rungs against a reference that shares no sample with them, their slope, and tails of samples.
 
-use super::RESAMPLES;
+use super::{
+    RESAMPLES,
+    moments::{Moments, deviation, moments},
+};
 use tauflow_contract::KindError;
 use tauflow_data::{ladder::Ladder, maths::log, results::Estimate, rng::Stream, statistics::quantile};
 
@@ -13,23 +16,19 @@ const FEWEST: usize = 400;
 #[derive(Clone, Debug)]
 pub(super) struct Measured {
     pub(super) scene: String,
-    /// For each rung m and those up to it, n: the mean over pixels of (I_n - mu)(I_m - mu).
-    pub(super) covariance: Vec<Vec<f64>>,
+    /// Mean square error of each rung.
+    pub(super) mse: Vec<f64>,
     /// Mean variance of a single sample.
     pub(super) variance: f64,
     pub(super) slope: Estimate,
-    pub(super) tail: Option<Tail>,
+    /// Slopes of resampled blocks of pixels, which the interval is of.
+    pub(super) slopes: Vec<f64>,
+    /// None without noise.
+    pub(super) moments: Option<Moments>,
+    pub(super) tail_index: Option<f64>,
     pub(super) tail_share: f64,
     pub(super) mean_path_length: f64,
     pub(super) rejected: u64,
-}
-
-/// How far single samples go, in units of their pixels' deviations.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Tail {
-    pub(super) excess_kurtosis: f64,
-    /// None where the largest are all alike.
-    pub(super) index: Option<f64>,
 }
 
 pub(super) fn measure(
@@ -40,11 +39,11 @@ pub(super) fn measure(
     stream: &mut Stream,
 ) -> Result<Measured, KindError> {
     let counts = &ladder.meta.counts;
-    let last = reference.rungs.last().filter(|last| last.image.same_shape(&ladder.variance));
+    let last = reference.rungs.last().filter(|last| last.image.same_shape(&ladder.variance) && last.spp > 1);
     let (Some(truth), true) = (last, counts.len() >= 3) else {
         return Err(KindError::Input(format!(
-            "the ladder of `{scene}` has rungs {counts:?}, and its reference {:?}; a slope needs three rungs or more, and both \
-             the same `resolution`",
+            "the ladder of `{scene}` has rungs {counts:?}, and its reference {:?}; a slope needs three rungs or more, a \
+             reference two samples or more, and both the same `resolution`",
             reference.meta.counts
         )));
     };
@@ -56,12 +55,6 @@ pub(super) fn measure(
     let off = |rung: usize, at: usize| {
         (f64::from(ladder.rungs[rung].image.data()[at]) - f64::from(truth.image.data()[at])) * factor
     };
-    let covariance: Vec<Vec<f64>> = (0..counts.len())
-        .map(|m| {
-            let with = |n: usize| (0..values).map(|at| off(m, at) * off(n, at) - own[at]).sum::<f64>() / values as f64;
-            (0..=m).map(with).collect()
-        })
-        .collect();
     let pixels: Vec<f64> = reference
         .variance
         .data()
@@ -88,16 +81,18 @@ pub(super) fn measure(
         chosen.for_each(|block| sums.iter_mut().zip(&blocks[block]).for_each(|(sum, v)| *sum += v));
         sums
     };
-    let mut draws: Vec<f64> =
+    let mut slopes: Vec<f64> =
         (0..RESAMPLES).map(|_| fit(&total(&mut (0..blocks.len()).map(|_| stream.below(BLOCKS * BLOCKS))))).collect();
-    draws.sort_by(f64::total_cmp);
-    let mean = fit(&total(&mut (0..blocks.len())));
+    slopes.sort_by(f64::total_cmp);
+    let sums = total(&mut (0..blocks.len()));
     Ok(Measured {
         scene: scene.to_owned(),
-        covariance,
+        mse: sums.iter().map(|sum| sum / values as f64).collect(),
         variance,
-        slope: Estimate { mean, low: quantile(&draws, 0.025), high: quantile(&draws, 0.975) },
-        tail: tail(ladder, reference),
+        slope: Estimate { mean: fit(&sums), low: quantile(&slopes, 0.025), high: quantile(&slopes, 0.975) },
+        slopes,
+        moments: moments(ladder, reference),
+        tail_index: tail_index(ladder, reference),
         tail_share: top_share(pixels),
         mean_path_length: ladder.meta.mean_path_length,
         rejected: ladder.meta.rejected + reference.meta.rejected,
@@ -118,8 +113,7 @@ pub(super) fn samples(ladder: &Ladder, reference: &Ladder) -> Vec<f64> {
             for (at, value) in rung.image.data().iter().enumerate() {
                 let earlier = before.map_or(0.0, |(n, image)| n as f64 * f64::from(image[at]));
                 let sample = rung.spp as f64 * f64::from(*value) - earlier;
-                let deviation = f64::from(reference.variance.data()[at]).sqrt();
-                if deviation > 0.0 {
+                if let Some(deviation) = deviation(ladder, reference, at) {
                     found.push((sample - f64::from(truth.image.data()[at])) / deviation);
                 }
             }
@@ -129,19 +123,16 @@ pub(super) fn samples(ladder: &Ladder, reference: &Ladder) -> Vec<f64> {
     found
 }
 
-fn tail(ladder: &Ladder, reference: &Ladder) -> Option<Tail> {
-    let samples = samples(ladder, reference);
-    if samples.len() < FEWEST {
+/// Hill's estimate (1975) over the largest hundredth of single samples; none if they are few, or the largest all alike.
+fn tail_index(ladder: &Ladder, reference: &Ladder) -> Option<f64> {
+    let mut sizes: Vec<f64> = samples(ladder, reference).iter().map(|z| z.abs()).collect();
+    if sizes.len() < FEWEST {
         return None;
     }
-    let moment = |power: i32| samples.iter().map(|z| z.powi(power)).sum::<f64>() / samples.len() as f64;
-    let mut sizes: Vec<f64> = samples.iter().map(|z| z.abs()).collect();
-    sizes.sort_by(|a, b| b.total_cmp(a));
+    sizes.sort_unstable_by(|a, b| b.total_cmp(a));
     let top = sizes.len() / 100;
-    // Hill 1975.
     let logs: f64 = sizes[..top].iter().map(|size| log(size / sizes[top])).sum();
-    let index = (sizes[top] > 0.0 && logs > 0.0).then(|| top as f64 / logs);
-    Some(Tail { excess_kurtosis: moment(4) / moment(2).powi(2) - 3.0, index })
+    (sizes[top] > 0.0 && logs > 0.0).then(|| top as f64 / logs)
 }
 
 /// Share of the sum that is in the largest 1% of values.
@@ -213,15 +204,9 @@ pub(super) mod tests {
         assert!((found.slope.mean + 0.5).abs() < 0.03, "{:?}", found.slope);
         assert!(found.slope.low < found.slope.mean && found.slope.mean < found.slope.high);
         assert!(found.slope.low < -0.5 && -0.5 < found.slope.high, "{:?}", found.slope);
-        for (m, row) in found.covariance.iter().enumerate() {
-            for (n, covariance) in row.iter().enumerate() {
-                let ratio = covariance * COUNTS[m] as f64 / found.variance;
-                // The covariance with a rung far below is a small thing in large noise.
-                assert!((ratio - 1.0).abs() < 0.1 + 0.06 * ((m - n) as f64).exp2().sqrt(), "{m} {n}: {ratio}");
-            }
-        }
-        let tail = found.tail.expect("samples");
-        assert!(tail.excess_kurtosis.abs() < 0.4 && tail.index.is_some_and(|i| i > 4.0), "{tail:?}");
+        assert!((found.mse[0] / found.variance - 1.0).abs() < 0.1, "{found:?}");
+        let moments = found.moments.expect("noise");
+        assert!(moments.kurtosis.abs() < 0.4 && found.tail_index.is_some_and(|i| i > 4.0), "{moments:?}");
         assert!(found.tail_share < 0.1);
     }
 
@@ -234,7 +219,7 @@ pub(super) mod tests {
         let counts: Vec<u64> = (1..=8).collect();
         let (own, reference) = (ladder(&counts, |_| rare(&mut a)), ladder(&[4096], |_| rare(&mut b)));
         let found = measure("L3-open-000000", &own, &reference, 1.0, &mut Stream::new(1, &[2])).expect("enough rungs");
-        let kurtosis = found.tail.expect("samples").excess_kurtosis;
+        let kurtosis = found.moments.expect("noise").kurtosis;
         assert!((kurtosis / 95.0 - 1.0).abs() < 0.25, "{kurtosis}");
     }
 
@@ -253,8 +238,8 @@ pub(super) mod tests {
         assert_eq!(found.len(), 3 * 3 * SIDE * SIDE);
         // The third sample of pixel value 5: eight are drawn for each.
         let (at, sample) = drawn[5 * 8 + 2];
-        let expected =
-            (sample - f64::from(reference.rungs[0].image.data()[at])) / f64::from(reference.variance.data()[at]).sqrt();
+        let deviation = deviation(&own, &reference, at).expect("noise");
+        let expected = (sample - f64::from(reference.rungs[0].image.data()[at])) / deviation;
         assert!((found[2 * 3 * SIDE * SIDE + 5] - expected).abs() < 1e-4);
     }
 

@@ -1,5 +1,10 @@
 //! Convergence of the ladders: error against samples, with the law that variance time rests on.
 
+mod moments;
+mod scenes;
+
+pub use scenes::csv;
+
 use crate::{
     page::Section,
     svg::{Plot, Scale},
@@ -8,7 +13,8 @@ use crate::{
 use std::fmt::Write as _;
 use tauflow_data::{
     Stratum,
-    convergence::{Convergence, ConvergenceRow},
+    convergence::{Convergence, ConvergenceRow, HEAVY_INDEX, HEAVY_KURTOSIS, HEAVY_SHARE, OFF_NORMAL},
+    results::Estimate,
 };
 
 /// The section; none without rungs.
@@ -65,71 +71,54 @@ fn panel(convergence: &Convergence, row: &ConvergenceRow, y: Scale) -> String {
     plot.finish(&format!("RMSE by samples in {}, from {} to {}", name(row), compact(first), compact(last)))
 }
 
+/// Whether the law's slope is in the interval.
+fn holds(slope: &Estimate) -> &'static str {
+    if slope.low <= -0.5 && -0.5 <= slope.high { "yes" } else { "no" }
+}
+
+fn optional(value: Option<f64>) -> String {
+    value.map_or_else(|| "–".into(), compact)
+}
+
 fn table(convergence: &Convergence, rows: &[&ConvergenceRow]) -> String {
-    let mut out = String::from(
-        "<details open><summary>Slopes and tails</summary><p class=\"note\">Kurtosis and tail index are of single samples in units of their pixels' \
-         deviations, medians over scenes; that of a mean of n samples is 1/n of it. From the rung in the column “near normal from” on it is at most 1: \
-         below, the law holds for the expectation, but one pixel of one ladder may be far off it.</p><div class=\"scroll\"><table \
-         class=\"wide\"><thead><tr><th>Stratum</th><th>Scenes</th><th>Slope</th><th>RMSE, first rung</th><th>Law, first rung</th><th>Excess \
-         kurtosis</th><th>Tail index</th><th>Near normal from</th><th>Variance in the top 1% of pixels</th><th>Mean path length</th><th>Rejected \
-         samples</th></tr></thead><tbody>",
+    let mut out = format!(
+        "<details open><summary>Slopes and tails</summary><p class=\"note\">Intervals are over scenes and, within each, over blocks of pixels. Kurtosis \
+         and tail index are of single samples in units of their pixels' deviations, medians over scenes. From the rung in the column “near normal \
+         from” on, the errors of pixels over σ/√n are distributed as a normal variable is to within {}% (Kolmogorov's distance, mean over \
+         scenes): below, the law holds for the expectation, but not for what most pixels show. A scene is flagged as heavy-tailed if its tail index \
+         is below {HEAVY_INDEX}, its excess kurtosis above {HEAVY_KURTOSIS}, or more than {}% of its variance is in 1% of its pixels.</p>\
+         <div class=\"scroll\"><table class=\"wide\"><thead><tr><th>Stratum</th><th>Scenes</th><th>Slope</th><th>−½ inside</th>\
+         <th>RMSE, first rung</th><th>Law, first rung</th><th>Excess kurtosis</th><th>Tail index</th><th>Near normal from</th>\
+         <th>Variance in the top 1% of pixels</th><th>Flagged scenes</th><th>Mean path length</th><th>Rejected samples</th></tr></thead><tbody>",
+        fixed(100.0 * OFF_NORMAL, 0),
+        fixed(100.0 * HEAVY_SHARE, 0)
     );
     let last = [&convergence.overall];
     for (row, total) in rows.iter().map(|r| (*r, false)).chain(last.map(|r| (r, true))) {
         let (class, title) = if total { (" class=\"total\"", "All".to_owned()) } else { ("", name(row)) };
         let at = |values: &[f64]| values.first().map_or_else(|| "–".into(), |v| compact(*v));
-        let optional = |v: Option<f64>| v.map_or_else(|| "–".into(), compact);
         let _ = write!(
             out,
-            "<tr{class}><td>{}</td><td>{}</td><td>{} <small>{}</small></td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}%{}</td><td>{}</td><td>{}</td></tr>",
+            "<tr{class}><td>{}</td><td>{}</td><td>{} <small>{}</small></td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>\
+             <td>{}%</td><td>{}</td><td>{}</td><td>{}</td></tr>",
             escape(&title),
             count(row.scenes),
             fixed(row.slope.mean, 3),
             interval(&row.slope, 3),
+            holds(&row.slope),
             at(&row.rmse),
             at(&row.law),
             optional(row.excess_kurtosis),
             optional(row.tail_index),
             row.trusted_from.map_or_else(|| "–".into(), count),
             fixed(row.tail_share * 100.0, 0),
-            if row.heavy_tail { ", heavy" } else { "" },
+            count(row.heavy_scenes),
             fixed(row.mean_path_length, 2),
             count(row.rejected)
         );
     }
-    out + "</tbody></table></div></details>" + &covariances(convergence) + &sde(convergence)
-}
-
-/// Covariances of all rungs over what the law says.
-fn covariances(convergence: &Convergence) -> String {
-    let mut out = String::from(
-        "<details><summary>Covariances of rungs</summary><p class=\"note\">Cov(I<sub>n</sub>, I<sub>m</sub>) over σ²/max(n, m), mean over all \
-         scenes; 1 by the law. On the diagonal stand variances.</p><div class=\"scroll\"><table class=\"wide\"><thead><tr><th>m \\ n</th>",
-    );
-    for n in &convergence.counts {
-        let _ = write!(out, "<th>{}</th>", count(*n));
-    }
-    out.push_str("</tr></thead><tbody>");
-    for (m, row) in convergence.counts.iter().zip(&convergence.overall.covariance) {
-        let cells: String = row.iter().map(|v| format!("<td>{}</td>", fixed(*v, 3))).collect();
-        let _ = write!(out, "<tr><td>{}</td>{cells}</tr>", count(*m));
-    }
     out + "</tbody></table></div></details>"
-}
-
-/// The SDE beside the ladders.
-fn sde(convergence: &Convergence) -> String {
-    let mut out = String::from(
-        "<details><summary>The Monte Carlo SDE beside the ladders</summary><p class=\"note\">Simulated pixel by pixel on its clock s = 1 − 1/√n; pixels \
-         are pooled over their variances. By the law means are 0, variances times n are 1, and so are covariances with the first rung \
-         times n.</p><div class=\"scroll\"><table class=\"wide\"><thead><tr><th>n</th><th>Mean √n, SDE</th><th>ladders</th><th>Variance n, \
-         SDE</th><th>ladders</th><th>Covariance n, SDE</th><th>ladders</th></tr></thead><tbody>",
-    );
-    for row in &convergence.sde {
-        let values =
-            [row.sde_mean, row.real_mean, row.sde_variance, row.real_variance, row.sde_covariance, row.real_covariance];
-        let cells: String = values.iter().map(|v| format!("<td>{}</td>", fixed(*v, 3))).collect();
-        let _ = write!(out, "<tr><td>{}</td>{cells}</tr>", count(row.n));
-    }
-    out + "</tbody></table></div></details>"
+        + &scenes::table(convergence)
+        + &moments::covariances(convergence, rows)
+        + &moments::sde(convergence)
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use tauflow_contract::{Artifact, Collection, Context, MemoryBlobs, Silent};
 use tauflow_data::{
     Image, Stratum,
-    convergence::{Convergence, ConvergenceRow, SdeRow},
+    convergence::{AgainstLaw, Beside, Convergence, ConvergenceRow, SceneConvergence, SdeRow},
     formats::{FILES, STATISTICS, VERDICT, Verdict},
     image_io::encode_png,
     maths::{exp, log2},
@@ -252,9 +252,28 @@ fn time_error() -> TimeError {
     }
 }
 
-fn sde(n: u64) -> SdeRow {
-    let [sde_variance, real_variance, sde_covariance, real_covariance] = [1.01, 0.98, 0.99, 1.03];
-    SdeRow { n, sde_mean: 0.01, sde_variance, sde_covariance, real_mean: -0.01, real_variance, real_covariance }
+fn sde(k: usize, n: u64) -> SdeRow {
+    let beside = |value: f64, law: f64| Beside::new([law + 0.01, 0.004], &AgainstLaw::new(value, 0.02, law));
+    let covariance = (0..k).map(|i| beside(0.98 + 0.02 * i as f64, 1.0)).collect();
+    SdeRow { n, mean: beside(-0.01, 0.0), variance: beside(0.98, 1.0), covariance }
+}
+
+fn converging(scene: String, heavy: bool, counts: &[u64]) -> SceneConvergence {
+    SceneConvergence {
+        scene,
+        slope: around(if heavy { -0.43 } else { -0.498 }, 0.03),
+        variance: counts.iter().map(|_| AgainstLaw::new(1.02, if heavy { 0.4 } else { 0.05 }, 1.0)).collect(),
+        excess_kurtosis: Some(if heavy { 900.0 } else { 12.0 }),
+        tail_index: heavy.then_some(1.7),
+        tail_share: 0.2,
+        off_normal: counts.iter().map(|n| 0.3 / (*n as f64).sqrt()).collect(),
+        trusted_from: (!heavy).then_some(16),
+        image: counts.iter().map(|_| if heavy { 0.4 } else { 1.05 }).collect(),
+        image_from: (!heavy).then_some(1),
+        heavy_tail: heavy,
+        reasons: if heavy { vec!["tail index 1.70, below 2".into(), "kurtosis <b>".into()] } else { Vec::new() },
+        trust: "errors of pixels within 10% of normal from 16 samples on".into(),
+    }
 }
 
 fn convergence() -> Convergence {
@@ -271,11 +290,16 @@ fn convergence() -> Convergence {
             rmse,
             law,
             slope,
-            covariance: (0..counts.len()).map(|m| vec![1.0 - 0.01 * m as f64; m + 1]).collect(),
+            mean: counts.iter().map(|_| AgainstLaw::new(0.01, 0.02, 0.0)).collect(),
+            covariance: (0..counts.len())
+                .map(|m| vec![AgainstLaw::new(1.0 - 0.02 * m as f64, 0.03, 1.0); m + 1])
+                .collect(),
             excess_kurtosis: Some(if heavy { 900.0 } else { 12.0 }),
             tail_index: Some(if heavy { 1.7 } else { 4.2 }),
+            off_normal: counts.iter().map(|n| 0.3 / (*n as f64).sqrt()).collect(),
             trusted_from: (!heavy).then_some(16),
             tail_share,
+            heavy_scenes: u64::from(heavy) * scenes,
             heavy_tail: heavy,
             mean_path_length: 4.2,
             rejected: 0,
@@ -283,8 +307,8 @@ fn convergence() -> Convergence {
     };
     Convergence {
         reference_spp: 4096,
-        scenes: Vec::new(),
-        sde: counts.iter().map(|n| sde(*n)).collect(),
+        scenes: (0..2).map(|i| converging(format!("L{}-open-000000", 3 * i), i > 0, &counts)).collect(),
+        sde: counts.iter().enumerate().map(|(k, n)| sde(k, *n)).collect(),
         strata: Stratum::all()
             .map(|s| row(s.to_string(), 0.2 + 0.12 * f64::from(s.regime as u8), s.to_string() == "L3-enclosed", 2))
             .collect(),
