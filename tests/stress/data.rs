@@ -193,6 +193,37 @@ fn ladder(counts: &[u64], value: f32, noise: f32, seed: u64) -> Ladder {
     }
 }
 
+/// What `convergence` says of ladders and their references.
+pub(super) fn converged(pairs: &[(Ladder, Ladder)]) -> Result<Convergence, String> {
+    let (blobs, stop) = (MemoryBlobs::default(), AtomicBool::new(false));
+    let ctx = Context::new(&blobs, &Silent, &stop);
+    let (mut ladders, mut references, mut exposure) = (Vec::new(), Vec::new(), Vec::new());
+    for (i, (ladder, reference)) in pairs.iter().enumerate() {
+        let key = ItemKey::new(format!("L0-open-{i:06}")).expect("plain");
+        ladders.push((key.clone(), ladder.store(&ctx).map_err(|e| e.to_string())?));
+        references.push((key.clone(), reference.store(&ctx).map_err(|e| e.to_string())?));
+        let factor = Exposure { factor: 1.0, ev: 0.0, mean_luminance: 0.18 };
+        exposure.push((key, Artifact::blob(EXPOSURE, ctx.put_json(&factor).map_err(|e| e.to_string())?)));
+    }
+    let [ladders, references, exposure] =
+        [ladders, references, exposure].map(|of| of.into_iter().collect::<Collection>());
+    let whole = [("references", &references), ("ladders", &ladders), ("exposure", &exposure)];
+    // JSON has no NaN: a number that is none would be read as missing, and refused.
+    read(&blobs, &run::<ConvergenceKind>(&blobs, ConvergenceParams {}, &whole)?, "convergence")
+}
+
+/// Every number of it.
+pub(super) fn numbers(found: &Convergence) -> impl Iterator<Item = f64> + '_ {
+    let row = &found.overall;
+    let errors = row.rmse.iter().chain(&row.law).chain(&row.off_normal);
+    let errors = errors.chain(found.scenes.iter().flat_map(|scene| &scene.image)).copied();
+    let law = row.mean.iter().chain(row.covariance.iter().flatten());
+    let law = law.chain(found.scenes.iter().flat_map(|scene| &scene.variance)).flat_map(|r| [r.value, r.error, r.z]);
+    let sde = found.sde.iter().flat_map(|r| [&r.mean, &r.variance].into_iter().chain(&r.covariance));
+    let sde = sde.flat_map(|r| [r.sde, r.ladders, r.z]);
+    errors.chain(law).chain(sde).chain([row.slope.mean, row.slope.low, row.slope.high])
+}
+
 fn constant_ladders(add: Add<'_>) {
     for (name, values, noise) in [
         ("ladders of black images", [0.0f32, 0.0], [0.0f32, 0.0]),
@@ -200,43 +231,31 @@ fn constant_ladders(add: Add<'_>) {
         ("a ladder of constant images beside one of noise", [0.7, 0.7], [0.0, 0.1]),
         ("constant ladders whose references are off by 1", [0.7, 1.7], [0.0, 0.0]),
     ] {
-        let blobs = MemoryBlobs::default();
-        let stop = AtomicBool::new(false);
-        let ctx = Context::new(&blobs, &Silent, &stop);
-        let (mut ladders, mut references, mut exposure) = (Vec::new(), Vec::new(), Vec::new());
-        for (i, noise) in noise.into_iter().enumerate() {
-            let key = ItemKey::new(format!("L0-open-{i:06}")).expect("plain");
-            ladders.push((key.clone(), ladder(&[1, 2, 4, 8], values[0], noise, 1).store(&ctx).expect("memory")));
+        let pairs = noise.map(|noise| {
             // Estimates of one variance differ between streams, unless there is none.
             let mut reference = ladder(&[128], values[1], noise, 2);
             reference.variance.data_mut().iter_mut().for_each(|v| *v *= 1.01);
-            references.push((key.clone(), reference.store(&ctx).expect("memory")));
-            let factor = Exposure { factor: 1.0, ev: 0.0, mean_luminance: 0.18 };
-            exposure.push((key, Artifact::blob(EXPOSURE, ctx.put_json(&factor).expect("memory"))));
-        }
-        let [ladders, references, exposure] =
-            [ladders, references, exposure].map(|of| of.into_iter().collect::<Collection>());
-        let whole = [("references", &references), ("ladders", &ladders), ("exposure", &exposure)];
-        // JSON has no NaN: a number that is none would be read as missing, and refused.
-        let came = run::<ConvergenceKind>(&blobs, ConvergenceParams {}, &whole).and_then(|outputs| {
-            let found: Convergence = read(&blobs, &outputs, "convergence")?;
-            let row = &found.overall;
-            let values = row
-                .rmse
-                .iter()
-                .chain(&row.law)
-                .chain(&row.off_normal)
-                .chain(found.scenes.iter().flat_map(|scene| &scene.image));
-            let law = row.mean.iter().chain(row.covariance.iter().flatten());
-            let law =
-                law.chain(found.scenes.iter().flat_map(|scene| &scene.variance)).flat_map(|r| [r.value, r.error, r.z]);
-            let sde = found.sde.iter().flat_map(|r| [&r.mean, &r.variance].into_iter().chain(&r.covariance));
-            let sde = sde.flat_map(|r| [r.sde, r.ladders, r.z]);
-            let slope = [row.slope.mean, row.slope.low, row.slope.high];
-            held(values.copied().chain(law).chain(sde).chain(slope).all(f64::is_finite), "finite".into())
+            (ladder(&[1, 2, 4, 8], values[0], noise, 1), reference)
         });
+        let came = converged(&pairs).and_then(|found| held(numbers(&found).all(f64::is_finite), "finite".into()));
         add(&format!("convergence of {name}"), "finite errors, slopes and covariances", came);
     }
+}
+
+/// Imports a file: the report of it, what holds its blobs, and what was made of it.
+pub(super) fn import(name: &str, bytes: &[u8]) -> Result<(AssetReport, MemoryBlobs, Option<Body>), String> {
+    let (blobs, stop) = (MemoryBlobs::default(), AtomicBool::new(false));
+    let ctx = Context::new(&blobs, &Silent, &stop);
+    let file = Artifact::tree("file", vec![("file".to_owned(), blobs.put(bytes).expect("memory"))]);
+    let key = ItemKey::new(name).expect("plain");
+    let (each, whole) = (BTreeMap::from([("file", &file)]), BTreeMap::new());
+    let params = AssetsParams::default();
+    let outputs = Assets::run(&ctx, &Action { params, item: Some(&key), group: "main", seed: 0, each, whole })
+        .map_err(|e| e.to_string())?;
+    let report = ctx.json(&outputs.items["reports"], "").map_err(|e| e.to_string())?;
+    let asset = outputs.items.get("assets").map(|asset| Asset::load(&ctx, asset)).transpose();
+    let body = asset.map_err(|e| e.to_string())?.map(|asset| asset.body);
+    Ok((report, blobs, body))
 }
 
 /// Imports a map of 1 everywhere but for its first values.
@@ -246,24 +265,14 @@ fn imported(values: &[f32]) -> Result<(AssetReport, Option<Image>), String> {
     let folder = tempfile::tempdir().map_err(|e| e.to_string())?;
     let path = folder.path().join("sky.exr");
     write_exr(&path, &[("", &map)]).map_err(|e| e.to_string())?;
-    let (blobs, stop) = (MemoryBlobs::default(), AtomicBool::new(false));
-    let ctx = Context::new(&blobs, &Silent, &stop);
     let bytes = std::fs::read(&path).map_err(|e| e.to_string())?;
-    let file = Artifact::tree("file", vec![("file".to_owned(), blobs.put(&bytes).expect("memory"))]);
-    let key = ItemKey::new("sky.exr").expect("plain");
-    let (each, whole) = (BTreeMap::from([("file", &file)]), BTreeMap::new());
-    let params = AssetsParams::default();
-    let outputs = Assets::run(&ctx, &Action { params, item: Some(&key), group: "main", seed: 0, each, whole })
-        .map_err(|e| e.to_string())?;
-    let report = ctx.json(&outputs.items["reports"], "").map_err(|e| e.to_string())?;
-    let image = |artifact: &Artifact| -> Result<Image, String> {
-        let Asset { body: Body::Hdri { image, .. }, .. } = Asset::load(&ctx, artifact).map_err(|e| e.to_string())?
-        else {
-            return Err("no map".into());
-        };
-        Image::from_bytes(&ctx.get(&image).map_err(|e| e.to_string())?).map_err(|e| e.to_string())
+    let (report, blobs, body) = import("sky.exr", &bytes)?;
+    let image = |body| -> Result<Image, String> {
+        let Body::Hdri { image, .. } = body else { return Err("no map".into()) };
+        let bytes = blobs.get(&image).map_err(|e| e.to_string())?.ok_or("not stored")?;
+        Image::from_bytes(&bytes).map_err(|e| e.to_string())
     };
-    Ok((report, outputs.items.get("assets").map(image).transpose()?))
+    Ok((report, body.map(image).transpose()?))
 }
 
 fn maps(add: Add<'_>) {

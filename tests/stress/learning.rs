@@ -1,15 +1,16 @@
 //! Trainings on small bad data, trainings that diverge, and such as are stopped.
 
 use super::{Hazard, held};
-use std::{collections::BTreeMap, sync::atomic::AtomicBool};
-use tauflow_contract::{Action, Artifact, Blobs, Collection, Context, ItemKey, Kind, MemoryBlobs, Outputs, Silent};
+use crate::interrupted::{Interrupted, Interruption};
+use std::collections::BTreeMap;
+use tauflow_contract::{Action, Artifact, Blobs, Collection, Context, ItemKey, Kind, Outputs, Silent};
 use tauflow_data::{
     Image,
     formats::{PACKED, PackedScene},
     results::{TrainingLog, TrainingTiming},
     rng::Stream,
 };
-use tauflow_train::{Conditioning, Loss, Model, Parameterization, Space, Training, TrainingParams};
+use tauflow_train::{Conditioning, Decay, Loss, Model, Parameterization, Space, Training, TrainingParams};
 
 const TRAINING: &str = "Training";
 pub(super) const SIDE: usize = 16;
@@ -33,14 +34,14 @@ pub(super) fn scene(seed: u64, bright: f32) -> PackedScene {
     PackedScene { counts: COUNTS.to_vec(), states, gbuffer: Some(Image::new(SIDE, SIDE, 6)) }
 }
 
+/// A store, and trainings over it.
 pub(super) struct Lab {
-    blobs: MemoryBlobs,
-    stop: AtomicBool,
+    blobs: Interrupted,
 }
 
 impl Lab {
     pub(super) fn new() -> Self {
-        Self { blobs: MemoryBlobs::default(), stop: AtomicBool::new(false) }
+        Self { blobs: Interrupted::default() }
     }
 
     pub(super) fn scenes(&self, scenes: impl IntoIterator<Item = PackedScene>) -> Collection {
@@ -55,13 +56,13 @@ impl Lab {
         self.train_and_test(train, None, params)
     }
 
-    fn train_and_test(
+    pub(super) fn train_and_test(
         &self,
         train: &Collection,
         test: Option<&Collection>,
         params: TrainingParams,
     ) -> Result<Outputs, String> {
-        let ctx = Context::new(&self.blobs, &Silent, &self.stop);
+        let ctx = Context::new(&self.blobs, &Silent, self.blobs.stop());
         let mut whole = BTreeMap::from([("train", train)]);
         whole.extend(test.map(|test| ("test", test)));
         let action = Action { params, item: None, group: "main", seed: 3, each: BTreeMap::new(), whole };
@@ -69,7 +70,7 @@ impl Lab {
     }
 
     pub(super) fn part(&self, outputs: &Outputs, port: &str) -> Vec<u8> {
-        let ctx = Context::new(&self.blobs, &Silent, &self.stop);
+        let ctx = Context::new(&self.blobs, &Silent, self.blobs.stop());
         ctx.part(outputs.collections[port].get("model").expect("one item"), "").expect("stored")
     }
 }
@@ -106,12 +107,16 @@ pub fn hazards() -> Vec<Hazard> {
 }
 
 /// A training's losses, all of them, and its model, which is read.
-fn sound(lab: &Lab, outputs: &Outputs) -> Result<Vec<f64>, String> {
+pub(super) fn sound(lab: &Lab, outputs: &Outputs) -> Result<Vec<f64>, String> {
     let log: TrainingLog = serde_json::from_slice(&lab.part(outputs, "log")).map_err(|e| e.to_string())?;
     let losses: Vec<f64> = log.points.iter().filter_map(|p| p.train).collect();
     // The curve has a point without a loss, before the first step.
     if losses.len() + 1 != log.points.len() || !losses.iter().all(|loss| loss.is_finite()) {
         return Err(format!("losses {losses:?} at {} points", log.points.len()));
+    }
+    // JSON has no NaN: what is none would be missing.
+    if log.points[1..].iter().any(|p| p.gradient_norm.is_none() || p.test.is_some() != p.gain.is_some()) {
+        return Err(format!("no norm or no gain among {:?}", log.points));
     }
     Model::load(&lab.part(outputs, "model")).map(|_| losses).map_err(|e| e.to_string())
 }
@@ -266,27 +271,72 @@ fn divergence(add: Add<'_>) {
     );
 }
 
+/// Steps that the last run of a training took itself.
+fn steps_done(lab: &Lab, outputs: &Outputs) -> Result<u64, String> {
+    let timing: TrainingTiming = serde_json::from_slice(&lab.part(outputs, "timing")).map_err(|e| e.to_string())?;
+    Ok(timing.steps)
+}
+
 fn resumption(add: Add<'_>) {
-    let lab = Lab::new();
-    let scenes = lab.scenes((0..3).map(|i| scene(i, 0.0)));
-    // Stopped after each step and gone on with: what one run has done, another finds.
-    let whole = lab.train(&scenes, TrainingParams { checkpoint_every: 100, ..short() }).map(|o| lab.part(&o, "model"));
-    let came = whole.and_then(|whole| {
-        for stop in 1..6u64 {
-            let other = Lab::new();
-            let scenes = other.scenes((0..3).map(|i| scene(i, 0.0)));
-            let params = |steps| TrainingParams { checkpoint_every: 1, steps, ..short() };
-            other.train(&scenes, params(stop))?;
-            let resumed = other.train(&scenes, params(6))?;
-            if other.part(&resumed, "model") != whole {
-                return Err(format!("other bits after a stop at step {stop}"));
-            }
+    let params = |every| TrainingParams { checkpoint_every: every, decay: Decay::Cosine, ..short() };
+    let lab = || {
+        let lab = Lab::new();
+        let scenes = lab.scenes((0..3).map(|i| scene(i, 0.0)));
+        (lab, scenes)
+    };
+    let whole = || {
+        let (lab, scenes) = lab();
+        lab.train(&scenes, params(100)).map(|outputs| lab.part(&outputs, "model"))
+    };
+    // A run that must not come to its end.
+    let interrupted = |lab: &Lab, scenes: &Collection, every, how| {
+        lab.blobs.arm(how);
+        let came = lab.train(scenes, params(every));
+        lab.blobs.disarm();
+        match came {
+            Ok(_) => Err(format!("{how:?} did not stop it")),
+            Err(told) => Ok(told),
         }
-        Ok("the same bits".into())
+    };
+    // Another run, to the end: its steps, and whether its model has the bits.
+    let finished = |lab: &Lab, scenes: &Collection, every, steps: u64| {
+        let outputs = lab.train(scenes, params(every))?;
+        let done = steps_done(lab, &outputs)?;
+        if done != steps || lab.part(&outputs, "model") != whole()? {
+            return Err(format!("other bits, or {done} steps and not {steps}"));
+        }
+        Ok(())
+    };
+    let came = (1..6u64).try_for_each(|stop| {
+        let (lab, scenes) = lab();
+        interrupted(&lab, &scenes, 1, Interruption::StopAfter(stop))?;
+        finished(&lab, &scenes, 1, 6 - stop)
     });
     add(
-        "a training that is stopped after any of its six steps and gone on with".into(),
-        "the bits of one that is not",
-        came,
+        "a training of six steps and a checkpoint after each, stopped as Ctrl-C stops it: five trainings, one stopped after step 1, one \
+         after step 2, and so on, and each gone on with"
+            .into(),
+        "the bits of one that is not stopped; no step is taken twice",
+        came.map(|()| "the same bits, five times; the steps that were left".into()),
+    );
+    let (one, scenes) = lab();
+    let came = (1..6u64)
+        .try_for_each(|_| interrupted(&one, &scenes, 1, Interruption::StopAfter(1)).map(|_| ()))
+        .and_then(|()| finished(&one, &scenes, 1, 1));
+    add(
+        "one such training, stopped after every one of its first five steps in turn".into(),
+        "the bits of one that is not stopped; its last run takes one step",
+        came.map(|()| "the same bits; one step".into()),
+    );
+    let came = [1u64, 2].into_iter().try_for_each(|nth| {
+        let (lab, scenes) = lab();
+        let told = interrupted(&lab, &scenes, 2, Interruption::FailAt(nth))?;
+        held(told.contains("no space"), told)?;
+        finished(&lab, &scenes, 2, 6 - 2 * (nth - 1))
+    });
+    add(
+        "the same with a checkpoint every two steps, whose writing fails after step 2, or after step 4, as on a full disk".into(),
+        "an error that says so; then the bits of one that is not stopped, from the checkpoint before",
+        came.map(|()| "told; the same bits, six steps and four".into()),
     );
 }

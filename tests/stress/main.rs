@@ -5,8 +5,12 @@
 mod scenes;
 
 mod data;
+mod dead;
+mod drift;
 mod geometry;
+mod interrupted;
 mod learning;
+mod materials;
 mod metrics;
 mod networks;
 mod rendering;
@@ -69,9 +73,11 @@ fn page(hazards: &[Hazard]) -> String {
 #[test]
 fn every_hazard_is_met_and_the_page_tells_what_came_of_it() {
     let mut hazards = rendering::hazards();
+    hazards.extend(materials::hazards());
     hazards.extend(transport::hazards());
     hazards.extend(learning::hazards());
     hazards.extend(networks::hazards());
+    hazards.extend(dead::hazards());
     hazards.extend(data::hazards());
     hazards.extend(metrics::hazards());
     let failed: Vec<String> = hazards

@@ -53,6 +53,12 @@ pub fn hazards() -> Vec<Hazard> {
             came,
         );
     }
+    // What no light can be counts as none: a reference that no ladder has, and an image that a network without the law may make.
+    let came = of(&image.map(|v| -v), &black).and_then(|m| {
+        let fine = m.hdr_psnr.is_infinite() && m.hdr_mae == 0.0 && m.preview_psnr.is_infinite();
+        held(fine, format!("identity: negative values count as 0, MAE {}", about(m.hdr_mae)))
+    });
+    add("a negative image against black", "identity: radiance below 0 counts as 0, in both", came);
     let mut firefly = image.clone();
     firefly.data_mut()[50] = 1e12;
     let came = of(&firefly, &image).and_then(|m| {

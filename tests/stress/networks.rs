@@ -1,11 +1,14 @@
 //! Trained networks on images at the ends of what numbers can be.
 
 use super::{
-    Hazard, held,
+    Hazard, about, drift, held,
     learning::{Lab, SIDE, scene, short},
 };
+use tauflow_contract::Outputs;
 use tauflow_data::{Image, time::TimeGrid};
-use tauflow_train::{Conditioning, Course, Decay, Loss, Model, Parameterization, Space, TrainingParams, rollout};
+use tauflow_train::{
+    Conditioning, Course, Decay, Denoiser as _, Loss, Model, Parameterization, Space, TrainingParams, rollout,
+};
 
 const AREA: &str = "Networks";
 
@@ -25,7 +28,12 @@ fn trained(parameterization: Parameterization, space: Space, loss: Loss) -> Resu
         ..short()
     };
     let outputs = lab.train(&scenes, params)?;
-    Model::load(&lab.part(&outputs, "model")).map_err(|e| e.to_string())
+    loaded(&lab, &outputs)
+}
+
+/// The model that a training made.
+pub(super) fn loaded(lab: &Lab, outputs: &Outputs) -> Result<Model, String> {
+    Model::load(&lab.part(outputs, "model")).map_err(|e| e.to_string())
 }
 
 fn refined(model: &Model, image: &Image, steps: usize) -> Result<Image, String> {
@@ -38,12 +46,6 @@ fn range(image: &Image) -> (f64, f64) {
     image.data().iter().fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(f64::from(*v)), b.max(f64::from(*v))))
 }
 
-/// Root mean square of the difference, over that of the second image.
-fn distance(a: &Image, b: &Image) -> f64 {
-    let pairs = || a.data().iter().zip(b.data()).map(|(a, b)| (f64::from(*a), f64::from(*b)));
-    (pairs().map(|(a, b)| (a - b) * (a - b)).sum::<f64>() / pairs().map(|(_, b)| b * b).sum::<f64>()).sqrt()
-}
-
 pub fn hazards() -> Vec<Hazard> {
     let mut out = Vec::new();
     let mut add = |fed: String, must: &str, came: Result<String, String>| out.push(Hazard::new(AREA, fed, must, came));
@@ -54,6 +56,8 @@ pub fn hazards() -> Vec<Hazard> {
             let model = || model.as_ref().map_err(Clone::clone);
             exposures(&name, &model, &mut add);
             flat(&name, &model, &mut add);
+            firefly(&name, &model, &mut add);
+            precision(&name, &model, space, &mut add);
             if space == Space::Linear {
                 let came = model().and_then(|model| refined(model, &scene(9, 0.0).states[0], 1000));
                 let came = came.and_then(|end| {
@@ -95,7 +99,7 @@ fn exposures(name: &str, model: &Trained<'_>, add: Add<'_>) {
             if !(low.is_finite() && high <= most) {
                 return Err(format!("{low:e} to {high:e} of at most {most:e}, exposed by {factor:e}"));
             }
-            Ok(worst.max(distance(&end.map(|v| v / factor), &plain)))
+            Ok(worst.max(drift::distance(&end.map(|v| v / factor), &plain)))
         })
     });
     // In words: the last digits of a training are not the point.
@@ -107,6 +111,72 @@ fn exposures(name: &str, model: &Trained<'_>, add: Add<'_>) {
     add(
         format!("{name}, exposures of 1e-6, 1e-3, 0.1, 10, 1e3 and 1e6"),
         "finite, and what exposure 1 gives, exposed so, to a quarter",
+        came,
+    );
+}
+
+/// One pixel of 1e6 among those of an ordinary scene: what becomes of it, and of what is around it.
+fn firefly(name: &str, model: &Trained<'_>, add: Add<'_>) {
+    const BRIGHT: f32 = 1e6;
+    let (plain, at) = (scene(9, 0.0).states[0].clone(), SIDE / 2);
+    let mut lit = plain.clone();
+    lit.pixel_mut(at, at).iter_mut().for_each(|v| *v += BRIGHT);
+    let largest = |image: &Image, far: std::ops::RangeInclusive<usize>| {
+        let pixels = (0..SIDE * SIDE).filter(|i| far.contains(&(i % SIDE).abs_diff(at).max((i / SIDE).abs_diff(at))));
+        pixels.flat_map(|i| image.pixel(i % SIDE, i / SIDE)).fold(0.0f32, |most, v| most.max(v.abs()))
+    };
+    let came = model().and_then(|model| {
+        // A local secant holds up to the next rung: steps that go farther extrapolate it, and are no means.
+        let local = model.parameterization() == Parameterization::LocalVelocity;
+        let mut far = Vec::new();
+        for steps in [1, 2, 50] {
+            let ((low, high), (_, most)) = (range(&refined(model, &lit, steps)?), range(&lit));
+            let mean = low >= 0.0 && high <= most;
+            if local && steps < 3 && low.is_finite() && high.is_finite() {
+                far.push(format!("{} to {} in {steps}", about(low), about(high)));
+            } else if !mean {
+                return Err(format!("{low:e} to {high:e} of at most {most:e} in {steps} steps"));
+            }
+        }
+        let far = if local { format!("; longer steps than a rung overshoot: {}", far.join(", ")) } else { String::new() };
+        let (without, end) = (refined(model, &plain, 9)?, refined(model, &lit, 9)?);
+        let ((low, high), (_, most)) = (range(&end), range(&lit));
+        let sum = |image: &Image| image.data().iter().map(|v| f64::from(*v)).sum::<f64>();
+        held(
+            low >= 0.0 && high <= most,
+            format!(
+                "finite, not negative, no brighter; after 9 steps the pixel is at {}, those that touch it at up to {} (without it {}), \
+                 those beyond at up to {} ({}): {} of its light is left{far}",
+                about(largest(&end, 0..=0).into()),
+                about(largest(&end, 1..=1).into()),
+                about(largest(&without, 1..=1).into()),
+                about(largest(&end, 2..=SIDE).into()),
+                about(largest(&without, 2..=SIDE).into()),
+                about((sum(&end) - sum(&without)) / (3.0 * f64::from(BRIGHT))),
+            ),
+        )
+    });
+    add(
+        format!("{name}, a firefly of 1e6 in one pixel, 1, 2, 9 and 50 steps"),
+        "finite; nowhere negative, no brighter than the firefly: means of what is there (local_velocity from 3 steps on)",
+        came,
+    );
+}
+
+/// Its predictions, of single precision, under a rollout in double beside one in single.
+fn precision(name: &str, model: &Trained<'_>, space: Space, add: Add<'_>) {
+    let calls: &[usize] = if space == Space::Linear { &[1, 9, 100, 1000] } else { &[1, 9, 100] };
+    let start = scene(9, 0.0);
+    let came = model().and_then(|model| {
+        let found = drift::of_network(model, &start.states[0], start.gbuffer.as_ref(), calls)?;
+        let said: Vec<String> =
+            found.iter().zip(calls).map(|(drift, calls)| format!("{} in {calls}", about(*drift))).collect();
+        held(found.iter().all(|drift| *drift < 1e-4), format!("off by {} calls", said.join(", ")))
+    });
+    let most = calls.last().copied().unwrap_or_default();
+    add(
+        format!("{name}, the rollout in single precision beside one in double of the same network, 1 to {most} calls"),
+        "the same to 1e-4 of the image",
         came,
     );
 }

@@ -171,6 +171,12 @@ impl Texture {
 pub const DELTA_ALPHA: f32 = 1e-3;
 
 /// What a surface does to light. Roughness `alpha` is GGX's; below [`DELTA_ALPHA`] a lobe is specular.
+///
+/// # Units
+/// Reflectances, transmittances, opacities, weights and the parameters of `principled` are shares: the renderer refuses a scene in which
+/// one of them can be below 0, above 1 or no number, with its material, field and value, and cuts nothing. A texture is held to its
+/// bounds (texels times `scale`, products factor by factor), in which one part in a million beyond 1 counts as rounding: that much is cut
+/// where the surface is shaded. Vertex colours that a material reads are held to 0 to 1, too.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 #[allow(
@@ -185,9 +191,9 @@ pub enum Bsdf {
     },
     /// Metal: GGX with the Fresnel term of a complex index of refraction (`conductor`, `roughconductor`).
     Conductor {
-        /// Real part of the IOR, by RGB.
+        /// Real part of the IOR, by RGB; finite, from 0.
         eta: Rgb,
-        /// Imaginary part.
+        /// Imaginary part; finite, from 0.
         k: Rgb,
         /// Roughness; 0 is a mirror.
         alpha: f32,
@@ -235,15 +241,15 @@ pub enum Bsdf {
         base_color: Texture,
         /// Metal share.
         metallic: Texture,
-        /// Perceptual roughness; alpha = roughness^2.
+        /// Perceptual roughness; alpha = roughness^2, but 0.001 at least, as in Mitsuba.
         roughness: Texture,
-        /// Specular level; 0.5 is an IOR of 1.5.
+        /// Specular level in [0, 1]; 0.5 is an IOR of 1.5, and below 0.001 counts as that, as in Mitsuba.
         specular: f32,
         /// Share of specular transmission.
         spec_trans: Texture,
-        /// Clearcoat strength.
+        /// Clearcoat strength in [0, 1].
         clearcoat: f32,
-        /// Clearcoat gloss.
+        /// Clearcoat gloss in [0, 1].
         clearcoat_gloss: f32,
     },
     /// Lets light through unchanged where opacity is below 1 (`mask`).
@@ -255,7 +261,7 @@ pub enum Bsdf {
     },
     /// A mix of two (`blendbsdf`).
     Blend {
-        /// Weight of the second.
+        /// Weight of the second, in [0, 1].
         weight: Texture,
         /// First.
         a: Box<Bsdf>,
@@ -264,7 +270,7 @@ pub enum Bsdf {
     },
     /// Perturbs the shading normal by a tangent-space map (`normalmap`).
     NormalMap {
-        /// Normals as (n + 1) / 2.
+        /// Normals as (n + 1) / 2; what points less than 0.001 above the surface is raised to that, as no surface is seen from below.
         map: Texture,
         /// Scales x and y of the map's normals.
         scale: f32,

@@ -144,8 +144,10 @@ impl Kind for GuidedFilter {
 
 /// An image [H, W, 3] of linear radiance, each pixel a weighted mean of those around it.
 ///
+/// Negative values, which no ladder has, are weighed by their signed logarithm, sign(x) log(1 + |x|), and averaged as they are.
+///
 /// # Errors
-/// If the G-buffer [H, W, 6] is of another size.
+/// If the G-buffer [H, W, 6] is of another size, or a value of either is not finite.
 pub fn filtered(color: &Image, gbuffer: Option<&Image>, params: &GuidedFilterParams) -> Result<Image, KindError> {
     let (width, height) = (color.width(), color.height());
     if let Some(g) = gbuffer
@@ -158,13 +160,15 @@ pub fn filtered(color: &Image, gbuffer: Option<&Image>, params: &GuidedFilterPar
             g.channels()
         )));
     }
+    finite(color, "endpoint")?;
+    gbuffer.map_or(Ok(()), |gbuffer| finite(gbuffer, "G-buffer"))?;
     let albedo = |at: usize, c: usize| match gbuffer.filter(|_| params.demodulate) {
         Some(gbuffer) => gbuffer.data()[6 * at + c] + DARKEST,
         None => 1.0,
     };
     let light: Vec<f32> = color.data().iter().enumerate().map(|(i, v)| v / albedo(i / 3, i % 3)).collect();
     let seen: Vec<f32> = match params.colour {
-        Some(_) => light.iter().map(|v| log(1.0 + f64::from(v.max(0.0))) as f32).collect(),
+        Some(_) => light.iter().map(|v| (log(1.0 + f64::from(v.abs())) as f32).copysign(*v)).collect(),
         None => Vec::new(),
     };
     let view = View { width, height, gbuffer, seen: &seen, params };
@@ -195,6 +199,18 @@ pub fn filtered(color: &Image, gbuffer: Option<&Image>, params: &GuidedFilterPar
         }
     });
     Ok(Image::from_data(width, height, 3, data)?)
+}
+
+/// A value that is no number would spread as far as the filter reaches.
+fn finite(image: &Image, what: &str) -> Result<(), KindError> {
+    let bad = image.data().iter().filter(|v| !v.is_finite()).count();
+    if bad == 0 {
+        return Ok(());
+    }
+    Err(KindError::Input(format!(
+        "{bad} of the {} values of the {what} are not finite; mend the image, or look at what made it",
+        image.data().len()
+    )))
 }
 
 /// What weights are made of.

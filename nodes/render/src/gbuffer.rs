@@ -8,7 +8,10 @@ use crate::{
 };
 use rayon::prelude::*;
 use tauflow_contract::KindError;
-use tauflow_data::ladder::{GBuffer, SamplerKind};
+use tauflow_data::{
+    Image,
+    ladder::{GBuffer, SamplerKind},
+};
 
 /// Label that parts the samples of the G-buffer from those of the render.
 const GBUFFER_STREAM: u64 = 0x6762_7566;
@@ -19,7 +22,7 @@ impl Renderer<'_> {
     /// Renders the G-buffer with `samples` a pixel; `pause` may stop it.
     ///
     /// # Errors
-    /// What `pause` returns.
+    /// What `pause` returns; an error that says how many, if there are values that are not finite.
     pub fn gbuffer(
         &self,
         stream: u64,
@@ -44,7 +47,7 @@ impl Renderer<'_> {
             done = until;
         }
         (albedo.count, normal.count) = (done, done);
-        Ok(GBuffer { albedo: albedo.mean(), normal: normal.mean() })
+        Ok(GBuffer { albedo: finite(albedo.mean(), "albedo")?, normal: finite(normal.mean(), "normal")? })
     }
 
     fn features(&self, sampler: &Sampler, pixel: (u32, u32)) -> [[f32; 3]; 2] {
@@ -54,9 +57,20 @@ impl Renderer<'_> {
             return [[0.0; 3]; 2];
         };
         let albedo = world.material(&at).at(&at.surface).albedo();
-        let albedo =
-            if albedo.is_finite() { albedo.clamp(glam::Vec3::ZERO, glam::Vec3::ONE) } else { glam::Vec3::ZERO };
         let normal = self.seen(world.shading_frame(&hit, &at).n);
         [albedo.to_array(), normal.to_array()]
     }
+}
+
+/// An image, unless it has values that are not finite: materials are held to their bounds, so that it is the surface that is broken.
+fn finite(image: Image, what: &str) -> Result<Image, KindError> {
+    let bad = image.data().iter().filter(|v| !v.is_finite()).count();
+    if bad == 0 {
+        return Ok(image);
+    }
+    Err(KindError::Input(format!(
+        "{bad} of the {} values of the G-buffer's {what} are not finite; mend the normals, texture coordinates or materials of what is \
+         seen",
+        image.data().len()
+    )))
 }

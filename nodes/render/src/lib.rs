@@ -3,6 +3,7 @@
 pub mod accel;
 pub mod accumulator;
 mod alias;
+mod bounds;
 pub mod bsdf;
 pub mod camera;
 pub mod convergence;

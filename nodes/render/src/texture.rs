@@ -51,8 +51,17 @@ impl Texture {
     /// Compiles a texture.
     ///
     /// # Errors
-    /// If an image is missing, damaged or empty, or a number is not finite.
+    /// If an image is missing, damaged or empty, or a number of the description is not finite in single precision.
     pub fn compile(texture: &scene::Texture, load: LoadBitmap<'_>) -> Result<Self, KindError> {
+        let single = |values: &[f64]| -> Result<(), KindError> {
+            if values.iter().all(|v| (*v as f32).is_finite()) {
+                Ok(())
+            } else {
+                Err(KindError::Input(format!(
+                    "a texture with coordinates scaled by {values:?}; use finite numbers of single precision"
+                )))
+            }
+        };
         let rgb = |value: &scene::Rgb| -> Result<Vec3, KindError> {
             if value.iter().all(|v| v.is_finite()) {
                 Ok(Vec3::from_array(*value))
@@ -62,11 +71,15 @@ impl Texture {
         };
         Ok(match texture {
             scene::Texture::Constant { value } => Self::Constant(rgb(value)?),
-            scene::Texture::Checkerboard { color0, color1, scale } => Self::Checkerboard {
-                colors: [rgb(color0)?, rgb(color1)?],
-                scale: Vec2::new(scale[0] as f32, scale[1] as f32),
-            },
+            scene::Texture::Checkerboard { color0, color1, scale } => {
+                single(scale)?;
+                Self::Checkerboard {
+                    colors: [rgb(color0)?, rgb(color1)?],
+                    scale: Vec2::new(scale[0] as f32, scale[1] as f32),
+                }
+            }
             scene::Texture::Bitmap { image, uv, scale, channel, clamp } => {
+                single(uv.as_flattened())?;
                 let pixels = load(image)?;
                 if pixels.width() == 0 || pixels.height() == 0 || ![1, 3, 4].contains(&pixels.channels()) {
                     return Err(KindError::Input(format!(
@@ -217,6 +230,32 @@ impl Texture {
 }
 
 impl Bitmap {
+    /// The image.
+    pub(crate) fn image(&self) -> &Image {
+        &self.image
+    }
+
+    /// Factor on the image's values.
+    pub(crate) fn scale(&self) -> Vec3 {
+        self.scale
+    }
+
+    /// The one channel that all three values are read from, if there is one; beyond those of the image it is 1.
+    #[inline(always)]
+    fn single(&self) -> Option<u8> {
+        match (self.channel, self.image.channels()) {
+            (Some(channel), 1) if channel < 3 => Some(0),
+            (Some(channel), _) => Some(channel),
+            (None, 1) => Some(0),
+            (None, _) => None,
+        }
+    }
+
+    /// The channel of the image that a value is read from; none where it is 1.
+    pub(crate) fn reads(&self, value: usize) -> Option<usize> {
+        Some(self.single().map_or(value, usize::from)).filter(|channel| *channel < self.image.channels())
+    }
+
     #[inline(always)]
     fn lanes<R: Real>(&self, at: &Points<R>) -> Triple<R> {
         let [a, b] = &self.rows;
@@ -240,13 +279,7 @@ impl Bitmap {
                 upper * (R::one() - fy) + lower * fy
             }};
         }
-        let single = match self.channel {
-            Some(channel) if channels == 1 && channel < 3 => Some(0),
-            Some(channel) => Some(channel),
-            None if channels == 1 => Some(0),
-            None => None,
-        };
-        let value = match single {
+        let value = match self.single() {
             None => Triple::new(mix!(0), mix!(1), mix!(2)),
             Some(channel) if usize::from(channel) < channels => Triple::all(mix!(channel)),
             // An image without alpha is opaque.

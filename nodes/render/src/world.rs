@@ -5,6 +5,7 @@
 
 use crate::{
     accel::{self, Accel, Hit},
+    bounds,
     bsdf::Material,
     geometry::{Disk, Frame, Map, Ray, Sphere, area_normal, cube, rectangle},
     lights::{Emission, Lights},
@@ -101,8 +102,8 @@ impl World {
     /// Compiles a scene.
     ///
     /// # Errors
-    /// If the scene is inconsistent (a material that is not there, a sphere that is sheared, two environments), or a
-    /// blob is missing or damaged.
+    /// If the scene is inconsistent (a material that is not there, a sphere that is sheared, two environments), a value of a material or an
+    /// emission is not finite or beyond what a surface can do, or a blob is missing or damaged.
     pub fn new(scene: &Scene, load: LoadBlob<'_>) -> Result<Self, KindError> {
         if scene.version != 1 {
             return Err(KindError::Input(format!("the scene has format version {}; this reads 1", scene.version)));
@@ -111,17 +112,20 @@ impl World {
         let materials = scene
             .materials
             .iter()
-            .map(|bsdf| Material::compile(bsdf, &mut load_bitmap))
+            .enumerate()
+            .map(|(index, bsdf)| {
+                Material::compile(bsdf, &mut load_bitmap).map_err(|error| within("material", index, error))
+            })
             .collect::<Result<Vec<_>, _>>()?;
         let mut emissions = Vec::new();
-        for shape in &scene.shapes {
+        for (index, shape) in scene.shapes.iter().enumerate() {
             let emission = shape.emission.as_ref().map(|texture| Texture::compile(texture, &mut load_bitmap));
-            emissions.push(emission.transpose()?);
+            emissions.push(emission.transpose().map_err(|error| within("shape", index, error))?);
         }
         let environment = crate::lights::compile_environment(&scene.emitters, &mut load_bitmap)?;
         let mut collected = Collected::default();
         for (index, (shape, emission)) in scene.shapes.iter().zip(emissions).enumerate() {
-            collected.add(shape, emission, materials.len(), load).map_err(|error| in_shape(index, error))?;
+            collected.add(shape, emission, &materials, load).map_err(|error| within("shape", index, error))?;
         }
         if collected.primitives.len() > MOST_PRIMITIVES {
             return Err(KindError::Input(format!(
@@ -225,9 +229,10 @@ impl World {
     }
 }
 
-fn in_shape(index: usize, error: KindError) -> KindError {
+/// An error with the part of the scene that it is about.
+fn within(part: &str, index: usize, error: KindError) -> KindError {
     match error {
-        KindError::Input(what) => KindError::Input(format!("shape {index}: {what}")),
+        KindError::Input(what) => KindError::Input(format!("{part} {index}: {what}")),
         other => other,
     }
 }
@@ -237,15 +242,16 @@ impl Collected {
         &mut self,
         shape: &SceneShape,
         emission: Option<Texture>,
-        materials: usize,
+        materials: &[Material],
         load: LoadBlob<'_>,
     ) -> Result<(), KindError> {
-        if shape.material >= materials {
+        let Some(surface) = materials.get(shape.material) else {
             return Err(KindError::Input(format!(
-                "material {} of {materials}; name one that is there",
-                shape.material
+                "material {} of {}; name one that is there",
+                shape.material,
+                materials.len()
             )));
-        }
+        };
         let map = Map::new(&shape.to_world);
         let index = self.shapes.len() as u32;
         let first = self.primitives.len();
@@ -273,11 +279,21 @@ impl Collected {
             }
             Geometry::Rectangle => self.add_mesh(index, shape, &rectangle(), &map),
             Geometry::Cube => self.add_mesh(index, shape, &cube(), &map),
-            Geometry::Mesh { mesh } => self.add_mesh(index, shape, &Mesh::from_bytes(&load(mesh)?)?, &map),
+            Geometry::Mesh { mesh } => {
+                let mesh = Mesh::from_bytes(&load(mesh)?)?;
+                let shines = emission.as_ref().is_some_and(Texture::reads_colors);
+                bounds::vertex_colors(&mesh, surface.reads_colors(), shines)?;
+                self.add_mesh(index, shape, &mesh, &map)
+            }
         };
         if let Some(texture) = emission {
             if texture.is_negative() {
                 return Err(KindError::Input("an emission below 0; use radiance from 0".into()));
+            }
+            if texture.bounds().is_none() {
+                return Err(KindError::Input(
+                    "an emission with values that are not finite; use radiance from 0".into(),
+                ));
             }
             let count = self.primitives.len() - first;
             let normal = match &form {

@@ -8,6 +8,7 @@ use super::{
     principled::{self, Principled},
 };
 use crate::{
+    bounds,
     lanes::{Real, Triple},
     texture::{LoadBitmap, Texture},
 };
@@ -96,33 +97,35 @@ impl Material {
     /// Compiles a BSDF and the textures it reads.
     ///
     /// # Errors
-    /// If a number is out of range, an image is missing, or opacity or a normal map stands inside a blend.
+    /// If a number or a texture is out of range, an image is missing, or opacity or a normal map stands inside a blend.
     pub fn compile(bsdf: &scene::Bsdf, load: LoadBitmap<'_>) -> Result<Self, KindError> {
         let sort = match bsdf {
-            scene::Bsdf::Diffuse { reflectance } => Textured::Diffuse(Texture::compile(reflectance, load)?),
+            scene::Bsdf::Diffuse { reflectance } => {
+                Textured::Diffuse(bounds::colors(reflectance, "reflectance", load)?)
+            }
             scene::Bsdf::Conductor { eta, k, alpha, specular_reflectance } => Textured::Conductor {
-                eta: Vec3::from_array(*eta),
-                k: Vec3::from_array(*k),
+                eta: bounds::indices(*eta, "eta")?,
+                k: bounds::indices(*k, "k")?,
                 alpha: roughness(*alpha)?,
-                tint: Texture::compile(specular_reflectance, load)?,
+                tint: bounds::colors(specular_reflectance, "specular_reflectance", load)?,
             },
             scene::Bsdf::Dielectric { int_ior, ext_ior, alpha, specular_reflectance, specular_transmittance } => {
                 Textured::Dielectric {
                     eta: index(*int_ior, *ext_ior)?,
                     alpha: roughness(*alpha)?,
-                    reflectance: Texture::compile(specular_reflectance, load)?,
-                    transmittance: Texture::compile(specular_transmittance, load)?,
+                    reflectance: bounds::colors(specular_reflectance, "specular_reflectance", load)?,
+                    transmittance: bounds::colors(specular_transmittance, "specular_transmittance", load)?,
                 }
             }
             scene::Bsdf::ThinDielectric { int_ior, ext_ior, specular_reflectance, specular_transmittance } => {
                 Textured::Thin {
                     eta: index(*int_ior, *ext_ior)?,
-                    reflectance: Texture::compile(specular_reflectance, load)?,
-                    transmittance: Texture::compile(specular_transmittance, load)?,
+                    reflectance: bounds::colors(specular_reflectance, "specular_reflectance", load)?,
+                    transmittance: bounds::colors(specular_transmittance, "specular_transmittance", load)?,
                 }
             }
             scene::Bsdf::Plastic { diffuse_reflectance, int_ior, ext_ior, alpha } => Textured::Plastic {
-                base: Texture::compile(diffuse_reflectance, load)?,
+                base: bounds::colors(diffuse_reflectance, "diffuse_reflectance", load)?,
                 coat: Coat::new(index(*int_ior, *ext_ior)?, roughness(*alpha)?),
             },
             scene::Bsdf::Principled {
@@ -134,17 +137,17 @@ impl Material {
                 clearcoat,
                 clearcoat_gloss,
             } => Textured::Principled(Box::new(PrincipledTextures {
-                base: Texture::compile(base_color, load)?,
-                metallic: Texture::compile(metallic, load)?,
-                roughness: Texture::compile(roughness, load)?,
-                transmission: Texture::compile(spec_trans, load)?,
-                eta: principled::index(*specular),
-                clearcoat: clearcoat.clamp(0.0, 1.0),
-                clearcoat_gloss: clearcoat_gloss.clamp(0.0, 1.0),
+                base: bounds::colors(base_color, "base_color", load)?,
+                metallic: bounds::share(metallic, "metallic", load)?,
+                roughness: bounds::share(roughness, "roughness", load)?,
+                transmission: bounds::share(spec_trans, "spec_trans", load)?,
+                eta: principled::index(bounds::level(*specular, "specular")?),
+                clearcoat: bounds::level(*clearcoat, "clearcoat")?,
+                clearcoat_gloss: bounds::level(*clearcoat_gloss, "clearcoat_gloss")?,
             })),
             scene::Bsdf::Mask { opacity, inner } => {
                 let mut material = Self::compile(inner, load)?;
-                let opacity = Texture::compile(opacity, load)?;
+                let opacity = bounds::share(opacity, "opacity", load)?;
                 material.opacity = Some(match material.opacity.take() {
                     Some(inner) => opacity.times(inner),
                     None => opacity,
@@ -153,7 +156,7 @@ impl Material {
             }
             scene::Bsdf::NormalMap { map, scale, inner } => {
                 let material = Self::compile(inner, load)?;
-                return Ok(Self { normal_map: Some((Texture::compile(map, load)?, *scale)), ..material });
+                return Ok(Self { normal_map: Some((bounds::normals(map, *scale, load)?, *scale)), ..material });
             }
             scene::Bsdf::TwoSided { inner } => return Ok(Self { two_sided: true, ..Self::compile(inner, load)? }),
             scene::Bsdf::Blend { weight, a, b } => {
@@ -164,7 +167,7 @@ impl Material {
                             .into(),
                     ));
                 }
-                let weight = Texture::compile(weight, load)?;
+                let weight = bounds::share(weight, "weight", load)?;
                 let mut layers = Vec::new();
                 for (material, second) in [(b, true), (a, false)] {
                     layers.extend(material.layers.into_iter().map(|mut layer| {
@@ -305,6 +308,7 @@ impl Material {
     }
 }
 
+/// Cuts what rounding, of a product or between texels, has put beyond 1: compiling refuses what is beyond by more.
 #[inline(always)]
 fn unit<R: Real>(v: Triple<R>) -> Triple<R> {
     Triple::new(v.x.clamp(0.0, 1.0), v.y.clamp(0.0, 1.0), v.z.clamp(0.0, 1.0))

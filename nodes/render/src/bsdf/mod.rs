@@ -287,12 +287,13 @@ impl Bsdf<'_> {
         valid.then(|| Sample { wi: flip(wi, behind).into(), weight: weight.into(), pdf, delta, transmitted, eta })
     }
 
-    /// Share of white light that comes back, roughly: a feature for denoisers.
+    /// Share of white light that comes back, roughly: a feature for denoisers. What approximations put beyond 0 or 1 is cut; what is no
+    /// number stays so, for whoever reads it to refuse.
     pub fn albedo(&self) -> Vec3 {
         let mut all = Triple::zero();
         for layer in &self.material.layers {
             all += layer.lobe(&self.at).albedo() * layer.weight(&self.at);
         }
-        Vec3::from(all).clamp(Vec3::ZERO, Vec3::ONE)
+        Vec3::from_array(Vec3::from(all).to_array().map(|v| v.clamp(0.0, 1.0)))
     }
 }

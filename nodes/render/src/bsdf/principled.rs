@@ -35,9 +35,9 @@ struct Shares<R> {
 }
 
 /// Index of refraction of a specular level; a level of 0 counts as 0.001, as in Mitsuba, for an index of 1 would leave
-/// transmission without half vectors.
+/// transmission without half vectors. Levels above 1 are refused before.
 pub(crate) fn index(specular: f32) -> f32 {
-    2.0 / (1.0 - (0.08 * specular.clamp(1e-3, 1.0)).sqrt()) - 1.0
+    2.0 / (1.0 - (0.08 * specular.max(1e-3)).sqrt()) - 1.0
 }
 
 #[inline(always)]

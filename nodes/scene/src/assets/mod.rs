@@ -84,7 +84,7 @@ impl Kind for Assets {
     fn spec() -> KindSpec {
         KindSpec {
             name: "assets",
-            version: 2,
+            version: 3,
             summary: "Decodes HDRIs and glTF objects, each with a report of what was repaired or why it is refused",
             manual: include_str!("../assets.md"),
             mode: Mode::Source,

@@ -194,7 +194,9 @@ fn materials_follow_their_extensions() {
         "nodes": [{ "mesh": 0 }], "scenes": [{ "nodes": [0] }] }));
     let path = folder("materials").join("four.glb");
     fs::write(&path, bytes).expect("writable");
-    let (_, asset) = asset(&MemoryBlobs::default(), &path);
+    let (report, asset) = asset(&MemoryBlobs::default(), &path);
+    assert!(report.repairs.is_empty(), "{report:?}");
+    assert!(report.notes.iter().any(|note| note.contains("8%")), "an index of 2: {report:?}");
     let Body::Object { materials, .. } = asset.body else { panic!("no object") };
     let inner = |bsdf: &Bsdf| match bsdf {
         Bsdf::TwoSided { inner } => (**inner).clone(),
@@ -213,6 +215,39 @@ fn materials_follow_their_extensions() {
     let Bsdf::Principled { base_color, roughness, specular, metallic, .. } = inner(&materials[3].own) else { panic!() };
     assert_eq!((base_color, metallic), (Texture::rgb([0.5, 0.25, 0.125]), Texture::scalar(0.0)));
     assert!(roughness == Texture::scalar(0.25) && (specular - 0.25).abs() < 1e-6);
+}
+
+#[test]
+fn values_beyond_what_the_format_allows_are_cut_and_counted() {
+    let mut data = Data::default();
+    let positions = data.floats(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0], "VEC3", 3);
+    let colors = data.floats(&[0.5, 2.0, 0.25, 1.0, 0.5, 1.0, -0.25, 1.0, 0.5, 1.0, 0.25, 1.0], "VEC4", 4);
+    let uv = data.floats(&[0.0, f32::NAN, 1.0, 0.0, 0.0, 1.0], "VEC2", 2);
+    let material = object!({ "pbrMetallicRoughness": { "baseColorFactor": [2, 0.5, 1, 1], "metallicFactor": 1.5,
+        "roughnessFactor": -1, "baseColorTexture": { "index": 0 } }, "emissiveFactor": [1, 0, 0], "extensions": {
+        "KHR_materials_emissive_strength": { "emissiveStrength": 1e8 }, "KHR_materials_ior": { "ior": 9 },
+        "KHR_materials_clearcoat": { "clearcoatFactor": 3, "clearcoatRoughnessFactor": 0.5 } } });
+    // A white pixel.
+    let png = "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAIAAACQd1PeAAAADElEQVR4nGP4//8/AAX+Av4N70a4AAAAAElFTkSuQmCC";
+    let bytes = data.file(object!({ "materials": [material], "nodes": [{ "mesh": 0 }], "scenes": [{ "nodes": [0] }],
+        "images": [{ "uri": format!("data:image/png;base64,{png}") }], "textures": [{ "source": 0 }],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": positions, "COLOR_0": colors, "TEXCOORD_0": uv },
+            "material": 0 }] }] }));
+    let path = folder("beyond").join("bright.glb");
+    fs::write(&path, bytes).expect("writable");
+    let blobs = MemoryBlobs::default();
+    let (report, asset) = asset(&blobs, &path);
+    let count = |name: &str| report.repairs.get(name).copied().unwrap_or(0);
+    // Base colour, metallic, roughness and clearcoat.
+    assert_eq!(count("material factors outside of 0 to 1 cut to it"), 4, "{report:?}");
+    assert_eq!(count("values of vertex colours outside of 0 to 1 cut to it"), 2, "{report:?}");
+    assert_eq!(count("texture coordinates that are not finite set to 0"), 1, "{report:?}");
+    assert_eq!(count("indices of refraction outside of 1 to 4 cut to it"), 1, "{report:?}");
+    assert_eq!(count("radiances outside of 0 to 1e6 cut to it"), 1, "{report:?}");
+    let mesh = mesh(&blobs, &asset, 0);
+    assert_eq!(mesh.colors.expect("colours")[..2], [[0.5, 1.0, 0.25, 1.0], [0.5, 1.0, 0.0, 1.0]]);
+    let Body::Object { materials, .. } = &asset.body else { panic!("no object") };
+    assert_eq!(materials[0].emission, Some(Texture::rgb([1e6, 0.0, 0.0])));
 }
 
 #[test]

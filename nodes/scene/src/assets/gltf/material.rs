@@ -92,9 +92,8 @@ fn slots(material: &Source) -> Vec<Slot> {
     all.into_iter().flatten().collect()
 }
 
-fn rgb(value: [f64; 3]) -> Rgb {
-    value.map(|v| v.clamp(0.0, 1e6) as f32)
-}
+/// Radiance that an emissive material has at most.
+const BRIGHTEST: f64 = 1e6;
 
 fn times(a: Texture, b: Texture) -> Texture {
     Texture::Product { a: Box::new(a), b: Box::new(b) }
@@ -115,6 +114,18 @@ struct Making<'m, 'a, 'd> {
 }
 
 impl Making<'_, '_, '_> {
+    /// A value within what the format or the renderer allows; one beyond is set to the nearest that is, and counted.
+    fn allowed(&mut self, value: f64, [least, most]: [f64; 2], what: &str) -> f64 {
+        let allowed = value.clamp(least, most);
+        self.report.repaired(what, u64::from(allowed != value));
+        allowed
+    }
+
+    /// A factor that the specification keeps within 0 and 1.
+    fn factor(&mut self, value: impl Into<f64>) -> f64 {
+        self.allowed(value.into(), [0.0, 1.0], "material factors outside of 0 to 1 cut to it")
+    }
+
     /// The texture of a slot times `scale`; the scale alone where the mesh lacks the coordinates.
     fn texture(
         &mut self,
@@ -144,7 +155,8 @@ impl Making<'_, '_, '_> {
         let slot = pbr.base_color_texture.as_ref().map(Slot::of);
         match &material.alpha_mode {
             Checked::Valid(AlphaMode::Blend) => {
-                let alpha = self.texture(slot, Use::Alpha, [factor.clamp(0.0, 1.0); 3], None)?;
+                let factor = self.factor(factor) as f32;
+                let alpha = self.texture(slot, Use::Alpha, [factor; 3], None)?;
                 let colors = Texture::VertexColor { scale: [1.0; 3], channel: Some(3) };
                 Ok(Some(if self.features.colors { times(alpha, colors) } else { alpha }))
             }
@@ -167,7 +179,9 @@ impl Making<'_, '_, '_> {
     fn emission(&mut self, material: &Source) -> Result<Option<Texture>, Refusal> {
         let strength =
             extension(material, "KHR_materials_emissive_strength").map_or(1.0, |e| number(e, "emissiveStrength", 1.0));
-        let factor = rgb(material.emissive_factor.0.map(|v| f64::from(v) * strength));
+        let what = "radiances outside of 0 to 1e6 cut to it";
+        let factor: Rgb =
+            material.emissive_factor.0.map(|v| self.allowed(f64::from(v) * strength, [0.0, BRIGHTEST], what) as f32);
         if factor.iter().all(|v| *v <= 0.0) {
             return Ok(None);
         }
@@ -178,7 +192,8 @@ impl Making<'_, '_, '_> {
         let pbr = &material.pbr_metallic_roughness;
         let base = pbr.base_color_factor.0;
         let slot = pbr.base_color_texture.as_ref().map(Slot::of);
-        let mut color = self.texture(slot, Use::Color, [base[0], base[1], base[2]].map(|v| v.clamp(0.0, 1.0)), None)?;
+        let scale = [base[0], base[1], base[2]].map(|v| self.factor(v) as f32);
+        let mut color = self.texture(slot, Use::Color, scale, None)?;
         if self.features.colors {
             color = times(color, Texture::VertexColor { scale: [1.0; 3], channel: None });
         }
@@ -220,23 +235,25 @@ impl Making<'_, '_, '_> {
         if volume.get("thicknessTexture").is_some() {
             self.report.note("textures of thickness are left out");
         }
-        let color = triple(volume, "attenuationColor", [1.0; 3]);
-        rgb(color.map(|c| maths::exp(maths::log(c.clamp(1e-6, 1.0)) * (thickness / distance).min(1e3))))
+        // Black has no logarithm: a millionth is left of it.
+        let color = triple(volume, "attenuationColor", [1.0; 3]).map(|c| self.factor(c).max(1e-6));
+        color.map(|c| maths::exp(maths::log(c) * (thickness / distance).min(1e3)) as f32)
     }
 
     /// The surface under normal map and opacity, and whether light passes through it.
     fn surface(&mut self, material: &Source, color: &Texture) -> Result<(Bsdf, bool), Refusal> {
         let pbr = &material.pbr_metallic_roughness;
         let roughness_slot = || pbr.metallic_roughness_texture.as_ref().map(Slot::of);
-        let metallic =
-            self.texture(roughness_slot(), Use::Linear, [pbr.metallic_factor.0.clamp(0.0, 1.0); 3], Some(2))?;
-        let roughness =
-            self.texture(roughness_slot(), Use::Linear, [pbr.roughness_factor.0.clamp(0.0, 1.0); 3], Some(1))?;
-        let ior = extension(material, "KHR_materials_ior").map_or(1.5, |e| number(e, "ior", 1.5)).clamp(1.0, 4.0);
+        let factors = [self.factor(pbr.metallic_factor.0), self.factor(pbr.roughness_factor.0)].map(|v| v as f32);
+        let metallic = self.texture(roughness_slot(), Use::Linear, [factors[0]; 3], Some(2))?;
+        let roughness = self.texture(roughness_slot(), Use::Linear, [factors[1]; 3], Some(1))?;
+        let ior = extension(material, "KHR_materials_ior").map_or(1.5, |e| number(e, "ior", 1.5));
+        let ior = self.allowed(ior, [1.0, 4.0], "indices of refraction outside of 1 to 4 cut to it");
         let mut f0 = ((ior - 1.0) / (ior + 1.0)) * ((ior - 1.0) / (ior + 1.0));
         if let Some(e) = extension(material, "KHR_materials_specular") {
-            let tint = triple(e, "specularColorFactor", [1.0; 3]);
-            f0 *= number(e, "specularFactor", 1.0).clamp(0.0, 1.0) * (tint[0] + tint[1] + tint[2]) / 3.0;
+            let tint = triple(e, "specularColorFactor", [1.0; 3])
+                .map(|v| self.allowed(v, [0.0, f64::MAX], "negative specular colours set to 0"));
+            f0 *= self.factor(number(e, "specularFactor", 1.0)) * (tint[0] + tint[1] + tint[2]) / 3.0;
             if tint[0] != tint[1]
                 || tint[1] != tint[2]
                 || e.get("specularTexture").is_some()
@@ -247,8 +264,8 @@ impl Making<'_, '_, '_> {
         }
         let (mut clearcoat, mut gloss) = (0.0, 1.0);
         if let Some(e) = extension(material, "KHR_materials_clearcoat") {
-            clearcoat = number(e, "clearcoatFactor", 0.0).clamp(0.0, 1.0);
-            gloss = 1.0 - number(e, "clearcoatRoughnessFactor", 0.0).clamp(0.0, 1.0);
+            clearcoat = self.factor(number(e, "clearcoatFactor", 0.0));
+            gloss = 1.0 - self.factor(number(e, "clearcoatRoughnessFactor", 0.0));
             if ["clearcoatTexture", "clearcoatRoughnessTexture", "clearcoatNormalTexture"]
                 .iter()
                 .any(|t| e.get(*t).is_some())
@@ -261,18 +278,22 @@ impl Making<'_, '_, '_> {
                 self.report.note(format!("{name} is left out"));
             }
         }
+        let specular = f0 / 0.08;
+        if specular > 1.0 {
+            self.report.note("surfaces that reflect more than 8% head-on reflect 8%: an index of refraction of 1.79");
+        }
         let principled = |base_color: Texture, spec_trans: Texture| Bsdf::Principled {
             base_color,
             metallic: metallic.clone(),
             roughness: roughness.clone(),
-            specular: (f0 / 0.08).clamp(0.0, 1.0) as f32,
+            specular: specular.min(1.0) as f32,
             spec_trans,
             clearcoat: clearcoat as f32,
             clearcoat_gloss: gloss as f32,
         };
         let opaque = || two_sided(principled(color.clone(), Texture::scalar(0.0)));
         let Some(e) = extension(material, "KHR_materials_transmission") else { return Ok((opaque(), false)) };
-        let factor = number(e, "transmissionFactor", 0.0).clamp(0.0, 1.0);
+        let factor = self.factor(number(e, "transmissionFactor", 0.0));
         if factor <= 0.0 {
             return Ok((opaque(), false));
         }
@@ -287,6 +308,7 @@ impl Making<'_, '_, '_> {
             return Ok((principled(base, share), true));
         }
         self.report.note("transmission through thin or open surfaces is smooth, whatever their roughness");
+        // An index of 1 reflects nothing, one of 1.01 two hundred-thousandths.
         let pane = Bsdf::ThinDielectric {
             int_ior: ior.max(1.01) as f32,
             ext_ior: 1.0,
@@ -336,8 +358,11 @@ impl<'a, 'd> Materials<'a, 'd> {
         let source = self.source(number)?.unwrap_or_default();
         let set = slots(&source).first().map(|slot| slot.set);
         let document = self.document;
-        if extension(&source, "KHR_materials_pbrSpecularGlossiness").is_some() {
+        if let Some(old) = extension(&source, "KHR_materials_pbrSpecularGlossiness") {
             report.note("specular-glossiness materials lose their textures of specular colour and gloss");
+            if triple(old, "specularFactor", [1.0; 3]).into_iter().sum::<f64>() > 3.0 * 0.04 {
+                report.note("specular-glossiness materials that reflect more than 4% head-on reflect 4%");
+            }
         }
         let material = Making { document, images: &mut self.images, blobs, report, set, features }.make(&source)?;
         let index = self.list.iter().position(|m| *m == material).unwrap_or(self.list.len());

@@ -130,16 +130,39 @@ pub fn read(
         None => None,
     };
     let tangents = if want.tangents { source.get(Semantic::Tangents, "TANGENT", Some(count))? } else { None };
-    let single = |v: [f64; 2]| v.map(|x| if x.is_finite() { x as f32 } else { 0.0 });
-    let color = |v: [f64; 4]| v.map(|x| if x.is_finite() { x.clamp(0.0, 1.0) as f32 } else { 1.0 });
+    let colors = colors(&source, count)?;
     Ok(Some(Piece {
         positions: positions.vectors::<3>(0.0),
         triangles: triangles(mode, &indices, report),
         normals: source.get(Semantic::Normals, "NORMAL", Some(count))?.map(|v| v.vectors::<3>(0.0)),
-        uvs: uvs.map(|v| v.vectors::<2>(0.0).into_iter().map(single).collect()),
-        colors: colors(&source, count)?.map(|v| v.vectors::<4>(1.0).into_iter().map(color).collect()),
+        uvs: uvs.map(|v| {
+            let finite = |x: f64| if x.is_finite() { x } else { 0.0 };
+            mended(v.vectors::<2>(0.0), finite, "texture coordinates that are not finite set to 0", report)
+        }),
+        colors: colors.map(|v| {
+            let within = |x: f64| if x.is_finite() { x.clamp(0.0, 1.0) } else { 1.0 };
+            mended(v.vectors::<4>(1.0), within, "values of vertex colours outside of 0 to 1 cut to it", report)
+        }),
         tangents: tangents.map(|v| v.vectors::<4>(1.0)),
     }))
+}
+
+/// Vectors with `mend` applied to their values; those that it changes are counted.
+fn mended<const N: usize>(
+    vectors: Vec<[f64; N]>,
+    mend: impl Fn(f64) -> f64,
+    what: &str,
+    report: &mut Report,
+) -> Vec<[f32; N]> {
+    let mut changed = 0;
+    let mut one = |value: f64| {
+        let mended = mend(value);
+        changed += u64::from(mended != value);
+        mended as f32
+    };
+    let out = vectors.into_iter().map(|vector| vector.map(&mut one)).collect();
+    report.repaired(what, changed);
+    out
 }
 
 /// Vertex colours; those of a Draco stream are whole numbers where the accessor says that they are normalised.
