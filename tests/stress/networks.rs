@@ -171,12 +171,12 @@ fn precision(name: &str, model: &Trained<'_>, space: Space, add: Add<'_>) {
         let found = drift::of_network(model, &start.states[0], start.gbuffer.as_ref(), calls)?;
         let said: Vec<String> =
             found.iter().zip(calls).map(|(drift, calls)| format!("{} in {calls}", about(*drift))).collect();
-        held(found.iter().all(|drift| *drift < 1e-4), format!("off by {} calls", said.join(", ")))
+        held(found.iter().all(|drift| *drift < 1e-5), format!("off by {} calls", said.join(", ")))
     });
     let most = calls.last().copied().unwrap_or_default();
     add(
         format!("{name}, the rollout in single precision beside one in double of the same network, 1 to {most} calls"),
-        "the same to 1e-4 of the image",
+        "the same to 1e-5 of the image",
         came,
     );
 }
