@@ -4,7 +4,7 @@
 use super::{
     Hazard, about,
     data::{converged, numbers},
-    drift, held,
+    held,
     learning::{Lab, SIDE, short, sound},
     networks,
     transport::{Oracle, difference},
@@ -106,11 +106,14 @@ pub fn hazards() -> Vec<Hazard> {
     let mut add = |fed: String, must: &str, came: Result<String, String>| out.push(Hazard::new(AREA, fed, must, came));
     let pairs: Vec<_> = (0..3).map(|i| (ladder(i, &COUNTS), ladder(100 + i, &[512]))).collect();
     let came = converged(&pairs).and_then(|found| {
-        let slope = found.overall.slope.mean;
+        let slope = found.overall.slope.map_or(f64::NAN, |slope| slope.mean);
         let law = found.overall.law.iter().zip(&found.overall.rmse).map(|(law, rmse)| (rmse / law - 1.0).abs());
         let off = law.fold(0.0, f64::max);
         held(
-            numbers(&found).all(f64::is_finite) && (slope + 0.5).abs() < 0.05 && off < 0.1,
+            numbers(&found).all(f64::is_finite)
+                && (slope + 0.5).abs() < 0.05
+                && off < 0.1
+                && found.overall.noiseless == 0,
             format!("all finite; slope {slope:.2}, errors within {} of the law", about(off)),
         )
     });
@@ -177,6 +180,19 @@ fn rollouts(scenes: &[PackedScene], add: Add<'_>) {
     }
 }
 
+/// The farthest that a pixel of each of `DEAD` went: of black in radiance, of the others relative to what they are.
+fn moves(end: &Image, start: &Image) -> [f64; 3] {
+    DEAD.map(|value| {
+        let chosen =
+            (0..SIDE * SIDE).filter(|pixel| dead(*pixel) == Some(value)).map(|pixel| (pixel % SIDE, pixel / SIDE));
+        let most = chosen
+            .flat_map(|(x, y)| end.pixel(x, y).iter().zip(start.pixel(x, y)))
+            .map(|(a, b)| f64::from((a - b).abs()))
+            .fold(0.0, f64::max);
+        if value > 0.0 { most / (f64::from(value) * FACTOR) } else { most }
+    })
+}
+
 /// With networks that learned on them.
 fn trainings(scenes: &[PackedScene], add: Add<'_>) {
     for (space, loss) in [(Space::Linear, Loss::Squared), (Space::Log1p, Loss::Absolute)] {
@@ -203,12 +219,16 @@ fn trainings(scenes: &[PackedScene], add: Add<'_>) {
                 let [after, before] = [after?, before?];
                 let finite = [after.hdr_psnr, after.hdr_mae, after.preview_psnr, after.ssim, before.hdr_psnr];
                 let dark = end.data().iter().fold(f32::MAX, |least, v| least.min(*v));
-                let moved = drift::distance(&pixels(&end, true), &pixels(start, true));
+                // Each by itself: together, the lamps would hide the rest. A network of 20 steps has not learned to keep them.
+                let moved = moves(&end, start);
+                let [black, grey, lamp] = moved.map(about);
                 held(
-                    finite.iter().all(|v| v.is_finite()) && dark >= 0.0 && moved < 1.0,
+                    finite.iter().chain(&moved).all(|v| v.is_finite())
+                        && end.data().iter().all(|v| v.is_finite())
+                        && dark >= 0.0,
                     format!(
-                        "finite losses, gains, images and metrics; dead pixels moved by {} of their size in 9 steps",
-                        about(moved)
+                        "finite losses, gains, images and metrics, nothing negative; in 9 steps black pixels come to at most {black}, \
+                         those of 0.7 move by at most {grey} of it, those of 1e4 by at most {lamp} of it (told, not held)"
                     ),
                 )
             });
@@ -218,7 +238,7 @@ fn trainings(scenes: &[PackedScene], add: Add<'_>) {
                     parameterization.name(),
                     space.name()
                 ),
-                "finite losses, gains, images and metrics; how far a network moves dead pixels is told here",
+                "finite losses, gains, images and metrics, nothing negative; how far a network moves dead pixels is told here, not held",
                 came,
             );
         }

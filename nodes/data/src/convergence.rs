@@ -95,13 +95,20 @@ pub struct ConvergenceRow {
     pub stratum: String,
     /// Number of scenes.
     pub scenes: u64,
-    /// Geometric mean over scenes of the RMSE of each rung, exposed linear radiance, the reference's own noise taken off.
+    /// How many of the scenes have no noise: no error to speak of and no slope, so that `rmse`, `law` and `slope` are of the others.
+    #[serde(default)]
+    pub noiseless: u64,
+    /// Rungs of all scenes with noise that are unresolved ([`SceneConvergence::unresolved`]): `rmse`, `law` and `slope` are without them.
+    #[serde(default)]
+    pub unresolved: u64,
+    /// Geometric mean of the RMSE of each rung, exposed linear radiance, the reference's own noise taken off, over the scenes with
+    /// noise for which the rung is not unresolved; 0 if it is for all. Empty if no scene has noise.
     pub rmse: Vec<f64>,
-    /// The same as the law has it from the samples' own variance: sqrt(sigma^2/n).
+    /// The same, over the same scenes, as the law has it from the samples' own variance: sqrt(sigma^2/n).
     pub law: Vec<f64>,
     /// Mean over scenes of the slope of log RMSE on log n, with its interval; the law says -1/2. Both scenes and their blocks of
-    /// pixels are resampled, so that the interval of a single scene is that over its pixels.
-    pub slope: Estimate,
+    /// pixels are resampled, so that the interval of a single scene is that over its pixels. None if no scene has a slope.
+    pub slope: Option<Estimate>,
     /// For each rung the mean error of a pixel in units of its own sigma/sqrt(n), 0 by the law; empty if no scene has noise.
     pub mean: Vec<AgainstLaw>,
     /// For each rung m and those up to it, n: Cov(I_n, I_m) over sigma^2/m, each pixel in units of its own deviation, 1 by the
@@ -132,8 +139,13 @@ pub struct ConvergenceRow {
 pub struct SceneConvergence {
     /// The scene's item key.
     pub scene: String,
-    /// Slope of log RMSE on log n, with a bootstrap 95% interval over blocks of pixels.
-    pub slope: Estimate,
+    /// Slope of log RMSE on log n, with a bootstrap 95% interval over blocks of pixels; none without noise, or if all rungs but
+    /// one are unresolved.
+    pub slope: Option<Estimate>,
+    /// Rungs whose mean square error is not positive once the reference's own noise is taken off: they have no logarithm, and the
+    /// slope is without them. 0 without noise.
+    #[serde(default)]
+    pub unresolved: u64,
     /// For each rung Var(I_n) over sigma^2/n, each pixel in units of its own deviation, 1 by the law; empty without noise.
     pub variance: Vec<AgainstLaw>,
     /// Mean over pixels of the excess kurtosis of single samples; none without noise.

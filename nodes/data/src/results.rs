@@ -180,7 +180,7 @@ pub struct MethodTable {
     pub method: String,
     /// The conditioning: the coordinate `conditioning`, `rgb` if there is none.
     pub conditioning: String,
-    /// The training space: the coordinate `space`, `linear` if there is none.
+    /// The training space: the coordinate `space`, empty if there is none.
     pub space: String,
     /// One for each NFE.
     pub at: Vec<NfeTable>,

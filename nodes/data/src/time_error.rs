@@ -93,10 +93,11 @@ pub struct TimedSummary {
 pub struct TimedScene {
     /// Its key.
     pub scene: String,
-    /// Seconds of wall time from its files to the image: the median of what was measured.
-    pub wall_s: f64,
+    /// Seconds of wall time from its files to the image: quartiles of the times that it was made; of parts that were timed apart,
+    /// their sums.
+    pub wall_s: [f64; 3],
     /// The same of processor time.
-    pub cpu_s: f64,
+    pub cpu_s: [f64; 3],
     /// Mean squared error, exposed linear radiance, less the reference's own.
     pub mse: f64,
     /// The same of errors relative to the reference.
@@ -135,7 +136,7 @@ pub struct TimeTo {
     pub metric: String,
     /// The value.
     pub target: f64,
-    /// Share of scenes that get there, at any point that was measured.
+    /// Share of scenes that get there, at any point that was measured; rendering alone anywhere up to its last.
     pub reached: f64,
     /// Median over all scenes of the least wall time; none where fewer than half of them get there.
     pub wall_s: Option<f64>,

@@ -67,7 +67,7 @@ impl Kind for EvaluationKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "evaluation",
-            version: 2,
+            version: 3,
             summary: "Sums scores up by method, model calls and stratum, with intervals.",
             manual: include_str!("evaluation.md"),
             mode: Mode::Gather,
@@ -336,7 +336,7 @@ fn method(cell: &Cell<'_>, resampled: &Resampled, at: usize) -> MethodTable {
     MethodTable {
         method: named("parameterization", own),
         conditioning: named("conditioning", "rgb"),
-        space: named("space", "linear"),
+        space: named("space", ""),
         at: tables.collect(),
         auc: curves(&|c| c.auc),
         tv: curves(&|c| c.tv),

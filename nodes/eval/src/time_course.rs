@@ -30,22 +30,33 @@ impl Course<'_> {
     /// Wall time to so many samples: along straight lines; what is less than the first rung takes as long as that.
     pub(crate) fn wall_of(&self, spp: f64) -> f64 {
         let i = (1..self.last()).find(|i| self.spp(*i) >= spp).unwrap_or(self.last());
-        let slope = (self.0[i].wall_s - self.0[i - 1].wall_s) / (self.spp(i) - self.spp(i - 1));
-        self.0[i - 1].wall_s + slope.max(0.0) * (spp.max(self.spp(0)) - self.spp(i - 1))
+        let slope = (self.0[i].wall_s[1] - self.0[i - 1].wall_s[1]) / (self.spp(i) - self.spp(i - 1));
+        self.0[i - 1].wall_s[1] + slope.max(0.0) * (spp.max(self.spp(0)) - self.spp(i - 1))
+    }
+
+    /// Wall time until an error is at most this; infinite if the last rung is not there yet.
+    pub(crate) fn wall_to(&self, error: impl Fn(&Sample) -> f64, most: f64) -> f64 {
+        let Some(i) = self.0.iter().position(|s| error(s) <= most) else { return f64::INFINITY };
+        if i == 0 {
+            return self.0[0].wall_s[1];
+        }
+        let (a, b) = (log(error(&self.0[i - 1])), log(error(&self.0[i])));
+        let share = if a > b { (a - log(most)) / (a - b) } else { 1.0 };
+        self.wall_of(exp(log(self.spp(i - 1)) + share * (log(self.spp(i)) - log(self.spp(i - 1)))))
     }
 
     /// After how many samples it is as good as an image, and how many times as long it takes to get there.
     pub(crate) fn against(&self, image: &Sample) -> (f64, f64) {
         let spp = self.spp_of(image.mse);
-        (spp, self.wall_of(spp) / image.wall_s)
+        (spp, self.wall_of(spp) / image.wall_s[1])
     }
 
     /// Samples after so much wall time: no less than the first rung.
     pub(crate) fn spp_after(&self, wall_s: f64) -> f64 {
-        let i = (1..self.last()).find(|i| self.0[*i].wall_s >= wall_s).unwrap_or(self.last());
+        let i = (1..self.last()).find(|i| self.0[*i].wall_s[1] >= wall_s).unwrap_or(self.last());
         let (from, to) = (&self.0[i - 1], &self.0[i]);
-        let step = to.wall_s - from.wall_s;
-        let share = if step > 0.0 { (wall_s - from.wall_s) / step } else { 1.0 };
+        let step = to.wall_s[1] - from.wall_s[1];
+        let share = if step > 0.0 { (wall_s - from.wall_s[1]) / step } else { 1.0 };
         (self.spp(i - 1) + share * (self.spp(i) - self.spp(i - 1))).max(self.spp(0))
     }
 
@@ -86,6 +97,9 @@ mod tests {
             near(course.spp_after(0.1 + 0.01 * n), n);
         }
         near(course.wall_of(0.25), 0.11);
+        near(course.wall_to(|s| s.mse, variance / 3.0), 0.13);
+        near(course.wall_to(|s| s.mse, variance * 2.0), 0.11);
+        assert!(course.wall_to(|s| s.mse, variance / 129.0).is_infinite());
         near(course.spp_after(0.01), 1.0);
     }
 }

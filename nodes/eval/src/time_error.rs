@@ -3,7 +3,7 @@
 use crate::{
     evaluation::check_resamples,
     metrics::Reference,
-    time_tables::{Measured, MethodOf, Sample, summarise},
+    time_tables::{Measured, MethodOf, Sample, quartiles, summarise},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -17,7 +17,6 @@ use tauflow_data::{
     Image, Ladder,
     formats::{EXPOSURE, Exposure, JSON, PACKED, PackedScene, REFINED, load_refined},
     ladder::{LADDER, SamplerKind},
-    statistics::quantile,
     timing::{Repeated, Timing, machine},
 };
 
@@ -129,6 +128,12 @@ impl Kind for TimeErrorKind {
         notes.sort_unstable();
         notes.dedup();
         let reference_spp = scenes.first().map_or(0, |(spp, _)| *spp);
+        if let Some((spp, other)) = scenes.iter().find(|(spp, _)| *spp != reference_spp) {
+            return Err(KindError::Input(format!(
+                "the reference of `{}` has {spp} samples a pixel and the first scene's {reference_spp}; render all alike",
+                other.scene
+            )));
+        }
         let measured: Vec<Measured> = scenes.into_iter().map(|(_, measured)| measured).collect();
         let result = summarise(&measured, &action.params, reference_spp, notes, action.seed)?;
         let key = ItemKey::new("time_error").expect("a valid key");
@@ -198,6 +203,8 @@ fn cells<'a>(
 struct HeldOut {
     image: Image,
     spp: u64,
+    /// Whether any of its samples vary.
+    noisy: bool,
     own_mse: f64,
     own_rel: f64,
 }
@@ -215,12 +222,16 @@ impl HeldOut {
         let own_mse = ladder.variance.data().iter().map(variance).sum::<f64>() / count;
         let pairs = ladder.variance.data().iter().zip(image.data());
         let own_rel = pairs.map(|(v, r)| variance(v) / (f64::from(*r).powi(2) + DARKEST)).sum::<f64>() / count;
-        Ok(Self { spp: last.spp, image, own_mse, own_rel })
+        let noisy = ladder.variance.data().iter().any(|v| *v > 0.0);
+        Ok(Self { spp: last.spp, noisy, image, own_mse, own_rel })
     }
 }
 
-/// Median times of an image; none if it was not timed.
-fn median(timing: &Timing, method: Option<&str>, spp: u64, nfe: u64) -> Option<(f64, f64)> {
+/// Quartiles of the wall and processor times of an image.
+type Took = ([f64; 3], [f64; 3]);
+
+/// Quartiles of an image's times; none if it was not timed.
+fn times_of(timing: &Timing, method: Option<&str>, spp: u64, nfe: u64) -> Option<Took> {
     let fits = |e: &&tauflow_data::timing::TimedImage| {
         e.from_spp == spp
             && e.nfe == nfe
@@ -228,12 +239,13 @@ fn median(timing: &Timing, method: Option<&str>, spp: u64, nfe: u64) -> Option<(
             && (method.is_some() || e.method != GBUFFER)
     };
     let Repeated { wall_s, cpu_s } = &timing.entries.iter().find(fits)?.took;
-    let middle = |times: &[f64]| {
-        let mut sorted = times.to_vec();
-        sorted.sort_by(f64::total_cmp);
-        (!sorted.is_empty()).then(|| quantile(&sorted, 0.5))
-    };
-    Some((middle(wall_s)?, middle(cpu_s)?))
+    let quartiles = |times: &[f64]| (!times.is_empty()).then(|| quartiles(times.iter().copied()));
+    Some((quartiles(wall_s)?, quartiles(cpu_s)?))
+}
+
+/// Of what is done one after the other.
+fn sum(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|i| a[i] + b[i])
 }
 
 fn scene(
@@ -249,7 +261,7 @@ fn scene(
         Reference::new(&held_out.image).map_err(|e| KindError::Input(format!("the reference of `{key}`: {e}")))?;
     let untimed =
         |what: &str| KindError::Input(format!("`{what}` of `{key}` was not timed; time it at the same rungs and NFE"));
-    let sample = |image: &Image, from: u64, nfe: u64, took: (f64, f64)| -> Result<Sample, KindError> {
+    let sample = |image: &Image, from: u64, nfe: u64, took: Took| -> Result<Sample, KindError> {
         let metrics = reference.metrics(image).map_err(|e| KindError::Input(format!("an image of `{key}`: {e}")))?;
         let (mse, rel_mse) = errors(image, held_out);
         Ok(Sample {
@@ -264,11 +276,17 @@ fn scene(
             ssim: metrics.ssim,
         })
     };
+    // Of the same samples a reference is no judge.
+    if held_out.noisy && packed.states.contains(&held_out.image) {
+        return Err(KindError::Input(format!(
+            "the reference of `{key}` is a rung of its own ladder: nothing can be judged by itself; render references with another `stream`"
+        )));
+    }
     let mut methods = BTreeMap::new();
     let mut own = Vec::new();
     for (spp, image) in packed.counts.iter().zip(&packed.states) {
         // A ladder may go on beyond what was timed.
-        if let Some(took) = median(rendering, Some(PATH_TRACER), *spp, 0) {
+        if let Some(took) = times_of(rendering, Some(PATH_TRACER), *spp, 0) {
             own.push(sample(image, *spp, 0, took)?);
         }
     }
@@ -279,7 +297,7 @@ fn scene(
         .entries
         .iter()
         .find(|e| e.method == GBUFFER)
-        .and_then(|e| median(rendering, Some(GBUFFER), e.from_spp, 0));
+        .and_then(|e| times_of(rendering, Some(GBUFFER), e.from_spp, 0));
     for cell in &cells.rendered {
         let (artifact, times) = cell.scene(key)?;
         let (images, note) = rendered(ctx, artifact)?;
@@ -287,12 +305,18 @@ fn scene(
         let times: Timing = ctx.json(times, "")?;
         // A ladder may go on beyond what was timed, but not be without.
         if let Some((name, ..)) = images.first()
-            && images.iter().all(|(_, spp, _)| median(&times, None, *spp, 0).is_none())
+            && images.iter().all(|(_, spp, _)| times_of(&times, None, *spp, 0).is_none())
         {
             return Err(untimed(name));
         }
+        if images.iter().any(|(name, ..)| name == PATH_TRACER) {
+            return Err(KindError::Input(format!(
+                "the cell `{}` has ladders of independent samples, as `ladders` has; `sampled` takes those of another sampler",
+                cell.name
+            )));
+        }
         for (name, spp, image) in images {
-            let Some(took) = median(&times, None, spp, 0) else { continue };
+            let Some(took) = times_of(&times, None, spp, 0) else { continue };
             let exposed = image.map(|v| (f64::from(v) * factor) as f32);
             // A renderer sees a scene, and no image of it.
             let method = MethodOf { conditioning: String::new(), ..MethodOf::new(cell.name, &name) };
@@ -306,14 +330,17 @@ fn scene(
         let times: Timing = ctx.json(times, "")?;
         for (said, image) in images {
             let method = MethodOf::new(cell.name, &said.method);
-            let took = median(&times, None, said.from_spp, said.nfe).ok_or_else(|| untimed(&said.method))?;
-            let before = median(rendering, Some(PATH_TRACER), said.from_spp, 0).ok_or_else(|| untimed(PATH_TRACER))?;
+            let after = times_of(&times, None, said.from_spp, said.nfe).ok_or_else(|| untimed(&said.method))?;
+            let before =
+                times_of(rendering, Some(PATH_TRACER), said.from_spp, 0).ok_or_else(|| untimed(PATH_TRACER))?;
             let aside = match (method.conditioning.as_str(), gbuffer) {
                 ("gbuffer", Some(took)) => took,
                 ("gbuffer", None) => return Err(untimed(GBUFFER)),
-                _ => (0.0, 0.0),
+                _ => ([0.0; 3], [0.0; 3]),
             };
-            let whole = (took.0 + before.0 + aside.0, took.1 + before.1 + aside.1);
+            let [wall, cpu] = [(after.0, before.0, aside.0), (after.1, before.1, aside.1)];
+            let whole = [wall, cpu].map(|(after, before, aside)| sum(sum(after, before), aside));
+            let whole = (whole[0], whole[1]);
             methods.entry(method).or_insert_with(Vec::new).push(sample(&image, said.from_spp, said.nfe, whole)?);
         }
     }

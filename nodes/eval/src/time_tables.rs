@@ -9,7 +9,7 @@ use crate::{
 use std::collections::BTreeMap;
 use tauflow_contract::KindError;
 use tauflow_data::{
-    maths::{exp, log, log10},
+    maths::{exp, log, pow},
     results::Estimate,
     statistics::quantile,
     time_error::{
@@ -23,8 +23,9 @@ use tauflow_data::{
 pub(crate) struct Sample {
     pub(crate) from_spp: u64,
     pub(crate) nfe: u64,
-    pub(crate) wall_s: f64,
-    pub(crate) cpu_s: f64,
+    /// Quartiles of the times that it was made.
+    pub(crate) wall_s: [f64; 3],
+    pub(crate) cpu_s: [f64; 3],
     pub(crate) mse: f64,
     pub(crate) rel_mse: f64,
     pub(crate) hdr_psnr: f64,
@@ -158,7 +159,7 @@ impl<'a> Group<'a> {
             let course = Course(&scene.own);
             let columns = |s: &Sample| {
                 let (spp, speed_up) = course.against(s);
-                let same_time = course.spp_after(s.wall_s);
+                let same_time = course.spp_after(s.wall_s[1]);
                 let psnr = |s: &Sample| s.hdr_psnr.min(PSNR_CEILING);
                 let preview = |s: &Sample| s.preview_psnr.min(PSNR_CEILING);
                 [
@@ -216,8 +217,8 @@ impl<'a> Group<'a> {
         let mean = |of: &dyn Fn(&Sample) -> f64| samples.iter().map(|s| of(s)).sum::<f64>() / samples.len() as f64;
         TimedSummary {
             scenes: samples.len() as u64,
-            wall_s: quartiles(samples.iter().map(|s| s.wall_s)),
-            cpu_s: quartiles(samples.iter().map(|s| s.cpu_s)),
+            wall_s: quartiles(samples.iter().map(|s| s.wall_s[1])),
+            cpu_s: quartiles(samples.iter().map(|s| s.cpu_s[1])),
             mse: exp(mean(&|s| log(s.mse))),
             rel_mse: exp(mean(&|s| log(s.rel_mse))),
             hdr_psnr: mean(&|s| s.hdr_psnr.min(PSNR_CEILING)),
@@ -231,10 +232,10 @@ impl<'a> Group<'a> {
 
     fn versus(&self, method: usize, point: usize, column: usize) -> VersusRendering {
         let samples = self.samples(method, point);
-        let spp = |(scene, s): (&&Measured, &&Sample)| Course(&scene.own).spp_after(s.wall_s);
+        let spp = |(scene, s): (&&Measured, &&Sample)| Course(&scene.own).spp_after(s.wall_s[1]);
         let better = |(scene, s): &(&&Measured, &&Sample)| {
             let course = Course(&scene.own);
-            s.hdr_psnr > course.at(course.spp_after(s.wall_s), |s| s.hdr_psnr, decibels())
+            s.hdr_psnr > course.at(course.spp_after(s.wall_s[1]), |s| s.hdr_psnr, decibels())
         };
         VersusRendering {
             spp: quartiles(self.scenes.iter().zip(&samples).map(spp))[1],
@@ -253,7 +254,7 @@ fn one() -> Table {
     table
 }
 
-fn quartiles(values: impl Iterator<Item = f64>) -> [f64; 3] {
+pub(crate) fn quartiles(values: impl Iterator<Item = f64>) -> [f64; 3] {
     let mut sorted: Vec<f64> = values.collect();
     sorted.sort_by(f64::total_cmp);
     [0.25, 0.5, 0.75].map(|share| quantile(&sorted, share))
@@ -261,10 +262,14 @@ fn quartiles(values: impl Iterator<Item = f64>) -> [f64; 3] {
 
 /// How long a method takes to each target.
 fn targets(scenes: &[&Measured], method: usize, params: &TimeErrorParams) -> Vec<TimeTo> {
-    let time_to = |metric: &str, target: f64, there: &dyn Fn(&Sample) -> bool| {
+    let time_to = |metric: &str, target: f64, most: f64, error: &dyn Fn(&Sample) -> f64| {
         let least = |scene: &&Measured| {
+            // Rendering alone can stop at any sample, between the rungs too.
+            if method == 0 {
+                return Course(&scene.own).wall_to(error, most);
+            }
             let of = scene.samples().nth(method).into_iter().flatten();
-            of.filter(|s| there(s)).map(|s| s.wall_s).fold(f64::INFINITY, f64::min)
+            of.filter(|s| error(s) <= most).map(|s| s.wall_s[1]).fold(f64::INFINITY, f64::min)
         };
         let mut times: Vec<f64> = scenes.iter().map(least).collect();
         times.sort_by(f64::total_cmp);
@@ -273,8 +278,8 @@ fn targets(scenes: &[&Measured], method: usize, params: &TimeErrorParams) -> Vec
         let middle = times[times.len() / 2];
         TimeTo { metric: metric.to_owned(), target, reached, wall_s: middle.is_finite().then_some(middle) }
     };
-    let psnr = params.psnr_targets.iter().map(|t| time_to("hdr_psnr", *t, &|s| -10.0 * log10(s.mse) >= *t));
-    let relative = params.rel_mse_targets.iter().map(|t| time_to("rel_mse", *t, &|s| s.rel_mse <= *t));
+    let psnr = params.psnr_targets.iter().map(|t| time_to("hdr_psnr", *t, pow(10.0, -t / 10.0), &|s| s.mse));
+    let relative = params.rel_mse_targets.iter().map(|t| time_to("rel_mse", *t, *t, &|s| s.rel_mse));
     psnr.chain(relative).collect()
 }
 
@@ -291,7 +296,7 @@ fn front(methods: &[TimedMethod]) -> Vec<FrontPoint> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use tauflow_data::rng::Stream;
+    use tauflow_data::{maths::log10, rng::Stream};
 
     pub(crate) fn sample(from_spp: u64, nfe: u64, wall_s: f64, mse: f64) -> Sample {
         let hdr_psnr = -10.0 * log10(mse);
@@ -299,8 +304,8 @@ pub(crate) mod tests {
         Sample {
             from_spp,
             nfe,
-            wall_s,
-            cpu_s: 2.0 * wall_s,
+            wall_s: [0.9 * wall_s, wall_s, 1.3 * wall_s],
+            cpu_s: [1.9, 2.0, 2.2].map(|factor| factor * wall_s),
             mse,
             rel_mse: 2.0 * mse,
             hdr_psnr,

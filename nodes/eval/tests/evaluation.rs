@@ -141,7 +141,7 @@ fn means_gains_curves_and_strata() {
     assert_eq!(e.hold.len(), METRICS.len());
 
     let rgb = e.methods.iter().find(|m| m.conditioning == "rgb").expect("the cell");
-    assert_eq!((rgb.method.as_str(), rgb.space.as_str(), rgb.cell.len()), ("mc_noise", "linear", 2));
+    assert_eq!((rgb.method.as_str(), rgb.space.as_str(), rgb.cell.len()), ("mc_noise", "", 2));
     // 12 scenes have the scatters 0, .1, .2 alike often: .1 on average.
     let first = &rgb.at[0];
     near(first.metrics["hdr_psnr"].mean, mean_base + 4.1);

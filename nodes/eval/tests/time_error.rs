@@ -162,6 +162,34 @@ fn what_the_references_own_noise_adds_is_taken_off_where_it_is_known() {
 }
 
 #[test]
+fn a_reference_that_is_no_judge_is_refused() {
+    let mut bench = Bench::new();
+    bench.ports.remove("references");
+    for scene in SCENES {
+        // The rung of 16 samples, which has noise.
+        let last = [(16, 0.04 / 16.0)];
+        bench.put("references", scene, |ctx| ladder(&last, SamplerKind::Independent, 0.1).store(ctx));
+    }
+    let error = bench.run().expect_err("its own rung").to_string();
+    assert!(error.contains("its own ladder") && error.contains("`stream`"), "{error}");
+    let mut bench = Bench::new();
+    bench.ports.remove("references");
+    for (scene, spp) in SCENES.iter().zip([1000, 2000]) {
+        bench.put("references", scene, |ctx| ladder(&[(spp, 0.0)], SamplerKind::Independent, 0.0).store(ctx));
+    }
+    let error = bench.run().expect_err("two counts").to_string();
+    assert!(error.contains("1000") && error.contains("2000"), "{error}");
+    let mut bench = Bench::new();
+    for scene in SCENES {
+        let key = format!("sampler=independent/{scene}");
+        bench.put("sampled", &key, |ctx| ladder(&[(1, 0.04)], SamplerKind::Independent, 0.0).store(ctx));
+        bench.times("rendered_times", &key, timing("path_tracer", 0, &[(1, 0.05)]));
+    }
+    let error = bench.run().expect_err("the same method twice").to_string();
+    assert!(error.contains("sampler=independent") && error.contains("another sampler"), "{error}");
+}
+
+#[test]
 fn ports_that_do_not_fit_are_told() {
     let mut bench = Bench::new();
     let key = format!("sampler=sobol/{}", SCENES[0]);

@@ -137,13 +137,11 @@ fn of_scene(scene: &Measured, counts: &[u64]) -> SceneConvergence {
     let reasons = flags(scene);
     let ratio = |(mse, n): (&f64, &u64)| mse * *n as f64 / scene.variance;
     // Pixels that have no more than rounding have no law either.
-    let image: Vec<f64> = match &scene.moments {
-        Some(_) if scene.variance > 0.0 => scene.mse.iter().zip(counts).map(ratio).collect(),
-        _ => Vec::new(),
-    };
+    let image: Vec<f64> = if scene.noisy { scene.mse.iter().zip(counts).map(ratio).collect() } else { Vec::new() };
     SceneConvergence {
         scene: scene.scene.clone(),
         slope: scene.slope,
+        unresolved: scene.unresolved,
         variance: variances.map(|figure| AgainstLaw::new(figure.value, figure.error, 1.0)).collect(),
         excess_kurtosis,
         tail_index: scene.tail_index,
@@ -171,27 +169,35 @@ fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
 
 fn row(stratum: &str, counts: &[u64], scenes: &[&Measured], stream: &mut Stream) -> ConvergenceRow {
     let mean = |of: &dyn Fn(&Measured) -> f64| scenes.iter().map(|m| of(m)).sum::<f64>() / scenes.len() as f64;
-    // A scene without any noise at a rung has no logarithm there; the floor is far below every real error.
-    let geometric = |of: &dyn Fn(&Measured) -> f64| exp(mean(&|m| 0.5 * log(of(m).max(1e-24))));
-    let noisy: Vec<&Moments> = scenes.iter().filter_map(|m| m.moments.as_ref()).collect();
+    let noiseless = scenes.iter().filter(|m| !m.noisy).count();
+    // Over scenes that have a logarithm at a rung: errors and law are of the same ones.
+    let geometric = |k: usize, of: &dyn Fn(&Measured) -> f64| {
+        let resolved = scenes.iter().filter(|m| m.noisy && m.mse[k] > 0.0);
+        let logs: Vec<f64> = resolved.map(|m| 0.5 * log(of(m))).collect();
+        if logs.is_empty() { 0.0 } else { exp(logs.iter().sum::<f64>() / logs.len() as f64) }
+    };
+    let errors: &[u64] = if noiseless == scenes.len() { &[] } else { counts };
+    let moments: Vec<&Moments> = scenes.iter().filter_map(|m| m.moments.as_ref()).collect();
     let against = |law: f64, of: &dyn Fn(&Moments) -> Figure| {
-        let [value, error] = pooled(&noisy.iter().map(|m| of(m)).collect::<Vec<_>>());
+        let [value, error] = pooled(&moments.iter().map(|m| of(m)).collect::<Vec<_>>());
         AgainstLaw::new(value, error, law)
     };
     // Without noise there is nothing to hold against the law.
-    let rungs = if noisy.is_empty() { 0 } else { counts.len() };
+    let rungs = if moments.is_empty() { 0 } else { counts.len() };
     let off_normal: Vec<f64> =
-        (0..rungs).map(|k| noisy.iter().map(|m| m.off_normal[k]).sum::<f64>() / noisy.len() as f64).collect();
+        (0..rungs).map(|k| moments.iter().map(|m| m.off_normal[k]).sum::<f64>() / moments.len() as f64).collect();
     let heavy_scenes = scenes.iter().filter(|m| !flags(m).is_empty()).count();
     ConvergenceRow {
         stratum: stratum.to_owned(),
         scenes: scenes.len() as u64,
-        rmse: (0..counts.len()).map(|k| geometric(&|m| m.mse[k])).collect(),
-        law: counts.iter().map(|n| geometric(&|m| m.variance / *n as f64)).collect(),
+        noiseless: noiseless as u64,
+        unresolved: scenes.iter().map(|m| m.unresolved).sum(),
+        rmse: (0..errors.len()).map(|k| geometric(k, &|m| m.mse[k])).collect(),
+        law: errors.iter().enumerate().map(|(k, n)| geometric(k, &|m| m.variance / *n as f64)).collect(),
         slope: slope_of(scenes, stream),
         mean: (0..rungs).map(|k| against(0.0, &|m| m.mean[k])).collect(),
         covariance: (0..rungs).map(|m| (0..=m).map(|n| against(1.0, &|of| of.covariance[m][n])).collect()).collect(),
-        excess_kurtosis: median(noisy.iter().map(|m| m.kurtosis)),
+        excess_kurtosis: median(moments.iter().map(|m| m.kurtosis)),
         tail_index: median(scenes.iter().filter_map(|m| m.tail_index)),
         trusted_from: trust::trusted_from(counts, &off_normal),
         off_normal,
@@ -203,19 +209,48 @@ fn row(stratum: &str, counts: &[u64], scenes: &[&Measured], stream: &mut Stream)
     }
 }
 
-/// Mean slope of scenes, with a bootstrap interval over scenes and, within each, over its blocks of pixels: that of one scene is over
-/// its pixels, and few scenes that happen to agree don't have a narrower one than their pixels allow.
-fn slope_of(scenes: &[&Measured], stream: &mut Stream) -> Estimate {
-    let count = scenes.len() as f64;
+/// Mean slope of the scenes that have one, with a bootstrap interval over scenes and, within each, over its blocks of pixels: that of
+/// one scene is over its pixels, and few scenes that happen to agree don't have a narrower one than their pixels allow.
+fn slope_of(scenes: &[&Measured], stream: &mut Stream) -> Option<Estimate> {
+    let sloping: Vec<(f64, &[f64])> =
+        scenes.iter().filter_map(|m| m.slope.map(|slope| (slope.mean, m.slopes.as_slice()))).collect();
+    if sloping.is_empty() {
+        return None;
+    }
+    let count = sloping.len() as f64;
     let mut draw = || {
-        let slopes = &scenes[stream.below(scenes.len())].slopes;
+        let (_, slopes) = sloping[stream.below(sloping.len())];
         slopes[stream.below(slopes.len())]
     };
-    let mut draws: Vec<f64> = (0..RESAMPLES).map(|_| (0..scenes.len()).map(|_| draw()).sum::<f64>() / count).collect();
+    let mut draws: Vec<f64> = (0..RESAMPLES).map(|_| (0..sloping.len()).map(|_| draw()).sum::<f64>() / count).collect();
     draws.sort_by(f64::total_cmp);
-    Estimate {
-        mean: scenes.iter().map(|m| m.slope.mean).sum::<f64>() / count,
+    Some(Estimate {
+        mean: sloping.iter().map(|(mean, _)| *mean).sum::<f64>() / count,
         low: quantile(&draws, 0.025),
         high: quantile(&draws, 0.975),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::convergence::measure::tests::{COUNTS, ladder};
+
+    #[test]
+    fn scenes_without_noise_are_counted_and_move_nothing() {
+        let (mut a, mut b) = (Stream::new(1, &[0]), Stream::new(1, &[1]));
+        let of = |own: Ladder, held_out: Ladder| {
+            measure("x", &own, &held_out, 1.0, &mut Stream::new(1, &[2])).expect("enough rungs")
+        };
+        let noisy = of(ladder(&COUNTS, |_| 1.0 + a.normal()), ladder(&[1024], |_| 1.0 + b.normal()));
+        let flat = of(ladder(&COUNTS, |_| 0.7), ladder(&[1024], |_| 0.7));
+        let of_all = |scenes: &[&Measured]| row("all", &COUNTS, scenes, &mut Stream::new(1, &[3]));
+        let (alone, beside) = (of_all(&[&noisy]), of_all(&[&flat, &noisy]));
+        assert_eq!((alone.scenes, alone.noiseless, beside.scenes, beside.noiseless), (1, 0, 2, 1));
+        assert_eq!((&beside.rmse, &beside.law, beside.slope), (&alone.rmse, &alone.law, alone.slope));
+        assert!(beside.slope.is_some_and(|slope| (slope.mean + 0.5).abs() < 0.05), "{beside:?}");
+        let none = of_all(&[&flat, &flat]);
+        assert_eq!((none.noiseless, none.unresolved, none.slope), (2, 0, None));
+        assert!(none.rmse.is_empty() && none.law.is_empty() && none.mean.is_empty(), "{none:?}");
     }
 }

@@ -139,7 +139,13 @@ impl Kind for LadderRendering {
     }
 
     fn environment(_params: &Self::Params, group: &str) -> Value {
-        if group == TIMING { machine() } else { Value::Null }
+        if group != TIMING {
+            return Value::Null;
+        }
+        let mut environment = machine();
+        // Measurements of before, whose first round counted, are other measurements.
+        environment["rounds_before"] = json!(1);
+        environment
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -193,7 +199,9 @@ impl Work<'_> {
         let entry = |spp| TimedImage { method: METHOD.into(), from_spp: spp, nfe: 0, took: Repeated::default() };
         let mut entries: Vec<TimedImage> = std::iter::once(0).chain(counts.iter().copied()).map(entry).collect();
         let mut gbuffer = Repeated::default();
-        for round in 0..self.params.repeats {
+        // The first round does not count: it reads the scene from a disk, and touches memory for the first time.
+        for round in 0..=self.params.repeats {
+            let warming = round == 0;
             let mut parts = Repeated::default();
             let world = parts.add(|| self.world())?;
             let renderer = parts.add(|| self.renderer(&world))?;
@@ -210,7 +218,11 @@ impl Work<'_> {
             }
             let samples = self.params.gbuffer_samples;
             gbuffer.add(|| renderer.gbuffer(self.params.stream, samples, &mut |_| self.ctx.check_cancelled()))?;
-            self.ctx.progress(round + 1, self.params.repeats, "rounds");
+            if warming {
+                entries.iter_mut().for_each(|entry| entry.took = Repeated::default());
+                gbuffer = Repeated::default();
+            }
+            self.ctx.progress(round, self.params.repeats, "rounds");
         }
         let (method, from_spp) = ("gbuffer".to_owned(), self.params.gbuffer_samples);
         entries.push(TimedImage { method, from_spp, nfe: 0, took: gbuffer });

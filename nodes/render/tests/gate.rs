@@ -111,7 +111,9 @@ fn rendered_ladders_keep_the_law() {
     assert_eq!(found.strata.iter().map(|s| s.stratum.as_str()).collect::<Vec<_>>(), ["L0-enclosed", "L0-open"]);
     assert_eq!((found.overall.scenes, found.overall.rejected, found.scenes.len()), (2, 0, 2));
     let [enclosed, open] = [&found.strata[0], &found.strata[1]];
-    assert!((open.slope.mean + 0.5).abs() < 0.05 && !open.heavy_tail, "{open:?}");
+    let slope = open.slope.expect("noise");
+    assert!((slope.mean + 0.5).abs() < 0.05 && !open.heavy_tail, "{open:?}");
+    assert_eq!((found.overall.noiseless, found.overall.unresolved), (0, 0), "{:?}", found.overall);
     for (rmse, law) in open.rmse.iter().zip(&open.law) {
         assert!((rmse / law - 1.0).abs() < 0.2, "{open:?}");
     }
@@ -123,13 +125,14 @@ fn rendered_ladders_keep_the_law() {
         assert!(m == 0 || row[m - 1].value > 4.0 * row[m - 1].error, "{m}: {row:?}");
     }
     // Most of the room's variance sits in the few pixels that the lamp's edge crosses, and it says so.
-    assert!(enclosed.heavy_tail && (enclosed.slope.mean + 0.5).abs() < 0.2, "{enclosed:?}");
+    let near = enclosed.slope.is_some_and(|slope| (slope.mean + 0.5).abs() < 0.2);
+    assert!(enclosed.heavy_tail && near, "{enclosed:?}");
     assert!(
         enclosed.excess_kurtosis > open.excess_kurtosis && enclosed.trusted_from.is_none_or(|n| n > 1),
         "{enclosed:?}"
     );
     // One scene has the interval of its pixels.
-    assert!(open.slope.high - open.slope.low > 0.01 && open.slope.low < open.slope.mean, "{open:?}");
+    assert!(slope.high - slope.low > 0.01 && slope.low < slope.mean, "{open:?}");
     // The SDE's moments are those of the ladders, the room's included, whose few bright pixels count as all others.
     for row in &found.sde {
         let of = [&row.mean, &row.variance].into_iter().chain(&row.covariance);

@@ -71,7 +71,7 @@ pub fn per_scene(evaluation: &Evaluation) -> String {
             None if row.cell.is_empty() => String::new(),
             None => default.to_owned(),
         };
-        let names = names(&get("space", "linear"), &row.score.method, &get("conditioning", "rgb"), &row.cell);
+        let names = names(&get("space", ""), &row.score.method, &get("conditioning", "rgb"), &row.cell);
         let _ = write!(
             out,
             "{},{},{names},{},{},{}",

@@ -16,14 +16,19 @@ const FEWEST: usize = 400;
 #[derive(Clone, Debug)]
 pub(super) struct Measured {
     pub(super) scene: String,
-    /// Mean square error of each rung.
+    /// Whether samples vary by more than rounding: nothing else has a law, or a slope.
+    pub(super) noisy: bool,
+    /// Mean square error of each rung; may be negative, as the reference's own noise is taken off.
     pub(super) mse: Vec<f64>,
+    /// Rungs whose mean square error is not positive; 0 without noise.
+    pub(super) unresolved: u64,
     /// Mean variance of a single sample.
     pub(super) variance: f64,
-    pub(super) slope: Estimate,
-    /// Slopes of resampled blocks of pixels, which the interval is of.
+    /// None without noise, or without two rungs to lay a line through.
+    pub(super) slope: Option<Estimate>,
+    /// Slopes of resampled blocks of pixels, which the interval is of; at least one if there is a slope.
     pub(super) slopes: Vec<f64>,
-    /// None without noise.
+    /// None if no pixel varies by more than rounding.
     pub(super) moments: Option<Moments>,
     pub(super) tail_index: Option<f64>,
     pub(super) tail_share: f64,
@@ -72,26 +77,40 @@ pub(super) fn measure(
         let of = &mut blocks[block(at)];
         (0..counts.len()).for_each(|k| of[k] += off(k, at).powi(2) - own[at]);
     }
+    // What is left of an error once the reference's own noise is off may be nothing, or less: a point that is not there.
     let fit = |sums: &[f64]| {
-        let point = |(n, sum): (&u64, &f64)| (log(*n as f64), 0.5 * log((sum / values as f64).max(1e-24)));
-        slope(&counts.iter().zip(sums).map(point).collect::<Vec<_>>())
+        let point = |(n, sum): (&u64, &f64)| {
+            let mse = *sum / values as f64;
+            (mse > 0.0).then(|| (log(*n as f64), 0.5 * log(mse)))
+        };
+        let points: Vec<(f64, f64)> = counts.iter().zip(sums).filter_map(point).collect();
+        (points.len() > 1).then(|| slope(&points))
     };
     let total = |chosen: &mut dyn Iterator<Item = usize>| {
         let mut sums = vec![0.0; counts.len()];
         chosen.for_each(|block| sums.iter_mut().zip(&blocks[block]).for_each(|(sum, v)| *sum += v));
         sums
     };
-    let mut slopes: Vec<f64> =
-        (0..RESAMPLES).map(|_| fit(&total(&mut (0..blocks.len()).map(|_| stream.below(BLOCKS * BLOCKS))))).collect();
+    let moments = moments(ladder, reference);
+    let noisy = moments.is_some() && variance > 0.0;
+    let resamples = if noisy { RESAMPLES } else { 0 };
+    let mut slopes: Vec<f64> = (0..resamples)
+        .filter_map(|_| fit(&total(&mut (0..blocks.len()).map(|_| stream.below(BLOCKS * BLOCKS)))))
+        .collect();
     slopes.sort_by(f64::total_cmp);
     let sums = total(&mut (0..blocks.len()));
+    let mse: Vec<f64> = sums.iter().map(|sum| sum / values as f64).collect();
+    let unresolved = if noisy { mse.iter().filter(|mse| **mse <= 0.0).count() } else { 0 };
+    let whole = if slopes.is_empty() { None } else { fit(&sums) };
     Ok(Measured {
         scene: scene.to_owned(),
-        mse: sums.iter().map(|sum| sum / values as f64).collect(),
+        noisy,
+        mse,
+        unresolved: unresolved as u64,
         variance,
-        slope: Estimate { mean: fit(&sums), low: quantile(&slopes, 0.025), high: quantile(&slopes, 0.975) },
+        slope: whole.map(|mean| Estimate { mean, low: quantile(&slopes, 0.025), high: quantile(&slopes, 0.975) }),
         slopes,
-        moments: moments(ladder, reference),
+        moments,
         tail_index: tail_index(ladder, reference),
         tail_share: top_share(pixels),
         mean_path_length: ladder.meta.mean_path_length,
@@ -201,9 +220,10 @@ pub(super) mod tests {
         let own = ladder(&COUNTS, |at| 1.0 + sigma(at) * a.normal());
         let reference = ladder(&[1024], |at| 1.0 + sigma(at) * b.normal());
         let found = measure("L0-open-000000", &own, &reference, 2.0, &mut Stream::new(1, &[2])).expect("enough rungs");
-        assert!((found.slope.mean + 0.5).abs() < 0.03, "{:?}", found.slope);
-        assert!(found.slope.low < found.slope.mean && found.slope.mean < found.slope.high);
-        assert!(found.slope.low < -0.5 && -0.5 < found.slope.high, "{:?}", found.slope);
+        let slope = found.slope.expect("noise");
+        assert!(found.noisy && found.unresolved == 0 && (slope.mean + 0.5).abs() < 0.03, "{slope:?}");
+        assert!(slope.low < slope.mean && slope.mean < slope.high);
+        assert!(slope.low < -0.5 && -0.5 < slope.high, "{slope:?}");
         assert!((found.mse[0] / found.variance - 1.0).abs() < 0.1, "{found:?}");
         let moments = found.moments.expect("noise");
         assert!(moments.kurtosis.abs() < 0.4 && found.tail_index.is_some_and(|i| i > 4.0), "{moments:?}");
@@ -244,7 +264,37 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn what_has_no_slope_is_refused() {
+    fn errors_below_the_noise_of_the_reference_are_left_out_of_the_line_and_counted() {
+        let (mut a, mut b) = (Stream::new(7, &[0]), Stream::new(7, &[1]));
+        let own = ladder(&COUNTS, |_| 1.0 + a.normal());
+        let reference = ladder(&[1024], |_| 1.0 + b.normal());
+        let found = |times: f32| {
+            // A reference that is said to have more noise of its own than it has.
+            let mut noisier = reference.clone();
+            noisier.variance.data_mut().iter_mut().for_each(|v| *v *= times);
+            measure("x", &own, &noisier, 1.0, &mut Stream::new(1, &[2])).expect("enough rungs")
+        };
+        // 48/1024 is more than 1/32, and less than 1/16.
+        let some = found(48.0);
+        assert_eq!((some.noisy, some.unresolved), (true, 2), "{:?}", some.mse);
+        // No wild slopes among the resampled ones.
+        let slope = some.slope.expect("five rungs");
+        assert!(-1.2 < slope.low && slope.high < -0.5, "{slope:?}");
+        // 4 is more than 1.
+        let all = found(4096.0);
+        assert_eq!((all.noisy, all.unresolved, all.slope), (true, 7, None), "{:?}", all.mse);
+    }
+
+    #[test]
+    fn without_noise_there_is_no_slope() {
+        let (own, reference) = (ladder(&COUNTS, |_| 0.7), ladder(&[1024], |_| 0.7));
+        let found = measure("x", &own, &reference, 1.0, &mut Stream::new(1, &[])).expect("enough rungs");
+        assert_eq!((found.noisy, found.unresolved, found.slope), (false, 0, None));
+        assert!(found.slopes.is_empty() && found.moments.is_none(), "{found:?}");
+    }
+
+    #[test]
+    fn too_few_rungs_are_refused() {
         let mut stream = Stream::new(5, &[]);
         let own = ladder(&[1, 2], |_| stream.uniform());
         let error = measure("x", &own, &own, 1.0, &mut Stream::new(1, &[])).expect_err("two rungs").to_string();

@@ -8,7 +8,7 @@ pub use scenes::csv;
 use crate::{
     page::Section,
     svg::{Plot, Scale},
-    text::{compact, count, escape, fixed, interval},
+    text::{compact, count, escape, fixed, interval, plural},
 };
 use std::fmt::Write as _;
 use tauflow_data::{
@@ -25,7 +25,7 @@ pub fn section(convergence: &Convergence) -> Option<Section> {
     let mut out = format!(
         "<p>Variance time rests on the error of I<sub>n</sub> falling as 1/√n. Dots: RMSE against references of {} samples a pixel that share \
          none with the ladders, their own noise taken off; geometric mean over scenes. Dashed: the law from the samples' own variance, \
-         √(σ²/n). Slopes are means over scenes; the law says −0.5. Both axes are logarithmic.</p>",
+         √(σ²/n). Slopes are means over scenes; the law says −0.5. Scenes without noise have neither. Both axes are logarithmic.</p>",
         count(convergence.reference_spp)
     );
     let rows = ordered(convergence);
@@ -62,18 +62,39 @@ fn panel(convergence: &Convergence, row: &ConvergenceRow, y: Scale) -> String {
     let class = if row.heavy_tail { "m3" } else { "m2" };
     plot.title(&name(row)).subtitle(&format!(
         "slope {}{}",
-        fixed(row.slope.mean, 2),
+        row.slope.map_or_else(|| "–".into(), |slope| fixed(slope.mean, 2)),
         if row.heavy_tail { ", heavy tail" } else { "" }
     ));
     plot.y_axis(4).x_axis_round(5, "n, samples a pixel");
     plot.line(points(&row.law), "hold dashed").dots(points(&row.rmse), 3.6, class);
-    let (first, last) = (row.rmse.first().copied().unwrap_or(0.0), row.rmse.last().copied().unwrap_or(0.0));
-    plot.finish(&format!("RMSE by samples in {}, from {} to {}", name(row), compact(first), compact(last)))
+    let range = match (row.rmse.first(), row.rmse.last()) {
+        (Some(first), Some(last)) => format!("from {} to {}", error(*first), error(*last)),
+        _ => "no noise".into(),
+    };
+    plot.finish(&format!("RMSE by samples in {}, {range}", name(row)))
+}
+
+/// An error; a dash for 0, where none was left of what the reference's own noise is taken off.
+fn error(value: f64) -> String {
+    if value > 0.0 { compact(value) } else { "–".into() }
+}
+
+/// A slope with its interval, and how many rungs it is without.
+fn slope(of: Option<&Estimate>, unresolved: u64) -> String {
+    let slope = of.map_or_else(|| "–".into(), |of| format!("{} <small>{}</small>", fixed(of.mean, 3), interval(of, 3)));
+    if unresolved == 0 {
+        return slope;
+    }
+    format!("{slope}<span class=\"ci\">without {} below the reference's noise</span>", plural(unresolved, "rung"))
 }
 
 /// Whether the law's slope is in the interval.
-fn holds(slope: &Estimate) -> &'static str {
-    if slope.low <= -0.5 && -0.5 <= slope.high { "yes" } else { "no" }
+fn holds(slope: Option<&Estimate>) -> &'static str {
+    match slope {
+        Some(slope) if slope.low <= -0.5 && -0.5 <= slope.high => "yes",
+        Some(_) => "no",
+        None => "–",
+    }
 }
 
 fn optional(value: Option<f64>) -> String {
@@ -82,7 +103,8 @@ fn optional(value: Option<f64>) -> String {
 
 fn table(convergence: &Convergence, rows: &[&ConvergenceRow]) -> String {
     let mut out = format!(
-        "<details open><summary>Slopes and tails</summary><p class=\"note\">Intervals are over scenes and, within each, over blocks of pixels. Kurtosis \
+        "<details open><summary>Slopes and tails</summary><p class=\"note\">Intervals are over scenes and, within each, over blocks of pixels. Errors and \
+         slopes are of scenes with noise, and of rungs whose error is more than the reference's own noise: the number of all others is given. Kurtosis \
          and tail index are of single samples in units of their pixels' deviations, medians over scenes. From the rung in the column “near normal \
          from” on, the errors of pixels over σ/√n are distributed as a normal variable is to within {}% (Kolmogorov's distance, mean over \
          scenes): below, the law holds for the expectation, but not for what most pixels show. A scene is flagged as heavy-tailed if its tail index \
@@ -96,16 +118,20 @@ fn table(convergence: &Convergence, rows: &[&ConvergenceRow]) -> String {
     let last = [&convergence.overall];
     for (row, total) in rows.iter().map(|r| (*r, false)).chain(last.map(|r| (r, true))) {
         let (class, title) = if total { (" class=\"total\"", "All".to_owned()) } else { ("", name(row)) };
-        let at = |values: &[f64]| values.first().map_or_else(|| "–".into(), |v| compact(*v));
+        let at = |values: &[f64]| values.first().map_or_else(|| "–".into(), |v| error(*v));
+        let noiseless = if row.noiseless == 0 {
+            String::new()
+        } else {
+            format!("<span class=\"ci\">{} without noise</span>", count(row.noiseless))
+        };
         let _ = write!(
             out,
-            "<tr{class}><td>{}</td><td>{}</td><td>{} <small>{}</small></td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>\
+            "<tr{class}><td>{}</td><td>{}{noiseless}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>\
              <td>{}%</td><td>{}</td><td>{}</td><td>{}</td></tr>",
             escape(&title),
             count(row.scenes),
-            fixed(row.slope.mean, 3),
-            interval(&row.slope, 3),
-            holds(&row.slope),
+            slope(row.slope.as_ref(), row.unresolved),
+            holds(row.slope.as_ref()),
             at(&row.rmse),
             at(&row.law),
             optional(row.excess_kurtosis),

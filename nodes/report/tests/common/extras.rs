@@ -190,8 +190,8 @@ fn time_error() -> TimeError {
     };
     let scene = |scene: String, wall: f64, mse: f64, own: bool| TimedScene {
         scene,
-        wall_s: wall,
-        cpu_s: 1.9 * wall,
+        wall_s: [0.9 * wall, wall, 1.1 * wall],
+        cpu_s: [1.8 * wall, 1.9 * wall, 2.0 * wall],
         mse,
         rel_mse: 3.0 * mse,
         hdr_psnr: -4.3 * mse.ln(),
@@ -261,7 +261,8 @@ fn sde(k: usize, n: u64) -> SdeRow {
 fn converging(scene: String, heavy: bool, counts: &[u64]) -> SceneConvergence {
     SceneConvergence {
         scene,
-        slope: around(if heavy { -0.43 } else { -0.498 }, 0.03),
+        slope: Some(around(if heavy { -0.43 } else { -0.498 }, 0.03)),
+        unresolved: u64::from(heavy),
         variance: counts.iter().map(|_| AgainstLaw::new(1.02, if heavy { 0.4 } else { 0.05 }, 1.0)).collect(),
         excess_kurtosis: Some(if heavy { 900.0 } else { 12.0 }),
         tail_index: heavy.then_some(1.7),
@@ -276,6 +277,37 @@ fn converging(scene: String, heavy: bool, counts: &[u64]) -> SceneConvergence {
     }
 }
 
+/// A scene in which nothing is drawn by chance.
+fn still(scene: String) -> SceneConvergence {
+    SceneConvergence {
+        slope: None,
+        excess_kurtosis: None,
+        tail_share: 0.0,
+        trusted_from: None,
+        image_from: None,
+        trust: "no noise".into(),
+        ..converging(scene, false, &[])
+    }
+}
+
+/// A stratum of such scenes alone.
+fn all_still(row: ConvergenceRow) -> ConvergenceRow {
+    ConvergenceRow {
+        noiseless: row.scenes,
+        rmse: Vec::new(),
+        law: Vec::new(),
+        slope: None,
+        mean: Vec::new(),
+        covariance: Vec::new(),
+        excess_kurtosis: None,
+        tail_index: None,
+        off_normal: Vec::new(),
+        trusted_from: None,
+        tail_share: 0.0,
+        ..row
+    }
+}
+
 fn convergence() -> Convergence {
     let counts: Vec<u64> = (0..8).map(|i| 1u64 << i).collect();
     let row = |name: String, sigma: f64, heavy: bool, scenes: u64| {
@@ -287,9 +319,11 @@ fn convergence() -> Convergence {
         ConvergenceRow {
             stratum: name,
             scenes,
+            noiseless: 0,
+            unresolved: u64::from(heavy),
             rmse,
             law,
-            slope,
+            slope: Some(slope),
             mean: counts.iter().map(|_| AgainstLaw::new(0.01, 0.02, 0.0)).collect(),
             covariance: (0..counts.len())
                 .map(|m| vec![AgainstLaw::new(1.0 - 0.02 * m as f64, 0.03, 1.0); m + 1])
@@ -307,12 +341,16 @@ fn convergence() -> Convergence {
     };
     Convergence {
         reference_spp: 4096,
-        scenes: (0..2).map(|i| converging(format!("L{}-open-000000", 3 * i), i > 0, &counts)).collect(),
+        scenes: (0..2)
+            .map(|i| converging(format!("L{}-open-000000", 3 * i), i > 0, &counts))
+            .chain([still("L1-environment-000000".into())])
+            .collect(),
         sde: counts.iter().enumerate().map(|(k, n)| sde(k, *n)).collect(),
         strata: Stratum::all()
             .map(|s| row(s.to_string(), 0.2 + 0.12 * f64::from(s.regime as u8), s.to_string() == "L3-enclosed", 2))
+            .map(|row| if row.stratum == "L1-environment" { all_still(row) } else { row })
             .collect(),
-        overall: row("all".into(), 0.38, false, 24),
+        overall: ConvergenceRow { noiseless: 2, unresolved: 1, ..row("all".into(), 0.38, false, 24) },
         counts,
     }
 }

@@ -251,6 +251,55 @@ fn values_beyond_what_the_format_allows_are_cut_and_counted() {
 }
 
 #[test]
+fn values_that_the_format_allows_but_that_cannot_be_worked_with_are_set_and_counted() {
+    // A tetrahedron, or one of its sides.
+    let import = |name: &str, triangles: usize, extensions: Value| {
+        let mut data = Data::default();
+        let corners = [0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+        let positions = data.floats(&corners, "VEC3", 3);
+        let indices = [0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3];
+        let indices = data.accessor(&indices[..3 * triangles], 5121, "SCALAR", 3 * triangles, false);
+        let bytes = data.file(object!({ "materials": [{ "extensions": extensions }], "nodes": [{ "mesh": 0 }],
+            "scenes": [{ "nodes": [0] }], "meshes": [{ "primitives": [{ "attributes": { "POSITION": positions },
+            "indices": indices, "material": 0 }] }] }));
+        let path = folder("unworkable").join(name);
+        fs::write(&path, bytes).expect("writable");
+        let (report, asset) = asset(&MemoryBlobs::default(), &path);
+        let Body::Object { materials, .. } = asset.body else { panic!("no object") };
+        (report.repairs, materials[0].own.clone())
+    };
+    let body = |thickness: f64, color: [f64; 3]| {
+        let volume = object!({ "thicknessFactor": thickness, "attenuationDistance": 1.0, "attenuationColor": color });
+        let extensions = object!({ "KHR_materials_transmission": { "transmissionFactor": 1 },
+            "KHR_materials_volume": volume });
+        import("body.glb", 4, extensions).0
+    };
+    let (colors, thick) = (
+        "attenuation colours outside of 1e-6 to 1 cut to it",
+        "thicknesses of more than 1000 attenuation distances cut to it",
+    );
+    let counted = |list: &[(&str, u64)]| -> BTreeMap<String, u64> {
+        list.iter().map(|(what, n)| ((*what).to_owned(), *n)).collect()
+    };
+    assert_eq!(body(1000.0, [1e-6, 0.5, 1.0]), counted(&[]));
+    assert_eq!(body(1.0, [0.0, -1.0, 1.5]), counted(&[(colors, 3)]));
+    assert_eq!(body(1001.0, [0.5, 0.5, 1.0]), counted(&[(thick, 1)]));
+    // White loses nothing, however thick.
+    assert_eq!(body(1e6, [1.0; 3]), counted(&[]));
+    let pane = |ior: f64| {
+        let extensions = object!({ "KHR_materials_transmission": { "transmissionFactor": 1 },
+            "KHR_materials_ior": { "ior": ior } });
+        let (repairs, own) = import("pane.glb", 1, extensions);
+        let Bsdf::Blend { b, .. } = &own else { panic!("{own:?}") };
+        let Bsdf::ThinDielectric { int_ior, .. } = &**b else { panic!("{own:?}") };
+        (repairs, *int_ior)
+    };
+    let thin = "indices of refraction of thin or open surfaces below 1.01 set to it";
+    assert_eq!(pane(1.005), (counted(&[(thin, 1)]), 1.01));
+    assert_eq!(pane(1.01), (counted(&[]), 1.01));
+}
+
+#[test]
 fn volumes_tint_closed_bodies_by_their_thickness() {
     let mut data = Data::default();
     // A tetrahedron.

@@ -1,9 +1,9 @@
 //! Convergence scene by scene: slopes, tails, and how far variance time can be trusted.
 
-use super::{holds, optional};
+use super::{holds, optional, slope};
 use crate::{
     csv::field,
-    text::{count, escape, fixed, interval},
+    text::{count, escape, fixed},
 };
 use std::fmt::Write as _;
 use tauflow_data::convergence::{AgainstLaw, Convergence, OFF_NORMAL, TOLERANCE};
@@ -15,7 +15,7 @@ pub fn table(convergence: &Convergence) -> String {
     }
     let last = convergence.counts.last().copied().unwrap_or_default();
     let mut out = format!(
-        "<details><summary>Scene by scene</summary><p class=\"note\">Intervals of slopes are over blocks of pixels. Var(I<sub>n</sub>) is over σ²/n, each \
+        "<details><summary>Scene by scene</summary><p class=\"note\">Intervals of slopes are over blocks of pixels; scenes without noise have no slope. Var(I<sub>n</sub>) is over σ²/n, each \
          pixel in units of its own deviation, with its standard error. “Near normal from”: the rung from which on the errors of pixels, so measured, are \
          within {}% of a normal distribution; “image near the law from”: that from which on this ladder's mean square error, of pixels as they are, is \
          within {}% of σ²/n. Where tails are heavy, intervals know nothing of events that this ladder has not drawn: they are too narrow.</p><div class=\"scroll\"><table class=\"wide\"><thead><tr><th>Scene</th>\
@@ -37,12 +37,11 @@ pub fn table(convergence: &Convergence) -> String {
         };
         let _ = write!(
             out,
-            "<tr><td>{}</td><td>{} <small>{}</small></td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}%</td><td>{}</td><td>{}</td>\
+            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}%</td><td>{}</td><td>{}</td>\
              <td class=\"left\">{}{reasons}</td></tr>",
             escape(&scene.scene),
-            fixed(scene.slope.mean, 3),
-            interval(&scene.slope, 3),
-            holds(&scene.slope),
+            slope(scene.slope.as_ref(), scene.unresolved),
+            holds(scene.slope.as_ref()),
             figure(scene.variance.first()),
             figure(scene.variance.last()),
             optional(scene.excess_kurtosis),
@@ -56,10 +55,10 @@ pub fn table(convergence: &Convergence) -> String {
     out + "</tbody></table></div></details>"
 }
 
-/// One row for each scene.
+/// One row for each scene; what a scene does not have is empty.
 pub fn csv(convergence: &Convergence) -> String {
     let mut out = String::from(
-        "scene,slope,slope_low,slope_high,excess_kurtosis,tail_index,tail_share,trusted_from,image_from,heavy_tail,reasons,trust",
+        "scene,slope,slope_low,slope_high,unresolved,excess_kurtosis,tail_index,tail_share,trusted_from,image_from,heavy_tail,reasons,trust",
     );
     for n in &convergence.counts {
         let _ = write!(out, ",variance_{n},variance_{n}_error,off_normal_{n},image_{n}");
@@ -69,11 +68,12 @@ pub fn csv(convergence: &Convergence) -> String {
     for scene in &convergence.scenes {
         let _ = write!(
             out,
-            "{},{},{},{},{},{},{},{},{},{},{},{}",
+            "{},{},{},{},{},{},{},{},{},{},{},{},{}",
             field(&scene.scene),
-            scene.slope.mean,
-            scene.slope.low,
-            scene.slope.high,
+            optional(scene.slope.map(|slope| slope.mean)),
+            optional(scene.slope.map(|slope| slope.low)),
+            optional(scene.slope.map(|slope| slope.high)),
+            scene.unresolved,
             optional(scene.excess_kurtosis),
             optional(scene.tail_index),
             scene.tail_share,

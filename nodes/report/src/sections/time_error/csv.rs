@@ -62,20 +62,19 @@ pub fn points(of: &TimeError) -> String {
 /// Every point of every scene.
 pub fn scenes(of: &TimeError) -> String {
     let mut out = String::from(
-        "method,conditioning,cell,scene,from_spp,nfe,wall_s,cpu_s,mse,rel_mse,hdr_psnr,preview_psnr,ssim,speed_up,crossover_spp\n",
+        "method,conditioning,cell,scene,from_spp,nfe,wall_s_q1,wall_s,wall_s_q3,cpu_s_q1,cpu_s,cpu_s_q3,mse,rel_mse,hdr_psnr,preview_psnr,ssim,speed_up,crossover_spp\n",
     );
     for timed in &of.methods {
         let method = method(timed);
         for point in &timed.points {
             for s in &point.scenes {
+                let [wall, cpu] = [s.wall_s, s.cpu_s].map(|of| of.map(|v| v.to_string()).join(","));
                 let _ = writeln!(
                     out,
-                    "{method},{},{},{},{},{},{},{},{},{},{},{},{}",
+                    "{method},{},{},{},{wall},{cpu},{},{},{},{},{},{},{}",
                     field(&s.scene),
                     point.from_spp,
                     point.nfe,
-                    s.wall_s,
-                    s.cpu_s,
                     s.mse,
                     s.rel_mse,
                     s.hdr_psnr,

@@ -142,7 +142,7 @@ pub fn equal_time(of: &TimeError) -> String {
 pub fn targets(of: &TimeError) -> String {
     let all: Vec<(&TimedMethod, &[TimeTo])> = of.methods.iter().map(|m| (m, m.targets.as_slice())).collect();
     let note = "<p class=\"note\">Median over scenes of the least time to each error; none where fewer than half of the scenes get there at \
-                any point that was measured.</p>";
+                any point that was measured. Rendering alone may stop between two rungs, but not after the last.</p>";
     let mut out = note.to_owned() + &times_to(&all);
     let strata = of.methods.first().map(|m| m.strata_targets.keys());
     for stratum in strata.into_iter().flatten() {

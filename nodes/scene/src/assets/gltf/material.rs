@@ -236,8 +236,16 @@ impl Making<'_, '_, '_> {
             self.report.note("textures of thickness are left out");
         }
         // Black has no logarithm: a millionth is left of it.
-        let color = triple(volume, "attenuationColor", [1.0; 3]).map(|c| self.factor(c).max(1e-6));
-        color.map(|c| maths::exp(maths::log(c) * (thickness / distance).min(1e3)) as f32)
+        let what = "attenuation colours outside of 1e-6 to 1 cut to it";
+        let color = triple(volume, "attenuationColor", [1.0; 3]).map(|c| self.allowed(c, [1e-6, 1.0], what));
+        if color == [1.0; 3] {
+            // Nothing is lost, however thick it is.
+            return color.map(|c| c as f32);
+        }
+        // The quotient of two finite numbers may be infinite, which times the logarithm of 1 is no number.
+        let what = "thicknesses of more than 1000 attenuation distances cut to it";
+        let thickness = self.allowed(thickness / distance, [0.0, 1e3], what);
+        color.map(|c| maths::exp(maths::log(c) * thickness) as f32)
     }
 
     /// The surface under normal map and opacity, and whether light passes through it.
@@ -309,8 +317,9 @@ impl Making<'_, '_, '_> {
         }
         self.report.note("transmission through thin or open surfaces is smooth, whatever their roughness");
         // An index of 1 reflects nothing, one of 1.01 two hundred-thousandths.
+        let ior = self.allowed(ior, [1.01, 4.0], "indices of refraction of thin or open surfaces below 1.01 set to it");
         let pane = Bsdf::ThinDielectric {
-            int_ior: ior.max(1.01) as f32,
+            int_ior: ior as f32,
             ext_ior: 1.0,
             specular_reflectance: Texture::scalar(1.0),
             specular_transmittance: color.clone(),
