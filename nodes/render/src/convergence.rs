@@ -43,7 +43,7 @@ impl Kind for ConvergenceKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "convergence",
-            version: 4,
+            version: 5,
             summary: "Measures how far ladders keep to the law of variance time, against held-out references.",
             manual: include_str!("convergence.md"),
             mode: Mode::Gather,
