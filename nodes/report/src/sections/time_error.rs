@@ -34,7 +34,11 @@ fn name(method: &TimedMethod) -> String {
 }
 
 fn class(method: &TimedMethod) -> String {
-    if method.method == RENDERING { "ink".into() } else { colour(&method.method) }
+    match method.method.as_str() {
+        RENDERING => "ink".into(),
+        other if other.starts_with(RENDERING) => "hold".into(),
+        other => colour(other),
+    }
 }
 
 /// From each endpoint the point of least error.
@@ -98,7 +102,9 @@ fn pareto(of: &TimeError, view: View) -> String {
         let class = class(method);
         let places = places(method);
         let best = on_front(&places);
-        plot.line(best.iter().copied(), &class).dots(places, 2.2, &class).dots(best.iter().copied(), 3.6, &class);
+        // Two cells of one method have one colour: what sees a G-buffer is broken.
+        let line = if method.conditioning == "gbuffer" { format!("{class} broken") } else { class.clone() };
+        plot.line(best.iter().copied(), &line).dots(places, 2.2, &class).dots(best.iter().copied(), 3.6, &class);
         if let Some((_, last)) = best.last() {
             plot.end_label(*last, &class, &name(method));
         }
@@ -209,7 +215,7 @@ pub fn section(of: &TimeError) -> Section {
     let mut out = format!(
         "<p>Times go from a scene's files to its image: rendering to the endpoint, the G-buffer where a method sees one, and the \
          method. They are medians over {} on one machine; errors are against I<sub>{}</sub> of another stream of samples, its own \
-         noise taken off. Dots are what was measured, from each endpoint with each number of calls; a method's line goes along its own front, and \
+         noise taken off. Dots are what was measured, from each endpoint with each number of calls; a method's line goes along its own front (broken where it sees a G-buffer), and \
          the dashed grey one along that of all: the points that nothing else is both faster and better than.</p>",
         plural(of.scenes, "scene"),
         count(of.reference_spp),
