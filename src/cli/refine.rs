@@ -29,7 +29,7 @@ pub(crate) struct RefineArgs {
     /// Model calls.
     #[arg(long, default_value_t = 1)]
     nfe: usize,
-    /// Views of the image whose mean each call is: 1, 2 or 4, in as many times the time.
+    /// Views of the image whose mean each call is: 1, 2, 4 or 8, in as many times the time.
     #[arg(long, default_value_t = 1)]
     mirrors: usize,
     /// An EXR with the layers `albedo` and `normal` (to the right, up, towards the camera), if the image has none.

@@ -81,7 +81,7 @@ fn an_image_of_any_renderer_is_refined() {
     for (more, part) in [
         (&["--to-spp", "9", "-o", "x.exr"][..], "at most at 8"),
         (&["--nfe", "0", "-o", "x.exr"], "counts from 1"),
-        (&["--mirrors", "3", "-o", "x.exr"], "1, 2 or 4"),
+        (&["--mirrors", "3", "-o", "x.exr"], "1, 2, 4 or 8"),
         (&["--exposure=-1", "-o", "x.exr"], "positive"),
         (&["--exposure=1e300", "-o", "x.exr"], "lower --exposure"),
         (&["-o", "x.jpg"], ".exr"),

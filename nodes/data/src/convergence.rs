@@ -96,10 +96,8 @@ pub struct ConvergenceRow {
     /// Number of scenes.
     pub scenes: u64,
     /// How many of the scenes have no noise: no error to speak of and no slope, so that `rmse`, `law` and `slope` are of the others.
-    #[serde(default)]
     pub noiseless: u64,
     /// Rungs of all scenes with noise that are unresolved ([`SceneConvergence::unresolved`]): `rmse`, `law` and `slope` are without them.
-    #[serde(default)]
     pub unresolved: u64,
     /// Geometric mean of the RMSE of each rung, exposed linear radiance, the reference's own noise taken off, over the scenes with
     /// noise for which the rung is not unresolved; 0 if it is for all. Empty if no scene has noise.
@@ -144,7 +142,6 @@ pub struct SceneConvergence {
     pub slope: Option<Estimate>,
     /// Rungs whose mean square error is not positive once the reference's own noise is taken off: they have no logarithm, and the
     /// slope is without them. 0 without noise.
-    #[serde(default)]
     pub unresolved: u64,
     /// For each rung Var(I_n) over sigma^2/n, each pixel in units of its own deviation, 1 by the law; empty without noise.
     pub variance: Vec<AgainstLaw>,

@@ -83,6 +83,21 @@ impl Image {
     pub fn same_shape(&self, other: &Self) -> bool {
         (self.width, self.height, self.channels) == (other.width, other.height, other.channels)
     }
+
+    /// Wants every value to be a finite number; `what` names the image, `remedy` says what to do.
+    ///
+    /// # Errors
+    /// How many are not, if any.
+    pub fn finite(&self, what: &str, remedy: &str) -> Result<(), crate::DataError> {
+        let bad = self.data.iter().filter(|v| !v.is_finite()).count();
+        if bad == 0 {
+            return Ok(());
+        }
+        Err(crate::DataError::Format(format!(
+            "{bad} of the {} values of the {what} are not finite; {remedy}",
+            self.data.len()
+        )))
+    }
 }
 
 /// The display transform: Reinhard x/(1+x), then ^(1/2.2), clipped to [0, 1]; f32, before any 8-bit rounding.

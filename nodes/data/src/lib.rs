@@ -3,6 +3,7 @@
 //! Knows no kind: how a scene is drawn, rendered, learnt from or judged is elsewhere.
 
 pub mod convergence;
+pub mod curve;
 pub mod formats;
 pub mod image;
 pub mod image_io;

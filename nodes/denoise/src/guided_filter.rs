@@ -203,14 +203,7 @@ pub fn filtered(color: &Image, gbuffer: Option<&Image>, params: &GuidedFilterPar
 
 /// A value that is no number would spread as far as the filter reaches.
 fn finite(image: &Image, what: &str) -> Result<(), KindError> {
-    let bad = image.data().iter().filter(|v| !v.is_finite()).count();
-    if bad == 0 {
-        return Ok(());
-    }
-    Err(KindError::Input(format!(
-        "{bad} of the {} values of the {what} are not finite; mend the image, or look at what made it",
-        image.data().len()
-    )))
+    Ok(image.finite(what, "mend the image, or look at what made it")?)
 }
 
 /// What weights are made of.

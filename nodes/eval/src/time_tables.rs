@@ -1,4 +1,4 @@
-//! From errors and times of each scene to tables: summaries, times to an error, the path tracer at equal time, the front.
+//! From errors and times of each scene to tables: summaries, times to an error, the path tracer at equal time.
 
 use crate::{
     bootstrap::{Resampled, Table},
@@ -12,9 +12,7 @@ use tauflow_data::{
     maths::{exp, log, pow},
     results::Estimate,
     statistics::quantile,
-    time_error::{
-        self, FrontPoint, TimeError, TimeTo, TimedMethod, TimedPoint, TimedScene, TimedSummary, VersusRendering,
-    },
+    time_error::{TimeError, TimeTo, TimedMethod, TimedPoint, TimedScene, TimedSummary, VersusRendering},
     timing::machine,
 };
 
@@ -139,7 +137,6 @@ pub(crate) fn summarise(
         reference_spp,
         scenes: scenes.len() as u64,
         resamples: params.resamples,
-        front: front(&methods),
         methods,
         notes,
     })
@@ -283,16 +280,6 @@ fn targets(scenes: &[&Measured], method: usize, params: &TimeErrorParams) -> Vec
     psnr.chain(relative).collect()
 }
 
-/// The points that no other is both faster and better than, by median wall time.
-fn front(methods: &[TimedMethod]) -> Vec<FrontPoint> {
-    let listed = |(method, timed): (usize, &TimedMethod)| {
-        let points = timed.points.iter().enumerate();
-        points.map(|(point, at)| ((at.all.wall_s[1], at.all.mse), FrontPoint { method, point })).collect::<Vec<_>>()
-    };
-    let (places, points): (Vec<_>, Vec<_>) = methods.iter().enumerate().flat_map(listed).unzip();
-    time_error::front(&places).into_iter().map(|at| points[at].clone()).collect()
-}
-
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
@@ -364,9 +351,6 @@ pub(crate) mod tests {
         assert_eq!((reached, targets[0].wall_s, targets[1].wall_s), ([1.0, 0.0], Some(0.31), None));
         let open = &result.methods[1].strata_targets["L1-open"];
         assert_eq!((open[0].reached, open[0].wall_s, open[1].wall_s), (1.0, Some(0.31), None));
-        // The front: rendering until the solver is done, and again from 128 samples on.
-        let front: Vec<(usize, usize)> = result.front.iter().map(|f| (f.method, f.point)).collect();
-        assert_eq!(front, [(0, 0), (0, 1), (0, 2), (0, 3), (0, 4), (1, 0), (0, 7)]);
         assert_eq!(result.notes, ["a note"]);
     }
 
@@ -396,6 +380,6 @@ pub(crate) mod tests {
         let mut alone = vec![scene(1)];
         alone[0].methods.clear();
         let result = summarise(&alone, &TimeErrorParams::default(), 1, Vec::new(), 1).expect("one method");
-        assert_eq!((result.methods.len(), result.front.len()), (1, 8));
+        assert_eq!((result.methods.len(), result.methods[0].points.len()), (1, 8));
     }
 }

@@ -64,13 +64,7 @@ impl Renderer<'_> {
 
 /// An image, unless it has values that are not finite: materials are held to their bounds, so that it is the surface that is broken.
 fn finite(image: Image, what: &str) -> Result<Image, KindError> {
-    let bad = image.data().iter().filter(|v| !v.is_finite()).count();
-    if bad == 0 {
-        return Ok(image);
-    }
-    Err(KindError::Input(format!(
-        "{bad} of the {} values of the G-buffer's {what} are not finite; mend the normals, texture coordinates or materials of what is \
-         seen",
-        image.data().len()
-    )))
+    let remedy = "mend the normals, texture coordinates or materials of what is seen";
+    image.finite(&format!("G-buffer's {what}"), remedy)?;
+    Ok(image)
 }

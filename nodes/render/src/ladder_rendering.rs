@@ -199,15 +199,20 @@ impl Work<'_> {
         let entry = |spp| TimedImage { method: METHOD.into(), from_spp: spp, nfe: 0, took: Repeated::default() };
         let mut entries: Vec<TimedImage> = std::iter::once(0).chain(counts.iter().copied()).map(entry).collect();
         let mut gbuffer = Repeated::default();
-        // The first round does not count: it reads the scene from a disk, and touches memory for the first time.
         for round in 0..=self.params.repeats {
-            let warming = round == 0;
             let mut parts = Repeated::default();
             let world = parts.add(|| self.world())?;
             let renderer = parts.add(|| self.renderer(&world))?;
             let mut state = renderer.begin();
             for count in &counts {
                 parts.add(|| renderer.advance(&mut state, *count, &mut |_| self.ctx.check_cancelled()))?;
+            }
+            let (rendered, samples) = (parts.wall_s.len(), self.params.gbuffer_samples);
+            parts.add(|| renderer.gbuffer(self.params.stream, samples, &mut |_| self.ctx.check_cancelled()))?;
+            self.ctx.progress(round, self.params.repeats, "rounds");
+            // The first round does not count: it reads the scene from a disk, and touches memory for the first time.
+            if round == 0 {
+                continue;
             }
             let (mut wall, mut cpu) = (parts.wall_s[0], parts.cpu_s[0]);
             for (entry, at) in entries.iter_mut().zip(1..) {
@@ -216,13 +221,8 @@ impl Work<'_> {
                 entry.took.wall_s.push(wall);
                 entry.took.cpu_s.push(cpu);
             }
-            let samples = self.params.gbuffer_samples;
-            gbuffer.add(|| renderer.gbuffer(self.params.stream, samples, &mut |_| self.ctx.check_cancelled()))?;
-            if warming {
-                entries.iter_mut().for_each(|entry| entry.took = Repeated::default());
-                gbuffer = Repeated::default();
-            }
-            self.ctx.progress(round, self.params.repeats, "rounds");
+            gbuffer.wall_s.push(parts.wall_s[rendered]);
+            gbuffer.cpu_s.push(parts.cpu_s[rendered]);
         }
         let (method, from_spp) = ("gbuffer".to_owned(), self.params.gbuffer_samples);
         entries.push(TimedImage { method, from_spp, nfe: 0, took: gbuffer });

@@ -92,15 +92,17 @@ struct Report {
     notes: Vec<String>,
 }
 
-/// Chooses by quota, in order of index within each stratum.
+/// Chooses by quota among what is not taken, in order of index within each stratum.
 fn choose(
     name: &str,
     side: Option<&Collection>,
+    taken: Option<&Collection>,
     quotas: &[(Stratum, u64)],
     short: &mut Vec<String>,
 ) -> Result<(Collection, SideReport), KindError> {
     let mut by_stratum: BTreeMap<Stratum, Vec<(u64, &ItemKey, &Artifact)>> = BTreeMap::new();
-    for (key, artifact) in side.into_iter().flat_map(Collection::iter) {
+    let free = |key: &ItemKey| taken.is_none_or(|taken| !taken.items.contains_key(key));
+    for (key, artifact) in side.into_iter().flat_map(Collection::iter).filter(|(key, _)| free(key)) {
         let (stratum, index) = Stratum::of_key(key.as_str()).ok_or_else(|| {
             KindError::Input(format!("item `{key}` names no stratum and index, as L1-open-000123 does"))
         })?;
@@ -139,6 +141,8 @@ impl Kind for StratifiedSampling {
                 &[
                     InputPort::whole("train", SCENE, "scenes of the train side").or_none(),
                     InputPort::whole("test", SCENE, "scenes of the test side").or_none(),
+                    InputPort::whole("taken", SCENE, "scenes that another sampling has chosen: not chosen again")
+                        .or_none(),
                 ]
             },
             outputs: const {
@@ -165,6 +169,7 @@ impl Kind for StratifiedSampling {
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let params = &action.params;
         let strata = params.strata();
+        let taken = action.whole.get("taken").copied();
         let mut short = Vec::new();
         let mut side = |name: &str, total: u64| {
             let input = action.whole.get(name).copied();
@@ -173,7 +178,7 @@ impl Kind for StratifiedSampling {
                     "`{name}: {total}` is asked for, but the input `{name}` is not connected; connect it or ask for 0"
                 )));
             }
-            choose(name, input, &quotas(&strata, total, params.order_seed), &mut short)
+            choose(name, input, taken, &quotas(&strata, total, params.order_seed), &mut short)
         };
         let (train, train_report) = side("train", params.train)?;
         let (test, test_report) = side("test", params.test)?;

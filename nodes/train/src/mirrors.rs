@@ -16,8 +16,9 @@ pub struct Mirrored<'a> {
 }
 
 impl<'a> Mirrored<'a> {
-    /// How many views there can be: the image alone, its mirror image from left to right too, and both upside down.
-    pub const VIEWS: [usize; 3] = [1, 2, 4];
+    /// How many views there can be: the image alone, its mirror image from left to right too, both upside down, and all four with
+    /// rows for columns.
+    pub const VIEWS: [usize; 4] = [1, 2, 4, 8];
 
     /// Of so many views.
     ///
@@ -27,7 +28,7 @@ impl<'a> Mirrored<'a> {
         if Self::VIEWS.contains(&views) {
             return Ok(Self { model, views });
         }
-        Err(KindError::Input(format!("{views} views of an image; there are 1, 2 or 4")))
+        Err(KindError::Input(format!("{views} views of an image; there are 1, 2, 4 or 8")))
     }
 }
 
@@ -49,14 +50,15 @@ impl Denoiser for Mirrored<'_> {
         for view in (1..self.views).map(View) {
             let gbuffer = gbuffer.map(|gbuffer| view.gbuffer(gbuffer)).transpose()?;
             let seen = self.model.predict(&view.image(state)?, gbuffer.as_ref(), tau)?;
-            sum.data_mut().iter_mut().zip(view.image(&seen)?.data()).for_each(|(sum, seen)| *sum += seen);
+            sum.data_mut().iter_mut().zip(view.inverse().image(&seen)?.data()).for_each(|(sum, seen)| *sum += seen);
         }
         let share = 1.0 / self.views as f32;
         Ok(sum.map(|value| value * share))
     }
 }
 
-/// Which sides change places: left and right if the first bit is set, top and bottom if the second is. Its own inverse.
+/// Which sides change places: left and right if the first bit is set, top and bottom if the second is; then, if the third is, rows
+/// and columns. Together the eight are what training turns its windows by.
 #[derive(Clone, Copy)]
 struct View(usize);
 
@@ -69,17 +71,28 @@ impl View {
         self.0 & 2 == 2
     }
 
+    fn rows_for_columns(self) -> bool {
+        self.0 & 4 == 4
+    }
+
+    /// The view that undoes this one: once rows stand for columns, the left is what the top was.
+    fn inverse(self) -> Self {
+        if self.rows_for_columns() { Self(4 | (self.0 & 1) << 1 | (self.0 & 2) >> 1) } else { self }
+    }
+
     fn image(self, image: &Image) -> Result<Image, KindError> {
         let (width, height) = (image.width(), image.height());
+        let (across, down) = if self.rows_for_columns() { (height, width) } else { (width, height) };
         let mut data = Vec::with_capacity(image.data().len());
-        for y in 0..height {
-            for x in 0..width {
-                let from_x = if self.sides() { width - 1 - x } else { x };
-                let from_y = if self.ends() { height - 1 - y } else { y };
+        for y in 0..down {
+            for x in 0..across {
+                let (column, row) = if self.rows_for_columns() { (y, x) } else { (x, y) };
+                let from_x = if self.sides() { width - 1 - column } else { column };
+                let from_y = if self.ends() { height - 1 - row } else { row };
                 data.extend_from_slice(image.pixel(from_x, from_y));
             }
         }
-        Ok(Image::from_data(width, height, image.channels(), data)?)
+        Ok(Image::from_data(across, down, image.channels(), data)?)
     }
 
     /// Normals (right, up, back) turn along.
@@ -91,6 +104,10 @@ impl View {
             }
             if self.ends() {
                 pixel[4] = -pixel[4];
+            }
+            if self.rows_for_columns() {
+                // What was down is right now, and what was right is down.
+                (pixel[3], pixel[4]) = (-pixel[4], -pixel[3]);
             }
         }
         Ok(out)
@@ -134,21 +151,32 @@ mod tests {
         Image::from_data(16, 8, channels, data).expect("fits")
     }
 
+    fn square() -> Image {
+        let mut stream = Stream::new(7, &[]);
+        Image::from_data(8, 8, 3, (0..192).map(|_| stream.range(0.0, 1.0) as f32).collect()).expect("fits")
+    }
+
     fn furthest(a: &Image, b: &Image) -> f32 {
         a.data().iter().zip(b.data()).fold(0.0, |most, (a, b)| most.max((a - b).abs()))
     }
 
     #[test]
-    fn a_view_is_its_own_inverse_and_normals_turn_with_it() {
-        for view in (0..4).map(View) {
+    fn a_view_is_undone_and_normals_turn_with_it() {
+        for view in (0..8).map(View) {
             let (state, gbuffer) = (image(3, 1), image(6, 2));
-            let again = view.gbuffer(&view.gbuffer(&gbuffer).expect("fits")).expect("fits");
-            assert_eq!((view.image(&view.image(&state).expect("fits")).expect("fits"), again), (state, gbuffer));
+            let seen = view.image(&state).expect("fits");
+            let turned = if view.rows_for_columns() { (8, 16) } else { (16, 8) };
+            assert_eq!((seen.width(), seen.height()), turned);
+            let again = view.inverse().gbuffer(&view.gbuffer(&gbuffer).expect("fits")).expect("fits");
+            assert_eq!((view.inverse().image(&seen).expect("fits"), again), (state, gbuffer));
         }
+        // All of them are different.
+        let seen: Vec<_> = (0..8).map(|view| View(view).image(&square()).expect("fits")).collect();
+        assert!((0..8).all(|a| (0..a).all(|b| seen[a] != seen[b])));
         // A bump seen from the front, whose normals lean away from its middle, looks the same from all sides.
         let bump = |i: usize| [0.1, 0.2, 0.3, (i % 6) as f32 - 2.5, 2.5 - (i / 6) as f32, 1.0];
         let bump = Image::from_data(6, 6, 6, (0..36).flat_map(bump).collect()).expect("fits");
-        assert!((0..4).all(|view| View(view).gbuffer(&bump).expect("fits") == bump));
+        assert!((0..8).all(|view| View(view).gbuffer(&bump).expect("fits") == bump));
     }
 
     #[test]
@@ -158,7 +186,7 @@ mod tests {
         let of = |views: usize, view: View| {
             let (state, gbuffer) = (view.image(&state).expect("fits"), view.gbuffer(&gbuffer).expect("fits"));
             let mirrored = Mirrored::new(&model, views).expect("a number of views");
-            view.image(&mirrored.predict(&state, Some(&gbuffer), 0.3).expect("fits")).expect("fits")
+            view.inverse().image(&mirrored.predict(&state, Some(&gbuffer), 0.3).expect("fits")).expect("fits")
         };
         assert_eq!(of(1, View(0)), alone);
         assert!(furthest(&of(1, View(1)), &alone) > 1e-3, "the network knows left from right");
@@ -166,6 +194,10 @@ mod tests {
         assert!(furthest(&of(2, View(2)), &of(2, View(0))) > 1e-3);
         for view in 1..4 {
             assert!(furthest(&of(4, View(view)), &of(4, View(0))) < 1e-5, "{view}");
+        }
+        assert!(furthest(&of(4, View(5)), &of(4, View(0))) > 1e-3);
+        for view in 1..8 {
+            assert!(furthest(&of(8, View(view)), &of(8, View(0))) < 1e-5, "{view}");
         }
         assert!(Mirrored::new(&model, 3).is_err());
     }

@@ -36,8 +36,9 @@ pub struct RefinementParams {
     pub from: u64,
     /// How the times of a rollout are spread.
     pub grid: TimeGrid,
-    /// Views of the image whose mean a model call is: 1, 2 for its mirror image too, or 4 for both upside down as well.
-    #[schemars(extend("enum" = [1, 2, 4]))]
+    /// Views of the image whose mean a model call is: 1, 2 for its mirror image too, 4 for both upside down as well, or 8 for all
+    /// four with rows for columns.
+    #[schemars(extend("enum" = [1, 2, 4, 8]))]
     pub mirrors: u64,
     /// Times that `timing` measures each number of calls.
     #[schemars(range(min = 1, max = 1000))]
@@ -89,7 +90,7 @@ impl Kind for Refinement {
         }
         if !Mirrored::VIEWS.contains(&(params.mirrors as usize)) {
             let problem = format!("{} views of an image", params.mirrors);
-            problems.push(ParamProblem::new("/mirrors", problem, "write 1, 2 or 4"));
+            problems.push(ParamProblem::new("/mirrors", problem, "write 1, 2, 4 or 8"));
         }
         problems
     }
@@ -214,7 +215,7 @@ mod tests {
         for group in ["main", TIMING] {
             assert!(key(1, group).get("mirrors").is_none() && key(2, group) != key(4, group));
         }
-        assert!([1, 2, 4].iter().all(|mirrors| Refinement::check(&of(*mirrors)).is_empty()));
-        assert!([0, 3, 8].iter().all(|mirrors| Refinement::check(&of(*mirrors))[0].pointer == "/mirrors"));
+        assert!([1, 2, 4, 8].iter().all(|mirrors| Refinement::check(&of(*mirrors)).is_empty()));
+        assert!([0, 3, 16].iter().all(|mirrors| Refinement::check(&of(*mirrors))[0].pointer == "/mirrors"));
     }
 }

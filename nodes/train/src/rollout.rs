@@ -161,14 +161,7 @@ fn span(model: &dyn Denoiser, from: u64, to: u64) -> Result<(f64, f64), KindErro
 
 /// A value that is no number would spread over the network's whole field of view.
 fn finite(image: &Image, what: &str) -> Result<(), KindError> {
-    let bad = image.data().iter().filter(|v| !v.is_finite()).count();
-    if bad == 0 {
-        return Ok(());
-    }
-    Err(KindError::Input(format!(
-        "{bad} of the {} values of the {what} are not finite; mend the image, or look at what made it",
-        image.data().len()
-    )))
+    Ok(image.finite(what, "mend the image, or look at what made it")?)
 }
 
 fn encode(model: &dyn Denoiser, image: &Image) -> Result<Image, KindError> {

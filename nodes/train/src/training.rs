@@ -405,7 +405,8 @@ impl Job<'_> {
                 let recent = &seconds[seconds.len().saturating_sub(20)..];
                 let rate = recent.len() as f64 / recent.iter().sum::<f64>().max(1e-9);
                 let gain = record.gain().map(|gain| format!("{gain:+.2} dB  ")).unwrap_or_default();
-                self.ctx.progress(step, p.steps, &format!("loss {loss:.4}  {gain}{rate:.1} steps/s"));
+                let standing = record.standing();
+                self.ctx.progress(step, p.steps, &format!("loss {loss:.4}{standing}  {gain}{rate:.1} steps/s"));
             }
         }
         if record.points.last().is_some_and(|last| last.step < p.steps) {

@@ -7,7 +7,7 @@ use crate::{
     text::{compact, count, escape},
 };
 use std::fmt::Write as _;
-use tauflow_data::results::TrainingLog;
+use tauflow_data::{curve::Standing, results::TrainingLog};
 
 /// The section; none without curves.
 pub fn section(losses: &[TrainingLog]) -> Option<Section> {
@@ -65,20 +65,11 @@ fn fall(log: &TrainingLog) -> Option<(f64, f64)> {
 
 /// What the loss on the test scenes did last, in words.
 fn standing(log: &TrainingLog) -> String {
-    let tests: Vec<(u64, f64)> = log.points.iter().filter_map(|p| p.test.map(|test| (p.step, test))).collect();
-    let Some(((_, first), (_, last))) = tests.first().zip(tests.last()) else { return String::new() };
-    let Some((at, best)) = tests.iter().min_by(|a, b| a.1.total_cmp(&b.1)) else { return String::new() };
-    let fallen = first - best;
-    // How much of the fall the last quarter of the steps brought.
-    let late = tests.iter().rfind(|(step, _)| step * 4 <= log.steps * 3).map_or(*first, |(_, test)| *test) - last;
-    if fallen <= 0.0 {
-        ", never fell".to_owned()
-    } else if *last > best + 0.25 * fallen {
-        format!(", rises since step {}", count(*at))
-    } else if late > 0.1 * fallen {
-        ", still falling".to_owned()
-    } else {
-        ", settled".to_owned()
+    match Standing::of(&log.points) {
+        // Steps as the rest of the page has them.
+        Some(Standing::Rises(since)) => format!(", rises since step {}", count(since)),
+        Some(standing) => format!(", {standing}"),
+        None => String::new(),
     }
 }
 
@@ -111,41 +102,4 @@ fn panel(log: &TrainingLog, many_spaces: bool) -> String {
         method_name(&log.parameterization),
         conditioning_name(&log.conditioning)
     ))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use tauflow_data::results::TrainingPoint;
-
-    #[test]
-    fn curves_are_told_in_words() {
-        let told = |tests: &[f64]| {
-            let last = tests.len() as u64 - 1;
-            let point = |(i, test): (usize, &f64)| TrainingPoint {
-                step: i as u64 * 100,
-                train: None,
-                test: Some(*test),
-                gain: None,
-                learning_rate: 1e-3,
-                gradient_norm: None,
-            };
-            let points = tests.iter().enumerate().map(point).collect();
-            let text = String::new;
-            standing(&TrainingLog {
-                parameterization: text(),
-                conditioning: text(),
-                space: text(),
-                preset: text(),
-                weights: 1,
-                steps: last * 100,
-                params: serde_json::Map::new(),
-                points,
-            })
-        };
-        assert_eq!(told(&[1.0, 0.8, 0.6, 0.4, 0.2]), ", still falling");
-        assert_eq!(told(&[1.0, 0.5, 0.41, 0.4, 0.4]), ", settled");
-        assert_eq!(told(&[1.0, 0.4, 0.5, 0.8, 0.9]), ", rises since step 100");
-        assert_eq!(told(&[1.0, 1.1, 1.2]), ", never fell");
-    }
 }

@@ -12,7 +12,7 @@ use tauflow_data::{
     results::{Bridge, BridgeRow, BridgeSummary, Estimate, TrainingLog, TrainingPoint, TrainingTiming},
     rng::Stream,
     statistics::SceneStatistics,
-    time_error::{FrontPoint, TimeError, TimeTo, TimedMethod, TimedPoint, TimedScene, TimedSummary, VersusRendering},
+    time_error::{TimeError, TimeTo, TimedMethod, TimedPoint, TimedScene, TimedSummary, VersusRendering},
 };
 
 fn around(mean: f64, half: f64) -> Estimate {
@@ -247,7 +247,6 @@ fn time_error() -> TimeError {
             method("mc_noise", "gbuffer", solver),
             method("oidn", "gbuffer", vec![point(1, 1, 0.02, 0.04)]),
         ],
-        front: vec![FrontPoint { method: 0, point: 0 }, FrontPoint { method: 1, point: 0 }],
         notes: vec!["other: there is no library <here>".into()],
     }
 }

@@ -20,10 +20,20 @@ fn run(
     test: Option<&Collection>,
     params: StratifiedSamplingParams,
 ) -> Result<(Outputs, serde_json::Value), KindError> {
+    run_beside(train, test, None, params)
+}
+
+fn run_beside(
+    train: &Collection,
+    test: Option<&Collection>,
+    taken: Option<&Collection>,
+    params: StratifiedSamplingParams,
+) -> Result<(Outputs, serde_json::Value), KindError> {
     let (blobs, cancel) = (MemoryBlobs::default(), AtomicBool::new(false));
     let ctx = Context::new(&blobs, &Silent, &cancel);
     let mut whole = BTreeMap::from([("train", train)]);
     whole.extend(test.map(|t| ("test", t)));
+    whole.extend(taken.map(|t| ("taken", t)));
     let action = Action { params, item: None, group: "main", seed: 0, each: BTreeMap::new(), whole };
     let outputs = StratifiedSampling::run(&ctx, &action)?;
     let report = ctx.json(outputs.collections["report"].get("report").expect("one item"), "")?;
@@ -51,6 +61,20 @@ fn quotas_are_filled_in_order_of_index() {
     }
     assert_eq!(report["test"]["equal"], true);
     assert_eq!(report["short"].as_array().map(Vec::len), Some(0));
+}
+
+#[test]
+fn what_is_taken_is_passed_over() {
+    let (train, test) = (side(3, ""), side(5, ""));
+    let params = |test| StratifiedSamplingParams { test, ..Default::default() };
+    let (first, _) = run(&train, Some(&test), params(24)).expect("enough");
+    let taken = &first.collections["test"];
+    let (second, report) = run_beside(&train, Some(&test), Some(taken), params(36)).expect("three are left of five");
+    let second = &second.collections["test"];
+    assert_eq!((second.len(), second.items.keys().filter(|key| taken.items.contains_key(*key)).count()), (36, 0));
+    assert_eq!(report["test"]["strata"]["L1-open"]["available"], 3);
+    let error = run_beside(&train, Some(&test), Some(taken), params(48)).expect_err("short").to_string();
+    assert!(error.contains("L1-open on the test side: 3 of 4"), "{error}");
 }
 
 #[test]

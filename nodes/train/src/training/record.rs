@@ -1,7 +1,10 @@
 //! The loss curve while it is written.
 
 use serde::{Deserialize, Serialize};
-use tauflow_data::results::TrainingPoint;
+use tauflow_data::{curve::Standing, results::TrainingPoint};
+
+/// Points of a curve before it is told what it does.
+const TELLING: usize = 4;
 
 /// How good averaged weights are.
 #[derive(Clone, Copy, Debug)]
@@ -35,6 +38,15 @@ impl Record {
         self.points.last().and_then(|point| point.gain)
     }
 
+    /// What the loss on the test scenes did last, unless it falls as it should or there is too little of it to tell.
+    pub(crate) fn standing(&self) -> String {
+        let standing = Standing::of(&self.points).filter(|_| self.points.len() > TELLING);
+        standing
+            .filter(|standing| *standing != Standing::Falls)
+            .map(|standing| format!(" ({standing})"))
+            .unwrap_or_default()
+    }
+
     /// Ends the running means in a point.
     pub(crate) fn point(&mut self, step: u64, score: Option<Score>, learning_rate: f64) {
         let mean = |sum: f64| (self.count > 0).then(|| sum / self.count as f64);
@@ -42,5 +54,25 @@ impl Record {
         let (test, gain) = (score.map(|s| s.test), score.map(|s| s.gain));
         self.points.push(TrainingPoint { step, train, test, gain, learning_rate, gradient_norm });
         (self.loss, self.norm, self.count) = (0.0, 0.0, 0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_curve_is_told_of_once_there_is_enough_of_it_and_it_does_not_fall() {
+        let told = |tests: &[f64]| {
+            let mut record = Record::default();
+            for (i, test) in tests.iter().enumerate() {
+                record.point(i as u64 * 100, Some(Score { test: *test, gain: 0.0 }), 1e-3);
+            }
+            record.standing()
+        };
+        assert_eq!(told(&[1.0, 0.4, 0.4, 0.4]), "");
+        assert_eq!(told(&[1.0, 0.4, 0.4, 0.4, 0.4]), " (settled)");
+        assert_eq!(told(&[1.0, 0.9, 0.8, 0.7, 0.6]), "");
+        assert_eq!(told(&[1.0, 0.4, 0.9, 0.9, 0.9]), " (rises since step 100)");
     }
 }
