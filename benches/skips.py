@@ -37,6 +37,13 @@ PIPELINES = {
         "test_ladders.rungs": "{ dyadic: 512 }"}, "{ dyadic: 512 }"),
 }
 EDIT = {"gate.noise": 1.001}
+# Rows of the table.
+DEMAND = "demand: G-buffers of previews, which nothing reads"
+GATE = "gate and sampling before full renders"
+PREFIX = "prefix reuse: previews are the first samples of ladders"
+TRANSIENT = "transient outputs: previews and ladders are handed on in memory"
+CUTOFF = "early cutoff, after an edit that moves no verdict"
+SPECIAL = "specialisation, all of it at once; scenes to judge by, 16 samples, one core"
 
 
 def kept(folder):
@@ -101,22 +108,22 @@ def front(pipeline, scratch):
     scenes = sampled(pipeline, base, scratch)
     gating, prefix = fresh("gating"), fresh("prefix")
     found = {
-        "demand": (on, run(pipeline, fresh("demand"), TARGETS + ["previews.gbuffer"])),
-        "gate and sampling first": (on, run(pipeline, gating, more={"previews.rungs": whole}.items())),
-        "prefix reuse": (on, run(pipeline, prefix, more={"previews.stream": 9}.items())),
-        "transient outputs": (run(pipeline, fresh("transient"), file=transient(pipeline, fresh("pipelines"))), on),
+        DEMAND: (on, run(pipeline, fresh("demand"), TARGETS + ["previews.gbuffer"])),
+        GATE: (on, run(pipeline, gating, more={"previews.rungs": whole}.items())),
+        PREFIX: (on, run(pipeline, prefix, more={"previews.stream": 9}.items())),
+        TRANSIENT: (run(pipeline, fresh("transient"), file=transient(pipeline, fresh("pipelines"))), on),
     }
     # Other previews may be judged otherwise: how much of the work is the same is said below the table.
     others = {
-        "gate and sampling first": len(scenes - sampled(pipeline, gating, scratch, {"previews.rungs": whole}.items())),
-        "prefix reuse": len(scenes - sampled(pipeline, prefix, scratch, {"previews.stream": 9}.items())),
+        GATE: len(scenes - sampled(pipeline, gating, scratch, {"previews.rungs": whole}.items())),
+        PREFIX: len(scenes - sampled(pipeline, prefix, scratch, {"previews.stream": 9}.items())),
     }
     edited = run(pipeline, base, more=EDIT.items())
     pool = PIPELINES[pipeline][1]["scenes.pool"]
     assert edited[2] == pool, f"the gate alone should run again, for {pool} scenes: {edited[2]} actions did"
     after = fresh("cutoff")
     run(pipeline, after, ["gate"])
-    found["early cutoff, after an edit"] = (edited, run(pipeline, after))
+    found[CUTOFF] = (edited, run(pipeline, after))
     for folder in pathlib.Path(scratch).iterdir():
         if folder != base:
             shutil.rmtree(folder)
@@ -139,8 +146,7 @@ def size(count):
 def row(name, accounts):
     middle = lambda side, of: None if accounts[0][side][of] is None else statistics.median(account[side][of] for account in accounts)
     (on_s, off_s), (on_b, off_b) = ((middle(0, of), middle(1, of)) for of in (0, 1))
-    less = f"{1 - on_b / off_b:.0%}" if off_b else "–"
-    return f"| {name} | {on_s:.2f} | {off_s:.2f} | {off_s / max(on_s, 1e-3):.2f}x | {size(on_b)} | {size(off_b)} | {less} |"
+    return f"| {name} | {on_s:.2f} | {off_s:.2f} | {off_s / max(on_s, 1e-3):.2f}x | {size(on_b)} | {size(off_b)} |"
 
 
 def main():
@@ -155,12 +161,12 @@ def main():
         for _ in range(args.rounds):
             with tempfile.TemporaryDirectory() as scratch:
                 found, base, others, scenes = front(pipeline, scratch)
-                found["specialisation, one core"] = specialisation(pipeline, base, scratch)
+                found[SPECIAL] = specialisation(pipeline, base, scratch)
                 for name, pair in found.items():
                     accounts.setdefault(name, []).append(pair)
-        print(f"\n{pipeline}, scenes to packed sets: {accounts['demand'][0][0][2]} actions\n")
-        print("| skip | on, s | off, s | time saved | on, kept | off, kept | less |")
-        print("|---|---:|---:|---:|---:|---:|---:|")
+        print(f"\n{pipeline}, scenes to packed sets, medians of {args.rounds}: {accounts[DEMAND][0][0][2]} actions\n")
+        print("| skip | on, s | off, s | time saved | on, kept | off, kept |")
+        print("|---|---:|---:|---:|---:|---:|")
         for name, pairs in accounts.items():
             print(row(name, pairs), flush=True)
         for name, count in others.items():

@@ -146,7 +146,7 @@ fn cameras(add: Add<'_>) {
         add(format!("the same camera at 1e-6 m that sees nothing nearer than {near:.1e} m"), what, came);
     }
     for fov in [1e-6, 1e-2, 179.0, 179.999] {
-        let mut built = glowing(1000);
+        let mut built = glowing(0.5, 1000);
         built.scene.camera.fov_x = fov;
         // The near plane is nowhere near the view's edges.
         built.scene.camera.near = 0.0;

@@ -56,7 +56,8 @@ fn page(hazards: &[Hazard]) -> String {
     let mut out = String::from(
         "# Numerical stress\n\nWhat is fed to the renderer, the clocks, the solvers, trainings and metrics to break them, what must come out, and \
          what did. A test makes this page and holds it against every run: `cargo test --release --test stress`; with `TAUFLOW_STRESS_DOC=1` it writes it \
-         anew. Where precision is lost, the last column says how much.\n",
+         anew. `pipelines/stress.yaml` puts such scenes, ladders of rungs 1, 3, 7 and 20 and of two that are a sample apart, exposures and trainings through every kind of the \
+         main job: `tests/pipelines/stress.rs` wants nothing of it to fail, and no number that is none. Where precision is lost, the last column says how much.\n",
     );
     let mut area = "";
     for hazard in hazards {

@@ -11,6 +11,7 @@ use tauflow_data::{
 };
 use tauflow_render::{
     accumulator::{Accumulator, Pixel},
+    integrator::Roulette,
     render::Renderer,
     world::World,
 };
@@ -23,7 +24,11 @@ pub(super) fn world(built: &Built) -> Result<World, String> {
 
 pub(super) fn rendered(built: &Built, width: usize, height: usize, spp: u64) -> Result<Accumulator, String> {
     let world = world(built)?;
-    let renderer = Renderer::new(&world, width, height, 0).map_err(|e| e.to_string())?;
+    film_of(&Renderer::new(&world, width, height, 0).map_err(|e| e.to_string())?, spp)
+}
+
+/// What a renderer makes, if all of it counts.
+fn film_of(renderer: &Renderer<'_>, spp: u64) -> Result<Accumulator, String> {
     let mut film = renderer.begin();
     renderer.advance(&mut film, spp, &mut |_| Ok(())).map_err(|e| e.to_string())?;
     let image = film.mean();
@@ -68,10 +73,10 @@ pub(super) fn furnace(bsdf: Bsdf, max_depth: u32) -> Built {
     built
 }
 
-/// Inside a closed cube of albedo 1/2 that shines by itself: L = 1 + 1/2 + 1/4 + ..., as far as paths go.
-pub(super) fn glowing(depth: u32) -> Built {
+/// Inside a closed cube that shines by itself: L = 1 + albedo + albedo^2 + ..., as far as paths go.
+pub(super) fn glowing(albedo: f32, depth: u32) -> Built {
     let mut shell = Built::new([0.0; 3], [1.0, 0.0, 0.0], 60.0, depth);
-    let grey = shell.diffuse([0.5; 3]);
+    let grey = shell.diffuse([albedo; 3]);
     let wall = shell.shape(Geometry::Cube, IDENTITY, grey);
     wall.flip_normals = true;
     wall.emission = Some(Texture::scalar(1.0));
@@ -246,11 +251,26 @@ fn materials(add: Add<'_>) {
     let came = rendered(&twice, 8, 8, 4096).and_then(|film| within(&film, 1.0, 2e-3));
     add("two glass balls in one place".into(), "1, to 0.2%", came);
     for depth in [1u32, 2, 1000] {
-        let shell = glowing(depth);
+        let shell = glowing(0.5, depth);
         let expected = 2.0 - 0.5f64.powi(depth.min(60) as i32 - 1);
         let came = rendered(&shell, 8, 8, 256).and_then(|film| within(&film, expected, 0.01));
         add(
             format!("a glowing closed cube of albedo 1/2, paths of at most {depth} segments"),
+            "the sum of its reflections, to 1%",
+            came,
+        );
+    }
+    for depth in [100u32, 1000] {
+        let shell = glowing(0.999, depth);
+        let expected = (1.0 - 0.999f64.powi(depth as i32)) / (1.0 - 0.999);
+        let came = world(&shell).and_then(|world| {
+            // No path ends by chance: all go as far as they may.
+            let whole = Roulette { from: depth, gain: 1.0 };
+            let renderer = Renderer::new(&world, 8, 8, 0).map_err(|e| e.to_string())?.with_roulette(whole);
+            within(&film_of(&renderer, 64)?, expected, 0.01)
+        });
+        add(
+            format!("the same of albedo 0.999, no path ended by chance, at most {depth} segments"),
             "the sum of its reflections, to 1%",
             came,
         );
@@ -305,7 +325,7 @@ fn films(add: Add<'_>) {
         came,
     );
     for (width, height) in [(1, 1), (1, 17), (31, 3), (33, 17)] {
-        let came = rendered(&glowing(1000), width, height, 4096 / (width * height) as u64 * 16).and_then(|film| {
+        let came = rendered(&glowing(0.5, 1000), width, height, 4096 / (width * height) as u64 * 16).and_then(|film| {
             let fits = (film.width(), film.height()) == (width, height);
             within(&film, 2.0, 0.02).and_then(|said| held(fits, said))
         });

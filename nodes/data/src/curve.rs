@@ -8,9 +8,9 @@ use std::fmt;
 pub enum Standing {
     /// It never was below what it was before the first step.
     NeverFell,
-    /// It was lowest at this step, and has lost a quarter of its fall since.
+    /// It was lowest at this step, and has lost more than a quarter of its fall since.
     Rises(u64),
-    /// The last quarter of the steps brought a tenth of the fall or more.
+    /// The last quarter of the steps brought more than a tenth of the fall.
     Falls,
     /// Neither.
     Settled,

@@ -9,6 +9,7 @@ mod bridge_tables;
 mod claims;
 pub mod curve;
 mod evaluation;
+mod held_out;
 mod image_metrics;
 pub mod metrics;
 mod ssim;

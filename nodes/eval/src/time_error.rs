@@ -2,6 +2,7 @@
 
 use crate::{
     evaluation::check_resamples,
+    held_out::{Errors, HeldOut, shared},
     metrics::Reference,
     time_tables::{Measured, MethodOf, Sample, quartiles, summarise},
 };
@@ -20,8 +21,6 @@ use tauflow_data::{
     timing::{Repeated, Timing, machine},
 };
 
-/// Added to squares of the reference that errors are relative to.
-const DARKEST: f64 = 0.01;
 /// What the path tracer is called.
 pub(crate) const PATH_TRACER: &str = "path_tracer";
 /// What timings call a G-buffer.
@@ -69,7 +68,7 @@ impl Kind for TimeErrorKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "time_error",
-            version: 5,
+            version: 6,
             summary: "Error against time: of rendering alone, solvers and denoisers.",
             manual: include_str!("time_error.md"),
             mode: Mode::Gather,
@@ -108,6 +107,7 @@ impl Kind for TimeErrorKind {
         };
         let mut notes = Vec::new();
         let mut scenes = Vec::new();
+        let (mut against_law, mut unresolved, mut last) = (Vec::new(), 0, 0);
         for (done, (key, artifact)) in references.iter().enumerate() {
             ctx.check_cancelled()?;
             let item = |port: &str| -> Result<&Artifact, KindError> {
@@ -123,6 +123,11 @@ impl Kind for TimeErrorKind {
             let rendering: Timing = ctx.json(item("render_times")?, "")?;
             let own = Own { packed: &packed, rendering: &rendering, factor: exposure.factor };
             scenes.push(scene(ctx, key, &reference, &own, &cells, &mut notes)?);
+            if let Some((spp, image)) = packed.counts.last().copied().zip(packed.states.last()) {
+                against_law.extend(reference.against_law(image, spp));
+                last = spp;
+            }
+            unresolved += reference.unresolved.get();
             ctx.progress(done as u64 + 1, references.len() as u64, "");
         }
         notes.sort_unstable();
@@ -133,6 +138,24 @@ impl Kind for TimeErrorKind {
                 "the reference of `{}` has {spp} samples a pixel and the first scene's {reference_spp}; render all alike",
                 other.scene
             )));
+        }
+        if let Some(value) = shared(&against_law, last, reference_spp) {
+            return Err(KindError::Input(format!(
+                "references share samples with the ladders that they judge: squares of what the rungs of {last} are off by are {value:.3} of \
+                 those of independent samples; render references with another `stream`"
+            )));
+        }
+        if reference_spp < 16 * last {
+            notes.push(format!(
+                "references of {reference_spp} samples, less than 16 times the last rung's {last}: their own noise, which is taken off, is no \
+                 small part of low errors"
+            ));
+        }
+        if unresolved > 0 {
+            notes.push(format!(
+                "{unresolved} images are nearer to their references than the references' own noise tells: a thousandth of what was found \
+                 stands for their errors"
+            ));
         }
         let measured: Vec<Measured> = scenes.into_iter().map(|(_, measured)| measured).collect();
         let result = summarise(&measured, &action.params, reference_spp, notes, action.seed)?;
@@ -199,34 +222,6 @@ fn cells<'a>(
     Ok(cells.into_values().collect())
 }
 
-/// A reference, exposed, and how much of a squared error is its own.
-struct HeldOut {
-    image: Image,
-    spp: u64,
-    /// Whether any of its samples vary.
-    noisy: bool,
-    own_mse: f64,
-    own_rel: f64,
-}
-
-impl HeldOut {
-    fn load(ctx: &Context<'_>, artifact: &Artifact, factor: f64, key: &ItemKey) -> Result<Self, KindError> {
-        let ladder = Ladder::load(ctx, artifact)?;
-        let last =
-            ladder.rungs.last().ok_or_else(|| KindError::Input(format!("the reference of `{key}` has no rung")))?;
-        let image = last.image.map(|v| (f64::from(v) * factor) as f32);
-        let count = image.data().len() as f64;
-        // Samples that depend on each other do not tell: less is taken off than could be.
-        let known = f64::from(u8::from(ladder.meta.sampler.is_independent()));
-        let variance = |v: &f32| known * f64::from(*v) * factor * factor / last.spp as f64;
-        let own_mse = ladder.variance.data().iter().map(variance).sum::<f64>() / count;
-        let pairs = ladder.variance.data().iter().zip(image.data());
-        let own_rel = pairs.map(|(v, r)| variance(v) / (f64::from(*r).powi(2) + DARKEST)).sum::<f64>() / count;
-        let noisy = ladder.variance.data().iter().any(|v| *v > 0.0);
-        Ok(Self { spp: last.spp, noisy, image, own_mse, own_rel })
-    }
-}
-
 /// Quartiles of the wall and processor times of an image.
 type Took = ([f64; 3], [f64; 3]);
 
@@ -263,7 +258,7 @@ fn scene(
         |what: &str| KindError::Input(format!("`{what}` of `{key}` was not timed; time it at the same rungs and NFE"));
     let sample = |image: &Image, from: u64, nfe: u64, took: Took| -> Result<Sample, KindError> {
         let metrics = reference.metrics(image).map_err(|e| KindError::Input(format!("an image of `{key}`: {e}")))?;
-        let (mse, rel_mse) = errors(image, held_out);
+        let Errors { mse, rel_mse, hdr_psnr } = held_out.errors(image);
         Ok(Sample {
             from_spp: from,
             nfe,
@@ -271,7 +266,7 @@ fn scene(
             cpu_s: took.1,
             mse,
             rel_mse,
-            hdr_psnr: metrics.hdr_psnr,
+            hdr_psnr,
             preview_psnr: metrics.preview_psnr,
             ssim: metrics.ssim,
         })
@@ -363,19 +358,4 @@ fn rendered(ctx: &Context<'_>, artifact: &Artifact) -> Result<Rendered, KindErro
         SamplerKind::Sobol => format!("{PATH_TRACER}_sobol"),
     };
     Ok((ladder.rungs.into_iter().map(|rung| (name.clone(), rung.spp, rung.image)).collect(), None))
-}
-
-/// Mean squared errors, absolute and relative, less what the reference's own noise adds; at least a thousandth of what was
-/// measured, as noise may hide the rest.
-fn errors(image: &Image, held_out: &HeldOut) -> (f64, f64) {
-    let (mut square, mut relative) = (0.0, 0.0);
-    for (a, r) in image.data().iter().zip(held_out.image.data()) {
-        let (a, r) = (f64::from(a.max(0.0)), f64::from(*r));
-        let d = (a - r) * (a - r);
-        square += d;
-        relative += d / (r * r + DARKEST);
-    }
-    let count = image.data().len().max(1) as f64;
-    let less = |found: f64, own: f64| (found - own).max(1e-3 * found).max(f64::MIN_POSITIVE);
-    (less(square / count, held_out.own_mse), less(relative / count, held_out.own_rel))
 }

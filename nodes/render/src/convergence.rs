@@ -17,7 +17,7 @@ use tauflow_contract::{
 };
 use tauflow_data::{
     Stratum,
-    convergence::{AgainstLaw, Convergence, ConvergenceRow, SceneConvergence},
+    convergence::{AgainstLaw, Convergence, ConvergenceRow, SceneConvergence, shares_samples},
     formats::{EXPOSURE, Exposure, JSON},
     ladder::{LADDER, Ladder},
     maths::{exp, log},
@@ -110,6 +110,16 @@ impl Kind for ConvergenceKind {
             groups.entry(stratum).or_default().push(scene);
         }
         let overall = row("all", &counts, &scenes.iter().collect::<Vec<_>>(), &mut stream);
+        let last = counts.last().copied().unwrap_or_default();
+        if let Some(of_last) = overall.covariance.last().and_then(|row| row.last())
+            && shares_samples(of_last.value, of_last.error, last, reference_spp)
+        {
+            return Err(KindError::Input(format!(
+                "references share samples with the ladders that they judge: the variance of the rungs of {last} is {:.3} of that of \
+                 independent samples; render references with another `stream`",
+                of_last.value
+            )));
+        }
         let sde = if overall.mean.is_empty() {
             Vec::new()
         } else {

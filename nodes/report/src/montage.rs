@@ -1,4 +1,4 @@
-//! Montages: strata x methods, as pictures for the page and as labelled PNGs. Knows no HTML.
+//! Montages: strata x methods, and methods x numbers of calls, as pictures for the page and as labelled PNGs. Knows no HTML.
 
 use crate::{
     font,
@@ -35,8 +35,8 @@ pub struct Montage {
 pub struct MontageRow {
     /// Its item key.
     pub scene: String,
-    /// Its stratum.
-    pub stratum: String,
+    /// What the row is called: its stratum, or a method.
+    pub head: String,
     /// A picture for each column.
     pub pictures: Vec<Picture>,
 }
@@ -85,11 +85,7 @@ pub fn montages(
     refined: Option<&Collection>,
     choice: Choice,
 ) -> Result<Vec<Montage>, KindError> {
-    let images: BTreeMap<(Cell, &str), &Artifact> = refined
-        .into_iter()
-        .flat_map(Collection::iter)
-        .map(|(key, artifact)| ((cell_of_key(key.as_str()), own(key.as_str())), artifact))
-        .collect();
+    let images = by_cell(refined);
     let chosen = choose(references, choice.scenes);
     let mut out = Vec::new();
     for Group { title, slug, tables } in groups(evaluation) {
@@ -99,14 +95,10 @@ pub fn montages(
         columns.push((None, format!("Reference, {} spp", evaluation.reference_spp)));
         let (mut rows, mut reduced) = (Vec::new(), 1);
         for (scene, artifact, stratum) in &chosen {
-            let packed = PackedScene::from_bytes(&ctx.part(artifact, "")?)?;
-            let rung = |spp: u64| packed.counts.iter().position(|n| *n == spp).map(|i| &packed.states[i]);
-            reduced = packed.states.first().map_or(1, |i| i.width().max(i.height()).div_ceil(choice.pixels.max(1)));
+            let ends = Ends::load(ctx, evaluation, scene, artifact, choice)?;
+            reduced = ends.reduced;
             let show = |image: Option<&Image>| image.map(|i| reduce(i, reduced).map(preview));
-            let mut pictures = vec![Picture {
-                image: show(rung(evaluation.from_spp)),
-                psnr: score(evaluation, scene, &Cell::new(), 0),
-            }];
+            let mut pictures = vec![ends.input];
             for table in &tables {
                 let image = match images.get(&(table.cell.clone(), scene.as_str())) {
                     Some(artifact) => at_nfe(ctx, artifact, choice.nfe)?,
@@ -117,12 +109,88 @@ pub fn montages(
                     psnr: score(evaluation, scene, &table.cell, choice.nfe),
                 });
             }
-            pictures.push(Picture { image: show(rung(evaluation.reference_spp)), psnr: None });
-            rows.push(MontageRow { scene: scene.clone(), stratum: stratum.to_string(), pictures });
+            pictures.push(ends.reference);
+            rows.push(MontageRow { scene: scene.clone(), head: stratum.to_string(), pictures });
         }
         out.push(Montage { title, file: format!("montage-{slug}.png"), columns, rows, reduced });
     }
     Ok(out)
+}
+
+/// For each such group its methods by number of calls, in one scene: of those that [`montages`] shows, the one whose input is the median
+/// by HDR PSNR. None where there is one number alone.
+///
+/// # Errors
+/// As [`montages`].
+pub fn by_calls(
+    ctx: &Context<'_>,
+    evaluation: &Evaluation,
+    references: &Collection,
+    refined: Option<&Collection>,
+    choice: Choice,
+) -> Result<Vec<Montage>, KindError> {
+    let mut chosen = choose(references, choice.scenes);
+    let input = |scene: &str| score(evaluation, scene, &Cell::new(), 0).unwrap_or(f64::INFINITY);
+    chosen.sort_by(|a, b| input(&a.0).total_cmp(&input(&b.0)));
+    let (Some((scene, artifact, _)), true) = (chosen.get(chosen.len() / 2), evaluation.nfe.len() > 1) else {
+        return Ok(Vec::new());
+    };
+    let images = by_cell(refined);
+    let ends = Ends::load(ctx, evaluation, scene, artifact, choice)?;
+    let mut columns = vec![(None, format!("Input, {} spp", evaluation.from_spp))];
+    columns.extend(evaluation.nfe.iter().map(|nfe| (None, format!("NFE {nfe}"))));
+    columns.push((None, format!("Reference, {} spp", evaluation.reference_spp)));
+    let mut out = Vec::new();
+    for Group { title, slug, tables } in groups(evaluation) {
+        ctx.check_cancelled()?;
+        let mut rows = Vec::new();
+        for table in &tables {
+            let Some(artifact) = images.get(&(table.cell.clone(), scene.as_str())) else { continue };
+            let mut pictures = vec![ends.input.clone()];
+            for nfe in &evaluation.nfe {
+                let image = at_nfe(ctx, artifact, *nfe)?.map(|image| reduce(&image, ends.reduced).map(preview));
+                pictures.push(Picture { image, psnr: score(evaluation, scene, &table.cell, *nfe) });
+            }
+            pictures.push(ends.reference.clone());
+            rows.push(MontageRow { scene: scene.clone(), head: method_name(&table.method), pictures });
+        }
+        let (file, columns, reduced) = (format!("montage-{slug}-by-nfe.png"), columns.clone(), ends.reduced);
+        out.push(Montage { title, file, columns, rows, reduced });
+    }
+    Ok(out)
+}
+
+/// What a row begins and ends with.
+struct Ends {
+    input: Picture,
+    reference: Picture,
+    reduced: usize,
+}
+
+impl Ends {
+    fn load(
+        ctx: &Context<'_>,
+        evaluation: &Evaluation,
+        scene: &str,
+        artifact: &Artifact,
+        choice: Choice,
+    ) -> Result<Self, KindError> {
+        let packed = PackedScene::from_bytes(&ctx.part(artifact, "")?)?;
+        let reduced = packed.states.first().map_or(1, |i| i.width().max(i.height()).div_ceil(choice.pixels.max(1)));
+        let rung = |spp: u64| {
+            let index = packed.counts.iter().position(|n| *n == spp)?;
+            Some(reduce(&packed.states[index], reduced).map(preview))
+        };
+        let psnr = score(evaluation, scene, &Cell::new(), 0);
+        let input = Picture { image: rung(evaluation.from_spp), psnr };
+        Ok(Self { input, reference: Picture { image: rung(evaluation.reference_spp), psnr: None }, reduced })
+    }
+}
+
+/// Refined images by cell and scene.
+fn by_cell(refined: Option<&Collection>) -> BTreeMap<(Cell, &str), &Artifact> {
+    let items = refined.into_iter().flat_map(Collection::iter);
+    items.map(|(key, artifact)| ((cell_of_key(key.as_str()), own(key.as_str())), artifact)).collect()
 }
 
 fn own(key: &str) -> &str {
@@ -176,7 +244,7 @@ impl Montage {
             .fold((1, 1), |(w, h), i| (w.max(i.width()), h.max(i.height())));
         let zoom = (208 / size.0.max(size.1)).max(1);
         let (cell_w, cell_h) = (size.0 * zoom, size.1 * zoom);
-        let left = self.rows.iter().map(|r| font::width(&r.stratum, SCALE)).max().unwrap_or(0) + 2 * GAP;
+        let left = self.rows.iter().map(|r| font::width(&r.head, SCALE)).max().unwrap_or(0) + 2 * GAP;
         let width = left + self.columns.len() * (cell_w + GAP);
         let mut sheet = Image::new(width, LINE + GAP + self.rows.len() * (cell_h + LINE + GAP), 3).map(|_| 1.0);
         for (c, (_, head)) in self.columns.iter().enumerate() {
@@ -184,7 +252,7 @@ impl Montage {
         }
         for (r, row) in self.rows.iter().enumerate() {
             let y = LINE + GAP + r * (cell_h + LINE + GAP);
-            font::draw(&mut sheet, [GAP, y + cell_h / 2 - font::HEIGHT], &row.stratum, SCALE, 0.1);
+            font::draw(&mut sheet, [GAP, y + cell_h / 2 - font::HEIGHT], &row.head, SCALE, 0.1);
             for (c, picture) in row.pictures.iter().enumerate() {
                 let x = left + c * (cell_w + GAP);
                 if let Some(image) = &picture.image {

@@ -3,7 +3,7 @@
 use crate::{
     csv,
     material::{Cell, Material},
-    montage::{Choice, Montage, montages},
+    montage::{Choice, Montage, by_calls, montages},
     page::{Section, page},
     ranking::extra,
     sections::{self, data::gate_counts},
@@ -82,7 +82,7 @@ impl Kind for Report {
     fn spec() -> KindSpec {
         KindSpec {
             name: "report",
-            version: 6,
+            version: 7,
             summary: "Shows what was measured: a self-contained page, JSON, CSV, LaTeX and pictures.",
             manual: include_str!("report.md"),
             mode: Mode::Gather,
@@ -108,16 +108,18 @@ impl Kind for Report {
         let evaluation = &material.evaluation;
         let params = &action.params;
         let nfe = picture_nfe(evaluation, params)?;
-        let montages = match action.whole.get("references") {
+        let (montages, by_calls) = match action.whole.get("references") {
             Some(references) if params.montage_scenes > 0 => {
                 let choice =
                     Choice { scenes: params.montage_scenes as usize, nfe, pixels: params.montage_pixels as usize };
-                montages(ctx, evaluation, references, action.whole.get("refined").copied(), choice)?
+                let refined = action.whole.get("refined").copied();
+                let by_calls = by_calls(ctx, evaluation, references, refined, choice)?;
+                (montages(ctx, evaluation, references, refined, choice)?, by_calls)
             }
-            _ => Vec::new(),
+            _ => Default::default(),
         };
         ctx.check_cancelled()?;
-        let sections = sections(&material, params, &montages, nfe)?;
+        let sections = sections(&material, params, (&montages, &by_calls), nfe)?;
         let opening = material.time_error.as_ref().map(sections::time_error::opening).unwrap_or_default();
         let header = opening + &sections::headline::block(evaluation, &material, &params.subtitle, &montages, nfe)?;
         let html = page(&params.title, &header, &sections, &missing(action));
@@ -134,7 +136,7 @@ impl Kind for Report {
         put("per_scene.csv", csv::per_scene(evaluation).as_bytes())?;
         put("table.tex", tex::table(evaluation, "hdr_psnr").as_bytes())?;
         put("tables.tex", tex::others(evaluation).as_bytes())?;
-        for montage in montages.iter().filter(|m| !m.rows.is_empty()) {
+        for montage in montages.iter().chain(&by_calls).filter(|m| !m.rows.is_empty()) {
             put(&montage.file, &montage.png()?)?;
         }
         let between = material.bridge.iter().flat_map(|b| &b.bridge.claims);
@@ -179,7 +181,7 @@ fn picture_nfe(evaluation: &Evaluation, params: &ReportParams) -> Result<u64, Ki
 fn sections(
     material: &Material,
     params: &ReportParams,
-    montages: &[Montage],
+    (montages, by_calls): (&[Montage], &[Montage]),
     nfe: u64,
 ) -> Result<Vec<Section>, KindError> {
     let evaluation = &material.evaluation;
@@ -190,7 +192,7 @@ fn sections(
         sections::strata::section(evaluation, nfe),
         sections::baselines::section(evaluation),
         material.time_error.as_ref().map(sections::time_error::section),
-        sections::montage::section(montages, nfe)?,
+        sections::montage::section(montages, by_calls, nfe)?,
         material.bridge.as_ref().map(|b| sections::bridge::section(b, params.bridge_scenes as usize)),
         sections::losses::section(&material.losses),
         sections::data::section(material),

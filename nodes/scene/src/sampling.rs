@@ -114,12 +114,12 @@ fn choose(
         let mut there = by_stratum.remove(stratum).unwrap_or_default();
         there.sort_by_key(|(index, key, _)| (*index, *key));
         let available = there.len() as u64;
-        let taken = available.min(*wanted);
-        if taken < *wanted {
+        let chosen_here = available.min(*wanted);
+        if chosen_here < *wanted {
             short.push(format!("{stratum} on the {name} side: {available} of {wanted} scenes"));
         }
-        chosen.items.extend(there.into_iter().take(taken as usize).map(|(_, k, a)| (k.clone(), a.clone())));
-        strata.insert(stratum.to_string(), StratumReport { wanted: *wanted, available, chosen: taken });
+        chosen.items.extend(there.into_iter().take(chosen_here as usize).map(|(_, k, a)| (k.clone(), a.clone())));
+        strata.insert(stratum.to_string(), StratumReport { wanted: *wanted, available, chosen: chosen_here });
     }
     let wanted = quotas.iter().map(|q| q.1).sum();
     let equal = quotas.windows(2).all(|w| w[0].1 == w[1].1);

@@ -1,4 +1,4 @@
-//! Pictures: strata x methods.
+//! Pictures: strata x methods, and methods x numbers of calls.
 
 use crate::{
     montage::Montage,
@@ -13,22 +13,29 @@ use tauflow_data::image_io::encode_png;
 ///
 /// # Errors
 /// If a picture cannot be encoded.
-pub fn section(montages: &[Montage], nfe: u64) -> Result<Option<Section>, KindError> {
+pub fn section(montages: &[Montage], by_calls: &[Montage], nfe: u64) -> Result<Option<Section>, KindError> {
     let Some(first) = montages.iter().find(|m| !m.rows.is_empty()) else { return Ok(None) };
-    let mut panels = Vec::new();
-    for montage in montages {
-        panels.push((montage.title.clone(), grid(montage)?));
-    }
+    let panels = |of: &[Montage]| -> Result<Vec<(String, String)>, KindError> {
+        of.iter().filter(|m| !m.rows.is_empty()).map(|m| Ok((m.title.clone(), grid(m)?))).collect()
+    };
     let reduced = match first.reduced {
         1 => String::new(),
         n => format!(
             " Pictures are averaged over {n} × {n} pixels to fit, which hides some noise; scores are of the full ones."
         ),
     };
-    let body = format!(
+    let mut body = format!(
         "<p>The first scene of each stratum by number, not the fairest, at NFE {nfe}. Captions: HDR PSNR in dB, the best of a row in bold.{reduced}</p>{}",
-        tabs("montage", &panels)
+        tabs("montage", &panels(montages)?)
     );
+    if let Some(row) = by_calls.iter().find_map(|m| m.rows.first()) {
+        let _ = write!(
+            body,
+            "<h3>By number of calls</h3><p>The scene {}, of those above the one whose input is the median by HDR PSNR.</p>{}",
+            escape(&row.scene),
+            tabs("by-nfe", &panels(by_calls)?)
+        );
+    }
     Ok(Some(Section::new("pictures", "Pictures", body)))
 }
 
@@ -39,8 +46,12 @@ fn grid(montage: &Montage) -> Result<String, KindError> {
     }
     out.push_str("</tr></thead><tbody>");
     for row in &montage.rows {
-        let (regime, context) = row.stratum.split_once('-').unwrap_or((&row.stratum, ""));
-        let _ = write!(out, r#"<tr title="{}"><td>{regime}<br>{context}</td>"#, escape(&row.scene));
+        let _ = write!(
+            out,
+            r#"<tr title="{}"><td>{}</td>"#,
+            escape(&row.scene),
+            escape(&row.head).replacen('-', "<br>", 1)
+        );
         let best = row.pictures.iter().filter_map(|p| p.psnr).fold(f64::NEG_INFINITY, f64::max);
         for (picture, (_, head)) in row.pictures.iter().zip(&montage.columns) {
             out.push_str("<td>");

@@ -117,7 +117,8 @@ impl Encoding {
     /// have to learn it.
     ///
     /// Given I_n, the expectation of I_m, m > n, is (1 - n/m) of the way to the mean: the samples of I_n are among its own.
-    /// Velocities divide that by the time it takes. At the end of the ladder the time vanishes with the way, and what is left is
+    /// Velocities divide that by the time it takes: a local one by that of a small step, so that to the next rung of a dyadic ladder, whose
+    /// secant is 0.85 of it, the network weighs the pixel itself in. At the end of the ladder the time vanishes with the way, and what is left is
     /// finite. Interpolants of rectified flow have 1 - t of their way before them, whatever it is worth.
     fn gain(&self, tau: f64) -> f64 {
         let (count, last) = (self.clock.count(tau), self.clock.n_max());
