@@ -29,6 +29,8 @@ def main():
     parse.add_argument("--metric", default="hdr_psnr")
     parse.add_argument("--resamples", type=int, default=2000)
     args = parse.parse_args()
+    if args.resamples < 100:
+        sys.exit("--resamples takes 100 and more: fewer have no 95% interval")
 
     sides = [collections.defaultdict(dict), collections.defaultdict(dict)]
     with open(args.table, newline="") as table:
@@ -41,7 +43,8 @@ def main():
                 if word in words:
                     rest = ", ".join(w for w in words if w != word)
                     key = (row["method"], row["conditioning"], rest, row["from_spp"], int(row["nfe"]))
-                    side[key][row["scene"]] = float(row[args.metric])
+                    if row[args.metric]:
+                        side[key][row["scene"]] = float(row[args.metric])
     pairs = [key for key in sides[0] if key in sides[1]]
     if not pairs:
         sys.exit(f"no rows of `{args.one}` and `{args.other}` make pairs in {args.table}")

@@ -69,9 +69,9 @@ impl Agreement {
 }
 
 /// Whether images of `spp` samples a pixel share them with their reference of `reference` samples, by the mean of ((I_n - R)^2/S^2 - 1/N) n and
-/// its standard error: 1 if they are independent, 1 - 2 n/N if they are among the reference's, and the middle of these is the line.
+/// its standard error: 1 if they are independent, 1 - 2 min(n/N, 1) if the fewer are among the more, and the middle of these is the line.
 pub fn shares_samples(value: f64, error: f64, spp: u64, reference: u64) -> bool {
-    value + 4.0 * error < 1.0 - spp as f64 / reference as f64
+    value + 4.0 * error < 1.0 - (spp as f64 / reference as f64).min(1.0)
 }
 
 /// A figure of real ladders against the law's.

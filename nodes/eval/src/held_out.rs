@@ -20,6 +20,8 @@ pub(crate) struct HeldOut {
     pub(crate) noisy: bool,
     /// How many images were nearer to it than its own noise tells.
     pub(crate) unresolved: Cell<u64>,
+    /// Whether its samples are independent.
+    independent: bool,
     /// Variance of single samples, of the exposed image; 0 where samples depend on each other.
     variance: Image,
     own_mse: f64,
@@ -45,9 +47,10 @@ impl HeldOut {
         let image = last.image.map(|v| (f64::from(v) * factor) as f32);
         let noisy = ladder.variance.data().iter().any(|v| *v > 0.0);
         // Samples that depend on each other do not tell: less is taken off than could be.
-        let known = f64::from(u8::from(ladder.meta.sampler.is_independent()));
+        let independent = ladder.meta.sampler.is_independent();
+        let known = f64::from(u8::from(independent));
         let variance = ladder.variance.map(|v| (known * f64::from(v) * factor * factor) as f32);
-        Ok(Self::new(image, variance, last.spp, noisy))
+        Ok(Self { independent, ..Self::new(image, variance, last.spp, noisy) })
     }
 
     fn new(image: Image, variance: Image, spp: u64, noisy: bool) -> Self {
@@ -56,7 +59,7 @@ impl HeldOut {
         let own_mse = variance.data().iter().map(own).sum::<f64>() / count;
         let pairs = variance.data().iter().zip(image.data());
         let own_rel = pairs.map(|(v, r)| own(v) / (f64::from(*r).powi(2) + DARKEST)).sum::<f64>() / count;
-        Self { image, spp, noisy, unresolved: Cell::new(0), variance, own_mse, own_rel }
+        Self { image, spp, noisy, unresolved: Cell::new(0), independent: true, variance, own_mse, own_rel }
     }
 
     /// Errors of an image, less what the reference's own noise adds; at least a thousandth of what was measured, as noise may
@@ -80,33 +83,61 @@ impl HeldOut {
         Errors { mse, rel_mse: less(relative, self.own_rel), hdr_psnr: (-10.0 * log10(mse)).min(PSNR_CEILING) }
     }
 
-    /// The mean over pixel values of ((I_n - R)^2/S^2 - 1/N) n, with S the deviation of a sample, for an image I_n of `spp` independent
-    /// samples: 1 by the law, and 1 - 2 n/N if they are among the reference's own. With the square of its standard error; none
-    /// without noise.
-    pub(crate) fn against_law(&self, image: &Image, spp: u64) -> Option<(f64, f64)> {
+    /// The mean over pixels of ((I_n - R)^2/S^2 - 1/N) n for the last rung I_n of a ladder of independent samples, S^2 being the variance of
+    /// its samples and the reference's as one set: 1 by the law, and 1 - 2 n/N if they are among the reference's own. With the square of its
+    /// standard error; none without noise.
+    ///
+    /// Of the ladder's own samples variances are not packed: what its rungs are apart stands for them, which is of the right size in
+    /// the mean, and too small where one rare event decides; so that such pixels count too much, never too little.
+    pub(crate) fn against_law(&self, counts: &[u64], states: &[Image]) -> Option<(f64, f64)> {
+        let (spp, last) = counts.last().copied().zip(states.last())?;
+        let (n, m) = (spp as f64, self.spp as f64);
+        let values = |image: &Image, at: usize| f64::from(image.data()[at]);
+        let own = |at: usize| {
+            let pairs = counts.windows(2).zip(states.windows(2));
+            let sum: f64 = pairs
+                .map(|(counts, states)| {
+                    let (a, b) = (counts[0] as f64, counts[1] as f64);
+                    (values(&states[1], at) - values(&states[0], at)).powi(2) * a * b / (b - a)
+                })
+                .sum();
+            sum / (counts.len() - 1).max(1) as f64
+        };
         let (mut count, mut sum, mut squares) = (0.0, 0.0, 0.0);
-        for ((a, r), v) in image.data().iter().zip(self.image.data()).zip(self.variance.data()) {
-            let (a, r, v) = (f64::from(*a), f64::from(*r), f64::from(*v));
-            if v.sqrt() > ROUNDING * r.abs() {
-                let off = ((a - r) * (a - r) / v - 1.0 / self.spp as f64) * spp as f64;
+        for pixel in 0..self.image.data().len() / 3 {
+            // The colours of a pixel share their paths: one draw, not three.
+            let (mut colours, mut off) = (0.0, 0.0);
+            for at in 3 * pixel..3 * pixel + 3 {
+                let (truth, reference) = (values(&self.image, at), values(&self.variance, at));
+                let apart = (values(last, at) - truth).powi(2);
+                let whole = (n - 1.0) * own(at) + (m - 1.0) * reference + apart * n * m / (n + m);
+                let variance = whole / (n + m - 1.0);
+                if variance.sqrt() > ROUNDING * truth.abs() {
+                    colours += 1.0;
+                    off += (apart / variance - 1.0 / m) * n;
+                }
+            }
+            if colours > 0.0 {
+                let off: f64 = off / colours;
                 count += 1.0;
                 sum += off;
                 squares += off * off;
             }
         }
         let mean: f64 = sum / count;
-        (count > 1.0).then(|| (mean, (squares / count - mean * mean).max(0.0) / count))
+        (self.independent && count > 1.0).then(|| (mean, (squares / count - mean * mean).max(0.0) / count))
     }
 }
 
 /// Whether references and images of `spp` samples share samples, by what [`HeldOut::against_law`] says of each scene: how large it is
-/// over all of them, if so.
+/// over all of them, if so. Its standard error is the larger of what pixels and what scenes say.
 pub(crate) fn shared(figures: &[(f64, f64)], spp: u64, reference: u64) -> Option<f64> {
     let scenes = figures.len() as f64;
     let value = figures.iter().map(|figure| figure.0).sum::<f64>() / scenes;
-    // The colours of a pixel share their paths: three values are one draw.
-    let error = (3.0 * figures.iter().map(|figure| figure.1).sum::<f64>()).sqrt() / scenes;
-    (scenes > 0.0 && shares_samples(value, error, spp, reference)).then_some(value)
+    let within = figures.iter().map(|figure| figure.1).sum::<f64>() / (scenes * scenes);
+    let spread = figures.iter().map(|figure| (figure.0 - value).powi(2)).sum::<f64>();
+    let between = if figures.len() > 1 { spread / ((scenes - 1.0) * scenes) } else { 0.0 };
+    (scenes > 0.0 && shares_samples(value, within.max(between).sqrt(), spp, reference)).then_some(value)
 }
 
 #[cfg(test)]
@@ -115,58 +146,83 @@ mod tests {
     use tauflow_data::rng::Stream;
 
     const SIDE: usize = 64;
-    const OWN: u64 = 16;
+    const RUNGS: [u64; 5] = [1, 2, 4, 8, 16];
     const HELD: u64 = 256;
 
-    /// Means of the first 16 and of all 256 draws for each pixel value, whose deviations go from 0.01 to 10, and those of others.
-    fn images() -> (Image, HeldOut, Image) {
-        let mut stream = Stream::new(3, &[]);
-        let (mut first, mut all, mut variances, mut other) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        for at in 0..SIDE * SIDE * 3 {
-            let size = [0.01, 0.1, 1.0, 10.0][at / 3 % 4];
-            let mut draws = |n: u64| (0..n).map(|_| size * (1.0 + stream.normal())).collect::<Vec<f64>>();
+    /// A ladder of 16 draws for each pixel value and the mean of 256, of which the ladder's are the first if `nested`.
+    fn images(nested: bool, mut draw: impl FnMut(usize) -> f64) -> (Vec<Image>, HeldOut) {
+        let size = SIDE * SIDE * 3;
+        let (mut rungs, mut means, mut variances) = (vec![Vec::new(); RUNGS.len()], Vec::new(), Vec::new());
+        for at in 0..size {
+            let held: Vec<f64> = (0..HELD).map(|_| draw(at)).collect();
+            let own: Vec<f64> = if nested { held[..16].to_vec() } else { (0..16).map(|_| draw(at)).collect() };
             let mean = |draws: &[f64]| draws.iter().sum::<f64>() / draws.len() as f64;
-            let (own, held, others) = (draws(OWN), draws(HELD - OWN), draws(OWN));
-            let whole = [own.clone(), held].concat();
-            let mu = mean(&whole);
-            first.push(mean(&own) as f32);
-            all.push(mu as f32);
-            variances.push((whole.iter().map(|v| (v - mu).powi(2)).sum::<f64>() / (HELD - 1) as f64) as f32);
-            other.push(mean(&others) as f32);
+            for (rung, count) in rungs.iter_mut().zip(RUNGS) {
+                rung.push(mean(&own[..count as usize]) as f32);
+            }
+            let mu = mean(&held);
+            means.push(mu as f32);
+            variances.push((held.iter().map(|v| (v - mu).powi(2)).sum::<f64>() / (HELD - 1) as f64) as f32);
         }
         let image = |data| Image::from_data(SIDE, SIDE, 3, data).expect("fits");
-        (image(first), HeldOut::new(image(all), image(variances), HELD, true), image(other))
+        let held_out = HeldOut::new(image(means), image(variances), HELD, true);
+        (rungs.into_iter().map(image).collect(), held_out)
+    }
+
+    /// Deviations from 0.01 to 10.
+    fn normal(stream: &mut Stream, at: usize) -> f64 {
+        [0.01, 0.1, 1.0, 10.0][at / 3 % 4] * (1.0 + stream.normal())
     }
 
     #[test]
     fn a_reference_that_shares_samples_is_found_out() {
-        let (nested, held_out, independent) = images();
-        let of = |image: &Image| held_out.against_law(image, OWN).expect("noise");
-        let (among, apart) = (of(&nested), of(&independent));
+        let of = |nested| {
+            let mut stream = Stream::new(3, &[]);
+            let (states, held_out) = images(nested, |at| normal(&mut stream, at));
+            held_out.against_law(&RUNGS, &states).expect("noise")
+        };
+        let (among, apart) = (of(true), of(false));
         assert!(
             (among.0 - (1.0 - 2.0 * 16.0 / 256.0)).abs() < 0.05 && (apart.0 - 1.0).abs() < 0.05,
             "{among:?} {apart:?}"
         );
-        // As of four scenes.
-        assert!(shared(&[among; 4], OWN, HELD).is_some() && shared(&[apart; 4], OWN, HELD).is_none());
-        // What too few pixels say is no reason to refuse anything.
-        assert!(shared(&[(among.0, 1.0)], OWN, HELD).is_none() && shared(&[], OWN, HELD).is_none());
-        let still = HeldOut::new(nested.clone(), nested.map(|_| 0.0), HELD, false);
-        assert!(still.against_law(&nested, OWN).is_none());
+        assert!(shared(&[among; 4], 16, HELD).is_some() && shared(&[apart; 4], 16, HELD).is_none());
+        // What too few pixels say, or scenes that differ, is no reason to refuse anything.
+        assert!(shared(&[(among.0, 1.0)], 16, HELD).is_none() && shared(&[], 16, HELD).is_none());
+        assert!(shared(&[(0.0, 0.0), (1.7, 0.0)], 16, HELD).is_none());
+        let (states, still) = images(true, |_| 0.7);
+        assert!(still.against_law(&RUNGS, &states).is_none());
+    }
+
+    #[test]
+    fn events_that_are_too_rare_for_the_reference_are_no_sign_of_shared_samples() {
+        for (share, events) in [(3, 0.5), (10, 0.5), (10, 0.1), (10, 2.0)] {
+            let mut stream = Stream::new(4, &[]);
+            let (states, held_out) = images(false, |at| {
+                // In so many tenths of the pixels the reference draws as many events in the mean; others are as noise is.
+                if at / 3 % 10 < share {
+                    1.0 + f64::from(u8::from(stream.uniform() < events / HELD as f64))
+                } else {
+                    normal(&mut stream, at)
+                }
+            });
+            let figure = held_out.against_law(&RUNGS, &states).expect("noise");
+            assert!(shared(&[figure; 48], 16, HELD).is_none(), "{share} tenths, {events} events: {figure:?}");
+        }
     }
 
     #[test]
     fn the_reference_s_noise_is_no_error_of_the_image() {
-        let (_, held_out, independent) = images();
-        let errors = held_out.errors(&independent);
-        // Three quarters of the values are of a hundredth and less; negatives of the others count as 0.
+        let mut stream = Stream::new(5, &[]);
+        let (states, held_out) = images(false, |at| normal(&mut stream, at));
+        let errors = held_out.errors(&states[4]);
         assert!(errors.mse > 0.0 && (errors.hdr_psnr + 10.0 * errors.mse.log10()).abs() < 1e-9);
         assert_eq!(held_out.unresolved.get(), 0);
         // An image that is the reference without its noise cannot be told from one that is a little worse.
         let errors = held_out.errors(&held_out.image.map(|v| v.max(0.0)));
         assert_eq!(held_out.unresolved.get(), 1);
         assert!(errors.mse > 0.0 && errors.rel_mse > 0.0);
-        let still = HeldOut::new(independent.map(f32::abs), independent.map(|_| 0.0), HELD, false);
+        let still = HeldOut::new(states[4].map(f32::abs), states[4].map(|_| 0.0), HELD, false);
         assert_eq!(still.errors(&still.image).hdr_psnr, PSNR_CEILING);
         assert_eq!(still.unresolved.get(), 0);
     }

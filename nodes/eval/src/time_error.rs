@@ -123,10 +123,14 @@ impl Kind for TimeErrorKind {
             let rendering: Timing = ctx.json(item("render_times")?, "")?;
             let own = Own { packed: &packed, rendering: &rendering, factor: exposure.factor };
             scenes.push(scene(ctx, key, &reference, &own, &cells, &mut notes)?);
-            if let Some((spp, image)) = packed.counts.last().copied().zip(packed.states.last()) {
-                against_law.extend(reference.against_law(image, spp));
-                last = spp;
+            against_law.extend(reference.against_law(&packed.counts, &packed.states));
+            let spp = packed.counts.last().copied().unwrap_or_default();
+            if done > 0 && spp != last {
+                return Err(KindError::Input(format!(
+                    "the ladder of `{key}` ends at {spp} samples a pixel and the others at {last}; connect ladders of one `rungs`"
+                )));
             }
+            last = spp;
             unresolved += reference.unresolved.get();
             ctx.progress(done as u64 + 1, references.len() as u64, "");
         }

@@ -118,7 +118,7 @@ pub fn montages(
 }
 
 /// For each such group its methods by number of calls, in one scene: of those that [`montages`] shows, the one whose input is the median
-/// by HDR PSNR. None where there is one number alone.
+/// by HDR PSNR, the lower of two. None where there is one number alone.
 ///
 /// # Errors
 /// As [`montages`].
@@ -132,7 +132,8 @@ pub fn by_calls(
     let mut chosen = choose(references, choice.scenes);
     let input = |scene: &str| score(evaluation, scene, &Cell::new(), 0).unwrap_or(f64::INFINITY);
     chosen.sort_by(|a, b| input(&a.0).total_cmp(&input(&b.0)));
-    let (Some((scene, artifact, _)), true) = (chosen.get(chosen.len() / 2), evaluation.nfe.len() > 1) else {
+    let (Some((scene, artifact, _)), true) = (chosen.get(chosen.len().saturating_sub(1) / 2), evaluation.nfe.len() > 1)
+    else {
         return Ok(Vec::new());
     };
     let images = by_cell(refined);

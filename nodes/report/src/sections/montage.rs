@@ -7,7 +7,7 @@ use crate::{
 };
 use std::fmt::Write as _;
 use tauflow_contract::KindError;
-use tauflow_data::image_io::encode_png;
+use tauflow_data::{Stratum, image_io::encode_png};
 
 /// The section; none without pictures.
 ///
@@ -39,6 +39,12 @@ pub fn section(montages: &[Montage], by_calls: &[Montage], nfe: u64) -> Result<O
     Ok(Some(Section::new("pictures", "Pictures", body)))
 }
 
+/// A stratum in two lines, anything else as it is.
+fn row_head(head: &str) -> String {
+    let stratum = Stratum::all().map(|stratum| stratum.to_string()).find(|stratum| stratum == head);
+    stratum.map_or_else(|| escape(head), |stratum| stratum.replacen('-', "<br>", 1))
+}
+
 fn grid(montage: &Montage) -> Result<String, KindError> {
     let mut out = String::from(r#"<table class="montage"><thead><tr><th></th>"#);
     for (_, head) in &montage.columns {
@@ -46,12 +52,7 @@ fn grid(montage: &Montage) -> Result<String, KindError> {
     }
     out.push_str("</tr></thead><tbody>");
     for row in &montage.rows {
-        let _ = write!(
-            out,
-            r#"<tr title="{}"><td>{}</td>"#,
-            escape(&row.scene),
-            escape(&row.head).replacen('-', "<br>", 1)
-        );
+        let _ = write!(out, r#"<tr title="{}"><td>{}</td>"#, escape(&row.scene), row_head(&row.head));
         let best = row.pictures.iter().filter_map(|p| p.psnr).fold(f64::NEG_INFINITY, f64::max);
         for (picture, (_, head)) in row.pictures.iter().zip(&montage.columns) {
             out.push_str("<td>");
