@@ -68,7 +68,7 @@ impl Kind for TimeErrorKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "time_error",
-            version: 6,
+            version: 7,
             summary: "Error against time: of rendering alone, solvers and denoisers.",
             manual: include_str!("time_error.md"),
             mode: Mode::Gather,
