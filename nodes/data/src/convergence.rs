@@ -68,6 +68,18 @@ impl Agreement {
     }
 }
 
+/// Deviations below this share of a pixel's value are rounding, not noise: images are kept in single precision.
+const ROUNDING: f64 = 1e-4;
+
+/// The standard deviation of the samples of two sets as one: of each its count and variance; `apart` is the difference of their means. None
+/// where it is no more than rounding of `value`.
+pub fn deviation_of_both([(n, own), (m, other)]: [(u64, f64); 2], apart: f64, value: f64) -> Option<f64> {
+    let (n, m) = (n as f64, m as f64);
+    let squares = (n - 1.0) * own + (m - 1.0) * other + apart * apart * n * m / (n + m);
+    let deviation = (squares / (n + m - 1.0)).sqrt();
+    (deviation > ROUNDING * value.abs()).then_some(deviation)
+}
+
 /// Whether images of `spp` samples a pixel share them with their reference of `reference` samples, by the mean of ((I_n - R)^2/S^2 - 1/N) n and
 /// its standard error: 1 if they are independent, 1 - 2 min(n/N, 1) if the fewer are among the more, and the middle of these is the line.
 pub fn shares_samples(value: f64, error: f64, spp: u64, reference: u64) -> bool {

@@ -1,14 +1,15 @@
 //! References that share no sample with what they judge: the errors that they tell, and whether they do share one.
 
 use crate::evaluation::PSNR_CEILING;
-use std::cell::Cell;
 use tauflow_contract::{Artifact, Context, ItemKey, KindError};
-use tauflow_data::{Image, Ladder, convergence::shares_samples, maths::log10};
+use tauflow_data::{
+    Image, Ladder,
+    convergence::{deviation_of_both, shares_samples},
+    maths::log10,
+};
 
 /// Added to squares of the reference that errors are relative to.
 const DARKEST: f64 = 0.01;
-/// Deviations below this share of a pixel's value are rounding, not noise.
-const ROUNDING: f64 = 1e-4;
 
 /// A reference, exposed, and how much of a squared error is its own.
 pub(crate) struct HeldOut {
@@ -18,8 +19,6 @@ pub(crate) struct HeldOut {
     pub(crate) spp: u64,
     /// Whether any of its samples vary.
     pub(crate) noisy: bool,
-    /// How many images were nearer to it than its own noise tells.
-    pub(crate) unresolved: Cell<u64>,
     /// Whether its samples are independent.
     independent: bool,
     /// Variance of single samples, of the exposed image; 0 where samples depend on each other.
@@ -36,6 +35,8 @@ pub(crate) struct Errors {
     pub(crate) rel_mse: f64,
     /// PSNR of the mean square, peak 1, in dB.
     pub(crate) hdr_psnr: f64,
+    /// Whether the image is nearer to the reference than the reference's own noise tells.
+    pub(crate) unresolved: bool,
 }
 
 impl HeldOut {
@@ -59,7 +60,7 @@ impl HeldOut {
         let own_mse = variance.data().iter().map(own).sum::<f64>() / count;
         let pairs = variance.data().iter().zip(image.data());
         let own_rel = pairs.map(|(v, r)| own(v) / (f64::from(*r).powi(2) + DARKEST)).sum::<f64>() / count;
-        Self { image, spp, noisy, unresolved: Cell::new(0), independent: true, variance, own_mse, own_rel }
+        Self { image, spp, noisy, independent: true, variance, own_mse, own_rel }
     }
 
     /// Errors of an image, less what the reference's own noise adds; at least a thousandth of what was measured, as noise may
@@ -75,12 +76,15 @@ impl HeldOut {
         let count = image.data().len().max(1) as f64;
         let (square, relative) = (square / count, relative / count);
         let least = |found: f64| 1e-3 * found;
-        if self.own_mse > 0.0 && square - self.own_mse < least(square) {
-            self.unresolved.set(self.unresolved.get() + 1);
-        }
+        let unresolved = self.own_mse > 0.0 && square - self.own_mse < least(square);
         let less = |found: f64, own: f64| (found - own).max(least(found)).max(f64::MIN_POSITIVE);
         let mse = less(square, self.own_mse);
-        Errors { mse, rel_mse: less(relative, self.own_rel), hdr_psnr: (-10.0 * log10(mse)).min(PSNR_CEILING) }
+        Errors {
+            mse,
+            rel_mse: less(relative, self.own_rel),
+            hdr_psnr: (-10.0 * log10(mse)).min(PSNR_CEILING),
+            unresolved,
+        }
     }
 
     /// The mean over pixels of ((I_n - R)^2/S^2 - 1/N) n for the last rung I_n of a ladder of independent samples, S^2 being the variance of
@@ -91,7 +95,6 @@ impl HeldOut {
     /// the mean, and too small where one rare event decides; so that such pixels count too much, never too little.
     pub(crate) fn against_law(&self, counts: &[u64], states: &[Image]) -> Option<(f64, f64)> {
         let (spp, last) = counts.last().copied().zip(states.last())?;
-        let (n, m) = (spp as f64, self.spp as f64);
         let values = |image: &Image, at: usize| f64::from(image.data()[at]);
         let own = |at: usize| {
             let pairs = counts.windows(2).zip(states.windows(2));
@@ -108,13 +111,12 @@ impl HeldOut {
             // The colours of a pixel share their paths: one draw, not three.
             let (mut colours, mut off) = (0.0, 0.0);
             for at in 3 * pixel..3 * pixel + 3 {
-                let (truth, reference) = (values(&self.image, at), values(&self.variance, at));
-                let apart = (values(last, at) - truth).powi(2);
-                let whole = (n - 1.0) * own(at) + (m - 1.0) * reference + apart * n * m / (n + m);
-                let variance = whole / (n + m - 1.0);
-                if variance.sqrt() > ROUNDING * truth.abs() {
+                let truth = values(&self.image, at);
+                let apart = values(last, at) - truth;
+                let both = [(spp, own(at)), (self.spp, values(&self.variance, at))];
+                if let Some(deviation) = deviation_of_both(both, apart, truth) {
                     colours += 1.0;
-                    off += (apart / variance - 1.0 / m) * n;
+                    off += ((apart / deviation).powi(2) - 1.0 / self.spp as f64) * spp as f64;
                 }
             }
             if colours > 0.0 {
@@ -217,13 +219,13 @@ mod tests {
         let (states, held_out) = images(false, |at| normal(&mut stream, at));
         let errors = held_out.errors(&states[4]);
         assert!(errors.mse > 0.0 && (errors.hdr_psnr + 10.0 * errors.mse.log10()).abs() < 1e-9);
-        assert_eq!(held_out.unresolved.get(), 0);
+        assert!(!errors.unresolved);
         // An image that is the reference without its noise cannot be told from one that is a little worse.
         let errors = held_out.errors(&held_out.image.map(|v| v.max(0.0)));
-        assert_eq!(held_out.unresolved.get(), 1);
+        assert!(errors.unresolved);
         assert!(errors.mse > 0.0 && errors.rel_mse > 0.0);
         let still = HeldOut::new(states[4].map(f32::abs), states[4].map(|_| 0.0), HELD, false);
-        assert_eq!(still.errors(&still.image).hdr_psnr, PSNR_CEILING);
-        assert_eq!(still.unresolved.get(), 0);
+        let errors = still.errors(&still.image);
+        assert!(errors.hdr_psnr == PSNR_CEILING && !errors.unresolved);
     }
 }

@@ -107,7 +107,7 @@ impl Kind for TimeErrorKind {
         };
         let mut notes = Vec::new();
         let mut scenes = Vec::new();
-        let (mut against_law, mut unresolved, mut last) = (Vec::new(), 0, 0);
+        let (mut against_law, mut last) = (Vec::new(), 0);
         for (done, (key, artifact)) in references.iter().enumerate() {
             ctx.check_cancelled()?;
             let item = |port: &str| -> Result<&Artifact, KindError> {
@@ -131,7 +131,6 @@ impl Kind for TimeErrorKind {
                 )));
             }
             last = spp;
-            unresolved += reference.unresolved.get();
             ctx.progress(done as u64 + 1, references.len() as u64, "");
         }
         notes.sort_unstable();
@@ -155,6 +154,9 @@ impl Kind for TimeErrorKind {
                  small part of low errors"
             ));
         }
+        let hidden =
+            |of: &Measured| of.own.iter().chain(of.methods.values().flatten()).filter(|s| s.unresolved).count();
+        let unresolved: usize = scenes.iter().map(|(_, of)| hidden(of)).sum();
         if unresolved > 0 {
             notes.push(format!(
                 "{unresolved} images are nearer to their references than the references' own noise tells: a thousandth of what was found \
@@ -262,7 +264,7 @@ fn scene(
         |what: &str| KindError::Input(format!("`{what}` of `{key}` was not timed; time it at the same rungs and NFE"));
     let sample = |image: &Image, from: u64, nfe: u64, took: Took| -> Result<Sample, KindError> {
         let metrics = reference.metrics(image).map_err(|e| KindError::Input(format!("an image of `{key}`: {e}")))?;
-        let Errors { mse, rel_mse, hdr_psnr } = held_out.errors(image);
+        let Errors { mse, rel_mse, hdr_psnr, unresolved } = held_out.errors(image);
         Ok(Sample {
             from_spp: from,
             nfe,
@@ -273,6 +275,7 @@ fn scene(
             hdr_psnr,
             preview_psnr: metrics.preview_psnr,
             ssim: metrics.ssim,
+            unresolved,
         })
     };
     // Of the same samples a reference is no judge.

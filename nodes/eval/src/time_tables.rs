@@ -29,6 +29,8 @@ pub(crate) struct Sample {
     pub(crate) hdr_psnr: f64,
     pub(crate) preview_psnr: f64,
     pub(crate) ssim: f64,
+    /// Whether the reference's own noise hides the error.
+    pub(crate) unresolved: bool,
 }
 
 /// A method's name and coordinates, but for where it starts.
@@ -298,6 +300,7 @@ pub(crate) mod tests {
             hdr_psnr,
             preview_psnr,
             ssim: 0.5,
+            unresolved: false,
         }
     }
 

@@ -74,91 +74,112 @@ pub fn choose(references: &Collection, scenes: usize) -> Vec<(String, &Artifact,
         .collect()
 }
 
-/// One montage for each group of methods that differ in the method alone.
-///
-/// # Errors
-/// If an image is missing from the store or damaged.
-pub fn montages(
-    ctx: &Context<'_>,
-    evaluation: &Evaluation,
-    references: &Collection,
-    refined: Option<&Collection>,
+/// What pictures are made of.
+pub struct Pictures<'a> {
+    ctx: &'a Context<'a>,
+    evaluation: &'a Evaluation,
+    /// Refined images by cell and scene.
+    images: BTreeMap<(Cell, &'a str), &'a Artifact>,
+    /// The first scenes of each stratum.
+    chosen: Vec<(String, &'a Artifact, Stratum)>,
     choice: Choice,
-) -> Result<Vec<Montage>, KindError> {
-    let images = by_cell(refined);
-    let chosen = choose(references, choice.scenes);
-    let mut out = Vec::new();
-    for Group { title, slug, tables } in groups(evaluation) {
-        ctx.check_cancelled()?;
-        let mut columns = vec![(None, format!("Input, {} spp", evaluation.from_spp))];
-        columns.extend(tables.iter().map(|t| (Some(t.cell.clone()), method_name(&t.method))));
-        columns.push((None, format!("Reference, {} spp", evaluation.reference_spp)));
-        let (mut rows, mut reduced) = (Vec::new(), 1);
-        for (scene, artifact, stratum) in &chosen {
-            let ends = Ends::load(ctx, evaluation, scene, artifact, choice)?;
-            reduced = ends.reduced;
-            let show = |image: Option<&Image>| image.map(|i| reduce(i, reduced).map(preview));
-            let mut pictures = vec![ends.input];
-            for table in &tables {
-                let image = match images.get(&(table.cell.clone(), scene.as_str())) {
-                    Some(artifact) => at_nfe(ctx, artifact, choice.nfe)?,
-                    None => None,
-                };
-                pictures.push(Picture {
-                    image: show(image.as_ref()),
-                    psnr: score(evaluation, scene, &table.cell, choice.nfe),
-                });
-            }
-            pictures.push(ends.reference);
-            rows.push(MontageRow { scene: scene.clone(), head: stratum.to_string(), pictures });
-        }
-        out.push(Montage { title, file: format!("montage-{slug}.png"), columns, rows, reduced });
-    }
-    Ok(out)
 }
 
-/// For each such group its methods by number of calls, in one scene: of those that [`montages`] shows, the one whose input is the median
-/// by HDR PSNR, the lower of two. None where there is one number alone.
-///
-/// # Errors
-/// As [`montages`].
-pub fn by_calls(
-    ctx: &Context<'_>,
-    evaluation: &Evaluation,
-    references: &Collection,
-    refined: Option<&Collection>,
-    choice: Choice,
-) -> Result<Vec<Montage>, KindError> {
-    let mut chosen = choose(references, choice.scenes);
-    let input = |scene: &str| score(evaluation, scene, &Cell::new(), 0).unwrap_or(f64::INFINITY);
-    chosen.sort_by(|a, b| input(&a.0).total_cmp(&input(&b.0)));
-    let (Some((scene, artifact, _)), true) = (chosen.get(chosen.len().saturating_sub(1) / 2), evaluation.nfe.len() > 1)
-    else {
-        return Ok(Vec::new());
-    };
-    let images = by_cell(refined);
-    let ends = Ends::load(ctx, evaluation, scene, artifact, choice)?;
-    let mut columns = vec![(None, format!("Input, {} spp", evaluation.from_spp))];
-    columns.extend(evaluation.nfe.iter().map(|nfe| (None, format!("NFE {nfe}"))));
-    columns.push((None, format!("Reference, {} spp", evaluation.reference_spp)));
-    let mut out = Vec::new();
-    for Group { title, slug, tables } in groups(evaluation) {
-        ctx.check_cancelled()?;
-        let mut rows = Vec::new();
-        for table in &tables {
-            let Some(artifact) = images.get(&(table.cell.clone(), scene.as_str())) else { continue };
-            let mut pictures = vec![ends.input.clone()];
-            for nfe in &evaluation.nfe {
-                let image = at_nfe(ctx, artifact, *nfe)?.map(|image| reduce(&image, ends.reduced).map(preview));
-                pictures.push(Picture { image, psnr: score(evaluation, scene, &table.cell, *nfe) });
-            }
-            pictures.push(ends.reference.clone());
-            rows.push(MontageRow { scene: scene.clone(), head: method_name(&table.method), pictures });
-        }
-        let (file, columns, reduced) = (format!("montage-{slug}-by-nfe.png"), columns.clone(), ends.reduced);
-        out.push(Montage { title, file, columns, rows, reduced });
+impl<'a> Pictures<'a> {
+    /// Of the first scenes of each stratum.
+    pub fn new(
+        ctx: &'a Context<'a>,
+        evaluation: &'a Evaluation,
+        references: &'a Collection,
+        refined: Option<&'a Collection>,
+        choice: Choice,
+    ) -> Self {
+        let items = refined.into_iter().flat_map(Collection::iter);
+        let images = items.map(|(key, artifact)| ((cell_of_key(key.as_str()), own(key.as_str())), artifact)).collect();
+        Self { ctx, evaluation, images, chosen: choose(references, choice.scenes), choice }
     }
-    Ok(out)
+
+    /// One montage for each group of methods that differ in the method alone.
+    ///
+    /// # Errors
+    /// If an image is missing from the store or damaged.
+    pub fn by_stratum(&self) -> Result<Vec<Montage>, KindError> {
+        let mut out = Vec::new();
+        for Group { title, slug, tables } in groups(self.evaluation) {
+            self.ctx.check_cancelled()?;
+            let heads = tables.iter().map(|t| (Some(t.cell.clone()), method_name(&t.method)));
+            let (mut rows, mut reduced) = (Vec::new(), 1);
+            for (scene, artifact, stratum) in &self.chosen {
+                let ends = self.ends(scene, artifact)?;
+                reduced = ends.reduced;
+                let refined = tables.iter().map(|table| self.refined(scene, &table.cell, self.choice.nfe, reduced));
+                rows.push(ends.row(scene, stratum.to_string(), refined.collect::<Result<_, _>>()?));
+            }
+            let (file, columns) = (format!("montage-{slug}.png"), self.columns(heads));
+            out.push(Montage { title, file, columns, rows, reduced });
+        }
+        Ok(out)
+    }
+
+    /// For each such group its methods by number of calls, in one scene: of those that [`Pictures::by_stratum`] shows, the one whose
+    /// input is the median by HDR PSNR, the lower of two. None where there is one number alone.
+    ///
+    /// # Errors
+    /// As [`Pictures::by_stratum`].
+    pub fn by_calls(&self) -> Result<Vec<Montage>, KindError> {
+        let calls = &self.evaluation.nfe;
+        let mut chosen: Vec<_> = self.chosen.iter().collect();
+        let input = |scene: &str| score(self.evaluation, scene, &Cell::new(), 0).unwrap_or(f64::INFINITY);
+        chosen.sort_by(|a, b| input(&a.0).total_cmp(&input(&b.0)));
+        let (Some((scene, artifact, _)), true) = (chosen.get(chosen.len().saturating_sub(1) / 2), calls.len() > 1)
+        else {
+            return Ok(Vec::new());
+        };
+        let ends = self.ends(scene, artifact)?;
+        let mut out = Vec::new();
+        for Group { title, slug, tables } in groups(self.evaluation) {
+            self.ctx.check_cancelled()?;
+            let mut rows = Vec::new();
+            for table in tables.iter().filter(|t| self.images.contains_key(&(t.cell.clone(), scene.as_str()))) {
+                let refined = calls.iter().map(|nfe| self.refined(scene, &table.cell, *nfe, ends.reduced));
+                rows.push(ends.row(scene, method_name(&table.method), refined.collect::<Result<_, _>>()?));
+            }
+            let heads = calls.iter().map(|nfe| (None, format!("NFE {nfe}")));
+            let (file, columns) = (format!("montage-{slug}-by-nfe.png"), self.columns(heads));
+            out.push(Montage { title, file, columns, rows, reduced: ends.reduced });
+        }
+        Ok(out)
+    }
+
+    /// The input, what is between, the reference.
+    fn columns(&self, between: impl Iterator<Item = (Option<Cell>, String)>) -> Vec<(Option<Cell>, String)> {
+        let input = (None, format!("Input, {} spp", self.evaluation.from_spp));
+        let reference = (None, format!("Reference, {} spp", self.evaluation.reference_spp));
+        std::iter::once(input).chain(between).chain([reference]).collect()
+    }
+
+    /// What a cell made of a scene with so many calls.
+    fn refined(&self, scene: &str, cell: &Cell, nfe: u64, reduced: usize) -> Result<Picture, KindError> {
+        let image = match self.images.get(&(cell.clone(), scene)) {
+            Some(artifact) => at_nfe(self.ctx, artifact, nfe)?,
+            None => None,
+        };
+        let image = image.map(|image| reduce(&image, reduced).map(preview));
+        Ok(Picture { image, psnr: score(self.evaluation, scene, cell, nfe) })
+    }
+
+    fn ends(&self, scene: &str, artifact: &Artifact) -> Result<Ends, KindError> {
+        let packed = PackedScene::from_bytes(&self.ctx.part(artifact, "")?)?;
+        let longest = |image: &Image| image.width().max(image.height());
+        let reduced = packed.states.first().map_or(1, |i| longest(i).div_ceil(self.choice.pixels.max(1)));
+        let rung = |spp: u64| {
+            let index = packed.counts.iter().position(|n| *n == spp)?;
+            Some(reduce(&packed.states[index], reduced).map(preview))
+        };
+        let psnr = score(self.evaluation, scene, &Cell::new(), 0);
+        let input = Picture { image: rung(self.evaluation.from_spp), psnr };
+        Ok(Ends { input, reference: Picture { image: rung(self.evaluation.reference_spp), psnr: None }, reduced })
+    }
 }
 
 /// What a row begins and ends with.
@@ -169,29 +190,10 @@ struct Ends {
 }
 
 impl Ends {
-    fn load(
-        ctx: &Context<'_>,
-        evaluation: &Evaluation,
-        scene: &str,
-        artifact: &Artifact,
-        choice: Choice,
-    ) -> Result<Self, KindError> {
-        let packed = PackedScene::from_bytes(&ctx.part(artifact, "")?)?;
-        let reduced = packed.states.first().map_or(1, |i| i.width().max(i.height()).div_ceil(choice.pixels.max(1)));
-        let rung = |spp: u64| {
-            let index = packed.counts.iter().position(|n| *n == spp)?;
-            Some(reduce(&packed.states[index], reduced).map(preview))
-        };
-        let psnr = score(evaluation, scene, &Cell::new(), 0);
-        let input = Picture { image: rung(evaluation.from_spp), psnr };
-        Ok(Self { input, reference: Picture { image: rung(evaluation.reference_spp), psnr: None }, reduced })
+    fn row(&self, scene: &str, head: String, between: Vec<Picture>) -> MontageRow {
+        let pictures = [vec![self.input.clone()], between, vec![self.reference.clone()]].concat();
+        MontageRow { scene: scene.to_owned(), head, pictures }
     }
-}
-
-/// Refined images by cell and scene.
-fn by_cell(refined: Option<&Collection>) -> BTreeMap<(Cell, &str), &Artifact> {
-    let items = refined.into_iter().flat_map(Collection::iter);
-    items.map(|(key, artifact)| ((cell_of_key(key.as_str()), own(key.as_str())), artifact)).collect()
 }
 
 fn own(key: &str) -> &str {

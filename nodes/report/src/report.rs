@@ -3,7 +3,7 @@
 use crate::{
     csv,
     material::{Cell, Material},
-    montage::{Choice, Montage, by_calls, montages},
+    montage::{Choice, Montage, Pictures},
     page::{Section, page},
     ranking::extra,
     sections::{self, data::gate_counts},
@@ -113,8 +113,8 @@ impl Kind for Report {
                 let choice =
                     Choice { scenes: params.montage_scenes as usize, nfe, pixels: params.montage_pixels as usize };
                 let refined = action.whole.get("refined").copied();
-                let by_calls = by_calls(ctx, evaluation, references, refined, choice)?;
-                (montages(ctx, evaluation, references, refined, choice)?, by_calls)
+                let pictures = Pictures::new(ctx, evaluation, references, refined, choice);
+                (pictures.by_stratum()?, pictures.by_calls()?)
             }
             _ => Default::default(),
         };

@@ -9,10 +9,8 @@
 //! has the mean 1 for every distribution of samples, heavy tails included: there is no bias from sigma^2 being estimated, nor from
 //! its being estimated from some of the same samples, and no pixel counts for more because it is bright.
 
-use tauflow_data::{ladder::Ladder, maths::erfc};
+use tauflow_data::{convergence::deviation_of_both, ladder::Ladder, maths::erfc};
 
-/// Deviations below this share of a pixel's value are rounding, not noise: rungs are kept in single precision.
-const ROUNDING: f64 = 1e-4;
 /// Pixels that a distribution is compared with the normal one over, at most.
 const COMPARED: usize = 16_384;
 
@@ -43,13 +41,10 @@ pub(super) struct Moments {
 /// The standard deviation S of all samples of a pixel value, the ladder's and the reference's; none where it is no more than rounding.
 pub(super) fn deviation(ladder: &Ladder, reference: &Ladder, at: usize) -> Option<f64> {
     let (last, truth) = (ladder.rungs.last()?, reference.rungs.last()?);
-    let (n, m) = (last.spp as f64, truth.spp as f64);
-    let (own, other) = (f64::from(ladder.variance.data()[at]), f64::from(reference.variance.data()[at]));
     let mean = f64::from(truth.image.data()[at]);
     let apart = f64::from(last.image.data()[at]) - mean;
-    let squares = (n - 1.0) * own + (m - 1.0) * other + apart * apart * n * m / (n + m);
-    let deviation = (squares / (n + m - 1.0)).sqrt();
-    (deviation > ROUNDING * mean.abs()).then_some(deviation)
+    let of = |ladder: &Ladder, spp: u64| (spp, f64::from(ladder.variance.data()[at]));
+    deviation_of_both([of(ladder, last.spp), of(reference, truth.spp)], apart, mean)
 }
 
 /// The moments; none if no pixel has noise. Ladder and reference are of the same shape, and of two samples or more.
