@@ -41,27 +41,38 @@ pub(crate) struct Layout {
 }
 
 impl Layout {
-    /// Makes the folders that are missing.
+    /// Makes the folders that are missing; refuses a store of another format.
     pub fn open(root: &Path, owner: String) -> Result<Self, CacheError> {
         for folder in FOLDERS {
             let path = root.join(folder);
             fs::create_dir_all(&path).at("create the cache folder", &path)?;
         }
         let layout = Self { root: root.to_owned(), owner, next_tmp: AtomicU64::new(0) };
-        let path = root.join("FORMAT");
+        layout.has_format()?;
+        Ok(layout)
+    }
+
+    /// Says what the folder is, where nothing does yet.  The owner has its lease, so that no collection takes the files for a dead one's.
+    pub fn sign(&self) -> Result<(), CacheError> {
+        if !self.has_format()? {
+            self.write_file(&self.root.join("CACHEDIR.TAG"), TAG.as_bytes())?;
+            self.write_file(&self.root.join("FORMAT"), format!("{FORMAT}\n").as_bytes())?;
+        }
+        Ok(())
+    }
+
+    /// Whether the folder says that it is a store of this format; an error if of another.
+    fn has_format(&self) -> Result<bool, CacheError> {
+        let path = self.root.join("FORMAT");
         match fs::read_to_string(&path) {
-            Ok(text) if text.trim_end() == FORMAT => {}
+            Ok(text) if text.trim_end() == FORMAT => Ok(true),
             Ok(text) => {
                 let found = text.trim_end().chars().take(60).collect();
-                return Err(CacheError::Format { dir: root.to_owned(), found, expected: FORMAT });
+                Err(CacheError::Format { dir: self.root.clone(), found, expected: FORMAT })
             }
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {
-                layout.write_file(&root.join("CACHEDIR.TAG"), TAG.as_bytes())?;
-                layout.write_file(&path, format!("{FORMAT}\n").as_bytes())?;
-            }
-            Err(error) => return Err(error).at("read", &path),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
+            Err(error) => Err(error).at("read", &path),
         }
-        Ok(layout)
     }
 
     pub fn folder(&self, name: &str) -> PathBuf {
@@ -79,24 +90,15 @@ impl Layout {
         self.root.join("tmp").join(format!("{}.{n}", self.owner))
     }
 
-    /// Writes a small file whole and durably: temporary file, sync, rename, sync of the folder.
+    /// Writes a small file whole and durably: temporary file, sync, rename, sync of the folder.  The owner has its lease.
     pub fn write_file(&self, path: &Path, bytes: &[u8]) -> Result<(), CacheError> {
-        let mut tries = 0;
-        let written = loop {
-            let tmp = self.tmp();
-            let written = File::create_new(&tmp)
-                .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
-                .and_then(|()| fs::rename(&tmp, path));
-            match &written {
-                // Before it has a lease, a gc beside it may sweep the temporary file away; once more.
-                Err(error) if error.kind() == io::ErrorKind::NotFound && tries < 10 => tries += 1,
-                Err(_) => {
-                    let _ = fs::remove_file(&tmp); // the first error is the one to report
-                    break written;
-                }
-                Ok(()) => break written,
-            }
-        };
+        let tmp = self.tmp();
+        let written = File::create_new(&tmp)
+            .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
+            .and_then(|()| fs::rename(&tmp, path));
+        if written.is_err() {
+            let _ = fs::remove_file(&tmp); // the first error is the one to report
+        }
         written.at("write", path)?;
         sync_dir(path.parent().unwrap_or(&self.root)).at("sync the folder of", path)
     }

@@ -94,6 +94,7 @@ impl Store {
         let root = dir.canonicalize().at("find the cache folder", dir)?;
         let layout = Layout::open(&root, new_owner())?;
         let lease = Lease::open(&layout)?;
+        layout.sign()?;
         let claims = Claims::open(&layout.folder("locks"))?;
         let mut index = Index::default();
         index.refresh(&layout).at("read the cache", &root)?;

@@ -240,3 +240,25 @@ fn a_tree_keeps_what_it_lists_and_goes_with_its_record() {
     store.record(&gone).expect("record");
     assert_eq!(store.verify(None, 0, &mut |_, _| ()).expect("verify").incomplete_records, 1);
 }
+
+#[test]
+fn a_store_that_is_being_made_is_not_swept() {
+    let (dir, store) = fresh();
+    let done = AtomicBool::new(false);
+    thread::scope(|scope| {
+        scope.spawn(|| {
+            while !done.load(SeqCst) {
+                store.gc(&GcOptions::default()).expect("gc");
+            }
+        });
+        let opened: Vec<_> = (0..300)
+            .map(|_| {
+                // As if it and the collection's store had both found an empty folder.
+                let _ = std::fs::remove_file(dir.path().join("FORMAT")); // gone if it could not be made before
+                Store::open(dir.path()).map(drop)
+            })
+            .collect();
+        done.store(true, SeqCst);
+        assert_eq!(opened.into_iter().filter_map(Result::err).map(|e| e.to_string()).collect::<Vec<_>>(), [""; 0]);
+    });
+}
