@@ -12,7 +12,8 @@ skip is undone by what a pipeline's author would have to write without it:
 - early cutoff: a limit of the gate moves and no verdict does; without it, all that follows the gate would run;
 - specialisation: scenes of the sampling are rendered with all that they lack undone at once (nodes/render/examples/skips.rs).
 
-Seconds are of wall time, medians over rounds, whose runs take turns; bytes are what a run left in its cache.
+Seconds are of wall time, medians over rounds, in each of which another run comes first; what is saved is the median of the rounds'
+ratios, with the least and the most of them. Bytes are what a run left in its cache.
 """
 
 import argparse
@@ -99,20 +100,27 @@ def transient(pipeline, folder):
     return file
 
 
-def front(pipeline, scratch):
+def front(pipeline, scratch, turn):
     """For each skip: the accounts of a run with it, and of one without."""
     fresh = lambda name: pathlib.Path(tempfile.mkdtemp(prefix=f"{name}-", dir=scratch))
     whole = PIPELINES[pipeline][2]
-    base = fresh("base")
-    on = run(pipeline, base)
-    scenes = sampled(pipeline, base, scratch)
-    gating, prefix = fresh("gating"), fresh("prefix")
-    found = {
-        DEMAND: (on, run(pipeline, fresh("demand"), TARGETS + ["previews.gbuffer"])),
-        GATE: (on, run(pipeline, gating, more={"previews.rungs": whole}.items())),
-        PREFIX: (on, run(pipeline, prefix, more={"previews.stream": 9}.items())),
-        TRANSIENT: (run(pipeline, fresh("transient"), file=transient(pipeline, fresh("pipelines"))), on),
+    base, gating, prefix = fresh("base"), fresh("gating"), fresh("prefix")
+    handed_on = transient(pipeline, fresh("pipelines"))
+    runs = {
+        "on": lambda: run(pipeline, base),
+        DEMAND: lambda: run(pipeline, fresh("demand"), TARGETS + ["previews.gbuffer"]),
+        GATE: lambda: run(pipeline, gating, more={"previews.rungs": whole}.items()),
+        PREFIX: lambda: run(pipeline, prefix, more={"previews.stream": 9}.items()),
+        TRANSIENT: lambda: run(pipeline, fresh("transient"), file=handed_on),
     }
+    names = list(runs)
+    first = turn % len(names)
+    took = {name: runs[name]() for name in names[first:] + names[:first]}
+    on = took.pop("on")
+    found = {name: (on, off) for name, off in took.items()}
+    # There the run as it is written is the one without.
+    found[TRANSIENT] = (took[TRANSIENT], on)
+    scenes = sampled(pipeline, base, scratch)
     # Other previews may be judged otherwise: how much of the work is the same is said below the table.
     others = {
         GATE: len(scenes - sampled(pipeline, gating, scratch, {"previews.rungs": whole}.items())),
@@ -146,7 +154,9 @@ def size(count):
 def row(name, accounts):
     middle = lambda side, of: None if accounts[0][side][of] is None else statistics.median(account[side][of] for account in accounts)
     (on_s, off_s), (on_b, off_b) = ((middle(0, of), middle(1, of)) for of in (0, 1))
-    return f"| {name} | {on_s:.2f} | {off_s:.2f} | {off_s / max(on_s, 1e-3):.2f}x | {size(on_b)} | {size(off_b)} |"
+    ratios = sorted(off[0] / max(on[0], 1e-3) for on, off in accounts)
+    saved = f"{statistics.median(ratios):.2f}x ({ratios[0]:.2f} to {ratios[-1]:.2f})"
+    return f"| {name} | {on_s:.2f} | {off_s:.2f} | {saved} | {size(on_b)} | {size(off_b)} |"
 
 
 def main():
@@ -158,9 +168,9 @@ def main():
     subprocess.run(example, check=True, cwd=ROOT)
     for pipeline in args.pipelines:
         accounts = {}
-        for _ in range(args.rounds):
+        for turn in range(args.rounds):
             with tempfile.TemporaryDirectory() as scratch:
-                found, base, others, scenes = front(pipeline, scratch)
+                found, base, others, scenes = front(pipeline, scratch, turn)
                 found[SPECIAL] = specialisation(pipeline, base, scratch)
                 for name, pair in found.items():
                     accounts.setdefault(name, []).append(pair)

@@ -25,12 +25,14 @@ CHANNELS, CLOCK, SIDES = 15, 14, (5, 3, 3, 3)
 WEIGHTS = sum(side * side for side in SIDES)
 
 
-def network(preset):
+def network(preset, channels=CHANNELS, output="means", log=False):
+    """The network of a preset; see docs/kinds/training.md."""
     import torch
     from torch import nn
     from torch.nn import functional as F
 
     widths, blocks, convolutions, embedding = PLANS[preset]
+    numbers = 3 if output == "values" else WEIGHTS
 
     class Step(nn.Module):
         def __init__(self, channels, out=None):
@@ -39,9 +41,12 @@ def network(preset):
             self.time = nn.Linear(embedding, 2 * channels)
             self.conv = nn.Conv2d(channels, out or channels, 3, padding=1)
 
-        def forward(self, x, time):
+        def before(self, x, time):
             scale, shift = self.time(time)[:, :, None, None].chunk(2, 1)
-            return self.conv(F.silu(torch.addcmul(shift, self.norm(x), 1 + scale)))
+            return F.silu(torch.addcmul(shift, self.norm(x), 1 + scale))
+
+        def forward(self, x, time):
+            return self.conv(self.before(x, time))
 
     class Block(nn.Module):
         def __init__(self, channels):
@@ -59,14 +64,16 @@ def network(preset):
             super().__init__()
             level = lambda width: nn.ModuleList(Block(width) for _ in range(blocks))
             self.time = nn.Sequential(nn.Linear(CLOCK, embedding), nn.SiLU(), nn.Linear(embedding, embedding), nn.SiLU())
-            self.stem = nn.Conv2d(4 * CHANNELS, widths[0], 3, padding=1)
+            self.stem = nn.Conv2d(4 * channels, widths[0], 3, padding=1)
             self.down = nn.ModuleList(level(w) for w in widths[:-1])
             self.smaller = nn.ModuleList(nn.Conv2d(4 * a, b, 1) for a, b in zip(widths, widths[1:]))
             self.middle = level(widths[-1])
             self.larger = nn.ModuleList(nn.Conv2d(b, 4 * a, 1) for a, b in reversed(list(zip(widths, widths[1:]))))
             self.skip = nn.ModuleList(nn.Conv2d(w, w, 1) for w in reversed(widths[:-1]))
             self.up = nn.ModuleList(level(w) for w in reversed(widths[:-1]))
-            self.last = Step(widths[0], 4 * WEIGHTS)
+            self.last = Step(widths[0], 4 * numbers)
+            if output == "shaded_means":
+                self.shade = nn.Conv2d(widths[0], 4 * 3, 3, padding=1)
 
         def forward(self, x, clock, bases, albedo, state, gain):
             time = self.time(clock)
@@ -83,9 +90,16 @@ def network(preset):
                 x = F.pixel_shuffle(larger(x), 2) + skip(skips.pop())
                 for block in level:
                     x = block(x, time)
-            weights = F.pixel_shuffle(self.last(x, time), 2).softmax(1)
-            mean = torch.einsum("ncbhw,nbhw->nchw", bases, weights)
-            return gain * (albedo * mean - state)
+            x = self.last.before(x, time)
+            answer = F.pixel_shuffle(self.last.conv(x), 2)
+            if output == "values":
+                return answer
+            mean = torch.einsum("ncbhw,nbhw->nchw", bases, answer.softmax(1))
+            if output == "shaded_means":
+                power = F.pixel_shuffle(self.shade(x), 2).exp()
+                mean = mean * (1 + 4 * power) / (4 + power)
+            mean = albedo * mean
+            return gain * ((mean.sign() * mean.abs().log1p() if log else mean) - state)
 
     return Unet()
 

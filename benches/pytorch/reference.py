@@ -10,92 +10,20 @@ import math
 
 import torch
 
-from network import CHANNELS, CLOCK, PLANS, WEIGHTS, bases, network
+from model import numbers, shapes, state_dict
+from network import CHANNELS, CLOCK, bases, network
 
 SIDE, PRESET = 16, "tiny"
-
-
-def numbers(size, salt):
-    """The same as `made_up` of the test."""
-    i = torch.arange(size, dtype=torch.int64)
-    return ((i * 7919 + salt * 104729) % 2003).double() / 1001.5 - 1.0
-
-
-def shapes():
-    """Our weights: names and shapes."""
-    widths, blocks, convolutions, embedding = PLANS[PRESET]
-    found = {"time.0": (CLOCK, embedding), "time.1": (embedding, embedding), "stem": (9 * 4 * CHANNELS, widths[0])}
-
-    def level(name, width):
-        for block in range(blocks):
-            for step in range(convolutions):
-                found[f"{name}.{block}.{step}.time"] = (embedding, 2 * width)
-                found[f"{name}.{block}.{step}"] = (9 * width, width)
-
-    for i, (width, lower) in enumerate(zip(widths, widths[1:])):
-        level(f"down.{i}", width)
-        found[f"down.{i}.out"] = (4 * width, lower)
-        found[f"up.{i}.in"] = (lower, 4 * width)
-        found[f"up.{i}.skip"] = (width, width)
-        level(f"up.{i}", width)
-    level("middle", widths[-1])
-    found["last.time"] = (embedding, 2 * widths[0])
-    found["head"] = (9 * widths[0], 4 * WEIGHTS)
-    return {f"{name}.{part}": shape if part == "kernel" else (1, shape[1])
-            for name, shape in found.items() for part in ("kernel", "bias")}
-
-
-def place(name):
-    """Where a layer of ours is in PyTorch's network."""
-    levels = len(PLANS[PRESET][0]) - 1
-    first, *rest = name.split(".")
-    up = lambda i: levels - 1 - int(i)
-    match first, rest:
-        case "time", [i]:
-            return f"time.{2 * int(i)}"
-        case "stem", []:
-            return "stem"
-        case "head", []:
-            return "last.conv"
-        case "last", ["time"]:
-            return "last.time"
-        case "down", [i, "out"]:
-            return f"smaller.{i}"
-        case "up", [i, "in"]:
-            return f"larger.{up(i)}"
-        case "up", [i, "skip"]:
-            return f"skip.{up(i)}"
-    level, rest = ("middle", rest) if first == "middle" else (f"{first}.{rest[0] if first == 'down' else up(rest[0])}", rest[1:])
-    block, step, *time = rest
-    return f"{level}.{block}.steps.{step}.{'time' if time else 'conv'}"
-
-
-def layout(name, kernel, bias):
-    """A layer's weights as PyTorch has them. Four pixels in the channels of one: ours pixel by pixel, PyTorch's channel by
-    channel."""
-    outputs = kernel.shape[1]
-    if name == "head" or name.endswith(".in"):
-        turn = lambda w: w.reshape(-1, 4, outputs // 4).transpose(1, 2).reshape(-1, outputs)
-        kernel, bias = turn(kernel), turn(bias)
-    size = 3 if name in ("stem", "head") or name.split(".")[-1].isdigit() and not name.startswith("time") else 1
-    weight = kernel.reshape(size, size, -1, outputs)
-    if name == "stem" or name.endswith(".out"):
-        weight = weight.reshape(size, size, 4, -1, outputs).transpose(2, 3).reshape(size, size, -1, outputs)
-    weight = weight.permute(3, 2, 0, 1)
-    return (weight[:, :, 0, 0] if "time" in name else weight), bias.reshape(-1)
 
 
 def main():
     torch.set_default_dtype(torch.float64)
     net = network(PRESET)
     ours = {}
-    for salt, (name, shape) in enumerate(sorted(shapes().items())):
+    for salt, (name, shape) in enumerate(sorted(shapes(PRESET, CHANNELS).items())):
         scale = 0.1 if name.endswith("bias") else 1.5 / math.sqrt(shape[0])
         ours[name] = (numbers(math.prod(shape), salt) * scale).float().double().reshape(shape).requires_grad_()
-    theirs = {}
-    for name in sorted({name.rsplit(".", 1)[0] for name in ours}):
-        weight, bias = layout(name, ours[f"{name}.kernel"], ours[f"{name}.bias"])
-        theirs[f"{place(name)}.weight"], theirs[f"{place(name)}.bias"] = weight, bias
+    theirs = state_dict(ours, PRESET)
     assert {name: w.shape for name, w in theirs.items()} == {name: w.shape for name, w in net.named_parameters()}
     image = lambda channels, salt: numbers(SIDE * SIDE * channels, salt).float().double().reshape(1, SIDE, SIDE, channels)
     first = lambda x: x.permute(0, 3, 1, 2)

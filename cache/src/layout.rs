@@ -13,6 +13,7 @@
 //! quarantine/                    damaged blobs, for inspection
 //! tmp/<owner>.<n>                files being written
 //! trash/                         files that a gc is about to delete
+//! gc.lock                        locked while a gc goes on
 //! ```
 //! Knows names only; contents are the business of the module of that name.
 

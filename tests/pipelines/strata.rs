@@ -46,7 +46,7 @@ pub fn check(all: BTreeMap<String, SceneStatistics>, least: usize) {
             m(|s| s.refractive_share),
             m(|s| s.caustic_share),
             m(|s| s.relative_rmse),
-            m(|s| s.slope)
+            m(|s| s.slope.unwrap_or(f64::NAN))
         );
         assert!(of.iter().all(|s| s.rejected == 0), "{stratum}");
         let every = |holds: &dyn Fn(&SceneStatistics) -> bool| of.iter().all(holds);
@@ -84,7 +84,7 @@ pub fn check(all: BTreeMap<String, SceneStatistics>, least: usize) {
     // Where tails are light the law holds for each ladder; under caustics it holds late, and one sample is far off.
     let of = |regime| strata.iter().filter(move |(s, _)| s.regime == regime).map(|(_, of)| of);
     for regime in [Regime::L0, Regime::L1] {
-        let slopes: Vec<f64> = of(regime).map(|of| median(of, |s| s.slope)).collect();
+        let slopes: Vec<f64> = of(regime).map(|of| median(of, |s| s.slope.expect("noise"))).collect();
         let mean = slopes.iter().sum::<f64>() / slopes.len() as f64;
         assert!((mean + 0.5).abs() < 0.05, "{regime:?}: mean of the strata's median slopes {mean}");
     }

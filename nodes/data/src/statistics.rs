@@ -17,14 +17,16 @@ pub struct SceneStatistics {
     pub caustic_share: f64,
     /// Root mean square error of an image of 1 sample a pixel, over the image's mean.
     pub relative_rmse: f64,
-    /// Slope of log RMSE on log n over the ladder, against a held-out reference; the law says -1/2.
-    pub slope: f64,
+    /// Slope of log RMSE on log n over the ladder, against a held-out reference; the law says -1/2. None for scenes without noise.
+    pub slope: Option<f64>,
     /// Share of variance in the 1% of pixels that vary most.
     pub tail_share: f64,
     /// Samples a pixel of the ladder's last rung and of the reference.
     pub spp: [u64; 2],
     /// Contributions that were rejected as non-finite.
     pub rejected: u64,
+    /// Triangles that were left out: without area, or with a corner that is not finite.
+    pub dropped: u64,
 }
 
 /// A quantile of sorted values, of which there is at least one; linear between neighbours.

@@ -106,6 +106,8 @@ pub struct TimedScene {
     pub preview_psnr: f64,
     /// Structural similarity of the preview.
     pub ssim: f64,
+    /// Whether the reference's own noise hides the error, so that a thousandth of what was measured stands for it.
+    pub unresolved: bool,
     /// Samples a pixel after which the path tracer has the same error; none for itself.
     pub crossover_spp: Option<f64>,
     /// The path tracer's time to the same error over this time; none for itself.

@@ -14,7 +14,7 @@ use tauflow_contract::Digest;
 
 /// What times depend on beside the work: the processor, how many of its cores there are, and the system. Part of the keys of
 /// measurements, so that those of two machines are never mixed: the system's own identity is part of it, `/etc/machine-id` or the name
-/// of the host, as a digest. Virtual machines hide the processor's full name, so that its family, model, stepping and cache and the widest
+/// of the host, as a digest (clones of a system that share the former cannot be told apart by it). Virtual machines hide the processor's full name, so that its family, model, stepping and cache and the widest
 /// of its vectors stand beside it.
 pub fn machine() -> Value {
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
@@ -22,14 +22,19 @@ pub fn machine() -> Value {
     let told = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     // Fewer threads than cores are another machine, too.
     let threads = std::env::var("RAYON_NUM_THREADS").unwrap_or_default();
-    json!({
+    let mut told_of = json!({
         "processor": field(&told, "model name"),
         "type": kind_of_processor(&told),
         "cores": cores,
         "threads": threads,
         "system": system,
         "identity": identity(),
-    })
+    });
+    // So are narrower vectors than it has. Only where they are asked for, so that keys are the same without.
+    if let Ok(instructions) = std::env::var("TAUFLOW_INSTRUCTIONS") {
+        told_of["instructions"] = instructions.into();
+    }
+    told_of
 }
 
 /// Digest of what tells this system from others of its make; of nothing where it has neither identity nor name.

@@ -76,7 +76,8 @@ impl HeldOut {
         let count = image.data().len().max(1) as f64;
         let (square, relative) = (square / count, relative / count);
         let least = |found: f64| 1e-3 * found;
-        let unresolved = self.own_mse > 0.0 && square - self.own_mse < least(square);
+        let hidden = |found: f64, own: f64| own > 0.0 && found - own < least(found);
+        let unresolved = hidden(square, self.own_mse) || hidden(relative, self.own_rel);
         let less = |found: f64, own: f64| (found - own).max(least(found)).max(f64::MIN_POSITIVE);
         let mse = less(square, self.own_mse);
         Errors {

@@ -68,7 +68,7 @@ impl Kind for TimeErrorKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "time_error",
-            version: 7,
+            version: 8,
             summary: "Error against time: of rendering alone, solvers and denoisers.",
             manual: include_str!("time_error.md"),
             mode: Mode::Gather,

@@ -195,6 +195,7 @@ impl<'a> Group<'a> {
                 hdr_psnr: s.hdr_psnr.min(PSNR_CEILING),
                 preview_psnr: s.preview_psnr.min(PSNR_CEILING),
                 ssim: s.ssim,
+                unresolved: s.unresolved,
                 crossover_spp: against.map(|(spp, _)| spp),
                 speed_up: against.map(|(_, speed_up)| speed_up),
             }

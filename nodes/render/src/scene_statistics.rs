@@ -54,7 +54,7 @@ impl Kind for SceneStatisticsKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "scene_statistics",
-            version: 1,
+            version: 2,
             summary: "Measures what scenes are: path lengths, shares of light, errors and slopes.",
             manual: include_str!("scene_statistics.md"),
             mode: Mode::Map,
@@ -135,7 +135,7 @@ impl Measure<'_> {
         let last = films.last().ok_or_else(|| KindError::Internal("a ladder without rungs".into()))?;
         let mean = mean_luminance(last);
         let held_out = spp * reference;
-        let mut slope = -0.5;
+        let mut slope = None;
         self.render(&world, HELD_OUT, Strategy::Mis, &[held_out], &mut |film| slope = fit(&films, film))?;
         let over = |value: f64| if mean > 0.0 { value / mean } else { 0.0 };
         // The two renders have errors of their own.
@@ -170,6 +170,7 @@ impl Measure<'_> {
             tail_share: top_share(variances(last)),
             spp: [spp, held_out],
             rejected: last.rejected,
+            dropped: world.dropped.degenerate + world.dropped.not_finite,
         })
     }
 }
@@ -207,9 +208,9 @@ fn variances(film: &Accumulator) -> Vec<f64> {
     image.data().chunks_exact(3).map(|rgb| rgb.iter().map(|v| f64::from(*v)).sum::<f64>() / 3.0).collect()
 }
 
-/// Slope of log RMSE on log n by least squares, against a reference whose variance is subtracted; -1/2, what the law says,
-/// for scenes without noise.
-fn fit(films: &[Accumulator], reference: &Accumulator) -> f64 {
+/// Slope of log RMSE on log n by least squares, against a reference whose variance is subtracted; none for scenes without
+/// noise.
+fn fit(films: &[Accumulator], reference: &Accumulator) -> Option<f64> {
     let own = variances(reference).iter().sum::<f64>() / reference.pixels.len() as f64 / reference.count as f64;
     let truth = reference.mean();
     // What is left of scenes without noise is rounding.
@@ -223,5 +224,5 @@ fn fit(films: &[Accumulator], reference: &Accumulator) -> f64 {
             (mse > least).then(|| (log(film.count as f64), 0.5 * log(mse)))
         })
         .collect();
-    if points.len() < 3 { -0.5 } else { slope(&points) }
+    (points.len() >= 3).then(|| slope(&points))
 }

@@ -211,19 +211,20 @@ fn score(evaluation: &Evaluation, scene: &str, cell: &Cell, nfe: u64) -> Option<
     evaluation.per_scene.iter().find(hit).map(|r| r.score.metrics.hdr_psnr)
 }
 
-/// The mean of each block of `factor` x `factor` pixels.
+/// The mean of each block of `factor` x `factor` pixels; those of the last row and column may be smaller.
 fn reduce(image: &Image, factor: usize) -> Image {
     if factor <= 1 {
         return image.clone();
     }
-    let mut out = Image::new(image.width() / factor, image.height() / factor, image.channels());
-    let area = (factor * factor) as f32;
+    let mut out = Image::new(image.width().div_ceil(factor), image.height().div_ceil(factor), image.channels());
+    let block = |at: usize, side: usize| at * factor..((at + 1) * factor).min(side);
     for y in 0..out.height() {
         for x in 0..out.width() {
+            let (columns, rows) = (block(x, image.width()), block(y, image.height()));
+            let area = (columns.len() * rows.len()) as f32;
             for c in 0..image.channels() {
-                let block =
-                    (0..factor * factor).map(|i| image.pixel(x * factor + i % factor, y * factor + i / factor)[c]);
-                out.pixel_mut(x, y)[c] = block.sum::<f32>() / area;
+                let pixels = rows.clone().flat_map(|y| columns.clone().map(move |x| image.pixel(x, y)[c]));
+                out.pixel_mut(x, y)[c] = pixels.sum::<f32>() / area;
             }
         }
     }
@@ -299,5 +300,8 @@ mod tests {
         let image = Image::from_data(2, 2, 1, vec![1.0, 2.0, 3.0, 6.0]).expect("fits");
         assert_eq!(reduce(&image, 2).data(), [3.0]);
         assert_eq!(reduce(&image, 1), image);
+        // A film with less than a block on one side, and part of one on the other.
+        let image = Image::from_data(3, 1, 1, vec![1.0, 2.0, 5.0]).expect("fits");
+        assert_eq!((reduce(&image, 2).data(), reduce(&image, 2).width()), (&[1.5, 5.0][..], 2));
     }
 }

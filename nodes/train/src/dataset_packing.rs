@@ -65,6 +65,9 @@ fn pack(ladder: &Ladder, exposure: &Exposure, gbuffer: Option<&GBuffer>) -> Resu
     }
     let exposed = |image: &Image| image.map(|v| (f64::from(v) * exposure.factor) as f32);
     let gbuffer = gbuffer.map(|g| join(&g.albedo, &g.normal)).transpose()?;
+    if let Some(gbuffer) = &gbuffer {
+        gbuffer.finite("G-buffer", "look at what made it")?;
+    }
     if let (Some(gbuffer), Some(rung)) = (&gbuffer, ladder.rungs.first())
         && (gbuffer.width(), gbuffer.height()) != (rung.image.width(), rung.image.height())
     {

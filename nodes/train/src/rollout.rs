@@ -82,8 +82,7 @@ pub fn rollout_to(
             clock.n_max()
         )));
     }
-    finite(endpoint, "endpoint")?;
-    gbuffer.map_or(Ok(()), |gbuffer| finite(gbuffer, "G-buffer"))?;
+    readable(endpoint, gbuffer)?;
     let times = clock.grid_to(from, to, course.steps, course.grid);
     let mut state = encode(model, endpoint)?;
     for pair in times.windows(2) {
@@ -107,7 +106,7 @@ pub fn bridge_stop(
     to: u64,
 ) -> Result<Image, KindError> {
     let (tau, next) = span(model, from, to)?;
-    finite(endpoint, "endpoint")?;
+    readable(endpoint, gbuffer)?;
     let state = encode(model, endpoint)?;
     let prediction = model.predict(&state, gbuffer, tau)?;
     let Some(clean) = model.parameterization().clean(&state, &prediction, tau) else {
@@ -136,7 +135,7 @@ pub fn local_steps(
     from: u64,
     to: u64,
 ) -> Result<Image, KindError> {
-    finite(endpoint, "endpoint")?;
+    readable(endpoint, gbuffer)?;
     let mut state = encode(model, endpoint)?;
     for n in from..to {
         let (tau, next) = span(model, n, n + 1)?;
@@ -160,8 +159,11 @@ fn span(model: &dyn Denoiser, from: u64, to: u64) -> Result<(f64, f64), KindErro
 }
 
 /// A value that is no number would spread over the network's whole field of view.
-fn finite(image: &Image, what: &str) -> Result<(), KindError> {
-    Ok(image.finite(what, "mend the image, or look at what made it")?)
+fn readable(endpoint: &Image, gbuffer: Option<&Image>) -> Result<(), KindError> {
+    for (image, what) in std::iter::once((endpoint, "endpoint")).chain(gbuffer.map(|gbuffer| (gbuffer, "G-buffer"))) {
+        image.finite(what, "mend the image, or look at what made it")?;
+    }
+    Ok(())
 }
 
 fn encode(model: &dyn Denoiser, image: &Image) -> Result<Image, KindError> {

@@ -2,7 +2,7 @@
 
 use crate::{
     page::Section,
-    text::{compact, count, fixed},
+    text::{compact, count, fixed, plural},
 };
 use std::{collections::BTreeMap, fmt::Write as _};
 use tauflow_data::{
@@ -42,19 +42,23 @@ pub fn section(statistics: &[(String, SceneStatistics)]) -> Option<Section> {
         context = own;
         let _ =
             write!(out, "<tr{class}><td>{}</td><td>{}</td>", name.replacen('-', " ", 1), count(scenes.len() as u64));
-        type Value = (fn(&SceneStatistics) -> f64, fn(f64) -> String);
+        type Value = (fn(&SceneStatistics) -> Option<f64>, fn(f64) -> String);
         let columns: [Value; 8] = [
-            (|s| s.mean_path_length, |v| fixed(v, 2)),
-            (|s| s.environment_share, percent),
-            (|s| s.diffuse_share, percent),
-            (|s| s.refractive_share, percent),
-            (|s| s.caustic_share, percent),
-            (|s| s.relative_rmse, compact),
+            (|s| Some(s.mean_path_length), |v| fixed(v, 2)),
+            (|s| Some(s.environment_share), percent),
+            (|s| Some(s.diffuse_share), percent),
+            (|s| Some(s.refractive_share), percent),
+            (|s| Some(s.caustic_share), percent),
+            (|s| Some(s.relative_rmse), compact),
             (|s| s.slope, |v| fixed(v, 2)),
-            (|s| s.tail_share, percent),
+            (|s| Some(s.tail_share), percent),
         ];
         for (value, show) in columns {
-            let mut values: Vec<f64> = scenes.iter().map(|s| value(s)).collect();
+            let mut values: Vec<f64> = scenes.iter().filter_map(|s| value(s)).collect();
+            if values.is_empty() {
+                out.push_str("<td>–</td>");
+                continue;
+            }
             values.sort_by(f64::total_cmp);
             let [low, middle, high] = [0.25, 0.5, 0.75].map(|share| show(quantile(&values, share)));
             let _ = write!(out, "<td>{middle}<span class=\"ci\">{low} – {high}</span></td>");
@@ -62,6 +66,18 @@ pub fn section(statistics: &[(String, SceneStatistics)]) -> Option<Section> {
         out.push_str("</tr>");
     }
     out.push_str("</tbody></table></div>");
+    let still = statistics.iter().filter(|(_, of)| of.slope.is_none()).count() as u64;
+    if still > 0 {
+        let _ = write!(out, "<p class=\"note\">Slopes are without {}, which have no noise.</p>", plural(still, "scene"));
+    }
+    let dropped: Vec<u64> = statistics.iter().map(|(_, of)| of.dropped).filter(|dropped| *dropped > 0).collect();
+    if !dropped.is_empty() {
+        let (triangles, scenes) = (plural(dropped.iter().sum(), "triangle"), plural(dropped.len() as u64, "scene"));
+        let _ = write!(
+            out,
+            "<p class=\"note\">{triangles} in {scenes} are left out: without area, or with a corner that is no number.</p>"
+        );
+    }
     Some(Section::new("scenes", "What the scenes are", out))
 }
 

@@ -162,10 +162,11 @@ fn statistics(ctx: &Context<'_>) -> Collection {
                 refractive_share: stream.uniform(),
                 caustic_share: 0.01 * f64::from(i),
                 relative_rmse: 0.4 + stream.uniform(),
-                slope: -0.5,
+                slope: (i != 1).then_some(-0.5),
                 tail_share: 0.1,
                 spp: [128, 2048],
                 rejected: 0,
+                dropped: u64::from(i == 2),
             };
             let artifact = Artifact::blob(STATISTICS, ctx.put_json(&of).expect("memory"));
             (key(&format!("{stratum}-{i:06}")), artifact)
@@ -197,6 +198,7 @@ fn time_error() -> TimeError {
         hdr_psnr: -4.3 * mse.ln(),
         preview_psnr: 5.0 - 4.3 * mse.ln(),
         ssim: 0.9,
+        unresolved: false,
         crossover_spp: (!own).then_some(1.0 / mse),
         speed_up: (!own).then_some(10.0),
     };

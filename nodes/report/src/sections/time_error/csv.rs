@@ -62,7 +62,7 @@ pub fn points(of: &TimeError) -> String {
 /// Every point of every scene.
 pub fn scenes(of: &TimeError) -> String {
     let mut out = String::from(
-        "method,conditioning,cell,scene,from_spp,nfe,wall_s_q1,wall_s,wall_s_q3,cpu_s_q1,cpu_s,cpu_s_q3,mse,rel_mse,hdr_psnr,preview_psnr,ssim,speed_up,crossover_spp\n",
+        "method,conditioning,cell,scene,from_spp,nfe,wall_s_q1,wall_s,wall_s_q3,cpu_s_q1,cpu_s,cpu_s_q3,mse,rel_mse,hdr_psnr,preview_psnr,ssim,speed_up,crossover_spp,unresolved\n",
     );
     for timed in &of.methods {
         let method = method(timed);
@@ -71,7 +71,7 @@ pub fn scenes(of: &TimeError) -> String {
                 let [wall, cpu] = [s.wall_s, s.cpu_s].map(|of| of.map(|v| v.to_string()).join(","));
                 let _ = writeln!(
                     out,
-                    "{method},{},{},{},{wall},{cpu},{},{},{},{},{},{},{}",
+                    "{method},{},{},{},{wall},{cpu},{},{},{},{},{},{},{},{}",
                     field(&s.scene),
                     point.from_spp,
                     point.nfe,
@@ -81,7 +81,8 @@ pub fn scenes(of: &TimeError) -> String {
                     s.preview_psnr,
                     s.ssim,
                     optional(s.speed_up),
-                    optional(s.crossover_spp)
+                    optional(s.crossover_spp),
+                    s.unresolved
                 );
             }
         }
