@@ -5,7 +5,8 @@ python network.py [--presets tiny small base] [--threads 1 2] [--rounds 5] [--pr
 PyTorch runs in both of its memory layouts, by itself and with each allocator that is preloaded (our program has mimalloc), and the
 fastest counts, round by round; it runs eagerly. Both sides do forward and backward pass, a clip of the
 gradient's norm, Adam and the average of the weights, on 64 x 64 crops with G-buffers; predictions are of a 256 x 256 image.
-Each round runs every program once in a process of its own; figures are medians over the rounds of medians in a round.
+Each round runs every program once in a process of its own; figures are medians over the rounds of medians in a round, ratios medians
+of the rounds' ratios with the least and the most. GFLOP/s are ours, by what PyTorch counts in convolutions and products of matrices.
 """
 
 import argparse
@@ -120,6 +121,7 @@ def bases(light):
 
 def peer(preset, threads, layout):
     import torch
+    from torch.utils.flop_counter import FlopCounterMode
 
     torch.set_num_threads(threads)
     torch.manual_seed(1)
@@ -159,8 +161,15 @@ def peer(preset, threads, layout):
     net.eval()
     with torch.inference_mode():
         predict_ms = median(lambda: net(*batch), STEPS[preset])
+    with FlopCounterMode(display=False) as predicted, torch.inference_mode():
+        net(*batch)
+    net.train()
+    batch = inputs(BATCH[preset], 64)
+    with FlopCounterMode(display=False) as stepped:
+        step()
     count = sum(w.numel() for w in weights)
-    print(json.dumps({"step_ms": step_ms, "predict_ms": predict_ms, "weights": count}))
+    flop = {"step_flop": stepped.get_total_flops(), "predict_flop": predicted.get_total_flops()}
+    print(json.dumps({"step_ms": step_ms, "predict_ms": predict_ms, "weights": count, **flop}))
 
 
 def run(command, threads, preload=""):
@@ -183,8 +192,8 @@ def main():
         preset, threads, layout = args.peer
         return peer(preset, int(threads), layout)
     ways = [(layout, preload) for layout in ("nchw", "nhwc") for preload in ["", *args.preload]]
-    print("| preset | threads | step | PyTorch | ratio | prediction | PyTorch | ratio | drawing | fastest |")
-    print("|---|---:|---:|---:|---:|---:|---:|---:|---:|---|")
+    print("| preset | threads | step | GFLOP/s | PyTorch | ratio | prediction | GFLOP/s | PyTorch | ratio | drawing | fastest |")
+    print("|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---|")
     for preset in args.presets:
         for threads in args.threads:
             ours, peers = [], []
@@ -198,8 +207,10 @@ def main():
                 best = [min(round, key=lambda way: round[way][what]) for round in peers]
                 theirs = [round[way][what] for round, way in zip(peers, best)]
                 mine = [round[what] for round in ours]
-                ratio = statistics.median(a / b for a, b in zip(mine, theirs))
-                cells += [f"{statistics.median(mine):.1f} ms", f"{statistics.median(theirs):.1f} ms", f"{ratio:.2f}"]
+                ratios = sorted(a / b for a, b in zip(mine, theirs))
+                ratio = f"{statistics.median(ratios):.2f} ({ratios[0]:.2f} to {ratios[-1]:.2f})"
+                rate = next(iter(peers[0].values()))[what.replace("_ms", "_flop")] / statistics.median(mine) / 1e6
+                cells += [f"{statistics.median(mine):.1f} ms", f"{rate:.0f}", f"{statistics.median(theirs):.1f} ms", ratio]
                 fastest.append(" ".join(statistics.mode(best)).strip())
             cells.append(f"{100 * statistics.median(round['draw_share'] for round in ours):.1f}%")
             cells.append(", ".join(fastest))

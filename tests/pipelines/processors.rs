@@ -6,6 +6,37 @@
 use crate::edits::PIPELINE;
 use std::{fs, path::Path, process::Command};
 
+/// What the defaults of trainings leave out: G-buffers, logarithms, absolute differences, shades, low rungs, all eight views.
+const MORE: &str = r"
+  gbuffer_set:
+    kind: dataset_packing
+    inputs: { ladders: train_ladders, gbuffers: train_ladders.gbuffer, exposure: gate.exposure }
+  gbuffer_test:
+    kind: dataset_packing
+    inputs: { ladders: test_ladders, gbuffers: test_ladders.gbuffer, exposure: gate.exposure }
+  strong:
+    kind: training
+    inputs: { train: gbuffer_set, test: gbuffer_test }
+    params:
+      parameterization: mc_noise
+      conditioning: gbuffer
+      preset: tiny
+      steps: 3
+      batch: 2
+      crop: 16
+      space: log1p
+      loss: absolute
+      output: shaded_means
+      rung_exponent: 0.5
+  viewed:
+    kind: refinement
+    inputs: { endpoints: gbuffer_test, model: strong.model }
+    params: { nfe: [1, 3], mirrors: 8 }
+  values:
+    kind: training
+    inputs: { train: gbuffer_set }
+    params: { parameterization: vanilla_rf, conditioning: gbuffer, preset: tiny, steps: 2, batch: 2, crop: 16, output: values }
+";
 /// Runs the pipeline in a cache of its own, with some of this processor's instructions or on an emulated one.
 fn run(folder: &Path, instructions: &str, processor: Option<&str>, arguments: &[&str]) -> String {
     let program = env!("CARGO_BIN_EXE_tauflow");
@@ -30,7 +61,7 @@ fn run(folder: &Path, instructions: &str, processor: Option<&str>, arguments: &[
 #[test]
 fn everything_is_the_same_on_sse2_avx2_and_this_processor() {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    fs::write(folder.path().join("bits.yaml"), PIPELINE).expect("writable");
+    fs::write(folder.path().join("bits.yaml"), format!("{PIPELINE}{MORE}")).expect("writable");
     run(folder.path(), "avx512", None, &["--update-lock"]);
     for instructions in ["avx2", "sse2"] {
         let told = run(folder.path(), instructions, None, &["--locked"]);

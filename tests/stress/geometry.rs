@@ -77,41 +77,65 @@ fn surfaces(add: Add<'_>) {
         )
     });
     add("the same from 4 m, where they are 5e-7 of their distance wide".into(), "what is lost is told here", came);
-    let mut heap = floor_point();
-    heap.sky([1.0; 3]);
+    // Seen from below, filling the view; paths end at the first thing that they meet.
+    let mut heap = Built::new([2.5e-4, 0.9, 2.5e-4], [2.5e-4, 1.0, 2.5e-4], 0.1, 1);
+    heap.scene.camera.up = [0.0, 0.0, 1.0];
+    let black = heap.diffuse([0.0; 3]);
     let mesh = Mesh {
         positions: vec![[0.0, 1.0, 0.0], [1e-3, 1.0, 0.0], [0.0, 1.0, 1e-3]],
         triangles: vec![[0, 1, 2]; 1_000_000],
         ..Mesh::default()
     };
-    heap.mesh(&mesh, IDENTITY, 0);
-    let came = world(&heap).and_then(|world| {
-        let film = rendered(&heap, 8, 8, 4)?;
-        held(mean(&film) > 0.0, format!("{} primitives, rendered", world.primitive_count()))
-    });
-    add("a million triangles in one place".into(), "a tree, and an image", came);
     let mut points = heap.clone();
-    let mesh = Mesh { positions: vec![[0.0, 1.0, 0.0]; 3], triangles: vec![[0, 1, 2]; 1_000_000], ..Mesh::default() };
-    points.scene.shapes.pop();
-    points.mesh(&mesh, IDENTITY, 0);
-    let came = world(&points).and_then(|world| {
-        rendered(&points, 8, 8, 4)?;
-        held(world.dropped.degenerate == 1_000_000, format!("{} left out and counted", world.dropped.degenerate))
+    heap.mesh(&mesh, IDENTITY, black).emission = Some(Texture::scalar(0.5));
+    let came = world(&heap).and_then(|world| {
+        let off = (mean(&rendered(&heap, 8, 8, 4)?) - 0.5).abs();
+        let count = world.primitive_count();
+        held(count == 1_000_000 && off == 0.0, format!("{count} primitives; off by {}", about(off)))
     });
-    add("a million triangles that are points".into(), "left out and counted", came);
-    let mut broken = one.clone();
-    let mut mesh = ball(8);
-    mesh.positions[40] = [f32::NAN, 0.0, 0.0];
-    mesh.positions[41] = [f32::INFINITY, 0.0, 0.0];
-    broken.mesh(&mesh, columns([0.3, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.3], [0.0, 0.5, 0.0]), 0);
-    let came = world(&broken).and_then(|world| {
-        rendered(&broken, 8, 8, 16)?;
+    add("a million triangles in one place, glowing at 1/2, which fill the view".into(), "exactly 1/2", came);
+    points.sky([1.0; 3]);
+    let mesh = Mesh { positions: vec![[0.0, 1.0, 0.0]; 3], triangles: vec![[0, 1, 2]; 1_000_000], ..Mesh::default() };
+    points.mesh(&mesh, IDENTITY, black);
+    let came = world(&points).and_then(|world| {
+        let (count, off) = (world.dropped.degenerate, (mean(&rendered(&points, 8, 8, 4)?) - 1.0).abs());
+        held(count == 1_000_000 && off == 0.0, format!("{count} left out and counted; the sky off by {}", about(off)))
+    });
+    add("a million triangles that are points, before a sky of 1".into(), "left out and counted; exactly the sky", came);
+    broken(add);
+}
+
+/// A ball that fills the view, of whose corners in front one is at NaN and one at infinity.
+fn broken(add: Add<'_>) {
+    const BAD: [u32; 2] = [40, 41];
+    let seen = |mesh: &Mesh| {
+        let mut built = Built::new([0.0, 0.5, 2.0], [0.0, 0.5, 0.0], 20.0, 4);
+        let grey = built.diffuse([0.5; 3]);
+        built.mesh(mesh, columns([0.3, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.3], [0.0, 0.5, 0.0]), grey);
+        built.sky([1.0; 3]);
+        built
+    };
+    let (whole, mut bad, mut rest) = (ball(8), ball(8), ball(8));
+    bad.positions[BAD[0] as usize] = [f32::NAN, 0.0, 0.0];
+    bad.positions[BAD[1] as usize] = [f32::INFINITY, 0.0, 0.0];
+    rest.triangles.retain(|triangle| !BAD.iter().any(|corner| triangle.contains(corner)));
+    let left_out = (whole.triangles.len() - rest.triangles.len()) as u64;
+    let came = world(&seen(&bad)).and_then(|world| {
+        let film = rendered(&seen(&bad), 16, 16, 16)?;
+        let same = film.mean() == rendered(&seen(&rest), 16, 16, 16)?.mean();
+        // Were the hole not in view, the row could not fail.
+        let hole = difference(&film, &rendered(&seen(&whole), 16, 16, 16)?);
+        let count = world.dropped.not_finite;
         held(
-            world.dropped.not_finite > 0,
-            format!("{} triangles left out and counted, the rest rendered", world.dropped.not_finite),
+            same && hole > 0.1 && count == left_out,
+            format!("{count} triangles left out and counted; the same bits, and a hole in view"),
         )
     });
-    add("a mesh with corners at NaN and infinity".into(), "they are left out and counted", came);
+    add(
+        "a ball in view, of which a corner is at NaN and one at infinity".into(),
+        "its triangles at these are left out and counted: the image of the ball made without them",
+        came,
+    );
 }
 
 /// What makes a scene into another.

@@ -4,6 +4,7 @@
 #[path = "../../nodes/render/tests/scenes/mod.rs"]
 mod scenes;
 
+mod dark;
 mod data;
 mod dead;
 mod drift;
@@ -13,6 +14,7 @@ mod learning;
 mod materials;
 mod metrics;
 mod networks;
+mod refraction;
 mod rendering;
 mod transport;
 
@@ -57,7 +59,7 @@ fn page(hazards: &[Hazard]) -> String {
         "# Numerical stress\n\nWhat is fed to the renderer, the clocks, the solvers, trainings and metrics to break them, what must come out, and \
          what did. A test makes this page and holds it against every run: `cargo test --release --test stress`; with `TAUFLOW_STRESS_DOC=1` it writes it \
          anew. `pipelines/stress.yaml` puts such scenes, ladders of rungs 1, 3, 7 and 20 and of two that are a sample apart, exposures and trainings through every kind of the \
-         main job: `tests/pipelines/stress.rs` wants nothing of it to fail, and no number that is none. Where precision is lost, the last column says how much.\n",
+         main job but `external_denoiser` and `external_renderer`, which call programs that are not ours: `tests/pipelines/stress.rs` wants nothing of it to fail, and no number that is none. Where precision is lost, the last column says how much.\n",
     );
     let mut area = "";
     for hazard in hazards {
@@ -78,6 +80,7 @@ fn every_hazard_is_met_and_the_page_tells_what_came_of_it() {
     hazards.extend(transport::hazards());
     hazards.extend(learning::hazards());
     hazards.extend(networks::hazards());
+    hazards.extend(dark::hazards());
     hazards.extend(dead::hazards());
     hazards.extend(data::hazards());
     hazards.extend(metrics::hazards());

@@ -124,7 +124,7 @@ fn numbers(add: Add<'_>) {
                  specular, clearcoat, opacity, weights, indices of metals"
             ),
             "refused: material, field and what to do; and 0.75 is taken",
-            came.map(|()| "each refused, with where and what to do".into()),
+            came.map(|()| "each refused, with where and what to do; 0.75 taken for each".into()),
         );
     }
 }
@@ -152,7 +152,10 @@ fn textures(add: Add<'_>) {
         );
     }
     let came = refused(&painted(0.5, 3.0), &["material 0: ", "`reflectance`", "up to 1.5", "`scale`"]);
-    let came = came.and_then(|said| world(&painted(1.5, 0.5)).map(|_| said));
+    let came = came.and_then(|said| {
+        let second = rendered(&painted(1.5, 0.5), 4, 4, 4).map_err(|told| format!("the second: {told}"));
+        second.map(|_| format!("the first {said}; the second taken and rendered"))
+    });
     add("one of 0.5 times 3; one of 1.5 times 0.5".into(), "the first is refused, the second taken", came);
     let corners = |value: f32| Mesh {
         positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
@@ -170,7 +173,9 @@ fn textures(add: Add<'_>) {
     };
     let came = refused(&colored(1.5, false), &["shape ", "vertex colours", "not from 0 to 1"])
         .and_then(|said| refused(&colored(f32::NAN, true), &["shape ", "not finite"]).map(|_| said))
-        .and_then(|said| world(&colored(1.5, true)).map(|_| said));
+        .and_then(|said| {
+            rendered(&colored(1.5, true), 4, 4, 4).map(|_| format!("two {said}; the third taken and rendered"))
+        });
     add(
         "vertex colours of 1.5 as albedo; of NaN as emission; of 1.5 as emission".into(),
         "refused, with the shape; refused; taken",
@@ -185,7 +190,7 @@ fn textures(add: Add<'_>) {
     };
     let came = refused(&shining(f32::NAN), &["shape 1: ", "emission", "not finite"])
         .and_then(|said| refused(&shining(-1.0), &["shape 1: ", "emission below 0"]).map(|_| said))
-        .and_then(|said| world(&shining(1e6)).map(|_| said));
+        .and_then(|said| rendered(&shining(1e6), 4, 4, 4).map(|_| format!("two {said}; the third taken and rendered")));
     add("an image of emission with a texel of NaN, of -1, of 1e6".into(), "refused; refused; taken", came);
 }
 
@@ -245,7 +250,10 @@ fn imports(add: Add<'_>) {
         let count = report.repairs.values().sum::<u64>();
         let calm = data::import("calm.gltf", gltf("[1, 0.5, 0, 1]", "").as_bytes())?;
         let clean = calm.0.repairs.is_empty() && calm.2.is_some();
-        held(body.is_some() && count == 2 && clean, format!("{count} factors cut and counted"))
+        held(
+            body.is_some() && count == 2 && clean,
+            format!("both imported: {count} factors of the first cut and counted, nothing of the second"),
+        )
     });
     add(
         "a glTF material of base colour 2, 0.5, -1; and one of 1, 0.5, 0".into(),

@@ -1,7 +1,12 @@
 //! Metrics of images at the ends of what numbers can be.
 
 use super::{Hazard, about, held};
-use tauflow_data::{Image, rng::Stream};
+use tauflow_data::{
+    Image,
+    maths::{log10, pow},
+    results::Metrics,
+    rng::Stream,
+};
 use tauflow_eval::{PSNR_CEILING, bounded, metrics::metrics};
 
 const AREA: &str = "Metrics";
@@ -10,6 +15,74 @@ fn noise(seed: u64, scale: f32) -> Image {
     let mut stream = Stream::new(seed, &[]);
     let data = (0..16 * 16 * 3).map(|_| scale * stream.uniform() as f32).collect();
     Image::from_data(16, 16, 3, data).expect("fits")
+}
+
+/// Errors of radiance and of previews beside those that double precision makes of the same images.
+fn exact(m: &Metrics, image: &Image, reference: &Image) -> Result<(), String> {
+    let preview = |v: f64| pow(v / (1.0 + v), 1.0 / 2.2);
+    let errors = |f: &dyn Fn(f64) -> f64| {
+        let pairs = image.data().iter().zip(reference.data()).map(|(a, b)| f(f64::from(*a)) - f(f64::from(*b)));
+        let (squares, sizes) = pairs.fold((0.0, 0.0), |(squares, sizes), d| (squares + d * d, sizes + d.abs()));
+        let count = image.data().len() as f64;
+        ((squares / count).sqrt(), sizes / count)
+    };
+    let ((rmse, mae), (shown_rmse, shown_mae)) = (errors(&|v| v), errors(&preview));
+    // Previews are single precision: no difference is known better than what they are.
+    let brightest =
+        reference.data().iter().chain(image.data()).fold(0.0f64, |most, v| most.max(preview(f64::from(*v))));
+    let near = |found: f64, exact: f64| (found - exact).abs() <= 1e-5 * exact + 2.4e-7 * brightest;
+    let found = pow(10.0, -m.preview_psnr / 20.0);
+    let fine = (m.hdr_mae / mae - 1.0).abs() < 1e-9
+        && (m.hdr_psnr + 20.0 * log10(rmse)).abs() < 1e-9
+        && near(m.preview_mae, shown_mae)
+        && near(found, shown_rmse);
+    if fine { Ok(()) } else { Err(format!("{m:?}, not MAE {mae:e}, {shown_mae:e}, RMSE {rmse:e}, {shown_rmse:e}")) }
+}
+
+/// What the metrics are, and what means take a PSNR for where it is above the ceiling.
+fn said(m: &Metrics, scale: f64) -> String {
+    let psnr = |name: &str, value: f64| match bounded(name, value) {
+        cut if cut < value && value.is_finite() => format!("{value:.2} dB, which means take as {cut:.1}"),
+        cut if cut < value => format!("infinite, which means take as {cut:.1}"),
+        _ => format!("{value:.2} dB"),
+    };
+    format!(
+        "MAE {} of the scale, PSNR {}, of the maximum {}, of previews {}, SSIM {:.4}",
+        about(m.hdr_mae / scale),
+        psnr("hdr_psnr", m.hdr_psnr),
+        psnr("hdr_psnr_max", m.hdr_psnr_max),
+        psnr("preview_psnr", m.preview_psnr),
+        m.ssim
+    )
+}
+
+type Add<'a> = &'a mut dyn FnMut(&str, &str, Result<String, String>);
+
+/// Images without variance, whose metrics are closed forms.
+fn constants(add: Add<'_>) {
+    for scale in [1e-30f32, 1e-6, 1.0, 1e6, 1e18, 1.5e38] {
+        let constant = |v: f32| Image::from_data(16, 16, 3, vec![v; 768]).expect("fits");
+        let (image, reference) = (constant(scale), constant(2.0 * scale));
+        let by = f64::from(scale);
+        let came = metrics(&image, &reference).map_err(|e| e.to_string()).and_then(|m| {
+            exact(&m, &image, &reference)?;
+            let preview = |v: f64| pow(v / (1.0 + v), 1.0 / 2.2);
+            let (a, b) = (preview(by), preview(2.0 * by));
+            let ssim = (2.0 * a * b + 1e-4) / (a * a + b * b + 1e-4);
+            let fine = (m.hdr_psnr + 20.0 * log10(by)).abs() < 1e-9
+                && (m.hdr_psnr_max - 20.0 * log10(2.0)).abs() < 1e-9
+                && (m.hdr_mae / by - 1.0).abs() < 1e-9
+                && (m.ssim - ssim).abs() < 1e-5
+                && bounded("hdr_psnr", m.hdr_psnr) == m.hdr_psnr.min(PSNR_CEILING);
+            held(fine, said(&m, by))
+        });
+        add(
+            &format!("a constant image of {scale:.1e} against one of twice that"),
+            "MAE the scale; PSNR -20 log10 of it, of the maximum 20 log10 2, to 1e-9 dB; means hold it below the ceiling; previews as double \
+             precision has them; SSIM of the luminances alone, to 1e-5",
+            came,
+        );
+    }
 }
 
 pub fn hazards() -> Vec<Hazard> {
@@ -41,18 +114,24 @@ pub fn hazards() -> Vec<Hazard> {
     for scale in [1e-30f32, 1e-6, 1e6, 1e18, 3e38] {
         let (a, b) = (noise(1, scale), noise(2, scale));
         let came = of(&a, &b).and_then(|m| {
-            let relative = m.hdr_mae / f64::from(scale);
-            held(
-                relative > 0.2 && relative < 0.5 && !m.hdr_psnr.is_nan() && m.ssim.is_finite(),
-                format!("MAE {} of the scale", about(relative)),
-            )
+            exact(&m, &a, &b)?;
+            // The noise is the same at all scales: one image, exposed.
+            let plain = of(&noise(1, 1.0), &noise(2, 1.0))?;
+            let by = f64::from(scale);
+            let same = (m.hdr_mae / by / plain.hdr_mae - 1.0).abs() < 1e-6
+                && (m.hdr_psnr + 20.0 * log10(by) - plain.hdr_psnr).abs() < 1e-5
+                && (m.hdr_psnr_max - plain.hdr_psnr_max).abs() < 1e-5
+                && (0.0..=1.0).contains(&m.ssim);
+            held(same, said(&m, by))
         });
         add(
             &format!("noise of {scale:.0e} against other noise of it"),
-            "errors in proportion, nothing that is no number",
+            "the metrics of noise of 1 in proportion: MAE by the scale, PSNR by 20 log10 of it, that of the maximum as it is, to 1e-5 dB; \
+             previews as double precision has them; SSIM from 0 to 1",
             came,
         );
     }
+    constants(&mut add);
     // What no light can be counts as none: a reference that no ladder has, and an image that a network without the law may make.
     let came = of(&image.map(|v| -v), &black).and_then(|m| {
         let fine = m.hdr_psnr.is_infinite() && m.hdr_mae == 0.0 && m.preview_psnr.is_infinite();

@@ -110,6 +110,7 @@ pub fn hazards() -> Vec<Hazard> {
     space(&mut add);
     light(&mut add);
     materials(&mut add);
+    super::refraction::hazards(&mut add);
     super::geometry::hazards(&mut add);
     films(&mut add);
     out
@@ -127,7 +128,7 @@ fn space(add: Add<'_>) {
         });
         add(format!("a scene of balls at {scale:.0e} of its size"), "the same mean to 0.2%", came);
     }
-    for (shift, tolerance) in [(1e2, 1e-3), (1e4, 0.02), (1e6, 0.5)] {
+    for (shift, tolerance) in [(1e2, 1e-3), (1e4, 2e-3), (1e6, 0.01)] {
         let came = reference.clone().and_then(|reference| {
             let off = (mean(&rendered(&moved(&base, 1.0, shift), 16, 16, 16)?) / mean(&reference) - 1.0).abs();
             held(

@@ -43,6 +43,31 @@ pub fn results(evaluation: &Evaluation) -> String {
     out
 }
 
+/// Head of [`versus`].
+pub const VERSUS: &str =
+    "method,conditioning,cell,nfe,against,against_conditioning,metric,difference,difference_low,difference_high,better";
+
+/// Solvers less methods that are not ours, paired by scene: a row for each pair, NFE and metric.
+pub fn versus(evaluation: &Evaluation) -> String {
+    let mut out = format!("{VERSUS}\n");
+    for of in &evaluation.versus {
+        let get = |cell: &Cell, axis: &str| field(cell.get(axis).map_or("", String::as_str));
+        let own = format!(
+            "{},{},{},{}",
+            get(&of.cell, "parameterization"),
+            get(&of.cell, "conditioning"),
+            field(&extra(&of.cell)),
+            of.nfe
+        );
+        let theirs = format!("{},{}", field(&of.method), get(&of.baseline, "conditioning"));
+        for metric in METRICS.iter().filter(|m| of.gain.contains_key(**m)) {
+            let better = of.better.get(*metric).map_or_else(String::new, f64::to_string);
+            let _ = writeln!(out, "{own},{theirs},{metric},{},{better}", three(of.gain.get(*metric)));
+        }
+    }
+    out
+}
+
 /// Head of [`curves`].
 pub const CURVES: &str = "space,method,conditioning,cell,metric,auc,auc_low,auc_high,tv,tv_low,tv_high";
 

@@ -134,6 +134,9 @@ impl Kind for Report {
         put("results.csv", csv::results(evaluation).as_bytes())?;
         put("curves.csv", csv::curves(evaluation).as_bytes())?;
         put("per_scene.csv", csv::per_scene(evaluation).as_bytes())?;
+        if !evaluation.versus.is_empty() {
+            put("versus.csv", csv::versus(evaluation).as_bytes())?;
+        }
         put("table.tex", tex::table(evaluation, "hdr_psnr").as_bytes())?;
         put("tables.tex", tex::others(evaluation).as_bytes())?;
         for montage in montages.iter().chain(&by_calls).filter(|m| !m.rows.is_empty()) {

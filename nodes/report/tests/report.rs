@@ -131,7 +131,8 @@ fn the_same_material_gives_the_same_files() {
             "time_error.csv",
             "time_error_scenes.csv",
             "time_error_targets.csv",
-            "timings.csv"
+            "timings.csv",
+            "versus.csv"
         ]
     );
     assert_eq!(first.keys().filter(|n| n.starts_with("bridge/maps/")).count(), 8);
@@ -224,6 +225,16 @@ fn csv_and_json_read_back_exactly() {
         METRICS.len() * (1 + evaluation.methods.len() * evaluation.nfe.len() + evaluation.baselines.len())
     );
     assert_eq!(text(&files, "per_scene.csv").lines().count(), 1 + evaluation.per_scene.len());
+    let versus = text(&files, "versus.csv");
+    let figures = evaluation.versus.iter().flat_map(|of| METRICS.map(|metric| (of, metric)));
+    let figures = figures.filter_map(|(of, metric)| Some((of, metric, of.gain.get(metric)?)));
+    let rows: Vec<&str> = versus.lines().skip(1).collect();
+    assert_eq!(rows.len(), figures.clone().count());
+    for (row, (of, metric, gain)) in rows.iter().zip(figures) {
+        let better = of.better.get(metric).map_or_else(String::new, f64::to_string);
+        let end = format!("{},{metric},{},{},{},{better}", of.baseline["conditioning"], gain.mean, gain.low, gain.high);
+        assert!(row.contains(&of.method) && row.ends_with(&end), "{row} {end}");
+    }
     assert_eq!(text(&files, "curves.csv").lines().count(), 1 + evaluation.methods.len() * METRICS.len());
     let json: serde_json::Value = serde_json::from_str(&text(&files, "results.json")).expect("JSON");
     let back: Evaluation = serde_json::from_value(json["evaluation"].clone()).expect("an evaluation");

@@ -68,7 +68,8 @@ pub fn section(statistics: &[(String, SceneStatistics)]) -> Option<Section> {
     out.push_str("</tbody></table></div>");
     let still = statistics.iter().filter(|(_, of)| of.slope.is_none()).count() as u64;
     if still > 0 {
-        let _ = write!(out, "<p class=\"note\">Slopes are without {}, which have no noise.</p>", plural(still, "scene"));
+        let _ =
+            write!(out, "<p class=\"note\">Slopes are without {}, which have no noise.</p>", plural(still, "scene"));
     }
     let dropped: Vec<u64> = statistics.iter().map(|(_, of)| of.dropped).filter(|dropped| *dropped > 0).collect();
     if !dropped.is_empty() {
