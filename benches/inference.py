@@ -30,7 +30,7 @@ def times(port, options):
         done = subprocess.run([str(word) for word in command], capture_output=True, text=True, cwd=ROOT)
         if done.returncode:
             sys.exit(done.stderr)
-        for path in pathlib.Path(out).rglob("*.json"):
+        for path in pathlib.Path(out).rglob("value.json"):
             cell = dict(pair.split("=") for pair in path.parent.parent.name.split("+"))
             for entry in json.loads(path.read_text())["entries"]:
                 key = (cell.get("mirrors", ""), entry["from_spp"], entry["nfe"])

@@ -24,11 +24,13 @@ fn cells(texts: &[String]) -> String {
 }
 
 fn named(method: &TimedMethod) -> String {
-    match (method.method.as_str(), method.conditioning.as_str()) {
-        (RENDERING, _) => "Rendering alone".into(),
-        (name, "") => method_html(name),
-        (name, sees) => format!("{}, {}", method_html(name), escape(&conditioning_name(sees))),
+    if method.method == RENDERING {
+        return "Rendering alone".into();
     }
+    let sees = Some(conditioning_name(&method.conditioning)).filter(|sees| !sees.is_empty());
+    let cell = method.cell.iter().map(|(axis, value)| format!("{axis} {value}"));
+    let words = sees.into_iter().chain(cell).map(|word| format!(", {}", escape(&word)));
+    method_html(&method.method) + &words.collect::<String>()
 }
 
 fn calls(point: &TimedPoint) -> String {
