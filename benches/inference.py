@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """What the solver of pipelines/inference.yaml and Open Image Denoise take for an image, the quality of both beside it, as one table.
 
-    python3 benches/inference.py [--profile cpu] [--cache FOLDER] [--results out/inference]
+    TAUFLOW_OIDN=path/to/libOpenImageDenoise.so python3 benches/inference.py [--profile cpu] [--cache FOLDER] [--results out/inference]
 
-after the pipeline has run with the same profile and as many cores: under `taskset -c 0`, the times of one core. Times are of inference
+after the pipeline has run with the same profile, library and as many cores: under `taskset -c 0`, the times of one core. Times are of inference
 alone, without rendering or reading: of each image the median of its repeats, of images median and quartiles; quality is that of the
 pipeline's reports. No package is needed.
 """
@@ -23,7 +23,7 @@ TAUFLOW = ROOT / "target" / "release" / "tauflow"
 
 
 def times(port, options):
-    """Milliseconds of each image, by cell without what it starts from, samples and number of calls."""
+    """Milliseconds of each image, by views, samples and number of calls."""
     found = {}
     with tempfile.TemporaryDirectory() as out:
         command = [TAUFLOW, "export", PIPELINE, port, *options, "-o", out]

@@ -2,11 +2,11 @@
 
 use super::{
     Hazard, about, drift, held,
-    learning::{Lab, SIDE, scene, short, sound},
+    learning::{Lab, SIDE, guided, scene, sound},
     networks::{loaded, range, refined_with},
 };
 use tauflow_data::{Image, formats::PackedScene};
-use tauflow_train::{Conditioning, Loss, Model, Parameterization, Space, TrainingParams};
+use tauflow_train::{Loss, Model, Parameterization, Space};
 
 const AREA: &str = "Networks and albedo";
 /// What networks add to albedo before it divides.
@@ -50,15 +50,7 @@ fn trained(parameterization: Parameterization, space: Space, loss: Loss) -> Resu
         PackedScene { gbuffer: Some(gbuffer), ..scene(i as u64, bright) }
     };
     let scenes = [gbuffer(|_, _| 0.0), gbuffer(|_, _| 1e-6), textured(), spot()];
-    let params = TrainingParams {
-        parameterization,
-        space,
-        loss,
-        conditioning: Conditioning::Gbuffer,
-        steps: 20,
-        learning_rate: 1e-3,
-        ..short()
-    };
+    let params = guided(parameterization, space, loss);
     let outputs = lab.train(&lab.scenes(scenes.into_iter().enumerate().map(with)), params)?;
     sound(&lab, &outputs)?;
     loaded(&lab, &outputs)

@@ -5,7 +5,7 @@ use super::{
     Hazard, about,
     data::{converged, numbers},
     held,
-    learning::{Lab, SIDE, short, sound},
+    learning::{Lab, SIDE, guided, sound},
     networks,
     transport::{Oracle, difference},
 };
@@ -19,10 +19,7 @@ use tauflow_data::{
     time::TimeGrid,
 };
 use tauflow_eval::metrics::metrics;
-use tauflow_train::{
-    Conditioning, Course, DatasetPacking, DatasetPackingParams, Loss, Parameterization, Space, TrainingParams, rollout,
-    rollout_to,
-};
+use tauflow_train::{Course, DatasetPacking, DatasetPackingParams, Loss, Parameterization, Space, rollout, rollout_to};
 
 const AREA: &str = "Ladders with dead pixels";
 const COUNTS: [u64; 4] = [1, 2, 4, 8];
@@ -206,15 +203,7 @@ fn trainings(scenes: &[PackedScene], add: Add<'_>) {
         for parameterization in Parameterization::ALL {
             let lab = Lab::new();
             let set = lab.scenes(scenes.iter().cloned());
-            let params = TrainingParams {
-                parameterization,
-                space,
-                loss,
-                conditioning: Conditioning::Gbuffer,
-                steps: 20,
-                learning_rate: 1e-3,
-                ..short()
-            };
+            let params = guided(parameterization, space, loss);
             let came = lab.train_and_test(&set, Some(&set), params).and_then(|outputs| {
                 sound(&lab, &outputs)?;
                 let model = networks::loaded(&lab, &outputs)?;

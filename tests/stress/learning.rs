@@ -75,6 +75,12 @@ impl Lab {
     }
 }
 
+/// Params of a short training with G-buffers.
+pub(super) fn guided(parameterization: Parameterization, space: Space, loss: Loss) -> TrainingParams {
+    let conditioning = Conditioning::Gbuffer;
+    TrainingParams { parameterization, space, loss, conditioning, steps: 20, learning_rate: 1e-3, ..short() }
+}
+
 pub(super) fn short() -> TrainingParams {
     TrainingParams {
         steps: 6,
