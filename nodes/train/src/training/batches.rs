@@ -11,12 +11,10 @@ use std::sync::Arc;
 use tauflow_contract::{Collection, Context, KindError};
 use tauflow_data::{Image, formats::PackedScene, maths, rng::Stream, time::TimeGrid};
 
-/// Scenes with the same rungs, of the same size.
+/// Scenes with the same rungs.
 #[derive(Debug)]
 pub(crate) struct DataSet {
     pub(crate) counts: Vec<u64>,
-    width: usize,
-    height: usize,
     scenes: Vec<PackedScene>,
 }
 
@@ -59,7 +57,7 @@ impl DataSet {
     /// Loads a collection of packed scenes.
     ///
     /// # Errors
-    /// If it is empty, scenes differ in rungs or size, or G-buffers are missing where they are needed.
+    /// If it is empty, scenes differ in rungs, or G-buffers are missing where they are needed.
     pub(crate) fn load(
         ctx: &Context<'_>,
         collection: &Collection,
@@ -83,8 +81,7 @@ impl DataSet {
         let Some((first_key, first)) = scenes.first() else {
             return Err(KindError::Input(format!("input `{port}` has no scenes; raise the quota of its sampling")));
         };
-        let shape = |scene: &PackedScene| scene.states.first().map(|s| (s.width(), s.height()));
-        let (counts, size) = (first.counts.clone(), shape(first).unwrap_or_default());
+        let counts = first.counts.clone();
         if counts.len() < 2 {
             return Err(KindError::Input(format!(
                 "scene {first_key} of input `{port}` has {} rungs; a solver learns from at least two",
@@ -92,12 +89,11 @@ impl DataSet {
             )));
         }
         for (key, scene) in &scenes {
-            if scene.counts != counts || shape(scene) != Some(size) {
+            if scene.counts != counts {
                 return Err(KindError::Input(format!(
-                    "scene {key} of input `{port}` has rungs {:?} at {:?}, but {first_key} has {counts:?} at {size:?}; \
-                     render all with the same `rungs` and `resolution`",
-                    scene.counts,
-                    shape(scene).unwrap_or_default()
+                    "scene {key} of input `{port}` has rungs {:?}, but {first_key} has {counts:?}; render all with the \
+                     same `rungs`",
+                    scene.counts
                 )));
             }
             if let Some(image) = scene.states.iter().find(|s| s.data().iter().any(|v| !v.is_finite())) {
@@ -114,7 +110,8 @@ impl DataSet {
                      leave `gbuffers` away"
                 )));
             }
-            let fits = |g: &Image| (g.width(), g.height(), g.channels()) == (size.0, size.1, 6);
+            let (width, height) = size(scene);
+            let fits = |g: &Image| (g.width(), g.height(), g.channels()) == (width, height, 6);
             if conditioning == Conditioning::Gbuffer && !scene.gbuffer.as_ref().is_some_and(fits) {
                 return Err(KindError::Input(format!(
                     "scene {key} of input `{port}` has no G-buffer of its size, and `conditioning` is gbuffer; connect \
@@ -123,7 +120,7 @@ impl DataSet {
             }
         }
         let scenes = scenes.into_iter().map(|(_, scene)| scene).collect();
-        Ok(Self { counts, width: size.0, height: size.1, scenes })
+        Ok(Self { counts, scenes })
     }
 
     /// Number of scenes.
@@ -131,17 +128,18 @@ impl DataSet {
         self.scenes.len()
     }
 
-    /// The side of the square windows that training sees: `wanted`, cut to what images and network allow.
+    /// The side of the square windows that training sees: `wanted`, cut to what the smallest image and the network allow.
     ///
     /// # Errors
-    /// If images are smaller than the network's coarsest pixel.
+    /// If an image is smaller than the network's coarsest pixel.
     pub(crate) fn side(&self, wanted: usize, multiple: usize) -> Result<usize, KindError> {
-        let side = wanted.min(self.width).min(self.height) / multiple * multiple;
+        let sizes = self.scenes.iter().map(size);
+        let (width, height) = sizes.min_by_key(|(width, height)| width.min(height).to_owned()).unwrap_or_default();
+        let side = wanted.min(width).min(height) / multiple * multiple;
         if side == 0 {
             return Err(KindError::Input(format!(
-                "a crop of {wanted} from images of {} x {} is less than the {multiple} pixels that the network needs; \
-                 raise `crop` or the `resolution`",
-                self.width, self.height
+                "a crop of {wanted} from images of {width} x {height} is less than the {multiple} pixels that the network \
+                 needs; raise `crop` or the `resolution`"
             )));
         }
         Ok(side)
@@ -175,6 +173,7 @@ impl DataSet {
         let picks: Vec<Pick> = (0..draw.batch)
             .map(|_| {
                 let scene = stream.below(self.scenes.len());
+                let (width, height) = size(&self.scenes[scene]);
                 let other = (scene + 1 + stream.below(self.scenes.len().max(2) - 1)) % self.scenes.len();
                 Pick {
                     scene,
@@ -187,8 +186,8 @@ impl DataSet {
                         }
                     },
                     t: stream.uniform(),
-                    left: stream.below(self.width - draw.side + 1),
-                    top: stream.below(self.height - draw.side + 1),
+                    left: stream.below(width - draw.side + 1),
+                    top: stream.below(height - draw.side + 1),
                     turn: stream.below(8),
                     scale: maths::exp2(draw.exposure_jitter * (2.0 * stream.uniform() - 1.0)) as f32,
                     colours: if draw.permute_colours { stream.below(COLOURS.len()) } else { 0 },
@@ -212,7 +211,8 @@ impl DataSet {
                 // One time for each rung, spread evenly and shifted from scene to scene.
                 let shift = (scene as f64 + 0.5) / self.scenes.len() as f64;
                 let t = (rung as f64 + shift) / rungs as f64;
-                let (left, top) = (middle(self.width), middle(self.height));
+                let (width, height) = size(&self.scenes[scene]);
+                let (left, top) = (middle(width), middle(height));
                 Pick { scene, target: scene, rung, t, left, top, turn: 0, scale: 1.0, colours: 0 }
             })
             .collect();
@@ -237,9 +237,9 @@ impl DataSet {
 
     /// State, target and G-buffer of a pick.
     fn example(&self, encoding: &Encoding, pick: &Pick, side: usize) -> (Vec<f32>, Vec<f32>, Option<Vec<f32>>) {
-        let places = pick.places(self.width, side);
         let lesson = encoding.parameterization.lesson(&encoding.clock, &self.counts, pick.rung, pick.t);
         let read = |scene: usize| -> (Vec<f32>, Vec<f32>) {
+            let places = pick.places(size(&self.scenes[scene]), side);
             let encode = |v: f32| encoding.space.encode(v * pick.scale);
             let rung = |i: usize| pick.colours(&self.scenes[scene].states[i], &places);
             let pairs = rung(lesson.from).zip(rung(lesson.to));
@@ -253,8 +253,14 @@ impl DataSet {
         let (state, target) = read(pick.scene);
         let target = if pick.target == pick.scene { target } else { read(pick.target).1 };
         let gbuffer = self.scenes[pick.scene].gbuffer.as_ref().filter(|_| encoding.gbuffer);
-        (state, target, gbuffer.map(|gbuffer| pick.turned(gbuffer, &places)))
+        let turned = |gbuffer: &Image| pick.turned(gbuffer, &pick.places((gbuffer.width(), gbuffer.height()), side));
+        (state, target, gbuffer.map(turned))
     }
+}
+
+/// Width and height of a scene's images.
+fn size(scene: &PackedScene) -> (usize, usize) {
+    scene.states.first().map(|s| (s.width(), s.height())).unwrap_or_default()
 }
 
 fn square_error(a: &Image, b: &Image) -> f64 {
@@ -327,8 +333,10 @@ impl Batch {
 }
 
 impl Pick {
-    /// For each pixel of the turned window, where it lies in the image.
-    fn places(&self, width: usize, side: usize) -> Vec<usize> {
+    /// For each pixel of the turned window, where it lies in an image of this width and height; the window is moved in where another
+    /// scene's image is smaller.
+    fn places(&self, (width, height): (usize, usize), side: usize) -> Vec<usize> {
+        let (left, top) = (self.left.min(width - side), self.top.min(height - side));
         let place = |x: usize, y: usize| {
             let x = if self.turn >= 4 { side - 1 - x } else { x };
             let (x, y) = match self.turn % 4 {
@@ -337,7 +345,7 @@ impl Pick {
                 2 => (side - 1 - x, side - 1 - y),
                 _ => (side - 1 - y, x),
             };
-            (self.top + y) * width + self.left + x
+            (top + y) * width + left + x
         };
         (0..side * side).map(|i| place(i % side, i / side)).collect()
     }

@@ -12,20 +12,52 @@ const PLAIN: Draw = Draw { seed: 3, batch: 6, side: 8, ..Draw::PLAIN };
 
 /// Pixels that name themselves: scene, rung and place.
 fn set(scenes: usize) -> DataSet {
-    let value = |scene: usize, rung: usize, i: usize| (10_000 * scene + 1000 * rung + i) as f32;
-    let packed = |scene: usize| {
-        let image = |rung| {
-            let data = (0..SIDE * SIDE * 3).map(|i| value(scene, rung, i)).collect();
-            Image::from_data(SIDE, SIDE, 3, data).expect("fits")
-        };
-        let normal = (0..SIDE * SIDE * 6).map(|i| i as f32).collect();
-        PackedScene {
-            counts: COUNTS.to_vec(),
-            states: (0..3).map(image).collect(),
-            gbuffer: Some(Image::from_data(SIDE, SIDE, 6, normal).expect("fits")),
-        }
+    DataSet::new(
+        (0..scenes).map(|s| ("scene", sized(SIDE, SIDE, 10_000.0 * s as f32))).collect(),
+        "train",
+        Conditioning::Gbuffer,
+    )
+    .expect("fits")
+}
+
+/// A scene of so many columns and rows, whose values are this and their place, and 1,000 more for each rung.
+fn sized(width: usize, height: usize, of: f32) -> PackedScene {
+    let image = |rung: usize| {
+        let data = (0..width * height * 3).map(|i| of + (1000 * rung + i) as f32).collect();
+        Image::from_data(width, height, 3, data).expect("fits")
     };
-    DataSet::new((0..scenes).map(|s| ("scene", packed(s))).collect(), "train", Conditioning::Gbuffer).expect("fits")
+    let gbuffer = (0..width * height * 6).map(|i| i as f32).collect();
+    PackedScene {
+        counts: COUNTS.to_vec(),
+        states: (0..3).map(image).collect(),
+        gbuffer: Some(Image::from_data(width, height, 6, gbuffer).expect("fits")),
+    }
+}
+
+#[test]
+fn films_of_several_sizes_give_windows_from_all_over_each() {
+    let scenes = vec![("small", sized(12, 10, 0.0)), ("large", sized(20, 16, 100_000.0))];
+    let set = DataSet::new(scenes, "train", Conditioning::Gbuffer).expect("rungs are the same");
+    assert_eq!((set.side(64, 2).expect("fits"), set.side(9, 4).expect("fits")), (10, 8));
+    let encoding = encoding(Parameterization::McNoise);
+    let mut seen = [BTreeSet::new(), BTreeSet::new()];
+    for step in 0..400 {
+        for shuffle_targets in [false, true] {
+            let batch = set.draw(&encoding, &Draw { shuffle_targets, ..PLAIN }, step);
+            for (i, state) in batch.states.iter().enumerate() {
+                let scene = usize::from(state[0] >= 100_000.0);
+                let gbuffer = batch.gbuffers[i].as_ref().expect("asked for");
+                for (state, gbuffer) in state.chunks_exact(3).zip(gbuffer.chunks_exact(6)) {
+                    let place = (state[0] - 100_000.0 * scene as f32) % 1000.0;
+                    assert_eq!(gbuffer[0], 2.0 * place);
+                    seen[scene].insert(place as usize / 3);
+                }
+            }
+        }
+    }
+    assert_eq!(seen.map(|places| places.len()), [120, 320], "every pixel is seen");
+    let all: usize = set.all(&encoding, 8, 4).map(|batch| batch.states.len()).sum();
+    assert_eq!(all, 4);
 }
 
 fn encoding(parameterization: Parameterization) -> Encoding {
@@ -100,14 +132,14 @@ fn shuffled_targets_come_from_another_scene() {
 #[test]
 fn turns_are_eight_and_lose_no_pixel() {
     let pick = |turn| Pick { scene: 0, target: 0, rung: 0, t: 0.0, left: 2, top: 1, turn, scale: 1.0, colours: 0 };
-    let all: BTreeSet<Vec<usize>> = (0..8).map(|turn| pick(turn).places(SIDE, 4)).collect();
+    let all: BTreeSet<Vec<usize>> = (0..8).map(|turn| pick(turn).places((SIDE, SIDE), 4)).collect();
     assert_eq!(all.len(), 8);
     for places in &all {
         let sorted: BTreeSet<usize> = places.iter().copied().collect();
-        assert_eq!(sorted, pick(0).places(SIDE, 4).into_iter().collect());
+        assert_eq!(sorted, pick(0).places((SIDE, SIDE), 4).into_iter().collect());
         assert_eq!(sorted.len(), 16);
     }
-    assert_eq!(pick(0).places(SIDE, 4)[..2], [SIDE + 2, SIDE + 3]);
+    assert_eq!(pick(0).places((SIDE, SIDE), 4)[..2], [SIDE + 2, SIDE + 3]);
 }
 
 #[test]
@@ -147,7 +179,7 @@ fn normals_turn_with_the_picture() {
     let image = Image::from_data(side, side, 6, (0..side * side).flat_map(bump).collect()).expect("fits");
     for turn in 0..8 {
         let pick = Pick { scene: 0, target: 0, rung: 0, t: 0.0, left: 0, top: 0, turn, scale: 1.0, colours: 0 };
-        let turned = pick.turned(&image, &pick.places(side, side));
+        let turned = pick.turned(&image, &pick.places((side, side), side));
         assert_eq!(turned, image.data(), "{turn}");
     }
 }
