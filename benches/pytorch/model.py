@@ -2,6 +2,8 @@
 
 python model.py MODEL          # as JSON: what it was trained for, and predictions of a made-up image
 
+MODEL may be a checkpoint, too: of its four copies of the weights the averages are taken.
+
 Predictions are in f64. The made-up image is that of the test `pytorch` of nodes/train, which compares.
 """
 
@@ -104,6 +106,8 @@ def load(path):
     with safe_open(path, "pt") as file:
         info = json.loads(json.loads(file.metadata()["tauflow"])["model"])
     weights = load_file(path)
+    if "average.stem.kernel" in weights:
+        weights = {name.removeprefix("average."): w for name, w in weights.items() if name.startswith("average.")}
     output = info.get("output", "means")
     expected = shapes(info["preset"], channels(info), output)
     assert {name: tuple(w.shape) for name, w in weights.items()} == expected, "the matrices are those of the manual"

@@ -13,6 +13,9 @@ use tauflow_data::{Image, image_io::read_exr, time::TimeGrid};
 /// Mid-grey that solvers saw scenes exposed to.
 const KEY: f64 = 0.18;
 
+/// Most model calls: many times those after which nothing changes.
+const MOST_CALLS: usize = 10_000;
+
 /// What `refine` takes.
 #[derive(Args)]
 pub(crate) struct RefineArgs {
@@ -26,7 +29,7 @@ pub(crate) struct RefineArgs {
     /// Samples a pixel whose noise the result should have; by default the last rung that the solver learned.
     #[arg(long, value_name = "N")]
     to_spp: Option<u64>,
-    /// Model calls.
+    /// Model calls, at most 10,000.
     #[arg(long, default_value_t = 1)]
     nfe: usize,
     /// Views of the image whose mean each call is: 1, 2, 4 or 8, in as many times the time.
@@ -46,6 +49,12 @@ pub(crate) struct RefineArgs {
 
 pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     check_picture(&args.out)?;
+    if args.nfe > MOST_CALLS {
+        return Err(CliError::Bad(format!(
+            "--nfe {}: at most {MOST_CALLS} model calls; more change nothing",
+            args.nfe
+        )));
+    }
     let read = |path: &PathBuf| read_exr(path).map_err(|e| CliError::Bad(e.to_string()));
     let bytes =
         fs::read(&args.model).map_err(|e| CliError::Bad(format!("cannot read {}: {e}", args.model.display())))?;

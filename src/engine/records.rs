@@ -96,15 +96,17 @@ pub struct StoreBlobs<'a> {
     /// The first error of the store itself: it stops the run.
     fatal: Mutex<Option<CacheError>>,
     start: Instant,
+    /// Nothing that was memoised is given: an action that is compared with what it gave before does all of its work.
+    anew: bool,
     /// Bytes of what the action put.
     made: AtomicU64,
 }
 
 impl<'a> StoreBlobs<'a> {
-    /// Wraps a store for one action; a transient one's blobs go to the pool.
-    pub fn new(store: &'a Store, pool: &'a Pool, transient: bool) -> Self {
+    /// Wraps a store for one action; a transient one's blobs go to the pool, and one that runs `anew` is given nothing memoised.
+    pub fn new(store: &'a Store, pool: &'a Pool, transient: bool, anew: bool) -> Self {
         let staged = transient.then(Mutex::default);
-        Self { store, pool, staged, fatal: Mutex::default(), start: Instant::now(), made: AtomicU64::new(0) }
+        Self { store, pool, staged, fatal: Mutex::default(), start: Instant::now(), anew, made: AtomicU64::new(0) }
     }
 
     /// The error of the store that spoiled the action, if there was one.
@@ -166,7 +168,7 @@ impl Blobs for StoreBlobs<'_> {
     }
 
     fn memo_get(&self, key: &MemoKey) -> Option<Artifact> {
-        let record = self.store.lookup_full(MEMO, &key.hash())?;
+        let record = if self.anew { None } else { self.store.lookup_full(MEMO, &key.hash()) }?;
         serde_json::from_str(&record.payload).ok()
     }
 

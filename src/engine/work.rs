@@ -258,10 +258,11 @@ impl Bench<'_> {
             }
         }
         let start = Instant::now();
-        let (payload, collections, put) = match self.run(batch, &job, &key, file.as_ref(), progress)? {
-            Ok(done) => done,
-            Err(outcome) => return Ok((outcome, key)),
-        };
+        let (payload, collections, put) =
+            match self.run(batch, &job, (&key, before.is_some()), file.as_ref(), progress)? {
+                Ok(done) => done,
+                Err(outcome) => return Ok((outcome, key)),
+            };
         let wall_us = start.elapsed().as_micros() as u64;
         let outcome = match before {
             Some(made) => self.compare(task, &hash, &payload, made),
@@ -330,12 +331,12 @@ impl Bench<'_> {
         f64::from(head) < self.recheck * f64::from(u32::MAX)
     }
 
-    /// Runs the kind, checks what it gave, and stores collections.
+    /// Runs the kind, checks what it gave, and stores collections. An action that only `checks` what it gave before gets nothing memoised.
     fn run(
         &self,
         batch: &Batch,
         job: &Job,
-        key: &ActionKey,
+        (key, checks): (&ActionKey, bool),
         file: Option<&Artifact>,
         progress: &dyn Progress,
     ) -> Result<Result<Given, Outcome>, CacheError> {
@@ -361,7 +362,7 @@ impl Bench<'_> {
             each,
             whole: read.into_iter().collect(),
         };
-        let blobs = StoreBlobs::new(self.store, self.pool, task.transient);
+        let blobs = StoreBlobs::new(self.store, self.pool, task.transient, checks);
         let context = Context::new(&blobs, progress, self.stop);
         let result = task.kind.run(&context, &action);
         if let Some(error) = blobs.fatal() {

@@ -181,6 +181,19 @@ targets: [unsteady, unsteady.time]
     // Measurements may differ; what was recorded stays.
     assert_eq!(checked.ran(), BTreeMap::from([("numbers", 3), ("scaled", 3), ("unsteady", 3)]));
     assert_eq!(shop.numbers(text, "unsteady"), before);
-    let sampled = shop.run_with(text, &RunOptions { recheck: 0.0, ..recheck }, |_, _| {});
+    let sampled = shop.run_with(text, &RunOptions { recheck: 0.0, ..recheck.clone() }, |_, _| {});
     assert!(sampled.summary.failures.is_empty());
+    // What is memoised cannot vouch for itself.
+    let text = "
+nodes:
+  numbers: {kind: numbers, params: {count: 3}}
+  unsteady: {kind: unsteady, inputs: {in: numbers}, params: {remembers: true}}
+";
+    let shop = Workshop::new();
+    shop.run(text);
+    let checked = shop.run_with(text, &recheck, |_, _| {});
+    assert_eq!(checked.summary.failures.len(), 3, "{:#?}", checked.summary.failures);
+    assert!(
+        checked.summary.failures.iter().all(|failure| failure.message.contains("`unsteady/out` gave two different"))
+    );
 }

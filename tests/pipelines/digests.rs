@@ -1,6 +1,5 @@
 //! Holds the bits of what kinds make of a tiny pipeline, beside the kind's version: who changes outputs raises the
-//! version, or results of before are taken for results of now. They hold on any x86-64 machine. Training and what
-//! follows from it are not among them: its matrix products use what instructions the processor has.
+//! version, or results of before are taken for results of now. They hold on any x86-64 machine.
 
 use crate::{edits::PIPELINE, support::Done};
 use std::fmt::Write as _;
@@ -26,6 +25,41 @@ fn outputs_change_with_versions_alone() {
     kind: guided_filter
     inputs: { endpoints: features }
     params: { colour: 0.5 }
+  lit:
+    kind: dataset_packing
+    inputs: { ladders: test_ladders, gbuffers: test_ladders.gbuffer, exposure: gate.exposure }
+  strong:
+    kind: training
+    inputs: { train: features, test: lit }
+    params:
+      parameterization: mc_noise
+      conditioning: gbuffer
+      preset: tiny
+      steps: 3
+      batch: 2
+      crop: 16
+      space: log1p
+      loss: absolute
+      output: shaded_means
+      rung_exponent: 0.5
+  viewed:
+    kind: refinement
+    inputs: { endpoints: lit, model: strong.model }
+    params: { nfe: [1, 3], mirrors: 8 }
+  local:
+    kind: training
+    inputs: { train: train_set }
+    params: { parameterization: local_velocity, preset: tiny, steps: 2, batch: 2, crop: 16 }
+  bridge_ladders:
+    kind: ladder_rendering
+    inputs: { scenes: sampling.test }
+    params: { rungs: [1, 2, 3, 4, 5, 6, 7, 8, 9, 10], resolution: [16, 16] }
+  bridge_set:
+    kind: dataset_packing
+    inputs: { ladders: bridge_ladders, exposure: gate.exposure }
+  bridged:
+    kind: bridge_refinement
+    inputs: { endpoints: bridge_set, mc_noise: \"solvers[steps=3].model\", local_velocity: local.model }
   statistics:
     kind: scene_statistics
     inputs: { scenes: sampling.test }
@@ -54,6 +88,14 @@ fn outputs_change_with_versions_alone() {
         "convergence.convergence",
         "filtered.refined",
         "statistics.statistics",
+        "solvers.model",
+        "solvers.log",
+        "refined.refined",
+        "scores.metrics",
+        "strong.model",
+        "strong.log",
+        "viewed.refined",
+        "bridged.refined",
         "hold.metrics",
     ] {
         let (kind, version) = done.kind(port);

@@ -2,6 +2,7 @@
 
 mod digests;
 mod edits;
+mod kills;
 mod mitsuba;
 mod processors;
 mod protocol;

@@ -414,11 +414,19 @@ impl Kind for Shares {
 
 static RUNS: AtomicU64 = AtomicU64::new(0);
 
+/// Params of `unsteady`.
+#[derive(Serialize, Deserialize, JsonSchema, Default)]
+#[serde(default, deny_unknown_fields)]
+pub struct UnsteadyParams {
+    /// It memoises what it gave.
+    remembers: bool,
+}
+
 /// Map that gives something else each time.
 pub struct Unsteady;
 
 impl Kind for Unsteady {
-    type Params = Nothing;
+    type Params = UnsteadyParams;
 
     fn spec() -> KindSpec {
         spec(
@@ -435,9 +443,17 @@ impl Kind for Unsteady {
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let value = RUNS.fetch_add(1, Ordering::Relaxed) as i64;
         let port = if action.group == "time" { "time" } else { "out" };
-        Ok(Outputs::default().item(port, number(ctx, value, 0)?))
+        let inputs = vec![action.each("in")?.digest()];
+        let memo = MemoKey { name: format!("unsteady/{port}"), version: 1, params: json!(null), inputs };
+        if let Some(known) = ctx.memo_get(&memo).filter(|_| action.params.remembers) {
+            return Ok(Outputs::default().item(port, known));
+        }
+        let result = number(ctx, RUNS.fetch_add(1, Ordering::Relaxed) as i64, 0)?;
+        if action.params.remembers {
+            ctx.memo_put(&memo, &result)?;
+        }
+        Ok(Outputs::default().item(port, result))
     }
 }
 

@@ -93,6 +93,17 @@ fn the_page_stands_alone_and_is_well_formed() {
         assert!(html.contains(&format!("<section id=\"{id}\"")), "{id}");
         assert!(html.contains(&format!("href=\"#{id}\"")), "{id}");
     }
+    // A denoiser stands beside the solvers of its conditioning: in the heat map of one call, and as a line in every plot.
+    let section = |id: &str| {
+        let start = html.find(&format!("<section id=\"{id}\"")).expect("there");
+        &html[start..start + html[start..].find("</section>").expect("it ends")]
+    };
+    assert!(section("strata").contains("OIDN"));
+    let figures: Vec<&str> = section("curves").split("<figure>").skip(1).collect();
+    assert_eq!(figures.len(), 2 * METRICS.len());
+    for figure in figures {
+        assert_eq!(figure.contains("OIDN"), figure.contains("G-buffer"), "{}", texts(figure).join(" "));
+    }
     assert!(!html.contains("Not connected"));
     assert!(html.contains("shares its samples with every rung"));
     // It opens with error against time; what machines and notes say is text.

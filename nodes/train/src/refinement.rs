@@ -56,6 +56,8 @@ const INPUTS: &[InputPort] = &[
     InputPort::whole("model", MODEL, "The trained solver: one."),
     InputPort::each("after", "*", "What must be there before `timing` measures, so that methods take turns.").or_none(),
 ];
+/// Most model calls of a rollout.
+const MOST_CALLS: u64 = 10_000;
 /// Group of the output port that is measured.
 const TIMING: &str = "timing";
 const OUTPUTS: &[OutputPort] = &[
@@ -87,6 +89,10 @@ impl Kind for Refinement {
                 "the numbers of model calls must increase from at least 1",
                 "write for example `nfe: [1, 2, 9, 20, 50]`",
             ));
+        }
+        if params.nfe.last().is_some_and(|most| *most > MOST_CALLS) {
+            let problem = format!("more than {MOST_CALLS} model calls");
+            problems.push(ParamProblem::new("/nfe", problem, "take fewer: many calls change nothing any more"));
         }
         if !Mirrored::VIEWS.contains(&(params.mirrors as usize)) {
             let problem = format!("{} views of an image", params.mirrors);
@@ -209,13 +215,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn mirrors_are_in_keys_only_where_there_are_any() {
+    fn mirrors_are_in_keys_only_where_there_are_any_and_calls_have_bounds() {
         let of = |mirrors| RefinementParams { mirrors, ..RefinementParams::default() };
         let key = |mirrors, group| Refinement::project(&of(mirrors), None, group);
         for group in ["main", TIMING] {
             assert!(key(1, group).get("mirrors").is_none() && key(2, group) != key(4, group));
         }
         assert!([1, 2, 4, 8].iter().all(|mirrors| Refinement::check(&of(*mirrors)).is_empty()));
+        let calls = |nfe: &[u64]| RefinementParams { nfe: nfe.to_vec(), ..RefinementParams::default() };
+        assert!(Refinement::check(&calls(&[1, 10_000])).is_empty());
+        assert!(
+            [&[][..], &[0, 1], &[2, 2], &[1, u64::MAX]]
+                .iter()
+                .all(|nfe| Refinement::check(&calls(nfe))[0].pointer == "/nfe")
+        );
         assert!([0, 3, 16].iter().all(|mirrors| Refinement::check(&of(*mirrors))[0].pointer == "/mirrors"));
     }
 }

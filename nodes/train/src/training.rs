@@ -274,7 +274,7 @@ impl Job<'_> {
         };
         let (encoding, rates) = (info.encoding()?, self.rates());
         let mut trainer = Trainer::new(encoding, params.preset, rates, params.loss, self.seed, &self.place);
-        let checkpoints = self.checkpoints();
+        let checkpoints = self.checkpoints(&info);
         let mut record = checkpoints.latest(ctx, &mut trainer, params.steps).unwrap_or_default();
         let seconds = self.steps(&info, &mut trainer, &mut record, &checkpoints, (&train, test.as_ref()), share)?;
         let log = TrainingLog {
@@ -314,7 +314,7 @@ impl Job<'_> {
         }
     }
 
-    fn checkpoints(&self) -> Checkpoints {
+    fn checkpoints(&self, info: &ModelInfo) -> Checkpoints {
         // How many steps follow matters only to a rate that falls towards the last.
         let steps = if self.params.decay == Decay::None { 0 } else { self.params.steps };
         let params = telling(&TrainingParams { steps, ..self.params.clone() });
@@ -323,6 +323,7 @@ impl Job<'_> {
         Checkpoints {
             params: self.place.beside(json!({ "version": VERSION, "params": params, "seed": self.seed })),
             inputs,
+            info: info.clone(),
             every: self.params.checkpoint_every,
         }
     }
@@ -331,10 +332,13 @@ impl Job<'_> {
     fn with_checkpoint(&self, error: KindError, checkpoints: &Checkpoints, done: u64) -> KindError {
         let last = checkpoints.last_due(done);
         match error {
-            // A rate that falls towards the last step has other checkpoints for fewer steps.
             KindError::Input(told) if last > 0 && self.params.decay == Decay::None => KindError::Input(format!(
                 "{told}; the state after step {last} is kept: `steps: {last}` makes a model of it"
             )),
+            // A rate that falls towards the last step has other checkpoints for fewer steps.
+            KindError::Input(told) if last > 0 => {
+                KindError::Input(format!("{told}; the last state that is kept is that after step {last}"))
+            }
             error => error,
         }
     }

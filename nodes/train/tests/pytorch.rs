@@ -210,9 +210,14 @@ fn python(folder: &Path, args: &[&str]) -> Option<Value> {
 
 /// Holds our predictions against the script's, by the largest.
 fn compare(name: &str, bytes: &[u8]) {
+    compare_with(name, bytes, bytes);
+}
+
+/// The same, where the script reads another file of the model.
+fn compare_with(name: &str, bytes: &[u8], file: &[u8]) {
     let ours = predictions(bytes);
     let folder = folder(name);
-    fs::write(folder.join("model.safetensors"), bytes).expect("writes");
+    fs::write(folder.join("model.safetensors"), file).expect("writes");
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../benches/pytorch/model.py");
     let Some(theirs) = python(&folder, &[script.to_str().expect("plain"), "model.safetensors"]) else { return };
     assert_eq!(theirs["model"], checked(bytes).1);
@@ -239,13 +244,14 @@ fn model_files_are_what_the_manual_says_and_pytorch_predicts_the_same() {
         ("values", json!({ "output": "values", "parameterization": "vanilla_rf" })),
     ];
     for (name, params) in cases {
-        let (bytes, _) = trained(params.clone());
+        let (bytes, checkpoint) = trained(params.clone());
         let (file, info) = checked(&bytes);
         for (param, value) in params.as_object().expect("fields") {
             assert_eq!(&info[param], value);
         }
         assert_eq!((&info["counts"], &info["steps"]), (&json!(COUNTS), &json!(6)));
         compare(&format!("{name}-trained"), &bytes);
+        compare_with(&format!("{name}-checkpoint"), &bytes, &checkpoint);
         compare(&format!("{name}-filled"), &filled(file));
     }
 }
@@ -274,7 +280,8 @@ fn checkpoints_are_what_the_manual_says() {
         .iter()
         .flat_map(|prefix| matrices(&info).into_iter().map(move |(name, shape)| (format!("{prefix}{name}"), shape)));
     assert_eq!(shapes(&file), expected.collect());
-    assert_eq!(file.metadata.keys().collect::<Vec<_>>(), ["record", "step"]);
+    assert_eq!(file.metadata.keys().collect::<Vec<_>>(), ["model", "record", "step"]);
+    assert_eq!(serde_json::from_str::<Value>(&file.metadata["model"]).expect("JSON"), info, "after as many steps");
     assert_eq!(file.metadata["step"], "6");
     let record: Value = serde_json::from_str(&file.metadata["record"]).expect("JSON");
     let fields: BTreeSet<&str> = record.as_object().expect("fields").keys().map(String::as_str).collect();

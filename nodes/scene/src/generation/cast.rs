@@ -176,7 +176,7 @@ impl<'a> Cast<'a> {
     fn form(&self, draw: &mut Stream, glass: bool) -> Choice<'a> {
         let fits: Vec<&'static Form> = self.forms.iter().filter(|f| f.glass || !glass).copied().collect();
         let form = fits[draw.below(fits.len())];
-        Choice::Form(form, draw.below(form.variants as usize) as u64)
+        Choice::Form(form, self.params.variant(draw, form.variants))
     }
 
     /// The objects of a scene, the main one first. In L2 and L3 at least one of them suits glass: a procedural form
@@ -243,6 +243,7 @@ impl<'a> Cast<'a> {
         let fits: Vec<&'static skies::Sky> =
             self.skies.iter().filter(|s| light.is_none_or(|light| s.light == light)).copied().collect();
         let fits = if fits.is_empty() { self.skies.clone() } else { fits };
-        Some(Sky::Procedural(fits[draw.below(fits.len())], draw.below(skies::VARIANTS as usize) as u64))
+        let sky = fits[draw.below(fits.len())];
+        Some(Sky::Procedural(sky, self.params.variant(draw, skies::VARIANTS)))
     }
 }

@@ -97,12 +97,13 @@ impl Materials<'_, '_> {
     fn albedo(&self, draw: &mut Stream, color: Rgb, uv: bool, tiling: f64) -> Result<Texture, KindError> {
         let textured = draw.chance(self.params.diffuse.textured);
         let other = within(self.palette.pick(draw), self.params.diffuse.albedo, draw);
-        let (choice, variant) = (draw.below(textures::PATTERNS.len() + 2), draw.below(textures::VARIANTS as usize));
+        let choice = draw.below(textures::PATTERNS.len() + 2);
+        let variant = self.params.variant(draw, textures::VARIANTS);
         let repeat = tiling * (1 + draw.below(3)) as f64;
         Ok(if !(textured && uv) {
             Texture::rgb(color)
         } else if let Some(name) = textures::PATTERNS.get(choice) {
-            let image = put_bitmap(self.ctx, &textures::pattern(name, variant as u64))?;
+            let image = put_bitmap(self.ctx, &textures::pattern(name, variant))?;
             let uv = [[repeat, 0.0, 0.0], [0.0, repeat, 0.0]];
             Texture::Bitmap { image, uv, scale: color, channel: None, clamp: false }
         } else {

@@ -19,7 +19,8 @@ pub use params::{
 
 use serde_json::Value;
 use tauflow_contract::{
-    Action, Context, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs, ParamProblem, SourceItem,
+    Action, Context, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs, ParamProblem,
+    SourceItem, derive_seed,
 };
 use tauflow_data::{
     Stratum,
@@ -74,7 +75,11 @@ impl Kind for SceneGeneration {
             Some(assets) => cast::Pool::load(ctx, assets)?,
             None => cast::Pool::default(),
         };
-        let (scene, recipe) = assemble::scene(ctx, &action.params, &pool, stratum, index, action.seed)?;
+        let seed = match action.params.library {
+            0 => action.seed,
+            library => derive_seed(action.seed, "library", &library.to_string()),
+        };
+        let (scene, recipe) = assemble::scene(ctx, &action.params, &pool, stratum, index, seed)?;
         Ok(Outputs::default().item("scenes", store_scene(ctx, &scene, &recipe)?))
     }
 }

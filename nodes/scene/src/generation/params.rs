@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tauflow_contract::ParamProblem;
-use tauflow_data::{ContextClass, Regime, Stratum};
+use tauflow_data::{ContextClass, Regime, Stratum, rng::Stream};
 
 /// A range `[low, high]`.
 pub type Range = [f64; 2];
@@ -32,6 +32,9 @@ pub struct SceneGenerationParams {
     pub contexts: Vec<ContextClass>,
     /// Assets to part into train and test pools.
     pub hold_out: Vec<HoldOut>,
+    /// Which library procedural objects, skies and patterns are from: no two libraries share one.
+    #[schemars(range(min = 0, max = 1000))]
+    pub library: u64,
     /// Share of scenes, and of each held-out pool, that is for testing; read only with `hold_out`.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub test_share: f64,
@@ -130,6 +133,7 @@ impl Default for SceneGenerationParams {
             regimes: Regime::ALL.to_vec(),
             contexts: ContextClass::ALL.to_vec(),
             hold_out: Vec::new(),
+            library: 0,
             test_share: 0.2,
             objects: [1, 4],
             asset_share: 0.35,
@@ -188,6 +192,11 @@ impl SceneGenerationParams {
         strata.into_iter().zip(0..).map(|(s, i)| (s, self.pool / n + u64::from(i < self.pool % n))).collect()
     }
 
+    /// One of `count` variants of this library.
+    pub fn variant(&self, draw: &mut Stream, count: u64) -> u64 {
+        self.library * count + draw.below(count as usize) as u64
+    }
+
     /// Longest path of a context.
     pub fn depth(&self, context: ContextClass) -> u32 {
         match context {
@@ -231,6 +240,9 @@ impl SceneGenerationParams {
         ] {
             range(pointer, [share, share], 0.0, 1.0);
         }
+        if self.library > 1000 {
+            out.push(ParamProblem::new("/library", format!("library {}", self.library), "keep within 0 to 1000"));
+        }
         if self.pool == 0 {
             out.push(ParamProblem::new("/pool", "a pool of 0 scenes", "ask for at least 1"));
         }
@@ -273,6 +285,10 @@ impl SceneGenerationParams {
             hold_out.dedup();
             fields.insert("hold_out".into(), json!(hold_out));
             fields.insert("test_share".into(), json!(self.test_share));
+        }
+        // It came later: scenes of before stay what they are.
+        if self.library != 0 {
+            fields.insert("library".into(), json!(self.library));
         }
         match stratum.regime {
             Regime::L0 => None,

@@ -1,7 +1,10 @@
 //! Tests of `scene_generation` as the engine calls it.
 
 use super::*;
-use std::{collections::BTreeMap, sync::atomic::AtomicBool};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::atomic::AtomicBool,
+};
 use tauflow_contract::{Artifact, Blobs, Collection, KindRow, MemoryBlobs, NodeKind, Silent, derive_seed};
 use tauflow_data::{
     ContextClass, Image, Regime, Scene,
@@ -174,6 +177,32 @@ fn hold_out_parts_objects_and_environments() {
         |r: &Recipe| r.objects.iter().map(|o| o.rsplit_once('-').expect("a variant").0.to_owned()).collect::<Vec<_>>();
     let train: std::collections::BTreeSet<String> = of(Train).flat_map(form).collect();
     assert!(of(Test).flat_map(form).all(|f| !train.contains(&f)));
+}
+
+#[test]
+fn libraries_share_no_object_sky_or_pattern() {
+    let blobs = MemoryBlobs::default();
+    let of = |library: u64| {
+        let params = serde_json::json!({ "pool": 240, "library": library });
+        let (mut names, mut contents) = (BTreeSet::new(), BTreeMap::<_, BTreeSet<String>>::new());
+        for key in keys(&params) {
+            let artifact = make(&blobs, &params, &key, None);
+            let (_, recipe) = read(&blobs, &artifact);
+            let all = recipe.objects.iter().chain([&recipe.environment]);
+            names.extend(all.filter(|name| name.starts_with("procedural/")).cloned());
+            for (_, digest) in artifact.parts.iter().filter(|(name, _)| name.starts_with("blob/")) {
+                contents.entry(*digest).or_default().insert(recipe.layout.clone());
+            }
+        }
+        (names, contents)
+    };
+    let (first, second) = (of(0), of(1));
+    let shared: Vec<&String> = first.0.intersection(&second.0).collect();
+    assert!(shared.is_empty(), "{shared:?}");
+    assert!(first.1.len() > 300 && second.1.len() > 300, "{} {}", first.1.len(), second.1.len());
+    // What else they share are parts of buildings, each of one layout.
+    let shared: Vec<_> = first.1.iter().filter(|(digest, _)| second.1.contains_key(digest)).collect();
+    assert!(shared.len() <= 2 && shared.iter().all(|(_, layouts)| layouts.len() == 1), "{shared:?}");
 }
 
 #[test]

@@ -60,8 +60,10 @@ struct Affine {
 impl NormSilu {
     /// Panics unless there are whole images of whole groups, and a modulation for each.
     fn check(&self, x: &[f32], modulation: &[f32]) {
-        let images = x.len() / (self.pixels * self.channels);
-        assert_eq!(x.len(), images * self.pixels * self.channels, "whole images");
+        let size = self.pixels.checked_mul(self.channels).unwrap_or(0);
+        assert!(size > 0, "images of {} pixels and {} channels", self.pixels, self.channels);
+        let images = x.len() / size;
+        assert_eq!(x.len(), images * size, "whole images");
         assert_eq!(modulation.len(), images * 2 * self.channels, "scales and shifts for each image");
         assert!(self.channels.is_multiple_of(GROUP), "whole groups");
     }
@@ -370,6 +372,21 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn sizes_that_do_not_fit_are_refused() {
+        let refused = |pixels, channels, x: usize, modulation: usize| {
+            let norm = NormSilu { pixels, channels };
+            let (x, modulation) = (vec![1.0; x], vec![1.0; modulation]);
+            std::panic::catch_unwind(move || _ = norm.forward([&x, &modulation])).is_err()
+        };
+        assert!(!refused(2, 8, 32, 32));
+        assert!(refused(2, 8, 31, 32) && refused(2, 8, 32, 31) && refused(2, 12, 48, 48) && refused(0, 8, 0, 0));
+        // More than a number of 64 bits holds, and 8 in what it does hold.
+        let (pixels, channels) = (768_614_336_404_564_651_usize, 24);
+        assert_eq!(pixels.wrapping_mul(channels), 8);
+        assert!(refused(pixels, channels, 8, 48));
     }
 
     #[test]

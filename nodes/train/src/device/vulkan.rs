@@ -76,7 +76,14 @@ fn open(kinds: &[DeviceKind]) -> Result<Place, String> {
                 let info = setup.adapter.get_info();
                 return Ok(Place {
                     device,
-                    adapter: Some(format!("{}, {} {}", info.name, info.driver, info.driver_info)),
+                    // Kernels of two languages are two programs.
+                    adapter: Some(format!(
+                        "{}, {} {}, {}",
+                        info.name,
+                        info.driver,
+                        info.driver_info,
+                        if cfg!(feature = "gpu-spirv") { "SPIR-V" } else { "WGSL" }
+                    )),
                 });
             }
             Err(WgpuInitError::AdapterUnavailable { .. }) => {}

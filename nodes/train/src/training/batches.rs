@@ -119,7 +119,12 @@ impl DataSet {
                 )));
             }
         }
-        let scenes = scenes.into_iter().map(|(_, scene)| scene).collect();
+        // What is not looked at takes no memory.
+        let kept = |scene: PackedScene| match conditioning {
+            Conditioning::Gbuffer => scene,
+            Conditioning::Rgb => PackedScene { gbuffer: None, ..scene },
+        };
+        let scenes = scenes.into_iter().map(|(_, scene)| kept(scene)).collect();
         Ok(Self { counts, scenes })
     }
 

@@ -2,6 +2,7 @@
 //! bits as one that was never stopped.
 
 use super::{optimiser::Optimised, record::Record, trainer::Trainer};
+use crate::model::ModelInfo;
 use serde_json::Value;
 use tauflow_contract::{Artifact, Context, Digest, KindError, MemoKey};
 use tauflow_data::TensorFile;
@@ -13,6 +14,8 @@ pub(crate) struct Checkpoints {
     /// Params, seed and inputs: all that decides the weights after a number of steps.
     pub(crate) params: Value,
     pub(crate) inputs: Vec<Digest>,
+    /// What its model will say of itself.
+    pub(crate) info: ModelInfo,
     /// Steps between two.
     pub(crate) every: u64,
 }
@@ -21,7 +24,7 @@ impl Checkpoints {
     fn key(&self, step: u64) -> MemoKey {
         MemoKey {
             name: "training/checkpoint".into(),
-            version: 1,
+            version: 2,
             params: serde_json::json!({ "training": self.params, "step": step }),
             inputs: self.inputs.clone(),
         }
@@ -41,7 +44,10 @@ impl Checkpoints {
     pub(crate) fn keep(&self, ctx: &Context<'_>, trainer: &Trainer, record: &Record) -> Result<(), KindError> {
         let state = &trainer.state;
         let slots = trainer.network.slots();
+        // Of the step: trainings of more steps may share it.
+        let info = ModelInfo { steps: state.step, ..self.info.clone() };
         let mut file = TensorFile::default()
+            .note("model", serde_json::to_string(&info).expect("plain data"))
             .note("record", serde_json::to_string(record).expect("plain data"))
             .note("step", state.step.to_string());
         for (prefix, weights) in [

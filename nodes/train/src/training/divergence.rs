@@ -18,30 +18,31 @@ const STEEPEST: f64 = 1.8e19;
 /// What to do about it: the end of each message.
 const REMEDY: &str = "lower `learning_rate` or `clip`";
 
-/// The loss of a step, on targets up to `largest`.
+/// The loss of a step at some learning rate, on targets up to `largest`.
 ///
 /// # Errors
 /// If it is no finite number.
-pub(crate) fn loss(step: u64, loss: f64, largest: f32) -> Result<(), KindError> {
+pub(crate) fn loss(step: u64, rate: f64, loss: f64, largest: f32) -> Result<(), KindError> {
     if loss.is_finite() {
         return Ok(());
     }
     Err(KindError::Input(format!(
-        "the loss is {loss} at step {step}, with targets up to {largest:.1e}; {REMEDY}, or, where the data are so bright, take `space: \
-         log1p` with `loss: absolute`"
+        "the loss is {loss} at step {step}, at a learning rate of {rate:.1e} and with targets up to {largest:.1e}; {REMEDY}, or, where \
+         the data are so bright, take `space: log1p` with `loss: absolute`"
     )))
 }
 
-/// The norm of a step's gradient, which is cut to `clip`.
+/// The norm of a step's gradient at some learning rate, which is cut to `clip`.
 ///
 /// # Errors
 /// If it, or its square once it is cut, is beyond single precision.
-pub(crate) fn gradient(step: u64, loss: f64, norm: f64, clip: f64) -> Result<(), KindError> {
+pub(crate) fn gradient(step: u64, rate: f64, loss: f64, norm: f64, clip: f64) -> Result<(), KindError> {
     if norm.is_finite() && norm.min(clip) <= STEEPEST {
         return Ok(());
     }
     Err(KindError::Input(format!(
-        "the norm of the gradient is {norm:.1e} at step {step}, with a loss of {loss:.3e}, and `clip` is {clip:e}; {REMEDY}"
+        "the norm of the gradient is {norm:.1e} at step {step}, at a learning rate of {rate:.1e} and with a loss of {loss:.3e}, and \
+         `clip` is {clip:e}; {REMEDY}"
     )))
 }
 
@@ -67,23 +68,28 @@ mod tests {
     #[test]
     fn each_sort_is_told_with_its_step_and_what_to_change() {
         let told = [
-            loss(3, f64::INFINITY, 1e30),
-            loss(3, f64::NAN, 1e30),
-            gradient(3, 1.0, f64::NAN, 1.0),
-            gradient(3, 1.0, 1e28, 1e30),
+            loss(3, 0.5, f64::INFINITY, 1e30),
+            loss(3, 0.5, f64::NAN, 1e30),
+            gradient(3, 0.5, 1.0, f64::NAN, 1.0),
+            gradient(3, 0.5, 1.0, 1e28, 1e30),
             weights(3, 1001.0, 1.0, 0.5),
             weights(3, f64::NAN, 1.0, 0.5),
         ];
         for told in told {
             let told = told.expect_err("diverged").to_string();
-            assert!(told.contains("step 3") && told.contains("`learning_rate` or `clip`"), "{told}");
+            assert!(
+                ["step 3", "at a learning rate of 5.0e-1", "`learning_rate` or `clip`"]
+                    .iter()
+                    .all(|part| told.contains(part)),
+                "{told}"
+            );
         }
     }
 
     #[test]
     fn what_can_go_on_does() {
-        assert!(loss(1, 1e30, 1e15).is_ok() && weights(1, 999.0, 1.0, 0.5).is_ok());
+        assert!(loss(1, 0.5, 1e30, 1e15).is_ok() && weights(1, 999.0, 1.0, 0.5).is_ok());
         // A clip makes a step of whatever the gradient is.
-        assert!(gradient(1, 1e30, 1e38, 1.0).is_ok() && gradient(1, 1.0, 1e19, 1e30).is_ok());
+        assert!(gradient(1, 0.5, 1e30, 1e38, 1.0).is_ok() && gradient(1, 0.5, 1.0, 1e19, 1e30).is_ok());
     }
 }

@@ -54,16 +54,15 @@ impl Trainer {
         let found: Vec<(f64, Vec<Vec<f32>>)> =
             parts.par_iter().map(|part| self.part(part, &weights, count)).collect::<Result<_, _>>()?;
         let value = found.iter().map(|(loss, _)| loss).sum::<f64>();
-        let step = self.state.step + 1;
-        divergence::loss(step, value, batch.targets.iter().fold(0.0, |most, target| most.max(target.abs())))?;
+        let (step, rate) = (self.state.step + 1, self.learning_rate());
+        divergence::loss(step, rate, value, batch.targets.iter().fold(0.0, |most, target| most.max(target.abs())))?;
         let gradient = found.into_iter().map(|(_, gradient)| gradient).reduce(|mut sum, part| {
             sum.par_iter_mut().zip(&part).for_each(|(sum, part)| sum.iter_mut().zip(part).for_each(|(s, p)| *s += p));
             sum
         });
         let gradient = Weights(gradient.ok_or_else(|| KindError::Internal("a batch without examples".into()))?);
         let norm = gradient.norm();
-        divergence::gradient(step, value, norm, self.rates.clip)?;
-        let rate = self.learning_rate();
+        divergence::gradient(step, rate, value, norm, self.rates.clip)?;
         self.state.update(&self.rates, &gradient, norm);
         divergence::weights(step, self.state.weights.norm(), self.first, rate)?;
         Ok((value, norm))

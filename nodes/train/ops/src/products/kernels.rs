@@ -202,14 +202,14 @@ unsafe fn outer_rows<L: Lanes, const DEPTH: usize, const VECTORS: usize>(outer: 
 
 /// Functions for panels of one to three units. Sixteen lanes work on a panel at once, eight on one unit after the other.
 macro_rules! kernels {
-    ($name:ident, $lanes:ty, $tile:literal, whole, $features:literal) => {
+    ($name:ident, $lanes:ty, $tile:literal, whole, $features:meta) => {
         kernels!(@ $name, $features, {
             (product_1, outer_1): |p, o| product_rows::<$lanes, $tile, 1>(p, (0, UNIT)), outer_rows::<$lanes, $tile, 1>(o, 0);
             (product_2, outer_2): |p, o| product_rows::<$lanes, $tile, 2>(p, (0, 2 * UNIT)), outer_rows::<$lanes, $tile, 2>(o, 0);
             (product_3, outer_3): |p, o| product_rows::<$lanes, $tile, 3>(p, (0, 3 * UNIT)), outer_rows::<$lanes, $tile, 3>(o, 0);
         });
     };
-    ($name:ident, $lanes:ty, $tile:literal, units, $features:literal) => {
+    ($name:ident, $lanes:ty, $tile:literal, units, $features:meta) => {
         kernels!(@ $name, $features, {
             (product_1, outer_1): |p, o| product_rows::<$lanes, $tile, 2>(p, (0, UNIT)), outer_rows::<$lanes, $tile, 2>(o, 0);
             (product_2, outer_2): |p, o|
@@ -220,7 +220,7 @@ macro_rules! kernels {
                 for unit in 0..3 { outer_rows::<$lanes, $tile, 2>(o, unit * UNIT) };
         });
     };
-    (@ $name:ident, $features:literal, {
+    (@ $name:ident, $features:meta, {
         $(($product_name:ident, $outer_name:ident): |$p:ident, $o:ident| $product:expr, $outer:expr;)*
     }) => {
         mod $name {
@@ -228,12 +228,12 @@ macro_rules! kernels {
 
             // SAFETY of all: `kernels` gives these only where the processor has the features; the callers promise the rest.
             $(
-                #[target_feature(enable = $features)]
+                #[$features]
                 unsafe fn $product_name($p: &mut Product<'_>) {
                     unsafe { $product }
                 }
 
-                #[target_feature(enable = $features)]
+                #[$features]
                 unsafe fn $outer_name($o: &mut Outer<'_>) {
                     unsafe { $outer }
                 }
@@ -246,10 +246,18 @@ macro_rules! kernels {
 }
 
 #[cfg(target_arch = "x86_64")]
-kernels!(avx512, crate::lanes::x86::F16, 8, whole, "avx2,fma,avx512f,avx512dq,avx512bw,avx512vl");
+kernels!(
+    avx512,
+    crate::lanes::x86::F16,
+    8,
+    whole,
+    target_feature(enable = "avx2,fma,avx512f,avx512dq,avx512bw,avx512vl")
+);
 #[cfg(target_arch = "x86_64")]
-kernels!(avx2, crate::lanes::x86::F8, 4, units, "avx2,fma");
+kernels!(avx2, crate::lanes::x86::F8, 4, units, target_feature(enable = "avx2,fma"));
 #[cfg(target_arch = "x86_64")]
-kernels!(portable, Plain, 4, units, "sse2");
-#[cfg(not(target_arch = "x86_64"))]
-kernels!(portable, Plain, 4, units, "neon");
+kernels!(portable, Plain, 4, units, target_feature(enable = "sse2"));
+#[cfg(target_arch = "aarch64")]
+kernels!(portable, Plain, 4, units, target_feature(enable = "neon"));
+#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+kernels!(portable, Plain, 4, units, inline(never));
