@@ -95,7 +95,7 @@ fn outputs_change_with_versions_alone() {
         "strong.model",
         "strong.log",
         "viewed.refined",
-        "bridged.refined",
+        "bridged.steps",
         "hold.metrics",
     ] {
         let (kind, version) = done.kind(port);

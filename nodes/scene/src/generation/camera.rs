@@ -53,7 +53,9 @@ impl Sight<'_> {
             origin = inside(room, origin);
             target = inside(room, target);
         }
-        if length(sub(target, origin)) < 0.1 {
+        let view = sub(target, origin);
+        // Two places outside of the same corner come to lie above each other in it, and straight up there is no frame.
+        if length(view) < 0.1 || length([view[0], 0.0, view[2]]) < 1e-3 {
             target = add(origin, [0.0, -0.2, -1.0]);
         }
         let fov_x = d.range(self.fov[0], self.fov[1]);

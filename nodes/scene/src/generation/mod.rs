@@ -36,7 +36,7 @@ impl Kind for SceneGeneration {
     fn spec() -> KindSpec {
         KindSpec {
             name: "scene_generation",
-            version: 2,
+            version: 3,
             summary: "Draws scenes over regimes x contexts from layouts, objects, skies and materials",
             manual: include_str!("../scene_generation.md"),
             mode: Mode::Source,

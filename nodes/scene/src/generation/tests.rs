@@ -180,6 +180,18 @@ fn hold_out_parts_objects_and_environments() {
 }
 
 #[test]
+fn no_camera_looks_straight_down() {
+    let blobs = MemoryBlobs::default();
+    let params =
+        serde_json::json!({ "pool": 300, "contexts": ["enclosed"], "regimes": ["L0"], "unchecked_cameras": 1.0 });
+    for key in keys(&params) {
+        let camera = read(&blobs, &make(&blobs, &params, &key, None)).0.camera;
+        let view = [0, 2].map(|i| camera.target[i] - camera.origin[i]);
+        assert!(view.iter().any(|v| v.abs() > 5e-4), "{key}: {camera:?}");
+    }
+}
+
+#[test]
 fn libraries_share_no_object_sky_or_pattern() {
     let blobs = MemoryBlobs::default();
     let of = |library: u64| {
