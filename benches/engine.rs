@@ -1,8 +1,10 @@
 //! Overhead of the engine: ten map nodes over many items that do next to nothing; and large items beside plain files.
 //!
 //! ```text
-//! cargo bench --bench engine [-- ITEMS [FOLDER]]          30,000 items unless told; the cache lies in FOLDER, or in memory
+//! cargo bench --bench engine [-- ITEMS [FOLDER]]
 //! ```
+//!
+//! There are 30,000 items unless told. The cache lies in FOLDER, or in memory.
 //!
 //! `benches/engine_peers.sh` does the same graph with ninja and with Snakemake.
 
@@ -17,14 +19,43 @@ use tauflow::{
 };
 use tauflow_cache::Store;
 use tauflow_contract::{
-    Action, Artifact, Context, InputPort, ItemKey, Kind, KindError, KindRow, KindSpec, Mode, NodeKind, OutputPort,
-    Outputs, SourceItem,
+    Action, Artifact, Context, Each, Group, InputPort, ItemKey, Kind, KindError, KindRow, KindSpec, Media, Mode,
+    NodeKind, Out, Outputs, ReadFiles, SourceItem, Stored, WriteFiles,
 };
 
 /// Bytes of an output.
 const SIZE: usize = 1024;
 /// Map nodes in a row.
 const NODES: usize = 10;
+
+/// What the nodes hand each other.
+struct Bytes(Vec<u8>);
+
+const FILE: &str = "bytes.bin";
+
+impl Media for Bytes {
+    const NAME: &'static str = "bench";
+    const DOC: &'static str = "Bytes: `bytes.bin`.";
+
+    fn load(ctx: &Context<'_>, artifact: &Artifact) -> Result<Self, KindError> {
+        Ok(Self(ctx.part(artifact, "")?))
+    }
+
+    fn store(&self, ctx: &Context<'_>) -> Result<Stored<Self>, KindError> {
+        Ok(Stored::blob(ctx.put(&self.0)?))
+    }
+
+    fn export(ctx: &Context<'_>, artifact: &Artifact, to: &mut dyn WriteFiles) -> Result<(), KindError> {
+        to.put(FILE, &Self::load(ctx, artifact)?.0)
+    }
+
+    fn import(ctx: &Context<'_>, from: &dyn ReadFiles) -> Result<Stored<Self>, KindError> {
+        Self(from.need(FILE)?).store(ctx)
+    }
+}
+
+const IN: Each<Bytes> = Each::new("in", "What to copy.");
+const OUT: Out<Bytes> = Out::new(Group::main(1), "out", "A kilobyte.");
 
 #[derive(Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
@@ -60,7 +91,7 @@ impl Kind for Source {
         let mut bytes = vec![0; action.params.bytes.max(SIZE)];
         bytes[..8].copy_from_slice(&action.params.items.to_le_bytes());
         bytes[8] = action.params.changed as u8;
-        Ok(Outputs::default().item("out", Artifact::blob("bench", ctx.put(&bytes)?)))
+        Ok(Outputs::default().put(OUT, Bytes(bytes).store(ctx)?))
     }
 }
 
@@ -77,19 +108,19 @@ impl Kind for Copy {
     type Params = CopyParams;
 
     fn spec() -> KindSpec {
-        spec("copy", Mode::Map, const { &[InputPort::each("in", "bench", "What to copy.")] })
+        spec("copy", Mode::Map, const { &[IN.port()] })
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let mut bytes = ctx.part(action.each("in")?, "")?;
+        let Bytes(mut bytes) = action.read(ctx, IN)?;
         bytes[9] = action.params.node;
-        Ok(Outputs::default().item("out", Artifact::blob("bench", ctx.put(&bytes)?)))
+        Ok(Outputs::default().put(OUT, Bytes(bytes).store(ctx)?))
     }
 }
 
 fn spec(name: &'static str, mode: Mode, inputs: &'static [InputPort]) -> KindSpec {
-    let outputs = const { &[OutputPort::new("out", "bench", "A kilobyte.")] };
-    KindSpec { name, version: 1, summary: "A toy.", manual: "", mode, inputs, outputs, seeded: false }
+    let outputs = const { &[OUT.port()] };
+    KindSpec { name, summary: "A toy.", manual: "", mode, inputs, outputs, seeded: false }
 }
 
 fn key(index: u64) -> Result<ItemKey, KindError> {
@@ -153,7 +184,8 @@ impl Bench {
     }
 }
 
-/// Items of 10 MB, one after the other, beside plain files that are written and synced; both are there when the power goes.
+/// Items of 10 MB, one after the other, beside plain files that are written and synced; both are there when the power
+/// goes.
 fn large(registry: &Registry, folder: &std::path::Path) -> Result<(), Box<dyn Error>> {
     const COUNT: u64 = 30;
     const BYTES: usize = 10_000_000;
@@ -170,7 +202,8 @@ fn large(registry: &Registry, folder: &std::path::Path) -> Result<(), Box<dyn Er
         }
         plain.push(start.elapsed().as_secs_f64() / COUNT as f64);
         let text = format!(
-            "pipeline: large\nseed: {round}\nnodes:\n  n: {{ kind: source, params: {{ items: {COUNT}, bytes: {} }} }}\n",
+            "pipeline: large\nseed: {round}\nnodes:\n  n: \
+             {{ kind: source, params: {{ items: {COUNT}, bytes: {} }} }}\n",
             BYTES + round as usize
         );
         let pipeline = pipeline::resolve_text("large.yaml", &text, registry, &Options::default())?;

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The graph of benches/engine.rs (ten copies in a row of each of ITEMS files of a kilobyte) with our engine, with ninja
-# (Debian: ninja-build) and with Snakemake (pip install snakemake; put it on the PATH), one after the other. Snakemake gets
-# SNAKE_ITEMS items, because it takes a tenth of a second for each copy: compare times per action.
+# (Debian: ninja-build) and with Snakemake (pip install snakemake; put it on the PATH), one after the other. Snakemake
+# gets SNAKE_ITEMS items, because it takes a tenth of a second for each copy: compare times per action.
 #
 #   benches/engine_peers.sh [ITEMS [SNAKE_ITEMS [FOLDER]]]
 #
@@ -14,7 +14,11 @@ cd "$(dirname "$0")/.."
 folder=$(mktemp -d -p "$base")
 trap 'rm -rf "$folder"' EXIT
 
-seconds() { local start=$EPOCHREALTIME; "$@" >/dev/null 2>&1; awk "BEGIN { printf \"%.3f\", $EPOCHREALTIME - $start }"; }
+seconds() {
+    local start=$EPOCHREALTIME
+    "$@" >/dev/null 2>&1
+    awk "BEGIN { printf \"%.3f\", $EPOCHREALTIME - $start }"
+}
 median() { printf '%s\n' "$@" | sort -n | sed -n "$((($# + 1) / 2))p"; }
 tell() { # name, actions, seconds
     awk "BEGIN { printf \"%-34s %10.3f s %12.1f us an action\n\", \"$1\", $3, $3 * 1e6 / $2 }"

@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""What the solver of pipelines/inference.yaml and Open Image Denoise take for an image, the quality of both beside it, as one table.
+"""Times of the solver of pipelines/inference.yaml and of Open Image Denoise, beside their quality, as a table.
 
-    TAUFLOW_OIDN=path/to/libOpenImageDenoise.so python3 benches/inference.py [--profile cpu] [--cache FOLDER] [--results out/inference]
+    TAUFLOW_OIDN=path/to/libOpenImageDenoise.so python3 benches/inference.py \\
+        [--profile cpu] [--cache FOLDER] [--results out/inference]
 
-after the pipeline has run with the same profile, library and as many cores: under `taskset -c 0`, the times of one core. Times are of inference
-alone, without rendering or reading: of each image the median of its repeats, of images median and quartiles; quality is that of the
-pipeline's reports. No package is needed.
+Run it after the pipeline, with the same profile, library and as many cores. Under `taskset -c 0` the times are those of
+one core. Times are of inference alone, without rendering or reading: of each image the median of its repeats, of images
+median and quartiles. Quality is that of the pipeline's reports. No package is needed.
 """
 
 import argparse
@@ -61,7 +62,8 @@ def main():
     options = ["--profile", args.profile] + (["--cache", args.cache] if args.cache else [])
     good = quality(args.results)
     cores = len(os.sched_getaffinity(0))
-    print(f"| method | spp | inference, {cores} core{'s' * (cores > 1)} | HDR PSNR | preview PSNR | SSIM |\n|---|---:|---:|---:|---:|---:|")
+    print(f"| method | spp | inference, {cores} core{'s' * (cores > 1)} | HDR PSNR | preview PSNR | SSIM |")
+    print("|---|---:|---:|---:|---:|---:|")
     rows = []
     for method, port in (("mc_noise", "wide_timed.timing"), ("oidn", "wide_oidn.timing")):
         for (views, spp, nfe), of in times(port, options).items():
@@ -70,7 +72,8 @@ def main():
         low, middle, high = statistics.quantiles(of, n=4)
         hdr, preview, ssim = good[(method, views, spp, nfe)]
         name = f"{method}, NFE {nfe}, {views} view{'s' * (views != '1')}" if views else method
-        print(f"| {name} | {spp} | {middle:.0f} ms ({low:.0f} to {high:.0f}) | {hdr:.2f} | {preview:.2f} | {ssim:.3f} |")
+        taken = f"{middle:.0f} ms ({low:.0f} to {high:.0f})"
+        print(f"| {name} | {spp} | {taken} | {hdr:.2f} | {preview:.2f} | {ssim:.3f} |")
 
 
 main()

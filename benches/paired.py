@@ -3,8 +3,8 @@
 
     python3 benches/paired.py out/ablations/per_scene.csv "output means" "output values" --metric hdr_psnr
 
-The cells are words of the column `cell` (for instance `rung_exponent 1.0`); rows that agree in method, conditioning and the rest of
-their cell are taken for a pair, for each number of calls. No package is needed.
+The cells are words of the column `cell` (for instance `rung_exponent 1.0`). Rows that agree in method, conditioning and
+the rest of their cell are taken for a pair, for each number of calls. No package is needed.
 """
 
 import argparse

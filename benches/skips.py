@@ -2,18 +2,19 @@
 
     cargo build --release && python3 benches/skips.py [--rounds 3] [--pipelines quickstart benchmark]
 
-Scenes to packed sets of two pipelines: the quickstart, and the benchmark scaled down. Every run starts from a cache of its own. Each
-skip is undone by what a pipeline's author would have to write without it:
+Scenes to packed sets of two pipelines: the quickstart, and the benchmark scaled down. Every run starts from a cache of
+its own. Each skip is undone by what a pipeline's author would have to write without it:
 
 - demand: the G-buffers of the previews are asked for, too, which nothing reads;
 - gate and sampling first: every scene of the pool is rendered in full, then gated and sampled;
 - prefix reuse: previews are of other samples than the ladders, which then begin from nothing;
 - transient outputs: previews and ladders, which only packing reads, are left in the cache (on: `transient: true`);
 - early cutoff: a limit of the gate moves and no verdict does; without it, all that follows the gate would run;
-- specialisation: scenes of the sampling are rendered with all that they lack undone at once (nodes/render/examples/skips.rs).
+- specialisation: scenes of the sampling are rendered with all that they lack undone at once
+  (nodes/render/examples/skips.rs).
 
-Seconds are of wall time, medians over rounds, in each of which another run comes first; what is saved is the median of the rounds'
-ratios, with the least and the most of them. Bytes are what a run left in its cache.
+Seconds are of wall time, medians over rounds, in each of which another run comes first. What is saved is the median of
+the rounds' ratios, with the least and the most of them. Bytes are what a run left in its cache.
 """
 
 import argparse
@@ -31,11 +32,15 @@ TAUFLOW = ROOT / "target" / "release" / "tauflow"
 TARGETS = ["train_set", "test_set"]
 # The quickstart's own sizes, and of the benchmark so much that it takes half a minute.
 PIPELINES = {
-    "quickstart": (["--profile", "tiny"], {"scenes.pool": 480, "split.test_share": 0.34, "sampling.train": 240, "sampling.test": 48,
-        "train_ladders.rungs": "{ dyadic: 256 }", "test_ladders.rungs": "{ dyadic: 256 }"}, "{ dyadic: 256 }"),
-    "benchmark": (["--profile", "smoke"], {"scenes.pool": 120, "previews.resolution": "[64, 64]", "train_ladders.resolution": "[64, 64]",
-        "test_ladders.resolution": "[64, 64]", "sampling.train": 48, "sampling.test": 12, "train_ladders.rungs": "{ dyadic: 512 }",
-        "test_ladders.rungs": "{ dyadic: 512 }"}, "{ dyadic: 512 }"),
+    "quickstart": (["--profile", "tiny"], {
+        "scenes.pool": 480, "split.test_share": 0.34, "sampling.train": 240, "sampling.test": 48,
+        "train_ladders.rungs": "{ dyadic: 256 }", "test_ladders.rungs": "{ dyadic: 256 }",
+    }, "{ dyadic: 256 }"),
+    "benchmark": (["--profile", "smoke"], {
+        "scenes.pool": 120, "previews.resolution": "[64, 64]", "train_ladders.resolution": "[64, 64]",
+        "test_ladders.resolution": "[64, 64]", "sampling.train": 48, "sampling.test": 12,
+        "train_ladders.rungs": "{ dyadic: 512 }", "test_ladders.rungs": "{ dyadic: 512 }",
+    }, "{ dyadic: 512 }"),
 }
 EDIT = {"gate.noise": 1.001}
 # Rows of the table.
@@ -56,7 +61,8 @@ def run(pipeline, cache, targets=TARGETS, more=(), file=None):
     """The account of a run: seconds, bytes that it left in the cache, actions."""
     arguments, params, _ = PIPELINES[pipeline]
     sets = {**params, **dict(more)}
-    command = [TAUFLOW, "run", file or ROOT / "pipelines" / f"{pipeline}.yaml", *arguments, "--cache", cache, "--events", "json"]
+    file = file or ROOT / "pipelines" / f"{pipeline}.yaml"
+    command = [TAUFLOW, "run", file, *arguments, "--cache", cache, "--events", "json"]
     command += [word for target in targets for word in ("--target", target)]
     command += [word for name, value in sets.items() for word in ("--set", f"{name}={value}")]
     # What a run publishes goes with the scratch folder.
@@ -152,7 +158,10 @@ def size(count):
 
 
 def row(name, accounts):
-    middle = lambda side, of: None if accounts[0][side][of] is None else statistics.median(account[side][of] for account in accounts)
+    def middle(side, of):
+        figures = [account[side][of] for account in accounts]
+        return None if figures[0] is None else statistics.median(figures)
+
     (on_s, off_s), (on_b, off_b) = ((middle(0, of), middle(1, of)) for of in (0, 1))
     ratios = sorted(off[0] / max(on[0], 1e-3) for on, off in accounts)
     saved = f"{statistics.median(ratios):.2f}x ({ratios[0]:.2f} to {ratios[-1]:.2f})"
@@ -164,7 +173,8 @@ def main():
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--pipelines", nargs="+", default=list(PIPELINES), choices=list(PIPELINES))
     args = parser.parse_args()
-    example = ["cargo", "build", "--quiet", "--release", "-p", "tauflow-render", "--example", "skips", "--target-dir", "target/examples"]
+    example = ["cargo", "build", "--quiet", "--release", "-p", "tauflow-render", "--example", "skips"]
+    example += ["--target-dir", "target/examples"]
     subprocess.run(example, check=True, cwd=ROOT)
     for pipeline in args.pipelines:
         accounts = {}

@@ -6,6 +6,7 @@ use miette::{
     GraphicalReportHandler, GraphicalTheme, LabeledSpan, MietteError, NamedSource, SourceCode, SourceSpan, SpanContents,
 };
 use std::{fmt, sync::Arc};
+use strsim::osa_distance;
 
 /// Some bytes of a source.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -54,24 +55,80 @@ pub struct Problem {
     /// Where; none for problems with the command line.
     pub span: Option<Span>,
     /// What to do.
-    pub hint: Option<String>,
+    pub hint: Hint,
+    /// The named value that stands there, if one does.
+    pub value: Option<NamedValue>,
+}
+
+/// What to do about a problem. It is put into words when it is shown: of twenty thousand problems few are.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Hint {
+    /// Nothing can be said.
+    None,
+    /// As it is.
+    Text(String),
+    /// The nearest of some names, or else all of them.
+    Near {
+        /// What was written.
+        wanted: String,
+        /// What the names are, such as `nodes`.
+        what: &'static str,
+        /// The names.
+        names: Arc<[String]>,
+    },
+}
+
+impl From<String> for Hint {
+    fn from(text: String) -> Self {
+        if text.is_empty() { Self::None } else { Self::Text(text) }
+    }
+}
+
+impl From<&str> for Hint {
+    fn from(text: &str) -> Self {
+        text.to_owned().into()
+    }
+}
+
+impl Hint {
+    /// Names the nearest of `names` to what was written, or else all of them.
+    pub fn near(wanted: &str, what: &'static str, names: &Arc<[String]>) -> Self {
+        Self::Near { wanted: wanted.to_owned(), what, names: names.clone() }
+    }
+
+    /// In words.
+    pub fn text(&self) -> Option<String> {
+        match self {
+            Self::None => None,
+            Self::Text(text) => Some(text.clone()),
+            Self::Near { wanted, what, names } => Some(did_you_mean(wanted, what, names.iter().map(String::as_str))),
+        }
+    }
+}
+
+/// A named value that stands where a problem is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NamedValue {
+    /// `$name`, and the value if it is short.
+    pub text: String,
+    /// Where it is set.
+    pub set: Span,
 }
 
 impl Problem {
     /// A problem at a place.
     pub fn at(span: Span, message: impl Into<String>) -> Self {
-        Self { message: message.into(), span: Some(span), hint: None }
+        Self { span: Some(span), ..Self::nowhere(message) }
     }
 
     /// A problem that has no place in a file.
     pub fn nowhere(message: impl Into<String>) -> Self {
-        Self { message: message.into(), span: None, hint: None }
+        Self { message: message.into(), span: None, hint: Hint::None, value: None }
     }
 
     /// The same, with what to do.
-    pub fn hint(mut self, hint: impl Into<String>) -> Self {
-        let hint = hint.into();
-        self.hint = (!hint.is_empty()).then_some(hint);
+    pub fn hint(mut self, hint: impl Into<Hint>) -> Self {
+        self.hint = hint.into();
         self
     }
 }
@@ -85,6 +142,9 @@ pub struct Problems {
     pub list: Vec<Problem>,
 }
 
+/// So many problems are shown, and the others counted: nobody reads more.
+pub const MOST_SHOWN: usize = 50;
+
 impl Problems {
     /// Sorts by place and drops repetitions.
     pub fn new(sources: Sources, mut list: Vec<Problem>) -> Self {
@@ -93,12 +153,12 @@ impl Problems {
         Self { sources, list }
     }
 
-    /// All problems as text: message, `file:line:column`, the source line underlined, and a hint.
+    /// The first fifty problems as text: message, `file:line:column`, the source line underlined, and a hint.
     pub fn render(&self, color: bool) -> String {
         let theme = if color { GraphicalTheme::unicode() } else { GraphicalTheme::unicode_nocolor() };
         let handler = GraphicalReportHandler::new_themed(theme).with_width(110).with_context_lines(1).with_links(false);
         let mut out = String::new();
-        for problem in &self.list {
+        for problem in self.list.iter().take(MOST_SHOWN) {
             let report = Report { problem, sources: &self.sources };
             if handler.render_report(&mut out, &report).is_err() {
                 out.push_str(&problem.message);
@@ -106,7 +166,8 @@ impl Problems {
             out.push('\n');
         }
         let count = self.list.len();
-        out.push_str(&format!("{count} problem{} found\n", if count == 1 { "" } else { "s" }));
+        out.push_str(&format!("{count} problem{} found", if count == 1 { "" } else { "s" }));
+        out.push_str(&if count > MOST_SHOWN { format!("; the first {MOST_SHOWN} are shown\n") } else { "\n".into() });
         // The handler pads lines; trailing blanks help nobody.
         let lines: Vec<&str> = out.lines().map(str::trim_end).collect();
         lines.join("\n") + "\n"
@@ -142,7 +203,9 @@ impl std::error::Error for Report<'_> {}
 
 impl miette::Diagnostic for Report<'_> {
     fn help<'b>(&'b self) -> Option<Box<dyn fmt::Display + 'b>> {
-        self.problem.hint.as_ref().map(|hint| Box::new(hint) as Box<dyn fmt::Display>)
+        let value = self.problem.value.as_ref().map(|v| format!("{}, set at {}", v.text, self.sources.place(v.set)));
+        let lines: Vec<String> = self.problem.hint.text().into_iter().chain(value).collect();
+        (!lines.is_empty()).then(|| Box::new(lines.join("\n")) as Box<dyn fmt::Display>)
     }
 
     fn source_code(&self) -> Option<&dyn SourceCode> {
@@ -159,8 +222,8 @@ impl miette::Diagnostic for Report<'_> {
 }
 
 impl SourceCode for Report<'_> {
-    /// The span itself, for its place; with context, the whole lines that it stands on, and no others, but of very long ones only
-    /// what is near.
+    /// The span itself, for its place; with context, the whole lines that it stands on, and no others. Of very long
+    /// ones only what is near.
     fn read_span<'a>(
         &'a self,
         span: &SourceSpan,
@@ -197,9 +260,13 @@ pub fn nearest<'a>(wanted: &str, names: impl IntoIterator<Item = &'a str>) -> Op
     // Any two names of one or two letters are near each other, which says nothing.
     let length = wanted.chars().count();
     let limit = if length < 3 { 0 } else { length.div_ceil(3) };
+    let lower = wanted.to_lowercase();
+    // The distance takes time in proportion to both lengths, and is at least what they differ by.
+    let could_be = |name: &&str| name.chars().count().abs_diff(length) <= limit || name.contains(wanted);
     names
         .into_iter()
-        .map(|name| (distance(&wanted.to_lowercase(), &name.to_lowercase()), name))
+        .filter(could_be)
+        .map(|name| (osa_distance(&lower, &name.to_lowercase()), name))
         .filter(|(d, name)| *d <= limit || (wanted.len() >= 3 && name.contains(wanted)))
         .min()
         .map(|(_, name)| name)
@@ -211,26 +278,13 @@ pub fn did_you_mean<'a>(wanted: &str, what: &str, names: impl IntoIterator<Item 
         return format!("did you mean `{near}`?");
     }
     let all: Vec<String> = names.into_iter().map(|n| format!("`{n}`")).collect();
-    if all.is_empty() { format!("there are no {what} here") } else { format!("{what}: {}", all.join(", ")) }
+    if all.is_empty() { format!("there are no {what} here") } else { format!("{what}: {}", listed(&all)) }
 }
 
-/// Edits (insert, delete, replace, swap neighbours) that turn `a` into `b`.
-fn distance(a: &str, b: &str) -> usize {
-    let (a, b): (Vec<char>, Vec<char>) = (a.chars().collect(), b.chars().collect());
-    let mut rows = vec![(0..=b.len()).collect::<Vec<_>>()];
-    for i in 1..=a.len() {
-        let mut row = vec![i];
-        for j in 1..=b.len() {
-            let same = usize::from(a[i - 1] != b[j - 1]);
-            let mut best = (rows[i - 1][j] + 1).min(row[j - 1] + 1).min(rows[i - 1][j - 1] + same);
-            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
-                best = best.min(rows[i - 2][j - 2] + 1);
-            }
-            row.push(best);
-        }
-        rows.push(row);
-    }
-    rows[a.len()][b.len()]
+/// Names with commas between them; of very many the first fifty.
+pub fn listed(names: &[String]) -> String {
+    let shown = names[..names.len().min(MOST_SHOWN)].join(", ");
+    if names.len() > MOST_SHOWN { format!("{shown}, and {} more", names.len() - MOST_SHOWN) } else { shown }
 }
 
 #[cfg(test)]
@@ -239,7 +293,7 @@ mod tests {
 
     #[test]
     fn near_names_are_found_and_far_ones_are_not() {
-        assert_eq!(distance("ladder", "laddre"), 1);
+        assert_eq!(nearest("lad", ["lda", "ladies"]), Some("lda"), "neighbours that are swapped are one edit");
         assert_eq!(nearest("ladder_rendring", ["quality_gate", "ladder_rendering"]), Some("ladder_rendering"));
         assert_eq!(nearest("xyz", ["quality_gate", "ladder_rendering"]), None);
     }

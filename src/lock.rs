@@ -1,7 +1,7 @@
 //! Lock files: the content of every reproducible output of a pipeline, to hold later runs, and other machines, against.
 //!
-//! `<pipeline>.lock` lies beside the pipeline's file, `<pipeline>.<profile>.lock` for a profile. What is measured, and what is
-//! made from it, is named there as left out.
+//! `<pipeline>.lock` lies beside the pipeline's file, `<pipeline>.<profile>.lock` for a profile. What is measured, and
+//! what is made from it, is named there as left out.
 
 use crate::engine::event::OutputOf;
 use serde::{Deserialize, Serialize};
@@ -123,7 +123,8 @@ impl Lock {
     /// The file's text: YAML, an output a line, so that a diff shows what changed.
     pub fn text(&self) -> String {
         let mut text = String::from(
-            "# The content of every reproducible output of a pipeline, written by `tauflow run PIPELINE --update-lock`;\n\
+            "# The content of every reproducible output of a pipeline, written by `tauflow run PIPELINE \
+             --update-lock`;\n\
              # `tauflow run PIPELINE --locked` compares.\n",
         );
         let quoted = |name: &str| serde_json::to_string(name).expect("a text serialises");

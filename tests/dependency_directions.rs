@@ -1,5 +1,7 @@
-//! Holds the directions `cache <- contract <- data <- each kind's crate <- root`, so that a change in the renderer never
-//! rebuilds burn, nor the reverse; that burn stays below `nodes/train`, and that `cargo test` at the root skips no crate.
+//! Holds the directions `cache <- contract <- data <- each kind's crate <- root`, so that a change in the renderer
+//! never rebuilds burn, nor the reverse; that burn stays below `nodes/train`, and that `cargo test` at the root skips
+//! no crate.
+//! `nodes/instructions` stands beside `cache`, below all that ask it.
 
 use serde_json::Value;
 use std::{
@@ -24,7 +26,7 @@ type Members = BTreeMap<String, Member>;
 fn layer(folder: &str) -> u32 {
     match folder {
         "" => 4,
-        "cache" => 0,
+        "cache" | "nodes/instructions" => 0,
         "nodes/contract" => 1,
         "nodes/data" => 2,
         _ => 3,
@@ -103,9 +105,10 @@ fn planted_violations_are_found() {
         ("tauflow".to_owned(), member("", &["tauflow-render", "tauflow-train", "clap"])),
         ("tauflow-cache".to_owned(), member("cache", &["blake3"])),
         ("tauflow-data".to_owned(), member("nodes/data", &["tauflow-cache"])),
-        ("tauflow-render".to_owned(), member("nodes/render", &["tauflow-data"])),
+        ("tauflow-instructions".to_owned(), member("nodes/instructions", &[])),
+        ("tauflow-render".to_owned(), member("nodes/render", &["tauflow-data", "tauflow-instructions"])),
         ("tauflow-train".to_owned(), member("nodes/train", &["tauflow-train-ops", "burn"])),
-        ("tauflow-train-ops".to_owned(), member("nodes/train/ops", &["burn-core"])),
+        ("tauflow-train-ops".to_owned(), member("nodes/train/ops", &["burn-core", "tauflow-instructions"])),
     ]);
     assert_eq!(violations(&sound), [""; 0]);
     for (name, need) in [
@@ -113,6 +116,7 @@ fn planted_violations_are_found() {
         ("tauflow-data", "tauflow-render"),
         ("tauflow-render", "tauflow-train"),
         ("tauflow-train-ops", "tauflow-render"),
+        ("tauflow-instructions", "tauflow-data"),
         ("tauflow-render", "tauflow"),
         ("tauflow-render", "burn-tensor"),
         ("tauflow", "burn"),

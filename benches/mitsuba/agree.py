@@ -3,10 +3,10 @@
 python agree.py FOLDER [--scenes N] [--side 64] [--batches 16] [--most 8192] [--only SCENE ...]
 
 Two-sample tests on means of independent batches: of the image mean, and of 8 x 8 bins. The limits are Sidak's over all
-scenes, and over all bins, at 1% each, with 2e-5 of the value allowed for rounding: if the renderers agree, two runs in a
-hundred name a scene. Samples a batch are quadrupled until the smallest bias of the image mean that would be found (80%
-power) is below 0.3%, or there are as many as allowed. Where only some scenes are asked for, the limits stay those of all,
-and agree.json keeps what it says of the others.
+scenes, and over all bins, at 1% each, with 2e-5 of the value allowed for rounding. So if the renderers agree, two runs
+in a hundred name a scene. Samples a batch are quadrupled until the smallest bias of the image mean that would be found
+(80% power) is below 0.3%, or there are as many as allowed. Where only some scenes are asked for, the limits stay those
+of all, and agree.json keeps what it says of the others.
 """
 
 import argparse
@@ -93,8 +93,8 @@ for name in args.only or names:
         "errors": [float(f"{v:.3g}") for v in (cells.std(0, ddof=1) / math.sqrt(len(cells))).ravel()],
     })
     print(
-        f"{name:24s} {row['spp']:7d} spp  bias {100 * row['bias']:+.3f}%  z {row['z']:+.2f}  finds {100 * smallest:.2f}%  "
-        f"worst bin {worst:.2f}  {'agrees' if row['agrees'] else 'DIFFERS'}",
+        f"{name:24s} {row['spp']:7d} spp  bias {100 * row['bias']:+.3f}%  z {row['z']:+.2f}  "
+        f"finds {100 * smallest:.2f}%  worst bin {worst:.2f}  {'agrees' if row['agrees'] else 'DIFFERS'}",
         flush=True,
     )
 table = args.folder / "agree.json"
@@ -108,5 +108,6 @@ if args.reference:
     args.reference.write_text(head + lines + "\n]}\n")
 squares = sum(row["z"] ** 2 for row in rows)
 spread = math.sqrt(2.0 / (9.0 * len(rows)))
-print(f"{sum(row['agrees'] for row in rows)} of {len(rows)} agree; mean square of z {squares / len(rows):.2f} (1 expected, "
+print(f"{sum(row['agrees'] for row in rows)} of {len(rows)} agree; "
+      f"mean square of z {squares / len(rows):.2f} (1 expected, "
       f"{((squares / len(rows)) ** (1 / 3) - 1 + spread**2) / spread:+.1f} deviations)")

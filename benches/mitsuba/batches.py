@@ -37,9 +37,11 @@ text = (args.scene / "scene.xml").read_text()
 text = re.sub(r'(name="(?:width|height)" value=)"\d+"', rf'\1"{args.side}"', text)
 text = re.sub(r'(name="sample_count" value=)"\d+"', rf'\1"{args.spp}"', text)
 if args.compensate:
-    text = text.replace('<emitter type="envmap">', '<emitter type="envmap"><boolean name="mis_compensation" value="true"/>')
+    compensated = '<emitter type="envmap"><boolean name="mis_compensation" value="true"/>'
+    text = text.replace('<emitter type="envmap">', compensated)
 if args.roulette is not None:
-    text = text.replace('<integrator type="path">', f'<integrator type="path"><integer name="rr_depth" value="{args.roulette}"/>')
+    later = f'<integrator type="path"><integer name="rr_depth" value="{args.roulette}"/>'
+    text = text.replace('<integrator type="path">', later)
 path = args.scene / f"scene-{args.side}-{args.spp}-{args.variant}-{args.compensate}-{args.roulette}.xml"
 path.write_text(text)
 begun = time.perf_counter()

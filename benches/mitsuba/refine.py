@@ -1,12 +1,15 @@
 """A trained solver on Mitsuba's images: `tauflow refine` of renders that our renderer never saw.
 
-python refine.py MODEL SCENE [SCENE ...] [--from-spp 4] [--to-spp N] [--nfe 1] [--mirrors 1] [--tauflow target/release/tauflow]
+python refine.py MODEL SCENE [SCENE ...] [--from-spp 4] [--to-spp N] [--nfe 1] [--mirrors 1]
+    [--tauflow target/release/tauflow]
 
-MODEL is a model file of training (`tauflow export PIPELINE solvers.model -o DIR`), SCENE a `scene.xml` of `tauflow scene mitsuba`.
-Each scene is rendered with so few samples, and with 32 for albedo and shading normals in the camera's frame, which go along as
-layers of one EXR; a model without G-buffers leaves them aside. Prints PSNR of exposed linear radiance, before and after, against
-`--reference` samples of another seed, with a 95% interval of the mean gain over scenes. With `--to-spp`, where the refinement ends, a render of so many
-samples stands beside it.
+MODEL is a model file of training (`tauflow export PIPELINE solvers.model -o DIR`). SCENE is a `scene.xml` of `tauflow
+scene mitsuba`. Each scene is rendered with so few samples, and with 32 for albedo and shading normals in the camera's
+frame. These go along as layers of one EXR; a model without G-buffers leaves them aside.
+
+Prints PSNR of exposed linear radiance, before and after, against `--reference` samples of another seed, with a 95%
+interval of the mean gain over scenes. With `--to-spp`, where the refinement ends, a render of so many samples stands
+beside it.
 """
 
 import argparse
@@ -60,7 +63,8 @@ for file in args.scenes:
     noisy = colours(mi.render(scene, spp=args.from_spp, seed=1))
     # More at once take too much memory.
     parts = max(1, args.reference // 4096)
-    reference = np.mean([colours(mi.render(scene, spp=args.reference // parts, seed=2 + i)) for i in range(parts)], axis=0)
+    renders = [colours(mi.render(scene, spp=args.reference // parts, seed=2 + i)) for i in range(parts)]
+    reference = np.mean(renders, axis=0)
     luminance = reference @ np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
     factor = 0.18 / np.exp(np.mean(np.log(np.maximum(luminance, 1e-6))))
     names = ["R", "G", "B"] + [f"albedo.{c}" for c in "RGB"] + [f"normal.{c}" for c in "XYZ"]
@@ -68,8 +72,9 @@ for file in args.scenes:
     with tempfile.TemporaryDirectory() as folder:
         before, after = pathlib.Path(folder, "before.exr"), pathlib.Path(folder, "after.exr")
         mi.Bitmap(layers, mi.Bitmap.PixelFormat.MultiChannel, names).write(str(before))
-        command = [args.tauflow, "refine", args.model, before, "--from-spp", args.from_spp, "--nfe", args.nfe, "-o", after]
-        command += ["--mirrors", args.mirrors] + (["--to-spp", args.to_spp] if args.to_spp else [])
+        command = [args.tauflow, "refine", args.model, before, "-o", after]
+        command += ["--from-spp", args.from_spp, "--nfe", args.nfe, "--mirrors", args.mirrors]
+        command += ["--to-spp", args.to_spp] if args.to_spp else []
         done = subprocess.run([str(word) for word in command], capture_output=True, text=True)
         if done.returncode:
             sys.exit(done.stderr)
@@ -83,5 +88,6 @@ rows = np.array(rows)
 gains = rows[:, 1] - rows[:, 0]
 draws = np.random.default_rng(1).integers(len(gains), size=(2000, len(gains)))
 low, high = np.quantile(gains[draws].mean(axis=1), [0.025, 0.975])
-print(f"\n{len(gains)} scenes, means {', '.join(f'{mean:.2f}' for mean in rows.mean(axis=0))} dB; gain {gains.mean():.2f} dB "
+print(f"\n{len(gains)} scenes, means {', '.join(f'{mean:.2f}' for mean in rows.mean(axis=0))} dB; "
+      f"gain {gains.mean():.2f} dB "
       f"[{low:.2f}, {high:.2f}], least {gains.min():.2f}")

@@ -2,9 +2,9 @@
 
 python render.py SCENE COUNTS REPEATS SEED FOLDER [--variant llvm_ad_rgb]
 
-SCENE is `scene.xml`; FOLDER gets `<count>.exr` for each of the COUNTS, linear radiance. With REPEATS above 0 it also gets
-`times.json`: the seconds of so many renders of each, from the scene's files to the image, as the path tracer's are. Each is
-after one that has compiled the kernels: in LLVM mode that takes seconds, which are not counted.
+SCENE is `scene.xml`. FOLDER gets `<count>.exr` for each of the COUNTS, linear radiance. With REPEATS above 0 it also
+gets `times.json`: the seconds of so many renders of each, from the scene's files to the image. The path tracer's are
+taken alike. Each is after one that has compiled the kernels: in LLVM mode that takes seconds, which are not counted.
 """
 
 import argparse

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Makes scenes and exports three a stratum for both renderers: FOLDER/ours/SCENE and FOLDER/mitsuba/SCENE. The scenes are those of
-# scenes.yaml, or a port of another pipeline, run with further arguments.
+# Makes scenes and exports three a stratum for both renderers: FOLDER/ours/SCENE and FOLDER/mitsuba/SCENE. The scenes
+# are those of scenes.yaml, or a port of another pipeline, run with further arguments.
 set -euo pipefail
 usage='usage: scenes.sh FOLDER [PIPELINE PORT [ARGUMENTS OF RUN...]]'
 folder=${1:?$usage}

@@ -59,7 +59,8 @@ for name in both.scenes(args.folder, args.scenes):
         }
         rows.append(row)
         print(
-            f"{name:24s} {spp:4d} spp: ours {own:7.3f} s, theirs {other:7.3f} s (compiling {report['compile_s']:.2f} s), "
+            f"{name:24s} {spp:4d} spp: ours {own:7.3f} s, theirs {other:7.3f} s "
+            f"(compiling {report['compile_s']:.2f} s), "
             f"same samples {row['rays']:.2f}x, variance {row['variance']:.2f}x, same error {row['speedup']:.2f}x",
             flush=True,
         )
@@ -69,5 +70,6 @@ for row in rows:
 means = {stratum: math.exp(statistics.mean(values)) for stratum, values in strata.items()}
 for stratum, value in means.items():
     print(f"{stratum:16s} {value:.2f}x")
-print(f"geometric mean {math.exp(statistics.mean(math.log(v) for v in means.values())):.2f}x, least {min(means.values()):.2f}x")
+mean = math.exp(statistics.mean(math.log(v) for v in means.values()))
+print(f"geometric mean {mean:.2f}x, least {min(means.values()):.2f}x")
 (args.folder / "speed.json").write_text(json.dumps({"rows": rows, "strata": means}, indent=1))

@@ -1,4 +1,6 @@
-"""A trained model in PyTorch: reads a model.safetensors as docs/kinds/training.md describes it, and predicts; see README.md.
+"""A trained model in PyTorch: reads a model.safetensors as docs/kinds/training.md describes it, and predicts.
+
+See README.md.
 
 python model.py MODEL          # as JSON: what it was trained for, and predictions of a made-up image
 
@@ -69,19 +71,25 @@ def place(name, levels):
             return f"larger.{up(i)}"
         case "up", [i, "skip"]:
             return f"skip.{up(i)}"
-    level, rest = ("middle", rest) if first == "middle" else (f"{first}.{rest[0] if first == 'down' else up(rest[0])}", rest[1:])
+    if first == "middle":
+        level = "middle"
+    else:
+        level, rest = f"{first}.{rest[0] if first == 'down' else up(rest[0])}", rest[1:]
     block, step, *time = rest
     return f"{level}.{block}.steps.{step}.{'time' if time else 'conv'}"
 
 
 def layout(name, kernel, bias):
-    """A layer's weights as PyTorch has them. Four pixels in the channels of one: ours pixel by pixel, PyTorch's channel by
-    channel."""
+    """A layer's weights as PyTorch has them.
+
+    Four pixels in the channels of one: ours pixel by pixel, PyTorch's channel by channel.
+    """
     outputs = kernel.shape[1]
     if name in ("head", "shade") or name.endswith(".in"):
         turn = lambda w: w.reshape(-1, 4, outputs // 4).transpose(1, 2).reshape(-1, outputs)
         kernel, bias = turn(kernel), turn(bias)
-    size = 3 if name in ("stem", "head", "shade") or name.split(".")[-1].isdigit() and not name.startswith("time") else 1
+    steps = name.split(".")[-1].isdigit() and not name.startswith("time")
+    size = 3 if name in ("stem", "head", "shade") or steps else 1
     weight = kernel.reshape(size, size, -1, outputs)
     if name == "stem" or name.endswith(".out"):
         weight = weight.reshape(size, size, 4, -1, outputs).transpose(2, 3).reshape(size, size, -1, outputs)

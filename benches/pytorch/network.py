@@ -2,11 +2,14 @@
 
 python network.py [--presets tiny small base] [--threads 1 2] [--rounds 5] [--preload libjemalloc.so.2 ...]
 
-PyTorch runs in both of its memory layouts, by itself and with each allocator that is preloaded (our program has mimalloc), and the
-fastest counts, round by round; it runs eagerly. Both sides do forward and backward pass, a clip of the
-gradient's norm, Adam and the average of the weights, on 64 x 64 crops with G-buffers; predictions are of a 256 x 256 image.
-Each round runs every program once in a process of its own; figures are medians over the rounds of medians in a round, ratios medians
-of the rounds' ratios with the least and the most. GFLOP/s are ours, by what PyTorch counts in convolutions and products of matrices.
+PyTorch runs in both of its memory layouts, by itself and with each allocator that is preloaded (our program has
+mimalloc). The fastest counts, round by round. It runs eagerly. Both sides do forward and backward pass, a clip of the
+gradient's norm, Adam and the average of the weights, on 64 x 64 crops with G-buffers. Predictions are of a 256 x 256
+image.
+
+Each round runs every program once in a process of its own. Figures are medians over the rounds of medians in a round.
+Ratios are medians of the rounds' ratios, with the least and the most. GFLOP/s are ours, by what PyTorch counts in
+convolutions and products of matrices.
 """
 
 import argparse
@@ -64,7 +67,8 @@ def network(preset, channels=CHANNELS, output="means", log=False):
         def __init__(self):
             super().__init__()
             level = lambda width: nn.ModuleList(Block(width) for _ in range(blocks))
-            self.time = nn.Sequential(nn.Linear(CLOCK, embedding), nn.SiLU(), nn.Linear(embedding, embedding), nn.SiLU())
+            first, second = nn.Linear(CLOCK, embedding), nn.Linear(embedding, embedding)
+            self.time = nn.Sequential(first, nn.SiLU(), second, nn.SiLU())
             self.stem = nn.Conv2d(4 * channels, widths[0], 3, padding=1)
             self.down = nn.ModuleList(level(w) for w in widths[:-1])
             self.smaller = nn.ModuleList(nn.Conv2d(4 * a, b, 1) for a, b in zip(widths, widths[1:]))
@@ -116,7 +120,8 @@ def bases(light):
     for scale, side in enumerate(SIDES):
         small = F.avg_pool2d(light, 2**scale) if scale else light
         count, colours, height, width = small.shape
-        around = F.unfold(F.pad(small, (side // 2,) * 4, mode="replicate"), side).view(count, colours, side * side, height, width)
+        padded = F.pad(small, (side // 2,) * 4, mode="replicate")
+        around = F.unfold(padded, side).view(count, colours, side * side, height, width)
         found.append(around.repeat_interleave(2**scale, 3).repeat_interleave(2**scale, 4))
     return torch.cat(found, 2)
 
@@ -136,7 +141,8 @@ def peer(preset, threads, layout):
     def inputs(count, side):
         image = lambda channels: torch.randn(count, channels, side, side).to(memory_format=form)
         # Ours makes them in each step; PyTorch is given them.
-        return image(CHANNELS), torch.randn(count, CLOCK), bases(image(3)), image(3), image(3), torch.ones(count, 1, 1, 1)
+        ours = image(CHANNELS), torch.randn(count, CLOCK), bases(image(3))
+        return *ours, image(3), image(3), torch.ones(count, 1, 1, 1)
 
     def step():
         adam.zero_grad(set_to_none=True)
@@ -177,7 +183,8 @@ def peer(preset, threads, layout):
 def run(command, threads, preload=""):
     environment = {**os.environ, "OMP_NUM_THREADS": str(threads), "LD_PRELOAD": preload}
     pinned = ["taskset", "-c", ",".join(str(core) for core in range(threads))]
-    done = subprocess.run(pinned + [str(c) for c in command], capture_output=True, text=True, env=environment, check=True)
+    words = pinned + [str(c) for c in command]
+    done = subprocess.run(words, capture_output=True, text=True, env=environment, check=True)
     return json.loads(done.stdout.strip().splitlines()[-1])
 
 
@@ -194,7 +201,8 @@ def main():
         preset, threads, layout = args.peer
         return peer(preset, int(threads), layout)
     ways = [(layout, preload) for layout in ("nchw", "nhwc") for preload in ["", *args.preload]]
-    print("| preset | threads | step | GFLOP/s | PyTorch | ratio | prediction | GFLOP/s | PyTorch | ratio | drawing | fastest |")
+    of = "GFLOP/s | PyTorch | ratio"
+    print(f"| preset | threads | step | {of} | prediction | {of} | drawing | fastest |")
     print("|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---|")
     for preset in args.presets:
         for threads in args.threads:
@@ -212,7 +220,8 @@ def main():
                 ratios = sorted(a / b for a, b in zip(mine, theirs))
                 ratio = f"{statistics.median(ratios):.2f} ({ratios[0]:.2f} to {ratios[-1]:.2f})"
                 rate = next(iter(peers[0].values()))[what.replace("_ms", "_flop")] / statistics.median(mine) / 1e6
-                cells += [f"{statistics.median(mine):.1f} ms", f"{rate:.0f}", f"{statistics.median(theirs):.1f} ms", ratio]
+                took, other = (f"{statistics.median(times):.1f} ms" for times in (mine, theirs))
+                cells += [took, f"{rate:.0f}", other, ratio]
                 fastest.append(" ".join(statistics.mode(best)).strip())
             cells.append(f"{100 * statistics.median(round['draw_share'] for round in ours):.1f}%")
             cells.append(", ".join(fastest))

@@ -25,10 +25,12 @@ def main():
         ours[name] = (numbers(math.prod(shape), salt) * scale).float().double().reshape(shape).requires_grad_()
     theirs = state_dict(ours, PRESET)
     assert {name: w.shape for name, w in theirs.items()} == {name: w.shape for name, w in net.named_parameters()}
-    image = lambda channels, salt: numbers(SIDE * SIDE * channels, salt).float().double().reshape(1, SIDE, SIDE, channels)
+    double = lambda count, salt: numbers(count, salt).float().double()
+    image = lambda channels, salt: double(SIDE * SIDE * channels, salt).reshape(1, SIDE, SIDE, channels)
     first = lambda x: x.permute(0, 3, 1, 2)
     inputs = [first(image(CHANNELS, 1001)), numbers(CLOCK, 1002).float().double().reshape(1, CLOCK)]
-    inputs += [bases(first(image(3, 1003))), first(image(3, 1004)), first(image(3, 1007)), torch.full((1, 1, 1, 1), -1.5)]
+    inputs += [bases(first(image(3, 1003))), first(image(3, 1004)), first(image(3, 1007))]
+    inputs += [torch.full((1, 1, 1, 1), -1.5)]
     output = torch.func.functional_call(net, theirs, tuple(inputs)).permute(0, 2, 3, 1)
     (output * image(3, 1005)).sum().backward()
     gradients = {}

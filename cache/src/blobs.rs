@@ -8,6 +8,7 @@ use crate::{
     error::At,
     gc,
     index::BlobAt,
+    layout::{open_plain, own_folder},
     lease::Use,
     quarantine,
     segment::{Appender, BLOB_HEADER, Sort, blob_frame},
@@ -15,7 +16,7 @@ use crate::{
 };
 use std::{
     fs::{self, File},
-    io::{self, Write},
+    io::{self, Read, Seek, SeekFrom, Write},
     os::unix::fs::FileExt,
     path::Path,
 };
@@ -24,6 +25,9 @@ use std::{
 pub(crate) const LOOSE_FROM: u64 = 64 << 10;
 /// Bytes from which a pack is closed and another begun.
 pub(crate) const PACK_LIMIT: u64 = 256 << 20;
+
+/// A blob above this size is read twice, the first time to see whether it is good, before memory is taken for it.
+const READ_TWICE_FROM: u64 = 256 << 20;
 
 /// What reading a place gave.
 enum Found {
@@ -41,8 +45,10 @@ impl Store {
     pub fn put(&self, bytes: &[u8]) -> Result<Digest, CacheError> {
         let digest = Digest::of(bytes);
         if self.hold(&digest)? {
+            self.rely_on([digest]);
             return Ok(digest);
         }
+        self.writes()?;
         if digest.size < LOOSE_FROM {
             self.put_packed(&digest, bytes)?;
         } else {
@@ -107,7 +113,7 @@ impl Store {
                 return Ok(true);
             }
             let path = self.index().segments[at.segment as usize].path.clone();
-            self.lease.note([Use::Blob(digest.hash)])?;
+            self.note([Use::Blob(digest.hash)])?;
             if fs::metadata(path).is_ok() {
                 return Ok(true);
             }
@@ -119,7 +125,7 @@ impl Store {
             return Ok(false);
         }
         // For a blob that is about to be written, too: no gc takes it before its record is there.
-        self.lease.note([Use::Blob(digest.hash)])?;
+        self.note([Use::Blob(digest.hash)])?;
         Ok(is_loose(&path, digest))
     }
 
@@ -169,7 +175,7 @@ impl Store {
     fn put_loose(&self, digest: &Digest, bytes: &[u8]) -> Result<(), CacheError> {
         let path = self.layout.blob(digest);
         let folder = path.parent().unwrap_or(&self.layout.root); // a blob's path has one
-        if !folder.is_dir() {
+        if !own_folder(folder)? {
             fs::create_dir_all(folder).at("create the folder", folder)?;
         }
         let tmp = self.layout.tmp();
@@ -209,20 +215,59 @@ impl Store {
 
     fn get_loose(&self, digest: &Digest) -> Result<Option<Vec<u8>>, CacheError> {
         let path = self.layout.blob(digest);
-        let bytes = match fs::read(&path) {
-            Ok(bytes) => bytes,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-            Err(error) => return Err(error).at("read the blob", &path),
+        let read = match open_plain(&path) {
+            Ok(file) => read_blob(&file, 0, digest, true),
+            Err(error) => Err(error),
         };
-        if Digest::of(&bytes) == *digest {
-            return Ok(Some(bytes));
+        match read {
+            Ok(None) => {
+                quarantine::loose(&self.layout, digest, &path);
+                Ok(None)
+            }
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            other => other.at("read the blob", &path),
         }
-        quarantine::loose(&self.layout, digest, &path);
-        Ok(None)
     }
+}
+
+/// Reads a blob from its place in a file, if it is good; `alone` when it is all of the file. Takes no more memory than
+/// there are bytes, and much memory only for a blob that is known to be good.
+pub(crate) fn read_blob(file: &File, offset: u64, digest: &Digest, alone: bool) -> io::Result<Option<Vec<u8>>> {
+    let there = file.metadata()?.len();
+    let Some(end) = offset.checked_add(digest.size) else { return Ok(None) };
+    if end > there || (alone && end < there) {
+        return Ok(None);
+    }
+    if digest.size > READ_TWICE_FROM && !is_good(file, offset, digest)? {
+        return Ok(None);
+    }
+    let size = usize::try_from(digest.size).map_err(|_| io::ErrorKind::OutOfMemory)?;
+    let mut bytes = Vec::new();
+    bytes.try_reserve_exact(size).map_err(|_| io::ErrorKind::OutOfMemory)?;
+    let mut from = file;
+    from.seek(SeekFrom::Start(offset))?;
+    from.take(digest.size).read_to_end(&mut bytes)?;
+    Ok((Digest::of(&bytes) == *digest).then_some(bytes))
+}
+
+/// Whether a blob is good, found out by the piece.
+fn is_good(file: &File, offset: u64, digest: &Digest) -> io::Result<bool> {
+    let mut hasher = blake3::Hasher::new();
+    let mut piece = vec![0; 1 << 20];
+    let mut done = 0;
+    while done < digest.size {
+        let most = piece.len().min(usize::try_from(digest.size - done).unwrap_or(usize::MAX));
+        let read = file.read_at(&mut piece[..most], offset + done)?;
+        if read == 0 {
+            return Ok(false);
+        }
+        hasher.update(&piece[..read]);
+        done += read as u64;
+    }
+    Ok(hasher.finalize().as_bytes() == &digest.hash)
 }
 
 /// Whether a large blob's file is there, of the right size.
 pub(crate) fn is_loose(path: &Path, digest: &Digest) -> bool {
-    fs::metadata(path).is_ok_and(|meta| meta.is_file() && meta.len() == digest.size)
+    fs::symlink_metadata(path).is_ok_and(|meta| meta.is_file() && meta.len() == digest.size)
 }

@@ -4,18 +4,21 @@
 //! a killed process loses none; only a power cut can separate a record from its
 //! blobs.  The mark tells the records that a power cut cannot have separated;
 //! the others are believed once their blobs have been read.
+//!
+//! What a record names need not be of the store that writes it: what a dead
+//! process put is there, and perhaps not durable.  So a commit syncs what this
+//! store came to rely on of others, too.
 
 use crate::{
-    CacheError, Store,
+    CacheError, Digest, Store,
     error::At,
-    layout::sync_dir,
+    layout::{open_plain, sync_dir},
     records::append_frame,
     segment::commit_frame,
-    store::{LogWriter, lock},
+    store::{LogWriter, Relied, Synced, lock},
 };
 use std::{
-    collections::BTreeSet,
-    fs::File,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
     time::Duration,
 };
@@ -38,7 +41,7 @@ impl Store {
     /// # Errors
     /// When the disk refuses.  Everything is readable still, but nothing is promised about a power cut.
     pub fn flush(&self) -> Result<(), CacheError> {
-        let _one_at_a_time = lock(&self.commit);
+        let mut of_others = lock(&self.commit);
         // The end of the log first, the blobs afterwards: what a record before that end names is among them.
         let (pending, covered) = {
             let mut log = lock(&self.log);
@@ -46,6 +49,7 @@ impl Store {
             let end = log.appender.as_ref().map(|to| (to.segment, to.end, to.file.clone(), to.path.clone()));
             (std::mem::take(&mut log.pending), end)
         };
+        let relied = if pending > 0 { std::mem::take(&mut *lock(&self.relied)) } else { Relied::default() };
         let (packs, loose) = {
             let mut packs = lock(&self.packs);
             (std::mem::take(&mut packs.dirty_packs), std::mem::take(&mut packs.dirty_loose))
@@ -53,7 +57,8 @@ impl Store {
         let synced = packs
             .iter()
             .try_for_each(|(path, file)| file.sync_data().at("sync the pack", path))
-            .and_then(|()| sync_loose(&loose));
+            .and_then(|()| sync_loose(&loose))
+            .and_then(|()| if pending > 0 { self.sync_others(&relied, &mut of_others) } else { Ok(()) });
         if synced.is_err() {
             // After a failed sync, a later success proves nothing about these bytes.  No mark will ever cover them.
             lock(&self.packs).appender = None;
@@ -66,6 +71,67 @@ impl Store {
         }
         self.mark(segment, end).inspect_err(|_| lock(&self.log).pending += pending)?;
         file.sync_data().at("sync the log", &path)
+    }
+
+    /// Notes blobs that records to come will name, and that nobody may have made durable.
+    pub(crate) fn rely_on(&self, blobs: impl IntoIterator<Item = Digest>) {
+        let others: Vec<Digest> = {
+            let index = self.index();
+            let own = |digest: &Digest| {
+                index.blobs.get(&digest.hash).is_some_and(|at| index.segments[at.segment as usize].own)
+            };
+            blobs.into_iter().filter(|digest| !own(digest)).collect()
+        };
+        if !others.is_empty() {
+            lock(&self.relied).blobs.extend(others);
+        }
+    }
+
+    /// Syncs what is of others, each segment and each file once as long as it does not grow.
+    fn sync_others(&self, relied: &Relied, synced: &mut Synced) -> Result<(), CacheError> {
+        let (mut segments, mut loose): (BTreeMap<u32, PathBuf>, BTreeSet<Digest>) = Default::default();
+        let mut ends = Vec::new();
+        {
+            let index = self.index();
+            let mut rely = |number: u32, least: u64| {
+                let segment = &index.segments[number as usize];
+                if !segment.own && synced.segments.get(&number).is_none_or(|end| *end < least) {
+                    segments.insert(number, segment.path.clone());
+                    ends.push((number, segment.scanned));
+                }
+            };
+            relied.logs.iter().for_each(|(number, end)| rely(*number, *end));
+            for digest in &relied.blobs {
+                match index.blobs.get(&digest.hash).filter(|at| at.size == digest.size) {
+                    Some(at) => rely(at.segment, at.offset + at.size),
+                    None if synced.loose.contains(digest) => {}
+                    None => {
+                        loose.insert(*digest);
+                    }
+                }
+            }
+        }
+        for path in segments.values() {
+            match open_plain(path) {
+                Ok(file) => file.sync_data().at("sync the segment", path)?,
+                // A gc moved what is left elsewhere, and synced what it wrote; the rest is a miss.
+                Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
+                Err(error) => return Err(error).at("sync the segment", path),
+            }
+        }
+        for folder in segments.values().filter_map(|path| path.parent()).collect::<BTreeSet<_>>() {
+            sync_dir(folder).at("sync the folder", folder)?;
+        }
+        synced.segments.extend(ends);
+        if !synced.root {
+            // Whoever made the store may have died before its folders were durable.
+            sync_dir(&self.layout.root).at("sync the folder", &self.layout.root)?;
+            synced.root = true;
+        }
+        let paths: Vec<PathBuf> = loose.iter().map(|digest| self.layout.blob(digest)).collect();
+        sync_loose(&paths)?;
+        synced.loose.extend(loose);
+        Ok(())
     }
 
     /// Writes the commit mark, and closes the segment if it has grown long.
@@ -90,7 +156,7 @@ impl Store {
 fn sync_loose(paths: &[PathBuf]) -> Result<(), CacheError> {
     let mut folders: BTreeSet<&Path> = BTreeSet::new();
     for path in paths {
-        match File::open(path) {
+        match open_plain(path) {
             Ok(file) => file.sync_data().at("sync the blob", path)?,
             // Quarantined, or taken by hand: a miss later, nothing to sync now.
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,

@@ -3,6 +3,7 @@
 //! The size travels with the hash, as in the Remote Execution API, so that a
 //! reader knows what it is about to fetch and truncation is seen at once.
 
+use crate::layout::is_number;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::{fmt, str::FromStr};
 
@@ -57,8 +58,10 @@ impl FromStr for Digest {
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let bad = || ParseDigestError(text.to_owned());
         let (hex, size) = text.split_once('-').ok_or_else(bad)?;
-        let hash = blake3::Hash::from_hex(hex).map_err(|_| bad())?;
-        let size = size.parse().map_err(|_| bad())?;
+        // One digest has one text: files are named by it.
+        let upper = hex.bytes().any(|c| c.is_ascii_uppercase());
+        let hash = blake3::Hash::from_hex(hex).ok().filter(|_| !upper).ok_or_else(bad)?;
+        let size = size.parse().ok().filter(|_| is_number(size)).ok_or_else(bad)?;
         Ok(Self { hash: *hash.as_bytes(), size })
     }
 }
@@ -85,5 +88,10 @@ mod tests {
         assert_eq!(digest.to_string().parse::<Digest>().expect("own text parses"), digest);
         assert_eq!(digest.size, 3);
         assert!("abc-3".parse::<Digest>().is_err());
+        let hex = digest.hex();
+        for other in [format!("{hex}-+3"), format!("{hex}-03"), format!("{}-3", hex.to_uppercase()), format!("{hex}-")]
+        {
+            assert!(other.parse::<Digest>().is_err(), "{other}");
+        }
     }
 }

@@ -7,6 +7,7 @@ use crate::Key;
 use std::{
     io,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 /// Why the store could not do what was asked.
@@ -36,6 +37,51 @@ pub enum CacheError {
         /// What this version writes.
         expected: &'static str,
     },
+    /// The folder is no store, and holds something already: nothing of others is touched.
+    #[error(
+        "`{dir}` is no cache: it has no file `FORMAT`, but it holds `{found}`. Choose a cache or an empty folder with \
+         --cache"
+    )]
+    Foreign {
+        /// The folder.
+        dir: PathBuf,
+        /// What it holds, as a path within the folder.
+        found: PathBuf,
+    },
+    /// A link or a file lies where the store has a folder; what is behind a link is of others.
+    #[error(
+        "`{path}` is a link or a file, but a cache has a folder of its own there, and follows no links. Put the folder \
+         back in its place (the cache as a whole may be a link), or choose another cache with --cache"
+    )]
+    InTheWay {
+        /// Where the folder should be.
+        path: PathBuf,
+    },
+    /// Something was to be written to a store that can only be read.
+    #[error("the cache `{dir}` is open for reading only, and this has to write to it: {why}")]
+    ReadOnly {
+        /// The store's folder.
+        dir: PathBuf,
+        /// What kept it from being opened for writing.
+        why: Arc<CacheError>,
+    },
+    /// Something was to be written to a folder that was opened to be looked at, and that is no store yet.
+    #[error("there is no cache in `{dir}` yet; `tauflow run` makes one. --cache chooses another folder")]
+    NotMade {
+        /// The folder.
+        dir: PathBuf,
+    },
+    /// The records of this store reach more than a collection can hold in memory.
+    #[error(
+        "the records of the cache `{dir}` reach more than {limit} blobs, each record counted for itself, which no run \
+         makes. Choose another cache with --cache, and remove this one if you do not know who wrote it"
+    )]
+    TooManyReached {
+        /// The store's folder.
+        dir: PathBuf,
+        /// The largest number accepted.
+        limit: u64,
+    },
     /// A thread claims a key that it holds already; waiting would never end.
     #[error("action {key} is claimed twice by one thread. Drop the first claim before the second")]
     ClaimedTwice {
@@ -63,12 +109,25 @@ pub enum CacheError {
 impl CacheError {
     /// Whether the cause is the environment (disk, permissions) and not a mistake of the program.
     pub fn is_environment(&self) -> bool {
-        matches!(self, Self::Io { .. } | Self::Format { .. })
+        !matches!(self, Self::ClaimedTwice { .. } | Self::PinName { .. } | Self::RecordTooLarge { .. })
     }
 
     /// Whether the disk, the quota or the file size limit is exhausted.
     pub fn is_full(&self) -> bool {
-        matches!(self, Self::Io { source, .. } if full(source))
+        match self {
+            Self::Io { source, .. } => full(source),
+            Self::ReadOnly { why, .. } => why.is_full(),
+            _ => false,
+        }
+    }
+
+    /// Whether the operating system did not allow it: permissions, a disk mounted for reading.
+    pub fn is_refused(&self) -> bool {
+        match self {
+            Self::Io { source, .. } => refused(source),
+            Self::ReadOnly { why, .. } => why.is_refused(),
+            _ => false,
+        }
     }
 }
 
@@ -77,15 +136,25 @@ fn full(source: &io::Error) -> bool {
     matches!(source.kind(), StorageFull | QuotaExceeded | FileTooLarge)
 }
 
+fn refused(source: &io::Error) -> bool {
+    use io::ErrorKind::{PermissionDenied, ReadOnlyFilesystem};
+    matches!(source.kind(), PermissionDenied | ReadOnlyFilesystem)
+}
+
 fn advice(source: &io::Error) -> &'static str {
-    use io::ErrorKind::{AlreadyExists, NotADirectory, PermissionDenied, ReadOnlyFilesystem};
+    use io::ErrorKind::{AlreadyExists, NotADirectory, PermissionDenied};
     match source.kind() {
         _ if full(source) => {
-            "The disk is full: free some space (`tauflow cache gc --max-bytes N`) or choose another disk with \
+            "The disk is full: free some space (`tauflow cache gc --max-size 20GiB`) or choose another disk with \
              --cache, then run again; everything recorded so far is kept"
         }
-        PermissionDenied | ReadOnlyFilesystem => {
-            "The cache must be writable: choose another folder with --cache, or mend its permissions"
+        PermissionDenied => {
+            "The cache must be writable: choose another folder with --cache, or mend its permissions. Users who share \
+             a cache need a group of their own: `chgrp -R GROUP DIR`, `chmod -R g+rwX DIR`, `find DIR -type d -exec \
+             chmod g+s {} +`, and `umask 002` for each of them"
+        }
+        _ if refused(source) => {
+            "The cache must be writable: choose another folder with --cache, or mount it for writing"
         }
         NotADirectory | AlreadyExists => "A file is in the way: choose another folder with --cache",
         _ => "Check the disk and the folder's permissions, or choose another folder with --cache",

@@ -4,16 +4,20 @@
 //! agreement, `plan` for what is kept and `sweep` for the order of steps.  Only
 //! collections exclude each other.
 
+mod listing;
+mod new_segment;
 mod plan;
+mod rescue;
 mod sweep;
+mod trash;
 
 use crate::{
     CacheError, Digest, Store,
     error::At,
-    layout::{Layout, names},
+    layout::{Layout, names, open_lock, open_plain},
 };
 use std::{
-    fs::{File, TryLockError},
+    fs::TryLockError,
     thread::sleep,
     time::{Duration, Instant},
 };
@@ -66,25 +70,35 @@ pub struct GcReport {
     pub live_stores: u64,
     /// Bytes by which the rest exceeds `max_bytes`, because it is held.
     pub over_budget: u64,
+    /// Bytes among those left that were to go, but lie in files with what stays, and there was no room to copy that.
+    pub no_room_bytes: u64,
 }
 
 impl Store {
     /// Removes what is not worth keeping; see [`GcOptions`].
     ///
-    /// A pack of small blobs of which less than an eighth would go stays as it is, until more goes.
+    /// A pack of small blobs of which less than an eighth would go stays as it is, until more goes.  Nothing needs
+    /// room before room
+    /// has been made, and what there is no room for is left as it is: a full disk can be collected, too.
     ///
     /// # Errors
-    /// When the disk refuses.  Nothing that was to be kept is lost then; the next collection tidies up.
+    /// When the disk refuses, or the store is open for reading only.  Nothing that was to be kept is lost then; the
+    /// next
+    /// collection tidies up.
     pub fn gc(&self, options: &GcOptions) -> Result<GcReport, CacheError> {
         if options.dry_run {
             self.refresh()?;
             return Ok(plan::Plan::make(self, options)?.report);
         }
-        let path = self.layout.folder("gc.lock");
-        let file = File::options().create(true).truncate(false).write(true).open(&path).at("open the lock", &path)?;
+        // On a disk too full for a lease, a collection goes on without one: it relies on nothing.
+        self.writes().or_else(|why| if why.is_full() { Ok(()) } else { Err(why) })?;
+        // Nobody may have put a link in the place of a folder since the store was opened.
+        self.layout.own_folders()?;
+        let path = self.layout.gc_lock();
+        let file = open_lock(&path)?;
         file.lock().at("wait for the lock", &path)?;
         self.flush()?;
-        sweep::restore_trash(&self.layout)?;
+        trash::restore_trash(&self.layout)?;
         self.refresh()?;
         let plan = plan::Plan::make(self, options)?;
         sweep::Sweep::run(self, plan)
@@ -104,6 +118,6 @@ fn is_sweeping(layout: &Layout) -> bool {
     if !names(&layout.folder("trash")).is_ok_and(|names| !names.is_empty()) {
         return false;
     }
-    let lock = File::open(layout.folder("gc.lock"));
+    let lock = open_plain(&layout.gc_lock());
     lock.is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }

@@ -1,14 +1,16 @@
 //! The index in memory: where each packed blob and each record lies.
 //!
-//! Rebuilt from the segments when a store opens, and brought up to date with
-//! what other processes append.  Holds no content.  The order in which segments
-//! are read does not matter: of two records for one key the higher generation
-//! wins, then the older one; of two copies of a blob, the one in the later
-//! segment (it was written because the earlier one had been found damaged).
+//! Rebuilt from the segments when a store opens, and brought up to date with what other processes append. Holds no
+//! content.
+//!
+//! The order in which segments are read does not matter. Of two records for one key the higher generation wins, then
+//! the older one. Of two copies of a blob the one in the later segment wins: it was written because the earlier one had
+//! been found damaged.
 
 use crate::{
-    Key,
+    CacheError, Key,
     codec::Fields,
+    error::At,
     layout::{Layout, names},
     lease, quarantine,
     record::Head,
@@ -21,7 +23,7 @@ use std::{
     fs,
     hash::{BuildHasherDefault, Hasher},
     io,
-    path::PathBuf,
+    path::{Path, PathBuf},
     sync::Arc,
 };
 
@@ -250,8 +252,8 @@ impl Index {
     }
 
     /// Reads what is new on disk.  Logs first: a record's blobs were written before it.
-    pub fn refresh(&mut self, layout: &Layout) -> io::Result<()> {
-        let bad = quarantine::places(layout)?;
+    pub fn refresh(&mut self, layout: &Layout) -> Result<(), CacheError> {
+        let bad = quarantine::places(layout).at("list", &layout.folder("quarantine"))?;
         if bad.iter().any(|place| !self.bad.contains(place)) {
             self.bad.extend(bad);
             let (segments, bad) = (&self.segments, &self.bad);
@@ -261,12 +263,12 @@ impl Index {
         self.refresh_sort(layout, Sort::Pack)
     }
 
-    fn refresh_sort(&mut self, layout: &Layout, sort: Sort) -> io::Result<()> {
+    fn refresh_sort(&mut self, layout: &Layout, sort: Sort) -> Result<(), CacheError> {
         let folder = layout.folder(sort.folder());
-        let mut listed = names(&folder)?;
+        let mut listed = names(&folder).at("list", &folder)?;
         if self.mark_gone(sort, &listed) {
             // The list may be older than the segment that replaced those; this one is not.
-            listed = names(&folder)?;
+            listed = names(&folder).at("list", &folder)?;
             self.forget_gone();
         }
         for name in listed {
@@ -308,26 +310,26 @@ impl Index {
         self.records.retain(|_, at| !segments[at.segment as usize].gone);
     }
 
-    fn read_on(&mut self, layout: &Layout, number: u32) -> io::Result<()> {
+    fn read_on(&mut self, layout: &Layout, number: u32) -> Result<(), CacheError> {
         let segment = &self.segments[number as usize];
-        let lease = layout.folder("leases").join(format!("{}.lease", segment.owner));
         let (path, from, sort) = (segment.path.clone(), segment.scanned, segment.sort);
         // Asked before the length is read: a dead owner appends no more.
-        let dead = !lease::is_live(&lease);
-        let len = match fs::metadata(&path) {
+        let dead = !lease::is_live(&layout.lease(&segment.owner));
+        let gone = |error: &io::Error| error.kind() == io::ErrorKind::NotFound; // the next refresh sees it gone
+        let len = match fs::symlink_metadata(&path) {
             Ok(meta) => meta.len(),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()), // the next refresh sees it gone
-            Err(error) => return Err(error),
+            Err(error) if gone(&error) => return Ok(()),
+            Err(error) => return Err(error).at("look at the segment", &path),
         };
         let mut frames = 0;
         if len > from {
             let scanned = match sort {
-                Sort::Pack => self.read_pack(number, &path, from, &mut frames),
-                Sort::Log => self.read_log(number, &path, from, &mut frames),
+                Sort::Pack => self.read_pack(number, &path, from, dead, &mut frames),
+                Sort::Log => self.read_log(number, &path, from, dead, &mut frames),
             };
             match scanned {
-                Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
-                other => other?,
+                Err(error) if gone(&error) => return Ok(()),
+                other => other.at("read the segment", &path)?,
             }
         }
         self.segments[number as usize].sealed = dead;
@@ -337,18 +339,20 @@ impl Index {
         Ok(())
     }
 
-    fn read_pack(&mut self, number: u32, path: &std::path::Path, from: u64, frames: &mut u64) -> io::Result<()> {
-        let end = scan_pack(path, from, |PackedBlob { hash, size, offset }| {
+    fn read_pack(&mut self, number: u32, path: &Path, from: u64, dead: bool, frames: &mut u64) -> io::Result<()> {
+        let scan = scan_pack(path, from, dead, |PackedBlob { hash, size, offset }| {
             *frames += 1;
             self.insert_blob(hash, BlobAt { segment: number, offset, size });
         })?;
-        self.segments[number as usize].scanned = end;
+        let segment = &mut self.segments[number as usize];
+        segment.scanned = scan.end;
+        segment.damaged += scan.damaged;
         Ok(())
     }
 
-    fn read_log(&mut self, number: u32, path: &std::path::Path, from: u64, frames: &mut u64) -> io::Result<()> {
+    fn read_log(&mut self, number: u32, path: &Path, from: u64, dead: bool, frames: &mut u64) -> io::Result<()> {
         let mut malformed = 0;
-        let scan = scan_log(path, from, |offset, entry| match entry {
+        let scan = scan_log(path, from, dead, |offset, entry| match entry {
             LogEntry::Record(bytes) => match Head::decode(&mut Fields(bytes)) {
                 Some(head) => {
                     *frames += 1;

@@ -12,17 +12,20 @@ use crate::{
     Key,
     codec::{Fields, Put},
     error::{At, CacheError},
-    layout::Layout,
+    layout::{Layout, open_plain},
 };
 use std::{
     collections::HashSet,
     fs::{self, File, TryLockError},
     hash::{BuildHasher, RandomState},
-    io,
+    io::{self, Read},
     os::unix::fs::FileExt,
     path::{Path, PathBuf},
     sync::{Arc, Mutex, PoisonError},
 };
+
+/// Bytes of a lease that are read at once; more than any note has.
+const CHUNK: u64 = 1 << 20;
 
 /// One note of a lease.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -64,19 +67,32 @@ impl Use {
     }
 }
 
-/// The notes in a lease file, up to a torn tail.
-pub(crate) fn read_uses(path: &Path) -> io::Result<Vec<Use>> {
-    let bytes = match fs::read(path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
+/// Calls `each` with the notes in a lease file, up to a torn tail.
+pub(crate) fn read_uses(path: &Path, each: &mut dyn FnMut(Use)) -> io::Result<()> {
+    let mut file = match open_plain(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
         other => other?,
     };
-    let mut fields = Fields(&bytes);
-    Ok(std::iter::from_fn(|| Use::decode(&mut fields)).collect())
+    let mut bytes = Vec::new();
+    loop {
+        let read = Read::by_ref(&mut file).take(CHUNK).read_to_end(&mut bytes)?;
+        let mut done = 0;
+        let mut fields = Fields(&bytes);
+        while let Some(used) = Use::decode(&mut fields) {
+            each(used);
+            done = bytes.len() - fields.0.len();
+        }
+        bytes.drain(..done);
+        // No note is as long as a chunk: what stays open then is none.
+        if read == 0 || bytes.len() as u64 >= CHUNK {
+            return Ok(());
+        }
+    }
 }
 
 /// Whether the owner of a lease file lives.  A file that is gone has no owner.
 pub(crate) fn is_live(path: &Path) -> bool {
-    match File::open(path) {
+    match open_plain(path) {
         // Shared, so that two processes that ask do not take each other for the owner.
         Ok(file) => matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)),
         Err(error) => error.kind() != io::ErrorKind::NotFound, // unreadable: better to think that it lives
@@ -108,7 +124,7 @@ pub(crate) fn new_owner() -> String {
 impl Lease {
     /// Creates the lease file, locked from the moment it has its name.
     pub fn open(layout: &Layout) -> Result<Self, CacheError> {
-        let path = layout.folder("leases").join(format!("{}.lease", layout.owner));
+        let path = layout.lease(&layout.owner);
         let mut tries = 0;
         loop {
             let tmp = layout.tmp();

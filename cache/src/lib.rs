@@ -13,7 +13,22 @@
 //!   before it (a commit mark says so), or prove good when read.
 //! - Readers take no lock, and no process writes a file of another.  (Only a `get` that misses while a gc
 //!   sweeps waits until the sweep is over, at most ten seconds.)
-//! - A gc never takes away what a live run relies on.
+//! - A gc never takes away what a live run relies on.  (A store that is open for reading only tells nobody what it
+//!   relies on: a
+//!   gc beside it may turn what it reads into misses.)
+//! - Nothing of others is touched.  A folder is a store if it has `FORMAT`, and may become one if it is empty, or
+//!   holds what an
+//!   unfinished opening leaves; any other is refused.  What is written, moved or deleted has a name of the store's
+//!   own form and is
+//!   a plain file in a folder of the store's; no link is followed, no pipe is opened.
+//! - [`Store::open_existing`] makes nothing, and a store that cannot be written to is read, without a lock or a
+//!   temporary file.
+//! - A gc makes room before it takes any: it works on a full disk.
+//! - What is read is data: sizes in records, trees, leases and index files are held against the bytes that are there
+//!   before
+//!   memory is taken, nothing recurses along what they say, and no such file makes this crate panic.  Whoever may
+//!   write to the
+//!   folder may still record any outputs for a key: contents are proved, claims about them are not.
 //! - No clock is read: times are the callers'.
 //!
 //! Needs Linux: positioned reads, and locks of open file descriptions.

@@ -3,7 +3,7 @@
 use crate::{
     CacheError, Digest, Store,
     error::At,
-    layout::{names, sync_dir},
+    layout::{names, read_small, sync_dir},
 };
 use std::{collections::BTreeMap, fs, io, path::PathBuf};
 
@@ -14,7 +14,9 @@ impl Store {
     /// # Errors
     /// When the name cannot be a file name, or the pin cannot be written.
     pub fn pin(&self, name: &str, digest: &Digest) -> Result<(), CacheError> {
-        self.layout.write_file(&self.pin_path(name)?, format!("{digest}\n").as_bytes())
+        let path = self.pin_path(name)?;
+        self.writes()?;
+        self.layout.write_file(&path, format!("{digest}\n").as_bytes())
     }
 
     /// Removes a pin; whether there was one.
@@ -23,6 +25,10 @@ impl Store {
     /// When the name cannot be a file name, or the pin cannot be removed.
     pub fn unpin(&self, name: &str) -> Result<bool, CacheError> {
         let path = self.pin_path(name)?;
+        if !fs::symlink_metadata(&path).is_ok_and(|meta| meta.is_file()) {
+            return Ok(false);
+        }
+        self.writes()?;
         match fs::remove_file(&path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(false),
             other => other.at("remove the pin", &path)?,
@@ -40,7 +46,7 @@ impl Store {
         let mut pins = BTreeMap::new();
         for name in names(&folder).at("read the pins in", &folder)? {
             let path = folder.join(&name);
-            let text = match fs::read_to_string(&path) {
+            let text = match read_small(&path) {
                 Err(error) if error.kind() == io::ErrorKind::NotFound => continue, // unpinned meanwhile
                 other => other.at("read the pin", &path)?,
             };

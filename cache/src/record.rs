@@ -21,7 +21,8 @@ pub struct Record {
     pub preimage: String,
     /// JSON text of the outputs; opaque to the store.
     pub payload: String,
-    /// JSON text of what it takes to do the action again; opaque to the store, and no part of what makes two records equal.
+    /// JSON text of what it takes to do the action again; opaque to the store, and no part of what makes two records
+    /// equal.
     pub recipe: String,
     /// It only sums other records up: it costs nothing to make again, whatever its wall time says.
     pub derived: bool,

@@ -8,7 +8,7 @@ use crate::{
     index::{Index, RecordAt, Slot},
     lease::Use,
     record::{Head, decode, encode},
-    segment::{Appender, MAX_BODY, Sort, read_record, record_frame},
+    segment::{Appender, MAX_BODY, RECORD_HEADER, Sort, read_record, record_frame},
     store::lock,
     tree,
 };
@@ -29,9 +29,16 @@ impl Store {
     pub fn record(&self, record: &Record) -> Result<Recorded, CacheError> {
         let mut log = lock(&self.log);
         let known = self.index().record(&record.namespace, &record.key);
-        if let Some((_, at)) = known {
+        if let Some((slot, at)) = known {
             let head = Head::of(record, 0, 0);
+            if at.sum == head.sum && !self.index().is_provisional(&slot, &at) {
+                return Ok(Recorded::Same);
+            }
             if at.sum == head.sum {
+                // Another's that died before its commit: one of this store's own is durable with its blobs.
+                self.append(&mut log, record, at.generation.saturating_add(1))?;
+                drop(log);
+                self.commit_if_due()?;
                 return Ok(Recorded::Same);
             }
             if let Some(existing) = self.lookup(&record.namespace, &record.key) {
@@ -113,7 +120,7 @@ impl Store {
             keys.iter().filter_map(|key| foreign_use(&index, namespace, key)).collect()
         };
         // Noted first, looked at afterwards (see `lease`).  Protection fails only with a full disk; the hits stand.
-        let _ = self.lease.note(uses);
+        let _ = self.note(uses);
         keys.iter().map(|key| self.read_noted(namespace, key, false)).collect()
     }
 
@@ -123,7 +130,7 @@ impl Store {
             return None;
         }
         let used = foreign_use(&self.index(), namespace, key);
-        let _ = self.lease.note(used); // as above
+        let _ = self.note(used); // as above
         self.read_noted(namespace, key, full)
     }
 
@@ -137,13 +144,14 @@ impl Store {
         if provisional {
             // Reading a damaged blob quarantines it, and then it is no longer here.
             let good = |digest: &Digest| !self.contains(digest) || matches!(self.get(digest), Ok(Some(_)));
-            // What only sums others up is not worth the proof. Of a tree's leaves each is proved when it is read, as ever.
+            // What only sums others up is not worth the proof. Of a tree's leaves each is proved when it is read, as
+            // ever.
             if record.derived {
                 return None;
             }
             let mut proven = true;
-            let mut trees = Vec::new();
-            let (mut read, mut found) = (|tree: &Digest| self.get(tree), |_: &Digest| ());
+            let (mut trees, mut reached) = (Vec::new(), record.refs.clone());
+            let (mut read, mut found) = (|tree: &Digest| self.get(tree), |digest: &Digest| reached.push(*digest));
             tree::walk(&record.trees, &mut HashSet::new(), &mut read, &mut found, &mut trees).ok()?;
             for digest in record.refs.iter().chain(&trees) {
                 proven &= good(digest);
@@ -151,6 +159,11 @@ impl Store {
             if !proven {
                 return None;
             }
+            // Its writer may have died before they were durable. Records that build on it must not be marked as
+            // whole until they are.
+            self.rely_on(reached);
+            let end = at.offset + RECORD_HEADER + u64::from(at.len);
+            lock(&self.relied).logs.entry(at.segment).and_modify(|to| *to = end.max(*to)).or_insert(end);
             self.index_mut().proven.insert(slot);
         }
         Some(Arc::new(record))
@@ -191,6 +204,7 @@ impl Store {
     }
 
     fn append(&self, log: &mut crate::store::LogWriter, record: &Record, generation: u32) -> Result<(), CacheError> {
+        self.writes()?;
         if log.appender.as_ref().is_some_and(|to| self.is_gone(to)) {
             log.appender = None; // somebody removed the file under us
         }

@@ -13,6 +13,7 @@
 
 use crate::{
     codec::{Fields, Put},
+    layout::{is_owner, open_plain},
     record::sum,
 };
 use std::{
@@ -30,7 +31,13 @@ pub(crate) const BLOB_HEADER: u64 = 52;
 /// Bytes of a log frame before its body.
 pub(crate) const RECORD_HEADER: u64 = 24;
 /// Largest body of a log frame.
-pub(crate) const MAX_BODY: u64 = 1 << 30;
+pub(crate) const MAX_BODY: u64 = 256 << 20;
+/// Largest blob of a pack, far above what is put there: memory is taken by what a frame says.
+pub(crate) const MAX_PACKED: u64 = 16 << 20;
+/// More bytes than a segment ever has; a longer one is not looked through.
+const LONGEST: u64 = 600 << 20;
+/// Bytes that are looked through at once for the frame after damage.
+const RESYNC: usize = 1 << 20;
 const RECORD: u8 = 1;
 const COMMIT: u8 = 2;
 
@@ -61,10 +68,11 @@ impl Sort {
         format!("{seq:010}-{owner}.{}", self.extension())
     }
 
-    /// Sequence number and owner out of a file name of this sort.
+    /// Sequence number and owner out of a file name of this sort, which is exactly as `name` makes it.
     pub fn parse(self, name: &str) -> Option<(u64, &str)> {
-        let (seq, owner) = name.strip_suffix(self.extension())?.strip_suffix('.')?.split_once('-')?;
-        Some((seq.parse().ok()?, owner))
+        let (digits, owner) = name.strip_suffix(self.extension())?.strip_suffix('.')?.split_once('-')?;
+        let seq: u64 = digits.parse().ok()?;
+        (is_owner(owner) && format!("{seq:010}") == digits).then_some((seq, owner))
     }
 }
 
@@ -109,24 +117,85 @@ pub(crate) struct PackedBlob {
     pub offset: u64,
 }
 
-/// Walks the frames of a pack from `from`; returns where the first incomplete or foreign frame begins.
-/// Blobs are not read, only their headers.
-pub(crate) fn scan_pack(path: &Path, from: u64, mut found: impl FnMut(PackedBlob)) -> io::Result<u64> {
-    let file = File::open(path)?;
+/// Where a scan of a segment ended, and what it passed over.
+#[derive(Default)]
+pub(crate) struct Scan {
+    /// Offset of the first frame that is incomplete or foreign.
+    pub end: u64,
+    /// Frames, or stretches between frames, that were damaged.
+    pub damaged: u64,
+}
+
+/// Walks the frames of a pack from `from`; returns where the first incomplete or foreign frame begins.  Blobs are not
+/// read, only
+/// their headers.  With `whole`, when nobody appends any more, a damaged header that a frame follows is stepped over.
+pub(crate) fn scan_pack(path: &Path, from: u64, whole: bool, mut found: impl FnMut(PackedBlob)) -> io::Result<Scan> {
+    let file = open_plain(path)?;
     let len = file.metadata()?.len();
-    let mut at = from;
-    let mut header = [0; BLOB_HEADER as usize];
-    while at + BLOB_HEADER <= len {
-        file.read_exact_at(&mut header, at)?;
-        let Some((hash, size)) = parse_blob_header(&header) else { break };
-        let offset = at + BLOB_HEADER;
-        if size > len - offset {
-            break; // torn, or still being written
+    let frame = |at: u64| -> io::Result<Option<PackedBlob>> {
+        let mut header = [0; BLOB_HEADER as usize];
+        if at.checked_add(BLOB_HEADER).is_none_or(|end| end > len) || !read_at(&file, &mut header, at)? {
+            return Ok(None);
         }
-        found(PackedBlob { hash, size, offset });
-        at = offset + size;
+        let offset = at + BLOB_HEADER;
+        let parsed = parse_blob_header(&header).filter(|(_, size)| *size <= len - offset);
+        Ok(parsed.map(|(hash, size)| PackedBlob { hash, size, offset }))
+    };
+    let mut scan = Scan { end: from, damaged: 0 };
+    loop {
+        let blob = match frame(scan.end)? {
+            Some(blob) => blob,
+            // Torn, still being written, or damaged.
+            None if whole => match next_frame(&file, scan.end + 1, BLOB_MAGIC, |at| Ok(frame(at)?.is_some()))? {
+                Some(at) => {
+                    scan.damaged += 1;
+                    scan.end = at;
+                    continue;
+                }
+                None => return Ok(scan),
+            },
+            None => return Ok(scan),
+        };
+        scan.end = blob.offset + blob.size;
+        found(blob);
     }
-    Ok(at)
+}
+
+/// Reads bytes at a place; whether they are there.
+fn read_at(file: &File, bytes: &mut [u8], at: u64) -> io::Result<bool> {
+    match file.read_exact_at(bytes, at) {
+        Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(false),
+        other => other.map(|()| true),
+    }
+}
+
+/// The first place from `from` on where a frame begins: the magic stands there, and `good` says so.
+fn next_frame(
+    file: &File,
+    from: u64,
+    magic: &[u8; 4],
+    mut good: impl FnMut(u64) -> io::Result<bool>,
+) -> io::Result<Option<u64>> {
+    if file.metadata()?.len() > LONGEST {
+        return Ok(None);
+    }
+    let mut at = from;
+    let mut bytes = vec![0; RESYNC];
+    loop {
+        let read = file.read_at(&mut bytes, at)?;
+        let mut place = 0;
+        while let Some(step) = bytes[place..read].iter().position(|byte| *byte == magic[0]) {
+            place += step;
+            if bytes[place..read].starts_with(magic) && good(at + place as u64)? {
+                return Ok(Some(at + place as u64));
+            }
+            place += 1;
+        }
+        if read < magic.len() {
+            return Ok(None);
+        }
+        at += (read + 1 - magic.len()) as u64; // a magic may lie across the border
+    }
 }
 
 fn parse_blob_header(header: &[u8; BLOB_HEADER as usize]) -> Option<([u8; 32], u64)> {
@@ -135,7 +204,7 @@ fn parse_blob_header(header: &[u8; BLOB_HEADER as usize]) -> Option<([u8; 32], u
     let size = fields.u64()?;
     let hash = fields.array()?;
     let check = fields.u64()?;
-    (magic == BLOB_MAGIC && check == sum(&header[..44])).then_some((hash, size))
+    (magic == BLOB_MAGIC && check == sum(&header[..44]) && size <= MAX_PACKED).then_some((hash, size))
 }
 
 /// What a log segment holds at an offset.
@@ -144,49 +213,93 @@ pub(crate) enum LogEntry<'a> {
     Commit(u64),
 }
 
-/// Where a scan of a log ended, and what it passed over.
-#[derive(Default)]
-pub(crate) struct LogScan {
-    /// Offset of the first frame that is incomplete or foreign.
-    pub end: u64,
-    /// Complete frames whose checksum was wrong.
-    pub damaged: u64,
-}
-
-/// Walks the frames of a log from `from`.  A damaged frame that is followed by
-/// another frame, or by the end, is stepped over.
-pub(crate) fn scan_log(path: &Path, from: u64, mut found: impl FnMut(u64, LogEntry<'_>)) -> io::Result<LogScan> {
-    let mut file = File::open(path)?;
+/// Walks the frames of a log from `from`.  A damaged frame that is followed by another frame, or by the end, is
+/// stepped over;
+/// with `whole`, when nobody appends any more, so is a damaged header.
+pub(crate) fn scan_log(
+    path: &Path,
+    from: u64,
+    whole: bool,
+    mut found: impl FnMut(u64, LogEntry<'_>),
+) -> io::Result<Scan> {
+    let file = open_plain(path)?;
     let len = file.metadata()?.len();
-    file.seek(SeekFrom::Start(from))?;
     let probe = file.try_clone()?;
     let mut reader = BufReader::with_capacity(1 << 20, file);
-    let mut scan = LogScan { end: from, damaged: 0 };
-    let (mut header, mut body) = ([0; RECORD_HEADER as usize], Vec::new());
-    while scan.end + RECORD_HEADER <= len {
-        reader.read_exact(&mut header)?;
-        let Some((size, check)) = parse_log_header(&header) else { break };
-        let next = scan.end + RECORD_HEADER + size;
-        if next > len {
-            break;
-        }
-        body.resize(size as usize, 0);
-        reader.read_exact(&mut body)?;
-        if blake3::hash(&body).as_bytes()[..16] != check {
-            let mut magic = [0; 4];
-            if next != len && (probe.read_exact_at(&mut magic, next).is_err() || &magic != RECORD_MAGIC) {
-                break;
+    reader.seek(SeekFrom::Start(from))?;
+    let mut scan = Scan { end: from, damaged: 0 };
+    let mut body = Vec::new();
+    loop {
+        let step = match read_frame(&mut reader, scan.end, len, &mut body)? {
+            None => Step::Lost,
+            Some((next, true)) => {
+                match parse_body(&body) {
+                    Some(entry) => found(scan.end, entry),
+                    None => scan.damaged += 1,
+                }
+                Step::To(next)
             }
-            scan.damaged += 1;
-        } else {
-            match parse_body(&body) {
-                Some(entry) => found(scan.end, entry),
-                None => scan.damaged += 1,
+            Some((next, false)) => {
+                let mut magic = [0; 4];
+                if next == len || (read_at(&probe, &mut magic, next)? && &magic == RECORD_MAGIC) {
+                    scan.damaged += 1;
+                    Step::To(next)
+                } else {
+                    Step::Lost
+                }
             }
-        }
-        scan.end = next;
+        };
+        scan.end = match step {
+            Step::To(next) => next,
+            Step::Lost if !whole => return Ok(scan),
+            Step::Lost => {
+                let mut other = BufReader::with_capacity(RESYNC, probe.try_clone()?);
+                let mut good = |at: u64| {
+                    other.seek(SeekFrom::Start(at))?;
+                    Ok(matches!(read_frame(&mut other, at, len, &mut body)?, Some((_, true))))
+                };
+                let Some(at) = next_frame(&probe, scan.end + 1, RECORD_MAGIC, &mut good)? else { return Ok(scan) };
+                scan.damaged += 1;
+                reader.seek(SeekFrom::Start(at))?;
+                at
+            }
+        };
     }
-    Ok(scan)
+}
+
+/// Where the scan of a log goes on.
+enum Step {
+    To(u64),
+    /// Nobody knows: the frame is damaged, and so is what says how long it is; or it is the end.
+    Lost,
+}
+
+/// Reads the frame at `at`, where the reader stands, in a log of `len` bytes: where the next one begins, and whether
+/// this one's
+/// checksum is right.  None if there is no whole frame.
+fn read_frame(reader: &mut BufReader<File>, at: u64, len: u64, body: &mut Vec<u8>) -> io::Result<Option<(u64, bool)>> {
+    let mut header = [0; RECORD_HEADER as usize];
+    if at.checked_add(RECORD_HEADER).is_none_or(|end| end > len) || !read_on(reader, &mut header)? {
+        return Ok(None);
+    }
+    let Some((size, check)) = parse_log_header(&header) else { return Ok(None) };
+    let next = at + RECORD_HEADER + size;
+    if next > len {
+        return Ok(None);
+    }
+    body.resize(size as usize, 0);
+    if !read_on(reader, body)? {
+        return Ok(None);
+    }
+    Ok(Some((next, blake3::hash(body).as_bytes()[..16] == check)))
+}
+
+/// Reads on; whether there was enough to read.
+fn read_on(reader: &mut BufReader<File>, bytes: &mut [u8]) -> io::Result<bool> {
+    match reader.read_exact(bytes) {
+        Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(false),
+        other => other.map(|()| true),
+    }
 }
 
 fn parse_log_header(header: &[u8; RECORD_HEADER as usize]) -> Option<(u64, [u8; 16])> {
@@ -217,6 +330,9 @@ impl RecordFrame {
 
 /// The record whose frame is at `offset` and has a body of `len` bytes; `None` when it is damaged, or cut off.
 pub(crate) fn read_record(file: &File, offset: u64, len: u32) -> io::Result<Option<RecordFrame>> {
+    if u64::from(len) > MAX_BODY {
+        return Ok(None);
+    }
     let mut frame = vec![0; RECORD_HEADER as usize + len as usize];
     match file.read_exact_at(&mut frame, offset) {
         Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => return Ok(None),

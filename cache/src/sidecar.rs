@@ -8,12 +8,20 @@ use crate::{
     Key,
     codec::{Fields, Put},
     index::{BlobAt, Index, RecordAt},
-    layout::Layout,
-    segment::Sort,
+    layout::{Layout, open_plain},
+    segment::{MAX_BODY, MAX_PACKED, RECORD_HEADER, Sort},
 };
-use std::{fs, path::Path};
+use std::{
+    fs::{self, File},
+    io::{self, Read, Write},
+    path::Path,
+};
 
 const MAGIC: &[u8; 8] = b"tauidx 2";
+/// Bytes of an index file beside its entries and names, and more.
+const SLACK: u64 = 128;
+/// Bytes of the largest index file: more than a segment at its limit needs.
+const LARGEST: u64 = 512 << 20;
 /// Bytes of a packed blob's entry: hash, offset, size.
 const BLOB: usize = 48;
 /// Bytes of a record's entry: see `record`.
@@ -27,21 +35,37 @@ fn path_of(segment: &Path) -> std::path::PathBuf {
 pub(crate) fn load(index: &mut Index, number: u32) {
     let segment = &index.segments[number as usize];
     let (sort, path) = (segment.sort, segment.path.clone());
-    let Ok(bytes) = fs::read(path_of(&path)) else { return };
+    let Ok((bytes, there)) = read(&path) else { return };
     let Some((body, check)) = bytes.split_last_chunk::<32>() else { return };
     if blake3::hash(body).as_bytes() != check {
         return;
     }
     // The checksum was right, so what does not parse is of another version; the scan then starts at 0.
-    let _ = fill(index, number, sort, &path, Fields(body));
+    let _ = fill(index, number, sort, there, Fields(body));
 }
 
-fn fill(index: &mut Index, number: u32, sort: Sort, path: &Path, mut fields: Fields<'_>) -> Option<()> {
+/// The bytes of a segment's index file, and how many the segment has.
+fn read(segment: &Path) -> io::Result<(Vec<u8>, u64)> {
+    let there = open_plain(segment)?.metadata()?.len();
+    let file = open_plain(&path_of(segment))?;
+    // An entry is shorter than its frame, so an index file that is longer than its segment is of another one.
+    let most = there.saturating_add(SLACK).min(LARGEST);
+    if file.metadata()?.len() > most {
+        return Err(io::ErrorKind::InvalidData.into());
+    }
+    let mut bytes = Vec::new();
+    file.take(most).read_to_end(&mut bytes)?;
+    Ok((bytes, there))
+}
+
+fn fill(index: &mut Index, number: u32, sort: Sort, there: u64, mut fields: Fields<'_>) -> Option<()> {
     (fields.take(8)? == MAGIC).then_some(())?;
     let (scanned, committed, count) = (fields.u64()?, fields.u64()?, fields.u64()? as usize);
-    if fs::metadata(path).map_or(0, |meta| meta.len()) < scanned {
+    if there < scanned {
         return None; // of another file of that name
     }
+    // What is read later takes as much memory as is said here: it has to be there.
+    let fits = |offset: u64, size: u64| offset.checked_add(size).is_some_and(|end| end <= scanned);
     let mut names = Vec::new();
     for _ in 0..fields.u32()? {
         names.push(index.intern(fields.text()?));
@@ -53,6 +77,7 @@ fn fill(index: &mut Index, number: u32, sort: Sort, path: &Path, mut fields: Fie
             for entry in entries.chunks_exact(BLOB) {
                 let mut entry = Fields(entry);
                 let (hash, offset, size) = (entry.array()?, entry.u64()?, entry.u64()?);
+                (size <= MAX_PACKED && fits(offset, size)).then_some(())?;
                 index.insert_blob(hash, BlobAt { segment: number, offset, size });
             }
         }
@@ -61,12 +86,14 @@ fn fill(index: &mut Index, number: u32, sort: Sort, path: &Path, mut fields: Fie
             index.records.reserve(count);
             for entry in entries.chunks_exact(RECORD) {
                 let (namespace, key, at) = record(Fields(entry), number, &names)?;
+                let len = u64::from(at.len);
+                (len <= MAX_BODY && fits(at.offset, RECORD_HEADER + len)).then_some(())?;
                 index.insert_record_at((namespace, key), at);
             }
         }
     }
     let segment = &mut index.segments[number as usize];
-    (segment.scanned, segment.committed) = (scanned, committed);
+    (segment.scanned, segment.committed) = (scanned, committed.min(scanned));
     Some(())
 }
 
@@ -91,6 +118,9 @@ fn record(mut entry: Fields<'_>, segment: u32, names: &[u32]) -> Option<(u32, Ke
 
 /// Writes the segment's index file.  Failure is of no consequence.
 pub(crate) fn save(index: &Index, number: u32, layout: &Layout) {
+    if !layout.writes {
+        return;
+    }
     let segment = &index.segments[number as usize];
     let (mut names, mut entries, mut count): (Vec<u32>, Vec<u8>, u64) = Default::default();
     match segment.sort {
@@ -136,5 +166,10 @@ pub(crate) fn save(index: &Index, number: u32, layout: &Layout) {
     let check = blake3::hash(&body);
     body.extend_from_slice(check.as_bytes());
     let tmp = layout.tmp();
-    let _ = fs::write(&tmp, &body).and_then(|()| fs::rename(&tmp, path_of(&segment.path)));
+    let written = File::create_new(&tmp)
+        .and_then(|mut file| file.write_all(&body))
+        .and_then(|()| fs::rename(&tmp, path_of(&segment.path)));
+    if written.is_err() {
+        let _ = fs::remove_file(&tmp); // gives the space back
+    }
 }

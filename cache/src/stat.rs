@@ -50,13 +50,13 @@ impl Store {
         let mut stat = Stat::default();
         for (digest, _) in loose_blobs(&self.layout.root).at("list the blobs in", &self.layout.root)? {
             stat.loose += 1;
-            stat.bytes += digest.size;
+            stat.bytes = stat.bytes.saturating_add(digest.size);
         }
         let folder = self.layout.folder("quarantine");
         stat.quarantined = names(&folder).at("list", &folder)?.len() as u64;
         let index = self.index();
         stat.blobs = stat.loose + index.blobs.len() as u64;
-        stat.bytes += index.blobs.values().map(|at| at.size).sum::<u64>();
+        stat.bytes = index.blobs.values().fold(stat.bytes, |sum, at| sum.saturating_add(at.size));
         for segment in index.segments.iter().filter(|segment| !segment.gone) {
             let len = fs::metadata(&segment.path).map_or(0, |meta| meta.len());
             match segment.sort {
@@ -75,6 +75,7 @@ impl Store {
         let index = self.index();
         let mut found: BTreeMap<String, BTreeMap<String, LabelStat>> = BTreeMap::new();
         let mut by_number: BTreeMap<(u32, u32), LabelStat> = BTreeMap::new();
+        #[expect(clippy::iter_over_hash_type, reason = "these are sums, whose order does not count")]
         for ((namespace, _), at) in &index.records {
             let label = by_number.entry((*namespace, at.label)).or_default();
             label.count += 1;

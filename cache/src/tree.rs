@@ -1,7 +1,9 @@
 //! Trees: blobs that list other blobs, and trees.
 //!
-//! A record that names a tree keeps alive all that the tree lists, however many blobs that is, without a list of its own; two
-//! records whose outputs have a part in common share that part's tree.  What a tree says beyond its list is its maker's business.
+//! A record that names a tree keeps alive all that the tree lists, however many blobs that is, without a list of its
+//! own; two
+//! records whose outputs have a part in common share that part's tree.  What a tree says beyond its list is its
+//! maker's business.
 
 use crate::{
     CacheError, Digest, Store,
@@ -42,7 +44,8 @@ pub fn decode(bytes: &[u8]) -> Option<Tree<'_>> {
 /// Gives a blob's bytes.
 pub(crate) type Reader<'a> = &'a mut dyn FnMut(&Digest) -> Result<Option<Vec<u8>>, CacheError>;
 
-/// Calls `found` with every blob that these trees list, and with the trees themselves, each tree once, and adds the trees to
+/// Calls `found` with every blob that these trees list, and with the trees themselves, each tree once, and adds the
+/// trees to
 /// `walked`; `read` gives a tree's
 /// bytes.  A tree that is missing, or is none, lists nothing.
 pub(crate) fn walk(

@@ -25,6 +25,8 @@ pub struct VerifyReport {
     pub records: u64,
     /// Records whose frame is damaged; they are misses.
     pub damaged_records: u64,
+    /// Damaged places in packs that hide which blobs lay there; the next gc clears them away.
+    pub damaged_places: u64,
     /// Records that reach a blob which is not there: their actions run again when needed.
     pub incomplete_records: u64,
     /// Keys for which two processes recorded different payloads at the same time; the older record stands.
@@ -33,9 +35,17 @@ pub struct VerifyReport {
     pub torn_bytes: u64,
 }
 
+impl VerifyReport {
+    /// Whether something was damaged.  What is missing is not: a gc, a kill or a node that stores nothing leaves it so.
+    pub fn is_damaged(&self) -> bool {
+        !self.damaged.is_empty() || self.damaged_records > 0 || self.damaged_places > 0
+    }
+}
+
 impl Store {
     /// Rehashes all blobs, or about the fraction `sample` of them, chosen by `seed`.  Damaged ones go to quarantine
-    /// and are misses from then on.  `progress` gets the blobs done and the blobs to do.
+    /// and are misses from then on; a store that is open for reading only just says so.  `progress` gets the blobs
+    /// done and the blobs to do.
     ///
     /// # Errors
     /// When a file that is there cannot be read.
@@ -63,9 +73,12 @@ impl Store {
         let index = self.index();
         report.conflicts = index.conflicts.iter().map(|(namespace, key)| (namespace.to_string(), *key)).collect();
         for segment in index.segments.iter().filter(|segment| segment.sealed && !segment.gone) {
-            let len = std::fs::metadata(&segment.path).map_or(segment.scanned, |meta| meta.len());
+            let len = std::fs::symlink_metadata(&segment.path).map_or(segment.scanned, |meta| meta.len());
             report.torn_bytes += len.saturating_sub(segment.scanned);
-            report.damaged_records += if segment.sort == Sort::Log { segment.damaged } else { 0 };
+            match segment.sort {
+                Sort::Log => report.damaged_records += segment.damaged,
+                Sort::Pack => report.damaged_places += segment.damaged,
+            }
         }
         Ok(report)
     }

@@ -8,14 +8,15 @@ use std::{
     io::IsTerminal,
     time::{SystemTime, UNIX_EPOCH},
 };
-use tauflow_cache::{Digest, GcOptions, Store};
+use tauflow_cache::{Digest, GcOptions, GcReport, Store};
 
 /// What can be done with the cache.
 #[derive(Subcommand)]
 pub(crate) enum CacheCommand {
     /// Count what it holds.
     Stat,
-    /// Read and rehash blobs; damaged ones are set aside, and made again when they are needed.
+    /// Read and rehash blobs; damaged ones are set aside, and made again when they are needed. Exits with 1 if it
+    /// found damage.
     Verify {
         /// Check only this share.
         #[arg(long, value_name = "SHARE")]
@@ -62,7 +63,7 @@ fn by_pipeline<'a>(store: &Store, names: impl Iterator<Item = &'a String>) -> Re
     }
     for (name, blobs) in &reached {
         let size = |own: bool| blobs.iter().filter(|b| !own || users[*b] == 1).map(|b| b.size).sum::<u64>();
-        rows.push(vec![name.to_string(), blobs.len().to_string(), bytes_text(size(false)), bytes_text(size(true))]);
+        rows.push(vec![(*name).clone(), blobs.len().to_string(), bytes_text(size(false)), bytes_text(size(true))]);
     }
     if rows.len() > 1 {
         out!("\n{}", table(&rows));
@@ -109,101 +110,57 @@ pub(crate) fn bytes(text: &str) -> Result<u64, String> {
     measure(text, &units).map(|bytes| bytes as u64)
 }
 
+/// The cache, which has to be there.
+fn made(at: &CacheAt) -> Result<Store, CliError> {
+    let store = at.look()?;
+    if !store.is_made() {
+        let folder = store.dir().display();
+        return Err(CliError::Bad(format!(
+            "there is no cache in `{folder}`; `tauflow run` makes one, and --cache says where it lies"
+        )));
+    }
+    Ok(store)
+}
+
 pub(crate) fn cache(command: &CacheCommand, at: &CacheAt) -> Result<Exit, CliError> {
-    let store = at.open()?;
     match command {
-        CacheCommand::Stat => {
-            let stat = store.stat()?;
-            outln!("{}", store.dir().display());
-            outln!("{} blobs, {}; log {}", stat.blobs, bytes_text(stat.bytes), bytes_text(stat.log_bytes));
-            if stat.quarantined + stat.conflicts > 0 {
-                outln!("{} damaged blobs set aside, {} conflicting records", stat.quarantined, stat.conflicts);
-            }
-            let mut rows = vec![["records of", "count", "time", "size"].map(str::to_owned).to_vec()];
-            for (namespace, labels) in &stat.records {
-                for (label, of) in labels {
-                    rows.push(vec![
-                        format!("{namespace} {label}"),
-                        of.count.to_string(),
-                        seconds_text(of.wall_us as f64 / 1e6),
-                        bytes_text(of.bytes),
-                    ]);
-                }
-            }
-            out!("{}", table(&rows));
-            by_pipeline(&store, stat.records.get(PIPELINE).into_iter().flat_map(|labels| labels.keys()))?;
-        }
+        CacheCommand::Stat => stat(&made(at)?)?,
         CacheCommand::Verify { sample } => {
             if sample.is_some_and(|s| !(0.0..=1.0).contains(&s)) {
                 return Err(CliError::Bad("--sample takes a share from 0 to 1, for example 0.1".into()));
             }
-            let bar = if std::io::stderr().is_terminal() {
-                indicatif::ProgressBar::new(0)
-            } else {
-                indicatif::ProgressBar::hidden()
-            };
-            let report = store.verify(*sample, 0, &mut |done, total| {
-                bar.set_length(total);
-                bar.set_position(done);
-            })?;
-            bar.finish_and_clear();
-            outln!(
-                "{} of {} blobs checked ({}), {} damaged; {} records, {} damaged, {} incomplete",
-                report.checked,
-                report.blobs,
-                bytes_text(report.checked_bytes),
-                report.damaged.len(),
-                report.records,
-                report.damaged_records,
-                report.incomplete_records
-            );
-            for digest in &report.damaged {
-                outln!("set aside: {digest}");
-            }
+            return verify(&made(at)?, *sample);
         }
         CacheCommand::Gc { max_size, keep_within, dry_run } => {
             if max_size.is_none() && keep_within.is_none() {
                 return Err(CliError::Bad("say what to keep: --max-size, --keep-within, or both".into()));
             }
-            let report = store.gc(&GcOptions {
+            let report = made(at)?.gc(&GcOptions {
                 max_bytes: *max_size,
                 keep_within_secs: keep_within.map(|seconds| seconds as u64),
                 now: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()),
                 dry_run: *dry_run,
                 pins: Vec::new(),
             })?;
-            let verb = if *dry_run { "would remove" } else { "removed" };
-            outln!(
-                "{verb} {} blobs, {}, and {} records; {} blobs stay, {}",
-                report.removed_blobs,
-                bytes_text(report.removed_bytes),
-                report.removed_records,
-                report.kept_blobs,
-                bytes_text(report.kept_bytes)
-            );
-            if report.over_budget > 0 {
-                outln!(
-                    "{} more than asked for: runs that are going on, pins and recent use hold them",
-                    bytes_text(report.over_budget)
-                );
-            }
+            collected(&report);
         }
         CacheCommand::Pin { name, digest } => {
             let digest: Digest = digest
                 .parse()
                 .map_err(|_| CliError::Bad(format!("`{digest}` is no digest; it reads `<hash>-<size>`")))?;
+            let store = at.look()?;
             if !store.contains(&digest) {
                 return Err(CliError::Bad(format!("the cache has no blob {digest}")));
             }
             store.pin(name, &digest)?;
         }
         CacheCommand::Unpin { name } => {
-            if !store.unpin(name)? {
+            if !at.look()?.unpin(name)? {
                 return Err(CliError::Bad(format!("there is no pin `{name}`; see `tauflow cache pins`")));
             }
         }
         CacheCommand::Pins => {
-            for (name, digest) in store.pins()? {
+            for (name, digest) in at.look()?.pins()? {
                 outln!("{name}  {digest}");
             }
         }
@@ -211,9 +168,119 @@ pub(crate) fn cache(command: &CacheCommand, at: &CacheAt) -> Result<Exit, CliErr
     Ok(Exit::Done)
 }
 
+fn stat(store: &Store) -> Result<(), CliError> {
+    let stat = store.stat()?;
+    outln!("{}", store.dir().display());
+    outln!("{} blobs, {}; log {}", stat.blobs, bytes_text(stat.bytes), bytes_text(stat.log_bytes));
+    if stat.quarantined + stat.conflicts > 0 {
+        outln!("{} damaged blobs set aside, {} conflicting records", stat.quarantined, stat.conflicts);
+    }
+    let mut rows = vec![["records of", "count", "time", "size"].map(str::to_owned).to_vec()];
+    for (namespace, labels) in &stat.records {
+        for (label, of) in labels {
+            rows.push(vec![
+                format!("{namespace} {label}"),
+                of.count.to_string(),
+                seconds_text(of.wall_us as f64 / 1e6),
+                bytes_text(of.bytes),
+            ]);
+        }
+    }
+    out!("{}", table(&rows));
+    by_pipeline(store, stat.records.get(PIPELINE).into_iter().flat_map(|labels| labels.keys()))
+}
+
+fn verify(store: &Store, sample: Option<f64>) -> Result<Exit, CliError> {
+    let bar =
+        if std::io::stderr().is_terminal() { indicatif::ProgressBar::new(0) } else { indicatif::ProgressBar::hidden() };
+    let report = store.verify(sample, 0, &mut |done, total| {
+        bar.set_length(total);
+        bar.set_position(done);
+    })?;
+    bar.finish_and_clear();
+    outln!(
+        "{} of {} blobs checked ({}), {} damaged; {} records, {} damaged, {} incomplete",
+        report.checked,
+        report.blobs,
+        bytes_text(report.checked_bytes),
+        report.damaged.len(),
+        report.records,
+        report.damaged_records,
+        report.incomplete_records
+    );
+    for digest in &report.damaged {
+        outln!("set aside: {digest}");
+    }
+    if report.damaged_places > 0 {
+        outln!("{} damaged places in packs: what lay there is missing", report.damaged_places);
+    }
+    if !report.is_damaged() {
+        return Ok(Exit::Done);
+    }
+    eprintln!("the next run that needs what was damaged makes it again; `tauflow cache gc` clears the rest away");
+    Ok(Exit::Failed)
+}
+
+fn collected(report: &GcReport) {
+    let verb = if report.dry_run { "would remove" } else { "removed" };
+    outln!(
+        "{verb} {} blobs, {}, and {} records; {} blobs stay, {}",
+        report.removed_blobs,
+        bytes_text(report.removed_bytes),
+        report.removed_records,
+        report.kept_blobs,
+        bytes_text(report.kept_bytes)
+    );
+    if report.over_budget > 0 {
+        outln!(
+            "{} more than asked for: runs that are going on, pins and recent use hold them",
+            bytes_text(report.over_budget)
+        );
+    }
+    if report.no_room_bytes > 0 {
+        outln!(
+            "{} stay for want of room to copy what lies in files with them; free some space and collect again",
+            bytes_text(report.no_room_bytes)
+        );
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Every option that an error names is there.
+    #[test]
+    fn advice_names_options_that_exist() {
+        use clap::CommandFactory;
+        use std::{io, path::PathBuf};
+        use tauflow_cache::CacheError;
+        let mut program = crate::cli::Cli::command();
+        program.build();
+        let words = ["cache", "gc"];
+        let command = words.iter().try_fold(&program, |at, word| at.find_subcommand(word)).expect("it is there");
+        let options: Vec<String> =
+            command.get_arguments().filter_map(|a| a.get_long()).map(|l| format!("--{l}")).collect();
+        let kinds = [
+            io::ErrorKind::StorageFull,
+            io::ErrorKind::PermissionDenied,
+            io::ErrorKind::ReadOnlyFilesystem,
+            io::ErrorKind::NotADirectory,
+            io::ErrorKind::Other,
+        ];
+        let mut named = 0;
+        for kind in kinds {
+            let error = CacheError::Io { action: "write", path: PathBuf::from("x"), source: kind.into() };
+            let message = error.to_string();
+            for word in
+                message.split(|c: char| !(c.is_ascii_alphanumeric() || c == '-')).filter(|w| w.starts_with("--"))
+            {
+                assert!(options.iter().any(|option| option == word), "`{word}` of: {message}");
+                named += 1;
+            }
+        }
+        assert!(named >= 6, "{named}");
+    }
 
     #[test]
     fn sizes_and_times_have_units() {

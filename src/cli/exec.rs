@@ -1,29 +1,26 @@
 //! `tauflow exec`.
 
-use super::{CacheAt, CliError, Exit, cache::seconds};
+use super::{CacheAt, CliError, Exit, alone, cache::seconds};
 use crate::{
     engine::exec::{self, ActionFile, ExecError},
     kinds::Registry,
 };
 use clap::Args;
-use std::{
-    io::Read,
-    path::PathBuf,
-    process::{Command, Stdio},
-    sync::{Arc, atomic::AtomicBool},
-    thread,
-    time::{Duration, Instant},
-};
+use std::sync::{Arc, atomic::AtomicBool};
 use tauflow_contract::Silent;
 
 /// What `exec` takes.
 #[derive(Args)]
 pub(crate) struct ExecArgs {
     /// The action: its key or the beginning of it, or a file that `--print` wrote.
-    action: String,
-    /// Stop it after this time, such as 90s, 10m or 2h.
+    pub(super) action: String,
+    /// Stop it, and every program that it started, after this time, such as 90s, 10m or 2h.
     #[arg(long, value_name = "TIME", value_parser = seconds)]
-    limit: Option<f64>,
+    pub(super) limit: Option<f64>,
+    /// Run it in a sandbox of bubblewrap (`bwrap`): no network, and nothing can be written but its own folder and the
+    /// cache. Without this option `exec` is no sandbox.
+    #[arg(long)]
+    pub(super) sandbox: bool,
     /// Print the action, to be run elsewhere, and run nothing.
     #[arg(long)]
     print: bool,
@@ -36,6 +33,7 @@ impl From<ExecError> for CliError {
     fn from(error: ExecError) -> Self {
         match error {
             ExecError::Cache(error) => error.into(),
+            ExecError::Foreign(message) => Self::Environment(message),
             other => Self::Bad(other.to_string()),
         }
     }
@@ -43,7 +41,7 @@ impl From<ExecError> for CliError {
 
 pub(crate) fn exec(args: &ExecArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     if !args.inside && !args.print {
-        return alone(args, cache);
+        return alone::alone(args, cache);
     }
     let store = cache.open()?;
     let action = match std::fs::read_to_string(&args.action) {
@@ -69,58 +67,4 @@ pub(crate) fn exec(args: &ExecArgs, registry: &Registry, cache: &CacheAt) -> Res
         }
         Err(other) => Err(other.into()),
     }
-}
-
-/// Runs the action in a process of its own, which has an empty folder, no environment and no input.
-fn alone(args: &ExecArgs, cache: &CacheAt) -> Result<Exit, CliError> {
-    let failed = |what: &str, e: std::io::Error| CliError::Environment(format!("cannot {what}: {e}"));
-    let program = std::env::current_exe().map_err(|e| failed("find this program", e))?;
-    let folder = tempfile::tempdir().map_err(|e| failed("make a folder to run in", e))?;
-    let absolute = |path: PathBuf| std::path::absolute(path).map_err(|e| failed("find the current folder", e));
-    let file = PathBuf::from(&args.action);
-    let action = if file.is_file() { absolute(file)?.into_os_string() } else { args.action.clone().into() };
-    let mut child = Command::new(program)
-        .arg("exec")
-        .arg(action)
-        .arg("--inside")
-        .arg("--cache")
-        .arg(absolute(cache.folder())?)
-        .env_clear()
-        .current_dir(folder.path())
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .spawn()
-        .map_err(|e| failed("start the action", e))?;
-    let mut stdout = child.stdout.take();
-    let reader = thread::spawn(move || {
-        let mut text = String::new();
-        stdout.as_mut().map(|out| out.read_to_string(&mut text)).transpose().map(|_| text)
-    });
-    let start = Instant::now();
-    let status = loop {
-        if let Some(status) = child.try_wait().map_err(|e| failed("wait for the action", e))? {
-            break status;
-        }
-        if args.limit.is_some_and(|limit| start.elapsed().as_secs_f64() > limit) {
-            // It may have ended just now.
-            let _ = child.kill();
-            let _ = child.wait();
-            eprintln!("error: the action was stopped after its limit; nothing of it is recorded");
-            return Ok(Exit::Failed);
-        }
-        thread::sleep(Duration::from_millis(5));
-    };
-    let text = reader.join().ok().and_then(Result::ok).unwrap_or_default();
-    out!("{text}");
-    Ok(match status.code() {
-        Some(0) => Exit::Done,
-        Some(1) => Exit::Failed,
-        Some(2) => Exit::Bad,
-        Some(130) => Exit::Interrupted,
-        Some(_) => Exit::Environment,
-        None => {
-            eprintln!("error: the action's process was killed ({status})");
-            Exit::Failed
-        }
-    })
 }

@@ -6,7 +6,7 @@ use crate::{
     engine::{
         self, Only,
         event::Ended,
-        explain::{History, Planned, reason},
+        explain::{History, Planned, UNKNOWN, reason},
     },
     kinds::Registry,
     pipeline::Pipeline,
@@ -32,7 +32,7 @@ pub(crate) fn explain(args: &ExplainArgs, registry: &Registry, cache: &CacheAt) 
     let pipeline = args.pipeline.resolve(registry)?;
     let text = args.item.as_ref().map_or_else(|| args.node.clone(), |item| format!("{}/{item}", args.node));
     let only = Only::parse(&text, &pipeline).map_err(CliError::Bad)?;
-    let store = cache.open()?;
+    let store = cache.look()?;
     let plan = engine::plan(&pipeline, &store, Some(only.clone()))?;
     let mine: Vec<&Planned> = plan
         .would_run
@@ -52,7 +52,7 @@ pub(crate) fn explain(args: &ExplainArgs, registry: &Registry, cache: &CacheAt) 
         );
         return Ok(Exit::Done);
     }
-    let history = History::of(&store, &mine[0].key.kind);
+    let history = History::of(&store, &mine[0].key.basis.kind);
     if let [one] = &mine[..] {
         in_full(&pipeline, one, &history);
         return Ok(Exit::Done);
@@ -60,6 +60,7 @@ pub(crate) fn explain(args: &ExplainArgs, registry: &Registry, cache: &CacheAt) 
     let mut groups: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for action in &mine {
         let why = match action.ended {
+            Ended::WouldRun if action.unknown => UNKNOWN.to_owned(),
             Ended::WouldRun => format!("runs; {}", reason(history.nearest(&action.key).as_ref())),
             _ => "done before; nothing it reads has changed".into(),
         };
@@ -93,28 +94,39 @@ fn name(pipeline: &Pipeline, action: &Planned) -> String {
     let item = action.item.as_ref().map(ToString::to_string).unwrap_or_default();
     let parts = [cell.as_str(), item.as_str()];
     let text = parts.iter().filter(|p| !p.is_empty()).copied().collect::<Vec<_>>().join("/");
-    let group = &action.key.group;
+    let group = &action.key.basis.group;
     if group == "main" { text } else { format!("{text} ({group})") }
 }
 
 fn in_full(pipeline: &Pipeline, action: &Planned, history: &History) {
     let key = &action.key;
+    let basis = &key.basis;
     outln!("{} {}", pipeline.cell_name(action.cell), name(pipeline, action));
-    outln!("key        {}", key.hash().hex());
-    outln!("kind       {} version {}", key.kind, key.version);
-    outln!("group      {}", key.group);
-    if let Some(seed) = key.seed {
+    match action.unknown {
+        true => outln!("key        unknown"),
+        false => outln!("key        {}", key.hash().hex()),
+    }
+    outln!("kind       {}", basis.kind);
+    outln!("group      {} version {}", basis.group, basis.version);
+    outln!("format     {}", basis.format);
+    if let Some(seed) = basis.seed {
         outln!("seed       {seed}");
     }
     for (port, digest) in &key.inputs {
         outln!("input      {port} = {digest}");
     }
-    if let Value::Object(params) = &key.params {
+    if let Value::Object(params) = &basis.params {
         for (param, value) in params {
             outln!("param      {param} = {value}");
         }
     }
+    match &basis.environment {
+        Value::Null => {}
+        Value::Object(fields) => fields.iter().for_each(|(field, value)| outln!("machine    {field} = {value}")),
+        other => outln!("machine    {other}"),
+    }
     match action.ended {
+        Ended::WouldRun if action.unknown => outln!("\n{UNKNOWN}"),
         Ended::WouldRun => match history.nearest(key) {
             None => outln!("\nruns: this kind was never run before"),
             Some(nearest) => {

@@ -7,7 +7,7 @@ use crate::{
 };
 use clap::{Args, ValueEnum};
 use std::{fmt::Write as _, fs, path::PathBuf};
-use tauflow_contract::{Determinism, Feed, Mode, NodeKind};
+use tauflow_contract::{Determinism, Mode, NodeKind, Takes};
 
 /// What `graph` takes.
 #[derive(Args)]
@@ -95,12 +95,17 @@ pub fn page(kind: &dyn NodeKind) -> String {
         Mode::Map => "map: one action for each item",
         Mode::Gather => "gather: one action over whole collections",
     };
-    let _ = writeln!(out, "{manual}\n\n## Ports\n\nVersion {}; {mode}.\n", spec.version);
+    let groups = spec.groups();
+    let versions = match &groups[..] {
+        [only] => only.version.to_string(),
+        several => several.iter().map(|g| format!("{} of `{}`", g.version, g.name)).collect::<Vec<_>>().join(", "),
+    };
+    let _ = writeln!(out, "{manual}\n\n## Ports\n\nVersion {versions}; {mode}.\n");
     let mut rows = vec![["port", "", "holds", "what"].map(str::to_owned).to_vec()];
     for port in spec.inputs {
-        let feed = if port.feed == Feed::Each { "by item" } else { "whole" };
+        let takes = if port.takes == Takes::Item { "by item" } else { "all" };
         let optional = if port.optional { ", optional" } else { "" };
-        rows.push(vec![port.name.into(), format!("input, {feed}{optional}"), port.media.into(), port.doc.into()]);
+        rows.push(vec![port.name.into(), format!("input, {takes}{optional}"), port.media.into(), port.doc.into()]);
     }
     for port in spec.outputs {
         let mut notes = vec!["output"];

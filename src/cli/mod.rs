@@ -3,6 +3,7 @@
 #[macro_use]
 mod output;
 
+mod alone;
 mod cache;
 mod exec;
 mod explain;
@@ -33,7 +34,7 @@ use tauflow_cache::{CacheError, Store};
 pub enum Exit {
     /// All is done.
     Done,
-    /// Some items failed.
+    /// Some items failed, or the cache was found damaged.
     Failed,
     /// The pipeline or the arguments are wrong.
     Bad,
@@ -81,7 +82,7 @@ impl From<CacheError> for CliError {
 impl From<EngineError> for CliError {
     fn from(error: EngineError) -> Self {
         match error {
-            EngineError::Request(message) => Self::Bad(message),
+            EngineError::Request(message) | EngineError::Lost(message) => Self::Bad(message),
             other => Self::Environment(other.to_string()),
         }
     }
@@ -140,7 +141,8 @@ pub(crate) struct PipelineArgs {
     /// A profile of the file.
     #[arg(long, value_name = "NAME")]
     profile: Option<String>,
-    /// Override a param: `node.param=value`, the value as YAML. May be given several times.
+    /// Override a param or a named value: `node.param=value` or `values.NAME=value`, the value as YAML. May be given
+    /// several times.
     #[arg(long = "set", value_name = "NODE.PARAM=VALUE")]
     sets: Vec<String>,
     /// Bring only this node, or `node.port`, up to date. May be given several times.
@@ -220,6 +222,11 @@ impl CacheAt {
     /// Opens it, when a command needs it.
     pub(crate) fn open(&self) -> Result<Store, CliError> {
         Ok(Store::open(&self.folder())?)
+    }
+
+    /// Opens it to look at it, and makes none where there is none.
+    pub(crate) fn look(&self) -> Result<Store, CliError> {
+        Ok(Store::open_existing(&self.folder())?)
     }
 
     /// The option as it stood on the command line, to be shown again; with a blank before it.

@@ -5,10 +5,10 @@ use super::{
     scene::{check_picture, told, write_picture},
     seconds_text,
 };
-use crate::registry::{Conditioning, Course, Denoiser, Mirrored, Model, geometric_mean_luminance, rollout_to};
+use crate::registry::{Conditioning, Course, Denoiser, Mirrored, Model, Views, geometric_mean_luminance, rollout_to};
 use clap::Args;
 use std::{collections::BTreeMap, fs, path::PathBuf, time::Instant};
-use tauflow_data::{Image, image_io::read_exr, time::TimeGrid};
+use tauflow_data::{Image, image_io::read_exr, records::GBuffer, time::TimeGrid};
 
 /// Mid-grey that solvers saw scenes exposed to.
 const KEY: f64 = 0.18;
@@ -34,12 +34,12 @@ pub(crate) struct RefineArgs {
     nfe: usize,
     /// Views of the image whose mean each call is: 1, 2, 4 or 8, in as many times the time.
     #[arg(long, default_value_t = 1)]
-    mirrors: usize,
+    mirrors: u64,
     /// An EXR with the layers `albedo` and `normal` (to the right, up, towards the camera), if the image has none.
     #[arg(long, value_name = "FILE")]
     gbuffer: Option<PathBuf>,
-    /// Factor that exposes the radiance for the solver, taken back afterwards; by default 0.18 over the image's geometric
-    /// mean luminance.
+    /// Factor that exposes the radiance for the solver, taken back afterwards; by default 0.18 over the image's
+    /// geometric mean luminance.
     #[arg(long)]
     exposure: Option<f64>,
     /// The image to write: .exr (linear radiance), or .png (an exposed preview).
@@ -55,6 +55,7 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
             args.nfe
         )));
     }
+    let views = Views::try_from(args.mirrors).map_err(|e| CliError::Bad(format!("--mirrors {}: {e}", args.mirrors)))?;
     let read = |path: &PathBuf| read_exr(path).map_err(|e| CliError::Bad(e.to_string()));
     let bytes =
         fs::read(&args.model).map_err(|e| CliError::Bad(format!("cannot read {}: {e}", args.model.display())))?;
@@ -97,7 +98,7 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     finite(&exposed, "the exposed image", "lower --exposure")?;
     let course = Course { from: args.from_spp, steps: args.nfe, grid: TimeGrid::Ladder };
     let to = args.to_spp.map_or(model.clock().n_max(), |n| n as f64);
-    let model = Mirrored::new(&model, args.mirrors).map_err(told)?;
+    let model = Mirrored::new(&model, views);
     let refined = rollout_to(&model, &exposed, gbuffer.as_ref(), course, to).map_err(told)?;
     let seconds = start.elapsed().as_secs_f64();
     let png = args.out.extension().is_some_and(|e| e == "png");
@@ -124,14 +125,12 @@ fn finite(image: &Image, what: &str, remedy: &str) -> Result<(), CliError> {
 
 /// Albedo and normal as the network wants them, [H, W, 6].
 fn gbuffer(layers: &BTreeMap<String, Image>, path: &std::path::Path) -> Result<Image, CliError> {
-    let (Some(albedo), Some(normal)) = (layers.get("albedo"), layers.get("normal")) else {
+    let [Some(albedo), Some(normal)] = GBuffer::LAYERS.map(|layer| layers.get(layer)) else {
         return Err(CliError::Bad(format!(
-            "the solver was trained with G-buffers, and {} has no layers `albedo` and `normal`; name a file that has by \
-             --gbuffer, or take a solver trained on RGB",
+            "the solver was trained with G-buffers, and {} has no layers `albedo` and `normal`; name a file that has \
+             by --gbuffer, or take a solver trained on RGB",
             path.display()
         )));
     };
-    let pixels = albedo.data().chunks_exact(3).zip(normal.data().chunks_exact(3));
-    let data = pixels.flat_map(|(a, n)| a.iter().chain(n)).copied().collect();
-    Image::from_data(albedo.width(), albedo.height(), 6, data).map_err(|e| told(e.into()))
+    albedo.beside(normal).map_err(|e| CliError::Bad(format!("{}: {e}", path.display())))
 }

@@ -1,11 +1,12 @@
 //! Results of earlier runs, found by what people call them: `node`, `node.port`, `node[axis=value].port`.
 
-use super::CliError;
+use super::{CliError, progress::Display};
 use crate::{
     diagnostics::did_you_mean,
-    engine,
+    engine::{self, EngineError, event::Event},
     pipeline::{Pipeline, reference::Reference},
 };
+use std::sync::atomic::AtomicBool;
 use tauflow_cache::{Digest, Store};
 use tauflow_contract::{Artifact, Blobs, Collection, KindError, MemoKey};
 
@@ -71,9 +72,15 @@ impl<'a> Asked<'a> {
         Ok(Self { pipeline, node, port, cells })
     }
 
-    /// The items, if the node is up to date.
+    /// The items, if the node is up to date. What was there and is lost is made again.
     pub(crate) fn collection(&self, store: &Store) -> Result<Collection, CliError> {
-        let mut all = engine::outputs(self.pipeline, store, self.node, self.port)?;
+        let mut all = match engine::outputs(self.pipeline, store, self.node, self.port) {
+            Err(EngineError::Lost(_)) => {
+                self.restore(store)?;
+                engine::outputs(self.pipeline, store, self.node, self.port)?
+            }
+            found => found?,
+        };
         if let Some(cells) = &self.cells {
             let of_cell =
                 |key: &str| cells.iter().any(|c| key.strip_prefix(c).is_some_and(|rest| rest.starts_with('/')));
@@ -81,14 +88,33 @@ impl<'a> Asked<'a> {
         }
         Ok(all)
     }
+
+    /// Makes what is lost or damaged again, and says so.
+    pub(crate) fn restore(&self, store: &Store) -> Result<(), CliError> {
+        let node = &self.pipeline.nodes[self.node].name;
+        eprintln!("`{node}` is no longer whole in the cache; running again what made it");
+        let display = Display::new(self.pipeline, false);
+        // Stopped by Ctrl-C as every program is: what is done is kept.
+        let stop = AtomicBool::new(false);
+        let sink = |event: &Event| display.show(event);
+        let summary = engine::restore(self.pipeline, store, (self.node, self.port), &stop, &sink);
+        display.end();
+        match summary?.failures.first() {
+            None => Ok(()),
+            Some(first) => {
+                let message = format!("`{node}` cannot be made again: {} {}", first.only(), first.message);
+                Err(CliError::Bad(message))
+            }
+        }
+    }
 }
 
 /// A failure in reading a result.
 pub(crate) fn unread(item: &str, error: KindError) -> CliError {
     match error {
-        KindError::MissingBlob(_) => {
-            CliError::Bad(format!("`{item}` is no longer whole in the cache; run the pipeline again first"))
-        }
+        KindError::MissingBlob(_) => CliError::Bad(format!(
+            "`{item}` is no longer whole in the cache; run `tauflow cache verify`, then the pipeline"
+        )),
         KindError::Environment(message) => CliError::Environment(format!("{item}: {message}")),
         other => CliError::Bad(format!("{item}: {other}")),
     }

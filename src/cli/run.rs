@@ -47,7 +47,8 @@ pub(crate) struct RunArgs {
     /// Actions at a time; by default one for each core.
     #[arg(long, value_name = "N", default_value_t = 0)]
     jobs: usize,
-    /// Memory that actions in flight and transient outputs may take together, such as 8GiB; by default half of what there is.
+    /// Memory that actions in flight and transient outputs may take together, such as 8GiB; by default half of what
+    /// there is.
     #[arg(long, value_name = "SIZE", value_parser = bytes)]
     memory: Option<u64>,
     /// Stop at the first failure.

@@ -1,7 +1,7 @@
 //! `tauflow render` and `tauflow scene`: one scene, outside any pipeline.
 //!
-//! A scene is an item of a pipeline's node, or a folder as `tauflow export PIPELINE scenes` writes it: `scene.json`, and
-//! what it names in `blob/`.
+//! A scene is an item of a pipeline's node, or a folder as `tauflow export PIPELINE scenes` writes it: `scene.json`,
+//! and what it names in `blob/`.
 
 use super::{
     CacheAt, CliError, Exit, PipelineArgs,
@@ -18,12 +18,12 @@ use std::{
     time::Instant,
 };
 use tauflow_cache::Store;
-use tauflow_contract::{Blobs, Context, Digest, ItemKey, KindError, Silent};
+use tauflow_contract::{Blobs, Context, Digest, Handle, ItemKey, KindError, Silent};
 use tauflow_data::{
-    Image,
-    formats::SCENE,
+    Image, Resolution,
     image_io::{preview_png, write_exr},
     mitsuba::{self, Film},
+    records::SceneRecord,
     scene::Scene,
 };
 
@@ -60,10 +60,16 @@ pub(crate) struct FilmArgs {
     spp: u64,
     /// Pixels in a row.
     #[arg(long, default_value_t = 256)]
-    width: usize,
+    width: u32,
     /// Rows.
     #[arg(long, default_value_t = 256)]
-    height: usize,
+    height: u32,
+}
+
+impl FilmArgs {
+    fn resolution(&self) -> Result<Resolution, CliError> {
+        Resolution::new(self.width, self.height).map_err(|e| CliError::Bad(format!("--width, --height: {e}")))
+    }
 }
 
 /// What can be done with one scene.
@@ -114,14 +120,14 @@ impl SceneArgs {
     }
 
     fn of_folder(&self) -> Result<(Scene, Source), CliError> {
-        let file = if self.scene.is_dir() { self.scene.join("scene.json") } else { self.scene.clone() };
+        let file = if self.scene.is_dir() { self.scene.join(SceneRecord::FILE) } else { self.scene.clone() };
         let bytes = fs::read(&file).map_err(|e| CliError::Bad(format!("cannot read {}: {e}", file.display())))?;
         let scene = serde_json::from_slice(&bytes).map_err(|e| {
             let hint =
                 "name a scene of a pipeline by `PIPELINE --item NODE/ITEM`, or a folder that `tauflow export` wrote";
             CliError::Bad(format!("{} is no scene: {e}; {hint}", file.display()))
         })?;
-        Ok((scene, Source::Folder(file.parent().unwrap_or(Path::new(".")).join("blob"))))
+        Ok((scene, Source::Folder(file.parent().unwrap_or(Path::new(".")).join(SceneRecord::BLOB_FOLDER))))
     }
 
     fn of_pipeline(&self, item: &str, registry: &Registry, cache: &CacheAt) -> Result<(Scene, Source), CliError> {
@@ -130,22 +136,18 @@ impl SceneArgs {
         };
         let (profile, sets, targets) = (None, Vec::new(), Vec::new());
         let pipeline = PipelineArgs { pipeline: self.scene.clone(), profile, sets, targets }.resolve(registry)?;
-        let store = cache.open()?;
+        let store = cache.look()?;
         let collection = Asked::parse(node, &pipeline)?.collection(&store)?;
         let artifact = collection.get(key).ok_or_else(|| {
             let hint = did_you_mean(key, "items", collection.items.keys().take(8).map(ItemKey::as_str));
             CliError::Bad(format!("`{node}` has no item `{key}`; {hint}"))
         })?;
-        if artifact.media != SCENE {
-            return Err(CliError::Bad(format!(
-                "`{item}` is a `{}`, no scene; name an item of a node that makes scenes",
-                artifact.media
-            )));
-        }
+        let handle = Handle::<SceneRecord>::new(artifact)
+            .map_err(|e| CliError::Bad(format!("`{item}`: {e}; name an item of a node that makes scenes")))?;
         let stop = AtomicBool::new(false);
-        let scene = Context::new(&Reading(&store), &Silent, &stop)
-            .json(artifact, "scene.json")
-            .map_err(|error| unread(item, error))?;
+        let reading = Reading(&store);
+        let ctx = Context::new(&reading, &Silent, &stop);
+        let scene = SceneRecord::scene(&ctx, handle).map_err(|error| unread(item, error))?;
         Ok((scene, Source::Store(Box::new(store))))
     }
 }
@@ -176,6 +178,7 @@ pub(crate) fn told(error: KindError) -> CliError {
 
 pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     check_picture(&args.out)?;
+    let resolution = args.film.resolution()?;
     let (scene, source) = args.scene.open(registry, cache)?;
     let start = Instant::now();
     let bar = if std::io::stderr().is_terminal() {
@@ -186,7 +189,7 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
     let (image, stats) = crate::registry::render_image(
         &scene,
         &mut |digest| source.blob(digest),
-        (args.film.width, args.film.height),
+        resolution,
         args.film.spp,
         &mut |done| {
             bar.set_position(done);
@@ -212,7 +215,8 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
 pub(crate) fn scene(command: &SceneCommand, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     let SceneCommand::Mitsuba { scene, film, out } = command;
     let (scene, source) = scene.open(registry, cache)?;
-    let film = Film { width: film.width, height: film.height, spp: film.spp };
+    let resolution = film.resolution()?;
+    let film = Film { width: resolution.width(), height: resolution.height(), spp: film.spp };
     mitsuba::export(&scene, &mut |digest| source.blob(digest), out, film).map_err(told)?;
     outln!("{}", out.join("scene.xml").display());
     Ok(Exit::Done)

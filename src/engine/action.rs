@@ -1,64 +1,75 @@
-//! Parts of doing an action that stand for themselves: the files outside that it reads, its key, the check of what it gave.
+//! Parts of doing an action that stand for themselves: the files outside that it reads, its key, the check of what it
+//! gave.
 
 use super::{
-    whole::Whole,
-    work::{Job, Task},
+    ids::{Id, InputId},
+    job::{Job, Task},
+    sharded::Sharded,
 };
-use std::{collections::BTreeMap, fs, path::PathBuf, sync::Arc};
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 use tauflow_cache::{CacheError, Digest};
-use tauflow_contract::{ActionKey, Artifact, FORMAT_VERSION, ItemKey, Mode, Outputs, derive_seed};
+use tauflow_contract::{ActionKey, Any, Artifact, FILE_PORT, Files, ItemKey, Media, Mode, Outputs, derive_seed};
 
-/// Media type of files outside that a source reads.
-const FILES: &str = "tauflow/files";
-/// The port on which a source's action finds them.
-pub const FILE_PORT: &str = "file";
+/// Most bytes of a file outside that is read: as many as a GLB can have.
+const MOST_BYTES: u64 = 1 << 32;
+
+/// The bytes of a file outside; reading a FIFO or a device might never end.
+///
+/// # Errors
+/// In words if it is no regular file, is too large or cannot be read.
+fn read_regular(path: &Path) -> Result<Vec<u8>, String> {
+    let refused = |what: &str| format!("cannot read `{}`: {what}; mend it or take it away", path.display());
+    let metadata = fs::metadata(path).map_err(|error| refused(&error.to_string()))?;
+    if !metadata.is_file() {
+        return Err(refused("it is no regular file"));
+    }
+    if metadata.len() > MOST_BYTES {
+        return Err(refused(&format!("it has {} bytes, of which {MOST_BYTES} are the most", metadata.len())));
+    }
+    fs::read(path).map_err(|error| refused(&error.to_string()))
+}
 
 /// The artifact of files outside; `put` digests or stores the bytes of each.
 ///
 /// # Errors
-/// In words if a file cannot be read; whatever `put` says.
+/// In words if a file is no regular one, is too large or cannot be read; whatever `put` says.
 pub fn files_artifact(
     files: &[(String, PathBuf)],
     put: impl Fn(&[u8]) -> Result<Digest, CacheError>,
 ) -> Result<Result<Artifact, String>, CacheError> {
     let mut parts = Vec::new();
     for (name, path) in files {
-        match fs::read(path) {
+        match read_regular(path) {
             Ok(bytes) => parts.push((name.clone(), put(&bytes)?)),
-            Err(error) => {
-                return Ok(Err(format!("cannot read `{}`: {error}; mend it or take it away", path.display())));
-            }
+            Err(told) => return Ok(Err(told)),
         }
     }
-    Ok(Ok(Artifact::tree(FILES, parts)))
+    Ok(Ok(Artifact::tree(Files::NAME, parts)))
 }
 
 /// The key of an action.
-pub fn action_key(task: &Task, whole: &[(usize, Arc<Whole>)], job: &Job, file: Option<&Artifact>) -> ActionKey {
-    let name = |port: usize| task.spec.inputs[port].name.to_owned();
+pub fn action_key(task: &Task, whole: &[(InputId, Arc<Sharded>)], job: &Job, file: Option<&Artifact>) -> ActionKey {
+    let name = |input: InputId| task.spec.inputs[input.place()].name.to_owned();
     let mut inputs: BTreeMap<String, Digest> =
-        job.each.iter().map(|(port, output)| (name(*port), output.digest)).collect();
-    inputs.extend(whole.iter().map(|(port, whole)| (name(*port), whole.digest)));
+        job.each.iter().map(|(input, output)| (name(*input), output.digest)).collect();
+    inputs.extend(whole.iter().map(|(input, sharded)| (name(*input), sharded.digest)));
     if let Some(file) = file {
         inputs.insert(FILE_PORT.into(), file.digest());
     }
     let item = job.item.as_ref().map_or("", |i| i.as_str());
-    ActionKey {
-        environment: task.environment.clone(),
-        format: FORMAT_VERSION,
-        kind: task.spec.name.to_owned(),
-        version: task.spec.version,
-        group: task.group.to_owned(),
-        params: (task.projection)(job.item.as_ref(), task.group),
-        inputs,
-        seed: task.spec.seeded.then(|| derive_seed(task.seed, task.spec.name, item)),
-    }
+    let seed = task.basis.seed.map(|seed| derive_seed(seed, task.spec.name, item));
+    ActionKey { basis: task.basis.with((task.projection)(job.item.as_ref(), task.group), seed), inputs }
 }
 
 /// A kind must fill exactly the ports of its group, with what they say they hold.
 pub fn check_outputs(task: &Task, outputs: &Outputs) -> Result<(), String> {
     let name = task.spec.name;
-    let ports: Vec<_> = task.spec.outputs.iter().filter(|p| p.group == task.group).collect();
+    let ports: Vec<_> = task.spec.outputs.iter().filter(|p| p.group.name == task.group).collect();
     for port in outputs.items.keys().chain(outputs.collections.keys()) {
         if ports.iter().all(|p| p.name != port) {
             return Err(format!("`{name}` filled `{port}`, which is no port of its group `{}`", task.group));
@@ -71,7 +82,7 @@ pub fn check_outputs(task: &Task, outputs: &Outputs) -> Result<(), String> {
         }
     }
     for port in ports {
-        let wrong = |media: &str| port.media != "*" && media != port.media;
+        let wrong = |media: &str| port.media != Any::NAME && media != port.media;
         if task.spec.mode == Mode::Gather {
             let collection = outputs.collections.get(port.name);
             let Some(collection) = collection else { return Err(format!("`{name}` left `{}` out", port.name)) };

@@ -284,6 +284,6 @@ pub struct Summary {
 impl Summary {
     /// Sum over nodes.
     pub fn total(&self, of: impl Fn(&NodeStat) -> u64) -> u64 {
-        self.nodes.iter().map(of).sum()
+        self.nodes.iter().map(of).fold(0, u64::saturating_add)
     }
 }

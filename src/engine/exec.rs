@@ -1,20 +1,24 @@
 //! One action alone, from nothing but a store: its key says what it is, its recipe where its inputs are.
 
 use super::{
-    action::FILE_PORT,
+    EngineError, explain,
+    ids::{Id, InputId, LaneId, PortId, SlotId},
+    job::{ActionInputs, Bundle, Job, Outcome, Task, Todo},
+    probe::Asking,
     records::{self, ACTION},
+    sharded::{Output, Sharded},
     transient::Pool,
-    whole::{Output, Whole},
-    work::{Batch, Bench, Job, Outcome, Recipe, Task, Todo},
+    work::Bench,
 };
 use crate::kinds::Registry;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::{
     collections::{BTreeMap, HashSet},
     sync::{Arc, atomic::AtomicBool},
 };
 use tauflow_cache::{CacheError, Key, Store};
-use tauflow_contract::{ActionKey, Digest, Progress};
+use tauflow_contract::{ActionKey, Digest, FILE_PORT, FORMAT_VERSION, Progress};
 
 /// An action as a file: all that it takes, beside the blobs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -23,7 +27,7 @@ pub struct ActionFile {
     /// What decides its outputs.
     pub key: ActionKey,
     /// Its inputs.
-    pub recipe: Recipe,
+    pub recipe: ActionInputs,
 }
 
 /// What became of an action that was run alone.
@@ -50,9 +54,21 @@ pub enum ExecError {
     /// The action, or what it asks for.
     #[error("{0}")]
     Action(String),
+    /// Its key is of another machine, library or device than there is here.
+    #[error("{0}")]
+    Foreign(String),
     /// It ran and failed, or gave other content than before.
     #[error("{0}")]
     Failed(String),
+}
+
+impl From<EngineError> for ExecError {
+    fn from(error: EngineError) -> Self {
+        match error {
+            EngineError::Cache(error) => Self::Cache(error),
+            other => Self::Action(other.to_string()),
+        }
+    }
 }
 
 impl ActionFile {
@@ -77,8 +93,8 @@ impl ActionFile {
     /// Runs it. If the store has a record of it, the outputs are compared with that; else they are recorded.
     ///
     /// # Errors
-    /// If inputs are missing or are not what the key says, if the kind is not here or of another version, if the action
-    /// fails, and if it gives other content than before.
+    /// If inputs are missing or are not what the key says, or if the kind is not here or of another version. If what of
+    /// the machine enters the key is another here. If the action fails, or gives other content than before.
     pub fn run(
         self,
         store: &Store,
@@ -88,22 +104,40 @@ impl ActionFile {
     ) -> Result<Executed, ExecError> {
         let Self { key, recipe } = self;
         let hash = key.hash();
-        let Some(kind) = registry.get(&key.kind) else {
-            return Err(ExecError::Action(format!("there is no kind `{}`; {}", key.kind, registry.hint(&key.kind))));
-        };
-        let spec = kind.spec();
-        if spec.version != key.version {
+        let basis = key.basis.clone();
+        if basis.format != FORMAT_VERSION {
             return Err(ExecError::Action(format!(
-                "the action asks for version {} of `{}`, and this is {}; run it with the program that made it",
-                key.version, key.kind, spec.version
+                "the action's key is of format {}, and this program's are of format {FORMAT_VERSION}; run it with the \
+                 program that made it",
+                basis.format
             )));
         }
-        let Some(group) = spec.outputs.iter().map(|port| port.group).find(|group| *group == key.group) else {
-            return Err(ExecError::Action(format!("`{}` has no outputs of a group `{}`", key.kind, key.group)));
+        let Some(kind) = registry.get(&basis.kind) else {
+            return Err(ExecError::Action(format!(
+                "there is no kind `{}`; {}",
+                basis.kind,
+                registry.hint(&basis.kind)
+            )));
         };
+        let spec = kind.spec();
+        let Some(group) = spec.group(&basis.group) else {
+            return Err(ExecError::Action(format!("`{}` has no outputs of a group `{}`", basis.kind, basis.group)));
+        };
+        if group.version != basis.version {
+            return Err(ExecError::Action(format!(
+                "the action asks for version {} of `{}`, and this is {}; run it with the program that made it",
+                basis.version, basis.kind, group.version
+            )));
+        }
+        // What it made here would else be filed as made there.
+        let here = Asking::new(store, true).environment(&**kind, &basis.params, group)?.unwrap_or_default();
+        if here != basis.environment {
+            return Err(foreign(&basis.environment, &here));
+        }
         let port = |name: &str| {
             let found = spec.inputs.iter().position(|port| port.name == name);
-            found.ok_or_else(|| ExecError::Action(format!("`{}` has no input `{name}`", key.kind)))
+            let found = found.map(InputId::at);
+            found.ok_or_else(|| ExecError::Action(format!("`{}` has no input `{name}`", basis.kind)))
         };
         let same = |name: &str, digest: Digest| match key.inputs.get(name) {
             Some(asked) if *asked == digest => Ok(()),
@@ -123,7 +157,7 @@ impl ActionFile {
         }
         for (name, listed) in recipe.whole {
             same(&name, listed.digest)?;
-            let Some(found) = Whole::get(store, &listed)? else { return Err(missing(&listed.blob)) };
+            let Some(found) = Sharded::get(store, &listed)? else { return Err(missing(&listed.blob)) };
             whole.push((port(&name)?, Arc::new(found)));
         }
         if each.len() + whole.len() + usize::from(file.is_some()) != key.inputs.len() {
@@ -132,26 +166,25 @@ impl ActionFile {
         let record = store.lookup(ACTION, &hash);
         let before = record.as_ref().map(|record| records::load(store, record, &spec)).transpose()?.flatten();
         let new = before.is_none();
-        let params = key.params.clone();
+        let params = basis.params.clone();
         let task = Task {
-            lane: 0,
+            lane: LaneId::at(0),
             kind: kind.clone(),
             spec,
-            group,
+            group: group.name,
             projection: Box::new(move |_, _| params.clone()),
-            environment: key.environment.clone(),
+            basis: basis.clone(),
             alone: false,
-            seed: 0, // the key has the derived one
             transient: false,
             read: Vec::new(),
         };
-        let (kind, todo) = (key.kind.clone(), Some(Box::new(Todo::new(key, file, before))));
-        let batch = Batch { task: Arc::new(task), whole, jobs: Vec::new() };
-        let job = Job { slot: 0, item: recipe.item, each, files: Vec::new(), todo };
+        let (kind, todo) = (basis.kind.into_owned(), Some(Box::new(Todo::new(key, file, before))));
+        let bundle = Bundle { task: Arc::new(task), whole, jobs: Vec::new() };
+        let job = Job { slot: SlotId::at(0), item: recipe.item, each, files: Vec::new(), todo };
         let wanted = HashSet::new();
         let pool = Pool::new(0);
         let bench = Bench { store, pool: &pool, stop, dry: false, keep_keys: false, recheck: 1.0, wanted: &wanted };
-        let reply = bench.perform(&batch, job, progress);
+        let reply = bench.perform(&bundle, job, progress);
         if let Some(warning) = reply.warning {
             return Err(ExecError::Failed(warning));
         }
@@ -165,10 +198,10 @@ impl ActionFile {
             }
         };
         store.flush()?;
-        let name = |port: usize| batch.task.spec.outputs[port].name.to_owned();
+        let name = |port: PortId| bundle.task.spec.outputs[port.place()].name.to_owned();
         let mut outputs: BTreeMap<String, Digest> =
             made.items.iter().map(|(port, output)| (name(*port), output.digest)).collect();
-        outputs.extend(made.collections.iter().map(|(port, whole)| (name(*port), whole.digest)));
+        outputs.extend(made.collections.iter().map(|(port, sharded)| (name(*port), sharded.digest)));
         Ok(Executed { key: hash, kind, new, outputs, wall_us: reply.spent_us })
     }
 }
@@ -198,8 +231,27 @@ pub fn recorded(store: &Store) -> Vec<Key> {
     store.keys_like(ACTION, "")
 }
 
+/// Where an action's environment is another than that of this machine.
+fn foreign(there: &Value, here: &Value) -> ExecError {
+    let mut found = Vec::new();
+    explain::differences("", there, here, &mut found);
+    let show = |value: &Option<Value>| value.as_ref().map_or_else(|| "absent".to_owned(), Value::to_string);
+    let differ = |difference: &explain::Difference| {
+        let field = difference.field.trim_start_matches('/').replace('/', ".");
+        let field = if field.is_empty() { "environment" } else { &field };
+        format!("`{field}` is {} in its key and {} here", show(&difference.before), show(&difference.now))
+    };
+    let told = found.iter().map(differ).collect::<Vec<_>>().join("; ");
+    ExecError::Foreign(format!(
+        "the action is of another machine, library or device: {told}; run it where they are the same (`exec` passes on \
+         PATH, RAYON_NUM_THREADS, TAUFLOW_OIDN, TAUFLOW_DEVICE and TAUFLOW_INSTRUCTIONS), or run its pipeline here, \
+         which gives it a key of its own"
+    ))
+}
+
 fn missing(digest: &Digest) -> ExecError {
     ExecError::Action(format!(
-        "the store does not hold the input blob {digest}; copy it there, or run what makes it, without `transient` if that is set"
+        "the store does not hold the input blob {digest}; copy it there, or run what makes it, \
+         without `transient` if that is set"
     ))
 }

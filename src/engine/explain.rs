@@ -1,6 +1,6 @@
 //! Why an action runs: its key, and how it differs from the nearest key that was run before.
 
-use super::{event::Ended, lanes::Lane, records::ACTION};
+use super::{event::Ended, ids::LaneId, lanes::Lanes, records::ACTION};
 use crate::pipeline::Pipeline;
 use serde_json::Value;
 use std::collections::{BTreeSet, HashMap};
@@ -18,19 +18,21 @@ pub struct Planned {
     pub item: Option<ItemKey>,
     /// Hit, or would run.
     pub ended: Ended,
-    /// Its key.
+    /// Its key; none that a run has if `unknown`.
     pub key: Box<ActionKey>,
+    /// A program would have to run before its key is known, and looking runs none: it may be done or not.
+    pub unknown: bool,
 }
 
 pub(super) fn planned(
     pipeline: &Pipeline,
-    lanes: &[Lane],
-    keys: Vec<(usize, Option<ItemKey>, Ended, Box<ActionKey>)>,
+    lanes: &Lanes,
+    keys: Vec<(LaneId, Option<ItemKey>, Ended, Box<ActionKey>)>,
 ) -> Vec<Planned> {
     keys.into_iter()
         .map(|(lane, item, ended, key)| {
             let cell = lanes[lane].cell;
-            Planned { node: pipeline.cells[cell].node, cell, item, ended, key }
+            Planned { node: pipeline.cells[cell].node, cell, item, ended, key, unknown: lanes[lane].unknown }
         })
         .collect()
 }
@@ -59,8 +61,8 @@ pub struct Nearest {
 #[derive(Default)]
 pub struct History {
     keys: Vec<(Record, Value)>,
-    /// The latest action for each key without one of its fields: what differs in one field alone is found at once, however
-    /// many actions there are.
+    /// The latest action for each key without one of its fields: what differs in one field alone is found at once,
+    /// however many actions there are.
     but_one: HashMap<Key, usize>,
 }
 
@@ -131,6 +133,9 @@ fn but_one(key: &Value) -> Vec<Key> {
     (0..leaves.len()).map(without).collect()
 }
 
+/// A line for people: why it is not known whether an action runs.
+pub const UNKNOWN: &str = "unknown: a program has to tell its version first, which a run asks it for";
+
 /// A line for people: which parts of the key changed.
 pub fn reason(nearest: Option<&Nearest>) -> String {
     let Some(nearest) = nearest else { return "never run before".into() };
@@ -145,14 +150,15 @@ pub fn reason(nearest: Option<&Nearest>) -> String {
             Some("inputs") => format!("input {}", d.field.trim_start_matches("/inputs/")),
             Some("seed") => "another item or seed".into(),
             Some("environment") => "the machine, or a library of it".into(),
-            Some("version") => "version of the kind".into(),
+            Some("version") => "version of the output group".into(),
             _ => d.field.trim_start_matches('/').into(),
         })
         .collect();
     format!("changed: {}", names.into_iter().collect::<Vec<_>>().join(", "))
 }
 
-fn differences(at: &str, before: &Value, now: &Value, found: &mut Vec<Difference>) {
+/// Where two values differ, as pointers below `at`.
+pub(super) fn differences(at: &str, before: &Value, now: &Value, found: &mut Vec<Difference>) {
     // Digests are {hash, size} pairs, and mean something only as a whole.
     let whole = at.starts_with("/inputs/");
     match (before, now) {

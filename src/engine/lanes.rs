@@ -2,10 +2,14 @@
 //!
 //! A lane is a queue of like actions. Lanes are few and known before the run; their items are many and are not.
 
+use super::{
+    EngineError,
+    ids::{Id, InputId, LaneId, PortId, Row},
+    probe::{self, Asking},
+};
 use crate::pipeline::{Pipeline, Target};
-use serde_json::Value;
 use std::collections::BTreeSet;
-use tauflow_contract::{Feed, ItemKey, Mode};
+use tauflow_contract::{Basis, Group, ItemKey, Mode, Takes};
 
 /// One cell's actions of one output group.
 #[derive(Clone, Debug)]
@@ -15,15 +19,17 @@ pub struct Lane {
     /// Its node.
     pub node: usize,
     /// The group.
-    pub group: &'static str,
-    /// What of the machine decides its outputs; null for most kinds.
-    pub environment: Value,
+    pub group: Group,
+    /// What decides its outputs beside what it reads: the cell's params, the pipeline's seed.
+    pub basis: Basis,
+    /// What of the machine enters its keys is not known, because a program would have to run: no key of it is one.
+    pub unknown: bool,
     /// The output ports of the group.
-    pub ports: Vec<usize>,
+    pub ports: Vec<PortId>,
     /// What feeds each input port.
-    pub inputs: Vec<Vec<LaneFeed>>,
+    pub inputs: Row<InputId, Vec<LaneFeed>>,
     /// The input port that decides which items there are.
-    pub driving: Option<usize>,
+    pub driving: Option<InputId>,
     /// Who reads it.
     pub readers: Vec<Reader>,
     /// True if it is asked for itself.
@@ -36,9 +42,9 @@ pub struct Lane {
 #[derive(Clone, Debug)]
 pub struct LaneFeed {
     /// The lane.
-    pub lane: usize,
+    pub lane: LaneId,
     /// Its output port.
-    pub port: usize,
+    pub port: PortId,
     /// What is put before its item keys.
     pub prefix: Option<String>,
 }
@@ -47,9 +53,9 @@ pub struct LaneFeed {
 #[derive(Clone, Debug)]
 pub struct Reader {
     /// The reading lane.
-    pub lane: usize,
+    pub lane: LaneId,
     /// Its input port.
-    pub input: usize,
+    pub input: InputId,
     /// Which of that port's feeds this is.
     pub feed: usize,
 }
@@ -96,9 +102,9 @@ impl Only {
 
 impl Lane {
     /// True if the input port waits for the whole collection.
-    pub fn is_whole(&self, pipeline: &Pipeline, input: usize) -> bool {
+    pub fn is_whole(&self, pipeline: &Pipeline, input: InputId) -> bool {
         let spec = &pipeline.nodes[self.node].spec;
-        spec.mode != Mode::Map || spec.inputs[input].feed == Feed::Whole
+        spec.mode != Mode::Map || spec.inputs[input.place()].takes == Takes::Collection
     }
 }
 
@@ -111,10 +117,21 @@ pub fn target_ports(pipeline: &Pipeline, target: Target) -> Vec<usize> {
     }
 }
 
+/// The lanes of a run.
+pub type Lanes = Row<LaneId, Lane>;
+
 /// The lanes that the targets need, each after all that it reads.
-pub fn demand(pipeline: &Pipeline, targets: &[Target], only: Option<&Only>) -> Vec<Lane> {
+///
+/// # Errors
+/// If what a program told of the machine cannot be kept.
+pub fn demand(
+    pipeline: &Pipeline,
+    targets: &[Target],
+    only: Option<&Only>,
+    asking: &Asking<'_>,
+) -> Result<Lanes, EngineError> {
     let group_of = |cell: usize, port: usize| pipeline.nodes[pipeline.cells[cell].node].spec.outputs[port].group;
-    let mut wanted: Vec<BTreeSet<&'static str>> = vec![BTreeSet::new(); pipeline.cells.len()];
+    let mut wanted: Vec<BTreeSet<Group>> = vec![BTreeSet::new(); pipeline.cells.len()];
     let mut asked = wanted.clone();
     for target in targets {
         for cell in pipeline.nodes[target.node].cells.clone() {
@@ -134,17 +151,17 @@ pub fn demand(pipeline: &Pipeline, targets: &[Target], only: Option<&Only>) -> V
             }
         }
     }
-    let mut lanes: Vec<Lane> = Vec::new();
+    let mut lanes = Lanes::new();
     for (cell, groups) in wanted.iter().enumerate() {
         for group in groups {
-            let lane = lane(pipeline, cell, group, asked[cell].contains(group), &lanes);
-            let index = lanes.len();
-            for (input, feeds) in lane.inputs.iter().enumerate() {
+            let lane = lane(pipeline, cell, *group, asked[cell].contains(group), &lanes, asking)?;
+            let inputs = lane.inputs.clone();
+            let id = lanes.push(lane);
+            for (input, feeds) in inputs.pairs() {
                 for (feed, from) in feeds.iter().enumerate() {
-                    lanes[from.lane].readers.push(Reader { lane: index, input, feed });
+                    lanes[from.lane].readers.push(Reader { lane: id, input, feed });
                 }
             }
-            lanes.push(lane);
         }
     }
     if let Some(only) = only
@@ -152,17 +169,24 @@ pub fn demand(pipeline: &Pipeline, targets: &[Target], only: Option<&Only>) -> V
     {
         restrict(pipeline, &mut lanes, only, item);
     }
-    lanes
+    Ok(lanes)
 }
 
-fn lane(pipeline: &Pipeline, cell: usize, group: &'static str, target: bool, lanes: &[Lane]) -> Lane {
+fn lane(
+    pipeline: &Pipeline,
+    cell: usize,
+    group: Group,
+    target: bool,
+    lanes: &Lanes,
+    asking: &Asking<'_>,
+) -> Result<Lane, EngineError> {
     let node = pipeline.cells[cell].node;
     let spec = &pipeline.nodes[node].spec;
     let find = |cell: usize, port: usize| {
         let group = pipeline.nodes[pipeline.cells[cell].node].spec.outputs[port].group;
-        lanes.iter().position(|l| l.cell == cell && l.group == group)
+        lanes.pairs().find(|(_, l)| l.cell == cell && l.group == group).map(|(lane, _)| lane)
     };
-    let inputs: Vec<Vec<LaneFeed>> = pipeline.cells[cell]
+    let inputs: Row<InputId, Vec<LaneFeed>> = pipeline.cells[cell]
         .inputs
         .iter()
         .map(|feeds| {
@@ -172,30 +196,38 @@ fn lane(pipeline: &Pipeline, cell: usize, group: &'static str, target: bool, lan
                     // Always found: whatever a wanted cell reads is wanted, and stands before it.
                     find(feed.cell, feed.port).map(|lane| LaneFeed {
                         lane,
-                        port: feed.port,
+                        port: PortId::at(feed.port),
                         prefix: feed.prefix.clone(),
                     })
                 })
                 .collect()
         })
         .collect();
-    let each = |input: &usize| spec.inputs[*input].feed == Feed::Each && !inputs[*input].is_empty();
-    let driving = if spec.mode == Mode::Map { (0..inputs.len()).find(each) } else { None };
-    let ports = (0..spec.outputs.len()).filter(|p| spec.outputs[*p].group == group).collect();
-    let environment = pipeline.nodes[node].kind.environment(&pipeline.cells[cell].params, group);
-    Lane { cell, node, group, environment, ports, inputs, driving, readers: Vec::new(), target, only: None }
+    let each = |input: &InputId| spec.inputs[input.place()].takes == Takes::Item && !inputs[*input].is_empty();
+    let driving = if spec.mode == Mode::Map { inputs.ids().find(each) } else { None };
+    let ports = (0..spec.outputs.len()).filter(|p| spec.outputs[*p].group == group).map(PortId::at).collect();
+    let (kind, params) = (&pipeline.nodes[node].kind, &pipeline.cells[cell].params);
+    let environment = asking.environment(&**kind, params, group)?;
+    let unknown = environment.is_none();
+    let basis = Basis {
+        environment: environment.unwrap_or_else(probe::unknown),
+        ..Basis::new(spec.name, group.version, group.name)
+            .with(kind.keyed(params), spec.seeded.then_some(pipeline.seed))
+    };
+    let readers = Vec::new();
+    Ok(Lane { cell, node, group, basis, unknown, ports, inputs, driving, readers, target, only: None })
 }
 
 /// Leaves of each lane only the items that one item of the target needs.
-fn restrict(pipeline: &Pipeline, lanes: &mut [Lane], only: &Only, item: &ItemKey) {
-    for index in (0..lanes.len()).rev() {
-        if lanes[index].target && lanes[index].node == only.node {
-            lanes[index].only = Some(BTreeSet::from([item.clone()]));
+fn restrict(pipeline: &Pipeline, lanes: &mut Lanes, only: &Only, item: &ItemKey) {
+    for lane in lanes.ids().rev() {
+        if lanes[lane].target && lanes[lane].node == only.node {
+            lanes[lane].only = Some(BTreeSet::from([item.clone()]));
             continue;
         }
         let mut keys = BTreeSet::new();
         let mut all = false;
-        for reader in &lanes[index].readers {
+        for reader in &lanes[lane].readers {
             let reading = &lanes[reader.lane];
             let prefix = &reading.inputs[reader.input][reader.feed].prefix;
             match &reading.only {
@@ -209,7 +241,7 @@ fn restrict(pipeline: &Pipeline, lanes: &mut [Lane], only: &Only, item: &ItemKey
                 _ => all = true,
             }
         }
-        let gather = pipeline.nodes[lanes[index].node].spec.mode == Mode::Gather;
-        lanes[index].only = (!all && !gather).then_some(keys);
+        let gather = pipeline.nodes[lanes[lane].node].spec.mode == Mode::Gather;
+        lanes[lane].only = (!all && !gather).then_some(keys);
     }
 }

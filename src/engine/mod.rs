@@ -3,17 +3,21 @@
 //! A run is a pass, or several: a pass that meets missing blobs is followed by one that makes them again.
 
 mod action;
+mod conclude;
 pub mod event;
 pub mod exec;
 pub mod explain;
+mod ids;
+mod job;
 mod lanes;
+mod probe;
 mod publish;
 mod records;
 mod rollup;
 mod run;
 mod scheduler;
+mod sharded;
 mod transient;
-mod whole;
 mod work;
 
 pub use event::Summary;
@@ -22,6 +26,7 @@ pub use records::{ACTION, PIPELINE};
 
 use crate::pipeline::{Pipeline, Target};
 use event::{Event, NodeStat};
+use ids::{Id, PortId};
 use run::Run;
 use std::{path::PathBuf, sync::atomic::AtomicBool, time::Instant};
 use tauflow_cache::{CacheError, Digest, Store};
@@ -46,6 +51,8 @@ pub struct RunOptions {
     pub memory: Option<u64>,
     /// Items from which a node's shards are looked up as wholes before its items are.
     pub many: u64,
+    /// Read every blob of what is asked for: damaged ones are made again.
+    pub verify: bool,
     /// Folder below which published outputs are written; none writes nothing.
     pub out: Option<PathBuf>,
 }
@@ -60,7 +67,8 @@ impl Default for RunOptions {
             fail_fast: false,
             only: None,
             memory: None,
-            many: whole::MANY,
+            many: sharded::MANY,
+            verify: false,
             out: None,
         }
     }
@@ -83,6 +91,9 @@ pub enum EngineError {
     /// The request makes no sense for this pipeline.
     #[error("{0}")]
     Request(String),
+    /// What is asked for was there, and is lost or damaged: [`restore`] makes it again.
+    #[error("{0}")]
+    Lost(String),
 }
 
 /// Whoever looks on.
@@ -102,7 +113,7 @@ pub fn run(
     sink: Sink<'_>,
 ) -> Result<Summary, EngineError> {
     let start = Instant::now();
-    let mut run = Run::new(pipeline, store, options, stop, sink);
+    let mut run = Run::new(pipeline, store, options, stop, sink)?;
     let mut summary = run.finish()?;
     summary.elapsed = start.elapsed();
     if let (Some(out), false) = (&options.out, options.dry) {
@@ -133,13 +144,15 @@ pub struct Plan {
 
 /// What a run would do: hits, runs, and nodes whose items are not known before something else has run.
 ///
+/// It starts no program and loads no library of the pipeline: see [`explain::Planned::unknown`].
+///
 /// # Errors
 /// If the store cannot be read.
 pub fn plan(pipeline: &Pipeline, store: &Store, only: Option<Only>) -> Result<Plan, EngineError> {
     let start = Instant::now();
     let options = RunOptions { dry: true, only, ..RunOptions::default() };
     let stop = AtomicBool::new(false);
-    let mut run = Run::new(pipeline, store, &options, &stop, &|_| {});
+    let mut run = Run::new(pipeline, store, &options, &stop, &|_| {})?;
     run.keep_keys = true;
     let mut summary = run.finish()?;
     summary.elapsed = start.elapsed();
@@ -151,22 +164,22 @@ pub fn plan(pipeline: &Pipeline, store: &Store, only: Option<Only>) -> Result<Pl
 /// `port` is a number of [`tauflow_contract::KindSpec::outputs`]; the cells of a matrix are gathered.
 ///
 /// # Errors
-/// If the store cannot be read, or something must be run first.
+/// If the store cannot be read, or something must be run first: [`EngineError::Lost`] if all of that was run before.
 pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: usize) -> Result<Collection, EngineError> {
-    let mut asked = pipeline.clone();
-    asked.targets = vec![Target { node, port: Some(port) }];
+    let asked = asking(pipeline, node, port);
     let options = RunOptions { dry: true, ..RunOptions::default() };
     let stop = AtomicBool::new(false);
-    let mut run = Run::new(&asked, store, &options, &stop, &|_| {});
+    let mut run = Run::new(&asked, store, &options, &stop, &|_| {})?;
     run.keep_results = true;
     let summary = run.finish()?;
     let mut all = Collection::default();
     for cell in pipeline.nodes[node].cells.clone() {
-        let found = run.results.iter().find(|r| r.cell == cell && r.port == port);
+        let found = run.results.iter().find(|r| r.cell == cell && r.port == PortId::at(port));
         let Some(result) = found else {
             let behind = summary.nodes.iter().filter(|n| n.ran + n.failed + n.blocked > 0 || n.unknown);
             let names: Vec<String> = behind.map(|n| format!("`{}`", n.node)).collect();
-            return Err(EngineError::Request(format!(
+            let error = if run.never_run { EngineError::Request } else { EngineError::Lost };
+            return Err(error(format!(
                 "`{}` is not up to date: {} must run first; run the pipeline, then ask again",
                 pipeline.cell_name(cell),
                 if names.is_empty() { "it".to_owned() } else { names.join(", ") }
@@ -174,13 +187,13 @@ pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: usize) -> 
         };
         let prefix = &pipeline.cells[cell].text;
         let missing = |blob: Digest| {
-            EngineError::Request(format!(
+            EngineError::Lost(format!(
                 "blob {} of `{}` is missing; run the pipeline, which makes it again, then ask again",
                 blob.short(),
                 pipeline.cell_name(cell)
             ))
         };
-        for (key, output) in result.whole.items(store)?.map_err(missing)? {
+        for (key, output) in result.collection.items(store)?.map_err(missing)? {
             let key = if prefix.is_empty() {
                 key
             } else {
@@ -190,4 +203,24 @@ pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: usize) -> 
         }
     }
     Ok(all)
+}
+
+/// Makes what a port holds whole again: all of its blobs that are lost or damaged, and what they are made of.
+///
+/// # Errors
+/// As [`run`].
+pub fn restore(
+    pipeline: &Pipeline,
+    store: &Store,
+    (node, port): (usize, usize),
+    stop: &AtomicBool,
+    sink: Sink<'_>,
+) -> Result<Summary, EngineError> {
+    let options = RunOptions { verify: true, ..RunOptions::default() };
+    run(&asking(pipeline, node, port), store, &options, stop, sink)
+}
+
+/// The pipeline, with one port for its target.
+fn asking(pipeline: &Pipeline, node: usize, port: usize) -> Pipeline {
+    Pipeline { targets: vec![Target { node, port: Some(port) }], ..pipeline.clone() }
 }

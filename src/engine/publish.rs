@@ -1,6 +1,6 @@
 //! Writes published outputs as files below `OUT/<pipeline>/`, and `run.json` beside them.
 
-use super::{EngineError, Summary, whole::Whole};
+use super::{EngineError, Summary, sharded::Sharded};
 use serde_json::json;
 use std::{
     fs,
@@ -14,7 +14,7 @@ pub struct Publication {
     /// Folder below `OUT/<pipeline>/`; empty for the only publishing node.
     pub folder: String,
     /// The artifacts.
-    pub whole: Arc<Whole>,
+    pub collection: Arc<Sharded>,
 }
 
 /// Writes what differs from what is there, each file at once; returns all files, and the blobs that are missing.
@@ -24,32 +24,29 @@ pub struct Publication {
 pub fn publish(
     store: &Store,
     out: &Path,
-    publications: &[Publication],
+    publication: &Publication,
 ) -> Result<(Vec<PathBuf>, Vec<Digest>), EngineError> {
     let (mut written, mut missing) = (Vec::new(), Vec::new());
-    for publication in publications {
-        let many = publication.whole.len() > 1;
-        let items = match publication.whole.items(store)? {
-            Ok(items) => items,
-            Err(blob) => {
-                missing.push(blob);
-                continue;
-            }
-        };
-        for (key, output) in items {
-            let mut folder = out.join(&publication.folder);
-            if many {
-                folder.push(key.as_str());
-            }
-            for (part, digest) in output.artifact.parts.iter() {
-                let path = folder.join(if part.is_empty() { "value" } else { part });
-                match store.get(digest)? {
-                    Some(bytes) => {
-                        write(&path, &bytes)?;
-                        written.push(path);
-                    }
-                    None => missing.push(*digest),
+    let many = publication.collection.len() > 1;
+    let items = match publication.collection.items(store)? {
+        Ok(items) => items,
+        Err(blob) => return Ok((written, vec![blob])),
+    };
+    for (key, output) in items {
+        // Names become paths here: those of a store were checked as they were read, and those of a kind are now.
+        output.artifact.check_names().map_err(|error| EngineError::Request(format!("`{key}`: {error}")))?;
+        let mut folder = out.join(&publication.folder);
+        if many {
+            folder.push(key.as_str());
+        }
+        for (part, digest) in output.artifact.parts.iter() {
+            let path = folder.join(if part.is_empty() { "value" } else { part });
+            match store.get(digest)? {
+                Some(bytes) => {
+                    write(&path, &bytes)?;
+                    written.push(path);
                 }
+                None => missing.push(*digest),
             }
         }
     }

@@ -1,9 +1,10 @@
-//! What the engine keeps in the store: records of actions, of memoised sub-actions, of whole lanes and of their shards, and
-//! the blobs that running actions see.
+//! What the engine keeps in the store: records of actions, of memoised sub-actions, of whole lanes and of their shards,
+//! and the blobs that running actions see.
 
 use super::{
+    ids::{Id, PortId},
+    sharded::{Listed, Output, Sharded},
     transient::Pool,
-    whole::{Listed, Output, Whole},
 };
 use serde::{Deserialize, Serialize};
 use std::{
@@ -70,8 +71,8 @@ impl Payload {
         self.collections.values().map(|listed| listed.blob).collect()
     }
 
-    /// Where two payloads of one action differ though their kind says that they are reproducible: each port with the digests
-    /// of its content here and in the other.
+    /// Where two payloads of one action differ though their kind says that they are reproducible: each port with the
+    /// digests of its content here and in the other.
     pub fn differs(&self, other: &Self, spec: &KindSpec) -> Vec<String> {
         let digest = |payload: &Self, port: &str| {
             let item = payload.items.get(port).map(Artifact::digest);
@@ -103,7 +104,8 @@ pub struct StoreBlobs<'a> {
 }
 
 impl<'a> StoreBlobs<'a> {
-    /// Wraps a store for one action; a transient one's blobs go to the pool, and one that runs `anew` is given nothing memoised.
+    /// Wraps a store for one action; a transient one's blobs go to the pool, and one that runs `anew` is given nothing
+    /// memoised.
     pub fn new(store: &'a Store, pool: &'a Pool, transient: bool, anew: bool) -> Self {
         let staged = transient.then(Mutex::default);
         Self { store, pool, staged, fatal: Mutex::default(), start: Instant::now(), anew, made: AtomicU64::new(0) }
@@ -176,7 +178,7 @@ impl Blobs for StoreBlobs<'_> {
         let record = Record {
             namespace: MEMO.into(),
             key: key.hash(),
-            label: key.name.clone(),
+            label: key.name(),
             preimage: serde_json::to_string(key).expect("a key holds only plain values"),
             payload: serde_json::to_string(artifact).expect("strings and digests always serialise"),
             recipe: String::new(),
@@ -198,7 +200,8 @@ impl Blobs for StoreBlobs<'_> {
         match self.store.record(&record).map_err(|e| self.fail(e))? {
             Recorded::New | Recorded::Same => Ok(()),
             Recorded::Conflict { existing } if existing.refs.iter().all(|d| self.store.contains(d)) => {
-                let message = format!("`{}` gave two different results for one key; it is not reproducible", key.name);
+                let message =
+                    format!("`{}` gave two different results for one key; it is not reproducible", key.name());
                 Err(KindError::Internal(message))
             }
             // The other's blobs are gone: what was made now takes its place.
@@ -211,9 +214,9 @@ impl Blobs for StoreBlobs<'_> {
 #[derive(Clone, Debug, Default)]
 pub struct Made {
     /// Artifacts by output port (sources and maps).
-    pub items: Vec<(usize, Arc<Output>)>,
+    pub items: Vec<(PortId, Arc<Output>)>,
     /// Collections by output port (gathers).
-    pub collections: Vec<(usize, Arc<Whole>)>,
+    pub collections: Vec<(PortId, Arc<Sharded>)>,
     /// Wall time in microseconds, of the run that made it.
     pub wall_us: u64,
     /// Bytes of the outputs.
@@ -224,19 +227,19 @@ pub struct Made {
 
 impl Made {
     /// The artifact on a port.
-    pub fn item(&self, port: usize) -> Option<&Arc<Output>> {
+    pub fn item(&self, port: PortId) -> Option<&Arc<Output>> {
         self.items.iter().find(|(at, _)| *at == port).map(|(_, output)| output)
     }
 
     /// The collection on a port.
-    pub fn collection(&self, port: usize) -> Option<&Arc<Whole>> {
-        self.collections.iter().find(|(at, _)| *at == port).map(|(_, whole)| whole)
+    pub fn collection(&self, port: PortId) -> Option<&Arc<Sharded>> {
+        self.collections.iter().find(|(at, _)| *at == port).map(|(_, sharded)| sharded)
     }
 }
 
 /// The number of an output port.
-pub fn port_of(spec: &KindSpec, name: &str) -> Option<usize> {
-    spec.outputs.iter().position(|port| port.name == name)
+pub fn port_of(spec: &KindSpec, name: &str) -> Option<PortId> {
+    spec.outputs.iter().position(|port| port.name == name).map(PortId::at)
 }
 
 /// Loads an action's outputs from its record; `None` if a listing is missing.
@@ -247,8 +250,8 @@ pub fn load(store: &Store, record: &Record, spec: &KindSpec) -> Result<Option<Ma
     let Some(payload) = Payload::of(record) else { return Ok(None) };
     let mut made = Made { wall_us: record.wall_us, bytes: record.bytes, ..Made::default() };
     for (name, listed) in &payload.collections {
-        let (Some(port), Some(whole)) = (port_of(spec, name), Whole::get(store, listed)?) else { return Ok(None) };
-        made.collections.push((port, Arc::new(whole)));
+        let (Some(port), Some(sharded)) = (port_of(spec, name), Sharded::get(store, listed)?) else { return Ok(None) };
+        made.collections.push((port, Arc::new(sharded)));
     }
     made.items.reserve_exact(payload.items.len());
     for (name, artifact) in payload.items {

@@ -1,16 +1,19 @@
-//! One run: passes over the lanes, worker threads that do the actions, and what is left at the end.
+//! One run: passes over the lanes, and the worker threads that do the actions.
 
 use super::{
     EngineError, RunOptions, Sink, Summary,
     action::panicked,
+    conclude::ResultOf,
     event::{Event, Failure, Name, NodeStat, OutputOf, Slow},
     explain,
-    lanes::{self, Lane},
-    publish, records, rollup,
-    scheduler::{SLOWEST, Scheduler},
+    ids::{LaneId, SlotId},
+    job::{Bundle, Job, Outcome, Reply},
+    lanes::{self, Lanes},
+    probe::Asking,
+    records, rollup,
+    scheduler::{Ran, SLOWEST, Scheduler},
     transient::{self, Pool},
-    whole::Whole,
-    work::{Batch, Bench, Job, Outcome, Reply},
+    work::Bench,
 };
 use crate::pipeline::{Pipeline, Target};
 use std::{
@@ -25,26 +28,16 @@ use std::{
     thread,
 };
 use tauflow_cache::{Digest, Store};
-use tauflow_contract::{ItemKey, Progress};
-
-/// Passes after which a run gives up making missing blobs again: each pass goes at least one stage further.
-const MAX_PASSES: usize = 64;
-
-/// A port's collection at the end of a run.
-pub(super) struct ResultOf {
-    pub cell: usize,
-    pub port: usize,
-    pub whole: Arc<Whole>,
-}
+use tauflow_contract::Progress;
 
 /// See the module.
 pub(super) struct Run<'a> {
-    pipeline: &'a Pipeline,
-    store: &'a Store,
-    options: &'a RunOptions,
+    pub(super) pipeline: &'a Pipeline,
+    pub(super) store: &'a Store,
+    pub(super) options: &'a RunOptions,
     stop: &'a AtomicBool,
     sink: Sink<'a>,
-    lanes: Vec<Lane>,
+    lanes: Lanes,
     memory: u64,
     pool: Arc<Pool>,
     /// Keep the keys of all actions that are looked at.
@@ -53,6 +46,8 @@ pub(super) struct Run<'a> {
     pub keep_results: bool,
     pub planned: Vec<explain::Planned>,
     pub results: Vec<ResultOf>,
+    /// In a dry run: an action that never was done would run.
+    pub never_run: bool,
 }
 
 impl<'a> Run<'a> {
@@ -62,14 +57,14 @@ impl<'a> Run<'a> {
         options: &'a RunOptions,
         stop: &'a AtomicBool,
         sink: Sink<'a>,
-    ) -> Self {
+    ) -> Result<Self, EngineError> {
         let mut targets = pipeline.targets.clone();
         if let Some(only) = &options.only {
             targets = vec![Target { node: only.node, port: None }];
         }
-        let lanes = lanes::demand(pipeline, &targets, options.only.as_ref());
+        let lanes = lanes::demand(pipeline, &targets, options.only.as_ref(), &Asking::new(store, !options.dry))?;
         let memory = options.memory.unwrap_or_else(transient::default_memory);
-        Self {
+        Ok(Self {
             pipeline,
             store,
             options,
@@ -82,7 +77,8 @@ impl<'a> Run<'a> {
             keep_results: false,
             planned: Vec::new(),
             results: Vec::new(),
-        }
+            never_run: false,
+        })
     }
 
     pub fn finish(&mut self) -> Result<Summary, EngineError> {
@@ -94,10 +90,11 @@ impl<'a> Run<'a> {
         needed.dedup();
         let nodes = needed.iter().map(|n| self.pipeline.nodes[*n].name.as_str().into()).collect();
         (self.sink)(&Event::Started { pipeline: self.pipeline.name.as_str().into(), nodes });
-        let (mut wanted, mut ran) = (HashSet::new(), HashSet::new());
+        let (mut wanted, mut ran) = (HashSet::new(), Ran::new());
         let mut summary = Summary::default();
         let mut spent = vec![(0.0, 0); self.pipeline.nodes.len()];
-        for number in 1..=MAX_PASSES {
+        // Ends: each pass but the last finds blobs missing that no pass before it did, and what it makes stays.
+        loop {
             let pass = self.pass(&wanted, &ran)?;
             summary.failures = pass.failures;
             summary.nodes = pass.stats;
@@ -111,8 +108,8 @@ impl<'a> Run<'a> {
             summary.slowest.truncate(SLOWEST);
             summary.published = pass.published;
             summary.outputs = pass.outputs;
-            let whole = summary.failures.is_empty() && self.options.only.is_none() && !self.options.dry;
-            if whole && pass.missing.is_empty() && !self.stop.load(Ordering::Relaxed) {
+            let complete = summary.failures.is_empty() && self.options.only.is_none() && !self.options.dry;
+            if complete && pass.missing.is_empty() && !self.stop.load(Ordering::Relaxed) {
                 rollup::keep_pipeline(self.pipeline, self.store, pass.trees)?;
             }
             ran.extend(pass.ran);
@@ -120,10 +117,11 @@ impl<'a> Run<'a> {
             wanted.extend(pass.missing);
             let stopped = self.stop.load(Ordering::Relaxed);
             summary.interrupted = stopped;
-            if wanted.len() == before || stopped || self.options.dry || number == MAX_PASSES {
+            if wanted.len() == before || stopped || self.options.dry {
                 let halted = stopped || self.options.dry || (self.options.fail_fast && !summary.failures.is_empty());
                 if !halted {
                     summary.failures.extend(pass.stuck);
+                    summary.failures.extend(pass.lost);
                 }
                 break;
             }
@@ -134,11 +132,7 @@ impl<'a> Run<'a> {
         Ok(summary)
     }
 
-    fn pass(
-        &mut self,
-        wanted: &HashSet<Digest>,
-        ran_before: &HashSet<(usize, Option<ItemKey>)>,
-    ) -> Result<Pass, EngineError> {
+    fn pass(&mut self, wanted: &HashSet<Digest>, ran_before: &Ran) -> Result<Pass, EngineError> {
         let options = self.options;
         let lanes = std::mem::take(&mut self.lanes);
         let pool = self.pool.clone();
@@ -151,23 +145,23 @@ impl<'a> Run<'a> {
             recheck: options.recheck,
             wanted,
         };
-        // Roll-ups would hide the items that a recheck or `--only` looks at. Where something is missing they hide what else may
-        // be: item by item, a pass finds at once all that can be found.
-        let whole = wanted.is_empty();
-        let roll = whole && options.recheck == 0.0 && options.only.is_none() && !options.no_rollup;
-        let known = if roll { rollup::find(self.pipeline, &lanes, &bench)? } else { rollup::Known::none(lanes.len()) };
+        // Roll-ups would hide the items that a recheck or `--only` looks at. Where something is missing they hide what
+        // else may be: item by item, a pass finds at once all that can be found.
+        let roll = wanted.is_empty() && options.recheck == 0.0 && options.only.is_none() && !options.no_rollup;
+        let known = if roll { rollup::find(self.pipeline, &lanes, &bench)? } else { rollup::Known::none(&lanes) };
         let mut scheduler = Scheduler::new(self.pipeline, &lanes, &bench, ran_before, roll, options, self.memory);
         scheduler.start(known);
         let worked = self.work(&lanes, &bench, &mut scheduler);
         let finished = worked.and_then(|()| self.conclude(&lanes, &scheduler)).map(|(published, missing)| {
             let (outputs, trees) = rollup::outputs(self.pipeline, &lanes, &scheduler);
-            let stuck = scheduler.stuck();
+            let (stuck, lost) = (scheduler.stuck(), scheduler.lost(&missing));
+            self.never_run = scheduler.never_run();
             let mut finished = scheduler.finish();
-            finished.missing.extend(missing);
-            (published, finished, outputs, trees, stuck)
+            finished.missing.extend(missing.into_iter().map(|(_, digest)| digest));
+            (published, finished, outputs, trees, (stuck, lost))
         });
         self.lanes = lanes;
-        let (published, finished, outputs, trees, stuck) = finished?;
+        let (published, finished, outputs, trees, (stuck, lost)) = finished?;
         self.planned = explain::planned(self.pipeline, &self.lanes, finished.keys);
         Ok(Pass {
             stats: finished.stats,
@@ -178,27 +172,28 @@ impl<'a> Run<'a> {
             outputs,
             trees,
             stuck,
+            lost,
             published,
         })
     }
 
     /// Does actions until none is left.
-    fn work(&self, lanes: &[Lane], bench: &Bench<'_>, scheduler: &mut Scheduler<'_>) -> Result<(), EngineError> {
+    fn work(&self, lanes: &Lanes, bench: &Bench<'_>, scheduler: &mut Scheduler<'_>) -> Result<(), EngineError> {
         let cores = thread::available_parallelism().map_or(1, std::num::NonZero::get);
         let count = if self.options.jobs == 0 { cores } else { self.options.jobs };
-        let (seek, sought) = mpsc::channel::<Batch>();
-        let (run, to_run) = mpsc::channel::<Batch>();
+        let (seek, sought) = mpsc::channel::<Bundle>();
+        let (run, to_run) = mpsc::channel::<Bundle>();
         let (sought, to_run) = (Mutex::new(sought), Mutex::new(to_run));
         let halt = AtomicBool::new(false);
         let (reply, replies) = mpsc::channel::<Done>();
-        let next = |queue: &Mutex<mpsc::Receiver<Batch>>| queue.lock().unwrap_or_else(PoisonError::into_inner).recv();
+        let next = |queue: &Mutex<mpsc::Receiver<Bundle>>| queue.lock().unwrap_or_else(PoisonError::into_inner).recv();
         thread::scope(|scope| {
             // Threads of their own for look-ups, so that none waits for an action that takes hours.
             for _ in 0..count {
                 let (reply, sought) = (reply.clone(), &sought);
                 scope.spawn(move || {
-                    while let Ok(batch) = next(sought) {
-                        if reply.send(Done::LookedUp(look_up(bench, batch))).is_err() {
+                    while let Ok(bundle) = next(sought) {
+                        if reply.send(Done::LookedUp(look_up(bench, bundle))).is_err() {
                             return;
                         }
                     }
@@ -207,12 +202,12 @@ impl<'a> Run<'a> {
             for _ in 0..count {
                 let (reply, to_run, halt) = (reply.clone(), &to_run, &halt);
                 scope.spawn(move || {
-                    while let Ok(mut batch) = next(to_run) {
-                        let jobs = std::mem::take(&mut batch.jobs);
+                    while let Ok(mut bundle) = next(to_run) {
+                        let jobs = std::mem::take(&mut bundle.jobs);
                         let mut left = jobs.len();
                         for job in jobs {
                             left -= 1;
-                            let done = self.perform(lanes, bench, &batch, job, halt);
+                            let done = self.perform(lanes, bench, &bundle, job, halt);
                             if reply.send(Done::Performed(Box::new(done), left == 0)).is_err() {
                                 return;
                             }
@@ -234,11 +229,11 @@ impl<'a> Run<'a> {
     }
 
     /// Does an action, unless the run is being stopped, or nothing is to begin any more because one failed (`halt`).
-    fn perform(&self, lanes: &[Lane], bench: &Bench<'_>, batch: &Batch, job: Job, halt: &AtomicBool) -> Reply {
+    fn perform(&self, lanes: &Lanes, bench: &Bench<'_>, bundle: &Bundle, job: Job, halt: &AtomicBool) -> Reply {
         if halt.load(Ordering::Relaxed) || self.stop.load(Ordering::Relaxed) {
-            return Reply::of((batch.task.lane, job.slot), Outcome::Cancelled);
+            return Reply::of((bundle.task.lane, job.slot), Outcome::Cancelled);
         }
-        let lane = &lanes[batch.task.lane];
+        let lane = &lanes[bundle.task.lane];
         let reporter = Reporter {
             node: self.pipeline.nodes[lane.node].name.as_str().into(),
             cell: self.pipeline.cells[lane.cell].text.as_str().into(),
@@ -247,14 +242,14 @@ impl<'a> Run<'a> {
         };
         let Reporter { node, cell, item, .. } = &reporter;
         (self.sink)(&Event::Begin { node: node.clone(), cell: cell.clone(), item: item.clone() });
-        let reply = bench.perform(batch, job, &reporter);
+        let reply = bench.perform(bundle, job, &reporter);
         if self.options.fail_fast && matches!(reply.outcome, Outcome::Failed(_)) {
             halt.store(true, Ordering::Relaxed);
         }
         reply
     }
 
-    fn steer(&self, lanes: &[Lane], scheduler: &mut Scheduler<'_>, workers: &Workers<'_>) -> Result<(), EngineError> {
+    fn steer(&self, lanes: &Lanes, scheduler: &mut Scheduler<'_>, workers: &Workers<'_>) -> Result<(), EngineError> {
         let take = |scheduler: &mut Scheduler<'_>, done: Done| match done {
             Done::LookedUp(replies) => scheduler.looked_up(replies),
             Done::Performed(reply, last) => scheduler.performed(*reply, last),
@@ -274,15 +269,15 @@ impl<'a> Run<'a> {
             scheduler.take_events().iter().for_each(self.sink);
             let failed = self.options.fail_fast && !scheduler.failures().is_empty();
             if !failed && !self.stop.load(Ordering::Relaxed) {
-                // Two batches for each thread, so that none waits for the next.
+                // Two bundles for each thread, so that none waits for the next.
                 while scheduler.seeking() < 2 * workers.count
-                    && let Some(batch) = scheduler.next_look_up()
+                    && let Some(bundle) = scheduler.next_look_up()
                 {
                     // The workers live as long as this loop does.
-                    let _ = workers.seek.send(batch);
+                    let _ = workers.seek.send(bundle);
                 }
-                while let Some(batch) = scheduler.next_run(workers.count) {
-                    let _ = workers.run.send(batch);
+                while let Some(bundle) = scheduler.next_run(workers.count) {
+                    let _ = workers.run.send(bundle);
                 }
             }
             if scheduler.running() + scheduler.seeking() == 0 {
@@ -293,81 +288,12 @@ impl<'a> Run<'a> {
             workers.replies.try_iter().take(AT_ONCE).try_for_each(|done| take(scheduler, done))?;
         }
     }
-
-    /// Publishes, and keeps results that were asked for; names blobs of them that are missing.
-    fn conclude(
-        &mut self,
-        lanes: &[Lane],
-        scheduler: &Scheduler<'_>,
-    ) -> Result<(Vec<PathBuf>, Vec<Digest>), EngineError> {
-        let (mut publications, mut missing) = (Vec::new(), Vec::new());
-        let publishing: HashSet<usize> = lanes.iter().filter(|l| self.publishes(l)).map(|l| l.node).collect();
-        for (at, lane) in lanes.iter().enumerate().filter(|(_, l)| l.target) {
-            for port in &lane.ports {
-                let whole = match self.result(scheduler, at, *port)? {
-                    Found::Collection(whole) => whole,
-                    Found::Missing(blob) => {
-                        missing.push(blob);
-                        continue;
-                    }
-                    Found::Unknown => continue,
-                };
-                // What is asked for must be there, whether or not somebody reads it in this run.
-                match whole.blobs(self.store)? {
-                    Ok(blobs) => missing.extend(blobs.iter().filter(|d| !self.store.contains(d))),
-                    Err(blob) => {
-                        missing.push(blob);
-                        continue;
-                    }
-                }
-                if self.keep_results {
-                    self.results.push(ResultOf { cell: lane.cell, port: *port, whole: whole.clone() });
-                }
-                if self.pipeline.nodes[lane.node].spec.outputs[*port].publish {
-                    publications.push(publish::Publication { folder: self.folder(lane, publishing.len()), whole });
-                }
-            }
-        }
-        match &self.options.out {
-            Some(out) if !self.options.dry && self.options.only.is_none() => {
-                let (written, gone) = publish::publish(self.store, &out.join(&self.pipeline.name), &publications)?;
-                missing.extend(gone);
-                Ok((written, missing))
-            }
-            _ => Ok((Vec::new(), missing)),
-        }
-    }
-
-    /// The folder of a lane's files below the pipeline's: a lone publishing node needs none of its own.
-    fn folder(&self, lane: &Lane, publishing: usize) -> String {
-        let cell = &self.pipeline.cells[lane.cell].text;
-        let node = if publishing > 1 { self.pipeline.nodes[lane.node].name.as_str() } else { "" };
-        [node, cell].into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("/")
-    }
-
-    fn publishes(&self, lane: &Lane) -> bool {
-        let outputs = &self.pipeline.nodes[lane.node].spec.outputs;
-        lane.target && lane.ports.iter().any(|p| outputs[*p].publish)
-    }
-
-    /// A lane's collection, worked out now or in an earlier run.
-    fn result(&self, scheduler: &Scheduler<'_>, lane: usize, port: usize) -> Result<Found, EngineError> {
-        if let Some(whole) = scheduler.result(lane, port) {
-            return Ok(Found::Collection(whole.clone()));
-        }
-        let name = self.pipeline.nodes[scheduler.node_of(lane)].spec.outputs[port].name;
-        let Some(listed) = scheduler.rolled(lane).and_then(|p| p.collections.get(name)) else {
-            return Ok(Found::Unknown);
-        };
-        let found = Whole::get(self.store, listed)?;
-        Ok(found.map_or(Found::Missing(listed.blob), |whole| Found::Collection(Arc::new(whole))))
-    }
 }
 
-/// Looks a batch up; a panic is an answer, too.
-fn look_up(bench: &Bench<'_>, batch: Batch) -> Vec<Reply> {
-    let slots: Vec<(usize, usize)> = batch.jobs.iter().map(|job| (batch.task.lane, job.slot)).collect();
-    catch_unwind(AssertUnwindSafe(|| bench.look_up(batch))).unwrap_or_else(|panic| {
+/// Looks a bundle up; a panic is an answer, too.
+fn look_up(bench: &Bench<'_>, bundle: Bundle) -> Vec<Reply> {
+    let slots: Vec<(LaneId, SlotId)> = bundle.jobs.iter().map(|job| (bundle.task.lane, job.slot)).collect();
+    catch_unwind(AssertUnwindSafe(|| bench.look_up(bundle))).unwrap_or_else(|panic| {
         let message = panicked(&panic);
         slots.into_iter().map(|slot| Reply::of(slot, Outcome::Failed(message.clone()))).collect()
     })
@@ -379,37 +305,30 @@ const AT_ONCE: usize = 256;
 /// The threads that do actions, and the ways to them.
 struct Workers<'a> {
     count: usize,
-    seek: &'a mpsc::Sender<Batch>,
-    run: &'a mpsc::Sender<Batch>,
+    seek: &'a mpsc::Sender<Bundle>,
+    run: &'a mpsc::Sender<Bundle>,
     replies: &'a mpsc::Receiver<Done>,
 }
 
 /// What a thread has done.
 enum Done {
     LookedUp(Vec<Reply>),
-    /// And whether that was the last of its batch.
+    /// And whether that was the last of its bundle.
     Performed(Box<Reply>, bool),
-}
-
-/// What is known of a lane's collection.
-enum Found {
-    Collection(Arc<Whole>),
-    /// The blob that lists it is not in the store.
-    Missing(Digest),
-    /// The lane did not come to an end.
-    Unknown,
 }
 
 struct Pass {
     stats: Vec<NodeStat>,
     failures: Vec<Failure>,
     missing: HashSet<Digest>,
-    ran: HashSet<(usize, Option<ItemKey>)>,
+    ran: Ran,
     slowest: Vec<Slow>,
     outputs: Vec<OutputOf>,
     trees: Vec<Digest>,
     /// Lanes that came to no end, which none may.
     stuck: Vec<Failure>,
+    /// Lanes that are asked for, and miss blobs that were made again in vain.
+    lost: Vec<Failure>,
     published: Vec<PathBuf>,
 }
 

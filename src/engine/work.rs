@@ -1,20 +1,20 @@
 //! One action, from its inputs to its outputs: key, look-up, claim, run, record. Done on worker threads.
 //!
-//! Knows nothing of lanes, nodes and what comes next. Actions are looked up by the batch, because most are there already and a
-//! look-up costs less than passing a message; those that are not are run by the batch, too, when they are known to be short.
+//! Knows nothing of lanes, nodes and what comes next. Actions are looked up by the bundle, because most are there
+//! already and a look-up costs less than passing a message; those that are not are run by the bundle, too, when they
+//! are known to be short.
 
 use super::{
-    action::{FILE_PORT, action_key, check_outputs, files_artifact, panicked},
+    action::{action_key, check_outputs, files_artifact, panicked},
+    ids::{Id, InputId, SlotId},
+    job::{ActionInputs, Bundle, Job, Outcome, Produced, Reply, Task, Todo},
     records::{self, ACTION, Made, Payload, StoreBlobs, port_of},
+    sharded::{Listed, Output, Sharded},
     transient::Pool,
-    whole::{Listed, Output, Whole},
 };
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
 use std::{
-    collections::{BTreeMap, HashSet},
+    collections::{BTreeMap, BTreeSet, HashSet},
     panic::{AssertUnwindSafe, catch_unwind},
-    path::PathBuf,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -23,131 +23,7 @@ use std::{
     time::{Duration, Instant},
 };
 use tauflow_cache::{CacheError, Claim, Digest, Key, Record, Recorded, Store};
-use tauflow_contract::{
-    Action, ActionKey, Artifact, Collection, Context, ItemKey, KindError, KindSpec, NodeKind, Progress, Projection,
-};
-
-/// What all actions of a lane share.
-pub struct Task {
-    /// Number of the lane.
-    pub lane: usize,
-    /// The kind.
-    pub kind: Arc<dyn NodeKind>,
-    /// What the kind states.
-    pub spec: KindSpec,
-    /// The group of outputs.
-    pub group: &'static str,
-    /// The params that each action reads.
-    pub projection: Projection,
-    /// What of the machine decides its outputs.
-    pub environment: Value,
-    /// It makes measurements, and must have the machine to itself.
-    pub alone: bool,
-    /// The pipeline's seed.
-    pub seed: u64,
-    /// Its outputs are handed on in memory.
-    pub transient: bool,
-    /// Output ports that somebody reads.
-    pub read: Vec<usize>,
-}
-
-/// An action to be done.
-pub struct Job {
-    /// Which of its lane's slots it is.
-    pub slot: usize,
-    /// The item.
-    pub item: Option<ItemKey>,
-    /// Artifacts by input port.
-    pub each: Vec<(usize, Arc<Output>)>,
-    /// Files outside, of a source's item.
-    pub files: Vec<(String, PathBuf)>,
-    /// What its look-up found.
-    pub todo: Option<Box<Todo>>,
-}
-
-/// Actions of one lane that are done together.
-pub struct Batch {
-    /// The lane's.
-    pub task: Arc<Task>,
-    /// Collections by input port, the same for all.
-    pub whole: Vec<(usize, Arc<Whole>)>,
-    /// The actions.
-    pub jobs: Vec<Job>,
-}
-
-/// An action that has been looked up and must run.
-pub struct Todo {
-    key: ActionKey,
-    hash: Key,
-    file: Option<Artifact>,
-    /// What it gave before, if it runs only to be compared.
-    before: Option<Made>,
-}
-
-impl Todo {
-    /// An action that is known by its key; `before` is what it gave, if it runs only to be compared.
-    pub fn new(key: ActionKey, file: Option<Artifact>, before: Option<Made>) -> Self {
-        Self { hash: key.hash(), key, file, before }
-    }
-}
-
-/// What it takes to do an action, beside its key: its inputs, where the key has their digests alone.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Recipe {
-    /// The item.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub item: Option<ItemKey>,
-    /// Artifacts by input port; the files outside of a source's item are on the port `file`.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub each: BTreeMap<String, Artifact>,
-    /// Collections by input port.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub whole: BTreeMap<String, Listed>,
-}
-
-/// What became of an action.
-pub enum Outcome {
-    /// It was done before.
-    Hit(Made),
-    /// It was done now.
-    Ran(Made),
-    /// It must run.
-    Todo(Box<Todo>),
-    /// It would be done, in a dry run.
-    WouldRun,
-    /// It failed.
-    Failed(String),
-    /// Blobs of its inputs are missing.
-    Missing(Digest),
-    /// The run is being stopped.
-    Cancelled,
-    /// The store failed: the run must stop.
-    Fatal(CacheError),
-}
-
-/// What became of an action, and what should be told to people.
-pub struct Reply {
-    /// Its lane and slot.
-    pub slot: (usize, usize),
-    /// What became of it.
-    pub outcome: Outcome,
-    /// Its key, if keys are kept and it came that far.
-    pub key: Option<Box<ActionKey>>,
-    /// Content digest of the files outside that it read.
-    pub file: Option<Digest>,
-    /// A remark, such as two outputs for one key.
-    pub warning: Option<String>,
-    /// What it took now, in microseconds.
-    pub spent_us: u64,
-}
-
-impl Reply {
-    /// An outcome without more.
-    pub fn of(slot: (usize, usize), outcome: Outcome) -> Self {
-        Self { slot, outcome, key: None, file: None, warning: None, spent_us: 0 }
-    }
-}
+use tauflow_contract::{Action, ActionKey, Artifact, Collection, Context, FILE_PORT, KindError, Progress};
 
 /// What all actions of a run share.
 pub struct Bench<'a> {
@@ -172,17 +48,14 @@ type Keyed = (ActionKey, Key, Option<Artifact>);
 /// Longest time between two looks whether another process is through with an action.
 const LONG_WAIT: Duration = Duration::from_millis(100);
 
-/// What an action gave: what is recorded of it, and its collections by port.
-type Given = (Payload, Vec<(usize, Arc<Whole>)>, u64);
-
 impl Bench<'_> {
     /// Looks actions up.
-    pub fn look_up(&self, batch: Batch) -> Vec<Reply> {
-        let task = &batch.task;
-        let jobs: Vec<_> = batch.jobs.iter().map(|job| (job.slot, self.key_of(task, &batch.whole, job))).collect();
+    pub fn look_up(&self, bundle: Bundle) -> Vec<Reply> {
+        let task = &bundle.task;
+        let jobs: Vec<_> = bundle.jobs.iter().map(|job| (job.slot, self.key_of(task, &bundle.whole, job))).collect();
         let hashes: Vec<Key> = jobs.iter().filter_map(|(_, key)| key.as_ref().ok().map(|(_, hash, _)| *hash)).collect();
         let mut records = self.store.lookup_many(ACTION, &hashes).into_iter();
-        let reply = |(slot, key): (usize, Result<Keyed, Outcome>)| {
+        let reply = |(slot, key): (SlotId, Result<Keyed, Outcome>)| {
             let slot = (task.lane, slot);
             let (key, hash, file) = match key {
                 Ok(found) => found,
@@ -197,13 +70,13 @@ impl Bench<'_> {
                 Ok(None) if self.dry => Outcome::WouldRun,
                 Ok(before) => Outcome::Todo(Box::new(Todo { key, hash, file, before })),
             };
-            Reply { slot, outcome, key: kept, file: digest, warning: None, spent_us: 0 }
+            Reply { key: kept, file: digest, lost: record.is_some(), ..Reply::of(slot, outcome) }
         };
         jobs.into_iter().map(reply).collect()
     }
 
     /// The key of an action, its hash, and the artifact of the files that it reads.
-    fn key_of(&self, task: &Task, whole: &[(usize, Arc<Whole>)], job: &Job) -> Result<Keyed, Outcome> {
+    fn key_of(&self, task: &Task, whole: &[(InputId, Arc<Sharded>)], job: &Job) -> Result<Keyed, Outcome> {
         let derive = || {
             let file = match self.import(job) {
                 Ok(Ok(file)) => file,
@@ -218,12 +91,12 @@ impl Bench<'_> {
     }
 
     /// Does an action that has been looked up.
-    pub fn perform(&self, batch: &Batch, job: Job, progress: &dyn Progress) -> Reply {
+    pub fn perform(&self, bundle: &Bundle, mut job: Job, progress: &dyn Progress) -> Reply {
         let start = Instant::now();
-        let slot = (batch.task.lane, job.slot);
+        let slot = (bundle.task.lane, job.slot);
         let file = job.todo.as_ref().and_then(|todo| todo.file.as_ref().map(Artifact::digest));
         let mut reply = Reply { file, ..Reply::of(slot, Outcome::Cancelled) };
-        let result = catch_unwind(AssertUnwindSafe(|| self.attempt(batch, job, progress, &mut reply.warning)));
+        let result = catch_unwind(AssertUnwindSafe(|| self.attempt(bundle, &mut job, progress, &mut reply.warning)));
         reply.outcome = match result {
             Ok(Ok((outcome, key))) => {
                 reply.key = self.keep_keys.then(|| Box::new(key));
@@ -232,21 +105,27 @@ impl Bench<'_> {
             Ok(Err(error)) => Outcome::Fatal(error),
             Err(panic) => Outcome::Failed(panicked(&panic)),
         };
+        if matches!(reply.outcome, Outcome::Missing(_)) {
+            match self.missing(bundle, &job) {
+                Ok(missing) => reply.missing = missing,
+                Err(error) => reply.outcome = Outcome::Fatal(error),
+            }
+        }
         reply.spent_us = start.elapsed().as_micros() as u64;
         reply
     }
 
     fn attempt(
         &self,
-        batch: &Batch,
-        mut job: Job,
+        bundle: &Bundle,
+        job: &mut Job,
         progress: &dyn Progress,
         warning: &mut Option<String>,
     ) -> Result<(Outcome, ActionKey), CacheError> {
-        let task = &*batch.task;
+        let task = &*bundle.task;
         let Some(todo) = job.todo.take() else {
             let lost = KindError::Internal("an action was to run that had not been looked up".into());
-            return Ok((Outcome::Failed(lost.to_string()), action_key(task, &batch.whole, &job, None)));
+            return Ok((Outcome::Failed(lost.to_string()), action_key(task, &bundle.whole, job, None)));
         };
         let Todo { key, hash, file, before } = *todo;
         let Some(claim) = self.claim(&hash, progress)? else { return Ok((Outcome::Cancelled, key)) };
@@ -258,21 +137,42 @@ impl Bench<'_> {
             }
         }
         let start = Instant::now();
-        let (payload, collections, put) =
-            match self.run(batch, &job, (&key, before.is_some()), file.as_ref(), progress)? {
-                Ok(done) => done,
-                Err(outcome) => return Ok((outcome, key)),
-            };
+        let produced = match self.run(bundle, job, (&key, before.is_some()), file.as_ref(), progress)? {
+            Ok(produced) => produced,
+            Err(outcome) => return Ok((outcome, key)),
+        };
         let wall_us = start.elapsed().as_micros() as u64;
         let outcome = match before {
-            Some(made) => self.compare(task, &hash, &payload, made),
+            Some(made) => self.compare(task, &hash, &produced.payload, made),
             None => {
-                let recipe = self.recipe(batch, &job, file.as_ref())?;
-                self.keep(task, &key, hash, (payload, collections, put), (wall_us, recipe), warning)?
+                let recipe = self.recipe(bundle, job, file.as_ref())?;
+                self.keep(task, (&key, hash), produced, (wall_us, recipe), warning)?
             }
         };
         drop(claim);
         Ok((outcome, key))
+    }
+
+    /// All blobs of an action's inputs that are missing or damaged. They are asked for at once: one at a time, each
+    /// would take a pass over the graph. Looked for only where one was missed, as all are read.
+    fn missing(&self, bundle: &Bundle, job: &Job) -> Result<Vec<Digest>, CacheError> {
+        let mut asked: BTreeSet<Digest> = BTreeSet::new();
+        let mut missing = Vec::new();
+        for (_, sharded) in &bundle.whole {
+            let (blobs, listings) = sharded.blobs(self.store)?;
+            asked.extend(blobs);
+            missing.extend(listings);
+        }
+        asked.extend(job.each.iter().flat_map(|(_, output)| output.artifact.parts.values().copied()));
+        for digest in asked {
+            if self.stop.load(Ordering::Relaxed) {
+                break;
+            }
+            if !self.pool.contains(&digest) && self.store.get(&digest)?.is_none() {
+                missing.push(digest);
+            }
+        }
+        Ok(missing)
     }
 
     /// Waits until nobody else is at this action; none if the run is being stopped first.
@@ -304,7 +204,7 @@ impl Bench<'_> {
 
     fn found(&self, task: &Task, record: Option<&Record>) -> Result<Option<Made>, CacheError> {
         match record {
-            Some(record) if self.whole(record)? => records::load(self.store, record, &task.spec),
+            Some(record) if self.intact(record)? => records::load(self.store, record, &task.spec),
             _ => Ok(None),
         }
     }
@@ -313,7 +213,7 @@ impl Bench<'_> {
     ///
     /// # Errors
     /// If the store cannot be read.
-    pub fn whole(&self, record: &Record) -> Result<bool, CacheError> {
+    pub fn intact(&self, record: &Record) -> Result<bool, CacheError> {
         if self.wanted.is_empty() {
             return Ok(true);
         }
@@ -331,36 +231,37 @@ impl Bench<'_> {
         f64::from(head) < self.recheck * f64::from(u32::MAX)
     }
 
-    /// Runs the kind, checks what it gave, and stores collections. An action that only `checks` what it gave before gets nothing memoised.
+    /// Runs the kind, checks what it gave, and stores collections. An action that only `checks` what it gave before
+    /// gets nothing memoised.
     fn run(
         &self,
-        batch: &Batch,
+        bundle: &Bundle,
         job: &Job,
         (key, checks): (&ActionKey, bool),
         file: Option<&Artifact>,
         progress: &dyn Progress,
-    ) -> Result<Result<Given, Outcome>, CacheError> {
-        let task = &*batch.task;
-        let name = |port: usize| task.spec.inputs[port].name;
+    ) -> Result<Result<Produced, Outcome>, CacheError> {
+        let task = &*bundle.task;
+        let name = |input: InputId| task.spec.inputs[input.place()].name;
         let mut each: BTreeMap<&str, &Artifact> =
-            job.each.iter().map(|(port, output)| (name(*port), &output.artifact)).collect();
+            job.each.iter().map(|(input, output)| (name(*input), &output.artifact)).collect();
         if let Some(file) = file {
             each.insert(FILE_PORT, file);
         }
         let mut read: Vec<(&str, &Collection)> = Vec::new();
-        for (port, whole) in &batch.whole {
-            match whole.collection(self.store)? {
-                Ok(collection) => read.push((name(*port), collection)),
+        for (input, sharded) in &bundle.whole {
+            match sharded.collection(self.store)? {
+                Ok(collection) => read.push((name(*input), collection)),
                 Err(missing) => return Ok(Err(Outcome::Missing(missing))),
             }
         }
         let action = Action {
-            params: key.params.clone(),
+            params: key.basis.params.clone(),
             item: job.item.as_ref(),
             group: task.group,
-            seed: key.seed.unwrap_or(0),
+            seed: key.basis.seed.unwrap_or(0),
             each,
-            whole: read.into_iter().collect(),
+            all: read.into_iter().collect(),
         };
         let blobs = StoreBlobs::new(self.store, self.pool, task.transient, checks);
         let context = Context::new(&blobs, progress, self.stop);
@@ -386,26 +287,25 @@ impl Bench<'_> {
         let mut collections = Vec::new();
         for (name, collection) in outputs.collections {
             let Some(port) = port_of(&task.spec, &name) else { continue }; // checked above
-            let whole = Whole::of(collection.items.into_iter().map(|(key, artifact)| (key, Output::new(artifact))));
-            payload.collections.insert(name, whole.put(self.store)?);
-            collections.push((port, Arc::new(whole)));
+            let sharded = Sharded::of(collection.items.into_iter().map(|(key, artifact)| (key, Output::new(artifact))));
+            payload.collections.insert(name, sharded.put(self.store)?);
+            collections.push((port, Arc::new(sharded)));
         }
-        Ok(Ok((payload, collections, blobs.made())))
+        Ok(Ok(Produced { payload, collections, put: blobs.made() }))
     }
 
     /// Records what an action gave.
     fn keep(
         &self,
         task: &Task,
-        key: &ActionKey,
-        hash: Key,
-        (payload, collections, put): Given,
+        (key, hash): (&ActionKey, Key),
+        Produced { payload, collections, put }: Produced,
         (wall_us, recipe): (u64, String),
         warning: &mut Option<String>,
     ) -> Result<Outcome, CacheError> {
         let mut bytes = payload.items.values().map(Artifact::size).sum::<u64>();
-        for (_, whole) in &collections {
-            let items = whole.items(self.store)?.unwrap_or_default(); // just made, so at hand
+        for (_, sharded) in &collections {
+            let items = sharded.items(self.store)?.unwrap_or_default(); // just made, so at hand
             bytes += items.iter().map(|(_, output)| output.artifact.size()).sum::<u64>();
         }
         let record = records::record(ACTION, hash, task.spec.name, key.preimage(), &payload);
@@ -435,16 +335,16 @@ impl Bench<'_> {
     }
 
     /// What it takes to do an action again, as text.
-    fn recipe(&self, batch: &Batch, job: &Job, file: Option<&Artifact>) -> Result<String, CacheError> {
-        let name = |port: usize| batch.task.spec.inputs[port].name.to_owned();
+    fn recipe(&self, bundle: &Bundle, job: &Job, file: Option<&Artifact>) -> Result<String, CacheError> {
+        let name = |input: InputId| bundle.task.spec.inputs[input.place()].name.to_owned();
         let mut each: BTreeMap<String, Artifact> =
-            job.each.iter().map(|(port, output)| (name(*port), output.artifact.clone())).collect();
+            job.each.iter().map(|(input, output)| (name(*input), output.artifact.clone())).collect();
         each.extend(file.map(|file| (FILE_PORT.to_owned(), file.clone())));
-        let mut whole = BTreeMap::new();
-        for (port, collection) in &batch.whole {
-            whole.insert(name(*port), collection.put(self.store)?);
+        let mut whole: BTreeMap<String, Listed> = BTreeMap::new();
+        for (input, sharded) in &bundle.whole {
+            whole.insert(name(*input), sharded.put(self.store)?);
         }
-        let recipe = Recipe { item: job.item.clone(), each, whole };
+        let recipe = ActionInputs { item: job.item.clone(), each, whole };
         Ok(serde_json::to_string(&recipe).expect("keys and digests always serialise"))
     }
 

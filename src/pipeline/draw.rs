@@ -101,8 +101,9 @@ fn svg(pipeline: &Pipeline) -> String {
     let width = 40.0 + columns as f64 * (BOX.0 + GAP.0) - GAP.0;
     let height = 40.0 + tallest as f64 * (BOX.1 + GAP.1) - GAP.1;
     let mut out = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
-         font-family=\"system-ui, sans-serif\">\n<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n"
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
+         viewBox=\"0 0 {width} {height}\" font-family=\"system-ui, sans-serif\">\n\
+         <rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n"
     );
     for node in 0..count {
         for from in pipeline.reads(node) {
@@ -111,7 +112,8 @@ fn svg(pipeline: &Pipeline) -> String {
             let bend = ((x1 - x0) / 2.0).max(30.0);
             let _ = writeln!(
                 out,
-                "<path d=\"M{x0} {y0} C{} {y0} {} {y1} {x1} {y1}\" fill=\"none\" stroke=\"#9aa5b1\" stroke-width=\"1.5\"/>",
+                "<path d=\"M{x0} {y0} C{} {y0} {} {y1} {x1} {y1}\" fill=\"none\" stroke=\"#9aa5b1\" \
+                 stroke-width=\"1.5\"/>",
                 x0 + bend,
                 x1 - bend
             );

@@ -1,13 +1,16 @@
-//! Pipelines: [`PipelineFile`](file::PipelineFile) as written, with positions, and [`Pipeline`] as resolved: valid,
-//! defaults filled, matrices expanded. Nothing after resolution checks again.
+//! Pipelines: a file as written, with positions (`file`, `values`, `overrides`, `node`), and [`Pipeline`] as resolved:
+//! valid, named values put in, defaults filled, matrices expanded. Nothing after resolution checks again.
 
 pub mod draw;
-pub mod file;
+mod file;
+mod node;
 mod overrides;
+mod read;
 pub mod reference;
 mod resolve;
 pub mod schema;
 pub mod schema_check;
+mod values;
 mod wire;
 pub mod yaml;
 
@@ -67,12 +70,12 @@ pub struct Cell {
     /// The params, resolved: every default filled in.
     pub params: Value,
     /// For each input port of the kind, what feeds it; empty if it is not connected.
-    pub inputs: Vec<Vec<Feed>>,
+    pub inputs: Vec<Vec<Connection>>,
 }
 
 /// One collection that feeds an input port.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Feed {
+pub struct Connection {
     /// The cell it comes from.
     pub cell: usize,
     /// That cell's output port.
@@ -107,7 +110,7 @@ impl Pipeline {
     pub fn reads(&self, node: usize) -> Vec<usize> {
         let mut found: Vec<usize> = self.cells[self.nodes[node].cells.clone()]
             .iter()
-            .flat_map(|cell| cell.inputs.iter().flatten().map(|feed| self.cells[feed.cell].node))
+            .flat_map(|cell| cell.inputs.iter().flatten().map(|from| self.cells[from.cell].node))
             .collect();
         found.sort_unstable();
         found.dedup();

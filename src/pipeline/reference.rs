@@ -43,7 +43,8 @@ impl<'a> Reference<'a> {
     }
 }
 
-/// Whether a text can name a node, port, axis or profile: letters, digits, `_` and `-`, not starting with a digit or `-`.
+/// Whether a text can name a node, port, axis, value or profile: letters, digits, `_` and `-`, not starting with a
+/// digit or `-`.
 pub fn is_name(text: &str) -> bool {
     let mut chars = text.chars();
     chars.next().is_some_and(|c| c.is_ascii_alphabetic() || c == '_')

@@ -4,10 +4,13 @@
 
 use super::{
     Cell, Node, Pipeline, Target,
-    file::{self, PipelineFile, RawNode},
+    file::{self, PipelineFile},
+    node::{self, Axis, RawNode},
     overrides,
     reference::Reference,
-    schema_check, wire,
+    schema_check,
+    values::Values,
+    wire,
     yaml::{Data, Key, Yaml},
 };
 use crate::{
@@ -23,7 +26,7 @@ use tauflow_contract::{ItemKey, KindSpec, NodeKind};
 pub struct Options {
     /// A profile.
     pub profile: Option<String>,
-    /// `node.param=value`.
+    /// `node.param=value` and `values.NAME=value`.
     pub sets: Vec<String>,
     /// `node` or `node.port`, instead of the file's targets.
     pub targets: Vec<String>,
@@ -66,15 +69,22 @@ fn finish(
         }
         return Err(Problems::new(sources, problems));
     }
-    overrides::apply(&mut file, options.profile.as_deref(), &options.sets, &mut sources, &mut problems);
+    let profile = options.profile.as_deref();
+    let overrides = overrides::read(&mut file, profile, &options.sets, &mut sources, &mut problems);
+    overrides::to_values(&mut file, &overrides, &mut problems);
+    let mut values = Values::new(&mut file);
+    file.seed = file.seed.take().map(|seed| values.fill(seed));
+    let mut nodes = node::read(std::mem::take(&mut file.nodes), &mut values, &mut problems);
+    overrides::to_nodes(overrides, &mut file.seed, &mut nodes, &mut values, &mut problems);
     let seed = seed(&file, &mut problems);
-    let mut drafts: Vec<Draft> = file.nodes.iter().map(|raw| draft(raw, registry, &mut problems)).collect();
-    let wiring = wire::wire(&file, &drafts, &mut problems);
-    for (draft, raw) in drafts.iter_mut().zip(&file.nodes) {
-        check_axes(draft, raw, &wiring, &mut problems);
+    let mut drafts: Vec<Draft> = nodes.iter().map(|raw| draft(raw, registry, &mut problems)).collect();
+    let wiring = wire::wire(&nodes, &drafts, &mut problems);
+    for (at, (draft, raw)) in drafts.iter_mut().zip(&nodes).enumerate() {
+        check_axes(draft, raw, wiring.axes_read(at), &mut problems);
         params(draft, raw, &mut problems);
     }
-    let order = wire::order(&file, &wiring, &mut problems);
+    let order = wire::order(&wiring, &mut problems);
+    values.explain(&mut problems);
     let name = file.name.as_ref().map(|n| n.text.clone()).or_else(|| stem.map(str::to_owned));
     let Some(order) = order.filter(|_| problems.is_empty()) else {
         return Err(Problems::new(sources, problems));
@@ -127,16 +137,19 @@ fn draft(raw: &RawNode, registry: &Registry, problems: &mut Vec<Problem>) -> Dra
         }
         kind
     });
-    let mut axes = Vec::new();
+    let mut axes: Vec<(String, Vec<String>)> = Vec::new();
     let mut cells = vec![DraftCell { coords: Vec::new(), values: Vec::new(), params: Value::Null }];
-    for (axis, values) in &raw.matrix {
+    for Axis { name: axis, values, taken } in &raw.matrix {
         let mut texts: Vec<String> = Vec::new();
+        let mut known = BTreeSet::new();
         for value in values {
             let text = axis_text(value);
-            if ItemKey::new(format!("{}={text}", axis.text)).is_err() || text.contains(['/', '+', '=']) {
+            // What is wrong with an axis of another node is told of there.
+            if *taken {
+            } else if ItemKey::new(format!("{}={text}", axis.text)).is_err() || text.contains(['/', '+', '=']) {
                 let message = format!("`{text}` cannot name a cell of the axis `{}`", axis.text);
                 problems.push(Problem::at(value.span, message).hint("use short names and numbers"));
-            } else if texts.contains(&text) {
+            } else if !known.insert(text.clone()) {
                 let message = format!("the value `{text}` stands twice in the axis `{}`", axis.text);
                 problems.push(Problem::at(value.span, message).hint("take one away"));
             }
@@ -174,11 +187,10 @@ fn axis_text(value: &Yaml) -> String {
 }
 
 /// An axis sets a param, or binds to an input's axis; else its cells would all be the same.
-fn check_axes(draft: &Draft, raw: &RawNode, wiring: &wire::Wiring, problems: &mut Vec<Problem>) {
+fn check_axes(draft: &Draft, raw: &RawNode, bound: &BTreeSet<String>, problems: &mut Vec<Problem>) {
     let Some((kind, spec)) = &draft.kind else { return };
     let schema = kind.params_schema();
-    let bound = wiring.axes_read(&raw.name.text);
-    for (axis, _) in &raw.matrix {
+    for Axis { name: axis, .. } in &raw.matrix {
         if schema_check::param(&schema, &axis.text).is_some() || bound.contains(&axis.text) {
             continue;
         }
@@ -196,18 +208,34 @@ fn check_axes(draft: &Draft, raw: &RawNode, wiring: &wire::Wiring, problems: &mu
     }
 }
 
+/// The params of all cells of a node hold at most so many values together.
+const MOST_PARAMS: usize = 20_000_000;
+/// After so many problems no more cells of a node are looked at.
+const ENOUGH: usize = 50;
+
 /// Checks and completes the params of every cell.
 fn params(draft: &mut Draft, raw: &RawNode, problems: &mut Vec<Problem>) {
     let Some((kind, _)) = &draft.kind else { return };
     let schema = kind.params_schema();
     let Data::Map(base) = &raw.params.data else { return };
-    for (axis, _) in &raw.matrix {
+    for Axis { name: axis, .. } in &raw.matrix {
         if let Some((key, _)) = base.iter().find(|(k, _)| k.text == axis.text) {
             let message = format!("`{}` is set here and is an axis of the matrix too", axis.text);
             problems.push(Problem::at(key.span, message).hint("keep one of the two"));
         }
     }
+    let (size, _) = raw.params.size();
+    if draft.cells.len() * size > MOST_PARAMS {
+        let message = format!("{} cells with params of {size} values each are too much", draft.cells.len());
+        problems.push(Problem::at(raw.params.span, message).hint("make the matrix, or the params, shorter"));
+        return;
+    }
+    let before = problems.len();
     for cell in &mut draft.cells {
+        // Cells are mostly wrong in the same way.
+        if problems.len() - before > ENOUGH {
+            break;
+        }
         let mut fields = base.clone();
         for (axis, value) in &cell.values {
             fields.retain(|(k, _)| k.text != axis.text);
@@ -252,7 +280,7 @@ fn assemble(name: String, seed: u64, drafts: &[Draft], wiring: &wire::Wiring, or
         let node = pipeline.nodes.len();
         let start = pipeline.cells.len();
         for (i, cell) in draft.cells.iter().enumerate() {
-            let inputs = wiring.feeds(index, i, spec.inputs.len(), &first);
+            let inputs = wiring.connections(index, i, spec.inputs.len(), &first);
             let (coords, params) = (cell.coords.clone(), cell.params.clone());
             pipeline.cells.push(Cell { node, text: cell.text(), coords, params, inputs });
         }

@@ -6,6 +6,8 @@ use tauflow_contract::KindSpec;
 
 /// What names look like.
 const NAME: &str = "^[A-Za-z_][A-Za-z0-9_-]*$";
+/// What the use of a named value looks like.
+const USE: &str = "^\\$[A-Za-z_][A-Za-z0-9_-]*$";
 
 /// The schema of the whole format, with the ports and params of every kind.
 pub fn schema(registry: &Registry) -> Value {
@@ -15,13 +17,14 @@ pub fn schema(registry: &Registry) -> Value {
         let spec = kind.spec();
         let mut params = kind.params_schema();
         lift(&mut params, spec.name, &mut definitions);
+        open(&mut params);
         definitions.insert(params_name(spec.name), params);
         branches.push(json!({
             "if": { "properties": { "kind": { "const": spec.name } }, "required": ["kind"] },
             "then": { "properties": {
                 "kind": { "description": spec.summary },
-                "params": { "$ref": format!("#/$defs/{}", params_name(spec.name)) },
-                "inputs": inputs(&spec),
+                "params": or_named(json!({ "$ref": format!("#/$defs/{}", params_name(spec.name)) })),
+                "inputs": or_named(inputs(&spec)),
             } },
         }));
     }
@@ -34,6 +37,7 @@ pub fn schema(registry: &Registry) -> Value {
             "anyOf": [{ "type": "string" }, { "type": "array", "items": { "type": "string" } }],
         }),
     );
+    definitions.insert("named_value".into(), json!({ "type": "string", "pattern": USE }));
     definitions.insert(
         "node".into(),
         json!({
@@ -42,17 +46,25 @@ pub fn schema(registry: &Registry) -> Value {
             "additionalProperties": false,
             "properties": {
                 "kind": { "description": "What the node does; see `tauflow kinds`.", "oneOf": kinds },
-                "inputs": { "description": "What feeds each input port.", "type": "object" },
-                "params": { "description": "Params of the kind; what is left out has its default.", "type": "object" },
-                "transient": {
-                    "description": "Hand the outputs on in memory and store none: for what is quick to make and large. What needs them later makes them again.",
-                    "type": "boolean",
-                },
-                "matrix": {
-                    "description": "Axes; the node becomes one cell for each combination. An axis named like a param sets it.",
+                "inputs": or_named(json!({ "description": "What feeds each input port.", "type": "object" })),
+                "params": or_named(json!({
+                    "description": "Params of the kind; what is left out has its default.",
                     "type": "object",
-                    "additionalProperties": { "type": "array", "minItems": 1 },
-                },
+                })),
+                "transient": or_named(json!({
+                    "description": "Hand the outputs on in memory and store none: for what is quick to make and large. \
+                                    What needs them later makes them again.",
+                    "type": "boolean",
+                })),
+                "matrix": or_named(json!({
+                    "description": "Axes; the node becomes one cell for each combination. An axis named like a param \
+                                    sets it.",
+                    "type": "object",
+                    "properties": {
+                        "like": { "description": "A node; its axes stand before those here.", "type": "string" },
+                    },
+                    "additionalProperties": or_named(json!({ "type": "array", "minItems": 1 })),
+                })),
             },
             "allOf": branches,
         }),
@@ -65,21 +77,34 @@ pub fn schema(registry: &Registry) -> Value {
         "anyOf": [{ "required": ["nodes"] }, { "required": ["include"] }],
         "properties": {
             "pipeline": { "description": "Name; results go to OUT/<name>/.", "type": "string", "pattern": NAME },
-            "seed": { "description": "Seed of everything random; 0 if left out.", "type": "integer", "minimum": 0 },
+            "seed": or_named(json!({
+                "description": "Seed of everything random; 0 if left out.",
+                "type": "integer",
+                "minimum": 0,
+            })),
             "include": {
                 "description": "Pipeline files whose nodes this one continues, relative to this file.",
                 "type": "array",
                 "items": { "type": "string" },
             },
             "targets": {
-                "description": "Nodes, or `node.port`, that a run brings up to date; all that nobody reads if left out.",
+                "description": "Nodes, or `node.port`, that a run brings up to date; if left out, all that nobody \
+                                reads.",
                 "type": "array",
                 "items": { "type": "string" },
+            },
+            "values": {
+                "description": "Named values: `last_rung: 256`, written `$last_rung` where it is meant.",
+                "type": "object",
+                "propertyNames": { "pattern": NAME },
             },
             "profiles": {
                 "description": "Sets of overrides, chosen by `--profile`.",
                 "type": "object",
-                "additionalProperties": { "description": "`node.param: value`.", "type": "object" },
+                "additionalProperties": {
+                    "description": "`node.param: value`, or `values.name: value`.",
+                    "type": "object",
+                },
             },
             "nodes": {
                 "description": "The nodes, by name.",
@@ -90,6 +115,43 @@ pub fn schema(registry: &Registry) -> Value {
         },
         "$defs": definitions,
     })
+}
+
+/// A schema, or the name of a value in its place. Its description stays in sight.
+fn or_named(mut schema: Value) -> Value {
+    let mut outer = Map::new();
+    if let Some(fields) = schema.as_object_mut() {
+        for note in ["description", "default"] {
+            outer.extend(fields.remove(note).map(|text| (note.to_owned(), text)));
+        }
+    }
+    outer.insert("if".into(), json!({ "$ref": "#/$defs/named_value" }));
+    outer.insert("else".into(), schema);
+    Value::Object(outer)
+}
+
+/// Lets the name of a value stand for every part of a value.
+fn open(schema: &mut Value) {
+    let Some(fields) = schema.as_object_mut() else { return };
+    // With a name for what tells branches apart, several may fit.
+    if let Some(branches) = fields.remove("oneOf") {
+        fields.insert("anyOf".into(), branches);
+    }
+    let wrap = |part: &mut Value| {
+        if part.is_object() {
+            open(part);
+            *part = or_named(part.take());
+        }
+    };
+    for keyword in ["items", "additionalProperties"] {
+        fields.get_mut(keyword).into_iter().for_each(wrap);
+    }
+    fields.get_mut("prefixItems").and_then(Value::as_array_mut).into_iter().flatten().for_each(wrap);
+    let properties = fields.get_mut("properties").and_then(Value::as_object_mut);
+    properties.into_iter().flat_map(|fields| fields.values_mut()).for_each(wrap);
+    for keyword in ["anyOf", "allOf"] {
+        fields.get_mut(keyword).and_then(Value::as_array_mut).into_iter().flatten().for_each(open);
+    }
 }
 
 fn params_name(kind: &str) -> String {
@@ -119,6 +181,7 @@ fn lift(schema: &mut Value, kind: &str, definitions: &mut Map<String, Value>) {
     if let Some(Value::Object(own)) = own {
         for (name, mut definition) in own {
             rename(&mut definition, kind);
+            open(&mut definition);
             definitions.insert(format!("{kind}_{name}"), definition);
         }
     }

@@ -3,8 +3,9 @@
 //! Understands what `schemars` writes: types, properties, enums, ranges, `$ref`, `anyOf`/`oneOf`/`allOf`. Formats and
 //! patterns are left to the kind itself.
 
-use crate::diagnostics::did_you_mean;
+use crate::diagnostics::{Hint, did_you_mean};
 use serde_json::Value;
+use std::sync::Arc;
 
 /// One mismatch.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,7 +17,7 @@ pub struct Mismatch {
     /// What is so.
     pub message: String,
     /// What to do.
-    pub hint: String,
+    pub hint: Hint,
 }
 
 /// Every mismatch of `value` with `root`, a schema with its definitions.
@@ -179,8 +180,8 @@ struct Checker<'a> {
 }
 
 impl Checker<'_> {
-    fn add(&mut self, pointer: &str, key: bool, message: String, hint: String) {
-        self.found.push(Mismatch { pointer: pointer.to_owned(), key, message, hint });
+    fn add(&mut self, pointer: &str, key: bool, message: String, hint: impl Into<Hint>) {
+        self.found.push(Mismatch { pointer: pointer.to_owned(), key, message, hint: hint.into() });
     }
 
     fn value(&mut self, schema: &Value, value: &Value, at: &str) {
@@ -217,7 +218,7 @@ impl Checker<'_> {
             Value::String(text) => {
                 let length = text.chars().count() as u64;
                 if schema.get("minLength").and_then(Value::as_u64).is_some_and(|low| length < low) {
-                    self.add(at, false, "the text is too short".into(), "write at least one character".into());
+                    self.add(at, false, "the text is too short".into(), "write at least one character");
                 }
             }
             _ => {}
@@ -290,15 +291,16 @@ impl Checker<'_> {
     fn map(&mut self, schema: &Value, fields: &serde_json::Map<String, Value>, at: &str) {
         let properties = schema.get("properties").and_then(Value::as_object);
         let additional = schema.get("additionalProperties");
+        let mut known: Option<Arc<[String]>> = None;
         for (name, field) in fields {
             let pointer = format!("{at}/{}", name.replace('~', "~0").replace('/', "~1"));
             if let Some(known) = properties.and_then(|p| p.get(name)) {
                 self.value(known, field, &pointer);
             } else if additional == Some(&Value::Bool(false)) {
-                let names: Vec<&str> = properties.map(|p| p.keys().map(String::as_str).collect()).unwrap_or_default();
-                let what = if at.is_empty() { "params" } else { "keys" };
-                let one = if at.is_empty() { "param" } else { "key" };
-                self.add(&pointer, true, format!("unknown {one} `{name}`"), did_you_mean(name, what, names));
+                let names =
+                    known.get_or_insert_with(|| properties.into_iter().flat_map(|p| p.keys().cloned()).collect());
+                let (one, what) = if at.is_empty() { ("param", "params") } else { ("key", "keys") };
+                self.add(&pointer, true, format!("unknown {one} `{name}`"), Hint::near(name, what, names));
             } else if let Some(rest) = additional.filter(|a| a.is_object()) {
                 self.value(rest, field, &pointer);
             }
@@ -384,7 +386,10 @@ mod tests {
         let bad =
             json!({"stepz": 1, "steps": 0, "rungs": {"dyadic": "x"}, "preset": "tinny", "size": [1], "share": "2"});
         let found = check(&schema, &bad);
-        let texts: Vec<String> = found.iter().map(|m| format!("{}: {} | {}", m.pointer, m.message, m.hint)).collect();
+        let texts: Vec<String> = found
+            .iter()
+            .map(|m| format!("{}: {} | {}", m.pointer, m.message, m.hint.text().unwrap_or_default()))
+            .collect();
         assert_eq!(
             texts,
             [

@@ -1,19 +1,25 @@
 //! Connects inputs to outputs: references, media types, matrix cells, and the order of nodes.
 
-use super::{
-    Feed,
-    file::{PipelineFile, RawNode},
-    reference::Reference,
-    resolve::Draft,
-};
-use crate::diagnostics::{Problem, Span, did_you_mean};
+use super::{Connection, node::RawNode, reference::Reference, resolve::Draft};
+use crate::diagnostics::{Hint, MOST_SHOWN, Problem, Span, did_you_mean, listed};
 use petgraph::{algo::tarjan_scc, graph::DiGraph};
-use std::collections::BTreeSet;
+use std::{
+    cmp::Reverse,
+    collections::{BTreeSet, BinaryHeap, HashMap, HashSet},
+    sync::Arc,
+};
+use tauflow_contract::Any;
+
+/// A pipeline has at most so many connections between cells.
+const MOST_LINKS: usize = 1_000_000;
 
 /// All connections of a pipeline.
 pub(super) struct Wiring {
-    pub names: Vec<String>,
+    pub names: Arc<[String]>,
+    index: HashMap<String, usize>,
     links: Vec<Link>,
+    /// The links of a reader's cell.
+    of_cell: HashMap<(usize, usize), Vec<usize>>,
     /// Source, reader, and where the reader names the source.
     edges: Vec<(usize, usize, Span)>,
     /// The axes of what each node reads.
@@ -21,6 +27,7 @@ pub(super) struct Wiring {
 }
 
 /// One connection, between cells of drafts.
+#[derive(Clone, PartialEq, Eq, Hash)]
 struct Link {
     reader: usize,
     reader_cell: usize,
@@ -31,67 +38,117 @@ struct Link {
     prefix: Option<String>,
 }
 
+/// An output that an input does not take.
+struct Misfit {
+    reader: usize,
+    source: usize,
+    wanted: &'static str,
+    span: Span,
+    message: String,
+}
+
 impl Wiring {
     /// What feeds each input of a cell. `first` is the first cell of each draft in the pipeline.
-    pub fn feeds(&self, node: usize, cell: usize, inputs: usize, first: &[usize]) -> Vec<Vec<Feed>> {
-        let mut feeds = vec![Vec::new(); inputs];
-        for link in self.links.iter().filter(|l| l.reader == node && l.reader_cell == cell) {
+    pub fn connections(&self, node: usize, cell: usize, inputs: usize, first: &[usize]) -> Vec<Vec<Connection>> {
+        let mut connections = vec![Vec::new(); inputs];
+        for link in self.of_cell.get(&(node, cell)).into_iter().flatten().map(|at| &self.links[*at]) {
             let cell = first[link.source] + link.source_cell;
-            feeds[link.input].push(Feed { cell, port: link.output, prefix: link.prefix.clone() });
+            connections[link.input].push(Connection { cell, port: link.output, prefix: link.prefix.clone() });
         }
-        feeds
+        connections
     }
 
-    /// The axes of all nodes that a node reads. A node that is not wired reads none.
-    pub fn axes_read(&self, node: &str) -> BTreeSet<String> {
-        let Some(index) = self.names.iter().position(|n| n == node) else { return BTreeSet::new() };
-        self.bound[index].clone()
+    /// The axes of all nodes that a node reads.
+    pub fn axes_read(&self, node: usize) -> &BTreeSet<String> {
+        &self.bound[node]
+    }
+
+    /// All nodes that read a node, directly or not, and itself.
+    fn below(&self, node: usize) -> HashSet<usize> {
+        let mut readers: HashMap<usize, Vec<usize>> = HashMap::new();
+        for (source, reader, _) in &self.edges {
+            readers.entry(*source).or_default().push(*reader);
+        }
+        let (mut found, mut open) = (HashSet::from([node]), vec![node]);
+        while let Some(next) = open.pop() {
+            open.extend(readers.get(&next).into_iter().flatten().copied().filter(|reader| found.insert(*reader)));
+        }
+        found
     }
 }
 
 /// Follows every reference.
-pub(super) fn wire(file: &PipelineFile, drafts: &[Draft], problems: &mut Vec<Problem>) -> Wiring {
-    let names: Vec<String> = file.nodes.iter().map(|n| n.name.text.clone()).collect();
-    let mut wiring = Wiring { bound: vec![BTreeSet::new(); names.len()], names, links: Vec::new(), edges: Vec::new() };
-    for (reader, raw) in file.nodes.iter().enumerate() {
-        Wirer { file, drafts, problems, wiring: &mut wiring }.node(reader, raw);
+pub(super) fn wire(nodes: &[RawNode], drafts: &[Draft], problems: &mut Vec<Problem>) -> Wiring {
+    let wiring = Wiring {
+        names: nodes.iter().map(|n| n.name.text.clone()).collect(),
+        index: nodes.iter().enumerate().map(|(i, n)| (n.name.text.clone(), i)).collect(),
+        links: Vec::new(),
+        of_cell: HashMap::new(),
+        edges: Vec::new(),
+        bound: vec![BTreeSet::new(); nodes.len()],
+    };
+    let mut wirer = Wirer { drafts, problems, wiring, known: HashSet::new(), misfits: Vec::new() };
+    for (reader, raw) in nodes.iter().enumerate() {
+        wirer.node(reader, raw);
+    }
+    wirer.tell_misfits();
+    let mut wiring = wirer.wiring;
+    for (at, link) in wiring.links.iter().enumerate() {
+        wiring.of_cell.entry((link.reader, link.reader_cell)).or_default().push(at);
     }
     wiring
 }
 
 /// An order of nodes in which each stands after all that it reads; `None` if there is a cycle, which is a problem.
-pub(super) fn order(file: &PipelineFile, wiring: &Wiring, problems: &mut Vec<Problem>) -> Option<Vec<usize>> {
+pub(super) fn order(wiring: &Wiring, problems: &mut Vec<Problem>) -> Option<Vec<usize>> {
     let mut graph: DiGraph<usize, Span> = DiGraph::new();
-    let vertices: Vec<_> = (0..file.nodes.len()).map(|i| graph.add_node(i)).collect();
+    let vertices: Vec<_> = (0..wiring.names.len()).map(|i| graph.add_node(i)).collect();
     for (source, reader, span) in &wiring.edges {
         graph.add_edge(vertices[*source], vertices[*reader], *span);
     }
     let mut fine = true;
     for component in tarjan_scc(&graph) {
+        // One node alone is a circle only if it reads itself.
+        if let [only] = component[..]
+            && graph.find_edge(only, only).is_none()
+        {
+            continue;
+        }
         let members: BTreeSet<usize> = component.iter().map(|v| graph[*v]).collect();
         let edges: Vec<&(usize, usize, Span)> =
             wiring.edges.iter().filter(|(s, r, _)| members.contains(s) && members.contains(r)).collect();
         let Some((_, _, span)) = edges.first() else { continue };
         fine = false;
-        let path = cycle(&edges).iter().map(|i| file.nodes[*i].name.text.clone()).collect::<Vec<_>>().join(" -> ");
+        let path = cycle(&edges).iter().map(|i| wiring.names[*i].clone()).collect::<Vec<_>>().join(" -> ");
         problems.push(
             Problem::at(*span, format!("nodes read each other in a circle: {path}"))
                 .hint("take one of these inputs away; a pipeline goes one way"),
         );
     }
-    if !fine {
-        return None;
+    fine.then(|| in_order(wiring))
+}
+
+/// Of the nodes that could come next, the one that stands first in the file.
+fn in_order(wiring: &Wiring) -> Vec<usize> {
+    let mut waits_for = vec![0usize; wiring.names.len()];
+    let mut readers = vec![Vec::new(); wiring.names.len()];
+    for (source, reader, _) in &wiring.edges {
+        waits_for[*reader] += 1;
+        readers[*source].push(*reader);
     }
-    // Of the nodes that could come next, the one that stands first in the file.
-    let mut waiting: Vec<usize> = (0..file.nodes.len()).collect();
+    let mut ready: BinaryHeap<Reverse<usize>> =
+        (0..wiring.names.len()).filter(|node| waits_for[*node] == 0).map(Reverse).collect();
     let mut order = Vec::new();
-    while let Some(at) = waiting
-        .iter()
-        .position(|n| wiring.edges.iter().all(|(source, reader, _)| reader != n || order.contains(source)))
-    {
-        order.push(waiting.remove(at));
+    while let Some(Reverse(node)) = ready.pop() {
+        order.push(node);
+        for reader in &readers[node] {
+            waits_for[*reader] -= 1;
+            if waits_for[*reader] == 0 {
+                ready.push(Reverse(*reader));
+            }
+        }
     }
-    Some(order)
+    order
 }
 
 /// A closed path along the edges of a strongly connected component, from its first node back to it.
@@ -121,14 +178,16 @@ fn cycle(edges: &[&(usize, usize, Span)]) -> Vec<usize> {
 }
 
 struct Wirer<'a> {
-    file: &'a PipelineFile,
     drafts: &'a [Draft],
     problems: &'a mut Vec<Problem>,
-    wiring: &'a mut Wiring,
+    wiring: Wiring,
+    /// All links, to find those that stand twice.
+    known: HashSet<Link>,
+    misfits: Vec<Misfit>,
 }
 
 impl Wirer<'_> {
-    fn problem(&mut self, span: Span, message: impl Into<String>, hint: impl Into<String>) {
+    fn problem(&mut self, span: Span, message: impl Into<String>, hint: impl Into<Hint>) {
         self.problems.push(Problem::at(span, message).hint(hint));
     }
 
@@ -162,10 +221,9 @@ impl Wirer<'_> {
     }
 
     fn reference(&mut self, reader: usize, input: Option<usize>, reference: &Reference<'_>, span: Span) {
-        let Some(source) = self.wiring.names.iter().position(|n| n == reference.node) else {
-            let names: Vec<&str> = self.file.nodes.iter().map(|n| n.name.text.as_str()).collect();
-            let message = format!("there is no node `{}`", reference.node);
-            self.problem(span, message, did_you_mean(reference.node, "nodes", names));
+        let Some(&source) = self.wiring.index.get(reference.node) else {
+            let hint = Hint::near(reference.node, "nodes", &self.wiring.names);
+            self.problem(span, format!("there is no node `{}`", reference.node), hint);
             return;
         };
         self.wiring.edges.push((source, reader, span));
@@ -200,21 +258,49 @@ impl Wirer<'_> {
         };
         let (Some(input), Some((_, reading))) = (input, &self.drafts[reader].kind) else { return };
         let wanted = &reading.inputs[input];
-        if wanted.media != "*" && port.media != "*" && wanted.media != port.media {
+        if wanted.media != Any::NAME && port.media != Any::NAME && wanted.media != port.media {
             let message = format!(
                 "the input `{}` takes `{}`, and `{}.{}` gives `{}`",
                 wanted.name, wanted.media, reference.node, port.name, port.media
             );
-            let fits = spec.outputs.iter().find(|p| p.media == wanted.media);
-            let hint = fits.map_or_else(
-                || format!("connect an output of type `{}`", wanted.media),
-                |p| format!("`{}.{}` would fit", reference.node, p.name),
-            );
-            self.problem(span, message, hint);
+            self.misfits.push(Misfit { reader, source, wanted: wanted.media, span, message });
             return;
         }
         if fine {
             self.cells(reader, input, source, output, reference, span);
+        }
+    }
+
+    /// Tells of connections that do not fit, with all ports that would.
+    fn tell_misfits(&mut self) {
+        self.misfits.sort_by_key(|misfit| misfit.span);
+        for (at, Misfit { reader, source, wanted, span, message }) in
+            std::mem::take(&mut self.misfits).into_iter().enumerate()
+        {
+            if at >= MOST_SHOWN {
+                self.problem(span, message, format!("connect an output of type `{wanted}`"));
+                continue;
+            }
+            // What reads this node cannot be read by it.
+            let below = self.wiring.below(reader);
+            let others = (0..self.drafts.len()).filter(|node| *node != source);
+            let fits: Vec<String> = [source]
+                .into_iter()
+                .chain(others)
+                .filter(|node| !below.contains(node))
+                .flat_map(|node| {
+                    let outputs = self.drafts[node].kind.iter().flat_map(|(_, spec)| spec.outputs.iter());
+                    let name = &self.wiring.names[node];
+                    outputs
+                        .filter(|p| p.media == wanted || p.media == Any::NAME)
+                        .map(move |p| format!("`{name}.{}`", p.name))
+                })
+                .collect();
+            let hint = match fits.len() {
+                0 => format!("no other node gives `{wanted}`; `tauflow kinds` lists the kinds"),
+                _ => format!("{} would fit", listed(&fits)),
+            };
+            self.problem(span, message, hint);
         }
     }
 
@@ -229,38 +315,26 @@ impl Wirer<'_> {
         span: Span,
     ) {
         let drafts = self.drafts;
-        for (reader_cell, reading) in drafts[reader].cells.iter().enumerate() {
-            let mut any = false;
-            for (source_cell, giving) in drafts[source].cells.iter().enumerate() {
-                let mut gathered = Vec::new();
-                let fits = giving.coords.iter().all(|(axis, value)| {
-                    if let Some((_, picked)) = reference.select.iter().find(|(a, _)| a == axis) {
-                        return picked == value;
-                    }
-                    if let Some((_, own)) = reading.coords.iter().find(|(a, _)| a == axis) {
-                        return own == value;
-                    }
-                    gathered.push(format!("{axis}={value}"));
-                    true
-                });
-                if !fits {
-                    continue;
-                }
-                any = true;
-                let prefix = (!gathered.is_empty()).then(|| gathered.join("+"));
-                let repeated = self.wiring.links.iter().any(|l| {
-                    (l.reader, l.reader_cell, l.input) == (reader, reader_cell, input)
-                        && (l.source, l.source_cell, l.output) == (source, source_cell, output)
-                        && l.prefix == prefix
-                });
-                if repeated {
-                    let message = format!("`{}` stands twice in this input", reference.node);
-                    self.problem(span, message, "take one away: item keys must differ");
-                    return;
-                }
-                self.wiring.links.push(Link { reader, reader_cell, input, source, source_cell, output, prefix });
+        let picked = |axis: &str| reference.select.iter().any(|(a, _)| *a == axis);
+        let has = |node: usize, axis: &str| drafts[node].axes.iter().any(|(a, _)| a == axis);
+        // By their values on the axes that both have: the cells of the source that are picked.
+        let shared = |coords: &[(String, String)]| -> Vec<String> {
+            let axes = drafts[source].axes.iter().filter(|(axis, _)| !picked(axis) && has(reader, axis));
+            axes.filter_map(|(axis, _)| coords.iter().find(|(a, _)| a == axis).map(|(_, value)| value.clone()))
+                .collect()
+        };
+        let mut giving: HashMap<Vec<String>, Vec<(usize, Option<String>)>> = HashMap::new();
+        for (at, cell) in drafts[source].cells.iter().enumerate() {
+            let is = |(axis, value): &(&str, &str)| cell.coords.iter().any(|(a, v)| a == axis && v == value);
+            if reference.select.iter().all(is) {
+                let gathered = cell.coords.iter().filter(|(axis, _)| !picked(axis) && !has(reader, axis));
+                let parts: Vec<String> = gathered.map(|(axis, value)| format!("{axis}={value}")).collect();
+                let prefix = (!parts.is_empty()).then(|| parts.join("+"));
+                giving.entry(shared(&cell.coords)).or_default().push((at, prefix));
             }
-            if !any {
+        }
+        for (reader_cell, reading) in drafts[reader].cells.iter().enumerate() {
+            let Some(cells) = giving.get(&shared(&reading.coords)) else {
                 let message = format!(
                     "the cell `{}` of `{}` finds no cell of `{}` with the same values",
                     reading.text(),
@@ -271,6 +345,21 @@ impl Wirer<'_> {
                     drafts[source].axes.iter().map(|(a, v)| format!("{a}: [{}]", v.join(", "))).collect();
                 self.problem(span, message, format!("its axes are {}", axes.join("; ")));
                 return;
+            };
+            if self.wiring.links.len() + cells.len() > MOST_LINKS {
+                let message = format!("with `{}`, cells have more than {MOST_LINKS} connections", reference.node);
+                self.problem(span, message, "let axes of the two be of one name, or pick cells: `node[axis=value]`");
+                return;
+            }
+            for (source_cell, prefix) in cells {
+                let (source_cell, prefix) = (*source_cell, prefix.clone());
+                let link = Link { reader, reader_cell, input, source, source_cell, output, prefix };
+                if !self.known.insert(link.clone()) {
+                    let message = format!("`{}` stands twice in this input", reference.node);
+                    self.problem(span, message, "take one away: item keys must differ");
+                    return;
+                }
+                self.wiring.links.push(link);
             }
         }
     }

@@ -10,7 +10,7 @@ use serde::{
 };
 use serde_json::{Map, Number, Value};
 use serde_saphyr::{Location, Spanned};
-use std::fmt;
+use std::{collections::HashSet, fmt};
 
 /// A node of the tree.
 #[derive(Clone, Debug, PartialEq)]
@@ -98,6 +98,33 @@ impl Yaml {
             _ => {}
         }
         self
+    }
+
+    /// The same tree, all of it standing at one place.
+    pub fn standing_at(&self, span: Span) -> Self {
+        let data = match &self.data {
+            Data::List(items) => Data::List(items.iter().map(|item| item.standing_at(span)).collect()),
+            Data::Map(fields) => {
+                let field =
+                    |(key, value): &(Key, Self)| (Key { text: key.text.clone(), span }, value.standing_at(span));
+                Data::Map(fields.iter().map(field).collect())
+            }
+            scalar => scalar.clone(),
+        };
+        Self { data, span }
+    }
+
+    /// The number of its nodes, itself among them, and its depth.
+    pub fn size(&self) -> (usize, usize) {
+        let children: Vec<&Self> = match &self.data {
+            Data::List(items) => items.iter().collect(),
+            Data::Map(fields) => fields.iter().map(|(_, value)| value).collect(),
+            _ => Vec::new(),
+        };
+        children.into_iter().fold((1, 1), |(nodes, depth), child| {
+            let (more, below) = child.size();
+            (nodes + more, depth.max(below + 1))
+        })
     }
 
     /// The deepest node that a JSON pointer reaches, and the span of its key if it is a map's field.
@@ -298,8 +325,9 @@ impl<'de> Visitor<'de> for RawVisitor {
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<RawData, A::Error> {
         let mut fields: Vec<(Spanned<String>, Raw)> = Vec::new();
+        let mut known = HashSet::new();
         while let Some((key, value)) = map.next_entry::<Spanned<String>, Raw>()? {
-            if fields.iter().any(|(k, _)| k.value == key.value) {
+            if !known.insert(key.value.clone()) {
                 return Err(A::Error::custom(format!("the key `{}` stands twice in one map", key.value)));
             }
             fields.push((key, value));

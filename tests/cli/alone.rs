@@ -1,4 +1,5 @@
-//! `exec`: one action alone, on a copy of the cache, in an empty folder, without an environment.
+//! `exec`: one action alone, on a copy of the cache, in an empty folder, without an environment. `programs.rs` has
+//! actions that need one.
 
 use crate::Place;
 use serde_json::Value;

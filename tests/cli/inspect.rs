@@ -15,8 +15,8 @@ fn check_finds_nothing_wrong_with_a_good_pipeline() {
 #[test]
 fn check_names_every_problem_at_its_place() {
     let place = Place::with(
-        "pipeline: small\nnodes:\n  scenes:\n    kind: scene_generaton\n  split:\n    kind: content_signature_split\n    \
-         inputs: { scenes: scnes }\n    params: { test_shar: 0.5 }\n",
+        "pipeline: small\nnodes:\n  scenes:\n    kind: scene_generaton\n  split:\n    \
+         kind: content_signature_split\n    inputs: { scenes: scnes }\n    params: { test_shar: 0.5 }\n",
     );
     let said = place.tauflow(&["check", "small.yaml"]).ends(2);
     assert_eq!(said.out, "");

@@ -1,10 +1,15 @@
 //! The built program, from outside: exit codes, what goes to which stream, what the files hold.
 
+mod adding_a_kind;
 mod alone;
+mod caches;
 mod errors;
 mod inspect;
 mod locks;
+mod looking;
 mod manuals;
+mod places_of_kinds;
+mod programs;
 mod refining;
 mod runs;
 mod schema;

@@ -86,6 +86,20 @@ fn explain_shows_which_field_differs() {
 }
 
 #[test]
+fn an_export_of_what_is_lost_makes_it_again() {
+    let place = Place::new();
+    place.tauflow(&["run", "small.yaml"]).ends(0);
+    place.tauflow(&["export", "small.yaml", "scenes", "-o", "before"]).ends(0);
+    for folder in ["packs", "blobs"] {
+        fs::remove_dir_all(place.path("store").join(folder)).expect("it was there");
+        let said = place.tauflow(&["export", "small.yaml", "scenes", "-o", folder]).ends(0);
+        assert!(folder != "packs" || said.err.contains("running again what made it"), "{}", said.err);
+        let manifest = |name: &str| fs::read_to_string(place.path(name).join("manifest.json")).expect("a manifest");
+        assert_eq!(manifest(folder), manifest("before"));
+    }
+}
+
+#[test]
 fn an_export_has_files_and_a_manifest() {
     let place = Place::new();
     let early = place.tauflow(&["export", "small.yaml", "scenes", "-o", "scenes"]).ends(2);
@@ -162,11 +176,11 @@ fn the_cache_is_counted_checked_pinned_and_emptied() {
 #[test]
 fn the_cache_lies_where_it_is_asked_for() {
     let place = Place::new();
-    place.tauflow(&["cache", "stat", "--cache", "here"]).ends(0);
+    place.tauflow(&["run", "small.yaml", "--cache", "here"]).ends(0);
     assert!(place.path("here").is_dir() && !place.path("store").exists());
-    place.tauflow(&["cache", "stat"]).ends(0);
+    place.tauflow(&["run", "small.yaml"]).ends(0);
     assert!(place.path("store").is_dir(), "TAUFLOW_CACHE");
-    let mut command = place.command(&["cache", "stat"]);
+    let mut command = place.command(&["run", "small.yaml"]);
     Said::of(&command.env_remove("TAUFLOW_CACHE").output().expect("the program starts")).ends(0);
     assert!(place.path(".tauflow").is_dir(), "outside a checkout");
 }

@@ -44,6 +44,27 @@ fn what_is_wrong_does_not_fit() {
 }
 
 #[test]
+fn a_named_value_may_stand_for_every_part_of_a_value() {
+    let schema = schema();
+    let fits = |text: &str| problems(&schema, &yaml(text));
+    for text in [
+        "{ seed: $seed, nodes: { a: { kind: scene_generation, params: $params } } }",
+        "nodes: { a: { kind: scene_generation, params: { pool: $pool, regimes: [$first, L1], fov: [$least, 60] } } }",
+        "nodes: { a: { kind: ladder_rendering, inputs: $inputs, \
+         params: { rungs: { dyadic: $last }, resolution: $film } } }",
+        "nodes: { a: { kind: ladder_rendering, inputs: { scenes: $scenes }, matrix: { like: b, stream: $streams } } }",
+        "nodes: { a: { kind: scene_generation, transient: $kept, matrix: { pool: [1, $pool] } } }",
+    ] {
+        assert_eq!(fits(text), [""; 0], "{text}");
+    }
+    for text in ["$$pool", "$", "a$pool", "$1"] {
+        let text = format!("nodes: {{ a: {{ kind: scene_generation, params: {{ pool: {text} }} }} }}");
+        assert!(!fits(&text).is_empty(), "{text}");
+    }
+    assert!(!fits("nodes: { a: { kind: $kind } }").is_empty(), "a kind is written out");
+}
+
+#[test]
 fn hover_docs_are_there() {
     let schema = schema();
     let mut bare = Vec::new();

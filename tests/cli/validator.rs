@@ -1,5 +1,5 @@
-//! Validates JSON against a JSON Schema: the keywords that pipeline schemas use, each as the 2020-12 drafts define it. An
-//! unknown keyword is an error, so that nothing passes because it was not looked at.
+//! Validates JSON against a JSON Schema: the keywords that pipeline schemas use, each as the 2020-12 drafts define it.
+//! An unknown keyword is an error, so that nothing passes because it was not looked at.
 
 use serde_json::Value;
 
@@ -8,6 +8,8 @@ const NOTES: [&str; 8] = ["$schema", "$defs", "title", "description", "default",
 
 /// What names of pipelines and nodes look like.
 const NAME: &str = "^[A-Za-z_][A-Za-z0-9_-]*$";
+/// What uses of named values look like.
+const USE: &str = "^\\$[A-Za-z_][A-Za-z0-9_-]*$";
 
 /// What is wrong with `value`, a line each, with its place.
 pub fn problems(root: &Value, value: &Value) -> Vec<String> {
@@ -93,8 +95,9 @@ fn check(root: &Value, schema: &Value, value: &Value, place: &str, found: &mut V
                 }
             }
             "pattern" => {
-                assert_eq!(rule, NAME, "the validator knows one pattern");
+                assert!(*rule == NAME || *rule == USE, "the validator knows two patterns, and not {rule}");
                 let fine = |text: &str| {
+                    let Some(text) = text.strip_prefix(if *rule == USE { "$" } else { "" }) else { return false };
                     text.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
                         && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-')
                 };

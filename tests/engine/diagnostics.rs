@@ -233,10 +233,30 @@ fn a_connection_of_unlike_types() {
      4 │   b: {kind: affine, inputs: {in: t.page}}
        ·                                  ──────
        ╰────
-      help: `t.out` would fit
+      help: `t.out`, `numbers.out` would fit
 
     1 problem found
     ");
+}
+
+#[test]
+fn what_would_fit_makes_no_circle() {
+    let lines = "  t: {kind: total, inputs: {in: numbers}}
+  b: {kind: affine, inputs: {in: t.page}}
+  c: {kind: affine, inputs: {in: b}}
+  d: {kind: affine, inputs: {in: numbers}}";
+    // Not `b`, nor `c`, which reads it.
+    assert!(
+        told_of(lines).contains("help: `t.out`, `numbers.out`, `d.out`, `d.negative` would fit\n"),
+        "{}",
+        told_of(lines)
+    );
+}
+
+#[test]
+fn a_connection_that_nothing_fits() {
+    let told = told("nodes:\n  t: {kind: total, inputs: {in: u.page}}\n  u: {kind: total, inputs: {in: t}}\n");
+    assert!(told.contains("help: no other node gives `toy/number`; `tauflow kinds` lists the kinds\n"), "{told}");
 }
 
 #[test]

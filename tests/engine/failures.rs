@@ -27,9 +27,9 @@ fn a_failure_blocks_its_readers_and_nobody_else() {
     assert_eq!(ran.count(|n| n.failed), BTreeMap::from([("risky", 2)]));
     assert_eq!(ran.count(|n| n.blocked), BTreeMap::from([("rounded", 2), ("total", 2)]));
     // One cause, two items, each with what runs just that one.
-    let causes: BTreeSet<String> = ran.summary.failures.iter().map(|f| f.cause()).collect();
+    let causes: BTreeSet<String> = ran.summary.failures.iter().map(tauflow::engine::event::Failure::cause).collect();
     assert_eq!(causes, BTreeSet::from(["`<item>` is too large; lower it".to_owned()]));
-    let mut only: Vec<String> = ran.summary.failures.iter().map(|f| f.only()).collect();
+    let mut only: Vec<String> = ran.summary.failures.iter().map(tauflow::engine::event::Failure::only).collect();
     only.sort();
     assert_eq!(only, ["risky/n0004", "risky/n0005"]);
     assert_eq!(shop.run_only(RISKY, &only[0]).summary.failures.len(), 1);
@@ -112,4 +112,35 @@ fn a_stopped_run_goes_on_where_it_stopped() {
     assert!(!rest.summary.interrupted);
     assert_eq!(rest.summary.total(|n| n.ran), 6 + 6 + 6 + 2 + 2 - before);
     assert_eq!(shop.run(&text).ran(), BTreeMap::new());
+}
+
+#[test]
+fn files_that_are_no_regular_ones_fail_alone() {
+    let shop = Workshop::new();
+    let folder = shop.path("given");
+    std::fs::create_dir(&folder).expect("writable");
+    std::fs::write(folder.join("sound"), "7").expect("writable");
+    // Reading it would never end.
+    std::os::unix::fs::symlink("/dev/zero", folder.join("device")).expect("writable");
+    std::os::unix::fs::symlink("nowhere", folder.join("dangling")).expect("writable");
+    std::fs::create_dir(folder.join("folder")).expect("writable");
+    let huge = std::fs::File::create(folder.join("huge")).expect("writable");
+    huge.set_len(1 << 40).expect("a file of holes");
+    let mut failed = vec!["files/dangling", "files/device", "files/folder", "files/huge"];
+    match std::process::Command::new("mkfifo").arg(folder.join("fifo")).status() {
+        Ok(status) if status.success() => failed.insert(2, "files/fifo"),
+        other => println!("skipped: FIFOs cannot be made here: {other:?}"),
+    }
+    let text = format!("nodes: {{files: {{kind: files, params: {{folder: '{}'}}}}}}", folder.display());
+    for sound in [1, 0] {
+        let ran = shop.run(&text);
+        let mut only: Vec<String> = ran.summary.failures.iter().map(tauflow::engine::event::Failure::only).collect();
+        only.sort();
+        assert_eq!(only, failed);
+        assert_eq!(ran.ran().get("files").copied().unwrap_or(0), sound, "the sound file alone, once");
+        for failure in &ran.summary.failures {
+            let told = &failure.message;
+            assert!(told.contains("cannot read `") && told.contains("; mend it or take it away"), "{told}");
+        }
+    }
 }

@@ -1,7 +1,8 @@
-//! The loader of pipelines meets text that nobody would write: every pipeline there is, mangled. It may refuse; it may not
-//! panic, hang, or point outside the text.
+//! The loader of pipelines meets text that nobody would write: every pipeline there is, mangled. It may refuse; it may
+//! not panic, hang, or point outside the text.
 //!
-//! A few seconds of it are a test; `TAUFLOW_FUZZ_SECONDS=600 cargo test --release --test engine fuzz` goes on for longer.
+//! A few seconds of it are a test; `TAUFLOW_FUZZ_SECONDS=600 cargo test --release --test engine fuzz` goes on for
+//! longer.
 
 use crate::support::registry;
 use std::{
@@ -26,7 +27,7 @@ impl Random {
 }
 
 /// What is put in: characters that mean something to YAML, to pipelines, or to neither.
-const TOKENS: [&str; 40] = [
+const TOKENS: [&str; 44] = [
     "{",
     "}",
     "[",
@@ -65,6 +66,10 @@ const TOKENS: [&str; 40] = [
     "\u{1f600}",
     "nodes:",
     "matrix: {a: [1]}",
+    "matrix: {like: solvers}",
+    "$film",
+    "$$",
+    "values: {film: $film}",
     "[a=b]",
     ".",
 ];
@@ -112,9 +117,11 @@ fn seeds() -> Vec<String> {
         let yaml = paths.into_iter().filter(|path| path.extension().is_some_and(|e| e == "yaml"));
         seeds.extend(yaml.map(|path| fs::read_to_string(path).expect("text")));
     }
-    let toys = "pipeline: x\nseed: 3\nprofiles: {tiny: {numbers.count: 2}}\nnodes:\n  numbers: {kind: numbers, params: \
-                {count: 4}}\n  b: {kind: affine, matrix: {mul: [2, 3]}, inputs: {in: numbers}}\n  c: {kind: total, inputs: {in: \
-                [\"b[mul=2]\", numbers.out]}, params: {title: x}}\ntargets: [c.page]\n";
+    let toys = "pipeline: x\nseed: 3\nprofiles: {tiny: {numbers.count: 2}}\nnodes:\n  \
+                numbers: {kind: numbers, params: {count: 4}}\n  \
+                b: {kind: affine, matrix: {mul: [2, 3]}, inputs: {in: numbers}}\n  \
+                c: {kind: total, inputs: {in: [\"b[mul=2]\", numbers.out]}, params: {title: x}}\n\
+                targets: [c.page]\n";
     seeds.push(toys.into());
     seeds
 }

@@ -1,8 +1,9 @@
 //! A missing blob is a miss, never an error: what made it runs again.
 
 use crate::support::Workshop;
+use std::sync::atomic::AtomicBool;
 use std::{collections::BTreeMap, fs, path::Path};
-use tauflow::engine::{RunOptions, event::Event};
+use tauflow::engine::{self, EngineError, RunOptions, event::Event};
 
 /// Blobs of 70 kB have files of their own.
 const PADDED: &str = "
@@ -115,4 +116,116 @@ nodes:
     assert!(healed.summary.failures.is_empty(), "{:#?}", healed.summary.failures);
     assert_eq!(healed.ran(), BTreeMap::from([("unsteady", 2), ("padded", 2)]));
     assert_eq!(shop.run(text).ran(), BTreeMap::new());
+}
+
+/// A gather of 200 items that only memory held.
+const MANY: &str = "
+pipeline: many
+nodes:
+  numbers: {kind: numbers, params: {count: 200}}
+  long: {kind: affine, inputs: {in: numbers}, params: {mul: 2, pad: 300}, transient: true}
+  total: {kind: total, inputs: {in: long}}
+";
+
+fn healings(ran: &crate::support::Ran) -> usize {
+    ran.events.iter().filter(|event| matches!(event, Event::Healing { .. })).count()
+}
+
+#[test]
+fn a_gather_asks_for_all_that_is_missing_at_once() {
+    let shop = Workshop::new();
+    shop.run(MANY);
+    let before = shop.numbers(MANY, "total");
+    // Another gather: of its 200 inputs none was stored.
+    let edited = MANY.replace("{in: long}}", "{in: long}, params: {title: other}}");
+    let ran = shop.run(&edited);
+    assert!(ran.summary.failures.is_empty(), "{:#?}", ran.summary.failures);
+    assert_eq!((ran.ran()["long"], healings(&ran)), (200, 1));
+    // All that was stored is gone, too; what is known of it is not. A stage for each pass.
+    remove(&shop.cache().join("packs"), |_| true);
+    let ran = shop.run(MANY);
+    assert!(ran.summary.failures.is_empty(), "{:#?}", ran.summary.failures);
+    assert_eq!((ran.ran()["numbers"], ran.ran()["long"]), (200, 200));
+    assert!(healings(&ran) <= 3, "{}", healings(&ran));
+    assert_eq!(shop.numbers(MANY, "total"), before);
+    assert_eq!(shop.run(MANY).ran(), BTreeMap::new());
+}
+
+#[test]
+fn a_chain_of_more_stages_than_any_number_of_passes_comes_back() {
+    let mut text = "nodes:\n  n0: {kind: numbers, params: {count: 1}}\n".to_owned();
+    for n in 1..=80 {
+        let before = n - 1;
+        text +=
+            &format!("  n{n}: {{kind: affine, inputs: {{in: n{before}}}, params: {{add: 1000}}, transient: true}}\n");
+    }
+    let shop = Workshop::new();
+    // What `end` keeps is none of the numbers of the chain, whose blobs it would stand for.
+    shop.run(&format!("{text}  end: {{kind: round, inputs: {{in: n80}}, params: {{to: 9}}}}\n"));
+    let ran = shop.run(&format!("{text}  end: {{kind: round, inputs: {{in: n80}}, params: {{to: 7}}}}\n"));
+    assert!(ran.summary.failures.is_empty(), "{:#?}", ran.summary.failures);
+    assert_eq!((ran.ran()["n1"], ran.ran()["end"]), (1, 1));
+    assert!(healings(&ran) > 64, "{}", healings(&ran));
+}
+
+/// Changes the last byte of a blob where it lies in a pack or in a file of its own.
+fn spoil(cache: &Path, needle: &[u8]) -> usize {
+    let mut count = 0;
+    for entry in fs::read_dir(cache).expect("readable") {
+        let path = entry.expect("readable").path();
+        if path.is_dir() {
+            count += spoil(&path, needle);
+            continue;
+        }
+        let mut bytes = fs::read(&path).expect("readable");
+        while let Some(at) = bytes.windows(needle.len()).position(|window| window == needle) {
+            bytes[at] ^= 1;
+            count += 1;
+        }
+        fs::write(&path, bytes).expect("writable");
+    }
+    count
+}
+
+#[test]
+fn a_damaged_page_is_not_nothing_to_do() {
+    let shop = Workshop::new();
+    let text = PADDED.replace("inputs: {in: rounded}}", "inputs: {in: rounded}, params: {title: The page}}");
+    let options = RunOptions { jobs: 2, out: Some(shop.out()), ..RunOptions::default() };
+    shop.run_with(&text, &options, |_, _| {});
+    let page = fs::read_dir(shop.out().join("padded")).expect("written").count();
+    assert!(page > 0);
+    assert_eq!(spoil(&shop.cache().join("packs"), b"The page: "), 1);
+    let ran = shop.run_with(&text, &options, |_, _| {});
+    assert!(ran.summary.failures.is_empty(), "{:#?}", ran.summary.failures);
+    assert_eq!(ran.ran(), BTreeMap::from([("total", 1)]));
+    assert_eq!(shop.run_with(&text, &options, |_, _| {}).ran(), BTreeMap::new());
+}
+
+#[test]
+fn what_is_asked_for_and_lost_is_restored() {
+    let shop = Workshop::new();
+    shop.run(PADDED);
+    let pipeline = crate::support::resolve(PADDED);
+    let node = pipeline.node("longer").expect("it is there");
+    let before = shop.numbers(PADDED, "longer");
+    // Listings and all: that is told apart from what never ran.
+    remove(&shop.cache().join("packs"), |_| true);
+    remove(&shop.cache(), |len| len > 80_000);
+    let lost = shop.outputs(PADDED, "longer", 0).expect_err("lost");
+    assert!(matches!(lost, EngineError::Lost(_)), "{lost}");
+    let never = shop.outputs(&PADDED.replace("mul: 3", "mul: 4"), "longer", 0).expect_err("never run");
+    assert!(matches!(never, EngineError::Request(_)), "{never}");
+    let restore = |shop: &Workshop| {
+        let stop = AtomicBool::new(false);
+        engine::restore(&pipeline, &shop.store(), (node, 0), &stop, &|_| {}).expect("the store works")
+    };
+    assert!(restore(&shop).failures.is_empty());
+    assert_eq!(shop.numbers(PADDED, "longer"), before);
+    // Damage that keeps the length is found by reading.
+    assert_eq!(spoil(&shop.cache().join("blobs"), b"120 "), 1);
+    let again = restore(&shop);
+    assert!(again.failures.is_empty());
+    assert_eq!(again.total(|node| node.ran), 1);
+    assert_eq!(shop.numbers(PADDED, "longer"), before);
 }

@@ -18,4 +18,5 @@ mod publishing;
 mod shards;
 #[path = "../cli/validator.rs"]
 mod validator;
+mod values;
 mod yaml_text;

@@ -102,6 +102,6 @@ nodes:
     assert_eq!(ran.ran(), BTreeMap::from([("numbers", 3), ("scaled", 4), ("each", 2)]));
     assert_eq!(ran.count(|n| n.failed), BTreeMap::from([("scaled", 2)]));
     assert_eq!(ran.count(|n| n.blocked), BTreeMap::from([("each", 2), ("all", 2)]));
-    let only: Vec<String> = ran.summary.failures.iter().map(|f| f.only()).collect();
+    let only: Vec<String> = ran.summary.failures.iter().map(tauflow::engine::event::Failure::only).collect();
     assert!(only.contains(&"scaled/fail_from=10/n0002".to_owned()), "{only:?}");
 }

@@ -91,7 +91,8 @@ targets: [longer]
 
 #[test]
 fn equal_contents_and_several_readers_and_ports_of_transient_nodes_come_through() {
-    // Rounding makes many numbers alike; the gate has two ports, one of them read twice, and stands behind another transient node.
+    // Rounding makes many numbers alike; the gate has two ports, one of them read twice, and stands behind another
+    // transient node.
     let text = "
 nodes:
   numbers: {kind: numbers, params: {count: 200}}

@@ -61,7 +61,7 @@ fn the_nearest_earlier_key_says_what_changed() {
     let only = Only::parse("scaled/n0001", &edited).expect("it is there");
     let plan = engine::plan(&edited, &store, Some(only)).expect("readable");
     let action = plan.would_run.iter().find(|a| a.ended == Ended::WouldRun).expect("it would run");
-    assert_eq!(action.item.as_ref().map(|i| i.as_str()), Some("n0001"));
+    assert_eq!(action.item.as_ref().map(tauflow_contract::ItemKey::as_str), Some("n0001"));
     let history = History::of(&store, "affine");
     let nearest = history.nearest(&action.key).expect("it was run with other params");
     assert_eq!(nearest.differences.len(), 1);
@@ -76,7 +76,7 @@ fn the_nearest_earlier_key_says_what_changed() {
     let plan = engine::plan(&done, &store, Some(only)).expect("readable");
     let action = plan.would_run.iter().find(|a| done.nodes[a.node].name == "scaled").expect("it was looked at");
     assert_eq!(action.ended, Ended::Hit);
-    assert_eq!(action.key.params["mul"], 3);
+    assert_eq!(action.key.basis.params["mul"], 3);
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! What people are told of text that YAML allows but nobody should write, of text that is no YAML, and of files that are none.
-//! Each message stands in `snapshots/`, and each must name a place and a remedy.
+//! What people are told of text that YAML allows but nobody should write, of text that is no YAML, and of files that
+//! are none. Each message stands in `snapshots/`, and each must name a place and a remedy.
 
 use crate::{support::registry, validator::problems};
 use insta::assert_snapshot;
@@ -144,6 +144,7 @@ fn an_editor_that_knows_the_schema_underlines_them_too() {
         };
         assert!(!problems(&schema, &value).is_empty(), "the schema accepts {name}:\n{text}");
     }
-    let good = "nodes:\n  a: {kind: numbers, params: {count: 3}}\n  b: {kind: affine, inputs: {in: a}, matrix: {mul: [2, 3]}}\n";
+    let good = "nodes:\n  a: {kind: numbers, params: {count: 3}}\n  \
+                b: {kind: affine, inputs: {in: a}, matrix: {mul: [2, 3]}}\n";
     assert_eq!(problems(&schema, &serde_saphyr::from_str(good).expect("YAML")), [""; 0]);
 }

@@ -5,12 +5,13 @@ use std::{
     collections::{BTreeMap, HashSet},
     fs,
     io::Read,
-    os::unix::process::ExitStatusExt,
+    os::unix::{fs::MetadataExt, process::ExitStatusExt},
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     sync::OnceLock,
     time::{Duration, Instant},
 };
+use tauflow_cache::Key;
 use tempfile::TempDir;
 
 /// Small blobs and large ones, memoised sub-actions, a filter, two inputs that meet, gathers.
@@ -24,6 +25,17 @@ nodes:
   pairs: {kind: pair, inputs: {left: gate, right: long}}
   shares: {kind: shares, inputs: {in: pairs, of: gate.others}}
   total: {kind: total, inputs: {in: [shares, gate.others]}}
+";
+
+/// A gather of more than 1,000 items that only memory holds, and one of as many that are stored.
+pub const WIDE: &str = "
+pipeline: wide
+nodes:
+  numbers: {kind: numbers, params: {count: 1100}}
+  long: {kind: affine, inputs: {in: numbers}, params: {mul: 2, add: 1, pad: 500}, transient: true}
+  rounded: {kind: round, inputs: {in: long}, params: {to: 30}}
+  sum: {kind: total, inputs: {in: long}}
+  total: {kind: total, inputs: {in: rounded}}
 ";
 
 /// Whether there is time for more.
@@ -50,6 +62,7 @@ pub struct Campaign {
     name: String,
     folder: TempDir,
     caches: u32,
+    cuts: u32,
     random: Random,
     /// Outputs by pipeline, as an undisturbed run gives them.
     expected: BTreeMap<String, String>,
@@ -97,6 +110,7 @@ impl Campaign {
             name: name.into(),
             folder: tempfile::tempdir().expect("a temporary folder"),
             caches: 0,
+            cuts: 0,
             random: Random(name.len() as u64),
             expected: BTreeMap::new(),
             undisturbed: Duration::ZERO,
@@ -120,17 +134,46 @@ impl Campaign {
         let cache = self.fresh();
         let ended = self.start(&cache, text, &[]).wait();
         assert_eq!(ended.code, 0, "{ended:?}");
-        assert!(ended.outputs().lines().count() > 8, "{ended:?}");
+        assert!(ended.outputs().lines().count() >= 4, "{ended:?}");
         self.expected.insert(text.into(), ended.outputs());
     }
 
     /// An empty cache.
     pub fn fresh(&mut self) -> PathBuf {
         // One at a time: what a campaign leaves would fill a small disk.
-        let _ = fs::remove_dir_all(self.folder.path().join(format!("cache{}", self.caches)));
+        let last = self.folder.path().join(format!("cache{}", self.caches));
+        let _ = fs::remove_dir_all(last.with_extension("mirror"));
+        let _ = fs::remove_dir_all(last);
+        for cut in self.cuts.saturating_sub(4)..=self.cuts {
+            let _ = fs::remove_dir_all(self.folder.path().join(format!("cut{cut}")));
+        }
         self.caches += 1;
         self.forgets();
         self.folder.path().join(format!("cache{}", self.caches))
+    }
+
+    /// What a power cut leaves of a cache whose processes ran with [`Campaign::mirror`]: what was synced, and nothing
+    /// else.
+    pub fn power_cut(&mut self, cache: &Path) -> PathBuf {
+        let root = fs::metadata(cache).map_or(0, |meta| meta.ino());
+        self.cuts += 1;
+        let left = self.folder.path().join(format!("cut{}", self.cuts));
+        rebuild(&self.mirror(cache), &format!("d{root}"), &left);
+        left
+    }
+
+    /// Where the library notes what was synced of a cache.
+    pub fn mirror(&self, cache: &Path) -> PathBuf {
+        let mirror = cache.with_extension("mirror");
+        fs::create_dir_all(&mirror).expect("writable");
+        mirror
+    }
+
+    /// Lines of the ledger for a pipeline's text.
+    pub fn done(&self, text: &str) -> Vec<String> {
+        let of = Key::of(text.as_bytes()).short();
+        let ledger = fs::read_to_string(self.ledger()).expect("readable");
+        ledger.lines().filter_map(|line| Some(line.strip_prefix(&of)?.trim().to_owned())).collect()
     }
 
     /// Begins the ledger anew: what was done may have to be done again.
@@ -160,9 +203,14 @@ impl Campaign {
 
     /// The same command comes through now, with the same outputs.
     pub fn ends_alike(&self, cache: &Path) {
-        let ended = self.start(cache, PIPELINE, &[]).wait();
+        self.comes_through(cache, PIPELINE);
+    }
+
+    /// A command comes through now, with the outputs of an undisturbed one.
+    pub fn comes_through(&self, cache: &Path, text: &str) {
+        let ended = self.start(cache, text, &[]).wait();
         assert_eq!(ended.code, 0, "{}: {ended:?}", self.name);
-        self.same(&ended, PIPELINE);
+        self.same(&ended, text);
     }
 
     /// As [`Campaign::ends_alike`]; and nothing in the ledger was done twice.
@@ -179,6 +227,20 @@ impl Campaign {
     /// Tells how many faults there were.
     pub fn made(&self, count: u64) {
         println!("{count:>6} {}", self.name);
+    }
+}
+
+/// Makes a folder as the mirror has it: `name` says of which inode.
+fn rebuild(mirror: &Path, name: &str, folder: &Path) {
+    fs::create_dir_all(folder).expect("writable");
+    let listed = fs::read_to_string(mirror.join(name)).unwrap_or_default(); // one that was never synced is empty
+    for line in listed.lines() {
+        let (inode, name) = line.split_once(' ').expect("an inode and a name");
+        if inode.starts_with('d') {
+            rebuild(mirror, inode, &folder.join(name));
+        } else {
+            fs::write(folder.join(name), fs::read(mirror.join(inode)).unwrap_or_default()).expect("writable");
+        }
     }
 }
 

@@ -10,10 +10,10 @@ use std::{
 };
 use tauflow::{
     engine::{
-        self, RunOptions,
+        self, EngineError, RunOptions,
         event::{Ended, Event},
     },
-    pipeline::{self, Options},
+    pipeline::{self, Options, Pipeline},
 };
 use tauflow_cache::{Key, Store};
 
@@ -23,6 +23,9 @@ pub const CACHE: &str = "TAUFLOW_FAULTS_CACHE";
 pub const LEDGER: &str = "TAUFLOW_FAULTS_LEDGER";
 /// The pipeline's text.
 pub const TEXT: &str = "TAUFLOW_FAULTS_TEXT";
+
+/// A text that begins with this names a node, whose outputs are read as `export` does.
+pub const EXPORT: &str = "#export";
 
 /// Runs in a child; ends it with the code of the command line, and prints the digests of all outputs.
 #[test]
@@ -41,6 +44,39 @@ fn child() {
     });
 }
 
+/// Reads all that a node gave, as `export` does, and makes again what is lost.
+fn export(pipeline: &Pipeline, store: &Store, node: &str) -> Result<bool, String> {
+    let node = pipeline.node(node).ok_or("there is no such node")?;
+    let restore = || {
+        let stop = AtomicBool::new(false);
+        let summary = engine::restore(pipeline, store, (node, 0), &stop, &|_| {}).map_err(|e| e.to_string())?;
+        summary.failures.first().map_or(Ok(()), |failure| Err(failure.message.clone()))
+    };
+    let whole = || -> Result<Option<Vec<String>>, String> {
+        let mut lines = Vec::new();
+        let found = match engine::outputs(pipeline, store, node, 0) {
+            Err(EngineError::Lost(_)) => return Ok(None),
+            found => found.map_err(|e| e.to_string())?,
+        };
+        for (key, artifact) in found.iter() {
+            for digest in artifact.parts.values() {
+                let Some(bytes) = store.get(digest).map_err(|e| e.to_string())? else { return Ok(None) };
+                lines.push(format!("output {key} {}", String::from_utf8_lossy(&bytes).trim()));
+            }
+        }
+        Ok(Some(lines))
+    };
+    let lines = match whole()? {
+        Some(lines) => lines,
+        None => {
+            restore()?;
+            whole()?.ok_or("it was not restored")?
+        }
+    };
+    lines.iter().for_each(|line| println!("{line}"));
+    Ok(true)
+}
+
 fn run(cache: &Path, ledger: &Path, text: &str) -> Result<bool, String> {
     let ledger = File::options().append(true).open(ledger).map_err(|e| e.to_string())?;
     let ledger = Mutex::new(ledger);
@@ -48,6 +84,9 @@ fn run(cache: &Path, ledger: &Path, text: &str) -> Result<bool, String> {
     let pipeline = pipeline.map_err(|e| e.to_string())?;
     let of = Key::of(text.as_bytes()).short();
     let store = Store::open(cache).map_err(|e| e.to_string())?;
+    if let Some(node) = text.lines().next().and_then(|line| line.strip_prefix(EXPORT)) {
+        return export(&pipeline, &store, node.trim());
+    }
     let sink = |event: &Event| {
         if let Event::End { node, cell, item, group, outcome: Ended::Ran, .. } = event {
             let line = format!("{of} {node} {cell} {item} {group}\n");

@@ -1,18 +1,22 @@
-//! A campaign of faults against the store and the engine: processes killed at random moments and at every call that changes a
-//! file, full and read-only disks, damaged and missing files and folders, a clock that jumps, several processes at once, a
-//! collection beside a run, signals. After each, the same command must end with the outputs of an undisturbed run, and nothing
-//! that was announced as done may be done again.
+//! A campaign of faults against the store and the engine.
 //!
-//! `cargo test --release --test faults -- --nocapture` prints how many faults of each kind there were; `TAUFLOW_SLOW=1` makes
-//! more of them.
+//! Processes are killed at random moments and at every call that changes a file. The power goes, and what was not
+//! synced is undone. Disks are full or read-only. Files and folders are damaged or missing. A clock jumps. Several
+//! processes run at once, a collection runs beside a run, and signals come. After each, the same command must end with
+//! the outputs of an undisturbed run. Nothing that was announced as done may be done again.
+//!
+//! `cargo test --release --test faults -- --nocapture` prints how many faults of each kind there were; `TAUFLOW_SLOW=1`
+//! makes more of them.
 
 #[path = "../support/kinds.rs"]
 mod kinds;
+#[path = "../support/media.rs"]
+mod media;
 
 mod campaign;
 mod child;
 
-use campaign::{Campaign, PIPELINE, slow};
+use campaign::{Campaign, PIPELINE, WIDE, slow};
 use std::{fs, path::Path, process::Command, thread, time::Duration};
 use tauflow_cache::{GcOptions, Store};
 
@@ -133,6 +137,81 @@ fn list(folder: &Path, found: &mut Vec<std::path::PathBuf>) {
 }
 
 #[test]
+fn a_wide_gather_and_an_export_after_damage() {
+    let mut campaign = Campaign::new("kill, and then blobs lost, of a gather over 1,100 items");
+    let exports = [format!("#export long\n{WIDE}"), format!("#export sum\n{WIDE}")];
+    campaign.learn(WIDE);
+    let rounds = if slow() { 60 } else { 6 };
+    for round in 0..rounds {
+        let cache = campaign.fresh();
+        if round % 3 == 1 {
+            let mut child = campaign.start(&cache, WIDE, &[]);
+            thread::sleep(Duration::from_millis(campaign.random(200)));
+            child.kill();
+        }
+        campaign.comes_through(&cache, WIDE);
+        let mut files = Vec::new();
+        list(&cache.join("packs"), &mut files);
+        if round % 2 == 0 {
+            files.iter().for_each(|path| fs::remove_file(path).expect("writable"));
+        } else {
+            // A hole of a third of each pack: some hundreds of blobs, and their listings.
+            for path in files.iter().filter(|path| path.extension().is_some_and(|ending| ending == "pack")) {
+                let mut bytes = fs::read(path).expect("readable");
+                let at = campaign.random(bytes.len() as u64) as usize;
+                let len = bytes.len() / 3;
+                bytes[at..].iter_mut().take(len).for_each(|byte| *byte = 0);
+                fs::write(path, &bytes).expect("writable");
+            }
+        }
+        let export = &exports[campaign.random(2) as usize];
+        let ended = campaign.start(&cache, export, &[]).wait();
+        assert_eq!(ended.code, 0, "{ended:?}");
+        let items = if export.starts_with("#export long") { 1100 } else { 1 };
+        assert_eq!(ended.text.lines().filter(|line| line.starts_with("output ")).count(), items, "{ended:?}");
+        campaign.comes_through(&cache, WIDE);
+    }
+    campaign.made(rounds);
+}
+
+#[test]
+fn power_cuts() {
+    let mut campaign = Campaign::new("power cut before a call that changes a file, and one after the next run");
+    // It reads the large blobs, which a commit mark vouches for.
+    let edited = PIPELINE.replace("to: 30", "to: 40");
+    campaign.learn(&edited);
+    let stride = if slow() { 1 } else { 17 };
+    let mut at = 1 + campaign.random(stride);
+    let mut cuts = 0;
+    loop {
+        let cache = campaign.fresh();
+        let mirror = campaign.mirror(&cache).to_string_lossy().into_owned();
+        let faults = [("SHIM_MIRROR", mirror.as_str()), ("SHIM_FAULT", "before"), ("SHIM_AT", &at.to_string())];
+        let ended = campaign.start(&cache, PIPELINE, &faults).wait();
+        let cut = campaign.power_cut(&cache);
+        // Without a cut, another process goes on where the first one died. Of what it leaves, a cut takes nothing.
+        let next = campaign.start(&cache, PIPELINE, &faults[..1]).wait();
+        assert_eq!(next.code, 0, "call {at}: {next:?}");
+        let after = campaign.power_cut(&cache);
+        campaign.ends_well(&after);
+        campaign.comes_through(&after, &edited);
+        let again = campaign.done(&edited);
+        let early = |line: &&String| line.starts_with("numbers ") || line.starts_with("long ");
+        assert_eq!(again.iter().find(early), None, "call {at}: a commit mark vouched for what was not durable");
+        campaign.forgets();
+        campaign.ends_alike(&cut);
+        cuts += 2;
+        if !ended.killed {
+            assert_eq!(ended.code, 0, "{ended:?}");
+            break;
+        }
+        at += stride;
+    }
+    assert!(cuts > 20, "a run makes hundreds of calls: {cuts}");
+    campaign.made(cuts);
+}
+
+#[test]
 fn a_clock_that_jumps() {
     let mut campaign = Campaign::new("clock that jumps by years at every reading");
     let rounds = if slow() { 20 } else { 4 };
@@ -188,7 +267,8 @@ fn a_collection_beside_a_run() {
     let mut collections = 0;
     for round in 0..rounds {
         let cache = campaign.fresh();
-        // Some of it is there already, and in the collection's way; or the collection finds an empty folder, as the run does.
+        // Some of it is there already, and in the collection's way; or the collection finds an empty folder, as the run
+        // does.
         if round % 2 == 0 {
             campaign.ends_well(&cache);
         }

@@ -1,11 +1,20 @@
-//! A library that stands between a program and its disk: loaded before all others, it counts the calls that change files, and
-//! at a chosen one kills the process, before it, in the middle of it or after it, or lets it and all later ones fail, or
-//! it makes the clock jump. Compiled by the campaign itself.
+//! A library that stands between a program and its disk. Compiled by the campaign itself.
+//!
+//! It is loaded before all others, and counts the calls that change files. At a chosen one it kills the process: before
+//! it, in the middle of it or after it. Or it lets it and all later ones fail, or it makes the clock jump.
 //!
 //! `SHIM_FAULT` is `before`, `half`, `after`, `full`, `read_only` or `clock`; `SHIM_AT` the number of the call, from 1.
+//!
+//! `SHIM_MIRROR` is a folder where it keeps, by inode, what was synced: contents of files, and names in folders. From
+//! that the campaign makes what a power cut would leave: all else is undone, whichever process wrote it.
 
 use std::{
+    cell::Cell,
     ffi::{CStr, c_char, c_int, c_void},
+    fmt::Write as _,
+    fs,
+    os::unix::fs::{DirEntryExt, MetadataExt},
+    path::PathBuf,
     sync::{
         OnceLock,
         atomic::{AtomicU64, Ordering},
@@ -71,6 +80,9 @@ fn die() -> ! {
 
 /// What happens to this call: nothing, an error, or death after half of it or all of it.
 fn meet() -> Fault {
+    if INSIDE.get() {
+        return Fault::None;
+    }
     let (fault, at) = chosen();
     let now = CALLS.fetch_add(1, Ordering::SeqCst) + 1;
     match fault {
@@ -80,6 +92,64 @@ fn meet() -> Fault {
         _ => Fault::None,
     }
 }
+
+thread_local! {
+    /// The mirror is being written: these calls are of this library.
+    static INSIDE: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Does something of this library's own, whose calls do not count.
+fn within<T>(work: impl FnOnce() -> T) -> T {
+    INSIDE.set(true);
+    let done = work();
+    INSIDE.set(false);
+    done
+}
+
+fn mirror() -> Option<&'static str> {
+    static MIRROR: OnceLock<Option<&'static str>> = OnceLock::new();
+    *MIRROR.get_or_init(|| variable(c"SHIM_MIRROR"))
+}
+
+/// Before a sync: what it will make durable, in a file beside its place, and that place.
+fn before_sync(fd: c_int) -> Option<(PathBuf, PathBuf)> {
+    let mirror = mirror()?;
+    within(|| {
+        let path = fs::read_link(format!("/proc/self/fd/{fd}")).ok()?;
+        let meta = fs::metadata(&path).ok()?;
+        // SAFETY: it asks for a number.
+        let process = unsafe { getpid() };
+        let beside = PathBuf::from(format!("{mirror}/tmp{process}.{}", NEXT_COPY.fetch_add(1, Ordering::SeqCst)));
+        if !meta.is_dir() {
+            fs::write(&beside, fs::read(&path).ok()?).ok()?;
+            return Some((beside, PathBuf::from(format!("{mirror}/f{}", meta.ino()))));
+        }
+        let mut names = String::new();
+        for entry in fs::read_dir(&path).ok()? {
+            let entry = entry.ok()?;
+            let sort = if entry.file_type().ok()?.is_dir() { 'd' } else { 'f' };
+            writeln!(names, "{sort}{} {}", entry.ino(), entry.file_name().to_str()?).ok()?;
+        }
+        fs::write(&beside, names).ok()?;
+        Some((beside, PathBuf::from(format!("{mirror}/d{}", meta.ino()))))
+    })
+}
+
+/// What is new has nothing of an earlier one that had its inode.
+fn forget(sort: char, path: *const c_char) {
+    let Some(mirror) = mirror() else { return };
+    within(|| {
+        // SAFETY: the caller of libc gave a text that ends with a zero.
+        let path = unsafe { CStr::from_ptr(path) }.to_str().unwrap_or_default();
+        if let Ok(meta) = fs::symlink_metadata(path)
+            && (sort == 'd' || meta.len() == 0)
+        {
+            let _ = fs::remove_file(format!("{mirror}/{sort}{}", meta.ino()));
+        }
+    });
+}
+
+static NEXT_COPY: AtomicU64 = AtomicU64::new(0);
 
 fn fail(error: c_int) -> c_int {
     // SAFETY: the address is this thread's own.
@@ -126,6 +196,12 @@ writes!(write, c"write", ());
 writes!(pwrite64, c"pwrite64", (at: i64));
 writes!(pwrite, c"pwrite", (at: i64));
 
+macro_rules! first {
+    ($first:ident $(, $more:ident)*) => {
+        $first
+    };
+}
+
 /// Calls without a middle. Those that only sync, or give room back, do not fail for want of room.
 macro_rules! steps {
     ($($name:ident, $text:literal, $takes_room:literal, ($($arg:ident: $type:ty),*);)*) => { $(
@@ -141,12 +217,21 @@ macro_rules! steps {
                     return fail(error);
                 }
             }
+            let syncs = $text.to_bytes().ends_with(b"sync");
+            let synced = if syncs { before_sync(first!($($arg),*) as c_int) } else { None };
             // SAFETY: the caller's promise is passed on.
             let done = unsafe { real($($arg),*) };
+            if let (Some((beside, place)), 0) = (synced, done) {
+                let _ = within(|| fs::rename(beside, place));
+            }
+            if done == 0 && $text == c"mkdir" {
+                forget('d', first!($($arg),*) as *const c_char);
+            }
             if matches!(fault, Fault::Half | Fault::After) { die() } else { done }
         }
     )* };
 }
+
 
 steps! {
     fsync, c"fsync", false, (fd: c_int);
@@ -173,6 +258,12 @@ pub unsafe extern "C" fn open64(path: *const c_char, flags: c_int, mode: u32) ->
                 die()
             }
         }
+        // SAFETY: the caller's promise is passed on.
+        let done = unsafe { real(path, flags, mode) };
+        if done >= 0 && !INSIDE.get() {
+            forget('f', path);
+        }
+        return done;
     }
     // SAFETY: the caller's promise is passed on.
     unsafe { real(path, flags, mode) }

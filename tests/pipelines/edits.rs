@@ -8,7 +8,7 @@ use tauflow::{
     registry,
 };
 use tauflow_cache::Store;
-use tauflow_data::formats::Verdict;
+use tauflow_data::records::Verdict;
 
 /// Four strata, four scenes each; a few pixels, a few steps.
 pub const PIPELINE: &str = r#"
@@ -165,10 +165,10 @@ fn an_edit_reruns_what_it_changes_and_nothing_else() {
 #[test]
 fn a_verdict_moves_no_other_scene() {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    let file = folder.path().join("edits.yaml");
+    let (file, cache) = (folder.path().join("edits.yaml"), folder.path().join("cache"));
     std::fs::write(&file, PIPELINE).expect("written");
-    let before = Done::run(&file, Vec::new(), folder.path());
-    let verdicts: BTreeMap<String, Verdict> = before.json("gate.verdicts", "");
+    let before = Done::run(&file, Vec::new(), &cache);
+    let verdicts: BTreeMap<String, Verdict> = before.read("gate.verdicts");
     let mut contrast: Vec<f64> = verdicts.values().map(|v| v.measures["contrast"]).collect();
     contrast.sort_by(f64::total_cmp);
     // Between the two least: one scene more is rejected.
@@ -177,9 +177,9 @@ fn a_verdict_moves_no_other_scene() {
         "scenes: scenes, previews: previews }",
         &format!("scenes: scenes, previews: previews }}\n    params: {{ contrast: {threshold} }}"),
     );
-    let ran = run(folder.path(), &text);
+    let ran = run(&cache, &text);
     std::fs::write(&file, &text).expect("written");
-    let after = Done::run(&file, Vec::new(), folder.path());
+    let after = Done::run(&file, Vec::new(), &cache);
     assert_eq!(after.keys("gate.accepted").len(), 15);
     for side in ["split.train", "split.test"] {
         let (before, after) = (before.keys(side), after.keys(side));

@@ -1,5 +1,5 @@
-//! A training that is killed, as by a power cut, again and again: it goes on from its last checkpoint and ends with the bits of one that is
-//! left alone.
+//! A training that is killed, as by a power cut, again and again: it goes on from its last checkpoint and ends with the
+//! bits of one that is left alone.
 
 use crate::edits::PIPELINE;
 use serde_json::Value;
@@ -36,8 +36,8 @@ fn tauflow(folder: &Path, cache: &str, arguments: &[&str]) -> Command {
     command
 }
 
-/// Runs it until the training has told of a step of at least `until`, then kills it some time later: the first and the last step
-/// that it told of.
+/// Runs it until the training has told of a step of at least `until`, then kills it some time later: the first and the
+/// last step that it told of.
 fn killed(folder: &Path, until: u64, later: Duration) -> (u64, u64) {
     let mut command = tauflow(folder, "killed", &["--events", "json"]);
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().expect("it starts");
@@ -71,7 +71,8 @@ fn a_training_that_is_killed_again_and_again_ends_with_the_same_bits() {
     let mut reached = 0;
     for (round, until) in (20..200).step_by(30).enumerate() {
         let (first, last) = killed(folder, until, Duration::from_millis(7 * round as u64));
-        // What was told of before is not done again, but for the steps since the last checkpoint, of which every tenth is told.
+        // What was told of before is not done again, but for the steps since the last checkpoint, of which every tenth
+        // is told.
         assert!(first + EVERY > reached, "killed after step {reached}, and gone on with from {first}");
         reached = last.max(reached);
     }

@@ -7,6 +7,7 @@ mod mitsuba;
 mod processors;
 mod protocol;
 mod quickstart;
+mod readmes;
 mod real_assets;
 mod strata;
 mod stress;

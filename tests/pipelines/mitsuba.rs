@@ -1,14 +1,15 @@
-//! Scenes of all strata have the means that Mitsuba 3 gives them: `mitsuba.json` holds its means and standard errors of 8 x 8
-//! bins, which `benches/mitsuba/agree.py FOLDER --reference` writes.
+//! Scenes of all strata have the means that Mitsuba 3 gives them: `mitsuba.json` holds its means and standard errors of
+//! 8 x 8 bins, which `benches/mitsuba/agree.py FOLDER --reference` writes.
 //!
 //! One scene of each stratum is a test; `TAUFLOW_SLOW=1` makes it all of them with more samples.
 
 use crate::support::{Done, root};
 use serde::Deserialize;
 use std::collections::BTreeMap;
+use tauflow_contract::Media;
 use tauflow_data::{
     Image, Stratum,
-    ladder::{LadderMeta, rung_part},
+    records::{Ladder, Rung},
 };
 
 const PIPELINE: &str = "
@@ -106,7 +107,8 @@ fn scenes_have_mitsubas_means() {
         .replace("RUNGS", &format!("{rungs:?}"));
     std::fs::write(&file, text).expect("written");
     // The first scene of each stratum, or the first four, among which the three of the references are.
-    let done = Done::run(&file, vec![format!("scenes.pool={}", if slow { 48 } else { 12 })], folder.path());
+    let done =
+        Done::run(&file, vec![format!("scenes.pool={}", if slow { 48 } else { 12 })], &folder.path().join("cache"));
     let (artifacts, ladders) = (done.collection("gate.accepted"), done.collection("ladders.ladder"));
     let (mut worst, mut squares) = (0.0f64, 0.0);
     for (key, reference) in &chosen {
@@ -117,16 +119,12 @@ fn scenes_have_mitsubas_means() {
             "{key} is another scene than the reference is of; make references anew, as benches/mitsuba/README.md says"
         );
         let ladder = ladders.get(key).expect("it is rendered");
-        let meta: LadderMeta = serde_json::from_slice(&done.part(ladder, "meta.json")).expect("what the kind wrote");
+        let Ladder { meta, rungs: images, .. } = done.with(|ctx| Ladder::load(ctx, ladder)).expect("a ladder");
         assert_eq!((meta.rejected, &meta.counts), (0, &rungs));
         // Disjoint blocks of samples are independent batches.
-        let sums: Vec<Vec<f64>> = rungs
-            .iter()
-            .map(|spp| {
-                let image = Image::from_bytes(&done.part(ladder, &rung_part(*spp))).expect("an image");
-                bins(&image).into_iter().map(|v| v * *spp as f64 / batch as f64).collect()
-            })
-            .collect();
+        let share = |rung: &Rung| rung.spp as f64 / batch as f64;
+        let sums: Vec<Vec<f64>> =
+            images.iter().map(|rung| bins(&rung.image).into_iter().map(|v| v * share(rung)).collect()).collect();
         let blocks: Vec<Vec<f64>> = (0..sums.len())
             .map(|k| (0..BINS * BINS).map(|b| sums[k][b] - if k > 0 { sums[k - 1][b] } else { 0.0 }).collect())
             .collect();

@@ -1,12 +1,13 @@
-//! The same bits on other processors: rendering, training, refinement and evaluation on this one with all that it has, with AVX2
-//! and with SSE2, and on an emulated one that has no more than SSE2. That needs `qemu-x86_64` (Debian: qemu-user), and says when
-//! it is not there. (One with AVX2 is not emulated: qemu 7.2 computes some of its instructions wrongly, and fails tests of the
-//! renderer that processors with AVX2 pass.)
+//! The same bits on other processors: rendering, training, refinement and evaluation on this one with all that it has,
+//! with AVX2 and with SSE2, and on an emulated one that has no more than SSE2. That needs `qemu-x86_64` (Debian:
+//! qemu-user), and says when it is not there. (One with AVX2 is not emulated: qemu 7.2 computes some of its
+//! instructions wrongly, and fails tests of the renderer that processors with AVX2 pass.)
 
 use crate::edits::PIPELINE;
 use std::{fs, path::Path, process::Command};
 
-/// What the defaults of trainings leave out: G-buffers, logarithms, absolute differences, shades, low rungs, all eight views.
+/// What the defaults of trainings leave out: G-buffers, logarithms, absolute differences, shades, low rungs, all eight
+/// views.
 const MORE: &str = r"
   gbuffer_set:
     kind: dataset_packing
@@ -32,10 +33,17 @@ const MORE: &str = r"
     kind: refinement
     inputs: { endpoints: gbuffer_test, model: strong.model }
     params: { nfe: [1, 3], mirrors: 8 }
-  values:
+  own_values:
     kind: training
     inputs: { train: gbuffer_set }
-    params: { parameterization: vanilla_rf, conditioning: gbuffer, preset: tiny, steps: 2, batch: 2, crop: 16, output: values }
+    params:
+      parameterization: vanilla_rf
+      conditioning: gbuffer
+      preset: tiny
+      steps: 2
+      batch: 2
+      crop: 16
+      output: values
 ";
 /// Runs the pipeline in a cache of its own, with some of this processor's instructions or on an emulated one.
 fn run(folder: &Path, instructions: &str, processor: Option<&str>, arguments: &[&str]) -> String {

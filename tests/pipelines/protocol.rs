@@ -60,7 +60,7 @@ fn the_benchmark_is_the_papers_protocol() {
     is("sampling", "/train", json!(5000));
     is("sampling", "/test", json!(1200));
     for ladders in ["train_ladders", "test_ladders"] {
-        is(ladders, "/rungs", json!({ "dyadic": 512 }));
+        is(ladders, "/rungs", json!([1, 2, 4, 8, 16, 32, 64, 128, 256, 512]));
         is(ladders, "/resolution", json!([256, 256]));
     }
     is("solvers", "/steps", json!(60_000));

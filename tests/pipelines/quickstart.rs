@@ -1,12 +1,11 @@
-//! What the quickstart's results must show. Runs the pipeline itself, which takes a quarter of an hour on two cores when
-//! the cache of this checkout does not hold it yet, so it needs `TAUFLOW_SLOW=1`.
+//! What the quickstart's results must show. Runs the pipeline itself, which takes a quarter of an hour on two cores
+//! when the cache of this checkout does not hold it yet, so it needs `TAUFLOW_SLOW=1`.
 
 use crate::support::{Done, root};
 use std::collections::BTreeMap;
 use tauflow_data::{
     Stratum,
-    formats::Verdict,
-    results::{Bridge, Evaluation, MethodTable, TrainingLog},
+    records::{BridgeFiles, Evaluation, MethodTable, TrainingLog, Verdict},
 };
 
 /// The quickstart, and a solver that learns targets that belong to other states.
@@ -73,7 +72,7 @@ fn the_quickstart_learns_what_it_should() {
     }
 
     // The gate rejects something, and says why.
-    let verdicts: BTreeMap<String, Verdict> = done.json("gate.verdicts", "");
+    let verdicts: BTreeMap<String, Verdict> = done.read("gate.verdicts");
     let rejected: Vec<_> = verdicts.iter().filter(|(_, v)| !v.reasons.is_empty()).collect();
     assert!(verdicts.len() == 480 && !rejected.is_empty() && rejected.len() < verdicts.len() / 4);
     for (scene, verdict) in rejected {
@@ -98,10 +97,10 @@ fn the_quickstart_learns_what_it_should() {
     }
 
     // Its strata are what they say.
-    crate::strata::check(done.json("statistics.statistics", ""), 4);
+    crate::strata::check(done.read("statistics.statistics"), 4);
 
     // The MC noise solver beats its input by 3 dB in one step, surely.
-    let evaluation: Evaluation = done.json("evaluation", "").into_values().next().expect("one table");
+    let evaluation: Evaluation = done.only("evaluation");
     assert_eq!((evaluation.scenes, evaluation.nfe.as_slice()), (48, &[1u64, 2, 9, 20, 50][..]));
     assert_eq!(evaluation.methods.len(), 8);
     let gain = |table: &MethodTable| table.at.iter().find(|a| a.nfe == 1).expect("NFE 1").gain["hdr_psnr"];
@@ -110,7 +109,7 @@ fn the_quickstart_learns_what_it_should() {
     assert!(noise.mean >= 3.0 && noise.low > 0.0, "{noise:?}");
 
     // Every cell learns: the loss on scenes that it never saw falls.
-    let logs: BTreeMap<String, TrainingLog> = done.json("solvers.log", "");
+    let logs: BTreeMap<String, TrainingLog> = done.read("solvers.log");
     assert_eq!(logs.len(), 8);
     for (cell, log) in &logs {
         let losses: Vec<f64> = log.points.iter().filter_map(|p| p.test).collect();
@@ -119,13 +118,13 @@ fn the_quickstart_learns_what_it_should() {
     }
 
     // Targets of other states teach nothing: what is left is what any weighted mean does to noise.
-    let control: Evaluation = done.json("shuffled_scores", "").into_values().next().expect("one table");
+    let control: Evaluation = done.only("shuffled_scores");
     let shuffled = gain(&control.methods[0]);
     println!("shuffled targets: {:+.2} dB", shuffled.mean);
     assert!(shuffled.mean < noise.mean - 3.0 && shuffled.mean < 1.0, "{shuffled:?}");
 
     // Ten scenes make 90 adjacent and 80 direct cases for each method.
-    let bridge: Bridge = done.json("bridge", "bridge.json").into_values().next().expect("one result");
+    let bridge = done.only::<BridgeFiles>("bridge").bridge;
     for summary in &bridge.summary {
         assert_eq!(summary.cases, if summary.stop == "adjacent" { 90 } else { 80 }, "{summary:?}");
     }

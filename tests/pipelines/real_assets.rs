@@ -1,13 +1,15 @@
-//! `real_assets.yaml` over the shared HDRIs and objects: every file is in a rendered scene that the gate lets through, or
-//! is refused by name for a reason.
+//! `real_assets.yaml` over the shared HDRIs and objects: every file is in a rendered scene that the gate lets through,
+//! or is refused by name for a reason.
 
 use crate::support::{Done, root};
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::Path,
 };
-use tauflow_data::scene::Recipe;
-use tauflow_scene::AssetReport;
+use tauflow_data::{
+    records::{AssetReport, SceneRecord},
+    scene::Recipe,
+};
 
 fn files(folder: &Path, found: &mut BTreeSet<String>) {
     for entry in std::fs::read_dir(folder).expect("a folder") {
@@ -42,14 +44,15 @@ fn every_file_appears_in_a_rendered_scene() {
     ];
     let done = Done::run(&root().join("pipelines/real_assets.yaml"), sets, folder.path());
 
-    let reports: BTreeMap<String, AssetReport> = done.json("assets.reports", "");
+    let reports: BTreeMap<String, AssetReport> = done.read("assets.reports");
     let refused: BTreeMap<&str, &str> =
         reports.values().filter_map(|r| Some((r.name.as_str(), r.reason.as_deref()?))).collect();
     println!("refused: {refused:?}");
     assert!(refused.keys().eq(["BoxMeshopt.glb"].iter()), "{refused:?}");
 
     let rendered: BTreeSet<String> = done.keys("previews").into_iter().collect();
-    let recipes: BTreeMap<String, Recipe> = done.json("gate.accepted", "recipe.json");
+    let accepted: BTreeMap<String, SceneRecord> = done.read("gate.accepted");
+    let recipes: BTreeMap<String, Recipe> = accepted.into_iter().map(|(key, record)| (key, record.recipe)).collect();
     let mut shown = BTreeSet::new();
     for (key, recipe) in recipes {
         assert!(rendered.contains(&key), "{key}");

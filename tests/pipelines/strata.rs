@@ -1,8 +1,9 @@
-//! Strata are what they say: regimes and contexts come apart in what is measured of scenes drawn as the quickstart draws them.
+//! Strata are what they say: regimes and contexts come apart in what is measured of scenes drawn as the quickstart
+//! draws them.
 
 use crate::support::Done;
 use std::collections::BTreeMap;
-use tauflow_data::{ContextClass, Regime, Stratum, statistics::SceneStatistics};
+use tauflow_data::{ContextClass, Regime, Stratum, records::SceneStatistics};
 
 const PIPELINE: &str = "
 pipeline: strata
@@ -25,8 +26,8 @@ fn regimes_and_contexts_come_apart() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let file = folder.path().join("strata.yaml");
     std::fs::write(&file, PIPELINE).expect("written");
-    let done = Done::run(&file, Vec::new(), folder.path());
-    check(done.json("statistics.statistics", ""), 5);
+    let done = Done::run(&file, Vec::new(), &folder.path().join("cache"));
+    check(done.read("statistics.statistics"), 5);
 }
 
 /// Checks the statistics of scenes, at least so many of each stratum.

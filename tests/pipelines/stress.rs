@@ -1,19 +1,17 @@
-//! `pipelines/stress.yaml`: hazards through every kind of the main job but those that call other programs. Nothing fails, nothing comes out that is no number, and another
-//! number of threads, from an empty store, makes the same of it. The rollouts of a thousand calls are of a hundred unless
-//! `TAUFLOW_SLOW=1`.
+//! `pipelines/stress.yaml`: hazards through every kind of the main job but those that call other programs. Nothing
+//! fails, nothing comes out that is no number, and another number of threads, from an empty store, makes the same of
+//! it. The rollouts of a thousand calls are of a hundred unless `TAUFLOW_SLOW=1`.
 
 use crate::support::{Done, root};
 use std::collections::BTreeMap;
 use tauflow::engine::RunOptions;
-use tauflow_contract::{Artifact, Context};
+use tauflow_contract::{Artifact, Context, Media};
 use tauflow_data::{
-    Image, Ladder, LadderMeta,
-    convergence::Convergence,
-    formats::{Exposure, PackedScene, Verdict, load_refined},
-    ladder::GBuffer,
-    results::{Bridge, Evaluation, MethodTable, TrainingLog},
-    statistics::SceneStatistics,
-    time_error::{TimeError, TimedSummary},
+    Image,
+    records::{
+        BridgeFiles, Convergence, Evaluation, Exposure, GBuffer, Ladder, LadderMeta, MethodTable, ModelFile,
+        PackedScene, Refined, SceneStatistics, TimeError, TimedSummary, TrainingLog, Verdict,
+    },
 };
 use tauflow_train::Model;
 
@@ -92,24 +90,22 @@ fn hazards_go_through_every_kind() {
     assert!(images(&done, "train_ladders.gbuffer", gbuffer, size(33, 17)) >= 8);
 
     // The gate rejects what is black and nothing else, and exposures span more than twenty stops.
-    let verdicts: BTreeMap<String, Verdict> = done.json("gate.verdicts", "");
+    let verdicts: BTreeMap<String, Verdict> = done.read("gate.verdicts");
     let rejected: Vec<&Verdict> = verdicts.values().filter(|v| !v.reasons.is_empty()).collect();
     assert!(verdicts.len() == 36 && !rejected.is_empty(), "{rejected:?}");
     assert!(rejected.iter().all(|v| v.reasons == ["black"]), "{rejected:?}");
-    let factors: Vec<f64> = done.json::<Exposure>("gate.exposure", "").into_values().map(|e| e.factor).collect();
+    let factors: Vec<f64> = done.read::<Exposure>("gate.exposure").into_values().map(|e| e.factor).collect();
     let (least, most) = factors.iter().fold((f64::MAX, 0.0f64), |(a, b), v| (a.min(*v), b.max(*v)));
     assert!(least > 0.0 && (most / least).log2() > 20.0 && most.is_finite(), "{least:e} {most:e}");
 
-    let packed = |ctx: &Context<'_>, artifact: &Artifact| {
-        PackedScene::from_bytes(&ctx.part(artifact, "").expect("stored")).expect("packed").states
-    };
+    let packed = |ctx: &Context<'_>, artifact: &Artifact| PackedScene::load(ctx, artifact).expect("packed").states;
     for (port, rungs) in [("train_set", 4), ("test_set", 4), ("close_set", 2), ("one_set", 4)] {
         assert_eq!(images(&done, port, packed, size(33, 17)), rungs * done.keys(port).len(), "{port}");
     }
 
     // Trainings: every loss, and every weight, which a model is read by.
     for (port, cells) in [("solvers", 8), ("close_solvers", 8)] {
-        let logs: BTreeMap<String, TrainingLog> = done.json(&format!("{port}.log"), "");
+        let logs: BTreeMap<String, TrainingLog> = done.read(&format!("{port}.log"));
         assert_eq!(logs.len(), cells);
         for (cell, log) in &logs {
             let losses: Vec<Option<f64>> = log.points[1..].iter().map(|p| p.train).collect();
@@ -120,14 +116,14 @@ fn hazards_go_through_every_kind() {
         let models = done.collection(&format!("{port}.model"));
         done.with(|ctx| {
             for (_, artifact) in models.iter() {
-                Model::load(&ctx.part(artifact, "").expect("stored")).expect("finite weights");
+                Model::load(&ModelFile::load(ctx, artifact).expect("stored").0).expect("finite weights");
             }
         });
     }
 
     // Refinements in 1 to 1,000 calls.
     let refined = |ctx: &Context<'_>, artifact: &Artifact| {
-        load_refined(ctx, artifact).expect("refined").0.into_iter().map(|(_, image)| image).collect()
+        Refined::load(ctx, artifact).expect("refined").images.into_iter().map(|(_, image)| image).collect()
     };
     let tested = done.keys("test_set").len();
     for (port, count) in [
@@ -142,20 +138,20 @@ fn hazards_go_through_every_kind() {
     }
 
     // Tables: JSON has no NaN, so that a number that is none would not be read.
-    let evaluation: Evaluation = done.json("evaluation", "").into_values().next().expect("one table");
+    let evaluation: Evaluation = done.only("evaluation");
     assert_eq!((evaluation.methods.len(), evaluation.nfe.as_slice()), (8, &[1u64, 2, 3, 9][..]));
     for MethodTable { at, auc, tv, .. } in &evaluation.methods {
         let of =
             at.iter().flat_map(|at| at.metrics.values().chain(at.gain.values())).chain(auc.values()).chain(tv.values());
         assert!(of.flat_map(|e| [e.mean, e.low, e.high]).all(f64::is_finite));
     }
-    let convergence: Convergence = done.json("convergence", "").into_values().next().expect("one table");
+    let convergence: Convergence = done.only("convergence");
     assert!(convergence.overall.rmse.iter().chain(&convergence.overall.law).all(|v| v.is_finite() && *v > 0.0));
-    assert_eq!(done.json::<SceneStatistics>("statistics", "").len(), tested);
-    let bridge: Bridge = done.json("bridge", "bridge.json").into_values().next().expect("one table");
+    assert_eq!(done.read::<SceneStatistics>("statistics").len(), tested);
+    let bridge = done.only::<BridgeFiles>("bridge").bridge;
     // Three methods at 1 -> 2, 2 -> 3 and 1 -> 3.
     assert_eq!((bridge.rows.len(), bridge.cases.len()), (9, 9 * tested));
-    let timed: TimeError = done.json("time_error", "").into_values().next().expect("one table");
+    let timed: TimeError = done.only("time_error");
     assert_eq!(timed.methods.len(), 3);
     for point in timed.methods.iter().flat_map(|of| &of.points) {
         let TimedSummary { wall_s, mse, rel_mse, .. } = point.all;

@@ -7,7 +7,9 @@ use tauflow::{
     registry,
 };
 use tauflow_cache::Store;
-use tauflow_contract::{Artifact, Blobs, Collection, Context, Digest, KindError, MemoKey, Silent};
+use tauflow_contract::{
+    Artifact, Blobs, Collection, Context, Digest, Handle, ItemKey, KindError, Media, MemoKey, Silent,
+};
 
 /// A pipeline that was run, and the store with its results.
 pub struct Done {
@@ -48,11 +50,12 @@ impl Done {
         read(&Context::new(&Reading(&self.store), &Silent, &AtomicBool::new(false)))
     }
 
-    /// The kind of the node of `node.port`, and its version.
+    /// The kind of the node of `node.port`, and the version of the port's group.
     pub fn kind(&self, port: &str) -> (&'static str, u32) {
-        let name = port.split_once('.').map_or(port, |(name, _)| name);
-        let spec = &self.pipeline.nodes[self.pipeline.node(name).expect("the node is there")].spec;
-        (spec.name, spec.version)
+        let (name, port) = port.split_once('.').expect("`node.port`");
+        let node = &self.pipeline.nodes[self.pipeline.node(name).expect("the node is there")];
+        let port = node.output(port).expect("the port is there");
+        (node.spec.name, node.spec.outputs[port].group.version)
     }
 
     /// What stands at `node` or `node.port`.
@@ -74,15 +77,21 @@ impl Done {
         self.store.get(&digest).expect("the store can be read").expect("the blob is there")
     }
 
-    /// A part of every item, as JSON.
-    pub fn json<T: serde::de::DeserializeOwned>(&self, node: &str, part: &str) -> BTreeMap<String, T> {
-        self.collection(node)
-            .iter()
-            .map(|(key, artifact)| {
-                let bytes = self.part(artifact, part);
-                (key.to_string(), serde_json::from_slice(&bytes).expect("what the kind wrote"))
-            })
-            .collect()
+    /// Every item, loaded.
+    pub fn read<M: Media>(&self, node: &str) -> BTreeMap<String, M> {
+        let load = |(key, artifact): (&ItemKey, &Artifact)| {
+            let handle = Handle::<M>::new(artifact).expect("of this media type");
+            (key.to_string(), self.with(|ctx| handle.load(ctx)).expect("what the kind wrote"))
+        };
+        self.collection(node).iter().map(load).collect()
+    }
+
+    /// The only item, loaded.
+    pub fn only<M: Media>(&self, node: &str) -> M {
+        let mut items = self.read(node).into_values();
+        let only = items.next().expect("an item");
+        assert!(items.next().is_none(), "`{node}` has several items");
+        only
     }
 }
 

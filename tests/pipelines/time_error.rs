@@ -1,9 +1,13 @@
-//! `pipelines/time_error.yaml` with its profile `tiny`: every method is timed on every scene, in its own right, and the page has them all.
+//! `pipelines/time_error.yaml` with its profile `tiny`: every method is timed on every scene, in its own right, and the
+//! page has them all.
 
 use crate::support::{Done, root};
 use std::collections::BTreeMap;
 use tauflow::engine::RunOptions;
-use tauflow_data::{Stratum, time_error::TimeError, timing::Timing};
+use tauflow_data::{
+    Stratum,
+    records::{TimeError, Timing},
+};
 
 #[test]
 fn every_method_is_timed_on_every_scene() {
@@ -14,7 +18,7 @@ fn every_method_is_timed_on_every_scene() {
     let sets = sets.map(str::to_owned).to_vec();
     let file = root().join("pipelines/time_error.yaml");
     let done = Done::run_profile(&file, "tiny", sets, folder.path(), &RunOptions::default());
-    let tables: TimeError = done.json("all_times", "").into_values().next().expect("one item");
+    let tables: TimeError = done.only("all_times");
 
     let points: BTreeMap<(&str, &str), Vec<(u64, u64)>> = tables
         .methods
@@ -69,8 +73,8 @@ fn every_method_is_timed_on_every_scene() {
     assert!(own[7].all.wall_s[1] > own[0].all.wall_s[1], "{own:?}");
     assert!(own[7].all.mse < 0.05 * own[0].all.mse, "{} {}", own[7].all.mse, own[0].all.mse);
     // A solver's time is that of its endpoint, of the G-buffer, and its own.
-    let render: BTreeMap<String, Timing> = done.json("all_ladders.timing", "");
-    let solver: BTreeMap<String, Timing> = done.json("all_solvers.timing", "");
+    let render: BTreeMap<String, Timing> = done.read("all_ladders.timing");
+    let solver: BTreeMap<String, Timing> = done.read("all_solvers.timing");
     let middle = |timing: &Timing, method: &str, spp: u64, nfe: u64| {
         let mut of = timing.entries.iter().filter(|e| (e.method.as_str(), e.nfe) == (method, nfe));
         let entry = of.find(|e| method == "gbuffer" || e.from_spp == spp).expect("timed");

@@ -5,7 +5,7 @@ use super::{
     learning::{Lab, SIDE, guided, scene, sound},
     networks::{loaded, range, refined_with},
 };
-use tauflow_data::{Image, formats::PackedScene};
+use tauflow_data::{Image, records::PackedScene};
 use tauflow_train::{Loss, Model, Parameterization, Space};
 
 const AREA: &str = "Networks and albedo";
@@ -87,7 +87,8 @@ pub fn hazards() -> Vec<Hazard> {
             let came = model().map(|_| "finite losses and weights".into());
             add(
                 format!(
-                    "{name}, trained on albedo of 0, of 1e-6, of 0 to 1 from pixel to pixel, and of 0 below a firefly of 1e6 among white"
+                    "{name}, trained on albedo of 0, of 1e-6, of 0 to 1 from pixel to pixel, and of 0 below a \
+                     firefly of 1e6 among white"
                 ),
                 "finite losses and weights",
                 came,
@@ -109,7 +110,8 @@ pub fn hazards() -> Vec<Hazard> {
             });
             add(
                 format!("{name}, albedo of 0, of 1e-6, and of 0 to 1 from pixel to pixel; {from}, 9 and 50 steps"),
-                "finite, not negative; radiance over albedo and 0.02 nowhere above the input's: means of light; of 1e-6 the image of 0, to 1e-3",
+                "finite, not negative; radiance over albedo and 0.02 nowhere above the input's: means of light; of \
+                 1e-6 the image of 0, to 1e-3",
                 came,
             );
             let came = model().and_then(|model| {

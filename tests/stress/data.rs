@@ -3,20 +3,21 @@
 use super::{Hazard, held};
 use std::{collections::BTreeMap, sync::atomic::AtomicBool};
 use tauflow_contract::{
-    Action, Artifact, Blobs, Collection, Context, Digest, ItemKey, Kind, KindError, MemoryBlobs, Outputs, Silent,
+    Action, Artifact, Blobs, Collection, Context, Digest, FILE_PORT, Files, ItemKey, Kind, KindError, Media,
+    MemoryBlobs, Outputs, Silent,
 };
 use tauflow_data::{
-    Image, Ladder, LadderMeta, Regime, Stratum,
-    convergence::Convergence,
-    formats::{EXPOSURE, Exposure, JSON, SCENE},
+    Image, Regime, SamplerKind, Stratum,
     image_io::write_exr,
-    ladder::{Rung, SamplerKind},
-    results::{Evaluation, METRICS, Metrics, SceneScores, Score},
+    records::{
+        Asset, AssetBody, AssetReport, Convergence, Evaluation, Exposure, Ladder, LadderMeta, METRICS, Metrics, Rung,
+        SceneRecord, SceneScores, Score,
+    },
     rng::Stream,
 };
 use tauflow_eval::{EvaluationKind, EvaluationParams, TimeErrorKind, TimeErrorParams};
 use tauflow_render::convergence::{ConvergenceKind, ConvergenceParams};
-use tauflow_scene::{Asset, AssetReport, Assets, AssetsParams, Body, StratifiedSampling, StratifiedSamplingParams};
+use tauflow_scene::{Assets, AssetsParams, StratifiedSampling, StratifiedSamplingParams};
 
 const AREA: &str = "Strata, ladders and files";
 
@@ -36,12 +37,12 @@ pub fn hazards() -> Vec<Hazard> {
 fn run<K: Kind>(
     blobs: &MemoryBlobs,
     params: K::Params,
-    whole: &[(&'static str, &Collection)],
+    all: &[(&'static str, &Collection)],
 ) -> Result<Outputs, String> {
     let stop = AtomicBool::new(false);
     let ctx = Context::new(blobs, &Silent, &stop);
-    let whole = whole.iter().copied().collect();
-    let action = Action { params, item: None, group: "main", seed: 1, each: BTreeMap::new(), whole };
+    let all = all.iter().copied().collect();
+    let action = Action { params, item: None, group: "main", seed: 1, each: BTreeMap::new(), all };
     K::run(&ctx, &action).map_err(|e: KindError| e.to_string())
 }
 
@@ -71,7 +72,7 @@ fn strata(add: Add<'_>) {
         .flat_map(|stratum| (0..3).map(move |i| stratum.item_key(i)))
         .map(|key| {
             let digest = Digest::of(key.as_str().as_bytes());
-            (key, Artifact::blob(SCENE, digest))
+            (key, Artifact::blob(SceneRecord::NAME, digest))
         })
         .collect();
     let sample = |params, pool: &Collection| run::<StratifiedSampling>(&blobs, params, &[("train", pool)]);
@@ -130,10 +131,10 @@ fn scores(add: Add<'_>) {
             "refused: there are no scores",
         ),
     );
-    let whole = [("references", &none), ("exposure", &none), ("ladders", &none), ("render_times", &none)];
-    let came = run::<TimeErrorKind>(&blobs, TimeErrorParams::default(), &whole);
+    let all = [("references", &none), ("exposure", &none), ("ladders", &none), ("render_times", &none)];
+    let came = run::<TimeErrorKind>(&blobs, TimeErrorParams::default(), &all);
     add("error against time of no scenes", "refused", refused(came, &["no scenes"], "refused: there are no scenes"));
-    let came = run::<ConvergenceKind>(&blobs, ConvergenceParams {}, &whole[..3]);
+    let came = run::<ConvergenceKind>(&blobs, ConvergenceParams {}, &all[..3]);
     add("convergence of no ladders", "refused", refused(came, &["no references"], "refused: there are no references"));
     // One scene: nothing to resample, one stratum of twelve.
     let metrics = |psnr: f64| Metrics {
@@ -147,8 +148,9 @@ fn scores(add: Add<'_>) {
     let scored = |key: &str, method: &str, nfe: u64, psnr: f64| -> Collection {
         let score = Score { method: method.into(), from_spp: 1, to_spp: 8, nfe, metrics: metrics(psnr) };
         let scores = SceneScores { reference_spp: 8, scores: vec![score], note: None };
-        let digest = blobs.put(&serde_json::to_vec(&scores).expect("plain data")).expect("memory");
-        [(ItemKey::new(key).expect("plain"), Artifact::blob(JSON, digest))].into_iter().collect()
+        let stop = AtomicBool::new(false);
+        let stored = scores.store(&Context::new(&blobs, &Silent, &stop)).expect("memory");
+        [(ItemKey::new(key).expect("plain"), stored.into_artifact())].into_iter().collect()
     };
     let hold = scored("L1-open-000000", "hold", 0, 20.0);
     let cell = scored("parameterization=mc_noise/L1-open-000000", "mc_noise", 1, f64::INFINITY);
@@ -200,16 +202,16 @@ pub(super) fn converged(pairs: &[(Ladder, Ladder)]) -> Result<Convergence, Strin
     let (mut ladders, mut references, mut exposure) = (Vec::new(), Vec::new(), Vec::new());
     for (i, (ladder, reference)) in pairs.iter().enumerate() {
         let key = ItemKey::new(format!("L0-open-{i:06}")).expect("plain");
-        ladders.push((key.clone(), ladder.store(&ctx).map_err(|e| e.to_string())?));
-        references.push((key.clone(), reference.store(&ctx).map_err(|e| e.to_string())?));
+        ladders.push((key.clone(), ladder.store(&ctx).map_err(|e| e.to_string())?.into_artifact()));
+        references.push((key.clone(), reference.store(&ctx).map_err(|e| e.to_string())?.into_artifact()));
         let factor = Exposure { factor: 1.0, ev: 0.0, mean_luminance: 0.18 };
-        exposure.push((key, Artifact::blob(EXPOSURE, ctx.put_json(&factor).map_err(|e| e.to_string())?)));
+        exposure.push((key, factor.store(&ctx).map_err(|e| e.to_string())?.into_artifact()));
     }
     let [ladders, references, exposure] =
         [ladders, references, exposure].map(|of| of.into_iter().collect::<Collection>());
-    let whole = [("references", &references), ("ladders", &ladders), ("exposure", &exposure)];
+    let all = [("references", &references), ("ladders", &ladders), ("exposure", &exposure)];
     // JSON has no NaN: a number that is none would be read as missing, and refused.
-    read(&blobs, &run::<ConvergenceKind>(&blobs, ConvergenceParams {}, &whole)?, "convergence")
+    read(&blobs, &run::<ConvergenceKind>(&blobs, ConvergenceParams {}, &all)?, "convergence")
 }
 
 /// Every number of it.
@@ -265,16 +267,16 @@ fn constant_ladders(add: Add<'_>) {
 }
 
 /// Imports a file: the report of it, what holds its blobs, and what was made of it.
-pub(super) fn import(name: &str, bytes: &[u8]) -> Result<(AssetReport, MemoryBlobs, Option<Body>), String> {
+pub(super) fn import(name: &str, bytes: &[u8]) -> Result<(AssetReport, MemoryBlobs, Option<AssetBody>), String> {
     let (blobs, stop) = (MemoryBlobs::default(), AtomicBool::new(false));
     let ctx = Context::new(&blobs, &Silent, &stop);
-    let file = Artifact::tree("file", vec![("file".to_owned(), blobs.put(bytes).expect("memory"))]);
+    let file = Files([("file".to_owned(), bytes.to_vec())].into()).store(&ctx).expect("memory").into_artifact();
     let key = ItemKey::new(name).expect("plain");
-    let (each, whole) = (BTreeMap::from([("file", &file)]), BTreeMap::new());
+    let (each, all) = (BTreeMap::from([(FILE_PORT, &file)]), BTreeMap::new());
     let params = AssetsParams::default();
-    let outputs = Assets::run(&ctx, &Action { params, item: Some(&key), group: "main", seed: 0, each, whole })
+    let outputs = Assets::run(&ctx, &Action { params, item: Some(&key), group: "main", seed: 0, each, all })
         .map_err(|e| e.to_string())?;
-    let report = ctx.json(&outputs.items["reports"], "").map_err(|e| e.to_string())?;
+    let report = AssetReport::load(&ctx, &outputs.items["reports"]).map_err(|e| e.to_string())?;
     let asset = outputs.items.get("assets").map(|asset| Asset::load(&ctx, asset)).transpose();
     let body = asset.map_err(|e| e.to_string())?.map(|asset| asset.body);
     Ok((report, blobs, body))
@@ -290,7 +292,7 @@ fn imported(values: &[f32]) -> Result<(AssetReport, Option<Image>), String> {
     let bytes = std::fs::read(&path).map_err(|e| e.to_string())?;
     let (report, blobs, body) = import("sky.exr", &bytes)?;
     let image = |body| -> Result<Image, String> {
-        let Body::Hdri { image, .. } = body else { return Err("no map".into()) };
+        let AssetBody::Hdri { image, .. } = body else { return Err("no map".into()) };
         let bytes = blobs.get(&image).map_err(|e| e.to_string())?.ok_or("not stored")?;
         Image::from_bytes(&bytes).map_err(|e| e.to_string())
     };

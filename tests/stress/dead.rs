@@ -1,5 +1,5 @@
-//! Ladders in which some pixels have no variance at all, black and bright, among such that have: what the whole way from rungs to metrics
-//! makes of them.
+//! Ladders in which some pixels have no variance at all, black and bright, among such that have: what the whole way
+//! from rungs to metrics makes of them.
 
 use super::{
     Hazard, about,
@@ -10,11 +10,10 @@ use super::{
     transport::{Oracle, difference},
 };
 use std::{collections::BTreeMap, sync::atomic::AtomicBool};
-use tauflow_contract::{Action, Artifact, Context, Kind, MemoryBlobs, Silent};
+use tauflow_contract::{Action, Artifact, Context, Kind, Media, MemoryBlobs, Silent};
 use tauflow_data::{
-    Image, Ladder, LadderMeta, VarianceTime,
-    formats::{EXPOSURE, Exposure, PackedScene},
-    ladder::{GBuffer, Rung, SamplerKind},
+    Image, SamplerKind, VarianceTime,
+    records::{Exposure, GBuffer, Ladder, LadderMeta, PackedScene, Rung},
     rng::Stream,
     time::TimeGrid,
 };
@@ -73,7 +72,8 @@ fn ladder(seed: u64, counts: &[u64]) -> Ladder {
     }
 }
 
-/// It as `dataset_packing` packs it, with a G-buffer in which black pixels and lamps are black, as such are, and the others textured.
+/// It as `dataset_packing` packs it, with a G-buffer in which black pixels and lamps are black, as such are, and the
+/// others textured.
 fn packed(ladder: &Ladder) -> Result<PackedScene, String> {
     let (blobs, stop) = (MemoryBlobs::default(), AtomicBool::new(false));
     let ctx = Context::new(&blobs, &Silent, &stop);
@@ -85,13 +85,16 @@ fn packed(ladder: &Ladder) -> Result<PackedScene, String> {
     });
     let albedo = Image::from_data(SIDE, SIDE, 3, albedo.collect()).expect("fits");
     let gbuffer = GBuffer { albedo, normal: Image::new(SIDE, SIDE, 3) };
-    let stored = || Ok([ladder.store(&ctx)?, gbuffer.store(&ctx)?, Artifact::blob(EXPOSURE, ctx.put_json(&exposure)?)]);
+    let stored = || {
+        let (ladder, gbuffer, exposure) = (ladder.store(&ctx)?, gbuffer.store(&ctx)?, exposure.store(&ctx)?);
+        Ok([ladder.into_artifact(), gbuffer.into_artifact(), exposure.into_artifact()])
+    };
     let run = |[ladder, gbuffer, exposure]: [Artifact; 3]| {
         let each = BTreeMap::from([("ladders", &ladder), ("gbuffers", &gbuffer), ("exposure", &exposure)]);
         let params = DatasetPackingParams {};
-        let action = Action { params, item: None, group: "main", seed: 0, each, whole: BTreeMap::new() };
+        let action = Action { params, item: None, group: "main", seed: 0, each, all: BTreeMap::new() };
         let outputs = DatasetPacking::run(&ctx, &action)?;
-        Ok::<_, tauflow_contract::KindError>(PackedScene::from_bytes(&ctx.part(&outputs.items["packed"], "")?)?)
+        PackedScene::load(&ctx, &outputs.items["packed"])
     };
     stored().and_then(run).map_err(|e: tauflow_contract::KindError| e.to_string())
 }
@@ -215,7 +218,8 @@ fn trainings(scenes: &[PackedScene], add: Add<'_>) {
                 let [after, before] = [after?, before?];
                 let finite = [after.hdr_psnr, after.hdr_mae, after.preview_psnr, after.ssim, before.hdr_psnr];
                 let dark = end.data().iter().fold(f32::MAX, |least, v| least.min(*v));
-                // Each by itself: together, the lamps would hide the rest. A network of 20 steps has not learned to keep them.
+                // Each by itself: together, the lamps would hide the rest. A network of 20 steps has not learned to
+                // keep them.
                 let moved = moves(&end, start);
                 let [black, grey, lamp] = moved.map(about);
                 held(
@@ -223,18 +227,21 @@ fn trainings(scenes: &[PackedScene], add: Add<'_>) {
                         && end.data().iter().all(|v| v.is_finite())
                         && dark >= 0.0,
                     format!(
-                        "finite losses, gains, images and metrics, nothing negative; in 9 steps black pixels come to at most {black}, \
-                         those of 0.7 move by at most {grey} of it, those of 1e4 by at most {lamp} of it (told, not held)"
+                        "finite losses, gains, images and metrics, nothing negative; in 9 steps black pixels come to \
+                         at most {black}, those of 0.7 move by at most {grey} of it, those of 1e4 by at most {lamp} \
+                         of it (told, not held)"
                     ),
                 )
             });
             add(
                 format!(
-                    "{} of 20 steps in {} space, trained and tested on them, with albedo: 0 where they are black, 1e-6 at lamps",
+                    "{} of 20 steps in {} space, trained and tested on them, with albedo: 0 where they are black, \
+                     1e-6 at lamps",
                     parameterization.name(),
                     space.name()
                 ),
-                "finite losses, gains, images and metrics, nothing negative; how far a network moves dead pixels is told here, not held",
+                "finite losses, gains, images and metrics, nothing negative; how far a network moves dead pixels is \
+                 told here, not held",
                 came,
             );
         }

@@ -1,4 +1,5 @@
-//! How far rollouts in single precision drift from the same in double: with exact predictions, and with those of networks.
+//! How far rollouts in single precision drift from the same in double: with exact predictions, and with those of
+//! networks.
 
 use super::{
     about, held,
@@ -82,8 +83,8 @@ pub fn oracles(add: Add<'_>) {
         });
         add(
             format!(
-                "{} on exact predictions, in single precision beside double, in 1, 2, 9, 50, 200 and 1,000 calls to 64 samples of 512, \
-                 and to the end",
+                "{} on exact predictions, in single precision beside double, in 1, 2, 9, 50, 200 and 1,000 calls to \
+                 64 samples of 512, and to the end",
                 kind.name()
             ),
             "the same to 1e-4 of a value at 64 samples, and to 1e-3 at the end",
@@ -98,7 +99,8 @@ pub(super) fn distance(a: &Image, b: &Image) -> f64 {
     (pairs().map(|(a, b)| (a - b) * (a - b)).sum::<f64>() / pairs().map(|(_, b)| b * b).sum::<f64>()).sqrt()
 }
 
-/// A network, which speaks single precision, under a rollout in double beside one in single: the drift for each number of calls.
+/// A network, which speaks single precision, under a rollout in double beside one in single: the drift for each number
+/// of calls.
 pub(super) fn of_network(
     model: &Model,
     start: &Image,

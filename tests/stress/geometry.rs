@@ -6,11 +6,12 @@ use super::{
     scenes::{Built, ball, columns, floor_point},
 };
 use tauflow_data::{
-    formats::Mesh,
+    mesh::Mesh,
     scene::{IDENTITY, Texture},
 };
 
-/// A plate of strips of 2 m by 2e-6 m, two triangles each, of which every `of`th is there; they shine, and nothing else does.
+/// A plate of strips of 2 m by 2e-6 m, two triangles each, of which every `of`th is there; they shine, and nothing else
+/// does.
 fn slivers(distance: f64, of: usize) -> Built {
     // The view is 1.4 mm wide.
     let mut built = Built::new([0.0, 0.0, distance], [0.0; 3], 0.08 / distance, 1);

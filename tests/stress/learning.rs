@@ -3,11 +3,10 @@
 use super::{Hazard, held};
 use crate::interrupted::{Interrupted, Interruption};
 use std::collections::BTreeMap;
-use tauflow_contract::{Action, Artifact, Blobs, Collection, Context, ItemKey, Kind, Outputs, Silent};
+use tauflow_contract::{Action, Collection, Context, ItemKey, Kind, Media, Outputs, Silent};
 use tauflow_data::{
     Image,
-    formats::{PACKED, PackedScene},
-    results::{TrainingLog, TrainingTiming},
+    records::{PackedScene, TrainingLog, TrainingTiming},
     rng::Stream,
 };
 use tauflow_train::{Conditioning, Decay, Loss, Model, Parameterization, Space, Training, TrainingParams};
@@ -46,8 +45,8 @@ impl Lab {
 
     pub(super) fn scenes(&self, scenes: impl IntoIterator<Item = PackedScene>) -> Collection {
         let store = |(i, scene): (usize, PackedScene)| {
-            let digest = self.blobs.put(&scene.to_bytes().expect("consistent")).expect("memory");
-            (ItemKey::new(format!("L0-open-{i:06}")).expect("plain"), Artifact::blob(PACKED, digest))
+            let stored = scene.store(&Context::new(&self.blobs, &Silent, self.blobs.stop())).expect("memory");
+            (ItemKey::new(format!("L0-open-{i:06}")).expect("plain"), stored.into_artifact())
         };
         scenes.into_iter().enumerate().map(store).collect()
     }
@@ -63,9 +62,9 @@ impl Lab {
         params: TrainingParams,
     ) -> Result<Outputs, String> {
         let ctx = Context::new(&self.blobs, &Silent, self.blobs.stop());
-        let mut whole = BTreeMap::from([("train", train)]);
-        whole.extend(test.map(|test| ("test", test)));
-        let action = Action { params, item: None, group: "main", seed: 3, each: BTreeMap::new(), whole };
+        let mut all = BTreeMap::from([("train", train)]);
+        all.extend(test.map(|test| ("test", test)));
+        let action = Action { params, item: None, group: "main", seed: 3, each: BTreeMap::new(), all };
         Training::run(&ctx, &action).map_err(|e| e.to_string())
     }
 
@@ -321,8 +320,8 @@ fn resumption(add: Add<'_>) {
         finished(&lab, &scenes, 1, 6 - stop)
     });
     add(
-        "a training of six steps and a checkpoint after each, stopped as Ctrl-C stops it: five trainings, one stopped after step 1, one \
-         after step 2, and so on, and each gone on with"
+        "a training of six steps and a checkpoint after each, stopped as Ctrl-C stops it: five trainings, one \
+         stopped after step 1, one after step 2, and so on, and each gone on with"
             .into(),
         "the bits of one that is not stopped; no step is taken twice",
         came.map(|()| "the same bits, five times; the steps that were left".into()),
@@ -343,7 +342,9 @@ fn resumption(add: Add<'_>) {
         finished(&lab, &scenes, 2, 6 - 2 * (nth - 1))
     });
     add(
-        "the same with a checkpoint every two steps, whose writing fails after step 2, or after step 4, as on a full disk".into(),
+        "the same with a checkpoint every two steps, whose writing fails after step 2, or after step 4, as on a full \
+         disk"
+            .into(),
         "an error that says so; then the bits of one that is not stopped, from the checkpoint before",
         came.map(|()| "told; the same bits, six steps and four".into()),
     );

@@ -1,5 +1,7 @@
-//! Numerical hazards, one after the other: what is fed, what must come out, and what did, which `docs/stress.md` tells. All is
-//! deterministic, so that the page is held against this run; `TAUFLOW_STRESS_DOC=1` writes it anew.
+//! Numerical hazards, one after the other: what is fed, what must come out, and what did.
+//!
+//! `docs/stress_table.md` is made by this test. All is deterministic, so that the page is held against this run.
+//! `TAUFLOW_STRESS_DOC=1` writes it anew, and `docs/stress.md` says what it shows.
 
 #[path = "../../nodes/render/tests/scenes/mod.rs"]
 mod scenes;
@@ -45,6 +47,9 @@ impl Hazard {
 }
 
 /// `Ok` with the text if it holds, else `Err` with it.
+///
+/// # Errors
+/// If it does not hold.
 pub fn held(holds: bool, came: String) -> Result<String, String> {
     if holds { Ok(came) } else { Err(came) }
 }
@@ -54,13 +59,17 @@ pub fn about(value: f64) -> String {
     if value == 0.0 { "0".into() } else { format!("{value:.1e}") }
 }
 
+/// Where the table is, and what stands above it.
+const TABLE: &str = "docs/stress_table.md";
+const HEAD: &str = "\
+# Numerical stress: the table
+
+This file is generated. `cargo test --release --test stress` holds it against every run, and with `TAUFLOW_STRESS_DOC=1`
+writes it anew. [stress.md](stress.md) says what it shows. Where precision is lost, the last column says how much.
+";
+
 fn page(hazards: &[Hazard]) -> String {
-    let mut out = String::from(
-        "# Numerical stress\n\nWhat is fed to the renderer, the clocks, the solvers, trainings and metrics to break them, what must come out, and \
-         what did. A test makes this page and holds it against every run: `cargo test --release --test stress`; with `TAUFLOW_STRESS_DOC=1` it writes it \
-         anew. `pipelines/stress.yaml` puts such scenes, ladders of rungs 1, 3, 7 and 20 and of two that are a sample apart, exposures and trainings through every kind of the \
-         main job but `external_denoiser` and `external_renderer`, which call programs that are not ours: `tests/pipelines/stress.rs` wants nothing of it to fail, and no number that is none. Where precision is lost, the last column says how much.\n",
-    );
+    let mut out = String::from(HEAD);
     let mut area = "";
     for hazard in hazards {
         if hazard.area != area {
@@ -91,13 +100,13 @@ fn every_hazard_is_met_and_the_page_tells_what_came_of_it() {
     println!("{} hazards, {} of them not met", hazards.len(), failed.len());
     assert!(failed.is_empty(), "{}", failed.join("\n"));
     let found = page(&hazards);
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/stress.md");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(TABLE);
     if std::env::var_os("TAUFLOW_STRESS_DOC").is_some_and(|v| !v.is_empty()) {
         fs::write(&path, &found).expect("writable");
     }
     let told = fs::read_to_string(&path).unwrap_or_default();
     for (told, found) in told.lines().zip(found.lines()) {
-        assert_eq!(told, found, "docs/stress.md is not of this run; TAUFLOW_STRESS_DOC=1 writes it");
+        assert_eq!(told, found, "{TABLE} is not of this run; TAUFLOW_STRESS_DOC=1 writes it");
     }
-    assert_eq!(told.len(), found.len(), "docs/stress.md is not of this run; TAUFLOW_STRESS_DOC=1 writes it");
+    assert_eq!(told.len(), found.len(), "{TABLE} is not of this run; TAUFLOW_STRESS_DOC=1 writes it");
 }

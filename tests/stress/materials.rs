@@ -1,4 +1,5 @@
-//! Materials beyond what surfaces can do, which are refused; and the few values that are cut on purpose, with what that loses.
+//! Materials beyond what surfaces can do, which are refused; and the few values that are cut on purpose, with what that
+//! loses.
 
 use super::{
     Hazard, data, held,
@@ -8,7 +9,7 @@ use super::{
 use tauflow_contract::Digest;
 use tauflow_data::{
     Image,
-    formats::Mesh,
+    mesh::Mesh,
     scene::{Bsdf, Geometry, IDENTITY, Texture},
 };
 use tauflow_denoise::{GuidedFilterParams, filtered};
@@ -120,8 +121,8 @@ fn numbers(add: Add<'_>) {
         let what = if value > 1.0 { "1.5 (of `eta` and `k` infinity)".to_owned() } else { value.to_string() };
         add(
             format!(
-                "each number of each material, 19 in all, at {what}: reflectances, transmittances, metallic, roughness, transmission, \
-                 specular, clearcoat, opacity, weights, indices of metals"
+                "each number of each material, 19 in all, at {what}: reflectances, transmittances, metallic, \
+                 roughness, transmission, specular, clearcoat, opacity, weights, indices of metals"
             ),
             "refused: material, field and what to do; and 0.75 is taken",
             came.map(|()| "each refused, with where and what to do; 0.75 taken for each".into()),
@@ -239,7 +240,8 @@ fn imports(add: Add<'_>) {
     let gltf = |base: &str, rest: &str| {
         format!(
             r#"{{ "asset": {{ "version": "2.0" }}, "scenes": [{{ "nodes": [0] }}], "nodes": [{{ "mesh": 0 }}],
-            "buffers": [{{ "byteLength": 36, "uri": "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA" }}],
+            "buffers": [{{ "byteLength": 36,
+                "uri": "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA" }}],
             "bufferViews": [{{ "buffer": 0, "byteLength": 36 }}],
             "accessors": [{{ "bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 3 }}],
             "meshes": [{{ "primitives": [{{ "attributes": {{ "POSITION": 0 }}, "material": 0 }}] }}],
@@ -261,7 +263,8 @@ fn imports(add: Add<'_>) {
         came,
     );
     let rest = r#", "emissiveFactor": [1, 1, 1],
-        "extensions": { "KHR_materials_emissive_strength": { "emissiveStrength": 1e9 }, "KHR_materials_ior": { "ior": 2.4 } }"#;
+        "extensions": { "KHR_materials_emissive_strength": { "emissiveStrength": 1e9 },
+            "KHR_materials_ior": { "ior": 2.4 } }"#;
     let came = data::import("bright.gltf", gltf("[1, 1, 1, 1]", rest).as_bytes()).and_then(|(report, _, body)| {
         let noted = report.notes.iter().any(|note| note.contains("reflect 8%"));
         let cut = report.repairs.get("radiances outside of 0 to 1e6 cut to it") == Some(&3);

@@ -4,7 +4,7 @@ use super::{Hazard, about, held};
 use tauflow_data::{
     Image,
     maths::{log10, pow},
-    results::Metrics,
+    records::Metrics,
     rng::Stream,
 };
 use tauflow_eval::{PSNR_CEILING, bounded, metrics::metrics};
@@ -78,8 +78,8 @@ fn constants(add: Add<'_>) {
         });
         add(
             &format!("a constant image of {scale:.1e} against one of twice that"),
-            "MAE the scale; PSNR -20 log10 of it, of the maximum 20 log10 2, to 1e-9 dB; means hold it below the ceiling; previews as double \
-             precision has them; SSIM of the luminances alone, to 1e-5",
+            "MAE the scale; PSNR -20 log10 of it, of the maximum 20 log10 2, to 1e-9 dB; means hold it below the \
+             ceiling; previews as double precision has them; SSIM of the luminances alone, to 1e-5",
             came,
         );
     }
@@ -126,13 +126,14 @@ pub fn hazards() -> Vec<Hazard> {
         });
         add(
             &format!("noise of {scale:.0e} against other noise of it"),
-            "the metrics of noise of 1 in proportion: MAE by the scale, PSNR by 20 log10 of it, that of the maximum as it is, to 1e-5 dB; \
-             previews as double precision has them; SSIM from 0 to 1",
+            "the metrics of noise of 1 in proportion: MAE by the scale, PSNR by 20 log10 of it, that of the maximum \
+             as it is, to 1e-5 dB; previews as double precision has them; SSIM from 0 to 1",
             came,
         );
     }
     constants(&mut add);
-    // What no light can be counts as none: a reference that no ladder has, and an image that a network without the law may make.
+    // What no light can be counts as none: a reference that no ladder has, and an image that a network without the law
+    // may make.
     let came = of(&image.map(|v| -v), &black).and_then(|m| {
         let fine = m.hdr_psnr.is_infinite() && m.hdr_mae == 0.0 && m.preview_psnr.is_infinite();
         held(fine, format!("identity: negative values count as 0, MAE {}", about(m.hdr_mae)))

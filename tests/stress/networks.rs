@@ -95,7 +95,8 @@ pub fn hazards() -> Vec<Hazard> {
 type Add<'a> = &'a mut dyn FnMut(String, &str, Result<String, String>);
 type Trained<'a> = dyn Fn() -> Result<&'a Model, String> + 'a;
 
-/// How far from what an exposure should do: nothing but to scale. Networks saw one; `most` is of the image's root mean square.
+/// How far from what an exposure should do: nothing but to scale. Networks saw one; `most` is of the image's root mean
+/// square.
 fn exposures(name: &str, model: &Trained<'_>, most: f64, add: Add<'_>) {
     let image = scene(9, 0.0).states[0].clone();
     let came = model().and_then(|model| {
@@ -144,15 +145,16 @@ fn firefly(name: &str, model: &Trained<'_>, add: Add<'_>) {
                 return Err(format!("{low:e} to {high:e} of at most {most:e} in {steps} steps"));
             }
         }
-        let far = if local { format!("; longer steps than a rung overshoot: {}", far.join(", ")) } else { String::new() };
+        let overshoot = || format!("; longer steps than a rung overshoot: {}", far.join(", "));
+        let far = if local { overshoot() } else { String::new() };
         let (without, end) = (refined(model, &plain, 9)?, refined(model, &lit, 9)?);
         let ((low, high), (_, most)) = (range(&end), range(&lit));
         let sum = |image: &Image| image.data().iter().map(|v| f64::from(*v)).sum::<f64>();
         held(
             low >= 0.0 && high <= most,
             format!(
-                "finite, not negative, no brighter; after 9 steps the pixel is at {}, those that touch it at up to {} (without it {}), \
-                 those beyond at up to {} ({}): {} of its light is left{far}",
+                "finite, not negative, no brighter; after 9 steps the pixel is at {}, those that touch it at up to \
+                 {} (without it {}), those beyond at up to {} ({}): {} of its light is left{far}",
                 about(largest(&end, 0..=0).into()),
                 about(largest(&end, 1..=1).into()),
                 about(largest(&without, 1..=1).into()),
@@ -164,7 +166,8 @@ fn firefly(name: &str, model: &Trained<'_>, add: Add<'_>) {
     });
     add(
         format!("{name}, a firefly of 1e6 in one pixel, 1 to 9 and 50 steps"),
-        "finite; nowhere negative, no brighter than the firefly: means of what is there (local_velocity from 3 steps on)",
+        "finite; nowhere negative, no brighter than the firefly: means of what is there (local_velocity from 3 steps \
+         on)",
         came,
     );
 }

@@ -1,5 +1,5 @@
-//! Glass beside closed forms: what plane faces reflect and let through, by Fresnel, and where they send light, by Snell, in double
-//! precision. A white furnace sees neither.
+//! Glass beside closed forms: what plane faces reflect and let through, by Fresnel, and where they send light, by
+//! Snell, in double precision. A white furnace sees neither.
 
 use super::{
     about,
@@ -67,8 +67,8 @@ fn faces(add: Add<'_>) {
 /// Plane faces from above: where each is, its material, and whether its glass lies below.
 type Faces<'a> = &'a [(f64, f32, bool)];
 
-/// Where a ray that comes down onto the origin at 60 degrees meets a plane 1 m below the last face, and what share of it gets
-/// there without being reflected.
+/// Where a ray that comes down onto the origin at 60 degrees meets a plane 1 m below the last face, and what share of
+/// it gets there without being reflected.
 fn landing(faces: Faces<'_>) -> (f64, f64) {
     let (mut index, mut depth, mut x, mut share) = (1.0f64, 0.0f64, 0.0f64, 1.0f64);
     let sine = 0.75f64.sqrt();
@@ -134,8 +134,8 @@ fn slabs(add: Add<'_>) {
         add(
             format!("a ray through {what}, onto it at 60 degrees"),
             &format!(
-                "it comes down 1 m below where Snell's law says, {} m aside of straight on, to 2e-5 m; with Fresnel's share of the light, \
-                 {share:.4}, to 1%",
+                "it comes down 1 m below where Snell's law says, {} m aside of straight on, to 2e-5 m; with \
+                 Fresnel's share of the light, {share:.4}, to 1%",
                 about(straight - x)
             ),
             came,

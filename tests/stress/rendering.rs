@@ -6,7 +6,7 @@ use super::{
 };
 use tauflow_contract::Digest;
 use tauflow_data::{
-    Image,
+    Image, Resolution,
     scene::{Bsdf, Emitter, Geometry, IDENTITY, Texture},
 };
 use tauflow_render::{
@@ -22,9 +22,10 @@ pub(super) fn world(built: &Built) -> Result<World, String> {
     World::new(&built.scene, &mut |digest| built.load(digest)).map_err(|e| e.to_string())
 }
 
-pub(super) fn rendered(built: &Built, width: usize, height: usize, spp: u64) -> Result<Accumulator, String> {
+pub(super) fn rendered(built: &Built, width: u32, height: u32, spp: u64) -> Result<Accumulator, String> {
     let world = world(built)?;
-    film_of(&Renderer::new(&world, width, height, 0).map_err(|e| e.to_string())?, spp)
+    let film = Resolution::new(width, height).map_err(|e| e.to_string())?;
+    film_of(&Renderer::new(&world, film, 0).map_err(|e| e.to_string())?, spp)
 }
 
 /// What a renderer makes, if all of it counts.
@@ -267,7 +268,9 @@ fn materials(add: Add<'_>) {
         let came = world(&shell).and_then(|world| {
             // No path ends by chance: all go as far as they may.
             let whole = Roulette { from: depth, gain: 1.0 };
-            let renderer = Renderer::new(&world, 8, 8, 0).map_err(|e| e.to_string())?.with_roulette(whole);
+            let renderer = Renderer::new(&world, Resolution::new(8, 8).expect("small"), 0)
+                .map_err(|e| e.to_string())?
+                .with_roulette(whole);
             within(&film_of(&renderer, 64)?, expected, 0.01)
         });
         add(
@@ -307,8 +310,9 @@ fn films(add: Add<'_>) {
     let digest = Digest::of(&bytes);
     built.blobs.insert(digest, bytes);
     built.scene.emitters.push(Emitter::Envmap { image: digest, scale: 1e3, to_world: IDENTITY });
-    // Between texels the map is linear: the texel is a tent 2/8 of a turn wide, and from the pole over 60 degrees to 120, of
-    // which the floor sees what is above 90. E = scale (0.1 pi + (65504 - 0.1) 2 pi/8 (tent sin cos over the polar angle)).
+    // Between texels the map is linear: the texel is a tent 2/8 of a turn wide, and from the pole over 60 degrees to
+    // 120, of which the floor sees what is above 90. E = scale (0.1 pi + (65504 - 0.1) 2 pi/8 (tent sin cos over the
+    // polar angle)).
     let (cells, quarter) = (10_000i32, std::f64::consts::FRAC_PI_2);
     let tent: f64 = (0..cells)
         .map(|at| {
@@ -327,7 +331,7 @@ fn films(add: Add<'_>) {
     );
     for (width, height) in [(1, 1), (1, 17), (31, 3), (33, 17)] {
         let came = rendered(&glowing(0.5, 1000), width, height, 4096 / (width * height) as u64 * 16).and_then(|film| {
-            let fits = (film.width(), film.height()) == (width, height);
+            let fits = (film.width(), film.height()) == (width as usize, height as usize);
             within(&film, 2.0, 0.02).and_then(|said| held(fits, said))
         });
         add(format!("a film of {width} x {height} inside the glowing cube"), "2, to 2%", came);

@@ -2,7 +2,7 @@
 
 use super::{Hazard, about, held};
 use tauflow_contract::KindError;
-use tauflow_data::{Image, RungCounts, SdeTime, VarianceTime, time::TimeGrid};
+use tauflow_data::{Image, Rungs, SdeTime, VarianceTime, time::TimeGrid};
 use tauflow_train::{Course, Denoiser, Parameterization, Space, rollout, rollout_to};
 
 const CLOCKS: &str = "Ladders and variance time";
@@ -62,8 +62,9 @@ pub(super) fn difference(a: &Image, b: &Image) -> f64 {
 /// Which pixel of those that the solvers are given is the firefly.
 const FIREFLY: usize = 3;
 
-/// The largest difference of the other pixels, relative to what they are; and that of the firefly, absolute: its clean value is
-/// smaller than the digits of its noisy one are apart, so that a difference relative to it says little.
+/// The largest difference of the other pixels, relative to what they are, and that of the firefly. The latter is
+/// absolute: the firefly's clean value is smaller than the digits of its noisy one are apart, so that a difference
+/// relative to it says little.
 fn apart(a: &Image, b: &Image) -> [f64; 2] {
     let pick = |image: &Image, wanted: bool| {
         let chosen = (0..image.width()).filter(|x| (*x == FIREFLY) == wanted);
@@ -77,9 +78,9 @@ fn apart(a: &Image, b: &Image) -> [f64; 2] {
 
 /// How far single precision may take the firefly from its true value in so many steps, absolute.
 ///
-/// A step rounds four times (prediction, share, product, sum), each time by half a digit of the largest state at most and to
-/// either side: so many digits as the root of their number. Digits are 2^-4 apart at 1e6, and 2^-20 at its logarithm of 13.8;
-/// back from there they count (1 + value) times.
+/// A step rounds four times (prediction, share, product, sum), each time by half a digit of the largest state at most
+/// and to either side: so many digits as the root of their number. Digits are 2^-4 apart at 1e6, and 2^-20 at its
+/// logarithm of 13.8; back from there they count (1 + value) times.
 fn digits(space: Space, steps: usize, truth: f64) -> f64 {
     let digit = match space {
         Space::Linear => 2f64.powi(-4),
@@ -88,8 +89,8 @@ fn digits(space: Space, steps: usize, truth: f64) -> f64 {
     digit * (4.0 * steps as f64).sqrt()
 }
 
-/// What the other pixels may be off by, relative. The same number of digits: of 1e4, whose logarithm is 9.2, 1,000 steps make
-/// 6e-5; the rest, and linear space, less.
+/// What the other pixels may be off by, relative. The same number of digits: of 1e4, whose logarithm is 9.2, 1,000
+/// steps make 6e-5; the rest, and linear space, less.
 const OTHERS: f64 = 1e-4;
 
 /// A share of the way from an image to another, straight in a space: where exact predictions lead in variance time.
@@ -147,7 +148,8 @@ fn clocks() -> Vec<Hazard> {
         held(
             rising,
             format!(
-                "1 - tau is {}, {} and {}: at the end of so long a ladder, counts within 256 of each other share their tau",
+                "1 - tau is {}, {} and {}: at the end of so long a ladder, counts within 256 of each other share \
+                 their tau",
                 about(1.0 - taus[0]),
                 about(1.0 - taus[1]),
                 about(1.0 - taus[2])
@@ -166,10 +168,9 @@ fn clocks() -> Vec<Hazard> {
         );
     }
     let lists = [vec![1u64, 3, 10, 11], vec![5, 6], vec![1, 1 << 40]];
-    let fine = lists.iter().all(|list| RungCounts::List(list.clone()).counts().is_ok_and(|found| found == *list));
+    let fine = lists.iter().all(|list| Rungs::list(list.clone()).is_ok_and(|found| found.counts() == *list));
     let bad = [vec![], vec![0, 1], vec![2, 2], vec![3, 1]];
-    let refused = bad.iter().all(|list| RungCounts::List(list.clone()).counts().is_err())
-        && RungCounts::Dyadic { dyadic: 48 }.counts().is_err();
+    let refused = bad.iter().all(|list| Rungs::list(list.clone()).is_err()) && Rungs::dyadic(48).is_err();
     add(
         "rungs that are no powers of two; none, equal and falling ones".into(),
         "taken; refused",
@@ -212,7 +213,8 @@ fn solvers() -> Vec<Hazard> {
         });
         add(
             format!(
-                "exact predictions of all four on a ladder from {first} to {last} samples, both spaces and grids, 1, 9 and 1,000 steps"
+                "exact predictions of all four on a ladder from {first} to {last} samples, both spaces and grids, 1, \
+                 9 and 1,000 steps"
             ),
             "the clean image, to 1e-4 of a value",
             came.and_then(|off| held(off < OTHERS, format!("off by {}", about(off)))),
@@ -238,7 +240,8 @@ fn solvers() -> Vec<Hazard> {
             });
             let came = worst.and_then(|[way, end, way_firefly, end_firefly, share]| {
                 let said = format!(
-                    "relative, the others: off by {} at 64 samples and by {} at the end; absolute, the firefly: off by {} and by {}",
+                    "relative, the others: off by {} at 64 samples and by {} at the end; absolute, the firefly: off \
+                     by {} and by {}",
                     about(way),
                     about(end),
                     about(way_firefly),
@@ -252,13 +255,14 @@ fn solvers() -> Vec<Hazard> {
             };
             add(
                 format!(
-                    "{} on exact predictions in {} space, 1 to 1,000 steps, a firefly of 1e6 that is 0.4 in truth among the pixels",
+                    "{} on exact predictions in {} space, 1 to 1,000 steps, a firefly of 1e6 that is 0.4 in truth \
+                     among the pixels",
                     kind.name(),
                     space.name()
                 ),
                 &format!(
-                    "at 64 samples of 512, tau of the way; at the end the clean image: the firefly to {most} times the root of four roundings \
-                     a step, absolute; the others to 1e-4 of a value, relative"
+                    "at 64 samples of 512, tau of the way; at the end the clean image: the firefly to {most} times \
+                     the root of four roundings a step, absolute; the others to 1e-4 of a value, relative"
                 ),
                 came,
             );
@@ -270,8 +274,8 @@ fn solvers() -> Vec<Hazard> {
         });
         add(
             format!(
-                "mc_noise and mc_velocity on the same exact predictions, v = -eps/(1 - tau), 1 to 1,000 steps to 64 samples of 512, \
-                 {} space",
+                "mc_noise and mc_velocity on the same exact predictions, v = -eps/(1 - tau), 1 to 1,000 steps to 64 \
+                 samples of 512, {} space",
                 space.name()
             ),
             "the same image",
@@ -306,11 +310,12 @@ fn solvers() -> Vec<Hazard> {
         });
     add(
         "both from 2^40 - 2^20 to 2^40 samples, where 1 - tau is 5e-13".into(),
-        "half of the samples on, half of the way; at the end the clean image: the firefly to 0.06 of radiance times the root of four \
-         roundings a step, absolute; the others to 1e-4 of a value, relative",
+        "half of the samples on, half of the way; at the end the clean image: the firefly to 0.06 of radiance times \
+         the root of four roundings a step, absolute; the others to 1e-4 of a value, relative",
         came.and_then(|[way, end, way_firefly, end_firefly]| {
             let said = format!(
-                "relative, the others: off by {} half of the way and by {} at the end; absolute, the firefly: off by {} and by {}",
+                "relative, the others: off by {} half of the way and by {} at the end; absolute, the firefly: off by \
+                 {} and by {}",
                 about(way),
                 about(end),
                 about(way_firefly),

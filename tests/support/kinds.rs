@@ -3,6 +3,7 @@
 #[path = "machine.rs"]
 mod machine;
 
+use super::media::{Number, Text};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -12,18 +13,22 @@ use std::{
 };
 use tauflow::kinds::Registry;
 use tauflow_contract::{
-    Action, Artifact, Collection, Context, InputPort, ItemKey, Kind, KindError, KindRow, KindSpec, MemoKey, Mode,
-    OutputPort, Outputs, ParamProblem, SourceItem,
+    Action, All, Basis, Context, Each, Group, Handle, InputPort, ItemKey, Items, Kind, KindError, KindRow, KindSpec,
+    Media, MemoKey, Mode, Out, OutputPort, Outputs, ParamProblem, SourceItem,
 };
 
-const NUMBER: &str = "toy/number";
-const TEXT: &str = "toy/text";
+/// What most toys make together.
+const MAIN: Group = Group::main(1);
+/// What most toys read.
+const IN: Each<Number> = Each::new("in", "A number.");
+/// All that some read.
+const ALL: All<Number> = All::new("in", "All numbers.");
 
 /// Every toy kind.
 pub fn registry() -> Registry {
     Registry::new([
         Box::new(KindRow::<Numbers>::new()) as Box<dyn tauflow_contract::NodeKind>,
-        Box::new(KindRow::<Files>::new()),
+        Box::new(KindRow::<Listed>::new()),
         Box::new(KindRow::<Affine>::new()),
         Box::new(KindRow::<Round>::new()),
         Box::new(KindRow::<Below>::new()),
@@ -42,17 +47,22 @@ const fn spec(
     inputs: &'static [InputPort],
     outputs: &'static [OutputPort],
 ) -> KindSpec {
-    KindSpec { name, version: 1, summary: "A toy.", manual: "", mode, inputs, outputs, seeded: false }
+    KindSpec { name, summary: "A toy.", manual: "", mode, inputs, outputs, seeded: false }
 }
 
-fn read(ctx: &Context<'_>, artifact: &Artifact) -> Result<i64, KindError> {
-    let text = String::from_utf8_lossy(&ctx.part(artifact, "")?).trim().to_owned();
-    text.parse().map_err(|_| KindError::Input(format!("`{text}` is no number; give digits")))
+/// The item on [`IN`].
+fn read<P>(ctx: &Context<'_>, action: &Action<'_, P>) -> Result<i64, KindError> {
+    Ok(action.read(ctx, IN)?.value)
 }
 
-/// A number as a blob; `pad` makes it long, so that it gets a file of its own in the store.
-fn number(ctx: &Context<'_>, value: i64, pad: usize) -> Result<Artifact, KindError> {
-    Ok(Artifact::blob(NUMBER, ctx.put(format!("{value}{}", " ".repeat(pad)).as_bytes())?))
+/// A number on a port.
+fn number(ctx: &Context<'_>, port: Out<Number>, value: i64) -> Result<Outputs, KindError> {
+    padded(ctx, port, value, 0)
+}
+
+/// A number with blanks after it on a port.
+fn padded(ctx: &Context<'_>, port: Out<Number>, value: i64, pad: usize) -> Result<Outputs, KindError> {
+    Ok(Outputs::default().put(port, Number { value, pad }.store(ctx)?))
 }
 
 fn key(text: impl Into<String>) -> Result<ItemKey, KindError> {
@@ -64,7 +74,7 @@ fn key(text: impl Into<String>) -> Result<ItemKey, KindError> {
 #[serde(default, deny_unknown_fields)]
 pub struct NumbersParams {
     /// How many.
-    #[schemars(range(min = 0, max = 100000))]
+    #[schemars(range(min = 0, max = 100_000))]
     count: u64,
     /// Added to each.
     offset: i64,
@@ -80,6 +90,8 @@ impl Default for NumbersParams {
     }
 }
 
+const GIVEN: Out<Number> = Out::new(MAIN, "out", "The number.");
+
 /// Source: item `n000i` holds 10 i + offset.
 pub struct Numbers;
 
@@ -87,7 +99,7 @@ impl Kind for Numbers {
     type Params = NumbersParams;
 
     fn spec() -> KindSpec {
-        spec("numbers", Mode::Source, &[], const { &[OutputPort::new("out", NUMBER, "The number.")] })
+        spec("numbers", Mode::Source, &[], const { &[GIVEN.port()] })
     }
 
     fn items(params: &Self::Params) -> Result<Vec<SourceItem>, KindError> {
@@ -104,7 +116,7 @@ impl Kind for Numbers {
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         std::thread::sleep(std::time::Duration::from_millis(action.params.nap_ms));
         let value = 10 * action.params.count as i64 + action.params.offset + action.params.raised.len() as i64;
-        Ok(Outputs::default().item("out", number(ctx, value, 0)?))
+        number(ctx, GIVEN, value)
     }
 }
 
@@ -116,14 +128,18 @@ pub struct FilesParams {
     folder: PathBuf,
 }
 
-/// Source: one item for each file of a folder.
-pub struct Files;
+const IN_FILE: Out<Number> = Out::new(MAIN, "out", "The number in the file.");
+/// The part that a file becomes.
+const DATA: &str = "data";
 
-impl Kind for Files {
+/// Source: one item for each file of a folder.
+pub struct Listed;
+
+impl Kind for Listed {
     type Params = FilesParams;
 
     fn spec() -> KindSpec {
-        spec("files", Mode::Source, &[], const { &[OutputPort::new("out", NUMBER, "The number in the file.")] })
+        spec("files", Mode::Source, &[], const { &[IN_FILE.port()] })
     }
 
     fn items(params: &Self::Params) -> Result<Vec<SourceItem>, KindError> {
@@ -132,7 +148,7 @@ impl Kind for Files {
         for entry in std::fs::read_dir(&params.folder).map_err(io)? {
             let entry = entry.map_err(io)?;
             let name = entry.file_name().to_string_lossy().into_owned();
-            found.push(SourceItem { key: key(name)?, files: vec![("data".into(), entry.path())] });
+            found.push(SourceItem { key: key(name)?, files: vec![(DATA.into(), entry.path())] });
         }
         Ok(found)
     }
@@ -142,11 +158,11 @@ impl Kind for Files {
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let text = String::from_utf8_lossy(&ctx.part(action.each("file")?, "data")?).trim().to_owned();
+        let text = String::from_utf8_lossy(&ctx.part(action.files()?.artifact(), DATA)?).trim().to_owned();
         let item = action.item()?;
         let value =
             text.parse().map_err(|_| KindError::Input(format!("`{item}` holds `{text}`, which is no number")))?;
-        Ok(Outputs::default().item("out", number(ctx, value, 0)?))
+        number(ctx, IN_FILE, value)
     }
 }
 
@@ -189,6 +205,9 @@ impl Default for AffineParams {
     }
 }
 
+const RESULT: Out<Number> = Out::new(MAIN, "out", "The result.");
+const NEGATIVE: Out<Number> = Out::new(Group::new("negative", 1), "negative", "Its negative.");
+
 /// Map: mul * in + add; in a group of its own, its negative.
 pub struct Affine;
 
@@ -196,17 +215,8 @@ impl Kind for Affine {
     type Params = AffineParams;
 
     fn spec() -> KindSpec {
-        spec(
-            "affine",
-            Mode::Map,
-            const { &[InputPort::each("in", NUMBER, "A number.")] },
-            const {
-                &[
-                    OutputPort::new("out", NUMBER, "The result."),
-                    OutputPort::new("negative", NUMBER, "Its negative.").in_group("negative"),
-                ]
-            },
-        )
+        let outputs = const { &[RESULT.port(), NEGATIVE.port()] };
+        spec("affine", Mode::Map, const { &[IN.port()] }, outputs)
     }
 
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
@@ -222,16 +232,16 @@ impl Kind for Affine {
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let params = &action.params;
-        let value = read(ctx, action.each("in")?)?;
+        let value = read(ctx, action)?;
         if params.fail_from.is_some_and(|from| value >= from) {
             return Err(KindError::Input(format!("`{}` is too large; lower it", action.item()?)));
         }
         assert!(params.panic_on != Some(value), "the number {value} is unlucky");
         let result = params.mul * value + params.add;
-        Ok(match action.group {
-            "negative" => Outputs::default().item("negative", number(ctx, -result, params.pad)?),
-            _ => Outputs::default().item("out", number(ctx, result, params.pad)?),
-        })
+        match action.group {
+            "negative" => padded(ctx, NEGATIVE, -result, params.pad),
+            _ => padded(ctx, RESULT, result, params.pad),
+        }
     }
 }
 
@@ -250,6 +260,8 @@ impl Default for RoundParams {
     }
 }
 
+const ROUNDED: Out<Number> = Out::new(MAIN, "out", "The rounded number.");
+
 /// Map: rounds down.
 pub struct Round;
 
@@ -257,29 +269,20 @@ impl Kind for Round {
     type Params = RoundParams;
 
     fn spec() -> KindSpec {
-        spec(
-            "round",
-            Mode::Map,
-            const { &[InputPort::each("in", NUMBER, "A number.")] },
-            const { &[OutputPort::new("out", NUMBER, "The rounded number.")] },
-        )
+        spec("round", Mode::Map, const { &[IN.port()] }, const { &[ROUNDED.port()] })
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let value = read(ctx, action.each("in")?)?;
+        let value = read(ctx, action)?;
         // Shared by all that round the same number, whatever else they read.
-        let memo = MemoKey {
-            name: "round/result".into(),
-            version: 1,
-            params: json!({"to": action.params.to, "value": value}),
-            inputs: Vec::new(),
-        };
+        let params = json!({"to": action.params.to, "value": value});
+        let memo = MemoKey { basis: Basis::new("round", 1, "result").with(params, None), inputs: Vec::new() };
         if let Some(known) = ctx.memo_get(&memo) {
-            return Ok(Outputs::default().item("out", known));
+            return Ok(Outputs::default().put(ROUNDED, Handle::new(&known)?.to_stored()));
         }
-        let result = number(ctx, value.div_euclid(action.params.to) * action.params.to, 0)?;
-        ctx.memo_put(&memo, &result)?;
-        Ok(Outputs::default().item("out", result))
+        let result = Number::of(value.div_euclid(action.params.to) * action.params.to).store(ctx)?;
+        ctx.memo_put(&memo, result.artifact())?;
+        Ok(Outputs::default().put(ROUNDED, result))
     }
 }
 
@@ -291,6 +294,9 @@ pub struct BelowParams {
     limit: i64,
 }
 
+const KEPT: Out<Number> = Out::new(MAIN, "kept", "Those below.").filtering();
+const OTHERS: Out<Number> = Out::new(MAIN, "others", "The others.").filtering();
+
 /// Filter: numbers below a limit on one port, the others on another.
 pub struct Below;
 
@@ -298,23 +304,12 @@ impl Kind for Below {
     type Params = BelowParams;
 
     fn spec() -> KindSpec {
-        spec(
-            "below",
-            Mode::Map,
-            const { &[InputPort::each("in", NUMBER, "A number.")] },
-            const {
-                &[
-                    OutputPort::new("kept", NUMBER, "Those below.").filtering(),
-                    OutputPort::new("others", NUMBER, "The others.").filtering(),
-                ]
-            },
-        )
+        spec("below", Mode::Map, const { &[IN.port()] }, const { &[KEPT.port(), OTHERS.port()] })
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let artifact = action.each("in")?;
-        let port = if read(ctx, artifact)? < action.params.limit { "kept" } else { "others" };
-        Ok(Outputs::default().item(port, artifact.clone()))
+        let port = if read(ctx, action)? < action.params.limit { KEPT } else { OTHERS };
+        Ok(Outputs::default().put(port, action.handle(IN)?.to_stored()))
     }
 }
 
@@ -323,6 +318,10 @@ impl Kind for Below {
 #[serde(default, deny_unknown_fields)]
 pub struct Nothing {}
 
+const LEFT: Each<Number> = Each::new("left", "A number.");
+const RIGHT: Each<Number> = Each::new("right", "Another.");
+const PAIR_SUM: Out<Number> = Out::new(MAIN, "out", "The sum.");
+
 /// Map over two inputs: their sum.
 pub struct Pair;
 
@@ -330,14 +329,11 @@ impl Kind for Pair {
     type Params = Nothing;
 
     fn spec() -> KindSpec {
-        let inputs =
-            const { &[InputPort::each("left", NUMBER, "A number."), InputPort::each("right", NUMBER, "Another.")] };
-        spec("pair", Mode::Map, inputs, const { &[OutputPort::new("out", NUMBER, "The sum.")] })
+        spec("pair", Mode::Map, const { &[LEFT.port(), RIGHT.port()] }, const { &[PAIR_SUM.port()] })
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let sum = read(ctx, action.each("left")?)? + read(ctx, action.each("right")?)?;
-        Ok(Outputs::default().item("out", number(ctx, sum, 0)?))
+        number(ctx, PAIR_SUM, action.read(ctx, LEFT)?.value + action.read(ctx, RIGHT)?.value)
     }
 }
 
@@ -349,6 +345,9 @@ pub struct TotalParams {
     title: String,
 }
 
+const SUM: Out<Number> = Out::new(MAIN, "out", "The sum.");
+const PAGE: Out<Text> = Out::new(Group::new("page", 1), "page", "A page.").published();
+
 /// Gather: the sum of all, and a page of it.
 pub struct Total;
 
@@ -356,17 +355,7 @@ impl Kind for Total {
     type Params = TotalParams;
 
     fn spec() -> KindSpec {
-        spec(
-            "total",
-            Mode::Gather,
-            const { &[InputPort::whole("in", NUMBER, "All numbers.")] },
-            const {
-                &[
-                    OutputPort::new("out", NUMBER, "The sum."),
-                    OutputPort::new("page", TEXT, "A page.").in_group("page").published(),
-                ]
-            },
-        )
+        spec("total", Mode::Gather, const { &[ALL.port()] }, const { &[SUM.port(), PAGE.port()] })
     }
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
@@ -376,39 +365,37 @@ impl Kind for Total {
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let mut sum = 0;
         let mut names = Vec::new();
-        for (item, artifact) in action.whole("in")?.iter() {
-            sum += read(ctx, artifact)?;
+        for (item, number) in action.all(ALL)?.iter() {
+            sum += number.load(ctx)?.value;
             names.push(item.as_str());
         }
-        let one = |artifact| -> Result<Collection, KindError> { Ok([(key("all")?, artifact)].into_iter().collect()) };
         if action.group == "page" {
-            let text = format!("{}: {} = {sum}\n", action.params.title, names.join(" + "));
-            let parts = [("page.txt".to_owned(), ctx.put(text.as_bytes())?)];
-            return Ok(Outputs::default().collection("page", one(Artifact::tree(TEXT, parts))?));
+            let text = Text(format!("{}: {} = {sum}\n", action.params.title, names.join(" + ")));
+            return Outputs::default().put_one(PAGE, "all", text.store(ctx)?);
         }
-        Ok(Outputs::default().collection("out", one(number(ctx, sum, 0)?)?))
+        Outputs::default().put_one(SUM, "all", Number::of(sum).store(ctx)?)
     }
 }
 
-/// Map with a whole input too: each item's share of the total, in percent.
+const OF: All<Number> = All::new("of", "All.").or_none();
+const SHARE: Out<Number> = Out::new(MAIN, "out", "The share.");
+
+/// Map with a collection as input, too: each item's share of the total, in percent.
 pub struct Shares;
 
 impl Kind for Shares {
     type Params = Nothing;
 
     fn spec() -> KindSpec {
-        let inputs =
-            const { &[InputPort::each("in", NUMBER, "A number."), InputPort::whole("of", NUMBER, "All.").or_none()] };
-        spec("shares", Mode::Map, inputs, const { &[OutputPort::new("out", NUMBER, "The share.")] })
+        spec("shares", Mode::Map, const { &[IN.port(), OF.port()] }, const { &[SHARE.port()] })
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let mut of = 0;
-        for artifact in action.whole.get("of").into_iter().flat_map(|c| c.items.values()) {
-            of += read(ctx, artifact)?;
+        for (_, number) in action.all_if(OF)?.into_iter().flat_map(Items::iter) {
+            of += number.load(ctx)?.value;
         }
-        let value = read(ctx, action.each("in")?)?;
-        Ok(Outputs::default().item("out", number(ctx, 100 * value / of.max(1), 0)?))
+        number(ctx, SHARE, 100 * read(ctx, action)? / of.max(1))
     }
 }
 
@@ -422,6 +409,9 @@ pub struct UnsteadyParams {
     remembers: bool,
 }
 
+const WHATEVER: Out<Number> = Out::new(MAIN, "out", "Whatever.");
+const TIME: Out<Number> = Out::new(Group::new("time", 1), "time", "A measurement.").measured();
+
 /// Map that gives something else each time.
 pub struct Unsteady;
 
@@ -429,33 +419,25 @@ impl Kind for Unsteady {
     type Params = UnsteadyParams;
 
     fn spec() -> KindSpec {
-        spec(
-            "unsteady",
-            Mode::Map,
-            const { &[InputPort::each("in", NUMBER, "A number.")] },
-            const {
-                &[
-                    OutputPort::new("out", NUMBER, "Whatever."),
-                    OutputPort::new("time", NUMBER, "A measurement.").in_group("time").measured(),
-                ]
-            },
-        )
+        spec("unsteady", Mode::Map, const { &[IN.port()] }, const { &[WHATEVER.port(), TIME.port()] })
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let port = if action.group == "time" { "time" } else { "out" };
-        let inputs = vec![action.each("in")?.digest()];
-        let memo = MemoKey { name: format!("unsteady/{port}"), version: 1, params: json!(null), inputs };
+        let port = if action.group == "time" { TIME } else { WHATEVER };
+        let inputs = vec![action.handle(IN)?.artifact().digest()];
+        let memo = MemoKey { basis: Basis::new("unsteady", 1, port.name()), inputs };
         if let Some(known) = ctx.memo_get(&memo).filter(|_| action.params.remembers) {
-            return Ok(Outputs::default().item(port, known));
+            return Ok(Outputs::default().put(port, Handle::new(&known)?.to_stored()));
         }
-        let result = number(ctx, RUNS.fetch_add(1, Ordering::Relaxed) as i64, 0)?;
+        let result = Number::of(RUNS.fetch_add(1, Ordering::Relaxed) as i64).store(ctx)?;
         if action.params.remembers {
-            ctx.memo_put(&memo, &result)?;
+            ctx.memo_put(&memo, result.artifact())?;
         }
-        Ok(Outputs::default().item(port, result))
+        Ok(Outputs::default().put(port, result))
     }
 }
+
+const DRAWN: Out<Number> = Out::new(MAIN, "out", "The drawn number.");
 
 /// Map that draws a number from its seed.
 pub struct Drawn;
@@ -464,18 +446,10 @@ impl Kind for Drawn {
     type Params = Nothing;
 
     fn spec() -> KindSpec {
-        KindSpec {
-            seeded: true,
-            ..spec(
-                "drawn",
-                Mode::Map,
-                const { &[InputPort::each("in", NUMBER, "A number.")] },
-                const { &[OutputPort::new("out", NUMBER, "The drawn number.")] },
-            )
-        }
+        KindSpec { seeded: true, ..spec("drawn", Mode::Map, const { &[IN.port()] }, const { &[DRAWN.port()] }) }
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        Ok(Outputs::default().item("out", number(ctx, (action.seed >> 40) as i64, 0)?))
+        number(ctx, DRAWN, (action.seed >> 40) as i64)
     }
 }

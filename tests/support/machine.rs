@@ -1,5 +1,6 @@
 //! A toy kind that depends on the machine: on what a file says, and on who runs beside it.
 
+use super::super::media::Number;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -9,9 +10,13 @@ use std::{
     sync::{LazyLock, Mutex},
     time::Duration,
 };
-use tauflow_contract::{Action, Artifact, Context, InputPort, Kind, KindError, KindSpec, Mode, OutputPort, Outputs};
+use tauflow_contract::{
+    Action, Context, Each, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, Probe, Stored,
+};
 
-const NUMBER: &str = "toy/number";
+const IN: Each<Number> = Each::new("in", "Anything.");
+const OUT: Out<Number> = Out::new(Group::main(1), "out", "What the file says.").local();
+const CLOCKED: Out<Number> = Out::new(Group::new("clock", 1), "clocked", "Who ran beside it.").measured();
 
 /// How many actions run, and the most that ever ran beside one that measures, for each file.
 static RUNNING: LazyLock<Mutex<HashMap<PathBuf, i64>>> = LazyLock::new(Mutex::default);
@@ -24,7 +29,8 @@ pub struct SitedParams {
     site: PathBuf,
 }
 
-/// Map: `out` is what the file says, and belongs to the machine; `clocked` is a measurement: how many actions ran with it.
+/// Map: `out` is what the file says, and belongs to the machine; `clocked` is a measurement: how many actions ran with
+/// it.
 pub struct Sited;
 
 impl Kind for Sited {
@@ -33,23 +39,17 @@ impl Kind for Sited {
     fn spec() -> KindSpec {
         KindSpec {
             name: "sited",
-            version: 1,
             summary: "A toy.",
             manual: "",
             mode: Mode::Map,
-            inputs: const { &[InputPort::each("in", NUMBER, "Anything.")] },
-            outputs: const {
-                &[
-                    OutputPort::new("out", NUMBER, "What the file says.").local(),
-                    OutputPort::new("clocked", NUMBER, "Who ran beside it.").in_group("clock").measured(),
-                ]
-            },
+            inputs: const { &[IN.port()] },
+            outputs: const { &[OUT.port(), CLOCKED.port()] },
             seeded: false,
         }
     }
 
-    fn environment(params: &Self::Params, _group: &str) -> Value {
-        json!({ "site": std::fs::read_to_string(&params.site).unwrap_or_default() })
+    fn environment(params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {
+        Some(json!({ "site": std::fs::read_to_string(&params.site).unwrap_or_default() }))
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -64,10 +64,10 @@ impl Kind for Sited {
         std::thread::sleep(Duration::from_millis(4));
         let after = count(0);
         count(-1);
-        let (port, text) = match action.group {
-            "clock" => ("clocked", before.max(after).to_string()),
-            _ => ("out", std::fs::read_to_string(site).map_err(|e| KindError::Environment(e.to_string()))?),
-        };
-        Ok(Outputs::default().item(port, Artifact::blob(NUMBER, ctx.put(text.as_bytes())?)))
+        if action.group == "clock" {
+            return Ok(Outputs::default().put(CLOCKED, Number::of(before.max(after)).store(ctx)?));
+        }
+        let text = std::fs::read(site).map_err(|e| KindError::Environment(e.to_string()))?;
+        Ok(Outputs::default().put(OUT, Stored::blob(ctx.put(&text)?)))
     }
 }

@@ -1,18 +1,17 @@
 //! What a collection keeps and what goes.  Reads; changes nothing.
 
-use super::{GcOptions, GcReport};
+use super::{GcOptions, GcReport, listing::Listing};
 use crate::{
     CacheError, Digest, Key, Store,
     error::At,
     index::Slot,
-    layout::{loose_blobs, names},
+    layout::{lease_owner, loose_blobs, names},
     lease::{Use, is_live, read_uses},
     record::{Reach, decode_reach},
     segment::{BLOB_HEADER, Sort, read_record},
-    tree,
 };
 use std::{
-    collections::{HashMap, HashSet},
+    collections::{HashMap, HashSet, hash_map::Entry},
     path::PathBuf,
     sync::Arc,
 };
@@ -20,6 +19,9 @@ use std::{
 /// Dead segments below this size are merged once there are more than `MANY_SMALL`.
 const SMALL: u64 = 1 << 20;
 const MANY_SMALL: usize = 16;
+
+/// Blobs that all records may reach, each record counted for itself: half a gigabyte of numbers.
+const MOST_REACHED: u64 = 1 << 27;
 
 /// Where a blob lies.
 #[derive(Clone, Debug)]
@@ -38,9 +40,11 @@ pub(super) struct Blob {
     /// Records that are kept and reach it.
     references: u32,
     /// It lists others.
-    tree: bool,
-    /// Stays because its pack is not worth rewriting.
+    pub tree: bool,
+    /// Stays because its pack is not worth rewriting, or there is no room to.
     lingers: bool,
+    /// It is in the trash, or was there.
+    pub gone: bool,
 }
 
 impl Blob {
@@ -71,31 +75,10 @@ pub(super) struct Row {
     pub goes: bool,
 }
 
-/// Blobs that are reached, as numbers in `Plan::blobs`.
-#[derive(Default)]
-struct Listing {
-    present: Vec<u32>,
-    complete: bool,
-}
-
-impl Listing {
-    fn add(&mut self, by_hash: &HashMap<[u8; 32], u32>, digest: &Digest) {
-        match by_hash.get(&digest.hash) {
-            Some(&blob) => self.present.push(blob),
-            None => self.complete = false,
-        }
-    }
-
-    fn merge(&mut self, other: &Self) {
-        self.present.extend(&other.present);
-        self.complete &= other.complete;
-    }
-}
-
-/// A pack to be rewritten, with the blobs to take along.
+/// A pack to be rewritten, with the blobs that lie in it; those that stay are taken along.
 pub(super) struct PackPlan {
     pub segment: u32,
-    pub keep: Vec<u32>,
+    pub here: Vec<u32>,
 }
 
 /// The decision.
@@ -134,9 +117,9 @@ impl Plan {
     }
 
     fn add(&mut self, digest: Digest, place: Place, held: bool) {
-        let blob = Blob { digest, place, held, references: 0, tree: false, lingers: false };
+        let blob = Blob { digest, place, held, references: 0, tree: false, lingers: false, gone: false };
         // A blob that is both packed and loose (the limit between them changed) counts where reading finds it.
-        if let std::collections::hash_map::Entry::Vacant(entry) = self.by_hash.entry(digest.hash) {
+        if let Entry::Vacant(entry) = self.by_hash.entry(digest.hash) {
             entry.insert(self.blobs.len() as u32);
             self.blobs.push(blob);
         }
@@ -159,6 +142,7 @@ impl Plan {
         let mut records: Vec<_> = store.index().records.iter().map(|(slot, at)| (*slot, *at)).collect();
         records.sort_unstable_by_key(|(_, at)| (at.segment, at.offset));
         let mut listings: HashMap<Digest, Listing> = HashMap::new();
+        let mut reached = 0_u64;
         for (slot, at) in records {
             let path = store.index().segments[at.segment as usize].path.clone();
             let frame = store.segment_file(at.segment).and_then(|file| read_record(&file, at.offset, at.len));
@@ -167,17 +151,18 @@ impl Plan {
             let found = frame.as_ref().and_then(|frame| decode_reach(frame.bytes()));
             let Some(Reach { head, refs, trees, derived }) = found else { continue };
             let namespace = store.index().name(slot.0).clone();
-            let mut reach = Listing { complete: true, ..Listing::default() };
+            let mut reach = Listing { complete: true, trees, ..Listing::default() };
             refs.iter().for_each(|digest| reach.add(&self.by_hash, digest));
-            for tree in &trees {
-                self.read_listing(store, tree, &mut listings)?;
-                if let Some(listing) = listings.get(tree) {
-                    reach.merge(listing);
-                }
+            let has_refs = !refs.is_empty() || !reach.trees.is_empty();
+            self.add_trees(store, &mut reach, &mut listings)?;
+            let (mut present, complete) = (reach.present, reach.complete);
+            present.sort_unstable();
+            present.dedup();
+            reached = reached.saturating_add(present.len() as u64);
+            if reached > MOST_REACHED {
+                return Err(CacheError::TooManyReached { dir: store.layout.root.clone(), limit: MOST_REACHED });
             }
-            reach.present.sort_unstable();
-            reach.present.dedup();
-            let (present, complete) = (reach.present, reach.complete);
+            present.shrink_to_fit();
             present.iter().for_each(|&blob| self.blobs[blob as usize].references += 1);
             let cost = if derived { 0.0 } else { head.wall_us as f64 / self.size(&present).max(1) as f64 };
             self.rows.push(Row {
@@ -187,7 +172,7 @@ impl Plan {
                 offset: at.offset,
                 len: at.len,
                 generation: at.generation,
-                has_refs: !refs.is_empty() || !trees.is_empty(),
+                has_refs,
                 complete,
                 refs: present,
                 cost,
@@ -201,67 +186,38 @@ impl Plan {
         Ok(())
     }
 
-    /// Reads what a tree lists, unless that was done.
-    fn read_listing(
-        &mut self,
-        store: &Store,
-        tree: &Digest,
-        listings: &mut HashMap<Digest, Listing>,
-    ) -> Result<(), CacheError> {
-        if listings.contains_key(tree) {
-            return Ok(());
-        }
-        let mut listing = Listing { complete: true, ..Listing::default() };
-        listing.add(&self.by_hash, tree);
-        listing.present.iter().for_each(|&blob| self.blobs[blob as usize].tree = true);
-        let mut below = Vec::new();
-        if let Some(bytes) = store.get_now(tree)?
-            && let Some(read) = tree::decode(&bytes)
-        {
-            read.refs.iter().for_each(|digest| listing.add(&self.by_hash, digest));
-            below = read.trees;
-        }
-        // A content address cannot be among what it lists, so this ends.
-        for tree in &below {
-            self.read_listing(store, tree, listings)?;
-            if let Some(found) = listings.get(tree) {
-                listing.merge(found);
-            }
-        }
-        listings.insert(*tree, listing);
-        Ok(())
-    }
-
     /// Marks what is kept whatever the budget.
     fn hold(&mut self, store: &Store, options: &GcOptions) -> Result<(), CacheError> {
         let rows: HashMap<(Arc<str>, Key), u32> =
             self.rows.iter().enumerate().map(|(n, row)| ((row.namespace.clone(), row.slot.1), n as u32)).collect();
         let folder = store.layout.folder("leases");
         for name in names(&folder).at("list", &folder)? {
+            if lease_owner(&name).is_none() {
+                continue;
+            }
             let path = folder.join(name);
             let live = is_live(&path);
             let mut time = None;
-            for used in read_uses(&path).at("read the lease", &path)? {
-                match used {
-                    Use::Time(when) => time = Some(when),
-                    Use::Blob(hash) if live => {
-                        if let Some(&blob) = self.by_hash.get(&hash) {
-                            self.blobs[blob as usize].held = true;
-                        }
-                    }
-                    Use::Blob(_) => {}
-                    Use::Record { namespace, key } => {
-                        if let Some(&row) = rows.get(&(namespace, key)) {
-                            let row = &mut self.rows[row as usize];
-                            row.held |= live;
-                            row.last_used = row.last_used.max(time.unwrap_or(0));
-                        }
+            let mut note = |used: Use| match used {
+                Use::Time(when) => time = Some(when),
+                Use::Blob(hash) if live => {
+                    if let Some(&blob) = self.by_hash.get(&hash) {
+                        self.blobs[blob as usize].held = true;
                     }
                 }
-            }
+                Use::Blob(_) => {}
+                Use::Record { namespace, key } => {
+                    if let Some(&row) = rows.get(&(namespace, key)) {
+                        let row = &mut self.rows[row as usize];
+                        row.held |= live;
+                        row.last_used = row.last_used.max(time.unwrap_or(0));
+                    }
+                }
+            };
+            read_uses(&path, &mut note).at("read the lease", &path)?;
             if !live {
                 self.dead_leases.push(path);
-            } else if path != store.lease.path() {
+            } else if !store.is_own_lease(&path) {
                 self.report.live_stores += 1;
             }
         }
@@ -284,7 +240,38 @@ impl Plan {
     }
 
     fn size(&self, blobs: &[u32]) -> u64 {
-        blobs.iter().map(|&blob| self.blobs[blob as usize].digest.size).sum()
+        total(blobs.iter().map(|&blob| &self.blobs[blob as usize]))
+    }
+
+    /// Keeps a blob after all that has not gone yet.
+    pub fn keep(&mut self, number: u32) {
+        let blob = &mut self.blobs[number as usize];
+        if !blob.stays() && !blob.gone {
+            blob.held = true;
+            self.report.stays_after_all(blob.digest.size);
+            self.report.rescued += 1;
+        }
+    }
+
+    /// Says that a blob which went is back.
+    pub fn is_back(&mut self, hash: &[u8; 32]) {
+        let Some(&number) = self.by_hash.get(hash) else { return };
+        let blob = &mut self.blobs[number as usize];
+        (blob.held, blob.gone) = (true, false);
+        self.report.stays_after_all(blob.digest.size);
+        self.report.rescued += 1;
+    }
+
+    /// Leaves a pack as it is, as there is no room to copy what stays.
+    pub fn leave(&mut self, pack: &PackPlan) {
+        for &number in &pack.here {
+            let blob = &mut self.blobs[number as usize];
+            if !blob.stays() {
+                blob.lingers = true;
+                self.report.stays_after_all(blob.digest.size);
+                self.report.no_room_bytes = self.report.no_room_bytes.saturating_add(blob.digest.size);
+            }
+        }
     }
 
     /// Lets records go: under a budget those first that take the least time to make a byte of again, of these the least
@@ -296,7 +283,7 @@ impl Plan {
             let rest = |row: &Row| (row.last_used, row.namespace.clone(), row.slot.1);
             b.derived.cmp(&a.derived).then(a.cost.total_cmp(&b.cost)).then_with(|| rest(a).cmp(&rest(b)))
         });
-        let mut left: u64 = self.blobs.iter().filter(|blob| blob.stays()).map(|blob| blob.digest.size).sum();
+        let mut left = total(self.blobs.iter().filter(|blob| blob.stays()));
         for n in order {
             let row = &mut self.rows[n as usize];
             match options.max_bytes {
@@ -311,11 +298,12 @@ impl Plan {
                 let blob = &mut self.blobs[blob as usize];
                 blob.references -= 1;
                 if !blob.stays() {
-                    left -= blob.digest.size;
+                    left = left.saturating_sub(blob.digest.size);
                 }
             }
         }
-        // A record all of whose blobs stay for others' sake may stay, too. Nobody but such records may keep their lists.
+        // A record all of whose blobs stay for others' sake may stay, too. Nobody but such records may keep their
+        // lists.
         for row in self.rows.iter_mut().filter(|row| row.goes && row.has_refs && row.complete) {
             let blobs = &mut self.blobs;
             row.goes =
@@ -338,15 +326,16 @@ impl Plan {
             let len = std::fs::metadata(&path).at("read the pack", &path)?.len();
             let here = here.remove(&segment).unwrap_or_default();
             let keep: Vec<u32> = here.iter().copied().filter(|&blob| self.blobs[blob as usize].stays()).collect();
-            let kept: u64 = keep.iter().map(|&blob| BLOB_HEADER + self.blobs[blob as usize].digest.size).sum();
+            let kept = self.size(&keep).saturating_add(BLOB_HEADER * keep.len() as u64);
             // Superseded copies and torn tails are wasted, too.
-            if keep.is_empty() || len.saturating_sub(kept).saturating_mul(8) >= len {
-                chosen.push(PackPlan { segment, keep });
+            let damaged = store.index().segments[segment as usize].damaged > 0;
+            if keep.is_empty() || damaged || len.saturating_sub(kept).saturating_mul(8) >= len {
+                chosen.push(PackPlan { segment, here });
                 continue;
             }
             here.iter().for_each(|&blob| self.blobs[blob as usize].lingers = true);
             if len < SMALL {
-                small.push(PackPlan { segment, keep: here });
+                small.push(PackPlan { segment, here });
             }
         }
         if small.len() > MANY_SMALL {
@@ -360,11 +349,12 @@ impl Plan {
         let with_loss: HashSet<u32> = self.rows.iter().filter(|row| row.goes).map(|row| row.segment).collect();
         let in_use: HashSet<u32> = self.rows.iter().map(|row| row.segment).collect();
         let dead: Vec<_> = dead_segments(store, Sort::Log, live);
-        let is_small = |path: &PathBuf| std::fs::metadata(path).is_ok_and(|meta| meta.len() < SMALL);
+        let is_small = |path: &PathBuf| std::fs::symlink_metadata(path).is_ok_and(|meta| meta.len() < SMALL);
         let small = dead.iter().filter(|(_, path)| is_small(path)).count();
         let merge = small > MANY_SMALL;
         let chosen = |(number, path): &(u32, PathBuf)| {
-            with_loss.contains(number) || !in_use.contains(number) || (merge && is_small(path))
+            let damaged = store.index().segments[*number as usize].damaged > 0;
+            with_loss.contains(number) || !in_use.contains(number) || damaged || (merge && is_small(path))
         };
         self.logs = dead.into_iter().filter(chosen).map(|(number, _)| number).collect();
     }
@@ -375,11 +365,11 @@ impl Plan {
             let size = blob.digest.size;
             if blob.stays() {
                 report.kept_blobs += 1;
-                report.kept_bytes += size;
-                report.held_bytes += if blob.held { size } else { 0 };
+                report.kept_bytes = report.kept_bytes.saturating_add(size);
+                report.held_bytes = report.held_bytes.saturating_add(if blob.held { size } else { 0 });
             } else {
                 report.removed_blobs += 1;
-                report.removed_bytes += size;
+                report.removed_bytes = report.removed_bytes.saturating_add(size);
             }
         }
         report.removed_records = self.rows.iter().filter(|row| row.goes).count() as u64;
@@ -388,11 +378,23 @@ impl Plan {
     }
 }
 
+/// The size of blobs.  The name of a file may say anything.
+fn total<'a>(blobs: impl Iterator<Item = &'a Blob>) -> u64 {
+    blobs.fold(0, |sum, blob| sum.saturating_add(blob.digest.size))
+}
+
+impl GcReport {
+    fn stays_after_all(&mut self, size: u64) {
+        (self.removed_blobs, self.kept_blobs) = (self.removed_blobs.saturating_sub(1), self.kept_blobs + 1);
+        self.removed_bytes = self.removed_bytes.saturating_sub(size);
+        self.kept_bytes = self.kept_bytes.saturating_add(size);
+    }
+}
+
 /// Segments whose writer lives, this store's among them.
 fn live_segments(store: &Store) -> HashSet<u32> {
-    let leases = store.layout.folder("leases");
     let index = store.index();
-    let lives = |owner: &str| is_live(&leases.join(format!("{owner}.lease")));
+    let lives = |owner: &str| is_live(&store.layout.lease(owner));
     let segments = index.segments.iter().enumerate().filter(|(_, segment)| !segment.gone);
     // One that was not read to its end had a live owner a moment ago.
     segments

@@ -4,8 +4,12 @@ mod blobs;
 mod claims;
 mod crash;
 mod errors;
+mod foreign;
+mod full;
 mod gc;
+mod hostile;
 mod records;
+mod shared;
 
 use std::{fs, path::Path, path::PathBuf};
 use tauflow_cache::{Digest, Key, Record, Store};

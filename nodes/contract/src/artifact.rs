@@ -1,6 +1,6 @@
 //! Artifacts, and collections of them.
 
-use crate::key::encode_text;
+use crate::canonical_bytes;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::{borrow::Borrow, collections::BTreeMap, fmt, sync::Arc};
 use tauflow_cache::Digest;
@@ -16,7 +16,8 @@ pub struct ItemKey(Arc<str>);
 /// A text that cannot be an item key.
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "`{0}` cannot be an item key: use 1 to 200 ASCII letters, digits, `.`, `_`, `-`, `=`, `+` or `/`, with no empty or dotted part"
+    "`{0}` cannot be an item key: use 1 to 200 ASCII letters, digits, `.`, `_`, `-`, `=`, `+` or `/`, \
+     with no empty or dotted part"
 )]
 pub struct ItemKeyError(String);
 
@@ -27,12 +28,21 @@ impl ItemKey {
     /// If the text is empty, too long, or holds a character outside the set above.
     pub fn new(text: impl Into<String>) -> Result<Self, ItemKeyError> {
         let text = text.into();
+        Self::check(&text)?;
+        Ok(Self(text.into()))
+    }
+
+    /// Whether a text can be a key.
+    ///
+    /// # Errors
+    /// As [`ItemKey::new`].
+    pub fn check(text: &str) -> Result<(), ItemKeyError> {
         let fine = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'.' | b'_' | b'-' | b'=' | b'+' | b'/');
         let parts_fine = text.split('/').all(|p| !p.is_empty() && p != "." && p != "..");
         if text.is_empty() || text.len() > 200 || !text.bytes().all(fine) || !parts_fine {
-            return Err(ItemKeyError(text));
+            return Err(ItemKeyError(text.chars().take(200).collect()));
         }
-        Ok(Self(text.into()))
+        Ok(())
     }
 
     /// The key's text, shared.
@@ -46,12 +56,15 @@ impl ItemKey {
     }
 
     /// The key below a matrix cell: `cell/key`.
+    ///
+    /// # Errors
+    /// As [`ItemKey::new`].
     pub fn in_cell(&self, cell: &str) -> Result<Self, ItemKeyError> {
         Self::new(format!("{cell}/{}", self.0))
     }
 
-    /// The shard that the item belongs to: see [`Collection::digest`]. A function of the item's own text, so that an item
-    /// stays in its shard below any matrix cell.
+    /// The shard that the item belongs to: see [`Collection::digest`]. A function of the item's own text, so that an
+    /// item stays in its shard below any matrix cell.
     pub fn shard(&self) -> u8 {
         let own = self.split_cell().map_or(self.as_str(), |(_, own)| own);
         blake3::hash(own.as_bytes()).as_bytes()[0]
@@ -90,13 +103,43 @@ impl Borrow<str> for ItemKey {
 
 /// One content-addressed blob, or a small tree of named blobs, with a media type.
 ///
-/// A single blob is a tree whose only part has the empty name.
+/// A single blob is a tree whose only part has the empty name. What is read from a store or a file is checked: names of
+/// parts are below the folder that they may be written to, whoever wrote them.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[serde(try_from = "RawArtifact")]
 pub struct Artifact {
     /// What the bytes are, e.g. `tauflow/ladder`.
     pub media: String,
     /// Parts by name; names follow the rules of [`ItemKey`] or are empty.
     pub parts: Parts,
+}
+
+/// An artifact whose names nobody has looked at.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawArtifact {
+    media: String,
+    parts: Parts,
+}
+
+/// Names that an artifact cannot have.
+#[derive(Debug, thiserror::Error)]
+pub enum ArtifactError {
+    /// Its media type.
+    #[error("`{0}` cannot be a media type: use 1 to 100 ASCII letters, digits, `.`, `_`, `-`, `+` or `/`")]
+    Media(String),
+    /// A part.
+    #[error("an artifact's part has a name that cannot be a file's: {0}")]
+    Part(#[from] ItemKeyError),
+}
+
+impl TryFrom<RawArtifact> for Artifact {
+    type Error = ArtifactError;
+    fn try_from(raw: RawArtifact) -> Result<Self, ArtifactError> {
+        let artifact = Self { media: raw.media, parts: raw.parts };
+        artifact.check_names()?;
+        Ok(artifact)
+    }
 }
 
 /// Named digests, ordered by name: a map that takes no more room than its few entries.
@@ -193,27 +236,27 @@ impl Artifact {
         self.parts.get(name).copied()
     }
 
+    /// Whether its names are what they may be; what is read must be held to it before it is used.
+    ///
+    /// # Errors
+    /// The first name that cannot be.
+    pub fn check_names(&self) -> Result<(), ArtifactError> {
+        let fine = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'.' | b'_' | b'-' | b'+' | b'/');
+        if self.media.is_empty() || self.media.len() > 100 || !self.media.bytes().all(fine) {
+            return Err(ArtifactError::Media(self.media.chars().take(100).collect()));
+        }
+        let named = self.parts.keys().filter(|name| !name.is_empty());
+        named.into_iter().try_for_each(|name| ItemKey::check(name).map_err(ArtifactError::from))
+    }
+
     /// Content digest of the whole artifact: of its canonical encoding, which names every part's digest.
     pub fn digest(&self) -> Digest {
-        // The canonical encoding of `{"media": .., "parts": {..}}`, without making that value first.
-        let mut out = Vec::with_capacity(64 + self.media.len() + self.parts.len() * 128);
-        out.push(b'o');
-        out.extend(2u64.to_le_bytes());
-        encode_text(b'k', "media", &mut out);
-        encode_text(b's', &self.media, &mut out);
-        encode_text(b'k', "parts", &mut out);
-        out.push(b'o');
-        out.extend((self.parts.len() as u64).to_le_bytes());
-        for (name, digest) in self.parts.iter() {
-            encode_text(b'k', name, &mut out);
-            encode_text(b's', &digest.to_string(), &mut out);
-        }
-        Digest::of(&out)
+        Digest::of(&canonical_bytes(self))
     }
 
     /// Sum of the parts' sizes in bytes.
     pub fn size(&self) -> u64 {
-        self.parts.values().map(|d| d.size).sum()
+        self.parts.values().fold(0, |sum, digest| sum.saturating_add(digest.size))
     }
 }
 
@@ -236,8 +279,8 @@ pub fn shard_digest<'a>(items: impl Iterator<Item = (&'a ItemKey, Digest)>) -> D
     Digest::of(&bytes)
 }
 
-/// Content digest of a collection, from the shards that hold items: number, items, and [`shard_digest`], in the order of their
-/// numbers.
+/// Content digest of a collection, from the shards that hold items: number, items, and [`shard_digest`], in the order
+/// of their numbers.
 pub fn collection_digest(shards: impl Iterator<Item = (u8, u64, Digest)>) -> Digest {
     let mut bytes = b"tauflow-collection-2".to_vec();
     for (shard, len, digest) in shards {
@@ -250,9 +293,9 @@ pub fn collection_digest(shards: impl Iterator<Item = (u8, u64, Digest)>) -> Dig
 }
 
 impl Collection {
-    /// Content digest of the collection: a tree of two levels, over every item's key and artifact digest. Items are dealt to
-    /// 256 shards by [`ItemKey::shard`], so that a change of one item changes one shard, and the others' digests can be
-    /// kept.
+    /// Content digest of the collection: a tree of two levels, over every item's key and artifact digest. Items are
+    /// dealt to 256 shards by [`ItemKey::shard`], so that a change of one item changes one shard, and the others'
+    /// digests can be kept.
     pub fn digest(&self) -> Digest {
         let mut shards: BTreeMap<u8, Vec<(&ItemKey, Digest)>> = BTreeMap::new();
         for (key, artifact) in &self.items {
@@ -308,10 +351,23 @@ mod tests {
     fn an_artifact_digest_is_that_of_its_canonical_encoding() {
         let artifact = Artifact::tree("m", [("b".to_owned(), Digest::of(b"b")), ("a".to_owned(), Digest::of(b"a"))]);
         let value = serde_json::to_value(&artifact).expect("plain");
-        assert_eq!(artifact.digest(), Digest::of(&crate::key::canonical_bytes(&value)));
+        assert_eq!(artifact.digest(), Digest::of(&canonical_bytes(&value)));
         assert_eq!(serde_json::from_value::<Artifact>(value).expect("own value"), artifact);
         assert_eq!(artifact.part("b"), Some(Digest::of(b"b")));
         assert!(!artifact.parts.contains_key("c"));
+    }
+
+    #[test]
+    fn names_are_checked_when_they_are_read() {
+        let digest = Digest::of(b"a").to_string();
+        let read = |media: &str, part: &str| {
+            serde_json::from_value::<Artifact>(serde_json::json!({ "media": media, "parts": { part: digest } }))
+        };
+        assert!(read("tauflow/files", "").is_ok() && read("tauflow/files", "maps/a.png").is_ok());
+        for (media, part) in [("m", "../x"), ("m", "/etc/x"), ("m", "a//b"), ("m", "a/./b"), ("", ""), ("a b", "")] {
+            let error = read(media, part).expect_err("a name that cannot be").to_string();
+            assert!(error.contains(if part.is_empty() { media } else { part }), "{error}");
+        }
     }
 
     #[test]

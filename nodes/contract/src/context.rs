@@ -1,8 +1,7 @@
 //! What a running action may ask of the engine: blobs, memoised sub-actions, progress, cancellation.
 
-use crate::{Artifact, KindError, canonical_bytes};
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use crate::{Artifact, KindError, MemoKey};
+use serde::Serialize;
 use std::{
     collections::HashMap,
     sync::{
@@ -11,29 +10,6 @@ use std::{
     },
 };
 use tauflow_cache::{Digest, Key};
-
-/// Key of a memoised sub-action: a pure computation inside an action, kept for other actions to find.
-///
-/// Example: the accumulator of a ladder's samples 0..32, which the gate's preview and the full ladder share.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct MemoKey {
-    /// Name of the computation, e.g. `ladder_rendering/accumulator`.
-    pub name: String,
-    /// Its version.
-    pub version: u32,
-    /// The params it reads.
-    pub params: Value,
-    /// Content digests it reads.
-    pub inputs: Vec<Digest>,
-}
-
-impl MemoKey {
-    /// The hash of the key's canonical encoding.
-    pub fn hash(&self) -> Key {
-        let value = serde_json::to_value(self).expect("a key holds only plain values");
-        Key(*blake3::hash(&canonical_bytes(&value)).as_bytes())
-    }
-}
 
 /// Where blobs and memoised sub-actions live. The engine implements it over the cache; [`MemoryBlobs`] over memory.
 pub trait Blobs: Send + Sync {

@@ -1,80 +1,74 @@
-//! Action keys: what an action reads, and its hash.
+//! The key of an action: everything an action reads, and its hash.
 //!
-//! The key that is hashed and the preimage that `explain` prints are the same struct, so they cannot drift.
+//! What decides an outcome is one struct, [`Basis`]: the keys of actions, of whole lanes and of their shards, and of
+//! what an action memoises, are it and what is read. The key that is hashed and the preimage that `explain` prints are
+//! the same struct, so they cannot drift.
 
+use crate::canonical_bytes;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::{borrow::Cow, collections::BTreeMap};
 use tauflow_cache::{Digest, Key};
 
-/// Version of the key's encoding; part of every key.
-pub const FORMAT_VERSION: u32 = 1;
+/// Version of the keys' encoding; part of every key, so that caches of before miss.
+pub const FORMAT_VERSION: u32 = 2;
+
+/// What decides an outcome beside what is read: part of every key, and nowhere written another way.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Basis {
+    /// [`FORMAT_VERSION`], of keys that this program makes.
+    pub format: u32,
+    /// The kind's name.
+    pub kind: Cow<'static, str>,
+    /// The version of what is made.
+    pub version: u32,
+    /// What is made: a group of the kind's output ports, or what an action memoises by the name that the kind gives it.
+    pub group: Cow<'static, str>,
+    /// The params that are read.
+    pub params: Value,
+    /// The seed, for kinds that draw random numbers from one.
+    pub seed: Option<u64>,
+    /// What of the machine decides the outcome, such as a library that was found; null for most kinds.
+    #[serde(default, skip_serializing_if = "Value::is_null")]
+    pub environment: Value,
+}
+
+impl Basis {
+    /// Of params alone: no seed, and nothing of the machine.
+    pub fn new(kind: impl Into<Cow<'static, str>>, version: u32, group: impl Into<Cow<'static, str>>) -> Self {
+        Self {
+            format: FORMAT_VERSION,
+            kind: kind.into(),
+            version,
+            group: group.into(),
+            params: Value::Null,
+            seed: None,
+            environment: Value::Null,
+        }
+    }
+
+    /// The same of other params and another seed.
+    pub fn with(&self, params: Value, seed: Option<u64>) -> Self {
+        let Self { format, version, .. } = *self;
+        let (kind, group, environment) = (self.kind.clone(), self.group.clone(), self.environment.clone());
+        Self { format, kind, version, group, params, seed, environment }
+    }
+}
 
 /// Everything that decides an action's outputs, and nothing else: no node name, item index, path, time, thread count.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ActionKey {
-    /// What of the machine decides the outputs, such as a library that was found; null for most kinds.
-    #[serde(default, skip_serializing_if = "Value::is_null")]
-    pub environment: Value,
-    /// [`FORMAT_VERSION`].
-    pub format: u32,
-    /// The kind's name.
-    pub kind: String,
-    /// The kind's version.
-    pub version: u32,
-    /// The group of output ports that this action makes.
-    pub group: String,
-    /// The params this action reads.
-    pub params: Value,
+    /// What decides them beside its inputs: the projected params, the derived seed.
+    #[serde(flatten)]
+    pub basis: Basis,
     /// Content digests by input port.
     pub inputs: BTreeMap<String, Digest>,
-    /// The derived seed, for kinds that draw random numbers from it.
-    pub seed: Option<u64>,
 }
 
 impl ActionKey {
     /// The hash of the key's canonical encoding.
     pub fn hash(&self) -> Key {
-        // What `canonical_bytes` makes of this struct as a value, without making the value; a test holds the two together.
-        let mut out = Vec::with_capacity(512);
-        let number = |n: i64, out: &mut Vec<u8>| {
-            out.push(b'i');
-            out.extend(n.to_le_bytes());
-        };
-        out.push(b'o');
-        let there = !self.environment.is_null();
-        out.extend((7 + u64::from(there)).to_le_bytes());
-        if there {
-            encode_text(b'k', "environment", &mut out);
-            encode(&self.environment, &mut out);
-        }
-        encode_text(b'k', "format", &mut out);
-        number(i64::from(self.format), &mut out);
-        encode_text(b'k', "group", &mut out);
-        encode_text(b's', &self.group, &mut out);
-        encode_text(b'k', "inputs", &mut out);
-        out.push(b'o');
-        out.extend((self.inputs.len() as u64).to_le_bytes());
-        for (port, digest) in &self.inputs {
-            encode_text(b'k', port, &mut out);
-            encode_text(b's', &digest.to_string(), &mut out);
-        }
-        encode_text(b'k', "kind", &mut out);
-        encode_text(b's', &self.kind, &mut out);
-        encode_text(b'k', "params", &mut out);
-        encode(&self.params, &mut out);
-        encode_text(b'k', "seed", &mut out);
-        match self.seed.map(i64::try_from) {
-            None => out.push(b'n'),
-            Some(Ok(seed)) => number(seed, &mut out),
-            Some(Err(_)) => {
-                out.push(b'u');
-                out.extend(self.seed.unwrap_or_default().to_le_bytes());
-            }
-        }
-        encode_text(b'k', "version", &mut out);
-        number(i64::from(self.version), &mut out);
-        Key::of(&out)
+        Key::of(&canonical_bytes(self))
     }
 
     /// The key as JSON text, for storing beside its outputs.
@@ -83,61 +77,33 @@ impl ActionKey {
     }
 }
 
-/// Canonical, typed, length-prefixed encoding of a JSON value: equal values give equal bytes, different values
-/// different bytes. Object keys are sorted; integers and floats are told apart by type, `-0.0` is `0.0`.
-pub fn canonical_bytes(value: &Value) -> Vec<u8> {
-    let mut out = Vec::new();
-    encode(value, &mut out);
-    out
+/// Key of a memoised sub-action: a pure computation inside an action, kept for other actions to find.
+///
+/// Example: the accumulator of a ladder's samples 0..32, which the gate's preview and the full ladder share.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MemoKey {
+    /// What decides it beside its inputs.
+    #[serde(flatten)]
+    pub basis: Basis,
+    /// Content digests it reads.
+    pub inputs: Vec<Digest>,
 }
 
-/// A text, or the name of a field.
-pub(crate) fn encode_text(tag: u8, text: &str, out: &mut Vec<u8>) {
-    out.push(tag);
-    out.extend((text.len() as u64).to_le_bytes());
-    out.extend(text.as_bytes());
-}
+impl MemoKey {
+    /// The hash of the key's canonical encoding.
+    pub fn hash(&self) -> Key {
+        Key::of(&canonical_bytes(self))
+    }
 
-fn encode(value: &Value, out: &mut Vec<u8>) {
-    match value {
-        Value::Null => out.push(b'n'),
-        Value::Bool(b) => out.extend([b'b', u8::from(*b)]),
-        Value::Number(n) => {
-            if let Some(i) = n.as_i64() {
-                out.push(b'i');
-                out.extend(i.to_le_bytes());
-            } else if let Some(u) = n.as_u64() {
-                out.push(b'u');
-                out.extend(u.to_le_bytes());
-            } else {
-                // `+ 0.0` turns -0.0 into 0.0; serde_json holds no NaN.
-                let f = n.as_f64().unwrap_or(0.0) + 0.0;
-                out.push(b'f');
-                out.extend(f.to_bits().to_le_bytes());
-            }
-        }
-        Value::String(s) => encode_text(b's', s, out),
-        Value::Array(items) => {
-            out.push(b'a');
-            out.extend((items.len() as u64).to_le_bytes());
-            items.iter().for_each(|item| encode(item, out));
-        }
-        Value::Object(fields) => {
-            let sorted: BTreeMap<_, _> = fields.iter().collect();
-            out.push(b'o');
-            out.extend((sorted.len() as u64).to_le_bytes());
-            for (name, field) in sorted {
-                encode_text(b'k', name, out);
-                encode(field, out);
-            }
-        }
+    /// What is memoised, for people: `kind/group`.
+    pub fn name(&self) -> String {
+        format!("{}/{}", self.basis.kind, self.basis.group)
     }
 }
 
 /// Seed of one item: a function of the pipeline's seed, the kind and the item's key alone.
 pub fn derive_seed(pipeline_seed: u64, kind: &str, item: &str) -> u64 {
-    let value = serde_json::json!([pipeline_seed, kind, item]);
-    let hash = blake3::hash(&canonical_bytes(&value));
+    let hash = blake3::hash(&canonical_bytes(&(pipeline_seed, kind, item)));
     u64::from_le_bytes(hash.as_bytes()[..8].try_into().expect("a hash has 32 bytes"))
 }
 
@@ -146,54 +112,61 @@ mod tests {
     use super::*;
     use serde_json::json;
 
-    #[test]
-    fn encoding_tells_types_and_lengths_apart() {
-        let values = [
-            json!(1),
-            json!(1.0),
-            json!("1"),
-            json!(["1"]),
-            json!([["1"]]),
-            json!({"1": 1}),
-            json!(["a", "b"]),
-            json!(["ab"]),
-            json!(null),
-            json!(false),
-            json!(0),
-        ];
-        for (i, a) in values.iter().enumerate() {
-            for (j, b) in values.iter().enumerate() {
-                assert_eq!(i == j, canonical_bytes(a) == canonical_bytes(b), "{a} {b}");
-            }
-        }
-        assert_eq!(canonical_bytes(&json!(-0.0)), canonical_bytes(&json!(0.0)));
+    fn basis(seed: Option<u64>, environment: Value) -> Basis {
+        Basis { environment, ..Basis::new("k", 1, "main").with(json!({"b": 1, "a": [0.5, "x"]}), seed) }
+    }
+
+    fn action(seed: Option<u64>, environment: Value) -> ActionKey {
+        let inputs = BTreeMap::from([("in".into(), Digest::of(b"x"))]);
+        ActionKey { basis: basis(seed, environment), inputs }
     }
 
     #[test]
     fn key_format_is_pinned() {
-        let key = ActionKey {
-            environment: Value::Null,
-            format: FORMAT_VERSION,
-            kind: "k".into(),
-            version: 1,
-            group: "main".into(),
-            params: json!({"b": 1, "a": [0.5, "x"]}),
-            inputs: BTreeMap::from([("in".into(), Digest::of(b"x"))]),
-            seed: Some(7),
-        };
         // A change here changes every key in every cache: raise FORMAT_VERSION with it.
-        assert_eq!(key.hash().to_string(), "e6dd5c9a3f849b901f23b0fd71a3376f2553bf60c2b8ab0a557bc463bf6dd703");
-        for (seed, environment) in
-            [(None, json!(null)), (Some(0), json!({"library": "a"})), (Some(u64::MAX), json!(null))]
-        {
-            let key = ActionKey { seed, environment, ..key.clone() };
-            let value = serde_json::to_value(&key).expect("plain");
-            assert_eq!(key.hash(), Key::of(&canonical_bytes(&value)), "{seed:?}");
+        let key = action(Some(7), Value::Null);
+        assert_eq!(key.hash().to_string(), "3911356a1be3c7b362d075c97bc7fa5e32262b2361cdd6529f8c678b158659f5");
+        let memo = MemoKey { basis: basis(None, json!({"library": "a"})), inputs: vec![Digest::of(b"x")] };
+        assert_eq!(memo.hash().to_string(), "c023680ca4e931a788d51c452eddacc3dc90e32ae74385543e14b8b38c5e9133");
+        assert_eq!(derive_seed(1, "k", "item"), 3_115_506_361_027_966_924);
+        // The encoding is that of format 1.
+        let before = ActionKey { basis: Basis { format: 1, ..key.basis.clone() }, ..key };
+        assert_eq!(before.hash().to_string(), "e6dd5c9a3f849b901f23b0fd71a3376f2553bf60c2b8ab0a557bc463bf6dd703");
+    }
+
+    #[test]
+    fn every_key_is_hashed_as_its_preimage_says() {
+        for seed in [None, Some(0), Some(u64::MAX)] {
+            for environment in [Value::Null, json!({"library": "a"})] {
+                let key = action(seed, environment.clone());
+                let value: Value = serde_json::from_str(&key.preimage()).expect("JSON");
+                assert_eq!(key.hash(), Key::of(&canonical_bytes(&value)), "{value}");
+                assert_eq!(value["format"], FORMAT_VERSION);
+                let back: ActionKey = serde_json::from_str(&key.preimage()).expect("own preimage parses");
+                assert_eq!(back, key);
+                let memo = MemoKey { basis: key.basis, inputs: vec![Digest::of(b"x"), Digest::of(b"y")] };
+                let value = serde_json::to_value(&memo).expect("plain");
+                assert_eq!(memo.hash(), Key::of(&canonical_bytes(&value)), "{value}");
+                assert_eq!(value["format"], FORMAT_VERSION);
+            }
         }
-        let mut other = key.clone();
-        other.seed = None;
-        assert_ne!(key.hash(), other.hash());
-        let back: ActionKey = serde_json::from_str(&key.preimage()).expect("own preimage parses");
-        assert_eq!(back.hash(), key.hash());
+    }
+
+    #[test]
+    fn all_of_a_basis_decides_the_key() {
+        let key = action(Some(7), Value::Null);
+        let others = [
+            Basis { format: 1, ..key.basis.clone() },
+            Basis { kind: "l".into(), ..key.basis.clone() },
+            Basis { version: 2, ..key.basis.clone() },
+            Basis { group: "other".into(), ..key.basis.clone() },
+            Basis { params: Value::Null, ..key.basis.clone() },
+            Basis { seed: None, ..key.basis.clone() },
+            Basis { environment: json!("a card"), ..key.basis.clone() },
+        ];
+        for basis in others {
+            let other = ActionKey { basis, ..key.clone() };
+            assert_ne!(other.hash(), key.hash(), "{other:?}");
+        }
     }
 }

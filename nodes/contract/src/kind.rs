@@ -1,6 +1,9 @@
 //! Node kinds: their ports, params and work.
 
-use crate::{Artifact, Collection, Context, ItemKey};
+use crate::{
+    All, Artifact, Collection, Context, Determinism, Each, Files, Group, Handle, InputPort, ItemKey, Items, Later,
+    Media, Out, OutputPort, Probe, Stored, fill_in, leave_out,
+};
 use schemars::JsonSchema;
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
@@ -12,119 +15,10 @@ use tauflow_cache::Digest;
 pub enum Mode {
     /// Names its own items from params (and files outside); one action for each item.
     Source,
-    /// One action for each item of its `Each` inputs.
+    /// One action for each item of its [`Each`] inputs.
     Map,
     /// One action over whole collections.
     Gather,
-}
-
-/// How an input port feeds actions.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Feed {
-    /// The item of the same key. The first `Each` port that is connected decides which items there are.
-    Each,
-    /// The whole collection.
-    Whole,
-}
-
-/// What a rerun of the same action gives.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Determinism {
-    /// The same bits.
-    Bitwise,
-    /// The same bits on this machine; [`Kind::environment`] says what of it decides them. Taints what is made from it.
-    Local,
-    /// A measurement, such as a time; taints what is made from it.
-    Measured,
-}
-
-/// An input of a kind.
-#[derive(Clone, Copy, Debug)]
-pub struct InputPort {
-    /// Name in the pipeline file.
-    pub name: &'static str,
-    /// Media type of its items; `*` takes any.
-    pub media: &'static str,
-    /// How it feeds actions.
-    pub feed: Feed,
-    /// True if it may be left unconnected.
-    pub optional: bool,
-    /// A line for people.
-    pub doc: &'static str,
-}
-
-/// An output of a kind. The first port is the node's default output.
-#[derive(Clone, Copy, Debug)]
-pub struct OutputPort {
-    /// Name in the pipeline file.
-    pub name: &'static str,
-    /// Media type of its items.
-    pub media: &'static str,
-    /// Ports of one group are made by one action; a group that nobody reads does not run.
-    pub group: &'static str,
-    /// True if an action may leave its item out of this port (a filter).
-    pub filter: bool,
-    /// Whether its bits are reproducible. An action that makes nothing but measurements has the machine to itself.
-    pub determinism: Determinism,
-    /// True if the parts are also written as files below `OUT/<pipeline>/` when the node is a target.
-    pub publish: bool,
-    /// A line for people.
-    pub doc: &'static str,
-}
-
-impl OutputPort {
-    /// A bitwise, unfiltered port of group `main`.
-    pub const fn new(name: &'static str, media: &'static str, doc: &'static str) -> Self {
-        Self { name, media, group: "main", filter: false, determinism: Determinism::Bitwise, publish: false, doc }
-    }
-
-    /// The same port in another group.
-    pub const fn in_group(mut self, group: &'static str) -> Self {
-        self.group = group;
-        self
-    }
-
-    /// The same port, as a filter.
-    pub const fn filtering(mut self) -> Self {
-        self.filter = true;
-        self
-    }
-
-    /// The same port, as a measurement.
-    pub const fn measured(mut self) -> Self {
-        self.determinism = Determinism::Measured;
-        self
-    }
-
-    /// The same port, decided by the machine, too.
-    pub const fn local(mut self) -> Self {
-        self.determinism = Determinism::Local;
-        self
-    }
-
-    /// The same port, published as files.
-    pub const fn published(mut self) -> Self {
-        self.publish = true;
-        self
-    }
-}
-
-impl InputPort {
-    /// A required port that feeds item by item.
-    pub const fn each(name: &'static str, media: &'static str, doc: &'static str) -> Self {
-        Self { name, media, feed: Feed::Each, optional: false, doc }
-    }
-
-    /// A required port that feeds whole collections.
-    pub const fn whole(name: &'static str, media: &'static str, doc: &'static str) -> Self {
-        Self { name, media, feed: Feed::Whole, optional: false, doc }
-    }
-
-    /// The same port, optional.
-    pub const fn or_none(mut self) -> Self {
-        self.optional = true;
-        self
-    }
 }
 
 /// What a kind states about itself.
@@ -132,8 +26,6 @@ impl InputPort {
 pub struct KindSpec {
     /// Name in the pipeline file.
     pub name: &'static str,
-    /// Goes up when the outputs of the same action change.
-    pub version: u32,
     /// One line.
     pub summary: &'static str,
     /// The manual, in Markdown, with a YAML snippet.
@@ -151,8 +43,24 @@ pub struct KindSpec {
 impl KindSpec {
     /// Whether a group of outputs is nothing but measurements.
     pub fn measures(&self, group: &str) -> bool {
-        let mut ports = self.outputs.iter().filter(|port| port.group == group).peekable();
+        let mut ports = self.outputs.iter().filter(|port| port.group.name == group).peekable();
         ports.peek().is_some() && ports.all(|port| port.determinism == Determinism::Measured)
+    }
+
+    /// The group of this name.
+    pub fn group(&self, name: &str) -> Option<Group> {
+        self.outputs.iter().map(|port| port.group).find(|group| group.name == name)
+    }
+
+    /// The groups, in the order of their first ports.
+    pub fn groups(&self) -> Vec<Group> {
+        let mut groups: Vec<Group> = Vec::new();
+        for port in self.outputs {
+            if !groups.contains(&port.group) {
+                groups.push(port.group);
+            }
+        }
+        groups
     }
 }
 
@@ -215,27 +123,104 @@ pub struct Action<'a, P> {
     pub group: &'a str,
     /// The derived seed; 0 for kinds that are not seeded.
     pub seed: u64,
-    /// The item's artifact by `Each` port (and `file` for sources with files).
+    /// The item's artifact by port (and [`FILE_PORT`] for sources with files).
     pub each: BTreeMap<&'a str, &'a Artifact>,
-    /// Whole collections by `Whole` port.
-    pub whole: BTreeMap<&'a str, &'a Collection>,
+    /// Whole collections by port.
+    pub all: BTreeMap<&'a str, &'a Collection>,
+}
+
+/// Port on which a source's action finds the files outside that it reads.
+pub const FILE_PORT: &str = "file";
+
+fn unconnected(port: &str) -> KindError {
+    KindError::Input(format!("input `{port}` is not connected"))
 }
 
 impl<'a, P> Action<'a, P> {
-    /// The artifact on an `Each` port.
+    /// The item on a port.
     ///
     /// # Errors
     /// [`KindError::Input`] if the port is not connected.
-    pub fn each(&self, port: &str) -> Result<&'a Artifact, KindError> {
-        self.each.get(port).copied().ok_or_else(|| KindError::Input(format!("input `{port}` is not connected")))
+    pub fn handle<M: Media>(&self, port: Each<M>) -> Result<Handle<'a, M>, KindError> {
+        self.handle_if(port)?.ok_or_else(|| unconnected(port.name()))
     }
 
-    /// The collection on a `Whole` port.
+    /// The item on a port that may be left unconnected.
+    ///
+    /// # Errors
+    /// [`KindError::Input`] if the item is of another media type, which the engine keeps from happening.
+    pub fn handle_if<M: Media>(&self, port: Each<M>) -> Result<Option<Handle<'a, M>>, KindError> {
+        self.each.get(port.name()).map(|artifact| Handle::new(artifact)).transpose()
+    }
+
+    /// The item on a port, loaded.
+    ///
+    /// # Errors
+    /// As [`Action::handle`] and [`Media::load`].
+    pub fn read<M: Media>(&self, ctx: &Context<'_>, port: Each<M>) -> Result<M, KindError> {
+        self.handle(port)?.load(ctx)
+    }
+
+    /// The item on a port that may be left unconnected, loaded.
+    ///
+    /// # Errors
+    /// As [`Action::handle_if`] and [`Media::load`].
+    pub fn read_if<M: Media>(&self, ctx: &Context<'_>, port: Each<M>) -> Result<Option<M>, KindError> {
+        self.handle_if(port)?.map(|handle| handle.load(ctx)).transpose()
+    }
+
+    /// The collection on a port.
     ///
     /// # Errors
     /// [`KindError::Input`] if the port is not connected.
-    pub fn whole(&self, port: &str) -> Result<&'a Collection, KindError> {
-        self.whole.get(port).copied().ok_or_else(|| KindError::Input(format!("input `{port}` is not connected")))
+    pub fn all<M: Media>(&self, port: All<M>) -> Result<Items<'a, M>, KindError> {
+        self.all_if(port)?.ok_or_else(|| unconnected(port.name()))
+    }
+
+    /// The collection on a port that may be left unconnected.
+    ///
+    /// # Errors
+    /// [`KindError::Input`] if an item is of another media type, which the engine keeps from happening.
+    pub fn all_if<M: Media>(&self, port: All<M>) -> Result<Option<Items<'a, M>>, KindError> {
+        self.all.get(port.name()).map(|collection| Items::new(collection)).transpose()
+    }
+
+    /// The only item of the collection on a port.
+    ///
+    /// # Errors
+    /// [`KindError::Input`] if the port is not connected, or its collection has not exactly one item.
+    pub fn only<M: Media>(&self, port: All<M>) -> Result<Handle<'a, M>, KindError> {
+        let empty = || {
+            KindError::Input(format!(
+                "input `{}` takes one item and got none; connect a node that makes it",
+                port.name()
+            ))
+        };
+        self.only_if(port)?.ok_or_else(empty)
+    }
+
+    /// The only item of the collection on a port that may be left unconnected, or have no item.
+    ///
+    /// # Errors
+    /// [`KindError::Input`] if its collection has several items.
+    pub fn only_if<M: Media>(&self, port: All<M>) -> Result<Option<Handle<'a, M>>, KindError> {
+        let Some(items) = self.all_if(port)? else { return Ok(None) };
+        if items.len() > 1 {
+            return Err(KindError::Input(format!(
+                "input `{}` takes one item and got {}; name one cell of its node, as in `node[axis=value]`",
+                port.name(),
+                items.len()
+            )));
+        }
+        Ok(items.iter().next().map(|(_, handle)| handle))
+    }
+
+    /// The files outside that a source's item reads.
+    ///
+    /// # Errors
+    /// [`KindError::Input`] if the item names none.
+    pub fn files(&self) -> Result<Handle<'a, Files>, KindError> {
+        Handle::new(self.each.get(FILE_PORT).copied().ok_or_else(|| unconnected(FILE_PORT))?)
     }
 
     /// The item's key.
@@ -259,16 +244,26 @@ pub struct Outputs {
 }
 
 impl Outputs {
-    /// Adds an artifact on a port (sources and maps).
-    pub fn item(mut self, port: &str, artifact: Artifact) -> Self {
-        self.items.insert(port.to_owned(), artifact);
+    /// Puts an artifact on a port (sources and maps).
+    pub fn put<M: Media>(mut self, port: Out<M>, artifact: Stored<M>) -> Self {
+        self.items.insert(port.name().to_owned(), artifact.into_artifact());
         self
     }
 
-    /// Adds a collection on a port (gathers).
-    pub fn collection(mut self, port: &str, collection: Collection) -> Self {
-        self.collections.insert(port.to_owned(), collection);
+    /// Puts a collection on a port (gathers).
+    pub fn put_all<M: Media>(mut self, port: Out<M>, items: impl IntoIterator<Item = (ItemKey, Stored<M>)>) -> Self {
+        let items = items.into_iter().map(|(key, artifact)| (key, artifact.into_artifact())).collect();
+        self.collections.insert(port.name().to_owned(), items);
         self
+    }
+
+    /// Puts a collection of one item on a port (gathers).
+    ///
+    /// # Errors
+    /// [`KindError::Internal`] if `key` cannot be an item key.
+    pub fn put_one<M: Media>(self, port: Out<M>, key: &str, artifact: Stored<M>) -> Result<Self, KindError> {
+        let key = ItemKey::new(key).map_err(|e| KindError::Internal(e.to_string()))?;
+        Ok(self.put_all(port, [(key, artifact)]))
     }
 }
 
@@ -299,10 +294,20 @@ pub trait Kind: Send + Sync + 'static {
         serde_json::to_value(params).expect("params serialise")
     }
 
-    /// What of this machine decides the outputs of a group, beside all that an action is handed: a library that is found
-    /// at run time, the processor that is timed. It enters the keys. The default is nothing, null.
-    fn environment(_params: &Self::Params, _group: &str) -> Value {
-        Value::Null
+    /// Params that came later than the kind. What acted before they existed is left out of keys, and is what an action
+    /// gets where they are left out, whatever their defaults have become.
+    fn later() -> &'static [Later] {
+        &[]
+    }
+
+    /// What of this machine decides the outputs of a group, beside all that an action is handed: a library that is
+    /// found at run time, the processor that is timed. It enters the keys. The default is nothing, null.
+    ///
+    /// It may read files, and starts no program and loads no library of a pipeline: what only those tell it asks
+    /// `probe` for, and gives none where that has no answer. Of the params it reads those alone that [`Kind::project`]
+    /// leaves to the group, because an action that is run by itself has no others.
+    fn environment(_params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {
+        Some(Value::Null)
     }
 
     /// Does the work.
@@ -331,10 +336,14 @@ pub trait NodeKind: Send + Sync {
     /// # Errors
     /// As [`Kind::items`].
     fn items(&self, params: &Value) -> Result<Vec<SourceItem>, KindError>;
-    /// See [`Kind::project`]; `params` are resolved, and are read once for all the items that the projection is asked about.
+    /// See [`Kind::project`]; `params` are resolved, and are read once for all the items that the projection is asked
+    /// about.
     fn projection(&self, params: &Value) -> Projection;
-    /// See [`Kind::environment`]; `params` are resolved.
-    fn environment(&self, params: &Value, group: &str) -> Value;
+    /// Resolved params without those that came later and have the value of before ([`Kind::later`]): what decides the
+    /// outcomes of all items together.
+    fn keyed(&self, params: &Value) -> Value;
+    /// See [`Kind::environment`]; `params` are resolved, or a projection.
+    fn environment(&self, params: &Value, group: &str, probe: &dyn Probe) -> Option<Value>;
     /// See [`Kind::run`]; the params are a projection.
     ///
     /// # Errors
@@ -363,6 +372,17 @@ fn parse<P: DeserializeOwned>(params: &Value) -> Result<P, KindError> {
         .map_err(|e| KindError::Internal(format!("resolved params do not parse: {e}")))
 }
 
+/// A place in params as a JSON pointer.
+fn pointer(path: &serde_path_to_error::Path) -> String {
+    use serde_path_to_error::Segment;
+    let step = |segment: &Segment| match segment {
+        Segment::Seq { index } => Some(format!("/{index}")),
+        Segment::Map { key } => Some(format!("/{}", key.replace('~', "~0").replace('/', "~1"))),
+        Segment::Enum { .. } | Segment::Unknown => None,
+    };
+    path.iter().filter_map(step).collect()
+}
+
 impl<K: Kind> NodeKind for KindRow<K> {
     fn spec(&self) -> KindSpec {
         K::spec()
@@ -373,8 +393,10 @@ impl<K: Kind> NodeKind for KindRow<K> {
     }
 
     fn resolve(&self, params: &Value) -> Result<Value, Vec<ParamProblem>> {
-        let typed: K::Params = serde_json::from_value(params.clone())
-            .map_err(|e| vec![ParamProblem::new("", e.to_string(), "see `tauflow kinds` for this kind's params")])?;
+        let typed: K::Params = serde_path_to_error::deserialize(params).map_err(|error| {
+            let hint = format!("see `tauflow kinds {}` for its params", K::spec().name);
+            vec![ParamProblem::new(pointer(error.path()), error.inner().to_string(), hint)]
+        })?;
         let problems = K::check(&typed);
         if !problems.is_empty() {
             return Err(problems);
@@ -388,7 +410,11 @@ impl<K: Kind> NodeKind for KindRow<K> {
 
     fn projection(&self, params: &Value) -> Projection {
         match parse::<K::Params>(params) {
-            Ok(typed) => Box::new(move |item, group| K::project(&typed, item, group)),
+            Ok(typed) => Box::new(move |item, group| {
+                let mut read = K::project(&typed, item, group);
+                leave_out(&mut read, K::later());
+                read
+            }),
             // Cannot be for resolved params; the whole params are a sound, if broad, key.
             Err(_) => {
                 let params = params.clone();
@@ -397,20 +423,137 @@ impl<K: Kind> NodeKind for KindRow<K> {
         }
     }
 
-    fn environment(&self, params: &Value, group: &str) -> Value {
-        // Params that do not parse cannot be, once they are resolved.
-        parse(params).map_or(Value::Null, |params| K::environment(&params, group))
+    fn keyed(&self, params: &Value) -> Value {
+        let mut keyed = params.clone();
+        leave_out(&mut keyed, K::later());
+        keyed
+    }
+
+    fn environment(&self, params: &Value, group: &str, probe: &dyn Probe) -> Option<Value> {
+        let mut read = params.clone();
+        fill_in(&mut read, K::later());
+        // Params that do not parse cannot be, once they are resolved; those of a crafted action are refused by `run`.
+        parse(&read).map_or(Some(Value::Null), |params| K::environment(&params, group, probe))
     }
 
     fn run(&self, ctx: &Context<'_>, action: &Action<'_, Value>) -> Result<Outputs, KindError> {
+        let mut read = action.params.clone();
+        fill_in(&mut read, K::later());
         let typed = Action {
-            params: parse::<K::Params>(&action.params)?,
+            params: parse::<K::Params>(&read)?,
             item: action.item,
             group: action.group,
             seed: action.seed,
             each: action.each.clone(),
-            whole: action.whole.clone(),
+            all: action.all.clone(),
         };
         K::run(ctx, &typed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Before;
+    use serde::Deserialize;
+    use serde_json::json;
+
+    #[derive(Serialize, Deserialize, JsonSchema)]
+    #[serde(deny_unknown_fields)]
+    struct Params {
+        #[serde(default)]
+        list: Vec<Even>,
+        /// Was 1 before it existed; the default of today is another.
+        #[serde(default = "five")]
+        factor: u32,
+    }
+
+    fn five() -> u32 {
+        5
+    }
+
+    #[derive(Serialize, Deserialize, JsonSchema)]
+    #[serde(try_from = "u32")]
+    struct Even(u32);
+
+    impl TryFrom<u32> for Even {
+        type Error = String;
+        fn try_from(value: u32) -> Result<Self, String> {
+            if value.is_multiple_of(2) { Ok(Self(value)) } else { Err(format!("{value} is odd; write an even number")) }
+        }
+    }
+
+    struct Halves;
+
+    impl Kind for Halves {
+        type Params = Params;
+
+        fn spec() -> KindSpec {
+            KindSpec {
+                name: "halves",
+                summary: "A toy.",
+                manual: "",
+                mode: Mode::Source,
+                inputs: &[],
+                outputs: const { &[Out::<Files>::new(Group::main(3), "out", "Nothing.").port()] },
+                seeded: false,
+            }
+        }
+
+        fn later() -> &'static [Later] {
+            &[Later { pointer: "/factor", before: Before::Integer(1) }]
+        }
+
+        fn run(_: &Context<'_>, action: &Action<'_, Params>) -> Result<Outputs, KindError> {
+            // What it was given, told by its outcome.
+            Err(KindError::Input(action.params.factor.to_string()))
+        }
+    }
+
+    #[test]
+    fn a_param_that_came_later_is_left_out_of_keys_and_acts_as_before() {
+        let row = KindRow::<Halves>::new();
+        for (given, key) in [(json!(1), json!({ "list": [] })), (json!(5), json!({ "list": [], "factor": 5 }))] {
+            let resolved = row.resolve(&json!({ "factor": given })).expect("fine");
+            let read = row.projection(&resolved)(None, "main");
+            assert_eq!(read, key);
+            assert_eq!(row.keyed(&resolved), key, "for lanes and shards, too");
+            let (blobs, stop) = (crate::MemoryBlobs::default(), std::sync::atomic::AtomicBool::new(false));
+            let ctx = Context::new(&blobs, &crate::Silent, &stop);
+            let action = Action {
+                params: read,
+                item: None,
+                group: "main",
+                seed: 0,
+                each: BTreeMap::new(),
+                all: BTreeMap::new(),
+            };
+            assert_eq!(row.run(&ctx, &action).expect_err("always").to_string(), given.to_string());
+        }
+    }
+
+    #[test]
+    fn a_value_that_its_type_refuses_is_a_problem_at_its_place() {
+        let row = KindRow::<Halves>::new();
+        let problems = row.resolve(&json!({ "list": [2, 3] })).expect_err("an odd number");
+        assert_eq!((problems[0].pointer.as_str(), problems.len()), ("/list/1", 1));
+        assert!(problems[0].message.contains("3 is odd"), "{problems:?}");
+        assert_eq!(row.resolve(&json!({ "list": [2] })).expect("even"), json!({ "list": [2], "factor": 5 }));
+        assert_eq!(row.spec().groups(), [Group::main(3)]);
+    }
+
+    #[test]
+    fn ports_hand_out_what_they_are_of() {
+        const IN: All<Files> = All::new("in", "Files.");
+        const MORE: All<Files> = All::new("more", "Files.").or_none();
+        let file = |name: &str| Artifact::tree(Files::NAME, [(name.to_owned(), Digest::of(name.as_bytes()))]);
+        let key = |text: &str| ItemKey::new(text).expect("plain");
+        let two: Collection = [(key("a"), file("a")), (key("b"), file("b"))].into_iter().collect();
+        let all = BTreeMap::from([("in", &two)]);
+        let action = Action { params: (), item: None, group: "main", seed: 0, each: BTreeMap::new(), all };
+        assert_eq!(action.all(IN).expect("connected").len(), 2);
+        assert!(action.all_if(MORE).expect("optional").is_none());
+        assert!(action.only(IN).expect_err("two items").to_string().contains("got 2"));
+        assert!(action.all(MORE).expect_err("unconnected").to_string().contains("`more`"));
     }
 }

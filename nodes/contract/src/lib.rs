@@ -7,15 +7,30 @@
 //! This crate knows no kind and no scheduler.
 
 mod artifact;
+mod canonical;
 mod context;
 mod key;
 mod kind;
+mod later;
+mod media;
+mod port;
+mod probe;
 
-pub use artifact::{Artifact, Collection, ItemKey, ItemKeyError, Parts, collection_digest, shard_digest};
-pub use context::{Blobs, Context, MemoKey, MemoryBlobs, Progress, Silent};
-pub use key::{ActionKey, FORMAT_VERSION, canonical_bytes, derive_seed};
-pub use kind::{
-    Action, Determinism, Feed, InputPort, Kind, KindError, KindRow, KindSpec, Mode, NodeKind, OutputPort, Outputs,
-    ParamProblem, Projection, SourceItem,
+pub use artifact::{
+    Artifact, ArtifactError, Collection, ItemKey, ItemKeyError, Parts, collection_digest, shard_digest,
 };
+pub use canonical::canonical_bytes;
+pub use context::{Blobs, Context, MemoryBlobs, Progress, Silent};
+pub use key::{ActionKey, Basis, FORMAT_VERSION, MemoKey, derive_seed};
+pub use kind::{
+    Action, FILE_PORT, Kind, KindError, KindRow, KindSpec, Mode, NodeKind, Outputs, ParamProblem, Projection,
+    SourceItem,
+};
+pub use later::{Before, Later, fill_in, leave_out};
+pub use media::{
+    Any, FileTree, Files, Handle, Items, Media, MediaRow, RECORD_FILE, ReadFiles, Stored, WriteFiles, parse_json,
+    pretty_json,
+};
+pub use port::{All, Determinism, Each, Group, InputPort, Out, OutputPort, Takes};
+pub use probe::{Act, Look, Probe};
 pub use tauflow_cache::{Digest, ParseDigestError};

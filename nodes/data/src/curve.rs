@@ -1,6 +1,6 @@
 //! What a training's curve says, in plain words.
 
-use crate::results::TrainingPoint;
+use crate::records::TrainingPoint;
 use std::fmt;
 
 /// What the loss on the test scenes did last.

@@ -21,9 +21,10 @@ impl Image {
     /// An image of `data`, shape [height, width, channels].
     ///
     /// # Errors
-    /// If the length does not fit the shape.
+    /// If the length does not fit the shape, whose product may be beyond all numbers.
     pub fn from_data(width: usize, height: usize, channels: usize, data: Vec<f32>) -> Result<Self, crate::DataError> {
-        if data.len() != width * height * channels {
+        let values = width.checked_mul(height).and_then(|pixels| pixels.checked_mul(channels));
+        if values != Some(data.len()) {
             return Err(crate::DataError::Format(format!(
                 "{} values do not make an image of {width} x {height} x {channels}",
                 data.len()
@@ -77,6 +78,28 @@ impl Image {
     /// Every value through `f`.
     pub fn map(&self, f: impl Fn(f32) -> f32) -> Self {
         Self { data: self.data.iter().map(|v| f(*v)).collect(), ..*self }
+    }
+
+    /// Some of the channels, as an image.
+    pub fn channels_of(&self, range: std::ops::Range<usize>) -> Self {
+        let data = self.data.chunks_exact(self.channels).flat_map(|pixel| pixel[range.clone()].iter().copied());
+        let (width, height, channels) = (self.width, self.height, range.len());
+        Self { width, height, channels, data: data.collect() }
+    }
+
+    /// The channels of this image, then those of another of the same size.
+    ///
+    /// # Errors
+    /// If the sizes differ.
+    pub fn beside(&self, other: &Self) -> Result<Self, crate::DataError> {
+        let size = |image: &Self| format!("{} x {}", image.width, image.height);
+        if (self.width, self.height) != (other.width, other.height) {
+            let (own, its) = (size(self), size(other));
+            return Err(crate::DataError::Format(format!("images of {own} and of {its} pixels cannot be one")));
+        }
+        let rows = self.data.chunks_exact(self.channels).zip(other.data.chunks_exact(other.channels));
+        let data = rows.flat_map(|(a, b)| a.iter().chain(b).copied()).collect();
+        Self::from_data(self.width, self.height, self.channels + other.channels, data)
     }
 
     /// True if both have the same width, height and channels.
@@ -134,6 +157,8 @@ mod tests {
     #[test]
     fn shapes_are_checked() {
         assert!(Image::from_data(2, 2, 3, vec![0.0; 11]).is_err());
+        // The product of these is 0 where it is cut to 64 bits.
+        assert!(Image::from_data(1 << 32, 1 << 32, 3, Vec::new()).is_err());
         let mut image = Image::new(2, 1, 3);
         image.pixel_mut(1, 0)[2] = 4.0;
         assert_eq!(image.data()[5], 4.0);

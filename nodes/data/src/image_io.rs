@@ -2,10 +2,13 @@
 
 use crate::{DataError, Image, image::preview};
 use exr::prelude::*;
-use std::{collections::BTreeMap, path::Path};
+use std::{collections::BTreeMap, io::Cursor, path::Path};
 
-/// Named layers of one EXR file; an image of 3 channels is R, G, B.
-pub fn write_exr(path: &Path, layers: &[(&str, &Image)]) -> std::result::Result<(), DataError> {
+/// Named layers as the bytes of one EXR file; an image of 3 channels is R, G, B.
+///
+/// # Errors
+/// If there is no layer, layers differ in size, or one has another number of channels than 1, 3 or 4.
+pub fn exr_bytes(layers: &[(&str, &Image)]) -> std::result::Result<Vec<u8>, DataError> {
     let Some((_, first)) = layers.first() else {
         return Err(DataError::Format("an EXR file needs at least one layer".into()));
     };
@@ -33,41 +36,80 @@ pub fn write_exr(path: &Path, layers: &[(&str, &Image)]) -> std::result::Result<
         Encoding::SMALL_LOSSLESS,
         AnyChannels::sort(channels.into_iter().collect()),
     );
-    let failed = |e: exr::error::Error| match e {
-        exr::error::Error::Io(source) => DataError::Io { path: path.display().to_string(), source },
-        other => DataError::Format(format!("{}: {other}", path.display())),
-    };
-    exr::image::Image::from_layer(layer).write().to_file(path).map_err(failed)
+    let mut bytes = Cursor::new(Vec::new());
+    let failed = |e: exr::error::Error| DataError::Format(format!("cannot encode an EXR file: {e}"));
+    exr::image::Image::from_layer(layer).write().to_buffered(&mut bytes).map_err(failed)?;
+    Ok(bytes.into_inner())
+}
+
+/// Named layers as one EXR file; see [`exr_bytes`].
+///
+/// # Errors
+/// As [`exr_bytes`], and if the file cannot be written.
+pub fn write_exr(path: &Path, layers: &[(&str, &Image)]) -> std::result::Result<(), DataError> {
+    let bytes = exr_bytes(layers)?;
+    std::fs::write(path, bytes).map_err(|source| DataError::Io { path: path.display().to_string(), source })
 }
 
 /// Most pixels of a picture that is read.
 const MOST_PIXELS: usize = 1 << 26;
+/// Most channels of a picture that is read.
+const MOST_CHANNELS: usize = 1024;
+/// Most numbers of a picture that is read, over all channels: 2 GiB.
+const MOST_SAMPLES: usize = 1 << 29;
+/// Numbers that a picture of any file may have; few bytes can claim many.
+const FREE_SAMPLES: usize = 1 << 26;
+/// More of them for each byte of the file: half of what the best compression of zeros says.
+const SAMPLES_PER_BYTE: usize = 512;
 
-/// The layers of three colours in an EXR file, by name; the one without a name is named "". Layers are parts of the file, or
-/// share one part as `layer.R`. Pictures have the size of the display window; outside the data window they are 0.
+/// The layers of three colours in an EXR file, by name; the one without a name is named "". Layers are parts of the
+/// file, or share one part as `layer.R`. Pictures have the size of the display window; outside the data window they
+/// are 0.
 ///
 /// # Errors
-/// If the file cannot be read, is deep or larger than 2^26 pixels, or holds no layer with R, G and B (or, for normals, X, Y
-/// and Z) at full resolution.
+/// If the file cannot be read, is deep or larger than 2^26 pixels, claims more numbers than its bytes can say, or holds
+/// no layer with R, G and B (or, for normals, X, Y and Z) at full resolution.
 pub fn read_exr(path: &Path) -> std::result::Result<BTreeMap<String, Image>, DataError> {
-    let failed = |what: String| DataError::Format(format!("{}: {what}", path.display()));
-    let broken = |e: exr::error::Error| match e {
-        exr::error::Error::Io(source) => DataError::Io { path: path.display().to_string(), source },
-        other => failed(format!("no OpenEXR file that can be read: {other}")),
-    };
+    let name = path.display().to_string();
+    let bytes = std::fs::read(path).map_err(|source| DataError::Io { path: name.clone(), source })?;
+    parse_exr(&name, &bytes)
+}
+
+/// The layers of the bytes of an EXR file, as [`read_exr`] gives them; `name` is what errors call it.
+///
+/// # Errors
+/// As [`read_exr`].
+pub fn parse_exr(name: &str, bytes: &[u8]) -> std::result::Result<BTreeMap<String, Image>, DataError> {
+    let failed = |what: String| DataError::Format(format!("{name}: {what}"));
+    let broken = |e: exr::error::Error| failed(format!("no OpenEXR file that can be read: {e}"));
     // Before anything of the size that the header claims is made.
-    let meta = MetaData::read_from_file(path, false).map_err(broken)?;
+    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(broken)?;
+    let most = bytes.len().saturating_mul(SAMPLES_PER_BYTE).saturating_add(FREE_SAMPLES).min(MOST_SAMPLES);
+    let mut samples = 0usize;
     for header in &meta.headers {
-        for size in [header.layer_size, header.shared_attributes.display_window.size] {
+        let sizes = [header.layer_size, header.shared_attributes.display_window.size];
+        for size in sizes {
             if size.width().checked_mul(size.height()).is_none_or(|n| n == 0 || n > MOST_PIXELS) {
                 return Err(failed(format!("{} x {} pixels; 1 to 2^26 can be read", size.width(), size.height())));
             }
+        }
+        // Each channel becomes a plane of the size of the display window.
+        let [layer, window] = sizes.map(Vec2::area);
+        let channels = header.channels.list.len();
+        samples = samples.saturating_add(layer.max(window).saturating_mul(channels));
+        if channels > MOST_CHANNELS || samples > most {
+            return Err(failed(format!(
+                "{channels} channels, {samples} numbers in {} bytes; at most {MOST_CHANNELS} and {most} can be read; \
+                 take layers out, crop the display window, or write the file without compression",
+                bytes.len()
+            )));
         }
         if header.deep {
             return Err(failed("deep data; flatten the picture".into()));
         }
     }
-    let file = read_all_flat_layers_from_file(path).map_err(broken)?;
+    let reader = read().no_deep_data().largest_resolution_level().all_channels().all_layers().all_attributes();
+    let file = reader.from_buffered(Cursor::new(bytes)).map_err(broken)?;
     let window = file.attributes.display_window;
     // Channels by layer and letter first: letters alone do not say whether a Z is a depth or part of a normal.
     let mut found: BTreeMap<String, BTreeMap<char, Image>> = BTreeMap::new();
@@ -150,9 +192,8 @@ mod tests {
 
     #[test]
     fn exr_layers_read_back() {
-        let dir = std::env::temp_dir().join(format!("tauflow-exr-{}", std::process::id()));
-        std::fs::create_dir_all(&dir).expect("a temporary folder");
-        let path = dir.join("x.exr");
+        let dir = tempfile::tempdir().expect("a temporary folder");
+        let path = dir.path().join("x.exr");
         let image = crate::Image::from_data(2, 1, 3, vec![0.5, 1.0, 2.0, -1.0, 1e5, 3.0]).expect("fits");
         write_exr(&path, &[("", &image), ("albedo", &image)]).expect("written");
         let back = exr::prelude::read_first_flat_layer_from_file(&path).expect("readable");
@@ -190,7 +231,30 @@ mod tests {
         );
         std::fs::write(&path, b"v/1\x01 no picture").expect("written");
         assert!(read_exr(&path).expect_err("damaged").to_string().contains("x.exr"));
-        std::fs::remove_dir_all(&dir).expect("removed");
+    }
+
+    #[test]
+    fn what_a_small_file_claims_is_bounded_before_memory_is_taken() {
+        let written = |size: Vec2<usize>, window: Vec2<usize>, names: usize| {
+            let zeros = || FlatSamples::F32(vec![0.0; size.area()]);
+            let channels = (0..names).map(|i| AnyChannel::new(format!("l{i:04}.R").as_str(), zeros()));
+            let attributes = LayerAttributes::default();
+            let layer = Layer::new(size, attributes, Encoding::SMALL_LOSSLESS, AnyChannels::sort(channels.collect()));
+            let mut file = exr::image::Image::from_layer(layer);
+            file.attributes.display_window = IntegerBounds::from_dimensions(window);
+            let mut bytes = Cursor::new(Vec::new());
+            file.write().to_buffered(&mut bytes).expect("written");
+            bytes.into_inner()
+        };
+        let refused = |bytes: &[u8], part: &str| {
+            let told = parse_exr("x.exr", bytes).expect_err("too much").to_string();
+            assert!(told.starts_with("x.exr: ") && told.contains(part) && told.contains("; take layers out"), "{told}");
+        };
+        refused(&written(Vec2(1, 1), Vec2(1, 1), 3000), "3000 channels");
+        // One pixel in a window of 2^26, a plane of which would be 256 MiB for each of its channels.
+        refused(&written(Vec2(1, 1), Vec2(1 << 13, 1 << 13), 100), "6710886400 numbers");
+        let small = written(Vec2(64, 64), Vec2(64, 64), 3);
+        assert!(parse_exr("x.exr", &small).expect_err("no colours").to_string().contains("R, G and B"));
     }
 
     #[test]

@@ -2,26 +2,26 @@
 //!
 //! Knows no kind: how a scene is drawn, rendered, learnt from or judged is elsewhere.
 
-pub mod convergence;
 pub mod curve;
-pub mod formats;
+pub mod folder;
 pub mod image;
 pub mod image_io;
-pub mod ladder;
 pub mod maths;
+pub mod mesh;
+pub mod methods;
 pub mod mitsuba;
-pub mod results;
+pub mod records;
 pub mod rng;
+pub mod rungs;
 pub mod scene;
 pub mod statistics;
 pub mod stratum;
 pub mod tensors;
 pub mod time;
-pub mod time_error;
 pub mod timing;
 
 pub use image::Image;
-pub use ladder::{Ladder, LadderMeta, RungCounts};
+pub use rungs::{Resolution, Rungs, SamplerKind};
 pub use scene::Scene;
 pub use stratum::{ContextClass, Regime, Stratum};
 pub use tensors::{Tensor, TensorFile};

@@ -7,8 +7,8 @@ mod ply;
 
 use crate::{
     Image,
-    formats::Mesh,
     image_io::write_exr,
+    mesh::Mesh,
     scene::{Affine, Bsdf, DELTA_ALPHA, Emitter, Geometry, Rgb, Scene, Shape, Texture},
 };
 use ply::ply;
@@ -243,7 +243,8 @@ impl Writer<'_> {
             }
             Texture::Product { .. } => {
                 return Err(KindError::Input(format!(
-                    "`{name}` is a product of textures, which Mitsuba's plugins do not express; export a scene without it"
+                    "`{name}` is a product of textures, which Mitsuba's plugins do not express; \
+                     export a scene without it"
                 )));
             }
         }

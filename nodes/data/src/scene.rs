@@ -73,7 +73,7 @@ pub struct Shape {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Geometry {
-    /// A triangle mesh, a blob in the format of [`crate::formats::Mesh`].
+    /// A triangle mesh, a blob in the format of [`crate::mesh::Mesh`].
     Mesh {
         /// Its digest.
         mesh: Digest,
@@ -111,7 +111,7 @@ pub enum Texture {
         /// Squares a unit of uv.
         scale: [f64; 2],
     },
-    /// An image, a blob in the format of [`crate::formats::Bitmap`]; bilinear, repeated unless `clamp`.
+    /// An image, a blob in the format of [`crate::mesh::Bitmap`]; bilinear, repeated unless `clamp`.
     Bitmap {
         /// Its digest.
         image: Digest,
@@ -173,10 +173,11 @@ pub const DELTA_ALPHA: f32 = 1e-3;
 /// What a surface does to light. Roughness `alpha` is GGX's; below [`DELTA_ALPHA`] a lobe is specular.
 ///
 /// # Units
-/// Reflectances, transmittances, opacities, weights and the parameters of `principled` are shares: the renderer refuses a scene in which
-/// one of them can be below 0, above 1 or no number, with its material, field and value, and cuts nothing. A texture is held to its
-/// bounds (texels times `scale`, products factor by factor), in which one part in a million beyond 1 counts as rounding: that much is cut
-/// where the surface is shaded. Vertex colours that a material reads are held to 0 to 1, too.
+/// Reflectances, transmittances, opacities, weights and the parameters of `principled` are shares: the renderer refuses
+/// a scene in which one of them can be below 0, above 1 or no number, with its material, field and value, and cuts
+/// nothing. A texture is held to its bounds (texels times `scale`, products factor by factor), in which one part in a
+/// million beyond 1 counts as rounding: that much is cut where the surface is shaded. Vertex colours that a material
+/// reads are held to 0 to 1, too.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 #[allow(
@@ -270,7 +271,8 @@ pub enum Bsdf {
     },
     /// Perturbs the shading normal by a tangent-space map (`normalmap`).
     NormalMap {
-        /// Normals as (n + 1) / 2; what points less than 0.001 above the surface is raised to that, as no surface is seen from below.
+        /// Normals as (n + 1) / 2; what points less than 0.001 above the surface is raised to that, as no surface is
+        /// seen from below.
         map: Texture,
         /// Scales x and y of the map's normals.
         scale: f32,
@@ -294,7 +296,7 @@ pub enum Emitter {
         radiance: Rgb,
     },
     /// An environment map (Mitsuba's `envmap`): latitude-longitude, a blob in the format of
-    /// [`crate::formats::Bitmap`]. Local direction d, y up: u = atan2(d.x, -d.z) / 2 pi, v = acos(d.y) / pi.
+    /// [`crate::mesh::Bitmap`]. Local direction d, y up: u = atan2(d.x, -d.z) / 2 pi, v = acos(d.y) / pi.
     Envmap {
         /// Its digest.
         image: Digest,

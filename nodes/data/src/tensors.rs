@@ -4,6 +4,9 @@ use crate::{DataError, Image};
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use std::collections::{BTreeMap, HashMap};
 
+/// Most bytes of the header of a file that is read: far above what ours have, as memory is taken by what it says.
+const MAX_HEADER: u64 = 16 << 20;
+
 /// A tensor of f32, row-major.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tensor {
@@ -51,12 +54,18 @@ impl TensorFile {
     /// The image of this name.
     ///
     /// # Errors
-    /// If there is none, or it has not three axes.
+    /// If there is none, it has not three axes, or it is empty: one without pixels could say any number of rows.
     pub fn image(&self, name: &str) -> Result<Image, DataError> {
         let tensor = self.get(name)?;
         let [height, width, channels] = tensor.shape[..] else {
             return Err(DataError::Format(format!("tensor `{name}` has {} axes, an image has 3", tensor.shape.len())));
         };
+        if tensor.data.is_empty() {
+            return Err(DataError::Format(format!(
+                "tensor `{name}` has shape {:?}, which holds nothing",
+                tensor.shape
+            )));
+        }
         Image::from_data(width, height, channels, tensor.data.clone())
     }
 
@@ -90,6 +99,12 @@ impl TensorFile {
     /// If they are damaged or hold another type.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, DataError> {
         let bad = |e: safetensors::SafeTensorError| DataError::Format(format!("not a readable safetensors file: {e}"));
+        let header = bytes.first_chunk().map_or(0, |length| u64::from_le_bytes(*length));
+        if header > MAX_HEADER {
+            return Err(DataError::Format(format!(
+                "a safetensors file with a header of {header} bytes; those of tauflow have less than {MAX_HEADER}"
+            )));
+        }
         let file = SafeTensors::deserialize(bytes).map_err(bad)?;
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(bad)?;
         let mut out = Self::default();
@@ -143,6 +158,13 @@ mod tests {
         assert_eq!(bytes, file.to_bytes().expect("shapes fit"));
         assert_eq!(TensorFile::from_bytes(&bytes).expect("own bytes"), file);
         assert!(TensorFile::from_bytes(&bytes[..bytes.len() - 3]).is_err());
+        let long = TensorFile::from_bytes(&(MAX_HEADER + 1).to_le_bytes()).expect_err("too long").to_string();
+        assert!(long.contains("header of 16777217 bytes"), "{long}");
+        for shape in [[0, 1 << 40, 3], [1 << 20, 0, 3], [2, 2, 0]] {
+            let empty = TensorFile::default().with("image", &shape, Vec::new()).to_bytes().expect("the shape fits");
+            let error = Image::from_bytes(&empty).expect_err("nothing in it").to_string();
+            assert!(error.contains("holds nothing"), "{error}");
+        }
         let image = Image::from_data(2, 1, 3, vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0]).expect("fits");
         assert_eq!(Image::from_bytes(&image.to_bytes()).expect("own bytes"), image);
     }

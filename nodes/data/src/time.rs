@@ -59,7 +59,8 @@ impl VarianceTime {
         self.n_min
     }
 
-    /// The times of a rollout from sample count `n_start` to the end in `steps` steps; `steps + 1` values, the last exactly 1.
+    /// The times of a rollout from sample count `n_start` to the end in `steps` steps; `steps + 1` values, the last
+    /// exactly 1.
     pub fn grid(&self, n_start: f64, steps: usize, grid: TimeGrid) -> Vec<f64> {
         self.grid_to(n_start, self.n_max, steps, grid)
     }

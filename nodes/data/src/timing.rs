@@ -1,4 +1,4 @@
-//! Times as kinds measure them: repeated, taking turns, on a machine with a name. Nothing but measured ports may hold them.
+//! Times as kinds measure them: repeated, taking turns, on a machine with a name. Only measured ports may hold them.
 
 use nix::{
     sys::{
@@ -11,30 +11,27 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
 use tauflow_contract::Digest;
+use tauflow_instructions::Instructions;
 
-/// What times depend on beside the work: the processor, how many of its cores there are, and the system. Part of the keys of
-/// measurements, so that those of two machines are never mixed: the system's own identity is part of it, `/etc/machine-id` or the name
-/// of the host, as a digest (clones of a system that share the former cannot be told apart by it). Virtual machines hide the processor's full name, so that its family, model, stepping and cache and the widest
-/// of its vectors stand beside it.
+/// What times depend on beside the work: the processor, how many of its cores there are, and the system.
+///
+/// It is part of the keys of measurements, so that those of two machines are never mixed. The system's own identity is
+/// part of it, as a digest: `/etc/machine-id`, or the name of the host. Clones of a system share the former, and cannot
+/// be told apart by it. Virtual machines hide the processor's full name; its family, model, stepping and cache stand
+/// beside it, and the widest vectors that kernels use.
 pub fn machine() -> Value {
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    let system = format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS);
     let told = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    // Fewer threads than cores are another machine, too.
-    let threads = std::env::var("RAYON_NUM_THREADS").unwrap_or_default();
-    let mut told_of = json!({
+    json!({
         "processor": field(&told, "model name"),
         "type": kind_of_processor(&told),
+        // Fewer than it has are another machine, and so are fewer threads than cores.
+        "instructions": Instructions::best().name(),
         "cores": cores,
-        "threads": threads,
-        "system": system,
+        "threads": std::env::var("RAYON_NUM_THREADS").unwrap_or_default(),
+        "system": format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS),
         "identity": identity(),
-    });
-    // So are narrower vectors than it has. Only where they are asked for, so that keys are the same without.
-    if let Ok(instructions) = std::env::var("TAUFLOW_INSTRUCTIONS") {
-        told_of["instructions"] = instructions.into();
-    }
-    told_of
+    })
 }
 
 /// Digest of what tells this system from others of its make; of nothing where it has neither identity nor name.
@@ -50,13 +47,11 @@ fn field<'a>(told: &'a str, name: &str) -> &'a str {
     fields.into_iter().find(|(key, _)| key.trim() == name).map_or("unknown", |(_, value)| value.trim())
 }
 
-/// Family, model and stepping, the size of the last cache that is told of, and the widest vectors.
+/// Family, model and stepping, and the size of the last cache that is told of.
 fn kind_of_processor(told: &str) -> String {
-    let flags: Vec<&str> = field(told, "flags").split(' ').collect();
-    let vectors = ["avx512f", "avx2", "sse2"].into_iter().find(|vectors| flags.contains(vectors)).unwrap_or("unknown");
     let [family, model, stepping, cache] =
         ["cpu family", "model", "stepping", "cache size"].map(|name| field(told, name));
-    format!("family {family}, model {model}, stepping {stepping}, cache {cache}, vectors {vectors}")
+    format!("family {family}, model {model}, stepping {stepping}, cache {cache}")
 }
 
 /// What one thing took, each time it was done, in seconds.
@@ -70,6 +65,7 @@ pub struct Repeated {
 
 impl Repeated {
     /// Does something, and notes what it took.
+    #[expect(clippy::disallowed_methods, reason = "this is where times are measured")]
     pub fn add<T>(&mut self, f: impl FnOnce() -> T) -> T {
         let (wall, cpu) = (Instant::now(), cpu_seconds());
         let out = f();
@@ -89,26 +85,6 @@ fn cpu_seconds() -> f64 {
 pub fn commands_cpu_seconds() -> f64 {
     let seconds = |time: TimeVal| time.tv_sec() as f64 + time.tv_usec() as f64 * 1e-6;
     getrusage(UsageWho::RUSAGE_CHILDREN).map_or(0.0, |used| seconds(used.user_time()) + seconds(used.system_time()))
-}
-
-/// The times of a scene's images.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Timing {
-    /// What was timed.
-    pub entries: Vec<TimedImage>,
-}
-
-/// How long one image took to make, from the endpoint it starts from; or, of a path tracer, from nothing.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct TimedImage {
-    /// Which method made it, e.g. `mc_noise`.
-    pub method: String,
-    /// Sample count of the endpoint it starts from; of a path tracer, its own.
-    pub from_spp: u64,
-    /// Model calls; 0 for a path tracer.
-    pub nfe: u64,
-    /// The times.
-    pub took: Repeated,
 }
 
 #[cfg(test)]
@@ -139,9 +115,9 @@ mod tests {
     #[test]
     fn processors_of_one_name_are_told_apart() {
         let told = "processor\t: 0\ncpu family\t: 25\nmodel\t\t: 1\nmodel name\t: AMD EPYC\nstepping\t: 1\n\
-                    cache size\t: 512 KB\nflags\t\t: fpu sse2 avx avx2\n\nprocessor\t: 1\nmodel\t\t: 17\n";
+                    cache size\t: 512 KB\n\nprocessor\t: 1\nmodel\t\t: 17\n";
         assert_eq!(field(told, "model name"), "AMD EPYC");
-        assert_eq!(kind_of_processor(told), "family 25, model 1, stepping 1, cache 512 KB, vectors avx2");
+        assert_eq!(kind_of_processor(told), "family 25, model 1, stepping 1, cache 512 KB");
         assert_ne!(kind_of_processor(told), kind_of_processor(&told.replace("stepping\t: 1", "stepping\t: 2")));
         assert!(kind_of_processor("").starts_with("family unknown"));
     }

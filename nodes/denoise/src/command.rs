@@ -1,5 +1,6 @@
 //! Programs that are not ours: templates of their command lines, and running them.
 
+use serde_json::{Value, json};
 use std::{
     collections::BTreeMap,
     fs,
@@ -8,8 +9,8 @@ use std::{
     sync::{Mutex, PoisonError},
     time::{Instant, SystemTime},
 };
-use tauflow_contract::{Digest, KindError};
-use tauflow_data::timing::commands_cpu_seconds;
+use tauflow_contract::{Digest, KindError, Probe};
+use tauflow_data::timing::{commands_cpu_seconds, machine};
 
 /// What may stand in a template, and what must.
 pub(crate) struct Places {
@@ -40,11 +41,12 @@ impl Places {
         }
     }
 
-    /// Runs the program with places filled in; the seconds that it took, of wall and processor time. The latter are right where no
-    /// other command ends meanwhile, as when times are taken.
+    /// Runs the program with places filled in, and returns the seconds of wall and processor time that it took. The
+    /// latter are right where no other command ends meanwhile, as when times are taken.
     ///
     /// # Errors
     /// If it cannot be started, or fails.
+    #[expect(clippy::disallowed_methods, reason = "it measures, for ports that are measurements")]
     pub(crate) fn run(&self, template: &[String], filled: &[(&str, String)]) -> Result<[f64; 2], KindError> {
         let fill = |word: &String| filled.iter().fold(word.clone(), |word, (place, value)| word.replace(place, value));
         let words: Vec<String> = template.iter().map(fill).collect();
@@ -83,9 +85,14 @@ pub(crate) fn identity(template: &[String]) -> BTreeMap<String, String> {
     let words = template.iter().enumerate();
     let file = |(at, word): (usize, &String)| {
         let file = if at == 0 { program(word) } else { Some(PathBuf::from(word)).filter(|file| file.is_file()) }?;
-        Some((word.clone(), digest(&file)?.hex()))
+        Some((word.clone(), contents(&file)))
     };
     words.filter_map(file).collect()
+}
+
+/// What a file holds, as its digest; a file that is there and cannot be read is not one that is missing.
+pub(crate) fn contents(file: &Path) -> String {
+    digest(file).map_or_else(|| "cannot be read".to_owned(), |digest| digest.hex())
 }
 
 /// Digests of files, read again only when they have changed.
@@ -102,6 +109,18 @@ fn digest(file: &Path) -> Option<Digest> {
     let digest = Digest::of(&fs::read(file).ok()?);
     known.insert(file.to_owned(), (changed, size, digest));
     Some(digest)
+}
+
+/// What a command line prints of a version, as far as `probe` knows or may ask: null if it fails, and nothing if there
+/// is no command.
+///
+/// An earlier answer counts as long as the program, the files that its command line names and the machine are the same.
+pub(crate) fn probed_version(words: &[String], probe: &dyn Probe) -> Option<Value> {
+    if words.is_empty() {
+        return Some(json!(""));
+    }
+    let question = json!({ "command": words, "files": identity(words), "machine": machine() });
+    probe.answer(&question, &|| json!(version(words).ok()))
 }
 
 /// What a command line prints of a version, asked once in a process; nothing of no command.

@@ -2,20 +2,23 @@
 
 use crate::{
     command::{self, Places},
-    oidn::{self, Filter},
-    timed::{self, Conditioning, TIMING},
+    endpoint::Endpoint,
+    oidn::{self, Buffers, Filter, Oidn},
+    oidn_files,
+    timed::{self, AFTER, TIMING},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tauflow_contract::{
-    Action, Context, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs, ParamProblem,
+    Action, Context, Each, Group, ItemKey, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem, Probe,
 };
 use tauflow_data::{
     Image,
-    formats::{JSON, PACKED, REFINED},
     image_io::{read_exr, write_exr},
-    timing::{Timing, machine},
+    methods::{Conditioning, MethodName, OIDN},
+    records::{PackedScene, Refined, Timing},
+    timing::machine,
 };
 
 /// The kind `external_denoiser`.
@@ -26,15 +29,16 @@ pub struct ExternalDenoiser;
 #[serde(default, deny_unknown_fields)]
 pub struct ExternalDenoiserParams {
     /// Its name in tables.
-    pub method: String,
-    /// What it sees beside the endpoint.
+    pub method: MethodName,
+    /// What it sees beside the endpoint; the G-buffer unless another is named.
     pub conditioning: Conditioning,
     /// Sample count of the endpoint to denoise.
     #[schemars(range(min = 1))]
     pub from: u64,
     /// Path or name of the Open Image Denoise library; none for what TAUFLOW_OIDN names, or the system has.
     pub library: Option<String>,
-    /// Words of a program's command line in place of the library, with {color}, {albedo}, {normal} and {output} for EXR files.
+    /// Words of a program's command line in place of the library, with {color}, {albedo}, {normal} and {output} for EXR
+    /// files.
     pub command: Vec<String>,
     /// True if it is an error that the library is missing; else the method is left out with a note.
     pub required: bool,
@@ -46,7 +50,7 @@ pub struct ExternalDenoiserParams {
 impl Default for ExternalDenoiserParams {
     fn default() -> Self {
         Self {
-            method: "oidn".into(),
+            method: MethodName::new(OIDN).expect("letters"),
             conditioning: Conditioning::Gbuffer,
             from: 1,
             library: None,
@@ -57,14 +61,12 @@ impl Default for ExternalDenoiserParams {
     }
 }
 
-const INPUTS: &[InputPort] = &[
-    InputPort::each("endpoints", PACKED, "The scenes whose endpoints are denoised."),
-    InputPort::each("after", "*", "What must be there before `timing` measures, so that methods take turns.").or_none(),
-];
-const OUTPUTS: &[OutputPort] = &[
-    OutputPort::new("refined", REFINED, "The denoised image; none where the library is missing.").local(),
-    OutputPort::new("timing", JSON, "How long it takes, on all cores.").in_group(TIMING).measured(),
-];
+const ENDPOINTS: Each<PackedScene> = Each::new("endpoints", "The scenes whose endpoints are denoised.");
+const MAIN: Group = Group::main(2);
+const TIMED: Group = Group::new(TIMING, 2);
+const REFINED: Out<Refined> =
+    Out::new(MAIN, "refined", "The denoised image; none where the library is missing.").local();
+const TIMES: Out<Timing> = Out::new(TIMED, "timing", "How long it takes, on all cores.").measured();
 
 impl Kind for ExternalDenoiser {
     type Params = ExternalDenoiserParams;
@@ -72,21 +74,17 @@ impl Kind for ExternalDenoiser {
     fn spec() -> KindSpec {
         KindSpec {
             name: "external_denoiser",
-            version: 2,
             summary: "Denoises endpoints with Open Image Denoise, or any program, to compare with.",
             manual: include_str!("external_denoiser.md"),
             mode: Mode::Map,
-            inputs: INPUTS,
-            outputs: OUTPUTS,
+            inputs: const { &[ENDPOINTS.port(), AFTER.port()] },
+            outputs: const { &[REFINED.port(), TIMES.port()] },
             seeded: false,
         }
     }
 
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
         let mut out = Vec::new();
-        if params.method.trim().is_empty() {
-            out.push(ParamProblem::new("/method", "the method has no name", "write for example `method: oidn`"));
-        }
         if !params.command.is_empty()
             && let Some(problem) = PLACES.problem(&params.command)
         {
@@ -104,49 +102,84 @@ impl Kind for ExternalDenoiser {
         timed::projected(params, group)
     }
 
-    fn environment(params: &Self::Params, _group: &str) -> Value {
-        let version = match params.command.is_empty() {
+    fn environment(params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {
+        let library = match params.command.is_empty() {
             // One that cannot be loaded is told by the action.
-            true => oidn::find(params.library.as_deref()).ok().flatten().map(|oidn| oidn.version),
-            false => None,
+            true => oidn_files::identity(params.library.as_deref()),
+            false => Value::Null,
         };
-        json!({ "oidn": version, "program": command::identity(&params.command), "machine": machine() })
+        Some(json!({ "oidn": library, "program": command::identity(&params.command), "machine": machine() }))
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let params = &action.params;
-        let scene = timed::scene(ctx, action)?;
-        let color = timed::endpoint(&scene, params.from)?;
-        let gbuffer = timed::gbuffer(&scene, params.conditioning)?;
-        let said = timed::said(&params.method, &scene, params.from);
-        if !params.command.is_empty() {
-            return match action.group {
-                TIMING => timed::timing(ctx, &said, params.repeats, || {
-                    Ok(Some(by_program(&params.command, color, gbuffer)?.1))
-                }),
-                _ => timed::refined(ctx, vec![(said, by_program(&params.command, color, gbuffer)?.0)], None),
-            };
+        let scene = action.read(ctx, ENDPOINTS)?;
+        let endpoint = Endpoint::of(&scene, &params.method, params.from, params.conditioning)?;
+        let library = match params.command.is_empty() {
+            true => oidn::find(params.library.as_deref())?,
+            false => None,
+        };
+        let denoiser = match (&library, params.command.is_empty()) {
+            (_, false) => Some(Denoiser::Program(&params.command)),
+            (Some(library), true) => Some(Denoiser::Library(library)),
+            (None, true) if params.required => {
+                return Err(KindError::Environment(format!("{MISSING}; or say `required: false`")));
+            }
+            (None, true) => None,
+        };
+        match (action.group, denoiser) {
+            (TIMING, None) => Ok(Outputs::default().put(TIMES, timed::nothing().store(ctx)?)),
+            (TIMING, Some(denoiser)) => {
+                let timing = denoiser.times(ctx, &endpoint, params.repeats)?;
+                Ok(Outputs::default().put(TIMES, timing.store(ctx)?))
+            }
+            (_, denoiser) => {
+                let refined = match denoiser {
+                    Some(denoiser) => denoiser.refine(endpoint)?,
+                    None => {
+                        Refined { images: Vec::new(), note: Some(format!("{}: {MISSING}", params.method.as_str())) }
+                    }
+                };
+                Ok(Outputs::default().put(REFINED, refined.store(ctx)?))
+            }
         }
-        let size = (color.width(), color.height());
-        match (oidn::find(params.library.as_deref())?, action.group) {
-            (Some(oidn), TIMING) => {
-                let mut filter = Filter::new(&oidn, gbuffer, size, 0)?;
-                timed::timing(ctx, &said, params.repeats, || filter.run(color).map(|_| None))
+    }
+}
+
+/// What denoises.
+enum Denoiser<'a> {
+    Program(&'a [String]),
+    Library(&'a Oidn),
+}
+
+impl Denoiser<'_> {
+    fn refine(&self, endpoint: Endpoint<'_>) -> Result<Refined, KindError> {
+        let Endpoint { color, gbuffer, said } = endpoint;
+        let image = match self {
+            Self::Program(command) => by_program(command, color, gbuffer)?.0,
+            Self::Library(oidn) => Filter::new(oidn, Buffers::new(color, gbuffer)?, 1)?.run()?,
+        };
+        Ok(Refined { images: vec![(said, image)], note: None })
+    }
+
+    /// The library's filter is made once, and timed by itself on all cores; a program is timed whole.
+    fn times(&self, ctx: &Context<'_>, endpoint: &Endpoint<'_>, repeats: u64) -> Result<Timing, KindError> {
+        let Endpoint { color, gbuffer, said } = endpoint;
+        match self {
+            Self::Program(command) => {
+                timed::timing(ctx, said, repeats, || Ok(Some(by_program(command, color, *gbuffer)?.1)))
             }
-            (Some(oidn), _) => {
-                let image = Filter::new(&oidn, gbuffer, size, 1)?.run(color)?;
-                timed::refined(ctx, vec![(said, image)], None)
+            Self::Library(oidn) => {
+                let mut filter = Filter::new(oidn, Buffers::new(color, *gbuffer)?, 0)?;
+                timed::timing(ctx, said, repeats, || filter.run().map(|_| None))
             }
-            (None, _) if params.required => Err(KindError::Environment(format!("{MISSING}; or say `required: false`"))),
-            (None, TIMING) => timed::timings(ctx, &Timing { entries: Vec::new() }),
-            (None, _) => timed::refined(ctx, Vec::new(), Some(format!("{}: {MISSING}", params.method))),
         }
     }
 }
 
 /// What is said where there is no library.
-const MISSING: &str = "there is no Open Image Denoise library here; install it (the wheel `pyoidn` has one) and name it with \
-                       `library` or TAUFLOW_OIDN";
+const MISSING: &str = "there is no Open Image Denoise library here; install it (the wheel `pyoidn` has one) and name \
+                       it with `library` or TAUFLOW_OIDN";
 
 /// What may stand in a command: EXR files.
 const PLACES: Places = Places {
@@ -165,10 +198,8 @@ fn by_program(template: &[String], color: &Image, gbuffer: Option<&Image>) -> Re
     let path = |name: &str| folder.path().join(name);
     write_exr(&path("color.exr"), &[("", color)])?;
     if let Some(gbuffer) = gbuffer {
-        for (name, first) in [("albedo.exr", 0), ("normal.exr", 3)] {
-            let part = gbuffer.data().chunks_exact(6).flat_map(|pixel| pixel[first..first + 3].iter().copied());
-            let image = Image::from_data(gbuffer.width(), gbuffer.height(), 3, part.collect())?;
-            write_exr(&path(name), &[("", &image)])?;
+        for (name, channels) in [("albedo.exr", 0..3), ("normal.exr", 3..6)] {
+            write_exr(&path(name), &[("", &gbuffer.channels_of(channels))])?;
         }
     }
     let file = |place: &&'static str| {

@@ -2,22 +2,23 @@
 
 use crate::{
     command::{self, Places},
-    timed::{self, TIMING},
+    timed::{self, AFTER, TIMING},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::Path};
 use tauflow_contract::{
-    Action, Artifact, Context, Digest, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs,
-    ParamProblem,
+    Action, Context, Digest, Each, Group, ItemKey, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem,
+    Probe,
 };
 use tauflow_data::{
-    Image, RungCounts, Scene,
-    formats::{JSON, REFINED, RefinedImage, RefinedImages, SCENE, store_refined},
+    Image, Resolution, Rungs, Scene,
     image_io::read_exr,
+    methods::MethodName,
     mitsuba::{self, Film},
-    timing::{Repeated, TimedImage, Timing, machine},
+    records::{Refined, RefinedImage, RefinedImages, SceneRecord, TimedImage, Timing},
+    timing::{Repeated, machine},
 };
 
 /// The kind `external_renderer`.
@@ -28,17 +29,16 @@ pub struct ExternalRenderer;
 #[serde(default, deny_unknown_fields)]
 pub struct ExternalRendererParams {
     /// Its name in tables.
-    pub method: String,
+    pub method: MethodName,
     /// Words of a program's command line, with {scene}, {counts}, {repeats}, {seed} and {folder}. Must be given.
     pub command: Vec<String>,
-    /// Words of a command line that prints which version is there, and fails where none is; none if the program's own file says
-    /// enough.
+    /// Words of a command line that prints which version is there, and fails where none is; none if the program's own
+    /// file says enough.
     pub version: Vec<String>,
     /// Samples a pixel of its images: `{dyadic: 64}` for 1, 2, 4 ... 64, or an increasing list.
-    pub counts: RungCounts,
+    pub counts: Rungs,
     /// Width and height in pixels.
-    #[schemars(inner(range(min = 1, max = 16384)))]
-    pub resolution: [u32; 2],
+    pub resolution: Resolution,
     /// True if it is an error that the program is missing; else the method is left out with a note.
     pub required: bool,
     /// Times that each image is rendered where times are taken.
@@ -49,25 +49,23 @@ pub struct ExternalRendererParams {
 impl Default for ExternalRendererParams {
     fn default() -> Self {
         Self {
-            method: "mitsuba".into(),
+            method: MethodName::new("mitsuba").expect("letters"),
             command: Vec::new(),
             version: Vec::new(),
-            counts: RungCounts::Dyadic { dyadic: 64 },
-            resolution: [256, 256],
+            counts: Rungs::dyadic(64).expect("a power of two"),
+            resolution: Resolution::new(256, 256).expect("a small film"),
             required: false,
             repeats: 3,
         }
     }
 }
 
-const INPUTS: &[InputPort] = &[
-    InputPort::each("scenes", SCENE, "The scenes to render."),
-    InputPort::each("after", "*", "What must be there before `timing` measures, so that methods take turns.").or_none(),
-];
-const OUTPUTS: &[OutputPort] = &[
-    OutputPort::new("rendered", REFINED, "One image for each count; none where the program is missing.").local(),
-    OutputPort::new("timing", JSON, "How long each takes, as the program says.").in_group(TIMING).measured(),
-];
+const SCENES: Each<SceneRecord> = Each::new("scenes", "The scenes to render.");
+const MAIN: Group = Group::main(1);
+const TIMED: Group = Group::new(TIMING, 1);
+const RENDERED: Out<Refined> =
+    Out::new(MAIN, "rendered", "One image for each count; none where the program is missing.").local();
+const TIMES: Out<Timing> = Out::new(TIMED, "timing", "How long each takes, as the program says.").measured();
 const PLACES: Places = Places {
     what: "renderer",
     all: &["{scene}", "{counts}", "{repeats}", "{seed}", "{folder}"],
@@ -80,45 +78,31 @@ impl Kind for ExternalRenderer {
     fn spec() -> KindSpec {
         KindSpec {
             name: "external_renderer",
-            version: 1,
             summary: "Renders scenes with another renderer, to compare with.",
             manual: include_str!("external_renderer.md"),
             mode: Mode::Map,
-            inputs: INPUTS,
-            outputs: OUTPUTS,
+            inputs: const { &[SCENES.port(), AFTER.port()] },
+            outputs: const { &[RENDERED.port(), TIMES.port()] },
             seeded: true,
         }
     }
 
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
-        let mut out = Vec::new();
-        if params.method.trim().is_empty() {
-            out.push(ParamProblem::new("/method", "the method has no name", "write for example `method: mitsuba`"));
-        }
         let problem = match params.command.is_empty() {
             true => Some("there is no command".to_owned()),
             false => PLACES.problem(&params.command),
         };
-        if let Some(problem) = problem {
-            let hint = "write for example `command: [python3, render.py, \"{scene}\", \"{counts}\", \"{folder}\"]`";
-            out.push(ParamProblem::new("/command", problem, hint));
-        }
-        if let Err(error) = params.counts.counts() {
-            out.push(ParamProblem::new("/counts", error.to_string(), "write `{dyadic: 64}` or `[1, 4, 16]`"));
-        }
-        if params.resolution.contains(&0) {
-            out.push(ParamProblem::new("/resolution", "an image without pixels", "use sides of at least 1"));
-        }
-        out
+        let hint = "write for example `command: [python3, render.py, \"{scene}\", \"{counts}\", \"{folder}\"]`";
+        problem.map(|problem| ParamProblem::new("/command", problem, hint)).into_iter().collect()
     }
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
         timed::projected(params, group)
     }
 
-    fn environment(params: &Self::Params, _group: &str) -> Value {
-        let version = command::version(&params.version).ok();
-        json!({ "program": command::identity(&params.command), "version": version, "machine": machine() })
+    fn environment(params: &Self::Params, _group: &str, probe: &dyn Probe) -> Option<Value> {
+        let version = command::probed_version(&params.version, probe)?;
+        Some(json!({ "program": command::identity(&params.command), "version": version, "machine": machine() }))
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -128,24 +112,25 @@ impl Kind for ExternalRenderer {
             None => Some(format!("there is no program `{name}` here; install it, or give its whole path")),
             Some(_) => command::version(&params.version).err(),
         };
+        let put_images = |images: RefinedImages, note: Option<String>| -> Result<Outputs, KindError> {
+            Ok(Outputs::default().put(RENDERED, Refined { images, note }.store(ctx)?))
+        };
+        let put_times =
+            |times: Timing| -> Result<Outputs, KindError> { Ok(Outputs::default().put(TIMES, times.store(ctx)?)) };
         if let Some(missing) = missing {
             return match (params.required, action.group) {
                 (true, _) => Err(KindError::Environment(format!("{missing}; or say `required: false`"))),
-                (false, TIMING) => timed::timings(ctx, &Timing { entries: Vec::new() }),
-                (false, _) => rendered(ctx, Vec::new(), Some(format!("{}: {missing}", params.method))),
+                (false, TIMING) => put_times(timed::nothing()),
+                (false, _) => put_images(Vec::new(), Some(format!("{}: {missing}", params.method.as_str()))),
             };
         }
-        let work = Work { ctx, params, seed: action.seed, artifact: action.each("scenes")? };
+        let scene = SceneRecord::scene(ctx, action.handle(SCENES)?)?;
+        let work = Work { ctx, params, seed: action.seed, scene };
         match action.group {
-            TIMING => timed::timings(ctx, &work.render(params.repeats)?.1),
-            _ => rendered(ctx, work.render(0)?.0, None),
+            TIMING => put_times(work.render(params.repeats)?.1),
+            _ => put_images(work.render(0)?.0, None),
         }
     }
-}
-
-/// The port `rendered`: its images, or none with a note that says why.
-fn rendered(ctx: &Context<'_>, images: RefinedImages, note: Option<String>) -> Result<Outputs, KindError> {
-    Ok(Outputs::default().item("rendered", store_refined(ctx, images, note, Vec::new())?))
 }
 
 /// A scene to be rendered.
@@ -153,7 +138,7 @@ struct Work<'a> {
     ctx: &'a Context<'a>,
     params: &'a ExternalRendererParams,
     seed: u64,
-    artifact: &'a Artifact,
+    scene: Scene,
 }
 
 /// What a program says of the images of one count: seconds of each time that it was made.
@@ -171,14 +156,14 @@ impl Work<'_> {
 
     /// Its images, and how long each took; without repeats no times.
     fn render(&self, repeats: u64) -> Result<(RefinedImages, Timing), KindError> {
-        let counts = self.params.counts.counts()?;
+        let counts = self.params.counts.counts();
         let folder = tempfile::tempdir().map_err(|e| self.failed(&format!("got no folder for its images: {e}")))?;
         let (inputs, images) = (folder.path().join("scene"), folder.path().join("images"));
         std::fs::create_dir(&images).map_err(|e| self.failed(&format!("got no folder for its images: {e}")))?;
-        let scene: Scene = self.ctx.json(self.artifact, "scene.json")?;
-        let [width, height] = self.params.resolution.map(|side| side as usize);
-        let film = Film { width, height, spp: counts.last().copied().unwrap_or(1) };
-        mitsuba::export(&scene, &mut |digest: &Digest| self.ctx.get(digest), &inputs, film)?;
+        let resolution = self.params.resolution;
+        let (width, height) = (resolution.width(), resolution.height());
+        let film = Film { width, height, spp: self.params.counts.last() };
+        mitsuba::export(&self.scene, &mut |digest: &Digest| self.ctx.get(digest), &inputs, film)?;
         let listed: Vec<String> = counts.iter().map(u64::to_string).collect();
         self.ctx.check_cancelled()?;
         PLACES.run(
@@ -195,13 +180,13 @@ impl Work<'_> {
         let image = |count: &u64| Ok((self.said(*count), self.image(&images, *count)?));
         let images_of = || counts.iter().map(image).collect::<Result<Vec<_>, KindError>>();
         match repeats {
-            0 => Ok((images_of()?, Timing { entries: Vec::new() })),
-            _ => Ok((Vec::new(), self.times(&images, &counts, repeats)?)),
+            0 => Ok((images_of()?, timed::nothing())),
+            _ => Ok((Vec::new(), self.times(&images, counts, repeats)?)),
         }
     }
 
     fn said(&self, count: u64) -> RefinedImage {
-        RefinedImage { method: self.params.method.clone(), from_spp: count, to_spp: count, nfe: 0 }
+        RefinedImage { method: self.params.method.as_str().to_owned(), from_spp: count, to_spp: count, nfe: 0 }
     }
 
     fn image(&self, folder: &Path, count: u64) -> Result<Image, KindError> {
@@ -209,7 +194,7 @@ impl Work<'_> {
         let layers = read_exr(&folder.join(&file))
             .map_err(|e| self.failed(&format!("left no `{file}` that can be read: {e}")))?;
         let image = layers.into_values().next().ok_or_else(|| self.failed(&format!("left no channels in `{file}`")))?;
-        let [width, height] = self.params.resolution.map(|side| side as usize);
+        let (width, height) = (self.params.resolution.width(), self.params.resolution.height());
         if (image.width(), image.height(), image.channels()) != (width, height, 3) {
             return Err(self.failed(&format!(
                 "made `{file}` of {} x {} pixels of {} values, expected {width} x {height} of 3",

@@ -1,17 +1,21 @@
 #![doc = include_str!("guided_filter.md")]
 
-use crate::timed::{self, Conditioning, TIMING};
+use crate::{
+    endpoint::Endpoint,
+    timed::{self, AFTER, TIMING},
+};
 use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use tauflow_contract::{
-    Action, Context, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs, ParamProblem,
+    Action, Context, Each, Group, ItemKey, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem, Probe,
 };
 use tauflow_data::{
     Image,
-    formats::{JSON, PACKED, REFINED},
     maths::{exp, log},
+    methods::{Conditioning, MethodName},
+    records::{PackedScene, Refined, Timing},
     timing::machine,
 };
 
@@ -26,8 +30,8 @@ pub struct GuidedFilter;
 #[serde(default, deny_unknown_fields)]
 pub struct GuidedFilterParams {
     /// Its name in tables.
-    pub method: String,
-    /// What guides it beside the endpoint.
+    pub method: MethodName,
+    /// What guides it beside the endpoint; the G-buffer unless another is named.
     pub conditioning: Conditioning,
     /// Sample count of the endpoint to filter.
     #[schemars(range(min = 1))]
@@ -44,8 +48,8 @@ pub struct GuidedFilterParams {
     /// Deviation over differences of normals.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub normal: f64,
-    /// Deviation over differences of patches of log radiance (non-local means); none for a joint bilateral filter, whose weights
-    /// come from the G-buffer alone.
+    /// Deviation over differences of patches of log radiance (non-local means); none for a joint bilateral filter,
+    /// whose weights come from the G-buffer alone.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub colour: Option<f64>,
     /// Half the side of those patches, less a half.
@@ -61,7 +65,7 @@ pub struct GuidedFilterParams {
 impl Default for GuidedFilterParams {
     fn default() -> Self {
         Self {
-            method: "guided_filter".into(),
+            method: MethodName::new("guided_filter").expect("letters"),
             conditioning: Conditioning::Gbuffer,
             from: 1,
             radius: 10,
@@ -76,14 +80,11 @@ impl Default for GuidedFilterParams {
     }
 }
 
-const INPUTS: &[InputPort] = &[
-    InputPort::each("endpoints", PACKED, "The scenes whose endpoints are filtered."),
-    InputPort::each("after", "*", "What must be there before `timing` measures, so that methods take turns.").or_none(),
-];
-const OUTPUTS: &[OutputPort] = &[
-    OutputPort::new("refined", REFINED, "The filtered image."),
-    OutputPort::new("timing", JSON, "How long it takes, on all cores.").in_group(TIMING).measured(),
-];
+const ENDPOINTS: Each<PackedScene> = Each::new("endpoints", "The scenes whose endpoints are filtered.");
+const MAIN: Group = Group::main(1);
+const TIMED: Group = Group::new(TIMING, 1);
+const REFINED: Out<Refined> = Out::new(MAIN, "refined", "The filtered image.");
+const TIMES: Out<Timing> = Out::new(TIMED, "timing", "How long it takes, on all cores.").measured();
 
 impl Kind for GuidedFilter {
     type Params = GuidedFilterParams;
@@ -91,29 +92,17 @@ impl Kind for GuidedFilter {
     fn spec() -> KindSpec {
         KindSpec {
             name: "guided_filter",
-            version: 1,
             summary: "Filters endpoints by joint bilateral weights or non-local means, guided by G-buffers.",
             manual: include_str!("guided_filter.md"),
             mode: Mode::Map,
-            inputs: INPUTS,
-            outputs: OUTPUTS,
+            inputs: const { &[ENDPOINTS.port(), AFTER.port()] },
+            outputs: const { &[REFINED.port(), TIMES.port()] },
             seeded: false,
         }
     }
 
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
         let mut out = Vec::new();
-        let deviations = [
-            ("/spatial", Some(params.spatial)),
-            ("/albedo", Some(params.albedo)),
-            ("/normal", Some(params.normal)),
-            ("/colour", params.colour),
-        ];
-        for (pointer, value) in deviations {
-            if value.is_some_and(|v| !(v > 0.0 && v.is_finite())) {
-                out.push(ParamProblem::new(pointer, "a deviation that is not above 0", "use for example 0.2"));
-            }
-        }
         if params.conditioning == Conditioning::Rgb && params.demodulate {
             let hint = "say `demodulate: false`, or `conditioning: gbuffer`";
             out.push(ParamProblem::new("/demodulate", "there is no albedo to divide by", hint));
@@ -125,31 +114,42 @@ impl Kind for GuidedFilter {
         timed::projected(params, group)
     }
 
-    fn environment(_params: &Self::Params, group: &str) -> Value {
-        if group == TIMING { machine() } else { Value::Null }
+    fn environment(_params: &Self::Params, group: &str, _probe: &dyn Probe) -> Option<Value> {
+        Some(if group == TIMING { machine() } else { Value::Null })
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let params = &action.params;
-        let scene = timed::scene(ctx, action)?;
-        let color = timed::endpoint(&scene, params.from)?;
-        let gbuffer = timed::gbuffer(&scene, params.conditioning)?;
-        let said = timed::said(&params.method, &scene, params.from);
+        let scene = action.read(ctx, ENDPOINTS)?;
+        let Endpoint { color, gbuffer, said } = Endpoint::of(&scene, &params.method, params.from, params.conditioning)?;
         match action.group {
-            TIMING => timed::timing(ctx, &said, params.repeats, || filtered(color, gbuffer, params).map(|_| None)),
-            _ => timed::refined(ctx, vec![(said, filtered(color, gbuffer, params)?)], None),
+            TIMING => {
+                let run = || filtered(color, gbuffer, params).map(|_| None);
+                Ok(Outputs::default().put(TIMES, timed::timing(ctx, &said, params.repeats, run)?.store(ctx)?))
+            }
+            _ => {
+                let refined = Refined { images: vec![(said, filtered(color, gbuffer, params)?)], note: None };
+                Ok(Outputs::default().put(REFINED, refined.store(ctx)?))
+            }
         }
     }
 }
 
 /// An image [H, W, 3] of linear radiance, each pixel a weighted mean of those around it.
 ///
-/// Negative values, which no ladder has, are weighed by their signed logarithm, sign(x) log(1 + |x|), and averaged as they are.
+/// Negative values, which no ladder has, are weighed by their signed logarithm, sign(x) log(1 + |x|), and averaged as
+/// they are.
 ///
 /// # Errors
-/// If the G-buffer [H, W, 6] is of another size, or a value of either is not finite.
+/// If the image has not three channels, the G-buffer [H, W, 6] is of another size, or a value of either is not finite.
 pub fn filtered(color: &Image, gbuffer: Option<&Image>, params: &GuidedFilterParams) -> Result<Image, KindError> {
     let (width, height) = (color.width(), color.height());
+    if color.channels() != 3 {
+        return Err(KindError::Input(format!(
+            "the endpoint has {} values a pixel; filter images of 3, red, green and blue",
+            color.channels()
+        )));
+    }
     if let Some(g) = gbuffer
         && (g.width(), g.height(), g.channels()) != (width, height, 6)
     {
@@ -230,8 +230,8 @@ impl View<'_> {
         sum
     }
 
-    /// For each pixel of row `y`, the mean squared difference of the patch around it and that around the pixel (dx, dy) away,
-    /// in units of the deviation; none without patches. What lies outside has the value of the edge.
+    /// For each pixel of row `y`, the mean squared difference of the patch around it and that around the pixel (dx, dy)
+    /// away, in units of the deviation. None without patches. What lies outside has the value of the edge.
     fn patches(&self, y: usize, dx: isize, dy: isize) -> Option<Vec<f64>> {
         let deviation = self.params.colour?;
         let reach = self.params.patch as isize;
@@ -255,6 +255,7 @@ impl View<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tauflow_contract::{KindRow, NodeKind as _};
     use tauflow_data::rng::Stream;
 
     fn params() -> GuidedFilterParams {
@@ -342,8 +343,15 @@ mod tests {
         let (_, noisy, _) = halves();
         let error = filtered(&noisy, Some(&Image::new(4, 4, 6)), &params()).expect_err("another size").to_string();
         assert!(error.contains("4 x 4") && error.contains("16 x 8"), "{error}");
-        let bad = GuidedFilterParams { normal: 0.0, conditioning: Conditioning::Rgb, ..params() };
+        let error = filtered(&Image::new(4, 4, 1), None, &params()).expect_err("one channel").to_string();
+        assert!(error.contains("has 1 values a pixel"), "{error}");
+        let bad = GuidedFilterParams { conditioning: Conditioning::Rgb, ..params() };
         let pointers: Vec<String> = GuidedFilter::check(&bad).into_iter().map(|p| p.pointer).collect();
-        assert_eq!(pointers, ["/normal", "/demodulate"]);
+        assert_eq!(pointers, ["/demodulate"]);
+        // What the schema says is refused before params are read.
+        let schema = KindRow::<GuidedFilter>::new().params_schema();
+        for deviation in ["spatial", "albedo", "normal", "colour"] {
+            assert_eq!(schema["properties"][deviation]["exclusiveMinimum"], 0.0, "{deviation}");
+        }
     }
 }

@@ -1,10 +1,13 @@
-//! What solvers and the path tracer are compared with: external denoisers and renderers, and filters guided by G-buffers.
+//! What solvers and the path tracer are compared with: external denoisers and renderers, and filters guided by
+//! G-buffers.
 
 mod command;
+mod endpoint;
 mod external_denoiser;
 mod external_renderer;
 mod guided_filter;
 mod oidn;
+mod oidn_files;
 mod timed;
 
 pub use external_denoiser::{ExternalDenoiser, ExternalDenoiserParams};

@@ -1,26 +1,30 @@
-//! Open Image Denoise 2, its library found at run time: nothing of it is needed to build or to run without it.
+//! Open Image Denoise 2, its library loaded at run time: nothing of it is needed to build or to run without it. Which
+//! file that is, and what is in it, says [`crate::oidn_files`].
 //!
 //! Source: the C interface of Open Image Denoise 2.x (`oidn.h`). The only unsafe code of this crate.
+//!
+//! The library reads and writes memory by address and size. Both come from [`Buffers`] alone, which holds every image
+//! of a filter to one size and three channels.
 
+#![allow(unsafe_code, reason = "it calls a C library, and hands it images by address")]
+
+use crate::oidn_files::{self, VARIABLE};
 use libloading::Library;
 use std::{
     collections::BTreeMap,
-    ffi::{CStr, CString, c_char, c_int, c_void},
+    ffi::{CStr, c_char, c_int, c_void},
+    path::{Path, PathBuf},
     sync::{Arc, Mutex, OnceLock},
 };
 use tauflow_contract::KindError;
 use tauflow_data::Image;
 
-/// Names that systems have for it.
-const NAMES: [&str; 4] =
-    ["libOpenImageDenoise.so.2", "libOpenImageDenoise.so", "libOpenImageDenoise.2.dylib", "OpenImageDenoise.dll"];
-/// Variable that names the library.
-pub(crate) const VARIABLE: &str = "TAUFLOW_OIDN";
-
 const DEVICE_CPU: c_int = 1;
 const FLOAT3: c_int = 3;
-/// Bytes of a value.
-const F32: usize = 4;
+/// Values of a pixel, as [`FLOAT3`] says.
+const CHANNELS: usize = 3;
+/// Bytes of a pixel.
+const PIXEL: usize = CHANNELS * size_of::<f32>();
 
 type Handle = *mut c_void;
 
@@ -46,44 +50,47 @@ struct Functions {
 /// The library, loaded.
 pub(crate) struct Oidn {
     functions: Functions,
-    /// Such as 20501 for 2.5.1.
-    pub(crate) version: i64,
 }
 
-/// What was found, by what was named.
-type Known = BTreeMap<Option<String>, Option<Arc<Oidn>>>;
+/// What was loaded, by its file.
+type Loaded = BTreeMap<PathBuf, Arc<Oidn>>;
 
-/// The library of a path or name; of none, that of the variable, or the system's. None if there is none.
+/// The library of a path or name; of none, that of the variable, or the system's. None if nothing is named and the
+/// system has none.
 ///
 /// Loaded once, and never let go of: its threads may outlive any use.
 ///
 /// # Errors
-/// If a library that was named cannot be loaded, or is no Open Image Denoise 2.
+/// If a library is named and there is no such file; if the file that is found cannot be loaded, or is no Open Image
+/// Denoise 2.
 pub(crate) fn find(named: Option<&str>) -> Result<Option<Arc<Oidn>>, KindError> {
-    static FOUND: OnceLock<Mutex<Known>> = OnceLock::new();
-    let named = named.map(str::to_owned).or_else(|| std::env::var(VARIABLE).ok().filter(|name| !name.is_empty()));
-    let mut found = FOUND.get_or_init(Mutex::default).lock().expect("no holder panics");
-    if let Some(known) = found.get(&named) {
-        return Ok(known.clone());
-    }
-    let library = match &named {
-        Some(name) => Some(Oidn::load(name).map_err(|why| {
-            KindError::Environment(format!(
-                "cannot load Open Image Denoise from `{name}`: {why}; mend `library`, or {VARIABLE}"
-            ))
-        })?),
-        None => NAMES.iter().find_map(|name| Oidn::load(name).ok()),
+    static LOADED: OnceLock<Mutex<Loaded>> = OnceLock::new();
+    let named = oidn_files::named(named);
+    let Some(file) = oidn_files::locate(named.as_deref()) else {
+        let Some(name) = named else { return Ok(None) };
+        return Err(KindError::Environment(format!(
+            "there is no library `{name}`, which should be Open Image Denoise; mend `library`, or {VARIABLE}"
+        )));
     };
-    let library = library.map(Arc::new);
-    found.insert(named, library.clone());
-    Ok(library)
+    let mut loaded = LOADED.get_or_init(Mutex::default).lock().expect("no holder panics");
+    if let Some(known) = loaded.get(&file) {
+        return Ok(Some(known.clone()));
+    }
+    let library = Arc::new(Oidn::load(&file).map_err(|why| {
+        KindError::Environment(format!(
+            "cannot load Open Image Denoise from `{}`: {why}; mend it, or name another by `library` or {VARIABLE}",
+            file.display()
+        ))
+    })?);
+    loaded.insert(file, library.clone());
+    Ok(Some(library))
 }
 
 impl Oidn {
-    fn load(name: &str) -> Result<Self, String> {
-        // SAFETY: loading runs the library's initialisers; the person who names the library, or whose system has one of that
-        // name, trusts it as any library that a program links with.
-        let library = unsafe { Library::new(name) }.map_err(|e| e.to_string())?;
+    fn load(file: &Path) -> Result<Self, String> {
+        // SAFETY: loading runs the library's initialisers. The person who names the library, or whose system has one of
+        // that name, trusts it as any library that a program links with.
+        let library = unsafe { Library::new(file) }.map_err(|e| e.to_string())?;
         macro_rules! function {
             ($name:literal) => {
                 // SAFETY: the field's type is what version 2 of the header declares for this name.
@@ -105,12 +112,12 @@ impl Oidn {
             release_filter: function!(b"oidnReleaseFilter\0"),
             _library: library,
         };
-        let mut oidn = Self { functions, version: 0 };
+        let oidn = Self { functions };
         let device = Device::new(&oidn, 1).map_err(|e| e.to_string())?;
         // SAFETY: the device is committed, and the name ends with a zero.
         let version = unsafe { (oidn.functions.get_device_int)(device.handle, c"version".as_ptr()) };
         drop(device);
-        oidn.version = version.into();
+        // Such as 20501 for 2.5.1.
         if (20000..30000).contains(&version) { Ok(oidn) } else { Err(format!("its version is {version}, not 2.x")) }
     }
 }
@@ -160,86 +167,114 @@ impl Drop for Device<'_> {
     }
 }
 
-/// A filter for images of one size.
+/// The images that a filter reads and writes, each of width x height pixels of three values.
+pub(crate) struct Buffers {
+    width: usize,
+    height: usize,
+    color: Vec<f32>,
+    /// Albedo and normal.
+    guides: Option<[Vec<f32>; 2]>,
+    output: Vec<f32>,
+}
+
+impl Buffers {
+    /// For an image [H, W, 3] of linear radiance, with a G-buffer [H, W, 6] of albedo and normal.
+    ///
+    /// # Errors
+    /// [`KindError::Input`] if the image has no pixel or another number of channels, or the G-buffer another size.
+    pub(crate) fn new(color: &Image, gbuffer: Option<&Image>) -> Result<Self, KindError> {
+        let (width, height) = (color.width(), color.height());
+        let wrong = |what: &str, image: &Image, wanted: &str| {
+            let (w, h, channels) = (image.width(), image.height(), image.channels());
+            KindError::Input(format!(
+                "the {what} for Open Image Denoise has {w} x {h} pixels of {channels} values and must have {wanted}; \
+                 render both alike"
+            ))
+        };
+        if color.channels() != CHANNELS || width == 0 || height == 0 {
+            return Err(wrong("image", color, "at least one pixel, of 3 values"));
+        }
+        if let Some(of) = gbuffer
+            && (of.width(), of.height(), of.channels()) != (width, height, 2 * CHANNELS)
+        {
+            return Err(wrong("G-buffer", of, &format!("the image's {width} x {height} pixels, of 6 values")));
+        }
+        let guide = |image: &Image, first: usize| image.channels_of(first..first + CHANNELS).into_data();
+        let guides = gbuffer.map(|image| [guide(image, 0), guide(image, CHANNELS)]);
+        let color = color.data().to_vec();
+        let output = vec![0.0; color.len()];
+        Ok(Self { width, height, color, guides, output })
+    }
+
+    /// Each image by the library's name for it, with the address of its values.
+    fn images(&mut self) -> impl Iterator<Item = (&'static CStr, *mut f32)> {
+        // Every buffer has as many values as the library is told of.
+        let values = CHANNELS * self.width * self.height;
+        let [albedo, normal] =
+            self.guides.as_mut().map_or([None, None], |[albedo, normal]| [Some(albedo), Some(normal)]);
+        [
+            (c"color", Some(&mut self.color)),
+            (c"albedo", albedo),
+            (c"normal", normal),
+            (c"output", Some(&mut self.output)),
+        ]
+        .into_iter()
+        .filter_map(|(name, values)| Some((name, values?)))
+        .map(move |(name, buffer)| {
+            assert_eq!(buffer.len(), values, "buffers are made of one size");
+            (name, buffer.as_mut_ptr())
+        })
+    }
+}
+
+/// A filter over images that it holds.
 pub(crate) struct Filter<'a> {
     handle: Handle,
-    size: (usize, usize),
     // What the filter reads and writes has to stay where it is.
-    color: Vec<f32>,
-    gbuffer: Option<Vec<f32>>,
-    output: Vec<f32>,
+    buffers: Buffers,
     device: Device<'a>,
 }
 
 impl<'a> Filter<'a> {
-    /// For HDR images of `width` x `height`, on so many threads (0 for all); with a G-buffer [H, W, 6] of albedo and normal,
-    /// which are taken for free of noise.
+    /// For HDR images, on so many threads (0 for all). A G-buffer is taken for free of noise.
     ///
     /// # Errors
     /// If the library refuses.
-    pub(crate) fn new(
-        oidn: &'a Oidn,
-        gbuffer: Option<&Image>,
-        size: (usize, usize),
-        threads: usize,
-    ) -> Result<Self, KindError> {
+    pub(crate) fn new(oidn: &'a Oidn, buffers: Buffers, threads: usize) -> Result<Self, KindError> {
         let device = Device::new(oidn, threads)?;
         let f = &oidn.functions;
         // SAFETY: the name ends with a zero.
         let handle = unsafe { (f.new_filter)(device.handle, c"RT".as_ptr()) };
         device.check()?;
-        let values = 3 * size.0 * size.1;
-        let gbuffer = gbuffer.map(|image| image.data().to_vec());
-        let mut filter = Self { handle, size, color: vec![0.0; values], gbuffer, output: vec![0.0; values], device };
-        let color = filter.color.as_mut_ptr();
-        filter.image("color", color, 3, 0);
-        if let Some(gbuffer) = &mut filter.gbuffer {
-            let start = gbuffer.as_mut_ptr();
-            filter.image("albedo", start, 6, 0);
-            filter.image("normal", start, 6, 3);
+        let mut filter = Self { handle, buffers, device };
+        let Buffers { width, height, .. } = filter.buffers;
+        for (name, start) in filter.buffers.images() {
+            // SAFETY: the name ends with a zero. At `start` lie width x height pixels without gaps, which the filter
+            // owns and never moves or lets go of before it is released.
+            unsafe {
+                (f.set_image)(handle, name.as_ptr(), start.cast(), FLOAT3, width, height, 0, PIXEL, width * PIXEL);
+            }
         }
-        let output = filter.output.as_mut_ptr();
-        filter.image("output", output, 3, 0);
         // SAFETY: names end with a zero, and all images that were set live as long as the filter.
         unsafe {
             (f.set_filter_bool)(handle, c"hdr".as_ptr(), true);
-            (f.set_filter_bool)(handle, c"cleanAux".as_ptr(), filter.gbuffer.is_some());
+            (f.set_filter_bool)(handle, c"cleanAux".as_ptr(), filter.buffers.guides.is_some());
             (f.commit_filter)(handle);
         }
         filter.device.check()?;
         Ok(filter)
     }
 
-    /// Names an image of `channels` values a pixel, of which three from `first` on are read or written.
-    fn image(&self, name: &str, start: *mut f32, channels: usize, first: usize) {
-        let name = CString::new(name).expect("no zeros");
-        let (width, height) = self.size;
-        // SAFETY: the buffers hold height x width x channels values, and are owned by this filter.
-        unsafe {
-            (self.device.oidn.functions.set_image)(
-                self.handle,
-                name.as_ptr(),
-                start.cast(),
-                FLOAT3,
-                width,
-                height,
-                first * F32,
-                channels * F32,
-                width * channels * F32,
-            );
-        }
-    }
-
-    /// Denoises an image [H, W, 3] of linear radiance.
+    /// The image, denoised.
     ///
     /// # Errors
     /// If the library fails.
-    pub(crate) fn run(&mut self, image: &Image) -> Result<Image, KindError> {
-        self.color.copy_from_slice(image.data());
+    pub(crate) fn run(&mut self) -> Result<Image, KindError> {
         // SAFETY: the filter is committed, and its images are where they were.
         unsafe { (self.device.oidn.functions.execute_filter)(self.handle) };
         self.device.check()?;
-        Ok(Image::from_data(self.size.0, self.size.1, 3, self.output.clone())?)
+        let Buffers { width, height, output, .. } = &self.buffers;
+        Ok(Image::from_data(*width, *height, CHANNELS, output.clone())?)
     }
 }
 
@@ -247,5 +282,45 @@ impl Drop for Filter<'_> {
     fn drop(&mut self) {
         // SAFETY: it was made by the same library and is not used again.
         unsafe { (self.device.oidn.functions.release_filter)(self.handle) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn images_of_other_sizes_never_get_to_the_library() {
+        let (color, fitting) = (Image::new(4, 2, 3), Image::new(4, 2, 6));
+        let refused = |color: &Image, gbuffer: Option<&Image>| match Buffers::new(color, gbuffer) {
+            Err(KindError::Input(message)) => message,
+            Err(other) => panic!("{other}"),
+            Ok(_) => panic!("taken"),
+        };
+        for gbuffer in [Image::new(1, 1, 6), Image::new(2, 4, 6), Image::new(4, 2, 3), Image::new(4, 2, 12)] {
+            let (w, h, channels) = (gbuffer.width(), gbuffer.height(), gbuffer.channels());
+            let message = refused(&color, Some(&gbuffer));
+            assert!(message.contains(&format!("G-buffer for Open Image Denoise has {w} x {h} pixels of {channels}")));
+            assert!(message.contains("the image's 4 x 2 pixels"), "{message}");
+        }
+        for color in [Image::new(4, 2, 1), Image::new(4, 2, 4), Image::new(0, 2, 3), Image::new(4, 0, 3)] {
+            assert!(refused(&color, None).contains("at least one pixel, of 3 values"));
+        }
+        assert!(Buffers::new(&color, Some(&fitting)).is_ok() && Buffers::new(&color, None).is_ok());
+    }
+
+    #[test]
+    fn albedo_and_normal_are_images_of_their_own() {
+        let color = Image::from_data(2, 1, 3, vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0]).expect("fits");
+        let gbuffer = Image::from_data(2, 1, 6, (0..12).map(|i| i as f32).collect()).expect("fits");
+        let mut buffers = Buffers::new(&color, Some(&gbuffer)).expect("of one size");
+        let [albedo, normal] = buffers.guides.clone().expect("given");
+        assert_eq!(buffers.color, color.data());
+        assert_eq!(albedo, [0.0, 1.0, 2.0, 6.0, 7.0, 8.0]);
+        assert_eq!(normal, [3.0, 4.0, 5.0, 9.0, 10.0, 11.0]);
+        let names: Vec<&CStr> = buffers.images().map(|(name, _)| name).collect();
+        assert_eq!(names, [c"color", c"albedo", c"normal", c"output"]);
+        let mut blind = Buffers::new(&color, None).expect("no G-buffer");
+        assert_eq!(blind.images().count(), 2);
     }
 }

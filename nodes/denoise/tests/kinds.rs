@@ -1,18 +1,22 @@
-//! The kinds as the engine calls them: what is absent is told, programs are run, times are taken; and Open Image Denoise itself,
-//! where TAUFLOW_OIDN names its library.
+//! The kinds as the engine calls them: what is absent is told, programs are run, times are taken. Open Image Denoise
+//! itself runs where TAUFLOW_OIDN names its library.
 
-use std::{collections::BTreeMap, fs, path::Path, sync::atomic::AtomicBool};
-use tauflow_contract::{Action, Artifact, Context, Kind, KindError, MemoryBlobs, Outputs, Silent};
+use serde_json::{Value, json};
+use std::{cell::RefCell, collections::BTreeMap, fs, path::Path, sync::atomic::AtomicBool};
+use tauflow_contract::{
+    Act, Action, Artifact, Context, Handle, Kind, KindError, Look, Media, MemoryBlobs, Outputs, Probe, Silent, Stored,
+};
 use tauflow_data::{
-    Image, RungCounts, Scene,
-    formats::{PACKED, PackedScene, RefinedImage, RefinedImages, SCENE, load_refined},
+    Image, Resolution, Rungs, TensorFile,
     image_io::write_exr,
+    methods::{Conditioning, MethodName},
+    records::{PackedScene, Refined, RefinedImages, SceneRecord, Timing},
     rng::Stream,
-    timing::Timing,
+    scene::{Recipe, Scene},
 };
 use tauflow_denoise::{
     ExternalDenoiser, ExternalDenoiserParams, ExternalRenderer, ExternalRendererParams, GuidedFilter,
-    GuidedFilterParams,
+    GuidedFilterParams, kinds,
 };
 
 const SIDE: usize = 48;
@@ -46,15 +50,14 @@ fn error(a: &Image, b: &Image) -> f64 {
 struct Bench {
     blobs: MemoryBlobs,
     stop: AtomicBool,
-    endpoints: Artifact,
+    endpoints: Stored<PackedScene>,
 }
 
 impl Bench {
     fn new(scene: &PackedScene) -> Self {
         let (blobs, stop) = (MemoryBlobs::default(), AtomicBool::new(false));
-        let bytes = scene.to_bytes().expect("consistent");
-        let digest = Context::new(&blobs, &Silent, &stop).put(&bytes).expect("memory");
-        Self { blobs, stop, endpoints: Artifact::blob(PACKED, digest) }
+        let endpoints = scene.store(&Context::new(&blobs, &Silent, &stop)).expect("consistent");
+        Self { blobs, stop, endpoints }
     }
 
     fn ctx(&self) -> Context<'_> {
@@ -62,17 +65,26 @@ impl Bench {
     }
 
     fn run<K: Kind>(&self, params: K::Params, group: &str) -> Result<Outputs, KindError> {
-        let each = BTreeMap::from([("endpoints", &self.endpoints)]);
-        K::run(&self.ctx(), &Action { params, item: None, group, seed: 0, each, whole: BTreeMap::new() })
+        let each = BTreeMap::from([("endpoints", self.endpoints.artifact())]);
+        K::run(&self.ctx(), &Action { params, item: None, group, seed: 0, each, all: BTreeMap::new() })
     }
 
-    fn images(&self, outputs: &Outputs) -> (Vec<(RefinedImage, Image)>, Option<String>) {
-        load_refined(&self.ctx(), &outputs.items["refined"]).expect("stored")
+    fn images(&self, outputs: &Outputs) -> (RefinedImages, Option<String>) {
+        let Refined { images, note } = load(&self.ctx(), &outputs.items["refined"]);
+        (images, note)
     }
 
     fn timing(&self, outputs: &Outputs) -> Timing {
-        self.ctx().json(&outputs.items["timing"], "").expect("stored")
+        load(&self.ctx(), &outputs.items["timing"])
     }
+}
+
+fn load<M: Media>(ctx: &Context<'_>, artifact: &Artifact) -> M {
+    Handle::new(artifact).expect("the port's type").load(ctx).expect("stored")
+}
+
+fn named(method: &str) -> MethodName {
+    MethodName::new(method).expect("plain")
 }
 
 /// A program that copies its input, as a shell script with a name.
@@ -88,7 +100,7 @@ fn a_program_denoises_and_is_timed() {
     let bench = Bench::new(&scene);
     let folder = tempfile::tempdir().expect("a folder");
     let copy = ExternalDenoiserParams {
-        method: "copy".into(),
+        method: named("copy"),
         command: program(folder.path(), "test -s \"$2\" && test -s \"$3\" && cp \"$1\" \"$4\"\n"),
         repeats: 2,
         ..ExternalDenoiserParams::default()
@@ -143,6 +155,42 @@ fn templates_and_inputs_are_checked() {
 }
 
 #[test]
+fn params_that_cannot_be_are_refused_once_and_for_all() {
+    for kind in kinds() {
+        let bad = |params| kind.resolve(&params).expect_err("wrong").swap_remove(0);
+        for method in ["", " ", "a/b"] {
+            let problem = bad(json!({ "method": method }));
+            assert!(problem.pointer == "/method" && problem.message.contains(method), "{problem:?}");
+        }
+    }
+    let renderer = kinds().into_iter().find(|kind| kind.spec().name == "external_renderer").expect("a kind");
+    for (params, pointer) in [
+        (json!({ "counts": [4, 1] }), "/counts"),
+        (json!({ "counts": { "dyadic": 3 } }), "/counts"),
+        (json!({ "resolution": [0, 4] }), "/resolution"),
+    ] {
+        let problem = renderer.resolve(&params).expect_err("wrong").swap_remove(0);
+        assert_eq!(problem.pointer, pointer, "{problem:?}");
+    }
+}
+
+#[test]
+fn a_g_buffer_of_another_size_is_refused_before_anything_reads_it() {
+    let (scene, _) = scene();
+    let mut bench = Bench::new(&scene);
+    let blob = bench.ctx().get(&bench.endpoints.artifact().part("").expect("one blob")).expect("stored");
+    let mut file = TensorFile::from_bytes(&blob).expect("tensors");
+    file = file.with_image("gbuffer", &Image::new(1, 1, 6));
+    let digest = bench.ctx().put(&file.to_bytes().expect("plain tensors")).expect("memory");
+    bench.endpoints = Stored::blob(digest);
+    for command in [Vec::new(), ["true", "{color}", "{output}"].map(str::to_owned).to_vec()] {
+        let params = ExternalDenoiserParams { command, ..ExternalDenoiserParams::default() };
+        let error = bench.run::<ExternalDenoiser>(params, "main").expect_err("another size").to_string();
+        assert!(error.contains("1 x 1") && error.contains("48 x 48"), "{error}");
+    }
+}
+
+#[test]
 fn a_library_that_is_not_there_is_told() {
     let (scene, _) = scene();
     let bench = Bench::new(&scene);
@@ -179,8 +227,7 @@ fn open_image_denoise_denoises_and_sees_g_buffers() {
         images.pop().expect("one image").1
     };
     let with = run(&params);
-    let blind =
-        ExternalDenoiserParams { conditioning: serde_json::from_str("\"rgb\"").expect("a name"), ..params.clone() };
+    let blind = ExternalDenoiserParams { conditioning: Conditioning::Rgb, ..params.clone() };
     let without = run(&blind);
     let before = error(&scene.states[0], &clean);
     assert!(error(&with, &clean) < 0.1 * before, "{} {before}", error(&with, &clean));
@@ -204,16 +251,21 @@ fn the_filter_denoises_and_is_timed() {
 }
 
 /// A scene of one lamp, stored.
-fn a_scene(ctx: &Context<'_>) -> Artifact {
-    let scene: Scene = serde_json::from_value(serde_json::json!({ "version": 1,
+fn a_scene(ctx: &Context<'_>) -> Stored<SceneRecord> {
+    let scene: Scene = serde_json::from_value(json!({ "version": 1,
         "camera": { "origin": [0, 0, 4], "target": [0, 0, 0], "up": [0, 1, 0], "fov_x": 40.0, "near": 0.1 },
         "shapes": [], "materials": [], "emitters": [], "max_depth": 3, "seed": 1,
     }))
     .expect("a scene");
-    Artifact::tree(SCENE, vec![("scene.json".into(), ctx.put_json(&scene).expect("memory"))])
+    let recipe: Recipe = serde_json::from_value(json!({ "stratum": "L0-open", "index": 0, "layout": "none",
+        "layout_params": {}, "objects": [], "environment": "none", "side": null, "exposure_ev": 0.0,
+    }))
+    .expect("a recipe");
+    SceneRecord { scene, recipe }.store(ctx).expect("memory")
 }
 
-/// A renderer that is a script: it copies an EXR of the right size for each count, and tells the times that it is asked for.
+/// A renderer that is a script: it copies an EXR of the right size for each count, and tells the times that it is asked
+/// for.
 fn renderer(folder: &Path, text: &str) -> ExternalRendererParams {
     let image = Image::from_data(4, 2, 3, (0..24).map(|i| i as f32).collect()).expect("fits");
     write_exr(&folder.join("image.exr"), &[("", &image)]).expect("writable");
@@ -221,13 +273,12 @@ fn renderer(folder: &Path, text: &str) -> ExternalRendererParams {
     fs::write(&script, text.replace("IMAGE", &folder.join("image.exr").to_string_lossy())).expect("writable");
     let places = ["{scene}", "{counts}", "{repeats}", "{seed}", "{folder}"];
     let command = ["sh", &script.to_string_lossy()].into_iter().chain(places).map(str::to_owned).collect();
-    let (method, counts) = ("script".to_owned(), RungCounts::List(vec![1, 8]));
     ExternalRendererParams {
-        method,
+        method: named("script"),
         command,
         version: Vec::new(),
-        counts,
-        resolution: [4, 2],
+        counts: Rungs::list(vec![1, 8]).expect("increasing"),
+        resolution: Resolution::new(4, 2).expect("small"),
         repeats: 2,
         required: true,
     }
@@ -246,14 +297,17 @@ fn rendered(params: ExternalRendererParams, group: &str) -> Result<(RefinedImage
     let (blobs, stop) = (MemoryBlobs::default(), AtomicBool::new(false));
     let ctx = Context::new(&blobs, &Silent, &stop);
     let scene = a_scene(&ctx);
-    let each = BTreeMap::from([("scenes", &scene)]);
-    let action = Action { params, item: None, group, seed: 1 << 40 | 5, each, whole: BTreeMap::new() };
+    let each = BTreeMap::from([("scenes", scene.artifact())]);
+    let action = Action { params, item: None, group, seed: 1 << 40 | 5, each, all: BTreeMap::new() };
     let outputs = ExternalRenderer::run(&ctx, &action)?;
     let (images, note) = match outputs.items.get("rendered") {
-        Some(images) => load_refined(&ctx, images)?,
+        Some(images) => {
+            let Refined { images, note } = load(&ctx, images);
+            (images, note)
+        }
         None => (Vec::new(), None),
     };
-    let timing = outputs.items.get("timing").map(|timing| ctx.json(timing, "")).transpose()?;
+    let timing = outputs.items.get("timing").map(|timing| load(&ctx, timing));
     Ok((images, note, timing.unwrap_or(Timing { entries: Vec::new() })))
 }
 
@@ -269,13 +323,66 @@ fn another_renderer_renders_and_tells_its_times() {
     let (_, _, timing) = rendered(params.clone(), "timing").expect("it renders");
     assert_eq!(timing.entries.iter().map(|e| e.took.wall_s.clone()).collect::<Vec<_>>(), [[0.5, 0.25], [4.0, 2.0]]);
     // Another script is another renderer.
-    let before = ExternalRenderer::environment(&params, "main");
+    let environment = |params: &_| ExternalRenderer::environment(params, "main", &Act).expect("it may ask");
+    let before = environment(&params);
     assert!(before["program"].as_object().is_some_and(|of| of.len() == 2), "{before}");
     fs::write(folder.path().join("render.sh"), "exit 1 # not the same\n").expect("writable");
-    assert_ne!(ExternalRenderer::environment(&params, "main"), before);
+    assert_ne!(environment(&params), before);
     let version = ["echo", "3.9.1"].map(str::to_owned).to_vec();
-    let told = ExternalRenderer::environment(&ExternalRendererParams { version, ..params }, "main");
+    let told = environment(&ExternalRendererParams { version, ..params });
     assert_eq!(told["version"], "3.9.1");
+}
+
+/// Notes what it is asked, and runs nothing.
+struct Noted(RefCell<Vec<Value>>);
+
+impl Probe for Noted {
+    fn answer(&self, question: &Value, _ask: &dyn Fn() -> Value) -> Option<Value> {
+        self.0.borrow_mut().push(question.clone());
+        Some("as before".into())
+    }
+}
+
+#[test]
+fn looking_asks_no_program_for_its_version() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (script, trace) = (folder.path().join("version.sh"), folder.path().join("trace"));
+    let script_text = script.to_string_lossy().into_owned();
+    fs::write(&script, format!("echo here >> {}\necho 3\n", trace.display())).expect("writable");
+    let version = vec!["sh".to_owned(), script_text.clone()];
+    let params = ExternalRendererParams { version, ..renderer(folder.path(), SOUND) };
+    assert_eq!(ExternalRenderer::environment(&params, "main", &Look), None);
+    let noted = Noted(RefCell::default());
+    let known = ExternalRenderer::environment(&params, "main", &noted).expect("there is an answer");
+    assert_eq!(known["version"], "as before");
+    assert!(!trace.exists(), "nothing ran");
+    // What was asked holds the program and its script by their contents, and the machine.
+    fs::write(&script, format!("echo here >> {}\necho 4\n", trace.display())).expect("writable");
+    ExternalRenderer::environment(&params, "main", &noted).expect("there is an answer");
+    let questions = noted.0.into_inner();
+    assert_ne!(questions[0], questions[1], "another script is another question");
+    assert!(questions[0]["files"]["sh"].is_string() && questions[0]["files"][&script_text].is_string());
+    assert!(questions[0]["machine"]["cores"].is_u64(), "{}", questions[0]);
+    let acted = ExternalRenderer::environment(&params, "main", &Act).expect("it may ask");
+    assert!(acted["version"] == "4" && trace.exists());
+}
+
+#[test]
+fn a_library_that_is_missing_and_one_that_cannot_be_loaded_differ() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("libOpenImageDenoise.so");
+    let library = Some(file.to_string_lossy().into_owned());
+    let params = ExternalDenoiserParams { library, ..ExternalDenoiserParams::default() };
+    let key = || ExternalDenoiser::environment(&params, "main", &Look).expect("nothing is asked")["oidn"].clone();
+    let (scene, _) = scene();
+    let bench = Bench::new(&scene);
+    let message = || bench.run::<ExternalDenoiser>(params.clone(), "main").expect_err("no library").to_string();
+    let (no_key, no_message) = (key(), message());
+    fs::write(&file, "this is no library").expect("writable");
+    let (bad_key, bad_message) = (key(), message());
+    assert_eq!(no_key, "none found");
+    assert_ne!(no_key, bad_key);
+    assert!(no_message.contains("there is no library") && bad_message.contains("cannot load"), "{bad_message}");
 }
 
 #[test]
@@ -295,7 +402,8 @@ fn renderers_that_fail_are_told() {
         let error = rendered(renderer(folder.path(), text), group).expect_err("it fails").to_string();
         assert!(error.contains(expected) && error.contains("render.sh"), "{error}");
     }
-    let large = ExternalRendererParams { resolution: [5, 2], ..renderer(folder.path(), SOUND) };
+    let large =
+        ExternalRendererParams { resolution: Resolution::new(5, 2).expect("small"), ..renderer(folder.path(), SOUND) };
     assert!(rendered(large, "main").expect_err("another size").to_string().contains("expected 5 x 2"));
     let missing = ExternalRendererParams {
         command: ["/no/such/program", "{scene}", "{counts}", "{folder}"].map(str::to_owned).to_vec(),

@@ -4,7 +4,7 @@
 //! replacement and takes all columns of a drawn scene together, so that differences between methods are paired, and the
 //! same draws serve every figure. Knows no metric.
 
-use tauflow_data::{results::Estimate, rng::Stream, statistics::quantile};
+use tauflow_data::{records::Estimate, rng::Stream, statistics::quantile};
 
 /// Share of the draws below the interval, and above it.
 const TAIL: f64 = 0.025;

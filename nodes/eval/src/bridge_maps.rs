@@ -1,14 +1,14 @@
 //! Pictures of a bridge stop: where each method pushes the image, and how far it stays off.
 //!
-//! Two rows of panels. The upper row shows update directions, the real one, I_m - I_k, on the left and then each method's;
-//! the lower row shows absolute differences to the real I_m, those of hold, I_k itself, on the left and then each method's.
-//! Colour code:
+//! A picture has two rows of panels. The upper row shows update directions: the real one, I_m - I_k, on the left, and
+//! then each method's. The lower row shows absolute differences to the real I_m: those of hold, I_k itself, on the
+//! left, and then each method's. Colour code:
 //!
-//! - *Update d of a pixel* (three channels): 0.5 + 0.5 (d/|d|) w with w = |d|/(|d| + s), where s is the root mean square
-//!   of the real update over pixels. Mid grey is no change, brighter is more light, darker is less, a tint is a change of
-//!   colour; strong updates show in full.
-//! - *Absolute difference e of a pixel* (mean of three channels): t = e/(e + s), where s is the mean difference of hold,
-//!   from black over red and yellow to white; the mean error of hold lies at t = 1/2.
+//! - *Update d of a pixel* (three channels): 0.5 + 0.5 (d/|d|) w with w = |d|/(|d| + s). The scale s is the root mean
+//!   square of the real update over pixels. Mid grey is no change, brighter is more light, darker is less, and a tint
+//!   is a change of colour. Strong updates show in full.
+//! - *Absolute difference e of a pixel* (mean of three channels): t = e/(e + s), from black over red and yellow to
+//!   white. The scale s is the mean difference of hold, which so lies at t = 1/2.
 //!
 //! Both scales are shared by all panels of a picture. Knows nothing of the method that made an image.
 

@@ -5,7 +5,6 @@
 use crate::{
     bootstrap::{Resampled, Table},
     evaluation::bounded,
-    image_metrics::HOLD,
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -14,12 +13,9 @@ use std::{
 use tauflow_contract::KindError;
 use tauflow_data::{
     VarianceTime,
-    results::{Bridge, BridgeCase, BridgeRow, BridgeSummary, Claim, Evidence},
+    methods::{HOLD, LOCAL_STEP, Parameterization},
+    records::{Bridge, BridgeCase, BridgeRow, BridgeSummary, Claim, Evidence},
 };
-
-/// What steps of the other solvers are called.
-const MC_NOISE: &str = "mc_noise";
-const LOCAL_STEP: &str = "local_step";
 
 /// A scene's cases, each with its fraction, by kind of stop, sample count before, and method.
 pub type SceneCases = BTreeMap<(&'static str, u64, String), (f64, BridgeCase)>;
@@ -32,7 +28,8 @@ pub fn fraction(time: VarianceTime, k: u64, m: u64) -> Result<f64, KindError> {
     if m as f64 >= time.n_max() {
         return Err(KindError::Input(format!(
             "the stop {k} -> {m} goes to the end of the training ladder, {} samples, or beyond: its fraction \
-             (tau_m - tau_k)/(1 - tau_k) would be 1 or more; train on a longer ladder, or end the bridge's rungs earlier",
+             (tau_m - tau_k)/(1 - tau_k) would be 1 or more; train on a longer ladder, or end the bridge's rungs \
+             earlier",
             time.n_max()
         )));
     }
@@ -79,7 +76,7 @@ fn claims(columns: &[Column<'_>], resampled: &Resampled) -> Vec<Claim> {
         let of = |method: &str| -> Vec<usize> {
             columns.iter().filter(|c| (c.stop, c.method) == (stop, method)).map(|c| c.at).collect()
         };
-        let own = of(MC_NOISE);
+        let own = of(Parameterization::McNoise.name());
         let above = |method: &str| {
             let other = of(method);
             let mean = |means: &[f64], of: &[usize]| of.iter().map(|at| means[*at]).sum::<f64>() / of.len() as f64;

@@ -1,5 +1,6 @@
-//! What Monte Carlo Transport Scheduling is said to do, each claim held against the figures at hand: a difference that must be
-//! above 0, with its paired interval over scenes.
+//! What Monte Carlo Transport Scheduling is said to do, each claim held against the figures at hand.
+//!
+//! A claim is differences that must be above 0, each with its paired interval over scenes.
 //!
 //! Knows means by cell, NFE and metric; a claim without the cells that it is about is left out.
 
@@ -7,7 +8,11 @@ use crate::{bootstrap::Resampled, curve::summarise};
 use std::collections::BTreeMap;
 use tauflow_data::{
     maths::log,
-    results::{Claim, Estimate, Evidence, METRICS, Verdict},
+    methods::{
+        Conditioning, Parameterization,
+        axes::{CONDITIONING, PARAMETERIZATION},
+    },
+    records::{Claim, ClaimVerdict, Estimate, Evidence, METRICS},
 };
 
 /// What a claim is judged by: peaks of linear radiance, and of what is seen.
@@ -63,16 +68,17 @@ impl Curve<'_> {
 pub(crate) fn claims(curves: &[Curve<'_>], resampled: &Resampled) -> Vec<Claim> {
     let curves: Vec<&Curve<'_>> = curves.iter().filter(|c| c.nfe.len() >= 2 && c.nfe[0] >= 1).collect();
     let mut found = Vec::new();
-    for (group, of) in groups(&curves, "parameterization") {
-        let named = |name: &str| of.iter().copied().find(|c| c.coordinate("parameterization") == name);
-        let others = |name: &str| -> Vec<&Curve<'_>> {
-            of.iter().copied().filter(|c| c.coordinate("parameterization") != name).collect()
-        };
-        let ahead = |name: &str, what: &str, better: &dyn Fn(&Curve<'_>, &Curve<'_>, &'static str) -> Estimate| {
+    for (group, of) in groups(&curves, PARAMETERIZATION) {
+        let is = |curve: &Curve<'_>, own: Parameterization| curve.coordinate(PARAMETERIZATION) == own.name();
+        let named = |own: Parameterization| of.iter().copied().find(|c| is(c, own));
+        let others =
+            |own: Parameterization| -> Vec<&Curve<'_>> { of.iter().copied().filter(|c| !is(c, own)).collect() };
+        type Better<'a> = &'a dyn Fn(&Curve<'_>, &Curve<'_>, &'static str) -> Estimate;
+        let ahead = |name: Parameterization, what: &str, better: Better<'_>| {
             let own = named(name)?;
             let evidence = |metric: &'static str| {
                 others(name).into_iter().map(move |other| Evidence {
-                    what: what.replace("{}", other.coordinate("parameterization")),
+                    what: what.replace("{}", other.coordinate(PARAMETERIZATION)),
                     metric: metric.to_owned(),
                     difference: better(own, other, metric),
                 })
@@ -80,14 +86,15 @@ pub(crate) fn claims(curves: &[Curve<'_>], resampled: &Resampled) -> Vec<Claim> 
             Some(JUDGED_BY.into_iter().flat_map(evidence).collect::<Vec<_>>())
         };
         let difference = |a: Figure<'_>, b: Figure<'_>| resampled.estimate(|means| a(means) - b(means));
-        let best =
-            ahead("mc_noise", "AUC over {}", &|own, other, metric| difference(own.auc(metric), other.auc(metric)));
+        let best = ahead(Parameterization::McNoise, "AUC over {}", &|own, other, metric| {
+            difference(own.auc(metric), other.auc(metric))
+        });
         found.extend(claim("MC noise has the best AUC", &group, best));
-        let calm = ahead("mc_velocity", "TV of {} over its own", &|own, other, metric| {
+        let calm = ahead(Parameterization::McVelocity, "TV of {} over its own", &|own, other, metric| {
             difference(other.tv(metric), own.tv(metric))
         });
         found.extend(claim("MC velocity has the lowest TV", &group, calm));
-        let peak = named("local_velocity").map(|own| {
+        let peak = named(Parameterization::LocalVelocity).map(|own| {
             let step = nearest(own.nfe, BEST_NFE);
             let ends = [0, own.nfe.len() - 1].into_iter().filter(|end| *end != step);
             let evidence = |end: usize| {
@@ -100,7 +107,7 @@ pub(crate) fn claims(curves: &[Curve<'_>], resampled: &Resampled) -> Vec<Claim> 
             ends.flat_map(evidence).collect()
         });
         found.extend(claim("Local velocity is best near NFE 9, and poor at few and many", &group, peak));
-        let worse = named("vanilla_rf").map(|own| {
+        let worse = named(Parameterization::VanillaRf).map(|own| {
             let last = own.nfe.len() - 1;
             let difference = difference(own.value("hdr_mae", last), own.value("hdr_mae", 0));
             let what = format!("NFE {} over NFE {}", own.nfe[last], own.nfe[0]);
@@ -108,9 +115,9 @@ pub(crate) fn claims(curves: &[Curve<'_>], resampled: &Resampled) -> Vec<Claim> 
         });
         found.extend(claim("Vanilla rectified flow's HDR MAE grows with NFE", &group, worse));
     }
-    for (group, of) in groups(&curves, "conditioning") {
-        let named = |name: &str| of.iter().copied().find(|c| c.coordinate("conditioning") == name);
-        let richer = named("gbuffer").zip(named("rgb")).map(|(with, without)| {
+    for (group, of) in groups(&curves, CONDITIONING) {
+        let named = |own: Conditioning| of.iter().copied().find(|c| c.coordinate(CONDITIONING) == own.name());
+        let richer = named(Conditioning::Gbuffer).zip(named(Conditioning::Rgb)).map(|(with, without)| {
             let evidence = |metric: &'static str| {
                 let (with, without) = (with.auc(metric), without.auc(metric));
                 let difference = resampled.estimate(|means| with(means) - without(means));
@@ -139,11 +146,11 @@ pub(crate) fn claim(
 ) -> Option<Claim> {
     let evidence = evidence.filter(|of| !of.is_empty() && of.iter().all(|e| e.difference.mean.is_finite()))?;
     let verdict = if evidence.iter().all(|e| e.difference.low > 0.0) {
-        Verdict::Held
+        ClaimVerdict::Held
     } else if evidence.iter().any(|e| e.difference.high < 0.0) {
-        Verdict::NotHeld
+        ClaimVerdict::NotHeld
     } else {
-        Verdict::Undecided
+        ClaimVerdict::Undecided
     };
     Some(Claim { statement: statement.to_owned(), group: group.clone(), evidence, verdict })
 }
@@ -170,24 +177,28 @@ mod tests {
 
     const NFE: [u64; 3] = [1, 9, 50];
 
-    /// Cells of both conditionings whose figures at each NFE are given by method, the same for PSNRs, with MAE the last number.
-    fn found(psnr: impl Fn(&str, &str, usize) -> f64, mae: impl Fn(usize) -> f64) -> Vec<Claim> {
-        let methods = ["local_velocity", "mc_noise", "mc_velocity", "vanilla_rf"];
-        let cells: Vec<(&str, &str)> = ["rgb", "gbuffer"].into_iter().flat_map(|c| methods.map(|m| (m, c))).collect();
+    /// Cells of both conditionings, whose PSNR is a function of the method and the step, and whose MAE is one of the
+    /// step.
+    fn found(psnr: impl Fn(Parameterization, Conditioning, usize) -> f64, mae: impl Fn(usize) -> f64) -> Vec<Claim> {
+        let cells: Vec<(Parameterization, Conditioning)> = [Conditioning::Rgb, Conditioning::Gbuffer]
+            .into_iter()
+            .flat_map(|conditioning| Parameterization::ALL.map(|method| (method, conditioning)))
+            .collect();
         let mut table = Table::new(cells.len() * NFE.len() * METRICS.len());
         for scene in 0..20 {
             let wobble = 0.01 * f64::from(scene % 5);
             let figures = cells.iter().flat_map(|(method, conditioning)| {
                 let (psnr, mae) = (&psnr, &mae);
                 (0..NFE.len()).flat_map(move |step| {
-                    METRICS.map(|m| if m == "hdr_mae" { mae(step) } else { psnr(method, conditioning, step) } + wobble)
+                    METRICS
+                        .map(|m| if m == "hdr_mae" { mae(step) } else { psnr(*method, *conditioning, step) } + wobble)
                 })
             });
             table.push(&figures.collect::<Vec<f64>>());
         }
         let resampled = Resampled::new(&table, 200, 1).expect("scenes");
-        let curve = |(i, (method, conditioning)): (usize, &(&str, &str))| Curve {
-            cell: [("parameterization", *method), ("conditioning", *conditioning)]
+        let curve = |(i, (method, conditioning)): (usize, &(Parameterization, Conditioning))| Curve {
+            cell: [(PARAMETERIZATION, method.name()), (CONDITIONING, conditioning.name())]
                 .map(|(a, b)| (a.to_owned(), b.to_owned()))
                 .into(),
             nfe: &NFE,
@@ -197,15 +208,15 @@ mod tests {
         claims(&curves, &resampled)
     }
 
-    fn as_claimed(method: &str, conditioning: &str, step: usize) -> f64 {
+    fn as_claimed(method: Parameterization, conditioning: Conditioning, step: usize) -> f64 {
         let base = match (method, step) {
-            ("mc_noise", 0 | 2) => 30.2,
-            ("mc_noise", _) => 30.0,
-            ("local_velocity", 1) => 29.0,
-            ("mc_velocity", _) => 29.5,
+            (Parameterization::McNoise, 0 | 2) => 30.2,
+            (Parameterization::McNoise, _) => 30.0,
+            (Parameterization::LocalVelocity, 1) => 29.0,
+            (Parameterization::McVelocity, _) => 29.5,
             _ => 25.0 - step as f64,
         };
-        base + if conditioning == "gbuffer" { 1.0 } else { 0.0 }
+        base + if conditioning == Conditioning::Gbuffer { 1.0 } else { 0.0 }
     }
 
     #[test]
@@ -213,7 +224,7 @@ mod tests {
         let found = found(as_claimed, |step| 0.1 + 0.01 * step as f64);
         // Four claims for each conditioning, one for each method.
         assert_eq!(found.len(), 12);
-        assert!(found.iter().all(|claim| claim.verdict == Verdict::Held), "{found:#?}");
+        assert!(found.iter().all(|claim| claim.verdict == ClaimVerdict::Held), "{found:#?}");
         assert_eq!(found[0].statement, "MC noise has the best AUC");
         assert_eq!(found[0].evidence.len(), 6);
         assert!(found.windows(2).filter(|pair| pair[0].statement != pair[1].statement).count() == 4);
@@ -222,11 +233,11 @@ mod tests {
     #[test]
     fn what_is_not_is_told() {
         // RGB is better, the MAE falls, the local velocity rises to the end, and two methods have one curve.
-        let turned = |method: &str, conditioning: &str, step: usize| match (method, conditioning) {
-            ("local_velocity", _) => 20.0 + step as f64,
-            ("mc_velocity", c) => as_claimed("mc_noise", c, step),
-            (m, "rgb") => as_claimed(m, "gbuffer", step),
-            (m, _) => as_claimed(m, "rgb", step),
+        let turned = |method, conditioning, step| match (method, conditioning) {
+            (Parameterization::LocalVelocity, _) => 20.0 + step as f64,
+            (Parameterization::McVelocity, c) => as_claimed(Parameterization::McNoise, c, step),
+            (m, Conditioning::Rgb) => as_claimed(m, Conditioning::Gbuffer, step),
+            (m, Conditioning::Gbuffer) => as_claimed(m, Conditioning::Rgb, step),
         };
         let found = found(turned, |step| 0.1 - 0.01 * step as f64);
         let verdict = |statement: &str| {
@@ -234,10 +245,10 @@ mod tests {
             assert!(!of.is_empty(), "{statement}");
             of.iter().map(|c| c.verdict).collect::<Vec<_>>()
         };
-        assert!(verdict("MAE grows").iter().all(|v| *v == Verdict::NotHeld));
-        assert!(verdict("Local velocity").iter().all(|v| *v == Verdict::NotHeld));
-        assert!(verdict("lowest TV").contains(&Verdict::Undecided), "{found:#?}");
-        assert!(verdict("G-buffers").contains(&Verdict::NotHeld));
+        assert!(verdict("MAE grows").iter().all(|v| *v == ClaimVerdict::NotHeld));
+        assert!(verdict("Local velocity").iter().all(|v| *v == ClaimVerdict::NotHeld));
+        assert!(verdict("lowest TV").contains(&ClaimVerdict::Undecided), "{found:#?}");
+        assert!(verdict("G-buffers").contains(&ClaimVerdict::NotHeld));
     }
 
     #[test]

@@ -14,7 +14,9 @@ pub struct CurveSummary {
     pub tv: f64,
 }
 
-/// Sums up values `q` at model calls `nfe`; none unless there are two points or more, at increasing `nfe` from at least 1.
+/// Sums up values `q` at model calls `nfe`.
+///
+/// None unless there are two points or more, at increasing `nfe` from at least 1.
 pub fn summarise(nfe: &[u64], q: &[f64]) -> Option<CurveSummary> {
     let fine = nfe.len() >= 2 && nfe.len() == q.len() && nfe[0] >= 1 && nfe.windows(2).all(|w| w[0] < w[1]);
     if !fine {

@@ -9,13 +9,15 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use tauflow_contract::{
-    Action, Artifact, Collection, Context, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs,
-    ParamProblem,
+    Action, All, Context, Group, ItemKey, Items, Kind, KindError, KindSpec, Media, Mode, Out, Outputs,
 };
 use tauflow_data::{
     Stratum,
-    formats::JSON,
-    results::{
+    methods::{
+        Conditioning,
+        axes::{CONDITIONING, PARAMETERIZATION, SPACE},
+    },
+    records::{
         Estimate, Evaluation, METRICS, MethodTable, Metrics, NfeTable, SceneRow, SceneScores, Score, Versus,
         higher_is_better,
     },
@@ -42,24 +44,12 @@ impl Default for EvaluationParams {
     }
 }
 
-/// Problems of a number of resamples.
-pub(crate) fn check_resamples(resamples: u64) -> Vec<ParamProblem> {
-    if (100..=100_000).contains(&resamples) {
-        return Vec::new();
-    }
-    vec![ParamProblem::new(
-        "/resamples",
-        format!("{resamples} resamples are too few for a 95% interval, or more than any needs"),
-        "use 100 to 100000; 2000 is the usual number",
-    )]
-}
-
-const INPUTS: &[InputPort] = &[
-    InputPort::whole("scores", JSON, "Scores of refined images, by cell and scene."),
-    InputPort::whole("hold", JSON, "Scores of the endpoints that all start from, by scene."),
-    InputPort::whole("baselines", JSON, "Scores of other methods, such as denoisers, by cell and scene.").or_none(),
-];
-const OUTPUTS: &[OutputPort] = &[OutputPort::new("tables", JSON, "Means, intervals, curves and every score.")];
+const SCORES: All<SceneScores> = All::new("scores", "Scores of refined images, by cell and scene.");
+const HOLD: All<SceneScores> = All::new("hold", "Scores of the endpoints that all start from, by scene.");
+const BASELINES: All<SceneScores> =
+    All::new("baselines", "Scores of other methods, such as denoisers, by cell and scene.").or_none();
+const MAIN: Group = Group::main(3);
+const TABLES: Out<Evaluation> = Out::new(MAIN, "tables", "Means, intervals, curves and every score.");
 
 impl Kind for EvaluationKind {
     type Params = EvaluationParams;
@@ -67,33 +57,25 @@ impl Kind for EvaluationKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "evaluation",
-            version: 3,
             summary: "Sums scores up by method, model calls and stratum, with intervals.",
             manual: include_str!("evaluation.md"),
             mode: Mode::Gather,
-            inputs: INPUTS,
-            outputs: OUTPUTS,
+            inputs: const { &[SCORES.port(), HOLD.port(), BASELINES.port()] },
+            outputs: const { &[TABLES.port()] },
             seeded: true,
         }
     }
 
-    fn check(params: &Self::Params) -> Vec<ParamProblem> {
-        check_resamples(params.resamples)
-    }
-
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let read = |collection: &Collection| -> Result<Vec<(ItemKey, SceneScores)>, KindError> {
-            let item = |(key, artifact): (&ItemKey, &Artifact)| Ok((key.clone(), ctx.json(artifact, "")?));
-            collection.iter().map(item).collect()
+        let read = |items: Items<'_, SceneScores>| -> Result<Vec<(ItemKey, SceneScores)>, KindError> {
+            items.iter().map(|(key, scores)| Ok((key.clone(), scores.load(ctx)?))).collect()
         };
-        let hold = read(action.whole("hold")?)?;
-        let scores = read(action.whole("scores")?)?;
-        let baselines = action.whole.get("baselines").map_or_else(|| Ok(Vec::new()), |of| read(of))?;
+        let hold = read(action.all(HOLD)?)?;
+        let scores = read(action.all(SCORES)?)?;
+        let baselines = action.all_if(BASELINES)?.map_or_else(|| Ok(Vec::new()), read)?;
         ctx.check_cancelled()?;
         let evaluation = evaluate(&hold, &scores, &baselines, action.params.resamples, action.seed)?;
-        let key = ItemKey::new("evaluation").expect("a valid key");
-        let artifact = Artifact::blob(JSON, ctx.put_json(&evaluation)?);
-        Ok(Outputs::default().collection("tables", Collection::from_iter([(key, artifact)])))
+        Outputs::default().put_one(TABLES, "evaluation", evaluation.store(ctx)?)
     }
 }
 
@@ -179,8 +161,8 @@ fn check_scenes(hold: &Cell<'_>, cell: &Cell<'_>) -> Result<(), KindError> {
     }
 }
 
-/// Sums scores up. `hold` is keyed by scene, `scores` and `baselines` by cell and scene. A baseline without scores is left
-/// out, with what it says of that.
+/// Sums scores up. `hold` is keyed by scene, `scores` and `baselines` by cell and scene. A baseline without scores is
+/// left out, with what it says of that.
 ///
 /// # Errors
 /// If there are none, or cells differ in scenes, start or reference.
@@ -200,15 +182,15 @@ pub fn evaluate(
     let reference_spp = common(items().map(|(k, s)| (k.to_string(), s.reference_spp)), "the reference")?;
     let starts = items().flat_map(|(k, s)| s.scores.iter().map(move |score| (k.to_string(), score.from_spp)));
     let from_spp = common(starts, "the start")?;
-    let cells_of_hold = cells(hold, "hold")?;
+    let cells_of_hold = cells(hold, HOLD.name())?;
     let [hold] = &cells_of_hold[..] else {
         return Err(input(format!("input `hold` takes one node's scores and got {} cells", cells_of_hold.len())));
     };
     if hold.nfe.len() != 1 {
         return Err(input(format!("input `hold` takes one score of each scene and got NFE {:?}", hold.nfe)));
     }
-    let cells = cells(scores, "scores")?;
-    let others = self::cells(baselines, "baselines")?;
+    let cells = cells(scores, SCORES.name())?;
+    let others = self::cells(baselines, BASELINES.name())?;
     cells.iter().chain(&others).try_for_each(|cell| check_scenes(hold, cell))?;
 
     let resampled = resample(hold, cells.iter().chain(&others), resamples, seed)?;
@@ -247,7 +229,8 @@ pub fn evaluate(
     })
 }
 
-/// Every cell at each of its NFE against a baseline whose columns start at `at`; those of the cells follow those of hold.
+/// Every cell at each of its NFE against a baseline whose columns start at `at`; those of the cells follow those of
+/// hold.
 fn against(cells: &[Cell<'_>], baseline: &Cell<'_>, resampled: &Resampled, at: usize) -> Vec<Versus> {
     let count = METRICS.len();
     let own = |cell: &Cell<'_>| {
@@ -334,9 +317,9 @@ fn method(cell: &Cell<'_>, resampled: &Resampled, at: usize) -> MethodTable {
     let named = |axis: &str, otherwise: &str| coordinates.get(axis).map_or(otherwise, String::as_str).to_owned();
     let own = cell.scenes.values().next().and_then(|s| s.first()).map_or("", |s| s.method.as_str());
     MethodTable {
-        method: named("parameterization", own),
-        conditioning: named("conditioning", "rgb"),
-        space: named("space", ""),
+        method: named(PARAMETERIZATION, own),
+        conditioning: named(CONDITIONING, Conditioning::Rgb.name()),
+        space: named(SPACE, ""),
         at: tables.collect(),
         auc: curves(&|c| c.auc),
         tv: curves(&|c| c.tv),

@@ -1,11 +1,11 @@
 //! References that share no sample with what they judge: the errors that they tell, and whether they do share one.
 
 use crate::evaluation::PSNR_CEILING;
-use tauflow_contract::{Artifact, Context, ItemKey, KindError};
+use tauflow_contract::{Context, Handle, ItemKey, KindError};
 use tauflow_data::{
-    Image, Ladder,
-    convergence::{deviation_of_both, shares_samples},
+    Image,
     maths::log10,
+    records::{Ladder, deviation_of_both, shares_samples},
 };
 
 /// Added to squares of the reference that errors are relative to.
@@ -41,8 +41,13 @@ pub(crate) struct Errors {
 
 impl HeldOut {
     /// The last rung of a ladder, exposed by `factor`.
-    pub(crate) fn load(ctx: &Context<'_>, artifact: &Artifact, factor: f64, key: &ItemKey) -> Result<Self, KindError> {
-        let ladder = Ladder::load(ctx, artifact)?;
+    pub(crate) fn load(
+        ctx: &Context<'_>,
+        ladder: Handle<'_, Ladder>,
+        factor: f64,
+        key: &ItemKey,
+    ) -> Result<Self, KindError> {
+        let ladder = ladder.load(ctx)?;
         let last =
             ladder.rungs.last().ok_or_else(|| KindError::Input(format!("the reference of `{key}` has no rung")))?;
         let image = last.image.map(|v| (f64::from(v) * factor) as f32);
@@ -63,8 +68,8 @@ impl HeldOut {
         Self { image, spp, noisy, independent: true, variance, own_mse, own_rel }
     }
 
-    /// Errors of an image, less what the reference's own noise adds; at least a thousandth of what was measured, as noise may
-    /// hide the rest.
+    /// Errors of an image, less what the reference's own noise adds. At least a thousandth of what was measured is
+    /// left, as noise may hide the rest.
     pub(crate) fn errors(&self, image: &Image) -> Errors {
         let (mut square, mut relative) = (0.0, 0.0);
         for (a, r) in image.data().iter().zip(self.image.data()) {
@@ -88,12 +93,15 @@ impl HeldOut {
         }
     }
 
-    /// The mean over pixels of ((I_n - R)^2/S^2 - 1/N) n for the last rung I_n of a ladder of independent samples, S^2 being the variance of
-    /// its samples and the reference's as one set: 1 by the law, and 1 - 2 n/N if they are among the reference's own. With the square of its
-    /// standard error; none without noise.
+    /// The mean over pixels of ((I_n - R)^2/S^2 - 1/N) n, with the square of its standard error; none without noise.
     ///
-    /// Of the ladder's own samples variances are not packed: what its rungs are apart stands for them, which is of the right size in
-    /// the mean, and too small where one rare event decides; so that such pixels count too much, never too little.
+    /// I_n is the last rung of a ladder of independent samples, R the reference of N samples, and S^2 the variance of
+    /// the samples of both as one set. By the law the mean is 1. It is 1 - 2 n/N if the ladder's samples are among the
+    /// reference's own.
+    ///
+    /// Variances of the ladder's own samples are not packed. What its rungs are apart stands for them. That is of the
+    /// right size in the mean, and too small where one rare event decides: such pixels count too much, never too
+    /// little.
     pub(crate) fn against_law(&self, counts: &[u64], states: &[Image]) -> Option<(f64, f64)> {
         let (spp, last) = counts.last().copied().zip(states.last())?;
         let values = |image: &Image, at: usize| f64::from(image.data()[at]);
@@ -132,8 +140,10 @@ impl HeldOut {
     }
 }
 
-/// Whether references and images of `spp` samples share samples, by what [`HeldOut::against_law`] says of each scene: how large it is
-/// over all of them, if so. Its standard error is the larger of what pixels and what scenes say.
+/// Whether references and images of `spp` samples share samples, by what [`HeldOut::against_law`] says of each scene.
+///
+/// If they do, this is how large it is over all scenes. Its standard error is the larger of what pixels and what scenes
+/// say.
 pub(crate) fn shared(figures: &[(f64, f64)], spp: u64, reference: u64) -> Option<f64> {
     let scenes = figures.len() as f64;
     let value = figures.iter().map(|figure| figure.0).sum::<f64>() / scenes;
@@ -202,7 +212,8 @@ mod tests {
         for (share, events) in [(3, 0.5), (10, 0.5), (10, 0.1), (10, 2.0)] {
             let mut stream = Stream::new(4, &[]);
             let (states, held_out) = images(false, |at| {
-                // In so many tenths of the pixels the reference draws as many events in the mean; others are as noise is.
+                // In so many tenths of the pixels the reference draws as many events in the mean. Others are as noise
+                // is.
                 if at / 3 % 10 < share {
                     1.0 + f64::from(u8::from(stream.uniform() < events / HELD as f64))
                 } else {

@@ -3,15 +3,12 @@
 use crate::metrics::{MetricError, Reference};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use tauflow_contract::{Action, Artifact, Context, InputPort, Kind, KindError, KindSpec, Mode, OutputPort, Outputs};
+use tauflow_contract::{Action, Context, Each, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs};
 use tauflow_data::{
     Image,
-    formats::{JSON, PACKED, PackedScene, REFINED, RefinedImage, load_refined},
-    results::{SceneScores, Score},
+    methods::HOLD,
+    records::{PackedScene, Refined, RefinedImage, SceneScores, Score},
 };
-
-/// The method of a scene's own rung.
-pub const HOLD: &str = "hold";
 
 /// The kind `image_metrics`.
 pub struct ImageMetrics;
@@ -32,11 +29,11 @@ impl Default for ImageMetricsParams {
 }
 
 // `images` stands first: where it is connected it decides the items, and each needs a reference.
-const INPUTS: &[InputPort] = &[
-    InputPort::each("images", REFINED, "The images to score; left out, a rung of the references is scored.").or_none(),
-    InputPort::each("references", PACKED, "The same scenes; the last rung is the reference."),
-];
-const OUTPUTS: &[OutputPort] = &[OutputPort::new("metrics", JSON, "The metrics of each image of a scene.")];
+const IMAGES: Each<Refined> =
+    Each::new("images", "The images to score; left out, a rung of the references is scored.").or_none();
+const REFERENCES: Each<PackedScene> = Each::new("references", "The same scenes; the last rung is the reference.");
+const MAIN: Group = Group::main(1);
+const METRICS: Out<SceneScores> = Out::new(MAIN, "metrics", "The metrics of each image of a scene.");
 
 impl Kind for ImageMetrics {
     type Params = ImageMetricsParams;
@@ -44,27 +41,26 @@ impl Kind for ImageMetrics {
     fn spec() -> KindSpec {
         KindSpec {
             name: "image_metrics",
-            version: 1,
             summary: "Compares images with references: PSNR, MAE, SSIM.",
             manual: include_str!("image_metrics.md"),
             mode: Mode::Map,
-            inputs: INPUTS,
-            outputs: OUTPUTS,
+            inputs: const { &[IMAGES.port(), REFERENCES.port()] },
+            outputs: const { &[METRICS.port()] },
             seeded: false,
         }
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let item = action.item()?.as_str();
-        let scene = PackedScene::from_bytes(&ctx.part(action.each("references")?, "")?)?;
+        let scene = action.read(ctx, REFERENCES)?;
         let (Some(reference_spp), Some(last)) = (scene.counts.last().copied(), scene.states.last()) else {
             return Err(KindError::Input(format!("`{item}` has no rung to be its reference")));
         };
         let reference =
             Reference::new(last).map_err(|e| KindError::Input(format!("the reference of `{item}`: {e}")))?;
-        let (images, note) = match action.each.get("images") {
-            Some(refined) => load_refined(ctx, refined)?,
-            None => (vec![own_rung(&scene, action.params.from)?], None),
+        let Refined { images, note } = match action.read_if(ctx, IMAGES)? {
+            Some(refined) => refined,
+            None => Refined { images: vec![own_rung(&scene, action.params.from)?], note: None },
         };
         let mut scores = Vec::with_capacity(images.len());
         for (said, image) in images {
@@ -73,8 +69,7 @@ impl Kind for ImageMetrics {
             let RefinedImage { method, from_spp, to_spp, nfe } = said;
             scores.push(Score { method, from_spp, to_spp, nfe, metrics });
         }
-        let digest = ctx.put_json(&SceneScores { reference_spp, scores, note })?;
-        Ok(Outputs::default().item("metrics", Artifact::blob(JSON, digest)))
+        Ok(Outputs::default().put(METRICS, SceneScores { reference_spp, scores, note }.store(ctx)?))
     }
 }
 

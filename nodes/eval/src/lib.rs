@@ -3,9 +3,9 @@
 //! Compares images with references and sums the scores up; knows nothing of how images are made or shown.
 
 pub mod bootstrap;
-mod bridge;
 pub mod bridge_maps;
 mod bridge_tables;
+mod bridge_validation;
 mod claims;
 pub mod curve;
 mod evaluation;
@@ -15,12 +15,13 @@ pub mod metrics;
 mod ssim;
 mod time_course;
 mod time_error;
+mod time_scene;
 mod time_tables;
 
-pub use bridge::{BridgeClock, BridgeValidation, BridgeValidationParams};
 pub use bridge_tables::fraction;
+pub use bridge_validation::{BridgeValidation, BridgeValidationParams};
 pub use evaluation::{EvaluationKind, EvaluationParams, PSNR_CEILING, bounded, evaluate};
-pub use image_metrics::{HOLD, ImageMetrics, ImageMetricsParams};
+pub use image_metrics::{ImageMetrics, ImageMetricsParams};
 pub use time_error::{TimeErrorKind, TimeErrorParams};
 
 use tauflow_contract::{KindRow, NodeKind};

@@ -1,11 +1,11 @@
 //! Errors of an image against its reference: PSNR and MAE of linear radiance and of previews, and SSIM.
 //!
 //! Images are exposed linear radiance. Knows no scene, method or file. Sources: SSIM of Wang, Bovik, Sheikh and
-//! Simoncelli 2004 with its Gaussian window; the display transform is [`tauflow_data::image::preview`]. Sums are f64, in
-//! row order, so that results are the same bits everywhere.
+//! Simoncelli 2004 with its Gaussian window. The display transform is [`tauflow_data::image::preview`]. Sums are
+//! f64, in row order, so that results are the same bits everywhere.
 
 use crate::ssim::{Moments, RADIUS, ssim};
-use tauflow_data::{Image, image::preview, maths::log10, results::Metrics};
+use tauflow_data::{Image, image::preview, maths::log10, records::Metrics};
 
 /// An image that cannot be compared with its reference.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -156,7 +156,7 @@ pub fn metrics(image: &Image, reference: &Image) -> Result<Metrics, MetricError>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tauflow_data::{results::METRICS, rng::Stream};
+    use tauflow_data::{records::METRICS, rng::Stream};
 
     fn noise(seed: u64, width: usize, height: usize) -> Image {
         let mut stream = Stream::new(seed, &[]);
@@ -224,7 +224,7 @@ mod tests {
         let (less, more) = (mixed(0.05), mixed(0.2));
         for name in METRICS {
             let (a, b) = (less.get(name).expect("known"), more.get(name).expect("known"));
-            let better = if tauflow_data::results::higher_is_better(name) { a > b } else { a < b };
+            let better = if tauflow_data::records::higher_is_better(name) { a > b } else { a < b };
             assert!(better, "{name}: {a} {b}");
         }
         // Four times the error: 20 log10 4 dB, up to the values that were clipped at 0.

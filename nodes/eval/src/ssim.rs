@@ -1,8 +1,8 @@
 //! Structural similarity with an 11x11 Gaussian window, on the windows that lie wholly inside.
 //!
 //! Source: Wang, Bovik, Sheikh, Simoncelli, "Image Quality Assessment: From Error Visibility to Structural Similarity",
-//! 2004: sigma 1.5, K1 = .01, K2 = .03, population covariance; values run from 0 to 1 (L = 1). The window is separable, so
-//! each mean is two passes of 11 taps.
+//! 2004: sigma 1.5, K1 = .01, K2 = .03, population covariance. Values run from 0 to 1 (L = 1). The window is
+//! separable, so each mean is two passes of 11 taps.
 
 use tauflow_data::{Image, maths::exp};
 

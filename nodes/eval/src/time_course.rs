@@ -1,4 +1,6 @@
-//! The path tracer of a scene as a function of its samples: errors and times between and beyond the rungs that were measured.
+//! The path tracer of a scene as a function of its samples.
+//!
+//! It gives errors and times between the rungs that were measured, and beyond them.
 
 use crate::time_tables::Sample;
 use tauflow_data::maths::{exp, log};
@@ -15,7 +17,7 @@ impl Course<'_> {
         self.0.len() - 1
     }
 
-    /// Samples after which the squared error is this: along straight lines of logarithms, and beyond the ends by the law.
+    /// Samples after which the squared error is this: along straight lines of logarithms, beyond the ends by the law.
     pub(crate) fn spp_of(&self, mse: f64) -> f64 {
         let by_law = |i: usize| self.spp(i) * self.0[i].mse / mse;
         let Some(i) = self.0.iter().position(|s| s.mse <= mse) else { return by_law(self.last()) };
@@ -60,7 +62,8 @@ impl Course<'_> {
         (self.spp(i - 1) + share * (self.spp(i) - self.spp(i - 1))).max(self.spp(0))
     }
 
-    /// A figure at so many samples: along straight lines over log samples; beyond the last rung `beyond` for each factor of e.
+    /// A figure at so many samples, along straight lines over log samples. Beyond the last rung it grows by `beyond`
+    /// for each factor of e.
     pub(crate) fn at(&self, spp: f64, of: impl Fn(&Sample) -> f64, beyond: f64) -> f64 {
         let last = self.last();
         if spp >= self.spp(last) {

@@ -4,15 +4,18 @@ use crate::{
     bootstrap::{Resampled, Table},
     evaluation::{PSNR_CEILING, coordinates, stratum},
     time_course::{Course, decibels},
-    time_error::{PATH_TRACER, TimeErrorParams},
+    time_error::TimeErrorParams,
 };
 use std::collections::BTreeMap;
 use tauflow_contract::KindError;
 use tauflow_data::{
     maths::{exp, log, pow},
-    results::Estimate,
+    methods::{
+        Conditioning, PATH_TRACER,
+        axes::{CONDITIONING, FROM, METHOD, PARAMETERIZATION, SAMPLER},
+    },
+    records::{Estimate, TimeError, TimeTo, TimedMethod, TimedPoint, TimedScene, TimedSummary, VersusRendering},
     statistics::quantile,
-    time_error::{TimeError, TimeTo, TimedMethod, TimedPoint, TimedScene, TimedSummary, VersusRendering},
     timing::machine,
 };
 
@@ -44,8 +47,8 @@ pub(crate) struct MethodOf {
 impl MethodOf {
     pub(crate) fn new(cell: &str, method: &str) -> Self {
         let mut cell = coordinates(cell);
-        let conditioning = cell.remove("conditioning").unwrap_or_else(|| "rgb".into());
-        ["from", "parameterization", "method", "sampler"].into_iter().for_each(|axis| drop(cell.remove(axis)));
+        let conditioning = cell.remove(CONDITIONING).unwrap_or_else(|| Conditioning::Rgb.name().to_owned());
+        [FROM, PARAMETERIZATION, METHOD, SAMPLER].into_iter().for_each(|axis| drop(cell.remove(axis)));
         Self { method: method.to_owned(), conditioning, cell }
     }
 }
@@ -124,7 +127,7 @@ pub(crate) fn summarise(
         }
         methods.push(TimedMethod {
             method: name.map_or(PATH_TRACER, |of| &of.method).to_owned(),
-            conditioning: name.map_or("rgb", |of| &of.conditioning).to_owned(),
+            conditioning: name.map_or(Conditioning::Rgb.name(), |of| &of.conditioning).to_owned(),
             cell: name.map(|of| of.cell.clone()).unwrap_or_default(),
             points: found,
             targets: targets(&all.scenes, method, params),
@@ -305,8 +308,8 @@ pub(crate) mod tests {
         }
     }
 
-    /// A path tracer with error variance/n and time 0.1 s + n times 10 ms, and a solver that divides the error of 1 sample by
-    /// 100 in 0.2 s more.
+    /// A path tracer with error variance/n and time 0.1 s + n times 10 ms, and a solver that divides the error of 1
+    /// sample by 100 in 0.2 s more.
     pub(crate) fn scene(i: u64) -> Measured {
         let variance = 0.1 + Stream::new(5, &[i]).uniform();
         let own = (0..8).map(|k| 1u64 << k);

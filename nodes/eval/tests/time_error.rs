@@ -1,16 +1,22 @@
-//! The kind `time_error` over ladders and times in memory: whose time is whose, exposures, references' own noise, refusals.
+//! The kind `time_error` over ladders and times in memory: whose time is whose, exposures, references' own noise,
+//! refusals.
 
 use std::{collections::BTreeMap, sync::atomic::AtomicBool};
-use tauflow_contract::{Action, Artifact, Collection, Context, ItemKey, Kind, KindError, MemoryBlobs, Outputs, Silent};
+use tauflow_contract::{
+    Action, Collection, Context, Handle, ItemKey, Kind, KindError, Media, MemoryBlobs, Outputs, Silent,
+};
 use tauflow_data::{
-    Image, Ladder, LadderMeta,
-    formats::{EXPOSURE, Exposure, JSON, PACKED, PackedScene, RefinedImage, store_refined},
-    ladder::{Rung, SamplerKind},
-    time_error::{TimeError, TimedMethod},
-    timing::{Repeated, TimedImage, Timing},
+    Image, SamplerKind,
+    methods::{PATH_TRACER, PATH_TRACER_SOBOL, Parameterization},
+    records::{
+        Exposure, Ladder, LadderMeta, PackedScene, Refined, RefinedImage, Rung, TimeError, TimedImage, TimedMethod,
+        Timing,
+    },
+    timing::Repeated,
 };
 use tauflow_eval::{TimeErrorKind, TimeErrorParams};
 
+const MC_NOISE: &str = Parameterization::McNoise.name();
 const SIDE: usize = 12;
 const SCENES: [&str; 2] = ["L0-open-000000", "L1-enclosed-000003"];
 /// Of every scene: what its images are off by is given in exposed radiance.
@@ -47,16 +53,12 @@ impl Bench {
         let mut bench = Self { blobs: MemoryBlobs::default(), stop: AtomicBool::new(false), ports: BTreeMap::new() };
         let counts = [1, 4, 16].map(|n| (n, 0.04 / n as f64));
         for scene in SCENES {
-            bench.put("references", scene, |ctx| ladder(&[(1000, 0.0)], SamplerKind::Independent, 0.0).store(ctx));
-            let exposure = Exposure { factor: FACTOR, ev: 0.0, mean_luminance: 0.4 };
-            bench.put("exposure", scene, |ctx| Ok(Artifact::blob(EXPOSURE, ctx.put_json(&exposure)?)));
-            bench.put("ladders", scene, |ctx| {
-                let exposed = |mse: &(u64, f64)| off(mse.1).map(|v| v * FACTOR as f32);
-                let states = counts.iter().map(exposed).collect();
-                let packed = PackedScene { counts: vec![1, 4, 16], states, gbuffer: None };
-                Ok(Artifact::blob(PACKED, ctx.put(&packed.to_bytes()?)?))
-            });
-            bench.times("render_times", scene, timing("path_tracer", 0, &[(1, 0.01), (4, 0.04), (16, 0.16)]));
+            bench.put("references", scene, &ladder(&[(1000, 0.0)], SamplerKind::Independent, 0.0));
+            bench.put("exposure", scene, &Exposure { factor: FACTOR, ev: 0.0, mean_luminance: 0.4 });
+            let exposed = |mse: &(u64, f64)| off(mse.1).map(|v| v * FACTOR as f32);
+            let states = counts.iter().map(exposed).collect();
+            bench.put("ladders", scene, &PackedScene { counts: vec![1, 4, 16], states, gbuffer: None });
+            bench.put("render_times", scene, &timing(PATH_TRACER, 0, &[(1, 0.01), (4, 0.04), (16, 0.16)]));
         }
         bench
     }
@@ -65,28 +67,24 @@ impl Bench {
         Context::new(&self.blobs, &Silent, &self.stop)
     }
 
-    fn put(&mut self, port: &'static str, key: &str, make: impl FnOnce(&Context<'_>) -> Result<Artifact, KindError>) {
-        let artifact = make(&self.ctx()).expect("memory");
+    fn put<M: Media>(&mut self, port: &'static str, key: &str, record: &M) {
+        let artifact = record.store(&self.ctx()).expect("memory").into_artifact();
         let before = self.ports.remove(port).unwrap_or_default();
         let item = (ItemKey::new(key).expect("a key"), artifact);
         self.ports.insert(port, before.iter().map(|(k, a)| (k.clone(), a.clone())).chain([item]).collect());
     }
 
-    fn times(&mut self, port: &'static str, key: &str, times: Timing) {
-        self.put(port, key, |ctx| Ok(Artifact::blob(JSON, ctx.put_json(&times)?)));
-    }
-
     fn run(&self) -> Result<Outputs, KindError> {
-        let whole = self.ports.iter().map(|(port, of)| (*port, of)).collect();
+        let all = self.ports.iter().map(|(port, of)| (*port, of)).collect();
         let params = TimeErrorParams { resamples: 100, ..TimeErrorParams::default() };
-        let action = Action { params, item: None, group: "main", seed: 3, each: BTreeMap::new(), whole };
+        let action = Action { params, item: None, group: "main", seed: 3, each: BTreeMap::new(), all };
         TimeErrorKind::run(&self.ctx(), &action)
     }
 
     fn tables(&self) -> TimeError {
         let outputs = self.run().expect("sound inputs");
         let (_, artifact) = outputs.collections["tables"].iter().next().expect("one item");
-        self.ctx().json(artifact, "").expect("tables")
+        Handle::new(artifact).expect("the port's type").load(&self.ctx()).expect("tables")
     }
 }
 
@@ -103,19 +101,18 @@ fn other_samplers_and_renderers_take_their_own_time_and_are_exposed() {
     let mut bench = Bench::new();
     for scene in SCENES {
         let key = format!("sampler=sobol/{scene}");
-        bench.put("sampled", &key, |ctx| ladder(&[(1, 0.04), (4, 0.0025)], SamplerKind::Sobol, 0.0).store(ctx));
+        bench.put("sampled", &key, &ladder(&[(1, 0.04), (4, 0.0025)], SamplerKind::Sobol, 0.0));
         // A rung that was not timed is left away.
-        bench.times("rendered_times", &key, timing("path_tracer", 0, &[(4, 0.05)]));
-        bench.put("rendered", &format!("method=mitsuba/{scene}"), |ctx| {
-            let said = RefinedImage { method: "mitsuba".into(), from_spp: 4, to_spp: 4, nfe: 0 };
-            store_refined(ctx, vec![(said, off(0.01))], None, Vec::new())
-        });
-        bench.times("rendered_times", &format!("method=mitsuba/{scene}"), timing("mitsuba", 0, &[(4, 0.08)]));
+        bench.put("rendered_times", &key, &timing(PATH_TRACER, 0, &[(4, 0.05)]));
+        let said = RefinedImage { method: "mitsuba".into(), from_spp: 4, to_spp: 4, nfe: 0 };
+        let images = vec![(said, off(0.01))];
+        bench.put("rendered", &format!("method=mitsuba/{scene}"), &Refined { images, note: None });
+        bench.put("rendered_times", &format!("method=mitsuba/{scene}"), &timing("mitsuba", 0, &[(4, 0.08)]));
     }
     let tables = bench.tables();
     let names: Vec<&str> = tables.methods.iter().map(|m| m.method.as_str()).collect();
-    assert_eq!(names, ["path_tracer", "mitsuba", "path_tracer_sobol"]);
-    let sobol = &method(&tables, "path_tracer_sobol");
+    assert_eq!(names, [PATH_TRACER, "mitsuba", PATH_TRACER_SOBOL]);
+    let sobol = &method(&tables, PATH_TRACER_SOBOL);
     assert!(sobol.cell.is_empty() && sobol.points.len() == 1);
     // Its error at 4 samples is that of the path tracer at 16, after 0.05 s in place of 0.16 s.
     near(sobol.points[0].all.mse, 0.0025);
@@ -131,14 +128,13 @@ fn refined_images_take_the_endpoints_time_too() {
     let mut bench = Bench::new();
     for scene in SCENES {
         let key = format!("conditioning=rgb+from=1/{scene}");
-        bench.put("refined", &key, |ctx| {
-            let said = RefinedImage { method: "mc_noise".into(), from_spp: 1, to_spp: 16, nfe: 2 };
-            store_refined(ctx, vec![(said, off(0.01).map(|v| v * FACTOR as f32))], None, Vec::new())
-        });
-        bench.times("times", &key, timing("mc_noise", 2, &[(1, 0.03)]));
+        let said = RefinedImage { method: MC_NOISE.into(), from_spp: 1, to_spp: 16, nfe: 2 };
+        let images = vec![(said, off(0.01).map(|v| v * FACTOR as f32))];
+        bench.put("refined", &key, &Refined { images, note: None });
+        bench.put("times", &key, &timing(MC_NOISE, 2, &[(1, 0.03)]));
     }
     let tables = bench.tables();
-    let point = &method(&tables, "mc_noise").points[0];
+    let point = &method(&tables, MC_NOISE).points[0];
     near(point.all.wall_s[1], 0.04);
     near(point.all.cpu_s[1], 0.08);
     near(point.all.mse, 0.01);
@@ -151,15 +147,16 @@ fn what_the_references_own_noise_adds_is_taken_off_where_it_is_known() {
         let mut bench = Bench::new();
         bench.ports.remove("references");
         for scene in SCENES {
-            // Of 1000 samples of exposed variance 0.035, somewhat less than the path tracer's: 0.000035 of every squared error is the reference's.
+            // Of 1000 samples of exposed variance 0.035, somewhat less than the path tracer's: 0.000035 of every
+            // squared error is the reference's.
             let variance = (0.035 / (FACTOR * FACTOR)) as f32;
-            bench.put("references", scene, |ctx| ladder(&[(1000, 0.0)], sampler, variance).store(ctx));
+            bench.put("references", scene, &ladder(&[(1000, 0.0)], sampler, variance));
         }
         let all = bench.tables().methods[0].points[2].all.clone();
         near(all.hdr_psnr, -10.0 * all.mse.log10());
         all.mse
     };
-    near(with(SamplerKind::Independent), 0.0025 - 0.000035);
+    near(with(SamplerKind::Independent), 0.0025 - 0.000_035);
     near(with(SamplerKind::Sobol), 0.0025);
 }
 
@@ -170,7 +167,7 @@ fn a_reference_that_is_no_judge_is_refused() {
     for scene in SCENES {
         // The rung of 16 samples, which has noise.
         let last = [(16, 0.04 / 16.0)];
-        bench.put("references", scene, |ctx| ladder(&last, SamplerKind::Independent, 0.1).store(ctx));
+        bench.put("references", scene, &ladder(&last, SamplerKind::Independent, 0.1));
     }
     let error = bench.run().expect_err("its own rung").to_string();
     assert!(error.contains("its own ladder") && error.contains("`stream`"), "{error}");
@@ -179,22 +176,22 @@ fn a_reference_that_is_no_judge_is_refused() {
     bench.ports.remove("references");
     for scene in SCENES {
         let variance = (0.06 / (FACTOR * FACTOR)) as f32;
-        bench.put("references", scene, |ctx| ladder(&[(1000, 0.0)], SamplerKind::Independent, variance).store(ctx));
+        bench.put("references", scene, &ladder(&[(1000, 0.0)], SamplerKind::Independent, variance));
     }
     let error = bench.run().expect_err("shared samples").to_string();
     assert!(error.contains("share samples") && error.contains("`stream`"), "{error}");
     let mut bench = Bench::new();
     bench.ports.remove("references");
     for (scene, spp) in SCENES.iter().zip([1000, 2000]) {
-        bench.put("references", scene, |ctx| ladder(&[(spp, 0.0)], SamplerKind::Independent, 0.0).store(ctx));
+        bench.put("references", scene, &ladder(&[(spp, 0.0)], SamplerKind::Independent, 0.0));
     }
     let error = bench.run().expect_err("two counts").to_string();
     assert!(error.contains("1000") && error.contains("2000"), "{error}");
     let mut bench = Bench::new();
     for scene in SCENES {
         let key = format!("sampler=independent/{scene}");
-        bench.put("sampled", &key, |ctx| ladder(&[(1, 0.04)], SamplerKind::Independent, 0.0).store(ctx));
-        bench.times("rendered_times", &key, timing("path_tracer", 0, &[(1, 0.05)]));
+        bench.put("sampled", &key, &ladder(&[(1, 0.04)], SamplerKind::Independent, 0.0));
+        bench.put("rendered_times", &key, &timing(PATH_TRACER, 0, &[(1, 0.05)]));
     }
     let error = bench.run().expect_err("the same method twice").to_string();
     assert!(error.contains("sampler=independent") && error.contains("another sampler"), "{error}");
@@ -204,17 +201,17 @@ fn a_reference_that_is_no_judge_is_refused() {
 fn ports_that_do_not_fit_are_told() {
     let mut bench = Bench::new();
     let key = format!("sampler=sobol/{}", SCENES[0]);
-    bench.put("sampled", &key, |ctx| ladder(&[(1, 0.04)], SamplerKind::Sobol, 0.0).store(ctx));
+    bench.put("sampled", &key, &ladder(&[(1, 0.04)], SamplerKind::Sobol, 0.0));
     let error = bench.run().expect_err("no times").to_string();
     assert!(error.contains("`rendered` or `sampled`") && error.contains("`rendered_times`"), "{error}");
-    bench.times("rendered_times", &key, timing("path_tracer", 0, &[(1, 0.05)]));
+    bench.put("rendered_times", &key, &timing(PATH_TRACER, 0, &[(1, 0.05)]));
     let error = bench.run().expect_err("one scene of two").to_string();
     assert!(error.contains(SCENES[1]) && error.contains("sampler=sobol"), "{error}");
     let mut bench = Bench::new();
     for scene in SCENES {
         let key = format!("sampler=sobol/{scene}");
-        bench.put("sampled", &key, |ctx| ladder(&[(1, 0.04)], SamplerKind::Sobol, 0.0).store(ctx));
-        bench.times("rendered_times", &key, timing("path_tracer", 0, &[(4, 0.05)]));
+        bench.put("sampled", &key, &ladder(&[(1, 0.04)], SamplerKind::Sobol, 0.0));
+        bench.put("rendered_times", &key, &timing(PATH_TRACER, 0, &[(4, 0.05)]));
     }
     let error = bench.run().expect_err("times of other rungs").to_string();
     assert!(error.contains("`path_tracer_sobol`") && error.contains("was not timed"), "{error}");

@@ -1,12 +1,15 @@
 //! Renders independent batches of a scene and times them, for the comparisons in `benches/mitsuba`.
 //!
-//! `batches SCENE SIDE SPP BATCHES THREADS OUT [late]`: SCENE is a folder as `tauflow export` or `tauflow render` read it, with
-//! `scene.json` and `blob/`. Each batch has a random stream of its own. OUT gets the batch means, f32 RGB, one after
-//! another; standard output one line of JSON. With `late`, paths are ended as Mitsuba ends them.
+//! `batches SCENE SIDE SPP BATCHES THREADS OUT [late]`: SCENE is a folder as `tauflow export` writes it. Each batch has
+//! a random stream of its own. OUT gets the batch means, f32 RGB, one after another; standard output one line of JSON.
+//! With `late`, paths are ended as Mitsuba ends them.
+#![expect(clippy::disallowed_methods, reason = "it measures")]
 
-use std::{collections::BTreeMap, error::Error, fs, path::Path, time::Instant};
+mod exported;
+
+use std::{error::Error, fs, path::Path, time::Instant};
 use tauflow_contract::{Digest, KindError};
-use tauflow_data::scene::Scene;
+use tauflow_data::Resolution;
 use tauflow_render::{integrator::Roulette, render::Renderer, world::World};
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -14,16 +17,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let [scene, side, spp, batches, threads, out, how @ ..] = args.as_slice() else {
         return Err("usage: batches SCENE SIDE SPP BATCHES THREADS OUT [late]".into());
     };
-    let (side, spp, batches): (usize, u64, u64) = (side.parse()?, spp.parse()?, batches.parse()?);
-    let folder = Path::new(scene);
-    let scene: Scene = serde_json::from_slice(&fs::read(folder.join("scene.json"))?)?;
-    let mut blobs = BTreeMap::new();
-    if let Ok(entries) = fs::read_dir(folder.join("blob")) {
-        for entry in entries {
-            let bytes = fs::read(entry?.path())?;
-            blobs.insert(Digest::of(&bytes), bytes);
-        }
-    }
+    let (side, spp, batches): (u32, u64, u64) = (side.parse()?, spp.parse()?, batches.parse()?);
+    let (scene, blobs) = exported::read(Path::new(scene))?;
     let mut load = |digest: &Digest| -> Result<Vec<u8>, KindError> {
         blobs.get(digest).cloned().ok_or_else(|| KindError::Input(format!("no blob {digest}")))
     };
@@ -35,7 +30,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (mut seconds, mut segments, mut rejected) = (Vec::new(), 0, 0);
     for batch in 0..batches {
         let roulette = if how.iter().any(|h| h == "late") { Roulette::LATE } else { Roulette::default() };
-        let renderer = Renderer::new(&world, side, side, 1000 + batch)?.with_roulette(roulette);
+        let renderer = Renderer::new(&world, Resolution::new(side, side)?, 1000 + batch)?.with_roulette(roulette);
         let mut film = renderer.begin();
         let begun = Instant::now();
         pool.install(|| renderer.advance(&mut film, spp, &mut |_| Ok(())))?;

@@ -1,8 +1,9 @@
 //! Measures paths per second and core on scenes built by hand, and writes their images:
 //! `cargo run --release -p tauflow-render --example paths_per_second [folder]`.
+#![expect(clippy::disallowed_methods, reason = "it measures")]
 
 use std::{error::Error, fs, path::PathBuf, time::Instant};
-use tauflow_data::image_io::preview_png;
+use tauflow_data::{Resolution, image_io::preview_png};
 use tauflow_render::{render::Renderer, world::World};
 
 #[path = "../tests/scenes/mod.rs"]
@@ -16,7 +17,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let begun = Instant::now();
         let world = World::new(&built.scene, &mut |digest| built.load(digest))?;
         let compiled = begun.elapsed();
-        let renderer = Renderer::new(&world, side, side, 0)?;
+        let renderer = Renderer::new(&world, Resolution::new(side, side)?, 0)?;
         let mut film = renderer.begin();
         let begun = Instant::now();
         pool.install(|| renderer.advance(&mut film, spp, &mut |_| Ok(())))?;

@@ -1,15 +1,17 @@
 //! What each skip saves: time with it undone over time as usual, on one core.
 //!
-//! `skips FOLDER [SIDE SPP [--together]]`: FOLDER holds scenes as `tauflow export` writes them, `L0-open-000000/scene.json` and so on.
-//! Prints a table: medians over scenes, and how far images differ; with `--together`, as JSON, how long all scenes take as usual and
-//! with all undone at once.
+//! `skips FOLDER [SIDE SPP [--together]]`: FOLDER holds scenes as `tauflow export` writes them, `L0-open-000000` and so
+//! on. Prints a table: medians over scenes, and how far images differ. With `--together` it prints JSON: how long all
+//! scenes take as usual, and with all undone at once.
+#![expect(clippy::disallowed_methods, reason = "it measures")]
 
+use exported::{Blobs, read};
 use std::{collections::BTreeMap, error::Error, fs, path::Path, time::Instant};
 use tauflow_contract::{Digest, KindError};
-use tauflow_data::{Stratum, scene::Scene};
+use tauflow_data::{Resolution, Stratum, scene::Scene};
 use tauflow_render::{accumulator::Accumulator, render::Renderer, skips::Skip, world::World};
 
-type Blobs = BTreeMap<Digest, Vec<u8>>;
+mod exported;
 
 /// Times are the least of so many, taken in turns.
 const ROUNDS: usize = 5;
@@ -20,8 +22,8 @@ fn world(scene: &Scene, blobs: &Blobs) -> Result<World, KindError> {
     })
 }
 
-fn render(world: &World, side: usize, spp: u64) -> Result<(f64, Accumulator), KindError> {
-    let renderer = Renderer::new(world, side, side, 0)?;
+fn render(world: &World, film: Resolution, spp: u64) -> Result<(f64, Accumulator), KindError> {
+    let renderer = Renderer::new(world, film, 0)?;
     let mut film = renderer.begin();
     let begun = Instant::now();
     renderer.advance(&mut film, spp, &mut |_| Ok(()))?;
@@ -46,24 +48,11 @@ fn median(mut values: Vec<f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// A scene and the blobs that it names.
-fn read(folder: &Path) -> Result<(Scene, Blobs), Box<dyn Error>> {
-    let scene: Scene = serde_json::from_slice(&fs::read(folder.join("scene.json"))?)?;
-    let mut blobs = Blobs::new();
-    if let Ok(entries) = fs::read_dir(folder.join("blob")) {
-        for entry in entries {
-            let bytes = fs::read(entry?.path())?;
-            blobs.insert(Digest::of(&bytes), bytes);
-        }
-    }
-    Ok((scene, blobs))
-}
-
 /// Seconds that all scenes take as usual, and with every skip undone.
 fn together(
     folder: &Path,
     names: &[String],
-    (side, spp): (usize, u64),
+    (film, spp): (Resolution, u64),
     pool: &rayon::ThreadPool,
 ) -> Result<(), Box<dyn Error>> {
     let (mut usual_s, mut undone_s) = (0.0, 0.0);
@@ -83,8 +72,8 @@ fn together(
         }
         let (mut on, mut off) = (f64::INFINITY, f64::INFINITY);
         for _ in 0..ROUNDS {
-            on = on.min(pool.install(|| render(&usual, side, spp))?.0);
-            off = off.min(pool.install(|| render(&undone, side, spp))?.0);
+            on = on.min(pool.install(|| render(&usual, film, spp))?.0);
+            off = off.min(pool.install(|| render(&undone, film, spp))?.0);
         }
         usual_s += on;
         undone_s += off;
@@ -96,7 +85,8 @@ fn together(
 fn main() -> Result<(), Box<dyn Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
     let folder = Path::new(args.first().ok_or("usage: skips FOLDER [SIDE SPP]")?);
-    let side: usize = args.get(1).map_or(Ok(96), |v| v.parse())?;
+    let side: u32 = args.get(1).map_or(Ok(96), |v| v.parse())?;
+    let film = Resolution::new(side, side)?;
     let spp: u64 = args.get(2).map_or(Ok(16), |v| v.parse())?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     let mut names: Vec<String> =
@@ -104,7 +94,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     names.retain(|name| Stratum::of_key(name).is_some());
     names.sort();
     if args.iter().any(|word| word == "--together") {
-        return together(folder, &names, (side, spp), &pool);
+        return together(folder, &names, (film, spp), &pool);
     }
     // By skip and context: ratios and deviations.
     let mut found: BTreeMap<(usize, String), Vec<(f64, f64)>> = BTreeMap::new();
@@ -132,8 +122,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             let (mut on, mut off) = (f64::INFINITY, f64::INFINITY);
             let mut films = None;
             for _ in 0..ROUNDS {
-                let a = pool.install(|| render(&usual, side, spp))?;
-                let b = pool.install(|| render(&undone, side, spp))?;
+                let a = pool.install(|| render(&usual, film, spp))?;
+                let b = pool.install(|| render(&undone, film, spp))?;
                 (on, off) = (on.min(a.0), off.min(b.0));
                 films = Some((a.1, b.1));
             }
@@ -141,10 +131,10 @@ fn main() -> Result<(), Box<dyn Error>> {
             note(number, off / on, differs);
         }
         // Features of the first surface, rendered though nobody reads them.
-        let renderer = Renderer::new(&usual, side, side, 0)?;
+        let renderer = Renderer::new(&usual, film, 0)?;
         let (mut on, mut features) = (f64::INFINITY, f64::INFINITY);
         for _ in 0..ROUNDS {
-            on = on.min(pool.install(|| render(&usual, side, spp))?.0);
+            on = on.min(pool.install(|| render(&usual, film, spp))?.0);
             let begun = Instant::now();
             pool.install(|| renderer.gbuffer(0, spp, &mut |_| Ok(())))?;
             features = features.min(begun.elapsed().as_secs_f64());

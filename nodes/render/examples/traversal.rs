@@ -1,7 +1,9 @@
 //! Rays a second of the hierarchy's kernels beside obvhs's own traversal, and build times; on one core.
 //!
-//! `traversal [FOLDER]`: meshes of 1 k to 1 M triangles, a bumpy ball seen from within; camera rays, rays scattered where
-//! these end, and shadow rays from there to points about the middle. FOLDER gets meshes and rays for `benches/embree`.
+//! `traversal [FOLDER]`: meshes of 1 k to 1 M triangles, a bumpy ball seen from within; camera rays, rays scattered
+//! where these end, and shadow rays from there to points about the middle. FOLDER gets meshes and rays for
+//! `benches/embree`.
+#![expect(clippy::disallowed_methods, reason = "it measures")]
 
 use glam::{Vec3, Vec3A};
 use obvhs::{
@@ -19,8 +21,8 @@ use std::{
 };
 use tauflow_data::{maths, rng::Stream};
 use tauflow_render::{
+    Instructions,
     accel::{Accel, Primitive, RayBatch},
-    dispatch::Instructions,
     geometry::{Ray, area_normal},
 };
 
@@ -99,7 +101,7 @@ fn secondary(triangles: &[[Vec3; 3]], rays: &[Ray], batches: &[RayBatch]) -> [Ve
 fn write(folder: &std::path::Path, name: &str, triangles: &[[Vec3; 3]], sets: &[&[Ray]]) -> Result<(), Box<dyn Error>> {
     let mut bytes = Vec::new();
     bytes.extend((triangles.len() as u32).to_le_bytes());
-    for value in triangles.iter().flatten().flat_map(|v| v.to_array()) {
+    for value in triangles.iter().flatten().flat_map(glam::Vec3::to_array) {
         bytes.extend(value.to_le_bytes());
     }
     for rays in sets {

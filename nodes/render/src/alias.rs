@@ -1,8 +1,9 @@
 //! Draws from discrete distributions in constant time: Walker's alias method (1977), tables after Vose (1991).
 
-use crate::lanes::{Real, Whole};
+use crate::lanes::{Integer, Real};
 
-/// Tables of distributions, one after another: for each place the share of draws that stay there, and where the others go.
+/// Tables of distributions, one after another: for each place the share of draws that stay there, and where the others
+/// go.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Alias {
     stay: Vec<f32>,
@@ -34,15 +35,16 @@ impl Alias {
         }
     }
 
-    /// A place in the distribution of `count` places that begins at `start`, by two numbers in [0, 1). These have 24 bits:
-    /// places of a distribution of a million are an even sixteenth of the numbers more or less likely than they should be.
+    /// A place in the distribution of `count` places that begins at `start`, by two numbers in [0, 1). These have 24
+    /// bits: places of a distribution of a million are an even sixteenth of the numbers more or less likely than they
+    /// should be.
     #[inline(always)]
-    pub(crate) fn draw<R: Real>(&self, start: R::Whole, count: usize, pick: R, accept: R) -> R::Whole {
-        let last = R::Whole::splat(count as i32 - 1);
-        let at = (pick * count as f32).whole().min(last);
+    pub(crate) fn draw<R: Real>(&self, start: R::Integer, count: usize, pick: R, accept: R) -> R::Integer {
+        let last = R::Integer::splat(count as i32 - 1);
+        let at = (pick * count as f32).to_integer().min(last);
         let stays = accept.lt(R::gather(&self.stay, start + at));
-        let other = R::gather_whole(&self.other, start + at);
-        R::select_whole(stays, at, other)
+        let other = R::gather_integer(&self.other, start + at);
+        R::select_integer(stays, at, other)
     }
 }
 

@@ -1,16 +1,18 @@
-//! What values a texture can take, so that a material beyond what a surface can do is refused and not cut. Knows no material.
+//! What values a texture can take, so that a material beyond what a surface can do is refused and not cut. Knows no
+//! material.
 //!
-//! Bounds are those of the parts: a product of textures lies within the product of their bounds, wherever on the surface each is reached.
+//! Bounds are those of the parts: a product of textures lies within the product of their bounds, wherever on the
+//! surface each is reached.
 
 use crate::texture::{LoadBitmap, Texture};
 use tauflow_contract::KindError;
-use tauflow_data::{Image, formats::Mesh, scene};
+use tauflow_data::{Image, mesh::Mesh, scene};
 
 /// Least and largest value of a channel.
 type Bounds = (f32, f32);
 
-/// How far beyond 1 a share may be by the rounding of its factors; what is beyond 1 is cut where the surface is shaded, so that at most
-/// this is lost.
+/// How far beyond 1 a share may be by the rounding of its factors; what is beyond 1 is cut where the surface is shaded,
+/// so that at most this is lost.
 const ROUNDING: f32 = 1e-6;
 
 /// Least and largest value of each channel of an image; none if a value is not finite.
@@ -64,8 +66,8 @@ impl Texture {
 
 fn beyond(name: &str, what: &str) -> KindError {
     KindError::Input(format!(
-        "a material's `{name}` {what}; shares of light and of materials are finite numbers from 0 to 1, so change the value, or the \
-         `scale` or the texels of its texture"
+        "a material's `{name}` {what}; shares of light and of materials are finite numbers from 0 to 1, so change the \
+         value, or the `scale` or the texels of its texture"
     ))
 }
 
@@ -179,7 +181,7 @@ mod tests {
     fn textures_within_a_unit_are_taken_and_others_told() {
         let texels = [0.0, 0.1, 0.2, 0.5, 0.25, 2.0];
         let taken = |(source, image): (Source, Image), colored: bool| {
-            let load = &mut |_: &Digest| Ok(image.clone());
+            let load = &mut |_: &Digest| Ok(std::sync::Arc::new(image.clone()));
             if colored { colors(&source, "base_color", load) } else { share(&source, "metallic", load) }
                 .map(|_| ())
                 .map_err(|e| e.to_string())

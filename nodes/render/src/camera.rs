@@ -26,7 +26,8 @@ impl Camera {
     /// The camera for a film of `width` by `height` pixels.
     ///
     /// # Errors
-    /// If it looks nowhere: origin and target coincide, `up` is along the view, or the field of view is not in (0, 180).
+    /// If it looks nowhere: origin and target coincide, `up` is along the view, or the field of view is not in (0,
+    /// 180).
     pub fn new(camera: &scene::Camera, width: usize, height: usize) -> Result<Self, KindError> {
         let origin = DVec3::from_array(camera.origin);
         let forward = DVec3::from_array(camera.target) - origin;

@@ -1,7 +1,7 @@
 //! Pearson's test for draws in bins, for tests.
 
-/// Deviation of Pearson's statistic from what chance makes it, as that of a normal distribution (Wilson and Hilferty 1931).
-/// Bins where fewer than 20 are expected are taken together. `slack` is the relative error of what is expected.
+/// Deviation of Pearson's statistic from what chance makes it, as that of a normal distribution (Wilson and Hilferty
+/// 1931). Bins where fewer than 20 are expected are taken together. `slack` is the relative error of what is expected.
 pub(crate) fn deviation(found: &[f64], expected: &[f64], slack: f64) -> f64 {
     let (mut statistic, mut freedom, mut rest) = (0.0, 0.0, (0.0, 0.0));
     let term = |f: f64, e: f64| (f - e) * (f - e) / (e + slack * slack * e * e);

@@ -13,18 +13,20 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use tauflow_contract::{
-    Action, Artifact, Collection, Context, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs,
+    Action, All, Context, Group, Handle, ItemKey, Items, Kind, KindError, KindSpec, Media, Mode, Out, Outputs,
 };
 use tauflow_data::{
     Stratum,
-    convergence::{AgainstLaw, Convergence, ConvergenceRow, SceneConvergence, shares_samples},
-    formats::{EXPOSURE, Exposure, JSON},
-    ladder::{LADDER, Ladder},
     maths::{exp, log},
-    results::Estimate,
+    records::{AgainstLaw, Convergence, ConvergenceRow, Estimate, Exposure, Ladder, SceneConvergence, shares_samples},
     rng::Stream,
     statistics::quantile,
 };
+
+const REFERENCES: All<Ladder> = All::new("references", "References of another stream; their last rung counts.");
+const LADDERS: All<Ladder> = All::new("ladders", "Ladders of the same scenes: three rungs or more, all alike.");
+const EXPOSURE: All<Exposure> = All::new("exposure", "The exposure of the same scenes.");
+const CONVERGENCE: Out<Convergence> = Out::new(Group::main(5), "convergence", "Errors, slopes, covariances and tails.");
 
 /// The kind `convergence`.
 pub struct ConvergenceKind;
@@ -43,38 +45,25 @@ impl Kind for ConvergenceKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "convergence",
-            version: 5,
             summary: "Measures how far ladders keep to the law of variance time, against held-out references.",
             manual: include_str!("convergence.md"),
             mode: Mode::Gather,
-            inputs: const {
-                &[
-                    InputPort::whole("references", LADDER, "References of another stream; their last rung counts."),
-                    InputPort::whole("ladders", LADDER, "Ladders of the same scenes: three rungs or more, all alike."),
-                    InputPort::whole("exposure", EXPOSURE, "The exposure of the same scenes."),
-                ]
-            },
-            outputs: const { &[OutputPort::new("convergence", JSON, "Errors, slopes, covariances and tails.")] },
+            inputs: const { &[REFERENCES.port(), LADDERS.port(), EXPOSURE.port()] },
+            outputs: const { &[CONVERGENCE.port()] },
             seeded: true,
         }
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let references = action.whole("references")?;
+        let references = action.all(REFERENCES)?;
+        let (ladders, exposures) = (action.all(LADDERS)?, action.all(EXPOSURE)?);
         let mut counts: Option<(Vec<u64>, u64)> = None;
         let mut scenes: Vec<Measured> = Vec::new();
-        for (done, (key, artifact)) in references.iter().enumerate() {
+        for (done, (key, of_reference)) in references.iter().enumerate() {
             ctx.check_cancelled()?;
-            let item = |port: &str| {
-                action.whole(port)?.get(key.as_str()).ok_or_else(|| {
-                    KindError::Input(format!(
-                        "`{port}` has no item `{key}`, which `references` has; connect the same scenes"
-                    ))
-                })
-            };
-            let reference = Ladder::load(ctx, artifact)?;
-            let ladder = Ladder::load(ctx, item("ladders")?)?;
-            let exposure: Exposure = ctx.json(item("exposure")?, "")?;
+            let of_ladder = item(ladders, LADDERS, key)?;
+            let (reference, ladder) = (of_reference.load(ctx)?, of_ladder.load(ctx)?);
+            let exposure = item(exposures, EXPOSURE, key)?.load(ctx)?;
             let spp = reference.meta.counts.last().copied().unwrap_or_default();
             let (first, expected) = counts.get_or_insert_with(|| (ladder.meta.counts.clone(), spp));
             if (&*first, *expected) != (&ladder.meta.counts, spp) {
@@ -84,16 +73,16 @@ impl Kind for ConvergenceKind {
             }
             if !(ladder.meta.sampler.is_independent() && reference.meta.sampler.is_independent()) {
                 return Err(KindError::Input(format!(
-                    "samples of `{key}` depend on each other, and variances of single samples say nothing of their means; render \
-                     ladder and reference with `sampler: independent`"
+                    "samples of `{key}` depend on each other, and variances of single samples say nothing of their \
+                     means; render ladder and reference with `sampler: independent`"
                 )));
             }
             // Streams differ in what they estimate, unless there is no noise to estimate.
             let noisy = reference.variance.data().iter().any(|v| *v > 0.0);
-            if noisy && artifact.part("variance") == item("ladders")?.part("variance") {
+            if noisy && Ladder::variance_digest(of_reference) == Ladder::variance_digest(of_ladder) {
                 return Err(KindError::Input(format!(
-                    "the reference of `{key}` is its own ladder: nothing can be judged by itself; render references with \
-                     another `stream`"
+                    "the reference of `{key}` is its own ladder: nothing can be judged by itself; render references \
+                     with another `stream`"
                 )));
             }
             let mut stream = Stream::new(action.seed, &[]).part(key.as_str());
@@ -115,8 +104,8 @@ impl Kind for ConvergenceKind {
             && shares_samples(of_last.value, of_last.error, last, reference_spp)
         {
             return Err(KindError::Input(format!(
-                "references share samples with the ladders that they judge: the variance of the rungs of {last} is {:.3} of that of \
-                 independent samples; render references with another `stream`",
+                "references share samples with the ladders that they judge: the variance of the rungs of {last} is \
+                 {:.3} of that of independent samples; render references with another `stream`",
                 of_last.value
             )));
         }
@@ -134,10 +123,16 @@ impl Kind for ConvergenceKind {
             reference_spp,
             counts,
         };
-        let key = ItemKey::new("convergence").expect("a valid key");
-        let artifact = Artifact::blob(JSON, ctx.put_json(&result)?);
-        Ok(Outputs::default().collection("convergence", Collection::from_iter([(key, artifact)])))
+        Outputs::default().put_one(CONVERGENCE, CONVERGENCE.name(), result.store(ctx)?)
     }
+}
+
+/// What a port has of a scene.
+fn item<'a, M: Media>(of: Items<'a, M>, port: All<M>, key: &ItemKey) -> Result<Handle<'a, M>, KindError> {
+    of.get(key.as_str()).ok_or_else(|| {
+        let (port, references) = (port.name(), REFERENCES.name());
+        KindError::Input(format!("`{port}` has no item `{key}`, which `{references}` has; connect the same scenes"))
+    })
 }
 
 fn of_scene(scene: &Measured, counts: &[u64]) -> SceneConvergence {
@@ -219,8 +214,9 @@ fn row(stratum: &str, counts: &[u64], scenes: &[&Measured], stream: &mut Stream)
     }
 }
 
-/// Mean slope of the scenes that have one, with a bootstrap interval over scenes and, within each, over its blocks of pixels: that of
-/// one scene is over its pixels, and few scenes that happen to agree don't have a narrower one than their pixels allow.
+/// Mean slope of the scenes that have one, with a bootstrap interval over scenes and, within each, over its blocks of
+/// pixels. So one scene has the interval of its pixels, and few scenes that happen to agree have none that is narrower
+/// than their pixels allow.
 fn slope_of(scenes: &[&Measured], stream: &mut Stream) -> Option<Estimate> {
     let sloping: Vec<(f64, &[f64])> =
         scenes.iter().filter_map(|m| m.slope.map(|slope| (slope.mean, m.slopes.as_slice()))).collect();

@@ -1,5 +1,4 @@
-//! Which instructions kernels are made of: chosen once, by what the processor has, or fewer if `TAUFLOW_INSTRUCTIONS` says
-//! so. The bits do not depend on it, so that this is no param and in no key.
+//! Kernels for each set of instructions, and the choice among them at run time.
 //!
 //! Each kernel is a function of its own for each set of instructions; what it calls is inlined into it, and so made of
 //! the same instructions. Hence no closures in kernels: those stay functions of their own, of the plain instructions,
@@ -8,119 +7,57 @@
 use crate::{
     accel::{Accel, Set, Sweep},
     bsdf::Sort,
-    stream::{Batch, Found, Group, Stream, trace},
+    stream::{Group, Stream},
 };
-use std::sync::OnceLock;
+use tauflow_instructions::Instructions;
 
-/// Sets of instructions that kernels are compiled for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Instructions {
-    /// One number at a time: for processors other than x86-64, and to hold the others to.
-    Portable,
-    /// Four lanes; any x86-64 processor.
-    Sse2,
-    /// Eight lanes.
-    Avx2,
-    /// Sixteen lanes.
-    Avx512,
-}
-
-impl Instructions {
-    /// All that this processor has, from the narrowest; in tests one number at a time as well.
-    pub fn available() -> Vec<Self> {
-        #[cfg(not(target_arch = "x86_64"))]
-        return vec![Self::Portable];
-        #[cfg(target_arch = "x86_64")]
-        {
-            let mut found = if cfg!(test) { vec![Self::Portable, Self::Sse2] } else { vec![Self::Sse2] };
-            let avx2 = is_x86_feature_detected!("avx2")
-                && is_x86_feature_detected!("bmi1")
-                && is_x86_feature_detected!("bmi2")
-                && is_x86_feature_detected!("lzcnt")
-                && is_x86_feature_detected!("popcnt");
-            let avx512 = is_x86_feature_detected!("avx512f")
-                && is_x86_feature_detected!("avx512dq")
-                && is_x86_feature_detected!("avx512bw")
-                && is_x86_feature_detected!("avx512vl");
-            if avx2 {
-                found.push(Self::Avx2);
-            }
-            if avx2 && avx512 {
-                found.push(Self::Avx512);
-            }
-            found
-        }
+/// Kernels of these instructions, or of fewer if the processor lacks them.
+pub(crate) fn kernels(instructions: Instructions) -> &'static Kernels {
+    #[cfg(target_arch = "x86_64")]
+    match instructions.min(Instructions::most()) {
+        Instructions::Avx512 => &avx512::KERNELS,
+        Instructions::Avx2 => &avx2::KERNELS,
+        #[cfg(test)]
+        Instructions::Portable => &portable::KERNELS,
+        _ => &sse2::KERNELS,
     }
-
-    /// The widest that this processor has, and that `TAUFLOW_INSTRUCTIONS` (`sse2`, `avx2` or `avx512`) allows.
-    pub fn best() -> Self {
-        static BEST: OnceLock<Instructions> = OnceLock::new();
-        *BEST.get_or_init(|| {
-            let most = std::env::var("TAUFLOW_INSTRUCTIONS").map_or(Self::Avx512, |name| Self::named(&name));
-            Self::available().into_iter().filter(|found| *found <= most).max().unwrap_or(Self::Portable)
-        })
-    }
-
-    fn named(name: &str) -> Self {
-        match name {
-            "sse2" => Self::Sse2,
-            "avx2" => Self::Avx2,
-            "avx512" => Self::Avx512,
-            other => {
-                eprintln!(
-                    "TAUFLOW_INSTRUCTIONS is `{other}`, which is none of sse2, avx2 and avx512; it is not heeded"
-                );
-                Self::Avx512
-            }
-        }
-    }
-
-    /// Traces a batch, by narrower lanes if the processor lacks these.
-    pub(crate) fn trace(self, batch: &Batch<'_>) -> Found {
-        trace(batch, self.kernels())
-    }
-
-    /// Kernels of these instructions, or of fewer if the processor lacks them.
-    pub(crate) fn kernels(self) -> &'static Kernels {
-        #[cfg(target_arch = "x86_64")]
-        match self.min(Self::best()) {
-            Self::Avx512 => &avx512::KERNELS,
-            Self::Avx2 => &avx2::KERNELS,
-            #[cfg(test)]
-            Self::Portable => &portable::KERNELS,
-            _ => &sse2::KERNELS,
-        }
-        #[cfg(not(target_arch = "x86_64"))]
+    #[cfg(not(target_arch = "x86_64"))]
+    {
+        let _ = instructions;
         &portable::KERNELS
     }
 }
 
-type Whole = unsafe fn(&mut Stream<'_>);
-type Grouped = unsafe fn(&mut Stream<'_>, &Group);
-type Swept = unsafe fn(&Accel, &mut Set<'_>, usize, &mut Sweep);
+type StreamKernel = unsafe fn(&mut Stream<'_>);
+type GroupKernel = unsafe fn(&mut Stream<'_>, &Group);
+type SweepKernel = unsafe fn(&Accel, &mut Set<'_>, usize, &mut Sweep);
 
 /// Functions compiled for one set of instructions.
 pub(crate) struct Kernels {
-    begin: Whole,
-    nearest: Swept,
-    stopped: Swept,
-    meet_packets: Whole,
-    miss: Whole,
-    vertices: Grouped,
-    emit: Grouped,
-    textures: Grouped,
-    bodies: Grouped,
-    lights: Grouped,
-    diffuse: Grouped,
-    metal: Grouped,
-    glass: Grouped,
-    thin: Grouped,
-    plastic: Grouped,
-    principled: Grouped,
-    blend: Grouped,
+    begin: StreamKernel,
+    nearest: SweepKernel,
+    stopped: SweepKernel,
+    meet_packets: StreamKernel,
+    miss: StreamKernel,
+    vertices: GroupKernel,
+    emit: GroupKernel,
+    textures: GroupKernel,
+    bodies: GroupKernel,
+    lights: GroupKernel,
+    diffuse: GroupKernel,
+    metal: GroupKernel,
+    glass: GroupKernel,
+    thin: GroupKernel,
+    plastic: GroupKernel,
+    principled: GroupKernel,
+    blend: GroupKernel,
 }
 
-#[allow(unsafe_code, reason = "`Instructions::kernels` hands out only what the processor can run")]
+#[expect(
+    unsafe_code,
+    clippy::undocumented_unsafe_blocks,
+    reason = "one invariant for all: `kernels` hands out only what the processor can run"
+)]
 impl Kernels {
     pub(crate) fn begin(&self, stream: &mut Stream<'_>) {
         unsafe { (self.begin)(stream) }
@@ -204,11 +141,11 @@ macro_rules! kernels {
                 blend,
             };
 
-            kernels!(@whole begin, begin::<$wide> $(, $feature)?);
+            kernels!(@stream begin, begin::<$wide> $(, $feature)?);
             kernels!(@sweep nearest, false, $wide, $ray $(, $feature)?);
             kernels!(@sweep stopped, true, $wide, $ray $(, $feature)?);
-            kernels!(@whole meet_packets, meet_packets::<$wide, $ray> $(, $feature)?);
-            kernels!(@whole miss, miss::<$wide> $(, $feature)?);
+            kernels!(@stream meet_packets, meet_packets::<$wide, $ray> $(, $feature)?);
+            kernels!(@stream miss, miss::<$wide> $(, $feature)?);
             kernels!(@group vertices, vertices::<$wide> $(, $feature)?);
             kernels!(@group emit, emit::<$wide> $(, $feature)?);
             kernels!(@group textures, textures::<$wide> $(, $feature)?);
@@ -224,7 +161,7 @@ macro_rules! kernels {
             kernels!(@group blend, scatter::<f32, Bsdf<'_>> $(, $feature)?);
         }
     };
-    (@whole $name:ident, $method:ident::<$($of:ty),+> $(, $feature:literal)?) => {
+    (@stream $name:ident, $method:ident::<$($of:ty),+> $(, $feature:literal)?) => {
         $(#[target_feature(enable = $feature)])?
         fn $name(stream: &mut Stream<'_>) {
             stream.$method::<$($of),+>();

@@ -1,15 +1,17 @@
 //! Light from infinity: constant, or a latitude-longitude map with Mitsuba 3's conventions (`constant`, `envmap`).
 //!
-//! A map is read bilinearly: columns repeat with texel centres in the middle of a cell, the first and last row lie on the
-//! poles. Directions are drawn over the cells between texels, in proportion to the mean luminance of a cell's corners times
-//! its solid angle, by alias tables (Walker 1977, Vose 1991) over rows and columns that are worked out in f64; within a
-//! cell in proportion to the luminance between the texels. Of the luminance only what is above the mean counts: the rest
-//! is found by scattering as well, and multiple importance sampling adds up the two (Karlik et al. 2019, *MIS
-//! Compensation*). A vertex that samples the map must therefore also be able to scatter.
+//! A map is read bilinearly. Columns repeat with texel centres in the middle of a cell, and the first and last row lie
+//! on the poles. Directions are drawn over the cells between texels, in proportion to the mean luminance of a cell's
+//! corners times its solid angle. That goes by alias tables over rows and columns (Walker 1977, Vose 1991), which are
+//! worked out in f64. Within a cell they are drawn in proportion to the luminance between the texels.
+//!
+//! Of the luminance only what is above the mean counts. The rest is found by scattering as well, and multiple
+//! importance sampling adds up the two (Karlik et al. 2019, *MIS Compensation*). A vertex that samples the map must
+//! therefore also be able to scatter.
 
 use crate::{
     alias::Alias,
-    lanes::{Pair, Real, Record, Triple, Whole, atan2, sin_cos_turn},
+    lanes::{Integer, Pair, Real, Record, Triple, atan2, sin_cos_turn},
     texture::LoadBitmap,
 };
 use glam::{Mat3, Vec2, Vec3};
@@ -73,7 +75,8 @@ impl Environment {
                 let linear: Vec<Vec3> =
                     (0..3).map(|c| Vec3::from_array([0, 1, 2].map(|r: usize| to_world[r][c] as f32))).collect();
                 let map = Mat3::from_cols(linear[0], linear[1], linear[2]);
-                Ok(Self::Map(Box::new(Map::new(load(image)?, *scale, map)?)))
+                let image = load(image)?;
+                Ok(Self::Map(Box::new(Map::new(&image, *scale, map)?)))
             }
             other => Err(KindError::Internal(format!("{other:?} is no environment"))),
         }
@@ -125,11 +128,12 @@ impl Environment {
 }
 
 impl Map {
-    fn new(image: Image, scale: f32, to_world: Mat3) -> Result<Self, KindError> {
+    fn new(image: &Image, scale: f32, to_world: Mat3) -> Result<Self, KindError> {
         let (width, height, channels) = (image.width(), image.height(), image.channels());
         if width == 0 || height == 0 || channels < 3 {
             return Err(KindError::Input(format!(
-                "an environment map of {width} x {height} pixels of {channels} channels; it needs at least one, of three"
+                "an environment map of {width} x {height} pixels of {channels} channels; \
+                 it needs at least one, of three"
             )));
         }
         if image.data().iter().any(|v| !(v.is_finite() && *v >= 0.0)) || !(scale.is_finite() && scale >= 0.0) {
@@ -146,11 +150,12 @@ impl Map {
             ));
         }
         // A map of one row is the same from pole to pole.
+        let twice;
         let image = if height > 1 {
             image
         } else {
-            let twice = [image.data(), image.data()].concat();
-            Image::from_data(width, 2, channels, twice)?
+            twice = Image::from_data(width, 2, channels, [image.data(), image.data()].concat())?;
+            &twice
         };
         let rows = image.height() - 1;
         // Solid angle of a cell of each row.
@@ -183,7 +188,7 @@ impl Map {
         of_rows.extend(&by_row);
         let to_local = to_world.transpose();
         let (height, floor) = (image.height(), floor as f32);
-        let pairs = pairs(&image, floor);
+        let pairs = pairs(image, floor);
         Ok(Self { width, height, pairs, scale, to_world, to_local, columns, rows: of_rows, density, total })
     }
 
@@ -203,26 +208,26 @@ impl Map {
         let (columns, rows) = (self.width, self.height - 1);
         let (x, y) = ((u - u.floor()) * columns as f32, v * rows as f32);
         let (i, j) = (x.clamp(0.0, (columns - 1) as f32).floor(), y.clamp(0.0, (rows - 1) as f32).floor());
-        let (corners, [a, b, c, d]) = self.corners(i.whole(), j.whole());
+        let (corners, [a, b, c, d]) = self.corners(i.to_integer(), j.to_integer());
         let (fx, fy) = (x - i, y - j);
         let upper = a * (R::one() - fx) + b * fx;
         let lower = c * (R::one() - fx) + d * fx;
         let light = upper * (R::one() - fy) + lower * fy;
-        (between(&corners, fx, fy) * R::splat(self.scale), self.pdf(j.whole(), light, sin))
+        (between(&corners, fx, fy) * R::splat(self.scale), self.pdf(j.to_integer(), light, sin))
     }
 
     /// Density over solid angle in a row of cells, where the luminance above the floor is `light`.
     #[inline(always)]
-    fn pdf<R: Real>(&self, row: R::Whole, light: R, sin: R) -> R {
+    fn pdf<R: Real>(&self, row: R::Integer, light: R, sin: R) -> R {
         (R::gather(&self.density, row) * light / sin).only(sin.positive())
     }
 
     /// Texels about a cell: upper left and right, lower left and right; and the luminance above the floor of each.
     #[inline(always)]
-    fn corners<R: Real>(&self, i: R::Whole, j: R::Whole) -> ([Triple<R>; 4], [R; 4]) {
-        let at = j * R::Whole::splat(self.width as i32) + i;
+    fn corners<R: Real>(&self, i: R::Integer, j: R::Integer) -> ([Triple<R>; 4], [R; 4]) {
+        let at = j * R::Integer::splat(self.width as i32) + i;
         let [ar, ag, ab, a, br, bg, bb, b] = R::columns(&self.pairs, at);
-        let [cr, cg, cb, c, dr, dg, db, d] = R::columns(&self.pairs, at + R::Whole::splat(self.width as i32));
+        let [cr, cg, cb, c, dr, dg, db, d] = R::columns(&self.pairs, at + R::Integer::splat(self.width as i32));
         let corners =
             [Triple::new(ar, ag, ab), Triple::new(br, bg, bb), Triple::new(cr, cg, cb), Triple::new(dr, dg, db)];
         (corners, [a, b, c, d])
@@ -231,9 +236,9 @@ impl Map {
     #[inline(always)]
     fn sample<R: Real>(&self, [pick, accept, within]: Numbers<R>) -> (Triple<R>, Triple<R>, R) {
         let (columns, rows) = (self.width, self.height - 1);
-        let none = R::Whole::splat(0);
+        let none = R::Integer::splat(0);
         let j = self.rows.draw(none, rows, pick.x, accept.x);
-        let start = j * R::Whole::splat(columns as i32);
+        let start = j * R::Integer::splat(columns as i32);
         let i = self.columns.draw(start, columns, pick.y, accept.y);
         let (corners, [a, b, c, d]) = self.corners::<R>(i, j);
         // Down by the sums of the rows, across by the luminance at that height.
@@ -242,8 +247,8 @@ impl Map {
         let x = ramp(left, right, within.x);
         let light = left * (R::one() - x) + right * x;
         let radiance = between(&corners, x, y);
-        let u = (R::of_whole(i) + x) * (1.0 / columns as f32);
-        let v = (R::of_whole(j) + y) * (1.0 / rows as f32);
+        let u = (R::of_integer(i) + x) * (1.0 / columns as f32);
+        let v = (R::of_integer(j) + y) * (1.0 / rows as f32);
         let (sin_phi, cos_phi) = sin_cos_turn(u + 0.5 / columns as f32);
         let (sin, cos) = sin_cos_turn(v * 0.5);
         let local = Triple::new(sin_phi * sin, cos, -cos_phi * sin);
@@ -295,7 +300,7 @@ mod tests {
             (0..height).flat_map(|y| (0..width).flat_map(move |x| [(x, y); 3])).map(|(x, y)| value(x, y)).collect();
         let image = Image::from_data(width, height, 3, data).expect("fits");
         let turned = Mat3::from_rotation_y(0.7) * Mat3::from_rotation_x(0.4);
-        Environment::Map(Box::new(Map::new(image, 1.5, turned).expect("a sound map")))
+        Environment::Map(Box::new(Map::new(&image, 1.5, turned).expect("a sound map")))
     }
 
     fn all() -> Vec<Environment> {
@@ -409,9 +414,9 @@ mod tests {
     #[test]
     fn bad_maps_are_refused() {
         let image = Image::from_data(1, 1, 3, vec![-1.0, 0.0, 0.0]).expect("fits");
-        assert!(Map::new(image, 1.0, Mat3::IDENTITY).is_err());
+        assert!(Map::new(&image, 1.0, Mat3::IDENTITY).is_err());
         let image = Image::from_data(1, 1, 3, vec![1.0; 3]).expect("fits");
-        assert!(Map::new(image.clone(), 1.0, Mat3::from_diagonal(Vec3::new(2.0, 1.0, 1.0))).is_err());
-        assert!(Map::new(image, f32::NAN, Mat3::IDENTITY).is_err());
+        assert!(Map::new(&image, 1.0, Mat3::from_diagonal(Vec3::new(2.0, 1.0, 1.0))).is_err());
+        assert!(Map::new(&image, f32::NAN, Mat3::IDENTITY).is_err());
     }
 }

@@ -8,10 +8,7 @@ use crate::{
 };
 use rayon::prelude::*;
 use tauflow_contract::KindError;
-use tauflow_data::{
-    Image,
-    ladder::{GBuffer, SamplerKind},
-};
+use tauflow_data::{Image, SamplerKind, records::GBuffer};
 
 /// Label that parts the samples of the G-buffer from those of the render.
 const GBUFFER_STREAM: u64 = 0x6762_7566;
@@ -62,7 +59,8 @@ impl Renderer<'_> {
     }
 }
 
-/// An image, unless it has values that are not finite: materials are held to their bounds, so that it is the surface that is broken.
+/// An image, unless it has values that are not finite: materials are held to their bounds, so that it is the surface
+/// that is broken.
 fn finite(image: Image, what: &str) -> Result<Image, KindError> {
     let remedy = "mend the normals, texture coordinates or materials of what is seen";
     image.finite(&format!("G-buffer's {what}"), remedy)?;

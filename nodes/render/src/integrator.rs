@@ -1,9 +1,9 @@
 //! Unidirectional path tracing with next-event estimation and multiple importance sampling.
 //!
-//! The estimator of Mitsuba 3's `path`: power heuristic (Veach 1997), Russian roulette by the path's throughput times the
-//! squared relative index of refraction. Nothing is clamped; contributions that are not
-//! finite are left out and counted. Surfaces with an opacity below 1 let rays pass at random, shadow rays by weight, and
-//! a passage does not count as a segment. [`crate::stream`] traces the paths.
+//! The estimator of Mitsuba 3's `path`: power heuristic (Veach 1997), Russian roulette by the path's throughput times
+//! the squared relative index of refraction. Nothing is clamped; contributions that are not finite are left out and
+//! counted. Surfaces with an opacity below 1 let rays pass at random, shadow rays by weight, and a passage does not
+//! count as a segment. [`crate::stream`] traces the paths.
 
 use crate::{
     accel::Hit,
@@ -65,8 +65,8 @@ pub(crate) mod dimension {
     }
 }
 
-/// Which ways of finding light count: all in a render; one of two in tests of the estimator; one where its share is asked
-/// for.
+/// Which ways of finding light count: all in a render; one of two in tests of the estimator; one where its share is
+/// asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Strategy {
     /// Both, weighted against each other.
@@ -75,8 +75,8 @@ pub enum Strategy {
     LightsOnly,
     /// Scattering alone, but for lights that it cannot find.
     ScatteringOnly,
-    /// Only light that a specular surface sends onto one that scatters it, and that is seen there: caustics, and what they
-    /// light in turn. What passes a thin sheet of glass straight on does not count.
+    /// Only light that a specular surface sends onto one that scatters it, and that is seen there: caustics, and what
+    /// they light in turn. What passes a thin sheet of glass straight on does not count.
     Caustics,
 }
 

@@ -6,26 +6,53 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, btree_map::Entry};
 use tauflow_contract::{
-    Action, Artifact, Context, Digest, InputPort, ItemKey, Kind, KindError, KindSpec, MemoKey, Mode, OutputPort,
-    Outputs, ParamProblem,
+    Action, All, Any, Artifact, Basis, Context, Digest, Each, Group, Handle, ItemKey, Kind, KindError, KindSpec, Media,
+    MemoKey, Mode, Out, Outputs, ParamProblem, Probe, Stored,
 };
 use tauflow_data::{
-    LadderMeta, RungCounts, Scene,
-    formats::{JSON, SCENE},
-    ladder::{GBUFFER, LADDER, SamplerKind, rung_part},
-    timing::{Repeated, TimedImage, Timing, machine},
+    Resolution, Rungs, SamplerKind,
+    methods::{self, PATH_TRACER},
+    records::{GBuffer, Ladder, LadderMeta, SceneRecord, TimedImage, Timing},
+    timing::{Repeated, machine},
 };
 
-/// Version of the renderer: goes up when any image changes.
-const RENDERER_VERSION: u32 = 4;
-/// Group of the output port that is measured.
-const TIMING: &str = "timing";
-/// What a path tracer is called among methods that are timed.
-const METHOD: &str = "path_tracer";
+const NAME: &str = "ladder_rendering";
+const LADDERS: Group = Group::new("ladder", 4);
+const GBUFFERS: Group = Group::new("gbuffer", 4);
+const TIMINGS: Group = Group::new("timing", 4);
+/// Version of what is remembered of renders: goes up with that of [`LADDERS`] when any image changes.
+const MEMO_VERSION: u32 = 4;
+
+const SCENES: Each<SceneRecord> = Each::new("scenes", "The scenes to render.");
+const AFTER: All<Any> = All::any("after", "What must be there before `timing` measures.").or_none();
+const LADDER: Out<Ladder> = Out::new(LADDERS, "ladder", "The rungs, and the variance of samples.");
+const GBUFFER: Out<GBuffer> = Out::new(GBUFFERS, "gbuffer", "Albedo and normal at the first surface.");
+const TIMING: Out<Timing> =
+    Out::new(TIMINGS, "timing", "How long it takes to get to each rung, on all cores.").measured();
+
 /// Points of a sequence: a sample's index has 32 bits.
 const MOST_SOBOL: u64 = 1 << 32;
-/// Media type of memoised sub-actions.
-const STATE: &str = "tauflow/render-state";
+
+/// What is remembered of a render after so many samples, for other ladders to go on from.
+#[derive(Clone, Copy)]
+enum Memo {
+    /// The image.
+    Rung,
+    /// The state, which more samples can be added to.
+    Accumulator,
+}
+
+impl Memo {
+    /// Media type of both.
+    const MEDIA: &str = "tauflow/render-state";
+
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Rung => "rung",
+            Self::Accumulator => "accumulator",
+        }
+    }
+}
 
 /// The kind `ladder_rendering`.
 pub struct LadderRendering;
@@ -35,10 +62,9 @@ pub struct LadderRendering;
 #[serde(default, deny_unknown_fields)]
 pub struct LadderRenderingParams {
     /// Sample counts of the rungs: `{dyadic: 256}` for 1, 2, 4 ... 256, or an increasing list.
-    pub rungs: RungCounts,
+    pub rungs: Rungs,
     /// Width and height in pixels.
-    #[schemars(inner(range(min = 1, max = 16384)))]
-    pub resolution: [u32; 2],
+    pub resolution: Resolution,
     /// Which samples: ladders of one stream share them, those of two are independent.
     pub stream: u64,
     /// How samples are drawn.
@@ -54,8 +80,8 @@ pub struct LadderRenderingParams {
 impl Default for LadderRenderingParams {
     fn default() -> Self {
         Self {
-            rungs: RungCounts::Dyadic { dyadic: 256 },
-            resolution: [256, 256],
+            rungs: Rungs::dyadic(256).expect("a power of two"),
+            resolution: Resolution::new(256, 256).expect("sides that can be rendered"),
             stream: 0,
             sampler: SamplerKind::Independent,
             gbuffer_samples: 32,
@@ -69,95 +95,52 @@ impl Kind for LadderRendering {
 
     fn spec() -> KindSpec {
         KindSpec {
-            name: "ladder_rendering",
-            version: 4,
-            summary: "Renders nested sample ladders of scenes by path tracing",
+            name: NAME,
+            summary: "Renders nested sample ladders of scenes by path tracing.",
             manual: include_str!("ladder_rendering.md"),
             mode: Mode::Map,
-            inputs: const {
-                &[
-                    InputPort::each("scenes", SCENE, "the scenes to render"),
-                    InputPort::whole("after", "*", "what must be there before `timing` measures").or_none(),
-                ]
-            },
-            outputs: const {
-                &[
-                    OutputPort::new("ladder", LADDER, "the rungs, and the variance of samples").in_group("ladder"),
-                    OutputPort::new("gbuffer", GBUFFER, "albedo and normal at the first surface").in_group("gbuffer"),
-                    OutputPort::new("timing", JSON, "how long it takes to get to each rung, on all cores")
-                        .in_group(TIMING)
-                        .measured(),
-                ]
-            },
+            inputs: const { &[SCENES.port(), AFTER.port()] },
+            outputs: const { &[LADDER.port(), GBUFFER.port(), TIMING.port()] },
             seeded: false,
         }
     }
 
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
-        let mut problems = Vec::new();
-        if let Err(error) = params.rungs.counts() {
-            problems.push(ParamProblem::new("/rungs", error.to_string(), "write `{dyadic: 256}` or `[1, 2, 3]`"));
-        }
-        if params.resolution.iter().any(|side| !(1..=crate::render::MAX_SIDE as u32).contains(side)) {
-            problems.push(ParamProblem::new(
-                "/resolution",
-                format!("{:?} is no film that can be rendered", params.resolution),
-                format!("use sides from 1 to {}", crate::render::MAX_SIDE),
-            ));
-        }
-        if !(1..=65536).contains(&params.gbuffer_samples) {
-            problems.push(ParamProblem::new(
-                "/gbuffer_samples",
-                format!("{} samples a pixel", params.gbuffer_samples),
-                "use 1 to 65536",
-            ));
-        }
-        if params.sampler == SamplerKind::Sobol
-            && params.rungs.counts().is_ok_and(|counts| counts.last().is_some_and(|last| *last > MOST_SOBOL))
-        {
-            problems.push(ParamProblem::new(
+        if params.sampler == SamplerKind::Sobol && params.rungs.last() > MOST_SOBOL {
+            return vec![ParamProblem::new(
                 "/rungs",
                 format!("more samples than the {MOST_SOBOL} points of a Sobol' sequence"),
                 "end at one of these, or use `sampler: independent`",
-            ));
+            )];
         }
-        problems
+        Vec::new()
     }
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
         let LadderRenderingParams { rungs, resolution, stream, sampler, gbuffer_samples, repeats } = params;
-        match group {
-            TIMING => json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler,
-                "gbuffer_samples": gbuffer_samples, "repeats": repeats }),
-            "gbuffer" => json!({ "resolution": resolution, "stream": stream, "gbuffer_samples": gbuffer_samples }),
-            _ => {
-                // `{dyadic: 4}` and `[1, 2, 4]` are the same ladder.
-                let counts = rungs.counts().map_or_else(|_| json!(rungs), |counts| json!(counts));
-                json!({ "rungs": counts, "resolution": resolution, "stream": stream, "sampler": sampler })
-            }
+        if group == TIMINGS.name {
+            json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler,
+                "gbuffer_samples": gbuffer_samples, "repeats": repeats })
+        } else if group == GBUFFERS.name {
+            json!({ "resolution": resolution, "stream": stream, "gbuffer_samples": gbuffer_samples })
+        } else {
+            json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler })
         }
     }
 
-    fn environment(_params: &Self::Params, group: &str) -> Value {
-        if group != TIMING {
-            return Value::Null;
-        }
-        let mut environment = machine();
-        // Measurements of before, whose first round counted, are other measurements.
-        environment["rounds_before"] = json!(1);
-        environment
+    fn environment(_params: &Self::Params, group: &str, _probe: &dyn Probe) -> Option<Value> {
+        Some(if group == TIMINGS.name { machine() } else { Value::Null })
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let artifact = action.each("scenes")?;
-        let work = Work { ctx, artifact, params: &action.params };
-        match action.group {
-            "gbuffer" => Ok(Outputs::default().item("gbuffer", work.gbuffer()?)),
-            TIMING => {
-                let timing = Artifact::blob(JSON, ctx.put_json(&work.timing()?)?);
-                Ok(Outputs::default().item("timing", timing))
-            }
-            _ => Ok(Outputs::default().item("ladder", work.ladder()?)),
+        let work = Work { ctx, scene: action.handle(SCENES)?, params: &action.params };
+        let outputs = Outputs::default();
+        if action.group == TIMINGS.name {
+            Ok(outputs.put(TIMING, work.timing()?.store(ctx)?))
+        } else if action.group == GBUFFERS.name {
+            Ok(outputs.put(GBUFFER, work.gbuffer()?.store(ctx)?))
+        } else {
+            Ok(outputs.put(LADDER, work.ladder()?))
         }
     }
 }
@@ -165,38 +148,35 @@ impl Kind for LadderRendering {
 /// One scene to render.
 struct Work<'a> {
     ctx: &'a Context<'a>,
-    artifact: &'a Artifact,
+    scene: Handle<'a, SceneRecord>,
     params: &'a LadderRenderingParams,
 }
 
 impl Work<'_> {
     fn world(&self) -> Result<World, KindError> {
-        let scene: Scene = self.ctx.json(self.artifact, "scene.json")?;
+        let scene = SceneRecord::scene(self.ctx, self.scene)?;
         World::new(&scene, &mut |digest: &Digest| self.ctx.get(digest))
     }
 
     fn renderer<'w>(&self, world: &'w World) -> Result<Renderer<'w>, KindError> {
-        let [width, height] = self.params.resolution;
-        let renderer = Renderer::new(world, width as usize, height as usize, self.params.stream)?;
+        let renderer = Renderer::new(world, self.params.resolution, self.params.stream)?;
         Ok(renderer.with_sampler(self.params.sampler))
     }
 
-    fn gbuffer(&self) -> Result<Artifact, KindError> {
+    fn gbuffer(&self) -> Result<GBuffer, KindError> {
         let world = self.world()?;
         let samples = self.params.gbuffer_samples;
-        self.renderer(&world)?
-            .gbuffer(self.params.stream, samples, &mut |done| {
-                self.ctx.progress(done, samples, "gbuffer");
-                self.ctx.check_cancelled()
-            })?
-            .store(self.ctx)
+        self.renderer(&world)?.gbuffer(self.params.stream, samples, &mut |done| {
+            self.ctx.progress(done, samples, "gbuffer");
+            self.ctx.check_cancelled()
+        })
     }
 
-    /// What it takes to get from the scene's files to each rung, and for a G-buffer; rung 0 is a scene that is ready to be
-    /// rendered.
+    /// What it takes to get from the scene's files to each rung, and for a G-buffer; rung 0 is a scene that is ready to
+    /// be rendered.
     fn timing(&self) -> Result<Timing, KindError> {
-        let counts = self.params.rungs.counts()?;
-        let entry = |spp| TimedImage { method: METHOD.into(), from_spp: spp, nfe: 0, took: Repeated::default() };
+        let counts = self.params.rungs.counts();
+        let entry = |spp| TimedImage { method: PATH_TRACER.into(), from_spp: spp, nfe: 0, took: Repeated::default() };
         let mut entries: Vec<TimedImage> = std::iter::once(0).chain(counts.iter().copied()).map(entry).collect();
         let mut gbuffer = Repeated::default();
         for round in 0..=self.params.repeats {
@@ -204,7 +184,7 @@ impl Work<'_> {
             let world = parts.add(|| self.world())?;
             let renderer = parts.add(|| self.renderer(&world))?;
             let mut state = renderer.begin();
-            for count in &counts {
+            for count in counts {
                 parts.add(|| renderer.advance(&mut state, *count, &mut |_| self.ctx.check_cancelled()))?;
             }
             let (rendered, samples) = (parts.wall_s.len(), self.params.gbuffer_samples);
@@ -224,30 +204,27 @@ impl Work<'_> {
             gbuffer.wall_s.push(parts.wall_s[rendered]);
             gbuffer.cpu_s.push(parts.cpu_s[rendered]);
         }
-        let (method, from_spp) = ("gbuffer".to_owned(), self.params.gbuffer_samples);
+        let (method, from_spp) = (methods::GBUFFER.to_owned(), self.params.gbuffer_samples);
         entries.push(TimedImage { method, from_spp, nfe: 0, took: gbuffer });
         Ok(Timing { entries })
     }
 
     /// Key of the state, or of the image, after `count` samples. The scene's JSON names its blobs by digest.
-    fn key(&self, what: &str, count: u64) -> Result<MemoKey, KindError> {
+    fn key(&self, what: Memo, count: u64) -> Result<MemoKey, KindError> {
         let LadderRenderingParams { resolution, stream, sampler, .. } = self.params;
-        let scene = self.artifact.part("scene.json");
-        let scene = scene.ok_or_else(|| KindError::Input("the item on `scenes` is no scene".into()))?;
+        let params = json!({ "resolution": resolution, "stream": stream, "sampler": sampler, "count": count });
         Ok(MemoKey {
-            name: format!("ladder_rendering/{what}"),
-            version: RENDERER_VERSION,
-            params: json!({ "resolution": resolution, "stream": stream, "sampler": sampler, "count": count }),
-            inputs: vec![scene],
+            basis: Basis::new(NAME, MEMO_VERSION, what.name()).with(params, None),
+            inputs: vec![SceneRecord::scene_digest(self.scene)?],
         })
     }
 
-    fn remembered(&self, what: &str, count: u64) -> Result<Option<Digest>, KindError> {
+    fn remembered(&self, what: Memo, count: u64) -> Result<Option<Digest>, KindError> {
         Ok(self.ctx.memo_get(&self.key(what, count)?).and_then(|artifact| artifact.part("")))
     }
 
-    fn remember(&self, what: &str, count: u64, digest: Digest) -> Result<(), KindError> {
-        self.ctx.memo_put(&self.key(what, count)?, &Artifact::blob(STATE, digest))
+    fn remember(&self, what: Memo, count: u64, digest: Digest) -> Result<(), KindError> {
+        self.ctx.memo_put(&self.key(what, count)?, &Artifact::blob(Memo::MEDIA, digest))
     }
 
     /// The state after at most `limit` samples from which the fewest are missing.
@@ -257,11 +234,11 @@ impl Work<'_> {
         candidates.sort_unstable();
         candidates.dedup();
         for count in candidates.into_iter().rev() {
-            if let Some(digest) = self.remembered("accumulator", count)? {
+            if let Some(digest) = self.remembered(Memo::Accumulator, count)? {
                 // One that another version wrote is no use: what it saves is rendered again.
                 let Ok(state) = Accumulator::from_bytes(&self.ctx.get(&digest)?) else { continue };
-                let [width, height] = self.params.resolution;
-                if (state.width(), state.height(), state.count) == (width as usize, height as usize, count) {
+                let film = self.params.resolution;
+                if (state.width(), state.height(), state.count) == (film.width(), film.height(), count) {
                     return Ok(Some(state));
                 }
             }
@@ -269,39 +246,35 @@ impl Work<'_> {
         Ok(None)
     }
 
-    fn ladder(&self) -> Result<Artifact, KindError> {
-        let counts = self.params.rungs.counts()?;
-        let last = *counts.last().ok_or_else(|| KindError::Internal("a ladder without rungs".into()))?;
+    fn ladder(&self) -> Result<Stored<Ladder>, KindError> {
+        let (counts, last) = (self.params.rungs.counts(), self.params.rungs.last());
         let mut images: BTreeMap<u64, Digest> = BTreeMap::new();
-        for count in &counts {
-            if let Some(digest) = self.remembered("rung", *count)? {
+        for count in counts {
+            if let Some(digest) = self.remembered(Memo::Rung, *count)? {
                 images.insert(*count, digest);
             }
         }
         // All before the first missing image can be skipped; the last state is needed for the variance.
         let missing = counts.iter().copied().find(|count| !images.contains_key(count)).unwrap_or(last);
-        let mut state = self.nearest_state(missing, &counts)?;
+        let mut state = self.nearest_state(missing, counts)?;
         if state.as_ref().is_none_or(|state| state.count < last || !images.contains_key(&last)) {
-            state = Some(self.render(state, &counts, last, &mut images)?);
+            state = Some(self.render(state, counts, last, &mut images)?);
         }
         let state = state.ok_or_else(|| KindError::Internal("a ladder without a state".into()))?;
         let meta = LadderMeta {
-            counts: counts.clone(),
+            counts: counts.to_vec(),
             width: state.width(),
             height: state.height(),
             rejected: state.rejected,
             mean_path_length: state.mean_path_length(),
             sampler: self.params.sampler,
         };
-        let mut parts = vec![
-            ("meta.json".to_owned(), self.ctx.put_json(&meta)?),
-            ("variance".to_owned(), self.ctx.put(&state.variance().to_bytes())?),
-        ];
-        for count in &counts {
+        let rung = |count: &u64| {
             let digest = images.get(count).ok_or_else(|| KindError::Internal(format!("rung {count} was not made")))?;
-            parts.push((rung_part(*count), *digest));
-        }
-        Ok(Artifact::tree(LADDER, parts))
+            Ok((*count, *digest))
+        };
+        let rungs = counts.iter().map(rung).collect::<Result<Vec<_>, KindError>>()?;
+        Ladder::of_stored(self.ctx, &meta, &state.variance(), rungs)
     }
 
     /// Renders on to `last`, keeping the image of every rung and dyadic count on the way, and the state at the end.
@@ -327,12 +300,12 @@ impl Work<'_> {
             })?;
             if let Entry::Vacant(place) = images.entry(stop) {
                 let digest = self.ctx.put(&state.mean().to_bytes())?;
-                self.remember("rung", stop, digest)?;
+                self.remember(Memo::Rung, stop, digest)?;
                 place.insert(digest);
             }
         }
         let digest = self.ctx.put(&state.to_bytes())?;
-        self.remember("accumulator", last, digest)?;
+        self.remember(Memo::Accumulator, last, digest)?;
         Ok(state)
     }
 }

@@ -7,7 +7,7 @@ mod bounds;
 pub mod bsdf;
 pub mod camera;
 pub mod convergence;
-pub mod dispatch;
+mod dispatch;
 pub mod environment;
 pub mod gbuffer;
 pub mod geometry;
@@ -32,6 +32,8 @@ mod chi_square;
 #[cfg(test)]
 #[path = "../tests/scenes/mod.rs"]
 mod scenes;
+
+pub use tauflow_instructions::Instructions;
 
 use tauflow_contract::{KindRow, NodeKind};
 

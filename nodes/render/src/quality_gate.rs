@@ -3,15 +3,21 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use tauflow_contract::{Action, Artifact, Context, InputPort, Kind, KindError, KindSpec, Mode, OutputPort, Outputs};
+use tauflow_contract::{Action, Context, Each, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs};
 use tauflow_data::{
     Image,
-    formats::{EXPOSURE, Exposure, SCENE, VERDICT, Verdict},
     image::{luminance, preview},
-    ladder::{LADDER, Ladder},
     maths::{exp, exp2, log},
-    scene::Recipe,
+    records::{Exposure, Ladder, SceneRecord, Verdict},
 };
+
+const SCENES: Each<SceneRecord> = Each::new("scenes", "The scenes to judge.");
+const PREVIEWS: Each<Ladder> = Each::new("previews", "A ladder of each; its last rung is judged.");
+
+const MAIN: Group = Group::main(1);
+const ACCEPTED: Out<SceneRecord> = Out::new(MAIN, "accepted", "The scenes that passed.").filtering();
+const EXPOSURE: Out<Exposure> = Out::new(MAIN, "exposure", "Exposure of the scenes that passed.").filtering();
+const VERDICTS: Out<Verdict> = Out::new(MAIN, "verdicts", "What was measured, and every reason for rejection.");
 
 /// Side of a bin in pixels.
 const BIN: usize = 4;
@@ -74,43 +80,28 @@ impl Kind for QualityGate {
     fn spec() -> KindSpec {
         KindSpec {
             name: "quality_gate",
-            version: 1,
             summary: "Rejects scenes that teach nothing, and sets the exposure of the others.",
             manual: include_str!("quality_gate.md"),
             mode: Mode::Map,
-            inputs: const {
-                &[
-                    InputPort::each("scenes", SCENE, "The scenes to judge."),
-                    InputPort::each("previews", LADDER, "A ladder of each; its last rung is judged."),
-                ]
-            },
-            outputs: const {
-                &[
-                    OutputPort::new("accepted", SCENE, "The scenes that passed.").filtering(),
-                    OutputPort::new("exposure", EXPOSURE, "Exposure of the scenes that passed.").filtering(),
-                    OutputPort::new("verdicts", VERDICT, "What was measured, and every reason for rejection."),
-                ]
-            },
+            inputs: const { &[SCENES.port(), PREVIEWS.port()] },
+            outputs: const { &[ACCEPTED.port(), EXPOSURE.port(), VERDICTS.port()] },
             seeded: false,
         }
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let scene = action.each("scenes")?;
-        let recipe: Recipe = ctx.json(scene, "recipe.json")?;
-        let previews = action.each("previews")?;
-        let meta = Ladder::load_meta(ctx, previews)?;
+        let (scene, previews) = (action.handle(SCENES)?, action.handle(PREVIEWS)?);
+        let recipe = SceneRecord::recipe(ctx, scene)?;
+        let meta = Ladder::meta(ctx, previews)?;
         let last = *meta.counts.last().ok_or_else(|| KindError::Input("a preview without rungs".into()))?;
-        let image = Ladder::load_rung(ctx, previews, last)?;
-        let variance = Image::from_bytes(&ctx.part(previews, "variance")?)?;
+        let (image, variance) = (Ladder::rung(ctx, previews, last)?, Ladder::variance(ctx, previews)?);
         let preview = Preview { image: &image, variance: &variance, spp: last, rejected: meta.rejected };
         let (verdict, exposure) = judge(&preview, recipe.exposure_ev, &action.params);
-        let outputs = Outputs::default().item("verdicts", Artifact::blob(VERDICT, ctx.put_json(&verdict)?));
+        let outputs = Outputs::default().put(VERDICTS, verdict.store(ctx)?);
         if !verdict.reasons.is_empty() {
             return Ok(outputs);
         }
-        let exposure = Artifact::blob(EXPOSURE, ctx.put_json(&exposure)?);
-        Ok(outputs.item("accepted", scene.clone()).item("exposure", exposure))
+        Ok(outputs.put(ACCEPTED, scene.to_stored()).put(EXPOSURE, exposure.store(ctx)?))
     }
 }
 
@@ -132,8 +123,8 @@ fn bins(image: &Image) -> Vec<f64> {
     bins
 }
 
-/// The geometric mean over bins of an image's luminance, with bins below 1/10,000 of the mean counted as that much: what
-/// `key` is divided by for the exposure factor.
+/// The geometric mean over bins of an image's luminance, with bins below 1/10,000 of the mean counted as that much:
+/// what `key` is divided by for the exposure factor.
 pub fn geometric_mean_luminance(image: &Image) -> f64 {
     let pixels = image.data().chunks_exact(3).map(|rgb| f64::from(luminance(rgb)).max(0.0));
     let floor = (pixels.sum::<f64>() / (image.width() * image.height()) as f64 * 1e-4).max(1e-30);

@@ -3,15 +3,16 @@
 use crate::{
     accumulator::Accumulator,
     camera::Camera,
-    dispatch::Instructions,
+    dispatch::kernels,
     integrator::{Roulette, Strategy},
     rng::{FILM, Sampler, render_state},
-    stream::Batch,
+    stream::{Batch, trace},
     world::{Dropped, LoadBlob, World},
 };
 use rayon::prelude::*;
 use tauflow_contract::KindError;
-use tauflow_data::{Image, ladder::SamplerKind, scene::Scene};
+use tauflow_data::{Image, Resolution, SamplerKind, scene::Scene};
+use tauflow_instructions::Instructions;
 
 /// Paths in a batch: enough for many lanes of each material, few enough for the cache of a core.
 const BATCH: usize = 4096;
@@ -21,8 +22,6 @@ const TOGETHER: u64 = 64;
 const TILE: usize = 16;
 /// Samples between looks at whether to stop.
 const CHUNK: u64 = 1 << 18;
-/// Longest side of a film.
-pub const MAX_SIDE: usize = 16_384;
 
 /// A world, and the film to render it on.
 pub struct Renderer<'a> {
@@ -41,13 +40,9 @@ impl<'a> Renderer<'a> {
     /// A renderer of the samples of `stream`.
     ///
     /// # Errors
-    /// If the film is empty or too large, or the camera looks nowhere.
-    pub fn new(world: &'a World, width: usize, height: usize, stream: u64) -> Result<Self, KindError> {
-        if !(1..=MAX_SIDE).contains(&width) || !(1..=MAX_SIDE).contains(&height) {
-            return Err(KindError::Input(format!(
-                "a film of {width} x {height} pixels; use sides from 1 to {MAX_SIDE}"
-            )));
-        }
+    /// If the camera looks nowhere.
+    pub fn new(world: &'a World, film: Resolution, stream: u64) -> Result<Self, KindError> {
+        let (width, height) = (film.width(), film.height());
         let camera = Camera::new(&world.camera, width, height)?;
         Ok(Self {
             world,
@@ -155,8 +150,8 @@ impl<'a> Renderer<'a> {
                     }
                     let (world, camera) = (self.world, &self.camera);
                     let (strategy, roulette) = (self.strategy, self.roulette);
-                    let found =
-                        self.instructions.trace(&Batch { world, camera, strategy, roulette, sampler, paths: &paths });
+                    let batch = Batch { world, camera, strategy, roulette, sampler, paths: &paths };
+                    let found = trace(&batch, kernels(self.instructions));
                     segments += found.segments;
                     rejected += found.rejected;
                     for (target, samples) in pixels.iter_mut().zip(found.radiance.chunks_exact((last - first) as usize))
@@ -199,16 +194,16 @@ pub struct RenderStats {
 pub fn render_image(
     scene: &Scene,
     load: LoadBlob<'_>,
-    size: (usize, usize),
+    film: Resolution,
     spp: u64,
     progress: &mut dyn FnMut(u64) -> Result<(), KindError>,
 ) -> Result<(Image, RenderStats), KindError> {
     let world = World::new(scene, load)?;
-    let renderer = Renderer::new(&world, size.0, size.1, 0)?;
+    let renderer = Renderer::new(&world, film, 0)?;
     let mut accumulator = renderer.begin();
     renderer.advance(&mut accumulator, spp, progress)?;
     let stats = RenderStats {
-        paths: accumulator.count * (size.0 * size.1) as u64,
+        paths: accumulator.count * (film.width() * film.height()) as u64,
         mean_path_length: accumulator.mean_path_length(),
         rejected: accumulator.rejected,
         primitives: world.primitive_count(),

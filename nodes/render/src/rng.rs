@@ -8,7 +8,7 @@ use crate::{
     sobol,
 };
 use glam::Vec2;
-use tauflow_data::{ladder::SamplerKind, rng::mix};
+use tauflow_data::{SamplerKind, rng::mix};
 
 /// The numbers of one sample of one pixel.
 #[derive(Clone, Copy, Debug)]

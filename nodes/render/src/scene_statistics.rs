@@ -10,16 +10,21 @@ use crate::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_contract::{
-    Action, Artifact, Context, Digest, InputPort, Kind, KindError, KindSpec, Mode, OutputPort, Outputs, ParamProblem,
+    Action, Context, Digest, Each, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem,
 };
 use tauflow_data::{
-    Scene,
-    formats::{SCENE, STATISTICS},
+    Resolution, Scene,
     image::luminance,
     maths::log,
+    records::{SceneRecord, SceneStatistics},
     scene::{Bsdf, Emitter, Texture},
-    statistics::SceneStatistics,
 };
+
+const SCENES: Each<SceneRecord> = Each::new("scenes", "The scenes to measure.");
+const STATISTICS: Out<SceneStatistics> = Out::new(Group::main(2), "statistics", "What was measured.");
+
+/// Shortest side of a film that statistics can be taken from.
+const LEAST_SIDE: usize = 4;
 
 /// The kind `scene_statistics`.
 pub struct SceneStatisticsKind;
@@ -28,8 +33,8 @@ pub struct SceneStatisticsKind;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SceneStatisticsParams {
-    /// Width and height in pixels.
-    pub resolution: [u32; 2],
+    /// Width and height in pixels, at least 4 each.
+    pub resolution: Resolution,
     /// Samples a pixel: the last rung of the ladder that the slope is measured on, and of the renders that shares are
     /// taken from.
     #[schemars(range(min = 8, max = 65536))]
@@ -41,7 +46,8 @@ pub struct SceneStatisticsParams {
 
 impl Default for SceneStatisticsParams {
     fn default() -> Self {
-        Self { resolution: [32, 32], spp: 128, reference: 16 }
+        let resolution = Resolution::new(32, 32).expect("sides that can be rendered");
+        Self { resolution, spp: 128, reference: 16 }
     }
 }
 
@@ -54,36 +60,28 @@ impl Kind for SceneStatisticsKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "scene_statistics",
-            version: 2,
             summary: "Measures what scenes are: path lengths, shares of light, errors and slopes.",
             manual: include_str!("scene_statistics.md"),
             mode: Mode::Map,
-            inputs: const { &[InputPort::each("scenes", SCENE, "The scenes to measure.")] },
-            outputs: const { &[OutputPort::new("statistics", STATISTICS, "What was measured.")] },
+            inputs: const { &[SCENES.port()] },
+            outputs: const { &[STATISTICS.port()] },
             seeded: false,
         }
     }
 
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
-        let mut problems = Vec::new();
-        if params.resolution.iter().any(|side| !(4..=crate::render::MAX_SIDE as u32).contains(side)) {
-            let what = format!("{:?} is no film that statistics can be taken from", params.resolution);
-            problems.push(ParamProblem::new("/resolution", what, "[32, 32] is enough"));
+        let film = params.resolution;
+        if film.width().min(film.height()) >= LEAST_SIDE {
+            return Vec::new();
         }
-        if !(8..=65536).contains(&params.spp) {
-            problems.push(ParamProblem::new("/spp", format!("{} samples a pixel", params.spp), "use 8 to 65536"));
-        }
-        if !(4..=256).contains(&params.reference) {
-            let what = format!("a reference of {} times the samples", params.reference);
-            problems.push(ParamProblem::new("/reference", what, "use 4 to 256; 16 is enough"));
-        }
-        problems
+        let what = format!("no statistics can be taken from {} x {} pixels", film.width(), film.height());
+        vec![ParamProblem::new("/resolution", what, "use at least 4 x 4; [32, 32] is enough")]
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let scene: Scene = ctx.json(action.each("scenes")?, "scene.json")?;
+        let scene = SceneRecord::scene(ctx, action.handle(SCENES)?)?;
         let statistics = Measure { ctx, params: &action.params }.measure(&scene)?;
-        Ok(Outputs::default().item("statistics", Artifact::blob(STATISTICS, ctx.put_json(&statistics)?)))
+        Ok(Outputs::default().put(STATISTICS, statistics.store(ctx)?))
     }
 }
 
@@ -106,8 +104,7 @@ impl Measure<'_> {
         stops: &[u64],
         at: &mut dyn FnMut(&Accumulator),
     ) -> Result<(), KindError> {
-        let [width, height] = self.params.resolution;
-        let renderer = Renderer::new(world, width as usize, height as usize, stream)?.with_strategy(strategy);
+        let renderer = Renderer::new(world, self.params.resolution, stream)?.with_strategy(strategy);
         let mut film = renderer.begin();
         for stop in stops {
             renderer.advance(&mut film, *stop, &mut |done| {
@@ -208,8 +205,8 @@ fn variances(film: &Accumulator) -> Vec<f64> {
     image.data().chunks_exact(3).map(|rgb| rgb.iter().map(|v| f64::from(*v)).sum::<f64>() / 3.0).collect()
 }
 
-/// Slope of log RMSE on log n by least squares, against a reference whose variance is subtracted; none for scenes without
-/// noise.
+/// Slope of log RMSE on log n by least squares, against a reference whose variance is subtracted; none for scenes
+/// without noise.
 fn fit(films: &[Accumulator], reference: &Accumulator) -> Option<f64> {
     let own = variances(reference).iter().sum::<f64>() / reference.pixels.len() as f64 / reference.count as f64;
     let truth = reference.mean();

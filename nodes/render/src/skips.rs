@@ -1,5 +1,5 @@
-//! What is skipped for scenes that do not need it, one by one, and how to do it all the same: to measure what it saves, and
-//! to show that it changes nothing.
+//! What is skipped for scenes that do not need it, one by one, and how to do it all the same: to measure what it saves,
+//! and to show that it changes nothing.
 //!
 //! | skip | what is left out | for |
 //! |---|---|---|
@@ -9,8 +9,8 @@
 //! | `textures` | texture lookups of materials of one colour, and the texture coordinates for them | constant materials |
 //! | `normal_maps` | frames of normal maps | materials without one |
 //!
-//! The first leaves every bit as it is. The others draw other random numbers, or round otherwise, when they are undone: the
-//! same expectation.
+//! The first leaves every bit as it is. The others draw other random numbers, or round otherwise, when they are undone:
+//! the same expectation.
 
 use crate::world::World;
 use tauflow_contract::Digest;
@@ -54,8 +54,8 @@ impl Skip {
         self == Self::Kernels
     }
 
-    /// Gives a scene what it does not need, if that takes a change of the scene: a black sky, pictures of one texel, flat
-    /// normal maps. Blobs that it then needs go to `put`. False if the scene needs it anyway.
+    /// Gives a scene what it does not need, if that takes a change of the scene: a black sky, pictures of one texel,
+    /// flat normal maps. Blobs that it then needs go to `put`. False if the scene needs it anyway.
     pub fn undo_in_scene(self, scene: &mut Scene, put: &mut dyn FnMut(Vec<u8>) -> Digest) -> bool {
         match self {
             Self::Kernels | Self::Opacity => true,

@@ -1,9 +1,9 @@
 //! Owen-scrambled Sobol' points, padded: each dimension of a path is a two-dimensional sequence of its own.
 //!
-//! After Burley 2020, *Practical Hash-based Owen Scrambling*: the first two dimensions of Sobol's sequence, whose order and
-//! values are shuffled for each pixel and dimension by nested uniform scrambles, with the Laine-Karras hash as improved by
-//! Vegdahl. The first 2^k samples of a pixel are a (0, 2)-net in every dimension of the path, for every k: ladders are nested as
-//! those of independent numbers are.
+//! After Burley 2020, *Practical Hash-based Owen Scrambling*: the first two dimensions of Sobol's sequence, whose order
+//! and values are shuffled for each pixel and dimension by nested uniform scrambles, with the Laine-Karras hash as
+//! improved by Vegdahl. The first 2^k samples of a pixel are a (0, 2)-net in every dimension of the path, for every k:
+//! ladders are nested as those of independent numbers are.
 
 use tauflow_data::rng::mix;
 

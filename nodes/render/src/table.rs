@@ -1,7 +1,7 @@
 //! What the shading of a hit reads, in one row for each primitive: positions, normals, texture coordinates, and which
 //! material and light it is of.
 
-use crate::lanes::{Pair, Real, Record, Triple, Whole};
+use crate::lanes::{Integer, Pair, Real, Record, Triple};
 use glam::{Vec2, Vec3};
 
 /// Records of a primitive.
@@ -53,10 +53,10 @@ pub(crate) struct Row {
 
 impl Table {
     pub(crate) fn push(&mut self, row: &Row, material: u32, form: u32) {
-        let all = row.positions.iter().chain([&row.normal]).chain(&row.normals).flat_map(|v| v.to_array());
+        let all = row.positions.iter().chain([&row.normal]).chain(&row.normals).flat_map(glam::Vec3::to_array);
         let mut records = [Record::default(); WIDTH];
         let places = records.iter_mut().flat_map(|record| &mut record.0);
-        for (place, value) in places.zip(all.chain(row.uvs.iter().flat_map(|v| v.to_array()))) {
+        for (place, value) in places.zip(all.chain(row.uvs.iter().flat_map(glam::Vec2::to_array))) {
             *place = value;
         }
         self.rows.extend(records);
@@ -79,12 +79,12 @@ impl Table {
 
     /// What is known of primitives.
     #[inline(always)]
-    pub(crate) fn facts<R: Real>(&self, primitive: R::Whole) -> Facts<R> {
-        let first = primitive * R::Whole::splat(2 * WIDTH as i32);
+    pub(crate) fn facts<R: Real>(&self, primitive: R::Integer) -> Facts<R> {
+        let first = primitive * R::Integer::splat(2 * WIDTH as i32);
         let [ax, ay, az, bx, by, bz, cx, cy] = R::columns(&self.rows, first);
-        let [cz, nx, ny, nz, px, py, pz, qx] = R::columns(&self.rows, first + R::Whole::splat(1));
-        let [qy, qz, rx, ry, rz, pu, pv, qu] = R::columns(&self.rows, first + R::Whole::splat(2));
-        let [qv, ru, rv, ..] = R::columns(&self.rows, first + R::Whole::splat(3));
+        let [cz, nx, ny, nz, px, py, pz, qx] = R::columns(&self.rows, first + R::Integer::splat(1));
+        let [qy, qz, rx, ry, rz, pu, pv, qu] = R::columns(&self.rows, first + R::Integer::splat(2));
+        let [qv, ru, rv, ..] = R::columns(&self.rows, first + R::Integer::splat(3));
         Facts {
             positions: [Triple::new(ax, ay, az), Triple::new(bx, by, bz), Triple::new(cx, cy, cz)],
             normal: Triple::new(nx, ny, nz),

@@ -2,7 +2,7 @@
 
 use crate::{
     bsdf::{Points, Surface},
-    lanes::{Pair, Real, Triple, Whole},
+    lanes::{Integer, Pair, Real, Triple},
 };
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use tauflow_contract::{Digest, KindError};
 use tauflow_data::{Image, scene};
 
 /// Hands out the image of a blob.
-pub type LoadBitmap<'a> = &'a mut dyn FnMut(&Digest) -> Result<Image, KindError>;
+pub type LoadBitmap<'a> = &'a mut dyn FnMut(&Digest) -> Result<Arc<Image>, KindError>;
 
 /// A texture ready to be read.
 #[derive(Clone, Debug)]
@@ -91,7 +91,7 @@ impl Texture {
                     )));
                 }
                 Self::Bitmap(Bitmap {
-                    image: Arc::new(pixels),
+                    image: pixels,
                     rows: uv.map(|row| row.map(|v| v as f32)),
                     scale: rgb(scale)?,
                     channel: *channel,
@@ -267,12 +267,12 @@ impl Bitmap {
         let (fx, fy) = (x - left, y - top);
         let (x0, x1) = (self.place(left, width), self.place(left + 1.0, width));
         let (y0, y1) = (self.place(top, height), self.place(top + 1.0, height));
-        let (row, step) = (R::Whole::splat(width as i32), R::Whole::splat(channels as i32));
+        let (row, step) = (R::Integer::splat(width as i32), R::Integer::splat(channels as i32));
         let data = self.image.data();
         let corners = [(y0 * row + x0) * step, (y0 * row + x1) * step, (y1 * row + x0) * step, (y1 * row + x1) * step];
         macro_rules! mix {
             ($channel:expr) => {{
-                let shift = R::Whole::splat($channel as i32);
+                let shift = R::Integer::splat($channel as i32);
                 let [a, b, c, d] = corners;
                 let upper = R::gather(data, a + shift) * (R::one() - fx) + R::gather(data, b + shift) * fx;
                 let lower = R::gather(data, c + shift) * (R::one() - fx) + R::gather(data, d + shift) * fx;
@@ -290,9 +290,9 @@ impl Bitmap {
 
     /// Column or row of a texel, repeated or clamped; beyond 2^24 one is as good as another.
     #[inline(always)]
-    fn place<R: Real>(&self, at: R, size: usize) -> R::Whole {
+    fn place<R: Real>(&self, at: R, size: usize) -> R::Integer {
         let wrapped = if self.clamp { at } else { at - (at / size as f32).floor() * size as f32 };
-        wrapped.clamp(0.0, (size - 1) as f32).whole()
+        wrapped.clamp(0.0, (size - 1) as f32).to_integer()
     }
 }
 
@@ -314,7 +314,7 @@ mod tests {
             channel,
             clamp,
         };
-        Texture::compile(&texture, &mut |_| Ok(image.clone())).expect("a sound image")
+        Texture::compile(&texture, &mut |_| Ok(Arc::new(image.clone()))).expect("a sound image")
     }
 
     #[test]

@@ -14,10 +14,11 @@ use crate::{
     texture::Texture,
 };
 use glam::{DVec3, Vec2, Vec3, Vec4};
+use std::{collections::BTreeMap, sync::Arc};
 use tauflow_contract::{Digest, KindError};
 use tauflow_data::{
     Image,
-    formats::Mesh,
+    mesh::Mesh,
     scene::{Geometry, Scene, Shape as SceneShape},
 };
 
@@ -102,13 +103,23 @@ impl World {
     /// Compiles a scene.
     ///
     /// # Errors
-    /// If the scene is inconsistent (a material that is not there, a sphere that is sheared, two environments), a value of a material or an
-    /// emission is not finite or beyond what a surface can do, or a blob is missing or damaged.
+    /// If the scene is inconsistent: a material that is not there, a sphere that is sheared, two environments. If a
+    /// value of a material or an emission is not finite, or beyond what a surface can do. If a blob is missing or
+    /// damaged.
     pub fn new(scene: &Scene, load: LoadBlob<'_>) -> Result<Self, KindError> {
         if scene.version != 1 {
             return Err(KindError::Input(format!("the scene has format version {}; this reads 1", scene.version)));
         }
-        let mut load_bitmap = |digest: &Digest| -> Result<Image, KindError> { Ok(Image::from_bytes(&load(digest)?)?) };
+        // An image that several textures show is decoded and held once.
+        let mut bitmaps: BTreeMap<Digest, Arc<Image>> = BTreeMap::new();
+        let mut load_bitmap = |digest: &Digest| -> Result<Arc<Image>, KindError> {
+            if let Some(image) = bitmaps.get(digest) {
+                return Ok(image.clone());
+            }
+            let image = Arc::new(Image::from_bytes(&load(digest)?)?);
+            bitmaps.insert(*digest, image.clone());
+            Ok(image)
+        };
         let materials = scene
             .materials
             .iter()
@@ -123,6 +134,7 @@ impl World {
             emissions.push(emission.transpose().map_err(|error| within("shape", index, error))?);
         }
         let environment = crate::lights::compile_environment(&scene.emitters, &mut load_bitmap)?;
+        drop(bitmaps);
         let mut collected = Collected::default();
         for (index, (shape, emission)) in scene.shapes.iter().zip(emissions).enumerate() {
             collected.add(shape, emission, &materials, load).map_err(|error| within("shape", index, error))?;
@@ -312,7 +324,7 @@ impl Collected {
         let double = |v: &[f32; 3]| Vec3::from_array(*v).as_dvec3();
         let positions: Vec<Vec3> = mesh.positions.iter().map(|p| map.point(double(p))).collect();
         let side = if map.mirrors() { -1.0 } else { 1.0 };
-        let direction = |n: &[f32; 3]| map.normal(double(n)).map_or(Vec3::ZERO, |n| n.as_vec3());
+        let direction = |n: &[f32; 3]| map.normal(double(n)).map_or(Vec3::ZERO, glam::DVec3::as_vec3);
         let normals: Option<Vec<Vec3>> = mesh.normals.as_ref().map(|all| all.iter().map(direction).collect());
         let turned = if shape.flip_normals { -1.0 } else { 1.0 };
         let mut triangles = Vec::with_capacity(mesh.triangles.len());

@@ -2,14 +2,17 @@
 
 mod scenes;
 
-use scenes::{Built, ball, columns, floor_point, level, room};
-use std::f64::consts::PI;
-use tauflow_data::scene::{Bsdf, Emitter, Geometry, IDENTITY, Texture};
+use scenes::{Built, ball, columns, everything, film, floor_point, level, room};
+use std::{collections::BTreeMap, f64::consts::PI};
+use tauflow_data::{
+    Image,
+    scene::{Bsdf, Emitter, Geometry, IDENTITY, Texture},
+};
 use tauflow_render::{accumulator::Accumulator, integrator::Strategy, render::Renderer, world::World};
 
-fn render(built: &Built, side: usize, spp: u64, strategy: Strategy) -> Accumulator {
+fn render(built: &Built, side: u32, spp: u64, strategy: Strategy) -> Accumulator {
     let world = World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene");
-    let renderer = Renderer::new(&world, side, side, 0).expect("a sound film").with_strategy(strategy);
+    let renderer = Renderer::new(&world, film(side, side), 0).expect("a sound film").with_strategy(strategy);
     let mut film = renderer.begin();
     renderer.advance(&mut film, spp, &mut |_| Ok(())).expect("nothing stops it");
     assert_eq!(film.rejected, 0);
@@ -273,6 +276,23 @@ fn a_lamp_with_holes_is_found_alike_by_light_and_by_scattering() {
         let deviation = (both.0 - other.0) / (both.1 * both.1 + other.1 * other.1).sqrt();
         assert!(deviation.abs() < 4.5 && both.1 < 0.01 * both.0, "{both:?} {other:?}");
     }
+}
+
+#[test]
+fn an_image_of_several_textures_is_loaded_once() {
+    let built = everything();
+    let mut loads = BTreeMap::new();
+    World::new(&built.scene, &mut |digest| {
+        *loads.entry(*digest).or_insert(0) += 1;
+        built.load(digest)
+    })
+    .expect("a sound scene");
+    let bitmaps: Vec<u32> = loads
+        .iter()
+        .filter(|(digest, _)| Image::from_bytes(&built.blobs[digest]).is_ok())
+        .map(|(_, loads)| *loads)
+        .collect();
+    assert_eq!(bitmaps, [1; 3], "a sky, colours of several materials, and a normal map");
 }
 
 #[test]

@@ -2,19 +2,24 @@
 
 mod scenes;
 
-use scenes::{Built, balls_under_sky, recipe, room};
+use scenes::{Built, balls_under_sky, film, recipe, room};
 use std::{collections::BTreeMap, sync::atomic::AtomicBool};
-use tauflow_contract::{Action, Artifact, Collection, Context, ItemKey, Kind, KindError, MemoryBlobs, Outputs, Silent};
+use tauflow_contract::{
+    Action, Artifact, Collection, Context, ItemKey, Kind, KindError, Media, MemoryBlobs, Outputs, Silent,
+};
 use tauflow_data::{
-    Ladder, RungCounts,
-    convergence::{Agreement, Convergence},
-    formats::{Exposure, Verdict, store_scene},
+    Rungs,
+    records::{Agreement, Convergence, Exposure, Ladder, SceneRecord, Verdict},
 };
 use tauflow_render::{
     convergence::{ConvergenceKind, ConvergenceParams},
     ladder_rendering::{LadderRendering, LadderRenderingParams},
     quality_gate::{QualityGate, QualityGateParams},
 };
+
+fn list(counts: Vec<u64>) -> Rungs {
+    Rungs::list(counts).expect("increasing")
+}
 
 struct Bench {
     blobs: MemoryBlobs,
@@ -35,29 +40,31 @@ impl Bench {
         for bytes in built.blobs.values() {
             ctx.put(bytes).expect("memory");
         }
-        store_scene(&ctx, &built.scene, &recipe(exposure_ev)).expect("memory")
+        let record = SceneRecord { scene: built.scene.clone(), recipe: recipe(exposure_ev) };
+        record.store(&ctx).expect("memory").into_artifact()
     }
 
-    fn ladder(&self, scene: &Artifact, rungs: RungCounts) -> Artifact {
+    fn ladder(&self, scene: &Artifact, rungs: Rungs) -> Artifact {
         self.rendered(scene, rungs, 0)
     }
 
-    fn rendered(&self, scene: &Artifact, rungs: RungCounts, stream: u64) -> Artifact {
-        let params = LadderRenderingParams { rungs, resolution: [24, 24], stream, ..LadderRenderingParams::default() };
+    fn rendered(&self, scene: &Artifact, rungs: Rungs, stream: u64) -> Artifact {
+        let params =
+            LadderRenderingParams { rungs, resolution: film(24, 24), stream, ..LadderRenderingParams::default() };
         let each = BTreeMap::from([("scenes", scene)]);
-        let action = Action { params, item: None, group: "ladder", seed: 0, each, whole: BTreeMap::new() };
+        let action = Action { params, item: None, group: "ladder", seed: 0, each, all: BTreeMap::new() };
         let mut outputs = LadderRendering::run(&self.ctx(), &action).expect("a sound scene");
         outputs.items.remove("ladder").expect("the port")
     }
 
     fn gate(&self, scene: &Artifact, preview: &Artifact, params: QualityGateParams) -> Outputs {
         let each = BTreeMap::from([("scenes", scene), ("previews", preview)]);
-        let action = Action { params, item: None, group: "main", seed: 0, each, whole: BTreeMap::new() };
+        let action = Action { params, item: None, group: "main", seed: 0, each, all: BTreeMap::new() };
         QualityGate::run(&self.ctx(), &action).expect("a sound preview")
     }
 
-    fn json<T: serde::de::DeserializeOwned>(&self, artifact: &Artifact) -> T {
-        self.ctx().json(artifact, "").expect("JSON")
+    fn load<M: Media>(&self, artifact: &Artifact) -> M {
+        M::load(&self.ctx(), artifact).expect("an artifact of its type")
     }
 }
 
@@ -65,10 +72,10 @@ impl Bench {
 fn the_gate_passes_scenes_on_unchanged_and_no_threshold_changes_what_it_says_of_them() {
     let bench = bench();
     let scene = bench.store(&room(), 0.5);
-    let preview = bench.ladder(&scene, RungCounts::List(vec![1, 32]));
+    let preview = bench.ladder(&scene, list(vec![1, 32]));
     let usual = bench.gate(&scene, &preview, QualityGateParams::default());
     assert_eq!(usual.items["accepted"], scene);
-    let exposure: Exposure = bench.json(&usual.items["exposure"]);
+    let exposure: Exposure = bench.load(&usual.items["exposure"]);
     assert!((exposure.factor * exposure.mean_luminance / (0.18 * 2f64.sqrt()) - 1.0).abs() < 1e-9, "{exposure:?}");
     let lax = QualityGateParams { contrast: 0.001, noise: 5.0, ..QualityGateParams::default() };
     assert_eq!(bench.gate(&scene, &preview, lax).items, usual.items);
@@ -76,12 +83,12 @@ fn the_gate_passes_scenes_on_unchanged_and_no_threshold_changes_what_it_says_of_
     let rejected = bench.gate(&scene, &preview, strict).items;
     assert_eq!(rejected.keys().collect::<Vec<_>>(), ["verdicts"]);
     let [before, after] =
-        [&usual.items["verdicts"], &rejected["verdicts"]].map(|verdict| bench.json::<Verdict>(verdict));
+        [&usual.items["verdicts"], &rejected["verdicts"]].map(|verdict| bench.load::<Verdict>(verdict));
     assert_eq!((before.reasons.len(), after.reasons.as_slice()), (0, &["near_constant".to_owned()][..]));
     assert_eq!(before.measures, after.measures);
     // Only the offset of exposure differs.
     let brighter = bench.store(&room(), 1.5);
-    let twice: Exposure = bench.json(&bench.gate(&brighter, &preview, QualityGateParams::default()).items["exposure"]);
+    let twice: Exposure = bench.load(&bench.gate(&brighter, &preview, QualityGateParams::default()).items["exposure"]);
     assert!((twice.factor / exposure.factor - 2.0).abs() < 1e-12);
 }
 
@@ -92,21 +99,21 @@ fn rendered_ladders_keep_the_law() {
     for (name, built) in [("L0-open-000000", balls_under_sky()), ("L0-enclosed-000000", room())] {
         let key = ItemKey::new(name).expect("plain");
         let scene = bench.store(&built, 0.0);
-        let ladder = bench.ladder(&scene, RungCounts::Dyadic { dyadic: 128 });
+        let ladder = bench.ladder(&scene, Rungs::dyadic(128).expect("a power of two"));
         exposure
             .push((key.clone(), bench.gate(&scene, &ladder, QualityGateParams::default()).items["exposure"].clone()));
-        references.push((key.clone(), bench.rendered(&scene, RungCounts::List(vec![2048]), 1)));
+        references.push((key.clone(), bench.rendered(&scene, list(vec![2048]), 1)));
         ladders.push((key, ladder));
     }
     let run = |references: &Collection, ladders: &Collection, exposure: &Collection| {
-        let whole = BTreeMap::from([("references", references), ("ladders", ladders), ("exposure", exposure)]);
+        let all = BTreeMap::from([("references", references), ("ladders", ladders), ("exposure", exposure)]);
         let params = ConvergenceParams::default();
-        let action = Action { params, item: None, group: "main", seed: 0, each: BTreeMap::new(), whole };
+        let action = Action { params, item: None, group: "main", seed: 0, each: BTreeMap::new(), all };
         ConvergenceKind::run(&bench.ctx(), &action)
     };
     let all = |items: &[(ItemKey, Artifact)]| items.iter().cloned().collect::<Collection>();
     let outputs = run(&all(&references), &all(&ladders), &all(&exposure)).expect("sound ladders");
-    let found: Convergence = bench.json(outputs.collections["convergence"].get("convergence").expect("one item"));
+    let found: Convergence = bench.load(outputs.collections["convergence"].get("convergence").expect("one item"));
     assert_eq!((found.reference_spp, found.counts.as_slice()), (2048, &[1, 2, 4, 8, 16, 32, 64, 128][..]));
     assert_eq!(found.strata.iter().map(|s| s.stratum.as_str()).collect::<Vec<_>>(), ["L0-enclosed", "L0-open"]);
     assert_eq!((found.overall.scenes, found.overall.rejected, found.scenes.len()), (2, 0, 2));
@@ -156,7 +163,7 @@ fn references_of_another_stream_are_uncorrelated_with_the_ladder() {
     let bench = bench();
     let scene = bench.store(&balls_under_sky(), 0.0);
     let image = |rungs: u64, stream: u64| {
-        let ladder = Ladder::load(&bench.ctx(), &bench.rendered(&scene, RungCounts::List(vec![rungs]), stream));
+        let ladder = Ladder::load(&bench.ctx(), &bench.rendered(&scene, list(vec![rungs]), stream));
         ladder.expect("a ladder").rungs.pop().expect("a rung").image
     };
     let truth = image(4096, 2);

@@ -2,7 +2,7 @@
 
 mod scenes;
 
-use scenes::{Built, balls_under_sky, room};
+use scenes::{Built, balls_under_sky, film, room};
 use tauflow_render::{render::Renderer, world::World};
 
 const SIDE: usize = 16;
@@ -11,7 +11,7 @@ const COUNT: usize = 1024;
 /// Luminance-like sums of each sample of each pixel, less the pixel's mean and over its deviation.
 fn samples(built: &Built) -> Vec<Vec<f64>> {
     let world = World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene");
-    let renderer = Renderer::new(&world, SIDE, SIDE, 0).expect("a film");
+    let renderer = Renderer::new(&world, film(SIDE as u32, SIDE as u32), 0).expect("a film");
     let mut film = renderer.begin();
     let mut all = vec![Vec::new(); SIDE * SIDE];
     let mut before = vec![0.0; SIDE * SIDE];

@@ -2,7 +2,7 @@
 
 mod scenes;
 
-use scenes::{Built, balls_under_sky, recipe, room};
+use scenes::{Built, balls_under_sky, film, recipe, room};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::{
@@ -11,9 +11,12 @@ use std::{
     },
 };
 use tauflow_contract::{
-    Action, Artifact, Blobs, Context, Digest, Kind, KindError, MemoKey, MemoryBlobs, Progress, Silent,
+    Action, Artifact, Blobs, Context, Digest, Kind, KindError, Media, MemoKey, MemoryBlobs, Progress, Silent,
 };
-use tauflow_data::{Image, Ladder, RungCounts, formats::store_scene, ladder::GBuffer};
+use tauflow_data::{
+    Image, Rungs,
+    records::{GBuffer, Ladder, SceneRecord},
+};
 use tauflow_render::{
     ladder_rendering::{LadderRendering, LadderRenderingParams},
     render::{Renderer, render_image},
@@ -30,6 +33,17 @@ impl Progress for Samples {
     }
 }
 
+fn scene_of(ctx: &Context<'_>, built: &Built) -> Artifact {
+    let record = SceneRecord { scene: built.scene.clone(), recipe: recipe(0.0) };
+    record.store(ctx).expect("memory").into_artifact()
+}
+
+/// Content digest of a rung's image.
+fn rung(ladder: &Artifact, spp: u64) -> Digest {
+    let found = ladder.parts.iter().find(|(name, _)| name.rsplit('/').next() == Some(&format!("{spp:08}")));
+    *found.unwrap_or_else(|| panic!("no rung {spp}")).1
+}
+
 fn run(
     blobs: &dyn Blobs,
     progress: &dyn Progress,
@@ -42,29 +56,23 @@ fn run(
     for bytes in built.blobs.values() {
         ctx.put(bytes).expect("memory");
     }
-    let scene = store_scene(&ctx, &built.scene, &recipe(0.0)).expect("memory");
-    let action = Action {
-        params,
-        item: None,
-        group,
-        seed: 0,
-        each: BTreeMap::from([("scenes", &scene)]),
-        whole: BTreeMap::new(),
-    };
+    let scene = scene_of(&ctx, built);
+    let action =
+        Action { params, item: None, group, seed: 0, each: BTreeMap::from([("scenes", &scene)]), all: BTreeMap::new() };
     let outputs = LadderRendering::run(&ctx, &action).expect("a sound scene");
     outputs.items.get(group).cloned().expect("the group's port")
 }
 
-fn params(rungs: RungCounts) -> LadderRenderingParams {
-    LadderRenderingParams { rungs, resolution: [16, 12], ..LadderRenderingParams::default() }
+fn params(rungs: Rungs) -> LadderRenderingParams {
+    LadderRenderingParams { rungs, resolution: film(16, 12), ..LadderRenderingParams::default() }
 }
 
 fn dyadic(last: u64) -> LadderRenderingParams {
-    params(RungCounts::Dyadic { dyadic: last })
+    params(Rungs::dyadic(last).expect("a power of two"))
 }
 
 fn list(counts: &[u64]) -> LadderRenderingParams {
-    params(RungCounts::List(counts.to_vec()))
+    params(Rungs::list(counts.to_vec()).expect("increasing"))
 }
 
 #[test]
@@ -99,8 +107,8 @@ fn continuing_has_the_bits_of_starting_over_and_renders_only_what_is_new() {
             dense,
             run(&MemoryBlobs::default(), &Silent, &built, list(&[1, 2, 3, 4, 5, 6, 7, 8, 9, 10]), "ladder")
         );
-        assert_eq!(dense.part("rung/00000008"), whole.part("rung/00000008"), "ladders share samples");
-        assert_eq!(odd.part("rung/00000256"), whole.part("rung/00000256"));
+        assert_eq!(rung(&dense, 8), rung(&whole, 8), "ladders share samples");
+        assert_eq!(rung(&odd, 256), rung(&whole, 256));
     }
 }
 
@@ -124,7 +132,7 @@ fn rungs_are_means_and_the_variance_is_that_of_the_samples() {
         assert!((found - variance).abs() < 1e-5 + 1e-4 * variance, "{found} {variance}");
     }
     let (image, stats) =
-        render_image(&built.scene, &mut |d| built.load(d), (16, 12), 16, &mut |_| Ok(())).expect("sound");
+        render_image(&built.scene, &mut |d| built.load(d), film(16, 12), 16, &mut |_| Ok(())).expect("sound");
     assert_eq!(&image, means[15], "the command renders what the kind does");
     assert_eq!((stats.paths, stats.rejected), (16 * 16 * 12, 0));
 }
@@ -138,7 +146,7 @@ fn threads_change_no_bit() {
             .map(|threads| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
                 pool.install(|| {
-                    let renderer = Renderer::new(&world, 33, 21, 0).expect("a film");
+                    let renderer = Renderer::new(&world, film(33, 21), 0).expect("a film");
                     let mut film = renderer.begin();
                     renderer.advance(&mut film, 9, &mut |_| Ok(())).expect("nothing stops it");
                     (film, renderer.gbuffer(0, 5, &mut |_| Ok(())).expect("nothing stops it"))
@@ -155,12 +163,13 @@ fn streams_are_independent_and_resolutions_apart() {
     let blobs = MemoryBlobs::default();
     let base = run(&blobs, &Silent, &built, dyadic(4), "ladder");
     let other = run(&blobs, &Silent, &built, LadderRenderingParams { stream: 1, ..dyadic(4) }, "ladder");
-    let larger = run(&blobs, &Silent, &built, LadderRenderingParams { resolution: [18, 12], ..dyadic(4) }, "ladder");
-    assert_ne!(base.part("rung/00000004"), other.part("rung/00000004"));
-    assert_ne!(base.part("rung/00000004"), larger.part("rung/00000004"));
+    let larger =
+        run(&blobs, &Silent, &built, LadderRenderingParams { resolution: film(18, 12), ..dyadic(4) }, "ladder");
+    assert_ne!(rung(&base, 4), rung(&other, 4));
+    assert_ne!(rung(&base, 4), rung(&larger, 4));
     let mut reseeded = built;
     reseeded.scene.seed += 1;
-    assert_ne!(run(&blobs, &Silent, &reseeded, dyadic(4), "ladder").part("rung/00000004"), base.part("rung/00000004"));
+    assert_ne!(rung(&run(&blobs, &Silent, &reseeded, dyadic(4), "ladder"), 4), rung(&base, 4));
 }
 
 #[test]
@@ -168,7 +177,8 @@ fn the_gbuffer_holds_albedo_and_normal() {
     let mut built = balls_under_sky();
     built.scene.camera.fov_x = 60.0;
     let blobs = MemoryBlobs::default();
-    let artifact = run(&blobs, &Silent, &built, LadderRenderingParams { resolution: [64, 64], ..dyadic(1) }, "gbuffer");
+    let artifact =
+        run(&blobs, &Silent, &built, LadderRenderingParams { resolution: film(64, 64), ..dyadic(1) }, "gbuffer");
     let cancel = AtomicBool::new(false);
     let gbuffer = GBuffer::load(&Context::new(&blobs, &Silent, &cancel), &artifact).expect("own artifact");
     let near = |a: &[f32], b: [f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 2e-2);
@@ -201,7 +211,7 @@ impl Blobs for Forgetful {
     }
 
     fn memo_get(&self, key: &MemoKey) -> Option<Artifact> {
-        (!key.name.ends_with(self.1)).then(|| self.0.memo_get(key)).flatten()
+        (!key.basis.group.ends_with(self.1)).then(|| self.0.memo_get(key)).flatten()
     }
 
     fn memo_put(&self, key: &MemoKey, artifact: &Artifact) -> Result<(), KindError> {
@@ -228,11 +238,11 @@ fn a_run_that_is_stopped_says_so() {
     let ctx = Context::new(&blobs, &Silent, &cancel);
     let built = balls_under_sky();
     built.blobs.values().for_each(|bytes| drop(ctx.put(bytes)));
-    let scene = store_scene(&ctx, &built.scene, &recipe(0.0)).expect("memory");
+    let scene = scene_of(&ctx, &built);
     cancel.store(true, Ordering::Relaxed);
     for group in ["ladder", "gbuffer"] {
         let each = BTreeMap::from([("scenes", &scene)]);
-        let action = Action { params: dyadic(4), item: None, group, seed: 0, each, whole: BTreeMap::new() };
+        let action = Action { params: dyadic(4), item: None, group, seed: 0, each, all: BTreeMap::new() };
         assert!(matches!(LadderRendering::run(&ctx, &action), Err(KindError::Cancelled)));
     }
 }
@@ -246,10 +256,12 @@ fn params_are_checked_and_projected() {
     assert_eq!(pointer(r#"{"rungs": {"dyadic": 12}}"#), "/rungs");
     assert_eq!(pointer(r#"{"rungs": [4, 2]}"#), "/rungs");
     assert_eq!(pointer(r#"{"resolution": [0, 64]}"#), "/resolution");
-    assert_eq!(pointer(r#"{"gbuffer_samples": 0}"#), "/gbuffer_samples");
     assert_eq!(pointer(r#"{"sampler": "sobol", "rungs": [4, 8589934592]}"#), "/rungs");
     assert!(resolve(r#"{"sampler": "halton"}"#).is_err() && resolve(r#"{"spp": 3}"#).is_err());
+    let schema = kind.params_schema();
+    assert_eq!(schema["properties"]["gbuffer_samples"]["minimum"], 1, "what the schema says, no one else checks");
     let full = resolve(r#"{"rungs": {"dyadic": 4}, "gbuffer_samples": 7}"#).expect("sound");
+    assert_eq!(full, resolve(r#"{"rungs": [1, 2, 4], "gbuffer_samples": 7}"#).expect("sound"), "one ladder, one key");
     let ladder = kind.projection(&full)(None, "ladder");
     let sobol = resolve(r#"{"rungs": {"dyadic": 4}, "sampler": "sobol"}"#).expect("sound");
     assert_ne!(kind.projection(&sobol)(None, "ladder"), ladder);

@@ -2,7 +2,7 @@
 
 mod scenes;
 
-use scenes::{Built, balls_under_sky, everything, room};
+use scenes::{Built, balls_under_sky, everything, film, room};
 use std::collections::BTreeMap;
 use tauflow_contract::Digest;
 use tauflow_render::{accumulator::Accumulator, render::Renderer, skips::Skip, world::World};
@@ -27,7 +27,7 @@ fn render(built: &Built, undone: Option<Skip>, spp: u64) -> Option<Accumulator> 
     if undone.is_some_and(|skip| !skip.undo_in_world(&mut world)) {
         return None;
     }
-    let renderer = Renderer::new(&world, 24, 24, 0).expect("a film");
+    let renderer = Renderer::new(&world, film(24, 24), 0).expect("a film");
     let mut film = renderer.begin();
     renderer.advance(&mut film, spp, &mut |_| Ok(())).expect("nothing stops it");
     Some(film)

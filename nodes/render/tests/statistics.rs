@@ -2,13 +2,12 @@
 
 mod scenes;
 
-use scenes::{Built, floor_point, level, recipe, room};
+use scenes::{Built, film, floor_point, level, recipe, room};
 use std::{collections::BTreeMap, sync::atomic::AtomicBool};
-use tauflow_contract::{Action, Context, Kind, MemoryBlobs, Silent};
+use tauflow_contract::{Action, Context, Kind, Media, MemoryBlobs, Silent};
 use tauflow_data::{
-    formats::store_scene,
+    records::{SceneRecord, SceneStatistics},
     scene::{Bsdf, Emitter, Geometry, Texture},
-    statistics::SceneStatistics,
 };
 use tauflow_render::scene_statistics::{SceneStatisticsKind, SceneStatisticsParams};
 
@@ -18,12 +17,13 @@ fn measure(built: &Built) -> SceneStatistics {
     for bytes in built.blobs.values() {
         ctx.put(bytes).expect("memory");
     }
-    let scene = store_scene(&ctx, &built.scene, &recipe(0.0)).expect("memory");
-    let params = SceneStatisticsParams { resolution: [8, 8], spp: 2048, ..SceneStatisticsParams::default() };
+    let record = SceneRecord { scene: built.scene.clone(), recipe: recipe(0.0) };
+    let scene = record.store(&ctx).expect("memory").into_artifact();
+    let params = SceneStatisticsParams { resolution: film(8, 8), spp: 2048, ..SceneStatisticsParams::default() };
     let each = BTreeMap::from([("scenes", &scene)]);
-    let action = Action { params, item: None, group: "main", seed: 0, each, whole: BTreeMap::new() };
+    let action = Action { params, item: None, group: "main", seed: 0, each, all: BTreeMap::new() };
     let outputs = SceneStatisticsKind::run(&ctx, &action).expect("a sound scene");
-    let statistics = ctx.json(&outputs.items["statistics"], "").expect("JSON");
+    let statistics = SceneStatistics::load(&ctx, &outputs.items["statistics"]).expect("an artifact of its type");
     println!("{statistics:?}");
     statistics
 }

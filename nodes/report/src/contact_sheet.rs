@@ -8,16 +8,19 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use tauflow_contract::{
-    Action, Artifact, Collection, Context, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs,
-    ParamProblem,
+    Action, All, Context, FileTree, Files, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs,
 };
 use tauflow_data::{
-    ContextClass, Image, Ladder, Regime, Stratum,
-    formats::{EXPOSURE, Exposure, FILES},
+    ContextClass, Image, Regime, Stratum,
     image::preview,
     image_io::encode_png,
-    ladder::LADDER,
+    records::{Exposure, Ladder},
 };
+
+const LADDERS: All<Ladder> = All::new("ladders", "Ladders of the scenes; their last rungs are shown.");
+const EXPOSURE: All<Exposure> = All::new("exposure", "The exposure of the same scenes.");
+
+const SHEET: Out<Files> = Out::new(Group::main(1), "sheet", "`contact_sheet.png`.").published();
 
 /// The kind `contact_sheet`.
 pub struct ContactSheet;
@@ -43,40 +46,27 @@ impl Kind for ContactSheet {
     fn spec() -> KindSpec {
         KindSpec {
             name: "contact_sheet",
-            version: 1,
             summary: "Shows scenes side by side, by regime and context, as one picture.",
             manual: include_str!("contact_sheet.md"),
             mode: Mode::Gather,
-            inputs: const {
-                &[
-                    InputPort::whole("ladders", LADDER, "Ladders of the scenes; their last rungs are shown."),
-                    InputPort::whole("exposure", EXPOSURE, "The exposure of the same scenes."),
-                ]
-            },
-            outputs: const { &[OutputPort::new("sheet", FILES, "`contact_sheet.png`.").published()] },
+            inputs: const { &[LADDERS.port(), EXPOSURE.port()] },
+            outputs: const { &[SHEET.port()] },
             seeded: false,
         }
     }
 
-    fn check(params: &Self::Params) -> Vec<ParamProblem> {
-        if (1..=16).contains(&params.columns) {
-            return Vec::new();
-        }
-        vec![ParamProblem::new("/columns", format!("{} scenes of each stratum", params.columns), "use 1 to 16")]
-    }
-
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let exposures = action.whole("exposure")?;
+        let exposures = action.all(EXPOSURE)?;
         let mut pictures: BTreeMap<Stratum, Vec<Image>> = BTreeMap::new();
-        for (key, artifact, stratum) in choose(action.whole("ladders")?, action.params.columns as usize) {
+        for (key, ladder, stratum) in choose(action.all(LADDERS)?, action.params.columns as usize) {
             ctx.check_cancelled()?;
             let exposure = exposures.get(&key).ok_or_else(|| {
                 KindError::Input(format!("`exposure` has no item `{key}`; connect the gate that these scenes passed"))
             })?;
-            let factor = ctx.json::<Exposure>(exposure, "")?.factor as f32;
-            let meta = Ladder::load_meta(ctx, artifact)?;
+            let factor = exposure.load(ctx)?.factor as f32;
+            let meta = Ladder::meta(ctx, ladder)?;
             let last = *meta.counts.last().ok_or_else(|| KindError::Input(format!("`{key}` has no rungs")))?;
-            let image = Ladder::load_rung(ctx, artifact, last)?.map(|v| preview(v * factor));
+            let image = Ladder::rung(ctx, ladder, last)?.map(|v| preview(v * factor));
             if pictures.values().flatten().next().is_some_and(|first| !first.same_shape(&image)) {
                 return Err(KindError::Input(format!(
                     "the ladder of `{key}` has another resolution than the first; connect ladders of one"
@@ -88,10 +78,8 @@ impl Kind for ContactSheet {
             return Err(KindError::Input("there are no ladders whose keys name a stratum".into()));
         }
         let png = encode_png(&sheet(&pictures, action.params.columns as usize))?;
-        let parts = [("contact_sheet.png".to_owned(), ctx.put(&png)?)];
-        let key = ItemKey::new("sheet").expect("letters");
-        let item = Collection::from_iter([(key, Artifact::tree(FILES, parts))]);
-        Ok(Outputs::default().collection("sheet", item))
+        let files = Files(FileTree::from([("contact_sheet.png".to_owned(), png)]));
+        Outputs::default().put_one(SHEET, "sheet", files.store(ctx)?)
     }
 }
 

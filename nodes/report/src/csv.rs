@@ -5,7 +5,10 @@ use crate::{
     ranking::{extra, ordered, with_baselines},
 };
 use std::fmt::Write as _;
-use tauflow_data::results::{Estimate, Evaluation, METRICS};
+use tauflow_data::{
+    methods::{Conditioning, HOLD},
+    records::{Estimate, Evaluation, METRICS},
+};
 
 /// A field, quoted where it must be.
 pub fn field(text: &str) -> String {
@@ -29,7 +32,7 @@ pub fn results(evaluation: &Evaluation) -> String {
     let mut out = format!("{RESULTS}\n");
     let spp = format!("{},{}", evaluation.from_spp, evaluation.reference_spp);
     for metric in METRICS.iter().filter(|m| evaluation.hold.contains_key(**m)) {
-        let _ = writeln!(out, ",hold,,,{spp},0,{metric},{},,,", three(evaluation.hold.get(*metric)));
+        let _ = writeln!(out, ",{HOLD},,,{spp},0,{metric},{},,,", three(evaluation.hold.get(*metric)));
     }
     for table in with_baselines(evaluation) {
         let names = names(&table.space, &table.method, &table.conditioning, &table.cell);
@@ -85,7 +88,8 @@ pub fn curves(evaluation: &Evaluation) -> String {
 }
 
 /// Head of [`per_scene`].
-pub const PER_SCENE: &str = "scene,stratum,space,method,conditioning,cell,from_spp,to_spp,nfe,hdr_psnr,hdr_psnr_max,hdr_mae,preview_psnr,preview_mae,ssim";
+pub const PER_SCENE: &str = "scene,stratum,space,method,conditioning,cell,from_spp,to_spp,nfe,\
+    hdr_psnr,hdr_psnr_max,hdr_mae,preview_psnr,preview_mae,ssim";
 
 /// Every score.
 pub fn per_scene(evaluation: &Evaluation) -> String {
@@ -96,7 +100,8 @@ pub fn per_scene(evaluation: &Evaluation) -> String {
             None if row.cell.is_empty() => String::new(),
             None => default.to_owned(),
         };
-        let names = names(&get("space", ""), &row.score.method, &get("conditioning", "rgb"), &row.cell);
+        let names =
+            names(&get("space", ""), &row.score.method, &get("conditioning", Conditioning::Rgb.name()), &row.cell);
         let _ = write!(
             out,
             "{},{},{names},{},{},{}",

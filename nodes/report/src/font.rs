@@ -109,7 +109,8 @@ pub fn width(text: &str, scale: usize) -> usize {
     (text.chars().count() * 6).saturating_sub(1) * scale
 }
 
-/// Draws a text with its top-left corner at `at`; what falls outside the image is left out. Other characters than ASCII are `?`.
+/// Draws a text with its top-left corner at `at`; what falls outside the image is left out. Characters that are not
+/// ASCII become `?`.
 pub fn draw(image: &mut Image, at: [usize; 2], text: &str, scale: usize, value: f32) {
     for (i, c) in text.chars().enumerate() {
         let index = if (' '..='~').contains(&c) { c as usize - 32 } else { '?' as usize - 32 };

@@ -1,13 +1,42 @@
-//! Everything a report may show, loaded. Knows the artifacts of other kinds by their formats alone.
+//! Everything a report may show, loaded. Knows other kinds by the records they hand on.
 
-use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use serde::Serialize;
 use std::collections::BTreeMap;
-use tauflow_contract::{Action, Artifact, Collection, Context, KindError};
-use tauflow_data::{
-    formats::{PackedScene, Verdict},
-    results::{Bridge, Evaluation, TrainingLog, TrainingTiming},
-    statistics::SceneStatistics,
+use tauflow_contract::{Action, All, Context, InputPort, KindError, Media};
+use tauflow_data::records::{
+    Bridge, BridgeFiles, Convergence, Evaluation, PackedScene, Refined, SamplingReport, SceneStatistics, SplitReport,
+    TimeError, TrainingLog, TrainingTiming, Verdict,
 };
+
+const EVALUATION: All<Evaluation> = All::new("evaluation", "Scores of every method.");
+pub const REFERENCES: All<PackedScene> =
+    All::new("references", "Packed test scenes: input and reference of the pictures.").or_none();
+pub const REFINED: All<Refined> = All::new("refined", "Refined images of all cells.").or_none();
+const LOSSES: All<TrainingLog> = All::new("losses", "Loss curves of all cells.").or_none();
+const TIMINGS: All<TrainingTiming> = All::new("timings", "Measured training times of all cells.").or_none();
+const VERDICTS: All<Verdict> = All::new("verdicts", "The gate's verdicts on the pool.").or_none();
+const SPLIT: All<SplitReport> = All::new("split", "What the split says.").or_none();
+const SAMPLING: All<SamplingReport> = All::new("sampling", "What the sampling says.").or_none();
+pub const BRIDGE: All<BridgeFiles> = All::new("bridge", "Bridge validation: tables, every case, maps.").or_none();
+const CONVERGENCE: All<Convergence> = All::new("convergence", "How far ladders keep to the 1/sqrt(n) law.").or_none();
+const TIME_ERROR: All<TimeError> = All::new("time_error", "Error against time: the page opens with it.").or_none();
+const STATISTICS: All<SceneStatistics> = All::new("statistics", "What the scenes are, measured.").or_none();
+
+/// The inputs of `report`.
+pub const INPUTS: &[InputPort] = &[
+    EVALUATION.port(),
+    REFERENCES.port(),
+    REFINED.port(),
+    LOSSES.port(),
+    TIMINGS.port(),
+    VERDICTS.port(),
+    SPLIT.port(),
+    SAMPLING.port(),
+    BRIDGE.port(),
+    CONVERGENCE.port(),
+    TIME_ERROR.port(),
+    STATISTICS.port(),
+];
 
 /// Coordinates of a matrix cell, e.g. `parameterization` -> `mc_noise`.
 pub type Cell = BTreeMap<String, String>;
@@ -24,15 +53,15 @@ pub struct Material {
     /// The gate's verdicts, by scene.
     pub verdicts: Vec<(String, Verdict)>,
     /// What the split says.
-    pub split: Option<Split>,
+    pub split: Option<SplitReport>,
     /// What the sampling says.
-    pub sampling: Option<Sampling>,
+    pub sampling: Option<SamplingReport>,
     /// The bridge, with its maps.
     pub bridge: Option<BridgeFiles>,
     /// How far ladders keep to the 1/sqrt(n) law.
-    pub convergence: Option<tauflow_data::convergence::Convergence>,
+    pub convergence: Option<Convergence>,
     /// Error against time.
-    pub time_error: Option<tauflow_data::time_error::TimeError>,
+    pub time_error: Option<TimeError>,
     /// What scenes are, by scene.
     pub statistics: Vec<(String, SceneStatistics)>,
     /// Size and rungs of the references.
@@ -52,79 +81,6 @@ pub struct References {
     pub scenes: usize,
 }
 
-/// The item of `content_signature_split`'s port `report`, as far as it is shown.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub struct Split {
-    /// Number of signatures.
-    pub groups: u64,
-    /// Scenes on the two sides.
-    pub sides: Sides,
-    /// The same by stratum.
-    pub strata: BTreeMap<String, Sides>,
-    /// Signatures on both sides.
-    pub leaks: Vec<serde_json::Value>,
-    /// Signatures of more than one scene.
-    pub near_duplicates: Vec<serde_json::Value>,
-    /// Scenes left out.
-    #[serde(default)]
-    pub dropped: Vec<String>,
-}
-
-/// Scenes on the two sides.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Sides {
-    /// To learn from.
-    pub train: u64,
-    /// To judge by.
-    pub test: u64,
-}
-
-/// The item of `stratified_sampling`'s port `report`, as far as it is shown.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub struct Sampling {
-    /// Scenes chosen to learn from.
-    pub train: Quota,
-    /// Scenes chosen to judge by.
-    pub test: Quota,
-    /// Strata that fall short.
-    #[serde(default)]
-    pub short: Vec<String>,
-    /// Remarks.
-    #[serde(default)]
-    pub notes: Vec<String>,
-}
-
-/// A side of [`Sampling`].
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub struct Quota {
-    /// Scenes asked for.
-    pub wanted: u64,
-    /// Scenes taken.
-    pub chosen: u64,
-    /// By stratum.
-    pub strata: BTreeMap<String, StratumQuota>,
-}
-
-/// A stratum of [`Quota`].
-#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
-pub struct StratumQuota {
-    /// Scenes asked for.
-    pub wanted: u64,
-    /// Scenes there were.
-    pub available: u64,
-    /// Scenes taken.
-    pub chosen: u64,
-}
-
-/// The bridge's table and its pictures.
-#[derive(Clone, Debug)]
-pub struct BridgeFiles {
-    /// The table.
-    pub bridge: Bridge,
-    /// PNGs by name below `maps/`.
-    pub maps: Vec<(String, Vec<u8>)>,
-}
-
 /// The cell that a key such as `parameterization=mc_noise+conditioning=rgb/x` names; empty if it names none.
 pub fn cell_of_key(key: &str) -> Cell {
     let cell = if key.contains('/') { key.rsplit_once('/').map_or("", |(cell, _)| cell) } else { key };
@@ -133,61 +89,23 @@ pub fn cell_of_key(key: &str) -> Cell {
         .collect()
 }
 
-fn optional<'a, P>(action: &Action<'a, P>, port: &str) -> Option<&'a Collection> {
-    action.whole.get(port).copied().filter(|c| !c.is_empty())
+/// Every item of a port, by key.
+fn all<M: Media, P>(ctx: &Context<'_>, action: &Action<'_, P>, port: All<M>) -> Result<Vec<(String, M)>, KindError> {
+    let Some(items) = action.all_if(port)? else { return Ok(Vec::new()) };
+    items.iter().map(|(key, item)| Ok((key.to_string(), item.load(ctx)?))).collect()
 }
 
-/// The value of every item of a port of JSON blobs.
-fn all<T: DeserializeOwned, P>(
-    ctx: &Context<'_>,
-    action: &Action<'_, P>,
-    port: &str,
-) -> Result<Vec<(String, T)>, KindError> {
-    let Some(collection) = optional(action, port) else { return Ok(Vec::new()) };
-    collection.iter().map(|(key, artifact)| Ok((key.to_string(), ctx.json(artifact, "")?))).collect()
-}
-
-/// The value of a port of one JSON blob.
-fn one<T: DeserializeOwned, P>(ctx: &Context<'_>, action: &Action<'_, P>, port: &str) -> Result<Option<T>, KindError> {
-    only(action, port)?.map(|artifact| ctx.json(artifact, "")).transpose()
-}
-
-fn only<'a, P>(action: &Action<'a, P>, port: &str) -> Result<Option<&'a Artifact>, KindError> {
-    let Some(collection) = optional(action, port) else { return Ok(None) };
-    if collection.len() > 1 {
-        return Err(KindError::Input(format!(
-            "input `{port}` takes one item and got {}; name one cell of its node, as in `node[axis=value]`",
-            collection.len()
-        )));
-    }
-    Ok(collection.iter().next().map(|(_, artifact)| artifact))
-}
-
-/// The bridge of the port `bridge`.
-fn bridge<P>(ctx: &Context<'_>, action: &Action<'_, P>) -> Result<Option<BridgeFiles>, KindError> {
-    let Some(artifact) = only(action, "bridge")? else { return Ok(None) };
-    let mut maps = Vec::new();
-    for (name, digest) in artifact.parts.iter() {
-        if let Some(short) = name.strip_prefix("maps/")
-            && short.ends_with(".png")
-        {
-            maps.push((short.to_owned(), ctx.get(digest)?));
-        }
-    }
-    Ok(Some(BridgeFiles { bridge: ctx.json(artifact, "bridge.json")?, maps }))
+/// The only item of a port, if there is one.
+fn one<M: Media, P>(ctx: &Context<'_>, action: &Action<'_, P>, port: All<M>) -> Result<Option<M>, KindError> {
+    action.only_if(port)?.map(|item| item.load(ctx)).transpose()
 }
 
 fn references<P>(ctx: &Context<'_>, action: &Action<'_, P>) -> Result<Option<References>, KindError> {
-    let Some(collection) = optional(action, "references") else { return Ok(None) };
-    let Some((_, artifact)) = collection.iter().next() else { return Ok(None) };
-    let scene = PackedScene::from_bytes(&ctx.part(artifact, "")?)?;
+    let Some(items) = action.all_if(REFERENCES)? else { return Ok(None) };
+    let Some((_, item)) = items.iter().next() else { return Ok(None) };
+    let scene = item.load(ctx)?;
     let Some(first) = scene.states.first() else { return Ok(None) };
-    Ok(Some(References {
-        counts: scene.counts,
-        width: first.width(),
-        height: first.height(),
-        scenes: collection.len(),
-    }))
+    Ok(Some(References { counts: scene.counts, width: first.width(), height: first.height(), scenes: items.len() }))
 }
 
 impl Material {
@@ -196,23 +114,25 @@ impl Material {
     /// # Errors
     /// If an artifact is missing or not what its port expects.
     pub fn load<P>(ctx: &Context<'_>, action: &Action<'_, P>) -> Result<Self, KindError> {
-        let logs: Vec<(String, TrainingLog)> = all(ctx, action, "losses")?;
-        let timings: Vec<(String, TrainingTiming)> = all(ctx, action, "timings")?;
+        let timings = all(ctx, action, TIMINGS)?;
         Ok(Self {
-            evaluation: one(ctx, action, "evaluation")?.ok_or_else(|| {
-                KindError::Input("input `evaluation` holds no item; connect a node of kind `evaluation`".into())
-            })?,
-            losses: logs.into_iter().map(|(_, log)| log).collect(),
+            evaluation: action.only(EVALUATION)?.load(ctx)?,
+            losses: all(ctx, action, LOSSES)?.into_iter().map(|(_, log)| log).collect(),
             timings: timings.into_iter().map(|(key, timing)| (cell_of_key(&key), timing)).collect(),
-            verdicts: all(ctx, action, "verdicts")?,
-            split: one(ctx, action, "split")?,
-            sampling: one(ctx, action, "sampling")?,
-            bridge: bridge(ctx, action)?,
-            convergence: one(ctx, action, "convergence")?,
-            time_error: one(ctx, action, "time_error")?,
-            statistics: all(ctx, action, "statistics")?,
+            verdicts: all(ctx, action, VERDICTS)?,
+            split: one(ctx, action, SPLIT)?,
+            sampling: one(ctx, action, SAMPLING)?,
+            bridge: one(ctx, action, BRIDGE)?,
+            convergence: one(ctx, action, CONVERGENCE)?,
+            time_error: one(ctx, action, TIME_ERROR)?,
+            statistics: all(ctx, action, STATISTICS)?,
             references: references(ctx, action)?,
         })
+    }
+
+    /// The tables of the bridge.
+    pub fn bridge_tables(&self) -> Option<&Bridge> {
+        self.bridge.as_ref().map(|files| &files.bridge)
     }
 }
 

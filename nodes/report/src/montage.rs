@@ -1,4 +1,6 @@
-//! Montages: strata x methods, and methods x numbers of calls, as pictures for the page and as labelled PNGs. Knows no HTML.
+//! Montages: strata x methods, and methods x numbers of calls, as pictures for the page and as labelled PNGs.
+//!
+//! Knows no HTML.
 
 use crate::{
     font,
@@ -6,13 +8,12 @@ use crate::{
     ranking::{Group, groups, method_name},
 };
 use std::collections::BTreeMap;
-use tauflow_contract::{Artifact, Collection, Context, KindError};
+use tauflow_contract::{Context, Handle, Items, KindError, Media};
 use tauflow_data::{
     Image, Stratum,
-    formats::{PackedScene, Refined, refined_part},
     image::preview,
     image_io::encode_png,
-    results::Evaluation,
+    records::{Evaluation, PackedScene, Refined, SceneRow},
 };
 
 /// A grid of pictures that share their conditioning.
@@ -62,15 +63,15 @@ pub struct Choice {
 }
 
 /// The first scenes of each stratum, in order of strata and keys.
-pub fn choose(references: &Collection, scenes: usize) -> Vec<(String, &Artifact, Stratum)> {
-    let mut by: BTreeMap<Stratum, Vec<(String, &Artifact)>> = BTreeMap::new();
-    for (key, artifact) in references.iter() {
+pub fn choose<M: Media>(of: Items<'_, M>, scenes: usize) -> Vec<(String, Handle<'_, M>, Stratum)> {
+    let mut by: BTreeMap<Stratum, Vec<(String, Handle<'_, M>)>> = BTreeMap::new();
+    for (key, item) in of.iter() {
         if let Some((stratum, _)) = Stratum::of_key(key.as_str()) {
-            by.entry(stratum).or_default().push((key.to_string(), artifact));
+            by.entry(stratum).or_default().push((key.to_string(), item));
         }
     }
     by.into_iter()
-        .flat_map(|(stratum, all)| all.into_iter().take(scenes).map(move |(key, artifact)| (key, artifact, stratum)))
+        .flat_map(|(stratum, all)| all.into_iter().take(scenes).map(move |(key, item)| (key, item, stratum)))
         .collect()
 }
 
@@ -79,9 +80,9 @@ pub struct Pictures<'a> {
     ctx: &'a Context<'a>,
     evaluation: &'a Evaluation,
     /// Refined images by cell and scene.
-    images: BTreeMap<(Cell, &'a str), &'a Artifact>,
+    images: BTreeMap<(Cell, &'a str), Handle<'a, Refined>>,
     /// The first scenes of each stratum.
-    chosen: Vec<(String, &'a Artifact, Stratum)>,
+    chosen: Vec<(String, Handle<'a, PackedScene>, Stratum)>,
     choice: Choice,
 }
 
@@ -90,12 +91,12 @@ impl<'a> Pictures<'a> {
     pub fn new(
         ctx: &'a Context<'a>,
         evaluation: &'a Evaluation,
-        references: &'a Collection,
-        refined: Option<&'a Collection>,
+        references: Items<'a, PackedScene>,
+        refined: Option<Items<'a, Refined>>,
         choice: Choice,
     ) -> Self {
-        let items = refined.into_iter().flat_map(Collection::iter);
-        let images = items.map(|(key, artifact)| ((cell_of_key(key.as_str()), own(key.as_str())), artifact)).collect();
+        let items = refined.into_iter().flat_map(Items::iter);
+        let images = items.map(|(key, item)| ((cell_of_key(key.as_str()), own(key.as_str())), item)).collect();
         Self { ctx, evaluation, images, chosen: choose(references, choice.scenes), choice }
     }
 
@@ -109,8 +110,8 @@ impl<'a> Pictures<'a> {
             self.ctx.check_cancelled()?;
             let heads = tables.iter().map(|t| (Some(t.cell.clone()), method_name(&t.method)));
             let (mut rows, mut reduced) = (Vec::new(), 1);
-            for (scene, artifact, stratum) in &self.chosen {
-                let ends = self.ends(scene, artifact)?;
+            for (scene, packed, stratum) in &self.chosen {
+                let ends = self.ends(scene, *packed)?;
                 reduced = ends.reduced;
                 let refined = tables.iter().map(|table| self.refined(scene, &table.cell, self.choice.nfe, reduced));
                 rows.push(ends.row(scene, stratum.to_string(), refined.collect::<Result<_, _>>()?));
@@ -121,8 +122,9 @@ impl<'a> Pictures<'a> {
         Ok(out)
     }
 
-    /// For each such group its methods by number of calls, in one scene: of those that [`Pictures::by_stratum`] shows, the one whose
-    /// input is the median by HDR PSNR, the lower of two. None where there is one number alone.
+    /// For each such group its methods by number of calls, in one scene; none where there is one number alone.
+    ///
+    /// The scene is one that [`Pictures::by_stratum`] shows: that of the median input by HDR PSNR, the lower of two.
     ///
     /// # Errors
     /// As [`Pictures::by_stratum`].
@@ -131,11 +133,10 @@ impl<'a> Pictures<'a> {
         let mut chosen: Vec<_> = self.chosen.iter().collect();
         let input = |scene: &str| score(self.evaluation, scene, &Cell::new(), 0).unwrap_or(f64::INFINITY);
         chosen.sort_by(|a, b| input(&a.0).total_cmp(&input(&b.0)));
-        let (Some((scene, artifact, _)), true) = (chosen.get(chosen.len().saturating_sub(1) / 2), calls.len() > 1)
-        else {
+        let (Some((scene, packed, _)), true) = (chosen.get(chosen.len().saturating_sub(1) / 2), calls.len() > 1) else {
             return Ok(Vec::new());
         };
-        let ends = self.ends(scene, artifact)?;
+        let ends = self.ends(scene, *packed)?;
         let mut out = Vec::new();
         for Group { title, slug, tables } in groups(self.evaluation) {
             self.ctx.check_cancelled()?;
@@ -161,15 +162,15 @@ impl<'a> Pictures<'a> {
     /// What a cell made of a scene with so many calls.
     fn refined(&self, scene: &str, cell: &Cell, nfe: u64, reduced: usize) -> Result<Picture, KindError> {
         let image = match self.images.get(&(cell.clone(), scene)) {
-            Some(artifact) => at_nfe(self.ctx, artifact, nfe)?,
+            Some(images) => at_nfe(self.ctx, *images, nfe)?,
             None => None,
         };
         let image = image.map(|image| reduce(&image, reduced).map(preview));
         Ok(Picture { image, psnr: score(self.evaluation, scene, cell, nfe) })
     }
 
-    fn ends(&self, scene: &str, artifact: &Artifact) -> Result<Ends, KindError> {
-        let packed = PackedScene::from_bytes(&self.ctx.part(artifact, "")?)?;
+    fn ends(&self, scene: &str, packed: Handle<'_, PackedScene>) -> Result<Ends, KindError> {
+        let packed = packed.load(self.ctx)?;
         let longest = |image: &Image| image.width().max(image.height());
         let reduced = packed.states.first().map_or(1, |i| longest(i).div_ceil(self.choice.pixels.max(1)));
         let rung = |spp: u64| {
@@ -200,14 +201,13 @@ fn own(key: &str) -> &str {
     key.rsplit('/').next().unwrap_or(key)
 }
 
-fn at_nfe(ctx: &Context<'_>, artifact: &Artifact, nfe: u64) -> Result<Option<Image>, KindError> {
-    let said: Refined = ctx.json(artifact, "meta.json")?;
-    let Some(index) = said.images.iter().position(|i| i.nfe == nfe) else { return Ok(None) };
-    Ok(Some(Image::from_bytes(&ctx.part(artifact, &refined_part(index))?)?))
+fn at_nfe(ctx: &Context<'_>, images: Handle<'_, Refined>, nfe: u64) -> Result<Option<Image>, KindError> {
+    let found = Refined::meta(ctx, images)?.images.iter().position(|image| image.nfe == nfe);
+    found.map(|index| Refined::image(ctx, images, index)).transpose()
 }
 
 fn score(evaluation: &Evaluation, scene: &str, cell: &Cell, nfe: u64) -> Option<f64> {
-    let hit = |r: &&tauflow_data::results::SceneRow| r.scene == scene && r.cell == *cell && r.score.nfe == nfe;
+    let hit = |r: &&SceneRow| r.scene == scene && r.cell == *cell && r.score.nfe == nfe;
     evaluation.per_scene.iter().find(hit).map(|r| r.score.metrics.hdr_psnr)
 }
 

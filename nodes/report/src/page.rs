@@ -57,7 +57,8 @@ fn colours() -> String {
     for name in ["m0", "m1", "m2", "m3", "m4", "m5", "m6", "m7", "hold", "ink", "soft"] {
         let _ = write!(
             out,
-            "svg .line.{name}{{stroke:var(--{name})}}svg .band.{name},svg .dot.{name},svg .end.{name},svg .area.{name}{{fill:var(--{name})}}.key.{name},.bar .{name}{{background:var(--{name})}}"
+            "svg .line.{name}{{stroke:var(--{name})}}svg .band.{name},svg .dot.{name},svg .end.{name},svg \
+             .area.{name}{{fill:var(--{name})}}.key.{name},.bar .{name}{{background:var(--{name})}}"
         );
     }
     out
@@ -66,7 +67,8 @@ fn colours() -> String {
 /// The whole page. `missing` are lines on what was not connected.
 pub fn page(title: &str, header: &str, sections: &[Section], missing: &[String]) -> String {
     let mut out = String::from("<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">");
-    out.push_str(r#"<meta name="viewport" content="width=device-width, initial-scale=1"><meta name="generator" content="tauflow">"#);
+    out.push_str(r#"<meta name="viewport" content="width=device-width, initial-scale=1">"#);
+    out.push_str(r#"<meta name="generator" content="tauflow">"#);
     let _ = write!(out, "<title>{}</title><style>{STYLE}{}</style></head>\n<body>", escape(title), colours());
     let _ = write!(out, "<header class=\"top\"><h1>{}</h1>{header}<nav>", escape(title));
     for section in sections {
@@ -81,7 +83,12 @@ pub fn page(title: &str, header: &str, sections: &[Section], missing: &[String])
     if !missing.is_empty() {
         let _ = write!(out, "<p class=\"missing\">Not connected, so left out: {}.</p>", escape(&missing.join("; ")));
     }
-    out.push_str("<p>Made by tauflow. Everything here is a function of the pipeline and its inputs; only what is marked as measured differs between runs. The same figures are in <code>results.json</code>, <code>results.csv</code>, <code>curves.csv</code>, <code>per_scene.csv</code> and <code>table.tex</code> beside this page.</p></footer></body></html>\n");
+    out.push_str(
+        "<p>Made by tauflow. Everything here is a function of the pipeline and its inputs; only what is \
+        marked as measured differs between runs. The same figures are in <code>results.json</code>, \
+        <code>results.csv</code>, <code>curves.csv</code>, <code>per_scene.csv</code> and <code>table.tex</code> \
+        beside this page.</p></footer></body></html>\n",
+    );
     out
 }
 

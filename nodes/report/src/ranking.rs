@@ -2,7 +2,10 @@
 
 use crate::{material::Cell, text::fixed};
 use std::collections::BTreeMap;
-use tauflow_data::results::{Estimate, Evaluation, MethodTable, higher_is_better};
+use tauflow_data::{
+    methods::{Conditioning, HOLD, LOCAL_STEP, OIDN, Parameterization},
+    records::{Estimate, Evaluation, MethodTable, higher_is_better},
+};
 
 /// Place of a figure in its column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -119,7 +122,7 @@ pub fn groups(evaluation: &Evaluation) -> Vec<Group<'_>> {
     out.into_values().collect()
 }
 
-/// The methods in the order of tables: space, then the order of [`METHODS`], then conditioning (RGB first).
+/// The methods in the order of tables: by space, as in [`Parameterization::ALL`], by conditioning (RGB first).
 pub fn ordered(evaluation: &Evaluation) -> Vec<&MethodTable> {
     let mut tables: Vec<&MethodTable> = evaluation.methods.iter().collect();
     tables.sort_by_cached_key(|t| {
@@ -133,41 +136,52 @@ pub fn with_baselines(evaluation: &Evaluation) -> Vec<&MethodTable> {
     ordered(evaluation).into_iter().chain(&evaluation.baselines).collect()
 }
 
-/// The parameterizations in the order of tables and colours.
-pub const METHODS: [&str; 4] = ["vanilla_rf", "local_velocity", "mc_velocity", "mc_noise"];
+/// The parameterization of this name: none for what is no solver of ours.
+pub fn solver(method: &str) -> Option<Parameterization> {
+    Parameterization::ALL.into_iter().find(|solver| solver.name() == method)
+}
 
-/// Order of a method: that of [`METHODS`], then by name.
+/// Place of a parameterization in the order of tables and colours.
+fn place(method: &str) -> Option<usize> {
+    Parameterization::ALL.iter().position(|solver| solver.name() == method)
+}
+
+/// Order of a method: that of [`Parameterization::ALL`], then by name.
 pub fn method_order(method: &str) -> (usize, String) {
-    let known = METHODS.iter().position(|m| *m == method).unwrap_or(METHODS.len());
-    (known, method.to_owned())
+    (place(method).unwrap_or(Parameterization::ALL.len()), method.to_owned())
 }
 
 /// Order of a conditioning: RGB first.
 pub fn conditioning_order(conditioning: &str) -> (bool, String) {
-    (conditioning != "rgb", conditioning.to_owned())
+    (conditioning != Conditioning::Rgb.name(), conditioning.to_owned())
 }
 
 /// CSS class of a method's colour: one of `m0` to `m3` for the known ones, `m4` to `m7` in turn for others.
 pub fn colour(method: &str) -> String {
     // The bridge's local step is taken by the local velocity.
-    let method = if method == "local_step" { "local_velocity" } else { method };
-    match METHODS.iter().position(|m| *m == method) {
+    let method = if method == LOCAL_STEP { Parameterization::LocalVelocity.name() } else { method };
+    match place(method) {
         Some(i) => format!("m{i}"),
-        None if method == "hold" => "hold".into(),
+        None if method == HOLD => HOLD.into(),
         None => format!("m{}", 4 + method.bytes().map(usize::from).sum::<usize>() % 4),
     }
 }
 
 /// A method's name for people.
 pub fn method_name(method: &str) -> String {
+    if let Some(solver) = solver(method) {
+        let name = match solver {
+            Parameterization::VanillaRf => "Vanilla RF",
+            Parameterization::LocalVelocity => "Local velocity",
+            Parameterization::McVelocity => "MC velocity",
+            Parameterization::McNoise => "MC noise",
+        };
+        return name.into();
+    }
     match method {
-        "vanilla_rf" => "Vanilla RF".into(),
-        "local_velocity" => "Local velocity".into(),
-        "local_step" => "Local step".into(),
-        "mc_velocity" => "MC velocity".into(),
-        "mc_noise" => "MC noise".into(),
-        "hold" => "Hold".into(),
-        "oidn" => "OIDN".into(),
+        LOCAL_STEP => "Local step".into(),
+        HOLD => "Hold".into(),
+        OIDN => "OIDN".into(),
         "mitsuba" => "Mitsuba".into(),
         "path_tracer_sobol" => "Rendering alone, Sobol'".into(),
         other => other.replace('_', " "),
@@ -177,8 +191,8 @@ pub fn method_name(method: &str) -> String {
 /// A conditioning's name for people.
 pub fn conditioning_name(conditioning: &str) -> String {
     match conditioning {
-        "rgb" => "RGB".into(),
-        "gbuffer" => "G-buffer".into(),
+        rgb if rgb == Conditioning::Rgb.name() => "RGB".into(),
+        gbuffer if gbuffer == Conditioning::Gbuffer.name() => "G-buffer".into(),
         other => other.replace('_', " "),
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::{
     csv,
-    material::{Cell, Material},
+    material::{self, Cell, Material},
     montage::{Choice, Montage, Pictures},
     page::{Section, page},
     ranking::extra,
@@ -14,13 +14,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::{collections::BTreeMap, fmt::Write as _};
 use tauflow_contract::{
-    Action, Artifact, Context, Digest, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs,
-    ParamProblem,
+    Action, Context, FileTree, Files, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem,
+    WriteFiles, pretty_json,
 };
-use tauflow_data::{
-    formats::{FILES, JSON, PACKED, REFINED, STATISTICS, VERDICT},
-    results::{Claim, Evaluation, TrainingTiming},
-};
+use tauflow_data::records::{BridgeFiles, Claim, Evaluation, TrainingTiming};
 
 /// The kind `report`.
 pub struct Report;
@@ -59,22 +56,8 @@ impl Default for ReportParams {
     }
 }
 
-const INPUTS: &[InputPort] = &[
-    InputPort::whole("evaluation", JSON, "Scores of every method."),
-    InputPort::whole("references", PACKED, "Packed test scenes: input and reference of the pictures.").or_none(),
-    InputPort::whole("refined", REFINED, "Refined images of all cells.").or_none(),
-    InputPort::whole("losses", JSON, "Loss curves of all cells.").or_none(),
-    InputPort::whole("timings", JSON, "Measured training times of all cells.").or_none(),
-    InputPort::whole("verdicts", VERDICT, "The gate's verdicts on the pool.").or_none(),
-    InputPort::whole("split", JSON, "What the split says.").or_none(),
-    InputPort::whole("sampling", JSON, "What the sampling says.").or_none(),
-    InputPort::whole("bridge", FILES, "Bridge validation: `bridge.json`, `cases.csv`, `maps/`.").or_none(),
-    InputPort::whole("convergence", JSON, "How far ladders keep to the 1/sqrt(n) law.").or_none(),
-    InputPort::whole("time_error", JSON, "Error against time: the page opens with it.").or_none(),
-    InputPort::whole("statistics", STATISTICS, "What the scenes are, measured.").or_none(),
-];
-const OUTPUTS: &[OutputPort] =
-    &[OutputPort::new("report", FILES, "The page, and its figures as JSON, CSV, LaTeX and PNG.").published()];
+const PAGE: Out<Files> =
+    Out::new(Group::main(10), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").published();
 
 impl Kind for Report {
     type Params = ReportParams;
@@ -82,25 +65,20 @@ impl Kind for Report {
     fn spec() -> KindSpec {
         KindSpec {
             name: "report",
-            version: 9,
             summary: "Shows what was measured: a self-contained page, JSON, CSV, LaTeX and pictures.",
             manual: include_str!("report.md"),
             mode: Mode::Gather,
-            inputs: INPUTS,
-            outputs: OUTPUTS,
+            inputs: material::INPUTS,
+            outputs: const { &[PAGE.port()] },
             seeded: false,
         }
     }
 
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
-        let mut out = Vec::new();
-        if params.title.trim().is_empty() {
-            out.push(ParamProblem::new("/title", "the title is empty", "write what the pipeline is about"));
+        if !params.title.trim().is_empty() {
+            return Vec::new();
         }
-        if params.montage_pixels < 16 {
-            out.push(ParamProblem::new("/montage_pixels", "pictures of less than 16 pixels", "128 is a good size"));
-        }
-        out
+        vec![ParamProblem::new("/title", "the title is empty", "write what the pipeline is about")]
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -108,11 +86,11 @@ impl Kind for Report {
         let evaluation = &material.evaluation;
         let params = &action.params;
         let nfe = picture_nfe(evaluation, params)?;
-        let (montages, by_calls) = match action.whole.get("references") {
+        let (montages, by_calls) = match action.all_if(material::REFERENCES)? {
             Some(references) if params.montage_scenes > 0 => {
                 let choice =
                     Choice { scenes: params.montage_scenes as usize, nfe, pixels: params.montage_pixels as usize };
-                let refined = action.whole.get("refined").copied();
+                let refined = action.all_if(material::REFINED)?;
                 let pictures = Pictures::new(ctx, evaluation, references, refined, choice);
                 (pictures.by_stratum()?, pictures.by_calls()?)
             }
@@ -124,13 +102,10 @@ impl Kind for Report {
         let header = opening + &sections::headline::block(evaluation, &material, &params.subtitle, &montages, nfe)?;
         let html = page(&params.title, &header, &sections, &missing(action));
 
-        let mut parts: BTreeMap<String, Digest> = BTreeMap::new();
-        let mut put = |name: &str, bytes: &[u8]| -> Result<(), KindError> {
-            parts.insert(name.to_owned(), ctx.put(bytes)?);
-            Ok(())
-        };
+        let mut files = FileTree::new();
+        let mut put = |name: &str, bytes: &[u8]| files.put(name, bytes);
         put("report.html", html.as_bytes())?;
-        put("results.json", results_json(&material, params)?.as_bytes())?;
+        put("results.json", &results_json(&material, params)?)?;
         put("results.csv", csv::results(evaluation).as_bytes())?;
         put("curves.csv", csv::curves(evaluation).as_bytes())?;
         put("per_scene.csv", csv::per_scene(evaluation).as_bytes())?;
@@ -142,7 +117,7 @@ impl Kind for Report {
         for montage in montages.iter().chain(&by_calls).filter(|m| !m.rows.is_empty()) {
             put(&montage.file, &montage.png()?)?;
         }
-        let between = material.bridge.iter().flat_map(|b| &b.bridge.claims);
+        let between = material.bridge_tables().into_iter().flat_map(|bridge| &bridge.claims);
         let claims: Vec<&Claim> = evaluation.claims.iter().chain(between).collect();
         if !claims.is_empty() {
             put("claims.csv", sections::claims::csv(&claims).as_bytes())?;
@@ -158,12 +133,13 @@ impl Kind for Report {
         if !material.timings.is_empty() {
             put("timings.csv", timings_csv(&material.timings).as_bytes())?;
         }
-        // Files of the bridge go along as they are: the same blobs under another name.
-        for artifact in action.whole.get("bridge").into_iter().flat_map(|c| c.items.values()) {
-            parts.extend(artifact.parts.iter().map(|(name, digest)| (format!("bridge/{name}"), *digest)));
+        // Files of the bridge go along, as they are exported.
+        if let Some(bridge) = action.only_if(material::BRIDGE)? {
+            let mut own = FileTree::new();
+            BridgeFiles::export(ctx, bridge.artifact(), &mut own)?;
+            files.extend(own.into_iter().map(|(name, bytes)| (format!("bridge/{name}"), bytes)));
         }
-        let key = ItemKey::new("report").expect("letters");
-        Ok(Outputs::default().collection("report", [(key, Artifact::tree(FILES, parts))].into_iter().collect()))
+        Outputs::default().put_one(PAGE, "report", Files(files).store(ctx)?)
     }
 }
 
@@ -174,7 +150,8 @@ fn picture_nfe(evaluation: &Evaluation, params: &ReportParams) -> Result<u64, Ki
         None => Ok(first),
         Some(nfe) if evaluation.nfe.contains(&nfe) => Ok(nfe),
         Some(nfe) => Err(KindError::Input(format!(
-            "`montage_nfe: {nfe}` was not evaluated, only {:?}; choose one of these, or add it to `nfe` of the refinement",
+            "`montage_nfe: {nfe}` was not evaluated, only {:?}; choose one of these, or add it to `nfe` of the \
+             refinement",
             evaluation.nfe
         ))),
     }
@@ -189,7 +166,7 @@ fn sections(
 ) -> Result<Vec<Section>, KindError> {
     let evaluation = &material.evaluation;
     let all = [
-        sections::claims::section(evaluation, material.bridge.as_ref().map(|b| &b.bridge)),
+        sections::claims::section(evaluation, material.bridge_tables()),
         Some(sections::tables::section(evaluation)),
         Some(sections::curves::section(evaluation)),
         sections::strata::section(evaluation, nfe),
@@ -209,17 +186,17 @@ fn sections(
 
 /// What was not connected.
 fn missing(action: &Action<'_, ReportParams>) -> Vec<String> {
-    let there = |port: &str| action.whole.get(port).is_some_and(|c| !c.is_empty());
-    INPUTS.iter().filter(|p| !there(p.name)).map(|p| p.name.to_owned()).collect()
+    let there = |port: &str| action.all.get(port).is_some_and(|items| !items.is_empty());
+    material::INPUTS.iter().filter(|p| !there(p.name)).map(|p| p.name.to_owned()).collect()
 }
 
 /// Every figure but the measured ones.
-fn results_json(material: &Material, params: &ReportParams) -> Result<String, KindError> {
+fn results_json(material: &Material, params: &ReportParams) -> Result<Vec<u8>, KindError> {
     let gate: BTreeMap<_, _> = gate_counts(&material.verdicts)
         .into_iter()
         .map(|(s, g)| (s, json!({"pool": g.pool, "accepted": g.accepted, "rejected": g.rejected})))
         .collect();
-    let value = json!({
+    pretty_json(&json!({
         "title": params.title,
         "references": material.references,
         "evaluation": material.evaluation,
@@ -227,13 +204,10 @@ fn results_json(material: &Material, params: &ReportParams) -> Result<String, Ki
         "gate": gate,
         "split": material.split,
         "sampling": material.sampling,
-        "bridge": material.bridge.as_ref().map(|b| &b.bridge),
+        "bridge": material.bridge_tables(),
         "convergence": material.convergence,
         "statistics": material.statistics.iter().map(|(key, of)| (key, of)).collect::<BTreeMap<_, _>>(),
-    });
-    serde_json::to_string_pretty(&value)
-        .map(|text| text + "\n")
-        .map_err(|e| KindError::Internal(format!("cannot write results.json: {e}")))
+    }))
 }
 
 fn timings_csv(timings: &[(Cell, TrainingTiming)]) -> String {

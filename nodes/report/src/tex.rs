@@ -2,7 +2,7 @@
 
 use crate::ranking::{Rank, Row, conditioning_name, digits, extra, method_name, metric_name, ranks, rows};
 use std::fmt::Write as _;
-use tauflow_data::results::{Evaluation, METRICS, higher_is_better};
+use tauflow_data::records::{Evaluation, METRICS, higher_is_better};
 
 /// Text safe in LaTeX.
 pub fn escape(text: &str) -> String {
@@ -45,8 +45,8 @@ pub fn table(evaluation: &Evaluation, metric: &str) -> String {
     let mut out = String::from("% Needs \\usepackage{booktabs}.\n\\begin{table}\n  \\centering\n");
     let _ = writeln!(
         out,
-        "  \\caption{{{} {arrow} at each number of model calls (NFE), mean over {} test scenes from $I_{{{}}}$ against $I_{{{}}}$. \
-         AUC and TV $\\downarrow$ over log NFE. Best in bold, second underlined.}}",
+        "  \\caption{{{} {arrow} at each number of model calls (NFE), mean over {} test scenes from $I_{{{}}}$ \
+         against $I_{{{}}}$. AUC and TV $\\downarrow$ over log NFE. Best in bold, second underlined.}}",
         escape(metric_name(metric)),
         evaluation.scenes,
         evaluation.from_spp,

@@ -1,6 +1,6 @@
 //! Text for people: escaping, numbers, base64. Knows nothing of what the numbers mean.
 
-use tauflow_data::results::Estimate;
+use tauflow_data::records::Estimate;
 
 /// Text safe inside HTML elements, attributes in double quotes, and SVG.
 pub fn escape(text: &str) -> String {
@@ -129,7 +129,7 @@ mod tests {
         assert_eq!(fixed(f64::INFINITY, 2), "∞");
         assert_eq!(signed(0.004, 2), "0.00");
         assert_eq!(signed(3.0, 1), "+3.0");
-        assert_eq!(compact(0.0123456), "0.0123");
+        assert_eq!(compact(0.012_345_6), "0.0123");
         assert_eq!(compact(12.0), "12");
         assert_eq!(compact(1234.0), "1234");
         assert_eq!(compact(2.5e-7), "2.50e−7");

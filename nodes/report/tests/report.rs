@@ -4,13 +4,11 @@ mod common;
 
 use common::{extras, run};
 use std::collections::BTreeMap;
-use tauflow_contract::{Collection, Context, MemoryBlobs, Silent};
-use tauflow_data::results::{Evaluation, METRICS, higher_is_better};
+use tauflow_contract::{Collection, Context, FileTree, Handle, MemoryBlobs, Silent};
+use tauflow_data::records::{Evaluation, METRICS, higher_is_better};
 use tauflow_report::ReportParams;
 
-type Files = BTreeMap<String, Vec<u8>>;
-
-fn text(files: &Files, name: &str) -> String {
+fn text(files: &FileTree, name: &str) -> String {
     String::from_utf8(files[name].clone()).expect("text files are UTF-8")
 }
 
@@ -20,7 +18,7 @@ fn whole() -> (MemoryBlobs, BTreeMap<&'static str, Collection>, Evaluation) {
     let cancel = std::sync::atomic::AtomicBool::new(false);
     let ctx = Context::new(&blobs, &Silent, &cancel);
     let (_, artifact) = inputs["evaluation"].iter().next().expect("one item");
-    let evaluation = ctx.json(artifact, "").expect("an evaluation");
+    let evaluation = Handle::<Evaluation>::new(artifact).and_then(|item| item.load(&ctx)).expect("an evaluation");
     (blobs, inputs, evaluation)
 }
 
@@ -93,7 +91,7 @@ fn the_page_stands_alone_and_is_well_formed() {
         assert!(html.contains(&format!("<section id=\"{id}\"")), "{id}");
         assert!(html.contains(&format!("href=\"#{id}\"")), "{id}");
     }
-    // A denoiser stands beside the solvers of its conditioning: in the heat map of one call, and as a line in every plot.
+    // A denoiser stands beside the solvers of its conditioning: in the heat map of a call, and as a line in each plot.
     let section = |id: &str| {
         let start = html.find(&format!("<section id=\"{id}\"")).expect("there");
         &html[start..start + html[start..].find("</section>").expect("it ends")]
@@ -302,8 +300,8 @@ fn whatever_is_not_connected_is_left_out_and_named() {
         assert!(!html.contains(&format!("id=\"{id}\"")), "{id}");
     }
     assert!(html.contains(
-        "Not connected, so left out: references; refined; losses; timings; verdicts; split; sampling; bridge; convergence; \
-         time_error; statistics."
+        "Not connected, so left out: references; refined; losses; timings; verdicts; split; sampling; bridge; \
+         convergence; time_error; statistics."
     ));
     assert!(!files.keys().any(|n| n.ends_with(".png") || n == "timings.csv"));
     // Each optional input alone, and all but each.
@@ -376,7 +374,7 @@ fn spaces_seeds_and_infinite_scores_have_their_place() {
     }
     let cancel = std::sync::atomic::AtomicBool::new(false);
     let ctx = Context::new(&blobs, &Silent, &cancel);
-    let item = common::json_item(&ctx, "evaluation", &evaluation);
+    let item = common::item(&ctx, "evaluation", &evaluation);
     inputs.insert("evaluation", [item].into_iter().collect());
     let files = run(&blobs, ReportParams::default(), &inputs).expect("a report");
     let html = text(&files, "report.html");

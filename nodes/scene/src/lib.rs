@@ -3,24 +3,21 @@
 //! Makes scene descriptions and chooses among them; knows nothing of rendering or learning.
 
 mod assets;
-mod generation;
+mod content_signature_split;
 mod geom;
 mod mesh_check;
-mod sampling;
+mod scene_generation;
 mod signature;
-mod split;
+mod stratified_sampling;
 
-pub use assets::{
-    Assets, AssetsParams,
-    asset::{Asset, Body, Material, Part, Report as AssetReport},
-};
-pub use generation::{
+pub use assets::{Assets, AssetsParams};
+pub use content_signature_split::{ContentSignatureSplit, ContentSignatureSplitParams, is_test};
+pub use scene_generation::{
     CausticRanges, DiffuseRanges, GlossyRanges, HoldOut, MaxDepth, Range, RefractiveRanges, SceneGeneration,
     SceneGenerationParams,
 };
-pub use sampling::{StratifiedSampling, StratifiedSamplingParams, quotas};
-pub use signature::{Leak, QUANTUM, check_leaks, quantised, shared_assets, signature};
-pub use split::{ContentSignatureSplit, ContentSignatureSplitParams, is_test};
+pub use signature::{QUANTUM, check_leaks, quantised, shared_assets, signature};
+pub use stratified_sampling::{StratifiedSampling, StratifiedSamplingParams, quotas};
 
 use tauflow_contract::{KindRow, NodeKind};
 

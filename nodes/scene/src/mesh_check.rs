@@ -2,7 +2,7 @@
 
 use crate::geom::{cross, dot};
 use std::collections::BTreeMap;
-use tauflow_data::formats::Mesh;
+use tauflow_data::mesh::Mesh;
 
 /// The mesh's vertices welded by position: for each vertex, the number of its place.
 pub fn welded(mesh: &Mesh) -> Vec<u32> {

@@ -3,10 +3,9 @@
 //! Knows recipes only. Two scenes of one signature are near-duplicates: the same layout template with the same
 //! parameters to within a step, the same objects and the same environment. Camera, exposure and seed do not count.
 
-use serde::Serialize;
 use std::collections::BTreeMap;
 use tauflow_contract::{Digest, canonical_bytes};
-use tauflow_data::{maths, scene::Recipe};
+use tauflow_data::{maths, records::Leak, scene::Recipe};
 
 /// Step of the parameters when none is said.
 pub const QUANTUM: f64 = 0.05;
@@ -27,17 +26,6 @@ pub fn signature(recipe: &Recipe, quantum: f64) -> Digest {
     objects.sort_unstable();
     let value = serde_json::json!(["tauflow-signature-1", recipe.layout, params, objects, recipe.environment]);
     Digest::of(&canonical_bytes(&value))
-}
-
-/// A signature that stands on both sides.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Leak {
-    /// The signature.
-    pub signature: String,
-    /// Scenes on the train side.
-    pub train: Vec<String>,
-    /// Scenes on the test side.
-    pub test: Vec<String>,
 }
 
 /// Every signature that stands on both sides; there must be none.

@@ -1,8 +1,10 @@
-//! Times of the network on the CPU and on the device that TAUFLOW_DEVICE names, or else the first GPU, on made-up images with
-//! G-buffers: a line of JSON for each, with medians of training steps, and of predictions of 256 x 256 pixels.
+//! Times of the network on the CPU and on a device: the one that TAUFLOW_DEVICE names, or else the first GPU. Images
+//! are made up and have G-buffers. For each place it prints a line of JSON with the medians of training steps, and of
+//! predictions of 256 x 256 pixels.
 //!
 //! ```text
-//! cargo run --release -p tauflow-train --features gpu --example device_time -- tiny [batch 4] [side 64] [steps 20] [predictions 10]
+//! cargo run --release -p tauflow-train --features gpu --example device_time -- \
+//!     tiny [batch 4] [side 64] [steps 20] [predictions 10]
 //! ```
 
 use tauflow_train::{Place, Preset, timing};

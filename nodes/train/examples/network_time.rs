@@ -1,5 +1,5 @@
-//! Times of the network by itself on made-up images with G-buffers, as one line of JSON: medians of training steps, of the
-//! share of a step that drawing its batch takes, and of predictions.
+//! Times of the network by itself on made-up images with G-buffers, as one line of JSON: medians of training steps, of
+//! the share of a step that drawing its batch takes, and of predictions.
 //!
 //! ```text
 //! cargo run --release -p tauflow-train --example network_time -- small 2 [batch 4] [steps 20] [predictions 10]

@@ -3,15 +3,19 @@
 use crate::{
     device,
     model::Model,
-    parameterization::Parameterization,
-    refinement::{endpoint, features, load_model},
+    refinement::{endpoint, features},
     rollout::{Denoiser, bridge_stop, local_steps},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use tauflow_contract::{Action, Context, InputPort, Kind, KindError, KindSpec, Mode, OutputPort, Outputs};
-use tauflow_data::formats::{MODEL, PACKED, PackedScene, REFINED, RefinedImage, store_refined};
+use tauflow_contract::{
+    Action, All, Context, Each, Group, Kind, KindError, KindSpec, Media, Mode, Out, OutputPort, Outputs, Probe,
+};
+use tauflow_data::{
+    methods::{HOLD, LOCAL_STEP, Parameterization},
+    records::{BridgeClock, BridgeSteps, ModelFile, PackedScene, RefinedImage},
+};
 
 /// The kind `bridge_refinement`.
 pub struct BridgeRefinement;
@@ -21,20 +25,15 @@ pub struct BridgeRefinement;
 #[serde(default, deny_unknown_fields)]
 pub struct BridgeRefinementParams {}
 
-/// The clock of the training ladder, as it stands in `bridge.json`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-struct BridgeClock {
-    n_min: u64,
-    n_max: u64,
-}
+const ENDPOINTS: Each<PackedScene> = Each::new("endpoints", "Scenes at consecutive sample counts, such as 1..10.");
+const MC_NOISE: All<ModelFile> =
+    All::new(Parameterization::McNoise.name(), "A solver of parameterization mc_noise: one.");
+const LOCAL_VELOCITY: All<ModelFile> =
+    All::new(Parameterization::LocalVelocity.name(), "A solver of parameterization local_velocity: one.");
 
-const INPUTS: &[InputPort] = &[
-    InputPort::each("endpoints", PACKED, "Scenes at consecutive sample counts, such as 1..10."),
-    InputPort::whole("mc_noise", MODEL, "A solver of parameterization mc_noise: one."),
-    InputPort::whole("local_velocity", MODEL, "A solver of parameterization local_velocity: one."),
-];
-const OUTPUTS: &[OutputPort] =
-    &[OutputPort::new("steps", REFINED, "The images at every stop, and the clock in `bridge.json`.")];
+const MAIN: Group = Group::main(3);
+const STEPS: Out<BridgeSteps> = Out::new(MAIN, "steps", "The images at every stop, and the training ladder's clock.");
+const OUTPUTS: &[OutputPort] = &[STEPS.port()];
 
 impl Kind for BridgeRefinement {
     type Params = BridgeRefinementParams;
@@ -42,48 +41,44 @@ impl Kind for BridgeRefinement {
     fn spec() -> KindSpec {
         KindSpec {
             name: "bridge_refinement",
-            version: 3,
             summary: "Moves endpoints to stops between the training rungs.",
             manual: include_str!("bridge_refinement.md"),
             mode: Mode::Map,
-            inputs: INPUTS,
+            inputs: const { &[ENDPOINTS.port(), MC_NOISE.port(), LOCAL_VELOCITY.port()] },
             outputs: device::ports!(OUTPUTS),
             seeded: false,
         }
     }
 
-    fn environment(_params: &Self::Params, _group: &str) -> Value {
-        device::environment(Value::Null)
+    fn environment(_params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {
+        Some(device::environment(Value::Null))
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let noise = expect(load_model(ctx, action.whole("mc_noise")?, "mc_noise")?, Parameterization::McNoise)?;
-        let local = expect(
-            load_model(ctx, action.whole("local_velocity")?, "local_velocity")?,
-            Parameterization::LocalVelocity,
-        )?;
+        let model = |port, parameterization| expect(Model::read(ctx, action.only(port)?)?, parameterization);
+        let noise = model(MC_NOISE, Parameterization::McNoise)?;
+        let local = model(LOCAL_VELOCITY, Parameterization::LocalVelocity)?;
         if noise.clock() != local.clock() {
             return Err(KindError::Input(
                 "the two solvers were trained on different ladders; train both on the same rungs".into(),
             ));
         }
-        let scene = PackedScene::from_bytes(&ctx.part(action.each("endpoints")?, "")?)?;
+        let scene = action.read(ctx, ENDPOINTS)?;
         let stops = stops(&scene.counts)?;
         let mut images = Vec::new();
         for (done, (from, to)) in stops.iter().copied().enumerate() {
             ctx.check_cancelled()?;
             let start = endpoint(&scene, from)?;
             let said = |method: &str, nfe| RefinedImage { method: method.into(), from_spp: from, to_spp: to, nfe };
-            images.push((said("hold", 0), start.clone()));
+            images.push((said(HOLD, 0), start.clone()));
             let stepped = local_steps(&local, start, features(&local, &scene)?, from, to)?;
-            images.push((said("local_step", to - from), stepped));
+            images.push((said(LOCAL_STEP, to - from), stepped));
             let moved = bridge_stop(&noise, start, features(&noise, &scene)?, from, to)?;
-            images.push((said("mc_noise", 1), moved));
+            images.push((said(Parameterization::McNoise.name(), 1), moved));
             ctx.progress(done as u64 + 1, stops.len() as u64, &format!("{from} -> {to}"));
         }
         let clock = BridgeClock { n_min: noise.clock().n_min() as u64, n_max: noise.clock().n_max() as u64 };
-        let parts = vec![("bridge.json".to_owned(), ctx.put_json(&clock)?)];
-        Ok(Outputs::default().item("steps", store_refined(ctx, images, None, parts)?))
+        Ok(Outputs::default().put(STEPS, BridgeSteps { clock, images }.store(ctx)?))
     }
 }
 

@@ -2,11 +2,10 @@
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use tauflow_contract::{Action, Artifact, Context, InputPort, Kind, KindError, KindSpec, Mode, OutputPort, Outputs};
+use tauflow_contract::{Action, Context, Each, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs};
 use tauflow_data::{
     Image,
-    formats::{EXPOSURE, Exposure, PACKED, PackedScene},
-    ladder::{GBUFFER, GBuffer, LADDER, Ladder},
+    records::{Exposure, GBuffer, Ladder, PackedScene},
 };
 
 /// The kind `dataset_packing`.
@@ -17,12 +16,12 @@ pub struct DatasetPacking;
 #[serde(default, deny_unknown_fields)]
 pub struct DatasetPackingParams {}
 
-const INPUTS: &[InputPort] = &[
-    InputPort::each("ladders", LADDER, "The ladders to pack."),
-    InputPort::each("gbuffers", GBUFFER, "Albedo and shading normal of the same scenes.").or_none(),
-    InputPort::each("exposure", EXPOSURE, "The exposure of the same scenes."),
-];
-const OUTPUTS: &[OutputPort] = &[OutputPort::new("packed", PACKED, "Exposed rungs, and the G-buffer if there is one.")];
+const LADDERS: Each<Ladder> = Each::new("ladders", "The ladders to pack.");
+const GBUFFERS: Each<GBuffer> = Each::new("gbuffers", "Albedo and shading normal of the same scenes.").or_none();
+const EXPOSURE: Each<Exposure> = Each::new("exposure", "The exposure of the same scenes.");
+
+const MAIN: Group = Group::main(1);
+const PACKED: Out<PackedScene> = Out::new(MAIN, "packed", "Exposed rungs, and the G-buffer if there is one.");
 
 impl Kind for DatasetPacking {
     type Params = DatasetPackingParams;
@@ -30,22 +29,21 @@ impl Kind for DatasetPacking {
     fn spec() -> KindSpec {
         KindSpec {
             name: "dataset_packing",
-            version: 1,
             summary: "Packs exposed rungs and G-buffers for learning.",
             manual: include_str!("dataset_packing.md"),
             mode: Mode::Map,
-            inputs: INPUTS,
-            outputs: OUTPUTS,
+            inputs: const { &[LADDERS.port(), GBUFFERS.port(), EXPOSURE.port()] },
+            outputs: const { &[PACKED.port()] },
             seeded: false,
         }
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let ladder = Ladder::load(ctx, action.each("ladders")?)?;
-        let exposure: Exposure = ctx.json(action.each("exposure")?, "")?;
-        let gbuffer = action.each.get("gbuffers").map(|artifact| GBuffer::load(ctx, artifact)).transpose()?;
+        let ladder = action.read(ctx, LADDERS)?;
+        let exposure = action.read(ctx, EXPOSURE)?;
+        let gbuffer = action.read_if(ctx, GBUFFERS)?;
         let packed = pack(&ladder, &exposure, gbuffer.as_ref())?;
-        Ok(Outputs::default().item("packed", Artifact::blob(PACKED, ctx.put(&packed.to_bytes()?)?)))
+        Ok(Outputs::default().put(PACKED, packed.store(ctx)?))
     }
 }
 
@@ -58,13 +56,13 @@ fn pack(ladder: &Ladder, exposure: &Exposure, gbuffer: Option<&GBuffer>) -> Resu
     }
     if !ladder.meta.sampler.is_independent() {
         return Err(KindError::Input(
-            "the ladder's samples depend on each other, and variance time rests on independent ones; render it with `sampler: \
-             independent`"
+            "the ladder's samples depend on each other, and variance time rests on independent ones; render it with \
+             `sampler: independent`"
                 .into(),
         ));
     }
     let exposed = |image: &Image| image.map(|v| (f64::from(v) * exposure.factor) as f32);
-    let gbuffer = gbuffer.map(|g| join(&g.albedo, &g.normal)).transpose()?;
+    let gbuffer = gbuffer.map(|g| g.albedo.beside(&g.normal)).transpose()?;
     if let Some(gbuffer) = &gbuffer {
         gbuffer.finite("G-buffer", "look at what made it")?;
     }
@@ -86,22 +84,13 @@ fn pack(ladder: &Ladder, exposure: &Exposure, gbuffer: Option<&GBuffer>) -> Resu
     })
 }
 
-/// Channels of `a`, then of `b`.
-fn join(a: &Image, b: &Image) -> Result<Image, KindError> {
-    let channels = a.channels() + b.channels();
-    let data = a
-        .data()
-        .chunks_exact(a.channels())
-        .zip(b.data().chunks_exact(b.channels()))
-        .flat_map(|(a, b)| a.iter().chain(b).copied())
-        .collect();
-    Ok(Image::from_data(a.width(), a.height(), channels, data)?)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tauflow_data::ladder::{LadderMeta, Rung, SamplerKind};
+    use tauflow_data::{
+        SamplerKind,
+        records::{LadderMeta, Rung},
+    };
 
     fn ladder() -> Ladder {
         let image = |v: f32| Image::from_data(2, 1, 3, vec![v; 6]).expect("fits");

@@ -1,5 +1,5 @@
-//! Where networks run: on the CPU, by operators of our own; in builds with the feature `gpu`, on a device with a Vulkan driver, too.
-//! Knows nothing of networks.
+//! Where networks run: on the CPU, by operators of our own; in builds with the feature `gpu`, on a device with a Vulkan
+//! driver, too. Knows nothing of networks.
 
 #[cfg(feature = "gpu")]
 pub(crate) mod vulkan;

@@ -5,21 +5,25 @@ mod dataset_packing;
 mod device;
 mod mirrors;
 mod model;
+mod model_calls;
 mod network;
 mod parameterization;
 mod refinement;
 mod rollout;
+mod space;
 mod training;
 
 pub use bridge_refinement::{BridgeRefinement, BridgeRefinementParams};
 pub use dataset_packing::{DatasetPacking, DatasetPackingParams};
 pub use device::Place;
-pub use mirrors::Mirrored;
+pub use mirrors::{Mirrored, Views};
 pub use model::{Model, ModelInfo};
+pub use model_calls::ModelCalls;
 pub use network::{Loss, Preset};
-pub use parameterization::{Conditioning, Parameterization, Space, signed_log1p};
 pub use refinement::{Refinement, RefinementParams};
 pub use rollout::{Course, Denoiser, bridge_stop, local_steps, rollout, rollout_to};
+pub use space::{Space, signed_log1p};
+pub use tauflow_data::methods::{Conditioning, Parameterization};
 pub use training::{Decay, Training, TrainingParams, timing};
 
 use tauflow_contract::{KindRow, NodeKind};

@@ -1,34 +1,74 @@
-//! A solver that looks at an image and at its mirror images: its prediction is the mean of theirs, mirrored back. Each errs in its
-//! own way, so that the mean errs less.
+//! A solver that looks at an image and at its mirror images: its prediction is the mean of theirs, mirrored back. Each
+//! errs in its own way, so that the mean errs less.
 
-use crate::{
-    model::Model,
-    parameterization::{Parameterization, Space},
-    rollout::Denoiser,
-};
+use crate::{model::Model, rollout::Denoiser, space::Space};
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use tauflow_contract::KindError;
-use tauflow_data::{Image, time::VarianceTime};
+use tauflow_data::{Image, methods::Parameterization, time::VarianceTime};
+
+/// How many views of an image a prediction is the mean of, written as that number. 1 is the image alone; 2 adds its
+/// mirror image from left to right, 4 both upside down, and 8 all four with rows for columns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "u64", into = "u64")]
+pub struct Views(u8);
+
+impl Views {
+    /// The image alone.
+    pub const ONE: Self = Self(1);
+
+    /// How many there can be.
+    const COUNTS: [u8; 4] = [1, 2, 4, 8];
+}
+
+impl Default for Views {
+    fn default() -> Self {
+        Self::ONE
+    }
+}
+
+impl TryFrom<u64> for Views {
+    type Error = KindError;
+
+    fn try_from(views: u64) -> Result<Self, KindError> {
+        let found = Self::COUNTS.into_iter().find(|count| u64::from(*count) == views);
+        found
+            .map(Self)
+            .ok_or_else(|| KindError::Input(format!("{views} views of an image cannot be had; write 1, 2, 4 or 8")))
+    }
+}
+
+impl From<Views> for u64 {
+    fn from(views: Views) -> Self {
+        u64::from(views.0)
+    }
+}
+
+impl JsonSchema for Views {
+    fn schema_name() -> Cow<'static, str> {
+        "Views".into()
+    }
+
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "integer", "enum": Self::COUNTS })
+    }
+}
 
 /// A model by the mean of several views.
 pub struct Mirrored<'a> {
     model: &'a Model,
-    views: usize,
+    views: Views,
 }
 
 impl<'a> Mirrored<'a> {
-    /// How many views there can be: the image alone, its mirror image from left to right too, both upside down, and all four with
-    /// rows for columns.
-    pub const VIEWS: [usize; 4] = [1, 2, 4, 8];
-
     /// Of so many views.
-    ///
-    /// # Errors
-    /// If it is none of [`Mirrored::VIEWS`].
-    pub fn new(model: &'a Model, views: usize) -> Result<Self, KindError> {
-        if Self::VIEWS.contains(&views) {
-            return Ok(Self { model, views });
-        }
-        Err(KindError::Input(format!("{views} views of an image; there are 1, 2, 4 or 8")))
+    pub fn new(model: &'a Model, views: Views) -> Self {
+        Self { model, views }
     }
 }
 
@@ -47,18 +87,18 @@ impl Denoiser for Mirrored<'_> {
 
     fn predict(&self, state: &Image, gbuffer: Option<&Image>, tau: f64) -> Result<Image, KindError> {
         let mut sum = self.model.predict(state, gbuffer, tau)?;
-        for view in (1..self.views).map(View) {
+        for view in (1..usize::from(self.views.0)).map(View) {
             let gbuffer = gbuffer.map(|gbuffer| view.gbuffer(gbuffer)).transpose()?;
             let seen = self.model.predict(&view.image(state)?, gbuffer.as_ref(), tau)?;
             sum.data_mut().iter_mut().zip(view.inverse().image(&seen)?.data()).for_each(|(sum, seen)| *sum += seen);
         }
-        let share = 1.0 / self.views as f32;
+        let share = 1.0 / f32::from(self.views.0);
         Ok(sum.map(|value| value * share))
     }
 }
 
-/// Which sides change places: left and right if the first bit is set, top and bottom if the second is; then, if the third is, rows
-/// and columns. Together the eight are what training turns its windows by.
+/// Which sides change places: left and right if the first bit is set, top and bottom if the second is; then, if the
+/// third is, rows and columns. Together the eight are what training turns its windows by.
 #[derive(Clone, Copy)]
 struct View(usize);
 
@@ -121,9 +161,8 @@ mod tests {
         device::Place,
         model::ModelInfo,
         network::{Output, Preset},
-        parameterization::Conditioning,
     };
-    use tauflow_data::rng::Stream;
+    use tauflow_data::{methods::Conditioning, rng::Stream};
 
     /// A model of weights that are nowhere zero.
     fn model() -> Model {
@@ -183,9 +222,9 @@ mod tests {
     fn one_view_is_the_model_and_all_of_them_do_not_know_left_from_right() {
         let (model, state, gbuffer) = (model(), image(3, 1), image(6, 2));
         let alone = model.predict(&state, Some(&gbuffer), 0.3).expect("fits");
-        let of = |views: usize, view: View| {
+        let of = |views: u64, view: View| {
             let (state, gbuffer) = (view.image(&state).expect("fits"), view.gbuffer(&gbuffer).expect("fits"));
-            let mirrored = Mirrored::new(&model, views).expect("a number of views");
+            let mirrored = Mirrored::new(&model, Views::try_from(views).expect("a number of views"));
             view.inverse().image(&mirrored.predict(&state, Some(&gbuffer), 0.3).expect("fits")).expect("fits")
         };
         assert_eq!(of(1, View(0)), alone);
@@ -199,6 +238,17 @@ mod tests {
         for view in 1..8 {
             assert!(furthest(&of(8, View(view)), &of(8, View(0))) < 1e-5, "{view}");
         }
-        assert!(Mirrored::new(&model, 3).is_err());
+    }
+
+    #[test]
+    fn views_are_1_2_4_or_8() {
+        for views in [1, 2, 4, 8] {
+            let read: Views = serde_json::from_value(views.into()).expect("a number of views");
+            assert_eq!(serde_json::to_value(read).expect("plain"), views);
+        }
+        for views in [0u64, 3, 16, 257] {
+            let error = serde_json::from_value::<Views>(views.into()).expect_err("none").to_string();
+            assert!(error.contains("1, 2, 4 or 8"), "{error}");
+        }
     }
 }

@@ -9,13 +9,18 @@ use crate::{
         unet::Unet,
         weights::Weights,
     },
-    parameterization::{Conditioning, Parameterization, Space},
     rollout::Denoiser,
+    space::Space,
 };
 use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
-use tauflow_contract::KindError;
-use tauflow_data::{Image, TensorFile, time::VarianceTime};
+use tauflow_contract::{Context, Handle, KindError};
+use tauflow_data::{
+    Image, TensorFile,
+    methods::{Conditioning, Parameterization},
+    records::ModelFile,
+    time::VarianceTime,
+};
 
 /// What a model was trained for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -83,6 +88,14 @@ impl Model {
     /// If the bytes are damaged or of another version, or there is no such place; see [`Place::chosen`].
     pub fn load(bytes: &[u8]) -> Result<Self, KindError> {
         Self::load_to(bytes, &Place::chosen()?)
+    }
+
+    /// Loads a model that is in the store, to predict where this process is to.
+    ///
+    /// # Errors
+    /// As [`Model::load`], and if its blob is missing.
+    pub(crate) fn read(ctx: &Context<'_>, file: Handle<'_, ModelFile>) -> Result<Self, KindError> {
+        Self::load(&file.load(ctx)?.0)
     }
 
     /// Reads a model, to predict at a place.

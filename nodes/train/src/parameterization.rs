@@ -9,68 +9,31 @@
 //! | `local_velocity` | I_k | (I_next - I_k)/(tau_next - tau_k) |
 //! | `vanilla_rf` | (1 - t) I_nmin + t clean | clean - I_nmin |
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-use tauflow_data::{Image, time::VarianceTime};
-use tauflow_ops::{expm1, log1p};
+use tauflow_data::{Image, methods::Parameterization, time::VarianceTime};
 
-/// What the network predicts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
-#[serde(rename_all = "snake_case")]
-pub enum Parameterization {
-    /// clean - I_nmin on straight interpolants: rectified flow (Liu et al. 2022), the baseline that sees interpolants.
-    VanillaRf,
-    /// The secant to the next rung.
-    LocalVelocity,
-    /// The secant to the last rung.
-    McVelocity,
-    /// The remaining Monte Carlo noise.
-    #[default]
-    McNoise,
-}
-
-/// What the network sees beside the state.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
-#[serde(rename_all = "snake_case")]
-pub enum Conditioning {
-    /// Nothing.
-    #[default]
-    Rgb,
-    /// Albedo and shading normal.
-    Gbuffer,
-}
-
-/// The space in which states are moved and targets are taken.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
-#[serde(rename_all = "snake_case")]
-pub enum Space {
-    /// Exposed linear radiance.
-    #[default]
-    Linear,
-    /// sign(x) log(1 + |x|) of it.
-    Log1p,
-}
-
-impl Parameterization {
-    /// All of them, in the order of tables.
-    pub const ALL: [Self; 4] = [Self::VanillaRf, Self::LocalVelocity, Self::McVelocity, Self::McNoise];
-
-    /// Its name in pipelines.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::VanillaRf => "vanilla_rf",
-            Self::LocalVelocity => "local_velocity",
-            Self::McVelocity => "mc_velocity",
-            Self::McNoise => "mc_noise",
-        }
-    }
-
-    /// What to learn at endpoint `k` of a ladder with these sample counts; `t` in [0, 1] is used by `vanilla_rf` alone. The
-    /// time that belongs to it is [`Parameterization::time`].
+/// The maths of a [`Parameterization`]: what a network learns, and how its prediction moves a state.
+pub(crate) trait ParameterizationMaths: Sized {
+    /// What to learn at endpoint `k` of a ladder with these sample counts; `t` in [0, 1] is used by `vanilla_rf` alone.
+    /// The time that belongs to it is [`Self::time`].
     ///
     /// # Panics
     /// If `k` is the last rung, which has nothing to learn.
-    pub fn lesson(self, clock: &VarianceTime, counts: &[u64], k: usize, t: f64) -> Lesson {
+    fn lesson(self, clock: &VarianceTime, counts: &[u64], k: usize, t: f64) -> Lesson;
+
+    /// The time that the network is told at endpoint `k`.
+    fn time(self, clock: &VarianceTime, counts: &[u64], k: usize, t: f64) -> f64;
+
+    /// The estimate of the clean image from a state at `tau` and the prediction there; none if it has no such estimate.
+    fn clean(self, state: &Image, prediction: &Image, tau: f64) -> Option<Image>;
+
+    /// The state at `next` from a state at `tau` and the prediction there.
+    ///
+    /// At `next` = 1 this is exactly the clean estimate, where there is one; nothing is divided by a vanishing 1 - tau.
+    fn step(self, state: &Image, prediction: &Image, tau: f64, next: f64) -> Image;
+}
+
+impl ParameterizationMaths for Parameterization {
+    fn lesson(self, clock: &VarianceTime, counts: &[u64], k: usize, t: f64) -> Lesson {
         let last = counts.len() - 1;
         assert!(k < last, "the last rung is no endpoint to learn at");
         let tau = |i: usize| clock.tau(counts[i] as f64);
@@ -83,13 +46,11 @@ impl Parameterization {
         }
     }
 
-    /// The time that the network is told at endpoint `k`.
-    pub fn time(self, clock: &VarianceTime, counts: &[u64], k: usize, t: f64) -> f64 {
+    fn time(self, clock: &VarianceTime, counts: &[u64], k: usize, t: f64) -> f64 {
         if self == Self::VanillaRf { t } else { clock.tau(counts[k] as f64) }
     }
 
-    /// The estimate of the clean image from a state at `tau` and the prediction there; none if it has no such estimate.
-    pub fn clean(self, state: &Image, prediction: &Image, tau: f64) -> Option<Image> {
+    fn clean(self, state: &Image, prediction: &Image, tau: f64) -> Option<Image> {
         let scale = match self {
             Self::McNoise => -1.0,
             Self::McVelocity => (1.0 - tau) as f32,
@@ -98,10 +59,7 @@ impl Parameterization {
         Some(combine(state, prediction, |s, p| s + scale * p))
     }
 
-    /// The state at `next` from a state at `tau` and the prediction there.
-    ///
-    /// At `next` = 1 this is exactly the clean estimate, where there is one; nothing is divided by a vanishing 1 - tau.
-    pub fn step(self, state: &Image, prediction: &Image, tau: f64, next: f64) -> Image {
+    fn step(self, state: &Image, prediction: &Image, tau: f64, next: f64) -> Image {
         match self.clean(state, prediction, tau) {
             Some(clean) if next >= 1.0 => clean,
             Some(clean) if self == Self::McNoise => {
@@ -118,75 +76,24 @@ impl Parameterization {
 
 /// What a solver learns from two rungs of a ladder.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lesson {
+pub(crate) struct Lesson {
     /// The rung that the input starts from.
-    pub from: usize,
+    pub(crate) from: usize,
     /// The rung that the target points at.
-    pub to: usize,
+    pub(crate) to: usize,
     /// How far the input is moved towards that rung; 0 but for interpolants.
-    pub share: f32,
+    pub(crate) share: f32,
     /// What the difference of the rungs is multiplied with to give the target.
-    pub scale: f32,
+    pub(crate) scale: f32,
 }
 
 impl Lesson {
     /// Input and target for a value of rung `from` and one of rung `to`.
     #[inline(always)]
-    pub fn example(self, from: f32, to: f32) -> (f32, f32) {
+    pub(crate) fn example(self, from: f32, to: f32) -> (f32, f32) {
         let whole = to - from;
         (from + self.share * whole, self.scale * whole)
     }
-}
-
-impl Conditioning {
-    /// Its name in pipelines.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Rgb => "rgb",
-            Self::Gbuffer => "gbuffer",
-        }
-    }
-}
-
-impl Space {
-    /// Its name in pipelines.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Linear => "linear",
-            Self::Log1p => "log1p",
-        }
-    }
-
-    /// The largest value in this space that [`Space::decode`] gives back: of logarithms that of 6e37, beyond which its exponential
-    /// function stays.
-    pub fn largest(self) -> f32 {
-        match self {
-            Self::Linear => f32::MAX,
-            Self::Log1p => 87.0,
-        }
-    }
-
-    /// A linear value in this space.
-    pub fn encode(self, value: f32) -> f32 {
-        match self {
-            Self::Linear => value,
-            Self::Log1p => signed_log1p(value),
-        }
-    }
-
-    /// A value of this space as a linear one.
-    pub fn decode(self, value: f32) -> f32 {
-        match self {
-            Self::Linear => value,
-            Self::Log1p => expm1(value.abs()).copysign(value),
-        }
-    }
-}
-
-/// sign(x) log(1 + |x|): what the network is shown of a linear value.
-#[inline(always)]
-pub fn signed_log1p(value: f32) -> f32 {
-    log1p(value.abs()).copysign(value)
 }
 
 fn combine(a: &Image, b: &Image, f: impl Fn(f32, f32) -> f32) -> Image {
@@ -245,14 +152,5 @@ mod tests {
         let (input, target) = lesson.example(RUNGS[lesson.from], RUNGS[lesson.to]);
         assert_eq!((input, target), (5.0 - 0.75, -3.0));
         assert_eq!(p.time(&clock(), &COUNTS, 1, 0.25), 0.25);
-    }
-
-    #[test]
-    fn spaces_invert() {
-        for value in [-3.0f32, -0.0, 0.0, 1e-6, 0.5, 80.0, 1e5] {
-            let back = Space::Log1p.decode(Space::Log1p.encode(value));
-            assert!((back - value).abs() <= 2e-6 * value.abs().max(1e-6), "{value} {back}");
-            assert_eq!(Space::Linear.encode(value), value);
-        }
     }
 }

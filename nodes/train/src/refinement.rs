@@ -2,24 +2,28 @@
 
 use crate::{
     device,
-    mirrors::Mirrored,
+    mirrors::{Mirrored, Views},
     model::Model,
-    parameterization::Conditioning,
+    model_calls::ModelCalls,
     rollout::{Course, Denoiser, rollout},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use tauflow_contract::{
-    Action, Artifact, Collection, Context, InputPort, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs,
-    ParamProblem,
+    Action, All, Any, Before, Context, Each, Group, ItemKey, Kind, KindError, KindSpec, Later, Media, Mode, Out,
+    OutputPort, Outputs, Probe,
 };
 use tauflow_data::{
     Image,
-    formats::{JSON, MODEL, PACKED, PackedScene, REFINED, RefinedImage, store_refined},
+    methods::Conditioning,
+    records::{ModelFile, PackedScene, Refined, RefinedImage, TimedImage, Timing},
     time::TimeGrid,
-    timing::{Repeated, TimedImage, Timing, machine},
+    timing::{Repeated, machine},
 };
+
+/// What refinements did before these params existed.
+const LATER: &[Later] = &[Later { pointer: "/mirrors", before: Before::Integer(1) }];
 
 /// The kind `refinement`.
 pub struct Refinement;
@@ -29,17 +33,15 @@ pub struct Refinement;
 #[serde(default, deny_unknown_fields)]
 pub struct RefinementParams {
     /// Numbers of model calls, increasing.
-    #[schemars(length(min = 1))]
-    pub nfe: Vec<u64>,
+    pub nfe: ModelCalls,
     /// Sample count of the endpoint to start from.
     #[schemars(range(min = 1))]
     pub from: u64,
     /// How the times of a rollout are spread.
     pub grid: TimeGrid,
-    /// Views of the image whose mean a model call is: 1, 2 for its mirror image too, 4 for both upside down as well, or 8 for all
-    /// four with rows for columns.
-    #[schemars(extend("enum" = [1, 2, 4, 8]))]
-    pub mirrors: u64,
+    /// Views of the image whose mean a model call is: 1, 2 for its mirror image too, 4 for both upside down as well, or
+    /// 8 for all four with rows for columns.
+    pub mirrors: Views,
     /// Times that `timing` measures each number of calls.
     #[schemars(range(min = 1, max = 1000))]
     pub repeats: u64,
@@ -47,23 +49,20 @@ pub struct RefinementParams {
 
 impl Default for RefinementParams {
     fn default() -> Self {
-        Self { nfe: vec![1, 2, 9, 20, 50], from: 1, grid: TimeGrid::Ladder, mirrors: 1, repeats: 3 }
+        Self { nfe: ModelCalls::default(), from: 1, grid: TimeGrid::Ladder, mirrors: Views::ONE, repeats: 3 }
     }
 }
 
-const INPUTS: &[InputPort] = &[
-    InputPort::each("endpoints", PACKED, "The scenes whose endpoints are refined."),
-    InputPort::whole("model", MODEL, "The trained solver: one."),
-    InputPort::each("after", "*", "What must be there before `timing` measures, so that methods take turns.").or_none(),
-];
-/// Most model calls of a rollout.
-const MOST_CALLS: u64 = 10_000;
-/// Group of the output port that is measured.
-const TIMING: &str = "timing";
-const OUTPUTS: &[OutputPort] = &[
-    OutputPort::new("refined", REFINED, "One image for each number of model calls."),
-    OutputPort::new("timing", JSON, "How long each takes, on all cores.").in_group(TIMING).measured(),
-];
+const ENDPOINTS: Each<PackedScene> = Each::new("endpoints", "The scenes whose endpoints are refined.");
+const MODEL: All<ModelFile> = All::new("model", "The trained solver: one.");
+const AFTER: Each<Any> =
+    Each::any("after", "What must be there before `timing` measures, so that methods take turns.").or_none();
+
+const MAIN: Group = Group::main(3);
+const MEASURED: Group = Group::new("timing", 3);
+const REFINED: Out<Refined> = Out::new(MAIN, "refined", "One image for each number of model calls.");
+const TIMING: Out<Timing> = Out::new(MEASURED, "timing", "How long each takes, on all cores.").measured();
+const OUTPUTS: &[OutputPort] = &[REFINED.port(), TIMING.port()];
 
 impl Kind for Refinement {
     type Params = RefinementParams;
@@ -71,67 +70,46 @@ impl Kind for Refinement {
     fn spec() -> KindSpec {
         KindSpec {
             name: "refinement",
-            version: 3,
             summary: "Refines endpoints with a trained solver in any number of steps.",
             manual: include_str!("refinement.md"),
             mode: Mode::Map,
-            inputs: INPUTS,
+            inputs: const { &[ENDPOINTS.port(), MODEL.port(), AFTER.port()] },
             outputs: device::ports!(OUTPUTS),
             seeded: false,
         }
     }
 
-    fn check(params: &Self::Params) -> Vec<ParamProblem> {
-        let mut problems = Vec::new();
-        if params.nfe.is_empty() || params.nfe[0] == 0 || params.nfe.windows(2).any(|w| w[1] <= w[0]) {
-            problems.push(ParamProblem::new(
-                "/nfe",
-                "the numbers of model calls must increase from at least 1",
-                "write for example `nfe: [1, 2, 9, 20, 50]`",
-            ));
-        }
-        if params.nfe.last().is_some_and(|most| *most > MOST_CALLS) {
-            let problem = format!("more than {MOST_CALLS} model calls");
-            problems.push(ParamProblem::new("/nfe", problem, "take fewer: many calls change nothing any more"));
-        }
-        if !Mirrored::VIEWS.contains(&(params.mirrors as usize)) {
-            let problem = format!("{} views of an image", params.mirrors);
-            problems.push(ParamProblem::new("/mirrors", problem, "write 1, 2, 4 or 8"));
-        }
-        problems
-    }
-
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
         let mut value = serde_json::to_value(params).expect("plain data");
-        if let Value::Object(fields) = &mut value {
-            if group != TIMING {
-                fields.remove("repeats");
-            }
-            // It came later: refinements of before stay what they are.
-            if params.mirrors == 1 {
-                fields.remove("mirrors");
-            }
+        if group != MEASURED.name
+            && let Value::Object(fields) = &mut value
+        {
+            fields.remove("repeats");
         }
         value
     }
 
-    fn environment(_params: &Self::Params, group: &str) -> Value {
-        device::environment(if group == TIMING { machine() } else { Value::Null })
+    fn later() -> &'static [Later] {
+        LATER
+    }
+
+    fn environment(_params: &Self::Params, group: &str, _probe: &dyn Probe) -> Option<Value> {
+        Some(device::environment(if group == MEASURED.name { machine() } else { Value::Null }))
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let model = load_model(ctx, action.whole("model")?, "model")?;
-        let scene = PackedScene::from_bytes(&ctx.part(action.each("endpoints")?, "")?)?;
+        let model = Model::read(ctx, action.only(MODEL)?)?;
+        let scene = action.read(ctx, ENDPOINTS)?;
         let endpoint = endpoint(&scene, action.params.from)?;
         let gbuffer = features(&model, &scene)?;
-        let model = Mirrored::new(&model, action.params.mirrors as usize)?;
-        if action.group == TIMING {
+        let model = Mirrored::new(&model, action.params.mirrors);
+        if action.group == MEASURED.name {
             let timing = timed(ctx, &model, endpoint, gbuffer, &action.params)?;
-            return Ok(Outputs::default().item("timing", Artifact::blob(JSON, ctx.put_json(&timing)?)));
+            return Ok(Outputs::default().put(TIMING, timing.store(ctx)?));
         }
         let mut images = Vec::new();
-        let total = action.params.nfe.len() as u64;
-        for (done, nfe) in action.params.nfe.iter().enumerate() {
+        let counts = action.params.nfe.counts();
+        for (done, nfe) in counts.iter().enumerate() {
             ctx.check_cancelled()?;
             let course = Course { from: action.params.from, steps: *nfe as usize, grid: action.params.grid };
             let image = rollout(&model, endpoint, gbuffer, course)?;
@@ -142,9 +120,9 @@ impl Kind for Refinement {
                 nfe: *nfe,
             };
             images.push((said, image));
-            ctx.progress(done as u64 + 1, total, &format!("NFE {nfe}"));
+            ctx.progress(done as u64 + 1, counts.len() as u64, &format!("NFE {nfe}"));
         }
-        Ok(Outputs::default().item("refined", store_refined(ctx, images, None, Vec::new())?))
+        Ok(Outputs::default().put(REFINED, Refined { images, note: None }.store(ctx)?))
     }
 }
 
@@ -164,7 +142,7 @@ fn timed(
         nfe: *nfe,
         took: Repeated::default(),
     };
-    let mut entries: Vec<TimedImage> = params.nfe.iter().map(entry).collect();
+    let mut entries: Vec<TimedImage> = params.nfe.counts().iter().map(entry).collect();
     for done in 0..params.repeats {
         for entry in &mut entries {
             ctx.check_cancelled()?;
@@ -174,19 +152,6 @@ fn timed(
         ctx.progress(done + 1, params.repeats, "rounds");
     }
     Ok(Timing { entries })
-}
-
-/// The one model of a collection.
-pub(crate) fn load_model(ctx: &Context<'_>, models: &Collection, port: &str) -> Result<Model, KindError> {
-    let mut artifacts = models.iter();
-    let (Some((_, artifact)), None) = (artifacts.next(), artifacts.next()) else {
-        return Err(KindError::Input(format!(
-            "input `{port}` takes one model and got {}; name one cell, as in \
-             `solvers[parameterization=mc_noise, conditioning=rgb].model`, or give this node the same matrix",
-            models.len()
-        )));
-    };
-    Model::load(&ctx.part(artifact, "")?)
 }
 
 /// The rung of `spp` samples.
@@ -213,22 +178,27 @@ pub(crate) fn features<'a>(model: &Model, scene: &'a PackedScene) -> Result<Opti
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde_json::json;
+    use tauflow_contract::{KindRow, NodeKind as _};
 
     #[test]
-    fn mirrors_are_in_keys_only_where_there_are_any_and_calls_have_bounds() {
-        let of = |mirrors| RefinementParams { mirrors, ..RefinementParams::default() };
-        let key = |mirrors, group| Refinement::project(&of(mirrors), None, group);
-        for group in ["main", TIMING] {
+    fn mirrors_are_in_keys_only_where_there_are_any() {
+        let row = KindRow::<Refinement>::new();
+        let key = |mirrors: u64, group| {
+            let params = row.resolve(&json!({ "mirrors": mirrors })).expect("a number of views");
+            row.projection(&params)(None, group)
+        };
+        for group in [MAIN.name, MEASURED.name] {
             assert!(key(1, group).get("mirrors").is_none() && key(2, group) != key(4, group));
         }
-        assert!([1, 2, 4, 8].iter().all(|mirrors| Refinement::check(&of(*mirrors)).is_empty()));
-        let calls = |nfe: &[u64]| RefinementParams { nfe: nfe.to_vec(), ..RefinementParams::default() };
-        assert!(Refinement::check(&calls(&[1, 10_000])).is_empty());
-        assert!(
-            [&[][..], &[0, 1], &[2, 2], &[1, u64::MAX]]
-                .iter()
-                .all(|nfe| Refinement::check(&calls(nfe))[0].pointer == "/nfe")
-        );
-        assert!([0, 3, 16].iter().all(|mirrors| Refinement::check(&of(*mirrors))[0].pointer == "/mirrors"));
+    }
+
+    #[test]
+    fn params_that_cannot_be_are_problems_at_their_place() {
+        let row = KindRow::<Refinement>::new();
+        assert!(row.resolve(&json!({ "nfe": [1, 10_000], "mirrors": 8 })).is_ok());
+        for (params, pointer) in [(json!({ "nfe": [2, 2] }), "/nfe"), (json!({ "mirrors": 3 }), "/mirrors")] {
+            assert_eq!(row.resolve(&params).expect_err("wrong")[0].pointer, pointer, "{params}");
+        }
     }
 }

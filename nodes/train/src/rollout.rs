@@ -1,9 +1,10 @@
 //! Refining an image along variance time in any number of steps. Knows no network: only that something predicts.
 
-use crate::parameterization::{Parameterization, Space};
+use crate::{parameterization::ParameterizationMaths as _, space::Space};
 use tauflow_contract::KindError;
 use tauflow_data::{
     Image,
+    methods::Parameterization,
     time::{TimeGrid, VarianceTime},
 };
 
@@ -18,8 +19,8 @@ pub trait Denoiser {
     /// The clock of the ladder that it learned on.
     fn clock(&self) -> VarianceTime;
 
-    /// The prediction for a state [H, W, 3] in its space, at variance time `tau`, with albedo and normal [H, W, 6] if it
-    /// was trained with them.
+    /// The prediction for a state [H, W, 3] in its space, at variance time `tau`, with albedo and normal [H, W, 6] if
+    /// it was trained with them.
     ///
     /// # Errors
     /// If shapes do not fit what it was trained for.
@@ -77,8 +78,8 @@ pub fn rollout_to(
     }
     if !(to > from && to <= clock.n_max()) {
         return Err(KindError::Input(format!(
-            "a rollout from {from} spp cannot end at {to}: the end lies above the start and at most at {}, the last rung of \
-             the model's ladder",
+            "a rollout from {from} spp cannot end at {to}: the end lies above the start and at most at {}, the last \
+             rung of the model's ladder",
             clock.n_max()
         )));
     }

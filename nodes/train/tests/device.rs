@@ -1,5 +1,5 @@
-//! The kinds on a device with a Vulkan driver, in a process of their own, which TAUFLOW_DEVICE sends there, against the same on the
-//! CPU. Skips where there is no such device.
+//! The kinds on a device with a Vulkan driver, in a process of their own, which TAUFLOW_DEVICE sends there, against the
+//! same on the CPU. Skips where there is no such device.
 
 #![cfg(feature = "gpu")]
 
@@ -9,9 +9,9 @@ mod toy;
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, process::Command, sync::atomic::AtomicBool};
 use tauflow_contract::{
-    Action, Artifact, Collection, Context, Determinism, Kind, KindError, MemoryBlobs, Outputs, Silent,
+    Action, Artifact, Collection, Context, Determinism, Kind, KindError, Look, Media, MemoryBlobs, Outputs, Silent,
 };
-use tauflow_data::{formats::load_refined, results::TrainingLog};
+use tauflow_data::records::{BridgeSteps, Refined, RefinedImages, TrainingLog};
 use tauflow_train::{
     BridgeRefinement, BridgeRefinementParams, Conditioning, Parameterization, Place, Refinement, RefinementParams,
     Training, TrainingParams,
@@ -31,13 +31,13 @@ impl Lab {
         &self,
         params: K::Params,
         each: &[(&'static str, &Artifact)],
-        whole: &[(&'static str, &Collection)],
+        all: &[(&'static str, &Collection)],
     ) -> Result<Outputs, KindError> {
         let cancel = AtomicBool::new(false);
         let ctx = Context::new(&self.blobs, &Silent, &cancel);
-        let (each, whole): (BTreeMap<_, _>, BTreeMap<_, _>) =
-            (each.iter().copied().collect(), whole.iter().copied().collect());
-        K::run(&ctx, &Action { params, item: None, group: "main", seed: 11, each, whole })
+        let (each, all): (BTreeMap<_, _>, BTreeMap<_, _>) =
+            (each.iter().copied().collect(), all.iter().copied().collect());
+        K::run(&ctx, &Action { params, item: None, group: "main", seed: 11, each, all })
     }
 
     fn train(&self, parameterization: Parameterization, conditioning: Conditioning) -> Result<Outputs, KindError> {
@@ -68,23 +68,24 @@ fn results() -> Result<Value, KindError> {
     let cancel = AtomicBool::new(false);
     let ctx = Context::new(&lab.blobs, &Silent, &cancel);
     let losses = |outputs: &Outputs| -> Result<Vec<f64>, KindError> {
-        let log: TrainingLog = ctx.json(outputs.collections["log"].get("model").expect("one item"), "")?;
+        let log = TrainingLog::load(&ctx, outputs.collections["log"].get("model").expect("one item"))?;
         Ok(log.points.iter().flat_map(|point| [point.train, point.test]).flatten().collect())
     };
     let (_, endpoint) = endpoints.iter().next().expect("one");
     let models = [&noise.collections["model"], &local.collections["model"]];
-    let params = RefinementParams { nfe: vec![1, 3], ..Default::default() };
+    let params = RefinementParams { nfe: vec![1, 3].try_into()?, ..Default::default() };
     let refined = lab.run::<Refinement>(params, &[("endpoints", endpoint)], &[("model", models[0])])?;
-    let whole = [("mc_noise", models[0]), ("local_velocity", models[1])];
-    let bridge = lab.run::<BridgeRefinement>(BridgeRefinementParams {}, &[("endpoints", endpoint)], &whole)?;
-    let images = |outputs: &Outputs, port: &str| -> Result<Vec<Vec<f32>>, KindError> {
-        let (images, _) = load_refined(&ctx, &outputs.items[port])?;
-        Ok(images.into_iter().map(|(_, image)| image.data().to_vec()).collect())
+    let all = [("mc_noise", models[0]), ("local_velocity", models[1])];
+    let bridge = lab.run::<BridgeRefinement>(BridgeRefinementParams {}, &[("endpoints", endpoint)], &all)?;
+    let refined = Refined::load(&ctx, &refined.items["refined"])?.images;
+    let steps = BridgeSteps::load(&ctx, &bridge.items["steps"])?.images;
+    let numbers = |images: RefinedImages| -> Vec<Vec<f32>> {
+        images.into_iter().map(|(_, image)| image.data().to_vec()).collect()
     };
     Ok(json!({
         "losses": [losses(&noise)?, losses(&local)?],
-        "refined": images(&refined, "refined")?,
-        "bridge": images(&bridge, "steps")?,
+        "refined": numbers(refined),
+        "bridge": numbers(steps),
     }))
 }
 
@@ -93,9 +94,9 @@ fn stated() -> Value {
     let bitwise = [Training::spec(), Refinement::spec(), BridgeRefinement::spec()]
         .map(|spec| spec.outputs.iter().filter(|port| port.determinism == Determinism::Bitwise).count());
     let environments = [
-        Training::environment(&TrainingParams::default(), "main"),
-        Refinement::environment(&RefinementParams::default(), "main"),
-        BridgeRefinement::environment(&BridgeRefinementParams {}, "main"),
+        Training::environment(&TrainingParams::default(), "main", &Look),
+        Refinement::environment(&RefinementParams::default(), "main", &Look),
+        BridgeRefinement::environment(&BridgeRefinementParams {}, "main", &Look),
     ];
     json!({ "bitwise": bitwise, "environments": environments })
 }

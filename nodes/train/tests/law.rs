@@ -1,5 +1,6 @@
-//! What the law alone says of solvers: rollouts of a network that knows the mean of endlessly many samples and predicts the expectation
-//! of its target. `cargo test --release -p tauflow-train --test law -- --nocapture` prints the figures that docs/study quotes.
+//! What the law alone says of solvers: rollouts of a network that knows the mean of endlessly many samples and predicts
+//! the expectation of its target. `cargo test --release -p tauflow-train --test law -- --nocapture` prints the figures
+//! that docs/study quotes.
 
 use tauflow_contract::KindError;
 use tauflow_data::{
@@ -83,7 +84,8 @@ fn mc_velocity_and_mc_noise_go_the_same_way_by_the_law() {
     }
 }
 
-/// The mean of gains over hold in dB of a stop from k to m, against the real I_m, which keeps k/m of I_k's noise and has its own.
+/// The mean of gains over hold in dB of a stop from k to m, against the real I_m, which keeps k/m of I_k's noise and
+/// has its own.
 fn gain(cases: &[(u64, u64)], stop: impl Fn(u64, u64) -> f64) -> f64 {
     let error = |share: f64, k: u64, m: u64| {
         let (k, m) = (k as f64, m as f64);
@@ -105,7 +107,8 @@ fn by_the_law_a_local_step_is_the_better_bridge() {
         let (along, stepped) = (gain(cases, along_time), gain(cases, stepped));
         let best = gain(cases, |k, m| k as f64 / m as f64);
         println!(
-            "bridge, {name}: {along:.2} dB above hold along variance time, {stepped:.2} by local steps, {best:.2} at best"
+            "bridge, {name}: {along:.2} dB above hold along variance time, {stepped:.2} by local steps, \
+             {best:.2} at best"
         );
         assert!(along > 0.0 && stepped > along + least, "{name}: {along} {stepped}");
         assert!(best >= stepped && best < stepped + 0.1, "local steps take the expectation: {best} {stepped}");

@@ -1,5 +1,6 @@
-//! Files of models and checkpoints are what the manual of `training` says, by its own tables. Where TAUFLOW_PYTHON names a Python with
-//! torch and safetensors, its lines of PyTorch read them, and `benches/pytorch/model.py` predicts what we do.
+//! Files of models and checkpoints are what the manual of `training` says, by its own tables. Where TAUFLOW_PYTHON
+//! names a Python with torch and safetensors, its lines of PyTorch read them, and `benches/pytorch/model.py` predicts
+//! what we do.
 
 #[expect(dead_code, reason = "other tests use the rest")]
 mod toy;
@@ -133,7 +134,7 @@ impl Blobs for Kept {
     }
 
     fn memo_put(&self, key: &MemoKey, artifact: &Artifact) -> Result<(), KindError> {
-        assert_eq!(key.name, "training/checkpoint");
+        assert_eq!(key.name(), "training/checkpoint");
         self.1.lock().expect("no holder panics").push(artifact.clone());
         self.0.memo_put(key, artifact)
     }
@@ -147,9 +148,9 @@ fn trained(params: Value) -> (Vec<u8>, Vec<u8>) {
     let (blobs, cancel) = (Kept::default(), AtomicBool::new(false));
     let scenes = toy::collection(&blobs.0, 0..2, 16, &COUNTS);
     let ctx = Context::new(&blobs, &Silent, &cancel);
-    let whole = BTreeMap::from([("train", &scenes)]);
+    let all = BTreeMap::from([("train", &scenes)]);
     let outputs =
-        Training::run(&ctx, &Action { params, item: None, group: "main", seed: 11, each: BTreeMap::new(), whole })
+        Training::run(&ctx, &Action { params, item: None, group: "main", seed: 11, each: BTreeMap::new(), all })
             .expect("trains");
     let model = ctx.part(outputs.collections["model"].get("model").expect("one item"), "").expect("stored");
     let checkpoint = blobs.1.lock().expect("no holder panics").last().cloned().expect("one every three steps");

@@ -8,8 +8,7 @@ use std::{
 };
 use tauflow_contract::{Action, Collection, Context, Kind, KindError, MemoryBlobs, Outputs, Progress, Silent};
 use tauflow_data::{
-    formats::PackedScene,
-    results::{TrainingLog, TrainingTiming},
+    records::{PackedScene, TrainingLog, TrainingTiming},
     time::TimeGrid,
 };
 use tauflow_train::{Conditioning, Course, Decay, Model, Parameterization, Training, TrainingParams, rollout};
@@ -32,9 +31,9 @@ impl Lab {
 
     fn run(&self, params: &TrainingParams, progress: &dyn Progress, cancel: &AtomicBool) -> Result<Outputs, KindError> {
         let ctx = Context::new(&self.blobs, progress, cancel);
-        let whole = BTreeMap::from([("train", &self.train), ("test", &self.test)]);
+        let all = BTreeMap::from([("train", &self.train), ("test", &self.test)]);
         let params = params.clone();
-        Training::run(&ctx, &Action { params, item: None, group: "main", seed: 11, each: BTreeMap::new(), whole })
+        Training::run(&ctx, &Action { params, item: None, group: "main", seed: 11, each: BTreeMap::new(), all })
     }
 
     fn train(&self, params: &TrainingParams) -> Outputs {
@@ -232,7 +231,5 @@ fn unfit_data_are_refused_with_a_reason() {
     lab.train = toy::collection(&lab.blobs, 0..2, 16, &COUNTS);
     let wild = TrainingParams { learning_rate: 1e30, ..short() };
     assert!(refused(&lab, &wild).contains("`learning_rate`"));
-    let bad = TrainingParams { steps: 0, betas: [0.9, 1.0], clip: f64::NAN, ..short() };
-    assert_eq!(Training::check(&bad).len(), 3);
     assert!(Training::check(&TrainingParams::default()).is_empty());
 }

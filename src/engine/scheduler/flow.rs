@@ -3,30 +3,30 @@
 
 use super::{
     Scheduler,
-    state::{Given, Op, Slot, Stage, Status},
-    with_files,
+    state::{Arrival, Extra, Health, LaneStage, Op, ShardStage, Slot, SlotStage},
 };
 use crate::engine::{
     event::Ended,
+    ids::{Id, InputId, LaneId, SlotId},
     lanes::{LaneFeed, Reader},
     records::Made,
-    whole::{Items, SHARDS, Whole},
+    sharded::{Items, SHARDS, Sharded},
 };
 use std::{
     panic::{AssertUnwindSafe, catch_unwind},
     path::PathBuf,
     sync::Arc,
 };
-use tauflow_contract::{ItemKey, Mode, SourceItem};
+use tauflow_contract::{ItemKey, SourceItem};
 
 impl Scheduler<'_> {
     /// The items of a source, in order; none if they cannot be listed, which is told.
-    pub(super) fn list_source(&mut self, lane: usize) -> Vec<SourceItem> {
+    pub(super) fn list_source(&mut self, lane: LaneId) -> Vec<SourceItem> {
         let of = &self.lanes[lane];
         let node = &self.pipeline.nodes[of.node];
         let params = &self.pipeline.cells[of.cell].params;
         let listed = catch_unwind(AssertUnwindSafe(|| node.kind.items(params)));
-        self.states[lane].known = true;
+        self.set_lane(lane, LaneStage::Full);
         let message = match listed {
             Ok(Ok(mut items)) => {
                 items.sort_by(|a, b| a.key.cmp(&b.key));
@@ -43,8 +43,8 @@ impl Scheduler<'_> {
     }
 
     /// Gives a source its slots.
-    pub(super) fn fill_source(&mut self, lane: usize, items: Vec<SourceItem>) {
-        if self.states[lane].unknown {
+    pub(super) fn fill_source(&mut self, lane: LaneId, items: Vec<SourceItem>) {
+        if self.states[lane].health == Health::Unknown {
             return;
         }
         for (key, files) in self.roll_source(lane, items) {
@@ -58,10 +58,10 @@ impl Scheduler<'_> {
 
     pub(super) fn add_slot(
         &mut self,
-        lane: usize,
+        lane: LaneId,
         key: Option<ItemKey>,
         files: Vec<(String, PathBuf)>,
-    ) -> Option<usize> {
+    ) -> Option<SlotId> {
         if let (Some(only), Some(key)) = (&self.lanes[lane].only, &key)
             && !only.contains(key)
         {
@@ -69,43 +69,41 @@ impl Scheduler<'_> {
         }
         let indexed = self.lanes[lane].inputs.iter().filter(|feeds| !feeds.is_empty()).count() > 1;
         let state = &mut self.states[lane];
-        let slot = state.slots.len();
-        if indexed && let Some(key) = &key {
-            state.index.insert(key.clone(), slot as u32);
-        }
         let gather = key.is_none();
         let shard = key.as_ref().map_or(0, ItemKey::shard);
-        let of = &mut state.shards[usize::from(shard)];
-        of.slots.push(slot as u32);
+        let extra = (!files.is_empty()).then(|| Box::new(Extra { files, ..Extra::default() }));
+        let indexed = key.clone().filter(|_| indexed);
+        let slot = state.slots.push(Slot { key, shard, stage: SlotStage::Waiting, made: Made::default(), extra });
+        state.index.extend(indexed.map(|key| (key, slot)));
+        let of = &mut state.shards[shard];
+        of.slots.push(slot);
         of.open += 1;
-        state.slots.push(Slot { key, shard, status: Status::Waiting, made: Made::default(), extra: with_files(files) });
         state.open += 1;
-        self.expected[self.lanes[lane].node] += 1;
+        self.account.expect(lane);
         if gather {
             self.ops.push_back(Op::Try { lane, slot });
         }
         Some(slot)
     }
 
-    pub(super) fn give(&mut self, lane: usize, input: usize, key: ItemKey, given: Given) {
-        if self.states[lane].inputs[input].given.insert(key.clone(), given).is_some() {
-            let port = self.pipeline.nodes[self.lanes[lane].node].spec.inputs[input].name;
+    pub(super) fn give(&mut self, lane: LaneId, input: InputId, key: ItemKey, arrival: Arrival) {
+        if self.states[lane].inputs[input].arrived.insert(key.clone(), arrival).is_some() {
+            let port = self.spec(lane).inputs[input.place()].name;
             return self.fail_lane(lane, format!("two of the nodes on input `{port}` give an item `{key}`"));
         }
         let slot = if self.lanes[lane].driving == Some(input) {
             self.add_slot(lane, Some(key), Vec::new())
         } else {
-            self.states[lane].index.get(key.as_str()).map(|slot| *slot as usize)
+            self.states[lane].index.get(key.as_str()).copied()
         };
         if let Some(slot) = slot {
             self.ops.push_back(Op::Try { lane, slot });
         }
     }
 
-    pub(super) fn feed_done(&mut self, lane: usize, input: usize, broken: bool) {
-        let pipeline = self.pipeline;
+    pub(super) fn feed_done(&mut self, lane: LaneId, input: InputId, broken: bool) {
         let state = &mut self.states[lane];
-        if state.done {
+        if state.is_done() {
             return; // rolled lanes read nothing
         }
         state.inputs[input].open -= 1;
@@ -113,78 +111,86 @@ impl Scheduler<'_> {
         if state.inputs[input].open > 0 {
             return;
         }
-        if self.lanes[lane].is_whole(pipeline, input) && !state.inputs[input].broken {
+        let broken = state.inputs[input].broken;
+        if self.lanes[lane].is_whole(self.pipeline, input) && !broken {
             match self.gathered(lane, input) {
-                Ok(whole) => self.states[lane].inputs[input].whole = Some(whole),
+                Ok(gathered) => self.states[lane].inputs[input].whole = Some(gathered),
                 Err(message) => self.states[lane].inputs[input].error = Some(message),
             }
         }
-        let state = &mut self.states[lane];
         if self.lanes[lane].driving == Some(input) {
-            state.known = true;
-            state.unknown |= state.inputs[input].broken;
+            self.set_lane(lane, LaneStage::Full);
+            if broken {
+                self.worsen(lane, Health::Unknown);
+            }
         }
-        let waiting = state.slots.iter().enumerate().filter(|(_, s)| s.status == Status::Waiting);
+        let state = &self.states[lane];
+        let waiting = state.slots.pairs().filter(|(_, slot)| slot.stage == SlotStage::Waiting);
         self.ops.extend(waiting.map(|(slot, _)| Op::Try { lane, slot }));
-        if state.by_shard {
-            let pending = (0..=u8::MAX).filter(|shard| state.shards[usize::from(*shard)].stage == Stage::Pending);
-            self.ops.extend(pending.map(|shard| Op::Decide { lane, shard }));
+        if state.by_shard.is_some() {
+            let pending = state.shards.pairs().filter(|(_, shard)| shard.stage == ShardStage::Pending);
+            self.ops.extend(pending.map(|(shard, _)| Op::Decide { lane, shard }));
         }
-        if self.states[lane].known {
+        if matches!(state.stage, LaneStage::Full) {
             self.check_shards(lane);
         }
         self.ops.push_back(Op::Check { lane });
     }
 
     /// The collection on a closed input: its feeds' collections, merged.
-    pub(super) fn gathered(&mut self, lane: usize, input: usize) -> Result<Arc<Whole>, String> {
+    pub(super) fn gathered(&mut self, lane: LaneId, input: InputId) -> Result<Arc<Sharded>, String> {
         let feeds = &self.lanes[lane].inputs[input];
         let result = |feed: &LaneFeed| self.states[feed.lane].results.get(&feed.port).cloned();
         if let [feed] = &feeds[..]
             && feed.prefix.is_none()
-            && let Some(whole) = result(feed)
+            && let Some(result) = result(feed)
         {
-            return Ok(whole);
+            return Ok(result);
         }
-        let mut merged = Items::new();
+        let (mut merged, mut gone) = (Items::new(), Vec::new());
         for feed in feeds {
-            let Some(whole) = result(feed) else { return Err("internal error: a collection is missing".into()) };
-            let items = match whole.items(self.bench.store) {
-                Ok(Ok(items)) => items,
-                Ok(Err(blob)) if self.bench.wanted.contains(&blob) => return Err(super::lost(&blob)),
-                Ok(Err(blob)) => {
-                    // The next pass makes it; until then the input stays open.
-                    self.missing.insert(blob);
-                    self.states[lane].inputs[input].open += 1;
-                    return Err(super::lost(&blob));
+            let Some(result) = result(feed) else { return Err("internal error: a collection is missing".into()) };
+            match result.items(self.bench.store).map_err(|e| e.to_string())? {
+                Ok(items) => {
+                    for (key, output) in items {
+                        merged.push((prefixed(feed, &key)?, output));
+                    }
                 }
-                Err(error) => return Err(error.to_string()),
-            };
-            for (key, output) in items {
-                merged.push((prefixed(feed, &key)?, output));
+                Err(blob) if self.bench.wanted.contains(&blob) => return Err(super::lost(&blob)),
+                Err(blob) => {
+                    gone.push(blob);
+                    gone.extend(result.blobs(self.bench.store).map_err(|e| e.to_string())?.1);
+                }
             }
+        }
+        if let Some(blob) = gone.first() {
+            let told = super::lost(blob);
+            // The next pass makes them; until then the input stays open.
+            self.missing.extend(gone);
+            self.states[lane].inputs[input].open += 1;
+            return Err(told);
         }
         merged.sort_by(|a, b| a.0.cmp(&b.0));
         if let Some(pair) = merged.windows(2).find(|pair| pair[0].0 == pair[1].0) {
-            let port = self.pipeline.nodes[self.lanes[lane].node].spec.inputs[input].name;
+            let port = self.spec(lane).inputs[input.place()].name;
             return Err(format!("two of the nodes on input `{port}` give an item `{}`", pair[0].0));
         }
-        Ok(Arc::new(Whole::of(merged)))
+        Ok(Arc::new(Sharded::of(merged)))
     }
 
-    pub(super) fn try_ready(&mut self, lane: usize, slot: usize) {
+    pub(super) fn try_ready(&mut self, lane: LaneId, slot: SlotId) {
         let state = &self.states[lane];
-        if state.slots[slot].status != Status::Waiting {
+        if state.slots[slot].stage != SlotStage::Waiting {
             return;
         }
-        let spec = &self.pipeline.nodes[self.lanes[lane].node].spec;
-        let shard = usize::from(state.slots[slot].shard);
+        let spec = self.spec(lane);
+        let shard = state.slots[slot].shard;
         let (mut wait, mut blocked, mut error) = (false, false, None);
-        for (number, input) in state.inputs.iter().enumerate() {
-            if self.lanes[lane].inputs[number].is_empty() {
+        for (id, input) in state.inputs.pairs() {
+            if self.lanes[lane].inputs[id].is_empty() {
                 continue;
             }
-            if self.lanes[lane].is_whole(self.pipeline, number) {
+            if self.lanes[lane].is_whole(self.pipeline, id) {
                 wait |= input.open > 0;
                 blocked |= input.broken;
                 if input.open == 0 {
@@ -193,128 +199,119 @@ impl Scheduler<'_> {
                 continue;
             }
             let Some(key) = &state.slots[slot].key else { continue }; // gathers have whole inputs only
-            match input.given.get(key) {
-                Some(Given::Item(_)) => {}
-                Some(Given::Broken) => blocked = true,
+            match input.arrived.get(key) {
+                Some(Arrival::Item(_)) => {}
+                Some(Arrival::Broken) => blocked = true,
                 None if input.open > 0 && input.open_shards[shard] > 0 => wait = true,
                 None if input.broken => blocked = true,
-                None if spec.inputs[number].optional => {}
+                None if spec.inputs[id.place()].optional => {}
                 None => {
                     let message = format!(
                         "the input `{}` has no item `{key}`; connect a node that has every item of input `{}`",
-                        spec.inputs[number].name,
-                        self.lanes[lane].driving.map_or("", |d| spec.inputs[d].name)
+                        spec.inputs[id.place()].name,
+                        self.lanes[lane].driving.map_or("", |d| spec.inputs[d.place()].name)
                     );
                     error = error.or(Some(message));
                 }
             }
         }
         if blocked {
-            self.set(lane, slot, Status::Ended(Ended::Blocked));
+            self.set_slot(lane, slot, SlotStage::Ended(Ended::Blocked));
         } else if let Some(message) = error {
             let key = state.slots[slot].key.clone();
-            self.fail(lane, key.as_ref(), message);
-            self.set(lane, slot, Status::Ended(Ended::Failed));
+            self.account.fail(lane, key.as_ref(), message);
+            self.set_slot(lane, slot, SlotStage::Ended(Ended::Failed));
         } else if !wait {
-            self.set(lane, slot, Status::Ready);
+            self.set_slot(lane, slot, SlotStage::Ready);
         }
     }
 
     /// Gives an ended slot's outputs to those who read item by item.
-    pub(super) fn hand_on(&mut self, lane: usize, slot: usize) {
+    pub(super) fn hand_on(&mut self, lane: LaneId, slot: SlotId) {
         let lanes = self.lanes;
         if self.states[lane].slots[slot].key.is_none() {
             return self.hand_on_gathered(lane, slot);
         }
-        let (shard, status) = (self.states[lane].slots[slot].shard, self.states[lane].slots[slot].status);
-        let open = |reader: &&Reader| {
-            let reading = &self.states[reader.lane];
-            let whole = lanes[reader.lane].is_whole(self.pipeline, reader.input);
-            !reading.done && !whole && reading.shards[usize::from(shard)].stage == Stage::Open
-        };
+        let (shard, stage) = (self.states[lane].slots[slot].shard, self.states[lane].slots[slot].stage);
+        let open = |reader: &&Reader| self.reads_items(reader) && self.shard_stage(reader.lane, shard).by_item();
         // Those that are opened below take what is there, this item included.
         let open: Vec<&Reader> = lanes[lane].readers.iter().filter(open).collect();
-        if status != Status::Ended(Ended::Hit) {
+        if stage != SlotStage::Ended(Ended::Hit) {
             self.open_readers(lane, shard);
         }
         for reader in open {
-            let feed = &lanes[reader.lane].inputs[reader.input][reader.feed];
-            self.give_slot(reader.lane, reader.input, feed, slot);
+            self.give_slot(reader.lane, reader.input, self.feed(reader), slot);
         }
     }
 
     /// Gives one slot's output on.
-    pub(super) fn give_slot(&mut self, lane: usize, input: usize, feed: &LaneFeed, slot: usize) {
+    pub(super) fn give_slot(&mut self, lane: LaneId, input: InputId, feed: &LaneFeed, slot: SlotId) {
         let from = &self.states[feed.lane].slots[slot];
         let Some(key) = &from.key else { return };
-        let given = match from.status {
-            Status::Ended(Ended::Hit | Ended::Ran) => match from.made.item(feed.port) {
-                Some(output) => Given::Item(output.clone()),
+        let arrival = match from.stage {
+            SlotStage::Ended(Ended::Hit | Ended::Ran) => match from.made.item(feed.port) {
+                Some(output) => Arrival::Item(output.clone()),
                 None => return, // filtered out
             },
-            Status::Ended(_) => Given::Broken,
+            SlotStage::Ended(_) => Arrival::Broken,
             _ => return,
         };
         match prefixed(feed, key) {
-            Ok(key) => self.give(lane, input, key, given),
+            Ok(key) => self.give(lane, input, key, arrival),
             Err(message) => self.fail_lane(lane, message),
         }
     }
 
     /// Gives what a gather made to those who read item by item.
-    fn hand_on_gathered(&mut self, lane: usize, slot: usize) {
+    fn hand_on_gathered(&mut self, lane: LaneId, slot: SlotId) {
         let lanes = self.lanes;
         for reader in &lanes[lane].readers {
-            if self.states[reader.lane].done || lanes[reader.lane].is_whole(self.pipeline, reader.input) {
+            if !self.reads_items(reader) {
                 continue;
             }
-            let feed = &lanes[reader.lane].inputs[reader.input][reader.feed];
-            let Some(whole) = self.states[lane].slots[slot].made.collection(feed.port).cloned() else { continue };
-            if lanes[reader.lane].driving == Some(reader.input) {
-                self.choose_by_shard_of(reader.lane, whole.len());
+            let made = &self.states[lane].slots[slot].made;
+            if let Some(collection) = made.collection(self.feed(reader).port).cloned() {
+                self.hand_on_collection(reader, &collection);
             }
-            for (shard, part) in &whole.parts {
-                if self.states[reader.lane].shards[usize::from(*shard)].stage == Stage::Open {
-                    self.give_part(reader.lane, reader.input, feed, *shard, part);
-                }
+        }
+    }
+
+    /// Gives a collection that is there as a whole to one who reads item by item.
+    fn hand_on_collection(&mut self, reader: &Reader, collection: &Sharded) {
+        if self.lanes[reader.lane].driving == Some(reader.input) {
+            self.choose_by_shard_of(reader.lane, collection.len());
+        }
+        for (number, shard) in &collection.shards {
+            if self.shard_stage(reader.lane, *number).by_item() {
+                self.give_shard(reader.lane, reader.input, self.feed(reader), *number, shard);
             }
         }
     }
 
     /// Tells the readers that a lane is done; those of a rolled lane get its items now.
-    pub(super) fn hand_on_whole(&mut self, lane: usize) {
+    pub(super) fn hand_on_whole(&mut self, lane: LaneId) {
         let lanes = self.lanes;
-        let (rolled, unknown, failed) = {
-            let state = &self.states[lane];
-            (state.rolled.is_some(), state.unknown, state.failed)
-        };
-        let gather = self.pipeline.nodes[lanes[lane].node].mode() == Mode::Gather;
+        let (rolled, health) = (self.states[lane].rolled().is_some(), self.states[lane].health);
+        let gather = self.is_gather(lane);
         for reader in &lanes[lane].readers {
-            if self.states[reader.lane].rolled.is_some() {
+            if self.states[reader.lane].rolled().is_some() {
                 continue;
             }
-            let feed = &lanes[reader.lane].inputs[reader.input][reader.feed];
-            let whole = lanes[reader.lane].is_whole(self.pipeline, reader.input);
+            let whole = self.takes_whole(reader);
             if rolled
                 && !whole
-                && let Some(result) = self.states[lane].results.get(&feed.port).cloned()
+                && let Some(result) = self.states[lane].results.get(&self.feed(reader).port).cloned()
             {
-                if lanes[reader.lane].driving == Some(reader.input) {
-                    self.choose_by_shard_of(reader.lane, result.len());
-                }
-                for (shard, part) in &result.parts {
-                    if self.states[reader.lane].shards[usize::from(*shard)].stage == Stage::Open {
-                        self.give_part(reader.lane, reader.input, feed, *shard, part);
-                    }
-                }
+                self.hand_on_collection(reader, &result);
             }
-            // Of what failed as a whole, nobody knows which items there would be: its shards stay open until that is told below.
-            if !whole && (rolled || (gather && !unknown && !failed)) {
+            // Of what failed as a whole, nobody knows which items there would be: its shards stay open until that is
+            // told below.
+            if !whole && (rolled || (gather && health == Health::Sound)) {
                 let (lane, input) = (reader.lane, reader.input);
-                self.ops.extend((0..SHARDS).map(|shard| Op::ShardFed { lane, input, shard: shard as u8 }));
+                self.ops.extend((0..SHARDS).map(|shard| Op::ShardFed { lane, input, shard: u8::at(shard) }));
             }
             // Items that failed were told one by one to those who read item by item.
-            let broken = unknown || (failed && (whole || gather));
+            let broken = health == Health::Unknown || (health == Health::Failed && (whole || gather));
             self.ops.push_back(Op::FeedDone { lane: reader.lane, input: reader.input, broken });
         }
     }

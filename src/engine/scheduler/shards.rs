@@ -3,28 +3,40 @@
 use super::{
     Scheduler,
     flow::prefixed,
-    state::{CompleteShard, Given, Op, Shard, Stage},
+    state::{Arrival, ByShard, CompleteShard, LaneStage, Op, ShardStage, ShardState},
 };
 use crate::engine::{
+    ids::{Id, InputId, LaneId, PortId, Row, SlotId},
     lanes::{LaneFeed, Reader},
     records::{Payload, SHARD},
     rollup,
-    whole::{Part, SHARDS},
+    sharded::{SHARDS, Shard, Sharded},
 };
+use serde::Serialize;
 use std::{path::PathBuf, sync::Arc};
-use tauflow_cache::{Key, Record};
+use tauflow_cache::{Digest, Key};
 use tauflow_contract::{ItemKey, Mode, SourceItem, canonical_bytes};
+
+/// What decides a shard's outputs.
+#[derive(Serialize)]
+struct ShardKey<T> {
+    /// Digest of what decides all shards of its lane.
+    shards: Digest,
+    /// Of a source its items and the params that each reads. Of a map, for each input port, what is put before the keys
+    /// of each of its feeds, and the content digest of the feed's shard.
+    holds: T,
+}
 
 impl Scheduler<'_> {
     /// Decides before anything has come in whether a map lane goes by shards: if what names its items has many.
-    pub(super) fn choose_by_shard(&mut self, lane: usize) {
+    pub(super) fn choose_by_shard(&mut self, lane: LaneId) {
         let lanes = self.lanes;
         let Some(driving) = lanes[lane].driving else { return };
         let big = lanes[lane].inputs[driving].iter().any(|feed| {
             let from = &self.states[feed.lane];
-            let name = self.pipeline.nodes[lanes[feed.lane].node].spec.outputs[feed.port].name;
-            let rolled = from.rolled.as_ref().and_then(|payload| payload.collections.get(name));
-            from.by_shard || rolled.is_some_and(|listed| listed.len >= self.many)
+            let name = self.spec(feed.lane).outputs[feed.port.place()].name;
+            let rolled = from.rolled().and_then(|payload| payload.collections.get(name));
+            from.by_shard.is_some() || rolled.is_some_and(|listed| self.is_many(listed.len))
         });
         if big {
             self.go_by_shard(lane);
@@ -32,8 +44,8 @@ impl Scheduler<'_> {
     }
 
     /// As [`Scheduler::choose_by_shard`], when a gather that names a lane's items is done.
-    pub(super) fn choose_by_shard_of(&mut self, lane: usize, len: u64) {
-        if len < self.many || self.states[lane].by_shard {
+    pub(super) fn choose_by_shard_of(&mut self, lane: LaneId, len: u64) {
+        if !self.is_many(len) || self.states[lane].by_shard.is_some() {
             return;
         }
         self.go_by_shard(lane);
@@ -43,149 +55,147 @@ impl Scheduler<'_> {
         }
     }
 
-    fn go_by_shard(&mut self, lane: usize) {
+    /// Whether a lane of so many items goes by shards.
+    fn is_many(&self, len: u64) -> bool {
+        self.many.is_some_and(|many| len >= many)
+    }
+
+    fn go_by_shard(&mut self, lane: LaneId) {
         let state = &mut self.states[lane];
         // What has come in item by item is not taken back.
-        let untouched = state.slots.is_empty() && state.inputs.iter().all(|input| input.given.is_empty());
-        if self.roll && self.lanes[lane].only.is_none() && untouched && !state.done {
-            state.by_shard = true;
-            state.shards.iter_mut().filter(|shard| !shard.closed).for_each(|shard| shard.stage = Stage::Pending);
+        let untouched = state.slots.is_empty() && state.inputs.iter().all(|input| input.arrived.is_empty());
+        if self.lanes[lane].only.is_none() && untouched && !state.is_done() {
+            state.by_shard = Some(ByShard::default());
+            for shard in state.shards.ids() {
+                if !self.shard_stage(lane, shard).is_closed() {
+                    self.set_shard(lane, shard, ShardStage::Pending);
+                }
+            }
         }
     }
 
     /// Decides whether a source goes by shards. Files outside are read item by item in any case.
-    pub(super) fn choose_source_by_shard(&mut self, lane: usize, items: &[SourceItem]) {
+    pub(super) fn choose_source_by_shard(&mut self, lane: LaneId, items: &[SourceItem]) {
         let plain = items.iter().all(|item| item.files.is_empty());
-        if self.roll && plain && self.lanes[lane].only.is_none() && items.len() as u64 >= self.many {
-            self.states[lane].by_shard = true;
-            self.states[lane].listing = Some(rollup::listing_digest(items.iter().map(|item| (&item.key, None))));
+        if plain && self.lanes[lane].only.is_none() && self.is_many(items.len() as u64) {
+            let listing = rollup::listing_digest(items.iter().map(|item| (&item.key, None)));
+            self.states[lane].by_shard = Some(ByShard { listing: Some(listing), ..ByShard::default() });
         }
     }
 
     /// Looks the shards of a source up, and gives back the items of those that are not as they were.
     pub(super) fn roll_source(
         &mut self,
-        lane: usize,
+        lane: LaneId,
         items: Vec<SourceItem>,
     ) -> Vec<(ItemKey, Vec<(String, PathBuf)>)> {
-        if !self.states[lane].by_shard {
+        if self.states[lane].by_shard.is_none() {
             return items.into_iter().map(|item| (item.key, item.files)).collect();
         }
-        let mut shards: Vec<Vec<ItemKey>> = vec![Vec::new(); SHARDS];
+        let mut shards: Row<u8, Vec<ItemKey>> = (0..SHARDS).map(|_| Vec::new()).collect();
         for item in items {
-            shards[usize::from(item.key.shard())].push(item.key);
+            shards[item.key.shard()].push(item.key);
         }
         let mut left = Vec::new();
-        for (shard, keys) in shards.into_iter().enumerate() {
-            if keys.is_empty() {
-                continue;
-            }
-            let mut bytes = self.prefix(lane);
-            for key in &keys {
-                field(&mut bytes, key.as_str().as_bytes());
-                field(&mut bytes, &canonical_bytes(&(self.tasks[lane].projection)(Some(key), self.tasks[lane].group)));
-            }
-            let hash = Key::of(&bytes);
-            if !self.roll_shard(lane, shard as u8, hash) {
+        for (shard, keys) in shards.ids().zip(shards).filter(|(_, keys)| !keys.is_empty()) {
+            let shards = self.prefix(lane);
+            let task = &self.tasks[lane];
+            let items = keys.iter().map(|key| (key, (task.projection)(Some(key), task.group))).collect::<Vec<_>>();
+            let hash = Key::of(&canonical_bytes(&ShardKey { shards, holds: items }));
+            if !self.roll_shard(lane, shard, hash) {
                 left.extend(keys.into_iter().map(|key| (key, Vec::new())));
             }
         }
         left
     }
 
-    /// What decides a shard beside its items: the start of the bytes of its key.
-    fn prefix(&mut self, lane: usize) -> Vec<u8> {
-        let of = &self.lanes[lane];
+    /// What decides a lane's shards beside their items.
+    fn prefix(&mut self, lane: LaneId) -> Digest {
+        let (of, spec) = (&self.lanes[lane], self.spec(lane));
         let state = &mut self.states[lane];
-        let digest = *state.prefix.get_or_insert_with(|| {
-            let spec = &self.pipeline.nodes[of.node].spec;
+        *state.by_shard.get_or_insert_default().prefix.get_or_insert_with(|| {
             let whole = state.inputs.iter().zip(spec.inputs);
             let whole = whole.filter_map(|(input, port)| Some((port.name, input.whole.as_ref()?.digest))).collect();
             rollup::shard_prefix(self.pipeline, of, whole)
-        });
-        let mut bytes = b"tauflow-shard-roll-up-1".to_vec();
-        field(&mut bytes, &digest.hash);
-        bytes
+        })
     }
 
     /// The key of a map's shard; none if something that it reads is not known.
-    fn shard_key(&mut self, lane: usize, shard: u8) -> Option<Key> {
+    fn shard_key(&mut self, lane: LaneId, shard: u8) -> Option<Key> {
         let lanes = self.lanes;
-        let number = usize::from(shard);
-        for (input, of) in self.states[lane].inputs.iter().enumerate() {
+        for (input, of) in self.states[lane].inputs.pairs() {
             let whole = lanes[lane].is_whole(self.pipeline, input);
-            let open = if whole { of.open > 0 } else { of.open_shards[number] > 0 };
+            let open = if whole { of.open > 0 } else { of.open_shards[shard] > 0 };
             if !lanes[lane].inputs[input].is_empty() && (open || of.broken || of.error.is_some()) {
                 return None;
             }
         }
-        let mut bytes = self.prefix(lane);
-        let spec = &self.pipeline.nodes[lanes[lane].node].spec;
-        for (input, feeds) in lanes[lane].inputs.iter().enumerate() {
+        let shards = self.prefix(lane);
+        let spec = self.spec(lane);
+        let mut holds = Vec::new();
+        for (input, feeds) in lanes[lane].inputs.pairs() {
             if lanes[lane].is_whole(self.pipeline, input) {
                 continue;
             }
-            field(&mut bytes, spec.inputs[input].name.as_bytes());
+            let mut given = Vec::with_capacity(feeds.len());
             for feed in feeds {
-                if self.states[feed.lane].shards[number].failed {
+                if self.states[feed.lane].shards[shard].failed {
                     return None;
                 }
-                field(&mut bytes, feed.prefix.as_deref().unwrap_or("").as_bytes());
-                match self.part_at(feed, shard) {
-                    Some(part) => field(&mut bytes, &part.digest.hash),
-                    None => field(&mut bytes, b""),
-                }
+                given.push((feed.prefix.as_deref(), self.shard_at(feed, shard).map(|shard| shard.digest)));
             }
+            holds.push((spec.inputs[input.place()].name, given));
         }
-        Some(Key::of(&bytes))
+        Some(Key::of(&canonical_bytes(&ShardKey { shards, holds })))
     }
 
     /// The items of a shard that a feed gives, if it is known and holds any.
-    fn part_at(&self, feed: &LaneFeed, shard: u8) -> Option<Arc<Part>> {
+    fn shard_at(&self, feed: &LaneFeed, shard: u8) -> Option<Arc<Shard>> {
         let from = &self.states[feed.lane];
-        let of_whole = |whole: &crate::engine::whole::Whole| whole.parts.get(&shard).cloned();
-        if let Some(whole) = from.results.get(&feed.port) {
-            return of_whole(whole);
+        let of_collection = |collection: &Sharded| collection.shards.get(&shard).cloned();
+        if let Some(result) = from.results.get(&feed.port) {
+            return of_collection(result);
         }
-        if let Some(whole) = from.slots.first().and_then(|slot| slot.made.collection(feed.port)) {
-            return of_whole(whole);
+        if let Some(made) = from.slots.first().and_then(|slot| slot.made.collection(feed.port)) {
+            return of_collection(made);
         }
-        let parts = &from.shards[usize::from(shard)].parts;
-        parts.iter().find(|(port, part)| *port == feed.port && part.len > 0).map(|(_, part)| part.clone())
+        let outputs = &from.shards[shard].outputs;
+        outputs.iter().find(|(port, shard)| *port == feed.port && shard.len > 0).map(|(_, shard)| shard.clone())
     }
 
     /// Looks a shard up as a whole, once all that it reads is known; opens it if that fails.
-    pub(super) fn decide(&mut self, lane: usize, shard: u8) {
+    pub(super) fn decide(&mut self, lane: LaneId, shard: u8) {
         let lanes = self.lanes;
         let state = &self.states[lane];
-        if state.done || state.shards[usize::from(shard)].stage != Stage::Pending {
+        if state.is_done() || state.shards[shard].stage != ShardStage::Pending {
             return;
         }
-        let mut open = false;
-        for (input, of) in state.inputs.iter().enumerate().filter(|(input, _)| !lanes[lane].inputs[*input].is_empty()) {
+        let (mut open, mut lost) = (false, false);
+        for (input, of) in state.inputs.pairs().filter(|(input, _)| !lanes[lane].inputs[*input].is_empty()) {
             let whole = lanes[lane].is_whole(self.pipeline, input);
-            if of.broken || (of.open == 0 && of.error.is_some()) {
-                return self.open_shard(lane, shard);
-            }
-            open |= if whole { of.open > 0 } else { of.open_shards[usize::from(shard)] > 0 };
+            lost |= of.broken || (of.open == 0 && of.error.is_some());
+            open |= if whole { of.open > 0 } else { of.open_shards[shard] > 0 };
+        }
+        if lost {
+            return self.set_shard(lane, shard, ShardStage::Open);
         }
         if open {
             return;
         }
         let driven = lanes[lane]
             .driving
-            .is_some_and(|driving| lanes[lane].inputs[driving].iter().any(|feed| self.part_at(feed, shard).is_some()));
+            .is_some_and(|driving| lanes[lane].inputs[driving].iter().any(|feed| self.shard_at(feed, shard).is_some()));
         let rolled = driven && self.shard_key(lane, shard).is_some_and(|key| self.roll_shard(lane, shard, key));
         if !rolled {
-            self.open_shard(lane, shard);
+            self.set_shard(lane, shard, ShardStage::Open);
         }
     }
 
     /// Takes a shard as an earlier run left it, if one did.
-    fn roll_shard(&mut self, lane: usize, shard: u8, key: Key) -> bool {
-        self.states[lane].shards[usize::from(shard)].key = Some(key);
+    fn roll_shard(&mut self, lane: LaneId, shard: u8, key: Key) -> bool {
+        self.states[lane].shards[shard].key = Some(key);
         let Some(record) = self.bench.store.lookup(SHARD, &key) else { return false };
-        match self.bench.whole(&record) {
+        match self.bench.intact(&record) {
             Ok(true) => {}
             Ok(false) => return false,
             Err(error) => {
@@ -193,43 +203,50 @@ impl Scheduler<'_> {
                 return false;
             }
         }
-        let Some(parts) = self.rolled_parts(lane, &record) else { return false };
         let Some(payload) = Payload::of(&record) else { return false };
+        let Some(outputs) = self.listed_outputs(lane, &payload) else { return false };
         let totals = (payload.actions, record.wall_us, record.bytes);
-        self.count_rolled(lane, Some(shard), totals);
-        let of = &mut self.states[lane].shards[usize::from(shard)];
-        (of.stage, of.closed, of.parts, of.totals) = (Stage::Rolled, true, parts, totals);
-        self.states[lane].open_shards -= 1;
-        let lanes = self.lanes;
-        for reader in &lanes[lane].readers {
-            if self.reads_items(reader) && self.stage(reader.lane, shard) == Stage::Open {
-                let feed = &lanes[reader.lane].inputs[reader.input][reader.feed];
-                if let Some(part) = self.part_at(feed, shard) {
-                    self.give_part(reader.lane, reader.input, feed, shard, &part);
-                }
-            }
-        }
-        self.tell_fed(lane, shard);
+        self.account.rolled(lane, Some(shard), totals);
+        let of = &mut self.states[lane].shards[shard];
+        (of.outputs, of.totals) = (outputs, totals);
+        self.set_shard(lane, shard, ShardStage::Rolled);
         true
     }
 
-    fn rolled_parts(&self, lane: usize, record: &Record) -> Option<Vec<(usize, Arc<Part>)>> {
-        let payload = Payload::of(record)?;
-        let outputs = &self.pipeline.nodes[self.lanes[lane].node].spec.outputs;
-        let part = |port: &usize| Some((*port, Arc::new(Part::listed(payload.collections.get(outputs[*port].name)?))));
-        self.lanes[lane].ports.iter().map(part).collect()
+    /// What a shard's roll-up says of each port of its lane.
+    fn listed_outputs(&self, lane: LaneId, payload: &Payload) -> Option<Vec<(PortId, Arc<Shard>)>> {
+        let outputs = self.spec(lane).outputs;
+        let listed = |port: &PortId| {
+            let listed = payload.collections.get(outputs[port.place()].name)?;
+            Some((*port, Arc::new(Shard::listed(listed))))
+        };
+        self.lanes[lane].ports.iter().map(listed).collect()
     }
 
-    fn stage(&self, lane: usize, shard: u8) -> Stage {
-        self.states[lane].shards[usize::from(shard)].stage
+    /// Gives the items of a rolled shard to those who go item by item.
+    pub(super) fn hand_on_shard(&mut self, lane: LaneId, shard: u8) {
+        let lanes = self.lanes;
+        for reader in &lanes[lane].readers {
+            if self.reads_items(reader)
+                && self.shard_stage(reader.lane, shard).by_item()
+                && let Some(items) = self.shard_at(self.feed(reader), shard)
+            {
+                self.give_shard(reader.lane, reader.input, self.feed(reader), shard, &items);
+            }
+        }
     }
 
-    fn reads_items(&self, reader: &Reader) -> bool {
-        let reading = &self.states[reader.lane];
-        !reading.done && reading.rolled.is_none() && !self.lanes[reader.lane].is_whole(self.pipeline, reader.input)
+    pub(super) fn shard_stage(&self, lane: LaneId, shard: u8) -> ShardStage {
+        self.states[lane].shards[shard].stage
     }
 
-    fn tell_fed(&mut self, lane: usize, shard: u8) {
+    /// Whether a reader takes items one by one, and is not done.
+    pub(super) fn reads_items(&self, reader: &Reader) -> bool {
+        !self.states[reader.lane].is_done() && !self.takes_whole(reader)
+    }
+
+    /// Tells those who read item by item that a shard is done.
+    pub(super) fn tell_fed(&mut self, lane: LaneId, shard: u8) {
         let lanes = self.lanes;
         for reader in &lanes[lane].readers {
             if self.reads_items(reader) {
@@ -240,48 +257,45 @@ impl Scheduler<'_> {
     }
 
     /// Opens a shard of all who read a lane item by item, because one of the lane's items is not as it was.
-    pub(super) fn open_readers(&mut self, lane: usize, shard: u8) {
+    pub(super) fn open_readers(&mut self, lane: LaneId, shard: u8) {
         let lanes = self.lanes;
         for reader in &lanes[lane].readers {
-            if self.reads_items(reader) && self.stage(reader.lane, shard) == Stage::Pending {
-                self.open_shard(reader.lane, shard);
+            if self.reads_items(reader) && self.shard_stage(reader.lane, shard) == ShardStage::Pending {
+                self.set_shard(reader.lane, shard, ShardStage::Open);
             }
         }
     }
 
-    /// Goes on item by item, with what has come so far.
-    fn open_shard(&mut self, lane: usize, shard: u8) {
+    /// Gives a shard that was opened what had come for it before.
+    pub(super) fn take_what_came(&mut self, lane: LaneId, shard: u8) {
         let lanes = self.lanes;
-        self.states[lane].shards[usize::from(shard)].stage = Stage::Open;
-        for (input, feeds) in lanes[lane].inputs.iter().enumerate() {
+        for (input, feeds) in lanes[lane].inputs.pairs() {
             if lanes[lane].is_whole(self.pipeline, input) {
                 continue;
             }
             for feed in feeds {
                 let from = &self.states[feed.lane];
                 // Of a lane that goes item by item, items that failed are told, too.
-                let by_item = from.rolled.is_none()
-                    && from.shards[usize::from(shard)].stage == Stage::Open
-                    && self.pipeline.nodes[lanes[feed.lane].node].mode() != Mode::Gather;
+                let by_item =
+                    from.rolled().is_none() && from.shards[shard].stage.by_item() && !self.is_gather(feed.lane);
                 if by_item {
-                    for slot in from.shards[usize::from(shard)].slots.clone() {
-                        self.give_slot(lane, input, feed, slot as usize);
+                    for slot in from.shards[shard].slots.clone() {
+                        self.give_slot(lane, input, feed, slot);
                     }
-                } else if let Some(part) = self.part_at(feed, shard) {
-                    self.give_part(lane, input, feed, shard, &part);
+                } else if let Some(items) = self.shard_at(feed, shard) {
+                    self.give_shard(lane, input, feed, shard, &items);
                 }
             }
         }
-        self.ops.push_back(Op::CheckShard { lane, shard });
     }
 
     /// Gives the items of a shard to one reader.
-    pub(super) fn give_part(&mut self, lane: usize, input: usize, feed: &LaneFeed, shard: u8, part: &Part) {
-        match part.items(self.bench.store) {
+    pub(super) fn give_shard(&mut self, lane: LaneId, input: InputId, feed: &LaneFeed, shard: u8, of: &Shard) {
+        match of.items(self.bench.store) {
             Ok(Ok(items)) => {
                 for (key, output) in items {
                     match prefixed(feed, key) {
-                        Ok(key) => self.give(lane, input, key, Given::Item(output.clone())),
+                        Ok(key) => self.give(lane, input, key, Arrival::Item(output.clone())),
                         Err(message) => return self.fail_lane(lane, message),
                     }
                 }
@@ -292,7 +306,7 @@ impl Scheduler<'_> {
                 self.missing.insert(blob);
                 let input = &mut self.states[lane].inputs[input];
                 input.open += 1;
-                input.open_shards[usize::from(shard)] += 1;
+                input.open_shards[shard] += 1;
             }
             Err(error) => {
                 self.fatal.get_or_insert(error);
@@ -300,19 +314,19 @@ impl Scheduler<'_> {
         }
     }
 
-    pub(super) fn shard_fed(&mut self, lane: usize, input: usize, shard: u8) {
+    pub(super) fn shard_fed(&mut self, lane: LaneId, input: InputId, shard: u8) {
         let state = &mut self.states[lane];
-        if state.done {
+        if state.is_done() {
             return;
         }
-        let open = &mut state.inputs[input].open_shards[usize::from(shard)];
+        let open = &mut state.inputs[input].open_shards[shard];
         *open -= 1;
         if *open > 0 {
             return;
         }
-        let of = &state.shards[usize::from(shard)];
-        self.ops.extend(of.slots.iter().map(|slot| Op::Try { lane, slot: *slot as usize }));
-        if of.stage == Stage::Pending {
+        let of = &state.shards[shard];
+        self.ops.extend(of.slots.iter().map(|slot| Op::Try { lane, slot: *slot }));
+        if of.stage == ShardStage::Pending {
             self.ops.push_back(Op::Decide { lane, shard });
         } else {
             self.ops.push_back(Op::CheckShard { lane, shard });
@@ -320,66 +334,58 @@ impl Scheduler<'_> {
     }
 
     /// Looks whether any shard is done.
-    pub(super) fn check_shards(&mut self, lane: usize) {
+    pub(super) fn check_shards(&mut self, lane: LaneId) {
         self.ops.extend((0..=u8::MAX).map(|shard| Op::CheckShard { lane, shard }));
     }
 
-    pub(super) fn check_shard(&mut self, lane: usize, shard: u8) {
-        let number = usize::from(shard);
+    pub(super) fn check_shard(&mut self, lane: LaneId, shard: u8) {
         let state = &self.states[lane];
-        let of = &state.shards[number];
-        if of.closed || of.stage != Stage::Open || of.open > 0 || state.done {
+        let of = &state.shards[shard];
+        if of.stage != ShardStage::Open || of.open > 0 || state.is_done() {
             return;
         }
         let fed = match self.lanes[lane].driving {
-            Some(driving) => state.inputs[driving].open_shards[number] == 0,
+            Some(driving) => state.inputs[driving].open_shards[shard] == 0,
             // Of a source; a gather has no shards.
-            None => state.known && self.pipeline.nodes[self.lanes[lane].node].mode() == Mode::Source,
+            None => matches!(state.stage, LaneStage::Full) && self.mode(lane) == Mode::Source,
         };
         if !fed {
             return;
         }
         let failed = of.failed;
-        let parts = if failed { Vec::new() } else { self.parts_of(lane, of) };
-        let by_shard = state.by_shard && !failed && !of.slots.is_empty() && !self.bench.dry;
+        let outputs = if failed { Vec::new() } else { self.outputs_of(lane, of) };
+        let by_shard = state.by_shard.is_some() && !failed && !of.slots.is_empty() && !self.bench.dry;
         if by_shard {
             let known = of.key;
             let source = self.lanes[lane].driving.is_none();
             if let Some(key) = if source { known } else { self.shard_key(lane, shard) } {
                 let state = &self.states[lane];
-                let mut complete = CompleteShard { lane, key, parts: parts.clone(), actions: 0, wall_us: 0, bytes: 0 };
-                for slot in &state.shards[number].slots {
-                    let made = &state.slots[*slot as usize].made;
+                let mut complete =
+                    CompleteShard { lane, key, outputs: outputs.clone(), actions: 0, wall_us: 0, bytes: 0 };
+                for slot in &state.shards[shard].slots {
+                    let made = &state.slots[*slot].made;
                     complete.actions += 1;
-                    complete.wall_us += made.wall_us;
-                    complete.bytes += made.bytes;
+                    complete.wall_us = complete.wall_us.saturating_add(made.wall_us);
+                    complete.bytes = complete.bytes.saturating_add(made.bytes);
                 }
-                self.complete_shards.push(complete);
+                self.outbox.shards.push(complete);
             }
         }
-        let state = &mut self.states[lane];
-        let of = &mut state.shards[number];
-        (of.closed, of.parts) = (true, parts);
-        state.open_shards -= 1;
-        self.tell_fed(lane, shard);
+        self.states[lane].shards[shard].outputs = outputs;
+        self.set_shard(lane, shard, ShardStage::Closed);
     }
 
-    fn parts_of(&self, lane: usize, shard: &Shard) -> Vec<(usize, Arc<Part>)> {
+    fn outputs_of(&self, lane: LaneId, shard: &ShardState) -> Vec<(PortId, Arc<Shard>)> {
         let slots = &self.states[lane].slots;
-        let part = |port: &usize| {
-            let item = |slot: &u32| {
-                let slot = &slots[*slot as usize];
+        let of_port = |port: &PortId| {
+            let item = |slot: &SlotId| {
+                let slot = &slots[*slot];
                 Some((slot.key.clone()?, slot.made.item(*port)?.clone()))
             };
             let mut items: Vec<_> = shard.slots.iter().filter_map(item).collect();
             items.sort_by(|a, b| a.0.cmp(&b.0));
-            (*port, Arc::new(Part::new(items)))
+            (*port, Arc::new(Shard::new(items)))
         };
-        self.lanes[lane].ports.iter().map(part).collect()
+        self.lanes[lane].ports.iter().map(of_port).collect()
     }
-}
-
-fn field(bytes: &mut Vec<u8>, field: &[u8]) {
-    bytes.extend((field.len() as u64).to_le_bytes());
-    bytes.extend(field);
 }

@@ -1,21 +1,49 @@
-//! What the scheduler keeps of each lane: its slots, its shards, and what has come in on its inputs.
+//! What the scheduler keeps of each lane: its slots, its shards, and what has come in on its inputs. The stages of the
+//! three are written in `moves.rs` alone; `docs/ARCHITECTURE.md` draws them.
 
 use crate::engine::{
-    event::{Ended, Failure, Name, NodeStat, Slow},
+    event::Ended,
+    ids::{InputId, LaneId, PortId, Row, SlotId},
+    job::Todo,
     records::{Made, Payload},
-    whole::{Output, Part, SHARDS, Whole},
-    work::Todo,
+    sharded::{Output, SHARDS, Shard, Sharded},
 };
 use std::{
-    collections::{BTreeMap, HashMap, HashSet, VecDeque},
+    collections::{BTreeMap, HashMap, VecDeque},
     path::PathBuf,
     sync::Arc,
 };
 use tauflow_cache::{Digest, Key};
-use tauflow_contract::{ActionKey, ItemKey};
+use tauflow_contract::ItemKey;
 
+/// Where a lane stands.
+pub(super) enum LaneStage {
+    /// More slots may come.
+    Filling,
+    /// All slots are there.
+    Full,
+    /// All slots have ended.
+    Done,
+    /// As an earlier run left it, which its roll-up says: it has no slots.
+    Rolled(Payload),
+}
+
+/// Where a shard of a lane stands.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Status {
+pub(super) enum ShardStage {
+    /// Nothing is done until it is known whether the shard as a whole was done before.
+    Pending,
+    /// Item by item.
+    Open,
+    /// All its slots have ended, and no more will come.
+    Closed,
+    /// As an earlier run left it.
+    Rolled,
+}
+
+/// Where a slot stands.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum SlotStage {
     Waiting,
     /// To be looked up.
     Ready,
@@ -29,10 +57,33 @@ pub(super) enum Status {
     Ended(Ended),
 }
 
+impl ShardStage {
+    /// True if what it holds was, or is, handed on item by item.
+    pub fn by_item(self) -> bool {
+        matches!(self, Self::Open | Self::Closed)
+    }
+
+    /// True if nothing more happens to it.
+    pub fn is_closed(self) -> bool {
+        matches!(self, Self::Closed | Self::Rolled)
+    }
+}
+
+/// How sound a lane's outputs are: it only ever gets worse.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub(super) enum Health {
+    /// Nothing is amiss so far.
+    Sound,
+    /// Some slot did not come to outputs.
+    Failed,
+    /// The items are not all known, because what names them failed.
+    Unknown,
+}
+
 pub(super) struct Slot {
     pub key: Option<ItemKey>,
     pub shard: u8,
-    pub status: Status,
+    pub stage: SlotStage,
     pub made: Made,
     /// What few slots have.
     pub extra: Option<Box<Extra>>,
@@ -46,9 +97,9 @@ pub(super) struct Extra {
     pub todo: Option<Box<Todo>>,
 }
 
-/// An item on its way into an input.
+/// What has come in on an input under an item's key.
 #[derive(Clone)]
-pub(super) enum Given {
+pub(super) enum Arrival {
     Item(Arc<Output>),
     /// It failed, or is not known.
     Broken,
@@ -59,121 +110,135 @@ pub(super) struct Input {
     /// Feeds that are not done.
     pub open: usize,
     /// Of the feeds that give item by item, those that are not done, for each shard.
-    pub open_shards: Vec<u16>,
+    pub open_shards: Row<u8, u16>,
     pub broken: bool,
-    pub given: HashMap<ItemKey, Given>,
-    pub whole: Option<Arc<Whole>>,
+    pub arrived: HashMap<ItemKey, Arrival>,
+    pub whole: Option<Arc<Sharded>>,
     pub error: Option<String>,
 }
 
-/// Where a shard of a lane stands.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Stage {
-    /// Nothing is done until it is known whether the shard as a whole was done before.
-    Pending,
-    /// Item by item.
-    Open,
-    /// As an earlier run left it.
-    Rolled,
-}
-
 /// The slots of a lane whose items are of one shard.
-pub(super) struct Shard {
-    pub stage: Stage,
-    pub slots: Vec<u32>,
+pub(super) struct ShardState {
+    pub stage: ShardStage,
+    pub slots: Vec<SlotId>,
     /// Slots that have not ended.
     pub open: u32,
-    /// All is done.
-    pub closed: bool,
     /// Some slot did not come to outputs.
     pub failed: bool,
     /// The items on each port, once it is closed, unless some failed.
-    pub parts: Vec<(usize, Arc<Part>)>,
+    pub outputs: Vec<(PortId, Arc<Shard>)>,
     /// The key of its roll-up, if it was asked for.
     pub key: Option<Key>,
     /// Number, wall time and bytes of its actions, if it was rolled.
     pub totals: (u64, u64, u64),
 }
 
-pub(super) struct LaneState {
-    pub slots: Vec<Slot>,
-    /// Slots by item, where an input other than the driving one gives items.
-    pub index: HashMap<ItemKey, u32>,
-    pub inputs: Vec<Input>,
-    pub shards: Vec<Shard>,
-    /// Shards are looked up as wholes before their items are.
-    pub by_shard: bool,
-    /// Digest of all that decides a shard beside its items.
+/// What a lane has whose shards are looked up as wholes before their items are.
+#[derive(Default)]
+pub(super) struct ByShard {
+    /// Digest of all that decides a shard beside its items, once it is asked for.
     pub prefix: Option<Digest>,
-    /// Digest of a source's items, if they are many.
+    /// Digest of a source's items.
     pub listing: Option<Digest>,
+}
+
+/// What a lane's actions have taken and made, as far as they ran in this pass.
+#[derive(Default)]
+pub(super) struct Pace {
+    /// Mean time, in microseconds.
+    pub mean_us: Option<f64>,
+    /// Mean bytes of the blobs that they put.
+    pub mean_bytes: u64,
+}
+
+impl Pace {
+    /// Takes one more into the means.
+    pub fn note(&mut self, spent_us: u64, bytes: u64) {
+        let spent = spent_us as f64;
+        self.mean_us = Some(self.mean_us.map_or(spent, |mean| mean + (spent - mean) / 8.0));
+        self.mean_bytes = if self.mean_bytes == 0 { bytes } else { (self.mean_bytes * 7 + bytes) / 8 };
+    }
+}
+
+pub(super) struct LaneState {
+    pub stage: LaneStage,
+    pub health: Health,
+    pub slots: Row<SlotId, Slot>,
+    /// Slots by item, where an input other than the driving one gives items.
+    pub index: HashMap<ItemKey, SlotId>,
+    /// Slots that have not ended.
+    pub open: usize,
+    pub inputs: Row<InputId, Input>,
+    pub shards: Row<u8, ShardState>,
     /// Shards that are not closed.
     pub open_shards: usize,
-    /// No more slots will come.
-    pub known: bool,
-    pub open: usize,
-    pub done: bool,
-    /// The items are not all known, because what names them failed.
-    pub unknown: bool,
-    /// Some slot did not come to outputs.
-    pub failed: bool,
-    pub results: BTreeMap<usize, Arc<Whole>>,
-    pub rolled: Option<Payload>,
-    /// Mean bytes of its actions' outputs, as far as they ran in this pass.
-    pub mean_bytes: u64,
-    /// Mean time of its actions, in microseconds, as far as they ran in this pass.
-    pub mean_us: Option<f64>,
+    /// There if shards are looked up as wholes before their items are.
+    pub by_shard: Option<ByShard>,
+    /// The collections of its ports, once it is done or where a reader needs one of a rolled lane.
+    pub results: BTreeMap<PortId, Arc<Sharded>>,
+    pub pace: Pace,
 }
 
 impl LaneState {
-    pub fn new(feeds: impl Iterator<Item = usize>, rolled: Option<Payload>) -> Self {
-        let input = |feeds: usize| Input { open: feeds, open_shards: vec![feeds as u16; SHARDS], ..Input::default() };
-        let shard = |_| Shard {
-            stage: Stage::Open,
+    /// Of a lane whose inputs have so many feeds.
+    pub fn new(feeds: impl Iterator<Item = usize>) -> Self {
+        let input = |feeds: usize| Input {
+            open: feeds,
+            open_shards: (0..SHARDS).map(|_| feeds as u16).collect(),
+            ..Input::default()
+        };
+        let shard = |_| ShardState {
+            stage: ShardStage::Open,
             slots: Vec::new(),
             open: 0,
-            closed: false,
             failed: false,
-            parts: Vec::new(),
+            outputs: Vec::new(),
             key: None,
             totals: (0, 0, 0),
         };
         Self {
-            slots: Vec::new(),
+            stage: LaneStage::Filling,
+            health: Health::Sound,
+            slots: Row::new(),
             index: HashMap::new(),
+            open: 0,
             inputs: feeds.map(input).collect(),
             shards: (0..SHARDS).map(shard).collect(),
-            by_shard: false,
-            prefix: None,
-            listing: None,
             open_shards: SHARDS,
-            known: false,
-            open: 0,
-            done: false,
-            unknown: false,
-            failed: false,
+            by_shard: None,
             results: BTreeMap::new(),
-            rolled,
-            mean_bytes: 0,
-            mean_us: None,
+            pace: Pace::default(),
         }
+    }
+
+    /// What its roll-up says, if it is as an earlier run left it.
+    pub fn rolled(&self) -> Option<&Payload> {
+        match &self.stage {
+            LaneStage::Rolled(payload) => Some(payload),
+            _ => None,
+        }
+    }
+
+    /// True if nothing more happens to it.
+    pub fn is_done(&self) -> bool {
+        matches!(self.stage, LaneStage::Done | LaneStage::Rolled(_))
     }
 }
 
 /// What is to be seen to, in order.
 pub(super) enum Op {
     /// A feed of an input is done.
-    FeedDone { lane: usize, input: usize, broken: bool },
+    FeedDone { lane: LaneId, input: InputId, broken: bool },
     /// A shard of a feed of an input is done.
-    ShardFed { lane: usize, input: usize, shard: u8 },
+    ShardFed { lane: LaneId, input: InputId, shard: u8 },
     /// A slot may be ready.
-    Try { lane: usize, slot: usize },
+    Try { lane: LaneId, slot: SlotId },
     /// It may be known whether a shard as a whole was done before.
-    Decide { lane: usize, shard: u8 },
+    Decide { lane: LaneId, shard: u8 },
     /// A shard may be done.
-    CheckShard { lane: usize, shard: u8 },
+    CheckShard { lane: LaneId, shard: u8 },
     /// A lane may be done.
-    Check { lane: usize },
+    Check { lane: LaneId },
 }
 
 pub(super) type Ops = VecDeque<Op>;
@@ -181,7 +246,7 @@ pub(super) type Ops = VecDeque<Op>;
 /// A lane that ended with all its outputs.
 pub struct Complete {
     /// The lane.
-    pub lane: usize,
+    pub lane: LaneId,
     /// Its number of actions.
     pub actions: u64,
     /// Wall time of its actions.
@@ -193,11 +258,11 @@ pub struct Complete {
 /// A shard that ended with all its outputs.
 pub struct CompleteShard {
     /// Its lane.
-    pub lane: usize,
+    pub lane: LaneId,
     /// Key of its roll-up.
     pub key: Key,
     /// Its items by output port.
-    pub parts: Vec<(usize, Arc<Part>)>,
+    pub outputs: Vec<(PortId, Arc<Shard>)>,
     /// Its number of actions.
     pub actions: u64,
     /// Wall time of its actions.
@@ -206,25 +271,9 @@ pub struct CompleteShard {
     pub bytes: u64,
 }
 
-/// What a pass leaves.
-pub struct Finished {
-    /// Numbers by node.
-    pub stats: Vec<NodeStat>,
-    /// Failures.
-    pub failures: Vec<Failure>,
-    /// Blobs that readers missed.
-    pub missing: HashSet<Digest>,
-    /// Slots that ran.
-    pub ran: HashSet<(usize, Option<ItemKey>)>,
-    /// Keys of slots, if they were asked for.
-    pub keys: Vec<(usize, Option<ItemKey>, Ended, Box<ActionKey>)>,
-    /// The actions that took longest.
-    pub slowest: Vec<Slow>,
-}
-
-/// The names of a lane, as events say them.
-pub(super) struct Names {
-    pub node: Name,
-    pub cell: Name,
-    pub group: Name,
+/// What ended since it was last asked for, and is to be kept.
+#[derive(Default)]
+pub(super) struct Outbox {
+    pub lanes: Vec<Complete>,
+    pub shards: Vec<CompleteShard>,
 }

@@ -1,11 +1,11 @@
 //! Meshes as binary PLY, the way Mitsuba reads them.
 
 use super::Tint;
-use crate::formats::Mesh;
+use crate::mesh::Mesh;
 use std::fmt::Write as _;
 
-/// A mesh, with its colours in each of these tints as the attributes `vertex_c0_color`, `vertex_c1_color` and so on; a mesh without
-/// colours is white.
+/// A mesh, with its colours in each of these tints as the attributes `vertex_c0_color`, `vertex_c1_color` and so on; a
+/// mesh without colours is white.
 pub(super) fn ply(mesh: &Mesh, tints: &[Tint]) -> Vec<u8> {
     let mut head = format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\n", mesh.positions.len());
     let mut property = |names: &[&str]| names.iter().for_each(|n| head.push_str(&format!("property float {n}\n")));

@@ -1,7 +1,8 @@
 //! Many rays for those who have them apart from a render: benchmarks, and whoever looks at a scene.
 
 use super::{Accel, Hit, Set, Sweep, sweep::SPARE};
-use crate::{dispatch::Instructions, geometry::Ray};
+use crate::{dispatch::kernels, geometry::Ray};
+use tauflow_instructions::Instructions;
 
 /// Rays side by side, and what they have met.
 pub struct RayBatch {
@@ -66,7 +67,7 @@ impl RayBatch {
             v: &mut self.v,
             primitive: &mut self.primitive,
         };
-        let kernels = instructions.kernels();
+        let kernels = kernels(instructions);
         if any {
             kernels.stopped(accel, &mut set, count, &mut self.sweep);
         } else {

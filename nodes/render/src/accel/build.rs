@@ -176,7 +176,7 @@ fn group_equal(boxes: &[Boxed]) -> Vec<Vec<u32>> {
         let equal = at > 0 && order[at - 1].0 == *hash;
         match groups.last_mut() {
             Some(group) if equal && boxes[group[0] as usize].0 == boxes[*primitive as usize].0 => {
-                group.push(*primitive)
+                group.push(*primitive);
             }
             _ => groups.push(vec![*primitive]),
         }

@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{
     geometry::{Rays, Sphere, intersect_lanes},
-    lanes::{Mask, Real, Triple, Whole},
+    lanes::{Integer, Mask, Real, Triple},
 };
 
 /// The best hits of the lanes, and the lanes where they are better than what was known.
@@ -15,7 +15,7 @@ struct Bests<R: Real> {
     t: R,
     u: R,
     v: R,
-    primitive: R::Whole,
+    primitive: R::Integer,
     better: R::Mask,
 }
 
@@ -23,20 +23,20 @@ impl<R: Real> Bests<R> {
     /// Takes hits not beyond the best; of those at one distance the lowest primitive counts. `known` are the primitives
     /// that rays have met elsewhere.
     #[inline(always)]
-    fn take(&mut self, met: R::Mask, [t, u, v]: [R; 3], primitive: u32, known: &[u32], at: R::Whole) {
+    fn take(&mut self, met: R::Mask, [t, u, v]: [R; 3], primitive: u32, known: &[u32], at: R::Integer) {
         let mut own = met & t.lt(self.t);
         let tie = met & t.equals(self.t);
-        let number = R::Whole::splat(primitive as i32);
+        let number = R::Integer::splat(primitive as i32);
         if tie.any() {
-            let current = R::select_whole(self.better, self.primitive, R::gather_whole(known, at));
+            let current = R::select_integer(self.better, self.primitive, R::gather_integer(known, at));
             // None is -1, and what ends a ray without being met.
-            let none = R::same(current, R::Whole::splat(-1));
+            let none = R::same(current, R::Integer::splat(-1));
             own = own | (tie & (none | R::same(current.max(number), current)));
         }
         self.t = R::select(own, t, self.t);
         self.u = R::select(own, u, self.u);
         self.v = R::select(own, v, self.v);
-        self.primitive = R::select_whole(own, number, self.primitive);
+        self.primitive = R::select_integer(own, number, self.primitive);
         self.better = self.better | own;
     }
 }
@@ -56,9 +56,9 @@ impl Accel {
         let [kx, ky, kz] = axes;
         for k in (0..len).step_by(R::N) {
             let list = &list[k..];
-            let at = R::Whole::load(list);
+            let at = R::Integer::load(list);
             let mut mask = R::Mask::from_bits(u32::MAX >> (32 - R::N.min(len - k)));
-            let [ox, oy, oz, sx, sy, sz, t, _] = R::columns(&memory.rays, at + at + R::Whole::splat(1));
+            let [ox, oy, oz, sx, sy, sz, t, _] = R::columns(&memory.rays, at + at + R::Integer::splat(1));
             if ANY {
                 mask = mask & t.ge(R::zero());
                 if !mask.any() {
@@ -66,7 +66,7 @@ impl Accel {
                 }
             }
             let none = R::Mask::from_bits(0);
-            let mut best = Bests { t, u: R::zero(), v: R::zero(), primitive: R::Whole::splat(-1), better: none };
+            let mut best = Bests { t, u: R::zero(), v: R::zero(), primitive: R::Integer::splat(-1), better: none };
             for (lane, primitive) in block.primitives.into_iter().enumerate() {
                 if primitive == u32::MAX {
                     break;
@@ -156,7 +156,7 @@ impl Accel {
                 best.t = R::select(own, R::splat(found.t), best.t);
                 best.u = R::select(own, R::splat(found.u), best.u);
                 best.v = R::select(own, R::splat(found.v), best.v);
-                best.primitive = R::select_whole(own, R::Whole::splat(found.primitive as i32), best.primitive);
+                best.primitive = R::select_integer(own, R::Integer::splat(found.primitive as i32), best.primitive);
                 best.better = best.better | own;
             }
         }
@@ -168,7 +168,7 @@ impl Accel {
     fn sweep_curved<R: Real, const ANY: bool>(
         &self,
         block: &Block,
-        at: R::Whole,
+        at: R::Integer,
         mask: R::Mask,
         set: &Set<'_>,
         best: &mut Bests<R>,

@@ -3,7 +3,7 @@
 use super::{Accel, Block, LEAF, Stack, WIDE, leaves::bits, sweep::SPARE};
 use crate::{
     geometry::{Ray, Rays, Walk, gamma, intersect_lanes, intersect_triangle, lane_of},
-    lanes::{Mask, Real, Triple, Whole},
+    lanes::{Integer, Mask, Real, Triple},
 };
 
 /// Hits by lane; a primitive of -1 is none.
@@ -11,7 +11,7 @@ pub(crate) struct PacketHits<R: Real> {
     pub(crate) t: R,
     pub(crate) u: R,
     pub(crate) v: R,
-    pub(crate) primitive: R::Whole,
+    pub(crate) primitive: R::Integer,
 }
 
 /// Rays by lane, without end, and what all have in common.
@@ -99,7 +99,7 @@ impl Accel {
     /// The nearest hits of a packet: those of [`Accel::closest`], ray by ray.
     #[inline(always)]
     pub(crate) fn closest_packet<R: Real>(&self, rays: &Packet<R>, mask: R::Mask, stack: &mut Stack) -> PacketHits<R> {
-        let none = R::Whole::splat(-1);
+        let none = R::Integer::splat(-1);
         let mut best = PacketHits { t: R::splat(f32::MAX), u: R::zero(), v: R::zero(), primitive: none };
         if self.nodes.is_empty() {
             return best;
@@ -212,12 +212,12 @@ impl Accel {
         if !met.any() {
             return;
         }
-        let number = R::Whole::splat(primitive as i32);
+        let number = R::Integer::splat(primitive as i32);
         let lower = R::same(best.primitive.max(number), best.primitive);
         let better = met & (t.lt(best.t) | lower);
         best.t = R::select(better, t, best.t);
         best.u = R::select(better, u, best.u);
         best.v = R::select(better, v, best.v);
-        best.primitive = R::select_whole(better, number, best.primitive);
+        best.primitive = R::select_integer(better, number, best.primitive);
     }
 }

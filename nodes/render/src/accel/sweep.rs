@@ -1,5 +1,5 @@
-//! Traversal by many rays at once that go nearly the same way in no sense but their signs: nodes are visited with lists of
-//! the rays that meet them, as many rays side by side as there are lanes.
+//! Traversal by many rays at once that go nearly the same way in no sense but their signs: nodes are visited with lists
+//! of the rays that meet them, as many rays side by side as there are lanes.
 //!
 //! After Barringer, Akenine-Moeller 2014, *Dynamic Ray Stream Traversal*. What a ray finds is what [`Accel::closest`]
 //! finds, whatever else is in the list: the order of visits changes no result.
@@ -7,7 +7,7 @@
 use super::{Accel, LEAF, STACK, Stack, WIDE, traverse::Best};
 use crate::{
     geometry::{Walk, gamma},
-    lanes::{Mask, Real, Record, Triple, Whole},
+    lanes::{Integer, Mask, Real, Record, Triple},
 };
 use glam::Vec3;
 
@@ -69,8 +69,8 @@ impl Set<'_> {
 
 /// A number in the lanes of a mask, 0 in the others.
 #[inline(always)]
-fn number<R: Real>(mask: R::Mask, value: i32) -> R::Whole {
-    R::select_whole(mask, R::Whole::splat(value), R::Whole::splat(0))
+fn number<R: Real>(mask: R::Mask, value: i32) -> R::Integer {
+    R::select_integer(mask, R::Integer::splat(value), R::Integer::splat(0))
 }
 
 impl Sweep {
@@ -105,10 +105,10 @@ impl Sweep {
             let to = &mut self.rays[at..];
             R::put_columns([o.x, o.y, o.z, inverse[0], inverse[1], inverse[2], end, zero], to, 0);
             R::put_columns([ox, oy, oz, dx / along, dy / along, one / along, end, zero], to, 1);
-            let axis = R::select_whole(
+            let axis = R::select_integer(
                 first,
-                R::Whole::splat(0),
-                R::select_whole(second, R::Whole::splat(8), R::Whole::splat(16)),
+                R::Integer::splat(0),
+                R::select_integer(second, R::Integer::splat(8), R::Integer::splat(16)),
             );
             let group = axis + number::<R>(negative[0], 1) + number::<R>(negative[1], 2) + number::<R>(negative[2], 4);
             group.store(&mut self.group[at..]);
@@ -264,7 +264,7 @@ impl Accel {
         }
         let mut lens = [0usize; WIDE];
         for k in (0..visit.len).step_by(R::N) {
-            let at = R::Whole::load(&lists[visit.start + k..]);
+            let at = R::Integer::load(&lists[visit.start + k..]);
             let mask = R::Mask::from_bits(u32::MAX >> (32 - R::N.min(visit.len - k)));
             let [ox, oy, oz, ix, iy, iz, t, _] = R::columns(&memory.rays, at + at);
             let (o, i) = (Triple::new(ox, oy, oz), Triple::new(ix, iy, iz));
@@ -286,7 +286,7 @@ impl Accel {
                 let bits = met.bits();
                 if bits != 0 {
                     let to = visit.free + child * room + *len;
-                    R::compress_whole(at, met, &mut lists[to..to + SPARE]);
+                    R::compress_integer(at, met, &mut lists[to..to + SPARE]);
                     *len += bits.count_ones() as usize;
                 }
             }

@@ -2,12 +2,12 @@
 
 use super::{Accel, Hit, Packet, Primitive, RayBatch, STACK, Set, Sweep};
 use crate::{
-    dispatch::Instructions,
     geometry::{Disk, Map, Ray, Sphere, cube},
-    lanes::{Mask, Real, Triple, Whole},
+    lanes::{Integer, Mask, Real, Triple},
 };
 use glam::{DVec3, Vec3};
 use tauflow_data::{rng::Stream, scene::IDENTITY};
+use tauflow_instructions::Instructions;
 
 struct Draw(Stream);
 

@@ -1,7 +1,7 @@
 //! A diffuse base under a dielectric coat: `plastic`, `roughplastic` with `nonlinear: false`.
 
 use super::{DELTA_ALPHA, Drawn, fresnel, ggx, ggx::Ggx, local::reflect};
-use crate::lanes::{Pair, Real, Triple, Whole};
+use crate::lanes::{Integer, Pair, Real, Triple};
 
 const PI: f32 = std::f32::consts::PI;
 
@@ -39,9 +39,9 @@ impl Coat {
         }
         let last = self.enters.len() as i32 - 2;
         let x = cos.clamp(0.0, 1.0) * (last + 1) as f32;
-        let i = x.whole().min(R::Whole::splat(last));
-        let f = x - R::of_whole(i);
-        R::gather(&self.enters, i) * (R::one() - f) + R::gather(&self.enters, i + R::Whole::splat(1)) * f
+        let i = x.to_integer().min(R::Integer::splat(last));
+        let f = x - R::of_integer(i);
+        R::gather(&self.enters, i) * (R::one() - f) + R::gather(&self.enters, i + R::Integer::splat(1)) * f
     }
 }
 

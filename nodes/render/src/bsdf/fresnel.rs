@@ -1,5 +1,5 @@
-//! Fresnel terms. Source: Walter et al. 2007 for dielectrics, the usual complex formula for conductors; Schlick's weight
-//! as Mitsuba 3's `principled` uses it.
+//! Fresnel terms. Source: Walter et al. 2007 for dielectrics, the usual complex formula for conductors; Schlick's
+//! weight as Mitsuba 3's `principled` uses it.
 
 use crate::lanes::{Real, Triple};
 use glam::Vec3;
@@ -85,7 +85,7 @@ pub(crate) fn diffuse_reflectance(eta: f32) -> f32 {
     if eta < 1.0 {
         return ((-1.4399 * eta + 0.7099) * eta + 0.6681) + 0.0636 * inverse;
     }
-    [-1.36881, 4.98554, -7.80989, 6.75335, -3.4793, 0.919317].into_iter().fold(0.0, |sum, c| sum * inverse + c)
+    [-1.36881, 4.98554, -7.80989, 6.75335, -3.4793, 0.919_317].into_iter().fold(0.0, |sum, c| sum * inverse + c)
 }
 
 #[cfg(test)]

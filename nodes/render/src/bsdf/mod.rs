@@ -2,8 +2,8 @@
 //!
 //! Directions are unit vectors in the shading frame, z along the shading normal, both pointing away from the surface:
 //! `wo` towards where the path comes from, `wi` towards where it goes on. Values are for radiance, so that what crosses
-//! an interface is scaled by the squared relative index. A lobe of roughness alpha below [`DELTA_ALPHA`] is specular: it
-//! has no density, and only [`Bsdf::sample`] finds it.
+//! an interface is scaled by the squared relative index. A lobe of roughness alpha below [`DELTA_ALPHA`] is specular:
+//! it has no density, and only [`Bsdf::sample`] finds it.
 
 mod coated;
 mod fresnel;
@@ -287,8 +287,8 @@ impl Bsdf<'_> {
         valid.then(|| Sample { wi: flip(wi, behind).into(), weight: weight.into(), pdf, delta, transmitted, eta })
     }
 
-    /// Share of white light that comes back, roughly: a feature for denoisers. What approximations put beyond 0 or 1 is cut; what is no
-    /// number stays so, for whoever reads it to refuse.
+    /// Share of white light that comes back, roughly: a feature for denoisers. What approximations put beyond 0 or 1 is
+    /// cut; what is no number stays so, for whoever reads it to refuse.
     pub fn albedo(&self) -> Vec3 {
         let mut all = Triple::zero();
         for layer in &self.material.layers {

@@ -120,8 +120,8 @@ fn expected(bsdf: &Bsdf<'_>, wo: Vec3) -> Vec<f64> {
     bins
 }
 
-/// Draws fall where the density says, for every lobe and direction. With `TAUFLOW_SLOW=1` also for roughnesses up to 1, at
-/// more directions, with three times as many draws: more would find the error of the quadrature.
+/// Draws fall where the density says, for every lobe and direction. With `TAUFLOW_SLOW=1` also for roughnesses up to 1,
+/// at more directions, with three times as many draws: more would find the error of the quadrature.
 #[test]
 fn draws_follow_their_density() {
     let slow = std::env::var_os("TAUFLOW_SLOW").is_some_and(|v| !v.is_empty());

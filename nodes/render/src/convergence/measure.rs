@@ -5,7 +5,12 @@ use super::{
     moments::{Moments, deviation, moments},
 };
 use tauflow_contract::KindError;
-use tauflow_data::{ladder::Ladder, maths::log, results::Estimate, rng::Stream, statistics::quantile};
+use tauflow_data::{
+    maths::log,
+    records::{Estimate, Ladder},
+    rng::Stream,
+    statistics::quantile,
+};
 
 /// Blocks of pixels along each side, over which a scene's slope is resampled.
 const BLOCKS: usize = 8;
@@ -47,8 +52,8 @@ pub(super) fn measure(
     let last = reference.rungs.last().filter(|last| last.image.same_shape(&ladder.variance) && last.spp > 1);
     let (Some(truth), true) = (last, counts.len() >= 3) else {
         return Err(KindError::Input(format!(
-            "the ladder of `{scene}` has rungs {counts:?}, and its reference {:?}; a slope needs three rungs or more, a \
-             reference two samples or more, and both the same `resolution`",
+            "the ladder of `{scene}` has rungs {counts:?}, and its reference {:?}; a slope needs three rungs or more, \
+             a reference two samples or more, and both the same `resolution`",
             reference.meta.counts
         )));
     };
@@ -77,7 +82,8 @@ pub(super) fn measure(
         let of = &mut blocks[block(at)];
         (0..counts.len()).for_each(|k| of[k] += off(k, at).powi(2) - own[at]);
     }
-    // What is left of an error once the reference's own noise is off may be nothing, or less: a point that is not there.
+    // What is left of an error once the reference's own noise is off may be nothing, or less: a point that is not
+    // there.
     let fit = |sums: &[f64]| {
         let point = |(n, sum): (&u64, &f64)| {
             let mse = *sum / values as f64;
@@ -118,7 +124,8 @@ pub(super) fn measure(
     })
 }
 
-/// Single samples in units of their pixels' deviations: sample n is what takes I_n to I_n+1, for each pair of such rungs.
+/// Single samples in units of their pixels' deviations: sample n is what takes I_n to I_n+1, for each pair of such
+/// rungs.
 pub(super) fn samples(ladder: &Ladder, reference: &Ladder) -> Vec<f64> {
     let Some(truth) = reference.rungs.last() else { return Vec::new() };
     let mut found = Vec::new();
@@ -175,8 +182,8 @@ pub(crate) fn slope(points: &[(f64, f64)]) -> f64 {
 pub(super) mod tests {
     use super::*;
     use tauflow_data::{
-        Image,
-        ladder::{LadderMeta, Rung, SamplerKind},
+        Image, SamplerKind,
+        records::{LadderMeta, Rung},
     };
 
     const SIDE: usize = 24;

@@ -1,15 +1,21 @@
-//! Moments of a ladder's errors against a held-out reference, each pixel in units of its own deviation, beside the law's.
+//! Moments of a ladder's errors against a held-out reference, each pixel in units of its own deviation, beside the
+//! law's.
 //!
-//! Let a pixel have n_max samples in the ladder and N in the reference R, and let S^2 be the variance of all of them as one set.
-//! If samples are independent and alike, it is chance alone which of the set went into I_n, and, given the set,
-//! E (I_n - R)(I_m - R) = S^2 (1/max(n, m) + 1/N), as for any sampling without replacement (Cochran 1977, theorem 2.2). So
+//! Let a pixel have n_max samples in the ladder and N in the reference R, and let S^2 be the variance of all of them as
+//! one set. If samples are independent and alike, it is chance alone which of the set went into I_n. Given the set,
+//! E (I_n - R)(I_m - R) = S^2 (1/max(n, m) + 1/N), as for any sampling without replacement (Cochran 1977, theorem 2.2).
+//! So
 //!
 //!   ((I_n - R)(I_m - R)/S^2 - 1/N) max(n, m)
 //!
-//! has the mean 1 for every distribution of samples, heavy tails included: there is no bias from sigma^2 being estimated, nor from
-//! its being estimated from some of the same samples, and no pixel counts for more because it is bright.
+//! has the mean 1 for every distribution of samples, heavy tails included. There is no bias from sigma^2 being
+//! estimated, nor from its being estimated from some of the same samples. No pixel counts for more because it is
+//! bright.
 
-use tauflow_data::{convergence::deviation_of_both, ladder::Ladder, maths::erfc};
+use tauflow_data::{
+    maths::erfc,
+    records::{Ladder, deviation_of_both},
+};
 
 /// Pixels that a distribution is compared with the normal one over, at most.
 const COMPARED: usize = 16_384;
@@ -18,8 +24,8 @@ const COMPARED: usize = 16_384;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Figure {
     pub(super) value: f64,
-    /// Standard error. Rare events that no pixel has drawn do not show in the spread of pixels, but do in kurtosis: the larger
-    /// of what both say.
+    /// Standard error. Rare events that no pixel has drawn do not show in the spread of pixels, but do in kurtosis: the
+    /// larger of what both say.
     pub(super) error: f64,
     /// Variance as kurtosis has it: what scenes are weighed by, as it does not depend on the value.
     expected: f64,
@@ -38,7 +44,8 @@ pub(super) struct Moments {
     pub(super) off_normal: Vec<f64>,
 }
 
-/// The standard deviation S of all samples of a pixel value, the ladder's and the reference's; none where it is no more than rounding.
+/// The standard deviation S of all samples of a pixel value, the ladder's and the reference's; none where it is no more
+/// than rounding.
 pub(super) fn deviation(ladder: &Ladder, reference: &Ladder, at: usize) -> Option<f64> {
     let (last, truth) = (ladder.rungs.last()?, reference.rungs.last()?);
     let mean = f64::from(truth.image.data()[at]);
@@ -116,8 +123,8 @@ pub(super) fn moments(ladder: &Ladder, reference: &Ladder) -> Option<Moments> {
     })
 }
 
-/// Excess kurtosis of a pixel's samples from how far two variances of them, over S^2, are apart: that of a variance of n samples is
-/// (kurtosis/n + 2/(n - 1)) sigma^4.
+/// Excess kurtosis of a pixel's samples from how far two variances of them, over S^2, are apart: that of a variance of
+/// n samples is (kurtosis/n + 2/(n - 1)) sigma^4.
 fn excess_kurtosis(variances: [f64; 2], counts: [f64; 2]) -> f64 {
     let apart = variances[0] - variances[1];
     let of_normal: f64 = counts.iter().map(|n| 2.0 / (n - 1.0)).sum();
@@ -158,8 +165,8 @@ impl Sums {
     }
 }
 
-/// The mean over scenes, weighed by what their kurtoses say of how well each is known, and its standard error: the larger of what
-/// the scenes' own say and of what their spread does. There is at least one.
+/// The mean over scenes, weighed by what their kurtoses say of how well each is known, and its standard error: the
+/// larger of what the scenes' own say and of what their spread does. There is at least one.
 pub(super) fn pooled(figures: &[Figure]) -> [f64; 2] {
     let total: f64 = figures.iter().map(|f| 1.0 / f.expected).sum();
     let mean = |of: &dyn Fn(&Figure) -> f64| figures.iter().map(|f| of(f) / f.expected).sum::<f64>() / total;
@@ -176,16 +183,16 @@ mod tests {
     use super::*;
     use crate::convergence::measure::tests::{COUNTS, ladder};
     use tauflow_data::{
-        convergence::{AgainstLaw, Agreement},
         maths::pow,
+        records::{AgainstLaw, Agreement},
         rng::Stream,
     };
 
     const SCENES: u64 = 12;
     const REFERENCE: u64 = 1024;
 
-    /// Pixels of deviations from 0.01 to 100, of which every fourth is anything but normal: rare and very rare bright samples, and
-    /// Pareto's distribution of the index 1.5, which has no variance.
+    /// Pixels of deviations from 0.01 to 100, of which every fourth is anything but normal: rare and very rare bright
+    /// samples, and Pareto's distribution of the index 1.5, which has no variance.
     fn sample(at: usize, stream: &mut Stream) -> f64 {
         let size = pow(10.0, (at / 3 % 5) as f64 - 2.0);
         let pixel = at / 3;

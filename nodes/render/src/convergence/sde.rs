@@ -1,13 +1,13 @@
 //! The Monte Carlo SDE, simulated, beside the real ladders.
 //!
-//! dY = 2 (mu - Y)/(1 - s) ds + sigma sqrt(2 (1 - s)) dW on the clock s = 1 - 1/sqrt n, from a normal start at the first rung, in
-//! units of sigma with mu at 0: every pixel has its own, and moments are taken in these units. By Heun's method, which for additive
-//! noise is of weak order 2 (Kloeden and Platen 1992, section 15.1).
+//! dY = 2 (mu - Y)/(1 - s) ds + sigma sqrt(2 (1 - s)) dW on the clock s = 1 - 1/sqrt n, from a normal start at the
+//! first rung. Units are those of sigma, with mu at 0: every pixel has its own, and moments are taken in these units.
+//! It is solved by Heun's method, which for additive noise is of weak order 2 (Kloeden and Platen 1992, section 15.1).
 
 use tauflow_data::{
     SdeTime,
-    convergence::{AgainstLaw, Beside, SdeRow},
     maths::{log2, pow},
+    records::{AgainstLaw, Beside, SdeRow},
     rng::Stream,
 };
 

@@ -1,6 +1,6 @@
 //! Flags of scenes, and how far variance time can be trusted there.
 
-use tauflow_data::convergence::{HEAVY_INDEX, HEAVY_KURTOSIS, HEAVY_SHARE, OFF_NORMAL, TOLERANCE};
+use tauflow_data::records::{HEAVY_INDEX, HEAVY_KURTOSIS, HEAVY_SHARE, OFF_NORMAL, TOLERANCE};
 
 /// The first rung from which on errors of pixels are near normal.
 pub(super) fn trusted_from(counts: &[u64], off_normal: &[f64]) -> Option<u64> {
@@ -63,11 +63,13 @@ mod tests {
         assert_eq!(image_from(&counts, &[0.5, 1.2, 0.8, 1.0]), Some(2));
         assert_eq!(
             words(&counts, &[0.3, 0.3, 0.1, 0.05], &[1.0; 4]),
-            "pixels within 10% of normal from 4 samples on; the image's squared error within 20% of the law's at every rung"
+            "pixels within 10% of normal from 4 samples on; \
+             the image's squared error within 20% of the law's at every rung"
         );
         assert_eq!(
             words(&counts, &[0.3, 0.3, 0.3, 0.25], &[1.0, 1.0, 1.0, 0.3]),
-            "pixels still 25% off normal at 8 samples; the image's squared error not within 20% of the law's at 8 samples"
+            "pixels still 25% off normal at 8 samples; \
+             the image's squared error not within 20% of the law's at 8 samples"
         );
         assert_eq!(words(&counts, &[], &[]), "no noise");
     }

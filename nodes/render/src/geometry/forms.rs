@@ -1,6 +1,6 @@
 //! Rectangle and cube as meshes.
 
-use tauflow_data::formats::Mesh;
+use tauflow_data::mesh::Mesh;
 
 /// The square [-1, 1]^2 in z = 0, normal +z, uv = (xy + 1) / 2.
 pub fn rectangle() -> Mesh {

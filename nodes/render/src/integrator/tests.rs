@@ -1,16 +1,15 @@
 use super::*;
 use crate::{
     accumulator::Accumulator,
-    dispatch::Instructions,
     render::Renderer,
     rng::render_state,
-    scenes::{Built, ball, balls_under_sky, columns, everything, level, room},
+    scenes::{Built, ball, balls_under_sky, columns, everything, film, level, room},
 };
 use tauflow_data::{
-    Image,
-    ladder::SamplerKind,
+    Image, SamplerKind,
     scene::{Bsdf, Emitter, Geometry, Texture},
 };
+use tauflow_instructions::Instructions;
 
 fn world(built: &Built) -> World {
     World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene")
@@ -24,7 +23,8 @@ fn every_set_of_instructions_has_the_same_bits() {
             .into_iter()
             .map(|instructions| {
                 [SamplerKind::Independent, SamplerKind::Sobol].map(|sampler| {
-                    let renderer = Renderer::new(&world, 24, 20, 3).expect("a film").with_instructions(instructions);
+                    let renderer =
+                        Renderer::new(&world, film(24, 20), 3).expect("a film").with_instructions(instructions);
                     let renderer = renderer.with_sampler(sampler);
                     let mut film = renderer.begin();
                     renderer.advance(&mut film, 7, &mut |_| Ok(())).expect("nothing stops it");
@@ -48,7 +48,7 @@ fn sobol_points_find_the_same_image_with_less_error() {
     for (name, built, gain) in [("balls", balls_under_sky(), 2.0), ("room", room(), 1.3)] {
         let world = world(&built);
         let render = |sampler, stream, count| {
-            let renderer = Renderer::new(&world, 16, 16, stream).expect("a film").with_sampler(sampler);
+            let renderer = Renderer::new(&world, film(16, 16), stream).expect("a film").with_sampler(sampler);
             let mut film = renderer.begin();
             // In two goes: samples are numbered, not counted.
             renderer.advance(&mut film, count / 3, &mut |_| Ok(())).expect("nothing stops it");
@@ -96,7 +96,7 @@ fn convex_bodies_do_not_shade_themselves() {
             let direction = [-1.0, -0.2, 0.1];
             built.scene.emitters.push(Emitter::Directional { direction, irradiance: [1.0; 3] });
             let world = World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene");
-            let renderer = Renderer::new(&world, 64, 64, 0).expect("a sound film");
+            let renderer = Renderer::new(&world, film(64, 64), 0).expect("a sound film");
             let mut film = renderer.begin();
             renderer.advance(&mut film, 1, &mut |_| Ok(())).expect("nothing stops it");
             let to_light = -glam::DVec3::from_array(direction).normalize().as_vec3();

@@ -1,4 +1,5 @@
-//! The same arithmetic on one number or on many side by side: `f32`, four lanes of SSE2, eight of AVX2, sixteen of AVX-512.
+//! The same arithmetic on one number or on many side by side: `f32`, four lanes of SSE2, eight of AVX2, sixteen of
+//! AVX-512.
 //!
 //! Only operations that IEEE 754 defines to the bit, and no fused multiply-add: what a lane computes does not depend on
 //! how many there are. `f32` is the portable implementation, and what tests compare the others with. Code generic over
@@ -29,7 +30,7 @@ pub trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Output
 }
 
 /// Whole numbers of 32 bits, by lane.
-pub trait Whole: Copy + Add<Output = Self> + Mul<Output = Self> {
+pub trait Integer: Copy + Add<Output = Self> + Mul<Output = Self> {
     /// The same in every lane.
     fn splat(value: i32) -> Self;
     /// The smaller of each lane.
@@ -67,7 +68,7 @@ pub trait Real:
     /// Which lanes.
     type Mask: Mask;
     /// Whole numbers.
-    type Whole: Whole;
+    type Integer: Integer;
     /// The same in every lane.
     fn splat(value: f32) -> Self;
     /// Reads the first lanes of a slice that has as many.
@@ -77,7 +78,7 @@ pub trait Real:
     /// Writes the lanes of a mask one after another to a slice that has room for all lanes.
     fn compress(self, mask: Self::Mask, to: &mut [f32]);
     /// [`Real::compress`] of whole numbers.
-    fn compress_whole(value: Self::Whole, mask: Self::Mask, to: &mut [u32]);
+    fn compress_integer(value: Self::Integer, mask: Self::Mask, to: &mut [u32]);
     /// Square root.
     fn sqrt(self) -> Self;
     /// Without its sign.
@@ -99,22 +100,22 @@ pub trait Real:
     /// `yes` in the lanes of the mask, `no` in the others.
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
     /// The whole number towards zero; the least one if that has more than 31 bits.
-    fn whole(self) -> Self::Whole;
+    fn to_integer(self) -> Self::Integer;
     /// The real number of a whole one.
-    fn of_whole(value: Self::Whole) -> Self;
+    fn of_integer(value: Self::Integer) -> Self;
     /// Reads `from` at an index by lane; indices beyond it read its last number. An empty slice reads as 0.
-    fn gather(from: &[f32], index: Self::Whole) -> Self;
+    fn gather(from: &[f32], index: Self::Integer) -> Self;
     /// Reads whole numbers at an index by lane, as [`Real::gather`].
-    fn gather_whole(from: &[u32], index: Self::Whole) -> Self::Whole;
-    /// The eight numbers of the half records at an index by lane, number by number: those of a record `k` are at `2 k` and
-    /// `2 k + 1`. Indices beyond them read the last half. No records read as 0.
-    fn columns(from: &[Record], index: Self::Whole) -> [Self; 8];
+    fn gather_integer(from: &[u32], index: Self::Integer) -> Self::Integer;
+    /// The eight numbers of the half records at an index by lane, number by number: those of a record `k` are at `2 k`
+    /// and `2 k + 1`. Indices beyond them read the last half. No records read as 0.
+    fn columns(from: &[Record], index: Self::Integer) -> [Self; 8];
     /// Writes half of the first records of a slice that has as many as there are lanes, number by number.
     fn put_columns(columns: [Self; 8], to: &mut [Record], half: usize);
     /// Equal whole numbers.
-    fn same(a: Self::Whole, b: Self::Whole) -> Self::Mask;
+    fn same(a: Self::Integer, b: Self::Integer) -> Self::Mask;
     /// [`Real::select`] of whole numbers.
-    fn select_whole(mask: Self::Mask, yes: Self::Whole, no: Self::Whole) -> Self::Whole;
+    fn select_integer(mask: Self::Mask, yes: Self::Integer, no: Self::Integer) -> Self::Integer;
     /// The 64-bit hashes of states and a dimension, as two numbers in [0, 1) of 24 bits each.
     fn draw(states: &[u64], dimension: u64) -> (Self, Self);
 
@@ -171,7 +172,7 @@ impl Mask for bool {
     }
 }
 
-impl Whole for i32 {
+impl Integer for i32 {
     #[inline(always)]
     fn splat(value: i32) -> Self {
         value
@@ -204,7 +205,7 @@ pub(crate) fn units(bits: u64) -> (f32, f32) {
 impl Real for f32 {
     const N: usize = 1;
     type Mask = bool;
-    type Whole = i32;
+    type Integer = i32;
     #[inline(always)]
     fn splat(value: f32) -> Self {
         value
@@ -224,7 +225,7 @@ impl Real for f32 {
         }
     }
     #[inline(always)]
-    fn compress_whole(value: i32, mask: bool, to: &mut [u32]) {
+    fn compress_integer(value: i32, mask: bool, to: &mut [u32]) {
         if mask {
             to[0] = value as u32;
         }
@@ -270,12 +271,12 @@ impl Real for f32 {
         if mask { yes } else { no }
     }
     #[inline(always)]
-    fn whole(self) -> i32 {
+    fn to_integer(self) -> i32 {
         // As the processor's own conversion has it for what does not fit.
         if f32::abs(self) < 2_147_483_648.0 { self as i32 } else { i32::MIN }
     }
     #[inline(always)]
-    fn of_whole(value: i32) -> Self {
+    fn of_integer(value: i32) -> Self {
         value as f32
     }
     #[inline(always)]
@@ -283,7 +284,7 @@ impl Real for f32 {
         from.get(index as usize).or(from.last()).copied().unwrap_or(0.0)
     }
     #[inline(always)]
-    fn gather_whole(from: &[u32], index: i32) -> i32 {
+    fn gather_integer(from: &[u32], index: i32) -> i32 {
         from.get(index as usize).or(from.last()).copied().unwrap_or(0) as i32
     }
     #[inline(always)]
@@ -301,7 +302,7 @@ impl Real for f32 {
         a == b
     }
     #[inline(always)]
-    fn select_whole(mask: bool, yes: i32, no: i32) -> i32 {
+    fn select_integer(mask: bool, yes: i32, no: i32) -> i32 {
         if mask { yes } else { no }
     }
     #[inline(always)]

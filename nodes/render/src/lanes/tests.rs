@@ -2,6 +2,7 @@
 
 use super::*;
 use tauflow_data::rng::Stream;
+use tauflow_instructions::Instructions;
 
 #[test]
 fn functions_are_within_a_few_units_in_the_last_place() {
@@ -36,7 +37,7 @@ fn exercise<R: Real>(a: &[f32], b: &[f32], states: &[u64], table: &[f32]) -> Vec
         let (u, v) = R::draw(&states[at..], 5);
         let (sin, cos) = sin_cos_turn(u * 2.0 - v);
         let mask = x.lt(y) | (x.equals(y) & !x.finite());
-        let index = (x * 3.0).whole().min(R::Whole::splat(40)).max(R::Whole::splat(0));
+        let index = (x * 3.0).to_integer().min(R::Integer::splat(40)).max(R::Integer::splat(0));
         let mixed = R::select(mask, x.floor().copysign(y), (x - y).abs().sqrt());
         let all = [
             x + y,
@@ -51,9 +52,9 @@ fn exercise<R: Real>(a: &[f32], b: &[f32], states: &[u64], table: &[f32]) -> Vec
             acos(u - v),
             atan2(x, y),
             exp(u * 9.0 - 4.0),
-            R::gather(table, index * R::Whole::splat(2) + R::Whole::splat(1)),
-            R::of_whole(index),
-            x.only(R::same(index, R::Whole::splat(3))),
+            R::gather(table, index * R::Integer::splat(2) + R::Integer::splat(1)),
+            R::of_integer(index),
+            x.only(R::same(index, R::Integer::splat(3))),
         ];
         let mut rows = [[0.0f32; 16]; 15];
         for (row, value) in rows.iter_mut().zip(all) {
@@ -77,10 +78,10 @@ fn exercise<R: Real>(a: &[f32], b: &[f32], states: &[u64], table: &[f32]) -> Vec
             R::put_columns(std::array::from_fn(|k| all[k + half]), &mut records, half);
         }
         let back: [u32; 16] = std::array::from_fn(|lane| (R::N - lane.min(R::N)) as u32);
-        let places = R::Whole::load(&back) * R::Whole::splat(2);
+        let places = R::Integer::load(&back) * R::Integer::splat(2);
         for half in 0..2 {
             for (k, column) in
-                R::columns(&records[..R::N], places + R::Whole::splat(half as i32)).into_iter().enumerate()
+                R::columns(&records[..R::N], places + R::Integer::splat(half as i32)).into_iter().enumerate()
             {
                 let mut row = [0.0f32; 16];
                 column.store(&mut row);
@@ -98,7 +99,7 @@ fn exercise<R: Real>(a: &[f32], b: &[f32], states: &[u64], table: &[f32]) -> Vec
 
 #[cfg(target_arch = "x86_64")]
 #[test]
-#[allow(unsafe_code, reason = "each is called where the processor has its instructions")]
+#[expect(unsafe_code, reason = "each is called where the processor has its instructions")]
 fn every_width_has_the_bits_of_one_lane() {
     #[target_feature(enable = "avx2")]
     fn eight(a: &[f32], b: &[f32], states: &[u64], table: &[f32]) -> Vec<u32> {
@@ -119,12 +120,14 @@ fn every_width_has_the_bits_of_one_lane() {
     let table: Vec<f32> = (0..77).map(|i| i as f32 * 0.7).collect();
     let one = exercise::<f32>(&a, &b, &states, &table);
     assert!(exercise::<F4>(&a, &b, &states, &table) == one, "SSE2");
-    if is_x86_feature_detected!("avx2") {
+    if Instructions::most() >= Instructions::Avx2 {
+        // SAFETY: the processor has them.
         assert!(unsafe { eight(&a, &b, &states, &table) } == one, "AVX2");
     } else {
         println!("skipped: no AVX2 here");
     }
-    if is_x86_feature_detected!("avx512dq") {
+    if Instructions::most() >= Instructions::Avx512 {
+        // SAFETY: the processor has them.
         assert!(unsafe { sixteen(&a, &b, &states, &table) } == one, "AVX-512");
     } else {
         println!("skipped: no AVX-512 here");

@@ -1,9 +1,9 @@
 //! The lights of a scene, and which of them to sample.
 //!
-//! A light is picked in proportion to what it would bring to the point if nothing stood in between and the surface faced
-//! anywhere, with a tenth of the probability spread evenly, so that none is ever left out; a scene of many lights picks
-//! by power, half of the probability spread evenly. Shapes are sampled evenly over their area, spheres over the cone
-//! that they fill. Lights that emit nothing are dropped.
+//! A light is picked in proportion to what it would bring to the point if nothing stood in between and the surface
+//! faced anywhere. A tenth of the probability is spread evenly, so that none is ever left out. A scene of many lights
+//! picks by power, with half of the probability spread evenly. Shapes are sampled evenly over their area, spheres over
+//! the cone that they fill. Lights that emit nothing are dropped.
 
 mod choice;
 mod delta;
@@ -14,7 +14,7 @@ use crate::{
     alias::Alias,
     environment::Environment,
     geometry::offset_origins,
-    lanes::{Mask, Pair, Real, Triple, Whole},
+    lanes::{Integer, Mask, Pair, Real, Triple},
     texture::{LoadBitmap, Texture},
     world::World,
 };
@@ -333,7 +333,7 @@ impl Lights {
         let count = self.lights.len();
         let pick = numbers[0].x;
         let mut arrived = Arrived::none();
-        let (mut chosen, mut probability) = (R::Whole::splat(0), R::one());
+        let (mut chosen, mut probability) = (R::Integer::splat(0), R::one());
         if count > GUIDED {
             chosen = self.alias.draw::<R>(chosen, count, pick, numbers[2].y);
             probability = R::gather(&self.probability, chosen);
@@ -344,7 +344,7 @@ impl Lights {
                 let share = self.share(*importance, sum);
                 // The last takes what rounding leaves over.
                 let own = pick.ge(below);
-                chosen = R::select_whole(own, R::Whole::splat(light as i32), chosen);
+                chosen = R::select_integer(own, R::Integer::splat(light as i32), chosen);
                 probability = R::select(own, share, probability);
                 below += share;
             }
@@ -354,7 +354,7 @@ impl Lights {
         let mut rest = mask;
         while rest.any() {
             let light = indices[rest.bits().trailing_zeros() as usize & 15];
-            let own = rest & R::same(chosen, R::Whole::splat(light as i32));
+            let own = rest & R::same(chosen, R::Integer::splat(light as i32));
             rest = rest & !own;
             arrived.take(own, probability, self.sample_one(light as usize, world, from, numbers));
         }

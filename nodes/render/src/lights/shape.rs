@@ -8,7 +8,7 @@ use crate::{
     alias::Alias,
     bsdf::{Points, Surface},
     geometry::{Disk, Frames, Sphere, area_normal, gamma, offset_origins},
-    lanes::{Mask, Pair, Real, Triple, Whole, sin_cos_turn},
+    lanes::{Integer, Mask, Pair, Real, Triple, sin_cos_turn},
     surface::Form,
     texture::Texture,
     world::World,
@@ -157,8 +157,8 @@ impl ShapeLight {
 
     #[inline(always)]
     fn on_mesh<R: Real>(&self, world: &World, [pick, accept]: [R; 2], u: Pair<R>) -> Found<R> {
-        let own = self.alias.draw::<R>(R::Whole::splat(0), self.count, pick, accept);
-        let primitive = own + R::Whole::splat(self.first as i32);
+        let own = self.alias.draw::<R>(R::Integer::splat(0), self.count, pick, accept);
+        let primitive = own + R::Integer::splat(self.first as i32);
         let facts = world.table.facts::<R>(primitive);
         let [p0, p1, p2] = facts.positions;
         let root = u.x.sqrt();
@@ -225,7 +225,7 @@ fn on_disk<R: Real>(disk: &Disk, u: Pair<R>) -> Found<R> {
 
 /// Vertex colours at points of triangles.
 #[inline(always)]
-fn colors<R: Real>(world: &World, primitive: R::Whole, weights: [R; 3], at: &mut Points<R>) {
+fn colors<R: Real>(world: &World, primitive: R::Integer, weights: [R; 3], at: &mut Points<R>) {
     let (mut index, mut rows) = ([0; 16], [[0.0f32; 16]; 6]);
     primitive.store(&mut index);
     weights[1].store(&mut rows[0]);

@@ -2,8 +2,8 @@
 //! own, shadow rays come last.
 //!
 //! Shading knows one material at a time, so that what it lacks costs nothing, and works on as many paths as there are
-//! lanes, in steps: the vertex, what it emits, its textures, a light, where the path goes on. What a path finds does not
-//! depend on the batch it is in: every operation is on its own numbers, in its own order.
+//! lanes, in steps: the vertex, what it emits, its textures, a light, where the path goes on. What a path finds does
+//! not depend on the batch it is in: every operation is on its own numbers, in its own order.
 
 mod rays;
 mod rows;
@@ -23,7 +23,7 @@ use crate::{
 use glam::Vec3;
 use rows::{DIRECTION, ORIGIN, Paths, Rows, SPARE, Shadows, VERTEX};
 use std::cell::RefCell;
-use tauflow_data::ladder::SamplerKind;
+use tauflow_data::SamplerKind;
 
 /// Paths that are shaded together: few enough for what is known of their vertices to stay in the nearest cache.
 const CHUNK: usize = 256;

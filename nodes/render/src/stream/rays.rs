@@ -6,7 +6,7 @@ use crate::{
     dispatch::Kernels,
     geometry::Ray,
     integrator::{first_solid, transmittance},
-    lanes::{Mask, Real, Triple, Whole},
+    lanes::{Integer, Mask, Real, Triple},
     rng::FILM,
 };
 
@@ -99,7 +99,7 @@ impl Stream<'_> {
         let world = self.batch.world;
         let end = self.starts[1] as usize;
         for at in (0..end).step_by(R::N) {
-            let (place, mask, ids) = (R::Whole::load(&self.order[at..]), Self::mask::<R>(at, end), self.ids::<R>(at));
+            let (place, mask, ids) = (R::Integer::load(&self.order[at..]), Self::mask::<R>(at, end), self.ids::<R>(at));
             let (origin, direction) = (self.paths.triple(ORIGIN, place), self.paths.triple(DIRECTION, place));
             let throughput = self.paths.triple::<R>(THROUGHPUT, place);
             let pdf = R::gather(&self.paths.rows[PDF], place);

@@ -45,7 +45,7 @@ impl<const N: usize> Rows<N> {
     }
 
     #[inline(always)]
-    pub(super) fn triple<R: Real>(&self, first: usize, at: R::Whole) -> Triple<R> {
+    pub(super) fn triple<R: Real>(&self, first: usize, at: R::Integer) -> Triple<R> {
         Triple::new(
             R::gather(&self.rows[first], at),
             R::gather(&self.rows[first + 1], at),

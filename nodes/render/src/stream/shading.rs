@@ -6,7 +6,7 @@ use crate::{
     bsdf::{Material, Points, SLOTS, Scatter, Sort, flip, sound},
     geometry::{Disk, Frames, gamma, offset_origins},
     integrator::{Strategy, dimension},
-    lanes::{Mask, Pair, Real, Triple, Whole},
+    lanes::{Integer, Mask, Pair, Real, Triple},
     lights::{Choice, Vantage},
     rng::Sampler,
     surface::Form,
@@ -28,15 +28,15 @@ impl<'a> Stream<'a> {
         let bodies = world.bodies[group.index];
         for at in (group.from..group.end).step_by(R::N) {
             let row = at - group.from;
-            let place = R::Whole::load(&self.order[at..]);
-            let primitive = R::gather_whole(&self.primitive, place);
+            let place = R::Integer::load(&self.order[at..]);
+            let primitive = R::gather_integer(&self.primitive, place);
             let (u, v) = (R::gather(&self.u, place), R::gather(&self.v, place));
             let mut weights = [R::one() - u - v, u, v];
             let (mut disks, mut spheres) = (R::Mask::from_bits(0), R::Mask::from_bits(0));
             if bodies {
-                let form = R::gather_whole(&world.table.form, primitive);
-                disks = R::same(form, R::Whole::splat(DISK as i32));
-                spheres = R::same(form, R::Whole::splat(SPHERE as i32));
+                let form = R::gather_integer(&world.table.form, primitive);
+                disks = R::same(form, R::Integer::splat(DISK as i32));
+                spheres = R::same(form, R::Integer::splat(SPHERE as i32));
                 weights[0] = R::select(disks, R::one(), weights[0]);
             }
             let facts = world.table.facts::<R>(primitive);
@@ -93,15 +93,15 @@ impl<'a> Stream<'a> {
         let world = self.batch.world;
         for at in (group.from..group.end).step_by(R::N) {
             let row = at - group.from;
-            let place = R::Whole::load(&self.order[at..]);
-            let primitive = R::gather_whole(&self.primitive, place);
-            let form = R::gather_whole(&world.table.form, primitive);
-            let mut rest = Self::mask::<R>(at, group.end) & !R::same(form, R::Whole::splat(TRIANGLE as i32));
+            let place = R::Integer::load(&self.order[at..]);
+            let primitive = R::gather_integer(&self.primitive, place);
+            let form = R::gather_integer(&world.table.form, primitive);
+            let mut rest = Self::mask::<R>(at, group.end) & !R::same(form, R::Integer::splat(TRIANGLE as i32));
             let mut primitives = [0; SPARE];
             primitive.store(&mut primitives);
             while rest.any() {
                 let one = primitives[rest.bits().trailing_zeros() as usize % SPARE];
-                let own = rest & R::same(primitive, R::Whole::splat(one as i32));
+                let own = rest & R::same(primitive, R::Integer::splat(one as i32));
                 rest = rest & !own;
                 let uv = match &world.shapes[world.primitives[one as usize].shape as usize].form {
                     Form::Sphere(sphere) => {
@@ -158,15 +158,15 @@ impl<'a> Stream<'a> {
         for at in (group.from..group.end).step_by(R::N) {
             let row = at - group.from;
             let (mask, ids) = (Self::mask::<R>(at, group.end), self.ids::<R>(at));
-            let place = R::Whole::load(&self.order[at..]);
-            let primitive = R::gather_whole(&self.primitive, place);
-            let lights = R::gather_whole(&world.table.light, primitive);
+            let place = R::Integer::load(&self.order[at..]);
+            let primitive = R::gather_integer(&self.primitive, place);
+            let lights = R::gather_integer(&world.table.light, primitive);
             let mut numbers = [DARK; SPARE];
             lights.store(&mut numbers);
-            let mut rest = mask & !R::same(lights, R::Whole::splat(DARK as i32));
+            let mut rest = mask & !R::same(lights, R::Integer::splat(DARK as i32));
             while rest.any() {
                 let light = numbers[rest.bits().trailing_zeros() as usize % SPARE];
-                let own = rest & R::same(lights, R::Whole::splat(light as i32));
+                let own = rest & R::same(lights, R::Integer::splat(light as i32));
                 rest = rest & !own;
                 let Some(shape) = world.lights.shape(light) else { continue };
                 let normal = self.vertices.row::<R>(GEOMETRIC, row);
@@ -234,8 +234,8 @@ impl<'a> Stream<'a> {
         material.has_smooth() && !self.batch.world.lights.is_empty() && self.batch.strategy != Strategy::Caustics
     }
 
-    /// Among how many samples of lights one is chosen for each vertex: where the camera looks, the choice between the sky
-    /// and lamps is worth a second one.
+    /// Among how many samples of lights one is chosen for each vertex: where the camera looks, the choice between the
+    /// sky and lamps is worth a second one.
     fn candidates(&self, group: &Group) -> u64 {
         let world = self.batch.world;
         let broad = matches!(world.materials[group.index].sort(), Sort::Diffuse | Sort::Plastic);
@@ -350,7 +350,7 @@ impl<'a> Stream<'a> {
             if mapped {
                 alive = alive & (wi.dot(shading) * local.z).positive();
             }
-            let place = R::Whole::load(&self.order[at..]);
+            let place = R::Integer::load(&self.order[at..]);
             let eta = R::gather(&self.paths.rows[ETA], place) * drawn.eta;
             // Light that scattering finds could have been any of the candidates.
             let mut pdf = R::select(drawn.delta, R::zero(), drawn.pdf) * (1.0 / candidates);

@@ -4,10 +4,15 @@
 use std::collections::BTreeMap;
 use tauflow_contract::{Digest, KindError};
 use tauflow_data::{
-    Image,
-    formats::Mesh,
+    Image, Resolution,
+    mesh::Mesh,
     scene::{Affine, Bsdf, Camera, Emitter, Geometry, IDENTITY, Recipe, Rgb, Scene, Shape, Texture},
 };
+
+/// A film of this size.
+pub fn film(width: u32, height: u32) -> Resolution {
+    Resolution::new(width, height).expect("sides that can be rendered")
+}
 
 /// A scene and its blobs.
 #[derive(Clone)]
@@ -129,8 +134,8 @@ pub fn balls_under_sky() -> Built {
     built
 }
 
-/// Something of everything: a sky of an odd size, a lamp and a spot, textures on spheres and disks, each sort of material,
-/// a blend and a normal map.
+/// Something of everything: a sky of an odd size, a lamp and a spot, textures on spheres and disks, each sort of
+/// material, a blend and a normal map.
 pub fn everything() -> Built {
     let mut built = Built::new([0.0, 2.0, 7.0], [0.0, 0.8, 0.0], 55.0, 6);
     let mut image = |width: usize, height: usize, value: &dyn Fn(usize) -> f32| {

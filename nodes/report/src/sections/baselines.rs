@@ -7,7 +7,7 @@ use crate::{
     text::{escape, fixed, interval, signed},
 };
 use std::fmt::Write as _;
-use tauflow_data::results::{Evaluation, METRICS, Versus};
+use tauflow_data::records::{Evaluation, METRICS, Versus, higher_is_better};
 
 /// The section; none without baselines, and without a note on one that is missing.
 pub fn section(evaluation: &Evaluation) -> Option<Section> {
@@ -25,10 +25,10 @@ pub fn section(evaluation: &Evaluation) -> Option<Section> {
     let metrics: Vec<&str> = metrics.copied().collect();
     let _ = write!(
         out,
-        "<p>The solver's figure less the other method's, paired by scene, with 95% intervals over {} scenes and the share of scenes on which \
-         the solver is better; in bold where the whole interval is on the better side. Both start from the {}-spp endpoint and see the \
-         same radiance, and the same albedo and normal.</p><div class=\"scroll\"><table class=\"wide\"><thead><tr><th>Against</th><th \
-         class=\"left\">Solver</th><th>NFE</th>",
+        "<p>The solver's figure less the other method's, paired by scene, with 95% intervals over {} scenes and the \
+         share of scenes on which the solver is better; in bold where the whole interval is on the better side. \
+         Both start from the {}-spp endpoint and see the same radiance, and the same albedo and normal.</p><div \
+         class=\"scroll\"><table class=\"wide\"><thead><tr><th>Against</th><th class=\"left\">Solver</th><th>NFE</th>",
         evaluation.scenes, evaluation.from_spp
     );
     for metric in &metrics {
@@ -61,7 +61,7 @@ fn row(versus: &Versus, metrics: &[&str]) -> String {
             out.push_str("<td>–</td>");
             continue;
         };
-        let sure = if tauflow_data::results::higher_is_better(metric) { gain.low > 0.0 } else { gain.high < 0.0 };
+        let sure = if higher_is_better(metric) { gain.low > 0.0 } else { gain.high < 0.0 };
         let value = signed(gain.mean, digits(metric));
         let value = if sure { format!("<b>{value}</b>") } else { value };
         let share = versus.better.get(*metric).copied().unwrap_or(0.0);

@@ -1,7 +1,6 @@
 //! Bridge validation: stops from k to m on ladders that no model was trained on.
 
 use crate::{
-    material::BridgeFiles,
     page::{Section, tabs},
     ranking::{Rank, colour, method_name, rank},
     sections::method_html,
@@ -9,10 +8,13 @@ use crate::{
     text::{count, escape, fixed, interval, png_uri, signed},
 };
 use std::{collections::BTreeMap, fmt::Write as _};
-use tauflow_data::results::{Bridge, BridgeRow, Estimate};
+use tauflow_data::{
+    methods::{HOLD, LOCAL_STEP, Parameterization},
+    records::{Bridge, BridgeFiles, BridgeRow, Estimate},
+};
 
 /// Order of methods.
-const ORDER: [&str; 3] = ["hold", "local_step", "mc_noise"];
+const ORDER: [&str; 3] = [HOLD, LOCAL_STEP, Parameterization::McNoise.name()];
 
 /// The section. `scenes` is how many scenes' maps are shown.
 pub fn section(files: &BridgeFiles, scenes: usize) -> Section {
@@ -20,10 +22,11 @@ pub fn section(files: &BridgeFiles, scenes: usize) -> Section {
     let counts = bridge.rows.iter().flat_map(|r| [r.from_spp, r.to_spp]);
     let (first, last) = (counts.clone().min().unwrap_or(0), counts.max().unwrap_or(0));
     let mut out = format!(
-        "<p>Stops between real endpoints of {first} to {last} samples on {} scenes, by models of the ladder that ends at n<sub>max</sub> = \
-         {}; each is judged against the <em>real</em> I<sub>m</sub>. MC noise goes I<sub>k</sub> + (τ<sub>m</sub> − τ<sub>k</sub>)/(1 − \
-         τ<sub>k</sub>) (clean − I<sub>k</sub>), with τ of that ladder; the local step is an Euler step of the local velocity for each sample \
-         more. I<sub>k</sub> is part of I<sub>m</sub>, so that hold is a strong baseline.</p>",
+        "<p>Stops between real endpoints of {first} to {last} samples on {} scenes, by models of the ladder that \
+         ends at n<sub>max</sub> = {}; each is judged against the <em>real</em> I<sub>m</sub>. MC noise goes \
+         I<sub>k</sub> + (τ<sub>m</sub> − τ<sub>k</sub>)/(1 − τ<sub>k</sub>) (clean − I<sub>k</sub>), with τ of \
+         that ladder; the local step is an Euler step of the local velocity for each sample more. I<sub>k</sub> is \
+         part of I<sub>m</sub>, so that hold is a strong baseline.</p>",
         bridge.scenes, bridge.n_max
     );
     out.push_str("<div class=\"grid2\">");
@@ -71,7 +74,8 @@ fn summary(bridge: &Bridge, stop: &str) -> String {
     let column: Vec<Option<f64>> = rows.iter().map(|r| Some(r.psnr.mean)).collect();
     let ranks = rank(&column, true, 2);
     let mut out = String::from(
-        "<table class=\"wide\"><thead><tr><th>Method</th><th>Cases</th><th>PSNR (dB)</th><th>Gain over hold</th><th>Better than hold</th></tr></thead><tbody>",
+        "<table class=\"wide\"><thead><tr><th>Method</th><th>Cases</th><th>PSNR (dB)</th><th>Gain over \
+         hold</th><th>Better than hold</th></tr></thead><tbody>",
     );
     for (row, rank) in rows.iter().zip(ranks) {
         let mean = fixed(row.psnr.mean, 2);
@@ -80,7 +84,7 @@ fn summary(bridge: &Bridge, stop: &str) -> String {
             Rank::Second => format!("<span class=\"second\">{mean}</span>"),
             Rank::Other => mean,
         };
-        let (gain, better) = if row.method == "hold" {
+        let (gain, better) = if row.method == HOLD {
             ("<span class=\"zero\">–</span>".to_owned(), "<span class=\"zero\">–</span>".to_owned())
         } else {
             (
@@ -95,7 +99,8 @@ fn summary(bridge: &Bridge, stop: &str) -> String {
         };
         let _ = write!(
             out,
-            "<tr><td>{}</td><td>{}</td><td>{mean}<span class=\"ci\">{}</span></td><td>{gain}</td><td>{better}</td></tr>",
+            "<tr><td>{}</td><td>{}</td><td>{mean}<span \
+             class=\"ci\">{}</span></td><td>{gain}</td><td>{better}</td></tr>",
             method_html(&row.method),
             count(row.cases),
             interval(&row.psnr, 2)
@@ -128,14 +133,14 @@ fn chart(bridge: &Bridge, stop: &str, title: &str, shown: Shown, y: Scale) -> St
     let mut plot = Plot::new([560.0, 290.0], [48.0, 96.0, 34.0, 40.0], Scale::linear(ks.iter().map(|k| *k as f64)), y);
     plot.title(&format!("{what}: {title}")).y_axis(6);
     plot.x_axis(ks.iter().map(|k| (*k as f64, k.to_string())), "k, samples before");
-    for (method, rows) in methods.iter().filter(|(method, _)| *method != "hold") {
+    for (method, rows) in methods.iter().filter(|(method, _)| *method != HOLD) {
         let band: Vec<_> = rows.iter().map(|r| (r.from_spp as f64, figure(r).low, figure(r).high)).collect();
         plot.band(&band, &colour(method));
     }
     for (method, rows) in &methods {
         let class = colour(method);
         let points: Vec<_> = rows.iter().map(|r| (r.from_spp as f64, figure(r).mean)).collect();
-        if *method == "hold" {
+        if *method == HOLD {
             plot.line(points.iter().copied(), &format!("{class} dashed"));
         } else {
             plot.line(points.iter().copied(), &class).dots(points.iter().copied(), 3.2, &class);
@@ -189,7 +194,7 @@ fn map_name(file: &str) -> String {
 }
 
 /// The maps of the first scenes, by folder.
-fn maps(maps: &[(String, Vec<u8>)], scenes: usize) -> String {
+fn maps(maps: &BTreeMap<String, Vec<u8>>, scenes: usize) -> String {
     let mut folders: BTreeMap<&str, Vec<(&str, &[u8])>> = BTreeMap::new();
     for (name, png) in maps {
         let (folder, file) = name.split_once('/').unwrap_or(("", name));
@@ -200,9 +205,10 @@ fn maps(maps: &[(String, Vec<u8>)], scenes: usize) -> String {
     }
     let more = folders.len().saturating_sub(scenes);
     let mut out = String::from(
-        "<h3>Update directions and absolute differences</h3><p>Upper row of each picture: the real update I<sub>m</sub> − I<sub>k</sub>, then \
-         each method's; grey is no change, brighter is more light, darker less, a tint a change of colour. Lower row: absolute difference to \
-         I<sub>m</sub>, of hold, then of each method, from black over red and yellow to white.</p>",
+        "<h3>Update directions and absolute differences</h3><p>Upper row of each picture: the real update \
+         I<sub>m</sub> − I<sub>k</sub>, then each method's; grey is no change, brighter is more light, darker less, \
+         a tint a change of colour. Lower row: absolute difference to I<sub>m</sub>, of hold, then of each method, \
+         from black over red and yellow to white.</p>",
     );
     for (i, (folder, files)) in folders.into_iter().take(scenes).enumerate() {
         let open = if i == 0 { " open" } else { "" };
@@ -236,7 +242,7 @@ mod tests {
         assert_eq!(map_name("adjacent-01"), "adjacent stop, k = 1");
         assert_eq!(map_name("over_view"), "over view");
         let png = |name: &str| (name.to_owned(), vec![1u8]);
-        let html = maps(&[png("a/adjacent-01.png"), png("b/direct-02.png")], 1);
+        let html = maps(&BTreeMap::from([png("a/adjacent-01.png"), png("b/direct-02.png")]), 1);
         assert!(html.contains("k = 1") && !html.contains("k = 2") && html.contains("Those of 1 more"));
     }
 }

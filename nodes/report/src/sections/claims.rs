@@ -2,11 +2,14 @@
 
 use crate::{
     page::Section,
-    ranking::{METHODS, conditioning_name, digits, extra, method_name, metric_name},
+    ranking::{conditioning_name, digits, extra, method_name, metric_name},
     text::{escape, interval, signed},
 };
 use std::{collections::BTreeMap, fmt::Write as _};
-use tauflow_data::results::{Bridge, Claim, Evaluation, Evidence, Verdict};
+use tauflow_data::{
+    methods::{HOLD, LOCAL_STEP, Parameterization},
+    records::{Bridge, Claim, ClaimVerdict, Evaluation, Evidence},
+};
 
 /// The section; none without a claim that could be judged.
 pub fn section(evaluation: &Evaluation, bridge: Option<&Bridge>) -> Option<Section> {
@@ -16,9 +19,10 @@ pub fn section(evaluation: &Evaluation, bridge: Option<&Bridge>) -> Option<Secti
         return None;
     }
     let mut out = String::from(
-        "<p>Each claim is a difference, or several, that must be above 0; intervals are 95%, paired by scene. It <b>held</b> where all of \
-         them are above 0, did <b>not</b> where one is below, and is undecided else. Means over scenes can agree with a claim and leave it \
-         undecided.</p><div class=\"scroll\"><table class=\"wide\"><thead><tr><th class=\"left\">Claim</th><th class=\"left\">Cells</th><th \
+        "<p>Each claim is a difference, or several, that must be above 0; intervals are 95%, paired by scene. It \
+         <b>held</b> where all of them are above 0, did <b>not</b> where one is below, and is undecided else. Means \
+         over scenes can agree with a claim and leave it undecided.</p><div class=\"scroll\"><table \
+         class=\"wide\"><thead><tr><th class=\"left\">Claim</th><th class=\"left\">Cells</th><th \
          class=\"left\">It</th><th class=\"left\">Differences</th></tr></thead><tbody>",
     );
     let mut before = "";
@@ -27,7 +31,8 @@ pub fn section(evaluation: &Evaluation, bridge: Option<&Bridge>) -> Option<Secti
         before = &claim.statement;
         let _ = write!(
             out,
-            "<tr><td class=\"left\">{}</td><td class=\"left\">{}</td><td class=\"left\"><b>{}</b></td><td class=\"left wrap\">{}</td></tr>",
+            "<tr><td class=\"left\">{}</td><td class=\"left\">{}</td><td class=\"left\"><b>{}</b></td><td \
+             class=\"left wrap\">{}</td></tr>",
             escape(statement),
             escape(&group(&claim.group)),
             verdict(claim.verdict),
@@ -60,11 +65,11 @@ pub fn csv(claims: &[&Claim]) -> String {
     out
 }
 
-fn verdict(verdict: Verdict) -> &'static str {
+fn verdict(verdict: ClaimVerdict) -> &'static str {
     match verdict {
-        Verdict::Held => "held",
-        Verdict::NotHeld => "did not",
-        Verdict::Undecided => "undecided",
+        ClaimVerdict::Held => "held",
+        ClaimVerdict::NotHeld => "did not",
+        ClaimVerdict::Undecided => "undecided",
     }
 }
 
@@ -81,7 +86,7 @@ fn group(cell: &BTreeMap<String, String>) -> String {
 
 /// A text with methods by their names.
 fn named(text: &str) -> String {
-    let known = METHODS.into_iter().chain(["local_step", "hold"]);
+    let known = Parameterization::ALL.map(Parameterization::name).into_iter().chain([LOCAL_STEP, HOLD]);
     known.fold(text.to_owned(), |text, method| text.replace(method, &method_name(method)))
 }
 

@@ -1,22 +1,61 @@
 //! How the figures are defined, so that the page stands on its own.
 
 use crate::page::Section;
-use tauflow_data::results::Evaluation;
+use tauflow_data::records::Evaluation;
 
 /// The section.
 pub fn section(evaluation: &Evaluation) -> Section {
     let (from, last) = (evaluation.from_spp, evaluation.reference_spp);
     let entries = [
-        ("Radiance", "linear, times one exposure factor per scene for all rungs; negatives count as 0, no upper clip; the factor is the gate's <code>key</code> (0.18 by default) over the geometric mean luminance of bins of 4 × 4 pixels of its preview, times 2<sup>EV</sup>".to_owned()),
-        ("HDR PSNR, HDR MAE", "on exposed linear radiance, peak 1.0 (and, apart, peak = the reference's maximum); per image, then averaged over scenes".to_owned()),
-        ("Preview", "Reinhard x/(1+x), then to the power 1/2.2, clipped to [0, 1]; metrics before any rounding to 8 bits; the pictures here use it".to_owned()),
-        ("SSIM", "on previews: 11 × 11 Gaussian window, σ 1.5, K₁ .01, K₂ .03, mean over RGB and valid windows".to_owned()),
+        (
+            "Radiance",
+            "linear, times one exposure factor per scene for all rungs; negatives count as 0, no upper \
+            clip; the factor is the gate's <code>key</code> (0.18 by default) over the geometric mean luminance of \
+            bins of 4 × 4 pixels of its preview, times 2<sup>EV</sup>"
+                .to_owned(),
+        ),
+        (
+            "HDR PSNR, HDR MAE",
+            "on exposed linear radiance, peak 1.0 (and, apart, peak = the reference's maximum); \
+            per image, then averaged over scenes"
+                .to_owned(),
+        ),
+        (
+            "Preview",
+            "Reinhard x/(1+x), then to the power 1/2.2, clipped to [0, 1]; metrics before any rounding to 8 \
+            bits; the pictures here use it"
+                .to_owned(),
+        ),
+        (
+            "SSIM",
+            "on previews: 11 × 11 Gaussian window, σ 1.5, K₁ .01, K₂ .03, mean over RGB and valid \
+            windows"
+                .to_owned(),
+        ),
         ("Hold", format!("the {from}-spp input itself, no model call")),
-        ("NFE", format!("model calls of the rollout from I<sub>{from}</sub> at its variance time to τ = 1, that of I<sub>{last}</sub>")),
+        (
+            "NFE",
+            format!(
+                "model calls of the rollout from I<sub>{from}</sub> at its variance time to τ = 1, that of \
+            I<sub>{last}</sub>"
+            ),
+        ),
         ("AUC", "trapezoid of the curve over s = log NFE, divided by the length in s".to_owned()),
         ("TV", "sum of the absolute changes along the curve, divided by the length in s; lower is steadier".to_owned()),
-        ("Interval", format!("95%, percentile bootstrap over scenes, {} resamples; differences to hold are paired scene by scene", evaluation.resamples)),
-        ("Infinite PSNR", "an image equal to its reference: 144.49 dB (a mean squared error of 2<sup>−48</sup>) in means and intervals; per scene, inf in CSV and null in JSON".to_owned()),
+        (
+            "Interval",
+            format!(
+                "95%, percentile bootstrap over scenes, {} resamples; differences to hold are paired \
+            scene by scene",
+                evaluation.resamples
+            ),
+        ),
+        (
+            "Infinite PSNR",
+            "an image equal to its reference: 144.49 dB (a mean squared error of 2<sup>−48</sup>) in \
+            means and intervals; per scene, inf in CSV and null in JSON"
+                .to_owned(),
+        ),
     ];
     let rows: String = entries.iter().map(|(term, text)| format!("<dt>{term}</dt><dd>{text}</dd>")).collect();
     Section::new("conventions", "Conventions", format!("<dl>{rows}</dl>"))

@@ -13,8 +13,7 @@ use crate::{
 use std::fmt::Write as _;
 use tauflow_data::{
     Stratum,
-    convergence::{Convergence, ConvergenceRow, HEAVY_INDEX, HEAVY_KURTOSIS, HEAVY_SHARE, OFF_NORMAL},
-    results::Estimate,
+    records::{Convergence, ConvergenceRow, Estimate, HEAVY_INDEX, HEAVY_KURTOSIS, HEAVY_SHARE, OFF_NORMAL},
 };
 
 /// The section; none without rungs.
@@ -23,9 +22,10 @@ pub fn section(convergence: &Convergence) -> Option<Section> {
         return None;
     }
     let mut out = format!(
-        "<p>Variance time rests on the error of I<sub>n</sub> falling as 1/√n. Dots: RMSE against references of {} samples a pixel that share \
-         none with the ladders, their own noise taken off; geometric mean over scenes. Dashed: the law from the samples' own variance, \
-         √(σ²/n). Slopes are means over scenes; the law says −0.5. Scenes without noise have neither. Both axes are logarithmic.</p>",
+        "<p>Variance time rests on the error of I<sub>n</sub> falling as 1/√n. Dots: RMSE against references of {} \
+         samples a pixel that share none with the ladders, their own noise taken off; geometric mean over scenes. \
+         Dashed: the law from the samples' own variance, √(σ²/n). Slopes are means over scenes; the law says −0.5. \
+         Scenes without noise have neither. Both axes are logarithmic.</p>",
         count(convergence.reference_spp)
     );
     let rows = ordered(convergence);
@@ -103,15 +103,18 @@ fn optional(value: Option<f64>) -> String {
 
 fn table(convergence: &Convergence, rows: &[&ConvergenceRow]) -> String {
     let mut out = format!(
-        "<details open><summary>Slopes and tails</summary><p class=\"note\">Intervals are over scenes and, within each, over blocks of pixels. Errors and \
-         slopes are of scenes with noise, and of rungs whose error is more than the reference's own noise: the number of all others is given. Kurtosis \
-         and tail index are of single samples in units of their pixels' deviations, medians over scenes. From the rung in the column “near normal \
-         from” on, the errors of pixels over σ/√n are distributed as a normal variable is to within {}% (Kolmogorov's distance, mean over \
-         scenes): below, the law holds for the expectation, but not for what most pixels show. A scene is flagged as heavy-tailed if its tail index \
-         is below {HEAVY_INDEX}, its excess kurtosis above {HEAVY_KURTOSIS}, or more than {}% of its variance is in 1% of its pixels.</p>\
-         <div class=\"scroll\"><table class=\"wide\"><thead><tr><th>Stratum</th><th>Scenes</th><th>Slope</th><th>−½ inside</th>\
-         <th>RMSE, first rung</th><th>Law, first rung</th><th>Excess kurtosis</th><th>Tail index</th><th>Near normal from</th>\
-         <th>Variance in the top 1% of pixels</th><th>Flagged scenes</th><th>Mean path length</th><th>Rejected samples</th></tr></thead><tbody>",
+        "<details open><summary>Slopes and tails</summary><p class=\"note\">Intervals are over scenes and, within \
+         each, over blocks of pixels. Errors and slopes are of scenes with noise, and of rungs whose error is more \
+         than the reference's own noise: the number of all others is given. Kurtosis and tail index are of single \
+         samples in units of their pixels' deviations, medians over scenes. From the rung in the column “near \
+         normal from” on, the errors of pixels over σ/√n are distributed as a normal variable is to within {}% \
+         (Kolmogorov's distance, mean over scenes): below, the law holds for the expectation, but not for what most \
+         pixels show. A scene is flagged as heavy-tailed if its tail index is below {HEAVY_INDEX}, its excess \
+         kurtosis above {HEAVY_KURTOSIS}, or more than {}% of its variance is in 1% of its pixels.</p><div \
+         class=\"scroll\"><table class=\"wide\"><thead><tr><th>Stratum</th><th>Scenes</th><th>Slope</th><th>−½ \
+         inside</th><th>RMSE, first rung</th><th>Law, first rung</th><th>Excess kurtosis</th><th>Tail \
+         index</th><th>Near normal from</th><th>Variance in the top 1% of pixels</th><th>Flagged \
+         scenes</th><th>Mean path length</th><th>Rejected samples</th></tr></thead><tbody>",
         fixed(100.0 * OFF_NORMAL, 0),
         fixed(100.0 * HEAVY_SHARE, 0)
     );
@@ -126,8 +129,8 @@ fn table(convergence: &Convergence, rows: &[&ConvergenceRow]) -> String {
         };
         let _ = write!(
             out,
-            "<tr{class}><td>{}</td><td>{}{noiseless}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>\
-             <td>{}%</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            "<tr{class}><td>{}</td><td>{}{noiseless}</td><td>{}</td><td>{}</td><td>{}</td>\
+             <td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}%</td><td>{}</td><td>{}</td><td>{}</td></tr>",
             escape(&title),
             count(row.scenes),
             slope(row.slope.as_ref(), row.unresolved),

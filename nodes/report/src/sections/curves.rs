@@ -5,7 +5,10 @@ use crate::{
     ranking::{Group, colour, groups, method_name, metric_name},
     svg::{Plot, Scale},
 };
-use tauflow_data::results::{Evaluation, METRICS};
+use tauflow_data::{
+    methods::HOLD,
+    records::{Evaluation, METRICS},
+};
 
 /// The section.
 pub fn section(evaluation: &Evaluation) -> Section {
@@ -18,8 +21,9 @@ pub fn section(evaluation: &Evaluation) -> Section {
         panels.push(("Other metrics".to_owned(), others));
     }
     let body = format!(
-        "<p>One trained model serves every number of model calls (NFE). Bands are 95% intervals of the mean over scenes; they show how \
-         scenes differ, so that methods with overlapping bands may still differ scene by scene. Dashed: hold, the input itself.</p>{}",
+        "<p>One trained model serves every number of model calls (NFE). Bands are 95% intervals of the mean over \
+         scenes; they show how scenes differ, so that methods with overlapping bands may still differ scene by \
+         scene. Dashed: hold, the input itself.</p>{}",
         tabs("curves", &panels)
     );
     Section::new("curves", "Quality against model calls", body)
@@ -41,7 +45,11 @@ fn row(evaluation: &Evaluation, metric: &str) -> String {
         plot.title(&format!("{}, {title}", metric_name(metric))).y_axis(6);
         plot.x_axis(evaluation.nfe.iter().map(|n| (*n as f64, n.to_string())), "NFE (log)");
         if let Some(hold) = hold {
-            plot.level(hold.mean, "hold dashed").end_label(hold.mean, "hold", "Hold");
+            plot.level(hold.mean, &format!("{} dashed", colour(HOLD))).end_label(
+                hold.mean,
+                &colour(HOLD),
+                &method_name(HOLD),
+            );
         }
         let conditioning = tables.first().map(|table| &table.conditioning);
         for other in evaluation.baselines.iter().filter(|other| Some(&other.conditioning) == conditioning) {

@@ -1,7 +1,7 @@
 //! How the benchmark's scenes came about: the gate, the split, the sampling.
 
 use crate::{
-    material::{Material, Quota, Sampling, Split},
+    material::Material,
     page::Section,
     text::{count, escape, plural},
 };
@@ -9,7 +9,10 @@ use std::{
     collections::{BTreeMap, BTreeSet},
     fmt::Write as _,
 };
-use tauflow_data::{Stratum, formats::Verdict};
+use tauflow_data::{
+    Stratum,
+    records::{Quota, SamplingReport, SplitReport, Verdict},
+};
 
 /// The section; none if neither verdicts, split nor sampling is there.
 pub fn section(material: &Material) -> Option<Section> {
@@ -62,8 +65,10 @@ fn gate(verdicts: &[(String, Verdict)]) -> String {
     let reasons: BTreeSet<&String> = strata.values().flat_map(|g| g.rejected.keys()).collect();
     let (pool, accepted) = strata.values().fold((0, 0), |(p, a), g| (p + g.pool, a + g.accepted));
     let mut out = format!(
-        "<h3>Quality gate</h3><p>Previews of {}; {} let through, {} rejected. A scene with several reasons counts under its first.</p>\
-         <div class=\"scroll\"><table class=\"wide\"><thead><tr><th>Stratum</th><th>Pool</th><th>Accepted</th><th class=\"left\" style=\"padding-left:24px\">Share</th>",
+        "<h3>Quality gate</h3><p>Previews of {}; {} let through, {} rejected. A scene with several reasons counts \
+         under its first.</p><div class=\"scroll\"><table \
+         class=\"wide\"><thead><tr><th>Stratum</th><th>Pool</th><th>Accepted</th><th class=\"left\" \
+         style=\"padding-left:24px\">Share</th>",
         plural(pool, "scene"),
         count(accepted),
         count(pool - accepted)
@@ -96,7 +101,8 @@ fn gate_row(out: &mut String, name: &str, gate: &Gate, reasons: &BTreeSet<&Strin
     let share = |n: u64| n as f64 / gate.pool.max(1) as f64 * 100.0;
     let _ = write!(
         out,
-        r#"<tr{class}><td>{}</td><td>{}</td><td>{}</td><td class="left" style="padding-left:24px"><span class="bar"><i class="m2" style="width:{:.1}%"></i>"#,
+        "<tr{class}><td>{}</td><td>{}</td><td>{}</td><td class=\"left\" style=\"padding-left:24px\">\
+         <span class=\"bar\"><i class=\"m2\" style=\"width:{:.1}%\"></i>",
         escape(name),
         count(gate.pool),
         number(gate.accepted),
@@ -115,7 +121,7 @@ fn gate_row(out: &mut String, name: &str, gate: &Gate, reasons: &BTreeSet<&Strin
     out.push_str("</tr>");
 }
 
-fn sides(split: Option<&Split>, sampling: Option<&Sampling>) -> String {
+fn sides(split: Option<&SplitReport>, sampling: Option<&SamplingReport>) -> String {
     let mut out = String::from("<h3>Split and sampling</h3>");
     if let Some(split) = split {
         let leaks = match split.leaks.len() as u64 {

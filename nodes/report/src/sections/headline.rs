@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 use tauflow_contract::KindError;
 use tauflow_data::{
     image_io::encode_png,
-    results::{Evaluation, MethodTable},
+    records::{Evaluation, MethodTable},
 };
 
 /// The block below the title.
@@ -114,9 +114,10 @@ fn built(evaluation: &Evaluation, material: &Material) -> String {
 pub fn reference_note(evaluation: &Evaluation) -> String {
     let n = evaluation.reference_spp;
     format!(
-        "Scores are against I<sub>{n}</sub>, the ladder's own last rung. It shares its samples with every rung: I<sub>k</sub> is part of \
-         I<sub>{n}</sub>, so its error here is σ²(1/k − 1/{n}) rather than σ²/k, and I<sub>{n}</sub> is itself noisy by σ²/{n}. \
-         Intervals are 95% bootstrap intervals over test scenes; the best solver is chosen on the same scenes that it is scored on."
+        "Scores are against I<sub>{n}</sub>, the ladder's own last rung. It shares its samples with every rung: \
+         I<sub>k</sub> is part of I<sub>{n}</sub>, so its error here is σ²(1/k − 1/{n}) rather than σ²/k, and \
+         I<sub>{n}</sub> is itself noisy by σ²/{n}. Intervals are 95% bootstrap intervals over test scenes; the \
+         best solver is chosen on the same scenes that it is scored on."
     )
 }
 

@@ -7,7 +7,10 @@ use crate::{
     text::{compact, count, escape},
 };
 use std::{collections::BTreeMap, fmt::Write as _};
-use tauflow_data::{curve::Standing, results::TrainingLog};
+use tauflow_data::{
+    curve::Standing,
+    records::{TrainingLog, TrainingPoint},
+};
 
 /// The section; none without curves.
 pub fn section(losses: &[TrainingLog]) -> Option<Section> {
@@ -25,9 +28,11 @@ pub fn section(losses: &[TrainingLog]) -> Option<Section> {
     let (least, most) = (weights.iter().min()?, weights.iter().max()?);
     let weights = if least == most { count(*least) } else { format!("{} to {}", count(*least), count(*most)) };
     let mut body = format!(
-        "<p>{setting} {weights} weights. Bold: averaged weights on the test scenes; thin: training batches; under the panels, how \
-         much one call gains over the first rung on the first test scenes, in dB of PSNR. Targets have different scales, so compare shapes within a column of one method, not heights between methods. Settled: the last \
-         quarter of the steps brought less than a tenth of the fall, at the learning rates they had; more steps, at higher ones, may still bring more.</p><div class=\"grid4\">"
+        "<p>{setting} {weights} weights. Bold: averaged weights on the test scenes; thin: training batches; under \
+         the panels, how much one call gains over the first rung on the first test scenes, in dB of PSNR. Targets \
+         have different scales, so compare shapes within a column of one method, not heights between methods. \
+         Settled: the last quarter of the steps brought less than a tenth of the fall, at the learning rates they \
+         had; more steps, at higher ones, may still bring more.</p><div class=\"grid4\">"
     );
     for log in &logs {
         let gain = log.points.last().and_then(|point| point.gain);
@@ -40,8 +45,8 @@ pub fn section(losses: &[TrainingLog]) -> Option<Section> {
     Some(Section::new("training", "Training", body))
 }
 
-/// What one call gains over the first rung by steps: a panel for each set of params but the method, all on the same axes. Losses have scales of
-/// their own; this has one.
+/// What one call gains over the first rung by steps: a panel for each set of params but the method, all on the same
+/// axes. Losses have scales of their own; this has one.
 fn gains(logs: &[&TrainingLog]) -> String {
     let curve = |log: &TrainingLog| -> Vec<(f64, f64)> {
         log.points.iter().filter_map(|p| p.gain.map(|gain| (p.step as f64, gain))).collect()
@@ -61,8 +66,8 @@ fn gains(logs: &[&TrainingLog]) -> String {
         panels.entry(title).or_default().push(log);
     }
     let mut out = String::from(
-        "<p>The same gain of one call, in dB of PSNR on the first test scenes, as trainings went on: on one scale for all cells. What more calls bring \
-         stands under quality.</p><div class=\"grid2\">",
+        "<p>The same gain of one call, in dB of PSNR on the first test scenes, as trainings went on: on one scale \
+         for all cells. What more calls bring stands under quality.</p><div class=\"grid2\">",
     );
     for title in order {
         let x = Scale::linear([0.0, most as f64]);
@@ -92,7 +97,7 @@ fn setting(log: &TrainingLog, logs: &[&TrainingLog]) -> String {
         .params
         .iter()
         .filter(|(name, _)| !["parameterization", "conditioning"].contains(&name.as_str()) && differs(name));
-    conditioning_name(&log.conditioning).to_owned() + &others.map(named).collect::<String>()
+    conditioning_name(&log.conditioning).clone() + &others.map(named).collect::<String>()
 }
 
 /// Every param of the trainings: those that all share, with their values, and the names of those that differ.
@@ -131,7 +136,7 @@ fn standing(log: &TrainingLog) -> String {
 }
 
 fn panel(log: &TrainingLog, many_spaces: bool) -> String {
-    let series = |pick: fn(&tauflow_data::results::TrainingPoint) -> Option<f64>| -> Vec<(f64, f64)> {
+    let series = |pick: fn(&TrainingPoint) -> Option<f64>| -> Vec<(f64, f64)> {
         log.points.iter().filter_map(|p| pick(p).map(|v| (p.step as f64, v))).collect()
     };
     let (train, test) = (series(|p| p.train), series(|p| p.test));

@@ -25,13 +25,15 @@ pub fn section(montages: &[Montage], by_calls: &[Montage], nfe: u64) -> Result<O
         ),
     };
     let mut body = format!(
-        "<p>The first scene of each stratum by number, not the fairest, at NFE {nfe}. Captions: HDR PSNR in dB, the best of a row in bold.{reduced}</p>{}",
+        "<p>The first scene of each stratum by number, not the fairest, at NFE {nfe}. Captions: HDR PSNR in dB, the \
+         best of a row in bold.{reduced}</p>{}",
         tabs("montage", &panels(montages)?)
     );
     if let Some(row) = by_calls.iter().find_map(|m| m.rows.first()) {
         let _ = write!(
             body,
-            "<h3>By number of calls</h3><p>The scene {}, of those above the one whose input is the median by HDR PSNR.</p>{}",
+            "<h3>By number of calls</h3><p>The scene {}, of those above the one whose input is the median by HDR \
+             PSNR.</p>{}",
             escape(&row.scene),
             tabs("by-nfe", &panels(by_calls)?)
         );

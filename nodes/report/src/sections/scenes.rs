@@ -5,10 +5,7 @@ use crate::{
     text::{compact, count, fixed, plural},
 };
 use std::{collections::BTreeMap, fmt::Write as _};
-use tauflow_data::{
-    Stratum,
-    statistics::{SceneStatistics, quantile},
-};
+use tauflow_data::{Stratum, records::SceneStatistics, statistics::quantile};
 
 /// The section; none without statistics.
 pub fn section(statistics: &[(String, SceneStatistics)]) -> Option<Section> {
@@ -20,13 +17,14 @@ pub fn section(statistics: &[(String, SceneStatistics)]) -> Option<Section> {
     }
     let [spp, reference] = first.1.spp;
     let mut out = format!(
-        "<p>Whether strata are what they say: medians over the scenes of each, quartiles below. Light is split by where it comes \
-         from and what its paths meet: the sky; nothing but diffuse surfaces; glass; a specular surface that sends it onto one \
-         that scatters it (a caustic). RMSE is that of one sample a pixel over the image's mean; slopes are of log RMSE on log n \
-         up to {} samples against a held-out reference of {}, one ladder a scene.</p>\
-         <div class=\"scroll\"><table class=\"wide\"><thead><tr><th>Stratum</th><th>Scenes</th><th>Path length</th><th>From the sky</th>\
-         <th>Diffuse only</th><th>Through glass</th><th>Caustic</th><th>RMSE at 1</th><th>Slope</th>\
-         <th>Variance in the top 1%</th></tr></thead><tbody>",
+        "<p>Whether strata are what they say: medians over the scenes of each, quartiles below. Light is split by \
+         where it comes from and what its paths meet: the sky; nothing but diffuse surfaces; glass; a specular \
+         surface that sends it onto one that scatters it (a caustic). RMSE is that of one sample a pixel over the \
+         image's mean; slopes are of log RMSE on log n up to {} samples against a held-out reference of {}, one \
+         ladder a scene.</p><div class=\"scroll\"><table \
+         class=\"wide\"><thead><tr><th>Stratum</th><th>Scenes</th><th>Path length</th><th>From the \
+         sky</th><th>Diffuse only</th><th>Through glass</th><th>Caustic</th><th>RMSE at \
+         1</th><th>Slope</th><th>Variance in the top 1%</th></tr></thead><tbody>",
         count(spp),
         count(reference)
     );
@@ -76,7 +74,8 @@ pub fn section(statistics: &[(String, SceneStatistics)]) -> Option<Section> {
         let (triangles, scenes) = (plural(dropped.iter().sum(), "triangle"), plural(dropped.len() as u64, "scene"));
         let _ = write!(
             out,
-            "<p class=\"note\">{triangles} in {scenes} are left out: without area, or with a corner that is no number.</p>"
+            "<p class=\"note\">{triangles} in {scenes} are left out: without area, or with a corner that is no \
+             number.</p>"
         );
     }
     Some(Section::new("scenes", "What the scenes are", out))

@@ -8,7 +8,8 @@ use crate::{
 use std::{collections::BTreeMap, fmt::Write as _};
 use tauflow_data::{
     Stratum,
-    results::{Evaluation, MethodTable},
+    methods::HOLD,
+    records::{Evaluation, MethodTable},
 };
 
 const METRIC: &str = "hdr_psnr";
@@ -30,9 +31,10 @@ pub fn section(evaluation: &Evaluation, nfe: u64) -> Option<Section> {
         .filter(|g| g.is_finite())
         .fold(1e-9, |m: f64, g| m.max(g.abs()));
     let mut out = format!(
-        "<p>HDR PSNR at NFE {nfe} minus that of the input (hold), in dB, by stratum: regime L0 diffuse, L1 glossy, L2 refractive, L3 \
-         caustic-like; context environment, open, enclosed. Blue is a gain, orange a loss.</p>\
-         <div class=\"scroll\"><table class=\"wide heat\"><thead><tr><th rowspan=\"2\">Stratum</th><th rowspan=\"2\">Hold (dB)</th>"
+        "<p>HDR PSNR at NFE {nfe} minus that of the input (hold), in dB, by stratum: regime L0 diffuse, L1 glossy, \
+         L2 refractive, L3 caustic-like; context environment, open, enclosed. Blue is a gain, orange a \
+         loss.</p><div class=\"scroll\"><table class=\"wide heat\"><thead><tr><th rowspan=\"2\">Stratum</th><th \
+         rowspan=\"2\">Hold (dB)</th>"
     );
     let mut run = 0;
     while run < columns.len() {
@@ -88,7 +90,7 @@ fn at(table: &MethodTable, nfe: u64) -> Option<BTreeMap<String, f64>> {
 /// Mean HDR PSNR of the input by stratum, from the scores of each scene.
 pub fn hold_by_stratum(evaluation: &Evaluation) -> BTreeMap<String, f64> {
     let mut sums: BTreeMap<String, (f64, f64)> = BTreeMap::new();
-    for row in evaluation.per_scene.iter().filter(|r| r.score.method == "hold") {
+    for row in evaluation.per_scene.iter().filter(|r| r.score.method == HOLD) {
         let sum = sums.entry(row.stratum.clone()).or_default();
         *sum = (sum.0 + row.score.metrics.hdr_psnr, sum.1 + 1.0);
     }

@@ -7,7 +7,10 @@ use crate::{
     text::{escape, fixed, interval, signed},
 };
 use std::fmt::Write as _;
-use tauflow_data::results::{Estimate, Evaluation, METRICS};
+use tauflow_data::{
+    methods::HOLD,
+    records::{Estimate, Evaluation, METRICS},
+};
 
 /// The section.
 pub fn section(evaluation: &Evaluation) -> Section {
@@ -19,9 +22,9 @@ pub fn section(evaluation: &Evaluation) -> Section {
         }
     }
     let body = format!(
-        "<p>Mean over {} test scenes, each from its {}-spp endpoint, against I<sub>{}</sub>. Best in <b>bold</b>, second <u>underlined</u>, as \
-         printed. Small: 95% bootstrap interval over scenes ({} resamples). AUC is the mean of the curve over log NFE; TV its total \
-         variation per unit of log NFE, where less is steadier.</p>{}",
+        "<p>Mean over {} test scenes, each from its {}-spp endpoint, against I<sub>{}</sub>. Best in <b>bold</b>, \
+         second <u>underlined</u>, as printed. Small: 95% bootstrap interval over scenes ({} resamples). AUC is the \
+         mean of the curve over log NFE; TV its total variation per unit of log NFE, where less is steadier.</p>{}",
         evaluation.scenes,
         evaluation.from_spp,
         evaluation.reference_spp,
@@ -65,7 +68,7 @@ impl Names {
                 out,
                 r#"{}<td class="left">{}</td><td class="left zero">the input itself</td>{}"#,
                 if self.space { "<td></td>" } else { "" },
-                method_html("hold"),
+                method_html(HOLD),
                 if self.extra { "<td></td>" } else { "" }
             );
             return out;
@@ -137,7 +140,8 @@ fn gains(evaluation: &Evaluation, metric: &str) -> String {
     let rows = rows(evaluation, metric);
     let names = Names::of(&rows);
     let mut out = format!(
-        r#"<p class="note">Paired difference to the input itself, scene by scene; an interval above 0 is a gain.</p><div class="scroll"><table class="wide"><thead>{}"#,
+        "<p class=\"note\">Paired difference to the input itself, scene by scene; an interval above 0 is a gain.</p>\
+         <div class=\"scroll\"><table class=\"wide\"><thead>{}",
         names.head()
     );
     for nfe in &evaluation.nfe {

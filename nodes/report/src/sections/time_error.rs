@@ -5,25 +5,23 @@ mod tables;
 
 use crate::{
     page::{Section, tabs},
-    ranking::{colour, conditioning_name, method_name},
+    ranking::{colour, conditioning_name, method_name, solver},
     svg::{Plot, Scale},
     text::{compact, count, escape, fixed, plural},
 };
 pub use csv::{points as points_csv, scenes as scenes_csv, targets as targets_csv};
 use std::fmt::Write as _;
-use tauflow_data::time_error::{TimeError, TimedMethod, TimedPoint, TimedSummary, front};
-
-/// How the path tracer is called among methods.
-const RENDERING: &str = "path_tracer";
-/// Parameterizations: what is a solver.
-const SOLVERS: [&str; 4] = crate::ranking::METHODS;
+use tauflow_data::{
+    methods::{Conditioning, OIDN, PATH_TRACER},
+    records::{TimeError, TimedMethod, TimedPoint, TimedSummary, front},
+};
 
 /// Methods and their points, best first for each.
 type Lines<'a> = Vec<(&'a TimedMethod, Vec<&'a TimedPoint>)>;
 
 /// What a method is called, with what it sees.
 fn name(method: &TimedMethod) -> String {
-    if method.method == RENDERING {
+    if method.method == PATH_TRACER {
         return "Rendering alone".into();
     }
     let cell: Vec<String> = method.cell.iter().map(|(axis, value)| format!("{axis} {value}")).collect();
@@ -35,8 +33,8 @@ fn name(method: &TimedMethod) -> String {
 
 fn class(method: &TimedMethod) -> String {
     match method.method.as_str() {
-        RENDERING => "ink".into(),
-        other if other.starts_with(RENDERING) => "hold".into(),
+        PATH_TRACER => "ink".into(),
+        other if other.starts_with(PATH_TRACER) => "hold".into(),
         other => colour(other),
     }
 }
@@ -52,7 +50,7 @@ fn best_by_start(method: &TimedMethod) -> Vec<&TimedPoint> {
 }
 
 fn is_solver(method: &TimedMethod) -> bool {
-    SOLVERS.contains(&method.method.as_str())
+    solver(&method.method).is_some()
 }
 
 /// The solver that has the largest speed-up anywhere.
@@ -89,7 +87,8 @@ fn on_front(places: &[(f64, f64)]) -> Vec<(f64, f64)> {
     front(places).into_iter().map(|at| places[at]).collect()
 }
 
-/// Error against time of all methods: dots for what was measured, lines along each method's own front, dashed the front of all.
+/// Error against time of all methods. Dots are what was measured, lines each method's own front; the dashed line is
+/// the front of all.
 fn pareto(of: &TimeError, view: View) -> String {
     let places = |m: &TimedMethod| -> Vec<(f64, f64)> { m.points.iter().map(|p| (view.of)(&p.all)).collect() };
     let all: Vec<(f64, f64)> = of.methods.iter().flat_map(places).collect();
@@ -103,7 +102,8 @@ fn pareto(of: &TimeError, view: View) -> String {
         let places = places(method);
         let best = on_front(&places);
         // Two cells of one method have one colour: what sees a G-buffer is broken.
-        let line = if method.conditioning == "gbuffer" { format!("{class} broken") } else { class.clone() };
+        let line =
+            if method.conditioning == Conditioning::Gbuffer.name() { format!("{class} broken") } else { class.clone() };
         plot.line(best.iter().copied(), &line).dots(places, 2.2, &class).dots(best.iter().copied(), 3.6, &class);
         if let Some((_, last)) = best.last() {
             plot.end_label(*last, &class, &name(method));
@@ -119,8 +119,9 @@ fn names<'a>(methods: impl Iterator<Item = &'a TimedMethod>) -> String {
 
 /// Rendering alone, a denoiser if there is one, and the best solver: what is seen where there is room for few.
 fn chosen(of: &TimeError) -> Vec<&TimedMethod> {
-    let rendering = of.methods.iter().find(|m| m.method == RENDERING);
-    let denoiser = of.methods.iter().filter(|m| m.method == "oidn").max_by_key(|m| m.conditioning == "gbuffer");
+    let rendering = of.methods.iter().find(|m| m.method == PATH_TRACER);
+    let denoiser =
+        of.methods.iter().filter(|m| m.method == OIDN).max_by_key(|m| m.conditioning == Conditioning::Gbuffer.name());
     rendering.into_iter().chain(denoiser).chain(best_solver(of)).collect()
 }
 
@@ -193,8 +194,8 @@ fn by_stratum(of: &TimeError) -> String {
         .map(|m| format!("<span class=\"key {}\"></span>{} &nbsp; ", class(m), escape(&name(m))))
         .collect();
     let mut out = format!(
-        "<p class=\"note\">{keys}: each at its best numbers of calls. RMSE against seconds a scene, the same axes throughout.</p>\
-         <div class=\"grid4\">"
+        "<p class=\"note\">{keys}: each at its best numbers of calls. RMSE against seconds a scene, the same axes \
+         throughout.</p><div class=\"grid4\">"
     );
     for stratum in strata {
         let title = stratum.replacen('-', " ", 1);
@@ -213,10 +214,11 @@ fn by_stratum(of: &TimeError) -> String {
 /// The section.
 pub fn section(of: &TimeError) -> Section {
     let mut out = format!(
-        "<p>Times go from a scene's files to its image: rendering to the endpoint, the G-buffer where a method sees one, and the \
-         method. They are medians over {} on one machine; errors are against I<sub>{}</sub> of another stream of samples, its own \
-         noise taken off. Dots are what was measured, from each endpoint with each number of calls; a method's line goes along its own front (broken where it sees a G-buffer), and \
-         the dashed grey one along that of all: the points that nothing else is both faster and better than.</p>",
+        "<p>Times go from a scene's files to its image: rendering to the endpoint, the G-buffer where a method sees \
+         one, and the method. They are medians over {} on one machine; errors are against I<sub>{}</sub> of another \
+         stream of samples, its own noise taken off. Dots are what was measured, from each endpoint with each \
+         number of calls; a method's line goes along its own front (broken where it sees a G-buffer), and the \
+         dashed grey one along that of all: the points that nothing else is both faster and better than.</p>",
         plural(of.scenes, "scene"),
         count(of.reference_spp),
     );

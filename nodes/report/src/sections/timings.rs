@@ -8,7 +8,7 @@ use crate::{
     text::{count, escape, fixed},
 };
 use std::fmt::Write as _;
-use tauflow_data::results::TrainingTiming;
+use tauflow_data::records::TrainingTiming;
 
 /// The section; none without timings.
 pub fn section(timings: &[(Cell, TrainingTiming)]) -> Option<Section> {
@@ -26,9 +26,11 @@ pub fn section(timings: &[(Cell, TrainingTiming)]) -> Option<Section> {
         )
     });
     let mut out = String::from(
-        "<p class=\"note\">Measured on the machine that ran the pipeline, and different from run to run; nothing above depends on it. Steps are those of \
-         the last run where a training was resumed.</p><div class=\"scroll\"><table class=\"wide\"><thead><tr><th>Method</th><th class=\"left\">Conditioning</th><th>Steps</th>\
-         <th>Time (s)</th><th>Median step (ms)</th><th>Steps/s</th><th>Threads</th></tr></thead><tbody>",
+        "<p class=\"note\">Measured on the machine that ran the pipeline, and different from run to run; nothing \
+         above depends on it. Steps are those of the last run where a training was resumed.</p><div \
+         class=\"scroll\"><table class=\"wide\"><thead><tr><th>Method</th><th \
+         class=\"left\">Conditioning</th><th>Steps</th><th>Time (s)</th><th>Median step \
+         (ms)</th><th>Steps/s</th><th>Threads</th></tr></thead><tbody>",
     );
     let mut total = 0.0;
     for (cell, timing) in rows {
@@ -55,7 +57,8 @@ pub fn section(timings: &[(Cell, TrainingTiming)]) -> Option<Section> {
     }
     let _ = write!(
         out,
-        "<tr class=\"total\"><td>All</td><td></td><td></td><td>{}</td><td></td><td></td><td></td></tr></tbody></table></div>",
+        "<tr class=\"total\"><td>All</td><td></td><td></td><td>{}</td>\
+         <td></td><td></td><td></td></tr></tbody></table></div>",
         fixed(total, 1)
     );
     Some(Section { class: "measured", ..Section::new("timings", "Timings (measured)", out) })

@@ -1,18 +1,21 @@
 //! The rest of the material: losses, gate, split, sampling, bridge, timings.
 
-use super::{METHODS, NFE, cell_key, json_item, key};
+use super::{CONDITIONINGS, METHODS, NFE, cell_key, item};
 use std::collections::BTreeMap;
 use tauflow_contract::{Artifact, Collection, Context, MemoryBlobs, Silent};
 use tauflow_data::{
     Image, Stratum,
-    convergence::{AgainstLaw, Beside, Convergence, ConvergenceRow, SceneConvergence, SdeRow},
-    formats::{FILES, STATISTICS, VERDICT, Verdict},
     image_io::encode_png,
     maths::{exp, log2},
-    results::{Bridge, BridgeRow, BridgeSummary, Estimate, TrainingLog, TrainingPoint, TrainingTiming},
+    methods::{HOLD, LOCAL_STEP, OIDN, PATH_TRACER, Parameterization},
+    records::{
+        AgainstLaw, Beside, Bridge, BridgeFiles, BridgeRow, BridgeSummary, Convergence, ConvergenceRow, Estimate,
+        NearDuplicates, Quota, SamplingReport, SceneConvergence, SceneStatistics, SdeRow, Sides, SplitReport,
+        StratumQuota, TimeError, TimeTo, TimedMethod, TimedPoint, TimedScene, TimedSummary, TrainingLog, TrainingPoint,
+        TrainingTiming, Verdict, VersusRendering,
+    },
     rng::Stream,
-    statistics::SceneStatistics,
-    time_error::{TimeError, TimeTo, TimedMethod, TimedPoint, TimedScene, TimedSummary, VersusRendering},
+    scene::Side,
 };
 
 fn around(mean: f64, half: f64) -> Estimate {
@@ -20,13 +23,13 @@ fn around(mean: f64, half: f64) -> Estimate {
 }
 
 fn cells() -> impl Iterator<Item = (&'static str, &'static str)> {
-    ["rgb", "gbuffer"].into_iter().flat_map(|c| METHODS.into_iter().map(move |m| (m, c)))
+    CONDITIONINGS.into_iter().flat_map(|c| METHODS.into_iter().map(move |m| (m, c)))
 }
 
 fn losses(ctx: &Context<'_>) -> Collection {
     let log = |method: &str, conditioning: &str| {
         let mut stream = Stream::new(9, &[]).part(method).part(conditioning);
-        let floor = if conditioning == "gbuffer" { 0.11 } else { 0.14 };
+        let floor = if conditioning == CONDITIONINGS[1] { 0.11 } else { 0.14 };
         let point = |step: u64, stream: &mut Stream| {
             let loss = floor + 0.9 * exp(-(step as f64) / 220.0);
             TrainingPoint {
@@ -43,7 +46,7 @@ fn losses(ctx: &Context<'_>) -> Collection {
             conditioning: conditioning.into(),
             space: "linear".into(),
             preset: "tiny".into(),
-            weights: if conditioning == "gbuffer" { 118_211 } else { 117_347 },
+            weights: if conditioning == CONDITIONINGS[1] { 118_211 } else { 117_347 },
             steps: 1500,
             params: serde_json::Map::from_iter([
                 ("batch".to_owned(), 8.into()),
@@ -53,7 +56,7 @@ fn losses(ctx: &Context<'_>) -> Collection {
             points: (0..=30).map(|i| point(i * 50, &mut stream)).collect(),
         }
     };
-    cells().map(|(m, c)| json_item(ctx, &cell_key(m, c), &log(m, c))).collect()
+    cells().map(|(m, c)| item(ctx, &cell_key(m, c), &log(m, c))).collect()
 }
 
 fn timings(ctx: &Context<'_>) -> Collection {
@@ -63,7 +66,7 @@ fn timings(ctx: &Context<'_>) -> Collection {
         median_step_ms: 40.2 + 0.6 * i as f64,
         threads: 2,
     };
-    cells().enumerate().map(|(i, (m, c))| json_item(ctx, &format!("{}/timing", cell_key(m, c)), &timing(i))).collect()
+    cells().enumerate().map(|(i, (m, c))| item(ctx, &format!("{}/timing", cell_key(m, c)), &timing(i))).collect()
 }
 
 fn verdicts(ctx: &Context<'_>) -> Collection {
@@ -77,36 +80,38 @@ fn verdicts(ctx: &Context<'_>) -> Collection {
                 _ => &[],
             };
             let verdict = Verdict { reasons: reasons.iter().map(|r| (*r).into()).collect(), measures: BTreeMap::new() };
-            let digest = ctx.put_json(&verdict).expect("memory");
-            out.items.insert(stratum.item_key(i as u64), Artifact::blob(VERDICT, digest));
+            out.items.extend([item(ctx, stratum.item_key(i as u64).as_str(), &verdict)]);
         }
     }
     out
 }
 
-fn split() -> serde_json::Value {
-    let strata: BTreeMap<String, serde_json::Value> =
-        Stratum::all().map(|s| (s.to_string(), serde_json::json!({"train": 6, "test": 3}))).collect();
-    serde_json::json!({
-        "groups": 106, "quantum": 0.05, "sides": {"train": 72, "test": 36}, "strata": strata,
-        "leaks": [], "near_duplicates": [{"signature": "ab", "side": "train", "items": ["a", "b"]}], "dropped": []
-    })
+fn split() -> SplitReport {
+    let near = NearDuplicates { signature: "ab".into(), side: Side::Train, items: vec!["a".into(), "b".into()] };
+    SplitReport {
+        groups: 106,
+        quantum: 0.05,
+        sides: Sides { train: 72, test: 36 },
+        strata: Stratum::all().map(|s| (s.to_string(), Sides { train: 6, test: 3 })).collect(),
+        leaks: Vec::new(),
+        near_duplicates: vec![near],
+        dropped: Vec::new(),
+    }
 }
 
-fn sampling() -> serde_json::Value {
+fn sampling() -> SamplingReport {
     let side = |n: u64| {
-        let strata: BTreeMap<String, serde_json::Value> = Stratum::all()
-            .map(|s| (s.to_string(), serde_json::json!({"wanted": n, "available": n + 1, "chosen": n})))
-            .collect();
-        serde_json::json!({"wanted": 12 * n, "chosen": 12 * n, "equal": true, "strata": strata})
+        let quota = StratumQuota { wanted: n, available: n + 1, chosen: n };
+        let strata = Stratum::all().map(|s| (s.to_string(), quota)).collect();
+        Quota { wanted: 12 * n, chosen: 12 * n, equal: true, strata }
     };
-    serde_json::json!({"train": side(4), "test": side(2), "short": [], "notes": []})
+    SamplingReport { train: side(4), test: side(2), short: Vec::new(), notes: Vec::new() }
 }
 
-fn bridge(ctx: &Context<'_>) -> Artifact {
+fn bridge() -> BridgeFiles {
     let (mut rows, mut summary) = (Vec::new(), Vec::new());
     for (stop, ks) in [("adjacent", 1..=9u64), ("direct", 1..=8)] {
-        for (method, lead) in [("hold", 0.0), ("local_step", 0.8), ("mc_noise", 2.1)] {
+        for (method, lead) in [(HOLD, 0.0), (LOCAL_STEP, 0.8), (Parameterization::McNoise.name(), 2.1)] {
             let n = ks.clone().count() as f64;
             let mut sum = 0.0;
             for k in ks.clone() {
@@ -129,25 +134,21 @@ fn bridge(ctx: &Context<'_>) -> Artifact {
                 cases: 10 * n as u64,
                 psnr: around(sum / n, 0.9),
                 gain: around(lead * 0.6, 0.25),
-                better: if method == "hold" { 0.0 } else { 0.87 },
+                better: if method == HOLD { 0.0 } else { 0.87 },
             });
         }
     }
-    let table = Bridge { n_max: 256, scenes: 10, rows, summary, claims: Vec::new(), cases: Vec::new() };
-    let mut parts = vec![
-        ("bridge.json".to_owned(), ctx.put_json(&table).expect("memory")),
-        ("cases.csv".to_owned(), ctx.put(b"scene,stop\n").expect("memory")),
-    ];
+    let bridge = Bridge { n_max: 256, scenes: 10, rows, summary, claims: Vec::new(), cases: Vec::new() };
+    let mut maps = BTreeMap::new();
     for scene in ["L0-open-000003", "L3-enclosed-000011"] {
         for (i, stop) in ["adjacent-01", "adjacent-02", "adjacent-03", "direct-01"].into_iter().enumerate() {
             let mut stream = Stream::new(i as u64, &[]).part(scene);
             let mut image = Image::new(3 * 32 + 4, 2 * 32 + 2, 3);
             image.data_mut().iter_mut().for_each(|v| *v = stream.uniform() as f32);
-            let png = encode_png(&image).expect("3 channels");
-            parts.push((format!("maps/{scene}/{stop}.png"), ctx.put(&png).expect("memory")));
+            maps.insert(format!("{scene}/{stop}.png"), encode_png(&image).expect("3 channels"));
         }
     }
-    Artifact::tree(FILES, parts)
+    BridgeFiles { bridge, cases_csv: b"scene,stop\n".to_vec(), maps }
 }
 
 fn statistics(ctx: &Context<'_>) -> Collection {
@@ -168,8 +169,7 @@ fn statistics(ctx: &Context<'_>) -> Collection {
                 rejected: 0,
                 dropped: u64::from(i == 2),
             };
-            let artifact = Artifact::blob(STATISTICS, ctx.put_json(&of).expect("memory"));
-            (key(&format!("{stratum}-{i:06}")), artifact)
+            item(ctx, &format!("{stratum}-{i:06}"), &of)
         })
         .collect()
 }
@@ -245,9 +245,9 @@ fn time_error() -> TimeError {
         scenes: 24,
         resamples: 2000,
         methods: vec![
-            method("path_tracer", "rgb", rendering),
-            method("mc_noise", "gbuffer", solver),
-            method("oidn", "gbuffer", vec![point(1, 1, 0.02, 0.04)]),
+            method(PATH_TRACER, CONDITIONINGS[0], rendering),
+            method(Parameterization::McNoise.name(), CONDITIONINGS[1], solver),
+            method(OIDN, CONDITIONINGS[1], vec![point(1, 1, 0.02, 0.04)]),
         ],
         notes: vec!["other: there is no library <here>".into()],
     }
@@ -365,17 +365,17 @@ pub fn all(blobs: &MemoryBlobs, size: usize) -> BTreeMap<&'static str, Collectio
     assert_eq!(evaluation.nfe, NFE);
     let one = |item: (tauflow_contract::ItemKey, Artifact)| [item].into_iter().collect::<Collection>();
     BTreeMap::from([
-        ("evaluation", one(json_item(&ctx, "evaluation", &evaluation))),
+        ("evaluation", one(item(&ctx, "evaluation", &evaluation))),
         ("references", pictures.references),
         ("refined", pictures.refined),
         ("losses", losses(&ctx)),
         ("timings", timings(&ctx)),
         ("verdicts", verdicts(&ctx)),
-        ("split", one(json_item(&ctx, "report", &split()))),
-        ("sampling", one(json_item(&ctx, "report", &sampling()))),
-        ("bridge", one((key("bridge"), bridge(&ctx)))),
-        ("convergence", one(json_item(&ctx, "convergence", &convergence()))),
-        ("time_error", one(json_item(&ctx, "time_error", &time_error()))),
+        ("split", one(item(&ctx, "report", &split()))),
+        ("sampling", one(item(&ctx, "report", &sampling()))),
+        ("bridge", one(item(&ctx, "bridge", &bridge()))),
+        ("convergence", one(item(&ctx, "convergence", &convergence()))),
+        ("time_error", one(item(&ctx, "time_error", &time_error()))),
         ("statistics", statistics(&ctx)),
     ])
 }

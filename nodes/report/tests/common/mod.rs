@@ -3,22 +3,31 @@
 pub mod extras;
 
 use std::collections::BTreeMap;
-use tauflow_contract::{Action, Artifact, Collection, Context, ItemKey, Kind, KindError, MemoryBlobs, Outputs, Silent};
+use tauflow_contract::{
+    Action, Artifact, Collection, Context, Files, Handle, ItemKey, Kind, KindError, Media, MemoryBlobs, Outputs, Silent,
+};
 use tauflow_data::{
     Image, Stratum,
-    formats::{JSON, PACKED, PackedScene, REFINED, Refined, RefinedImage, refined_part},
     image::preview,
     maths::{cosf, exp, log10, sinf},
-    results::{
-        Claim, Estimate, Evaluation, Evidence, METRICS, MethodTable, Metrics, NfeTable, SceneRow, Score, Verdict,
-        Versus,
+    methods::{Conditioning, HOLD, OIDN, Parameterization},
+    records::{
+        Claim, ClaimVerdict, Estimate, Evaluation, Evidence, METRICS, MethodTable, Metrics, NfeTable, PackedScene,
+        Refined, RefinedImage, SceneRow, Score, Versus,
     },
     rng::Stream,
 };
 use tauflow_report::{Report, ReportParams};
 
 pub const NFE: [u64; 5] = [1, 2, 9, 20, 50];
-pub const METHODS: [&str; 4] = ["vanilla_rf", "local_velocity", "mc_velocity", "mc_noise"];
+
+pub const METHODS: [&str; 4] = [
+    Parameterization::ALL[0].name(),
+    Parameterization::ALL[1].name(),
+    Parameterization::ALL[2].name(),
+    Parameterization::ALL[3].name(),
+];
+pub const CONDITIONINGS: [&str; 2] = [Conditioning::Rgb.name(), Conditioning::Gbuffer.name()];
 pub const LAST: u64 = 256;
 
 pub fn key(text: &str) -> ItemKey {
@@ -123,23 +132,21 @@ pub fn pictures(ctx: &Context<'_>, size: usize) -> Result<Pictures, KindError> {
             cell,
             score: Score { method: method.into(), from_spp: 1, to_spp: LAST, nfe, metrics: metrics(image, &reference) },
         };
-        rows.push(row(BTreeMap::new(), "hold", 0, &states[0]));
-        for conditioning in ["rgb", "gbuffer"] {
+        rows.push(row(BTreeMap::new(), HOLD, 0, &states[0]));
+        for conditioning in CONDITIONINGS {
             for method in METHODS {
-                let (mut parts, mut said) = (Vec::new(), Vec::new());
-                for (i, nfe) in NFE.into_iter().enumerate() {
+                let mut images = Vec::new();
+                for nfe in NFE {
                     let image = noisy(&truth, left(method, conditioning, nfe, regime), &mut stream);
                     rows.push(row(cell(method, conditioning), method, nfe, &image));
-                    parts.push((refined_part(i), ctx.put(&image.to_bytes())?));
-                    said.push(RefinedImage { method: method.into(), from_spp: 1, to_spp: LAST, nfe });
+                    images.push((RefinedImage { method: method.into(), from_spp: 1, to_spp: LAST, nfe }, image));
                 }
-                parts.push(("meta.json".into(), ctx.put_json(&Refined { images: said, note: None })?));
-                let item = format!("{}/{name}", cell_key(method, conditioning));
-                refined.items.insert(key(&item), Artifact::tree(REFINED, parts));
+                let own = format!("{}/{name}", cell_key(method, conditioning));
+                refined.items.extend([item(ctx, &own, &Refined { images, note: None })]);
             }
         }
         let packed = PackedScene { counts, states, gbuffer: None };
-        references.items.insert(key(&name), Artifact::blob(PACKED, ctx.put(&packed.to_bytes()?)?));
+        references.items.extend([item(ctx, &name, &packed)]);
     }
     Ok(Pictures { references, refined, rows })
 }
@@ -169,9 +176,9 @@ fn claims() -> Vec<Claim> {
         vec![evidence("AUC over vanilla_rf", "hdr_psnr", by), evidence("AUC over mc_velocity", "hdr_psnr", 0.7)]
     };
     vec![
-        claim("MC noise has the best AUC", "rgb", Verdict::Held, best(0.31)),
-        claim("MC noise has the best AUC", "gbuffer", Verdict::Undecided, best(0.05)),
-        claim("HDR MAE grows", "rgb", Verdict::NotHeld, vec![evidence("NFE 50 over NFE 1", "hdr_mae", -0.25)]),
+        claim("MC noise has the best AUC", "rgb", ClaimVerdict::Held, best(0.31)),
+        claim("MC noise has the best AUC", "gbuffer", ClaimVerdict::Undecided, best(0.05)),
+        claim("HDR MAE grows", "rgb", ClaimVerdict::NotHeld, vec![evidence("NFE 50 over NFE 1", "hdr_mae", -0.25)]),
     ]
 }
 
@@ -184,7 +191,7 @@ pub fn evaluation(per_scene: Vec<SceneRow>) -> Evaluation {
     let none = BTreeMap::new();
     let by = |f: &dyn Fn(&str) -> Estimate| METRICS.iter().map(|m| ((*m).to_owned(), f(m))).collect::<BTreeMap<_, _>>();
     let mut methods = Vec::new();
-    for conditioning in ["rgb", "gbuffer"] {
+    for conditioning in CONDITIONINGS {
         for method in METHODS {
             let cell = cell(method, conditioning);
             let at: Vec<NfeTable> = NFE
@@ -228,20 +235,22 @@ pub fn evaluation(per_scene: Vec<SceneRow>) -> Evaluation {
     }
     // Something like the last method, but made in one go.
     let like = methods[methods.len() - 1].clone();
-    let oidn =
-        BTreeMap::from([("method".to_owned(), "oidn".to_owned()), ("conditioning".to_owned(), "gbuffer".to_owned())]);
+    let oidn = BTreeMap::from([
+        ("method".to_owned(), OIDN.to_owned()),
+        ("conditioning".to_owned(), CONDITIONINGS[1].to_owned()),
+    ]);
     let versus = |table: &MethodTable| Versus {
         cell: table.cell.clone(),
         nfe: 1,
         baseline: oidn.clone(),
-        method: "oidn".into(),
+        method: OIDN.into(),
         gain: by(&|m| estimate(&[if m.ends_with("_mae") { -0.1 } else { 0.1 }, 0.0, 0.05])),
         better: METRICS.iter().map(|m| ((*m).to_owned(), 0.625)).collect(),
     };
     Evaluation {
         versus: methods.iter().map(versus).collect(),
         baselines: vec![MethodTable {
-            method: "oidn".into(),
+            method: OIDN.into(),
             cell: oidn.clone(),
             at: like.at[..1].to_vec(),
             auc: BTreeMap::new(),
@@ -261,9 +270,9 @@ pub fn evaluation(per_scene: Vec<SceneRow>) -> Evaluation {
     }
 }
 
-/// One JSON item under a key.
-pub fn json_item<T: serde::Serialize>(ctx: &Context<'_>, name: &str, value: &T) -> (ItemKey, Artifact) {
-    (key(name), Artifact::blob(JSON, ctx.put_json(value).expect("memory")))
+/// A stored item under a key.
+pub fn item<M: Media>(ctx: &Context<'_>, name: &str, value: &M) -> (ItemKey, Artifact) {
+    (key(name), value.store(ctx).expect("memory").into_artifact())
 }
 
 /// Runs the kind on these inputs.
@@ -274,9 +283,9 @@ pub fn run(
 ) -> Result<BTreeMap<String, Vec<u8>>, KindError> {
     let cancel = std::sync::atomic::AtomicBool::new(false);
     let ctx = Context::new(blobs, &Silent, &cancel);
-    let whole = inputs.iter().map(|(port, collection)| (*port, collection)).collect();
-    let action = Action { params, item: None, group: "main", seed: 0, each: BTreeMap::new(), whole };
+    let all = inputs.iter().map(|(port, collection)| (*port, collection)).collect();
+    let action = Action { params, item: None, group: "main", seed: 0, each: BTreeMap::new(), all };
     let outputs: Outputs = Report::run(&ctx, &action)?;
-    let artifact = outputs.collections["report"].get("report").expect("one item").clone();
-    artifact.parts.iter().map(|(name, digest)| Ok((name.clone(), ctx.get(digest)?))).collect()
+    let artifact = outputs.collections["report"].get("report").expect("one item");
+    Ok(Handle::<Files>::new(artifact)?.load(&ctx)?.0)
 }

@@ -3,7 +3,7 @@
 //! Knows nothing of what the picture is for.
 
 use super::{
-    hdr::MOST_TEXELS,
+    bounds,
     refusal::{Refusal, damaged},
 };
 use exr::{
@@ -12,9 +12,6 @@ use exr::{
 };
 use std::io::Cursor;
 use tauflow_data::Image;
-
-/// What a header may ask for is bound by what the file holds: the best compression of one colour says about as much.
-const MOST_TEXELS_PER_BYTE: usize = 1024;
 
 /// Reads a picture; linear RGB over its display window, row 0 on top, black outside its data window.
 ///
@@ -29,28 +26,14 @@ pub fn read(bytes: &[u8]) -> Result<Image, Refusal> {
     };
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(failed)?;
     for header in &meta.headers {
-        let (size, window) = (header.layer_size, header.shared_attributes.display_window.size);
-        for s in [size, window] {
-            if s.width().checked_mul(s.height()).is_none_or(|n| n == 0 || n > MOST_TEXELS) {
-                return Err(Refusal::new(
-                    "header",
-                    format!("{} x {} texels", s.width(), s.height()),
-                    "use a picture of 1 to 2^26 texels",
-                ));
-            }
-        }
         if header.deep {
             return Err(Refusal::new("header", "deep data", "flatten the picture"));
         }
-        if size.width() * size.height() > bytes.len().saturating_mul(MOST_TEXELS_PER_BYTE) {
-            let what = format!("{} bytes for {} x {} texels", bytes.len(), size.width(), size.height());
-            return Err(damaged("header", what));
-        }
         // What is outside of the data is black, and takes as much room.
-        if window.width() * window.height() > bytes.len().saturating_mul(MOST_TEXELS_PER_BYTE) {
-            let what = format!("{} bytes in a window of {} x {} texels", bytes.len(), window.width(), window.height());
-            return Err(Refusal::new("header", what, "crop the display window to the data"));
-        }
+        let (size, window) = (header.layer_size, header.shared_attributes.display_window.size);
+        bounds::texels("display window", window.width(), window.height(), bytes.len())?;
+        let texels = bounds::texels("data window", size.width(), size.height(), bytes.len())?;
+        bounds::channels("channels", header.channels.list.len(), texels, bytes.len())?;
     }
     let picture = exr_read()
         .no_deep_data()

@@ -1,10 +1,14 @@
 //! Finds asset files: folders, paths and patterns, relative to the working directory. Knows nothing of what is in them,
 //! but for the external files that a `.gltf` names.
 
-use super::gltf::{relative_path, uris};
+use super::{
+    gltf::{relative_path, uris},
+    refusal::Refusal,
+};
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet, VecDeque},
     fs, io,
+    os::unix::fs::MetadataExt,
     path::{Component, Path, PathBuf},
 };
 use tauflow_contract::{ItemKey, KindError, SourceItem};
@@ -15,8 +19,8 @@ pub const MAIN: &str = "file";
 /// Endings of the files that folders are searched for.
 const ENDINGS: [&str; 4] = ["hdr", "exr", "glb", "gltf"];
 
-/// Deepest folder below one that is named.
-const DEEPEST: usize = 16;
+/// Longest key that is made: cells of a matrix need some of the 200 letters that a key may have.
+const LONGEST: usize = 180;
 
 /// Part name of the `number`-th external file.
 pub fn external(number: usize) -> String {
@@ -42,33 +46,74 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>, KindError> {
     Ok(out)
 }
 
-fn search(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) -> Result<(), KindError> {
-    if depth > DEEPEST {
-        return Ok(());
+/// Folders that were seen, however many links lead to them.
+#[derive(Default)]
+struct Seen(BTreeSet<(u64, u64)>);
+
+impl Seen {
+    /// True if this is a folder that was not seen before.
+    fn first(&mut self, folder: &fs::Metadata) -> bool {
+        self.0.insert((folder.dev(), folder.ino()))
     }
-    for path in entries(folder)? {
-        let hidden = path.file_name().is_some_and(|n| n.to_string_lossy().starts_with('.'));
-        if hidden {
+}
+
+/// The files of the right endings in folders and those below, each folder once. Links to folders come last, so that a
+/// folder is found by its own name where it has one in here.
+fn search(folders: &[String]) -> Result<Vec<PathBuf>, KindError> {
+    let (mut found, mut seen) = (Vec::new(), Seen::default());
+    let mut own: VecDeque<PathBuf> = folders.iter().map(PathBuf::from).collect();
+    let mut links = VecDeque::new();
+    while let Some(folder) = own.pop_front().or_else(|| links.pop_front()) {
+        if !seen.first(&fs::metadata(&folder).map_err(|e| failed(&folder, &e))?) {
             continue;
         }
-        if path.is_dir() {
-            search(&path, depth + 1, found)?;
-        } else if ENDINGS.contains(&ending(&path.to_string_lossy()).as_str()) {
-            found.push(path);
+        for path in entries(&folder)? {
+            if path.file_name().is_some_and(|n| n.to_string_lossy().starts_with('.')) {
+                continue;
+            }
+            if path.is_dir() {
+                if path.is_symlink() { links.push_back(path) } else { own.push_back(path) }
+            } else if ENDINGS.contains(&ending(&path.to_string_lossy()).as_str()) {
+                found.push(path);
+            }
         }
     }
-    Ok(())
+    Ok(found)
 }
 
 /// True if `name` fits a pattern of `*` (any letters) and `?` (any letter).
+///
+/// Where a letter does not fit, the last `*` takes one more: earlier ones need not be tried again.
 fn fits(pattern: &[char], name: &[char]) -> bool {
-    match (pattern.first(), name.first()) {
-        (None, None) => true,
-        (Some('*'), _) => fits(&pattern[1..], name) || (!name.is_empty() && fits(pattern, &name[1..])),
-        (Some('?'), Some(_)) => fits(&pattern[1..], &name[1..]),
-        (Some(p), Some(n)) => p == n && fits(&pattern[1..], &name[1..]),
-        _ => false,
+    let (mut p, mut n) = (0, 0);
+    // What follows the last `*`, and the letters up to the end of what it takes.
+    let mut star: Option<(usize, usize)> = None;
+    while n < name.len() {
+        match (pattern.get(p), star) {
+            (Some('*'), _) => {
+                p += 1;
+                star = Some((p, n));
+            }
+            (Some(letter), _) if *letter == '?' || *letter == name[n] => {
+                p += 1;
+                n += 1;
+            }
+            (_, Some((after, taken))) => {
+                (p, n) = (after, taken + 1);
+                star = Some((after, n));
+            }
+            (_, None) => return false,
+        }
     }
+    pattern[p..].iter().all(|letter| *letter == '*')
+}
+
+/// `paths` with each folder once: by its own name where it has one, not by that of a link.
+fn each_once(paths: Vec<PathBuf>) -> Vec<PathBuf> {
+    let (links, own): (Vec<PathBuf>, Vec<PathBuf>) = paths.into_iter().partition(|path| path.is_symlink());
+    let mut seen = Seen::default();
+    let first = |path: &PathBuf| fs::metadata(path).map_or(true, |m| !m.is_dir() || seen.first(&m));
+    own.into_iter().chain(links).filter(first).collect()
 }
 
 /// Every path that fits a pattern, part by part.
@@ -94,7 +139,7 @@ fn expand(pattern: &str) -> Result<Vec<PathBuf>, KindError> {
                 }
             }
         }
-        paths = next;
+        paths = each_once(next);
     }
     Ok(paths)
 }
@@ -109,40 +154,54 @@ fn ascii(text: &str) -> String {
     if plain.trim_matches('.').is_empty() { format!("_{plain}") } else { plain }
 }
 
-/// The external files that a file names and that are there.
-fn externals(path: &Path) -> Result<Vec<(String, PathBuf)>, KindError> {
+/// Whether a path leads to something that is no regular file, or to nothing. What cannot be looked at is not known to
+/// be such: whoever reads it will say why.
+fn is_refused(path: &Path) -> bool {
+    match fs::metadata(path) {
+        Ok(metadata) => !metadata.is_file(),
+        Err(error) => error.kind() != io::ErrorKind::PermissionDenied,
+    }
+}
+
+/// Why an item without files is refused. Nothing else of it is known to its action, so it is always the same.
+pub fn refusal() -> Refusal {
+    Refusal::new(
+        "file",
+        "no regular file, but a link that leads nowhere, a FIFO, a socket or a device",
+        "put a file in its place, or take it away",
+    )
+}
+
+/// The external files that a file names and that are there; none if it cannot be read, which its import will tell.
+fn externals(path: &Path) -> Vec<(String, PathBuf)> {
     let ending = ending(&path.to_string_lossy());
     if ending != "gltf" && ending != "glb" {
-        return Ok(Vec::new());
+        return Vec::new();
     }
-    let bytes = fs::read(path).map_err(|e| {
-        KindError::Environment(format!("cannot read `{}`: {e}; mend it or take it away", path.display()))
-    })?;
+    let Ok(bytes) = fs::read(path) else { return Vec::new() };
     let folder = path.parent().unwrap_or(Path::new(""));
     let named = uris(&bytes).into_iter().enumerate();
     let there = named.filter_map(|(number, uri)| {
         let file = folder.join(relative_path(&uri)?);
         file.is_file().then(|| (external(number), file))
     });
-    Ok(there.collect())
+    there.collect()
 }
 
-/// The items of the files that `folders` hold and `patterns` fit.
+/// The items of the files that `folders` hold and `patterns` fit. What is no regular file is an item without files.
 ///
 /// # Errors
 /// If a folder or file is not there, or none is found.
 pub fn items(folders: &[String], patterns: &[String]) -> Result<Vec<SourceItem>, KindError> {
-    let mut found = Vec::new();
-    for folder in folders {
-        if !Path::new(folder).is_dir() {
-            return Err(KindError::Input(format!(
-                "assets: `{folder}` is no folder here; name one, e.g. --set 'assets.folders=[path/to/assets]'"
-            )));
-        }
-        search(Path::new(folder), 0, &mut found)?;
+    if let Some(folder) = folders.iter().find(|folder| !Path::new(folder).is_dir()) {
+        return Err(KindError::Input(format!(
+            "assets: `{folder}` is no folder here; name one, e.g. --set 'assets.folders=[path/to/assets]'"
+        )));
     }
+    let mut found = search(folders)?;
     for pattern in patterns {
-        let paths: Vec<PathBuf> = expand(pattern)?.into_iter().filter(|p| p.is_file()).collect();
+        let there = |path: &PathBuf| path.symlink_metadata().is_ok() && !path.is_dir();
+        let paths: Vec<PathBuf> = expand(pattern)?.into_iter().filter(there).collect();
         if paths.is_empty() {
             return Err(KindError::Input(format!("assets: no file fits `{pattern}`; mend the path")));
         }
@@ -156,33 +215,40 @@ pub fn items(folders: &[String], patterns: &[String]) -> Result<Vec<SourceItem>,
             folders.join("`, `")
         )));
     }
-    named(found)?
-        .into_iter()
-        .map(|(key, path)| {
-            let mut files = vec![(MAIN.to_owned(), path.clone())];
-            files.extend(externals(&path)?);
-            Ok(SourceItem { key, files })
-        })
-        .collect()
+    let item = |(key, path): (ItemKey, PathBuf)| {
+        let mut files = Vec::new();
+        if !is_refused(&path) {
+            files.extend(externals(&path));
+            files.insert(0, (MAIN.to_owned(), path));
+        }
+        SourceItem { key, files }
+    };
+    Ok(named(found)?.into_iter().map(item).collect())
 }
 
-/// A key for each path: its file name; that with its folder's before it where two are the same; then numbered.
+/// A key for each path: its file name; that with its folder's before it where several have it; then numbered. A name
+/// that one file alone has is its key, whatever the others are called.
 fn named(paths: Vec<PathBuf>) -> Result<Vec<(ItemKey, PathBuf)>, KindError> {
     let text =
         |part: Option<&std::ffi::OsStr>| ascii(&part.map_or(String::new(), |p| p.to_string_lossy().into_owned()));
     let mut counts: BTreeMap<String, usize> = BTreeMap::new();
     paths.iter().for_each(|p| *counts.entry(text(p.file_name())).or_default() += 1);
-    let mut taken: BTreeMap<String, usize> = BTreeMap::new();
+    let mut taken: BTreeSet<String> = counts.iter().filter(|(_, n)| **n == 1).map(|(name, _)| name.clone()).collect();
+    let mut numbers: BTreeMap<String, usize> = BTreeMap::new();
     let mut out = Vec::with_capacity(paths.len());
     for path in paths {
         let mut name = text(path.file_name());
         if counts.get(&name).is_some_and(|n| *n > 1) {
-            name = format!("{}-{name}", text(path.parent().and_then(Path::file_name)));
-        }
-        let number = taken.entry(name.clone()).or_default();
-        *number += 1;
-        if *number > 1 {
-            name = format!("{}-{name}", *number);
+            let long = format!("{}-{name}", text(path.parent().and_then(Path::file_name)));
+            let long = &long[long.len().saturating_sub(LONGEST)..];
+            let number = numbers.entry(long.to_owned()).or_default();
+            name = loop {
+                *number += 1;
+                let name = if *number > 1 { format!("{number}-{long}") } else { long.to_owned() };
+                if taken.insert(name.clone()) {
+                    break name;
+                }
+            };
         }
         let key = ItemKey::new(name).map_err(|e| KindError::Input(format!("assets: `{}`: {e}", path.display())))?;
         out.push((key, path));
@@ -203,6 +269,33 @@ mod tests {
         let paths = ["a/x.glb", "b/x.glb", "b/y.glb", "c/b/x.glb"].map(PathBuf::from).to_vec();
         let keys: Vec<String> = named(paths).expect("fine").into_iter().map(|(k, _)| k.to_string()).collect();
         assert_eq!(keys, ["a-x.glb", "b-x.glb", "y.glb", "2-b-x.glb"]);
+    }
+
+    #[test]
+    fn names_that_meet_are_told_apart() {
+        let keys = |paths: &[&str]| -> Vec<String> {
+            let named = named(paths.iter().map(PathBuf::from).collect()).expect("keys for all");
+            named.into_iter().map(|(key, _)| key.to_string()).collect()
+        };
+        // A file that is called as another would be keeps its name.
+        assert_eq!(keys(&["2-b-x.hdr", "b/x.hdr", "c/b/x.hdr"]), ["2-b-x.hdr", "b-x.hdr", "3-b-x.hdr"]);
+        assert_eq!(keys(&["a-x.hdr", "a/x.hdr", "b/x.hdr"]), ["a-x.hdr", "2-a-x.hdr", "b-x.hdr"]);
+        // Names of names: each of them would be called as the next.
+        let paths = ["2-b-x.hdr", "a/2-b-x.hdr", "b/x.hdr", "c/b/x.hdr", "d/b/x.hdr"];
+        let found = keys(&paths);
+        assert_eq!(found.iter().collect::<BTreeSet<_>>().len(), paths.len(), "{found:?}");
+        let long = "x".repeat(300);
+        let paths = [format!("{long}a/{long}.hdr"), format!("{long}b/{long}.hdr"), format!("{long}b/y{long}.hdr")];
+        let found = keys(&[&paths[0], &paths[1], &paths[2]]);
+        assert_eq!(found.iter().collect::<BTreeSet<_>>().len(), 3, "{found:?}");
+    }
+
+    #[test]
+    fn patterns_of_many_stars_are_quick() {
+        let letters = |text: &str| text.chars().collect::<Vec<_>>();
+        let pattern = letters(&"*a".repeat(30));
+        assert!(!fits(&pattern, &letters(&format!("{}b", "a".repeat(200)))));
+        assert!(fits(&pattern, &letters(&"a".repeat(200))));
     }
 
     #[test]

@@ -4,11 +4,11 @@
 //! `(r, g, b) 2^(e - 136)`, as most renderers read it (Radiance itself adds half a step), and black for e = 0.
 //! Knows nothing of what the picture is for.
 
-use super::refusal::{Refusal, damaged};
+use super::{
+    bounds,
+    refusal::{Refusal, damaged},
+};
 use tauflow_data::Image;
-
-/// Most texels that a picture may have.
-pub const MOST_TEXELS: usize = 1 << 26;
 
 /// What the header says.
 struct Header {
@@ -16,6 +16,8 @@ struct Header {
     length: usize,
     /// Divides the texels.
     exposure: f64,
+    /// The line of the resolution, for errors.
+    place: String,
     /// Number of scanlines and texels in each.
     lines: usize,
     across: usize,
@@ -51,14 +53,8 @@ impl Layout {
 pub fn read(bytes: &[u8]) -> Result<Image, Refusal> {
     let header = header(bytes)?;
     let (width, height) = header.layout.size(&header);
-    let texels = width.checked_mul(height).filter(|n| *n > 0 && *n <= MOST_TEXELS).ok_or_else(|| {
-        Refusal::new("resolution", format!("{width} x {height} texels"), "use a picture of 1 to 2^26 texels")
-    })?;
+    bounds::texels(&header.place, width, height, bytes.len())?;
     let body = &bytes[header.length..];
-    // New runs hold 16 texels in a byte, old ones a few thousand; a few bytes do not fill a large picture.
-    if body.len().saturating_mul(4096) < texels {
-        return Err(damaged("texels", format!("{} bytes for {width} x {height} texels", body.len())));
-    }
     let mut image = Image::new(width, height, 3);
     let mut scan = vec![[0u8; 4]; header.across];
     let mut reader = Reader { bytes: body, at: 0 };
@@ -132,8 +128,8 @@ fn header(bytes: &[u8]) -> Result<Header, Refusal> {
     let text = line(number)?.to_owned();
     let place = format!("header line {number}");
     let (lines, across, layout) = resolution(&text)
-        .ok_or_else(|| damaged(place, format!("`{text}` is no resolution such as `-Y 512 +X 1024`")))?;
-    Ok(Header { length: at, exposure, lines, across, layout })
+        .ok_or_else(|| damaged(&place, format!("`{text}` is no resolution such as `-Y 512 +X 1024`")))?;
+    Ok(Header { length: at, exposure, place, lines, across, layout })
 }
 
 fn resolution(text: &str) -> Option<(usize, usize, Layout)> {

@@ -1,7 +1,7 @@
 #![doc = include_str!("../assets.md")]
 
-pub mod asset;
 mod blobs;
+mod bounds;
 mod environment;
 mod exr_file;
 mod files;
@@ -9,16 +9,20 @@ mod gltf;
 mod hdr;
 mod refusal;
 
-use asset::{Asset, Body, Report};
 use blobs::BlobSet;
 use refusal::Refusal;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tauflow_contract::{
-    Action, Artifact, Context, ItemKey, Kind, KindError, KindSpec, Mode, OutputPort, Outputs, ParamProblem, SourceItem,
+    Action, Context, FILE_PORT, Files, Group, ItemKey, Kind, KindError, KindSpec, Media, Mode, Out, Outputs,
+    ParamProblem, SourceItem,
 };
-use tauflow_data::formats::{ASSET, JSON};
+use tauflow_data::records::{Asset, AssetBody, AssetReport};
+
+const MAIN: Group = Group::main(3);
+const ASSETS: Out<Asset> = Out::new(MAIN, "assets", "Decoded files; refused ones are left out.").filtering();
+const REPORTS: Out<AssetReport> = Out::new(MAIN, "reports", "What became of each file.");
 
 /// The kind `assets`.
 pub struct Assets;
@@ -34,7 +38,7 @@ pub struct AssetsParams {
     /// Most texels along a side of an object's textures; larger ones are reduced.
     #[schemars(range(min = 1, max = 16384))]
     pub max_texture: u32,
-    /// The item's name: handed to its action, not to be set.
+    /// The item's name: handed to its action. The schema does not have it, so that nobody sets it.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(skip)]
     pub name: Option<String>,
@@ -58,8 +62,8 @@ fn decode(
     externals: &gltf::Externals,
     max_texture: u32,
     blobs: &mut BlobSet,
-    report: &mut Report,
-) -> Result<Body, Refusal> {
+    report: &mut AssetReport,
+) -> Result<AssetBody, Refusal> {
     let picture = match files::ending(name).as_str() {
         "hdr" => hdr::read(bytes)?,
         "exr" => exr_file::read(bytes)?,
@@ -75,7 +79,7 @@ fn decode(
     let (image, light) = environment::finish(picture, report)?;
     let size = [image.width(), image.height()];
     let image = blobs.add(image.to_bytes());
-    Ok(Body::Hdri { image, size, mean: light.mean, top_share: light.top_share })
+    Ok(AssetBody::Hdri { image, size, mean: light.mean, top_share: light.top_share })
 }
 
 impl Kind for Assets {
@@ -84,33 +88,20 @@ impl Kind for Assets {
     fn spec() -> KindSpec {
         KindSpec {
             name: "assets",
-            version: 3,
-            summary: "Decodes HDRIs and glTF objects, each with a report of what was repaired or why it is refused",
+            summary: "Decodes HDRIs and glTF objects, each with a report of what was repaired or why it is refused.",
             manual: include_str!("../assets.md"),
             mode: Mode::Source,
             inputs: &[],
-            outputs: const {
-                &[
-                    OutputPort::new("assets", ASSET, "decoded files; refused ones are left out").filtering(),
-                    OutputPort::new("reports", JSON, "what became of each file"),
-                ]
-            },
+            outputs: const { &[ASSETS.port(), REPORTS.port()] },
             seeded: false,
         }
     }
 
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
-        let mut out = Vec::new();
         if params.folders.is_empty() && params.files.is_empty() {
-            out.push(ParamProblem::new("", "neither `folders` nor `files` is given", "name where the assets are"));
+            return vec![ParamProblem::new("", "neither `folders` nor `files` is given", "name where the assets are")];
         }
-        if params.max_texture == 0 {
-            out.push(ParamProblem::new("/max_texture", "textures of 0 texels", "1 to 16384"));
-        }
-        if params.name.is_some() {
-            out.push(ParamProblem::new("/name", "`name` is not to be set", "leave it out"));
-        }
-        out
+        Vec::new()
     }
 
     fn items(params: &Self::Params) -> Result<Vec<SourceItem>, KindError> {
@@ -132,30 +123,36 @@ impl Kind for Assets {
             Some(name) => name.clone(),
             None => action.item()?.to_string(),
         };
-        let file = action.each("file")?;
-        let bytes = ctx.part(file, files::MAIN)?;
+        let mut report = AssetReport { name: name.clone(), ..AssetReport::default() };
+        if !action.each.contains_key(FILE_PORT) {
+            report.reason = Some(files::refusal().line(&name));
+            return Ok(Outputs::default().put(REPORTS, report.store(ctx)?));
+        }
+        let Files(mut files) = action.files()?.load(ctx)?;
+        let missing = || KindError::Internal(format!("the item names no part `{}`", files::MAIN));
+        let bytes = files.remove(files::MAIN).ok_or_else(missing)?;
         let mut externals = gltf::Externals::new();
         if !is_map(&name) {
             for (number, uri) in gltf::uris(&bytes).into_iter().enumerate() {
-                if let Some(digest) = file.part(&files::external(number)) {
-                    externals.insert(uri, ctx.get(&digest)?);
+                if let Some(bytes) = files.remove(&files::external(number)) {
+                    externals.insert(uri, bytes);
                 }
             }
         }
-        let mut report = Report { name: name.clone(), ..Report::default() };
         let mut blobs = BlobSet::default();
         let made = decode(&name, &bytes, &externals, action.params.max_texture, &mut blobs, &mut report);
         let mut outputs = Outputs::default();
         match made {
             Ok(body) => {
                 report.accepted = true;
-                report.sort = Some(if matches!(body, Body::Hdri { .. }) { "environment" } else { "object" }.to_owned());
+                report.sort =
+                    Some(if matches!(body, AssetBody::Hdri { .. }) { "environment" } else { "object" }.to_owned());
                 let asset = Asset { name, body };
                 blobs.store(ctx, &asset.blobs())?;
-                outputs = outputs.item("assets", asset.store(ctx)?);
+                outputs = outputs.put(ASSETS, asset.store(ctx)?);
             }
             Err(refusal) => report.reason = Some(refusal.line(&name)),
         }
-        Ok(outputs.item("reports", Artifact::blob(JSON, ctx.put_json(&report)?)))
+        Ok(outputs.put(REPORTS, report.store(ctx)?))
     }
 }

@@ -1,10 +1,10 @@
 //! Pool, split and sampling together, at the size of the quickstart.
 
-use crate::support::{act, json, kind, source};
+use crate::support::{act, kind, load, source};
 use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet};
 use tauflow_contract::{Collection, KindError, MemoryBlobs, Outputs};
-use tauflow_data::{Stratum, scene::Recipe};
+use tauflow_data::{Stratum, records::SceneRecord, scene::Recipe};
 use tauflow_scene::check_leaks;
 
 /// Runs a gather.
@@ -58,7 +58,7 @@ fn a_pool_of_120_gives_four_to_learn_from_and_two_to_judge_by_in_each_stratum() 
     };
     let (split, chosen) = choose(120, 48, 24);
     let recipes = |side: &str| -> Vec<(String, Recipe)> {
-        split[side].iter().map(|(key, scene)| (key.to_string(), json(&blobs, scene, "recipe.json"))).collect()
+        split[side].iter().map(|(key, scene)| (key.to_string(), load::<SceneRecord>(&blobs, scene).recipe)).collect()
     };
     let (train, test) = (recipes("train"), recipes("test"));
     let named = |side: &[(String, Recipe)]| side.to_vec();
@@ -83,7 +83,7 @@ fn a_leak_and_near_duplicates_are_found() {
     let blobs = MemoryBlobs::default();
     let scenes = accepted(&blobs, 60);
     let mut recipes: Vec<(String, Recipe)> =
-        scenes.iter().map(|(key, scene)| (key.to_string(), json(&blobs, scene, "recipe.json"))).collect();
+        scenes.iter().map(|(key, scene)| (key.to_string(), load::<SceneRecord>(&blobs, scene).recipe)).collect();
     let half = recipes.len() / 2;
     let find = |recipes: &[(String, Recipe)]| {
         let (train, test) = recipes.split_at(half);

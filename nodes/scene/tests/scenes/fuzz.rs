@@ -1,8 +1,8 @@
-//! The readers of glTF, Radiance and OpenEXR meet files that nobody would write: sound ones, mangled. They may refuse, in a
-//! line that names the file; they may not panic, take long, or take much memory.
+//! The readers of glTF, Radiance and OpenEXR meet files that nobody would write: sound ones, mangled. They may refuse,
+//! in a line that names the file; they may not panic, take long, or take much memory.
 //!
-//! A few seconds of it are a test; `TAUFLOW_FUZZ_SECONDS=600 cargo test --release -p tauflow-scene fuzz` goes on for longer,
-//! `TAUFLOW_FUZZ_SEED` begins elsewhere. A file that fails is kept, and its path printed.
+//! A few seconds of it are a test; `TAUFLOW_FUZZ_SECONDS=600 cargo test --release -p tauflow-scene fuzz` goes on for
+//! longer, `TAUFLOW_FUZZ_SEED` begins elsewhere. A file that fails is kept, and its path printed.
 
 use crate::{
     small_assets::{Data, folder, glb},
@@ -28,7 +28,8 @@ use tauflow_data::{
 struct Counting;
 
 thread_local! {
-    // Of this thread alone: other tests allocate as well. What one thread takes and another gives back comes out below 0.
+    // Of this thread alone: other tests allocate as well. What one thread takes and another gives back comes out below
+    // 0.
     static NOW: Cell<isize> = const { Cell::new(0) };
     static MOST: Cell<isize> = const { Cell::new(0) };
 }
@@ -39,15 +40,18 @@ fn count(bytes: isize) {
     MOST.set(MOST.get().max(now));
 }
 
-#[allow(unsafe_code, reason = "passes on to the system's allocator, and counts")]
+#[expect(unsafe_code, reason = "passes on to the system's allocator, and counts")]
+// SAFETY: every call goes on to the system's allocator as it is.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count(layout.size() as isize);
+        // SAFETY: the caller keeps the same promises that the system's allocator asks for.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
         count(-(layout.size() as isize));
+        // SAFETY: `at` came from the system's allocator with this layout.
         unsafe { System.dealloc(at, layout) }
     }
 }
@@ -55,8 +59,15 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// Most that a file of those here may make a reader hold. A picture may say 1024 texels with a byte, and these have some
-/// kilobytes.
+/// Does something, and says how many bytes it held at most beyond those that were held before.
+pub fn held_by<T>(work: impl FnOnce() -> T) -> (T, isize) {
+    let before = NOW.get();
+    MOST.set(before);
+    let done = work();
+    (done, MOST.get() - before)
+}
+
+/// Most that a file of those here may make a reader hold. A picture of few bytes may have 2^23 texels.
 const MOST_BYTES: isize = 1 << 29;
 
 /// A sound file.
@@ -94,8 +105,10 @@ fn square() -> (Data, Value) {
         "textures": [{ "source": 0, "sampler": 0 }, { "source": 1 }],
         "materials": [
             { "pbrMetallicRoughness": { "baseColorTexture": { "index": 0, "extensions": { "KHR_texture_transform":
-                { "offset": [0.25, 0], "rotation": 0.5, "scale": [2, 2] } } }, "metallicRoughnessTexture": { "index": 1 } },
-              "normalTexture": { "index": 1, "scale": 0.5 }, "emissiveTexture": { "index": 0 }, "emissiveFactor": [1, 1, 0],
+                { "offset": [0.25, 0], "rotation": 0.5, "scale": [2, 2] } } },
+                "metallicRoughnessTexture": { "index": 1 } },
+              "normalTexture": { "index": 1, "scale": 0.5 },
+              "emissiveTexture": { "index": 0 }, "emissiveFactor": [1, 1, 0],
               "alphaMode": "MASK", "alphaCutoff": 0.4 },
             { "doubleSided": true, "extensions": { "KHR_materials_transmission": { "transmissionFactor": 0.75 },
               "KHR_materials_ior": { "ior": 1.4 }, "KHR_materials_clearcoat": { "clearcoatFactor": 0.5 },
@@ -227,6 +240,7 @@ fn mangle(seed: &Seed, other: &Seed, draw: &mut Stream) -> Vec<u8> {
 }
 
 #[test]
+#[expect(clippy::disallowed_methods, reason = "it looks for a time, and for how long single files take")]
 fn fuzz() {
     let env = |name: &str| std::env::var(name).ok().and_then(|text| text.parse::<f64>().ok());
     let seconds = env("TAUFLOW_FUZZ_SECONDS").unwrap_or(3.0);
@@ -241,11 +255,10 @@ fn fuzz() {
         let seed = &seeds[draw.below(seeds.len())];
         let bytes = mangle(seed, &seeds[draw.below(seeds.len())], &mut draw);
         let name = format!("mangled.{}", seed.ending);
-        let before = NOW.get();
-        MOST.set(before);
         let from = Instant::now();
-        let done = catch_unwind(AssertUnwindSafe(|| report_on(kind.as_ref(), &params, &name, &bytes)));
-        let (took, held) = (from.elapsed(), MOST.get() - before);
+        let act = AssertUnwindSafe(|| report_on(kind.as_ref(), &params, &name, &bytes));
+        let (done, held) = held_by(|| catch_unwind(act));
+        let took = from.elapsed();
         let told = |what: String| -> ! {
             let path = folder("fuzz").join(format!("failed.{}", seed.ending));
             fs::write(&path, &bytes).expect("writable");

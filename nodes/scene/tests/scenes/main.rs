@@ -2,6 +2,7 @@
 
 mod choices;
 mod fuzz;
+mod hostile_files;
 mod real_assets;
 mod small_assets;
 mod support;

@@ -1,15 +1,16 @@
-//! The shared HDRIs and objects: each loads, malformed ones are refused in a line each, and every file gets into scenes.
+//! The shared HDRIs and objects: each loads, malformed ones are refused in a line each, and every file gets into
+//! scenes.
 
-use crate::support::{json, shared, source};
+use crate::support::{load, shared, source};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use tauflow_contract::{Blobs, Collection, MemoryBlobs};
 use tauflow_data::{
     Image,
-    formats::Mesh,
-    scene::{Emitter, Recipe, Scene, Side},
+    mesh::Mesh,
+    records::{Asset, AssetBody, AssetReport, SceneRecord},
+    scene::{Emitter, Scene, Side},
 };
-use tauflow_scene::{Asset, AssetReport, Body};
 
 /// Luminance figures of the shared HDRIs, as their list of licences states them: file, largest, mean by solid angle,
 /// share of the brightest thousandth of the sphere.
@@ -52,7 +53,7 @@ const TRIANGLES: [(&str, f64); 21] = [
 ];
 
 fn reports(blobs: &MemoryBlobs, made: &BTreeMap<String, Collection>) -> BTreeMap<String, AssetReport> {
-    made["reports"].iter().map(|(key, artifact)| (key.to_string(), json(blobs, artifact, ""))).collect()
+    made["reports"].iter().map(|(key, artifact)| (key.to_string(), load(blobs, artifact))).collect()
 }
 
 #[test]
@@ -72,8 +73,8 @@ fn every_hdri_loads_with_the_light_it_is_known_for() {
         near("max_luminance", largest, 0.002 * largest);
         near("mean_luminance", mean, 0.01 * mean);
         near("top_share", top, 0.02);
-        let asset: Asset = json(&blobs, made["assets"].get(name).expect("accepted"), "asset.json");
-        let Body::Hdri { image, .. } = asset.body else { panic!("{name} is no environment") };
+        let asset: Asset = load(&blobs, made["assets"].get(name).expect("accepted"));
+        let AssetBody::Hdri { image, .. } = asset.body else { panic!("{name} is no environment") };
         let image = Image::from_bytes(&blobs.get(&image).expect("in memory").expect("stored")).expect("a bitmap");
         assert!(image.data().iter().all(|v| v.is_finite() && *v >= 0.0), "{name}");
     }
@@ -97,8 +98,8 @@ fn every_object_loads_but_the_one_that_may_be_refused() {
         assert!(report.accepted, "{report:?}");
         let lost: u64 = report.repairs.iter().filter(|(what, _)| what.starts_with("triangles")).map(|(_, n)| n).sum();
         assert_eq!(report.measures["triangles"] + lost as f64, triangles, "{report:?}");
-        let asset: Asset = json(&blobs, made["assets"].get(name).expect("accepted"), "asset.json");
-        let Body::Object { parts, materials, bounds } = &asset.body else { panic!("{name} is no object") };
+        let asset: Asset = load(&blobs, made["assets"].get(name).expect("accepted"));
+        let AssetBody::Object { parts, materials, bounds } = &asset.body else { panic!("{name} is no object") };
         let size = [0, 1, 2].map(|i| bounds[1][i] - bounds[0][i]);
         assert!((size.iter().copied().fold(0.0, f64::max) - 1.0).abs() < 1e-5, "{name}: {size:?}");
         assert!(bounds[0][1].abs() < 1e-5, "{name} stands at {}", bounds[0][1]);
@@ -156,8 +157,7 @@ fn every_asset_gets_into_a_scene() {
     let names: BTreeSet<String> = assets.iter().map(|(key, _)| key.to_string()).collect();
     let mut shown = BTreeSet::new();
     for (key, artifact) in scenes_of(json!({ "pool": 60 })).iter() {
-        let recipe: Recipe = json(&blobs, artifact, "recipe.json");
-        let scene: Scene = json(&blobs, artifact, "scene.json");
+        let SceneRecord { scene, recipe } = load(&blobs, artifact);
         for digest in scene.blobs() {
             assert!(blobs.get(&digest).expect("in memory").is_some(), "{key}: {digest}");
         }
@@ -172,7 +172,7 @@ fn every_asset_gets_into_a_scene() {
     let held = json!({ "pool": 120, "hold_out": ["objects", "environments"], "test_share": 0.3 });
     let mut sides: BTreeMap<String, BTreeSet<Side>> = BTreeMap::new();
     for (key, artifact) in scenes_of(held).iter() {
-        let recipe: Recipe = json(&blobs, artifact, "recipe.json");
+        let SceneRecord { recipe, .. } = load(&blobs, artifact);
         let side = recipe.side.unwrap_or_else(|| panic!("{key} has no side"));
         for name in recipe.objects.into_iter().chain([recipe.environment]).filter(|name| name != "none") {
             sides.entry(name).or_default().insert(side);
@@ -183,8 +183,8 @@ fn every_asset_gets_into_a_scene() {
     assert!(missing.is_empty(), "held out and in no scene: {missing:?}");
 }
 
-/// A scene holds nothing that its stratum does not need: no gloss, glass or normal map where all is diffuse, no sky in a
-/// room, no mesh, material or image that nothing shows.
+/// A scene holds nothing that its stratum does not need: no gloss, glass or normal map where all is diffuse, no sky in
+/// a room, no mesh, material or image that nothing shows.
 fn needs_what_it_holds(key: &str, scene: &Scene) {
     let materials = serde_json::to_string(&scene.materials).expect("JSON");
     if key.starts_with("L0-") {

@@ -1,6 +1,6 @@
 //! Small files made here: a GLB of every sort of accessor, maps with broken texels, and files with random damage.
 
-use crate::support::{act, json, kind, report_on, shared};
+use crate::support::{act, kind, load, report_on, shared};
 use serde_json::{Value, json as object};
 use std::{
     collections::BTreeMap,
@@ -10,12 +10,12 @@ use std::{
 use tauflow_contract::{Artifact, Blobs, MemoryBlobs};
 use tauflow_data::{
     Image,
-    formats::Mesh,
     image_io::write_exr,
+    mesh::Mesh,
+    records::{Asset, AssetBody, AssetReport},
     rng::Stream,
     scene::{Bsdf, Texture},
 };
-use tauflow_scene::{Asset, AssetReport, Body};
 
 /// A folder for files made here.
 pub fn folder(name: &str) -> PathBuf {
@@ -31,17 +31,17 @@ fn decode(blobs: &MemoryBlobs, path: &Path) -> (AssetReport, Option<Artifact>) {
     let items = kind.items(&params).expect("the file");
     assert_eq!(items.len(), 1);
     let outputs = act(blobs, kind.as_ref(), &params, Some(&items[0]), BTreeMap::new()).expect("a report at least");
-    (json(blobs, &outputs.items["reports"], ""), outputs.items.get("assets").cloned())
+    (load(blobs, &outputs.items["reports"]), outputs.items.get("assets").cloned())
 }
 
 fn asset(blobs: &MemoryBlobs, path: &Path) -> (AssetReport, Asset) {
     let (report, artifact) = decode(blobs, path);
     let artifact = artifact.unwrap_or_else(|| panic!("{report:?}"));
-    (report, json(blobs, &artifact, "asset.json"))
+    (report, load(blobs, &artifact))
 }
 
 fn mesh(blobs: &MemoryBlobs, asset: &Asset, part: usize) -> Mesh {
-    let Body::Object { parts, .. } = &asset.body else { panic!("no object") };
+    let AssetBody::Object { parts, .. } = &asset.body else { panic!("no object") };
     Mesh::from_bytes(&blobs.get(&parts[part].mesh).expect("in memory").expect("stored")).expect("a mesh")
 }
 
@@ -168,7 +168,7 @@ fn accessors_of_every_sort_and_transforms_are_read() {
         let colors = mesh.colors.expect("vertex colours");
         assert!(colors.contains(&[1.0, 0.0, 0.2, 1.0]), "{colors:?}");
     }
-    let Body::Object { materials, parts, .. } = &asset.body else { panic!("no object") };
+    let AssetBody::Object { materials, parts, .. } = &asset.body else { panic!("no object") };
     assert!(parts.iter().all(|p| !p.closed && p.material == 0), "{parts:?}");
     let Bsdf::Mask { opacity, .. } = &materials[0].own else { panic!("{materials:?}") };
     assert!(matches!(opacity, Texture::Product { .. }), "factor times vertex alpha: {opacity:?}");
@@ -197,7 +197,7 @@ fn materials_follow_their_extensions() {
     let (report, asset) = asset(&MemoryBlobs::default(), &path);
     assert!(report.repairs.is_empty(), "{report:?}");
     assert!(report.notes.iter().any(|note| note.contains("8%")), "an index of 2: {report:?}");
-    let Body::Object { materials, .. } = asset.body else { panic!("no object") };
+    let AssetBody::Object { materials, .. } = asset.body else { panic!("no object") };
     let inner = |bsdf: &Bsdf| match bsdf {
         Bsdf::TwoSided { inner } => (**inner).clone(),
         other => panic!("{other:?}"),
@@ -246,7 +246,7 @@ fn values_beyond_what_the_format_allows_are_cut_and_counted() {
     assert_eq!(count("radiances outside of 0 to 1e6 cut to it"), 1, "{report:?}");
     let mesh = mesh(&blobs, &asset, 0);
     assert_eq!(mesh.colors.expect("colours")[..2], [[0.5, 1.0, 0.25, 1.0], [0.5, 1.0, 0.0, 1.0]]);
-    let Body::Object { materials, .. } = &asset.body else { panic!("no object") };
+    let AssetBody::Object { materials, .. } = &asset.body else { panic!("no object") };
     assert_eq!(materials[0].emission, Some(Texture::rgb([1e6, 0.0, 0.0])));
 }
 
@@ -265,7 +265,7 @@ fn values_that_the_format_allows_but_that_cannot_be_worked_with_are_set_and_coun
         let path = folder("unworkable").join(name);
         fs::write(&path, bytes).expect("writable");
         let (report, asset) = asset(&MemoryBlobs::default(), &path);
-        let Body::Object { materials, .. } = asset.body else { panic!("no object") };
+        let AssetBody::Object { materials, .. } = asset.body else { panic!("no object") };
         (report.repairs, materials[0].own.clone())
     };
     let body = |thickness: f64, color: [f64; 3]| {
@@ -310,12 +310,13 @@ fn volumes_tint_closed_bodies_by_their_thickness() {
     let material = object!({ "extensions": { "KHR_materials_transmission": { "transmissionFactor": 1 },
         "KHR_materials_volume": volume }, "pbrMetallicRoughness": { "baseColorFactor": [1, 0.5, 1, 1] } });
     let bytes = data.file(object!({ "materials": [material], "nodes": [{ "mesh": 0 }], "scenes": [{ "nodes": [0] }],
-        "meshes": [{ "primitives": [{ "attributes": { "POSITION": positions }, "indices": indices, "material": 0 }] }] }));
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": positions }, "indices": indices,
+            "material": 0 }] }] }));
     let path = folder("volumes").join("body.glb");
     fs::write(&path, bytes).expect("writable");
     let (report, asset) = asset(&MemoryBlobs::default(), &path);
     assert!(report.notes.iter().any(|n| n.contains("attenuation")), "{report:?}");
-    let Body::Object { materials, .. } = asset.body else { panic!("no object") };
+    let AssetBody::Object { materials, .. } = asset.body else { panic!("no object") };
     let Bsdf::Principled { base_color, .. } = &materials[0].own else { panic!("{:?}", materials[0]) };
     let Texture::Product { a, b } = base_color else { panic!("{base_color:?}") };
     let (Texture::Constant { value: own }, Texture::Constant { value: tint }) = (&**a, &**b) else { panic!() };
@@ -335,7 +336,7 @@ fn maps_with_broken_texels_are_mended_and_counted() {
     write_exr(&path, &[("", &image)]).expect("writable");
     let blobs = MemoryBlobs::default();
     let (report, made) = asset(&blobs, &path);
-    let Body::Hdri { image, size, .. } = made.body else { panic!("no environment") };
+    let AssetBody::Hdri { image, size, .. } = made.body else { panic!("no environment") };
     assert_eq!(size, [4, 2]);
     let image = Image::from_bytes(&blobs.get(&image).expect("in memory").expect("stored")).expect("a bitmap");
     assert_eq!(image.pixel(1, 0), &[0.0, 0.0, 0.5]);

@@ -2,10 +2,10 @@
 
 use std::{collections::BTreeMap, fs, path::PathBuf, sync::atomic::AtomicBool};
 use tauflow_contract::{
-    Action, Artifact, Blobs, Collection, Context, ItemKey, KindError, MemoryBlobs, NodeKind, Outputs, Silent,
-    SourceItem, derive_seed,
+    Action, Artifact, Collection, Context, FILE_PORT, FileTree, Files, ItemKey, KindError, Media, MemoryBlobs,
+    NodeKind, Outputs, Silent, SourceItem, derive_seed,
 };
-use tauflow_scene::AssetReport;
+use tauflow_data::records::AssetReport;
 
 /// A kind of this crate by name.
 pub fn kind(name: &str) -> Box<dyn NodeKind> {
@@ -28,18 +28,17 @@ pub fn act(
     kind: &dyn NodeKind,
     params: &serde_json::Value,
     item: Option<&SourceItem>,
-    whole: BTreeMap<&str, &Collection>,
+    all: BTreeMap<&str, &Collection>,
 ) -> Result<Outputs, KindError> {
     let cancel = AtomicBool::new(false);
     let ctx = Context::new(blobs, &Silent, &cancel);
     let key = item.map(|i| &i.key);
     let file = match item {
         Some(item) if !item.files.is_empty() => {
-            let mut parts = Vec::new();
-            for (name, path) in &item.files {
-                parts.push((name.clone(), ctx.put(&fs::read(path).expect("a file that was listed"))?));
-            }
-            Some(Artifact::tree("tauflow/files", parts))
+            let read =
+                |(name, path): &(String, PathBuf)| (name.clone(), fs::read(path).expect("a file that was listed"));
+            let files: FileTree = item.files.iter().map(read).collect();
+            Some(Files(files).store(&ctx)?.into_artifact())
         }
         _ => None,
     };
@@ -48,8 +47,8 @@ pub fn act(
         item: key,
         group: "main",
         seed: derive_seed(7, kind.spec().name, key.map_or("", ItemKey::as_str)),
-        each: file.iter().map(|f| ("file", f)).collect(),
-        whole,
+        each: file.iter().map(|f| (FILE_PORT, f)).collect(),
+        all,
     };
     kind.run(&ctx, &action)
 }
@@ -59,13 +58,13 @@ pub fn source(
     blobs: &MemoryBlobs,
     name: &str,
     params: serde_json::Value,
-    whole: &BTreeMap<&str, &Collection>,
+    all: &BTreeMap<&str, &Collection>,
 ) -> BTreeMap<String, Collection> {
     let kind = kind(name);
     let params = kind.resolve(&params).expect("fine params");
     let mut out: BTreeMap<String, Collection> = BTreeMap::new();
     for item in kind.items(&params).expect("files that can be listed") {
-        let outputs = act(blobs, kind.as_ref(), &params, Some(&item), whole.clone()).expect("an action that works");
+        let outputs = act(blobs, kind.as_ref(), &params, Some(&item), all.clone()).expect("an action that works");
         for (port, artifact) in outputs.items {
             out.entry(port).or_default().items.insert(item.key.clone(), artifact);
         }
@@ -73,26 +72,28 @@ pub fn source(
     out
 }
 
-/// The JSON of a part of an artifact.
-pub fn json<T: serde::de::DeserializeOwned>(blobs: &MemoryBlobs, artifact: &Artifact, part: &str) -> T {
+/// A record that a kind made.
+pub fn load<M: Media>(blobs: &MemoryBlobs, artifact: &Artifact) -> M {
     let cancel = AtomicBool::new(false);
-    Context::new(blobs, &Silent, &cancel).json(artifact, part).expect("JSON of its type")
+    M::load(&Context::new(blobs, &Silent, &cancel), artifact).expect("an artifact of its type")
 }
 
 /// What the kind `assets` says of a file of these bytes.
 pub fn report_on(kind: &dyn NodeKind, params: &serde_json::Value, name: &str, bytes: &[u8]) -> AssetReport {
     let blobs = MemoryBlobs::default();
     let key = ItemKey::new(name).expect("plain");
-    let file = Artifact::tree("tauflow/files", [("file".to_owned(), blobs.put(bytes).expect("in memory"))]);
     let cancel = AtomicBool::new(false);
+    let ctx = Context::new(&blobs, &Silent, &cancel);
+    let files = FileTree::from([("file".to_owned(), bytes.to_vec())]);
+    let file = Files(files).store(&ctx).expect("in memory").into_artifact();
     let action = Action {
         params: kind.projection(params)(Some(&key), "main"),
         item: Some(&key),
         group: "main",
         seed: 0,
-        each: BTreeMap::from([("file", &file)]),
-        whole: BTreeMap::new(),
+        each: BTreeMap::from([(FILE_PORT, &file)]),
+        all: BTreeMap::new(),
     };
-    let outputs = kind.run(&Context::new(&blobs, &Silent, &cancel), &action).expect("a report at least");
-    json(&blobs, &outputs.items["reports"], "")
+    let outputs = kind.run(&ctx, &action).expect("a report at least");
+    load(&blobs, &outputs.items["reports"])
 }

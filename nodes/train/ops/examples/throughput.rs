@@ -1,10 +1,12 @@
-//! Arithmetic throughput of convolutions on one thread, GFLOP/s and as a share of what a loop of nothing but fused products
-//! reaches on this processor.
+//! Arithmetic throughput of convolutions on one thread, GFLOP/s and as a share of what a loop of nothing but fused
+//! products reaches on this processor.
 //!
 //! ```text
 //! cargo run --release -p tauflow-ops --example throughput
 //! ```
 
+#![expect(clippy::disallowed_methods, reason = "it measures")]
+#![allow(unsafe_code, reason = "calls functions for instructions that were detected")]
 #![expect(clippy::needless_range_loop, reason = "references would keep the sums in memory")]
 
 use std::{hint::black_box, time::Instant};
@@ -62,7 +64,7 @@ fn peak() -> f64 {
             Instructions::Avx512 => return (TIMES * 24 * 32) as f64 / shortest(|| unsafe { wide() }) / 1e9,
             // SAFETY: the processor has the instructions.
             Instructions::Avx2 => return (TIMES * 12 * 16) as f64 / shortest(|| unsafe { narrow() }) / 1e9,
-            Instructions::Portable => {}
+            Instructions::Sse2 | Instructions::Portable => {}
         }
     }
     f64::NAN

@@ -1,8 +1,10 @@
 //! 3x3 convolution and the linear map of channels.
 //!
-//! Three neighbouring pixels of a row of an image lie side by side, [3 C] numbers; one row of an output is the sum, over the
-//! three rows around it, of these patches times a third of the kernel, [3 C, O]. The gradient of the input is the same
-//! convolution with the kernel turned round; that of the kernel sums patch times gradient over all pixels.
+//! Three neighbouring pixels of a row of an image lie side by side: [3 C] numbers. One row of an output is the sum,
+//! over the three rows around it, of these patches times a third of the kernel, [3 C, O]. The gradient of the input is
+//! the same convolution with the kernel turned round. That of the kernel sums patch times gradient over all pixels.
+
+#![allow(unsafe_code, reason = "results are written once, band by band; each block says why all of a band is written")]
 
 use crate::{
     fresh::{filled, maybe},
@@ -21,8 +23,8 @@ const SUMMED: usize = 128;
 /// Rows of a kernel's gradient that are worked on at once.
 const ROWS: usize = 96;
 
-/// 3x3 convolution with zeros around the image: `x` [N, H, W, C], `kernel` [9 C, O] with rows by row of the patch, pixel and
-/// channel, `bias` [1, O].
+/// 3x3 convolution with zeros around the image: `x` [N, H, W, C], `kernel` [9 C, O] with rows by row of the patch,
+/// pixel and channel, `bias` [1, O].
 #[derive(Clone, Debug)]
 pub struct Conv3 {
     /// H.
@@ -48,8 +50,8 @@ pub struct Linear {
     pub instructions: Instructions,
 }
 
-/// Copies rows `first - 1..first + rows + 1` of an image to `to`, with a pixel of zeros at either end of a row, and rows of
-/// zeros outside of the image. Writes all of `to`.
+/// Copies rows `first - 1..first + rows + 1` of an image to `to`, with a pixel of zeros at either end of a row, and
+/// rows of zeros outside of the image. Writes all of `to`.
 fn surround(to: &mut [MaybeUninit<f32>], image: &[f32], width: usize, channels: usize, first: usize) {
     let row = width * channels;
     for (i, to) in to.chunks_exact_mut(row + 2 * channels).enumerate() {
@@ -85,7 +87,8 @@ impl Conv3 {
         self.height * self.width
     }
 
-    /// Panics unless there are whole images and a kernel of the right size; with an image, no product of sizes overflows then.
+    /// Panics unless there are whole images and a kernel of the right size; with an image, no product of sizes
+    /// overflows then.
     fn check(&self, x: &[f32], kernel: &[f32], bias: &[f32]) {
         let size = self.height.checked_mul(self.width).and_then(|pixels| pixels.checked_mul(self.inputs));
         assert!(size.is_some_and(|size| size > 0 && x.len().is_multiple_of(size)), "whole images of {self:?}");
@@ -97,8 +100,8 @@ impl Conv3 {
     /// The convolution of images of `channels` with a packed kernel, and a bias for each output.
     fn convolve(&self, x: &[f32], channels: usize, kernel: &Packed, bias: &[f32]) -> Vec<f32> {
         let size = (x.len() / channels).checked_mul(bias.len()).expect("a result that fits into memory");
-        // SAFETY: there are whole images, see `check`; bands cover the result, and all of a band is written at the first row of
-        // the kernel.
+        // SAFETY: there are whole images, see `check`; bands cover the result, and all of a band is written at the
+        // first row of the kernel.
         unsafe { filled(size, |out| self.convolve_to(out, x, channels, kernel, bias)) }
     }
 
@@ -167,8 +170,8 @@ impl Conv3 {
     }
 }
 
-/// The gradient, [depth, O], of a matrix whose rows come in blocks: calls `sum` for parts of a block's rows, of which it is
-/// told block and first row, with the gradient of the result widened to whole units.
+/// The gradient, [depth, O], of a matrix whose rows come in blocks: calls `sum` for parts of a block's rows, of which
+/// it is told block and first row, with the gradient of the result widened to whole units.
 fn sum_outer(
     depth: usize,
     block: usize,
@@ -208,7 +211,7 @@ impl Operator<3> for Conv3 {
         (self.convolve(x, c, &Packed::new((9 * c, o), kernel, |row| row * o, 1), bias), ())
     }
 
-    fn backward(&self, [x, kernel, bias]: [&[f32]; 3], _: &(), gradient: &[f32], wanted: [bool; 3]) -> [Vec<f32>; 3] {
+    fn backward(&self, [x, kernel, bias]: [&[f32]; 3], (): &(), gradient: &[f32], wanted: [bool; 3]) -> [Vec<f32>; 3] {
         self.check(x, kernel, bias);
         assert_eq!(
             Some(gradient.len()),
@@ -258,7 +261,7 @@ impl Operator<3> for Linear {
         (self.map(x, c, &Packed::new((c, o), kernel, |row| row * o, 1), bias), ())
     }
 
-    fn backward(&self, [x, kernel, bias]: [&[f32]; 3], _: &(), gradient: &[f32], wanted: [bool; 3]) -> [Vec<f32>; 3] {
+    fn backward(&self, [x, kernel, bias]: [&[f32]; 3], (): &(), gradient: &[f32], wanted: [bool; 3]) -> [Vec<f32>; 3] {
         self.check(x, kernel, bias);
         let (c, o) = (self.inputs, self.outputs);
         assert_eq!(Some(gradient.len()), (x.len() / c).checked_mul(o), "the gradient of the result");

@@ -1,5 +1,7 @@
 //! Moving 2x2 blocks of pixels into channels and back.
 
+#![allow(unsafe_code, reason = "results are written once; each pixel has its place")]
+
 use crate::{fresh::filled, operator::Operator};
 use rayon::prelude::*;
 use std::mem::MaybeUninit;
@@ -48,7 +50,7 @@ impl Operator<1> for Fold {
         (self.moved(x, self.back), ())
     }
 
-    fn backward(&self, _: [&[f32]; 1], _: &(), gradient: &[f32], _: [bool; 1]) -> [Vec<f32>; 1] {
+    fn backward(&self, _: [&[f32]; 1], (): &(), gradient: &[f32], _: [bool; 1]) -> [Vec<f32>; 1] {
         [self.moved(gradient, !self.back)]
     }
 }

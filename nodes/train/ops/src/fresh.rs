@@ -1,5 +1,7 @@
 //! Vectors that are written once: filling large ones with zeros first costs as much as some operators.
 
+#![allow(unsafe_code, reason = "numbers that are not written yet; callers promise to write them")]
+
 use std::mem::MaybeUninit;
 
 /// A vector of numbers, all of which `fill` writes.

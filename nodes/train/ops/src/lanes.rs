@@ -1,7 +1,9 @@
 //! The same arithmetic on eight or sixteen numbers side by side.
 //!
-//! Products are fused with their sums: IEEE 754 says what a fused product is, so that every set of instructions gives the same
-//! bits, the portable one included, which is slow where the processor cannot fuse.
+//! Products are fused with their sums: IEEE 754 says what a fused product is, so that every set of instructions gives
+//! the same bits, the portable one included, which is slow where the processor cannot fuse.
+
+#![allow(unsafe_code, reason = "vector instructions and pointers, which callers promise to be there")]
 
 /// Numbers side by side.
 pub(crate) trait Lanes: Copy {
@@ -76,27 +78,32 @@ pub(crate) mod x86 {
     #[derive(Clone, Copy)]
     pub(crate) struct F16(__m512);
 
-    // SAFETY of all blocks: kernels of these lanes run only where the processor has their instructions (`Instructions`).
+    // SAFETY of all blocks: kernels of these lanes run only where the processor has their instructions
+    // (`Instructions`).
     impl Lanes for F8 {
         const COUNT: usize = 8;
 
         #[inline(always)]
         unsafe fn splat(value: f32) -> Self {
+            // SAFETY: the caller promises that the processor has the instructions.
             Self(unsafe { _mm256_set1_ps(value) })
         }
 
         #[inline(always)]
         unsafe fn fused(self, b: Self, c: Self) -> Self {
+            // SAFETY: the caller promises that the processor has the instructions.
             Self(unsafe { _mm256_fmadd_ps(self.0, b.0, c.0) })
         }
 
         #[inline(always)]
         unsafe fn load(from: *const f32) -> Self {
+            // SAFETY: the caller promises the numbers and the instructions.
             Self(unsafe { _mm256_loadu_ps(from) })
         }
 
         #[inline(always)]
         unsafe fn store(self, to: *mut f32) {
+            // SAFETY: the caller promises the room and the instructions.
             unsafe { _mm256_storeu_ps(to, self.0) }
         }
     }
@@ -106,21 +113,25 @@ pub(crate) mod x86 {
 
         #[inline(always)]
         unsafe fn splat(value: f32) -> Self {
+            // SAFETY: the caller promises that the processor has the instructions.
             Self(unsafe { _mm512_set1_ps(value) })
         }
 
         #[inline(always)]
         unsafe fn fused(self, b: Self, c: Self) -> Self {
+            // SAFETY: the caller promises that the processor has the instructions.
             Self(unsafe { _mm512_fmadd_ps(self.0, b.0, c.0) })
         }
 
         #[inline(always)]
         unsafe fn load(from: *const f32) -> Self {
+            // SAFETY: the caller promises the numbers and the instructions.
             Self(unsafe { _mm512_loadu_ps(from) })
         }
 
         #[inline(always)]
         unsafe fn store(self, to: *mut f32) {
+            // SAFETY: the caller promises the room and the instructions.
             unsafe { _mm512_storeu_ps(to, self.0) }
         }
     }

@@ -1,15 +1,17 @@
-//! The heavy operators of small image networks on a CPU, forward and backward, and their optimiser, over plain slices of f32.
+//! The heavy operators of small image networks on a CPU, forward and backward, and their optimiser, over plain slices
+//! of f32.
 //!
-//! Images are [N, H, W, C], channels last. Every sum is taken in an order that depends on shapes alone; in `products` every product is
-//! fused with the sum before it, elsewhere none ever is. So results have the same bits on any number of threads and with any
-//! set of [`Instructions`]. Work is split by rayon over images, rows of images and rows of weights. Knows neither networks nor
-//! graphs of gradients. Slices of lengths that do not fit are refused by a panic.
+//! Images are [N, H, W, C], channels last. Every sum is taken in an order that depends on shapes alone; in `products`
+//! every product is fused with the sum before it, elsewhere none ever is. So results have the same bits on any number
+//! of threads and with any set of [`Instructions`]. Work is split by rayon over images, rows of images and rows of
+//! weights. Knows neither networks nor graphs of gradients. Slices of lengths that do not fit are refused by a panic.
 
 mod adam;
 mod convolution;
 mod elementary;
 mod fold;
 mod fresh;
+#[allow(unsafe_code, reason = "calls functions for instructions that were detected")]
 mod instructions;
 mod lanes;
 #[cfg(test)]

@@ -1,8 +1,10 @@
 //! Group normalisation, modulation by the time embedding, and SiLU, in one operator.
 //!
-//! y = silu(u), u = (x - mean)/sqrt(variance + eps) (1 + scale) + shift, with mean and variance over the pixels and
-//! channels of a group of an image (Wu and He 2018), scale and shift for each image and channel (Perez et al. 2018), and
-//! silu(u) = u/(1 + exp(-u)).
+//! y = silu(u), u = (x - mean)/sqrt(variance + eps) (1 + scale) + shift, with silu(u) = u/(1 + exp(-u)). Mean and
+//! variance go over the pixels and channels of a group of an image (Wu and He 2018); scale and shift are for each image
+//! and channel (Perez et al. 2018).
+
+#![allow(unsafe_code, reason = "results are written once, band by band")]
 
 use crate::{
     elementary::{exp, map, map2},
@@ -30,8 +32,8 @@ fn slope(x: f32) -> f32 {
     s * (1.0 + x * (1.0 - s))
 }
 
-/// Normalises `x` [N, pixels, C] in groups of [`GROUP`] channels, modulates it by `modulation` [N, 2 C] (scales, then shifts),
-/// and applies SiLU.
+/// Normalises `x` [N, pixels, C] in groups of [`GROUP`] channels, modulates it by `modulation` [N, 2 C] (scales, then
+/// shifts), and applies SiLU.
 #[derive(Clone, Debug)]
 pub struct NormSilu {
     /// Pixels of an image.
@@ -310,7 +312,7 @@ impl Operator<1> for Silu {
         (silu, ())
     }
 
-    fn backward(&self, [x]: [&[f32]; 1], _: &(), gradient: &[f32], _: [bool; 1]) -> [Vec<f32>; 1] {
+    fn backward(&self, [x]: [&[f32]; 1], (): &(), gradient: &[f32], _: [bool; 1]) -> [Vec<f32>; 1] {
         [map2(
             x,
             gradient,

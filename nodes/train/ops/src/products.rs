@@ -1,10 +1,12 @@
 //! Two products of matrices, of which everything else is made, on one thread.
 //!
-//! Rows of the left matrix may overlap: a row of an image with C channels, read from every pixel on for 3 C numbers, is a
-//! matrix of the patches of three pixels side by side, so that nothing has to be unfolded for a convolution.
+//! Rows of the left matrix may overlap. A row of an image with C channels, read from every pixel on for 3 C numbers, is
+//! a matrix of the patches of three pixels side by side. So nothing has to be unfolded for a convolution.
 //!
 //! Every number of a result is summed one product after the other, from the first on, each product fused with the sum
 //! before it; panels, tiles and lanes decide only which results are worked on side by side.
+
+#![allow(unsafe_code, reason = "kernels by pointers; sizes are checked before they are called")]
 
 mod kernels;
 
@@ -75,7 +77,8 @@ impl Panel {
     }
 }
 
-/// The right matrix of a product, [depth, columns]: each panel's rows one after the other, zeros beyond the last column.
+/// The right matrix of a product, [depth, columns]: each panel's rows one after the other, zeros beyond the last
+/// column.
 pub(crate) struct Packed {
     depth: usize,
     columns: usize,
@@ -161,8 +164,9 @@ pub(crate) unsafe fn add_products(
                     rows: run.rows,
                 };
                 if there == width {
-                    // SAFETY: left rows of `depth` and result rows are there, `check` has seen to it; the panel lies within the
-                    // result's columns; the caller promises what is read to be written; `kernels` gives what the processor has.
+                    // SAFETY: left rows of `depth` and result rows are there, `check` has seen to it; the panel lies
+                    // within the result's columns; the caller promises what is read to be written; `kernels` gives what
+                    // the processor has.
                     unsafe { kernel(&mut product) };
                     continue;
                 }
@@ -174,10 +178,10 @@ pub(crate) unsafe fn add_products(
                     let before = &product.out[i * right.columns..][..there];
                     match row {
                         Some(row) => beside[..there].copy_from_slice(row),
-                        // SAFETY: the caller promises that they were written.
-                        None => {
-                            beside[..there].iter_mut().zip(before).for_each(|(to, v)| *to = unsafe { v.assume_init() })
-                        }
+                        None => beside[..there].iter_mut().zip(before).for_each(|(to, v)| {
+                            // SAFETY: the caller promises that they were written.
+                            *to = unsafe { v.assume_init() };
+                        }),
                     }
                 }
                 // SAFETY: as above, with room for whole panels; kernels write numbers.
@@ -219,8 +223,8 @@ pub(crate) fn add_outer_products(
             out: &mut out[panel.first..],
             depth,
         };
-        // SAFETY: the rows of the runs are there, `check` has seen to it; the panel lies within the columns; `kernels` gives
-        // what the processor has.
+        // SAFETY: the rows of the runs are there, `check` has seen to it; the panel lies within the columns; `kernels`
+        // gives what the processor has.
         unsafe { kernels(instructions).outer[panel.units - 1](&mut outer) };
     }
 }

@@ -1,6 +1,9 @@
 //! Means of what lies around each pixel of an image, weighted by a softmax, over windows at several scales.
 //!
-//! Kernel-predicting networks (Bako et al. 2017) end so: whatever their weights, what comes out lies within what went in.
+//! Kernel-predicting networks (Bako et al. 2017) end so: whatever their weights, what comes out lies within what went
+//! in.
+
+#![allow(unsafe_code, reason = "results are written once, row by row")]
 
 use crate::{elementary::exp, fresh::filled, instructions::wide, operator::Operator};
 use rayon::prelude::*;
@@ -27,8 +30,8 @@ pub struct Blocks<'a> {
     pub scale: u32,
     /// Side of the window, in blocks.
     pub side: usize,
-    /// Means over the blocks, [N, H/2^scale + side - 1, W/2^scale + side - 1, 4]: with the edge repeated around them, three
-    /// colours and a one.
+    /// Means over the blocks, [N, H/2^scale + side - 1, W/2^scale + side - 1, 4]: with the edge repeated around them,
+    /// three colours and a one.
     pub pixels: &'a [f32],
 }
 
@@ -46,8 +49,8 @@ struct Level {
 }
 
 impl Pyramid {
-    /// Of images of `height` x `width` pixels: level i has means over blocks of 2^i pixels, and a window of `sides[i]` x
-    /// `sides[i]` of them. Height and width must be multiples of the largest blocks, and sides odd.
+    /// Of images of `height` x `width` pixels: level i has means over blocks of 2^i pixels, and a window of `sides[i]`
+    /// x `sides[i]` of them. Height and width must be multiples of the largest blocks, and sides odd.
     pub fn new(pixels: &[f32], height: usize, width: usize, sides: &[usize]) -> Self {
         let images = pixels.len() / (3 * height * width).max(1);
         assert_eq!(pixels.len(), images * height * width * 3, "whole images of three colours");
@@ -119,8 +122,8 @@ impl Level {
     }
 }
 
-/// The weighted means [N, H, W, 3] of a pyramid; the input, [N, H, W, [`Pyramid::weights`]], becomes weights by a softmax over
-/// each pixel's numbers.
+/// The weighted means [N, H, W, 3] of a pyramid; the input, [N, H, W, [`Pyramid::weights`]], becomes weights by a
+/// softmax over each pixel's numbers.
 #[derive(Clone, Debug)]
 pub struct WeightedMean(pub Arc<Pyramid>);
 
@@ -201,7 +204,7 @@ impl Operator<1> for WeightedMean {
         (out, ())
     }
 
-    fn backward(&self, [logits]: [&[f32]; 1], _: &(), gradient: &[f32], _: [bool; 1]) -> [Vec<f32>; 1] {
+    fn backward(&self, [logits]: [&[f32]; 1], (): &(), gradient: &[f32], _: [bool; 1]) -> [Vec<f32>; 1] {
         self.check(logits);
         let (count, width) = (self.0.weights(), self.0.width);
         assert_eq!(gradient.len(), logits.len() / count * 3, "a gradient for each mean");

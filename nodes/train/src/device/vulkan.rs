@@ -1,5 +1,5 @@
-//! Devices with a Vulkan driver, which the environment variable TAUFLOW_DEVICE asks for. The driver is found when it is asked for,
-//! by the loader of the system.
+//! Devices with a Vulkan driver, which the environment variable TAUFLOW_DEVICE asks for. The driver is found when it is
+//! asked for, by the loader of the system.
 
 use super::Place;
 use burn::tensor::{
@@ -40,22 +40,22 @@ impl Place {
             // They crash in the compiler of such drivers.
             "software_vulkan" if cfg!(feature = "gpu-spirv") => {
                 return Err(KindError::Environment(format!(
-                    "{VARIABLE} is `{name}`, which this build's kernels, in SPIR-V, do not run on; build with the feature `gpu` \
-                     alone"
+                    "{VARIABLE} is `{name}`, which this build's kernels, in SPIR-V, do not run on; build with the \
+                     feature `gpu` alone"
                 )));
             }
             "software_vulkan" => (&SOFTWARE, &[DeviceKind::Cpu] as &[DeviceKind]),
             _ => {
                 return Err(KindError::Environment(format!(
-                    "{VARIABLE} is `{name}`, which is no device; set it to `cpu` or `vulkan`, or to `software_vulkan` for a \
-                     driver without a GPU"
+                    "{VARIABLE} is `{name}`, which is no device; set it to `cpu` or `vulkan`, or to `software_vulkan` \
+                     for a driver without a GPU"
                 )));
             }
         };
         opened.get_or_init(|| open(kinds)).clone().map_err(|why| {
             KindError::Environment(format!(
-                "{VARIABLE} asks for `{name}`: {why}; install a Vulkan driver and its loader (`vulkaninfo --summary` lists \
-                 what they find), or set {VARIABLE}=cpu"
+                "{VARIABLE} asks for `{name}`: {why}; install a Vulkan driver and its loader (`vulkaninfo --summary` \
+                 lists what they find), or set {VARIABLE}=cpu"
             ))
         })
     }
@@ -93,7 +93,8 @@ fn open(kinds: &[DeviceKind]) -> Result<Place, String> {
     Err("there is no such device here".into())
 }
 
-/// The environment of an action that runs a network, whose own is `own`. A device that cannot be opened is told by the action.
+/// The environment of an action that runs a network, whose own is `own`. A device that cannot be opened is told by the
+/// action.
 pub(crate) fn environment(own: Value) -> Value {
     match Place::chosen() {
         Ok(place) => place.beside(own),
@@ -134,6 +135,7 @@ pub(crate) fn for_tests() -> Option<Place> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tauflow_contract::{Files, Group, Out};
 
     #[test]
     fn names_that_are_none_are_told() {
@@ -155,7 +157,8 @@ mod tests {
 
     #[test]
     fn bits_of_a_device_are_of_this_machine() {
-        const ANY: &[OutputPort] = &[OutputPort::new("a", "*", "A."), OutputPort::new("b", "*", "B.").measured()];
+        const FILES: Out<Files> = Out::new(Group::main(1), "files", "Files.");
+        const ANY: &[OutputPort] = &[FILES.port(), FILES.measured().port()];
         const HERE: [OutputPort; 2] = of_machine(ANY);
         assert_eq!(HERE.map(|port| port.determinism), [Determinism::Local, Determinism::Measured]);
         let place = Place { adapter: Some("a card".into()), ..Place::cpu() };

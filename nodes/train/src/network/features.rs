@@ -4,11 +4,11 @@ use super::{
     head::{Answer, Head, Output, SIDES},
     unet::{Inputs, Unet},
 };
-use crate::parameterization::{Parameterization, Space, signed_log1p};
+use crate::space::{Space, signed_log1p};
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
 use std::{ops::RangeInclusive, sync::Arc};
-use tauflow_data::{maths, time::VarianceTime};
+use tauflow_data::{maths, methods::Parameterization, time::VarianceTime};
 use tauflow_ops::{Pyramid, expm1, map, map2};
 
 /// Numbers that tell the time.
@@ -113,13 +113,14 @@ impl Encoding {
         Unet::new(preset, self.channels(), CLOCK, self.output)
     }
 
-    /// What the target is of the way from the state to the mean of endlessly many samples: known, so that no network should
-    /// have to learn it.
+    /// What the target is of the way from the state to the mean of endlessly many samples: known, so that no network
+    /// should have to learn it.
     ///
-    /// Given I_n, the expectation of I_m, m > n, is (1 - n/m) of the way to the mean: the samples of I_n are among its own.
-    /// Velocities divide that by the time it takes: a local one by that of a small step, so that to the next rung of a dyadic ladder, whose
-    /// secant is 0.85 of it, the network weighs the pixel itself in. At the end of the ladder the time vanishes with the way, and what is left is
-    /// finite. Interpolants of rectified flow have 1 - t of their way before them, whatever it is worth.
+    /// Given I_n, the expectation of I_m, m > n, is (1 - n/m) of the way to the mean: the samples of I_n are among its
+    /// own. Velocities divide that by the time it takes: a local one by that of a small step, so that to the next rung
+    /// of a dyadic ladder, whose secant is 0.85 of it, the network weighs the pixel itself in. At the end of the ladder
+    /// the time vanishes with the way, and what is left is finite. Interpolants of rectified flow have 1 - t of their
+    /// way before them, whatever it is worth.
     fn gain(&self, tau: f64) -> f64 {
         let (count, last) = (self.clock.count(tau), self.clock.n_max());
         // d tau/dn = 1/(2 unit n^(3/2)), and 1 - tau = (1/sqrt n - 1/sqrt n_max)/unit.

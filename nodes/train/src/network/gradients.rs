@@ -6,10 +6,10 @@ use super::{
     layers,
     unet::{Preset, Unet},
 };
-use crate::parameterization::{Parameterization, Space};
+use crate::space::Space;
 use burn::tensor::{Device, Tensor, TensorData};
 use std::sync::Arc;
-use tauflow_data::{rng::Stream, time::VarianceTime};
+use tauflow_data::{methods::Parameterization, rng::Stream, time::VarianceTime};
 
 fn numbers(seed: u64, size: usize) -> Vec<f32> {
     let mut stream = Stream::new(seed, &[]);

@@ -1,9 +1,9 @@
 //! The two ends of the network that are not learned: what the last layer's numbers mean, and the loss.
 //!
-//! The numbers are weights: of what lies around each pixel of the state, divided by albedo where there is one, at several
-//! scales. The weighted mean, times the albedo, is the network's estimate of what more samples would give; the answer is that
-//! less the state, times what the law says of how far the target is from it. So a firefly of a thousand asks for no output of
-//! a thousand, texture passes through, and no network has to learn sizes that are known.
+//! The numbers are weights: of what lies around each pixel of the state, divided by albedo where there is one, at
+//! several scales. The weighted mean, times the albedo, is the network's estimate of what more samples would give; the
+//! answer is that less the state, times what the law says of how far the target is from it. So a firefly of a thousand
+//! asks for no output of a thousand, texture passes through, and no network has to learn sizes that are known.
 
 use super::op::apply;
 use burn::tensor::Tensor;
@@ -18,7 +18,8 @@ pub enum Output {
     /// Weights of what lies around a pixel; the law makes predictions of their mean.
     #[default]
     Means,
-    /// The same, and a factor between 1/4 and 4 for each colour of the mean: light falls on a pixel otherwise than around it.
+    /// The same, and a factor between 1/4 and 4 for each colour of the mean: light falls on a pixel otherwise than
+    /// around it.
     ShadedMeans,
     /// Predictions, with nothing known put in: for studies of what the law is worth.
     Values,
@@ -107,7 +108,7 @@ impl Operator<2> for Shade {
         (map2(mean, shade, |mean, shade| mean * Self::factor(shade)), ())
     }
 
-    fn backward(&self, [mean, shade]: [&[f32]; 2], _: &(), gradient: &[f32], _: [bool; 2]) -> [Vec<f32>; 2] {
+    fn backward(&self, [mean, shade]: [&[f32]; 2], (): &(), gradient: &[f32], _: [bool; 2]) -> [Vec<f32>; 2] {
         let of_mean = map2(gradient, shade, |gradient, shade| gradient * Self::factor(shade));
         let slopes = map2(mean, shade, |mean, shade| mean * Self::slope(shade));
         [of_mean, map2(gradient, &slopes, |gradient, slope| gradient * slope)]
@@ -151,11 +152,11 @@ impl Operator<1> for Answer {
     type Saved = ();
 
     fn forward(&self, [mean]: [&[f32]; 1]) -> (Vec<f32>, ()) {
-        let encode = |value: f32| if self.log { crate::parameterization::signed_log1p(value) } else { value };
+        let encode = |value: f32| if self.log { crate::space::signed_log1p(value) } else { value };
         (self.fill(mean.len(), |i, gain, albedo| gain * (encode(albedo * mean[i]) - self.state[i])), ())
     }
 
-    fn backward(&self, [mean]: [&[f32]; 1], _: &(), gradient: &[f32], _: [bool; 1]) -> [Vec<f32>; 1] {
+    fn backward(&self, [mean]: [&[f32]; 1], (): &(), gradient: &[f32], _: [bool; 1]) -> [Vec<f32>; 1] {
         let slope = |value: f32| if self.log { 1.0 / (1.0 + value.abs()) } else { 1.0 };
         [self.fill(mean.len(), |i, gain, albedo| gradient[i] * gain * albedo * slope(albedo * mean[i]))]
     }
@@ -172,8 +173,8 @@ pub enum Loss {
     Absolute,
 }
 
-/// The losses of a prediction by a target of its shape, added and divided by `count`: how many there are in all parts of a batch
-/// together.
+/// The losses of a prediction by a target of its shape, added and divided by `count`: how many there are in all parts
+/// of a batch together.
 pub(crate) fn mean_loss<const D: usize>(
     prediction: Tensor<D>,
     target: Arc<Vec<f32>>,
@@ -207,7 +208,7 @@ impl Operator<1> for MeanLoss {
         (vec![(total / self.count as f64) as f32], ())
     }
 
-    fn backward(&self, [prediction]: [&[f32]; 1], _: &(), gradient: &[f32], _: [bool; 1]) -> [Vec<f32>; 1] {
+    fn backward(&self, [prediction]: [&[f32]; 1], (): &(), gradient: &[f32], _: [bool; 1]) -> [Vec<f32>; 1] {
         let scale = gradient[0] / self.count as f32;
         let of = |(p, t): (&f32, &f32)| match self.loss {
             Loss::Squared => 2.0 * (p - t) * scale,

@@ -23,8 +23,8 @@ pub(crate) fn linear<const D: usize>(x: Tensor<D>, kernel: Tensor<2>, bias: Tens
     apply(map, [x.into(), kernel.into(), bias.into()], shape)
 }
 
-/// Normalises `x` [N, H, W, C] in groups of 8 channels, modulates it by `modulation` [N, 2 C] (scales, then shifts), and
-/// applies SiLU.
+/// Normalises `x` [N, H, W, C] in groups of 8 channels, modulates it by `modulation` [N, 2 C] (scales, then shifts),
+/// and applies SiLU.
 pub(crate) fn norm_silu(x: Tensor<4>, modulation: Tensor<2>) -> Tensor<4> {
     let shape = x.dims();
     let [_, height, width, channels] = shape;

@@ -1,5 +1,5 @@
-//! The network of the solvers: a U-Net on burn's autodiff graph, with the heavy operators of `tauflow-ops`; on devices that are no
-//! CPU, with burn's.
+//! The network of the solvers: a U-Net on burn's autodiff graph, with the heavy operators of `tauflow-ops`; on devices
+//! that are no CPU, with burn's.
 //!
 //! Knows images and times, nothing of data sets or of how it is trained.
 

@@ -1,5 +1,5 @@
-//! The operators of `tauflow-ops`, and those of the head, by burn's own operations: for devices that are no CPU. burn finds their
-//! gradients itself.
+//! The operators of `tauflow-ops`, and those of the head, by burn's own operations: for devices that are no CPU. burn
+//! finds their gradients itself.
 //!
 //! Tensors are flat, as slices are there: an operator knows what shape its numbers have. Knows nothing of networks.
 

@@ -1,8 +1,8 @@
 //! Operators over plain slices in burn's autodiff graph.
 //!
 //! burn's stock convolution spends most of a training step in its weight gradient, and normalisation takes a pass for
-//! each elementary operation; the network's heavy operators are therefore those of `tauflow-ops`. Devices that are no CPU, in builds
-//! for them, do burn's own operations (`on_device`). Knows nothing of networks.
+//! each elementary operation; the network's heavy operators are therefore those of `tauflow-ops`. Devices that are no
+//! CPU, in builds for them, do burn's own operations (`on_device`). Knows nothing of networks.
 
 use burn::{
     backend::{

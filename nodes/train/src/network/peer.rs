@@ -1,5 +1,5 @@
-//! The network is what it says: outputs and gradients of PyTorch, in f64, for the same made-up weights and inputs. The numbers
-//! are made by `benches/pytorch/reference.py`.
+//! The network is what it says: outputs and gradients of PyTorch, in f64, for the same made-up weights and inputs. The
+//! numbers are made by `benches/pytorch/reference.py`.
 
 use super::{
     features::CLOCK,

@@ -79,8 +79,8 @@ impl Slots {
             let tensor = file.get(&name)?;
             if tensor.shape != slot.shape {
                 return Err(KindError::Input(format!(
-                    "weight `{name}` has shape {:?}, the network needs {:?}; the model was made by another version, train \
-                     it again",
+                    "weight `{name}` has shape {:?}, the network needs {:?}; the model was made by another version, \
+                     train it again",
                     tensor.shape, slot.shape
                 )));
             }

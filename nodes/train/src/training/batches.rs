@@ -3,13 +3,13 @@
 use crate::{
     model::Model,
     network::features::{Encoding, Sample},
-    parameterization::Conditioning,
+    parameterization::ParameterizationMaths as _,
     rollout::{Course, rollout},
 };
 use rayon::prelude::*;
 use std::sync::Arc;
-use tauflow_contract::{Collection, Context, KindError};
-use tauflow_data::{Image, formats::PackedScene, maths, rng::Stream, time::TimeGrid};
+use tauflow_contract::{All, Context, Items, KindError};
+use tauflow_data::{Image, maths, methods::Conditioning, records::PackedScene, rng::Stream, time::TimeGrid};
 
 /// Scenes with the same rungs.
 #[derive(Debug)]
@@ -60,17 +60,19 @@ impl DataSet {
     /// If it is empty, scenes differ in rungs, or G-buffers are missing where they are needed.
     pub(crate) fn load(
         ctx: &Context<'_>,
-        collection: &Collection,
-        port: &str,
+        items: Items<'_, PackedScene>,
+        port: All<PackedScene>,
         conditioning: Conditioning,
     ) -> Result<Self, KindError> {
-        let mut scenes = Vec::with_capacity(collection.len());
-        for (key, artifact) in collection.iter() {
-            let scene = PackedScene::from_bytes(&ctx.part(artifact, "")?)
-                .map_err(|e| KindError::Input(format!("scene {key} of input `{port}`: {e}")))?;
+        let mut scenes = Vec::with_capacity(items.len());
+        for (key, scene) in items.iter() {
+            let scene = scene.load(ctx).map_err(|error| match error {
+                KindError::Input(told) => KindError::Input(format!("scene {key} of input `{}`: {told}", port.name())),
+                error => error,
+            })?;
             scenes.push((key.as_str(), scene));
         }
-        Self::new(scenes, port, conditioning)
+        Self::new(scenes, port.name(), conditioning)
     }
 
     pub(crate) fn new(
@@ -106,8 +108,8 @@ impl DataSet {
             }
             if scene.gbuffer.as_ref().is_some_and(|g| g.data().iter().any(|v| !v.is_finite())) {
                 return Err(KindError::Input(format!(
-                    "scene {key} of input `{port}` holds a value that is not finite in its G-buffer; render it again, or \
-                     leave `gbuffers` away"
+                    "scene {key} of input `{port}` holds a value that is not finite in its G-buffer; render it again, \
+                     or leave `gbuffers` away"
                 )));
             }
             let (width, height) = size(scene);
@@ -133,7 +135,8 @@ impl DataSet {
         self.scenes.len()
     }
 
-    /// The side of the square windows that training sees: `wanted`, cut to what the smallest image and the network allow.
+    /// The side of the square windows that training sees: `wanted`, cut to what the smallest image and the network
+    /// allow.
     ///
     /// # Errors
     /// If an image is smaller than the network's coarsest pixel.
@@ -143,15 +146,15 @@ impl DataSet {
         let side = wanted.min(width).min(height) / multiple * multiple;
         if side == 0 {
             return Err(KindError::Input(format!(
-                "a crop of {wanted} from images of {width} x {height} is less than the {multiple} pixels that the network \
-                 needs; raise `crop` or the `resolution`"
+                "a crop of {wanted} from images of {width} x {height} is less than the {multiple} pixels that the \
+                 network needs; raise `crop` or the `resolution`"
             )));
         }
         Ok(side)
     }
 
-    /// The mean gain of one model call from the first rung to the last over the first rung itself, on the first scenes: dB of
-    /// PSNR against the last.
+    /// The mean gain of one model call from the first rung to the last over the first rung itself, on the first scenes:
+    /// dB of PSNR against the last.
     ///
     /// # Errors
     /// If the model refuses the scenes.
@@ -338,8 +341,8 @@ impl Batch {
 }
 
 impl Pick {
-    /// For each pixel of the turned window, where it lies in an image of this width and height; the window is moved in where another
-    /// scene's image is smaller.
+    /// For each pixel of the turned window, where it lies in an image of this width and height; the window is moved in
+    /// where another scene's image is smaller.
     fn places(&self, (width, height): (usize, usize), side: usize) -> Vec<usize> {
         let (left, top) = (self.left.min(width - side), self.top.min(height - side));
         let place = |x: usize, y: usize| {

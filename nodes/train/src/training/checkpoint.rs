@@ -3,16 +3,18 @@
 
 use super::{optimiser::Optimised, record::Record, trainer::Trainer};
 use crate::model::ModelInfo;
-use serde_json::Value;
-use tauflow_contract::{Artifact, Context, Digest, KindError, MemoKey};
+use serde_json::json;
+use tauflow_contract::{Artifact, Basis, Context, Digest, KindError, MemoKey};
 use tauflow_data::TensorFile;
 
 const MEDIA: &str = "tauflow/training-checkpoint";
+/// Raised with every change of what a checkpoint holds.
+const LAYOUT: u32 = 2;
 
 /// Where the checkpoints of one training are kept.
 pub(crate) struct Checkpoints {
-    /// Params, seed and inputs: all that decides the weights after a number of steps.
-    pub(crate) params: Value,
+    /// With the inputs, all that decides the weights after a number of steps.
+    pub(crate) basis: Basis,
     pub(crate) inputs: Vec<Digest>,
     /// What its model will say of itself.
     pub(crate) info: ModelInfo,
@@ -22,12 +24,8 @@ pub(crate) struct Checkpoints {
 
 impl Checkpoints {
     fn key(&self, step: u64) -> MemoKey {
-        MemoKey {
-            name: "training/checkpoint".into(),
-            version: 2,
-            params: serde_json::json!({ "training": self.params, "step": step }),
-            inputs: self.inputs.clone(),
-        }
+        let params = json!({ "training": self.basis.params, "step": step, "layout": LAYOUT });
+        MemoKey { basis: self.basis.with(params, self.basis.seed), inputs: self.inputs.clone() }
     }
 
     /// True if there is one to be kept at this step.

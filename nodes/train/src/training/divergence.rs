@@ -1,18 +1,18 @@
 //! Tells that a training has gone wrong, at the step where it does.
 //!
-//! Predictions are weighted means of what is shown (`network/head.rs`), so that a loss stays within what the data hold: weights
-//! that have run away make a network that picks single pixels, with a loss a few times that of a fresh one, finite and
-//! useless. What tells it is the size of the weights.
+//! Predictions are weighted means of what is shown (`network/head.rs`), so that a loss stays within what the data hold.
+//! Weights that have run away make a network that picks single pixels. Its loss is a few times that of a fresh one:
+//! finite, and useless. What tells it is the size of the weights.
 
 use tauflow_contract::KindError;
 
-/// Growth of the norm of all weights from which a training has diverged. Adam moves a weight by about the learning rate in a step,
-/// and sound trainings make some times what they began with; at a thousand times, softmax and normalisation pass no gradient
-/// on.
+/// Growth of the norm of all weights from which a training has diverged. Adam moves a weight by about the learning rate
+/// in a step, and sound trainings make some times what they began with; at a thousand times, softmax and normalisation
+/// pass no gradient on.
 const GROWTH: f64 = 1000.0;
 
-/// Largest norm of a gradient whose square is a number in single precision, as Adam's second moment holds it: beyond it, weights would
-/// stand still for ever, with no loss telling so.
+/// Largest norm of a gradient whose square is a number in single precision, as Adam's second moment holds it: beyond
+/// it, weights would stand still for ever, with no loss telling so.
 const STEEPEST: f64 = 1.8e19;
 
 /// What to do about it: the end of each message.
@@ -27,8 +27,8 @@ pub(crate) fn loss(step: u64, rate: f64, loss: f64, largest: f32) -> Result<(), 
         return Ok(());
     }
     Err(KindError::Input(format!(
-        "the loss is {loss} at step {step}, at a learning rate of {rate:.1e} and with targets up to {largest:.1e}; {REMEDY}, or, where \
-         the data are so bright, take `space: log1p` with `loss: absolute`"
+        "the loss is {loss} at step {step}, at a learning rate of {rate:.1e} and with targets up to {largest:.1e}; \
+         {REMEDY}, or, where the data are so bright, take `space: log1p` with `loss: absolute`"
     )))
 }
 
@@ -41,8 +41,8 @@ pub(crate) fn gradient(step: u64, rate: f64, loss: f64, norm: f64, clip: f64) ->
         return Ok(());
     }
     Err(KindError::Input(format!(
-        "the norm of the gradient is {norm:.1e} at step {step}, at a learning rate of {rate:.1e} and with a loss of {loss:.3e}, and \
-         `clip` is {clip:e}; {REMEDY}"
+        "the norm of the gradient is {norm:.1e} at step {step}, at a learning rate of {rate:.1e} and with a loss of \
+         {loss:.3e}, and `clip` is {clip:e}; {REMEDY}"
     )))
 }
 
@@ -55,8 +55,8 @@ pub(crate) fn weights(step: u64, norm: f64, first: f64, rate: f64) -> Result<(),
         return Ok(());
     }
     Err(KindError::Input(format!(
-        "the training diverges: after step {step}, at a learning rate of {rate:.1e}, the weights are {:.0} times as large as at its \
-         start, and more than {GROWTH:.0} times is no sound training; {REMEDY}",
+        "the training diverges: after step {step}, at a learning rate of {rate:.1e}, the weights are {:.0} times as \
+         large as at its start, and more than {GROWTH:.0} times is no sound training; {REMEDY}",
         norm / first
     )))
 }

@@ -1,6 +1,7 @@
 //! Adam (Kingma and Ba 2015) with warm-up, a clip on the norm of the whole gradient, and an average of the weights.
 //!
-//! burn's own optimiser clips each tensor by itself and keeps no average; this one goes once over plain numbers, in order.
+//! burn's own optimiser clips each tensor by itself and keeps no average; this one goes once over plain numbers, in
+//! order.
 
 use crate::network::weights::Weights;
 use schemars::JsonSchema;

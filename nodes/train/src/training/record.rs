@@ -1,7 +1,7 @@
 //! The loss curve while it is written.
 
 use serde::{Deserialize, Serialize};
-use tauflow_data::{curve::Standing, results::TrainingPoint};
+use tauflow_data::{curve::Standing, records::TrainingPoint};
 
 /// Points of a curve before it is told what it does.
 const TELLING: usize = 4;

@@ -1,5 +1,5 @@
-//! Threads for trainings that run side by side: each has its share of the processor, anew at every step, so that the last of a
-//! matrix of trainings has all of it. The bits do not depend on it.
+//! Threads for trainings that run side by side: each has its share of the processor, anew at every step, so that the
+//! last of a matrix of trainings has all of it. The bits do not depend on it.
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::atomic::{AtomicUsize, Ordering};

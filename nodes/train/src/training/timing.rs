@@ -1,16 +1,22 @@
 //! Times of the network by itself, for benches: no kind reads a clock through these.
 
+#![expect(clippy::disallowed_methods, reason = "it measures, for benches alone")]
+
 use super::{DataSet, Decay, Draw, Rates, Trainer};
 use crate::{
     device::Place,
     model::{Model, ModelInfo},
     network::{Loss, Output, Preset},
-    parameterization::{Conditioning, Parameterization, Space},
     rollout::Denoiser,
+    space::Space,
 };
 use std::time::Instant;
 use tauflow_contract::KindError;
-use tauflow_data::{Image, formats::PackedScene};
+use tauflow_data::{
+    Image,
+    methods::{Conditioning, Parameterization},
+    records::PackedScene,
+};
 
 fn info(preset: Preset) -> ModelInfo {
     ModelInfo {
@@ -41,8 +47,8 @@ fn scene(side: usize) -> Result<PackedScene, KindError> {
     Ok(PackedScene { counts: vec![1, 4, 16], states, gbuffer: Some(Image::new(side, side, 6)) })
 }
 
-/// Milliseconds of each of some training steps with G-buffers on a made-up batch of `side` x `side` pixels, drawn anew for
-/// each, and of drawing it; on the threads of the rayon pool that this is called in.
+/// Milliseconds of each of some training steps with G-buffers on a made-up batch of `side` x `side` pixels, drawn anew
+/// for each, and of drawing it; on the threads of the rayon pool that this is called in.
 ///
 /// # Errors
 /// If the loss is no longer finite.

@@ -42,8 +42,8 @@ impl Trainer {
 
     /// One step on a batch; returns its loss and the norm of the gradient.
     ///
-    /// Its parts go through networks of their own, side by side where there are threads, and their gradients are added in
-    /// order: parts, not threads, decide the bits.
+    /// Its parts go through networks of their own, side by side where there are threads, and their gradients are added
+    /// in order: parts, not threads, decide the bits.
     ///
     /// # Errors
     /// If it diverges.
@@ -123,10 +123,16 @@ mod tests {
     use super::*;
     use crate::{
         network::Output,
-        parameterization::{Conditioning, Parameterization, Space},
+        space::Space,
         training::{batches::Draw, optimiser::Decay},
     };
-    use tauflow_data::{Image, formats::PackedScene, rng::Stream, time::VarianceTime};
+    use tauflow_data::{
+        Image,
+        methods::{Conditioning, Parameterization},
+        records::PackedScene,
+        rng::Stream,
+        time::VarianceTime,
+    };
 
     /// Scenes of noise around a ramp; the rungs get nearer to it.
     fn scenes(count: usize, side: usize) -> DataSet {

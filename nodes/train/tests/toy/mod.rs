@@ -1,11 +1,8 @@
 //! Toy scenes: smooth shapes under heavy-tailed noise whose rungs are nested means of the same samples.
 
-use tauflow_contract::{Artifact, Blobs, Collection, ItemKey, MemoryBlobs};
-use tauflow_data::{
-    Image,
-    formats::{PACKED, PackedScene},
-    rng::Stream,
-};
+use std::sync::atomic::AtomicBool;
+use tauflow_contract::{Collection, Context, ItemKey, Media, MemoryBlobs, Silent};
+use tauflow_data::{Image, records::PackedScene, rng::Stream};
 
 /// A scene of `side` pixels with the rungs `counts`.
 pub fn scene(seed: u64, side: usize, counts: &[u64]) -> PackedScene {
@@ -60,11 +57,12 @@ pub fn scene(seed: u64, side: usize, counts: &[u64]) -> PackedScene {
 
 /// Stores scenes `from..to` as a collection.
 pub fn collection(blobs: &MemoryBlobs, range: std::ops::Range<u64>, side: usize, counts: &[u64]) -> Collection {
+    let cancel = AtomicBool::new(false);
+    let ctx = Context::new(blobs, &Silent, &cancel);
     range
         .map(|i| {
-            let bytes = scene(i, side, counts).to_bytes().expect("consistent");
-            let digest = blobs.put(&bytes).expect("memory");
-            (ItemKey::new(format!("toy-{i:04}")).expect("plain"), Artifact::blob(PACKED, digest))
+            let stored = scene(i, side, counts).store(&ctx).expect("consistent");
+            (ItemKey::new(format!("toy-{i:04}")).expect("plain"), stored.into_artifact())
         })
         .collect()
 }

@@ -1,6 +1,6 @@
 //! Eight lanes of AVX2.
 
-use super::{Mask, Real, Record, Whole, draw, halves, squeeze};
+use super::{Integer, Mask, Real, Record, draw, halves, squeeze};
 use std::{
     arch::x86_64::*,
     ops::{Add, AddAssign, BitAnd, BitOr, Div, Mul, MulAssign, Neg, Not, Sub},
@@ -50,7 +50,7 @@ impl Mask for M8 {
     }
 }
 
-impl Whole for I8 {
+impl Integer for I8 {
     #[inline(always)]
     fn splat(value: i32) -> Self {
         Self(unsafe { _mm256_set1_epi32(value) })
@@ -93,7 +93,7 @@ fn turn([a, b, c, d]: [__m256; 4]) -> [__m256; 4] {
 impl Real for F8 {
     const N: usize = 8;
     type Mask = M8;
-    type Whole = I8;
+    type Integer = I8;
     #[inline(always)]
     fn splat(value: f32) -> Self {
         Self(unsafe { _mm256_set1_ps(value) })
@@ -115,7 +115,7 @@ impl Real for F8 {
         squeeze(&all, mask.bits(), to);
     }
     #[inline(always)]
-    fn compress_whole(value: I8, mask: M8, to: &mut [u32]) {
+    fn compress_integer(value: I8, mask: M8, to: &mut [u32]) {
         let mut all = [0; 8];
         value.store(&mut all);
         squeeze(&all, mask.bits(), to);
@@ -164,11 +164,11 @@ impl Real for F8 {
         Self(unsafe { _mm256_blendv_ps(no.0, yes.0, mask.0) })
     }
     #[inline(always)]
-    fn whole(self) -> I8 {
+    fn to_integer(self) -> I8 {
         I8(unsafe { _mm256_cvttps_epi32(self.0) })
     }
     #[inline(always)]
-    fn of_whole(value: I8) -> Self {
+    fn of_integer(value: I8) -> Self {
         Self(unsafe { _mm256_cvtepi32_ps(value.0) })
     }
     #[inline(always)]
@@ -180,7 +180,7 @@ impl Real for F8 {
         }
     }
     #[inline(always)]
-    fn gather_whole(from: &[u32], index: I8) -> I8 {
+    fn gather_integer(from: &[u32], index: I8) -> I8 {
         let Some(last) = from.len().checked_sub(1) else { return I8::splat(0) };
         unsafe {
             let index = _mm256_min_epu32(index.0, _mm256_set1_epi32(last.min(i32::MAX as usize) as i32));
@@ -225,7 +225,7 @@ impl Real for F8 {
         M8(unsafe { _mm256_castsi256_ps(_mm256_cmpeq_epi32(a.0, b.0)) })
     }
     #[inline(always)]
-    fn select_whole(mask: M8, yes: I8, no: I8) -> I8 {
+    fn select_integer(mask: M8, yes: I8, no: I8) -> I8 {
         I8(unsafe { _mm256_blendv_epi8(no.0, yes.0, _mm256_castps_si256(mask.0)) })
     }
     #[inline(always)]

@@ -1,6 +1,6 @@
 //! Sixteen lanes of AVX-512.
 
-use super::{Mask, Real, Record, Whole, draw, halves};
+use super::{Integer, Mask, Real, Record, draw, halves};
 use std::{
     arch::x86_64::*,
     ops::{Add, AddAssign, BitAnd, BitOr, Div, Mul, MulAssign, Neg, Not, Sub},
@@ -60,7 +60,7 @@ impl Mask for M16 {
     }
 }
 
-impl Whole for I16 {
+impl Integer for I16 {
     #[inline(always)]
     fn splat(value: i32) -> Self {
         Self(unsafe { _mm512_set1_epi32(value) })
@@ -103,7 +103,7 @@ fn turn([a, b, c, d]: [__m512; 4]) -> [__m512; 4] {
 impl Real for F16 {
     const N: usize = 16;
     type Mask = M16;
-    type Whole = I16;
+    type Integer = I16;
     #[inline(always)]
     fn splat(value: f32) -> Self {
         Self(unsafe { _mm512_set1_ps(value) })
@@ -124,7 +124,7 @@ impl Real for F16 {
         Self(unsafe { _mm512_maskz_compress_ps(mask.0, self.0) }).store(to);
     }
     #[inline(always)]
-    fn compress_whole(value: I16, mask: M16, to: &mut [u32]) {
+    fn compress_integer(value: I16, mask: M16, to: &mut [u32]) {
         I16(unsafe { _mm512_maskz_compress_epi32(mask.0, value.0) }).store(to);
     }
     #[inline(always)]
@@ -171,11 +171,11 @@ impl Real for F16 {
         Self(unsafe { _mm512_mask_blend_ps(mask.0, no.0, yes.0) })
     }
     #[inline(always)]
-    fn whole(self) -> I16 {
+    fn to_integer(self) -> I16 {
         I16(unsafe { _mm512_cvttps_epi32(self.0) })
     }
     #[inline(always)]
-    fn of_whole(value: I16) -> Self {
+    fn of_integer(value: I16) -> Self {
         Self(unsafe { _mm512_cvtepi32_ps(value.0) })
     }
     #[inline(always)]
@@ -187,7 +187,7 @@ impl Real for F16 {
         }
     }
     #[inline(always)]
-    fn gather_whole(from: &[u32], index: I16) -> I16 {
+    fn gather_integer(from: &[u32], index: I16) -> I16 {
         let Some(last) = from.len().checked_sub(1) else { return I16::splat(0) };
         unsafe {
             let index = _mm512_min_epu32(index.0, _mm512_set1_epi32(last.min(i32::MAX as usize) as i32));
@@ -250,7 +250,7 @@ impl Real for F16 {
         M16(unsafe { _mm512_cmpeq_epi32_mask(a.0, b.0) })
     }
     #[inline(always)]
-    fn select_whole(mask: M16, yes: I16, no: I16) -> I16 {
+    fn select_integer(mask: M16, yes: I16, no: I16) -> I16 {
         I16(unsafe { _mm512_mask_blend_epi32(mask.0, no.0, yes.0) })
     }
     #[inline(always)]

@@ -1,6 +1,6 @@
 //! Four lanes of SSE2.
 
-use super::{Mask, Real, Record, Whole, draw, halves, squeeze};
+use super::{Integer, Mask, Real, Record, draw, halves, squeeze};
 use std::{
     arch::x86_64::*,
     ops::{Add, AddAssign, BitAnd, BitOr, Div, Mul, MulAssign, Neg, Not, Sub},
@@ -64,7 +64,7 @@ impl Mask for M4 {
     }
 }
 
-impl Whole for I4 {
+impl Integer for I4 {
     #[inline(always)]
     fn splat(value: i32) -> Self {
         Self([value; 4])
@@ -102,7 +102,7 @@ pub(super) fn turn([a, b, c, d]: [__m128; 4]) -> [__m128; 4] {
 impl Real for F4 {
     const N: usize = 4;
     type Mask = M4;
-    type Whole = I4;
+    type Integer = I4;
     #[inline(always)]
     fn splat(value: f32) -> Self {
         Self(unsafe { _mm_set1_ps(value) })
@@ -124,7 +124,7 @@ impl Real for F4 {
         squeeze(&all, mask.bits(), to);
     }
     #[inline(always)]
-    fn compress_whole(value: I4, mask: M4, to: &mut [u32]) {
+    fn compress_integer(value: I4, mask: M4, to: &mut [u32]) {
         squeeze(&value.0.map(|v| v as u32), mask.bits(), to);
     }
     #[inline(always)]
@@ -173,13 +173,13 @@ impl Real for F4 {
         Self(unsafe { _mm_or_ps(_mm_and_ps(mask.0, yes.0), _mm_andnot_ps(mask.0, no.0)) })
     }
     #[inline(always)]
-    fn whole(self) -> I4 {
+    fn to_integer(self) -> I4 {
         let mut all = [0; 4];
         unsafe { _mm_storeu_si128(all.as_mut_ptr().cast(), _mm_cvttps_epi32(self.0)) }
         I4(all)
     }
     #[inline(always)]
-    fn of_whole(value: I4) -> Self {
+    fn of_integer(value: I4) -> Self {
         Self::load(&value.0.map(|v| v as f32))
     }
     #[inline(always)]
@@ -187,8 +187,8 @@ impl Real for F4 {
         Self::load(&index.0.map(|i| f32::gather(from, i)))
     }
     #[inline(always)]
-    fn gather_whole(from: &[u32], index: I4) -> I4 {
-        I4(index.0.map(|i| f32::gather_whole(from, i)))
+    fn gather_integer(from: &[u32], index: I4) -> I4 {
+        I4(index.0.map(|i| f32::gather_integer(from, i)))
     }
     #[inline(always)]
     fn columns(from: &[Record], index: I4) -> [Self; 8] {
@@ -214,7 +214,7 @@ impl Real for F4 {
         M4::from_bits(bit(0) | bit(1) | bit(2) | bit(3))
     }
     #[inline(always)]
-    fn select_whole(mask: M4, yes: I4, no: I4) -> I4 {
+    fn select_integer(mask: M4, yes: I4, no: I4) -> I4 {
         let bits = mask.bits();
         I4(std::array::from_fn(|i| if bits >> i & 1 == 1 { yes.0[i] } else { no.0[i] }))
     }

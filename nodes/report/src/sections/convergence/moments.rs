@@ -3,14 +3,12 @@
 use super::name;
 use crate::text::{count, escape, fixed};
 use std::fmt::Write as _;
-use tauflow_data::convergence::{
-    AgainstLaw, Agreement, Beside, Convergence, ConvergenceRow, DIFFERS, SdeRow, TOLERANCE,
-};
+use tauflow_data::records::{AgainstLaw, Agreement, Beside, Convergence, ConvergenceRow, DIFFERS, SdeRow, TOLERANCE};
 
 fn verdicts() -> String {
     format!(
-        "A figure <i>agrees</i> if it is off by no more than {}% with two standard errors, <i>differs</i> if it is off by more than {} standard \
-         errors, and is <i>undecided</i> otherwise.",
+        "A figure <i>agrees</i> if it is off by no more than {}% with two standard errors, <i>differs</i> if it is \
+         off by more than {} standard errors, and is <i>undecided</i> otherwise.",
         fixed(100.0 * TOLERANCE, 0),
         fixed(DIFFERS, 0)
     )
@@ -32,10 +30,10 @@ pub fn covariances(convergence: &Convergence, strata: &[&ConvergenceRow]) -> Str
         return String::new();
     }
     let mut out = format!(
-        "<details><summary>Variances and covariances of rungs</summary><p class=\"note\">Cov(I<sub>n</sub>, I<sub>m</sub>) over σ²/max(n, m), \
-         1 by the law, with its standard error and how many of them it is off; on the diagonal stand variances. Each pixel counts in units of its \
-         own deviation, scenes by how well their kurtosis lets each be known. {}</p><div class=\"scroll\"><table class=\"wide\"><thead><tr>\
-         <th>m \\ n</th>",
+        "<details><summary>Variances and covariances of rungs</summary><p class=\"note\">Cov(I<sub>n</sub>, \
+         I<sub>m</sub>) over σ²/max(n, m), 1 by the law, with its standard error and how many of them it is off; on \
+         the diagonal stand variances. Each pixel counts in units of its own deviation, scenes by how well their \
+         kurtosis lets each be known. {}</p><div class=\"scroll\"><table class=\"wide\"><thead><tr><th>m \\ n</th>",
         verdicts()
     );
     for n in &convergence.counts {
@@ -49,8 +47,8 @@ pub fn covariances(convergence: &Convergence, strata: &[&ConvergenceRow]) -> Str
         let _ = write!(out, "<tr><td>{}</td>{cells}</tr>", count(*m));
     }
     out.push_str(
-        "</tbody></table></div><div class=\"scroll\"><table><thead><tr><th>Stratum</th><th>Means, variances and covariances that agree</th>\
-         <th>Undecided</th><th>Differ</th><th>Largest |z|</th></tr></thead><tbody>",
+        "</tbody></table></div><div class=\"scroll\"><table><thead><tr><th>Stratum</th><th>Means, variances and \
+         covariances that agree</th><th>Undecided</th><th>Differ</th><th>Largest |z|</th></tr></thead><tbody>",
     );
     for row in strata.iter().filter(|row| !row.covariance.is_empty()).copied().chain([&convergence.overall]) {
         let all = || row.mean.iter().chain(row.covariance.iter().flatten());
@@ -76,11 +74,13 @@ pub fn sde(convergence: &Convergence) -> String {
         return String::new();
     }
     let mut out = format!(
-        "<details><summary>The Monte Carlo SDE beside the ladders</summary><p class=\"note\">Simulated on its clock s = 1 − 1/√n, in units of each pixel's \
-         σ. By the law means are 0, variances over σ²/n are 1, and so are covariances of two rungs over σ² over the larger count. Under the ladders' \
-         figures: how many standard errors of the difference they are above the SDE's. {}</p><div class=\"scroll\"><table class=\"wide\"><thead>\
-         <tr><th>n</th><th>Mean √n/σ, SDE</th><th>ladders</th><th>Variance n/σ², SDE</th><th>ladders</th><th>Covariance with the rung before, \
-         SDE</th><th>ladders</th><th>Covariance with the first rung, SDE</th><th>ladders</th><th>All rungs before</th></tr></thead><tbody>",
+        "<details><summary>The Monte Carlo SDE beside the ladders</summary><p class=\"note\">Simulated on its clock \
+         s = 1 − 1/√n, in units of each pixel's σ. By the law means are 0, variances over σ²/n are 1, and so are \
+         covariances of two rungs over σ² over the larger count. Under the ladders' figures: how many standard \
+         errors of the difference they are above the SDE's. {}</p><div class=\"scroll\"><table \
+         class=\"wide\"><thead><tr><th>n</th><th>Mean √n/σ, SDE</th><th>ladders</th><th>Variance n/σ², \
+         SDE</th><th>ladders</th><th>Covariance with the rung before, SDE</th><th>ladders</th><th>Covariance with \
+         the first rung, SDE</th><th>ladders</th><th>All rungs before</th></tr></thead><tbody>",
         verdicts()
     );
     for row in &convergence.sde {

@@ -6,7 +6,7 @@ use crate::{
     text::{count, escape, fixed},
 };
 use std::fmt::Write as _;
-use tauflow_data::convergence::{AgainstLaw, Convergence, OFF_NORMAL, TOLERANCE};
+use tauflow_data::records::{AgainstLaw, Convergence, OFF_NORMAL, TOLERANCE};
 
 /// The table; nothing without scenes.
 pub fn table(convergence: &Convergence) -> String {
@@ -15,12 +15,16 @@ pub fn table(convergence: &Convergence) -> String {
     }
     let last = convergence.counts.last().copied().unwrap_or_default();
     let mut out = format!(
-        "<details><summary>Scene by scene</summary><p class=\"note\">Intervals of slopes are over blocks of pixels; scenes without noise have no slope. Var(I<sub>n</sub>) is over σ²/n, each \
-         pixel in units of its own deviation, with its standard error. “Near normal from”: the rung from which on the errors of pixels, so measured, are \
-         within {}% of a normal distribution; “image near the law from”: that from which on this ladder's mean square error, of pixels as they are, is \
-         within {}% of σ²/n. Where tails are heavy, intervals know nothing of events that this ladder has not drawn: they are too narrow.</p><div class=\"scroll\"><table class=\"wide\"><thead><tr><th>Scene</th>\
-         <th>Slope</th><th>−½ inside</th><th>Var(I<sub>n</sub>), n = {}</th><th>n = {}</th><th>Excess kurtosis</th><th>Tail index</th>\
-         <th>Variance in the top 1%</th><th>Near normal from</th><th>Image near the law from</th><th class=\"left\">How far variance time can be trusted</th></tr></thead><tbody>",
+        "<details><summary>Scene by scene</summary><p class=\"note\">Intervals of slopes are over blocks of pixels; \
+         scenes without noise have no slope. Var(I<sub>n</sub>) is over σ²/n, each pixel in units of its own \
+         deviation, with its standard error. “Near normal from”: the rung from which on the errors of pixels, so \
+         measured, are within {}% of a normal distribution; “image near the law from”: that from which on this \
+         ladder's mean square error, of pixels as they are, is within {}% of σ²/n. Where tails are heavy, intervals \
+         know nothing of events that this ladder has not drawn: they are too narrow.</p><div \
+         class=\"scroll\"><table class=\"wide\"><thead><tr><th>Scene</th><th>Slope</th><th>−½ \
+         inside</th><th>Var(I<sub>n</sub>), n = {}</th><th>n = {}</th><th>Excess kurtosis</th><th>Tail \
+         index</th><th>Variance in the top 1%</th><th>Near normal from</th><th>Image near the law from</th><th \
+         class=\"left\">How far variance time can be trusted</th></tr></thead><tbody>",
         fixed(100.0 * OFF_NORMAL, 0),
         fixed(100.0 * TOLERANCE, 0),
         count(convergence.counts.first().copied().unwrap_or_default()),
@@ -37,8 +41,8 @@ pub fn table(convergence: &Convergence) -> String {
         };
         let _ = write!(
             out,
-            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}%</td><td>{}</td><td>{}</td>\
-             <td class=\"left\">{}{reasons}</td></tr>",
+            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>\
+             <td>{}</td><td>{}</td><td>{}%</td><td>{}</td><td>{}</td><td class=\"left\">{}{reasons}</td></tr>",
             escape(&scene.scene),
             slope(scene.slope.as_ref(), scene.unresolved),
             holds(scene.slope.as_ref()),
@@ -58,7 +62,8 @@ pub fn table(convergence: &Convergence) -> String {
 /// One row for each scene; what a scene does not have is empty.
 pub fn csv(convergence: &Convergence) -> String {
     let mut out = String::from(
-        "scene,slope,slope_low,slope_high,unresolved,excess_kurtosis,tail_index,tail_share,trusted_from,image_from,heavy_tail,reasons,trust",
+        "scene,slope,slope_low,slope_high,unresolved,excess_kurtosis,tail_index,tail_share,\
+         trusted_from,image_from,heavy_tail,reasons,trust",
     );
     for n in &convergence.counts {
         let _ = write!(out, ",variance_{n},variance_{n}_error,off_normal_{n},image_{n}");

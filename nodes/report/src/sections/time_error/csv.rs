@@ -2,10 +2,7 @@
 
 use crate::csv::field;
 use std::fmt::Write as _;
-use tauflow_data::{
-    results::Estimate,
-    time_error::{TimeError, TimeTo, TimedMethod, TimedSummary},
-};
+use tauflow_data::records::{Estimate, TimeError, TimeTo, TimedMethod, TimedSummary};
 
 /// A method's columns.
 fn method(of: &TimedMethod) -> String {
@@ -31,8 +28,9 @@ fn three(estimate: Option<Estimate>, scenes: u64) -> String {
 /// Every point, over all scenes and by stratum.
 pub fn points(of: &TimeError) -> String {
     let mut out = String::from(
-        "method,conditioning,cell,stratum,scenes,from_spp,nfe,wall_s_q1,wall_s,wall_s_q3,cpu_s,mse,rel_mse,hdr_psnr,preview_psnr,ssim,\
-         speed_up,speed_up_low,speed_up_high,crossover_spp,crossover_spp_low,crossover_spp_high,extrapolated\n",
+        "method,conditioning,cell,stratum,scenes,from_spp,nfe,wall_s_q1,wall_s,wall_s_q3,\
+         cpu_s,mse,rel_mse,hdr_psnr,preview_psnr,ssim,speed_up,speed_up_low,speed_up_high,\
+         crossover_spp,crossover_spp_low,crossover_spp_high,extrapolated\n",
     );
     for timed in &of.methods {
         let method = method(timed);
@@ -42,7 +40,8 @@ pub fn points(of: &TimeError) -> String {
                 let TimedSummary { scenes, wall_s, cpu_s, mse, rel_mse, hdr_psnr, preview_psnr, ssim, .. } = at;
                 let _ = writeln!(
                     out,
-                    "{method},{stratum},{scenes},{},{},{},{},{},{},{mse},{rel_mse},{hdr_psnr},{preview_psnr},{ssim},{},{},{}",
+                    "{method},{stratum},{scenes},{},{},{},{},{},{},{mse},{rel_mse},\
+                     {hdr_psnr},{preview_psnr},{ssim},{},{},{}",
                     point.from_spp,
                     point.nfe,
                     wall_s[0],
@@ -62,7 +61,8 @@ pub fn points(of: &TimeError) -> String {
 /// Every point of every scene.
 pub fn scenes(of: &TimeError) -> String {
     let mut out = String::from(
-        "method,conditioning,cell,scene,from_spp,nfe,wall_s_q1,wall_s,wall_s_q3,cpu_s_q1,cpu_s,cpu_s_q3,mse,rel_mse,hdr_psnr,preview_psnr,ssim,speed_up,crossover_spp,unresolved\n",
+        "method,conditioning,cell,scene,from_spp,nfe,wall_s_q1,wall_s,wall_s_q3,cpu_s_q1,cpu_s,cpu_s_q3,\
+         mse,rel_mse,hdr_psnr,preview_psnr,ssim,speed_up,crossover_spp,unresolved\n",
     );
     for timed in &of.methods {
         let method = method(timed);

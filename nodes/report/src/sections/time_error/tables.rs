@@ -1,6 +1,6 @@
 //! Tables of error against time.
 
-use super::{RENDERING, best_by_start, best_solver, name};
+use super::{best_by_start, best_solver, name};
 use crate::{
     ranking::conditioning_name,
     sections::method_html,
@@ -8,8 +8,8 @@ use crate::{
 };
 use std::fmt::Write as _;
 use tauflow_data::{
-    results::Estimate,
-    time_error::{TimeError, TimeTo, TimedMethod, TimedPoint, TimedSummary},
+    methods::PATH_TRACER,
+    records::{Estimate, TimeError, TimeTo, TimedMethod, TimedPoint, TimedSummary},
 };
 
 fn table(heads: &[&str], rows: &str) -> String {
@@ -24,7 +24,7 @@ fn cells(texts: &[String]) -> String {
 }
 
 fn named(method: &TimedMethod) -> String {
-    if method.method == RENDERING {
+    if method.method == PATH_TRACER {
         return "Rendering alone".into();
     }
     let sees = Some(conditioning_name(&method.conditioning)).filter(|sees| !sees.is_empty());
@@ -58,8 +58,8 @@ fn crossover(of: &TimedSummary) -> String {
     ratio(of.crossover_spp.as_ref(), of.scenes, compact) + &beyond
 }
 
-const BEYOND: &str = "<p class=\"note\">Intervals: 95%, by bootstrap over scenes; of one scene there is none. †: of so many scenes the crossover \
-                      lies beyond the last rung that was timed, and goes by the law of 1/n.</p>";
+const BEYOND: &str = "<p class=\"note\">Intervals: 95%, by bootstrap over scenes; of one scene there is none. †: of \
+    so many scenes the crossover lies beyond the last rung that was timed, and goes by the law of 1/n.</p>";
 
 /// Every point, over all scenes.
 pub fn points(of: &TimeError) -> String {
@@ -143,8 +143,9 @@ pub fn equal_time(of: &TimeError) -> String {
 /// How long methods take to errors, over all scenes and by stratum.
 pub fn targets(of: &TimeError) -> String {
     let all: Vec<(&TimedMethod, &[TimeTo])> = of.methods.iter().map(|m| (m, m.targets.as_slice())).collect();
-    let note = "<p class=\"note\">Median over scenes of the least time to each error; none where fewer than half of the scenes get there at \
-                any point that was measured. Rendering alone may stop between two rungs, but not after the last.</p>";
+    let note = "<p class=\"note\">Median over scenes of the least time to each error; none where fewer than half of \
+        the scenes get there at any point that was measured. Rendering alone may stop between two rungs, but not \
+        after the last.</p>";
     let mut out = note.to_owned() + &times_to(&all);
     let strata = of.methods.first().map(|m| m.strata_targets.keys());
     for stratum in strata.into_iter().flatten() {
@@ -196,7 +197,7 @@ pub fn strata(of: &TimeError) -> String {
     ];
     let best = best_solver(of);
     let mut out = format!("<p>From each endpoint at its best number of calls.</p>{BEYOND}");
-    for method in of.methods.iter().filter(|m| m.method != RENDERING) {
+    for method in of.methods.iter().filter(|m| m.method != PATH_TRACER) {
         let mut rows = String::new();
         for point in best_by_start(method) {
             for (stratum, at) in &point.strata {
@@ -233,8 +234,8 @@ fn fastest(method: &TimedMethod) -> Option<&TimedPoint> {
 /// Every scene: how much faster than rendering alone each method is, where it is fastest.
 pub fn scenes(of: &TimeError) -> String {
     let points: Vec<(&TimedMethod, &TimedPoint)> =
-        of.methods.iter().filter(|m| m.method != RENDERING).filter_map(|m| Some((m, fastest(m)?))).collect();
-    let last = of.methods.iter().find(|m| m.method == RENDERING).and_then(|m| m.points.last());
+        of.methods.iter().filter(|m| m.method != PATH_TRACER).filter_map(|m| Some((m, fastest(m)?))).collect();
+    let last = of.methods.iter().find(|m| m.method == PATH_TRACER).and_then(|m| m.points.last());
     let timed = last.map_or(0, |p| p.from_spp);
     let mut heads = vec!["Scene".to_owned()];
     heads.extend(points.iter().map(|(method, point)| {
@@ -254,9 +255,9 @@ pub fn scenes(of: &TimeError) -> String {
     }
     let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
     format!(
-        "<p>Speed-up over rendering alone, of each method where it is fastest over all scenes. All points of all scenes are in \
-         <code>time_error_scenes.csv</code>.</p><p class=\"note\">†: the crossover lies beyond the {} samples that were timed, and goes by the \
-         law of 1/n.</p>{}",
+        "<p>Speed-up over rendering alone, of each method where it is fastest over all scenes. All points of all \
+         scenes are in <code>time_error_scenes.csv</code>.</p><p class=\"note\">†: the crossover lies beyond the {} \
+         samples that were timed, and goes by the law of 1/n.</p>{}",
         count(timed),
         table(&heads, &rows)
     )

@@ -21,6 +21,7 @@ pub struct Document<'a> {
     pub root: Root,
     buffers: Vec<Cow<'a, [u8]>>,
     externals: &'a Externals,
+    bytes: usize,
 }
 
 /// Extensions that a file may require.
@@ -168,7 +169,8 @@ impl<'a> Document<'a> {
         if let Some(extension) = root.extensions_required.iter().find(|e| !SUPPORTED.contains(&e.as_str())) {
             return Err(Refusal::new("extensionsRequired", format!("`{extension}` is required"), remedy(extension)));
         }
-        let mut document = Self { root, buffers: Vec::new(), externals };
+        let bytes = bytes.len() + externals.values().map(Vec::len).sum::<usize>();
+        let mut document = Self { root, buffers: Vec::new(), externals, bytes };
         for (number, buffer) in document.root.buffers.iter().enumerate() {
             let place = format!("buffer {number}");
             let data = match (&buffer.uri, binary) {
@@ -185,6 +187,11 @@ impl<'a> Document<'a> {
             document.view(number)?;
         }
         Ok(document)
+    }
+
+    /// Bytes of the file and of its external files.
+    pub fn bytes(&self) -> usize {
+        self.bytes
     }
 
     /// The bytes behind a URI.

@@ -2,14 +2,11 @@
 
 use super::primitive::Piece;
 use crate::{
-    assets::{
-        asset::Report,
-        refusal::{Refusal, damaged},
-    },
+    assets::refusal::{Refusal, damaged},
     geom::{Aabb, Vec3, add, cross, length, sub, unit},
     mesh_check::{is_closed, signed_volume},
 };
-use tauflow_data::{formats::Mesh, scene::Affine};
+use tauflow_data::{mesh::Mesh, records::AssetReport, scene::Affine};
 
 /// The map into the box: largest side 1, standing on y = 0 about the y axis.
 pub struct Frame {
@@ -31,12 +28,12 @@ const STRAY: f64 = 0.0005;
 impl Frame {
     /// The frame of all pieces together.
     ///
-    /// It is that of every vertex in use; but if leaving out one vertex in 2,000 at either end of each axis shrinks
-    /// it more than tenfold, those are strays (a forgotten helper, a broken vertex), and it is that of the rest.
+    /// It is that of every vertex in use, unless leaving out one vertex in 2,000 at either end of each axis shrinks it
+    /// more than tenfold. Then those are strays (a forgotten helper, a broken vertex), and it is that of the rest.
     ///
     /// # Errors
     /// If no vertex is finite, or all are in one place.
-    pub fn around<'a>(pieces: impl Iterator<Item = &'a Piece>, report: &mut Report) -> Result<Self, Refusal> {
+    pub fn around<'a>(pieces: impl Iterator<Item = &'a Piece>, report: &mut AssetReport) -> Result<Self, Refusal> {
         let mut used: Vec<Vec3> = Vec::new();
         for piece in pieces {
             let mut mark = vec![false; piece.positions.len()];
@@ -84,7 +81,7 @@ impl Frame {
 ///
 /// Leaves out triangles with a vertex that is not finite or without an area (in the precision of the mesh), and
 /// vertices that none uses; mends normals without a direction; turns a closed body right side out.
-pub fn mesh(mut piece: Piece, frame: &Frame, report: &mut Report) -> (Option<Mesh>, Lost) {
+pub fn mesh(mut piece: Piece, frame: &Frame, report: &mut AssetReport) -> (Option<Mesh>, Lost) {
     piece.transform(&frame.map);
     let single = |p: &Vec3| p.map(|v| v as f32);
     let mut lost = Lost::default();
@@ -152,7 +149,7 @@ fn compact(piece: &mut Piece) {
 }
 
 /// Gives normals without a direction that of the triangles about their vertex.
-fn mend_normals(piece: &mut Piece, report: &mut Report) {
+fn mend_normals(piece: &mut Piece, report: &mut AssetReport) {
     let Some(normals) = &mut piece.normals else { return };
     let bad: Vec<bool> = normals.iter().map(|n| length(*n) < 0.5).collect();
     let count = bad.iter().filter(|b| **b).count();
@@ -174,7 +171,7 @@ fn mend_normals(piece: &mut Piece, report: &mut Report) {
 }
 
 /// Leaves tangents out if some have no direction: the renderer then takes those of the texture coordinates.
-fn mend_tangents(piece: &mut Piece, report: &mut Report) {
+fn mend_tangents(piece: &mut Piece, report: &mut AssetReport) {
     let bad = |t: &[f64; 4]| length([t[0], t[1], t[2]]) < 0.5 || !t[3].is_finite() || t[3] == 0.0;
     if piece.tangents.as_ref().is_some_and(|tangents| tangents.iter().any(bad)) {
         piece.tangents = None;

@@ -19,7 +19,6 @@ use super::{
     slots::{Slot, number, triple},
 };
 use crate::assets::{
-    asset::{Material, Report},
     blobs::BlobSet,
     refusal::{Refusal, damaged},
 };
@@ -31,6 +30,7 @@ use serde_json::Value;
 use std::{borrow::Cow, collections::BTreeMap};
 use tauflow_data::{
     maths,
+    records::{AssetMaterial, AssetReport},
     scene::{Bsdf, Rgb, Texture},
 };
 
@@ -51,7 +51,7 @@ pub struct Materials<'a, 'd> {
     images: Images,
     made: BTreeMap<(Option<usize>, Features), usize>,
     /// The materials, in the order in which they were first asked for.
-    pub list: Vec<Material>,
+    pub list: Vec<AssetMaterial>,
 }
 
 /// The extension `name` of a material.
@@ -108,7 +108,7 @@ struct Making<'m, 'a, 'd> {
     document: &'a Document<'d>,
     images: &'m mut Images,
     blobs: &'m mut BlobSet,
-    report: &'m mut Report,
+    report: &'m mut AssetReport,
     set: Option<u32>,
     features: Features,
 }
@@ -188,7 +188,7 @@ impl Making<'_, '_, '_> {
         self.texture(material.emissive_texture.as_ref().map(Slot::of), Use::Color, factor, None).map(Some)
     }
 
-    fn make(&mut self, material: &Source) -> Result<Material, Refusal> {
+    fn make(&mut self, material: &Source) -> Result<AssetMaterial, Refusal> {
         let pbr = &material.pbr_metallic_roughness;
         let base = pbr.base_color_factor.0;
         let slot = pbr.base_color_texture.as_ref().map(Slot::of);
@@ -206,7 +206,7 @@ impl Making<'_, '_, '_> {
         let emission = self.emission(material)?;
         if extension(material, "KHR_materials_unlit").is_some() {
             self.report.note("unlit surfaces are shown as diffuse ones");
-            return Ok(Material { own: diffuse.clone(), diffuse, transmissive: false, emission });
+            return Ok(AssetMaterial { own: diffuse.clone(), diffuse, transmissive: false, emission });
         }
         let (surface, transmissive) = self.surface(material, &color)?;
         let own = match &material.normal_texture {
@@ -222,7 +222,7 @@ impl Making<'_, '_, '_> {
             }
             _ => surface,
         };
-        Ok(Material { own: masked(own), diffuse, transmissive, emission })
+        Ok(AssetMaterial { own: masked(own), diffuse, transmissive, emission })
     }
 
     /// What a volume leaves of light over its thickness: `attenuationColor` is left after `attenuationDistance`.
@@ -331,7 +331,7 @@ impl Making<'_, '_, '_> {
 impl<'a, 'd> Materials<'a, 'd> {
     /// None yet; images will be reduced to `most` texels a side.
     pub fn new(document: &'a Document<'d>, most: usize) -> Self {
-        Self { document, images: Images::new(most), made: BTreeMap::new(), list: Vec::new() }
+        Self { document, images: Images::new(most, document.bytes()), made: BTreeMap::new(), list: Vec::new() }
     }
 
     fn source(&self, number: Option<usize>) -> Result<Option<Cow<'a, Source>>, Refusal> {
@@ -359,7 +359,7 @@ impl<'a, 'd> Materials<'a, 'd> {
         number: Option<usize>,
         features: Features,
         blobs: &mut BlobSet,
-        report: &mut Report,
+        report: &mut AssetReport,
     ) -> Result<usize, Refusal> {
         if let Some(made) = self.made.get(&(number, features)) {
             return Ok(*made);

@@ -10,18 +10,24 @@ use super::{
 };
 use crate::{
     assets::{
-        asset::{Body, Part, Report},
         blobs::BlobSet,
         refusal::{Refusal, damaged},
     },
     geom::compose,
     mesh_check::is_closed,
 };
-use gltf::json::scene::Node;
-use tauflow_data::scene::{Affine, IDENTITY};
+use gltf::json::{Index, scene::Node};
+use std::collections::BTreeSet;
+use tauflow_data::{
+    records::{AssetBody, AssetPart, AssetReport},
+    scene::{Affine, IDENTITY},
+};
 
 /// Most triangles of an object.
 const MOST_TRIANGLES: usize = 8_000_000;
+
+/// Most vertices of an object: those of as many triangles that share none.
+const MOST_VERTICES: usize = 3 * MOST_TRIANGLES;
 
 /// A mesh where it stands.
 struct Instance {
@@ -38,13 +44,13 @@ pub fn read(
     externals: &Externals,
     most: usize,
     blobs: &mut BlobSet,
-    report: &mut Report,
-) -> Result<Body, Refusal> {
+    report: &mut AssetReport,
+) -> Result<AssetBody, Refusal> {
     let document = Document::open(bytes, externals)?;
     let instances = instances(&document, report)?;
     let mut materials = Materials::new(&document, most);
     let mut pieces: Vec<(Option<usize>, Piece)> = Vec::new();
-    let mut triangles = 0usize;
+    let (mut triangles, mut vertices) = (0usize, 0usize);
     for instance in &instances {
         let place = format!("mesh {}", instance.mesh);
         let mesh = document.root.meshes.get(instance.mesh).ok_or_else(|| damaged(&place, "there is no such mesh"))?;
@@ -61,8 +67,10 @@ pub fn read(
             };
             piece.transform(&instance.map);
             triangles += piece.triangles.len();
-            if triangles > MOST_TRIANGLES {
-                let what = format!("more than {MOST_TRIANGLES} triangles, instances counted");
+            vertices += piece.positions.len();
+            if triangles > MOST_TRIANGLES || vertices > MOST_VERTICES {
+                let what =
+                    format!("more than {MOST_TRIANGLES} triangles or {MOST_VERTICES} vertices, instances counted");
                 return Err(Refusal::new(place, what, "simplify the object"));
             }
             pieces.push((material, piece));
@@ -84,7 +92,7 @@ pub fn read(
         let triangles = mesh.triangles.len();
         let bytes =
             mesh.to_bytes().map_err(|e| Refusal::new(format!("part {number}"), e.to_string(), "split the mesh"))?;
-        parts.push(Part { mesh: blobs.add(bytes), material, closed, uv: features.uv, triangles });
+        parts.push(AssetPart { mesh: blobs.add(bytes), material, closed, uv: features.uv, triangles });
     }
     // A stray vertex is mended; a file full of them is damaged.
     if dropped * 10 > triangles {
@@ -102,19 +110,19 @@ pub fn read(
     report.measure("closed_parts", parts.iter().filter(|p| p.closed).count() as f64);
     report.measure("materials", materials.list.len() as f64);
     report.measure("metres", frame.side);
-    Ok(Body::Object { parts, materials: materials.list, bounds: [bounds.low, bounds.high] })
+    Ok(AssetBody::Object { parts, materials: materials.list, bounds: [bounds.low, bounds.high] })
 }
 
 /// Every mesh of the default scene, where it stands.
-fn instances(document: &Document<'_>, report: &mut Report) -> Result<Vec<Instance>, Refusal> {
+fn instances(document: &Document<'_>, report: &mut AssetReport) -> Result<Vec<Instance>, Refusal> {
     let root = &document.root;
     let number = root.scene.map_or(0, |s| s.value());
     let roots: Vec<usize> = match root.scenes.get(number) {
-        Some(scene) => scene.nodes.iter().map(|n| n.value()).collect(),
+        Some(scene) => scene.nodes.iter().map(Index::value).collect(),
         None if root.scenes.is_empty() => {
             // Without scenes: every node that is nobody's child.
-            let children: Vec<usize> =
-                root.nodes.iter().flat_map(|n| n.children.iter().flatten().map(|c| c.value())).collect();
+            let children: BTreeSet<usize> =
+                root.nodes.iter().flat_map(|n| n.children.iter().flatten().map(Index::value)).collect();
             (0..root.nodes.len()).filter(|n| !children.contains(n)).collect()
         }
         None => return Err(damaged("scene", format!("scene {number} is not there"))),

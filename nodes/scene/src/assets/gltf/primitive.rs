@@ -6,17 +6,14 @@ use super::{
     draco,
 };
 use crate::{
-    assets::{
-        asset::Report,
-        refusal::{Refusal, damaged},
-    },
+    assets::refusal::{Refusal, damaged},
     geom::{Vec3, apply, cross, determinant, unit},
 };
 use gltf::json::{
     mesh::{Mode, Primitive, Semantic},
     validation::Checked,
 };
-use tauflow_data::scene::Affine;
+use tauflow_data::{records::AssetReport, scene::Affine};
 
 /// Triangles with attributes, before they become a mesh of the scene format.
 #[derive(Clone, Debug, Default)]
@@ -86,7 +83,7 @@ pub fn read(
     primitive: &Primitive,
     place: &str,
     want: Want,
-    report: &mut Report,
+    report: &mut AssetReport,
 ) -> Result<Option<Piece>, Refusal> {
     let mode = match &primitive.mode {
         Checked::Valid(mode @ (Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)) => *mode,
@@ -152,7 +149,7 @@ fn mended<const N: usize>(
     vectors: Vec<[f64; N]>,
     mend: impl Fn(f64) -> f64,
     what: &str,
-    report: &mut Report,
+    report: &mut AssetReport,
 ) -> Vec<[f32; N]> {
     let mut changed = 0;
     let mut one = |value: f64| {
@@ -183,7 +180,7 @@ fn colors(source: &Source<'_>, count: usize) -> Result<Option<Values>, Refusal> 
 }
 
 /// Triangles of a list, strip or fan (glTF 2.0, section 3.7.2.1).
-fn triangles(mode: Mode, indices: &[u32], report: &mut Report) -> Vec<[u32; 3]> {
+fn triangles(mode: Mode, indices: &[u32], report: &mut AssetReport) -> Vec<[u32; 3]> {
     match mode {
         Mode::TriangleStrip => indices
             .windows(3)
@@ -252,8 +249,8 @@ mod tests {
 
     #[test]
     fn strips_and_fans_keep_their_winding() {
-        let mut report = Report::default();
-        let of = |mode, report: &mut Report| triangles(mode, &[0, 1, 2, 3, 4], report);
+        let mut report = AssetReport::default();
+        let of = |mode, report: &mut AssetReport| triangles(mode, &[0, 1, 2, 3, 4], report);
         assert_eq!(of(Mode::TriangleStrip, &mut report), [[0, 1, 2], [1, 3, 2], [2, 3, 4]]);
         assert_eq!(of(Mode::TriangleFan, &mut report), [[1, 2, 0], [2, 3, 0], [3, 4, 0]]);
         assert_eq!(of(Mode::Triangles, &mut report), [[0, 1, 2]]);

@@ -4,17 +4,14 @@
 //! counter-clockwise as seen with v downwards: u' = cos su u + sin sv v, v' = -sin su u + cos sv v.
 
 use super::container::Document;
-use crate::assets::{
-    asset::Report,
-    refusal::{Refusal, damaged},
-};
+use crate::assets::refusal::{Refusal, damaged};
 use gltf::json::{
     material::NormalTexture,
     texture::{Info, WrappingMode},
     validation::Checked,
 };
 use serde_json::Value;
-use tauflow_data::maths;
+use tauflow_data::{maths, records::AssetReport};
 
 /// A texture as a material names it.
 #[derive(Clone, Debug, PartialEq)]
@@ -89,7 +86,7 @@ impl Slot {
     ///
     /// # Errors
     /// If the texture, its image or its sampler is not there, or only of a format that is not read.
-    pub fn image(&self, document: &Document<'_>, report: &mut Report) -> Result<(usize, bool), Refusal> {
+    pub fn image(&self, document: &Document<'_>, report: &mut AssetReport) -> Result<(usize, bool), Refusal> {
         let place = format!("texture {}", self.texture);
         let root = &document.root;
         let texture = root.textures.get(self.texture).ok_or_else(|| damaged(&place, "there is no such texture"))?;
@@ -132,7 +129,8 @@ mod tests {
     fn a_positive_rotation_is_counter_clockwise_with_v_downwards() {
         // A transform of the Khronos file TextureTransformMultiTest, whose check mark is in the upper right corner.
         let info = serde_json::json!({ "index": 3, "texCoord": 0, "extensions": { "KHR_texture_transform":
-            { "offset": [0.705, 0.285], "rotation": core::f64::consts::FRAC_PI_2, "scale": [0.35, 0.35], "texCoord": 1 } } });
+            { "offset": [0.705, 0.285], "rotation": core::f64::consts::FRAC_PI_2, "scale": [0.35, 0.35],
+              "texCoord": 1 } } });
         let slot = Slot::of_json(Some(&info)).expect("a slot");
         assert_eq!((slot.texture, slot.set), (3, 1));
         let [u, v] = slot.uv.map(|row| row[0] * 0.5 + row[1] * 0.5 + row[2]);

@@ -1,5 +1,6 @@
 //! The innermost loops, for each set of instructions: tiles of results in registers.
 
+#![allow(unsafe_code, reason = "the innermost loops go by pointers; callers promise that all rows are there")]
 #![expect(clippy::needless_range_loop, reason = "tiles are arrays of arrays, each loop over the same rows and vectors")]
 
 use super::{Run, UNIT};
@@ -52,7 +53,7 @@ pub(super) fn kernels(instructions: Instructions) -> &'static Kernels {
     match instructions.min(Instructions::most()) {
         Instructions::Avx512 => return &avx512::KERNELS,
         Instructions::Avx2 => return &avx2::KERNELS,
-        Instructions::Portable => {}
+        Instructions::Sse2 | Instructions::Portable => {}
     }
     let _ = instructions;
     &portable::KERNELS
@@ -61,7 +62,8 @@ pub(super) fn kernels(instructions: Instructions) -> &'static Kernels {
 /// `ROWS` rows of results, `VECTORS` wide, from the given row on.
 ///
 /// # Safety
-/// The rows are there, those of the result written before unless sums start anew, and the processor has the lanes' instructions.
+/// The rows are there, those of the result written before unless sums start anew, and the processor has the lanes'
+/// instructions.
 #[inline(always)]
 unsafe fn product_tile<L: Lanes, const ROWS: usize, const VECTORS: usize>(
     product: &mut Product<'_>,
@@ -200,18 +202,27 @@ unsafe fn outer_rows<L: Lanes, const DEPTH: usize, const VECTORS: usize>(outer: 
     }
 }
 
-/// Functions for panels of one to three units. Sixteen lanes work on a panel at once, eight on one unit after the other.
+/// Functions for panels of one to three units. Sixteen lanes work on a panel at once, eight on one unit after the
+/// other.
 macro_rules! kernels {
     ($name:ident, $lanes:ty, $tile:literal, whole, $features:meta) => {
         kernels!(@ $name, $features, {
-            (product_1, outer_1): |p, o| product_rows::<$lanes, $tile, 1>(p, (0, UNIT)), outer_rows::<$lanes, $tile, 1>(o, 0);
-            (product_2, outer_2): |p, o| product_rows::<$lanes, $tile, 2>(p, (0, 2 * UNIT)), outer_rows::<$lanes, $tile, 2>(o, 0);
-            (product_3, outer_3): |p, o| product_rows::<$lanes, $tile, 3>(p, (0, 3 * UNIT)), outer_rows::<$lanes, $tile, 3>(o, 0);
+            (product_1, outer_1): |p, o|
+                product_rows::<$lanes, $tile, 1>(p, (0, UNIT)),
+                outer_rows::<$lanes, $tile, 1>(o, 0);
+            (product_2, outer_2): |p, o|
+                product_rows::<$lanes, $tile, 2>(p, (0, 2 * UNIT)),
+                outer_rows::<$lanes, $tile, 2>(o, 0);
+            (product_3, outer_3): |p, o|
+                product_rows::<$lanes, $tile, 3>(p, (0, 3 * UNIT)),
+                outer_rows::<$lanes, $tile, 3>(o, 0);
         });
     };
     ($name:ident, $lanes:ty, $tile:literal, units, $features:meta) => {
         kernels!(@ $name, $features, {
-            (product_1, outer_1): |p, o| product_rows::<$lanes, $tile, 2>(p, (0, UNIT)), outer_rows::<$lanes, $tile, 2>(o, 0);
+            (product_1, outer_1): |p, o|
+                product_rows::<$lanes, $tile, 2>(p, (0, UNIT)),
+                outer_rows::<$lanes, $tile, 2>(o, 0);
             (product_2, outer_2): |p, o|
                 for unit in 0..2 { product_rows::<$lanes, $tile, 2>(p, (unit * UNIT, 2 * UNIT)) },
                 for unit in 0..2 { outer_rows::<$lanes, $tile, 2>(o, unit * UNIT) };
@@ -226,15 +237,17 @@ macro_rules! kernels {
         mod $name {
             use super::*;
 
-            // SAFETY of all: `kernels` gives these only where the processor has the features; the callers promise the rest.
+            // `kernels` gives these only where the processor has the features.
             $(
                 #[$features]
                 unsafe fn $product_name($p: &mut Product<'_>) {
+                    // SAFETY: the features are there; the callers promise the rest.
                     unsafe { $product }
                 }
 
                 #[$features]
                 unsafe fn $outer_name($o: &mut Outer<'_>) {
+                    // SAFETY: the features are there; the callers promise the rest.
                     unsafe { $outer }
                 }
             )*

@@ -9,12 +9,12 @@ use crate::{
         features::{Encoding, Sample},
         head::mean_loss,
     },
-    parameterization::{Parameterization, Space},
+    space::Space,
 };
 use std::sync::Arc;
 use tauflow_data::rng::Stream;
 #[cfg(feature = "gpu")]
-use tauflow_data::time::VarianceTime;
+use tauflow_data::{methods::Parameterization, time::VarianceTime};
 use tauflow_ops::{Instructions, Pyramid};
 
 fn numbers(seed: u64, size: usize) -> Vec<f32> {

@@ -1,10 +1,7 @@
 use super::*;
-use crate::{
-    network::Output,
-    parameterization::{Parameterization, Space},
-};
+use crate::{network::Output, space::Space};
 use std::collections::BTreeSet;
-use tauflow_data::time::VarianceTime;
+use tauflow_data::{methods::Parameterization, time::VarianceTime};
 
 const COUNTS: [u64; 3] = [1, 4, 16];
 const SIDE: usize = 12;

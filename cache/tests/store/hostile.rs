@@ -1,0 +1,438 @@
+//! Files that somebody made up, or that something damaged, are data: no panic, no wrong bytes, and no more memory
+//! than there
+//! are bytes.
+//!
+//! `TAUFLOW_FUZZ_SECONDS` says how long files are damaged at random; a few seconds otherwise.
+
+use crate::{blob, files, flip, open, record};
+use std::{
+    fs::{self, File},
+    os::unix::fs::FileExt,
+    path::{Path, PathBuf},
+    process::Command,
+    time::{Duration, Instant},
+};
+use tauflow_cache::{Digest, GcOptions, Key, Record, Store, tree};
+
+const OWNER: &str = "17-0123456789abcdef";
+
+/// Runs a test of this program with 1 GiB of memory, and some for the program itself.
+fn with_a_gigabyte(test: &str, variable: &str, value: &str) {
+    let output = Command::new("sh")
+        .args(["-c", "ulimit -v 1310720; exec \"$0\" \"$@\""])
+        .arg(std::env::current_exe().expect("this program"))
+        .args(["--exact", test, "--nocapture", "--test-threads", "1"])
+        .env(variable, value)
+        .output()
+        .expect("sh runs");
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{}\n{text}{}", output.status, String::from_utf8_lossy(&output.stderr));
+    assert!(text.contains("1 passed"), "{text}");
+    print!("{text}");
+}
+
+/// All that can be asked of a store.  Errors are fine; what is given must be what it says.
+fn use_all(dir: &Path, digests: &[Digest]) {
+    let Ok(store) = Store::open(dir) else { return };
+    let _ = store.stat();
+    let mut refs: Vec<Digest> = digests.to_vec();
+    for namespace in ["action", "rollup"] {
+        for key in store.keys_like(namespace, "") {
+            for found in [store.lookup(namespace, &key), store.lookup_full(namespace, &key)].into_iter().flatten() {
+                refs.extend(found.refs.iter().chain(&found.trees).take(50));
+                if let Ok(reached) = store.reach(&found.refs, &found.trees) {
+                    refs.extend(reached.into_iter().take(50));
+                }
+            }
+        }
+        let _ = store.by_label(namespace, "ladder");
+    }
+    for digest in &refs {
+        store.contains(digest);
+        if let Ok(Some(bytes)) = store.get(digest) {
+            assert_eq!(Digest::of(&bytes), *digest);
+            let _ = tree::decode(&bytes);
+        }
+    }
+    let _ = (store.pins(), store.verify(None, 0, &mut |_, _| ()));
+    let _ = store.gc(&GcOptions { max_bytes: Some(10_000), dry_run: true, ..GcOptions::default() });
+    drop(store);
+    let Ok(store) = Store::open(dir) else { return };
+    let _ = store.gc(&GcOptions { keep_within_secs: Some(15), now: 20, ..GcOptions::default() });
+    let _ = store.gc(&GcOptions { max_bytes: Some(0), now: 1 << 40, ..GcOptions::default() });
+    // Whatever was there, something new is kept.
+    if let Ok(digest) = store.put(&blob(1 << 40, 100)) {
+        assert!(store.get(&digest).is_ok_and(|found| found.is_some()));
+    }
+}
+
+fn sum(bytes: &[u8]) -> [u8; 8] {
+    *blake3(bytes).first_chunk().expect("a hash has 32 bytes")
+}
+
+fn blake3(bytes: &[u8]) -> [u8; 32] {
+    Digest::of(bytes).hash
+}
+
+fn pack_header(hash: &[u8; 32], size: u64) -> Vec<u8> {
+    let mut frame = b"TFB1".to_vec();
+    frame.extend_from_slice(&size.to_le_bytes());
+    frame.extend_from_slice(hash);
+    frame.extend_from_slice(&sum(&frame));
+    frame
+}
+
+fn log_frame(body: &[u8]) -> Vec<u8> {
+    let mut frame = b"TFR1".to_vec();
+    frame.extend_from_slice(&(body.len() as u32).to_le_bytes());
+    frame.extend_from_slice(&blake3(body)[..16]);
+    frame.extend_from_slice(body);
+    frame
+}
+
+fn with_check(mut body: Vec<u8>) -> Vec<u8> {
+    let check = blake3(&body);
+    body.extend_from_slice(&check);
+    body
+}
+
+/// A store with files of all sorts: packs and logs with index files and without, leases, pins, trees, marks of damage.
+fn sample(dir: &Path) -> Vec<Digest> {
+    let mut digests = Vec::new();
+    let store = open(dir);
+    store.set_time(5).expect("writable");
+    for n in 0..300 {
+        let digest = store.put(&blob(n, 500)).expect("put");
+        store.record(&Record { preimage: "x".repeat(400), ..record(n, "p", vec![digest]) }).expect("record");
+        digests.push(digest);
+    }
+    digests.push(store.put(&blob(1, 70_000)).expect("put"));
+    let low = store.put(&tree::encode(&digests[..20], &[], b"low")).expect("put");
+    let top = store.put(&tree::encode(&digests[20..30], &[low], b"top")).expect("put");
+    let made = Record { namespace: "rollup".into(), trees: vec![top], derived: true, ..record(900, "p", vec![]) };
+    store.record(&made).expect("record");
+    store.pin("kept", &top).expect("pin");
+    digests.extend([low, top]);
+    drop(store);
+    let store = open(dir);
+    store.set_time(9).expect("writable");
+    for n in 290..320 {
+        store.lookup("action", &record(n, "", vec![]).key);
+        let digest = store.put(&blob(n, 600)).expect("put");
+        store.record(&record(n, "p", vec![digest])).expect("record");
+        digests.push(digest);
+    }
+    drop(store);
+    flip(files(&dir.join("packs")).last().expect("a pack"), 30);
+    open(dir).verify(None, 0, &mut |_, _| ()).expect("verify");
+    digests
+}
+
+fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to).expect("writable");
+    for entry in fs::read_dir(from).expect("readable") {
+        let path = entry.expect("readable").path();
+        let target = to.join(path.file_name().expect("a name"));
+        if path.is_dir() { copy(&path, &target) } else { assert!(fs::copy(&path, target).is_ok()) }
+    }
+}
+
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        self.0
+    }
+
+    fn below(&mut self, end: usize) -> usize {
+        (self.next() % end.max(1) as u64) as usize
+    }
+}
+
+/// Makes the checksums of a file right again, so that what was changed is not just refused.
+fn mend(path: &Path, bytes: &mut [u8]) {
+    let ends = |extension: &str| path.extension().is_some_and(|e| e == extension);
+    if ends("idx") && bytes.len() >= 32 {
+        let body = bytes.len() - 32;
+        let check = blake3(&bytes[..body]);
+        bytes[body..].copy_from_slice(&check);
+        return;
+    }
+    let mut at = 0;
+    while at + 52 <= bytes.len() {
+        let size = if ends("pack") {
+            let check = sum(&bytes[at..at + 44]);
+            bytes[at + 44..at + 52].copy_from_slice(&check);
+            let size = u64::from_le_bytes(*bytes[at + 4..].first_chunk().expect("8 bytes"));
+            size.saturating_add(52)
+        } else if ends("log") {
+            let size = u64::from(u32::from_le_bytes(*bytes[at + 4..].first_chunk().expect("4 bytes")));
+            let body = bytes.get(at + 24..at.saturating_add(24).saturating_add(size as usize)).map(blake3);
+            if let Some(check) = body {
+                bytes[at + 8..at + 24].copy_from_slice(&check[..16]);
+            }
+            size + 24
+        } else {
+            return;
+        };
+        at = usize::try_from(size).ok().and_then(|size| at.checked_add(size)).unwrap_or(usize::MAX / 2);
+    }
+}
+
+fn damage(random: &mut Random, path: &Path) {
+    if fs::metadata(path).expect("it is there").len() > 1 << 20 {
+        return; // it is a hole by now
+    }
+    let mut bytes = fs::read(path).expect("readable");
+    let at = random.below(bytes.len());
+    match random.below(7) {
+        0 => bytes.truncate(at),
+        1 if !bytes.is_empty() => bytes[at] ^= 1 << random.below(8),
+        2 => bytes.iter_mut().skip(at).take(40).for_each(|byte| *byte = 0),
+        3 => {
+            // A number that may be a size, a count or a place.
+            let near = bytes.len() as u64;
+            let numbers = [0, 1, u64::MAX, u64::MAX / 2, 1 << 31, (1 << 32) - 1, near, near + 1, 1 << 45, near / 3];
+            let number = numbers[random.below(numbers.len())].to_le_bytes();
+            let width = [4, 8][random.below(2)];
+            bytes.iter_mut().skip(at).zip(&number[..width]).for_each(|(byte, new)| *byte = *new);
+        }
+        4 => {
+            let piece = bytes[at..].iter().copied().take(1 + random.below(300)).collect::<Vec<_>>();
+            let to = random.below(bytes.len());
+            bytes.splice(to..to, piece);
+        }
+        5 => {
+            fs::write(path, &bytes).expect("writable");
+            File::options()
+                .write(true)
+                .open(path)
+                .and_then(|f| f.set_len(1 << [20, 24, 33, 41][random.below(4)]))
+                .expect("sparse");
+            return;
+        }
+        _ => bytes.iter_mut().skip(at).take(16).for_each(|byte| *byte = random.next() as u8),
+    }
+    if random.below(3) > 0 {
+        mend(path, &mut bytes);
+    }
+    fs::write(path, bytes).expect("writable");
+}
+
+/// Runs in a child with little memory.
+#[test]
+fn child_with_damaged_files() {
+    let Ok(seconds) = std::env::var("TAUFLOW_CACHE_FUZZ") else { return };
+    let time = Duration::from_secs_f64(seconds.parse().expect("a number of seconds"));
+    let place = tempfile::tempdir().expect("a temporary folder");
+    let (base, dir) = (place.path().join("base"), place.path().join("dir"));
+    let digests = sample(&base);
+    assert!(files(&base).iter().any(|path| path.extension().is_some_and(|e| e == "idx")));
+    let start = Instant::now();
+    let (mut rounds, mut random) = (0_u64, Random(0x5eed));
+    while rounds < 10 || start.elapsed() < time {
+        copy(&base, &dir);
+        let all: Vec<PathBuf> = files(&dir).into_iter().filter(|path| !path.ends_with("FORMAT")).collect();
+        for _ in 0..1 + random.below(4) {
+            let path = &all[random.below(all.len())];
+            damage(&mut random, path);
+        }
+        use_all(&dir, &digests);
+        fs::remove_dir_all(&dir).expect("it is ours");
+        rounds += 1;
+    }
+    println!("{rounds} stores with damaged files");
+}
+
+#[test]
+fn damaged_files_neither_panic_nor_lie_nor_take_memory() {
+    let seconds = std::env::var("TAUFLOW_FUZZ_SECONDS").unwrap_or_else(|_| "3".into());
+    with_a_gigabyte("hostile::child_with_damaged_files", "TAUFLOW_CACHE_FUZZ", &seconds);
+}
+
+/// An index file of a pack that says that a blob lies at a place.
+fn pack_index(entries: &[([u8; 32], u64, u64)], scanned: u64) -> Vec<u8> {
+    let mut body = b"tauidx 2".to_vec();
+    for value in [scanned, 0, entries.len() as u64] {
+        body.extend_from_slice(&value.to_le_bytes());
+    }
+    body.extend_from_slice(&0_u32.to_le_bytes());
+    for (hash, offset, size) in entries {
+        body.extend_from_slice(hash);
+        body.extend_from_slice(&offset.to_le_bytes());
+        body.extend_from_slice(&size.to_le_bytes());
+    }
+    with_check(body)
+}
+
+/// An index file of a log that says that records lie at places, with bodies of some length.
+fn log_index(entries: &[(Key, u64, u32)], scanned: u64) -> Vec<u8> {
+    let mut body = b"tauidx 2".to_vec();
+    for value in [scanned, u64::MAX, entries.len() as u64] {
+        body.extend_from_slice(&value.to_le_bytes());
+    }
+    body.extend_from_slice(&1_u32.to_le_bytes());
+    body.extend_from_slice(&6_u32.to_le_bytes());
+    body.extend_from_slice(b"action");
+    for (key, offset, len) in entries {
+        body.extend_from_slice(&key.0);
+        for value in [0, 0, u32::MAX, *len] {
+            body.extend_from_slice(&value.to_le_bytes());
+        }
+        for value in [*offset, 0, 0, u64::MAX, u64::MAX, u64::MAX] {
+            body.extend_from_slice(&value.to_le_bytes());
+        }
+    }
+    with_check(body)
+}
+
+/// A file with bytes at its beginning, as long as asked for and mostly a hole.
+fn sparse(path: &Path, bytes: &[u8], len: u64) {
+    let file = File::create(path).expect("writable");
+    file.write_all_at(bytes, 0).and_then(|()| file.set_len(len)).expect("writable");
+}
+
+/// A record of another writer that names these trees.
+fn of_trees(store: &Store, n: u64, trees: Vec<Digest>) {
+    store.record(&Record { trees, ..record(n, "p", vec![]) }).expect("record");
+}
+
+/// Runs in a child with little memory: each store is as somebody would make it who wants the reader to fall.
+#[test]
+fn child_with_crafted_files() {
+    let Ok(case) = std::env::var("TAUFLOW_CACHE_CRAFTED") else { return };
+    let place = tempfile::tempdir().expect("a temporary folder");
+    let dir = place.path();
+    let store = open(dir);
+    let small = store.put(&blob(1, 500)).expect("put");
+    store.record(&record(1, "p", vec![small])).expect("record");
+    let at = |name: &str| dir.join(name);
+    let (pack, log) = (at(&format!("packs/0000000009-{OWNER}.pack")), at(&format!("log/0000000009-{OWNER}.log")));
+    let mut digests = vec![small];
+    let huge = |size: u64| Digest { hash: [7; 32], size };
+    match case.as_str() {
+        "a blob of an index file is larger than its pack" => {
+            let sizes = [1 << 45, u64::MAX, 1 << 62, 4096, (1 << 63) - 1];
+            let entry = |(n, size): (usize, &u64)| ([n as u8; 32], [52, u64::MAX - 4, 60][n % 3], *size);
+            let entries: Vec<_> = sizes.iter().enumerate().map(entry).collect();
+            digests.extend(entries.iter().map(|(hash, _, size)| Digest { hash: *hash, size: *size }));
+            fs::write(&pack, vec![0; 4096]).expect("writable");
+            for (n, entry) in entries.iter().enumerate() {
+                let pack = at(&format!("packs/{:010}-{OWNER}.pack", 20 + n));
+                fs::write(&pack, vec![0; 4096]).expect("writable");
+                fs::write(pack.with_added_extension("idx"), pack_index(&[*entry], 4096)).expect("writable");
+            }
+        }
+        "a record of an index file is larger than its log" => {
+            let keys: Vec<Key> = (0..3_u64).map(|n| Key::of(&n.to_le_bytes())).collect();
+            for (n, (offset, len)) in [(0, u32::MAX), (u64::MAX - 9, 9), (0, u32::MAX - 25)].into_iter().enumerate() {
+                let log = at(&format!("log/{:010}-{OWNER}.log", 20 + n));
+                sparse(&log, &log_frame(b"\x01nothing"), 1 << 20);
+                fs::write(log.with_added_extension("idx"), log_index(&[(keys[n], offset, len)], 1 << 20)).expect("ok");
+            }
+        }
+        "files are long holes" => {
+            digests.push(huge(1 << 41));
+            digests.push(huge(3 << 30));
+            sparse(&pack, &pack_header(&[7; 32], 1 << 41), 1 << 42);
+            sparse(&at(&format!("packs/0000000010-{OWNER}.pack")), &pack_header(&[7; 32], 3 << 30), 1 << 42);
+            let mut head = b"TFR1".to_vec();
+            head.extend_from_slice(&(1_u32 << 30).to_le_bytes());
+            sparse(&log, &head, 1 << 42);
+            sparse(&pack.with_added_extension("idx"), b"tauidx 2", 1 << 42);
+            sparse(&log.with_added_extension("idx"), b"tauidx 2", 1 << 42);
+            sparse(&at(&format!("leases/{OWNER}.lease")), b"T", 1 << 42);
+            sparse(&at("pins/long"), b"", 1 << 42);
+            sparse(&at("CACHEDIR.TAG"), b"", 1 << 42);
+            let loose = huge(3 << 29);
+            digests.push(loose);
+            let folder = at("blobs").join(&loose.hex()[..2]);
+            fs::create_dir_all(&folder).expect("writable");
+            sparse(&folder.join(loose.to_string()), b"", loose.size);
+        }
+        "names say the largest numbers" => {
+            let folder = at("blobs/07");
+            fs::create_dir_all(&folder).expect("writable");
+            for n in 0..3 {
+                let digest = huge(u64::MAX - n);
+                fs::write(folder.join(digest.to_string()), "x").expect("writable");
+                digests.push(digest);
+                store.record(&record(50 + n, "p", vec![digest])).expect("record");
+            }
+            for seq in [u64::MAX, u64::MAX - 1] {
+                fs::write(at(&format!("packs/{seq}-{OWNER}.pack")), pack_header(&[7; 32], 0)).expect("writable");
+                fs::write(at(&format!("log/{seq}-{OWNER}.log")), log_frame(b"\x01nothing")).expect("writable");
+            }
+            fs::write(at(&format!("quarantine/0000000009-{OWNER}.pack@{}", u64::MAX)), "").expect("writable");
+        }
+        "trees hang on a long chain" => {
+            let mut top = store.put(&tree::encode(&[small], &[], b"")).expect("put");
+            for _ in 0..50_000 {
+                top = store.put(&tree::encode(&[], &[top], b"")).expect("put");
+            }
+            of_trees(&store, 60, vec![top]);
+        }
+        "each tree lists the one below it twice" => {
+            let mut top = store.put(&tree::encode(&[small], &[], b"")).expect("put");
+            for _ in 0..64 {
+                top = store.put(&tree::encode(&[small, small], &[top, top], b"")).expect("put");
+            }
+            of_trees(&store, 60, vec![top, top]);
+        }
+        "many records each reach all there is" => {
+            let blobs: Vec<Digest> = (0..60_000_u64).map(|n| store.put(&n.to_le_bytes()).expect("put")).collect();
+            let all = store.put(&tree::encode(&blobs, &[], b"")).expect("put");
+            for n in 0..2400_u64 {
+                let top = store.put(&tree::encode(&[], &[all], &n.to_le_bytes())).expect("put");
+                of_trees(&store, 100 + n, vec![top]);
+            }
+            drop(store);
+            let error = open(dir).gc(&GcOptions { now: 1, ..GcOptions::default() }).expect_err("too much");
+            assert!(error.is_environment() && error.to_string().contains("reach more than"), "{error}");
+            return;
+        }
+        "lists say that they are longer than they are" => {
+            let mut head = Vec::new();
+            for _ in 0..2 {
+                head.extend_from_slice(&6_u32.to_le_bytes());
+                head.extend_from_slice(b"action");
+            }
+            head.extend_from_slice(&Key::of(b"crafted").0);
+            head.extend_from_slice(&[0; 44]);
+            let mut bytes = Vec::new();
+            for count in [u32::MAX, 1 << 31, 100_000_000, 2] {
+                bytes.extend(log_frame(&[&[1], &head[..], &count.to_le_bytes(), &[0; 60]].concat()));
+            }
+            fs::write(&log, bytes).expect("writable");
+            let mut tree = b"tautree1".to_vec();
+            tree.extend_from_slice(&u32::MAX.to_le_bytes());
+            let top = store.put(&tree).expect("put");
+            of_trees(&store, 60, vec![top]);
+        }
+        other => panic!("no case of this name: {other}"),
+    }
+    drop(store);
+    use_all(dir, &digests);
+}
+
+#[test]
+fn crafted_files_neither_panic_nor_take_memory() {
+    let cases = [
+        "a blob of an index file is larger than its pack",
+        "a record of an index file is larger than its log",
+        "files are long holes",
+        "names say the largest numbers",
+        "trees hang on a long chain",
+        "each tree lists the one below it twice",
+        "many records each reach all there is",
+        "lists say that they are longer than they are",
+    ];
+    for case in cases {
+        let start = Instant::now();
+        with_a_gigabyte("hostile::child_with_crafted_files", "TAUFLOW_CACHE_CRAFTED", case);
+        println!("{case}: {:.1} s", start.elapsed().as_secs_f64());
+    }
+}

@@ -1,0 +1,33 @@
+//! How a kind learns what of this machine enters its keys, where only a program can tell.
+//!
+//! Who looks at a pipeline must not start its programs. So a kind does not run them by itself in
+//! [`Kind::environment`](crate::Kind::environment): it hands the question to a probe.
+
+use serde_json::Value;
+
+/// Knows whether programs may be run now, and what they told before.
+pub trait Probe {
+    /// The answer to a question that only a program can give, which `ask` runs. The question says all that is known to
+    /// decide the answer: the command line, the contents of the files that it names, the machine.
+    ///
+    /// None if nothing may run now and no earlier answer is known.
+    fn answer(&self, question: &Value, ask: &dyn Fn() -> Value) -> Option<Value>;
+}
+
+/// Asks, each time.
+pub struct Act;
+
+impl Probe for Act {
+    fn answer(&self, _question: &Value, ask: &dyn Fn() -> Value) -> Option<Value> {
+        Some(ask())
+    }
+}
+
+/// Runs nothing, and knows of nothing that ran before.
+pub struct Look;
+
+impl Probe for Look {
+    fn answer(&self, _question: &Value, _ask: &dyn Fn() -> Value) -> Option<Value> {
+        None
+    }
+}

@@ -1,0 +1,158 @@
+//! Names that several kinds and pages use for the same thing: methods, what networks see, groups of measured ports.
+
+use crate::rungs::ParamError;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
+
+/// The path tracer among methods that are timed.
+pub const PATH_TRACER: &str = "path_tracer";
+/// The path tracer with Sobol' points, among methods that are timed.
+pub const PATH_TRACER_SOBOL: &str = "path_tracer_sobol";
+/// The G-buffer among what is timed.
+pub const GBUFFER: &str = "gbuffer";
+/// The input itself, as the baseline that changes nothing.
+pub const HOLD: &str = "hold";
+/// Open Image Denoise among methods.
+pub const OIDN: &str = "oidn";
+/// Steps of `local_velocity` along the rungs of a bridge.
+pub const LOCAL_STEP: &str = "local_step";
+
+/// Axes of matrices by which tables tell cells apart, as in `parameterization=mc_noise+conditioning=rgb`.
+pub mod axes {
+    /// What the network predicts: see [`super::Parameterization`].
+    pub const PARAMETERIZATION: &str = "parameterization";
+    /// What a method sees beside the state: see [`super::Conditioning`].
+    pub const CONDITIONING: &str = "conditioning";
+    /// The space that a network was trained in.
+    pub const SPACE: &str = "space";
+    /// The sample count of the endpoint that a method starts from.
+    pub const FROM: &str = "from";
+    /// The method, where it is no parameterization.
+    pub const METHOD: &str = "method";
+    /// How samples were drawn: see [`crate::SamplerKind`].
+    pub const SAMPLER: &str = "sampler";
+}
+
+/// The name of a method in tables and in names of files: letters, digits, `_`, `-`, `.` and `+`, with no `.` in front.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct MethodName(String);
+
+impl MethodName {
+    /// A method of this name.
+    ///
+    /// # Errors
+    /// If it cannot be part of a file's name.
+    pub fn new(name: impl Into<String>) -> Result<Self, ParamError> {
+        let name = name.into();
+        let fine = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.' | '+');
+        if name.is_empty() || !name.chars().all(fine) || name.starts_with('.') {
+            return Err(ParamError(format!(
+                "a method is called `{name}`; use letters, digits, `_`, `-`, `.` and `+`, with no `.` in front"
+            )));
+        }
+        Ok(Self(name))
+    }
+
+    /// The name.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl TryFrom<String> for MethodName {
+    type Error = ParamError;
+    fn try_from(name: String) -> Result<Self, ParamError> {
+        Self::new(name)
+    }
+}
+
+impl From<MethodName> for String {
+    fn from(name: MethodName) -> Self {
+        name.0
+    }
+}
+
+impl JsonSchema for MethodName {
+    fn schema_name() -> Cow<'static, str> {
+        "MethodName".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({
+            "description": "The name of a method: letters, digits, `_`, `-`, `.` and `+`, with no `.` in front.",
+            "type": "string",
+            "minLength": 1,
+            "pattern": "^[A-Za-z0-9_+-][A-Za-z0-9_.+-]*$",
+        })
+    }
+}
+
+/// What the network predicts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum Parameterization {
+    /// clean - I_nmin on straight interpolants: rectified flow (Liu et al. 2022), the baseline that sees interpolants.
+    VanillaRf,
+    /// The secant to the next rung.
+    LocalVelocity,
+    /// The secant to the last rung.
+    McVelocity,
+    /// The remaining Monte Carlo noise.
+    #[default]
+    McNoise,
+}
+
+impl Parameterization {
+    /// All of them, in the order of tables.
+    pub const ALL: [Self; 4] = [Self::VanillaRf, Self::LocalVelocity, Self::McVelocity, Self::McNoise];
+
+    /// Its name in pipelines.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::VanillaRf => "vanilla_rf",
+            Self::LocalVelocity => "local_velocity",
+            Self::McVelocity => "mc_velocity",
+            Self::McNoise => "mc_noise",
+        }
+    }
+}
+
+/// What a solver or denoiser sees beside the state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Conditioning {
+    /// Nothing.
+    Rgb,
+    /// Albedo and shading normal.
+    Gbuffer,
+}
+
+impl Conditioning {
+    /// Its name in pipelines.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Rgb => "rgb",
+            Self::Gbuffer => "gbuffer",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::{from_value, json, to_value};
+
+    #[test]
+    fn names_of_methods_can_be_in_names_of_files() {
+        for name in [OIDN, PATH_TRACER_SOBOL, "my-solver+v1.2"] {
+            let method: MethodName = from_value(json!(name)).expect("plain");
+            assert_eq!((method.as_str(), to_value(&method).expect("text")), (name, json!(name)));
+        }
+        for bad in ["", " ", "a/b", ".hidden", "mon débruiteur"] {
+            let error = from_value::<MethodName>(json!(bad)).expect_err("wrong").to_string();
+            assert!(error.contains(&format!("`{bad}`")), "{error}");
+        }
+    }
+}

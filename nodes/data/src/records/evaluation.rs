@@ -1,0 +1,139 @@
+//! Means, intervals, curves and claims, as `evaluation` hands them on.
+
+use super::{Estimate, Score};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use tauflow_contract::json_media;
+
+/// What `evaluation` says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Evaluation {
+    /// Sample count of the references.
+    pub reference_spp: u64,
+    /// Sample count of the endpoint that all start from.
+    pub from_spp: u64,
+    /// Number of test scenes.
+    pub scenes: u64,
+    /// Resamples of the bootstrap.
+    pub resamples: u64,
+    /// The model calls that were measured, increasing.
+    pub nfe: Vec<u64>,
+    /// The input itself.
+    pub hold: BTreeMap<String, Estimate>,
+    /// One for each cell: space, method, conditioning.
+    pub methods: Vec<MethodTable>,
+    /// Other methods that were scored on the same scenes, such as denoisers; one for each cell.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub baselines: Vec<MethodTable>,
+    /// Every solver against every baseline, at each of the solver's NFE.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub versus: Vec<Versus>,
+    /// What the solvers are said to do, held against these figures.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub claims: Vec<Claim>,
+    /// What was left out, and why.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
+    /// Every score, for further work.
+    pub per_scene: Vec<SceneRow>,
+}
+
+/// A claim, in one group of cells.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Claim {
+    /// What is claimed.
+    pub statement: String,
+    /// Coordinates that the cells share.
+    pub group: BTreeMap<String, String>,
+    /// Differences that are all above 0 if it is so.
+    pub evidence: Vec<Evidence>,
+    /// What they say.
+    pub verdict: ClaimVerdict,
+}
+
+/// A difference that a claim says is above 0.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Evidence {
+    /// Of what.
+    pub what: String,
+    /// In which metric.
+    pub metric: String,
+    /// The difference, paired by scene.
+    pub difference: Estimate,
+}
+
+/// What became of a claim.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ClaimVerdict {
+    /// All intervals are above 0.
+    Held,
+    /// An interval is below 0.
+    NotHeld,
+    /// Neither.
+    Undecided,
+}
+
+/// A solver against a baseline.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Versus {
+    /// The solver's cell.
+    pub cell: BTreeMap<String, String>,
+    /// Its model calls.
+    pub nfe: u64,
+    /// The baseline's cell.
+    pub baseline: BTreeMap<String, String>,
+    /// The baseline's method.
+    pub method: String,
+    /// Paired difference, the solver's value less the baseline's, by metric.
+    pub gain: BTreeMap<String, Estimate>,
+    /// Share of scenes on which the solver is better, by metric.
+    pub better: BTreeMap<String, f64>,
+}
+
+/// The row of a method.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MethodTable {
+    /// The cell's coordinates, e.g. `parameterization` -> `mc_noise`.
+    pub cell: BTreeMap<String, String>,
+    /// The method: the coordinate `parameterization`.
+    pub method: String,
+    /// The conditioning: the coordinate `conditioning`, `rgb` if there is none.
+    pub conditioning: String,
+    /// The training space: the coordinate `space`, empty if there is none.
+    pub space: String,
+    /// One for each NFE.
+    pub at: Vec<NfeTable>,
+    /// Area under the curve over log NFE, by metric.
+    pub auc: BTreeMap<String, Estimate>,
+    /// Total variation over log NFE, by metric.
+    pub tv: BTreeMap<String, Estimate>,
+}
+
+/// A method at one NFE.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NfeTable {
+    /// Model calls.
+    pub nfe: u64,
+    /// Means over scenes, by metric.
+    pub metrics: BTreeMap<String, Estimate>,
+    /// Paired difference to the input itself, by metric.
+    pub gain: BTreeMap<String, Estimate>,
+    /// Mean over the scenes of each stratum, by stratum and metric.
+    pub strata: BTreeMap<String, BTreeMap<String, f64>>,
+}
+
+/// One score in one row.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SceneRow {
+    /// The scene's item key.
+    pub scene: String,
+    /// Its stratum, e.g. `L1-open`.
+    pub stratum: String,
+    /// The cell's coordinates; empty for hold.
+    pub cell: BTreeMap<String, String>,
+    /// The score.
+    pub score: Score,
+}
+
+json_media! { Evaluation, "tauflow/evaluation", "Means, intervals, curves, claims and every score."; }

@@ -1,0 +1,80 @@
+//! Records: what kinds hand each other, one file for each media type or two that belong together.
+//!
+//! A record is a Rust type with [`Media`]: its name, how it is loaded, stored, exported as files and imported from
+//! them. [`MEDIA`] is the one table of all of them by name.
+
+mod asset;
+mod bridge;
+mod convergence;
+mod estimate;
+mod evaluation;
+mod files;
+mod gate;
+mod gbuffer;
+mod ladder;
+mod model;
+mod packed;
+mod refined;
+mod scene;
+mod scores;
+mod split;
+mod statistics;
+mod time_error;
+mod timing;
+mod training;
+
+pub use asset::*;
+pub use bridge::*;
+pub use convergence::*;
+pub use estimate::Estimate;
+pub use evaluation::*;
+pub use gate::*;
+pub use gbuffer::*;
+pub use ladder::*;
+pub use model::*;
+pub use packed::*;
+pub use refined::*;
+pub use scene::*;
+pub use scores::*;
+pub use split::*;
+pub use statistics::*;
+pub use time_error::*;
+pub use timing::*;
+pub use training::*;
+
+use tauflow_contract::{Files, MediaRow};
+
+/// Every media type, by name.
+pub const MEDIA: &[MediaRow] = &[
+    MediaRow::of::<Asset>(),
+    MediaRow::of::<AssetReport>(),
+    MediaRow::of::<BridgeFiles>(),
+    MediaRow::of::<BridgeSteps>(),
+    MediaRow::of::<Convergence>(),
+    MediaRow::of::<Evaluation>(),
+    MediaRow::of::<Exposure>(),
+    MediaRow::of::<Files>(),
+    MediaRow::of::<GBuffer>(),
+    MediaRow::of::<Ladder>(),
+    MediaRow::of::<ModelFile>(),
+    MediaRow::of::<PackedScene>(),
+    MediaRow::of::<Refined>(),
+    MediaRow::of::<SamplingReport>(),
+    MediaRow::of::<SceneRecord>(),
+    MediaRow::of::<SceneScores>(),
+    MediaRow::of::<SceneStatistics>(),
+    MediaRow::of::<SplitReport>(),
+    MediaRow::of::<TimeError>(),
+    MediaRow::of::<Timing>(),
+    MediaRow::of::<TrainingLog>(),
+    MediaRow::of::<TrainingTiming>(),
+    MediaRow::of::<Verdict>(),
+];
+
+/// The media type of this name.
+pub fn media(name: &str) -> Option<&'static MediaRow> {
+    MEDIA.iter().find(|row| row.name == name)
+}
+
+#[cfg(test)]
+mod tests;

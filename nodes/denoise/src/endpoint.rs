@@ -1,0 +1,59 @@
+//! What denoisers start from: a rung of a scene, and its G-buffer where it is asked for.
+
+use tauflow_contract::KindError;
+use tauflow_data::{
+    Image,
+    methods::{Conditioning, MethodName},
+    records::{PackedScene, RefinedImage},
+};
+
+/// An endpoint of a scene.
+pub(crate) struct Endpoint<'a> {
+    /// Exposed linear radiance, [H, W, 3].
+    pub(crate) color: &'a Image,
+    /// Albedo and normal, [H, W, 6].
+    pub(crate) gbuffer: Option<&'a Image>,
+    /// What is said of an image that is made from it in one go.
+    pub(crate) said: RefinedImage,
+}
+
+impl<'a> Endpoint<'a> {
+    /// The rung of `from` samples, as a method sees it.
+    ///
+    /// # Errors
+    /// If there is no such rung or no G-buffer, or the rung is no image of three channels.
+    pub(crate) fn of(
+        scene: &'a PackedScene,
+        method: &MethodName,
+        from: u64,
+        conditioning: Conditioning,
+    ) -> Result<Self, KindError> {
+        let rung = scene.counts.iter().zip(&scene.states).find(|(count, _)| **count == from);
+        let (_, color) = rung.ok_or_else(|| {
+            KindError::Input(format!(
+                "the scene has no rung of {from} samples, only {:?}; change `from` or the rungs",
+                scene.counts
+            ))
+        })?;
+        if color.channels() != 3 {
+            return Err(KindError::Input(format!(
+                "the rung of {from} samples has {} values a pixel; pack images of 3, red, green and blue",
+                color.channels()
+            )));
+        }
+        let gbuffer = match (conditioning, &scene.gbuffer) {
+            (Conditioning::Rgb, _) => None,
+            (Conditioning::Gbuffer, Some(gbuffer)) => Some(gbuffer),
+            (Conditioning::Gbuffer, None) => {
+                return Err(KindError::Input(
+                    "`conditioning` is gbuffer and the scene has no G-buffer; connect `gbuffers` of its \
+                     `dataset_packing`"
+                        .into(),
+                ));
+            }
+        };
+        let to_spp = scene.counts.last().copied().unwrap_or(from);
+        let said = RefinedImage { method: method.as_str().to_owned(), from_spp: from, to_spp, nfe: 1 };
+        Ok(Self { color, gbuffer, said })
+    }
+}

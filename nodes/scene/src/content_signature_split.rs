@@ -1,0 +1,178 @@
+#![doc = include_str!("content_signature_split.md")]
+
+use crate::{
+    scene_generation::HoldOut,
+    signature::{QUANTUM, check_leaks, shared_assets, signature},
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use tauflow_contract::{
+    Action, All, Context, Digest, Group, Handle, ItemKey, Items, Kind, KindError, KindSpec, Media, Mode, Out, Outputs,
+};
+use tauflow_data::{
+    Stratum,
+    records::{NearDuplicates, SceneRecord, Sides, SplitReport},
+    scene::{Recipe, Side},
+};
+
+const SCENES: All<SceneRecord> = All::new("scenes", "The scenes to part.");
+
+const MAIN: Group = Group::main(1);
+const TRAIN: Out<SceneRecord> = Out::new(MAIN, "train", "Scenes to learn from.");
+const TEST: Out<SceneRecord> = Out::new(MAIN, "test", "Scenes to judge by.");
+const REPORT: Out<SplitReport> = Out::new(MAIN, "report", "Groups, counts, leaks, near-duplicates.");
+
+/// The kind `content_signature_split`.
+pub struct ContentSignatureSplit;
+
+/// Params of `content_signature_split`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ContentSignatureSplitParams {
+    /// Share of each stratum's signatures that goes to the test side.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub test_share: f64,
+    /// Assets that must not stand on both sides; the scenes must have been drawn with the same `hold_out`.
+    pub hold_out: Vec<HoldOut>,
+    /// Step of the layout's parameters: absolute near 0, relative to large values.
+    #[schemars(range(min = 0.000_001, max = 10.0))]
+    pub quantum: f64,
+}
+
+impl Default for ContentSignatureSplitParams {
+    fn default() -> Self {
+        Self { test_share: 0.2, hold_out: Vec::new(), quantum: QUANTUM }
+    }
+}
+
+/// A scene to place.
+struct Entry<'a> {
+    key: &'a ItemKey,
+    scene: Handle<'a, SceneRecord>,
+    recipe: Recipe,
+    stratum: usize,
+}
+
+/// True if the `n`-th scene of a stratum's pool goes to the test side: the `n` with
+/// `floor((n + 1) share + 1/2) > floor(n share + 1/2)`, so that every prefix has its share to within a half.
+pub fn is_test(n: u64, share: f64) -> bool {
+    let before = |n: u64| (n as f64 * share + 0.5).floor();
+    before(n + 1) > before(n)
+}
+
+fn load<'a>(ctx: &Context<'_>, scenes: Items<'a, SceneRecord>) -> Result<Vec<Entry<'a>>, KindError> {
+    let mut entries = Vec::with_capacity(scenes.len());
+    for (key, scene) in scenes.iter() {
+        let recipe = SceneRecord::recipe(ctx, scene)?;
+        let stratum = Stratum::all().position(|s| s.to_string() == recipe.stratum).ok_or_else(|| {
+            KindError::Input(format!("scene `{key}`: its recipe names the stratum `{}`, which is none", recipe.stratum))
+        })?;
+        entries.push(Entry { key, scene, recipe, stratum });
+    }
+    // By index first: what a growing pool appends comes after all that was there.
+    entries.sort_by_key(|e| (e.recipe.index, e.stratum));
+    Ok(entries)
+}
+
+impl Kind for ContentSignatureSplit {
+    type Params = ContentSignatureSplitParams;
+
+    fn spec() -> KindSpec {
+        KindSpec {
+            name: "content_signature_split",
+            summary: "Parts scenes into train and test so that no content signature stands on both sides.",
+            manual: include_str!("content_signature_split.md"),
+            mode: Mode::Gather,
+            inputs: const { &[SCENES.port()] },
+            outputs: const { &[TRAIN.port(), TEST.port(), REPORT.port()] },
+            seeded: false,
+        }
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let params = &action.params;
+        let entries = load(ctx, action.all(SCENES)?)?;
+        if !params.hold_out.is_empty()
+            && let Some(entry) = entries.iter().find(|e| e.recipe.side.is_none())
+        {
+            return Err(KindError::Input(format!(
+                "scene `{}` was drawn from no asset pool, but `hold_out` is asked for; \
+                 give scene_generation the same `hold_out`",
+                entry.key
+            )));
+        }
+        let mut groups: BTreeMap<Digest, (Side, Vec<usize>)> = BTreeMap::new();
+        let mut dropped = Vec::new();
+        for (number, entry) in entries.iter().enumerate() {
+            let group = groups.entry(signature(&entry.recipe, params.quantum)).or_insert_with(|| {
+                // By its place in the pool, not among those that passed: a verdict moves no other group.
+                let by_turn = if is_test(entry.recipe.index, params.test_share) { Side::Test } else { Side::Train };
+                (entry.recipe.side.unwrap_or(by_turn), Vec::new())
+            });
+            if entry.recipe.side.is_some_and(|side| side != group.0) {
+                dropped.push(entry.key.to_string());
+            } else {
+                group.1.push(number);
+            }
+        }
+        let (mut train, mut test) = (Vec::new(), Vec::new());
+        let mut strata: BTreeMap<String, Sides> = BTreeMap::new();
+        for (side, members) in groups.values() {
+            for number in members {
+                let counts = strata.entry(entries[*number].recipe.stratum.clone()).or_default();
+                match side {
+                    Side::Train => (train.push(&entries[*number]), counts.train += 1),
+                    Side::Test => (test.push(&entries[*number]), counts.test += 1),
+                };
+            }
+        }
+        let recipes = |side: &[&'_ Entry<'_>]| side.iter().map(|e| e.recipe.clone()).collect::<Vec<_>>();
+        let (train_recipes, test_recipes) = (recipes(&train), recipes(&test));
+        let held = |which| params.hold_out.contains(&which);
+        let shared = shared_assets(&train_recipes, &test_recipes, held(HoldOut::Objects), held(HoldOut::Environments));
+        if !shared.is_empty() {
+            return Err(KindError::Input(format!(
+                "held-out assets stand on both sides: {}; draw the scenes with the same `hold_out`",
+                shared.join(", ")
+            )));
+        }
+        let leaks = check_leaks(
+            train.iter().map(|e| (e.key.as_str(), &e.recipe)),
+            test.iter().map(|e| (e.key.as_str(), &e.recipe)),
+            params.quantum,
+        );
+        if let Some(leak) = leaks.first() {
+            return Err(KindError::Internal(format!("signature {} stands on both sides of a split", leak.signature)));
+        }
+        let near_duplicates = groups
+            .iter()
+            .filter(|(_, (_, members))| members.len() > 1)
+            .map(|(signature, (side, members))| NearDuplicates {
+                signature: signature.to_string(),
+                side: *side,
+                items: members.iter().map(|n| entries[*n].key.to_string()).collect(),
+            })
+            .collect();
+        let report = SplitReport {
+            groups: groups.len() as u64,
+            quantum: params.quantum,
+            sides: Sides { train: train.len() as u64, test: test.len() as u64 },
+            strata,
+            leaks,
+            near_duplicates,
+            dropped,
+        };
+        let side = |entries: Vec<&Entry<'_>>| {
+            entries.into_iter().map(|e| (e.key.clone(), e.scene.to_stored())).collect::<Vec<_>>()
+        };
+        Outputs::default().put_all(TRAIN, side(train)).put_all(TEST, side(test)).put_one(
+            REPORT,
+            REPORT.name(),
+            report.store(ctx)?,
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests;

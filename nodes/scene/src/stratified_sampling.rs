@@ -1,0 +1,179 @@
+#![doc = include_str!("stratified_sampling.md")]
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use tauflow_contract::{
+    Action, All, Context, Group, Handle, ItemKey, Items, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, Stored,
+};
+use tauflow_data::{
+    ContextClass, Regime, Stratum,
+    records::{Quota, SamplingReport, SceneRecord, StratumQuota},
+    rng::Stream,
+};
+
+const TRAIN_SIDE: All<SceneRecord> = All::new("train", "Scenes of the train side.").or_none();
+const TEST_SIDE: All<SceneRecord> = All::new("test", "Scenes of the test side.").or_none();
+const TAKEN: All<SceneRecord> =
+    All::new("taken", "Scenes that another sampling has chosen: not chosen again.").or_none();
+
+const MAIN: Group = Group::main(1);
+const TRAIN: Out<SceneRecord> = Out::new(MAIN, "train", "The chosen scenes of the train side.");
+const TEST: Out<SceneRecord> = Out::new(MAIN, "test", "The chosen scenes of the test side.");
+const REPORT: Out<SamplingReport> = Out::new(MAIN, "report", "Wanted, available and chosen by stratum.");
+
+/// The kind `stratified_sampling`.
+pub struct StratifiedSampling;
+
+/// Params of `stratified_sampling`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct StratifiedSamplingParams {
+    /// Scenes to choose from the train side.
+    pub train: u64,
+    /// Scenes to choose from the test side.
+    pub test: u64,
+    /// Regimes to choose from.
+    #[schemars(length(min = 1))]
+    pub regimes: Vec<Regime>,
+    /// Contexts to choose from.
+    #[schemars(length(min = 1))]
+    pub contexts: Vec<ContextClass>,
+    /// Seed of the order in which strata get one scene more where a count does not divide.
+    pub order_seed: u64,
+    /// True takes what there is where a stratum falls short, and says so in the report; false is an error.
+    pub allow_short: bool,
+}
+
+impl Default for StratifiedSamplingParams {
+    fn default() -> Self {
+        Self {
+            train: 0,
+            test: 0,
+            regimes: Regime::ALL.to_vec(),
+            contexts: ContextClass::ALL.to_vec(),
+            order_seed: 0,
+            allow_short: false,
+        }
+    }
+}
+
+impl StratifiedSamplingParams {
+    fn strata(&self) -> Vec<Stratum> {
+        Stratum::all().filter(|s| self.regimes.contains(&s.regime) && self.contexts.contains(&s.context)).collect()
+    }
+}
+
+/// How many scenes of each stratum make up `total`: equal, or within one of each other with the remainder in seeded
+/// order. A larger total gives no stratum less.
+pub fn quotas(strata: &[Stratum], total: u64, order_seed: u64) -> Vec<(Stratum, u64)> {
+    let n = strata.len().max(1) as u64;
+    let mut order: Vec<usize> = (0..strata.len()).collect();
+    let rank = |s: &Stratum| Stream::new(order_seed, &[]).part(&s.to_string()).bits();
+    order.sort_by_key(|i| (rank(&strata[*i]), *i));
+    let mut out: Vec<(Stratum, u64)> = strata.iter().map(|s| (*s, total / n)).collect();
+    for i in order.into_iter().take((total % n) as usize) {
+        out[i].1 += 1;
+    }
+    out
+}
+
+/// A scene that may be chosen.
+struct Candidate<'a> {
+    index: u64,
+    key: &'a ItemKey,
+    scene: Handle<'a, SceneRecord>,
+}
+
+/// Scenes that were chosen.
+type Chosen = Vec<(ItemKey, Stored<SceneRecord>)>;
+
+/// Chooses by quota among what is not taken, in order of index within each stratum.
+fn choose(
+    name: &str,
+    side: Option<Items<'_, SceneRecord>>,
+    taken: Option<Items<'_, SceneRecord>>,
+    quotas: &[(Stratum, u64)],
+    short: &mut Vec<String>,
+) -> Result<(Chosen, Quota), KindError> {
+    let mut by_stratum: BTreeMap<Stratum, Vec<Candidate<'_>>> = BTreeMap::new();
+    let free = |key: &ItemKey| taken.is_none_or(|taken| taken.get(key.as_str()).is_none());
+    for (key, scene) in side.into_iter().flat_map(Items::iter).filter(|(key, _)| free(key)) {
+        let (stratum, index) = Stratum::of_key(key.as_str()).ok_or_else(|| {
+            KindError::Input(format!("item `{key}` names no stratum and index, as L1-open-000123 does"))
+        })?;
+        by_stratum.entry(stratum).or_default().push(Candidate { index, key, scene });
+    }
+    let mut chosen = Chosen::new();
+    let mut strata = BTreeMap::new();
+    for (stratum, wanted) in quotas {
+        let mut there = by_stratum.remove(stratum).unwrap_or_default();
+        there.sort_by_key(|candidate| (candidate.index, candidate.key));
+        let available = there.len() as u64;
+        let chosen_here = available.min(*wanted);
+        if chosen_here < *wanted {
+            short.push(format!("{stratum} on the {name} side: {available} of {wanted} scenes"));
+        }
+        let taken = there.into_iter().take(chosen_here as usize);
+        chosen.extend(taken.map(|Candidate { key, scene, .. }| (key.clone(), scene.to_stored())));
+        strata.insert(stratum.to_string(), StratumQuota { wanted: *wanted, available, chosen: chosen_here });
+    }
+    let wanted = quotas.iter().map(|q| q.1).sum();
+    let equal = quotas.windows(2).all(|w| w[0].1 == w[1].1);
+    let report = Quota { wanted, chosen: chosen.len() as u64, equal, strata };
+    Ok((chosen, report))
+}
+
+impl Kind for StratifiedSampling {
+    type Params = StratifiedSamplingParams;
+
+    fn spec() -> KindSpec {
+        KindSpec {
+            name: "stratified_sampling",
+            summary: "Fills each side's quota evenly over the strata.",
+            manual: include_str!("stratified_sampling.md"),
+            mode: Mode::Gather,
+            inputs: const { &[TRAIN_SIDE.port(), TEST_SIDE.port(), TAKEN.port()] },
+            outputs: const { &[TRAIN.port(), TEST.port(), REPORT.port()] },
+            seeded: false,
+        }
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let params = &action.params;
+        let strata = params.strata();
+        let taken = action.all_if(TAKEN)?;
+        let mut short = Vec::new();
+        let mut side = |port: All<SceneRecord>, total: u64| {
+            let (name, input) = (port.name(), action.all_if(port)?);
+            if total > 0 && input.is_none() {
+                return Err(KindError::Input(format!(
+                    "`{name}: {total}` is asked for, but the input `{name}` is not connected; connect it or ask for 0"
+                )));
+            }
+            choose(name, input, taken, &quotas(&strata, total, params.order_seed), &mut short)
+        };
+        let (train, train_report) = side(TRAIN_SIDE, params.train)?;
+        let (test, test_report) = side(TEST_SIDE, params.test)?;
+        if !short.is_empty() && !params.allow_short {
+            return Err(KindError::Input(format!(
+                "strata fall short: {}; raise the pool or the side's share, ask for fewer, or set `allow_short: true`",
+                short.join("; ")
+            )));
+        }
+        let mut notes = Vec::new();
+        if !test_report.equal {
+            let n = strata.len() as u64;
+            notes.push(format!(
+                "the test side's {} scenes do not divide by {n} strata: balanced within one; {} would be equal",
+                params.test,
+                params.test.next_multiple_of(n)
+            ));
+        }
+        let report = SamplingReport { train: train_report, test: test_report, short, notes };
+        Outputs::default().put_all(TRAIN, train).put_all(TEST, test).put_one(REPORT, REPORT.name(), report.store(ctx)?)
+    }
+}
+
+#[cfg(test)]
+mod tests;

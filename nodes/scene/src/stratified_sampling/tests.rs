@@ -1,0 +1,112 @@
+//! Tests of `stratified_sampling`.
+
+use super::*;
+use std::sync::atomic::AtomicBool;
+use tauflow_contract::{Collection, Digest, MemoryBlobs, Silent};
+
+fn side(per_stratum: u64, without: &str) -> Collection {
+    Stratum::all()
+        .filter(|s| s.to_string() != without)
+        .flat_map(|s| (0..per_stratum).map(move |i| s.item_key(i)))
+        .map(|key| {
+            let digest = Digest::of(key.as_str().as_bytes());
+            (key, Stored::<SceneRecord>::blob(digest).into_artifact())
+        })
+        .collect()
+}
+
+fn run(
+    train: &Collection,
+    test: Option<&Collection>,
+    params: StratifiedSamplingParams,
+) -> Result<(Outputs, serde_json::Value), KindError> {
+    run_beside(train, test, None, params)
+}
+
+fn run_beside(
+    train: &Collection,
+    test: Option<&Collection>,
+    taken: Option<&Collection>,
+    params: StratifiedSamplingParams,
+) -> Result<(Outputs, serde_json::Value), KindError> {
+    let (blobs, cancel) = (MemoryBlobs::default(), AtomicBool::new(false));
+    let ctx = Context::new(&blobs, &Silent, &cancel);
+    let mut all = BTreeMap::from([(TRAIN_SIDE.name(), train)]);
+    all.extend(test.map(|t| (TEST_SIDE.name(), t)));
+    all.extend(taken.map(|t| (TAKEN.name(), t)));
+    let action = Action { params, item: None, group: "main", seed: 0, each: BTreeMap::new(), all };
+    let outputs = StratifiedSampling::run(&ctx, &action)?;
+    let report = ctx.json(outputs.collections[REPORT.name()].get("report").expect("one item"), "")?;
+    Ok((outputs, report))
+}
+
+#[test]
+fn five_thousand_is_eight_of_417_and_four_of_416() {
+    let strata: Vec<Stratum> = Stratum::all().collect();
+    let counts: Vec<u64> = quotas(&strata, 5000, 0).iter().map(|q| q.1).collect();
+    assert_eq!(counts.iter().filter(|c| **c == 417).count(), 8);
+    assert_eq!(counts.iter().filter(|c| **c == 416).count(), 4);
+    assert!(quotas(&strata, 1200, 0).iter().all(|q| q.1 == 100));
+    assert_ne!(quotas(&strata, 5000, 0), quotas(&strata, 5000, 1), "the remainder's order is seeded");
+}
+
+#[test]
+fn quotas_are_filled_in_order_of_index() {
+    let params = StratifiedSamplingParams { train: 50, test: 24, ..Default::default() };
+    let (train, test) = (side(9, ""), side(5, ""));
+    let (outputs, report) = run(&train, Some(&test), params).expect("enough");
+    assert_eq!((outputs.collections["train"].len(), outputs.collections["test"].len()), (50, 24));
+    for key in outputs.collections["test"].items.keys() {
+        assert!(Stratum::of_key(key.as_str()).expect("a scene").1 < 2);
+    }
+    assert_eq!(report["test"]["equal"], true);
+    assert_eq!(report["short"].as_array().map(Vec::len), Some(0));
+}
+
+#[test]
+fn what_is_taken_is_passed_over() {
+    let (train, test) = (side(3, ""), side(5, ""));
+    let params = |test| StratifiedSamplingParams { test, ..Default::default() };
+    let (first, _) = run(&train, Some(&test), params(24)).expect("enough");
+    let taken = &first.collections["test"];
+    let (second, report) = run_beside(&train, Some(&test), Some(taken), params(36)).expect("three are left of five");
+    let second = &second.collections["test"];
+    assert_eq!((second.len(), second.items.keys().filter(|key| taken.items.contains_key(*key)).count()), (36, 0));
+    assert_eq!(report["test"]["strata"]["L1-open"]["available"], 3);
+    let error = run_beside(&train, Some(&test), Some(taken), params(48)).expect_err("short").to_string();
+    assert!(error.contains("L1-open on the test side: 3 of 4"), "{error}");
+}
+
+#[test]
+fn strata_that_fall_short_are_named() {
+    let train = side(3, "L2-open");
+    let params = StratifiedSamplingParams { train: 24, ..Default::default() };
+    let error = run(&train, None, params.clone()).expect_err("short").to_string();
+    assert!(error.contains("L2-open on the train side: 0 of 2") && !error.contains("L1-open"), "{error}");
+    let (outputs, report) =
+        run(&train, None, StratifiedSamplingParams { allow_short: true, ..params }).expect("allowed");
+    assert_eq!(outputs.collections["train"].len(), 22);
+    assert_eq!(report["short"].as_array().map(Vec::len), Some(1));
+    let unconnected = StratifiedSamplingParams { test: 12, ..Default::default() };
+    assert!(run(&train, None, unconnected).expect_err("no input").to_string().contains("not connected"));
+}
+
+proptest::proptest! {
+    #[test]
+    fn larger_quotas_keep_every_choice(total in 0u64..200, more in 0u64..60, seed in 0u64..8) {
+        let strata: Vec<Stratum> = Stratum::all().collect();
+        let (small, large) = (quotas(&strata, total, seed), quotas(&strata, total + more, seed));
+        proptest::prop_assert_eq!(small.iter().map(|q| q.1).sum::<u64>(), total);
+        let (low, high) = (small.iter().map(|q| q.1).min(), small.iter().map(|q| q.1).max());
+        proptest::prop_assert!(high.unwrap_or(0) - low.unwrap_or(0) <= 1);
+        for (a, b) in small.iter().zip(&large) {
+            proptest::prop_assert!(a.1 <= b.1);
+        }
+        let train = side(24, "");
+        let params = |train| StratifiedSamplingParams { train, order_seed: seed, ..Default::default() };
+        let (a, _) = run(&train, None, params(total)).expect("enough");
+        let (b, _) = run(&train, None, params(total + more)).expect("enough");
+        let b = &b.collections["train"];
+        proptest::prop_assert!(a.collections["train"].items.keys().all(|k| b.items.contains_key(k)));
+    }
+}

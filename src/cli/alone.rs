@@ -1,0 +1,246 @@
+//! The process of its own in which `exec` runs an action: its folder, what it is told of the environment, its end, and
+//! the sandbox around it.
+
+use super::{CacheAt, CliError, Exit, exec::ExecArgs};
+use nix::{
+    sys::signal::{Signal, killpg},
+    unistd::Pid,
+};
+use std::{
+    ffi::{OsStr, OsString},
+    fs, io,
+    io::Read,
+    os::unix::process::CommandExt,
+    path::{Path, PathBuf},
+    process::{Child, Command, ExitStatus, Stdio},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread,
+    time::{Duration, Instant},
+};
+use tempfile::TempDir;
+
+/// What an action is told of the environment: where programs are, and what is in keys. All else stays outside.
+const PASSED: [&str; 5] = ["PATH", "RAYON_NUM_THREADS", "TAUFLOW_OIDN", "TAUFLOW_DEVICE", "TAUFLOW_INSTRUCTIONS"];
+/// The sandbox: no network, no process of others, nothing that can be written. What is to be comes after it. `/run` has
+/// the sockets of the system's services, which would be a way out.
+const SANDBOX: [&str; 16] = [
+    "--die-with-parent",
+    "--new-session",
+    "--unshare-net",
+    "--unshare-pid",
+    "--unshare-ipc",
+    "--ro-bind",
+    "/",
+    "/",
+    "--dev",
+    "/dev",
+    "--proc",
+    "/proc",
+    "--tmpfs",
+    "/run",
+    "--cap-drop",
+    "ALL",
+];
+/// Time for processes that were killed to be gone, and for their folder to be empty.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// Time between two looks.
+const LOOK: Duration = Duration::from_millis(5);
+
+fn failed(what: &str, error: &io::Error) -> CliError {
+    CliError::Environment(format!("cannot {what}: {error}"))
+}
+
+/// Runs the action in a process of its own, which has an empty folder, little of the environment, and no input. It ends
+/// with every process of its group, and its folder goes with it.
+pub(super) fn alone(args: &ExecArgs, cache: &CacheAt) -> Result<Exit, CliError> {
+    let absolute = |path: PathBuf| std::path::absolute(path).map_err(|e| failed("find the current folder", &e));
+    let folder = Folder::new()?;
+    let file = PathBuf::from(&args.action);
+    let action = if file.is_file() { absolute(file)?.into_os_string() } else { args.action.clone().into() };
+    let store = absolute(cache.folder())?;
+    let program = std::env::current_exe().map_err(|e| failed("find this program", &e))?;
+    let mut command = match args.sandbox {
+        true => {
+            // A folder must be there to be let in.
+            cache.open()?;
+            sandbox(&program, &folder, &store)?
+        }
+        false => Command::new(&program),
+    };
+    command.arg("exec").arg(action).arg("--inside").arg("--cache").arg(&store);
+    prepare(&mut command, &folder);
+    let interrupted = Arc::new(AtomicBool::new(false));
+    let seen = interrupted.clone();
+    // The group of the action gets no Ctrl-C of ours, so that it is ended here.
+    ctrlc::set_handler(move || seen.store(true, Ordering::Relaxed))
+        .map_err(|e| CliError::Environment(format!("cannot listen for Ctrl-C: {e}")))?;
+    let child = command.stdout(Stdio::piped()).spawn().map_err(|e| failed("start the action", &e))?;
+    let ended = Running::new(child).wait(args.limit, &interrupted)?;
+    folder.clear()?;
+    Ok(match ended {
+        Ended::Limit => {
+            eprintln!("error: the action was stopped after its limit; nothing of it is recorded");
+            Exit::Failed
+        }
+        Ended::Interrupted => {
+            eprintln!("stopped; nothing of the action is recorded");
+            Exit::Interrupted
+        }
+        Ended::Itself(status, told) => {
+            out!("{told}");
+            match status.code() {
+                Some(0) => Exit::Done,
+                Some(1) => Exit::Failed,
+                Some(2) => Exit::Bad,
+                Some(130) => Exit::Interrupted,
+                Some(_) => Exit::Environment,
+                None => {
+                    eprintln!("error: the action's process was killed ({status})");
+                    Exit::Failed
+                }
+            }
+        }
+    })
+}
+
+/// Gives a command the action's folder and environment, and a group of its own.
+fn prepare(command: &mut Command, folder: &Folder) {
+    command.env_clear().envs(PASSED.into_iter().filter_map(|name| Some((name, passed(name)?))));
+    // Programs leave their temporary files here, and they go with the folder.
+    command.env("TMPDIR", folder.of("tmp"));
+    command.current_dir(folder.of("work")).process_group(0).stdin(Stdio::null());
+}
+
+/// A variable as the action gets it: the path of a library does not depend on the folder.
+fn passed(name: &str) -> Option<OsString> {
+    let value = std::env::var_os(name).filter(|value| !value.is_empty())?;
+    let is_path = name == "TAUFLOW_OIDN" && value.to_string_lossy().contains('/');
+    Some(if is_path { std::path::absolute(&value).map_or(value, PathBuf::into_os_string) } else { value })
+}
+
+/// `bwrap` with what it takes, once it is known to work here.
+fn sandbox(program: &Path, folder: &Folder, store: &Path) -> Result<Command, CliError> {
+    let whole = folder.of("");
+    let bare = || {
+        let mut command = Command::new("bwrap");
+        command.args(SANDBOX);
+        for path in [&whole, store] {
+            command.arg("--bind").args([path, path]);
+        }
+        // Programs of some systems lie there.
+        command.args(["--ro-bind-try", "/run/current-system", "/run/current-system"]);
+        command.args([OsStr::new("--chdir"), folder.of("work").as_os_str(), OsStr::new("--"), program.as_os_str()]);
+        command
+    };
+    let mut first = bare();
+    prepare(first.arg("--version"), folder);
+    let refused = |why: &str| {
+        CliError::Environment(format!(
+            "cannot make a sandbox: {why}; install bubblewrap, allow namespaces of users, or leave --sandbox away"
+        ))
+    };
+    match first.output() {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Err(refused("there is no program `bwrap` here")),
+        Err(error) => Err(refused(&format!("`bwrap` cannot be started: {error}"))),
+        Ok(done) if !done.status.success() => Err(refused(String::from_utf8_lossy(&done.stderr).trim())),
+        Ok(_) => Ok(bare()),
+    }
+}
+
+/// The folder of an action: one to work in, which is empty, and one for temporary files.
+struct Folder(TempDir);
+
+impl Folder {
+    fn new() -> Result<Self, CliError> {
+        let made = || {
+            let folder = Self(tempfile::tempdir()?);
+            fs::create_dir(folder.of("work"))?;
+            fs::create_dir(folder.of("tmp"))?;
+            Ok(folder)
+        };
+        made().map_err(|e| failed("make a folder to run in", &e))
+    }
+
+    fn of(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// Takes it away, though what was killed may be writing its last.
+    fn clear(self) -> Result<(), CliError> {
+        let (path, start) = (self.0.keep(), Instant::now());
+        loop {
+            match fs::remove_dir_all(&path) {
+                Ok(()) => return Ok(()),
+                Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+                Err(error) if start.elapsed() > PATIENCE => {
+                    return Err(failed(&format!("take the action's folder {} away", path.display()), &error));
+                }
+                Err(_) => thread::sleep(LOOK),
+            }
+        }
+    }
+}
+
+/// How an action ended.
+enum Ended {
+    /// After its time.
+    Limit,
+    /// By Ctrl-C.
+    Interrupted,
+    /// By itself, with what it said.
+    Itself(ExitStatus, String),
+}
+
+/// A process that leads a group. However it ends, the group does.
+struct Running {
+    child: Child,
+    group: Pid,
+}
+
+impl Running {
+    fn new(child: Child) -> Self {
+        // Numbers of processes are below 2^22.
+        let group = Pid::from_raw(i32::try_from(child.id()).expect("a process has a small number"));
+        Self { child, group }
+    }
+
+    fn wait(mut self, limit: Option<f64>, interrupted: &AtomicBool) -> Result<Ended, CliError> {
+        let mut stdout = self.child.stdout.take();
+        let reader = thread::spawn(move || {
+            let mut text = String::new();
+            stdout.as_mut().map(|out| out.read_to_string(&mut text)).transpose().map(|_| text)
+        });
+        let start = Instant::now();
+        let status = loop {
+            if let Some(status) = self.child.try_wait().map_err(|e| failed("wait for the action", &e))? {
+                break status;
+            }
+            if limit.is_some_and(|limit| start.elapsed().as_secs_f64() > limit) {
+                return Ok(Ended::Limit);
+            }
+            if interrupted.load(Ordering::Relaxed) {
+                return Ok(Ended::Interrupted);
+            }
+            thread::sleep(LOOK);
+        };
+        // What it left behind may hold its output open.
+        drop(self);
+        let told = reader.join().ok().and_then(Result::ok).unwrap_or_default();
+        Ok(Ended::Itself(status, told))
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // None may be left; and what ended just now needs no end.
+        let _ = killpg(self.group, Signal::SIGKILL);
+        let _ = self.child.wait();
+        let start = Instant::now();
+        while killpg(self.group, None).is_ok() && start.elapsed() < PATIENCE {
+            thread::sleep(LOOK);
+        }
+    }
+}

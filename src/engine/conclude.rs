@@ -1,0 +1,114 @@
+//! What is left at the end of a pass: published files, results that were asked for, and the blobs that are missing for
+//! them.
+
+use super::{
+    EngineError,
+    ids::{Id, LaneId, PortId},
+    lanes::{Lane, Lanes},
+    publish,
+    run::Run,
+    scheduler::Scheduler,
+    sharded::Sharded,
+};
+use std::{collections::HashSet, path::PathBuf, sync::Arc};
+use tauflow_cache::Digest;
+
+/// A port's collection at the end of a run.
+pub(super) struct ResultOf {
+    pub cell: usize,
+    pub port: PortId,
+    pub collection: Arc<Sharded>,
+}
+
+/// What is known of a lane's collection.
+enum Found {
+    Collection(Arc<Sharded>),
+    /// The blob that lists it is not in the store.
+    Missing(Digest),
+    /// The lane did not come to an end.
+    Unknown,
+}
+
+/// The files that were written, and the blobs that are missing, each with the lane whose output names it.
+pub(super) type Concluded = (Vec<PathBuf>, Vec<(LaneId, Digest)>);
+
+impl Run<'_> {
+    /// Publishes, and keeps results that were asked for; names blobs of them that are missing.
+    pub(super) fn conclude(&mut self, lanes: &Lanes, scheduler: &Scheduler<'_>) -> Result<Concluded, EngineError> {
+        let (mut publications, mut missing) = (Vec::new(), Vec::new());
+        let publishing: HashSet<usize> = lanes.iter().filter(|l| self.publishes(l)).map(|l| l.node).collect();
+        for (id, lane) in lanes.pairs().filter(|(_, l)| l.target) {
+            for port in &lane.ports {
+                let collection = match self.result(scheduler, id, *port)? {
+                    Found::Collection(collection) => collection,
+                    Found::Missing(blob) => {
+                        missing.push((id, blob));
+                        continue;
+                    }
+                    Found::Unknown => continue,
+                };
+                // What is asked for must be there, whether or not somebody reads it in this run.
+                let (blobs, listings) = collection.blobs(self.store)?;
+                missing.extend(listings.iter().map(|blob| (id, *blob)));
+                for digest in blobs {
+                    let here = if self.options.verify {
+                        self.store.get(&digest)?.is_some()
+                    } else {
+                        self.store.contains(&digest)
+                    };
+                    if !here {
+                        missing.push((id, digest));
+                    }
+                }
+                if !listings.is_empty() {
+                    continue;
+                }
+                if self.keep_results {
+                    self.results.push(ResultOf { cell: lane.cell, port: *port, collection: collection.clone() });
+                }
+                if self.pipeline.nodes[lane.node].spec.outputs[port.place()].publish {
+                    let folder = self.folder(lane, publishing.len());
+                    publications.push((id, publish::Publication { folder, collection }));
+                }
+            }
+        }
+        match &self.options.out {
+            Some(out) if !self.options.dry && self.options.only.is_none() => {
+                let (out, mut written) = (out.join(&self.pipeline.name), Vec::new());
+                for (id, publication) in &publications {
+                    // Read, and so proved: what is damaged is made again though nothing else has changed.
+                    let (files, gone) = publish::publish(self.store, &out, publication)?;
+                    written.extend(files);
+                    missing.extend(gone.into_iter().map(|blob| (*id, blob)));
+                }
+                Ok((written, missing))
+            }
+            _ => Ok((Vec::new(), missing)),
+        }
+    }
+
+    /// The folder of a lane's files below the pipeline's: a lone publishing node needs none of its own.
+    fn folder(&self, lane: &Lane, publishing: usize) -> String {
+        let cell = &self.pipeline.cells[lane.cell].text;
+        let node = if publishing > 1 { self.pipeline.nodes[lane.node].name.as_str() } else { "" };
+        [node, cell].into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("/")
+    }
+
+    fn publishes(&self, lane: &Lane) -> bool {
+        let outputs = &self.pipeline.nodes[lane.node].spec.outputs;
+        lane.target && lane.ports.iter().any(|p| outputs[p.place()].publish)
+    }
+
+    /// A lane's collection, worked out now or in an earlier run.
+    fn result(&self, scheduler: &Scheduler<'_>, lane: LaneId, port: PortId) -> Result<Found, EngineError> {
+        if let Some(result) = scheduler.result(lane, port) {
+            return Ok(Found::Collection(result.clone()));
+        }
+        let name = self.pipeline.nodes[scheduler.node_of(lane)].spec.outputs[port.place()].name;
+        let Some(listed) = scheduler.rolled(lane).and_then(|p| p.collections.get(name)) else {
+            return Ok(Found::Unknown);
+        };
+        let found = Sharded::get(self.store, listed)?;
+        Ok(found.map_or(Found::Missing(listed.blob), |found| Found::Collection(Arc::new(found))))
+    }
+}

@@ -1,0 +1,143 @@
+//! The moves: the one place where the stage of a slot, of a shard and of a lane is written, with all that follows from
+//! it.
+//!
+//! Each level has one setter. It keeps the counters of what is still open, tells the account, and hands on what is
+//! done; what may be done next is put on the list of [`Op`]s. Everybody else asks for a move and writes no stage.
+
+use super::{
+    Scheduler,
+    state::{Complete, Health, LaneStage, Op, ShardStage, SlotStage},
+};
+use crate::engine::{
+    event::Ended,
+    ids::{LaneId, PortId, SlotId},
+    sharded::Sharded,
+};
+use std::{cmp::Reverse, collections::BTreeMap, sync::Arc};
+
+impl Scheduler<'_> {
+    /// Moves a slot.
+    pub(super) fn set_slot(&mut self, lane: LaneId, slot: SlotId, stage: SlotStage) {
+        let at = &mut self.states[lane].slots[slot];
+        at.stage = stage;
+        let shard = at.shard;
+        let turn = (self.lanes[lane].node, Reverse(lane), Reverse(slot));
+        match stage {
+            SlotStage::Waiting | SlotStage::Sought | SlotStage::Running | SlotStage::Stalled => {}
+            SlotStage::Ready => self.ready.push(turn),
+            SlotStage::Todo => {
+                let gather = at.key.is_none();
+                self.todo.push(turn);
+                // What a gather makes is not known to be in any shard.
+                if !gather {
+                    self.open_readers(lane, shard);
+                }
+            }
+            SlotStage::Ended(outcome) => {
+                self.account.ended(lane, at.key.as_ref(), outcome, &at.made);
+                let failed = !matches!(outcome, Ended::Hit | Ended::Ran);
+                let state = &mut self.states[lane];
+                state.open -= 1;
+                let of = &mut state.shards[shard];
+                of.open -= 1;
+                of.failed |= failed;
+                let last = of.open == 0;
+                if failed {
+                    self.worsen(lane, Health::Failed);
+                }
+                self.hand_on(lane, slot);
+                if last {
+                    self.ops.push_back(Op::CheckShard { lane, shard });
+                }
+                if self.states[lane].open == 0 {
+                    self.ops.push_back(Op::Check { lane });
+                }
+            }
+        }
+    }
+
+    /// Moves a shard.
+    pub(super) fn set_shard(&mut self, lane: LaneId, shard: u8, stage: ShardStage) {
+        let state = &mut self.states[lane];
+        state.shards[shard].stage = stage;
+        state.open_shards -= usize::from(stage.is_closed());
+        match stage {
+            ShardStage::Pending => {}
+            ShardStage::Open => {
+                self.take_what_came(lane, shard);
+                self.ops.push_back(Op::CheckShard { lane, shard });
+            }
+            ShardStage::Closed => self.tell_fed(lane, shard),
+            ShardStage::Rolled => {
+                self.hand_on_shard(lane, shard);
+                self.tell_fed(lane, shard);
+            }
+        }
+    }
+
+    /// Moves a lane. One that is rolled is handed on by [`Scheduler::start`], when all of them are known.
+    pub(super) fn set_lane(&mut self, lane: LaneId, stage: LaneStage) {
+        let done = matches!(stage, LaneStage::Done);
+        self.states[lane].stage = stage;
+        if !done {
+            return;
+        }
+        let health = self.states[lane].health;
+        self.account.counted(lane, health == Health::Unknown);
+        if health == Health::Sound && self.lanes[lane].only.is_none() {
+            self.states[lane].results = self.collect(lane);
+            let complete = self.totals(lane);
+            self.outbox.lanes.push(complete);
+        }
+        self.hand_on_whole(lane);
+    }
+
+    /// Takes note that a lane's outputs are no better than this.
+    pub(super) fn worsen(&mut self, lane: LaneId, health: Health) {
+        let of = &mut self.states[lane].health;
+        *of = health.max(*of);
+    }
+
+    /// A lane is done when all its slots have ended, and all its shards, unless nobody knows what would be in them.
+    pub(super) fn check_done(&mut self, lane: LaneId) {
+        let state = &self.states[lane];
+        let shards = state.open_shards == 0 || self.is_gather(lane) || state.health == Health::Unknown;
+        if matches!(state.stage, LaneStage::Full) && state.open == 0 && shards {
+            self.set_lane(lane, LaneStage::Done);
+        }
+    }
+
+    /// What a lane's actions took and made, those of earlier runs included.
+    fn totals(&self, lane: LaneId) -> Complete {
+        let state = &self.states[lane];
+        let mut complete = Complete { lane, actions: 0, wall_us: 0, bytes: 0 };
+        let slots = state.slots.iter().map(|slot| (1, slot.made.wall_us, slot.made.bytes));
+        for (actions, wall_us, bytes) in slots.chain(state.shards.iter().map(|shard| shard.totals)) {
+            // Records may say any numbers.
+            complete.actions = complete.actions.saturating_add(actions);
+            complete.wall_us = complete.wall_us.saturating_add(wall_us);
+            complete.bytes = complete.bytes.saturating_add(bytes);
+        }
+        complete
+    }
+
+    /// The collections of a lane's ports.
+    fn collect(&self, lane: LaneId) -> BTreeMap<PortId, Arc<Sharded>> {
+        let state = &self.states[lane];
+        let of_port = |port: &PortId| {
+            if let [slot] = state.slots.as_slice()
+                && slot.key.is_none()
+            {
+                return slot.made.collection(*port).map(|made| (*port, made.clone()));
+            }
+            let mut shards = BTreeMap::new();
+            for (number, of) in state.shards.pairs() {
+                if let Some((_, shard)) = of.outputs.iter().find(|(at, shard)| at == port && shard.len > 0) {
+                    shards.insert(number, shard.clone());
+                }
+            }
+            Some((*port, Arc::new(Sharded::new(shards))))
+        };
+        self.lanes[lane].ports.iter().filter_map(of_port).collect()
+    }
+}

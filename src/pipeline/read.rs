@@ -1,0 +1,62 @@
+//! Takes maps, texts and names out of YAML, and says so where something else stands.
+
+use super::{
+    reference::is_name,
+    yaml::{Data, Key, Yaml},
+};
+use crate::diagnostics::Problem;
+
+/// What a name may be, as a hint.
+pub const NAME_HINT: &str = "use letters, digits, `_` and `-`, starting with a letter";
+
+/// The fields of a map; none of what is no map.
+pub fn map(value: Yaml, what: &str, problems: &mut Vec<Problem>) -> Vec<(Key, Yaml)> {
+    match value.data {
+        Data::Map(fields) => fields,
+        Data::Null => Vec::new(),
+        _ => {
+            let message = format!("{what} must be a map, this is {}", value.sort());
+            problems.push(Problem::at(value.span, message).hint("write `key: value` lines below it"));
+            Vec::new()
+        }
+    }
+}
+
+/// A text, or a list of texts.
+pub fn texts(value: &Yaml, what: &str, problems: &mut Vec<Problem>) -> Vec<Key> {
+    let mut found = Vec::new();
+    let single = std::slice::from_ref(value);
+    let items = if let Data::List(items) = &value.data { items } else { single };
+    for item in items {
+        match &item.data {
+            Data::Text(text) => found.push(Key { text: text.clone(), span: item.span }),
+            _ => {
+                let message = format!("{what}: expected a text or a list of texts, found {}", item.sort());
+                problems.push(Problem::at(item.span, message).hint("write a name, or `[a, b]`"));
+            }
+        }
+    }
+    found
+}
+
+/// A name.
+pub fn name(value: &Yaml, what: &str, problems: &mut Vec<Problem>) -> Option<Key> {
+    if let Data::Text(text) = &value.data {
+        if is_name(text) {
+            return Some(Key { text: text.clone(), span: value.span });
+        }
+        let hint = if text.starts_with('$') { "write it out: no named value may stand here" } else { NAME_HINT };
+        problems.push(Problem::at(value.span, format!("`{text}` cannot be {what}")).hint(hint));
+    } else {
+        let message = format!("{what} must be a text, this is {}", value.sort());
+        problems.push(Problem::at(value.span, message).hint("write a name, in quotes if it looks like a number"));
+    }
+    None
+}
+
+/// Whether a key can name what it names; a problem if not.
+pub fn check_name(key: &Key, what: &str, problems: &mut Vec<Problem>) {
+    if !is_name(&key.text) {
+        problems.push(Problem::at(key.span, format!("`{}` cannot name {what}", key.text)).hint(NAME_HINT));
+    }
+}

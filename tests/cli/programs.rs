@@ -1,0 +1,253 @@
+//! `exec` of actions that run programs and libraries: what they are told of the environment, whose they are, when they
+//! end, and what a sandbox keeps them from.
+
+use crate::{Place, Said};
+use serde_json::Value;
+use std::{
+    fs,
+    os::unix::fs::PermissionsExt,
+    path::Path,
+    thread,
+    time::{Duration, Instant},
+};
+use tauflow::engine::exec;
+use tauflow_cache::Store;
+use tauflow_data::{Image, image_io::write_exr};
+
+/// A renderer that `bin/fake-renderer` is, and a version that is told by `version.sh`.
+const PIPELINE: &str = "\
+pipeline: small
+seed: 3
+nodes:
+  scenes:
+    kind: scene_generation
+    params: { pool: 2, regimes: [L0], contexts: [open] }
+  rendered:
+    kind: external_renderer
+    inputs: { scenes: scenes }
+    params:
+      method: fake
+      version: [sh, HERE/version.sh]
+      command: [fake-renderer, \"{scene}\", \"{counts}\", \"{folder}\"]
+      counts: [1]
+      resolution: [4, 2]
+      required: true
+";
+
+/// What the renderer does beside its work is decided by files that it finds.
+const RENDERER: &str = "\
+#!/bin/sh
+test -z \"$SECRET\" || { echo it knows the secret >&2; exit 9; }
+if test -e HERE/stay; then
+    sleep 600 &
+    echo $! > HERE/child.new
+    echo \"$TMPDIR\" > HERE/tmpdir
+    mv HERE/child.new HERE/child
+    wait
+fi
+if test -e HERE/escape; then
+    echo out > HERE/escaped
+fi
+if test -e HERE/lonely; then
+    test \"$(grep -c : /proc/net/dev)\" = 1 || { echo there is a network >&2; exit 8; }
+fi
+cp HERE/image.exr \"$3/1.exr\"
+";
+
+/// A folder with a pipeline that renders with a program found by PATH.
+pub fn with_renderer() -> Place {
+    let place = Place::new();
+    let here = place.path("").display().to_string();
+    let here = here.trim_end_matches('/');
+    place.write("small.yaml", &PIPELINE.replace("HERE", here));
+    place.write("version.sh", &format!("touch {here}/asked\necho 1\n"));
+    fs::create_dir(place.path("bin")).expect("writable");
+    place.write("bin/fake-renderer", &RENDERER.replace("HERE", here));
+    fs::set_permissions(place.path("bin/fake-renderer"), fs::Permissions::from_mode(0o755)).expect("our own");
+    write_exr(&place.path("image.exr"), &[("", &Image::new(4, 2, 3))]).expect("writable");
+    place
+}
+
+/// Runs the program with these variables and where programs are.
+pub fn with(place: &Place, arguments: &[&str], variables: &[(&str, &str)]) -> Said {
+    let path = format!("{}:{}", place.path("bin").display(), std::env::var("PATH").unwrap_or_default());
+    let mut command = place.command(arguments);
+    command.env("PATH", path).env_remove("RAYON_NUM_THREADS").env("SECRET", "").envs(variables.iter().copied());
+    Said::of(&command.output().expect("the program starts"))
+}
+
+/// Keys of the recorded actions of a kind.
+fn keys(place: &Place, kind: &str) -> Vec<String> {
+    let store = Store::open(&place.path("store")).expect("a store");
+    let of_kind = |key: &tauflow_cache::Key| store.lookup("action", key).is_some_and(|record| record.label == kind);
+    exec::recorded(&store).iter().filter(|key| of_kind(key)).map(tauflow_cache::Key::hex).collect()
+}
+
+/// A renderer's action that has been run, and is known by its key.
+fn rendered(place: &Place, variables: &[(&str, &str)]) -> String {
+    with(place, &["run", "small.yaml"], variables).ends(0);
+    keys(place, "external_renderer").swap_remove(0)
+}
+
+#[test]
+fn a_program_is_found_by_path_and_knows_nothing_else_of_the_environment() {
+    let place = with_renderer();
+    let key = rendered(&place, &[]);
+    let done = with(&place, &["exec", &key], &[("SECRET", "42")]).ends(0);
+    let done: Value = serde_json::from_str(&done.out).expect("JSON");
+    assert_eq!((&done["kind"], &done["new"]), (&"external_renderer".into(), &false.into()));
+    // Where there is no such program, it is told which and where.
+    let mut bare = place.command(&["exec", &key]);
+    let none = Said::of(&bare.env("PATH", "/usr/bin:/bin").output().expect("the program starts")).ends(3);
+    assert!(none.err.contains("`program.fake-renderer` is \""), "{}", none.err);
+    assert!(none.err.contains("in its key and absent here"), "{}", none.err);
+}
+
+#[test]
+fn an_action_of_other_threads_is_refused_and_both_are_named() {
+    let place = with_renderer();
+    let key = rendered(&place, &[("RAYON_NUM_THREADS", "2")]);
+    let recorded = keys(&place, "external_renderer");
+    for (threads, here) in [("1", "1"), ("", "")] {
+        let foreign = with(&place, &["exec", &key], &[("RAYON_NUM_THREADS", threads)]).ends(3);
+        let told = format!("`machine.threads` is \"2\" in its key and \"{here}\" here");
+        assert!(foreign.err.contains(&told), "{}", foreign.err);
+    }
+    // From a file, into another store, too: nothing is filed there.
+    let action = with(&place, &["exec", &key, "--print"], &[]).ends(0).out;
+    place.write("action.json", &action);
+    with(&place, &["exec", "action.json"], &[("RAYON_NUM_THREADS", "1")]).ends(3);
+    assert_eq!(keys(&place, "external_renderer"), recorded);
+    with(&place, &["exec", &key], &[("RAYON_NUM_THREADS", "2")]).ends(0);
+}
+
+/// Whether a process is there and is not a dead one that nobody has waited for.
+fn lives(process: &str) -> bool {
+    let told = fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
+    told.rsplit(") ").next().is_some_and(|rest| !rest.is_empty() && !rest.starts_with('Z'))
+}
+
+/// What a file says, as soon as it is there.
+fn told(file: &Path) -> String {
+    let start = Instant::now();
+    while !file.exists() && start.elapsed() < Duration::from_secs(120) {
+        thread::sleep(Duration::from_millis(10));
+    }
+    fs::read_to_string(file).unwrap_or_else(|e| panic!("{}: {e}", file.display())).trim().to_owned()
+}
+
+#[test]
+fn a_limit_ends_what_the_programs_of_an_action_started_and_clears_its_folder() {
+    let place = with_renderer();
+    let key = rendered(&place, &[]);
+    place.write("stay", "");
+    let late = with(&place, &["exec", &key, "--limit", "8s"], &[]).ends(1);
+    assert!(late.err.contains("stopped after its limit"), "{}", late.err);
+    let (child, folder) = (told(&place.path("child")), told(&place.path("tmpdir")));
+    assert!(!lives(&child), "the child of the program is gone");
+    assert!(!folder.is_empty() && !Path::new(&folder).parent().expect("it has one").exists(), "{folder}");
+    // Without what made it stay it is as before.
+    fs::remove_file(place.path("stay")).expect("it was there");
+    with(&place, &["exec", &key, "--limit", "5m"], &[]).ends(0);
+}
+
+#[test]
+fn ctrl_c_ends_what_the_programs_of_an_action_started() {
+    let place = with_renderer();
+    let key = rendered(&place, &[]);
+    place.write("stay", "");
+    let path = format!("{}:{}", place.path("bin").display(), std::env::var("PATH").unwrap_or_default());
+    let mut running =
+        place.command(&["exec", &key]).env("PATH", path).env_remove("RAYON_NUM_THREADS").spawn().expect("it starts");
+    let child = told(&place.path("child"));
+    let kill = std::process::Command::new("kill").args(["-INT", &running.id().to_string()]).status();
+    assert!(kill.is_ok_and(|status| status.success()));
+    assert_eq!(running.wait().expect("our own").code(), Some(130));
+    assert!(!lives(&child), "the child of the program is gone");
+    assert!(!Path::new(&told(&place.path("tmpdir"))).exists());
+}
+
+#[test]
+fn a_sandbox_keeps_an_action_from_writing_elsewhere_and_where_there_is_none_that_is_told() {
+    let place = with_renderer();
+    let key = rendered(&place, &[]);
+    let mut bare = place.command(&["exec", &key, "--sandbox"]);
+    let none = Said::of(&bare.env("PATH", place.path("bin")).output().expect("the program starts")).ends(3);
+    assert!(none.err.contains("there is no program `bwrap` here") && none.err.contains("--sandbox"), "{}", none.err);
+    let held = with(&place, &["exec", &key, "--sandbox"], &[]);
+    if held.err.contains("cannot make a sandbox") {
+        assert_eq!(held.code, 3);
+        println!("skipped: {}", held.err);
+        return;
+    }
+    held.ends(0);
+    // Without it, it gets out.
+    place.write("escape", "");
+    with(&place, &["exec", &key], &[]).ends(0);
+    fs::remove_file(place.path("escaped")).expect("it was written");
+    with(&place, &["exec", &key, "--sandbox"], &[]);
+    assert!(!place.path("escaped").exists());
+    // It sees no network but its own.
+    fs::remove_file(place.path("escape")).expect("it was there");
+    place.write("lonely", "");
+    with(&place, &["exec", &key, "--sandbox"], &[]).ends(0);
+    // Its time ends it, too.
+    let late = with(&place, &["exec", &key, "--sandbox", "--limit", "0s"], &[]).ends(1);
+    assert!(late.err.contains("stopped after its limit"), "{}", late.err);
+}
+
+/// Endpoints of a scene, denoised.
+const DENOISED: &str = "\
+pipeline: small
+seed: 3
+nodes:
+  scenes:
+    kind: scene_generation
+    params: { pool: 2, regimes: [L0], contexts: [open] }
+  previews:
+    kind: ladder_rendering
+    inputs: { scenes: scenes }
+    params: { rungs: { dyadic: 16 }, resolution: [16, 16] }
+  gate:
+    kind: quality_gate
+    inputs: { scenes: scenes, previews: previews }
+  endpoints:
+    kind: dataset_packing
+    inputs: { ladders: previews, gbuffers: previews.gbuffer, exposure: gate.exposure }
+  denoised:
+    kind: external_denoiser
+    inputs: { endpoints: endpoints }
+    params: { from: 1, required: true }
+";
+
+#[test]
+fn an_action_of_open_image_denoise_moves_to_where_the_same_library_is() {
+    let Some(library) = std::env::var("TAUFLOW_OIDN").ok().filter(|name| !name.is_empty()) else {
+        println!("skipped: TAUFLOW_OIDN names no library of Open Image Denoise");
+        return;
+    };
+    let place = Place::with(DENOISED);
+    with(&place, &["run", "small.yaml"], &[]).ends(0);
+    let keys = keys(&place, "external_denoiser");
+    assert!(!keys.is_empty());
+    with(&place, &["exec", &keys[0]], &[]).ends(0);
+    // Elsewhere is the same library to the byte; a file more that it would load is another one.
+    let (from, to) = (Path::new(&library).parent().expect("a file").to_owned(), place.path("lib"));
+    fs::create_dir(&to).expect("writable");
+    for entry in fs::read_dir(from).expect("readable").map(|entry| entry.expect("readable")) {
+        if entry.path().is_file() {
+            fs::copy(entry.path(), to.join(entry.file_name())).expect("room");
+        }
+    }
+    let name = Path::new(&library).file_name().expect("a file").to_string_lossy().into_owned();
+    let there = to.join(&name).display().to_string();
+    with(&place, &["exec", &keys[0]], &[("TAUFLOW_OIDN", &there)]).ends(0);
+    with(&place, &["exec", &keys[0]], &[("TAUFLOW_OIDN", &format!("lib/{name}"))]).ends(0);
+    fs::write(to.join("libtbb.so.99"), "another").expect("writable");
+    let other = with(&place, &["exec", &keys[0]], &[("TAUFLOW_OIDN", &there)]).ends(3);
+    assert!(other.err.contains("`oidn.libtbb`"), "{}", other.err);
+    let none = with(&place, &["exec", &keys[0]], &[("TAUFLOW_OIDN", "/no/such/library.so")]).ends(3);
+    assert!(none.err.contains("\"none found\" here"), "{}", none.err);
+    let plan = with(&place, &["plan", "small.yaml"], &[]).ends(0);
+    assert!(plan.out.contains("nothing to do"), "{}", plan.out);
+}
