@@ -5,6 +5,11 @@
 //! blobs.  The mark tells the records that a power cut cannot have separated;
 //! the others are believed once their blobs have been read.
 //!
+//! The log is synced before the mark is written, not after: whoever sees a mark
+//! may rely on the records before it, even if its writer died right then.  The
+//! mark itself is durable with the next commit.  A power cut that takes it only
+//! has the last records proved by reading.
+//!
 //! What a record names need not be of the store that writes it: what a dead
 //! process put is there, and perhaps not durable.  So a commit syncs what this
 //! store came to rely on of others, too.
@@ -49,7 +54,8 @@ impl Store {
             let end = log.appender.as_ref().map(|to| (to.segment, to.end, to.file.clone(), to.path.clone()));
             (std::mem::take(&mut log.pending), end)
         };
-        let relied = if pending > 0 { std::mem::take(&mut *lock(&self.relied)) } else { Relied::default() };
+        // Without records of its own, too: what a run found done must be durable when the run ends.
+        let relied = std::mem::take(&mut *lock(&self.relied));
         let (packs, loose) = {
             let mut packs = lock(&self.packs);
             (std::mem::take(&mut packs.dirty_packs), std::mem::take(&mut packs.dirty_loose))
@@ -58,19 +64,26 @@ impl Store {
             .iter()
             .try_for_each(|(path, file)| file.sync_data().at("sync the pack", path))
             .and_then(|()| sync_loose(&loose))
-            .and_then(|()| if pending > 0 { self.sync_others(&relied, &mut of_others) } else { Ok(()) });
+            .and_then(|()| {
+                let idle = pending == 0 && relied.blobs.is_empty() && relied.logs.is_empty();
+                if idle { Ok(()) } else { self.sync_others(&relied, &mut of_others) }
+            })
+            .and_then(|()| match &covered {
+                Some((.., file, path)) if pending > 0 => file.sync_data().at("sync the log", path),
+                _ => Ok(()),
+            });
         if synced.is_err() {
             // After a failed sync, a later success proves nothing about these bytes.  No mark will ever cover them.
             lock(&self.packs).appender = None;
             lock(&self.log).appender = None;
             return synced;
         }
-        let Some((segment, end, file, path)) = covered else { return Ok(()) };
-        if pending == 0 {
-            return Ok(());
+        match covered {
+            Some((segment, end, ..)) if pending > 0 => {
+                self.mark(segment, end).inspect_err(|_| lock(&self.log).pending += pending)
+            }
+            _ => Ok(()),
         }
-        self.mark(segment, end).inspect_err(|_| lock(&self.log).pending += pending)?;
-        file.sync_data().at("sync the log", &path)
     }
 
     /// Notes blobs that records to come will name, and that nobody may have made durable.

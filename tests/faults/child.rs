@@ -2,6 +2,7 @@
 
 use crate::kinds::registry;
 use std::{
+    collections::BTreeMap,
     fs::File,
     io::Write,
     path::Path,
@@ -87,12 +88,22 @@ fn run(cache: &Path, ledger: &Path, text: &str) -> Result<bool, String> {
     if let Some(node) = text.lines().next().and_then(|line| line.strip_prefix(EXPORT)) {
         return export(&pipeline, &store, node.trim());
     }
-    let sink = |event: &Event| {
-        if let Event::End { node, cell, item, group, outcome: Ended::Ran, .. } = event {
+    // A pass that makes lost blobs again tells anew what the passes before it did; that has not begun again.
+    let begun: Mutex<BTreeMap<String, usize>> = Mutex::default();
+    let sink = |event: &Event| match event {
+        Event::Begin { node, cell, item } => {
+            *begun.lock().expect("nobody panics in here").entry(format!("{node} {cell} {item}")).or_default() += 1;
+        }
+        Event::End { node, cell, item, group, outcome: Ended::Ran, .. } => {
+            match begun.lock().expect("nobody panics in here").get_mut(&format!("{node} {cell} {item}")) {
+                Some(count) if *count > 0 => *count -= 1,
+                _ => return,
+            }
             let line = format!("{of} {node} {cell} {item} {group}\n");
             // One write each, so that lines of several processes do not mix; on a full disk the line is missing.
             let _ = ledger.lock().expect("nobody panics in here").write_all(line.as_bytes());
         }
+        _ => {}
     };
     // Few items go by shards here, too: roll-ups of shards and listings of two levels meet every fault.
     let options = RunOptions { jobs: 2, many: 8, ..RunOptions::default() };

@@ -234,7 +234,8 @@ fn processes_at_once() {
     let other = PIPELINE.replace("mul: 2", "mul: 3");
     for (count, several) in [(2, false), (4, false), (2, true), (4, true)] {
         let what = if several { "of two pipelines" } else { "of one pipeline" };
-        let mut campaign = Campaign::new(&format!("{count} processes at once {what}, one killed in half the rounds"));
+        let mut campaign =
+            Campaign::on_disk(&format!("{count} processes at once {what}, one killed in half the rounds"));
         campaign.learn(&other);
         let rounds = if slow() { 40 } else { 4 };
         for round in 0..rounds {
@@ -260,7 +261,7 @@ fn processes_at_once() {
 
 #[test]
 fn a_collection_beside_a_run() {
-    let mut campaign = Campaign::new("collection beside a run");
+    let mut campaign = Campaign::on_disk("collection beside a run");
     let edited = PIPELINE.replace("add: 1", "add: 2");
     campaign.learn(&edited);
     let rounds = if slow() { 100 } else { 10 };
