@@ -120,10 +120,10 @@ impl Store {
             self.refresh()?;
             return Ok(self.packed_at(digest).is_some());
         }
-        let path = self.layout.blob(digest);
-        if digest.size < LOOSE_FROM && !is_loose(&path, digest) {
-            return Ok(false);
+        if digest.size < LOOSE_FROM {
+            return Ok(false); // never a file of its own
         }
+        let path = self.layout.blob(digest);
         // For a blob that is about to be written, too: no gc takes it before its record is there.
         self.note([Use::Blob(digest.hash)])?;
         Ok(is_loose(&path, digest))

@@ -19,7 +19,7 @@ use crate::{
 };
 use std::{
     cmp::Reverse,
-    collections::{BTreeSet, HashMap, HashSet},
+    collections::{BTreeSet, HashMap, HashSet, hash_map::Entry},
     fs,
     hash::{BuildHasherDefault, Hasher},
     io,
@@ -200,10 +200,14 @@ impl Index {
         if !self.bad.is_empty() && self.bad.contains(&(self.segments[at.segment as usize].name.clone(), at.offset)) {
             return;
         }
-        match self.blobs.get(&hash) {
-            Some(known) if place(known) >= place(&at) => {}
-            _ => {
-                self.blobs.insert(hash, at);
+        match self.blobs.entry(hash) {
+            Entry::Vacant(free) => {
+                free.insert(at);
+            }
+            Entry::Occupied(mut known) => {
+                if place(known.get()) < place(&at) {
+                    known.insert(at);
+                }
             }
         }
     }
@@ -226,20 +230,27 @@ impl Index {
     }
 
     pub fn insert_record_at(&mut self, slot: Slot, at: RecordAt) {
-        if let Some(known) = self.records.get(&slot) {
-            if known.generation == at.generation && known.sum != at.sum {
-                self.conflicts.insert((self.name(slot.0).clone(), slot.1));
+        // One look-up: opening a store of many records is little else.
+        match self.records.entry(slot) {
+            Entry::Vacant(free) => {
+                free.insert(at);
             }
-            let here = |at: &RecordAt| !self.segments[at.segment as usize].gone;
-            let rank = |at: &RecordAt| (here(at), at.generation, Reverse(at.origin), at.sum);
-            if rank(known) >= rank(&at) {
-                return;
+            Entry::Occupied(mut entry) => {
+                let known = entry.get();
+                if known.generation == at.generation && known.sum != at.sum {
+                    self.conflicts.insert((self.names[slot.0 as usize].clone(), slot.1));
+                }
+                let here = |at: &RecordAt| !self.segments[at.segment as usize].gone;
+                let rank = |at: &RecordAt| (here(at), at.generation, Reverse(at.origin), at.sum);
+                if rank(known) >= rank(&at) {
+                    return;
+                }
+                entry.insert(at);
             }
         }
         if !self.proven.is_empty() {
             self.proven.remove(&slot);
         }
-        self.records.insert(slot, at);
     }
 
     /// Forgets a place in a pack whose blob is damaged.

@@ -212,8 +212,7 @@ impl Store {
             log.appender = Some(self.start_segment(Sort::Log)?);
         }
         let Some(to) = log.appender.as_mut() else { return Ok(()) }; // set right above
-        let origin = self.index().segments[to.segment as usize].seq;
-        let head = Head::of(record, generation, origin);
+        let head = Head::of(record, generation, to.seq);
         let bytes = encode(&head, record);
         if bytes.len() as u64 >= MAX_BODY {
             return Err(CacheError::RecordTooLarge { key: record.key, bytes: bytes.len() as u64, limit: MAX_BODY });

@@ -352,6 +352,8 @@ pub(crate) struct Appender {
     pub path: PathBuf,
     /// Number of the segment in the index.
     pub segment: u32,
+    /// Its sequence number.
+    pub seq: u64,
     pub end: u64,
 }
 

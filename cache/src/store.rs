@@ -336,7 +336,7 @@ impl Store {
         };
         sync_dir(&folder).at("sync the folder of", &path)?;
         let segment = index.add_own(sort, name, path.clone());
-        Ok(Appender { file: Arc::new(file), path, segment, end: 0 })
+        Ok(Appender { file: Arc::new(file), path, segment, seq, end: 0 })
     }
 }
 
