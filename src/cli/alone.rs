@@ -25,8 +25,8 @@ use tempfile::TempDir;
 /// What an action is told of the environment: where programs are, and what is in keys. All else stays outside.
 const PASSED: [&str; 5] = ["PATH", "RAYON_NUM_THREADS", "TAUFLOW_OIDN", "TAUFLOW_DEVICE", "TAUFLOW_INSTRUCTIONS"];
 /// The sandbox: no network, no process of others, nothing that can be written. What is to be comes after it. `/run` has
-/// the sockets of the system's services, which would be a way out.
-const SANDBOX: [&str; 16] = [
+/// the sockets of the system's services, and `/tmp` those of people's programs, which would be ways out.
+const SANDBOX: [&str; 20] = [
     "--die-with-parent",
     "--new-session",
     "--unshare-net",
@@ -41,6 +41,10 @@ const SANDBOX: [&str; 16] = [
     "/proc",
     "--tmpfs",
     "/run",
+    "--tmpfs",
+    "/tmp",
+    "--tmpfs",
+    "/var/tmp",
     "--cap-drop",
     "ALL",
 ];
@@ -59,14 +63,19 @@ pub(super) fn alone(args: &ExecArgs, cache: &CacheAt) -> Result<Exit, CliError> 
     let absolute = |path: PathBuf| std::path::absolute(path).map_err(|e| failed("find the current folder", &e));
     let folder = Folder::new()?;
     let file = PathBuf::from(&args.action);
-    let action = if file.is_file() { absolute(file)?.into_os_string() } else { args.action.clone().into() };
+    let file = file.is_file().then(|| absolute(file)).transpose()?;
+    let action = file.clone().map_or_else(|| args.action.clone().into(), PathBuf::into_os_string);
     let store = absolute(cache.folder())?;
     let program = std::env::current_exe().map_err(|e| failed("find this program", &e))?;
     let mut command = match args.sandbox {
         true => {
             // A folder must be there to be let in.
             cache.open()?;
-            sandbox(&program, &folder, &store)?
+            let library = passed("TAUFLOW_OIDN").map(PathBuf::from);
+            // The library loads what lies beside it.
+            let beside = library.as_deref().and_then(Path::parent).filter(|folder| folder.is_absolute());
+            let read = [Some(program.as_path()), file.as_deref(), beside];
+            sandbox(&program, &folder, &store, &read.into_iter().flatten().collect::<Vec<_>>())?
         }
         false => Command::new(&program),
     };
@@ -121,12 +130,15 @@ fn passed(name: &str) -> Option<OsString> {
     Some(if is_path { std::path::absolute(&value).map_or(value, PathBuf::into_os_string) } else { value })
 }
 
-/// `bwrap` with what it takes, once it is known to work here.
-fn sandbox(program: &Path, folder: &Folder, store: &Path) -> Result<Command, CliError> {
+/// `bwrap` with what it takes, once it is known to work here. What is to be `read` may lie where all else is hidden.
+fn sandbox(program: &Path, folder: &Folder, store: &Path, read: &[&Path]) -> Result<Command, CliError> {
     let whole = folder.of("");
     let bare = || {
         let mut command = Command::new("bwrap");
         command.args(SANDBOX);
+        for path in read {
+            command.arg("--ro-bind").args([path, path]);
+        }
         for path in [&whole, store] {
             command.arg("--bind").args([path, path]);
         }

@@ -6,8 +6,15 @@ use crate::{
     kinds::Registry,
 };
 use clap::Args;
-use std::sync::{Arc, atomic::AtomicBool};
-use tauflow_contract::Silent;
+use nix::sys::{prctl, signal::Signal};
+use std::{
+    path::Path,
+    sync::{Arc, atomic::AtomicBool},
+};
+use tauflow_contract::{Silent, read_regular};
+
+/// Most bytes of an action's file: far more than any has.
+const MOST_BYTES: u64 = 1 << 28;
 
 /// What `exec` takes.
 #[derive(Args)]
@@ -43,12 +50,21 @@ pub(crate) fn exec(args: &ExecArgs, registry: &Registry, cache: &CacheAt) -> Res
     if !args.inside && !args.print {
         return alone::alone(args, cache);
     }
-    let store = cache.open()?;
-    let action = match std::fs::read_to_string(&args.action) {
-        Ok(text) => serde_json::from_str(&text).map_err(|e| {
-            CliError::Bad(format!("{} is no action: {e}; `tauflow exec KEY --print` writes one", args.action))
-        })?,
-        Err(_) => ActionFile::recorded(&store, &exec::find(&store, &args.action)?)?,
+    if args.inside {
+        // If whoever started this is killed, nobody waits for it any more. Without this it runs on, and its limit ends.
+        let _ = prctl::set_pdeathsig(Signal::SIGKILL);
+    }
+    // Printing changes nothing, and makes no cache.
+    let store = if args.print { cache.look()? } else { cache.open()? };
+    let path = Path::new(&args.action);
+    let action = if path.exists() {
+        let refused = |what: String| {
+            CliError::Bad(format!("{} is no action: {what}; `tauflow exec KEY --print` writes one", args.action))
+        };
+        let bytes = read_regular(path, MOST_BYTES).map_err(|e| refused(e.to_string()))?;
+        serde_json::from_slice(&bytes).map_err(|e| refused(e.to_string()))?
+    } else {
+        ActionFile::recorded(&store, &exec::find(&store, &args.action)?)?
     };
     if args.print {
         outln!("{}", serde_json::to_string_pretty(&action).expect("an action is plain data"));

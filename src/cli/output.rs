@@ -1,6 +1,6 @@
 //! Writing of results to stdout, and how numbers and tables look. Knows no command.
 
-use std::{fmt, io::Write, process};
+use std::{borrow::Cow, fmt, io::Write, process};
 
 /// Prints results, as `print!` does; see [`show`].
 macro_rules! out {
@@ -16,13 +16,20 @@ macro_rules! outln {
 /// with a message: results that did not arrive are no success.
 pub(crate) fn show(text: fmt::Arguments<'_>) {
     let mut stdout = std::io::stdout().lock();
-    if let Err(error) = stdout.write_fmt(text).and_then(|()| stdout.flush()) {
+    let text = text.to_string();
+    if let Err(error) = stdout.write_all(harmless(&text).as_bytes()).and_then(|()| stdout.flush()) {
         if error.kind() == std::io::ErrorKind::BrokenPipe {
             process::exit(0);
         }
         eprintln!("error: cannot write to stdout: {error}");
         process::exit(3);
     }
+}
+
+/// Text without orders to the terminal: what is told comes from files and caches, too.
+fn harmless(text: &str) -> Cow<'_, str> {
+    let order = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
+    if text.contains(order) { Cow::Owned(text.replace(order, "\u{fffd}")) } else { Cow::Borrowed(text) }
 }
 
 /// A count of bytes, with a unit that reads well.
@@ -74,6 +81,12 @@ mod tests {
         let row = |cells: [&str; 3]| cells.map(str::to_owned).to_vec();
         let text = table(&[row(["node", "ran", "size"]), row(["a", "10", ""]), row(["gather", "1", "2 KiB"])]);
         assert_eq!(text, "node    ran   size\na        10\ngather    1  2 KiB\n");
+    }
+
+    #[test]
+    fn nothing_told_is_an_order_to_the_terminal() {
+        assert_eq!(harmless("a\tb\nΩ"), "a\tb\nΩ");
+        assert_eq!(harmless("\u{1b}[2Ja\u{9b}1m\r\u{7}"), "\u{fffd}[2Ja\u{fffd}1m\u{fffd}\u{fffd}");
     }
 
     #[test]

@@ -8,30 +8,24 @@ use super::{
 };
 use std::{
     collections::BTreeMap,
-    fs,
     path::{Path, PathBuf},
     sync::Arc,
 };
 use tauflow_cache::{CacheError, Digest};
-use tauflow_contract::{ActionKey, Any, Artifact, FILE_PORT, Files, ItemKey, Media, Mode, Outputs, derive_seed};
+use tauflow_contract::{
+    ActionKey, Any, Artifact, FILE_PORT, Files, ItemKey, Media, Mode, Outputs, derive_seed, read_regular,
+};
 
 /// Most bytes of a file outside that is read: as many as a GLB can have.
 const MOST_BYTES: u64 = 1 << 32;
 
-/// The bytes of a file outside; reading a FIFO or a device might never end.
+/// The bytes of a file outside.
 ///
 /// # Errors
 /// In words if it is no regular file, is too large or cannot be read.
-fn read_regular(path: &Path) -> Result<Vec<u8>, String> {
-    let refused = |what: &str| format!("cannot read `{}`: {what}; mend it or take it away", path.display());
-    let metadata = fs::metadata(path).map_err(|error| refused(&error.to_string()))?;
-    if !metadata.is_file() {
-        return Err(refused("it is no regular file"));
-    }
-    if metadata.len() > MOST_BYTES {
-        return Err(refused(&format!("it has {} bytes, of which {MOST_BYTES} are the most", metadata.len())));
-    }
-    fs::read(path).map_err(|error| refused(&error.to_string()))
+fn read(path: &Path) -> Result<Vec<u8>, String> {
+    let refused = |error| format!("cannot read `{}`: {error}; mend it or take it away", path.display());
+    read_regular(path, MOST_BYTES).map_err(refused)
 }
 
 /// The artifact of files outside; `put` digests or stores the bytes of each.
@@ -44,7 +38,7 @@ pub fn files_artifact(
 ) -> Result<Result<Artifact, String>, CacheError> {
     let mut parts = Vec::new();
     for (name, path) in files {
-        match read_regular(path) {
+        match read(path) {
             Ok(bytes) => parts.push((name.clone(), put(&bytes)?)),
             Err(told) => return Ok(Err(told)),
         }

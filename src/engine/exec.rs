@@ -10,7 +10,7 @@ use super::{
     transient::Pool,
     work::Bench,
 };
-use crate::kinds::Registry;
+use crate::{kinds::Registry, pipeline::schema_check};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::{
@@ -129,6 +129,13 @@ impl ActionFile {
                 basis.version, basis.kind, group.version
             )));
         }
+        // Params of a file are from anywhere; those of a pipeline were held to the same schema.
+        if let Some(wrong) = schema_check::check(&kind.params_schema(), &basis.params).into_iter().next() {
+            return Err(ExecError::Action(format!(
+                "the action's params are none of `{}`: `{}`: {}; write it anew with `tauflow exec KEY --print`",
+                basis.kind, wrong.pointer, wrong.message
+            )));
+        }
         // What it made here would else be filed as made there.
         let here = Asking::new(store, true).environment(&**kind, &basis.params, group)?.unwrap_or_default();
         if here != basis.environment {
@@ -244,8 +251,8 @@ fn foreign(there: &Value, here: &Value) -> ExecError {
     let told = found.iter().map(differ).collect::<Vec<_>>().join("; ");
     ExecError::Foreign(format!(
         "the action is of another machine, library or device: {told}; run it where they are the same (`exec` passes on \
-         PATH, RAYON_NUM_THREADS, TAUFLOW_OIDN, TAUFLOW_DEVICE and TAUFLOW_INSTRUCTIONS), or run its pipeline here, \
-         which gives it a key of its own"
+         PATH, RAYON_NUM_THREADS, TAUFLOW_OIDN, TAUFLOW_DEVICE and TAUFLOW_INSTRUCTIONS, and works in an empty folder, so \
+         that programs are named by PATH or from `/` on), or run its pipeline here, which gives it a key of its own"
     ))
 }
 

@@ -7,7 +7,7 @@ use super::{
     file::{self, PipelineFile},
     node::{self, Axis, RawNode},
     overrides,
-    reference::Reference,
+    reference::{Reference, is_name},
     schema_check,
     values::Values,
     wire,
@@ -85,7 +85,8 @@ fn finish(
     }
     let order = wire::order(&wiring, &mut problems);
     values.explain(&mut problems);
-    let name = file.name.as_ref().map(|n| n.text.clone()).or_else(|| stem.map(str::to_owned));
+    let name =
+        file.name.as_ref().map(|n| n.text.clone()).or_else(|| stem.filter(|stem| is_name(stem)).map(str::to_owned));
     let Some(order) = order.filter(|_| problems.is_empty()) else {
         return Err(Problems::new(sources, problems));
     };

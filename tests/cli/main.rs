@@ -53,7 +53,11 @@ impl Place {
     }
 
     fn with(pipeline: &str) -> Self {
-        let place = Self { folder: tempfile::tempdir().expect("a temporary folder") };
+        Self::within(&std::env::temp_dir(), pipeline)
+    }
+
+    fn within(folder: &Path, pipeline: &str) -> Self {
+        let place = Self { folder: TempDir::new_in(folder).expect("a temporary folder") };
         place.write("small.yaml", pipeline);
         place
     }

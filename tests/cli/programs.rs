@@ -51,12 +51,18 @@ fi
 if test -e HERE/lonely; then
     test \"$(grep -c : /proc/net/dev)\" = 1 || { echo there is a network >&2; exit 8; }
 fi
+if test -e HERE/away; then
+    test ! -e \"$(cat HERE/away)\" || { echo it sees what others left in /tmp >&2; exit 7; }
+fi
 cp HERE/image.exr \"$3/1.exr\"
 ";
 
 /// A folder with a pipeline that renders with a program found by PATH.
 pub fn with_renderer() -> Place {
-    let place = Place::new();
+    renderer_in(Place::new())
+}
+
+fn renderer_in(place: Place) -> Place {
     let here = place.path("").display().to_string();
     let here = here.trim_end_matches('/');
     place.write("small.yaml", &PIPELINE.replace("HERE", here));
@@ -101,6 +107,24 @@ fn a_program_is_found_by_path_and_knows_nothing_else_of_the_environment() {
     let none = Said::of(&bare.env("PATH", "/usr/bin:/bin").output().expect("the program starts")).ends(3);
     assert!(none.err.contains("`program.fake-renderer` is \""), "{}", none.err);
     assert!(none.err.contains("in its key and absent here"), "{}", none.err);
+}
+
+#[test]
+fn an_action_is_printed_without_making_a_cache_and_its_params_are_held_to_the_schema() {
+    let place = with_renderer();
+    let none = place.command(&["exec", "00", "--print"]).env("TAUFLOW_CACHE", place.path("nowhere")).output();
+    assert_eq!(Said::of(&none.expect("the program starts")).code, 2);
+    assert!(!place.path("nowhere").exists());
+    let key = rendered(&place, &[]);
+    let action = with(&place, &["exec", &key, "--print"], &[]).ends(0).out;
+    let mut action: Value = serde_json::from_str(&action).expect("JSON");
+    assert_eq!(action["key"]["params"]["counts"], serde_json::json!([1]), "{action}");
+    action["key"]["params"]["counts"] = serde_json::json!([0]);
+    place.write("action.json", &action.to_string());
+    let told = with(&place, &["exec", "action.json"], &[]).ends(2);
+    assert!(told.err.contains("`/counts"), "{}", told.err);
+    let strange = with(&place, &["exec", "/dev/zero"], &[]).ends(2);
+    assert!(strange.err.contains("no regular file"), "{}", strange.err);
 }
 
 #[test]
@@ -169,7 +193,8 @@ fn ctrl_c_ends_what_the_programs_of_an_action_started() {
 
 #[test]
 fn a_sandbox_keeps_an_action_from_writing_elsewhere_and_where_there_is_none_that_is_told() {
-    let place = with_renderer();
+    // Folders for what is temporary are hidden, with the sockets in them: programs lie elsewhere.
+    let place = renderer_in(Place::within(Path::new(env!("CARGO_TARGET_TMPDIR")), ""));
     let key = rendered(&place, &[]);
     let mut bare = place.command(&["exec", &key, "--sandbox"]);
     let none = Said::of(&bare.env("PATH", place.path("bin")).output().expect("the program starts")).ends(3);
@@ -190,6 +215,11 @@ fn a_sandbox_keeps_an_action_from_writing_elsewhere_and_where_there_is_none_that
     // It sees no network but its own.
     fs::remove_file(place.path("escape")).expect("it was there");
     place.write("lonely", "");
+    with(&place, &["exec", &key, "--sandbox"], &[]).ends(0);
+    fs::remove_file(place.path("lonely")).expect("it was there");
+    let others = tempfile::NamedTempFile::new().expect("a temporary file");
+    place.write("away", &others.path().display().to_string());
+    with(&place, &["exec", &key], &[]).ends(1);
     with(&place, &["exec", &key, "--sandbox"], &[]).ends(0);
     // Its time ends it, too.
     let late = with(&place, &["exec", &key, "--sandbox", "--limit", "0s"], &[]).ends(1);
@@ -247,7 +277,7 @@ fn an_action_of_open_image_denoise_moves_to_where_the_same_library_is() {
     let other = with(&place, &["exec", &keys[0]], &[("TAUFLOW_OIDN", &there)]).ends(3);
     assert!(other.err.contains("`oidn.libtbb`"), "{}", other.err);
     let none = with(&place, &["exec", &keys[0]], &[("TAUFLOW_OIDN", "/no/such/library.so")]).ends(3);
-    assert!(none.err.contains("\"none found\" here"), "{}", none.err);
+    assert!(none.err.contains("/no/such/library.so"), "{}", none.err);
     let plan = with(&place, &["plan", "small.yaml"], &[]).ends(0);
     assert!(plan.out.contains("nothing to do"), "{}", plan.out);
 }

@@ -37,6 +37,16 @@ fn a_second_run_has_nothing_to_do_and_says_so() {
 }
 
 #[test]
+fn a_file_whose_name_is_no_name_of_a_pipeline_writes_nothing_outside_the_folder_of_results() {
+    let place = Place::new();
+    let text = fs::read_to_string(place.path("small.yaml")).expect("it was written");
+    place.write("...yaml", &text.replacen("pipeline: small\n", "", 1));
+    place.tauflow(&["run", "./...yaml", "--out", "results"]).ends(0);
+    assert!(place.path("results/pipeline/run.json").is_file());
+    assert!(!place.path("run.json").exists(), "its name is `..`, and so would be its folder");
+}
+
+#[test]
 fn events_are_one_json_line_each() {
     let place = Place::new();
     let said = place.tauflow(&["run", "small.yaml", "--events", "json"]).ends(0);

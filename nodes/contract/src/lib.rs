@@ -15,6 +15,7 @@ mod later;
 mod media;
 mod port;
 mod probe;
+mod regular;
 
 pub use artifact::{
     Artifact, ArtifactError, Collection, ItemKey, ItemKeyError, Parts, collection_digest, shard_digest,
@@ -33,4 +34,5 @@ pub use media::{
 };
 pub use port::{All, Determinism, Each, Group, InputPort, Out, OutputPort, Takes};
 pub use probe::{Act, Look, Probe};
+pub use regular::{open_regular, read_regular};
 pub use tauflow_cache::{Digest, ParseDigestError};

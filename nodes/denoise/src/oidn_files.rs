@@ -101,7 +101,11 @@ fn names(folder: &Path) -> Vec<String> {
 ///
 /// A package may have one file under several names, as links or copies, so that digests stand for each name once.
 pub(crate) fn identity(by_params: Option<&str>) -> Value {
-    let Some(file) = locate(named(by_params).as_deref()) else { return json!("none found") };
+    let named = named(by_params);
+    let Some(file) = locate(named.as_deref()) else {
+        // One that is named and is not there is an error of whoever uses it, never the same as none at all.
+        return named.map_or(json!("none found"), |name| json!({ "not there": name }));
+    };
     let mut found: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
     found.entry("libOpenImageDenoise").or_default().insert(contents(&file));
     if let Some(folder) = file.parent() {
@@ -130,7 +134,9 @@ mod tests {
     fn every_file_that_the_library_loads_decides_its_identity_and_no_other() {
         let folder = tempfile::tempdir().expect("a folder");
         let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).expect("writable");
-        assert_eq!(of(folder.path()), json!("none found"));
+        let missing = of(folder.path());
+        let path = folder.path().join("libOpenImageDenoise.so");
+        assert_eq!(missing, json!({ "not there": path.to_string_lossy() }), "{missing}");
         // Nothing of this can be loaded, so nothing is.
         write("libOpenImageDenoise.so", "no library");
         let alone = of(folder.path());

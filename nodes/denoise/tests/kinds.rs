@@ -380,7 +380,7 @@ fn a_library_that_is_missing_and_one_that_cannot_be_loaded_differ() {
     let (no_key, no_message) = (key(), message());
     fs::write(&file, "this is no library").expect("writable");
     let (bad_key, bad_message) = (key(), message());
-    assert_eq!(no_key, "none found");
+    assert_eq!(no_key["not there"], file.to_string_lossy().as_ref(), "{no_key}");
     assert_ne!(no_key, bad_key);
     assert!(no_message.contains("there is no library") && bad_message.contains("cannot load"), "{bad_message}");
 }

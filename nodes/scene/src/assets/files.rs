@@ -7,11 +7,12 @@ use super::{
 };
 use std::{
     collections::{BTreeMap, BTreeSet, VecDeque},
-    fs, io,
+    fs,
+    io::{self, Read},
     os::unix::fs::MetadataExt,
     path::{Component, Path, PathBuf},
 };
-use tauflow_contract::{ItemKey, KindError, SourceItem};
+use tauflow_contract::{ItemKey, KindError, SourceItem, open_regular, read_regular};
 
 /// Part name of the file itself.
 pub const MAIN: &str = "file";
@@ -172,13 +173,34 @@ pub fn refusal() -> Refusal {
     )
 }
 
+/// Most bytes of JSON that are looked through for names of files.
+const MOST_JSON: u64 = 1 << 28;
+
+/// The JSON of a file: of a GLB no more than its header and its first chunk, as a GLB of that chunk alone.
+fn read_head(path: &Path) -> io::Result<Vec<u8>> {
+    let mut head = Vec::new();
+    open_regular(path)?.take(20).read_to_end(&mut head)?;
+    let word = |at: usize| head.get(at..at + 4).and_then(|four| Some(u32::from_le_bytes(four.try_into().ok()?)));
+    let (true, Some(size)) = (head.starts_with(b"glTF"), word(12)) else { return read_regular(path, MOST_JSON) };
+    let len = 20 + u64::from(size);
+    if len > MOST_JSON {
+        return Err(io::ErrorKind::FileTooLarge.into());
+    }
+    let mut bytes = Vec::new();
+    open_regular(path)?.take(len).read_to_end(&mut bytes)?;
+    if let Some(length) = bytes.get_mut(8..12) {
+        length.copy_from_slice(&(len as u32).to_le_bytes()); // below MOST_JSON
+    }
+    Ok(bytes)
+}
+
 /// The external files that a file names and that are there; none if it cannot be read, which its import will tell.
 fn externals(path: &Path) -> Vec<(String, PathBuf)> {
     let ending = ending(&path.to_string_lossy());
     if ending != "gltf" && ending != "glb" {
         return Vec::new();
     }
-    let Ok(bytes) = fs::read(path) else { return Vec::new() };
+    let Ok(bytes) = read_head(path) else { return Vec::new() };
     let folder = path.parent().unwrap_or(Path::new(""));
     let named = uris(&bytes).into_iter().enumerate();
     let there = named.filter_map(|(number, uri)| {
