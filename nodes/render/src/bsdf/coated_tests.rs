@@ -1,7 +1,7 @@
 //! Rough plastic held against its model in f64, which is written down here once more: no code is shared.
 //!
-//! Source: Walter et al. 2007 for interfaces, Heitz 2018 for the normals seen; the plugin `roughplastic` of Mitsuba 3 for
-//! the tables of 64 cosines.
+//! Source: Walter et al. 2007 for interfaces, Heitz 2018 for the normals seen; the plugin `roughplastic` of Mitsuba 3
+//! for the tables of 64 cosines.
 
 use super::*;
 use glam::{DVec3, Vec2, Vec3};
@@ -38,7 +38,7 @@ fn normal(alpha: f64, v: DVec3, [x, y]: [f64; 2]) -> DVec3 {
     DVec3::new(alpha * n.x, alpha * n.y, n.z.max(0.0)).normalize()
 }
 
-/// Mean over the normals that are seen at a cosine, of weighted points of the disk, of what is reflected or transmitted.
+/// Mean of what is reflected or transmitted over the normals that are seen at a cosine: weighted points of the disk.
 fn mean(alpha: f64, eta: f64, cos: f64, points: &[([f64; 2], f64)], reflected: bool) -> f64 {
     let v = DVec3::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos);
     let (mut sum, mut all) = (0.0, 0.0);

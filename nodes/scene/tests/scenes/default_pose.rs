@@ -104,8 +104,8 @@ fn arm() -> (Data, Value) {
     (data, file)
 }
 
-/// Where the arm's vertices go. A point p of the second joint: p - (0, 2, 0), x doubled, (x, y) to (-y, x), + (0, 2, 0).
-/// So (0, 3, 0) goes to (-1, 2, 0) and (1, 2, 0) to (0, 4, 0), half-way to itself at (0.5, 3, 0).
+/// Where the arm's vertices go. A point p of the second joint: p - (0, 2, 0), x doubled, (x, y) to (-y, x), and
+/// + (0, 2, 0). So (0, 3, 0) goes to (-1, 2, 0) and (1, 2, 0) to (0, 4, 0), half-way to itself at (0.5, 3, 0).
 const ARM: [[f64; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [-1.0, 2.0, 0.0], [0.5, 3.0, 0.0]];
 
 #[test]

@@ -117,7 +117,8 @@ fn colours_and_roughness_without_coordinates_are_averages() {
 #[test]
 fn holes_and_transmission_go_with_their_textures() {
     let material = object!({ "alphaMode": "MASK", "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } },
-        "extensions": { "KHR_materials_transmission": { "transmissionFactor": 1, "transmissionTexture": { "index": 0 } } } });
+        "extensions": { "KHR_materials_transmission": { "transmissionFactor": 1,
+            "transmissionTexture": { "index": 0 } } } });
     let (report, material) = square("whole", &[], material);
     assert!(matches!(material.own, Bsdf::TwoSided { .. }) && !material.transmissive, "{material:?}");
     for what in ["holes", "transmission"] {
