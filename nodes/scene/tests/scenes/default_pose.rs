@@ -10,7 +10,7 @@ use tauflow_data::{
 };
 
 /// A pixel of (128, 128, 255): a normal map that bends nothing.
-pub const PNG: &str = "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAIAAACQd1PeAAAADElEQVR4nGNoaPgPAAOEAgA/5pfUAAAAAElFTkSuQmCC";
+pub const PNG: &str = "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAIAAACQd1PeAAAADElEQVR42mNoaPgPAAODAgA+WCglAAAAAElFTkSuQmCC";
 
 /// Writes and reads a file: its report, its asset and the meshes of its parts.
 pub fn read(name: &str, bytes: &[u8]) -> (AssetReport, Asset, Vec<Mesh>) {
