@@ -202,14 +202,16 @@ pub fn read(
     Ok(Some((piece, skinned)))
 }
 
-/// The texture coordinates that a mesh keeps, which are those of the first set that is there, and what they stand for.
-#[expect(clippy::type_complexity, reason = "the two fields of a piece")]
+/// The texture coordinates that a mesh keeps, and the sets that they stand for.
+type Coordinates = (Option<Vec<[f32; 2]>>, Vec<UvSet>);
+
+/// The texture coordinates of the first set that is there, and what they stand for.
 fn coordinates(
     source: &Source<'_>,
     wanted: &[u32],
     count: usize,
     report: &mut AssetReport,
-) -> Result<(Option<Vec<[f32; 2]>>, Vec<UvSet>), Refusal> {
+) -> Result<Coordinates, Refusal> {
     let (mut kept, mut sets): (Option<Vec<[f32; 2]>>, _) = (None, Vec::new());
     for set in wanted {
         let Some(values) = source.get(Semantic::TexCoords(*set), &format!("TEXCOORD_{set}"), Some(count))? else {
