@@ -323,6 +323,10 @@ impl Writer<'_> {
             }
             Bsdf::NormalMap { map, scale, inner } => {
                 self.open(&format!("<bsdf type=\"normalmap\"{id}>"));
+                // Both are on by default: a shadowing term that darkens slopes, and slopes turned towards the viewer.
+                // Our renderer has neither.
+                self.line("<boolean name=\"use_shadowing_function\" value=\"false\"/>");
+                self.line("<boolean name=\"flip_invalid_normals\" value=\"false\"/>");
                 match simplified(map) {
                     Texture::Bitmap { image, uv, scale: factor, channel, clamp } if *scale != 1.0 => {
                         let file = self.image(&image, &factor, channel, Some(*scale))?;

@@ -78,6 +78,24 @@ fn normal_maps_are_scaled_in_their_images() {
 }
 
 #[test]
+fn normal_maps_have_no_shadowing_and_no_flips() {
+    let diffuse = || Box::new(Bsdf::Diffuse { reflectance: Texture::scalar(0.5) });
+    let mapped = |scale| Bsdf::NormalMap { map: bitmap(Digest::of(b"i")), scale, inner: diffuse() };
+    let (_dir, xml, _) = exported(vec![mapped(1.0), mapped(0.5), *diffuse()]).expect("exportable");
+    let maps: Vec<&str> = xml.split("<bsdf type=\"normalmap\"").skip(1).collect();
+    assert_eq!(maps.len(), 2, "{xml}");
+    for map in maps {
+        let own = map.split("<bsdf").next().expect("before the inner one");
+        for name in ["use_shadowing_function", "flip_invalid_normals"] {
+            let line = format!("<boolean name=\"{name}\" value=\"false\"/>");
+            assert_eq!(own.matches(&line).count(), 1, "{xml}");
+        }
+    }
+    // The plain material has neither: Mitsuba refuses what a plugin does not know.
+    assert_eq!((xml.matches("use_shadowing_function").count(), xml.matches("flip_invalid_normals").count()), (2, 2));
+}
+
+#[test]
 fn products_that_mitsuba_cannot_express_are_refused() {
     let product = times(bitmap(Digest::of(b"i")), Texture::VertexColor { scale: [1.0; 3], channel: None });
     let error = exported(vec![Bsdf::Diffuse { reflectance: product }]).expect_err("refused").to_string();

@@ -23,11 +23,11 @@ impl Coat {
             return Self { eta, alpha, inner: fresnel::diffuse_reflectance(1.0 / eta), enters: Vec::new() };
         }
         let cosine = |i: usize| (i as f32 / (STEPS - 1) as f32).max(1e-4);
-        let disk = ggx::half_disk();
+        let (disk, inside) = (ggx::half_disk(), ggx::staggered_half_disk());
         let enters = (0..STEPS).map(|i| ggx::transmittance(alpha, eta, cosine(i), &disk)).collect();
         // Over the same cosines as the table, both ends counted whole, as Mitsuba has it.
         let sum: f64 = (0..STEPS)
-            .map(|i| f64::from(ggx::reflectance(alpha, 1.0 / eta, cosine(i), &disk)) * f64::from(cosine(i)))
+            .map(|i| f64::from(ggx::reflectance(alpha, 1.0 / eta, cosine(i), &inside)) * f64::from(cosine(i)))
             .sum();
         Self { eta, alpha, inner: (2.0 * sum / STEPS as f64) as f32, enters }
     }
@@ -115,3 +115,7 @@ impl<R: Real> Plastic<'_, R> {
         self.base * enters + Triple::all(R::one() - enters)
     }
 }
+
+#[cfg(test)]
+#[path = "coated_tests.rs"]
+mod tests;

@@ -73,15 +73,27 @@ impl<R: Real> Ggx<R> {
 }
 
 /// Points spread evenly over half of the unit disk: all that a mean over the normals seen needs, the other half being
-/// its mirror image. Total reflection is a jump along the radius, hence the many steps there.
+/// its mirror image.
 pub(crate) fn half_disk() -> Vec<Vec2> {
-    const RADII: u32 = 128;
-    const ANGLES: u32 = 16;
-    (0..RADII)
-        .flat_map(|i| (0..ANGLES).map(move |j| (i, j)))
+    spread(128, 16, |_| 0.5)
+}
+
+/// More of them, each angle's radii between those of others. Seen from inside total reflection is a cusp along the
+/// radius, at much the same one for all angles: even radii miss its share by up to a quarter of a percent.
+pub(crate) fn staggered_half_disk() -> Vec<Vec2> {
+    const ANGLES: u32 = 32;
+    // Van der Corput's order, half a step in.
+    let turned = |j: u32| (j.reverse_bits() >> (u32::BITS - ANGLES.trailing_zeros())) as f32;
+    spread(256, ANGLES, |j| (turned(j) + 0.5) / ANGLES as f32)
+}
+
+/// `radii` by `angles` points; `within` says where in its ring a point lies.
+fn spread(radii: u32, angles: u32, within: impl Fn(u32) -> f32) -> Vec<Vec2> {
+    (0..radii)
+        .flat_map(|i| (0..angles).map(move |j| (i, j)))
         .map(|(i, j)| {
-            let (sin, cos) = sin_cos_turn((j as f32 + 0.5) / (2 * ANGLES) as f32 - 0.25);
-            Vec2::new(cos, sin) * ((i as f32 + 0.5) / RADII as f32).sqrt()
+            let (sin, cos) = sin_cos_turn((j as f32 + 0.5) / (2 * angles) as f32 - 0.25);
+            Vec2::new(cos, sin) * ((i as f32 + within(j)) / radii as f32).sqrt()
         })
         .collect()
 }

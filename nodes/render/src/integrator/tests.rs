@@ -5,8 +5,10 @@ use crate::{
     rng::render_state,
     scenes::{Built, ball, balls_under_sky, columns, everything, film, level, room},
 };
+use tauflow_contract::Digest;
 use tauflow_data::{
     Image, SamplerKind,
+    mesh::Mesh,
     scene::{Bsdf, Emitter, Geometry, Texture},
 };
 use tauflow_instructions::Instructions;
@@ -111,6 +113,53 @@ fn convex_bodies_do_not_shade_themselves() {
                 }
             }
             assert!(lit > 500, "{lit}, radius {radius}, {curved}, {shift}");
+        }
+    }
+}
+
+/// The figures of `benches/mitsuba/normal_maps.py`, which has Mitsuba's beside them.
+#[test]
+fn normal_maps_turn_with_mirrored_coordinates() {
+    // A normal of the map, and the direction of a light of irradiance pi on a white square.
+    let (n, l) = ([0.3f64, 0.5], [0.4f64, 0.35]);
+    let up = |[x, y]: [f64; 2]| [x, y, (1.0 - x * x - y * y).sqrt()];
+    let texel = up(n).map(|v| (0.5 * (v + 1.0)) as f32);
+    let plain = [[0.0f32, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]];
+    for (mirror, radiance) in
+        [([1.0, 1.0], 0.98315), ([-1.0, 1.0], 0.74315), ([1.0, -1.0], 0.63315), ([-1.0, -1.0], 0.39315)]
+    {
+        // glTF: x of the map along growing u, y against growing v, whichever way round that is.
+        let along = n[0] * mirror[0] * l[0] + n[1] * mirror[1] * l[1] + up(n)[2] * up(l)[2];
+        assert!((along - radiance).abs() < 1e-5, "{along}");
+        let flipped = |c: f32, by: f64| if by < 0.0 { 1.0 - c } else { c };
+        for tangents in [false, true] {
+            let square = Mesh {
+                positions: vec![[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]],
+                triangles: vec![[0, 1, 2], [0, 2, 3]],
+                normals: Some(vec![[0.0, 0.0, 1.0]; 4]),
+                uvs: Some(plain.map(|[u, v]| [flipped(u, mirror[0]), flipped(v, mirror[1])]).to_vec()),
+                tangents: tangents.then(|| vec![[mirror[0] as f32, 0.0, 0.0, (mirror[0] * mirror[1]) as f32]; 4]),
+                ..Mesh::default()
+            };
+            let mut built = Built::new([0.0, 0.0, 6.0], [0.0; 3], 15.0, 2);
+            let bytes = Image::from_data(1, 1, 3, texel.to_vec()).expect("one texel").to_bytes();
+            let image = Digest::of(&bytes);
+            built.blobs.insert(image, bytes);
+            let uv = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+            let map = Texture::Bitmap { image, uv, scale: [1.0; 3], channel: None, clamp: false };
+            let inner = Box::new(Bsdf::Diffuse { reflectance: Texture::scalar(1.0) });
+            let white = built.material(Bsdf::NormalMap { map, scale: 1.0, inner });
+            built.mesh(&square, tauflow_data::scene::IDENTITY, white);
+            let direction = up(l).map(|v| -v);
+            let irradiance = [std::f32::consts::PI; 3];
+            built.scene.emitters.push(Emitter::Directional { direction, irradiance });
+            let world = world(&built);
+            let renderer = Renderer::new(&world, film(8, 8), 0).expect("a sound film");
+            let mut film = renderer.begin();
+            renderer.advance(&mut film, 4, &mut |_| Ok(())).expect("nothing stops it");
+            let image = film.mean();
+            let off = image.data().iter().map(|v| (f64::from(*v) - radiance).abs()).fold(0.0, f64::max);
+            assert!(off < 2e-5, "{mirror:?} {tangents}: off by {off}");
         }
     }
 }

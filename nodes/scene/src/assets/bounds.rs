@@ -14,6 +14,9 @@ const FREE_TEXELS: usize = 1 << 23;
 /// More of them for each byte. One colour says 16 in run-length encoding, and pictures of the world say less than 1.
 const TEXELS_PER_BYTE: usize = 32;
 
+/// Most instances of `EXT_mesh_gpu_instancing` in a file: what says where they stand takes 80 MB.
+pub const MOST_INSTANCES: usize = 1 << 20;
+
 /// Most channels of a picture.
 const MOST_CHANNELS: usize = 1024;
 

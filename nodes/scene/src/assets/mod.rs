@@ -20,7 +20,7 @@ use tauflow_contract::{
 };
 use tauflow_data::records::{Asset, AssetBody, AssetReport};
 
-const MAIN: Group = Group::main(3);
+const MAIN: Group = Group::main(4);
 const ASSETS: Out<Asset> = Out::new(MAIN, "assets", "Decoded files; refused ones are left out.").filtering();
 const REPORTS: Out<AssetReport> = Out::new(MAIN, "reports", "What became of each file.");
 

@@ -14,7 +14,7 @@ pub struct Refusal {
 const LONGEST: usize = 240;
 
 /// `text` on one line, without control characters, of bounded length.
-fn tame(text: impl Into<String>) -> String {
+pub fn tame(text: impl Into<String>) -> String {
     let text: String = text.into().chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
     if text.chars().count() <= LONGEST {
         return text;

@@ -136,6 +136,11 @@ fn seeds() -> Vec<Seed> {
         Seed { ending: "glb", bytes: whole, parts: Some((text, data.bytes)) },
         Seed { ending: "gltf", bytes: apart.to_string().into_bytes(), parts: None },
     ];
+    let (posed, rest) = crate::default_pose::posed();
+    let whole = posed.file(rest);
+    let length = u32::from_le_bytes([whole[12], whole[13], whole[14], whole[15]]) as usize;
+    let text = String::from_utf8(whole[20..20 + length].to_vec()).expect("JSON");
+    seeds.push(Seed { ending: "glb", bytes: whole, parts: Some((text, posed.bytes)) });
     let mut map = b"#?RADIANCE\nEXPOSURE=2\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 8\n".to_vec();
     for _ in 0..2 {
         map.extend([2, 2, 0, 8, 136, 128, 8, 1, 2, 3, 4, 5, 6, 7, 8, 136, 0, 136, 129]);

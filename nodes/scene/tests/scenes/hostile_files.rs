@@ -263,6 +263,133 @@ fn instances_of_many_vertices_are_counted() {
     assert!(line.contains("24000000 vertices"), "{line}");
 }
 
+/// A triangle on one joint, whose file is changed before it is written.
+fn on_a_joint(joint: u8, weight: f32, change: impl FnOnce(&mut Data, &mut Value)) -> Vec<u8> {
+    let mut data = Data::default();
+    let positions = data.floats(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0], "VEC3", 3);
+    let joints = data.accessor(&[0, 0, 0, 0, 0, 0, 0, 0, joint, 0, 0, 0], 5121, "VEC4", 3, false);
+    let weights = data.floats(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, weight, 0.0, 0.0, 0.0], "VEC4", 4);
+    let attributes = object!({ "POSITION": positions, "JOINTS_0": joints, "WEIGHTS_0": weights });
+    let mut file = object!({ "meshes": [{ "primitives": [{ "attributes": attributes }] }],
+        "skins": [{ "joints": [1] }], "nodes": [{ "mesh": 0, "skin": 0 }, {}], "scenes": [{ "nodes": [0, 1] }] });
+    change(&mut data, &mut file);
+    data.file(file)
+}
+
+#[test]
+fn joints_and_weights_that_cannot_be_are_refused_by_vertex() {
+    let as_is = |_: &mut Data, _: &mut Value| {};
+    assert!(told("sound.glb", &on_a_joint(0, 1.0, as_is)).0.accepted);
+    refused("joint.glb", &on_a_joint(7, 1.0, as_is), &["primitive 0 JOINTS_0: vertex 2 names joint 7 of 1"]);
+    // A joint without weight may be any number, as exporters leave it; but what moves a vertex must be there.
+    refused("unweighted.glb", &on_a_joint(7, 0.0, as_is), &["vertex 2 names joint 7 of 1"]);
+    refused("nan.glb", &on_a_joint(0, f32::NAN, as_is), &["WEIGHTS_0: vertex 2 has a weight of NaN"]);
+    refused("infinite.glb", &on_a_joint(0, f32::INFINITY, as_is), &["vertex 2 has a weight of inf"]);
+    refused("negative.glb", &on_a_joint(0, -0.5, as_is), &["vertex 2 has a weight of -0.5"]);
+    let (report, _) = told("sum.glb", &on_a_joint(0, 3.0, as_is));
+    assert_eq!(report.repairs["vertices whose weights of joints do not sum to 1 scaled"], 1, "{report:?}");
+    refused(
+        "lone.glb",
+        &on_a_joint(0, 1.0, |_, file| {
+            file["meshes"][0]["primitives"][0]["attributes"].as_object_mut().expect("attributes").remove("WEIGHTS_0");
+        }),
+        &["only one of JOINTS_0 and WEIGHTS_0"],
+    );
+    refused("skin.glb", &on_a_joint(0, 1.0, |_, file| file["nodes"][0]["skin"] = object!(4)), &["skin 4: there is no"]);
+    refused(
+        "node.glb",
+        &on_a_joint(0, 1.0, |_, file| file["skins"][0]["joints"] = object!([9])),
+        &["node 9: there is no"],
+    );
+    let inverse = |values: &[f32], sort: &str, width: usize| {
+        on_a_joint(0, 1.0, |data, file| {
+            file["skins"][0]["inverseBindMatrices"] = object!(data.floats(values, sort, width));
+        })
+    };
+    refused("few.glb", &inverse(&[], "MAT4", 16), &["skin 0: 0 inverse bind matrices for 1 joints"]);
+    refused("none.glb", &inverse(&[0.0; 4], "VEC4", 4), &["skin 0: inverse bind matrices that are none"]);
+    refused("nan-matrix.glb", &inverse(&[f32::NAN; 16], "MAT4", 16), &["skin 0 joint 0: its matrix is not finite"]);
+}
+
+#[test]
+fn cyclic_skeletons_are_refused() {
+    // Joints beside the scene, each the other's child; one that is its own; and one with two parents.
+    for (name, nodes) in [
+        ("ring.glb", object!([{ "mesh": 0, "skin": 0 }, { "children": [2] }, { "children": [1] }])),
+        ("self.glb", object!([{ "mesh": 0, "skin": 0 }, { "children": [1] }])),
+        ("two.glb", object!([{ "mesh": 0, "skin": 0 }, {}, { "children": [1] }, { "children": [1] }])),
+    ] {
+        let bytes = on_a_joint(0, 1.0, |_, file| {
+            file["nodes"] = nodes;
+            file["scenes"] = object!([{ "nodes": [0] }]);
+        });
+        refused(name, &bytes, &["node ", "its own ancestor"]);
+    }
+    refused(
+        "child.glb",
+        &on_a_joint(0, 1.0, |_, file| {
+            file["nodes"] = object!([{ "mesh": 0, "skin": 0 }, {}, { "children": [77] }]);
+            file["scenes"] = object!([{ "nodes": [0] }]);
+        }),
+        &["node 77: there is no such node"],
+    );
+}
+
+#[test]
+fn morph_targets_that_do_not_fit_are_refused() {
+    let morphed = |weights: Value, values: &[f32]| {
+        on_a_joint(0, 1.0, |data, file| {
+            let target = data.floats(values, "VEC3", 3);
+            file["meshes"][0]["primitives"][0]["targets"] = object!([{ "POSITION": target }]);
+            file["meshes"][0]["weights"] = weights;
+        })
+    };
+    assert!(told("fits.glb", &morphed(object!([1]), &[0.0; 9])).0.accepted);
+    refused("short.glb", &morphed(object!([1]), &[0.0; 6]), &["target 0 POSITION: 2 elements for 3 positions"]);
+    refused("many.glb", &morphed(object!([1, 0]), &[0.0; 9]), &["2 weights for 1 morph targets"]);
+    refused("huge.glb", &morphed(object!([1e60]), &[0.0; 9]), &["; "]);
+}
+
+/// A triangle with instances whose attributes are these accessors.
+fn instanced(attributes: &[(&str, &str, u64)], nodes: usize) -> Vec<u8> {
+    let mut data = Data::default();
+    let positions = data.floats(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0], "VEC3", 3);
+    let indices = data.accessor(&[0, 1, 2].repeat(12), 5121, "SCALAR", 36, false);
+    let mut named = serde_json::Map::new();
+    for (name, sort, count) in attributes {
+        data.accessors.push(object!({ "componentType": 5126, "type": sort, "count": count }));
+        named.insert((*name).to_owned(), object!(data.accessors.len() - 1));
+    }
+    let node = object!({ "mesh": 0, "extensions": { "EXT_mesh_gpu_instancing": { "attributes": named } } });
+    data.file(object!({ "nodes": vec![node; nodes],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": positions }, "indices": indices }] }] }))
+}
+
+#[test]
+fn billions_of_instances_are_refused_before_they_are_made() {
+    let place = "EXT_mesh_gpu_instancing: ";
+    let billions = instanced(&[("TRANSLATION", "VEC3", 4_000_000_000)], 1);
+    refused("billions.glb", &billions, &[place, "4000000000 instances", "1048576"]);
+    // A million is granted, but not of twelve triangles; and not twice.
+    let million = [("TRANSLATION", "VEC3", 1 << 20), ("ROTATION", "VEC4", 1 << 20), ("SCALE", "VEC3", 1 << 20)];
+    refused("million.glb", &instanced(&million, 1), &["8000000 triangles", "instances counted"]);
+    refused(
+        "twice.glb",
+        &instanced(&[("SCALE", "VEC3", 600_000)], 2),
+        &["node 1 ", "600000 instances: with those before"],
+    );
+    refused(
+        "uneven.glb",
+        &instanced(&[("SCALE", "VEC3", 3), ("TRANSLATION", "VEC3", 4)], 1),
+        &[place, "another number"],
+    );
+    refused("flat.glb", &instanced(&[("TRANSLATION", "VEC2", 3)], 1), &["TRANSLATION: vectors of 2 numbers"]);
+    let (report, _) = told("same.glb", &instanced(&[("_ID", "SCALAR", 3)], 1));
+    assert_eq!(report.repairs["instances in one place left out"], 2, "{report:?}");
+    assert_eq!(report.measures["triangles"], 12.0);
+    refused("no.glb", &instanced(&[("TRANSLATION", "VEC3", 0)], 1), &["no triangles"]);
+}
+
 #[test]
 #[expect(clippy::disallowed_methods, reason = "it holds that no time goes as the square of the nodes")]
 fn many_nodes_without_a_scene_cost_as_many_times_more() {

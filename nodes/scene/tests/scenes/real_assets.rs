@@ -116,6 +116,33 @@ fn every_object_loads_but_the_one_that_may_be_refused() {
     }
 }
 
+/// Skinned objects, and along which axis each is longest where its joints are. Raw vertices of the first three lie on
+/// their backs.
+const SKINNED: [(&str, usize); 4] =
+    [("CesiumMan.glb", 1), ("BrainStem.glb", 1), ("RiggedFigure.glb", 1), ("Fox.glb", 2)];
+
+#[test]
+fn skinned_objects_stand_as_their_joints_do() {
+    let Some(folder) = shared("gltf") else { return };
+    for (name, longest) in SKINNED {
+        let path = std::path::Path::new(&folder).join(name);
+        if !path.is_file() {
+            println!("skipped: no {}", path.display());
+            continue;
+        }
+        let blobs = MemoryBlobs::default();
+        let made = source(&blobs, "assets", json!({ "files": [path], "max_texture": 64 }), &BTreeMap::new());
+        let report = &reports(&blobs, &made)[name];
+        assert!(report.accepted, "{report:?}");
+        assert!(!report.repairs.keys().any(|what| what.contains("weight")), "{report:?}");
+        let asset: Asset = load(&blobs, made["assets"].get(name).expect("accepted"));
+        let AssetBody::Object { bounds, .. } = &asset.body else { panic!("{name} is no object") };
+        let size = [0, 1, 2].map(|i| bounds[1][i] - bounds[0][i]);
+        println!("{name}: {size:?} {:?}", report.notes);
+        assert!((size[longest] - 1.0).abs() < 1e-5, "{name}: {size:?}");
+    }
+}
+
 #[test]
 fn malformed_files_give_one_line_each() {
     let Some(folder) = shared("gltf-invalid") else { return };

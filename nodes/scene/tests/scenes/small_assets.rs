@@ -34,13 +34,15 @@ fn decode(blobs: &MemoryBlobs, path: &Path) -> (AssetReport, Option<Artifact>) {
     (load(blobs, &outputs.items["reports"]), outputs.items.get("assets").cloned())
 }
 
-fn asset(blobs: &MemoryBlobs, path: &Path) -> (AssetReport, Asset) {
+/// The asset that one file is, and its report.
+pub fn asset(blobs: &MemoryBlobs, path: &Path) -> (AssetReport, Asset) {
     let (report, artifact) = decode(blobs, path);
     let artifact = artifact.unwrap_or_else(|| panic!("{report:?}"));
     (report, load(blobs, &artifact))
 }
 
-fn mesh(blobs: &MemoryBlobs, asset: &Asset, part: usize) -> Mesh {
+/// The mesh of a part.
+pub fn mesh(blobs: &MemoryBlobs, asset: &Asset, part: usize) -> Mesh {
     let AssetBody::Object { parts, .. } = &asset.body else { panic!("no object") };
     Mesh::from_bytes(&blobs.get(&parts[part].mesh).expect("in memory").expect("stored")).expect("a mesh")
 }

@@ -64,6 +64,8 @@ fn layout(accessor: &Accessor, place: &str) -> Result<Layout, Refusal> {
         Checked::Valid(Type::Vec2) => 2,
         Checked::Valid(Type::Vec3) => 3,
         Checked::Valid(Type::Vec4) => 4,
+        // Of floats no column is padded.
+        Checked::Valid(Type::Mat4) if component.0 == ComponentType::F32 => 16,
         Checked::Valid(_) => return Err(damaged(place, "a matrix where numbers or vectors belong")),
         Checked::Invalid => return Err(damaged(place, "a type that does not exist")),
     };
@@ -113,7 +115,17 @@ fn strided(
     Ok(())
 }
 
-/// The numbers of accessor `index`.
+/// How many elements accessor `index` has.
+///
+/// # Errors
+/// If it is not there.
+pub fn count(document: &Document<'_>, index: usize) -> Result<usize, Refusal> {
+    let accessor = document.root.accessors.get(index);
+    let accessor = accessor.ok_or_else(|| damaged(format!("accessor {index}"), "there is no such accessor"))?;
+    Ok(usize::try_from(accessor.count.0).unwrap_or(usize::MAX))
+}
+
+/// The numbers of accessor `index`; those of a matrix by columns.
 ///
 /// # Errors
 /// If it is not there, of no type that fits, or leaves its view.

@@ -7,6 +7,7 @@
 use crate::assets::refusal::{Refusal, damaged};
 use base64::{Engine as _, engine::general_purpose};
 use gltf::json::Root;
+use serde::{Deserialize, de::IgnoredAny};
 use std::{
     borrow::Cow,
     collections::{BTreeMap, BTreeSet},
@@ -22,10 +23,12 @@ pub struct Document<'a> {
     buffers: Vec<Cow<'a, [u8]>>,
     externals: &'a Externals,
     bytes: usize,
+    morphs_more: bool,
 }
 
 /// Extensions that a file may require.
-const SUPPORTED: [&str; 18] = [
+const SUPPORTED: [&str; 19] = [
+    "EXT_mesh_gpu_instancing",
     "EXT_texture_webp",
     "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
@@ -95,7 +98,14 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Refusal> {
     Ok((json.ok_or_else(|| damaged("GLB chunk 0", "there is no JSON chunk"))?, binary))
 }
 
-fn parse(bytes: &[u8]) -> Result<(Root, Option<&[u8]>), Refusal> {
+/// A file's JSON, and what goes with it.
+struct Parsed<'a> {
+    root: Root,
+    binary: Option<&'a [u8]>,
+    morphs_more: bool,
+}
+
+fn parse(bytes: &[u8]) -> Result<Parsed<'_>, Refusal> {
     let (json, binary) = if bytes.starts_with(b"glTF") {
         chunks(bytes)?
     } else if bytes.iter().find(|b| !b.is_ascii_whitespace() && !b"\xef\xbb\xbf".contains(b)) == Some(&b'{') {
@@ -106,8 +116,32 @@ fn parse(bytes: &[u8]) -> Result<(Root, Option<&[u8]>), Refusal> {
     let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
     // Some exporters pad the chunk with zero bytes.
     let end = json.iter().rposition(|b| *b != 0).map_or(0, |last| last + 1);
-    let root = gltf::json::deserialize::from_slice::<Root>(&json[..end]).map_err(|e| damaged("JSON", e.to_string()))?;
-    Ok((root, binary))
+    let json = &json[..end];
+    let root = gltf::json::deserialize::from_slice::<Root>(json).map_err(|e| damaged("JSON", e.to_string()))?;
+    let morphs = root.meshes.iter().flat_map(|mesh| &mesh.primitives).any(|p| p.targets.is_some());
+    let morphs_more = morphs && morphs_more(json);
+    Ok(Parsed { root, binary, morphs_more })
+}
+
+/// Whether morph targets have attributes that the crate's types leave out.
+fn morphs_more(json: &[u8]) -> bool {
+    #[derive(Deserialize)]
+    struct File {
+        #[serde(default)]
+        meshes: Vec<Mesh>,
+    }
+    #[derive(Deserialize)]
+    struct Mesh {
+        primitives: Vec<Primitive>,
+    }
+    #[derive(Deserialize)]
+    struct Primitive {
+        #[serde(default)]
+        targets: Vec<BTreeMap<String, IgnoredAny>>,
+    }
+    let Ok(File { meshes }) = serde_json::from_slice(json) else { return false };
+    let names = meshes.iter().flat_map(|mesh| &mesh.primitives).flat_map(|p| &p.targets).flat_map(BTreeMap::keys);
+    names.into_iter().any(|name| !["POSITION", "NORMAL", "TANGENT"].contains(&name.as_str()) && !name.starts_with('_'))
 }
 
 /// True for a URI that holds its data itself.
@@ -117,7 +151,7 @@ fn is_data(uri: &str) -> bool {
 
 /// The external files that a file names, sorted, without repeats; none if it cannot be read.
 pub fn uris(bytes: &[u8]) -> Vec<String> {
-    let Ok((root, _)) = parse(bytes) else { return Vec::new() };
+    let Ok(Parsed { root, .. }) = parse(bytes) else { return Vec::new() };
     let named =
         root.buffers.iter().filter_map(|b| b.uri.as_ref()).chain(root.images.iter().filter_map(|i| i.uri.as_ref()));
     named.filter(|uri| !is_data(uri)).cloned().collect::<BTreeSet<_>>().into_iter().collect()
@@ -162,7 +196,7 @@ impl<'a> Document<'a> {
     /// # Errors
     /// If it is damaged, needs another version or an extension that is not supported, or an external file is missing.
     pub fn open(bytes: &'a [u8], externals: &'a Externals) -> Result<Self, Refusal> {
-        let (root, binary) = parse(bytes)?;
+        let Parsed { root, binary, morphs_more } = parse(bytes)?;
         if !root.asset.version.starts_with("2.") {
             return Err(Refusal::new("asset", format!("version {}", root.asset.version), "export it as glTF 2.0"));
         }
@@ -170,7 +204,7 @@ impl<'a> Document<'a> {
             return Err(Refusal::new("extensionsRequired", format!("`{extension}` is required"), remedy(extension)));
         }
         let bytes = bytes.len() + externals.values().map(Vec::len).sum::<usize>();
-        let mut document = Self { root, buffers: Vec::new(), externals, bytes };
+        let mut document = Self { root, buffers: Vec::new(), externals, bytes, morphs_more };
         for (number, buffer) in document.root.buffers.iter().enumerate() {
             let place = format!("buffer {number}");
             let data = match (&buffer.uri, binary) {
@@ -187,6 +221,16 @@ impl<'a> Document<'a> {
             document.view(number)?;
         }
         Ok(document)
+    }
+
+    /// The extensions that the file uses without requiring them, and that are not read.
+    pub fn unread(&self) -> impl Iterator<Item = &str> {
+        self.root.extensions_used.iter().map(String::as_str).filter(|e| !SUPPORTED.contains(e))
+    }
+
+    /// Whether morph targets move more than positions, normals and tangents.
+    pub fn morphs_more(&self) -> bool {
+        self.morphs_more
     }
 
     /// Bytes of the file and of its external files.

@@ -39,6 +39,7 @@ pub struct Images {
     /// All that were ever decoded.
     seen: BTreeSet<usize>,
     made: BTreeMap<(usize, Use), Digest>,
+    averages: BTreeMap<(usize, Use), [f32; 3]>,
 }
 
 /// Largest side of an image that is decoded.
@@ -63,6 +64,7 @@ impl Images {
             held: Vec::new(),
             seen: BTreeSet::new(),
             made: BTreeMap::new(),
+            averages: BTreeMap::new(),
         }
     }
 
@@ -82,16 +84,7 @@ impl Images {
             return Ok(*made);
         }
         let place = format!("image {number}");
-        self.seen.insert(number);
-        report.measure("images", self.seen.len() as f64);
-        let decoded = match self.held.iter().position(|(held, _)| *held == number) {
-            Some(at) => {
-                let (_, decoded) = self.held.remove(at);
-                self.left.read(&place, decoded.width() as usize * decoded.height() as usize)?;
-                decoded
-            }
-            None => decode(document, number, &place, &mut self.left)?,
-        };
+        let decoded = self.decoded(document, number, &place, report)?;
         let (width, height) = (decoded.width() as usize, decoded.height() as usize);
         let factor = width.max(height).div_ceil(self.most);
         if factor > 1 {
@@ -103,6 +96,48 @@ impl Images {
         self.made.insert((number, purpose), digest);
         self.hold(number, decoded);
         Ok(digest)
+    }
+
+    /// The average of image `number` for a use; a single channel three times.
+    ///
+    /// # Errors
+    /// As for [`Images::get`].
+    pub fn average(
+        &mut self,
+        document: &Document<'_>,
+        number: usize,
+        purpose: Use,
+        report: &mut AssetReport,
+    ) -> Result<[f32; 3], Refusal> {
+        if let Some(average) = self.averages.get(&(number, purpose)) {
+            return Ok(*average);
+        }
+        let decoded = self.decoded(document, number, &format!("image {number}"), report)?;
+        let whole = bitmap(&decoded, purpose, decoded.width().max(decoded.height()) as usize);
+        let average = [0, 1, 2].map(|c| whole.data()[c % channels(purpose)]);
+        self.averages.insert((number, purpose), average);
+        self.hold(number, decoded);
+        Ok(average)
+    }
+
+    /// An image, which its reader gives back by [`Images::hold`].
+    fn decoded(
+        &mut self,
+        document: &Document<'_>,
+        number: usize,
+        place: &str,
+        report: &mut AssetReport,
+    ) -> Result<DynamicImage, Refusal> {
+        self.seen.insert(number);
+        report.measure("images", self.seen.len() as f64);
+        match self.held.iter().position(|(held, _)| *held == number) {
+            Some(at) => {
+                let (_, decoded) = self.held.remove(at);
+                self.left.read(place, decoded.width() as usize * decoded.height() as usize)?;
+                Ok(decoded)
+            }
+            None => decode(document, number, place, &mut self.left),
+        }
     }
 
     /// Holds an image for further uses, and lets go of those of longest ago.
@@ -237,6 +272,8 @@ mod tests {
         assert_eq!((half.width(), half.height(), half.data()[0]), (2, 1, 0.5));
         assert!((half.data()[1] - 100.0 / 255.0).abs() < 1e-7);
         assert_eq!(bitmap(&source, Use::Mask(0.5f32.to_bits()), 1).data(), &[1.0, 0.0, 0.0]);
+        // As one texel: the average, on which `Images::average` builds.
+        assert!((bitmap(&source, Use::Alpha, 3).data()[0] - 355.0 / 765.0).abs() < 1e-6);
     }
 
     #[test]

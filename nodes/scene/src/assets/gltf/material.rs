@@ -4,7 +4,7 @@
 //! |---|---|
 //! | metallic-roughness | `principled` (base colour, metallic, roughness), two-sided: no renderer of light culls faces |
 //! | `KHR_materials_ior`, `_specular` | `specular` = F0 / 0.08, F0 = ((n - 1) / (n + 1))^2 factor |
-//! | `KHR_materials_clearcoat` | `clearcoat`, `clearcoat_gloss` = 1 - roughness; its textures are left out |
+//! | `KHR_materials_clearcoat` | `clearcoat`, `clearcoat_gloss` = 1 - roughness; its texture blends coated and bare |
 //! | `KHR_materials_transmission` with a thickness, closed body | `spec_trans` of `principled` |
 //! | attenuation in its volume | base colour times `attenuationColor` ^ (thickness / `attenuationDistance`) |
 //! | transmission, thin or open | a blend with `thin_dielectric`, tinted by the base colour |
@@ -15,8 +15,10 @@
 
 use super::{
     container::Document,
+    glossiness::glossy,
     images::{Images, Use},
     slots::{Slot, number, triple},
+    textures::{Features, Making},
 };
 use crate::assets::{
     blobs::BlobSet,
@@ -34,17 +36,6 @@ use tauflow_data::{
     scene::{Bsdf, Rgb, Texture},
 };
 
-/// What of a mesh decides its material's form.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Features {
-    /// It has the texture coordinates that the material reads.
-    pub uv: bool,
-    /// It has vertex colours.
-    pub colors: bool,
-    /// It encloses a volume.
-    pub closed: bool,
-}
-
 /// The materials made of one file.
 pub struct Materials<'a, 'd> {
     document: &'a Document<'d>,
@@ -55,39 +46,22 @@ pub struct Materials<'a, 'd> {
 }
 
 /// The extension `name` of a material.
-fn extension<'m>(material: &'m Source, name: &str) -> Option<&'m Value> {
+pub fn extension<'m>(material: &'m Source, name: &str) -> Option<&'m Value> {
     material.extensions.as_ref()?.others.get(name)
-}
-
-/// A material of `KHR_materials_pbrSpecularGlossiness` in terms of the core: its slots and factors moved over.
-fn glossy(material: &Source) -> Option<Source> {
-    let old = extension(material, "KHR_materials_pbrSpecularGlossiness")?;
-    let mut new = material.clone();
-    let pbr = &mut new.pbr_metallic_roughness;
-    let [r, g, b] = triple(old, "diffuseFactor", [1.0; 3]);
-    let alpha = old.get("diffuseFactor").and_then(|f| f.get(3)).and_then(Value::as_f64).unwrap_or(1.0);
-    pbr.base_color_factor.0 = [r, g, b, alpha].map(|v| v as f32);
-    pbr.base_color_texture = old.get("diffuseTexture").and_then(|t| serde_json::from_value(t.clone()).ok());
-    pbr.metallic_roughness_texture = None;
-    pbr.metallic_factor.0 = 0.0;
-    pbr.roughness_factor.0 = (1.0 - number(old, "glossinessFactor", 1.0)) as f32;
-    let specular = triple(old, "specularFactor", [1.0; 3]).into_iter().sum::<f64>() / 3.0;
-    // `specularFactor` there is F0 itself, here it scales that of the index of refraction 1.5.
-    let scaled = serde_json::json!({ "specularFactor": (specular / 0.04).min(1.0) });
-    new.extensions.get_or_insert_default().others.insert("KHR_materials_specular".to_owned(), scaled);
-    Some(new)
 }
 
 /// The slots of a material, the one that decides the set of texture coordinates first.
 fn slots(material: &Source) -> Vec<Slot> {
     let pbr = &material.pbr_metallic_roughness;
     let transmission = extension(material, "KHR_materials_transmission").and_then(|t| t.get("transmissionTexture"));
+    let coat = extension(material, "KHR_materials_clearcoat").and_then(|t| t.get("clearcoatTexture"));
     let all = [
         pbr.base_color_texture.as_ref().map(Slot::of),
         material.normal_texture.as_ref().map(Slot::of_normal),
         pbr.metallic_roughness_texture.as_ref().map(Slot::of),
         material.emissive_texture.as_ref().map(Slot::of),
         Slot::of_json(transmission),
+        Slot::of_json(coat),
     ];
     all.into_iter().flatten().collect()
 }
@@ -103,16 +77,6 @@ fn two_sided(inner: Bsdf) -> Bsdf {
     Bsdf::TwoSided { inner: Box::new(inner) }
 }
 
-/// One material being made.
-struct Making<'m, 'a, 'd> {
-    document: &'a Document<'d>,
-    images: &'m mut Images,
-    blobs: &'m mut BlobSet,
-    report: &'m mut AssetReport,
-    set: Option<u32>,
-    features: Features,
-}
-
 impl Making<'_, '_, '_> {
     /// A value within what the format or the renderer allows; one beyond is set to the nearest that is, and counted.
     fn allowed(&mut self, value: f64, [least, most]: [f64; 2], what: &str) -> f64 {
@@ -126,28 +90,6 @@ impl Making<'_, '_, '_> {
         self.allowed(value.into(), [0.0, 1.0], "material factors outside of 0 to 1 cut to it")
     }
 
-    /// The texture of a slot times `scale`; the scale alone where the mesh lacks the coordinates.
-    fn texture(
-        &mut self,
-        slot: Option<Slot>,
-        purpose: Use,
-        scale: Rgb,
-        channel: Option<u8>,
-    ) -> Result<Texture, Refusal> {
-        let Some(slot) = slot else { return Ok(Texture::rgb(scale)) };
-        if !self.features.uv {
-            self.report.note("textures left out on meshes without their texture coordinates");
-            return Ok(Texture::rgb(scale));
-        }
-        if self.set != Some(slot.set) {
-            self.report.note("textures on a second set of coordinates are left out");
-            return Ok(Texture::rgb(scale));
-        }
-        let (image, clamp) = slot.image(self.document, self.report)?;
-        let image = self.images.get(self.document, image, purpose, self.blobs, self.report)?;
-        Ok(Texture::Bitmap { image, uv: slot.uv, scale, channel, clamp })
-    }
-
     /// Opacity, if it is not 1 everywhere.
     fn opacity(&mut self, material: &Source) -> Result<Option<Texture>, Refusal> {
         let pbr = &material.pbr_metallic_roughness;
@@ -156,7 +98,7 @@ impl Making<'_, '_, '_> {
         match &material.alpha_mode {
             Checked::Valid(AlphaMode::Blend) => {
                 let factor = self.factor(factor) as f32;
-                let alpha = self.texture(slot, Use::Alpha, [factor; 3], None)?;
+                let alpha = self.value(slot, Use::Alpha, [factor; 3], None, "opacity")?;
                 let colors = Texture::VertexColor { scale: [1.0; 3], channel: Some(3) };
                 Ok(Some(if self.features.colors { times(alpha, colors) } else { alpha }))
             }
@@ -167,10 +109,10 @@ impl Making<'_, '_, '_> {
                 if cutoff <= 0.0 {
                     return Ok(None);
                 }
-                if slot.is_none() || !self.features.uv {
+                if slot.is_none() {
                     return Ok(Some(Texture::scalar(if threshold <= 1.0 { 1.0 } else { 0.0 })));
                 }
-                self.texture(slot, Use::Mask(threshold.to_bits()), [1.0; 3], None).map(Some)
+                self.texture(slot, Use::Mask(threshold.to_bits()), [1.0; 3], None, "holes")
             }
             _ => Ok(None),
         }
@@ -185,7 +127,7 @@ impl Making<'_, '_, '_> {
         if factor.iter().all(|v| *v <= 0.0) {
             return Ok(None);
         }
-        self.texture(material.emissive_texture.as_ref().map(Slot::of), Use::Color, factor, None).map(Some)
+        self.texture(material.emissive_texture.as_ref().map(Slot::of), Use::Color, factor, None, "emission")
     }
 
     fn make(&mut self, material: &Source) -> Result<AssetMaterial, Refusal> {
@@ -193,7 +135,7 @@ impl Making<'_, '_, '_> {
         let base = pbr.base_color_factor.0;
         let slot = pbr.base_color_texture.as_ref().map(Slot::of);
         let scale = [base[0], base[1], base[2]].map(|v| self.factor(v) as f32);
-        let mut color = self.texture(slot, Use::Color, scale, None)?;
+        let mut color = self.value(slot, Use::Color, scale, None, "colour")?;
         if self.features.colors {
             color = times(color, Texture::VertexColor { scale: [1.0; 3], channel: None });
         }
@@ -209,43 +151,40 @@ impl Making<'_, '_, '_> {
             return Ok(AssetMaterial { own: diffuse.clone(), diffuse, transmissive: false, emission });
         }
         let (surface, transmissive) = self.surface(material, &color)?;
-        let own = match &material.normal_texture {
-            Some(map) if self.features.uv => {
-                let slot = Slot::of_normal(map);
-                if self.set == Some(slot.set) {
-                    let scale = map.scale;
-                    let map = self.texture(Some(slot), Use::Linear, [1.0; 3], None)?;
-                    Bsdf::NormalMap { map, scale, inner: Box::new(surface) }
-                } else {
-                    surface
-                }
+        let bumps = match &material.normal_texture {
+            Some(map) => {
+                let found = self.texture(Some(Slot::of_normal(map)), Use::Linear, [1.0; 3], None, "bumps")?;
+                found.map(|texture| (texture, map.scale))
             }
-            _ => surface,
+            None => None,
+        };
+        let own = match bumps {
+            Some((map, scale)) => Bsdf::NormalMap { map, scale, inner: Box::new(surface) },
+            None => surface,
         };
         Ok(AssetMaterial { own: masked(own), diffuse, transmissive, emission })
     }
 
     /// What a volume leaves of light over its thickness: `attenuationColor` is left after `attenuationDistance`.
-    fn attenuation(&mut self, volume: &Value, thickness: f64) -> Rgb {
+    fn attenuation(&mut self, volume: &Value, thickness: f64) -> Result<Rgb, Refusal> {
         let distance = number(volume, "attenuationDistance", f64::INFINITY);
         if !(distance > 0.0 && distance.is_finite()) {
-            return [1.0; 3];
+            return Ok([1.0; 3]);
         }
         self.report.note("attenuation in a volume is that over its thickness, unscaled, whatever the way through it");
-        if volume.get("thicknessTexture").is_some() {
-            self.report.note("textures of thickness are left out");
-        }
+        let thickness =
+            thickness * self.averaged(Slot::of_json(volume.get("thicknessTexture")), Use::Linear, "thickness")?[1];
         // Black has no logarithm: a millionth is left of it.
         let what = "attenuation colours outside of 1e-6 to 1 cut to it";
         let color = triple(volume, "attenuationColor", [1.0; 3]).map(|c| self.allowed(c, [1e-6, 1.0], what));
         if color == [1.0; 3] {
             // Nothing is lost, however thick it is.
-            return color.map(|c| c as f32);
+            return Ok(color.map(|c| c as f32));
         }
         // The quotient of two finite numbers may be infinite, which times the logarithm of 1 is no number.
         let what = "thicknesses of more than 1000 attenuation distances cut to it";
         let thickness = self.allowed(thickness / distance, [0.0, 1e3], what);
-        color.map(|c| maths::exp(maths::log(c) * thickness) as f32)
+        Ok(color.map(|c| maths::exp(maths::log(c) * thickness) as f32))
     }
 
     /// The surface under normal map and opacity, and whether light passes through it.
@@ -253,32 +192,37 @@ impl Making<'_, '_, '_> {
         let pbr = &material.pbr_metallic_roughness;
         let roughness_slot = || pbr.metallic_roughness_texture.as_ref().map(Slot::of);
         let factors = [self.factor(pbr.metallic_factor.0), self.factor(pbr.roughness_factor.0)].map(|v| v as f32);
-        let metallic = self.texture(roughness_slot(), Use::Linear, [factors[0]; 3], Some(2))?;
-        let roughness = self.texture(roughness_slot(), Use::Linear, [factors[1]; 3], Some(1))?;
+        let metallic = self.value(roughness_slot(), Use::Linear, [factors[0]; 3], Some(2), "metal and roughness")?;
+        let roughness = self.value(roughness_slot(), Use::Linear, [factors[1]; 3], Some(1), "metal and roughness")?;
         let ior = extension(material, "KHR_materials_ior").map_or(1.5, |e| number(e, "ior", 1.5));
         let ior = self.allowed(ior, [1.0, 4.0], "indices of refraction outside of 1 to 4 cut to it");
         let mut f0 = ((ior - 1.0) / (ior + 1.0)) * ((ior - 1.0) / (ior + 1.0));
         if let Some(e) = extension(material, "KHR_materials_specular") {
             let tint = triple(e, "specularColorFactor", [1.0; 3])
                 .map(|v| self.allowed(v, [0.0, f64::MAX], "negative specular colours set to 0"));
-            f0 *= self.factor(number(e, "specularFactor", 1.0)) * (tint[0] + tint[1] + tint[2]) / 3.0;
-            if tint[0] != tint[1]
-                || tint[1] != tint[2]
-                || e.get("specularTexture").is_some()
-                || e.get("specularColorTexture").is_some()
-            {
-                self.report.note("specular tints and textures are averaged or left out");
+            let colors = self.averaged(Slot::of_json(e.get("specularColorTexture")), Use::Color, "specular colour")?;
+            let share = self.averaged(Slot::of_json(e.get("specularTexture")), Use::Alpha, "specular reflection")?[0];
+            let tint = [0, 1, 2].map(|c| tint[c] * colors[c]);
+            f0 *= self.factor(number(e, "specularFactor", 1.0)) * share * (tint[0] + tint[1] + tint[2]) / 3.0;
+            if tint[0] != tint[1] || tint[1] != tint[2] {
+                self.report.note("specular tints are averaged");
             }
         }
         let (mut clearcoat, mut gloss) = (0.0, 1.0);
+        // Where a texture says it there is the coat, which is a blend of the coated surface and the bare one.
+        let mut coated = None;
         if let Some(e) = extension(material, "KHR_materials_clearcoat") {
             clearcoat = self.factor(number(e, "clearcoatFactor", 0.0));
-            gloss = 1.0 - self.factor(number(e, "clearcoatRoughnessFactor", 0.0));
-            if ["clearcoatTexture", "clearcoatRoughnessTexture", "clearcoatNormalTexture"]
-                .iter()
-                .any(|t| e.get(*t).is_some())
-            {
-                self.report.note("textures of clearcoats are left out");
+            let rough = Slot::of_json(e.get("clearcoatRoughnessTexture"));
+            let rough = self.averaged(rough, Use::Linear, "clearcoat roughness")?[1];
+            gloss = 1.0 - self.factor(number(e, "clearcoatRoughnessFactor", 0.0)) * rough;
+            let slot = Slot::of_json(e.get("clearcoatTexture"));
+            if clearcoat > 0.0 && slot.is_some() {
+                coated = self.texture(slot, Use::Linear, [1.0; 3], Some(0), "clearcoat")?;
+                clearcoat = if coated.is_some() { clearcoat } else { 0.0 };
+            }
+            if e.get("clearcoatNormalTexture").is_some() {
+                self.report.note("bumps of clearcoats are left out");
             }
         }
         for name in ["sheen", "iridescence", "anisotropy", "dispersion"] {
@@ -290,30 +234,41 @@ impl Making<'_, '_, '_> {
         if specular > 1.0 {
             self.report.note("surfaces that reflect more than 8% head-on reflect 8%: an index of refraction of 1.79");
         }
-        let principled = |base_color: Texture, spec_trans: Texture| Bsdf::Principled {
-            base_color,
+        let covered = |base_color: &Texture, spec_trans: &Texture, clearcoat: f64| Bsdf::Principled {
+            base_color: base_color.clone(),
             metallic: metallic.clone(),
             roughness: roughness.clone(),
             specular: specular.min(1.0) as f32,
-            spec_trans,
+            spec_trans: spec_trans.clone(),
             clearcoat: clearcoat as f32,
             clearcoat_gloss: gloss as f32,
         };
-        let opaque = || two_sided(principled(color.clone(), Texture::scalar(0.0)));
+        let principled = |color: &Texture, share: &Texture, sides: fn(Bsdf) -> Bsdf| {
+            let with = sides(covered(color, share, clearcoat));
+            match &coated {
+                Some(weight) => {
+                    let without = sides(covered(color, share, 0.0));
+                    Bsdf::Blend { weight: weight.clone(), a: Box::new(without), b: Box::new(with) }
+                }
+                None => with,
+            }
+        };
+        let opaque = || principled(color, &Texture::scalar(0.0), two_sided);
         let Some(e) = extension(material, "KHR_materials_transmission") else { return Ok((opaque(), false)) };
         let factor = self.factor(number(e, "transmissionFactor", 0.0));
         if factor <= 0.0 {
             return Ok((opaque(), false));
         }
         let slot = Slot::of_json(e.get("transmissionTexture"));
-        let share = self.texture(slot, Use::Linear, [factor as f32; 3], Some(0))?;
+        let share = self.texture(slot, Use::Linear, [factor as f32; 3], Some(0), "transmission")?;
+        let Some(share) = share else { return Ok((opaque(), false)) };
         let volume = extension(material, "KHR_materials_volume");
         let thickness = volume.map_or(0.0, |v| number(v, "thicknessFactor", 0.0));
         if let Some(volume) = volume.filter(|_| thickness > 0.0 && self.features.closed) {
             // Light is tinted where it crosses the surface, by the square root of this at each of two crossings.
-            let tint = self.attenuation(volume, thickness);
+            let tint = self.attenuation(volume, thickness)?;
             let base = if tint == [1.0; 3] { color.clone() } else { times(color.clone(), Texture::rgb(tint)) };
-            return Ok((principled(base, share), true));
+            return Ok((principled(&base, &share, |one| one), true));
         }
         self.report.note("transmission through thin or open surfaces is smooth, whatever their roughness");
         // An index of 1 reflects nothing, one of 1.01 two hundred-thousandths.
@@ -341,13 +296,19 @@ impl<'a, 'd> Materials<'a, 'd> {
         Ok(Some(glossy(found).map_or(Cow::Borrowed(found), Cow::Owned)))
     }
 
-    /// The set of texture coordinates that a material reads, and whether it reads tangents.
+    /// The sets of texture coordinates that a material reads, the most important first, and whether it reads tangents.
     ///
     /// # Errors
     /// If there is no such material.
-    pub fn reads(&self, number: Option<usize>) -> Result<(Option<u32>, bool), Refusal> {
-        let Some(source) = self.source(number)? else { return Ok((None, false)) };
-        Ok((slots(&source).first().map(|slot| slot.set), source.normal_texture.is_some()))
+    pub fn reads(&self, number: Option<usize>) -> Result<(Vec<u32>, bool), Refusal> {
+        let Some(source) = self.source(number)? else { return Ok((Vec::new(), false)) };
+        let mut sets: Vec<u32> = Vec::new();
+        for slot in slots(&source) {
+            if !sets.contains(&slot.set) {
+                sets.push(slot.set);
+            }
+        }
+        Ok((sets, source.normal_texture.is_some()))
     }
 
     /// The index of a material for meshes with such features; `None` is the default material.
@@ -361,24 +322,25 @@ impl<'a, 'd> Materials<'a, 'd> {
         blobs: &mut BlobSet,
         report: &mut AssetReport,
     ) -> Result<usize, Refusal> {
-        if let Some(made) = self.made.get(&(number, features)) {
+        let key = (number, features.clone());
+        if let Some(made) = self.made.get(&key) {
             return Ok(*made);
         }
-        let source = self.source(number)?.unwrap_or_default();
-        let set = slots(&source).first().map(|slot| slot.set);
+        let mut source = self.source(number)?.unwrap_or_default().into_owned();
         let document = self.document;
         if let Some(old) = extension(&source, "KHR_materials_pbrSpecularGlossiness") {
-            report.note("specular-glossiness materials lose their textures of specular colour and gloss");
             if triple(old, "specularFactor", [1.0; 3]).into_iter().sum::<f64>() > 3.0 * 0.04 {
                 report.note("specular-glossiness materials that reflect more than 4% head-on reflect 4%");
             }
         }
-        let material = Making { document, images: &mut self.images, blobs, report, set, features }.make(&source)?;
+        let mut making = Making { document, images: &mut self.images, blobs, report, features };
+        making.average_gloss(&mut source)?;
+        let material = making.make(&source)?;
         let index = self.list.iter().position(|m| *m == material).unwrap_or(self.list.len());
         if index == self.list.len() {
             self.list.push(material);
         }
-        self.made.insert((number, features), index);
+        self.made.insert(key, index);
         Ok(index)
     }
 }

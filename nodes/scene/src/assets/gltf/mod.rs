@@ -2,13 +2,18 @@
 
 mod accessor;
 mod container;
+mod deform;
 mod draco;
 mod finish;
+mod glossiness;
 mod images;
 mod material;
 mod object;
+mod pose;
 mod primitive;
 mod slots;
+mod textures;
+mod uv_sets;
 
 pub use container::{Externals, relative_path, uris};
 pub use object::read;

@@ -1,39 +1,29 @@
 //! Objects: the default scene of a glTF file as meshes in one unit box on the ground, with materials.
 //!
-//! Source: glTF 2.0, sections 3.5 (scenes, nodes, transforms) and 3.7.
+//! Source: glTF 2.0, section 3.7.
 
 use super::{
     container::{Document, Externals},
     finish::{self, Frame},
-    material::{Features, Materials},
+    material::Materials,
+    pose::{Copies, Instance, Pose},
     primitive::{self, Piece, Want},
+    textures::Features,
 };
 use crate::{
     assets::{
         blobs::BlobSet,
-        refusal::{Refusal, damaged},
+        refusal::{Refusal, damaged, tame},
     },
-    geom::compose,
     mesh_check::is_closed,
 };
-use gltf::json::{Index, scene::Node};
-use std::collections::BTreeSet;
-use tauflow_data::{
-    records::{AssetBody, AssetPart, AssetReport},
-    scene::{Affine, IDENTITY},
-};
+use tauflow_data::records::{AssetBody, AssetPart, AssetReport};
 
 /// Most triangles of an object.
 const MOST_TRIANGLES: usize = 8_000_000;
 
 /// Most vertices of an object: those of as many triangles that share none.
 const MOST_VERTICES: usize = 3 * MOST_TRIANGLES;
-
-/// A mesh where it stands.
-struct Instance {
-    mesh: usize,
-    map: Affine,
-}
 
 /// Reads an object; its blobs go to `blobs`, images reduced to `most` texels a side.
 ///
@@ -47,33 +37,45 @@ pub fn read(
     report: &mut AssetReport,
 ) -> Result<AssetBody, Refusal> {
     let document = Document::open(bytes, externals)?;
-    let instances = instances(&document, report)?;
+    note_what_is_left_out(&document, report);
+    let mut pose = Pose::of(&document, report)?;
+    let instances = std::mem::take(&mut pose.instances);
     let mut materials = Materials::new(&document, most);
     let mut pieces: Vec<(Option<usize>, Piece)> = Vec::new();
     let (mut triangles, mut vertices) = (0usize, 0usize);
-    for instance in &instances {
-        let place = format!("mesh {}", instance.mesh);
-        let mesh = document.root.meshes.get(instance.mesh).ok_or_else(|| damaged(&place, "there is no such mesh"))?;
-        if mesh.primitives.iter().any(|p| p.targets.is_some()) {
-            report.note("morph targets are at rest");
-        }
+    for Instance { mesh: number, copies, skin, weights } in &instances {
+        let place = format!("mesh {number}");
+        let mesh = document.root.meshes.get(*number).ok_or_else(|| damaged(&place, "there is no such mesh"))?;
+        let joints = match skin {
+            Some(skin) => Some(pose.skin(&document, *skin, report)?),
+            None => None,
+        };
         for (number, primitive) in mesh.primitives.iter().enumerate() {
             let place = format!("{place} primitive {number}");
             let material = primitive.material.map(|m| m.value());
-            let (uv_set, tangents) = materials.reads(material)?;
-            let Some(mut piece) = primitive::read(&document, primitive, &place, Want { uv_set, tangents }, report)?
-            else {
+            let (uv_sets, tangents) = materials.reads(material)?;
+            let want = Want { uv_sets: &uv_sets, tangents, weights, joints };
+            let Some((piece, skinned)) = primitive::read(&document, primitive, &place, want, report)? else {
                 continue;
             };
-            piece.transform(&instance.map);
-            triangles += piece.triangles.len();
-            vertices += piece.positions.len();
+            let count = if skinned { 1 } else { copies.len() };
+            if skinned {
+                report.repaired(
+                    "copies of a skinned mesh on the same joints left out",
+                    copies.len().saturating_sub(1) as u64,
+                );
+            }
+            triangles = triangles.saturating_add(piece.triangles.len().saturating_mul(count));
+            vertices = vertices.saturating_add(piece.positions.len().saturating_mul(count));
             if triangles > MOST_TRIANGLES || vertices > MOST_VERTICES {
                 let what =
                     format!("more than {MOST_TRIANGLES} triangles or {MOST_VERTICES} vertices, instances counted");
                 return Err(Refusal::new(place, what, "simplify the object"));
             }
-            pieces.push((material, piece));
+            // What has no triangles needs no copies.
+            if !piece.triangles.is_empty() && count > 0 {
+                pieces.push((material, if skinned { piece } else { copied(piece, copies)? }));
+            }
         }
     }
     if triangles == 0 {
@@ -82,17 +84,19 @@ pub fn read(
     let frame = Frame::around(pieces.iter().map(|(_, piece)| piece), report)?;
     let (mut parts, mut dropped, mut bounds) = (Vec::new(), 0, crate::geom::Aabb::EMPTY);
     for (number, (material, piece)) in pieces.into_iter().enumerate() {
+        let sets = piece.sets.clone();
         let (mesh, lost) = finish::mesh(piece, &frame, report);
         dropped += lost.not_finite;
         let Some(mesh) = mesh else { continue };
         mesh.positions.iter().for_each(|p| bounds.grow(p.map(f64::from)));
         let closed = is_closed(&mesh);
-        let features = Features { uv: mesh.uvs.is_some(), colors: mesh.colors.is_some(), closed };
+        let features = Features { sets, colors: mesh.colors.is_some(), closed };
         let material = materials.get(material, features, blobs, report)?;
+        let uv = mesh.uvs.is_some();
         let triangles = mesh.triangles.len();
         let bytes =
             mesh.to_bytes().map_err(|e| Refusal::new(format!("part {number}"), e.to_string(), "split the mesh"))?;
-        parts.push(AssetPart { mesh: blobs.add(bytes), material, closed, uv: features.uv, triangles });
+        parts.push(AssetPart { mesh: blobs.add(bytes), material, closed, uv, triangles });
     }
     // A stray vertex is mended; a file full of them is damaged.
     if dropped * 10 > triangles {
@@ -113,62 +117,33 @@ pub fn read(
     Ok(AssetBody::Object { parts, materials: materials.list, bounds: [bounds.low, bounds.high] })
 }
 
-/// Every mesh of the default scene, where it stands.
-fn instances(document: &Document<'_>, report: &mut AssetReport) -> Result<Vec<Instance>, Refusal> {
-    let root = &document.root;
-    let number = root.scene.map_or(0, |s| s.value());
-    let roots: Vec<usize> = match root.scenes.get(number) {
-        Some(scene) => scene.nodes.iter().map(Index::value).collect(),
-        None if root.scenes.is_empty() => {
-            // Without scenes: every node that is nobody's child.
-            let children: BTreeSet<usize> =
-                root.nodes.iter().flat_map(|n| n.children.iter().flatten().map(Index::value)).collect();
-            (0..root.nodes.len()).filter(|n| !children.contains(n)).collect()
-        }
-        None => return Err(damaged("scene", format!("scene {number} is not there"))),
-    };
-    if root.nodes.iter().any(|n| n.skin.is_some()) {
-        report.note("skins are in their bind pose");
+/// The copies of a piece as one.
+///
+/// # Errors
+/// If one stands nowhere.
+fn copied(mut piece: Piece, copies: &Copies) -> Result<Piece, Refusal> {
+    if copies.len() == 1 {
+        piece.transform(&copies.map(0)?);
+        return Ok(piece);
     }
-    let mut seen = vec![false; root.nodes.len()];
-    let mut out = Vec::new();
-    let mut stack: Vec<(usize, Affine)> = roots.into_iter().rev().map(|n| (n, IDENTITY)).collect();
-    while let Some((number, above)) = stack.pop() {
-        let place = format!("node {number}");
-        let node = root.nodes.get(number).ok_or_else(|| damaged(&place, "there is no such node"))?;
-        // A node has one parent, so being seen twice means a loop or two parents.
-        if std::mem::replace(&mut seen[number], true) {
-            return Err(damaged(place, "it is its own ancestor, or a child of two nodes"));
+    let mut all: Option<Piece> = None;
+    for i in 0..copies.len() {
+        let mut copy = piece.clone();
+        copy.transform(&copies.map(i)?);
+        match &mut all {
+            Some(all) => all.join(copy),
+            None => all = Some(copy),
         }
-        let map = compose(&above, &local(node));
-        if !map.iter().flatten().all(|v| v.is_finite()) {
-            return Err(damaged(place, "its transform is not finite"));
-        }
-        if let Some(mesh) = node.mesh {
-            // A skin's mesh stands where its joints put it, whatever its node's transform (section 3.7.3.3).
-            out.push(Instance { mesh: mesh.value(), map: if node.skin.is_some() { IDENTITY } else { map } });
-        }
-        stack.extend(node.children.iter().flatten().rev().map(|child| (child.value(), map)));
     }
-    Ok(out)
+    Ok(all.unwrap_or_default())
 }
 
-/// A node's own transform: its matrix, or scale, then rotation, then translation.
-fn local(node: &Node) -> Affine {
-    if let Some(m) = &node.matrix {
-        let m = m.map(f64::from);
-        return [0, 1, 2].map(|r| [m[r], m[4 + r], m[8 + r], m[12 + r]]);
+/// Notes what of the file nothing here reads.
+fn note_what_is_left_out(document: &Document<'_>, report: &mut AssetReport) {
+    for extension in document.unread().take(16) {
+        report.note(format!("the extension `{}` is left out", tame(extension)));
     }
-    let t = node.translation.unwrap_or([0.0; 3]).map(f64::from);
-    let s = node.scale.unwrap_or([1.0; 3]).map(f64::from);
-    let [x, y, z, w] = node.rotation.map_or([0.0, 0.0, 0.0, 1.0], |q| q.0.map(f64::from));
-    // Files hold quaternions to f32 or less: this form is a rotation for any length but 0.
-    let n = x * x + y * y + z * z + w * w;
-    let k = if n > 0.0 { 2.0 / n } else { 0.0 };
-    let rows = [
-        [1.0 - k * (y * y + z * z), k * (x * y - z * w), k * (x * z + y * w)],
-        [k * (x * y + z * w), 1.0 - k * (x * x + z * z), k * (y * z - x * w)],
-        [k * (x * z - y * w), k * (y * z + x * w), 1.0 - k * (x * x + y * y)],
-    ];
-    [0, 1, 2].map(|r| [rows[r][0] * s[0], rows[r][1] * s[1], rows[r][2] * s[2], t[r]])
+    if document.morphs_more() {
+        report.note("morph targets of texture coordinates and colours are left out");
+    }
 }

@@ -3,7 +3,8 @@
 use super::{
     accessor::{self, Values},
     container::Document,
-    draco,
+    deform, draco,
+    uv_sets::UvSet,
 };
 use crate::{
     assets::refusal::{Refusal, damaged},
@@ -24,8 +25,10 @@ pub struct Piece {
     pub triangles: Vec<[u32; 3]>,
     /// Vertex normals; flat without.
     pub normals: Option<Vec<Vec3>>,
-    /// Texture coordinates of the set that the material reads.
+    /// Texture coordinates of the set that the material reads first.
     pub uvs: Option<Vec<[f32; 2]>>,
+    /// The sets that these coordinates stand for.
+    pub sets: Vec<UvSet>,
     /// Vertex colours, linear.
     pub colors: Option<Vec<[f32; 4]>>,
     /// Tangents and handedness.
@@ -34,23 +37,72 @@ pub struct Piece {
 
 /// What of a primitive is wanted.
 #[derive(Clone, Copy, Debug)]
-pub struct Want {
-    /// The set of texture coordinates, if any is read.
-    pub uv_set: Option<u32>,
+pub struct Want<'a> {
+    /// The sets of texture coordinates that are read, the most important one first.
+    pub uv_sets: &'a [u32],
     /// True if tangents are read.
     pub tangents: bool,
+    /// Weights of the morph targets.
+    pub weights: &'a [f64],
+    /// What joints do to vertices, if there is a skin.
+    pub joints: Option<&'a [Affine]>,
 }
 
 /// Where attributes come from.
-struct Source<'a> {
-    document: &'a Document<'a>,
-    primitive: &'a Primitive,
-    draco: Option<draco::Decoded>,
-    place: &'a str,
+pub struct Source<'a> {
+    /// The file.
+    pub document: &'a Document<'a>,
+    /// The primitive.
+    pub primitive: &'a Primitive,
+    /// What of it is compressed.
+    pub draco: Option<draco::Decoded>,
+    /// What it is called in refusals.
+    pub place: &'a str,
+}
+
+/// What a linear map does to normals and tangents.
+pub struct Directions {
+    rows: [Vec3; 3],
+    cofactors: [Vec3; 3],
+    /// True if it mirrors.
+    pub mirrors: bool,
+}
+
+impl Directions {
+    /// Of a map's linear part.
+    pub fn of(map: &Affine) -> Self {
+        let row = |r: usize| [map[r][0], map[r][1], map[r][2]];
+        // Rows of the cofactor matrix, which maps normals, times the determinant's sign.
+        let cofactors = [cross(row(1), row(2)), cross(row(2), row(0)), cross(row(0), row(1))];
+        Self { rows: [row(0), row(1), row(2)], cofactors, mirrors: determinant(map) < 0.0 }
+    }
+
+    fn sign(&self) -> f64 {
+        if self.mirrors { -1.0 } else { 1.0 }
+    }
+
+    /// A normal, of length 1; zero if it has no direction.
+    pub fn normal(&self, n: Vec3) -> Vec3 {
+        scaled_unit(linear(&self.cofactors, n), self.sign())
+    }
+
+    /// A tangent of length 1 with its handedness, which a mirror turns over.
+    pub fn tangent(&self, t: [f64; 4]) -> [f64; 4] {
+        let [x, y, z] = scaled_unit(linear(&self.rows, [t[0], t[1], t[2]]), 1.0);
+        [x, y, z, t[3] * self.sign()]
+    }
+}
+
+fn linear(rows: &[Vec3; 3], v: Vec3) -> Vec3 {
+    rows.map(|r| r[0] * v[0] + r[1] * v[1] + r[2] * v[2])
 }
 
 impl Source<'_> {
-    fn get(&self, semantic: Semantic, name: &str, count: Option<usize>) -> Result<Option<Values>, Refusal> {
+    /// The numbers of an attribute, one vector for each of `count` positions; none if it is not there.
+    ///
+    /// # Errors
+    /// If its accessor is damaged, or of another width or length.
+    pub fn get(&self, semantic: Semantic, name: &str, count: Option<usize>) -> Result<Option<Values>, Refusal> {
         let Some(index) = self.primitive.attributes.get(&Checked::Valid(semantic)) else { return Ok(None) };
         let packed = self.draco.as_ref().and_then(|draco| draco.attribute(name));
         let values = match packed {
@@ -62,6 +114,7 @@ impl Source<'_> {
             "POSITION" | "NORMAL" => &[3],
             "TANGENT" => &[4],
             "COLOR_0" => &[3, 4],
+            _ if name.starts_with("JOINTS_") || name.starts_with("WEIGHTS_") => &[4],
             _ => &[2],
         };
         if !widths.contains(&values.width) {
@@ -74,7 +127,8 @@ impl Source<'_> {
     }
 }
 
-/// The triangles of a primitive; none if it has no surface (points, lines, no positions).
+/// The triangles of a primitive, morphed and on its joints, and whether it has joints; none if it has no surface
+/// (points, lines, no positions).
 ///
 /// # Errors
 /// If an accessor is damaged, an index names no vertex, or attributes differ in length.
@@ -82,9 +136,9 @@ pub fn read(
     document: &Document<'_>,
     primitive: &Primitive,
     place: &str,
-    want: Want,
+    want: Want<'_>,
     report: &mut AssetReport,
-) -> Result<Option<Piece>, Refusal> {
+) -> Result<Option<(Piece, bool)>, Refusal> {
     let mode = match &primitive.mode {
         Checked::Valid(mode @ (Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)) => *mode,
         Checked::Valid(_) => {
@@ -122,26 +176,59 @@ pub fn read(
     if let Some(beyond) = indices.iter().find(|i| **i as usize >= count) {
         return Err(damaged(format!("{place} indices"), format!("vertex {beyond} of {count} is named")));
     }
-    let uvs = match want.uv_set {
-        Some(set) => source.get(Semantic::TexCoords(set), &format!("TEXCOORD_{set}"), Some(count))?,
-        None => None,
-    };
+    let (uvs, sets) = coordinates(&source, want.uv_sets, count, report)?;
     let tangents = if want.tangents { source.get(Semantic::Tangents, "TANGENT", Some(count))? } else { None };
     let colors = colors(&source, count)?;
-    Ok(Some(Piece {
+    let mut piece = Piece {
         positions: positions.vectors::<3>(0.0),
         triangles: triangles(mode, &indices, report),
         normals: source.get(Semantic::Normals, "NORMAL", Some(count))?.map(|v| v.vectors::<3>(0.0)),
-        uvs: uvs.map(|v| {
-            let finite = |x: f64| if x.is_finite() { x } else { 0.0 };
-            mended(v.vectors::<2>(0.0), finite, "texture coordinates that are not finite set to 0", report)
-        }),
+        uvs,
+        sets,
         colors: colors.map(|v| {
             let within = |x: f64| if x.is_finite() { x.clamp(0.0, 1.0) } else { 1.0 };
             mended(v.vectors::<4>(1.0), within, "values of vertex colours outside of 0 to 1 cut to it", report)
         }),
         tangents: tangents.map(|v| v.vectors::<4>(1.0)),
-    }))
+    };
+    deform::morph(&source, want.weights, &mut piece, report)?;
+    let skinned = match want.joints {
+        Some(joints) => deform::skin(&source, joints, &mut piece, report)?,
+        None => false,
+    };
+    if want.joints.is_some() && !skinned {
+        report.note("primitives of skinned meshes that have no joints stand where their node does");
+    }
+    Ok(Some((piece, skinned)))
+}
+
+/// The texture coordinates that a mesh keeps, and the sets that they stand for.
+type Coordinates = (Option<Vec<[f32; 2]>>, Vec<UvSet>);
+
+/// The texture coordinates of the first set that is there, and what they stand for.
+fn coordinates(
+    source: &Source<'_>,
+    wanted: &[u32],
+    count: usize,
+    report: &mut AssetReport,
+) -> Result<Coordinates, Refusal> {
+    let (mut kept, mut sets): (Option<Vec<[f32; 2]>>, _) = (None, Vec::new());
+    for set in wanted {
+        let Some(values) = source.get(Semantic::TexCoords(*set), &format!("TEXCOORD_{set}"), Some(count))? else {
+            continue;
+        };
+        let finite = |x: f64| if x.is_finite() { x } else { 0.0 };
+        let what = "texture coordinates that are not finite set to 0";
+        let uvs = mended(values.vectors::<2>(0.0), finite, what, report);
+        match &kept {
+            None => {
+                sets.push(UvSet::kept(*set));
+                kept = Some(uvs);
+            }
+            Some(kept) => sets.extend(UvSet::mapped(*set, kept, &uvs)),
+        }
+    }
+    Ok((kept, sets))
 }
 
 /// Vectors with `mend` applied to their values; those that it changes are counted.
@@ -202,25 +289,32 @@ impl Piece {
     /// Maps it into another space; a mirroring map turns the triangles round, so that outside stays outside.
     pub fn transform(&mut self, map: &Affine) {
         self.positions.iter_mut().for_each(|p| *p = apply(map, *p));
-        let mirrors = determinant(map) < 0.0;
-        let sign = if mirrors { -1.0 } else { 1.0 };
-        let row = |r: usize| [map[r][0], map[r][1], map[r][2]];
-        // Rows of the cofactor matrix, which maps normals, times the determinant's sign.
-        let cofactors = [cross(row(1), row(2)), cross(row(2), row(0)), cross(row(0), row(1))];
-        let linear = |rows: &[Vec3; 3], v: Vec3| rows.map(|r| r[0] * v[0] + r[1] * v[1] + r[2] * v[2]);
+        let directions = Directions::of(map);
         if let Some(normals) = &mut self.normals {
-            normals.iter_mut().for_each(|n| *n = scaled_unit(linear(&cofactors, *n), sign));
+            normals.iter_mut().for_each(|n| *n = directions.normal(*n));
         }
-        let rows = [row(0), row(1), row(2)];
         if let Some(tangents) = &mut self.tangents {
-            for t in tangents {
-                let along = scaled_unit(linear(&rows, [t[0], t[1], t[2]]), 1.0);
-                *t = [along[0], along[1], along[2], t[3] * sign];
-            }
+            tangents.iter_mut().for_each(|t| *t = directions.tangent(*t));
         }
-        if mirrors {
+        if directions.mirrors {
             self.turn();
         }
+    }
+
+    /// Puts another piece with the same attributes beside it.
+    pub fn join(&mut self, other: Self) {
+        let first = self.positions.len() as u32;
+        self.positions.extend(other.positions);
+        self.triangles.extend(other.triangles.into_iter().map(|t| t.map(|i| first + i)));
+        fn both<T>(own: &mut Option<Vec<T>>, other: Option<Vec<T>>) {
+            if let (Some(own), Some(other)) = (own, other) {
+                own.extend(other);
+            }
+        }
+        both(&mut self.normals, other.normals);
+        both(&mut self.uvs, other.uvs);
+        both(&mut self.colors, other.colors);
+        both(&mut self.tangents, other.tangents);
     }
 
     /// Turns every triangle round, leaving normals.
