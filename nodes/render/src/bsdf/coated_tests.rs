@@ -59,11 +59,13 @@ fn mean(alpha: f64, eta: f64, cos: f64, points: &[([f64; 2], f64)], reflected: b
     sum / all
 }
 
-/// Many points of half of the disk; where the cusp is does not matter to so many radii.
+/// Many points of half of the disk, of which no two angles have the same radii: even radii would all miss the cusp of
+/// total reflection alike.
 fn fine(radii: usize, angles: usize) -> Vec<([f64; 2], f64)> {
-    let ring = |i: usize| ((i as f64 + 0.5) / radii as f64).sqrt();
+    const GOLDEN: f64 = 0.618_033_988_749_894_9;
+    let ring = |i: usize, j: usize| ((i as f64 + (GOLDEN * (j as f64 + 0.5)).fract()) / radii as f64).sqrt();
     let turn = |j: usize| std::f64::consts::PI * ((j as f64 + 0.5) / angles as f64 - 0.5);
-    let at = |i: usize, j: usize| [ring(i) * libm::cos(turn(j)), ring(i) * libm::sin(turn(j))];
+    let at = |i: usize, j: usize| [ring(i, j) * libm::cos(turn(j)), ring(i, j) * libm::sin(turn(j))];
     (0..radii * angles).map(|k| (at(k / angles, k % angles), 1.0)).collect()
 }
 
