@@ -176,7 +176,7 @@ fn sweep_and_packets<R: Real>(accel: &Accel, draw: &mut Draw, half: f32) {
             continue;
         };
         packets += 1;
-        let hits = accel.closest_packet(&packet, mask, &mut stack);
+        let hits = accel.closest_packet::<R, R>(&packet, mask, &mut stack);
         let (mut rows, mut primitive) = ([[0.0; 16]; 3], [0; 16]);
         hits.t.store(&mut rows[0]);
         hits.u.store(&mut rows[1]);

@@ -75,7 +75,7 @@ impl Stream<'_> {
                 self.meet_one_by_one::<T>(at, at + count);
                 continue;
             };
-            let hits = self.batch.world.accel.closest_packet(&packet, mask, &mut stack);
+            let hits = self.batch.world.accel.closest_packet::<R, T>(&packet, mask, &mut stack);
             hits.t.store(&mut self.t[at..]);
             hits.u.store(&mut self.u[at..]);
             hits.v.store(&mut self.v[at..]);
