@@ -235,4 +235,4 @@ impl Placed<f32> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -3,7 +3,8 @@ use crate::{
     accumulator::Accumulator,
     render::Renderer,
     rng::render_state,
-    scenes::{Built, ball, balls_under_sky, columns, everything, film, level, room},
+    scenes::{Built, ball, balls_under_sky, columns, copies, everything, film, level, room},
+    world::Sharing,
 };
 use tauflow_data::{
     Image, SamplerKind,
@@ -17,8 +18,10 @@ fn world(built: &Built) -> World {
 
 #[test]
 fn every_set_of_instructions_has_the_same_bits() {
-    for built in [balls_under_sky(), room(), everything()] {
-        let world = world(&built);
+    let shared = World::with_sharing(&copies().scene, &mut |digest| copies().load(digest), Sharing::Always);
+    let shared = shared.expect("a sound scene");
+    assert!(shared.placed_count() > 15 && shared.features.opacity && shared.features.normal_maps);
+    for world in [world(&balls_under_sky()), world(&room()), world(&everything()), world(&copies()), shared] {
         let films: Vec<_> = Instructions::available()
             .into_iter()
             .map(|instructions| {

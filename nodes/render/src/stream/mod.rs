@@ -21,6 +21,7 @@ use crate::{
     world::World,
 };
 use glam::Vec3;
+use rays::Passing;
 use rows::{DIRECTION, ORIGIN, Paths, Rows, SPARE, Shadows, VERTEX};
 use std::cell::RefCell;
 use tauflow_data::SamplerKind;
@@ -70,6 +71,7 @@ pub(crate) struct Stream<'a> {
     order: Vec<u32>,
     starts: Vec<u32>,
     sweep: Sweep,
+    through: Passing,
     found: Found,
 }
 
@@ -86,6 +88,7 @@ struct Scratch {
     order: Vec<u32>,
     starts: Vec<u32>,
     sweep: Sweep,
+    through: Passing,
 }
 
 thread_local! {
@@ -97,7 +100,7 @@ pub(crate) fn trace(batch: &Batch<'_>, kernels: &Kernels) -> Found {
     let count = batch.paths.len();
     let scratch = SCRATCH.take();
     let Scratch { mut paths, mut next, mut shadows, mut vertices, hits, .. } = scratch;
-    let Scratch { mut primitive, mut shape, mut order, starts, sweep, .. } = scratch;
+    let Scratch { mut primitive, mut shape, mut order, starts, sweep, through, .. } = scratch;
     paths.reserve(count);
     next.reserve(count);
     shadows.reserve(count);
@@ -110,11 +113,28 @@ pub(crate) fn trace(batch: &Batch<'_>, kernels: &Kernels) -> Found {
     shape.resize(shape.len().max(count + SPARE), 0);
     order.resize(order.len().max(count + SPARE), 0);
     let found = Found { radiance: vec![Vec3::ZERO; count], ..Found::default() };
-    let mut stream =
-        Stream { batch, paths, next, shadows, vertices, t, u, v, primitive, shape, order, starts, sweep, found };
+    let mut stream = Stream {
+        batch,
+        paths,
+        next,
+        shadows,
+        vertices,
+        t,
+        u,
+        v,
+        primitive,
+        shape,
+        order,
+        starts,
+        sweep,
+        through,
+        found,
+    };
     stream.run(kernels);
-    let Stream { paths, next, shadows, vertices, t, u, v, primitive, shape, order, starts, sweep, found, .. } = stream;
-    SCRATCH.set(Scratch { paths, next, shadows, vertices, hits: [t, u, v], primitive, shape, order, starts, sweep });
+    let Stream { paths, next, shadows, vertices, t, u, v, primitive, shape, order, starts, .. } = stream;
+    let Stream { sweep, through, found, .. } = stream;
+    let hits = [t, u, v];
+    SCRATCH.set(Scratch { paths, next, shadows, vertices, hits, primitive, shape, order, starts, sweep, through });
     found
 }
 
@@ -129,7 +149,7 @@ impl Stream<'_> {
             }
             stream.found.segments += stream.paths.len as u64;
             if world.features.opacity {
-                stream.meet_through(depth);
+                stream.meet_through(kernels, depth);
             } else if depth == 0 {
                 kernels.meet_packets(stream);
             } else {

@@ -153,7 +153,7 @@ impl<'a> Stream<'a> {
         }
     }
 
-    fn hit(&self, at: usize) -> Hit {
+    pub(super) fn hit(&self, at: usize) -> Hit {
         Hit { t: self.t[at], u: self.u[at], v: self.v[at], primitive: self.primitive[at] }
     }
 
