@@ -1,7 +1,7 @@
 //! Shapes that share a mesh: where each stands, and which may share at all.
 //!
 //! A shared mesh stays in its own space. Rays are brought there in f64 and rounded once; distances along a ray are the
-//! same in both spaces. What is read of a hit is brought into the world in f32, with a bound on its error that covers
+//! same in both spaces, but for a power of two. What is read of a hit is brought into the world in f32, with a bound on its error that covers
 //! the rounding of rays that leave from there: so origins are offset as on any other surface. The numbers of the map
 //! into the mesh's space, rounded to f32, are what the placement is; the map into the world is their inverse.
 //!
@@ -62,6 +62,8 @@ pub(crate) struct Placement {
     /// The map into the world: images of the unit vectors, and of the origin.
     linear: DMat3,
     shift: DVec3,
+    /// Its scale as a power of two.
+    unit: f32,
 }
 
 fn widest(m: &DMat3) -> f64 {
@@ -95,7 +97,9 @@ impl Placement {
         let linear = exact.inverse();
         let back = DVec3::new(local[0][3].into(), local[1][3].into(), local[2][3].into());
         let shift = -(linear * back);
-        (back.is_finite() && shift.is_finite()).then_some(Self { local, linear, shift })
+        // The power of two below the scale: its exponent alone.
+        let unit = f64::from_bits(scale.to_bits() & (0x7FF << 52)) as f32;
+        (back.is_finite() && shift.is_finite()).then_some(Self { local, linear, shift, unit })
     }
 
     /// A point of the mesh in the world.
@@ -106,6 +110,13 @@ impl Placement {
     /// True if it turns right hands into left hands.
     pub(crate) fn mirrors(&self) -> bool {
         self.linear.determinant() < 0.0
+    }
+
+    /// Its scale as a power of two: directions of rays are that much longer in the mesh's space than the map makes them,
+    /// and distances shorter. So directions keep about their length, on which error bounds of hits rely, and no
+    /// distance is rounded.
+    pub(crate) fn unit(&self) -> f32 {
+        self.unit
     }
 
     /// How far points can be from the origin of the mesh's space that are no farther than this from the world's.
@@ -162,9 +173,9 @@ impl Placements {
         self.halves.bytes()
     }
 
-    /// Rays in the space of a placed mesh: worked out in f64, rounded once.
+    /// Rays in the space of a placed mesh, whose [`Placement::unit`] this is: worked out in f64, rounded once.
     #[inline(always)]
-    pub(crate) fn enter<const N: usize>(&self, number: u32, rays: &Rays<N>) -> Rays<N> {
+    pub(crate) fn enter<const N: usize>(&self, number: u32, unit: f32, rays: &Rays<N>) -> Rays<N> {
         let at = (WIDTH as u32 * number) as i32;
         let [_, _, _, _, pa, pb, pc, qa] = self.halves.columns::<f32>(at + 1);
         let [qb, qc, ra, rb, rc, ps, qs, rs] = self.halves.columns::<f32>(at + 2);
@@ -177,7 +188,7 @@ impl Placements {
                 let origin = a * f64::from(ox[k]) + b * f64::from(oy[k]) + c * f64::from(oz[k]) + s;
                 let direction = a * f64::from(dx[k]) + b * f64::from(dy[k]) + c * f64::from(dz[k]);
                 out.origin[axis][k] = origin as f32;
-                out.direction[axis][k] = direction as f32;
+                out.direction[axis][k] = (direction * f64::from(unit)) as f32;
             }
         }
         out

@@ -144,7 +144,7 @@ impl Accel {
         accel.placements.reserve(placed.len());
         for one in placed {
             accel.placements.push(&one.placement);
-            accel.roots.push(Root { node: trees[one.mesh], first: one.first });
+            accel.roots.push(Root { node: trees[one.mesh], first: one.first, unit: one.placement.unit() });
         }
         accel.nodes.shrink_to_fit();
         accel.blocks.shrink_to_fit();
@@ -311,7 +311,12 @@ impl Source<'_> {
     fn members(&self, groups: &[u32]) -> Vec<u32> {
         let Some(all) = &self.groups else { return groups.to_vec() };
         let run = |group: &u32| all.runs[*group as usize];
-        groups.iter().map(run).flat_map(|(from, count)| &all.members[from as usize..][..count as usize]).copied().collect()
+        groups
+            .iter()
+            .map(run)
+            .flat_map(|(from, count)| &all.members[from as usize..][..count as usize])
+            .copied()
+            .collect()
     }
 
     /// A node of obvhs's tree, its leaves with bounds of our own, and such that they fit a block.

@@ -2,7 +2,7 @@
 //! have none.
 //!
 //! Kernels are generic over the level that they traverse, so that each is one straight function. A ray in a mesh's space
-//! has the distances of the ray in the world, so that hits compare as they are.
+//! has the distances of the ray in the world but for a power of two, so that hits compare without rounding.
 
 use super::{
     Accel, Root,
@@ -58,10 +58,11 @@ impl Accel {
     #[inline(always)]
     pub(super) fn enter(&self, which: u32, origin: Vec3, direction: Vec3) -> (Ray, Root) {
         let ray = Rays { origin: origin.to_array().map(|v| [v]), direction: direction.to_array().map(|v| [v]) };
-        let own = self.placements.enter(which, &ray);
+        let root = self.roots[which as usize];
+        let own = self.placements.enter(which, root.unit, &ray);
         let [[ox], [oy], [oz]] = own.origin;
         let [[dx], [dy], [dz]] = own.direction;
-        (Ray::new(Vec3::new(ox, oy, oz), Vec3::new(dx, dy, dz)), self.roots[which as usize])
+        (Ray::new(Vec3::new(ox, oy, oz), Vec3::new(dx, dy, dz)), root)
     }
 }
 
@@ -71,15 +72,15 @@ impl Level for World {
     #[inline(always)]
     fn closest<T: Real>(accel: &Accel, which: u32, walk: &Walk, best: &mut Best, stack: &mut [(u32, f32)]) {
         let (ray, root) = accel.enter(which, walk.origin, walk.direction);
-        let mut own = Best::none(best.t);
+        let mut own = Best::none(best.t / root.unit);
         accel.closest_from::<T, Mesh>(root.node, &Walk::new(&ray), &mut own, stack);
-        own.merge(root.first, best);
+        own.merge(root, best);
     }
 
     #[inline(always)]
     fn occluded<T: Real>(accel: &Accel, which: u32, walk: &Walk, t_max: f32, stack: &mut [(u32, f32)]) -> bool {
         let (ray, root) = accel.enter(which, walk.origin, walk.direction);
-        accel.occluded_from::<T, Mesh>(root.node, &Walk::new(&ray), t_max, stack)
+        accel.occluded_from::<T, Mesh>(root.node, &Walk::new(&ray), t_max / root.unit, stack)
     }
 
     #[inline(always)]
@@ -102,9 +103,9 @@ impl Level for World {
                     rays.origin[axis][k] = set.origin[axis][at];
                     rays.direction[axis][k] = set.direction[axis][at];
                 }
-                own.t[from + k] = memory.end_of(at);
+                own.t[from + k] = memory.end_of(at) / root.unit;
             }
-            let rays = accel.placements.enter(which, &rays);
+            let rays = accel.placements.enter(which, root.unit, &rays);
             for axis in 0..3 {
                 own.rows[axis][from..from + SPARE].copy_from_slice(&rays.origin[axis]);
                 own.rows[3 + axis][from..from + SPARE].copy_from_slice(&rays.direction[axis]);
@@ -129,9 +130,8 @@ impl Level for World {
                 }
             } else if own.primitive[k] != super::NONE {
                 let best = Best { t: own.t[k], u: own.u[k], v: own.v[k], primitive: own.primitive[k] };
-                let mut known =
-                    Best { t: memory.end_of(at), u: set.u[at], v: set.v[at], primitive: set.primitive[at] };
-                best.merge(root.first, &mut known);
+                let mut known = Best { t: memory.end_of(at), u: set.u[at], v: set.v[at], primitive: set.primitive[at] };
+                best.merge(root, &mut known);
                 set.keep(at, known.u, known.v, known.primitive);
                 memory.end(at, known.t);
             }
@@ -149,12 +149,12 @@ impl Level for World {
         stack: &mut [(u32, f32)],
     ) {
         let root = accel.roots[which as usize];
-        let own = accel.placements.enter(which, &rays.rows());
+        let own = accel.placements.enter(which, root.unit, &rays.rows());
         let ([ox, oy, oz], [dx, dy, dz]) = (&own.origin, &own.direction);
         let (origin, direction) = (Triple::load([ox, oy, oz], 0), Triple::load([dx, dy, dz], 0));
         // Any primitive is lower than this one: of hits at one distance the mesh's are yet to be compared.
         let mut found =
-            PacketHits { t: best.t, u: R::zero(), v: R::zero(), primitive: R::Integer::splat(i32::MAX) };
+            PacketHits { t: best.t / root.unit, u: R::zero(), v: R::zero(), primitive: R::Integer::splat(i32::MAX) };
         if let Some(packet) = Packet::new(origin, direction, mask) {
             accel.closest_packet_from::<R, T, Mesh>(root.node, &packet, mask, &mut found, stack);
         } else {
@@ -179,7 +179,7 @@ impl Level for World {
             found.primitive = R::Integer::load(&primitives);
         }
         let met = mask & !R::same(found.primitive, R::Integer::splat(i32::MAX));
-        best.merge(&found, root.first, met);
+        best.merge(&found, root, met);
     }
 }
 

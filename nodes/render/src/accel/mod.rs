@@ -95,11 +95,13 @@ const TREE_STACK: usize = 160;
 /// Entries of the traversal stack: of the world's tree, and of the tree of a mesh that is placed in it.
 pub(crate) const STACK: usize = 2 * TREE_STACK;
 
-/// Where the tree of a placed mesh begins, and the number of its first primitive.
+/// Where the tree of a placed mesh begins, the number of its first primitive, and how much longer distances are in the
+/// world: a power of two.
 #[derive(Clone, Copy, Debug)]
 struct Root {
     node: u32,
     first: u32,
+    unit: f32,
 }
 
 /// The hierarchy over a scene's primitives; and below it, over each mesh that several shapes share, in its own space.

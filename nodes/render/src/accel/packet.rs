@@ -1,7 +1,7 @@
 //! Traversal by as many rays as there are lanes, for rays that go nearly the same way, as those of one pixel do.
 
 use super::{
-    Accel, Block, CURVED, LEAF, NONE, PLACED, Stack, WIDE,
+    Accel, Block, CURVED, LEAF, NONE, PLACED, Root, Stack, WIDE,
     leaves::bits,
     level::{Level, World},
     sweep::SPARE,
@@ -255,10 +255,10 @@ impl<R: Real> PacketHits<R> {
         self.primitive = R::select_integer(better, number, self.primitive);
     }
 
-    /// Takes the hits of a mask with a placed mesh, its primitives counted from `first` on.
+    /// Takes the hits of a mask with a placed mesh.
     #[inline(always)]
-    pub(super) fn merge(&mut self, found: &Self, first: u32, met: R::Mask) {
-        let number = found.primitive + R::Integer::splat(first as i32);
-        self.improve(found.t, found.u, found.v, number, met);
+    pub(super) fn merge(&mut self, found: &Self, root: Root, met: R::Mask) {
+        let number = found.primitive + R::Integer::splat(root.first as i32);
+        self.improve(found.t * root.unit, found.u, found.v, number, met);
     }
 }

@@ -250,7 +250,7 @@ fn agrees_with_brute_force_on_two_levels() {
         sweep_and_packets::<f32>(&accel, &mut draw, 15.0);
         #[cfg(target_arch = "x86_64")]
         sweep_and_packets::<crate::lanes::F4>(&accel, &mut draw, 15.0);
-        assert!(hits > 1000, "{hits} hits");
+        assert!(hits > 100, "{hits} hits");
     }
     // A mesh placed twice in one place: the lower number counts, and the owner is found.
     let triangle = Primitive::Triangle([Vec3::ZERO, Vec3::X, Vec3::Y]);

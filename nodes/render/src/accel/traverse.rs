@@ -1,7 +1,7 @@
 //! Traversal by one ray: nearest hit and any hit.
 
 use super::{
-    Accel, Block, CURVED, Hit, LEAF, NONE, Node, PLACED, STACK, WIDE,
+    Accel, Block, CURVED, Hit, LEAF, NONE, Node, PLACED, Root, STACK, WIDE,
     level::{Level, World},
 };
 use crate::{
@@ -270,9 +270,9 @@ impl Accel {
                 self.force(which, walk, best);
             } else if which & PLACED == PLACED {
                 let (local, root) = self.enter(which & !PLACED, walk.origin, walk.direction);
-                let mut own = Best::none(best.t);
+                let mut own = Best::none(best.t / root.unit);
                 self.force(root.node, &Walk::new(&local), &mut own);
-                own.merge(root.first, best);
+                own.merge(root, best);
             } else {
                 self.improve::<f32>(which & !LEAF, walk, walk.shear, best);
             }
@@ -303,11 +303,11 @@ impl Best {
         }
     }
 
-    /// Takes the best hit with a placed mesh into another, its primitives counted from `first` on.
+    /// Takes the best hit with a placed mesh into that in the world.
     #[inline(always)]
-    pub(super) fn merge(&self, first: u32, into: &mut Self) {
+    pub(super) fn merge(&self, root: Root, into: &mut Self) {
         if self.primitive != NONE {
-            into.take(self.t, self.u, self.v, first + self.primitive);
+            into.take(self.t * root.unit, self.u, self.v, root.first + self.primitive);
         }
     }
 

@@ -456,9 +456,8 @@ impl Guide {
 
 /// The guide of a shape of an intensity, by its extent and, if it is flat, its normal.
 fn shape_guide(forms: impl Iterator<Item = accel::Primitive>, normal: Option<Vec3>, intensity: f32) -> Guide {
-    let (low, high) = forms
-        .map(|form| form.bounds())
-        .fold((Vec3::MAX, Vec3::MIN), |all, own| (all.0.min(own.0), all.1.max(own.1)));
+    let (low, high) =
+        forms.map(|form| form.bounds()).fold((Vec3::MAX, Vec3::MIN), |all, own| (all.0.min(own.0), all.1.max(own.1)));
     let square = ((high - low) * 0.5).length_squared().max(f32::MIN_POSITIVE);
     // A quarter for a surface that faces anywhere, and another for a body that is seen from all sides.
     let seen = if normal.is_some() { 0.25 } else { 0.0625 };

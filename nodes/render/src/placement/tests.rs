@@ -38,7 +38,7 @@ fn bounds_cover_points_and_the_way_back() {
         assert!((p - surface).abs().cmple(error).all(), "{p} {surface} {error}");
         // A ray that begins there begins within the bound when it is brought back.
         let ray = Rays { origin: p.as_vec3().to_array().map(|v| [v]), direction: [[1.0], [0.0], [0.0]] };
-        let own = placements.enter(0, &ray).origin;
+        let own = placements.enter(0, placement.unit(), &ray).origin;
         let back = placement.point(Vec3::new(own[0][0], own[1][0], own[2][0]));
         assert!((back - surface).abs().cmple(error).all(), "{back} {surface} {error}");
         assert!(error.max_element() < 1e-5 * (size + away), "{error} of {size} at {away}");
@@ -53,9 +53,8 @@ fn bounds_cover_points_and_the_way_back() {
 
 #[test]
 fn only_benign_placements_share() {
-    let diagonal = |x: f64, y: f64, z: f64, s: f64| -> Affine {
-        [[x, 0.0, 0.0, s], [0.0, y, 0.0, -s], [0.0, 0.0, z, s]]
-    };
+    let diagonal =
+        |x: f64, y: f64, z: f64, s: f64| -> Affine { [[x, 0.0, 0.0, s], [0.0, y, 0.0, -s], [0.0, 0.0, z, s]] };
     let shares = |affine: Affine| Placement::new(&Map::new(&affine)).is_some();
     for benign in [1.0, -1.0, 1e-5, 1e5] {
         assert!(shares(diagonal(benign, benign, benign, 3.0)) && shares(diagonal(1.0, 2.0, 5.0, 1e4 * benign)));
