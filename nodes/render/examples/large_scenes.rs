@@ -54,7 +54,7 @@ fn inside() -> Built {
 
 /// A turned copy's place on a grid of a side.
 fn place(stream: &mut Stream, at: [f64; 3], scale: f64) -> tauflow_data::scene::Affine {
-    let (u, v) = (stream.range(0.0, 6.28), stream.range(-0.5, 0.5));
+    let (u, v) = (stream.range(0.0, std::f64::consts::TAU), stream.range(-0.5, 0.5));
     let (s, c) = (tauflow_data::maths::sin(u), tauflow_data::maths::cos(u));
     let (p, q) = (tauflow_data::maths::sin(v), tauflow_data::maths::cos(v));
     let scaled = |axis: [f64; 3]| axis.map(|value| value * scale);

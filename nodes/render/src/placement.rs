@@ -6,8 +6,9 @@
 //! into the mesh's space, rounded to f32, are what the placement is; the map into the world is their inverse.
 //!
 //! # Which shapes share
-//! Those whose mesh (by its digest) at least two shapes place benignly, if the triangles saved are at least
-//! [`WORTH`]: fewer are traversed faster in one hierarchy of the world. Placements that are not benign (flat, not
+//! Those whose mesh (by its digest) has at least [`LEAST`] triangles and at least two benign placements, if the triangles
+//! saved are at least [`WORTH`]. From there on sharing is faster, too, as measured on separate bodies
+//! (`examples/large_scenes.rs`); with fewer, one hierarchy of the world is as fast, and small. Placements that are not benign (flat, not
 //! finite, more than 2^20 times larger or smaller, stretched 64 times as far one way as another) are
 //! copied into the world, and treated there as any mesh.
 
@@ -21,7 +22,7 @@ use glam::{DMat3, DVec3, Vec3};
 /// Triangles that sharing must save.
 pub(crate) const WORTH: usize = 1 << 15;
 /// Triangles of a mesh that is worth a hierarchy of its own.
-pub(crate) const LEAST: usize = 1 << 10;
+pub(crate) const LEAST: usize = 1 << 8;
 /// Scales are within this and its reciprocal.
 const SCALE: f64 = (1u32 << 20) as f64;
 /// Bound on the product of the norms of a map and its inverse.

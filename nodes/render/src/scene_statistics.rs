@@ -21,7 +21,7 @@ use tauflow_data::{
 };
 
 const SCENES: Each<SceneRecord> = Each::new("scenes", "The scenes to measure.");
-const STATISTICS: Out<SceneStatistics> = Out::new(Group::main(2), "statistics", "What was measured.");
+const STATISTICS: Out<SceneStatistics> = Out::new(Group::main(3), "statistics", "What was measured.");
 
 /// Shortest side of a film that statistics can be taken from.
 const LEAST_SIDE: usize = 4;
