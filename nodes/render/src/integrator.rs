@@ -99,7 +99,7 @@ impl Strategy {
     }
 }
 
-/// The first hit that does not let the ray pass, at its distance from the ray's origin; for rays on their own, which the
+/// The first hit that does not let the ray pass, at its distance from the ray's origin; for rays on their own, as the
 /// paths of a render are not.
 pub(crate) fn first_solid(world: &World, sampler: &Sampler, depth: u32, ray: Ray) -> Option<(Hit, Interaction)> {
     let dimension = Sampler::vertex(depth) + dimension::PASSAGE;

@@ -1,16 +1,18 @@
 //! Shapes that share a mesh: where each stands, and which may share at all.
 //!
 //! A shared mesh stays in its own space. Rays are brought there in f64 and rounded once; distances along a ray are the
-//! same in both spaces, but for a power of two. What is read of a hit is brought into the world in f32, with a bound on its error that covers
-//! the rounding of rays that leave from there: so origins are offset as on any other surface. The numbers of the map
-//! into the mesh's space, rounded to f32, are what the placement is; the map into the world is their inverse.
+//! same in both spaces, but for a power of two. What is read of a hit is brought into the world in f32, with a bound on
+//! its error that covers the rounding of rays that leave from there: so origins are offset as on any other surface. The
+//! numbers of the map into the mesh's space, rounded to f32, are what the placement is; the map into the world is their
+//! inverse. A mesh is as watertight as in the world; between meshes that only touch, rounding differs.
 //!
 //! # Which shapes share
-//! Those whose mesh (by its digest) has at least [`LEAST`] triangles and at least two benign placements, if the triangles
-//! saved are at least [`WORTH`]. From there on sharing is faster, too, as measured on separate bodies
-//! (`examples/large_scenes.rs`); with fewer, one hierarchy of the world is as fast, and small. Placements that are not benign (flat, not
-//! finite, more than 2^20 times larger or smaller, stretched 64 times as far one way as another) are
-//! copied into the world, and treated there as any mesh.
+//! Those whose mesh (by its digest) has at least [`LEAST`] triangles and at least two benign placements, if at least
+//! [`WORTH`] triangles are saved. From there on sharing is faster, too, as measured on separate bodies
+//! (`examples/large_scenes.rs`); with fewer, one hierarchy of the world is as fast, and small.
+//!
+//! Placements are not benign that are flat, not finite, more than 2^20 times larger or smaller, or stretched (by norms of map and inverse) more
+//! than 256 times. They are copied into the world, and treated there as any mesh.
 
 use crate::{
     geometry::{Map, Rays, gamma},
@@ -113,8 +115,8 @@ impl Placement {
         self.linear.determinant() < 0.0
     }
 
-    /// Its scale as a power of two: directions of rays are that much longer in the mesh's space than the map makes them,
-    /// and distances shorter. So directions keep about their length, on which error bounds of hits rely, and no
+    /// Its scale as a power of two: directions of rays are that much longer in the mesh's space than the map makes
+    /// them, and distances shorter. So directions keep about their length, on which error bounds of hits rely, and no
     /// distance is rounded.
     pub(crate) fn unit(&self) -> f32 {
         self.unit

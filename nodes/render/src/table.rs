@@ -1,8 +1,8 @@
 //! What the shading of a hit reads, shared as meshes share it: half a record for each triangle, with the numbers of its
 //! vertices, its normal and its shape; and half a record for each vertex.
 //!
-//! The vertices of a mesh that is placed once are in the world, and turned as its shape says; those of a mesh that
-//! several shapes share are in its own space, and [`crate::placement`] brings what is read of them into the world.
+//! The vertices of a mesh that is placed once are in the world, and turned as its shape says. Those of a mesh that
+//! several shapes share are in its own space: [`crate::placement`] brings what is read of them into the world.
 
 use crate::lanes::{Mask, Pair, Real, Record, Triple};
 use glam::{Vec2, Vec3};
@@ -62,7 +62,7 @@ impl Halves {
     }
 }
 
-/// What the vertices of a triangle lack: vertices of a mesh that has no normals, and of one without texture coordinates.
+/// What the vertices of a triangle lack.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Lacks {
     pub(crate) normals: bool,

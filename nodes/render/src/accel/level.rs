@@ -1,8 +1,8 @@
-//! The two levels of a hierarchy: the world's tree, some of whose leaves are placed meshes, and the trees of these, which
-//! have none.
+//! The two levels of a hierarchy: the world's tree, some of whose leaves are placed meshes, and the trees of these,
+//! which have none.
 //!
-//! Kernels are generic over the level that they traverse, so that each is one straight function. A ray in a mesh's space
-//! has the distances of the ray in the world but for a power of two, so that hits compare without rounding.
+//! Kernels are generic over the level that they traverse, so that each is one straight function. A ray in a mesh's
+//! space has the distances of the ray in the world but for a power of two, so that hits compare without rounding.
 
 use super::{
     Accel, Root,

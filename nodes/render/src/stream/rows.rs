@@ -91,8 +91,8 @@ pub(super) const PDF: usize = 10;
 pub(super) type Shadows = Rows<10>;
 pub(super) const END: usize = 6;
 pub(super) const ARRIVES: usize = 7;
-/// Rows of a ray that goes on through surfaces: origin, direction, its end, the share of light that is left. Numbers are
-/// those of the path or of the shadow ray.
+/// Rows of a ray that goes on through surfaces: origin, direction, its end, the share of light that is left. Its number
+/// is that of the path or of the shadow ray.
 pub(super) type Through = Rows<8>;
 pub(super) const SHARE: usize = 7;
 /// Rows of a vertex, in the order of materials: point, bound on its error, geometric normal, shading normal, that of
