@@ -11,8 +11,8 @@
 //! [`WORTH`] triangles are saved. From there on sharing is faster, too, as measured on separate bodies
 //! (`examples/large_scenes.rs`); with fewer, one hierarchy of the world is as fast, and small.
 //!
-//! Placements are not benign that are flat, not finite, more than 2^20 times larger or smaller, or stretched (by norms of
-//! map and inverse) more than 256 times. They are copied into the world, and treated there as any mesh.
+//! Placements are not benign that are flat, not finite, more than 2^20 times larger or smaller, or stretched more than
+//! 256 times (by norms of map and inverse). They are copied into the world, and treated there as any mesh.
 
 use crate::{
     geometry::{Map, Rays, gamma},
