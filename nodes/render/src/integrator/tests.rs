@@ -173,6 +173,6 @@ fn rays_through_surfaces_end_where_single_rays_do() {
             assert_eq!(pixel.sum[2] == f64::from(0.4f32), sky, "{at:?} {sharing:?}");
             assert!(lamp || sky || pixel.sum == [0.0; 3], "{at:?} {sharing:?}");
         }
-        assert!(passed > 100 && lamps > 10, "{passed} passed, {lamps} lamps, {sharing:?}");
+        assert!(passed > 50 && lamps > 5, "{passed} passed, {lamps} lamps, {sharing:?}");
     }
 }
