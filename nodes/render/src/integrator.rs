@@ -10,9 +10,10 @@ use crate::{
     geometry::{Ray, offset_origin},
     lanes::Real,
     rng::Sampler,
-    surface::Interaction,
+    surface::{Form, Interaction},
     world::World,
 };
+use glam::Vec3;
 
 /// When paths are ended at random.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,7 +38,7 @@ impl Default for Roulette {
 }
 
 /// Passages through transparent surfaces in one ray; only geometry that repeats without end has more.
-const PASSAGES: u64 = 4096;
+pub(crate) const PASSAGES: u64 = 4096;
 
 /// Dimensions of a vertex.
 pub(crate) mod dimension {
@@ -98,7 +99,8 @@ impl Strategy {
     }
 }
 
-/// The first hit that does not let the ray pass, at its distance from the ray's origin.
+/// The first hit that does not let the ray pass, at its distance from the ray's origin; for rays on their own, as the
+/// paths of a render are not.
 pub(crate) fn first_solid(world: &World, sampler: &Sampler, depth: u32, ray: Ray) -> Option<(Hit, Interaction)> {
     let dimension = Sampler::vertex(depth) + dimension::PASSAGE;
     let mut rest = ray;
@@ -114,29 +116,71 @@ pub(crate) fn first_solid(world: &World, sampler: &Sampler, depth: u32, ray: Ray
     None
 }
 
-/// Share of the light that a shadow ray lets through.
-pub(crate) fn transmittance(world: &World, ray: Ray) -> f32 {
-    let endless = ray.t_max == f32::MAX;
-    let (mut rest, mut share) = (ray, 1.0);
-    for _ in 0..PASSAGES {
-        let Some((hit, at)) = world.meet(&rest) else { return share };
-        share *= 1.0 - world.opacity_of(at.shape, &at.surface);
-        if share <= 0.0 {
-            return 0.0;
+/// A shadow ray on its way through surfaces.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Dimmed {
+    pub(crate) ray: Ray,
+    /// Share of the light that is left.
+    pub(crate) share: f32,
+}
+
+impl Dimmed {
+    /// Goes through the surface of a hit; false if nothing is left to be met, or no light.
+    pub(crate) fn pass(&mut self, world: &World, hit: &Hit) -> bool {
+        let (shape, primitive) = world.place(hit.primitive);
+        if !world.materials[world.shapes[shape as usize].material as usize].has_opacity() {
+            self.share = 0.0;
+            return false;
         }
-        let origin = offset_origin(at.p, at.error, at.geometric, rest.direction);
-        if endless {
-            rest.origin = origin;
-        } else {
-            // The same end, measured from the new origin.
-            let end = rest.at(1.0);
-            rest = Ray { origin, direction: end - origin, t_max: rest.t_max };
-            if hit.t >= rest.t_max {
-                return share;
-            }
+        let at = world.interaction_at(&self.ray, hit, (shape, primitive));
+        self.share *= 1.0 - world.opacity_of(shape, &at.surface);
+        if self.share <= 0.0 {
+            self.share = 0.0;
+            return false;
         }
+        let origin = offset_origin(at.p, at.error, at.geometric, self.ray.direction);
+        if self.ray.t_max == f32::MAX {
+            self.ray.origin = origin;
+            return true;
+        }
+        // The same end, measured from the new origin.
+        let end = self.ray.at(1.0);
+        self.ray = Ray { origin, direction: end - origin, t_max: self.ray.t_max };
+        hit.t < self.ray.t_max
     }
-    0.0
+}
+
+/// What a ray of a path does at a hit.
+pub(crate) enum Met {
+    /// It ends there.
+    Solid(Hit),
+    /// It goes on from there.
+    Through(Vec3),
+}
+
+/// What `rest` does at a hit: the ray `whole` of a path, after so many passages.
+pub(crate) fn met(
+    world: &World,
+    sampler: &Sampler,
+    depth: u32,
+    passage: u64,
+    (whole, rest): (&Ray, &Ray),
+    hit: Hit,
+) -> Met {
+    let (shape, primitive) = world.place(hit.primitive);
+    let own = &world.shapes[shape as usize];
+    // Of the distance only spheres make use.
+    if !world.materials[own.material as usize].has_opacity() && !matches!(own.form, Form::Sphere(_)) {
+        return Met::Solid(hit);
+    }
+    let at = world.interaction_at(rest, &hit, (shape, primitive));
+    let opacity = world.opacity_of(shape, &at.surface);
+    let dimension = Sampler::vertex(depth) + dimension::PASSAGE;
+    if opacity >= 1.0 || sampler.one(dimension + (passage << 32)) < opacity {
+        let t = (at.p - whole.origin).dot(whole.direction);
+        return Met::Solid(Hit { t, ..hit });
+    }
+    Met::Through(offset_origin(at.p, at.error, at.geometric, whole.direction))
 }
 
 #[cfg(test)]

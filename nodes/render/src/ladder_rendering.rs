@@ -18,7 +18,7 @@ use tauflow_data::{
 
 const NAME: &str = "ladder_rendering";
 const LADDERS: Group = Group::new("ladder", 5);
-const GBUFFERS: Group = Group::new("gbuffer", 4);
+const GBUFFERS: Group = Group::new("gbuffer", 5);
 const TIMINGS: Group = Group::new("timing", 5);
 /// Version of what is remembered of renders: goes up with that of [`LADDERS`] when any image changes.
 const MEMO_VERSION: u32 = 5;

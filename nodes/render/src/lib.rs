@@ -15,6 +15,7 @@ pub mod integrator;
 pub mod ladder_rendering;
 mod lanes;
 pub mod lights;
+mod placement;
 pub mod quality_gate;
 pub mod render;
 pub mod rng;

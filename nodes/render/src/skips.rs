@@ -4,7 +4,7 @@
 //! | skip | what is left out | for |
 //! |---|---|---|
 //! | `kernels` | lobes that a material lacks: each sort of material has a kernel of its own, by lanes | every scene |
-//! | `opacity` | single rays that may pass surfaces, and shadow rays that are dimmed | scenes without opacity |
+//! | `opacity` | rays that pass surfaces and are met again, and shadow rays that are dimmed | scenes without opacity |
 //! | `environment` | light from infinity: its tables, samples and lookups | closed rooms |
 //! | `textures` | texture lookups of materials of one colour, and the texture coordinates for them | constant materials |
 //! | `normal_maps` | frames of normal maps | materials without one |

@@ -1,32 +1,33 @@
 //! A scene made ready to render: shapes in world space under one hierarchy, materials, lights, and what it needs.
 //!
+//! A mesh that several shapes place is held once, if that is worth it: [`crate::placement`] has the rule.
+//!
 //! Reads scenes and blobs, never files. Degenerate and non-finite triangles are dropped and counted; what cannot be
 //! rendered at all is refused.
 
+mod collect;
+#[cfg(test)]
+mod tests;
+
+pub use crate::placement::Sharing;
+
 use crate::{
-    accel::{self, Accel, Hit},
-    bounds,
+    accel::{Accel, Hit},
     bsdf::Material,
-    geometry::{Disk, Frame, Map, Ray, Sphere, area_normal, cube, rectangle},
-    lights::{Emission, Lights},
-    surface::{Form, Interaction, MeshAttributes, Primitive, interact, tangent_frame},
-    table::{DISK, Row, SPHERE, TRIANGLE, Table},
+    geometry::{Frame, Ray},
+    lights::Lights,
+    surface::{Form, IN_WORLD, Interaction, MeshAttributes, Shape, interact, tangent_frame},
+    table::{DARK, DISK, SPHERE, TRIANGLE, TURNED, Table},
     texture::Texture,
 };
-use glam::{DVec3, Vec2, Vec3, Vec4};
+use collect::Collected;
+use glam::{DVec3, Vec4};
 use std::{collections::BTreeMap, sync::Arc};
 use tauflow_contract::{Digest, KindError};
-use tauflow_data::{
-    Image,
-    mesh::Mesh,
-    scene::{Geometry, Scene, Shape as SceneShape},
-};
+use tauflow_data::{Image, scene::Scene};
 
 /// Hands out the bytes of a blob.
 pub type LoadBlob<'a> = &'a mut dyn FnMut(&Digest) -> Result<Vec<u8>, KindError>;
-
-/// Primitives of a scene at most: their rows are found by numbers of 31 bits, and their tree is not too deep.
-const MOST_PRIMITIVES: usize = 1 << 24;
 
 /// What a scene has: what it lacks is skipped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -52,21 +53,12 @@ pub struct Dropped {
     pub not_finite: u64,
 }
 
-/// A shape in the world.
-#[derive(Debug)]
-pub(crate) struct Shape {
-    pub(crate) form: Form,
-    pub(crate) material: u32,
-    pub(crate) flip: bool,
-    /// Its light, if it emits.
-    pub(crate) light: Option<u32>,
-}
-
 /// A scene made ready to render.
 pub struct World {
     pub(crate) accel: Accel,
-    pub(crate) primitives: Vec<Primitive>,
     pub(crate) table: Table,
+    /// Which materials are of shapes that share a mesh.
+    pub(crate) shared: Vec<bool>,
     /// Which materials are of shapes that emit.
     pub(crate) emits: Vec<bool>,
     /// Which materials, or the emission of their shapes, read vertex colours.
@@ -74,6 +66,13 @@ pub struct World {
     /// Which materials are of shapes that are no meshes.
     pub(crate) bodies: Vec<bool>,
     pub(crate) shapes: Vec<Shape>,
+    /// Of each shape: its light, its number among placed meshes, and what it is ([`TRIANGLE`], [`DISK`], [`SPHERE`], or
+    /// [`TURNED`]).
+    pub(crate) light_of: Vec<u32>,
+    pub(crate) placed_of: Vec<u32>,
+    pub(crate) form_of: Vec<u32>,
+    /// The shape of each placed mesh.
+    placed_shapes: Vec<u32>,
     pub(crate) materials: Vec<Material>,
     pub(crate) lights: Lights,
     /// Its camera.
@@ -88,17 +87,6 @@ pub struct World {
     pub dropped: Dropped,
 }
 
-/// Shapes and primitives as they are collected.
-#[derive(Default)]
-struct Collected {
-    forms: Vec<accel::Primitive>,
-    primitives: Vec<Primitive>,
-    table: Table,
-    shapes: Vec<Shape>,
-    emissions: Vec<Emission>,
-    dropped: Dropped,
-}
-
 impl World {
     /// Compiles a scene.
     ///
@@ -107,6 +95,14 @@ impl World {
     /// value of a material or an emission is not finite, or beyond what a surface can do. If a blob is missing or
     /// damaged.
     pub fn new(scene: &Scene, load: LoadBlob<'_>) -> Result<Self, KindError> {
+        Self::with_sharing(scene, load, Sharing::default())
+    }
+
+    /// Compiles a scene, in which these meshes are shared by their shapes.
+    ///
+    /// # Errors
+    /// As [`World::new`].
+    pub fn with_sharing(scene: &Scene, load: LoadBlob<'_>, sharing: Sharing) -> Result<Self, KindError> {
         if scene.version != 1 {
             return Err(KindError::Input(format!("the scene has format version {}; this reads 1", scene.version)));
         }
@@ -135,48 +131,49 @@ impl World {
         }
         let environment = crate::lights::compile_environment(&scene.emitters, &mut load_bitmap)?;
         drop(bitmaps);
-        let mut collected = Collected::default();
-        for (index, (shape, emission)) in scene.shapes.iter().zip(emissions).enumerate() {
-            collected.add(shape, emission, &materials, load).map_err(|error| within("shape", index, error))?;
-        }
-        if collected.primitives.len() > MOST_PRIMITIVES {
-            return Err(KindError::Input(format!(
-                "the scene has {} triangles and bodies; at most {MOST_PRIMITIVES} can be rendered",
-                collected.primitives.len()
-            )));
-        }
+        let collected = Collected::of(scene, emissions, &materials, load, sharing)?;
         let viewpoint = DVec3::from_array(scene.camera.origin).as_vec3();
-        let accel = Accel::new(&collected.forms, viewpoint);
-        let Collected { forms, primitives, mut table, mut shapes, emissions, dropped } = collected;
-        let lights = Lights::new(emissions, environment, &scene.emitters, &forms, accel.bounds())?;
+        let accel = collected.accel(viewpoint);
+        let (lights, collected) = collected.lights(environment, &scene.emitters, accel.bounds())?;
+        let Collected { table, mut shapes, dropped, placed_shapes, .. } = collected;
         let mut emits = vec![false; materials.len()];
         let mut reads_colors: Vec<bool> = materials.iter().map(Material::reads_colors).collect();
         for (index, light) in lights.shapes() {
             let shape = &mut shapes[light.shape as usize];
             reads_colors[shape.material as usize] |= light.texture.reads_colors();
-            shape.light = Some(index);
+            shape.light = index;
             emits[shape.material as usize] = true;
-            table.light[light.primitives()].fill(index);
         }
-        let mut bodies = vec![false; materials.len()];
-        for shape in shapes.iter().filter(|shape| !matches!(shape.form, Form::Mesh(_))) {
-            bodies[shape.material as usize] = true;
+        let (mut bodies, mut shared) = (vec![false; materials.len()], vec![false; materials.len()]);
+        for shape in &shapes {
+            bodies[shape.material as usize] |= !matches!(shape.form, Form::Mesh(_));
+            shared[shape.material as usize] |= shape.placed != IN_WORLD;
         }
+        let form_of = |shape: &Shape| match &shape.form {
+            Form::Mesh(_) if shape.placed != IN_WORLD && shape.flip => TURNED,
+            Form::Mesh(_) => TRIANGLE,
+            Form::Disk(_) => DISK,
+            Form::Sphere(_) => SPHERE,
+        };
         let used = |wanted: fn(&Material) -> bool| shapes.iter().any(|s| wanted(&materials[s.material as usize]));
         let features = Features {
             environment: lights.environment().is_some(),
-            area_lights: shapes.iter().any(|s| s.light.is_some()),
+            area_lights: shapes.iter().any(|s| s.light != DARK),
             delta_lights: lights.has_delta(),
             opacity: used(Material::has_opacity),
             normal_maps: used(Material::has_normal_map),
         };
         Ok(Self {
             accel,
-            primitives,
             table,
+            shared,
             emits,
             reads_colors,
             bodies,
+            light_of: shapes.iter().map(|s| s.light).collect(),
+            placed_of: shapes.iter().map(|s| s.placed).collect(),
+            form_of: shapes.iter().map(form_of).collect(),
+            placed_shapes,
             shapes,
             materials,
             lights,
@@ -188,9 +185,49 @@ impl World {
         })
     }
 
-    /// Number of primitives.
+    /// Number of primitives; of a mesh that shapes share, once for each shape.
     pub fn primitive_count(&self) -> usize {
-        self.primitives.len()
+        self.shapes.iter().map(|shape| shape.count as usize).sum()
+    }
+
+    /// Shapes that share a mesh.
+    pub fn placed_count(&self) -> usize {
+        self.placed_shapes.len()
+    }
+
+    /// Memory of shapes, their primitives and their hierarchy; without materials, pictures and lights.
+    pub fn geometry_bytes(&self) -> usize {
+        // Shapes that share a mesh share its attributes.
+        let mut meshes: Vec<&Arc<MeshAttributes>> = Vec::new();
+        let mut bodies = 0;
+        for shape in &self.shapes {
+            match &shape.form {
+                Form::Mesh(mesh) => meshes.push(mesh),
+                Form::Sphere(sphere) => bodies += size_of_val(&**sphere),
+                Form::Disk(disk) => bodies += size_of_val(&**disk),
+            }
+        }
+        meshes.sort_unstable_by_key(|mesh| Arc::as_ptr(mesh));
+        meshes.dedup_by_key(|mesh| Arc::as_ptr(mesh));
+        let rows = [&self.light_of, &self.placed_of, &self.form_of, &self.placed_shapes];
+        self.accel.bytes()
+            + self.table.bytes()
+            + self.shapes.capacity() * size_of::<Shape>()
+            + rows.iter().map(|row| row.capacity() * size_of::<u32>()).sum::<usize>()
+            + meshes.iter().map(|mesh| mesh.bytes()).sum::<usize>()
+            + bodies
+    }
+
+    /// The shape and the primitive in the table of a primitive that was hit.
+    #[inline]
+    pub(crate) fn place(&self, primitive: u32) -> (u32, u32) {
+        match self.accel.owner(primitive) {
+            None => (self.table.shape(primitive), primitive),
+            Some((placed, local)) => {
+                let shape = self.placed_shapes[placed as usize];
+                (shape, self.shapes[shape as usize].base + local)
+            }
+        }
     }
 
     /// Nearest hit, worked out.
@@ -202,16 +239,19 @@ impl World {
 
     /// A hit of a ray, worked out.
     pub(crate) fn interaction(&self, ray: &Ray, hit: &Hit) -> Interaction {
-        let primitive = &self.primitives[hit.primitive as usize];
-        let shape = &self.shapes[primitive.shape as usize];
-        interact(&self.table, primitive, &shape.form, shape.flip, ray, hit)
+        self.interaction_at(ray, hit, self.place(hit.primitive))
     }
 
-    /// Vertex colour at a point of a triangle; one on what is none.
-    pub(crate) fn color(&self, primitive: u32, u: f32, v: f32) -> Vec4 {
-        let primitive = &self.primitives[primitive as usize];
-        match &self.shapes[primitive.shape as usize].form {
-            Form::Mesh(mesh) => mesh.color(primitive, [1.0 - u - v, u, v]),
+    /// A hit of a ray with a primitive of the table, of a shape.
+    pub(crate) fn interaction_at(&self, ray: &Ray, hit: &Hit, (shape, primitive): (u32, u32)) -> Interaction {
+        let own = &self.shapes[shape as usize];
+        interact((&self.table, self.accel.placements()), (shape, own), primitive, ray, hit)
+    }
+
+    /// Vertex colour at a point of a shape's triangle in the table; one on what is none.
+    pub(crate) fn color(&self, shape: u32, primitive: u32, u: f32, v: f32) -> Vec4 {
+        match &self.shapes[shape as usize].form {
+            Form::Mesh(mesh) => mesh.color(&self.table, primitive, [1.0 - u - v, u, v]),
             Form::Sphere(_) | Form::Disk(_) => Vec4::ONE,
         }
     }
@@ -228,13 +268,13 @@ impl World {
         &self.materials[self.shapes[at.shape as usize].material as usize]
     }
 
-    /// The shading frame of a hit, with its normal map if the material has one.
+    /// The shading frame of a hit with a primitive of the table, with its normal map if the material has one.
     #[inline]
-    pub(crate) fn shading_frame(&self, hit: &Hit, at: &Interaction) -> Frame {
+    pub(crate) fn shading_frame(&self, hit: &Hit, primitive: u32, at: &Interaction) -> Frame {
         if let Some(mapped) = self.material(at).shading_normal(&at.surface) {
-            let primitive = &self.primitives[hit.primitive as usize];
-            let form = &self.shapes[primitive.shape as usize].form;
-            let n = tangent_frame(&self.table, primitive, form, hit, at).to_world(mapped);
+            let shape = &self.shapes[at.shape as usize];
+            let of = (&self.table, self.accel.placements());
+            let n = tangent_frame(of, shape, primitive, hit, at).to_world(mapped);
             return Frame::new(n.normalize_or(at.shading));
         }
         Frame::new(at.shading)
@@ -246,123 +286,5 @@ fn within(part: &str, index: usize, error: KindError) -> KindError {
     match error {
         KindError::Input(what) => KindError::Input(format!("{part} {index}: {what}")),
         other => other,
-    }
-}
-
-impl Collected {
-    fn add(
-        &mut self,
-        shape: &SceneShape,
-        emission: Option<Texture>,
-        materials: &[Material],
-        load: LoadBlob<'_>,
-    ) -> Result<(), KindError> {
-        let Some(surface) = materials.get(shape.material) else {
-            return Err(KindError::Input(format!(
-                "material {} of {}; name one that is there",
-                shape.material,
-                materials.len()
-            )));
-        };
-        let map = Map::new(&shape.to_world);
-        let index = self.shapes.len() as u32;
-        let first = self.primitives.len();
-        let material = shape.material as u32;
-        let turned = if shape.flip_normals { -1.0 } else { 1.0 };
-        let mut single = |form: accel::Primitive, normal: Vec3, positions: [Vec3; 3], sort: u32| {
-            self.forms.push(form);
-            self.primitives.push(Primitive { shape: index, triangle: 0, normal });
-            let normal = normal * turned;
-            let row = Row { positions, normal, normals: [normal; 3], uvs: [Vec2::ZERO; 3] };
-            self.table.push(&row, material, sort);
-        };
-        let form = match &shape.geometry {
-            Geometry::Sphere { center, radius } => {
-                let sphere = Sphere::new(*center, *radius, &map).map_err(KindError::Input)?;
-                let radius = Vec3::new(sphere.radius, turned, 0.0);
-                single(accel::Primitive::Sphere(sphere), Vec3::ZERO, [sphere.center, radius, Vec3::ZERO], SPHERE);
-                Form::Sphere(sphere)
-            }
-            Geometry::Disk => {
-                let flat = || KindError::Input("a disk whose `to_world` leaves it no area, or is not finite".into());
-                let disk = Disk::new(&map).ok_or_else(flat)?;
-                single(accel::Primitive::Disk(disk), disk.normal, [disk.center, disk.x, disk.y], DISK);
-                Form::Disk(disk)
-            }
-            Geometry::Rectangle => self.add_mesh(index, shape, &rectangle(), &map),
-            Geometry::Cube => self.add_mesh(index, shape, &cube(), &map),
-            Geometry::Mesh { mesh } => {
-                let mesh = Mesh::from_bytes(&load(mesh)?)?;
-                let shines = emission.as_ref().is_some_and(Texture::reads_colors);
-                bounds::vertex_colors(&mesh, surface.reads_colors(), shines)?;
-                self.add_mesh(index, shape, &mesh, &map)
-            }
-        };
-        if let Some(texture) = emission {
-            if texture.is_negative() {
-                return Err(KindError::Input("an emission below 0; use radiance from 0".into()));
-            }
-            if texture.bounds().is_none() {
-                return Err(KindError::Input(
-                    "an emission with values that are not finite; use radiance from 0".into(),
-                ));
-            }
-            let count = self.primitives.len() - first;
-            let normal = match &form {
-                Form::Sphere(_) => None,
-                Form::Disk(disk) => Some(if shape.flip_normals { -disk.normal } else { disk.normal }),
-                Form::Mesh(_) => self.table.flat(first, count),
-            };
-            self.emissions.push(Emission { shape: index, texture, first, count, normal, flip: shape.flip_normals });
-        }
-        self.shapes.push(Shape { form, material: shape.material as u32, flip: shape.flip_normals, light: None });
-        Ok(())
-    }
-
-    /// Adds a mesh's triangles in the world. A map that mirrors keeps outside outside.
-    fn add_mesh(&mut self, index: u32, shape: &SceneShape, mesh: &Mesh, map: &Map) -> Form {
-        let double = |v: &[f32; 3]| Vec3::from_array(*v).as_dvec3();
-        let positions: Vec<Vec3> = mesh.positions.iter().map(|p| map.point(double(p))).collect();
-        let side = if map.mirrors() { -1.0 } else { 1.0 };
-        let direction = |n: &[f32; 3]| map.normal(double(n)).map_or(Vec3::ZERO, glam::DVec3::as_vec3);
-        let normals: Option<Vec<Vec3>> = mesh.normals.as_ref().map(|all| all.iter().map(direction).collect());
-        let turned = if shape.flip_normals { -1.0 } else { 1.0 };
-        let mut triangles = Vec::with_capacity(mesh.triangles.len());
-        for triangle in &mesh.triangles {
-            let vertices = triangle.map(|i| positions[i as usize]);
-            if !vertices.iter().all(|v| v.is_finite()) {
-                self.dropped.not_finite += 1;
-                continue;
-            }
-            let Some((_, normal)) = area_normal(vertices[0], vertices[1], vertices[2]) else {
-                self.dropped.degenerate += 1;
-                continue;
-            };
-            let normal = normal * side;
-            let row = Row {
-                positions: vertices,
-                normal: normal * turned,
-                normals: triangle.map(|at| normals.as_ref().map_or(normal, |all| all[at as usize]) * turned),
-                // Without coordinates of its own a triangle has its weights.
-                uvs: mesh.uvs.as_ref().map_or([Vec2::ZERO, Vec2::X, Vec2::Y], |uvs| {
-                    triangle.map(|at| Vec2::from_array(uvs[at as usize]))
-                }),
-            };
-            self.table.push(&row, shape.material as u32, TRIANGLE);
-            self.forms.push(accel::Primitive::Triangle(vertices));
-            self.primitives.push(Primitive { shape: index, triangle: triangles.len() as u32, normal });
-            triangles.push(*triangle);
-        }
-        let tangent = |t: &[f32; 4]| {
-            let along = map.vector(DVec3::new(t[0].into(), t[1].into(), t[2].into()));
-            (along.normalize_or_zero().as_vec3()).extend(t[3] * side)
-        };
-        Form::Mesh(MeshAttributes {
-            triangles,
-            normals,
-            uvs: mesh.uvs.as_ref().map(|uvs| uvs.iter().map(|uv| Vec2::from_array(*uv)).collect()),
-            colors: mesh.colors.as_ref().map(|colors| colors.iter().map(|c| Vec4::from_array(*c)).collect()),
-            tangents: mesh.tangents.as_ref().map(|tangents| tangents.iter().map(tangent).collect()),
-        })
     }
 }

@@ -1,7 +1,7 @@
 //! Leaves met by lists of rays, as many rays side by side as there are lanes.
 
 use super::{
-    Accel, Block, Curved,
+    Accel, Block, CURVED, Curved, NONE,
     sweep::{SPARE, Set, Sweep},
     traverse::Best,
 };
@@ -68,10 +68,10 @@ impl Accel {
             let none = R::Mask::from_bits(0);
             let mut best = Bests { t, u: R::zero(), v: R::zero(), primitive: R::Integer::splat(-1), better: none };
             for (lane, primitive) in block.primitives.into_iter().enumerate() {
-                if primitive == u32::MAX {
+                if primitive == NONE {
                     break;
                 }
-                if block.curved >> lane & 1 == 1 {
+                if primitive & CURVED != 0 {
                     continue;
                 }
                 macro_rules! vertex {
@@ -96,7 +96,7 @@ impl Accel {
                     best = self.sweep_unsure::<R, ANY>(block, lane, list, unsure, axes, set, memory, best);
                 }
             }
-            if block.curved != 0 {
+            if block.has_curved() {
                 self.sweep_curved::<R, ANY>(block, at, mask, set, &mut best);
             }
             let mut bits = best.better.bits();
@@ -178,22 +178,21 @@ impl Accel {
             R::gather(set.origin[axis], at).store(&mut rays.origin[axis]);
             R::gather(set.direction[axis], at).store(&mut rays.direction[axis]);
         }
-        let mut index = block.first_curved as usize;
-        for lane in 0..8 {
-            if block.curved >> lane & 1 == 0 {
-                continue;
+        for place in block.primitives {
+            if place == NONE || place & CURVED == 0 {
+                break;
             }
+            let (primitive, curved) = &self.curved[(place & !CURVED) as usize];
             let mut ends = [0.0; SPARE];
             best.t.store(&mut ends);
-            let (found, met) = self.curved[index].intersect_all(&rays, &ends);
-            index += 1;
+            let (found, met) = curved.intersect_all(&rays, &ends);
             let met = mask & R::Mask::from_bits(bits(&met));
             if ANY {
                 best.better = best.better | met;
             } else if met.any() {
                 let [t, u, v] = found;
                 let hit = [R::load(&t), R::load(&u), R::load(&v)];
-                best.take(met, hit, block.primitives[lane], set.primitive, at);
+                best.take(met, hit, *primitive, set.primitive, at);
             }
         }
     }

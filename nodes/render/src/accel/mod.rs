@@ -1,6 +1,9 @@
 //! Bounding volume hierarchy: obvhs builds a binary tree, which is collapsed into nodes of eight boxes side by
 //! side.
 //!
+//! There are two levels: the world's tree holds triangles and bodies, and meshes that several shapes share as one box
+//! each. Such a mesh has a tree of its own, in its own space, into which rays are brought where they meet its box.
+//!
 //! Knows forms, not what they are made of. Its result does not depend on the tree: boxes are padded beyond the rounding
 //! of what is in them, and of several hits at one distance the lowest primitive counts. Traversal after Ylitie,
 //! Karras, Laine 2017 in its ordering of children; the exit distance is widened as by Ize 2013, *Robust BVH Ray
@@ -9,16 +12,21 @@
 mod batch;
 mod build;
 mod leaves;
+mod level;
 mod packet;
 mod sweep;
 mod traverse;
 
 pub use batch::RayBatch;
+pub(crate) use build::{Forms, PlacedMesh, SharedMesh};
 pub(crate) use packet::Packet;
 pub(crate) use sweep::{Set, Sweep};
 pub(crate) use traverse::Stack;
 
-use crate::geometry::{Disk, Eight, Sphere};
+use crate::{
+    geometry::{Disk, Eight, Sphere},
+    placement::Placements,
+};
 use glam::Vec3;
 
 /// A primitive's form.
@@ -52,16 +60,14 @@ enum Curved {
     Disk(Disk),
 }
 
-/// Up to eight primitives, side by side. Lanes that are not used hold NaN, which meets nothing.
+/// Up to eight primitives, side by side, curved ones first. Lanes that are not used hold NaN, which meets nothing.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 struct Block {
-    /// By vertex and axis.
+    /// By vertex and axis; NaN for what is curved.
     vertices: Eight,
+    /// Primitives; with [`CURVED`], places in [`Accel::curved`]; [`NONE`] in lanes that are not used.
     primitives: [u32; 8],
-    /// Bits of the lanes that are curved, and the first of these in [`Accel::curved`].
-    curved: u32,
-    first_curved: u32,
 }
 
 /// Eight boxes. Planes are lower x, upper x, lower y, upper y, lower z, upper z; a box that is not used is inverted.
@@ -69,23 +75,44 @@ struct Block {
 #[repr(C, align(64))]
 struct Node {
     planes: [[f32; 8]; 6],
-    /// Index of an inner node; or, with [`LEAF`], of a block.
+    /// Index of an inner node; or, with [`LEAF`], of a block; or, with [`PLACED`], of a placed mesh.
     children: [u32; 8],
 }
 
 const LEAF: u32 = 1 << 31;
+/// A leaf that is a mesh placed there.
+const PLACED: u32 = LEAF | 1 << 30;
+/// A primitive that is no triangle.
+const CURVED: u32 = 1 << 31;
+/// No primitive.
+const NONE: u32 = u32::MAX;
 /// Children of a node.
 const WIDE: usize = 8;
 /// Most primitives in a leaf.
 const LEAF_SIZE: u32 = 8;
-/// Entries of the traversal stack; trees that need more are balanced.
-pub(crate) const STACK: usize = 160;
+/// Entries of the traversal stack that a tree takes; trees that need more are balanced.
+const TREE_STACK: usize = 160;
+/// Entries of the traversal stack: of the world's tree, and of the tree of a mesh that is placed in it.
+pub(crate) const STACK: usize = 2 * TREE_STACK;
 
-/// The hierarchy over a scene's primitives.
+/// Where the tree of a placed mesh begins, the number of its first primitive, and how much longer distances are in the
+/// world: a power of two.
+#[derive(Clone, Copy, Debug)]
+struct Root {
+    node: u32,
+    first: u32,
+    unit: f32,
+}
+
+/// The hierarchy over a scene's primitives; and below it, over each mesh that several shapes share, in its own space.
+#[derive(Default)]
 pub struct Accel {
     nodes: Vec<Node>,
     blocks: Vec<Block>,
-    curved: Vec<Curved>,
+    /// Forms with their primitives.
+    curved: Vec<(u32, Curved)>,
+    roots: Vec<Root>,
+    placements: Placements,
     bounds: (Vec3, Vec3),
 }
 
@@ -93,6 +120,29 @@ impl Accel {
     /// Smallest and largest coordinates of all primitives; both 0 if there is none.
     pub fn bounds(&self) -> (Vec3, Vec3) {
         self.bounds
+    }
+
+    /// Where shared meshes stand.
+    #[inline(always)]
+    pub(crate) fn placements(&self) -> &Placements {
+        &self.placements
+    }
+
+    /// The placed mesh of a primitive, and its number there; `None` if it is of the world.
+    #[inline]
+    pub(crate) fn owner(&self, primitive: u32) -> Option<(u32, u32)> {
+        let after = self.roots.partition_point(|root| root.first <= primitive);
+        let which = after.checked_sub(1)?;
+        Some((which as u32, primitive - self.roots[which].first))
+    }
+
+    /// Memory that it takes.
+    pub fn bytes(&self) -> usize {
+        self.nodes.capacity() * size_of::<Node>()
+            + self.blocks.capacity() * size_of::<Block>()
+            + self.curved.capacity() * size_of::<(u32, Curved)>()
+            + self.roots.capacity() * size_of::<Root>()
+            + self.placements.bytes()
     }
 }
 

@@ -1,6 +1,11 @@
 //! Traversal by as many rays as there are lanes, for rays that go nearly the same way, as those of one pixel do.
 
-use super::{Accel, Block, LEAF, Stack, WIDE, leaves::bits, sweep::SPARE};
+use super::{
+    Accel, Block, CURVED, LEAF, NONE, PLACED, Root, Stack, WIDE,
+    leaves::bits,
+    level::{Level, World},
+    sweep::SPARE,
+};
 use crate::{
     geometry::{Ray, Rays, Walk, gamma, intersect_lanes, intersect_triangle, lane_of},
     lanes::{Integer, Mask, Real, Triple},
@@ -89,6 +94,18 @@ impl<R: Real> Packet<R> {
         })
     }
 
+    /// The rays by component.
+    #[inline(always)]
+    pub(super) fn rows(&self) -> Rays<SPARE> {
+        let mut own = Rays { origin: [[0.0; SPARE]; 3], direction: [[0.0; SPARE]; 3] };
+        let (o, d) = (self.origin, self.direction);
+        for (axis, (o, d)) in [(o.x, d.x), (o.y, d.y), (o.z, d.z)].into_iter().enumerate() {
+            o.store(&mut own.origin[axis]);
+            d.store(&mut own.direction[axis]);
+        }
+        own
+    }
+
     /// The ray of one lane.
     fn walk(&self, lane: usize) -> Walk {
         Walk::new(&Ray::new(self.origin.lane(lane), self.direction.lane(lane)))
@@ -98,19 +115,41 @@ impl<R: Real> Packet<R> {
 impl Accel {
     /// The nearest hits of a packet: those of [`Accel::closest`], ray by ray.
     #[inline(always)]
-    pub(crate) fn closest_packet<R: Real>(&self, rays: &Packet<R>, mask: R::Mask, stack: &mut Stack) -> PacketHits<R> {
+    pub(crate) fn closest_packet<R: Real, T: Real>(
+        &self,
+        rays: &Packet<R>,
+        mask: R::Mask,
+        stack: &mut Stack,
+    ) -> PacketHits<R> {
         let none = R::Integer::splat(-1);
         let mut best = PacketHits { t: R::splat(f32::MAX), u: R::zero(), v: R::zero(), primitive: none };
-        if self.nodes.is_empty() {
-            return best;
+        if !self.nodes.is_empty() {
+            self.closest_packet_from::<R, T, World>(0, rays, mask, &mut best, stack);
         }
-        stack[0].0 = 0;
+        best
+    }
+
+    /// Looks below a root for what is nearer than the best hits of a packet.
+    #[inline(always)]
+    pub(super) fn closest_packet_from<R: Real, T: Real, L: Level>(
+        &self,
+        root: u32,
+        rays: &Packet<R>,
+        mask: R::Mask,
+        best: &mut PacketHits<R>,
+        stack: &mut [(u32, f32)],
+    ) {
+        stack[0].0 = root;
         let mut height = 1;
         while height > 0 {
             height -= 1;
             let (current, _) = stack[height];
+            if L::HAS_PLACED && current & PLACED == PLACED {
+                L::packet::<R, T>(self, current & !PLACED, rays, mask, best, &mut stack[height..]);
+                continue;
+            }
             if current & LEAF != 0 {
-                self.meet_packet(&self.blocks[(current & !LEAF) as usize], rays, mask, &mut best);
+                self.meet_packet(&self.blocks[(current & !LEAF) as usize], rays, mask, best);
                 continue;
             }
             let node = &self.nodes[current as usize];
@@ -145,7 +184,6 @@ impl Accel {
                 }
             }
         }
-        best
     }
 
     #[inline(always)]
@@ -154,10 +192,10 @@ impl Accel {
         let (ox, oy, oz) = (axis(&rays.origin, kx), axis(&rays.origin, ky), axis(&rays.origin, kz));
         for lane in 0..8 {
             let primitive = block.primitives[lane];
-            if primitive == u32::MAX {
+            if primitive == NONE {
                 break;
             }
-            if block.curved >> lane & 1 == 1 {
+            if primitive & CURVED != 0 {
                 continue;
             }
             macro_rules! vertex {
@@ -167,7 +205,7 @@ impl Accel {
                 }};
             }
             let found = intersect_lanes([vertex!(0), vertex!(1), vertex!(2)], rays.shear, best.t);
-            self.improve_packet(best, found.t, found.u, found.v, primitive, found.met & mask);
+            best.improve(found.t, found.u, found.v, R::Integer::splat(primitive as i32), found.met & mask);
             let mut unsure = (found.edges & mask).bits();
             while unsure != 0 {
                 let ray = unsure.trailing_zeros() as usize;
@@ -175,49 +213,52 @@ impl Accel {
                 if let Some(hit) = intersect_triangle(&rays.walk(ray), &lane_of(&block.vertices, lane), f32::MAX) {
                     let own = R::Mask::from_bits(1 << ray);
                     let [t, u, v] = [hit.t, hit.u, hit.v].map(R::splat);
-                    self.improve_packet(best, t, u, v, primitive, own & t.le(best.t));
+                    best.improve(t, u, v, R::Integer::splat(primitive as i32), own & t.le(best.t));
                 }
             }
         }
-        if block.curved != 0 {
+        if block.has_curved() {
             self.meet_packet_curved(block, rays, mask, best);
         }
     }
 
     #[inline(always)]
     fn meet_packet_curved<R: Real>(&self, block: &Block, rays: &Packet<R>, mask: R::Mask, best: &mut PacketHits<R>) {
-        let mut own = Rays { origin: [[0.0; SPARE]; 3], direction: [[0.0; SPARE]; 3] };
-        let (o, d) = (rays.origin, rays.direction);
-        for (axis, (o, d)) in [(o.x, d.x), (o.y, d.y), (o.z, d.z)].into_iter().enumerate() {
-            o.store(&mut own.origin[axis]);
-            d.store(&mut own.direction[axis]);
-        }
-        let mut index = block.first_curved as usize;
-        for lane in 0..8 {
-            if block.curved >> lane & 1 == 0 {
-                continue;
+        let own = rays.rows();
+        for place in block.primitives {
+            if place == NONE || place & CURVED == 0 {
+                break;
             }
+            let (primitive, curved) = &self.curved[(place & !CURVED) as usize];
             let mut ends = [0.0; SPARE];
             best.t.store(&mut ends);
-            let ([t, u, v], met) = self.curved[index].intersect_all(&own, &ends);
-            index += 1;
+            let ([t, u, v], met) = curved.intersect_all(&own, &ends);
             let met = mask & R::Mask::from_bits(bits(&met));
-            self.improve_packet(best, R::load(&t), R::load(&u), R::load(&v), block.primitives[lane], met);
+            let number = R::Integer::splat(*primitive as i32);
+            best.improve(R::load(&t), R::load(&u), R::load(&v), number, met);
         }
     }
+}
 
+impl<R: Real> PacketHits<R> {
     /// Takes hits not beyond the best into account; of those at one distance the lowest primitive counts.
     #[inline(always)]
-    fn improve_packet<R: Real>(&self, best: &mut PacketHits<R>, t: R, u: R, v: R, primitive: u32, met: R::Mask) {
+    fn improve(&mut self, t: R, u: R, v: R, number: R::Integer, met: R::Mask) {
         if !met.any() {
             return;
         }
-        let number = R::Integer::splat(primitive as i32);
-        let lower = R::same(best.primitive.max(number), best.primitive);
-        let better = met & (t.lt(best.t) | lower);
-        best.t = R::select(better, t, best.t);
-        best.u = R::select(better, u, best.u);
-        best.v = R::select(better, v, best.v);
-        best.primitive = R::select_integer(better, number, best.primitive);
+        let lower = R::same(self.primitive.max(number), self.primitive);
+        let better = met & (t.lt(self.t) | lower);
+        self.t = R::select(better, t, self.t);
+        self.u = R::select(better, u, self.u);
+        self.v = R::select(better, v, self.v);
+        self.primitive = R::select_integer(better, number, self.primitive);
+    }
+
+    /// Takes the hits of a mask with a placed mesh.
+    #[inline(always)]
+    pub(super) fn merge(&mut self, found: &Self, root: Root, met: R::Mask) {
+        let number = found.primitive + R::Integer::splat(root.first as i32);
+        self.improve(found.t * root.unit, found.u, found.v, number, met);
     }
 }

@@ -4,7 +4,11 @@
 //! After Barringer, Akenine-Moeller 2014, *Dynamic Ray Stream Traversal*. What a ray finds is what [`Accel::closest`]
 //! finds, whatever else is in the list: the order of visits changes no result.
 
-use super::{Accel, LEAF, STACK, Stack, WIDE, traverse::Best};
+use super::{
+    Accel, LEAF, PLACED, STACK, WIDE,
+    level::{Level, World},
+    traverse::Best,
+};
 use crate::{
     geometry::{Walk, gamma},
     lanes::{Integer, Mask, Real, Record, Triple},
@@ -38,6 +42,33 @@ pub(crate) struct Sweep {
     group: Vec<u32>,
     lists: Vec<u32>,
     visits: Vec<Visit>,
+    stack: Vec<(u32, f32)>,
+    /// Of placed meshes.
+    pub(super) below: Option<Box<Below>>,
+}
+
+/// Rays in the space of a placed mesh, and what they have met there.
+#[derive(Default)]
+pub(super) struct Below {
+    pub(super) rows: [Vec<f32>; 6],
+    pub(super) t: Vec<f32>,
+    pub(super) u: Vec<f32>,
+    pub(super) v: Vec<f32>,
+    pub(super) primitive: Vec<u32>,
+    pub(super) sweep: Sweep,
+}
+
+impl Below {
+    /// Makes room for so many rays.
+    pub(super) fn reserve(&mut self, rays: usize) {
+        let room = rays + SPARE;
+        if self.t.len() < room {
+            for row in self.rows.iter_mut().chain([&mut self.t, &mut self.u, &mut self.v]) {
+                row.resize(room, 0.0);
+            }
+            self.primitive.resize(room, u32::MAX);
+        }
+    }
 }
 
 /// Columns of a ray's halves: its end.
@@ -122,6 +153,12 @@ impl Sweep {
         (ray[END], ray[8 + END]) = (t, t);
     }
 
+    /// Where a ray ends.
+    #[inline(always)]
+    pub(super) fn end_of(&self, at: usize) -> f32 {
+        self.rays[at].0[END]
+    }
+
     /// One ray, as single rays are followed.
     #[inline(always)]
     pub(super) fn walk(&self, at: usize, set: &Set<'_>, axes: [usize; 3]) -> Walk {
@@ -145,7 +182,20 @@ impl Accel {
         if self.nodes.is_empty() || count == 0 {
             return;
         }
-        let mut stack: Stack = [(0, 0.0); STACK];
+        self.sweep_from::<R, T, World, ANY>(0, set, count, memory);
+    }
+
+    /// [`Accel::sweep`] below a root, for some rays.
+    #[inline(always)]
+    pub(super) fn sweep_from<R: Real, T: Real, L: Level, const ANY: bool>(
+        &self,
+        root: u32,
+        set: &mut Set<'_>,
+        count: usize,
+        memory: &mut Sweep,
+    ) {
+        let mut stack = std::mem::take(&mut memory.stack);
+        stack.resize(STACK, (0, 0.0));
         memory.prepare::<R>(set, count);
         let mut starts = [0usize; GROUPS + 1];
         for group in &memory.group[..count] {
@@ -166,31 +216,26 @@ impl Accel {
             let (start, len) = (starts[group], starts[group + 1] - starts[group]);
             if len > 0 {
                 let free = count + SPARE;
-                self.sweep_group::<R, T, ANY>(
-                    group,
-                    set,
-                    memory,
-                    &mut lists,
-                    Visit { node: 0, start, len, free },
-                    &mut stack,
-                );
+                let root = Visit { node: root, start, len, free };
+                self.sweep_group::<R, T, L, ANY>(group, set, memory, &mut lists, root, &mut stack);
             }
         }
         memory.lists = lists;
+        memory.stack = stack;
         for (t, ray) in set.t.iter_mut().zip(&memory.rays[..count]) {
             *t = ray.0[END];
         }
     }
 
     #[inline(always)]
-    fn sweep_group<R: Real, T: Real, const ANY: bool>(
+    fn sweep_group<R: Real, T: Real, L: Level, const ANY: bool>(
         &self,
         group: usize,
         set: &mut Set<'_>,
         memory: &mut Sweep,
         lists: &mut Vec<u32>,
         root: Visit,
-        stack: &mut Stack,
+        stack: &mut [(u32, f32)],
     ) {
         let sign = [group & 1, group >> 1 & 1, group >> 2 & 1];
         let kz = group >> 3;
@@ -206,10 +251,13 @@ impl Accel {
         while let Some(visit) = visits.pop() {
             if visit.len <= FEW {
                 for at in &lists[visit.start..visit.start + visit.len] {
-                    self.follow::<T, ANY>(visit.node, *at as usize, &common, set, memory, stack);
+                    self.follow::<T, L, ANY>(visit.node, *at as usize, &common, set, memory, stack);
                 }
             } else if visit.node & LEAF == 0 {
                 self.sweep_node::<R>(visit, &common, memory, lists, &mut visits);
+            } else if L::HAS_PLACED && visit.node & PLACED == PLACED {
+                let list = &lists[visit.start..visit.start + visit.len];
+                L::sweep::<R, T, ANY>(self, visit.node & !PLACED, list, set, memory);
             } else {
                 let block = &self.blocks[(visit.node & !LEAF) as usize];
                 self.sweep_block::<R, ANY>(block, &lists[visit.start..], visit.len, common.axes, set, memory);
@@ -220,14 +268,14 @@ impl Accel {
 
     /// One ray from a node on.
     #[inline(always)]
-    fn follow<T: Real, const ANY: bool>(
+    fn follow<T: Real, L: Level, const ANY: bool>(
         &self,
         node: u32,
         at: usize,
         common: &Common,
         set: &mut Set<'_>,
         memory: &mut Sweep,
-        stack: &mut Stack,
+        stack: &mut [(u32, f32)],
     ) {
         let t = memory.rays[at].0[END];
         if ANY && t < 0.0 {
@@ -235,12 +283,12 @@ impl Accel {
         }
         let walk = memory.walk(at, set, common.axes);
         if ANY {
-            if self.occluded_from::<T>(node, &walk, t, stack) {
+            if self.occluded_from::<T, L>(node, &walk, t, stack) {
                 memory.end(at, -1.0);
             }
         } else {
             let mut best = Best { t, u: set.u[at], v: set.v[at], primitive: set.primitive[at] };
-            self.closest_from::<T>(node, &walk, &mut best, stack);
+            self.closest_from::<T, L>(node, &walk, &mut best, stack);
             set.keep(at, best.u, best.v, best.primitive);
             memory.end(at, best.t);
         }

@@ -1,9 +1,10 @@
 //! The hierarchy against brute force, and on geometry made to break it.
 
-use super::{Accel, Hit, Packet, Primitive, RayBatch, STACK, Set, Sweep};
+use super::{Accel, Forms, Hit, Packet, PlacedMesh, Primitive, RayBatch, STACK, Set, SharedMesh, Sweep};
 use crate::{
     geometry::{Disk, Map, Ray, Sphere, cube},
     lanes::{Integer, Mask, Real, Triple},
+    placement::Placement,
 };
 use glam::{DVec3, Vec3};
 use tauflow_data::{rng::Stream, scene::IDENTITY};
@@ -176,7 +177,7 @@ fn sweep_and_packets<R: Real>(accel: &Accel, draw: &mut Draw, half: f32) {
             continue;
         };
         packets += 1;
-        let hits = accel.closest_packet(&packet, mask, &mut stack);
+        let hits = accel.closest_packet::<R, R>(&packet, mask, &mut stack);
         let (mut rows, mut primitive) = ([[0.0; 16]; 3], [0; 16]);
         hits.t.store(&mut rows[0]);
         hits.u.store(&mut rows[1]);
@@ -193,6 +194,73 @@ fn sweep_and_packets<R: Real>(accel: &Accel, draw: &mut Draw, half: f32) {
         }
     }
     assert!(packets > 5, "{packets} packets");
+}
+
+/// A world of triangles, bodies, and meshes placed many times: some in one place, so that hits are at one distance.
+fn two_levels(draw: &mut Draw) -> Accel {
+    let mut primitives: Vec<Primitive> = Vec::new();
+    for k in 0..30 {
+        let a = draw.cube(10.0);
+        primitives.push(Primitive::Triangle([a, a + draw.cube(2.0), a + draw.cube(2.0)]));
+        if k % 10 == 0 {
+            let center = draw.cube(10.0).as_dvec3().to_array();
+            let sphere = Sphere::new(center, 0.7, &Map::new(&IDENTITY));
+            primitives.push(Primitive::Sphere(sphere.expect("a plain sphere")));
+        }
+    }
+    let own = primitives.len() as u32;
+    let mut shared = Vec::new();
+    for count in [1u32, 7, 60] {
+        shared.push(SharedMesh { first: primitives.len() as u32, count });
+        for _ in 0..count {
+            let a = draw.cube(1.0);
+            primitives.push(Primitive::Triangle([a, a + draw.cube(0.6), a + draw.cube(0.6)]));
+        }
+    }
+    let (mut placed, mut first) = (Vec::new(), own);
+    let mut affine = IDENTITY;
+    for k in 0..40 {
+        if k % 5 != 4 {
+            affine = crate::placement::tests::draw(&mut draw.0, 2.0, 10.0);
+        }
+        let Some(placement) = Placement::new(&Map::new(&affine)) else { continue };
+        let mesh = k / 10 % 3;
+        let SharedMesh { first: from, count } = shared[mesh];
+        let mut bounds = (Vec3::MAX, Vec3::MIN);
+        for primitive in &primitives[from as usize..][..count as usize] {
+            let Primitive::Triangle(vertices) = primitive else { continue };
+            for p in vertices.map(|p| placement.point(p).as_vec3()) {
+                bounds = (bounds.0.min(p), bounds.1.max(p));
+            }
+        }
+        placed.push(PlacedMesh { mesh, placement, bounds, first });
+        first += count;
+    }
+    let form = |at: u32| primitives[at as usize];
+    Accel::over(&Forms { count: own, form: &form }, &shared, &placed, Vec3::ZERO)
+}
+
+#[test]
+fn agrees_with_brute_force_on_two_levels() {
+    let mut draw = Draw(Stream::new(11, &[]));
+    for _ in 0..4 {
+        let accel = two_levels(&mut draw);
+        let hits = check(&accel, &mut draw, 3000, 15.0);
+        batches(&accel, &mut draw, 15.0);
+        sweep_and_packets::<f32>(&accel, &mut draw, 15.0);
+        #[cfg(target_arch = "x86_64")]
+        sweep_and_packets::<crate::lanes::F4>(&accel, &mut draw, 15.0);
+        assert!(hits > 100, "{hits} hits");
+    }
+    // A mesh placed twice in one place: the lower number counts, and the owner is found.
+    let triangle = Primitive::Triangle([Vec3::ZERO, Vec3::X, Vec3::Y]);
+    let placement = Placement::new(&Map::new(&IDENTITY)).expect("benign");
+    let placed = [7, 5].map(|first| PlacedMesh { mesh: 0, placement, bounds: triangle.bounds(), first });
+    let forms = Forms { count: 0, form: &|_| triangle };
+    let accel = Accel::over(&forms, &[SharedMesh { first: 0, count: 1 }], &placed, Vec3::Z);
+    let ray = Ray::new(Vec3::new(0.2, 0.2, 1.0), -Vec3::Z);
+    assert_eq!(accel.closest(&ray).map(|h| h.primitive), Some(5));
+    assert_eq!(accel.placements().bytes() > 0, accel.bytes() > accel.placements().bytes());
 }
 
 #[test]

@@ -1,6 +1,9 @@
 //! Traversal by one ray: nearest hit and any hit.
 
-use super::{Accel, Block, Hit, LEAF, Node, STACK, WIDE};
+use super::{
+    Accel, Block, CURVED, Hit, LEAF, NONE, Node, PLACED, Root, STACK, WIDE,
+    level::{Level, World},
+};
 use crate::{
     geometry::{Ray, Rays, Walk, gamma, intersect_lanes, intersect_triangle, lane_of, seen_from},
     lanes::{Mask, Real},
@@ -78,22 +81,22 @@ impl Accel {
             }
             at += R::N;
         }
-        if block.curved != 0 {
+        if block.has_curved() {
             self.improve_curved(block, walk.origin, walk.direction, best);
         }
     }
 
     /// Hits with what is curved in a block.
     fn improve_curved(&self, block: &Block, origin: Vec3, direction: Vec3, best: &mut Best) {
-        let (mut curved, mut index) = (block.curved, block.first_curved as usize);
         let ray = Rays { origin: origin.to_array().map(|v| [v]), direction: direction.to_array().map(|v| [v]) };
-        while curved != 0 {
-            let lane = curved.trailing_zeros() as usize % WIDE;
-            curved &= curved - 1;
-            let ([t, u, v], met) = self.curved[index].intersect_all(&ray, &[best.t]);
-            index += 1;
+        for place in block.primitives {
+            if place == NONE || place & CURVED == 0 {
+                break;
+            }
+            let (primitive, curved) = &self.curved[(place & !CURVED) as usize];
+            let ([t, u, v], met) = curved.intersect_all(&ray, &[best.t]);
             if met[0] {
-                best.take(t[0], u[0], v[0], block.primitives[lane]);
+                best.take(t[0], u[0], v[0], *primitive);
             }
         }
     }
@@ -103,14 +106,20 @@ impl Accel {
     pub(crate) fn closest_lanes<R: Real>(&self, ray: &Ray, stack: &mut Stack) -> Option<Hit> {
         let mut best = Best::none(ray.t_max);
         if !self.nodes.is_empty() {
-            self.closest_from::<R>(0, &Walk::new(ray), &mut best, stack);
+            self.closest_from::<R, World>(0, &Walk::new(ray), &mut best, stack);
         }
         best.hit()
     }
 
     /// Looks below a node for what is nearer than the best.
     #[inline(always)]
-    pub(super) fn closest_from<R: Real>(&self, node: u32, walk: &Walk, best: &mut Best, stack: &mut Stack) {
+    pub(super) fn closest_from<R: Real, L: Level>(
+        &self,
+        node: u32,
+        walk: &Walk,
+        best: &mut Best,
+        stack: &mut [(u32, f32)],
+    ) {
         let slabs = Slabs::new(walk);
         let shear = [R::splat(walk.shear[0]), R::splat(walk.shear[1]), R::splat(walk.shear[2])];
         let mut height = 0;
@@ -143,6 +152,8 @@ impl Accel {
                     current = nearest.0;
                     continue;
                 }
+            } else if L::HAS_PLACED && current & PLACED == PLACED {
+                L::closest::<R>(self, current & !PLACED, walk, best, &mut stack[height..]);
             } else {
                 self.improve::<R>(current & !LEAF, walk, shear, best);
             }
@@ -163,12 +174,18 @@ impl Accel {
     /// [`Accel::occluded`] with lanes of at most eight.
     #[inline(always)]
     pub(crate) fn occluded_lanes<R: Real>(&self, ray: &Ray, stack: &mut Stack) -> bool {
-        !self.nodes.is_empty() && self.occluded_from::<R>(0, &Walk::new(ray), ray.t_max, stack)
+        !self.nodes.is_empty() && self.occluded_from::<R, World>(0, &Walk::new(ray), ray.t_max, stack)
     }
 
     /// Whether anything below a node is met.
     #[inline(always)]
-    pub(super) fn occluded_from<R: Real>(&self, node: u32, walk: &Walk, t_max: f32, stack: &mut Stack) -> bool {
+    pub(super) fn occluded_from<R: Real, L: Level>(
+        &self,
+        node: u32,
+        walk: &Walk,
+        t_max: f32,
+        stack: &mut [(u32, f32)],
+    ) -> bool {
         let slabs = Slabs::new(walk);
         let shear = [R::splat(walk.shear[0]), R::splat(walk.shear[1]), R::splat(walk.shear[2])];
         stack[0].0 = node;
@@ -184,6 +201,10 @@ impl Accel {
                     met &= met - 1;
                     stack[height].0 = node.children[lane];
                     height += 1;
+                }
+            } else if L::HAS_PLACED && current & PLACED == PLACED {
+                if L::occluded::<R>(self, current & !PLACED, walk, t_max, &mut stack[height..]) {
+                    return true;
                 }
             } else if self.stops::<R>(&self.blocks[(current & !LEAF) as usize], walk, shear, t_max) {
                 return true;
@@ -211,7 +232,7 @@ impl Accel {
             }
             at += R::N;
         }
-        if block.curved == 0 {
+        if !block.has_curved() {
             return false;
         }
         let mut best = Best::none(t_max);
@@ -229,15 +250,33 @@ impl Accel {
         self.occluded_lanes::<f32>(ray, &mut [(0, 0.0); STACK])
     }
 
-    /// The nearest hit by trying every primitive: what [`Accel::closest`] must find.
+    /// The nearest hit by trying every primitive: what [`Accel::closest`] must find. Blocks of shared meshes come last.
     #[cfg(test)]
     pub(super) fn closest_by_force(&self, ray: &Ray) -> Option<Hit> {
-        let walk = Walk::new(ray);
         let mut best = Best::none(ray.t_max);
-        for index in 0..self.blocks.len() as u32 {
-            self.improve::<f32>(index, &walk, walk.shear, &mut best);
-        }
+        self.force(0, &Walk::new(ray), &mut best);
         best.hit()
+    }
+
+    #[cfg(test)]
+    fn force(&self, node: u32, walk: &Walk, best: &mut Best) {
+        let Some(node) = self.nodes.get(node as usize) else { return };
+        for child in 0..WIDE {
+            if node.planes[0][child] > node.planes[1][child] {
+                break;
+            }
+            let which = node.children[child];
+            if which & LEAF == 0 {
+                self.force(which, walk, best);
+            } else if which & PLACED == PLACED {
+                let (local, root) = self.enter(which & !PLACED, walk.origin, walk.direction);
+                let mut own = Best::none(best.t / root.unit);
+                self.force(root.node, &Walk::new(&local), &mut own);
+                own.merge(root, best);
+            } else {
+                self.improve::<f32>(which & !LEAF, walk, walk.shear, best);
+            }
+        }
     }
 }
 
@@ -249,8 +288,6 @@ pub(super) struct Best {
     /// Its primitive, or [`NONE`].
     pub(super) primitive: u32,
 }
-
-const NONE: u32 = u32::MAX;
 
 impl Best {
     #[inline(always)]
@@ -266,6 +303,14 @@ impl Best {
         }
     }
 
+    /// Takes the best hit with a placed mesh into that in the world.
+    #[inline(always)]
+    pub(super) fn merge(&self, root: Root, into: &mut Self) {
+        if self.primitive != NONE {
+            into.take(self.t * root.unit, self.u, self.v, root.first + self.primitive);
+        }
+    }
+
     #[inline(always)]
     pub(super) fn hit(&self) -> Option<Hit> {
         (self.primitive != NONE).then_some(Hit { t: self.t, u: self.u, v: self.v, primitive: self.primitive })
@@ -273,6 +318,12 @@ impl Best {
 }
 
 impl Block {
+    /// Whether anything in it is curved: that comes first.
+    #[inline(always)]
+    pub(super) fn has_curved(&self) -> bool {
+        self.primitives[0] & CURVED != 0
+    }
+
     /// Decides lanes whose edge the ray goes through.
     #[cold]
     pub(super) fn decide(&self, walk: &Walk, mut unsure: u32, best: &mut Best) {

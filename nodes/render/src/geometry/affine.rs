@@ -26,6 +26,11 @@ impl Map {
         [self.linear.x_axis, self.linear.y_axis, self.linear.z_axis]
     }
 
+    /// The image of the origin.
+    pub fn shift(&self) -> DVec3 {
+        self.shift
+    }
+
     /// True if it turns right hands into left hands.
     pub fn mirrors(&self) -> bool {
         self.linear.determinant() < 0.0

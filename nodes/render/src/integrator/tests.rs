@@ -3,7 +3,8 @@ use crate::{
     accumulator::Accumulator,
     render::Renderer,
     rng::render_state,
-    scenes::{Built, ball, balls_under_sky, columns, everything, film, level, room},
+    scenes::{Built, ball, balls_under_sky, columns, copies, everything, film, level, room},
+    world::Sharing,
 };
 use tauflow_contract::Digest;
 use tauflow_data::{
@@ -19,8 +20,10 @@ fn world(built: &Built) -> World {
 
 #[test]
 fn every_set_of_instructions_has_the_same_bits() {
-    for built in [balls_under_sky(), room(), everything()] {
-        let world = world(&built);
+    let shared = World::with_sharing(&copies().scene, &mut |digest| copies().load(digest), Sharing::Always);
+    let shared = shared.expect("a sound scene");
+    assert!(shared.placed_count() > 15 && shared.features.opacity && shared.features.normal_maps);
+    for world in [world(&balls_under_sky()), world(&room()), world(&everything()), world(&copies()), shared] {
         let films: Vec<_> = Instructions::available()
             .into_iter()
             .map(|instructions| {
@@ -182,4 +185,43 @@ fn weights_of_densities_that_overflow_are_no_nan() {
     assert_eq!(Strategy::Mis.weight(true, 1.0, f32::INFINITY), 0.0);
     assert_eq!(Strategy::LightsOnly.weight(false, 1.0, 0.0), 1.0);
     assert_eq!(Strategy::ScatteringOnly.weight(true, 1.0, 2.0), 0.0);
+}
+
+#[test]
+fn rays_through_surfaces_end_where_single_rays_do() {
+    // Emission alone, of depth 1: what a path sees is where its first ray ends.
+    let mut built = copies();
+    built.scene.max_depth = 1;
+    let sheet = Bsdf::Mask {
+        opacity: Texture::scalar(0.3),
+        inner: Box::new(Bsdf::Diffuse { reflectance: Texture::scalar(0.5) }),
+    };
+    let sheet = built.material(sheet);
+    for k in 0..5 {
+        let at = [0.3, 2.3 + 0.02 * f64::from(k), 3.0];
+        built.shape(Geometry::Rectangle, level(1.5, at, k % 2 == 0), sheet);
+        built.sphere([-1.0, 2.6, 2.0], 0.3 + 0.1 * f64::from(k), sheet);
+    }
+    for sharing in [Sharing::Never, Sharing::Always] {
+        let world = World::with_sharing(&built.scene, &mut |digest| built.load(digest), sharing).expect("sound");
+        let renderer = Renderer::new(&world, film(32, 32), 0).expect("a film");
+        let mut film = renderer.begin();
+        renderer.advance(&mut film, 1, &mut |_| Ok(())).expect("nothing stops it");
+        let (mut passed, mut lamps) = (0, 0);
+        for (index, pixel) in film.pixels.iter().enumerate() {
+            let at = renderer.pixel(index);
+            let sampler = Sampler::new(SamplerKind::Independent, render_state(world.seed, 0), at, 0);
+            let ray = renderer.camera_ray(&sampler, at);
+            let end = first_solid(&world, &sampler, 0, ray);
+            let first = world.meet(&ray).map(|(hit, _)| hit.primitive);
+            passed += u32::from(first != end.map(|(hit, _)| hit.primitive));
+            let lamp = end.is_some_and(|(_, at)| world.shapes[at.shape as usize].light != crate::table::DARK);
+            lamps += u32::from(lamp);
+            let sky = end.is_none();
+            // The sky's blue, a lamp's light of one colour or of its picture, or nothing.
+            assert_eq!(pixel.sum[2] == f64::from(0.4f32), sky, "{at:?} {sharing:?}");
+            assert!(lamp || sky || pixel.sum == [0.0; 3], "{at:?} {sharing:?}");
+        }
+        assert!(passed > 50 && lamps > 5, "{passed} passed, {lamps} lamps, {sharing:?}");
+    }
 }

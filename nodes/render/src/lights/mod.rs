@@ -22,6 +22,7 @@ pub(crate) use choice::Choice;
 use delta::Spot;
 use glam::{DVec3, Vec3};
 pub(crate) use shape::ShapeLight;
+use std::{collections::BTreeMap, sync::Arc};
 use tauflow_contract::KindError;
 use tauflow_data::{image::luminance, scene};
 
@@ -48,7 +49,12 @@ pub(crate) struct Emission {
     pub(crate) normal: Option<Vec3>,
     /// Whether its outer side is turned in.
     pub(crate) flip: bool,
+    /// Of a shared mesh that is scaled evenly: what all such shapes of one mesh have in common.
+    pub(crate) even: Option<u32>,
 }
+
+/// The forms of emitting shapes, in the world, by shape and number.
+pub(crate) type ShapeForms<'a> = &'a dyn Fn(u32, u32) -> accel::Primitive;
 
 /// Points that light may arrive at.
 #[derive(Clone, Copy)]
@@ -171,18 +177,19 @@ impl Lights {
         emissions: Vec<Emission>,
         environment: Option<Environment>,
         emitters: &[scene::Emitter],
-        forms: &[accel::Primitive],
+        forms: ShapeForms<'_>,
         bounds: (Vec3, Vec3),
     ) -> Result<Self, KindError> {
         let radius = f64::from((bounds.1 - bounds.0).length() * 0.5).max(1e-6);
         let disk = std::f64::consts::PI * radius * radius;
         let mut found: Vec<(Light, f64, Guide)> = Vec::new();
+        // Shares of area are the same for all even copies of a mesh.
+        let mut tables: BTreeMap<u32, Arc<Alias>> = BTreeMap::new();
         for emission in emissions {
-            let normal = emission.normal;
-            if let Some(light) = ShapeLight::new(emission, forms) {
+            let (normal, shape, count) = (emission.normal, emission.shape, emission.count as u32);
+            if let Some(light) = ShapeLight::new(emission, forms, &mut tables) {
                 let (power, intensity) = light.power();
-                let own = &forms[light.first..light.first + light.count];
-                let guide = shape_guide(own, normal, intensity as f32);
+                let guide = shape_guide((0..count).map(|at| forms(shape, at)), normal, intensity as f32);
                 found.push((Light::Shape(light), power, guide));
             }
         }
@@ -448,11 +455,9 @@ impl Guide {
 }
 
 /// The guide of a shape of an intensity, by its extent and, if it is flat, its normal.
-fn shape_guide(forms: &[accel::Primitive], normal: Option<Vec3>, intensity: f32) -> Guide {
-    let (low, high) = forms
-        .iter()
-        .map(accel::Primitive::bounds)
-        .fold((Vec3::MAX, Vec3::MIN), |all, own| (all.0.min(own.0), all.1.max(own.1)));
+fn shape_guide(forms: impl Iterator<Item = accel::Primitive>, normal: Option<Vec3>, intensity: f32) -> Guide {
+    let (low, high) =
+        forms.map(|form| form.bounds()).fold((Vec3::MAX, Vec3::MIN), |all, own| (all.0.min(own.0), all.1.max(own.1)));
     let square = ((high - low) * 0.5).length_squared().max(f32::MIN_POSITIVE);
     // A quarter for a surface that faces anywhere, and another for a body that is seen from all sides.
     let seen = if normal.is_some() { 0.25 } else { 0.0625 };

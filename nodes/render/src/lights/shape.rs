@@ -2,19 +2,19 @@
 //!
 //! Sphere sampling after Pharr, Jakob, Humphreys, *Physically Based Rendering*, 4th edition, section 6.2.4.
 
-use super::{Arrivals, Emission, brightness};
+use super::{Arrivals, Emission, ShapeForms, brightness};
 use crate::{
     accel,
     alias::Alias,
     bsdf::{Points, Surface},
     geometry::{Disk, Frames, Sphere, area_normal, gamma, offset_origins},
     lanes::{Integer, Mask, Pair, Real, Triple, sin_cos_turn},
-    surface::Form,
+    surface::{Form, IN_WORLD},
     texture::Texture,
     world::World,
 };
 use glam::{Vec2, Vec3, Vec4};
-use std::f32::consts::PI;
+use std::{collections::BTreeMap, f32::consts::PI, sync::Arc};
 
 /// Shadow rays end this short of a surface: the rounding of a distance near 1, with room to spare.
 const SHADOW_END: f32 = 1.0 - 1e-5;
@@ -24,11 +24,11 @@ const SHADOW_END: f32 = 1.0 - 1e-5;
 pub(crate) struct ShapeLight {
     pub(crate) shape: u32,
     pub(crate) texture: Texture,
-    /// First of its primitives, and how many there are.
+    /// First of its primitives in the table, and how many there are.
     pub(super) first: usize,
     pub(super) count: usize,
     /// Its primitives by area.
-    alias: Alias,
+    alias: Arc<Alias>,
     area: f64,
     /// The sphere, if it is one that shines outwards.
     sphere: Option<Sphere>,
@@ -44,33 +44,37 @@ struct Found<R> {
 
 impl ShapeLight {
     /// `None` if it has no area, or its emission is 0.
-    pub(super) fn new(emission: Emission, forms: &[accel::Primitive]) -> Option<Self> {
+    pub(super) fn new(
+        emission: Emission,
+        forms: ShapeForms<'_>,
+        tables: &mut BTreeMap<u32, Arc<Alias>>,
+    ) -> Option<Self> {
         let Emission { shape, first, count, .. } = emission;
         let texture = emission.texture;
-        let own = &forms[first..first + count];
-        let areas: Vec<f64> = own
-            .iter()
-            .map(|form| match form {
-                accel::Primitive::Triangle([a, b, c]) => area_normal(*a, *b, *c).map_or(0.0, |f| f.0),
+        let areas: Vec<f64> = (0..count as u32)
+            .map(|at| match forms(shape, at) {
+                accel::Primitive::Triangle([a, b, c]) => area_normal(a, b, c).map_or(0.0, |f| f.0),
                 accel::Primitive::Sphere(s) => 4.0 * std::f64::consts::PI * f64::from(s.radius).powi(2),
                 accel::Primitive::Disk(d) => d.area,
             })
             .collect();
         let area: f64 = areas.iter().sum();
-        let sphere = own.iter().find_map(|form| match form {
+        let sphere = (0..count.min(1) as u32).find_map(|at| match forms(shape, at) {
             // One that shines inwards is seen from within, or through itself.
-            accel::Primitive::Sphere(s) if !emission.flip => Some(*s),
+            accel::Primitive::Sphere(s) if !emission.flip => Some(s),
             _ => None,
         });
         let black = matches!(&texture, Texture::Constant(value) if *value == Vec3::ZERO);
-        let mut alias = Alias::default();
-        alias.extend(&areas);
+        let table = || {
+            let mut alias = Alias::default();
+            alias.extend(&areas);
+            Arc::new(alias)
+        };
+        let alias = match emission.even {
+            Some(mesh) => tables.entry(mesh).or_insert_with(table).clone(),
+            None => table(),
+        };
         (area > 0.0 && !black).then_some(Self { shape, texture, first, count, alias, area, sphere })
-    }
-
-    /// Its primitives.
-    pub(crate) fn primitives(&self) -> std::ops::Range<usize> {
-        self.first..self.first + self.count
     }
 
     /// Mean radiance over its texture, as brightness.
@@ -170,9 +174,16 @@ impl ShapeLight {
         let mut at = Points { uv, color: Triple::all(R::one()), alpha: R::one() };
         let shape = &world.shapes[self.shape as usize];
         if self.texture.reads_colors() || world.materials[shape.material as usize].reads_colors() {
-            colors(world, primitive, weights, &mut at);
+            colors(world, self.shape, primitive, weights, &mut at);
         }
-        Found { p: a + b + c, error: (a.abs() + b.abs() + c.abs()) * R::splat(gamma(6)), normal: facts.normal, at }
+        let (p, error) = (a + b + c, (a.abs() + b.abs() + c.abs()) * R::splat(gamma(6)));
+        if shape.placed == IN_WORLD {
+            return Found { p, error, normal: facts.normal, at };
+        }
+        let placed = world.accel.placements().placed::<R>(R::Integer::splat(shape.placed as i32));
+        let (p, error) = placed.point(p, error);
+        let normal = placed.normal(facts.normal) * R::splat(if shape.flip { -1.0 } else { 1.0 });
+        Found { p, error, normal, at }
     }
 
     #[inline(always)]
@@ -225,13 +236,13 @@ fn on_disk<R: Real>(disk: &Disk, u: Pair<R>) -> Found<R> {
 
 /// Vertex colours at points of triangles.
 #[inline(always)]
-fn colors<R: Real>(world: &World, primitive: R::Integer, weights: [R; 3], at: &mut Points<R>) {
+fn colors<R: Real>(world: &World, shape: u32, primitive: R::Integer, weights: [R; 3], at: &mut Points<R>) {
     let (mut index, mut rows) = ([0; 16], [[0.0f32; 16]; 6]);
     primitive.store(&mut index);
     weights[1].store(&mut rows[0]);
     weights[2].store(&mut rows[1]);
     for lane in 0..R::N {
-        let color = world.color(index[lane], rows[0][lane], rows[1][lane]);
+        let color = world.color(shape, index[lane], rows[0][lane], rows[1][lane]);
         for (row, value) in rows[2..].iter_mut().zip(color.to_array()) {
             row[lane] = value;
         }

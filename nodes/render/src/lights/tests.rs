@@ -75,8 +75,8 @@ fn compare(name: &str, built: &Built, p: Vec3, toward: Vec3, near: f64) {
             // Lights do not hide each other here, but a shape has a back.
             let mut ray = Ray::new(p, d);
             for _ in 0..4 {
-                let Some((hit, at)) = world.meet(&ray) else { break };
-                let light = world.table.light[hit.primitive as usize];
+                let Some((_, at)) = world.meet(&ray) else { break };
+                let light = world.shapes[at.shape as usize].light;
                 if light != crate::table::DARK {
                     pdf += f64::from(world.lights.shape_pdf::<f32>(light, p.into(), at.p.into(), at.geometric.into()));
                     if matches!(world.shapes[at.shape as usize].form, Form::Sphere(_)) {

@@ -21,6 +21,7 @@ use crate::{
     world::World,
 };
 use glam::Vec3;
+use rays::Passing;
 use rows::{DIRECTION, ORIGIN, Paths, Rows, SPARE, Shadows, VERTEX};
 use std::cell::RefCell;
 use tauflow_data::SamplerKind;
@@ -62,11 +63,15 @@ pub(crate) struct Stream<'a> {
     t: Vec<f32>,
     u: Vec<f32>,
     v: Vec<f32>,
+    /// Primitives that were hit; once sorted, their places in the table.
     primitive: Vec<u32>,
+    /// Shapes that were hit, once sorted.
+    shape: Vec<u32>,
     /// Live paths by material, those that meet nothing first.
     order: Vec<u32>,
     starts: Vec<u32>,
     sweep: Sweep,
+    through: Passing,
     found: Found,
 }
 
@@ -79,9 +84,11 @@ struct Scratch {
     vertices: Rows<VERTEX>,
     hits: [Vec<f32>; 3],
     primitive: Vec<u32>,
+    shape: Vec<u32>,
     order: Vec<u32>,
     starts: Vec<u32>,
     sweep: Sweep,
+    through: Passing,
 }
 
 thread_local! {
@@ -91,8 +98,9 @@ thread_local! {
 /// Traces a batch with kernels.
 pub(crate) fn trace(batch: &Batch<'_>, kernels: &Kernels) -> Found {
     let count = batch.paths.len();
-    let Scratch { mut paths, mut next, mut shadows, mut vertices, hits, mut primitive, mut order, starts, sweep } =
-        SCRATCH.take();
+    let scratch = SCRATCH.take();
+    let Scratch { mut paths, mut next, mut shadows, mut vertices, hits, .. } = scratch;
+    let Scratch { mut primitive, mut shape, mut order, starts, sweep, through, .. } = scratch;
     paths.reserve(count);
     next.reserve(count);
     shadows.reserve(count);
@@ -102,12 +110,31 @@ pub(crate) fn trace(batch: &Batch<'_>, kernels: &Kernels) -> Found {
         row
     });
     primitive.resize(primitive.len().max(count + SPARE), MISS);
+    shape.resize(shape.len().max(count + SPARE), 0);
     order.resize(order.len().max(count + SPARE), 0);
     let found = Found { radiance: vec![Vec3::ZERO; count], ..Found::default() };
-    let mut stream = Stream { batch, paths, next, shadows, vertices, t, u, v, primitive, order, starts, sweep, found };
+    let mut stream = Stream {
+        batch,
+        paths,
+        next,
+        shadows,
+        vertices,
+        t,
+        u,
+        v,
+        primitive,
+        shape,
+        order,
+        starts,
+        sweep,
+        through,
+        found,
+    };
     stream.run(kernels);
-    let Stream { paths, next, shadows, vertices, t, u, v, primitive, order, starts, sweep, found, .. } = stream;
-    SCRATCH.set(Scratch { paths, next, shadows, vertices, hits: [t, u, v], primitive, order, starts, sweep });
+    let Stream { paths, next, shadows, vertices, t, u, v, primitive, shape, order, starts, .. } = stream;
+    let Stream { sweep, through, found, .. } = stream;
+    let hits = [t, u, v];
+    SCRATCH.set(Scratch { paths, next, shadows, vertices, hits, primitive, shape, order, starts, sweep, through });
     found
 }
 
@@ -122,7 +149,7 @@ impl Stream<'_> {
             }
             stream.found.segments += stream.paths.len as u64;
             if world.features.opacity {
-                stream.meet_through(depth);
+                stream.meet_through(kernels, depth);
             } else if depth == 0 {
                 kernels.meet_packets(stream);
             } else {
@@ -195,24 +222,29 @@ impl Stream<'_> {
         }
     }
 
-    /// Counting sort of live paths by material.
+    /// Finds what was hit, and sorts live paths by material (by counting).
     fn sort(&mut self) {
         let world = self.batch.world;
         self.starts.clear();
         self.starts.resize(world.materials.len() + 2, 0);
-        let bucket = |primitive: u32| {
-            if primitive == MISS { 0 } else { world.table.material[primitive as usize] as usize + 1 }
-        };
-        for primitive in &self.primitive[..self.paths.len] {
-            self.starts[bucket(*primitive) + 1] += 1;
+        for at in 0..self.paths.len {
+            let mut bucket = 0;
+            if self.primitive[at] != MISS {
+                (self.shape[at], self.primitive[at]) = world.place(self.primitive[at]);
+                bucket = world.shapes[self.shape[at] as usize].material as usize + 1;
+            }
+            self.starts[bucket + 1] += 1;
         }
         for k in 1..self.starts.len() {
             self.starts[k] += self.starts[k - 1];
         }
         for at in 0..self.paths.len {
-            let k = bucket(self.primitive[at]);
-            self.order[self.starts[k] as usize] = at as u32;
-            self.starts[k] += 1;
+            let mut bucket = 0;
+            if self.primitive[at] != MISS {
+                bucket = world.shapes[self.shape[at] as usize].material as usize + 1;
+            }
+            self.order[self.starts[bucket] as usize] = at as u32;
+            self.starts[bucket] += 1;
         }
         // Lanes to spare read the first path, and come to nothing.
         let len = self.paths.len;

@@ -2,12 +2,13 @@
 
 use super::{MISS, Stream, rows::*};
 use crate::{
-    accel::{Packet, STACK, Set, Stack},
+    accel::{Hit, Packet, STACK, Set, Stack, Sweep},
     dispatch::Kernels,
     geometry::Ray,
-    integrator::{first_solid, transmittance},
+    integrator::{Dimmed, Met, PASSAGES, met},
     lanes::{Integer, Mask, Real, Triple},
-    rng::FILM,
+    rng::{FILM, Sampler},
+    world::World,
 };
 
 impl Stream<'_> {
@@ -75,7 +76,7 @@ impl Stream<'_> {
                 self.meet_one_by_one::<T>(at, at + count);
                 continue;
             };
-            let hits = self.batch.world.accel.closest_packet(&packet, mask, &mut stack);
+            let hits = self.batch.world.accel.closest_packet::<R, T>(&packet, mask, &mut stack);
             hits.t.store(&mut self.t[at..]);
             hits.u.store(&mut self.u[at..]);
             hits.v.store(&mut self.v[at..]);
@@ -83,14 +84,52 @@ impl Stream<'_> {
         }
     }
 
-    /// The first hits that do not let their rays pass.
-    pub(super) fn meet_through(&mut self, depth: u32) {
-        for at in 0..self.paths.len {
-            let ray = self.ray(at);
-            let sampler = self.batch.paths[self.paths.ids[at] as usize].1;
-            let hit = first_solid(self.batch.world, &sampler, depth, ray).map(|(hit, _)| hit);
-            self.note(at, hit);
+    /// The first hits that do not let their rays pass: all rays are met together, and those that pass are met again.
+    pub(super) fn meet_through(&mut self, kernels: &Kernels, depth: u32) {
+        if depth == 0 {
+            kernels.meet_packets(self);
+        } else {
+            self.meet(kernels);
         }
+        let mut through = std::mem::take(&mut self.through);
+        let world = self.batch.world;
+        through.begin(self.paths.len);
+        for at in 0..self.paths.len {
+            if self.primitive[at] == MISS {
+                continue;
+            }
+            let ray = self.ray(at);
+            match met(world, self.sampler(at), depth, 0, (&ray, &ray), self.hit(at)) {
+                Met::Solid(hit) => self.note(at, Some(hit)),
+                Met::Through(origin) => through.push(&Ray { origin, ..ray }, 1.0, at as u32),
+            }
+        }
+        for passage in 1..PASSAGES {
+            if through.rays.len == 0 {
+                break;
+            }
+            through.meet(world, kernels, &mut self.sweep);
+            for at in through.take() {
+                let path = through.rays.ids[at] as usize;
+                let Some(hit) = through.hit(at) else {
+                    self.note(path, None);
+                    continue;
+                };
+                let rest = through.ray(at);
+                match met(world, self.sampler(path), depth, passage, (&self.ray(path), &rest), hit) {
+                    Met::Solid(hit) => self.note(path, Some(hit)),
+                    Met::Through(origin) => through.push(&Ray { origin, ..rest }, 1.0, path as u32),
+                }
+            }
+        }
+        for at in through.take() {
+            self.note(through.rays.ids[at] as usize, None);
+        }
+        self.through = through;
+    }
+
+    fn sampler(&self, at: usize) -> &Sampler {
+        &self.batch.paths[self.paths.ids[at] as usize].1
     }
 
     /// Light from infinity.
@@ -125,15 +164,116 @@ impl Stream<'_> {
             };
             kernels.stopped(&world.accel, &mut set, count, &mut self.sweep);
         }
+        if world.features.opacity {
+            self.shadow_through(kernels);
+        }
         for at in 0..count {
-            let mut light = self.shadows.vector(ARRIVES, at);
-            if world.features.opacity {
-                let (origin, direction) = (self.shadows.vector(0, at), self.shadows.vector(3, at));
-                light *= transmittance(world, Ray { origin, direction, t_max: self.shadows.rows[END][at] });
-            } else if self.shadows.rows[END][at] < 0.0 {
+            if self.shadows.rows[END][at] < 0.0 {
                 continue;
             }
+            let light = self.shadows.vector(ARRIVES, at);
             self.found.radiance[self.shadows.ids[at] as usize] += light;
         }
+    }
+
+    /// Dims the light of shadow rays by what they go through; those that nothing is left of end below 0.
+    fn shadow_through(&mut self, kernels: &Kernels) {
+        let world = self.batch.world;
+        let mut through = std::mem::take(&mut self.through);
+        through.begin(self.shadows.len);
+        for at in 0..self.shadows.len {
+            let (origin, direction) = (self.shadows.vector(0, at), self.shadows.vector(3, at));
+            through.push(&Ray { origin, direction, t_max: self.shadows.rows[END][at] }, 1.0, at as u32);
+        }
+        for passage in 0..=PASSAGES {
+            if through.rays.len == 0 {
+                break;
+            }
+            through.meet(world, kernels, &mut self.sweep);
+            for at in through.take() {
+                let id = through.rays.ids[at];
+                let mut rest = Dimmed { ray: through.ray(at), share: through.rays.rows[SHARE][at] };
+                if let Some(hit) = through.hit(at) {
+                    let goes_on = rest.pass(world, &hit);
+                    if passage == PASSAGES {
+                        rest.share = 0.0;
+                    } else if goes_on {
+                        through.push(&rest.ray, rest.share, id);
+                        continue;
+                    }
+                }
+                let id = id as usize;
+                if rest.share <= 0.0 {
+                    self.shadows.rows[END][id] = -1.0;
+                }
+                for row in &mut self.shadows.rows[ARRIVES..ARRIVES + 3] {
+                    row[id] *= rest.share;
+                }
+            }
+        }
+        self.through = through;
+    }
+}
+
+/// Rays that go on through surfaces, and what they meet next. Rays that are taken make room for those pushed meanwhile.
+#[derive(Default)]
+pub(super) struct Passing {
+    rays: Through,
+    t: Vec<f32>,
+    u: Vec<f32>,
+    v: Vec<f32>,
+    primitive: Vec<u32>,
+}
+
+impl Passing {
+    /// No rays, and room for so many.
+    fn begin(&mut self, room: usize) {
+        self.rays.reserve(room);
+        self.rays.len = 0;
+        let room = room + SPARE;
+        if self.t.len() < room {
+            for row in [&mut self.t, &mut self.u, &mut self.v] {
+                row.resize(room, 0.0);
+            }
+            self.primitive.resize(room, MISS);
+        }
+    }
+
+    /// Adds a ray: no more than were taken before.
+    fn push(&mut self, ray: &Ray, share: f32, id: u32) {
+        let (o, d) = (ray.origin, ray.direction);
+        self.rays.set(self.rays.len, [o.x, o.y, o.z, d.x, d.y, d.z, ray.t_max, share], id);
+        self.rays.len += 1;
+    }
+
+    /// The places of all rays, each to be read before the next ray is pushed.
+    fn take(&mut self) -> std::ops::Range<usize> {
+        0..std::mem::take(&mut self.rays.len)
+    }
+
+    fn ray(&self, at: usize) -> Ray {
+        Ray { origin: self.rays.vector(0, at), direction: self.rays.vector(3, at), t_max: self.rays.rows[END][at] }
+    }
+
+    fn hit(&self, at: usize) -> Option<Hit> {
+        let primitive = self.primitive[at];
+        (primitive != MISS).then(|| Hit { t: self.t[at], u: self.u[at], v: self.v[at], primitive })
+    }
+
+    /// Nearest hits.
+    fn meet(&mut self, world: &World, kernels: &Kernels, sweep: &mut Sweep) {
+        let count = self.rays.len;
+        let [ox, oy, oz, dx, dy, dz, end, _] = &self.rays.rows;
+        self.t[..count].copy_from_slice(&end[..count]);
+        self.primitive[..count].fill(MISS);
+        let mut set = Set {
+            origin: [ox, oy, oz],
+            direction: [dx, dy, dz],
+            t: &mut self.t,
+            u: &mut self.u,
+            v: &mut self.v,
+            primitive: &mut self.primitive,
+        };
+        kernels.nearest(&world.accel, &mut set, count, sweep);
     }
 }

@@ -44,6 +44,14 @@ impl<const N: usize> Rows<N> {
         }
     }
 
+    /// Sets the numbers of one.
+    pub(super) fn set(&mut self, at: usize, values: [f32; N], id: u32) {
+        for (row, value) in self.rows.iter_mut().zip(values) {
+            row[at] = value;
+        }
+        self.ids[at] = id;
+    }
+
     #[inline(always)]
     pub(super) fn triple<R: Real>(&self, first: usize, at: R::Integer) -> Triple<R> {
         Triple::new(
@@ -83,6 +91,10 @@ pub(super) const PDF: usize = 10;
 pub(super) type Shadows = Rows<10>;
 pub(super) const END: usize = 6;
 pub(super) const ARRIVES: usize = 7;
+/// Rows of a ray that goes on through surfaces: origin, direction, its end, the share of light that is left. Its number
+/// is that of the path or of the shadow ray.
+pub(super) type Through = Rows<8>;
+pub(super) const SHARE: usize = 7;
 /// Rows of a vertex, in the order of materials: point, bound on its error, geometric normal, shading normal, that of
 /// the normal map, direction and throughput of the path, texture coordinates, vertex colour and its alpha, values of
 /// the textures.

@@ -9,8 +9,8 @@ use crate::{
     lanes::{Integer, Mask, Pair, Real, Triple},
     lights::{Choice, Vantage},
     rng::Sampler,
-    surface::Form,
-    table::{DARK, DISK, SPHERE, TRIANGLE},
+    surface::{Form, IN_WORLD},
+    table::{DARK, DISK, SPHERE, TURNED},
     texture::Texture,
     world::World,
 };
@@ -25,16 +25,17 @@ impl<'a> Stream<'a> {
         let world = self.batch.world;
         let material = &world.materials[group.index];
         let reads_uv = material.reads_uv() || world.emits[group.index];
-        let bodies = world.bodies[group.index];
+        let (bodies, shared) = (world.bodies[group.index], world.shared[group.index]);
         for at in (group.from..group.end).step_by(R::N) {
             let row = at - group.from;
             let place = R::Integer::load(&self.order[at..]);
             let primitive = R::gather_integer(&self.primitive, place);
+            let shape = R::gather_integer(&self.shape, place);
             let (u, v) = (R::gather(&self.u, place), R::gather(&self.v, place));
             let mut weights = [R::one() - u - v, u, v];
             let (mut disks, mut spheres) = (R::Mask::from_bits(0), R::Mask::from_bits(0));
             if bodies {
-                let form = R::gather_integer(&world.table.form, primitive);
+                let form = R::gather_integer(&world.form_of, shape);
                 disks = R::same(form, R::Integer::splat(DISK as i32));
                 spheres = R::same(form, R::Integer::splat(SPHERE as i32));
                 weights[0] = R::select(disks, R::one(), weights[0]);
@@ -45,7 +46,26 @@ impl<'a> Stream<'a> {
             let mut p = a + b + c;
             let mut error = (a.abs() + b.abs() + c.abs()) * R::splat(gamma(7));
             let mut geometric = facts.normal;
-            let mean = facts.shading(weights).normalize();
+            let mut mean = facts.shading(weights);
+            if shared {
+                let number = R::gather_integer(&world.placed_of, shape);
+                let own = !R::same(number, R::Integer::splat(IN_WORLD as i32));
+                if own.any() {
+                    let placed = world.accel.placements().placed::<R>(number);
+                    let form = R::gather_integer(&world.form_of, shape);
+                    let round = R::same(form, R::Integer::splat(TURNED as i32));
+                    let turned = R::select(round, -R::one(), R::one());
+                    let (point, known) = placed.point(p, error);
+                    p = Triple::select(own, point, p);
+                    error = Triple::select(own, known, error);
+                    geometric = Triple::select(own, placed.normal(geometric) * turned, geometric);
+                    let [a, b, c] = facts.normals;
+                    let (a, b, c) = (placed.normal(a), placed.normal(b), placed.normal(c));
+                    let between = (a * weights[0] + b * weights[1] + c * weights[2]) * turned;
+                    mean = Triple::select(own, between, mean);
+                }
+            }
+            let mean = mean.normalize();
             let mut shading = Triple::select(mean.some() & !disks, mean, geometric);
             let direction = self.paths.triple::<R>(DIRECTION, place);
             let throughput = self.paths.triple::<R>(THROUGHPUT, place);
@@ -94,16 +114,17 @@ impl<'a> Stream<'a> {
         for at in (group.from..group.end).step_by(R::N) {
             let row = at - group.from;
             let place = R::Integer::load(&self.order[at..]);
-            let primitive = R::gather_integer(&self.primitive, place);
-            let form = R::gather_integer(&world.table.form, primitive);
-            let mut rest = Self::mask::<R>(at, group.end) & !R::same(form, R::Integer::splat(TRIANGLE as i32));
-            let mut primitives = [0; SPARE];
-            primitive.store(&mut primitives);
+            let shape = R::gather_integer(&self.shape, place);
+            let form = R::gather_integer(&world.form_of, shape);
+            let body = R::same(form, R::Integer::splat(DISK as i32)) | R::same(form, R::Integer::splat(SPHERE as i32));
+            let mut rest = Self::mask::<R>(at, group.end) & body;
+            let mut shapes = [0; SPARE];
+            shape.store(&mut shapes);
             while rest.any() {
-                let one = primitives[rest.bits().trailing_zeros() as usize % SPARE];
-                let own = rest & R::same(primitive, R::Integer::splat(one as i32));
+                let one = shapes[rest.bits().trailing_zeros() as usize % SPARE];
+                let own = rest & R::same(shape, R::Integer::splat(one as i32));
                 rest = rest & !own;
-                let uv = match &world.shapes[world.primitives[one as usize].shape as usize].form {
+                let uv = match &world.shapes[one as usize].form {
                     Form::Sphere(sphere) => {
                         let outer = self.vertices.row::<R>(POINT, row) - Triple::splat(sphere.center);
                         sphere.uv_lanes(outer.normalize())
@@ -125,14 +146,14 @@ impl<'a> Stream<'a> {
         for at in group.from..group.end {
             let row = at - group.from;
             let from = self.order[at] as usize;
-            let color = world.color(self.primitive[from], self.u[from], self.v[from]);
+            let color = world.color(self.shape[from], self.primitive[from], self.u[from], self.v[from]);
             for (k, value) in color.to_array().into_iter().enumerate() {
                 self.vertices.rows[COLOR + k][row] = value;
             }
         }
     }
 
-    fn hit(&self, at: usize) -> Hit {
+    pub(super) fn hit(&self, at: usize) -> Hit {
         Hit { t: self.t[at], u: self.u[at], v: self.v[at], primitive: self.primitive[at] }
     }
 
@@ -143,8 +164,8 @@ impl<'a> Stream<'a> {
             let row = at - group.from;
             let from = self.order[at] as usize;
             let hit = self.hit(from);
-            let found = world.interaction(&self.ray(from), &hit);
-            let n = world.shading_frame(&hit, &found).n;
+            let found = world.interaction_at(&self.ray(from), &hit, (self.shape[from], hit.primitive));
+            let n = world.shading_frame(&hit, hit.primitive, &found).n;
             for k in 0..3 {
                 self.vertices.rows[MAPPED + k][row] = n[k];
             }
@@ -159,8 +180,7 @@ impl<'a> Stream<'a> {
             let row = at - group.from;
             let (mask, ids) = (Self::mask::<R>(at, group.end), self.ids::<R>(at));
             let place = R::Integer::load(&self.order[at..]);
-            let primitive = R::gather_integer(&self.primitive, place);
-            let lights = R::gather_integer(&world.table.light, primitive);
+            let lights = R::gather_integer(&world.light_of, R::gather_integer(&self.shape, place));
             let mut numbers = [DARK; SPARE];
             lights.store(&mut numbers);
             let mut rest = mask & !R::same(lights, R::Integer::splat(DARK as i32));

@@ -217,6 +217,84 @@ pub fn everything() -> Built {
     built
 }
 
+/// Copies of two meshes, placed in every way: turned, mirrored, stretched, their normals turned round; with textures, a
+/// normal map, vertex colours, an opacity, glass, and as lamps.
+pub fn copies() -> Built {
+    let mut built = Built::new([0.0, 2.0, 7.0], [0.0, 0.8, 0.0], 55.0, 6);
+    let mut image = |width: usize, height: usize, value: &dyn Fn(usize) -> f32| {
+        let data: Vec<f32> = (0..width * height * 3).map(value).collect();
+        let bytes = Image::from_data(width, height, 3, data).expect("fits").to_bytes();
+        let digest = Digest::of(&bytes);
+        built.blobs.insert(digest, bytes);
+        digest
+    };
+    let colors = image(5, 3, &|i| 0.1 + (i * 7 % 11) as f32 * 0.07);
+    let bumps = image(3, 3, &|i| [0.55, 0.45, 0.95, 0.4, 0.5, 0.9][i % 6]);
+    let holes = image(8, 8, &|i| [1.0, 0.4, 0.0][i / 3 % 3]);
+    let bitmap = |image| Texture::Bitmap {
+        image,
+        uv: [[3.0, 0.5, 0.0], [0.0, 2.0, 0.1]],
+        scale: [1.0; 3],
+        channel: None,
+        clamp: false,
+    };
+    let painted = Bsdf::Diffuse { reflectance: bitmap(colors) };
+    let plastic = Bsdf::Plastic { diffuse_reflectance: bitmap(colors), int_ior: 1.5, ext_ior: 1.0, alpha: 0.1 };
+    let mapped = Bsdf::TwoSided {
+        inner: Box::new(Bsdf::NormalMap { map: bitmap(bumps), scale: 0.7, inner: Box::new(plastic.clone()) }),
+    };
+    let hole = Texture::Bitmap {
+        image: holes,
+        uv: [[2.0, 0.0, 0.0], [0.0, 2.0, 0.0]],
+        scale: [1.0; 3],
+        channel: Some(0),
+        clamp: false,
+    };
+    let two_sided = Box::new(Bsdf::TwoSided { inner: Box::new(painted.clone()) });
+    let masked = Bsdf::Mask { opacity: hole, inner: two_sided };
+    let glass = Bsdf::Dielectric {
+        int_ior: 1.5,
+        ext_ior: 1.0,
+        alpha: 0.0,
+        specular_reflectance: Texture::scalar(1.0),
+        specular_transmittance: Texture::rgb([0.9, 1.0, 0.8]),
+    };
+    let tinted = Bsdf::TwoSided {
+        inner: Box::new(Bsdf::Diffuse { reflectance: Texture::VertexColor { scale: [0.8; 3], channel: None } }),
+    };
+    let floor = built.diffuse([0.5; 3]);
+    built.shape(Geometry::Rectangle, level(10.0, [0.0; 3], true), floor);
+    let mut smooth = ball(8);
+    let along = |p: &[f32; 3]| [-p[2], 0.0, p[0], 1.0];
+    smooth.tangents = Some(smooth.positions.iter().map(along).collect());
+    smooth.colors = Some(smooth.positions.iter().map(|p| [p[0] * p[0], p[1] * p[1], p[2] * p[2], 1.0]).collect());
+    let flat = Mesh { normals: None, tangents: None, uvs: None, ..smooth.clone() };
+    let bare = Mesh { tangents: None, ..smooth.clone() };
+    let sorts = [painted, plastic, mapped, masked, glass, tinted];
+    let materials: Vec<usize> = sorts.into_iter().map(|bsdf| built.material(bsdf)).collect();
+    for (k, material) in materials.iter().enumerate() {
+        for (row, mesh) in [&smooth, &bare, &flat].into_iter().enumerate() {
+            if row == 2 && (2..=3).contains(&k) {
+                continue;
+            }
+            let at = [-2.6 + 1.05 * k as f64, 0.45 + 0.1 * row as f64, 1.3 - 1.1 * row as f64];
+            let (mut x, y, z) = ([0.4, 0.0, 0.1], [0.05, 0.4 - 0.07 * row as f64, 0.0], [-0.1, 0.1, 0.4]);
+            if (k + row) % 3 == 1 {
+                x = x.map(|v: f64| -v);
+            }
+            built.mesh(mesh, columns(x, y, z, at), *material).flip_normals = k != 4 && (k + row) % 4 == 2;
+        }
+    }
+    // Two even lamps, one of them with a picture, and a stretched one.
+    for (k, scale) in [[0.2; 3], [0.3; 3], [0.7, 0.4, 0.5]].into_iter().enumerate() {
+        let ([a, b, c], at) = (scale, [-2.0 + 2.0 * k as f64, 2.6, 0.5]);
+        let lamp = built.mesh(&bare, columns([a, 0.0, 0.0], [0.0, b, 0.0], [0.0, 0.0, c], at), floor);
+        lamp.emission = Some(if k == 1 { bitmap(colors) } else { Texture::scalar(4.0 + k as f32) });
+    }
+    built.sky([0.3, 0.35, 0.4]);
+    built
+}
+
 /// A closed room with a lamp under its ceiling, a block and a ball.
 pub fn room() -> Built {
     let mut built = Built::new([0.0, 1.0, 3.2], [0.0, 1.0, 0.0], 50.0, 8);

@@ -172,6 +172,10 @@ impl Real for F8 {
         Self(unsafe { _mm256_cvtepi32_ps(value.0) })
     }
     #[inline(always)]
+    fn whole(self) -> I8 {
+        I8(unsafe { _mm256_castps_si256(self.0) })
+    }
+    #[inline(always)]
     fn gather(from: &[f32], index: I8) -> Self {
         let Some(last) = from.len().checked_sub(1) else { return Self::zero() };
         unsafe {

@@ -179,6 +179,10 @@ impl Real for F16 {
         Self(unsafe { _mm512_cvtepi32_ps(value.0) })
     }
     #[inline(always)]
+    fn whole(self) -> I16 {
+        I16(unsafe { _mm512_castps_si512(self.0) })
+    }
+    #[inline(always)]
     fn gather(from: &[f32], index: I16) -> Self {
         let Some(last) = from.len().checked_sub(1) else { return Self::zero() };
         unsafe {

@@ -183,6 +183,12 @@ impl Real for F4 {
         Self::load(&value.0.map(|v| v as f32))
     }
     #[inline(always)]
+    fn whole(self) -> I4 {
+        let mut row = [0.0; 4];
+        self.store(&mut row);
+        I4(row.map(|v| v.to_bits() as i32))
+    }
+    #[inline(always)]
     fn gather(from: &[f32], index: I4) -> Self {
         Self::load(&index.0.map(|i| f32::gather(from, i)))
     }
