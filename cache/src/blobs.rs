@@ -18,7 +18,6 @@ use std::{
     fs::{self, File},
     io::{self, Read, Seek, SeekFrom, Write},
     os::unix::fs::FileExt,
-    path::Path,
 };
 
 /// Blobs of at least this many bytes get a file of their own.
@@ -98,7 +97,7 @@ impl Store {
     /// Whether the blob is there, without reading it.  A gc of another process may take it right afterwards, unless
     /// this store put it or found it through a record.
     pub fn contains(&self, digest: &Digest) -> bool {
-        let here = || self.packed_at(digest).is_some() || is_loose(&self.layout.blob(digest), digest);
+        let here = || self.packed_at(digest).is_some() || self.is_loose(digest);
         here() || (self.refresh_on_miss() && here())
     }
 
@@ -120,13 +119,12 @@ impl Store {
             self.refresh()?;
             return Ok(self.packed_at(digest).is_some());
         }
-        let path = self.layout.blob(digest);
-        if digest.size < LOOSE_FROM && !is_loose(&path, digest) {
+        if digest.size < LOOSE_FROM && !self.is_loose(digest) {
             return Ok(false);
         }
         // For a blob that is about to be written, too: no gc takes it before its record is there.
         self.note([Use::Blob(digest.hash)])?;
-        Ok(is_loose(&path, digest))
+        Ok(self.is_loose(digest))
     }
 
     fn put_packed(&self, digest: &Digest, bytes: &[u8]) -> Result<(), CacheError> {
@@ -216,6 +214,7 @@ impl Store {
     fn get_loose(&self, digest: &Digest) -> Result<Option<Vec<u8>>, CacheError> {
         let path = self.layout.blob(digest);
         let read = match open_plain(&path) {
+            Ok(_) if !self.layout.has_own_folder(digest) => return Ok(None),
             Ok(file) => read_blob(&file, 0, digest, true),
             Err(error) => Err(error),
         };
@@ -227,6 +226,12 @@ impl Store {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             other => other.at("read the blob", &path),
         }
+    }
+
+    /// Whether a large blob's file is there, of the right size, in a folder of the store's own.
+    pub(crate) fn is_loose(&self, digest: &Digest) -> bool {
+        let there = fs::symlink_metadata(self.layout.blob(digest));
+        there.is_ok_and(|meta| meta.is_file() && meta.len() == digest.size) && self.layout.has_own_folder(digest)
     }
 }
 
@@ -265,9 +270,4 @@ fn is_good(file: &File, offset: u64, digest: &Digest) -> io::Result<bool> {
         done += read as u64;
     }
     Ok(hasher.finalize().as_bytes() == &digest.hash)
-}
-
-/// Whether a large blob's file is there, of the right size.
-pub(crate) fn is_loose(path: &Path, digest: &Digest) -> bool {
-    fs::symlink_metadata(path).is_ok_and(|meta| meta.is_file() && meta.len() == digest.size)
 }

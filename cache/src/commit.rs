@@ -17,7 +17,7 @@
 use crate::{
     CacheError, Digest, Store,
     error::At,
-    layout::{open_plain, sync_dir},
+    layout::{is_own_folder, open_plain, sync_dir},
     records::append_frame,
     segment::commit_frame,
     store::{LogWriter, Relied, Synced, lock},
@@ -168,7 +168,12 @@ impl Store {
 
 fn sync_loose(paths: &[PathBuf]) -> Result<(), CacheError> {
     let mut folders: BTreeSet<&Path> = BTreeSet::new();
+    let mut own: BTreeMap<&Path, bool> = BTreeMap::new();
     for path in paths {
+        // Behind a link lies what is of somebody else.
+        if !path.parent().is_some_and(|folder| *own.entry(folder).or_insert_with(|| is_own_folder(folder))) {
+            continue;
+        }
         match open_plain(path) {
             Ok(file) => file.sync_data().at("sync the blob", path)?,
             // Quarantined, or taken by hand: a miss later, nothing to sync now.

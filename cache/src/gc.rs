@@ -30,7 +30,8 @@ const SWEEP_WAIT: Duration = Duration::from_secs(10);
 /// Always kept: what pins reach, what live stores have written or looked up, and what was recorded or hit within
 /// `keep_within_secs` of `now`.  Of the rest, the records that were used least recently go until at most `max_bytes`
 /// of blobs are left; without `max_bytes` all of them go if `keep_within_secs` is given, and none if it is not.
-/// Blobs that no record and no pin reaches always go.
+/// Blobs that no record and no pin reaches always go, and so do records that have lost blobs, unless a live store or a
+/// pin holds them: [`VerifyReport::lost_records`](crate::VerifyReport::lost_records).
 #[derive(Clone, Debug, Default)]
 pub struct GcOptions {
     /// Bytes of blobs to come down to.

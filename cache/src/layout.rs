@@ -30,7 +30,7 @@ use std::{
     io::{self, Read, Write},
     os::unix::fs::OpenOptionsExt,
     path::{Path, PathBuf},
-    sync::atomic::{AtomicU64, Ordering},
+    sync::atomic::{AtomicBool, AtomicU64, Ordering},
 };
 
 /// First line of the FORMAT file.
@@ -48,11 +48,14 @@ pub(crate) struct Layout {
     /// Files of no consequence may be written, too: index files, and what is set aside.
     pub writes: bool,
     next_tmp: AtomicU64,
+    /// The folders of large blobs that were seen to be the store's own, by the first byte of the hash.
+    own_blobs: [AtomicBool; 256],
 }
 
 impl Layout {
     pub fn new(root: &Path, owner: String) -> Self {
-        Self { root: root.to_owned(), owner, writes: true, next_tmp: AtomicU64::new(0) }
+        let own_blobs = [const { AtomicBool::new(false) }; 256];
+        Self { root: root.to_owned(), owner, writes: true, next_tmp: AtomicU64::new(0), own_blobs }
     }
 
     /// Whether there is a store of this format, all of whose folders are its own.  If not, one may be made here.
@@ -173,6 +176,18 @@ impl Layout {
         self.root.join("blobs").join(&name[..2]).join(name)
     }
 
+    /// Whether a large blob's folder is there and the store's own: what lies behind a link is of somebody else. Each
+    /// folder is looked at once, which is enough for reading, as content is checked; who moves files looks anew.
+    pub fn has_own_folder(&self, digest: &Digest) -> bool {
+        let known = &self.own_blobs[usize::from(digest.hash[0])];
+        if known.load(Ordering::Relaxed) {
+            return true;
+        }
+        let own = self.blob(digest).parent().is_some_and(is_own_folder);
+        known.store(own, Ordering::Relaxed);
+        own
+    }
+
     /// A name in `tmp/` that nobody else uses.
     pub fn tmp(&self) -> PathBuf {
         let n = self.next_tmp.fetch_add(1, Ordering::Relaxed);
@@ -231,6 +246,16 @@ pub(crate) fn own_folder(path: &Path) -> Result<bool, CacheError> {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
         Err(error) => Err(error).at("look at", path),
     }
+}
+
+/// Whether the folder is there, and no link.
+pub(crate) fn is_own_folder(path: &Path) -> bool {
+    own_folder(path).unwrap_or(false)
+}
+
+/// Opens a folder that is no link, to name files in it however its own name changes meanwhile.
+pub(crate) fn open_folder(path: &Path) -> io::Result<File> {
+    OpenOptions::new().read(true).custom_flags(libc::O_NOFOLLOW | libc::O_DIRECTORY).open(path)
 }
 
 /// Opens a file for reading.  A link, a pipe, a device or a folder of that name is as good as no file.

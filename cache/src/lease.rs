@@ -133,6 +133,9 @@ impl Lease {
                 fs::rename(&tmp, &path)?;
                 Ok(file)
             });
+            if made.is_err() {
+                let _ = fs::remove_file(&tmp); // the first error is the one to report
+            }
             match made {
                 Ok(file) => return Ok(Self { path, file, notes: Mutex::default() }),
                 // A gc swept the unlocked temporary file away; once more.
@@ -182,5 +185,20 @@ impl Drop for Lease {
         if !notes.has_history {
             let _ = fs::remove_file(&self.path); // a dead lease left behind is harmless
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lease_that_cannot_be_made_leaves_nothing() {
+        let dir = tempfile::tempdir().expect("a temporary folder");
+        // There is no folder for leases.
+        fs::create_dir(dir.path().join("tmp")).expect("writable");
+        let error = Lease::open(&Layout::new(dir.path(), new_owner())).expect_err("nowhere to put it");
+        assert!(error.to_string().contains("create the lease"), "{error}");
+        assert_eq!(fs::read_dir(dir.path().join("tmp")).expect("readable").count(), 0);
     }
 }

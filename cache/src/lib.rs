@@ -40,6 +40,7 @@ mod commit;
 mod digest;
 mod error;
 mod gc;
+mod hashed;
 mod index;
 mod key;
 mod layout;
@@ -54,6 +55,7 @@ mod stat;
 mod store;
 pub mod tree;
 mod verify;
+mod whole;
 
 pub use claim::Claim;
 pub use digest::{Digest, ParseDigestError};

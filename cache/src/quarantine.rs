@@ -6,11 +6,12 @@
 
 use crate::{
     Digest,
-    layout::{Layout, is_number, names},
+    layout::{Layout, is_number, is_own_folder, names, open_folder},
     segment::Sort,
 };
+use nix::fcntl::renameat;
 use std::{
-    fs::{self, File},
+    fs::File,
     io::{self, Write},
     path::Path,
 };
@@ -34,10 +35,15 @@ pub(crate) fn packed(layout: &Layout, segment: &str, offset: u64, bytes: &[u8]) 
     let _ = File::create_new(path).and_then(|mut file| file.write_all(bytes));
 }
 
-/// Moves a large blob's file out of the way.
+/// Moves a large blob's file out of the way.  Neither folder may be a link, nor become one in between: behind it a file
+/// of somebody else may have the blob's name.
 pub(crate) fn loose(layout: &Layout, digest: &Digest, path: &Path) {
-    if layout.writes {
-        let _ = fs::rename(path, layout.folder("quarantine").join(digest.to_string())); // gone already: as good
+    let Some(folder) = path.parent().filter(|_| layout.writes && is_own_folder(&layout.folder("blobs"))) else {
+        return;
+    };
+    if let (Ok(from), Ok(to)) = (open_folder(folder), open_folder(&layout.folder("quarantine"))) {
+        let name = digest.to_string();
+        let _ = renameat(&from, name.as_str(), &to, name.as_str()); // gone already: as good
     }
 }
 

@@ -1,14 +1,7 @@
 //! Verification: every blob is read and rehashed, every record decoded.
 
-use crate::{
-    CacheError, Digest, Key, Store,
-    error::At,
-    index::Slot,
-    layout::loose_blobs,
-    record::{Reach, decode_reach, sum},
-    segment::{Sort, read_record},
-};
-use std::collections::{BTreeSet, HashMap};
+use crate::{CacheError, Digest, Key, Store, error::At, layout::loose_blobs, record::sum, segment::Sort, whole::State};
+use std::collections::HashSet;
 
 /// What a verification found.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -29,6 +22,9 @@ pub struct VerifyReport {
     pub damaged_places: u64,
     /// Records that reach a blob which is not there: their actions run again when needed.
     pub incomplete_records: u64,
+    /// Committed ones among them that reach a blob which was there and is not any more.  A transient action's outputs,
+    /// and what others say of them, are none: nobody stored them.  The next gc clears the records away.
+    pub lost_records: u64,
     /// Keys for which two processes recorded different payloads at the same time; the older record stands.
     pub conflicts: Vec<(String, Key)>,
     /// Bytes after the last whole frame of segments whose writer is dead: what a kill cut off.
@@ -36,9 +32,10 @@ pub struct VerifyReport {
 }
 
 impl VerifyReport {
-    /// Whether something was damaged.  What is missing is not: a gc, a kill or a node that stores nothing leaves it so.
+    /// Whether something was damaged or lost.  What is missing otherwise is not: a power cut or a transient node leaves
+    /// it so, and a gc takes records with their blobs.
     pub fn is_damaged(&self) -> bool {
-        !self.damaged.is_empty() || self.damaged_records > 0 || self.damaged_places > 0
+        !self.damaged.is_empty() || self.damaged_records + self.damaged_places + self.lost_records > 0
     }
 }
 
@@ -88,7 +85,7 @@ impl Store {
         let mut blobs: Vec<Digest> = {
             let index = self.index();
             let mut packed: Vec<_> = index.blobs.iter().collect();
-            packed.sort_unstable_by_key(|(_, at)| (at.segment, at.offset));
+            packed.sort_unstable_by_key(|(hash, at)| (at.segment, at.offset, **hash));
             packed.into_iter().map(|(hash, at)| Digest { hash: *hash, size: at.size }).collect()
         };
         let loose = loose_blobs(&self.layout.root).at("list the blobs in", &self.layout.root)?;
@@ -97,36 +94,18 @@ impl Store {
     }
 
     fn verify_records(&self, report: &mut VerifyReport) -> Result<(), CacheError> {
-        let here: BTreeSet<Digest> = self.all_blobs()?.into_iter().collect();
-        let mut records: Vec<(u32, u64, u32, Slot)> = {
-            let index = self.index();
-            index.records.iter().map(|(slot, at)| (at.segment, at.offset, at.len, *slot)).collect()
-        };
-        records.sort_unstable();
-        // Whether all that a tree lists is here; a tree below several records is walked once.
-        let mut whole: HashMap<Vec<Digest>, bool> = HashMap::new();
-        for (segment, offset, len, slot) in records {
+        let here: HashSet<Digest> = self.all_blobs()?.into_iter().collect();
+        for checked in self.check_records(&here)? {
             report.records += 1;
-            let frame = self.segment_file(segment).and_then(|file| read_record(&file, offset, len)).ok().flatten();
-            match frame.as_ref().and_then(|frame| decode_reach(frame.bytes())) {
-                Some(Reach { refs, trees, .. }) => {
-                    let listed = match whole.get(&trees) {
-                        Some(&listed) => listed,
-                        None => {
-                            let listed = self.reach(&[], &trees)?.iter().all(|digest| here.contains(digest));
-                            whole.insert(trees, listed);
-                            listed
-                        }
-                    };
-                    if !listed || !refs.iter().all(|digest| here.contains(digest)) {
-                        report.incomplete_records += 1;
-                    }
-                }
+            match checked.state {
+                Some(State::Whole) => {}
+                Some(State::Excused | State::Lost) => report.incomplete_records += 1,
                 None => {
                     report.damaged_records += 1;
-                    self.index_mut().records.remove(&slot);
+                    self.index_mut().records.remove(&checked.slot);
                 }
             }
+            report.lost_records += u64::from(checked.has_lost());
         }
         Ok(())
     }
