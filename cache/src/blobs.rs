@@ -1,7 +1,7 @@
 //! Blobs: bytes in, the same bytes out, or a miss.
 //!
-//! Small ones are appended to a pack, large ones get a file of their own.  They
-//! are durable when the next commit returns, and visible at once.
+//! Small ones are appended to a pack, large ones get a file of their own. They are durable when the next commit
+//! returns, and visible at once.
 
 use crate::{
     CacheError, Digest, Store,
@@ -37,7 +37,7 @@ enum Found {
 }
 
 impl Store {
-    /// Stores a blob.  Storing it again costs a look-up.
+    /// Stores a blob. Storing it again costs a look-up.
     ///
     /// # Errors
     /// When it cannot be written; what was stored before is not affected.
@@ -56,7 +56,7 @@ impl Store {
         Ok(digest)
     }
 
-    /// Reads a blob and checks it.  `None` when it is missing, or damaged: then it goes to quarantine.
+    /// Reads a blob and checks it. `None` when it is missing, or damaged: then it goes to quarantine.
     ///
     /// # Errors
     /// When a file that is there cannot be read.
@@ -94,8 +94,8 @@ impl Store {
         Ok(None)
     }
 
-    /// Whether the blob is there, without reading it.  A gc of another process may take it right afterwards, unless
-    /// this store put it or found it through a record.
+    /// Whether the blob is there, without reading it. A gc of another process may take it right afterwards, unless this
+    /// store put it or found it through a record.
     pub fn contains(&self, digest: &Digest) -> bool {
         let here = || self.packed_at(digest).is_some() || self.is_loose(digest);
         here() || (self.refresh_on_miss() && here())

@@ -1,8 +1,8 @@
 //! Maps from hashes, for an index whose hashes others may have chosen.
 //!
-//! What is looked up is a hash already, so mixing its words costs less than hashing it again.  But a pack may name any
-//! hashes: were a part of them taken as it is, as many as somebody likes would fall on one place.  So all of it is
-//! mixed with numbers of this process.  The order of such a map means nothing: whoever shows it sorts.
+//! What is looked up is a hash already, so mixing its words costs less than hashing it again. But a pack may name any
+//! hashes: were a part of them taken as it is, as many as somebody likes would fall on one place. So all of it is mixed
+//! with numbers of this process. The order of such a map means nothing: whoever shows it sorts.
 
 use std::{
     collections::HashMap,

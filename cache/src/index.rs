@@ -4,8 +4,8 @@
 //! content.
 //!
 //! The order in which segments are read does not matter. Of two records for one key the higher generation wins, then
-//! the older one; of the highest generation, the later. Of two copies of a blob the one in the later segment wins: it was written because the earlier one had
-//! been found damaged.
+//! the older one; of the highest generation, the later. Of two copies of a blob the one in the later segment wins: it
+//! was written because the earlier one had been found damaged.
 
 use crate::{
     CacheError, Key,
@@ -228,7 +228,7 @@ impl Index {
         }
     }
 
-    /// Reads what is new on disk.  Logs first: a record's blobs were written before it.
+    /// Reads what is new on disk. Logs first: a record's blobs were written before it.
     pub fn refresh(&mut self, layout: &Layout) -> Result<(), CacheError> {
         let bad = quarantine::places(layout).at("list", &layout.folder("quarantine"))?;
         if bad.iter().any(|place| !self.bad.contains(place)) {

@@ -58,8 +58,8 @@ impl Layout {
         Self { root: root.to_owned(), owner, writes: true, next_tmp: AtomicU64::new(0), own_blobs }
     }
 
-    /// Whether there is a store of this format, all of whose folders are its own.  If not, one may be made here.
-    /// Changes nothing.
+    /// Whether there is a store of this format, all of whose folders are its own. If not, one may be made here. Changes
+    /// nothing.
     ///
     /// # Errors
     /// When the folder holds a store of another format, or anything but what an unfinished opening leaves.
@@ -94,8 +94,8 @@ impl Layout {
         Ok(())
     }
 
-    /// Says what the folder is, where nothing does yet.  The owner has its lease, so that no collection takes the
-    /// files for a dead one's.
+    /// Says what the folder is, where nothing does yet. The owner has its lease, so that no collection takes the files
+    /// for a dead one's.
     pub fn sign(&self) -> Result<(), CacheError> {
         // Made now, as a full disk would have no room for it when a collection is needed most.
         open_lock(&self.gc_lock())?;
@@ -194,7 +194,7 @@ impl Layout {
         self.root.join("tmp").join(format!("{}.{n}", self.owner))
     }
 
-    /// Writes a small file whole and durably: temporary file, sync, rename, sync of the folder.  The owner has its
+    /// Writes a small file whole and durably: temporary file, sync, rename, sync of the folder. The owner has its
     /// lease.
     pub fn write_file(&self, path: &Path, bytes: &[u8]) -> Result<(), CacheError> {
         let tmp = self.tmp();
@@ -258,7 +258,7 @@ pub(crate) fn open_folder(path: &Path) -> io::Result<File> {
     OpenOptions::new().read(true).custom_flags(libc::O_NOFOLLOW | libc::O_DIRECTORY).open(path)
 }
 
-/// Opens a file for reading.  A link, a pipe, a device or a folder of that name is as good as no file.
+/// Opens a file for reading. A link, a pipe, a device or a folder of that name is as good as no file.
 pub(crate) fn open_plain(path: &Path) -> io::Result<File> {
     let strange = || io::Error::new(io::ErrorKind::NotFound, "no plain file");
     // Opening a pipe would wait for a writer.
@@ -281,7 +281,7 @@ pub(crate) fn read_small(path: &Path) -> io::Result<String> {
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// Names in `dir` of the entries that `wanted` takes, sorted.  A folder that does not exist has none.
+/// Names in `dir` of the entries that `wanted` takes, sorted. A folder that does not exist has none.
 fn list(dir: &Path, wanted: impl Fn(fs::FileType) -> bool) -> io::Result<Vec<String>> {
     let mut names = Vec::new();
     match fs::read_dir(dir) {
@@ -306,7 +306,7 @@ fn list(dir: &Path, wanted: impl Fn(fs::FileType) -> bool) -> io::Result<Vec<Str
     Ok(names)
 }
 
-/// Names of the files in `dir`, sorted; links and the like are left out.  A folder that does not exist has none.
+/// Names of the files in `dir`, sorted; links and the like are left out. A folder that does not exist has none.
 pub(crate) fn names(dir: &Path) -> io::Result<Vec<String>> {
     list(dir, |kind| kind.is_file())
 }

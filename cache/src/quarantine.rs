@@ -1,8 +1,7 @@
 //! Quarantine: where damaged blobs go, so that nobody reads them again.
 //!
-//! A large blob's file is moved here.  A packed blob is copied to
-//! `<segment>@<offset>`; that name alone tells every store that the place in
-//! the pack is bad.
+//! A large blob's file is moved here. A packed blob is copied to `<segment>@<offset>`; that name alone tells every
+//! store that the place in the pack is bad.
 
 use crate::{
     Digest,
@@ -25,7 +24,7 @@ pub(crate) fn places(layout: &Layout) -> io::Result<Vec<(String, u64)>> {
     Ok(names(&layout.folder("quarantine"))?.iter().filter_map(parse).collect())
 }
 
-/// Marks a place in a pack as bad, keeping its bytes.  On a full disk the name is kept at least.
+/// Marks a place in a pack as bad, keeping its bytes. On a full disk the name is kept at least.
 pub(crate) fn packed(layout: &Layout, segment: &str, offset: u64, bytes: &[u8]) {
     if !layout.writes {
         return;
@@ -35,7 +34,7 @@ pub(crate) fn packed(layout: &Layout, segment: &str, offset: u64, bytes: &[u8]) 
     let _ = File::create_new(path).and_then(|mut file| file.write_all(bytes));
 }
 
-/// Moves a large blob's file out of the way.  Neither folder may be a link, nor become one in between: behind it a file
+/// Moves a large blob's file out of the way. Neither folder may be a link, nor become one in between: behind it a file
 /// of somebody else may have the blob's name.
 pub(crate) fn loose(layout: &Layout, digest: &Digest, path: &Path) {
     let Some(folder) = path.parent().filter(|_| layout.writes && is_own_folder(&layout.folder("blobs"))) else {

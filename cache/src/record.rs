@@ -1,7 +1,7 @@
 //! A record of the action log, and its bytes.
 //!
-//! The store reads the namespace, the key, the label, the costs and the blobs
-//! reached; preimage and payload are texts that it hands back untouched.
+//! The store reads the namespace, the key, the label, the costs and the blobs reached; preimage and payload are texts
+//! that it hands back untouched.
 
 use crate::{
     Digest, Key,
@@ -11,7 +11,7 @@ use crate::{
 /// What one finished action left behind.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Record {
-    /// What sort of key this is: `action`, `rollup`, `memo`.  Keys of different namespaces never meet.
+    /// What sort of key this is: `action`, `rollup`, `memo`. Keys of different namespaces never meet.
     pub namespace: String,
     /// Key within the namespace.
     pub key: Key,
@@ -47,14 +47,14 @@ pub enum Recorded {
     New,
     /// A record with this key and the same payload was there already.
     Same,
-    /// A record with this key and *another* payload is there.  It stays; the new one was not written.
+    /// A record with this key and *another* payload is there. It stays; the new one was not written.
     Conflict {
         /// The record that stays.
         existing: Box<Record>,
     },
 }
 
-/// The highest generation there is.  No record comes by it honestly; one that says more is damaged.
+/// The highest generation there is. No record comes by it honestly; one that says more is damaged.
 pub(crate) const MOST_GENERATION: u32 = 1 << 31;
 
 /// The generation of a record that takes the place of one of this generation.

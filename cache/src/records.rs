@@ -19,12 +19,12 @@ use std::{
 };
 
 impl Store {
-    /// Writes a record, after the blobs it names were `put`.  It is visible to everybody when this returns, survives
-    /// the death of the process, and is durable (with its blobs) when the next commit returns: at most a second and
-    /// a few hundred records later, or at once by [`flush`](Self::flush).
+    /// Writes a record, after the blobs it names were `put`. It is visible to everybody when this returns, survives the
+    /// death of the process, and is durable (with its blobs) when the next commit returns: at most a second and a few
+    /// hundred records later, or at once by [`flush`](Self::flush).
     ///
     /// # Errors
-    /// When it cannot be written.  The log is then as it was before.
+    /// When it cannot be written. The log is then as it was before.
     pub fn record(&self, record: &Record) -> Result<Recorded, CacheError> {
         let mut log = lock(&self.log);
         let known = self.index().record(&record.namespace, &record.key);
@@ -53,11 +53,11 @@ impl Store {
         Ok(Recorded::New)
     }
 
-    /// Writes a record in place of the one that has its key: for an action that had to run again because its blobs
-    /// are gone, and gave something else.
+    /// Writes a record in place of the one that has its key: for an action that had to run again because its blobs are
+    /// gone, and gave something else.
     ///
     /// # Errors
-    /// When it cannot be written.  The earlier record then stays.
+    /// When it cannot be written. The earlier record then stays.
     pub fn replace(&self, record: &Record) -> Result<(), CacheError> {
         self.refresh()?;
         let mut log = lock(&self.log);
@@ -67,8 +67,8 @@ impl Store {
         self.commit_if_due()
     }
 
-    /// The record of a key, whether or not its blobs are there.  While this store lives, no gc takes the record or
-    /// its blobs away.
+    /// The record of a key, whether or not its blobs are there. While this store lives, no gc takes the record or its
+    /// blobs away.
     pub fn lookup(&self, namespace: &str, key: &Key) -> Option<Arc<Record>> {
         self.find(namespace, key, false)
     }
@@ -101,13 +101,13 @@ impl Store {
         found.into_iter().map(|(_, key)| key).collect()
     }
 
-    /// The record of a key, as [`lookup`](Self::lookup) gives it.  It leaves no trace of use, and nothing keeps the
+    /// The record of a key, as [`lookup`](Self::lookup) gives it. It leaves no trace of use, and nothing keeps the
     /// record.
     pub fn read(&self, namespace: &str, key: &Key) -> Option<Record> {
         self.read_record_of(namespace, key).map(|(_, _, record)| record)
     }
 
-    /// All records of a label, oldest first.  They are in memory at once; [`keys_by_label`](Self::keys_by_label) and
+    /// All records of a label, oldest first. They are in memory at once; [`keys_by_label`](Self::keys_by_label) and
     /// [`read`](Self::read) take one at a time.
     pub fn by_label(&self, namespace: &str, label: &str) -> Vec<Record> {
         self.keys_by_label(namespace, label).iter().filter_map(|key| self.read(namespace, key)).collect()
@@ -126,7 +126,7 @@ impl Store {
             let index = self.index();
             keys.iter().filter_map(|key| foreign_use(&index, namespace, key)).collect()
         };
-        // Noted first, looked at afterwards (see `lease`).  Protection fails only with a full disk; the hits stand.
+        // Noted first, looked at afterwards (see `lease`). Protection fails only with a full disk; the hits stand.
         let _ = self.note(uses);
         keys.iter().map(|key| self.read_noted(namespace, key, false)).collect()
     }
@@ -166,8 +166,8 @@ impl Store {
             if !proven {
                 return None;
             }
-            // Its writer may have died before they were durable. Records that build on it must not be marked as
-            // whole until they are.
+            // Its writer may have died before they were durable. Records that build on it must not be marked as whole
+            // until they are.
             self.rely_on(reached);
             let end = at.offset + RECORD_HEADER + u64::from(at.len);
             lock(&self.relied).logs.entry(at.segment).and_modify(|to| *to = end.max(*to)).or_insert(end);

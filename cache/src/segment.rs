@@ -1,15 +1,15 @@
 //! Segments: append-only files that one store instance writes and everybody reads.
 //!
-//! A pack segment holds small blobs, a log segment holds records.  Both are
-//! sequences of checksummed frames, so that a torn tail is seen and ignored:
+//! A pack segment holds small blobs, a log segment holds records. Both are sequences of checksummed frames, so that a
+//! torn tail is seen and ignored:
 //!
 //! ```text
 //! pack frame   "TFB1"  size u64  blake3 of the blob [32]  check u64  blob
 //! log frame    "TFR1"  length u32  check [16]  body
 //! log body     0x01 record | 0x02 commit mark: u64 offset
 //! ```
-//! A commit mark says that the blobs of every record before that offset in the
-//! same segment were durable when the mark was written.  Knows no index.
+//! A commit mark says that the blobs of every record before that offset in the same segment were durable when the mark
+//! was written. Knows no index.
 
 use crate::{
     codec::{Fields, Put},
@@ -40,7 +40,7 @@ const LONGEST: u64 = 600 << 20;
 /// and there may be many.
 const RESYNC: usize = 1 << 20;
 const RESYNC_FIRST: usize = 4 << 10;
-/// Bytes of frames that turn out to be damaged are read so many times at most, for each byte of a log.  Frames that lie
+/// Bytes of frames that turn out to be damaged are read so many times at most, for each byte of a log. Frames that lie
 /// in each other, which no accident makes, would else be read once for each of them.
 const IN_VAIN: u64 = 8;
 const RECORD: u8 = 1;
@@ -131,9 +131,9 @@ pub(crate) struct Scan {
     pub damaged: u64,
 }
 
-/// Walks the frames of a pack from `from`; returns where the first incomplete or foreign frame begins.  Blobs are not
-/// read, only
-/// their headers.  With `whole`, when nobody appends any more, a damaged header that a frame follows is stepped over.
+/// Walks the frames of a pack from `from`; returns where the first incomplete or foreign frame begins. Blobs are not
+/// read, only their headers. With `whole`, when nobody appends any more, a damaged header that a frame follows is
+/// stepped over.
 pub(crate) fn scan_pack(path: &Path, from: u64, whole: bool, mut found: impl FnMut(PackedBlob)) -> io::Result<Scan> {
     let file = open_plain(path)?;
     let len = file.metadata()?.len();
@@ -219,9 +219,8 @@ pub(crate) enum LogEntry<'a> {
     Commit(u64),
 }
 
-/// Walks the frames of a log from `from`.  A damaged frame that is followed by another frame, or by the end, is
-/// stepped over;
-/// with `whole`, when nobody appends any more, so is a damaged header.
+/// Walks the frames of a log from `from`. A damaged frame that is followed by another frame, or by the end, is stepped
+/// over; with `whole`, when nobody appends any more, so is a damaged header.
 pub(crate) fn scan_log(
     path: &Path,
     from: u64,
@@ -307,8 +306,7 @@ enum Step {
 }
 
 /// Reads the frame at `at`, where the reader stands, in a log of `len` bytes: where the next one begins, and whether
-/// this one's
-/// checksum is right.  None if there is no whole frame.
+/// this one's checksum is right. None if there is no whole frame.
 fn read_frame(reader: &mut impl Read, at: u64, len: u64, body: &mut Vec<u8>) -> io::Result<Option<(u64, bool)>> {
     let mut header = [0; RECORD_HEADER as usize];
     if at.checked_add(RECORD_HEADER).is_none_or(|end| end > len) || !read_on(reader, &mut header)? {
@@ -388,8 +386,8 @@ pub(crate) struct Appender {
 }
 
 impl Appender {
-    /// Appends a frame and returns its offset.  After an error the segment ends
-    /// where it ended before, or must not be appended to again (`Err(true)`).
+    /// Appends a frame and returns its offset. After an error the segment ends where it ended before, or must not be
+    /// appended to again (`Err(true)`).
     pub fn append(&mut self, frame: &[u8]) -> Result<u64, (io::Error, bool)> {
         let offset = self.end;
         if let Err(error) = self.file.write_all_at(frame, offset) {

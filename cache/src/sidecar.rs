@@ -1,8 +1,7 @@
 //! Index files: what a segment holds, so that opening a store need not read it.
 //!
-//! `<segment>.idx` covers its segment up to an offset; what lies beyond is
-//! scanned.  It is a cache of the segment: a damaged or missing one costs time,
-//! and any may be deleted.
+//! `<segment>.idx` covers its segment up to an offset; what lies beyond is scanned. It is a cache of the segment: a
+//! damaged or missing one costs time, and any may be deleted.
 
 use crate::{
     Key,
@@ -118,7 +117,7 @@ fn record(mut entry: Fields<'_>, segment: u32, names: &[u32]) -> Option<(u32, Ke
     (at.generation <= MOST_GENERATION).then_some((namespace, key, at))
 }
 
-/// Writes the segment's index file.  Failure is of no consequence.
+/// Writes the segment's index file. Failure is of no consequence.
 pub(crate) fn save(index: &Index, number: u32, layout: &Layout) {
     if !layout.writes {
         return;

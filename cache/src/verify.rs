@@ -22,8 +22,8 @@ pub struct VerifyReport {
     pub damaged_places: u64,
     /// Records that reach a blob which is not there: their actions run again when needed.
     pub incomplete_records: u64,
-    /// Committed ones among them that reach a blob which was there and is not any more.  A transient action's outputs,
-    /// and what others say of them, are none: nobody stored them.  The next gc clears the records away.
+    /// Committed ones among them that reach a blob which was there and is not any more. A transient action's outputs,
+    /// and what others say of them, are none: nobody stored them. The next gc clears the records away.
     pub lost_records: u64,
     /// Keys for which two processes recorded different payloads at the same time; the older record stands.
     pub conflicts: Vec<(String, Key)>,
@@ -32,7 +32,7 @@ pub struct VerifyReport {
 }
 
 impl VerifyReport {
-    /// Whether something was damaged or lost.  What is missing otherwise is not: a power cut or a transient node leaves
+    /// Whether something was damaged or lost. What is missing otherwise is not: a power cut or a transient node leaves
     /// it so, and a gc takes records with their blobs.
     pub fn is_damaged(&self) -> bool {
         !self.damaged.is_empty() || self.damaged_records + self.damaged_places + self.lost_records > 0
@@ -40,9 +40,9 @@ impl VerifyReport {
 }
 
 impl Store {
-    /// Rehashes all blobs, or about the fraction `sample` of them, chosen by `seed`.  Damaged ones go to quarantine
-    /// and are misses from then on; a store that is open for reading only just says so.  `progress` gets the blobs
-    /// done and the blobs to do.
+    /// Rehashes all blobs, or about the fraction `sample` of them, chosen by `seed`. Damaged ones go to quarantine and
+    /// are misses from then on; a store that is open for reading only just says so. `progress` gets the blobs done and
+    /// the blobs to do.
     ///
     /// # Errors
     /// When a file that is there cannot be read.

@@ -224,7 +224,9 @@ fn verify(store: &Store, sample: Option<f64>) -> Result<Exit, CliError> {
     if !report.is_damaged() {
         return Ok(Exit::Done);
     }
-    eprintln!("the next run that needs what is damaged or lost makes it again; `tauflow cache gc` clears the rest away");
+    eprintln!(
+        "the next run that needs what is damaged or lost makes it again; `tauflow cache gc` clears the rest away"
+    );
     Ok(Exit::Failed)
 }
 

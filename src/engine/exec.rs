@@ -175,7 +175,8 @@ impl ActionFile {
             return Err(ExecError::Action("the recipe leaves inputs of the key out".into()));
         }
         let record = store.lookup(ACTION, &hash);
-        let before = record.as_ref().map(|record| records::load(store, record, &spec, group.name)).transpose()?.flatten();
+        let before =
+            record.as_ref().map(|record| records::load(store, record, &spec, group.name)).transpose()?.flatten();
         let new = before.is_none();
         let params = basis.params.clone();
         let task = Task {

@@ -152,7 +152,8 @@ pub fn find(pipeline: &Pipeline, lanes: &Lanes, bench: &Bench<'_>) -> Result<Kno
         }
         let ports = &node.spec.outputs;
         // One that leaves a port out is none: what it leaves out would never be made.
-        let full = |payload: &Payload| lane.ports.iter().all(|p| payload.collections.contains_key(ports[p.place()].name));
+        let full =
+            |payload: &Payload| lane.ports.iter().all(|p| payload.collections.contains_key(ports[p.place()].name));
         let payload = record.as_deref().and_then(Payload::of).filter(full);
         let totals = record.filter(|_| payload.is_some()).map_or((0, 0), |r| (r.wall_us, r.bytes));
         known.totals.push(totals);

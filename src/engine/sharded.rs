@@ -89,7 +89,8 @@ impl Shard {
         let Some(bytes) = store.get(&tree)? else { return Ok(Err(tree)) };
         // One that says something else than its collection does is as good as none.
         let content = |items: &Items| shard_digest(items.iter().map(|(key, output)| (key, output.digest)));
-        let own = |items: &Items| self.says.is_none_or(|(number, _)| items.iter().all(|(key, _)| key.shard() == number));
+        let own =
+            |items: &Items| self.says.is_none_or(|(number, _)| items.iter().all(|(key, _)| key.shard() == number));
         match listing::read(&bytes, self.len, self.says.map_or(Any::NAME, |(_, media)| media)) {
             Some(Listing::Items(items)) if own(&items) && content(&items) == self.digest => {
                 Ok(Ok(self.items.get_or_init(|| items)))

@@ -1,4 +1,4 @@
-//! What a collection keeps and what goes.  Reads; changes nothing.
+//! What a collection keeps and what goes. Reads; changes nothing.
 
 use super::{GcOptions, GcReport, listing::Listing};
 use crate::{
@@ -392,7 +392,7 @@ impl Plan {
     }
 }
 
-/// The size of blobs.  The name of a file may say anything.
+/// The size of blobs. The name of a file may say anything.
 fn total<'a>(blobs: impl Iterator<Item = &'a Blob>) -> u64 {
     blobs.fold(0, |sum, blob| sum.saturating_add(blob.digest.size))
 }

@@ -31,7 +31,7 @@ impl Sweep<'_> {
             };
             read_uses(&path, &mut note).at("read the lease", &path)?;
         }
-        // After the leases: who is not live any more has written its records by now.  The refresh also forgets what
+        // After the leases: who is not live any more has written its records by now. The refresh also forgets what
         // went, so that it does not pass for stored or recorded below.
         self.store.refresh()?;
         hashes.extend(self.refs_of_new_records()?);

@@ -1,6 +1,5 @@
-//! Files that somebody made up, or that something damaged, are data: no panic, no wrong bytes, and no more memory
-//! than there
-//! are bytes.
+//! Files that somebody made up, or that something damaged, are data: no panic, no wrong bytes, and no more memory than
+//! there are bytes.
 //!
 //! `TAUFLOW_FUZZ_SECONDS` says how long files are damaged at random; a few seconds otherwise.
 
@@ -31,7 +30,7 @@ fn with_a_gigabyte(test: &str, variable: &str, value: &str) {
     print!("{text}");
 }
 
-/// All that can be asked of a store.  Errors are fine; what is given must be what it says.
+/// All that can be asked of a store. Errors are fine; what is given must be what it says.
 fn use_all(dir: &Path, digests: &[Digest]) {
     let Ok(store) = Store::open(dir) else { return };
     let _ = store.stat();
