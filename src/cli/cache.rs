@@ -217,7 +217,7 @@ fn verify(store: &Store, sample: Option<f64>) -> Result<Exit, CliError> {
     }
     if report.torn_bytes > 0 {
         outln!(
-            "{} bytes after the last whole entry of a file: a process was killed as it wrote, or the file was cut short",
+            "{} bytes after the last whole entry of a file: a process was killed as it wrote, or the file was cut",
             report.torn_bytes
         );
     }
@@ -225,7 +225,7 @@ fn verify(store: &Store, sample: Option<f64>) -> Result<Exit, CliError> {
         return Ok(Exit::Done);
     }
     eprintln!(
-        "the next run that needs what is damaged or lost makes it again; `tauflow cache gc` clears the rest away"
+        "the next run that needs what is damaged or lost makes it again; `tauflow cache gc` clears away the rest"
     );
     Ok(Exit::Failed)
 }

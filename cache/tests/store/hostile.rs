@@ -417,7 +417,7 @@ fn child_with_crafted_files() {
                 hash[8..16].copy_from_slice(&n.to_le_bytes());
                 hash
             };
-            fs::write(&pack, (0..115_000).flat_map(|n| pack_header(&hash(n), 0)).collect::<Vec<u8>>()).expect("ok");
+            fs::write(&pack, (0..30_000).flat_map(|n| pack_header(&hash(n), 0)).collect::<Vec<u8>>()).expect("ok");
             let key = |n: u64| Key(hash(n));
             let bytes = (0..3_000).flat_map(|n| log_frame(&crafted_record(&key(n), 0, &format!("label {n}"))));
             fs::write(&log, bytes.collect::<Vec<u8>>()).expect("writable");
