@@ -27,6 +27,7 @@ fn record(n: u64) -> Record {
         trees: Vec::new(),
         recipe: String::new(),
         derived: false,
+        transient: false,
         wall_us: 1000,
         bytes: 500,
         when: n,

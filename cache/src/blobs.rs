@@ -1,7 +1,7 @@
 //! Blobs: bytes in, the same bytes out, or a miss.
 //!
-//! Small ones are appended to a pack, large ones get a file of their own.  They
-//! are durable when the next commit returns, and visible at once.
+//! Small ones are appended to a pack, large ones get a file of their own. They are durable when the next commit
+//! returns, and visible at once.
 
 use crate::{
     CacheError, Digest, Store,
@@ -18,7 +18,6 @@ use std::{
     fs::{self, File},
     io::{self, Read, Seek, SeekFrom, Write},
     os::unix::fs::FileExt,
-    path::Path,
 };
 
 /// Blobs of at least this many bytes get a file of their own.
@@ -38,7 +37,7 @@ enum Found {
 }
 
 impl Store {
-    /// Stores a blob.  Storing it again costs a look-up.
+    /// Stores a blob. Storing it again costs a look-up.
     ///
     /// # Errors
     /// When it cannot be written; what was stored before is not affected.
@@ -57,7 +56,7 @@ impl Store {
         Ok(digest)
     }
 
-    /// Reads a blob and checks it.  `None` when it is missing, or damaged: then it goes to quarantine.
+    /// Reads a blob and checks it. `None` when it is missing, or damaged: then it goes to quarantine.
     ///
     /// # Errors
     /// When a file that is there cannot be read.
@@ -95,10 +94,10 @@ impl Store {
         Ok(None)
     }
 
-    /// Whether the blob is there, without reading it.  A gc of another process may take it right afterwards, unless
-    /// this store put it or found it through a record.
+    /// Whether the blob is there, without reading it. A gc of another process may take it right afterwards, unless this
+    /// store put it or found it through a record.
     pub fn contains(&self, digest: &Digest) -> bool {
-        let here = || self.packed_at(digest).is_some() || is_loose(&self.layout.blob(digest), digest);
+        let here = || self.packed_at(digest).is_some() || self.is_loose(digest);
         here() || (self.refresh_on_miss() && here())
     }
 
@@ -123,10 +122,9 @@ impl Store {
         if digest.size < LOOSE_FROM {
             return Ok(false); // never a file of its own
         }
-        let path = self.layout.blob(digest);
         // For a blob that is about to be written, too: no gc takes it before its record is there.
         self.note([Use::Blob(digest.hash)])?;
-        Ok(is_loose(&path, digest))
+        Ok(self.is_loose(digest))
     }
 
     fn put_packed(&self, digest: &Digest, bytes: &[u8]) -> Result<(), CacheError> {
@@ -216,6 +214,7 @@ impl Store {
     fn get_loose(&self, digest: &Digest) -> Result<Option<Vec<u8>>, CacheError> {
         let path = self.layout.blob(digest);
         let read = match open_plain(&path) {
+            Ok(_) if !self.layout.has_own_folder(digest) => return Ok(None),
             Ok(file) => read_blob(&file, 0, digest, true),
             Err(error) => Err(error),
         };
@@ -227,6 +226,12 @@ impl Store {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             other => other.at("read the blob", &path),
         }
+    }
+
+    /// Whether a large blob's file is there, of the right size, in a folder of the store's own.
+    pub(crate) fn is_loose(&self, digest: &Digest) -> bool {
+        let there = fs::symlink_metadata(self.layout.blob(digest));
+        there.is_ok_and(|meta| meta.is_file() && meta.len() == digest.size) && self.layout.has_own_folder(digest)
     }
 }
 
@@ -265,9 +270,4 @@ fn is_good(file: &File, offset: u64, digest: &Digest) -> io::Result<bool> {
         done += read as u64;
     }
     Ok(hasher.finalize().as_bytes() == &digest.hash)
-}
-
-/// Whether a large blob's file is there, of the right size.
-pub(crate) fn is_loose(path: &Path, digest: &Digest) -> bool {
-    fs::symlink_metadata(path).is_ok_and(|meta| meta.is_file() && meta.len() == digest.size)
 }

@@ -1,6 +1,6 @@
 //! Little-endian, length-prefixed fields: the bytes of frames, trees and index files.
 //!
-//! Knows no record and no file.  Every read is checked: bytes come from disk.
+//! Knows no record and no file. Every read is checked: bytes come from disk.
 
 use crate::Digest;
 

@@ -1,23 +1,20 @@
 //! Group commit: blobs first, then a mark in the log that says so.
 //!
-//! Records are written to the log at once, so that other processes see them and
-//! a killed process loses none; only a power cut can separate a record from its
-//! blobs.  The mark tells the records that a power cut cannot have separated;
+//! Records are written to the log at once, so that other processes see them and a killed process loses none; only a
+//! power cut can separate a record from its blobs. The mark tells the records that a power cut cannot have separated;
 //! the others are believed once their blobs have been read.
 //!
-//! The log is synced before the mark is written, not after: whoever sees a mark
-//! may rely on the records before it, even if its writer died right then.  The
-//! mark itself is durable with the next commit.  A power cut that takes it only
-//! has the last records proved by reading.
+//! The log is synced before the mark is written, not after: whoever sees a mark may rely on the records before it, even
+//! if its writer died right then. The mark itself is durable with the next commit. A power cut that takes it only has
+//! the last records proved by reading.
 //!
-//! What a record names need not be of the store that writes it: what a dead
-//! process put is there, and perhaps not durable.  So a commit syncs what this
-//! store came to rely on of others, too.
+//! What a record names need not be of the store that writes it: what a dead process put is there, and perhaps not
+//! durable. So a commit syncs what this store came to rely on of others, too.
 
 use crate::{
     CacheError, Digest, Store,
     error::At,
-    layout::{open_plain, sync_dir},
+    layout::{is_own_folder, open_plain, sync_dir},
     records::append_frame,
     segment::commit_frame,
     store::{LogWriter, Relied, Synced, lock},
@@ -44,7 +41,7 @@ impl Store {
     /// Makes everything that was put and recorded so far durable.
     ///
     /// # Errors
-    /// When the disk refuses.  Everything is readable still, but nothing is promised about a power cut.
+    /// When the disk refuses. Everything is readable still, but nothing is promised about a power cut.
     pub fn flush(&self) -> Result<(), CacheError> {
         let mut of_others = lock(&self.commit);
         // The end of the log first, the blobs afterwards: what a record before that end names is among them.
@@ -73,7 +70,7 @@ impl Store {
                 _ => Ok(()),
             });
         if synced.is_err() {
-            // After a failed sync, a later success proves nothing about these bytes.  No mark will ever cover them.
+            // After a failed sync, a later success proves nothing about these bytes. No mark will ever cover them.
             lock(&self.packs).appender = None;
             lock(&self.log).appender = None;
             return synced;
@@ -168,7 +165,12 @@ impl Store {
 
 fn sync_loose(paths: &[PathBuf]) -> Result<(), CacheError> {
     let mut folders: BTreeSet<&Path> = BTreeSet::new();
+    let mut own: BTreeMap<&Path, bool> = BTreeMap::new();
     for path in paths {
+        // Behind a link lies what is of somebody else.
+        if !path.parent().is_some_and(|folder| *own.entry(folder).or_insert_with(|| is_own_folder(folder))) {
+            continue;
+        }
         match open_plain(path) {
             Ok(file) => file.sync_data().at("sync the blob", path)?,
             // Quarantined, or taken by hand: a miss later, nothing to sync now.

@@ -1,7 +1,7 @@
 //! Content digests: blake3 of the bytes, together with their number.
 //!
-//! The size travels with the hash, as in the Remote Execution API, so that a
-//! reader knows what it is about to fetch and truncation is seen at once.
+//! The size travels with the hash, as in the Remote Execution API, so that a reader knows what it is about to fetch and
+//! truncation is seen at once.
 
 use crate::layout::is_number;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};

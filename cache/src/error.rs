@@ -1,7 +1,7 @@
 //! Every error of the store, as message, place and advice.
 //!
-//! A damaged or missing blob is not an error: it is a miss.  What is left are
-//! the environment (disk, permissions) and misuse.
+//! A damaged or missing blob is not an error: it is a miss. What is left are the environment (disk, permissions) and
+//! misuse.
 
 use crate::Key;
 use std::{

@@ -1,8 +1,7 @@
 //! Garbage collection: which blobs and records go, and how they go.
 //!
-//! Safe beside live runs, and without making them wait: see `lease` for the
-//! agreement, `plan` for what is kept and `sweep` for the order of steps.  Only
-//! collections exclude each other.
+//! Safe beside live runs, and without making them wait: see `lease` for the agreement, `plan` for what is kept and
+//! `sweep` for the order of steps. Only collections exclude each other.
 
 mod listing;
 mod new_segment;
@@ -28,9 +27,10 @@ const SWEEP_WAIT: Duration = Duration::from_secs(10);
 /// What a collection keeps.
 ///
 /// Always kept: what pins reach, what live stores have written or looked up, and what was recorded or hit within
-/// `keep_within_secs` of `now`.  Of the rest, the records that were used least recently go until at most `max_bytes`
-/// of blobs are left; without `max_bytes` all of them go if `keep_within_secs` is given, and none if it is not.
-/// Blobs that no record and no pin reaches always go.
+/// `keep_within_secs` of `now`. Of the rest, the records that were used least recently go until at most `max_bytes` of
+/// blobs are left; without `max_bytes` all of them go if `keep_within_secs` is given, and none if it is not. Blobs that
+/// no record and no pin reaches always go, and so do records that have lost blobs, unless a live store or a pin holds
+/// them: [`VerifyReport::lost_records`](crate::VerifyReport::lost_records).
 #[derive(Clone, Debug, Default)]
 pub struct GcOptions {
     /// Bytes of blobs to come down to.
@@ -77,13 +77,11 @@ pub struct GcReport {
 impl Store {
     /// Removes what is not worth keeping; see [`GcOptions`].
     ///
-    /// A pack of small blobs of which less than an eighth would go stays as it is, until more goes.  Nothing needs
-    /// room before room
-    /// has been made, and what there is no room for is left as it is: a full disk can be collected, too.
+    /// A pack of small blobs of which less than an eighth would go stays as it is, until more goes. Nothing needs room
+    /// before room has been made, and what there is no room for is left as it is: a full disk can be collected, too.
     ///
     /// # Errors
-    /// When the disk refuses, or the store is open for reading only.  Nothing that was to be kept is lost then; the
-    /// next
+    /// When the disk refuses, or the store is open for reading only. Nothing that was to be kept is lost then; the next
     /// collection tidies up.
     pub fn gc(&self, options: &GcOptions) -> Result<GcReport, CacheError> {
         if options.dry_run {

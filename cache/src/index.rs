@@ -4,25 +4,24 @@
 //! content.
 //!
 //! The order in which segments are read does not matter. Of two records for one key the higher generation wins, then
-//! the older one. Of two copies of a blob the one in the later segment wins: it was written because the earlier one had
-//! been found damaged.
+//! the older one; of the highest generation, the later. Of two copies of a blob the one in the later segment wins: it
+//! was written because the earlier one had been found damaged.
 
 use crate::{
     CacheError, Key,
     codec::Fields,
     error::At,
+    hashed::HashedMap,
     layout::{Layout, names},
     lease, quarantine,
-    record::Head,
+    record::{Head, MOST_GENERATION},
     segment::{LogEntry, PackedBlob, Sort, scan_log, scan_pack},
     sidecar,
 };
 use std::{
     cmp::Reverse,
     collections::{BTreeSet, HashMap, HashSet, hash_map::Entry},
-    fs,
-    hash::{BuildHasherDefault, Hasher},
-    io,
+    fs, io,
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -78,32 +77,6 @@ pub(crate) struct RecordAt {
 
 /// Namespace (by its number among the names) and key.
 pub(crate) type Slot = (u32, Key);
-
-/// Hasher of what holds a hash already: its first eight bytes will do.
-#[derive(Clone, Copy, Default)]
-pub(crate) struct Prehashed(u64);
-
-impl Hasher for Prehashed {
-    fn write(&mut self, bytes: &[u8]) {
-        if let Some(head) = bytes.first_chunk() {
-            self.0 ^= u64::from_le_bytes(*head);
-        }
-    }
-
-    fn write_u32(&mut self, namespace: u32) {
-        self.0 ^= u64::from(namespace) << 20;
-    }
-
-    /// The length of the hash is the same for all.
-    fn write_usize(&mut self, _: usize) {}
-
-    fn finish(&self) -> u64 {
-        self.0
-    }
-}
-
-/// A map from something with a hash in it.
-pub(crate) type HashedMap<K, V> = HashMap<K, V, BuildHasherDefault<Prehashed>>;
 
 impl Segment {
     /// Whether this store instance writes it; no gc touches those.
@@ -240,8 +213,12 @@ impl Index {
                 if known.generation == at.generation && known.sum != at.sum {
                     self.conflicts.insert((self.names[slot.0 as usize].clone(), slot.1));
                 }
-                let here = |at: &RecordAt| !self.segments[at.segment as usize].gone;
-                let rank = |at: &RecordAt| (here(at), at.generation, Reverse(at.origin), at.sum);
+                let rank = |at: &RecordAt| {
+                    let segment = &self.segments[at.segment as usize];
+                    // Nothing supersedes the highest generation, which no record comes by honestly: the later one wins.
+                    let last = (at.generation == MOST_GENERATION).then_some((segment.seq, at.offset));
+                    (!segment.gone, at.generation, last, Reverse(at.origin), at.sum)
+                };
                 if rank(known) >= rank(&at) {
                     return;
                 }
@@ -262,7 +239,7 @@ impl Index {
         }
     }
 
-    /// Reads what is new on disk.  Logs first: a record's blobs were written before it.
+    /// Reads what is new on disk. Logs first: a record's blobs were written before it.
     pub fn refresh(&mut self, layout: &Layout) -> Result<(), CacheError> {
         let bad = quarantine::places(layout).at("list", &layout.folder("quarantine"))?;
         if bad.iter().any(|place| !self.bad.contains(place)) {

@@ -1,12 +1,12 @@
 //! Keys of records: 32 opaque bytes.
 //!
-//! The store does not know how a key is made; the engine hashes an action's
-//! preimage into one and keeps that preimage in the record.
+//! The store does not know how a key is made; the engine hashes an action's preimage into one and keeps that preimage
+//! in the record.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::{fmt, str::FromStr};
 
-/// Key of a record within its namespace.  Its text form is 64 hexadecimal digits.
+/// Key of a record within its namespace. Its text form is 64 hexadecimal digits.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Key(pub [u8; 32]);
 

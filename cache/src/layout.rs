@@ -30,7 +30,7 @@ use std::{
     io::{self, Read, Write},
     os::unix::fs::OpenOptionsExt,
     path::{Path, PathBuf},
-    sync::atomic::{AtomicU64, Ordering},
+    sync::atomic::{AtomicBool, AtomicU64, Ordering},
 };
 
 /// First line of the FORMAT file.
@@ -48,15 +48,18 @@ pub(crate) struct Layout {
     /// Files of no consequence may be written, too: index files, and what is set aside.
     pub writes: bool,
     next_tmp: AtomicU64,
+    /// The folders of large blobs that were seen to be the store's own, by the first byte of the hash.
+    own_blobs: [AtomicBool; 256],
 }
 
 impl Layout {
     pub fn new(root: &Path, owner: String) -> Self {
-        Self { root: root.to_owned(), owner, writes: true, next_tmp: AtomicU64::new(0) }
+        let own_blobs = [const { AtomicBool::new(false) }; 256];
+        Self { root: root.to_owned(), owner, writes: true, next_tmp: AtomicU64::new(0), own_blobs }
     }
 
-    /// Whether there is a store of this format, all of whose folders are its own.  If not, one may be made here.
-    /// Changes nothing.
+    /// Whether there is a store of this format, all of whose folders are its own. If not, one may be made here. Changes
+    /// nothing.
     ///
     /// # Errors
     /// When the folder holds a store of another format, or anything but what an unfinished opening leaves.
@@ -91,8 +94,8 @@ impl Layout {
         Ok(())
     }
 
-    /// Says what the folder is, where nothing does yet.  The owner has its lease, so that no collection takes the
-    /// files for a dead one's.
+    /// Says what the folder is, where nothing does yet. The owner has its lease, so that no collection takes the files
+    /// for a dead one's.
     pub fn sign(&self) -> Result<(), CacheError> {
         // Made now, as a full disk would have no room for it when a collection is needed most.
         open_lock(&self.gc_lock())?;
@@ -173,13 +176,25 @@ impl Layout {
         self.root.join("blobs").join(&name[..2]).join(name)
     }
 
+    /// Whether a large blob's folder is there and the store's own: what lies behind a link is of somebody else. Each
+    /// folder is looked at once, which is enough for reading, as content is checked; who moves files looks anew.
+    pub fn has_own_folder(&self, digest: &Digest) -> bool {
+        let known = &self.own_blobs[usize::from(digest.hash[0])];
+        if known.load(Ordering::Relaxed) {
+            return true;
+        }
+        let own = self.blob(digest).parent().is_some_and(is_own_folder);
+        known.store(own, Ordering::Relaxed);
+        own
+    }
+
     /// A name in `tmp/` that nobody else uses.
     pub fn tmp(&self) -> PathBuf {
         let n = self.next_tmp.fetch_add(1, Ordering::Relaxed);
         self.root.join("tmp").join(format!("{}.{n}", self.owner))
     }
 
-    /// Writes a small file whole and durably: temporary file, sync, rename, sync of the folder.  The owner has its
+    /// Writes a small file whole and durably: temporary file, sync, rename, sync of the folder. The owner has its
     /// lease.
     pub fn write_file(&self, path: &Path, bytes: &[u8]) -> Result<(), CacheError> {
         let tmp = self.tmp();
@@ -233,7 +248,17 @@ pub(crate) fn own_folder(path: &Path) -> Result<bool, CacheError> {
     }
 }
 
-/// Opens a file for reading.  A link, a pipe, a device or a folder of that name is as good as no file.
+/// Whether the folder is there, and no link.
+pub(crate) fn is_own_folder(path: &Path) -> bool {
+    own_folder(path).unwrap_or(false)
+}
+
+/// Opens a folder that is no link, to name files in it however its own name changes meanwhile.
+pub(crate) fn open_folder(path: &Path) -> io::Result<File> {
+    OpenOptions::new().read(true).custom_flags(libc::O_NOFOLLOW | libc::O_DIRECTORY).open(path)
+}
+
+/// Opens a file for reading. A link, a pipe, a device or a folder of that name is as good as no file.
 pub(crate) fn open_plain(path: &Path) -> io::Result<File> {
     let strange = || io::Error::new(io::ErrorKind::NotFound, "no plain file");
     // Opening a pipe would wait for a writer.
@@ -256,7 +281,7 @@ pub(crate) fn read_small(path: &Path) -> io::Result<String> {
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// Names in `dir` of the entries that `wanted` takes, sorted.  A folder that does not exist has none.
+/// Names in `dir` of the entries that `wanted` takes, sorted. A folder that does not exist has none.
 fn list(dir: &Path, wanted: impl Fn(fs::FileType) -> bool) -> io::Result<Vec<String>> {
     let mut names = Vec::new();
     match fs::read_dir(dir) {
@@ -281,7 +306,7 @@ fn list(dir: &Path, wanted: impl Fn(fs::FileType) -> bool) -> io::Result<Vec<Str
     Ok(names)
 }
 
-/// Names of the files in `dir`, sorted; links and the like are left out.  A folder that does not exist has none.
+/// Names of the files in `dir`, sorted; links and the like are left out. A folder that does not exist has none.
 pub(crate) fn names(dir: &Path) -> io::Result<Vec<String>> {
     list(dir, |kind| kind.is_file())
 }

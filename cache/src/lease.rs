@@ -1,10 +1,9 @@
 //! Leases: which store instances live, and which blobs and records they count on.
 //!
-//! Each open store owns `leases/<owner>.lease`, locked by the operating system
-//! until it drops or its process dies, and notes there what it relies on
-//! *before* it checks that it is there.  A gc first hides what it wants to
-//! delete, then reads the notes, and gives back what has been noted: whichever
-//! comes first, a live run keeps its blobs, and nobody waits for a lock.
+//! Each open store owns `leases/<owner>.lease`, locked by the operating system until it drops or its process dies, and
+//! notes there what it relies on *before* it checks that it is there. A gc first hides what it wants to delete, then
+//! reads the notes, and gives back what has been noted: whichever comes first, a live run keeps its blobs, and nobody
+//! waits for a lock.
 //!
 //! The notes of a dead lease remain as the history of use that gc orders by.
 
@@ -90,7 +89,7 @@ pub(crate) fn read_uses(path: &Path, each: &mut dyn FnMut(Use)) -> io::Result<()
     }
 }
 
-/// Whether the owner of a lease file lives.  A file that is gone has no owner.
+/// Whether the owner of a lease file lives. A file that is gone has no owner.
 pub(crate) fn is_live(path: &Path) -> bool {
     match open_plain(path) {
         // Shared, so that two processes that ask do not take each other for the owner.
@@ -133,6 +132,9 @@ impl Lease {
                 fs::rename(&tmp, &path)?;
                 Ok(file)
             });
+            if made.is_err() {
+                let _ = fs::remove_file(&tmp); // the first error is the one to report
+            }
             match made {
                 Ok(file) => return Ok(Self { path, file, notes: Mutex::default() }),
                 // A gc swept the unlocked temporary file away; once more.
@@ -146,7 +148,7 @@ impl Lease {
         &self.path
     }
 
-    /// Notes uses that have not been noted yet.  They are seen by every process when this returns.
+    /// Notes uses that have not been noted yet. They are seen by every process when this returns.
     pub fn note(&self, uses: impl IntoIterator<Item = Use>) -> Result<(), CacheError> {
         let mut notes = self.notes.lock().unwrap_or_else(PoisonError::into_inner);
         let fresh: Vec<Use> = uses.into_iter().filter(|used| !notes.seen.contains(used)).collect();
@@ -182,5 +184,20 @@ impl Drop for Lease {
         if !notes.has_history {
             let _ = fs::remove_file(&self.path); // a dead lease left behind is harmless
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lease_that_cannot_be_made_leaves_nothing() {
+        let dir = tempfile::tempdir().expect("a temporary folder");
+        // There is no folder for leases.
+        fs::create_dir(dir.path().join("tmp")).expect("writable");
+        let error = Lease::open(&Layout::new(dir.path(), new_owner())).expect_err("nowhere to put it");
+        assert!(error.to_string().contains("create the lease"), "{error}");
+        assert_eq!(fs::read_dir(dir.path().join("tmp")).expect("readable").count(), 0);
     }
 }

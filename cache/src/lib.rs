@@ -1,34 +1,28 @@
 //! Content-addressed blob store, action log, verification and garbage collection.
 //!
-//! A [`Store`] keeps immutable blobs by [`Digest`] and [`Record`]s by namespace
-//! and [`Key`].  It knows nothing of pipelines, nodes or items: what is hashed
-//! into a key, and what a payload means, is its callers' business.
+//! A [`Store`] keeps immutable blobs by [`Digest`] and [`Record`]s by namespace and [`Key`]. It knows nothing of
+//! pipelines, nodes or items: what is hashed into a key, and what a payload means, is its callers' business.
 //!
 //! What holds, whatever happens:
 //!
-//! - A blob comes back whole or not at all.  A missing or damaged blob is a miss, never an error.
+//! - A blob comes back whole or not at all. A missing or damaged blob is a miss, never an error.
 //! - A record is never overwritten by another payload; that is reported.
 //! - `kill -9` loses nothing that `put` and `record` returned from.
-//! - After a power cut, a record is believed only if its blobs were synced
-//!   before it (a commit mark says so), or prove good when read.
-//! - Readers take no lock, and no process writes a file of another.  (Only a `get` that misses while a gc
-//!   sweeps waits until the sweep is over, at most ten seconds.)
-//! - A gc never takes away what a live run relies on.  (A store that is open for reading only tells nobody what it
-//!   relies on: a
-//!   gc beside it may turn what it reads into misses.)
-//! - Nothing of others is touched.  A folder is a store if it has `FORMAT`, and may become one if it is empty, or
-//!   holds what an
-//!   unfinished opening leaves; any other is refused.  What is written, moved or deleted has a name of the store's
-//!   own form and is
-//!   a plain file in a folder of the store's; no link is followed, no pipe is opened.
+//! - After a power cut, a record is believed only if its blobs were synced before it (a commit mark says so), or prove
+//!   good when read.
+//! - Readers take no lock, and no process writes a file of another. (Only a `get` that misses while a gc sweeps waits
+//!   until the sweep is over, at most ten seconds.)
+//! - A gc never takes away what a live run relies on. (A store that is open for reading only tells nobody what it
+//!   relies on: a gc beside it may turn what it reads into misses.)
+//! - Nothing of others is touched. A folder is a store if it has `FORMAT`, and may become one if it is empty, or holds
+//!   what an unfinished opening leaves; any other is refused. What is written, moved or deleted has a name of the
+//!   store's own form and is a plain file in a folder of the store's; no link is followed, no pipe is opened.
 //! - [`Store::open_existing`] makes nothing, and a store that cannot be written to is read, without a lock or a
 //!   temporary file.
 //! - A gc makes room before it takes any: it works on a full disk.
 //! - What is read is data: sizes in records, trees, leases and index files are held against the bytes that are there
-//!   before
-//!   memory is taken, nothing recurses along what they say, and no such file makes this crate panic.  Whoever may
-//!   write to the
-//!   folder may still record any outputs for a key: contents are proved, claims about them are not.
+//!   before memory is taken, nothing recurses along what they say, and no such file makes this crate panic. Whoever may
+//!   write to the folder may still record any outputs for a key: contents are proved, claims about them are not.
 //! - No clock is read: times are the callers'.
 //!
 //! Needs Linux: positioned reads, and locks of open file descriptions.
@@ -40,6 +34,7 @@ mod commit;
 mod digest;
 mod error;
 mod gc;
+mod hashed;
 mod index;
 mod key;
 mod layout;
@@ -54,6 +49,7 @@ mod stat;
 mod store;
 pub mod tree;
 mod verify;
+mod whole;
 
 pub use claim::Claim;
 pub use digest::{Digest, ParseDigestError};

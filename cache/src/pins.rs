@@ -8,7 +8,7 @@ use crate::{
 use std::{collections::BTreeMap, fs, io, path::PathBuf};
 
 impl Store {
-    /// Keeps `digest`, and all blobs of the records that reach it, until [`unpin`](Self::unpin).  A pin of that name
+    /// Keeps `digest`, and all blobs of the records that reach it, until [`unpin`](Self::unpin). A pin of that name
     /// moves.
     ///
     /// # Errors
@@ -37,7 +37,7 @@ impl Store {
         Ok(true)
     }
 
-    /// All pins, by name.  Files that hold no digest are left out.
+    /// All pins, by name. Files that hold no digest are left out.
     ///
     /// # Errors
     /// When the pins cannot be read.

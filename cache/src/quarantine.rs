@@ -1,16 +1,16 @@
 //! Quarantine: where damaged blobs go, so that nobody reads them again.
 //!
-//! A large blob's file is moved here.  A packed blob is copied to
-//! `<segment>@<offset>`; that name alone tells every store that the place in
-//! the pack is bad.
+//! A large blob's file is moved here. A packed blob is copied to `<segment>@<offset>`; that name alone tells every
+//! store that the place in the pack is bad.
 
 use crate::{
     Digest,
-    layout::{Layout, is_number, names},
+    layout::{Layout, is_number, is_own_folder, names, open_folder},
     segment::Sort,
 };
+use nix::fcntl::renameat;
 use std::{
-    fs::{self, File},
+    fs::File,
     io::{self, Write},
     path::Path,
 };
@@ -24,7 +24,7 @@ pub(crate) fn places(layout: &Layout) -> io::Result<Vec<(String, u64)>> {
     Ok(names(&layout.folder("quarantine"))?.iter().filter_map(parse).collect())
 }
 
-/// Marks a place in a pack as bad, keeping its bytes.  On a full disk the name is kept at least.
+/// Marks a place in a pack as bad, keeping its bytes. On a full disk the name is kept at least.
 pub(crate) fn packed(layout: &Layout, segment: &str, offset: u64, bytes: &[u8]) {
     if !layout.writes {
         return;
@@ -34,10 +34,15 @@ pub(crate) fn packed(layout: &Layout, segment: &str, offset: u64, bytes: &[u8]) 
     let _ = File::create_new(path).and_then(|mut file| file.write_all(bytes));
 }
 
-/// Moves a large blob's file out of the way.
+/// Moves a large blob's file out of the way. Neither folder may be a link, nor become one in between: behind it a file
+/// of somebody else may have the blob's name.
 pub(crate) fn loose(layout: &Layout, digest: &Digest, path: &Path) {
-    if layout.writes {
-        let _ = fs::rename(path, layout.folder("quarantine").join(digest.to_string())); // gone already: as good
+    let Some(folder) = path.parent().filter(|_| layout.writes && is_own_folder(&layout.folder("blobs"))) else {
+        return;
+    };
+    if let (Ok(from), Ok(to)) = (open_folder(folder), open_folder(&layout.folder("quarantine"))) {
+        let name = digest.to_string();
+        let _ = renameat(&from, name.as_str(), &to, name.as_str()); // gone already: as good
     }
 }
 

@@ -1,7 +1,7 @@
 //! A record of the action log, and its bytes.
 //!
-//! The store reads the namespace, the key, the label, the costs and the blobs
-//! reached; preimage and payload are texts that it hands back untouched.
+//! The store reads the namespace, the key, the label, the costs and the blobs reached; preimage and payload are texts
+//! that it hands back untouched.
 
 use crate::{
     Digest, Key,
@@ -11,7 +11,7 @@ use crate::{
 /// What one finished action left behind.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Record {
-    /// What sort of key this is: `action`, `rollup`, `memo`.  Keys of different namespaces never meet.
+    /// What sort of key this is: `action`, `rollup`, `memo`. Keys of different namespaces never meet.
     pub namespace: String,
     /// Key within the namespace.
     pub key: Key,
@@ -26,6 +26,8 @@ pub struct Record {
     pub recipe: String,
     /// It only sums other records up: it costs nothing to make again, whatever its wall time says.
     pub derived: bool,
+    /// Its outputs were handed on in memory: blobs that it names need not be there, and are not lost if they are not.
+    pub transient: bool,
     /// Blobs that the payload reaches: what garbage collection keeps alive for it.
     pub refs: Vec<Digest>,
     /// Blobs made by [`tree::encode`](crate::tree::encode) that it reaches, with all that they list.
@@ -45,11 +47,19 @@ pub enum Recorded {
     New,
     /// A record with this key and the same payload was there already.
     Same,
-    /// A record with this key and *another* payload is there.  It stays; the new one was not written.
+    /// A record with this key and *another* payload is there. It stays; the new one was not written.
     Conflict {
         /// The record that stays.
         existing: Box<Record>,
     },
+}
+
+/// The highest generation there is. No record comes by it honestly; one that says more is damaged.
+pub(crate) const MOST_GENERATION: u32 = 1 << 31;
+
+/// The generation of a record that takes the place of one of this generation.
+pub(crate) fn after(generation: u32) -> u32 {
+    generation.saturating_add(1).min(MOST_GENERATION)
 }
 
 /// The part of a record that the index holds in memory.
@@ -105,7 +115,7 @@ impl<'a> Head<'a> {
             namespace: fields.text()?,
             label: fields.text()?,
             key: Key(fields.array()?),
-            generation: fields.u32()?,
+            generation: fields.u32().filter(|generation| *generation <= MOST_GENERATION)?,
             origin: fields.u64()?,
             sum: fields.u64()?,
             wall_us: fields.u64()?,
@@ -122,7 +132,7 @@ pub(crate) fn encode(head: &Head<'_>, record: &Record) -> Vec<u8> {
     head.encode(&mut out);
     out.digests(&record.refs);
     out.digests(&record.trees);
-    out.u8(u8::from(record.derived));
+    out.u8(u8::from(record.derived) | u8::from(record.transient) << 1);
     out.text(&record.preimage);
     out.text(&record.payload);
     out.text(&record.recipe);
@@ -135,19 +145,29 @@ pub(crate) struct Reach<'a> {
     pub refs: Vec<Digest>,
     pub trees: Vec<Digest>,
     pub derived: bool,
+    pub transient: bool,
+}
+
+/// Whether a record is derived, and whether it is transient.
+fn flags(fields: &mut Fields<'_>) -> Option<(bool, bool)> {
+    let flags = fields.u8().filter(|flags| *flags < 4)?;
+    Some((flags & 1 != 0, flags & 2 != 0))
 }
 
 /// What an encoded record reaches; cheaper than all of it.
 pub(crate) fn decode_reach(bytes: &[u8]) -> Option<Reach<'_>> {
     let mut fields = Fields(bytes);
     let head = Head::decode(&mut fields)?;
-    Some(Reach { head, refs: fields.digests()?, trees: fields.digests()?, derived: fields.u8()? != 0 })
+    let (refs, trees) = (fields.digests()?, fields.digests()?);
+    let (derived, transient) = flags(&mut fields)?;
+    Some(Reach { head, refs, trees, derived, transient })
 }
 
 pub(crate) fn decode(bytes: &[u8]) -> Option<Record> {
     let mut fields = Fields(bytes);
     let head = Head::decode(&mut fields)?;
-    let (refs, trees, derived) = (fields.digests()?, fields.digests()?, fields.u8()? != 0);
+    let (refs, trees) = (fields.digests()?, fields.digests()?);
+    let (derived, transient) = flags(&mut fields)?;
     Some(Record {
         namespace: head.namespace.to_owned(),
         key: head.key,
@@ -158,6 +178,7 @@ pub(crate) fn decode(bytes: &[u8]) -> Option<Record> {
         refs,
         trees,
         derived,
+        transient,
         wall_us: head.wall_us,
         bytes: head.bytes,
         when: head.when,
@@ -178,6 +199,7 @@ mod tests {
             payload: "[]".into(),
             recipe: "{}".into(),
             derived: true,
+            transient: false,
             refs: vec![Digest::of(b"x"), Digest::of(b"yy")],
             trees: vec![Digest::of(b"zzz")],
             wall_us: 3,
@@ -187,8 +209,60 @@ mod tests {
         let head = Head::of(&record, 7, 9);
         let bytes = encode(&head, &record);
         assert_eq!(decode(&bytes).as_ref(), Some(&record));
-        let Reach { head, refs, trees, derived } = decode_reach(&bytes).expect("own bytes");
+        let Reach { head, refs, trees, derived, .. } = decode_reach(&bytes).expect("own bytes");
         assert_eq!((head.generation, head.origin, refs, trees, derived), (7, 9, record.refs, record.trees, true));
         assert!((0..bytes.len()).all(|n| decode(&bytes[..n]).is_none()));
+    }
+
+    #[test]
+    fn flags_are_told_apart() {
+        let record = crate::Record {
+            namespace: "action".into(),
+            key: Key::of(b"k"),
+            label: "l".into(),
+            preimage: String::new(),
+            payload: String::new(),
+            recipe: String::new(),
+            derived: false,
+            transient: false,
+            refs: Vec::new(),
+            trees: Vec::new(),
+            wall_us: 0,
+            bytes: 0,
+            when: 0,
+        };
+        for (derived, transient) in [(false, false), (false, true), (true, false), (true, true)] {
+            let record = Record { derived, transient, ..record.clone() };
+            let bytes = encode(&Head::of(&record, 0, 0), &record);
+            assert_eq!(decode(&bytes), Some(record));
+            let reach = decode_reach(&bytes).expect("own bytes");
+            assert_eq!((reach.derived, reach.transient), (derived, transient));
+        }
+    }
+
+    #[test]
+    fn a_generation_that_nothing_could_supersede_is_damage() {
+        assert_eq!(
+            (after(0), after(MOST_GENERATION - 1), after(MOST_GENERATION)),
+            (1, MOST_GENERATION, MOST_GENERATION)
+        );
+        let head = |generation| Head {
+            namespace: "action",
+            label: "l",
+            key: Key::of(b"k"),
+            generation,
+            origin: 0,
+            sum: 0,
+            wall_us: 0,
+            bytes: 0,
+            when: 0,
+        };
+        let read = |generation: u32| {
+            let mut bytes = Vec::new();
+            head(generation).encode(&mut bytes);
+            Head::decode(&mut Fields(&bytes)).map(|head| head.generation)
+        };
+        assert_eq!(read(MOST_GENERATION), Some(MOST_GENERATION));
+        assert_eq!((read(MOST_GENERATION + 1), read(u32::MAX)), (None, None));
     }
 }

@@ -2,12 +2,11 @@
 
 use crate::{
     CacheError, Digest, Key, Record, Recorded, Store,
-    blobs::is_loose,
     commit::due,
     error::At,
     index::{Index, RecordAt, Slot},
     lease::Use,
-    record::{Head, decode, encode},
+    record::{Head, after, decode, encode},
     segment::{Appender, MAX_BODY, RECORD_HEADER, Sort, read_record, record_frame},
     store::lock,
     tree,
@@ -20,12 +19,12 @@ use std::{
 };
 
 impl Store {
-    /// Writes a record, after the blobs it names were `put`.  It is visible to everybody when this returns, survives
-    /// the death of the process, and is durable (with its blobs) when the next commit returns: at most a second and
-    /// a few hundred records later, or at once by [`flush`](Self::flush).
+    /// Writes a record, after the blobs it names were `put`. It is visible to everybody when this returns, survives the
+    /// death of the process, and is durable (with its blobs) when the next commit returns: at most a second and a few
+    /// hundred records later, or at once by [`flush`](Self::flush).
     ///
     /// # Errors
-    /// When it cannot be written.  The log is then as it was before.
+    /// When it cannot be written. The log is then as it was before.
     pub fn record(&self, record: &Record) -> Result<Recorded, CacheError> {
         let mut log = lock(&self.log);
         let known = self.index().record(&record.namespace, &record.key);
@@ -36,7 +35,7 @@ impl Store {
             }
             if at.sum == head.sum {
                 // Another's that died before its commit: one of this store's own is durable with its blobs.
-                self.append(&mut log, record, at.generation.saturating_add(1))?;
+                self.append(&mut log, record, after(at.generation))?;
                 drop(log);
                 self.commit_if_due()?;
                 return Ok(Recorded::Same);
@@ -45,7 +44,7 @@ impl Store {
                 return Ok(Recorded::Conflict { existing: Box::new((*existing).clone()) });
             }
             // Its frame is damaged, or its blobs are: it is no record any more.
-            self.append(&mut log, record, at.generation.saturating_add(1))?;
+            self.append(&mut log, record, after(at.generation))?;
         } else {
             self.append(&mut log, record, 0)?;
         }
@@ -54,22 +53,22 @@ impl Store {
         Ok(Recorded::New)
     }
 
-    /// Writes a record in place of the one that has its key: for an action that had to run again because its blobs
-    /// are gone, and gave something else.
+    /// Writes a record in place of the one that has its key: for an action that had to run again because its blobs are
+    /// gone, and gave something else.
     ///
     /// # Errors
-    /// When it cannot be written.  The earlier record then stays.
+    /// When it cannot be written. The earlier record then stays.
     pub fn replace(&self, record: &Record) -> Result<(), CacheError> {
         self.refresh()?;
         let mut log = lock(&self.log);
         let known = self.index().record(&record.namespace, &record.key);
-        self.append(&mut log, record, known.map_or(0, |(_, at)| at.generation.saturating_add(1)))?;
+        self.append(&mut log, record, known.map_or(0, |(_, at)| after(at.generation)))?;
         drop(log);
         self.commit_if_due()
     }
 
-    /// The record of a key, whether or not its blobs are there.  While this store lives, no gc takes the record or
-    /// its blobs away.
+    /// The record of a key, whether or not its blobs are there. While this store lives, no gc takes the record or its
+    /// blobs away.
     pub fn lookup(&self, namespace: &str, key: &Key) -> Option<Arc<Record>> {
         self.find(namespace, key, false)
     }
@@ -89,21 +88,29 @@ impl Store {
         found
     }
 
-    /// All records of a label, oldest first.
-    pub fn by_label(&self, namespace: &str, label: &str) -> Vec<Record> {
-        let mut found: Vec<(u64, Key)> = {
-            let index = self.index();
-            let (Some(namespace), Some(label)) = (index.number_of(namespace), index.number_of(label)) else {
-                return Vec::new();
-            };
-            let of_label = |(slot, at): (&Slot, &RecordAt)| {
-                (slot.0 == namespace && at.label == label).then_some((at.when, slot.1))
-            };
-            index.records.iter().filter_map(of_label).collect()
+    /// The keys of a label's records, oldest first.
+    pub fn keys_by_label(&self, namespace: &str, label: &str) -> Vec<Key> {
+        let index = self.index();
+        let (Some(namespace), Some(label)) = (index.number_of(namespace), index.number_of(label)) else {
+            return Vec::new();
         };
+        let of_label =
+            |(slot, at): (&Slot, &RecordAt)| (slot.0 == namespace && at.label == label).then_some((at.when, slot.1));
+        let mut found: Vec<(u64, Key)> = index.records.iter().filter_map(of_label).collect();
         found.sort_unstable();
-        let read = |(_, key): &(u64, Key)| self.read_record_of(namespace, key).map(|(_, _, record)| record);
-        found.iter().filter_map(read).collect()
+        found.into_iter().map(|(_, key)| key).collect()
+    }
+
+    /// The record of a key, as [`lookup`](Self::lookup) gives it. It leaves no trace of use, and nothing keeps the
+    /// record.
+    pub fn read(&self, namespace: &str, key: &Key) -> Option<Record> {
+        self.read_record_of(namespace, key).map(|(_, _, record)| record)
+    }
+
+    /// All records of a label, oldest first. They are in memory at once; [`keys_by_label`](Self::keys_by_label) and
+    /// [`read`](Self::read) take one at a time.
+    pub fn by_label(&self, namespace: &str, label: &str) -> Vec<Record> {
+        self.keys_by_label(namespace, label).iter().filter_map(|key| self.read(namespace, key)).collect()
     }
 
     /// Like [`lookup`](Self::lookup), of many keys at once, which costs less.
@@ -119,7 +126,7 @@ impl Store {
             let index = self.index();
             keys.iter().filter_map(|key| foreign_use(&index, namespace, key)).collect()
         };
-        // Noted first, looked at afterwards (see `lease`).  Protection fails only with a full disk; the hits stand.
+        // Noted first, looked at afterwards (see `lease`). Protection fails only with a full disk; the hits stand.
         let _ = self.note(uses);
         keys.iter().map(|key| self.read_noted(namespace, key, false)).collect()
     }
@@ -159,8 +166,8 @@ impl Store {
             if !proven {
                 return None;
             }
-            // Its writer may have died before they were durable. Records that build on it must not be marked as
-            // whole until they are.
+            // Its writer may have died before they were durable. Records that build on it must not be marked as whole
+            // until they are.
             self.rely_on(reached);
             let end = at.offset + RECORD_HEADER + u64::from(at.len);
             lock(&self.relied).logs.entry(at.segment).and_modify(|to| *to = end.max(*to)).or_insert(end);
@@ -199,7 +206,7 @@ impl Store {
                 });
                 on_disk || (self.refresh().is_ok() && self.contains(digest))
             }
-            None => is_loose(&self.layout.blob(digest), digest) || self.contains(digest),
+            None => self.is_loose(digest) || self.contains(digest),
         })
     }
 

@@ -1,15 +1,15 @@
 //! Segments: append-only files that one store instance writes and everybody reads.
 //!
-//! A pack segment holds small blobs, a log segment holds records.  Both are
-//! sequences of checksummed frames, so that a torn tail is seen and ignored:
+//! A pack segment holds small blobs, a log segment holds records. Both are sequences of checksummed frames, so that a
+//! torn tail is seen and ignored:
 //!
 //! ```text
 //! pack frame   "TFB1"  size u64  blake3 of the blob [32]  check u64  blob
 //! log frame    "TFR1"  length u32  check [16]  body
 //! log body     0x01 record | 0x02 commit mark: u64 offset
 //! ```
-//! A commit mark says that the blobs of every record before that offset in the
-//! same segment were durable when the mark was written.  Knows no index.
+//! A commit mark says that the blobs of every record before that offset in the same segment were durable when the mark
+//! was written. Knows no index.
 
 use crate::{
     codec::{Fields, Put},
@@ -36,8 +36,13 @@ pub(crate) const MAX_BODY: u64 = 256 << 20;
 pub(crate) const MAX_PACKED: u64 = 16 << 20;
 /// More bytes than a segment ever has; a longer one is not looked through.
 const LONGEST: u64 = 600 << 20;
-/// Bytes that are looked through at once for the frame after damage.
+/// Bytes that are looked through at once for the frame after damage, at most and at first: the next one may be near,
+/// and there may be many.
 const RESYNC: usize = 1 << 20;
+const RESYNC_FIRST: usize = 4 << 10;
+/// Bytes of frames that turn out to be damaged are read so many times at most, for each byte of a log. Frames that lie
+/// in each other, which no accident makes, would else be read once for each of them.
+const IN_VAIN: u64 = 8;
 const RECORD: u8 = 1;
 const COMMIT: u8 = 2;
 
@@ -126,9 +131,9 @@ pub(crate) struct Scan {
     pub damaged: u64,
 }
 
-/// Walks the frames of a pack from `from`; returns where the first incomplete or foreign frame begins.  Blobs are not
-/// read, only
-/// their headers.  With `whole`, when nobody appends any more, a damaged header that a frame follows is stepped over.
+/// Walks the frames of a pack from `from`; returns where the first incomplete or foreign frame begins. Blobs are not
+/// read, only their headers. With `whole`, when nobody appends any more, a damaged header that a frame follows is
+/// stepped over.
 pub(crate) fn scan_pack(path: &Path, from: u64, whole: bool, mut found: impl FnMut(PackedBlob)) -> io::Result<Scan> {
     let file = open_plain(path)?;
     let len = file.metadata()?.len();
@@ -180,7 +185,7 @@ fn next_frame(
         return Ok(None);
     }
     let mut at = from;
-    let mut bytes = vec![0; RESYNC];
+    let mut bytes = vec![0; RESYNC_FIRST];
     loop {
         let read = file.read_at(&mut bytes, at)?;
         let mut place = 0;
@@ -195,6 +200,7 @@ fn next_frame(
             return Ok(None);
         }
         at += (read + 1 - magic.len()) as u64; // a magic may lie across the border
+        bytes.resize((bytes.len() * 4).min(RESYNC), 0);
     }
 }
 
@@ -213,9 +219,8 @@ pub(crate) enum LogEntry<'a> {
     Commit(u64),
 }
 
-/// Walks the frames of a log from `from`.  A damaged frame that is followed by another frame, or by the end, is
-/// stepped over;
-/// with `whole`, when nobody appends any more, so is a damaged header.
+/// Walks the frames of a log from `from`. A damaged frame that is followed by another frame, or by the end, is stepped
+/// over; with `whole`, when nobody appends any more, so is a damaged header.
 pub(crate) fn scan_log(
     path: &Path,
     from: u64,
@@ -229,6 +234,7 @@ pub(crate) fn scan_log(
     reader.seek(SeekFrom::Start(from))?;
     let mut scan = Scan { end: from, damaged: 0 };
     let mut body = Vec::new();
+    let mut left = len.saturating_mul(IN_VAIN);
     loop {
         let step = match read_frame(&mut reader, scan.end, len, &mut body)? {
             None => Step::Lost,
@@ -240,6 +246,7 @@ pub(crate) fn scan_log(
                 Step::To(next)
             }
             Some((next, false)) => {
+                left = left.saturating_sub(next - scan.end);
                 let mut magic = [0; 4];
                 if next == len || (read_at(&probe, &mut magic, next)? && &magic == RECORD_MAGIC) {
                     scan.damaged += 1;
@@ -253,17 +260,41 @@ pub(crate) fn scan_log(
             Step::To(next) => next,
             Step::Lost if !whole => return Ok(scan),
             Step::Lost => {
-                let mut other = BufReader::with_capacity(RESYNC, probe.try_clone()?);
                 let mut good = |at: u64| {
-                    other.seek(SeekFrom::Start(at))?;
-                    Ok(matches!(read_frame(&mut other, at, len, &mut body)?, Some((_, true))))
+                    if left == 0 {
+                        return Ok(false);
+                    }
+                    let found = read_frame(&mut Positioned { file: &probe, at }, at, len, &mut body)?;
+                    if let Some((next, false)) = found {
+                        left = left.saturating_sub(next - at);
+                    }
+                    Ok(matches!(found, Some((_, true))))
                 };
                 let Some(at) = next_frame(&probe, scan.end + 1, RECORD_MAGIC, &mut good)? else { return Ok(scan) };
                 scan.damaged += 1;
-                reader.seek(SeekFrom::Start(at))?;
+                // Within what is read already, as the next frame mostly is, this reads nothing.
+                let here = reader.stream_position()?;
+                match i64::try_from(i128::from(at) - i128::from(here)) {
+                    Ok(step) => reader.seek_relative(step)?,
+                    Err(_) => drop(reader.seek(SeekFrom::Start(at))?),
+                }
                 at
             }
         };
+    }
+}
+
+/// Reads a file from a place on, whatever else reads it.
+struct Positioned<'a> {
+    file: &'a File,
+    at: u64,
+}
+
+impl Read for Positioned<'_> {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        let read = self.file.read_at(bytes, self.at)?;
+        self.at += read as u64;
+        Ok(read)
     }
 }
 
@@ -275,9 +306,8 @@ enum Step {
 }
 
 /// Reads the frame at `at`, where the reader stands, in a log of `len` bytes: where the next one begins, and whether
-/// this one's
-/// checksum is right.  None if there is no whole frame.
-fn read_frame(reader: &mut BufReader<File>, at: u64, len: u64, body: &mut Vec<u8>) -> io::Result<Option<(u64, bool)>> {
+/// this one's checksum is right. None if there is no whole frame.
+fn read_frame(reader: &mut impl Read, at: u64, len: u64, body: &mut Vec<u8>) -> io::Result<Option<(u64, bool)>> {
     let mut header = [0; RECORD_HEADER as usize];
     if at.checked_add(RECORD_HEADER).is_none_or(|end| end > len) || !read_on(reader, &mut header)? {
         return Ok(None);
@@ -295,7 +325,7 @@ fn read_frame(reader: &mut BufReader<File>, at: u64, len: u64, body: &mut Vec<u8
 }
 
 /// Reads on; whether there was enough to read.
-fn read_on(reader: &mut BufReader<File>, bytes: &mut [u8]) -> io::Result<bool> {
+fn read_on(reader: &mut impl Read, bytes: &mut [u8]) -> io::Result<bool> {
     match reader.read_exact(bytes) {
         Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(false),
         other => other.map(|()| true),
@@ -358,8 +388,8 @@ pub(crate) struct Appender {
 }
 
 impl Appender {
-    /// Appends a frame and returns its offset.  After an error the segment ends
-    /// where it ended before, or must not be appended to again (`Err(true)`).
+    /// Appends a frame and returns its offset. After an error the segment ends where it ended before, or must not be
+    /// appended to again (`Err(true)`).
     pub fn append(&mut self, frame: &[u8]) -> Result<u64, (io::Error, bool)> {
         let offset = self.end;
         if let Err(error) = self.file.write_all_at(frame, offset) {

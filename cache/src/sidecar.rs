@@ -1,17 +1,18 @@
 //! Index files: what a segment holds, so that opening a store need not read it.
 //!
-//! `<segment>.idx` covers its segment up to an offset; what lies beyond is
-//! scanned.  It is a cache of the segment: a damaged or missing one costs time,
-//! and any may be deleted.
+//! `<segment>.idx` covers its segment up to an offset; what lies beyond is scanned. It is a cache of the segment: a
+//! damaged or missing one costs time, and any may be deleted.
 
 use crate::{
     Key,
     codec::{Fields, Put},
     index::{BlobAt, Index, RecordAt},
     layout::{Layout, open_plain},
+    record::MOST_GENERATION,
     segment::{MAX_BODY, MAX_PACKED, RECORD_HEADER, Sort},
 };
 use std::{
+    collections::HashMap,
     fs::{self, File},
     io::{self, Read, Write},
     path::Path,
@@ -113,10 +114,10 @@ fn record(mut entry: Fields<'_>, segment: u32, names: &[u32]) -> Option<(u32, Ke
         bytes: entry.u64()?,
         when: entry.u64()?,
     };
-    Some((namespace, key, at))
+    (at.generation <= MOST_GENERATION).then_some((namespace, key, at))
 }
 
-/// Writes the segment's index file.  Failure is of no consequence.
+/// Writes the segment's index file. Failure is of no consequence.
 pub(crate) fn save(index: &Index, number: u32, layout: &Layout) {
     if !layout.writes {
         return;
@@ -126,7 +127,7 @@ pub(crate) fn save(index: &Index, number: u32, layout: &Layout) {
     match segment.sort {
         Sort::Pack => {
             let mut blobs: Vec<_> = index.blobs.iter().filter(|(_, at)| at.segment == number).collect();
-            blobs.sort_unstable_by_key(|(_, at)| at.offset);
+            blobs.sort_unstable_by_key(|(hash, at)| (at.offset, **hash));
             for (hash, at) in blobs {
                 entries.extend_from_slice(hash);
                 entries.u64(at.offset);
@@ -136,13 +137,14 @@ pub(crate) fn save(index: &Index, number: u32, layout: &Layout) {
         }
         Sort::Log => {
             let mut records: Vec<_> = index.records.iter().filter(|(_, at)| at.segment == number).collect();
-            records.sort_unstable_by_key(|(_, at)| at.offset);
-            let mut of_file = |name: u32| match names.iter().position(|known| *known == name) {
-                Some(place) => place as u32,
-                None => {
+            records.sort_unstable_by_key(|(slot, at)| (at.offset, **slot));
+            // Each record may have a label of its own.
+            let mut places: HashMap<u32, u32> = HashMap::new();
+            let mut of_file = |name: u32| {
+                *places.entry(name).or_insert_with(|| {
                     names.push(name);
                     names.len() as u32 - 1
-                }
+                })
             };
             for ((namespace, key), at) in records {
                 entries.extend_from_slice(&key.0);

@@ -101,7 +101,7 @@ pub(crate) struct PackWriter {
     pub dirty_loose: Vec<PathBuf>,
 }
 
-/// Locks a mutex.  The values guarded here are valid after every statement, so a panic elsewhere does not spoil them.
+/// Locks a mutex. The values guarded here are valid after every statement, so a panic elsewhere does not spoil them.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -112,9 +112,8 @@ fn is_old(refreshed: &Mutex<Instant>) -> bool {
 }
 
 impl Store {
-    /// Opens the store in `dir`, making it if it is missing.  One that is there, but cannot be written to, is opened
-    /// for reading
-    /// only: what needs to write fails then, and says why.
+    /// Opens the store in `dir`, making it if it is missing. One that is there, but cannot be written to, is opened for
+    /// reading only: what needs to write fails then, and says why.
     ///
     /// # Errors
     /// When the folder cannot be made or written, holds a store of another format, or holds something else.
@@ -131,9 +130,8 @@ impl Store {
         }
     }
 
-    /// Opens the store in `dir` to look at it, and makes none.  Where there is none yet, it is as an empty one that
-    /// cannot be
-    /// written to.
+    /// Opens the store in `dir` to look at it, and makes none. Where there is none yet, it is as an empty one that
+    /// cannot be written to.
     ///
     /// # Errors
     /// When the folder cannot be read, holds a store of another format, or holds something else.
@@ -190,7 +188,7 @@ impl Store {
         })
     }
 
-    /// Notes uses, where others can see them.  A store that only reads has nothing to note them in: no gc minds it.
+    /// Notes uses, where others can see them. A store that only reads has nothing to note them in: no gc minds it.
     pub(crate) fn note(&self, uses: impl IntoIterator<Item = Use>) -> Result<(), CacheError> {
         self.writing.as_ref().map_or(Ok(()), |writing| writing.lease.note(uses))
     }
@@ -205,10 +203,9 @@ impl Store {
         &self.layout.root
     }
 
-    /// Tells the store the time (unix seconds), by which a gc judges how recent the hits that follow are.
-    /// Call it once a run.  Without it, what this instance hits is safe while it lives, but no younger afterwards.  A
-    /// store that
-    /// is open for reading only leaves no trace of use.
+    /// Tells the store the time (unix seconds), by which a gc judges how recent the hits that follow are. Call it once
+    /// a run. Without it, what this instance hits is safe while it lives, but no younger afterwards. A store that is
+    /// open for reading only leaves no trace of use.
     ///
     /// # Errors
     /// When the lease cannot be written.
@@ -216,12 +213,12 @@ impl Store {
         self.writing.as_ref().map_or(Ok(()), |writing| writing.lease.set_time(now))
     }
 
-    /// Waits until this thread alone, among all threads and processes, holds `key`.  Look the key up again
-    /// afterwards: whoever held it may have done the work.  The index is up to date when this returns.
+    /// Waits until this thread alone, among all threads and processes, holds `key`. Look the key up again afterwards:
+    /// whoever held it may have done the work. The index is up to date when this returns.
     ///
-    /// Keys do not wait for each other (unless 63 bits of their hashes are equal).  To avoid circles, claim while
-    /// holding a claim only what
-    /// the held action depends on, and use [`try_claim`](Self::try_claim) where a thread may pick up foreign work.
+    /// Keys do not wait for each other (unless 63 bits of their hashes are equal). To avoid circles, claim while
+    /// holding a claim only what the held action depends on, and use [`try_claim`](Self::try_claim) where a thread may
+    /// pick up foreign work.
     ///
     /// # Errors
     /// When this thread holds the key already, or the store is open for reading only.
@@ -248,9 +245,8 @@ impl Store {
     }
 
     /// Refreshes, unless no other store has been open since the last time. Whoever opens one adds a lease to the
-    /// folder, whose
-    /// time then changes; as that time is coarse, one look that finds nobody is only trusted after another, a moment
-    /// later.
+    /// folder, whose time then changes; as that time is coarse, one look that finds nobody is only trusted after
+    /// another, a moment later.
     fn refresh_unless_alone(&self) -> Result<(), CacheError> {
         let folder = self.layout.folder("leases");
         let changed = fs::metadata(&folder).and_then(|meta| meta.modified()).at("look at", &folder)?;
@@ -276,7 +272,7 @@ impl Store {
         self.refresh()
     }
 
-    /// Reads what other processes have appended.  Misses do this by themselves, a few times a second.
+    /// Reads what other processes have appended. Misses do this by themselves, a few times a second.
     ///
     /// # Errors
     /// When the store's folder cannot be read.

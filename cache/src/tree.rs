@@ -1,8 +1,7 @@
 //! Trees: blobs that list other blobs, and trees.
 //!
 //! A record that names a tree keeps alive all that the tree lists, however many blobs that is, without a list of its
-//! own; two
-//! records whose outputs have a part in common share that part's tree.  What a tree says beyond its list is its
+//! own; two records whose outputs have a part in common share that part's tree. What a tree says beyond its list is its
 //! maker's business.
 
 use crate::{
@@ -45,9 +44,7 @@ pub fn decode(bytes: &[u8]) -> Option<Tree<'_>> {
 pub(crate) type Reader<'a> = &'a mut dyn FnMut(&Digest) -> Result<Option<Vec<u8>>, CacheError>;
 
 /// Calls `found` with every blob that these trees list, and with the trees themselves, each tree once, and adds the
-/// trees to
-/// `walked`; `read` gives a tree's
-/// bytes.  A tree that is missing, or is none, lists nothing.
+/// trees to `walked`; `read` gives a tree's bytes. A tree that is missing, or is none, lists nothing.
 pub(crate) fn walk(
     trees: &[Digest],
     seen: &mut HashSet<Digest>,

@@ -1,14 +1,9 @@
 //! Verification: every blob is read and rehashed, every record decoded.
 
 use crate::{
-    CacheError, Digest, Key, Store,
-    error::At,
-    index::Slot,
-    layout::loose_blobs,
-    record::{Reach, decode_reach, sum},
-    segment::{Sort, read_record},
+    CacheError, Digest, Key, Store, error::At, gc, layout::loose_blobs, record::sum, segment::Sort, whole::State,
 };
-use std::collections::{BTreeSet, HashMap};
+use std::collections::HashSet;
 
 /// What a verification found.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -29,6 +24,9 @@ pub struct VerifyReport {
     pub damaged_places: u64,
     /// Records that reach a blob which is not there: their actions run again when needed.
     pub incomplete_records: u64,
+    /// Committed ones among them that reach a blob which was there and is not any more. A transient action's outputs,
+    /// and what others say of them, are none: nobody stored them. The next gc clears the records away.
+    pub lost_records: u64,
     /// Keys for which two processes recorded different payloads at the same time; the older record stands.
     pub conflicts: Vec<(String, Key)>,
     /// Bytes after the last whole frame of segments whose writer is dead: what a kill cut off.
@@ -36,16 +34,17 @@ pub struct VerifyReport {
 }
 
 impl VerifyReport {
-    /// Whether something was damaged.  What is missing is not: a gc, a kill or a node that stores nothing leaves it so.
+    /// Whether something was damaged or lost. What is missing otherwise is not: a power cut or a transient node leaves
+    /// it so, and a gc takes records with their blobs.
     pub fn is_damaged(&self) -> bool {
-        !self.damaged.is_empty() || self.damaged_records > 0 || self.damaged_places > 0
+        !self.damaged.is_empty() || self.damaged_records + self.damaged_places + self.lost_records > 0
     }
 }
 
 impl Store {
-    /// Rehashes all blobs, or about the fraction `sample` of them, chosen by `seed`.  Damaged ones go to quarantine
-    /// and are misses from then on; a store that is open for reading only just says so.  `progress` gets the blobs
-    /// done and the blobs to do.
+    /// Rehashes all blobs, or about the fraction `sample` of them, chosen by `seed`. Damaged ones go to quarantine and
+    /// are misses from then on; a store that is open for reading only just says so. `progress` gets the blobs done and
+    /// the blobs to do.
     ///
     /// # Errors
     /// When a file that is there cannot be read.
@@ -56,18 +55,28 @@ impl Store {
         progress: &mut dyn FnMut(u64, u64),
     ) -> Result<VerifyReport, CacheError> {
         self.refresh()?;
-        let mut report = VerifyReport::default();
+        let (mut report, mut missed) = (VerifyReport::default(), Vec::new());
         let blobs = self.all_blobs()?;
         report.blobs = blobs.len() as u64;
         for (done, digest) in blobs.iter().enumerate() {
             if chosen(digest, sample, seed) {
                 report.checked += 1;
                 report.checked_bytes += digest.size;
-                if self.get(digest)?.is_none() {
-                    report.damaged.push(*digest);
+                if self.get_now(digest)?.is_none() {
+                    missed.push(*digest);
                 }
             }
             progress(done as u64 + 1, report.blobs);
+        }
+        if !missed.is_empty() {
+            // They may have been in the hands of a collection. Asked once for all: a refresh lists what is set aside.
+            gc::wait_for_sweep(&self.layout);
+            self.refresh()?;
+        }
+        for digest in missed {
+            if self.get_now(&digest)?.is_none() {
+                report.damaged.push(digest);
+            }
         }
         self.verify_records(&mut report)?;
         let index = self.index();
@@ -88,7 +97,7 @@ impl Store {
         let mut blobs: Vec<Digest> = {
             let index = self.index();
             let mut packed: Vec<_> = index.blobs.iter().collect();
-            packed.sort_unstable_by_key(|(_, at)| (at.segment, at.offset));
+            packed.sort_unstable_by_key(|(hash, at)| (at.segment, at.offset, **hash));
             packed.into_iter().map(|(hash, at)| Digest { hash: *hash, size: at.size }).collect()
         };
         let loose = loose_blobs(&self.layout.root).at("list the blobs in", &self.layout.root)?;
@@ -97,36 +106,18 @@ impl Store {
     }
 
     fn verify_records(&self, report: &mut VerifyReport) -> Result<(), CacheError> {
-        let here: BTreeSet<Digest> = self.all_blobs()?.into_iter().collect();
-        let mut records: Vec<(u32, u64, u32, Slot)> = {
-            let index = self.index();
-            index.records.iter().map(|(slot, at)| (at.segment, at.offset, at.len, *slot)).collect()
-        };
-        records.sort_unstable();
-        // Whether all that a tree lists is here; a tree below several records is walked once.
-        let mut whole: HashMap<Vec<Digest>, bool> = HashMap::new();
-        for (segment, offset, len, slot) in records {
+        let here: HashSet<Digest> = self.all_blobs()?.into_iter().collect();
+        for checked in self.check_records(&here)? {
             report.records += 1;
-            let frame = self.segment_file(segment).and_then(|file| read_record(&file, offset, len)).ok().flatten();
-            match frame.as_ref().and_then(|frame| decode_reach(frame.bytes())) {
-                Some(Reach { refs, trees, .. }) => {
-                    let listed = match whole.get(&trees) {
-                        Some(&listed) => listed,
-                        None => {
-                            let listed = self.reach(&[], &trees)?.iter().all(|digest| here.contains(digest));
-                            whole.insert(trees, listed);
-                            listed
-                        }
-                    };
-                    if !listed || !refs.iter().all(|digest| here.contains(digest)) {
-                        report.incomplete_records += 1;
-                    }
-                }
+            match checked.state {
+                Some(State::Whole) => {}
+                Some(State::Excused | State::Lost) => report.incomplete_records += 1,
                 None => {
                     report.damaged_records += 1;
-                    self.index_mut().records.remove(&slot);
+                    self.index_mut().records.remove(&checked.slot);
                 }
             }
+            report.lost_records += u64::from(checked.has_lost());
         }
         Ok(())
     }

@@ -15,8 +15,8 @@ use tauflow_cache::{Digest, GcOptions, GcReport, Store};
 pub(crate) enum CacheCommand {
     /// Count what it holds.
     Stat,
-    /// Read and rehash blobs; damaged ones are set aside, and made again when they are needed. Exits with 1 if it
-    /// found damage.
+    /// Read and rehash blobs; damaged ones are set aside, and made again when they are needed. Exits with 1 if it found
+    /// damage, or records whose blobs were stored and are lost. Blobs that only a `transient` node made are not lost.
     Verify {
         /// Check only this share.
         #[arg(long, value_name = "SHARE")]
@@ -199,14 +199,15 @@ fn verify(store: &Store, sample: Option<f64>) -> Result<Exit, CliError> {
     })?;
     bar.finish_and_clear();
     outln!(
-        "{} of {} blobs checked ({}), {} damaged; {} records, {} damaged, {} incomplete",
+        "{} of {} blobs checked ({}), {} damaged; {} records, {} damaged, {} incomplete, {} of these by loss",
         report.checked,
         report.blobs,
         bytes_text(report.checked_bytes),
         report.damaged.len(),
         report.records,
         report.damaged_records,
-        report.incomplete_records
+        report.incomplete_records,
+        report.lost_records
     );
     for digest in &report.damaged {
         outln!("set aside: {digest}");
@@ -214,10 +215,18 @@ fn verify(store: &Store, sample: Option<f64>) -> Result<Exit, CliError> {
     if report.damaged_places > 0 {
         outln!("{} damaged places in packs: what lay there is missing", report.damaged_places);
     }
+    if report.torn_bytes > 0 {
+        outln!(
+            "{} bytes after the last whole entry of a file: a process was killed as it wrote, or the file was cut",
+            report.torn_bytes
+        );
+    }
     if !report.is_damaged() {
         return Ok(Exit::Done);
     }
-    eprintln!("the next run that needs what was damaged makes it again; `tauflow cache gc` clears the rest away");
+    eprintln!(
+        "the next run that needs what is damaged or lost makes it again; `tauflow cache gc` clears away the rest"
+    );
     Ok(Exit::Failed)
 }
 

@@ -68,16 +68,18 @@ impl Run<'_> {
                 }
                 if self.pipeline.nodes[lane.node].spec.outputs[port.place()].publish {
                     let folder = self.folder(lane, publishing.len());
-                    publications.push((id, publish::Publication { folder, collection }));
+                    let name = self.pipeline.cell_name(lane.cell);
+                    publications.push((id, publish::Publication { folder, name, collection }));
                 }
             }
         }
         match &self.options.out {
             Some(out) if !self.options.dry && self.options.only.is_none() => {
                 let (out, mut written) = (out.join(&self.pipeline.name), Vec::new());
+                let mut taken = publish::Taken::new(&out);
                 for (id, publication) in &publications {
                     // Read, and so proved: what is damaged is made again though nothing else has changed.
-                    let (files, gone) = publish::publish(self.store, &out, publication)?;
+                    let (files, gone) = publish::publish(self.store, &out, publication, &mut taken)?;
                     written.extend(files);
                     missing.extend(gone.into_iter().map(|blob| (*id, blob)));
                 }
@@ -104,11 +106,11 @@ impl Run<'_> {
         if let Some(result) = scheduler.result(lane, port) {
             return Ok(Found::Collection(result.clone()));
         }
-        let name = self.pipeline.nodes[scheduler.node_of(lane)].spec.outputs[port.place()].name;
-        let Some(listed) = scheduler.rolled(lane).and_then(|p| p.collections.get(name)) else {
+        let of = &self.pipeline.nodes[scheduler.node_of(lane)].spec.outputs[port.place()];
+        let Some(listed) = scheduler.rolled(lane).and_then(|p| p.collections.get(of.name)) else {
             return Ok(Found::Unknown);
         };
-        let found = Sharded::get(self.store, listed)?;
+        let found = Sharded::get(self.store, listed, of.media)?;
         Ok(found.map_or(Found::Missing(listed.blob), |found| Found::Collection(Arc::new(found))))
     }
 }

@@ -85,9 +85,17 @@ impl ActionFile {
         let unread = |what: &str, e: serde_json::Error| {
             ExecError::Action(format!("the {what} of action {key} does not parse: {e}; run its pipeline again"))
         };
-        let key = serde_json::from_str(&record.preimage).map_err(|e| unread("key", e))?;
+        let found: ActionKey = serde_json::from_str(&record.preimage).map_err(|e| unread("key", e))?;
+        // A record may say anything; what is run must be what was asked for.
+        let hash = found.hash();
+        if hash != *key {
+            return Err(ExecError::Action(format!(
+                "the record of action {key} holds the key of action {hash}: it is not the one that was asked for, and \
+                 whoever wrote it made it up, or it is of a program with other keys; run its pipeline again"
+            )));
+        }
         let recipe = serde_json::from_str(&record.recipe).map_err(|e| unread("recipe", e))?;
-        Ok(Self { key, recipe })
+        Ok(Self { key: found, recipe })
     }
 
     /// Runs it. If the store has a record of it, the outputs are compared with that; else they are recorded.
@@ -164,14 +172,18 @@ impl ActionFile {
         }
         for (name, listed) in recipe.whole {
             same(&name, listed.digest)?;
-            let Some(found) = Sharded::get(store, &listed)? else { return Err(missing(&listed.blob)) };
-            whole.push((port(&name)?, Arc::new(found)));
+            let input = port(&name)?;
+            let Some(found) = Sharded::get(store, &listed, spec.inputs[input.place()].media)? else {
+                return Err(missing(&listed.blob));
+            };
+            whole.push((input, Arc::new(found)));
         }
         if each.len() + whole.len() + usize::from(file.is_some()) != key.inputs.len() {
             return Err(ExecError::Action("the recipe leaves inputs of the key out".into()));
         }
         let record = store.lookup(ACTION, &hash);
-        let before = record.as_ref().map(|record| records::load(store, record, &spec)).transpose()?.flatten();
+        let before =
+            record.as_ref().map(|record| records::load(store, record, &spec, group.name)).transpose()?.flatten();
         let new = before.is_none();
         let params = basis.params.clone();
         let task = Task {

@@ -68,18 +68,48 @@ pub struct History {
 
 /// Earlier actions that are looked at where more than one field differs.
 const LOOKED_AT: usize = 256;
+/// Bytes of the longest key that is read; those of actions have a few thousand.
+const LONGEST: usize = 1 << 20;
+/// Fields of a key, params and inputs one by one, above which it is not sought by all of them but one: that takes their
+/// square.
+const MOST_FIELDS: usize = 256;
+/// Bytes of memory that all keys of a kind may take, about: a hundred thousand of the usual size.
+const MOST_MEMORY: usize = 512 << 20;
+
+/// About how many bytes a value takes, and a little more; as JSON it may have a hundredth of them.
+fn memory(value: &Value) -> usize {
+    let inner = match value {
+        Value::Null | Value::Bool(_) | Value::Number(_) => 0,
+        Value::String(text) => text.len(),
+        Value::Array(values) => values.iter().map(memory).sum(),
+        Value::Object(fields) => {
+            let entries: usize = fields.iter().map(|(name, value)| name.len() + 24 + memory(value)).sum();
+            // A map has room for eleven entries at once.
+            entries + 700 * (1 + fields.len() / 6)
+        }
+    };
+    size_of::<Value>() + inner
+}
 
 impl History {
-    /// Reads what was run of a kind.
+    /// Reads what was run of a kind, the latest first, as far as memory for it goes.
     pub fn of(store: &Store, kind: &str) -> Self {
-        let read = |record: Record| {
-            let value = serde_json::from_str(&record.preimage).ok()?;
-            // The texts are not needed any more, and are most of it.
-            let light = Record { preimage: String::new(), payload: String::new(), recipe: String::new(), ..record };
-            Some((light, value))
+        let read = |key: Key| {
+            let record = store.read(ACTION, &key).filter(|record| record.preimage.len() <= LONGEST)?;
+            let value: Value = serde_json::from_str(&record.preimage).ok()?;
+            // The texts and the blobs are not needed any more, and are most of it.
+            let (preimage, payload, recipe) = Default::default();
+            Some((Record { preimage, payload, recipe, refs: Vec::new(), trees: Vec::new(), ..record }, value))
         };
-        let keys: Vec<(Record, Value)> = store.by_label(ACTION, kind).into_iter().filter_map(read).collect();
+        let mut left = MOST_MEMORY;
+        let fits = |(_, value): &(Record, Value)| {
+            left = left.saturating_sub(memory(value) + size_of::<Record>());
+            left > 0
+        };
+        let mut keys: Vec<(Record, Value)> =
+            store.keys_by_label(ACTION, kind).into_iter().rev().filter_map(read).take_while(fits).collect();
         // Oldest first, so that the latest stays.
+        keys.reverse();
         let but_one =
             keys.iter().enumerate().flat_map(|(n, (_, key))| but_one(key).into_iter().map(move |k| (k, n))).collect();
         Self { keys, but_one }
@@ -119,6 +149,9 @@ fn but_one(key: &Value) -> Vec<Key> {
             }
             value => leaves.push((name.clone(), canonical_bytes(value))),
         }
+    }
+    if leaves.len() > MOST_FIELDS {
+        return Vec::new();
     }
     let without = |left: usize| {
         let mut bytes = leaves[left].0.clone().into_bytes();
@@ -192,5 +225,15 @@ mod tests {
         assert_eq!(fields, ["/inputs/a", "/params/rungs/dyadic", "/params/x"]);
         assert_eq!((found[1].before.clone(), found[1].now.clone()), (Some(json!(8)), Some(json!(16))));
         assert_eq!(found[2].now, None);
+    }
+
+    #[test]
+    fn keys_of_many_fields_are_not_sought_by_all_of_them_but_one() {
+        let of = |count: usize| {
+            let params: serde_json::Map<String, Value> = (0..count).map(|n| (n.to_string(), json!(n))).collect();
+            but_one(&json!({ "params": params })).len()
+        };
+        assert_eq!((of(3), of(MOST_FIELDS), of(MOST_FIELDS + 1)), (3, MOST_FIELDS, 0));
+        assert!(memory(&json!([{"a": 0}, {"b": 0}])) > 2 * 700, "small maps are not small");
     }
 }

@@ -10,6 +10,7 @@ pub mod explain;
 mod ids;
 mod job;
 mod lanes;
+mod listing;
 mod probe;
 mod publish;
 mod records;

@@ -70,6 +70,7 @@ impl Probe for Of<'_> {
             payload: answer.to_string(),
             recipe: String::new(),
             derived: false,
+            transient: false,
             refs: Vec::new(),
             trees: Vec::new(),
             wall_us: 0,

@@ -3,7 +3,9 @@
 use super::{EngineError, Summary, sharded::Sharded};
 use serde_json::json;
 use std::{
+    collections::BTreeMap,
     fs,
+    ops::Bound,
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -13,18 +15,55 @@ use tauflow_cache::{Digest, Store};
 pub struct Publication {
     /// Folder below `OUT/<pipeline>/`; empty for the only publishing node.
     pub folder: String,
+    /// The node, with its cell, for people.
+    pub name: String,
     /// The artifacts.
     pub collection: Arc<Sharded>,
 }
 
+/// The files of a run, each with what it is of: none is written twice.
+pub struct Taken(BTreeMap<PathBuf, String>);
+
+impl Taken {
+    /// None but the run's own account of itself.
+    pub fn new(out: &Path) -> Self {
+        Self(BTreeMap::from([(out.join(SUMMARY), "the account of the run".to_owned())]))
+    }
+
+    /// Takes a file for `whose`.
+    ///
+    /// # Errors
+    /// If something else has it, or a file where it needs a folder, or files below it.
+    fn take(&mut self, path: &Path, whose: &str) -> Result<(), EngineError> {
+        let before = path.ancestors().find_map(|above| self.0.get(above));
+        let below = || {
+            let next = self.0.range::<Path, _>((Bound::Excluded(path), Bound::Unbounded)).next();
+            next.filter(|(other, _)| other.starts_with(path)).map(|(_, whose)| whose)
+        };
+        if let Some(other) = before.or_else(below) {
+            return Err(EngineError::Request(format!(
+                "{other} and {whose} meet in the file {}; give one of them another key or part name, or publish them \
+                 by pipelines of their own",
+                path.display()
+            )));
+        }
+        self.0.insert(path.to_owned(), whose.to_owned());
+        Ok(())
+    }
+}
+
+/// The run's account of itself.
+const SUMMARY: &str = "run.json";
+
 /// Writes what differs from what is there, each file at once; returns all files, and the blobs that are missing.
 ///
 /// # Errors
-/// If the folder cannot be written.
+/// If the folder cannot be written, or two artifacts meet in one file; of these files none is written then.
 pub fn publish(
     store: &Store,
     out: &Path,
     publication: &Publication,
+    taken: &mut Taken,
 ) -> Result<(Vec<PathBuf>, Vec<Digest>), EngineError> {
     let (mut written, mut missing) = (Vec::new(), Vec::new());
     let many = publication.collection.len() > 1;
@@ -32,6 +71,7 @@ pub fn publish(
         Ok(items) => items,
         Err(blob) => return Ok((written, vec![blob])),
     };
+    let mut files: Vec<(PathBuf, Digest)> = Vec::new();
     for (key, output) in items {
         // Names become paths here: those of a store were checked as they were read, and those of a kind are now.
         output.artifact.check_names().map_err(|error| EngineError::Request(format!("`{key}`: {error}")))?;
@@ -41,13 +81,17 @@ pub fn publish(
         }
         for (part, digest) in output.artifact.parts.iter() {
             let path = folder.join(if part.is_empty() { "value" } else { part });
-            match store.get(digest)? {
-                Some(bytes) => {
-                    write(&path, &bytes)?;
-                    written.push(path);
-                }
-                None => missing.push(*digest),
+            taken.take(&path, &format!("`{part}` of `{key}` of `{}`", publication.name))?;
+            files.push((path, *digest));
+        }
+    }
+    for (path, digest) in files {
+        match store.get(&digest)? {
+            Some(bytes) => {
+                write(&path, &bytes)?;
+                written.push(path);
             }
+            None => missing.push(digest),
         }
     }
     Ok((written, missing))
@@ -88,5 +132,47 @@ pub fn write_summary(out: &Path, pipeline: &str, summary: &Summary) -> Result<()
     });
     let mut text = serde_json::to_vec_pretty(&value).expect("plain data");
     text.push(b'\n');
-    write(&out.join("run.json"), &text)
+    write(&out.join(SUMMARY), &text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::sharded::Output;
+    use tauflow_contract::{Artifact, ItemKey};
+
+    #[test]
+    fn files_that_meet_are_told_and_not_written() {
+        let dir = tempfile::tempdir().expect("a folder");
+        let store = Store::open(&dir.path().join("cache")).expect("a store");
+        let (one, two) = (store.put(b"one").expect("room"), store.put(b"two").expect("room"));
+        let item = |key: &str, part: &str, digest: Digest| {
+            let artifact = Artifact::tree("tauflow/files", [(part.to_owned(), digest)]);
+            (ItemKey::new(key).expect("a key"), Output::new(artifact))
+        };
+        let out = dir.path().join("out");
+        let publish = |items: Vec<_>, taken: &mut Taken| {
+            let collection = Arc::new(Sharded::of(items));
+            let publication = Publication { folder: String::new(), name: "sheet".into(), collection };
+            publish(&store, &out, &publication, taken).map(|(files, _)| files.len()).map_err(|e| e.to_string())
+        };
+        for items in [
+            vec![item("a", "b/x", one), item("a/b", "x", two)],
+            // A file where the other needs a folder, in either order.
+            vec![item("a", "b", one), item("a/b", "x", two)],
+            vec![item("a", "b/x/y", one), item("a/b", "x", two)],
+        ] {
+            let said = publish(items, &mut Taken::new(&out)).expect_err("they meet");
+            assert!(said.contains("of `a` of `sheet`") && said.contains("of `a/b` of `sheet`"), "{said}");
+            assert!(!out.exists(), "{said}");
+        }
+        let said = publish(vec![item("a", "run.json", one)], &mut Taken::new(&out)).expect_err("it is the run's own");
+        assert!(said.contains("the account of the run"), "{said}");
+        let mut taken = Taken::new(&out);
+        assert_eq!(publish(vec![item("a", "b/x", one), item("a/c", "x", two)], &mut taken), Ok(2));
+        assert_eq!(fs::read(out.join("a/b/x")).expect("written"), b"one");
+        // Another publication of the same run.
+        let said = publish(vec![item("a", "x", one), item("a/b", "x", one)], &mut taken).expect_err("they meet");
+        assert!(said.contains("`b/x` of `a` of `sheet`"), "{said}");
+    }
 }

@@ -16,7 +16,7 @@ use std::{
     time::{Instant, SystemTime, UNIX_EPOCH},
 };
 use tauflow_cache::{CacheError, Digest, Key, Record, Recorded, Store};
-use tauflow_contract::{Artifact, Blobs, Determinism, KindError, KindSpec, MemoKey};
+use tauflow_contract::{Any, Artifact, Blobs, Determinism, KindError, KindSpec, MemoKey, Mode, OutputPort};
 
 /// Namespace of action records.
 pub const ACTION: &str = "action";
@@ -183,6 +183,7 @@ impl Blobs for StoreBlobs<'_> {
             payload: serde_json::to_string(artifact).expect("strings and digests always serialise"),
             recipe: String::new(),
             derived: false,
+            transient: false,
             refs: artifact.parts.values().copied().collect(),
             trees: Vec::new(),
             // It belongs to the action that made it; a gc should know that it was not free.
@@ -242,15 +243,32 @@ pub fn port_of(spec: &KindSpec, name: &str) -> Option<PortId> {
     spec.outputs.iter().position(|port| port.name == name).map(PortId::at)
 }
 
-/// Loads an action's outputs from its record; `None` if a listing is missing.
+/// Whether a payload fills the ports of a group, with what they say they hold; listings say it when they are read.
+fn fills(payload: &Payload, spec: &KindSpec, group: &str) -> bool {
+    let ports = || spec.outputs.iter().filter(|port| port.group.name == group);
+    let known = |name: &String| ports().any(|port| port.name == name);
+    let filled = |port: &OutputPort| match spec.mode {
+        Mode::Gather => payload.collections.contains_key(port.name),
+        Mode::Source | Mode::Map => payload
+            .items
+            .get(port.name)
+            .map_or(port.filter, |artifact| port.media == Any::NAME || artifact.media == port.media),
+    };
+    let others = if spec.mode == Mode::Gather { payload.items.len() } else { payload.collections.len() };
+    others == 0 && payload.items.keys().chain(payload.collections.keys()).all(known) && ports().all(filled)
+}
+
+/// Loads an action's outputs from its record; `None` if a listing is missing, or the record is not one of this group of
+/// outputs.
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn load(store: &Store, record: &Record, spec: &KindSpec) -> Result<Option<Made>, CacheError> {
-    let Some(payload) = Payload::of(record) else { return Ok(None) };
+pub fn load(store: &Store, record: &Record, spec: &KindSpec, group: &str) -> Result<Option<Made>, CacheError> {
+    let Some(payload) = Payload::of(record).filter(|payload| fills(payload, spec, group)) else { return Ok(None) };
     let mut made = Made { wall_us: record.wall_us, bytes: record.bytes, ..Made::default() };
     for (name, listed) in &payload.collections {
-        let (Some(port), Some(sharded)) = (port_of(spec, name), Sharded::get(store, listed)?) else { return Ok(None) };
+        let Some(port) = port_of(spec, name) else { return Ok(None) };
+        let Some(sharded) = Sharded::get(store, listed, spec.outputs[port.place()].media)? else { return Ok(None) };
         made.collections.push((port, Arc::new(sharded)));
     }
     made.items.reserve_exact(payload.items.len());
@@ -271,6 +289,7 @@ pub fn record(namespace: &str, key: Key, label: &str, preimage: String, payload:
         payload: serde_json::to_string(payload).expect("strings and digests always serialise"),
         recipe: String::new(),
         derived: namespace != ACTION,
+        transient: false,
         refs: payload.refs(),
         trees: payload.trees(),
         wall_us: 0,

@@ -150,8 +150,14 @@ pub fn find(pipeline: &Pipeline, lanes: &Lanes, bench: &Bench<'_>) -> Result<Kno
         {
             record = None;
         }
-        known.totals.push(record.as_ref().map_or((0, 0), |r| (r.wall_us, r.bytes)));
-        known.rolled.push(record.and_then(|r| Payload::of(&r)));
+        let ports = &node.spec.outputs;
+        // One that leaves a port out is none: what it leaves out would never be made.
+        let full =
+            |payload: &Payload| lane.ports.iter().all(|p| payload.collections.contains_key(ports[p.place()].name));
+        let payload = record.as_deref().and_then(Payload::of).filter(full);
+        let totals = record.filter(|_| payload.is_some()).map_or((0, 0), |r| (r.wall_us, r.bytes));
+        known.totals.push(totals);
+        known.rolled.push(payload);
     }
     // Backwards, because a lane whose listing is gone must work, and needs what it reads.
     for (id, lane) in lanes.pairs().rev() {
@@ -159,13 +165,13 @@ pub fn find(pipeline: &Pipeline, lanes: &Lanes, bench: &Bench<'_>) -> Result<Kno
             continue;
         }
         for feed in lane.inputs.iter().flatten() {
-            let name = pipeline.nodes[lanes[feed.lane].node].spec.outputs[feed.port.place()].name;
+            let of = &pipeline.nodes[lanes[feed.lane].node].spec.outputs[feed.port.place()];
             let Some(payload) = &known.rolled[feed.lane] else { continue };
             if known.loaded.contains_key(&(feed.lane, feed.port)) {
                 continue;
             }
-            let listed = payload.collections.get(name);
-            match listed.map(|listed| Sharded::get(store, listed)).transpose()?.flatten() {
+            let listed = payload.collections.get(of.name);
+            match listed.map(|listed| Sharded::get(store, listed, of.media)).transpose()?.flatten() {
                 Some(collection) => {
                     known.loaded.insert((feed.lane, feed.port), Arc::new(collection));
                 }
@@ -177,6 +183,11 @@ pub fn find(pipeline: &Pipeline, lanes: &Lanes, bench: &Bench<'_>) -> Result<Kno
         }
     }
     Ok(known)
+}
+
+/// Whether a lane's outputs are handed on in memory: what is asked for is stored.
+pub fn is_transient(pipeline: &Pipeline, lane: &Lane) -> bool {
+    pipeline.nodes[lane.node].transient && !lane.target
 }
 
 /// Keeps what a lane gave.
@@ -209,7 +220,8 @@ pub fn keep(
     }
     let label = pipeline.nodes[lane.node].spec.name;
     let record = records::record(ROLLUP, key, label, preimage, &payload);
-    write(store, &Record { wall_us: complete.wall_us, bytes: complete.bytes, ..record })
+    let transient = is_transient(pipeline, lane);
+    write(store, &Record { wall_us: complete.wall_us, bytes: complete.bytes, transient, ..record })
 }
 
 /// Keeps what a shard of a lane gave.
@@ -228,7 +240,8 @@ pub fn keep_shard(
         payload.collections.insert(spec.outputs[port.place()].name.to_owned(), shard.put(store)?);
     }
     let record = records::record(SHARD, complete.key, spec.name, String::new(), &payload);
-    write(store, &Record { wall_us: complete.wall_us, bytes: complete.bytes, ..record })
+    let transient = is_transient(pipeline, &lanes[complete.lane]);
+    write(store, &Record { wall_us: complete.wall_us, bytes: complete.bytes, transient, ..record })
 }
 
 /// Every output of the lanes, and the blobs that list them.

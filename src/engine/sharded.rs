@@ -4,13 +4,14 @@
 //! lists these: a change of one item writes two of them anew, and a reader of one item reads two. All are trees (see
 //! [`tauflow_cache::tree`]), so that a record which names the top one keeps every item's blobs.
 
+use super::listing::{self, Listing};
 use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,
     sync::{Arc, OnceLock},
 };
 use tauflow_cache::{CacheError, Digest, Store, tree};
-use tauflow_contract::{Artifact, Collection, ItemKey, Parts, collection_digest, shard_digest};
+use tauflow_contract::{Any, Artifact, Collection, ItemKey, collection_digest, shard_digest};
 
 /// Shards of a collection.
 pub const SHARDS: usize = 256;
@@ -50,15 +51,6 @@ pub struct Listed {
     pub len: u64,
 }
 
-/// What a listing says beside the blobs that it lists.
-#[derive(Serialize, Deserialize)]
-enum Body {
-    /// Key, media type and names of parts of each item; the tree's blobs are those of the parts, in this order.
-    Items(Vec<(ItemKey, String, Vec<String>)>),
-    /// Number, items and content digest of each shard; the tree's trees list them, in this order.
-    Shards(Vec<(u8, u64, Digest)>),
-}
-
 /// The items of one shard.
 #[derive(Debug)]
 pub struct Shard {
@@ -68,18 +60,21 @@ pub struct Shard {
     pub digest: Digest,
     tree: OnceLock<Digest>,
     items: OnceLock<Items>,
+    /// Which shard it is, and the media type of its items, `*` for any: what its listing must agree with.
+    says: Option<(u8, &'static str)>,
 }
 
 impl Shard {
     /// Of items at hand, in the order of their keys.
     pub fn new(items: Items) -> Self {
         let digest = shard_digest(items.iter().map(|(key, output)| (key, output.digest)));
-        Self { len: items.len() as u64, digest, tree: OnceLock::new(), items: items.into() }
+        Self { len: items.len() as u64, digest, tree: OnceLock::new(), items: items.into(), says: None }
     }
 
-    /// Of a shard that is listed in the store.
-    pub fn listed(listed: &Listed) -> Self {
-        Self { len: listed.len, digest: listed.digest, tree: listed.blob.into(), items: OnceLock::new() }
+    /// Of a shard of this number that is listed in the store, with items of this media type.
+    pub fn listed(listed: &Listed, number: u8, media: &'static str) -> Self {
+        let (tree, says) = (listed.blob.into(), Some((number, media)));
+        Self { len: listed.len, digest: listed.digest, tree, items: OnceLock::new(), says }
     }
 
     /// The items; or the blob that lists them and is missing.
@@ -94,8 +89,10 @@ impl Shard {
         let Some(bytes) = store.get(&tree)? else { return Ok(Err(tree)) };
         // One that says something else than its collection does is as good as none.
         let content = |items: &Items| shard_digest(items.iter().map(|(key, output)| (key, output.digest)));
-        match read_items(&bytes) {
-            Some(items) if items.len() as u64 == self.len && content(&items) == self.digest => {
+        let own =
+            |items: &Items| self.says.is_none_or(|(number, _)| items.iter().all(|(key, _)| key.shard() == number));
+        match listing::read(&bytes, self.len, self.says.map_or(Any::NAME, |(_, media)| media)) {
+            Some(Listing::Items(items)) if own(&items) && content(&items) == self.digest => {
                 Ok(Ok(self.items.get_or_init(|| items)))
             }
             _ => Ok(Err(tree)),
@@ -110,7 +107,7 @@ impl Shard {
         let blob = match (self.tree.get(), self.items.get()) {
             (Some(tree), _) => *tree,
             (None, items) => {
-                let blob = store.put(&items_bytes(items.into_iter().flatten()))?;
+                let blob = store.put(&listing::of_items(items.into_iter().flatten()))?;
                 *self.tree.get_or_init(|| blob)
             }
         };
@@ -224,73 +221,38 @@ impl Sharded {
         let at_hand: Vec<&Items> = self.shards.values().filter_map(|shard| shard.items.get()).collect();
         let listed = self.shards.values().any(|shard| shard.tree.get().is_some());
         let bytes = if len < MANY && at_hand.len() == self.shards.len() && !listed {
-            items_bytes(at_hand.into_iter().flatten())
+            listing::of_items(at_hand.into_iter().flatten())
         } else {
             let mut trees = Vec::with_capacity(self.shards.len());
             for shard in self.shards.values() {
                 trees.push(shard.put(store)?.blob);
             }
-            let shards = self.shards.iter().map(|(number, shard)| (*number, shard.len, shard.digest)).collect();
-            tree::encode(&[], &trees, &body_bytes(&Body::Shards(shards)))
+            let row = |(number, shard): (&u8, &Arc<Shard>)| (*number, shard.len, shard.digest);
+            listing::of_shards(&self.shards.iter().map(row).collect::<Vec<_>>(), &trees)
         };
         let listed = Listed { digest: self.digest, blob: store.put(&bytes)?, len };
         Ok(self.stored.get_or_init(|| listed).clone())
     }
 
-    /// Reads a listing; `None` if its blob is missing.
+    /// Reads a listing of items of a media type, `*` for any; `None` if its blob is missing, or is no such listing.
     ///
     /// # Errors
     /// If the store cannot be read.
-    pub fn get(store: &Store, listed: &Listed) -> Result<Option<Self>, CacheError> {
+    pub fn get(store: &Store, listed: &Listed, media: &'static str) -> Result<Option<Self>, CacheError> {
         let Some(bytes) = store.get(&listed.blob)? else { return Ok(None) };
-        let Some(tree) = tree::decode(&bytes) else { return Ok(None) };
-        let sharded = match serde_json::from_slice(tree.body) {
-            Ok(Body::Shards(shards)) if shards.len() == tree.trees.len() => {
-                let shard = |((number, len, digest), blob): ((u8, u64, Digest), Digest)| {
-                    (number, Arc::new(Shard::listed(&Listed { digest, blob, len })))
+        let sharded = match listing::read(&bytes, listed.len, media) {
+            Some(Listing::Shards(shards)) => {
+                let shard = |((number, len, digest), blob): (listing::Row, Digest)| {
+                    (number, Arc::new(Shard::listed(&Listed { digest, blob, len }, number, media)))
                 };
-                Self::new(shards.into_iter().zip(tree.trees).map(shard).collect())
+                Self::new(shards.into_iter().map(shard).collect())
             }
-            Ok(Body::Items(_)) => match read_items(&bytes) {
-                Some(items) => Self::of(items),
-                None => return Ok(None),
-            },
-            _ => return Ok(None),
+            Some(Listing::Items(items)) => Self::of(items),
+            None => return Ok(None),
         };
         let _ = sharded.stored.set(listed.clone()); // new, so empty
         Ok((sharded.digest == listed.digest).then_some(sharded))
     }
-}
-
-fn body_bytes(body: &Body) -> Vec<u8> {
-    serde_json::to_vec(body).expect("keys and digests always serialise")
-}
-
-fn items_bytes<'a>(items: impl IntoIterator<Item = &'a (ItemKey, Arc<Output>)>) -> Vec<u8> {
-    let mut items: Vec<_> = items.into_iter().collect();
-    items.sort_by(|a, b| a.0.cmp(&b.0));
-    let (mut refs, mut rows) = (Vec::new(), Vec::with_capacity(items.len()));
-    for (key, output) in items {
-        let parts = &output.artifact.parts;
-        refs.extend(parts.values().copied());
-        rows.push((key.clone(), output.artifact.media.clone(), parts.keys().cloned().collect()));
-    }
-    tree::encode(&refs, &[], &body_bytes(&Body::Items(rows)))
-}
-
-fn read_items(bytes: &[u8]) -> Option<Items> {
-    let tree = tree::decode(bytes)?;
-    let Ok(Body::Items(rows)) = serde_json::from_slice(tree.body) else { return None };
-    let mut refs = tree.refs.into_iter();
-    let mut items = Items::with_capacity(rows.len());
-    for (key, media, names) in rows {
-        let parts: Option<Parts> = names.into_iter().map(|name| Some((name, refs.next()?))).collect();
-        let artifact = Artifact { media, parts: parts? };
-        // Names are put together here, and so are checked here.
-        artifact.check_names().ok()?;
-        items.push((key, Output::new(artifact)));
-    }
-    Some(items)
 }
 
 #[cfg(test)]
@@ -316,7 +278,7 @@ mod tests {
             let collection = sharded.collection(&store).expect("no disk").expect("at hand");
             assert_eq!(sharded.digest, collection.digest());
             let listed = sharded.put(&store).expect("room");
-            let back = Sharded::get(&store, &listed).expect("readable").expect("there");
+            let back = Sharded::get(&store, &listed, "m").expect("readable").expect("there");
             assert_eq!((back.digest, back.len()), (sharded.digest, count));
             assert_eq!(back.collection(&store).expect("readable").expect("there"), collection);
             // Everything is kept by the listing alone.
@@ -338,9 +300,37 @@ mod tests {
         let dir = tempfile::tempdir().expect("a folder");
         let store = Store::open(dir.path()).expect("a store");
         let listed = Listed { digest: Digest::of(b"d"), blob: Digest::of(b"b"), len: 1 };
-        assert!(Sharded::get(&store, &listed).expect("readable").is_none());
-        assert_eq!(Shard::listed(&listed).items(&store).expect("readable").err(), Some(listed.blob));
+        assert!(Sharded::get(&store, &listed, "m").expect("readable").is_none());
+        assert_eq!(Shard::listed(&listed, 0, "m").items(&store).expect("readable").err(), Some(listed.blob));
         let other = Listed { blob: store.put(b"{}").expect("room"), ..listed };
-        assert!(Sharded::get(&store, &other).expect("readable").is_none(), "other bytes are no listing");
+        assert!(Sharded::get(&store, &other, "m").expect("readable").is_none(), "other bytes are no listing");
+    }
+
+    #[test]
+    fn a_listing_of_other_items_than_its_port_holds_is_none() {
+        let dir = tempfile::tempdir().expect("a folder");
+        let store = Store::open(dir.path()).expect("a store");
+        for count in [3, MANY + 1] {
+            let listed = Sharded::of(items(count, None)).put(&store).expect("room");
+            let read = |media: &'static str| {
+                let found = Sharded::get(&store, &listed, media).expect("readable");
+                found.is_some_and(|found| found.items(&store).expect("readable").is_ok())
+            };
+            assert_eq!((read("m"), read(Any::NAME), read("n")), (true, true, false), "{count}");
+            let more = Listed { len: count + 1, ..listed.clone() };
+            assert!(Sharded::get(&store, &more, "m").expect("readable").is_none(), "it has another number of items");
+        }
+    }
+
+    #[test]
+    fn an_item_in_a_shard_that_is_not_its_own_is_refused() {
+        let dir = tempfile::tempdir().expect("a folder");
+        let store = Store::open(dir.path()).expect("a store");
+        let of = items(1, None);
+        let (own, shard) = (of[0].0.shard(), Shard::new(of));
+        let listed = shard.put(&store).expect("room");
+        assert!(Shard::listed(&listed, own, "m").items(&store).expect("readable").is_ok());
+        let other = Shard::listed(&listed, own.wrapping_add(1), "m");
+        assert_eq!(other.items(&store).expect("readable").err(), Some(listed.blob));
     }
 }

@@ -204,7 +204,7 @@ impl Bench<'_> {
 
     fn found(&self, task: &Task, record: Option<&Record>) -> Result<Option<Made>, CacheError> {
         match record {
-            Some(record) if self.intact(record)? => records::load(self.store, record, &task.spec),
+            Some(record) if self.intact(record)? => records::load(self.store, record, &task.spec, task.group),
             _ => Ok(None),
         }
     }
@@ -309,7 +309,7 @@ impl Bench<'_> {
             bytes += items.iter().map(|(_, output)| output.artifact.size()).sum::<u64>();
         }
         let record = records::record(ACTION, hash, task.spec.name, key.preimage(), &payload);
-        let record = Record { wall_us, bytes, recipe, ..record };
+        let record = Record { wall_us, bytes, recipe, transient: task.transient, ..record };
         if let Recorded::Conflict { existing } = self.store.record(&record)? {
             let other = Payload::of(&existing).unwrap_or_default();
             let differing = other.differs(&payload, &task.spec);
@@ -323,7 +323,7 @@ impl Bench<'_> {
             }
             // The earlier outputs stay, measured ones too, as long as they are whole.
             if existing.refs.iter().chain(&existing.trees).all(|d| self.is_here(d))
-                && let Some(made) = records::load(self.store, &existing, &task.spec)?
+                && let Some(made) = records::load(self.store, &existing, &task.spec, task.group)?
             {
                 return Ok(Outcome::Ran(made));
             }

@@ -102,9 +102,10 @@ fn a_lost_cache_is_an_empty_one() {
 
 #[test]
 fn lost_blobs_of_what_cannot_be_reproduced_are_replaced() {
+    // What counts up from nought meets none of the numbers, whose blobs would stand for its own.
     let text = "
 nodes:
-  numbers: {kind: numbers, params: {count: 2}}
+  numbers: {kind: numbers, params: {count: 2, offset: 1000001}}
   unsteady: {kind: unsteady, inputs: {in: numbers}}
   padded: {kind: affine, inputs: {in: unsteady}, params: {pad: 70000}}
 ";
@@ -228,4 +229,37 @@ fn what_is_asked_for_and_lost_is_restored() {
     assert!(again.failures.is_empty());
     assert_eq!(again.total(|node| node.ran), 1);
     assert_eq!(shop.numbers(PADDED, "longer"), before);
+}
+
+/// What passes a gate is what the gate was given: a blob that only memory held.
+const PASSED_ON: &str = "
+pipeline: passed
+nodes:
+  numbers: {kind: numbers, params: {count: 20}}
+  long: {kind: affine, inputs: {in: numbers}, params: {mul: 2, pad: 300}, transient: true}
+  gate: {kind: below, inputs: {in: long}, params: {limit: 100}}
+  total: {kind: total, inputs: {in: gate}}
+";
+
+#[test]
+fn what_only_memory_held_is_not_lost_and_what_was_stored_is() {
+    for text in [MANY, PASSED_ON] {
+        let shop = Workshop::new();
+        shop.run(text);
+        let verify = || {
+            let report = shop.store().verify(None, 0, &mut |_, _| ()).expect("readable");
+            (report.incomplete_records > 0, report.lost_records > 0, report.is_damaged())
+        };
+        assert_eq!(verify(), (true, false, false));
+        assert_eq!(shop.run(text).ran(), BTreeMap::new());
+        assert_eq!(verify(), (true, false, false));
+        remove(&shop.cache().join("packs"), |_| true);
+        assert_eq!(verify(), (true, true, true));
+        assert!(shop.run(text).summary.failures.is_empty());
+        // What nobody needs any more is cleared away, and nothing of it is held against the cache then.
+        let all = tauflow_cache::GcOptions { keep_within_secs: Some(1 << 40), now: 1 << 40, ..Default::default() };
+        shop.store().gc(&all).expect("room");
+        assert_eq!(verify(), (true, false, false));
+        assert_eq!(shop.run(text).ran(), BTreeMap::new());
+    }
 }

@@ -13,7 +13,7 @@ use std::{
     path::PathBuf,
 };
 
-/// A segment written aside and published whole.  It has no live owner.
+/// A segment written aside and published whole. It has no live owner.
 pub(super) struct NewSegment<'a> {
     layout: &'a Layout,
     sort: Sort,

@@ -1,4 +1,4 @@
-//! What a collection keeps and what goes.  Reads; changes nothing.
+//! What a collection keeps and what goes. Reads; changes nothing.
 
 use super::{GcOptions, GcReport, listing::Listing};
 use crate::{
@@ -9,6 +9,7 @@ use crate::{
     lease::{Use, is_live, read_uses},
     record::{Reach, decode_reach},
     segment::{BLOB_HEADER, Sort, read_record},
+    whole::Checked,
 };
 use std::{
     collections::{HashMap, HashSet, hash_map::Entry},
@@ -69,6 +70,8 @@ pub(super) struct Row {
     /// Microseconds that it takes to make a byte of what it reaches again.
     cost: f64,
     complete: bool,
+    /// Blobs that it names are lost: what it tells of is made again.
+    lost: bool,
     pub last_used: u64,
     pub when: u64,
     held: bool,
@@ -127,7 +130,7 @@ impl Plan {
 
     fn list_blobs(&mut self, store: &Store, live: &HashSet<u32>) -> Result<(), CacheError> {
         let mut packed: Vec<_> = store.index().blobs.iter().map(|(hash, at)| (*hash, *at)).collect();
-        packed.sort_unstable_by_key(|(_, at)| (at.segment, at.offset));
+        packed.sort_unstable_by_key(|(hash, at)| (at.segment, at.offset, *hash));
         for (hash, at) in packed {
             let place = Place::Packed { segment: at.segment, offset: at.offset };
             self.add(Digest { hash, size: at.size }, place, live.contains(&at.segment));
@@ -140,7 +143,10 @@ impl Plan {
 
     fn list_records(&mut self, store: &Store, live: &HashSet<u32>) -> Result<(), CacheError> {
         let mut records: Vec<_> = store.index().records.iter().map(|(slot, at)| (*slot, *at)).collect();
-        records.sort_unstable_by_key(|(_, at)| (at.segment, at.offset));
+        records.sort_unstable_by_key(|(slot, at)| (at.segment, at.offset, *slot));
+        let here: HashSet<Digest> = self.blobs.iter().map(|blob| blob.digest).collect();
+        let lost = store.check_records(&here)?.into_iter().filter(Checked::has_lost).map(|checked| checked.slot);
+        let lost: HashSet<Slot> = lost.collect();
         let mut listings: HashMap<Digest, Listing> = HashMap::new();
         let mut reached = 0_u64;
         for (slot, at) in records {
@@ -149,7 +155,7 @@ impl Plan {
             let frame = frame.at("read the log", &path)?;
             // A damaged record is a miss already; it is not copied.
             let found = frame.as_ref().and_then(|frame| decode_reach(frame.bytes()));
-            let Some(Reach { head, refs, trees, derived }) = found else { continue };
+            let Some(Reach { head, refs, trees, derived, .. }) = found else { continue };
             let namespace = store.index().name(slot.0).clone();
             let mut reach = Listing { complete: true, trees, ..Listing::default() };
             refs.iter().for_each(|digest| reach.add(&self.by_hash, digest));
@@ -174,6 +180,7 @@ impl Plan {
                 generation: at.generation,
                 has_refs,
                 complete,
+                lost: lost.contains(&slot),
                 refs: present,
                 cost,
                 derived,
@@ -230,7 +237,7 @@ impl Plan {
         }
         let recent = options.keep_within_secs.map(|span| options.now.saturating_sub(span));
         for row in &mut self.rows {
-            row.held |= recent.is_some_and(|since| row.last_used >= since);
+            row.held |= !row.lost && recent.is_some_and(|since| row.last_used >= since);
             row.held |= row.refs.iter().any(|blob| pinned.contains(blob));
             if row.held {
                 row.refs.iter().for_each(|&blob| self.blobs[blob as usize].held = true);
@@ -283,6 +290,13 @@ impl Plan {
             let rest = |row: &Row| (row.last_used, row.namespace.clone(), row.slot.1);
             b.derived.cmp(&a.derived).then(a.cost.total_cmp(&b.cost)).then_with(|| rest(a).cmp(&rest(b)))
         });
+        // What has lost blobs goes in any case: it takes no room to speak of, and holds off what would make them again.
+        let (lost, order): (Vec<u32>, Vec<u32>) = order.into_iter().partition(|&n| self.rows[n as usize].lost);
+        for n in lost {
+            let row = &mut self.rows[n as usize];
+            row.goes = true;
+            row.refs.iter().for_each(|&blob| self.blobs[blob as usize].references -= 1);
+        }
         let mut left = total(self.blobs.iter().filter(|blob| blob.stays()));
         for n in order {
             let row = &mut self.rows[n as usize];
@@ -378,7 +392,7 @@ impl Plan {
     }
 }
 
-/// The size of blobs.  The name of a file may say anything.
+/// The size of blobs. The name of a file may say anything.
 fn total<'a>(blobs: impl Iterator<Item = &'a Blob>) -> u64 {
     blobs.fold(0, |sum, blob| sum.saturating_add(blob.digest.size))
 }

@@ -6,7 +6,7 @@ use crate::{
     blobs::read_blob,
     error::At,
     index::Slot,
-    layout::{lease_owner, names, open_plain},
+    layout::{is_own_folder, lease_owner, names, open_plain},
     lease::{Use, is_live, read_uses},
     record::{Reach, decode_reach},
     segment::read_record,
@@ -31,7 +31,7 @@ impl Sweep<'_> {
             };
             read_uses(&path, &mut note).at("read the lease", &path)?;
         }
-        // After the leases: who is not live any more has written its records by now.  The refresh also forgets what
+        // After the leases: who is not live any more has written its records by now. The refresh also forgets what
         // went, so that it does not pass for stored or recorded below.
         self.store.refresh()?;
         hashes.extend(self.refs_of_new_records()?);
@@ -62,7 +62,7 @@ impl Sweep<'_> {
             };
             match place {
                 Trashed::Loose { trash, home } => {
-                    if fs::rename(&trash, &home).is_err() {
+                    if !home.parent().is_some_and(is_own_folder) || fs::rename(&trash, &home).is_err() {
                         continue; // it had been damaged, or its owner wrote it again
                     }
                 }
@@ -88,10 +88,12 @@ impl Sweep<'_> {
     /// Hashes that records reach which the plan did not know.
     fn refs_of_new_records(&self) -> Result<Vec<[u8; 32]>, CacheError> {
         let known: HashSet<(Slot, u32)> = self.plan.rows.iter().map(|row| (row.slot, row.generation)).collect();
-        let new: Vec<_> = {
+        let new = {
             let index = self.store.index();
             let new = index.records.iter().filter(|(slot, at)| !known.contains(&(**slot, at.generation)));
-            new.map(|(_, at)| (at.segment, at.offset, at.len)).collect()
+            let mut new: Vec<_> = new.map(|(_, at)| (at.segment, at.offset, at.len)).collect();
+            new.sort_unstable();
+            new
         };
         let (mut hashes, mut seen) = (Vec::new(), HashSet::new());
         for (segment, offset, len) in new {

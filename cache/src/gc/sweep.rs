@@ -1,17 +1,15 @@
-//! How what goes is taken away, so that a kill or a power cut at any step, and a
-//! run beside it at any time, loses nothing that is to be kept.
+//! How what goes is taken away, so that a kill or a power cut at any step, and a run beside it at any time, loses
+//! nothing that is to be kept.
 //!
 //! 1. What a segment keeps is copied to a new segment, synced, and published.
 //! 2. What goes moves to `trash/`: from here on nobody finds it.
-//! 3. The leases are read again.  Who noted a use before step 2 may have found
-//!    the thing in place and count on it: it is given back.  Who notes one after
-//!    does not find it, and makes it again.
-//!    So is what records need that were written meanwhile, by stores that may be
-//!    closed by now.
+//! 3. The leases are read again. Who noted a use before step 2 may have found the thing in place and count on it: it is
+//!    given back. Who notes one after does not find it, and makes it again. So is what records need that were written
+//!    meanwhile, by stores that may be closed by now.
 //! 4. The trash is emptied.
 //!
-//! All this is done for files that go as a whole first, which takes no room and
-//! makes some, then for segments of which something stays.
+//! All this is done for files that go as a whole first, which takes no room and makes some, then for segments of which
+//! something stays.
 
 use super::{
     GcReport,

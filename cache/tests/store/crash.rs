@@ -66,7 +66,7 @@ fn kill_9_loses_nothing_that_was_reported() {
 #[test]
 fn without_a_commit_mark_a_record_is_believed_only_with_good_blobs() {
     let (dir, store) = fresh();
-    // A power cut: the log reached the disk, the blobs did not.  Nothing was committed.
+    // A power cut: the log reached the disk, the blobs did not. Nothing was committed.
     let small = store.put(&blob(1, 5000)).expect("put");
     let large = store.put(&blob(1, 100_000)).expect("put");
     let fine = store.put(&blob(2, 100_000)).expect("put");

@@ -263,9 +263,22 @@ fn a_link_in_place_of_a_folder_of_blobs_is_not_followed() {
     let digest = Digest::of(&bytes);
     let others = tempfile::tempdir().expect("a temporary folder");
     fs::write(others.path().join(digest.to_string()), &bytes).expect("writable");
+    // Another's file of other content, with the name and the length of a blob in the same folder.
+    let alike = Digest { hash: [digest.hash[0]; 32], size: 100_000 };
+    fs::write(others.path().join(alike.to_string()), blob(2, 100_000)).expect("writable");
     let before = everything(others.path());
     symlink(others.path(), dir.path().join("blobs").join(&digest.hex()[..2])).expect("writable");
-    assert!(matches!(store.put(&blob(1, 100_000)), Ok(_) | Err(CacheError::InTheWay { .. })));
+    for foreign in [digest, alike] {
+        assert!(!store.contains(&foreign));
+        assert_eq!(store.get(&foreign).expect("get"), None);
+    }
+    store.record(&record(7, "p", vec![alike])).expect("record");
+    assert!(store.lookup_full("action", &record(7, "p", vec![]).key).is_none());
+    assert!(store.verify(None, 0, &mut |_, _| ()).expect("verify").damaged.is_empty());
+    assert_eq!(everything(others.path()), before, "nothing is set aside");
+    let error = store.put(&blob(1, 100_000)).expect_err("its folder is another's");
+    assert!(matches!(error, CacheError::InTheWay { .. }), "{error}");
+    store.flush().expect("nothing of it is to be synced");
     gc_all(&store);
     drop(store);
     // Nor is it by a collection that puts back what another had in its trash.
@@ -273,6 +286,31 @@ fn a_link_in_place_of_a_folder_of_blobs_is_not_followed() {
     let store = open(dir.path());
     let error = store.gc(&GcOptions::default()).expect_err("it cannot put it back");
     assert!(matches!(error, CacheError::InTheWay { .. }), "{error}");
+    assert_eq!(everything(others.path()), before);
+}
+
+#[test]
+fn a_folder_that_becomes_a_link_has_nothing_moved_out_of_it() {
+    let (dir, store) = fresh();
+    let digest = store.put(&blob(1, 100_000)).expect("put");
+    assert!(store.get(&digest).expect("get").is_some(), "the folder is known as its own");
+    let others = tempfile::tempdir().expect("a temporary folder");
+    let target = others.path().join("ab");
+    fs::create_dir(&target).expect("writable");
+    fs::write(target.join(digest.to_string()), blob(2, 100_000)).expect("writable");
+    let before = everything(others.path());
+    let folder = dir.path().join("blobs").join(&digest.hex()[..2]);
+    fs::remove_dir_all(&folder).expect("it is ours");
+    symlink(&target, &folder).expect("writable");
+    assert_eq!(store.get(&digest).expect("get"), None);
+    assert_eq!(everything(others.path()), before);
+    // Nor into one: the folder of what is set aside.
+    fs::remove_file(&folder).expect("it is ours");
+    fs::create_dir(&folder).expect("writable");
+    fs::write(folder.join(digest.to_string()), blob(3, 100_000)).expect("writable");
+    fs::remove_dir_all(dir.path().join("quarantine")).expect("it is ours");
+    symlink(others.path(), dir.path().join("quarantine")).expect("writable");
+    assert_eq!(store.get(&digest).expect("get"), None);
     assert_eq!(everything(others.path()), before);
 }
 

@@ -12,8 +12,7 @@ const OLD: GcOptions =
     GcOptions { max_bytes: None, keep_within_secs: Some(50), now: 100, dry_run: false, pins: Vec::new() };
 
 /// Records 1 to 20 are old and 80 to 99 are recent; small blobs of both lie in one pack, records of both in one log.
-/// Another
-/// pack and another log hold old ones alone.
+/// Another pack and another log hold old ones alone.
 fn fill(dir: &Path) {
     let store = open(dir);
     for n in (1..=20).chain(80..100) {

@@ -1,6 +1,5 @@
-//! Files that somebody made up, or that something damaged, are data: no panic, no wrong bytes, and no more memory
-//! than there
-//! are bytes.
+//! Files that somebody made up, or that something damaged, are data: no panic, no wrong bytes, and no more memory than
+//! there are bytes.
 //!
 //! `TAUFLOW_FUZZ_SECONDS` says how long files are damaged at random; a few seconds otherwise.
 
@@ -31,7 +30,7 @@ fn with_a_gigabyte(test: &str, variable: &str, value: &str) {
     print!("{text}");
 }
 
-/// All that can be asked of a store.  Errors are fine; what is given must be what it says.
+/// All that can be asked of a store. Errors are fine; what is given must be what it says.
 fn use_all(dir: &Path, digests: &[Digest]) {
     let Ok(store) = Store::open(dir) else { return };
     let _ = store.stat();
@@ -412,6 +411,41 @@ fn child_with_crafted_files() {
             let top = store.put(&tree).expect("put");
             of_trees(&store, 60, vec![top]);
         }
+        "hashes begin alike" => {
+            let hash = |n: u64| {
+                let mut hash = [7; 32];
+                hash[8..16].copy_from_slice(&n.to_le_bytes());
+                hash
+            };
+            fs::write(&pack, (0..30_000).flat_map(|n| pack_header(&hash(n), 0)).collect::<Vec<u8>>()).expect("ok");
+            let key = |n: u64| Key(hash(n));
+            let bytes = (0..3_000).flat_map(|n| log_frame(&crafted_record(&key(n), 0, &format!("label {n}"))));
+            fs::write(&log, bytes.collect::<Vec<u8>>()).expect("writable");
+        }
+        "a frame begins at every eighth byte" => {
+            // Each says that it reaches to the middle of the log, and is damaged.
+            let mut head = b"TFR1".to_vec();
+            head.extend_from_slice(&3_000_000_u32.to_le_bytes());
+            fs::write(&log, head.repeat(750_000)).expect("writable");
+            fs::write(&pack, b"TFB1".repeat(1_500_000)).expect("writable");
+        }
+        "a byte lies between any two frames" => {
+            let frame = [&b"T"[..], &pack_header(&[7; 32], 0)].concat();
+            fs::write(&pack, frame.repeat(115_000)).expect("writable");
+            let frame = [&b"T"[..], &log_frame(&crafted_record(&Key([7; 32]), 0, "ladder"))].concat();
+            fs::write(&log, frame.repeat(40_000)).expect("writable");
+        }
+        "damaged frames reach over good ones" => {
+            let mut bytes = Vec::new();
+            let good = log_frame(&crafted_record(&Key([7; 32]), 0, "ladder"));
+            for _ in 0..30_000 {
+                bytes.extend_from_slice(b"TFR1");
+                bytes.extend_from_slice(&2_000_000_u32.to_le_bytes());
+                bytes.extend_from_slice(&[0; 16]);
+                bytes.extend_from_slice(&good);
+            }
+            fs::write(&log, bytes).expect("writable");
+        }
         other => panic!("no case of this name: {other}"),
     }
     drop(store);
@@ -430,9 +464,54 @@ fn crafted_files_neither_panic_nor_take_memory() {
         "many records each reach all there is",
         "lists say that they are longer than they are",
     ];
-    for case in cases {
+    let few = [
+        "hashes begin alike",
+        "a frame begins at every eighth byte",
+        "a byte lies between any two frames",
+        "damaged frames reach over good ones",
+    ];
+    for case in cases.into_iter().chain(few) {
         let start = Instant::now();
         with_a_gigabyte("hostile::child_with_crafted_files", "TAUFLOW_CACHE_CRAFTED", case);
-        println!("{case}: {:.1} s", start.elapsed().as_secs_f64());
+        let took = start.elapsed().as_secs_f64();
+        println!("{case}: {took:.1} s");
+        // Six megabytes that were read in squares of their length took minutes; they take a second or two.
+        assert!(took < 60.0 || !few.contains(&case), "{case}: {took:.1} s");
+    }
+}
+
+/// The body of a record's frame.
+fn crafted_record(key: &Key, generation: u32, label: &str) -> Vec<u8> {
+    let mut body = vec![1];
+    for text in ["action", label] {
+        body.extend_from_slice(&(text.len() as u32).to_le_bytes());
+        body.extend_from_slice(text.as_bytes());
+    }
+    body.extend_from_slice(&key.0);
+    body.extend_from_slice(&generation.to_le_bytes());
+    // Origin, sum, costs and time; then no blobs, no trees, no flags and no texts.
+    body.extend_from_slice(&[0; 40 + 8 + 1 + 12]);
+    body
+}
+
+#[test]
+fn a_record_of_the_highest_generation_is_superseded() {
+    for generation in [u32::MAX, (1 << 31) + 1, 1 << 31] {
+        let dir = tempfile::tempdir().expect("a temporary folder");
+        let made = record(5, "made again", vec![]);
+        drop(open(dir.path()));
+        let body = crafted_record(&made.key, generation, "ladder");
+        fs::write(dir.path().join(format!("log/0000000009-{OWNER}.log")), log_frame(&body)).expect("writable");
+        let store = open(dir.path());
+        assert_eq!(store.lookup("action", &made.key).is_some(), generation == 1 << 31, "{generation}");
+        // As an action does whose blobs are gone.
+        store.replace(&made).expect("replace");
+        let payload = |store: &Store| store.lookup("action", &made.key).map(|found| found.payload.clone());
+        assert_eq!(payload(&store).as_deref(), Some("made again"), "{generation}");
+        drop(store);
+        assert_eq!(payload(&open(dir.path())).as_deref(), Some("made again"), "{generation}");
+        let other = Record { payload: "and again".into(), ..made.clone() };
+        open(dir.path()).replace(&other).expect("replace");
+        assert_eq!(payload(&open(dir.path())).as_deref(), Some("and again"), "{generation}");
     }
 }

@@ -47,6 +47,7 @@ fn record(n: u64, payload: &str, refs: Vec<Digest>) -> Record {
         trees: Vec::new(),
         recipe: String::new(),
         derived: false,
+        transient: false,
         wall_us: 10,
         when: n,
     }

@@ -2,7 +2,7 @@
 
 use crate::{blob, files, flip, fresh, open, record};
 use std::fs;
-use tauflow_cache::{Digest, Recorded, Store};
+use tauflow_cache::{Digest, GcOptions, Record, Recorded, Store, tree};
 
 fn payload(store: &Store, n: u64) -> Option<String> {
     store.lookup("action", &record(n, "", vec![]).key).map(|record| record.payload.clone())
@@ -153,4 +153,53 @@ fn thousands_of_records_reopen_from_the_index_file_and_without_it() {
     check();
     assert!(indices[1].exists(), "it was made again");
     check();
+}
+
+#[test]
+fn what_is_lost_is_told_from_what_was_never_stored() {
+    let (dir, store) = fresh();
+    let kept = store.put(&blob(1, 3000)).expect("put");
+    let in_memory = Digest::of(b"handed on in memory");
+    let of = |n: u64, refs: Vec<Digest>| store.record(&record(n, "p", refs)).expect("record");
+    of(1, vec![kept]);
+    store.record(&Record { transient: true, ..record(2, "p", vec![in_memory]) }).expect("record");
+    // Another passes it on, and a third sums that up.
+    of(3, vec![kept, in_memory]);
+    let low = store.put(&tree::encode(&[in_memory], &[], b"low")).expect("put");
+    let top = store.put(&tree::encode(&[kept], &[low], b"top")).expect("put");
+    store.record(&Record { trees: vec![top], derived: true, ..record(4, "p", vec![]) }).expect("record");
+    drop(store);
+    let verify = || {
+        let report = open(dir.path()).verify(None, 0, &mut |_, _| ()).expect("verify");
+        (report.incomplete_records, report.lost_records, report.is_damaged())
+    };
+    assert_eq!(verify(), (3, 0, false));
+    // The pack is gone, and with it the first blob and the listings.
+    fs::remove_file(&files(&dir.path().join("packs"))[0]).expect("it is there");
+    assert_eq!(verify(), (4, 3, true));
+    // A collection clears away what has lost something, however recent, and leaves what has not.
+    let recent = GcOptions { keep_within_secs: Some(1000), now: 10, ..GcOptions::default() };
+    assert_eq!(open(dir.path()).gc(&recent).expect("gc").removed_records, 3);
+    assert_eq!(verify(), (1, 0, false));
+    assert!(open(dir.path()).lookup("action", &record(2, "", vec![]).key).is_some_and(|found| found.transient));
+}
+
+#[test]
+fn a_record_without_a_commit_mark_has_lost_nothing() {
+    let (dir, store) = fresh();
+    store.record(&record(1, "p", vec![Digest::of(b"cut off by the power")])).expect("record");
+    let copy = tempfile::tempdir().expect("a temporary folder");
+    for name in ["FORMAT", "CACHEDIR.TAG"] {
+        fs::copy(dir.path().join(name), copy.path().join(name)).expect("writable");
+    }
+    fs::create_dir(copy.path().join("log")).expect("writable");
+    let log = files(&dir.path().join("log")).remove(0);
+    fs::copy(&log, copy.path().join("log").join(log.file_name().expect("a name"))).expect("writable");
+    let report = open(copy.path()).verify(None, 0, &mut |_, _| ()).expect("verify");
+    assert_eq!((report.incomplete_records, report.lost_records), (1, 0));
+    // With the mark it has.
+    drop(store);
+    fs::copy(&log, copy.path().join("log").join(log.file_name().expect("a name"))).expect("writable");
+    let report = open(copy.path()).verify(None, 0, &mut |_, _| ()).expect("verify");
+    assert_eq!((report.incomplete_records, report.lost_records), (1, 1));
 }

@@ -7,8 +7,9 @@ use tauflow_cache::Digest;
 
 /// Stable key of an item in a collection, such as `L1-open-000123`.
 ///
-/// Keys are ASCII letters, digits, `.`, `_`, `-`, `=`, `+` and `/` (the slash parts a matrix cell from the item),
-/// so that they serve as file names; cheap to clone.
+/// Keys are ASCII letters, digits, `.`, `_`, `-`, `=`, `+` and `/` (the slash parts a matrix cell from the item), so
+/// that they serve as file names. No part is empty or begins with `.`: such names lead elsewhere, or are settings of
+/// programs that trust whoever wrote them. Cheap to clone.
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct ItemKey(Arc<str>);
@@ -17,7 +18,7 @@ pub struct ItemKey(Arc<str>);
 #[derive(Debug, thiserror::Error)]
 #[error(
     "`{0}` cannot be an item key: use 1 to 200 ASCII letters, digits, `.`, `_`, `-`, `=`, `+` or `/`, \
-     with no empty or dotted part"
+     with no part that is empty or begins with `.`"
 )]
 pub struct ItemKeyError(String);
 
@@ -25,7 +26,7 @@ impl ItemKey {
     /// Checks `text` and makes a key of it.
     ///
     /// # Errors
-    /// If the text is empty, too long, or holds a character outside the set above.
+    /// If the text is empty, too long, holds a character outside the set above, or has a part that begins with `.`.
     pub fn new(text: impl Into<String>) -> Result<Self, ItemKeyError> {
         let text = text.into();
         Self::check(&text)?;
@@ -38,7 +39,7 @@ impl ItemKey {
     /// As [`ItemKey::new`].
     pub fn check(text: &str) -> Result<(), ItemKeyError> {
         let fine = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'.' | b'_' | b'-' | b'=' | b'+' | b'/');
-        let parts_fine = text.split('/').all(|p| !p.is_empty() && p != "." && p != "..");
+        let parts_fine = text.split('/').all(|part| !part.is_empty() && !part.starts_with('.'));
         if text.is_empty() || text.len() > 200 || !text.bytes().all(fine) || !parts_fine {
             return Err(ItemKeyError(text.chars().take(200).collect()));
         }
@@ -340,9 +341,13 @@ mod tests {
     #[test]
     fn item_keys_are_file_names() {
         assert!(ItemKey::new("L1-open-000123").is_ok());
-        for bad in ["", "a b", "../x", "a//b", "ä"] {
+        assert!(ItemKey::new("a.b/c..d./-.x").is_ok());
+        for bad in ["", "a b", "../x", "a//b", "ä", ".git", "a/.git/config", ".bashrc", ".", "a/..", "..."] {
             assert!(ItemKey::new(bad).is_err(), "{bad}");
+            assert!(serde_json::from_value::<ItemKey>(bad.into()).is_err(), "{bad}, as it is read");
         }
+        let said = ItemKey::new("a/.git").expect_err("hidden").to_string();
+        assert!(said.contains("`a/.git`") && said.contains("begins with `.`"), "{said}");
         let key = ItemKey::new("x").expect("plain").in_cell("mc_noise+rgb").expect("plain");
         assert_eq!(key.split_cell(), Some(("mc_noise+rgb", "x")));
     }
@@ -364,7 +369,9 @@ mod tests {
             serde_json::from_value::<Artifact>(serde_json::json!({ "media": media, "parts": { part: digest } }))
         };
         assert!(read("tauflow/files", "").is_ok() && read("tauflow/files", "maps/a.png").is_ok());
-        for (media, part) in [("m", "../x"), ("m", "/etc/x"), ("m", "a//b"), ("m", "a/./b"), ("", ""), ("a b", "")] {
+        for (media, part) in
+            [("m", "../x"), ("m", ".ssh/config"), ("m", "/etc/x"), ("m", "a//b"), ("m", "a/./b"), ("", ""), ("a b", "")]
+        {
             let error = read(media, part).expect_err("a name that cannot be").to_string();
             assert!(error.contains(if part.is_empty() { media } else { part }), "{error}");
         }

@@ -6,6 +6,7 @@
 //!
 //! This crate knows no kind and no scheduler.
 
+mod action;
 mod artifact;
 mod canonical;
 mod context;
@@ -16,17 +17,16 @@ mod media;
 mod port;
 mod probe;
 mod regular;
+mod row;
 
+pub use action::{Action, FILE_PORT, Outputs};
 pub use artifact::{
     Artifact, ArtifactError, Collection, ItemKey, ItemKeyError, Parts, collection_digest, shard_digest,
 };
 pub use canonical::canonical_bytes;
 pub use context::{Blobs, Context, MemoryBlobs, Progress, Silent};
 pub use key::{ActionKey, Basis, FORMAT_VERSION, MemoKey, derive_seed};
-pub use kind::{
-    Action, FILE_PORT, Kind, KindError, KindRow, KindSpec, Mode, NodeKind, Outputs, ParamProblem, Projection,
-    SourceItem,
-};
+pub use kind::{Kind, KindError, KindSpec, Mode, ParamProblem, SourceItem};
 pub use later::{Before, Later, fill_in, leave_out};
 pub use media::{
     Any, FileTree, Files, Handle, Items, Media, MediaRow, RECORD_FILE, ReadFiles, Stored, WriteFiles, parse_json,
@@ -35,4 +35,5 @@ pub use media::{
 pub use port::{All, Determinism, Each, Group, InputPort, Out, OutputPort, Takes};
 pub use probe::{Act, Look, Probe};
 pub use regular::{open_regular, read_regular};
+pub use row::{KindRow, NodeKind, Projection};
 pub use tauflow_cache::{Digest, ParseDigestError};

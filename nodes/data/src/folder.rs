@@ -6,9 +6,11 @@
 use crate::records;
 use serde::{Deserialize, Serialize};
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     fs, io,
+    ops::Bound,
     path::{Path, PathBuf},
+    sync::{Arc, Mutex, PoisonError},
 };
 use tauflow_contract::{
     Artifact, Collection, Context, Digest, ItemKey, KindError, ReadFiles, WriteFiles, parse_json, pretty_json,
@@ -45,7 +47,7 @@ pub struct ExportedItem {
     pub digest: Option<Digest>,
     /// Content digests of its parts, for `cache pin` and such.
     #[serde(default)]
-    pub parts: std::collections::BTreeMap<String, Digest>,
+    pub parts: BTreeMap<String, Digest>,
     /// Its files; none for whatever there is.
     #[serde(default)]
     pub files: Option<Vec<String>>,
@@ -58,18 +60,43 @@ pub struct DiskFolder {
     /// The files that are looked at; none for all.
     listed: Option<BTreeSet<String>>,
     written: BTreeSet<String>,
+    /// The item whose folder it is, and the files of all items that were written with it.
+    item: Option<ItemKey>,
+    taken: Arc<Mutex<BTreeMap<PathBuf, ItemKey>>>,
 }
 
 impl DiskFolder {
     /// A folder, which is made once something is written.
     pub fn new(path: impl Into<PathBuf>) -> Self {
-        Self { path: path.into(), listed: None, written: BTreeSet::new() }
+        let (listed, written, taken) = Default::default();
+        Self { path: path.into(), listed, written, item: None, taken }
     }
 
     /// The folder of an item.
     fn of_item(&self, item: &ItemKey) -> Self {
         // A key is a path below the folder: that is what `ItemKey::new` checks.
-        Self::new(self.path.join(item.as_str()))
+        let path = self.path.join(item.as_str());
+        Self { path, item: Some(item.clone()), taken: self.taken.clone(), ..Self::new("") }
+    }
+
+    /// Takes a file for this folder's item: the folders of items may lie in each other, and their files may meet.
+    fn take(&self, path: &Path) -> Result<(), KindError> {
+        let mut taken = self.taken.lock().unwrap_or_else(PoisonError::into_inner);
+        let others = |item: &&ItemKey| Some(*item) != self.item.as_ref();
+        let above = path.ancestors().find_map(|above| taken.get(above).filter(others));
+        let below = taken.range::<Path, _>((Bound::Excluded(path), Bound::Unbounded)).next();
+        let below = below.filter(|(other, _)| other.starts_with(path)).map(|(_, item)| item).filter(others);
+        if let Some(other) = above.or(below) {
+            let own = self.item.as_ref().map_or_else(|| "the list of all items".to_owned(), |item| format!("`{item}`"));
+            return Err(KindError::Input(format!(
+                "`{other}` and {own} meet in the file {}; export them one by one, or give one of them another key",
+                path.display()
+            )));
+        }
+        if let Some(item) = &self.item {
+            taken.insert(path.to_owned(), item.clone());
+        }
+        Ok(())
     }
 
     /// The file of a name: names of files are held to the rule of keys, so that none leads out of the folder.
@@ -86,10 +113,15 @@ impl DiskFolder {
             let name = entry.file_name().into_string().map_err(|name| {
                 KindError::Input(format!("{}: the name {name:?} is not UTF-8; rename the file", below.display()))
             })?;
+            // No export writes such names: they are of file managers, of version control, or of a process that was
+            // killed at its work.
+            if name.starts_with('.') {
+                continue;
+            }
             let full = format!("{prefix}{name}");
             if entry.file_type().map_err(failed)?.is_dir() {
                 self.list(&entry.path(), &format!("{full}/"), found)?;
-            } else if !is_temporary(&name) {
+            } else {
                 found.push(full);
             }
         }
@@ -97,21 +129,17 @@ impl DiskFolder {
     }
 }
 
-/// Name of the file that is written first, and then renamed.
+/// Name of the file that is written first, and then renamed; none that is listed.
 fn temporary(name: &str) -> String {
     #[expect(clippy::disallowed_methods, reason = "the name of a file that does not stay; no output holds it")]
     let process = std::process::id();
     format!(".{name}.{process}.tmp")
 }
 
-/// Whether a file is what a process that was killed left of a [`temporary`] one.
-fn is_temporary(name: &str) -> bool {
-    name.starts_with('.') && name.ends_with(".tmp")
-}
-
 impl WriteFiles for DiskFolder {
     fn put(&mut self, name: &str, bytes: &[u8]) -> Result<(), KindError> {
         let path = self.file(name)?;
+        self.take(&path)?;
         let failed = |e: io::Error| KindError::Environment(format!("cannot write {}: {e}", path.display()));
         let (Some(folder), Some(own)) = (path.parent(), path.file_name()) else {
             return Err(KindError::Internal(format!("`{name}` was checked, and has no folder")));
@@ -368,6 +396,47 @@ mod tests {
             let found: Vec<_> = fs::read_dir(path.join("a")).expect("listed").map(|e| e.expect("there")).collect();
             assert_eq!(found.len(), 3, "{found:?}");
             assert_eq!(folder.names().expect("listed"), ["a/b.txt"]);
+        });
+    }
+
+    #[test]
+    fn items_that_meet_in_a_file_are_both_named() {
+        in_folder(|ctx, path| {
+            let files = |name: &str, bytes: &[u8]| {
+                let files = Files(FileTree::from([(name.to_owned(), bytes.to_vec())]));
+                files.store(ctx).expect("in memory").into_artifact()
+            };
+            for (first, second) in [("b/x", "x"), ("b", "x"), ("b/x/y", "x")] {
+                let out = DiskFolder::new(path);
+                export_item(ctx, &key("a"), &files(first, b"1"), &out).expect("nothing is there");
+                let error = export_item(ctx, &key("a/b"), &files(second, b"2"), &out).expect_err("they meet");
+                let said = error.to_string();
+                assert!(said.contains("`a` and `a/b` meet") && said.contains("a/b"), "{said}");
+                let kept = fs::read(path.join("a").join(first)).expect("the first stays");
+                assert_eq!(kept, b"1");
+                // An item may be written again, and so may all in another folder of that name.
+                export_item(ctx, &key("a"), &files(first, b"3"), &out).expect("its own");
+                fs::remove_dir_all(path).expect("it is ours");
+            }
+            let mut out = DiskFolder::new(path);
+            export_item(ctx, &key(MANIFEST), &files("x", b"1"), &out).expect("nothing is there");
+            let said = finish(&mut out, &Manifest::default()).expect_err("it is a folder").to_string();
+            assert!(said.contains("the list of all items"), "{said}");
+        });
+    }
+
+    #[test]
+    fn hidden_files_are_no_part_of_a_folder() {
+        in_folder(|ctx, path| {
+            fs::create_dir_all(path.join(".git")).expect("made");
+            for name in ["a", ".DS_Store", ".git/config"] {
+                fs::write(path.join(name), name).expect("written");
+            }
+            let mut folder = DiskFolder::new(path);
+            assert_eq!(folder.names().expect("listed"), ["a"]);
+            assert!(folder.put(".bashrc", b"x").is_err() && folder.put("a/.git/config", b"x").is_err());
+            let parts = [(".bashrc".to_owned(), ctx.put(b"x").expect("in memory"))];
+            assert!(export_item(ctx, &key("item"), &Artifact::tree(Files::NAME, parts), &folder).is_err());
         });
     }
 }

@@ -293,8 +293,7 @@ fn task(pipeline: &Pipeline, lanes: &Lanes, id: LaneId, lane: &Lane) -> Task {
         projection: node.kind.projection(&pipeline.cells[lane.cell].params),
         basis: lane.basis.with(Value::Null, lane.basis.seed),
         alone: node.spec.measures(lane.group.name),
-        // What is asked for is stored.
-        transient: node.transient && !lane.target,
+        transient: rollup::is_transient(pipeline, lane),
         read: lane.ports.iter().copied().filter(is_read).collect(),
     }
 }

@@ -204,7 +204,7 @@ impl Scheduler<'_> {
             }
         }
         let Some(payload) = Payload::of(&record) else { return false };
-        let Some(outputs) = self.listed_outputs(lane, &payload) else { return false };
+        let Some(outputs) = self.listed_outputs(lane, shard, &payload) else { return false };
         let totals = (payload.actions, record.wall_us, record.bytes);
         self.account.rolled(lane, Some(shard), totals);
         let of = &mut self.states[lane].shards[shard];
@@ -214,11 +214,12 @@ impl Scheduler<'_> {
     }
 
     /// What a shard's roll-up says of each port of its lane.
-    fn listed_outputs(&self, lane: LaneId, payload: &Payload) -> Option<Vec<(PortId, Arc<Shard>)>> {
+    fn listed_outputs(&self, lane: LaneId, shard: u8, payload: &Payload) -> Option<Vec<(PortId, Arc<Shard>)>> {
         let outputs = self.spec(lane).outputs;
         let listed = |port: &PortId| {
-            let listed = payload.collections.get(outputs[port.place()].name)?;
-            Some((*port, Arc::new(Shard::listed(listed))))
+            let of = &outputs[port.place()];
+            let listed = payload.collections.get(of.name)?;
+            Some((*port, Arc::new(Shard::listed(listed, shard, of.media))))
         };
         self.lanes[lane].ports.iter().map(listed).collect()
     }

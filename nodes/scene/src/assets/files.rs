@@ -152,7 +152,7 @@ fn ascii(text: &str) -> String {
         .map(|c| if c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-' | '=' | '+') { c } else { '_' })
         .collect();
     let plain = if plain.len() > 160 { plain[plain.len() - 160..].to_owned() } else { plain };
-    if plain.trim_matches('.').is_empty() { format!("_{plain}") } else { plain }
+    if plain.is_empty() || plain.starts_with('.') { format!("_{plain}") } else { plain }
 }
 
 /// Whether a path leads to something that is no regular file, or to nothing. What cannot be looked at is not known to
@@ -262,7 +262,8 @@ fn named(paths: Vec<PathBuf>) -> Result<Vec<(ItemKey, PathBuf)>, KindError> {
         let mut name = text(path.file_name());
         if counts.get(&name).is_some_and(|n| *n > 1) {
             let long = format!("{}-{name}", text(path.parent().and_then(Path::file_name)));
-            let long = &long[long.len().saturating_sub(LONGEST)..];
+            // No key begins with a dot.
+            let long = long[long.len().saturating_sub(LONGEST)..].trim_start_matches('.');
             let number = numbers.entry(long.to_owned()).or_default();
             name = loop {
                 *number += 1;
