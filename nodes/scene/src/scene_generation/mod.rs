@@ -10,6 +10,8 @@ mod noise;
 mod params;
 mod skies;
 mod stage;
+#[allow(dead_code, reason = "the parts that use it are being written")]
+mod stuff;
 mod surfaces;
 mod textures;
 
