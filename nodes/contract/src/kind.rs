@@ -2,7 +2,7 @@
 
 use crate::{
     All, Artifact, Collection, Context, Determinism, Each, Files, Group, Handle, InputPort, ItemKey, Items, Later,
-    Media, Out, OutputPort, Probe, Stored, fill_in, leave_out,
+    Media, Out, OutputPort, Probe, Stored, derive_seed, fill_in, leave_out,
 };
 use schemars::JsonSchema;
 use serde::{Serialize, de::DeserializeOwned};
@@ -300,6 +300,14 @@ pub trait Kind: Send + Sync + 'static {
         &[]
     }
 
+    /// The seed of an item's action, made of the pipeline's; the item of a gather is the empty text. No two items of a
+    /// node may have the same: it is what tells their actions apart where they read the same params and inputs. Items
+    /// that share what they draw have seeds from which the kind can tell what they share. The default is a seed of its
+    /// own for every item.
+    fn seed(pipeline_seed: u64, item: &str) -> u64 {
+        derive_seed(pipeline_seed, Self::spec().name, item)
+    }
+
     /// What of this machine decides the outputs of a group, beside all that an action is handed: a library that is
     /// found at run time, the processor that is timed. It enters the keys. The default is nothing, null.
     ///
@@ -342,6 +350,8 @@ pub trait NodeKind: Send + Sync {
     /// Resolved params without those that came later and have the value of before ([`Kind::later`]): what decides the
     /// outcomes of all items together.
     fn keyed(&self, params: &Value) -> Value;
+    /// See [`Kind::seed`].
+    fn seed(&self, pipeline_seed: u64, item: &str) -> u64;
     /// See [`Kind::environment`]; `params` are resolved, or a projection.
     fn environment(&self, params: &Value, group: &str, probe: &dyn Probe) -> Option<Value>;
     /// See [`Kind::run`]; the params are a projection.
@@ -427,6 +437,10 @@ impl<K: Kind> NodeKind for KindRow<K> {
         let mut keyed = params.clone();
         leave_out(&mut keyed, K::later());
         keyed
+    }
+
+    fn seed(&self, pipeline_seed: u64, item: &str) -> u64 {
+        K::seed(pipeline_seed, item)
     }
 
     fn environment(&self, params: &Value, group: &str, probe: &dyn Probe) -> Option<Value> {
