@@ -305,8 +305,8 @@ fn whatever_is_not_connected_is_left_out_and_named() {
         assert!(!html.contains(&format!("id=\"{id}\"")), "{id}");
     }
     assert!(html.contains(
-        "Not connected, so left out: references; refined; losses; timings; verdicts; previews; split; sampling; bridge; \
-         convergence; time_error; statistics."
+        "Not connected, so left out: references; refined; losses; timings; verdicts; previews; split; sampling; \
+         bridge; convergence; time_error; statistics."
     ));
     assert!(!files.keys().any(|n| n.ends_with(".png") || n == "timings.csv"));
     // Each optional input alone, and all but each.

@@ -106,7 +106,9 @@ impl Framing {
     pub fn of(world: &World, scene: &Scene, film: [usize; 2], near: f64) -> Result<Self, KindError> {
         let longest = film[0].max(film[1]).max(1);
         let [width, height] = film.map(|side| (side * SIDE).div_ceil(longest).max(1));
-        let resolution = Resolution::new(width, height).map_err(|e| KindError::Internal(e.to_string()))?;
+        // No side is longer than `SIDE`.
+        let resolution =
+            Resolution::new(width as u32, height as u32).map_err(|e| KindError::Internal(e.to_string()))?;
         let renderer = Renderer::new(world, resolution, 0)?;
         let state = tauflow_data::rng::mix(render_state(world.seed, 0), STREAM);
         let material = |shape: u32| &scene.materials[scene.shapes[shape as usize].material];

@@ -54,7 +54,8 @@ fn grid(sheet: &Sheet, pixels: usize) -> Result<String, KindError> {
         };
         let _ = write!(
             out,
-            r#"<div title="{0}{1}"><img alt="{0}{1}" width="{w}" height="{h}" src="{2}"><div class="psnr">{0}</div></div>"#,
+            "<div title=\"{0}{1}\"><img alt=\"{0}{1}\" width=\"{w}\" height=\"{h}\" src=\"{2}\">\
+             <div class=\"psnr\">{0}</div></div>",
             escape(&shot.scene),
             escape(&also),
             png_uri(&encode_png(&image)?)

@@ -272,8 +272,8 @@ fn ranges_out_of_order_are_named_and_the_schema_knows_the_bounds() {
     ] {
         assert_eq!(schema.pointer(place).and_then(Value::as_f64), Some(bound), "{place}: {schema:#}");
     }
-    let bad = serde_json::json!({ "objects": [4, 3], "views": [2, 1], "glossy": { "roughness": [0.5, 0.1] }, "fov": [60.0, 50.0],
-        "hold_out": ["objects"], "test_share": 1.0 });
+    let bad = serde_json::json!({ "objects": [4, 3], "views": [2, 1], "glossy": { "roughness": [0.5, 0.1] },
+        "fov": [60.0, 50.0], "hold_out": ["objects"], "test_share": 1.0 });
     let problems = row.resolve(&bad).expect_err("bad");
     let pointers: Vec<&str> = problems.iter().map(|p| p.pointer.as_str()).collect();
     for pointer in ["/objects", "/views", "/glossy/roughness", "/fov", "/test_share"] {

@@ -1,7 +1,7 @@
 //! Views: the scenes of a stratum by content and view, and the seeds that let views share what their content draws.
 //!
 //! **Numbering.** Items of a stratum go content by content, and within one view by view, so that a larger pool appends.
-//! Contents come in blocks in which every number of views stands once, in an order drawn for the block: so each number
+//! Contents come in blocks in which every number of views stands once, in an order drawn for the block. So each number
 //! is as frequent as the others, and an item finds its content without a walk over all before it.
 //!
 //! **Seeds.** The engine gives an item a seed and nothing else of the pipeline's. The upper bits of it are those of the

@@ -3,7 +3,7 @@
 use crate::support::{act, kind, load, source};
 use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet};
-use tauflow_contract::{Artifact, Collection, ItemKey, KindError, MemoryBlobs, Outputs};
+use tauflow_contract::{Artifact, Collection, KindError, MemoryBlobs, Outputs};
 use tauflow_data::{
     Stratum,
     records::{SceneRecord, SplitReport},
@@ -112,7 +112,7 @@ fn views_of_a_content_stay_on_one_side_and_a_view_on_the_other_is_found() {
     let inputs = BTreeMap::from([("scenes", &scenes)]);
     let split = gather(&blobs, "content_signature_split", json!({ "test_share": 0.34 }), inputs).expect("a split");
     let side = |side: &str| -> Vec<(String, Recipe)> {
-        let recipe = |scene| load::<SceneRecord>(&blobs, scene).recipe;
+        let recipe = |scene: &Artifact| load::<SceneRecord>(&blobs, scene).recipe;
         split.collections[side].iter().map(|(key, scene)| (key.to_string(), recipe(scene))).collect()
     };
     let leaks = |train: &[(String, Recipe)], test: &[(String, Recipe)]| {
@@ -151,9 +151,9 @@ fn a_test_set_of_one_view_a_content_shows_each_once_and_stays_when_the_pool_grow
         let params = json!({ "test": test, "test_views": views });
         let chosen = gather(&blobs, "stratified_sampling", params, BTreeMap::from([("test", &scenes)]));
         chosen.map(|chosen| {
-            let recipe = |scene| load::<SceneRecord>(&blobs, scene).recipe;
-            let of = |(key, scene): (&ItemKey, &Artifact)| (key.to_string(), recipe(scene));
-            chosen.collections["test"].iter().map(of).collect::<BTreeMap<String, Recipe>>()
+            let recipe = |scene: &Artifact| load::<SceneRecord>(&blobs, scene).recipe;
+            let items = chosen.collections["test"].iter();
+            items.map(|(key, scene)| (key.to_string(), recipe(scene))).collect::<BTreeMap<String, Recipe>>()
         })
     };
     let contents =
