@@ -163,7 +163,7 @@ fn judge(of: &Preview<'_>, framing: &Framing, ev: f64, params: &QualityGateParam
     }
     let picture = Picture::of(of, params.key, params.dark, params.white);
     let neutral = params.key / picture.geometric_mean;
-    measures.extend(named(picture.measures()));
+    measures.extend(named(picture.measures(framing.outlines)));
     measures.insert(Verdict::EXPOSURE.to_owned(), neutral);
     if picture.mean <= params.black {
         reject(true, "black");
@@ -171,7 +171,7 @@ fn judge(of: &Preview<'_>, framing: &Framing, ev: f64, params: &QualityGateParam
         reject(picture.dark_share > params.dark_share, "dark");
         reject(picture.bright_share > params.bright_share, "over_exposed");
         reject(picture.contrast < params.contrast, "near_constant");
-        reject(picture.edges < params.edges, "featureless");
+        reject(picture.edges_of(framing.outlines) < params.edges, "featureless");
         reject(picture.concentration > params.concentration, "degenerate");
         reject(picture.noise > params.noise, "noisy");
     }

@@ -38,6 +38,8 @@ pub struct Framing {
     pub sky_share: f64,
     /// Share of the frame that one smooth surface fills; glass and mirrors show others, and do not count.
     pub surface_share: f64,
+    /// Length of all outlines and creases in the frame, in sides of it.
+    pub outlines: f64,
 }
 
 /// What a ray through the frame meets.
@@ -144,16 +146,18 @@ impl Framing {
             near_share: share(frame.seen.iter().flatten().filter(is_near).count(), rays),
             sky_share: share(frame.seen.iter().filter(|seen| seen.is_none()).count(), rays),
             surface_share: share(frame.largest(), rays),
+            outlines: frame.outlines(),
         }
     }
 
     /// By name.
-    pub fn measures(&self) -> [(&'static str, f64); 4] {
+    pub fn measures(&self) -> [(&'static str, f64); 5] {
         [
             ("inside", self.inside),
             ("near_share", self.near_share),
             ("sky_share", self.sky_share),
             ("surface_share", self.surface_share),
+            ("outlines", self.outlines),
         ]
     }
 }
@@ -173,6 +177,21 @@ fn joined(a: &Seen, b: &Seen) -> bool {
 }
 
 impl Frame {
+    /// Length of what parts neighbouring rays, in sides of the frame.
+    fn outlines(&self) -> f64 {
+        let height = self.seen.len() / self.width;
+        let parted = |a: usize, b: usize| match (&self.seen[a], &self.seen[b]) {
+            (Some(a), Some(b)) => !joined(a, b),
+            (a, b) => a.is_some() || b.is_some(),
+        };
+        let found = (0..self.seen.len()).map(|at| {
+            let beside = at % self.width + 1 < self.width && parted(at, at + 1);
+            let below = at + self.width < self.seen.len() && parted(at, at + self.width);
+            usize::from(beside) + usize::from(below)
+        });
+        2.0 * found.sum::<usize>() as f64 / (self.width + height) as f64
+    }
+
     /// Rays that meet the largest smooth surface.
     fn largest(&self) -> usize {
         let mut visited: Vec<bool> = self.seen.iter().map(|seen| seen.is_none_or(|seen| seen.shows_others)).collect();
@@ -237,6 +256,8 @@ mod tests {
         let mut edge = walls(10, 4, 7);
         edge.seen.iter_mut().flatten().for_each(|seen| seen.shape = 0);
         assert_eq!(edge.largest(), 28);
+        // One crease, four rays long, in a frame whose sides have seven on average.
+        assert_eq!((edge.outlines(), walls(10, 4, 10).outlines()), (4.0 / 7.0, 0.0));
         // A mirror shows others.
         let mut mirror = walls(10, 4, 7);
         mirror.seen.iter_mut().flatten().for_each(|seen| seen.shows_others = seen.shape == 0);
@@ -267,7 +288,7 @@ mod tests {
         for built in [room(), balls_under_sky()] {
             let found = framing(&built);
             assert!(found.inside < 0.3 && found.near_share < 0.1, "{found:?}");
-            assert!(found.sky_share < 0.85 && found.surface_share < 0.8, "{found:?}");
+            assert!(found.sky_share < 0.85 && found.surface_share < 0.8 && found.outlines > 1.5, "{found:?}");
         }
         assert!(framing(&room()).sky_share < 0.1 && framing(&balls_under_sky()).sky_share > 0.1);
     }
@@ -277,7 +298,7 @@ mod tests {
         let mut built = Built::new([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], 50.0, 8);
         let white = built.diffuse([0.5; 3]);
         built.sphere([0.0, 0.1, 0.0], 0.5, white);
-        assert_eq!(framing(&built).inside, 1.0);
+        assert_eq!((framing(&built).inside, framing(&built).outlines), (1.0, 0.0));
         // Its smooth inside fills the frame; glass would show others.
         assert!(framing(&built).surface_share > 0.95, "{:?}", framing(&built));
         // Painted on both sides it is a round room.

@@ -105,8 +105,10 @@ pub struct Picture {
     pub bright_share: f64,
     /// Standard deviation of the display values of bins.
     pub contrast: f64,
-    /// Length of all edges, in sides of the picture.
+    /// Length of all edges that are not noise, in sides of the picture.
     pub edges: f64,
+    /// The same with those that may be noise.
+    pub steps: f64,
     /// Share of all light in the brightest 1% of the bins.
     pub concentration: f64,
     /// Standard error of a bin, root mean square, over the mean luminance.
@@ -139,8 +141,9 @@ impl Picture {
             .collect();
         let unsure: Vec<f64> =
             bins.means.iter().zip(&errors).zip(&shown).map(|((b, e), s)| show(b + SURE * e) - s).collect();
-        let edges = bins
-            .edges(|a: usize, b: usize| (shown[a] - shown[b]).abs() > STEP + unsure[a].max(0.0) + unsure[b].max(0.0));
+        let step = |a: usize, b: usize| (shown[a] - shown[b]).abs() - STEP;
+        let edges = bins.edges(|a, b| step(a, b) > unsure[a].max(0.0) + unsure[b].max(0.0));
+        let steps = bins.edges(|a, b| step(a, b) > 0.0);
         let share =
             |of: &dyn Fn(usize) -> bool| (0..shown.len()).filter(|bin| of(*bin)).count() as f64 / shown.len() as f64;
         let mut sorted = bins.means.clone();
@@ -157,20 +160,27 @@ impl Picture {
             bright_share: share(&|bin| bins.means[bin] * exposure > white),
             contrast: mean(&squares).sqrt(),
             edges,
+            steps,
             concentration: over(top, total),
             noise: over(error, mean_luminance),
         }
     }
 
-    /// By name.
-    pub fn measures(&self) -> [(&'static str, f64); 8] {
+    /// Length of the edges, of which noise may hide some: so many of those that may be noise count as a surface's
+    /// `outlines` allow.
+    pub fn edges_of(&self, outlines: f64) -> f64 {
+        self.edges.max(self.steps.min(outlines))
+    }
+
+    /// By name, in a frame of these outlines.
+    pub fn measures(&self, outlines: f64) -> [(&'static str, f64); 8] {
         [
             ("mean_luminance", self.mean),
             ("geometric_mean_luminance", self.geometric_mean),
             ("dark_share", self.dark_share),
             ("bright_share", self.bright_share),
             ("contrast", self.contrast),
-            ("edges", self.edges),
+            ("edges", self.edges_of(outlines)),
             ("concentration", self.concentration),
             ("noise", self.noise),
         ]

@@ -68,16 +68,16 @@ fn what_is_not_finite_is_found_in_pixels_variances_and_samples() {
 
 #[test]
 fn framing_is_judged_whatever_the_picture_looks_like() {
-    let all = Framing { inside: 0.61, near_share: 0.51, sky_share: 0.86, surface_share: 0.86 };
+    let all = Framing { inside: 0.61, near_share: 0.51, sky_share: 0.86, surface_share: 0.86, outlines: 0.0 };
     let told = ["inside", "too_near", "mostly_sky", "one_surface"];
     assert_eq!(Case { framing: all, ..case(good()) }.reasons(), told);
-    let just = Framing { inside: 0.6, near_share: 0.5, sky_share: 0.85, surface_share: 0.85 };
+    let just = Framing { inside: 0.6, near_share: 0.5, sky_share: 0.85, surface_share: 0.85, outlines: 0.0 };
     assert_eq!(Case { framing: just, ..case(good()) }.reasons(), [""; 0]);
     let mut broken = case(image(|_, _| f32::NAN));
     broken.framing = all;
     assert_eq!(broken.reasons()[1..], told);
     // A share of 1 rejects nothing.
-    let whole = Framing { inside: 1.0, near_share: 1.0, sky_share: 1.0, surface_share: 1.0 };
+    let whole = Framing { inside: 1.0, near_share: 1.0, sky_share: 1.0, surface_share: 1.0, outlines: 0.0 };
     let lax =
         QualityGateParams { inside: 1.0, near_share: 1.0, sky_share: 1.0, surface_share: 1.0, ..Default::default() };
     assert_eq!(Case { framing: whole, params: lax, ..case(good()) }.reasons(), [""; 0]);
@@ -144,6 +144,12 @@ fn noise_is_no_edge() {
     assert_eq!((rough(0.0).reasons(), rough(0.0).judged(0.0).0.measures["edges"]), (Vec::new(), 30.0));
     assert_eq!(rough(0.5).judged(0.0).0.measures["edges"], 0.0);
     assert_eq!(rough(0.5).reasons(), ["featureless"]);
+    // Where surfaces have outlines, noise may hide as many edges: a noisy picture of many things is no empty one.
+    let outlined = |outlines: f64| Framing { outlines, ..Framing::default() };
+    assert_eq!(Case { framing: outlined(1.6), ..rough(0.5) }.reasons(), [""; 0]);
+    assert_eq!(Case { framing: outlined(1.4), ..rough(0.5) }.reasons(), ["featureless"]);
+    // Outlines that nothing shows are no edges.
+    assert_eq!(Case { framing: outlined(9.0), ..case(image(|_, y| 0.2 + 0.01 * y as f32)) }.reasons(), ["featureless"]);
 }
 
 #[test]
@@ -167,7 +173,7 @@ fn noisy_is_a_preview_that_no_ladder_will_resolve() {
 
 #[test]
 fn every_reason_is_explained() {
-    let all = Framing { inside: 1.0, near_share: 1.0, sky_share: 1.0, surface_share: 1.0 };
+    let all = Framing { inside: 1.0, near_share: 1.0, sky_share: 1.0, surface_share: 1.0, outlines: 0.0 };
     let flat = Case { framing: all, rejected: 1, variance: 1e6, ..case(image(|_, _| 0.3)) };
     let mixed = Case { variance: 1e6, ..case(image(|x, y| if (x, y) == (9, 9) { 1e9 } else { 0.0 })) };
     let bright = case(image(|x, _| if x < 20 { 1e3 } else { 0.1 }));
