@@ -206,7 +206,7 @@ mod tests {
         // Four times as many scenes that are no news: an interval over scenes is too narrow by sqrt(4).
         let ((mean, wide), (same, narrow)) = (first(&groups), first(&plain));
         assert!((mean - same).abs() < 1e-12);
-        assert!((wide / narrow / 2.0 - 1.0).abs() < 0.06, "{wide} {narrow}");
+        assert!((wide / narrow / 2.0 - 1.0).abs() < 0.1, "{wide} {narrow}");
     }
 
     #[test]
@@ -219,7 +219,7 @@ mod tests {
             plain.push(None, &row);
         }
         let ((_, grouped), (_, alone)) = (first(&groups), first(&plain));
-        assert!((grouped / alone - 1.0).abs() < 0.12, "{grouped} {alone}");
+        assert!((grouped / alone - 1.0).abs() < 0.15, "{grouped} {alone}");
     }
 
     #[test]
