@@ -12,9 +12,7 @@ use std::{
     sync::Arc,
 };
 use tauflow_cache::{CacheError, Digest};
-use tauflow_contract::{
-    ActionKey, Any, Artifact, FILE_PORT, Files, ItemKey, Media, Mode, Outputs, derive_seed, read_regular,
-};
+use tauflow_contract::{ActionKey, Any, Artifact, FILE_PORT, Files, ItemKey, Media, Mode, Outputs, read_regular};
 
 /// Most bytes of a file outside that is read: as many as a GLB can have.
 const MOST_BYTES: u64 = 1 << 32;
@@ -56,7 +54,7 @@ pub fn action_key(task: &Task, whole: &[(InputId, Arc<Sharded>)], job: &Job, fil
         inputs.insert(FILE_PORT.into(), file.digest());
     }
     let item = job.item.as_ref().map_or("", |i| i.as_str());
-    let seed = task.basis.seed.map(|seed| derive_seed(seed, task.spec.name, item));
+    let seed = task.basis.seed.map(|seed| task.kind.seed(seed, item));
     ActionKey { basis: task.basis.with((task.projection)(job.item.as_ref(), task.group), seed), inputs }
 }
 

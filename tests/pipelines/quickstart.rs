@@ -81,9 +81,14 @@ fn the_quickstart_learns_what_it_should() {
             let m = |name: &str| verdict.measures[name];
             assert!(
                 match reason.as_str() {
+                    "inside" => m("inside") > 0.6,
+                    "too_near" => m("near_share") > 0.5,
+                    "mostly_sky" => m("sky_share") > 0.85,
+                    "one_surface" => m("surface_share") > 0.85,
                     "black" => m("mean_luminance") <= 1e-6,
                     "dark" => m("dark_share") > 0.6,
-                    "near_constant" => m("contrast") < 0.02,
+                    "near_constant" => m("contrast") < 0.03,
+                    "featureless" => m("edges") < 1.5,
                     "over_exposed" => m("bright_share") > 0.25,
                     "degenerate" => m("concentration") > 0.9,
                     "noisy" => m("noise") > 1.0,

@@ -1,6 +1,6 @@
 //! Node kinds: what they state about themselves, and what their authors implement.
 
-use crate::{Action, Context, Determinism, Group, InputPort, ItemKey, Later, OutputPort, Outputs, Probe};
+use crate::{Action, Context, Determinism, Group, InputPort, ItemKey, Later, OutputPort, Outputs, Probe, derive_seed};
 use schemars::JsonSchema;
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
@@ -141,6 +141,14 @@ pub trait Kind: Send + Sync + 'static {
     /// gets where they are left out, whatever their defaults have become.
     fn later() -> &'static [Later] {
         &[]
+    }
+
+    /// The seed of an item's action, made of the pipeline's; the item of a gather is the empty text. No two items of a
+    /// node may have the same: it is what tells their actions apart where they read the same params and inputs. Items
+    /// that share what they draw have seeds from which the kind can tell what they share. The default is a seed of its
+    /// own for every item.
+    fn seed(pipeline_seed: u64, item: &str) -> u64 {
+        derive_seed(pipeline_seed, Self::spec().name, item)
     }
 
     /// What of this machine decides the outputs of a group, beside all that an action is handed: a library that is

@@ -29,6 +29,8 @@ pub enum Before {
     Number(f64),
     /// A text, such as the name of a choice.
     Text(&'static str),
+    /// A list of whole numbers, such as a range.
+    Integers(&'static [i64]),
 }
 
 impl Before {
@@ -40,6 +42,7 @@ impl Before {
             Self::Integer(number) => number.into(),
             Self::Number(number) => number.into(),
             Self::Text(text) => text.into(),
+            Self::Integers(numbers) => numbers.into(),
         }
     }
 }
@@ -84,6 +87,7 @@ mod tests {
         Later { pointer: "/rate/floor", before: Before::Null },
         Later { pointer: "/views", before: Before::Integer(1) },
         Later { pointer: "/shared", before: Before::Flag(false) },
+        Later { pointer: "/range", before: Before::Integers(&[1, 1]) },
     ];
 
     fn without(mut params: Value) -> Value {
@@ -93,9 +97,11 @@ mod tests {
 
     #[test]
     fn only_values_of_before_are_left_out() {
-        let before = json!({"exponent": 0.0, "output": "means", "rate": {"floor": null}, "views": 1, "shared": false});
+        let before = json!({"exponent": 0.0, "output": "means", "rate": {"floor": null}, "views": 1, "shared": false,
+            "range": [1, 1]});
         assert_eq!(without(before), json!({"rate": {}}));
-        let other = json!({"exponent": 0.5, "output": "values", "rate": {"floor": 1}, "views": 2, "shared": true});
+        let other = json!({"exponent": 0.5, "output": "values", "rate": {"floor": 1}, "views": 2, "shared": true,
+            "range": [1, 2]});
         assert_eq!(without(other.clone()), other);
         assert_eq!(without(json!({"rate": 3, "steps": 7})), json!({"rate": 3, "steps": 7}));
         assert_eq!(without(json!(null)), json!(null));

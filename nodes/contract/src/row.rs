@@ -32,6 +32,8 @@ pub trait NodeKind: Send + Sync {
     /// Resolved params without those that came later and have the value of before ([`Kind::later`]): what decides the
     /// outcomes of all items together.
     fn keyed(&self, params: &Value) -> Value;
+    /// See [`Kind::seed`].
+    fn seed(&self, pipeline_seed: u64, item: &str) -> u64;
     /// See [`Kind::environment`]; `params` are resolved, or a projection.
     fn environment(&self, params: &Value, group: &str, probe: &dyn Probe) -> Option<Value>;
     /// See [`Kind::run`]; the params are a projection.
@@ -117,6 +119,10 @@ impl<K: Kind> NodeKind for KindRow<K> {
         let mut keyed = params.clone();
         leave_out(&mut keyed, K::later());
         keyed
+    }
+
+    fn seed(&self, pipeline_seed: u64, item: &str) -> u64 {
+        K::seed(pipeline_seed, item)
     }
 
     fn environment(&self, params: &Value, group: &str, probe: &dyn Probe) -> Option<Value> {

@@ -397,6 +397,11 @@ pub struct Recipe {
     pub stratum: String,
     /// Index in its stratum.
     pub index: u64,
+    /// Which content of its stratum it shows: objects, layout and materials. Scenes that were not drawn have one each,
+    /// of their index.
+    pub content: u64,
+    /// Which view of the content it is: camera, exposure, power of the lights, turn of the sky. 0 is the plain one.
+    pub view: u32,
     /// Layout template.
     pub layout: String,
     /// The layout's parameters.

@@ -259,6 +259,7 @@ fn a_scene(ctx: &Context<'_>) -> Stored<SceneRecord> {
     .expect("a scene");
     let recipe: Recipe = serde_json::from_value(json!({ "stratum": "L0-open", "index": 0, "layout": "none",
         "layout_params": {}, "objects": [], "environment": "none", "side": null, "exposure_ev": 0.0,
+        "content": 0, "view": 0,
     }))
     .expect("a recipe");
     SceneRecord { scene, recipe }.store(ctx).expect("memory")

@@ -1,9 +1,12 @@
-//! Paired bootstrap over scenes: 95% percentile intervals of any function of column means.
+//! Paired bootstrap over groups of scenes: 95% percentile intervals of any function of column means.
 //!
-//! Source: Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13. Every resample draws scenes with
-//! replacement and takes all columns of a drawn scene together, so that differences between methods are paired, and the
-//! same draws serve every figure. Knows no metric.
+//! Source: Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13; for groups Davison and Hinkley,
+//! "Bootstrap Methods and their Application", 1997, section 3.8. Every resample draws groups with replacement and takes
+//! all scenes and columns of a drawn group together. So differences between methods are paired, scenes that resemble
+//! each other are not counted as so many independent ones, and the same draws serve every figure. A mean is over
+//! scenes, in resamples as in the table. Knows no metric.
 
+use std::collections::BTreeMap;
 use tauflow_data::{records::Estimate, rng::Stream, statistics::quantile};
 
 /// Share of the draws below the interval, and above it.
@@ -14,20 +17,31 @@ const TAIL: f64 = 0.025;
 pub struct Table {
     columns: usize,
     data: Vec<f64>,
+    /// The scenes of each group, in the order in which groups came.
+    groups: Vec<Vec<usize>>,
+    /// Places of the groups that have a name.
+    named: BTreeMap<String, usize>,
 }
 
 impl Table {
     /// A table without rows.
     pub fn new(columns: usize) -> Self {
-        Self { columns, data: Vec::new() }
+        Self { columns, data: Vec::new(), groups: Vec::new(), named: BTreeMap::new() }
     }
 
-    /// Adds a scene.
+    /// Adds a scene to the group of this name, or to one of its own.
     ///
     /// # Panics
     /// If the row has another number of columns than the table.
-    pub fn push(&mut self, row: &[f64]) {
+    pub fn push(&mut self, group: Option<&str>, row: &[f64]) {
         assert_eq!(row.len(), self.columns, "a row has as many values as the table has columns");
+        let next = self.groups.len();
+        let place = group.map_or(next, |name| *self.named.entry(name.to_owned()).or_insert(next));
+        if place == next {
+            self.groups.push(Vec::new());
+        }
+        let scene = self.scenes();
+        self.groups[place].push(scene);
         self.data.extend_from_slice(row);
     }
 
@@ -41,19 +55,23 @@ impl Table {
         &self.data[scene * self.columns..(scene + 1) * self.columns]
     }
 
-    fn mean(&self, scenes: impl Iterator<Item = usize>, out: &mut [f64]) {
-        out.fill(0.0);
+    /// Sums of the rows of scenes.
+    fn sum(&self, scenes: impl Iterator<Item = usize>) -> Vec<f64> {
+        let mut out = vec![0.0; self.columns];
         for scene in scenes {
-            for (sum, value) in out.iter_mut().zip(self.row(scene)) {
-                *sum += value;
-            }
+            add(&mut out, self.row(scene));
         }
-        let count = self.scenes() as f64;
-        out.iter_mut().for_each(|sum| *sum /= count);
+        out
     }
 }
 
-/// The column means of a table, and those of every resample of its scenes.
+fn add(sums: &mut [f64], values: &[f64]) {
+    for (sum, value) in sums.iter_mut().zip(values) {
+        *sum += value;
+    }
+}
+
+/// The column means of a table, and those of every resample of its groups.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Resampled {
     means: Vec<f64>,
@@ -61,18 +79,26 @@ pub struct Resampled {
 }
 
 impl Resampled {
-    /// Resamples the scenes of a table; none if it has no scene.
+    /// Resamples the groups of a table; none if it has no scene.
     pub fn new(table: &Table, resamples: usize, seed: u64) -> Option<Self> {
         let scenes = table.scenes();
         if scenes == 0 {
             return None;
         }
-        let mut means = vec![0.0; table.columns];
-        table.mean(0..scenes, &mut means);
+        let mut means = table.sum(0..scenes);
+        means.iter_mut().for_each(|sum| *sum /= scenes as f64);
+        let groups: Vec<(usize, Vec<f64>)> =
+            table.groups.iter().map(|own| (own.len(), table.sum(own.iter().copied()))).collect();
         let mut draws = vec![0.0; table.columns * resamples];
         let mut stream = Stream::new(seed, &[]).part("bootstrap");
         for out in draws.chunks_exact_mut(table.columns) {
-            table.mean((0..scenes).map(|_| stream.below(scenes)), out);
+            let mut drawn = 0;
+            for _ in 0..groups.len() {
+                let (scenes, sums) = &groups[stream.below(groups.len())];
+                drawn += scenes;
+                add(out, sums);
+            }
+            out.iter_mut().for_each(|sum| *sum /= drawn as f64);
         }
         Some(Self { means, draws })
     }
@@ -109,7 +135,7 @@ mod tests {
             let mut table = Table::new(2);
             for _ in 0..40 {
                 let base = 1.0 + stream.normal();
-                table.push(&[base, base + 0.2 + 0.1 * stream.normal()]);
+                table.push(None, &[base, base + 0.2 + 0.1 * stream.normal()]);
             }
             let resampled = Resampled::new(&table, 500, trial).expect("scenes");
             let mean = resampled.estimate(|m| m[0]);
@@ -133,7 +159,7 @@ mod tests {
     fn the_same_seed_gives_the_same_interval() {
         let mut table = Table::new(1);
         for value in [1.0, 5.0, 2.0, 8.0] {
-            table.push(&[value]);
+            table.push(None, &[value]);
         }
         let estimate = |seed| Resampled::new(&table, 200, seed).expect("scenes").estimate(|m| m[0]);
         assert_eq!(estimate(3), estimate(3));
@@ -146,8 +172,96 @@ mod tests {
     fn one_scene_or_none() {
         let mut table = Table::new(1);
         assert!(Resampled::new(&table, 10, 0).is_none());
-        table.push(&[3.0]);
+        table.push(None, &[3.0]);
         let e = Resampled::new(&table, 10, 0).expect("a scene").estimate(|m| m[0]);
         assert_eq!((e.mean, e.low, e.high), (3.0, 3.0, 3.0));
+    }
+
+    /// Mean and width of the interval of the first column.
+    fn first(table: &Table) -> (f64, f64) {
+        let e = Resampled::new(table, 4000, 5).expect("scenes").estimate(|m| m[0]);
+        (e.mean, e.high - e.low)
+    }
+
+    #[test]
+    fn a_group_of_equal_scenes_counts_as_one_of_them() {
+        // 30 contents of 4 views each, all of which have the figures of their content.
+        let (mut groups, mut contents, mut plain) = (Table::new(2), Table::new(2), Table::new(2));
+        let mut stream = Stream::new(3, &[]);
+        for content in 0..30 {
+            let row = [stream.normal(), stream.normal()];
+            contents.push(None, &row);
+            for _ in 0..4 {
+                groups.push(Some(&content.to_string()), &row);
+                plain.push(None, &row);
+            }
+        }
+        let resampled = |table| Resampled::new(table, 500, 9).expect("scenes");
+        for of in [|m: &[f64]| m[0], |m: &[f64]| m[1] - m[0]] {
+            let (grouped, single) = (resampled(&groups).estimate(of), resampled(&contents).estimate(of));
+            for (a, b) in [(grouped.mean, single.mean), (grouped.low, single.low), (grouped.high, single.high)] {
+                assert!((a - b).abs() < 1e-12, "{grouped:?} {single:?}");
+            }
+        }
+        // Four times as many scenes that are no news: an interval over scenes is too narrow by sqrt(4).
+        let ((mean, wide), (same, narrow)) = (first(&groups), first(&plain));
+        assert!((mean - same).abs() < 1e-12);
+        assert!((wide / narrow / 2.0 - 1.0).abs() < 0.1, "{wide} {narrow}");
+    }
+
+    #[test]
+    fn groups_of_independent_scenes_change_nothing_but_chance() {
+        let (mut groups, mut plain) = (Table::new(1), Table::new(1));
+        let mut stream = Stream::new(4, &[]);
+        for scene in 0..400 {
+            let row = [stream.normal()];
+            groups.push(Some(&(scene / 2).to_string()), &row);
+            plain.push(None, &row);
+        }
+        let ((_, grouped), (_, alone)) = (first(&groups), first(&plain));
+        assert!((grouped / alone - 1.0).abs() < 0.15, "{grouped} {alone}");
+    }
+
+    #[test]
+    fn means_are_over_scenes_where_groups_differ_in_size() {
+        let mut table = Table::new(1);
+        for (group, values) in [("a", &[1.0, 1.0, 1.0][..]), ("b", &[5.0])] {
+            values.iter().for_each(|value| table.push(Some(group), &[*value]));
+        }
+        let resampled = Resampled::new(&table, 1000, 1).expect("scenes");
+        assert_eq!(resampled.means(), [2.0]);
+        // Of two groups a draw has one of them twice, or both: 1, 5 or 2, in a quarter, a quarter and half of them.
+        let share = |value: f64| resampled.draws.iter().filter(|d| **d == value).count() as f64 / 1000.0;
+        let found = [1.0, 2.0, 5.0].map(share);
+        assert!(found.iter().zip([0.25, 0.5, 0.25]).all(|(a, b)| (a - b).abs() < 0.06), "{found:?}");
+        assert_eq!(found.iter().sum::<f64>(), 1.0);
+    }
+
+    #[test]
+    fn intervals_over_groups_cover_the_truth_as_often_as_they_say() {
+        // 40 contents of 1 to 5 views that share most of what they are, as views do; the truth is 0.
+        let trials = 300;
+        let (mut grouped, mut plain) = (0, 0);
+        for trial in 0..trials {
+            let mut stream = Stream::new(12, &[trial]);
+            let (mut groups, mut scenes) = (Table::new(1), Table::new(1));
+            for content in 0..40 {
+                let shared = stream.normal();
+                for _ in 0..1 + stream.below(5) {
+                    let row = [shared + 0.3 * stream.normal()];
+                    groups.push(Some(&content.to_string()), &row);
+                    scenes.push(None, &row);
+                }
+            }
+            let covers = |table: &Table| {
+                let e = Resampled::new(table, 300, trial).expect("scenes").estimate(|m| m[0]);
+                u32::from(e.low <= 0.0 && 0.0 <= e.high)
+            };
+            grouped += covers(&groups);
+            plain += covers(&scenes);
+        }
+        let [grouped, plain] = [grouped, plain].map(|covered| f64::from(covered) / trials as f64);
+        assert!((0.88..=0.98).contains(&grouped), "{grouped}");
+        assert!(plain < 0.8, "{plain}: intervals over scenes promise too much");
     }
 }

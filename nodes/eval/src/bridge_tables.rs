@@ -5,6 +5,7 @@
 use crate::{
     bootstrap::{Resampled, Table},
     evaluation::bounded,
+    groups::Groups,
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -98,16 +99,22 @@ fn value(case: &BridgeCase) -> f64 {
     bounded("hdr_psnr", case.psnr)
 }
 
-/// Sums up the cases of all scenes.
+/// Sums up the cases of all scenes, which go by these names and are of these groups.
 ///
 /// # Errors
-/// If there are none, scenes differ in their stops, or one lacks hold.
-pub fn summarise(scenes: &[SceneCases], n_max: u64, resamples: u64, seed: u64) -> Result<Bridge, KindError> {
+/// If there are none, scenes differ in their stops, or one lacks hold or is of no group.
+pub fn summarise(
+    scenes: &[SceneCases],
+    (names, groups): (&[&str], &Groups),
+    n_max: u64,
+    resamples: u64,
+    seed: u64,
+) -> Result<Bridge, KindError> {
     let columns = columns(scenes)?;
     let mut table = Table::new(columns.len());
-    for scene in scenes {
+    for (scene, name) in scenes.iter().zip(names) {
         let row: Vec<f64> = scene.values().map(|(_, case)| value(case)).collect();
-        table.push(&row);
+        table.push(groups.of(name)?, &row);
     }
     let resampled = Resampled::new(&table, resamples as usize, seed)
         .ok_or_else(|| KindError::Input("there are no scenes to validate the bridge on".into()))?;
@@ -123,11 +130,11 @@ pub fn summarise(scenes: &[SceneCases], n_max: u64, resamples: u64, seed: u64) -
     };
     let rows = columns.iter().zip(scenes[0].values()).map(row).collect();
 
-    let mut groups: BTreeMap<(&str, &str), Vec<&Column<'_>>> = BTreeMap::new();
+    let mut by_method: BTreeMap<(&str, &str), Vec<&Column<'_>>> = BTreeMap::new();
     for column in &columns {
-        groups.entry((column.stop, column.method)).or_default().push(column);
+        by_method.entry((column.stop, column.method)).or_default().push(column);
     }
-    let summary = groups
+    let summary = by_method
         .into_iter()
         .map(|((stop, method), of)| {
             let count = of.len() as f64;
@@ -146,6 +153,7 @@ pub fn summarise(scenes: &[SceneCases], n_max: u64, resamples: u64, seed: u64) -
     Ok(Bridge {
         n_max,
         scenes: table.scenes() as u64,
+        groups: groups.count(names.iter().copied())?,
         claims: claims(&columns, &resampled),
         rows,
         summary,

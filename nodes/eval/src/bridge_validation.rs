@@ -3,6 +3,7 @@
 use crate::{
     bridge_maps::stop_map,
     bridge_tables::{SceneCases, csv, fraction, summarise},
+    groups::{Groups, SPLIT},
     image_metrics::{not_comparable, rung},
     metrics::linear_psnr,
 };
@@ -41,7 +42,7 @@ impl Default for BridgeValidationParams {
 
 const ENDPOINTS: All<PackedScene> = All::new("endpoints", "Scenes at consecutive sample counts, such as 1..10.");
 const STEPS: All<BridgeSteps> = All::new("steps", "What `bridge_refinement` made of the same scenes.");
-const MAIN: Group = Group::main(2);
+const MAIN: Group = Group::main(3);
 const BRIDGE: Out<BridgeFiles> = Out::new(MAIN, "bridge", "Tables, every case, and maps.").published();
 
 impl Kind for BridgeValidation {
@@ -53,7 +54,7 @@ impl Kind for BridgeValidation {
             summary: "Compares steps between rungs with the real rungs.",
             manual: include_str!("bridge_validation.md"),
             mode: Mode::Gather,
-            inputs: const { &[ENDPOINTS.port(), STEPS.port()] },
+            inputs: const { &[ENDPOINTS.port(), STEPS.port(), SPLIT.port()] },
             outputs: const { &[BRIDGE.port()] },
             seeded: true,
         }
@@ -89,7 +90,9 @@ impl Kind for BridgeValidation {
             ctx.progress(index as u64 + 1, endpoints.len() as u64, "");
         }
         let clock = clock.ok_or_else(|| KindError::Input("there are no scenes to validate the bridge on".into()))?;
-        let bridge = summarise(&scenes, clock.n_max, action.params.resamples, action.seed)?;
+        let keys: Vec<&str> = endpoints.iter().map(|(key, _)| key.as_str()).collect();
+        let groups = Groups::load(ctx, action)?;
+        let bridge = summarise(&scenes, (&keys, &groups), clock.n_max, action.params.resamples, action.seed)?;
         let files = BridgeFiles::of_stored(ctx, &bridge, csv(&bridge).as_bytes(), maps)?;
         Outputs::default().put_one(BRIDGE, "bridge", files)
     }

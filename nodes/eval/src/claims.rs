@@ -194,7 +194,7 @@ mod tests {
                         .map(|m| if m == "hdr_mae" { mae(step) } else { psnr(*method, *conditioning, step) } + wobble)
                 })
             });
-            table.push(&figures.collect::<Vec<f64>>());
+            table.push(None, &figures.collect::<Vec<f64>>());
         }
         let resampled = Resampled::new(&table, 200, 1).expect("scenes");
         let curve = |(i, (method, conditioning)): (usize, &(Parameterization, Conditioning))| Curve {

@@ -4,6 +4,7 @@ use crate::{
     bootstrap::{Resampled, Table},
     claims::{Curve, claims},
     curve::summarise,
+    groups::{Groups, SPLIT},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -48,7 +49,7 @@ const SCORES: All<SceneScores> = All::new("scores", "Scores of refined images, b
 const HOLD: All<SceneScores> = All::new("hold", "Scores of the endpoints that all start from, by scene.");
 const BASELINES: All<SceneScores> =
     All::new("baselines", "Scores of other methods, such as denoisers, by cell and scene.").or_none();
-const MAIN: Group = Group::main(3);
+const MAIN: Group = Group::main(4);
 const TABLES: Out<Evaluation> = Out::new(MAIN, "tables", "Means, intervals, curves and every score.");
 
 impl Kind for EvaluationKind {
@@ -60,7 +61,7 @@ impl Kind for EvaluationKind {
             summary: "Sums scores up by method, model calls and stratum, with intervals.",
             manual: include_str!("evaluation.md"),
             mode: Mode::Gather,
-            inputs: const { &[SCORES.port(), HOLD.port(), BASELINES.port()] },
+            inputs: const { &[SCORES.port(), HOLD.port(), BASELINES.port(), SPLIT.port()] },
             outputs: const { &[TABLES.port()] },
             seeded: true,
         }
@@ -74,7 +75,8 @@ impl Kind for EvaluationKind {
         let scores = read(action.all(SCORES)?)?;
         let baselines = action.all_if(BASELINES)?.map_or_else(|| Ok(Vec::new()), read)?;
         ctx.check_cancelled()?;
-        let evaluation = evaluate(&hold, &scores, &baselines, action.params.resamples, action.seed)?;
+        let groups = Groups::load(ctx, action)?;
+        let evaluation = evaluate(&hold, &scores, &baselines, &groups, action.params.resamples, action.seed)?;
         Outputs::default().put_one(TABLES, "evaluation", evaluation.store(ctx)?)
     }
 }
@@ -165,11 +167,12 @@ fn check_scenes(hold: &Cell<'_>, cell: &Cell<'_>) -> Result<(), KindError> {
 /// left out, with what it says of that.
 ///
 /// # Errors
-/// If there are none, or cells differ in scenes, start or reference.
+/// If there are none, cells differ in scenes, start or reference, or a scene is of no group.
 pub fn evaluate(
     hold: &[(ItemKey, SceneScores)],
     scores: &[(ItemKey, SceneScores)],
     baselines: &[(ItemKey, SceneScores)],
+    groups: &Groups,
     resamples: u64,
     seed: u64,
 ) -> Result<Evaluation, KindError> {
@@ -193,7 +196,7 @@ pub fn evaluate(
     let others = self::cells(baselines, BASELINES.name())?;
     cells.iter().chain(&others).try_for_each(|cell| check_scenes(hold, cell))?;
 
-    let resampled = resample(hold, cells.iter().chain(&others), resamples, seed)?;
+    let resampled = resample(hold, cells.iter().chain(&others), groups, resamples, seed)?;
     let names = || METRICS.iter().map(|m| (*m).to_owned());
     let mut at = METRICS.len();
     let mut methods = Vec::with_capacity(cells.len());
@@ -217,6 +220,7 @@ pub fn evaluate(
         reference_spp,
         from_spp,
         scenes: hold.scenes.len() as u64,
+        groups: groups.count(hold.scenes.keys().copied())?,
         resamples,
         nfe,
         hold: names().enumerate().map(|(i, name)| (name, resampled.estimate(|m| m[i]))).collect(),
@@ -274,6 +278,7 @@ fn figures(metrics: &Metrics) -> impl Iterator<Item = f64> {
 fn resample<'a>(
     hold: &'a Cell<'a>,
     cells: impl Iterator<Item = &'a Cell<'a>> + Clone,
+    groups: &Groups,
     resamples: u64,
     seed: u64,
 ) -> Result<Resampled, KindError> {
@@ -282,7 +287,7 @@ fn resample<'a>(
     for scene in hold.scenes.keys() {
         let of = std::iter::once(hold).chain(cells.clone()).flat_map(|cell| &cell.scenes[scene]);
         let row: Vec<f64> = of.flat_map(|score| figures(&score.metrics)).collect();
-        table.push(&row);
+        table.push(groups.of(scene)?, &row);
     }
     Resampled::new(&table, resamples as usize, seed).ok_or_else(|| input("`hold` has no scenes".into()))
 }

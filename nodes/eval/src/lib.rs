@@ -9,6 +9,7 @@ mod bridge_validation;
 mod claims;
 pub mod curve;
 mod evaluation;
+mod groups;
 mod held_out;
 mod image_metrics;
 pub mod metrics;
@@ -21,6 +22,7 @@ mod time_tables;
 pub use bridge_tables::fraction;
 pub use bridge_validation::{BridgeValidation, BridgeValidationParams};
 pub use evaluation::{EvaluationKind, EvaluationParams, PSNR_CEILING, bounded, evaluate};
+pub use groups::Groups;
 pub use image_metrics::{ImageMetrics, ImageMetricsParams};
 pub use time_error::{TimeErrorKind, TimeErrorParams};
 

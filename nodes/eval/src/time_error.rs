@@ -1,6 +1,7 @@
 #![doc = include_str!("time_error.md")]
 
 use crate::{
+    groups::{Groups, SPLIT},
     held_out::{HeldOut, shared},
     time_scene::{Cells, Own, measured},
     time_tables::{Measured, summarise},
@@ -57,7 +58,7 @@ const RENDERED: All<Refined> =
     All::new("rendered", "Images of other renderers, by cell and scene; not exposed.").or_none();
 const RENDERED_TIMES: All<Timing> =
     All::new("rendered_times", "What both take: `timing` of the nodes that made them.").or_none();
-const MAIN: Group = Group::main(8);
+const MAIN: Group = Group::main(9);
 const TABLES: Out<TimeError> =
     Out::new(MAIN, "tables", "Errors and times by method, and what follows from them.").measured();
 
@@ -81,6 +82,7 @@ impl Kind for TimeErrorKind {
                     SAMPLED.port(),
                     RENDERED.port(),
                     RENDERED_TIMES.port(),
+                    SPLIT.port(),
                 ]
             },
             outputs: const { &[TABLES.port()] },
@@ -136,7 +138,8 @@ impl Kind for TimeErrorKind {
                  of what was found stands for their errors"
             ));
         }
-        let tables = summarise(&scenes, &action.params, reference_spp, notes, action.seed)?;
+        let groups = Groups::load(ctx, action)?;
+        let tables = summarise(&scenes, &groups, &action.params, reference_spp, notes, action.seed)?;
         Outputs::default().put_one(TABLES, "time_error", tables.store(ctx)?)
     }
 }

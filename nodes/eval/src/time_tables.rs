@@ -3,6 +3,7 @@
 use crate::{
     bootstrap::{Resampled, Table},
     evaluation::{PSNR_CEILING, coordinates, stratum},
+    groups::Groups,
     time_course::{Course, decibels},
     time_error::TimeErrorParams,
 };
@@ -83,9 +84,10 @@ const COLUMNS: usize = 5;
 /// Sums scenes up.
 ///
 /// # Errors
-/// If there are none, or they differ in what was measured.
+/// If there are none, they differ in what was measured, or one is of no group.
 pub(crate) fn summarise(
     scenes: &[Measured],
+    groups: &Groups,
     params: &TimeErrorParams,
     reference_spp: u64,
     notes: Vec<String>,
@@ -99,14 +101,14 @@ pub(crate) fn summarise(
             other.scene, first.scene
         )));
     }
-    let mut groups: BTreeMap<String, Vec<&Measured>> = BTreeMap::new();
+    let mut by_stratum: BTreeMap<String, Vec<&Measured>> = BTreeMap::new();
     for scene in scenes {
-        groups.entry(stratum(&scene.scene)).or_default().push(scene);
+        by_stratum.entry(stratum(&scene.scene)).or_default().push(scene);
     }
-    let all = Group::new(scenes.iter().collect(), params.resamples, seed)?;
-    let strata = groups
+    let all = Together::new(scenes.iter().collect(), groups, params.resamples, seed)?;
+    let strata = by_stratum
         .into_iter()
-        .map(|(name, of)| Ok((name, Group::new(of, params.resamples, seed)?)))
+        .map(|(name, of)| Ok((name, Together::new(of, groups, params.resamples, seed)?)))
         .collect::<Result<BTreeMap<_, _>, KindError>>()?;
     let mut methods = Vec::with_capacity(layout.len());
     // Columns go on from method to method; the path tracer has none.
@@ -141,6 +143,7 @@ pub(crate) fn summarise(
         machine: machine(),
         reference_spp,
         scenes: scenes.len() as u64,
+        groups: groups.count(scenes.iter().map(|of| of.scene.as_str()))?,
         resamples: params.resamples,
         methods,
         notes,
@@ -148,13 +151,13 @@ pub(crate) fn summarise(
 }
 
 /// Scenes that are summed up together.
-struct Group<'a> {
+struct Together<'a> {
     scenes: Vec<&'a Measured>,
     resampled: Resampled,
 }
 
-impl<'a> Group<'a> {
-    fn new(scenes: Vec<&'a Measured>, resamples: u64, seed: u64) -> Result<Self, KindError> {
+impl<'a> Together<'a> {
+    fn new(scenes: Vec<&'a Measured>, groups: &Groups, resamples: u64, seed: u64) -> Result<Self, KindError> {
         let points = scenes.first().map_or(0, |of| of.methods.values().map(Vec::len).sum::<usize>());
         let mut table = Table::new(points * COLUMNS);
         for scene in scenes.iter().filter(|_| points > 0) {
@@ -172,7 +175,8 @@ impl<'a> Group<'a> {
                     s.ssim - course.at(same_time, |s| s.ssim, 0.0),
                 ]
             };
-            table.push(&scene.methods.values().flatten().flat_map(columns).collect::<Vec<f64>>());
+            let row: Vec<f64> = scene.methods.values().flatten().flat_map(columns).collect();
+            table.push(groups.of(&scene.scene)?, &row);
         }
         // With nothing but the path tracer there is nothing to resample.
         let resampled =
@@ -253,7 +257,7 @@ impl<'a> Group<'a> {
 /// A table of nothing.
 fn one() -> Table {
     let mut table = Table::new(1);
-    table.push(&[0.0]);
+    table.push(None, &[0.0]);
     table
 }
 
@@ -328,7 +332,7 @@ pub(crate) mod tests {
     fn summaries_say_what_was_put_in() {
         let scenes: Vec<Measured> = (0..12).map(scene).collect();
         let params = TimeErrorParams { resamples: 200, psnr_targets: vec![15.0, 60.0], ..TimeErrorParams::default() };
-        let result = summarise(&scenes, &params, 4096, vec!["a note".into()], 1).expect("alike");
+        let result = summarise(&scenes, &Groups::none(), &params, 4096, vec!["a note".into()], 1).expect("alike");
         assert_eq!((result.scenes, result.methods.len(), result.methods[0].points.len()), (12, 2, 8));
         let point = &result.methods[1].points[0];
         let crossover = point.all.crossover_spp.expect("a solver");
@@ -367,7 +371,7 @@ pub(crate) mod tests {
         let mut scenes: Vec<Measured> = (0..2).map(scene).collect();
         let own = scenes[1].own[0].mse;
         scenes[1].methods.values_mut().flatten().for_each(|s| *s = sample(1, 1, 0.31, own / 200.0));
-        let result = summarise(&scenes, &TimeErrorParams::default(), 1, Vec::new(), 1).expect("alike");
+        let result = summarise(&scenes, &Groups::none(), &TimeErrorParams::default(), 1, Vec::new(), 1).expect("alike");
         let point = &result.methods[1].points[0];
         assert_eq!((point.all.extrapolated, point.strata["L1-open"].extrapolated), (0.5, 1.0));
         let crossover = point.all.crossover_spp.expect("a solver");
@@ -380,13 +384,15 @@ pub(crate) mod tests {
     fn scenes_that_differ_are_refused_and_rendering_alone_is_no_mistake() {
         let mut scenes: Vec<Measured> = (0..2).map(scene).collect();
         scenes[1].own.pop();
-        let error =
-            summarise(&scenes, &TimeErrorParams::default(), 1, Vec::new(), 1).expect_err("other rungs").to_string();
+        let error = summarise(&scenes, &Groups::none(), &TimeErrorParams::default(), 1, Vec::new(), 1)
+            .expect_err("other rungs")
+            .to_string();
         assert!(error.contains("L1-open-000001") && error.contains("L0-open-000000"), "{error}");
-        assert!(summarise(&[], &TimeErrorParams::default(), 1, Vec::new(), 1).is_err());
+        assert!(summarise(&[], &Groups::none(), &TimeErrorParams::default(), 1, Vec::new(), 1).is_err());
         let mut alone = vec![scene(1)];
         alone[0].methods.clear();
-        let result = summarise(&alone, &TimeErrorParams::default(), 1, Vec::new(), 1).expect("one method");
+        let result =
+            summarise(&alone, &Groups::none(), &TimeErrorParams::default(), 1, Vec::new(), 1).expect("one method");
         assert_eq!((result.methods.len(), result.methods[0].points.len()), (1, 8));
     }
 }

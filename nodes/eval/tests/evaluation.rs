@@ -8,7 +8,8 @@ use tauflow_contract::{Action, Collection, Context, Handle, ItemKey, Kind, KindE
 use tauflow_data::{
     Stratum,
     methods::{HOLD, OIDN, Parameterization},
-    records::{Evaluation, METRICS, Metrics, SceneScores, Score},
+    records::{Evaluation, METRICS, Metrics, SceneGroup, SceneScores, Score, SplitReport},
+    scene::Side,
 };
 use tauflow_eval::{EvaluationKind, EvaluationParams, PSNR_CEILING, kinds};
 
@@ -39,24 +40,37 @@ fn scenes() -> Vec<(String, u64)> {
     Stratum::all().enumerate().map(|(i, s)| (s.item_key(i as u64).to_string(), i as u64)).collect()
 }
 
+/// The key of a view: of view 0 it is the scene's own.
+fn view(scene: &str, view: u64) -> String {
+    let (stratum, index) = Stratum::of_key(scene).expect("a scene's key");
+    stratum.item_key(index + 1000 * view).to_string()
+}
+
 struct Bench {
     blobs: MemoryBlobs,
     stop: AtomicBool,
     scores: Collection,
     hold: Collection,
     baselines: Collection,
+    split: Option<Collection>,
 }
 
 impl Bench {
     fn new() -> Self {
+        Self::with_views(1)
+    }
+
+    /// So many scenes of each content, all of them with its scores.
+    fn with_views(views: u64) -> Self {
         let mut bench = Self {
             blobs: MemoryBlobs::default(),
             stop: AtomicBool::new(false),
             scores: Collection::default(),
             hold: Collection::default(),
             baselines: Collection::default(),
+            split: None,
         };
-        for (scene, i) in scenes() {
+        for (scene, i) in scenes().iter().flat_map(|(scene, i)| (0..views).map(move |v| (view(scene, v), *i))) {
             bench.put(true, &scene, 256, vec![score(HOLD, 0, base(i))]);
             for conditioning in ["rgb", "gbuffer"] {
                 let gain = if conditioning == "rgb" { 4.0 } else { 5.0 };
@@ -81,16 +95,25 @@ impl Bench {
 
     fn run(&self, seed: u64) -> Result<Evaluation, KindError> {
         let ctx = Context::new(&self.blobs, &Silent, &self.stop);
-        let action = Action {
-            params: EvaluationParams { resamples: 500 },
-            item: None,
-            group: "main",
-            seed,
-            each: BTreeMap::new(),
-            all: BTreeMap::from([("scores", &self.scores), ("hold", &self.hold), ("baselines", &self.baselines)]),
-        };
+        let mut all = BTreeMap::from([("scores", &self.scores), ("hold", &self.hold), ("baselines", &self.baselines)]);
+        all.extend(self.split.as_ref().map(|split| ("split", split)));
+        let params = EvaluationParams { resamples: 500 };
+        let action = Action { params, item: None, group: "main", seed, each: BTreeMap::new(), all };
         let out = EvaluationKind::run(&ctx, &action)?;
         Handle::<Evaluation>::new(out.collections["tables"].get("evaluation").expect("the item"))?.load(&ctx)
+    }
+
+    /// Connects a split that has so many views of each content.
+    fn split_of(&mut self, views: u64) {
+        let group = |(scene, i): (String, u64)| SceneGroup {
+            signature: format!("content-{i}"),
+            side: Side::Test,
+            items: (0..views).map(|v| view(&scene, v)).collect(),
+        };
+        let report = SplitReport { groups: scenes().into_iter().map(group).collect(), ..SplitReport::default() };
+        let ctx = Context::new(&self.blobs, &Silent, &self.stop);
+        let stored = report.store(&ctx).expect("stored").into_artifact();
+        self.split = Some([(ItemKey::new("report").expect("a valid key"), stored)].into_iter().collect());
     }
 
     fn refusal(&self) -> String {
@@ -263,4 +286,30 @@ fn schemas_refuse_what_no_kind_could_use() {
         }
     }
     assert_eq!(bounded, 3 + 2);
+}
+
+#[test]
+fn views_of_one_content_do_not_make_intervals_narrower() {
+    let single = Bench::new().run(3).expect("sound scores");
+    assert_eq!((single.scenes, single.groups), (12, None));
+    let mut views = Bench::with_views(4);
+    let plain = views.run(3).expect("sound scores");
+    views.split_of(4);
+    let grouped = views.run(3).expect("sound scores");
+    assert_eq!((plain.scenes, plain.groups, grouped.scenes, grouped.groups), (48, None, 48, Some(12)));
+    let width = |of: &Evaluation| of.hold["hdr_psnr"].high - of.hold["hdr_psnr"].low;
+    // Four scenes that are one content count as one: the interval is that of the contents, and twice that of scenes.
+    // Items come in another order, so the draws are others: 500 of them leave a tenth.
+    assert!((width(&grouped) / width(&single) - 1.0).abs() < 0.2, "{} {}", width(&grouped), width(&single));
+    assert!((width(&grouped) / width(&plain) - 2.0).abs() < 0.5, "{} {}", width(&grouped), width(&plain));
+    for (a, b) in [(&grouped, &single), (&plain, &single)] {
+        near(a.hold["hdr_psnr"].mean, b.hold["hdr_psnr"].mean);
+        near(a.methods[0].at[0].gain["hdr_psnr"].mean, b.methods[0].at[0].gain["hdr_psnr"].mean);
+    }
+    let gain = |of: &Evaluation| of.methods[0].at[0].gain["hdr_psnr"];
+    assert!(gain(&grouped).high - gain(&grouped).low > 1.3 * (gain(&plain).high - gain(&plain).low));
+    // A split of other scenes is no help.
+    views.split_of(3);
+    let refused = views.refusal();
+    assert!(refused.contains("`split` does not have the scene"), "{refused}");
 }

@@ -5,6 +5,7 @@
 mod contact_sheet;
 mod csv;
 mod font;
+mod gate_sheets;
 mod material;
 mod montage;
 mod page;

@@ -4,8 +4,8 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use tauflow_contract::{Action, All, Context, InputPort, KindError, Media};
 use tauflow_data::records::{
-    Bridge, BridgeFiles, Convergence, Evaluation, PackedScene, Refined, SamplingReport, SceneStatistics, SplitReport,
-    TimeError, TrainingLog, TrainingTiming, Verdict,
+    Bridge, BridgeFiles, Convergence, Evaluation, Ladder, PackedScene, Refined, SamplingReport, SceneStatistics,
+    SplitReport, TimeError, TrainingLog, TrainingTiming, Verdict,
 };
 
 const EVALUATION: All<Evaluation> = All::new("evaluation", "Scores of every method.");
@@ -15,6 +15,8 @@ pub const REFINED: All<Refined> = All::new("refined", "Refined images of all cel
 const LOSSES: All<TrainingLog> = All::new("losses", "Loss curves of all cells.").or_none();
 const TIMINGS: All<TrainingTiming> = All::new("timings", "Measured training times of all cells.").or_none();
 const VERDICTS: All<Verdict> = All::new("verdicts", "The gate's verdicts on the pool.").or_none();
+pub const PREVIEWS: All<Ladder> =
+    All::new("previews", "The previews that the gate judged: pictures of what it rejected.").or_none();
 const SPLIT: All<SplitReport> = All::new("split", "What the split says.").or_none();
 const SAMPLING: All<SamplingReport> = All::new("sampling", "What the sampling says.").or_none();
 pub const BRIDGE: All<BridgeFiles> = All::new("bridge", "Bridge validation: tables, every case, maps.").or_none();
@@ -30,6 +32,7 @@ pub const INPUTS: &[InputPort] = &[
     LOSSES.port(),
     TIMINGS.port(),
     VERDICTS.port(),
+    PREVIEWS.port(),
     SPLIT.port(),
     SAMPLING.port(),
     BRIDGE.port(),

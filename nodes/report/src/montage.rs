@@ -212,7 +212,7 @@ fn score(evaluation: &Evaluation, scene: &str, cell: &Cell, nfe: u64) -> Option<
 }
 
 /// The mean of each block of `factor` x `factor` pixels; those of the last row and column may be smaller.
-fn reduce(image: &Image, factor: usize) -> Image {
+pub fn reduce(image: &Image, factor: usize) -> Image {
     if factor <= 1 {
         return image.clone();
     }
@@ -275,7 +275,7 @@ impl Montage {
 }
 
 /// A text in the middle of a cell; smaller where it does not fit.
-fn centred(sheet: &mut Image, x: usize, cell_w: usize, y: usize, text: &str) {
+pub fn centred(sheet: &mut Image, x: usize, cell_w: usize, y: usize, text: &str) {
     let scale = if font::width(text, 2) > cell_w { 1 } else { 2 };
     let room = cell_w.saturating_sub(font::width(text, scale)) / 2;
     font::draw(sheet, [x + room, y + (2 - scale) * font::HEIGHT / 2], text, scale, 0.1);

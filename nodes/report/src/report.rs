@@ -2,6 +2,7 @@
 
 use crate::{
     csv,
+    gate_sheets::{self, Sheet},
     material::{self, Cell, Material},
     montage::{Choice, Montage, Pictures},
     page::{Section, page},
@@ -38,6 +39,9 @@ pub struct ReportParams {
     /// Longest side of a picture in pixels; larger ones are reduced by an integer factor.
     #[schemars(range(min = 16, max = 2048))]
     pub montage_pixels: u64,
+    /// Previews of each of the gate's reasons, and of scenes that it let through; 0 for none.
+    #[schemars(range(min = 0, max = 1000))]
+    pub gate_pictures: u64,
     /// Scenes whose bridge maps the page shows; the files hold all.
     #[schemars(range(min = 0, max = 100))]
     pub bridge_scenes: u64,
@@ -51,13 +55,14 @@ impl Default for ReportParams {
             montage_scenes: 1,
             montage_nfe: None,
             montage_pixels: 128,
+            gate_pictures: 12,
             bridge_scenes: 2,
         }
     }
 }
 
 const PAGE: Out<Files> =
-    Out::new(Group::main(10), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").published();
+    Out::new(Group::main(11), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").published();
 
 impl Kind for Report {
     type Params = ReportParams;
@@ -96,8 +101,14 @@ impl Kind for Report {
             }
             _ => Default::default(),
         };
+        let sheets = match action.all_if(material::PREVIEWS)? {
+            Some(previews) if params.gate_pictures > 0 => {
+                gate_sheets::sheets(ctx, previews, &material.verdicts, params.gate_pictures as usize)?
+            }
+            _ => Vec::new(),
+        };
         ctx.check_cancelled()?;
-        let sections = sections(&material, params, (&montages, &by_calls), nfe)?;
+        let sections = sections(&material, params, (&montages, &by_calls), &sheets, nfe)?;
         let opening = material.time_error.as_ref().map(sections::time_error::opening).unwrap_or_default();
         let header = opening + &sections::headline::block(evaluation, &material, &params.subtitle, &montages, nfe)?;
         let html = page(&params.title, &header, &sections, &missing(action));
@@ -116,6 +127,9 @@ impl Kind for Report {
         put("tables.tex", tex::others(evaluation).as_bytes())?;
         for montage in montages.iter().chain(&by_calls).filter(|m| !m.rows.is_empty()) {
             put(&montage.file, &montage.png()?)?;
+        }
+        for sheet in &sheets {
+            put(&sheet.file(), &sheet.png()?)?;
         }
         let between = material.bridge_tables().into_iter().flat_map(|bridge| &bridge.claims);
         let claims: Vec<&Claim> = evaluation.claims.iter().chain(between).collect();
@@ -162,6 +176,7 @@ fn sections(
     material: &Material,
     params: &ReportParams,
     (montages, by_calls): (&[Montage], &[Montage]),
+    sheets: &[Sheet],
     nfe: u64,
 ) -> Result<Vec<Section>, KindError> {
     let evaluation = &material.evaluation;
@@ -176,6 +191,7 @@ fn sections(
         material.bridge.as_ref().map(|b| sections::bridge::section(b, params.bridge_scenes as usize)),
         sections::losses::section(&material.losses),
         sections::data::section(material),
+        sections::rejected::section(sheets, params.montage_pixels as usize)?,
         sections::scenes::section(&material.statistics),
         material.convergence.as_ref().and_then(sections::convergence::section),
         Some(sections::conventions::section(evaluation)),

@@ -10,13 +10,22 @@ pub mod data;
 pub mod headline;
 pub mod losses;
 pub mod montage;
+pub mod rejected;
 pub mod scenes;
 pub mod strata;
 pub mod tables;
 pub mod time_error;
 pub mod timings;
 
-use crate::{ranking, text::escape};
+use crate::{
+    ranking,
+    text::{escape, plural},
+};
+
+/// What intervals are over: groups of scenes if a split is known, else scenes.
+pub fn resampled(groups: Option<u64>) -> String {
+    groups.map_or_else(|| "scenes".to_owned(), |groups| format!("{} of scenes of one content", plural(groups, "group")))
+}
 
 /// A coloured dot and a method's name, as HTML.
 pub fn method_html(method: &str) -> String {

@@ -83,6 +83,7 @@ fn the_page_stands_alone_and_is_well_formed() {
         "bridge",
         "training",
         "data",
+        "rejected",
         "scenes",
         "convergence",
         "timings",
@@ -127,6 +128,10 @@ fn the_same_material_gives_the_same_files() {
             "claims.csv",
             "convergence.csv",
             "curves.csv",
+            "gate-accepted.png",
+            "gate-black.png",
+            "gate-near_constant.png",
+            "gate-over_exposed.png",
             "montage-gbuffer-by-nfe.png",
             "montage-gbuffer.png",
             "montage-rgb-by-nfe.png",
@@ -300,8 +305,8 @@ fn whatever_is_not_connected_is_left_out_and_named() {
         assert!(!html.contains(&format!("id=\"{id}\"")), "{id}");
     }
     assert!(html.contains(
-        "Not connected, so left out: references; refined; losses; timings; verdicts; split; sampling; bridge; \
-         convergence; time_error; statistics."
+        "Not connected, so left out: references; refined; losses; timings; verdicts; previews; split; sampling; \
+         bridge; convergence; time_error; statistics."
     ));
     assert!(!files.keys().any(|n| n.ends_with(".png") || n == "timings.csv"));
     // Each optional input alone, and all but each.

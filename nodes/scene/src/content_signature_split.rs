@@ -12,16 +12,16 @@ use tauflow_contract::{
 };
 use tauflow_data::{
     Stratum,
-    records::{NearDuplicates, SceneRecord, Sides, SplitReport},
+    records::{SceneGroup, SceneRecord, Sides, SplitReport},
     scene::{Recipe, Side},
 };
 
 const SCENES: All<SceneRecord> = All::new("scenes", "The scenes to part.");
 
-const MAIN: Group = Group::main(1);
+const MAIN: Group = Group::main(2);
 const TRAIN: Out<SceneRecord> = Out::new(MAIN, "train", "Scenes to learn from.");
 const TEST: Out<SceneRecord> = Out::new(MAIN, "test", "Scenes to judge by.");
-const REPORT: Out<SplitReport> = Out::new(MAIN, "report", "Groups, counts, leaks, near-duplicates.");
+const REPORT: Out<SplitReport> = Out::new(MAIN, "report", "Groups with their scenes, counts, leaks.");
 
 /// The kind `content_signature_split`.
 pub struct ContentSignatureSplit;
@@ -30,7 +30,7 @@ pub struct ContentSignatureSplit;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ContentSignatureSplitParams {
-    /// Share of each stratum's signatures that goes to the test side.
+    /// Share of each stratum's contents that goes to the test side.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub test_share: f64,
     /// Assets that must not stand on both sides; the scenes must have been drawn with the same `hold_out`.
@@ -54,7 +54,7 @@ struct Entry<'a> {
     stratum: usize,
 }
 
-/// True if the `n`-th scene of a stratum's pool goes to the test side: the `n` with
+/// True if the `n`-th content of a stratum's pool goes to the test side: the `n` with
 /// `floor((n + 1) share + 1/2) > floor(n share + 1/2)`, so that every prefix has its share to within a half.
 pub fn is_test(n: u64, share: f64) -> bool {
     let before = |n: u64| (n as f64 * share + 0.5).floor();
@@ -107,7 +107,7 @@ impl Kind for ContentSignatureSplit {
         for (number, entry) in entries.iter().enumerate() {
             let group = groups.entry(signature(&entry.recipe, params.quantum)).or_insert_with(|| {
                 // By its place in the pool, not among those that passed: a verdict moves no other group.
-                let by_turn = if is_test(entry.recipe.index, params.test_share) { Side::Test } else { Side::Train };
+                let by_turn = if is_test(entry.recipe.content, params.test_share) { Side::Test } else { Side::Train };
                 (entry.recipe.side.unwrap_or(by_turn), Vec::new())
             });
             if entry.recipe.side.is_some_and(|side| side != group.0) {
@@ -145,22 +145,21 @@ impl Kind for ContentSignatureSplit {
         if let Some(leak) = leaks.first() {
             return Err(KindError::Internal(format!("signature {} stands on both sides of a split", leak.signature)));
         }
-        let near_duplicates = groups
+        let named = groups
             .iter()
-            .filter(|(_, (_, members))| members.len() > 1)
-            .map(|(signature, (side, members))| NearDuplicates {
+            .filter(|(_, (_, members))| !members.is_empty())
+            .map(|(signature, (side, members))| SceneGroup {
                 signature: signature.to_string(),
                 side: *side,
                 items: members.iter().map(|n| entries[*n].key.to_string()).collect(),
             })
             .collect();
         let report = SplitReport {
-            groups: groups.len() as u64,
+            groups: named,
             quantum: params.quantum,
             sides: Sides { train: train.len() as u64, test: test.len() as u64 },
             strata,
             leaks,
-            near_duplicates,
             dropped,
         };
         let side = |entries: Vec<&Entry<'_>>| {

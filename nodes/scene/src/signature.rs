@@ -1,7 +1,8 @@
 //! Content signatures: what a scene is, apart from how it is photographed.
 //!
 //! Knows recipes only. Two scenes of one signature are near-duplicates: the same layout template with the same
-//! parameters to within a step, the same objects and the same environment. Camera, exposure and seed do not count.
+//! parameters to within a step, the same objects and the same environment. Camera, exposure, light and seed do not
+//! count, and neither do the numbers of content and view: views of one content share a signature by what they show.
 
 use std::collections::BTreeMap;
 use tauflow_contract::{Digest, canonical_bytes};
@@ -81,6 +82,8 @@ pub(crate) mod tests {
         Recipe {
             stratum: stratum.to_owned(),
             index,
+            content: index,
+            view: 0,
             layout: "box_room".to_owned(),
             layout_params: BTreeMap::from([("room.width".to_owned(), width), ("turn".to_owned(), -0.5)]),
             objects: vec!["procedural/vase-01".to_owned(), "cat.glb".to_owned()],
@@ -97,6 +100,7 @@ pub(crate) mod tests {
         let mut other = base.clone();
         other.exposure_ev = -1.0;
         other.index = 9;
+        (other.content, other.view) = (8, 3);
         other.side = Some(Side::Test);
         other.objects.reverse();
         assert!(same(&other));

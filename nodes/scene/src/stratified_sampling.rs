@@ -4,7 +4,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use tauflow_contract::{
-    Action, All, Context, Group, Handle, ItemKey, Items, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, Stored,
+    Action, All, Before, Context, Group, Handle, ItemKey, Items, Kind, KindError, KindSpec, Later, Media, Mode, Out,
+    Outputs, Stored,
 };
 use tauflow_data::{
     ContextClass, Regime, Stratum,
@@ -33,6 +34,12 @@ pub struct StratifiedSamplingParams {
     pub train: u64,
     /// Scenes to choose from the test side.
     pub test: u64,
+    /// Scenes of one content at most among those to learn from; none for all.
+    #[schemars(range(min = 1))]
+    pub train_views: Option<u64>,
+    /// Scenes of one content at most among those to judge by; none for all.
+    #[schemars(range(min = 1))]
+    pub test_views: Option<u64>,
     /// Regimes to choose from.
     #[schemars(length(min = 1))]
     pub regimes: Vec<Regime>,
@@ -50,6 +57,8 @@ impl Default for StratifiedSamplingParams {
         Self {
             train: 0,
             test: 0,
+            train_views: None,
+            test_views: None,
             regimes: Regime::ALL.to_vec(),
             contexts: ContextClass::ALL.to_vec(),
             order_seed: 0,
@@ -62,6 +71,11 @@ impl StratifiedSamplingParams {
     fn strata(&self) -> Vec<Stratum> {
         Stratum::all().filter(|s| self.regimes.contains(&s.regime) && self.contexts.contains(&s.context)).collect()
     }
+}
+
+/// A param before which all scenes were chosen from.
+const fn before(pointer: &'static str) -> Later {
+    Later { pointer, before: Before::Null }
 }
 
 /// How many scenes of each stratum make up `total`: equal, or within one of each other with the remainder in seeded
@@ -88,9 +102,29 @@ struct Candidate<'a> {
 /// Scenes that were chosen.
 type Chosen = Vec<(ItemKey, Stored<SceneRecord>)>;
 
-/// Chooses by quota among what is not taken, in order of index within each stratum.
+/// Passes over the views of a content beyond the first so many: others are let through as they are.
+fn few_views<'a>(
+    ctx: &Context<'_>,
+    there: Vec<Candidate<'a>>,
+    views: Option<u64>,
+) -> Result<Vec<Candidate<'a>>, KindError> {
+    let Some(views) = views else { return Ok(there) };
+    let mut seen: BTreeMap<u64, u64> = BTreeMap::new();
+    let mut out = Vec::new();
+    for candidate in there {
+        let count = seen.entry(SceneRecord::recipe(ctx, candidate.scene)?.content).or_default();
+        *count += 1;
+        if *count <= views {
+            out.push(candidate);
+        }
+    }
+    Ok(out)
+}
+
+/// Chooses by quota among what is not taken, in order of index within each stratum, so many views of a content at most.
 fn choose(
-    name: &str,
+    ctx: &Context<'_>,
+    (name, views): (&str, Option<u64>),
     side: Option<Items<'_, SceneRecord>>,
     taken: Option<Items<'_, SceneRecord>>,
     quotas: &[(Stratum, u64)],
@@ -109,6 +143,7 @@ fn choose(
     for (stratum, wanted) in quotas {
         let mut there = by_stratum.remove(stratum).unwrap_or_default();
         there.sort_by_key(|candidate| (candidate.index, candidate.key));
+        let there = few_views(ctx, there, views)?;
         let available = there.len() as u64;
         let chosen_here = available.min(*wanted);
         if chosen_here < *wanted {
@@ -139,22 +174,26 @@ impl Kind for StratifiedSampling {
         }
     }
 
+    fn later() -> &'static [Later] {
+        const { &[before("/train_views"), before("/test_views")] }
+    }
+
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let params = &action.params;
         let strata = params.strata();
         let taken = action.all_if(TAKEN)?;
         let mut short = Vec::new();
-        let mut side = |port: All<SceneRecord>, total: u64| {
+        let mut side = |port: All<SceneRecord>, total: u64, views: Option<u64>| {
             let (name, input) = (port.name(), action.all_if(port)?);
             if total > 0 && input.is_none() {
                 return Err(KindError::Input(format!(
                     "`{name}: {total}` is asked for, but the input `{name}` is not connected; connect it or ask for 0"
                 )));
             }
-            choose(name, input, taken, &quotas(&strata, total, params.order_seed), &mut short)
+            choose(ctx, (name, views), input, taken, &quotas(&strata, total, params.order_seed), &mut short)
         };
-        let (train, train_report) = side(TRAIN_SIDE, params.train)?;
-        let (test, test_report) = side(TEST_SIDE, params.test)?;
+        let (train, train_report) = side(TRAIN_SIDE, params.train, params.train_views)?;
+        let (test, test_report) = side(TEST_SIDE, params.test, params.test_views)?;
         if !short.is_empty() && !params.allow_short {
             return Err(KindError::Input(format!(
                 "strata fall short: {}; raise the pool or the side's share, ask for fewer, or set `allow_short: true`",

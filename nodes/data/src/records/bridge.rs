@@ -14,6 +14,9 @@ pub struct Bridge {
     pub n_max: u64,
     /// Number of scenes.
     pub scenes: u64,
+    /// Number of groups of them that intervals are over; none where each scene stands for itself.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub groups: Option<u64>,
     /// One for each kind of stop (adjacent, direct), method and k.
     pub rows: Vec<BridgeRow>,
     /// Mean over all cases of a kind of stop, by method.

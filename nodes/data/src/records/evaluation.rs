@@ -14,6 +14,9 @@ pub struct Evaluation {
     pub from_spp: u64,
     /// Number of test scenes.
     pub scenes: u64,
+    /// Number of groups of them that intervals are over; none where each scene stands for itself.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub groups: Option<u64>,
     /// Resamples of the bootstrap.
     pub resamples: u64,
     /// The model calls that were measured, increasing.

@@ -15,13 +15,34 @@ pub struct Exposure {
     pub mean_luminance: f64,
 }
 
+/// Reasons for rejection, the most telling first, each with what is so.
+pub const REASONS: [(&str, &str); 12] = [
+    ("non_finite", "samples or pixels that are no numbers"),
+    ("inside", "the camera stands inside a body"),
+    ("too_near", "something right before the camera hides the rest"),
+    ("mostly_sky", "next to nothing but sky or void"),
+    ("one_surface", "one smooth surface fills the frame"),
+    ("black", "no light at all"),
+    ("dark", "most of the frame shows black"),
+    ("over_exposed", "much of the frame shows white"),
+    ("near_constant", "all of it has about one brightness"),
+    ("featureless", "hardly an edge in it"),
+    ("degenerate", "all light in a few pixels"),
+    ("noisy", "noise that no affordable render resolves"),
+];
+
 /// The gate's verdict.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {
-    /// Reasons for rejection, empty if accepted; such as `black`, `over_exposed`.
+    /// Reasons for rejection, empty if accepted; the most telling first; names of [`REASONS`].
     pub reasons: Vec<String>,
     /// What was measured, by name.
     pub measures: BTreeMap<String, f64>,
+}
+
+impl Verdict {
+    /// Name of the measure that is the factor to look at the preview with; there is none where pixels are no numbers.
+    pub const EXPOSURE: &str = "exposure";
 }
 
 json_media! {

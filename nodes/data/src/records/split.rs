@@ -16,8 +16,6 @@ pub struct Sides {
 /// What `content_signature_split` says.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SplitReport {
-    /// Number of signatures.
-    pub groups: u64,
     /// Step of the layout's parameters.
     pub quantum: f64,
     /// Scenes on the two sides.
@@ -26,8 +24,8 @@ pub struct SplitReport {
     pub strata: BTreeMap<String, Sides>,
     /// Signatures on both sides; always none.
     pub leaks: Vec<Leak>,
-    /// Signatures of more than one scene: the scenes differ in camera, exposure or materials alone.
-    pub near_duplicates: Vec<NearDuplicates>,
+    /// Every signature with its scenes, in the order of signatures.
+    pub groups: Vec<SceneGroup>,
     /// Scenes left out, as their signature is on the side that they were not drawn for.
     pub dropped: Vec<String>,
 }
@@ -43,15 +41,31 @@ pub struct Leak {
     pub test: Vec<String>,
 }
 
-/// Scenes of one signature.
+/// Scenes of one signature: views of one content, which differ in camera, exposure and light alone.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct NearDuplicates {
+pub struct SceneGroup {
     /// The signature.
     pub signature: String,
     /// Its side.
     pub side: crate::scene::Side,
     /// The scenes.
     pub items: Vec<String>,
+}
+
+impl SplitReport {
+    /// The signature of each scene.
+    pub fn signatures(&self) -> BTreeMap<&str, &str> {
+        let of = |group| {
+            let SceneGroup { signature, items, .. }: &SceneGroup = group;
+            items.iter().map(|item| (item.as_str(), signature.as_str()))
+        };
+        self.groups.iter().flat_map(of).collect()
+    }
+
+    /// Groups of more than one scene.
+    pub fn shared(&self) -> usize {
+        self.groups.iter().filter(|group| group.items.len() > 1).count()
+    }
 }
 
 /// What `stratified_sampling` says.
@@ -92,6 +106,6 @@ pub struct StratumQuota {
 }
 
 json_media! {
-    SplitReport, "tauflow/split-report", "Groups, counts, leaks and near-duplicates of a split.";
+    SplitReport, "tauflow/split-report", "Groups, counts and leaks of a split.";
     SamplingReport, "tauflow/sampling-report", "Wanted, available and chosen scenes by stratum.";
 }

@@ -157,6 +157,7 @@ fn records(ctx: &Context<'_>) {
         round_trip(ctx, &TrainingTiming { steps: 1, seconds: 0.5, median_step_ms: 0.5, threads: 2 });
         round_trip(ctx, &ModelFile(vec![1, 2, 3]));
         let bridge = Bridge {
+            groups: Some(1),
             n_max: 4,
             scenes: 0,
             rows: Vec::new(),
@@ -186,7 +187,7 @@ fn assets_and_scenes(ctx: &Context<'_>) {
         }));
         let recipe = parsed(json!({
             "stratum": "L0-open", "index": 0, "layout": "plain", "layout_params": {}, "objects": [],
-            "environment": "none", "side": null, "exposure_ev": 0.0,
+            "environment": "none", "side": null, "exposure_ev": 0.0, "content": 0, "view": 0,
         }));
         let files = round_trip(ctx, &SceneRecord { scene, recipe });
         assert!(files.contains_key(&blob), "{:?}", files.keys());

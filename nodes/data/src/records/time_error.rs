@@ -15,6 +15,9 @@ pub struct TimeError {
     pub reference_spp: u64,
     /// Number of scenes.
     pub scenes: u64,
+    /// Number of groups of them that intervals are over; none where each scene stands for itself.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub groups: Option<u64>,
     /// Resamples of the bootstrap.
     pub resamples: u64,
     /// The path tracer first, then the others by name.

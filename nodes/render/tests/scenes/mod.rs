@@ -328,6 +328,8 @@ pub fn recipe(exposure_ev: f64) -> Recipe {
     Recipe {
         stratum: "L0-open".into(),
         index: 0,
+        content: 0,
+        view: 0,
         layout: "by-hand".into(),
         layout_params: BTreeMap::new(),
         objects: Vec::new(),

@@ -1,6 +1,6 @@
 //! How the figures are defined, so that the page stands on its own.
 
-use crate::page::Section;
+use crate::{page::Section, sections::resampled};
 use tauflow_data::records::Evaluation;
 
 /// The section.
@@ -45,8 +45,9 @@ pub fn section(evaluation: &Evaluation) -> Section {
         (
             "Interval",
             format!(
-                "95%, percentile bootstrap over scenes, {} resamples; differences to hold are paired \
+                "95%, percentile bootstrap over {}, {} resamples; differences to hold are paired \
             scene by scene",
+                resampled(evaluation.groups),
                 evaluation.resamples
             ),
         ),

@@ -1,6 +1,7 @@
 //! How the benchmark's scenes came about: the gate, the split, the sampling.
 
 use crate::{
+    gate_sheets::explained,
     material::Material,
     page::Section,
     text::{count, escape, plural},
@@ -11,7 +12,7 @@ use std::{
 };
 use tauflow_data::{
     Stratum,
-    records::{Quota, SamplingReport, SplitReport, Verdict},
+    records::{Quota, REASONS, SamplingReport, SplitReport, Verdict},
 };
 
 /// The section; none if neither verdicts, split nor sampling is there.
@@ -53,7 +54,7 @@ pub fn gate_counts(verdicts: &[(String, Verdict)]) -> BTreeMap<String, Gate> {
 }
 
 fn reason_class(index: usize) -> String {
-    format!("m{}", [3, 0, 4, 7, 6, 1][index % 6])
+    format!("m{}", [3, 0, 4, 7, 6, 1, 5, 2][index % 8])
 }
 
 fn number(n: u64) -> String {
@@ -62,7 +63,9 @@ fn number(n: u64) -> String {
 
 fn gate(verdicts: &[(String, Verdict)]) -> String {
     let strata = gate_counts(verdicts);
-    let reasons: BTreeSet<&String> = strata.values().flat_map(|g| g.rejected.keys()).collect();
+    let told: BTreeSet<&String> = strata.values().flat_map(|g| g.rejected.keys()).collect();
+    let mut reasons: Vec<&String> = told.into_iter().collect();
+    reasons.sort_by_key(|reason| REASONS.iter().position(|(name, _)| name == reason).unwrap_or(REASONS.len()));
     let (pool, accepted) = strata.values().fold((0, 0), |(p, a), g| (p + g.pool, a + g.accepted));
     let mut out = format!(
         "<h3>Quality gate</h3><p>Previews of {}; {} let through, {} rejected. A scene with several reasons counts \
@@ -76,7 +79,8 @@ fn gate(verdicts: &[(String, Verdict)]) -> String {
     for (i, reason) in reasons.iter().enumerate() {
         let _ = write!(
             out,
-            r#"<th><span class="key {}"></span>{}</th>"#,
+            r#"<th title="{}"><span class="key {}"></span>{}</th>"#,
+            escape(explained(reason)),
             reason_class(i),
             escape(&reason.replace('_', " "))
         );
@@ -97,7 +101,7 @@ fn gate(verdicts: &[(String, Verdict)]) -> String {
     out
 }
 
-fn gate_row(out: &mut String, name: &str, gate: &Gate, reasons: &BTreeSet<&String>, class: &str) {
+fn gate_row(out: &mut String, name: &str, gate: &Gate, reasons: &[&String], class: &str) {
     let share = |n: u64| n as f64 / gate.pool.max(1) as f64 * 100.0;
     let _ = write!(
         out,
@@ -131,10 +135,10 @@ fn sides(split: Option<&SplitReport>, sampling: Option<&SamplingReport>) -> Stri
         let _ = write!(
             out,
             "<p>{} of content signature: {} to train, {} to test. {leaks}; {}.{}</p>",
-            plural(split.groups, "group"),
+            plural(split.groups.len() as u64, "group"),
             count(split.sides.train),
             count(split.sides.test),
-            match split.near_duplicates.len() {
+            match split.shared() {
                 0 => "no group has more than one scene".to_owned(),
                 1 => "1 group has more than one scene, all of them on one side".to_owned(),
                 n => format!("{} groups have more than one scene, each group on one side", count(n as u64)),

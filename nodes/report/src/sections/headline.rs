@@ -4,6 +4,7 @@ use crate::{
     material::Material,
     montage::{Montage, MontageRow},
     ranking::{best_at, conditioning_name, method_name, ordered},
+    sections::resampled,
     text::{count, escape, fixed, plural, png_uri, signed},
 };
 use std::fmt::Write as _;
@@ -116,8 +117,9 @@ pub fn reference_note(evaluation: &Evaluation) -> String {
     format!(
         "Scores are against I<sub>{n}</sub>, the ladder's own last rung. It shares its samples with every rung: \
          I<sub>k</sub> is part of I<sub>{n}</sub>, so its error here is σ²(1/k − 1/{n}) rather than σ²/k, and \
-         I<sub>{n}</sub> is itself noisy by σ²/{n}. Intervals are 95% bootstrap intervals over test scenes; the \
-         best solver is chosen on the same scenes that it is scored on."
+         I<sub>{n}</sub> is itself noisy by σ²/{n}. Intervals are 95% bootstrap intervals over {}; the \
+         best solver is chosen on the same scenes that it is scored on.",
+        resampled(evaluation.groups)
     )
 }
 

@@ -3,7 +3,7 @@
 use crate::{
     page::{Section, tabs},
     ranking::{Rank, Row, conditioning_name, digits, extra, metric_name, ranks, rows},
-    sections::method_html,
+    sections::{method_html, resampled},
     text::{escape, fixed, interval, signed},
 };
 use std::fmt::Write as _;
@@ -23,11 +23,12 @@ pub fn section(evaluation: &Evaluation) -> Section {
     }
     let body = format!(
         "<p>Mean over {} test scenes, each from its {}-spp endpoint, against I<sub>{}</sub>. Best in <b>bold</b>, \
-         second <u>underlined</u>, as printed. Small: 95% bootstrap interval over scenes ({} resamples). AUC is the \
+         second <u>underlined</u>, as printed. Small: 95% bootstrap interval over {} ({} resamples). AUC is the \
          mean of the curve over log NFE; TV its total variation per unit of log NFE, where less is steadier.</p>{}",
         evaluation.scenes,
         evaluation.from_spp,
         evaluation.reference_spp,
+        resampled(evaluation.groups),
         evaluation.resamples,
         tabs("tables", &panels)
     );

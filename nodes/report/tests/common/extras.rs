@@ -2,17 +2,17 @@
 
 use super::{CONDITIONINGS, METHODS, NFE, cell_key, item};
 use std::collections::BTreeMap;
-use tauflow_contract::{Artifact, Collection, Context, MemoryBlobs, Silent};
+use tauflow_contract::{Artifact, Collection, Context, ItemKey, MemoryBlobs, Silent};
 use tauflow_data::{
-    Image, Stratum,
+    Image, SamplerKind, Stratum,
     image_io::encode_png,
     maths::{exp, log2},
     methods::{HOLD, LOCAL_STEP, OIDN, PATH_TRACER, Parameterization},
     records::{
         AgainstLaw, Beside, Bridge, BridgeFiles, BridgeRow, BridgeSummary, Convergence, ConvergenceRow, Estimate,
-        NearDuplicates, Quota, SamplingReport, SceneConvergence, SceneStatistics, SdeRow, Sides, SplitReport,
-        StratumQuota, TimeError, TimeTo, TimedMethod, TimedPoint, TimedScene, TimedSummary, TrainingLog, TrainingPoint,
-        TrainingTiming, Verdict, VersusRendering,
+        Ladder, LadderMeta, Quota, Rung, SamplingReport, SceneConvergence, SceneGroup, SceneStatistics, SdeRow, Sides,
+        SplitReport, StratumQuota, TimeError, TimeTo, TimedMethod, TimedPoint, TimedScene, TimedSummary, TrainingLog,
+        TrainingPoint, TrainingTiming, Verdict, VersusRendering,
     },
     rng::Stream,
     scene::Side,
@@ -86,15 +86,30 @@ fn verdicts(ctx: &Context<'_>) -> Collection {
     out
 }
 
+/// A preview for each verdict.
+fn previews(ctx: &Context<'_>, verdicts: &Collection) -> Collection {
+    let sampler = SamplerKind::Independent;
+    let meta = LadderMeta { counts: vec![32], width: 6, height: 4, rejected: 0, mean_path_length: 2.0, sampler };
+    let preview = |(number, (key, _)): (usize, (&ItemKey, &Artifact))| {
+        let image = Image::new(6, 4, 3).map(|_| 0.01 * number as f32);
+        let rungs = vec![Rung { spp: 32, image: image.clone() }];
+        item(ctx, key.as_str(), &Ladder { meta: meta.clone(), rungs, variance: image })
+    };
+    verdicts.iter().enumerate().map(preview).collect()
+}
+
 fn split() -> SplitReport {
-    let near = NearDuplicates { signature: "ab".into(), side: Side::Train, items: vec!["a".into(), "b".into()] };
+    let group = |n: usize| SceneGroup {
+        signature: n.to_string(),
+        side: Side::Train,
+        items: (0..1 + usize::from(n == 0)).map(|k| format!("{n}-{k}")).collect(),
+    };
     SplitReport {
-        groups: 106,
+        groups: (0..106).map(group).collect(),
         quantum: 0.05,
         sides: Sides { train: 72, test: 36 },
         strata: Stratum::all().map(|s| (s.to_string(), Sides { train: 6, test: 3 })).collect(),
         leaks: Vec::new(),
-        near_duplicates: vec![near],
         dropped: Vec::new(),
     }
 }
@@ -138,7 +153,7 @@ fn bridge() -> BridgeFiles {
             });
         }
     }
-    let bridge = Bridge { n_max: 256, scenes: 10, rows, summary, claims: Vec::new(), cases: Vec::new() };
+    let bridge = Bridge { n_max: 256, scenes: 10, groups: None, rows, summary, claims: Vec::new(), cases: Vec::new() };
     let mut maps = BTreeMap::new();
     for scene in ["L0-open-000003", "L3-enclosed-000011"] {
         for (i, stop) in ["adjacent-01", "adjacent-02", "adjacent-03", "direct-01"].into_iter().enumerate() {
@@ -240,6 +255,7 @@ fn time_error() -> TimeError {
     let rendering = (0..8).map(|k| 1u64 << k).map(|n| point(n, 0, 0.01 * n as f64, 1.0 / n as f64)).collect();
     let solver = vec![point(1, 1, 0.012, 0.05), point(1, 2, 0.014, 0.06), point(4, 1, 0.05, 0.02)];
     TimeError {
+        groups: None,
         machine: serde_json::json!({ "processor": "Abacus <9>", "cores": 2 }),
         reference_spp: 4096,
         scenes: 24,
@@ -370,6 +386,7 @@ pub fn all(blobs: &MemoryBlobs, size: usize) -> BTreeMap<&'static str, Collectio
         ("refined", pictures.refined),
         ("losses", losses(&ctx)),
         ("timings", timings(&ctx)),
+        ("previews", previews(&ctx, &verdicts(&ctx))),
         ("verdicts", verdicts(&ctx)),
         ("split", one(item(&ctx, "report", &split()))),
         ("sampling", one(item(&ctx, "report", &sampling()))),

@@ -248,6 +248,7 @@ pub fn evaluation(per_scene: Vec<SceneRow>) -> Evaluation {
         better: METRICS.iter().map(|m| ((*m).to_owned(), 0.625)).collect(),
     };
     Evaluation {
+        groups: Some(7),
         versus: methods.iter().map(versus).collect(),
         baselines: vec![MethodTable {
             method: OIDN.into(),

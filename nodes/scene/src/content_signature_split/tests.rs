@@ -62,7 +62,7 @@ fn keys(outputs: &Outputs, port: &str) -> Vec<String> {
 fn shares_hold_in_every_stratum_and_growth_moves_nothing() {
     let params = ContentSignatureSplitParams { test_share: 0.34, ..Default::default() };
     let (small, report) = run(&pool(10), params.clone()).expect("splits");
-    assert_eq!(report["groups"], 120);
+    assert_eq!(report["groups"].as_array().map(Vec::len), Some(120));
     for (stratum, counts) in report["strata"].as_object().expect("a map") {
         assert_eq!((counts["train"].as_u64(), counts["test"].as_u64()), (Some(7), Some(3)), "{stratum}");
     }
@@ -92,7 +92,8 @@ fn near_duplicates_stay_together_and_are_named() {
     }
     let (outputs, report) =
         run(&all, ContentSignatureSplitParams { test_share: 0.5, ..Default::default() }).expect("splits");
-    let duplicates = report["near_duplicates"].as_array().expect("a list");
+    let groups = report["groups"].as_array().expect("a list");
+    let duplicates: Vec<_> = groups.iter().filter(|g| g["items"].as_array().is_some_and(|i| i.len() > 1)).collect();
     assert_eq!(duplicates.len(), 1);
     assert_eq!(duplicates[0]["items"].as_array().map(Vec::len), Some(4));
     assert_eq!(report["leaks"].as_array().map(Vec::len), Some(0));

@@ -3,7 +3,7 @@
 use super::{best_by_start, best_solver, name};
 use crate::{
     ranking::conditioning_name,
-    sections::method_html,
+    sections::{method_html, resampled},
     text::{compact, count, escape, fixed, interval, signed},
 };
 use std::fmt::Write as _;
@@ -58,8 +58,13 @@ fn crossover(of: &TimedSummary) -> String {
     ratio(of.crossover_spp.as_ref(), of.scenes, compact) + &beyond
 }
 
-const BEYOND: &str = "<p class=\"note\">Intervals: 95%, by bootstrap over scenes; of one scene there is none. †: of \
-    so many scenes the crossover lies beyond the last rung that was timed, and goes by the law of 1/n.</p>";
+fn beyond(groups: Option<u64>) -> String {
+    format!(
+        "<p class=\"note\">Intervals: 95%, by bootstrap over {}; of one scene there is none. †: of so many scenes the \
+         crossover lies beyond the last rung that was timed, and goes by the law of 1/n.</p>",
+        resampled(groups)
+    )
+}
 
 /// Every point, over all scenes.
 pub fn points(of: &TimeError) -> String {
@@ -102,7 +107,7 @@ pub fn points(of: &TimeError) -> String {
         "Speed-up over rendering",
         "Crossover (spp)",
     ];
-    BEYOND.to_owned() + &table(&heads, &rows)
+    beyond(of.groups) + &table(&heads, &rows)
 }
 
 /// What rendering alone reaches in the same time.
@@ -196,7 +201,7 @@ pub fn strata(of: &TimeError) -> String {
         "Crossover (spp)",
     ];
     let best = best_solver(of);
-    let mut out = format!("<p>From each endpoint at its best number of calls.</p>{BEYOND}");
+    let mut out = format!("<p>From each endpoint at its best number of calls.</p>{}", beyond(of.groups));
     for method in of.methods.iter().filter(|m| m.method != PATH_TRACER) {
         let mut rows = String::new();
         for point in best_by_start(method) {

@@ -1,0 +1,66 @@
+//! What the gate rejected and why, with pictures.
+
+use crate::{
+    gate_sheets::{Sheet, explained},
+    montage::reduce,
+    page::{Section, tabs},
+    text::{count, escape, png_uri},
+};
+use std::fmt::Write as _;
+use tauflow_contract::KindError;
+use tauflow_data::image_io::encode_png;
+
+/// Pictures of a reason that the page shows; the files hold all.
+const SHOWN: usize = 12;
+
+/// The section; none without sheets.
+///
+/// # Errors
+/// If a picture cannot be encoded.
+pub fn section(sheets: &[Sheet], pixels: usize) -> Result<Option<Section>, KindError> {
+    if sheets.is_empty() {
+        return Ok(None);
+    }
+    let panel = |sheet: &Sheet| -> Result<(String, String), KindError> {
+        let name = sheet.reason.as_ref().map_or("accepted".to_owned(), |reason| reason.replace('_', " "));
+        Ok((format!("{name} ({})", count(sheet.of)), grid(sheet, pixels)?))
+    };
+    let panels = sheets.iter().map(panel).collect::<Result<Vec<_>, _>>()?;
+    let body = format!(
+        "<p>Previews that the gate judged, by their first reason, spread evenly over all of it by number, each at the \
+         exposure that the gate worked out. The files <code>gate-…png</code> hold more of them.</p>{}",
+        tabs("gate", &panels)
+    );
+    Ok(Some(Section::new("rejected", "Rejected scenes", body)))
+}
+
+fn grid(sheet: &Sheet, pixels: usize) -> Result<String, KindError> {
+    let mut out = String::new();
+    if let Some(reason) = &sheet.reason {
+        let what = explained(reason);
+        let mut chars = what.chars();
+        let capital = chars.next().map_or_else(String::new, |c| c.to_uppercase().collect::<String>() + chars.as_str());
+        let _ = write!(out, "<p>{}.</p>", escape(&capital));
+    }
+    out.push_str("<div class=\"sheet\">");
+    let step = sheet.pictures.len().div_ceil(SHOWN).max(1);
+    for shot in sheet.pictures.iter().step_by(step) {
+        let longest = shot.image.width().max(shot.image.height());
+        let image = reduce(&shot.image, longest.div_ceil(pixels.max(1)));
+        let (w, h) = (image.width(), image.height());
+        let also = match shot.also.len() {
+            0 => String::new(),
+            _ => format!("; also {}", shot.also.join(", ").replace('_', " ")),
+        };
+        let _ = write!(
+            out,
+            "<div title=\"{0}{1}\"><img alt=\"{0}{1}\" width=\"{w}\" height=\"{h}\" src=\"{2}\">\
+             <div class=\"psnr\">{0}</div></div>",
+            escape(&shot.scene),
+            escape(&also),
+            png_uri(&encode_png(&image)?)
+        );
+    }
+    out.push_str("</div>");
+    Ok(out)
+}
