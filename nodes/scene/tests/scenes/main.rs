@@ -4,5 +4,6 @@ mod choices;
 mod fuzz;
 mod hostile_files;
 mod real_assets;
+mod round_trip;
 mod small_assets;
 mod support;

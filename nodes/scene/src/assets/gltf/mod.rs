@@ -10,5 +10,7 @@ mod object;
 mod primitive;
 mod slots;
 
+pub use container::Document;
 pub use container::{Externals, relative_path, uris};
-pub use object::read;
+pub use images::picture;
+pub use object::{read, read_in_place};
