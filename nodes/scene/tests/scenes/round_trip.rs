@@ -50,7 +50,7 @@ impl Normal<'_> {
             }
             Texture::Product { a, b } => {
                 let (a, b) = (self.texture(a), self.texture(b));
-                let (Texture::Constant { value }, other) | (other, Texture::Constant { value }) = (a, b) else {
+                let ((Texture::Constant { value }, other) | (other, Texture::Constant { value })) = (a, b) else {
                     panic!("the exporter refuses products of two pictures")
                 };
                 let times = |c: [f32; 3]| [0, 1, 2].map(|i: usize| c[i] * value[i]);
