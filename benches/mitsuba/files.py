@@ -3,8 +3,8 @@
 python files.py IMPORT TAUFLOW [--batches 16] [--spp 256] [--side 64] [--variant scalar_rgb] [--only NAME ...]
 
 IMPORT is the example `import_scene` of tauflow-scene, and TAUFLOW the program. Each scene of `files/` is rendered by
-Mitsuba from its XML, and by us from the XML, and from the pbrt file of the same name where there is one. Pixels are means
-over their squares on both sides. The tests and their limits are those of agree.py.
+Mitsuba from its XML, and by us from the XML, and from the pbrt file of the same name where there is one. Pixels are
+means over their squares on both sides. The tests and their limits are those of agree.py.
 """
 
 import argparse

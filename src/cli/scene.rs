@@ -1,6 +1,7 @@
 //! `tauflow render` and `tauflow scene`: one scene, outside any pipeline.
 //!
-//! A scene is an item of a pipeline's node, or a folder as `tauflow export PIPELINE scenes` writes it (`scene.json`, and
+//! A scene is an item of a pipeline's node, a folder as `tauflow export PIPELINE scenes` writes it (`scene.json`, and
+//! what it names in `blob/`), or a file of another program: Mitsuba 3, pbrt-v4, glTF.
 
 use super::{
     CacheAt, CliError, Exit, PipelineArgs,

@@ -37,7 +37,8 @@ const OBJ: &[u8] = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0.25\nvt 1 0\nvt 0 1\nf 1/1
 #[test]
 fn a_mitsuba_file_is_read_with_defaults_references_and_includes() {
     let text = xml("<default name=\"grey\" value=\"0.25\"/><default name=\"file\" value=\"t\"/>\n\
-         <bsdf type=\"twosided\" id=\"paint\"><bsdf type=\"diffuse\"><rgb name=\"reflectance\" value=\"$grey\"/></bsdf></bsdf>\n\
+         <bsdf type=\"twosided\" id=\"paint\"><bsdf type=\"diffuse\">\
+         <rgb name=\"reflectance\" value=\"$grey\"/></bsdf></bsdf>\n\
          <include filename=\"more/parts.xml\"/>\n\
          <shape type=\"rectangle\"><ref id=\"paint\"/><transform name=\"to_world\"><scale value=\"2\"/>\
          <rotate x=\"1\" angle=\"-90\"/><translate y=\"0.5\"/></transform></shape>\n\
@@ -45,7 +46,8 @@ fn a_mitsuba_file_is_read_with_defaults_references_and_includes() {
          <emitter type=\"area\"><rgb name=\"radiance\" value=\"1,2,3\"/></emitter></shape>\n\
          <integrator type=\"path\"><integer name=\"max_depth\" value=\"7\"/></integrator>\n");
     let parts = "<scene version=\"3.0.0\"><bsdf type=\"roughconductor\" id=\"gold\"><string name=\"material\" \
-                 value=\"Au\"/><float name=\"alpha\" value=\"0.2\"/><string name=\"distribution\" value=\"ggx\"/></bsdf></scene>";
+                 value=\"Au\"/><float name=\"alpha\" value=\"0.2\"/><string name=\"distribution\" \
+                 value=\"ggx\"/></bsdf></scene>";
     let files = [("more/parts.xml", parts.as_bytes().to_vec()), ("t.obj", OBJ.to_vec())];
     let loaded = load("a.xml", &text, &files, false).expect("all of it is supported");
     let scene = &loaded.scene;
@@ -140,11 +142,13 @@ fn a_pbrt_file_is_read_and_mirrored_as_its_left_hand_asks() {
     let text = format!(
         "{PBRT}LookAt 0 1 5  0 1 0  0 1 0\nCamera \"perspective\" \"float fov\" 40\nWorldBegin\n\
          LightSource \"infinite\" \"rgb L\" [1 2 3] \"float scale\" 2\n\
-         Texture \"checks\" \"spectrum\" \"checkerboard\" \"rgb tex1\" [.1 .2 .3] \"float uscale\" 4 \"float vscale\" 8\n\
+         Texture \"checks\" \"spectrum\" \"checkerboard\" \"rgb tex1\" [.1 .2 .3]\n\
+         \"float uscale\" 4 \"float vscale\" 8\n\
          MakeNamedMaterial \"a b\" \"string type\" \"diffuse\" \"texture reflectance\" \"checks\"\n\
          AttributeBegin\n Translate 3 0 0\n NamedMaterial \"a b\"\n\
          Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1 2]\nAttributeEnd\n\
-         ObjectBegin \"ball\" Material \"dielectric\" \"float eta\" 1.4\nShape \"sphere\" \"float radius\" 0.5 ObjectEnd\n\
+         ObjectBegin \"ball\"\n\
+         Material \"dielectric\" \"float eta\" 1.4\nShape \"sphere\" \"float radius\" 0.5 ObjectEnd\n\
          AttributeBegin Translate 1 2 3 Scale 2 2 2 ObjectInstance \"ball\" AttributeEnd\n\
          AttributeBegin AreaLightSource \"diffuse\" \"rgb L\" [4 4 4] ReverseOrientation\nShape \"disk\" AttributeEnd\n"
     );
@@ -176,7 +180,8 @@ fn pictures_of_pbrt_have_their_first_row_on_top() {
     let bytes = tauflow_data::image_io::exr_bytes(&[("", &Image::from_data(2, 2, 3, vec![0.5; 12]).expect("fits"))]);
     let text = format!(
         "{PBRT}Camera \"perspective\"\nWorldBegin\nLightSource \"point\" \"rgb I\" [1 1 1] \"point3 from\" [1 2 3]\n\
-         Texture \"t\" \"spectrum\" \"imagemap\" \"string filename\" \"t.exr\" \"float vscale\" 2 \"float udelta\" 0.5\n\
+         Texture \"t\" \"spectrum\" \"imagemap\" \"string filename\" \"t.exr\"\n\
+         \"float vscale\" 2 \"float udelta\" 0.5\n\
          Texture \"s\" \"spectrum\" \"scale\" \"texture tex\" \"t\" \"float scale\" 0.5\n\
          Material \"diffuse\" \"texture reflectance\" \"s\"\n\
          Shape \"bilinearmesh\" \"point3 P\" [0 0 1 1 0 1 0 1 1 1 1 1]\n"
@@ -226,7 +231,8 @@ fn gltf_text() -> String {
             { "mesh": 0, "translation": [10.0, 0.0, 0.0] },
             { "camera": 0, "translation": [0.0, 1.0, 5.0] },
             { "translation": [0.0, 3.0, 0.0], "extensions": { "KHR_lights_punctual": { "light": 0 } } },
-            { "rotation": [-0.707_106_781_186_547_6, 0.0, 0.0, 0.707_106_781_186_547_6], "extensions": { "KHR_lights_punctual": { "light": 1 } } },
+            { "rotation": [-0.707_106_781_186_547_6, 0.0, 0.0, 0.707_106_781_186_547_6],
+              "extensions": { "KHR_lights_punctual": { "light": 1 } } },
             { "extensions": { "KHR_lights_punctual": { "light": 2 } } },
             { "camera": 1 }
         ],
@@ -244,7 +250,8 @@ fn gltf_text() -> String {
         "accessors": [{ "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3",
                         "min": [0, 0, 0], "max": [4, 4, 0] }],
         "bufferViews": [{ "buffer": 0, "byteLength": 36 }],
-        "buffers": [{ "byteLength": 36, "uri": format!("data:application/octet-stream;base64,{}", STANDARD.encode(bytes)) }]
+        "buffers": [{ "byteLength": 36,
+            "uri": format!("data:application/octet-stream;base64,{}", STANDARD.encode(bytes)) }]
     })
     .to_string()
 }

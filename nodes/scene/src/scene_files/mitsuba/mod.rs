@@ -8,8 +8,9 @@ mod sensors;
 mod shapes;
 mod textures;
 mod tree;
+mod values;
 
-pub(super) use tree::rotation;
+pub(super) use values::rotation;
 
 use super::{
     build::{Builder, mirror},

@@ -33,7 +33,7 @@ fn two_sided(inner: Bsdf) -> Bsdf {
 }
 
 impl<'t> Reader<'t, '_, '_> {
-    /// The index of the material of the shapes that follow, under an opacity that its own place in the file tells apart.
+    /// The index of the material of the shapes that follow, under an opacity.
     pub(super) fn material(&mut self, alpha: Option<&'t Param>) -> Option<usize> {
         let own = match self.state.material {
             Surface::Default => None,

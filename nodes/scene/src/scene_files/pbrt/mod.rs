@@ -1,7 +1,7 @@
 //! pbrt-v4 files as scenes: the state that directives change, and what stands in the world. Knows nothing of kinds.
 //!
-//! pbrt's space is left-handed: seen by its own camera, it is the mirror image of what a right-handed camera sees. So the
-//! scene is mirrored, unless its camera's transform mirrors it already (`Scale -1 1 1`).
+//! pbrt's space is left-handed: seen by its own camera, it is the mirror image of what a right-handed camera sees. So
+//! the scene is mirrored, unless its camera's transform mirrors it already (`Scale -1 1 1`).
 
 mod arguments;
 mod lights;
