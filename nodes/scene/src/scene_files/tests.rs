@@ -112,10 +112,16 @@ fn hostile_mitsuba_files_are_refused() {
         "<!DOCTYPE scene [<!ENTITY a \"aaaaaaaaaa\"><!ENTITY b \"&a;&a;&a;&a;\">]><scene version=\"3\">&b;</scene>";
     let spread = "<default name=\"a\" value=\"aaaaaaaaaaaaaaaa\"/>".to_owned()
         + &format!("<string name=\"x\" value=\"{}\"/>", "$a".repeat(9000));
+    let doubled = (0..40).fold("<bsdf type=\"diffuse\" id=\"b0\"/>".to_owned(), |text, i| {
+        let (id, of) = (i + 1, format!("<ref id=\"b{i}\"/>"));
+        text + &format!("<bsdf type=\"blendbsdf\" id=\"b{id}\">{of}{of}</bsdf>")
+    });
+    let doubled = doubled + "<shape type=\"cube\"><ref id=\"b30\"/></shape>";
     for (text, what) in [
+        (xml(&doubled), "without end"),
         (xml(&deep), "too deep"),
         (xml(loops), "without end"),
-        (xml(groups), "without end"),
+        (xml(groups), "an instance in a group"),
         (bomb.to_owned(), "no XML"),
         (xml(&spread), "too long"),
         ("<scene".to_owned(), "no XML"),

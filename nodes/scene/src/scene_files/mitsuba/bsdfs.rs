@@ -1,6 +1,6 @@
 //! Mitsuba's BSDFs. Knows no shape.
 
-use super::{DEEPEST, Material, Plugin, Reader, Value, textures::Role};
+use super::{DEEPEST, MOST_VISITS, Material, Plugin, Reader, Value, textures::Role};
 use crate::scene_files::spectra;
 use tauflow_data::scene::{Bsdf, DELTA_ALPHA, Texture};
 
@@ -21,7 +21,7 @@ impl<'t> Reader<'t, '_, '_> {
         if let Some(made) = self.materials.get(&number) {
             return made.clone();
         }
-        self.reads = [None, None];
+        (self.reads, self.visits[0]) = ([None, None], 0);
         let bsdf = self.bsdf(&self.tree.plugins[number]);
         let reads = std::mem::take(&mut self.reads);
         let made = bsdf.map(|bsdf| Material { index: self.build.material(bsdf), reads });
@@ -31,7 +31,8 @@ impl<'t> Reader<'t, '_, '_> {
 
     fn bsdf(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
         self.depth += 1;
-        let made = if self.depth > DEEPEST {
+        self.visits[0] += 1;
+        let made = if self.depth > DEEPEST || self.visits[0] > MOST_VISITS[0] {
             self.build.problems.error(&plugin.at, "BSDFs in BSDFs without end", "take one out");
             None
         } else {

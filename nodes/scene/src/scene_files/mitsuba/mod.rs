@@ -39,10 +39,15 @@ struct Reader<'t, 'b, 'g> {
     reads: [Option<String>; 2],
     /// How deep the plugin in hand is nested.
     depth: usize,
+    /// BSDFs of the material in the making, and shapes: references to references grow quickly.
+    visits: [usize; 2],
 }
 
 /// Deepest nesting of plugins through references.
 const DEEPEST: usize = 32;
+
+/// Most BSDFs of one material, and most shapes, instances counted.
+const MOST_VISITS: [usize; 2] = [1 << 12, 1 << 20];
 
 /// The files that a scene names, and how many sensors it has.
 pub fn names(name: &str, bytes: &[u8], given: &Given<'_>, problems: &mut Problems) -> (BTreeSet<String>, usize) {
@@ -67,7 +72,8 @@ pub struct Said {
 /// Reads a scene into `build`, as its sensor `view` sees it.
 pub fn read(name: &str, bytes: &[u8], view: usize, given: &Given<'_>, build: &mut Builder<'_>) -> Said {
     let tree = tree::parse(name, bytes, given, &mut build.problems);
-    let mut reader = Reader { tree: &tree, build, materials: BTreeMap::new(), reads: [None, None], depth: 0 };
+    let mut reader =
+        Reader { tree: &tree, build, materials: BTreeMap::new(), reads: [None, None], depth: 0, visits: [0, 0] };
     reader.scene(name, view)
 }
 

@@ -1,6 +1,6 @@
 //! Mitsuba's shapes: meshes, forms, groups and their instances. Knows no BSDF from the inside.
 
-use super::{DEEPEST, Material, Plugin, Reader, textures::Role};
+use super::{DEEPEST, MOST_VISITS, Material, Plugin, Reader, textures::Role};
 use crate::{
     geom::{compose, cross, length, scaling, sub, translation, unit},
     scene_files::meshes,
@@ -13,8 +13,13 @@ use tauflow_data::{
 impl<'t> Reader<'t, '_, '_> {
     /// Adds a shape that stands in a space that `above` maps into the world.
     pub(super) fn shape(&mut self, plugin: &'t Plugin, above: &Affine, depth: usize) {
-        if depth > DEEPEST {
-            return self.build.problems.error(&plugin.at, "shapes in shapes without end", "take one out");
+        self.visits[1] += 1;
+        if depth > DEEPEST || self.visits[1] > MOST_VISITS[1] {
+            return self.build.problems.error(
+                &plugin.at,
+                "shapes in shapes without end, or too many of them",
+                "take some out",
+            );
         }
         match plugin.sort.as_str() {
             // Seen through its instances alone.
@@ -24,6 +29,11 @@ impl<'t> Reader<'t, '_, '_> {
                     self.shape(inner, above, depth + 1);
                 }
                 return self.finish(plugin);
+            }
+            "instance" if depth > 0 => {
+                let what = "an instance in a group is not supported";
+                self.build.problems.error(&plugin.at, what, "put it into the scene");
+                return plugin.properties.iter().for_each(|p| p.used.set(true));
             }
             "instance" => {
                 let map = compose(above, &self.to_world(plugin));

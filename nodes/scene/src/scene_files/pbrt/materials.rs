@@ -11,6 +11,9 @@ use tauflow_data::scene::{Bsdf, Texture};
 /// Deepest nesting of materials and textures through names.
 const DEEPEST: usize = 32;
 
+/// Most materials and textures in one material.
+const MOST_VISITS: usize = 1 << 12;
+
 /// Index of refraction of pbrt's glasses at 587.6 nm.
 const GLASSES: [(&str, f64); 7] = [
     ("glass-BK7", 1.5168),
@@ -46,6 +49,7 @@ impl<'t> Reader<'t, '_, '_> {
         if let Some(made) = self.made.get(&key) {
             return *made;
         }
+        self.visits = 0;
         let bsdf = match own {
             Some(directive) => self.bsdf(directive),
             None => Some(two_sided(Bsdf::Diffuse { reflectance: Texture::scalar(0.5) })),
@@ -72,7 +76,8 @@ impl<'t> Reader<'t, '_, '_> {
 
     fn bsdf(&mut self, directive: &'t Directive) -> Option<Bsdf> {
         self.depth += 1;
-        let made = if self.depth > DEEPEST {
+        self.visits += 1;
+        let made = if self.depth > DEEPEST || self.visits > MOST_VISITS {
             self.build.problems.error(&directive.at, "materials in materials without end", "take one out");
             None
         } else {
@@ -269,7 +274,8 @@ impl<'t> Reader<'t, '_, '_> {
             return None;
         };
         self.depth += 1;
-        let made = if self.depth > DEEPEST {
+        self.visits += 1;
+        let made = if self.depth > DEEPEST || self.visits > MOST_VISITS {
             self.build.problems.error(&param.at, "textures in textures without end", "take one out");
             None
         } else {

@@ -61,6 +61,8 @@ struct Reader<'t, 'b, 'g> {
     max_depth: u32,
     in_world: bool,
     depth: usize,
+    /// Materials and textures in the material in the making: names of names grow quickly.
+    visits: usize,
 }
 
 /// The files that a scene names.
@@ -89,6 +91,7 @@ pub fn read(name: &str, bytes: &[u8], given: &Given<'_>, build: &mut Builder<'_>
         max_depth: 6,
         in_world: false,
         depth: 0,
+        visits: 0,
     };
     for directive in &parsed.directives {
         reader.directive(directive);
@@ -220,6 +223,9 @@ impl<'t> Reader<'t, '_, '_> {
                 }
             },
             "AreaLightSource" => self.state.light = Some(directive),
+            "LightSource" | "Shape" | "ObjectInstance" if !self.in_world => {
+                self.build.problems.error(&directive.at, "it stands before `WorldBegin`", "put it behind");
+            }
             "LightSource" => self.light(directive),
             "Shape" => self.shape(directive),
             "ObjectBegin" => {
