@@ -6,6 +6,7 @@ pub use tauflow_render::{
     quality_gate::geometric_mean_luminance,
     render::{RenderStats, render_image},
 };
+pub use tauflow_scene::{LightUnit, Options, load_scene};
 pub use tauflow_train::{Conditioning, Course, Denoiser, Mirrored, Model, Views, rollout_to};
 
 /// Every kind there is.

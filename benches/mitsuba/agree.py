@@ -13,14 +13,12 @@ import argparse
 import json
 import math
 import pathlib
-import statistics
 
 import numpy as np
 
 import both
+from both import BINS, binned, deviation, limit
 
-BINS = 8
-ROUNDING = 2e-5
 parser = argparse.ArgumentParser()
 parser.add_argument("folder", type=pathlib.Path)
 parser.add_argument("--scenes", type=int, default=3)
@@ -35,33 +33,6 @@ if args.only and args.reference:
 names = both.scenes(args.folder, args.scenes)
 for name in set(args.only or []) - set(names):
     parser.error(f"{name} is none of the scenes: {', '.join(names)}")
-normal = statistics.NormalDist()
-
-
-def limit(count):
-    """Deviation that one of so many tests exceeds by chance with 1%."""
-    return -normal.inv_cdf(0.5 * (1.0 - 0.99 ** (1.0 / count)))
-
-
-def deviation(a, b):
-    """Welch's statistic over batches, as the deviation of a normal distribution, and the standard error."""
-    n = len(a)
-    va, vb = a.var(0, ddof=1) / n, b.var(0, ddof=1) / n
-    # Both work in single precision: what differs by less than that leaves over thousands of operations is no bias.
-    error = np.sqrt(va + vb + (ROUNDING * (np.abs(a.mean(0)) + np.abs(b.mean(0))) / 2) ** 2)
-    difference = a.mean(0) - b.mean(0)
-    t = np.where(error > 0, difference / np.where(error > 0, error, 1), np.where(difference == 0, 0, np.inf))
-    # Where neither varies, what differs beyond rounding is certain.
-    freedom = np.where(va + vb > 0, (va + vb) ** 2 / np.maximum((va**2 + vb**2) / (n - 1), 1e-300), 1e9)
-    # Cornish and Fisher: from t to a normal deviate.
-    return np.sign(t) * np.sqrt(freedom * np.log1p(t * t / freedom)) * (1 - 3 / (4 * freedom)), error
-
-
-def binned(images):
-    batches, side = images.shape[:2]
-    cell = side // BINS
-    return images.mean(-1).reshape(batches, BINS, cell, BINS, cell).mean((2, 4))
-
 
 manifest = json.loads((args.folder / "all" / "manifest.json").read_text())
 digests = {item["item"]: item["digest"] for item in manifest["items"]}

@@ -1,16 +1,21 @@
 //! `tauflow render` and `tauflow scene`: one scene, outside any pipeline.
 //!
-//! A scene is an item of a pipeline's node, or a folder as `tauflow export PIPELINE scenes` writes it: `scene.json`,
-//! and what it names in `blob/`.
+//! A scene is an item of a pipeline's node, a folder as `tauflow export PIPELINE scenes` writes it (`scene.json`, and
+//! what it names in `blob/`), or a file of another program: Mitsuba 3, pbrt-v4, glTF.
 
 use super::{
     CacheAt, CliError, Exit, PipelineArgs,
     results::{Asked, Reading, unread},
     seconds_text,
 };
-use crate::{diagnostics::did_you_mean, kinds::Registry};
+use crate::{
+    diagnostics::did_you_mean,
+    kinds::Registry,
+    registry::{LightUnit, Options, load_scene},
+};
 use clap::{Args, Subcommand};
 use std::{
+    collections::BTreeMap,
     fs,
     io::IsTerminal,
     path::{Path, PathBuf},
@@ -45,11 +50,24 @@ pub(crate) struct RenderArgs {
 /// Which scene.
 #[derive(Args)]
 pub(crate) struct SceneArgs {
-    /// A pipeline file, with --item; or a folder with `scene.json` and `blob/`, as `tauflow export` writes it.
+    /// A pipeline file, with --item; a folder with `scene.json` and `blob/`, as `tauflow export` writes it; or a scene
+    /// of another program: .xml (Mitsuba 3), .pbrt (pbrt-v4), .glb or .gltf.
     scene: PathBuf,
     /// The scene of a pipeline: `node/item` or `node.port/item`.
     #[arg(long, value_name = "NODE/ITEM")]
     item: Option<String>,
+    /// Which camera of another program's file, from 0.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    view: usize,
+    /// The folder that holds all files of another program's scene, if that is not its own.
+    #[arg(long, value_name = "DIR")]
+    root: Option<PathBuf>,
+    /// Lets what is only nearly expressed pass as a note.
+    #[arg(long)]
+    approximate: bool,
+    /// Takes lights of glTF files by 683 lumen to the watt.
+    #[arg(long)]
+    light_watts: bool,
 }
 
 /// Film and samples.
@@ -58,17 +76,28 @@ pub(crate) struct FilmArgs {
     /// Samples a pixel.
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u64).range(1..))]
     spp: u64,
-    /// Pixels in a row.
-    #[arg(long, default_value_t = 256)]
-    width: u32,
-    /// Rows.
-    #[arg(long, default_value_t = 256)]
-    height: u32,
+    /// Pixels in a row; those of the scene's own film, or 256.
+    #[arg(long)]
+    width: Option<u32>,
+    /// Rows; those of the scene's own film, or 256.
+    #[arg(long)]
+    height: Option<u32>,
 }
 
 impl FilmArgs {
-    fn resolution(&self) -> Result<Resolution, CliError> {
-        Resolution::new(self.width, self.height).map_err(|e| CliError::Bad(format!("--width, --height: {e}")))
+    /// The pixels that were asked for. Where one side was, the other keeps the shape of the scene's own film.
+    fn resolution(&self, own: Option<[u32; 2]>) -> Result<Resolution, CliError> {
+        let [width, height] = own.unwrap_or([256, 256]);
+        let along = |asked: u32, this: u32, other: u32| {
+            let side = (u64::from(asked) * u64::from(this) + u64::from(other) / 2) / u64::from(other.max(1));
+            u32::try_from(side.max(1)).unwrap_or(u32::MAX)
+        };
+        let (width, height) = match (self.width, self.height) {
+            (Some(asked), None) if own.is_some() => (asked, along(asked, height, width)),
+            (None, Some(asked)) if own.is_some() => (along(asked, width, height), asked),
+            (asked, rows) => (asked.unwrap_or(width), rows.unwrap_or(height)),
+        };
+        Resolution::new(width, height).map_err(|e| CliError::Bad(format!("--width, --height: {e}")))
     }
 }
 
@@ -91,12 +120,18 @@ pub(crate) enum SceneCommand {
 enum Source {
     Folder(PathBuf),
     Store(Box<Store>),
+    /// In memory, as another program's file was read.
+    File(BTreeMap<Digest, Vec<u8>>),
 }
+
+/// A scene, its meshes and textures, and the pixels of its own film.
+type Opened = (Scene, Source, Option<[u32; 2]>);
 
 impl Source {
     fn blob(&self, digest: &Digest) -> Result<Vec<u8>, KindError> {
         match self {
             Self::Store(store) => Reading(store).get(digest)?.ok_or(KindError::MissingBlob(*digest)),
+            Self::File(blobs) => blobs.get(digest).cloned().ok_or(KindError::MissingBlob(*digest)),
             Self::Folder(folder) => {
                 let path = folder.join(digest.to_string());
                 let failed = |e| KindError::Input(format!("cannot read {}: {e}", path.display()));
@@ -112,11 +147,22 @@ impl Source {
 }
 
 impl SceneArgs {
-    fn open(&self, registry: &Registry, cache: &CacheAt) -> Result<(Scene, Source), CliError> {
-        match &self.item {
-            Some(item) => self.of_pipeline(item, registry, cache),
-            None => self.of_folder(),
-        }
+    fn open(&self, registry: &Registry, cache: &CacheAt) -> Result<Opened, CliError> {
+        let ending = self.scene.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+        let (scene, source) = match &self.item {
+            Some(item) => self.of_pipeline(item, registry, cache)?,
+            None if matches!(ending.as_deref(), Some("xml" | "pbrt" | "glb" | "gltf")) => return self.of_file(),
+            None => self.of_folder()?,
+        };
+        Ok((scene, source, None))
+    }
+
+    fn of_file(&self) -> Result<Opened, CliError> {
+        let light_unit = if self.light_watts { LightUnit::Watt } else { LightUnit::Candela };
+        let options = Options { approximate: self.approximate, light_unit };
+        let loaded = load_scene(&self.scene, self.root.as_deref(), self.view, options).map_err(told)?;
+        loaded.notes.iter().for_each(|note| eprintln!("note: {note}"));
+        Ok((loaded.scene, Source::File(loaded.blobs), loaded.film))
     }
 
     fn of_folder(&self) -> Result<(Scene, Source), CliError> {
@@ -178,8 +224,8 @@ pub(crate) fn told(error: KindError) -> CliError {
 
 pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     check_picture(&args.out)?;
-    let resolution = args.film.resolution()?;
-    let (scene, source) = args.scene.open(registry, cache)?;
+    let (scene, source, film) = args.scene.open(registry, cache)?;
+    let resolution = args.film.resolution(film)?;
     let start = Instant::now();
     let bar = if std::io::stderr().is_terminal() {
         indicatif::ProgressBar::new(args.film.spp)
@@ -214,8 +260,8 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
 
 pub(crate) fn scene(command: &SceneCommand, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     let SceneCommand::Mitsuba { scene, film, out } = command;
-    let (scene, source) = scene.open(registry, cache)?;
-    let resolution = film.resolution()?;
+    let (scene, source, own) = scene.open(registry, cache)?;
+    let resolution = film.resolution(own)?;
     let film = Film { width: resolution.width(), height: resolution.height(), spp: film.spp };
     mitsuba::export(&scene, &mut |digest| source.blob(digest), out, film).map_err(told)?;
     outln!("{}", out.join("scene.xml").display());

@@ -257,8 +257,9 @@ impl Writer<'_> {
         self.line("<boolean name=\"raw\" value=\"true\"/>");
         self.line(&format!("<string name=\"wrap_mode\" value=\"{}\"/>", if clamp { "clamp" } else { "repeat" }));
         self.open("<transform name=\"to_uv\">");
-        let values = [a[0], a[1], a[2], b[0], b[1], b[2]].map(|v| format!("{v:?}")).join(" ");
-        self.line(&format!("<matrix value=\"{values} 0 0 1\"/>"));
+        // Of nine numbers Mitsuba takes the third column for z, and an offset would be lost.
+        let [a, b] = [a, b].map(|row| format!("{:?} {:?} 0 {:?}", row[0], row[1], row[2]));
+        self.line(&format!("<matrix value=\"{a} {b} 0 0 1 0 0 0 0 1\"/>"));
         self.close("</transform>");
         self.close("</texture>");
     }

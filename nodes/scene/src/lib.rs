@@ -6,12 +6,14 @@ mod assets;
 mod content_signature_split;
 mod geom;
 mod mesh_check;
+mod scene_files;
 mod scene_generation;
 mod signature;
 mod stratified_sampling;
 
 pub use assets::{Assets, AssetsParams};
 pub use content_signature_split::{ContentSignatureSplit, ContentSignatureSplitParams, is_test};
+pub use scene_files::{LightUnit, Loaded, Options, SceneFiles, SceneFilesParams, ScenePath, load_scene};
 pub use scene_generation::{
     CausticRanges, DiffuseRanges, GlossyRanges, HoldOut, MaxDepth, Range, RefractiveRanges, SceneGeneration,
     SceneGenerationParams,
@@ -25,6 +27,7 @@ use tauflow_contract::{KindRow, NodeKind};
 pub fn kinds() -> Vec<Box<dyn NodeKind>> {
     vec![
         Box::new(KindRow::<Assets>::new()),
+        Box::new(KindRow::<SceneFiles>::new()),
         Box::new(KindRow::<SceneGeneration>::new()),
         Box::new(KindRow::<ContentSignatureSplit>::new()),
         Box::new(KindRow::<StratifiedSampling>::new()),

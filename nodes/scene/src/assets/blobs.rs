@@ -17,6 +17,11 @@ impl BlobSet {
         digest
     }
 
+    /// All of them.
+    pub fn into_map(self) -> BTreeMap<Digest, Vec<u8>> {
+        self.blobs
+    }
+
     /// Stores those that `wanted` names.
     ///
     /// # Errors

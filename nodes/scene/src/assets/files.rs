@@ -58,9 +58,12 @@ impl Seen {
     }
 }
 
-/// The files of the right endings in folders and those below, each folder once. Links to folders come last, so that a
+/// The files that are wanted in folders and those below, each folder once. Links to folders come last, so that a
 /// folder is found by its own name where it has one in here.
-fn search(folders: &[String]) -> Result<Vec<PathBuf>, KindError> {
+///
+/// # Errors
+/// If a folder cannot be listed.
+pub fn search(folders: &[String], wanted: &dyn Fn(&Path) -> bool) -> Result<Vec<PathBuf>, KindError> {
     let (mut found, mut seen) = (Vec::new(), Seen::default());
     let mut own: VecDeque<PathBuf> = folders.iter().map(PathBuf::from).collect();
     let mut links = VecDeque::new();
@@ -74,7 +77,7 @@ fn search(folders: &[String]) -> Result<Vec<PathBuf>, KindError> {
             }
             if path.is_dir() {
                 if path.is_symlink() { links.push_back(path) } else { own.push_back(path) }
-            } else if ENDINGS.contains(&ending(&path.to_string_lossy()).as_str()) {
+            } else if wanted(&path) {
                 found.push(path);
             }
         }
@@ -118,7 +121,10 @@ fn each_once(paths: Vec<PathBuf>) -> Vec<PathBuf> {
 }
 
 /// Every path that fits a pattern, part by part.
-fn expand(pattern: &str) -> Result<Vec<PathBuf>, KindError> {
+///
+/// # Errors
+/// If a folder cannot be listed.
+pub fn expand(pattern: &str) -> Result<Vec<PathBuf>, KindError> {
     let mut paths = vec![PathBuf::new()];
     for part in Path::new(pattern).components() {
         let text = part.as_os_str().to_string_lossy().into_owned();
@@ -146,7 +152,7 @@ fn expand(pattern: &str) -> Result<Vec<PathBuf>, KindError> {
 }
 
 /// `text` with every letter that a key cannot hold replaced by `_`.
-fn ascii(text: &str) -> String {
+pub fn ascii(text: &str) -> String {
     let plain: String = text
         .chars()
         .map(|c| if c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-' | '=' | '+') { c } else { '_' })
@@ -220,7 +226,7 @@ pub fn items(folders: &[String], patterns: &[String]) -> Result<Vec<SourceItem>,
             "assets: `{folder}` is no folder here; name one, e.g. --set 'assets.folders=[path/to/assets]'"
         )));
     }
-    let mut found = search(folders)?;
+    let mut found = search(folders, &|path| ENDINGS.contains(&ending(&path.to_string_lossy()).as_str()))?;
     for pattern in patterns {
         let there = |path: &PathBuf| path.symlink_metadata().is_ok() && !path.is_dir();
         let paths: Vec<PathBuf> = expand(pattern)?.into_iter().filter(there).collect();

@@ -9,8 +9,11 @@ mod gltf;
 mod hdr;
 mod refusal;
 
-use blobs::BlobSet;
-use refusal::Refusal;
+pub(crate) use blobs::BlobSet;
+pub(crate) use bounds::Allowance;
+pub(crate) use files::{ascii, ending, expand, search};
+pub(crate) use gltf::{Document, Externals, picture, read_in_place, relative_path, uris};
+pub(crate) use refusal::{Refusal, damaged};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -55,6 +58,14 @@ fn is_map(name: &str) -> bool {
     matches!(files::ending(name).as_str(), "hdr" | "exr")
 }
 
+/// Reads a picture of radiance (`.hdr`, `.exr`); linear RGB.
+///
+/// # Errors
+/// If the bytes are no such picture.
+pub(crate) fn radiance(name: &str, bytes: &[u8]) -> Result<tauflow_data::Image, Refusal> {
+    if files::ending(name) == "hdr" { hdr::read(bytes) } else { exr_file::read(bytes) }
+}
+
 /// Decodes a file: what it is, with its blobs in `blobs`.
 fn decode(
     name: &str,
@@ -65,8 +76,7 @@ fn decode(
     report: &mut AssetReport,
 ) -> Result<AssetBody, Refusal> {
     let picture = match files::ending(name).as_str() {
-        "hdr" => hdr::read(bytes)?,
-        "exr" => exr_file::read(bytes)?,
+        "hdr" | "exr" => radiance(name, bytes)?,
         "glb" | "gltf" => return gltf::read(bytes, externals, max_texture as usize, blobs, report),
         other => {
             return Err(Refusal::new(

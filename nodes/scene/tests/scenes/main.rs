@@ -6,5 +6,6 @@ mod fuzz;
 mod hostile_files;
 mod left_out;
 mod real_assets;
+mod round_trip;
 mod small_assets;
 mod support;

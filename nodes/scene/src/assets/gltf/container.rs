@@ -191,6 +191,14 @@ fn data_uri(uri: &str) -> Option<Vec<u8>> {
 }
 
 impl<'a> Document<'a> {
+    /// The JSON of a file alone.
+    ///
+    /// # Errors
+    /// If it is damaged.
+    pub fn json(bytes: &[u8]) -> Result<Root, Refusal> {
+        Ok(parse(bytes)?.0)
+    }
+
     /// Takes a file apart.
     ///
     /// # Errors

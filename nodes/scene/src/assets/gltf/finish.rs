@@ -10,7 +10,8 @@ use tauflow_data::{mesh::Mesh, records::AssetReport, scene::Affine};
 
 /// The map into the box: largest side 1, standing on y = 0 about the y axis.
 pub struct Frame {
-    map: Affine,
+    /// From the file's space into the box.
+    pub map: Affine,
     /// Largest side before, in the file's unit (metres).
     pub side: f64,
 }

@@ -157,13 +157,27 @@ fn decode(document: &Document<'_>, number: usize, place: &str, left: &mut Allowa
         (None, Some(view)) => document.view(view.value())?.0.into(),
         (None, None) => return Err(damaged(place, "it has neither a URI nor a bufferView")),
     };
+    decoded(&bytes, place, left)
+}
+
+/// A picture of a PNG, JPEG or WebP file in linear RGB; values as they are stored if `raw`, from sRGB if not.
+///
+/// # Errors
+/// If it is damaged, too large or of another format.
+pub fn picture(bytes: &[u8], place: &str, raw: bool, left: &mut Allowance) -> Result<Image, Refusal> {
+    let decoded = decoded(bytes, place, left)?;
+    let purpose = if raw { Use::Linear } else { Use::Color };
+    left.make(place, decoded.width() as usize * decoded.height() as usize * channels(purpose) * size_of::<f32>())?;
+    Ok(bitmap(&decoded, purpose, 1))
+}
+
+fn decoded(bytes: &[u8], place: &str, left: &mut Allowance) -> Result<DynamicImage, Refusal> {
     if bytes.starts_with(b"\xabKTX") {
         return Err(Refusal::new(place, "KTX2 textures are not read", "convert them to PNG, JPEG or WebP"));
     }
     let broken = |e: image::ImageError| damaged(place, e.to_string());
-    let mut reader = ImageReader::new(Cursor::new(bytes.as_ref()))
-        .with_guessed_format()
-        .map_err(|e| damaged(place, e.to_string()))?;
+    let mut reader =
+        ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| damaged(place, e.to_string()))?;
     if reader.format().is_none() {
         return Err(Refusal::new(place, "neither PNG, JPEG nor WebP", "convert it to one of them"));
     }

@@ -15,5 +15,7 @@ mod slots;
 mod textures;
 mod uv_sets;
 
+pub use container::Document;
 pub use container::{Externals, relative_path, uris};
-pub use object::read;
+pub use images::picture;
+pub use object::{read, read_in_place};

@@ -36,6 +36,20 @@ pub fn read(
     blobs: &mut BlobSet,
     report: &mut AssetReport,
 ) -> Result<AssetBody, Refusal> {
+    read_in_place(bytes, externals, most, blobs, report).map(|(body, _)| body)
+}
+
+/// As [`read`], with the map from the file's own space into the unit box: an even scale, and a shift.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_in_place(
+    bytes: &[u8],
+    externals: &Externals,
+    most: usize,
+    blobs: &mut BlobSet,
+    report: &mut AssetReport,
+) -> Result<(AssetBody, Affine), Refusal> {
     let document = Document::open(bytes, externals)?;
     note_what_is_left_out(&document, report);
     let mut pose = Pose::of(&document, report)?;
@@ -114,7 +128,7 @@ pub fn read(
     report.measure("closed_parts", parts.iter().filter(|p| p.closed).count() as f64);
     report.measure("materials", materials.list.len() as f64);
     report.measure("metres", frame.side);
-    Ok(AssetBody::Object { parts, materials: materials.list, bounds: [bounds.low, bounds.high] })
+    Ok((AssetBody::Object { parts, materials: materials.list, bounds: [bounds.low, bounds.high] }, frame.map))
 }
 
 /// The copies of a piece as one.

@@ -1,0 +1,89 @@
+"""Whether scenes that are read from Mitsuba's and pbrt's files have the images that Mitsuba gives them; see README.md.
+
+python files.py IMPORT TAUFLOW [--batches 16] [--spp 256] [--side 64] [--variant scalar_rgb] [--only NAME ...]
+
+IMPORT is the example `import_scene` of tauflow-scene, and TAUFLOW the program. Each scene of `files/` is rendered by
+Mitsuba from its XML, and by us from the XML, and from the pbrt file of the same name where there is one. Pixels are
+means over their squares on both sides. The tests and their limits are those of agree.py.
+"""
+
+import argparse
+import json
+import pathlib
+import re
+import subprocess
+import tempfile
+
+import mitsuba as mi
+import numpy as np
+
+from both import BINS, binned, deviation, limit
+
+HERE = pathlib.Path(__file__).parent / "files"
+parser = argparse.ArgumentParser()
+parser.add_argument("importer", type=pathlib.Path)
+parser.add_argument("tauflow", type=pathlib.Path)
+parser.add_argument("--batches", type=int, default=16)
+parser.add_argument("--spp", type=int, default=256)
+parser.add_argument("--side", type=int, default=64)
+parser.add_argument("--variant", default="scalar_rgb")
+parser.add_argument("--only", nargs="*", metavar="NAME")
+args = parser.parse_args()
+mi.set_variant(args.variant)
+mi.set_log_level(mi.LogLevel.Error)
+
+
+def run(*command):
+    done = subprocess.run([str(part) for part in command], capture_output=True, text=True)
+    if done.returncode:
+        raise SystemExit(f"{command}: {done.stderr}")
+
+
+def ours(path):
+    """Batches of our image of a file, each with a seed of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        folder = pathlib.Path(folder)
+        run(args.importer, path, folder)
+        scene = json.loads((folder / "scene.json").read_text())
+        images = []
+        for batch in range(args.batches):
+            (folder / "scene.json").write_text(json.dumps({**scene, "seed": 1000 + batch}))
+            size = ["--width", args.side, "--height", args.side, "--spp", args.spp]
+            run(args.tauflow, "render", folder, *size, "-o", folder / "image.exr")
+            images.append(np.array(mi.Bitmap(str(folder / "image.exr")))[..., :3])
+        return np.stack(images).astype(np.float64)
+
+
+def theirs(path):
+    """Batches of Mitsuba's image of a file, with a box filter whatever it asks for."""
+    text = re.sub(r'<rfilter type="\w+"', '<rfilter type="box"', path.read_text())
+    copy = path.with_name(f".{path.name}")
+    copy.write_text(text)
+    try:
+        scene = mi.load_file(str(copy), resx=args.side, resy=args.side)
+    finally:
+        copy.unlink()
+    images = [np.array(mi.render(scene, spp=args.spp, seed=1000 + batch))[..., :3] for batch in range(args.batches)]
+    return np.stack(images).astype(np.float64)
+
+
+names = args.only or sorted(path.stem for path in HERE.glob("*.xml"))
+files = [HERE / f"{name}{ending}" for name in names for ending in (".xml", ".pbrt")]
+files = [path for path in files if path.exists()]
+bins_limit, mean_limit = limit(len(files) * BINS * BINS), limit(len(files))
+print(f"{len(files)} files; limits {mean_limit:.2f} for means, {bins_limit:.2f} for bins")
+references, agree = {}, 0
+for path in files:
+    if path.stem not in references:
+        references[path.stem] = theirs(HERE / f"{path.stem}.xml")
+    a, b = ours(path), references[path.stem]
+    z, error = deviation(a.mean((1, 2, 3)), b.mean((1, 2, 3)))
+    worst = float(np.abs(deviation(binned(a), binned(b))[0]).max())
+    fine = abs(z) < mean_limit and worst < bins_limit
+    agree += fine
+    print(
+        f"| {path.name} | {b.mean():.4f} | {100 * (a.mean() / b.mean() - 1):+.3f}% | {float(z):+.2f} | "
+        f"{100 * (mean_limit + 0.84) * error / b.mean():.2f}% | {worst:.2f} | {'agrees' if fine else 'DIFFERS'} |",
+        flush=True,
+    )
+print(f"{agree} of {len(files)} agree")

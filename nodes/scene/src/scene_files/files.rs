@@ -1,0 +1,150 @@
+//! Finds scenes on disk, with the files that they name. Knows nothing of what is in them.
+
+use super::{
+    ScenePath,
+    given::{self, Given},
+    named,
+};
+use crate::assets::{ascii, ending, expand, search};
+use std::{
+    cell::Cell,
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::{Path, PathBuf},
+};
+use tauflow_contract::{Digest, ItemKey, KindError, SourceItem};
+use tauflow_data::{Stratum, records::SceneRecord, scene::Scene};
+
+/// File beside a `scene.json` that says how it was drawn.
+pub const RECIPE: &str = "recipe.json";
+
+/// Path of a blob beside a `scene.json`.
+pub fn blob(digest: &Digest) -> String {
+    format!("{}/{digest}", SceneRecord::BLOB_FOLDER)
+}
+
+/// The files that a `scene.json` names.
+pub fn described(bytes: &[u8]) -> BTreeSet<String> {
+    let blobs = serde_json::from_slice::<Scene>(bytes).map_or(Vec::new(), |scene| scene.blobs());
+    blobs.iter().map(blob).chain([RECIPE.to_owned()]).collect()
+}
+
+/// Part name of a scene's own file: with its view and its name, which its action has no other way to learn.
+fn main_part(view: usize, name: &str) -> String {
+    format!("main/{view:04}/{name}")
+}
+
+/// The part, view and name that [`main_part`] says.
+pub fn parse_main(part: &str) -> Option<(String, usize, String)> {
+    let (view, name) = part.strip_prefix("main/")?.split_once('/')?;
+    Some((part.to_owned(), view.parse().ok()?, name.to_owned()))
+}
+
+/// True for what a folder is searched for.
+fn is_scene(path: &Path) -> bool {
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    name == SceneRecord::FILE || matches!(ending(&name).as_str(), "xml" | "pbrt" | "glb" | "gltf")
+}
+
+fn name_of(path: &Path) -> String {
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    if ending(&name) == "json" { SceneRecord::FILE.to_owned() } else { ascii(&name) }
+}
+
+/// A scene's own file, and all that it names.
+struct Found {
+    path: PathBuf,
+    files: Vec<(String, PathBuf)>,
+    views: usize,
+}
+
+fn look(path: &Path, root: &Path) -> Result<Found, KindError> {
+    let none = |why: String| KindError::Input(format!("scene_files: `{}` {why}", path.display()));
+    let metadata = fs::metadata(path).map_err(|e| none(format!("cannot be read: {e}; mend the path")))?;
+    if !metadata.is_file() || metadata.len() > 1 << 31 {
+        return Err(none("is no regular file of up to 2 GiB; put one in its place".into()));
+    }
+    let bytes = fs::read(path).map_err(|e| none(format!("cannot be read: {e}; mend its permissions")))?;
+    let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+    let given = Given::Disk { folder, root: root.to_owned(), read: Cell::new(0) };
+    let (names, views) = named(&name_of(path), &bytes, &given);
+    Ok(Found { path: path.to_owned(), files: given.parts(&names), views })
+}
+
+/// The name of a scene's file, and its parts in memory.
+///
+/// # Errors
+/// If the file cannot be read, or is no scene by its ending.
+pub fn on_disk(path: &Path, root: Option<&Path>) -> Result<(String, BTreeMap<String, Vec<u8>>), KindError> {
+    let own = path.parent().unwrap_or(Path::new(""));
+    let root = root.unwrap_or(own);
+    if !own.starts_with(root) {
+        let (path, root) = (path.display(), root.display());
+        return Err(KindError::Input(format!("`{path}` does not lie below `{root}`; name a folder above it")));
+    }
+    let found = look(path, root)?;
+    let mut parts = BTreeMap::new();
+    for (part, file) in found.files.into_iter().chain([(given::MAIN.to_owned(), found.path)]) {
+        let failed = |e| KindError::Environment(format!("cannot read {}: {e}", file.display()));
+        parts.insert(part, fs::read(&file).map_err(failed)?);
+    }
+    Ok((name_of(path), parts))
+}
+
+/// The scenes of an entry, with the folder that their files must not leave.
+fn scenes(entry: &ScenePath) -> Result<Vec<Found>, KindError> {
+    if Path::new(&entry.path).is_dir() {
+        let root = Path::new(&entry.path);
+        let mut paths = search(std::slice::from_ref(&entry.path), &is_scene)?;
+        paths.sort();
+        let found: Vec<Found> = paths.iter().map(|path| look(path, root)).collect::<Result<_, _>>()?;
+        // A file that another one includes is a piece of that one.
+        let same = |path: &Path| fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+        let pieces: BTreeSet<PathBuf> = found.iter().flat_map(|f| f.files.iter().map(|(_, p)| same(p))).collect();
+        let found: Vec<Found> = found.into_iter().filter(|f| !pieces.contains(&same(&f.path))).collect();
+        if found.is_empty() {
+            return Err(KindError::Input(format!(
+                "scene_files: no scene.json, .xml, .pbrt, .glb or .gltf file in `{}`; name a folder that holds some",
+                entry.path
+            )));
+        }
+        return Ok(found);
+    }
+    let paths: Vec<PathBuf> = expand(&entry.path)?.into_iter().filter(|p| p.symlink_metadata().is_ok()).collect();
+    if paths.is_empty() {
+        return Err(KindError::Input(format!("scene_files: nothing fits `{}`; mend the path", entry.path)));
+    }
+    let one = |path: PathBuf| {
+        if !is_scene(&path) && ending(&path.to_string_lossy()) != "json" {
+            let path = path.display();
+            let what =
+                format!("scene_files: `{path}` is no scene by its ending; use .json, .xml, .pbrt, .glb or .gltf");
+            return Err(KindError::Input(what));
+        }
+        look(&path, path.parent().unwrap_or(Path::new("")))
+    };
+    paths.into_iter().map(one).collect()
+}
+
+/// The items of all entries: each view of each scene, numbered by stratum in the order in which they are given.
+///
+/// # Errors
+/// If a path leads nowhere, or a folder holds no scene.
+pub fn items(entries: &[ScenePath]) -> Result<Vec<SourceItem>, KindError> {
+    let mut numbers: BTreeMap<Stratum, u64> = BTreeMap::new();
+    let mut items = Vec::new();
+    for entry in entries {
+        let stratum: Stratum = entry.stratum.parse().map_err(|e| KindError::Input(format!("scene_files: {e}")))?;
+        for found in scenes(entry)? {
+            for view in 0..found.views.max(1) {
+                let number = numbers.entry(stratum).or_default();
+                let mut files = found.files.clone();
+                files.push((main_part(view, &name_of(&found.path)), found.path.clone()));
+                let key: ItemKey = stratum.item_key(*number);
+                *number += 1;
+                items.push(SourceItem { key, files });
+            }
+        }
+    }
+    Ok(items)
+}
