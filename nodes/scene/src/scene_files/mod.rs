@@ -169,6 +169,8 @@ fn recipe(name: &str, main: &[u8], stratum: Stratum, index: u64, loaded: &Loaded
         layout_params: BTreeMap::new(),
         objects: vec![format!("file/{}", Digest::of(main).short())],
         environment: map.unwrap_or_else(|| "none".to_owned()),
+        content: index,
+        view: 0,
         side: None,
         exposure_ev: 0.0,
     }

@@ -196,7 +196,7 @@ impl<'a> Document<'a> {
     /// # Errors
     /// If it is damaged.
     pub fn json(bytes: &[u8]) -> Result<Root, Refusal> {
-        Ok(parse(bytes)?.0)
+        Ok(parse(bytes)?.root)
     }
 
     /// Takes a file apart.

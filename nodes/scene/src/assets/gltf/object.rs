@@ -17,7 +17,10 @@ use crate::{
     },
     mesh_check::is_closed,
 };
-use tauflow_data::records::{AssetBody, AssetPart, AssetReport};
+use tauflow_data::{
+    records::{AssetBody, AssetPart, AssetReport},
+    scene::Affine,
+};
 
 /// Most triangles of an object.
 const MOST_TRIANGLES: usize = 8_000_000;
