@@ -41,6 +41,9 @@ impl Checked {
     }
 }
 
+/// A tree that was read: what is there of the blobs that it lists itself, and the trees that it lists.
+type Read = (State, Vec<Digest>);
+
 /// What is known of blobs and trees. Each tree is read once, however many records and trees name it, and nothing
 /// recurses along what trees say.
 struct Survey<'a> {
@@ -69,7 +72,7 @@ impl Survey<'_> {
 
     /// Looks through trees, and those below them first.
     fn walk(&mut self, trees: &[Digest]) -> Result<State, CacheError> {
-        let mut open: Vec<(Digest, Option<(State, Vec<Digest>)>)> = trees.iter().map(|tree| (*tree, None)).collect();
+        let mut open: Vec<(Digest, Option<Read>)> = trees.iter().map(|tree| (*tree, None)).collect();
         while let Some((tree, read)) = open.pop() {
             if let Some((own, below)) = read {
                 let state = own.max(self.below(&below));

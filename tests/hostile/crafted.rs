@@ -83,6 +83,7 @@ pub fn a_pack_of_alike_hashes_opens_at_once() {
 pub fn rows_without_end_take_little() {
     let place = tempfile::tempdir().expect("a temporary folder");
     let (pipeline, store) = sound(place.path());
+    let before = long(&pipeline, &store).expect("it has run");
     let alike = format!("{{\"Items\":[{}[\"a\",\"toy/number\",[]]]}}", "[\"a\",\"toy/number\",[]],".repeat(2_300_000));
     let ascending: Vec<String> = (0..2_000_000).map(|n| format!("[\"{n:07}\",\"toy/number\",[]]")).collect();
     let ascending = format!("{{\"Items\":[{}]}}", ascending.join(","));
@@ -90,11 +91,12 @@ pub fn rows_without_end_take_little() {
         relist(&store, &Collection::default(), text, len);
         let store = Store::open(store.dir()).expect("a store");
         let found = within(SOME, "rows without end", || long(&pipeline, &store));
-        assert!(found.is_err(), "it lists what is not there");
+        // Refused, or found by its actions.
+        assert!(found.is_err() || found.as_ref() == Ok(&before), "{:?}", found.map(|found| found.len()));
     }
     // Whoever makes it whole finds its actions, and keeps what they say.
     assert!(restore(&pipeline, &store));
-    assert_eq!(long(&pipeline, &store).expect("it is there").len(), 12);
+    assert_eq!(long(&pipeline, &store).expect("it is there"), before);
 }
 
 /// Sixty megabytes of key, and many keys of a megabyte.
@@ -142,8 +144,8 @@ pub fn outputs_are_what_their_ports_hold() {
     let items: Collection = before.iter().map(|(key, artifact)| (key.clone(), other(artifact))).collect();
     let rows: Vec<Value> = items.iter().map(|(key, _)| json!([key, "tauflow/files", ["b/x"]])).collect();
     relist(&store, &items, &json!({ "Items": rows }).to_string(), 12);
-    let said = long(&pipeline, &store).expect_err("they are no numbers");
-    assert!(said.contains("long"), "{said}");
+    let found = long(&pipeline, &store);
+    assert!(found.is_err() || found == Ok(before.clone()), "they are no numbers: {found:?}");
     assert!(restore(&pipeline, &store));
     assert_eq!(long(&pipeline, &store).expect("it is there"), before);
     // A roll-up and a record that leave their port out, and a record that fills it with something else.
