@@ -94,7 +94,8 @@ impl Mesh {
     }
 }
 
-/// A bitmap blob: an [`Image`] of 1, 3 or 4 channels, linear, finite and not negative; row 0 on top.
+/// A bitmap blob: an [`Image`] of 1, 3 or 4 channels, linear, finite and not negative; row 0 on top. Bytes and f16 are
+/// read, too, as [`Image::to_small_bytes`] writes them.
 pub type Bitmap = Image;
 
 #[cfg(test)]

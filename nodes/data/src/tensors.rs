@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, HashMap};
 /// Most bytes of the header of a file that is read: far above what ours have, as memory is taken by what it says.
 const MAX_HEADER: u64 = 16 << 20;
 
-/// A tensor of f32, row-major.
+/// A tensor of f32, row-major. Files may hold it in less: see [`Image::to_small_bytes`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tensor {
     /// Sizes of its axes.
@@ -93,7 +93,7 @@ impl TensorFile {
         safetensors::serialize(views, notes).map_err(|e| DataError::Format(e.to_string()))
     }
 
-    /// Reads safetensors bytes whose tensors are all f32.
+    /// Reads safetensors bytes. Tensors of f32 are read as they are, those of f16 exactly; a byte `k` is `k / 255`.
     ///
     /// # Errors
     /// If they are damaged or hold another type.
@@ -117,15 +117,29 @@ impl TensorFile {
             }
         }
         for (name, view) in file.tensors() {
-            if view.dtype() != Dtype::F32 {
-                return Err(DataError::Format(format!("tensor `{name}` is {:?}, expected F32", view.dtype())));
-            }
-            let data = view.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+            let raw = view.data();
+            let data = match view.dtype() {
+                Dtype::F32 => raw.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect(),
+                Dtype::F16 => raw.chunks_exact(2).map(|b| half::f16::from_le_bytes([b[0], b[1]]).to_f32()).collect(),
+                Dtype::U8 => raw.iter().map(|k| of_byte(*k)).collect(),
+                other => {
+                    let told = format!("tensor `{name}` is {other:?}, expected F32, F16 or U8");
+                    return Err(DataError::Format(told));
+                }
+            };
             out.tensors.insert(name, Tensor { shape: view.shape().to_vec(), data });
         }
         Ok(out)
     }
 }
+
+/// The number that a byte stands for.
+fn of_byte(k: u8) -> f32 {
+    f32::from(k) / 255.0
+}
+
+/// Name of the tensor that holds the roots of an image's values.
+const ROOTS: &str = "image_roots";
 
 impl Image {
     /// The image as a safetensors blob with one tensor, `image` [height, width, channels].
@@ -133,18 +147,75 @@ impl Image {
         TensorFile::default().with_image("image", self).to_bytes().expect("an image's shape fits its data")
     }
 
-    /// Reads what [`Image::to_bytes`] wrote.
+    /// The smallest blob that [`Image::from_bytes`] reads back to the same bits: `image` as bytes `k` for `k / 255`,
+    /// `image_roots` as bytes for `(k / 255)^2` (dark tones keep their steps), `image` as f16, or [`Image::to_bytes`].
+    pub fn to_small_bytes(&self) -> Vec<u8> {
+        let data = self.data();
+        let bytes = |back: fn(u8) -> f32, forth: fn(f32) -> f32| -> Option<Vec<u8>> {
+            data.iter()
+                .map(|v| {
+                    let k = (forth(*v) * 255.0).round() as u8;
+                    (back(k).to_bits() == v.to_bits()).then_some(k)
+                })
+                .collect()
+        };
+        let blob = |name: &str, dtype, raw: &[u8]| {
+            let shape = vec![self.height(), self.width(), self.channels()];
+            let view = TensorView::new(dtype, shape, raw).expect("an image's shape fits its data");
+            safetensors::serialize([(name, view)], None).expect("one tensor of a fitting shape")
+        };
+        if let Some(raw) = bytes(of_byte, |v| v) {
+            return blob("image", Dtype::U8, &raw);
+        }
+        if let Some(raw) = bytes(|k| of_byte(k) * of_byte(k), f32::sqrt) {
+            return blob(ROOTS, Dtype::U8, &raw);
+        }
+        let halves: Vec<half::f16> = data.iter().map(|v| half::f16::from_f32(*v)).collect();
+        if halves.iter().zip(data).all(|(h, v)| h.to_f32().to_bits() == v.to_bits()) {
+            let raw: Vec<u8> = halves.iter().flat_map(|h| h.to_le_bytes()).collect();
+            return blob("image", Dtype::F16, &raw);
+        }
+        self.to_bytes()
+    }
+
+    /// Reads what [`Image::to_bytes`] or [`Image::to_small_bytes`] wrote.
     ///
     /// # Errors
     /// If the bytes are damaged.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, DataError> {
-        TensorFile::from_bytes(bytes)?.image("image")
+        let file = TensorFile::from_bytes(bytes)?;
+        if file.tensors.contains_key(ROOTS) && !file.tensors.contains_key("image") {
+            return Ok(file.image(ROOTS)?.map(|root| root * root));
+        }
+        file.image("image")
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn images_take_the_smallest_form_that_keeps_their_bits() {
+        let all: Vec<f32> = (0..=255).map(of_byte).collect();
+        let header = 200;
+        for (values, size) in [
+            (all.clone(), 256),
+            (all.iter().map(|v| v * v).collect(), 256),
+            (all.iter().map(|v| half::f16::from_f32(v * 100.0).to_f32()).collect(), 512),
+            (all.iter().map(|v| v * 0.7).collect(), 1024),
+            (vec![-0.0; 256], 512),
+            (vec![1e6; 256], 1024),
+        ] {
+            let image = Image::from_data(16, 16, 1, values).expect("fits");
+            let bytes = image.to_small_bytes();
+            assert!((size..size + header).contains(&bytes.len()), "{} bytes for {size}", bytes.len());
+            let back = Image::from_bytes(&bytes).expect("own bytes");
+            let bits = |i: &Image| i.data().iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+            assert_eq!(bits(&back), bits(&image));
+            assert_eq!(bytes, image.to_small_bytes());
+        }
+    }
 
     #[test]
     fn bytes_round_trip_and_are_stable() {

@@ -1,0 +1,189 @@
+//! Boxes that contain a body tightly, for collisions. Knows no thing.
+
+use super::super::shapes::Body;
+use crate::geom::{Aabb, Vec3, cross, sub};
+
+/// Boxes of one body at most.
+const BOXES: usize = 6;
+/// Boxes of a whole thing at most.
+const TOTAL: usize = 24;
+/// Places tried for a cut along an axis.
+const CUTS: usize = 24;
+
+struct Face {
+    corners: [Vec3; 3],
+    /// Which way it looks along each axis; decides the side of a face that lies in a cut.
+    normal: Vec3,
+}
+
+fn volume(bounds: &Aabb) -> f64 {
+    // Nothing is thinner than 5 mm, so that sheets count.
+    let size = bounds.size();
+    if size[0] < 0.0 { 0.0 } else { size.map(|v| v.max(0.005)).iter().product() }
+}
+
+/// The part of a triangle between `low` and `high` along an axis, as a box.
+fn clipped(corners: &[Vec3; 3], axis: usize, low: f64, high: f64) -> Aabb {
+    let mut bounds = Aabb::EMPTY;
+    for i in 0..3 {
+        let (a, b) = (corners[i], corners[(i + 1) % 3]);
+        if a[axis] >= low && a[axis] <= high {
+            bounds.grow(a);
+        }
+        for cut in [low, high] {
+            if (a[axis] < cut) != (b[axis] < cut) {
+                let t = (cut - a[axis]) / (b[axis] - a[axis]);
+                let mut p = [0, 1, 2].map(|k| a[k] + t * (b[k] - a[k]));
+                p[axis] = cut;
+                bounds.grow(p);
+            }
+        }
+    }
+    bounds
+}
+
+fn between(face: &Face, axis: usize, low: f64, high: f64) -> Aabb {
+    let (min, max) =
+        face.corners.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| (a.min(p[axis]), b.max(p[axis])));
+    if max < low || min > high {
+        return Aabb::EMPTY;
+    }
+    if max - min < 1e-9 {
+        // A face in the cut belongs to the body behind it.
+        let behind_is_below = face.normal[axis] > 0.0;
+        let touches_low = (min - low).abs() < 1e-9 && behind_is_below;
+        let touches_high = (min - high).abs() < 1e-9 && !behind_is_below;
+        if touches_low || touches_high {
+            return Aabb::EMPTY;
+        }
+        return clipped(&face.corners, axis, low, high);
+    }
+    if (max - low) < 1e-9 || (high - min) < 1e-9 {
+        return Aabb::EMPTY;
+    }
+    clipped(&face.corners, axis, low, high)
+}
+
+/// The tight box of what lies inside `cell`, cut along one axis after the other (a little more than exact where a
+/// triangle is cut by two axes, never less).
+fn inside(faces: &[Face], within: &[usize], axis: usize, low: f64, high: f64) -> Aabb {
+    within.iter().fold(Aabb::EMPTY, |all, i| {
+        let part = between(&faces[*i], axis, low, high);
+        if part.low[0] <= part.high[0] { all.union(&part) } else { all }
+    })
+}
+
+/// A box and the faces it must hold.
+struct Cell {
+    bounds: Aabb,
+    within: Vec<usize>,
+}
+
+fn intersect(a: &Aabb, b: &Aabb) -> Aabb {
+    Aabb { low: [0, 1, 2].map(|i| a.low[i].max(b.low[i])), high: [0, 1, 2].map(|i| a.high[i].min(b.high[i])) }
+}
+
+fn cuts(faces: &[Face], cell: &Cell, axis: usize) -> Vec<f64> {
+    let (low, high) = (cell.bounds.low[axis], cell.bounds.high[axis]);
+    let mut places: Vec<f64> = cell.within.iter().flat_map(|i| faces[*i].corners).map(|p| p[axis]).collect();
+    places.retain(|p| *p > low + 0.004 && *p < high - 0.004);
+    places.sort_by(f64::total_cmp);
+    places.dedup_by(|a, b| (*a - *b).abs() < 0.002);
+    let n = places.len();
+    if n > CUTS {
+        places = (0..CUTS).map(|k| places[(2 * k + 1) * n / (2 * CUTS)]).collect();
+    }
+    places.extend((1..6).map(|k| low + (high - low) * f64::from(k) / 6.0));
+    places
+}
+
+/// The best cut of a cell: what is saved, and the two halves.
+fn best(faces: &[Face], cell: &Cell) -> (f64, Option<[Aabb; 2]>) {
+    let whole = volume(&cell.bounds);
+    let mut found = (0.0, None);
+    for axis in 0..3 {
+        for place in cuts(faces, cell, axis) {
+            let halves = [(f64::NEG_INFINITY, place), (place, f64::INFINITY)]
+                .map(|(low, high)| intersect(&inside(faces, &cell.within, axis, low, high), &cell.bounds));
+            let saved = whole - volume(&halves[0]) - volume(&halves[1]);
+            if saved > found.0 {
+                found = (saved, Some(halves));
+            }
+        }
+    }
+    found
+}
+
+/// Boxes around one body.
+pub fn boxes(body: &Body) -> Vec<Aabb> {
+    let faces: Vec<Face> = body
+        .triangles
+        .iter()
+        .map(|t| {
+            let corners = t.map(|i| body.points[i as usize]);
+            Face { corners, normal: cross(sub(corners[1], corners[0]), sub(corners[2], corners[0])) }
+        })
+        .collect();
+    let mut bounds = Aabb::EMPTY;
+    faces.iter().flat_map(|f| f.corners).for_each(|p| bounds.grow(p));
+    let whole = volume(&bounds);
+    let mut cells = vec![(Cell { bounds, within: (0..faces.len()).collect() }, None)];
+    // Large meshes are cut less often: their boxes are found on every few faces' own boxes anyway.
+    let limit = if faces.len() > 6000 { 3 } else { BOXES };
+    // A dozen triangles along the axes are a box already.
+    if faces.len() > 12 || faces.iter().any(|f| f.normal.iter().filter(|n| n.abs() > 1e-12).count() > 1) {
+        while cells.len() < limit {
+            for (cell, cut) in &mut cells {
+                if cut.is_none() {
+                    *cut = Some(best(&faces, cell));
+                }
+            }
+            let saved = |c: &(Cell, Option<(f64, Option<[Aabb; 2]>)>)| c.1.as_ref().map_or(0.0, |cut| cut.0);
+            let Some(k) = (0..cells.len()).max_by(|a, b| saved(&cells[*a]).total_cmp(&saved(&cells[*b]))) else {
+                break;
+            };
+            if saved(&cells[k]) < 0.04 * whole {
+                break;
+            }
+            let (cell, cut) = cells.swap_remove(k);
+            for bounds in cut.and_then(|(_, halves)| halves).into_iter().flatten() {
+                let within = cell.within.iter().copied().filter(|i| overlaps(&faces[*i], &bounds)).collect();
+                cells.push((Cell { bounds, within }, None));
+            }
+        }
+    }
+    cells.into_iter().map(|(cell, _)| cell.bounds).filter(|b| b.low[0] <= b.high[0]).collect()
+}
+
+fn overlaps(face: &Face, bounds: &Aabb) -> bool {
+    (0..3).all(|k| {
+        face.corners.iter().any(|p| p[k] >= bounds.low[k] - 1e-12)
+            && face.corners.iter().any(|p| p[k] <= bounds.high[k] + 1e-12)
+    })
+}
+
+/// Fewer boxes that hold all of these: pairs that waste least become one, until few are left and none is cheap.
+pub fn merged(mut boxes: Vec<Aabb>) -> Vec<Aabb> {
+    let whole = volume(&boxes.iter().fold(Aabb::EMPTY, |all, b| all.union(b)));
+    // Of very many boxes first those that follow one another, so that the search stays small.
+    while boxes.len() > 160 {
+        boxes = boxes.chunks(2).map(|pair| pair.iter().fold(Aabb::EMPTY, |all, b| all.union(b))).collect();
+    }
+    loop {
+        let mut found = (f64::INFINITY, 0, 0);
+        for i in 0..boxes.len() {
+            for j in i + 1..boxes.len() {
+                let waste = volume(&boxes[i].union(&boxes[j])) - volume(&boxes[i]) - volume(&boxes[j]);
+                if waste < found.0 {
+                    found = (waste, i, j);
+                }
+            }
+        }
+        let (waste, i, j) = found;
+        if boxes.len() < 2 || (boxes.len() <= TOTAL && waste > 0.003 * whole) {
+            return boxes;
+        }
+        let other = boxes.swap_remove(j);
+        boxes[i] = boxes[i].union(&other);
+    }
+}

@@ -1,0 +1,118 @@
+#![doc = include_str!("../place_generation.md")]
+
+mod arrange;
+mod assemble;
+mod camera;
+mod cast;
+mod forms;
+mod lamps;
+mod layouts;
+mod library;
+mod materials;
+mod noise;
+mod params;
+mod place;
+mod props;
+#[allow(dead_code, reason = "the layouts take the library up one by one")]
+mod shapes;
+mod shell;
+mod skies;
+mod stage;
+mod stuff;
+mod textures;
+mod views;
+
+pub use params::{
+    CausticRanges, DiffuseRanges, GlossyRanges, HoldOut, MaxDepth, PlaceGenerationParams, Range, RefractiveRanges,
+};
+
+use assemble::Which;
+use serde_json::Value;
+use tauflow_contract::{
+    Action, All, Context, Group, ItemKey, Kind, KindError, KindSpec, Later, Media, Mode, Out, Outputs, ParamProblem,
+    SourceItem, derive_seed,
+};
+use tauflow_data::{
+    Scene, Stratum,
+    records::{Asset, SceneRecord},
+    scene::Recipe,
+};
+
+const ASSETS: All<Asset> = All::new("assets", "HDRIs and objects to build with.").or_none();
+const SCENES: Out<SceneRecord> = Out::new(Group::main(1), "scenes", "One scene for each item of the pool.");
+
+/// The kind `place_generation`.
+pub struct PlaceGeneration;
+
+impl Kind for PlaceGeneration {
+    type Params = PlaceGenerationParams;
+
+    fn spec() -> KindSpec {
+        KindSpec {
+            name: "place_generation",
+            summary: "Draws scenes over regimes x contexts from layouts, objects, skies and materials.",
+            manual: include_str!("../place_generation.md"),
+            mode: Mode::Source,
+            inputs: const { &[ASSETS.port()] },
+            outputs: const { &[SCENES.port()] },
+            seeded: true,
+        }
+    }
+
+    fn check(params: &Self::Params) -> Vec<ParamProblem> {
+        params.problems()
+    }
+
+    fn items(params: &Self::Params) -> Result<Vec<SourceItem>, KindError> {
+        Ok(params
+            .counts()
+            .into_iter()
+            .flat_map(|(stratum, count)| (0..count).map(move |index| stratum.item_key(index)))
+            .map(|key| SourceItem { key, files: Vec::new() })
+            .collect())
+    }
+
+    fn project(params: &Self::Params, item: Option<&ItemKey>, _group: &str) -> Value {
+        match item.and_then(|key| Stratum::of_key(key.as_str())) {
+            Some((stratum, _)) => params.read_by(stratum),
+            None => serde_json::to_value(params).expect("params serialise"),
+        }
+    }
+
+    fn seed(pipeline_seed: u64, item: &str) -> u64 {
+        views::item_seed(pipeline_seed, Self::spec().name, item)
+    }
+
+    fn later() -> &'static [Later] {
+        params::LATER
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let key = action.item()?;
+        let (stratum, index) = Stratum::of_key(key.as_str()).ok_or_else(|| {
+            KindError::Input(format!("item `{key}` names no stratum and index, as L1-open-000123 does"))
+        })?;
+        let pool = match action.all_if(ASSETS)? {
+            Some(assets) => cast::Pool::load(ctx, assets)?,
+            None => cast::Pool::default(),
+        };
+        let shared = views::stratum_seed(action.seed, index)?;
+        let seed = match action.params.library {
+            0 => shared,
+            library => derive_seed(shared, "library", &library.to_string()),
+        };
+        let which = Which::of(&action.params, seed, stratum, index);
+        let Which { content, view } = which;
+        // What a content draws is the same in all its views; the renderer's random numbers are a view's own.
+        let content_seed = derive_seed(seed, "content", &content.to_string());
+        let (scene, recipe) = assemble::scene(ctx, &action.params, &pool, stratum, which, content_seed)?;
+        let scene = Scene { seed: derive_seed(content_seed, "view", &view.to_string()), ..scene };
+        let recipe = Recipe { index, content, view, ..recipe };
+        Ok(Outputs::default().put(SCENES, SceneRecord { scene, recipe }.store(ctx)?))
+    }
+}
+
+#[cfg(test)]
+mod standing;
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,284 @@
+//! Params of `place_generation`, their checks, and which of them an item reads.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use tauflow_contract::{Before, Later, ParamProblem};
+use tauflow_data::{ContextClass, Regime, Stratum, rng::Stream};
+
+/// What scenes were made of before these params existed.
+pub(crate) const LATER: &[Later] = &[
+    Later { pointer: "/library", before: Before::Integer(0) },
+    Later { pointer: "/views", before: Before::Integers(&[1, 1]) },
+];
+
+/// A range `[low, high]`.
+pub type Range = [f64; 2];
+
+/// Which assets are parted into train and test pools before scenes are built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum HoldOut {
+    /// Objects, procedural forms among them.
+    Objects,
+    /// Environments: HDRIs and procedural skies.
+    Environments,
+}
+
+/// Params of `place_generation`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct PlaceGenerationParams {
+    /// Number of scenes, spread over the strata as evenly as can be. Raising it appends scenes and changes none.
+    #[schemars(range(min = 1, max = 1_000_000))]
+    pub pool: u64,
+    /// How many scenes show one content, fewest and most: from other cameras, at other exposures, in other light.
+    #[schemars(inner(range(min = 1, max = 64)))]
+    pub views: [u32; 2],
+    /// Regimes to draw from.
+    #[schemars(length(min = 1))]
+    pub regimes: Vec<Regime>,
+    /// Contexts to draw from.
+    #[schemars(length(min = 1))]
+    pub contexts: Vec<ContextClass>,
+    /// Assets to part into train and test pools.
+    pub hold_out: Vec<HoldOut>,
+    /// Which library procedural objects, skies and patterns are from: no two libraries share one.
+    #[schemars(range(min = 0, max = 1000))]
+    pub library: u64,
+    /// Share of contents, and of each held-out pool, that is for testing; read only with `hold_out`.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub test_share: f64,
+    /// Number of things in a scene, fewest and most: what a scene may hold is drawn from this range, and a layout
+    /// places what it has room for. Walls, doors and windows are no things.
+    #[schemars(inner(range(min = 1, max = 200)))]
+    pub objects: [u32; 2],
+    /// Share of the things that a scene shows (not its furniture) taken from the connected assets, besides the main
+    /// one of a scene, which always is.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub asset_share: f64,
+    /// Exposure offset in stops.
+    #[schemars(inner(range(min = -16.0, max = 16.0)))]
+    pub exposure: Range,
+    /// Horizontal field of view in degrees.
+    #[schemars(inner(range(min = 5.0, max = 120.0)))]
+    pub fov: Range,
+    /// Longest path in segments, by context.
+    pub max_depth: MaxDepth,
+    /// Diffuse surfaces, which every scene has.
+    pub diffuse: DiffuseRanges,
+    /// Glossy surfaces: read by L1 alone.
+    pub glossy: GlossyRanges,
+    /// Refractive surfaces under broad light: read by L2 alone.
+    pub refractive: RefractiveRanges,
+    /// Glass, mirrors and small lights: read by L3 alone.
+    pub caustic: CausticRanges,
+}
+
+/// Longest path in segments, by context.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct MaxDepth {
+    /// Under an environment.
+    #[schemars(range(min = 1, max = 1000))]
+    pub environment: u32,
+    /// In the open.
+    #[schemars(range(min = 1, max = 1000))]
+    pub open: u32,
+    /// In rooms.
+    #[schemars(range(min = 1, max = 1000))]
+    pub enclosed: u32,
+}
+
+/// Diffuse surfaces.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct DiffuseRanges {
+    /// Largest channel of the albedo.
+    #[schemars(inner(range(min = 0.0, max = 0.98)))]
+    pub albedo: Range,
+    /// Share of surfaces with a texture.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub textured: f64,
+}
+
+/// Glossy surfaces.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct GlossyRanges {
+    /// GGX roughness alpha.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
+    pub roughness: Range,
+    /// Share of metals.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub metal: f64,
+}
+
+/// Refractive surfaces under broad light.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct RefractiveRanges {
+    /// Index of refraction.
+    #[schemars(inner(range(min = 1.01, max = 3.0)))]
+    pub ior: Range,
+    /// GGX roughness alpha of frosted glass.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
+    pub roughness: Range,
+    /// Share of scenes with a thin pane.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub panes: f64,
+}
+
+/// Glass, mirrors and small lights.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct CausticRanges {
+    /// Index of refraction.
+    #[schemars(inner(range(min = 1.01, max = 3.0)))]
+    pub ior: Range,
+    /// Share of mirrors among the specular objects.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub mirror: f64,
+    /// Radius of the lights, metres.
+    #[schemars(inner(range(min = 0.01, max = 1.0)))]
+    pub emitter: Range,
+}
+
+impl Default for PlaceGenerationParams {
+    fn default() -> Self {
+        Self {
+            pool: 120,
+            views: [1, 6],
+            regimes: Regime::ALL.to_vec(),
+            contexts: ContextClass::ALL.to_vec(),
+            hold_out: Vec::new(),
+            library: 0,
+            test_share: 0.2,
+            objects: [5, 60],
+            asset_share: 0.35,
+            exposure: [-1.0, 1.0],
+            fov: [35.0, 70.0],
+            max_depth: MaxDepth::default(),
+            diffuse: DiffuseRanges::default(),
+            glossy: GlossyRanges::default(),
+            refractive: RefractiveRanges::default(),
+            caustic: CausticRanges::default(),
+        }
+    }
+}
+
+impl Default for MaxDepth {
+    fn default() -> Self {
+        Self { environment: 8, open: 12, enclosed: 16 }
+    }
+}
+
+impl Default for DiffuseRanges {
+    fn default() -> Self {
+        Self { albedo: [0.2, 0.8], textured: 0.4 }
+    }
+}
+
+impl Default for GlossyRanges {
+    fn default() -> Self {
+        Self { roughness: [0.05, 0.4], metal: 0.5 }
+    }
+}
+
+impl Default for RefractiveRanges {
+    fn default() -> Self {
+        Self { ior: [1.3, 1.7], roughness: [0.1, 0.4], panes: 0.35 }
+    }
+}
+
+impl Default for CausticRanges {
+    fn default() -> Self {
+        Self { ior: [1.33, 1.8], mirror: 0.35, emitter: [0.03, 0.1] }
+    }
+}
+
+impl PlaceGenerationParams {
+    /// The strata asked for, in their order, without repeats.
+    pub fn strata(&self) -> Vec<Stratum> {
+        Stratum::all().filter(|s| self.regimes.contains(&s.regime) && self.contexts.contains(&s.context)).collect()
+    }
+
+    /// How many scenes each stratum gets.
+    pub fn counts(&self) -> Vec<(Stratum, u64)> {
+        let strata = self.strata();
+        let n = strata.len().max(1) as u64;
+        strata.into_iter().zip(0..).map(|(s, i)| (s, self.pool / n + u64::from(i < self.pool % n))).collect()
+    }
+
+    /// One of `count` variants of this library.
+    pub fn variant(&self, draw: &mut Stream, count: u64) -> u64 {
+        self.library * count + draw.below(count as usize) as u64
+    }
+
+    /// Longest path of a context.
+    pub fn depth(&self, context: ContextClass) -> u32 {
+        match context {
+            ContextClass::Environment => self.max_depth.environment,
+            ContextClass::Open => self.max_depth.open,
+            ContextClass::Enclosed => self.max_depth.enclosed,
+        }
+    }
+
+    /// What single fields cannot say: ranges out of order, and a held-out side without a share.
+    pub fn problems(&self) -> Vec<ParamProblem> {
+        let mut out = Vec::new();
+        for (pointer, [low, high]) in [
+            ("/exposure", self.exposure),
+            ("/fov", self.fov),
+            ("/diffuse/albedo", self.diffuse.albedo),
+            ("/glossy/roughness", self.glossy.roughness),
+            ("/refractive/ior", self.refractive.ior),
+            ("/refractive/roughness", self.refractive.roughness),
+            ("/caustic/ior", self.caustic.ior),
+            ("/caustic/emitter", self.caustic.emitter),
+            ("/objects", self.objects.map(f64::from)),
+            ("/views", self.views.map(f64::from)),
+        ] {
+            if low > high {
+                out.push(ParamProblem::new(pointer, format!("[{low}, {high}] is out of order"), "write [low, high]"));
+            }
+        }
+        if !self.hold_out.is_empty() && (self.test_share <= 0.0 || self.test_share >= 1.0) {
+            out.push(ParamProblem::new(
+                "/test_share",
+                "with `hold_out`, both sides need a share",
+                "choose a share between 0 and 1",
+            ));
+        }
+        out
+    }
+
+    /// The params that a scene of `stratum` reads: never the pool, nor ranges of another regime or context.
+    pub fn read_by(&self, stratum: Stratum) -> Value {
+        let mut value = json!({
+            "views": self.views,
+            "objects": self.objects,
+            "asset_share": self.asset_share,
+            "exposure": self.exposure,
+            "fov": self.fov,
+            "max_depth": { stratum.context.to_string(): self.depth(stratum.context) },
+            "diffuse": self.diffuse,
+            "library": self.library,
+        });
+        let fields = value.as_object_mut().expect("just made");
+        if !self.hold_out.is_empty() {
+            let mut hold_out = self.hold_out.clone();
+            hold_out.sort_unstable();
+            hold_out.dedup();
+            fields.insert("hold_out".into(), json!(hold_out));
+            fields.insert("test_share".into(), json!(self.test_share));
+        }
+        match stratum.regime {
+            Regime::L0 => None,
+            Regime::L1 => fields.insert("glossy".into(), json!(self.glossy)),
+            Regime::L2 => fields.insert("refractive".into(), json!(self.refractive)),
+            Regime::L3 => fields.insert("caustic".into(), json!(self.caustic)),
+        };
+        value
+    }
+}

@@ -1,0 +1,3 @@
+//! Shapes: closed, outward, of the right size.
+
+use super::*;
