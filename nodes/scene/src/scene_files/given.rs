@@ -127,12 +127,12 @@ mod tests {
         for bad in ["", "/etc/passwd", "C:/x", "a\0", "."] {
             assert_eq!(normalised(bad), None, "{bad:?}");
         }
-        let folder = std::env::temp_dir().join(format!("tauflow-given-{}", std::process::id()));
+        let temporary = tempfile::tempdir().expect("a folder");
+        let folder = temporary.path();
         fs::create_dir_all(folder.join("scene")).expect("a folder");
         fs::write(folder.join("x"), "1").expect("a file");
-        let at = |path| Given::on_disk(&folder.join("scene"), &folder, path).is_some();
+        let at = |path| Given::on_disk(&folder.join("scene"), folder, path).is_some();
         assert!(at("../x") && !at("../../x") && !at("../scene/../../x") && !at("../y") && !at("../scene"));
         assert!(Given::on_disk(&folder.join("scene"), &folder.join("scene"), "../x").is_none());
-        fs::remove_dir_all(&folder).expect("its own");
     }
 }
