@@ -16,7 +16,7 @@ use tauflow_contract::Digest;
 use tauflow_data::{
     Image,
     mesh::Mesh,
-    scene::{Affine, Bsdf, Camera, Emitter, Geometry, Scene, Shape, Texture},
+    scene::{Affine, Bsdf, Camera, Emitter, Geometry, IDENTITY, Scene, Shape, Texture},
 };
 
 /// Most triangles that all shapes show together, each instance counted.
@@ -245,6 +245,17 @@ impl<'a> Builder<'a> {
             emitters: self.emitters,
         };
         (scene, self.blobs, self.problems)
+    }
+}
+
+/// `a` after `b`, to the bit where one of them does nothing: a product would turn -0 into 0.
+pub fn chained(a: &Affine, b: &Affine) -> Affine {
+    if *a == IDENTITY {
+        *b
+    } else if *b == IDENTITY {
+        *a
+    } else {
+        compose(a, b)
     }
 }
 

@@ -1,10 +1,7 @@
 //! Mitsuba's sensors and films.
 
 use super::{Plugin, Reader};
-use crate::{
-    geom::compose,
-    scene_files::build::{camera, fov_x, mirrors},
-};
+use crate::scene_files::build::{camera, fov_x, mirrors};
 use tauflow_data::{
     maths,
     scene::{Camera, IDENTITY},
@@ -74,7 +71,7 @@ impl<'t> Reader<'t, '_, '_> {
         let (fov, map) = (fov?, placed.map_or(IDENTITY, |t| t.map));
         let made = match placed.and_then(|t| t.look) {
             Some([origin, target, up]) => Camera { origin, target, up, fov_x: fov, near },
-            None => camera(&compose(&map, &IDENTITY), fov, near),
+            None => camera(&map, fov, near),
         };
         Some((made, film, mirrors(&map)))
     }

@@ -3,7 +3,7 @@
 use super::{DEEPEST, MOST_VISITS, Material, Plugin, Reader, textures::Role};
 use crate::{
     geom::{compose, cross, length, scaling, sub, translation, unit},
-    scene_files::meshes,
+    scene_files::{build::chained, meshes},
 };
 use tauflow_data::{
     mesh::Mesh,
@@ -36,7 +36,7 @@ impl<'t> Reader<'t, '_, '_> {
                 return plugin.properties.iter().for_each(|p| p.used.set(true));
             }
             "instance" => {
-                let map = compose(above, &self.to_world(plugin));
+                let map = chained(above, &self.to_world(plugin));
                 let groups = self.inside(plugin, "shape");
                 if groups.len() != 1 || groups[0].1.sort != "shapegroup" {
                     self.build.problems.error(&plugin.at, "an instance of no group", "refer to one `shapegroup`");
@@ -48,7 +48,7 @@ impl<'t> Reader<'t, '_, '_> {
             }
             _ => {}
         }
-        let map = compose(above, &self.to_world(plugin));
+        let map = chained(above, &self.to_world(plugin));
         let emission = self.emission(plugin);
         let material = self.shape_material(plugin, emission.is_some());
         let mut reads = material.as_ref().map_or([None, None], |m| m.reads.clone());
@@ -62,7 +62,7 @@ impl<'t> Reader<'t, '_, '_> {
         let flip_normals = self.flag(plugin, "flip_normals", false);
         self.finish(plugin);
         let (Some((geometry, local)), Some(material)) = (made, material) else { return };
-        let to_world = compose(&map, &local);
+        let to_world = chained(&map, &local);
         let emission = match emission {
             Some((Some(texture), _)) => Some(texture),
             Some((None, _)) => return,

@@ -6,8 +6,9 @@
 
 use super::values::{any_up, color, look, numbers, rotation, spectrum};
 use crate::{
-    geom::{Vec3, compose, scaling, sub, translation, unit},
+    geom::{Vec3, scaling, sub, translation, unit},
     scene_files::{
+        build::chained,
         given::Given,
         problems::{Place, Problems},
     },
@@ -358,7 +359,7 @@ impl Parser<'_> {
             let at = rows.place(child);
             let Some(step) = self.step(child, &at) else { continue };
             whole.look = step.look.filter(|_| index == 0);
-            whole.map = compose(&step.map, &whole.map);
+            whole.map = chained(&step.map, &whole.map);
         }
         whole
     }
