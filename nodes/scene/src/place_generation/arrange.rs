@@ -69,33 +69,21 @@ impl<'a> Stage<'a> {
         out
     }
 
-    /// `n` things at even distances along a surface's x, all of one form and material if `same`.
-    pub fn line(&mut self, on: &Surface, ask: &Ask, n: usize, deep: f64, yaw: f64, same: bool) -> Vec<usize> {
-        let mut pick = self.pick(ask);
-        let mut out = Vec::new();
-        for i in 0..n {
-            if !same && i > 0 {
-                pick = self.pick(ask);
-            }
-            let Some(pick) = &pick else { continue };
-            let x = on.half[0] * ((2 * i + 1) as f64 / n as f64 - 1.0);
-            out.extend(self.put(pick, on, [x, deep * on.half[1]], yaw));
-        }
-        out
-    }
-
     /// A pile of flat things; gives their numbers from below.
     pub fn pile(&mut self, on: &Surface, ask: &Ask, at: [f64; 2], n: usize) -> Vec<usize> {
         let mut out: Vec<usize> = Vec::new();
         let mut d = self.next();
         let yaw = d.range(-0.4, 0.4);
-        for _ in 0..n {
+        for _ in 0..2 * n {
+            if out.len() == n {
+                break;
+            }
             let Some(pick) = self.pick(ask) else { break };
             let placed = match out.last() {
                 None => self.put(&pick, on, at, yaw),
                 Some(below) => match self.lid(*below) {
                     // Onto the middle of what lies there, if it is no larger.
-                    Some(lid) => self.put(&pick, &lid.grown(0.01), [0.0; 2], d.range(-0.15, 0.15)),
+                    Some(lid) => self.put(&pick, &lid, [0.0; 2], d.range(-0.1, 0.1)),
                     None => None,
                 },
             };
@@ -224,8 +212,14 @@ impl<'a> Stage<'a> {
         let mut d = self.next();
         let high = [3.0 * on.half[0], on.clearance, 3.0 * on.half[1]];
         let mut thing = None;
-        for attempt in 0..12 {
-            let shrink = if attempt < 4 { 1.0 } else { 0.75 };
+        for attempt in 0..20 {
+            let shrink = if attempt < 4 {
+                1.0
+            } else if attempt < 12 {
+                0.75
+            } else {
+                0.5
+            };
             let longest = d.range(size[0], size[1]) * shrink;
             let pick = match self.cast.turn() {
                 Some(asset) if !self.has_main => Some(self.asset(asset, longest, high)),
@@ -278,12 +272,5 @@ impl<'a> Stage<'a> {
             }
         }
         thing
-    }
-}
-
-impl Surface {
-    /// A little larger on all sides.
-    pub fn grown(&self, by: f64) -> Self {
-        Self { half: self.half.map(|h| h + by), ..self.clone() }
     }
 }

@@ -13,7 +13,6 @@ mod noise;
 mod params;
 mod place;
 mod props;
-#[allow(dead_code, reason = "the layouts take the library up one by one")]
 mod shapes;
 mod shell;
 mod skies;
@@ -22,9 +21,7 @@ mod stuff;
 mod textures;
 mod views;
 
-pub use params::{
-    CausticRanges, DiffuseRanges, GlossyRanges, HoldOut, MaxDepth, PlaceGenerationParams, Range, RefractiveRanges,
-};
+pub use params::PlaceGenerationParams;
 
 use assemble::Which;
 use serde_json::Value;

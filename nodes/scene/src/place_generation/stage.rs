@@ -53,7 +53,8 @@ pub struct Thing<'a> {
     pub body: Body<'a>,
     /// Where it stands.
     pub to_world: Affine,
-    /// How it is held.
+    /// How it is held, which tests look at.
+    #[cfg_attr(not(test), expect(dead_code, reason = "tests hold things to it"))]
     pub rest: Rest,
     /// True if it shows the regime.
     pub special: bool,

@@ -7,8 +7,10 @@ use crate::geom::{Aabb, Vec3, cross, sub};
 const BOXES: usize = 6;
 /// Boxes of a whole thing at most.
 const TOTAL: usize = 24;
-/// Places tried for a cut along an axis.
+/// Places tried for a cut along an axis, beside even ones.
 const CUTS: usize = 24;
+/// Up to so many faces are cut where their corners lie.
+const FEW: usize = 400;
 
 struct Face {
     corners: [Vec3; 3],
@@ -64,15 +66,6 @@ fn between(face: &Face, axis: usize, low: f64, high: f64) -> Aabb {
     clipped(&face.corners, axis, low, high)
 }
 
-/// The tight box of what lies inside `cell`, cut along one axis after the other (a little more than exact where a
-/// triangle is cut by two axes, never less).
-fn inside(faces: &[Face], within: &[usize], axis: usize, low: f64, high: f64) -> Aabb {
-    within.iter().fold(Aabb::EMPTY, |all, i| {
-        let part = between(&faces[*i], axis, low, high);
-        if part.low[0] <= part.high[0] { all.union(&part) } else { all }
-    })
-}
-
 /// A box and the faces it must hold.
 struct Cell {
     bounds: Aabb,
@@ -83,17 +76,26 @@ fn intersect(a: &Aabb, b: &Aabb) -> Aabb {
     Aabb { low: [0, 1, 2].map(|i| a.low[i].max(b.low[i])), high: [0, 1, 2].map(|i| a.high[i].min(b.high[i])) }
 }
 
+/// Places to cut a cell at, in order: where corners lie, for a small mesh, and evenly between.
 fn cuts(faces: &[Face], cell: &Cell, axis: usize) -> Vec<f64> {
     let (low, high) = (cell.bounds.low[axis], cell.bounds.high[axis]);
-    let mut places: Vec<f64> = cell.within.iter().flat_map(|i| faces[*i].corners).map(|p| p[axis]).collect();
-    places.retain(|p| *p > low + 0.004 && *p < high - 0.004);
-    places.sort_by(f64::total_cmp);
-    places.dedup_by(|a, b| (*a - *b).abs() < 0.002);
-    let n = places.len();
-    if n > CUTS {
-        places = (0..CUTS).map(|k| places[(2 * k + 1) * n / (2 * CUTS)]).collect();
+    let even = if cell.within.len() > FEW { 12 } else { 6 };
+    let mut places: Vec<f64> = Vec::new();
+    if cell.within.len() <= FEW {
+        places.extend(cell.within.iter().flat_map(|i| faces[*i].corners).map(|p| p[axis]));
+        places.retain(|p| *p > low + 0.004 && *p < high - 0.004);
+        places.sort_by(f64::total_cmp);
+        places.dedup_by(|a, b| (*a - *b).abs() < 0.002);
+        let n = places.len();
+        if n > CUTS {
+            places = (0..CUTS).map(|k| places[(2 * k + 1) * n / (2 * CUTS)]).collect();
+        }
     }
-    places.extend((1..6).map(|k| low + (high - low) * f64::from(k) / 6.0));
+    if high - low > 0.008 {
+        places.extend((1..even).map(|k| low + (high - low) * f64::from(k) / f64::from(even)));
+    }
+    places.sort_by(f64::total_cmp);
+    places.dedup();
     places
 }
 
@@ -102,9 +104,35 @@ fn best(faces: &[Face], cell: &Cell) -> (f64, Option<[Aabb; 2]>) {
     let whole = volume(&cell.bounds);
     let mut found = (0.0, None);
     for axis in 0..3 {
-        for place in cuts(faces, cell, axis) {
-            let halves = [(f64::NEG_INFINITY, place), (place, f64::INFINITY)]
-                .map(|(low, high)| intersect(&inside(faces, &cell.within, axis, low, high), &cell.bounds));
+        let places = cuts(faces, cell, axis);
+        // What lies in each slab between two cuts; the box of a half is the union of its slabs' boxes.
+        let edge = |k: usize| match k {
+            0 => f64::NEG_INFINITY,
+            k if k > places.len() => f64::INFINITY,
+            k => places[k - 1],
+        };
+        let mut slabs = vec![Aabb::EMPTY; places.len() + 1];
+        for i in &cell.within {
+            let face = &faces[*i];
+            let along = face.corners.map(|p| p[axis]);
+            let (min, max) = (along[0].min(along[1]).min(along[2]), along[0].max(along[1]).max(along[2]));
+            let first = places.partition_point(|p| *p < min - 1e-9);
+            let last = places.partition_point(|p| *p <= max + 1e-9);
+            for (k, slab) in slabs.iter_mut().enumerate().take(last + 1).skip(first) {
+                let part = between(face, axis, edge(k), edge(k + 1));
+                if part.low[0] <= part.high[0] {
+                    *slab = slab.union(&part);
+                }
+            }
+        }
+        let mut above = vec![Aabb::EMPTY; slabs.len() + 1];
+        for k in (0..slabs.len()).rev() {
+            above[k] = joined(&above[k + 1], &slabs[k]);
+        }
+        let mut below = Aabb::EMPTY;
+        for k in 0..places.len() {
+            below = joined(&below, &slabs[k]);
+            let halves = [intersect(&below, &cell.bounds), intersect(&above[k + 1], &cell.bounds)];
             let saved = whole - volume(&halves[0]) - volume(&halves[1]);
             if saved > found.0 {
                 found = (saved, Some(halves));
@@ -112,6 +140,15 @@ fn best(faces: &[Face], cell: &Cell) -> (f64, Option<[Aabb; 2]>) {
         }
     }
     found
+}
+
+/// The union of two boxes, either of which may be empty.
+fn joined(a: &Aabb, b: &Aabb) -> Aabb {
+    match (a.low[0] <= a.high[0], b.low[0] <= b.high[0]) {
+        (true, true) => a.union(b),
+        (true, false) => *a,
+        (false, _) => *b,
+    }
 }
 
 /// Boxes around one body.
@@ -128,11 +165,9 @@ pub fn boxes(body: &Body) -> Vec<Aabb> {
     faces.iter().flat_map(|f| f.corners).for_each(|p| bounds.grow(p));
     let whole = volume(&bounds);
     let mut cells = vec![(Cell { bounds, within: (0..faces.len()).collect() }, None)];
-    // Large meshes are cut less often: their boxes are found on every few faces' own boxes anyway.
-    let limit = if faces.len() > 6000 { 3 } else { BOXES };
     // A dozen triangles along the axes are a box already.
     if faces.len() > 12 || faces.iter().any(|f| f.normal.iter().filter(|n| n.abs() > 1e-12).count() > 1) {
-        while cells.len() < limit {
+        while cells.len() < BOXES {
             for (cell, cut) in &mut cells {
                 if cut.is_none() {
                     *cut = Some(best(&faces, cell));
@@ -169,21 +204,33 @@ pub fn merged(mut boxes: Vec<Aabb>) -> Vec<Aabb> {
     while boxes.len() > 160 {
         boxes = boxes.chunks(2).map(|pair| pair.iter().fold(Aabb::EMPTY, |all, b| all.union(b))).collect();
     }
+    let waste = |a: &Aabb, b: &Aabb| volume(&a.union(b)) - volume(a) - volume(b);
+    // For each box the later one that it wastes least with; a merge changes few of these.
+    let mut live: Vec<usize> = (0..boxes.len()).collect();
+    let partner = |boxes: &[Aabb], live: &[usize], i: usize| {
+        let later = live.iter().copied().filter(|j| *j > i);
+        later.map(|j| (waste(&boxes[i], &boxes[j]), j)).min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::INFINITY, i))
+    };
+    let mut best: Vec<(f64, usize)> = (0..boxes.len()).map(|i| partner(&boxes, &live, i)).collect();
     loop {
-        let mut found = (f64::INFINITY, 0, 0);
-        for i in 0..boxes.len() {
-            for j in i + 1..boxes.len() {
-                let waste = volume(&boxes[i].union(&boxes[j])) - volume(&boxes[i]) - volume(&boxes[j]);
-                if waste < found.0 {
-                    found = (waste, i, j);
+        let found = live.iter().copied().min_by(|a, b| best[*a].0.total_cmp(&best[*b].0));
+        let Some(i) = found.filter(|i| best[*i].0.is_finite()) else { break };
+        let (lost, j) = best[i];
+        if live.len() <= TOTAL && lost > 0.003 * whole {
+            break;
+        }
+        boxes[i] = boxes[i].union(&boxes[j]);
+        live.retain(|k| *k != j);
+        for k in live.clone() {
+            if k == i || best[k].1 == i || best[k].1 == j {
+                best[k] = partner(&boxes, &live, k);
+            } else if k < i {
+                let now = waste(&boxes[k], &boxes[i]);
+                if now < best[k].0 {
+                    best[k] = (now, i);
                 }
             }
         }
-        let (waste, i, j) = found;
-        if boxes.len() < 2 || (boxes.len() <= TOTAL && waste > 0.003 * whole) {
-            return boxes;
-        }
-        let other = boxes.swap_remove(j);
-        boxes[i] = boxes[i].union(&other);
     }
+    live.into_iter().map(|i| boxes[i]).collect()
 }

@@ -1,7 +1,7 @@
 //! Screens, books, paper, pens.
 
 use super::{
-    super::{shapes::*, stuff::Stuff},
+    super::{noise::noise, shapes::*, stuff::Stuff},
     Family, Form, Made, form,
     maker::Maker,
 };
@@ -288,12 +288,11 @@ fn sheets(d: &mut Stream) -> Made {
 
 fn crumpled(d: &mut Stream) -> Made {
     let (seed, r) = (d.bits(), d.range(0.025, 0.045));
-    let cells = d.range(2.5, 4.0);
+    let cells = d.range(1.6, 2.4);
     let body = icosphere(3, |p| {
-        // Ridges of folded value noise, quantised to facets.
-        let n = super::super::noise::fractal(seed, p.map(|v| v * cells), [0; 3], 2);
-        r * (0.72 + 0.5 * n.abs()
-            - 0.25 * super::super::noise::noise(seed ^ 5, p.map(|v| v * 2.0 * cells), [0; 3]).abs())
+        // Ridges where noise changes its sign, as folds are.
+        let ridge = |seed: u64, k: f64| noise(seed, p.map(|v| v * k), [0; 3]).abs();
+        r * (1.0 - 0.3 * ridge(seed, cells) - 0.2 * ridge(seed ^ 5, 1.7 * cells))
     });
     let mut m = Maker::default();
     m.add(Stuff::Paper, body.flat());

@@ -7,9 +7,9 @@ use super::{
         stuff::Stuff,
     },
     Family, Form, Made, form,
-    maker::Maker,
+    maker::{Maker, one},
 };
-use crate::geom::{Vec3, mul};
+use crate::geom::{Vec3, dot, mul, unit};
 use tauflow_data::{maths, rng::Stream};
 
 pub(super) const FORMS: &[Form] = &[
@@ -30,22 +30,16 @@ pub(super) const FORMS: &[Form] = &[
     form("doormat", Family::Rug, 6, doormat),
 ];
 
-fn one(stuff: Stuff, body: Body) -> Made {
-    let mut m = Maker::default();
-    m.add(stuff, body);
-    m.made()
-}
-
 fn stone(d: &mut Stream, size: f64, levels: u32) -> Body {
     let seed = d.bits();
     let (amount, cells) = (d.range(0.15, 0.4), d.range(1.0, 2.0));
     let planes: Vec<(Vec3, f64)> =
-        (0..7).map(|_| (crate::geom::unit([d.normal(), d.normal(), d.normal()]), d.range(0.62, 0.95))).collect();
+        (0..7).map(|_| (unit([d.normal(), d.normal(), d.normal()]), d.range(0.62, 0.95))).collect();
     let shape = [1.0, d.range(0.55, 0.9), d.range(0.7, 1.0)];
     icosphere(levels, |p| {
         // Planes cut a ball; noise roughens what is left.
         let cut = planes.iter().fold(1.0f64, |r, (n, o)| {
-            let along = crate::geom::dot(p, *n);
+            let along = dot(p, *n);
             if along > 0.05 { r.min(o / along) } else { r }
         });
         size * cut * (1.0 + amount * fractal(seed, mul(p, cells), [0; 3], 5) + 0.02 * noise(seed, mul(p, 14.0), [0; 3]))
@@ -132,7 +126,7 @@ fn strata(d: &mut Stream) -> Made {
     };
     one(
         Stuff::Stone,
-        Field { distance, low: [-1.3 * r, -0.01, -1.3 * r], high: [1.3 * r, 1.05 * h, 1.3 * r] }.body(0.055 * r),
+        Field { distance, low: [-1.3 * r, -0.01, -1.3 * r], high: [1.3 * r, 1.05 * h, 1.3 * r] }.body(0.068 * r),
     )
 }
 
@@ -216,42 +210,43 @@ fn heap(d: &mut Stream) -> Made {
 }
 
 /// Pushes a point out of a box, by the nearest side but never downwards.
-fn outside_box(p: Vec3, half: [f64; 2], top: f64, gap: f64) -> Vec3 {
-    let (dx, dz, dy) = (half[0] + gap - p[0].abs(), half[1] + gap - p[2].abs(), top + gap - p[1]);
+fn outside_box(p: Vec3, half: [f64; 2], top: f64) -> Vec3 {
+    let (dx, dz, dy) = (half[0] - p[0].abs(), half[1] - p[2].abs(), top - p[1]);
     let p = if dx <= 0.0 || dz <= 0.0 || dy <= 0.0 {
         p
     } else if dy < dx && dy < dz {
-        [p[0], top + gap, p[2]]
+        [p[0], top, p[2]]
     } else if dx < dz {
-        [(half[0] + gap) * if p[0] < 0.0 { -1.0 } else { 1.0 }, p[1], p[2]]
+        [half[0] * if p[0] < 0.0 { -1.0 } else { 1.0 }, p[1], p[2]]
     } else {
-        [p[0], p[1], (half[1] + gap) * if p[2] < 0.0 { -1.0 } else { 1.0 }]
+        [p[0], p[1], half[1] * if p[2] < 0.0 { -1.0 } else { 1.0 }]
     };
     [p[0], p[1].max(0.003), p[2]]
 }
 
+/// A square cloth laid flat at height `top`, turned a little; what lies on the support stays, the rest falls.
 fn cloth_over(
     d: &mut Stream,
-    half: [f64; 2],
     top: f64,
     size: [f64; 2],
-    n: usize,
-    steps: usize,
+    support: impl Fn(Vec3) -> bool,
     keep: impl Fn(Vec3) -> Vec3,
 ) -> Body {
-    let turn = d.range(-0.25, 0.25);
-    let (dx, dz) = (0.15 * half[0] * d.range(-1.0, 1.0), 0.15 * half[1] * d.range(-1.0, 1.0));
+    let turn = d.range(-0.4, 0.4);
+    let shift = [0.06 * size[0] * d.range(-1.0, 1.0), 0.06 * size[1] * d.range(-1.0, 1.0)];
     let seed = d.bits();
-    Cloth::new(n, n, 0.02, |s, t| {
+    let (sn, cs) = (maths::sin(turn), maths::cos(turn));
+    let lay = |s: f64, t: f64| {
         let (x, z) = (size[0] * (2.0 * s - 1.0), size[1] * (1.0 - 2.0 * t));
-        let (sn, cs) = (maths::sin(turn), maths::cos(turn));
-        [x * cs + z * sn + dx, top + 0.02 + 0.004 * noise(seed, [9.0 * x, 0.0, 9.0 * z], [0; 3]), z * cs - x * sn + dz]
-    })
-    .fallen(steps, keep)
-    .sheet()
+        let p = [x * cs + z * sn + shift[0], top, z * cs - x * sn + shift[1]];
+        // A little unevenness, where it hangs, lets folds begin.
+        let wild = 0.006 * noise(seed, [9.0 * x, 0.0, 9.0 * z], [0; 3]);
+        if support(p) { p } else { [p[0] + wild, p[1] + wild, p[2] - wild] }
+    };
+    Cloth::new(42, 42, 0.02, lay).pinned(|s, t| support(lay(s, t))).fallen(80, keep).sheet()
 }
 
-/// A cloth on a round or square table, the table below it.
+/// A cloth on a round table, the table below it.
 fn tablecloth(d: &mut Stream) -> Made {
     let mut m = Maker::default();
     let (r, height) = (d.range(0.35, 0.5), d.range(0.7, 0.75));
@@ -262,34 +257,55 @@ fn tablecloth(d: &mut Stream) -> Made {
             24,
         ),
     );
-    m.add(Stuff::Wood, lathe(&[[0.0, height - 0.03], [r, height - 0.03], [r, height], [0.0, height]], 48));
-    let size = r + d.range(0.25, 0.45);
-    let gap = 0.004;
+    m.add(
+        Stuff::Wood,
+        lathe(
+            &[
+                [0.0, height - 0.03],
+                [r - 0.03, height - 0.03],
+                [r - 0.02, height - 0.02],
+                [r - 0.02, height - 0.012],
+                [r - 0.032, height],
+                [0.0, height],
+            ],
+            48,
+        ),
+    );
+    let size = r + d.range(0.2, 0.4);
+    // The cloth keeps a distance, so that between its points it does not cut the edge.
+    let (wide, top) = (r + 0.012, height + 0.003);
     let keep = |p: Vec3| {
         let l = (p[0] * p[0] + p[2] * p[2]).sqrt();
-        let (inside, deep) = (r + gap - l, height + gap - p[1]);
+        let (inside, deep) = (wide - l, top - p[1]);
         let p = if inside <= 0.0 || deep <= 0.0 || deep > 0.2 {
             p
         } else if deep < inside {
-            [p[0], height + gap, p[2]]
+            [p[0], top, p[2]]
         } else {
-            [p[0] * (r + gap) / l, p[1], p[2] * (r + gap) / l]
+            [p[0] * wide / l, p[1], p[2] * wide / l]
         };
         [p[0], p[1].max(0.003), p[2]]
     };
-    let cloth = cloth_over(d, [0.1, 0.1], height, [size, size], 46, 80, keep);
+    let on = |p: Vec3| (p[0] * p[0] + p[2] * p[2]).sqrt() < 0.97 * r;
+    let cloth = cloth_over(d, top, [size, size], on, keep);
     m.add(Stuff::Fabric, cloth);
-    m.top([0.0, height + gap, 0.0], [0.55 * r, 0.55 * r], f64::INFINITY);
+    m.top([0.0, top, 0.0], [0.6 * r, 0.6 * r], f64::INFINITY);
     m.made()
 }
 
 fn draped(d: &mut Stream) -> Made {
     let mut m = Maker::default();
-    let (half, top) = ([d.range(0.12, 0.35), d.range(0.12, 0.3)], d.range(0.2, 0.6));
-    m.add(Stuff::Wood, board([0.0, 0.5 * top, 0.0], [half[0], 0.5 * top, half[1]]));
-    let size = [half[0] + d.range(0.15, 0.45), half[1] + d.range(0.15, 0.45)];
-    let cloth = cloth_over(d, half, top, size, 44, 80, |p| outside_box(p, half, top, 0.005));
+    let (half, height) = ([d.range(0.15, 0.35), d.range(0.15, 0.3)], d.range(0.2, 0.6));
+    m.add(
+        Stuff::Wood,
+        soft_block([0.0, 0.5 * height, 0.0], [half[0] - 0.012, 0.5 * height, half[1] - 0.012], 0.014, 2),
+    );
+    let size = [half[0] + d.range(0.12, 0.4), half[1] + d.range(0.12, 0.4)];
+    let (wide, top) = (half.map(|h| h + 0.012), height + 0.003);
+    let on = |p: Vec3| p[0].abs() < half[0] && p[2].abs() < half[1];
+    let cloth = cloth_over(d, top, size, on, |p| outside_box(p, wide, top));
     m.add(Stuff::Fabric, cloth);
+    m.top([0.0, top, 0.0], [half[0] - 0.04, half[1] - 0.04], f64::INFINITY);
     m.made()
 }
 

@@ -109,3 +109,10 @@ fn joined(meshes: &[Mesh]) -> Mesh {
     }
     out
 }
+
+/// A thing of one body.
+pub fn one(stuff: Stuff, body: Body) -> Made {
+    let mut m = Maker::default();
+    m.add(stuff, body);
+    m.made()
+}

@@ -4,23 +4,42 @@
 //! thirty thousand scenes share a few thousand meshes and an object's name says what it is. Knows no material beyond
 //! [`Stuff`], and no scene.
 
+mod beds;
+mod bicycles;
+mod bins;
+mod boxes;
+mod castings;
+mod ceiling_lamps;
+mod clocks;
+mod columns;
 mod cover;
 mod desktop;
-mod goods;
+mod fences;
+mod food;
+mod frames;
+mod grass;
 mod ground;
+mod instruments;
 mod lamps;
 mod machine;
 mod maker;
-mod misc;
 mod openings;
-mod outdoors;
-mod plants;
-mod play;
+mod ornaments;
+mod potted;
+mod sculptures;
 mod seats;
+mod signs;
 mod sofas;
+mod solids;
+mod stairs;
 mod storage;
+mod street;
 mod tables;
 mod tableware;
+mod tools;
+mod toys;
+mod trees;
+mod vehicles;
 mod vessels;
 
 use super::stuff::Stuff;
@@ -193,21 +212,40 @@ const fn solid(name: &'static str, family: Family, variants: u64, make: fn(&mut 
 
 static FORMS: LazyLock<Vec<Form>> = LazyLock::new(|| {
     let mut forms: Vec<Form> = [
+        beds::FORMS,
+        bicycles::FORMS,
+        bins::FORMS,
+        boxes::FORMS,
+        castings::FORMS,
+        ceiling_lamps::FORMS,
+        clocks::FORMS,
+        columns::FORMS,
         desktop::FORMS,
-        goods::FORMS,
+        fences::FORMS,
+        food::FORMS,
+        frames::FORMS,
+        grass::FORMS,
         ground::FORMS,
+        instruments::FORMS,
         lamps::FORMS,
         machine::FORMS,
-        misc::FORMS,
         openings::FORMS,
-        outdoors::FORMS,
-        plants::FORMS,
-        play::FORMS,
+        ornaments::FORMS,
+        potted::FORMS,
+        sculptures::FORMS,
         seats::FORMS,
+        signs::FORMS,
         sofas::FORMS,
+        solids::FORMS,
+        stairs::FORMS,
         storage::FORMS,
+        street::FORMS,
         tables::FORMS,
         tableware::FORMS,
+        tools::FORMS,
+        toys::FORMS,
+        trees::FORMS,
+        vehicles::FORMS,
         vessels::FORMS,
     ]
     .into_iter()
@@ -224,12 +262,13 @@ pub fn forms() -> &'static [Form] {
 }
 
 /// The forms of a family, sorted by name.
+#[cfg(test)]
 pub fn of_family(family: Family) -> impl Iterator<Item = &'static Form> {
     forms().iter().filter(move |form| form.family == family)
 }
 
 impl Form {
-    /// A variant: the same bits for the same name and variant. Variants from `variants` on are those of other libraries.
+    /// A variant: the same bits for the same name and variant. Those from `variants` on are of other libraries.
     pub fn make(&self, variant: u64) -> Made {
         (self.make)(&mut Stream::new(0x666F_726D, &[variant]).part(self.name))
     }

@@ -24,7 +24,7 @@ fn slats(d: &mut Stream) -> Made {
     let lean = d.range(0.04, 0.1);
     let mut m = Maker::default();
     m.add(Stuff::Wood, board([0.0, seat - 0.012, 0.0], [w, 0.012, depth]));
-    m.top([0.0, seat, 0.0], [w - 0.03, depth - 0.03], 0.9);
+    m.top([0.0, seat, 0.03], [w - 0.03, depth - 0.06], 0.9);
     for s in [-1.0, 1.0] {
         let x = s * (w - leg);
         m.add(Stuff::Wood, board([x, 0.5 * (seat - 0.024), depth - leg], [leg, 0.5 * (seat - 0.024), leg]));
@@ -176,7 +176,7 @@ fn office(d: &mut Stream) -> Made {
     m.add(Stuff::Metal, rod([0.0, 0.2, 0.0], [0.0, seat - 0.08, 0.0], 0.015, 12));
     m.add(Stuff::Plastic, soft_block([0.0, seat - 0.075, 0.0], [0.12, 0.02, 0.14], 0.015, 2));
     m.add(cover, soft_block([0.0, seat - 0.03, 0.0], [w, 0.03, w], 0.028, 4));
-    m.top([0.0, seat, 0.0], [w - 0.06, w - 0.08], 0.6);
+    m.top([0.0, seat, 0.06], [w - 0.06, w - 0.14], 0.6);
     let low = seat + d.range(0.08, 0.16);
     let (curve, wide) = (d.range(0.02, 0.06), d.range(0.8, 1.0));
     let back = slab(10, 10, 0.05, |s, t| {

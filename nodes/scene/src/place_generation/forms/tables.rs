@@ -4,6 +4,7 @@ use super::{
     super::{shapes::*, stuff::Stuff},
     Family, Form, Made, form,
     maker::Maker,
+    storage::fronts,
 };
 use tauflow_data::{maths, rng::Stream};
 
@@ -228,7 +229,7 @@ fn console(d: &mut Stream) -> Made {
         board([0.0, height - 0.025 - 0.5 * body, -0.005], [half[0] - 0.03, 0.5 * body, half[1] - 0.025]),
     );
     let count = 1 + d.below(3);
-    super::storage::fronts(
+    fronts(
         &mut m,
         d,
         Stuff::Wood,
@@ -266,7 +267,7 @@ fn drawers(d: &mut Stream) -> Made {
         if s > 0.0 || both {
             m.add(stuff, board([x, 0.5 * (under + 0.04), -0.01], [wide, 0.5 * (under - 0.04), half[1] - 0.04]));
             let rows = 2 + d.below(3);
-            super::storage::fronts(
+            fronts(
                 &mut m,
                 d,
                 stuff,
@@ -332,15 +333,7 @@ fn secretary(d: &mut Stream) -> Made {
     m.top([0.0, height + upper + 0.02, z], [half[0] - 0.02, deep - 0.02], f64::INFINITY);
     m.add(Stuff::Wood, board([0.0, height + 0.5 * upper, -half[1] + 0.004], [half[0] - 0.02, 0.5 * upper, 0.004]));
     m.add(Stuff::Wood, board([0.0, height - 0.075, -0.01], [half[0] - 0.02, 0.05, half[1] - 0.025]));
-    super::storage::fronts(
-        &mut m,
-        d,
-        Stuff::Wood,
-        [half[0] - 0.03, 0.045],
-        [0.0, height - 0.075, half[1] - 0.035],
-        2,
-        1,
-    );
+    fronts(&mut m, d, Stuff::Wood, [half[0] - 0.03, 0.045], [0.0, height - 0.075, half[1] - 0.035], 2, 1);
     for (sx, sz) in CORNERS {
         let [x, z] = [sx * (half[0] - 0.045), sz * (half[1] - 0.05)];
         m.add(Stuff::Wood, tube(&[[x, 0.0, z], [x, height - 0.125, z]], 10, |t| 0.012 + 0.01 * t));

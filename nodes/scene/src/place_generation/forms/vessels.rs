@@ -3,7 +3,7 @@
 use super::{
     super::{shapes::*, stuff::Stuff},
     Family, Form, Made, form,
-    maker::Maker,
+    maker::{Maker, one},
     solid,
 };
 use tauflow_data::{maths, rng::Stream};
@@ -37,12 +37,6 @@ fn hollow(outer: &[[f64; 2]], thick: f64, bottom: f64) -> Vec<[f64; 2]> {
     profile.push([0.8 * last[0], bottom + 0.1 * thick]);
     profile.push([0.0, bottom]);
     profile
-}
-
-fn one(stuff: Stuff, body: Body) -> Made {
-    let mut m = Maker::default();
-    m.add(stuff, body);
-    m.made()
 }
 
 fn bottle(d: &mut Stream) -> Made {

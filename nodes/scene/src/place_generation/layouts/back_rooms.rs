@@ -86,6 +86,7 @@ pub fn bathroom(s: &mut Stage<'_>) {
 
 /// Under the roof: boards, sloping sides, boxes, trunks, what nobody needs any more.
 pub fn attic(s: &mut Stage<'_>) {
+    s.bare = true;
     let size = [s.draw("width", 4.0, 6.0), s.draw("height", 2.3, 2.9), s.draw("depth", 4.0, 6.5)];
     let made =
         Made { floor: Stuff::Wood, walls: [Stuff::Brick, Stuff::Wood][s.choose("walls", 2)], ceiling: Stuff::Wood };
@@ -122,7 +123,7 @@ pub fn attic(s: &mut Stage<'_>) {
         // Nothing stands under the slope that would reach it: steps of boxes stand for it.
         for k in 0..8 {
             let t = (f64::from(k) + 0.5) / 8.0;
-            let (cx, low) = (a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * (t - 0.0625) - drop_of() - 0.05);
+            let (cx, low) = (a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * (t - 0.0625) - drop_of() - 0.15);
             let half = 0.5 * (x - flat) / 8.0;
             s.world.solids.push(crate::place_generation::place::Solid {
                 y: [low, y],

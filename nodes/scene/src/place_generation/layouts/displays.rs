@@ -10,7 +10,6 @@ use crate::{
         forms::Family as F,
         place::{Surface, Turn},
         props::{Ask, ask},
-        shell::{Made, Room, Window},
         stage::{Light, Stage},
         stuff::Stuff,
     },

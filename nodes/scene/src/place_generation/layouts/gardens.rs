@@ -8,15 +8,12 @@ use crate::{
     geom::Aabb,
     place_generation::{
         forms::Family as F,
-        library::{self, Land},
-        noise::fractal,
-        place::{Relief, Surface, Turn},
+        place::{Surface, Turn},
         props::ask,
         stage::{From, Stage},
         stuff::Stuff,
     },
 };
-use std::sync::Arc;
 
 /// Clipped hedges and paths, urns, a bench, steps.
 pub fn hedge_garden(s: &mut Stage<'_>) {

@@ -2,7 +2,7 @@
 
 use super::kit::*;
 use crate::{
-    geom::{Aabb, add},
+    geom::Aabb,
     place_generation::{
         forms::Family as F,
         place::{Surface, Turn},
@@ -12,7 +12,6 @@ use crate::{
         stuff::Stuff,
     },
 };
-use core::f64::consts::PI;
 
 /// Scaffold, planks, bricks, pipes, barriers, a machine, work lamps.
 pub fn construction_site(s: &mut Stage<'_>) {

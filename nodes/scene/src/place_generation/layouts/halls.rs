@@ -5,10 +5,10 @@ use crate::{
     geom::{Aabb, Vec3},
     place_generation::{
         forms::Family as F,
-        place::{Solid, Surface, Turn},
+        place::{Surface, Turn},
         props::ask,
         shell::{Made, Window},
-        stage::{From, Light, Stage},
+        stage::{From, Stage},
         stuff::Stuff,
     },
 };

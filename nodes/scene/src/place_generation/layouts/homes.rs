@@ -7,7 +7,7 @@ use crate::{
         forms::Family as F,
         place::Turn,
         props::ask,
-        shell::{Made, PLAIN},
+        shell::Made,
         stage::{Light, Stage},
         stuff::Stuff,
     },

@@ -1,7 +1,7 @@
 //! What layouts share: the usual sizes of things, tables made to measure, desks and shelves filled.
 
 use crate::{
-    geom::{Aabb, Vec3},
+    geom::Vec3,
     place_generation::{
         forms::Family as F,
         place::{Surface, Turn},
@@ -19,8 +19,6 @@ pub const ANY: [f64; 2] = [-PI, PI];
 pub const ABOUT: [f64; 2] = [-0.35, 0.35];
 /// All round.
 pub const ROUND: [f64; 2] = [0.0, TAU];
-/// From a little above to well above.
-pub const ABOVE: [f64; 2] = [0.12, 0.8];
 
 /// Small things for tables and shelves.
 pub const VESSEL: Ask = ask(F::Vessel).most(0.3, 0.4, 0.3);
@@ -187,13 +185,6 @@ pub fn lay(s: &mut Stage<'_>, top: &Surface, seats: usize) {
             let _ = s.put(pick, top, spot(shift - 0.2 * side, deep), turn);
         }
     }
-}
-
-/// A box about a surface and what stands on it.
-pub fn about(on: &Surface, height: f64) -> Aabb {
-    let b = on.bounds(height);
-    let (c, size) = (b.center(), b.size());
-    Aabb::around(c, [0.3 * size[0], 0.35 * size[1], 0.3 * size[2]])
 }
 
 /// Lights a number of lamps strung between two places, sagging.

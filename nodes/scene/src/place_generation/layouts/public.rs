@@ -2,7 +2,7 @@
 
 use super::kit::*;
 use crate::{
-    geom::{Aabb, Vec3},
+    geom::Aabb,
     place_generation::{
         forms::Family as F,
         place::{Solid, Surface, Turn},

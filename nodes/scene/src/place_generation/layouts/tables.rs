@@ -6,7 +6,7 @@ use crate::{
     place_generation::{
         forms::Family as F,
         place::{Surface, Turn},
-        props::{Ask, ask},
+        props::ask,
         shell::{Made, Room, Window},
         stage::{Light, Stage},
         stuff::Stuff,

@@ -2,7 +2,7 @@
 
 use super::kit::*;
 use crate::{
-    geom::{Aabb, add},
+    geom::Aabb,
     place_generation::{
         forms::Family as F,
         place::{Surface, Turn},
@@ -78,7 +78,7 @@ pub fn facade(s: &mut Stage<'_>, name: &str, wall: &Wall, floors: usize, bays: u
 /// Four walls round a paved yard, a tree, benches, pots, bicycles, lit windows.
 pub fn courtyard(s: &mut Stage<'_>) {
     let stuff = s.one("ground", &[Stuff::Stone, Stuff::Asphalt, Stuff::Sand, Stuff::Brick]);
-    let floor = ground(s, stuff, 20.0);
+    ground(s, stuff, 20.0);
     let (x, z, high) = (s.draw("width", 4.0, 6.5), s.draw("depth", 4.0, 6.5), s.draw("height", 4.5, 8.0));
     let floors = (high / 2.8).round().max(1.0) as usize;
     for (name, origin, toward, length) in [
@@ -121,7 +121,7 @@ pub fn courtyard(s: &mut Stage<'_>) {
 
 /// House fronts to both sides, lamps, vehicles, bins, trees along the kerb.
 pub fn street(s: &mut Stage<'_>) {
-    let floor = ground(s, Stuff::Asphalt, 60.0);
+    let road = ground(s, Stuff::Asphalt, 60.0);
     let (wide, high) = (s.draw("width", 4.0, 6.0), s.draw("height", 6.0, 9.5));
     let pave = 1.3;
     for (side, name) in [(-1.0, "left"), (1.0, "right")] {
@@ -156,7 +156,7 @@ pub fn street(s: &mut Stage<'_>) {
     }
     let stand = s.board("plinths", Stuff::Stone, [0.55 * -wide, 0.36, 0.6], [0.3, 0.24, 0.3], Turn::NONE);
     s.main(&stand, &[F::Sculpture, F::Vessel, F::Solid], [0.5, 1.0]);
-    let road = floor.part([-0.6 * (wide - pave) / 60.0, 0.6 * (wide - pave) / 60.0], [-0.14, 0.06]);
+    let road = road.part([-0.6 * (wide - pave) / 60.0, 0.6 * (wide - pave) / 60.0], [-0.14, 0.06]);
     let n = s.some(3);
     s.scatter(&road, &[ask(F::Vehicle)], n, [-0.08, 0.08]);
     let n = s.some(6);

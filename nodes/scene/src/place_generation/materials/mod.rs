@@ -7,14 +7,11 @@
 //! | L2 | also frosted glass and thin panes |
 //! | L3 | also smooth glass, mirrors and water |
 
-mod legacy;
-#[allow(dead_code, reason = "the layouts that ask for stuff are being written")]
+mod glossy;
 mod looks;
-#[allow(dead_code, reason = "the layouts that ask for stuff are being written")]
 mod optics;
 mod palette;
 mod stored;
-#[allow(dead_code, reason = "the layouts that ask for stuff are being written")]
 mod surface;
 #[cfg(test)]
 mod tests;

@@ -142,6 +142,21 @@ pub fn leaf(root: Vec3, way: Vec3, size: [f64; 2], droop: f64) -> Body {
     body
 }
 
+/// A small leaf of two triangles, folded along its middle.
+pub fn small_leaf(root: Vec3, way: Vec3, size: [f64; 2], droop: f64) -> Body {
+    let [length, width] = size;
+    let side = unit(cross([0.0, 1.0, 0.0], add(way, [1e-4, 0.0, 2e-4])));
+    let up = unit(cross(way, side));
+    let mut body = Body::default();
+    let mut add_point = |t: f64, s: f64| {
+        let p = add(root, add(mul(way, t * length), add(mul(side, s * width), mul(up, 0.3 * s.abs() * width))));
+        body.point([p[0], p[1] - droop * length * t * t, p[2]], [s * width, -t * length])
+    };
+    let ids = [add_point(0.0, 0.0), add_point(0.5, 0.5), add_point(1.0, 0.0), add_point(0.5, -0.5)];
+    body.quad(ids);
+    body
+}
+
 /// A blade of grass or a strap leaf: rises along `way`, bends over by `droop`, narrows to a point.
 pub fn blade(root: Vec3, way: Vec3, size: [f64; 2], droop: f64, steps: usize) -> Body {
     let [length, width] = size;

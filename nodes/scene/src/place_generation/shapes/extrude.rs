@@ -33,7 +33,7 @@ fn triangulated(points: &[Point], polygon: &[u32]) -> Vec<[u32; 3]> {
                     p == pa || p == pb || p == pc || !inside(p, pa, pb, pc)
                 })
         };
-        // The ear with the least long diagonal keeps triangles round. Of a polygon without one the sharpest corner goes.
+        // The ear of the shortest diagonal keeps triangles round; without an ear the shortest diagonal goes anyway.
         let diagonal = |k: usize| {
             let (a, c) = (at(left[(k + n - 1) % n]), at(left[(k + 1) % n]));
             (a[0] - c[0]).powi(2) + (a[1] - c[1]).powi(2)

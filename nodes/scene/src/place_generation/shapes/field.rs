@@ -52,11 +52,14 @@ impl<F: Fn(Vec3) -> f64> Field<F> {
                 }
             }
         }
-        for z in 1..counts[2] {
-            for y in 1..counts[1] {
-                for x in 1..counts[0] {
+        for z in 0..counts[2] {
+            for y in 0..counts[1] {
+                for x in 0..counts[0] {
                     for axis in 0..3 {
                         let i = [x, y, z];
+                        if i[(axis + 1) % 3] == 0 || i[(axis + 2) % 3] == 0 {
+                            continue;
+                        }
                         let mut j = i;
                         j[axis] += 1;
                         let (from, to) = (values[flat(i)] < 0.0, values[flat(j)] < 0.0);
@@ -78,13 +81,10 @@ impl<F: Fn(Vec3) -> f64> Field<F> {
         body.box_mapped()
     }
 
+    /// The direction in which the field grows, from the corners of a small tetrahedron.
     fn slope(&self, p: Vec3, h: f64) -> Vec3 {
-        unit([0, 1, 2].map(|k| {
-            let (mut a, mut b) = (p, p);
-            a[k] -= h;
-            b[k] += h;
-            (self.distance)(b) - (self.distance)(a)
-        }))
+        let corners = [[1.0, -1.0, -1.0], [-1.0, -1.0, 1.0], [-1.0, 1.0, -1.0], [1.0, 1.0, 1.0]];
+        unit(corners.into_iter().fold([0.0; 3], |sum, c| add(sum, mul(c, (self.distance)(add(p, mul(c, h)))))))
     }
 
     fn vertex(
@@ -112,7 +112,7 @@ impl<F: Fn(Vec3) -> f64> Field<F> {
                 let (mut ta, mut tb) = (0.0, 1.0);
                 let (mut va, mut vb) = (values[flat(corner(k))], values[flat(corner(other))]);
                 // Regula falsi with a bisection between: fields of differences bend.
-                for step in 0..6 {
+                for step in 0..3 {
                     let t = if step % 2 == 0 { ta + (tb - ta) * va / (va - vb) } else { 0.5 * (ta + tb) };
                     let v = (self.distance)(add(a, mul(sub(b, a), t)));
                     if (v < 0.0) == (va < 0.0) { (ta, va) = (t, v) } else { (tb, vb) = (t, v) }

@@ -17,7 +17,7 @@ mod skin;
 pub use ball::{ball, faceted, icosphere};
 pub use blocks::{block, board, panel, soft_block};
 pub use body::Body;
-pub use branch::{Branching, Growth, blade, leaf};
+pub use branch::{Branching, Growth, blade, leaf, small_leaf};
 pub use cloth::Cloth;
 pub use curve::{arc, circle, closed_spline, fillet, flat_spline, line, ring_path, spline};
 pub use extrude::{extrude, extrude_with_holes, rounded_rect};

@@ -1,4 +1,4 @@
-//! Surfaces of things that have no stuff of their own: assets' glossy parts, and the objects of the present layouts.
+//! Surfaces of things that have no stuff of their own: assets' glossy parts.
 
 use super::{
     Materials,
@@ -10,7 +10,6 @@ use super::{
 use crate::place_generation::textures::Pattern;
 use tauflow_contract::KindError;
 use tauflow_data::{
-    Regime,
     rng::Stream,
     scene::{Bsdf, Rgb, Texture},
 };
@@ -27,36 +26,6 @@ impl Materials<'_, '_> {
         let tone = Tone::Of(color.map(f64::from), f64::from(level));
         let place = Place::Repeated([1.0 / tiling; 2]);
         Ok(self.lay(Pattern::of(name), place, tone, None, draw)?.albedo())
-    }
-
-    /// A diffuse surface.
-    pub fn diffuse(&self, draw: &mut Stream, uv: bool) -> Result<Bsdf, KindError> {
-        let color = within(self.palette.pick(draw), self.params.diffuse.albedo, draw);
-        Ok(two_sided(Bsdf::Diffuse { reflectance: self.albedo(draw, color, uv, 1.0)? }))
-    }
-
-    /// A floor or wall: paler than an object, in the upper part of the albedo range; `tiling` repeats textures.
-    pub fn architecture(&self, draw: &mut Stream, tiling: f64, plain: bool) -> Result<Bsdf, KindError> {
-        let [low, high] = self.params.diffuse.albedo;
-        let color = within(self.palette.pale(draw), [0.5 * (low + high), high], draw);
-        let reflectance = self.albedo(draw, color, !plain, tiling)?;
-        Ok(two_sided(Bsdf::Diffuse { reflectance }))
-    }
-
-    /// The surface that makes a regime: glossy, frosted or clear glass, mirror; diffuse for L0.
-    ///
-    /// `closed` tells whether glass suits the body; without it L2 and L3 give a mirror-like metal or a matte surface.
-    pub fn special(&self, regime: Regime, draw: &mut Stream, uv: bool, closed: bool) -> Result<Bsdf, KindError> {
-        match regime {
-            Regime::L0 => self.diffuse(draw, uv),
-            Regime::L1 => self.glossy(draw, uv),
-            Regime::L2 if closed => Ok(self.frosted(draw)),
-            Regime::L3 => {
-                let mirror = draw.chance(self.params.caustic.mirror);
-                Ok(if closed && !mirror { self.clear(draw) } else { self.metal(draw, 0.0) })
-            }
-            Regime::L2 => self.diffuse(draw, uv),
-        }
     }
 
     fn metal(&self, draw: &mut Stream, alpha: f64) -> Bsdf {
