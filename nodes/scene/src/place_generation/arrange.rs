@@ -215,10 +215,12 @@ impl<'a> Stage<'a> {
         for attempt in 0..20 {
             let shrink = if attempt < 4 {
                 1.0
-            } else if attempt < 12 {
+            } else if attempt < 10 {
                 0.75
-            } else {
+            } else if attempt < 15 {
                 0.5
+            } else {
+                0.3
             };
             let longest = d.range(size[0], size[1]) * shrink;
             let pick = match self.cast.turn() {

@@ -144,6 +144,8 @@ pub struct Stage<'a> {
     pub studio: bool,
     /// True if nothing hangs before windows, as what is built there would be in the way.
     pub bare: bool,
+    /// From where the main object may be looked at closely: azimuths from +z towards +x.
+    pub front: [f64; 2],
     /// Cameras.
     pub eyes: Vec<Eye>,
     /// Cameras stay in here.
@@ -175,6 +177,7 @@ impl<'a> Stage<'a> {
             sky: 0.0,
             studio: false,
             bare: false,
+            front: [0.0, core::f64::consts::TAU],
             eyes: Vec::new(),
             inside: None,
             world: World::default(),

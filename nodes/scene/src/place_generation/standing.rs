@@ -55,8 +55,8 @@ fn triangles(mesh: &Mesh, to_world: &tauflow_data::scene::Affine) -> Vec<[Vec3; 
     mesh.triangles.iter().map(|t| t.map(|i| points[i as usize])).collect()
 }
 
-/// The things of a stage, and what is built and the land as two more.
-fn soups(stage: &Stage<'_>) -> (Vec<Soup>, Soup, Soup) {
+/// The things of a stage, what is built, by label, and the land.
+fn soups(stage: &Stage<'_>) -> (Vec<Soup>, Vec<Soup>, Soup) {
     let things = stage
         .things
         .iter()
@@ -72,15 +72,14 @@ fn soups(stage: &Stage<'_>) -> (Vec<Soup>, Soup, Soup) {
         .collect();
     let (mut built, mut land) = (Vec::new(), Vec::new());
     // What stands in water stands on its bed.
-    for skin in stage.skins.values().filter(|s| s.stuff != Stuff::Water) {
-        for q in &skin.quads {
-            built.extend([[q[0], q[1], q[2]], [q[0], q[2], q[3]]]);
-        }
+    for (label, skin) in stage.skins.iter().filter(|(_, s)| s.stuff != Stuff::Water) {
+        let quads = skin.quads.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).collect();
+        built.push(Soup::new(label.clone(), quads));
         for (piece, to_world) in &skin.lands {
             land.extend(triangles(&Mesh::from_bytes(&piece.blob).expect("a land"), to_world));
         }
     }
-    (things, Soup::new("what is built".into(), built), Soup::new("the land".into(), land))
+    (things, built, Soup::new("the land".into(), land))
 }
 
 /// Where the line from `p` along `d` meets a triangle, as a multiple of `d`; either way.
@@ -168,7 +167,7 @@ fn problems(stage: &Stage<'_>) -> Vec<String> {
     for (i, soup) in things.iter().enumerate() {
         let thing = &stage.things[i];
         let mut others: Vec<&Soup> = (0..things.len()).filter(|j| *j != i).map(|j| &things[j]).collect();
-        others.push(&built);
+        others.extend(&built);
         let turn = |d: Vec3| sub(apply(&thing.to_world, d), apply(&thing.to_world, [0.0; 3]));
         let share = match thing.rest {
             Rest::Stands => supported(soup, [0.0, -1.0, 0.0], &others),
@@ -202,10 +201,10 @@ fn problems(stage: &Stage<'_>) -> Vec<String> {
                 out.push(format!("{} stands {:.1} mm in {}", soup.name, 1e3 * d, other.name));
             }
         }
-        if thing.rest != Rest::Rooted {
-            let d = depth(soup, &built);
+        for piece in built.iter().filter(|_| thing.rest != Rest::Rooted) {
+            let d = depth(soup, piece);
             if d > DEPTH {
-                out.push(format!("{} stands {:.1} mm in {}", soup.name, 1e3 * d, built.name));
+                out.push(format!("{} stands {:.1} mm in {}", soup.name, 1e3 * d, piece.name));
             }
         }
     }

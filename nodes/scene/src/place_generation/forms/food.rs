@@ -81,8 +81,7 @@ fn pear(d: &mut Stream) -> Made {
     let mut m = Maker::default();
     m.add(Stuff::Food, lathe(&profile, 28).smooth().bent(|p| [p[0] + lean * p[1] * p[1] / h, p[1], p[2]]));
     stalk(&mut m, h, 0.022);
-    let made = m;
-    made.made()
+    m.made()
 }
 
 fn banana(d: &mut Stream) -> Made {
@@ -97,7 +96,7 @@ fn banana(d: &mut Stream) -> Made {
                 [big * maths::sin(a), 0.0, big * (maths::cos(a) - 1.0)]
             })
             .collect();
-        let body = sweep(&path, &circle(5, 1.0).iter().flat_map(|p| [*p]).collect::<Vec<_>>(), [0.0, 1.0, 0.0], |t| {
+        let body = sweep(&path, &circle(5, 1.0), [0.0, 1.0, 0.0], |t| {
             let end = maths::pow((4.0 * t * (1.0 - t)).max(0.0), 0.35);
             r * if t > 0.9 { (0.22f64).max(end * 0.7) } else { (0.12f64).max(end) }
         });
@@ -158,7 +157,6 @@ fn loaf(d: &mut Stream) -> Made {
 
 fn cheese(d: &mut Stream) -> Made {
     let (r, h, part) = (d.range(0.08, 0.14), d.range(0.04, 0.08), d.range(0.5, 1.2));
-    let outline: Vec<_> = [[0.0, 0.0]].into_iter().chain(arc([0.0, 0.0], r, -0.5 * part, 0.5 * part, 12)).collect();
     // Holes are balls taken out.
     let holes: Vec<([f64; 3], f64)> = (0..7)
         .map(|_| {
@@ -178,7 +176,6 @@ fn cheese(d: &mut Stream) -> Made {
     let wide = r * s;
     let body = Field { distance, low: [-0.002, -0.002, -wide - 0.002], high: [r + 0.002, h + 0.002, wide + 0.002] }
         .body(0.0042);
-    let _ = outline;
     one(Stuff::Wax, body)
 }
 

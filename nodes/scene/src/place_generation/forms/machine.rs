@@ -93,8 +93,8 @@ fn train(d: &mut Stream) -> Made {
             low = -r;
         }
         widest = widest.max(r);
-        // A tooth of one meets a gap of the other.
-        let turn = if k % 2 == 1 { PI / teeth as f64 + if teeth % 2 == 1 { 0.0 } else { 0.0 } } else { 0.0 };
+        // A tooth of one meets a gap of the other; all have even numbers of teeth.
+        let turn = if k % 2 == 1 { PI / teeth as f64 } else { 0.0 };
         let body = wheel(teeth, m, thick, 0.006, if teeth > 20 { 4 } else { 0 }).turned_z(turn);
         made.another(Stuff::Metal, body.turned_x(-0.5 * PI).at([x, 0.022, 0.0]));
         made.add(Stuff::Metal, rod([x, 0.006, 0.0], [x, 0.04, 0.0], 0.0058, 16));

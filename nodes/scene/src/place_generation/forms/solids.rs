@@ -115,7 +115,7 @@ fn gem(d: &mut Stream) -> Made {
         planes.push(mul([maths::sin(b), 0.0, maths::cos(b)], 0.98));
     }
     let body = faceted(&planes).scaled([r, r, r]);
-    one(Stuff::Glass, if d.chance(0.5) { body.turned_x(PI - 0.5 * PI + pavilion) } else { body.turned_x(PI) })
+    one(Stuff::Glass, if d.chance(0.5) { body.turned_x(0.5 * PI + pavilion) } else { body.turned_x(PI) })
 }
 
 fn crystal(d: &mut Stream) -> Made {
@@ -203,7 +203,7 @@ fn polyhedron(d: &mut Stream) -> Made {
     let first = planes[0];
     let tilt = maths::acos(-first[1]);
     let axis = maths::atan2(first[0], first[2]);
-    let body = faceted(&planes).turned_y(-axis).turned_x(tilt - 0.0).scaled([r, r, r]);
+    let body = faceted(&planes).turned_y(-axis).turned_x(tilt).scaled([r, r, r]);
     let stuff = solid_stuff(d);
     one(stuff, body)
 }

@@ -78,9 +78,8 @@ fn spiral(d: &mut Stream) -> Made {
     let mut rail = Vec::new();
     for k in 0..count {
         let a = step * k as f64;
-        let outline: Vec<[f64; 2]> = [[0.045, -0.03], [0.045, 0.03]].into_iter().map(|[x, y]| [x, y]).collect();
         let far = arc([0.0, 0.0], r, -0.55 * step, 0.55 * step, 6);
-        let tread: Vec<[f64; 2]> = [outline[0]].into_iter().chain(far).chain([outline[1]]).collect();
+        let tread: Vec<[f64; 2]> = [[0.045, -0.03]].into_iter().chain(far).chain([[0.045, 0.03]]).collect();
         let y = rise * (k as f64 + 1.0);
         m.add(stuff, extrude(&tread, 0.035).turned_x(-0.5 * PI).turned_y(-a).at([0.0, y - 0.0175, 0.0]));
         let edge = [(r - 0.03) * maths::cos(a), y, (r - 0.03) * maths::sin(a)];

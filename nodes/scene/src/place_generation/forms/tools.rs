@@ -231,10 +231,9 @@ fn broom(d: &mut Stream) -> Made {
     m.add(Stuff::Wood, rod([0.0, 0.11, 0.0], [0.0, l, 0.0], 0.012, 12));
     m.add(*d.pick(&[Stuff::Wood, Stuff::Plastic]), soft_block([0.0, 0.1, 0.0], [w, 0.018, 0.025], 0.008, 2));
     let mut hair = Vec::new();
-    for k in 0..180 {
+    for _ in 0..180 {
         let (x, z) = (w * d.range(-0.97, 0.97), 0.022 * d.range(-1.0, 1.0));
-        let _ = k;
-        hair.push(tube(&[[x, 0.085, z], [x * 1.05, 0.0 + d.range(0.0, 0.004), z * 1.6]], 3, |_| 0.0016));
+        hair.push(tube(&[[x, 0.085, z], [x * 1.05, d.range(0.0, 0.004), z * 1.6]], 3, |_| 0.0016));
     }
     m.add(Stuff::Grass, Body::all(hair));
     m.made()

@@ -86,6 +86,7 @@ pub fn colonnade(s: &mut Stage<'_>) {
 
 /// Arches along a front with shops behind: lamps under the vault, tables, signs.
 pub fn arcade(s: &mut Stage<'_>) {
+    s.front = [-1.2, 1.2];
     let stuff = s.one("ground", &[Stuff::Stone, Stuff::Tile, Stuff::Asphalt]);
     let floor = ground(s, stuff, 30.0);
     let (span, deep, high) = (s.draw("span", 1.8, 2.8), s.draw("depth", 2.0, 3.0), s.draw("height", 3.4, 4.2));
@@ -199,6 +200,7 @@ pub fn arcade(s: &mut Stage<'_>) {
 
 /// A balcony with rail, table, plants in boxes, the wall of the house, lamps.
 pub fn balcony(s: &mut Stage<'_>) {
+    s.front = [-1.2, 1.2];
     let far = ground(s, Stuff::Grass, 60.0);
     let lift = 3.0;
     let (x, deep) = (s.draw("width", 1.5, 2.4), s.draw("depth", 1.5, 2.2));

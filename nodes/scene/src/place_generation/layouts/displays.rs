@@ -93,6 +93,7 @@ pub fn metal_ring(s: &mut Stage<'_>) {
 
 /// Something to sell on a sweep of paper, under soft boxes or the sky.
 pub fn product_shot(s: &mut Stage<'_>) {
+    s.front = [-1.2, 1.2];
     let floor = ground(s, Stuff::Concrete, 12.0);
     s.studio = s.maybe("studio", 0.7);
     let (wide, deep, high) =
@@ -191,6 +192,7 @@ pub fn chess_board(s: &mut Stage<'_>) {
 
 /// A table with glasses under beams and leaves, lamps on a string.
 pub fn pergola(s: &mut Stage<'_>) {
+    s.front = [-1.2, 1.2];
     let stuff = s.one("ground", &[Stuff::Stone, Stuff::Tile, Stuff::Sand]);
     let floor = ground(s, stuff, 25.0);
     let (x, z, high) = (s.draw("width", 1.6, 2.2), s.draw("depth", 1.4, 2.0), s.draw("height", 2.3, 2.7));

@@ -15,6 +15,7 @@ use crate::{
 
 /// Scaffold, planks, bricks, pipes, barriers, a machine, work lamps.
 pub fn construction_site(s: &mut Stage<'_>) {
+    s.front = [-1.2, 1.2];
     let stuff = s.one("ground", &[Stuff::Soil, Stuff::Sand, Stuff::Concrete]);
     let floor = ground(s, stuff, 30.0);
     let (x, high) = (s.draw("width", 2.4, 3.6), s.draw("height", 3.2, 4.6));

@@ -135,7 +135,7 @@ pub fn stage<'a>(
     for bounds in &shown {
         let size = bounds.size();
         let longest = size[0].max(size[1]).max(size[2]);
-        let from = From::Orbit([2.2 * longest, 6.0 * longest], [0.0, core::f64::consts::TAU], [0.1, 0.75]);
+        let from = From::Orbit([2.2 * longest, 6.0 * longest], stage.front, [0.1, 0.75]);
         stage.eye(share / shown.len() as f64, from, Aabb::around(bounds.center(), size.map(|s| 0.3 * s)));
     }
     stage

@@ -15,6 +15,7 @@ use crate::{
 
 /// A glazed front of a lit shop at dusk, goods on steps behind it, the pavement before.
 pub fn shop_window(s: &mut Stage<'_>) {
+    s.front = [-1.2, 1.2];
     let floor = ground(s, Stuff::Asphalt, 30.0);
     let wide = s.draw("window.width", 1.8, 3.2);
     let (sill, high) = (0.5, s.draw("window.height", 1.4, 1.9));
@@ -89,6 +90,7 @@ pub fn shop_window(s: &mut Stage<'_>) {
 
 /// Small tables and chairs before a house, cups and cakes, sunshades, lamps on a string.
 pub fn cafe_terrace(s: &mut Stage<'_>) {
+    s.front = [-1.2, 1.2];
     let stuff = s.one("ground", &[Stuff::Stone, Stuff::Tile, Stuff::Asphalt]);
     let floor = ground(s, stuff, 30.0);
     let front = s.one("front", &[Stuff::Plaster, Stuff::Brick, Stuff::Stone]);
@@ -165,6 +167,7 @@ fn s_turn(i: usize) -> f64 {
 
 /// A stall with a roof of cloth, slanting trays of fruit, crates, a price board, a bare bulb.
 pub fn market_stall(s: &mut Stage<'_>) {
+    s.front = [-1.2, 1.2];
     let stuff = s.one("ground", &[Stuff::Stone, Stuff::Asphalt]);
     let floor = ground(s, stuff, 30.0);
     let (wide, deep, high) = (s.draw("width", 0.9, 1.4), 0.55, s.draw("height", 2.1, 2.5));
@@ -306,6 +309,7 @@ pub fn cafe(s: &mut Stage<'_>) {
 
 /// A case of glass with rings, gems and watches on velvet, small hard lamps.
 pub fn jeweller(s: &mut Stage<'_>) {
+    s.front = [-1.2, 1.2];
     let size = [s.draw("width", 2.8, 4.0), 2.6, s.draw("depth", 2.6, 3.6)];
     let made = Made {
         floor: s.one("floor", &[Stuff::Carpet, Stuff::Stone, Stuff::Wood]),

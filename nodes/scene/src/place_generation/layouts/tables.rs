@@ -66,6 +66,7 @@ pub fn still_life(s: &mut Stage<'_>) {
 
 /// A worktop: chopping, jars, pots, vegetables.
 pub fn kitchen_counter(s: &mut Stage<'_>) {
+    s.front = [-1.2, 1.2];
     s.bare = true;
     let size = [s.draw("width", 2.4, 3.4), 2.5, s.draw("depth", 2.2, 3.0)];
     let made = Made { floor: Stuff::Tile, walls: Stuff::Tile, ceiling: Stuff::Plaster };
@@ -97,6 +98,7 @@ pub fn kitchen_counter(s: &mut Stage<'_>) {
 
 /// A sill before a window, with plants and small things, seen from the room.
 pub fn window_sill(s: &mut Stage<'_>) {
+    s.front = [-1.2, 1.2];
     s.bare = true;
     let size = [s.draw("width", 2.4, 3.6), s.draw("height", 2.3, 2.7), s.draw("depth", 2.4, 3.4)];
     let made = homely(s);
@@ -182,6 +184,7 @@ pub fn toy_shelf(s: &mut Stage<'_>) {
 
 /// Books on end, lying, leaning in piles, with ornaments between: a bookcase close by.
 pub fn bookshelf(s: &mut Stage<'_>) {
+    s.front = [-1.2, 1.2];
     let room = about_room(s, false);
     let (x, z) = (room.floor.half[0], room.floor.half[1]);
     let wide = s.draw("shelf.width", 0.5, 0.9).min(0.9 * x);

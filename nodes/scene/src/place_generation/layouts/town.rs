@@ -179,6 +179,7 @@ pub fn street(s: &mut Stage<'_>) {
 
 /// A shelter with panes and a bench, a sign, a bin, the road and a vehicle, a lamp.
 pub fn bus_stop(s: &mut Stage<'_>) {
+    s.front = [-1.2, 1.2];
     let floor = ground(s, Stuff::Asphalt, 50.0);
     let pave = s.board("pavement", Stuff::Stone, [0.0, 0.06, -1.2], [12.0, 0.0595, 1.6], Turn::NONE);
     let (x, deep, high) = (s.draw("width", 1.4, 2.2), 0.7, 2.3);

@@ -314,6 +314,7 @@ impl Materials<'_, '_> {
     ///
     /// # Errors
     /// If a blob cannot be stored.
+    #[cfg(test)]
     pub fn glow(
         &self,
         stuff: Stuff,
