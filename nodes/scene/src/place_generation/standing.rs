@@ -258,19 +258,23 @@ fn a_thing_that_floats_or_stands_in_another_is_found() {
 #[test]
 fn layouts_hold_what_is_asked_for_and_differ_in_what_they_place() {
     let mut families: std::collections::BTreeMap<String, std::collections::BTreeSet<_>> = Default::default();
-    let mut few = Vec::new();
+    let mut wrong = Vec::new();
     stages(|name, stage| {
         let (layout, most) = (stage.layout.to_owned(), stage.most);
-        assert!(stage.things.len() <= most, "{name}: {}", stage.things.len());
-        assert!(stage.has_main, "{name}: no main object");
         let glassy = matches!(stage.stratum.regime, Regime::L2 | Regime::L3);
-        assert!(!glassy || stage.things.iter().any(|t| t.glass), "{name}: nothing of glass");
-        if stage.things.len() < 5 {
-            few.push(format!("{name}: {}", stage.things.len()));
-        }
-        assert_eq!(stage.sky > 0.0, stage.stratum.context != ContextClass::Enclosed, "{name}");
         let lit = !stage.lights.is_empty() || stage.things.iter().any(|t| t.power.is_some());
-        assert!(lit || stage.stratum.context == ContextClass::Environment, "{name}: dark");
+        for (holds, what) in [
+            (stage.things.len() <= most, "more things than asked for"),
+            (stage.has_main, "no main object"),
+            (!glassy || stage.things.iter().any(|t| t.glass), "nothing of glass"),
+            (stage.things.len() >= 4, "few things"),
+            ((stage.sky > 0.0) == (stage.stratum.context != ContextClass::Enclosed), "a sky of another context"),
+            (lit || stage.stratum.context == ContextClass::Environment, "dark"),
+        ] {
+            if !holds {
+                wrong.push(format!("{name}: {what}, {} things", stage.things.len()));
+            }
+        }
         let of = families.entry(layout).or_default();
         of.extend(stage.skins.keys().map(|label| format!("built {label}")));
         for thing in &stage.things {
@@ -279,7 +283,7 @@ fn layouts_hold_what_is_asked_for_and_differ_in_what_they_place() {
             }
         }
     });
-    assert!(few.is_empty(), "{few:?}");
+    assert!(wrong.is_empty(), "{wrong:#?}");
     assert!(families.len() >= 55, "{}", families.len());
     let all: Vec<_> = families.iter().collect();
     for (i, (a, one)) in all.iter().enumerate() {

@@ -247,6 +247,9 @@ pub fn balcony(s: &mut Stage<'_>) {
         None => bench(s, Stuff::Metal, [0.3, lift, 0.5 * deep + 0.1], [0.6, 0.7, 0.6], Turn::NONE),
     };
     s.main(&top, &[F::Vessel, F::Food, F::Ornament], [0.14, 0.3]);
+    if !s.has_main {
+        s.main(&inner, &[F::Sculpture, F::Toy, F::Instrument, F::Vessel], [0.2, 0.6]);
+    }
     if let Some(table) = table {
         s.around(table, &CHAIR, 2, &inner);
     }
@@ -382,7 +385,7 @@ pub fn underpass(s: &mut Stage<'_>) {
     for i in 0..4 {
         let z = long * ((f64::from(i) + 0.5) / 4.0 - 0.5);
         s.board("ribs", Stuff::Concrete, [0.0, high - 0.13, z - 0.5], [x, 0.129, 0.12], Turn::NONE);
-        s.panel_lamp([0.6 * x, high, z], [0.06, 0.4], 16.0);
+        s.panel_lamp([0.6 * x, high, z], [0.06, 0.3], 20.0);
     }
     for k in 0..3 {
         let y = high - 0.35 - 0.14 * f64::from(k);

@@ -139,6 +139,8 @@ pub fn attic(s: &mut Stage<'_>) {
     let chest = s.place(&CRATE.least(0.3, 0.2, 0.25).most(1.2, 0.7, 0.8), &clear, [0.2, -0.4], 0.4);
     let top = match chest.and_then(|c| s.lid(c)) {
         Some(lid) => lid,
+        // A chest whose lid nothing can stand on is where this would be.
+        None if chest.is_some() => plinth(s, Stuff::Wood, [-0.95, -0.4], [0.3, 0.25], 0.45),
         None => plinth(s, Stuff::Wood, [0.2, -0.4], [0.35, 0.25], 0.45),
     };
     s.main(&top, &[F::Toy, F::Instrument, F::Ornament, F::Vessel], [0.15, 0.35]);

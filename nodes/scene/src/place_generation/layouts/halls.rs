@@ -47,6 +47,9 @@ pub fn corridor(s: &mut Stage<'_>) {
         None => plinth(s, Stuff::Wood, [x - 0.25, -0.2 * z], [0.2, 0.4], 0.8),
     };
     s.main(&top, &[F::Vessel, F::Sculpture, F::Ornament], [0.2, 0.45]);
+    if !s.has_main {
+        s.main(&floor.part([-0.6, 0.6], [-0.6, 0.6]), &[F::Sculpture, F::Vessel, F::Instrument], [0.3, 0.8]);
+    }
     let seats = s.pick(&CHAIR);
     for i in 0..s.some(4).min(6) {
         if let Some(pick) = &seats {

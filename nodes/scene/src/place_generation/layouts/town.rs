@@ -200,6 +200,12 @@ pub fn bus_stop(s: &mut Stage<'_>) {
     if s.glassy() {
         let p = |px: f64, py: f64| [px, y + py, z - deep];
         s.quad("panes", Stuff::Pane, [p(-x, 0.15), p(x, 0.15), p(x, 2.1), p(-x, 2.1)]);
+        s.world.solids.push(crate::place_generation::place::Solid {
+            y: [y + 0.15, y + 2.1],
+            at: [0.0, z - deep],
+            turn: Turn::NONE,
+            half: [x, 0.01],
+        });
     } else {
         s.board("shelter back", Stuff::PaintedMetal, [0.0, y + 0.5, z - deep], [x - 0.035, 0.35, 0.012], Turn::NONE);
     }
