@@ -134,6 +134,10 @@ pub fn forest_clearing(s: &mut Stage<'_>) {
             ask(F::Rock).scaled(0.15, 0.6),
             ask(F::Bush).most(1.4, 1.2, 1.4),
             ask(F::Leaves),
+            // Whoever works or rests here.
+            ask(F::Bench),
+            ask(F::Box).most(0.6, 0.6, 0.6),
+            ask(F::Tool),
         ],
         n,
         ANY,
