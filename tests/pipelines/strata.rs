@@ -9,7 +9,7 @@ const PIPELINE: &str = "
 pipeline: strata
 seed: 7
 nodes:
-  scenes: { kind: scene_generation, params: { pool: 72, views: [1, 1], unchecked_cameras: 0.0 } }
+  scenes: { kind: scene_generation, params: { pool: 72, unchecked_cameras: 0.0 } }
   previews: { kind: ladder_rendering, inputs: { scenes: scenes }, params: { rungs: [32], resolution: [64, 64] } }
   gate: { kind: quality_gate, inputs: { scenes: scenes, previews: previews } }
   statistics: { kind: scene_statistics, inputs: { scenes: gate.accepted } }

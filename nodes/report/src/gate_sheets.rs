@@ -71,7 +71,9 @@ pub fn sheets(
     verdicts: &[(String, Verdict)],
     wanted: usize,
 ) -> Result<Vec<Sheet>, KindError> {
-    let mut by: BTreeMap<(usize, Option<&str>), Vec<&(String, Verdict)>> = BTreeMap::new();
+    // By the place of the reason among all, and its name.
+    type By<'v> = BTreeMap<(usize, Option<&'v str>), Vec<&'v (String, Verdict)>>;
+    let mut by: By<'_> = BTreeMap::new();
     for judged in verdicts {
         let reason = judged.1.reasons.first().map(String::as_str);
         let place = match reason {

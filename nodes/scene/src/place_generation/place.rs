@@ -277,10 +277,10 @@ mod tests {
         assert!((solid([0.0, 0.0], 0.0).depth(&solid([1.9, 0.0], 0.0)) - 0.1).abs() < 1e-9);
         assert!(solid([0.0, 0.0], 0.0).depth(&solid([2.1, 0.0], 0.0)) < 0.0);
         // Turned by a quarter, its long side lies along z.
-        assert!(solid([0.0, 0.0], 0.0).depth(&solid([1.6, 0.0], 1.570_796_326_8)) < 0.0);
-        assert!(solid([0.0, 0.0], 0.0).depth(&solid([0.0, 1.4], 1.570_796_326_8)) > 0.09);
+        assert!(solid([0.0, 0.0], 0.0).depth(&solid([1.6, 0.0], core::f64::consts::FRAC_PI_2)) < 0.0);
+        assert!(solid([0.0, 0.0], 0.0).depth(&solid([0.0, 1.4], core::f64::consts::FRAC_PI_2)) > 0.09);
         // Corner to side: bounding boxes overlap, the boxes do not.
-        assert!(solid([0.0, 0.0], 0.0).depth(&solid([1.75, 1.0], 0.785_398)) < 0.0);
+        assert!(solid([0.0, 0.0], 0.0).depth(&solid([1.75, 1.0], core::f64::consts::FRAC_PI_4)) < 0.0);
         assert!(solid([0.0, 0.0], 0.3).contains([0.5, 0.5, -0.1], 0.0));
     }
 

@@ -191,11 +191,11 @@ impl<'a> Stage<'a> {
             if (0..3).any(|i| pick.size[i] < ask.low[i] || pick.size[i] > ask.high[i]) {
                 continue;
             }
-            if shown(ask.family) {
-                if let Some(asset) = self.cast.stand_in(&mut d) {
-                    let longest = pick.size[0].max(pick.size[1]).max(pick.size[2]);
-                    pick = self.asset(asset, longest, ask.high);
-                }
+            if shown(ask.family)
+                && let Some(asset) = self.cast.stand_in(&mut d)
+            {
+                let longest = pick.size[0].max(pick.size[1]).max(pick.size[2]);
+                pick = self.asset(asset, longest, ask.high);
             }
             self.decide(&mut pick, d.part("special").chance(0.5));
             return Some(pick);

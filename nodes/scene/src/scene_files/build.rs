@@ -362,6 +362,6 @@ mod tests {
         assert_eq!(fov_x(40.0, "z", [1, 1]), None);
         // The same of a lens of 35 mm: `focal_length`.
         let diagonal = 2.0 * tauflow_data::maths::atan((36.0f64 * 36.0 + 24.0 * 24.0).sqrt() / 70.0).to_degrees();
-        assert!((fov_x(diagonal, "diagonal", [200, 100]).expect("an axis") - 57.871193).abs() < 1e-4);
+        assert!((fov_x(diagonal, "diagonal", [200, 100]).expect("an axis") - 57.871_193).abs() < 1e-4);
     }
 }

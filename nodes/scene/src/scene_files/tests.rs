@@ -237,7 +237,7 @@ fn gltf_text() -> String {
             { "mesh": 0, "translation": [10.0, 0.0, 0.0] },
             { "camera": 0, "translation": [0.0, 1.0, 5.0] },
             { "translation": [0.0, 3.0, 0.0], "extensions": { "KHR_lights_punctual": { "light": 0 } } },
-            { "rotation": [-0.707_106_781_186_547_6, 0.0, 0.0, 0.707_106_781_186_547_6],
+            { "rotation": [-core::f64::consts::FRAC_1_SQRT_2, 0.0, 0.0, core::f64::consts::FRAC_1_SQRT_2],
               "extensions": { "KHR_lights_punctual": { "light": 1 } } },
             { "extensions": { "KHR_lights_punctual": { "light": 2 } } },
             { "camera": 1 }

@@ -13,7 +13,7 @@ use crate::geom::{Aabb, Vec3, compose, facing, length, rotation_x, rotation_y, r
 use std::collections::BTreeMap;
 use tauflow_contract::{Context, KindError};
 use tauflow_data::{
-    Regime, Scene, Stratum, maths,
+    Regime, Scene, Stratum,
     records::AssetBody,
     rng::Stream,
     scene::{Affine, Bsdf, Emitter, Geometry, Recipe, Shape, Texture},
@@ -27,17 +27,8 @@ fn box_of(body: &AssetBody) -> Aabb {
     }
 }
 
-/// Which scene of a stratum.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Which {
-    /// Decides all but camera, exposure and time of day.
-    pub content: u64,
-    /// Decides those; 0 is the plain one.
-    pub view: u32,
-}
-
-/// Makes a view of a content of a stratum. A function of the seed (the content's own), the stratum, the view and the
-/// params alone (and of the assets, where connected).
+/// Makes the `index`-th scene of a stratum. A function of the seed, the stratum, the index and the params alone (and
+/// of the assets, where connected).
 ///
 /// # Errors
 /// If a blob cannot be stored.
@@ -46,12 +37,11 @@ pub fn scene(
     params: &SceneGenerationParams,
     pool: &Pool,
     stratum: Stratum,
-    which: Which,
+    index: u64,
     seed: u64,
 ) -> Result<(Scene, Recipe), KindError> {
-    let Which { content, view } = which;
     let stream = Stream::new(seed, &[]);
-    let cast = Cast::new(pool, params, stratum, content);
+    let cast = Cast::new(pool, params, stratum, index);
     let count = {
         let mut d = stream.part("count");
         let [low, high] = params.objects;
@@ -65,7 +55,6 @@ pub fn scene(
         params,
         regime: stratum.regime,
         stream: stream.clone(),
-        view: Light { stream: stream.part(&format!("view.{view}")), plain: view == 0 },
         materials,
         shapes: Vec::new(),
         bsdfs: Vec::new(),
@@ -77,7 +66,7 @@ pub fn scene(
     work.objects(&mut stage, &choices)?;
     work.pane(&mut stage)?;
     work.lights(&mut stage);
-    let environment = work.sky(&stage, &cast)?;
+    let environment = work.sky(&mut stage, &cast)?;
     let camera = {
         let cluster = work.placed.iter().fold(Aabb::EMPTY, Aabb::union);
         // Nothing hides a camera below objects that float; elsewhere there is a floor.
@@ -90,21 +79,21 @@ pub fn scene(
             floor,
             fov: params.fov,
         };
-        let draw = work.view.stream.part("camera");
+        let draw = stream.part("camera");
         let unchecked = draw.part("check").chance(params.unchecked_cameras);
         if unchecked { sight.unchecked(&draw) } else { sight.frame(&draw) }
     };
-    let exposure_ev = work.view.stream.part("exposure").range(params.exposure[0], params.exposure[1]);
+    let exposure_ev = stream.part("exposure").range(params.exposure[0], params.exposure[1]);
     work.names.sort();
     let recipe = Recipe {
         stratum: stratum.to_string(),
-        index: content,
-        content,
-        view,
+        index,
         layout: stage.layout.to_owned(),
         layout_params: stage.params,
         objects: work.names,
         environment,
+        content: index,
+        view: 0,
         side: cast.side,
         exposure_ev,
     };
@@ -124,26 +113,11 @@ pub fn scene(
 /// renderers that move rays off surfaces by fixed steps see light where bodies touch.
 const GAP: f64 = 1e-3;
 
-/// What a view does to the light.
-struct Light {
-    stream: Stream,
-    /// The plain view leaves powers as they are.
-    plain: bool,
-}
-
-impl Light {
-    /// A factor of a light's power, from `low` to `high` stops.
-    fn factor(&self, of: &str, low: f64, high: f64) -> f64 {
-        if self.plain { 1.0 } else { maths::exp2(self.stream.part(of).range(low, high)) }
-    }
-}
-
 struct Work<'a, 'c> {
     ctx: &'a Context<'c>,
     params: &'a SceneGenerationParams,
     regime: Regime,
     stream: Stream,
-    view: Light,
     materials: Materials<'a, 'c>,
     shapes: Vec<Shape>,
     bsdfs: Vec<Bsdf>,
@@ -327,7 +301,6 @@ impl Work<'_, '_> {
             // From candle to overcast, about a white of the same power.
             let warmth = d.range(-0.25, 0.5);
             let color = [1.0 + 0.5 * warmth, 1.0 + 0.05 * warmth, 1.0 - 0.6 * warmth];
-            let power = light.power * self.view.factor(&format!("light.{number}"), -2.0, 1.0);
             let scaled = |k: f64| color.map(|c| (c * k) as f32);
             let aim = toward(light.position, light.aim);
             let spots = matches!(self.regime, Regime::L0 | Regime::L1);
@@ -335,7 +308,7 @@ impl Work<'_, '_> {
                 // Power into a cone of about 0.8 sr.
                 self.emitters.push(Emitter::Spot {
                     to_world: facing(light.position, aim, [1.0, 1.0]),
-                    intensity: scaled(power / 0.8),
+                    intensity: scaled(light.power / 0.8),
                     cutoff_angle: 32.0,
                     beam_width: 22.0,
                 });
@@ -358,7 +331,7 @@ impl Work<'_, '_> {
                     (Geometry::Rectangle, facing(light.position, aim, half), 4.0 * half[0] * half[1])
                 }
             };
-            let radiance = power / (core::f64::consts::PI * area);
+            let radiance = light.power / (core::f64::consts::PI * area);
             self.shapes.push(Shape {
                 geometry,
                 to_world,
@@ -369,15 +342,14 @@ impl Work<'_, '_> {
         }
     }
 
-    fn sky(&mut self, stage: &Stage, cast: &Cast<'_>) -> Result<String, KindError> {
+    fn sky(&mut self, stage: &mut Stage, cast: &Cast<'_>) -> Result<String, KindError> {
         let Some(sky) = cast.sky(&mut self.stream.part("sky")) else { return Ok("none".to_owned()) };
-        // The hour is a view's own, and so no parameter of the layout.
-        let turn = self.view.stream.part("sky.turn").range(0.0, core::f64::consts::TAU);
+        let turn = stage.draw("sky.turn", 0.0, core::f64::consts::TAU);
         let (image, mean) = match &sky {
             Sky::Procedural(kind, variant) => (put_bitmap(self.ctx, &skies::sky(kind.name, *variant))?, 1.0),
             Sky::Hdri(_, image, mean) => (*image, mean.max(1e-6)),
         };
-        let scale = (stage.sky / mean * self.view.factor("sky", -1.5, 0.5)) as f32;
+        let scale = (stage.sky / mean) as f32;
         self.emitters.push(Emitter::Envmap { image, scale, to_world: rotation_y(turn) });
         Ok(sky.name())
     }

@@ -1,9 +1,9 @@
 //! Which objects and which environment a scene gets: from the procedural library and from connected assets.
 //!
-//! **Coverage.** Assets take turns instead of being drawn: the main object of the `index`-th content of a stratum is
+//! **Coverage.** Assets take turns instead of being drawn: the main object of the `index`-th scene of a stratum is
 //! asset number `ordinal * q + index` of a fixed order, where `ordinal` numbers the twelve strata and
-//! `q = ceil(assets / 12)`. So 12 q contents spread over all strata show every object, and any one stratum shows all
-//! of them in as many contents. HDRIs go in turns over L0 and L1 under an environment and in the open in the same way;
+//! `q = ceil(assets / 12)`. So 12 q scenes spread over all strata show every object, and any one stratum shows all
+//! of them in as many scenes. HDRIs go in turns over L0 and L1 under an environment and in the open in the same way;
 //! L2 takes soft ones and L3 sunny ones, where there are any.
 //!
 //! **Hold-out.** A held-out pool is parted by name, before scenes are built: the names in the order of their hashes,
@@ -131,7 +131,7 @@ pub struct Cast<'a> {
     params: &'a SceneGenerationParams,
     /// Side of the asset pools, if any is held out.
     pub side: Option<Side>,
-    /// The content's index among those of its stratum and side.
+    /// The scene's index among those of its stratum and side.
     index: u64,
     forms: Vec<&'static Form>,
     objects: Vec<&'a Asset>,
@@ -140,9 +140,9 @@ pub struct Cast<'a> {
 }
 
 impl<'a> Cast<'a> {
-    /// The cast of the `index`-th content of a stratum.
+    /// The cast of the `index`-th scene of a stratum.
     ///
-    /// With a hold-out, content `index` is for testing if `floor((index + 1) share) > floor(index share)`.
+    /// With a hold-out, scene `index` is for testing if `floor((index + 1) share) > floor(index share)`.
     pub fn new(pool: &'a Pool, params: &'a SceneGenerationParams, stratum: Stratum, index: u64) -> Self {
         let share = params.test_share;
         let tests_before = |i: u64| (i as f64 * share).floor() as u64;

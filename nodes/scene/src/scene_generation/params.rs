@@ -7,10 +7,7 @@ use tauflow_contract::{Before, Later, ParamProblem};
 use tauflow_data::{ContextClass, Regime, Stratum, rng::Stream};
 
 /// What scenes were made of before these params existed.
-pub(crate) const LATER: &[Later] = &[
-    Later { pointer: "/library", before: Before::Integer(0) },
-    Later { pointer: "/views", before: Before::Integers(&[1, 1]) },
-];
+pub(crate) const LATER: &[Later] = &[Later { pointer: "/library", before: Before::Integer(0) }];
 
 /// A range `[low, high]`.
 pub type Range = [f64; 2];
@@ -32,9 +29,6 @@ pub struct SceneGenerationParams {
     /// Number of scenes, spread over the strata as evenly as can be. Raising it appends scenes and changes none.
     #[schemars(range(min = 1, max = 1_000_000))]
     pub pool: u64,
-    /// How many scenes show one content, fewest and most: from other cameras, at other exposures, in other light.
-    #[schemars(inner(range(min = 1, max = 64)))]
-    pub views: [u32; 2],
     /// Regimes to draw from.
     #[schemars(length(min = 1))]
     pub regimes: Vec<Regime>,
@@ -46,7 +40,7 @@ pub struct SceneGenerationParams {
     /// Which library procedural objects, skies and patterns are from: no two libraries share one.
     #[schemars(range(min = 0, max = 1000))]
     pub library: u64,
-    /// Share of contents, and of each held-out pool, that is for testing; read only with `hold_out`.
+    /// Share of scenes, and of each held-out pool, that is for testing; read only with `hold_out`.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub test_share: f64,
     /// Number of objects in a scene, fewest and most.
@@ -150,7 +144,6 @@ impl Default for SceneGenerationParams {
     fn default() -> Self {
         Self {
             pool: 120,
-            views: [1, 6],
             regimes: Regime::ALL.to_vec(),
             contexts: ContextClass::ALL.to_vec(),
             hold_out: Vec::new(),
@@ -240,7 +233,6 @@ impl SceneGenerationParams {
             ("/caustic/ior", self.caustic.ior),
             ("/caustic/emitter", self.caustic.emitter),
             ("/objects", self.objects.map(f64::from)),
-            ("/views", self.views.map(f64::from)),
         ] {
             if low > high {
                 out.push(ParamProblem::new(pointer, format!("[{low}, {high}] is out of order"), "write [low, high]"));
@@ -259,7 +251,6 @@ impl SceneGenerationParams {
     /// The params that a scene of `stratum` reads: never the pool, nor ranges of another regime or context.
     pub fn read_by(&self, stratum: Stratum) -> Value {
         let mut value = json!({
-            "views": self.views,
             "objects": self.objects,
             "asset_share": self.asset_share,
             "exposure": self.exposure,

@@ -3,12 +3,8 @@
 use crate::support::{act, kind, load, source};
 use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet};
-use tauflow_contract::{Artifact, Collection, KindError, MemoryBlobs, Outputs};
-use tauflow_data::{
-    Stratum,
-    records::{SceneRecord, SplitReport},
-    scene::Recipe,
-};
+use tauflow_contract::{Collection, KindError, MemoryBlobs, Outputs};
+use tauflow_data::{Stratum, records::SceneRecord, scene::Recipe};
 use tauflow_scene::check_leaks;
 
 /// Runs a gather.
@@ -24,9 +20,8 @@ fn gather(
 }
 
 /// Scenes of a pool, less a few of each stratum, as a gate might reject them.
-fn accepted(blobs: &MemoryBlobs, pool: u64, views: [u32; 2]) -> Collection {
-    let params = json!({ "pool": pool, "views": views });
-    let scenes = source(blobs, "scene_generation", params, &BTreeMap::new()).remove("scenes");
+fn accepted(blobs: &MemoryBlobs, pool: u64) -> Collection {
+    let scenes = source(blobs, "scene_generation", json!({ "pool": pool }), &BTreeMap::new()).remove("scenes");
     let lost = |key: &str| {
         let (stratum, index) = Stratum::of_key(key).expect("a scene's key");
         let ordinal = Stratum::all().position(|s| s == stratum).expect("one of twelve") as u64;
@@ -52,7 +47,7 @@ fn per_stratum(keys: &BTreeSet<String>) -> BTreeMap<String, usize> {
 fn a_pool_of_120_gives_four_to_learn_from_and_two_to_judge_by_in_each_stratum() {
     let blobs = MemoryBlobs::default();
     let choose = |pool: u64, train: u64, test: u64| {
-        let scenes = accepted(&blobs, pool, [1, 1]);
+        let scenes = accepted(&blobs, pool);
         let inputs = BTreeMap::from([("scenes", &scenes)]);
         let split = gather(&blobs, "content_signature_split", json!({ "test_share": 0.34 }), inputs).expect("a split");
         let sides = &split.collections;
@@ -86,7 +81,7 @@ fn a_pool_of_120_gives_four_to_learn_from_and_two_to_judge_by_in_each_stratum() 
 #[test]
 fn a_leak_and_near_duplicates_are_found() {
     let blobs = MemoryBlobs::default();
-    let scenes = accepted(&blobs, 60, [1, 1]);
+    let scenes = accepted(&blobs, 60);
     let mut recipes: Vec<(String, Recipe)> =
         scenes.iter().map(|(key, scene)| (key.to_string(), load::<SceneRecord>(&blobs, scene).recipe)).collect();
     let half = recipes.len() / 2;
@@ -103,69 +98,4 @@ fn a_leak_and_near_duplicates_are_found() {
     let leaks = find(&recipes);
     assert_eq!(leaks.len(), 1, "{leaks:?}");
     assert_eq!((&leaks[0].train, &leaks[0].test), (&vec![recipes[3].0.clone()], &vec![recipes[half + 2].0.clone()]));
-}
-
-#[test]
-fn views_of_a_content_stay_on_one_side_and_a_view_on_the_other_is_found() {
-    let blobs = MemoryBlobs::default();
-    let scenes = accepted(&blobs, 240, [1, 6]);
-    let inputs = BTreeMap::from([("scenes", &scenes)]);
-    let split = gather(&blobs, "content_signature_split", json!({ "test_share": 0.34 }), inputs).expect("a split");
-    let side = |side: &str| -> Vec<(String, Recipe)> {
-        let recipe = |scene: &Artifact| load::<SceneRecord>(&blobs, scene).recipe;
-        split.collections[side].iter().map(|(key, scene)| (key.to_string(), recipe(scene))).collect()
-    };
-    let leaks = |train: &[(String, Recipe)], test: &[(String, Recipe)]| {
-        check_leaks(train.iter().map(|(k, r)| (k.as_str(), r)), test.iter().map(|(k, r)| (k.as_str(), r)), 0.05)
-    };
-    let (mut train, test) = (side("train"), side("test"));
-    assert_eq!(train.len() + test.len(), scenes.iter().count());
-    assert!(leaks(&train, &test).is_empty());
-    let contents = |of: &[(String, Recipe)]| -> BTreeSet<(String, u64)> {
-        of.iter().map(|(_, recipe)| (recipe.stratum.clone(), recipe.content)).collect()
-    };
-    assert!(contents(&train).is_disjoint(&contents(&test)));
-    let share = contents(&test).len() as f64 / (contents(&train).len() + contents(&test).len()) as f64;
-    assert!((share - 0.34).abs() < 0.1, "{share}");
-
-    let report = load::<SplitReport>(&blobs, split.collections["report"].get("report").expect("one item"));
-    assert_eq!(report.groups.len(), contents(&train).len() + contents(&test).len(), "a group is a content");
-    assert!(report.shared() > report.groups.len() / 2, "{} of {}", report.shared(), report.groups.len());
-    let signatures = report.signatures();
-    assert_eq!(signatures.len(), scenes.iter().count());
-
-    // One view of a test content among those to learn from, and only that one.
-    let (key, recipe) = test.iter().find(|(_, recipe)| recipe.view > 0).expect("a content of two views").clone();
-    train.push((key.clone(), recipe));
-    let found = leaks(&train, &test);
-    assert_eq!(found.len(), 1, "{found:?}");
-    assert_eq!((&found[0].train, found[0].signature.as_str()), (&vec![key.clone()], signatures[key.as_str()]));
-    assert!(found[0].test.contains(&key));
-}
-
-#[test]
-fn a_test_set_of_one_view_a_content_shows_each_once_and_stays_when_the_pool_grows() {
-    let blobs = MemoryBlobs::default();
-    let choose = |pool: u64, test: u64, views: Option<u64>| {
-        let scenes = accepted(&blobs, pool, [2, 4]);
-        let params = json!({ "test": test, "test_views": views });
-        let chosen = gather(&blobs, "stratified_sampling", params, BTreeMap::from([("test", &scenes)]));
-        chosen.map(|chosen| {
-            let recipe = |scene: &Artifact| load::<SceneRecord>(&blobs, scene).recipe;
-            let items = chosen.collections["test"].iter();
-            items.map(|(key, scene)| (key.to_string(), recipe(scene))).collect::<BTreeMap<String, Recipe>>()
-        })
-    };
-    let contents =
-        |of: &BTreeMap<String, Recipe>| of.values().map(|r| (r.stratum.clone(), r.content)).collect::<BTreeSet<_>>();
-    let (all, some) = (choose(120, 36, None).expect("enough"), choose(120, 36, Some(1)).expect("enough"));
-    assert_eq!((all.len(), some.len(), contents(&some).len()), (36, 36, 36));
-    assert!(contents(&all).len() < 30, "in order of index views of one content come together");
-    let more = choose(180, 48, Some(1)).expect("enough");
-    assert!(some.keys().all(|key| more.contains_key(key)));
-    let two = choose(120, 60, Some(2)).expect("enough");
-    assert!(contents(&two).len() >= 30);
-    // Ten scenes of a stratum, less what is rejected, have no six contents.
-    let short = choose(120, 72, Some(1)).expect_err("too few contents").to_string();
-    assert!(short.contains("fall short"), "{short}");
 }

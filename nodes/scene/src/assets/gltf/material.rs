@@ -328,10 +328,10 @@ impl<'a, 'd> Materials<'a, 'd> {
         }
         let mut source = self.source(number)?.unwrap_or_default().into_owned();
         let document = self.document;
-        if let Some(old) = extension(&source, "KHR_materials_pbrSpecularGlossiness") {
-            if triple(old, "specularFactor", [1.0; 3]).into_iter().sum::<f64>() > 3.0 * 0.04 {
-                report.note("specular-glossiness materials that reflect more than 4% head-on reflect 4%");
-            }
+        if let Some(old) = extension(&source, "KHR_materials_pbrSpecularGlossiness")
+            && triple(old, "specularFactor", [1.0; 3]).into_iter().sum::<f64>() > 3.0 * 0.04
+        {
+            report.note("specular-glossiness materials that reflect more than 4% head-on reflect 4%");
         }
         let mut making = Making { document, images: &mut self.images, blobs, report, features };
         making.average_gloss(&mut source)?;

@@ -99,6 +99,9 @@ fn cuts(faces: &[Face], cell: &Cell, axis: usize) -> Vec<f64> {
     places
 }
 
+/// What a cut of a cell saves, and its halves.
+type Cut = (f64, Option<[Aabb; 2]>);
+
 /// The best cut of a cell: what is saved, and the two halves.
 fn best(faces: &[Face], cell: &Cell) -> (f64, Option<[Aabb; 2]>) {
     let whole = volume(&cell.bounds);
@@ -173,7 +176,7 @@ pub fn boxes(body: &Body) -> Vec<Aabb> {
                     *cut = Some(best(&faces, cell));
                 }
             }
-            let saved = |c: &(Cell, Option<(f64, Option<[Aabb; 2]>)>)| c.1.as_ref().map_or(0.0, |cut| cut.0);
+            let saved = |c: &(Cell, Option<Cut>)| c.1.as_ref().map_or(0.0, |cut| cut.0);
             let Some(k) = (0..cells.len()).max_by(|a, b| saved(&cells[*a]).total_cmp(&saved(&cells[*b]))) else {
                 break;
             };
@@ -199,10 +202,10 @@ fn overlaps(face: &Face, bounds: &Aabb) -> bool {
 
 /// Fewer boxes that hold all of these: pairs that waste least become one, until few are left and none is cheap.
 pub fn merged(mut boxes: Vec<Aabb>) -> Vec<Aabb> {
-    let whole = volume(&boxes.iter().fold(Aabb::EMPTY, |all, b| all.union(b)));
+    let whole = volume(&boxes.iter().fold(Aabb::EMPTY, crate::geom::Aabb::union));
     // Of very many boxes first those that follow one another, so that the search stays small.
     while boxes.len() > 160 {
-        boxes = boxes.chunks(2).map(|pair| pair.iter().fold(Aabb::EMPTY, |all, b| all.union(b))).collect();
+        boxes = boxes.chunks(2).map(|pair| pair.iter().fold(Aabb::EMPTY, crate::geom::Aabb::union)).collect();
     }
     let waste = |a: &Aabb, b: &Aabb| volume(&a.union(b)) - volume(a) - volume(b);
     // For each box the later one that it wastes least with; a merge changes few of these.

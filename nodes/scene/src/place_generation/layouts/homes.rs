@@ -41,12 +41,12 @@ pub fn living_room(s: &mut Stage<'_>) {
         let _ = s.against(&room.walls[wall], &floor, &seat, along);
     }
     let rack = ask(F::Cabinet).most(2.2, 1.1, 0.65);
-    if let Some(rack) = s.against(&room.walls[0], &floor, &rack, [-0.5, 0.5]) {
-        if let Some(top) = s.top(rack) {
-            s.scatter(&top, &[ask(F::Screen).least(0.4, 0.3, 0.0).most(1.5, 1.0, 0.4)], 1, [0.0, 0.0]);
-            let n = s.some(3);
-            s.scatter(&top, &[POT, VESSEL, ORNAMENT, TABLE_LAMP], n, ABOUT);
-        }
+    if let Some(rack) = s.against(&room.walls[0], &floor, &rack, [-0.5, 0.5])
+        && let Some(top) = s.top(rack)
+    {
+        s.scatter(&top, &[ask(F::Screen).least(0.4, 0.3, 0.0).most(1.5, 1.0, 0.4)], 1, [0.0, 0.0]);
+        let n = s.some(3);
+        s.scatter(&top, &[POT, VESSEL, ORNAMENT, TABLE_LAMP], n, ABOUT);
     }
     let lamp = s.scatter(&floor.inset(0.3), &[FLOOR_LAMP], 1, ANY).pop();
     s.lit(lamp, 22.0);
@@ -94,10 +94,10 @@ pub fn bedroom(s: &mut Stage<'_>) {
         }
     }
     let chest = ask(F::Cabinet).least(0.6, 0.5, 0.3).most(1.6, 1.2, 0.65);
-    if let Some(chest) = s.against(&room.walls[3], &floor, &chest, [-1.0, 1.2]) {
-        if let Some(on) = s.top(chest) {
-            top = Some(on);
-        }
+    if let Some(chest) = s.against(&room.walls[3], &floor, &chest, [-1.0, 1.2])
+        && let Some(on) = s.top(chest)
+    {
+        top = Some(on);
     }
     let top = match top {
         Some(top) => top,
@@ -192,10 +192,10 @@ pub fn dining_room(s: &mut Stage<'_>) {
     let room = s.room(size, made, &windows, Some(3));
     let floor = room.floor.clone();
     let mut on = floor.clone();
-    if s.maybe("rug", 0.4) {
-        if let Some(rug) = s.place(&ask(F::Rug).least(2.0, 0.0, 1.4).most(3.6, 0.05, 3.0), &floor, [0.0; 2], 0.0) {
-            on = s.upon(rug).unwrap_or(on);
-        }
+    if s.maybe("rug", 0.4)
+        && let Some(rug) = s.place(&ask(F::Rug).least(2.0, 0.0, 1.4).most(3.6, 0.05, 3.0), &floor, [0.0; 2], 0.0)
+    {
+        on = s.upon(rug).unwrap_or(on);
     }
     let table = s.place(&TABLE, &on, [0.0, 0.0], 0.0);
     let top = match table.and_then(|t| s.top(t)) {
@@ -216,11 +216,11 @@ pub fn dining_room(s: &mut Stage<'_>) {
     lay(s, &top, seats);
     s.scatter(&top, &[ask(F::Lamp).most(0.15, 0.45, 0.15), VESSEL, FOOD], 3, ANY);
     let board = ask(F::Cabinet).least(0.8, 0.5, 0.3).most(2.2, 1.2, 0.7);
-    if let Some(board) = s.against(&room.walls[2], &floor, &board, [-0.6, 0.6]) {
-        if let Some(on) = s.top(board) {
-            let n = s.some(5);
-            s.scatter(&on, &[VESSEL, TABLE_LAMP, ORNAMENT, PLATE, POT], n, ABOUT);
-        }
+    if let Some(board) = s.against(&room.walls[2], &floor, &board, [-0.6, 0.6])
+        && let Some(on) = s.top(board)
+    {
+        let n = s.some(5);
+        s.scatter(&on, &[VESSEL, TABLE_LAMP, ORNAMENT, PLATE, POT], n, ABOUT);
     }
     s.scatter(&floor.inset(0.25), &[TALL_PLANT], 2, ANY);
     pictures(s, &room, 2, 3);

@@ -19,14 +19,14 @@ impl<'t> Reader<'t, '_, '_> {
                 Some(Emitter::Point { position: position.unwrap_or([0.0; 3]), intensity })
             }
             "spot" => {
-                let to_world = self.to_world(plugin);
+                let to_world = self.placed(plugin);
                 let intensity = self.light(plugin, "intensity");
                 let cutoff_angle = self.number(plugin, "cutoff_angle").unwrap_or(20.0);
                 let beam_width = self.number(plugin, "beam_width").unwrap_or(0.75 * cutoff_angle);
                 Some(Emitter::Spot { to_world, intensity, cutoff_angle, beam_width })
             }
             "directional" => {
-                let map = self.to_world(plugin);
+                let map = self.placed(plugin);
                 let along = unit([0, 1, 2].map(|r: usize| map[r][2]));
                 let direction = self.vector(plugin, "direction").unwrap_or(along);
                 Some(Emitter::Directional { direction, irradiance: self.light(plugin, "irradiance") })
@@ -42,7 +42,7 @@ impl<'t> Reader<'t, '_, '_> {
     }
 
     fn envmap(&mut self, plugin: &'t Plugin) -> Option<Emitter> {
-        let to_world = self.to_world(plugin);
+        let to_world = self.placed(plugin);
         let scale = self.number(plugin, "scale").unwrap_or(1.0) as f32;
         self.pass_over(plugin, &["mis_compensation"]);
         let Some(path) = self.text(plugin, "filename") else {

@@ -203,7 +203,7 @@ impl<'t> Reader<'t, '_, '_> {
         None
     }
 
-    fn to_world(&mut self, plugin: &'t Plugin) -> Affine {
+    fn placed(&mut self, plugin: &'t Plugin) -> Affine {
         self.transform(plugin, "to_world").map_or(IDENTITY, |t| t.map)
     }
 

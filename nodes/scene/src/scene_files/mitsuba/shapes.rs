@@ -36,7 +36,7 @@ impl<'t> Reader<'t, '_, '_> {
                 return plugin.properties.iter().for_each(|p| p.used.set(true));
             }
             "instance" => {
-                let map = chained(above, &self.to_world(plugin));
+                let map = chained(above, &self.placed(plugin));
                 let groups = self.inside(plugin, "shape");
                 if groups.len() != 1 || groups[0].1.sort != "shapegroup" {
                     self.build.problems.error(&plugin.at, "an instance of no group", "refer to one `shapegroup`");
@@ -48,7 +48,7 @@ impl<'t> Reader<'t, '_, '_> {
             }
             _ => {}
         }
-        let map = chained(above, &self.to_world(plugin));
+        let map = chained(above, &self.placed(plugin));
         let emission = self.emission(plugin);
         let material = self.shape_material(plugin, emission.is_some());
         let mut reads = material.as_ref().map_or([None, None], |m| m.reads.clone());

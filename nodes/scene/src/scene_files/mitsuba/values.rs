@@ -43,7 +43,7 @@ pub(super) fn spectrum(text: &str) -> Option<Value> {
 
 /// The rotation by degrees about an axis; none for an axis without direction.
 pub fn rotation(axis: Vec3, degrees: f64) -> Option<Affine> {
-    if !(dot(axis, axis) > 0.0) {
+    if dot(axis, axis).is_nan() || dot(axis, axis) <= 0.0 {
         return None;
     }
     let a = unit(axis);
