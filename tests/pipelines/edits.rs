@@ -25,6 +25,7 @@ nodes:
   gate:
     kind: quality_gate
     inputs: { scenes: scenes, previews: previews }
+    params: { inside: 1.0, near_share: 1.0, sky_share: 1.0, surface_share: 1.0, edges: 0.0 }
   split:
     kind: content_signature_split
     inputs: { scenes: gate.accepted }
@@ -138,13 +139,7 @@ fn an_edit_reruns_what_it_changes_and_nothing_else() {
     assert_eq!(run(folder.path(), &edit("Before", "After")).names(), ["report"]);
 
     // A threshold that rejects no other scene: the gate, and nothing whose content stays the same.
-    let strict = run(
-        folder.path(),
-        &edit(
-            "scenes: scenes, previews: previews }",
-            "scenes: scenes, previews: previews }\n    params: { black: 0.0000001 }",
-        ),
-    );
+    let strict = run(folder.path(), &edit("params: { inside: 1.0,", "params: { black: 0.0000001, inside: 1.0,"));
     assert_eq!(strict.names(), ["gate"]);
     assert_eq!(strict.ran("gate"), 16);
 
@@ -173,10 +168,7 @@ fn a_verdict_moves_no_other_scene() {
     contrast.sort_by(f64::total_cmp);
     // Between the two least: one scene more is rejected.
     let threshold = f64::midpoint(contrast[0], contrast[1]);
-    let text = edit(
-        "scenes: scenes, previews: previews }",
-        &format!("scenes: scenes, previews: previews }}\n    params: {{ contrast: {threshold} }}"),
-    );
+    let text = edit("params: { inside: 1.0,", &format!("params: {{ contrast: {threshold}, inside: 1.0,"));
     let ran = run(&cache, &text);
     std::fs::write(&file, &text).expect("written");
     let after = Done::run(&file, Vec::new(), &cache);

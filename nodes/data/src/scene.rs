@@ -397,10 +397,12 @@ pub struct Recipe {
     pub stratum: String,
     /// Index in its stratum.
     pub index: u64,
-    /// Which content of its stratum it shows: objects, layout and materials. Scenes that were not drawn have one each,
-    /// of their index.
-    pub content: u64,
+    /// Which content of its stratum it shows: objects, layout and materials. None where each scene has its own, of its
+    /// index; see [`Recipe::content`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub content: Option<u64>,
     /// Which view of the content it is: camera, exposure, power of the lights, turn of the sky. 0 is the plain one.
+    #[serde(default, skip_serializing_if = "is_plain")]
     pub view: u32,
     /// Layout template.
     pub layout: String,
@@ -414,6 +416,17 @@ pub struct Recipe {
     pub side: Option<Side>,
     /// Exposure offset in stops, U[-1, 1].
     pub exposure_ev: f64,
+}
+
+fn is_plain(view: &u32) -> bool {
+    *view == 0
+}
+
+impl Recipe {
+    /// Number of the content that the scene shows, among those of its stratum.
+    pub fn content(&self) -> u64 {
+        self.content.unwrap_or(self.index)
+    }
 }
 
 /// Side of a split.

@@ -107,7 +107,7 @@ impl Kind for ContentSignatureSplit {
         for (number, entry) in entries.iter().enumerate() {
             let group = groups.entry(signature(&entry.recipe, params.quantum)).or_insert_with(|| {
                 // By its place in the pool, not among those that passed: a verdict moves no other group.
-                let by_turn = if is_test(entry.recipe.content, params.test_share) { Side::Test } else { Side::Train };
+                let by_turn = if is_test(entry.recipe.content(), params.test_share) { Side::Test } else { Side::Train };
                 (entry.recipe.side.unwrap_or(by_turn), Vec::new())
             });
             if entry.recipe.side.is_some_and(|side| side != group.0) {

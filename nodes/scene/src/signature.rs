@@ -82,7 +82,7 @@ pub(crate) mod tests {
         Recipe {
             stratum: stratum.to_owned(),
             index,
-            content: index,
+            content: None,
             view: 0,
             layout: "box_room".to_owned(),
             layout_params: BTreeMap::from([("room.width".to_owned(), width), ("turn".to_owned(), -0.5)]),
@@ -100,7 +100,7 @@ pub(crate) mod tests {
         let mut other = base.clone();
         other.exposure_ev = -1.0;
         other.index = 9;
-        (other.content, other.view) = (8, 3);
+        (other.content, other.view) = (Some(8), 3);
         other.side = Some(Side::Test);
         other.objects.reverse();
         assert!(same(&other));

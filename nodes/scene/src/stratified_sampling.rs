@@ -112,7 +112,7 @@ fn few_views<'a>(
     let mut seen: BTreeMap<u64, u64> = BTreeMap::new();
     let mut out = Vec::new();
     for candidate in there {
-        let count = seen.entry(SceneRecord::recipe(ctx, candidate.scene)?.content).or_default();
+        let count = seen.entry(SceneRecord::recipe(ctx, candidate.scene)?.content()).or_default();
         *count += 1;
         if *count <= views {
             out.push(candidate);

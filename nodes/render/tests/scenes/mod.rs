@@ -328,7 +328,7 @@ pub fn recipe(exposure_ev: f64) -> Recipe {
     Recipe {
         stratum: "L0-open".into(),
         index: 0,
-        content: 0,
+        content: None,
         view: 0,
         layout: "by-hand".into(),
         layout_params: BTreeMap::new(),

@@ -113,7 +113,7 @@ pub fn of_stage(ctx: &Context<'_>, stage: Stage<'_>, which: Which, seed: u64) ->
     let recipe = Recipe {
         stratum: stratum.to_string(),
         index: which.content,
-        content: which.content,
+        content: Some(which.content),
         view: which.view,
         layout: stage.layout.to_owned(),
         layout_params: stage.params,

@@ -104,7 +104,7 @@ impl Kind for PlaceGeneration {
         let content_seed = derive_seed(seed, "content", &content.to_string());
         let (scene, recipe) = assemble::scene(ctx, &action.params, &pool, stratum, which, content_seed)?;
         let scene = Scene { seed: derive_seed(content_seed, "view", &view.to_string()), ..scene };
-        let recipe = Recipe { index, content, view, ..recipe };
+        let recipe = Recipe { index, content: Some(content), view, ..recipe };
         Ok(Outputs::default().put(SCENES, SceneRecord { scene, recipe }.store(ctx)?))
     }
 }

@@ -219,7 +219,7 @@ fn views_of_a_content_share_what_is_there_and_differ_in_how_it_is_seen() {
     let mut contents: BTreeMap<(String, u64), Vec<(Scene, Recipe)>> = BTreeMap::new();
     for key in keys(&params) {
         let (scene, recipe) = read(&blobs, &make(&blobs, &params, &key, None));
-        contents.entry((recipe.stratum.clone(), recipe.content)).or_default().push((scene, recipe));
+        contents.entry((recipe.stratum.clone(), recipe.content())).or_default().push((scene, recipe));
     }
     let (mut scenes, mut turned, mut dimmed) = (0, 0, 0);
     for ((stratum, content), views) in &contents {

@@ -169,7 +169,7 @@ fn recipe(name: &str, main: &[u8], stratum: Stratum, index: u64, loaded: &Loaded
         layout_params: BTreeMap::new(),
         objects: vec![format!("file/{}", Digest::of(main).short())],
         environment: map.unwrap_or_else(|| "none".to_owned()),
-        content: index,
+        content: None,
         view: 0,
         side: None,
         exposure_ev: 0.0,

@@ -92,7 +92,7 @@ pub fn scene(
         layout_params: stage.params,
         objects: work.names,
         environment,
-        content: index,
+        content: None,
         view: 0,
         side: cast.side,
         exposure_ev,
