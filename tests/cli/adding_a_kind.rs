@@ -31,7 +31,7 @@ seed: 3
 nodes:
   scenes:
     kind: scene_generation
-    params: { pool: 2, regimes: [L0], contexts: [open], unchecked_cameras: 0.0 }
+    params: { pool: 2, regimes: [L0], contexts: [open] }
   ladders:
     kind: ladder_rendering
     inputs: { scenes: scenes }

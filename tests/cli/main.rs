@@ -23,7 +23,7 @@ use std::{
 };
 use tempfile::TempDir;
 
-/// Two strata, eight scenes; nothing is rendered, so a run takes a moment.
+/// Two strata, eight scenes of plain colours; nothing is rendered, so a run takes a moment.
 const PIPELINE: &str = "\
 pipeline: small
 seed: 3
@@ -31,7 +31,7 @@ profiles: { more: { scenes.pool: 10 } }
 nodes:
   scenes:
     kind: scene_generation
-    params: { pool: 8, regimes: [L0], contexts: [open, enclosed] }
+    params: { pool: 8, views: [1, 1], regimes: [L0], contexts: [open, enclosed], diffuse: { textured: 0.0 } }
   split:
     kind: content_signature_split
     inputs: { scenes: scenes }

@@ -11,7 +11,7 @@ pipeline: small
 nodes:
   scenes:
     kind: scene_generation
-    params: { pool: 4, regimes: [L0], contexts: [open, enclosed], unchecked_cameras: 0.0 }
+    params: { pool: 4, regimes: [L0], contexts: [open, enclosed] }
   ladders:
     kind: ladder_rendering
     inputs: { scenes: scenes }

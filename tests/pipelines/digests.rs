@@ -71,21 +71,12 @@ fn outputs_change_with_versions_alone() {
   sheet:
     kind: contact_sheet
     inputs: { ladders: test_ladders, exposure: gate.exposure }
-  places:
-    kind: place_generation
-    params: { pool: 12, views: [1, 2] }
-  place_ladders:
-    kind: ladder_rendering
-    inputs: { scenes: places }
-    params: { rungs: [2], resolution: [12, 8] }
 ";
     std::fs::write(&file, format!("{PIPELINE}{more}")).expect("written");
     let done = Done::run(&file, Vec::new(), &folder.path().join("cache"));
     let mut found = String::new();
     for port in [
         "scenes.scenes",
-        "places.scenes",
-        "place_ladders.ladder",
         "previews.ladder",
         "gate.accepted",
         "gate.exposure",

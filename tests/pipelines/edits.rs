@@ -17,7 +17,7 @@ seed: 5
 nodes:
   scenes:
     kind: scene_generation
-    params: { pool: 16, regimes: [L0, L1], contexts: [open, enclosed], unchecked_cameras: 0.0 }
+    params: { pool: 16, views: [1, 1], objects: [5, 12], regimes: [L0, L1], contexts: [open, enclosed] }
   previews:
     kind: ladder_rendering
     inputs: { scenes: scenes }
@@ -150,10 +150,7 @@ fn an_edit_reruns_what_it_changes_and_nothing_else() {
     assert_eq!((steps.ran("solvers"), steps.ran("refined"), steps.ran("scores")), (1, 4, 4));
 
     // A range that only glossy scenes use: no diffuse scene.
-    let glossy = run(
-        folder.path(),
-        &edit("unchecked_cameras: 0.0", "unchecked_cameras: 0.0, glossy: { roughness: [0.2, 0.3] }"),
-    );
+    let glossy = run(folder.path(), &edit("pool: 16,", "pool: 16, glossy: { roughness: [0.2, 0.3] },"));
     assert_eq!((glossy.ran("scenes"), glossy.ran("previews"), glossy.ran("gate")), (8, 8, 8));
     assert!(glossy.ran("train_ladders") <= 4, "{:?}", glossy.nodes);
 }

@@ -1,5 +1,5 @@
-//! `real_assets.yaml` over the shared HDRIs and objects: every file is in a rendered scene that the gate lets through,
-//! or is refused by name for a reason.
+//! `real_assets.yaml` over the shared HDRIs and objects: every file is in a rendered scene, or is refused by name for a
+//! reason.
 
 use crate::support::{Done, root};
 use std::{
@@ -51,8 +51,8 @@ fn every_file_appears_in_a_rendered_scene() {
     assert!(refused.keys().eq(["BoxMeshopt.glb"].iter()), "{refused:?}");
 
     let rendered: BTreeSet<String> = done.keys("previews").into_iter().collect();
-    let accepted: BTreeMap<String, SceneRecord> = done.read("gate.accepted");
-    let recipes: BTreeMap<String, Recipe> = accepted.into_iter().map(|(key, record)| (key, record.recipe)).collect();
+    let scenes: BTreeMap<String, SceneRecord> = done.read("scenes.scenes");
+    let recipes: BTreeMap<String, Recipe> = scenes.into_iter().map(|(key, record)| (key, record.recipe)).collect();
     let mut shown = BTreeSet::new();
     for (key, recipe) in recipes {
         assert!(rendered.contains(&key), "{key}");

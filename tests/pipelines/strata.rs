@@ -9,14 +9,16 @@ const PIPELINE: &str = "
 pipeline: strata
 seed: 7
 nodes:
-  scenes: { kind: scene_generation, params: { pool: 72, unchecked_cameras: 0.0 } }
+  scenes: { kind: scene_generation, params: { pool: 72, views: [1, 1] } }
   previews: { kind: ladder_rendering, inputs: { scenes: scenes }, params: { rungs: [32], resolution: [64, 64] } }
   gate:
     kind: quality_gate
     inputs: { scenes: scenes, previews: previews }
-    params: { inside: 1.0, near_share: 1.0, sky_share: 1.0, surface_share: 1.0, edges: 0.0,
-      dark_share: 1.0, contrast: 0.0 }
-  statistics: { kind: scene_statistics, inputs: { scenes: gate.accepted } }
+    params: { noise: 1.0e+6 }
+  statistics:
+    kind: scene_statistics
+    inputs: { scenes: gate.accepted }
+    params: { spp: 64, reference: 4 }
 ";
 
 fn median(of: &[SceneStatistics], value: fn(&SceneStatistics) -> f64) -> f64 {

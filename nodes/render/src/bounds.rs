@@ -17,13 +17,33 @@ const ROUNDING: f32 = 1e-6;
 
 /// Least and largest value of each channel of an image; none if a value is not finite.
 fn of_image(image: &Image) -> Option<Vec<Bounds>> {
-    let mut bounds = vec![(f32::MAX, f32::MIN); image.channels()];
+    /// Values side by side: as many as a few pixels have, so that the loop over them is one over lanes.
+    const BLOCK: usize = 16;
+    let channels = image.channels();
+    let mut lows = vec![[f32::MAX; BLOCK]; channels];
+    let mut highs = vec![[f32::MIN; BLOCK]; channels];
     let mut finite = true;
-    for pixel in image.data().chunks_exact(image.channels()) {
-        for ((low, high), value) in bounds.iter_mut().zip(pixel) {
+    let (blocks, rest) = image.data().as_chunks::<BLOCK>();
+    // Sixteen pixels are as many blocks as there are channels.
+    for (index, block) in blocks.iter().enumerate() {
+        let (low, high) = (&mut lows[index % channels], &mut highs[index % channels]);
+        for i in 0..BLOCK {
+            let value = block[i];
             finite &= value.is_finite();
-            (*low, *high) = (low.min(*value), high.max(*value));
+            low[i] = if value < low[i] { value } else { low[i] };
+            high[i] = if value > high[i] { value } else { high[i] };
         }
+    }
+    let mut bounds = vec![(f32::MAX, f32::MIN); channels];
+    let of_blocks = lows.iter().flatten().zip(highs.iter().flatten()).map(|(low, high)| (*low, *high));
+    for (index, (low, high)) in of_blocks.enumerate() {
+        let bounds = &mut bounds[index % channels];
+        *bounds = (bounds.0.min(low), bounds.1.max(high));
+    }
+    for (index, value) in rest.iter().enumerate() {
+        finite &= value.is_finite();
+        let bounds = &mut bounds[(blocks.len() * BLOCK + index) % channels];
+        *bounds = (bounds.0.min(*value), bounds.1.max(*value));
     }
     finite.then_some(bounds)
 }
@@ -175,6 +195,29 @@ mod tests {
 
     fn times(a: Source, b: Source) -> Source {
         Source::Product { a: Box::new(a), b: Box::new(b) }
+    }
+
+    #[test]
+    fn bounds_are_by_channel_in_images_of_any_size() {
+        for channels in [1, 2, 3, 4, 5, 7] {
+            for width in [1, 5, 16, 37] {
+                let values = (0..width * channels).map(|i| ((i * 7919) % 101) as f32 + 1000.0 * (i % channels) as f32);
+                let image = Image::from_data(width, 1, channels, values.collect()).expect("fits");
+                let slow: Vec<Bounds> = (0..channels)
+                    .map(|c| {
+                        let of = || image.data().iter().skip(c).step_by(channels).copied();
+                        (of().fold(f32::MAX, f32::min), of().fold(f32::MIN, f32::max))
+                    })
+                    .collect();
+                assert_eq!(of_image(&image), Some(slow), "{width} x {channels}");
+                for at in [0, width * channels - 1] {
+                    let mut data = image.data().to_vec();
+                    data[at] = f32::NAN;
+                    let broken = Image::from_data(width, 1, channels, data).expect("fits");
+                    assert_eq!(of_image(&broken), None, "{width} x {channels}, {at}");
+                }
+            }
+        }
     }
 
     #[test]

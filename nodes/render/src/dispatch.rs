@@ -6,7 +6,7 @@
 
 use crate::{
     accel::{Accel, Set, Sweep},
-    bsdf::Sort,
+    bsdf::{Interface, Sort},
     stream::{Group, Stream},
 };
 use tauflow_instructions::Instructions;
@@ -30,6 +30,7 @@ pub(crate) fn kernels(instructions: Instructions) -> &'static Kernels {
 
 type StreamKernel = unsafe fn(&mut Stream<'_>);
 type GroupKernel = unsafe fn(&mut Stream<'_>, &Group);
+type SharesKernel = unsafe fn(&Interface<'_>, &[f32], &mut [f32]);
 type SweepKernel = unsafe fn(&Accel, &mut Set<'_>, usize, &mut Sweep);
 
 /// Functions compiled for one set of instructions.
@@ -51,6 +52,7 @@ pub(crate) struct Kernels {
     plastic: GroupKernel,
     principled: GroupKernel,
     blend: GroupKernel,
+    shares: SharesKernel,
 }
 
 #[expect(
@@ -101,6 +103,11 @@ impl Kernels {
         unsafe { (self.bodies)(stream, group) }
     }
 
+    /// As [`Interface::shares`].
+    pub(crate) fn shares(&self, interface: &Interface<'_>, cosines: &[f32], shares: &mut [f32]) {
+        unsafe { (self.shares)(interface, cosines, shares) }
+    }
+
     pub(crate) fn scatter(&self, sort: Sort, stream: &mut Stream<'_>, group: &Group) {
         let kernel = match sort {
             Sort::Diffuse => self.diffuse,
@@ -118,7 +125,7 @@ impl Kernels {
 macro_rules! kernels {
     ($name:ident, $wide:ty, $ray:ty $(, $feature:literal)?) => {
         mod $name {
-            use super::{Accel, Group, Kernels, Set, Stream, Sweep};
+            use super::{Accel, Group, Interface, Kernels, Set, Stream, Sweep};
             use crate::bsdf::{Bsdf, Diffuse, Glass, Metal, Plastic, Principled, Thin};
 
             pub(super) static KERNELS: Kernels = Kernels {
@@ -139,6 +146,7 @@ macro_rules! kernels {
                 plastic,
                 principled,
                 blend,
+                shares,
             };
 
             kernels!(@stream begin, begin::<$wide> $(, $feature)?);
@@ -159,6 +167,11 @@ macro_rules! kernels {
             kernels!(@group principled, scatter::<$wide, Principled<$wide>> $(, $feature)?);
             // Blends are rare, and shaded one by one.
             kernels!(@group blend, scatter::<f32, Bsdf<'_>> $(, $feature)?);
+
+            $(#[target_feature(enable = $feature)])?
+            fn shares(interface: &Interface<'_>, cosines: &[f32], shares: &mut [f32]) {
+                interface.shares::<$wide>(cosines, shares);
+            }
         }
     };
     (@stream $name:ident, $method:ident::<$($of:ty),+> $(, $feature:literal)?) => {

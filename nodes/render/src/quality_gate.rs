@@ -125,7 +125,7 @@ impl Kind for QualityGate {
         let last = *meta.counts.last().ok_or_else(|| KindError::Input("a preview without rungs".into()))?;
         let (image, variance) = (Ladder::rung(ctx, previews, last)?, Ladder::variance(ctx, previews)?);
         let preview = Preview { image: &image, variance: &variance, spp: last, rejected: meta.rejected };
-        let world = World::new(&described, &mut |digest: &Digest| ctx.get(digest))?;
+        let world = World::new(&framing::bare(&described), &mut |digest: &Digest| ctx.get(digest))?;
         let film = [image.width(), image.height()];
         let framing = Framing::of(&world, &described, film, action.params.near)?;
         let (verdict, exposure) = judge(&preview, &framing, recipe.exposure_ev, &action.params);

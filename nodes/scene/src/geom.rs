@@ -148,28 +148,6 @@ impl Aabb {
         }
         out
     }
-
-    pub fn contains(&self, p: Vec3, margin: f64) -> bool {
-        (0..3).all(|i| p[i] > self.low[i] - margin && p[i] < self.high[i] + margin)
-    }
-
-    /// True if the segment from `a` to `b` meets the box.
-    pub fn meets(&self, a: Vec3, b: Vec3) -> bool {
-        let (mut near, mut far) = (0.0f64, 1.0f64);
-        for i in 0..3 {
-            let d = b[i] - a[i];
-            if d == 0.0 {
-                if a[i] < self.low[i] || a[i] > self.high[i] {
-                    return false;
-                }
-                continue;
-            }
-            let (t0, t1) = ((self.low[i] - a[i]) / d, (self.high[i] - a[i]) / d);
-            near = near.max(t0.min(t1));
-            far = far.min(t0.max(t1));
-        }
-        near <= far
-    }
 }
 
 #[cfg(test)]
@@ -177,15 +155,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn maps_compose_and_boxes_meet() {
+    fn maps_compose() {
         let m = compose(&translation([1.0, 2.0, 3.0]), &rotation_y(core::f64::consts::FRAC_PI_2));
         let p = apply(&m, [0.0, 0.0, 1.0]);
         assert!(length(sub(p, [2.0, 2.0, 3.0])) < 1e-12, "{p:?}");
         assert!((determinant(&m) - 1.0).abs() < 1e-12);
         let f = facing([0.0; 3], [0.0, -1.0, 0.0], [2.0, 3.0]);
         assert!((determinant(&f) - 6.0).abs() < 1e-12);
-        let unit_box = Aabb::around([0.0; 3], [1.0; 3]);
-        assert!(unit_box.meets([-3.0, 0.0, 0.0], [3.0, 0.1, 0.0]));
-        assert!(!unit_box.meets([-3.0, 2.0, 0.0], [3.0, 1.5, 0.0]));
     }
 }

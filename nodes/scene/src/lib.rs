@@ -6,7 +6,6 @@ mod assets;
 mod content_signature_split;
 mod geom;
 mod mesh_check;
-mod place_generation;
 mod scene_files;
 mod scene_generation;
 mod signature;
@@ -14,7 +13,6 @@ mod stratified_sampling;
 
 pub use assets::{Assets, AssetsParams};
 pub use content_signature_split::{ContentSignatureSplit, ContentSignatureSplitParams, is_test};
-pub use place_generation::{PlaceGeneration, PlaceGenerationParams};
 pub use scene_files::{LightUnit, Loaded, Options, SceneFiles, SceneFilesParams, ScenePath, load_scene};
 pub use scene_generation::{
     CausticRanges, DiffuseRanges, GlossyRanges, HoldOut, MaxDepth, Range, RefractiveRanges, SceneGeneration,
@@ -31,7 +29,6 @@ pub fn kinds() -> Vec<Box<dyn NodeKind>> {
         Box::new(KindRow::<Assets>::new()),
         Box::new(KindRow::<SceneFiles>::new()),
         Box::new(KindRow::<SceneGeneration>::new()),
-        Box::new(KindRow::<PlaceGeneration>::new()),
         Box::new(KindRow::<ContentSignatureSplit>::new()),
         Box::new(KindRow::<StratifiedSampling>::new()),
     ]

@@ -1,7 +1,16 @@
 //! A diffuse base under a dielectric coat: `plastic`, `roughplastic` with `nonlinear: false`.
 
-use super::{DELTA_ALPHA, Drawn, fresnel, ggx, ggx::Ggx, local::reflect};
-use crate::lanes::{Integer, Pair, Real, Triple};
+use super::{
+    DELTA_ALPHA, Drawn, fresnel,
+    ggx::{self, Ggx, Interface},
+    local::reflect,
+};
+use crate::{
+    dispatch::kernels,
+    lanes::{Integer, Pair, Real, Triple},
+};
+use glam::Vec2;
+use tauflow_instructions::Instructions;
 
 const PI: f32 = std::f32::consts::PI;
 
@@ -22,13 +31,17 @@ impl Coat {
         if alpha < DELTA_ALPHA {
             return Self { eta, alpha, inner: fresnel::diffuse_reflectance(1.0 / eta), enters: Vec::new() };
         }
-        let cosine = |i: usize| (i as f32 / (STEPS - 1) as f32).max(1e-4);
-        let (disk, inside) = (ggx::half_disk(), ggx::staggered_half_disk());
-        let enters = (0..STEPS).map(|i| ggx::transmittance(alpha, eta, cosine(i), &disk)).collect();
+        let cosines: [f32; STEPS] = std::array::from_fn(|i| (i as f32 / (STEPS - 1) as f32).max(1e-4));
+        let kernels = kernels(Instructions::best());
+        let shares = |eta: f32, disk: &[Vec2], through: bool| {
+            let mut shares = vec![0.0; STEPS];
+            kernels.shares(&Interface { alpha, eta, disk, through }, &cosines, &mut shares);
+            shares
+        };
+        let enters = shares(eta, &ggx::half_disk(), true);
         // Over the same cosines as the table, both ends counted whole, as Mitsuba has it.
-        let sum: f64 = (0..STEPS)
-            .map(|i| f64::from(ggx::reflectance(alpha, 1.0 / eta, cosine(i), &inside)) * f64::from(cosine(i)))
-            .sum();
+        let inside = shares(1.0 / eta, &ggx::staggered_half_disk(), false);
+        let sum: f64 = inside.iter().zip(cosines).map(|(share, cos)| f64::from(*share) * f64::from(cos)).sum();
         Self { eta, alpha, inner: (2.0 * sum / STEPS as f64) as f32, enters }
     }
 

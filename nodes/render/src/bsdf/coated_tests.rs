@@ -193,3 +193,21 @@ fn rough_plastic_reflects_what_its_model_says_by_quadrature_and_by_draws() {
         assert!((own / closed - 1.0).abs() < 1e-3, "{alpha}: {own} {closed}");
     }
 }
+
+#[test]
+fn tables_of_coats_are_the_same_by_all_instructions() {
+    let cosines: [f32; STEPS] = std::array::from_fn(|i| cosine(i) as f32);
+    for (disk, through) in [(ggx::half_disk(), true), (ggx::staggered_half_disk(), false)] {
+        let interface = Interface { alpha: 0.3, eta: if through { 1.5 } else { 1.0 / 1.5 }, disk: &disk, through };
+        let shares = |instructions| {
+            let mut shares = vec![0.0; STEPS];
+            kernels(instructions).shares(&interface, &cosines, &mut shares);
+            shares.iter().map(|s| s.to_bits()).collect::<Vec<_>>()
+        };
+        let portable = shares(Instructions::Portable);
+        assert!(portable.iter().any(|bits| *bits != portable[0]));
+        for instructions in Instructions::ALL {
+            assert_eq!(shares(instructions), portable, "{instructions:?} {through}");
+        }
+    }
+}

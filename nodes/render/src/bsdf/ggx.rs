@@ -98,27 +98,48 @@ fn spread(radii: u32, angles: u32, within: impl Fn(u32) -> f32) -> Vec<Vec2> {
         .collect()
 }
 
-/// What a rough interface lets through from `cos` to the other side in one bounce, over the normals at `disk`.
-pub(crate) fn transmittance(alpha: f32, eta: f32, cos: f32, disk: &[Vec2]) -> f32 {
-    mean(alpha, cos, disk, |v, m| {
-        let f = super::fresnel::dielectric(v.dot(m), eta);
-        let l = super::local::refract(v, m, f.cos_t, f.eta_ti);
-        if l.z < 0.0 { (1.0 - f.r) * Ggx { alpha }.g1(-l, m) } else { 0.0 }
-    })
+/// What a rough interface does with light in one bounce, by the cosine from which it comes. Each is a mean over the
+/// normals seen.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Interface<'a> {
+    pub(crate) alpha: f32,
+    pub(crate) eta: f32,
+    /// Points that stand for the normals seen.
+    pub(crate) disk: &'a [Vec2],
+    /// What is asked for: the share that goes through, or else the share that is reflected.
+    pub(crate) through: bool,
 }
 
-/// What a rough interface reflects in one bounce, over the normals at `disk`.
-pub(crate) fn reflectance(alpha: f32, eta: f32, cos: f32, disk: &[Vec2]) -> f32 {
-    mean(alpha, cos, disk, |v, m| {
-        let l = super::local::reflect(v, m);
-        if l.z > 0.0 { super::fresnel::dielectric(v.dot(m), eta).r * Ggx { alpha }.g1(l, m) } else { 0.0 }
-    })
-}
-
-fn mean(alpha: f32, cos: f32, disk: &[Vec2], value: impl Fn(Triple<f32>, Triple<f32>) -> f32) -> f32 {
-    let v = Triple::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos);
-    let sum: f64 = disk.iter().map(|p| f64::from(value(v, Ggx { alpha }.facet(v, (*p).into())))).sum();
-    (sum / disk.len() as f64) as f32
+impl Interface<'_> {
+    /// Writes the share at each cosine, which there are a multiple of sixteen of, by lanes of `R`.
+    #[inline(always)]
+    pub(crate) fn shares<R: Real>(&self, cosines: &[f32], shares: &mut [f32]) {
+        let lanes = R::N;
+        for (cos, to) in cosines.chunks_exact(lanes).zip(shares.chunks_exact_mut(lanes)) {
+            let cos = R::load(cos);
+            let v = Triple::new((R::one() - cos * cos).max(R::zero()).sqrt(), R::zero(), cos);
+            let ggx = Ggx { alpha: R::splat(self.alpha) };
+            let (mut sums, mut values) = ([0.0f64; 16], [0.0f32; 16]);
+            for p in self.disk {
+                let m = ggx.facet(v, Pair::new(R::splat(p.x), R::splat(p.y)));
+                let f = super::fresnel::dielectric(v.dot(m), self.eta);
+                let value = if self.through {
+                    let l = super::local::refract(v, m, f.cos_t, f.eta_ti);
+                    ((R::one() - f.r) * ggx.g1(-l, m)).only(l.z.lt(R::zero()))
+                } else {
+                    let l = super::local::reflect(v, m);
+                    (f.r * ggx.g1(l, m)).only(l.z.positive())
+                };
+                value.store(&mut values[..lanes]);
+                for (sum, value) in sums[..lanes].iter_mut().zip(&values) {
+                    *sum += f64::from(*value);
+                }
+            }
+            for (to, sum) in to.iter_mut().zip(sums) {
+                *to = (sum / self.disk.len() as f64) as f32;
+            }
+        }
+    }
 }
 
 /// GTR1, the long-tailed distribution of a clear coat. Source: Burley 2012.

@@ -18,6 +18,7 @@ mod tests;
 
 use crate::lanes::{Mask, Pair, Real, Triple};
 pub(crate) use coated::Plastic;
+pub(crate) use ggx::Interface;
 use glam::{Vec2, Vec3, Vec4};
 pub(crate) use glass::{Glass, Thin};
 pub(crate) use local::flip;

@@ -11,7 +11,7 @@ use glam::Vec3;
 use tauflow_contract::KindError;
 use tauflow_data::{
     Resolution, SamplerKind, Scene, maths,
-    scene::{Bsdf, Texture},
+    scene::{Bsdf, Shape, Texture},
     statistics::quantile,
 };
 
@@ -97,6 +97,34 @@ fn has_back(bsdf: &Bsdf) -> bool {
         | Bsdf::Dielectric { .. }
         | Bsdf::Plastic { .. }
         | Bsdf::Principled { .. } => false,
+    }
+}
+
+/// What rays of framing meet of a material: its holes.
+fn holes(bsdf: &Bsdf) -> Bsdf {
+    let plain = || Bsdf::Diffuse { reflectance: Texture::Constant { value: [0.0; 3] } };
+    match bsdf {
+        Bsdf::Mask { opacity, inner } => Bsdf::Mask { opacity: opacity.clone(), inner: Box::new(holes(inner)) },
+        Bsdf::NormalMap { inner, .. } | Bsdf::TwoSided { inner } => holes(inner),
+        // Holes stand around blends, never within.
+        Bsdf::Blend { .. }
+        | Bsdf::Diffuse { .. }
+        | Bsdf::Conductor { .. }
+        | Bsdf::Dielectric { .. }
+        | Bsdf::ThinDielectric { .. }
+        | Bsdf::Plastic { .. }
+        | Bsdf::Principled { .. } => plain(),
+    }
+}
+
+/// A scene's surfaces and camera alone, without light and colour: their maps and tables take longer to make than the
+/// rays of framing to trace.
+pub fn bare(scene: &Scene) -> Scene {
+    Scene {
+        materials: scene.materials.iter().map(holes).collect(),
+        shapes: scene.shapes.iter().map(|shape| Shape { emission: None, ..shape.clone() }).collect(),
+        emitters: Vec::new(),
+        ..scene.clone()
     }
 }
 

@@ -1,34 +1,58 @@
-//! From a stage and a cast to a scene: places objects, gives everything a material, hangs lights, aims the camera.
+//! From a stage to a scene: gives everything a material, lights the lamps, hangs the sky, aims the camera.
 
 use super::{
-    camera::Sight,
-    cast::{Cast, Choice, Pool, Sky},
-    forms, layouts,
-    materials::{Materials, Palette, put_bitmap},
+    camera,
+    cast::{Cast, Pool},
+    forms::Family,
+    lamps::Hour,
+    layouts,
+    library::Facts,
+    materials::{Materials, Palette},
     params::SceneGenerationParams,
-    skies,
-    stage::{self, Role, Stage, toward},
+    stage::{Body, HERE, Skin, Stage, Thing},
+    stuff::Stuff,
 };
-use crate::geom::{Aabb, Vec3, compose, facing, length, rotation_x, rotation_y, rotation_z, scaling, sub, translation};
-use std::collections::BTreeMap;
-use tauflow_contract::{Context, KindError};
+use crate::geom::{Vec3, add, cross, dot, length, mul, sub, unit};
+use core::f64::consts::PI;
+use std::{collections::BTreeMap, sync::Arc};
+use tauflow_contract::{Context, Digest, KindError};
 use tauflow_data::{
-    Regime, Scene, Stratum,
+    ContextClass, Regime, Scene, Stratum, maths,
+    mesh::Mesh,
     records::AssetBody,
     rng::Stream,
     scene::{Affine, Bsdf, Emitter, Geometry, Recipe, Shape, Texture},
 };
 
-/// The box of an object; empty for an HDRI.
-fn box_of(body: &AssetBody) -> Aabb {
-    match body {
-        AssetBody::Hdri { .. } => Aabb::EMPTY,
-        AssetBody::Object { bounds: [low, high], .. } => Aabb { low: *low, high: *high },
+/// Which scene of a stratum.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Which {
+    /// Number of the content: it decides everything but what `view` does.
+    pub content: u64,
+    /// Number of the view: camera, exposure and time of day. 0 is the plain one.
+    pub view: u32,
+}
+
+/// The stage of a content.
+///
+/// # Errors
+/// If a mesh of the library is too large for a blob.
+pub fn plan<'a>(cast: &'a Cast<'a>, stratum: Stratum, stream: &Stream) -> Result<Stage<'a>, KindError> {
+    let most = {
+        let mut d = stream.part("count");
+        let [low, high] = cast.params.objects.map(f64::from);
+        // As many small scenes as large ones, by ratio.
+        maths::exp(d.range(maths::log(low), maths::log(high + 1.0))).floor().clamp(low, high) as usize
+    };
+    let mut stage = layouts::build(stratum, cast, &stream.part("layout"), most);
+    match stage.fault.take() {
+        Some(fault) => Err(fault),
+        None => Ok(stage),
     }
 }
 
-/// Makes the `index`-th scene of a stratum. A function of the seed, the stratum, the index and the params alone (and
-/// of the assets, where connected).
+/// Makes a scene of a stratum. A function of the seed, the stratum, which it is, and the params alone (and of the
+/// assets, where connected).
 ///
 /// # Errors
 /// If a blob cannot be stored.
@@ -37,63 +61,65 @@ pub fn scene(
     params: &SceneGenerationParams,
     pool: &Pool,
     stratum: Stratum,
-    index: u64,
+    which: Which,
     seed: u64,
 ) -> Result<(Scene, Recipe), KindError> {
     let stream = Stream::new(seed, &[]);
-    let cast = Cast::new(pool, params, stratum, index);
-    let count = {
-        let mut d = stream.part("count");
-        let [low, high] = params.objects;
-        low as usize + d.below((high - low + 1) as usize)
+    let cast = Cast::new(pool, params, stratum, which.content);
+    let stage = plan(&cast, stratum, &stream)?;
+    of_stage(ctx, stage, which, seed)
+}
+
+/// A view of a stage.
+///
+/// # Errors
+/// If a blob cannot be stored.
+pub fn of_stage(ctx: &Context<'_>, stage: Stage<'_>, which: Which, seed: u64) -> Result<(Scene, Recipe), KindError> {
+    let (stratum, cast) = (stage.stratum, stage.cast);
+    let params = cast.params;
+    let stream = Stream::new(seed, &[]);
+    let view = match which.view {
+        0 => stream.clone(),
+        view => stream.part(&format!("view.{view}")),
     };
-    let choices = cast.objects(&stream, count);
-    let mut stage = layouts::build(stratum, &stream.part("layout"), choices.len());
     let materials = Materials { ctx, params, palette: Palette::new(&mut stream.part("palette")) };
     let mut work = Work {
         ctx,
         params,
         regime: stratum.regime,
+        context: stratum.context,
         stream: stream.clone(),
+        hour: Hour::draw(stratum, &mut view.part("hour")),
         materials,
         shapes: Vec::new(),
         bsdfs: Vec::new(),
         emitters: Vec::new(),
-        placed: Vec::new(),
-        names: Vec::new(),
+        stuffs: BTreeMap::new(),
+        blobs: BTreeMap::new(),
     };
-    work.architecture(&mut stage)?;
-    work.objects(&mut stage, &choices)?;
-    work.pane(&mut stage)?;
-    work.lights(&mut stage);
-    let environment = work.sky(&mut stage, &cast)?;
-    let camera = {
-        let cluster = work.placed.iter().fold(Aabb::EMPTY, Aabb::union);
-        // Nothing hides a camera below objects that float; elsewhere there is a floor.
-        let floor = if stage.spots.iter().all(|s| s.floating) { cluster.low[1] - 3.0 } else { 0.0 };
-        let sight = Sight {
-            cluster,
-            objects: &work.placed,
-            obstacles: &stage.obstacles,
-            view: &stage.view,
-            floor,
-            fov: params.fov,
-        };
-        let draw = stream.part("camera");
-        let unchecked = draw.part("check").chance(params.unchecked_cameras);
-        if unchecked { sight.unchecked(&draw) } else { sight.frame(&draw) }
-    };
-    let exposure_ev = stream.part("exposure").range(params.exposure[0], params.exposure[1]);
-    work.names.sort();
+    for (label, skin) in &stage.skins {
+        work.skin(label, skin)?;
+    }
+    for thing in &stage.things {
+        work.thing(thing)?;
+    }
+    for (number, (light, power, _)) in stage.lights.iter().enumerate() {
+        work.light(number, light, *power, cast)?;
+    }
+    let environment = work.sky(&stage, cast, &mut view.part("sky.turn"))?;
+    let camera = camera::aim(&stage, params.fov, &view.part("camera"));
+    let exposure_ev = view.part("exposure").range(params.exposure[0], params.exposure[1]);
+    let mut objects: Vec<String> = stage.things.iter().map(|t| t.body.name()).collect();
+    objects.sort();
     let recipe = Recipe {
         stratum: stratum.to_string(),
-        index,
+        index: which.content,
+        content: Some(which.content),
+        view: which.view,
         layout: stage.layout.to_owned(),
         layout_params: stage.params,
-        objects: work.names,
+        objects,
         environment,
-        content: None,
-        view: 0,
         side: cast.side,
         exposure_ev,
     };
@@ -109,26 +135,39 @@ pub fn scene(
     Ok((scene, recipe))
 }
 
-/// Air below what stands on something, in metres. Surfaces in one place are met in an order that rounding decides, and
-/// renderers that move rays off surfaces by fixed steps see light where bodies touch.
-const GAP: f64 = 1e-3;
-
-struct Work<'a, 'c> {
-    ctx: &'a Context<'c>,
-    params: &'a SceneGenerationParams,
-    regime: Regime,
-    stream: Stream,
+/// A scene in the making.
+pub struct Work<'a, 'c> {
+    pub(super) ctx: &'a Context<'c>,
+    pub(super) params: &'a SceneGenerationParams,
+    pub(super) regime: Regime,
+    context: ContextClass,
+    pub(super) stream: Stream,
+    pub(super) hour: Hour,
     materials: Materials<'a, 'c>,
     shapes: Vec<Shape>,
     bsdfs: Vec<Bsdf>,
-    emitters: Vec<Emitter>,
-    placed: Vec<Aabb>,
-    names: Vec<String>,
+    pub(super) emitters: Vec<Emitter>,
+    /// Materials of things, by stuff, whether they are special, and number.
+    stuffs: BTreeMap<(Stuff, bool, usize), usize>,
+    /// Blobs of forms that are stored.
+    blobs: BTreeMap<(&'static str, u64), Vec<Digest>>,
+}
+
+/// How many materials of a stuff a scene has at most: chairs of one set are of one wood, books have covers of their
+/// own.
+fn kinds(stuff: Stuff) -> usize {
+    match stuff {
+        Stuff::Print => 8,
+        Stuff::Fabric | Stuff::Ceramic | Stuff::Plastic | Stuff::Food | Stuff::PaintedMetal => 5,
+        Stuff::Wood | Stuff::Metal | Stuff::Leather | Stuff::Paper | Stuff::Clay | Stuff::Leaf | Stuff::Wax => 3,
+        Stuff::Grass | Stuff::Soil | Stuff::Sand | Stuff::Asphalt | Stuff::Snow | Stuff::Water | Stuff::Brick => 1,
+        _ => 2,
+    }
 }
 
 impl Work<'_, '_> {
     /// The index of a material, which is added if it is new.
-    fn material(&mut self, bsdf: Bsdf) -> usize {
+    pub(super) fn material(&mut self, bsdf: Bsdf) -> usize {
         if let Some(found) = self.bsdfs.iter().position(|b| *b == bsdf) {
             return found;
         }
@@ -136,123 +175,154 @@ impl Work<'_, '_> {
         self.bsdfs.len() - 1
     }
 
-    fn shape(&mut self, geometry: Geometry, to_world: Affine, material: usize) {
-        self.shapes.push(Shape { geometry, to_world, material, emission: None, flip_normals: false });
+    pub(super) fn shape(&mut self, geometry: Geometry, to_world: Affine, material: usize, emission: Option<Texture>) {
+        self.shapes.push(Shape { geometry, to_world, material, emission, flip_normals: false });
     }
 
-    fn architecture(&mut self, stage: &mut Stage) -> Result<(), KindError> {
-        let mut by_role: BTreeMap<Role, usize> = BTreeMap::new();
-        for piece in std::mem::take(&mut stage.pieces) {
-            let material = match by_role.get(&piece.role) {
-                Some(material) => *material,
-                None => {
-                    let mut d = self.stream.part(&format!("architecture.{:?}", piece.role));
-                    let plain = matches!(piece.role, Role::Ceiling) || d.part("plain").chance(0.5);
-                    // A polished floor now and then, where gloss is the subject.
-                    let glossy = self.regime == Regime::L1 && piece.role == Role::Floor && d.part("gloss").chance(0.35);
-                    let bsdf = if glossy {
-                        self.materials.glossy(&mut d, true)?
-                    } else {
-                        self.materials.architecture(&mut d, piece.tiling.max(1.0).round(), plain)?
-                    };
-                    let material = self.material(bsdf);
-                    by_role.insert(piece.role, material);
-                    material
-                }
-            };
-            let geometry = match piece.form {
-                stage::Form::Rectangle => Geometry::Rectangle,
-                stage::Form::Disk => Geometry::Disk,
-                stage::Form::Cube => Geometry::Cube,
-                stage::Form::Mesh(mesh) => Geometry::Mesh { mesh: self.ctx.put(&mesh.to_bytes()?)? },
-            };
-            self.shape(geometry, piece.to_world, material);
+    /// What is built of one material: a rectangle if it is one quad, else a mesh.
+    fn skin(&mut self, label: &str, skin: &Skin) -> Result<(), KindError> {
+        let d = self.stream.part(&format!("skin.{label}"));
+        let special = skin.special;
+        for (land, to_world) in &skin.lands {
+            let bsdf = self.materials.stuff(skin.stuff, self.regime, special, [1.0, 1.0], &mut d.clone())?;
+            let material = self.material(bsdf);
+            let mesh = self.ctx.put(&land.blob)?;
+            self.shape(Geometry::Mesh { mesh }, *to_world, material, None);
         }
-        Ok(())
-    }
-
-    fn objects(&mut self, stage: &mut Stage, choices: &[Choice<'_>]) -> Result<(), KindError> {
-        make_room(&mut stage.spots);
-        let mut special_done = false;
-        for (slot, choice) in choices.iter().enumerate() {
-            let Some(spot) = stage.spots.get(slot) else { break };
-            let ([x, y, z], size, floating) = (spot.position, spot.size, spot.floating);
-            let position = if floating { [x, y, z] } else { [x, y + GAP, z] };
-            let mut d = self.stream.part(&format!("place.{slot}"));
-            let turn = stage.draw(&format!("object.{slot}.turn"), 0.0, core::f64::consts::TAU);
-            let mut to_world = compose(&rotation_y(turn), &scaling([size; 3]));
-            if floating {
-                let tilt = stage.draw(&format!("object.{slot}.tilt"), -0.9, 0.9);
-                let roll = stage.draw(&format!("object.{slot}.roll"), -0.9, 0.9);
-                let centred = compose(&to_world, &translation([0.0, -0.5, 0.0]));
-                to_world = compose(&compose(&rotation_x(tilt), &rotation_z(roll)), &centred);
+        match skin.quads.as_slice() {
+            [] => {}
+            [[a, b, c, e]] => {
+                let (u, v) = (mul(sub(*b, *a), 0.5), mul(sub(*e, *a), 0.5));
+                let n = unit(cross(u, v));
+                let center = mul(add(*a, *c), 0.5);
+                let to_world = [0, 1, 2].map(|r| [u[r], v[r], n[r], center[r]]);
+                let per_metre = [0.5 / length(u), 0.5 / length(v)];
+                let bsdf = self.materials.stuff(skin.stuff, self.regime, special, per_metre, &mut d.clone())?;
+                let material = self.material(bsdf);
+                self.shape(Geometry::Rectangle, to_world, material, None);
             }
-            let to_world = compose(&translation(position), &to_world);
-            // The main object shows the regime, and so does the first that glass suits; of the others, half do.
-            let glassy = matches!(self.regime, Regime::L2 | Regime::L3);
-            let must = if glassy { !special_done && choice.glass() } else { slot == 0 };
-            let special = must || slot == 0 || d.part("special").chance(0.5);
-            special_done |= special && choice.glass();
-            let bounds = match choice {
-                Choice::Form(form, variant) => self.form(form, *variant, &to_world, special, &mut d)?,
-                Choice::Asset(asset) => {
-                    self.asset(&asset.body, &to_world, special, must, &mut d)?;
-                    box_of(&asset.body)
-                }
-            };
-            self.placed.push(bounds.mapped(&to_world));
-            self.names.push(choice.name());
+            quads => {
+                let bsdf = self.materials.stuff(skin.stuff, self.regime, special, [1.0, 1.0], &mut d.clone())?;
+                let material = self.material(bsdf);
+                let mesh = self.ctx.put(&mesh_of(quads).to_bytes()?)?;
+                self.shape(Geometry::Mesh { mesh }, HERE, material, None);
+            }
         }
         Ok(())
     }
 
-    fn form(
+    /// The material of a part of a thing of `set`. What is printed over the whole of a part has its uv's box.
+    fn stuff(
         &mut self,
-        form: &forms::Form,
-        variant: u64,
-        to_world: &Affine,
+        stuff: Stuff,
         special: bool,
-        d: &mut Stream,
-    ) -> Result<Aabb, KindError> {
-        let bsdf = if special {
-            self.materials.special(self.regime, &mut d.part("material"), form.uv, form.glass)?
-        } else {
-            self.materials.diffuse(&mut d.part("material"), form.uv)?
+        set: u32,
+        over: Option<[[f64; 2]; 2]>,
+    ) -> Result<usize, KindError> {
+        let mut d = self.stream.part(&format!("set.{set}.{stuff:?}"));
+        let number = d.below(kinds(stuff));
+        if let (None, Some(found)) = (over, self.stuffs.get(&(stuff, special, number))) {
+            return Ok(*found);
+        }
+        let label = match over {
+            Some(_) => format!("whole.{set}"),
+            None => format!("stuff.{stuff:?}.{special}.{number}"),
         };
+        let mut d = self.stream.part(&label);
+        let bsdf = self.materials.stuff_over(stuff, self.regime, special, [1.0, 1.0], over, &mut d)?;
         let material = self.material(bsdf);
-        Ok(match forms::mesh(form, variant) {
-            Some((mesh, bounds)) => {
-                let mesh = self.ctx.put(&mesh.to_bytes()?)?;
-                self.shape(Geometry::Mesh { mesh }, *to_world, material);
-                bounds
-            }
-            None => {
-                self.shape(Geometry::Sphere { center: [0.0, 0.5, 0.0], radius: 0.5 }, *to_world, material);
-                Aabb::around([0.0, 0.5, 0.0], [0.5; 3])
-            }
-        })
+        if over.is_none() {
+            self.stuffs.insert((stuff, special, number), material);
+        }
+        Ok(material)
     }
 
-    /// An asset's parts. An asset that does not show the regime is diffuse. One that does (`special`) goes by regime:
+    /// The meshes of a form's variant, stored.
+    fn meshes(&mut self, facts: &Arc<Facts>) -> Result<Vec<Digest>, KindError> {
+        let key = (facts.form.name, facts.variant);
+        if let Some(found) = self.blobs.get(&key) {
+            return Ok(found.clone());
+        }
+        let stored: Vec<Digest> =
+            facts.parts.iter().map(|p| self.ctx.put(&p.blob)).collect::<Result<_, KindError>>()?;
+        self.blobs.insert(key, stored.clone());
+        Ok(stored)
+    }
+
+    fn thing(&mut self, thing: &Thing<'_>) -> Result<(), KindError> {
+        let facts = match &thing.body {
+            Body::Form(facts) => facts.clone(),
+            Body::Asset(asset) => return self.asset(&asset.body, thing),
+        };
+        let meshes = self.meshes(&facts)?;
+        let mut d = self.stream.part(&format!("thing.{}", thing.set));
+        let as_glass = thing.glass.then(|| {
+            let mirror = self.regime == Regime::L3 && d.chance(self.params.caustic.mirror);
+            if mirror { Stuff::Mirror } else { Stuff::Glass }
+        });
+        let glows: f64 = facts.parts.iter().filter(|p| glows(p.stuff)).map(|p| p.area).sum();
+        let glassy = matches!(self.regime, Regime::L2 | Regime::L3);
+        for (part, mesh) in facts.parts.iter().zip(meshes) {
+            // Without glass a pane would be a board before what it is to show.
+            if part.stuff == Stuff::Pane && !glassy {
+                continue;
+            }
+            let stuff = as_glass.filter(|_| !glows_or_grows(part.stuff)).unwrap_or(part.stuff);
+            // In regimes with glass, what is special is glass through and through, or in L3 polished metal.
+            let special = match self.regime {
+                Regime::L0 | Regime::L1 => thing.special,
+                Regime::L2 => false,
+                Regime::L3 => thing.special && stuff == Stuff::Metal,
+            };
+            let pictured = matches!(facts.form.family, Family::Frame | Family::Sign);
+            let over = (stuff == Stuff::Print && pictured).then_some(part.extent);
+            let material = self.stuff(stuff, special, thing.set, over)?;
+            let emission = match self.power(&facts, thing, part.stuff) {
+                Some(power) if power > 0.0 => {
+                    let radiance = self.warm(power / (PI * glows.max(1e-4)), &mut d.part("warmth"));
+                    let mut own = d.part("glow");
+                    Some(self.materials.glow_over(part.stuff, &mut own, radiance, part.extent)?)
+                }
+                _ => None,
+            };
+            self.shape(Geometry::Mesh { mesh }, thing.to_world, material, emission);
+        }
+        Ok(())
+    }
+
+    /// Power of a part that glows, if the thing is lit: what the layout gives, else small lamps and screens as they
+    /// come.
+    fn power(&self, facts: &Facts, thing: &Thing<'_>, stuff: Stuff) -> Option<f64> {
+        if !glows(stuff) {
+            return None;
+        }
+        if self.context == ContextClass::Environment {
+            // By day lamps are off, and what else glows is lost in the light of the sky.
+            return None;
+        }
+        if let Some(power) = thing.power {
+            return Some(power * self.hour.lamps);
+        }
+        let mut d = self.stream.part(&format!("lit.{}", thing.set));
+        match facts.form.family {
+            Family::Screen => d.chance(0.85).then(|| 6.0 * d.range(0.5, 1.5)),
+            Family::Sign => d.chance(0.7).then(|| 5.0 * d.range(0.5, 1.5)),
+            family if Stage::is_lamp(family) => d.chance(0.6).then(|| self.hour.lamps * d.range(3.0, 10.0)),
+            _ => Some(1.5 * d.range(0.5, 1.5)),
+        }
+    }
+
+    /// An asset's parts. An asset that does not show the regime is diffuse. One that does goes by regime:
     ///
     /// - L0 keeps base colours, on diffuse surfaces.
     /// - L1 keeps materials of its own, and gives transmissive parts a glossy one.
-    /// - L2 and L3 make closed bodies of glass: always if it is the scene's only one, else three times in four. They
-    ///   keep the file's own materials otherwise.
-    fn asset(
-        &mut self,
-        body: &AssetBody,
-        to_world: &Affine,
-        special: bool,
-        must: bool,
-        d: &mut Stream,
-    ) -> Result<(), KindError> {
+    /// - L2 and L3 make closed bodies of glass if the stage says so. They keep the file's own materials otherwise.
+    fn asset(&mut self, body: &AssetBody, thing: &Thing<'_>) -> Result<(), KindError> {
         let AssetBody::Object { parts, materials, .. } = body else { return Ok(()) };
-        let closed = parts.iter().all(|p| p.closed);
-        let glassy = matches!(self.regime, Regime::L2 | Regime::L3);
-        let as_glass = glassy && special && closed && (must || d.part("glass").chance(0.75));
-        let glass = if as_glass {
-            Some(self.materials.special(self.regime, &mut d.part("material"), false, true)?)
+        let mut d = self.stream.part(&format!("thing.{}", thing.set));
+        let glass = if thing.glass {
+            let mirror = self.regime == Regime::L3 && d.chance(self.params.caustic.mirror);
+            Some(self.stuff(if mirror { Stuff::Mirror } else { Stuff::Glass }, false, thing.set, None)?)
         } else {
             None
         };
@@ -260,111 +330,49 @@ impl Work<'_, '_> {
             let own = materials.get(part.material).ok_or_else(|| {
                 KindError::Input(format!("an asset's part names material {} of {}", part.material, materials.len()))
             })?;
-            let bsdf = match (&glass, self.regime) {
-                (Some(glass), _) => glass.clone(),
-                (None, Regime::L0) => own.diffuse.clone(),
-                (None, _) if !special => own.diffuse.clone(),
+            let material = match (glass, self.regime) {
+                (Some(glass), _) => glass,
+                (None, Regime::L0) => self.material(own.diffuse.clone()),
+                (None, _) if !thing.special => self.material(own.diffuse.clone()),
                 (None, Regime::L1) if own.transmissive => {
-                    self.materials.glossy(&mut d.part(&format!("part.{number}")), part.uv)?
+                    let bsdf = self.materials.glossy(&mut d.part(&format!("part.{number}")), part.uv)?;
+                    self.material(bsdf)
                 }
-                (None, _) => own.own.clone(),
+                (None, _) => self.material(own.own.clone()),
             };
-            let material = self.material(bsdf);
-            let emission = if as_glass { None } else { own.emission.clone() };
-            let geometry = Geometry::Mesh { mesh: part.mesh };
-            self.shapes.push(Shape { geometry, to_world: *to_world, material, emission, flip_normals: false });
+            let emission = if thing.glass { None } else { own.emission.clone() };
+            self.shape(Geometry::Mesh { mesh: part.mesh }, thing.to_world, material, emission);
         }
         Ok(())
-    }
-
-    /// In L2, now and then, an upright thin pane beside the objects.
-    fn pane(&mut self, stage: &mut Stage) -> Result<(), KindError> {
-        if self.regime != Regime::L2 || !self.stream.part("pane").chance(self.params.refractive.panes) {
-            return Ok(());
-        }
-        let Some(spot) = stage.spots.first() else { return Ok(()) };
-        let (at, size) = (spot.position, spot.size);
-        let azimuth = stage.draw("pane.azimuth", -0.8, 0.8) + core::f64::consts::PI;
-        let (half, height) = (stage.draw("pane.half", 0.4, 0.7), stage.draw("pane.height", 0.5, 0.9));
-        let away = crate::geom::direction(azimuth, 0.0);
-        let far = 0.75 * size + 0.2;
-        let center = [at[0] + away[0] * far, at[1] + height + 0.02, at[2] + away[2] * far];
-        let bsdf = self.materials.pane(&mut self.stream.part("pane.material"));
-        let material = self.material(bsdf);
-        self.shape(Geometry::Rectangle, facing(center, away, [half, height]), material);
-        Ok(())
-    }
-
-    fn lights(&mut self, stage: &mut Stage) {
-        for (number, light) in std::mem::take(&mut stage.lights).into_iter().enumerate() {
-            let mut d = self.stream.part(&format!("light.{number}"));
-            // From candle to overcast, about a white of the same power.
-            let warmth = d.range(-0.25, 0.5);
-            let color = [1.0 + 0.5 * warmth, 1.0 + 0.05 * warmth, 1.0 - 0.6 * warmth];
-            let scaled = |k: f64| color.map(|c| (c * k) as f32);
-            let aim = toward(light.position, light.aim);
-            let spots = matches!(self.regime, Regime::L0 | Regime::L1);
-            if light.spot && spots {
-                // Power into a cone of about 0.8 sr.
-                self.emitters.push(Emitter::Spot {
-                    to_world: facing(light.position, aim, [1.0, 1.0]),
-                    intensity: scaled(light.power / 0.8),
-                    cutoff_angle: 32.0,
-                    beam_width: 22.0,
-                });
-                continue;
-            }
-            let material = self.material(Bsdf::Diffuse { reflectance: Texture::scalar(0.0) });
-            let (geometry, to_world, area) = match self.regime {
-                Regime::L3 => {
-                    let [low, high] = self.params.caustic.emitter;
-                    let radius = stage.draw(&format!("light.{number}.radius"), low, high);
-                    // A disk as bright to what it faces as the rectangle that it stands for, somewhat off the wall.
-                    let position = [0, 1, 2].map(|i| light.position[i] + 0.02 * aim[i]);
-                    let to_world = facing(position, aim, [radius, radius]);
-                    (Geometry::Disk, to_world, core::f64::consts::PI * radius * radius)
-                }
-                regime => {
-                    // Broad light under L2, so that what little is focused stays soft.
-                    let k = if regime == Regime::L2 { 1.5 } else { 1.0 };
-                    let half = light.half.map(|h| h * k);
-                    (Geometry::Rectangle, facing(light.position, aim, half), 4.0 * half[0] * half[1])
-                }
-            };
-            let radiance = light.power / (core::f64::consts::PI * area);
-            self.shapes.push(Shape {
-                geometry,
-                to_world,
-                material,
-                emission: Some(Texture::rgb(scaled(radiance))),
-                flip_normals: false,
-            });
-        }
-    }
-
-    fn sky(&mut self, stage: &mut Stage, cast: &Cast<'_>) -> Result<String, KindError> {
-        let Some(sky) = cast.sky(&mut self.stream.part("sky")) else { return Ok("none".to_owned()) };
-        let turn = stage.draw("sky.turn", 0.0, core::f64::consts::TAU);
-        let (image, mean) = match &sky {
-            Sky::Procedural(kind, variant) => (put_bitmap(self.ctx, &skies::sky(kind.name, *variant))?, 1.0),
-            Sky::Hdri(_, image, mean) => (*image, mean.max(1e-6)),
-        };
-        let scale = (stage.sky / mean) as f32;
-        self.emitters.push(Emitter::Envmap { image, scale, to_world: rotation_y(turn) });
-        Ok(sky.name())
     }
 }
 
-/// Shrinks objects that would stand in an earlier one; drops none, so that a recipe holds what was cast.
-fn make_room(spots: &mut [stage::Spot]) {
-    for i in 1..spots.len() {
-        let (before, rest) = spots.split_at_mut(i);
-        let spot = &mut rest[0];
-        for other in before.iter() {
-            let apart: Vec3 = sub(spot.position, other.position);
-            let apart = if spot.floating { length(apart) } else { length([apart[0], 0.0, apart[2]]) };
-            let most = 2.0 * (apart - 0.52 * other.size);
-            spot.size = spot.size.min(most.max(0.15));
+fn glows(stuff: Stuff) -> bool {
+    matches!(stuff, Stuff::Glow | Stuff::Screen)
+}
+
+fn glows_or_grows(stuff: Stuff) -> bool {
+    glows(stuff) || matches!(stuff, Stuff::Leaf | Stuff::Grass | Stuff::Soil)
+}
+
+/// The mesh of quads: flat, uv in metres, u along the longer side so that grain follows it.
+fn mesh_of(quads: &[[Vec3; 4]]) -> Mesh {
+    let mut mesh = Mesh::default();
+    let mut uvs = Vec::new();
+    for quad in quads {
+        let (mut a, mut b) = (sub(quad[1], quad[0]), sub(quad[3], quad[0]));
+        // Narrow boards have their grain along them; broad surfaces have v upright.
+        if length(b) > 3.0 * length(a) && length(a) < 0.4 {
+            core::mem::swap(&mut a, &mut b);
         }
+        let (a, b) = (unit(a), unit(b));
+        let first = mesh.positions.len() as u32;
+        for p in quad {
+            mesh.positions.push(p.map(|v| v as f32));
+            uvs.push([dot(*p, a) as f32, -dot(*p, b) as f32]);
+        }
+        mesh.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
     }
+    mesh.uvs = Some(uvs);
+    mesh
 }

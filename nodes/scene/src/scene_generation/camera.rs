@@ -1,131 +1,76 @@
-//! Framing: a camera that looks at the objects, stands in no wall, and sees them unobstructed.
+//! Aiming: a camera drawn by the rules of a stage. What it sees is not checked, only that it stands in no solid.
 
-use super::stage::View;
+use super::{
+    place::tenth,
+    stage::{From, Stage},
+};
 use crate::geom::{Aabb, Vec3, add, direction, length, mul, sub};
-use tauflow_data::{maths, rng::Stream, scene::Camera};
+use tauflow_data::{rng::Stream, scene::Camera};
 
-/// What a camera has to look at and to look past.
-pub struct Sight<'a> {
-    /// Box of all objects.
-    pub cluster: Aabb,
-    /// Boxes of the objects.
-    pub objects: &'a [Aabb],
-    /// What would hide them.
-    pub obstacles: &'a [Aabb],
-    /// Where the camera may stand.
-    pub view: &'a View,
-    /// Lowest height of the camera.
-    pub floor: f64,
-    /// Range of the horizontal field of view, degrees.
-    pub fov: [f64; 2],
+/// Candidates tried before the search for a free place grows desperate.
+const TRIES: usize = 64;
+
+/// How near a camera comes to solids, metres.
+const NEAR: f64 = 0.04;
+
+/// Draws a camera of a stage, its horizontal field of view within `fov` degrees.
+pub fn aim(stage: &Stage<'_>, fov: [f64; 2], stream: &Stream) -> Camera {
+    let mut d = stream.clone();
+    let total: f64 = stage.eyes.iter().map(|e| e.weight).sum();
+    let fov_x = (d.range(fov[0], fov[1]) * 100.0).round() / 100.0;
+    let mut best = ([0.0, 1.5, 3.0], [0.0, 0.8, 0.0]);
+    for k in 0..2 * TRIES {
+        let mut left = d.uniform() * total;
+        let eye = stage.eyes.iter().find(|e| {
+            left -= e.weight;
+            left <= 0.0
+        });
+        let Some(eye) = eye.or(stage.eyes.last()) else { break };
+        let target = within(&eye.at, &mut d);
+        let origin = match &eye.from {
+            From::Box(region) => within(region, &mut d),
+            From::Orbit(distance, azimuth, elevation) => {
+                let toward = direction(d.range(azimuth[0], azimuth[1]), d.range(elevation[0], elevation[1]));
+                add(target, mul(toward, d.range(distance[0], distance[1])))
+            }
+        };
+        let origin = match &stage.inside {
+            Some(inside) => clamped(inside, origin),
+            None => origin,
+        };
+        // The later the try, the more is made of what is left: straight up out of what is in the way.
+        let lift = if k < TRIES { 0.0 } else { 0.03 * (k - TRIES) as f64 };
+        let origin = [origin[0], origin[1] + lift, origin[2]].map(tenth);
+        let target = target.map(tenth);
+        let view = sub(target, origin);
+        if length([view[0], 0.0, view[2]]) < 0.02 {
+            continue;
+        }
+        best = (origin, target);
+        if stage.world.clear(origin, NEAR) && above(stage, origin) {
+            break;
+        }
+    }
+    let (origin, target) = best;
+    Camera { origin, target, up: [0.0, 1.0, 0.0], fov_x, near: 0.01 }
 }
 
-/// Candidates tried before the best of them is taken.
-const TRIES: usize = 48;
+/// True if a place is above the land.
+fn above(stage: &Stage<'_>, p: Vec3) -> bool {
+    stage.skins.values().flat_map(|s| &s.lands).all(|(land, to_world)| {
+        let h = land.relief.height(p[0] - to_world[0][3], p[2] - to_world[2][3]);
+        h.is_none_or(|h| p[1] > to_world[1][3] + h + 0.1)
+    })
+}
 
-impl Sight<'_> {
-    /// A camera that frames the objects.
-    ///
-    /// Candidates are drawn from the view; the first that lies clear of everything, sees the middle of every object
-    /// and keeps its distance wins, else the one with the fewest faults.
-    pub fn frame(&self, stream: &Stream) -> Camera {
-        let mut best: Option<(usize, Camera)> = None;
-        for k in 0..TRIES {
-            let camera = self.candidate(&mut stream.part(&format!("try.{k}")));
-            let faults = self.faults(&camera);
-            if faults == 0 {
-                return camera;
-            }
-            if best.as_ref().is_none_or(|(least, _)| faults < *least) {
-                best = Some((faults, camera));
-            }
-        }
-        best.expect("at least one candidate").1
-    }
-
-    /// A camera that was not looked through: anywhere about, aimed anywhere.
-    pub fn unchecked(&self, stream: &Stream) -> Camera {
-        let mut d = stream.part("unchecked");
-        let reach = 2.0 + length(self.cluster.size());
-        let mut at = || [d.range(-reach, reach), d.range(self.floor, 2.2), d.range(-reach, reach)];
-        let (mut origin, mut target) = (at(), at());
-        if let Some(room) = &self.view.room {
-            origin = inside(room, origin);
-            target = inside(room, target);
-        }
-        let view = sub(target, origin);
-        // Two places outside of the same corner come to lie above each other in it, and straight up there is no frame.
-        if length(view) < 0.1 || length([view[0], 0.0, view[2]]) < 1e-3 {
-            target = add(origin, [0.0, -0.2, -1.0]);
-        }
-        let fov_x = d.range(self.fov[0], self.fov[1]);
-        Camera { origin, target, up: [0.0, 1.0, 0.0], fov_x, near: 0.01 }
-    }
-
-    fn candidate(&self, d: &mut Stream) -> Camera {
-        let size = self.cluster.size();
-        // Half the diagonal overstates what is seen of a box; 0.85 of it fills the frame better.
-        let radius = (0.42 * length(size)).max(0.25);
-        let jitter = [d.range(-0.12, 0.12), d.range(-0.12, 0.05), d.range(-0.12, 0.12)];
-        let target = add(self.cluster.center(), mul(jitter, radius));
-        let mut fov_x = d.range(self.fov[0], self.fov[1]);
-        let azimuth = d.range(self.view.azimuth[0], self.view.azimuth[1]);
-        let elevation = d.range(self.view.elevation[0], self.view.elevation[1]);
-        let toward = direction(azimuth, elevation);
-        let half = (0.5 * fov_x).to_radians();
-        let mut distance = radius / maths::sin(half) * d.range(0.95, 1.35);
-        if let Some(room) = &self.view.room {
-            let most = reach(room, target, toward) * d.range(0.88, 0.99);
-            if distance > most {
-                distance = most;
-                let needed = 2.0 * maths::asin((radius * 1.05 / distance).min(0.7)).to_degrees();
-                fov_x = fov_x.max(needed.min(90.0));
-            }
-            // A room is worth seeing: step back if there is space.
-            distance = distance.max(d.range(0.6, 1.0) * most);
-        }
-        let mut origin = add(target, mul(toward, distance));
-        origin[1] = origin[1].max(self.floor + 0.25);
-        Camera { origin, target, up: [0.0, 1.0, 0.0], fov_x, near: 0.01 }
-    }
-
-    fn faults(&self, camera: &Camera) -> usize {
-        let origin = camera.origin;
-        let mut faults = 0;
-        for obstacle in self.obstacles {
-            faults += 4 * usize::from(obstacle.contains(origin, 0.15));
-            for object in self.objects {
-                faults += 2 * usize::from(obstacle.meets(origin, object.center()));
-            }
-        }
-        for object in self.objects {
-            faults += 4 * usize::from(object.contains(origin, 0.3));
-        }
-        if let Some(main) = self.objects.first() {
-            // No other object before the main one.
-            let hidden = self.objects[1..].iter().filter(|o| o.meets(origin, main.center())).count();
-            faults += hidden;
-        }
-        if let Some(room) = &self.view.room {
-            faults += 4 * usize::from(!room.contains(origin, -0.08));
-        }
-        faults
-    }
+fn within(region: &Aabb, d: &mut Stream) -> Vec3 {
+    [0, 1, 2].map(|i| d.range(region.low[i], region.high[i]))
 }
 
 /// `p` moved into a room, off its walls.
-fn inside(room: &Aabb, p: Vec3) -> Vec3 {
-    [0, 1, 2].map(|i| p[i].clamp(room.low[i] + 0.15, room.high[i] - 0.15))
-}
-
-/// How far one can go from `from` along `toward` within a room, off its walls.
-fn reach(room: &Aabb, from: Vec3, toward: Vec3) -> f64 {
-    let mut far = f64::INFINITY;
-    for i in 0..3 {
-        let wall = if toward[i] > 0.0 { room.high[i] - 0.12 } else { room.low[i] + 0.12 };
-        if toward[i] != 0.0 {
-            far = far.min((wall - from[i]) / toward[i]);
-        }
-    }
-    far.max(0.3)
+fn clamped(room: &Aabb, p: Vec3) -> Vec3 {
+    [0, 1, 2].map(|i| {
+        let (low, high) = (room.low[i] + 0.12, room.high[i] - 0.12);
+        if low > high { 0.5 * (low + high) } else { p[i].clamp(low, high) }
+    })
 }

@@ -1,16 +1,18 @@
-//! Which objects and which environment a scene gets: from the procedural library and from connected assets.
+//! Which forms, assets and environment a scene may use: the procedural library and connected assets.
 //!
-//! **Coverage.** Assets take turns instead of being drawn: the main object of the `index`-th scene of a stratum is
-//! asset number `ordinal * q + index` of a fixed order, where `ordinal` numbers the twelve strata and
-//! `q = ceil(assets / 12)`. So 12 q scenes spread over all strata show every object, and any one stratum shows all
-//! of them in as many scenes. HDRIs go in turns over L0 and L1 under an environment and in the open in the same way;
-//! L2 takes soft ones and L3 sunny ones, where there are any.
+//! **Coverage.** Assets take turns instead of being drawn: the main object of content `index` of a stratum is asset
+//! number `ordinal * q + index` of a fixed order, where `ordinal` numbers the twelve strata and
+//! `q = ceil(assets / 12)`. So 12 q contents spread over all strata show every object, and any one stratum shows all
+//! of them in as many contents. Further things of a layout are drawn from the assets with `asset_share`. HDRIs go in
+//! turns over L0 and L1 under an environment and in the open in the same way; L2 takes soft ones and L3 sunny ones,
+//! where there are any.
 //!
 //! **Hold-out.** A held-out pool is parted by name, before scenes are built: the names in the order of their hashes,
-//! the first `test_share` of them (at least one) for testing. Procedural objects are parted by form, skies by sort.
+//! the first `test_share` of them (at least one) for testing. What a scene shows ([`shown`]) is parted by form, what
+//! it is furnished with by variants, as no room can do without chairs. Skies are parted by sort.
 
 use super::{
-    forms::{FORMS, Form},
+    forms::{Family, Form, forms},
     params::{HoldOut, SceneGenerationParams},
     skies::{self, Light, SKIES},
 };
@@ -22,34 +24,22 @@ use tauflow_data::{
     scene::Side,
 };
 
-/// An object of a scene.
-#[derive(Clone, Copy)]
-pub enum Choice<'a> {
-    /// A variant of a form.
-    Form(&'static Form, u64),
-    /// An asset.
-    Asset(&'a Asset),
-}
-
-impl Choice<'_> {
-    /// The name it has in a recipe.
-    pub fn name(&self) -> String {
-        match self {
-            Self::Form(form, variant) => format!("procedural/{}-{variant:02}", form.name),
-            Self::Asset(asset) => asset.name.clone(),
-        }
-    }
-
-    /// True if every part encloses a volume and glass suits it.
-    pub fn glass(&self) -> bool {
-        match self {
-            Self::Form(form, _) => form.glass,
-            Self::Asset(asset) => match &asset.body {
-                AssetBody::Object { parts, .. } => !parts.is_empty() && parts.iter().all(|p| p.closed),
-                AssetBody::Hdri { .. } => false,
-            },
-        }
-    }
+/// True for families whose forms a scene shows rather than needs: a held-out pool is parted by their forms, and
+/// assets may stand in for them.
+pub fn shown(family: Family) -> bool {
+    matches!(
+        family,
+        Family::Vessel
+            | Family::Food
+            | Family::Sculpture
+            | Family::Toy
+            | Family::Ornament
+            | Family::Instrument
+            | Family::MachinePart
+            | Family::Tool
+            | Family::Solid
+            | Family::Rock
+    )
 }
 
 /// An environment of a scene.
@@ -76,6 +66,9 @@ pub struct Pool {
     objects: Vec<Asset>,
     hdris: Vec<Asset>,
 }
+
+/// The environments that are no skies.
+const STUDIOS: [&str; 4] = ["softboxes", "spotlit", "tent", "windows"];
 
 /// Share of light in the brightest thousandth of the sphere from which an HDRI counts as sunny.
 const SUNNY: f64 = 0.25;
@@ -128,21 +121,23 @@ fn side_of<'a, T>(
 /// What a scene may draw from.
 pub struct Cast<'a> {
     stratum: Stratum,
-    params: &'a SceneGenerationParams,
+    /// The params of the generator.
+    pub params: &'a SceneGenerationParams,
     /// Side of the asset pools, if any is held out.
     pub side: Option<Side>,
-    /// The scene's index among those of its stratum and side.
+    /// The content's index among those of its stratum and side.
     index: u64,
     forms: Vec<&'static Form>,
+    objects_side: Option<Side>,
     objects: Vec<&'a Asset>,
     skies: Vec<&'static skies::Sky>,
     hdris: Vec<&'a Asset>,
 }
 
 impl<'a> Cast<'a> {
-    /// The cast of the `index`-th scene of a stratum.
+    /// The cast of the `index`-th content of a stratum.
     ///
-    /// With a hold-out, scene `index` is for testing if `floor((index + 1) share) > floor(index share)`.
+    /// With a hold-out, content `index` is for testing if `floor((index + 1) share) > floor(index share)`.
     pub fn new(pool: &'a Pool, params: &'a SceneGenerationParams, stratum: Stratum, index: u64) -> Self {
         let share = params.test_share;
         let tests_before = |i: u64| (i as f64 * share).floor() as u64;
@@ -157,10 +152,15 @@ impl<'a> Cast<'a> {
         let skies_side = side.filter(|_| params.hold_out.contains(&HoldOut::Environments));
         // Forms that glass suits are parted apart from the others, so that every regime keeps some on both sides;
         // skies likewise by how concentrated their light is.
-        let forms = [true, false]
+        let mut chosen: Vec<&'static Form> = [true, false]
             .into_iter()
-            .flat_map(|glass| side_of(FORMS.iter().filter(|f| f.glass == glass), |f| f.name, objects_side, share))
+            .flat_map(|glass| {
+                let all = forms().iter().filter(move |f| shown(f.family) && f.glass == glass);
+                side_of(all, |f| f.name, objects_side, share)
+            })
+            .chain(forms().iter().filter(|f| !shown(f.family)))
             .collect();
+        chosen.sort_by_key(|f| f.name);
         let skies = [Light::Soft, Light::Mixed, Light::Sun]
             .into_iter()
             .flat_map(|light| side_of(SKIES.iter().filter(|s| s.light == light), |s| s.name, skies_side, share))
@@ -170,49 +170,53 @@ impl<'a> Cast<'a> {
             params,
             side,
             index: within,
-            forms,
+            forms: chosen,
+            objects_side,
             objects: side_of(pool.objects.iter(), |a| &a.name, objects_side, share),
             skies,
             hdris: side_of(pool.hdris.iter(), |a| &a.name, skies_side, share),
         }
     }
 
-    fn form(&self, draw: &mut Stream, glass: bool) -> Choice<'a> {
-        let fits: Vec<&'static Form> = self.forms.iter().filter(|f| f.glass || !glass).copied().collect();
-        let form = fits[draw.below(fits.len())];
-        Choice::Form(form, self.params.variant(draw, form.variants))
+    /// The forms that fit, in order of name.
+    pub fn forms(&self, fits: impl Fn(&Form) -> bool) -> Vec<&'static Form> {
+        self.forms.iter().filter(|f| fits(f)).copied().collect()
     }
 
-    /// The objects of a scene, the main one first. In L2 and L3 at least one of them suits glass: a procedural form
-    /// joins an asset that does not.
-    pub fn objects(&self, draw: &Stream, count: usize) -> Vec<Choice<'a>> {
-        let glassy = matches!(self.stratum.regime, Regime::L2 | Regime::L3);
+    /// A variant of a form, of this library and of the scene's side.
+    pub fn variant(&self, form: &Form, draw: &mut Stream) -> u64 {
+        let count = form.variants;
+        let Some(side) = self.objects_side.filter(|_| !shown(form.family) && count > 1) else {
+            return self.params.variant(draw, count);
+        };
+        let tests = ((count as f64 * self.params.test_share).round() as u64).clamp(1, count - 1);
+        let (first, many) = if side == Side::Test { (0, tests) } else { (tests, count - tests) };
+        self.params.library * count + first + draw.below(many as usize) as u64
+    }
+
+    /// The asset whose turn it is, if any are connected.
+    pub fn turn(&self) -> Option<&'a Asset> {
+        let n = self.objects.len() as u64;
         let ordinal = Stratum::all().position(|s| s == self.stratum).unwrap_or(0) as u64;
-        let mut chosen = Vec::new();
-        for slot in 0..count {
-            let mut d = draw.part(&format!("object.{slot}"));
-            let asset = if self.objects.is_empty() {
-                None
-            } else if slot == 0 {
-                let n = self.objects.len() as u64;
-                Some(self.objects[((ordinal * n.div_ceil(12) + self.index) % n) as usize])
-            } else {
-                d.part("asset").chance(self.params.asset_share).then(|| *d.part("which").pick(&self.objects))
-            };
-            chosen.push(match asset {
-                Some(asset) => Choice::Asset(asset),
-                None => self.form(&mut d, glassy && slot == 0),
-            });
-        }
-        if glassy && !chosen.iter().any(Choice::glass) {
-            let extra = self.form(&mut draw.part("glass"), true);
-            if chosen.len() > 1 { chosen[1] = extra } else { chosen.push(extra) }
-        }
-        chosen
+        (n > 0).then(|| self.objects[((ordinal * n.div_ceil(12) + self.index) % n) as usize])
     }
 
-    /// The environment of a scene; none in rooms.
-    pub fn sky(&self, draw: &mut Stream) -> Option<Sky<'a>> {
+    /// An asset that stands in for a thing, now and then.
+    pub fn stand_in(&self, draw: &mut Stream) -> Option<&'a Asset> {
+        (!self.objects.is_empty() && draw.part("asset").chance(self.params.asset_share))
+            .then(|| *draw.part("which").pick(&self.objects))
+    }
+
+    /// A sky to be seen through windows: never one with a small sun.
+    pub fn outside(&self, draw: &mut Stream) -> (&'static skies::Sky, u64) {
+        let soft: Vec<&'static skies::Sky> =
+            self.skies.iter().filter(|s| s.light == Light::Soft && !STUDIOS.contains(&s.name)).copied().collect();
+        let sky = if soft.is_empty() { self.skies[draw.below(self.skies.len())] } else { soft[draw.below(soft.len())] };
+        (sky, self.params.variant(draw, skies::VARIANTS))
+    }
+
+    /// The environment of a scene; none in rooms. Studios are for scenes in a `studio` alone.
+    pub fn sky(&self, draw: &mut Stream, studio: bool) -> Option<Sky<'a>> {
         let stratum = self.stratum;
         let context = match stratum.context {
             ContextClass::Environment => 0,
@@ -247,6 +251,9 @@ impl<'a> Cast<'a> {
         let fits: Vec<&'static skies::Sky> =
             self.skies.iter().filter(|s| light.is_none_or(|light| s.light == light)).copied().collect();
         let fits = if fits.is_empty() { self.skies.clone() } else { fits };
+        let placed: Vec<&'static skies::Sky> =
+            fits.iter().filter(|s| studio == STUDIOS.contains(&s.name)).copied().collect();
+        let fits = if placed.is_empty() { fits } else { placed };
         let sky = fits[draw.below(fits.len())];
         Some(Sky::Procedural(sky, self.params.variant(draw, skies::VARIANTS)))
     }

@@ -1,34 +1,44 @@
 #![doc = include_str!("../scene_generation.md")]
 
+mod arrange;
 mod assemble;
 mod camera;
 mod cast;
 mod forms;
+mod lamps;
 mod layouts;
+mod library;
 mod materials;
 mod noise;
 mod params;
+mod place;
+mod props;
+mod shapes;
+mod shell;
 mod skies;
 mod stage;
-mod surfaces;
+mod stuff;
 mod textures;
+mod views;
 
 pub use params::{
     CausticRanges, DiffuseRanges, GlossyRanges, HoldOut, MaxDepth, Range, RefractiveRanges, SceneGenerationParams,
 };
 
+use assemble::Which;
 use serde_json::Value;
 use tauflow_contract::{
-    Action, All, Context, Group, ItemKey, Kind, KindError, KindSpec, Later, Media, Mode, Out, Outputs, ParamProblem,
+    Action, All, Context, Group, ItemKey, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem,
     SourceItem, derive_seed,
 };
 use tauflow_data::{
-    Stratum,
+    Scene, Stratum,
     records::{Asset, SceneRecord},
+    scene::Recipe,
 };
 
 const ASSETS: All<Asset> = All::new("assets", "HDRIs and objects to build with.").or_none();
-const SCENES: Out<SceneRecord> = Out::new(Group::main(3), "scenes", "One scene for each item of the pool.");
+const SCENES: Out<SceneRecord> = Out::new(Group::main(4), "scenes", "One scene for each item of the pool.");
 
 /// The kind `scene_generation`.
 pub struct SceneGeneration;
@@ -68,8 +78,8 @@ impl Kind for SceneGeneration {
         }
     }
 
-    fn later() -> &'static [Later] {
-        params::LATER
+    fn seed(pipeline_seed: u64, item: &str) -> u64 {
+        views::item_seed(pipeline_seed, Self::spec().name, item)
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -81,14 +91,23 @@ impl Kind for SceneGeneration {
             Some(assets) => cast::Pool::load(ctx, assets)?,
             None => cast::Pool::default(),
         };
+        let shared = views::stratum_seed(action.seed, index)?;
         let seed = match action.params.library {
-            0 => action.seed,
-            library => derive_seed(action.seed, "library", &library.to_string()),
+            0 => shared,
+            library => derive_seed(shared, "library", &library.to_string()),
         };
-        let (scene, recipe) = assemble::scene(ctx, &action.params, &pool, stratum, index, seed)?;
+        let which = Which::of(&action.params, seed, stratum, index);
+        let Which { content, view } = which;
+        // What a content draws is the same in all its views; the renderer's random numbers are a view's own.
+        let content_seed = derive_seed(seed, "content", &content.to_string());
+        let (scene, recipe) = assemble::scene(ctx, &action.params, &pool, stratum, which, content_seed)?;
+        let scene = Scene { seed: derive_seed(content_seed, "view", &view.to_string()), ..scene };
+        let recipe = Recipe { index, content: Some(content), view, ..recipe };
         Ok(Outputs::default().put(SCENES, SceneRecord { scene, recipe }.store(ctx)?))
     }
 }
 
+#[cfg(test)]
+mod standing;
 #[cfg(test)]
 mod tests;

@@ -3,11 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use tauflow_contract::{Before, Later, ParamProblem};
+use tauflow_contract::ParamProblem;
 use tauflow_data::{ContextClass, Regime, Stratum, rng::Stream};
-
-/// What scenes were made of before these params existed.
-pub(crate) const LATER: &[Later] = &[Later { pointer: "/library", before: Before::Integer(0) }];
 
 /// A range `[low, high]`.
 pub type Range = [f64; 2];
@@ -29,6 +26,9 @@ pub struct SceneGenerationParams {
     /// Number of scenes, spread over the strata as evenly as can be. Raising it appends scenes and changes none.
     #[schemars(range(min = 1, max = 1_000_000))]
     pub pool: u64,
+    /// How many scenes show one content, fewest and most: from other cameras, at other exposures, in other light.
+    #[schemars(inner(range(min = 1, max = 64)))]
+    pub views: [u32; 2],
     /// Regimes to draw from.
     #[schemars(length(min = 1))]
     pub regimes: Vec<Regime>,
@@ -40,25 +40,23 @@ pub struct SceneGenerationParams {
     /// Which library procedural objects, skies and patterns are from: no two libraries share one.
     #[schemars(range(min = 0, max = 1000))]
     pub library: u64,
-    /// Share of scenes, and of each held-out pool, that is for testing; read only with `hold_out`.
+    /// Share of contents, and of each held-out pool, that is for testing; read only with `hold_out`.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub test_share: f64,
-    /// Number of objects in a scene, fewest and most.
-    #[schemars(inner(range(min = 1, max = 8)))]
+    /// Number of things in a scene, fewest and most: what a scene may hold is drawn from this range, and a layout
+    /// places what it has room for. Walls, doors and windows are no things.
+    #[schemars(inner(range(min = 1, max = 200)))]
     pub objects: [u32; 2],
-    /// Share of objects taken from the connected assets, besides the first of a scene, which always is.
+    /// Share of the things that a scene shows (not its furniture) taken from the connected assets, besides the main
+    /// one of a scene, which always is.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub asset_share: f64,
     /// Exposure offset in stops.
     #[schemars(inner(range(min = -16.0, max = 16.0)))]
     pub exposure: Range,
-    /// Horizontal field of view in degrees; in rooms it may grow to 90 to hold the objects.
+    /// Horizontal field of view in degrees.
     #[schemars(inner(range(min = 5.0, max = 120.0)))]
     pub fov: Range,
-    /// Share of scenes whose camera is placed without looking at what it sees. Real pools hold such scenes; the
-    /// quality gate is there for them.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub unchecked_cameras: f64,
     /// Longest path in segments, by context.
     pub max_depth: MaxDepth,
     /// Diffuse surfaces, which every scene has.
@@ -135,7 +133,7 @@ pub struct CausticRanges {
     /// Share of mirrors among the specular objects.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub mirror: f64,
-    /// Radius of the lights, metres; an object is about 1 metre.
+    /// Radius of the lights, metres.
     #[schemars(inner(range(min = 0.01, max = 1.0)))]
     pub emitter: Range,
 }
@@ -144,16 +142,16 @@ impl Default for SceneGenerationParams {
     fn default() -> Self {
         Self {
             pool: 120,
+            views: [1, 6],
             regimes: Regime::ALL.to_vec(),
             contexts: ContextClass::ALL.to_vec(),
             hold_out: Vec::new(),
             library: 0,
             test_share: 0.2,
-            objects: [1, 4],
+            objects: [5, 60],
             asset_share: 0.35,
             exposure: [-1.0, 1.0],
-            fov: [34.0, 54.0],
-            unchecked_cameras: 0.05,
+            fov: [35.0, 70.0],
             max_depth: MaxDepth::default(),
             diffuse: DiffuseRanges::default(),
             glossy: GlossyRanges::default(),
@@ -171,7 +169,7 @@ impl Default for MaxDepth {
 
 impl Default for DiffuseRanges {
     fn default() -> Self {
-        Self { albedo: [0.2, 0.8], textured: 0.4 }
+        Self { albedo: [0.2, 0.8], textured: 0.7 }
     }
 }
 
@@ -189,7 +187,7 @@ impl Default for RefractiveRanges {
 
 impl Default for CausticRanges {
     fn default() -> Self {
-        Self { ior: [1.33, 1.8], mirror: 0.35, emitter: [0.12, 0.3] }
+        Self { ior: [1.33, 1.8], mirror: 0.35, emitter: [0.03, 0.1] }
     }
 }
 
@@ -233,6 +231,7 @@ impl SceneGenerationParams {
             ("/caustic/ior", self.caustic.ior),
             ("/caustic/emitter", self.caustic.emitter),
             ("/objects", self.objects.map(f64::from)),
+            ("/views", self.views.map(f64::from)),
         ] {
             if low > high {
                 out.push(ParamProblem::new(pointer, format!("[{low}, {high}] is out of order"), "write [low, high]"));
@@ -251,11 +250,11 @@ impl SceneGenerationParams {
     /// The params that a scene of `stratum` reads: never the pool, nor ranges of another regime or context.
     pub fn read_by(&self, stratum: Stratum) -> Value {
         let mut value = json!({
+            "views": self.views,
             "objects": self.objects,
             "asset_share": self.asset_share,
             "exposure": self.exposure,
             "fov": self.fov,
-            "unchecked_cameras": self.unchecked_cameras,
             "max_depth": { stratum.context.to_string(): self.depth(stratum.context) },
             "diffuse": self.diffuse,
             "library": self.library,

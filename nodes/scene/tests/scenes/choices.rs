@@ -44,7 +44,7 @@ fn per_stratum(keys: &BTreeSet<String>) -> BTreeMap<String, usize> {
 }
 
 #[test]
-fn a_pool_of_120_gives_four_to_learn_from_and_two_to_judge_by_in_each_stratum() {
+fn a_pool_of_240_gives_four_to_learn_from_and_two_to_judge_by_in_each_stratum() {
     let blobs = MemoryBlobs::default();
     let choose = |pool: u64, train: u64, test: u64| {
         let scenes = accepted(&blobs, pool);
@@ -56,7 +56,7 @@ fn a_pool_of_120_gives_four_to_learn_from_and_two_to_judge_by_in_each_stratum() 
         let chosen = gather(&blobs, "stratified_sampling", params, inputs).expect("enough of each stratum");
         (split.collections.clone(), chosen.collections)
     };
-    let (split, chosen) = choose(120, 48, 24);
+    let (split, chosen) = choose(240, 48, 24);
     let recipes = |side: &str| -> Vec<(String, Recipe)> {
         split[side].iter().map(|(key, scene)| (key.to_string(), load::<SceneRecord>(&blobs, scene).recipe)).collect()
     };
@@ -71,7 +71,7 @@ fn a_pool_of_120_gives_four_to_learn_from_and_two_to_judge_by_in_each_stratum() 
     assert!(train.is_disjoint(&test));
 
     // A larger pool and larger quotas: every earlier side and choice stays.
-    let (grown, more) = choose(240, 72, 36);
+    let (grown, more) = choose(360, 60, 36);
     for side in ["train", "test"] {
         assert!(keys(&split[side]).is_subset(&keys(&grown[side])), "{side} of the split");
         assert!(keys(&chosen[side]).is_subset(&keys(&more[side])), "{side} of the choice");
@@ -90,12 +90,16 @@ fn a_leak_and_near_duplicates_are_found() {
         check_leaks(train.iter().map(|(k, r)| (k.as_str(), r)), test.iter().map(|(k, r)| (k.as_str(), r)), 0.05)
     };
     assert!(find(&recipes).is_empty());
-    // The same content under another exposure and index (its camera and seed are no part of a recipe at all).
+    // The same content under another exposure and index (its camera and seed are no part of a recipe at all). All its
+    // views are named.
+    let content = |(key, recipe): &(String, Recipe)| (Stratum::of_key(key).expect("a scene's key").0, recipe.content());
+    let views = recipes[..half].iter().filter(|r| content(r) == content(&recipes[3])).map(|(key, _)| key.clone());
+    let views: Vec<String> = views.collect();
     let mut copy = recipes[3].1.clone();
     copy.exposure_ev += 0.7;
     copy.index += 1000;
     recipes[half + 2].1 = copy;
     let leaks = find(&recipes);
     assert_eq!(leaks.len(), 1, "{leaks:?}");
-    assert_eq!((&leaks[0].train, &leaks[0].test), (&vec![recipes[3].0.clone()], &vec![recipes[half + 2].0.clone()]));
+    assert_eq!((&leaks[0].train, &leaks[0].test), (&views, &vec![recipes[half + 2].0.clone()]));
 }

@@ -210,12 +210,12 @@ fn every_asset_gets_into_a_scene() {
     assert!(missing.is_empty(), "held out and in no scene: {missing:?}");
 }
 
-/// A scene holds nothing that its stratum does not need: no gloss, glass or normal map where all is diffuse, no sky in
-/// a room, no mesh, material or image that nothing shows.
+/// A scene holds nothing that its stratum does not need: no gloss or glass where all is diffuse, no sky in a room,
+/// no mesh, material or image that nothing shows.
 fn needs_what_it_holds(key: &str, scene: &Scene) {
     let materials = serde_json::to_string(&scene.materials).expect("JSON");
     if key.starts_with("L0-") {
-        for other in ["principled", "plastic", "conductor", "dielectric", "thin_dielectric", "normal_map", "blend"] {
+        for other in ["principled", "plastic", "conductor", "dielectric", "thin_dielectric"] {
             assert!(!materials.contains(&format!("\"type\":\"{other}\"")), "{key}: {other}");
         }
     }

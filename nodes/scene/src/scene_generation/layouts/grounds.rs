@@ -1,0 +1,282 @@
+//! Open grounds: building sites, car parks, playgrounds, roofs.
+
+use super::kit::*;
+use crate::{
+    geom::Aabb,
+    scene_generation::{
+        forms::Family as F,
+        place::{Surface, Turn},
+        props::ask,
+        shell::Wall,
+        stage::{From, Light, Stage},
+        stuff::Stuff,
+    },
+};
+
+/// Scaffold, planks, bricks, pipes, barriers, a machine, work lamps.
+pub fn construction_site(s: &mut Stage<'_>) {
+    s.front = [-1.2, 1.2];
+    let stuff = s.one("ground", &[Stuff::Soil, Stuff::Sand, Stuff::Concrete]);
+    let floor = ground(s, stuff, 30.0);
+    let (x, high) = (s.draw("width", 2.4, 3.6), s.draw("height", 3.2, 4.6));
+    let raw = s.one("walls", &[Stuff::Brick, Stuff::Concrete]);
+    let mut wall = Wall::new([0.0, 0.0, -2.0], Turn::NONE, 2.0 * x + 2.0, high);
+    wall.openings = vec![[-x + 0.2, -x + 1.3, 0.9, 2.2], [0.4, 1.4, 0.0, 2.1]];
+    s.wall("raw wall", raw, &wall, 0.3);
+    for o in wall.openings.clone() {
+        s.reveal("raw wall", raw, &wall, o, 0.3);
+    }
+    let floors = (high / 2.0).floor() as usize;
+    let bays = 3;
+    for i in 0..=bays {
+        let px = -x + 2.0 * x * f64::from(i) / f64::from(bays);
+        for pz in [-1.75, -0.95] {
+            s.board("poles", Stuff::Metal, [px, 0.5 * high, pz], [0.024, 0.5 * high - 0.0005, 0.024], Turn::NONE);
+        }
+        for k in 1..=floors {
+            let py = 1.9 * k as f64;
+            s.board("poles", Stuff::Metal, [px, py - 0.06, -1.35], [0.02, 0.02, 0.375], Turn::NONE);
+        }
+    }
+    let mut decks = Vec::new();
+    for k in 1..=floors {
+        let py = 1.9 * k as f64;
+        for j in 0..3 {
+            let pz = -1.62 + 0.26 * f64::from(j);
+            decks.push(s.board("planks", Stuff::Wood, [0.0, py - 0.015, pz], [x + 0.1, 0.02, 0.125], Turn::NONE));
+        }
+        for rail in [0.5, 1.0] {
+            s.board("poles", Stuff::Metal, [0.0, py + rail, -0.92], [x + 0.1, 0.018, 0.006], Turn::NONE);
+        }
+    }
+    // A stack of boards and one of bricks.
+    let pile = s.board("timber", Stuff::Wood, [-0.6 * x, 0.2, 0.6], [0.9, 0.1995, 0.35], Turn::new(0.2));
+    let bricks = s.board("bricks", Stuff::Brick, [0.75 * x, 0.35, 0.2], [0.5, 0.3495, 0.35], Turn::new(-0.15));
+    s.main(&bricks, &[F::MachinePart, F::Tool, F::Vessel, F::Rock], [0.3, 0.6]);
+    let lamps = [[-x - 0.4, 1.6, 0.4], [x + 0.3, 1.9, -0.2]];
+    for [lx, ly, lz] in lamps {
+        s.board("posts", Stuff::PaintedMetal, [lx, 0.5 * ly, lz], [0.025, 0.5 * ly - 0.0005, 0.025], Turn::NONE);
+        s.board("lamps", Stuff::PaintedMetal, [lx, ly + 0.105, lz], [0.13, 0.1, 0.04], Turn::NONE);
+        s.light(Light::Panel([lx, ly + 0.105, lz + 0.042], [-0.4 * lx, -0.3, 1.0], [0.11, 0.08]), 55.0);
+        s.light(Light::Panel([lx, ly + 0.105, lz - 0.042], [-0.3 * lx, 0.2, -1.0], [0.11, 0.08]), 40.0);
+    }
+    let n = s.some(5);
+    s.scatter(&pile, &[TOOL, PART, ask(F::Box).most(0.5, 0.5, 0.5)], n, ANY);
+    let yard = floor.part([-0.15, 0.15], [-0.02, 0.12]);
+    let n = s.some(13);
+    s.scatter(
+        &yard,
+        &[
+            ask(F::Fence).most(3.0, 2.2, 3.0),
+            ask(F::Box),
+            ask(F::MachinePart).scaled(0.3, 0.9),
+            ask(F::Bin),
+            ask(F::Stair),
+            ask(F::Rock).scaled(0.2, 0.7),
+            ask(F::Vehicle).most(2.5, 2.6, 4.0),
+            ask(F::Terrain).named(&["soil_heap"]).most(3.0, 1.6, 3.0),
+            ask(F::Rail),
+        ],
+        n,
+        ANY,
+    );
+    for deck in decks.iter().step_by(3) {
+        s.scatter(
+            &Surface { clearance: 1.0, ..deck.clone() },
+            &[TOOL.most(0.4, 0.5, 0.22), BOX.most(0.4, 0.5, 0.24), ask(F::Vessel).most(0.22, 0.4, 0.22)],
+            2,
+            ABOUT,
+        );
+    }
+    let focus = Aabb { low: [-0.6 * x, 0.4, -1.6], high: [0.6 * x, 2.0, 0.6] };
+    s.eye(3.0, From::Box(Aabb { low: [-x - 0.5, 1.3, 2.6], high: [x + 0.5, 1.8, 5.5] }), focus);
+    s.look_at(1.0, &bricks, 0.6, [-1.0, 1.0], [0.1, 0.6]);
+}
+
+/// Vehicles in their places, kerbs, hedges, lamps that are off.
+pub fn car_park(s: &mut Stage<'_>) {
+    let floor = ground(s, Stuff::Asphalt, 50.0);
+    let gap = s.draw("gap", 2.5, 2.9);
+    let rows = 4;
+    for i in 0..=rows {
+        let x = gap * (f64::from(i) - 0.5 * f64::from(rows));
+        s.facing("marks", Stuff::Paper, [x, 0.0002, -0.2], [0.05, 0.0002, 2.4], Turn::NONE, &[2]);
+    }
+    s.board("kerb", Stuff::Stone, [0.0, 0.07, -3.1], [7.0, 0.0695, 0.12], Turn::NONE);
+    let taken = s.some(2).min(4);
+    for i in 0..taken {
+        let x = gap * (i as f64 - 0.5 * f64::from(rows) + 0.5);
+        let jitter = s.any(-0.15, 0.15);
+        let _ = s.place(&ask(F::Vehicle).most(2.3, 2.6, 5.0), &floor, [x, -0.2 + jitter], 0.0);
+    }
+    let top = plinth(s, Stuff::Concrete, [0.4 * gap, 2.2], [0.4, 0.4], 0.35);
+    s.main(&top, &[F::Sculpture, F::Vessel, F::MachinePart, F::Solid, F::Instrument], [0.4, 0.9]);
+    let green = floor.part([-0.14, 0.14], [-0.12, -0.068]);
+    let n = s.some(8);
+    s.scatter(&green, &[ask(F::Bush), ask(F::Tree).most(4.0, 7.0, 4.0), ask(F::Grass), ask(F::Bush)], n, ANY);
+    let n = s.some(9);
+    s.scatter(
+        &floor.part([-0.11, 0.11], [0.0, 0.09]),
+        &[ask(F::Bicycle), ask(F::Bin), BOX, ask(F::Sign), ask(F::StreetLamp), ask(F::Rail), ask(F::Bench)],
+        n,
+        ANY,
+    );
+    s.look_at(1.0, &top, 0.8, [-1.2, 1.2], [0.05, 0.4]);
+    let focus = Aabb { low: [-2.5, 0.4, -1.0], high: [2.5, 1.2, 1.5] };
+    s.eye(3.0, From::Box(Aabb { low: [-5.0, 1.3, 4.0], high: [5.0, 1.9, 7.5] }), focus);
+}
+
+/// Swings, a slide, a sand pit with toys, benches, a fence.
+pub fn playground(s: &mut Stage<'_>) {
+    let stuff = s.one("ground", &[Stuff::Grass, Stuff::Sand, Stuff::Soil]);
+    let floor = ground(s, stuff, 40.0);
+    let (pit, high) = (s.draw("pit", 0.9, 1.5), s.draw("frame", 1.9, 2.4));
+    // A frame with swings.
+    let x = -2.0;
+    for side in [-1.0, 1.0] {
+        s.board(
+            "frame",
+            Stuff::PaintedMetal,
+            [x + side * 1.3, 0.5 * high, -1.2],
+            [0.04, 0.5 * high - 0.0005, 0.04],
+            Turn::NONE,
+        );
+    }
+    s.board("frame", Stuff::PaintedMetal, [x, high + 0.04, -1.2], [1.4, 0.0395, 0.04], Turn::NONE);
+    for k in [-0.6, 0.6] {
+        for side in [-0.2, 0.2] {
+            s.board(
+                "ropes",
+                Stuff::Metal,
+                [x + k + side, 0.5 * (high + 0.47), -1.2],
+                [0.006, 0.5 * (high - 0.47) - 0.0005, 0.006],
+                Turn::NONE,
+            );
+        }
+        s.board("swings", Stuff::Wood, [x + k, 0.45, -1.2], [0.24, 0.0195, 0.1], Turn::NONE);
+    }
+    // A slide: steps up, a sloping sheet of metal down.
+    let (sx, sz) = (2.0, -1.4);
+    for i in 0..5 {
+        let y = 0.26 * f64::from(i + 1);
+        s.board(
+            "slide steps",
+            Stuff::Wood,
+            [sx, y - 0.02, sz - 0.9 + 0.14 * f64::from(i)],
+            [0.22, 0.02, 0.06],
+            Turn::NONE,
+        );
+    }
+    for side in [-1.0, 1.0] {
+        s.board(
+            "slide posts",
+            Stuff::PaintedMetal,
+            [sx + side * 0.26, 0.75, sz - 0.15],
+            [0.025, 0.7495, 0.025],
+            Turn::NONE,
+        );
+        s.board(
+            "slide posts",
+            Stuff::PaintedMetal,
+            [sx + side * 0.26, 0.35, sz - 0.95],
+            [0.025, 0.3495, 0.025],
+            Turn::NONE,
+        );
+    }
+    s.board("slide steps", Stuff::Wood, [sx, 1.32, sz - 0.13], [0.22, 0.02, 0.2], Turn::NONE);
+    for i in 0..8 {
+        let (t, u) = (f64::from(i) / 8.0, f64::from(i + 1) / 8.0);
+        let (a, b) = ([1.32 - 1.2 * t, sz + 0.08 + 2.0 * t], [1.32 - 1.2 * u, sz + 0.08 + 2.0 * u]);
+        s.quad(
+            "slide",
+            Stuff::Metal,
+            [[sx - 0.22, b[0], b[1]], [sx + 0.22, b[0], b[1]], [sx + 0.22, a[0], a[1]], [sx - 0.22, a[0], a[1]]],
+        );
+        let mid = 0.5 * (a[1] + b[1]);
+        s.world.solids.push(crate::scene_generation::place::Solid {
+            y: [0.0, a[0]],
+            at: [sx, mid],
+            turn: Turn::NONE,
+            half: [0.25, 0.5 * (b[1] - a[1])],
+        });
+    }
+    // The pit.
+    let rim = 0.08;
+    for (c, h) in [
+        ([0.0, pit], [pit + rim, rim]),
+        ([0.0, -pit], [pit + rim, rim]),
+        ([pit, 0.0], [rim, pit - rim]),
+        ([-pit, 0.0], [rim, pit - rim]),
+    ] {
+        s.board("pit rim", Stuff::Wood, [c[0], 0.12, 1.4 + c[1]], [h[0], 0.1195, h[1]], Turn::NONE);
+    }
+    let sand =
+        s.board("sand", Stuff::Sand, [0.0, 0.03, 1.4], [pit - rim - 0.001, 0.0295, pit - rim - 0.001], Turn::NONE);
+    s.main(&sand, &[F::Toy, F::Vessel, F::Solid, F::Rock], [0.2, 0.5]);
+    let n = s.some(9);
+    s.scatter(&sand, &[TOY, TOY.scaled(0.1, 0.35), SOLID.scaled(0.1, 0.3), ask(F::Rock).scaled(0.08, 0.2)], n, ANY);
+    let n = s.some(9);
+    s.scatter(
+        &floor.part([-0.12, 0.12], [-0.12, 0.1]),
+        &[ask(F::Bench), ask(F::Tree), ask(F::Bush), ask(F::Bin), ask(F::Bicycle), ask(F::Fence), TOY.scaled(0.2, 0.4)],
+        n,
+        ANY,
+    );
+    let focus = Aabb { low: [-1.4, 0.2, -0.6], high: [1.4, 1.0, 1.6] };
+    s.eye(3.0, From::Orbit([3.5, 6.5], [-1.2, 1.2], [0.08, 0.4]), focus);
+    s.look_at(1.0, &sand, 0.3, ROUND, [0.2, 0.7]);
+}
+
+/// A flat roof: parapet, deck chairs, plants in tubs, vents and pipes.
+pub fn roof_terrace(s: &mut Stage<'_>) {
+    let stuff = s.one("ground", &[Stuff::Wood, Stuff::Tile, Stuff::Concrete]);
+    let (x, z) = (s.draw("width", 3.0, 4.5), s.draw("depth", 3.0, 4.5));
+    let lift = 9.0;
+    s.quad("ground", Stuff::Grass, [[-80.0, 0.0, 80.0], [80.0, 0.0, 80.0], [80.0, 0.0, -80.0], [-80.0, 0.0, -80.0]]);
+    let top = s.board("roof", stuff, [0.0, 0.5 * lift, 0.0], [x, 0.5 * lift, z], Turn::NONE);
+    let roof = Surface { clearance: 100.0, ..top.inset(0.35) };
+    for (c, h) in [
+        ([0.0, z - 0.1], [x, 0.1]),
+        ([0.0, -z + 0.1], [x, 0.1]),
+        ([x - 0.1, 0.0], [0.1, z - 0.2]),
+        ([-x + 0.1, 0.0], [0.1, z - 0.2]),
+    ] {
+        s.board("parapet", Stuff::Brick, [c[0], lift + 0.35, c[1]], [h[0], 0.3495, h[1]], Turn::NONE);
+    }
+    s.board("vent", Stuff::Metal, [-0.6 * x, lift + 0.5, -0.65 * z], [0.35, 0.4995, 0.3], Turn::new(0.1));
+    let table = s.place(&ask(F::Table).most(1.6, 0.95, 1.2), &roof, [0.2, 0.1], 0.2);
+    let on = match table.and_then(|t| s.top(t)) {
+        Some(on) => on,
+        None => bench(s, Stuff::Wood, [0.2, lift, 0.1], [1.0, 0.7, 0.7], Turn::NONE),
+    };
+    s.main(&on, &[F::Vessel, F::Food, F::Ornament, F::Instrument], [0.15, 0.35]);
+    if let Some(table) = table {
+        s.around(table, &CHAIR, 4, &roof);
+    }
+    let n = s.some(4);
+    s.scatter(&on, &[VESSEL, FOOD, PLATE, BOOK_LYING], n, ANY);
+    let n = s.some(13);
+    s.scatter(
+        &roof,
+        &[
+            TALL_PLANT,
+            POT.most(0.9, 0.9, 0.9),
+            ask(F::Bush).most(1.2, 1.2, 1.2),
+            CHAIR,
+            BOX,
+            ask(F::Sofa).most(2.0, 1.2, 1.2),
+            ask(F::Bench),
+            ask(F::Cushion),
+        ],
+        n,
+        ANY,
+    );
+    // Other roofs about.
+    for (i, (bx, bz)) in [(-14.0, -16.0), (4.0, -20.0), (16.0, -9.0), (-18.0, 4.0)].into_iter().enumerate() {
+        let high = s.draw(&format!("block.{i}"), 5.0, 13.0);
+        s.board("blocks", Stuff::Brick, [bx, 0.5 * high, bz], [4.5, 0.5 * high, 4.0], Turn::NONE);
+    }
+    let focus = Aabb { low: [-0.8, lift + 0.4, -0.8], high: [0.8, lift + 1.1, 0.8] };
+    s.eye(3.0, From::Box(Aabb { low: [-x + 0.5, lift + 1.3, 0.3 * z], high: [x - 0.5, lift + 1.8, z - 0.4] }), focus);
+    s.look_at(1.0, &on, 0.3, [-1.4, 1.4], [0.1, 0.6]);
+}
