@@ -12,9 +12,7 @@ use moments::{Figure, Moments, pooled};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use tauflow_contract::{
-    Action, All, Context, Group, Handle, ItemKey, Items, Kind, KindError, KindSpec, Media, Mode, Out, Outputs,
-};
+use tauflow_contract::{Action, All, Context, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs};
 use tauflow_data::{
     Stratum,
     maths::{exp, log},
