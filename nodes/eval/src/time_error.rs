@@ -10,7 +10,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tauflow_contract::{
-    Action, All, Context, Group, Handle, ItemKey, Items, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, Probe,
+    Action, All, Context, Group, ItemKey, Items, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, Probe,
 };
 use tauflow_data::{
     records::{Exposure, Ladder, PackedScene, Refined, TimeError, Timing},
