@@ -14,6 +14,7 @@ use std::{
 };
 use tauflow_contract::{
     Artifact, Collection, Context, Digest, ItemKey, KindError, ReadFiles, WriteFiles, parse_json, pretty_json,
+    read_regular,
 };
 
 /// File that lists the items of a folder.
@@ -172,9 +173,13 @@ impl ReadFiles for DiskFolder {
         if self.listed.as_ref().is_some_and(|listed| !listed.contains(name)) {
             return Ok(None);
         }
-        match fs::read(&path) {
+        // Folders of other programs may hold anything: a FIFO would wait, and a device has no end.
+        match read_regular(&path, u64::MAX) {
             Ok(bytes) => Ok(Some(bytes)),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(error) if error.kind() == io::ErrorKind::InvalidInput => {
+                Err(KindError::Input(format!("cannot read {}: {error}; put a file there", path.display())))
+            }
             Err(error) => Err(KindError::Environment(format!("cannot read {}: {error}", path.display()))),
         }
     }

@@ -167,6 +167,20 @@ fn items_that_meet_in_a_file_are_both_named() {
 }
 
 #[test]
+fn what_is_no_regular_file_is_refused_and_not_waited_for() {
+    in_folder(|_, path| {
+        fs::create_dir_all(path).expect("made");
+        for (name, device) in [("zero", "/dev/zero"), ("terminal", "/dev/tty")] {
+            std::os::unix::fs::symlink(device, path.join(name)).expect("made");
+        }
+        let folder = DiskFolder::new(path);
+        let Err(KindError::Input(told)) = folder.get("zero") else { panic!("a device without an end") };
+        assert!(told.contains("zero: it is no regular file"), "{told}");
+        assert!(folder.get("terminal").is_err() && folder.get("nothing").expect("not there").is_none());
+    });
+}
+
+#[test]
 fn hidden_files_are_no_part_of_a_folder() {
     in_folder(|ctx, path| {
         fs::create_dir_all(path.join(".git")).expect("made");
