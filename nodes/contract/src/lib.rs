@@ -10,6 +10,7 @@ mod action;
 mod artifact;
 mod canonical;
 mod context;
+mod files;
 mod key;
 mod kind;
 mod later;
@@ -25,13 +26,11 @@ pub use artifact::{
 };
 pub use canonical::canonical_bytes;
 pub use context::{Blobs, Context, MemoryBlobs, Progress, Silent};
+pub use files::{FileTree, Files, ReadFiles, WriteFiles};
 pub use key::{ActionKey, Basis, FORMAT_VERSION, MemoKey, derive_seed};
 pub use kind::{Kind, KindError, KindSpec, Mode, ParamProblem, SourceItem};
 pub use later::{Before, Later, fill_in, leave_out};
-pub use media::{
-    Any, FileTree, Files, Handle, Items, Media, MediaRow, RECORD_FILE, ReadFiles, Stored, WriteFiles, parse_json,
-    pretty_json,
-};
+pub use media::{Any, Handle, Items, Media, MediaRow, RECORD_FILE, Stored, parse_json, pretty_json};
 pub use port::{All, Determinism, Each, Group, InputPort, Out, OutputPort, Takes};
 pub use probe::{Act, Look, Probe};
 pub use regular::{open_regular, read_regular};

@@ -4,8 +4,8 @@
 //! A media type is declared once, by one type. Ports are constants that name that type (see [`crate::Each`],
 //! [`crate::All`] and [`crate::Out`]), so that a kind cannot read one thing as another.
 
-use crate::{Artifact, Collection, Context, Digest, ItemKey, KindError};
-use std::{collections::BTreeMap, marker::PhantomData};
+use crate::{All, Artifact, Collection, Context, Digest, ItemKey, KindError, ReadFiles, WriteFiles};
+use std::marker::PhantomData;
 
 /// A media type.
 ///
@@ -40,58 +40,6 @@ pub trait Media: Sized + 'static {
     /// # Errors
     /// If a file is missing or is not what it should be; if the store cannot be written.
     fn import(ctx: &Context<'_>, from: &dyn ReadFiles) -> Result<Stored<Self>, KindError>;
-}
-
-/// A folder that is being written. Names are relative, with `/` between folders.
-pub trait WriteFiles {
-    /// Writes a file.
-    ///
-    /// # Errors
-    /// If it cannot be written.
-    fn put(&mut self, name: &str, bytes: &[u8]) -> Result<(), KindError>;
-}
-
-/// A folder that is being read. Names are relative, with `/` between folders.
-pub trait ReadFiles {
-    /// The names of all files, sorted.
-    ///
-    /// # Errors
-    /// If the folder cannot be listed.
-    fn names(&self) -> Result<Vec<String>, KindError>;
-
-    /// The bytes of a file; `None` if it is not there.
-    ///
-    /// # Errors
-    /// If it is there and cannot be read.
-    fn get(&self, name: &str) -> Result<Option<Vec<u8>>, KindError>;
-
-    /// The bytes of a file that must be there.
-    ///
-    /// # Errors
-    /// If it is not there, or cannot be read.
-    fn need(&self, name: &str) -> Result<Vec<u8>, KindError> {
-        self.get(name)?.ok_or_else(|| KindError::Input(format!("there is no file `{name}`; see what `export` writes")))
-    }
-}
-
-/// A folder in memory.
-pub type FileTree = BTreeMap<String, Vec<u8>>;
-
-impl WriteFiles for FileTree {
-    fn put(&mut self, name: &str, bytes: &[u8]) -> Result<(), KindError> {
-        self.insert(name.to_owned(), bytes.to_vec());
-        Ok(())
-    }
-}
-
-impl ReadFiles for FileTree {
-    fn names(&self) -> Result<Vec<String>, KindError> {
-        Ok(self.keys().cloned().collect())
-    }
-
-    fn get(&self, name: &str) -> Result<Option<Vec<u8>>, KindError> {
-        Ok(BTreeMap::get(self, name).cloned())
-    }
 }
 
 /// An artifact that is known to be of a media type, since the type itself made it or its name was checked.
@@ -217,6 +165,17 @@ impl<'a, M: Media> Items<'a, M> {
         self.collection.get(key).map(|artifact| Handle { artifact, media: PhantomData })
     }
 
+    /// The item of a key that the port `other` has, of items that came in by `port`.
+    ///
+    /// # Errors
+    /// [`KindError::Input`] if there is none.
+    pub fn need(self, port: All<M>, key: &ItemKey, other: &str) -> Result<Handle<'a, M>, KindError> {
+        self.get(key.as_str()).ok_or_else(|| {
+            let port = port.name();
+            KindError::Input(format!("`{port}` has no item `{key}`, which `{other}` has; connect the same items"))
+        })
+    }
+
     /// How many.
     pub fn len(self) -> usize {
         self.collection.len()
@@ -230,38 +189,6 @@ impl<'a, M: Media> Items<'a, M> {
     /// Content digest of the collection.
     pub fn digest(self) -> Digest {
         self.collection.digest()
-    }
-}
-
-/// A tree of files: pages and pictures for people, or what a source reads from outside.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Files(pub FileTree);
-
-impl Media for Files {
-    const NAME: &'static str = "tauflow/files";
-    const DOC: &'static str = "A tree of files; exported as they are.";
-
-    fn load(ctx: &Context<'_>, artifact: &Artifact) -> Result<Self, KindError> {
-        let file = |(name, digest): (&String, &Digest)| Ok((name.clone(), ctx.get(digest)?));
-        Ok(Self(artifact.parts.iter().map(file).collect::<Result<_, KindError>>()?))
-    }
-
-    fn store(&self, ctx: &Context<'_>) -> Result<Stored<Self>, KindError> {
-        let part = |(name, bytes): (&String, &Vec<u8>)| Ok((name.clone(), ctx.put(bytes)?));
-        Ok(Stored::tree(self.0.iter().map(part).collect::<Result<Vec<_>, KindError>>()?))
-    }
-
-    fn export(ctx: &Context<'_>, artifact: &Artifact, to: &mut dyn WriteFiles) -> Result<(), KindError> {
-        artifact.parts.iter().try_for_each(|(name, digest)| to.put(name, &ctx.get(digest)?))
-    }
-
-    fn import(ctx: &Context<'_>, from: &dyn ReadFiles) -> Result<Stored<Self>, KindError> {
-        let part = |name: String| {
-            // A part's name is a path below the folder that it is written to.
-            ItemKey::new(name.as_str()).map_err(|error| KindError::Input(error.to_string()))?;
-            Ok((name.clone(), ctx.put(&from.need(&name)?)?))
-        };
-        Ok(Stored::tree(from.names()?.into_iter().map(part).collect::<Result<Vec<_>, KindError>>()?))
     }
 }
 
@@ -364,7 +291,7 @@ pub fn parse_json<T: serde::de::DeserializeOwned>(file: &str, bytes: &[u8]) -> R
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{MemoryBlobs, Silent};
+    use crate::{FileTree, Files, MemoryBlobs, Silent};
     use serde::{Deserialize, Serialize};
     use std::sync::atomic::AtomicBool;
 
@@ -375,7 +302,7 @@ mod tests {
     json_media! { Note, "test/note", "A note."; }
 
     #[test]
-    fn records_and_files_come_back_from_what_export_wrote() {
+    fn records_come_back_from_what_export_wrote() {
         let (blobs, stop) = (MemoryBlobs::default(), AtomicBool::new(false));
         let ctx = Context::new(&blobs, &Silent, &stop);
         let stored = Note { text: "a".into() }.store(&ctx).expect("in memory");
@@ -385,13 +312,6 @@ mod tests {
         assert_eq!(Note::import(&ctx, &tree).expect("own files").artifact(), stored.artifact());
         let gone = Note::import(&ctx, &FileTree::new()).expect_err("no file");
         assert!(gone.to_string().contains("`value.json`"), "{gone}");
-
-        let files = Files(FileTree::from([("a/b.txt".into(), b"1".to_vec()), ("c".into(), Vec::new())]));
-        let stored = files.store(&ctx).expect("in memory");
-        assert_eq!(stored.handle().load(&ctx).expect("whole"), files);
-        assert_eq!(Files::import(&ctx, &files.0).expect("own files").artifact(), stored.artifact());
-        let outside = FileTree::from([("../a".into(), Vec::new())]);
-        assert!(Files::import(&ctx, &outside).is_err(), "a name that leads out of the folder");
     }
 
     #[test]
@@ -404,6 +324,12 @@ mod tests {
         let key = ItemKey::new("k").expect("plain");
         let collection: Collection = [(key, files)].into_iter().collect();
         assert!(Items::<Note>::new(&collection).is_err());
-        assert_eq!(Items::<Files>::new(&collection).expect("files").len(), 1);
+        let items = Items::<Files>::new(&collection).expect("files");
+        assert_eq!(items.len(), 1);
+        const PORT: All<Files> = All::new("pages", "Pages.");
+        let [there, missing] = ["k", "l"].map(|key| ItemKey::new(key).expect("plain"));
+        assert_eq!(items.need(PORT, &there, "notes").expect("there").artifact(), collection.get("k").expect("there"));
+        let told = items.need(PORT, &missing, "notes").expect_err("missing").to_string();
+        assert!(["`pages`", "`l`", "`notes`"].iter().all(|name| told.contains(name)), "{told}");
     }
 }

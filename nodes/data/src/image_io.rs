@@ -3,6 +3,7 @@
 use crate::{DataError, Image, image::preview};
 use exr::prelude::*;
 use std::{collections::BTreeMap, io::Cursor, path::Path};
+use tauflow_contract::read_regular;
 
 /// Named layers as the bytes of one EXR file; an image of 3 channels is R, G, B.
 ///
@@ -71,7 +72,7 @@ const SAMPLES_PER_BYTE: usize = 512;
 /// no layer with R, G and B (or, for normals, X, Y and Z) at full resolution.
 pub fn read_exr(path: &Path) -> std::result::Result<BTreeMap<String, Image>, DataError> {
     let name = path.display().to_string();
-    let bytes = std::fs::read(path).map_err(|source| DataError::Io { path: name.clone(), source })?;
+    let bytes = read_regular(path, u64::MAX).map_err(|source| DataError::Io { path: name.clone(), source })?;
     parse_exr(&name, &bytes)
 }
 

@@ -67,8 +67,8 @@ impl Mesh {
         let count = positions.len();
         let mut triangles = Vec::with_capacity(indices.len());
         for triangle in indices {
-            if triangle.iter().any(|i| !(*i >= 0.0 && (*i as usize) < count)) {
-                return Err(DataError::Format(format!("a triangle names a vertex beyond the mesh's {count}")));
+            if triangle.iter().any(|i| !(*i >= 0.0 && i.fract() == 0.0 && (*i as usize) < count)) {
+                return Err(DataError::Format(format!("a triangle names vertices {triangle:?} of the mesh's {count}")));
             }
             triangles.push(triangle.map(|i| i as u32));
         }
@@ -116,6 +116,13 @@ mod tests {
         assert_eq!(Mesh::from_bytes(&bytes).expect("own bytes"), mesh);
         let beyond = Mesh { triangles: vec![[0, 1, 3]], ..mesh.clone() };
         assert!(Mesh::from_bytes(&beyond.to_bytes().expect("small")).is_err());
+        let halves = TensorFile::default().with("positions", &[3, 3], mesh.positions.concat()).with(
+            "indices",
+            &[1, 3],
+            vec![0.0, 1.5, 2.0],
+        );
+        let told = Mesh::from_bytes(&halves.to_bytes().expect("small")).expect_err("half a vertex").to_string();
+        assert!(told.contains("1.5"), "{told}");
         let short = Mesh { uvs: Some(vec![[0.0; 2]; 2]), ..mesh };
         assert!(Mesh::from_bytes(&short.to_bytes().expect("small")).is_err());
     }

@@ -180,7 +180,7 @@ pub const DELTA_ALPHA: f32 = 1e-3;
 /// reads are held to 0 to 1, too.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
-#[allow(
+#[expect(
     clippy::large_enum_variant,
     reason = "a scene holds a few dozen of them, and boxed fields would be a nuisance to build"
 )]

@@ -6,7 +6,7 @@
 //! The library reads and writes memory by address and size. Both come from [`Buffers`] alone, which holds every image
 //! of a filter to one size and three channels.
 
-#![allow(unsafe_code, reason = "it calls a C library, and hands it images by address")]
+#![expect(unsafe_code, reason = "it calls a C library, and hands it images by address")]
 
 use crate::oidn_files::{self, VARIABLE};
 use libloading::Library;
@@ -37,7 +37,6 @@ struct Functions {
     device_error: unsafe extern "C" fn(Handle, *mut *const c_char) -> c_int,
     release_device: unsafe extern "C" fn(Handle),
     new_filter: unsafe extern "C" fn(Handle, *const c_char) -> Handle,
-    #[allow(clippy::type_complexity, reason = "the signature is the header's")]
     set_image: unsafe extern "C" fn(Handle, *const c_char, *mut c_void, c_int, usize, usize, usize, usize, usize),
     set_filter_bool: unsafe extern "C" fn(Handle, *const c_char, bool),
     commit_filter: unsafe extern "C" fn(Handle),

@@ -10,7 +10,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tauflow_contract::{
-    Action, All, Context, Group, Handle, ItemKey, Items, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, Probe,
+    Action, All, Context, Group, ItemKey, Items, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, Probe,
 };
 use tauflow_data::{
     records::{Exposure, Ladder, PackedScene, Refined, TimeError, Timing},
@@ -104,10 +104,10 @@ impl Kind for TimeErrorKind {
         let mut samples: Option<[u64; 2]> = None;
         for (done, (key, reference)) in references.iter().enumerate() {
             ctx.check_cancelled()?;
-            let exposure = scene_of(inputs.exposure, EXPOSURE, key)?.load(ctx)?;
+            let exposure = inputs.exposure.need(EXPOSURE, key, REFERENCES.name())?.load(ctx)?;
             let reference = HeldOut::load(ctx, reference, exposure.factor, key)?;
-            let packed = scene_of(inputs.ladders, LADDERS, key)?.load(ctx)?;
-            let rendering = scene_of(inputs.render_times, RENDER_TIMES, key)?.load(ctx)?;
+            let packed = inputs.ladders.need(LADDERS, key, REFERENCES.name())?.load(ctx)?;
+            let rendering = inputs.render_times.need(RENDER_TIMES, key, REFERENCES.name())?.load(ctx)?;
             let own = Own { packed: &packed, rendering: &rendering, factor: exposure.factor };
             scenes.push(measured(ctx, key, &reference, &own, &inputs.cells, &mut notes)?);
             against_law.extend(reference.against_law(&packed.counts, &packed.states));
@@ -168,17 +168,6 @@ impl<'a> Inputs<'a> {
             )?,
         })
     }
-}
-
-/// The item of a scene that has a reference.
-fn scene_of<'a, M: Media>(items: Items<'a, M>, port: All<M>, key: &ItemKey) -> Result<Handle<'a, M>, KindError> {
-    items.get(key.as_str()).ok_or_else(|| {
-        KindError::Input(format!(
-            "`{}` has no item `{key}`, which `{}` has; connect the same scenes",
-            port.name(),
-            REFERENCES.name()
-        ))
-    })
 }
 
 /// Wants the samples a pixel of all references, and of all last rungs, to be those of the first scene.

@@ -161,8 +161,7 @@ fn times_of(timing: &Timing, method: Option<&str>, spp: u64, nfe: u64) -> Option
 
 /// Times of the G-buffer, whatever its samples; none if it was not timed.
 fn times_of_gbuffer(timing: &Timing) -> Option<Took> {
-    let found = timing.entries.iter().find(|e| e.method == GBUFFER)?;
-    times_of(timing, Some(GBUFFER), found.from_spp, 0)
+    Took::of(&timing.entries.iter().find(|e| e.method == GBUFFER)?.took)
 }
 
 /// Measures a scene.

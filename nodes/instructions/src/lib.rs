@@ -10,7 +10,7 @@
 //! | level | renderer | operators |
 //! |---|---|---|
 //! | [`Avx2`](Instructions::Avx2) | `avx2`, `bmi1`, `bmi2`, `lzcnt`, `popcnt` | `avx2`, `fma` |
-//! | [`Avx512`](Instructions::Avx512) | these, and `avx512f`, `avx512dq`, `avx512bw`, `avx512vl` | the same, and theirs |
+//! | [`Avx512`](Instructions::Avx512) | these, `avx512f`, `avx512dq`, `avx512bw`, `avx512vl` | the same, and theirs |
 
 use std::sync::OnceLock;
 

@@ -12,9 +12,7 @@ use moments::{Figure, Moments, pooled};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use tauflow_contract::{
-    Action, All, Context, Group, Handle, ItemKey, Items, Kind, KindError, KindSpec, Media, Mode, Out, Outputs,
-};
+use tauflow_contract::{Action, All, Context, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs};
 use tauflow_data::{
     Stratum,
     maths::{exp, log},
@@ -61,9 +59,9 @@ impl Kind for ConvergenceKind {
         let mut scenes: Vec<Measured> = Vec::new();
         for (done, (key, of_reference)) in references.iter().enumerate() {
             ctx.check_cancelled()?;
-            let of_ladder = item(ladders, LADDERS, key)?;
+            let of_ladder = ladders.need(LADDERS, key, REFERENCES.name())?;
             let (reference, ladder) = (of_reference.load(ctx)?, of_ladder.load(ctx)?);
-            let exposure = item(exposures, EXPOSURE, key)?.load(ctx)?;
+            let exposure = exposures.need(EXPOSURE, key, REFERENCES.name())?.load(ctx)?;
             let spp = reference.meta.counts.last().copied().unwrap_or_default();
             let (first, expected) = counts.get_or_insert_with(|| (ladder.meta.counts.clone(), spp));
             if (&*first, *expected) != (&ladder.meta.counts, spp) {
@@ -125,14 +123,6 @@ impl Kind for ConvergenceKind {
         };
         Outputs::default().put_one(CONVERGENCE, CONVERGENCE.name(), result.store(ctx)?)
     }
-}
-
-/// What a port has of a scene.
-fn item<'a, M: Media>(of: Items<'a, M>, port: All<M>, key: &ItemKey) -> Result<Handle<'a, M>, KindError> {
-    of.get(key.as_str()).ok_or_else(|| {
-        let (port, references) = (port.name(), REFERENCES.name());
-        KindError::Input(format!("`{port}` has no item `{key}`, which `{references}` has; connect the same scenes"))
-    })
 }
 
 fn of_scene(scene: &Measured, counts: &[u64]) -> SceneConvergence {

@@ -3,10 +3,10 @@
 //!
 //! | skip | what is left out | for |
 //! |---|---|---|
-//! | `kernels` | lobes that a material lacks: each sort of material has a kernel of its own, by lanes | every scene |
-//! | `opacity` | rays that pass surfaces and are met again, and shadow rays that are dimmed | scenes without opacity |
+//! | `kernels` | lobes that a material lacks: each sort of material has its own kernel, by lanes | every scene |
+//! | `opacity` | rays that pass surfaces and are met again, dimmed shadow rays | scenes without opacity |
 //! | `environment` | light from infinity: its tables, samples and lookups | closed rooms |
-//! | `textures` | texture lookups of materials of one colour, and the texture coordinates for them | constant materials |
+//! | `textures` | lookups for materials of one colour, and the coordinates for them | constant materials |
 //! | `normal_maps` | frames of normal maps | materials without one |
 //!
 //! The first leaves every bit as it is. The others draw other random numbers, or round otherwise, when they are undone:

@@ -166,9 +166,9 @@ impl Table {
     #[inline(always)]
     pub(crate) fn facts<R: Real>(&self, primitive: R::Integer) -> Facts<R> {
         let [i, j, k, nx, ny, nz, _, lacks] = self.triangles.columns::<R>(primitive);
-        let [ax, ay, az, px, py, pz, pu, pv] = self.vertices.columns::<R>(i.whole());
-        let [bx, by, bz, qx, qy, qz, qu, qv] = self.vertices.columns::<R>(j.whole());
-        let [cx, cy, cz, rx, ry, rz, ru, rv] = self.vertices.columns::<R>(k.whole());
+        let [ax, ay, az, px, py, pz, pu, pv] = self.vertices.columns::<R>(i.bits());
+        let [bx, by, bz, qx, qy, qz, qu, qv] = self.vertices.columns::<R>(j.bits());
+        let [cx, cy, cz, rx, ry, rz, ru, rv] = self.vertices.columns::<R>(k.bits());
         let normal = Triple::new(nx, ny, nz);
         let mut normals = [Triple::new(px, py, pz), Triple::new(qx, qy, qz), Triple::new(rx, ry, rz)];
         let mut uvs = [pu, pv, qu, qv, ru, rv];

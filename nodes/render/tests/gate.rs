@@ -124,7 +124,6 @@ fn rendered_ladders_keep_the_law() {
     for (rmse, law) in open.rmse.iter().zip(&open.law) {
         assert!((rmse / law - 1.0).abs() < 0.2, "{open:?}");
     }
-    // A rung and the next share half of the samples: without them the covariance would be 0.
     for (m, row) in open.covariance.iter().enumerate() {
         assert!(row.iter().all(|of| of.verdict != Agreement::Differs), "{m}: {row:?}");
         assert!((row[m].value - 1.0).abs() < 0.3 && row[m].error < 0.12, "{m}: {row:?}");

@@ -6,7 +6,10 @@ use crate::{
 };
 use std::fmt::Write as _;
 use tauflow_data::{
-    methods::{Conditioning, HOLD},
+    methods::{
+        Conditioning, HOLD,
+        axes::{CONDITIONING, PARAMETERIZATION, SPACE},
+    },
     records::{Estimate, Evaluation, METRICS},
 };
 
@@ -57,12 +60,12 @@ pub fn versus(evaluation: &Evaluation) -> String {
         let get = |cell: &Cell, axis: &str| field(cell.get(axis).map_or("", String::as_str));
         let own = format!(
             "{},{},{},{}",
-            get(&of.cell, "parameterization"),
-            get(&of.cell, "conditioning"),
+            get(&of.cell, PARAMETERIZATION),
+            get(&of.cell, CONDITIONING),
             field(&extra(&of.cell)),
             of.nfe
         );
-        let theirs = format!("{},{}", field(&of.method), get(&of.baseline, "conditioning"));
+        let theirs = format!("{},{}", field(&of.method), get(&of.baseline, CONDITIONING));
         for metric in METRICS.iter().filter(|m| of.gain.contains_key(**m)) {
             let better = of.better.get(*metric).map_or_else(String::new, f64::to_string);
             let _ = writeln!(out, "{own},{theirs},{metric},{},{better}", three(of.gain.get(*metric)));
@@ -100,8 +103,7 @@ pub fn per_scene(evaluation: &Evaluation) -> String {
             None if row.cell.is_empty() => String::new(),
             None => default.to_owned(),
         };
-        let names =
-            names(&get("space", ""), &row.score.method, &get("conditioning", Conditioning::Rgb.name()), &row.cell);
+        let names = names(&get(SPACE, ""), &row.score.method, &get(CONDITIONING, Conditioning::Rgb.name()), &row.cell);
         let _ = write!(
             out,
             "{},{},{names},{},{},{}",

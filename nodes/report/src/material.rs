@@ -19,7 +19,7 @@ pub const PREVIEWS: All<Ladder> =
     All::new("previews", "The previews that the gate judged: pictures of what it rejected.").or_none();
 const SPLIT: All<SplitReport> = All::new("split", "What the split says.").or_none();
 const SAMPLING: All<SamplingReport> = All::new("sampling", "What the sampling says.").or_none();
-pub const BRIDGE: All<BridgeFiles> = All::new("bridge", "Bridge validation: tables, every case, maps.").or_none();
+const BRIDGE: All<BridgeFiles> = All::new("bridge", "Bridge validation: tables, every case, maps.").or_none();
 const CONVERGENCE: All<Convergence> = All::new("convergence", "How far ladders keep to the 1/sqrt(n) law.").or_none();
 const TIME_ERROR: All<TimeError> = All::new("time_error", "Error against time: the page opens with it.").or_none();
 const STATISTICS: All<SceneStatistics> = All::new("statistics", "What the scenes are, measured.").or_none();

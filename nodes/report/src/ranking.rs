@@ -3,7 +3,10 @@
 use crate::{material::Cell, text::fixed};
 use std::collections::BTreeMap;
 use tauflow_data::{
-    methods::{Conditioning, HOLD, LOCAL_STEP, OIDN, Parameterization},
+    methods::{
+        Conditioning, HOLD, LOCAL_STEP, OIDN, PATH_TRACER_SOBOL, Parameterization,
+        axes::{CONDITIONING, METHOD, PARAMETERIZATION, SPACE},
+    },
     records::{Estimate, Evaluation, MethodTable, higher_is_better},
 };
 
@@ -183,7 +186,7 @@ pub fn method_name(method: &str) -> String {
         HOLD => "Hold".into(),
         OIDN => "OIDN".into(),
         "mitsuba" => "Mitsuba".into(),
-        "path_tracer_sobol" => "Rendering alone, Sobol'".into(),
+        PATH_TRACER_SOBOL => "Rendering alone, Sobol'".into(),
         other => other.replace('_', " "),
     }
 }
@@ -201,7 +204,7 @@ pub fn conditioning_name(conditioning: &str) -> String {
 pub fn extra(cell: &Cell) -> String {
     let rest: Vec<String> = cell
         .iter()
-        .filter(|(axis, _)| !["parameterization", "conditioning", "space", "method"].contains(&axis.as_str()))
+        .filter(|(axis, _)| ![PARAMETERIZATION, CONDITIONING, SPACE, METHOD].contains(&axis.as_str()))
         .map(|(axis, value)| format!("{axis} {value}"))
         .collect();
     rest.join(", ")

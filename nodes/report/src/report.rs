@@ -18,7 +18,10 @@ use tauflow_contract::{
     Action, Context, FileTree, Files, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem,
     WriteFiles, pretty_json,
 };
-use tauflow_data::records::{BridgeFiles, Claim, Evaluation, TrainingTiming};
+use tauflow_data::{
+    methods::axes::{CONDITIONING, PARAMETERIZATION},
+    records::{Claim, Evaluation, TrainingTiming},
+};
 
 /// The kind `report`.
 pub struct Report;
@@ -148,9 +151,9 @@ impl Kind for Report {
             put("timings.csv", timings_csv(&material.timings).as_bytes())?;
         }
         // Files of the bridge go along, as they are exported.
-        if let Some(bridge) = action.only_if(material::BRIDGE)? {
+        if let Some(bridge) = &material.bridge {
             let mut own = FileTree::new();
-            BridgeFiles::export(ctx, bridge.artifact(), &mut own)?;
+            bridge.write(&mut own)?;
             files.extend(own.into_iter().map(|(name, bytes)| (format!("bridge/{name}"), bytes)));
         }
         Outputs::default().put_one(PAGE, "report", Files(files).store(ctx)?)
@@ -233,8 +236,8 @@ fn timings_csv(timings: &[(Cell, TrainingTiming)]) -> String {
         let _ = writeln!(
             out,
             "{},{},{},{},{},{},{}",
-            get("parameterization"),
-            get("conditioning"),
+            get(PARAMETERIZATION),
+            get(CONDITIONING),
             csv::field(&extra(cell)),
             timing.steps,
             timing.seconds,

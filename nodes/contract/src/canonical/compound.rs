@@ -29,8 +29,9 @@ impl<'a> List<'a> {
         value.serialize(Encoder { out: &mut *self.out })
     }
 
-    fn done(self) {
+    fn done(self) -> Result<(), NotPlain> {
         self.out[self.at..self.at + 8].copy_from_slice(&self.count.to_le_bytes());
+        Ok(())
     }
 }
 
@@ -96,103 +97,47 @@ impl<'a> Object<'a> {
     }
 }
 
-impl SerializeSeq for List<'_> {
-    type Ok = ();
-    type Error = NotPlain;
+/// The traits of lists and objects: their methods say one thing each under several names.
+macro_rules! compound {
+    ($of:ident, $trait:ident, { $($method:ident => $own:ident),+ }) => {
+        impl $trait for $of<'_> {
+            type Ok = ();
+            type Error = NotPlain;
 
-    fn serialize_element<T: Serialize + ?Sized>(&mut self, value: &T) -> Result<(), NotPlain> {
-        self.add(value)
-    }
+            $(fn $method<T: Serialize + ?Sized>(&mut self, value: &T) -> Result<(), NotPlain> {
+                self.$own(value)
+            })+
 
-    fn end(self) -> Result<(), NotPlain> {
-        self.done();
-        Ok(())
-    }
+            fn end(self) -> Result<(), NotPlain> {
+                self.done()
+            }
+        }
+    };
+    ($of:ident, $trait:ident) => {
+        impl $trait for $of<'_> {
+            type Ok = ();
+            type Error = NotPlain;
+
+            fn serialize_field<T: Serialize + ?Sized>(
+                &mut self,
+                name: &'static str,
+                value: &T,
+            ) -> Result<(), NotPlain> {
+                self.add_name(name)?;
+                self.add(value)
+            }
+
+            fn end(self) -> Result<(), NotPlain> {
+                self.done()
+            }
+        }
+    };
 }
 
-impl SerializeTuple for List<'_> {
-    type Ok = ();
-    type Error = NotPlain;
-
-    fn serialize_element<T: Serialize + ?Sized>(&mut self, value: &T) -> Result<(), NotPlain> {
-        self.add(value)
-    }
-
-    fn end(self) -> Result<(), NotPlain> {
-        self.done();
-        Ok(())
-    }
-}
-
-impl SerializeTupleStruct for List<'_> {
-    type Ok = ();
-    type Error = NotPlain;
-
-    fn serialize_field<T: Serialize + ?Sized>(&mut self, value: &T) -> Result<(), NotPlain> {
-        self.add(value)
-    }
-
-    fn end(self) -> Result<(), NotPlain> {
-        self.done();
-        Ok(())
-    }
-}
-
-impl SerializeTupleVariant for List<'_> {
-    type Ok = ();
-    type Error = NotPlain;
-
-    fn serialize_field<T: Serialize + ?Sized>(&mut self, value: &T) -> Result<(), NotPlain> {
-        self.add(value)
-    }
-
-    fn end(self) -> Result<(), NotPlain> {
-        self.done();
-        Ok(())
-    }
-}
-
-impl SerializeMap for Object<'_> {
-    type Ok = ();
-    type Error = NotPlain;
-
-    fn serialize_key<T: Serialize + ?Sized>(&mut self, key: &T) -> Result<(), NotPlain> {
-        self.add_name(key)
-    }
-
-    fn serialize_value<T: Serialize + ?Sized>(&mut self, value: &T) -> Result<(), NotPlain> {
-        self.add(value)
-    }
-
-    fn end(self) -> Result<(), NotPlain> {
-        self.done()
-    }
-}
-
-impl SerializeStruct for Object<'_> {
-    type Ok = ();
-    type Error = NotPlain;
-
-    fn serialize_field<T: Serialize + ?Sized>(&mut self, name: &'static str, value: &T) -> Result<(), NotPlain> {
-        self.add_name(name)?;
-        self.add(value)
-    }
-
-    fn end(self) -> Result<(), NotPlain> {
-        self.done()
-    }
-}
-
-impl SerializeStructVariant for Object<'_> {
-    type Ok = ();
-    type Error = NotPlain;
-
-    fn serialize_field<T: Serialize + ?Sized>(&mut self, name: &'static str, value: &T) -> Result<(), NotPlain> {
-        self.add_name(name)?;
-        self.add(value)
-    }
-
-    fn end(self) -> Result<(), NotPlain> {
-        self.done()
-    }
-}
+compound!(List, SerializeSeq, { serialize_element => add });
+compound!(List, SerializeTuple, { serialize_element => add });
+compound!(List, SerializeTupleStruct, { serialize_field => add });
+compound!(List, SerializeTupleVariant, { serialize_field => add });
+compound!(Object, SerializeMap, { serialize_key => add_name, serialize_value => add });
+compound!(Object, SerializeStruct);
+compound!(Object, SerializeStructVariant);

@@ -108,6 +108,16 @@ impl BridgeFiles {
         ctx.json(artifact.artifact(), TABLES)
     }
 
+    /// Writes it as files, as [`Media::export`] does.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn write(&self, to: &mut dyn WriteFiles) -> Result<(), KindError> {
+        to.put(TABLES, &pretty_json(&self.bridge)?)?;
+        to.put(CASES, &self.cases_csv)?;
+        self.maps.iter().try_for_each(|(name, png)| to.put(&format!("{MAPS}{name}"), png))
+    }
+
     /// The tables and every case, with maps that are in the store already, by their names.
     ///
     /// # Errors
@@ -145,10 +155,7 @@ impl Media for BridgeFiles {
     }
 
     fn export(ctx: &Context<'_>, artifact: &Artifact, to: &mut dyn WriteFiles) -> Result<(), KindError> {
-        let files = Self::load(ctx, artifact)?;
-        to.put(TABLES, &pretty_json(&files.bridge)?)?;
-        to.put(CASES, &files.cases_csv)?;
-        files.maps.iter().try_for_each(|(name, png)| to.put(&format!("{MAPS}{name}"), png))
+        Self::load(ctx, artifact)?.write(to)
     }
 
     fn import(ctx: &Context<'_>, from: &dyn ReadFiles) -> Result<Stored<Self>, KindError> {

@@ -4,12 +4,12 @@ use super::*;
 use crate::{Image, SamplerKind};
 use serde_json::json;
 use std::{cell::RefCell, collections::BTreeSet, sync::atomic::AtomicBool};
+use tauflow_contract::{Context, FileTree, Handle, Media, MemoryBlobs, Silent, Stored};
 
 thread_local! {
     /// Names of the media types that went round in this test.
     static SEEN: RefCell<BTreeSet<&'static str>> = const { RefCell::new(BTreeSet::new()) };
 }
-use tauflow_contract::{Context, FileTree, Handle, Media, MemoryBlobs, Silent, Stored};
 
 fn image(width: usize, value: f32) -> Image {
     let data = (0..width * 2 * 3).map(|i| value * (i as f32 + 0.1) - 0.3).collect();
@@ -67,20 +67,18 @@ fn every_media_type_comes_back_from_its_files() {
 
 /// Images to the bit.
 fn images(ctx: &Context<'_>) {
-    {
-        let files = round_trip(ctx, &ladder());
-        assert!(files.contains_key("spp-000002.exr") && files.contains_key("spp-000002.png"));
-        round_trip(ctx, &GBuffer { albedo: image(3, 0.1), normal: image(3, -0.1) });
-        let gbuffer = Some(image(3, 0.1).beside(&image(3, -0.2)).expect("of one size"));
-        let states = vec![image(3, 2.0), image(3, 1.0)];
-        let packed = PackedScene { counts: vec![1, 4], states, gbuffer };
-        assert!(round_trip(ctx, &packed).contains_key("gbuffer.exr"));
-        round_trip(ctx, &PackedScene { gbuffer: None, ..packed });
-        let said = |nfe| RefinedImage { method: "mc_noise".into(), from_spp: 1, to_spp: 4, nfe };
-        let images = vec![(said(1), image(3, 3.0)), (said(2), image(3, 4.0))];
-        round_trip(ctx, &Refined { images: images.clone(), note: Some("a note".into()) });
-        round_trip(ctx, &BridgeSteps { clock: BridgeClock { n_min: 1, n_max: 4 }, images });
-    }
+    let files = round_trip(ctx, &ladder());
+    assert!(files.contains_key("spp-000002.exr") && files.contains_key("spp-000002.png"));
+    round_trip(ctx, &GBuffer { albedo: image(3, 0.1), normal: image(3, -0.1) });
+    let gbuffer = Some(image(3, 0.1).beside(&image(3, -0.2)).expect("of one size"));
+    let states = vec![image(3, 2.0), image(3, 1.0)];
+    let packed = PackedScene { counts: vec![1, 4], states, gbuffer };
+    assert!(round_trip(ctx, &packed).contains_key("gbuffer.exr"));
+    round_trip(ctx, &PackedScene { gbuffer: None, ..packed });
+    let said = |nfe| RefinedImage { method: "mc_noise".into(), from_spp: 1, to_spp: 4, nfe };
+    let images = vec![(said(1), image(3, 3.0)), (said(2), image(3, 4.0))];
+    round_trip(ctx, &Refined { images: images.clone(), note: Some("a note".into()) });
+    round_trip(ctx, &BridgeSteps { clock: BridgeClock { n_min: 1, n_max: 4 }, images });
 }
 
 fn parsed<T: serde::de::DeserializeOwned>(value: serde_json::Value) -> T {
@@ -146,52 +144,48 @@ fn files_that_do_not_fit_are_refused() {
 }
 
 fn records(ctx: &Context<'_>) {
-    {
-        round_trip(ctx, &Exposure { factor: 1.5, ev: -0.25, mean_luminance: 0.1 });
-        round_trip(ctx, &Verdict { reasons: vec!["black".into()], measures: [("mean".into(), 0.0)].into() });
-        round_trip(ctx, &SplitReport::default());
-        round_trip(ctx, &SamplingReport::default());
-        round_trip(ctx, &AssetReport { name: "a".into(), ..AssetReport::default() });
-        round_trip(ctx, &Timing { entries: Vec::new() });
-        round_trip(ctx, &SceneScores { reference_spp: 4, scores: Vec::new(), note: None });
-        round_trip(ctx, &TrainingTiming { steps: 1, seconds: 0.5, median_step_ms: 0.5, threads: 2 });
-        round_trip(ctx, &ModelFile(vec![1, 2, 3]));
-        let bridge = Bridge {
-            groups: Some(1),
-            n_max: 4,
-            scenes: 0,
-            rows: Vec::new(),
-            summary: Vec::new(),
-            claims: Vec::new(),
-            cases: Vec::new(),
-        };
-        let maps = [("a.png".to_owned(), vec![1])].into();
-        round_trip(ctx, &BridgeFiles { bridge, cases_csv: b"a,b\n".to_vec(), maps });
-    }
+    round_trip(ctx, &Exposure { factor: 1.5, ev: -0.25, mean_luminance: 0.1 });
+    round_trip(ctx, &Verdict { reasons: vec!["black".into()], measures: [("mean".into(), 0.0)].into() });
+    round_trip(ctx, &SplitReport::default());
+    round_trip(ctx, &SamplingReport::default());
+    round_trip(ctx, &AssetReport { name: "a".into(), ..AssetReport::default() });
+    round_trip(ctx, &Timing { entries: Vec::new() });
+    round_trip(ctx, &SceneScores { reference_spp: 4, scores: Vec::new(), note: None });
+    round_trip(ctx, &TrainingTiming { steps: 1, seconds: 0.5, median_step_ms: 0.5, threads: 2 });
+    round_trip(ctx, &ModelFile(vec![1, 2, 3]));
+    let bridge = Bridge {
+        groups: Some(1),
+        n_max: 4,
+        scenes: 0,
+        rows: Vec::new(),
+        summary: Vec::new(),
+        claims: Vec::new(),
+        cases: Vec::new(),
+    };
+    let maps = [("a.png".to_owned(), vec![1])].into();
+    round_trip(ctx, &BridgeFiles { bridge, cases_csv: b"a,b\n".to_vec(), maps });
 }
 
 fn assets_and_scenes(ctx: &Context<'_>) {
-    {
-        let image = ctx.put(&image(3, 1.0).to_bytes()).expect("in memory");
-        let body = AssetBody::Hdri { image, size: [3, 2], mean: 1.0, top_share: 0.1 };
-        let asset = Asset { name: "a.hdr".into(), body };
-        let files = round_trip(ctx, &asset);
-        let blob = format!("blob/{image}");
-        let mut other: FileTree = files.clone();
-        other.insert(blob.clone(), b"other".to_vec());
-        assert!(Asset::import(ctx, &other).expect_err("other bytes").to_string().contains(&blob));
-        let scene = parsed(json!({
-            "version": 1, "seed": 1, "max_depth": 2, "shapes": [], "materials": [],
-            "camera": { "origin": [0, 0, 4], "target": [0, 0, 0], "up": [0, 1, 0], "fov_x": 40, "near": 0.01 },
-            "emitters": [{ "type": "envmap", "image": image, "scale": 1.0, "to_world": crate::scene::IDENTITY }],
-        }));
-        let recipe = parsed(json!({
-            "stratum": "L0-open", "index": 0, "layout": "plain", "layout_params": {}, "objects": [],
-            "environment": "none", "side": null, "exposure_ev": 0.0, "content": 0, "view": 0,
-        }));
-        let files = round_trip(ctx, &SceneRecord { scene, recipe });
-        assert!(files.contains_key(&blob), "{:?}", files.keys());
-    }
+    let image = ctx.put(&image(3, 1.0).to_bytes()).expect("in memory");
+    let body = AssetBody::Hdri { image, size: [3, 2], mean: 1.0, top_share: 0.1 };
+    let asset = Asset { name: "a.hdr".into(), body };
+    let files = round_trip(ctx, &asset);
+    let blob = format!("blob/{image}");
+    let mut other: FileTree = files.clone();
+    other.insert(blob.clone(), b"other".to_vec());
+    assert!(Asset::import(ctx, &other).expect_err("other bytes").to_string().contains(&blob));
+    let scene = parsed(json!({
+        "version": 1, "seed": 1, "max_depth": 2, "shapes": [], "materials": [],
+        "camera": { "origin": [0, 0, 4], "target": [0, 0, 0], "up": [0, 1, 0], "fov_x": 40, "near": 0.01 },
+        "emitters": [{ "type": "envmap", "image": image, "scale": 1.0, "to_world": crate::scene::IDENTITY }],
+    }));
+    let recipe = parsed(json!({
+        "stratum": "L0-open", "index": 0, "layout": "plain", "layout_params": {}, "objects": [],
+        "environment": "none", "side": null, "exposure_ev": 0.0, "content": 0, "view": 0,
+    }));
+    let files = round_trip(ctx, &SceneRecord { scene, recipe });
+    assert!(files.contains_key(&blob), "{:?}", files.keys());
 }
 
 #[test]

@@ -126,7 +126,7 @@ impl Accel {
 
     /// Decides a triangle whose edge some rays go through.
     #[inline(always)]
-    #[allow(clippy::too_many_arguments, reason = "what a leaf's loop has at hand")]
+    #[expect(clippy::too_many_arguments, reason = "what a leaf's loop has at hand")]
     fn sweep_unsure<R: Real, const ANY: bool>(
         &self,
         block: &Block,

@@ -250,7 +250,7 @@ impl Accel {
         self.occluded_lanes::<f32>(ray, &mut [(0, 0.0); STACK])
     }
 
-    /// The nearest hit by trying every primitive: what [`Accel::closest`] must find. Blocks of shared meshes come last.
+    /// The nearest hit by trying every primitive: what [`Accel::closest`] must find.
     #[cfg(test)]
     pub(super) fn closest_by_force(&self, ray: &Ray) -> Option<Hit> {
         let mut best = Best::none(ray.t_max);

@@ -104,7 +104,7 @@ pub trait Real:
     /// The real number of a whole one.
     fn of_integer(value: Self::Integer) -> Self;
     /// The whole numbers of the same bits, as records hold them.
-    fn whole(self) -> Self::Integer;
+    fn bits(self) -> Self::Integer;
     /// Reads `from` at an index by lane; indices beyond it read its last number. An empty slice reads as 0.
     fn gather(from: &[f32], index: Self::Integer) -> Self;
     /// Reads whole numbers at an index by lane, as [`Real::gather`].
@@ -282,7 +282,7 @@ impl Real for f32 {
         value as f32
     }
     #[inline(always)]
-    fn whole(self) -> i32 {
+    fn bits(self) -> i32 {
         self.to_bits() as i32
     }
     #[inline(always)]

@@ -56,7 +56,7 @@ fn exercise<R: Real>(a: &[f32], b: &[f32], states: &[u64], table: &[f32]) -> Vec
             R::of_integer(index),
             x.only(R::same(index, R::Integer::splat(3))),
             // Bits of numbers, and of whole numbers that records hold as such.
-            R::of_integer(y.whole()),
+            R::of_integer(y.bits()),
         ];
         let mut rows = [[0.0f32; 16]; 16];
         for (row, value) in rows.iter_mut().zip(all) {

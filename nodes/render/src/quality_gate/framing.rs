@@ -349,6 +349,24 @@ mod tests {
     }
 
     #[test]
+    fn what_is_right_before_the_camera_is_near_and_what_looks_as_large_further_off_is_not() {
+        // In the middle of a round room of radius 1, a card that fills the frame.
+        let with_card = |away: f64| {
+            let mut built = Built::new([0.0; 3], [0.0, 0.0, -1.0], 50.0, 8);
+            let grey = Box::new(Bsdf::Diffuse { reflectance: Texture::scalar(0.5) });
+            let painted = built.material(Bsdf::TwoSided { inner: grey });
+            built.sphere([0.0; 3], 1.0, painted);
+            let half = 0.8 * away;
+            let card = [[half, 0.0, 0.0, 0.0], [0.0, half, 0.0, 0.0], [0.0, 0.0, 1.0, -away]];
+            built.shape(Geometry::Rectangle, card, painted);
+            framing(&built)
+        };
+        let (near, far) = (with_card(0.05), with_card(0.5));
+        assert_eq!((near.near_share, far.near_share), (1.0, 0.0), "{near:?} {far:?}");
+        assert_eq!((near.surface_share, far.surface_share), (1.0, 1.0), "{near:?} {far:?}");
+    }
+
+    #[test]
     fn a_card_before_the_camera_is_one_surface_and_an_empty_sky_is_seen() {
         let mut built = room();
         let grey = built.diffuse([0.5; 3]);

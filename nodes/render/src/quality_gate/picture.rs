@@ -65,6 +65,12 @@ impl Bins {
         self.means.len() / self.width
     }
 
+    /// The geometric mean, in an image of this mean luminance.
+    fn geometric_mean(&self, mean: f64) -> f64 {
+        let floor = (mean * 1e-4).max(1e-30);
+        exp(self.means.iter().map(|b| log(b.max(floor))).sum::<f64>() / self.means.len() as f64)
+    }
+
     /// Length of the edges in sides of the picture, if `differ` tells the bins on both sides of one apart.
     fn edges(&self, differ: impl Fn(usize, usize) -> bool) -> f64 {
         let mut found = 0;
@@ -83,13 +89,16 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
+/// The mean luminance of an image, negative values counted as 0.
+fn mean_luminance(image: &Image) -> f64 {
+    let pixels = image.data().chunks_exact(3).map(|rgb| f64::from(luminance(rgb)).max(0.0));
+    pixels.sum::<f64>() / (image.width() * image.height()) as f64
+}
+
 /// The geometric mean over bins of an image's luminance, with bins below 1/10,000 of the mean counted as that much:
 /// what the exposure's `key` is divided by.
 pub fn geometric_mean_luminance(image: &Image) -> f64 {
-    let pixels = image.data().chunks_exact(3).map(|rgb| f64::from(luminance(rgb)).max(0.0));
-    let floor = (pixels.sum::<f64>() / (image.width() * image.height()) as f64 * 1e-4).max(1e-30);
-    let bins = Bins::of(image).means;
-    exp(bins.iter().map(|b| log(b.max(floor))).sum::<f64>() / bins.len() as f64)
+    Bins::of(image).geometric_mean(mean_luminance(image))
 }
 
 /// What was measured on a preview whose values are finite.
@@ -120,9 +129,8 @@ impl Picture {
     pub fn of(preview_of: &Preview<'_>, key: f64, dark: f64, white: f64) -> Self {
         let Preview { image, variance, spp, .. } = *preview_of;
         let bins = Bins::of(image);
-        let pixels: Vec<f64> = image.data().chunks_exact(3).map(|rgb| f64::from(luminance(rgb)).max(0.0)).collect();
-        let mean_luminance = mean(&pixels);
-        let geometric_mean = geometric_mean_luminance(image);
+        let mean_luminance = mean_luminance(image);
+        let geometric_mean = bins.geometric_mean(mean_luminance);
         let exposure = key / geometric_mean;
         let show = |value: f64| f64::from(preview((value * exposure) as f32));
         let shown: Vec<f64> = bins.means.iter().map(|b| show(*b)).collect();

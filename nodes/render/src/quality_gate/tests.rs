@@ -91,10 +91,8 @@ fn black_is_a_mean_of_next_to_nothing() {
 
 #[test]
 fn dark_is_a_frame_of_which_most_shows_black() {
-    // Something lit in a corner of a quarter by the side, a sixteenth of the frame; then in more than half.
-    let lit = |share: usize| {
-        image(move |x, y| if y * SIDE + x < share * SIDE { 0.2 + 0.1 * ((x / 8) % 2) as f32 } else { 0.0 })
-    };
+    // The upper rows are lit: 20 of 64, then 40.
+    let lit = |rows: usize| image(move |x, y| if y < rows { 0.2 + 0.1 * ((x / 8) % 2) as f32 } else { 0.0 });
     assert!(case(lit(20)).reasons().contains(&"dark".to_owned()));
     assert!(!case(lit(40)).reasons().contains(&"dark".to_owned()));
     assert!((case(lit(20)).judged(0.0).0.measures["dark_share"] - 44.0 / 64.0).abs() < 1e-9);

@@ -7,7 +7,10 @@ use crate::{
     text::{escape, fixed, interval, signed},
 };
 use std::fmt::Write as _;
-use tauflow_data::records::{Evaluation, METRICS, Versus, higher_is_better};
+use tauflow_data::{
+    methods::axes::{CONDITIONING, PARAMETERIZATION},
+    records::{Evaluation, METRICS, Versus, higher_is_better},
+};
 
 /// The section; none without baselines, and without a note on one that is missing.
 pub fn section(evaluation: &Evaluation) -> Option<Section> {
@@ -44,10 +47,9 @@ pub fn section(evaluation: &Evaluation) -> Option<Section> {
 
 fn row(versus: &Versus, metrics: &[&str]) -> String {
     let get = |axis: &str| versus.cell.get(axis).cloned().unwrap_or_default();
-    let theirs =
-        versus.baseline.get("conditioning").map_or_else(String::new, |c| format!(", {}", conditioning_name(c)));
+    let theirs = versus.baseline.get(CONDITIONING).map_or_else(String::new, |c| format!(", {}", conditioning_name(c)));
     let more = extra(&versus.cell);
-    let solver = [method_name(&get("parameterization")), conditioning_name(&get("conditioning")), more];
+    let solver = [method_name(&get(PARAMETERIZATION)), conditioning_name(&get(CONDITIONING)), more];
     let solver: Vec<String> = solver.into_iter().filter(|t| !t.is_empty()).collect();
     let mut out = format!(
         "<tr><td>{}{}</td><td class=\"left\">{}</td><td>{}</td>",

@@ -7,7 +7,10 @@ use crate::{
 };
 use std::{collections::BTreeMap, fmt::Write as _};
 use tauflow_data::{
-    methods::{HOLD, LOCAL_STEP, Parameterization},
+    methods::{
+        HOLD, LOCAL_STEP, Parameterization,
+        axes::{CONDITIONING, PARAMETERIZATION},
+    },
     records::{Bridge, Claim, ClaimVerdict, Evaluation, Evidence},
 };
 
@@ -77,8 +80,8 @@ fn verdict(verdict: ClaimVerdict) -> &'static str {
 fn group(cell: &BTreeMap<String, String>) -> String {
     let named = |axis: &str| cell.get(axis).cloned();
     let words = [
-        named("parameterization").map(|m| method_name(&m)),
-        named("conditioning").map(|c| conditioning_name(&c)),
+        named(PARAMETERIZATION).map(|m| method_name(&m)),
+        named(CONDITIONING).map(|c| conditioning_name(&c)),
         Some(extra(cell)),
     ];
     words.into_iter().flatten().filter(|text| !text.is_empty()).collect::<Vec<_>>().join(", ")

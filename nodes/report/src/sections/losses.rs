@@ -9,6 +9,7 @@ use crate::{
 use std::{collections::BTreeMap, fmt::Write as _};
 use tauflow_data::{
     curve::Standing,
+    methods::axes::{CONDITIONING, PARAMETERIZATION},
     records::{TrainingLog, TrainingPoint},
 };
 
@@ -96,7 +97,7 @@ fn setting(log: &TrainingLog, logs: &[&TrainingLog]) -> String {
     let others = log
         .params
         .iter()
-        .filter(|(name, _)| !["parameterization", "conditioning"].contains(&name.as_str()) && differs(name));
+        .filter(|(name, _)| ![PARAMETERIZATION, CONDITIONING].contains(&name.as_str()) && differs(name));
     conditioning_name(&log.conditioning).clone() + &others.map(named).collect::<String>()
 }
 

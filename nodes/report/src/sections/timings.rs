@@ -8,7 +8,10 @@ use crate::{
     text::{count, escape, fixed},
 };
 use std::fmt::Write as _;
-use tauflow_data::records::TrainingTiming;
+use tauflow_data::{
+    methods::axes::{CONDITIONING, PARAMETERIZATION, SPACE},
+    records::TrainingTiming,
+};
 
 /// The section; none without timings.
 pub fn section(timings: &[(Cell, TrainingTiming)]) -> Option<Section> {
@@ -19,9 +22,9 @@ pub fn section(timings: &[(Cell, TrainingTiming)]) -> Option<Section> {
     let mut rows: Vec<&(Cell, TrainingTiming)> = timings.iter().collect();
     rows.sort_by_cached_key(|(cell, _)| {
         (
-            get(cell, "space"),
-            method_order(&get(cell, "parameterization")),
-            conditioning_order(&get(cell, "conditioning")),
+            get(cell, SPACE),
+            method_order(&get(cell, PARAMETERIZATION)),
+            conditioning_order(&get(cell, CONDITIONING)),
             extra(cell),
         )
     });
@@ -35,11 +38,11 @@ pub fn section(timings: &[(Cell, TrainingTiming)]) -> Option<Section> {
     let mut total = 0.0;
     for (cell, timing) in rows {
         let more = extra(cell);
-        let conditioning = get(cell, "conditioning");
+        let conditioning = get(cell, CONDITIONING);
         let _ = write!(
             out,
             "<tr><td>{}</td><td class=\"left\">{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
-            method_html(&get(cell, "parameterization")),
+            method_html(&get(cell, PARAMETERIZATION)),
             escape(
                 &[conditioning_name(&conditioning), more]
                     .into_iter()

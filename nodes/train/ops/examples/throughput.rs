@@ -6,7 +6,10 @@
 //! ```
 
 #![expect(clippy::disallowed_methods, reason = "it measures")]
-#![allow(unsafe_code, reason = "calls functions for instructions that were detected")]
+#![cfg_attr(
+    target_arch = "x86_64",
+    expect(unsafe_code, reason = "calls functions for instructions that were detected")
+)]
 #![expect(clippy::needless_range_loop, reason = "references would keep the sums in memory")]
 
 use std::{hint::black_box, time::Instant};

@@ -4,7 +4,7 @@
 //! over the three rows around it, of these patches times a third of the kernel, [3 C, O]. The gradient of the input is
 //! the same convolution with the kernel turned round. That of the kernel sums patch times gradient over all pixels.
 
-#![allow(unsafe_code, reason = "results are written once, band by band; each block says why all of a band is written")]
+#![expect(unsafe_code, reason = "results are written once, band by band; each block says why all of a band is written")]
 
 use crate::{
     fresh::{filled, maybe},

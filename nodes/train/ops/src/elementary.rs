@@ -1,6 +1,6 @@
 //! Elementary functions in plain arithmetic: the same bits everywhere, and the compiler can do several at once.
 
-#![allow(unsafe_code, reason = "results are written once; parts cover them")]
+#![expect(unsafe_code, reason = "results are written once; parts cover them")]
 
 use crate::{fresh::filled, instructions::wide};
 use rayon::prelude::*;

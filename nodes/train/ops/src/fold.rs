@@ -1,6 +1,6 @@
 //! Moving 2x2 blocks of pixels into channels and back.
 
-#![allow(unsafe_code, reason = "results are written once; each pixel has its place")]
+#![expect(unsafe_code, reason = "results are written once; each pixel has its place")]
 
 use crate::{fresh::filled, operator::Operator};
 use rayon::prelude::*;

@@ -1,6 +1,6 @@
 //! Vectors that are written once: filling large ones with zeros first costs as much as some operators.
 
-#![allow(unsafe_code, reason = "numbers that are not written yet; callers promise to write them")]
+#![expect(unsafe_code, reason = "numbers that are not written yet; callers promise to write them")]
 
 use std::mem::MaybeUninit;
 

@@ -3,7 +3,7 @@
 //! Products are fused with their sums: IEEE 754 says what a fused product is, so that every set of instructions gives
 //! the same bits, the portable one included, which is slow where the processor cannot fuse.
 
-#![allow(unsafe_code, reason = "vector instructions and pointers, which callers promise to be there")]
+#![expect(unsafe_code, reason = "vector instructions and pointers, which callers promise to be there")]
 
 /// Numbers side by side.
 pub(crate) trait Lanes: Copy {

@@ -11,7 +11,7 @@ mod convolution;
 mod elementary;
 mod fold;
 mod fresh;
-#[allow(unsafe_code, reason = "calls functions for instructions that were detected")]
+#[cfg_attr(target_arch = "x86_64", expect(unsafe_code, reason = "calls functions for instructions that were detected"))]
 mod instructions;
 mod lanes;
 #[cfg(test)]

@@ -4,7 +4,7 @@
 //! variance go over the pixels and channels of a group of an image (Wu and He 2018); scale and shift are for each image
 //! and channel (Perez et al. 2018).
 
-#![allow(unsafe_code, reason = "results are written once, band by band")]
+#![expect(unsafe_code, reason = "results are written once, band by band")]
 
 use crate::{
     elementary::{exp, map, map2},

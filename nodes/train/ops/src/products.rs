@@ -6,7 +6,7 @@
 //! Every number of a result is summed one product after the other, from the first on, each product fused with the sum
 //! before it; panels, tiles and lanes decide only which results are worked on side by side.
 
-#![allow(unsafe_code, reason = "kernels by pointers; sizes are checked before they are called")]
+#![expect(unsafe_code, reason = "kernels by pointers; sizes are checked before they are called")]
 
 mod kernels;
 

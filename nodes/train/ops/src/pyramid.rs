@@ -3,7 +3,7 @@
 //! Kernel-predicting networks (Bako et al. 2017) end so: whatever their weights, what comes out lies within what went
 //! in.
 
-#![allow(unsafe_code, reason = "results are written once, row by row")]
+#![expect(unsafe_code, reason = "results are written once, row by row")]
 
 use crate::{elementary::exp, fresh::filled, instructions::wide, operator::Operator};
 use rayon::prelude::*;

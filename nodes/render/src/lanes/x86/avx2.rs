@@ -172,7 +172,7 @@ impl Real for F8 {
         Self(unsafe { _mm256_cvtepi32_ps(value.0) })
     }
     #[inline(always)]
-    fn whole(self) -> I8 {
+    fn bits(self) -> I8 {
         I8(unsafe { _mm256_castps_si256(self.0) })
     }
     #[inline(always)]

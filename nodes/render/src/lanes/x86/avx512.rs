@@ -179,7 +179,7 @@ impl Real for F16 {
         Self(unsafe { _mm512_cvtepi32_ps(value.0) })
     }
     #[inline(always)]
-    fn whole(self) -> I16 {
+    fn bits(self) -> I16 {
         I16(unsafe { _mm512_castps_si512(self.0) })
     }
     #[inline(always)]

@@ -3,7 +3,7 @@
 //! These types may only be used where the processor has the instructions: inside a function with the target features of
 //! [`crate::dispatch`], into which everything here is inlined. Outside, calling them is undefined; hence nothing but
 //! generic kernels names them.
-#![allow(
+#![expect(
     unsafe_code,
     clippy::undocumented_unsafe_blocks,
     reason = "intrinsics, of one invariant: each is sound on a processor that has it, which dispatch makes sure of"

@@ -183,7 +183,7 @@ impl Real for F4 {
         Self::load(&value.0.map(|v| v as f32))
     }
     #[inline(always)]
-    fn whole(self) -> I4 {
+    fn bits(self) -> I4 {
         let mut row = [0.0; 4];
         self.store(&mut row);
         I4(row.map(|v| v.to_bits() as i32))

@@ -1,6 +1,6 @@
 //! The innermost loops, for each set of instructions: tiles of results in registers.
 
-#![allow(unsafe_code, reason = "the innermost loops go by pointers; callers promise that all rows are there")]
+#![expect(unsafe_code, reason = "the innermost loops go by pointers; callers promise that all rows are there")]
 #![expect(clippy::needless_range_loop, reason = "tiles are arrays of arrays, each loop over the same rows and vectors")]
 
 use super::{Run, UNIT};
