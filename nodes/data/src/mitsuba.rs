@@ -4,16 +4,16 @@
 //! applied to images afterwards, on both sides alike.
 
 mod ply;
+mod textures;
 
 use crate::{
-    Image,
-    image_io::write_exr,
     mesh::Mesh,
     scene::{Affine, Bsdf, DELTA_ALPHA, Emitter, Geometry, Rgb, Scene, Shape, Texture},
 };
 use ply::ply;
 use std::{collections::BTreeSet, fmt::Write as _, fs, path::Path};
 use tauflow_contract::{Digest, KindError};
+use textures::simplified;
 
 /// Film and sampling of an exported scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,7 +58,9 @@ pub fn export(
     fs::create_dir_all(dir).map_err(io)?;
     let mut writer = Writer { dir, load, xml: String::new(), indent: 0, written: BTreeSet::new(), tints: Vec::new() };
     writer.open("<scene version=\"3.0.0\">");
-    writer.open("<integrator type=\"path\">");
+    // Passages through what is not opaque are no part of a path's length here. Those that `path` meets are.
+    let integrator = if scene.materials.iter().any(has_opacity) { "volpath" } else { "path" };
+    writer.open(&format!("<integrator type=\"{integrator}\">"));
     writer.line(&format!("<integer name=\"max_depth\" value=\"{}\"/>", scene.max_depth));
     writer.close("</integrator>");
     writer.sensor(scene, film);
@@ -79,26 +81,20 @@ pub fn export(
     fs::write(dir.join("scene.xml"), &writer.xml).map_err(io)
 }
 
-/// A texture without constant factors: those of products go into the other factor.
-fn simplified(texture: &Texture) -> Texture {
-    let Texture::Product { a, b } = texture else { return texture.clone() };
-    let times = |scale: &Rgb, by: &Rgb| [0, 1, 2].map(|c| scale[c] * by[c]);
-    match (simplified(a), simplified(b)) {
-        (Texture::Constant { value }, other) | (other, Texture::Constant { value }) => match other {
-            Texture::Constant { value: other } => Texture::Constant { value: times(&other, &value) },
-            Texture::Checkerboard { color0, color1, scale } => {
-                Texture::Checkerboard { color0: times(&color0, &value), color1: times(&color1, &value), scale }
-            }
-            Texture::Bitmap { image, uv, scale, channel, clamp } => {
-                Texture::Bitmap { image, uv, scale: times(&scale, &value), channel, clamp }
-            }
-            Texture::VertexColor { scale, channel } => Texture::VertexColor { scale: times(&scale, &value), channel },
-            product @ Texture::Product { .. } => {
-                Texture::Product { a: Box::new(Texture::Constant { value }), b: Box::new(product) }
-            }
-        },
-        (a, b) => Texture::Product { a: Box::new(a), b: Box::new(b) },
+fn has_opacity(bsdf: &Bsdf) -> bool {
+    match bsdf {
+        Bsdf::Mask { .. } => true,
+        Bsdf::TwoSided { inner } | Bsdf::NormalMap { inner, .. } => has_opacity(inner),
+        Bsdf::Blend { a, b, .. } => has_opacity(a) || has_opacity(b),
+        _ => false,
     }
+}
+
+/// True for a map that turns left into right.
+fn mirrors(map: &Affine) -> bool {
+    let [a, b, c] = map.map(|row| [row[0], row[1], row[2]]);
+    let cross = [b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]];
+    a[0] * cross[0] + a[1] * cross[1] + a[2] * cross[2] < 0.0
 }
 
 fn rgb(value: &Rgb) -> String {
@@ -160,108 +156,6 @@ impl Writer<'_> {
         self.line("<rfilter type=\"box\"/>");
         self.close("</film>");
         self.close("</sensor>");
-    }
-
-    /// The index of what a texture makes of vertex colours, if that is what it is.
-    fn tint(&mut self, texture: &Texture) -> Option<usize> {
-        let Texture::VertexColor { scale, channel } = simplified(texture) else { return None };
-        let tint = Tint { scale, channel };
-        Some(self.tints.iter().position(|other| *other == tint).unwrap_or_else(|| {
-            self.tints.push(tint);
-            self.tints.len() - 1
-        }))
-    }
-
-    /// Writes an image, once; `bend` is what the first two components of the normals that it encodes are scaled by.
-    fn image(
-        &mut self,
-        digest: &Digest,
-        scale: &Rgb,
-        channel: Option<u8>,
-        bend: Option<f32>,
-    ) -> Result<String, KindError> {
-        let mut name = format!("image-{}", digest.short());
-        if *scale != [1.0; 3] {
-            let _ = write!(name, "-x{:08x}{:08x}{:08x}", scale[0].to_bits(), scale[1].to_bits(), scale[2].to_bits());
-        }
-        if let Some(channel) = channel {
-            let _ = write!(name, "-c{channel}");
-        }
-        if let Some(bend) = bend {
-            let _ = write!(name, "-n{:08x}", bend.to_bits());
-        }
-        name.push_str(".exr");
-        if self.written.insert(name.clone()) {
-            let image = Image::from_bytes(&(self.load)(digest)?)?;
-            let count = image.channels();
-            let read = |pixel: &[f32], c: usize| match (channel, count) {
-                (Some(channel), 1) if channel < 3 => pixel[0],
-                (Some(channel), _) => pixel.get(usize::from(channel)).copied().unwrap_or(1.0),
-                (None, 1) => pixel[0],
-                (None, _) => pixel[c],
-            };
-            // Of values that are looked up between texels, too: this is linear.
-            let bent = |value: f32, c: usize| match bend {
-                Some(bend) if c < 2 => bend * value + 0.5 * (1.0 - bend),
-                _ => value,
-            };
-            let data = image
-                .data()
-                .chunks_exact(count)
-                .flat_map(|pixel| [0, 1, 2].map(|c| bent(read(pixel, c) * scale[c], c)))
-                .collect();
-            let image = Image::from_data(image.width(), image.height(), 3, data)?;
-            write_exr(&self.dir.join(&name), &[("", &image)])?;
-        }
-        Ok(name)
-    }
-
-    /// A texture in the role `name`; scalars are exported as the mean of equal channels, which is exact.
-    fn texture(&mut self, name: &str, texture: &Texture, scalar: bool) -> Result<(), KindError> {
-        let texture = &simplified(texture);
-        match texture {
-            Texture::Constant { value } if scalar => self.float(name, value[0]),
-            Texture::Constant { value } => self.line(&format!("<rgb name=\"{name}\" value=\"{}\"/>", rgb(value))),
-            Texture::Checkerboard { color0, color1, scale } => {
-                self.open(&format!("<texture type=\"checkerboard\" name=\"{name}\">"));
-                self.line(&format!("<rgb name=\"color0\" value=\"{}\"/>", rgb(color0)));
-                self.line(&format!("<rgb name=\"color1\" value=\"{}\"/>", rgb(color1)));
-                self.open("<transform name=\"to_uv\">");
-                self.line(&format!("<scale x=\"{:?}\" y=\"{:?}\"/>", 0.5 * scale[0], 0.5 * scale[1]));
-                self.close("</transform>");
-                self.close("</texture>");
-            }
-            Texture::Bitmap { image, uv, scale, channel, clamp } => {
-                let file = self.image(image, scale, *channel, None)?;
-                self.bitmap(name, &file, uv, *clamp);
-            }
-            Texture::VertexColor { .. } => {
-                let index = self.tint(texture).unwrap_or_default();
-                self.open(&format!("<texture type=\"mesh_attribute\" name=\"{name}\">"));
-                self.line(&format!("<string name=\"name\" value=\"vertex_c{index}_color\"/>"));
-                self.close("</texture>");
-            }
-            Texture::Product { .. } => {
-                return Err(KindError::Input(format!(
-                    "`{name}` is a product of textures, which Mitsuba's plugins do not express; \
-                     export a scene without it"
-                )));
-            }
-        }
-        Ok(())
-    }
-
-    fn bitmap(&mut self, name: &str, file: &str, [a, b]: &[[f64; 3]; 2], clamp: bool) {
-        self.open(&format!("<texture type=\"bitmap\" name=\"{name}\">"));
-        self.line(&format!("<string name=\"filename\" value=\"{file}\"/>"));
-        self.line("<boolean name=\"raw\" value=\"true\"/>");
-        self.line(&format!("<string name=\"wrap_mode\" value=\"{}\"/>", if clamp { "clamp" } else { "repeat" }));
-        self.open("<transform name=\"to_uv\">");
-        // Of nine numbers Mitsuba takes the third column for z, and an offset would be lost.
-        let [a, b] = [a, b].map(|row| format!("{:?} {:?} 0 {:?}", row[0], row[1], row[2]));
-        self.line(&format!("<matrix value=\"{a} {b} 0 0 1 0 0 0 0 1\"/>"));
-        self.close("</transform>");
-        self.close("</texture>");
     }
 
     fn bsdf(&mut self, bsdf: &Bsdf, id: &str) -> Result<(), KindError> {
@@ -328,13 +222,7 @@ impl Writer<'_> {
                 // Our renderer has neither.
                 self.line("<boolean name=\"use_shadowing_function\" value=\"false\"/>");
                 self.line("<boolean name=\"flip_invalid_normals\" value=\"false\"/>");
-                match simplified(map) {
-                    Texture::Bitmap { image, uv, scale: factor, channel, clamp } if *scale != 1.0 => {
-                        let file = self.image(&image, &factor, channel, Some(*scale))?;
-                        self.bitmap("normalmap", &file, &uv, clamp);
-                    }
-                    map => self.texture("normalmap", &map, false)?,
-                }
+                self.normals(map, *scale)?;
                 self.bsdf(inner, "")?;
             }
             Bsdf::TwoSided { inner } => {
@@ -359,6 +247,8 @@ impl Writer<'_> {
     }
 
     fn shape(&mut self, index: usize, shape: &Shape) -> Result<(), KindError> {
+        // There a map that mirrors turns what has no normals of its own inside out.
+        let mut turns = false;
         match &shape.geometry {
             Geometry::Mesh { mesh } => {
                 let mesh = Mesh::from_bytes(&(self.load)(mesh)?)?;
@@ -369,19 +259,21 @@ impl Writer<'_> {
                 self.line(&format!("<string name=\"filename\" value=\"{file}\"/>"));
                 if mesh.normals.is_none() {
                     self.line("<boolean name=\"face_normals\" value=\"true\"/>");
+                    turns = true;
                 }
             }
             Geometry::Sphere { center, radius } => {
                 self.open("<shape type=\"sphere\">");
                 self.line(&format!("<point name=\"center\" value=\"{}\"/>", point(center)));
                 self.float("radius", *radius);
+                turns = true;
             }
             Geometry::Rectangle => self.open("<shape type=\"rectangle\">"),
             Geometry::Disk => self.open("<shape type=\"disk\">"),
             Geometry::Cube => self.open("<shape type=\"cube\">"),
         }
         self.transform(&shape.to_world);
-        if shape.flip_normals {
+        if shape.flip_normals != (turns && mirrors(&shape.to_world)) {
             self.line("<boolean name=\"flip_normals\" value=\"true\"/>");
         }
         self.line(&format!("<ref id=\"material-{}\"/>", shape.material));

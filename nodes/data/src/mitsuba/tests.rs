@@ -1,5 +1,8 @@
 use super::*;
-use crate::scene::{Camera, IDENTITY};
+use crate::{
+    Image,
+    scene::{Camera, IDENTITY},
+};
 
 fn bitmap(image: Digest) -> Texture {
     let uv = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
@@ -12,18 +15,28 @@ fn times(a: Texture, b: Texture) -> Texture {
 
 /// Exports materials on a triangle; the folder's `scene.xml` and PLY.
 fn exported(materials: Vec<Bsdf>) -> Result<(tempfile::TempDir, String, Vec<u8>), KindError> {
+    placed(materials, IDENTITY, None)
+}
+
+/// As [`exported`], where a map puts the triangle, with vertex normals or without.
+fn placed(
+    materials: Vec<Bsdf>,
+    to_world: Affine,
+    normals: Option<Vec<[f32; 3]>>,
+) -> Result<(tempfile::TempDir, String, Vec<u8>), KindError> {
     let dir = tempfile::tempdir().expect("a folder");
     let mesh = Mesh {
         positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
         triangles: vec![[0, 1, 2]],
         colors: Some(vec![[1.0, 0.5, 0.25, 0.125]; 3]),
+        normals,
         ..Mesh::default()
     };
     let image = Image::from_data(1, 1, 3, vec![0.5, 0.75, 1.0]).expect("fits");
     let (mesh, image) = (mesh.to_bytes().expect("small"), image.to_bytes());
     let shape = Shape {
         geometry: Geometry::Mesh { mesh: Digest::of(&mesh) },
-        to_world: IDENTITY,
+        to_world,
         material: 0,
         emission: None,
         flip_normals: false,
@@ -75,6 +88,41 @@ fn normal_maps_are_scaled_in_their_images() {
     let image = crate::image_io::read_exr(&dir.path().join(name)).expect("readable");
     // 2 t - 1 is (0, 0.5, 1): halved in its first two components.
     assert_eq!(image[""].data(), [0.5, 0.625, 1.0]);
+    // Of maps that are no pictures, too; and what is flat stays flat to the bit, whatever the scale.
+    let inner = Box::new(Bsdf::Diffuse { reflectance: Texture::scalar(0.5) });
+    let map = Texture::rgb([0.5, 0.75, 1.0]);
+    let (_dir, xml, _) = exported(vec![Bsdf::NormalMap { map, scale: 0.5, inner: inner.clone() }]).expect("exportable");
+    assert!(xml.contains("<rgb name=\"normalmap\" value=\"0.5, 0.625, 1.0\"/>"), "{xml}");
+    let map = Texture::Checkerboard { color0: [0.5, 0.5, 1.0], color1: [0.0, 1.0, 1.0], scale: [2.0; 2] };
+    let (_dir, xml, _) = exported(vec![Bsdf::NormalMap { map, scale: 0.7, inner: inner.clone() }]).expect("exportable");
+    let (flat, other) = ("\"color0\" value=\"0.5, 0.5, 1.0\"", "\"color1\" value=\"0.15, 0.85, 1.0\"");
+    assert!(xml.contains(flat) && xml.contains(other), "{xml}");
+    let map = Texture::VertexColor { scale: [1.0; 3], channel: None };
+    let error = exported(vec![Bsdf::NormalMap { map, scale: 0.5, inner }]).expect_err("refused").to_string();
+    assert!(error.contains("a normal map of vertex colours with a scale"), "{error}");
+}
+
+#[test]
+fn what_a_map_that_mirrors_turns_there_is_turned_back() {
+    let diffuse = || vec![Bsdf::Diffuse { reflectance: Texture::scalar(0.5) }];
+    let mut mirror = IDENTITY;
+    mirror[0][0] = -2.0;
+    let flips = |to_world, normals| {
+        let (_dir, xml, _) = placed(diffuse(), to_world, normals).expect("exportable");
+        xml.contains("flip_normals")
+    };
+    let up = || Some(vec![[0.0, 0.0, 1.0]; 3]);
+    assert_eq!([flips(mirror, None), flips(mirror, up()), flips(IDENTITY, None)], [true, false, false]);
+}
+
+#[test]
+fn passages_through_masks_are_no_part_of_a_paths_length() {
+    let diffuse = || Bsdf::Diffuse { reflectance: Texture::scalar(0.5) };
+    let mask = Bsdf::Mask { opacity: Texture::scalar(0.5), inner: Box::new(diffuse()) };
+    let (_dir, xml, _) = exported(vec![diffuse()]).expect("exportable");
+    assert!(xml.contains("<integrator type=\"path\">"), "{xml}");
+    let (_dir, xml, _) = exported(vec![Bsdf::TwoSided { inner: Box::new(mask) }]).expect("exportable");
+    assert!(xml.contains("<integrator type=\"volpath\">"), "{xml}");
 }
 
 #[test]

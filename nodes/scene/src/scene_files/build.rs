@@ -9,9 +9,9 @@ use super::{
 };
 use crate::{
     assets::{Allowance, BlobSet, damaged, ending, picture, radiance},
-    geom::{compose, determinant},
+    geom::{compose, determinant, dot, length},
 };
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use tauflow_contract::Digest;
 use tauflow_data::{
     Image,
@@ -58,6 +58,8 @@ pub struct Builder<'a> {
     pub materials: Vec<Bsdf>,
     /// The emitters.
     pub emitters: Vec<Emitter>,
+    /// Keys of the meshes whose files give them no normals, or whose normals are not to be used.
+    pub bare: BTreeSet<String>,
     pictures: BTreeMap<(String, bool, Channels), Option<(Digest, f32)>>,
     meshes: BTreeMap<String, Option<(Digest, usize)>>,
     left: Allowance,
@@ -80,6 +82,7 @@ impl<'a> Builder<'a> {
             shapes: Vec::new(),
             materials: Vec::new(),
             emitters: Vec::new(),
+            bare: BTreeSet::new(),
             pictures: BTreeMap::new(),
             meshes: BTreeMap::new(),
             left: Allowance::of(bytes),
@@ -283,7 +286,7 @@ pub fn mirror(builder: &mut Builder<'_>, camera: &mut Camera) {
         }
     }
     [&mut camera.origin, &mut camera.target, &mut camera.up].into_iter().for_each(flip);
-    if builder.materials.iter().any(bends) {
+    if builder.materials.iter().any(|bsdf| holds(bsdf, |b| matches!(b, Bsdf::NormalMap { .. }))) {
         let at = Place::file("scene");
         builder.problems.approximated(
             &at,
@@ -298,13 +301,24 @@ pub fn mirrors(map: &Affine) -> bool {
     determinant(map) < 0.0
 }
 
-fn bends(bsdf: &Bsdf) -> bool {
-    match bsdf {
-        Bsdf::NormalMap { .. } => true,
-        Bsdf::Mask { inner, .. } | Bsdf::TwoSided { inner } => bends(inner),
-        Bsdf::Blend { a, b, .. } => bends(a) || bends(b),
-        _ => false,
-    }
+/// True for a map that scales evenly, which leaves a sphere a sphere.
+pub fn even(map: &Affine) -> bool {
+    let column = |c: usize| [0, 1, 2].map(|r: usize| map[r][c]);
+    let axes = [column(0), column(1), column(2)];
+    let scale = length(axes[0]);
+    let pairs = [(0, 1), (1, 2), (2, 0)];
+    axes.iter().all(|a| (length(*a) - scale).abs() <= 1e-6 * scale)
+        && pairs.iter().all(|(a, b): &(usize, usize)| dot(axes[*a], axes[*b]).abs() <= 1e-6 * scale * scale)
+}
+
+/// True for a material that `is` of a kind, or has such a one inside.
+pub fn holds(bsdf: &Bsdf, is: fn(&Bsdf) -> bool) -> bool {
+    is(bsdf)
+        || match bsdf {
+            Bsdf::Mask { inner, .. } | Bsdf::TwoSided { inner } | Bsdf::NormalMap { inner, .. } => holds(inner, is),
+            Bsdf::Blend { a, b, .. } => holds(a, is) || holds(b, is),
+            _ => false,
+        }
 }
 
 /// Field of view along x of one that is given along another axis of a film.

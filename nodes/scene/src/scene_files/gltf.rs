@@ -173,10 +173,6 @@ fn meshes(name: &str, bytes: &[u8], externals: &Externals, build: &mut Builder<'
         Err(refusal) => return build.problems.refuse(&at, name, &refusal),
     };
     for note in report.notes {
-        // A frame is all that strays decide, and no frame is left here. Lights are read here.
-        if note.contains("strays") || note == "lights are left out" {
-            continue;
-        }
         build.problems.approximated(&at, note, "export the scene without it");
     }
     for (what, count) in report.repairs {

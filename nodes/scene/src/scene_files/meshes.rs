@@ -3,11 +3,11 @@
 use super::ply::Read;
 use crate::{
     assets::{Refusal, damaged},
-    geom::{Vec3, add, cross, dot, length, mul, sub, unit},
+    geom::{Vec3, add, cross, determinant, dot, length, mul, sub, unit},
 };
 use flate2::read::ZlibDecoder;
 use std::{collections::BTreeMap, io::Read as _};
-use tauflow_data::{maths, mesh::Mesh};
+use tauflow_data::{maths, mesh::Mesh, scene::Affine};
 
 /// Most vertices and triangles of a mesh: what a blob can number.
 pub const MOST: usize = (1 << 24) - 1;
@@ -139,13 +139,20 @@ pub fn serialized(bytes: &[u8], index: usize) -> Result<Read, Refusal> {
     checked(Read { mesh, attributes })
 }
 
-/// Gives a mesh vertex normals: those of its triangles, weighted by their angles.
+/// Gives a mesh vertex normals: those of its triangles, weighted by their angles, where a map puts it.
+///
+/// They face as the triangles do in the mesh's own space, whether the map mirrors or not.
 ///
 /// Source: Thürmer and Wüthrich, *Computing Vertex Normals from Polygonal Facets*, 1998, as in Mitsuba.
-pub fn smooth(mesh: &mut Mesh) {
+pub fn smooth(mesh: &mut Mesh, map: &Affine) {
+    let linear = map.map(|[a, b, c, _]| [a, b, c]);
+    let placed = |p: [f32; 3]| linear.map(|row| dot(row, p.map(f64::from)));
+    // The transpose takes a normal in the world back to the mesh's own.
+    let back = |n: Vec3| [0, 1, 2].map(|c: usize| dot([linear[0][c], linear[1][c], linear[2][c]], n));
+    let side = if determinant(map) < 0.0 { -1.0 } else { 1.0 };
     let mut sums = vec![[0.0f64; 3]; mesh.positions.len()];
     for triangle in &mesh.triangles {
-        let p = triangle.map(|i| mesh.positions[i as usize].map(f64::from));
+        let p = triangle.map(|i| placed(mesh.positions[i as usize]));
         let normal = cross(sub(p[1], p[0]), sub(p[2], p[0]));
         let size = length(normal);
         if !(size > 0.0 && size.is_finite()) {
@@ -158,7 +165,7 @@ pub fn smooth(mesh: &mut Mesh) {
             *at = add(*at, mul(normal, angle / size));
         }
     }
-    mesh.normals = Some(sums.into_iter().map(|n| unit(n).map(|v| v as f32)).collect());
+    mesh.normals = Some(sums.into_iter().map(|n| mul(unit(back(unit(n))), side).map(|v| v as f32)).collect());
 }
 
 /// A surface over u and v in 0 to 1: places and normals on a grid of this many cells.
@@ -228,8 +235,10 @@ pub fn ring(radius: f64, inner: f64, z: f64, sweep: f64) -> Mesh {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geom::scaling;
     use flate2::{Compression, write::ZlibEncoder};
     use std::io::Write;
+    use tauflow_data::scene::IDENTITY;
 
     #[test]
     fn objects_are_read_with_polygons_and_shared_corners() {
@@ -294,7 +303,32 @@ mod tests {
             triangles: vec![[0, 2, 1]],
             ..Mesh::default()
         };
-        smooth(&mut flat);
+        smooth(&mut flat, &IDENTITY);
         assert_eq!(flat.normals.expect("made")[0], [0.0, 1.0, 0.0]);
+    }
+
+    #[test]
+    fn made_normals_are_those_of_the_mesh_where_it_stands() {
+        // Two sides of a roof: their normals are weighted by the angles at the ridge that the stretched roof has.
+        let roof = |height: f32| Mesh {
+            positions: vec![[0.0, height, 0.0], [-1.0, 0.0, 0.0], [0.0, height, 1.0], [4.0, 0.0, 1.0]],
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            ..Mesh::default()
+        };
+        for height in [2.0, -2.0] {
+            let (mut low, mut high) = (roof(1.0), roof(height));
+            smooth(&mut low, &scaling([1.0, f64::from(height), 1.0]));
+            smooth(&mut high, &IDENTITY);
+            let (low, high) = (low.normals.expect("made"), high.normals.expect("made"));
+            for (low, high) in low.iter().zip(&high) {
+                // A normal goes into the world by the inverse transpose; a mirrored roof's own faces the other way.
+                let there = unit([low[0], low[1] / height, low[2]].map(|v| f64::from(v * height.signum())));
+                assert!(length(sub(there, high.map(f64::from))) < 1e-6, "{there:?} {high:?}");
+            }
+        }
+        let (mut own, mut stretched) = (roof(1.0), roof(1.0));
+        smooth(&mut own, &IDENTITY);
+        smooth(&mut stretched, &scaling([1.0, 2.0, 1.0]));
+        assert_ne!(own.normals, stretched.normals, "angles change with the map");
     }
 }

@@ -9,10 +9,15 @@ use tauflow_data::maths;
 
 /// First wavelength of the table, and its step, in nanometres.
 const FIRST: f64 = 360.0;
+const LAST: f64 = 830.0;
 const STEP: f64 = 5.0;
 
-/// The integral of the second column: what a spectrum of 1 has as luminance before it is divided by it.
-const Y_INTEGRAL: f64 = 106.856_895;
+/// Wavelengths at which Mitsuba looks a spectrum up, both ends of the table included, and what it multiplies their sum
+/// by: its step is 470 nm by this number, and its norms are its own.
+const STEPS: u32 = 1000;
+const STEP_OF_SUM: f64 = (LAST - FIRST) / 1000.0;
+const Y_NORM: f64 = 1.0 / 106.750_259_399_414_06;
+const D65_NORM: f64 = 1.0 / 98.997_417_518_762_55;
 
 /// Matching functions x, y, z.
 #[rustfmt::skip]
@@ -91,14 +96,15 @@ fn rgb([x, y, z]: [f64; 3]) -> [f64; 3] {
     ]
 }
 
-/// Linear RGB of a spectrum, which is looked up every nanometre; a spectrum of 1 has luminance 1.
+/// Linear RGB of a spectrum.
 fn integrated(of: impl Fn(f64) -> f64) -> [f64; 3] {
     let mut xyz = [0.0; 3];
-    for nanometre in 0..=470u32 {
-        let at = f64::from(nanometre) / STEP;
+    for step in 0..STEPS {
+        let nm = FIRST + (LAST - FIRST) * f64::from(step) / f64::from(STEPS - 1);
+        let at = (nm - FIRST) / STEP;
         let low = (at as usize).min(CIE.len() - 2);
         let share = at - low as f64;
-        let value = of(FIRST + f64::from(nanometre)) / Y_INTEGRAL;
+        let value = of(nm) * STEP_OF_SUM * Y_NORM;
         for (c, sum) in xyz.iter_mut().enumerate() {
             *sum += value * (CIE[low][c] * (1.0 - share) + CIE[low + 1][c] * share);
         }
@@ -120,20 +126,20 @@ fn looked_up(points: &[(f64, f64)], nm: f64) -> f64 {
     }
 }
 
-/// Linear RGB of a surface, or of an index, whose spectrum has these values at wavelengths, under daylight.
+/// Linear RGB of a surface, or of an index, whose spectrum has these values at wavelengths, under daylight. By
+/// Mitsuba's norms a spectrum of 1 comes to 0.9989.
 pub fn under_daylight(points: &[(f64, f64)]) -> [f64; 3] {
     let daylight = |nm: f64| {
         let at = ((nm - FIRST) / STEP).clamp(0.0, 94.0);
         let low = (at as usize).min(D65.len() - 2);
-        D65[low] + (D65[low + 1] - D65[low]) * (at - low as f64)
+        D65_NORM * (D65[low] + (D65[low + 1] - D65[low]) * (at - low as f64))
     };
-    let white = luminance(integrated(daylight));
-    integrated(|nm| daylight(nm) * looked_up(points, nm) / white).map(|v| v.max(0.0))
+    integrated(|nm| daylight(nm) * looked_up(points, nm)).map(|v| v.max(0.0))
 }
 
-/// Linear RGB of light of the same power at all wavelengths.
+/// Linear RGB of light of the same power at all wavelengths: the white of CIE XYZ.
 pub fn equal_energy() -> [f64; 3] {
-    integrated(|_| 1.0)
+    rgb([1.0; 3])
 }
 
 /// Linear RGB of a black body, radiance in W / (m^2 sr nm).
@@ -255,19 +261,21 @@ mod tests {
 
     #[test]
     fn spectra_have_the_colours_that_mitsuba_gives_them() {
-        // `<spectrum value="2"/>` of an emitter, and two lists, in Mitsuba 3.9.1's `scalar_rgb`.
-        near(equal_energy().map(|v| 2.0 * v), [2.40959, 1.89658, 1.81783], 1e-3);
-        near(tabulated(&[(400.0, 0.0), (500.0, 1.0), (700.0, 2.0)]), [1.99488, 1.17634, 0.378152], 2e-3);
-        near(tabulated(&[(400.0, 1.0), (700.0, 1.0)]), [1.19969, 0.94952, 0.903443], 2e-3);
+        // `<spectrum value="2"/>` of an emitter, and lists, in Mitsuba 3.9.1's `scalar_rgb`.
+        near(equal_energy().map(|v| 2.0 * v), [2.409_587_86, 1.896_582, 1.817_832_12], 1e-6);
+        near(tabulated(&[(400.0, 0.0), (500.0, 1.0), (700.0, 2.0)]), [1.994_88, 1.176_34, 0.378_152], 5e-6);
+        near(tabulated(&[(300.0, 1.0), (900.0, 1.0)]), [1.204_883_69, 0.948_228_18, 0.909_266_83], 1e-6);
     }
 
     #[test]
     fn surfaces_and_indices_are_seen_by_daylight() {
-        // A reflectance and an index, as above.
+        // Reflectances, as above.
         let points = [(400.0, 0.1), (500.0, 0.5), (700.0, 0.9)];
-        near(under_daylight(&points), [0.775406, 0.593508, 0.277033], 3e-3);
-        near(under_daylight(&[(400.0, 1.0), (500.0, 1.5), (700.0, 2.0)]), [1.84018, 1.61667, 1.21684], 3e-3);
-        near(under_daylight(&[(300.0, 0.5), (900.0, 0.5)]), [0.5; 3], 2e-3);
+        near(under_daylight(&points), [0.775_404_81, 0.593_508_48, 0.277_033_36], 1e-6);
+        let points = [(400.0, 0.1), (500.0, 0.5), (600.0, 0.6), (700.0, 0.3)];
+        near(under_daylight(&points), [0.546_965_24, 0.560_728_55, 0.285_088_9], 1e-6);
+        near(under_daylight(&[(300.0, 0.5), (900.0, 0.5)]), [0.499_492_65, 0.499_436_86, 0.499_400_79], 1e-6);
+        near(under_daylight(&[(400.0, 1.0), (500.0, 1.5), (700.0, 2.0)]), [1.840_18, 1.616_67, 1.216_84], 1e-5);
     }
 
     #[test]

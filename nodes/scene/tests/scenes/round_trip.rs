@@ -1,4 +1,5 @@
-//! Scenes of all strata, written for Mitsuba and read again: the same up to the normal forms of the manual.
+//! Scenes of all strata, written for Mitsuba and read again: the same up to the normal forms of the manual, and the
+//! same pictures.
 
 use crate::support::{load, source};
 use serde_json::json;
@@ -6,26 +7,44 @@ use std::{
     collections::{BTreeMap, BTreeSet},
     sync::atomic::AtomicBool,
 };
-use tauflow_contract::{Context, Digest, MemoryBlobs, Silent};
+use tauflow_contract::{Context, Digest, KindError, MemoryBlobs, Silent};
 use tauflow_data::{
-    Image, Stratum,
+    Image, Resolution, Stratum,
     mesh::Mesh,
     mitsuba::{Film, export},
     records::SceneRecord,
     scene::{Bsdf, DELTA_ALPHA, Emitter, Geometry, Scene, Texture},
 };
+use tauflow_render::{render::Renderer, world::World};
 use tauflow_scene::{Options, load_scene};
+
+/// The kind that makes the scenes, and how many it takes for one of each stratum.
+const SCENES: (&str, usize) = ("scene_generation", 12);
+
+/// Pixels along a side, and samples a pixel.
+const SIDE: u32 = 32;
+const SPP: u64 = 4;
 
 /// Brings scenes into the normal form: what an export and an import leave.
 struct Normal<'a> {
     load: &'a dyn Fn(&Digest) -> Vec<u8>,
-    /// What each mesh has to be painted with: the colours that its material reads.
-    tints: Vec<Option<([f32; 3], Option<u8>)>>,
+    /// The pictures that it made.
+    made: BTreeMap<Digest, Vec<u8>>,
+    /// What the mesh in hand has to be painted with: the colours that its material reads.
+    tint: Option<([f32; 3], Option<u8>)>,
+    /// True once a factor was worked into values, which rounds them otherwise than the renderer does.
+    rounded: bool,
 }
 
 impl Normal<'_> {
-    /// A picture of three channels with its factor and channel worked into it.
-    fn picture(&self, digest: &Digest, scale: &[f32; 3], channel: Option<u8>) -> Digest {
+    fn put(&mut self, bytes: Vec<u8>) -> Digest {
+        let digest = Digest::of(&bytes);
+        self.made.insert(digest, bytes);
+        digest
+    }
+
+    /// A picture of three channels, each `of` what it was.
+    fn picture(&mut self, digest: &Digest, channel: Option<u8>, of: impl Fn(f32, usize) -> f32) -> Digest {
         let image = Image::from_bytes(&(self.load)(digest)).expect("a picture");
         let count = image.channels();
         let value = |t: &[f32], c: usize| match (channel.map(usize::from), count) {
@@ -34,71 +53,102 @@ impl Normal<'_> {
             (None, 1) => t[0],
             (None, _) => t[c],
         };
-        let data = image.data().chunks_exact(count).flat_map(|t| [0, 1, 2].map(|c| value(t, c) * scale[c])).collect();
-        Digest::of(&Image::from_data(image.width(), image.height(), 3, data).expect("fits").to_bytes())
+        let data = image.data().chunks_exact(count).flat_map(|t| [0, 1, 2].map(|c| of(value(t, c), c))).collect();
+        self.put(Image::from_data(image.width(), image.height(), 3, data).expect("fits").to_bytes())
     }
 
-    fn texture(&mut self, texture: &Texture) -> Texture {
+    fn texture(&mut self, texture: &mut Texture) {
         match texture {
-            Texture::Bitmap { image, uv, scale, channel, clamp } => {
-                let image = self.picture(image, scale, *channel);
-                Texture::Bitmap { image, uv: *uv, scale: [1.0; 3], channel: None, clamp: *clamp }
+            Texture::Bitmap { image, scale, channel, .. } => {
+                self.rounded |= *scale != [1.0; 3];
+                let by = std::mem::replace(scale, [1.0; 3]);
+                *image = self.picture(image, channel.take(), |value, c| value * by[c]);
             }
             Texture::VertexColor { scale, channel } => {
-                self.tints.push(Some((*scale, *channel)));
-                Texture::VertexColor { scale: [1.0; 3], channel: None }
+                self.rounded |= *scale != [1.0; 3];
+                self.tint = Some((std::mem::replace(scale, [1.0; 3]), channel.take()));
             }
             Texture::Product { a, b } => {
-                let (a, b) = (self.texture(a), self.texture(b));
-                let ((Texture::Constant { value }, other) | (other, Texture::Constant { value })) = (a, b) else {
+                self.rounded = true;
+                let mut factors = [a, b].map(|factor| std::mem::replace(&mut **factor, Texture::scalar(1.0)));
+                factors.sort_by_key(|factor| !matches!(factor, Texture::Constant { .. }));
+                let [Texture::Constant { value }, mut other] = factors else {
                     panic!("the exporter refuses products of two pictures")
                 };
-                let times = |c: [f32; 3]| [0, 1, 2].map(|i: usize| c[i] * value[i]);
-                match other {
-                    Texture::Constant { value } => Texture::Constant { value: times(value) },
-                    Texture::Checkerboard { color0, color1, scale } => {
-                        Texture::Checkerboard { color0: times(color0), color1: times(color1), scale }
-                    }
-                    other => other,
+                let times = |c: &mut [f32; 3]| (0..3).for_each(|i| c[i] *= value[i]);
+                match &mut other {
+                    Texture::Constant { value } => times(value),
+                    Texture::Checkerboard { color0, color1, .. } => [color0, color1].into_iter().for_each(times),
+                    Texture::Bitmap { scale, .. } | Texture::VertexColor { scale, .. } => times(scale),
+                    Texture::Product { .. } => panic!("a product in a product"),
                 }
+                *texture = other;
+                self.texture(texture);
             }
-            same => same.clone(),
+            Texture::Constant { .. } | Texture::Checkerboard { .. } => {}
         }
     }
 
-    fn bsdf(&mut self, bsdf: &Bsdf) -> Bsdf {
-        let alpha = |alpha: f32| if alpha < DELTA_ALPHA { 0.0 } else { alpha };
-        match bsdf.clone() {
-            Bsdf::Diffuse { reflectance } => Bsdf::Diffuse { reflectance: self.texture(&reflectance) },
-            Bsdf::Conductor { eta, k, alpha: a, specular_reflectance: r } => {
-                Bsdf::Conductor { eta, k, alpha: alpha(a), specular_reflectance: self.texture(&r) }
+    fn bsdf(&mut self, bsdf: &mut Bsdf) {
+        let smooth = |alpha: &mut f32| *alpha = if *alpha < DELTA_ALPHA { 0.0 } else { *alpha };
+        match bsdf {
+            Bsdf::Diffuse { reflectance } => self.texture(reflectance),
+            Bsdf::Conductor { alpha, specular_reflectance, .. } => {
+                smooth(alpha);
+                self.texture(specular_reflectance);
             }
-            Bsdf::Dielectric { int_ior, ext_ior, alpha: a, specular_reflectance: r, specular_transmittance: t } => {
-                let (specular_reflectance, specular_transmittance) = (self.texture(&r), self.texture(&t));
-                Bsdf::Dielectric { int_ior, ext_ior, alpha: alpha(a), specular_reflectance, specular_transmittance }
+            Bsdf::Dielectric { alpha, specular_reflectance, specular_transmittance, .. } => {
+                smooth(alpha);
+                [specular_reflectance, specular_transmittance].into_iter().for_each(|t| self.texture(t));
             }
-            Bsdf::Plastic { diffuse_reflectance: r, int_ior, ext_ior, alpha: a } => {
-                Bsdf::Plastic { diffuse_reflectance: self.texture(&r), int_ior, ext_ior, alpha: alpha(a) }
+            Bsdf::ThinDielectric { specular_reflectance, specular_transmittance, .. } => {
+                [specular_reflectance, specular_transmittance].into_iter().for_each(|t| self.texture(t));
             }
-            Bsdf::TwoSided { inner } => Bsdf::TwoSided { inner: Box::new(self.bsdf(&inner)) },
+            Bsdf::Plastic { diffuse_reflectance, alpha, .. } => {
+                smooth(alpha);
+                self.texture(diffuse_reflectance);
+            }
+            Bsdf::Principled { base_color, metallic, roughness, spec_trans, .. } => {
+                [base_color, metallic, roughness, spec_trans].into_iter().for_each(|t| self.texture(t));
+            }
             Bsdf::Mask { opacity, inner } => {
-                Bsdf::Mask { opacity: self.texture(&opacity), inner: Box::new(self.bsdf(&inner)) }
+                self.texture(opacity);
+                self.bsdf(inner);
             }
             Bsdf::Blend { weight, a, b } => {
-                let weight = self.texture(&weight);
-                Bsdf::Blend { weight, a: Box::new(self.bsdf(&a)), b: Box::new(self.bsdf(&b)) }
+                self.texture(weight);
+                [a, b].into_iter().for_each(|inner| self.bsdf(inner));
             }
-            other => other,
+            Bsdf::NormalMap { map, scale, inner } => {
+                let by = std::mem::replace(scale, 1.0);
+                match map {
+                    Texture::Bitmap { image, channel, scale, .. } if by != 1.0 => {
+                        self.rounded = true;
+                        let factor = std::mem::replace(scale, [1.0; 3]);
+                        let bent = |value: f32, c: usize| match value * factor[c] {
+                            value if c < 2 => by * (value - 0.5) + 0.5,
+                            value => value,
+                        };
+                        *image = self.picture(image, channel.take(), bent);
+                    }
+                    map => {
+                        assert_eq!(by, 1.0, "maps that are no pictures have a test of their own");
+                        self.texture(map);
+                    }
+                }
+                self.bsdf(inner);
+            }
+            Bsdf::TwoSided { inner } => self.bsdf(inner),
         }
     }
 
     fn scene(&mut self, scene: &Scene) -> Scene {
         let mut out = Scene { seed: 0, materials: Vec::new(), ..scene.clone() };
         for shape in &mut out.shapes {
-            self.tints.clear();
-            let bsdf = self.bsdf(&scene.materials[shape.material]);
-            shape.emission = shape.emission.as_ref().map(|texture| self.texture(texture));
-            let tint = self.tints.first().copied().flatten();
+            self.tint = None;
+            let mut bsdf = scene.materials[shape.material].clone();
+            self.bsdf(&mut bsdf);
+            shape.emission.iter_mut().for_each(|texture| self.texture(texture));
             shape.material = out.materials.iter().position(|b| *b == bsdf).unwrap_or_else(|| {
                 out.materials.push(bsdf);
                 out.materials.len() - 1
@@ -106,6 +156,7 @@ impl Normal<'_> {
             if let Geometry::Mesh { mesh } = &mut shape.geometry {
                 let mut own = Mesh::from_bytes(&(self.load)(mesh)).expect("a mesh");
                 own.tangents = None;
+                let tint = self.tint.take();
                 own.colors = tint.map(|(scale, channel)| {
                     let white = vec![[1.0; 4]; own.positions.len()];
                     let of = own.colors.take().unwrap_or(white);
@@ -113,24 +164,44 @@ impl Normal<'_> {
                     let tinted = |c: &[f32; 4]| [0, 1, 2].map(|i: usize| value(*c, i) * scale[i]);
                     of.iter().map(tinted).map(|[r, g, b]| [r, g, b, 1.0]).collect()
                 });
-                *mesh = Digest::of(&own.to_bytes().expect("as before"));
+                *mesh = self.put(own.to_bytes().expect("as before"));
             }
         }
         for emitter in &mut out.emitters {
             if let Emitter::Envmap { image, .. } = emitter {
-                *image = self.picture(image, &[1.0; 3], None);
+                *image = self.picture(image, None, |value, _| value);
             }
         }
         out
     }
 }
 
+/// A small picture of a scene, of one stream of random numbers.
+fn rendered(scene: &Scene, load: &dyn Fn(&Digest) -> Vec<u8>) -> Image {
+    let world = World::new(scene, &mut |digest: &Digest| -> Result<Vec<u8>, KindError> { Ok(load(digest)) });
+    let world = world.expect("a sound scene");
+    let renderer = Renderer::new(&world, Resolution::new(SIDE, SIDE).expect("small"), 7).expect("a film of that size");
+    let mut film = renderer.begin();
+    renderer.advance(&mut film, SPP, &mut |_| Ok(())).expect("nothing stops it");
+    assert_eq!(film.rejected, 0);
+    film.mean()
+}
+
+/// The share of pixels that differ by more than this part of their value, and the difference of the means.
+fn differing(a: &Image, b: &Image, part: f32) -> (f64, f64) {
+    let pixels = a.data().chunks_exact(3).zip(b.data().chunks_exact(3));
+    let off =
+        pixels.filter(|(a, b)| a.iter().zip(*b).any(|(a, b)| (a - b).abs() > part * a.abs().max(b.abs()))).count();
+    let sum = |image: &Image| image.data().iter().map(|v| f64::from(*v)).sum::<f64>();
+    (off as f64 / f64::from(SIDE * SIDE), sum(b) / sum(a) - 1.0)
+}
+
 #[test]
-fn diffuse_scenes_come_back_from_mitsubas_format() {
+fn scenes_of_all_strata_come_back_from_mitsubas_format() {
     let blobs = MemoryBlobs::default();
-    let scenes =
-        source(&blobs, "scene_generation", json!({ "pool": 12, "regimes": ["L0"] }), &BTreeMap::new()).remove("scenes");
-    let (stop, mut strata) = (AtomicBool::new(false), BTreeSet::new());
+    let (kind, pool) = SCENES;
+    let scenes = source(&blobs, kind, json!({ "pool": pool }), &BTreeMap::new()).remove("scenes");
+    let (stop, mut strata, mut exact) = (AtomicBool::new(false), BTreeSet::new(), 0);
     let ctx = Context::new(&blobs, &Silent, &stop);
     for (key, artifact) in &scenes.expect("the port").items {
         let scene = load::<SceneRecord>(&blobs, artifact).scene;
@@ -141,7 +212,8 @@ fn diffuse_scenes_come_back_from_mitsubas_format() {
         let read = read.unwrap_or_else(|e| panic!("{key}: {e}"));
         assert_eq!(read.film, Some([320, 200]));
         let load_own = |digest: &Digest| ctx.get(digest).expect("stored");
-        let expected = Normal { load: &load_own, tints: Vec::new() }.scene(&scene);
+        let mut normal = Normal { load: &load_own, made: BTreeMap::new(), tint: None, rounded: false };
+        let expected = normal.scene(&scene);
         let found = Scene { seed: 0, ..read.scene.clone() };
         let text = |scene: &Scene| serde_json::to_string_pretty(scene).expect("it serialises");
         if text(&found) != text(&expected) {
@@ -152,7 +224,17 @@ fn diffuse_scenes_come_back_from_mitsubas_format() {
         }
         // What it names is there, and is what it says.
         assert!(read.scene.blobs().iter().all(|d| read.blobs.get(d).is_some_and(|bytes| Digest::of(bytes) == *d)));
+        let (before, after) = (rendered(&scene, &load_own), rendered(&found, &|d| read.blobs[d].clone()));
+        let (off, bias) = differing(&before, &after, 1e-6);
+        println!("{key}: {} {off:.4} {bias:+.2e}", if normal.rounded { "rounded" } else { "exact" });
+        if normal.rounded {
+            assert!(off <= 1.0 && bias.abs() <= 1.0, "{key}: {off} of the pixels differ, and the mean by {bias}");
+        } else {
+            assert_eq!(before, after, "{key}");
+            exact += 1;
+        }
         strata.insert(Stratum::of_key(key.as_str()).expect("a scene's key").0.to_string());
     }
-    assert_eq!(strata.len(), 3, "{strata:?}");
+    assert_eq!(strata.len(), 12, "{strata:?}");
+    assert!(exact > 0, "no scene without factors: nothing was compared to the bit");
 }

@@ -1,6 +1,6 @@
 //! From pieces in a file's space to meshes in the unit box: repairs, and the frame. Knows nothing of materials.
 
-use super::primitive::Piece;
+use super::{object::Purpose, primitive::Piece};
 use crate::{
     assets::refusal::{Refusal, damaged},
     geom::{Aabb, Vec3, add, cross, length, sub, unit},
@@ -34,7 +34,11 @@ impl Frame {
     ///
     /// # Errors
     /// If no vertex is finite, or all are in one place.
-    pub fn around<'a>(pieces: impl Iterator<Item = &'a Piece>, report: &mut AssetReport) -> Result<Self, Refusal> {
+    pub fn around<'a>(
+        pieces: impl Iterator<Item = &'a Piece>,
+        purpose: Purpose,
+        report: &mut AssetReport,
+    ) -> Result<Self, Refusal> {
         let mut used: Vec<Vec3> = Vec::new();
         for piece in pieces {
             let mut mark = vec![false; piece.positions.len()];
@@ -57,7 +61,7 @@ impl Frame {
         }
         let largest = |b: &Aabb| b.size().into_iter().fold(0.0, f64::max);
         let strays = largest(&core) > 0.0 && largest(&full) > 10.0 * largest(&core);
-        if strays {
+        if strays && purpose == Purpose::Object {
             report.note("strays far from everything else do not count for the size");
         }
         let bounds = if strays { core } else { full };

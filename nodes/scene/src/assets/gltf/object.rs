@@ -28,6 +28,15 @@ const MOST_TRIANGLES: usize = 8_000_000;
 /// Most vertices of an object: those of as many triangles that share none.
 const MOST_VERTICES: usize = 3 * MOST_TRIANGLES;
 
+/// What a file is read for, which decides what of it is left out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// An object to put into scenes: it brings no lights, and its size is that of most of it.
+    Object,
+    /// A scene: the caller reads its lights, and undoes the frame that the size decides.
+    Scene,
+}
+
 /// Reads an object; its blobs go to `blobs`, images reduced to `most` texels a side.
 ///
 /// # Errors
@@ -39,10 +48,11 @@ pub fn read(
     blobs: &mut BlobSet,
     report: &mut AssetReport,
 ) -> Result<AssetBody, Refusal> {
-    read_in_place(bytes, externals, most, blobs, report).map(|(body, _)| body)
+    read_as(Purpose::Object, bytes, externals, most, blobs, report).map(|(body, _)| body)
 }
 
-/// As [`read`], with the map from the file's own space into the unit box: an even scale, and a shift.
+/// As [`read`], but as the surfaces of a scene, and with the map from the file's own space into the unit box: an even
+/// scale, and a shift.
 ///
 /// # Errors
 /// As [`read`].
@@ -53,9 +63,20 @@ pub fn read_in_place(
     blobs: &mut BlobSet,
     report: &mut AssetReport,
 ) -> Result<(AssetBody, Affine), Refusal> {
+    read_as(Purpose::Scene, bytes, externals, most, blobs, report)
+}
+
+fn read_as(
+    purpose: Purpose,
+    bytes: &[u8],
+    externals: &Externals,
+    most: usize,
+    blobs: &mut BlobSet,
+    report: &mut AssetReport,
+) -> Result<(AssetBody, Affine), Refusal> {
     let document = Document::open(bytes, externals)?;
     note_what_is_left_out(&document, report);
-    let mut pose = Pose::of(&document, report)?;
+    let mut pose = Pose::of(&document, purpose, report)?;
     let instances = std::mem::take(&mut pose.instances);
     let mut materials = Materials::new(&document, most);
     let mut pieces: Vec<(Option<usize>, Piece)> = Vec::new();
@@ -98,7 +119,7 @@ pub fn read_in_place(
     if triangles == 0 {
         return Err(Refusal::new("scene", "it shows no triangles", "export a file with a mesh in its default scene"));
     }
-    let frame = Frame::around(pieces.iter().map(|(_, piece)| piece), report)?;
+    let frame = Frame::around(pieces.iter().map(|(_, piece)| piece), purpose, report)?;
     let (mut parts, mut dropped, mut bounds) = (Vec::new(), 0, crate::geom::Aabb::EMPTY);
     for (number, (material, piece)) in pieces.into_iter().enumerate() {
         let sets = piece.sets.clone();

@@ -6,6 +6,7 @@
 use super::{
     accessor::{self, Values},
     container::Document,
+    object::Purpose,
 };
 use crate::{
     assets::{
@@ -153,7 +154,7 @@ impl Pose {
     /// # Errors
     /// If a node is not there, is its own ancestor, has two parents or no finite transform, or stands for too many
     /// instances.
-    pub fn of(document: &Document<'_>, report: &mut AssetReport) -> Result<Self, Refusal> {
+    pub fn of(document: &Document<'_>, purpose: Purpose, report: &mut AssetReport) -> Result<Self, Refusal> {
         let root = &document.root;
         let mut seen: Vec<Option<Affine>> = vec![None; root.nodes.len()];
         let mut instances = Vec::new();
@@ -170,7 +171,8 @@ impl Pose {
             if !map.iter().flatten().all(|v| v.is_finite()) {
                 return Err(damaged(place, "its transform is not finite"));
             }
-            if node.extensions.as_ref().is_some_and(|e| e.others.contains_key("KHR_lights_punctual")) {
+            let shines = node.extensions.as_ref().is_some_and(|e| e.others.contains_key("KHR_lights_punctual"));
+            if shines && purpose == Purpose::Object {
                 report.note("lights are left out");
             }
             if let Some(mesh) = node.mesh.map(|mesh| mesh.value()) {

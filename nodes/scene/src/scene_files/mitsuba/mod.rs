@@ -13,14 +13,14 @@ mod values;
 pub(super) use values::rotation;
 
 use super::{
-    build::{Builder, mirror},
+    build::{Builder, holds, mirror},
     given::Given,
     problems::{Place, Problems},
     spectra,
 };
 use crate::geom::Vec3;
 use std::collections::{BTreeMap, BTreeSet};
-use tauflow_data::scene::{Affine, IDENTITY};
+use tauflow_data::scene::{Affine, Bsdf, IDENTITY};
 use tree::{Plugin, Property, Transform, Tree, Value};
 
 /// A material, and the attributes of meshes that it reads: as colours, and as a number.
@@ -81,7 +81,7 @@ impl<'t> Reader<'t, '_, '_> {
     fn scene(&mut self, name: &str, view: usize) -> Said {
         let mut said = Said { camera: None, max_depth: super::build::ENDLESS, film: [768, 576] };
         let Some(scene) = self.tree.plugins.last() else { return said };
-        let (mut sensors, mut integrators, mut mirrored) = (0, 0, false);
+        let (mut sensors, mut integrators, mut mirrored) = (0, Vec::new(), false);
         for property in &scene.properties {
             let Some(plugin) = self.resolved(property) else {
                 self.build.problems.error(&property.at, "a value outside of any plugin", "take it out");
@@ -99,7 +99,7 @@ impl<'t> Reader<'t, '_, '_> {
                     sensors += 1;
                 }
                 "integrator" => {
-                    integrators += 1;
+                    integrators.push(plugin);
                     said.max_depth = self.integrator(plugin);
                 }
                 // Of these only those are looked at that something refers to.
@@ -108,8 +108,10 @@ impl<'t> Reader<'t, '_, '_> {
             }
         }
         let at = Place::file(name);
-        if integrators > 1 {
-            self.build.problems.error(&at, "several integrators", "leave one of them");
+        match integrators.as_slice() {
+            [one] if said.max_depth < super::build::ENDLESS => self.count_passages(one),
+            [] | [_] => {}
+            _ => self.build.problems.error(&at, "several integrators", "leave one of them"),
         }
         if sensors > 0 && view >= sensors {
             let what = format!("there is no sensor {view}: it has {sensors}, counted from 0");
@@ -119,6 +121,18 @@ impl<'t> Reader<'t, '_, '_> {
             mirror(self.build, camera);
         }
         said
+    }
+
+    /// Tells of an integrator whose `max_depth` counts passages through what is not opaque: here they cost nothing, as
+    /// with `volpath`.
+    fn count_passages(&mut self, integrator: &'t Plugin) {
+        let opacity = |bsdf: &Bsdf| matches!(bsdf, Bsdf::Mask { .. });
+        let shown = self.build.shapes.iter().any(|shape| holds(&self.build.materials[shape.material], opacity));
+        if shown && !integrator.sort.starts_with("volpath") {
+            let what =
+                format!("`max_depth` of `{}` counts passages through masks, and here they are free", integrator.sort);
+            self.build.problems.approximated(&integrator.at, what, "use `volpath`, where they are free, too");
+        }
     }
 
     /// The plugin that a property is or refers to.

@@ -3,12 +3,24 @@
 use super::{DEEPEST, MOST_VISITS, Material, Plugin, Reader, textures::Role};
 use crate::{
     geom::{compose, cross, length, scaling, sub, translation, unit},
-    scene_files::{build::chained, meshes},
+    scene_files::{
+        build::{chained, even, mirrors},
+        meshes,
+    },
 };
 use tauflow_data::{
     mesh::Mesh,
-    scene::{Affine, Bsdf, Geometry, Shape, Texture},
+    scene::{Affine, Bsdf, Geometry, IDENTITY, Shape, Texture},
 };
+
+/// The form of a shape.
+struct Form {
+    geometry: Geometry,
+    /// Into the shape's own space.
+    local: Affine,
+    /// True if a shape's transform that mirrors turns its normals round.
+    turns: bool,
+}
 
 impl<'t> Reader<'t, '_, '_> {
     /// Adds a shape that stands in a space that `above` maps into the world.
@@ -48,7 +60,8 @@ impl<'t> Reader<'t, '_, '_> {
             }
             _ => {}
         }
-        let map = chained(above, &self.placed(plugin));
+        let own = self.placed(plugin);
+        let map = chained(above, &own);
         let emission = self.emission(plugin);
         let material = self.shape_material(plugin, emission.is_some());
         let mut reads = material.as_ref().map_or([None, None], |m| m.reads.clone());
@@ -58,10 +71,12 @@ impl<'t> Reader<'t, '_, '_> {
             let what = "emission and material by two attributes of vertices are not supported";
             self.build.problems.error(&plugin.at, what, "use one for both");
         }
-        let made = self.geometry(plugin, &reads);
+        let made = self.geometry(plugin, &reads, &own);
         let flip_normals = self.flag(plugin, "flip_normals", false);
         self.finish(plugin);
-        let (Some((geometry, local)), Some(material)) = (made, material) else { return };
+        let (Some(Form { geometry, local, turns }), Some(material)) = (made, material) else { return };
+        // There a shape's own map turns it inside out if it mirrors, but for what has normals of its own.
+        let flip_normals = flip_normals != (turns && mirrors(&own));
         let to_world = chained(&map, &local);
         let emission = match emission {
             Some((Some(texture), _)) => Some(texture),
@@ -105,21 +120,21 @@ impl<'t> Reader<'t, '_, '_> {
         }
     }
 
-    /// The form of a shape, and a map into the shape's own space.
-    fn geometry(&mut self, plugin: &'t Plugin, reads: &[Option<String>; 2]) -> Option<(Geometry, Affine)> {
-        let own = |geometry| Some((geometry, tauflow_data::scene::IDENTITY));
+    /// The form of a shape that its own transform puts where `map` says.
+    fn geometry(&mut self, plugin: &'t Plugin, reads: &[Option<String>; 2], map: &Affine) -> Option<Form> {
+        let own = |geometry, turns| Some(Form { geometry, local: IDENTITY, turns });
         let sort = plugin.sort.as_str();
         if !matches!(sort, "obj" | "ply" | "serialized") && reads.iter().any(Option::is_some) {
             self.build.problems.error(&plugin.at, "vertex attributes on what is no mesh file", "use a PLY file");
         }
         match sort {
-            "rectangle" => own(Geometry::Rectangle),
-            "cube" => own(Geometry::Cube),
-            "disk" => own(Geometry::Disk),
+            "rectangle" => own(Geometry::Rectangle, false),
+            "cube" => own(Geometry::Cube, false),
+            "disk" => own(Geometry::Disk, false),
             "sphere" => {
                 let center = self.vector(plugin, "center").unwrap_or([0.0; 3]);
                 let radius = self.number(plugin, "radius").unwrap_or(1.0);
-                own(Geometry::Sphere { center, radius })
+                own(Geometry::Sphere { center, radius }, true)
             }
             "cylinder" => {
                 let p0 = self.vector(plugin, "p0").unwrap_or([0.0; 3]);
@@ -138,9 +153,9 @@ impl<'t> Reader<'t, '_, '_> {
                 let local = compose(&translation(p0), &compose(&turn, &scaling([radius, radius, size])));
                 let make = |_: &mut _| Some(meshes::cylinder(1.0, [0.0, 1.0], 2.0 * core::f64::consts::PI));
                 let geometry = self.build.mesh("cylinder", &plugin.at, make)?;
-                Some((geometry, local))
+                Some(Form { geometry, local, turns: false })
             }
-            "obj" | "ply" | "serialized" => own(self.file(plugin, sort, reads)?),
+            "obj" | "ply" | "serialized" => self.file(plugin, sort, reads, map),
             _ => {
                 self.unsupported(plugin, "export it as a mesh");
                 // What it is given is of no use to anybody.
@@ -150,7 +165,7 @@ impl<'t> Reader<'t, '_, '_> {
         }
     }
 
-    fn file(&mut self, plugin: &'t Plugin, sort: &str, reads: &[Option<String>; 2]) -> Option<Geometry> {
+    fn file(&mut self, plugin: &'t Plugin, sort: &str, reads: &[Option<String>; 2], map: &Affine) -> Option<Form> {
         let flat = self.flag(plugin, "face_normals", false);
         let turned = self.flag(plugin, "flip_tex_coords", sort == "obj");
         let index = self.number(plugin, "shape_index").unwrap_or(0.0).max(0.0) as usize;
@@ -158,15 +173,21 @@ impl<'t> Reader<'t, '_, '_> {
             self.build.problems.error(&plugin.at, "a mesh without `filename`", "name its file");
             return None;
         };
-        let key = format!("{sort}\n{path}\n{index}\n{flat}\n{turned}\n{reads:?}");
         let at = &plugin.at;
-        self.build.mesh(&key, at, |build| {
+        // Normals that are made are those of the mesh where it stands.
+        let stands = if flat || even(map) { IDENTITY } else { *map };
+        let key = format!("{sort}\n{path}\n{index}\n{flat}\n{turned}\n{reads:?}\n{stands:?}");
+        let geometry = self.build.mesh(&key, at, |build| {
             let read = build.read_mesh(path, sort, index, at)?;
             let mut mesh = read.mesh;
             if flat {
                 mesh.normals = None;
-            } else if mesh.normals.is_none() {
-                meshes::smooth(&mut mesh);
+            }
+            if mesh.normals.is_none() {
+                build.bare.insert(key.clone());
+            }
+            if !flat && mesh.normals.is_none() {
+                meshes::smooth(&mut mesh, &stands);
             }
             if turned {
                 mesh.uvs.iter_mut().flatten().for_each(|uv| uv[1] = 1.0 - uv[1]);
@@ -184,7 +205,8 @@ impl<'t> Reader<'t, '_, '_> {
             let (colors, numbers) = (attribute(&reads[0])?, attribute(&reads[1])?);
             paint(&mut mesh, colors.as_deref(), numbers.as_deref());
             Some(mesh)
-        })
+        })?;
+        Some(Form { geometry, local: IDENTITY, turns: self.build.bare.contains(&key) })
     }
 }
 

@@ -121,7 +121,11 @@ impl<'t> Reader<'t, '_, '_> {
                     (true, true) => {
                         Some(spectra::tabulated(&points)).filter(|c| spectra::luminance(*c) > 0.0).map(even)
                     }
-                    (true, false) => Some(spectra::under_daylight(&points)),
+                    (true, false) => {
+                        // There a spectrum of 1 is white.
+                        let white = spectra::luminance(spectra::under_daylight(&[(300.0, 1.0), (900.0, 1.0)]));
+                        Some(spectra::under_daylight(&points).map(|v| v / white))
+                    }
                 }
             }
             (Values::Texts(v), "spectrum") if v.len() == 1 && light && v[0] == "stdillum-D65" => Some([1.0; 3]),

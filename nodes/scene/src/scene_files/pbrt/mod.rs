@@ -10,7 +10,7 @@ mod shapes;
 mod tokens;
 
 use super::{
-    build::{Builder, ENDLESS, camera, fov_x, mirror, mirrors},
+    build::{Builder, ENDLESS, camera, even, fov_x, mirror, mirrors},
     given::Given,
     mitsuba::{Said, rotation},
     problems::{Place, Problems},
@@ -291,7 +291,7 @@ impl<'t> Reader<'t, '_, '_> {
         let at = &directive.at;
         for shape in shapes.clone() {
             let to_world = compose(&self.state.ctm, &shape.to_world);
-            if matches!(shape.geometry, Geometry::Sphere { .. }) && !shapes::even(&to_world) {
+            if matches!(shape.geometry, Geometry::Sphere { .. }) && !even(&to_world) {
                 let what = "an instance that scales a sphere unevenly is not supported";
                 self.build.problems.error(at, what, "use a mesh in its place");
             }

@@ -4,6 +4,7 @@ use super::{Directive, Reader, materials::reads_uv};
 use crate::{
     geom::{add, compose, cross, dot, length, mul, scaling, sub, translation},
     scene_files::{
+        build::even,
         meshes::{self, ROUND},
         ply::Read,
     },
@@ -213,16 +214,6 @@ impl<'t> Reader<'t, '_, '_> {
         }
         Some(mesh)
     }
-}
-
-/// True for a map that scales evenly, which leaves a sphere a sphere.
-pub(super) fn even(map: &Affine) -> bool {
-    let column = |c: usize| [0, 1, 2].map(|r: usize| map[r][c]);
-    let axes = [column(0), column(1), column(2)];
-    let scale = length(axes[0]);
-    let pairs = [(0, 1), (1, 2), (2, 0)];
-    axes.iter().all(|a| (length(*a) - scale).abs() <= 1e-6 * scale)
-        && pairs.iter().all(|(a, b): &(usize, usize)| dot(axes[*a], axes[*b]).abs() <= 1e-6 * scale * scale)
 }
 
 /// A mesh whose triangles face as their normals do, with pbrt's own texture coordinates where it lacks some that its
