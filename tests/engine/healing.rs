@@ -3,7 +3,10 @@
 use crate::support::Workshop;
 use std::sync::atomic::AtomicBool;
 use std::{collections::BTreeMap, fs, path::Path};
-use tauflow::engine::{self, EngineError, RunOptions, event::Event};
+use tauflow::{
+    engine::{self, EngineError, RunOptions, event::Event},
+    ids::PortId,
+};
 
 /// Blobs of 70 kB have files of their own.
 const PADDED: &str = "
@@ -219,7 +222,7 @@ fn what_is_asked_for_and_lost_is_restored() {
     assert!(matches!(never, EngineError::Request(_)), "{never}");
     let restore = |shop: &Workshop| {
         let stop = AtomicBool::new(false);
-        engine::restore(&pipeline, &shop.store(), (node, 0), &stop, &|_| {}).expect("the store works")
+        engine::restore(&pipeline, &shop.store(), (node, PortId::DEFAULT), &stop, &|_| {}).expect("the store works")
     };
     assert!(restore(&shop).failures.is_empty());
     assert_eq!(shop.numbers(PADDED, "longer"), before);
