@@ -248,8 +248,8 @@ fn collected(report: &GcReport) {
     );
     if report.lost_records > 0 {
         outln!(
-            "{} of the records that stay have lost blobs: who needs these makes them again, and --lost clears the records \
-             away",
+            "{} of the records that stay have lost blobs: what needs these makes them again, and --lost clears the \
+             records away",
             report.lost_records
         );
     }

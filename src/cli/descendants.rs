@@ -1,7 +1,7 @@
 //! The processes below this one: all that an action started, and what that started.
 //!
-//! A group of processes is not enough to end them, because any of them may leave it. None leaves its line of parents, as
-//! long as this process takes in those whose parents end.
+//! A group of processes is not enough to end them, because any of them may leave it. None leaves its line of parents,
+//! as long as this process takes in those whose parents end.
 
 use nix::{
     sys::{
