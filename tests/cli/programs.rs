@@ -7,6 +7,7 @@ use std::{
     fs,
     os::unix::fs::PermissionsExt,
     path::Path,
+    process::{Child, Command},
     thread,
     time::{Duration, Instant},
 };
@@ -171,6 +172,16 @@ fn all_is_gone(place: &Place) {
     assert!(!folder.is_empty() && !Path::new(&folder).parent().expect("it has one").exists(), "{folder}");
 }
 
+/// `exec` of an action whose program stays and has started others.
+fn that_stays(place: &Place, key: &str) -> Child {
+    place.write("stay", "");
+    let path = format!("{}:{}", place.path("bin").display(), std::env::var("PATH").unwrap_or_default());
+    let mut command = place.command(&["exec", key]);
+    let running = command.env("PATH", path).env_remove("RAYON_NUM_THREADS").spawn().expect("it starts");
+    told(&place.path("child"));
+    running
+}
+
 #[test]
 fn a_limit_ends_what_the_programs_of_an_action_started_and_clears_its_folder() {
     let place = with_renderer();
@@ -188,12 +199,8 @@ fn a_limit_ends_what_the_programs_of_an_action_started_and_clears_its_folder() {
 fn ctrl_c_ends_what_the_programs_of_an_action_started() {
     let place = with_renderer();
     let key = rendered(&place, &[]);
-    place.write("stay", "");
-    let path = format!("{}:{}", place.path("bin").display(), std::env::var("PATH").unwrap_or_default());
-    let mut running =
-        place.command(&["exec", &key]).env("PATH", path).env_remove("RAYON_NUM_THREADS").spawn().expect("it starts");
-    told(&place.path("child"));
-    let kill = std::process::Command::new("kill").args(["-INT", &running.id().to_string()]).status();
+    let mut running = that_stays(&place, &key);
+    let kill = Command::new("kill").args(["-INT", &running.id().to_string()]).status();
     assert!(kill.is_ok_and(|status| status.success()));
     assert_eq!(running.wait().expect("our own").code(), Some(130));
     all_is_gone(&place);
@@ -203,18 +210,13 @@ fn ctrl_c_ends_what_the_programs_of_an_action_started() {
 fn a_kill_of_exec_ends_what_the_programs_of_an_action_started() {
     let place = with_renderer();
     let key = rendered(&place, &[]);
-    place.write("stay", "");
-    let path = format!("{}:{}", place.path("bin").display(), std::env::var("PATH").unwrap_or_default());
-    let mut running =
-        place.command(&["exec", &key]).env("PATH", path).env_remove("RAYON_NUM_THREADS").spawn().expect("it starts");
-    told(&place.path("child"));
+    let mut running = that_stays(&place, &key);
     running.kill().expect("our own");
     running.wait().expect("our own");
-    // Nobody tells when: its processes learn of it, and end.
-    let (start, folder) = (Instant::now(), told(&place.path("tmpdir")));
-    let goes_on = |name: &str| lives(&told(&place.path(name)));
-    while goes_on("child") || goes_on("stray") || Path::new(&folder).exists() {
-        assert!(start.elapsed() < Duration::from_secs(60), "they live on");
+    // Nobody tells when: the action's process learns of it, and its folder goes last.
+    let folder = told(&place.path("tmpdir"));
+    let (start, whole) = (Instant::now(), Path::new(&folder).parent().expect("it has one"));
+    while whole.exists() && start.elapsed() < Duration::from_secs(60) {
         thread::sleep(Duration::from_millis(10));
     }
     all_is_gone(&place);
