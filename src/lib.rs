@@ -5,6 +5,7 @@
 pub mod cli;
 pub mod diagnostics;
 pub mod engine;
+pub mod ids;
 pub mod kinds;
 pub mod lock;
 pub mod pipeline;

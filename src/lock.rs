@@ -11,7 +11,10 @@ use std::{
     fs, io,
     path::{Path, PathBuf},
 };
-use tauflow_contract::{Determinism, Digest};
+use tauflow_contract::{Determinism, Digest, read_regular};
+
+/// Most bytes of a lock file: a line for each output of the largest pipeline.
+const MOST_BYTES: u64 = 1 << 26;
 
 /// What a lock file says.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -92,14 +95,15 @@ impl Lock {
     /// # Errors
     /// If it is missing, unreadable or damaged.
     pub fn read(path: &Path) -> Result<Self, LockError> {
-        let text = fs::read_to_string(path).map_err(|source| LockError::Io {
+        let bytes = read_regular(path, MOST_BYTES).map_err(|source| LockError::Io {
             what: "read",
             path: path.to_owned(),
             source,
             hint: "`--update-lock` writes it",
         })?;
-        serde_saphyr::from_str(&text)
-            .map_err(|error| LockError::Parse { path: path.to_owned(), message: error.to_string() })
+        let broken = |message: String| LockError::Parse { path: path.to_owned(), message };
+        let text = str::from_utf8(&bytes).map_err(|error| broken(error.to_string()))?;
+        serde_saphyr::from_str(text).map_err(|error| broken(error.to_string()))
     }
 
     /// Writes it at once.

@@ -7,7 +7,7 @@ pub use tauflow_render::{
     render::{RenderStats, render_image},
 };
 pub use tauflow_scene::{LightUnit, Options, load_scene};
-pub use tauflow_train::{Conditioning, Course, Denoiser, Mirrored, Model, Views, rollout_to};
+pub use tauflow_train::{Conditioning, Course, Denoiser, Mirrored, Model, ModelCalls, Views, rollout_to};
 
 /// Every kind there is.
 pub fn registry() -> Registry {

@@ -7,6 +7,7 @@ mod listing;
 mod new_segment;
 mod plan;
 mod rescue;
+mod segments;
 mod sweep;
 mod trash;
 
@@ -29,8 +30,10 @@ const SWEEP_WAIT: Duration = Duration::from_secs(10);
 /// Always kept: what pins reach, what live stores have written or looked up, and what was recorded or hit within
 /// `keep_within_secs` of `now`. Of the rest, the records that were used least recently go until at most `max_bytes` of
 /// blobs are left; without `max_bytes` all of them go if `keep_within_secs` is given, and none if it is not. Blobs that
-/// no record and no pin reaches always go, and so do records that have lost blobs, unless a live store or a pin holds
-/// them: [`VerifyReport::lost_records`](crate::VerifyReport::lost_records).
+/// no record and no pin reaches always go.
+///
+/// A record that has lost blobs is kept like any other. It still says what came of its action, so that what builds on
+/// that need not run again; who needs the blobs has them made again. With `lost` it goes.
 #[derive(Clone, Debug, Default)]
 pub struct GcOptions {
     /// Bytes of blobs to come down to.
@@ -43,6 +46,9 @@ pub struct GcOptions {
     pub dry_run: bool,
     /// Digests to treat as pinned, this time.
     pub pins: Vec<Digest>,
+    /// Let records go that have [lost](crate::VerifyReport::lost_records) blobs, however recent they are: all but those
+    /// that pins and live stores hold. Their actions run again when somebody asks for what they gave.
+    pub lost: bool,
 }
 
 /// What a collection did, or would do.
@@ -64,6 +70,8 @@ pub struct GcReport {
     pub kept_records: u64,
     /// Records removed.
     pub removed_records: u64,
+    /// Records among those left that have lost blobs.
+    pub lost_records: u64,
     /// Blobs and records that a live store asked for during the collection, and that were given back.
     pub rescued: u64,
     /// Other stores on this folder that are open now.

@@ -187,7 +187,9 @@ impl Store {
                 Err(error) if error.kind() == io::ErrorKind::NotFound => self.refresh().ok()?,
                 _ => {
                     // Damaged since it was indexed.
-                    self.index_mut().records.remove(&slot);
+                    let mut index = self.index_mut();
+                    index.segments[at.segment as usize].damaged += 1;
+                    index.records.remove(&slot);
                     return None;
                 }
             }

@@ -117,12 +117,12 @@ fn record(mut entry: Fields<'_>, segment: u32, names: &[u32]) -> Option<(u32, Ke
     (at.generation <= MOST_GENERATION).then_some((namespace, key, at))
 }
 
-/// Writes the segment's index file. Failure is of no consequence.
+/// Writes the segment's index file. Failure is of no consequence. A damaged segment gets none: it would hide that.
 pub(crate) fn save(index: &Index, number: u32, layout: &Layout) {
-    if !layout.writes {
+    let segment = &index.segments[number as usize];
+    if !layout.writes || segment.damaged > 0 {
         return;
     }
-    let segment = &index.segments[number as usize];
     let (mut names, mut entries, mut count): (Vec<u32>, Vec<u8>, u64) = Default::default();
     match segment.sort {
         Sort::Pack => {

@@ -25,7 +25,8 @@ pub struct VerifyReport {
     /// Records that reach a blob which is not there: their actions run again when needed.
     pub incomplete_records: u64,
     /// Committed ones among them that reach a blob which was there and is not any more. A transient action's outputs,
-    /// and what others say of them, are none: nobody stored them. The next gc clears the records away.
+    /// and what others say of them, are none: nobody stored them. Who needs the blobs has them made again; a gc with
+    /// [`GcOptions::lost`](crate::GcOptions::lost) clears the records away.
     pub lost_records: u64,
     /// Keys for which two processes recorded different payloads at the same time; the older record stands.
     pub conflicts: Vec<(String, Key)>,
@@ -90,6 +91,12 @@ impl Store {
             }
         }
         Ok(report)
+    }
+
+    /// Damaged places of logs that were passed over so far: what was recorded there is a miss, as if it never had been.
+    /// Costs no reading. What a kill cut off the end of a log is none.
+    pub fn damaged_log_places(&self) -> u64 {
+        self.index().segments.iter().filter(|s| s.sort == Sort::Log && !s.gone).map(|s| s.damaged).sum()
     }
 
     /// Every blob, packed ones in the order of their places.

@@ -1,10 +1,17 @@
 //! The process of its own in which `exec` runs an action: its folder, what it is told of the environment, its end, and
 //! the sandbox around it.
 
-use super::{CacheAt, CliError, Exit, exec::ExecArgs};
+use super::{
+    CacheAt, CliError, Exit,
+    descendants::{self, LOOK, PATIENCE},
+    exec::ExecArgs,
+};
 use nix::{
-    sys::signal::{Signal, killpg},
-    unistd::Pid,
+    sys::{
+        prctl,
+        signal::{Signal, killpg},
+    },
+    unistd::{Pid, getpgrp},
 };
 use std::{
     ffi::{OsStr, OsString},
@@ -18,7 +25,7 @@ use std::{
         atomic::{AtomicBool, Ordering},
     },
     thread,
-    time::{Duration, Instant},
+    time::Instant,
 };
 use tempfile::TempDir;
 
@@ -48,17 +55,13 @@ const SANDBOX: [&str; 20] = [
     "--cap-drop",
     "ALL",
 ];
-/// Time for processes that were killed to be gone, and for their folder to be empty.
-const PATIENCE: Duration = Duration::from_secs(2);
-/// Time between two looks.
-const LOOK: Duration = Duration::from_millis(5);
 
 fn failed(what: &str, error: &io::Error) -> CliError {
     CliError::Environment(format!("cannot {what}: {error}"))
 }
 
 /// Runs the action in a process of its own, which has an empty folder, little of the environment, and no input. It ends
-/// with every process of its group, and its folder goes with it.
+/// with all that it started, and its folder goes with it.
 pub(super) fn alone(args: &ExecArgs, cache: &CacheAt) -> Result<Exit, CliError> {
     let absolute = |path: PathBuf| std::path::absolute(path).map_err(|e| failed("find the current folder", &e));
     let folder = Folder::new()?;
@@ -79,13 +82,14 @@ pub(super) fn alone(args: &ExecArgs, cache: &CacheAt) -> Result<Exit, CliError> 
         }
         false => Command::new(&program),
     };
-    command.arg("exec").arg(action).arg("--inside").arg("--cache").arg(&store);
+    command.arg("exec").arg(action).arg("--inside").arg(folder.of("")).arg("--cache").arg(&store);
     prepare(&mut command, &folder);
     let interrupted = Arc::new(AtomicBool::new(false));
     let seen = interrupted.clone();
     // The group of the action gets no Ctrl-C of ours, so that it is ended here.
     ctrlc::set_handler(move || seen.store(true, Ordering::Relaxed))
         .map_err(|e| CliError::Environment(format!("cannot listen for Ctrl-C: {e}")))?;
+    descendants::take_in().map_err(|e| failed("take in what the action leaves", &e))?;
     let child = command.stdout(Stdio::piped()).spawn().map_err(|e| failed("start the action", &e))?;
     let ended = Running::new(child).wait(args.limit, &interrupted)?;
     folder.clear()?;
@@ -206,7 +210,27 @@ enum Ended {
     Itself(ExitStatus, String),
 }
 
-/// A process that leads a group. However it ends, the group does.
+/// Has this process, in which an action runs, end with its parent: if whoever started it is killed, nobody waits for it
+/// any more, and nobody ends it after its time. All that it started ends then, and its folder goes. `stop` says so.
+pub(super) fn end_with_parent(folder: &Path, stop: Arc<AtomicBool>) -> Result<(), CliError> {
+    descendants::take_in().map_err(|e| failed("take in what the action leaves", &e))?;
+    let folder = folder.to_owned();
+    ctrlc::set_handler(move || {
+        stop.store(true, Ordering::Relaxed);
+        descendants::end();
+        // Nothing else than what was made for the action, though the folder is named on the command line.
+        for part in ["work", "tmp"] {
+            let _ = fs::remove_dir_all(folder.join(part)); // nobody is left to be told
+        }
+        let _ = fs::remove_dir(&folder);
+        // What began meanwhile ends with this process.
+        let _ = killpg(getpgrp(), Signal::SIGKILL);
+    })
+    .map_err(|e| CliError::Environment(format!("cannot listen for signals: {e}")))?;
+    prctl::set_pdeathsig(Signal::SIGTERM).map_err(|e| failed("listen for the end of its parent", &e.into()))
+}
+
+/// A process that leads a group. However it ends, all that it started does.
 struct Running {
     child: Child,
     group: Pid,
@@ -247,12 +271,9 @@ impl Running {
 
 impl Drop for Running {
     fn drop(&mut self) {
-        // None may be left; and what ended just now needs no end.
+        // None may be left; and what ended just now needs no end. The group at once, then what had left it.
         let _ = killpg(self.group, Signal::SIGKILL);
         let _ = self.child.wait();
-        let start = Instant::now();
-        while killpg(self.group, None).is_ok() && start.elapsed() < PATIENCE {
-            thread::sleep(LOOK);
-        }
+        descendants::end();
     }
 }

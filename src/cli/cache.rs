@@ -30,6 +30,10 @@ pub(crate) enum CacheCommand {
         /// Keep what was used in this time, such as 12h or 30d.
         #[arg(long, value_name = "TIME", value_parser = seconds)]
         keep_within: Option<f64>,
+        /// Clear away records that have lost blobs, however recent: their actions run again when they are asked for.
+        /// Without it they stay like others, and only what is needed of them is made again.
+        #[arg(long)]
+        lost: bool,
         /// Only say what would be removed.
         #[arg(long)]
         dry_run: bool,
@@ -131,9 +135,10 @@ pub(crate) fn cache(command: &CacheCommand, at: &CacheAt) -> Result<Exit, CliErr
             }
             return verify(&made(at)?, *sample);
         }
-        CacheCommand::Gc { max_size, keep_within, dry_run } => {
-            if max_size.is_none() && keep_within.is_none() {
-                return Err(CliError::Bad("say what to keep: --max-size, --keep-within, or both".into()));
+        CacheCommand::Gc { max_size, keep_within, lost, dry_run } => {
+            if max_size.is_none() && keep_within.is_none() && !lost {
+                let message = "say what to keep: --max-size, --keep-within, or both; or clear away what is --lost";
+                return Err(CliError::Bad(message.into()));
             }
             let report = made(at)?.gc(&GcOptions {
                 max_bytes: *max_size,
@@ -141,6 +146,7 @@ pub(crate) fn cache(command: &CacheCommand, at: &CacheAt) -> Result<Exit, CliErr
                 now: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()),
                 dry_run: *dry_run,
                 pins: Vec::new(),
+                lost: *lost,
             })?;
             collected(&report);
         }
@@ -225,7 +231,7 @@ fn verify(store: &Store, sample: Option<f64>) -> Result<Exit, CliError> {
         return Ok(Exit::Done);
     }
     eprintln!(
-        "the next run that needs what is damaged or lost makes it again; `tauflow cache gc` clears away the rest"
+        "the next run that needs what is damaged or lost makes it again; `tauflow cache gc --lost` clears the rest away"
     );
     Ok(Exit::Failed)
 }
@@ -240,6 +246,13 @@ fn collected(report: &GcReport) {
         report.kept_blobs,
         bytes_text(report.kept_bytes)
     );
+    if report.lost_records > 0 {
+        outln!(
+            "{} of the records that stay have lost blobs: what needs these makes them again, and --lost clears the \
+             records away",
+            report.lost_records
+        );
+    }
     if report.over_budget > 0 {
         outln!(
             "{} more than asked for: runs that are going on, pins and recent use hold them",

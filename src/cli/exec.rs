@@ -6,10 +6,13 @@ use crate::{
     kinds::Registry,
 };
 use clap::Args;
-use nix::sys::{prctl, signal::Signal};
 use std::{
-    path::Path,
-    sync::{Arc, atomic::AtomicBool},
+    path::{Path, PathBuf},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread,
 };
 use tauflow_contract::{Silent, read_regular};
 
@@ -31,9 +34,9 @@ pub(crate) struct ExecArgs {
     /// Print the action, to be run elsewhere, and run nothing.
     #[arg(long)]
     print: bool,
-    /// Already in a process of its own.
-    #[arg(long, hide = true)]
-    inside: bool,
+    /// Already in a process of its own, with this folder.
+    #[arg(long, hide = true, value_name = "DIR")]
+    inside: Option<PathBuf>,
 }
 
 impl From<ExecError> for CliError {
@@ -47,12 +50,11 @@ impl From<ExecError> for CliError {
 }
 
 pub(crate) fn exec(args: &ExecArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
-    if !args.inside && !args.print {
-        return alone::alone(args, cache);
-    }
-    if args.inside {
-        // If whoever started this is killed, nobody waits for it any more. Without this it runs on, and its limit ends.
-        let _ = prctl::set_pdeathsig(Signal::SIGKILL);
+    let stop = Arc::new(AtomicBool::new(false));
+    match &args.inside {
+        Some(folder) => alone::end_with_parent(folder, stop.clone())?,
+        None if args.print => {}
+        None => return alone::alone(args, cache),
     }
     // Printing changes nothing, and makes no cache.
     let store = if args.print { cache.look()? } else { cache.open()? };
@@ -70,8 +72,10 @@ pub(crate) fn exec(args: &ExecArgs, registry: &Registry, cache: &CacheAt) -> Res
         outln!("{}", serde_json::to_string_pretty(&action).expect("an action is plain data"));
         return Ok(Exit::Done);
     }
-    let stop = Arc::new(AtomicBool::new(false));
     let done = action.run(&store, registry, &stop, &Silent);
+    while stop.load(Ordering::Relaxed) {
+        thread::park(); // what ends the action ends this process, when it is through
+    }
     match done {
         Ok(done) => {
             outln!("{}", serde_json::to_string_pretty(&done).expect("digests are plain data"));

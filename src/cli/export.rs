@@ -4,7 +4,7 @@ use super::{
     CacheAt, CliError, Exit, PipelineArgs, counted,
     results::{Asked, Reading, unread},
 };
-use crate::kinds::Registry;
+use crate::{ids::Id, kinds::Registry};
 use clap::Args;
 use std::{path::PathBuf, sync::atomic::AtomicBool};
 use tauflow_contract::{Artifact, Collection, Context, ItemKey, KindError, Silent};
@@ -50,7 +50,7 @@ pub(crate) fn export(args: &ExportArgs, registry: &Registry, cache: &CacheAt) ->
     let manifest = Manifest {
         pipeline: pipeline.name.clone(),
         node: node.name.clone(),
-        port: node.spec.outputs[asked.port].name.to_owned(),
+        port: node.spec.outputs[asked.port.place()].name.to_owned(),
         items,
     };
     folder::finish(&mut out, &manifest).map_err(unwritten)?;

@@ -5,6 +5,7 @@ mod output;
 
 mod alone;
 mod cache;
+mod descendants;
 mod exec;
 mod explain;
 mod export;

@@ -5,16 +5,19 @@ use super::{
     scene::{check_picture, told, write_picture},
     seconds_text,
 };
-use crate::registry::{Conditioning, Course, Denoiser, Mirrored, Model, Views, geometric_mean_luminance, rollout_to};
+use crate::registry::{
+    Conditioning, Course, Denoiser, Mirrored, Model, ModelCalls, Views, geometric_mean_luminance, rollout_to,
+};
 use clap::Args;
-use std::{collections::BTreeMap, fs, path::PathBuf, time::Instant};
+use std::{collections::BTreeMap, path::PathBuf, time::Instant};
+use tauflow_contract::read_regular;
 use tauflow_data::{Image, image_io::read_exr, records::GBuffer, time::TimeGrid};
 
 /// Mid-grey that solvers saw scenes exposed to.
 const KEY: f64 = 0.18;
 
-/// Most model calls: many times those after which nothing changes.
-const MOST_CALLS: usize = 10_000;
+/// Most bytes of a model.
+const LARGEST: u64 = 1 << 32;
 
 /// What `refine` takes.
 #[derive(Args)]
@@ -29,9 +32,9 @@ pub(crate) struct RefineArgs {
     /// Samples a pixel whose noise the result should have; by default the last rung that the solver learned.
     #[arg(long, value_name = "N")]
     to_spp: Option<u64>,
-    /// Model calls, at most 10,000.
-    #[arg(long, default_value_t = 1)]
-    nfe: usize,
+    /// Model calls.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=ModelCalls::MOST))]
+    nfe: u64,
     /// Views of the image whose mean each call is: 1, 2, 4 or 8, in as many times the time.
     #[arg(long, default_value_t = 1)]
     mirrors: u64,
@@ -49,16 +52,10 @@ pub(crate) struct RefineArgs {
 
 pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     check_picture(&args.out)?;
-    if args.nfe > MOST_CALLS {
-        return Err(CliError::Bad(format!(
-            "--nfe {}: at most {MOST_CALLS} model calls; more change nothing",
-            args.nfe
-        )));
-    }
     let views = Views::try_from(args.mirrors).map_err(|e| CliError::Bad(format!("--mirrors {}: {e}", args.mirrors)))?;
     let read = |path: &PathBuf| read_exr(path).map_err(|e| CliError::Bad(e.to_string()));
-    let bytes =
-        fs::read(&args.model).map_err(|e| CliError::Bad(format!("cannot read {}: {e}", args.model.display())))?;
+    let bytes = read_regular(&args.model, LARGEST)
+        .map_err(|e| CliError::Bad(format!("cannot read {}: {e}", args.model.display())))?;
     let model = Model::load(&bytes).map_err(|e| CliError::Bad(format!("{}: {e}", args.model.display())))?;
     let mut layers = read(&args.image)?;
     let gbuffer = match (model.info().conditioning, &args.gbuffer) {
@@ -96,7 +93,7 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     let start = Instant::now();
     let exposed = image.map(|v| (f64::from(v) * exposure) as f32);
     finite(&exposed, "the exposed image", "lower --exposure")?;
-    let course = Course { from: args.from_spp, steps: args.nfe, grid: TimeGrid::Ladder };
+    let course = Course { from: args.from_spp, steps: args.nfe as usize, grid: TimeGrid::Ladder };
     let to = args.to_spp.map_or(model.clock().n_max(), |n| n as f64);
     let model = Mirrored::new(&model, views);
     let refined = rollout_to(&model, &exposed, gbuffer.as_ref(), course, to).map_err(told)?;
@@ -108,7 +105,7 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     eprintln!(
         "{} spp -> {to} spp in {} and {}, exposure {exposure:.4}",
         args.from_spp,
-        super::counted(args.nfe as u64, "model call"),
+        super::counted(args.nfe, "model call"),
         seconds_text(seconds)
     );
     outln!("{}", args.out.display());

@@ -4,6 +4,7 @@ use super::{CliError, progress::Display};
 use crate::{
     diagnostics::did_you_mean,
     engine::{self, EngineError, event::Event},
+    ids::PortId,
     pipeline::{Pipeline, reference::Reference},
 };
 use std::sync::atomic::AtomicBool;
@@ -35,7 +36,7 @@ impl Blobs for Reading<'_> {
 pub(crate) struct Asked<'a> {
     pipeline: &'a Pipeline,
     pub(crate) node: usize,
-    pub(crate) port: usize,
+    pub(crate) port: PortId,
     /// Texts of the cells that are picked; none for all.
     cells: Option<Vec<&'a str>>,
 }
@@ -51,7 +52,7 @@ impl<'a> Asked<'a> {
         })?;
         let of = &pipeline.nodes[node];
         let port = match reference.port {
-            None => 0,
+            None => PortId::DEFAULT,
             Some(port) => of.output(port).ok_or_else(|| {
                 let names = of.spec.outputs.iter().map(|p| p.name);
                 CliError::Bad(format!("`{name}` has no output `{port}`; {}", did_you_mean(port, "outputs", names)))

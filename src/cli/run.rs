@@ -33,6 +33,9 @@ impl From<LockError> for CliError {
     }
 }
 
+/// Most actions at a time: each has two threads.
+const MOST_JOBS: i64 = 1024;
+
 /// What `run` takes.
 #[derive(Args)]
 pub(crate) struct RunArgs {
@@ -45,8 +48,8 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "NODE[/CELL][/ITEM]")]
     only: Option<String>,
     /// Actions at a time; by default one for each core.
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    jobs: usize,
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=MOST_JOBS))]
+    jobs: u16,
     /// Memory that actions in flight and transient outputs may take together, such as 8GiB; by default half of what
     /// there is.
     #[arg(long, value_name = "SIZE", value_parser = bytes)]
@@ -92,7 +95,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     let display = Display::new(&pipeline, args.events.is_some());
     listen(stop.clone(), display.voice())?;
     let options = RunOptions {
-        jobs: args.jobs,
+        jobs: args.jobs.into(),
         dry: false,
         recheck: args.recheck,
         no_rollup: args.no_rollup,

@@ -23,7 +23,7 @@ use std::{
     time::Instant,
 };
 use tauflow_cache::Store;
-use tauflow_contract::{Blobs, Context, Digest, Handle, ItemKey, KindError, Silent};
+use tauflow_contract::{Blobs, Context, Digest, Handle, ItemKey, KindError, Silent, read_regular};
 use tauflow_data::{
     Image, Resolution,
     image_io::{preview_png, write_exr},
@@ -31,6 +31,9 @@ use tauflow_data::{
     records::SceneRecord,
     scene::Scene,
 };
+
+/// Most bytes of a file of an exported scene.
+const LARGEST: u64 = 1 << 32;
 
 /// What `render` takes.
 #[derive(Args)]
@@ -135,7 +138,7 @@ impl Source {
             Self::Folder(folder) => {
                 let path = folder.join(digest.to_string());
                 let failed = |e| KindError::Input(format!("cannot read {}: {e}", path.display()));
-                let bytes = fs::read(&path).map_err(failed)?;
+                let bytes = read_regular(&path, LARGEST).map_err(failed)?;
                 if Digest::of(&bytes) == *digest {
                     return Ok(bytes);
                 }
@@ -167,7 +170,8 @@ impl SceneArgs {
 
     fn of_folder(&self) -> Result<(Scene, Source), CliError> {
         let file = if self.scene.is_dir() { self.scene.join(SceneRecord::FILE) } else { self.scene.clone() };
-        let bytes = fs::read(&file).map_err(|e| CliError::Bad(format!("cannot read {}: {e}", file.display())))?;
+        let bytes =
+            read_regular(&file, LARGEST).map_err(|e| CliError::Bad(format!("cannot read {}: {e}", file.display())))?;
         let scene = serde_json::from_slice(&bytes).map_err(|e| {
             let hint =
                 "name a scene of a pipeline by `PIPELINE --item NODE/ITEM`, or a folder that `tauflow export` wrote";

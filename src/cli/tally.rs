@@ -75,10 +75,11 @@ impl Tally {
         let node = self.nodes.entry(name.clone()).or_default();
         match event {
             Event::Unchanged { actions, .. } => {
-                node.expected += actions;
-                node.hit += actions;
+                // A record may say any number.
+                node.expected = node.expected.saturating_add(*actions);
+                node.hit = node.hit.saturating_add(*actions);
             }
-            Event::Expect { actions, .. } => node.expected += actions,
+            Event::Expect { actions, .. } => node.expected = node.expected.saturating_add(*actions),
             Event::Begin { cell, item, .. } => {
                 *node.running.entry((cell.clone(), item.clone())).or_insert(0) += 1;
                 node.started.get_or_insert_with(Instant::now);
@@ -132,7 +133,7 @@ impl Tally {
 
 impl NodeTally {
     fn done(&self) -> u64 {
-        self.hit + self.ran + self.failed + self.blocked
+        [self.ran, self.failed, self.blocked].into_iter().fold(self.hit, u64::saturating_add)
     }
 
     /// How many actions are known of.
@@ -154,7 +155,7 @@ impl NodeTally {
     /// Seconds to go, from what ran so far.
     fn eta(&self) -> Option<f64> {
         let elapsed = self.started?.elapsed().as_secs_f64();
-        let worked = self.position() - (self.hit + self.blocked) as f64;
+        let worked = self.position() - self.hit.saturating_add(self.blocked) as f64;
         let left = self.expected as f64 - self.position();
         (worked > 0.0 && left > 0.0 && elapsed > 1.0).then(|| elapsed / worked * left)
     }

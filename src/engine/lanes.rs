@@ -109,12 +109,20 @@ impl Lane {
 }
 
 /// The ports of a node that a target asks for.
-pub fn target_ports(pipeline: &Pipeline, target: Target) -> Vec<usize> {
+pub fn target_ports(pipeline: &Pipeline, target: Target) -> Vec<PortId> {
     let outputs = &pipeline.nodes[target.node].spec.outputs;
     match target.port {
         Some(port) => vec![port],
-        None => (0..outputs.len()).filter(|p| *p == 0 || outputs[*p].publish).collect(),
+        None => {
+            let asked = |port: &PortId| *port == PortId::DEFAULT || outputs[port.place()].publish;
+            (0..outputs.len()).map(PortId::at).filter(asked).collect()
+        }
     }
+}
+
+/// The group of a cell's output port.
+fn group_of(pipeline: &Pipeline, cell: usize, port: PortId) -> Group {
+    pipeline.nodes[pipeline.cells[cell].node].spec.outputs[port.place()].group
 }
 
 /// The lanes of a run.
@@ -130,7 +138,7 @@ pub fn demand(
     only: Option<&Only>,
     asking: &Asking<'_>,
 ) -> Result<Lanes, EngineError> {
-    let group_of = |cell: usize, port: usize| pipeline.nodes[pipeline.cells[cell].node].spec.outputs[port].group;
+    let group_of = |cell, port| group_of(pipeline, cell, port);
     let mut wanted: Vec<BTreeSet<Group>> = vec![BTreeSet::new(); pipeline.cells.len()];
     let mut asked = wanted.clone();
     for target in targets {
@@ -182,8 +190,8 @@ fn lane(
 ) -> Result<Lane, EngineError> {
     let node = pipeline.cells[cell].node;
     let spec = &pipeline.nodes[node].spec;
-    let find = |cell: usize, port: usize| {
-        let group = pipeline.nodes[pipeline.cells[cell].node].spec.outputs[port].group;
+    let find = |cell: usize, port: PortId| {
+        let group = group_of(pipeline, cell, port);
         lanes.pairs().find(|(_, l)| l.cell == cell && l.group == group).map(|(lane, _)| lane)
     };
     let inputs: Row<InputId, Vec<LaneFeed>> = pipeline.cells[cell]
@@ -196,7 +204,7 @@ fn lane(
                     // Always found: whatever a wanted cell reads is wanted, and stands before it.
                     find(feed.cell, feed.port).map(|lane| LaneFeed {
                         lane,
-                        port: PortId::at(feed.port),
+                        port: feed.port,
                         prefix: feed.prefix.clone(),
                     })
                 })

@@ -7,7 +7,6 @@ mod conclude;
 pub mod event;
 pub mod exec;
 pub mod explain;
-mod ids;
 mod job;
 mod lanes;
 mod listing;
@@ -25,9 +24,11 @@ pub use event::Summary;
 pub use lanes::Only;
 pub use records::{ACTION, PIPELINE};
 
-use crate::pipeline::{Pipeline, Target};
+use crate::{
+    ids::{self, PortId},
+    pipeline::{Pipeline, Target},
+};
 use event::{Event, NodeStat};
-use ids::{Id, PortId};
 use run::Run;
 use std::{path::PathBuf, sync::atomic::AtomicBool, time::Instant};
 use tauflow_cache::{CacheError, Digest, Store};
@@ -162,11 +163,13 @@ pub fn plan(pipeline: &Pipeline, store: &Store, only: Option<Only>) -> Result<Pl
 
 /// The collection on an output port, if everything it needs has been run.
 ///
-/// `port` is a number of [`tauflow_contract::KindSpec::outputs`]; the cells of a matrix are gathered.
+/// The cells of a matrix are gathered.
 ///
 /// # Errors
-/// If the store cannot be read, or something must be run first: [`EngineError::Lost`] if all of that was run before.
-pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: usize) -> Result<Collection, EngineError> {
+/// If the store cannot be read, or something must be run first: [`EngineError::Lost`] if all of that was run before, as
+/// far as can be told. Where the log is damaged, nobody knows what it said; then a whole run of the pipeline must be on
+/// record.
+pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: PortId) -> Result<Collection, EngineError> {
     let asked = asking(pipeline, node, port);
     let options = RunOptions { dry: true, ..RunOptions::default() };
     let stop = AtomicBool::new(false);
@@ -175,11 +178,12 @@ pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: usize) -> 
     let summary = run.finish()?;
     let mut all = Collection::default();
     for cell in pipeline.nodes[node].cells.clone() {
-        let found = run.results.iter().find(|r| r.cell == cell && r.port == PortId::at(port));
+        let found = run.results.iter().find(|r| r.cell == cell && r.port == port);
         let Some(result) = found else {
             let behind = summary.nodes.iter().filter(|n| n.ran + n.failed + n.blocked > 0 || n.unknown);
             let names: Vec<String> = behind.map(|n| format!("`{}`", n.node)).collect();
-            let error = if run.never_run { EngineError::Request } else { EngineError::Lost };
+            let unread = store.damaged_log_places() > 0 && !store.keys_by_label(PIPELINE, &pipeline.name).is_empty();
+            let error = if run.never_run && !unread { EngineError::Request } else { EngineError::Lost };
             return Err(error(format!(
                 "`{}` is not up to date: {} must run first; run the pipeline, then ask again",
                 pipeline.cell_name(cell),
@@ -213,7 +217,7 @@ pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: usize) -> 
 pub fn restore(
     pipeline: &Pipeline,
     store: &Store,
-    (node, port): (usize, usize),
+    (node, port): (usize, PortId),
     stop: &AtomicBool,
     sink: Sink<'_>,
 ) -> Result<Summary, EngineError> {
@@ -222,6 +226,6 @@ pub fn restore(
 }
 
 /// The pipeline, with one port for its target.
-fn asking(pipeline: &Pipeline, node: usize, port: usize) -> Pipeline {
+fn asking(pipeline: &Pipeline, node: usize, port: PortId) -> Pipeline {
     Pipeline { targets: vec![Target { node, port: Some(port) }], ..pipeline.clone() }
 }

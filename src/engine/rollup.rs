@@ -283,7 +283,7 @@ pub fn keep_pipeline(pipeline: &Pipeline, store: &Store, mut trees: Vec<Digest>)
     trees.dedup();
     let target = |target: &Target| {
         let node = &pipeline.nodes[target.node];
-        (node.name.as_str(), target.port.map(|port| node.spec.outputs[port].name))
+        (node.name.as_str(), target.port.map(|port| node.spec.outputs[port.place()].name))
     };
     let targets = pipeline.targets.iter().map(target).collect();
     let key = PipelineKey { format: FORMAT_VERSION, pipeline: &pipeline.name, targets };

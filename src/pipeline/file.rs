@@ -7,13 +7,15 @@ use super::{
 use crate::diagnostics::{Hint, Problem, Sources, Span};
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap},
-    fs,
     path::{Path, PathBuf},
     sync::Arc,
 };
+use tauflow_contract::read_regular;
 
 /// Files that include each other deeper than this are refused.
 const INCLUDE_DEPTH: usize = 16;
+/// Most bytes of a file: far more than any has that people write.
+const MOST_BYTES: u64 = 16 << 20;
 
 /// A file and what it includes.
 #[derive(Debug, Default)]
@@ -92,7 +94,7 @@ impl<'a> Loader<'a> {
 
     /// `above` are the files that include this one, the outermost first.
     fn load(&mut self, path: &Path, from: Option<Span>, above: &[usize]) {
-        let read = fs::read(path).map(String::from_utf8);
+        let read = read_regular(path, MOST_BYTES).map(String::from_utf8);
         let text = match read {
             Ok(Ok(text)) => text,
             Ok(Err(error)) => {

@@ -16,6 +16,7 @@ pub mod yaml;
 
 pub use resolve::{Options, resolve, resolve_text};
 
+use crate::ids::{Id, PortId};
 use serde_json::Value;
 use std::{fmt, ops::Range, sync::Arc};
 use tauflow_contract::{KindSpec, Mode, NodeKind};
@@ -79,7 +80,7 @@ pub struct Connection {
     /// The cell it comes from.
     pub cell: usize,
     /// That cell's output port.
-    pub port: usize,
+    pub port: PortId,
     /// What is put before its item keys, if cells are gathered.
     pub prefix: Option<String>,
 }
@@ -90,7 +91,7 @@ pub struct Target {
     /// The node.
     pub node: usize,
     /// One of its ports, or the default port and all that it publishes.
-    pub port: Option<usize>,
+    pub port: Option<PortId>,
 }
 
 impl Pipeline {
@@ -125,7 +126,7 @@ impl Node {
     }
 
     /// The number of an output port.
-    pub fn output(&self, name: &str) -> Option<usize> {
-        self.spec.outputs.iter().position(|port| port.name == name)
+    pub fn output(&self, name: &str) -> Option<PortId> {
+        self.spec.outputs.iter().position(|port| port.name == name).map(PortId::at)
     }
 }

@@ -1,7 +1,10 @@
 //! Connects inputs to outputs: references, media types, matrix cells, and the order of nodes.
 
 use super::{Connection, node::RawNode, reference::Reference, resolve::Draft};
-use crate::diagnostics::{Hint, MOST_SHOWN, Problem, Span, did_you_mean, listed};
+use crate::{
+    diagnostics::{Hint, MOST_SHOWN, Problem, Span, did_you_mean, listed},
+    ids::{Id, PortId},
+};
 use petgraph::{algo::tarjan_scc, graph::DiGraph};
 use std::{
     cmp::Reverse,
@@ -34,7 +37,7 @@ struct Link {
     input: usize,
     source: usize,
     source_cell: usize,
-    output: usize,
+    output: PortId,
     prefix: Option<String>,
 }
 
@@ -250,7 +253,7 @@ impl Wirer<'_> {
             None => Some(0),
             Some(name) => spec.outputs.iter().position(|p| p.name == name),
         };
-        let Some((output, port)) = output.and_then(|o| spec.outputs.get(o).map(|p| (o, p))) else {
+        let Some((output, port)) = output.and_then(|o| spec.outputs.get(o).map(|p| (PortId::at(o), p))) else {
             let name = reference.port.unwrap_or_default();
             let message = format!("`{}` has no output `{name}`", reference.node);
             self.problem(span, message, did_you_mean(name, "outputs", spec.outputs.iter().map(|p| p.name)));
@@ -310,7 +313,7 @@ impl Wirer<'_> {
         reader: usize,
         input: usize,
         source: usize,
-        output: usize,
+        output: PortId,
         reference: &Reference<'_>,
         span: Span,
     ) {

@@ -8,6 +8,7 @@ use image_gamma::ImageGamma;
 use std::{fs, sync::atomic::AtomicBool};
 use tauflow::{
     engine::{self, RunOptions},
+    ids::PortId,
     kinds::Registry,
     pipeline::{Options, Pipeline, resolve_text},
 };
@@ -121,7 +122,7 @@ fn the_example_of_adding_a_kind_runs_in_a_pipeline() {
     assert_eq!(run().0, 0, "a second run has nothing to do");
     let items = |name: &str| {
         let node = pipeline.node(name).expect("it is in the pipeline");
-        engine::outputs(&pipeline, &store, node, 0).expect("up to date")
+        engine::outputs(&pipeline, &store, node, PortId::DEFAULT).expect("up to date")
     };
     let (reading, stop) = (Reading(&store), AtomicBool::new(false));
     let ctx = Context::new(&reading, &Silent, &stop);

@@ -9,6 +9,9 @@ use std::{
 
 /// Somebody else, where this test may become somebody else.
 const NOBODY: u32 = 65_534;
+/// One more, and the group of both.
+const ONE: u32 = 65_533;
+const GROUP: u32 = 65_532;
 
 /// All files and folders below one, with their modes.
 fn tree(folder: &Path) -> Vec<(PathBuf, u32)> {
@@ -91,8 +94,96 @@ fn verify_ends_with_1_where_it_finds_damage_and_a_run_heals() {
         let said = place.tauflow(&["cache", "verify"]).ends(1);
         assert!(said.err.contains("makes it again"), "{}", said.err);
         place.tauflow(&["run", "small.yaml"]).ends(0);
-        place.tauflow(&["cache", "gc", "--keep-within", "1d"]).ends(0);
+        place.tauflow(&["cache", "gc", "--lost"]).ends(0);
         place.tauflow(&["cache", "verify"]).ends(0);
+    }
+}
+
+/// The only file of a kind in a folder of the cache.
+fn only(place: &Place, folder: &str, extension: &str) -> PathBuf {
+    let mut found: Vec<PathBuf> = tree(&place.path("store").join(folder)).into_iter().map(|(path, _)| path).collect();
+    found.retain(|path| path.extension().is_some_and(|e| e == extension));
+    assert_eq!(found.len(), 1, "{found:?}");
+    found.remove(0)
+}
+
+#[test]
+fn a_pack_that_was_deleted_is_told_and_what_is_asked_for_of_it_comes_back() {
+    let place = Place::new();
+    place.tauflow(&["run", "small.yaml"]).ends(0);
+    fs::remove_file(only(&place, "packs", "pack")).expect("it is ours");
+    let said = place.tauflow(&["cache", "verify"]).ends(1);
+    assert!(said.out.contains(" 0 damaged; 14 records") && !said.out.contains(" 0 of these by loss"), "{}", said.out);
+    assert!(said.err.contains("gc --lost"), "{}", said.err);
+    // A collection keeps what is known of it: nothing has to run again only because its blobs are lost.
+    let said = place.tauflow(&["cache", "gc", "--keep-within", "1d"]).ends(0);
+    assert!(said.out.contains(" 0 records;") && said.out.contains("have lost blobs"), "{}", said.out);
+    let plan = place.tauflow(&["plan", "small.yaml"]).ends(0).out;
+    assert!(plan.ends_with("nothing to do\n"), "{plan}");
+    for node in ["scenes", "split.train", "sampling.report"] {
+        place.tauflow(&["export", "small.yaml", node, "-o", "out"]).ends(0);
+        assert!(place.path("out/manifest.json").is_file(), "{node}");
+        fs::remove_dir_all(place.path("out")).expect("it is ours");
+    }
+    place.tauflow(&["run", "small.yaml"]).ends(0);
+    // What nobody needed is cleared away where that is asked for, and all is as it was after a run.
+    place.tauflow(&["cache", "gc", "--lost"]).ends(0);
+    place.tauflow(&["cache", "verify"]).ends(0);
+    place.tauflow(&["run", "small.yaml"]).ends(0);
+    assert_eq!(place.tauflow(&["plan", "small.yaml"]).ends(0).out, plan);
+}
+
+#[test]
+fn what_was_cut_off_a_file_is_told() {
+    let cut = |path: &Path, bytes: u64| {
+        let file = fs::File::options().write(true).open(path).expect("it is ours");
+        let len = file.metadata().expect("it is there").len();
+        file.set_len(len - bytes).expect("writable");
+    };
+    // A mark at the end of a log, as a kill cuts it off: nothing is damaged, and nothing is lost.
+    let place = Place::new();
+    place.tauflow(&["run", "small.yaml"]).ends(0);
+    cut(&only(&place, "log", "log"), 10);
+    let said = place.tauflow(&["cache", "verify"]).ends(0);
+    assert!(said.out.contains("\n23 bytes after the last whole entry of a file"), "{}", said.out);
+    assert!(said.err.is_empty(), "{}", said.err);
+    // A blob at the end of a pack was stored, and is not any more.
+    let place = Place::new();
+    place.tauflow(&["run", "small.yaml"]).ends(0);
+    cut(&only(&place, "packs", "pack"), 1);
+    let said = place.tauflow(&["cache", "verify"]).ends(1);
+    assert!(said.out.contains(" bytes after the last whole entry of a file"), "{}", said.out);
+    assert!(!said.out.contains(" 0 of these by loss"), "{}", said.out);
+    place.tauflow(&["run", "small.yaml"]).ends(0);
+}
+
+#[test]
+fn an_export_heals_a_damaged_log() {
+    for spared in [0, 9] {
+        let place = Place::new();
+        place.tauflow(&["run", "small.yaml"]).ends(0);
+        let log = only(&place, "log", "log");
+        let mut bytes = fs::read(&log).expect("readable");
+        let places = |bytes: &[u8], namespace: &str| -> Vec<usize> {
+            let name = [&(namespace.len() as u32).to_le_bytes()[..], namespace.as_bytes()].concat();
+            bytes.windows(name.len()).enumerate().filter(|(_, window)| *window == name).map(|(at, _)| at).collect()
+        };
+        // The roll-ups of nodes, and one action or all of them.
+        let actions = places(&bytes, "action");
+        assert_eq!(actions.len(), 10);
+        for at in places(&bytes, "rollup").into_iter().chain(actions.into_iter().skip(spared)) {
+            bytes[at + 5] ^= 1;
+        }
+        fs::write(&log, bytes).expect("writable");
+        for node in ["sampling.report", "scenes"] {
+            place.tauflow(&["export", "small.yaml", node, "-o", "files"]).ends(0);
+            assert!(place.path("files/manifest.json").is_file());
+            fs::remove_dir_all(place.path("files")).expect("it is ours");
+        }
+        // A pipeline that never ran is not run by an export, whatever the log may have lost.
+        place.write("other.yaml", &crate::PIPELINE.replace("small", "other").replace("seed: 3", "seed: 4"));
+        let said = place.tauflow(&["export", "other.yaml", "scenes", "-o", "files"]).ends(2);
+        assert!(said.err.contains("must run first"), "{}", said.err);
     }
 }
 
@@ -133,4 +224,50 @@ fn a_cache_that_can_only_be_read_is_read_planned_with_and_exported_from() {
     }
     assert_eq!(tree(&store), before, "nothing was written");
     set_modes(&store, 0o755, 0o644);
+}
+
+/// Several users of a group, each with a mask of his own.
+#[test]
+fn users_of_one_group_run_on_one_cache_or_are_told_what_to_set() {
+    let place = Place::new();
+    if std::os::unix::fs::chown(place.folder.path(), Some(ONE), Some(GROUP)).is_err() {
+        println!("skipped: only root becomes other users");
+        return;
+    }
+    fs::set_permissions(place.folder.path(), fs::Permissions::from_mode(0o2775)).expect("root may");
+    let run = |user: u32, umask: &str, words: &[&str]| {
+        let mut command = std::process::Command::new("sh");
+        command.args(["-c", &format!("umask {umask}; exec \"$0\" \"$@\""), env!("CARGO_BIN_EXE_tauflow")]);
+        let cache = place.path("store").display().to_string();
+        command.args(words).args(["--cache", &cache]).current_dir(place.folder.path()).uid(user).gid(GROUP);
+        Said::of(&command.output().expect("sh starts"))
+    };
+    // With the mask that lets the group write, each goes on where the other was, and may collect.
+    run(ONE, "002", &["run", "small.yaml"]).ends(0);
+    let said = run(NOBODY, "002", &["run", "small.yaml", "--out", "second"]).ends(0);
+    assert!(said.err.contains("nothing to do"), "{}", said.err);
+    run(NOBODY, "002", &["run", "small.yaml", "--set", "scenes.pool=9", "--out", "second"]).ends(0);
+    run(NOBODY, "002", &["cache", "gc", "--max-size", "0"]).ends(0);
+    run(ONE, "002", &["run", "small.yaml"]).ends(0);
+    run(ONE, "002", &["cache", "verify"]).ends(0);
+    // With another, a new cache is its maker's: others of the group read it, or not even that, and are told.
+    for (umask, reads) in [("022", true), ("077", false)] {
+        fs::remove_dir_all(place.path("store")).expect("root may");
+        run(ONE, umask, &["run", "small.yaml"]).ends(0);
+        let plan = run(NOBODY, umask, &["plan", "small.yaml"]);
+        assert_eq!(plan.code, if reads { 0 } else { 3 }, "{plan:?}");
+        let said = run(NOBODY, umask, &["run", "small.yaml", "--set", "scenes.pool=9", "--out", "second"]).ends(3);
+        for word in ["Permission denied", "umask 002", "chmod -R g+rwX"] {
+            assert!(said.err.contains(word), "{umask}: {}", said.err);
+        }
+        run(ONE, umask, &["cache", "verify"]).ends(0);
+    }
+    // One who forgets it on a cache of all is told of by the others' programs: which file it is, and what to set.
+    fs::remove_dir_all(place.path("store")).expect("root may");
+    run(ONE, "002", &["run", "small.yaml"]).ends(0);
+    run(NOBODY, "077", &["run", "small.yaml", "--set", "scenes.pool=9", "--out", "second"]).ends(0);
+    let said = run(ONE, "002", &["plan", "small.yaml"]).ends(3);
+    for word in ["/store/log/", "Permission denied", "umask 002", "chmod -R g+rwX"] {
+        assert!(said.err.contains(word), "{word}: {}", said.err);
+    }
 }

@@ -7,6 +7,7 @@ use std::{
     fs,
     os::unix::fs::PermissionsExt,
     path::Path,
+    process::{Child, Command},
     thread,
     time::{Duration, Instant},
 };
@@ -41,6 +42,8 @@ test -z \"$SECRET\" || { echo it knows the secret >&2; exit 9; }
 if test -e HERE/stay; then
     sleep 600 &
     echo $! > HERE/child.new
+    setsid sleep 600 &
+    echo $! > HERE/stray
     echo \"$TMPDIR\" > HERE/tmpdir
     mv HERE/child.new HERE/child
     wait
@@ -160,6 +163,25 @@ fn told(file: &Path) -> String {
     fs::read_to_string(file).unwrap_or_else(|e| panic!("{}: {e}", file.display())).trim().to_owned()
 }
 
+/// What the renderer left is gone: its child, one that has left its group, and its folder.
+fn all_is_gone(place: &Place) {
+    for name in ["child", "stray"] {
+        assert!(!lives(&told(&place.path(name))), "the {name} of the program is gone");
+    }
+    let folder = told(&place.path("tmpdir"));
+    assert!(!folder.is_empty() && !Path::new(&folder).parent().expect("it has one").exists(), "{folder}");
+}
+
+/// `exec` of an action whose program stays and has started others.
+fn that_stays(place: &Place, key: &str) -> Child {
+    place.write("stay", "");
+    let path = format!("{}:{}", place.path("bin").display(), std::env::var("PATH").unwrap_or_default());
+    let mut command = place.command(&["exec", key]);
+    let running = command.env("PATH", path).env_remove("RAYON_NUM_THREADS").spawn().expect("it starts");
+    told(&place.path("child"));
+    running
+}
+
 #[test]
 fn a_limit_ends_what_the_programs_of_an_action_started_and_clears_its_folder() {
     let place = with_renderer();
@@ -167,9 +189,7 @@ fn a_limit_ends_what_the_programs_of_an_action_started_and_clears_its_folder() {
     place.write("stay", "");
     let late = with(&place, &["exec", &key, "--limit", "8s"], &[]).ends(1);
     assert!(late.err.contains("stopped after its limit"), "{}", late.err);
-    let (child, folder) = (told(&place.path("child")), told(&place.path("tmpdir")));
-    assert!(!lives(&child), "the child of the program is gone");
-    assert!(!folder.is_empty() && !Path::new(&folder).parent().expect("it has one").exists(), "{folder}");
+    all_is_gone(&place);
     // Without what made it stay it is as before.
     fs::remove_file(place.path("stay")).expect("it was there");
     with(&place, &["exec", &key, "--limit", "5m"], &[]).ends(0);
@@ -179,16 +199,27 @@ fn a_limit_ends_what_the_programs_of_an_action_started_and_clears_its_folder() {
 fn ctrl_c_ends_what_the_programs_of_an_action_started() {
     let place = with_renderer();
     let key = rendered(&place, &[]);
-    place.write("stay", "");
-    let path = format!("{}:{}", place.path("bin").display(), std::env::var("PATH").unwrap_or_default());
-    let mut running =
-        place.command(&["exec", &key]).env("PATH", path).env_remove("RAYON_NUM_THREADS").spawn().expect("it starts");
-    let child = told(&place.path("child"));
-    let kill = std::process::Command::new("kill").args(["-INT", &running.id().to_string()]).status();
+    let mut running = that_stays(&place, &key);
+    let kill = Command::new("kill").args(["-INT", &running.id().to_string()]).status();
     assert!(kill.is_ok_and(|status| status.success()));
     assert_eq!(running.wait().expect("our own").code(), Some(130));
-    assert!(!lives(&child), "the child of the program is gone");
-    assert!(!Path::new(&told(&place.path("tmpdir"))).exists());
+    all_is_gone(&place);
+}
+
+#[test]
+fn a_kill_of_exec_ends_what_the_programs_of_an_action_started() {
+    let place = with_renderer();
+    let key = rendered(&place, &[]);
+    let mut running = that_stays(&place, &key);
+    running.kill().expect("our own");
+    running.wait().expect("our own");
+    // Nobody tells when: the action's process learns of it, and its folder goes last.
+    let folder = told(&place.path("tmpdir"));
+    let (start, whole) = (Instant::now(), Path::new(&folder).parent().expect("it has one"));
+    while whole.exists() && start.elapsed() < Duration::from_secs(60) {
+        thread::sleep(Duration::from_millis(10));
+    }
+    all_is_gone(&place);
 }
 
 #[test]

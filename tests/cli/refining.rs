@@ -93,8 +93,8 @@ fn an_image_of_any_renderer_is_refined() {
     assert!(error.contains("none.exr"), "{error}");
     for (more, part) in [
         (&["--to-spp", "9", "-o", "x.exr"][..], "at most at 8"),
-        (&["--nfe", "0", "-o", "x.exr"], "counts from 1"),
-        (&["--nfe", "1000000000000", "-o", "x.exr"], "at most 10000"),
+        (&["--nfe", "0", "-o", "x.exr"], "1..=10000"),
+        (&["--nfe", "1000000000000", "-o", "x.exr"], "1..=10000"),
         (&["--mirrors", "3", "-o", "x.exr"], "1, 2, 4 or 8"),
         (&["--exposure=-1", "-o", "x.exr"], "positive"),
         (&["--exposure=1e300", "-o", "x.exr"], "lower --exposure"),

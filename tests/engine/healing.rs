@@ -3,7 +3,10 @@
 use crate::support::Workshop;
 use std::sync::atomic::AtomicBool;
 use std::{collections::BTreeMap, fs, path::Path};
-use tauflow::engine::{self, EngineError, RunOptions, event::Event};
+use tauflow::{
+    engine::{self, EngineError, RunOptions, event::Event},
+    ids::PortId,
+};
 
 /// Blobs of 70 kB have files of their own.
 const PADDED: &str = "
@@ -219,7 +222,7 @@ fn what_is_asked_for_and_lost_is_restored() {
     assert!(matches!(never, EngineError::Request(_)), "{never}");
     let restore = |shop: &Workshop| {
         let stop = AtomicBool::new(false);
-        engine::restore(&pipeline, &shop.store(), (node, 0), &stop, &|_| {}).expect("the store works")
+        engine::restore(&pipeline, &shop.store(), (node, PortId::DEFAULT), &stop, &|_| {}).expect("the store works")
     };
     assert!(restore(&shop).failures.is_empty());
     assert_eq!(shop.numbers(PADDED, "longer"), before);
@@ -256,9 +259,16 @@ fn what_only_memory_held_is_not_lost_and_what_was_stored_is() {
         remove(&shop.cache().join("packs"), |_| true);
         assert_eq!(verify(), (true, true, true));
         assert!(shop.run(text).summary.failures.is_empty());
-        // What was not needed, and so was not made again, is cleared away; the next run has to make it to know it.
+        // What was not needed, and so was not made again, is known all the same, and a collection leaves it so: of what
+        // did not pass the gate, nobody reads the numbers.
+        let some = text == PASSED_ON;
+        assert_eq!(verify(), (true, some, some));
         let all = tauflow_cache::GcOptions { keep_within_secs: Some(1 << 40), now: 1 << 40, ..Default::default() };
         shop.store().gc(&all).expect("room");
+        assert_eq!(shop.run(text).ran(), BTreeMap::new());
+        assert_eq!(verify(), (true, some, some));
+        // One that clears it away has the next run make it, to know it.
+        shop.store().gc(&tauflow_cache::GcOptions { lost: true, ..all }).expect("room");
         assert_eq!(verify(), (true, false, false));
         assert!(shop.run(text).summary.failures.is_empty());
         assert_eq!(shop.run(text).ran(), BTreeMap::new());

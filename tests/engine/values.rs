@@ -1,18 +1,13 @@
 //! Named values and matrices like another node's: what they stand for, and what people are told of wrong ones.
 
-use crate::support::{Workshop, registry, resolve};
+use crate::{
+    diagnostics::{told, told_with},
+    support::{Workshop, registry, resolve},
+};
 use insta::assert_snapshot;
 use serde_json::{Value, json};
 use std::fs;
 use tauflow::pipeline::{self, Options, Pipeline};
-
-fn told_with(text: &str, options: &Options) -> String {
-    pipeline::resolve_text("toy.yaml", text, &registry(), options).expect_err("it has problems").render(false)
-}
-
-fn told(text: &str) -> String {
-    told_with(text, &Options::default())
-}
 
 fn with(text: &str, profile: Option<&str>, sets: &[&str]) -> Pipeline {
     let sets = sets.iter().map(|set| (*set).to_owned()).collect();

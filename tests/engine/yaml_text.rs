@@ -1,16 +1,10 @@
 //! What people are told of text that YAML allows but nobody should write, of text that is no YAML, and of files that
 //! are none. Each message stands in `snapshots/`, and each must name a place and a remedy.
 
-use crate::{support::registry, validator::problems};
+use crate::{diagnostics::told, support::registry, validator::problems};
 use insta::assert_snapshot;
 use std::{fs, time::Instant};
 use tauflow::pipeline::{self, Options, schema};
-
-fn told(text: &str) -> String {
-    pipeline::resolve_text("toy.yaml", text, &registry(), &Options::default())
-        .expect_err("it has problems")
-        .render(false)
-}
 
 /// Texts that are wrong in ways that only reading them shows.
 fn bad_texts() -> Vec<(&'static str, String)> {

@@ -14,6 +14,7 @@ use tauflow::{
         self, EngineError, RunOptions,
         event::{Ended, Event},
     },
+    ids::PortId,
     pipeline::{self, Options, Pipeline},
 };
 use tauflow_cache::{Key, Store};
@@ -50,12 +51,13 @@ fn export(pipeline: &Pipeline, store: &Store, node: &str) -> Result<bool, String
     let node = pipeline.node(node).ok_or("there is no such node")?;
     let restore = || {
         let stop = AtomicBool::new(false);
-        let summary = engine::restore(pipeline, store, (node, 0), &stop, &|_| {}).map_err(|e| e.to_string())?;
+        let summary =
+            engine::restore(pipeline, store, (node, PortId::DEFAULT), &stop, &|_| {}).map_err(|e| e.to_string())?;
         summary.failures.first().map_or(Ok(()), |failure| Err(failure.message.clone()))
     };
     let whole = || -> Result<Option<Vec<String>>, String> {
         let mut lines = Vec::new();
-        let found = match engine::outputs(pipeline, store, node, 0) {
+        let found = match engine::outputs(pipeline, store, node, PortId::DEFAULT) {
             Err(EngineError::Lost(_)) => return Ok(None),
             found => found.map_err(|e| e.to_string())?,
         };

@@ -9,6 +9,7 @@ use tauflow::{
         exec::{ActionFile, ExecError},
         explain::History,
     },
+    ids::PortId,
     pipeline::{self, Options, Pipeline},
 };
 use tauflow_cache::{Digest, Key, Record, Store, tree};
@@ -47,13 +48,13 @@ fn relist(store: &Store, items: &Collection, text: &str, len: u64) {
 
 fn long(pipeline: &Pipeline, store: &Store) -> Result<Collection, String> {
     let node = pipeline.node("long").expect("it is there");
-    engine::outputs(pipeline, store, node, 0).map_err(|error| error.to_string())
+    engine::outputs(pipeline, store, node, PortId::DEFAULT).map_err(|error| error.to_string())
 }
 
 /// Makes what `long` gave whole again, as `export` does.
 fn restore(pipeline: &Pipeline, store: &Store) -> bool {
     let node = pipeline.node("long").expect("it is there");
-    let restored = engine::restore(pipeline, store, (node, 0), &AtomicBool::new(false), &|_| {});
+    let restored = engine::restore(pipeline, store, (node, PortId::DEFAULT), &AtomicBool::new(false), &|_| {});
     restored.is_ok_and(|summary| summary.failures.is_empty())
 }
 

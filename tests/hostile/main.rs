@@ -24,6 +24,7 @@ use std::{
 };
 use tauflow::{
     engine::{self, RunOptions},
+    ids::PortId,
     pipeline::{self, Options, Pipeline},
 };
 use tauflow_cache::{Digest, Record, Store, tree};
@@ -231,7 +232,7 @@ fn export(pipeline: &Pipeline, store: &Store, to: &Path) -> u64 {
     let out = DiskFolder::new(to);
     let mut count = 0;
     for node in 0..pipeline.nodes.len() {
-        let Ok(found) = engine::outputs(pipeline, store, node, 0) else { continue };
+        let Ok(found) = engine::outputs(pipeline, store, node, PortId::DEFAULT) else { continue };
         for (key, artifact) in found.iter() {
             count += 1;
             // Of the media that files can be made of; toys are none of them, unless a record says so.

@@ -3,6 +3,7 @@
 use std::{collections::BTreeMap, path::Path, sync::atomic::AtomicBool};
 use tauflow::{
     engine::{self, RunOptions},
+    ids::{Id, PortId},
     pipeline::{self, Options, Pipeline},
     registry,
 };
@@ -55,14 +56,15 @@ impl Done {
         let (name, port) = port.split_once('.').expect("`node.port`");
         let node = &self.pipeline.nodes[self.pipeline.node(name).expect("the node is there")];
         let port = node.output(port).expect("the port is there");
-        (node.spec.name, node.spec.outputs[port].group.version)
+        (node.spec.name, node.spec.outputs[port.place()].group.version)
     }
 
     /// What stands at `node` or `node.port`.
     pub fn collection(&self, node: &str) -> Collection {
         let (name, port) = node.split_once('.').unwrap_or((node, ""));
         let node = self.pipeline.node(name).expect("the node is there");
-        let port = if port.is_empty() { 0 } else { self.pipeline.nodes[node].output(port).expect("the port is there") };
+        let of = &self.pipeline.nodes[node];
+        let port = if port.is_empty() { PortId::DEFAULT } else { of.output(port).expect("the port is there") };
         engine::outputs(&self.pipeline, &self.store, node, port).expect("up to date")
     }
 

@@ -2,15 +2,14 @@
 
 #[path = "machine.rs"]
 mod machine;
+#[path = "unsteady.rs"]
+mod unsteady;
 
 use super::media::{Number, Text};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::{
-    path::PathBuf,
-    sync::atomic::{AtomicU64, Ordering},
-};
+use std::path::PathBuf;
 use tauflow::kinds::Registry;
 use tauflow_contract::{
     Action, All, Basis, Context, Each, Group, Handle, InputPort, ItemKey, Items, Kind, KindError, KindRow, KindSpec,
@@ -35,8 +34,8 @@ pub fn registry() -> Registry {
         Box::new(KindRow::<Pair>::new()),
         Box::new(KindRow::<Total>::new()),
         Box::new(KindRow::<Shares>::new()),
-        Box::new(KindRow::<Unsteady>::new()),
-        Box::new(KindRow::<Drawn>::new()),
+        Box::new(KindRow::<unsteady::Unsteady>::new()),
+        Box::new(KindRow::<unsteady::Drawn>::new()),
         Box::new(KindRow::<machine::Sited>::new()),
     ])
 }
@@ -396,60 +395,5 @@ impl Kind for Shares {
             of += number.load(ctx)?.value;
         }
         number(ctx, SHARE, 100 * read(ctx, action)? / of.max(1))
-    }
-}
-
-static RUNS: AtomicU64 = AtomicU64::new(0);
-
-/// Params of `unsteady`.
-#[derive(Serialize, Deserialize, JsonSchema, Default)]
-#[serde(default, deny_unknown_fields)]
-pub struct UnsteadyParams {
-    /// It memoises what it gave.
-    remembers: bool,
-}
-
-const WHATEVER: Out<Number> = Out::new(MAIN, "out", "Whatever.");
-const TIME: Out<Number> = Out::new(Group::new("time", 1), "time", "A measurement.").measured();
-
-/// Map that gives something else each time.
-pub struct Unsteady;
-
-impl Kind for Unsteady {
-    type Params = UnsteadyParams;
-
-    fn spec() -> KindSpec {
-        spec("unsteady", Mode::Map, const { &[IN.port()] }, const { &[WHATEVER.port(), TIME.port()] })
-    }
-
-    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let port = if action.group == "time" { TIME } else { WHATEVER };
-        let inputs = vec![action.handle(IN)?.artifact().digest()];
-        let memo = MemoKey { basis: Basis::new("unsteady", 1, port.name()), inputs };
-        if let Some(known) = ctx.memo_get(&memo).filter(|_| action.params.remembers) {
-            return Ok(Outputs::default().put(port, Handle::new(&known)?.to_stored()));
-        }
-        let result = Number::of(RUNS.fetch_add(1, Ordering::Relaxed) as i64).store(ctx)?;
-        if action.params.remembers {
-            ctx.memo_put(&memo, result.artifact())?;
-        }
-        Ok(Outputs::default().put(port, result))
-    }
-}
-
-const DRAWN: Out<Number> = Out::new(MAIN, "out", "The drawn number.");
-
-/// Map that draws a number from its seed.
-pub struct Drawn;
-
-impl Kind for Drawn {
-    type Params = Nothing;
-
-    fn spec() -> KindSpec {
-        KindSpec { seeded: true, ..spec("drawn", Mode::Map, const { &[IN.port()] }, const { &[DRAWN.port()] }) }
-    }
-
-    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        number(ctx, DRAWN, (action.seed >> 40) as i64)
     }
 }

@@ -14,6 +14,7 @@ use tauflow::{
         self, EngineError, Only, RunOptions, Summary,
         event::{Ended, Event},
     },
+    ids::{Id, PortId},
     pipeline::{self, Options, Pipeline},
 };
 use tauflow_cache::Store;
@@ -119,7 +120,7 @@ impl Workshop {
     pub fn outputs(&self, text: &str, node: &str, port: usize) -> Result<Collection, EngineError> {
         let pipeline = resolve(text);
         let node = pipeline.node(node).expect("it is there");
-        engine::outputs(&pipeline, &self.store(), node, port)
+        engine::outputs(&pipeline, &self.store(), node, PortId::at(port))
     }
 
     /// The numbers on a node's default port, by item.

@@ -1,6 +1,6 @@
 //! What a collection keeps and what goes. Reads; changes nothing.
 
-use super::{GcOptions, GcReport, listing::Listing};
+use super::{GcOptions, GcReport, listing::Listing, segments::live_segments};
 use crate::{
     CacheError, Digest, Key, Store,
     error::At,
@@ -8,7 +8,7 @@ use crate::{
     layout::{lease_owner, loose_blobs, names},
     lease::{Use, is_live, read_uses},
     record::{Reach, decode_reach},
-    segment::{BLOB_HEADER, Sort, read_record},
+    segment::read_record,
     whole::Checked,
 };
 use std::{
@@ -16,10 +16,6 @@ use std::{
     path::PathBuf,
     sync::Arc,
 };
-
-/// Dead segments below this size are merged once there are more than `MANY_SMALL`.
-const SMALL: u64 = 1 << 20;
-const MANY_SMALL: usize = 16;
 
 /// Blobs that all records may reach, each record counted for itself: half a gigabyte of numbers.
 const MOST_REACHED: u64 = 1 << 27;
@@ -43,7 +39,7 @@ pub(super) struct Blob {
     /// It lists others.
     pub tree: bool,
     /// Stays because its pack is not worth rewriting, or there is no room to.
-    lingers: bool,
+    pub lingers: bool,
     /// It is in the trash, or was there.
     pub gone: bool,
 }
@@ -70,7 +66,7 @@ pub(super) struct Row {
     /// Microseconds that it takes to make a byte of what it reaches again.
     cost: f64,
     complete: bool,
-    /// Blobs that it names are lost: what it tells of is made again.
+    /// Blobs that it names are lost.
     lost: bool,
     pub last_used: u64,
     pub when: u64,
@@ -237,7 +233,7 @@ impl Plan {
         }
         let recent = options.keep_within_secs.map(|span| options.now.saturating_sub(span));
         for row in &mut self.rows {
-            row.held |= !row.lost && recent.is_some_and(|since| row.last_used >= since);
+            row.held |= !(options.lost && row.lost) && recent.is_some_and(|since| row.last_used >= since);
             row.held |= row.refs.iter().any(|blob| pinned.contains(blob));
             if row.held {
                 row.refs.iter().for_each(|&blob| self.blobs[blob as usize].held = true);
@@ -246,7 +242,7 @@ impl Plan {
         Ok(())
     }
 
-    fn size(&self, blobs: &[u32]) -> u64 {
+    pub fn size(&self, blobs: &[u32]) -> u64 {
         total(blobs.iter().map(|&blob| &self.blobs[blob as usize]))
     }
 
@@ -290,8 +286,8 @@ impl Plan {
             let rest = |row: &Row| (row.last_used, row.namespace.clone(), row.slot.1);
             b.derived.cmp(&a.derived).then(a.cost.total_cmp(&b.cost)).then_with(|| rest(a).cmp(&rest(b)))
         });
-        // What has lost blobs goes in any case: it takes no room to speak of, and holds off what would make them again.
-        let (lost, order): (Vec<u32>, Vec<u32>) = order.into_iter().partition(|&n| self.rows[n as usize].lost);
+        let asked = |n: &u32| options.lost && self.rows[*n as usize].lost;
+        let (lost, order): (Vec<u32>, Vec<u32>) = order.into_iter().partition(asked);
         for n in lost {
             let row = &mut self.rows[n as usize];
             row.goes = true;
@@ -328,51 +324,6 @@ impl Plan {
         }
     }
 
-    fn choose_packs(&mut self, store: &Store, live: &HashSet<u32>) -> Result<(), CacheError> {
-        let mut here: HashMap<u32, Vec<u32>> = HashMap::new();
-        for (number, blob) in self.blobs.iter().enumerate() {
-            if let Place::Packed { segment, .. } = blob.place {
-                here.entry(segment).or_default().push(number as u32);
-            }
-        }
-        let (mut chosen, mut small) = (Vec::new(), Vec::new());
-        for (segment, path) in dead_segments(store, Sort::Pack, live) {
-            let len = std::fs::metadata(&path).at("read the pack", &path)?.len();
-            let here = here.remove(&segment).unwrap_or_default();
-            let keep: Vec<u32> = here.iter().copied().filter(|&blob| self.blobs[blob as usize].stays()).collect();
-            let kept = self.size(&keep).saturating_add(BLOB_HEADER * keep.len() as u64);
-            // Superseded copies and torn tails are wasted, too.
-            let damaged = store.index().segments[segment as usize].damaged > 0;
-            if keep.is_empty() || damaged || len.saturating_sub(kept).saturating_mul(8) >= len {
-                chosen.push(PackPlan { segment, here });
-                continue;
-            }
-            here.iter().for_each(|&blob| self.blobs[blob as usize].lingers = true);
-            if len < SMALL {
-                small.push(PackPlan { segment, here });
-            }
-        }
-        if small.len() > MANY_SMALL {
-            chosen.extend(small);
-        }
-        self.packs = chosen;
-        Ok(())
-    }
-
-    fn choose_logs(&mut self, store: &Store, live: &HashSet<u32>) {
-        let with_loss: HashSet<u32> = self.rows.iter().filter(|row| row.goes).map(|row| row.segment).collect();
-        let in_use: HashSet<u32> = self.rows.iter().map(|row| row.segment).collect();
-        let dead: Vec<_> = dead_segments(store, Sort::Log, live);
-        let is_small = |path: &PathBuf| std::fs::symlink_metadata(path).is_ok_and(|meta| meta.len() < SMALL);
-        let small = dead.iter().filter(|(_, path)| is_small(path)).count();
-        let merge = small > MANY_SMALL;
-        let chosen = |(number, path): &(u32, PathBuf)| {
-            let damaged = store.index().segments[*number as usize].damaged > 0;
-            with_loss.contains(number) || !in_use.contains(number) || damaged || (merge && is_small(path))
-        };
-        self.logs = dead.into_iter().filter(chosen).map(|(number, _)| number).collect();
-    }
-
     fn count(&mut self, options: &GcOptions) {
         let report = &mut self.report;
         for blob in &self.blobs {
@@ -388,6 +339,7 @@ impl Plan {
         }
         report.removed_records = self.rows.iter().filter(|row| row.goes).count() as u64;
         report.kept_records = self.rows.len() as u64 - report.removed_records;
+        report.lost_records = self.rows.iter().filter(|row| row.lost && !row.goes).count() as u64;
         report.over_budget = options.max_bytes.map_or(0, |limit| report.kept_bytes.saturating_sub(limit));
     }
 }
@@ -403,23 +355,4 @@ impl GcReport {
         self.removed_bytes = self.removed_bytes.saturating_sub(size);
         self.kept_bytes = self.kept_bytes.saturating_add(size);
     }
-}
-
-/// Segments whose writer lives, this store's among them.
-fn live_segments(store: &Store) -> HashSet<u32> {
-    let index = store.index();
-    let lives = |owner: &str| is_live(&store.layout.lease(owner));
-    let segments = index.segments.iter().enumerate().filter(|(_, segment)| !segment.gone);
-    // One that was not read to its end had a live owner a moment ago.
-    segments
-        .filter(|(_, segment)| segment.own || !segment.sealed || lives(&segment.owner))
-        .map(|(n, _)| n as u32)
-        .collect()
-}
-
-fn dead_segments(store: &Store, sort: Sort, live: &HashSet<u32>) -> Vec<(u32, PathBuf)> {
-    let index = store.index();
-    let segments = index.segments.iter().enumerate().map(|(n, segment)| (n as u32, segment));
-    let dead = segments.filter(|(n, segment)| segment.sort == sort && !segment.gone && !live.contains(n));
-    dead.map(|(n, segment)| (n, segment.path.clone())).collect()
 }

@@ -9,7 +9,7 @@ use std::{
 use tauflow_cache::{Digest, GcOptions, GcReport, Store};
 
 const OLD: GcOptions =
-    GcOptions { max_bytes: None, keep_within_secs: Some(50), now: 100, dry_run: false, pins: Vec::new() };
+    GcOptions { max_bytes: None, keep_within_secs: Some(50), now: 100, dry_run: false, pins: Vec::new(), lost: false };
 
 /// Records 1 to 20 are old and 80 to 99 are recent; small blobs of both lie in one pack, records of both in one log.
 /// Another pack and another log hold old ones alone.

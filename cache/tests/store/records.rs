@@ -177,11 +177,75 @@ fn what_is_lost_is_told_from_what_was_never_stored() {
     // The pack is gone, and with it the first blob and the listings.
     fs::remove_file(&files(&dir.path().join("packs"))[0]).expect("it is there");
     assert_eq!(verify(), (4, 3, true));
-    // A collection clears away what has lost something, however recent, and leaves what has not.
+    // A collection keeps what it would keep otherwise: what is lost comes back when it is needed.
     let recent = GcOptions { keep_within_secs: Some(1000), now: 10, ..GcOptions::default() };
-    assert_eq!(open(dir.path()).gc(&recent).expect("gc").removed_records, 3);
+    let report = open(dir.path()).gc(&recent).expect("gc");
+    assert_eq!((report.removed_records, report.kept_records, report.lost_records), (0, 4, 3));
+    assert_eq!(verify(), (4, 3, true));
+    let known = |n: u64| open(dir.path()).lookup("action", &record(n, "", vec![]).key).is_some();
+    assert!((1..=4).all(known));
+    // Where it is asked to, it clears away what has lost something, however recent, and leaves what has not.
+    let cleared = GcOptions { lost: true, ..recent };
+    let dry = open(dir.path()).gc(&GcOptions { dry_run: true, ..cleared.clone() }).expect("a dry run");
+    let report = open(dir.path()).gc(&cleared).expect("gc");
+    assert_eq!((report.removed_records, report.kept_records, report.lost_records), (3, 1, 0));
+    assert_eq!((dry.removed_records, dry.lost_records), (3, 0));
     assert_eq!(verify(), (1, 0, false));
     assert!(open(dir.path()).lookup("action", &record(2, "", vec![]).key).is_some_and(|found| found.transient));
+}
+
+#[test]
+fn a_record_that_lost_its_blobs_goes_with_age_and_stays_for_those_who_hold_it() {
+    let (dir, store) = fresh();
+    for n in [1, 50, 60] {
+        let digest = store.put(&blob(n, 3000)).expect("put");
+        store.record(&record(n, "p", vec![digest])).expect("record");
+    }
+    drop(store);
+    fs::remove_file(&files(&dir.path().join("packs"))[0]).expect("it is there");
+    let left = |store: &Store| [1, 50, 60].map(|n| store.read("action", &record(n, "", vec![]).key).is_some());
+    let recent = GcOptions { keep_within_secs: Some(20), now: 61, ..GcOptions::default() };
+    open(dir.path()).gc(&recent).expect("gc");
+    assert_eq!(left(&open(dir.path())), [false, true, true], "the old one went");
+    // Whoever lives and has looked one up keeps it even from a collection that takes what is lost.
+    let live = open(dir.path());
+    assert!(live.lookup("action", &record(50, "", vec![]).key).is_some());
+    let report = open(dir.path()).gc(&GcOptions { lost: true, ..recent }).expect("gc");
+    assert_eq!((left(&open(dir.path())), report.lost_records), ([false, true, false], 1));
+    // The action that ran again makes it whole.
+    live.put(&blob(50, 3000)).expect("put");
+    drop(live);
+    assert!(!open(dir.path()).verify(None, 0, &mut |_, _| ()).expect("verify").is_damaged());
+}
+
+#[test]
+fn damage_is_told_each_time_the_store_is_opened() {
+    let (dir, store) = fresh();
+    for n in 0..5000 {
+        store.record(&record(n, "p", vec![])).expect("record");
+    }
+    std::mem::forget(store); // as a killed process: no index file
+    let log = files(&dir.path().join("log"))[0].clone();
+    let middle = fs::metadata(&log).expect("metadata").len() as usize / 2;
+    flip(&log, middle);
+    // The lease of the killed one is this process's: without it, its owner is dead.
+    fs::remove_dir_all(dir.path().join("leases")).expect("it is ours");
+    for _ in 0..2 {
+        let store = open(dir.path());
+        assert!(store.damaged_log_places() > 0);
+        assert!(store.verify(None, 0, &mut |_, _| ()).expect("verify").damaged_records > 0);
+    }
+    // What an index file hides is found when it is looked up.
+    open(dir.path()).gc(&GcOptions::default()).expect("gc");
+    let store = open(dir.path());
+    assert_eq!(store.damaged_log_places(), 0, "it was cleared away");
+    let kept = store.keys_like("action", "");
+    let log = files(&dir.path().join("log")).into_iter().find(|path| path.extension().is_some_and(|e| e == "log"));
+    drop(store);
+    let store = open(dir.path());
+    flip(&log.expect("a log"), 40_000);
+    assert_eq!(kept.iter().filter(|key| store.lookup("action", key).is_none()).count(), 1);
+    assert_eq!(store.damaged_log_places(), 1);
 }
 
 #[test]

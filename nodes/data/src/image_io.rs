@@ -58,6 +58,8 @@ const MOST_PIXELS: usize = 1 << 26;
 const MOST_CHANNELS: usize = 1024;
 /// Most numbers of a picture that is read, over all channels: 2 GiB.
 const MOST_SAMPLES: usize = 1 << 29;
+/// Most bytes of an EXR file.
+const MOST_BYTES: u64 = 1 << 32;
 /// Numbers that a picture of any file may have; few bytes can claim many.
 const FREE_SAMPLES: usize = 1 << 26;
 /// More of them for each byte of the file: half of what the best compression of zeros says.
@@ -72,7 +74,7 @@ const SAMPLES_PER_BYTE: usize = 512;
 /// no layer with R, G and B (or, for normals, X, Y and Z) at full resolution.
 pub fn read_exr(path: &Path) -> std::result::Result<BTreeMap<String, Image>, DataError> {
     let name = path.display().to_string();
-    let bytes = read_regular(path, u64::MAX).map_err(|source| DataError::Io { path: name.clone(), source })?;
+    let bytes = read_regular(path, MOST_BYTES).map_err(|source| DataError::Io { path: name.clone(), source })?;
     parse_exr(&name, &bytes)
 }
 

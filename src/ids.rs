@@ -1,4 +1,4 @@
-//! Numbers of the engine's things, each a type of its own, and rows that are indexed by them.
+//! Numbers of things of pipelines and of the engine, each a type of its own, and rows that are indexed by them.
 
 use std::{
     fmt,
@@ -41,6 +41,11 @@ ids! {
     PortId
     /// An input port of a kind, by its place in `KindSpec::inputs`.
     InputId
+}
+
+impl PortId {
+    /// The port that is meant where none is named: the first.
+    pub const DEFAULT: Self = Self(0);
 }
 
 /// A shard is named by the first byte of the hash of its items' keys.
