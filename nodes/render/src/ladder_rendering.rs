@@ -17,11 +17,11 @@ use tauflow_data::{
 };
 
 const NAME: &str = "ladder_rendering";
-const LADDERS: Group = Group::new("ladder", 5);
-const GBUFFERS: Group = Group::new("gbuffer", 5);
-const TIMINGS: Group = Group::new("timing", 5);
+const LADDERS: Group = Group::new("ladder", 6);
+const GBUFFERS: Group = Group::new("gbuffer", 6);
+const TIMINGS: Group = Group::new("timing", 6);
 /// Version of what is remembered of renders: goes up with that of [`LADDERS`] when any image changes.
-const MEMO_VERSION: u32 = 5;
+const MEMO_VERSION: u32 = 6;
 
 const SCENES: Each<SceneRecord> = Each::new("scenes", "The scenes to render.");
 const AFTER: All<Any> = All::any("after", "What must be there before `timing` measures.").or_none();

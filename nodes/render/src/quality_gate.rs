@@ -20,7 +20,7 @@ use tauflow_data::{
 const SCENES: Each<SceneRecord> = Each::new("scenes", "The scenes to judge.");
 const PREVIEWS: Each<Ladder> = Each::new("previews", "A ladder of each; its last rung is judged.");
 
-const MAIN: Group = Group::main(2);
+const MAIN: Group = Group::main(3);
 const ACCEPTED: Out<SceneRecord> = Out::new(MAIN, "accepted", "The scenes that passed.").filtering();
 const EXPOSURE: Out<Exposure> = Out::new(MAIN, "exposure", "Exposure of the scenes that passed.").filtering();
 const VERDICTS: Out<Verdict> = Out::new(MAIN, "verdicts", "What was measured, and every reason for rejection.");

@@ -196,7 +196,8 @@ impl Work<'_, '_> {
                 let n = unit(cross(u, v));
                 let center = mul(add(*a, *c), 0.5);
                 let to_world = [0, 1, 2].map(|r| [u[r], v[r], n[r], center[r]]);
-                let per_metre = [0.5 / length(u), 0.5 / length(v)];
+                // A rectangle's v grows upwards, that of images downwards.
+                let per_metre = [0.5 / length(u), -0.5 / length(v)];
                 let bsdf = self.materials.stuff(skin.stuff, self.regime, special, per_metre, &mut d.clone())?;
                 let material = self.material(bsdf);
                 self.shape(Geometry::Rectangle, to_world, material, None);

@@ -102,14 +102,18 @@ impl Work<'_, '_> {
                 Regime::L3 => disk(self, at, sub(aim, at), small.min(0.06), &mut d),
             },
             Light::Outside(at, normal, half) => {
-                let (sky, variant) = cast.outside(&mut self.stream.part("outside"));
-                let image = skies::stored(self.ctx, sky.name, variant)?;
-                // A part of the sky: from a little below the horizon up, an eighth of the way round for 1.5 m.
-                let (wide, tall) = (half[0] / 6.0, half[1] / 5.0);
-                let turn = 0.25 * (f64::from(u8::from(normal[0] != 0.0)) + f64::from(u8::from(normal[2] > 0.0)));
-                let uv = [[wide, 0.0, turn + 0.05 * at[0] + 0.05 * at[2]], [0.0, -tall, 0.53]];
-                let scale = [(power * self.hour.windows) as f32; 3];
-                let emission = Texture::Bitmap { image, uv, scale, channel: None, clamp: false };
+                let level = (power * self.hour.windows) as f32;
+                let emission = if self.params.textured_lights > 0.0 {
+                    let (sky, variant) = cast.outside(&mut self.stream.part("outside"));
+                    let image = skies::stored(self.ctx, sky.name, variant)?;
+                    // A part of the sky: from a little below the horizon up, an eighth of the way round for 1.5 m.
+                    let (wide, tall) = (half[0] / 6.0, half[1] / 5.0);
+                    let turn = 0.25 * (f64::from(u8::from(normal[0] != 0.0)) + f64::from(u8::from(normal[2] > 0.0)));
+                    let uv = [[wide, 0.0, turn + 0.05 * at[0] + 0.05 * at[2]], [0.0, -tall, 0.53]];
+                    Texture::Bitmap { image, uv, scale: [level; 3], channel: None, clamp: false }
+                } else {
+                    Texture::scalar(level)
+                };
                 let material = black(self);
                 let to_world = facing(at, normal, half);
                 self.shape(Geometry::Rectangle, short(&to_world), material, Some(emission));

@@ -61,6 +61,10 @@ pub struct SceneGenerationParams {
     pub max_depth: MaxDepth,
     /// Diffuse surfaces, which every scene has.
     pub diffuse: DiffuseRanges,
+    /// Share of lamps that are brighter in places. Screens always show something, and windows a part of a sky; with 0
+    /// all are even.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub textured_lights: f64,
     /// Glossy surfaces: read by L1 alone.
     pub glossy: GlossyRanges,
     /// Refractive surfaces under broad light: read by L2 alone.
@@ -154,6 +158,7 @@ impl Default for SceneGenerationParams {
             fov: [35.0, 70.0],
             max_depth: MaxDepth::default(),
             diffuse: DiffuseRanges::default(),
+            textured_lights: 0.6,
             glossy: GlossyRanges::default(),
             refractive: RefractiveRanges::default(),
             caustic: CausticRanges::default(),
@@ -257,6 +262,7 @@ impl SceneGenerationParams {
             "fov": self.fov,
             "max_depth": { stratum.context.to_string(): self.depth(stratum.context) },
             "diffuse": self.diffuse,
+            "textured_lights": self.textured_lights,
             "library": self.library,
         });
         let fields = value.as_object_mut().expect("just made");

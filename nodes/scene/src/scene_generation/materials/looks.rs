@@ -78,7 +78,7 @@ fn castable(stuff: Stuff) -> bool {
 
 impl Materials<'_, '_> {
     /// The BSDF of a part. `uv_per_metre`: how many units of uv one metre of the surface has (1 for forms; for a
-    /// rectangle `[1 / width, 1 / height]`, whose uv is the unit square). `special`: this part shows the regime: gloss
+    /// rectangle `[1 / width, -1 / height]`, whose uv is the unit square, its v upwards). `special`: this part shows the regime: gloss
     /// in L1; in L2 and L3 a body of glass (so it must be closed, unless it is of a stuff that is never cast or blown),
     /// in L3 mirrors of metal.
     ///
@@ -338,7 +338,8 @@ impl Materials<'_, '_> {
         let mut d = draw.part("glow");
         let name = if stuff == Stuff::Screen { "screen" } else { "lampshade" };
         // Bulbs and tubes are even.
-        if (stuff != Stuff::Screen && d.chance(0.4)) || self.params.diffuse.textured <= 0.0 {
+        let share = self.params.textured_lights;
+        if share <= 0.0 || (stuff != Stuff::Screen && !d.chance(share)) {
             return Ok(Texture::rgb(radiance));
         }
         let laid = self.lay(Pattern::of(name), Place::Once(extent), Tone::Nature, Some([0.0; 2]), &mut d)?;
