@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, fs, path::PathBuf, sync::atomic::AtomicBool};
 use tauflow_contract::{
     Action, Artifact, Collection, Context, FILE_PORT, FileTree, Files, ItemKey, KindError, Media, MemoryBlobs,
-    NodeKind, Outputs, Silent, SourceItem, derive_seed,
+    NodeKind, Outputs, Silent, SourceItem,
 };
 use tauflow_data::records::AssetReport;
 
@@ -46,7 +46,7 @@ pub fn act(
         params: kind.projection(params)(key, "main"),
         item: key,
         group: "main",
-        seed: derive_seed(7, kind.spec().name, key.map_or("", ItemKey::as_str)),
+        seed: kind.seed(7, key.map_or("", ItemKey::as_str)),
         each: file.iter().map(|f| (FILE_PORT, f)).collect(),
         all,
     };
