@@ -64,7 +64,7 @@ def theirs(path):
         scene = mi.load_file(str(copy), resx=args.side, resy=args.side)
     finally:
         copy.unlink()
-    images = [np.array(mi.render(scene, spp=args.spp, seed=1000 + batch))[..., :3] for batch in range(args.batches)]
+    images = [np.array(mi.render(scene, spp=args.spp, seed=1000 + b))[..., :3] for b in range(args.batches)]
     return np.stack(images).astype(np.float64)
 
 

@@ -28,8 +28,8 @@ const SPP: u64 = 4;
 
 /// A factor that is worked into a picture rounds its texels by half a unit in the last place, where the renderer rounds
 /// what it looks up between them. A path of some ten bounces has so many such factors: 1e-5 is ten times what that
-/// comes to. Where the last digit decides (a lobe, the end of a path, an edge that is hit or missed), the sample is
-/// another one of the same expectation: pixels that differ by more may be so many, and the mean by so much.
+/// comes to. Where the last digit decides, the sample is another one of the same expectation: another lobe, another end
+/// of the path, an edge that is missed. So many pixels may differ by more, and the mean by so much.
 const PART: f32 = 1e-5;
 const MOST_OFF: f64 = 0.05;
 const MOST_BIAS: f64 = 2e-3;

@@ -9,7 +9,8 @@ fn maps_that_mirror_turn_what_has_no_normals_as_mitsuba_does() {
             if normals { ("property float nx\nproperty float ny\nproperty float nz\n", " 0 0 1") } else { ("", "") };
         format!(
             "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n{names}\
-             element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0{of}\n1 0 0{of}\n0 1 0{of}\n3 0 1 2\n"
+             element face 1\nproperty list uchar int vertex_indices\nend_header\n\
+             0 0 0{of}\n1 0 0{of}\n0 1 0{of}\n3 0 1 2\n"
         )
         .into_bytes()
     };
@@ -68,7 +69,8 @@ fn paths_that_count_passages_are_told() {
 #[test]
 fn what_mitsuba_refuses_or_shows_otherwise_is_told_with_its_line() {
     let text = xml("<shape type=\"cube\" colour=\"red\"><bsdf type=\"diffuse\" idd=\"x\"/></shape>\n\
-         <shape type=\"cube\"><transform name=\"to_world\"><rotate axis=\"y\" y=\"1\" angle=\"3\"/></transform></shape>\n\
+         <shape type=\"cube\"><transform name=\"to_world\">\
+         <rotate axis=\"y\" y=\"1\" angle=\"3\"/></transform></shape>\n\
          <shape type=\"sphere\"><integer name=\"radius\" value=\"2.5\"/></shape>\n\
          <shape type=\"sphere\"><float name=\"radius\" value=\"-1\"/></shape>\n\
          <shape type=\"sphere\"><transform name=\"to_world\"><scale x=\"2\"/></transform></shape>\n\
