@@ -73,7 +73,7 @@ files = [HERE / f"{name}{ending}" for name in names for ending in (".xml", ".pbr
 files = [path for path in files if path.exists()]
 bins_limit, mean_limit = limit(len(files) * BINS * BINS), limit(3 * len(files))
 print(f"{len(files)} files; limits {mean_limit:.2f} for means, {bins_limit:.2f} for bins\n")
-print("| file | mean of Mitsuba's red, green, blue | ours beside it | z of each | would have been found | worst bin | |")
+print("| file | Mitsuba's red, green, blue | ours beside it | z of each | would have been found | worst bin | |")
 print("|---|---|---|---|---:|---:|---|")
 references, agree = {}, 0
 for path in files:
