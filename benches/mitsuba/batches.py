@@ -40,8 +40,8 @@ if args.compensate:
     compensated = '<emitter type="envmap"><boolean name="mis_compensation" value="true"/>'
     text = text.replace('<emitter type="envmap">', compensated)
 if args.roulette is not None:
-    later = f'<integrator type="path"><integer name="rr_depth" value="{args.roulette}"/>'
-    text = text.replace('<integrator type="path">', later)
+    later = rf'\g<0><integer name="rr_depth" value="{args.roulette}"/>'
+    text = re.sub(r'<integrator type="\w+">', later, text)
 path = args.scene / f"scene-{args.side}-{args.spp}-{args.variant}-{args.compensate}-{args.roulette}.xml"
 path.write_text(text)
 begun = time.perf_counter()

@@ -1,5 +1,7 @@
 //! Files of every sort as scenes, and what is said of those that cannot be.
 
+mod mitsuba;
+
 use super::*;
 use std::{fs, sync::atomic::AtomicBool};
 use tauflow_contract::{MemoryBlobs, Silent};

@@ -1,7 +1,7 @@
 //! Mitsuba's BSDFs. Knows no shape.
 
 use super::{DEEPEST, MOST_VISITS, Material, Plugin, Reader, Value, textures::Role};
-use crate::scene_files::spectra;
+use crate::scene_files::{build::holds, spectra};
 use tauflow_data::scene::{Bsdf, DELTA_ALPHA, Texture};
 
 /// What Mitsuba's plugins take where an index of refraction is not given.
@@ -69,6 +69,9 @@ impl<'t> Reader<'t, '_, '_> {
             "normalmap" => self.normal_map(plugin),
             "twosided" => {
                 let [inner] = self.nested(plugin)?;
+                if holds(&inner, |b| matches!(b, Bsdf::Dielectric { .. } | Bsdf::ThinDielectric { .. })) {
+                    self.build.problems.error(&plugin.at, "`twosided` about what lets light through", "take it out");
+                }
                 Some(Bsdf::TwoSided { inner: Box::new(inner) })
             }
             "null" => Some(nothing()),

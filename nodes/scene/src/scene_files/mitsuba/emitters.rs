@@ -2,7 +2,7 @@
 
 use super::{Plugin, Reader};
 use crate::{
-    geom::{apply, unit},
+    geom::{apply, length, unit},
     scene_files::build::{Bound, Channels},
 };
 use tauflow_data::scene::Emitter;
@@ -29,6 +29,9 @@ impl<'t> Reader<'t, '_, '_> {
                 let map = self.placed(plugin);
                 let along = unit([0, 1, 2].map(|r: usize| map[r][2]));
                 let direction = self.vector(plugin, "direction").unwrap_or(along);
+                if length(direction) == 0.0 {
+                    self.build.problems.error(&plugin.at, "a light without a direction", "give it one");
+                }
                 Some(Emitter::Directional { direction, irradiance: self.light(plugin, "irradiance") })
             }
             _ => {

@@ -282,6 +282,10 @@ impl<'t> Reader<'t, '_, '_> {
                     }
                     "blackbody" => {
                         let kelvin = self.number(plugin, "temperature").unwrap_or(5000.0);
+                        if kelvin <= 0.0 {
+                            let what = format!("a black body of {kelvin} kelvin");
+                            self.build.problems.error(&plugin.at, what, "give it a temperature above 0");
+                        }
                         let scale = self.number(plugin, "scale").unwrap_or(1.0);
                         spectra::blackbody(kelvin).map(|v| v * scale)
                     }

@@ -78,6 +78,15 @@ impl<'t> Reader<'t, '_, '_> {
         // There a shape's own map turns it inside out if it mirrors, but for what has normals of its own.
         let flip_normals = flip_normals != (turns && mirrors(&own));
         let to_world = chained(&map, &local);
+        if let Geometry::Sphere { radius, .. } = geometry {
+            if radius <= 0.0 {
+                self.build.problems.error(&plugin.at, format!("a sphere of radius {radius}"), "use one above 0");
+            }
+            if !even(&to_world) {
+                let what = "a sphere that is scaled unevenly is not supported";
+                self.build.problems.error(&plugin.at, what, "use a mesh in its place");
+            }
+        }
         let emission = match emission {
             Some((Some(texture), _)) => Some(texture),
             Some((None, _)) => return,

@@ -4,11 +4,12 @@
 //! Source: Mitsuba 3's documentation of its file format, and what version 3.9.1 does where that is silent. Paths are
 //! relative to the main file, also in included ones.
 
-use super::values::{any_up, color, look, numbers, rotation, spectrum};
+mod transforms;
+
+use super::values::{color, numbers, spectrum};
 use crate::{
-    geom::{Vec3, scaling, sub, translation, unit},
+    geom::Vec3,
     scene_files::{
-        build::chained,
         given::Given,
         problems::{Place, Problems},
     },
@@ -19,7 +20,7 @@ use std::{
     collections::{BTreeMap, BTreeSet},
     rc::Rc,
 };
-use tauflow_data::scene::{Affine, IDENTITY};
+use tauflow_data::scene::Affine;
 
 /// A parameter's value.
 #[derive(Clone, Debug)]
@@ -114,6 +115,22 @@ const DEEPEST: usize = 64;
 const MOST_INCLUDED: usize = 1000;
 const MOST_PLUGINS: usize = 1 << 20;
 
+/// The attributes that elements have: those of all, and those of some.
+const COMMON: [&str; 2] = ["name", "value"];
+const ATTRIBUTES: [(&str, &[&str]); 11] = [
+    ("scene", &["version"]),
+    ("ref", &["id"]),
+    ("alias", &["id", "as"]),
+    ("include", &["filename"]),
+    ("spectrum", &["type", "id", "filename"]),
+    ("point", &["x", "y", "z"]),
+    ("vector", &["x", "y", "z"]),
+    ("translate", &["x", "y", "z"]),
+    ("scale", &["x", "y", "z"]),
+    ("rotate", &["x", "y", "z", "angle"]),
+    ("lookat", &["origin", "target", "up"]),
+];
+
 struct Parser<'a> {
     given: &'a Given<'a>,
     problems: &'a mut Problems,
@@ -174,6 +191,16 @@ impl Parser<'_> {
         }
     }
 
+    /// Names attributes that an element of its sort does not have.
+    fn check_attributes(&mut self, element: Element<'_, '_>, at: &Place) {
+        let tag = element.tag_name().name();
+        let of_plugin: &[&str] = if PLUGINS.contains(&tag) { &["type", "id"] } else { &[] };
+        let own = ATTRIBUTES.iter().find(|(name, _)| *name == tag).map_or(of_plugin, |(_, own)| own);
+        for name in element.attributes().map(|a| a.name()).filter(|n| !COMMON.contains(n) && !own.contains(n)) {
+            self.problems.error(at, format!("`{tag}` has no attribute `{name}`"), "take it out");
+        }
+    }
+
     /// An attribute with defaults put in for `$name`.
     fn attribute(&mut self, element: Element<'_, '_>, name: &str, at: &Place) -> Option<String> {
         let text = element.attribute(name)?;
@@ -212,7 +239,7 @@ impl Parser<'_> {
 
     fn needed(&mut self, element: Element<'_, '_>, name: &str, at: &Place) -> Option<String> {
         if element.attribute(name).is_none() {
-            let what = format!("`{}` has no attribute `{name}`", element.tag_name().name());
+            let what = format!("`{}` without the attribute `{name}`", element.tag_name().name());
             self.problems.error(at, what, "give it one");
         }
         self.attribute(element, name, at)
@@ -224,6 +251,7 @@ impl Parser<'_> {
         if depth > DEEPEST || self.tree.plugins.len() >= MOST_PLUGINS {
             return self.problems.error(&at, "too deep, or too much of it", "write a smaller scene");
         }
+        self.check_attributes(element, &at);
         match tag {
             "default" => {
                 let name = self.needed(element, "name", &at);
@@ -302,7 +330,9 @@ impl Parser<'_> {
             },
             "rgb" | "srgb" => color(&text, tag == "srgb").map(Value::Color),
             "spectrum" => spectrum(&text),
-            _ => numbers(&text).filter(|v| v.len() == 1).map(|v| Value::Number(v[0])),
+            _ => numbers(&text)
+                .filter(|v| v.len() == 1 && (tag != "integer" || v[0].fract() == 0.0))
+                .map(|v| Value::Number(v[0])),
         };
         if value.is_none() {
             self.problems.error(at, format!("`{text}` is no {tag}"), "mend the value");
@@ -325,114 +355,6 @@ impl Parser<'_> {
             self.problems.error(at, format!("two plugins have the id `{id}`"), "give each its own");
         }
         Some(number)
-    }
-
-    fn triple(&mut self, element: Element<'_, '_>, name: &str, at: &Place) -> Option<Vec3> {
-        let text = self.needed(element, name, at)?;
-        match numbers(&text).as_deref() {
-            Some([x, y, z]) => Some([*x, *y, *z]),
-            _ => {
-                self.problems.error(at, format!("`{name}` is `{text}`"), "write three numbers");
-                None
-            }
-        }
-    }
-
-    /// The attributes x, y and z.
-    fn axes(&mut self, element: Element<'_, '_>, default: f64, at: &Place) -> Option<Vec3> {
-        let mut out = [default; 3];
-        for (value, name) in out.iter_mut().zip(["x", "y", "z"]) {
-            if let Some(text) = self.attribute(element, name, at) {
-                let Some(number) = numbers(&text).filter(|n| n.len() == 1) else {
-                    self.problems.error(at, format!("`{name}` is `{text}`"), "write a number");
-                    return None;
-                };
-                *value = number[0];
-            }
-        }
-        Some(out)
-    }
-
-    fn transform(&mut self, element: Element<'_, '_>, rows: &Lines) -> Transform {
-        let mut whole = Transform { map: IDENTITY, look: None };
-        for (index, child) in element.children().filter(Element::is_element).enumerate() {
-            let at = rows.place(child);
-            let Some(step) = self.step(child, &at) else { continue };
-            whole.look = step.look.filter(|_| index == 0);
-            whole.map = chained(&step.map, &whole.map);
-        }
-        whole
-    }
-
-    fn step(&mut self, element: Element<'_, '_>, at: &Place) -> Option<Transform> {
-        let plain = |map| Some(Transform { map, look: None });
-        match element.tag_name().name() {
-            "translate" if element.has_attribute("value") => plain(translation(self.triple(element, "value", at)?)),
-            "translate" => plain(translation(self.axes(element, 0.0, at)?)),
-            "scale" => {
-                let Some(text) = self.attribute(element, "value", at) else {
-                    return plain(scaling(self.axes(element, 1.0, at)?));
-                };
-                match numbers(&text).as_deref() {
-                    Some([all]) => plain(scaling([*all; 3])),
-                    Some([x, y, z]) => plain(scaling([*x, *y, *z])),
-                    _ => {
-                        self.problems.error(at, format!("`{text}` is no scale"), "write one number or three");
-                        None
-                    }
-                }
-            }
-            "rotate" => {
-                let axis = match element.has_attribute("value") {
-                    true => self.triple(element, "value", at)?,
-                    false => self.axes(element, 0.0, at)?,
-                };
-                let text = self.needed(element, "angle", at)?;
-                let angle = numbers(&text).filter(|n| n.len() == 1);
-                let map = angle.and_then(|angle| rotation(axis, angle[0]));
-                if map.is_none() {
-                    self.problems.error(
-                        at,
-                        format!("a rotation by `{text}` about {axis:?}"),
-                        "give an axis and degrees",
-                    );
-                }
-                plain(map?)
-            }
-            "lookat" => {
-                let origin = self.triple(element, "origin", at)?;
-                let target = self.triple(element, "target", at)?;
-                let forward = sub(target, origin);
-                let up = match element.has_attribute("up") {
-                    true => self.triple(element, "up", at)?,
-                    false => any_up(unit(forward)),
-                };
-                let map = look(origin, target, up);
-                if map.is_none() {
-                    self.problems.error(at, "it looks nowhere", "give a target elsewhere, and `up` not along the view");
-                }
-                Some(Transform { map: map?, look: Some([origin, target, up]) })
-            }
-            "matrix" => {
-                let text = self.needed(element, "value", at)?;
-                let map = numbers(&text).and_then(|n| match n.len() {
-                    9 => Some([[n[0], n[1], n[2], 0.0], [n[3], n[4], n[5], 0.0], [n[6], n[7], n[8], 0.0]]),
-                    16 if n[12..] == [0.0, 0.0, 0.0, 1.0] => {
-                        Some([0, 4, 8].map(|i| [n[i], n[i + 1], n[i + 2], n[i + 3]]))
-                    }
-                    _ => None,
-                });
-                if map.is_none() {
-                    let remedy = "write 9 numbers, or 16 that end in 0 0 0 1";
-                    self.problems.error(at, "a matrix that is not affine", remedy);
-                }
-                plain(map?)
-            }
-            other => {
-                self.problems.error(at, format!("transforms `{other}` are not supported"), "write a `matrix`");
-                None
-            }
-        }
     }
 }
 
