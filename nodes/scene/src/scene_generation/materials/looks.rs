@@ -78,7 +78,7 @@ fn castable(stuff: Stuff) -> bool {
 
 impl Materials<'_, '_> {
     /// The BSDF of a part. `uv_per_metre`: how many units of uv one metre of the surface has (1 for forms; for a
-    /// rectangle `[1 / width, -1 / height]`, whose uv is the unit square, its v upwards). `special`: this part shows the
+    /// rectangle `[1 / width, -1 / height]`, whose v grows upwards over its unit square). `special`: this part shows the
     /// regime. That is gloss in L1; in L2 and L3 a body of glass (so it must be closed, unless it is of a stuff that is
     /// never cast or blown), in L3 mirrors of metal.
     ///
