@@ -307,8 +307,26 @@ mod tests {
     }
 
     fn framing(built: &Built) -> Framing {
-        let world = World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene");
-        Framing::of(&world, &built.scene, [64, 48], 0.1).expect("a camera that looks somewhere")
+        let of = |scene: &Scene| {
+            let world = World::new(scene, &mut |digest| built.load(digest)).expect("a sound scene");
+            Framing::of(&world, &built.scene, [64, 48], 0.1).expect("a camera that looks somewhere")
+        };
+        let found = of(&bare(&built.scene));
+        assert_eq!(found, of(&built.scene), "neither light nor colour is looked at");
+        found
+    }
+
+    #[test]
+    fn holes_are_looked_through() {
+        let card = |opacity: f32| {
+            let mut built = Built::new([0.0; 3], [0.0, 0.0, -1.0], 50.0, 8);
+            let inner = Box::new(Bsdf::Diffuse { reflectance: Texture::scalar(0.5) });
+            let mask = built.material(Bsdf::Mask { opacity: Texture::scalar(opacity), inner });
+            let at = [[5.0, 0.0, 0.0, 0.0], [0.0, 5.0, 0.0, 0.0], [0.0, 0.0, 5.0, -2.0]];
+            built.shape(Geometry::Rectangle, at, mask);
+            framing(&built).sky_share
+        };
+        assert_eq!((card(1.0), card(0.0)), (0.0, 1.0));
     }
 
     #[test]

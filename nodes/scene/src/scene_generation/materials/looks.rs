@@ -78,9 +78,10 @@ fn castable(stuff: Stuff) -> bool {
 
 impl Materials<'_, '_> {
     /// The BSDF of a part. `uv_per_metre`: how many units of uv one metre of the surface has (1 for forms; for a
-    /// rectangle `[1 / width, -1 / height]`, whose v grows upwards over its unit square). `special`: this part shows the
-    /// regime. That is gloss in L1; in L2 and L3 a body of glass (so it must be closed, unless it is of a stuff that is
-    /// never cast or blown), in L3 mirrors of metal.
+    /// rectangle `[1 / width, -1 / height]`, whose v grows upwards over its unit square).
+    ///
+    /// `special`: this part shows the regime. That is gloss in L1; in L2 and L3 a body of glass (so it must be closed,
+    /// unless it is of a stuff that is never cast or blown), in L3 mirrors of metal.
     ///
     /// In L0 and L1 nothing lets light through: panes and water are opaque there, and better left out.
     ///
