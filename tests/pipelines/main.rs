@@ -9,6 +9,7 @@ mod protocol;
 mod quickstart;
 mod readmes;
 mod real_assets;
+mod round_trip;
 mod strata;
 mod stress;
 mod support;

@@ -6,6 +6,5 @@ mod fuzz;
 mod hostile_files;
 mod left_out;
 mod real_assets;
-mod round_trip;
 mod small_assets;
 mod support;

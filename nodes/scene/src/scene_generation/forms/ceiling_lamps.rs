@@ -45,7 +45,18 @@ fn pendant(d: &mut Stream) -> Made {
         Stuff::Metal,
         lathe(&[[0.0, h - 0.02], [0.03, h - 0.02], [0.028, h + 0.03], [0.006, h + 0.04], [0.0, h + 0.04]], 16),
     );
-    bulb(&mut m, [0.0, h - 0.03, 0.0], (0.5 * h).clamp(0.06, 0.09));
+    // The bulb hangs below the neck, where it is a finger's breadth from the shade.
+    let size = (0.5 * h).clamp(0.06, 0.09);
+    let room = |low: f64| {
+        let radius = |y: f64| at(((y / h) * f64::from(n)).ceil().clamp(0.0, f64::from(n)) as i32, 0.003)[0];
+        [0.1, 0.35, 0.58, 0.82].iter().all(|y| radius(low + (1.0 - y) * size) > 0.5 * size + 0.012)
+    };
+    let mut cap = h - 0.03;
+    while cap > -0.2 && !(cap <= 0.0 || room(cap - size)) {
+        cap -= 0.01;
+    }
+    bulb(&mut m, [0.0, cap, 0.0], size);
+    m.add(Stuff::Rubber, rod([0.0, cap, 0.0], [0.0, h - 0.01, 0.0], 0.004, 6));
     m.add(Stuff::Rubber, rod([0.0, h + 0.03, 0.0], [0.0, h + cord, 0.0], 0.003, 6));
     m.add(stuff, lathe(&[[0.0, h + cord - 0.02], [0.05, h + cord - 0.015], [0.05, h + cord], [0.0, h + cord]], 24));
     m.made()
