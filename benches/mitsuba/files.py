@@ -1,15 +1,15 @@
 """Whether scenes that are read from Mitsuba's and pbrt's files have the images that Mitsuba gives them; see README.md.
 
-python files.py IMPORT TAUFLOW [--batches 16] [--spp 256] [--side 64] [--variant llvm_ad_rgb] [--only NAME ...]
+python files.py TAUFLOW [--batches 16] [--spp 256] [--side 64] [--variant llvm_ad_rgb] [--only NAME ...]
 
-IMPORT is the example `import_scene` of tauflow-scene, and TAUFLOW the program. Each scene of `files/` is rendered by
-Mitsuba from its XML, and by us from the XML, and from the pbrt file of the same name where there is one. Pixels are
+TAUFLOW is the program. Each scene of `files/` is rendered by Mitsuba from its XML, and by us from the XML, and from the
+pbrt file of the same name where there is one. A scene's seed is made from its file, so a comment makes it another one. Pixels are
 means over their squares on both sides. The tests and their limits are those of agree.py, with one for each channel of
 the image mean.
 """
 
 import argparse
-import json
+import contextlib
 import pathlib
 import re
 import subprocess
@@ -22,7 +22,6 @@ from both import BINS, binned, deviation, limit
 
 HERE = pathlib.Path(__file__).parent / "files"
 parser = argparse.ArgumentParser()
-parser.add_argument("importer", type=pathlib.Path)
 parser.add_argument("tauflow", type=pathlib.Path)
 parser.add_argument("--batches", type=int, default=16)
 parser.add_argument("--spp", type=int, default=256)
@@ -34,36 +33,40 @@ mi.set_variant(args.variant)
 mi.set_log_level(mi.LogLevel.Error)
 
 
-def run(*command):
-    done = subprocess.run([str(part) for part in command], capture_output=True, text=True)
-    if done.returncode:
-        raise SystemExit(f"{command}: {done.stderr}")
+@contextlib.contextmanager
+def beside(path, text, mark=""):
+    """A copy of a file with another text, in the same folder, where the files that it names are found."""
+    copy = path.with_name(f".{mark}{path.name}")
+    copy.write_text(text)
+    try:
+        yield copy
+    finally:
+        copy.unlink()
 
 
 def ours(path):
     """Batches of our image of a file, each with a seed of its own."""
-    with tempfile.TemporaryDirectory() as folder:
-        folder = pathlib.Path(folder)
-        run(args.importer, path, folder)
-        scene = json.loads((folder / "scene.json").read_text())
-        images = []
-        for batch in range(args.batches):
-            (folder / "scene.json").write_text(json.dumps({**scene, "seed": 1000 + batch}))
+    comment = "# {}\n" if path.suffix == ".pbrt" else "<!-- {} -->\n"
+    images = []
+    for batch in range(args.batches):
+        with (
+            beside(path, path.read_text() + comment.format(batch), f"{batch}-") as copy,
+            tempfile.TemporaryDirectory() as folder,
+        ):
+            out = pathlib.Path(folder) / "image.exr"
             size = ["--width", args.side, "--height", args.side, "--spp", args.spp]
-            run(args.tauflow, "render", folder, *size, "-o", folder / "image.exr")
-            images.append(np.array(mi.Bitmap(str(folder / "image.exr")))[..., :3])
-        return np.stack(images).astype(np.float64)
+            command = [str(part) for part in (args.tauflow, "render", copy, *size, "-o", out)]
+            done = subprocess.run(command, capture_output=True, text=True)
+            if done.returncode:
+                raise SystemExit(f"{command}: {done.stderr}")
+            images.append(np.array(mi.Bitmap(str(out)))[..., :3])
+    return np.stack(images).astype(np.float64)
 
 
 def theirs(path):
     """Batches of Mitsuba's image of a file, with a box filter whatever it asks for."""
-    text = re.sub(r'<rfilter type="\w+"', '<rfilter type="box"', path.read_text())
-    copy = path.with_name(f".{path.name}")
-    copy.write_text(text)
-    try:
+    with beside(path, re.sub(r'<rfilter type="\w+"', '<rfilter type="box"', path.read_text())) as copy:
         scene = mi.load_file(str(copy), resx=args.side, resy=args.side)
-    finally:
-        copy.unlink()
     images = [np.array(mi.render(scene, spp=args.spp, seed=1000 + b))[..., :3] for b in range(args.batches)]
     return np.stack(images).astype(np.float64)
 
