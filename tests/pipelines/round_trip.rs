@@ -68,8 +68,10 @@ impl Normal<'_> {
 
     fn texture(&mut self, texture: &mut Texture) {
         match texture {
-            Texture::Bitmap { image, scale, channel, .. } => {
+            Texture::Bitmap { image, uv, scale, channel, .. } => {
                 self.rounded |= *scale != [1.0; 3];
+                // A zero has no sign.
+                uv.iter_mut().flatten().for_each(|v| *v += 0.0);
                 let by = std::mem::replace(scale, [1.0; 3]);
                 *image = self.picture(image, channel.take(), |value, c| value * by[c]);
             }
