@@ -1,4 +1,4 @@
-//! Generated scenes beside reality: measures views cut out of HDRIs, and scenes of `pipelines/reality.yaml`, by the same
+//! Generated scenes beside reality: measures views cut out of HDRIs and scenes of `pipelines/reality.yaml` by the same
 //! functions, and prints the tables of `docs/benchmarks/scenes.md`.
 //!
 //! `cargo run --release --example measured_against_reality -- [--sheets FOLDER] HDRIS [OBJECTS]`

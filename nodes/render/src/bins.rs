@@ -76,6 +76,12 @@ impl Bins {
         self.means.len() / self.width
     }
 
+    /// The geometric mean, in an image of this mean luminance.
+    pub fn geometric_mean(&self, mean: f64) -> f64 {
+        let floor = (mean * 1e-4).max(1e-30);
+        exp(self.means.iter().map(|b| log(b.max(floor))).sum::<f64>() / self.means.len() as f64)
+    }
+
     /// The display value of each.
     pub fn shown(&self, exposure: f64) -> Vec<f64> {
         self.means.iter().map(|mean| show(*mean, exposure)).collect()
@@ -109,11 +115,14 @@ pub(crate) fn edges(pairs: impl Iterator<Item = (usize, usize)>, shown: &[f64], 
     pairs.filter(edge).count()
 }
 
+/// The mean luminance of an image, negative values counted as 0.
+pub(crate) fn mean_luminance(image: &Image) -> f64 {
+    let pixels = image.data().chunks_exact(3).map(|rgb| f64::from(luminance(rgb)).max(0.0));
+    pixels.sum::<f64>() / (image.width() * image.height()) as f64
+}
+
 /// The geometric mean over bins of an image's luminance, with bins below 1/10,000 of the mean counted as that much:
 /// what the exposure's `key` is divided by.
 pub fn geometric_mean_luminance(image: &Image) -> f64 {
-    let pixels = image.data().chunks_exact(3).map(|rgb| f64::from(luminance(rgb)).max(0.0));
-    let floor = (pixels.sum::<f64>() / (image.width() * image.height()) as f64 * 1e-4).max(1e-30);
-    let bins = Bins::of(image, BIN).means;
-    exp(bins.iter().map(|b| log(b.max(floor))).sum::<f64>() / bins.len() as f64)
+    Bins::of(image, BIN).geometric_mean(mean_luminance(image))
 }

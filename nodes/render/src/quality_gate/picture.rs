@@ -3,8 +3,8 @@
 //! Works on bins, blocks of pixels, so that the noise of few samples does not decide. Display values are those without
 //! the scene's own offset.
 
-use crate::bins::{BIN, Bins, edges, errors, geometric_mean_luminance};
-use tauflow_data::{Image, image::luminance};
+use crate::bins::{BIN, Bins, edges, errors, mean_luminance};
+use tauflow_data::Image;
 
 /// What is judged.
 pub struct Preview<'a> {
@@ -50,9 +50,8 @@ impl Picture {
     pub fn of(preview_of: &Preview<'_>, key: f64, dark: f64, white: f64) -> Self {
         let Preview { image, variance, spp, .. } = *preview_of;
         let bins = Bins::of(image, BIN);
-        let pixels: Vec<f64> = image.data().chunks_exact(3).map(|rgb| f64::from(luminance(rgb)).max(0.0)).collect();
-        let mean_luminance = mean(&pixels);
-        let geometric_mean = geometric_mean_luminance(image);
+        let mean_luminance = mean_luminance(image);
+        let geometric_mean = bins.geometric_mean(mean_luminance);
         let exposure = key / geometric_mean;
         let shown = bins.shown(exposure);
         let shown_mean = mean(&shown);
