@@ -18,7 +18,7 @@ nodes:
   statistics:
     kind: scene_statistics
     inputs: { scenes: gate.accepted }
-    params: { spp: 64, reference: 4 }
+    params: { spp: 16, reference: 4 }
 ";
 
 fn median(of: &[SceneStatistics], value: fn(&SceneStatistics) -> f64) -> f64 {

@@ -3,6 +3,7 @@
 pub mod accel;
 pub mod accumulator;
 mod alias;
+mod bins;
 mod bounds;
 pub mod bsdf;
 pub mod camera;
@@ -15,6 +16,8 @@ pub mod integrator;
 pub mod ladder_rendering;
 mod lanes;
 pub mod lights;
+mod outlines;
+pub mod picture_statistics;
 mod placement;
 pub mod quality_gate;
 pub mod render;

@@ -3,9 +3,9 @@
 mod framing;
 mod picture;
 
-pub use picture::geometric_mean_luminance;
+pub use crate::bins::geometric_mean_luminance;
 
-use crate::world::World;
+use crate::{bins::KEY, world::World};
 use framing::Framing;
 use picture::{Picture, Preview};
 use schemars::JsonSchema;
@@ -97,7 +97,7 @@ impl Default for QualityGateParams {
             edges: 1.5,
             concentration: 0.9,
             noise: 1.0,
-            key: 0.18,
+            key: KEY,
         }
     }
 }

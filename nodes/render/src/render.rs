@@ -94,6 +94,11 @@ impl<'a> Renderer<'a> {
         self.camera.ray(pixel.0, pixel.1, sampler.two(FILM))
     }
 
+    /// The ray through the middle of a pixel.
+    pub(crate) fn middle_ray(&self, pixel: (u32, u32)) -> crate::geometry::Ray {
+        self.camera.ray(pixel.0, pixel.1, glam::Vec2::splat(0.5))
+    }
+
     pub(crate) fn seen(&self, direction: glam::Vec3) -> glam::Vec3 {
         self.camera.seen(direction)
     }

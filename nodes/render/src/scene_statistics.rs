@@ -4,6 +4,8 @@ use crate::{
     accumulator::Accumulator,
     convergence::{slope, top_share},
     integrator::Strategy,
+    outlines,
+    picture_statistics::{self, Noise},
     render::Renderer,
     world::World,
 };
@@ -13,15 +15,16 @@ use tauflow_contract::{
     Action, Context, Digest, Each, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem,
 };
 use tauflow_data::{
-    Resolution, Scene,
+    Image, Resolution, Scene,
     image::luminance,
     maths::log,
-    records::{SceneRecord, SceneStatistics},
+    records::{PictureStatistics, SceneRecord, SceneStatistics},
     scene::{Bsdf, Emitter, Texture},
+    statistics::quantile,
 };
 
 const SCENES: Each<SceneRecord> = Each::new("scenes", "The scenes to measure.");
-const STATISTICS: Out<SceneStatistics> = Out::new(Group::main(3), "statistics", "What was measured.");
+const STATISTICS: Out<SceneStatistics> = Out::new(Group::main(4), "statistics", "What was measured.");
 
 /// Shortest side of a film that statistics can be taken from.
 const LEAST_SIDE: usize = 4;
@@ -46,8 +49,8 @@ pub struct SceneStatisticsParams {
 
 impl Default for SceneStatisticsParams {
     fn default() -> Self {
-        let resolution = Resolution::new(32, 32).expect("sides that can be rendered");
-        Self { resolution, spp: 128, reference: 16 }
+        let resolution = Resolution::new(64, 64).expect("sides that can be rendered");
+        Self { resolution, spp: 32, reference: 16 }
     }
 }
 
@@ -75,7 +78,7 @@ impl Kind for SceneStatisticsKind {
             return Vec::new();
         }
         let what = format!("no statistics can be taken from {} x {} pixels", film.width(), film.height());
-        vec![ParamProblem::new("/resolution", what, "use at least 4 x 4; [32, 32] is enough")]
+        vec![ParamProblem::new("/resolution", what, "use at least 4 x 4; [64, 64] is enough")]
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -132,8 +135,15 @@ impl Measure<'_> {
         let last = films.last().ok_or_else(|| KindError::Internal("a ladder without rungs".into()))?;
         let mean = mean_luminance(last);
         let held_out = spp * reference;
-        let mut slope = None;
-        self.render(&world, HELD_OUT, Strategy::Mis, &[held_out], &mut |film| slope = fit(&films, film))?;
+        let (mut slope, mut truth) = (None, None);
+        self.render(&world, HELD_OUT, Strategy::Mis, &[held_out], &mut |film| {
+            slope = fit(&films, film);
+            truth = Some(Truth::of(film));
+        })?;
+        let truth = truth.ok_or_else(|| KindError::Internal("a reference without samples".into()))?;
+        let seen = outlines::seen(&Renderer::new(&world, self.params.resolution, 0)?);
+        let [depth_discontinuities, normal_discontinuities] =
+            outlines::discontinuities(self.params.resolution.width(), &seen);
         let over = |value: f64| if mean > 0.0 { value / mean } else { 0.0 };
         // The two renders have errors of their own.
         let share = |light: f64| over(light).min(1.0);
@@ -162,14 +172,50 @@ impl Measure<'_> {
             diffuse_share: diffuse.map_or(1.0, share),
             refractive_share: without(is_glass)?.map_or(0.0, rest),
             caustic_share: caustics.map_or(0.0, share),
-            relative_rmse: over((variances(last).iter().sum::<f64>() / last.pixels.len() as f64).sqrt()),
+            relative_rmse: truth.relative_rmse,
             slope,
-            tail_share: top_share(variances(last)),
+            tail_share: truth.tail_share,
+            samples_to_percent: truth.samples_to_percent,
+            depth_discontinuities,
+            normal_discontinuities,
+            picture: truth.picture,
             spp: [spp, held_out],
             rejected: last.rejected,
             dropped: world.dropped.degenerate + world.dropped.not_finite,
         })
     }
+}
+
+/// What the reference says.
+struct Truth {
+    relative_rmse: f64,
+    tail_share: f64,
+    samples_to_percent: Option<f64>,
+    picture: PictureStatistics,
+}
+
+impl Truth {
+    fn of(film: &Accumulator) -> Self {
+        let (image, variance, of_pixels) = (film.mean(), film.variance(), variances(film));
+        let mean = mean_luminance(film);
+        let error = (of_pixels.iter().sum::<f64>() / of_pixels.len() as f64).sqrt();
+        Self {
+            relative_rmse: if mean > 0.0 { error / mean } else { 0.0 },
+            samples_to_percent: samples_to(0.01, &image, &of_pixels),
+            tail_share: top_share(of_pixels),
+            picture: picture_statistics::measure(&image, Some(Noise { variance: &variance, spp: film.count })),
+        }
+    }
+}
+
+/// Samples at which the standard error is at most `relative` of the mean in half of the pixels that get light; none if
+/// none does.
+fn samples_to(relative: f64, image: &Image, variances: &[f64]) -> Option<f64> {
+    let means = image.data().chunks_exact(3).map(|rgb| rgb.iter().map(|v| f64::from(*v)).sum::<f64>() / 3.0);
+    let lit = means.zip(variances).filter(|(mean, _)| *mean > 0.0);
+    let mut needed: Vec<f64> = lit.map(|(mean, variance)| variance / (relative * mean * relative * mean)).collect();
+    needed.sort_by(f64::total_cmp);
+    (!needed.is_empty()).then(|| quantile(&needed, 0.5))
 }
 
 fn is_glass(bsdf: &Bsdf) -> bool {
@@ -222,4 +268,19 @@ fn fit(films: &[Accumulator], reference: &Accumulator) -> Option<f64> {
         })
         .collect();
     (points.len() >= 3).then(|| slope(&points))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_to_a_relative_error_are_those_of_the_middle_pixel() {
+        // Means 0, 1, 2 and 4 of three channels, whose samples have variance 4.
+        let image = Image::from_data(4, 1, 3, [0.0, 1.0, 2.0, 4.0].map(|v| [v; 3]).concat()).expect("fits");
+        let found = samples_to(0.01, &image, &[4.0; 4]).expect("light");
+        assert!((found / 1e4 - 1.0).abs() < 1e-9, "{found}");
+        assert_eq!(samples_to(0.01, &image, &[0.0; 4]), Some(0.0));
+        assert_eq!(samples_to(0.01, &image.map(|_| 0.0), &[4.0; 4]), None);
+    }
 }

@@ -89,8 +89,11 @@ fn parsed<T: serde::de::DeserializeOwned>(value: serde_json::Value) -> T {
 fn tables(ctx: &Context<'_>) {
     let statistics: SceneStatistics = parsed(json!({
         "mean_path_length": 2.5, "environment_share": 0.5, "diffuse_share": 0.25, "refractive_share": 0.1,
-        "caustic_share": 0.0, "relative_rmse": 0.3, "slope": null, "tail_share": 0.1, "spp": [64, 1024],
-        "rejected": 0, "dropped": 1,
+        "caustic_share": 0.0, "relative_rmse": 0.3, "slope": null, "tail_share": 0.1,
+        "samples_to_percent": 900.0, "depth_discontinuities": 0.1, "normal_discontinuities": 0.2,
+        "picture": { "edge_density": 0.2, "spectrum_slope": null, "saturation": 0.1, "saturation_spread": 0.0,
+            "hue_entropy": 0.5, "log_luminance_spread": 1.0, "log_contrast": 0.25 },
+        "spp": [64, 1024], "rejected": 0, "dropped": 1,
     }));
     round_trip(ctx, &statistics);
     let log: TrainingLog = parsed(json!({

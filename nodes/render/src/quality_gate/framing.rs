@@ -1,8 +1,10 @@
 //! Where a camera stands and what fills its frame, found by tracing a few rays: without noise, and at any light.
 
 use crate::{
+    bins::pairs,
     geometry::Ray,
     integrator::first_solid,
+    outlines::off_planes,
     render::Renderer,
     rng::{Sampler, render_state},
     world::World,
@@ -200,7 +202,7 @@ fn spiral(index: usize) -> Vec3 {
 
 /// Whether two neighbours are of one smooth surface.
 fn joined(a: &Seen, b: &Seen) -> bool {
-    let off = a.normal.dot(b.at - a.at).abs().max(b.normal.dot(b.at - a.at).abs());
+    let off = off_planes((a.at, a.normal), (b.at, b.normal));
     a.shape == b.shape && a.normal.dot(b.normal) > SMOOTH && off <= FLAT * a.distance.min(b.distance)
 }
 
@@ -212,12 +214,8 @@ impl Frame {
             (Some(a), Some(b)) => !joined(a, b),
             (a, b) => a.is_some() || b.is_some(),
         };
-        let found = (0..self.seen.len()).map(|at| {
-            let beside = at % self.width + 1 < self.width && parted(at, at + 1);
-            let below = at + self.width < self.seen.len() && parted(at, at + self.width);
-            usize::from(beside) + usize::from(below)
-        });
-        2.0 * found.sum::<usize>() as f64 / (self.width + height) as f64
+        let found = pairs(self.width, height).filter(|(a, b)| parted(*a, *b)).count();
+        2.0 * found as f64 / (self.width + height) as f64
     }
 
     /// Rays that meet the largest smooth surface.

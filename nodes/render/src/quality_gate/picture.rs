@@ -1,20 +1,10 @@
 //! What a preview's pixels say: how much of it is dark or bright, how much there is to see in it, how noisy it is.
 //!
-//! Works on bins, blocks of pixels, so that the noise of few samples does not decide. Display values are those of the
-//! preview that is exposed to mid grey, without the scene's own offset.
+//! Works on bins, blocks of pixels, so that the noise of few samples does not decide. Display values are those without
+//! the scene's own offset.
 
-use tauflow_data::{
-    Image,
-    image::{LUMINANCE, luminance, preview},
-    maths::{exp, log},
-};
-
-/// Side of a bin in pixels.
-const BIN: usize = 4;
-/// Display values that two bins side by side differ by at an edge, beside what their noise explains.
-const STEP: f64 = 0.04;
-/// Standard errors of each of two bins that their difference must exceed.
-const SURE: f64 = 2.0;
+use crate::bins::{BIN, Bins, edges, errors, mean_luminance};
+use tauflow_data::Image;
 
 /// What is judged.
 pub struct Preview<'a> {
@@ -28,77 +18,8 @@ pub struct Preview<'a> {
     pub rejected: u64,
 }
 
-/// Blocks of pixels; those at the border may be smaller.
-struct Bins {
-    /// In a row.
-    width: usize,
-    /// Mean luminance of each.
-    means: Vec<f64>,
-}
-
-/// The mean over each block of what `value` makes of a pixel's place, with the block's number of pixels.
-fn blocks(width: usize, height: usize, value: impl Fn(usize, usize) -> f64) -> Vec<(f64, f64)> {
-    let mut out = Vec::new();
-    for top in (0..height).step_by(BIN) {
-        for left in (0..width).step_by(BIN) {
-            let (mut sum, mut count) = (0.0, 0.0);
-            for y in top..(top + BIN).min(height) {
-                for x in left..(left + BIN).min(width) {
-                    sum += value(x, y);
-                    count += 1.0;
-                }
-            }
-            out.push((sum / count, count));
-        }
-    }
-    out
-}
-
-impl Bins {
-    fn of(image: &Image) -> Self {
-        let value = |x, y| f64::from(luminance(image.pixel(x, y)));
-        let means = blocks(image.width(), image.height(), value).into_iter().map(|(mean, _)| mean).collect();
-        Self { width: image.width().div_ceil(BIN), means }
-    }
-
-    fn height(&self) -> usize {
-        self.means.len() / self.width
-    }
-
-    /// The geometric mean, in an image of this mean luminance.
-    fn geometric_mean(&self, mean: f64) -> f64 {
-        let floor = (mean * 1e-4).max(1e-30);
-        exp(self.means.iter().map(|b| log(b.max(floor))).sum::<f64>() / self.means.len() as f64)
-    }
-
-    /// Length of the edges in sides of the picture, if `differ` tells the bins on both sides of one apart.
-    fn edges(&self, differ: impl Fn(usize, usize) -> bool) -> f64 {
-        let mut found = 0;
-        for y in 0..self.height() {
-            for x in 0..self.width {
-                let at = y * self.width + x;
-                found += usize::from(x + 1 < self.width && differ(at, at + 1));
-                found += usize::from(y + 1 < self.height() && differ(at, at + self.width));
-            }
-        }
-        2.0 * found as f64 / (self.width + self.height()) as f64
-    }
-}
-
 fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
-}
-
-/// The mean luminance of an image, negative values counted as 0.
-fn mean_luminance(image: &Image) -> f64 {
-    let pixels = image.data().chunks_exact(3).map(|rgb| f64::from(luminance(rgb)).max(0.0));
-    pixels.sum::<f64>() / (image.width() * image.height()) as f64
-}
-
-/// The geometric mean over bins of an image's luminance, with bins below 1/10,000 of the mean counted as that much:
-/// what the exposure's `key` is divided by.
-pub fn geometric_mean_luminance(image: &Image) -> f64 {
-    Bins::of(image).geometric_mean(mean_luminance(image))
 }
 
 /// What was measured on a preview whose values are finite.
@@ -128,30 +49,17 @@ impl Picture {
     /// Measures a preview that is exposed to `key`.
     pub fn of(preview_of: &Preview<'_>, key: f64, dark: f64, white: f64) -> Self {
         let Preview { image, variance, spp, .. } = *preview_of;
-        let bins = Bins::of(image);
+        let bins = Bins::of(image, BIN);
         let mean_luminance = mean_luminance(image);
         let geometric_mean = bins.geometric_mean(mean_luminance);
         let exposure = key / geometric_mean;
-        let show = |value: f64| f64::from(preview((value * exposure) as f32));
-        let shown: Vec<f64> = bins.means.iter().map(|b| show(*b)).collect();
+        let shown = bins.shown(exposure);
         let shown_mean = mean(&shown);
         let squares: Vec<f64> = shown.iter().map(|s| (s - shown_mean) * (s - shown_mean)).collect();
-        // As if the errors of the three colours went together, as most do.
-        let deviation = |x, y| {
-            let rgb =
-                variance.pixel(x, y).iter().zip(LUMINANCE).map(|(v, w)| f64::from(w) * f64::from(*v).max(0.0).sqrt());
-            let luminance: f64 = rgb.sum();
-            luminance * luminance
-        };
-        let errors: Vec<f64> = blocks(image.width(), image.height(), deviation)
-            .into_iter()
-            .map(|(variance, count)| (variance / (spp as f64 * count)).sqrt())
-            .collect();
-        let unsure: Vec<f64> =
-            bins.means.iter().zip(&errors).zip(&shown).map(|((b, e), s)| show(b + SURE * e) - s).collect();
-        let step = |a: usize, b: usize| (shown[a] - shown[b]).abs() - STEP;
-        let edges = bins.edges(|a, b| step(a, b) > unsure[a].max(0.0) + unsure[b].max(0.0));
-        let steps = bins.edges(|a, b| step(a, b) > 0.0);
+        let unsure = bins.unsure(exposure, &errors(variance, spp, BIN));
+        let sides = |found: usize| 2.0 * found as f64 / (bins.width + bins.height()) as f64;
+        let steps = sides(edges(bins.pairs(), &shown, &vec![0.0; shown.len()]));
+        let edges = sides(edges(bins.pairs(), &shown, &unsure));
         let share =
             |of: &dyn Fn(usize) -> bool| (0..shown.len()).filter(|bin| of(*bin)).count() as f64 / shown.len() as f64;
         let mut sorted = bins.means.clone();
