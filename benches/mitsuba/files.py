@@ -3,9 +3,9 @@
 python files.py TAUFLOW [--batches 16] [--spp 256] [--side 64] [--variant llvm_ad_rgb] [--only NAME ...]
 
 TAUFLOW is the program. Each scene of `files/` is rendered by Mitsuba from its XML, and by us from the XML, and from the
-pbrt file of the same name where there is one. A scene's seed is made from its file, so a comment makes it another one. Pixels are
-means over their squares on both sides. The tests and their limits are those of agree.py, with one for each channel of
-the image mean.
+pbrt file of the same name where there is one. A scene's seed is made from its file, so a comment makes it another one.
+Pixels are means over their squares on both sides. The tests and their limits are those of agree.py, with one for each
+channel of the image mean.
 """
 
 import argparse
