@@ -92,8 +92,8 @@ pub fn check(all: BTreeMap<String, SceneStatistics>, least: usize) {
     if least < 5 {
         return;
     }
-    // Where tails are light the law holds for each ladder. Under caustics it holds late, and one sample is far off. So it
-    // does in rooms whose polished things mirror small lamps.
+    // Where tails are light the law holds for each ladder. Under caustics it holds late, and one sample is far off. So
+    // it does in rooms whose polished things mirror small lamps.
     let of = |regime| strata.iter().filter(move |(s, _)| s.regime == regime).map(|(_, of)| of);
     for regime in [Regime::L0, Regime::L1] {
         let light = strata.iter().filter(|(s, _)| s.regime == regime);

@@ -85,7 +85,7 @@ pub enum Geometry {
         /// Local radius.
         radius: f64,
     },
-    /// The square [-1, 1]^2 in the plane z = 0, normal +z, uv = (xy + 1) / 2. Normal maps have their t along growing v.
+    /// The square [-1, 1]^2 in the plane z = 0, normal +z, uv = (xy + 1) / 2. Normal maps have s along u, t along v.
     Rectangle,
     /// The unit disk in the plane z = 0, normal +z.
     Disk,

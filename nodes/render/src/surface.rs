@@ -144,7 +144,7 @@ pub(crate) fn interact(
 }
 
 /// The frame of a normal map about the shading normal: s along growing u (or the mesh's tangent). On meshes t is
-/// upwards in the image, as glTF has it; on other shapes along growing v, as Mitsuba has it.
+/// upwards in the image, as glTF has it; on other shapes it is n x s, as Mitsuba has it.
 pub(crate) fn tangent_frame(
     (table, placements): (&Table, &Placements),
     shape: &Shape,

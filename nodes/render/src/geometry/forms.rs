@@ -1,5 +1,5 @@
-//! Rectangle and cube as meshes. Their tangents say what normal maps are read by: t is along growing v, as Mitsuba has
-//! it for its shapes.
+//! Rectangle and cube as meshes. Their tangents say what normal maps are read by: s along growing u and t = n x s, as
+//! Mitsuba has it.
 
 use tauflow_data::mesh::Mesh;
 
@@ -52,9 +52,10 @@ mod tests {
             let normal = (b - a).cross(c - a);
             assert!(normal.dot(a + b + c) > 0.0 && (normal.length() - 4.0).abs() < 1e-6);
             let [p, q, r] = triangle.map(|i| glam::Vec2::from_array(uvs[i as usize]));
-            assert_eq!((q - p).perp_dot(r - p), 1.0, "t = n x s is along growing v");
             let (d1, d2) = (q - p, r - p);
-            let dp_du = ((b - a) * d2.y - (c - a) * d1.y) * 0.5;
+            let turned = d1.perp_dot(d2);
+            assert_eq!(turned.abs(), 1.0);
+            let dp_du = ((b - a) * d2.y - (c - a) * d1.y) * (0.5 * turned);
             assert_eq!(dp_du.extend(1.0).to_array(), tangents[triangle[0] as usize]);
         }
         // What Mitsuba 3.9 says of its cube: on top, u grows towards -x and v towards -z.
