@@ -3,7 +3,7 @@
 //! Sources: CIE 1931 standard observer (2 degrees), tabulated every 5 nm; Planck's law with the constants of 2019's SI.
 //! Metals' indices are those that Mitsuba 3.9's `conductor` has in its RGB variants for `material`.
 
-#![allow(clippy::unreadable_literal, reason = "numbers are as their tables print them")]
+#![expect(clippy::unreadable_literal, reason = "numbers are as their tables print them")]
 
 use tauflow_data::maths;
 

@@ -130,7 +130,7 @@ pub struct Stage<'a> {
     pub params: BTreeMap<String, f64>,
     /// Things.
     pub things: Vec<Thing<'a>>,
-    /// Most things for now.
+    /// How many things may stand; more once the places that are kept are given back.
     pub most: usize,
     /// Places kept for the main object and what shows the regime beside it, until they stand.
     pub kept: usize,

@@ -49,7 +49,7 @@ impl Branching {
         out
     }
 
-    #[allow(clippy::too_many_arguments, reason = "the state of a turtle")]
+    #[expect(clippy::too_many_arguments, reason = "the state of a turtle")]
     fn branch(
         &mut self,
         d: &mut Stream,
