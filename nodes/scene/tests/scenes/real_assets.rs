@@ -183,7 +183,7 @@ fn every_asset_gets_into_a_scene() {
         |params: Value| source(&blobs, "scene_generation", params, &whole).remove("scenes").expect("the port");
     let names: BTreeSet<String> = assets.iter().map(|(key, _)| key.to_string()).collect();
     let mut shown = BTreeSet::new();
-    for (key, artifact) in scenes_of(json!({ "pool": 60 })).iter() {
+    for (key, artifact) in scenes_of(json!({ "pool": 60, "views": [1, 1] })).iter() {
         let SceneRecord { scene, recipe } = load(&blobs, artifact);
         for digest in scene.blobs() {
             assert!(blobs.get(&digest).expect("in memory").is_some(), "{key}: {digest}");
@@ -196,7 +196,7 @@ fn every_asset_gets_into_a_scene() {
     assert!(missing.is_empty(), "in no scene: {missing:?}");
 
     // Held out: every asset still gets into a scene, and none into scenes of both sides.
-    let held = json!({ "pool": 120, "hold_out": ["objects", "environments"], "test_share": 0.3 });
+    let held = json!({ "pool": 120, "views": [1, 1], "hold_out": ["objects", "environments"], "test_share": 0.3 });
     let mut sides: BTreeMap<String, BTreeSet<Side>> = BTreeMap::new();
     for (key, artifact) in scenes_of(held).iter() {
         let SceneRecord { recipe, .. } = load(&blobs, artifact);
