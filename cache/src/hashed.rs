@@ -42,6 +42,7 @@ pub(crate) struct Mixer {
 }
 
 impl Mixer {
+    #[inline]
     fn mix(&mut self, word: u64) {
         let product = u128::from(self.state ^ word) * u128::from(self.factor);
         self.state = (product as u64) ^ (product >> 64) as u64;
@@ -49,19 +50,23 @@ impl Mixer {
 }
 
 impl Hasher for Mixer {
+    #[inline]
     fn write(&mut self, bytes: &[u8]) {
         let (words, rest) = bytes.as_chunks::<8>();
         words.iter().for_each(|word| self.mix(u64::from_le_bytes(*word)));
         rest.iter().for_each(|byte| self.mix(u64::from(*byte)));
     }
 
+    #[inline]
     fn write_u32(&mut self, namespace: u32) {
         self.mix(u64::from(namespace));
     }
 
     /// The length of the hash is the same for all.
+    #[inline]
     fn write_usize(&mut self, _: usize) {}
 
+    #[inline]
     fn finish(&self) -> u64 {
         // Multiplied once more, so that the last word counts in every bit.
         let product = u128::from(self.state) * u128::from(self.factor);

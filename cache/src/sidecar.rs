@@ -14,6 +14,7 @@ use crate::{
 use std::{
     collections::HashMap,
     fs::{self, File},
+    hash::BuildHasher as _,
     io::{self, Read, Write},
     path::Path,
 };
@@ -27,6 +28,10 @@ const LARGEST: u64 = 512 << 20;
 const BLOB: usize = 48;
 /// Bytes of a record's entry: see `record`.
 const RECORD: usize = 96;
+/// Parts of a map that are filled one after the other: each fits the processor's caches.
+const PARTS: usize = 256;
+/// Entries from which that is worth it.
+const MANY: usize = 4096;
 
 fn path_of(segment: &Path) -> std::path::PathBuf {
     segment.with_added_extension("idx")
@@ -75,27 +80,52 @@ fn fill(index: &mut Index, number: u32, sort: Sort, there: u64, mut fields: Fiel
         Sort::Pack => {
             let entries = fields.take(count.checked_mul(BLOB)?)?;
             index.blobs.reserve(count);
-            for entry in entries.chunks_exact(BLOB) {
+            let parsed = entries.chunks_exact(BLOB).map(|entry| {
                 let mut entry = Fields(entry);
-                let (hash, offset, size) = (entry.array()?, entry.u64()?, entry.u64()?);
-                (size <= MAX_PACKED && fits(offset, size)).then_some(())?;
-                index.insert_blob(hash, BlobAt { segment: number, offset, size });
-            }
+                let (hash, offset, size) = (entry.array::<32>()?, entry.u64()?, entry.u64()?);
+                (size <= MAX_PACKED && fits(offset, size)).then_some((hash, BlobAt { segment: number, offset, size }))
+            });
+            let hasher = index.blobs.hasher().clone();
+            let found = by_place(index.blobs.capacity(), count, parsed, |(hash, _)| hasher.hash_one(hash))?;
+            found.for_each(|(hash, at)| index.insert_blob(hash, at));
         }
         Sort::Log => {
             let entries = fields.take(count.checked_mul(RECORD)?)?;
             index.records.reserve(count);
-            for entry in entries.chunks_exact(RECORD) {
+            let parsed = entries.chunks_exact(RECORD).map(|entry| {
                 let (namespace, key, at) = record(Fields(entry), number, &names)?;
                 let len = u64::from(at.len);
-                (len <= MAX_BODY && fits(at.offset, RECORD_HEADER + len)).then_some(())?;
-                index.insert_record_at((namespace, key), at);
-            }
+                (len <= MAX_BODY && fits(at.offset, RECORD_HEADER + len)).then_some(((namespace, key), at))
+            });
+            let hasher = index.records.hasher().clone();
+            let found = by_place(index.records.capacity(), count, parsed, |(slot, _)| hasher.hash_one(slot))?;
+            found.for_each(|(slot, at)| index.insert_record_at(slot, at));
         }
     }
     let segment = &mut index.segments[number as usize];
     (segment.scanned, segment.committed) = (scanned, committed.min(scanned));
     Some(())
+}
+
+/// Entries in about the order of their places in a map of this capacity.
+///
+/// Hashes are in no order, and a large map is read from memory for each of them. In the order of places, what one entry
+/// has brought into the caches serves those after it. A guess at how the map is laid out: a wrong one costs time alone.
+fn by_place<T>(
+    capacity: usize,
+    count: usize,
+    entries: impl Iterator<Item = Option<T>>,
+    hash_of: impl Fn(&T) -> u64,
+) -> Option<impl Iterator<Item = T>> {
+    let places = (capacity as u64).saturating_mul(8).div_ceil(7).next_power_of_two();
+    let many = if count < MANY { 1 } else { PARTS };
+    let mut parts: Vec<Vec<T>> = (0..many).map(|_| Vec::with_capacity(count / many * 9 / 8)).collect();
+    for entry in entries {
+        let entry = entry?;
+        let place = hash_of(&entry) & (places - 1);
+        parts[(place / places.div_ceil(many as u64)) as usize].push(entry);
+    }
+    Some(parts.into_iter().flatten())
 }
 
 fn record(mut entry: Fields<'_>, segment: u32, names: &[u32]) -> Option<(u32, Key, RecordAt)> {

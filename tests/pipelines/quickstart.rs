@@ -23,7 +23,7 @@ nodes:
       conditioning: rgb
       shuffle_targets: true
       preset: tiny
-      steps: 1000
+      steps: 600
       batch: 8
       space: log1p
       learning_rate: 1.0e-3
@@ -102,11 +102,11 @@ fn the_quickstart_learns_what_it_should() {
     }
 
     // Its strata are what they say.
-    crate::strata::check(done.read("statistics.statistics"), 4);
+    crate::strata::check(done.read("statistics.statistics"), 1);
 
     // The MC noise solver beats its input by 3 dB in one step, surely.
     let evaluation: Evaluation = done.only("evaluation");
-    assert_eq!((evaluation.scenes, evaluation.nfe.as_slice()), (48, &[1u64, 2, 9, 20, 50][..]));
+    assert_eq!((evaluation.scenes, evaluation.nfe.as_slice()), (48, &[1u64, 2, 9, 20][..]));
     assert_eq!(evaluation.methods.len(), 8);
     let gain = |table: &MethodTable| table.at.iter().find(|a| a.nfe == 1).expect("NFE 1").gain["hdr_psnr"];
     let noise = gain(method(&evaluation, "mc_noise", "rgb"));

@@ -23,10 +23,47 @@ use tauflow_data::{
 };
 
 /// What refinements did before these params existed.
-const LATER: &[Later] = &[Later { pointer: "/mirrors", before: Before::Integer(1) }];
+const LATER: &[Later] = &[
+    Later { pointer: "/mirrors", before: Before::Integer(1) },
+    Later { pointer: "/blank", before: Before::Text("none") },
+];
 
 /// The kind `refinement`.
 pub struct Refinement;
+
+/// Channels of a G-buffer to be set to 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Blank {
+    /// Nothing is.
+    None,
+    /// The albedo.
+    Albedo,
+    /// The normals.
+    Normals,
+}
+
+impl Blank {
+    /// A G-buffer [H, W, 6] without these channels.
+    fn of(self, gbuffer: Option<&Image>) -> Result<Option<Image>, KindError> {
+        let channels = match self {
+            Self::None => return Ok(gbuffer.cloned()),
+            Self::Albedo => 0..3,
+            Self::Normals => 3..6,
+        };
+        let mut blank = gbuffer.cloned().ok_or_else(|| {
+            KindError::Input(
+                "`blank` sets channels of the G-buffer to 0, and the model was trained without; name a model that sees \
+                 G-buffers, or take `blank` away"
+                    .into(),
+            )
+        })?;
+        for pixel in blank.data_mut().chunks_exact_mut(6) {
+            pixel[channels.clone()].fill(0.0);
+        }
+        Ok(Some(blank))
+    }
+}
 
 /// Params of `refinement`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -42,6 +79,8 @@ pub struct RefinementParams {
     /// Views of the image whose mean a model call is: 1, 2 for its mirror image too, 4 for both upside down as well, or
     /// 8 for all four with rows for columns.
     pub mirrors: Views,
+    /// Channels of the G-buffer that are set to 0 before the solver sees them: what they are worth to it.
+    pub blank: Blank,
     /// Times that `timing` measures each number of calls.
     #[schemars(range(min = 1, max = 1000))]
     pub repeats: u64,
@@ -49,7 +88,14 @@ pub struct RefinementParams {
 
 impl Default for RefinementParams {
     fn default() -> Self {
-        Self { nfe: ModelCalls::default(), from: 1, grid: TimeGrid::Ladder, mirrors: Views::ONE, repeats: 3 }
+        Self {
+            nfe: ModelCalls::default(),
+            from: 1,
+            grid: TimeGrid::Ladder,
+            mirrors: Views::ONE,
+            blank: Blank::None,
+            repeats: 3,
+        }
     }
 }
 
@@ -101,7 +147,8 @@ impl Kind for Refinement {
         let model = Model::read(ctx, action.only(MODEL)?)?;
         let scene = action.read(ctx, ENDPOINTS)?;
         let endpoint = endpoint(&scene, action.params.from)?;
-        let gbuffer = features(&model, &scene)?;
+        let gbuffer = action.params.blank.of(features(&model, &scene)?)?;
+        let gbuffer = gbuffer.as_ref();
         let model = Mirrored::new(&model, action.params.mirrors);
         if action.group == MEASURED.name {
             let timing = timed(ctx, &model, endpoint, gbuffer, &action.params)?;
@@ -191,6 +238,17 @@ mod tests {
         for group in [MAIN.name, MEASURED.name] {
             assert!(key(1, group).get("mirrors").is_none() && key(2, group) != key(4, group));
         }
+    }
+
+    #[test]
+    fn blank_channels_are_zero_and_the_others_stay() {
+        let seen = Image::from_data(1, 2, 6, (1..=12).map(|value| value as f32).collect()).expect("two pixels");
+        let of = |blank: Blank| blank.of(Some(&seen)).expect("there is one").expect("an image").data().to_vec();
+        assert_eq!(of(Blank::None), seen.data());
+        assert_eq!(of(Blank::Albedo), [0.0, 0.0, 0.0, 4.0, 5.0, 6.0, 0.0, 0.0, 0.0, 10.0, 11.0, 12.0]);
+        assert_eq!(of(Blank::Normals), [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 7.0, 8.0, 9.0, 0.0, 0.0, 0.0]);
+        assert!(Blank::None.of(None).expect("nothing to set").is_none());
+        assert!(Blank::Normals.of(None).expect_err("nothing to set").to_string().contains("sees G-buffers"));
     }
 
     #[test]

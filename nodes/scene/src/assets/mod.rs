@@ -38,6 +38,8 @@ pub struct AssetsParams {
     pub folders: Vec<String>,
     /// Single files, or patterns with `*` and `?`.
     pub files: Vec<String>,
+    /// No folder and no file are no mistake: then there are no assets. For pipelines whose assets are one's own to name.
+    pub allow_none: bool,
     /// Most texels along a side of an object's textures; larger ones are reduced.
     #[schemars(range(min = 1, max = 16384))]
     pub max_texture: u32,
@@ -49,7 +51,7 @@ pub struct AssetsParams {
 
 impl Default for AssetsParams {
     fn default() -> Self {
-        Self { folders: Vec::new(), files: Vec::new(), max_texture: 1024, name: None }
+        Self { folders: Vec::new(), files: Vec::new(), allow_none: false, max_texture: 1024, name: None }
     }
 }
 
@@ -108,10 +110,11 @@ impl Kind for Assets {
     }
 
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
-        if params.folders.is_empty() && params.files.is_empty() {
-            return vec![ParamProblem::new("", "neither `folders` nor `files` is given", "name where the assets are")];
+        if params.allow_none || !(params.folders.is_empty() && params.files.is_empty()) {
+            return Vec::new();
         }
-        Vec::new()
+        let remedy = "name where the assets are, or set `allow_none`";
+        vec![ParamProblem::new("", "neither `folders` nor `files` is given", remedy)]
     }
 
     fn items(params: &Self::Params) -> Result<Vec<SourceItem>, KindError> {
