@@ -24,7 +24,7 @@ use tauflow_contract::{Context, Handle, KindError};
 use tauflow_data::{
     Image,
     image_io::preview_png,
-    records::{Asset, AssetBody, Ladder, SceneStatistics, SplitReport},
+    records::{Asset, AssetBody, Ladder, SceneStatistics, SplitReport, Verdict},
 };
 use tauflow_render::{picture_statistics, quality_gate::geometric_mean_luminance};
 use tauflow_scene::SceneGenerationParams;
@@ -33,6 +33,8 @@ use tauflow_scene::SceneGenerationParams;
 const PREVIEW_SPP: u64 = 32;
 /// Pictures in a row of a sheet, and rows.
 const SHEET: [usize; 2] = [10, 6];
+/// The same of the sheets by which the gate is judged.
+const JUDGED: [usize; 2] = [10, 10];
 
 fn main() -> Result<(), Box<dyn Error>> {
     let (mut folders, mut sheets) = (Vec::new(), None);
@@ -77,8 +79,30 @@ fn main() -> Result<(), Box<dyn Error>> {
             .into_iter()
             .filter_map(|(key, image)| procedural.contains_key(&key).then_some(image))
             .collect();
-        fs::write(folder.join("real_views.png"), sheet(&real)?)?;
-        fs::write(folder.join("procedural_scenes.png"), sheet(&previews.iter().collect::<Vec<_>>())?)?;
+        fs::write(folder.join("real_views.png"), sheet(&real, SHEET)?)?;
+        fs::write(folder.join("procedural_scenes.png"), sheet(&previews.iter().collect::<Vec<_>>(), SHEET)?)?;
+        judged(&done, &folder)?;
+    }
+    Ok(())
+}
+
+/// Writes what the gate made of scenes that nobody looked at: sheets of those it takes, and of those it rejects by
+/// their first reason.
+fn judged(done: &Done, folder: &Path) -> Result<(), Box<dyn Error>> {
+    let previews = previews(done, "previews")?;
+    let mut by_reason: BTreeMap<String, Vec<&Image>> = BTreeMap::new();
+    for (key, verdict) in done.read::<Verdict>("gate.verdicts") {
+        let reason =
+            verdict.reasons.first().map_or_else(|| "accepted".to_owned(), |reason| format!("rejected_{reason}"));
+        by_reason.entry(reason).or_default().extend(previews.get(&key));
+    }
+    for (reason, images) in by_reason {
+        println!("{reason}: {}", images.len());
+        let pages = if reason == "accepted" { 2 } else { images.len().div_ceil(JUDGED[0] * JUDGED[1]) };
+        for page in 0..pages {
+            let of_page: Vec<&Image> = images.iter().copied().skip(page).step_by(pages).collect();
+            fs::write(folder.join(format!("{reason}_{page}.png")), sheet(&of_page, JUDGED)?)?;
+        }
     }
     Ok(())
 }
@@ -130,9 +154,8 @@ fn near_copies(done: &Done) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// A sheet of pictures out of all, as the gate exposes them.
-fn sheet(all: &[&Image]) -> Result<Vec<u8>, Box<dyn Error>> {
-    let [columns, rows] = SHEET;
+/// A sheet of so many columns and rows of pictures, evenly out of all, as the gate exposes them.
+fn sheet(all: &[&Image], [columns, rows]: [usize; 2]) -> Result<Vec<u8>, Box<dyn Error>> {
     let Some(first) = all.first() else { return Err("there are no pictures to show".into()) };
     let (width, height) = (first.width(), first.height());
     let mut sheet = Image::new(columns * width, rows * height, 3);

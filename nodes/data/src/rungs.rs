@@ -190,6 +190,11 @@ pub enum SamplerKind {
 }
 
 impl SamplerKind {
+    /// What records of before there was a choice hold, whatever the default has become: they say nothing of it.
+    pub fn unsaid() -> Self {
+        Self::Independent
+    }
+
     /// Whether single samples say how far the mean of many is off.
     pub fn is_independent(&self) -> bool {
         *self == Self::Independent

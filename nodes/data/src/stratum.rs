@@ -1,8 +1,8 @@
 //! Strata: regime x context, and the item keys that carry them.
 
-use schemars::JsonSchema;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
-use std::{fmt, str::FromStr};
+use std::{borrow::Cow, fmt, str::FromStr};
 use tauflow_contract::ItemKey;
 
 /// What light does at surfaces, from easy to hard.
@@ -58,6 +58,7 @@ impl fmt::Display for ContextClass {
 
 /// A regime in a context: one of twelve.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub struct Stratum {
     /// The regime.
     pub regime: Regime,
@@ -104,6 +105,34 @@ impl FromStr for Stratum {
     }
 }
 
+impl TryFrom<String> for Stratum {
+    type Error = ParseStratumError;
+    fn try_from(text: String) -> Result<Self, Self::Error> {
+        text.parse()
+    }
+}
+
+impl From<Stratum> for String {
+    fn from(stratum: Stratum) -> Self {
+        stratum.to_string()
+    }
+}
+
+impl JsonSchema for Stratum {
+    fn schema_name() -> Cow<'static, str> {
+        "Stratum".into()
+    }
+
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        let names: Vec<String> = Self::all().map(|stratum| stratum.to_string()).collect();
+        json_schema!({ "type": "string", "enum": names })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -117,5 +146,8 @@ mod tests {
         }
         assert_eq!(Stratum::of_key("cell/L1-open-000007").map(|s| s.1), Some(7));
         assert!(Stratum::of_key("L9-open-1").is_none());
+        let open: Stratum = serde_json::from_str("\"L1-open\"").expect("a stratum");
+        assert_eq!(serde_json::to_string(&open).expect("a text"), "\"L1-open\"");
+        assert!(serde_json::from_str::<Stratum>("\"L9-open\"").is_err());
     }
 }

@@ -38,7 +38,7 @@ pub struct ModelInfo {
     /// Training steps.
     pub steps: u64,
     /// What its network's numbers are.
-    #[serde(default, skip_serializing_if = "Output::is_default")]
+    #[serde(default = "Output::unsaid", skip_serializing_if = "Output::is_unsaid")]
     pub output: Output,
 }
 

@@ -11,11 +11,11 @@ pub(super) struct Budget {
     /// Bytes that actions in flight are expected to hold, and by which of them.
     in_flight: u64,
     weights: HashMap<(LaneId, SlotId), u64>,
-    /// Batches that are being run.
+    /// Bundles that are being run.
     running: usize,
     /// An action is running that must be alone.
     measuring: bool,
-    /// Batches that are being looked up, by node, and in all.
+    /// Bundles that are being looked up, by node, and in all.
     sought: Vec<usize>,
     seeking: usize,
 }
@@ -34,12 +34,12 @@ impl Budget {
         }
     }
 
-    /// Batches that are being looked up.
+    /// Bundles that are being looked up.
     pub fn seeking(&self) -> usize {
         self.seeking
     }
 
-    /// Batches that are being run.
+    /// Bundles that are being run.
     pub fn running(&self) -> usize {
         self.running
     }
@@ -56,7 +56,7 @@ impl Budget {
         self.seeking -= 1;
     }
 
-    /// Whether a stage after this node is being looked up.
+    /// Whether a node after this one is being looked up.
     pub fn seeks_after(&self, node: usize) -> bool {
         self.sought[node + 1..].iter().any(|bundles| *bundles > 0)
     }
@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn later_stages_are_told_from_earlier_ones() {
+    fn later_nodes_are_told_from_earlier_ones() {
         let mut budget = Budget::new(10, 3);
         budget.begin_look_up(1);
         assert!(budget.seeks_after(0) && !budget.seeks_after(1) && !budget.seeks_after(2));

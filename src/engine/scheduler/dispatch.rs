@@ -1,4 +1,4 @@
-//! What is handed out next: bundles to look up, and bundles to run, latest stage first, within the memory that there
+//! What is handed out next: bundles to look up, and bundles to run, latest node first, within the memory that there
 //! is.
 
 use super::{
@@ -17,11 +17,11 @@ const LOOK_UPS: usize = 64;
 const BATCH_US: f64 = 2000.0;
 /// Actions below this mean time, in microseconds, are short.
 const SHORT_US: f64 = 1000.0;
-/// Actions waiting to run from which no more of the same stage are looked up: their keys take memory.
+/// Actions waiting to run from which no more of the same node are looked up: their keys take memory.
 const WAITING: usize = 1024;
 
 impl Scheduler<'_> {
-    /// The next actions to look up, latest stage first; none while enough is waiting to be run.
+    /// The next actions to look up, latest node first; none while enough is waiting to be run.
     pub fn next_look_up(&mut self) -> Option<Bundle> {
         let (node, Reverse(lane), _) = *self.ready.peek()?;
         if self.todo.len() >= WAITING && self.todo.peek().is_some_and(|top| top.0 >= node) {
@@ -33,8 +33,8 @@ impl Scheduler<'_> {
         Some(self.bundle(lane, &slots))
     }
 
-    /// The next actions to run, latest stage first, for so many workers: several together when they are short. None
-    /// when all have work, or when a later stage is being looked up, unless the next are short. An action that measures
+    /// The next actions to run, latest node first, for so many workers: several together when they are short. None
+    /// when all have work, or when a later node is being looked up, unless the next are short. An action that measures
     /// runs alone: it waits for the others, and they for it.
     pub fn next_run(&mut self, workers: usize) -> Option<Bundle> {
         let (node, Reverse(lane), _) = *self.todo.peek()?;

@@ -48,7 +48,7 @@ use std::{
 use tauflow_cache::{CacheError, Digest};
 use tauflow_contract::{KindSpec, Mode, SourceItem};
 
-/// A place in the order of work: latest stage first.
+/// A place in the order of work: latest node first.
 type Turn = (usize, Reverse<LaneId>, Reverse<SlotId>);
 
 /// See the module.
@@ -185,12 +185,12 @@ impl<'a> Scheduler<'a> {
         self.lanes[reader.lane].is_whole(self.pipeline, reader.input)
     }
 
-    /// Batches that are being looked up.
+    /// Bundles that are being looked up.
     pub fn seeking(&self) -> usize {
         self.budget.seeking()
     }
 
-    /// Batches that are being run.
+    /// Bundles that are being run.
     pub fn running(&self) -> usize {
         self.budget.running()
     }

@@ -24,7 +24,7 @@ pub struct LadderMeta {
     /// Mean number of path segments, over all samples of the last rung.
     pub mean_path_length: f64,
     /// How its samples were drawn.
-    #[serde(default, skip_serializing_if = "SamplerKind::is_independent")]
+    #[serde(default = "SamplerKind::unsaid", skip_serializing_if = "SamplerKind::is_independent")]
     pub sampler: SamplerKind,
 }
 

@@ -20,6 +20,8 @@ pub struct SceneRecord {
 impl SceneRecord {
     /// Name of the scene's file in an exported folder.
     pub const FILE: &'static str = SCENE;
+    /// Name of the file beside it that says how it was drawn.
+    pub const RECIPE_FILE: &'static str = RECIPE;
     /// Name of the folder beside it that holds its meshes and images by digest.
     pub const BLOB_FOLDER: &'static str = "blob";
 

@@ -38,7 +38,7 @@ pub struct AssetsParams {
     pub folders: Vec<String>,
     /// Single files, or patterns with `*` and `?`.
     pub files: Vec<String>,
-    /// No folder and no file are no mistake: then there are no assets. For pipelines whose assets are one's own to name.
+    /// No folder and no file are no mistake: then there are no assets. For pipelines in which one names one's own.
     pub allow_none: bool,
     /// Most texels along a side of an object's textures; larger ones are reduced.
     #[schemars(range(min = 1, max = 16384))]

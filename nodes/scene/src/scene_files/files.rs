@@ -15,9 +15,6 @@ use std::{
 use tauflow_contract::{Digest, ItemKey, KindError, SourceItem};
 use tauflow_data::{Stratum, records::SceneRecord, scene::Scene};
 
-/// File beside a `scene.json` that says how it was drawn.
-pub const RECIPE: &str = "recipe.json";
-
 /// Path of a blob beside a `scene.json`.
 pub fn blob(digest: &Digest) -> String {
     format!("{}/{digest}", SceneRecord::BLOB_FOLDER)
@@ -26,7 +23,7 @@ pub fn blob(digest: &Digest) -> String {
 /// The files that a `scene.json` names.
 pub fn described(bytes: &[u8]) -> BTreeSet<String> {
     let blobs = serde_json::from_slice::<Scene>(bytes).map_or(Vec::new(), |scene| scene.blobs());
-    blobs.iter().map(blob).chain([RECIPE.to_owned()]).collect()
+    blobs.iter().map(blob).chain([SceneRecord::RECIPE_FILE.to_owned()]).collect()
 }
 
 /// Part name of a scene's own file: with its view and its name, which its action has no other way to learn.
@@ -134,13 +131,12 @@ pub fn items(entries: &[ScenePath]) -> Result<Vec<SourceItem>, KindError> {
     let mut numbers: BTreeMap<Stratum, u64> = BTreeMap::new();
     let mut items = Vec::new();
     for entry in entries {
-        let stratum: Stratum = entry.stratum.parse().map_err(|e| KindError::Input(format!("scene_files: {e}")))?;
         for found in scenes(entry)? {
             for view in 0..found.views.max(1) {
-                let number = numbers.entry(stratum).or_default();
+                let number = numbers.entry(entry.stratum).or_default();
                 let mut files = found.files.clone();
                 files.push((main_part(view, &name_of(&found.path)), found.path.clone()));
-                let key: ItemKey = stratum.item_key(*number);
+                let key: ItemKey = entry.stratum.item_key(*number);
                 *number += 1;
                 items.push(SourceItem { key, files });
             }

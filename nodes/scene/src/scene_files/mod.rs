@@ -51,7 +51,7 @@ pub struct ScenePath {
     /// A file, a pattern with `*` and `?`, or a folder, which is searched with those below.
     pub path: String,
     /// Regime and context, such as `L1-open`.
-    pub stratum: String,
+    pub stratum: Stratum,
 }
 
 /// Params of `scene_files`.
@@ -147,7 +147,7 @@ fn described(name: &str, bytes: &[u8], given: &Given<'_>, mut problems: Problems
         }
         blobs.insert(digest, bytes);
     }
-    let recipe = given.get(files::RECIPE).and_then(|bytes| serde_json::from_slice(&bytes).ok());
+    let recipe = given.get(SceneRecord::RECIPE_FILE).and_then(|bytes| serde_json::from_slice(&bytes).ok());
     let notes = problems.finish()?;
     Ok(Loaded { scene, blobs, notes, film: None, recipe })
 }
@@ -196,12 +196,6 @@ impl Kind for SceneFiles {
         if params.scenes.is_empty() {
             let hint = "write for example `scenes: [{ path: my/room.xml, stratum: L1-enclosed }]`";
             problems.push(ParamProblem::new("/scenes", "no scenes are given", hint));
-        }
-        for (number, entry) in params.scenes.iter().enumerate() {
-            if let Err(error) = entry.stratum.parse::<Stratum>() {
-                let hint = "write for example `L1-open`; the manual of `scene_generation` says what they are";
-                problems.push(ParamProblem::new(format!("/scenes/{number}/stratum"), error.to_string(), hint));
-            }
         }
         problems
     }

@@ -4,7 +4,7 @@ mod mitsuba;
 
 use super::*;
 use std::{fs, sync::atomic::AtomicBool};
-use tauflow_contract::{MemoryBlobs, Silent};
+use tauflow_contract::{KindRow, NodeKind as _, MemoryBlobs, Silent};
 use tauflow_data::{
     Image,
     mesh::Mesh,
@@ -309,7 +309,7 @@ fn folders_and_files_become_items_by_stratum_and_view() {
     put("two.gltf", gltf_text().as_bytes());
     let entry = |path: &str, stratum: &str| ScenePath {
         path: root.join(path).display().to_string(),
-        stratum: stratum.to_owned(),
+        stratum: stratum.parse().expect("a stratum"),
     };
     let params = SceneFilesParams {
         scenes: vec![entry("", "L1-enclosed"), entry("two.gltf", "L0-open")],
@@ -348,8 +348,8 @@ fn folders_and_files_become_items_by_stratum_and_view() {
     let alone = load_scene(&root.join("rooms/room.xml"), None, 0, Options::default()).expect_err("outside").to_string();
     assert!(alone.contains("`../shared/part.xml` is no file of up to 2 GiB below the folder"), "{alone}");
     load_scene(&root.join("rooms/room.xml"), Some(root), 0, Options::default()).expect("inside");
-    let bad = SceneFilesParams { scenes: vec![entry("", "L9-open")], ..SceneFilesParams::default() };
-    let problems = SceneFiles::check(&bad);
+    let bad = serde_json::json!({ "scenes": [{ "path": "a.xml", "stratum": "L9-open" }] });
+    let problems = KindRow::<SceneFiles>::new().resolve(&bad).expect_err("no stratum");
     assert_eq!(problems[0].pointer, "/scenes/0/stratum");
 }
 

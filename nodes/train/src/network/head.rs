@@ -26,9 +26,14 @@ pub enum Output {
 }
 
 impl Output {
-    /// True of what model files say nothing of.
-    pub(crate) fn is_default(&self) -> bool {
-        *self == Self::default()
+    /// What files of before there was a choice hold, whatever the default has become: they say nothing of it.
+    pub(crate) fn unsaid() -> Self {
+        Self::Means
+    }
+
+    /// True of what files say nothing of.
+    pub(crate) fn is_unsaid(&self) -> bool {
+        *self == Self::unsaid()
     }
 
     /// Numbers of the last layer for a pixel.

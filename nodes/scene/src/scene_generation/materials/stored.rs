@@ -29,7 +29,12 @@ pub struct Stored {
     pub facts: Facts,
 }
 
+/// What the store keeps of a variant's maps, and its parts: an artifact of this kind's own, which passes no port.
 const MEDIA: &str = "tauflow/library-maps";
+const COLOR: &str = "color";
+const ROUGHNESS: &str = "roughness";
+const NORMAL: &str = "normal";
+const FACTS: &str = "facts";
 
 /// Stores an image in the smallest form that keeps its bits.
 pub fn put_bitmap(ctx: &Context<'_>, image: &Bitmap) -> Result<Digest, KindError> {
@@ -62,10 +67,10 @@ impl Stored {
         let basis = Basis::new("scene_generation", VERSION, "maps").with(params, None);
         let key = MemoKey { basis, inputs: Vec::new() };
         if let Some(artifact) = ctx.memo_get(&key)
-            && let (Some(color), Some(roughness)) = (artifact.part("color"), artifact.part("roughness"))
+            && let (Some(color), Some(roughness)) = (artifact.part(COLOR), artifact.part(ROUGHNESS))
         {
-            let facts = ctx.json(&artifact, "facts")?;
-            return Ok(Self { color, roughness, normal: artifact.part("normal"), facts });
+            let facts = ctx.json(&artifact, FACTS)?;
+            return Ok(Self { color, roughness, normal: artifact.part(NORMAL), facts });
         }
         let maps = pattern.maps(variant);
         let facts = Facts::of(&maps);
@@ -76,11 +81,11 @@ impl Stored {
             facts,
         };
         let mut parts = vec![
-            ("color".to_owned(), stored.color),
-            ("roughness".to_owned(), stored.roughness),
-            ("facts".to_owned(), ctx.put_json(&facts)?),
+            (COLOR.to_owned(), stored.color),
+            (ROUGHNESS.to_owned(), stored.roughness),
+            (FACTS.to_owned(), ctx.put_json(&facts)?),
         ];
-        parts.extend(stored.normal.map(|normal| ("normal".to_owned(), normal)));
+        parts.extend(stored.normal.map(|normal| (NORMAL.to_owned(), normal)));
         ctx.memo_put(&key, &Artifact::tree(MEDIA, parts))?;
         Ok(stored)
     }

@@ -96,6 +96,9 @@ fn half(v: f64) -> f32 {
     f32::from_bits((v.to_bits() + 0x0FFF + ((v.to_bits() >> 13) & 1)) & !0x1FFF)
 }
 
+/// What the store keeps of a sky's variant: an artifact of this kind's own, which passes no port.
+const MEDIA: &str = "tauflow/library-sky";
+
 /// The digest of a sky's variant in the store, made if it is not there.
 ///
 /// # Errors
@@ -107,7 +110,7 @@ pub fn stored(ctx: &Context<'_>, name: &str, variant: u64) -> Result<Digest, Kin
         return Ok(found);
     }
     let digest = put_bitmap(ctx, &sky(name, variant))?;
-    ctx.memo_put(&key, &Artifact::blob("tauflow/library-sky", digest))?;
+    ctx.memo_put(&key, &Artifact::blob(MEDIA, digest))?;
     Ok(digest)
 }
 
