@@ -5,7 +5,7 @@ mod checkpoint;
 mod divergence;
 mod optimiser;
 mod params;
-mod record;
+mod curve;
 mod threads;
 pub mod timing;
 mod trainer;
@@ -21,7 +21,7 @@ use batches::{DataSet, Draw};
 use checkpoint::Checkpoints;
 use optimiser::Rates;
 use params::LATER;
-use record::{Record, Score};
+use curve::{Curve, Score};
 use serde_json::Value;
 use std::time::Instant;
 use tauflow_contract::{
@@ -82,8 +82,8 @@ impl Kind for Training {
         let (train, test) = (action.all(TRAIN)?, action.all_if(TEST)?);
         let seed =
             if params.draw == 0 { action.seed } else { derive_seed(action.seed, "draw", &params.draw.to_string()) };
-        let job = Job { ctx, params, seed, train, test, place: Place::chosen()? };
-        job.run(&mut Share::new())
+        let work = Work { ctx, params, seed, train, test, place: Place::chosen()? };
+        work.run(&mut Share::new())
     }
 }
 
@@ -95,7 +95,7 @@ fn telling(params: &TrainingParams) -> Value {
 }
 
 /// One training.
-struct Job<'a> {
+struct Work<'a> {
     ctx: &'a Context<'a>,
     params: &'a TrainingParams,
     seed: u64,
@@ -104,7 +104,7 @@ struct Job<'a> {
     place: Place,
 }
 
-impl Job<'_> {
+impl Work<'_> {
     fn run(&self, share: &mut Share) -> Result<Outputs, KindError> {
         let (ctx, params) = (self.ctx, self.params);
         let train = DataSet::load(ctx, self.train, TRAIN, params.conditioning)?;
@@ -133,8 +133,8 @@ impl Job<'_> {
         let (encoding, rates) = (info.encoding()?, self.rates());
         let mut trainer = Trainer::new(encoding, params.preset, rates, params.loss, self.seed, &self.place);
         let checkpoints = self.checkpoints(&info);
-        let mut record = checkpoints.latest(ctx, &mut trainer, params.steps).unwrap_or_default();
-        let seconds = self.steps(&info, &mut trainer, &mut record, &checkpoints, (&train, test.as_ref()), share)?;
+        let mut curve = checkpoints.latest(ctx, &mut trainer, params.steps).unwrap_or_default();
+        let seconds = self.steps(&info, &mut trainer, &mut curve, &checkpoints, (&train, test.as_ref()), share)?;
         let log = TrainingLog {
             parameterization: params.parameterization.name().into(),
             conditioning: params.conditioning.name().into(),
@@ -143,7 +143,7 @@ impl Job<'_> {
             weights: trainer.network.slots().count() as u64,
             steps: params.steps,
             params: telling(params).as_object().cloned().unwrap_or_default(),
-            points: record.points,
+            points: curve.points,
         };
         if !trainer.state.is_finite() {
             return Err(KindError::Input("weights are no longer finite; lower `learning_rate` or `clip`".into()));
@@ -203,7 +203,7 @@ impl Job<'_> {
         &self,
         info: &ModelInfo,
         trainer: &mut Trainer,
-        record: &mut Record,
+        curve: &mut Curve,
         checkpoints: &Checkpoints,
         (train, test): (&DataSet, Option<&DataSet>),
         share: &mut Share,
@@ -235,9 +235,9 @@ impl Job<'_> {
             }
             Ok(Some(Score { test, gain: set.gain(&model)? }))
         };
-        if record.points.is_empty() {
+        if curve.points.is_empty() {
             let trainer: &Trainer = trainer;
-            record.point(0, share.run(|| score(trainer))??, trainer.learning_rate());
+            curve.point(0, share.run(|| score(trainer))??, trainer.learning_rate());
         }
         let mut seconds = Vec::new();
         while trainer.state.step < p.steps {
@@ -251,27 +251,27 @@ impl Job<'_> {
             })?;
             let (loss, norm) = stepped.map_err(|error| self.with_checkpoint(error, checkpoints, before))?;
             seconds.push(start.elapsed().as_secs_f64());
-            record.add(loss, norm);
+            curve.add(loss, norm);
             let step = trainer.state.step;
             if step.is_multiple_of(p.test_every) {
                 let trainer: &Trainer = trainer;
-                record.point(step, share.run(|| score(trainer))??, rate);
+                curve.point(step, share.run(|| score(trainer))??, rate);
             }
             // The last state serves a longer training, but not where the rate has already fallen for the end.
             if checkpoints.due(step) && (step < p.steps || p.decay == Decay::None) {
-                checkpoints.keep(self.ctx, trainer, record)?;
+                checkpoints.keep(self.ctx, trainer, curve)?;
             }
             if step.is_multiple_of(10) || step == p.steps {
                 let recent = &seconds[seconds.len().saturating_sub(20)..];
                 let rate = recent.len() as f64 / recent.iter().sum::<f64>().max(1e-9);
-                let gain = record.gain().map(|gain| format!("{gain:+.2} dB  ")).unwrap_or_default();
-                let standing = record.standing();
+                let gain = curve.gain().map(|gain| format!("{gain:+.2} dB  ")).unwrap_or_default();
+                let standing = curve.standing();
                 self.ctx.progress(step, p.steps, &format!("loss {loss:.4}{standing}  {gain}{rate:.1} steps/s"));
             }
         }
-        if record.points.last().is_some_and(|last| last.step < p.steps) {
+        if curve.points.last().is_some_and(|last| last.step < p.steps) {
             let trainer: &Trainer = trainer;
-            record.point(p.steps, share.run(|| score(trainer))??, self.rates().at(p.steps - 1));
+            curve.point(p.steps, share.run(|| score(trainer))??, self.rates().at(p.steps - 1));
         }
         Ok(seconds)
     }

@@ -1,7 +1,7 @@
 //! Checkpoints: everything that the rest of a training depends on, as one blob; a run that resumes ends with the same
 //! bits as one that was never stopped.
 
-use super::{optimiser::Optimised, record::Record, trainer::Trainer};
+use super::{optimiser::Optimised, curve::Curve, trainer::Trainer};
 use crate::model::ModelInfo;
 use serde_json::json;
 use tauflow_contract::{Artifact, Basis, Context, Digest, KindError, MemoKey};
@@ -39,14 +39,14 @@ impl Checkpoints {
     }
 
     /// Keeps where a training stands.
-    pub(crate) fn keep(&self, ctx: &Context<'_>, trainer: &Trainer, record: &Record) -> Result<(), KindError> {
+    pub(crate) fn keep(&self, ctx: &Context<'_>, trainer: &Trainer, curve: &Curve) -> Result<(), KindError> {
         let state = &trainer.state;
         let slots = trainer.network.slots();
         // Of the step: trainings of more steps may share it.
         let info = ModelInfo { steps: state.step, ..self.info.clone() };
         let mut file = TensorFile::default()
             .note("model", serde_json::to_string(&info).expect("plain data"))
-            .note("record", serde_json::to_string(record).expect("plain data"))
+            .note("record", serde_json::to_string(curve).expect("plain data"))
             .note("step", state.step.to_string());
         for (prefix, weights) in [
             ("weights.", &state.weights),
@@ -61,18 +61,18 @@ impl Checkpoints {
     }
 
     /// The latest one at or before `steps`, if there is any.
-    pub(crate) fn latest(&self, ctx: &Context<'_>, trainer: &mut Trainer, steps: u64) -> Option<Record> {
+    pub(crate) fn latest(&self, ctx: &Context<'_>, trainer: &mut Trainer, steps: u64) -> Option<Curve> {
         (1..=steps / self.every).rev().find_map(|i| {
             let artifact = ctx.memo_get(&self.key(i * self.every))?;
             // A checkpoint that cannot be read is as good as none: the training takes an earlier one.
-            let (state, record) = read(&ctx.part(&artifact, "").ok()?, trainer).ok()?;
+            let (state, curve) = read(&ctx.part(&artifact, "").ok()?, trainer).ok()?;
             trainer.state = state;
-            Some(record)
+            Some(curve)
         })
     }
 }
 
-fn read(bytes: &[u8], trainer: &Trainer) -> Result<(Optimised, Record), KindError> {
+fn read(bytes: &[u8], trainer: &Trainer) -> Result<(Optimised, Curve), KindError> {
     let file = TensorFile::from_bytes(bytes)?;
     let slots = trainer.network.slots();
     let note = |name: &str| {

@@ -17,7 +17,7 @@ pub(crate) struct Score {
 
 /// Points so far, and the sums since the last one.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Record {
+pub(crate) struct Curve {
     /// The curve.
     pub(crate) points: Vec<TrainingPoint>,
     loss: f64,
@@ -25,7 +25,7 @@ pub(crate) struct Record {
     count: u64,
 }
 
-impl Record {
+impl Curve {
     /// Adds a step's loss and gradient norm.
     pub(crate) fn add(&mut self, loss: f64, norm: f64) {
         self.loss += loss;
@@ -64,11 +64,11 @@ mod tests {
     #[test]
     fn a_curve_is_told_of_once_there_is_enough_of_it_and_it_does_not_fall() {
         let told = |tests: &[f64]| {
-            let mut record = Record::default();
+            let mut curve = Curve::default();
             for (i, test) in tests.iter().enumerate() {
-                record.point(i as u64 * 100, Some(Score { test: *test, gain: 0.0 }), 1e-3);
+                curve.point(i as u64 * 100, Some(Score { test: *test, gain: 0.0 }), 1e-3);
             }
-            record.standing()
+            curve.standing()
         };
         assert_eq!(told(&[1.0, 0.4, 0.4, 0.4]), "");
         assert_eq!(told(&[1.0, 0.4, 0.4, 0.4, 0.4]), " (settled)");
