@@ -1,5 +1,5 @@
 //! `real_assets.yaml` over the shared HDRIs and objects: every file is in a rendered scene, or is refused by name for a
-//! reason.
+//! reason. A pipeline may have no assets at all, where it says so.
 
 use crate::support::{Done, root};
 use std::{
@@ -64,4 +64,23 @@ fn every_file_appears_in_a_rendered_scene() {
         assert!(!report.accepted || shown.contains(&asset), "{} is in no rendered scene: {shown:?}", report.name);
     }
     assert!(names.is_empty(), "neither decoded nor refused: {names:?}");
+}
+
+#[test]
+fn without_assets_scenes_are_as_if_none_were_connected() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let file = folder.path().join("none.yaml");
+    let text = "
+pipeline: none
+seed: 7
+nodes:
+  assets: { kind: assets, params: { folders: [], allow_none: true } }
+  connected: { kind: scene_generation, inputs: { assets: assets }, params: { pool: 12, views: [1, 1] } }
+  alone: { kind: scene_generation, params: { pool: 12, views: [1, 1] } }
+";
+    std::fs::write(&file, text).expect("written");
+    let done = Done::run(&file, Vec::new(), &folder.path().join("cache"));
+    let scenes = |node: &str| -> BTreeMap<String, SceneRecord> { done.read(node) };
+    assert_eq!(scenes("connected").len(), 12);
+    assert_eq!(scenes("connected"), scenes("alone"));
 }

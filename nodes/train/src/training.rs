@@ -2,10 +2,10 @@
 
 mod batches;
 mod checkpoint;
+mod curve;
 mod divergence;
 mod optimiser;
 mod params;
-mod curve;
 mod threads;
 pub mod timing;
 mod trainer;
@@ -19,9 +19,9 @@ use crate::{
 };
 use batches::{DataSet, Draw};
 use checkpoint::Checkpoints;
+use curve::{Curve, Score};
 use optimiser::Rates;
 use params::LATER;
-use curve::{Curve, Score};
 use serde_json::Value;
 use std::time::Instant;
 use tauflow_contract::{

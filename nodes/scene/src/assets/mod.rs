@@ -18,14 +18,17 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tauflow_contract::{
-    Action, Context, FILE_PORT, Files, Group, ItemKey, Kind, KindError, KindSpec, Media, Mode, Out, Outputs,
-    ParamProblem, SourceItem,
+    Action, Before, Context, FILE_PORT, Files, Group, ItemKey, Kind, KindError, KindSpec, Later, Media, Mode, Out,
+    Outputs, ParamProblem, SourceItem,
 };
 use tauflow_data::records::{Asset, AssetBody, AssetReport};
 
 const MAIN: Group = Group::main(4);
 const ASSETS: Out<Asset> = Out::new(MAIN, "assets", "Decoded files; refused ones are left out.").filtering();
 const REPORTS: Out<AssetReport> = Out::new(MAIN, "reports", "What became of each file.");
+
+/// What was so before these params existed.
+const LATER: &[Later] = &[Later { pointer: "/allow_none", before: Before::Flag(false) }];
 
 /// The kind `assets`.
 pub struct Assets;
@@ -117,7 +120,14 @@ impl Kind for Assets {
         vec![ParamProblem::new("", "neither `folders` nor `files` is given", remedy)]
     }
 
+    fn later() -> &'static [Later] {
+        LATER
+    }
+
     fn items(params: &Self::Params) -> Result<Vec<SourceItem>, KindError> {
+        if params.folders.is_empty() && params.files.is_empty() {
+            return Ok(Vec::new());
+        }
         files::items(&params.folders, &params.files)
     }
 

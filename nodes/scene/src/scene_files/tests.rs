@@ -4,7 +4,7 @@ mod mitsuba;
 
 use super::*;
 use std::{fs, sync::atomic::AtomicBool};
-use tauflow_contract::{KindRow, NodeKind as _, MemoryBlobs, Silent};
+use tauflow_contract::{KindRow, MemoryBlobs, NodeKind as _, Silent};
 use tauflow_data::{
     Image,
     mesh::Mesh,

@@ -1,7 +1,7 @@
 //! Checkpoints: everything that the rest of a training depends on, as one blob; a run that resumes ends with the same
 //! bits as one that was never stopped.
 
-use super::{optimiser::Optimised, curve::Curve, trainer::Trainer};
+use super::{curve::Curve, optimiser::Optimised, trainer::Trainer};
 use crate::model::ModelInfo;
 use serde_json::json;
 use tauflow_contract::{Artifact, Basis, Context, Digest, KindError, MemoKey};
