@@ -4,7 +4,8 @@ use crate::kinds::Registry;
 
 pub use tauflow_render::{
     quality_gate::geometric_mean_luminance,
-    render::{RenderStats, render_image},
+    render::{Goal, RenderStats, render_image},
+    until::Until,
 };
 pub use tauflow_scene::{LightUnit, Options, load_scene};
 pub use tauflow_train::{Conditioning, Course, Denoiser, Mirrored, Model, ModelCalls, Views, rollout_to};

@@ -34,8 +34,10 @@ names = both.scenes(args.folder, args.scenes)
 for name in set(args.only or []) - set(names):
     parser.error(f"{name} is none of the scenes: {', '.join(names)}")
 
-manifest = json.loads((args.folder / "all" / "manifest.json").read_text())
-digests = {item["item"]: item["digest"] for item in manifest["items"]}
+digests = {}
+if args.reference:
+    manifest = json.loads((args.folder / "all" / "manifest.json").read_text())
+    digests = {item["item"]: item["digest"] for item in manifest["items"]}
 references = []
 rows, bins_limit, mean_limit = [], limit(len(names) * BINS * BINS), limit(len(names))
 print(f"{len(names)} scenes; limits {mean_limit:.2f} for means, {bins_limit:.2f} for bins")
@@ -59,7 +61,7 @@ for name in args.only or names:
     rows.append(row)
     cells = binned(b)
     references.append({
-        "scene": name, "digest": digests[name], "spp": row["spp"],
+        "scene": name, "digest": digests.get(name), "spp": row["spp"],
         "means": [float(f"{v:.6g}") for v in cells.mean(0).ravel()],
         "errors": [float(f"{v:.3g}") for v in (cells.std(0, ddof=1) / math.sqrt(len(cells))).ravel()],
     })

@@ -7,6 +7,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+import threading
 
 import numpy as np
 
@@ -30,12 +31,20 @@ def stratum(name):
 
 
 def run(command, cores):
-    """Standard output, read as JSON, of a command on so many cores."""
+    """Standard output, read as JSON, of a command on so many cores, with the memory at its peak in MB."""
     pinned = ["taskset", "-c", ",".join(str(core) for core in range(cores))]
-    done = subprocess.run(pinned + [str(part) for part in command], capture_output=True, text=True, timeout=1800)
-    if done.returncode:
-        sys.exit(f"{command}: {done.stderr[-2000:]}")
-    return json.loads(done.stdout.strip().splitlines()[-1])
+    with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
+        child = subprocess.Popen(pinned + [str(part) for part in command], stdout=out, stderr=err)
+        limit = threading.Timer(1800, child.kill)
+        limit.start()
+        _, status, usage = os.wait4(child.pid, 0)
+        limit.cancel()
+        child.returncode = os.waitstatus_to_exitcode(status)
+        out.seek(0)
+        err.seek(0)
+        if child.returncode:
+            sys.exit(f"{command}: {err.read()[-2000:]}")
+        return {**json.loads(out.read().strip().splitlines()[-1]), "peak_mb": usage.ru_maxrss / 1024}
 
 
 def ours(folder, scene, side, spp, batches, cores=2, *how):

@@ -55,13 +55,15 @@ for name in both.scenes(args.folder, args.scenes):
         ratio = mine / theirs
         row = {
             "scene": name, "spp": spp, "ours_s": own, "theirs_s": other, "compile_s": report["compile_s"],
+            "ours_mb": ours_report["peak_mb"], "theirs_mb": report["peak_mb"],
             "variance": 1 / ratio, "rays": other / own, "speedup": other / (own * ratio),
         }
         rows.append(row)
         print(
             f"{name:24s} {spp:4d} spp: ours {own:7.3f} s, theirs {other:7.3f} s "
             f"(compiling {report['compile_s']:.2f} s), "
-            f"same samples {row['rays']:.2f}x, variance {row['variance']:.2f}x, same error {row['speedup']:.2f}x",
+            f"same samples {row['rays']:.2f}x, variance {row['variance']:.2f}x, same error {row['speedup']:.2f}x, "
+            f"memory {row['ours_mb']:.0f} and {row['theirs_mb']:.0f} MB",
             flush=True,
         )
 strata = {}

@@ -11,7 +11,7 @@ use super::{
 use crate::{
     diagnostics::did_you_mean,
     kinds::Registry,
-    registry::{LightUnit, Options, load_scene},
+    registry::{Goal, LightUnit, Options, Until, load_scene},
 };
 use clap::{Args, Subcommand};
 use std::{
@@ -20,7 +20,7 @@ use std::{
     io::IsTerminal,
     path::{Path, PathBuf},
     sync::atomic::AtomicBool,
-    time::Instant,
+    time::{Duration, Instant},
 };
 use tauflow_cache::Store;
 use tauflow_contract::{Blobs, Context, Digest, Handle, ItemKey, KindError, Silent, read_regular};
@@ -48,6 +48,20 @@ pub(crate) struct RenderArgs {
     /// Factor on the radiance.
     #[arg(long, default_value_t = 1.0)]
     exposure: f32,
+    /// Takes as many samples as this relative error needs, doubling them until it is there: 0.01 is 1%.
+    #[arg(long, value_name = "ERROR", value_parser = above_zero, conflicts_with_all = ["spp", "seconds"])]
+    error: Option<f64>,
+    /// Samples a pixel at most, with --error.
+    #[arg(long, value_name = "N", default_value_t = 65536, value_parser = clap::value_parser!(u64).range(1..=1 << 30))]
+    at_most: u64,
+    /// Takes as many samples as fit into this time, the scene being read.
+    #[arg(long, value_name = "S", value_parser = above_zero, conflicts_with = "spp")]
+    seconds: Option<f64>,
+}
+
+fn above_zero(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
+    if value.is_finite() && value > 0.0 { Ok(value) } else { Err("it must be above 0".to_owned()) }
 }
 
 /// Which scene.
@@ -231,35 +245,60 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
     let (scene, source, film) = args.scene.open(registry, cache)?;
     let resolution = args.film.resolution(film)?;
     let start = Instant::now();
-    let bar = if std::io::stderr().is_terminal() {
-        indicatif::ProgressBar::new(args.film.spp)
-    } else {
-        indicatif::ProgressBar::hidden()
+    let bar = match (args.error, args.seconds) {
+        _ if !std::io::stderr().is_terminal() => indicatif::ProgressBar::hidden(),
+        (None, None) => indicatif::ProgressBar::new(args.film.spp),
+        _ => indicatif::ProgressBar::new_spinner().with_message("samples a pixel"),
     };
-    let (image, stats) = crate::registry::render_image(
-        &scene,
-        &mut |digest| source.blob(digest),
-        resolution,
-        args.film.spp,
-        &mut |done| {
+    let mut last = Duration::ZERO;
+    let mut fits = |done: u64| {
+        // As many more samples as were taken last must fit, too.
+        let (now, limit) = (start.elapsed(), args.seconds.unwrap_or_default());
+        let next = now + now.saturating_sub(last);
+        last = now;
+        done == 0 || next.as_secs_f64() <= limit
+    };
+    let goal = match (args.error, args.seconds) {
+        (Some(relative_error), _) => Goal::Error(Until { relative_error, at_most: args.at_most }),
+        (None, Some(_)) => Goal::While(&mut fits),
+        (None, None) => Goal::Samples(args.film.spp),
+    };
+    let (image, stats) =
+        crate::registry::render_image(&scene, &mut |digest| source.blob(digest), resolution, goal, &mut |done| {
             bar.set_position(done);
             Ok(())
-        },
-    )
-    .map_err(told)?;
+        })
+        .map_err(told)?;
     bar.finish_and_clear();
     let seconds = start.elapsed().as_secs_f64();
     write_picture(&args.out, &image.map(|v| v * args.exposure))?;
     eprintln!(
-        "{} paths in {} ({:.2} million a second), {:.2} segments a path, {} rejected",
+        "{} samples a pixel, {} paths in {} ({:.2} million a second), {:.2} segments a path, {} rejected",
+        stats.samples,
         stats.paths,
         seconds_text(seconds),
         stats.paths as f64 / seconds / 1e6,
         stats.mean_path_length,
         stats.rejected
     );
+    if let Some(error) = stats.error {
+        eprintln!("{}", sureness(args.error, error, stats.samples));
+    }
     outln!("{}", args.out.display());
     Ok(Exit::Done)
+}
+
+/// How far the image is to be expected to be off.
+fn sureness(asked: Option<f64>, error: f64, samples: u64) -> String {
+    let percent = 100.0 * error;
+    match asked {
+        Some(asked) if error <= asked => format!("error {percent:.2}%, by other samples than the image's"),
+        Some(asked) => format!(
+            "error {percent:.2}%, and not the {:.2}% that were asked for: --at-most allows {samples} samples",
+            100.0 * asked
+        ),
+        None => format!("error {percent:.2}%, by the image's own samples: more where rare light was missed"),
+    }
 }
 
 pub(crate) fn scene(command: &SceneCommand, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {

@@ -14,3 +14,4 @@ mod strata;
 mod stress;
 mod support;
 mod time_error;
+mod until;

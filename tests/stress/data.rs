@@ -190,6 +190,7 @@ fn ladder(counts: &[u64], value: f32, noise: f32, seed: u64) -> Ladder {
             rejected: 0,
             mean_path_length: 1.0,
             sampler: SamplerKind::Independent,
+            estimated_error: None,
         },
         variance: Image::from_data(12, 12, 3, vec![noise * noise; 12 * 12 * 3]).expect("fits"),
     }

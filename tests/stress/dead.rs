@@ -67,6 +67,7 @@ fn ladder(seed: u64, counts: &[u64]) -> Ladder {
             rejected: 0,
             mean_path_length: 1.0,
             sampler: SamplerKind::Independent,
+            estimated_error: None,
         },
         variance,
     }

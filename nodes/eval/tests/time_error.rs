@@ -36,7 +36,15 @@ fn off(mse: f64) -> Image {
 fn ladder(counts: &[(u64, f64)], sampler: SamplerKind, variance: f32) -> Ladder {
     let rungs = counts.iter().map(|(spp, mse)| Rung { spp: *spp, image: off(*mse) }).collect();
     let counts = counts.iter().map(|(spp, _)| *spp).collect();
-    let meta = LadderMeta { counts, width: SIDE, height: SIDE, rejected: 0, mean_path_length: 2.0, sampler };
+    let meta = LadderMeta {
+        counts,
+        width: SIDE,
+        height: SIDE,
+        rejected: 0,
+        mean_path_length: 2.0,
+        sampler,
+        estimated_error: None,
+    };
     let variance = Image::from_data(SIDE, SIDE, 3, vec![variance; SIDE * SIDE * 3]).expect("fits");
     Ladder { meta, rungs, variance }
 }

@@ -1,10 +1,18 @@
 #![doc = include_str!("ladder_rendering.md")]
 
-use crate::{accumulator::Accumulator, render::Renderer, world::World};
+use crate::{
+    accumulator::Accumulator,
+    render::Renderer,
+    until::{self, Until},
+    world::World,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::collections::{BTreeMap, btree_map::Entry};
+use std::{
+    cell::OnceCell,
+    collections::{BTreeMap, btree_map::Entry},
+};
 use tauflow_contract::{
     Action, All, Any, Artifact, Basis, Context, Digest, Each, Group, Handle, ItemKey, Kind, KindError, KindSpec, Media,
     MemoKey, Mode, Out, Outputs, ParamProblem, Probe, Stored,
@@ -75,6 +83,8 @@ pub struct LadderRenderingParams {
     /// Times that `timing` renders the ladder.
     #[schemars(range(min = 1, max = 1000))]
     pub repeats: u64,
+    /// Goes on after the last of `rungs` until the image is as accurate as is asked for.
+    pub until: Option<Until>,
 }
 
 impl Default for LadderRenderingParams {
@@ -86,6 +96,7 @@ impl Default for LadderRenderingParams {
             sampler: SamplerKind::Independent,
             gbuffer_samples: 32,
             repeats: 3,
+            until: None,
         }
     }
 }
@@ -113,18 +124,24 @@ impl Kind for LadderRendering {
                 "end at one of these, or use `sampler: independent`",
             )];
         }
-        Vec::new()
+        params.until.iter().flat_map(|until| until.check(params.rungs.last(), params.sampler)).collect()
     }
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
-        let LadderRenderingParams { rungs, resolution, stream, sampler, gbuffer_samples, repeats } = params;
+        let LadderRenderingParams { rungs, resolution, stream, sampler, gbuffer_samples, repeats, until } = params;
         if group == TIMINGS.name {
+            // A ladder that ends by itself is timed to the last rung that is asked for in any case.
             json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler,
                 "gbuffer_samples": gbuffer_samples, "repeats": repeats })
         } else if group == GBUFFERS.name {
             json!({ "resolution": resolution, "stream": stream, "gbuffer_samples": gbuffer_samples })
         } else {
-            json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler })
+            let mut all = json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler });
+            // A later param: ladders without it keep their keys.
+            if let (Some(until), Some(all)) = (until, all.as_object_mut()) {
+                all.insert("until".to_owned(), json!(until));
+            }
+            all
         }
     }
 
@@ -133,7 +150,7 @@ impl Kind for LadderRendering {
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let work = Work { ctx, scene: action.handle(SCENES)?, params: &action.params };
+        let work = Work { ctx, scene: action.handle(SCENES)?, params: &action.params, world: OnceCell::new() };
         let outputs = Outputs::default();
         if action.group == TIMINGS.name {
             Ok(outputs.put(TIMING, work.timing()?.store(ctx)?))
@@ -150,23 +167,31 @@ struct Work<'a> {
     ctx: &'a Context<'a>,
     scene: Handle<'a, SceneRecord>,
     params: &'a LadderRenderingParams,
+    world: OnceCell<World>,
 }
 
 impl Work<'_> {
-    fn world(&self) -> Result<World, KindError> {
+    fn new_world(&self) -> Result<World, KindError> {
         let scene = SceneRecord::scene(self.ctx, self.scene)?;
         World::new(&scene, &mut |digest: &Digest| self.ctx.get(digest))
     }
 
-    fn renderer<'w>(&self, world: &'w World) -> Result<Renderer<'w>, KindError> {
-        let renderer = Renderer::new(world, self.params.resolution, self.params.stream)?;
-        Ok(renderer.with_sampler(self.params.sampler))
+    /// The world, made when it is first asked for.
+    fn world(&self) -> Result<&World, KindError> {
+        if let Some(world) = self.world.get() {
+            return Ok(world);
+        }
+        let world = self.new_world()?;
+        Ok(self.world.get_or_init(|| world))
+    }
+
+    fn renderer<'w>(&self, world: &'w World, stream: u64) -> Result<Renderer<'w>, KindError> {
+        Ok(Renderer::new(world, self.params.resolution, stream)?.with_sampler(self.params.sampler))
     }
 
     fn gbuffer(&self) -> Result<GBuffer, KindError> {
-        let world = self.world()?;
         let samples = self.params.gbuffer_samples;
-        self.renderer(&world)?.gbuffer(self.params.stream, samples, &mut |done| {
+        self.renderer(self.world()?, self.params.stream)?.gbuffer(self.params.stream, samples, &mut |done| {
             self.ctx.progress(done, samples, "gbuffer");
             self.ctx.check_cancelled()
         })
@@ -181,8 +206,8 @@ impl Work<'_> {
         let mut gbuffer = Repeated::default();
         for round in 0..=self.params.repeats {
             let mut parts = Repeated::default();
-            let world = parts.add(|| self.world())?;
-            let renderer = parts.add(|| self.renderer(&world))?;
+            let world = parts.add(|| self.new_world())?;
+            let renderer = parts.add(|| self.renderer(&world, self.params.stream))?;
             let mut state = renderer.begin();
             for count in counts {
                 parts.add(|| renderer.advance(&mut state, *count, &mut |_| self.ctx.check_cancelled()))?;
@@ -210,8 +235,8 @@ impl Work<'_> {
     }
 
     /// Key of the state, or of the image, after `count` samples. The scene's JSON names its blobs by digest.
-    fn key(&self, what: Memo, count: u64) -> Result<MemoKey, KindError> {
-        let LadderRenderingParams { resolution, stream, sampler, .. } = self.params;
+    fn key(&self, what: Memo, stream: u64, count: u64) -> Result<MemoKey, KindError> {
+        let LadderRenderingParams { resolution, sampler, .. } = self.params;
         let params = json!({ "resolution": resolution, "stream": stream, "sampler": sampler, "count": count });
         Ok(MemoKey {
             basis: Basis::new(NAME, MEMO_VERSION, what.name()).with(params, None),
@@ -219,22 +244,22 @@ impl Work<'_> {
         })
     }
 
-    fn remembered(&self, what: Memo, count: u64) -> Result<Option<Digest>, KindError> {
-        Ok(self.ctx.memo_get(&self.key(what, count)?).and_then(|artifact| artifact.part("")))
+    fn remembered(&self, what: Memo, stream: u64, count: u64) -> Result<Option<Digest>, KindError> {
+        Ok(self.ctx.memo_get(&self.key(what, stream, count)?).and_then(|artifact| artifact.part("")))
     }
 
-    fn remember(&self, what: Memo, count: u64, digest: Digest) -> Result<(), KindError> {
-        self.ctx.memo_put(&self.key(what, count)?, &Artifact::blob(Memo::MEDIA, digest))
+    fn remember(&self, what: Memo, stream: u64, count: u64, digest: Digest) -> Result<(), KindError> {
+        self.ctx.memo_put(&self.key(what, stream, count)?, &Artifact::blob(Memo::MEDIA, digest))
     }
 
     /// The state after at most `limit` samples from which the fewest are missing.
-    fn nearest_state(&self, limit: u64, counts: &[u64]) -> Result<Option<Accumulator>, KindError> {
+    fn nearest_state(&self, stream: u64, limit: u64, counts: &[u64]) -> Result<Option<Accumulator>, KindError> {
         let mut candidates: Vec<u64> = counts.iter().copied().chain((0..63).map(|i| 1 << i)).collect();
         candidates.retain(|count| *count <= limit);
         candidates.sort_unstable();
         candidates.dedup();
         for count in candidates.into_iter().rev() {
-            if let Some(digest) = self.remembered(Memo::Accumulator, count)? {
+            if let Some(digest) = self.remembered(Memo::Accumulator, stream, count)? {
                 // One that another version wrote is no use: what it saves is rendered again.
                 let Ok(state) = Accumulator::from_bytes(&self.ctx.get(&digest)?) else { continue };
                 let film = self.params.resolution;
@@ -247,16 +272,23 @@ impl Work<'_> {
     }
 
     fn ladder(&self) -> Result<Stored<Ladder>, KindError> {
-        let (counts, last) = (self.params.rungs.counts(), self.params.rungs.last());
+        let (mut counts, mut estimated_error) = (self.params.rungs.counts().to_vec(), None);
+        if let Some(until) = &self.params.until {
+            let (stop, error) = self.stop(until)?;
+            counts.extend((stop > self.params.rungs.last()).then_some(stop));
+            estimated_error = Some(error);
+        }
+        let last = counts.last().copied().unwrap_or(1);
+        let (counts, stream) = (&counts[..], self.params.stream);
         let mut images: BTreeMap<u64, Digest> = BTreeMap::new();
         for count in counts {
-            if let Some(digest) = self.remembered(Memo::Rung, *count)? {
+            if let Some(digest) = self.remembered(Memo::Rung, stream, *count)? {
                 images.insert(*count, digest);
             }
         }
         // All before the first missing image can be skipped; the last state is needed for the variance.
         let missing = counts.iter().copied().find(|count| !images.contains_key(count)).unwrap_or(last);
-        let mut state = self.nearest_state(missing, counts)?;
+        let mut state = self.nearest_state(stream, missing, counts)?;
         if state.as_ref().is_none_or(|state| state.count < last || !images.contains_key(&last)) {
             state = Some(self.render(state, counts, last, &mut images)?);
         }
@@ -268,6 +300,7 @@ impl Work<'_> {
             rejected: state.rejected,
             mean_path_length: state.mean_path_length(),
             sampler: self.params.sampler,
+            estimated_error,
         };
         let rung = |count: &u64| {
             let digest = images.get(count).ok_or_else(|| KindError::Internal(format!("rung {count} was not made")))?;
@@ -275,6 +308,51 @@ impl Work<'_> {
         };
         let rungs = counts.iter().map(rung).collect::<Result<Vec<_>, KindError>>()?;
         Ladder::of_stored(self.ctx, &meta, &state.variance(), rungs)
+    }
+
+    /// The number of samples at which the image is accurate enough, or the most there may be, and the error that is to
+    /// be expected there. Samples of other streams decide.
+    fn stop(&self, until: &Until) -> Result<(u64, f64), KindError> {
+        let mut stop = self.params.rungs.last();
+        let mut states = [None, None];
+        loop {
+            let trial = until::trial(stop);
+            let [first, second] = &mut states;
+            let [a, b] = until::deciding(self.params.stream);
+            let by = [self.deciding_samples(first, a, trial)?, self.deciding_samples(second, b, trial)?];
+            let error = until::relative_error(by, stop);
+            if error <= until.relative_error || stop >= until.at_most {
+                return Ok((stop, error));
+            }
+            stop = stop.saturating_mul(2).min(until.at_most);
+        }
+    }
+
+    /// Brings a state of a stream to so many samples, from what is remembered or there already.
+    fn deciding_samples<'s>(
+        &self,
+        state: &'s mut Option<Accumulator>,
+        stream: u64,
+        trial: u64,
+    ) -> Result<&'s Accumulator, KindError> {
+        let before = state.as_ref().map_or(0, |state| state.count);
+        if before < trial
+            && let Some(known) = self.nearest_state(stream, trial, &[trial])?
+            && known.count > before
+        {
+            *state = Some(known);
+        }
+        if state.as_ref().is_none_or(|state| state.count < trial) {
+            let renderer = self.renderer(self.world()?, stream)?;
+            let state = state.get_or_insert_with(|| renderer.begin());
+            renderer.advance(state, trial, &mut |done| {
+                self.ctx.progress(done, trial, "samples a pixel that decide");
+                self.ctx.check_cancelled()
+            })?;
+            let digest = self.ctx.put(&state.to_bytes())?;
+            self.remember(Memo::Accumulator, stream, trial, digest)?;
+        }
+        state.as_ref().ok_or_else(|| KindError::Internal("no samples to decide by".into()))
     }
 
     /// Renders on to `last`, keeping the image of every rung and dyadic count on the way, and the state at the end.
@@ -285,8 +363,8 @@ impl Work<'_> {
         last: u64,
         images: &mut BTreeMap<u64, Digest>,
     ) -> Result<Accumulator, KindError> {
-        let world = self.world()?;
-        let renderer = self.renderer(&world)?;
+        let stream = self.params.stream;
+        let renderer = self.renderer(self.world()?, stream)?;
         let mut state = state.unwrap_or_else(|| renderer.begin());
         let begun = state.count;
         let dyadic = (0..63).map(|i| 1u64 << i).take_while(|count| *count < last);
@@ -300,12 +378,12 @@ impl Work<'_> {
             })?;
             if let Entry::Vacant(place) = images.entry(stop) {
                 let digest = self.ctx.put(&state.mean().to_bytes())?;
-                self.remember(Memo::Rung, stop, digest)?;
+                self.remember(Memo::Rung, stream, stop, digest)?;
                 place.insert(digest);
             }
         }
         let digest = self.ctx.put(&state.to_bytes())?;
-        self.remember(Memo::Accumulator, last, digest)?;
+        self.remember(Memo::Accumulator, stream, last, digest)?;
         Ok(state)
     }
 }

@@ -29,6 +29,7 @@ mod stream;
 pub mod surface;
 mod table;
 pub mod texture;
+pub mod until;
 pub mod world;
 
 #[cfg(test)]

@@ -20,7 +20,7 @@ use tauflow_data::{
 const SCENES: Each<SceneRecord> = Each::new("scenes", "The scenes to judge.");
 const PREVIEWS: Each<Ladder> = Each::new("previews", "A ladder of each; its last rung is judged.");
 
-const MAIN: Group = Group::main(3);
+const MAIN: Group = Group::main(4);
 const ACCEPTED: Out<SceneRecord> = Out::new(MAIN, "accepted", "The scenes that passed.").filtering();
 const EXPOSURE: Out<Exposure> = Out::new(MAIN, "exposure", "Exposure of the scenes that passed.").filtering();
 const VERDICTS: Out<Verdict> = Out::new(MAIN, "verdicts", "What was measured, and every reason for rejection.");
@@ -47,6 +47,9 @@ pub struct QualityGateParams {
     /// Largest share of the frame that one smooth surface fills.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub surface_share: f64,
+    /// Largest share of the frame that its three largest smooth surfaces fill together, the sky as one of them.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub bare_share: f64,
     /// Smallest mean luminance, in the scene's own radiance.
     #[schemars(range(min = 0.0))]
     pub black: f64,
@@ -75,6 +78,9 @@ pub struct QualityGateParams {
     /// Largest standard error of a bin over the mean luminance.
     #[schemars(range(min = 0.0))]
     pub noise: f64,
+    /// Largest share of bins whose standard error is above a quarter of what they show.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub noisy_share: f64,
     /// Luminance that the geometric mean over the bins is exposed to.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub key: f64,
@@ -88,6 +94,7 @@ impl Default for QualityGateParams {
             near_share: 0.5,
             sky_share: 0.85,
             surface_share: 0.85,
+            bare_share: 0.97,
             black: 1e-6,
             dark_share: 0.6,
             dark: 0.06,
@@ -97,6 +104,7 @@ impl Default for QualityGateParams {
             edges: 1.5,
             concentration: 0.9,
             noise: 1.0,
+            noisy_share: 0.15,
             key: KEY,
         }
     }
@@ -155,6 +163,7 @@ fn judge(of: &Preview<'_>, framing: &Framing, ev: f64, params: &QualityGateParam
     reject(framing.near_share > params.near_share, "too_near");
     reject(framing.sky_share > params.sky_share, "mostly_sky");
     reject(framing.surface_share > params.surface_share, "one_surface");
+    reject(framing.bare_share > params.bare_share, "bare");
     let mut measures = named(framing.measures());
     measures.insert("rejected".to_owned(), of.rejected as f64);
     if broken > 0 {
@@ -173,7 +182,7 @@ fn judge(of: &Preview<'_>, framing: &Framing, ev: f64, params: &QualityGateParam
         reject(picture.contrast < params.contrast, "near_constant");
         reject(picture.edges_of(framing.outlines) < params.edges, "featureless");
         reject(picture.concentration > params.concentration, "degenerate");
-        reject(picture.noise > params.noise, "noisy");
+        reject(picture.noise > params.noise || picture.noisy_share > params.noisy_share, "noisy");
     }
     let exposure = Exposure { factor: neutral * exp2(ev), ev, mean_luminance: picture.geometric_mean };
     (Verdict { reasons, measures }, exposure)

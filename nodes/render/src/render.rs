@@ -7,6 +7,7 @@ use crate::{
     integrator::{Roulette, Strategy},
     rng::{FILM, Sampler, render_state},
     stream::{Batch, trace},
+    until::{self, Until, relative_error},
     world::{Dropped, LoadBlob, World},
 };
 use rayon::prelude::*;
@@ -20,7 +21,7 @@ const BATCH: usize = 4096;
 const TOGETHER: u64 = 64;
 /// Pixels in a tile at least, however many samples they get.
 const TILE: usize = 16;
-/// Samples between looks at whether to stop.
+/// Paths between looks at whether to stop.
 const CHUNK: u64 = 1 << 18;
 
 /// A world, and the film to render it on.
@@ -112,6 +113,11 @@ impl<'a> Renderer<'a> {
         Accumulator::new(self.width, self.height)
     }
 
+    /// Samples a pixel between looks at whether to stop.
+    fn step(&self) -> u64 {
+        (CHUNK / (self.width * self.height) as u64).max(1)
+    }
+
     /// Renders samples until each pixel has `count`; `pause` is called between chunks with the samples there are.
     ///
     /// # Errors
@@ -122,7 +128,7 @@ impl<'a> Renderer<'a> {
         count: u64,
         pause: &mut dyn FnMut(u64) -> Result<(), KindError>,
     ) -> Result<(), KindError> {
-        let step = (CHUNK / (self.width * self.height) as u64).max(1);
+        let step = self.step();
         while accumulator.count < count {
             pause(accumulator.count)?;
             let until = (accumulator.count + step).min(count);
@@ -176,10 +182,22 @@ impl<'a> Renderer<'a> {
     }
 }
 
+/// When an image is done.
+pub enum Goal<'a> {
+    /// After so many samples a pixel.
+    Samples(u64),
+    /// When it is as accurate as is asked for, as samples of other streams say.
+    Error(Until),
+    /// When this says no more, asked with the samples that there are.
+    While(&'a mut dyn FnMut(u64) -> bool),
+}
+
 /// What [`render_image`] says of its work.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderStats {
-    /// Paths traced.
+    /// Samples a pixel.
+    pub samples: u64,
+    /// Paths traced, those that decided not counted.
     pub paths: u64,
     /// Mean segments of a path.
     pub mean_path_length: f64,
@@ -189,10 +207,13 @@ pub struct RenderStats {
     pub primitives: usize,
     /// What was left out at loading.
     pub dropped: Dropped,
+    /// Root mean square of the relative errors to be expected, as [`relative_error`] has it: by the samples that
+    /// decided, or else by the image's own; none of one sample.
+    pub error: Option<f64>,
 }
 
-/// Renders a scene outside a pipeline: the mean of samples 0..`spp` of stream 0. `progress` is called now and then with
-/// the samples done, and may stop the render with an error.
+/// Renders a scene outside a pipeline: the mean of samples of stream 0. `progress` is called now and then with the
+/// samples done, and may stop the render with an error.
 ///
 /// # Errors
 /// If the scene cannot be compiled, or `progress` says to stop.
@@ -200,19 +221,51 @@ pub fn render_image(
     scene: &Scene,
     load: LoadBlob<'_>,
     film: Resolution,
-    spp: u64,
+    goal: Goal<'_>,
     progress: &mut dyn FnMut(u64) -> Result<(), KindError>,
 ) -> Result<(Image, RenderStats), KindError> {
     let world = World::new(scene, load)?;
     let renderer = Renderer::new(&world, film, 0)?;
     let mut accumulator = renderer.begin();
-    renderer.advance(&mut accumulator, spp, progress)?;
+    let mut error = None;
+    match goal {
+        Goal::Samples(samples) => renderer.advance(&mut accumulator, samples, progress)?,
+        Goal::Error(until) => {
+            let [a, b] = until::deciding(0);
+            let by = [Renderer::new(&world, film, a)?, Renderer::new(&world, film, b)?];
+            let (mut decide, mut stop) = ([renderer.begin(), renderer.begin()], 1);
+            loop {
+                for (renderer, state) in by.iter().zip(&mut decide) {
+                    renderer.advance(state, until::trial(stop), &mut |_| Ok(()))?;
+                }
+                renderer.advance(&mut accumulator, stop, progress)?;
+                let expected = relative_error([&decide[0], &decide[1]], stop);
+                error = Some(expected);
+                if expected <= until.relative_error || stop >= until.at_most {
+                    break;
+                }
+                stop = stop.saturating_mul(2).min(until.at_most);
+            }
+        }
+        Goal::While(goes_on) => {
+            let step = renderer.step();
+            while goes_on(accumulator.count) {
+                let until = accumulator.count.saturating_add(step);
+                renderer.advance(&mut accumulator, until, progress)?;
+            }
+        }
+    }
+    if error.is_none() && accumulator.count > 1 {
+        error = Some(relative_error([&accumulator; 2], accumulator.count));
+    }
     let stats = RenderStats {
+        samples: accumulator.count,
         paths: accumulator.count * (film.width() * film.height()) as u64,
         mean_path_length: accumulator.mean_path_length(),
         rejected: accumulator.rejected,
         primitives: world.primitive_count(),
         dropped: world.dropped,
+        error,
     };
     Ok((accumulator.mean(), stats))
 }

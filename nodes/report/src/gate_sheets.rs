@@ -161,7 +161,15 @@ mod tests {
     fn ladder(value: f32) -> Ladder {
         let image = Image::new(4, 2, 3).map(|_| value);
         let (counts, sampler) = (vec![32], SamplerKind::Independent);
-        let meta = LadderMeta { counts, width: 4, height: 2, rejected: 0, mean_path_length: 1.0, sampler };
+        let meta = LadderMeta {
+            counts,
+            width: 4,
+            height: 2,
+            rejected: 0,
+            mean_path_length: 1.0,
+            sampler,
+            estimated_error: None,
+        };
         Ladder { meta, rungs: vec![Rung { spp: 32, image: image.clone() }], variance: image }
     }
 

@@ -102,6 +102,7 @@ mod tests {
                 rejected: 0,
                 mean_path_length: 1.0,
                 sampler: SamplerKind::Independent,
+                estimated_error: None,
             },
             rungs: vec![Rung { spp: 1, image: image(4.0) }, Rung { spp: 2, image: image(3.0) }],
             variance: image(1.0),

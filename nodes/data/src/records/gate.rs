@@ -16,12 +16,13 @@ pub struct Exposure {
 }
 
 /// Reasons for rejection, the most telling first, each with what is so.
-pub const REASONS: [(&str, &str); 12] = [
+pub const REASONS: [(&str, &str); 13] = [
     ("non_finite", "samples or pixels that are no numbers"),
     ("inside", "the camera stands inside a body"),
     ("too_near", "something right before the camera hides the rest"),
     ("mostly_sky", "next to nothing but sky or void"),
     ("one_surface", "one smooth surface fills the frame"),
+    ("bare", "next to nothing but two or three surfaces"),
     ("black", "no light at all"),
     ("dark", "most of the frame shows black"),
     ("over_exposed", "much of the frame shows white"),

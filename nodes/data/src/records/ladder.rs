@@ -26,6 +26,10 @@ pub struct LadderMeta {
     /// How its samples were drawn.
     #[serde(default = "SamplerKind::unsaid", skip_serializing_if = "SamplerKind::is_independent")]
     pub sampler: SamplerKind,
+    /// Root mean square of the relative errors that the last rung is to be expected to have, as samples of other
+    /// streams say that decided where it ends; none if nothing had to be decided.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub estimated_error: Option<f64>,
 }
 
 /// One rung: a sample count and the mean of that many samples.

@@ -47,6 +47,7 @@ fn ladder() -> Ladder {
         rejected: 0,
         mean_path_length: 1.5,
         sampler: SamplerKind::Independent,
+        estimated_error: None,
     };
     let rungs = vec![Rung { spp: 1, image: image(3, 1e6) }, Rung { spp: 2, image: image(3, 1e-30) }];
     Ladder { meta, rungs, variance: image(3, 0.25) }

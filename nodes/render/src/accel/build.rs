@@ -3,7 +3,9 @@
 //! Scenes of a million triangles are common, so nothing is kept for each of them but its box: forms are asked for when
 //! they are needed, and obvhs's tree is collapsed as it lies.
 
-use super::{Accel, Block, CURVED, Curved, LEAF, LEAF_SIZE, NONE, Node, PLACED, Primitive, Root, TREE_STACK, WIDE};
+use super::{
+    Accel, Block, CURVED, Curved, LEAF, LEAF_SIZE, NONE, Node, PLACED, Primitive, Root, Size, TREE_STACK, WIDE,
+};
 use crate::placement::Placement;
 use glam::Vec3;
 use obvhs::{Boundable, BvhBuildParams, aabb::Aabb, bvh2::Bvh2, bvh2::builder::build_bvh2};
@@ -150,6 +152,7 @@ impl Accel {
         accel.blocks.shrink_to_fit();
         accel.curved.shrink_to_fit();
         accel.roots.shrink_to_fit();
+        accel.size = Size::of(size_of_val(&accel.nodes[..]) + size_of_val(&accel.blocks[..]));
         accel
     }
 

@@ -11,6 +11,7 @@
 
 mod batch;
 mod build;
+mod interleave;
 mod leaves;
 mod level;
 mod packet;
@@ -20,6 +21,7 @@ mod traverse;
 pub use batch::RayBatch;
 pub(crate) use build::{Forms, PlacedMesh, SharedMesh};
 pub(crate) use packet::Packet;
+use sweep::Size;
 pub(crate) use sweep::{Set, Sweep};
 pub(crate) use traverse::Stack;
 
@@ -114,6 +116,7 @@ pub struct Accel {
     roots: Vec<Root>,
     placements: Placements,
     bounds: (Vec3, Vec3),
+    size: Size,
 }
 
 impl Accel {

@@ -6,6 +6,7 @@
 
 use super::{
     Accel, LEAF, PLACED, STACK, WIDE,
+    interleave::{Flight, TURNS},
     level::{Level, World},
     traverse::Best,
 };
@@ -17,8 +18,41 @@ use glam::Vec3;
 
 /// Lanes at most; lists have as many entries to spare.
 pub(super) const SPARE: usize = 16;
-/// Lists of no more are followed ray by ray.
-const FEW: usize = 4;
+
+/// How a tree compares with the caches.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) enum Size {
+    /// It fits into those of a core.
+    #[default]
+    Small,
+    /// It is larger.
+    Large,
+    /// It is so large that hardly a node is there when it is needed.
+    Huge,
+}
+
+impl Size {
+    /// Of a tree of so many bytes.
+    pub(super) fn of(bytes: usize) -> Self {
+        match bytes >> 20 {
+            0..2 => Self::Small,
+            2..32 => Self::Large,
+            _ => Self::Huge,
+        }
+    }
+
+    /// Lists of no more rays are followed ray by ray, or by turns where the tree is not small. Rays that need not know
+    /// what is nearest have more to gain from each other.
+    fn few(self, any: bool) -> usize {
+        match self {
+            Self::Small => 4,
+            Self::Large | Self::Huge if any => 8,
+            Self::Large => 16,
+            Self::Huge => 64,
+        }
+    }
+}
+
 /// Octants times longest axes.
 const GROUPS: usize = 24;
 
@@ -43,6 +77,7 @@ pub(crate) struct Sweep {
     lists: Vec<u32>,
     visits: Vec<Visit>,
     stack: Vec<(u32, f32)>,
+    flights: Vec<Flight>,
     /// Of placed meshes.
     pub(super) below: Option<Box<Below>>,
 }
@@ -248,10 +283,16 @@ impl Accel {
         let mut visits = std::mem::take(&mut memory.visits);
         visits.clear();
         visits.push(root);
+        let few = self.size.few(ANY);
         while let Some(visit) = visits.pop() {
-            if visit.len <= FEW {
-                for at in &lists[visit.start..visit.start + visit.len] {
-                    self.follow::<T, L, ANY>(visit.node, *at as usize, &common, set, memory, stack);
+            if visit.len <= few {
+                let list = &lists[visit.start..visit.start + visit.len];
+                if self.size != Size::Small && visit.len > 1 {
+                    self.follow_by_turns::<T, L, ANY>(visit.node, list, &common, set, memory);
+                } else {
+                    for at in list {
+                        self.follow::<T, L, ANY>(visit.node, *at as usize, &common, set, memory, stack);
+                    }
                 }
             } else if visit.node & LEAF == 0 {
                 self.sweep_node::<R>(visit, &common, memory, lists, &mut visits);
@@ -292,6 +333,58 @@ impl Accel {
             set.keep(at, best.u, best.v, best.primitive);
             memory.end(at, best.t);
         }
+    }
+
+    /// The rays of a short list from a node on, by turns.
+    #[inline(always)]
+    fn follow_by_turns<T: Real, L: Level, const ANY: bool>(
+        &self,
+        node: u32,
+        list: &[u32],
+        common: &Common,
+        set: &mut Set<'_>,
+        memory: &mut Sweep,
+    ) {
+        let mut flights = std::mem::take(&mut memory.flights);
+        if flights.len() < TURNS {
+            flights.resize_with(TURNS, Flight::default);
+        }
+        let mut waiting = list.iter();
+        // Those that are on their way come first.
+        let mut order: [usize; TURNS] = std::array::from_fn(|k| k);
+        let mut live = 0;
+        loop {
+            while live < TURNS {
+                let Some(at) = waiting.next() else { break };
+                let at = *at as usize;
+                let t = memory.rays[at].0[END];
+                if ANY && t < 0.0 {
+                    continue;
+                }
+                let walk = memory.walk(at, set, common.axes);
+                let best = Best { t, u: set.u[at], v: set.v[at], primitive: set.primitive[at] };
+                flights[order[live]].begin(node, at, walk, best);
+                live += 1;
+            }
+            if live == 0 {
+                break;
+            }
+            let mut turn = 0;
+            while turn < live {
+                if !self.step::<T, L, ANY>(&mut flights[order[turn]]) {
+                    turn += 1;
+                    continue;
+                }
+                let Flight { at, best, .. } = &flights[order[turn]];
+                if !ANY {
+                    set.keep(*at, best.u, best.v, best.primitive);
+                }
+                memory.end(*at, best.t);
+                live -= 1;
+                order.swap(turn, live);
+            }
+        }
+        memory.flights = flights;
     }
 
     /// Sorts the rays of a list into those of the children that they meet.

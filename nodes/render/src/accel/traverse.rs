@@ -15,7 +15,7 @@ pub(crate) type Stack = [(u32, f32); STACK];
 
 /// Rows of a node's planes that a ray enters and leaves by.
 #[derive(Clone, Copy)]
-struct Slabs {
+pub(super) struct Slabs {
     near: [usize; 3],
     origin: [f32; 3],
     inverse: [f32; 3],
@@ -23,7 +23,7 @@ struct Slabs {
 
 impl Slabs {
     #[inline(always)]
-    fn new(walk: &Walk) -> Self {
+    pub(super) fn new(walk: &Walk) -> Self {
         let side = |v: f32| usize::from(v < 0.0);
         let inverse = walk.inverse;
         Self {
@@ -35,7 +35,7 @@ impl Slabs {
 
     /// Entry distances of the eight boxes, and which of them are met in [0, t_max].
     #[inline(always)]
-    fn enter<R: Real>(&self, node: &Node, t_max: f32) -> ([f32; WIDE], u32) {
+    pub(super) fn enter<R: Real>(&self, node: &Node, t_max: f32) -> ([f32; WIDE], u32) {
         let (mut entries, mut met, mut at) = ([0.0; WIDE], 0, 0);
         while at < WIDE {
             macro_rules! distance {
@@ -58,7 +58,7 @@ impl Slabs {
 impl Accel {
     /// Takes the hits of a block into account: the best is kept.
     #[inline(always)]
-    fn improve<R: Real>(&self, index: u32, walk: &Walk, shear: [R; 3], best: &mut Best) {
+    pub(super) fn improve<R: Real>(&self, index: u32, walk: &Walk, shear: [R; 3], best: &mut Best) {
         let block = &self.blocks[index as usize];
         let mut at = 0;
         while at < WIDE {
@@ -215,7 +215,7 @@ impl Accel {
 
     /// Whether anything in a block is met.
     #[inline(always)]
-    fn stops<R: Real>(&self, block: &Block, walk: &Walk, shear: [R; 3], t_max: f32) -> bool {
+    pub(super) fn stops<R: Real>(&self, block: &Block, walk: &Walk, shear: [R; 3], t_max: f32) -> bool {
         let mut at = 0;
         while at < WIDE {
             let found = intersect_lanes(seen_from(walk, &block.vertices, at), shear, R::splat(t_max));

@@ -214,6 +214,7 @@ pub(super) mod tests {
             rejected: 0,
             mean_path_length: 2.0,
             sampler: SamplerKind::Independent,
+            estimated_error: None,
         };
         Ladder { meta, rungs, variance }
     }

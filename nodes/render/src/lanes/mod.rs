@@ -16,6 +16,15 @@ pub use vector::{Pair, Triple};
 #[cfg(target_arch = "x86_64")]
 pub use x86::{F4, F8, F16};
 
+/// Asks the memory for an element that is about to be read.
+#[inline(always)]
+pub fn ask_for<T>(of: &[T], at: usize) {
+    #[cfg(target_arch = "x86_64")]
+    x86::ask_for(of, at);
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (of, at);
+}
+
 /// Which lanes.
 pub trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Output = Self> {
     /// The lanes whose bits are set.

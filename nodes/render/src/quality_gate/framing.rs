@@ -10,6 +10,7 @@ use crate::{
     world::World,
 };
 use glam::Vec3;
+use std::cmp::Reverse;
 use tauflow_contract::KindError;
 use tauflow_data::{
     Resolution, SamplerKind, Scene, maths,
@@ -27,6 +28,8 @@ const STREAM: u64 = 0x6672_616d;
 const SMOOTH: f32 = 0.99;
 /// How far neighbouring points of one smooth surface lie off each other's planes at most, over their distance.
 const FLAT: f32 = 0.02;
+/// Surfaces that are few: two walls and a floor, or a lawn, a wall and the sky.
+const FEW: usize = 3;
 
 /// What was found.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -40,6 +43,8 @@ pub struct Framing {
     pub sky_share: f64,
     /// Share of the frame that one smooth surface fills; glass and mirrors show others, and do not count.
     pub surface_share: f64,
+    /// Share of the frame that its three largest smooth surfaces fill together, the sky as one of them.
+    pub bare_share: f64,
     /// Length of all outlines and creases in the frame, in sides of it.
     pub outlines: f64,
 }
@@ -171,22 +176,30 @@ impl Framing {
         distances.sort_by(f64::total_cmp);
         let nearest = if distances.is_empty() { 0.0 } else { near * quantile(&distances, 0.5) };
         let is_near = |seen: &&Seen| f64::from(seen.distance) < nearest;
+        let sky = frame.seen.iter().filter(|seen| seen.is_none()).count();
+        let mut surfaces = frame.surfaces();
+        surfaces.sort_unstable_by_key(|rays| Reverse(*rays));
+        let largest = surfaces.first().copied().unwrap_or(0);
+        surfaces.push(sky);
+        surfaces.sort_unstable_by_key(|rays| Reverse(*rays));
         Self {
             inside: share(around.iter().flatten().filter(|of| of.inside).count(), around.len()),
             near_share: share(frame.seen.iter().flatten().filter(is_near).count(), rays),
-            sky_share: share(frame.seen.iter().filter(|seen| seen.is_none()).count(), rays),
-            surface_share: share(frame.largest(), rays),
+            sky_share: share(sky, rays),
+            surface_share: share(largest, rays),
+            bare_share: share(surfaces.iter().take(FEW).sum(), rays),
             outlines: frame.outlines(),
         }
     }
 
     /// By name.
-    pub fn measures(&self) -> [(&'static str, f64); 5] {
+    pub fn measures(&self) -> [(&'static str, f64); 6] {
         [
             ("inside", self.inside),
             ("near_share", self.near_share),
             ("sky_share", self.sky_share),
             ("surface_share", self.surface_share),
+            ("bare_share", self.bare_share),
             ("outlines", self.outlines),
         ]
     }
@@ -218,10 +231,10 @@ impl Frame {
         2.0 * found as f64 / (self.width + height) as f64
     }
 
-    /// Rays that meet the largest smooth surface.
-    fn largest(&self) -> usize {
+    /// How many rays meet each smooth surface.
+    fn surfaces(&self) -> Vec<usize> {
         let mut visited: Vec<bool> = self.seen.iter().map(|seen| seen.is_none_or(|seen| seen.shows_others)).collect();
-        let mut largest = 0;
+        let mut surfaces = Vec::new();
         for start in 0..self.seen.len() {
             if std::mem::replace(&mut visited[start], true) {
                 continue;
@@ -244,9 +257,9 @@ impl Frame {
                     }
                 }
             }
-            largest = largest.max(found);
+            surfaces.push(found);
         }
-        largest
+        surfaces
     }
 }
 
@@ -269,25 +282,25 @@ mod tests {
     }
 
     #[test]
-    fn the_largest_smooth_surface_is_found() {
-        assert_eq!(walls(10, 4, 10).largest(), 40);
-        assert_eq!(walls(10, 4, 7).largest(), 28);
+    fn smooth_surfaces_are_found() {
+        assert_eq!(walls(10, 4, 10).surfaces(), [40]);
+        assert_eq!(walls(10, 4, 7).surfaces(), [28, 12]);
         // A step in depth parts a surface, though both sides face the same way; so does an edge in one shape.
         let mut step = walls(10, 4, 10);
         step.seen.iter_mut().enumerate().filter(|(i, _)| i % 10 >= 6).for_each(|(_, seen)| {
             let seen = seen.as_mut().expect("a wall");
             seen.at.z -= 0.1;
         });
-        assert_eq!(step.largest(), 24);
+        assert_eq!(step.surfaces(), [24, 16]);
         let mut edge = walls(10, 4, 7);
         edge.seen.iter_mut().flatten().for_each(|seen| seen.shape = 0);
-        assert_eq!(edge.largest(), 28);
+        assert_eq!(edge.surfaces(), [28, 12]);
         // One crease, four rays long, in a frame whose sides have seven on average.
         assert_eq!((edge.outlines(), walls(10, 4, 10).outlines()), (4.0 / 7.0, 0.0));
         // A mirror shows others.
         let mut mirror = walls(10, 4, 7);
         mirror.seen.iter_mut().flatten().for_each(|seen| seen.shows_others = seen.shape == 0);
-        assert_eq!(mirror.largest(), 12);
+        assert_eq!(mirror.surfaces(), [12]);
     }
 
     #[test]
@@ -299,6 +312,10 @@ mod tests {
             (0..8).map(|i| (i < 6).then_some(Around { distance: 2.0, inside: i < 2 })).collect();
         let found = Framing::summed(&frame, &around, 0.1);
         assert_eq!((found.sky_share, found.inside, found.surface_share), (0.25, 0.25, 21.0 / 40.0));
+        // All there is are two walls and the sky; a mirror is no surface.
+        assert_eq!(found.bare_share, 1.0);
+        frame.seen.iter_mut().flatten().filter(|seen| seen.shape == 0).for_each(|seen| seen.shows_others = true);
+        assert_eq!(Framing::summed(&frame, &around, 0.1).bare_share, (10.0 + 9.0) / 40.0);
         // Below 0.1 of 2: a distance of 0.1 is near, one of 1 is not.
         assert_eq!(found.near_share, 9.0 / 40.0);
         assert_eq!(Framing::summed(&frame, &[None, None], 0.1).near_share, 0.0);

@@ -6,6 +6,11 @@
 use crate::bins::{BIN, Bins, edges, errors, mean_luminance};
 use tauflow_data::Image;
 
+/// Standard error of a bin, over what it shows, from which it is noisy.
+const ROUGH: f64 = 0.25;
+/// What a bin in shadow counts as at least, over the geometric mean: noise that the eye does not see is none.
+const DEEP: f64 = 0.2;
+
 /// What is judged.
 pub struct Preview<'a> {
     /// Linear radiance.
@@ -43,6 +48,8 @@ pub struct Picture {
     pub concentration: f64,
     /// Standard error of a bin, root mean square, over the mean luminance.
     pub noise: f64,
+    /// Share of bins whose standard error is above a quarter of what they show.
+    pub noisy_share: f64,
 }
 
 impl Picture {
@@ -56,7 +63,9 @@ impl Picture {
         let shown = bins.shown(exposure);
         let shown_mean = mean(&shown);
         let squares: Vec<f64> = shown.iter().map(|s| (s - shown_mean) * (s - shown_mean)).collect();
-        let unsure = bins.unsure(exposure, &errors(variance, spp, BIN));
+        let errors = errors(variance, spp, BIN);
+        let unsure = bins.unsure(exposure, &errors);
+        let least = DEEP * geometric_mean;
         let sides = |found: usize| 2.0 * found as f64 / (bins.width + bins.height()) as f64;
         let steps = sides(edges(bins.pairs(), &shown, &vec![0.0; shown.len()]));
         let edges = sides(edges(bins.pairs(), &shown, &unsure));
@@ -79,6 +88,7 @@ impl Picture {
             steps,
             concentration: over(top, total),
             noise: over(error, mean_luminance),
+            noisy_share: share(&|bin| errors[bin] > ROUGH * bins.means[bin].max(least)),
         }
     }
 
@@ -89,7 +99,7 @@ impl Picture {
     }
 
     /// By name, in a frame of these outlines.
-    pub fn measures(&self, outlines: f64) -> [(&'static str, f64); 8] {
+    pub fn measures(&self, outlines: f64) -> [(&'static str, f64); 9] {
         [
             ("mean_luminance", self.mean),
             ("geometric_mean_luminance", self.geometric_mean),
@@ -99,6 +109,7 @@ impl Picture {
             ("edges", self.edges_of(outlines)),
             ("concentration", self.concentration),
             ("noise", self.noise),
+            ("noisy_share", self.noisy_share),
         ]
     }
 }

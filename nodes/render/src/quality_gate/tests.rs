@@ -68,18 +68,33 @@ fn what_is_not_finite_is_found_in_pixels_variances_and_samples() {
 
 #[test]
 fn framing_is_judged_whatever_the_picture_looks_like() {
-    let all = Framing { inside: 0.61, near_share: 0.51, sky_share: 0.86, surface_share: 0.86, outlines: 0.0 };
-    let told = ["inside", "too_near", "mostly_sky", "one_surface"];
+    let all = Framing {
+        inside: 0.61,
+        near_share: 0.51,
+        sky_share: 0.86,
+        surface_share: 0.86,
+        bare_share: 0.98,
+        outlines: 0.0,
+    };
+    let told = ["inside", "too_near", "mostly_sky", "one_surface", "bare"];
     assert_eq!(Case { framing: all, ..case(good()) }.reasons(), told);
-    let just = Framing { inside: 0.6, near_share: 0.5, sky_share: 0.85, surface_share: 0.85, outlines: 0.0 };
+    let just =
+        Framing { inside: 0.6, near_share: 0.5, sky_share: 0.85, surface_share: 0.85, bare_share: 0.97, outlines: 0.0 };
     assert_eq!(Case { framing: just, ..case(good()) }.reasons(), [""; 0]);
     let mut broken = case(image(|_, _| f32::NAN));
     broken.framing = all;
     assert_eq!(broken.reasons()[1..], told);
     // A share of 1 rejects nothing.
-    let whole = Framing { inside: 1.0, near_share: 1.0, sky_share: 1.0, surface_share: 1.0, outlines: 0.0 };
-    let lax =
-        QualityGateParams { inside: 1.0, near_share: 1.0, sky_share: 1.0, surface_share: 1.0, ..Default::default() };
+    let whole =
+        Framing { inside: 1.0, near_share: 1.0, sky_share: 1.0, surface_share: 1.0, bare_share: 1.0, outlines: 0.0 };
+    let lax = QualityGateParams {
+        inside: 1.0,
+        near_share: 1.0,
+        sky_share: 1.0,
+        surface_share: 1.0,
+        bare_share: 1.0,
+        ..Default::default()
+    };
     assert_eq!(Case { framing: whole, params: lax, ..case(good()) }.reasons(), [""; 0]);
 }
 
@@ -166,12 +181,32 @@ fn noisy_is_a_preview_that_no_ladder_will_resolve() {
     let pixels = hopeless.picture.data().chunks_exact(3).map(|rgb| f64::from(luminance(rgb)));
     let mean = pixels.sum::<f64>() / (SIDE * SIDE) as f64;
     assert!((verdict.measures["noise"] - 1.0 / mean).abs() < 1e-5, "{verdict:?}");
-    both_sides(&mut Case { variance: 5.0, ..case(good()) }, "noisy", "noise", true, |p, v| p.noise = v);
+    let lax = QualityGateParams { noisy_share: 1.0, ..QualityGateParams::default() };
+    let mut noisy = Case { variance: 5.0, params: lax, ..case(good()) };
+    both_sides(&mut noisy, "noisy", "noise", true, |p, v| p.noise = v);
+}
+
+#[test]
+fn noisy_is_a_frame_full_of_noise_whatever_its_brightest_pixels_do() {
+    // Bins of 0.15 and of 0.5 and more; a standard error of 0.1 is more than a quarter of the former alone.
+    let params = QualityGateParams { edges: 0.0, ..QualityGateParams::default() };
+    let mut half = Case { variance: 0.1 * 0.1 * 512.0, params, ..case(good()) };
+    let (verdict, _) = half.judged(0.0);
+    assert_eq!(verdict.measures["noisy_share"], 0.5);
+    assert!(verdict.reasons == ["noisy"] && verdict.measures["noise"] < 0.5, "{verdict:?}");
+    both_sides(&mut half, "noisy", "noisy_share", true, |p, v| p.noisy_share = v);
+    // A few pixels that fail: nothing that spoils the frame.
+    let few = image(|x, y| if x < 4 && y < 16 { 512.0 } else { 0.0 });
+    let picture = good();
+    let preview = Preview { image: &picture, variance: &few, spp: 32, rejected: 0 };
+    let (verdict, _) = judge(&preview, &Framing::default(), 0.0, &QualityGateParams::default());
+    assert_eq!((verdict.measures["noisy_share"], verdict.reasons), (4.0 / 256.0, Vec::new()));
 }
 
 #[test]
 fn every_reason_is_explained() {
-    let all = Framing { inside: 1.0, near_share: 1.0, sky_share: 1.0, surface_share: 1.0, outlines: 0.0 };
+    let all =
+        Framing { inside: 1.0, near_share: 1.0, sky_share: 1.0, surface_share: 1.0, bare_share: 1.0, outlines: 0.0 };
     let flat = Case { framing: all, rejected: 1, variance: 1e6, ..case(image(|_, _| 0.3)) };
     let mixed = Case { variance: 1e6, ..case(image(|x, y| if (x, y) == (9, 9) { 1e9 } else { 0.0 })) };
     let bright = case(image(|x, _| if x < 20 { 1e3 } else { 0.1 }));

@@ -89,7 +89,15 @@ fn verdicts(ctx: &Context<'_>) -> Collection {
 /// A preview for each verdict.
 fn previews(ctx: &Context<'_>, verdicts: &Collection) -> Collection {
     let sampler = SamplerKind::Independent;
-    let meta = LadderMeta { counts: vec![32], width: 6, height: 4, rejected: 0, mean_path_length: 2.0, sampler };
+    let meta = LadderMeta {
+        counts: vec![32],
+        width: 6,
+        height: 4,
+        rejected: 0,
+        mean_path_length: 2.0,
+        sampler,
+        estimated_error: None,
+    };
     let preview = |(number, (key, _)): (usize, (&ItemKey, &Artifact))| {
         let image = Image::new(6, 4, 3).map(|_| 0.01 * number as f32);
         let rungs = vec![Rung { spp: 32, image: image.clone() }];

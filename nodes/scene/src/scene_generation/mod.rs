@@ -38,7 +38,7 @@ use tauflow_data::{
 };
 
 const ASSETS: All<Asset> = All::new("assets", "HDRIs and objects to build with.").or_none();
-const SCENES: Out<SceneRecord> = Out::new(Group::main(4), "scenes", "One scene for each item of the pool.");
+const SCENES: Out<SceneRecord> = Out::new(Group::main(5), "scenes", "One scene for each item of the pool.");
 
 /// The kind `scene_generation`.
 pub struct SceneGeneration;

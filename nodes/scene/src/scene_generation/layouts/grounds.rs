@@ -56,9 +56,13 @@ pub fn construction_site(s: &mut Stage<'_>) {
     let lamps = [[-x - 0.4, 1.6, 0.4], [x + 0.3, 1.9, -0.2]];
     for [lx, ly, lz] in lamps {
         s.board("posts", Stuff::PaintedMetal, [lx, 0.5 * ly, lz], [0.025, 0.5 * ly - 0.0005, 0.025], Turn::NONE);
-        s.board("lamps", Stuff::PaintedMetal, [lx, ly + 0.105, lz], [0.13, 0.1, 0.04], Turn::NONE);
-        s.light(Light::Panel([lx, ly + 0.105, lz + 0.042], [-0.4 * lx, -0.3, 1.0], [0.11, 0.08]), 55.0);
-        s.light(Light::Panel([lx, ly + 0.105, lz - 0.042], [-0.3 * lx, 0.2, -1.0], [0.11, 0.08]), 40.0);
+        // Two heads, one on the other: one lights the yard, one the wall. A panel stands clear of its head.
+        for (up, aim, power) in [(0.105, [-0.4 * lx, -0.3, 1.0], 55.0), (0.306, [-0.3 * lx, 0.2, -1.0], 40.0)] {
+            let turn = Turn::toward([aim[0], aim[2]]);
+            s.board("lamps", Stuff::PaintedMetal, [lx, ly + up, lz], [0.13, 0.1, 0.04], turn);
+            let [dx, dz] = turn.apply([0.0, 0.04 + 0.08 * f64::abs(aim[1]) + 0.002]);
+            s.light(Light::Panel([lx + dx, ly + up, lz + dz], aim, [0.11, 0.08]), power);
+        }
     }
     let n = s.some(5);
     s.scatter(&pile, &[TOOL, PART, ask(F::Box).most(0.5, 0.5, 0.5)], n, ANY);
