@@ -2,7 +2,7 @@
 
 python classes.py FOLDER TAUFLOW
 
-- `inside`: a bumpy ball of 1.3 million triangles, seen from within and lit by a lamp: rays that scatter in a large mesh.
+- `inside`: a bumpy ball of 1.3 million triangles, seen from within and lit by a lamp. Rays scatter in a large mesh.
 - `leaves`: a crown of 4,000 leaves cut out of squares by opacity, under a sky and a lamp.
 - `pictures`: six walls and three balls with a picture of 8192 x 8192 texels each, four of them different.
 
@@ -69,7 +69,8 @@ def ball(bands):
     theta = np.linspace(0, math.pi, bands + 1)[:, None]
     phi = np.linspace(0, 2 * math.pi, 2 * bands + 1)[None, :]
     bump = 1 + 0.1 * np.sin(9 * theta) * np.sin(7 * phi) + 0.02 * np.sin(61 * phi + theta)
-    points = np.stack([np.sin(theta) * np.cos(phi) * bump, np.cos(theta) * bump, np.sin(theta) * np.sin(phi) * bump], -1)
+    ring = np.sin(theta) * bump
+    points = np.stack([ring * np.cos(phi), np.cos(theta) * bump, ring * np.sin(phi)], -1)
     row = 2 * bands + 1
     a = (np.arange(bands)[:, None] * row + np.arange(2 * bands)[None, :]).reshape(-1)
     faces = np.concatenate([np.stack([a, a + 1, a + row + 1], -1), np.stack([a, a + row + 1, a + row], -1)])
@@ -112,7 +113,9 @@ def leaves():
     <shape type="ply">
         <string name="filename" value="leaves.ply"/><boolean name="face_normals" value="true"/>
         <bsdf type="mask">
-            <texture type="bitmap" name="opacity"><string name="filename" value="leaf.png"/><boolean name="raw" value="true"/></texture>
+            <texture type="bitmap" name="opacity">
+                <string name="filename" value="leaf.png"/><boolean name="raw" value="true"/>
+            </texture>
             <bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.2, 0.5, 0.1"/></bsdf></bsdf>
         </bsdf>
     </shape>
@@ -142,7 +145,8 @@ def pictures():
     )
     for k, at in enumerate([(-0.5, -0.65, -0.3), (0.4, -0.65, -0.5), (0.1, -0.65, 0.2)]):
         center = '<point name="center" x="{}" y="{}" z="{}"/>'.format(*at)
-        shapes += f'    <shape type="sphere">{center}<float name="radius" value="0.35"/>{picture.format(k + 1)}</shape>\n'
+        radius = '<float name="radius" value="0.35"/>'
+        shapes += f'    <shape type="sphere">{center}{radius}{picture.format(k + 1)}</shape>\n'
     head = HEAD.format(integrator="path", depth=8, fov=60, origin="0, 0, 0.98", target="0, -0.1, 0")
     return head + shapes + LAMP.format(size=0.4, x=0, y=0.98, z=0, radiance=8) + "</scene>\n"
 

@@ -74,7 +74,7 @@ fn the_quickstart_learns_what_it_should() {
     // The gate rejects something, and says why.
     let verdicts: BTreeMap<String, Verdict> = done.read("gate.verdicts");
     let rejected: Vec<_> = verdicts.iter().filter(|(_, v)| !v.reasons.is_empty()).collect();
-    assert!(verdicts.len() == 528 && !rejected.is_empty() && rejected.len() < verdicts.len() / 4);
+    assert!(verdicts.len() == 576 && !rejected.is_empty() && rejected.len() < verdicts.len() / 4);
     for (scene, verdict) in rejected {
         // Each reason stands on what was measured, against the default thresholds.
         for reason in &verdict.reasons {

@@ -1,7 +1,8 @@
 //! Samples until an image is as accurate as is asked for.
 //!
 //! A render that stops when its own samples agree keeps images that missed rare light: those agree soonest. So samples
-//! of two other streams decide, and the image knows nothing of them. Its expectation is that of a fixed number of samples.
+//! of two other streams decide, and the image knows nothing of them. Its expectation is that of a fixed number of
+//! samples.
 
 use crate::{
     accumulator::Accumulator,
@@ -68,13 +69,13 @@ pub fn trial(samples: u64) -> u64 {
     (samples / SHARE).max(LEAST)
 }
 
-/// The error that the mean of so many samples is to be expected to have, by what others say: root mean over pixels and
-/// channels of variance / (n (mean^2 + 0.01)), at the exposure that brings the geometric mean luminance to 0.18. None of
-/// a black image.
+/// The error that the mean of so many samples is to be expected to have, by what others say. It is the root mean over
+/// pixels and channels of variance / (n (mean^2 + 0.01)). The exposure brings the geometric mean luminance to 0.18. A
+/// black image has no error.
 ///
 /// Variances are of one of the two, and means of the other, each way round. A rare bright sample raises the variance
-/// and the mean of the pixel that it hits: by one render alone, an image of such pixels would seem accurate, though most
-/// pixels have yet to be hit.
+/// and the mean of the pixel that it hits. By one render alone, an image of such pixels would seem accurate, though
+/// most pixels have yet to be hit.
 pub fn relative_error(by: [&Accumulator; 2], samples: u64) -> f64 {
     let (means, variances) = (by.map(Accumulator::mean), by.map(Accumulator::variance));
     let brightness: f64 = means.iter().map(|mean| 0.5 * geometric_mean_luminance(mean)).sum();

@@ -53,7 +53,6 @@ fn run(blobs: &MemoryBlobs, built: &Built, params: LadderRenderingParams) -> (La
     let action = Action { params, item: None, group: "ladder", seed: 0, each, all: BTreeMap::new() };
     let outputs = LadderRendering::run(&ctx, &action).expect("a sound scene");
     let ladder = Ladder::load(&ctx, &outputs.items["ladder"]).expect("own artifact");
-    drop(ctx);
     (ladder, steps.0.into_inner().expect("no holder panics").into_iter().collect())
 }
 

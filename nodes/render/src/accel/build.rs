@@ -4,7 +4,7 @@
 //! they are needed, and obvhs's tree is collapsed as it lies.
 
 use super::{
-    Accel, Block, CURVED, Curved, LEAF, LEAF_SIZE, NONE, Node, PLACED, Primitive, Root, Size, TREE_STACK, WIDE,
+    Accel, Block, CURVED, Curved, LARGE_TREE, LEAF, LEAF_SIZE, NONE, Node, PLACED, Primitive, Root, TREE_STACK, WIDE,
 };
 use crate::placement::Placement;
 use glam::Vec3;
@@ -152,7 +152,7 @@ impl Accel {
         accel.blocks.shrink_to_fit();
         accel.curved.shrink_to_fit();
         accel.roots.shrink_to_fit();
-        accel.size = Size::of(size_of_val(&accel.nodes[..]) + size_of_val(&accel.blocks[..]));
+        accel.is_large = size_of_val(&accel.nodes[..]) + size_of_val(&accel.blocks[..]) > LARGE_TREE;
         accel
     }
 

@@ -55,10 +55,9 @@ impl Accel {
         }
     }
 
-    /// One step of a ray: a node or a block. True if it has arrived: there is nothing left for it, or with `ANY` it was
-    /// stopped, and then its best is nearer than any.
+    /// One step of a ray: a node or a block. True if it has arrived: there is nothing left for it.
     #[inline(always)]
-    pub(super) fn step<R: Real, L: Level, const ANY: bool>(&self, flight: &mut Flight) -> bool {
+    pub(super) fn step<R: Real, L: Level>(&self, flight: &mut Flight) -> bool {
         let Flight { walk, slabs, best, current, height, stack, .. } = flight;
         let shear = [R::splat(walk.shear[0]), R::splat(walk.shear[1]), R::splat(walk.shear[2])];
         if *current & LEAF == 0 {
@@ -89,20 +88,7 @@ impl Accel {
                 return false;
             }
         } else if L::HAS_PLACED && *current & PLACED == PLACED {
-            let below = &mut stack[*height..];
-            if ANY {
-                if L::occluded::<R>(self, *current & !PLACED, walk, best.t, below) {
-                    best.t = -1.0;
-                    return true;
-                }
-            } else {
-                L::closest::<R>(self, *current & !PLACED, walk, best, below);
-            }
-        } else if ANY {
-            if self.stops::<R>(&self.blocks[(*current & !LEAF) as usize], walk, shear, best.t) {
-                best.t = -1.0;
-                return true;
-            }
+            L::closest::<R>(self, *current & !PLACED, walk, best, &mut stack[*height..]);
         } else {
             self.improve::<R>(*current & !LEAF, walk, shear, best);
         }

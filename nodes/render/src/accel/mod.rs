@@ -21,7 +21,6 @@ mod traverse;
 pub use batch::RayBatch;
 pub(crate) use build::{Forms, PlacedMesh, SharedMesh};
 pub(crate) use packet::Packet;
-use sweep::Size;
 pub(crate) use sweep::{Set, Sweep};
 pub(crate) use traverse::Stack;
 
@@ -94,6 +93,8 @@ const WIDE: usize = 8;
 const LEAF_SIZE: u32 = 8;
 /// Entries of the traversal stack that a tree takes; trees that need more are balanced.
 const TREE_STACK: usize = 160;
+/// Bytes of nodes and blocks of a large tree: many times a core's own caches.
+const LARGE_TREE: usize = 32 << 20;
 /// Entries of the traversal stack: of the world's tree, and of the tree of a mesh that is placed in it.
 pub(crate) const STACK: usize = 2 * TREE_STACK;
 
@@ -116,7 +117,8 @@ pub struct Accel {
     roots: Vec<Root>,
     placements: Placements,
     bounds: (Vec3, Vec3),
-    size: Size,
+    /// Whether it is so large that hardly a node is there when it is needed.
+    is_large: bool,
 }
 
 impl Accel {

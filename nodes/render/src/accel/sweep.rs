@@ -19,39 +19,11 @@ use glam::Vec3;
 /// Lanes at most; lists have as many entries to spare.
 pub(super) const SPARE: usize = 16;
 
-/// How a tree compares with the caches.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) enum Size {
-    /// It fits into those of a core.
-    #[default]
-    Small,
-    /// It is larger.
-    Large,
-    /// It is so large that hardly a node is there when it is needed.
-    Huge,
-}
-
-impl Size {
-    /// Of a tree of so many bytes.
-    pub(super) fn of(bytes: usize) -> Self {
-        match bytes >> 20 {
-            0..2 => Self::Small,
-            2..32 => Self::Large,
-            _ => Self::Huge,
-        }
-    }
-
-    /// Lists of no more rays are followed ray by ray, or by turns where the tree is not small. Rays that need not know
-    /// what is nearest have more to gain from each other.
-    fn few(self, any: bool) -> usize {
-        match self {
-            Self::Small => 4,
-            Self::Large | Self::Huge if any => 8,
-            Self::Large => 16,
-            Self::Huge => 64,
-        }
-    }
-}
+/// Lists of no more are followed ray by ray.
+const FEW: usize = 4;
+/// Lists of no more are followed by turns, where the tree is large and nearest hits are looked for. Rays that are to be
+/// stopped by anything meet the same nodes first, and gain more from each other.
+const FEW_BY_TURNS: usize = 64;
 
 /// Octants times longest axes.
 const GROUPS: usize = 24;
@@ -283,12 +255,13 @@ impl Accel {
         let mut visits = std::mem::take(&mut memory.visits);
         visits.clear();
         visits.push(root);
-        let few = self.size.few(ANY);
+        let by_turns = self.is_large && !ANY;
+        let few = if by_turns { FEW_BY_TURNS } else { FEW };
         while let Some(visit) = visits.pop() {
             if visit.len <= few {
                 let list = &lists[visit.start..visit.start + visit.len];
-                if self.size != Size::Small && visit.len > 1 {
-                    self.follow_by_turns::<T, L, ANY>(visit.node, list, &common, set, memory);
+                if by_turns && visit.len > 1 {
+                    self.follow_by_turns::<T, L>(visit.node, list, &common, set, memory);
                 } else {
                     for at in list {
                         self.follow::<T, L, ANY>(visit.node, *at as usize, &common, set, memory, stack);
@@ -337,7 +310,7 @@ impl Accel {
 
     /// The rays of a short list from a node on, by turns.
     #[inline(always)]
-    fn follow_by_turns<T: Real, L: Level, const ANY: bool>(
+    fn follow_by_turns<T: Real, L: Level>(
         &self,
         node: u32,
         list: &[u32],
@@ -358,9 +331,6 @@ impl Accel {
                 let Some(at) = waiting.next() else { break };
                 let at = *at as usize;
                 let t = memory.rays[at].0[END];
-                if ANY && t < 0.0 {
-                    continue;
-                }
                 let walk = memory.walk(at, set, common.axes);
                 let best = Best { t, u: set.u[at], v: set.v[at], primitive: set.primitive[at] };
                 flights[order[live]].begin(node, at, walk, best);
@@ -371,14 +341,12 @@ impl Accel {
             }
             let mut turn = 0;
             while turn < live {
-                if !self.step::<T, L, ANY>(&mut flights[order[turn]]) {
+                if !self.step::<T, L>(&mut flights[order[turn]]) {
                     turn += 1;
                     continue;
                 }
                 let Flight { at, best, .. } = &flights[order[turn]];
-                if !ANY {
-                    set.keep(*at, best.u, best.v, best.primitive);
-                }
+                set.keep(*at, best.u, best.v, best.primitive);
                 memory.end(*at, best.t);
                 live -= 1;
                 order.swap(turn, live);

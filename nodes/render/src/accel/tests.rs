@@ -71,8 +71,11 @@ fn agrees_with_brute_force_on_random_primitives() {
             }
             primitives.push(Primitive::Disk(Disk::new(&Map::new(&affine)).expect("not flat")));
         }
-        let accel = Accel::new(&primitives, Vec3::ZERO);
+        let mut accel = Accel::new(&primitives, Vec3::ZERO);
         let hits = check(&accel, &mut draw, 3000, 15.0);
+        batches(&accel, &mut draw, 15.0);
+        // As if it were large: rays take turns.
+        accel.is_large = true;
         batches(&accel, &mut draw, 15.0);
         sweep_and_packets::<f32>(&accel, &mut draw, 15.0);
         #[cfg(target_arch = "x86_64")]
@@ -244,8 +247,10 @@ fn two_levels(draw: &mut Draw) -> Accel {
 fn agrees_with_brute_force_on_two_levels() {
     let mut draw = Draw(Stream::new(11, &[]));
     for _ in 0..4 {
-        let accel = two_levels(&mut draw);
+        let mut accel = two_levels(&mut draw);
         let hits = check(&accel, &mut draw, 3000, 15.0);
+        batches(&accel, &mut draw, 15.0);
+        accel.is_large = true;
         batches(&accel, &mut draw, 15.0);
         sweep_and_packets::<f32>(&accel, &mut draw, 15.0);
         #[cfg(target_arch = "x86_64")]

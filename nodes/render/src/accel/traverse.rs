@@ -215,7 +215,7 @@ impl Accel {
 
     /// Whether anything in a block is met.
     #[inline(always)]
-    pub(super) fn stops<R: Real>(&self, block: &Block, walk: &Walk, shear: [R; 3], t_max: f32) -> bool {
+    fn stops<R: Real>(&self, block: &Block, walk: &Walk, shear: [R; 3], t_max: f32) -> bool {
         let mut at = 0;
         while at < WIDE {
             let found = intersect_lanes(seen_from(walk, &block.vertices, at), shear, R::splat(t_max));
