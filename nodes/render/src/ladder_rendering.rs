@@ -310,22 +310,15 @@ impl Work<'_> {
         Ladder::of_stored(self.ctx, &meta, &state.variance(), rungs)
     }
 
-    /// The number of samples at which the image is accurate enough, or the most there may be, and the error that is to
-    /// be expected there. Samples of other streams decide.
+    /// Where the ladder ends, and the error that is to be expected there. Samples of other streams decide.
     fn stop(&self, until: &Until) -> Result<(u64, f64), KindError> {
-        let mut stop = self.params.rungs.last();
-        let mut states = [None, None];
-        loop {
-            let trial = until::trial(stop);
-            let [first, second] = &mut states;
-            let [a, b] = until::deciding(self.params.stream);
-            let by = [self.deciding_samples(first, a, trial)?, self.deciding_samples(second, b, trial)?];
-            let error = until::relative_error(by, stop);
-            if error <= until.relative_error || stop >= until.at_most {
-                return Ok((stop, error));
-            }
-            stop = stop.saturating_mul(2).min(until.at_most);
-        }
+        let [a, b] = until::deciding(self.params.stream);
+        let (mut first, mut second) = (None, None);
+        until.stop(self.params.rungs.last(), |samples| {
+            let trial = until::trial(samples);
+            let by = [self.deciding_samples(&mut first, a, trial)?, self.deciding_samples(&mut second, b, trial)?];
+            Ok(until::relative_error(by, samples))
+        })
     }
 
     /// Brings a state of a stream to so many samples, from what is remembered or there already.

@@ -233,19 +233,15 @@ pub fn render_image(
         Goal::Error(until) => {
             let [a, b] = until::deciding(0);
             let by = [Renderer::new(&world, film, a)?, Renderer::new(&world, film, b)?];
-            let (mut decide, mut stop) = ([renderer.begin(), renderer.begin()], 1);
-            loop {
+            let mut decide = [renderer.begin(), renderer.begin()];
+            let (stop, expected) = until.stop(1, |samples| {
                 for (renderer, state) in by.iter().zip(&mut decide) {
-                    renderer.advance(state, until::trial(stop), &mut |_| Ok(()))?;
+                    renderer.advance(state, until::trial(samples), &mut |_| progress(0))?;
                 }
-                renderer.advance(&mut accumulator, stop, progress)?;
-                let expected = relative_error([&decide[0], &decide[1]], stop);
-                error = Some(expected);
-                if expected <= until.relative_error || stop >= until.at_most {
-                    break;
-                }
-                stop = stop.saturating_mul(2).min(until.at_most);
-            }
+                Ok::<_, KindError>(relative_error([&decide[0], &decide[1]], samples))
+            })?;
+            error = Some(expected);
+            renderer.advance(&mut accumulator, stop, progress)?;
         }
         Goal::While(goes_on) => {
             let step = renderer.step();

@@ -57,6 +57,22 @@ impl Until {
         }
         problems
     }
+
+    /// The number of samples at which the error is there, doubled from `first` on, or the most there may be, and the
+    /// error that is to be expected there. `error` says it of a number of samples.
+    ///
+    /// # Errors
+    /// Those of `error`.
+    pub fn stop<E>(&self, first: u64, mut error: impl FnMut(u64) -> Result<f64, E>) -> Result<(u64, f64), E> {
+        let mut stop = first;
+        loop {
+            let expected = error(stop)?;
+            if expected <= self.relative_error || stop >= self.at_most {
+                return Ok((stop, expected));
+            }
+            stop = stop.saturating_mul(2).min(self.at_most);
+        }
+    }
 }
 
 /// The streams that decide for another.

@@ -167,11 +167,11 @@ fn promises_are_held_and_stopping_moves_no_mean() {
         let (target, streams) = (0.1, 32u64);
         let mut stopped = Vec::new();
         for stream in 0..streams {
-            let mut stop = 4;
             let [a, b] = deciding(stream);
-            while relative_error([&render(a, trial(stop)), &render(b, trial(stop))], stop) > target {
-                stop *= 2;
-            }
+            let until = Until { relative_error: target, at_most: u64::MAX };
+            let by = |samples| -> [Accumulator; 2] { [render(a, trial(samples)), render(b, trial(samples))] };
+            let error = |samples| Ok::<f64, ()>(relative_error(by(samples).each_ref(), samples));
+            let (stop, _) = until.stop(4, error).expect("nothing fails");
             stopped.push(render(stream, stop));
         }
         let held = stopped.iter().filter(|state| true_error(&state.mean(), &reference) <= 1.2 * target).count();

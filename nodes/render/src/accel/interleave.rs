@@ -5,11 +5,15 @@
 //! [`Accel::closest_from`] finds: rays know nothing of each other.
 
 use super::{
-    Accel, LEAF, PLACED, TREE_STACK,
+    Accel, LEAF, PLACED, STACK,
     level::Level,
-    traverse::{Best, Slabs},
+    traverse::{Best, Slabs, Spot, Stack},
 };
-use crate::{geometry::Walk, lanes::Real};
+use crate::{
+    geometry::{Ray, Walk},
+    lanes::{Real, ask_for},
+};
+use glam::Vec3;
 
 /// Rays on their way at once.
 pub(super) const TURNS: usize = 16;
@@ -21,17 +25,15 @@ pub(super) struct Flight {
     pub(super) best: Best,
     /// Its number in the set.
     pub(super) at: usize,
-    current: u32,
-    height: usize,
-    stack: [(u32, f32); 2 * TREE_STACK],
+    spot: Spot,
+    stack: Stack,
 }
 
 impl Default for Flight {
     fn default() -> Self {
-        let walk = Walk::new(&crate::geometry::Ray::new(glam::Vec3::ZERO, glam::Vec3::Z));
-        let slabs = Slabs::new(&walk);
-        let (best, stack) = (Best::none(0.0), [(0, 0.0); 2 * TREE_STACK]);
-        Self { walk, slabs, best, at: 0, current: 0, height: 0, stack }
+        let walk = Walk::new(&Ray::new(Vec3::ZERO, Vec3::Z));
+        let (slabs, spot) = (Slabs::new(&walk), Spot { node: 0, height: 0 });
+        Self { walk, slabs, best: Best::none(0.0), at: 0, spot, stack: [(0, 0.0); STACK] }
     }
 }
 
@@ -40,67 +42,22 @@ impl Flight {
     #[inline(always)]
     pub(super) fn begin(&mut self, node: u32, at: usize, walk: Walk, best: Best) {
         (self.slabs, self.walk) = (Slabs::new(&walk), walk);
-        (self.best, self.at, self.current, self.height) = (best, at, node, 0);
+        (self.best, self.at, self.spot) = (best, at, Spot { node, height: 0 });
     }
 }
 
 impl Accel {
-    /// Asks for a node or a block that is about to be read.
+    /// One step of a ray, which then asks for what it needs next. True if nothing is left for it.
     #[inline(always)]
-    pub(super) fn ask_for(&self, which: u32) {
-        if which & LEAF == 0 {
-            crate::lanes::ask_for(&self.nodes, which as usize);
-        } else if which & PLACED != PLACED {
-            crate::lanes::ask_for(&self.blocks, (which & !LEAF) as usize);
+    pub(super) fn take_turn<R: Real, L: Level>(&self, flight: &mut Flight) -> bool {
+        let Flight { walk, slabs, best, spot, stack, .. } = flight;
+        let done = self.step::<R, L>(spot, slabs, walk, best, stack);
+        let next = spot.node;
+        if next & LEAF == 0 {
+            ask_for(&self.nodes, next as usize);
+        } else if next & PLACED != PLACED {
+            ask_for(&self.blocks, (next & !LEAF) as usize);
         }
-    }
-
-    /// One step of a ray: a node or a block. True if it has arrived: there is nothing left for it.
-    #[inline(always)]
-    pub(super) fn step<R: Real, L: Level>(&self, flight: &mut Flight) -> bool {
-        let Flight { walk, slabs, best, current, height, stack, .. } = flight;
-        let shear = [R::splat(walk.shear[0]), R::splat(walk.shear[1]), R::splat(walk.shear[2])];
-        if *current & LEAF == 0 {
-            let node = &self.nodes[*current as usize];
-            let (enter, mut met) = slabs.enter::<R>(node, best.t);
-            if met != 0 {
-                let lane = met.trailing_zeros() as usize & 7;
-                met &= met - 1;
-                let mut nearest = (node.children[lane], enter[lane]);
-                let base = *height;
-                while met != 0 {
-                    let lane = met.trailing_zeros() as usize & 7;
-                    met &= met - 1;
-                    let mut entry = (node.children[lane], enter[lane]);
-                    if entry.1 < nearest.1 {
-                        std::mem::swap(&mut entry, &mut nearest);
-                    }
-                    let mut at = *height;
-                    while at > base && stack[at - 1].1 < entry.1 {
-                        stack[at] = stack[at - 1];
-                        at -= 1;
-                    }
-                    stack[at] = entry;
-                    *height += 1;
-                }
-                *current = nearest.0;
-                self.ask_for(nearest.0);
-                return false;
-            }
-        } else if L::HAS_PLACED && *current & PLACED == PLACED {
-            L::closest::<R>(self, *current & !PLACED, walk, best, &mut stack[*height..]);
-        } else {
-            self.improve::<R>(*current & !LEAF, walk, shear, best);
-        }
-        while *height > 0 {
-            *height -= 1;
-            let (next, enter) = stack[*height];
-            if enter <= best.t {
-                *current = next;
-                self.ask_for(next);
-                return false;
-            }
-        }
-        true
+        done
     }
 }

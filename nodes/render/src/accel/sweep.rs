@@ -341,7 +341,7 @@ impl Accel {
             }
             let mut turn = 0;
             while turn < live {
-                if !self.step::<T, L>(&mut flights[order[turn]]) {
+                if !self.take_turn::<T, L>(&mut flights[order[turn]]) {
                     turn += 1;
                     continue;
                 }

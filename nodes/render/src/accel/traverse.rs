@@ -35,7 +35,7 @@ impl Slabs {
 
     /// Entry distances of the eight boxes, and which of them are met in [0, t_max].
     #[inline(always)]
-    pub(super) fn enter<R: Real>(&self, node: &Node, t_max: f32) -> ([f32; WIDE], u32) {
+    fn enter<R: Real>(&self, node: &Node, t_max: f32) -> ([f32; WIDE], u32) {
         let (mut entries, mut met, mut at) = ([0.0; WIDE], 0, 0);
         while at < WIDE {
             macro_rules! distance {
@@ -55,10 +55,17 @@ impl Slabs {
     }
 }
 
+/// Where a ray is on its way through a tree: what it visits next, and how much is on its stack.
+#[derive(Clone, Copy)]
+pub(super) struct Spot {
+    pub(super) node: u32,
+    pub(super) height: usize,
+}
+
 impl Accel {
     /// Takes the hits of a block into account: the best is kept.
     #[inline(always)]
-    pub(super) fn improve<R: Real>(&self, index: u32, walk: &Walk, shear: [R; 3], best: &mut Best) {
+    fn improve<R: Real>(&self, index: u32, walk: &Walk, shear: [R; 3], best: &mut Best) {
         let block = &self.blocks[index as usize];
         let mut at = 0;
         while at < WIDE {
@@ -121,54 +128,63 @@ impl Accel {
         stack: &mut [(u32, f32)],
     ) {
         let slabs = Slabs::new(walk);
-        let shear = [R::splat(walk.shear[0]), R::splat(walk.shear[1]), R::splat(walk.shear[2])];
-        let mut height = 0;
-        let mut current = node;
-        loop {
-            if current & LEAF == 0 {
-                let node = &self.nodes[current as usize];
-                let (enter, mut met) = slabs.enter::<R>(node, best.t);
-                if met != 0 {
+        let mut spot = Spot { node, height: 0 };
+        while !self.step::<R, L>(&mut spot, &slabs, walk, best, stack) {}
+    }
+
+    /// One step of a ray: a node, a block or a placed mesh. True if nothing is left for it.
+    #[inline(always)]
+    pub(super) fn step<R: Real, L: Level>(
+        &self,
+        spot: &mut Spot,
+        slabs: &Slabs,
+        walk: &Walk,
+        best: &mut Best,
+        stack: &mut [(u32, f32)],
+    ) -> bool {
+        let current = spot.node;
+        if current & LEAF == 0 {
+            let node = &self.nodes[current as usize];
+            let (enter, mut met) = slabs.enter::<R>(node, best.t);
+            if met != 0 {
+                let lane = met.trailing_zeros() as usize & 7;
+                met &= met - 1;
+                let mut nearest = (node.children[lane], enter[lane]);
+                // The nearest is next; the others go onto the stack, nearer ones above.
+                let base = spot.height;
+                while met != 0 {
                     let lane = met.trailing_zeros() as usize & 7;
                     met &= met - 1;
-                    let mut nearest = (node.children[lane], enter[lane]);
-                    // The nearest is next; the others go onto the stack, nearer ones above.
-                    let base = height;
-                    while met != 0 {
-                        let lane = met.trailing_zeros() as usize & 7;
-                        met &= met - 1;
-                        let mut entry = (node.children[lane], enter[lane]);
-                        if entry.1 < nearest.1 {
-                            std::mem::swap(&mut entry, &mut nearest);
-                        }
-                        let mut at = height;
-                        while at > base && stack[at - 1].1 < entry.1 {
-                            stack[at] = stack[at - 1];
-                            at -= 1;
-                        }
-                        stack[at] = entry;
-                        height += 1;
+                    let mut entry = (node.children[lane], enter[lane]);
+                    if entry.1 < nearest.1 {
+                        std::mem::swap(&mut entry, &mut nearest);
                     }
-                    current = nearest.0;
-                    continue;
+                    let mut at = spot.height;
+                    while at > base && stack[at - 1].1 < entry.1 {
+                        stack[at] = stack[at - 1];
+                        at -= 1;
+                    }
+                    stack[at] = entry;
+                    spot.height += 1;
                 }
-            } else if L::HAS_PLACED && current & PLACED == PLACED {
-                L::closest::<R>(self, current & !PLACED, walk, best, &mut stack[height..]);
-            } else {
-                self.improve::<R>(current & !LEAF, walk, shear, best);
+                spot.node = nearest.0;
+                return false;
             }
-            loop {
-                if height == 0 {
-                    return;
-                }
-                height -= 1;
-                let (next, enter) = stack[height];
-                if enter <= best.t {
-                    current = next;
-                    break;
-                }
+        } else if L::HAS_PLACED && current & PLACED == PLACED {
+            L::closest::<R>(self, current & !PLACED, walk, best, &mut stack[spot.height..]);
+        } else {
+            let shear = [R::splat(walk.shear[0]), R::splat(walk.shear[1]), R::splat(walk.shear[2])];
+            self.improve::<R>(current & !LEAF, walk, shear, best);
+        }
+        while spot.height > 0 {
+            spot.height -= 1;
+            let (next, enter) = stack[spot.height];
+            if enter <= best.t {
+                spot.node = next;
+                return false;
             }
         }
+        true
     }
 
     /// [`Accel::occluded`] with lanes of at most eight.
