@@ -1,11 +1,10 @@
 //! `tauflow cache`.
 
-use super::{CacheAt, CliError, Exit, bytes_text, seconds_text, table};
+use super::{CacheAt, CliError, Exit, bytes_text, seconds_text, table, terminal};
 use crate::engine::PIPELINE;
 use clap::Subcommand;
 use std::{
     collections::BTreeMap,
-    io::IsTerminal,
     time::{SystemTime, UNIX_EPOCH},
 };
 use tauflow_cache::{Digest, GcOptions, GcReport, Store};
@@ -197,8 +196,7 @@ fn stat(store: &Store) -> Result<(), CliError> {
 }
 
 fn verify(store: &Store, sample: Option<f64>) -> Result<Exit, CliError> {
-    let bar =
-        if std::io::stderr().is_terminal() { indicatif::ProgressBar::new(0) } else { indicatif::ProgressBar::hidden() };
+    let bar = terminal::bar(0);
     let report = store.verify(sample, 0, &mut |done, total| {
         bar.set_length(total);
         bar.set_position(done);

@@ -18,13 +18,13 @@ mod run;
 mod scene;
 mod setup;
 mod tally;
+mod terminal;
 
 pub(crate) use output::{bytes_text, counted, seconds_text, table};
 
 use crate::{diagnostics::Problems, engine::EngineError, kinds::Registry, pipeline, pipeline::Pipeline, registry};
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, CommandFactory, Parser, Subcommand};
 use std::{
-    io::IsTerminal,
     path::{Path, PathBuf},
     process::ExitCode,
 };
@@ -127,6 +127,10 @@ enum Command {
     /// Work with one scene.
     #[command(subcommand)]
     Scene(scene::SceneCommand),
+    /// Print a script that completes commands and options: `source <(tauflow completions bash)`.
+    Completions(setup::CompletionsArgs),
+    /// Write manual pages, one for each command: `man ./tauflow-run.1`.
+    Man(setup::ManArgs),
     /// Run one action alone, from the cache and nothing else, and compare what it gives with the record.
     Exec(exec::ExecArgs),
     /// Look after the cache.
@@ -192,6 +196,8 @@ pub fn main() -> ExitCode {
         Command::Kinds(args) => inspect::kinds(&args, &registry),
         Command::Schema => inspect::schema(&registry),
         Command::Init(args) => setup::init(&args, &registry),
+        Command::Completions(args) => setup::completions(&args, &mut Cli::command()),
+        Command::Man(args) => setup::man(&args, Cli::command()),
         Command::Export(args) => export::export(&args, &registry, &cache),
         Command::Refine(args) => refine::refine(&args),
         Command::Render(args) => scene::render(&args, &registry, &cache),
@@ -204,7 +210,7 @@ pub fn main() -> ExitCode {
         Err(error) => {
             let exit = match &error {
                 CliError::Problems(problems) => {
-                    eprint!("{}", problems.render(std::io::stderr().is_terminal()));
+                    eprint!("{}", problems.render(terminal::colours()));
                     return Exit::Bad.into();
                 }
                 CliError::Bad(_) => Exit::Bad,

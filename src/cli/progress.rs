@@ -1,6 +1,6 @@
 //! How a run looks while it goes on: bars on a terminal, lines elsewhere, JSON for programs.
 
-use super::tally::Tally;
+use super::{tally::Tally, terminal};
 use crate::{
     engine::event::{Event, Name},
     pipeline::Pipeline,
@@ -8,7 +8,7 @@ use crate::{
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::{
     collections::BTreeMap,
-    io::{IsTerminal, Write},
+    io::Write,
     sync::{Mutex, PoisonError},
     time::{Duration, Instant},
 };
@@ -72,7 +72,7 @@ impl Voice {
 
 impl Display {
     pub(crate) fn new(pipeline: &Pipeline, json: bool) -> Self {
-        let terminal = std::io::stderr().is_terminal() && !json;
+        let terminal = terminal::redraws() && !json;
         let bars = terminal.then(|| MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(10)));
         let order: Vec<String> = pipeline.nodes.iter().map(|n| n.name.clone()).collect();
         let graph = order.iter().enumerate().map(|(n, name)| (name.clone(), pipeline.reads(n))).collect();

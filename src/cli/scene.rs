@@ -6,7 +6,7 @@
 use super::{
     CacheAt, CliError, Exit, PipelineArgs,
     results::{Asked, Reading, unread},
-    seconds_text,
+    seconds_text, terminal,
 };
 use crate::{
     diagnostics::did_you_mean,
@@ -17,7 +17,6 @@ use clap::{Args, Subcommand};
 use std::{
     collections::BTreeMap,
     fs,
-    io::IsTerminal,
     path::{Path, PathBuf},
     sync::atomic::AtomicBool,
     time::{Duration, Instant},
@@ -246,7 +245,7 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
     let resolution = args.film.resolution(film)?;
     let start = Instant::now();
     let bar = match (args.error, args.seconds) {
-        _ if !std::io::stderr().is_terminal() => indicatif::ProgressBar::hidden(),
+        _ if !terminal::redraws() => indicatif::ProgressBar::hidden(),
         (None, None) => indicatif::ProgressBar::new(args.film.spp),
         _ => indicatif::ProgressBar::new_spinner().with_message("samples a pixel"),
     };

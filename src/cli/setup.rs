@@ -1,8 +1,8 @@
-//! `tauflow init`.
+//! `tauflow init`, `completions` and `man`: what one sets up once.
 
 use super::{CliError, Exit};
 use crate::{kinds::Registry, pipeline::schema};
-use clap::Args;
+use clap::{Args, Command};
 use std::{fs, path::PathBuf};
 
 /// What `init` takes.
@@ -33,5 +33,34 @@ pub(crate) fn init(args: &InitArgs, registry: &Registry) -> Result<Exit, CliErro
         outln!("{}", path.display());
     }
     eprintln!("next: tauflow run {}", args.dir.join("pipeline.yaml").display());
+    Ok(Exit::Done)
+}
+
+/// What `completions` takes.
+#[derive(Args)]
+pub(crate) struct CompletionsArgs {
+    /// The shell that reads the script.
+    shell: clap_complete::Shell,
+}
+
+pub(crate) fn completions(args: &CompletionsArgs, command: &mut Command) -> Result<Exit, CliError> {
+    let mut script = Vec::new();
+    clap_complete::generate(args.shell, command, "tauflow", &mut script);
+    out!("{}", String::from_utf8_lossy(&script));
+    Ok(Exit::Done)
+}
+
+/// What `man` takes.
+#[derive(Args)]
+pub(crate) struct ManArgs {
+    /// The folder to write into, made if need be; pages of the same names are written anew.
+    dir: PathBuf,
+}
+
+pub(crate) fn man(args: &ManArgs, command: Command) -> Result<Exit, CliError> {
+    let failed = |e| CliError::Environment(format!("cannot write into {}: {e}", args.dir.display()));
+    fs::create_dir_all(&args.dir).map_err(failed)?;
+    clap_mangen::generate_to(command, &args.dir).map_err(failed)?;
+    outln!("{}", args.dir.display());
     Ok(Exit::Done)
 }

@@ -1,7 +1,11 @@
 //! `check`, `graph`, `kinds`, `init`: what can be said without a cache.
 
 use crate::Place;
-use std::{fs, io::Read, process::Stdio};
+use std::{
+    fs,
+    io::Read,
+    process::{Command, Stdio},
+};
 
 #[test]
 fn check_finds_nothing_wrong_with_a_good_pipeline() {
@@ -86,4 +90,71 @@ fn a_reader_that_goes_away_is_no_failure() {
     child.stderr.take().expect("it was asked for").read_to_string(&mut err).expect("text");
     assert!(child.wait().expect("it ends").success());
     assert_eq!(err, "");
+}
+
+/// A shell reads the script and completes by it; where there is no such shell, what it would say is not seen.
+#[test]
+fn commands_and_options_complete_in_a_shell() {
+    let place = Place::new();
+    for shell in ["bash", "elvish", "fish", "powershell", "zsh"] {
+        let script = place.tauflow(&["completions", shell]).ends(0).out;
+        assert!(script.contains("recheck") && script.contains("mitsuba"), "{shell}: {script}");
+    }
+    place.write("complete.sh", &place.tauflow(&["completions", "bash"]).ends(0).out);
+    let asks = "source ./complete.sh; COMP_WORDS=(tauflow ca); COMP_CWORD=1; _tauflow tauflow ca tauflow; \
+                echo ${COMPREPLY[@]}; COMP_WORDS=(tauflow run --loc); COMP_CWORD=2; _tauflow tauflow --loc run; \
+                echo ${COMPREPLY[@]}";
+    let said = Command::new("bash").args(["-c", asks]).current_dir(place.path("")).output();
+    match said {
+        Ok(said) => assert_eq!(String::from_utf8_lossy(&said.stdout), "cache\n--locked\n", "{said:?}"),
+        Err(e) => eprintln!("skipped: no bash here: {e}"),
+    }
+}
+
+#[test]
+fn every_command_has_a_manual_page() {
+    let place = Place::new();
+    place.tauflow(&["man", "pages"]).ends(0);
+    let help = place.tauflow(&["help"]).ends(0).out;
+    let commands: Vec<&str> = help
+        .lines()
+        .skip_while(|line| *line != "Commands:")
+        .skip(1)
+        .take_while(|line| !line.is_empty())
+        .filter(|line| line.starts_with("  ") && !line.starts_with("   "))
+        .filter_map(|line| line.split_whitespace().next())
+        .filter(|name| *name != "help")
+        .collect();
+    assert!(commands.len() > 10, "{help}");
+    for command in commands {
+        let page = fs::read_to_string(place.path(&format!("pages/tauflow-{command}.1"))).expect(command);
+        assert!(page.contains(".SH SYNOPSIS"), "{page}");
+    }
+    place.write("taken", "a file");
+    let said = place.tauflow(&["man", "taken"]).ends(3);
+    assert!(said.err.contains("cannot write into taken"), "{}", said.err);
+}
+
+/// `script` gives the program a terminal; without it there is none to look at.
+#[test]
+fn a_terminal_shows_colours_unless_it_is_asked_not_to() {
+    let place = Place::with("pipeline: small\nnodes:\n  scenes:\n    kind: scene_generaton\n");
+    let shown = |variables: &[(&str, &str)]| {
+        let program = format!("{} check small.yaml", env!("CARGO_BIN_EXE_tauflow"));
+        let mut command = Command::new("script");
+        command.args(["-qec", &program, "/dev/null"]).current_dir(place.path("")).stdin(Stdio::null());
+        command.env_remove("NO_COLOR").env("TERM", "xterm-256color").envs(variables.iter().copied());
+        command.output().map(|output| String::from_utf8_lossy(&output.stdout).into_owned())
+    };
+    match shown(&[]) {
+        Err(e) => eprintln!("skipped: no `script` here: {e}"),
+        Ok(text) => {
+            assert!(text.contains("\u{1b}["), "{text}");
+            for quiet in [("NO_COLOR", "1"), ("TERM", "dumb")] {
+                let text = shown(&[quiet]).expect("it started before");
+                assert!(text.contains("scene_generaton") && !text.contains('\u{1b}'), "{quiet:?}: {text}");
+            }
+            assert!(shown(&[("NO_COLOR", "")]).expect("it started before").contains("\u{1b}["), "empty asks nothing");
+        }
+    }
 }

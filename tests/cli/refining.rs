@@ -19,8 +19,8 @@ nodes:
   gate:
     kind: quality_gate
     inputs: { scenes: scenes, previews: ladders }
-    params: { contrast: 0.0, inside: 1.0, near_share: 1.0, sky_share: 1.0, surface_share: 1.0, bare_share: 1.0,
-      edges: 0.0, noisy_share: 1.0 }
+    params: { contrast: 0.0, inside: 1.0, near_share: 1.0, sky_share: 1.0, surface_share: 1.0,
+      edges: 0.0, noisy_share: 1.0, to_see: 0.0 }
   set:
     kind: dataset_packing
     inputs: { ladders: ladders, gbuffers: ladders.gbuffer, exposure: gate.exposure }

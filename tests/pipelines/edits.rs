@@ -25,9 +25,8 @@ nodes:
   gate:
     kind: quality_gate
     inputs: { scenes: scenes, previews: previews }
-    params: { inside: 1.0, near_share: 1.0, sky_share: 1.0, surface_share: 1.0, bare_share: 1.0,
-      dark_share: 1.0, bright_share: 1.0,
-      contrast: 0.0, edges: 0.0, concentration: 1.0, noise: 1.0e+6, noisy_share: 1.0 }
+    params: { inside: 1.0, near_share: 1.0, sky_share: 1.0, surface_share: 1.0,
+      dark_share: 1.0, bright_share: 1.0, contrast: 0.0, edges: 0.0, concentration: 1.0, noisy_share: 1.0, to_see: 0.0 }
   split:
     kind: content_signature_split
     inputs: { scenes: gate.accepted }

@@ -14,7 +14,7 @@ nodes:
   gate:
     kind: quality_gate
     inputs: { scenes: scenes, previews: previews }
-    params: { noise: 1.0e+6, noisy_share: 1.0, bare_share: 1.0 }
+    params: { noisy_share: 1.0, to_see: 0.0 }
   statistics:
     kind: scene_statistics
     inputs: { scenes: gate.accepted }

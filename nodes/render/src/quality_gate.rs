@@ -2,6 +2,7 @@
 
 mod framing;
 mod picture;
+mod things;
 
 pub use crate::bins::geometric_mean_luminance;
 
@@ -16,14 +17,18 @@ use tauflow_data::{
     maths::exp2,
     records::{Exposure, Ladder, SceneRecord, Verdict},
 };
+use things::Things;
 
 const SCENES: Each<SceneRecord> = Each::new("scenes", "The scenes to judge.");
 const PREVIEWS: Each<Ladder> = Each::new("previews", "A ladder of each; its last rung is judged.");
 
-const MAIN: Group = Group::main(4);
+const MAIN: Group = Group::main(5);
 const ACCEPTED: Out<SceneRecord> = Out::new(MAIN, "accepted", "The scenes that passed.").filtering();
 const EXPOSURE: Out<Exposure> = Out::new(MAIN, "exposure", "Exposure of the scenes that passed.").filtering();
 const VERDICTS: Out<Verdict> = Out::new(MAIN, "verdicts", "What was measured, and every reason for rejection.");
+
+/// Noise that hides nothing, added to that of the picture.
+const GRAIN: f64 = 0.02;
 
 /// The kind `quality_gate`.
 pub struct QualityGate;
@@ -47,9 +52,6 @@ pub struct QualityGateParams {
     /// Largest share of the frame that one smooth surface fills.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub surface_share: f64,
-    /// Largest share of the frame that its three largest smooth surfaces fill together, the sky as one of them.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub bare_share: f64,
     /// Smallest mean luminance, in the scene's own radiance.
     #[schemars(range(min = 0.0))]
     pub black: f64,
@@ -75,12 +77,12 @@ pub struct QualityGateParams {
     /// Largest share of light in the brightest 1% of the bins.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub concentration: f64,
-    /// Largest standard error of a bin over the mean luminance.
-    #[schemars(range(min = 0.0))]
-    pub noise: f64,
     /// Largest share of bins whose standard error is above a quarter of what they show.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub noisy_share: f64,
+    /// Least that stands out: contrast of the things that are seen nearly whole, over noise.
+    #[schemars(range(min = 0.0))]
+    pub to_see: f64,
     /// Luminance that the geometric mean over the bins is exposed to.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub key: f64,
@@ -91,20 +93,19 @@ impl Default for QualityGateParams {
         Self {
             inside: 0.6,
             near: 0.1,
-            near_share: 0.5,
+            near_share: 0.95,
             sky_share: 0.85,
-            surface_share: 0.85,
-            bare_share: 0.97,
+            surface_share: 0.98,
             black: 1e-6,
             dark_share: 0.6,
             dark: 0.06,
             bright_share: 0.25,
             white: 8.0,
-            contrast: 0.03,
-            edges: 1.5,
-            concentration: 0.9,
-            noise: 1.0,
-            noisy_share: 0.15,
+            contrast: 0.015,
+            edges: 1.1,
+            concentration: 0.97,
+            noisy_share: 0.4,
+            to_see: 0.17,
             key: KEY,
         }
     }
@@ -136,7 +137,8 @@ impl Kind for QualityGate {
         let world = World::new(&framing::bare(&described), &mut |digest: &Digest| ctx.get(digest))?;
         let film = [image.width(), image.height()];
         let framing = Framing::of(&world, &described, film, action.params.near)?;
-        let (verdict, exposure) = judge(&preview, &framing, recipe.exposure_ev, &action.params);
+        let things = Things::of(&world, &described, film)?;
+        let (verdict, exposure) = judge(&preview, &framing, &things, recipe.exposure_ev, &action.params);
         let outputs = Outputs::default().put(VERDICTS, verdict.store(ctx)?);
         if !verdict.reasons.is_empty() {
             return Ok(outputs);
@@ -150,7 +152,13 @@ fn named(measures: impl IntoIterator<Item = (&'static str, f64)>) -> BTreeMap<St
 }
 
 /// Every reason for rejection, the most telling first: what explains others stands before them.
-fn judge(of: &Preview<'_>, framing: &Framing, ev: f64, params: &QualityGateParams) -> (Verdict, Exposure) {
+fn judge(
+    of: &Preview<'_>,
+    framing: &Framing,
+    things: &Things,
+    ev: f64,
+    params: &QualityGateParams,
+) -> (Verdict, Exposure) {
     let mut reasons = Vec::new();
     let mut reject = |so: bool, reason: &str| {
         if so {
@@ -163,7 +171,6 @@ fn judge(of: &Preview<'_>, framing: &Framing, ev: f64, params: &QualityGateParam
     reject(framing.near_share > params.near_share, "too_near");
     reject(framing.sky_share > params.sky_share, "mostly_sky");
     reject(framing.surface_share > params.surface_share, "one_surface");
-    reject(framing.bare_share > params.bare_share, "bare");
     let mut measures = named(framing.measures());
     measures.insert("rejected".to_owned(), of.rejected as f64);
     if broken > 0 {
@@ -182,7 +189,10 @@ fn judge(of: &Preview<'_>, framing: &Framing, ev: f64, params: &QualityGateParam
         reject(picture.contrast < params.contrast, "near_constant");
         reject(picture.edges_of(framing.outlines) < params.edges, "featureless");
         reject(picture.concentration > params.concentration, "degenerate");
-        reject(picture.noise > params.noise || picture.noisy_share > params.noisy_share, "noisy");
+        reject(picture.noisy_share > params.noisy_share, "noisy");
+        let to_see = things.contrast(of.image, neutral) / (GRAIN + picture.noise);
+        reject(to_see < params.to_see, "little_to_see");
+        measures.insert("to_see".to_owned(), to_see);
     }
     let exposure = Exposure { factor: neutral * exp2(ev), ev, mean_luminance: picture.geometric_mean };
     (Verdict { reasons, measures }, exposure)

@@ -77,7 +77,7 @@ fn the_gate_passes_scenes_on_unchanged_and_no_threshold_changes_what_it_says_of_
     assert_eq!(usual.items["accepted"], scene);
     let exposure: Exposure = bench.load(&usual.items["exposure"]);
     assert!((exposure.factor * exposure.mean_luminance / (0.18 * 2f64.sqrt()) - 1.0).abs() < 1e-9, "{exposure:?}");
-    let lax = QualityGateParams { contrast: 0.001, noise: 5.0, ..QualityGateParams::default() };
+    let lax = QualityGateParams { contrast: 0.001, to_see: 0.01, ..QualityGateParams::default() };
     assert_eq!(bench.gate(&scene, &preview, lax).items, usual.items);
     let strict = QualityGateParams { contrast: 0.9, ..QualityGateParams::default() };
     let rejected = bench.gate(&scene, &preview, strict).items;

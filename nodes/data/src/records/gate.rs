@@ -22,14 +22,14 @@ pub const REASONS: [(&str, &str); 13] = [
     ("too_near", "something right before the camera hides the rest"),
     ("mostly_sky", "next to nothing but sky or void"),
     ("one_surface", "one smooth surface fills the frame"),
-    ("bare", "next to nothing but two or three surfaces"),
     ("black", "no light at all"),
     ("dark", "most of the frame shows black"),
     ("over_exposed", "much of the frame shows white"),
     ("near_constant", "all of it has about one brightness"),
     ("featureless", "hardly an edge in it"),
     ("degenerate", "all light in a few pixels"),
-    ("noisy", "noise that no affordable render resolves"),
+    ("noisy", "noise that hides what there is"),
+    ("little_to_see", "hardly a thing stands out from what is around it, or from noise"),
 ];
 
 /// The gate's verdict.

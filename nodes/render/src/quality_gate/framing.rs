@@ -10,7 +10,6 @@ use crate::{
     world::World,
 };
 use glam::Vec3;
-use std::cmp::Reverse;
 use tauflow_contract::KindError;
 use tauflow_data::{
     Resolution, SamplerKind, Scene, maths,
@@ -19,7 +18,7 @@ use tauflow_data::{
 };
 
 /// Rays through the longer side of the frame.
-const SIDE: usize = 48;
+pub const SIDE: usize = 48;
 /// Rays from the camera to all sides.
 const AROUND: usize = 256;
 /// Label that parts these samples from those of the render.
@@ -28,8 +27,6 @@ const STREAM: u64 = 0x6672_616d;
 const SMOOTH: f32 = 0.99;
 /// How far neighbouring points of one smooth surface lie off each other's planes at most, over their distance.
 const FLAT: f32 = 0.02;
-/// Surfaces that are few: two walls and a floor, or a lawn, a wall and the sky.
-const FEW: usize = 3;
 
 /// What was found.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -43,8 +40,6 @@ pub struct Framing {
     pub sky_share: f64,
     /// Share of the frame that one smooth surface fills; glass and mirrors show others, and do not count.
     pub surface_share: f64,
-    /// Share of the frame that its three largest smooth surfaces fill together, the sky as one of them.
-    pub bare_share: f64,
     /// Length of all outlines and creases in the frame, in sides of it.
     pub outlines: f64,
 }
@@ -177,29 +172,23 @@ impl Framing {
         let nearest = if distances.is_empty() { 0.0 } else { near * quantile(&distances, 0.5) };
         let is_near = |seen: &&Seen| f64::from(seen.distance) < nearest;
         let sky = frame.seen.iter().filter(|seen| seen.is_none()).count();
-        let mut surfaces = frame.surfaces();
-        surfaces.sort_unstable_by_key(|rays| Reverse(*rays));
-        let largest = surfaces.first().copied().unwrap_or(0);
-        surfaces.push(sky);
-        surfaces.sort_unstable_by_key(|rays| Reverse(*rays));
+        let largest = frame.surfaces().into_iter().max().unwrap_or(0);
         Self {
             inside: share(around.iter().flatten().filter(|of| of.inside).count(), around.len()),
             near_share: share(frame.seen.iter().flatten().filter(is_near).count(), rays),
             sky_share: share(sky, rays),
             surface_share: share(largest, rays),
-            bare_share: share(surfaces.iter().take(FEW).sum(), rays),
             outlines: frame.outlines(),
         }
     }
 
     /// By name.
-    pub fn measures(&self) -> [(&'static str, f64); 6] {
+    pub fn measures(&self) -> [(&'static str, f64); 5] {
         [
             ("inside", self.inside),
             ("near_share", self.near_share),
             ("sky_share", self.sky_share),
             ("surface_share", self.surface_share),
-            ("bare_share", self.bare_share),
             ("outlines", self.outlines),
         ]
     }
@@ -312,10 +301,6 @@ mod tests {
             (0..8).map(|i| (i < 6).then_some(Around { distance: 2.0, inside: i < 2 })).collect();
         let found = Framing::summed(&frame, &around, 0.1);
         assert_eq!((found.sky_share, found.inside, found.surface_share), (0.25, 0.25, 21.0 / 40.0));
-        // All there is are two walls and the sky; a mirror is no surface.
-        assert_eq!(found.bare_share, 1.0);
-        frame.seen.iter_mut().flatten().filter(|seen| seen.shape == 0).for_each(|seen| seen.shows_others = true);
-        assert_eq!(Framing::summed(&frame, &around, 0.1).bare_share, (10.0 + 9.0) / 40.0);
         // Below 0.1 of 2: a distance of 0.1 is near, one of 1 is not.
         assert_eq!(found.near_share, 9.0 / 40.0);
         assert_eq!(Framing::summed(&frame, &[None, None], 0.1).near_share, 0.0);

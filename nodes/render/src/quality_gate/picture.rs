@@ -4,7 +4,7 @@
 //! the scene's own offset.
 
 use crate::bins::{BIN, Bins, edges, errors, mean_luminance};
-use tauflow_data::Image;
+use tauflow_data::{Image, statistics::quantile};
 
 /// Standard error of a bin, over what it shows, from which it is noisy.
 const ROUGH: f64 = 0.25;
@@ -46,7 +46,7 @@ pub struct Picture {
     pub steps: f64,
     /// Share of all light in the brightest 1% of the bins.
     pub concentration: f64,
-    /// Standard error of a bin, root mean square, over the mean luminance.
+    /// Standard error of a bin over what it shows, the median over bins.
     pub noise: f64,
     /// Share of bins whose standard error is above a quarter of what they show.
     pub noisy_share: f64,
@@ -75,8 +75,8 @@ impl Picture {
         sorted.sort_by(|a, b| b.total_cmp(a));
         let top: f64 = sorted.iter().take(sorted.len().div_ceil(100)).sum();
         let total: f64 = sorted.iter().sum();
-        let all: Vec<f64> = variance.data().iter().map(|v| f64::from(*v)).collect();
-        let error = (mean(&all) / (spp as f64 * (BIN * BIN) as f64)).sqrt();
+        let mut noise: Vec<f64> = errors.iter().zip(&bins.means).map(|(e, shows)| e / shows.max(least)).collect();
+        noise.sort_by(f64::total_cmp);
         let over = |value: f64, of: f64| if of > 0.0 { value / of } else { 0.0 };
         Self {
             mean: mean_luminance,
@@ -87,7 +87,7 @@ impl Picture {
             edges,
             steps,
             concentration: over(top, total),
-            noise: over(error, mean_luminance),
+            noise: quantile(&noise, 0.5),
             noisy_share: share(&|bin| errors[bin] > ROUGH * bins.means[bin].max(least)),
         }
     }
