@@ -220,7 +220,7 @@ impl Generated {
             if pair[0].variant >= pair[1].variant {
                 let [first, second] = [pair[0].variant, pair[1].variant];
                 return bad(format!(
-                    "variant `{second}` follows `{first}`; list each variant once, in the order frozen, adapted, controls"
+                    "variant `{second}` follows `{first}`; list each variant once: frozen, adapted, then the controls"
                 ));
             }
         }
