@@ -131,9 +131,9 @@ impl Things {
         Self { width: SIDE, height: SIDE, things: vec![Thing { cells, around, within: 1.0 }] }
     }
 
-    /// The difference between the things and their surroundings in the display values of an exposed image: of medians,
-    /// or of twice the median deviations. A thing's weight is the 3/4th power of its share of the frame, times the 4th
-    /// power of its share that lies within the frame.
+    /// How much the things differ from what is around them in the display values of an exposed image, by their medians
+    /// or by twice their median deviations. Each is weighed by the 3/4th power of its share of the frame, and by the
+    /// 4th of how much of it lies within.
     pub fn contrast(&self, image: &Image, exposure: f64) -> f64 {
         let shown: Vec<[f64; 3]> =
             (0..self.width * self.height).map(|cell| self.shown(image, exposure, cell)).collect();
