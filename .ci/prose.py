@@ -36,7 +36,8 @@ EXEMPT = re.compile(r"(^|/)(snapshots|target)/|\.snap$|(^|/)Cargo\.lock$")
 # Pages in plain word order, and the words that none of their sentences begins with.
 PLAIN = re.compile(
     r"^(README|CONTRIBUTING|pipelines/README"
-    r"|docs/(ARCHITECTURE|action_record|adding_a_kind|security|stress|using|words))\.md$"
+    r"|docs/(ARCHITECTURE|action_record|adding_a_kind|security|stress|using|words|formats/.*)"
+    r"|nodes/.*/src/.*)\.md$"
 )
 OPENERS = {"what", "that", "of", "with", "so", "beside", "there"}
 ALLOWED_OPENINGS = ("So far,",)
