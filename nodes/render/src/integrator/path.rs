@@ -1,8 +1,9 @@
 //! Unidirectional path tracing with next-event estimation and multiple importance sampling.
 //!
 //! The estimator of Mitsuba 3's `path`: power heuristic (Veach 1997), Russian roulette by the path's throughput times
-//! the squared relative index of refraction. Nothing is clamped; contributions that are not finite are left out and
-//! counted. [`crate::stream`] has the steps of a bounce, each for a whole batch of paths; the loop over bounces is here.
+//! the squared relative index of refraction. Nothing is clamped. Contributions that are not finite are left out and
+//! counted. [`crate::stream`] has the steps of a bounce, each for a whole batch of paths; the loop over bounces is
+//! here.
 
 use crate::{dispatch::Kernels, lanes::Real, stream::Stream};
 
