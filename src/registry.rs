@@ -4,7 +4,7 @@ use crate::kinds::Registry;
 
 pub use tauflow_render::{
     quality_gate::geometric_mean_luminance,
-    render::{Goal, RenderStats, render_image},
+    render::{Goal, RenderStats, Rendered, Setup, Stage, render_image},
     until::Until,
 };
 pub use tauflow_scene::{LightUnit, Options, load_scene};

@@ -14,12 +14,14 @@ mod inspect;
 mod plan;
 mod progress;
 mod refine;
+mod render;
 mod results;
 mod run;
 mod scene;
 mod setup;
 mod tally;
 mod terminal;
+mod tev;
 
 pub(crate) use output::{bytes_text, counted, seconds_text, table};
 
@@ -122,7 +124,7 @@ enum Command {
     /// Write the results of a node as EXR, PNG and JSON files.
     Export(export::ExportArgs),
     /// Render a scene.
-    Render(scene::RenderArgs),
+    Render(Box<render::RenderArgs>),
     /// Denoise a rendered image with a trained solver.
     Refine(refine::RefineArgs),
     /// Export a scene to other programs.
@@ -201,7 +203,7 @@ pub fn main() -> ExitCode {
         Command::Man(args) => setup::man(&args, Cli::command()),
         Command::Export(args) => export::export(&args, &registry, &cache),
         Command::Refine(args) => refine::refine(&args),
-        Command::Render(args) => scene::render(&args, &registry, &cache),
+        Command::Render(args) => render::render(&args, &registry, &cache),
         Command::Scene(command) => scene::scene(&command, &registry, &cache),
         Command::Exec(args) => exec::exec(&args, &registry, &cache),
         Command::Cache(command) => cache::cache(&command, &cache),

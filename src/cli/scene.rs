@@ -1,4 +1,4 @@
-//! `tauflow render` and `tauflow scene`: one scene, outside any pipeline.
+//! One scene, outside any pipeline: where it comes from, and `tauflow scene`.
 //!
 //! A scene is an item of a pipeline's node, a folder as `tauflow export PIPELINE scenes` writes it (`scene.json`, and
 //! what it names in `blob/`), or a file of another program: Mitsuba 3, pbrt-v4, glTF.
@@ -6,26 +6,24 @@
 use super::{
     CacheAt, CliError, Exit, PipelineArgs,
     results::{Asked, Reading, unread},
-    seconds_text, terminal,
 };
 use crate::{
     diagnostics::did_you_mean,
+    engine::publish,
     kinds::Registry,
-    registry::{Goal, LightUnit, Options, Until, load_scene},
+    registry::{LightUnit, Options, load_scene},
 };
 use clap::{Args, Subcommand};
 use std::{
     collections::BTreeMap,
-    fs,
     path::{Path, PathBuf},
     sync::atomic::AtomicBool,
-    time::{Duration, Instant},
 };
 use tauflow_cache::Store;
 use tauflow_contract::{Blobs, Context, Digest, Handle, ItemKey, KindError, Silent, read_regular};
 use tauflow_data::{
     Image, Resolution,
-    image_io::{preview_png, write_exr},
+    image_io::{ExrLayer, exr_file, preview_png},
     mitsuba::{self, Film},
     records::SceneRecord,
     scene::Scene,
@@ -33,35 +31,6 @@ use tauflow_data::{
 
 /// Most bytes of a file of an exported scene.
 const LARGEST: u64 = 1 << 32;
-
-/// Arguments of `render`.
-#[derive(Args)]
-pub(crate) struct RenderArgs {
-    #[command(flatten)]
-    scene: SceneArgs,
-    #[command(flatten)]
-    film: FilmArgs,
-    /// Image to write: .exr (linear radiance) or .png (preview).
-    #[arg(short, long, value_name = "FILE")]
-    out: PathBuf,
-    /// Multiply the radiance by this factor.
-    #[arg(long, default_value_t = 1.0)]
-    exposure: f32,
-    /// Double the samples until the estimated relative error is at most this value: 0.01 is 1%.
-    #[arg(long, value_name = "ERROR", value_parser = above_zero, conflicts_with_all = ["spp", "seconds"])]
-    error: Option<f64>,
-    /// Maximum number of samples per pixel with --error.
-    #[arg(long, value_name = "N", default_value_t = 65536, value_parser = clap::value_parser!(u64).range(1..=1 << 30))]
-    at_most: u64,
-    /// Sample for this many seconds, not counting the time to read the scene.
-    #[arg(long, value_name = "S", value_parser = above_zero, conflicts_with = "spp")]
-    seconds: Option<f64>,
-}
-
-fn above_zero(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
-    if value.is_finite() && value > 0.0 { Ok(value) } else { Err("it must be above 0".to_owned()) }
-}
 
 /// Which scene.
 #[derive(Args)]
@@ -91,7 +60,7 @@ pub(crate) struct SceneArgs {
 pub(crate) struct FilmArgs {
     /// Samples per pixel.
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u64).range(1..))]
-    spp: u64,
+    pub(crate) spp: u64,
     /// Image width in pixels. Default: the width of the scene's film, or 256.
     #[arg(long)]
     width: Option<u32>,
@@ -102,7 +71,7 @@ pub(crate) struct FilmArgs {
 
 impl FilmArgs {
     /// The pixels that were asked for. Where one side was, the other keeps the shape of the scene's own film.
-    fn resolution(&self, own: Option<[u32; 2]>) -> Result<Resolution, CliError> {
+    pub(crate) fn resolution(&self, own: Option<[u32; 2]>) -> Result<Resolution, CliError> {
         let [width, height] = own.unwrap_or([256, 256]);
         let along = |asked: u32, this: u32, other: u32| {
             let side = (u64::from(asked) * u64::from(this) + u64::from(other) / 2) / u64::from(other.max(1));
@@ -133,7 +102,7 @@ pub(crate) enum SceneCommand {
 }
 
 /// Where a scene's meshes and textures are read.
-enum Source {
+pub(crate) enum Source {
     Folder(PathBuf),
     Store(Box<Store>),
     /// In memory, as another program's file was read.
@@ -141,10 +110,10 @@ enum Source {
 }
 
 /// A scene, its meshes and textures, and the pixels of its own film.
-type Opened = (Scene, Source, Option<[u32; 2]>);
+pub(crate) type Opened = (Scene, Source, Option<[u32; 2]>);
 
 impl Source {
-    fn blob(&self, digest: &Digest) -> Result<Vec<u8>, KindError> {
+    pub(crate) fn blob(&self, digest: &Digest) -> Result<Vec<u8>, KindError> {
         match self {
             Self::Store(store) => Reading(store).get(digest)?.ok_or(KindError::MissingBlob(*digest)),
             Self::File(blobs) => blobs.get(digest).cloned().ok_or(KindError::MissingBlob(*digest)),
@@ -163,7 +132,7 @@ impl Source {
 }
 
 impl SceneArgs {
-    fn open(&self, registry: &Registry, cache: &CacheAt) -> Result<Opened, CliError> {
+    pub(crate) fn open(&self, registry: &Registry, cache: &CacheAt) -> Result<Opened, CliError> {
         let ending = self.scene.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
         let (scene, source) = match &self.item {
             Some(item) => self.of_pipeline(item, registry, cache)?,
@@ -223,80 +192,25 @@ pub(crate) fn check_picture(path: &Path) -> Result<(), CliError> {
     }
 }
 
-/// Linear radiance as .exr, or a preview as .png.
+/// Linear radiance as .exr, or a preview as .png. A file that is there stays until the new one is whole.
 pub(crate) fn write_picture(path: &Path, image: &Image) -> Result<(), CliError> {
     if path.extension().is_some_and(|e| e == "exr") {
-        return write_exr(path, &[("", image)]).map_err(|e| told(e.into()));
+        return write_layers(path, &[ExrLayer::colors("", image)]);
     }
     let bytes = preview_png(image).map_err(|e| told(e.into()))?;
-    fs::write(path, bytes).map_err(|e| CliError::Environment(format!("cannot write {}: {e}", path.display())))
+    Ok(publish::write(path, &bytes)?)
+}
+
+/// Layers as .exr; a file that is there stays until the new one is whole.
+pub(crate) fn write_layers(path: &Path, layers: &[ExrLayer<'_>]) -> Result<(), CliError> {
+    let bytes = exr_file(layers).map_err(|e| told(e.into()))?;
+    Ok(publish::write(path, &bytes)?)
 }
 
 pub(crate) fn told(error: KindError) -> CliError {
     match error {
         KindError::Environment(message) => CliError::Environment(message),
         other => CliError::Bad(other.to_string()),
-    }
-}
-
-pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
-    check_picture(&args.out)?;
-    let (scene, source, film) = args.scene.open(registry, cache)?;
-    let resolution = args.film.resolution(film)?;
-    let start = Instant::now();
-    let bar = match (args.error, args.seconds) {
-        _ if !terminal::redraws() => indicatif::ProgressBar::hidden(),
-        (None, None) => indicatif::ProgressBar::new(args.film.spp),
-        _ => indicatif::ProgressBar::new_spinner().with_message("samples a pixel"),
-    };
-    let mut last = Duration::ZERO;
-    let mut fits = |done: u64| {
-        // As many more samples as were taken last must fit, too.
-        let (now, limit) = (start.elapsed(), args.seconds.unwrap_or_default());
-        let next = now + now.saturating_sub(last);
-        last = now;
-        done == 0 || next.as_secs_f64() <= limit
-    };
-    let goal = match (args.error, args.seconds) {
-        (Some(relative_error), _) => Goal::Error(Until { relative_error, at_most: args.at_most }),
-        (None, Some(_)) => Goal::While(&mut fits),
-        (None, None) => Goal::Samples(args.film.spp),
-    };
-    let (image, stats) =
-        crate::registry::render_image(&scene, &mut |digest| source.blob(digest), resolution, goal, &mut |done| {
-            bar.set_position(done);
-            Ok(())
-        })
-        .map_err(told)?;
-    bar.finish_and_clear();
-    let seconds = start.elapsed().as_secs_f64();
-    write_picture(&args.out, &image.map(|v| v * args.exposure))?;
-    eprintln!(
-        "{} samples a pixel, {} paths in {} ({:.2} million a second), {:.2} segments a path, {} rejected",
-        stats.samples,
-        stats.paths,
-        seconds_text(seconds),
-        stats.paths as f64 / seconds / 1e6,
-        stats.mean_path_length,
-        stats.rejected
-    );
-    if let Some(error) = stats.error {
-        eprintln!("{}", sureness(args.error, error, stats.samples));
-    }
-    outln!("{}", args.out.display());
-    Ok(Exit::Done)
-}
-
-/// How far the image is to be expected to be off.
-fn sureness(asked: Option<f64>, error: f64, samples: u64) -> String {
-    let percent = 100.0 * error;
-    match asked {
-        Some(asked) if error <= asked => format!("error {percent:.2}%, by other samples than the image's"),
-        Some(asked) => format!(
-            "error {percent:.2}%, and not the {:.2}% that were asked for: --at-most allows {samples} samples",
-            100.0 * asked
-        ),
-        None => format!("error {percent:.2}%, by the image's own samples: more where rare light was missed"),
     }
 }
 

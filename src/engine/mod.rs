@@ -11,7 +11,7 @@ mod job;
 mod lanes;
 mod listing;
 mod probe;
-mod publish;
+pub(crate) mod publish;
 mod records;
 mod rollup;
 mod run;

@@ -11,6 +11,7 @@ mod manuals;
 mod places_of_kinds;
 mod programs;
 mod refining;
+mod rendering;
 mod runs;
 mod schema;
 mod validator;

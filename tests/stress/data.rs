@@ -7,7 +7,7 @@ use tauflow_contract::{
     MemoryBlobs, Outputs, Silent,
 };
 use tauflow_data::{
-    Image, Regime, SamplerKind, Stratum,
+    Image, IntegratorKind, Regime, SamplerKind, Stratum,
     image_io::write_exr,
     records::{
         Asset, AssetBody, AssetReport, Convergence, Evaluation, Exposure, Ladder, LadderMeta, METRICS, Metrics, Rung,
@@ -190,6 +190,7 @@ fn ladder(counts: &[u64], value: f32, noise: f32, seed: u64) -> Ladder {
             rejected: 0,
             mean_path_length: 1.0,
             sampler: SamplerKind::Independent,
+            integrator: IntegratorKind::Path,
             estimated_error: None,
         },
         variance: Image::from_data(12, 12, 3, vec![noise * noise; 12 * 12 * 3]).expect("fits"),

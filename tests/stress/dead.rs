@@ -12,7 +12,7 @@ use super::{
 use std::{collections::BTreeMap, sync::atomic::AtomicBool};
 use tauflow_contract::{Action, Artifact, Context, Kind, Media, MemoryBlobs, Silent};
 use tauflow_data::{
-    Image, SamplerKind, VarianceTime,
+    Image, IntegratorKind, SamplerKind, VarianceTime,
     records::{Exposure, GBuffer, Ladder, LadderMeta, PackedScene, Rung},
     rng::Stream,
     time::TimeGrid,
@@ -67,6 +67,7 @@ fn ladder(seed: u64, counts: &[u64]) -> Ladder {
             rejected: 0,
             mean_path_length: 1.0,
             sampler: SamplerKind::Independent,
+            integrator: IntegratorKind::Path,
             estimated_error: None,
         },
         variance,

@@ -5,26 +5,56 @@ use exr::prelude::*;
 use std::{collections::BTreeMap, io::Cursor, path::Path};
 use tauflow_contract::read_regular;
 
+/// A layer of an EXR file.
+#[derive(Clone, Copy, Debug)]
+pub struct ExrLayer<'a> {
+    /// Its name; the one without a name is the image itself.
+    pub name: &'a str,
+    /// What its channels are called.
+    pub letters: &'a [&'a str],
+    /// Its pixels.
+    pub image: &'a Image,
+}
+
+impl<'a> ExrLayer<'a> {
+    /// A layer of colours: Y, RGB or RGBA.
+    pub fn colors(name: &'a str, image: &'a Image) -> Self {
+        let letters: &[&str] = match image.channels() {
+            1 => &["Y"],
+            4 => &["R", "G", "B", "A"],
+            _ => &["R", "G", "B"],
+        };
+        Self { name, letters, image }
+    }
+}
+
 /// Named layers as the bytes of one EXR file; an image of 3 channels is R, G, B.
 ///
 /// # Errors
 /// If there is no layer, layers differ in size, or one has another number of channels than 1, 3 or 4.
 pub fn exr_bytes(layers: &[(&str, &Image)]) -> std::result::Result<Vec<u8>, DataError> {
-    let Some((_, first)) = layers.first() else {
+    let layers: Vec<ExrLayer<'_>> = layers.iter().map(|(name, image)| ExrLayer::colors(name, image)).collect();
+    exr_file(&layers)
+}
+
+/// Layers as the bytes of one EXR file.
+///
+/// # Errors
+/// If there is no layer, layers differ in size, or one has another number of channels than letters.
+pub fn exr_file(layers: &[ExrLayer<'_>]) -> std::result::Result<Vec<u8>, DataError> {
+    let Some(ExrLayer { image: first, .. }) = layers.first() else {
         return Err(DataError::Format("an EXR file needs at least one layer".into()));
     };
     let size = Vec2(first.width(), first.height());
     let mut channels = Vec::new();
-    for (name, image) in layers {
+    for ExrLayer { name, letters, image } in layers {
         if (image.width(), image.height()) != (size.0, size.1) {
             return Err(DataError::Format(format!("layer `{name}` has another size than the first")));
         }
-        let letters: &[&str] = match image.channels() {
-            1 => &["Y"],
-            3 => &["R", "G", "B"],
-            4 => &["R", "G", "B", "A"],
-            n => return Err(DataError::Format(format!("layer `{name}` has {n} channels; 1, 3 or 4 can be written"))),
-        };
+        if image.channels() != letters.len() {
+            let n = image.channels();
+            return Err(DataError::Format(format!("layer `{name}` has {n} channels; 1, 3 or 4 can be written")));
+        }
         for (c, letter) in letters.iter().enumerate() {
             let full = if name.is_empty() { (*letter).to_owned() } else { format!("{name}.{letter}") };
             let values = image.data().iter().skip(c).step_by(image.channels()).copied().collect();

@@ -21,7 +21,7 @@ pub mod time;
 pub mod timing;
 
 pub use image::Image;
-pub use rungs::{Resolution, Rungs, SamplerKind};
+pub use rungs::{IntegratorKind, Resolution, Rungs, SamplerKind};
 pub use scene::Scene;
 pub use stratum::{ContextClass, Regime, Stratum};
 pub use tensors::{Tensor, TensorFile};

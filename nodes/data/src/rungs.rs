@@ -201,6 +201,30 @@ impl SamplerKind {
     }
 }
 
+/// What estimates the radiance of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum IntegratorKind {
+    /// Paths from the camera.
+    #[default]
+    Path,
+    /// Paths from the camera, and paths from the lights that find caustics: less error where glass and mirrors gather
+    /// light, in more time per sample.
+    PathAndLight,
+}
+
+impl IntegratorKind {
+    /// What records of before there was a choice hold, whatever the default has become: they say nothing of it.
+    pub fn unsaid() -> Self {
+        Self::Path
+    }
+
+    /// Whether it is the path tracer.
+    pub fn is_path(&self) -> bool {
+        *self == Self::Path
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

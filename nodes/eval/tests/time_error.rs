@@ -6,7 +6,7 @@ use tauflow_contract::{
     Action, Collection, Context, Handle, ItemKey, Kind, KindError, Media, MemoryBlobs, Outputs, Silent,
 };
 use tauflow_data::{
-    Image, SamplerKind,
+    Image, IntegratorKind, SamplerKind,
     methods::{PATH_TRACER, PATH_TRACER_SOBOL, Parameterization},
     records::{
         Exposure, Ladder, LadderMeta, PackedScene, Refined, RefinedImage, Rung, TimeError, TimedImage, TimedMethod,
@@ -43,6 +43,7 @@ fn ladder(counts: &[(u64, f64)], sampler: SamplerKind, variance: f32) -> Ladder 
         rejected: 0,
         mean_path_length: 2.0,
         sampler,
+        integrator: IntegratorKind::Path,
         estimated_error: None,
     };
     let variance = Image::from_data(SIDE, SIDE, 3, vec![variance; SIDE * SIDE * 3]).expect("fits");

@@ -4,9 +4,12 @@
 //! Bounds are those of the parts: a product of textures lies within the product of their bounds, wherever on the
 //! surface each is reached.
 
-use crate::texture::{LoadBitmap, Texture};
+use crate::{
+    texels::Texels,
+    texture::{LoadBitmap, Texture},
+};
 use tauflow_contract::KindError;
-use tauflow_data::{Image, mesh::Mesh, scene};
+use tauflow_data::{mesh::Mesh, scene};
 
 /// Least and largest value of a channel.
 type Bounds = (f32, f32);
@@ -15,15 +18,27 @@ type Bounds = (f32, f32);
 /// so that at most this is lost.
 const ROUNDING: f32 = 1e-6;
 
-/// Least and largest value of each channel of an image; none if a value is not finite.
-fn of_image(image: &Image) -> Option<Vec<Bounds>> {
+/// Least and largest value of each channel of texels; none if a value is not finite.
+fn of_texels(texels: &Texels) -> Option<Vec<Bounds>> {
+    let (values, together) = texels.values();
+    if together == 1 {
+        return of_numbers(values, texels.channels());
+    }
+    let mut all = Vec::new();
+    for channel in values.chunks(together) {
+        all.extend(of_numbers(channel, 1)?);
+    }
+    Some(all)
+}
+
+/// Least and largest of every so many numbers; none if one is not finite.
+fn of_numbers(values: &[f32], channels: usize) -> Option<Vec<Bounds>> {
     /// Values side by side: as many as a few pixels have, so that the loop over them is one over lanes.
     const BLOCK: usize = 16;
-    let channels = image.channels();
     let mut lows = vec![[f32::MAX; BLOCK]; channels];
     let mut highs = vec![[f32::MIN; BLOCK]; channels];
     let mut finite = true;
-    let (blocks, rest) = image.data().as_chunks::<BLOCK>();
+    let (blocks, rest) = values.as_chunks::<BLOCK>();
     // Sixteen pixels are as many blocks as there are channels.
     for (index, block) in blocks.iter().enumerate() {
         let (low, high) = (&mut lows[index % channels], &mut highs[index % channels]);
@@ -63,7 +78,7 @@ impl Texture {
                 [0, 1, 2].map(|c| (low[c], high[c]))
             }
             Self::Bitmap(bitmap) => {
-                let (image, scale) = (of_image(bitmap.image())?, bitmap.scale().to_array());
+                let (image, scale) = (of_texels(bitmap.texels())?, bitmap.scale().to_array());
                 [0, 1, 2].map(|c| {
                     // An image without alpha is opaque.
                     let read = bitmap.reads(c).map_or((1.0, 1.0), |channel| image[channel]);
@@ -181,6 +196,7 @@ mod tests {
     use super::*;
     use scene::Texture as Source;
     use tauflow_contract::Digest;
+    use tauflow_data::Image;
 
     fn bitmap(texels: [f32; 6], scale: f32, channel: Option<u8>) -> (Source, Image) {
         let source = Source::Bitmap {
@@ -200,7 +216,7 @@ mod tests {
     #[test]
     fn bounds_are_by_channel_in_images_of_any_size() {
         for channels in [1, 2, 3, 4, 5, 7] {
-            for width in [1, 5, 16, 37] {
+            for width in [1, 5, 16, 37, 5000] {
                 let values = (0..width * channels).map(|i| ((i * 7919) % 101) as f32 + 1000.0 * (i % channels) as f32);
                 let image = Image::from_data(width, 1, channels, values.collect()).expect("fits");
                 let slow: Vec<Bounds> = (0..channels)
@@ -209,12 +225,12 @@ mod tests {
                         (of().fold(f32::MAX, f32::min), of().fold(f32::MIN, f32::max))
                     })
                     .collect();
-                assert_eq!(of_image(&image), Some(slow), "{width} x {channels}");
+                assert_eq!(of_texels(&image.clone().into()), Some(slow), "{width} x {channels}");
                 for at in [0, width * channels - 1] {
                     let mut data = image.data().to_vec();
                     data[at] = f32::NAN;
                     let broken = Image::from_data(width, 1, channels, data).expect("fits");
-                    assert_eq!(of_image(&broken), None, "{width} x {channels}, {at}");
+                    assert_eq!(of_texels(&broken.into()), None, "{width} x {channels}, {at}");
                 }
             }
         }
@@ -224,7 +240,7 @@ mod tests {
     fn textures_within_a_unit_are_taken_and_others_told() {
         let texels = [0.0, 0.1, 0.2, 0.5, 0.25, 2.0];
         let taken = |(source, image): (Source, Image), colored: bool| {
-            let load = &mut |_: &Digest| Ok(std::sync::Arc::new(image.clone()));
+            let load = &mut |_: &Digest| Ok(std::sync::Arc::new(image.clone().into()));
             if colored { colors(&source, "base_color", load) } else { share(&source, "metallic", load) }
                 .map(|_| ())
                 .map_err(|e| e.to_string())

@@ -22,6 +22,17 @@ pub struct Camera {
     forward: Vec3,
 }
 
+/// Where the film sees something.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Image {
+    pub(crate) x: f64,
+    pub(crate) y: f64,
+    /// Pixels in a unit of solid angle.
+    pub(crate) pixels: f64,
+    /// Distance at which the view begins.
+    pub(crate) begin: f64,
+}
+
 impl Camera {
     /// The camera for a film of `width` by `height` pixels.
     ///
@@ -82,6 +93,30 @@ impl Camera {
         (Triple::splat(self.origin) + direction * begin, direction)
     }
 
+    /// Density over area, for one sample a pixel, with which points are seen by rays that arrive from `back`, over the
+    /// cosines of what leaves them along `out`.
+    #[inline(always)]
+    pub(crate) fn density<R: Real>(&self, p: Triple<R>, back: Triple<R>, normal: Triple<R>, out: Triple<R>) -> R {
+        let away = p - Triple::splat(self.origin);
+        let cos = -back.dot(Triple::splat(self.forward));
+        let pixels = R::splat((1.0 / self.right.length_squared()) as f32) / (cos * cos * cos);
+        pixels / away.dot(away) * normal.dot(back).abs() / normal.dot(out).abs()
+    }
+
+    /// Where on the film, in pixels from the top left, a unit direction from the camera comes from, how many pixels a
+    /// unit of solid angle has there, and where the view begins on that ray; none of what lies behind.
+    pub(crate) fn image(&self, direction: DVec3) -> Option<Image> {
+        let forward = self.forward.as_dvec3();
+        let cos = direction.dot(forward);
+        if cos <= 0.0 {
+            return None;
+        }
+        let pixel = self.right.length_squared();
+        let across = |axis: DVec3| direction.dot(axis) / (pixel * cos);
+        let (x, y) = (across(self.right) + f64::from(self.middle.x), across(self.down) + f64::from(self.middle.y));
+        Some(Image { x, y, pixels: 1.0 / (pixel * cos * cos * cos), begin: f64::from(self.near) / cos })
+    }
+
     /// The ray through a point of the film, in pixels from the top left.
     pub fn ray(&self, x: u32, y: u32, jitter: Vec2) -> Ray {
         let (origin, direction) = self.rays::<f32>(x as f32 + jitter.x, y as f32 + jitter.y);
@@ -125,6 +160,24 @@ mod tests {
         for (x, y) in [(0, 0), (4, 4), (7, 2)] {
             assert!((camera.ray(x, y, Vec2::ZERO).origin.z - 3.0).abs() < 1e-5);
         }
+    }
+
+    #[test]
+    fn the_film_sees_a_direction_where_its_ray_goes() {
+        let camera = Camera::new(&scene::Camera { near: 0.5, ..camera() }, 8, 4).expect("a plain camera");
+        for (x, y) in [(0, 0), (5, 1), (7, 3)] {
+            let at = |u: f32, v: f32| camera.ray(x, y, Vec2::new(u, v));
+            let ray = at(0.25, 0.75);
+            let seen = camera.image(ray.direction.as_dvec3()).expect("in front");
+            assert!((seen.x - f64::from(x) - 0.25).abs() < 1e-5 && (seen.y - f64::from(y) - 0.75).abs() < 1e-5);
+            assert!((f64::from((ray.origin - camera.origin).length()) - seen.begin).abs() < 1e-6);
+            // The solid angle of a small square about it.
+            let step = 0.01;
+            let (right, down) = (at(0.25 + step, 0.75).direction, at(0.25, 0.75 + step).direction);
+            let angle = (right - ray.direction).cross(down - ray.direction).length() / (step * step);
+            assert!((f64::from(angle) * seen.pixels - 1.0).abs() < 0.02, "{angle} {seen:?}");
+        }
+        assert!(camera.image(DVec3::Z).is_none(), "behind");
     }
 
     #[test]

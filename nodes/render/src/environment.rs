@@ -75,7 +75,7 @@ impl Environment {
                 let linear: Vec<Vec3> =
                     (0..3).map(|c| Vec3::from_array([0, 1, 2].map(|r: usize| to_world[r][c] as f32))).collect();
                 let map = Mat3::from_cols(linear[0], linear[1], linear[2]);
-                let image = load(image)?;
+                let image = load(image)?.image()?;
                 Ok(Self::Map(Box::new(Map::new(&image, *scale, map)?)))
             }
             other => Err(KindError::Internal(format!("{other:?} is no environment"))),

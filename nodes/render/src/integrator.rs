@@ -1,17 +1,47 @@
 //! How the radiance of a pixel is estimated.
 
+mod light;
 mod passage;
 mod path;
+
+pub(crate) use light::{LightPaths, Which};
 
 pub(crate) use passage::{Dimmed, PASSAGES, Passage, first_solid, met};
 pub(crate) use path::dimension;
 pub use path::{Path, Roulette, Strategy};
+
+use tauflow_data::IntegratorKind;
 
 /// An integrator, with all that it can be told.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Integrator {
     /// Path tracing from the camera.
     Path(Path),
+    /// Path tracing from the camera, joined with paths from the lights that find caustics.
+    PathAndLight(Path),
+    /// Paths from the lights alone. They do not find what is seen in mirrors and glass.
+    LightTracing,
+}
+
+impl Integrator {
+    /// The paths from the camera, how long they get in a scene of so long paths, and the paths from the lights.
+    pub(crate) fn parts(self, max_depth: u32) -> (Path, u32, Option<Which>) {
+        match self {
+            Self::Path(path) => (path, max_depth, None),
+            Self::PathAndLight(path) => (path, max_depth, Some(Which::Caustics)),
+            // What shines into the camera itself.
+            Self::LightTracing => (Path::default(), max_depth.min(1), Some(Which::All)),
+        }
+    }
+}
+
+impl From<IntegratorKind> for Integrator {
+    fn from(kind: IntegratorKind) -> Self {
+        match kind {
+            IntegratorKind::Path => Self::Path(Path::default()),
+            IntegratorKind::PathAndLight => Self::PathAndLight(Path::default()),
+        }
+    }
 }
 
 impl Default for Integrator {

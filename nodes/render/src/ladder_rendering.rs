@@ -10,10 +10,10 @@ use std::{
 };
 use tauflow_contract::{
     Action, All, Any, Artifact, Basis, Before, Context, Digest, Each, Group, Handle, ItemKey, Kind, KindError,
-    KindSpec, Later, Media, MemoKey, Mode, Out, Outputs, ParamProblem, Probe, Stored,
+    KindSpec, Later, Media, MemoKey, Mode, Out, Outputs, ParamProblem, Probe, Stored, leave_out,
 };
 use tauflow_data::{
-    Resolution, Rungs, SamplerKind,
+    IntegratorKind, Resolution, Rungs, SamplerKind,
     methods::{self, PATH_TRACER},
     records::{GBuffer, Ladder, LadderMeta, SceneRecord, TimedImage, Timing},
     timing::{Repeated, machine},
@@ -34,7 +34,11 @@ const TIMING: Out<Timing> =
     Out::new(TIMINGS, "timing", "How long it takes to get to each rung, on all cores.").measured();
 
 /// Params that came later, with what acted before.
-const LATER: &[Later] = &[Later { pointer: "/until", before: Before::Null }];
+const LATER: &[Later] = &[
+    Later { pointer: "/until", before: Before::Null },
+    Later { pointer: "/until/paths", before: Before::Integer(0) },
+    Later { pointer: "/integrator", before: Before::Text("path") },
+];
 
 /// Points of a sequence: a sample's index has 32 bits.
 const MOST_SOBOL: u64 = 1 << 32;
@@ -75,6 +79,8 @@ pub struct LadderRenderingParams {
     pub stream: u64,
     /// How samples are drawn.
     pub sampler: SamplerKind,
+    /// What estimates the radiance of a pixel.
+    pub integrator: IntegratorKind,
     /// Samples a pixel of the G-buffer.
     #[schemars(range(min = 1, max = 65536))]
     pub gbuffer_samples: u64,
@@ -92,6 +98,7 @@ impl Default for LadderRenderingParams {
             resolution: Resolution::new(256, 256).expect("sides that can be rendered"),
             stream: 0,
             sampler: SamplerKind::Independent,
+            integrator: IntegratorKind::Path,
             gbuffer_samples: 32,
             repeats: 3,
             until: None,
@@ -126,15 +133,17 @@ impl Kind for LadderRendering {
     }
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
-        let LadderRenderingParams { rungs, resolution, stream, sampler, gbuffer_samples, repeats, until } = params;
+        let LadderRenderingParams { rungs, resolution, stream, sampler, integrator, gbuffer_samples, repeats, until } =
+            params;
         if group == TIMINGS.name {
             // A ladder that ends by itself is timed to the last rung that is asked for in any case.
             json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler,
-                "gbuffer_samples": gbuffer_samples, "repeats": repeats })
+                "integrator": integrator, "gbuffer_samples": gbuffer_samples, "repeats": repeats })
         } else if group == GBUFFERS.name {
             json!({ "resolution": resolution, "stream": stream, "gbuffer_samples": gbuffer_samples })
         } else {
-            json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler, "until": until })
+            json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler,
+                "integrator": integrator, "until": until })
         }
     }
 
@@ -183,7 +192,8 @@ impl Work<'_> {
     }
 
     fn renderer<'w>(&self, world: &'w World, stream: u64) -> Result<Renderer<'w>, KindError> {
-        Ok(Renderer::new(world, self.params.resolution, stream)?.with_sampler(self.params.sampler))
+        let renderer = Renderer::new(world, self.params.resolution, stream)?;
+        Ok(renderer.with_sampler(self.params.sampler).with_integrator(self.params.integrator))
     }
 
     fn gbuffer(&self) -> Result<GBuffer, KindError> {
@@ -233,8 +243,10 @@ impl Work<'_> {
 
     /// Key of the state, or of the image, after `count` samples. The scene's JSON names its blobs by digest.
     fn key(&self, what: Memo, stream: u64, count: u64) -> Result<MemoKey, KindError> {
-        let LadderRenderingParams { resolution, sampler, .. } = self.params;
-        let params = json!({ "resolution": resolution, "stream": stream, "sampler": sampler, "count": count });
+        let LadderRenderingParams { resolution, sampler, integrator, .. } = self.params;
+        let mut params = json!({ "resolution": resolution, "stream": stream, "sampler": sampler,
+            "integrator": integrator, "count": count });
+        leave_out(&mut params, LATER);
         Ok(MemoKey {
             basis: Basis::new(NAME, MEMO_VERSION, what.name()).with(params, None),
             inputs: vec![SceneRecord::scene_digest(self.scene)?],
@@ -273,7 +285,7 @@ impl Work<'_> {
         if let Some(until) = &self.params.until {
             let (stop, error) = self.stop(until)?;
             counts.extend((stop > self.params.rungs.last()).then_some(stop));
-            estimated_error = Some(error);
+            estimated_error = Some(error).filter(|error| error.is_finite());
         }
         let last = counts.last().copied().unwrap_or(1);
         let (counts, stream) = (&counts[..], self.params.stream);
@@ -297,6 +309,7 @@ impl Work<'_> {
             rejected: state.rejected,
             mean_path_length: state.mean_path_length(),
             sampler: self.params.sampler,
+            integrator: self.params.integrator,
             estimated_error,
         };
         let rung = |count: &u64| {

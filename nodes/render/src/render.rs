@@ -4,15 +4,16 @@ use crate::{
     accumulator::Accumulator,
     camera::Camera,
     dispatch::kernels,
-    integrator::Integrator,
+    integrator::{Integrator, LightPaths, Which},
     rng::{FILM, Sampler, render_state},
     stream::{Batch, trace},
-    until::{Until, relative_error},
+    until::{self, Until, relative_error},
     world::{Dropped, LoadBlob, World},
 };
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use tauflow_contract::KindError;
-use tauflow_data::{Image, Resolution, SamplerKind, scene::Scene};
+use tauflow_data::{Image, IntegratorKind, Resolution, SamplerKind, records::GBuffer, scene::Scene};
 use tauflow_instructions::Instructions;
 
 /// Paths in a batch: enough for many lanes of each material, few enough for the cache of a core.
@@ -89,10 +90,10 @@ impl<'a> Renderer<'a> {
 
     /// The ray through the middle of a pixel.
     pub(crate) fn middle_ray(&self, pixel: (u32, u32)) -> crate::geometry::Ray {
-        self.camera.ray(pixel.0, pixel.1, glam::Vec2::splat(0.5))
+        self.camera.ray(pixel.0, pixel.1, Vec2::splat(0.5))
     }
 
-    pub(crate) fn seen(&self, direction: glam::Vec3) -> glam::Vec3 {
+    pub(crate) fn seen(&self, direction: Vec3) -> Vec3 {
         self.camera.seen(direction)
     }
 
@@ -130,9 +131,11 @@ impl<'a> Renderer<'a> {
     }
 
     fn render(&self, accumulator: &mut Accumulator, until: u64) {
-        let Integrator::Path(path) = self.integrator;
+        let (path, depth, which) = self.integrator.parts(self.world.max_depth);
         let (state, sampler) = (render_state(self.world.seed, self.stream), self.sampler);
         let from = accumulator.count;
+        let splats = which.map(|which| self.light_paths(which).trace(from..until));
+        let light_paths = (which == Some(Which::Caustics)).then_some((self.width * self.height) as f32);
         let together = (until - from).min(TOGETHER);
         // Enough tiles for every thread, if the film is small and the samples are few.
         let spread = accumulator.pixels.len().div_ceil(4 * rayon::current_num_threads());
@@ -153,14 +156,16 @@ impl<'a> Renderer<'a> {
                         paths.extend((first..last).map(|index| (pixel, Sampler::new(sampler, state, pixel, index))));
                     }
                     let (world, camera) = (self.world, &self.camera);
-                    let batch = Batch { world, camera, path, sampler, paths: &paths };
+                    let batch = Batch { world, camera, path, depth, light_paths, sampler, paths: &paths };
                     let found = trace(&batch, kernels(self.instructions));
                     segments += found.segments;
                     rejected += found.rejected;
-                    for (target, samples) in pixels.iter_mut().zip(found.radiance.chunks_exact((last - first) as usize))
-                    {
+                    let samples = found.radiance.chunks_exact((last - first) as usize);
+                    for (offset, (target, samples)) in pixels.iter_mut().zip(samples).enumerate() {
+                        let splats = splats.as_ref().map(|splats| splats.of(task * tile + offset));
                         for (index, sample) in (first..last).zip(samples) {
-                            target.add(index, sample.to_array());
+                            let more = splats.map_or(Vec3::ZERO, |splats| splats[(index - from) as usize]);
+                            target.add(index, (*sample + more).to_array());
                         }
                     }
                     first = last;
@@ -168,9 +173,15 @@ impl<'a> Renderer<'a> {
                 (segments, rejected)
             })
             .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
-        accumulator.segments += segments;
-        accumulator.rejected += rejected;
+        let (further, missed) = splats.map_or((0, 0), |splats| (splats.segments, splats.rejected));
+        accumulator.segments += segments + further;
+        accumulator.rejected += rejected + missed;
         accumulator.count = until;
+    }
+
+    fn light_paths(&self, which: Which) -> LightPaths<'_> {
+        let (size, stream, sampler) = ((self.width, self.height), self.stream, self.sampler);
+        LightPaths { world: self.world, camera: &self.camera, size, stream, sampler, which }
     }
 }
 
@@ -182,6 +193,53 @@ pub enum Goal<'a> {
     Error(Until),
     /// When this says no more, asked with the samples that there are.
     While(&'a mut dyn FnMut(u64) -> bool),
+}
+
+/// How an image is made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Setup {
+    /// Its pixels.
+    pub film: Resolution,
+    /// How samples are drawn.
+    pub sampler: SamplerKind,
+    /// What estimates radiance.
+    pub integrator: IntegratorKind,
+    /// Samples a pixel of its G-buffer, if it is to have one.
+    pub gbuffer_samples: Option<u64>,
+}
+
+impl Setup {
+    /// A film, and all else as by default.
+    pub fn new(film: Resolution) -> Self {
+        let (sampler, integrator) = (SamplerKind::default(), IntegratorKind::default());
+        Self { film, sampler, integrator, gbuffer_samples: None }
+    }
+}
+
+/// What there is of an image on its way.
+#[derive(Clone, Copy, Debug)]
+pub enum Stage<'a> {
+    /// The scene is ready to be rendered: its meshes and pictures are read.
+    Ready,
+    /// Samples of other streams decide how many it takes.
+    Deciding,
+    /// Samples of the image, and how many there will be, if that is known.
+    Samples(&'a Accumulator, Option<u64>),
+    /// Samples of the G-buffer, and how many there will be.
+    Features(u64, u64),
+}
+
+/// An image, and what is known of it.
+#[derive(Clone, Debug)]
+pub struct Rendered {
+    /// Linear radiance.
+    pub image: Image,
+    /// Variance of single samples.
+    pub variance: Image,
+    /// Its G-buffer, if it was asked for.
+    pub gbuffer: Option<GBuffer>,
+    /// What it took.
+    pub stats: RenderStats,
 }
 
 /// What [`render_image`] says of its work.
@@ -200,47 +258,57 @@ pub struct RenderStats {
     /// What was left out at loading.
     pub dropped: Dropped,
     /// Root mean square of the relative errors to be expected, as [`relative_error`] has it: by the samples that
-    /// decided, or else by the image's own; none of one sample.
+    /// decided, or else by the image's own. None of one sample, of samples that depend on each other, and where no
+    /// light was found.
     pub error: Option<f64>,
 }
 
-/// Renders a scene outside a pipeline: the mean of samples of stream 0. `progress` is called now and then with the
-/// samples done, and may stop the render with an error.
+/// Renders a scene outside a pipeline: the mean of samples of stream 0. `watch` sees it now and then, and may stop the
+/// render with an error.
 ///
 /// # Errors
-/// If the scene cannot be compiled, or `progress` says to stop.
+/// If the scene cannot be compiled, or `watch` says to stop.
 pub fn render_image(
     scene: &Scene,
     load: LoadBlob<'_>,
-    film: Resolution,
+    setup: Setup,
     goal: Goal<'_>,
-    progress: &mut dyn FnMut(u64) -> Result<(), KindError>,
-) -> Result<(Image, RenderStats), KindError> {
+    watch: &mut dyn FnMut(Stage<'_>) -> Result<(), KindError>,
+) -> Result<Rendered, KindError> {
+    let Setup { film, sampler, integrator, gbuffer_samples } = setup;
     let world = World::new(scene, load)?;
-    let renderer = Renderer::new(&world, film, 0)?;
+    let on = |stream| -> Result<Renderer<'_>, KindError> {
+        Ok(Renderer::new(&world, film, stream)?.with_sampler(sampler).with_integrator(integrator))
+    };
+    let renderer = on(0)?;
+    watch(Stage::Ready)?;
     let mut accumulator = renderer.begin();
-    let mut error = None;
+    let mut decided = None;
+    let mut all = None;
+    let mut goes_on: &mut dyn FnMut(u64) -> bool = &mut |_| true;
     match goal {
-        Goal::Samples(samples) => renderer.advance(&mut accumulator, samples, progress)?,
+        Goal::Samples(samples) => all = Some(samples),
         Goal::Error(until) => {
             let begin = || renderer.begin();
             let (stop, expected) = until.decide(0, 1, begin, |state, stream, trial| {
-                Renderer::new(&world, film, stream)?.advance(state, trial, &mut |_| progress(0))
+                on(stream)?.advance(state, trial, &mut |_| watch(Stage::Deciding))
             })?;
-            error = Some(expected);
-            renderer.advance(&mut accumulator, stop, progress)?;
+            (all, decided) = (Some(stop), Some(expected));
         }
-        Goal::While(goes_on) => {
-            let step = renderer.step();
-            while goes_on(accumulator.count) {
-                let until = accumulator.count.saturating_add(step);
-                renderer.advance(&mut accumulator, until, progress)?;
-            }
-        }
+        Goal::While(asked) => goes_on = asked,
     }
-    if error.is_none() && accumulator.count > 1 {
-        error = Some(relative_error([&accumulator; 2], accumulator.count));
+    while all.map_or_else(|| goes_on(accumulator.count), |all| accumulator.count < all) {
+        let until = accumulator.count.saturating_add(renderer.step()).min(all.unwrap_or(u64::MAX));
+        renderer.advance(&mut accumulator, until, &mut |_| Ok(()))?;
+        watch(Stage::Samples(&accumulator, all))?;
     }
+    let own = || relative_error([&accumulator; 2], accumulator.count);
+    let says = accumulator.count > 1 && sampler.is_independent() && !until::is_black(&accumulator);
+    let error = decided.or_else(|| says.then(own)).filter(|error| error.is_finite());
+    let gbuffer = match gbuffer_samples {
+        Some(samples) => Some(renderer.gbuffer(0, samples, &mut |done| watch(Stage::Features(done, samples)))?),
+        None => None,
+    };
     let stats = RenderStats {
         samples: accumulator.count,
         paths: accumulator.count * (film.width() * film.height()) as u64,
@@ -250,5 +318,5 @@ pub fn render_image(
         dropped: world.dropped,
         error,
     };
-    Ok((accumulator.mean(), stats))
+    Ok(Rendered { image: accumulator.mean(), variance: accumulator.variance(), gbuffer, stats })
 }

@@ -3,14 +3,15 @@
 use crate::{
     bsdf::{Points, Surface},
     lanes::{Integer, Pair, Real, Triple},
+    texels::Texels,
 };
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
 use tauflow_contract::{Digest, KindError};
-use tauflow_data::{Image, scene};
+use tauflow_data::scene;
 
 /// Hands out the image of a blob.
-pub type LoadBitmap<'a> = &'a mut dyn FnMut(&Digest) -> Result<Arc<Image>, KindError>;
+pub type LoadBitmap<'a> = &'a mut dyn FnMut(&Digest) -> Result<Arc<Texels>, KindError>;
 
 /// A texture ready to be read.
 #[derive(Clone, Debug)]
@@ -40,7 +41,7 @@ pub enum Texture {
 /// An image over uv.
 #[derive(Clone, Debug)]
 pub struct Bitmap {
-    image: Arc<Image>,
+    texels: Arc<Texels>,
     rows: [[f32; 3]; 2],
     scale: Vec3,
     channel: Option<u8>,
@@ -91,7 +92,7 @@ impl Texture {
                     )));
                 }
                 Self::Bitmap(Bitmap {
-                    image: pixels,
+                    texels: pixels,
                     rows: uv.map(|row| row.map(|v| v as f32)),
                     scale: rgb(scale)?,
                     channel: *channel,
@@ -122,7 +123,9 @@ impl Texture {
         match self {
             Self::Constant(value) => value.min_element() < 0.0,
             Self::Checkerboard { colors, .. } => colors.iter().any(|c| c.min_element() < 0.0),
-            Self::Bitmap(bitmap) => bitmap.scale.min_element() < 0.0 || bitmap.image.data().iter().any(|v| *v < 0.0),
+            Self::Bitmap(bitmap) => {
+                bitmap.scale.min_element() < 0.0 || bitmap.texels.values().0.iter().any(|v| *v < 0.0)
+            }
             Self::VertexColor { scale, .. } => scale.min_element() < 0.0,
             Self::Product(factors) => factors.iter().any(Self::is_negative),
         }
@@ -230,9 +233,9 @@ impl Texture {
 }
 
 impl Bitmap {
-    /// The image.
-    pub(crate) fn image(&self) -> &Image {
-        &self.image
+    /// The image's texels.
+    pub(crate) fn texels(&self) -> &Texels {
+        &self.texels
     }
 
     /// Factor on the image's values.
@@ -243,7 +246,7 @@ impl Bitmap {
     /// The one channel that all three values are read from, if there is one; beyond those of the image it is 1.
     #[inline(always)]
     fn single(&self) -> Option<u8> {
-        match (self.channel, self.image.channels()) {
+        match (self.channel, self.texels.channels()) {
             (Some(channel), 1) if channel < 3 => Some(0),
             (Some(channel), _) => Some(channel),
             (None, 1) => Some(0),
@@ -253,13 +256,13 @@ impl Bitmap {
 
     /// The channel of the image that a value is read from; none where it is 1.
     pub(crate) fn reads(&self, value: usize) -> Option<usize> {
-        Some(self.single().map_or(value, usize::from)).filter(|channel| *channel < self.image.channels())
+        Some(self.single().map_or(value, usize::from)).filter(|channel| *channel < self.texels.channels())
     }
 
     #[inline(always)]
     fn lanes<R: Real>(&self, at: &Points<R>) -> Triple<R> {
         let [a, b] = &self.rows;
-        let (width, height, channels) = (self.image.width(), self.image.height(), self.image.channels());
+        let (width, height, channels) = (self.texels.width(), self.texels.height(), self.texels.channels());
         let x = (at.uv.x * a[0] + at.uv.y * a[1] + a[2]) * width as f32 - 0.5;
         let y = (at.uv.x * b[0] + at.uv.y * b[1] + b[2]) * height as f32 - 0.5;
         let sound = x.finite() & y.finite();
@@ -268,19 +271,19 @@ impl Bitmap {
         let (x0, x1) = (self.place(left, width), self.place(left + 1.0, width));
         let (y0, y1) = (self.place(top, height), self.place(top + 1.0, height));
         let (row, step) = (R::Integer::splat(width as i32), R::Integer::splat(channels as i32));
-        let data = self.image.data();
+        let texels = &*self.texels;
         let corners = [(y0 * row + x0) * step, (y0 * row + x1) * step, (y1 * row + x0) * step, (y1 * row + x1) * step];
         macro_rules! mix {
             ($channel:expr) => {{
-                let shift = R::Integer::splat($channel as i32);
                 let [a, b, c, d] = corners;
-                let upper = R::gather(data, a + shift) * (R::one() - fx) + R::gather(data, b + shift) * fx;
-                let lower = R::gather(data, c + shift) * (R::one() - fx) + R::gather(data, d + shift) * fx;
+                let channel = usize::from($channel);
+                let upper = texels.read::<R>(a, channel) * (R::one() - fx) + texels.read::<R>(b, channel) * fx;
+                let lower = texels.read::<R>(c, channel) * (R::one() - fx) + texels.read::<R>(d, channel) * fx;
                 upper * (R::one() - fy) + lower * fy
             }};
         }
         let value = match self.single() {
-            None => Triple::new(mix!(0), mix!(1), mix!(2)),
+            None => Triple::new(mix!(0u8), mix!(1u8), mix!(2u8)),
             Some(channel) if usize::from(channel) < channels => Triple::all(mix!(channel)),
             // An image without alpha is opaque.
             Some(_) => Triple::all(R::one()),
@@ -300,6 +303,7 @@ impl Bitmap {
 mod tests {
     use super::*;
     use glam::Vec4;
+    use tauflow_data::Image;
 
     fn at(u: f32, v: f32) -> Surface {
         Surface { uv: Vec2::new(u, v), color: Vec4::new(0.1, 0.2, 0.3, 0.4) }
@@ -314,7 +318,7 @@ mod tests {
             channel,
             clamp,
         };
-        Texture::compile(&texture, &mut |_| Ok(Arc::new(image.clone()))).expect("a sound image")
+        Texture::compile(&texture, &mut |_| Ok(Arc::new(image.clone().into()))).expect("a sound image")
     }
 
     #[test]

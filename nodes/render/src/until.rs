@@ -19,6 +19,10 @@ const DECIDES: u64 = 0x6465_6369_6465;
 const SHARE: u64 = 8;
 /// Samples that decide at least: fewer say little of a variance.
 const LEAST: u64 = 64;
+/// Paths of a stream that decide by default: a few pixels alone miss rare light.
+const LEAST_PATHS: u64 = 1 << 16;
+/// Samples of an image after which darkness is believed.
+const DARK: u64 = 4096;
 /// What is added to the square of an exposed mean: errors in shadow count less, as one sees them less.
 const FLOOR: f64 = 0.01;
 
@@ -32,9 +36,28 @@ pub struct Until {
     /// Samples a pixel at most.
     #[schemars(range(min = 1, max = 1_073_741_824))]
     pub at_most: u64,
+    /// Paths of each of the two streams that decide, at least. Where all of them are black, the error is unknown, and
+    /// the render goes on to 4096 samples. 0 decides by 64 samples, and takes a black image for accurate.
+    #[serde(default = "Until::least_paths")]
+    #[schemars(range(min = 0, max = 1_073_741_824))]
+    pub paths: u64,
 }
 
 impl Until {
+    /// To this error, by so many samples at most.
+    pub fn new(relative_error: f64, at_most: u64) -> Self {
+        Self { relative_error, at_most, paths: LEAST_PATHS }
+    }
+
+    fn least_paths() -> u64 {
+        LEAST_PATHS
+    }
+
+    /// How many samples of each of the two streams decide whether so many are enough.
+    pub fn trial(&self, samples: u64, pixels: u64) -> u64 {
+        (samples / SHARE).max(LEAST).max(self.paths.div_ceil(pixels.max(1)))
+    }
+
     /// What is wrong with it, in a ladder that ends with so many samples otherwise.
     pub fn check(&self, last: u64, sampler: SamplerKind) -> Vec<ParamProblem> {
         let mut problems = Vec::new();
@@ -59,7 +82,7 @@ impl Until {
     }
 
     /// The number of samples at which the error is there, doubled from `first` on, or the most there may be, and the
-    /// error that is to be expected there. `error` says it of a number of samples.
+    /// error that is to be expected there. `error` says it of a number of samples: infinity where it is unknown.
     ///
     /// # Errors
     /// Those of `error`.
@@ -67,7 +90,8 @@ impl Until {
         let mut stop = first;
         loop {
             let expected = error(stop)?;
-            if expected <= self.relative_error || stop >= self.at_most {
+            let dark = expected.is_infinite() && stop >= DARK;
+            if expected <= self.relative_error || stop >= self.at_most || dark {
                 return Ok((stop, expected));
             }
             stop = stop.saturating_mul(2).min(self.at_most);
@@ -88,12 +112,16 @@ impl Until {
         mut advance: impl FnMut(&mut Accumulator, u64, u64) -> Result<(), E>,
     ) -> Result<(u64, f64), E> {
         let mut states = [begin(), begin()];
+        let pixels = states[0].pixels.len() as u64;
         self.stop(first, |samples| {
-            let trial = trial(samples);
+            let trial = self.trial(samples, pixels);
             for (state, stream) in states.iter_mut().zip(deciding(stream)) {
                 if state.count < trial {
                     advance(state, stream, trial)?;
                 }
+            }
+            if self.paths > 0 && states.iter().all(is_black) {
+                return Ok(f64::INFINITY);
             }
             Ok(relative_error([&states[0], &states[1]], samples))
         })
@@ -105,9 +133,9 @@ pub fn deciding(stream: u64) -> [u64; 2] {
     [mix(stream, DECIDES), mix(stream, DECIDES + 1)]
 }
 
-/// How many samples of each of the two decide whether so many are enough.
-pub fn trial(samples: u64) -> u64 {
-    (samples / SHARE).max(LEAST)
+/// Whether no sample has found light.
+pub(crate) fn is_black(state: &Accumulator) -> bool {
+    state.pixels.iter().all(|pixel| pixel.sum == [0.0; 3])
 }
 
 /// The error that the mean of so many samples is to be expected to have, by what others say. It is the root mean over

@@ -18,6 +18,7 @@ use crate::{
     lights::Lights,
     surface::{Form, IN_WORLD, Interaction, MeshAttributes, Shape, interact, tangent_frame},
     table::{DARK, DISK, SPHERE, TRIANGLE, TURNED, Table},
+    texels::Texels,
     texture::Texture,
 };
 use collect::Collected;
@@ -126,12 +127,12 @@ impl World {
             return Err(KindError::Input(format!("the scene has format version {}; this reads 1", scene.version)));
         }
         // An image that several textures show is decoded and held once.
-        let mut bitmaps: BTreeMap<Digest, Arc<Image>> = BTreeMap::new();
-        let mut load_bitmap = |digest: &Digest| -> Result<Arc<Image>, KindError> {
+        let mut bitmaps: BTreeMap<Digest, Arc<Texels>> = BTreeMap::new();
+        let mut load_bitmap = |digest: &Digest| -> Result<Arc<Texels>, KindError> {
             if let Some(image) = bitmaps.get(digest) {
                 return Ok(image.clone());
             }
-            let image = Arc::new(Image::from_bytes(&load(digest)?)?);
+            let image = Arc::new(Texels::from(Image::from_bytes(&load(digest)?)?));
             bitmaps.insert(*digest, image.clone());
             Ok(image)
         };

@@ -19,7 +19,7 @@ use tauflow_data::{
 };
 use tauflow_render::{
     ladder_rendering::{LadderRendering, LadderRenderingParams},
-    render::{Goal, Renderer, render_image},
+    render::{Goal, Rendered, Renderer, Setup, render_image},
     world::World,
 };
 
@@ -131,9 +131,9 @@ fn rungs_are_means_and_the_variance_is_that_of_the_samples() {
         let found = f64::from(ladder.variance.data()[at]);
         assert!((found - variance).abs() < 1e-5 + 1e-4 * variance, "{found} {variance}");
     }
-    let (image, stats) =
-        render_image(&built.scene, &mut |d| built.load(d), film(16, 12), Goal::Samples(16), &mut |_| Ok(()))
-            .expect("sound");
+    let setup = Setup::new(film(16, 12));
+    let Rendered { image, stats, .. } =
+        render_image(&built.scene, &mut |d| built.load(d), setup, Goal::Samples(16), &mut |_| Ok(())).expect("sound");
     assert_eq!(&image, means[15], "the command renders what the kind does");
     assert_eq!((stats.paths, stats.rejected), (16 * 16 * 12, 0));
 }

@@ -2,6 +2,7 @@
 
 use glam::{Vec2, Vec3, Vec4};
 use serde::Deserialize;
+use std::sync::Arc;
 use tauflow_contract::Digest;
 use tauflow_data::{
     Image,
@@ -144,7 +145,7 @@ fn environment_maps_have_mitsubas_values() {
     let map = values().environment;
     let image = Image::from_data(map.width, map.height, 3, map.pixels).expect("fits");
     let emitter = Emitter::Envmap { image: Digest::of(b"map"), scale: map.scale, to_world: map.to_world };
-    let environment = Environment::compile(&emitter, &mut |_| Ok(image.clone().into())).expect("a sound map");
+    let environment = Environment::compile(&emitter, &mut |_| Ok(Arc::new(image.clone().into()))).expect("a sound map");
     for case in &map.cases {
         let found = environment.look(unit(case.direction)).0;
         assert!(off(found, case.value) < 1e-4, "{:?}: {found} {:?}", case.direction, case.value);
@@ -156,7 +157,8 @@ fn textures_have_mitsubas_values() {
     let Values { image, textures, .. } = values();
     let image = Image::from_data(image.columns, image.rows, 3, image.texels).expect("fits");
     for read in textures {
-        let texture = Texture::compile(&read.texture, &mut |_| Ok(image.clone().into())).expect("a sound texture");
+        let texture =
+            Texture::compile(&read.texture, &mut |_| Ok(Arc::new(image.clone().into()))).expect("a sound texture");
         for at in &read.cases {
             let found = texture.eval(&Surface { uv: Vec2::from_array(at.uv), ..AT });
             assert!(off(found, at.value) < 1e-4, "{:?} {:?}: {found} {:?}", read.texture, at.uv, at.value);

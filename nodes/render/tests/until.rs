@@ -3,11 +3,12 @@
 mod scenes;
 
 use scenes::{Built, balls_under_sky, film, recipe, room};
+use serde_json::{Value, json};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::{Mutex, atomic::AtomicBool},
 };
-use tauflow_contract::{Action, Artifact, Context, Kind, Media, MemoryBlobs, Progress};
+use tauflow_contract::{Action, Artifact, Context, Kind, KindRow, Media, MemoryBlobs, NodeKind, Progress};
 use tauflow_data::{
     Image, Rungs, SamplerKind,
     records::{Ladder, SceneRecord},
@@ -16,8 +17,8 @@ use tauflow_render::{
     accumulator::{Accumulator, Pixel},
     ladder_rendering::{LadderRendering, LadderRenderingParams},
     quality_gate::geometric_mean_luminance,
-    render::{Goal, RenderStats, Renderer, render_image},
-    until::{Until, deciding, relative_error, trial},
+    render::{Goal, RenderStats, Renderer, Setup, render_image},
+    until::{Until, deciding, relative_error},
     world::World,
 };
 
@@ -37,7 +38,7 @@ fn params(counts: &[u64], until: Option<Until>) -> LadderRenderingParams {
 }
 
 fn asked(relative_error: f64, at_most: u64) -> Option<Until> {
-    Some(Until { relative_error, at_most })
+    Some(Until { relative_error, at_most, paths: 0 })
 }
 
 /// A ladder, and how many samples each of the image and of the decision cost.
@@ -78,9 +79,10 @@ fn a_tighter_target_goes_on_from_what_there_is() {
     let (tight, steps) = run(&blobs, &built, params(&[8], asked(0.03, 65536)));
     let (from, to) = (loose.meta.counts[1], tight.meta.counts[1]);
     assert!(to >= 2 * from, "{from}, {to}");
+    let by = Until { relative_error: 0.03, at_most: 65536, paths: 0 };
     let of = |what: &str| -> Vec<u64> { steps.iter().filter(|s| s.0.contains(what)).map(|s| s.1).collect() };
     assert_eq!(of("samples a pixel"), [vec![to - from], of("decide")].concat(), "{steps:?}");
-    assert!(of("decide").iter().all(|count| *count > trial(from) && *count <= trial(to)), "{steps:?}");
+    assert!(of("decide").iter().all(|count| *count > by.trial(from, 192) && *count <= by.trial(to, 192)), "{steps:?}");
     assert_eq!(tight, run(&MemoryBlobs::default(), &built, params(&[8], asked(0.03, 65536))).0, "as from scratch");
     assert_eq!(run(&blobs, &built, params(&[8], asked(0.03, 65536))), (tight, Vec::new()), "nothing is rendered twice");
     // A looser one finds where it stopped.
@@ -168,7 +170,8 @@ fn promises_are_held_and_stopping_moves_no_mean() {
         let mut stopped = Vec::new();
         for stream in 0..streams {
             let [a, b] = deciding(stream);
-            let until = Until { relative_error: target, at_most: u64::MAX };
+            let until = Until { relative_error: target, at_most: u64::MAX, paths: 0 };
+            let trial = |samples| until.trial(samples, 192);
             let by = |samples| -> [Accumulator; 2] { [render(a, trial(samples)), render(b, trial(samples))] };
             let error = |samples| Ok::<f64, ()>(relative_error(by(samples).each_ref(), samples));
             let (stop, _) = until.stop(4, error).expect("nothing fails");
@@ -193,9 +196,11 @@ fn promises_are_held_and_stopping_moves_no_mean() {
 fn an_image_by_itself_is_as_accurate_and_knows_how_far_it_is() {
     let built = room();
     fn image(built: &Built, goal: Goal<'_>) -> (Image, RenderStats) {
-        render_image(&built.scene, &mut |d| built.load(d), film(16, 12), goal, &mut |_| Ok(())).expect("sound")
+        let setup = Setup::new(film(16, 12));
+        let found = render_image(&built.scene, &mut |d| built.load(d), setup, goal, &mut |_| Ok(())).expect("sound");
+        (found.image, found.stats)
     }
-    let (found, stats) = image(&built, Goal::Error(Until { relative_error: 0.1, at_most: 65536 }));
+    let (found, stats) = image(&built, Goal::Error(Until::new(0.1, 65536)));
     assert!(stats.error.is_some_and(|error| error <= 0.1), "{stats:?}");
     let (fixed, by_itself) = image(&built, Goal::Samples(stats.samples));
     assert_eq!(found, fixed);
@@ -219,7 +224,7 @@ fn what_cannot_be_promised_is_refused() {
         let found = LadderRendering::check(&params);
         found.iter().map(|problem| format!("{problem:?}")).collect::<Vec<_>>()
     };
-    let fine = Until { relative_error: 0.01, at_most: 1024 };
+    let fine = Until::new(0.01, 1024);
     assert_eq!(problems(fine.clone(), SamplerKind::Independent), [""; 0]);
     for (until, sampler, what) in [
         (fine.clone(), SamplerKind::Sobol, "independent"),
@@ -230,4 +235,55 @@ fn what_cannot_be_promised_is_refused() {
         let found = problems(until, sampler);
         assert!(found.len() == 1 && found[0].contains(what), "{found:?}");
     }
+}
+
+/// A room without light.
+fn unlit() -> Built {
+    let mut built = room();
+    for emission in built.scene.shapes.iter_mut().map(|shape| &mut shape.emission) {
+        *emission = None;
+    }
+    built
+}
+
+#[test]
+fn few_pixels_and_dark_images_are_not_taken_for_accurate() {
+    // One pixel is decided by as many paths as a film of 65,536.
+    let until = Until::new(0.1, 1 << 20);
+    assert_eq!([until.trial(8, 1), until.trial(8, 1 << 20), until.trial(1 << 20, 1)], [1 << 16, 64, 1 << 17]);
+    // Without light the error is unknown, and darkness is believed after a while.
+    let (built, mut seen) = (unlit(), 0);
+    let setup = Setup::new(film(4, 4));
+    let found = render_image(&built.scene, &mut |d| built.load(d), setup, Goal::Error(until), &mut |_| {
+        seen += 1;
+        Ok(())
+    });
+    let found = found.expect("a sound scene");
+    assert!(seen > 2 && found.image.data().iter().all(|v| *v == 0.0));
+    assert_eq!((found.stats.error, found.stats.samples), (None, 4096));
+    let ladder = |paths| {
+        let until = Some(Until { relative_error: 0.1, at_most: 1 << 20, paths });
+        run(&MemoryBlobs::default(), &built, LadderRenderingParams { resolution: film(4, 4), ..params(&[2], until) }).0
+    };
+    let (dark, before) = (ladder(1), ladder(0));
+    assert_eq!((dark.meta.counts.last(), dark.meta.estimated_error), (Some(&4096), None));
+    assert_eq!((before.meta.counts.last(), before.meta.estimated_error), (Some(&2), Some(0.0)));
+}
+
+#[test]
+fn params_that_came_later_leave_keys_as_they_were() {
+    let row = KindRow::<LadderRendering>::new();
+    let keyed = |more: Value| {
+        let mut params = json!({ "rungs": [1, 2], "resolution": [16, 12] });
+        params.as_object_mut().expect("an object").extend(more.as_object().expect("an object").clone());
+        row.projection(&row.resolve(&params).expect("sound params"))(None, "ladder")
+    };
+    let before = json!({ "rungs": [1, 2], "resolution": [16, 12], "stream": 0, "sampler": "independent" });
+    assert_eq!(keyed(json!({})), before);
+    assert_eq!(keyed(json!({ "integrator": "path", "until": null })), before);
+    assert_eq!(keyed(json!({ "integrator": "path_and_light" }))["integrator"], "path_and_light");
+    let until = |paths: u64| json!({ "until": { "relative_error": 0.1, "at_most": 64, "paths": paths } });
+    assert_eq!(keyed(until(0))["until"], json!({ "relative_error": 0.1, "at_most": 64 }));
+    assert_eq!(keyed(until(65536)), keyed(json!({ "until": { "relative_error": 0.1, "at_most": 64 } })));
+    assert_eq!(keyed(until(65536))["until"]["paths"], 65536);
 }

@@ -154,7 +154,7 @@ mod tests {
     use std::sync::atomic::AtomicBool;
     use tauflow_contract::{Collection, ItemKey, Media, MemoryBlobs, Silent};
     use tauflow_data::{
-        SamplerKind,
+        IntegratorKind, SamplerKind,
         records::{LadderMeta, Rung},
     };
 
@@ -168,6 +168,7 @@ mod tests {
             rejected: 0,
             mean_path_length: 1.0,
             sampler,
+            integrator: IntegratorKind::Path,
             estimated_error: None,
         };
         Ladder { meta, rungs: vec![Rung { spp: 32, image: image.clone() }], variance: image }

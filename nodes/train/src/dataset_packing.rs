@@ -88,7 +88,7 @@ fn pack(ladder: &Ladder, exposure: &Exposure, gbuffer: Option<&GBuffer>) -> Resu
 mod tests {
     use super::*;
     use tauflow_data::{
-        SamplerKind,
+        IntegratorKind, SamplerKind,
         records::{LadderMeta, Rung},
     };
 
@@ -102,6 +102,7 @@ mod tests {
                 rejected: 0,
                 mean_path_length: 1.0,
                 sampler: SamplerKind::Independent,
+                integrator: IntegratorKind::Path,
                 estimated_error: None,
             },
             rungs: vec![Rung { spp: 1, image: image(4.0) }, Rung { spp: 2, image: image(3.0) }],

@@ -1,7 +1,10 @@
 //! Nested SPP ladders: I_n is the mean of samples 0..n of each pixel.
 
 use super::files::{count_name, counts_of, put_image, read_image};
-use crate::{Image, rungs::SamplerKind};
+use crate::{
+    Image,
+    rungs::{IntegratorKind, SamplerKind},
+};
 use serde::{Deserialize, Serialize};
 use tauflow_contract::{
     Artifact, Context, Digest, Handle, KindError, Media, ReadFiles, Stored, WriteFiles, parse_json, pretty_json,
@@ -26,6 +29,9 @@ pub struct LadderMeta {
     /// How its samples were drawn.
     #[serde(default = "SamplerKind::unsaid", skip_serializing_if = "SamplerKind::is_independent")]
     pub sampler: SamplerKind,
+    /// What estimated radiance.
+    #[serde(default = "IntegratorKind::unsaid", skip_serializing_if = "IntegratorKind::is_path")]
+    pub integrator: IntegratorKind,
     /// Root mean square of the relative errors that the last rung is to be expected to have, as samples of other
     /// streams say that decided where it ends; none if nothing had to be decided.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -1,7 +1,7 @@
 //! Every media type: stored, loaded, exported and imported again, with the same content.
 
 use super::*;
-use crate::{Image, SamplerKind};
+use crate::{Image, IntegratorKind, SamplerKind};
 use serde_json::json;
 use std::{cell::RefCell, collections::BTreeSet, sync::atomic::AtomicBool};
 use tauflow_contract::{Context, FileTree, Handle, Media, MemoryBlobs, Silent, Stored};
@@ -47,6 +47,7 @@ fn ladder() -> Ladder {
         rejected: 0,
         mean_path_length: 1.5,
         sampler: SamplerKind::Independent,
+        integrator: IntegratorKind::Path,
         estimated_error: None,
     };
     let rungs = vec![Rung { spp: 1, image: image(3, 1e6) }, Rung { spp: 2, image: image(3, 1e-30) }];

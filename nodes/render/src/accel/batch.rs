@@ -1,6 +1,6 @@
 //! Many rays for those who have them apart from a render: benchmarks, and whoever looks at a scene.
 
-use super::{Accel, Hit, Set, Sweep, sweep::SPARE};
+use super::{Accel, Hit, SPARE, Set, Sweep};
 use crate::{dispatch::kernels, geometry::Ray};
 use tauflow_instructions::Instructions;
 

@@ -2,17 +2,13 @@
 //!
 //! A tree that is larger than the caches answers each step of a single ray after a hundred nanoseconds. So what a ray
 //! needs next is asked for, and it is its turn again when that is there. What a ray finds is what
-//! [`Accel::closest_from`] finds: rays know nothing of each other.
+//! [`super::Accel::closest_from`] finds: rays know nothing of each other.
 
 use super::{
-    Accel, LEAF, PLACED, STACK,
-    level::Level,
-    traverse::{Best, Slabs, Spot, Stack},
+    STACK,
+    best::{Best, Slabs, Spot, Stack},
 };
-use crate::{
-    geometry::{Ray, Walk},
-    lanes::{Real, ask_for},
-};
+use crate::geometry::{Ray, Walk};
 use glam::Vec3;
 
 /// Rays on their way at once.
@@ -20,13 +16,13 @@ pub(super) const TURNS: usize = 16;
 
 /// A ray on its way through a tree.
 pub(super) struct Flight {
-    walk: Walk,
-    slabs: Slabs,
+    pub(super) walk: Walk,
+    pub(super) slabs: Slabs,
     pub(super) best: Best,
     /// Its number in the set.
     pub(super) at: usize,
-    spot: Spot,
-    stack: Stack,
+    pub(super) spot: Spot,
+    pub(super) stack: Stack,
 }
 
 impl Default for Flight {
@@ -43,21 +39,5 @@ impl Flight {
     pub(super) fn begin(&mut self, node: u32, at: usize, walk: Walk, best: Best) {
         (self.slabs, self.walk) = (Slabs::new(&walk), walk);
         (self.best, self.at, self.spot) = (best, at, Spot { node, height: 0 });
-    }
-}
-
-impl Accel {
-    /// One step of a ray, which then asks for what it needs next. True if nothing is left for it.
-    #[inline(always)]
-    pub(super) fn take_turn<R: Real, L: Level>(&self, flight: &mut Flight) -> bool {
-        let Flight { walk, slabs, best, spot, stack, .. } = flight;
-        let done = self.step::<R, L>(spot, slabs, walk, best, stack);
-        let next = spot.node;
-        if next & LEAF == 0 {
-            ask_for(&self.nodes, next as usize);
-        } else if next & PLACED != PLACED {
-            ask_for(&self.blocks, (next & !LEAF) as usize);
-        }
-        done
     }
 }

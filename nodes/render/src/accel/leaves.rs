@@ -1,9 +1,9 @@
 //! Leaves met by lists of rays, as many rays side by side as there are lanes.
 
 use super::{
-    Accel, Block, CURVED, Curved, NONE,
-    sweep::{SPARE, Set, Sweep},
-    traverse::Best,
+    Accel, Block, CURVED, Curved, NONE, SPARE,
+    best::Best,
+    set::{Set, Sweep},
 };
 use crate::{
     geometry::{Rays, Sphere, intersect_lanes},

@@ -10,22 +10,27 @@
 //! Traversal*.
 
 mod batch;
+mod best;
 mod build;
 mod interleave;
 mod leaves;
 mod level;
 mod packet;
+mod packet_walk;
+mod placed;
+mod set;
 mod sweep;
 mod traverse;
 
 pub use batch::RayBatch;
+pub(crate) use best::Stack;
 pub(crate) use build::{Forms, PlacedMesh, SharedMesh};
 pub(crate) use packet::Packet;
-pub(crate) use sweep::{Set, Sweep};
-pub(crate) use traverse::Stack;
+pub(crate) use set::{Set, Sweep};
 
 use crate::{
     geometry::{Disk, Eight, Sphere},
+    lanes::Real,
     placement::Placements,
 };
 use glam::Vec3;
@@ -89,6 +94,8 @@ const CURVED: u32 = 1 << 31;
 const NONE: u32 = u32::MAX;
 /// Children of a node.
 const WIDE: usize = 8;
+/// Lanes at most; rows and lists have as many entries to spare.
+const SPARE: usize = 16;
 /// Most primitives in a leaf.
 const LEAF_SIZE: u32 = 8;
 /// Entries of the traversal stack that a tree takes; trees that need more are balanced.
@@ -97,6 +104,12 @@ const TREE_STACK: usize = 160;
 const LARGE_TREE: usize = 32 << 20;
 /// Entries of the traversal stack: of the world's tree, and of the tree of a mesh that is placed in it.
 pub(crate) const STACK: usize = 2 * TREE_STACK;
+
+/// Finite reciprocals, as [`crate::geometry::Walk`] has them.
+#[inline(always)]
+fn safe<R: Real>(v: R) -> R {
+    R::select(v.abs().gt(R::splat(1e-18)), R::one() / v, R::splat(1e18).copysign(v))
+}
 
 /// Where the tree of a placed mesh begins, the number of its first primitive, and how much longer distances are in the
 /// world: a power of two.

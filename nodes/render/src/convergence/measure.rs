@@ -182,7 +182,7 @@ pub(crate) fn slope(points: &[(f64, f64)]) -> f64 {
 pub(super) mod tests {
     use super::*;
     use tauflow_data::{
-        Image, SamplerKind,
+        Image, IntegratorKind, SamplerKind,
         records::{LadderMeta, Rung},
     };
 
@@ -214,6 +214,7 @@ pub(super) mod tests {
             rejected: 0,
             mean_path_length: 2.0,
             sampler: SamplerKind::Independent,
+            integrator: IntegratorKind::Path,
             estimated_error: None,
         };
         Ladder { meta, rungs, variance }

@@ -21,7 +21,7 @@ impl Path {
     /// and shadow rays come last.
     pub(crate) fn run(&self, stream: &mut Stream<'_>, kernels: &Kernels) {
         kernels.begin(stream);
-        for depth in 0..stream.batch.world.max_depth {
+        for depth in 0..stream.batch.depth {
             let live = stream.live();
             if live == 0 {
                 break;

@@ -7,6 +7,7 @@
 
 mod choice;
 mod delta;
+mod emission;
 mod shape;
 
 use crate::{
@@ -132,6 +133,9 @@ pub struct Lights {
     guides: Vec<Guide>,
     probability: Vec<f32>,
     alias: Alias,
+    /// A sphere around the scene.
+    center: Vec3,
+    radius: f32,
 }
 
 /// The scene's light from infinity, if it has one.
@@ -212,7 +216,8 @@ impl Lights {
         let guides = found.iter().map(|f| f.2).collect();
         let lights = found.into_iter().map(|f| f.0).collect();
         let probability = weights.iter().map(|w| *w as f32).collect();
-        Ok(Self { lights, environment, guides, probability, alias })
+        let center = (bounds.0 + bounds.1) * 0.5;
+        Ok(Self { lights, environment, guides, probability, alias, center, radius: radius as f32 })
     }
 
     fn delta(emitter: &scene::Emitter, disk: f64) -> Result<Option<(Light, f64, Guide)>, KindError> {

@@ -29,17 +29,17 @@ pub(crate) struct ShapeLight {
     pub(super) count: usize,
     /// Its primitives by area.
     alias: Arc<Alias>,
-    area: f64,
+    pub(super) area: f64,
     /// The sphere, if it is one that shines outwards.
     sphere: Option<Sphere>,
 }
 
 /// Points on the shape.
-struct OnShape<R> {
-    p: Triple<R>,
-    error: Triple<R>,
-    normal: Triple<R>,
-    at: Points<R>,
+pub(super) struct OnShape<R> {
+    pub(super) p: Triple<R>,
+    pub(super) error: Triple<R>,
+    pub(super) normal: Triple<R>,
+    pub(super) at: Points<R>,
 }
 
 impl ShapeLight {
@@ -157,6 +157,27 @@ impl ShapeLight {
         let origin = offset_origins(from.p, from.error, from.normal, direction);
         let end = offset_origins(found.p, found.error, normal, -direction);
         Arrivals { direction, origin, ray: end - origin, t_max: SHADOW_END, weight, pdf, valid }
+    }
+
+    /// A point drawn by area, with the normal of its outer side.
+    pub(super) fn by_area(&self, world: &World, pick: [f32; 2], u: Pair<f32>) -> OnShape<f32> {
+        let shape = &world.shapes[self.shape as usize];
+        let mut found = match &shape.form {
+            Form::Sphere(sphere) => self.on_whole_sphere(world, sphere, u),
+            Form::Disk(disk) => on_disk(disk, u),
+            Form::Mesh(_) => return self.on_mesh(world, pick, u),
+        };
+        if shape.flip {
+            found.normal = -found.normal;
+        }
+        found
+    }
+
+    fn on_whole_sphere(&self, world: &World, sphere: &Sphere, u: Pair<f32>) -> OnShape<f32> {
+        let (sin, cos) = sin_cos_turn(u.y);
+        let z = 1.0 - 2.0 * u.x;
+        let r = (1.0 - z * z).max(0.0).sqrt();
+        self.at_normal(world, sphere, Triple::new(r * cos, r * sin, z))
     }
 
     #[inline(always)]

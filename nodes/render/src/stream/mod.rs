@@ -21,7 +21,7 @@ use crate::{
 };
 use glam::Vec3;
 use rays::Passing;
-use rows::{DIRECTION, ORIGIN, Paths, Rows, SPARE, Shadows, VERTEX};
+use rows::{DIRECTION, ORIGIN, Paths, Rivals, Rows, SPARE, Shadows, VERTEX};
 use std::cell::RefCell;
 use tauflow_data::SamplerKind;
 
@@ -35,6 +35,11 @@ pub(crate) struct Batch<'a> {
     pub(crate) world: &'a World,
     pub(crate) camera: &'a Camera,
     pub(crate) path: Path,
+    /// Longest path in segments.
+    pub(crate) depth: u32,
+    /// As many light paths as there are for each sample index that find caustics, too; none where paths from the camera
+    /// are alone.
+    pub(crate) light_paths: Option<f32>,
     /// How all of them draw.
     pub(crate) sampler: SamplerKind,
     /// Pixels and the numbers of their samples.
@@ -63,6 +68,9 @@ pub(crate) struct Stream<'a> {
 struct Scratch {
     paths: Paths,
     next: Paths,
+    /// What weighs paths against light paths, if there are any: rows beside those of `paths` and `next`.
+    rivals: Rivals,
+    next_rivals: Rivals,
     shadows: Shadows,
     vertices: Rows<VERTEX>,
     t: Vec<f32>,
@@ -85,8 +93,12 @@ thread_local! {
 
 impl Scratch {
     /// Makes room for so many paths.
-    fn reserve(&mut self, count: usize) {
+    fn reserve(&mut self, count: usize, with_rivals: bool) {
         self.paths.reserve(count);
+        if with_rivals {
+            self.rivals.reserve(count);
+            self.next_rivals.reserve(count);
+        }
         self.next.reserve(count);
         self.shadows.reserve(count);
         self.vertices.reserve(CHUNK);
@@ -104,7 +116,7 @@ impl Scratch {
 pub(crate) fn trace(batch: &Batch<'_>, kernels: &Kernels) -> Found {
     let count = batch.paths.len();
     let mut scratch = SCRATCH.take();
-    scratch.reserve(count);
+    scratch.reserve(count, batch.light_paths.is_some());
     let found = Found { radiance: vec![Vec3::ZERO; count], ..Found::default() };
     let mut stream = Stream { batch, scratch, found };
     batch.path.run(&mut stream, kernels);
@@ -140,7 +152,7 @@ impl Stream<'_> {
 
     /// What materials do to the paths that meet them: light that is found, shadow rays, and where paths go on.
     pub(crate) fn shade(&mut self, kernels: &Kernels, depth: u32) {
-        (self.scratch.next.len, self.scratch.shadows.len) = (0, 0);
+        (self.scratch.next.len, self.scratch.next_rivals.len, self.scratch.shadows.len) = (0, 0, 0);
         for index in 0..self.batch.world.materials.len() {
             let starts = &self.scratch.starts;
             let (from, end) = (starts[index + 1] as usize, starts[index + 2] as usize);
@@ -165,7 +177,7 @@ impl Stream<'_> {
         if used.emits {
             kernels.emit(self, group);
         }
-        if group.depth + 1 >= world.max_depth {
+        if group.depth + 1 >= self.batch.depth {
             return;
         }
         if material.has_normal_map() {
@@ -181,6 +193,7 @@ impl Stream<'_> {
     /// Paths that go on take the place of those before.
     pub(crate) fn go_on(&mut self) {
         std::mem::swap(&mut self.scratch.paths, &mut self.scratch.next);
+        std::mem::swap(&mut self.scratch.rivals, &mut self.scratch.next_rivals);
     }
 }
 

@@ -34,6 +34,10 @@ impl Stream<'_> {
             *id = at as u32;
         }
         self.scratch.paths.len = count;
+        if self.batch.light_paths.is_some() {
+            // Those of the batch before are still there.
+            self.scratch.rivals.rows[0][..count].fill(0.0);
+        }
     }
 
     /// Nearest hits.
@@ -146,7 +150,10 @@ impl Stream<'_> {
             let throughput = self.scratch.paths.triple::<R>(THROUGHPUT, place);
             let pdf = R::gather(&self.scratch.paths.rows[PDF], place);
             let (radiance, other) = world.lights.environment_look(origin, direction);
-            let weight = R::select(pdf.positive(), self.batch.path.strategy.weight(false, pdf, other), R::one());
+            let mut weight = R::select(pdf.positive(), self.batch.path.strategy.weight(false, pdf, other), R::one());
+            if let Some(count) = self.batch.light_paths {
+                weight *= self.against_light_paths(place, pdf, world.lights.sky_emits(direction) * count);
+            }
             self.add(mask & self.counts(pdf), throughput * radiance * weight, &ids);
         }
     }

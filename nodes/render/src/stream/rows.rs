@@ -87,6 +87,9 @@ pub(super) const DIRECTION: usize = 3;
 pub(super) const THROUGHPUT: usize = 6;
 pub(super) const ETA: usize = 9;
 pub(super) const PDF: usize = 10;
+/// Row of a path: the density, over what light paths have of it (see [`crate::lights::Lights::emits`]), with which it
+/// went from the first surface into a chain of specular ones; 0 of other paths.
+pub(super) type Rivals = Rows<1>;
 /// Rows of a shadow ray: origin, direction, its end, what arrives if nothing is in between.
 pub(super) type Shadows = Rows<10>;
 pub(super) const END: usize = 6;

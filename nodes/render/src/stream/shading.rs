@@ -209,7 +209,11 @@ impl<'a> Stream<'a> {
                 let origin = self.scratch.paths.triple::<R>(ORIGIN, place);
                 let pdf = R::gather(&self.scratch.paths.rows[PDF], place);
                 let other = world.lights.shape_pdf(light, origin, self.scratch.vertices.row(POINT, row), normal);
-                let weight = R::select(pdf.positive(), self.batch.path.strategy.weight(false, pdf, other), R::one());
+                let mut weight =
+                    R::select(pdf.positive(), self.batch.path.strategy.weight(false, pdf, other), R::one());
+                if let Some(count) = self.batch.light_paths {
+                    weight *= self.against_light_paths(place, pdf, R::splat(world.lights.emits(light) * count));
+                }
                 let own = own & self.counts(pdf);
                 self.add(own & radiance.some(), self.scratch.vertices.row::<R>(CARRIES, row) * radiance * weight, &ids);
             }
@@ -220,6 +224,16 @@ impl<'a> Stream<'a> {
     #[inline(always)]
     pub(super) fn counts<R: Real>(&self, pdf: R) -> R::Mask {
         if self.batch.path.strategy == Strategy::Caustics { pdf.lt(R::zero()) } else { !R::Mask::from_bits(0) }
+    }
+
+    /// Weights of paths against light paths that find the same light, with these densities times their number. They do
+    /// where a path has left the first surface into a chain of specular ones, and the chain ends at the light.
+    #[inline(always)]
+    pub(super) fn against_light_paths<R: Real>(&self, place: R::Integer, pdf: R, theirs: R) -> R {
+        let own = R::gather(&self.scratch.rivals.rows[0], place);
+        let ratio = theirs / own;
+        let weight = R::one() / (ratio * ratio + 1.0);
+        R::select(own.positive() & !pdf.positive(), weight, R::one())
     }
 
     /// Values of a material's textures.
@@ -409,6 +423,16 @@ impl<'a> Stream<'a> {
                 let o = offset_origins(from.p, from.error, from.normal, wi);
                 let t = throughput;
                 self.scratch.next.push(alive, [o.x, o.y, o.z, wi.x, wi.y, wi.z, t.x, t.y, t.z, eta, pdf], &ids);
+                if self.batch.light_paths.is_some() {
+                    let rival = if group.depth == 0 {
+                        let back = -self.scratch.vertices.row::<R>(ARRIVED_BY, row);
+                        let density = self.batch.camera.density(from.p, back, from.normal, wi) * drawn.pdf;
+                        R::select(drawn.delta, R::zero(), density)
+                    } else {
+                        R::gather(&self.scratch.rivals.rows[0], place).only(drawn.delta)
+                    };
+                    self.scratch.next_rivals.push(alive, [rival], &ids);
+                }
             }
         }
     }

@@ -4,7 +4,7 @@ use super::{CONDITIONINGS, METHODS, NFE, cell_key, item};
 use std::collections::BTreeMap;
 use tauflow_contract::{Artifact, Collection, Context, ItemKey, MemoryBlobs, Silent};
 use tauflow_data::{
-    Image, SamplerKind, Stratum,
+    Image, IntegratorKind, SamplerKind, Stratum,
     image_io::encode_png,
     maths::{exp, log2},
     methods::{HOLD, LOCAL_STEP, OIDN, PATH_TRACER, Parameterization},
@@ -96,6 +96,7 @@ fn previews(ctx: &Context<'_>, verdicts: &Collection) -> Collection {
         rejected: 0,
         mean_path_length: 2.0,
         sampler,
+        integrator: IntegratorKind::Path,
         estimated_error: None,
     };
     let preview = |(number, (key, _)): (usize, (&ItemKey, &Artifact))| {
