@@ -1,41 +1,45 @@
-//! What is handed to the worker threads and back: a lane's task, jobs of it by the bundle, and replies.
+//! What is handed to the look-up threads and back.
 //!
-//! Knows nothing of how an action is done.
+//! Knows nothing of how an action is looked up or executed.
 
 use super::{
-    ids::{InputId, LaneId, PortId, SlotId},
-    records::{Made, Payload},
-    sharded::{Listed, Output, Sharded},
+    event::Name,
+    execute::{Producer, Whole},
+    ids::{InputId, LaneId, SlotId},
+    records::Made,
+    sharded::Output,
 };
-use serde::{Deserialize, Serialize};
-use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
+use std::{path::PathBuf, sync::Arc};
 use tauflow_cache::{CacheError, Digest, Key};
-use tauflow_contract::{ActionKey, Artifact, Basis, ItemKey, KindSpec, NodeKind, Projection};
+use tauflow_contract::{ActionKey, Artifact, Basis, ItemKey, Projection};
+
+/// A lane as events name it.
+#[derive(Clone)]
+pub struct Label {
+    /// The node.
+    pub node: Name,
+    /// The cell, or empty.
+    pub cell: Name,
+}
 
 /// What all actions of a lane share.
 pub struct Task {
     /// The lane.
     pub lane: LaneId,
-    /// The kind.
-    pub kind: Arc<dyn NodeKind>,
-    /// What the kind states.
-    pub spec: KindSpec,
-    /// The group of outputs.
-    pub group: &'static str,
+    /// What it is called.
+    pub label: Label,
+    /// What makes the outputs.
+    pub producer: Arc<Producer>,
     /// The params that each action reads.
     pub projection: Projection,
     /// What decides its outputs beside what they read; of params and seed, each action has its own.
     pub basis: Basis,
     /// It makes measurements, and must have the machine to itself.
     pub alone: bool,
-    /// Its outputs are handed on in memory.
-    pub transient: bool,
-    /// Output ports that somebody reads.
-    pub read: Vec<PortId>,
 }
 
-/// An action to be done.
-pub struct Job {
+/// An action to be looked up.
+pub struct LookUp {
     /// Which of its lane's slots it is.
     pub slot: SlotId,
     /// The item.
@@ -44,18 +48,16 @@ pub struct Job {
     pub each: Vec<(InputId, Arc<Output>)>,
     /// Files outside, of a source's item.
     pub files: Vec<(String, PathBuf)>,
-    /// What its look-up found.
-    pub todo: Option<Box<Todo>>,
 }
 
-/// Actions of one lane that are done together.
-pub struct Bundle {
+/// Actions of one lane that are looked up together.
+pub struct LookUps {
     /// The lane's.
     pub task: Arc<Task>,
     /// Collections by input port, the same for all.
-    pub whole: Vec<(InputId, Arc<Sharded>)>,
+    pub whole: Arc<Whole>,
     /// The actions.
-    pub jobs: Vec<Job>,
+    pub actions: Vec<LookUp>,
 }
 
 /// An action that has been looked up and must run.
@@ -70,81 +72,40 @@ pub struct Todo {
     pub before: Option<Made>,
 }
 
-impl Todo {
-    /// An action that is known by its key; `before` is what it gave, if it runs only to be compared.
-    pub fn new(key: ActionKey, file: Option<Artifact>, before: Option<Made>) -> Self {
-        Self { hash: key.hash(), key, file, before }
-    }
-}
-
-/// What it takes to do an action, beside its key: its inputs, where the key has their digests alone.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ActionInputs {
-    /// The item.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub item: Option<ItemKey>,
-    /// Artifacts by input port; the files outside of a source's item are on the port `file`.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub each: BTreeMap<String, Artifact>,
-    /// Collections by input port.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub whole: BTreeMap<String, Listed>,
-}
-
-/// What became of an action.
-pub enum Outcome {
-    /// It was done before.
+/// What a look-up found.
+pub enum Standing {
+    /// The action was done before.
     Hit(Made),
-    /// It was done now.
-    Ran(Made),
     /// It must run.
     Todo(Box<Todo>),
-    /// It would be done, in a dry run.
-    WouldRun,
-    /// It failed.
+    /// It would run, in a dry run.
+    WouldRun {
+        /// It has been done before, and its outputs are lost.
+        lost: bool,
+        /// Inputs of which blobs are not there.
+        gone: Vec<InputId>,
+    },
+    /// It has no key: its files cannot be read, or its kind is at fault.
     Failed(String),
-    /// This blob of its inputs is missing; the reply names the others that are.
-    Missing(Digest),
-    /// The run is being stopped.
-    Cancelled,
     /// The store failed: the run must stop.
     Fatal(CacheError),
 }
 
-/// What became of an action, and what should be told to people.
-pub struct Reply {
+/// What is known of an action after its look-up.
+pub struct LookedUp {
     /// Its lane and slot.
     pub slot: (LaneId, SlotId),
-    /// What became of it.
-    pub outcome: Outcome,
+    /// What was found.
+    pub standing: Standing,
     /// Its key, if keys are kept and it came that far.
     pub key: Option<Box<ActionKey>>,
-    /// Content digest of the files outside that it read.
+    /// Content digest of the files outside that it reads.
     pub file: Option<Digest>,
-    /// What else of its inputs is missing, if something is.
-    pub missing: Vec<Digest>,
-    /// In a dry run: it has been done before, and what it gave is lost.
-    pub lost: bool,
-    /// A remark, such as two outputs for one key.
-    pub warning: Option<String>,
-    /// What it took now, in microseconds.
-    pub spent_us: u64,
 }
 
-impl Reply {
-    /// An outcome without more.
-    pub fn of(slot: (LaneId, SlotId), outcome: Outcome) -> Self {
-        Self { slot, outcome, key: None, file: None, missing: Vec::new(), lost: false, warning: None, spent_us: 0 }
+impl LookedUp {
+    /// What was found, without more.
+    pub fn of(slot: (LaneId, SlotId), standing: Standing) -> Self {
+        Self { slot, standing, key: None, file: None }
     }
-}
-
-/// What an action that ran has produced, before it is recorded.
-pub struct Produced {
-    /// What is recorded of it.
-    pub payload: Payload,
-    /// Its collections by port.
-    pub collections: Vec<(PortId, Arc<Sharded>)>,
-    /// Bytes of the blobs that it put.
-    pub put: u64,
 }

@@ -5,11 +5,12 @@
 use super::{
     EngineError,
     ids::{Id, InputId, LaneId, PortId, Row},
-    probe::{self, Asking},
+    probe,
 };
 use crate::pipeline::{Pipeline, Target};
-use std::collections::BTreeSet;
-use tauflow_contract::{Basis, Group, ItemKey, Mode, Takes};
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
+use tauflow_contract::{Basis, Group, ItemKey, Mode, NodeKind, Takes};
 
 /// One cell's actions of one output group.
 #[derive(Clone, Debug)]
@@ -128,6 +129,12 @@ fn group_of(pipeline: &Pipeline, cell: usize, port: PortId) -> Group {
 /// The lanes of a run.
 pub type Lanes = Row<LaneId, Lane>;
 
+/// Where the lane of each cell's group stands.
+type Places = BTreeMap<(usize, Group), LaneId>;
+
+/// Tells what of the machine on which actions run enters the keys of a kind's group; none if that is not known.
+pub type Environment<'a> = &'a dyn Fn(&dyn NodeKind, &Value, Group) -> Result<Option<Value>, EngineError>;
+
 /// The lanes that the targets need, each after all that it reads.
 ///
 /// # Errors
@@ -136,7 +143,7 @@ pub fn demand(
     pipeline: &Pipeline,
     targets: &[Target],
     only: Option<&Only>,
-    asking: &Asking<'_>,
+    environment: Environment<'_>,
 ) -> Result<Lanes, EngineError> {
     let group_of = |cell, port| group_of(pipeline, cell, port);
     let mut wanted: Vec<BTreeSet<Group>> = vec![BTreeSet::new(); pipeline.cells.len()];
@@ -159,12 +166,13 @@ pub fn demand(
             }
         }
     }
-    let mut lanes = Lanes::new();
+    let (mut lanes, mut places) = (Lanes::new(), Places::new());
     for (cell, groups) in wanted.iter().enumerate() {
         for group in groups {
-            let lane = lane(pipeline, cell, *group, asked[cell].contains(group), &lanes, asking)?;
+            let lane = lane(pipeline, cell, *group, asked[cell].contains(group), &places, environment)?;
             let inputs = lane.inputs.clone();
             let id = lanes.push(lane);
+            places.insert((cell, *group), id);
             for (input, feeds) in inputs.pairs() {
                 for (feed, from) in feeds.iter().enumerate() {
                     lanes[from.lane].readers.push(Reader { lane: id, input, feed });
@@ -185,15 +193,12 @@ fn lane(
     cell: usize,
     group: Group,
     target: bool,
-    lanes: &Lanes,
-    asking: &Asking<'_>,
+    places: &Places,
+    environment: Environment<'_>,
 ) -> Result<Lane, EngineError> {
     let node = pipeline.cells[cell].node;
     let spec = &pipeline.nodes[node].spec;
-    let find = |cell: usize, port: PortId| {
-        let group = group_of(pipeline, cell, port);
-        lanes.pairs().find(|(_, l)| l.cell == cell && l.group == group).map(|(lane, _)| lane)
-    };
+    let find = |cell: usize, port: PortId| places.get(&(cell, group_of(pipeline, cell, port))).copied();
     let inputs: Row<InputId, Vec<LaneFeed>> = pipeline.cells[cell]
         .inputs
         .iter()
@@ -215,7 +220,7 @@ fn lane(
     let driving = if spec.mode == Mode::Map { inputs.ids().find(each) } else { None };
     let ports = (0..spec.outputs.len()).filter(|p| spec.outputs[*p].group == group).map(PortId::at).collect();
     let (kind, params) = (&pipeline.nodes[node].kind, &pipeline.cells[cell].params);
-    let environment = asking.environment(&**kind, params, group)?;
+    let environment = environment(&**kind, params, group)?;
     let unknown = environment.is_none();
     let basis = Basis {
         environment: environment.unwrap_or_else(probe::unknown),

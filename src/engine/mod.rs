@@ -6,10 +6,14 @@ mod action;
 mod conclude;
 pub mod event;
 pub mod exec;
+mod execute;
+mod executor;
 pub mod explain;
+mod holdings;
 mod job;
 mod lanes;
 mod listing;
+mod look_up;
 mod probe;
 mod publish;
 mod records;
@@ -18,7 +22,6 @@ mod run;
 mod scheduler;
 mod sharded;
 mod transient;
-mod work;
 
 pub use event::Summary;
 pub use lanes::Only;
@@ -93,6 +96,9 @@ pub enum EngineError {
     /// The request makes no sense for this pipeline.
     #[error("{0}")]
     Request(String),
+    /// What executes actions cannot.
+    #[error("{0}")]
+    Executor(String),
     /// What is asked for was there, and is lost or damaged: [`restore`] makes it again.
     #[error("{0}")]
     Lost(String),
@@ -115,8 +121,11 @@ pub fn run(
     sink: Sink<'_>,
 ) -> Result<Summary, EngineError> {
     let start = Instant::now();
-    let mut run = Run::new(pipeline, store, options, stop, sink)?;
-    let mut summary = run.finish()?;
+    let mut summary = if options.dry {
+        Run::looking(pipeline, store, options, stop, sink)?.finish()?
+    } else {
+        run::with_executor(pipeline, store, options, stop, sink)?
+    };
     summary.elapsed = start.elapsed();
     if let (Some(out), false) = (&options.out, options.dry) {
         publish::write_summary(&out.join(&pipeline.name), &pipeline.name, &summary)?;
@@ -154,7 +163,7 @@ pub fn plan(pipeline: &Pipeline, store: &Store, only: Option<Only>) -> Result<Pl
     let start = Instant::now();
     let options = RunOptions { dry: true, only, ..RunOptions::default() };
     let stop = AtomicBool::new(false);
-    let mut run = Run::new(pipeline, store, &options, &stop, &|_| {})?;
+    let mut run = Run::looking(pipeline, store, &options, &stop, &|_| {})?;
     run.keep_keys = true;
     let mut summary = run.finish()?;
     summary.elapsed = start.elapsed();
@@ -173,7 +182,7 @@ pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: PortId) ->
     let asked = asking(pipeline, node, port);
     let options = RunOptions { dry: true, ..RunOptions::default() };
     let stop = AtomicBool::new(false);
-    let mut run = Run::new(&asked, store, &options, &stop, &|_| {})?;
+    let mut run = Run::looking(&asked, store, &options, &stop, &|_| {})?;
     run.keep_results = true;
     let summary = run.finish()?;
     let mut all = Collection::default();

@@ -5,12 +5,12 @@
 use super::{
     action::files_artifact,
     event::OutputOf,
+    holdings::Holdings,
     ids::{Id, LaneId, PortId, Row},
     lanes::{Lane, Lanes},
     records::{self, PIPELINE, Payload, ROLLUP, SHARD},
     scheduler::{Complete, CompleteShard, Scheduler},
     sharded::Sharded,
-    work::Bench,
 };
 use crate::pipeline::{Node, Pipeline, Target};
 use serde::Serialize;
@@ -133,8 +133,8 @@ impl Known {
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn find(pipeline: &Pipeline, lanes: &Lanes, bench: &Bench<'_>) -> Result<Known, CacheError> {
-    let store = bench.store;
+pub fn find(pipeline: &Pipeline, lanes: &Lanes, holdings: Holdings<'_>) -> Result<Known, CacheError> {
+    let store = holdings.store;
     let mut known = Known::default();
     for lane in lanes {
         let outputs = |from: LaneId, port: PortId| {
@@ -146,7 +146,7 @@ pub fn find(pipeline: &Pipeline, lanes: &Lanes, bench: &Bench<'_>) -> Result<Kno
         let key = lane_key(pipeline, lane, outputs, || list(node, &pipeline.cells[lane.cell].params));
         let mut record = key.and_then(|(key, _)| store.lookup(ROLLUP, &key));
         if let Some(found) = &record
-            && !bench.intact(found)?
+            && !holdings.intact(found)?
         {
             record = None;
         }

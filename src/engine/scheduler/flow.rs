@@ -150,16 +150,16 @@ impl Scheduler<'_> {
         let (mut merged, mut gone) = (Items::new(), Vec::new());
         for feed in feeds {
             let Some(result) = result(feed) else { return Err("internal error: a collection is missing".into()) };
-            match result.items(self.bench.store).map_err(|e| e.to_string())? {
+            match result.items(self.catalog.holdings.store).map_err(|e| e.to_string())? {
                 Ok(items) => {
                     for (key, output) in items {
                         merged.push((prefixed(feed, &key)?, output));
                     }
                 }
-                Err(blob) if self.bench.wanted.contains(&blob) => return Err(super::lost(&blob)),
+                Err(blob) if self.wanted.contains(&blob) => return Err(super::lost(&blob)),
                 Err(blob) => {
                     gone.push(blob);
-                    gone.extend(result.blobs(self.bench.store).map_err(|e| e.to_string())?.1);
+                    gone.extend(result.blobs(self.catalog.holdings.store).map_err(|e| e.to_string())?.1);
                 }
             }
         }

@@ -13,11 +13,11 @@
 //! In a dry run a slot that would run ends as such, and what reads it is blocked: its inputs are not known.
 
 mod account;
-mod budget;
 mod dispatch;
 mod flow;
 mod moves;
 mod replies;
+mod seeking;
 mod shards;
 mod state;
 
@@ -25,19 +25,20 @@ pub use account::{Finished, Ran, SLOWEST};
 pub use state::{Complete, CompleteShard};
 
 use super::{
-    RunOptions,
+    EngineError, RunOptions,
     event::{Event, Failure},
+    execute::Producer,
     ids::{LaneId, PortId, Row, SlotId},
-    job::Task,
+    job::{Label, Task},
     lanes::{Lane, LaneFeed, Lanes, Reader},
+    look_up::Catalog,
     records::Payload,
     rollup::{self, Known},
     sharded::Sharded,
-    work::Bench,
 };
 use crate::pipeline::Pipeline;
 use account::Account;
-use budget::Budget;
+use seeking::Seeking;
 use serde_json::Value;
 use state::{Health, LaneStage, LaneState, Op, Ops, Outbox, Slot, SlotStage};
 use std::{
@@ -45,7 +46,7 @@ use std::{
     collections::{BTreeMap, BinaryHeap, HashSet},
     sync::Arc,
 };
-use tauflow_cache::{CacheError, Digest};
+use tauflow_cache::Digest;
 use tauflow_contract::{KindSpec, Mode, SourceItem};
 
 /// A place in the order of work: latest node first.
@@ -55,7 +56,8 @@ type Turn = (usize, Reverse<LaneId>, Reverse<SlotId>);
 pub struct Scheduler<'a> {
     pipeline: &'a Pipeline,
     lanes: &'a Lanes,
-    bench: &'a Bench<'a>,
+    catalog: Catalog<'a>,
+    wanted: Arc<HashSet<Digest>>,
     /// Items from which a lane goes by shards; none if shards are not looked up as wholes.
     many: Option<u64>,
     tasks: Row<LaneId, Arc<Task>>,
@@ -64,39 +66,42 @@ pub struct Scheduler<'a> {
     ready: BinaryHeap<Turn>,
     todo: BinaryHeap<Turn>,
     ops: Ops,
-    budget: Budget,
+    seeking: Seeking,
+    /// Actions that were handed out to run.
+    in_flight: usize,
     account: Account<'a>,
     outbox: Outbox,
     /// Blobs that readers missed in this pass.
     missing: HashSet<Digest>,
     /// In a dry run: an action that never was done would run.
     never_run: bool,
-    fatal: Option<CacheError>,
+    fatal: Option<EngineError>,
 }
 
 impl<'a> Scheduler<'a> {
-    /// Lays out the lanes. `roll` says whether shards may be looked up as wholes; actions in flight are to hold no more
-    /// than `memory` bytes.
+    /// Lays out the lanes. `roll` says whether shards may be looked up as wholes. Blobs that are `wanted` were missing in
+    /// passes before.
     pub fn new(
         pipeline: &'a Pipeline,
         lanes: &'a Lanes,
-        bench: &'a Bench<'a>,
+        (catalog, wanted): (Catalog<'a>, Arc<HashSet<Digest>>),
         ran_before: &'a Ran,
         roll: bool,
         options: &RunOptions,
-        memory: u64,
     ) -> Self {
         Self {
             pipeline,
             lanes,
-            bench,
+            catalog,
+            wanted,
             many: roll.then_some(options.many),
             tasks: lanes.pairs().map(|(id, lane)| Arc::new(task(pipeline, lanes, id, lane))).collect(),
             states: lanes.iter().map(|lane| LaneState::new(lane.inputs.iter().map(Vec::len))).collect(),
             ready: BinaryHeap::new(),
             todo: BinaryHeap::new(),
             ops: Ops::new(),
-            budget: Budget::new(memory, pipeline.nodes.len()),
+            seeking: Seeking::new(pipeline.nodes.len()),
+            in_flight: 0,
             account: Account::new(pipeline, lanes, ran_before),
             outbox: Outbox::default(),
             missing: HashSet::new(),
@@ -187,12 +192,12 @@ impl<'a> Scheduler<'a> {
 
     /// Bundles that are being looked up.
     pub fn seeking(&self) -> usize {
-        self.budget.seeking()
+        self.seeking.bundles()
     }
 
-    /// Bundles that are being run.
+    /// Actions that are being run.
     pub fn running(&self) -> usize {
-        self.budget.running()
+        self.in_flight
     }
 
     /// Failures so far.
@@ -216,7 +221,7 @@ impl<'a> Scheduler<'a> {
     }
 
     /// The error of the store that stops the run, if there was one.
-    pub fn take_fatal(&mut self) -> Option<CacheError> {
+    pub fn take_fatal(&mut self) -> Option<EngineError> {
         self.fatal.take()
     }
 
@@ -269,7 +274,7 @@ impl<'a> Scheduler<'a> {
 
     /// Failures of lanes that are asked for, of blobs that did not come back.
     pub fn lost(&self, blobs: &[(LaneId, Digest)]) -> Vec<Failure> {
-        let gone = blobs.iter().rev().filter(|(_, digest)| self.bench.wanted.contains(digest));
+        let gone = blobs.iter().rev().filter(|(_, digest)| self.wanted.contains(digest));
         // One for each lane: of several blobs the first.
         let first: BTreeMap<LaneId, &Digest> = gone.map(|(lane, digest)| (*lane, digest)).collect();
         first.into_iter().map(|(lane, digest)| self.account.failure(lane, None, lost(digest))).collect()
@@ -285,16 +290,21 @@ impl<'a> Scheduler<'a> {
 fn task(pipeline: &Pipeline, lanes: &Lanes, id: LaneId, lane: &Lane) -> Task {
     let node = &pipeline.nodes[lane.node];
     let is_read = |port: &PortId| lane.readers.iter().any(|reader| feed(lanes, reader).port == *port);
-    Task {
-        lane: id,
+    let producer = Producer {
         kind: node.kind.clone(),
         spec: node.spec.clone(),
         group: lane.group.name,
+        transient: rollup::is_transient(pipeline, lane),
+        read: lane.ports.iter().copied().filter(is_read).collect(),
+    };
+    let (node_name, cell) = (node.name.as_str().into(), pipeline.cells[lane.cell].text.as_str().into());
+    Task {
+        lane: id,
+        label: Label { node: node_name, cell },
+        producer: Arc::new(producer),
         projection: node.kind.projection(&pipeline.cells[lane.cell].params),
         basis: lane.basis.with(Value::Null, lane.basis.seed),
         alone: node.spec.measures(lane.group.name),
-        transient: rollup::is_transient(pipeline, lane),
-        read: lane.ports.iter().copied().filter(is_read).collect(),
     }
 }
 

@@ -100,7 +100,8 @@ impl Scheduler<'_> {
         for (shard, keys) in shards.ids().zip(shards).filter(|(_, keys)| !keys.is_empty()) {
             let shards = self.prefix(lane);
             let task = &self.tasks[lane];
-            let items = keys.iter().map(|key| (key, (task.projection)(Some(key), task.group))).collect::<Vec<_>>();
+            let items =
+                keys.iter().map(|key| (key, (task.projection)(Some(key), task.producer.group))).collect::<Vec<_>>();
             let hash = Key::of(&canonical_bytes(&ShardKey { shards, holds: items }));
             if !self.roll_shard(lane, shard, hash) {
                 left.extend(keys.into_iter().map(|key| (key, Vec::new())));
@@ -194,12 +195,12 @@ impl Scheduler<'_> {
     /// Takes a shard as an earlier run left it, if one did.
     fn roll_shard(&mut self, lane: LaneId, shard: u8, key: Key) -> bool {
         self.states[lane].shards[shard].key = Some(key);
-        let Some(record) = self.bench.store.lookup(SHARD, &key) else { return false };
-        match self.bench.intact(&record) {
+        let Some(record) = self.catalog.holdings.store.lookup(SHARD, &key) else { return false };
+        match self.catalog.holdings.intact(&record) {
             Ok(true) => {}
             Ok(false) => return false,
             Err(error) => {
-                self.fatal.get_or_insert(error);
+                self.fatal.get_or_insert(error.into());
                 return false;
             }
         }
@@ -292,7 +293,7 @@ impl Scheduler<'_> {
 
     /// Gives the items of a shard to one reader.
     pub(super) fn give_shard(&mut self, lane: LaneId, input: InputId, feed: &LaneFeed, shard: u8, of: &Shard) {
-        match of.items(self.bench.store) {
+        match of.items(self.catalog.holdings.store) {
             Ok(Ok(items)) => {
                 for (key, output) in items {
                     match prefixed(feed, key) {
@@ -301,7 +302,7 @@ impl Scheduler<'_> {
                     }
                 }
             }
-            Ok(Err(blob)) if self.bench.wanted.contains(&blob) => self.fail_lane(lane, super::lost(&blob)),
+            Ok(Err(blob)) if self.wanted.contains(&blob) => self.fail_lane(lane, super::lost(&blob)),
             Ok(Err(blob)) => {
                 // The next pass makes it. Until then the input stays open, and so what reads it does not end.
                 self.missing.insert(blob);
@@ -310,7 +311,7 @@ impl Scheduler<'_> {
                 input.open_shards[shard] += 1;
             }
             Err(error) => {
-                self.fatal.get_or_insert(error);
+                self.fatal.get_or_insert(error.into());
             }
         }
     }
@@ -355,7 +356,7 @@ impl Scheduler<'_> {
         }
         let failed = of.failed;
         let outputs = if failed { Vec::new() } else { self.outputs_of(lane, of) };
-        let by_shard = state.by_shard.is_some() && !failed && !of.slots.is_empty() && !self.bench.dry;
+        let by_shard = state.by_shard.is_some() && !failed && !of.slots.is_empty() && !self.catalog.dry;
         if by_shard {
             let known = of.key;
             let source = self.lanes[lane].driving.is_none();
