@@ -55,6 +55,11 @@ pub enum ExecError {
     /// The action, or what it asks for.
     #[error("{0}")]
     Action(String),
+    /// A blob of its inputs is not there.
+    #[error(
+        "the store does not hold the input blob {0}; copy it there, or run what makes it, without `transient` if that is set"
+    )]
+    Missing(Digest),
     /// Its key is of another machine, library or device than there is here.
     #[error("{0}")]
     Foreign(String),
@@ -123,7 +128,7 @@ impl ActionFile {
         }
         let made = match execution.outcome {
             Outcome::Ran(made) | Outcome::Hit(made) => made,
-            Outcome::Missing(blobs) => return Err(missing(blobs.first())),
+            Outcome::Missing(blobs) => return Err(ExecError::Missing(blobs[0])), // never empty
             Outcome::Failed(message) => return Err(ExecError::Failed(message)),
             Outcome::Fatal(error) => return Err(error.into()),
             Outcome::Cancelled => return Err(ExecError::Failed("the action was stopped".into())),
@@ -206,7 +211,7 @@ impl ActionFile {
             same(&name, listed.digest)?;
             let input = port(&name)?;
             let Some(found) = Sharded::get(store, &listed, spec.inputs[input.place()].media)? else {
-                return Err(missing(Some(&listed.blob)));
+                return Err(ExecError::Missing(listed.blob));
             };
             whole.push((input, Arc::new(found)));
         }
@@ -273,13 +278,5 @@ fn foreign(there: &Value, here: &Value) -> ExecError {
          PATH, RAYON_NUM_THREADS, TAUFLOW_OIDN, TAUFLOW_DEVICE and TAUFLOW_INSTRUCTIONS, and works in an empty \
          folder, so that programs are named by PATH or from `/` on), or run its pipeline here, which gives it a key of \
          its own"
-    ))
-}
-
-fn missing(digest: Option<&Digest>) -> ExecError {
-    let blob = digest.map_or_else(|| "an input blob".to_owned(), |digest| format!("the input blob {digest}"));
-    ExecError::Action(format!(
-        "the store does not hold {blob}; copy it there, or run what makes it, \
-         without `transient` if that is set"
     ))
 }

@@ -3,6 +3,7 @@
 //! A run is a pass, or several: a pass that meets missing blobs is followed by one that makes them again.
 
 mod action;
+pub mod batch;
 mod conclude;
 pub mod event;
 pub mod exec;
@@ -24,6 +25,7 @@ mod sharded;
 mod transient;
 
 pub use event::Summary;
+pub use executor::ChildCommand;
 pub use lanes::Only;
 pub use records::{ACTION, PIPELINE};
 
@@ -60,6 +62,18 @@ pub struct RunOptions {
     pub verify: bool,
     /// Folder below which published outputs are written; none writes nothing.
     pub out: Option<PathBuf>,
+    /// Where actions run.
+    pub executor: ExecutorKind,
+}
+
+/// Where actions run.
+#[derive(Clone, Debug, Default)]
+pub enum ExecutorKind {
+    /// On threads of this process.
+    #[default]
+    Threads,
+    /// In child processes, which are started like this.
+    Processes(ChildCommand),
 }
 
 impl Default for RunOptions {
@@ -75,6 +89,7 @@ impl Default for RunOptions {
             many: sharded::MANY,
             verify: false,
             out: None,
+            executor: ExecutorKind::Threads,
         }
     }
 }

@@ -1,10 +1,10 @@
 //! One run: passes over the lanes, the look-up threads, and the way to the executor.
 
 use super::{
-    EngineError, RunOptions, Sink, Summary,
+    EngineError, ExecutorKind, RunOptions, Sink, Summary,
     conclude::ResultOf,
     event::{Event, Failure, NodeStat, OutputOf, Slow},
-    executor::{Executor, Reply, Surroundings, Threads},
+    executor::{Executor, Processes, Reply, Surroundings, Threads},
     explain,
     holdings::Holdings,
     job::{LookUps, LookedUp},
@@ -93,8 +93,11 @@ pub(super) fn with_executor(
         replies: Box::new(move |reply| drop(replies.send(News::Executed(Box::new(reply))))),
     };
     thread::scope(|scope| {
-        let executor = Threads::start(scope, surroundings);
-        let run = Run::new((pipeline, store, options), stop, sink, pool, (tell, news), Some(&executor));
+        let executor: Box<dyn Executor> = match &options.executor {
+            ExecutorKind::Threads => Box::new(Threads::start(scope, surroundings)),
+            ExecutorKind::Processes(command) => Box::new(Processes::start(scope, surroundings, command)),
+        };
+        let run = Run::new((pipeline, store, options), stop, sink, pool, (tell, news), Some(&*executor));
         let result = run.and_then(|mut run| run.finish());
         if result.is_err() {
             // Nobody will look at what is still being done.

@@ -1,5 +1,7 @@
 //! Toy kinds on whole numbers: every sort of node that the engine knows, and some that misbehave.
 
+#[path = "deadly.rs"]
+mod deadly;
 #[path = "machine.rs"]
 mod machine;
 #[path = "unsteady.rs"]
@@ -37,6 +39,7 @@ pub fn registry() -> Registry {
         Box::new(KindRow::<unsteady::Unsteady>::new()),
         Box::new(KindRow::<unsteady::Drawn>::new()),
         Box::new(KindRow::<machine::Sited>::new()),
+        Box::new(KindRow::<deadly::Deadly>::new()),
     ])
 }
 

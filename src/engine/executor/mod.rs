@@ -5,9 +5,11 @@
 //! nothing of what is ready, or of what comes next.
 
 mod budget;
+mod processes;
 mod threads;
 
 pub use budget::Capacity;
+pub use processes::{ChildCommand, Processes};
 pub use threads::{Surroundings, Threads};
 
 use super::{
