@@ -38,7 +38,8 @@ pub(crate) struct ExecArgs {
     /// Print the action, to be run elsewhere, and run nothing.
     #[arg(long)]
     print: bool,
-    /// Run a batch of actions one after the other and tell a line of JSON of each; `run --executor process` starts these.
+    /// Run a batch of actions one after the other, and print lines of JSON about each. `run --executor process` starts
+    /// such processes.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["action", "limit", "sandbox", "print"])]
     batch: Option<PathBuf>,
     /// Already in a process of its own, with this folder.

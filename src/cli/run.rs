@@ -70,8 +70,8 @@ pub(crate) struct RunArgs {
     /// Write the lock file, which lies beside the pipeline's.
     #[arg(long, conflicts_with = "only")]
     update_lock: bool,
-    /// Where actions run: on threads of this process, or in child processes. A child that crashes or is killed costs its
-    /// actions another attempt, and never the run.
+    /// Where actions run: on threads of this process, or in child processes. A child that crashes or is killed costs
+    /// its action another attempt, and never the run.
     #[arg(long, value_enum, value_name = "WHERE", default_value_t = Where::Threads)]
     executor: Where,
     /// Print events for programs on stdout, one line each.

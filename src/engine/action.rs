@@ -4,7 +4,7 @@
 use super::{
     execute::Whole,
     ids::{Id, InputId},
-    job::{LookUp, Task},
+    request::{LookUp, Task},
 };
 use std::{
     collections::BTreeMap,
@@ -56,8 +56,8 @@ pub fn action_key(task: &Task, whole: &Whole, of: &LookUp, file: Option<&Artifac
         inputs.insert(FILE_PORT.into(), file.digest());
     }
     let item = of.item.as_ref().map_or("", |i| i.as_str());
-    let seed = task.basis.seed.map(|seed| producer.kind.seed(seed, item));
-    ActionKey { basis: task.basis.with((task.projection)(of.item.as_ref(), producer.group), seed), inputs }
+    let params = (task.projection)(of.item.as_ref(), producer.group);
+    ActionKey { basis: task.basis.of_action(params, |seed| producer.kind.seed(seed, item)), inputs }
 }
 
 /// A kind must fill exactly the ports of its group, with what they say they hold.

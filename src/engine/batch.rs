@@ -6,7 +6,7 @@
 use super::{
     EngineError,
     exec::{ActionFile, ExecError, Handling},
-    execute::{Execution, Outcome, Work, execute},
+    execute::{Execution, Outcome, PreparedAction, execute},
     holdings::Holdings,
     ids::Id,
     records::ACTION,
@@ -119,41 +119,41 @@ impl BatchedAction {
     ///
     /// # Errors
     /// If the store cannot be written.
-    pub(super) fn leave(work: &Work, holdings: Holdings<'_>) -> Result<Self, CacheError> {
+    pub(super) fn leave(action: &PreparedAction, holdings: Holdings<'_>) -> Result<Self, CacheError> {
         let Holdings { store, pool, .. } = holdings;
         let keep = |digest: &Digest| match pool.get(digest) {
             Some(bytes) => store.put(&bytes).map(drop),
             None => Ok(()),
         };
-        work.each.iter().flat_map(|(_, output)| output.artifact.parts.values()).try_for_each(keep)?;
+        action.each.iter().flat_map(|(_, output)| output.artifact.parts.values()).try_for_each(keep)?;
         if pool.bytes() > 0 {
-            for (_, sharded) in work.whole.iter() {
+            for (_, sharded) in action.whole.iter() {
                 sharded.blobs(store)?.0.iter().try_for_each(keep)?;
             }
         }
-        let producer = &work.producer;
+        let producer = &action.producer;
         let name = |port: &super::ids::PortId| producer.spec.outputs[port.place()].name.to_owned();
         let handling = Handling { transient: producer.transient, read: producer.read.iter().map(name).collect() };
-        let action = ActionFile { key: work.key.clone(), recipe: work.given(store)? };
-        Ok(Self { action, handling, compare: work.before.is_some() })
+        let file = ActionFile { key: action.key.clone(), recipe: action.given(store)? };
+        Ok(Self { action: file, handling, compare: action.before.is_some() })
     }
 
     fn run(self, of: &Serving<'_>, progress: &dyn Progress) -> Execution {
         let hash = self.action.key.hash();
-        let mut work = match self.action.prepare(of.holdings.store, of.registry, self.handling) {
-            Ok(work) => work,
+        let mut action = match self.action.prepare(of.holdings.store, of.registry, self.handling) {
+            Ok(action) => action,
             Err(ExecError::Missing(blob)) => return Execution::of(Outcome::Missing(vec![blob])),
             Err(ExecError::Cache(error)) => return Execution::of(Outcome::Fatal(error.into())),
             Err(other) => return Execution::of(Outcome::Failed(other.to_string())),
         };
         if self.compare {
             let record = of.holdings.store.lookup(ACTION, &hash);
-            match of.holdings.made(record.as_deref(), &work.producer.spec, work.producer.group) {
-                Ok(made) => work.before = made,
+            match of.holdings.made(record.as_deref(), &action.producer.spec, action.producer.group) {
+                Ok(made) => action.before = made,
                 Err(error) => return Execution::of(Outcome::Fatal(error.into())),
             }
         }
-        execute(&work, of.holdings, of.stop, progress)
+        execute(&action, of.holdings, of.stop, progress)
     }
 }
 

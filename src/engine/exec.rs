@@ -2,7 +2,7 @@
 
 use super::{
     EngineError,
-    execute::{ActionInputs, Outcome, Producer, Work, execute},
+    execute::{ActionInputs, Outcome, PreparedAction, Producer, execute},
     explain,
     holdings::Holdings,
     ids::{Id, InputId, PortId},
@@ -57,7 +57,8 @@ pub enum ExecError {
     Action(String),
     /// A blob of its inputs is not there.
     #[error(
-        "the store does not hold the input blob {0}; copy it there, or run what makes it, without `transient` if that is set"
+        "the store does not hold the input blob {0}; copy it there, or run what makes it, without `transient` if that \
+         is set"
     )]
     Missing(Digest),
     /// Its key is of another machine, library or device than there is here.
@@ -118,11 +119,11 @@ impl ActionFile {
         let (hash, kind) = (self.key.hash(), self.key.basis.kind.to_string());
         let (pool, wanted) = (Pool::new(0), HashSet::new());
         let holdings = Holdings { store, pool: &pool, wanted: &wanted };
-        let mut work = self.prepare(store, registry, Handling::default())?;
+        let mut action = self.prepare(store, registry, Handling::default())?;
         let record = store.lookup(ACTION, &hash);
-        work.before = holdings.made(record.as_deref(), &work.producer.spec, work.producer.group)?;
-        let new = work.before.is_none();
-        let execution = execute(&work, holdings, stop, progress);
+        action.before = holdings.made(record.as_deref(), &action.producer.spec, action.producer.group)?;
+        let new = action.before.is_none();
+        let execution = execute(&action, holdings, stop, progress);
         if let Some(warning) = execution.warning {
             return Err(ExecError::Failed(warning));
         }
@@ -134,7 +135,7 @@ impl ActionFile {
             Outcome::Cancelled => return Err(ExecError::Failed("the action was stopped".into())),
         };
         store.flush()?;
-        let name = |port: PortId| work.producer.spec.outputs[port.place()].name.to_owned();
+        let name = |port: PortId| action.producer.spec.outputs[port.place()].name.to_owned();
         let mut outputs: BTreeMap<String, Digest> =
             made.items.iter().map(|(port, output)| (name(*port), output.digest)).collect();
         outputs.extend(made.collections.iter().map(|(port, sharded)| (name(*port), sharded.digest)));
@@ -146,7 +147,7 @@ impl ActionFile {
     /// # Errors
     /// If inputs are missing or are not what the key says, or if the kind is not here or of another version. If what of
     /// the machine enters the key is another here.
-    pub fn prepare(self, store: &Store, registry: &Registry, handling: Handling) -> Result<Work, ExecError> {
+    pub fn prepare(self, store: &Store, registry: &Registry, handling: Handling) -> Result<PreparedAction, ExecError> {
         let Self { key, recipe } = self;
         let hash = key.hash();
         let basis = key.basis.clone();
@@ -221,7 +222,7 @@ impl ActionFile {
         let read = handling.read.iter().filter_map(|name| port_of(&spec, name)).collect();
         let producer = Producer { kind: kind.clone(), group: group.name, spec, transient: handling.transient, read };
         let (producer, whole) = (Arc::new(producer), Arc::new(whole));
-        Ok(Work { producer, key, hash, item: recipe.item, each, whole, file, before: None })
+        Ok(PreparedAction { producer, key, hash, item: recipe.item, each, whole, file, before: None })
     }
 }
 

@@ -54,7 +54,7 @@ impl Producer {
 pub type Whole = Vec<(InputId, Arc<Sharded>)>;
 
 /// An action that must run, with everything that it takes.
-pub struct Work {
+pub struct PreparedAction {
     /// What makes its outputs.
     pub producer: Arc<Producer>,
     /// Its key.
@@ -122,9 +122,14 @@ impl Execution {
 }
 
 /// Runs an action and records its outputs, unless somebody else does so meanwhile. Holds its claim until then.
-pub fn execute(work: &Work, holdings: Holdings<'_>, stop: &AtomicBool, progress: &dyn Progress) -> Execution {
+pub fn execute(
+    action: &PreparedAction,
+    holdings: Holdings<'_>,
+    stop: &AtomicBool,
+    progress: &dyn Progress,
+) -> Execution {
     let start = Instant::now();
-    let of = Executing { work, producer: &work.producer, holdings, stop, progress };
+    let of = Executing { action, producer: &action.producer, holdings, stop, progress };
     let mut warning = None;
     let result = catch_unwind(AssertUnwindSafe(|| of.claimed(&mut warning)));
     let outcome = match result {
@@ -146,7 +151,7 @@ struct Produced {
 
 /// An action that is being executed.
 struct Executing<'a> {
-    work: &'a Work,
+    action: &'a PreparedAction,
     producer: &'a Producer,
     holdings: Holdings<'a>,
     stop: &'a AtomicBool,
@@ -157,9 +162,9 @@ impl Executing<'_> {
     fn claimed(&self, warning: &mut Option<String>) -> Result<Outcome, CacheError> {
         let Some(claim) = self.claim()? else { return Ok(Outcome::Cancelled) };
         let (store, producer) = (self.holdings.store, self.producer);
-        if self.work.before.is_none() {
+        if self.action.before.is_none() {
             // Whoever held it, in this process or another, may have done it meanwhile.
-            let record = store.lookup(ACTION, &self.work.hash);
+            let record = store.lookup(ACTION, &self.action.hash);
             if let Some(made) = self.holdings.made(record.as_deref(), &producer.spec, producer.group)? {
                 return Ok(Outcome::Hit(made));
             }
@@ -170,7 +175,7 @@ impl Executing<'_> {
             Err(outcome) => return Ok(outcome),
         };
         let wall_us = start.elapsed().as_micros() as u64;
-        let outcome = match &self.work.before {
+        let outcome = match &self.action.before {
             Some(made) => self.compare(&produced.payload, made),
             None => self.keep(produced, wall_us, warning)?,
         };
@@ -182,7 +187,7 @@ impl Executing<'_> {
     fn claim(&self) -> Result<Option<Claim>, CacheError> {
         let mut wait = Duration::from_millis(1);
         loop {
-            if let Some(claim) = self.holdings.store.try_claim(&self.work.hash)? {
+            if let Some(claim) = self.holdings.store.try_claim(&self.action.hash)? {
                 return Ok(Some(claim));
             }
             if self.stop.load(Ordering::Relaxed) {
@@ -199,25 +204,25 @@ impl Executing<'_> {
     /// Runs the kind, checks what it gave, and stores collections. An action that is only compared with what it gave
     /// before gets nothing memoised.
     fn produce(&self) -> Result<Result<Produced, Outcome>, CacheError> {
-        let Self { work, producer, .. } = *self;
+        let Self { action, producer, .. } = *self;
         let Holdings { store, pool, .. } = self.holdings;
         let mut each: BTreeMap<&str, &Artifact> =
-            work.each.iter().map(|(input, output)| (producer.input(*input), &output.artifact)).collect();
-        if let Some(file) = &work.file {
+            action.each.iter().map(|(input, output)| (producer.input(*input), &output.artifact)).collect();
+        if let Some(file) = &action.file {
             each.insert(FILE_PORT, file);
         }
         let mut all: BTreeMap<&str, &Collection> = BTreeMap::new();
-        for (input, sharded) in work.whole.iter() {
+        for (input, sharded) in action.whole.iter() {
             match sharded.collection(store)? {
                 Ok(collection) => all.insert(producer.input(*input), collection),
                 Err(missing) => return Ok(Err(Outcome::Missing(vec![missing]))),
             };
         }
-        let basis = &work.key.basis;
+        let basis = &action.key.basis;
         let (params, seed) = (basis.params.clone(), basis.seed.unwrap_or(0));
-        let action = Action { params, item: work.item.as_ref(), group: producer.group, seed, each, all };
-        let blobs = StoreBlobs::new(store, pool, producer.transient, work.before.is_some());
-        let result = producer.kind.run(&Context::new(&blobs, self.progress, self.stop), &action);
+        let given = Action { params, item: action.item.as_ref(), group: producer.group, seed, each, all };
+        let blobs = StoreBlobs::new(store, pool, producer.transient, action.before.is_some());
+        let result = producer.kind.run(&Context::new(&blobs, self.progress, self.stop), &given);
         if let Some(error) = blobs.fatal() {
             return Err(error);
         }
@@ -249,15 +254,15 @@ impl Executing<'_> {
     /// Records what an action gave.
     fn keep(&self, produced: Produced, wall_us: u64, warning: &mut Option<String>) -> Result<Outcome, CacheError> {
         let Produced { payload, collections, put } = produced;
-        let (work, store) = (self.work, self.holdings.store);
+        let (action, store) = (self.action, self.holdings.store);
         let Producer { spec, group, transient, .. } = self.producer;
         let mut bytes = payload.items.values().map(Artifact::size).sum::<u64>();
         for (_, sharded) in &collections {
             let items = sharded.items(store)?.unwrap_or_default(); // just made, so at hand
             bytes += items.iter().map(|(_, output)| output.artifact.size()).sum::<u64>();
         }
-        let recipe = serde_json::to_string(&work.given(store)?).expect("keys and digests always serialise");
-        let record = records::record(ACTION, work.hash, spec.name, work.key.preimage(), &payload);
+        let recipe = serde_json::to_string(&action.given(store)?).expect("keys and digests always serialise");
+        let record = records::record(ACTION, action.hash, spec.name, action.key.preimage(), &payload);
         let record = Record { wall_us, bytes, recipe, transient: *transient, ..record };
         if let Recorded::Conflict { existing } = store.record(&record)? {
             let other = Payload::of(&existing).unwrap_or_default();
@@ -267,7 +272,7 @@ impl Executing<'_> {
                     "`{}` gave two different outputs for key {}: {}; it is not reproducible, and the first stays \
                      unless its blobs are gone",
                     spec.name,
-                    work.hash,
+                    action.hash,
                     differing.join(", ")
                 ));
             }
@@ -287,7 +292,7 @@ impl Executing<'_> {
     /// What a recheck found.
     fn compare(&self, payload: &Payload, made: &Made) -> Outcome {
         let spec = &self.producer.spec;
-        let record = self.holdings.store.lookup(ACTION, &self.work.hash);
+        let record = self.holdings.store.lookup(ACTION, &self.action.hash);
         let differing = record.and_then(|r| Payload::of(&r)).unwrap_or_default().differs(payload, spec);
         if differing.is_empty() {
             return Outcome::Ran(made.clone());
@@ -304,12 +309,12 @@ impl Executing<'_> {
     /// at a time, each would take a pass over the graph. Looked for only where one was missed, as all are read.
     fn missing(&self, mut missing: Vec<Digest>) -> Result<Outcome, CacheError> {
         let mut asked: BTreeSet<Digest> = BTreeSet::new();
-        for (_, sharded) in self.work.whole.iter() {
+        for (_, sharded) in self.action.whole.iter() {
             let (blobs, listings) = sharded.blobs(self.holdings.store)?;
             asked.extend(blobs);
             missing.extend(listings);
         }
-        asked.extend(self.work.each.iter().flat_map(|(_, output)| output.artifact.parts.values().copied()));
+        asked.extend(self.action.each.iter().flat_map(|(_, output)| output.artifact.parts.values().copied()));
         for digest in asked {
             if self.stop.load(Ordering::Relaxed) {
                 break;
@@ -322,7 +327,7 @@ impl Executing<'_> {
     }
 }
 
-impl Work {
+impl PreparedAction {
     /// What it takes to do the action again, beside its key.
     ///
     /// # Errors

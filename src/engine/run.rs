@@ -2,16 +2,17 @@
 
 use super::{
     EngineError, ExecutorKind, RunOptions, Sink, Summary,
-    conclude::ResultOf,
+    conclude::{self, ResultOf},
     event::{Event, Failure, NodeStat, OutputOf, Slow},
-    executor::{Executor, Processes, Reply, Surroundings, Threads},
+    executor::{Executor, Processes, Reply, Site, Threads},
     explain,
     holdings::Holdings,
-    job::{LookUps, LookedUp},
     lanes::{self, Environment, Lanes},
     look_up::Catalog,
     probe::Asking,
-    records, rollup,
+    records,
+    request::{self, Request, Response},
+    rollup,
     scheduler::{Ran, SLOWEST, Scheduler},
     transient::{self, Pool},
 };
@@ -39,7 +40,7 @@ pub(super) struct Run<'a> {
     pool: Arc<Pool>,
     /// What runs actions; a run that only looks has none.
     executor: Option<&'a dyn Executor>,
-    /// What look-ups found and what the executor did comes here.
+    /// What was asked for and what the executor did comes here.
     news: mpsc::Receiver<News>,
     tell: mpsc::Sender<News>,
     /// Keep the keys of all actions that are looked at.
@@ -54,8 +55,8 @@ pub(super) struct Run<'a> {
 
 /// What another thread tells.
 enum News {
-    /// A bundle was looked up.
-    LookedUp(Vec<LookedUp>),
+    /// A request is answered.
+    Answered(Response),
     /// An action was executed.
     Executed(Box<Reply>),
 }
@@ -81,7 +82,7 @@ pub(super) fn with_executor(
     let pool = Arc::new(Pool::new(memory / 2));
     let (tell, news) = mpsc::channel();
     let replies = tell.clone();
-    let surroundings = Surroundings {
+    let surroundings = Site {
         store,
         pool: pool.clone(),
         stop,
@@ -219,12 +220,12 @@ impl<'a> Run<'a> {
         // else may be: item by item, a pass finds at once all that can be found.
         let roll = wanted.is_empty() && options.recheck == 0.0 && options.only.is_none() && !options.no_rollup;
         let known = if roll { rollup::find(self.pipeline, &lanes, holdings)? } else { rollup::Known::none(&lanes) };
-        let looking = (catalog, wanted.clone());
-        let mut scheduler = Scheduler::new(self.pipeline, &lanes, looking, ran_before, roll, options);
+        let tasks = request::tasks(self.pipeline, &lanes);
+        let mut scheduler = Scheduler::new(self.pipeline, &lanes, tasks, wanted.clone(), ran_before, roll, options);
         scheduler.start(known);
-        let worked = self.work(&lanes, catalog, &mut scheduler);
+        let worked = self.work(catalog, &mut scheduler);
         let finished = worked.and_then(|()| self.conclude(&lanes, &scheduler)).map(|(published, missing)| {
-            let (outputs, trees) = rollup::outputs(self.pipeline, &lanes, &scheduler);
+            let (outputs, trees) = conclude::outputs(self.pipeline, &lanes, &scheduler);
             let (stuck, lost) = (scheduler.stuck(), scheduler.lost(&missing));
             self.never_run = scheduler.never_run();
             let mut finished = scheduler.finish();
@@ -249,9 +250,9 @@ impl<'a> Run<'a> {
     }
 
     /// Looks up and runs until nothing is left.
-    fn work(&self, lanes: &Lanes, catalog: Catalog<'_>, scheduler: &mut Scheduler<'_>) -> Result<(), EngineError> {
+    fn work(&self, catalog: Catalog<'_>, scheduler: &mut Scheduler<'_>) -> Result<(), EngineError> {
         let count = workers(self.options);
-        let (seek, sought) = mpsc::channel::<LookUps>();
+        let (seek, sought) = mpsc::channel::<Request>();
         let sought = Mutex::new(sought);
         thread::scope(|scope| {
             // Threads of their own for look-ups, so that none waits for an action that takes hours.
@@ -259,14 +260,14 @@ impl<'a> Run<'a> {
                 let (tell, sought) = (self.tell.clone(), &sought);
                 scope.spawn(move || {
                     let next = || sought.lock().unwrap_or_else(PoisonError::into_inner).recv();
-                    while let Ok(bundle) = next() {
-                        if tell.send(News::LookedUp(catalog.look_up(&bundle))).is_err() {
+                    while let Ok(request) = next() {
+                        if tell.send(News::Answered(catalog.answer(request))).is_err() {
                             return;
                         }
                     }
                 });
             }
-            let result = self.steer(lanes, scheduler, &seek, count);
+            let result = self.steer(scheduler, &seek, count);
             drop(seek);
             result
         })
@@ -274,36 +275,28 @@ impl<'a> Run<'a> {
 
     fn steer(
         &self,
-        lanes: &Lanes,
         scheduler: &mut Scheduler<'_>,
-        seek: &mpsc::Sender<LookUps>,
+        seek: &mpsc::Sender<Request>,
         count: usize,
     ) -> Result<(), EngineError> {
         let take = |scheduler: &mut Scheduler<'_>, news: News| match news {
-            News::LookedUp(found) => scheduler.looked_up(found),
+            News::Answered(answer) => scheduler.answered(answer),
             News::Executed(reply) => scheduler.executed(*reply),
         };
         loop {
-            if let Some(error) = scheduler.take_fatal() {
-                return Err(error);
-            }
-            if !self.options.dry {
-                for complete in scheduler.take_complete_shards() {
-                    rollup::keep_shard(self.pipeline, lanes, self.store, &complete)?;
-                }
-                for complete in scheduler.take_complete() {
-                    rollup::keep(self.pipeline, lanes, self.store, scheduler, &complete)?;
-                }
+            // The threads live as long as this loop does.
+            let ask = |request| drop(seek.send(request));
+            while let Some(request) = scheduler.next_keep() {
+                ask(request);
             }
             scheduler.take_events().iter().for_each(self.sink);
             let failed = self.options.fail_fast && !scheduler.failures().is_empty();
             if !failed && !self.stop.load(Ordering::Relaxed) {
-                // Two bundles for each thread, so that none waits for the next.
+                // Two requests for each thread, so that none waits for the next.
                 while scheduler.seeking() < 2 * count
-                    && let Some(bundle) = scheduler.next_look_up()
+                    && let Some(request) = scheduler.next_request()
                 {
-                    // The threads live as long as this loop does.
-                    let _ = seek.send(bundle);
+                    ask(request);
                 }
                 if let Some(executor) = self.executor {
                     while let Some(batch) = scheduler.next_run(executor.capacity()) {

@@ -13,7 +13,8 @@ fn children(of: u32) -> Vec<u32> {
     let tasks = fs::read_dir(format!("/proc/{of}/task")).into_iter().flatten().flatten();
     let more = tasks.map(|task| fs::read_to_string(task.path().join("children")).unwrap_or_default());
     let all: Vec<String> = more.chain([listed]).collect();
-    let mut found: Vec<u32> = all.iter().flat_map(|text| text.split_whitespace()).filter_map(|id| id.parse().ok()).collect();
+    let mut found: Vec<u32> =
+        all.iter().flat_map(|text| text.split_whitespace()).filter_map(|id| id.parse().ok()).collect();
     found.sort_unstable();
     found.dedup();
     found

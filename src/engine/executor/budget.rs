@@ -91,7 +91,7 @@ impl Budget {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::engine::{event::Name, ids::Id, job::Label};
+    use crate::engine::{event::Name, ids::Id, request::LaneName};
     use std::sync::Arc;
 
     fn slot(n: usize) -> (LaneId, SlotId) {
@@ -99,7 +99,7 @@ mod tests {
     }
 
     fn batch(alone: bool) -> Batch {
-        let label = Label { node: Name::default(), cell: Name::default() };
+        let label = LaneName { node: Name::default(), cell: Name::default() };
         Batch { label, alone, wanted: Arc::default(), orders: Vec::new() }
     }
 

@@ -10,13 +10,13 @@ mod threads;
 
 pub use budget::Capacity;
 pub use processes::{ChildCommand, Processes};
-pub use threads::{Surroundings, Threads};
+pub use threads::{Site, Threads};
 
 use super::{
     EngineError,
-    execute::{Execution, Work},
+    execute::{Execution, PreparedAction},
     ids::{LaneId, SlotId},
-    job::Label,
+    request::LaneName,
 };
 use serde_json::Value;
 use std::{collections::HashSet, sync::Arc};
@@ -46,7 +46,7 @@ pub trait Executor {
 /// Actions of one lane that are executed one after the other.
 pub struct Batch {
     /// The lane's name, for events.
-    pub label: Label,
+    pub label: LaneName,
     /// They have the machine to themselves.
     pub alone: bool,
     /// Blobs that were found missing in this run.
@@ -62,7 +62,7 @@ pub struct Order {
     /// Bytes of memory that it is expected to hold.
     pub bytes: u64,
     /// The action.
-    pub work: Work,
+    pub action: PreparedAction,
 }
 
 /// What became of an [`Order`].

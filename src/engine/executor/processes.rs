@@ -6,7 +6,7 @@
 
 use super::{
     Batch, Capacity, Executor, Order,
-    threads::{Crew, Reporter, Surroundings, spawn},
+    threads::{Crew, Reporter, Site, spawn},
 };
 use crate::engine::{
     EngineError,
@@ -14,8 +14,8 @@ use crate::engine::{
     event::Event,
     execute::{Execution, Outcome},
     holdings::Holdings,
-    job::Label,
     records::{ACTION, Made},
+    request::LaneName,
 };
 use nix::{
     sys::signal::{Signal, kill},
@@ -44,9 +44,12 @@ const MOST_ATTEMPTS: u32 = 4;
 /// Time between two looks whether the run is being stopped.
 const LOOK: Duration = Duration::from_millis(50);
 
+/// Makes a command of the file of a batch and the store's folder.
+type Making = dyn Fn(&Path, &Path) -> Command + Send + Sync;
+
 /// How a child process is started, given the file of its batch and the store's folder.
 #[derive(Clone)]
-pub struct ChildCommand(Arc<dyn Fn(&Path, &Path) -> Command + Send + Sync>);
+pub struct ChildCommand(Arc<Making>);
 
 impl ChildCommand {
     /// Of what makes the command.
@@ -69,7 +72,7 @@ pub struct Processes<'a> {
 
 impl<'a> Processes<'a> {
     /// Starts the workers, which end when this is dropped.
-    pub fn start<'scope>(scope: &'scope Scope<'scope, '_>, of: Surroundings<'a>, command: &'scope ChildCommand) -> Self
+    pub fn start<'scope>(scope: &'scope Scope<'scope, '_>, of: Site<'a>, command: &'scope ChildCommand) -> Self
     where
         'a: 'scope,
     {
@@ -101,7 +104,7 @@ impl Executor for Processes<'_> {
 }
 
 /// An action that has no reply yet.
-struct Open<'a> {
+struct OpenOrder<'a> {
     order: Order,
     /// How often a process did not survive it.
     attempts: u32,
@@ -110,19 +113,19 @@ struct Open<'a> {
 }
 
 /// A batch, as far as it has no replies.
-struct Rest<'a, 'c> {
+struct OpenBatch<'a, 'c> {
     crew: &'a Crew<'c>,
-    label: &'a Label,
+    label: &'a LaneName,
     holdings: Holdings<'a>,
-    open: VecDeque<Open<'a>>,
+    open: VecDeque<OpenOrder<'a>>,
 }
 
 /// Runs a batch, in as many children as it takes.
 fn run(crew: &Crew<'_>, command: &ChildCommand, batch: Batch) {
     let Batch { label, wanted, orders, .. } = batch;
     let holdings = Holdings { store: crew.of.store, pool: &crew.of.pool, wanted: &wanted };
-    let open = orders.into_iter().map(|order| Open { order, attempts: 0, reporter: None }).collect();
-    let mut rest = Rest { crew, label: &label, holdings, open };
+    let open = orders.into_iter().map(|order| OpenOrder { order, attempts: 0, reporter: None }).collect();
+    let mut rest = OpenBatch { crew, label: &label, holdings, open };
     while !rest.open.is_empty() {
         if crew.halts() {
             rest.reply(Execution::of(Outcome::Cancelled));
@@ -135,18 +138,18 @@ fn run(crew: &Crew<'_>, command: &ChildCommand, batch: Batch) {
     }
 }
 
-impl Rest<'_, '_> {
+impl OpenBatch<'_, '_> {
     /// Replies to the first action that is open.
     fn reply(&mut self, execution: Execution) {
         let last = self.open.len() == 1;
-        if let Some(Open { order, .. }) = self.open.pop_front() {
+        if let Some(OpenOrder { order, .. }) = self.open.pop_front() {
             self.crew.reply(&order, execution, last);
         }
     }
 
     /// Has a child run what is open; gives how it ended.
     fn child(&mut self, command: &ChildCommand) -> Result<ExitStatus, EngineError> {
-        let leave = |open: &Open<'_>| BatchedAction::leave(&open.order.work, self.holdings);
+        let leave = |open: &OpenOrder<'_>| BatchedAction::leave(&open.order.action, self.holdings);
         let actions = self.open.iter().map(leave).collect::<Result<_, _>>()?;
         let batch = BatchFile { actions, wanted: sorted(self.holdings.wanted) };
         let failed = |what: &str| {
@@ -221,7 +224,7 @@ impl Rest<'_, '_> {
             );
             return self.reply(Execution::of(Outcome::Failed(message)));
         }
-        let item = open.order.work.item.as_ref().map_or_else(String::new, |item| format!("/{item}"));
+        let item = open.order.action.item.as_ref().map_or_else(String::new, |item| format!("/{item}"));
         let message = format!("a process ended by {status} while it ran {}{item}; it runs again", self.label.node);
         (self.crew.of.sink)(&Event::Warning { message });
     }
@@ -229,16 +232,16 @@ impl Rest<'_, '_> {
 
 /// What became of an action by what its process tells, and by what it recorded.
 fn outcome(order: &Order, end: End, holdings: Holdings<'_>) -> Result<Outcome, EngineError> {
-    let work = &order.work;
+    let action = &order.action;
     let recorded = || -> Result<Option<Made>, EngineError> {
         holdings.store.refresh()?;
-        let record = holdings.store.lookup(ACTION, &work.hash);
-        Ok(holdings.made(record.as_deref(), &work.producer.spec, work.producer.group)?)
+        let record = holdings.store.lookup(ACTION, &action.hash);
+        Ok(holdings.made(record.as_deref(), &action.producer.spec, action.producer.group)?)
     };
     let nothing = || Outcome::Failed("internal error: its process recorded nothing of it; please report it".into());
     Ok(match end {
         End::Hit => recorded()?.map_or_else(nothing, Outcome::Hit),
-        End::Ran { put } => match &work.before {
+        End::Ran { put } => match &action.before {
             Some(made) => Outcome::Ran(made.clone()),
             None => recorded()?.map_or_else(nothing, |made| Outcome::Ran(Made { put, ..made })),
         },

@@ -6,8 +6,8 @@ use crate::engine::{
     event::{Event, Name},
     execute::{Execution, Outcome, execute},
     holdings::Holdings,
-    job::Label,
     probe::Asking,
+    request::LaneName,
     transient::Pool,
 };
 use serde_json::Value;
@@ -23,7 +23,7 @@ use tauflow_cache::Store;
 use tauflow_contract::{Group, NodeKind, Progress};
 
 /// What all executors on this machine need of a run.
-pub struct Surroundings<'a> {
+pub struct Site<'a> {
     /// The store.
     pub store: &'a Store,
     /// Blobs that are in memory only.
@@ -44,14 +44,14 @@ pub struct Surroundings<'a> {
 
 /// What the threads of an executor share.
 pub(super) struct Crew<'a> {
-    pub of: Surroundings<'a>,
+    pub of: Site<'a>,
     budget: Mutex<Budget>,
     /// Nothing is to begin any more, because something failed.
     halt: AtomicBool,
 }
 
 impl<'a> Crew<'a> {
-    pub fn new(of: Surroundings<'a>) -> Self {
+    pub fn new(of: Site<'a>) -> Self {
         Self { budget: Mutex::new(Budget::new(of.workers, of.memory)), of, halt: AtomicBool::new(false) }
     }
 
@@ -83,8 +83,8 @@ impl<'a> Crew<'a> {
     }
 
     /// Tells that an order begins; gives what tells how far it is.
-    pub fn announce<'b>(&'b self, label: &'b Label, order: &Order) -> Reporter<'b> {
-        let item = order.work.item.as_ref().map_or_else(Name::default, Name::from);
+    pub fn announce<'b>(&'b self, label: &'b LaneName, order: &Order) -> Reporter<'b> {
+        let item = order.action.item.as_ref().map_or_else(Name::default, Name::from);
         let (node, cell) = (label.node.clone(), label.cell.clone());
         (self.of.sink)(&Event::Begin { node, cell, item: item.clone() });
         Reporter { label, item, sink: self.of.sink }
@@ -102,7 +102,7 @@ impl<'a> Crew<'a> {
 
 /// Passes progress of an action on, with its name.
 pub(super) struct Reporter<'a> {
-    label: &'a Label,
+    label: &'a LaneName,
     item: Name,
     sink: Sink<'a>,
 }
@@ -142,7 +142,7 @@ pub struct Threads<'a> {
 
 impl<'a> Threads<'a> {
     /// Starts the threads, which end when this is dropped.
-    pub fn start<'scope>(scope: &'scope Scope<'scope, '_>, of: Surroundings<'a>) -> Self
+    pub fn start<'scope>(scope: &'scope Scope<'scope, '_>, of: Site<'a>) -> Self
     where
         'a: 'scope,
     {
@@ -161,10 +161,10 @@ fn run(crew: &Crew<'_>, batch: Batch) {
             crew.reply(&order, Execution::of(Outcome::Cancelled), left == 0);
             continue;
         }
-        let Surroundings { store, pool, stop, .. } = &crew.of;
+        let Site { store, pool, stop, .. } = &crew.of;
         let reporter = crew.announce(&batch.label, &order);
         let holdings = Holdings { store, pool, wanted: &batch.wanted };
-        let execution = execute(&order.work, holdings, stop, &reporter);
+        let execution = execute(&order.action, holdings, stop, &reporter);
         crew.reply(&order, execution, left == 0);
     }
 }

@@ -6,16 +6,20 @@ use super::{
     state::{Arrival, LaneState, SlotStage},
 };
 use crate::engine::{
-    execute::{Whole, Work},
+    execute::{PreparedAction, Whole},
     executor::{Batch, Capacity, Order},
     ids::{InputId, LaneId, SlotId},
-    job::{LookUp, LookUps, Todo},
+    request::{LookUp, LookUps, Request, ShardLookUps, Todo},
     sharded::Output,
 };
 use std::{cmp::Reverse, collections::BinaryHeap, sync::Arc};
 
 /// Actions that are looked up together.
 const LOOK_UPS: usize = 64;
+/// Shards that are read together.
+const READS: usize = 16;
+/// Roll-ups that are kept together.
+const KEEPS: usize = 32;
 /// Time that a bundle of actions should take, in microseconds.
 const BATCH_US: f64 = 2000.0;
 /// Actions below this mean time, in microseconds, are short.
@@ -24,22 +28,59 @@ const SHORT_US: f64 = 1000.0;
 const WAITING: usize = 1024;
 
 impl Scheduler<'_> {
+    /// Roll-ups to be kept.
+    pub fn next_keep(&mut self) -> Option<Request> {
+        if self.asked.keeps.is_empty() {
+            return None;
+        }
+        self.seeking.begin(0); // of no node in particular
+        let most = self.asked.keeps.len().min(KEEPS);
+        Some(Request::Keep(self.asked.keeps.drain(..most).collect()))
+    }
+
+    /// What is to be asked next: what others wait for first, then actions.
+    pub fn next_request(&mut self) -> Option<Request> {
+        let (lane, request) = self.next_question()?;
+        self.seeking.begin(self.lanes[lane].node);
+        Some(request)
+    }
+
+    fn next_question(&mut self) -> Option<(LaneId, Request)> {
+        if let Some(lane) = self.asked.lists.pop_front() {
+            let kind = self.tasks[lane].producer.kind.clone();
+            let params = self.pipeline.cells[self.lanes[lane].cell].params.clone();
+            return Some((lane, Request::List { lane, kind, params }));
+        }
+        if let Some(merge) = self.asked.merges.pop_front() {
+            return Some((merge.lane, Request::Merge(merge)));
+        }
+        if let Some(first) = self.asked.reads.front() {
+            let lane = first.reader.lane;
+            let like = self.asked.reads.iter().take(READS).take_while(|read| read.reader.lane == lane).count();
+            return Some((lane, Request::Read(self.asked.reads.drain(..like).collect())));
+        }
+        if let Some((lane, shards)) = self.asked.shards.pop_last() {
+            return Some((lane, Request::Shards(ShardLookUps { task: self.tasks[lane].clone(), shards })));
+        }
+        let bundle = self.next_look_up()?;
+        Some((bundle.task.lane, Request::Actions(bundle)))
+    }
+
     /// The next actions to look up, latest node first; none while enough is waiting to be run.
-    pub fn next_look_up(&mut self) -> Option<LookUps> {
+    fn next_look_up(&mut self) -> Option<LookUps> {
         let (node, Reverse(lane), _) = *self.ready.peek()?;
         if self.todo.len() >= WAITING && self.todo.peek().is_some_and(|top| top.0 >= node) {
             return None;
         }
         let slots = take(&mut self.ready, lane, LOOK_UPS);
         slots.iter().for_each(|slot| self.set_slot(lane, *slot, SlotStage::Sought));
-        self.seeking.begin(node);
         let state = &self.states[lane];
-        let look_up = |slot: &SlotId| {
+        let asked = |slot: &SlotId| {
             let at = &state.slots[*slot];
             let files = at.extra.as_ref().map(|extra| extra.files.clone()).unwrap_or_default();
             LookUp { slot: *slot, item: at.key.clone(), each: state.each(*slot), files }
         };
-        let actions = slots.iter().map(look_up).collect();
+        let actions = slots.iter().map(asked).collect();
         Some(LookUps { task: self.tasks[lane].clone(), whole: Arc::new(state.whole()), actions })
     }
 
@@ -71,10 +112,10 @@ impl Scheduler<'_> {
                 break;
             }
             self.todo.pop();
-            match self.work(lane, slot, &whole) {
-                Some(work) => orders.push(Order { slot: (lane, slot), bytes, work }),
+            match self.prepare(lane, slot, &whole) {
+                Some(action) => orders.push(Order { slot: (lane, slot), bytes, action }),
                 None => {
-                    self.fail_lane(lane, "internal error: an action was to run without a key; please report it".into())
+                    self.fail_lane(lane, "internal error: an action was to run without a key; please report it".into());
                 }
             }
         }
@@ -99,12 +140,12 @@ impl Scheduler<'_> {
     }
 
     /// What it takes to run an action that was looked up.
-    fn work(&mut self, lane: LaneId, slot: SlotId, whole: &Arc<Whole>) -> Option<Work> {
+    fn prepare(&mut self, lane: LaneId, slot: SlotId, whole: &Arc<Whole>) -> Option<PreparedAction> {
         let state = &mut self.states[lane];
         let Todo { key, hash, file, before } = *state.slots[slot].extra.as_mut()?.todo.take()?;
         let (item, each) = (state.slots[slot].key.clone(), state.each(slot));
         let producer = self.tasks[lane].producer.clone();
-        Some(Work { producer, key, hash, item, each, whole: whole.clone(), file, before })
+        Some(PreparedAction { producer, key, hash, item, each, whole: whole.clone(), file, before })
     }
 }
 

@@ -1,8 +1,8 @@
-//! What is being looked up, by node. Knows nothing of what is ready.
+//! What is asked of the look-up threads, by node. Knows nothing of what is ready.
 
 /// See the module.
 pub(super) struct Seeking {
-    /// Bundles that are being looked up, by node, and in all.
+    /// Requests without an answer, by node, and in all.
     by_node: Vec<usize>,
     all: usize,
 }
@@ -13,24 +13,24 @@ impl Seeking {
         Self { by_node: vec![0; nodes], all: 0 }
     }
 
-    /// Bundles that are being looked up.
-    pub fn bundles(&self) -> usize {
+    /// Requests without an answer.
+    pub fn requests(&self) -> usize {
         self.all
     }
 
-    /// A bundle of a node goes to be looked up.
+    /// Something of a node is asked.
     pub fn begin(&mut self, node: usize) {
         self.by_node[node] += 1;
         self.all += 1;
     }
 
-    /// A bundle of a node was looked up.
+    /// It was answered.
     pub fn end(&mut self, node: usize) {
         self.by_node[node] -= 1;
         self.all -= 1;
     }
 
-    /// Whether a node after this one is being looked up.
+    /// Whether something of a node after this one is being looked up.
     pub fn after(&self, node: usize) -> bool {
         self.by_node[node + 1..].iter().any(|bundles| *bundles > 0)
     }
@@ -46,6 +46,6 @@ mod tests {
         seeking.begin(1);
         assert!(seeking.after(0) && !seeking.after(1) && !seeking.after(2));
         seeking.end(1);
-        assert!(!seeking.after(0) && seeking.bundles() == 0);
+        assert!(!seeking.after(0) && seeking.requests() == 0);
     }
 }
