@@ -12,14 +12,14 @@ use crate::{
 use clap::Args;
 use serde_json::Value;
 
-/// What `explain` takes.
+/// Arguments of `explain`.
 #[derive(Args)]
 pub(crate) struct ExplainArgs {
     #[command(flatten)]
     pipeline: PipelineArgs,
-    /// The node.
+    /// The node to explain.
     node: String,
-    /// The item, or `cell`, or `cell/item`.
+    /// The item, `cell`, or `cell/item`.
     item: Option<String>,
 }
 
