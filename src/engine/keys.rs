@@ -65,9 +65,7 @@ pub fn shards(pipeline: &Pipeline, lane: &Lane, whole: BTreeMap<&str, Digest>) -
     Digest::of(&canonical_bytes(&ShardsKey { basis, whole }))
 }
 
-/// Key of a shard, by what decides all shards of its lane, and by what it holds: of a source its items and the params
-/// that each reads; of a map, for each input port, what is put before the keys of each of its feeds, and the content
-/// digest of the feed's shard.
+/// Key of a shard, by what decides all shards of its lane, and by what it holds (see `ShardKey`).
 pub fn shard(shards: Digest, holds: impl Serialize) -> Key {
     Key::of(&canonical_bytes(&ShardKey { shards, holds }))
 }

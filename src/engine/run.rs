@@ -281,7 +281,12 @@ impl<'a> Run<'a> {
     ) -> Result<(), EngineError> {
         let take = |scheduler: &mut Scheduler<'_>, news: News| match news {
             News::Answered(answer) => scheduler.answered(answer),
-            News::Executed(reply) => scheduler.executed(*reply),
+            News::Executed(reply) => {
+                if let Some(executor) = self.executor {
+                    executor.settle(&reply);
+                }
+                scheduler.executed(*reply)
+            }
         };
         loop {
             // The threads live as long as this loop does.

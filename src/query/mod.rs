@@ -1,5 +1,5 @@
-//! Questions about pipelines and their runs, with typed answers: what a plan costs, why an action runs, what a node made,
-//! how far a run is. The command line prints the answers; other front ends read the same.
+//! Questions about pipelines and their runs, with typed answers: what a plan costs, why an action runs, what a node
+//! made, how far a run is. The command line prints the answers; other front ends read the same.
 //!
 //! Prints nothing, and runs nothing.
 

@@ -38,6 +38,10 @@ pub trait Executor {
     /// Takes actions on, which run in this order.
     fn submit(&self, batch: Batch);
 
+    /// Takes note that a reply was read. Until then its action counts in [`Executor::capacity`], so that nothing is
+    /// handed out before it is known what the action made possible.
+    fn settle(&self, reply: &Reply);
+
     /// Begins nothing more, and asks what is running to stop. Whatever does not run to its end is replied to as
     /// cancelled.
     fn cancel(&self);
@@ -71,6 +75,8 @@ pub struct Reply {
     pub slot: (LaneId, SlotId),
     /// What became of it.
     pub execution: Execution,
+    /// It was the last of its batch.
+    pub last: bool,
 }
 
 /// Where replies go.

@@ -5,7 +5,7 @@
 //! an attempt, and the rest of the batch goes to another child.
 
 use super::{
-    Batch, Capacity, Executor, Order,
+    Batch, Capacity, Executor, Order, Reply,
     threads::{Crew, Reporter, Site, spawn},
 };
 use crate::engine::{
@@ -96,6 +96,10 @@ impl Executor for Processes<'_> {
         self.crew.begin(&batch);
         // The workers live as long as this does.
         let _ = self.queue.send(batch);
+    }
+
+    fn settle(&self, reply: &Reply) {
+        self.crew.settle(reply);
     }
 
     fn cancel(&self) {

@@ -67,6 +67,10 @@ impl<'a> Crew<'a> {
         self.budget().begin(batch);
     }
 
+    pub fn settle(&self, reply: &Reply) {
+        self.budget().end(reply.slot, reply.last);
+    }
+
     /// Whether nothing is to begin any more.
     pub fn halts(&self) -> bool {
         self.halt.load(Ordering::Relaxed) || self.of.stop.load(Ordering::Relaxed)
@@ -77,9 +81,7 @@ impl<'a> Crew<'a> {
         if self.of.fail_fast && matches!(execution.outcome, Outcome::Failed(_)) {
             self.halt.store(true, Ordering::Relaxed);
         }
-        // First, so that whoever gets the reply finds room.
-        self.budget().end(order.slot, last);
-        (self.of.replies)(Reply { slot: order.slot, execution });
+        (self.of.replies)(Reply { slot: order.slot, execution, last });
     }
 
     /// Tells that an order begins; gives what tells how far it is.
@@ -182,6 +184,10 @@ impl Executor for Threads<'_> {
         self.crew.begin(&batch);
         // The threads live as long as this does.
         let _ = self.queue.send(batch);
+    }
+
+    fn settle(&self, reply: &Reply) {
+        self.crew.settle(reply);
     }
 
     fn cancel(&self) {
