@@ -30,6 +30,12 @@ const WAITING: usize = 1024;
 impl Scheduler<'_> {
     /// Roll-ups to be kept.
     pub fn next_keep(&mut self) -> Option<Request> {
+        for lane in std::mem::take(&mut self.asked.ended) {
+            match self.lane_to_keep(lane) {
+                Some(keep) => self.asked.keeps.push(keep),
+                None => self.asked.ended.push(lane),
+            }
+        }
         if self.asked.keeps.is_empty() {
             return None;
         }

@@ -90,8 +90,7 @@ impl Scheduler<'_> {
         if health == Health::Sound && self.lanes[lane].only.is_none() {
             self.states[lane].results = self.collect(lane);
             if !self.dry {
-                let keep = self.lane_to_keep(lane);
-                self.asked.keeps.extend(keep);
+                self.asked.ended.push(lane);
             }
         }
         self.hand_on_whole(lane);
@@ -112,8 +111,8 @@ impl Scheduler<'_> {
         }
     }
 
-    /// The roll-up of a lane that ended with all its outputs; none if what it reads has no digest.
-    fn lane_to_keep(&self, lane: LaneId) -> Option<Keep> {
+    /// The roll-up of a lane that ended with all its outputs; none as long as what it reads has no digest.
+    pub(super) fn lane_to_keep(&self, lane: LaneId) -> Option<Keep> {
         let of = &self.lanes[lane];
         let outputs = |lane: LaneId| &self.pipeline.nodes[self.lanes[lane].node].spec.outputs;
         let content = |from: LaneId, port: PortId| {

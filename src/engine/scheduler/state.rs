@@ -265,7 +265,9 @@ pub(super) struct Asked {
     pub reads: VecDeque<ShardRead>,
     /// Collections to be merged.
     pub merges: VecDeque<Merge>,
-    /// What ended since this was last asked for, and is to be kept.
+    /// Lanes that ended with all their outputs and are not kept yet: a lane may end before what it reads does.
+    pub ended: Vec<LaneId>,
+    /// What ended, and is to be kept.
     pub keeps: Vec<Keep>,
 }
 
