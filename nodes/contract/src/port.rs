@@ -1,8 +1,8 @@
 //! Ports: typed constants, which a kind lists in its spec and reads and writes its artifacts by.
 //!
 //! `const SCENES: Each<Scene> = Each::new("scenes", "The scenes to render.")` is an input, `action.read(ctx, SCENES)`
-//! its value. The engine sees them as [`InputPort`] and [`OutputPort`], which name media types by text. A kind may also make
-//! those of its params ([`crate::Kind::spec_for`]), with names that [`crate::interned`] keeps.
+//! its value. The engine sees them as [`InputPort`] and [`OutputPort`], which name media types by text. A kind can also
+//! make these two from its params ([`crate::Kind::spec_for`]), with names that [`crate::interned`] keeps.
 
 use crate::{Any, Media};
 use std::marker::PhantomData;
