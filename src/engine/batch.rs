@@ -249,3 +249,55 @@ pub fn serve(batch: BatchFile, store: &Store, registry: &Registry) -> Result<(),
     };
     batch.run(store, registry, &stop, &tell)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        engine::{
+            execute::Producer,
+            ids::InputId,
+            sharded::{Output, Sharded},
+        },
+        registry::registry,
+    };
+    use std::collections::BTreeMap;
+    use tauflow_contract::{ActionKey, Artifact, Basis, ItemKey};
+
+    #[test]
+    fn inputs_that_only_memory_holds_are_stored_before_an_action_leaves() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let store = Store::open(folder.path()).expect("a store");
+        let (pool, wanted) = (Pool::new(1 << 20), HashSet::new());
+        let pooled = |text: &str| {
+            let bytes = Arc::new(text.as_bytes().to_vec());
+            let digest = Digest::of(&bytes);
+            assert!(pool.put(digest, &bytes) && !store.contains(&digest));
+            (digest, Output::new(Artifact::tree("m", [(String::new(), digest)])))
+        };
+        let ((one, each), (other, item)) = (pooled("by item"), pooled("as a whole"));
+        let whole = Sharded::of([(ItemKey::new("a").expect("a key"), item)]);
+        let registry = registry();
+        let kind = registry.get("image_metrics").expect("a kind of two inputs").clone();
+        let (spec, group, read) = (kind.spec(), "main", Vec::new());
+        let key = ActionKey { basis: Basis::new("image_metrics", 1, group), inputs: BTreeMap::new() };
+        let action = PreparedAction {
+            producer: Arc::new(Producer { kind, spec, group, transient: true, read }),
+            hash: key.hash(),
+            key,
+            item: None,
+            each: vec![(InputId::at(0), each)],
+            whole: Arc::new(vec![(InputId::at(1), Arc::new(whole))]),
+            file: None,
+            before: None,
+        };
+        let holdings = Holdings { store: &store, pool: &pool, wanted: &wanted };
+        let left = BatchedAction::leave(&action, holdings).expect("the store has room");
+        assert!(store.contains(&one) && store.contains(&other), "a child has no other place to read them");
+        assert!(left.handling.transient && !left.compare);
+        let batch = BatchFile { actions: vec![left], wanted: Vec::new() };
+        let text = serde_json::to_string(&batch).expect("plain data");
+        let back: BatchFile = serde_json::from_str(&text).expect("own text parses");
+        assert_eq!(back.actions[0].action, batch.actions[0].action);
+    }
+}

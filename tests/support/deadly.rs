@@ -23,7 +23,7 @@ impl Kind for Deadly {
     type Params = DeadlyParams;
 
     fn spec() -> KindSpec {
-        spec("deadly", Mode::Map, const { &[IN.port()] }, const { &[GIVEN.port()] })
+        spec("deadly", Mode::Map, vec![IN.port()], vec![GIVEN.port()])
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {

@@ -118,7 +118,7 @@ impl Scheduler<'_> {
         let (of, spec) = (&self.lanes[lane], self.spec(lane));
         let state = &mut self.states[lane];
         *state.by_shard.get_or_insert_default().prefix.get_or_insert_with(|| {
-            let whole = state.inputs.iter().zip(spec.inputs);
+            let whole = state.inputs.iter().zip(&spec.inputs);
             let whole = whole.filter_map(|(input, port)| Some((port.name, input.whole.as_ref()?.digest))).collect();
             keys::shards(self.pipeline, of, whole)
         })
