@@ -19,7 +19,6 @@ mod results;
 mod run;
 mod scene;
 mod setup;
-mod tally;
 mod terminal;
 mod tev;
 
