@@ -1,8 +1,8 @@
 //! The readers of glTF, Radiance and OpenEXR meet files that nobody would write: sound ones, mangled. They may refuse,
 //! in a line that names the file; they may not panic, take long, or take much memory.
 //!
-//! A few seconds of it are a test. `TAUFLOW_FUZZ_SECONDS=600 cargo test --release -p tauflow-scene-readers fuzz` goes on
-//! for longer, `TAUFLOW_FUZZ_SEED` begins elsewhere. A file that fails is kept, and its path printed.
+//! A few seconds of it are a test. `TAUFLOW_FUZZ_SECONDS=600 cargo test --release -p tauflow-scene-readers fuzz` goes
+//! on for longer, `TAUFLOW_FUZZ_SEED` begins elsewhere. A file that fails is kept, and its path printed.
 
 use crate::{
     reports::report_on,
