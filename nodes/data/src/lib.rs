@@ -4,10 +4,12 @@
 
 pub mod curve;
 pub mod folder;
+pub mod geom;
 pub mod image;
 pub mod image_io;
 pub mod maths;
 pub mod mesh;
+pub mod mesh_check;
 pub mod methods;
 pub mod mitsuba;
 pub mod records;
