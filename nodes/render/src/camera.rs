@@ -25,6 +25,7 @@ pub struct Camera {
 /// Where the film sees something.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Image {
+    /// In pixels from the top left.
     pub(crate) x: f64,
     pub(crate) y: f64,
     /// Pixels in a unit of solid angle.
@@ -103,8 +104,7 @@ impl Camera {
         pixels / away.dot(away) * normal.dot(back).abs() / normal.dot(out).abs()
     }
 
-    /// Where on the film, in pixels from the top left, a unit direction from the camera comes from, how many pixels a
-    /// unit of solid angle has there, and where the view begins on that ray; none of what lies behind.
+    /// Where the film shows what lies in a unit direction from the camera; none of what lies behind.
     pub(crate) fn image(&self, direction: DVec3) -> Option<Image> {
         let forward = self.forward.as_dvec3();
         let cos = direction.dot(forward);

@@ -180,8 +180,8 @@ fn caustics_are_found_from_both_ends() {
 
 #[test]
 fn what_shines_through_a_dome_has_its_closed_form() {
-    // Index-matched glass bends nothing, and is a chain of specular vertices all the same: a floor of albedo 1/2 under a
-    // sky of 1 has radiance 1/2, whoever finds the light.
+    // Index-matched glass bends nothing, and is a chain of specular vertices all the same. A floor of albedo 1/2 under
+    // a sky of 1 has radiance 1/2, whoever finds the light.
     let mut built = Built::new([0.0, 0.25, 0.0], [0.0, 0.0, 0.01], 60.0, 6);
     let floor = built.diffuse([0.5; 3]);
     built.shape(Geometry::Disk, level(0.28, [0.0; 3], true), floor);
