@@ -19,6 +19,7 @@ mod scene;
 mod scores;
 mod split;
 mod statistics;
+mod table;
 mod time_error;
 mod timing;
 mod training;
@@ -38,6 +39,7 @@ pub use scene::*;
 pub use scores::*;
 pub use split::*;
 pub use statistics::*;
+pub use table::*;
 pub use time_error::*;
 pub use timing::*;
 pub use training::*;
@@ -63,6 +65,7 @@ pub const MEDIA: &[MediaRow] = &[
     MediaRow::of::<SceneRecord>(),
     MediaRow::of::<SceneScores>(),
     MediaRow::of::<SceneStatistics>(),
+    MediaRow::of::<ScoreTable>(),
     MediaRow::of::<SplitReport>(),
     MediaRow::of::<TimeError>(),
     MediaRow::of::<Timing>(),
