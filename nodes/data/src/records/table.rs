@@ -216,8 +216,11 @@ impl ScoreTable {
         self.heads(false)
     }
 
-    /// The files, by name.
-    fn files(&self) -> Result<Vec<(&'static str, Vec<u8>)>, KindError> {
+    /// The files, by name, as `export` writes them.
+    ///
+    /// # Errors
+    /// If a number cannot be written as JSON.
+    pub fn files(&self) -> Result<Vec<(&'static str, Vec<u8>)>, KindError> {
         let mut files = vec![
             (WHOLE, pretty_json(self)?),
             ("table.csv", csv::cells(self).into_bytes()),
@@ -253,7 +256,15 @@ impl Media for ScoreTable {
     }
 
     fn import(ctx: &Context<'_>, from: &dyn ReadFiles) -> Result<Stored<Self>, KindError> {
-        parse_json::<Self>(WHOLE, &from.need(WHOLE)?)?.store(ctx)
+        let table = parse_json::<Self>(WHOLE, &from.need(WHOLE)?)?;
+        for (name, bytes) in table.files()? {
+            if from.need(name)? != bytes {
+                return Err(KindError::Input(format!(
+                    "`{name}` differs from what `{WHOLE}` says; export the table again, or change both files alike"
+                )));
+            }
+        }
+        table.store(ctx)
     }
 }
 
