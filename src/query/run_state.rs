@@ -1,22 +1,22 @@
-//! Where a run stands, node by node, counted from its events. Draws nothing.
+//! The state of a run, node by node, counted from its events.
 
-use super::seconds_text;
 use crate::engine::event::{Ended, Event, Name};
+use serde::Serialize;
 use std::{
     collections::BTreeMap,
     time::{Duration, Instant},
 };
 
-/// Where the nodes of a run stand.
-pub(crate) struct Tally {
+/// The state of a run.
+pub struct RunState {
     /// The nodes in an order in which each stands after those that it reads, and the numbers of these.
     graph: Vec<(String, Vec<usize>)>,
-    nodes: BTreeMap<Name, NodeTally>,
+    nodes: BTreeMap<Name, NodeState>,
 }
 
-/// Where a node stands.
+/// The state of a node.
 #[derive(Default)]
-pub(crate) struct NodeTally {
+pub struct NodeState {
     expected: u64,
     hit: u64,
     ran: u64,
@@ -26,39 +26,63 @@ pub(crate) struct NodeTally {
     running: BTreeMap<(Name, Name), u64>,
     started: Option<Instant>,
     /// The long actions in flight, by cell and item.
-    long: BTreeMap<(Name, Name), Long>,
+    long: BTreeMap<(Name, Name), LongAction>,
 }
 
-/// Where a long action stands.
-pub(crate) struct Long {
-    pub(crate) done: u64,
-    pub(crate) total: u64,
+/// The state of a long action.
+pub struct LongAction {
+    /// Units done.
+    pub done: u64,
+    /// Of so many.
+    pub total: u64,
     /// Its news.
-    pub(crate) message: String,
+    pub message: String,
     /// When it was first heard of, and how much was done by then: a resumed one begins in the middle.
     since: (Instant, u64),
 }
 
-impl Long {
-    /// Done of total, the news, and the time to go.
-    pub(crate) fn text(&self) -> String {
+impl LongAction {
+    /// Seconds to go, once that can be told.
+    pub fn eta(&self) -> Option<f64> {
         let (worked, elapsed) =
             ((self.done - self.since.1.min(self.done)) as f64, self.since.0.elapsed().as_secs_f64());
         let left = self.total.saturating_sub(self.done) as f64;
-        let eta = (worked > 0.0 && left > 0.0 && elapsed > 1.0).then(|| elapsed / worked * left);
-        let eta = eta.map(|eta| format!("  {} to go", seconds_text(eta))).unwrap_or_default();
-        format!("{}/{}  {}{eta}", self.done, self.total, self.message)
+        (worked > 0.0 && left > 0.0 && elapsed > 1.0).then(|| elapsed / worked * left)
     }
 }
 
-impl Tally {
+/// Numbers of a node's actions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Counts {
+    /// Known of.
+    pub expected: u64,
+    /// Done before.
+    pub hit: u64,
+    /// Done now.
+    pub ran: u64,
+    /// Failed.
+    pub failed: u64,
+    /// Could not begin, because others failed.
+    pub blocked: u64,
+    /// In flight.
+    pub running: u64,
+}
+
+impl Counts {
+    /// Those that came to an end.
+    pub fn done(&self) -> u64 {
+        [self.ran, self.failed, self.blocked].into_iter().fold(self.hit, u64::saturating_add)
+    }
+}
+
+impl RunState {
     /// Of nodes that stand after those that they read, with the numbers of these.
-    pub(crate) fn new(graph: Vec<(String, Vec<usize>)>) -> Self {
+    pub fn new(graph: Vec<(String, Vec<usize>)>) -> Self {
         Self { graph, nodes: BTreeMap::new() }
     }
 
     /// Counts an event; the node whose standing it changed.
-    pub(crate) fn count(&mut self, event: &Event) -> Option<Name> {
+    pub fn count(&mut self, event: &Event) -> Option<Name> {
         let name = match event {
             Event::Started { .. } | Event::Finished { .. } | Event::Warning { .. } => return None,
             Event::Healing { .. } => {
@@ -87,7 +111,7 @@ impl Tally {
             Event::Progress { cell, item, done, total, message, .. } => {
                 let at = (cell.clone(), item.clone());
                 let since = node.long.get(&at).map_or_else(|| (Instant::now(), *done), |long| long.since);
-                node.long.insert(at, Long { done: *done, total: *total, message: message.clone(), since });
+                node.long.insert(at, LongAction { done: *done, total: *total, message: message.clone(), since });
             }
             Event::End { cell, item, outcome, .. } => {
                 let at = (cell.clone(), item.clone());
@@ -112,7 +136,7 @@ impl Tally {
     }
 
     /// Whether all actions of a node are known, and whether all are done. They are known once what it reads is done.
-    pub(crate) fn standing(&self, name: &str) -> (bool, bool) {
+    pub fn standing(&self, name: &str) -> (bool, bool) {
         let mut ended = Vec::with_capacity(self.graph.len());
         for (node, reads) in &self.graph {
             let known = reads.iter().all(|read| ended[*read]);
@@ -126,34 +150,35 @@ impl Tally {
     }
 
     /// Where a node stands.
-    pub(crate) fn node(&self, name: &str) -> Option<&NodeTally> {
+    pub fn node(&self, name: &str) -> Option<&NodeState> {
         self.nodes.get(name)
     }
 }
 
-impl NodeTally {
+impl NodeState {
     fn done(&self) -> u64 {
-        [self.ran, self.failed, self.blocked].into_iter().fold(self.hit, u64::saturating_add)
+        self.counts().done()
     }
 
-    /// How many actions are known of.
-    pub(crate) fn expected(&self) -> u64 {
-        self.expected
+    /// Numbers of its actions.
+    pub fn counts(&self) -> Counts {
+        let Self { expected, hit, ran, failed, blocked, .. } = *self;
+        Counts { expected, hit, ran, failed, blocked, running: self.running.values().sum() }
     }
 
     /// Done actions, and the parts of those in flight.
-    pub(crate) fn position(&self) -> f64 {
+    pub fn position(&self) -> f64 {
         let parts = self.long.values().map(|long| long.done as f64 / long.total.max(1) as f64);
         self.done() as f64 + parts.sum::<f64>()
     }
 
     /// True once there is anything to show.
-    pub(crate) fn has_begun(&self) -> bool {
+    pub fn has_begun(&self) -> bool {
         self.started.is_some() || self.failed > 0
     }
 
-    /// Seconds to go, from what ran so far.
-    fn eta(&self) -> Option<f64> {
+    /// Seconds to go, from what ran so far; none if that cannot be told yet.
+    pub fn eta(&self) -> Option<f64> {
         let elapsed = self.started?.elapsed().as_secs_f64();
         let worked = self.position() - self.hit.saturating_add(self.blocked) as f64;
         let left = self.expected as f64 - self.position();
@@ -161,25 +186,8 @@ impl NodeTally {
     }
 
     /// The actions in flight that have news and take long, with the names of their cells and items.
-    pub(crate) fn long(&self, least: Duration) -> impl Iterator<Item = (&(Name, Name), &Long)> {
+    pub fn long(&self, least: Duration) -> impl Iterator<Item = (&(Name, Name), &LongAction)> {
         self.long.iter().filter(move |(_, long)| !long.message.is_empty() && long.since.0.elapsed() >= least)
-    }
-
-    /// A line: done of expected (with a `+` unless all are known), what became of them, time to go.
-    pub(crate) fn text(&self, known: bool) -> String {
-        let more = if known { "" } else { "+" };
-        let mut parts = vec![format!("{}/{}{more}", self.done(), self.expected)];
-        let counts = [
-            (self.hit, "as before"),
-            (self.running.values().sum(), "running"),
-            (self.failed, "failed"),
-            (self.blocked, "blocked"),
-        ];
-        parts.extend(counts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")));
-        if let Some(eta) = self.eta() {
-            parts.push(format!("{} to go", seconds_text(eta)));
-        }
-        parts.join(", ")
     }
 }
 
@@ -187,8 +195,8 @@ impl NodeTally {
 mod tests {
     use super::*;
 
-    fn tally() -> Tally {
-        Tally::new(vec![("source".into(), vec![]), ("n".into(), vec![0])])
+    fn fresh() -> RunState {
+        RunState::new(vec![("source".into(), vec![]), ("n".into(), vec![0])])
     }
 
     fn end(node: &str, item: &str, outcome: Ended) -> Event {
@@ -211,40 +219,43 @@ mod tests {
 
     #[test]
     fn a_node_counts_up_to_its_end() {
-        let mut tally = tally();
-        tally.count(&expect("source", 1));
+        let mut state = fresh();
+        state.count(&expect("source", 1));
         let mut count = |event: Event| {
-            tally.count(&event);
-            let (known, done) = tally.standing("n");
-            (tally.node("n").expect("it was counted").text(known), done)
+            state.count(&event);
+            let (known, done) = state.standing("n");
+            (known, state.node("n").expect("it was counted").counts(), done)
         };
-        assert_eq!(count(expect("n", 4)).0, "0/4+");
-        assert_eq!(count(begin("a")).0, "0/4+, 1 running");
-        assert_eq!(count(progress("samples")).0, "0/4+, 1 running");
-        assert_eq!(count(end("n", "a", Ended::Ran)).0, "1/4+");
-        assert_eq!(count(end("n", "b", Ended::Blocked)).0, "2/4+, 1 blocked");
+        let one = Counts { expected: 4, ..Counts::default() };
+        assert_eq!(count(expect("n", 4)), (false, one, false));
+        assert_eq!(count(begin("a")).1, Counts { running: 1, ..one });
+        assert_eq!(count(progress("samples")).1, Counts { running: 1, ..one });
+        assert_eq!(count(end("n", "a", Ended::Ran)).1, Counts { ran: 1, ..one });
+        assert_eq!(count(end("n", "b", Ended::Blocked)).1, Counts { ran: 1, blocked: 1, ..one });
         count(begin("c"));
-        assert_eq!(count(end("n", "c", Ended::Failed)).0, "3/4+, 1 failed, 1 blocked");
+        let failed = Counts { ran: 1, blocked: 1, failed: 1, ..one };
+        assert_eq!(count(end("n", "c", Ended::Failed)).1, failed);
         count(begin("d"));
-        assert!(!count(end("n", "d", Ended::Hit)).1, "more may come as long as the source goes on");
-        let (text, done) = count(end("source", "x", Ended::Ran));
-        assert_eq!((text.as_str(), done), ("4/4, 1 as before, 1 failed, 1 blocked", true));
+        assert!(!count(end("n", "d", Ended::Hit)).2, "more may come as long as the source goes on");
+        assert_eq!(count(end("source", "x", Ended::Ran)), (true, Counts { hit: 1, ..failed }, true));
     }
 
     #[test]
     fn actions_in_flight_move_the_bar() {
-        let mut tally = tally();
-        tally.count(&expect("n", 2));
-        tally.count(&begin("a"));
-        assert_eq!(tally.count(&progress("")).as_deref(), Some("n"));
-        let node = tally.node("n").expect("it was counted");
+        let mut state = fresh();
+        state.count(&expect("n", 2));
+        state.count(&begin("a"));
+        assert_eq!(state.count(&progress("")).as_deref(), Some("n"));
+        let node = state.node("n").expect("it was counted");
         assert!(node.position() == 0.25 && node.long(Duration::ZERO).next().is_none());
-        tally.count(&progress("loss 2"));
-        let node = tally.node("n").expect("it was counted");
-        let told: Vec<String> =
-            node.long(Duration::ZERO).map(|((_, item), long)| format!("{item}: {}", long.text())).collect();
+        state.count(&progress("loss 2"));
+        let node = state.node("n").expect("it was counted");
+        let told: Vec<String> = node
+            .long(Duration::ZERO)
+            .map(|((_, item), long)| format!("{item}: {}/{}  {}", long.done, long.total, long.message))
+            .collect();
         assert_eq!(told, ["a: 1/4  loss 2"]);
-        tally.count(&Event::Healing { nodes: vec!["n".into()] });
-        assert!(tally.node("n").is_none(), "another pass counts anew");
+        state.count(&Event::Healing { nodes: vec!["n".into()] });
+        assert!(state.node("n").is_none(), "another pass counts anew");
     }
 }
