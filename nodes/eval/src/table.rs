@@ -259,7 +259,7 @@ pub fn tabulate(
         });
         if cells[place].1.insert(score.item, score.metrics).is_some() {
             return Err(KindError::Input(format!(
-                "two scores of `{}` meet in the cell {}; give the nodes of `scores` a matrix axis that tells them apart",
+                "two scores of `{}` meet in the cell {}; give the nodes of `scores` a matrix axis that differs",
                 score.item,
                 described(&axes, &at)
             )));
