@@ -5,10 +5,12 @@
 pub mod bins;
 pub mod curve;
 pub mod folder;
+pub mod geom;
 pub mod image;
 pub mod image_io;
 pub mod maths;
 pub mod mesh;
+pub mod mesh_check;
 pub mod methods;
 pub mod mitsuba;
 pub mod records;

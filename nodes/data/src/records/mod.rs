@@ -4,6 +4,7 @@
 //! them. [`MEDIA`] is the one table of all of them by name.
 
 mod asset;
+mod backbone;
 mod bridge;
 mod convergence;
 mod estimate;
@@ -26,6 +27,7 @@ mod timing;
 mod training;
 
 pub use asset::*;
+pub use backbone::*;
 pub use bridge::*;
 pub use convergence::*;
 pub use estimate::Estimate;
@@ -50,8 +52,10 @@ use tauflow_contract::{Files, MediaRow};
 
 /// Every media type, by name.
 pub const MEDIA: &[MediaRow] = &[
+    MediaRow::of::<AdapterFile>(),
     MediaRow::of::<Asset>(),
     MediaRow::of::<AssetReport>(),
+    MediaRow::of::<BackboneFiles>(),
     MediaRow::of::<BridgeFiles>(),
     MediaRow::of::<BridgeSteps>(),
     MediaRow::of::<Convergence>(),
