@@ -47,8 +47,8 @@ impl Kind for LadderMetrics {
             summary: "Scores the rungs of ladders against held-out references.",
             manual: include_str!("ladder_metrics.md"),
             mode: Mode::Map,
-            inputs: const { &[LADDERS.port(), REFERENCES.port(), EXPOSURE.port()] },
-            outputs: const { &[METRICS.port()] },
+            inputs: vec![LADDERS.port(), REFERENCES.port(), EXPOSURE.port()],
+            outputs: vec![METRICS.port()],
             seeded: false,
         }
     }

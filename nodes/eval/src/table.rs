@@ -106,8 +106,8 @@ impl Kind for TableKind {
             summary: "Tabulates metrics by any axes, with intervals and paired differences.",
             manual: include_str!("table.md"),
             mode: Mode::Gather,
-            inputs: const { &[SCORES.port(), SPLIT.port()] },
-            outputs: const { &[TABLE.port()] },
+            inputs: vec![SCORES.port(), SPLIT.port()],
+            outputs: vec![TABLE.port()],
             seeded: true,
         }
     }
