@@ -21,6 +21,7 @@ mod scene;
 mod scores;
 mod split;
 mod statistics;
+mod table;
 mod time_error;
 mod timing;
 mod training;
@@ -42,6 +43,7 @@ pub use scene::*;
 pub use scores::*;
 pub use split::*;
 pub use statistics::*;
+pub use table::*;
 pub use time_error::*;
 pub use timing::*;
 pub use training::*;
@@ -70,6 +72,7 @@ pub const MEDIA: &[MediaRow] = &[
     MediaRow::of::<SceneRecord>(),
     MediaRow::of::<SceneScores>(),
     MediaRow::of::<SceneStatistics>(),
+    MediaRow::of::<ScoreTable>(),
     MediaRow::of::<SplitReport>(),
     MediaRow::of::<TimeError>(),
     MediaRow::of::<Timing>(),
