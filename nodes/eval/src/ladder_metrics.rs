@@ -98,7 +98,7 @@ mod tests {
     use std::{collections::BTreeMap, sync::atomic::AtomicBool};
     use tauflow_contract::{ItemKey, MemoryBlobs, Silent};
     use tauflow_data::{
-        SamplerKind,
+        IntegratorKind, SamplerKind,
         records::{LadderMeta, Rung},
     };
 
@@ -117,6 +117,7 @@ mod tests {
                 rejected: 0,
                 mean_path_length: 1.0,
                 sampler: SamplerKind::Independent,
+                integrator: IntegratorKind::Path,
                 estimated_error: None,
             },
             rungs: rungs.iter().map(|(spp, value)| Rung { spp: *spp, image: grey(*value) }).collect(),

@@ -106,7 +106,7 @@ mod tests {
     use std::sync::atomic::AtomicBool;
     use tauflow_contract::{Collection, ItemKey, Media, MemoryBlobs, Silent};
     use tauflow_data::{
-        SamplerKind,
+        IntegratorKind, SamplerKind,
         records::{LadderMeta, Rung},
     };
 
@@ -120,6 +120,7 @@ mod tests {
                 rejected: 0,
                 mean_path_length: 1.0,
                 sampler: SamplerKind::Independent,
+                integrator: IntegratorKind::Path,
                 estimated_error: None,
             },
             rungs: counts.iter().map(|spp| Rung { spp: *spp, image: image(*spp as f32) }).collect(),
