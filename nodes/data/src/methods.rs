@@ -89,7 +89,7 @@ impl JsonSchema for MethodName {
     }
 }
 
-/// What the network predicts.
+/// Quantity that the network predicts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
 #[serde(rename_all = "snake_case")]
 pub enum Parameterization {

@@ -178,7 +178,7 @@ impl JsonSchema for Resolution {
     }
 }
 
-/// How samples are drawn.
+/// Sampler of random numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
 #[serde(rename_all = "snake_case")]
 pub enum SamplerKind {

@@ -12,7 +12,7 @@ pub(crate) const TIMING: &str = "timing";
 
 /// Input that only has to be there.
 pub(crate) const AFTER: Each<Any> =
-    Each::any("after", "What must be there before `timing` measures, so that methods take turns.").or_none();
+    Each::any("after", "Completed before `timing` measures, so that methods take turns.").or_none();
 
 /// Params without what only `timing` reads, in the other groups.
 pub(crate) fn projected(params: &impl Serialize, group: &str) -> serde_json::Value {

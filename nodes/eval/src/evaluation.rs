@@ -34,7 +34,7 @@ pub struct EvaluationKind;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct EvaluationParams {
-    /// Resamples of the bootstrap.
+    /// Number of bootstrap resamples.
     #[schemars(range(min = 100, max = 100_000))]
     pub resamples: u64,
 }
@@ -46,11 +46,11 @@ impl Default for EvaluationParams {
 }
 
 const SCORES: All<SceneScores> = All::new("scores", "Scores of refined images, by cell and scene.");
-const HOLD: All<SceneScores> = All::new("hold", "Scores of the endpoints that all start from, by scene.");
+const HOLD: All<SceneScores> = All::new("hold", "Scores of the endpoints from which all methods start, by scene.");
 const BASELINES: All<SceneScores> =
     All::new("baselines", "Scores of other methods, such as denoisers, by cell and scene.").or_none();
 const MAIN: Group = Group::main(4);
-const TABLES: Out<Evaluation> = Out::new(MAIN, "tables", "Means, intervals, curves and every score.");
+const TABLES: Out<Evaluation> = Out::new(MAIN, "tables", "Means, intervals, curves and all scores.");
 
 impl Kind for EvaluationKind {
     type Params = EvaluationParams;
@@ -58,7 +58,7 @@ impl Kind for EvaluationKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "evaluation",
-            summary: "Sums scores up by method, model calls and stratum, with intervals.",
+            summary: "Aggregates scores by method, model calls and stratum, with confidence intervals.",
             manual: include_str!("evaluation.md"),
             mode: Mode::Gather,
             inputs: const { &[SCORES.port(), HOLD.port(), BASELINES.port(), SPLIT.port()] },

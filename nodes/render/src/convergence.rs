@@ -21,8 +21,9 @@ use tauflow_data::{
     statistics::quantile,
 };
 
-const REFERENCES: All<Ladder> = All::new("references", "References of another stream; their last rung counts.");
-const LADDERS: All<Ladder> = All::new("ladders", "Ladders of the same scenes: three rungs or more, all alike.");
+const REFERENCES: All<Ladder> = All::new("references", "References of a different stream; the last rung is used.");
+const LADDERS: All<Ladder> =
+    All::new("ladders", "Ladders of the same scenes, with at least three rungs, the same for all scenes.");
 const EXPOSURE: All<Exposure> = All::new("exposure", "The exposure of the same scenes.");
 const CONVERGENCE: Out<Convergence> = Out::new(Group::main(5), "convergence", "Errors, slopes, covariances and tails.");
 
@@ -43,7 +44,7 @@ impl Kind for ConvergenceKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "convergence",
-            summary: "Measures how far ladders keep to the law of variance time, against held-out references.",
+            summary: "Tests whether ladders obey the variance law, with held-out references.",
             manual: include_str!("convergence.md"),
             mode: Mode::Gather,
             inputs: const { &[REFERENCES.port(), LADDERS.port(), EXPOSURE.port()] },

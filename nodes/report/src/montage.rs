@@ -54,7 +54,7 @@ pub struct Picture {
 /// How to make montages.
 #[derive(Clone, Copy, Debug)]
 pub struct Choice {
-    /// Scenes of each stratum.
+    /// Number of scenes per stratum.
     pub scenes: usize,
     /// Model calls.
     pub nfe: u64,

@@ -27,12 +27,13 @@ pub struct BridgeRefinementParams {}
 
 const ENDPOINTS: Each<PackedScene> = Each::new("endpoints", "Scenes at consecutive sample counts, such as 1..10.");
 const MC_NOISE: All<ModelFile> =
-    All::new(Parameterization::McNoise.name(), "A solver of parameterization mc_noise: one.");
+    All::new(Parameterization::McNoise.name(), "A solver with parameterization mc_noise: exactly one.");
 const LOCAL_VELOCITY: All<ModelFile> =
-    All::new(Parameterization::LocalVelocity.name(), "A solver of parameterization local_velocity: one.");
+    All::new(Parameterization::LocalVelocity.name(), "A solver with parameterization local_velocity: exactly one.");
 
 const MAIN: Group = Group::main(3);
-const STEPS: Out<BridgeSteps> = Out::new(MAIN, "steps", "The images at every stop, and the training ladder's clock.");
+const STEPS: Out<BridgeSteps> =
+    Out::new(MAIN, "steps", "The images at every stop, and the clock of the training ladder.");
 const OUTPUTS: &[OutputPort] = &[STEPS.port()];
 
 impl Kind for BridgeRefinement {

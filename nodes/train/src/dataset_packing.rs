@@ -29,7 +29,7 @@ impl Kind for DatasetPacking {
     fn spec() -> KindSpec {
         KindSpec {
             name: "dataset_packing",
-            summary: "Packs exposed rungs and G-buffers for learning.",
+            summary: "Packs exposed rungs and G-buffers for training and evaluation.",
             manual: include_str!("dataset_packing.md"),
             mode: Mode::Map,
             inputs: const { &[LADDERS.port(), GBUFFERS.port(), EXPOSURE.port()] },

@@ -27,7 +27,7 @@ use tauflow_data::{
 pub struct ModelInfo {
     /// What it predicts.
     pub parameterization: Parameterization,
-    /// What it sees beside the state.
+    /// Additional input of the network: none (RGB), or G-buffers.
     pub conditioning: Conditioning,
     /// Size of its network.
     pub preset: Preset,

@@ -74,14 +74,14 @@ pub struct RefinementParams {
     /// Sample count of the endpoint to start from.
     #[schemars(range(min = 1))]
     pub from: u64,
-    /// How the times of a rollout are spread.
+    /// Time grid of the rollouts.
     pub grid: TimeGrid,
-    /// Views of the image whose mean a model call is: 1, 2 for its mirror image too, 4 for both upside down as well, or
-    /// 8 for all four with rows for columns.
+    /// Number of mirrored and rotated copies over which each call is averaged: 1, 2 (mirrored), 4 (also upside down) or
+    /// 8 (also transposed).
     pub mirrors: Views,
-    /// Channels of the G-buffer that are set to 0 before the solver sees them: what they are worth to it.
+    /// Channels of the G-buffer that are set to 0, to measure how much the solver uses them.
     pub blank: Blank,
-    /// Times that `timing` measures each number of calls.
+    /// Number of measurements by `timing` per number of calls.
     #[schemars(range(min = 1, max = 1000))]
     pub repeats: u64,
 }
@@ -100,14 +100,14 @@ impl Default for RefinementParams {
 }
 
 const ENDPOINTS: Each<PackedScene> = Each::new("endpoints", "The scenes whose endpoints are refined.");
-const MODEL: All<ModelFile> = All::new("model", "The trained solver: one.");
+const MODEL: All<ModelFile> = All::new("model", "The trained solver: exactly one.");
 const AFTER: Each<Any> =
-    Each::any("after", "What must be there before `timing` measures, so that methods take turns.").or_none();
+    Each::any("after", "Completed before `timing` measures, so that methods take turns.").or_none();
 
 const MAIN: Group = Group::main(3);
 const MEASURED: Group = Group::new("timing", 3);
-const REFINED: Out<Refined> = Out::new(MAIN, "refined", "One image for each number of model calls.");
-const TIMING: Out<Timing> = Out::new(MEASURED, "timing", "How long each takes, on all cores.").measured();
+const REFINED: Out<Refined> = Out::new(MAIN, "refined", "One image per number of model calls.");
+const TIMING: Out<Timing> = Out::new(MEASURED, "timing", "Wall time of each number of calls, on all cores.").measured();
 const OUTPUTS: &[OutputPort] = &[REFINED.port(), TIMING.port()];
 
 impl Kind for Refinement {
@@ -116,7 +116,7 @@ impl Kind for Refinement {
     fn spec() -> KindSpec {
         KindSpec {
             name: "refinement",
-            summary: "Refines endpoints with a trained solver in any number of steps.",
+            summary: "Denoises endpoints with a trained solver in any number of steps.",
             manual: include_str!("refinement.md"),
             mode: Mode::Map,
             inputs: const { &[ENDPOINTS.port(), MODEL.port(), AFTER.port()] },

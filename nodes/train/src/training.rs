@@ -38,13 +38,13 @@ const VERSION: u32 = 4;
 /// The kind `training`.
 pub struct Training;
 
-const TRAIN: All<PackedScene> = All::new("train", "The scenes to learn from.");
-const TEST: All<PackedScene> = All::new("test", "Scenes whose loss is written down, never learned from.").or_none();
+const TRAIN: All<PackedScene> = All::new("train", "The training set.");
+const TEST: All<PackedScene> = All::new("test", "The test set; only its loss is recorded.").or_none();
 
 const MAIN: Group = Group::main(VERSION);
 const MODEL: Out<ModelFile> = Out::new(MAIN, "model", "The averaged weights.");
 const LOG: Out<TrainingLog> = Out::new(MAIN, "log", "The loss curve.");
-const TIMING: Out<TrainingTiming> = Out::new(MAIN, "timing", "Time of a step.").measured();
+const TIMING: Out<TrainingTiming> = Out::new(MAIN, "timing", "Wall time per step.").measured();
 const OUTPUTS: &[OutputPort] = &[MODEL.port(), LOG.port(), TIMING.port()];
 
 /// The key of the one item on each output.
@@ -56,7 +56,7 @@ impl Kind for Training {
     fn spec() -> KindSpec {
         KindSpec {
             name: "training",
-            summary: "Trains a transport solver.",
+            summary: "Trains a solver (a neural denoiser).",
             manual: include_str!("training.md"),
             mode: Mode::Gather,
             inputs: const { &[TRAIN.port(), TEST.port()] },

@@ -17,7 +17,7 @@ pub struct Evaluation {
     /// Number of groups of them that intervals are over; none where each scene stands for itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub groups: Option<u64>,
-    /// Resamples of the bootstrap.
+    /// Number of bootstrap resamples.
     pub resamples: u64,
     /// The model calls that were measured, increasing.
     pub nfe: Vec<u64>,

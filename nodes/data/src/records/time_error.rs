@@ -18,7 +18,7 @@ pub struct TimeError {
     /// Number of groups of them that intervals are over; none where each scene stands for itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub groups: Option<u64>,
-    /// Resamples of the bootstrap.
+    /// Number of bootstrap resamples.
     pub resamples: u64,
     /// The path tracer first, then the others by name.
     pub methods: Vec<TimedMethod>,
@@ -159,7 +159,7 @@ pub fn front(points: &[(f64, f64)]) -> Vec<usize> {
     order
 }
 
-json_media! { TimeError, "tauflow/time-error", "Errors and times by method, and what follows from them."; }
+json_media! { TimeError, "tauflow/time-error", "Errors, times and derived figures per method."; }
 
 #[cfg(test)]
 mod tests {

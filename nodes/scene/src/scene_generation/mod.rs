@@ -37,8 +37,8 @@ use tauflow_data::{
     scene::Recipe,
 };
 
-const ASSETS: All<Asset> = All::new("assets", "HDRIs and objects to build with.").or_none();
-const SCENES: Out<SceneRecord> = Out::new(Group::main(5), "scenes", "One scene for each item of the pool.");
+const ASSETS: All<Asset> = All::new("assets", "HDRIs and objects to use.").or_none();
+const SCENES: Out<SceneRecord> = Out::new(Group::main(5), "scenes", "One scene per item of the pool.");
 
 /// The kind `scene_generation`.
 pub struct SceneGeneration;
@@ -49,7 +49,7 @@ impl Kind for SceneGeneration {
     fn spec() -> KindSpec {
         KindSpec {
             name: "scene_generation",
-            summary: "Draws scenes over regimes x contexts from layouts, objects, skies and materials.",
+            summary: "Generates scenes for regimes x contexts from layouts, objects, skies and materials.",
             manual: include_str!("../scene_generation.md"),
             mode: Mode::Source,
             inputs: const { &[ASSETS.port()] },

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use std::sync::Arc;
 use tauflow_ops::{Operator, Pyramid, WeightedMean, exp, map2};
 
-/// What the network's numbers are.
+/// Output of the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema, Default)]
 #[serde(rename_all = "snake_case")]
 pub enum Output {
