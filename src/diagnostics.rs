@@ -278,7 +278,7 @@ pub fn did_you_mean<'a>(wanted: &str, what: &str, names: impl IntoIterator<Item 
         return format!("did you mean `{near}`?");
     }
     let all: Vec<String> = names.into_iter().map(|n| format!("`{n}`")).collect();
-    if all.is_empty() { format!("there are no {what} here") } else { format!("{what}: {}", listed(&all)) }
+    if all.is_empty() { format!("there are no {what}") } else { format!("{what}: {}", listed(&all)) }
 }
 
 /// Names with commas between them; of very many the first fifty.

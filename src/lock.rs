@@ -55,7 +55,7 @@ pub enum LockError {
         hint: &'static str,
     },
     /// It is no lock file.
-    #[error("{path} is no lock file: {message}; write it anew by `--update-lock`", path = path.display())]
+    #[error("{path} is not a lock file: {message}; rewrite it with `--update-lock`", path = path.display())]
     Parse {
         /// The file.
         path: PathBuf,
@@ -115,7 +115,7 @@ impl Lock {
             what: "write",
             path: path.to_owned(),
             source,
-            hint: "make room, or look at its folder",
+            hint: "free some space, or check its directory",
         };
         let temporary = path.with_added_extension(format!("{}.tmp", std::process::id()));
         fs::write(&temporary, self.text()).and_then(|()| fs::rename(&temporary, path)).map_err(|source| {

@@ -95,11 +95,11 @@ pub(super) fn alone(args: &ExecArgs, cache: &CacheAt) -> Result<Exit, CliError> 
     folder.clear()?;
     Ok(match ended {
         Ended::Limit => {
-            eprintln!("error: the action was stopped after its limit; nothing of it is recorded");
+            eprintln!("error: the action was stopped at its time limit; nothing was recorded");
             Exit::Failed
         }
         Ended::Interrupted => {
-            eprintln!("stopped; nothing of the action is recorded");
+            eprintln!("stopped; nothing was recorded");
             Exit::Interrupted
         }
         Ended::Itself(status, told) => {
@@ -155,11 +155,11 @@ fn sandbox(program: &Path, folder: &Folder, store: &Path, read: &[&Path]) -> Res
     prepare(first.arg("--version"), folder);
     let refused = |why: &str| {
         CliError::Environment(format!(
-            "cannot make a sandbox: {why}; install bubblewrap, allow namespaces of users, or leave --sandbox away"
+            "cannot create a sandbox: {why}; install bubblewrap, enable user namespaces, or omit --sandbox"
         ))
     };
     match first.output() {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Err(refused("there is no program `bwrap` here")),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Err(refused("the program `bwrap` is not installed")),
         Err(error) => Err(refused(&format!("`bwrap` cannot be started: {error}"))),
         Ok(done) if !done.status.success() => Err(refused(String::from_utf8_lossy(&done.stderr).trim())),
         Ok(_) => Ok(bare()),

@@ -46,7 +46,7 @@ pub(crate) fn explain(args: &ExplainArgs, registry: &Registry, cache: &CacheAt) 
         }
         let waits = plan.summary.nodes.iter().filter(|n| n.ran > 0).map(|n| n.node.as_str()).collect::<Vec<_>>();
         outln!(
-            "`{text}` cannot be looked at before {} has run; see `tauflow plan {}`",
+            "`{text}` cannot be explained before {} has run; see `tauflow plan {}`",
             if waits.is_empty() { "what it reads".to_owned() } else { waits.join(", ") },
             args.pipeline.again()
         );
@@ -62,7 +62,7 @@ pub(crate) fn explain(args: &ExplainArgs, registry: &Registry, cache: &CacheAt) 
         let why = match action.ended {
             Ended::WouldRun if action.unknown => UNKNOWN.to_owned(),
             Ended::WouldRun => format!("runs; {}", reason(history.nearest(&action.key).as_ref())),
-            _ => "done before; nothing it reads has changed".into(),
+            _ => "up to date: no input has changed".into(),
         };
         groups.entry(why).or_default().push(name(&pipeline, action));
     }
@@ -71,7 +71,7 @@ pub(crate) fn explain(args: &ExplainArgs, registry: &Registry, cache: &CacheAt) 
         let shown: Vec<&str> = items.iter().take(4).map(String::as_str).collect();
         outln!("    {}{}", shown.join("  "), if items.len() > 4 { "  ..." } else { "" });
     }
-    outln!("\nfor one in full: tauflow explain {} {} ITEM", args.pipeline.again(), args.node);
+    outln!("\nfor details of an item: tauflow explain {} {} ITEM", args.pipeline.again(), args.node);
     Ok(Exit::Done)
 }
 
@@ -83,7 +83,7 @@ fn there_is(item: &str, only: &Only, pipeline: &Pipeline, store: &Store) -> Resu
     if items.is_empty() || items.contains(item) {
         return Ok(());
     }
-    let first = items.iter().next().map(|first| format!("items read like `{first}`"));
+    let first = items.iter().next().map(|first| format!("items have names like `{first}`"));
     let hint = nearest(item, items.iter().copied()).map(|near| format!("did you mean `{near}`?")).or(first);
     let node = &pipeline.nodes[only.node].name;
     Err(CliError::Bad(format!("`{node}` has no item `{item}`; {}", hint.unwrap_or_default())))
@@ -128,11 +128,11 @@ fn in_full(pipeline: &Pipeline, action: &Planned, history: &History) {
     match action.ended {
         Ended::WouldRun if action.unknown => outln!("\n{UNKNOWN}"),
         Ended::WouldRun => match history.nearest(key) {
-            None => outln!("\nruns: this kind was never run before"),
+            None => outln!("\nreason to run: this kind has has never run"),
             Some(nearest) => {
                 outln!("\nruns: {}", reason(Some(&nearest)));
                 outln!(
-                    "nearest earlier key {} (took {})",
+                    "most similar earlier key {} (took {})",
                     nearest.record.key.short(),
                     seconds_text(nearest.record.wall_us as f64 / 1e6)
                 );

@@ -71,7 +71,7 @@ pub(crate) fn kinds(args: &KindsArgs, registry: &Registry) -> Result<Exit, CliEr
     if let Some(name) = &args.kind {
         let kind = registry
             .get(name)
-            .ok_or_else(|| CliError::Bad(format!("there is no kind `{name}`; {}", registry.hint(name))))?;
+            .ok_or_else(|| CliError::Bad(format!("unknown kind `{name}`; {}", registry.hint(name))))?;
         out!("{}", page(kind.as_ref()));
         return Ok(Exit::Done);
     }

@@ -56,7 +56,7 @@ pub(crate) fn plan(args: &PipelineArgs, registry: &Registry, cache: &CacheAt) ->
         let blocked = if unasked > 0 {
             format!("{unasked} unknown")
         } else if node.unknown {
-            "not known yet".to_owned()
+            "unknown".to_owned()
         } else if node.blocked > 0 {
             format!("{} waiting", node.blocked)
         } else {

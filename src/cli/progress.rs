@@ -92,7 +92,7 @@ impl Display {
             Event::Warning { message } => self.voice().say(&format!("warning: {message}")),
             Event::Healing { nodes } => {
                 let nodes = nodes.join(", ");
-                self.voice().say(&format!("making again what is needed and is not in the cache ({nodes})"));
+                self.voice().say(&format!("rebuilding results that are missing from the cache ({nodes})"));
                 state.shown.values_mut().for_each(|shown| shown.told_end = false);
             }
             _ => {}

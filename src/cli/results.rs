@@ -48,7 +48,7 @@ impl<'a> Asked<'a> {
         let name = reference.node;
         let node = pipeline.node(name).ok_or_else(|| {
             let names = pipeline.nodes.iter().map(|n| n.name.as_str());
-            CliError::Bad(format!("there is no node `{name}`; {}", did_you_mean(name, "nodes", names)))
+            CliError::Bad(format!("unknown node `{name}`; {}", did_you_mean(name, "nodes", names)))
         })?;
         let of = &pipeline.nodes[node];
         let port = match reference.port {
@@ -67,7 +67,7 @@ impl<'a> Asked<'a> {
             let axes: Vec<String> = of.axes.iter().map(|(a, values)| format!("{a}: {}", values.join(", "))).collect();
             let axes =
                 if axes.is_empty() { "it has no axes".to_owned() } else { format!("its axes are {}", axes.join("; ")) };
-            return Err(CliError::Bad(format!("`{text}` picks no cell of `{name}`; {axes}")));
+            return Err(CliError::Bad(format!("`{text}` matches no cell of `{name}`; {axes}")));
         }
         let cells = (!reference.select.is_empty()).then_some(cells);
         Ok(Self { pipeline, node, port, cells })
@@ -93,7 +93,7 @@ impl<'a> Asked<'a> {
     /// Makes what is lost or damaged again, and says so.
     pub(crate) fn restore(&self, store: &Store) -> Result<(), CliError> {
         let node = &self.pipeline.nodes[self.node].name;
-        eprintln!("`{node}` is no longer whole in the cache; running again what made it");
+        eprintln!("results of `{node}` are missing from the cache; rebuilding them");
         let display = Display::new(self.pipeline, false);
         // Stopped by Ctrl-C as every program is: what is done is kept.
         let stop = AtomicBool::new(false);
@@ -103,7 +103,7 @@ impl<'a> Asked<'a> {
         match summary?.failures.first() {
             None => Ok(()),
             Some(first) => {
-                let message = format!("`{node}` cannot be made again: {} {}", first.only(), first.message);
+                let message = format!("`{node}` cannot be rebuilt: {} {}", first.only(), first.message);
                 Err(CliError::Bad(message))
             }
         }
@@ -113,9 +113,9 @@ impl<'a> Asked<'a> {
 /// A failure in reading a result.
 pub(crate) fn unread(item: &str, error: KindError) -> CliError {
     match error {
-        KindError::MissingBlob(_) => CliError::Bad(format!(
-            "`{item}` is no longer whole in the cache; run `tauflow cache verify`, then the pipeline"
-        )),
+        KindError::MissingBlob(_) => {
+            CliError::Bad(format!("`{item}` is missing from the cache; run `tauflow cache verify`, then the pipeline"))
+        }
         KindError::Environment(message) => CliError::Environment(format!("{item}: {message}")),
         other => CliError::Bad(format!("{item}: {other}")),
     }

@@ -79,7 +79,7 @@ impl ActionFile {
     pub fn recorded(store: &Store, key: &Key) -> Result<Self, ExecError> {
         let Some(record) = store.lookup(ACTION, key) else {
             return Err(ExecError::Action(format!(
-                "the store has no action {key}; `tauflow explain PIPELINE NODE ITEM` tells an action's key"
+                "the store has no action {key}; `tauflow explain PIPELINE NODE ITEM` prints the key of an action"
             )));
         };
         let unread = |what: &str, e: serde_json::Error| {
@@ -90,8 +90,8 @@ impl ActionFile {
         let hash = found.hash();
         if hash != *key {
             return Err(ExecError::Action(format!(
-                "the record of action {key} holds the key of action {hash}: it is not the one that was asked for, and \
-                 whoever wrote it made it up, or it is of a program with other keys; run its pipeline again"
+                "the record of action {key} contains the key of action {hash}: it was forged, or written by a program \
+                with a different key format; run its pipeline again"
             )));
         }
         let recipe = serde_json::from_str(&record.recipe).map_err(|e| unread("recipe", e))?;
@@ -115,17 +115,13 @@ impl ActionFile {
         let basis = key.basis.clone();
         if basis.format != FORMAT_VERSION {
             return Err(ExecError::Action(format!(
-                "the action's key is of format {}, and this program's are of format {FORMAT_VERSION}; run it with the \
-                 program that made it",
+                "the key of the action has format {}, but this program uses format {FORMAT_VERSION}; run it with the \
+                program that recorded it",
                 basis.format
             )));
         }
         let Some(kind) = registry.get(&basis.kind) else {
-            return Err(ExecError::Action(format!(
-                "there is no kind `{}`; {}",
-                basis.kind,
-                registry.hint(&basis.kind)
-            )));
+            return Err(ExecError::Action(format!("unknown kind `{}`; {}", basis.kind, registry.hint(&basis.kind))));
         };
         let spec = kind.spec();
         let Some(group) = spec.group(&basis.group) else {
@@ -133,14 +129,15 @@ impl ActionFile {
         };
         if group.version != basis.version {
             return Err(ExecError::Action(format!(
-                "the action asks for version {} of `{}`, and this is {}; run it with the program that made it",
+                "the action needs version {} of `{}`, but this is version {}; run it with the program that recorded it",
                 basis.version, basis.kind, group.version
             )));
         }
         // Params of a file are from anywhere; those of a pipeline were held to the same schema.
         if let Some(wrong) = schema_check::check(&kind.params_schema(), &basis.params).into_iter().next() {
             return Err(ExecError::Action(format!(
-                "the action's params are none of `{}`: `{}`: {}; write it anew with `tauflow exec KEY --print`",
+                "the params of the action are invalid for `{}`: `{}`: {}; write it again with `tauflow exec KEY \
+                --print`",
                 basis.kind, wrong.pointer, wrong.message
             )));
         }
@@ -157,7 +154,7 @@ impl ActionFile {
         let same = |name: &str, digest: Digest| match key.inputs.get(name) {
             Some(asked) if *asked == digest => Ok(()),
             asked => Err(ExecError::Action(format!(
-                "the recipe's input `{name}` is {digest}, and the key asks for {}",
+                "the input `{name}` of the recipe is {digest}, but the key requires {}",
                 asked.map_or_else(|| "none".to_owned(), ToString::to_string)
             ))),
         };
@@ -179,7 +176,7 @@ impl ActionFile {
             whole.push((input, Arc::new(found)));
         }
         if each.len() + whole.len() + usize::from(file.is_some()) != key.inputs.len() {
-            return Err(ExecError::Action("the recipe leaves inputs of the key out".into()));
+            return Err(ExecError::Action("the recipe lacks inputs of the key".into()));
         }
         let record = store.lookup(ACTION, &hash);
         let before =
@@ -234,11 +231,11 @@ pub fn find(store: &Store, start: &str) -> Result<Key, ExecError> {
     match &found[..] {
         [key] => Ok(*key),
         [] => Err(ExecError::Action(format!(
-            "the store in {} has no action `{start}`; `tauflow explain PIPELINE NODE ITEM` tells an action's key",
+            "the store in {} has no action `{start}`; `tauflow explain PIPELINE NODE ITEM` prints the key of an action",
             store.dir().display()
         ))),
         several => Err(ExecError::Action(format!(
-            "{} actions begin with `{start}`; give more of the key, such as {}",
+            "{} actions begin with `{start}`; use a longer prefix, such as {}",
             several.len(),
             several[0]
         ))),
@@ -258,20 +255,18 @@ fn foreign(there: &Value, here: &Value) -> ExecError {
     let differ = |difference: &explain::Difference| {
         let field = difference.field.trim_start_matches('/').replace('/', ".");
         let field = if field.is_empty() { "environment" } else { &field };
-        format!("`{field}` is {} in its key and {} here", show(&difference.before), show(&difference.now))
+        format!("`{field}` is {} in the key, but {} on this machine", show(&difference.before), show(&difference.now))
     };
     let told = found.iter().map(differ).collect::<Vec<_>>().join("; ");
     ExecError::Foreign(format!(
-        "the action is of another machine, library or device: {told}; run it where they are the same (`exec` passes on \
-         PATH, RAYON_NUM_THREADS, TAUFLOW_OIDN, TAUFLOW_DEVICE and TAUFLOW_INSTRUCTIONS, and works in an empty \
-         folder, so that programs are named by PATH or from `/` on), or run its pipeline here, which gives it a key of \
-         its own"
+        "the environment differs: {told}; run the action in the same environment, or run its pipeline here. `exec` \
+        passes on PATH, RAYON_NUM_THREADS, TAUFLOW_OIDN, TAUFLOW_DEVICE and TAUFLOW_INSTRUCTIONS, and its working \
+        directory is empty, so programs must be on PATH or have absolute paths"
     ))
 }
 
 fn missing(digest: &Digest) -> ExecError {
     ExecError::Action(format!(
-        "the store does not hold the input blob {digest}; copy it there, or run what makes it, \
-         without `transient` if that is set"
+        "the store lacks the input blob {digest}; copy it there, or run the node that produces it, without `transient`"
     ))
 }

@@ -167,13 +167,13 @@ fn but_one(key: &Value) -> Vec<Key> {
 }
 
 /// A line for people: why it is not known whether an action runs.
-pub const UNKNOWN: &str = "unknown: a program has to tell its version first, which a run asks it for";
+pub const UNKNOWN: &str = "unknown: the version of a program is needed, which only a run queries";
 
 /// A line for people: which parts of the key changed.
 pub fn reason(nearest: Option<&Nearest>) -> String {
-    let Some(nearest) = nearest else { return "never run before".into() };
+    let Some(nearest) = nearest else { return "has never run".into() };
     if nearest.differences.is_empty() {
-        return "its outputs are no longer in the store".into();
+        return "its outputs are missing from the store".into();
     }
     let names: BTreeSet<String> = nearest
         .differences
@@ -181,8 +181,8 @@ pub fn reason(nearest: Option<&Nearest>) -> String {
         .map(|d| match d.field.split('/').nth(1) {
             Some("params") => format!("param {}", d.field.trim_start_matches("/params/").replace('/', ".")),
             Some("inputs") => format!("input {}", d.field.trim_start_matches("/inputs/")),
-            Some("seed") => "another item or seed".into(),
-            Some("environment") => "the machine, or a library of it".into(),
+            Some("seed") => "item or seed".into(),
+            Some("environment") => "machine or library".into(),
             Some("version") => "version of the output group".into(),
             _ => d.field.trim_start_matches('/').into(),
         })

@@ -26,7 +26,7 @@ pub struct Lane {
     pub unknown: bool,
     /// The output ports of the group.
     pub ports: Vec<PortId>,
-    /// What feeds each input port.
+    /// Source of each input port.
     pub inputs: Row<InputId, Vec<LaneFeed>>,
     /// The input port that decides which items there are.
     pub driving: Option<InputId>,
@@ -80,7 +80,7 @@ impl Only {
         let (name, rest) = text.split_once('/').map_or((text, None), |(name, rest)| (name, Some(rest)));
         let node = pipeline.node(name).ok_or_else(|| {
             let names = pipeline.nodes.iter().map(|n| n.name.as_str());
-            format!("there is no node `{name}`; {}", crate::diagnostics::did_you_mean(name, "nodes", names))
+            format!("unknown node `{name}`; {}", crate::diagnostics::did_you_mean(name, "nodes", names))
         })?;
         let Some(rest) = rest else { return Ok(Self { node, cell: None, item: None }) };
         let item = |text: &str| ItemKey::new(text).map_err(|e| e.to_string());

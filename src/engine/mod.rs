@@ -83,7 +83,8 @@ pub enum EngineError {
     #[error(transparent)]
     Cache(#[from] CacheError),
     /// A result could not be written.
-    #[error("cannot write {path}: {source}; make room or choose another folder by --out", path = path.display())]
+    #[error("cannot write {path}: {source}; free some space, or choose a different directory with \
+        --out", path = path.display())]
     Write {
         /// Where.
         path: PathBuf,
@@ -185,7 +186,7 @@ pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: PortId) ->
             let unread = store.damaged_log_places() > 0 && !store.keys_by_label(PIPELINE, &pipeline.name).is_empty();
             let error = if run.never_run && !unread { EngineError::Request } else { EngineError::Lost };
             return Err(error(format!(
-                "`{}` is not up to date: {} must run first; run the pipeline, then ask again",
+                "`{}` is stale: {} must run first; run the pipeline, then repeat this command",
                 pipeline.cell_name(cell),
                 if names.is_empty() { "it".to_owned() } else { names.join(", ") }
             )));
@@ -193,7 +194,7 @@ pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: PortId) ->
         let prefix = &pipeline.cells[cell].text;
         let missing = |blob: Digest| {
             EngineError::Lost(format!(
-                "blob {} of `{}` is missing; run the pipeline, which makes it again, then ask again",
+                "blob {} of `{}` is missing; run the pipeline to rebuild it, then repeat this command",
                 blob.short(),
                 pipeline.cell_name(cell)
             ))

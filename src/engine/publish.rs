@@ -42,8 +42,8 @@ impl Taken {
         };
         if let Some(other) = before.or_else(below) {
             return Err(EngineError::Request(format!(
-                "{other} and {whose} meet in the file {}; give one of them another key or part name, or publish them \
-                 by pipelines of their own",
+                "{other} and {whose} would be written to the same file {}; rename a key or part, or publish them in \
+                separate pipelines",
                 path.display()
             )));
         }

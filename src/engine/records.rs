@@ -202,7 +202,7 @@ impl Blobs for StoreBlobs<'_> {
             Recorded::New | Recorded::Same => Ok(()),
             Recorded::Conflict { existing } if existing.refs.iter().all(|d| self.store.contains(d)) => {
                 let message =
-                    format!("`{}` gave two different results for one key; it is not reproducible", key.name());
+                    format!("`{}` produced two different results for one key; it is not reproducible", key.name());
                 Err(KindError::Internal(message))
             }
             // The other's blobs are gone: what was made now takes its place.

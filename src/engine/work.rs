@@ -186,7 +186,7 @@ impl Bench<'_> {
                 return Ok(None);
             }
             if wait >= LONG_WAIT {
-                progress.report(0, 1, "another process is at it; waiting for that");
+                progress.report(0, 1, "waiting for another process that runs this action");
             }
             thread::sleep(wait);
             wait = (wait * 2).min(LONG_WAIT);
@@ -315,8 +315,8 @@ impl Bench<'_> {
             let differing = other.differs(&payload, &task.spec);
             if !differing.is_empty() {
                 *warning = Some(format!(
-                    "`{}` gave two different outputs for key {hash}: {}; it is not reproducible, and the first stays \
-                     unless its blobs are gone",
+                    "`{}` produced two different outputs for key {hash}: {}; it is not reproducible. The first is \
+                    kept unless its blobs are missing",
                     task.spec.name,
                     differing.join(", ")
                 ));
@@ -356,8 +356,8 @@ impl Bench<'_> {
             return Outcome::Ran(made);
         }
         Outcome::Failed(format!(
-            "the recheck gave other content on {}: `{}` is not reproducible, or its version should have gone up; the \
-             recorded output stays",
+            "the recheck produced different content on {}: `{}` is not reproducible, or its version was not \
+            increased; the recorded output is kept",
             differing.join(", "),
             task.spec.name
         ))

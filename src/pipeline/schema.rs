@@ -45,23 +45,24 @@ pub fn schema(registry: &Registry) -> Value {
             "required": ["kind"],
             "additionalProperties": false,
             "properties": {
-                "kind": { "description": "What the node does; see `tauflow kinds`.", "oneOf": kinds },
-                "inputs": or_named(json!({ "description": "What feeds each input port.", "type": "object" })),
+                "kind": { "description": "Kind of the node; see `tauflow kinds`.", "oneOf": kinds },
+                "inputs": or_named(json!({ "description": "Source of each input port.", "type": "object" })),
                 "params": or_named(json!({
-                    "description": "Params of the kind; what is left out has its default.",
+                    "description": "Params of the kind; omitted params have their defaults.",
                     "type": "object",
                 })),
                 "transient": or_named(json!({
-                    "description": "Hand the outputs on in memory and store none: for what is quick to make and large. \
-                                    What needs them later makes them again.",
+                    "description": "Pass the outputs on in memory without storing them: for large results that are \
+                    fast to compute. Later runs that need them rebuild them.",
                     "type": "boolean",
                 })),
                 "matrix": or_named(json!({
-                    "description": "Axes; the node becomes one cell for each combination. An axis named like a param \
-                                    sets it.",
+                    "description": "Axes; the node has one cell per combination. An axis with the name of a param \
+                    sets it.",
                     "type": "object",
                     "properties": {
-                        "like": { "description": "A node; its axes stand before those here.", "type": "string" },
+                        "like": { "description": "A node whose axes are copied, before the axes given \
+                        here.", "type": "string" },
                     },
                     "additionalProperties": or_named(json!({ "type": "array", "minItems": 1 })),
                 })),

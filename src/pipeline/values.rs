@@ -133,17 +133,17 @@ impl Values {
                 Some(near) => format!("did you mean `${near}`?"),
                 None => format!("add `values: {{ {name}: ... }}`; a text that begins with `$` is written `$${name}`"),
             };
-            return self.refuse(span, format!("there is no value `{name}`"), hint, nothing);
+            return self.refuse(span, format!("unknown value `{name}`"), hint, nothing);
         };
         self.entries[index].used = true;
         if matches!(self.entries[index].state, State::Busy) {
             let from = trail.iter().position(|of| *of == index).unwrap_or(0);
             let circle: Vec<String> =
                 trail[from..].iter().chain([&index]).map(|of| format!("${}", self.entries[*of].key.text)).collect();
-            let message = format!("values use each other in a circle: {}", circle.join(" -> "));
+            let message = format!("cyclic values: {}", circle.join(" -> "));
             return self.refuse(span, message, "write one of them out", nothing);
         }
-        let too_deep = format!("values use each other more than {DEEPEST_CHAIN} deep");
+        let too_deep = format!("values refer to each other more than {DEEPEST_CHAIN} levels deep");
         if trail.len() >= DEEPEST_CHAIN {
             return self.refuse(span, too_deep, "write one of them out", nothing);
         }
@@ -156,8 +156,8 @@ impl Values {
             return self.refuse(span, too_deep, "write one of them out", nothing);
         }
         if self.put_in + done.nodes > MOST_PUT_IN {
-            let message = format!("more than {MOST_PUT_IN} values are put in for names");
-            return self.refuse(span, message, "make the named lists and maps shorter, or use them less", nothing);
+            let message = format!("more than {MOST_PUT_IN} values are substituted for names");
+            return self.refuse(span, message, "shorten the named lists and maps, or use them less often", nothing);
         }
         self.put_in += done.nodes;
         self.uses.insert(span, index);
@@ -191,7 +191,8 @@ impl Values {
         trail.pop();
         let (nodes, depth) = yaml.size();
         if depth > DEEPEST {
-            let message = format!("the value `{}` is nested more than {DEEPEST} deep", self.entries[index].key.text);
+            let message =
+                format!("the value `{}` is nested more than {DEEPEST} levels deep", self.entries[index].key.text);
             let span = self.entries[index].key.span;
             self.problems.push(Problem::at(span, message).hint("use fewer levels"));
         } else if self.failures == before {
@@ -221,9 +222,9 @@ impl Values {
                 let used = self.entries.iter().filter(|entry| entry.used).map(|entry| entry.key.text.as_str());
                 let hint = match nearest(&key.text, used) {
                     Some(near) => format!("did you mean `{near}`?"),
-                    None => format!("write `${}` where it is meant, or take it away", key.text),
+                    None => format!("use it as `${}`, or remove it", key.text),
                 };
-                problems.push(Problem::at(key.span, format!("nothing uses the value `{}`", key.text)).hint(hint));
+                problems.push(Problem::at(key.span, format!("the value `{}` is never used", key.text)).hint(hint));
             }
         }
     }

@@ -68,7 +68,7 @@ fn the_nearest_earlier_key_says_what_changed() {
     assert_eq!(nearest.differences[0].field, "/params/mul");
     assert_eq!((&nearest.differences[0].before, &nearest.differences[0].now), (&Some(json!(3)), &Some(json!(4))));
     assert_eq!(reason(Some(&nearest)), "changed: param mul");
-    assert_eq!(reason(History::of(&store, "drawn").nearest(&action.key).as_ref()), "never run before");
+    assert_eq!(reason(History::of(&store, "drawn").nearest(&action.key).as_ref()), "has never run");
     assert!(shop.store().record_stats()["action"]["affine"].count > 0);
     // An action that was done before is looked at too.
     let done = resolve(CHAIN);
@@ -85,7 +85,7 @@ fn outputs_say_what_must_run_first() {
     let error = shop.outputs(CHAIN, "rounded", 0).expect_err("nothing has run");
     assert_eq!(
         error.to_string(),
-        "`rounded` is not up to date: `numbers`, `scaled`, `rounded` must run first; run the pipeline, then ask again"
+        "`rounded` is stale: `numbers`, `scaled`, `rounded` must run first; run the pipeline, then repeat this command"
     );
     shop.run(CHAIN);
     assert_eq!(shop.outputs(CHAIN, "rounded", 0).expect("it has run").len(), 3);

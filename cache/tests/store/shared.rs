@@ -100,7 +100,7 @@ fn child_that_only_reads() {
             assert!(matches!(error, CacheError::ReadOnly { .. }), "{error}");
             assert!(error.is_environment() && error.is_refused() && !error.is_full());
             let message = error.to_string();
-            assert!(message.contains("reading only") && message.contains("must be writable"), "{message}");
+            assert!(message.contains("read-only") && message.contains("must be writable"), "{message}");
         }
         store.flush().expect("nothing to write");
         store.refresh().expect("readable");

@@ -31,7 +31,8 @@ pub trait ReadFiles {
     /// # Errors
     /// If it is not there, or cannot be read.
     fn need(&self, name: &str) -> Result<Vec<u8>, KindError> {
-        self.get(name)?.ok_or_else(|| KindError::Input(format!("there is no file `{name}`; see what `export` writes")))
+        self.get(name)?
+            .ok_or_else(|| KindError::Input(format!("missing file `{name}`; `export` writes the expected files")))
     }
 }
 

@@ -102,7 +102,7 @@ pub enum KindError {
     #[error("{0}")]
     Environment(String),
     /// The run is being stopped.
-    #[error("stopped before it was done")]
+    #[error("interrupted")]
     Cancelled,
     /// A fault of ours.
     #[error("internal error: {0}; please report it")]

@@ -104,7 +104,7 @@ impl<'a, M: Media> Handle<'a, M> {
     /// [`KindError::Input`] if it is of another media type.
     pub fn new(artifact: &'a Artifact) -> Result<Self, KindError> {
         if artifact.media != M::NAME {
-            return Err(KindError::Input(format!("a `{}` stands where a `{}` should", artifact.media, M::NAME)));
+            return Err(KindError::Input(format!("found a `{}` instead of a `{}`", artifact.media, M::NAME)));
         }
         Ok(Self { artifact, media: PhantomData })
     }
@@ -172,7 +172,7 @@ impl<'a, M: Media> Items<'a, M> {
     pub fn need(self, port: All<M>, key: &ItemKey, other: &str) -> Result<Handle<'a, M>, KindError> {
         self.get(key.as_str()).ok_or_else(|| {
             let port = port.name();
-            KindError::Input(format!("`{port}` has no item `{key}`, which `{other}` has; connect the same items"))
+            KindError::Input(format!("`{port}` lacks the item `{key}` of `{other}`; connect the same items"))
         })
     }
 

@@ -90,7 +90,7 @@ impl DiskFolder {
         if let Some(other) = above.or(below) {
             let own = self.item.as_ref().map_or_else(|| "the list of all items".to_owned(), |item| format!("`{item}`"));
             return Err(KindError::Input(format!(
-                "`{other}` and {own} meet in the file {}; export them one by one, or give one of them another key",
+                "`{other}` and {own} would be written to the same file {}; export them separately, or rename a key",
                 path.display()
             )));
         }

@@ -40,7 +40,7 @@ impl Rungs {
     /// If `last` is no power of two.
     pub fn dyadic(last: u64) -> Result<Self, ParamError> {
         if !last.is_power_of_two() || last > MOST_DYADIC {
-            return Err(ParamError(format!("`dyadic: {last}` is no power of two up to 2^62; use for example 256")));
+            return Err(ParamError(format!("`dyadic: {last}` is not a power of two up to 2^62; use for example 256")));
         }
         Ok(Self((0..=last.trailing_zeros()).map(|i| 1u64 << i).collect()))
     }

@@ -95,7 +95,7 @@ impl fmt::Display for Stratum {
 
 /// A text that names no stratum.
 #[derive(Debug, thiserror::Error)]
-#[error("`{0}` names no stratum: expected L0 to L3, a dash, and environment, open or enclosed")]
+#[error("`{0}` is not a stratum: expected L0 to L3, a dash, and environment, open or enclosed")]
 pub struct ParseStratumError(String);
 
 impl FromStr for Stratum {

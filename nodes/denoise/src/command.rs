@@ -35,9 +35,9 @@ impl Places {
             (!self.all.contains(&place)).then(|| place.to_owned())
         });
         match (missing.is_empty(), unknown) {
-            (false, _) => Some(format!("the command never names {}", missing.join(" or "))),
+            (false, _) => Some(format!("the command lacks the placeholder {}", missing.join(" or "))),
             (true, Some(place)) => {
-                Some(format!("the command names `{place}`, which is none of {}", self.all.join(", ")))
+                Some(format!("the command contains the unknown placeholder `{place}`; use {}", self.all.join(", ")))
             }
             (true, None) => None,
         }

@@ -37,7 +37,7 @@ impl<'a> Endpoint<'a> {
         })?;
         if color.channels() != 3 {
             return Err(KindError::Input(format!(
-                "the rung of {from} samples has {} values a pixel; pack images of 3, red, green and blue",
+                "the rung of {from} samples has {} values per pixel; pack images with 3: red, green and blue",
                 color.channels()
             )));
         }
@@ -46,8 +46,8 @@ impl<'a> Endpoint<'a> {
             (Conditioning::Gbuffer, Some(gbuffer)) => Some(gbuffer),
             (Conditioning::Gbuffer, None) => {
                 return Err(KindError::Input(
-                    "`conditioning` is gbuffer and the scene has no G-buffer; connect `gbuffers` of its \
-                     `dataset_packing`"
+                    "`conditioning` is gbuffer, but the scene has no G-buffer; connect `gbuffers` of its \
+                    `dataset_packing`"
                         .into(),
                 ));
             }

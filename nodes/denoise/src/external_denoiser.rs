@@ -91,8 +91,8 @@ impl Kind for ExternalDenoiser {
             out.push(ParamProblem::new("/command", problem, hint));
         }
         if !params.command.is_empty() && params.library.is_some() {
-            let hint = "leave one of them away";
-            out.push(ParamProblem::new("/library", "there are both a `library` and a `command`", hint));
+            let hint = "omit one of them";
+            out.push(ParamProblem::new("/library", "both `library` and `command` are set", hint));
         }
         out
     }

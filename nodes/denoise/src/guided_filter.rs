@@ -104,8 +104,8 @@ impl Kind for GuidedFilter {
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
         let mut out = Vec::new();
         if params.conditioning == Conditioning::Rgb && params.demodulate {
-            let hint = "say `demodulate: false`, or `conditioning: gbuffer`";
-            out.push(ParamProblem::new("/demodulate", "there is no albedo to divide by", hint));
+            let hint = "set `demodulate: false`, or `conditioning: gbuffer`";
+            out.push(ParamProblem::new("/demodulate", "`demodulate` needs albedo", hint));
         }
         out
     }
@@ -146,7 +146,7 @@ pub fn filtered(color: &Image, gbuffer: Option<&Image>, params: &GuidedFilterPar
     let (width, height) = (color.width(), color.height());
     if color.channels() != 3 {
         return Err(KindError::Input(format!(
-            "the endpoint has {} values a pixel; filter images of 3, red, green and blue",
+            "the endpoint has {} values per pixel; filter images with 3: red, green and blue",
             color.channels()
         )));
     }
@@ -154,7 +154,8 @@ pub fn filtered(color: &Image, gbuffer: Option<&Image>, params: &GuidedFilterPar
         && (g.width(), g.height(), g.channels()) != (width, height, 6)
     {
         return Err(KindError::Input(format!(
-            "the G-buffer has {} x {} pixels of {} values, the endpoint {width} x {height}; render both alike",
+            "the G-buffer has {} x {} pixels with {} values, but the endpoint has {width} x {height}; render both \
+            with the same `resolution`",
             g.width(),
             g.height(),
             g.channels()

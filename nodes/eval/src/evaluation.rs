@@ -138,26 +138,25 @@ fn common(values: impl Iterator<Item = (String, u64)>, what: &str) -> Result<u64
         match &first {
             Some((other, expected)) if *expected != value => {
                 return Err(input(format!(
-                    "{what} is {expected} samples for `{other}` and {value} for `{name}`; compare like with like"
+                    "{what} is {expected} samples for `{other}`, but {value} for `{name}`; use the same samples for \
+                    both"
                 )));
             }
             Some(_) => {}
             None => first = Some((name, value)),
         }
     }
-    first.map(|(_, value)| value).ok_or_else(|| input("there are no scores to sum up".into()))
+    first.map(|(_, value)| value).ok_or_else(|| input("there are no scores to aggregate".into()))
 }
 
 fn check_scenes(hold: &Cell<'_>, cell: &Cell<'_>) -> Result<(), KindError> {
     let name = if cell.key.is_empty() { "scores" } else { cell.key };
     if let Some(scene) = hold.scenes.keys().find(|s| !cell.scenes.contains_key(*s)) {
-        return Err(input(format!(
-            "`{name}` has no scores of scene `{scene}`, which `hold` has; score the same scenes"
-        )));
+        return Err(input(format!("`{name}` lacks scores of the scene `{scene}` of `hold`; score the same scenes")));
     }
     match cell.scenes.keys().find(|s| !hold.scenes.contains_key(*s)) {
         Some(scene) => Err(input(format!(
-            "`hold` has no score of scene `{scene}`, which `{name}` has; connect the same references to both"
+            "`hold` lacks a score of the scene `{scene}` of `{name}`; connect the same references to both"
         ))),
         None => Ok(()),
     }

@@ -175,14 +175,14 @@ fn alike(first: &mut Option<[u64; 2]>, own: [u64; 2], key: &ItemKey) -> Result<(
     let [reference, spp] = own;
     if spp != last {
         return Err(KindError::Input(format!(
-            "the ladder of `{key}` ends at {spp} samples a pixel and the others at {last}; connect ladders of one \
-             `rungs`"
+            "the ladder of `{key}` ends at {spp} samples per pixel, but the others end at {last}; connect ladders \
+            with the same `rungs`"
         )));
     }
     if reference != reference_spp {
         return Err(KindError::Input(format!(
-            "the reference of `{key}` has {reference} samples a pixel and the first scene's {reference_spp}; render \
-             all alike"
+            "the reference of `{key}` has {reference} samples per pixel, but that of the first scene has \
+            {reference_spp}; render all with the same `rungs`"
         )));
     }
     Ok(())

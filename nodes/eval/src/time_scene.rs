@@ -105,7 +105,7 @@ impl<'a, I: Copy> CellOf<'a, I> {
     fn scene(&self, key: &ItemKey) -> Result<(I, Handle<'a, Timing>), KindError> {
         let found = self.images.get(key.as_str()).zip(self.times.get(key.as_str()));
         found.map(|(images, times)| (*images, *times)).ok_or_else(|| {
-            KindError::Input(format!("the cell `{}` has no scene `{key}`; connect the same scenes", self.name))
+            KindError::Input(format!("the cell `{}` lacks the scene `{key}`; connect the same scenes", self.name))
         })
     }
 }
@@ -275,8 +275,7 @@ pub(crate) fn measured(
     // Of the same samples a reference is no judge.
     if held_out.noisy && own.packed.states.contains(&held_out.image) {
         return Err(KindError::Input(format!(
-            "the reference of `{key}` is a rung of its own ladder: nothing can be judged by itself; render references \
-             with another `stream`"
+            "the reference of `{key}` is a rung of its own ladder; render references with a different `stream`"
         )));
     }
     let mut methods: BTreeMap<MethodOf, Vec<Sample>> = BTreeMap::new();

@@ -97,7 +97,7 @@ pub(crate) fn summarise(
     let layout = first.layout();
     if let Some(other) = scenes.iter().find(|scene| scene.layout() != layout) {
         return Err(KindError::Input(format!(
-            "`{}` was measured with other methods, samples or NFE than `{}`; measure all alike",
+            "`{}` was measured with different methods, samples or NFE than `{}`; measure all scenes in the same way",
             other.scene, first.scene
         )));
     }

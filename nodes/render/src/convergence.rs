@@ -67,21 +67,21 @@ impl Kind for ConvergenceKind {
             let (first, expected) = counts.get_or_insert_with(|| (ladder.meta.counts.clone(), spp));
             if (&*first, *expected) != (&ladder.meta.counts, spp) {
                 return Err(KindError::Input(format!(
-                    "the ladder or reference of `{key}` has other rungs than the first; connect ladders of one `rungs`"
+                    "the ladder or reference of `{key}` has different rungs than the first; connect ladders with the \
+                    same `rungs`"
                 )));
             }
             if !(ladder.meta.sampler.is_independent() && reference.meta.sampler.is_independent()) {
                 return Err(KindError::Input(format!(
-                    "samples of `{key}` depend on each other, and variances of single samples say nothing of their \
-                     means; render ladder and reference with `sampler: independent`"
+                    "the samples of `{key}` are correlated, so their variance does not predict the error of means; \
+                    render ladder and reference with `sampler: independent`"
                 )));
             }
             // Streams differ in what they estimate, unless there is no noise to estimate.
             let noisy = reference.variance.data().iter().any(|v| *v > 0.0);
             if noisy && Ladder::variance_digest(of_reference) == Ladder::variance_digest(of_ladder) {
                 return Err(KindError::Input(format!(
-                    "the reference of `{key}` is its own ladder: nothing can be judged by itself; render references \
-                     with another `stream`"
+                    "the reference of `{key}` is its own ladder; render references with a different `stream`"
                 )));
             }
             let mut stream = Stream::new(action.seed, &[]).part(key.as_str());

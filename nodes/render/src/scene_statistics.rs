@@ -76,7 +76,7 @@ impl Kind for SceneStatisticsKind {
         if film.width().min(film.height()) >= LEAST_SIDE {
             return Vec::new();
         }
-        let what = format!("no statistics can be taken from {} x {} pixels", film.width(), film.height());
+        let what = format!("statistics need more than {} x {} pixels", film.width(), film.height());
         vec![ParamProblem::new("/resolution", what, "use at least 4 x 4; [64, 64] is enough")]
     }
 

@@ -40,15 +40,14 @@ impl Until {
         let mut problems = Vec::new();
         if !(self.relative_error.is_finite() && self.relative_error > 0.0) {
             let remedy = "use for example 0.01, which is 1%";
-            problems.push(ParamProblem::new("/until/relative_error", "an error must be above 0".to_owned(), remedy));
+            problems.push(ParamProblem::new("/until/relative_error", "the error must be above 0".to_owned(), remedy));
         }
         if self.at_most < last {
             let what = format!("`at_most: {}` is less than the last rung, {last}", self.at_most);
             problems.push(ParamProblem::new("/until/at_most", what, "raise it, or end `rungs` earlier"));
         }
         if sampler != SamplerKind::Independent {
-            let what =
-                "the variance of samples says how far a mean is off only where samples are independent".to_owned();
+            let what = "`until` needs independent samples, whose variance predicts the error of the mean".to_owned();
             problems.push(ParamProblem::new(
                 "/until",
                 what,

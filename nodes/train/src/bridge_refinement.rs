@@ -87,8 +87,8 @@ impl Kind for BridgeRefinement {
 fn stops(counts: &[u64]) -> Result<Vec<(u64, u64)>, KindError> {
     if counts.len() < 3 || counts.windows(2).any(|w| w[1] != w[0] + 1) {
         return Err(KindError::Input(format!(
-            "the bridge needs at least three consecutive rungs and got {counts:?}; write for example \
-             `rungs: [1, 2, 3, 4, 5, 6, 7, 8, 9, 10]`"
+            "the bridge needs at least three consecutive rungs, but has {counts:?}; write for example `rungs: [1, 2, \
+            3, 4, 5, 6, 7, 8, 9, 10]`"
         )));
     }
     let last = counts[counts.len() - 1];
@@ -103,7 +103,7 @@ fn expect(model: Model, parameterization: Parameterization) -> Result<Model, Kin
         return Ok(model);
     }
     Err(KindError::Input(format!(
-        "input `{}` got a solver of parameterization `{}`; connect the other cell",
+        "input `{}` has a solver with parameterization `{}`; connect a different cell",
         parameterization.name(),
         found.name()
     )))

@@ -104,7 +104,7 @@ impl Model {
     /// If the bytes are damaged or of another version.
     pub fn load_to(bytes: &[u8], place: &Place) -> Result<Self, KindError> {
         let damaged = |why: String| {
-            KindError::Input(format!("this is no model file: {why}; connect the output `model` of a `training` node"))
+            KindError::Input(format!("not a model file: {why}; connect the output `model` of a `training` node"))
         };
         let file = TensorFile::from_bytes(bytes).map_err(|e| damaged(e.to_string()))?;
         let note = file.metadata.get("model").ok_or_else(|| damaged("the note `model` is missing".into()))?;
@@ -175,7 +175,7 @@ impl Model {
 
     fn checked<'a>(&self, gbuffer: Option<&'a Image>, state: &Image) -> Result<&'a Image, KindError> {
         let gbuffer = gbuffer.ok_or_else(|| {
-            KindError::Input("the model was trained with G-buffers and got a state without; connect them".into())
+            KindError::Input("the model needs G-buffers, but the state has none; connect them".into())
         })?;
         if (gbuffer.width(), gbuffer.height(), gbuffer.channels()) != (state.width(), state.height(), 6) {
             return Err(shape_error("a G-buffer", gbuffer, state));

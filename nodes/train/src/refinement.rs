@@ -53,8 +53,8 @@ impl Blank {
         };
         let mut blank = gbuffer.cloned().ok_or_else(|| {
             KindError::Input(
-                "`blank` sets channels of the G-buffer to 0, and the model was trained without; name a model that sees \
-                 G-buffers, or take `blank` away"
+                "`blank` requires a model with G-buffers, but this one was trained without; connect a different \
+                model, or remove `blank`"
                     .into(),
             )
         })?;
@@ -214,9 +214,7 @@ pub(crate) fn features<'a>(model: &Model, scene: &'a PackedScene) -> Result<Opti
         Conditioning::Rgb => Ok(None),
         Conditioning::Gbuffer => scene.gbuffer.as_ref().map(Some).ok_or_else(|| {
             KindError::Input(
-                "the model was trained with G-buffers and the scene has none; connect `gbuffers` of its \
-                 `dataset_packing`"
-                    .into(),
+                "the model needs G-buffers, but the scene has none; connect `gbuffers` of its `dataset_packing`".into(),
             )
         }),
     }

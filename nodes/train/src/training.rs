@@ -114,7 +114,8 @@ impl Work<'_> {
         };
         if let Some(test) = test.as_ref().filter(|t| t.counts != train.counts) {
             return Err(KindError::Input(format!(
-                "the test scenes have rungs {:?} and the training scenes {:?}; give both ladders the same `rungs`",
+                "the test scenes have rungs {:?}, but the training scenes have {:?}; give both ladders the same \
+                `rungs`",
                 test.counts, train.counts
             )));
         }
@@ -188,11 +189,11 @@ impl Work<'_> {
         let last = checkpoints.last_due(done);
         match error {
             KindError::Input(told) if last > 0 && self.params.decay == Decay::None => KindError::Input(format!(
-                "{told}; the state after step {last} is kept: `steps: {last}` makes a model of it"
+                "{told}; the last checkpoint is step {last}: `steps: {last}` turns it into a model"
             )),
             // A rate that falls towards the last step has other checkpoints for fewer steps.
             KindError::Input(told) if last > 0 => {
-                KindError::Input(format!("{told}; the last state that is kept is that after step {last}"))
+                KindError::Input(format!("{told}; the last checkpoint is step {last}"))
             }
             error => error,
         }
@@ -228,8 +229,8 @@ impl Work<'_> {
             // JSON has no infinity: the curve would look as if there were no test scenes.
             if !test.is_finite() {
                 return Err(KindError::Input(format!(
-                    "the loss on the test scenes is {test} after step {}: a value of theirs is too large for `loss`; \
-                     render them again, or take `space: log1p`",
+                    "the test loss is {test} after step {}: a value of the test scenes is too large for `loss`; \
+                    render them again, or use `space: log1p`",
                     trainer.state.step
                 )));
             }

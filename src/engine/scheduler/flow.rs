@@ -31,7 +31,7 @@ impl Scheduler<'_> {
             Ok(Ok(mut items)) => {
                 items.sort_by(|a, b| a.key.cmp(&b.key));
                 match items.windows(2).find(|w| w[0].key == w[1].key) {
-                    Some(pair) => format!("two items have the key `{}`; please report it", pair[0].key),
+                    Some(pair) => format!("internal error: two items have the key `{}`; please report it", pair[0].key),
                     None => return items,
                 }
             }
@@ -89,7 +89,7 @@ impl Scheduler<'_> {
     pub(super) fn give(&mut self, lane: LaneId, input: InputId, key: ItemKey, arrival: Arrival) {
         if self.states[lane].inputs[input].arrived.insert(key.clone(), arrival).is_some() {
             let port = self.spec(lane).inputs[input.place()].name;
-            return self.fail_lane(lane, format!("two of the nodes on input `{port}` give an item `{key}`"));
+            return self.fail_lane(lane, format!("two nodes on input `{port}` produce an item `{key}`"));
         }
         let slot = if self.lanes[lane].driving == Some(input) {
             self.add_slot(lane, Some(key), Vec::new())
@@ -173,7 +173,7 @@ impl Scheduler<'_> {
         merged.sort_by(|a, b| a.0.cmp(&b.0));
         if let Some(pair) = merged.windows(2).find(|pair| pair[0].0 == pair[1].0) {
             let port = self.spec(lane).inputs[input.place()].name;
-            return Err(format!("two of the nodes on input `{port}` give an item `{}`", pair[0].0));
+            return Err(format!("two nodes on input `{port}` produce an item `{}`", pair[0].0));
         }
         Ok(Arc::new(Sharded::of(merged)))
     }
@@ -207,7 +207,7 @@ impl Scheduler<'_> {
                 None if spec.inputs[id.place()].optional => {}
                 None => {
                     let message = format!(
-                        "the input `{}` has no item `{key}`; connect a node that has every item of input `{}`",
+                        "the input `{}` has no item `{key}`; connect a node that has all items of input `{}`",
                         spec.inputs[id.place()].name,
                         self.lanes[lane].driving.map_or("", |d| spec.inputs[d.place()].name)
                     );

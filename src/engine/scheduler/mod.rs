@@ -305,8 +305,8 @@ fn feed<'a>(lanes: &'a Lanes, reader: &Reader) -> &'a LaneFeed {
 /// A blob that does not come back.
 fn lost(digest: &Digest) -> String {
     format!(
-        "blob {} is missing, and running again what made it did not give it back; run `tauflow cache verify`, and \
-         report it if that finds nothing",
+        "blob {} is missing, and rebuilding did not restore it; run `tauflow cache verify`, and report it if that \
+        finds no damage",
         digest.short()
     )
 }

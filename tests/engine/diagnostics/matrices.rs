@@ -35,7 +35,7 @@ fn an_axis_that_sets_nothing() {
 #[test]
 fn an_axis_value_that_stands_twice() {
     assert_snapshot!(told_of("  b: {kind: affine, matrix: {mul: [3, 3]}, inputs: {in: numbers}}"), @r"
-      × the value `3` stands twice in the axis `mul`
+      × the value `3` occurs twice in the axis `mul`
        ╭─[toy.yaml:3:39]
      3 │   b: {kind: affine, matrix: {mul: [3, 3]}, inputs: {in: numbers}}
        ·                                       ─

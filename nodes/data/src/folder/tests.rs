@@ -175,7 +175,7 @@ fn what_is_no_regular_file_is_refused_and_not_waited_for() {
         }
         let folder = DiskFolder::new(path);
         let Err(KindError::Input(told)) = folder.get("zero") else { panic!("a device without an end") };
-        assert!(told.contains("zero: it is no regular file"), "{told}");
+        assert!(told.contains("zero: it is not a regular file"), "{told}");
         assert!(folder.get("terminal").is_err() && folder.get("nothing").expect("not there").is_none());
     });
 }

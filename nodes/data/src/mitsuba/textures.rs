@@ -118,8 +118,7 @@ impl Writer<'_> {
             }
             Texture::Product { .. } => {
                 return Err(KindError::Input(format!(
-                    "`{name}` is a product of textures, which Mitsuba's plugins do not express; \
-                     export a scene without it"
+                    "`{name}` is a product of textures, which Mitsuba does not support; export a scene without it"
                 )));
             }
         }
@@ -157,8 +156,7 @@ impl Writer<'_> {
             }
             Texture::VertexColor { .. } | Texture::Product { .. } => {
                 return Err(KindError::Input(
-                    "a normal map of vertex colours with a scale, which Mitsuba's plugins do not express; \
-                             export a scene without it"
+                    "a scaled normal map of vertex colours, which Mitsuba does not support; export a scene without it"
                         .into(),
                 ));
             }

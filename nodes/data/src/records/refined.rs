@@ -94,7 +94,9 @@ impl Refined {
         for (index, (said, image)) in images.iter().enumerate() {
             let file = said.file()?;
             if !files.insert(file.clone()) {
-                return Err(KindError::Input(format!("two images are called `{file}`; give each its own counts")));
+                return Err(KindError::Input(format!(
+                    "two images have the name `{file}`; use different sample counts"
+                )));
             }
             parts.push((part(index), ctx.put(&image.to_bytes())?));
         }

@@ -148,7 +148,9 @@ pub(crate) fn compile_environment(
             continue;
         }
         if found.is_some() {
-            return Err(KindError::Input("the scene has two environments; keep one `constant` or `envmap`".into()));
+            return Err(KindError::Input(
+                "the scene has two environments; keep only one `constant` or `envmap`".into(),
+            ));
         }
         found = Some(Environment::compile(emitter, load)?);
     }

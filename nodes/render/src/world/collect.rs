@@ -81,7 +81,7 @@ fn common(scene: &Scene, load: LoadBlob<'_>, sharing: Sharing) -> Result<Vec<Com
 /// What is wrong with an emission.
 fn check_emission(texture: &Texture) -> Result<(), KindError> {
     if texture.is_negative() {
-        return Err(KindError::Input("an emission below 0; use radiance from 0".into()));
+        return Err(KindError::Input("negative emission; use radiance from 0".into()));
     }
     if texture.bounds().is_none() {
         return Err(KindError::Input("an emission with values that are not finite; use radiance from 0".into()));
@@ -105,7 +105,7 @@ impl Collected {
         for (index, shape) in scene.shapes.iter().enumerate() {
             if shape.material >= materials.len() {
                 let (named, count) = (shape.material, materials.len());
-                let error = KindError::Input(format!("material {named} of {count}; name one that is there"));
+                let error = KindError::Input(format!("material {named} does not exist; the scene has {count}"));
                 return Err(within("shape", index, error));
             }
         }

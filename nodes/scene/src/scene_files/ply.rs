@@ -102,7 +102,7 @@ impl Body<'_> {
             let end = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
             self.bytes = &rest[end..];
             let text = std::str::from_utf8(&rest[..end]).unwrap_or("?");
-            return text.parse().map_err(|_| damaged("data", format!("`{text}` is no number")));
+            return text.parse().map_err(|_| damaged("data", format!("`{text}` is not a number")));
         }
         let size = number.size();
         let (own, rest) = self.bytes.split_at_checked(size).ok_or_else(short)?;

@@ -47,8 +47,8 @@ impl Place {
             "software_vulkan" => (&SOFTWARE, &[DeviceKind::Cpu] as &[DeviceKind]),
             _ => {
                 return Err(KindError::Environment(format!(
-                    "{VARIABLE} is `{name}`, which is no device; set it to `cpu` or `vulkan`, or to `software_vulkan` \
-                     for a driver without a GPU"
+                    "{VARIABLE} is `{name}`, which is not a device; set it to `cpu` or `vulkan`, or to \
+                    `software_vulkan` for a driver without a GPU"
                 )));
             }
         };

@@ -86,7 +86,7 @@ impl DataSet {
         let counts = first.counts.clone();
         if counts.len() < 2 {
             return Err(KindError::Input(format!(
-                "scene {first_key} of input `{port}` has {} rungs; a solver learns from at least two",
+                "scene {first_key} of input `{port}` has {} rungs; training needs at least two",
                 counts.len()
             )));
         }
@@ -100,24 +100,24 @@ impl DataSet {
             }
             if let Some(image) = scene.states.iter().find(|s| s.data().iter().any(|v| !v.is_finite())) {
                 return Err(KindError::Input(format!(
-                    "scene {key} of input `{port}` holds a value that is not finite in an image of {} x {}; the gate \
-                     should have rejected it",
+                    "scene {key} of input `{port}` contains a value that is not finite in an image of {} x {}; check \
+                    why the gate accepted it",
                     image.width(),
                     image.height()
                 )));
             }
             if scene.gbuffer.as_ref().is_some_and(|g| g.data().iter().any(|v| !v.is_finite())) {
                 return Err(KindError::Input(format!(
-                    "scene {key} of input `{port}` holds a value that is not finite in its G-buffer; render it again, \
-                     or leave `gbuffers` away"
+                    "scene {key} of input `{port}` contains a value that is not finite in its G-buffer; render it \
+                    again, or omit `gbuffers`"
                 )));
             }
             let (width, height) = size(scene);
             let fits = |g: &Image| (g.width(), g.height(), g.channels()) == (width, height, 6);
             if conditioning == Conditioning::Gbuffer && !scene.gbuffer.as_ref().is_some_and(fits) {
                 return Err(KindError::Input(format!(
-                    "scene {key} of input `{port}` has no G-buffer of its size, and `conditioning` is gbuffer; connect \
-                     `gbuffers` of its `dataset_packing`"
+                    "scene {key} of input `{port}` has no G-buffer of its size, but `conditioning` is gbuffer; \
+                    connect `gbuffers` of its `dataset_packing`"
                 )));
             }
         }
@@ -146,8 +146,8 @@ impl DataSet {
         let side = wanted.min(width).min(height) / multiple * multiple;
         if side == 0 {
             return Err(KindError::Input(format!(
-                "a crop of {wanted} from images of {width} x {height} is less than the {multiple} pixels that the \
-                 network needs; raise `crop` or the `resolution`"
+                "a crop of {wanted} pixels from images of {width} x {height} is below the minimum of {multiple} \
+                pixels; increase `crop` or `resolution`"
             )));
         }
         Ok(side)

@@ -125,7 +125,7 @@ impl TrainingParams {
         }
         vec![ParamProblem::new(
             "/rung_exponent",
-            "`vanilla_rf` learns between the first rung and the last: there are no others to draw",
+            "`vanilla_rf` uses only the first and the last rung, so no rungs are sampled",
             "leave it at 0",
         )]
     }
