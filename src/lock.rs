@@ -1,7 +1,7 @@
 //! Lock files: the content of every reproducible output of a pipeline, to hold later runs, and other machines, against.
 //!
-//! `<pipeline>.lock` lies beside the pipeline's file, `<pipeline>.<profile>.lock` for a profile. What is measured, and
-//! what is made from it, is named there as left out.
+//! `<pipeline>.lock` lies beside the pipeline's file, `<pipeline>.<profile>.lock` for a profile. Measured outputs, and
+//! outputs derived from them, are listed as excluded.
 
 use crate::engine::event::OutputOf;
 use serde::{Deserialize, Serialize};
@@ -16,7 +16,7 @@ use tauflow_contract::{Determinism, Digest, read_regular};
 /// Most bytes of a lock file: a line for each output of the largest pipeline.
 const MOST_BYTES: u64 = 1 << 26;
 
-/// What a lock file says.
+/// The content of a lock file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lock {
@@ -51,7 +51,7 @@ pub enum LockError {
         path: PathBuf,
         /// Why.
         source: io::Error,
-        /// What to do.
+        /// The remedy.
         hint: &'static str,
     },
     /// It is no lock file.
@@ -73,7 +73,7 @@ pub fn path_of(pipeline: &Path, profile: Option<&str>) -> PathBuf {
 }
 
 impl Lock {
-    /// Of a run's outputs.
+    /// The lock file of a run's outputs.
     pub fn of(pipeline: &str, outputs: &[OutputOf]) -> Self {
         let mut lock = Self { pipeline: pipeline.into(), ..Self::default() };
         for output in outputs {

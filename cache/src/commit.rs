@@ -8,8 +8,8 @@
 //! if its writer died right then. The mark itself is durable with the next commit. A power cut that takes it only has
 //! the last records proved by reading.
 //!
-//! What a record names need not be of the store that writes it: what a dead process put is there, and perhaps not
-//! durable. So a commit syncs what this store came to rely on of others, too.
+//! Blobs of a record can come from other stores: a dead process may have written them without making them durable. A
+//! commit therefore also syncs the files of other stores that this store relies on.
 
 use crate::{
     CacheError, Digest, Store,

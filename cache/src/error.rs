@@ -1,7 +1,7 @@
 //! Every error of the store, as message, place and advice.
 //!
-//! A damaged or missing blob is not an error: it is a miss. What is left are the environment (disk, permissions) and
-//! misuse.
+//! A damaged or missing blob is not an error: it is a miss. The remaining errors are of the environment (disk,
+//! permissions), or misuse.
 
 use crate::Key;
 use std::{
@@ -17,11 +17,11 @@ pub enum CacheError {
     /// The operating system refused: a full disk, missing permissions, a broken device.
     #[error("cannot {action} `{path}`: {source}. {}", advice(.source))]
     Io {
-        /// What was being done, as a verb phrase: `write the blob`.
+        /// The attempted action, as a verb phrase: `write the blob`.
         action: &'static str,
         /// The file or folder it was done to.
         path: PathBuf,
-        /// What the operating system said.
+        /// The error of the operating system.
         source: io::Error,
     },
     /// The folder is a store of another format, or not a store.
@@ -32,9 +32,9 @@ pub enum CacheError {
     Format {
         /// The store's folder.
         dir: PathBuf,
-        /// What its FORMAT file says.
+        /// The content of its FORMAT file.
         found: String,
-        /// What this version writes.
+        /// The format that this version writes.
         expected: &'static str,
     },
     /// The folder is no store, and holds something already: nothing of others is touched.
@@ -45,7 +45,7 @@ pub enum CacheError {
     Foreign {
         /// The folder.
         dir: PathBuf,
-        /// What it holds, as a path within the folder.
+        /// A path within the folder that it contains.
         found: PathBuf,
     },
     /// A link or a file lies where the store has a folder; what is behind a link is of others.
@@ -62,7 +62,7 @@ pub enum CacheError {
     ReadOnly {
         /// The store's folder.
         dir: PathBuf,
-        /// What kept it from being opened for writing.
+        /// The error of opening it for writing.
         why: Arc<CacheError>,
     },
     /// Something was to be written to a folder that was opened to be looked at, and that is no store yet.

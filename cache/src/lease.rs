@@ -194,7 +194,7 @@ mod tests {
     #[test]
     fn a_lease_that_cannot_be_made_leaves_nothing() {
         let dir = tempfile::tempdir().expect("a temporary folder");
-        // There is no folder for leases.
+        // The folder for leases does not exist.
         fs::create_dir(dir.path().join("tmp")).expect("writable");
         let error = Lease::open(&Layout::new(dir.path(), new_owner())).expect_err("nowhere to put it");
         assert!(error.to_string().contains("create the lease"), "{error}");

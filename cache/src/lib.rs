@@ -3,7 +3,7 @@
 //! A [`Store`] keeps immutable blobs by [`Digest`] and [`Record`]s by namespace and [`Key`]. It knows nothing of
 //! pipelines, nodes or items: what is hashed into a key, and what a payload means, is its callers' business.
 //!
-//! What holds, whatever happens:
+//! Guarantees:
 //!
 //! - A blob comes back whole or not at all. A missing or damaged blob is a miss, never an error.
 //! - A record is never overwritten by another payload; that is reported.

@@ -70,7 +70,7 @@ fn fill(index: &mut Index, number: u32, sort: Sort, there: u64, mut fields: Fiel
     if there < scanned {
         return None; // of another file of that name
     }
-    // What is read later takes as much memory as is said here: it has to be there.
+    // Later reads allocate the sizes given here, so the bytes must exist.
     let fits = |offset: u64, size: u64| offset.checked_add(size).is_some_and(|end| end <= scanned);
     let mut names = Vec::new();
     for _ in 0..fields.u32()? {

@@ -1,8 +1,8 @@
 //! Trees: blobs that list other blobs, and trees.
 //!
 //! A record that names a tree keeps alive all that the tree lists, however many blobs that is, without a list of its
-//! own; two records whose outputs have a part in common share that part's tree. What a tree says beyond its list is its
-//! maker's business.
+//! own; two records whose outputs have a part in common share that part's tree. The body of a tree is defined by its
+//! writer.
 
 use crate::{
     CacheError, Digest, Store,
@@ -19,7 +19,7 @@ pub struct Tree<'a> {
     pub refs: Vec<Digest>,
     /// Trees that it lists.
     pub trees: Vec<Digest>,
-    /// What else its maker put there.
+    /// The body of the tree.
     pub body: &'a [u8],
 }
 

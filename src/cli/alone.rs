@@ -29,7 +29,8 @@ use std::{
 };
 use tempfile::TempDir;
 
-/// What an action is told of the environment: where programs are, and what is in keys. All else stays outside.
+/// Environment variables of an action: the path of programs, and variables that are part of keys. All else stays
+/// outside.
 const PASSED: [&str; 5] = ["PATH", "RAYON_NUM_THREADS", "TAUFLOW_OIDN", "TAUFLOW_DEVICE", "TAUFLOW_INSTRUCTIONS"];
 /// The sandbox: no network, no process of others, nothing that can be written. What is to be comes after it. `/run` has
 /// the sockets of the system's services, and `/tmp` those of people's programs, which would be ways out.
@@ -223,7 +224,7 @@ pub(super) fn end_with_parent(folder: &Path, stop: Arc<AtomicBool>) -> Result<()
             let _ = fs::remove_dir_all(folder.join(part)); // nobody is left to be told
         }
         let _ = fs::remove_dir(&folder);
-        // What began meanwhile ends with this process.
+        // Processes that started in the meantime end with this process.
         let _ = killpg(getpgrp(), Signal::SIGKILL);
     })
     .map_err(|e| CliError::Environment(format!("cannot listen for signals: {e}")))?;
@@ -262,7 +263,7 @@ impl Running {
             }
             thread::sleep(LOOK);
         };
-        // What it left behind may hold its output open.
+        // Remaining child processes may hold its output open.
         drop(self);
         let told = reader.join().ok().and_then(Result::ok).unwrap_or_default();
         Ok(Ended::Itself(status, told))

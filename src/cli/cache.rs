@@ -53,7 +53,7 @@ pub(crate) enum CacheCommand {
     Pins,
 }
 
-/// What the last whole run of each pipeline reaches.
+/// The blobs that the last complete run of each pipeline refers to.
 fn by_pipeline<'a>(store: &Store, names: impl Iterator<Item = &'a String>) -> Result<(), CliError> {
     let mut rows = vec![["pipeline", "blobs", "size", "its own"].map(str::to_owned).to_vec()];
     let (mut reached, mut users) = (Vec::new(), BTreeMap::new());

@@ -44,7 +44,7 @@ pub(super) fn end() {
 /// The processes below one that are not dead.
 fn below(top: Pid) -> Vec<Pid> {
     let mut children: BTreeMap<Pid, Vec<(Pid, bool)>> = BTreeMap::new();
-    // What ends meanwhile is passed over, and what begins is found by the next look.
+    // Processes that end in the meantime are skipped, and new ones are found by the next scan.
     for entry in fs::read_dir("/proc").into_iter().flatten().flatten() {
         let Some(process) = entry.file_name().to_str().and_then(|name| name.parse().ok()) else { continue };
         let told = fs::read_to_string(entry.path().join("stat")).unwrap_or_default();

@@ -26,7 +26,7 @@ fn style(template: &str) -> ProgressStyle {
     style.progress_chars("━━─")
 }
 
-/// What an action is called beside its node: the values of its cell, and its item.
+/// The name of an action within its node: the values of its cell, and its item.
 fn title((cell, item): &(Name, Name)) -> String {
     let values = cell.split('+').filter_map(|pair| pair.split_once('=').map(|(_, value)| value));
     values.chain((!item.is_empty()).then_some(&**item)).collect::<Vec<_>>().join(" ")
@@ -45,11 +45,11 @@ struct State {
     shown: BTreeMap<String, Shown>,
 }
 
-/// What was shown of a node.
+/// The displayed state of a node.
 #[derive(Default)]
 struct Shown {
     bar: Option<ProgressBar>,
-    /// Of its long actions in flight, by cell and item.
+    /// Its long running actions, by cell and item.
     parts: BTreeMap<(Name, Name), ProgressBar>,
     told: Option<Instant>,
     told_end: bool,

@@ -112,7 +112,7 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     Ok(Exit::Done)
 }
 
-/// That all of an image is finite.
+/// Checks that all values of an image are finite.
 fn finite(image: &Image, what: &str, remedy: &str) -> Result<(), CliError> {
     let Some(at) = image.data().iter().position(|v| !v.is_finite()) else { return Ok(()) };
     let pixel = at / image.channels();

@@ -73,7 +73,7 @@ impl<'a> Asked<'a> {
         Ok(Self { pipeline, node, port, cells })
     }
 
-    /// The items, if the node is up to date. What was there and is lost is made again.
+    /// The items, if the node is up to date. Lost results are rebuilt.
     pub(crate) fn collection(&self, store: &Store) -> Result<Collection, CliError> {
         let mut all = match engine::outputs(self.pipeline, store, self.node, self.port) {
             Err(EngineError::Lost(_)) => {

@@ -117,7 +117,7 @@ impl FilmArgs {
     }
 }
 
-/// What can be done with one scene.
+/// Commands for a scene.
 #[derive(Subcommand)]
 pub(crate) enum SceneCommand {
     /// Export a scene to Mitsuba 3: scene.xml, meshes, textures.

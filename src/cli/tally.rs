@@ -52,7 +52,7 @@ impl Long {
 }
 
 impl Tally {
-    /// Of nodes that stand after those that they read, with the numbers of these.
+    /// Statistics of nodes in dependency order, with the indices of their inputs.
     pub(crate) fn new(graph: Vec<(String, Vec<usize>)>) -> Self {
         Self { graph, nodes: BTreeMap::new() }
     }
@@ -92,7 +92,7 @@ impl Tally {
             Event::End { cell, item, outcome, .. } => {
                 let at = (cell.clone(), item.clone());
                 node.long.remove(&at);
-                // What was done before, or could not begin, is not in flight.
+                // Cached and blocked actions are not running.
                 if let Some(running) = node.running.get_mut(&at) {
                     *running -= 1;
                     if *running == 0 {

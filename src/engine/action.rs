@@ -94,7 +94,7 @@ pub fn check_outputs(task: &Task, outputs: &Outputs) -> Result<(), String> {
     Ok(())
 }
 
-/// What people are told of a panic.
+/// The message of a panic.
 pub fn panicked(panic: &Box<dyn std::any::Any + Send>) -> String {
     let told = panic.downcast_ref::<String>().map(String::as_str);
     let told = told.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no message");

@@ -24,13 +24,13 @@ use tauflow_contract::{ActionKey, Digest, FILE_PORT, FORMAT_VERSION, Progress};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ActionFile {
-    /// What decides its outputs.
+    /// The basis of its key, which determines its outputs.
     pub key: ActionKey,
     /// Its inputs.
     pub recipe: ActionInputs,
 }
 
-/// What became of an action that was run alone.
+/// The outcome of an action that was run in isolation.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Executed {
     /// The hash of its key.
@@ -141,7 +141,7 @@ impl ActionFile {
                 basis.kind, wrong.pointer, wrong.message
             )));
         }
-        // What it made here would else be filed as made there.
+        // Its outputs would otherwise be recorded for the wrong environment.
         let here = Asking::new(store, true).environment(&**kind, &basis.params, group)?.unwrap_or_default();
         if here != basis.environment {
             return Err(foreign(&basis.environment, &here));

@@ -1,4 +1,4 @@
-//! What is handed to the worker threads and back: a lane's task, jobs of it by the bundle, and replies.
+//! Messages to worker threads and back: the task of a lane, bundles of its jobs, and replies.
 //!
 //! Knows nothing of how an action is done.
 
@@ -12,19 +12,19 @@ use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
 use tauflow_cache::{CacheError, Digest, Key};
 use tauflow_contract::{ActionKey, Artifact, Basis, ItemKey, KindSpec, NodeKind, Projection};
 
-/// What all actions of a lane share.
+/// The data that all actions of a lane share.
 pub struct Task {
     /// The lane.
     pub lane: LaneId,
     /// The kind.
     pub kind: Arc<dyn NodeKind>,
-    /// What the kind states.
+    /// The spec of the kind.
     pub spec: KindSpec,
     /// The group of outputs.
     pub group: &'static str,
     /// The params that each action reads.
     pub projection: Projection,
-    /// What decides its outputs beside what they read; of params and seed, each action has its own.
+    /// The basis of its keys: everything except inputs. Params and seed differ per action.
     pub basis: Basis,
     /// It makes measurements, and must have the machine to itself.
     pub alone: bool,
@@ -44,7 +44,7 @@ pub struct Job {
     pub each: Vec<(InputId, Arc<Output>)>,
     /// Files outside, of a source's item.
     pub files: Vec<(String, PathBuf)>,
-    /// What its look-up found.
+    /// The result of its look-up.
     pub todo: Option<Box<Todo>>,
 }
 
@@ -66,7 +66,7 @@ pub struct Todo {
     pub hash: Key,
     /// The files outside that it reads.
     pub file: Option<Artifact>,
-    /// What it gave before, if it runs only to be compared.
+    /// Its recorded outputs, if it runs only for comparison.
     pub before: Option<Made>,
 }
 
@@ -77,7 +77,7 @@ impl Todo {
     }
 }
 
-/// What it takes to do an action, beside its key: its inputs, where the key has their digests alone.
+/// The inputs of an action; its key contains only their digests.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ActionInputs {
@@ -92,7 +92,7 @@ pub struct ActionInputs {
     pub whole: BTreeMap<String, Listed>,
 }
 
-/// What became of an action.
+/// The outcome of an action.
 pub enum Outcome {
     /// It was done before.
     Hit(Made),
@@ -112,23 +112,23 @@ pub enum Outcome {
     Fatal(CacheError),
 }
 
-/// What became of an action, and what should be told to people.
+/// The outcome of an action, and messages for the user.
 pub struct Reply {
     /// Its lane and slot.
     pub slot: (LaneId, SlotId),
-    /// What became of it.
+    /// Its outcome.
     pub outcome: Outcome,
     /// Its key, if keys are kept and it came that far.
     pub key: Option<Box<ActionKey>>,
     /// Content digest of the files outside that it read.
     pub file: Option<Digest>,
-    /// What else of its inputs is missing, if something is.
+    /// Other missing inputs, if any.
     pub missing: Vec<Digest>,
     /// In a dry run: it has been done before, and what it gave is lost.
     pub lost: bool,
     /// A remark, such as two outputs for one key.
     pub warning: Option<String>,
-    /// What it took now, in microseconds.
+    /// Its duration in this run, in microseconds.
     pub spent_us: u64,
 }
 
@@ -139,9 +139,9 @@ impl Reply {
     }
 }
 
-/// What an action that ran has produced, before it is recorded.
+/// The outputs of an action before they are recorded.
 pub struct Produced {
-    /// What is recorded of it.
+    /// Its record.
     pub payload: Payload,
     /// Its collections by port.
     pub collections: Vec<(PortId, Arc<Sharded>)>,

@@ -1,4 +1,4 @@
-//! What is demanded: lanes, one for each cell and output group that the targets need.
+//! The demanded lanes: one for each cell and output group that the targets need.
 //!
 //! A lane is a queue of like actions. Lanes are few and known before the run; their items are many and are not.
 
@@ -20,9 +20,9 @@ pub struct Lane {
     pub node: usize,
     /// The group.
     pub group: Group,
-    /// What decides its outputs beside what it reads: the cell's params, the pipeline's seed.
+    /// The basis of its keys: everything except inputs, such as the cell's params and the pipeline's seed.
     pub basis: Basis,
-    /// What of the machine enters its keys is not known, because a program would have to run: no key of it is one.
+    /// Its environment is unknown, because a program would have to run; its keys are therefore not valid.
     pub unknown: bool,
     /// The output ports of the group.
     pub ports: Vec<PortId>,
@@ -45,7 +45,7 @@ pub struct LaneFeed {
     pub lane: LaneId,
     /// Its output port.
     pub port: PortId,
-    /// What is put before its item keys.
+    /// The prefix of its item keys.
     pub prefix: Option<String>,
 }
 
@@ -75,7 +75,7 @@ impl Only {
     /// Parses `node`, `node/item`, `node/cell` or `node/cell/item`.
     ///
     /// # Errors
-    /// What is wrong, in words.
+    /// The problem, in words.
     pub fn parse(text: &str, pipeline: &Pipeline) -> Result<Self, String> {
         let (name, rest) = text.split_once('/').map_or((text, None), |(name, rest)| (name, Some(rest)));
         let node = pipeline.node(name).ok_or_else(|| {

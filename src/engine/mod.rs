@@ -94,7 +94,7 @@ pub enum EngineError {
     /// The request makes no sense for this pipeline.
     #[error("{0}")]
     Request(String),
-    /// What is asked for was there, and is lost or damaged: [`restore`] makes it again.
+    /// The requested result is lost or damaged: [`restore`] rebuilds it.
     #[error("{0}")]
     Lost(String),
 }
@@ -136,7 +136,7 @@ pub fn run(
     Ok(summary)
 }
 
-/// What a dry run found.
+/// The result of a dry run.
 #[derive(Debug)]
 pub struct Plan {
     /// Numbers by node: `ran` is what would run.
@@ -145,7 +145,7 @@ pub struct Plan {
     pub would_run: Vec<explain::Planned>,
 }
 
-/// What a run would do: hits, runs, and nodes whose items are not known before something else has run.
+/// The plan of a run: hits, actions to run, and nodes whose items are unknown until other actions have run.
 ///
 /// It starts no program and loads no library of the pipeline: see [`explain::Planned::unknown`].
 ///

@@ -11,7 +11,7 @@ use std::{
 };
 use tauflow_cache::{Digest, Store};
 
-/// What is written: a folder below the pipeline's, and the collection whose parts go there.
+/// The target of publishing: a folder below the pipeline's, and the collection to write there.
 pub struct Publication {
     /// Folder below `OUT/<pipeline>/`; empty for the only publishing node.
     pub folder: String,

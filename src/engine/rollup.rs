@@ -24,18 +24,18 @@ use std::{
 use tauflow_cache::{CacheError, Digest, Key, Record, Recorded, Store};
 use tauflow_contract::{Basis, Determinism, FORMAT_VERSION, ItemKey, Mode, canonical_bytes};
 
-/// What decides a lane's outputs. Item keys are part of the inputs' content digests.
+/// The key of a lane's roll-up. Item keys are part of the inputs' content digests.
 #[derive(Serialize)]
 struct LaneKey<'a> {
     #[serde(flatten)]
     basis: &'a Basis,
-    /// Of a source: its items, with the content digests of the files that they read.
+    /// For a source: its items, with the content digests of the files that they read.
     listing: Option<Digest>,
     /// For each input port, what is put before the keys, and the content digest, of each of its feeds.
     inputs: BTreeMap<&'a str, Vec<(Option<&'a str>, Digest)>>,
 }
 
-/// What decides the shards of a lane beside their items.
+/// The key of a lane's shards, without their items.
 #[derive(Serialize)]
 struct ShardsKey<'a> {
     #[serde(flatten)]
@@ -44,7 +44,7 @@ struct ShardsKey<'a> {
     whole: BTreeMap<&'a str, Digest>,
 }
 
-/// What a run of a pipeline is kept under: runs of a part of it, by `--target`, do not take its place.
+/// The key under which a run of a pipeline is recorded: runs with `--target` have different keys.
 #[derive(Serialize)]
 struct PipelineKey<'a> {
     format: u32,
@@ -247,7 +247,7 @@ pub fn keep_shard(
 /// Every output of the lanes, and the blobs that list them.
 pub fn outputs(pipeline: &Pipeline, lanes: &Lanes, scheduler: &Scheduler<'_>) -> (Vec<OutputOf>, Vec<Digest>) {
     let (mut found, mut trees): (Vec<OutputOf>, Vec<Digest>) = Default::default();
-    // What a lane reads decides, too, how far its outputs are reproducible.
+    // The inputs of a lane also determine how far its outputs are reproducible.
     let mut read: Row<LaneId, _> = lanes.iter().map(|_| Determinism::Bitwise).collect();
     let weaker = |a: Determinism, b: Determinism| match (a, b) {
         (Determinism::Measured, _) | (_, Determinism::Measured) => Determinism::Measured,

@@ -310,7 +310,7 @@ struct Workers<'a> {
     replies: &'a mpsc::Receiver<Done>,
 }
 
-/// What a thread has done.
+/// The reply of a thread.
 enum Done {
     LookedUp(Vec<Reply>),
     /// And whether that was the last of its bundle.

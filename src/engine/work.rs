@@ -25,7 +25,7 @@ use std::{
 use tauflow_cache::{CacheError, Claim, Digest, Key, Record, Recorded, Store};
 use tauflow_contract::{Action, ActionKey, Artifact, Collection, Context, FILE_PORT, KindError, Progress};
 
-/// What all actions of a run share.
+/// The data that all actions of a run share.
 pub struct Bench<'a> {
     /// The store.
     pub store: &'a Store,
@@ -278,7 +278,7 @@ impl Bench<'_> {
         if let Err(message) = check_outputs(task, &outputs) {
             return Ok(Err(Outcome::Failed(format!("internal error: {message}; please report it"))));
         }
-        // Of a transient node, what nobody reads is not even kept in memory.
+        // Unread outputs of a transient node are not even kept in memory.
         let is_read = |name: &&String| port_of(&task.spec, name).is_some_and(|port| task.read.contains(&port));
         let items = outputs.items.iter().filter(|(name, _)| is_read(name)).map(|(_, artifact)| artifact);
         let gathered = outputs.collections.iter().filter(|(name, _)| is_read(name));
@@ -334,7 +334,7 @@ impl Bench<'_> {
         Ok(Outcome::Ran(Made { items, collections, wall_us, bytes, put }))
     }
 
-    /// What it takes to do an action again, as text.
+    /// The given inputs of an action, as text.
     fn recipe(&self, bundle: &Bundle, job: &Job, file: Option<&Artifact>) -> Result<String, CacheError> {
         let name = |input: InputId| bundle.task.spec.inputs[input.place()].name.to_owned();
         let mut each: BTreeMap<String, Artifact> =
@@ -348,7 +348,7 @@ impl Bench<'_> {
         Ok(serde_json::to_string(&recipe).expect("keys and digests always serialise"))
     }
 
-    /// What a recheck found.
+    /// The result of a recheck.
     fn compare(&self, task: &Task, hash: &Key, payload: &Payload, made: Made) -> Outcome {
         let before = self.store.lookup(ACTION, hash).and_then(|r| Payload::of(&r)).unwrap_or_default();
         let differing = before.differs(payload, &task.spec);

@@ -30,7 +30,7 @@ pub struct PipelineFile {
     pub profiles: Vec<Profile>,
     /// Named values; those of an including file take the place of those that it includes.
     pub values: Vec<(Key, Yaml)>,
-    /// What others took the place of. It is checked, and what it names counts as used.
+    /// Values that were overridden. It is checked, and what it names counts as used.
     pub replaced: Vec<Yaml>,
     /// The nodes with what stands below their names, those of included files first.
     pub nodes: Vec<(Key, Yaml)>,
@@ -146,7 +146,7 @@ impl<'a> Loader<'a> {
         };
         let root = above.is_empty();
         let names: Arc<[String]> = TOP.iter().map(|key| (*key).to_owned()).collect();
-        // What is included comes first, so that this file can override its values and profiles.
+        // Included files come first, so that this file can override their values and profiles.
         fields.sort_by_key(|(key, _)| key.text != "include");
         for (key, value) in fields {
             match key.text.as_str() {

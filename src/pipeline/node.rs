@@ -34,7 +34,7 @@ pub(super) struct RawNode {
 pub(super) struct RawInput {
     /// The port.
     pub port: Key,
-    /// What it names.
+    /// The node that it refers to.
     pub refs: Vec<Key>,
 }
 

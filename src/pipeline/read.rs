@@ -6,7 +6,7 @@ use super::{
 };
 use crate::diagnostics::Problem;
 
-/// What a name may be, as a hint.
+/// The rules for names, as a hint.
 pub const NAME_HINT: &str = "use letters, digits, `_` and `-`, starting with a letter";
 
 /// The fields of a map; none of what is no map.

@@ -1,4 +1,4 @@
-//! What an input names: `node`, `node.port`, `node[axis=value, axis2=value].port`.
+//! References in inputs: `node`, `node.port`, `node[axis=value, axis2=value].port`.
 
 /// A parsed reference; its texts are slices of the source.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -15,7 +15,7 @@ impl<'a> Reference<'a> {
     /// Parses a reference.
     ///
     /// # Errors
-    /// What is wrong with it, in words.
+    /// Its error, in words.
     pub fn parse(text: &'a str) -> Result<Self, String> {
         let name = |part: &'a str, what: &str| -> Result<&'a str, String> {
             let part = part.trim();

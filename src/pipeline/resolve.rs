@@ -21,7 +21,7 @@ use serde_json::Value;
 use std::{collections::BTreeSet, path::Path, sync::Arc};
 use tauflow_contract::{ItemKey, KindSpec, NodeKind};
 
-/// What the command line changes of a pipeline.
+/// Overrides from the command line.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
     /// A profile.
@@ -145,7 +145,7 @@ fn draft(raw: &RawNode, registry: &Registry, problems: &mut Vec<Problem>) -> Dra
         let mut known = BTreeSet::new();
         for value in values {
             let text = axis_text(value);
-            // What is wrong with an axis of another node is told of there.
+            // Errors in an axis of a different node are reported there.
             if *taken {
             } else if ItemKey::new(format!("{}={text}", axis.text)).is_err() || text.contains(['/', '+', '=']) {
                 let message = format!("`{text}` cannot name a cell of the axis `{}`", axis.text);

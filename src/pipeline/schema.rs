@@ -4,9 +4,9 @@ use crate::kinds::Registry;
 use serde_json::{Map, Value, json};
 use tauflow_contract::KindSpec;
 
-/// What names look like.
+/// The pattern of names.
 const NAME: &str = "^[A-Za-z_][A-Za-z0-9_-]*$";
-/// What the use of a named value looks like.
+/// The pattern of a reference to a named value.
 const USE: &str = "^\\$[A-Za-z_][A-Za-z0-9_-]*$";
 
 /// The schema of the whole format, with the ports and params of every kind.
@@ -134,7 +134,7 @@ fn or_named(mut schema: Value) -> Value {
 /// Lets the name of a value stand for every part of a value.
 fn open(schema: &mut Value) {
     let Some(fields) = schema.as_object_mut() else { return };
-    // With a name for what tells branches apart, several may fit.
+    // If a named value stands for the discriminating field, several branches may match.
     if let Some(branches) = fields.remove("oneOf") {
         fields.insert("anyOf".into(), branches);
     }

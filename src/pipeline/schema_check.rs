@@ -14,9 +14,9 @@ pub struct Mismatch {
     pub pointer: String,
     /// True if the field's name is meant, not its value.
     pub key: bool,
-    /// What is so.
+    /// The problem.
     pub message: String,
-    /// What to do.
+    /// The remedy.
     pub hint: Hint,
 }
 

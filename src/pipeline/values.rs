@@ -1,8 +1,8 @@
 //! Named values: `values: { last_rung: 256 }`, and `$last_rung` where the value is meant.
 //!
 //! A use is a whole text: `$name` and nothing else. `$$` begins a text that begins with `$`; any other text is itself.
-//! A value may be of any sort and may use other values. What is put in stands where the use stands, so that problems
-//! are shown there; [`Values::explain`] adds where the value is set. Knows no kind and no node.
+//! A value may be of any sort and may use other values. Substituted values keep the position of the reference, so that
+//! problems are shown there; [`Values::explain`] adds the position of the definition. Knows no kind and no node.
 
 use super::{
     file::PipelineFile,
@@ -16,14 +16,14 @@ use std::{
     sync::Arc,
 };
 
-/// So many values (maps, lists, scalars) may be put into a file, as many as it may hold when it is read.
+/// Maximum number of substituted values (maps, lists, scalars), the same as the limit for a file.
 const MOST_PUT_IN: usize = 200_000;
 /// Values may use each other so deep.
 const DEEPEST_CHAIN: usize = 16;
 /// A value may be nested so deep, as deep as a file.
 const DEEPEST: usize = 48;
 
-/// What a text says.
+/// The meaning of a text.
 #[derive(Debug, PartialEq)]
 enum Form<'a> {
     /// Itself.
@@ -216,7 +216,7 @@ impl Values {
             }
         }
         problems.append(&mut self.problems);
-        // With other problems, the use may be in what could not be read.
+        // If there are other problems, the reference may be in an unreadable part.
         if problems.is_empty() {
             for Entry { key, .. } in self.entries.iter().filter(|entry| !entry.used) {
                 let used = self.entries.iter().filter(|entry| entry.used).map(|entry| entry.key.text.as_str());

@@ -51,7 +51,7 @@ struct Misfit {
 }
 
 impl Wiring {
-    /// What feeds each input of a cell. `first` is the first cell of each draft in the pipeline.
+    /// The sources of each input of a cell. `first` is the first cell of each draft in the pipeline.
     pub fn connections(&self, node: usize, cell: usize, inputs: usize, first: &[usize]) -> Vec<Vec<Connection>> {
         let mut connections = vec![Vec::new(); inputs];
         for link in self.of_cell.get(&(node, cell)).into_iter().flatten().map(|at| &self.links[*at]) {
@@ -128,7 +128,7 @@ pub(super) fn order(wiring: &Wiring, problems: &mut Vec<Problem>) -> Option<Vec<
     fine.then(|| in_order(wiring))
 }
 
-/// Of the nodes that could come next, the one that stands first in the file.
+/// Among the nodes that could come next, the first one in the file.
 fn in_order(wiring: &Wiring) -> Vec<usize> {
     let mut waits_for = vec![0usize; wiring.names.len()];
     let mut readers = vec![Vec::new(); wiring.names.len()];
@@ -281,7 +281,7 @@ impl Wirer<'_> {
                 self.problem(span, message, format!("connect an output of type `{wanted}`"));
                 continue;
             }
-            // What reads this node cannot be read by it.
+            // A dependent of this node cannot be its input.
             let below = self.wiring.below(reader);
             let others = (0..self.drafts.len()).filter(|node| *node != source);
             let fits: Vec<String> = [source]

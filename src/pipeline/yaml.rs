@@ -15,13 +15,13 @@ use std::{collections::HashSet, fmt};
 /// A node of the tree.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Yaml {
-    /// What it holds.
+    /// Its content.
     pub data: Data,
     /// Where it stands.
     pub span: Span,
 }
 
-/// What a node holds.
+/// The content of a node.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Data {
     /// Nothing.
@@ -48,7 +48,7 @@ pub struct Key {
 }
 
 impl Yaml {
-    /// What sort of node this is, for messages.
+    /// The type of the node, for messages.
     pub fn sort(&self) -> &'static str {
         match &self.data {
             Data::Null => "nothing",
@@ -179,7 +179,7 @@ pub fn parse(text: &str, source: usize) -> Result<Yaml, Box<Problem>> {
     }
 }
 
-/// What the parser refuses, and what to do: parsers know the grammar, people know what they meant.
+/// Translates errors of the parser into messages with a remedy.
 fn refused(message: &str) -> (String, &'static str) {
     let known = [
         (

@@ -29,7 +29,11 @@ fn looking_starts_no_program_and_a_plan_knows_what_the_last_run_was_told() {
     assert!(!plan.out.contains("nothing to do"), "{}", plan.out);
     assert!(explained.out.contains("2 x unknown: the version of a program is needed"), "{}", explained.out);
     let one = tauflow(&["explain", "small.yaml", "rendered", "L0-open-000000"]).ends(0);
-    assert!(one.lines().contains(&"key        unknown") && one.out.contains("\nunknown: the version of a program"), "{}", one.out);
+    assert!(
+        one.lines().contains(&"key        unknown") && one.out.contains("\nunknown: the version of a program"),
+        "{}",
+        one.out
+    );
     assert!(!asked());
     tauflow(&["run", "small.yaml"]).ends(0);
     assert!(asked(), "a run asks");

@@ -1,4 +1,4 @@
-//! What a collection keeps and what goes. Reads; changes nothing.
+//! Decides which entries a collection keeps and deletes. Reads; changes nothing.
 
 use super::{GcOptions, GcReport, listing::Listing, segments::live_segments};
 use crate::{

@@ -123,7 +123,7 @@ impl<'a, P> Action<'a, P> {
     }
 }
 
-/// What an action made, by output port of its group.
+/// The outputs of an action, by output port of its group.
 ///
 /// Sources and maps make at most one artifact on each port; gathers make collections.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

@@ -25,7 +25,7 @@ pub fn canonical_bytes<T: Serialize + ?Sized>(value: &T) -> Vec<u8> {
     out
 }
 
-/// What cannot be encoded, in words.
+/// The value that cannot be encoded, in words.
 #[derive(Debug)]
 struct NotPlain(String);
 

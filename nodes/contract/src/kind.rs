@@ -18,7 +18,7 @@ pub enum Mode {
     Gather,
 }
 
-/// What a kind states about itself.
+/// The description of a kind.
 #[derive(Clone, Debug)]
 pub struct KindSpec {
     /// Name in the pipeline file.
@@ -76,9 +76,9 @@ pub struct SourceItem {
 pub struct ParamProblem {
     /// JSON pointer into the params, e.g. `/rungs/dyadic`.
     pub pointer: String,
-    /// What is so.
+    /// The problem.
     pub message: String,
-    /// What to do.
+    /// The remedy.
     pub hint: String,
 }
 
@@ -115,7 +115,7 @@ pub trait Kind: Send + Sync + 'static {
     /// The params: documented, with defaults, unknown fields denied.
     type Params: Serialize + DeserializeOwned + JsonSchema + Send + Sync;
 
-    /// What the kind states about itself.
+    /// The description of the kind.
     fn spec() -> KindSpec;
 
     /// Problems that the schema cannot express, such as a minimum above a maximum.
@@ -137,8 +137,8 @@ pub trait Kind: Send + Sync + 'static {
         serde_json::to_value(params).expect("params serialise")
     }
 
-    /// Params that came later than the kind. What acted before they existed is left out of keys, and is what an action
-    /// gets where they are left out, whatever their defaults have become.
+    /// Params that came later than the kind. Values that reproduce the behaviour before these params existed are
+    /// omitted from keys. An action receives them if the params are missing, independent of current defaults.
     fn later() -> &'static [Later] {
         &[]
     }
@@ -151,12 +151,12 @@ pub trait Kind: Send + Sync + 'static {
         derive_seed(pipeline_seed, Self::spec().name, item)
     }
 
-    /// What of this machine decides the outputs of a group, beside all that an action is handed: a library that is
-    /// found at run time, the processor that is timed. It enters the keys. The default is nothing, null.
+    /// The properties of this machine that determine the outputs of a group, in addition to an action's inputs: a
+    /// library found at run time, or the processor that is timed. It enters the keys. The default is nothing, null.
     ///
     /// It may read files, and starts no program and loads no library of a pipeline: what only those tell it asks
-    /// `probe` for, and gives none where that has no answer. Of the params it reads those alone that [`Kind::project`]
-    /// leaves to the group, because an action that is run by itself has no others.
+    /// `probe` for, and gives none where that has no answer. It reads only params that [`Kind::project`] keeps for the
+    /// group, because an isolated action has no others.
     fn environment(_params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {
         Some(Value::Null)
     }

@@ -1,5 +1,4 @@
-//! What an artifact is, as a Rust type: its name, how it is loaded and stored, how it becomes files and is read from
-//! them.
+//! The Rust type of an artifact: its name, and how it is loaded, stored, exported and imported.
 //!
 //! A media type is declared once, by one type. Ports are constants that name that type (see [`crate::Each`],
 //! [`crate::All`] and [`crate::Out`]), so that a kind cannot read one thing as another.
@@ -197,7 +196,7 @@ impl<'a, M: Media> Items<'a, M> {
 pub enum Any {}
 
 impl Any {
-    /// What such a port has for a media type.
+    /// The media type of such a port.
     pub const NAME: &'static str = "*";
 }
 

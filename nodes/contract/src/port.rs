@@ -6,7 +6,7 @@
 use crate::{Any, Media};
 use std::marker::PhantomData;
 
-/// What an input port hands to an action.
+/// The data that an input port passes to an action.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Takes {
     /// The item of the same key. The first such port that is connected decides which items there are.
@@ -15,7 +15,7 @@ pub enum Takes {
     Collection,
 }
 
-/// What a rerun of the same action gives.
+/// The reproducibility of an action.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Determinism {
     /// The same bits.
@@ -55,7 +55,7 @@ pub struct InputPort {
     pub name: &'static str,
     /// Name of the media type of its items; `*` takes any.
     pub media: &'static str,
-    /// What it hands to an action.
+    /// The data that it passes to an action.
     pub takes: Takes,
     /// True if it may be left unconnected.
     pub optional: bool,

@@ -12,7 +12,7 @@ pub type Projection = Box<dyn Fn(Option<&ItemKey>, &str) -> Value + Send + Sync>
 
 /// A kind as the engine sees it: object-safe, with JSON params.
 pub trait NodeKind: Send + Sync {
-    /// What the kind states about itself.
+    /// The description of the kind.
     fn spec(&self) -> KindSpec;
     /// JSON Schema of the params.
     fn params_schema(&self) -> Value;
@@ -203,7 +203,7 @@ mod tests {
         }
 
         fn run(_: &Context<'_>, action: &Action<'_, Params>) -> Result<Outputs, KindError> {
-            // What it was given, told by its outcome.
+            // Its inputs, as shown by its outcome.
             Err(KindError::Input(action.params.factor.to_string()))
         }
     }

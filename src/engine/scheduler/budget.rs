@@ -1,5 +1,5 @@
-//! What may be going on at once: look-ups, actions, the memory that they hold, and the machine itself where one
-//! measures. Knows nothing of what is ready.
+//! Limits of concurrent work: look-ups, actions, their memory, and exclusive use of the machine for measurements. Knows
+//! nothing of what is ready.
 
 use crate::engine::ids::{LaneId, SlotId};
 use std::collections::HashMap;
@@ -21,7 +21,7 @@ pub(super) struct Budget {
 }
 
 impl Budget {
-    /// Of so much memory, with nothing going on.
+    /// A budget of the given memory, with nothing running.
     pub fn new(memory: u64, nodes: usize) -> Self {
         Self {
             memory,

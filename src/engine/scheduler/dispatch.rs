@@ -1,5 +1,4 @@
-//! What is handed out next: bundles to look up, and bundles to run, latest node first, within the memory that there
-//! is.
+//! Chooses the next work: bundles to look up, and bundles to run, downstream nodes first, within the memory budget.
 
 use super::{
     Scheduler, Turn,

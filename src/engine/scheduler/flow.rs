@@ -304,8 +304,7 @@ impl Scheduler<'_> {
             {
                 self.hand_on_collection(reader, &result);
             }
-            // Of what failed as a whole, nobody knows which items there would be: its shards stay open until that is
-            // told below.
+            // If a lane failed as a whole, its items are unknown: its shards stay open until that is reported below.
             if !whole && (rolled || (gather && health == Health::Sound)) {
                 let (lane, input) = (reader.lane, reader.input);
                 self.ops.extend((0..SHARDS).map(|shard| Op::ShardFed { lane, input, shard: u8::at(shard) }));

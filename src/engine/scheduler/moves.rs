@@ -28,7 +28,7 @@ impl Scheduler<'_> {
             SlotStage::Todo => {
                 let gather = at.key.is_none();
                 self.todo.push(turn);
-                // What a gather makes is not known to be in any shard.
+                // The outputs of a gather belong to no known shard.
                 if !gather {
                     self.open_readers(lane, shard);
                 }
@@ -107,7 +107,7 @@ impl Scheduler<'_> {
         }
     }
 
-    /// What a lane's actions took and made, those of earlier runs included.
+    /// Duration and output size of a lane's actions, including those of earlier runs.
     fn totals(&self, lane: LaneId) -> Complete {
         let state = &self.states[lane];
         let mut complete = Complete { lane, actions: 0, wall_us: 0, bytes: 0 };

@@ -1,4 +1,4 @@
-//! What became of actions: replies of the threads that look up and run.
+//! Outcomes of actions: replies of the threads that look up and run.
 
 use super::{
     Scheduler, lost,

@@ -17,13 +17,13 @@ use std::{path::PathBuf, sync::Arc};
 use tauflow_cache::{Digest, Key};
 use tauflow_contract::{ItemKey, Mode, SourceItem, canonical_bytes};
 
-/// What decides a shard's outputs.
+/// The key of a shard.
 #[derive(Serialize)]
 struct ShardKey<T> {
     /// Digest of what decides all shards of its lane.
     shards: Digest,
-    /// Of a source its items and the params that each reads. Of a map, for each input port, what is put before the keys
-    /// of each of its feeds, and the content digest of the feed's shard.
+    /// For a source: its items and the params that each reads. For a map: per input port, the key prefix of each feed
+    /// and the content digest of the feed's shard.
     holds: T,
 }
 
@@ -62,7 +62,7 @@ impl Scheduler<'_> {
 
     fn go_by_shard(&mut self, lane: LaneId) {
         let state = &mut self.states[lane];
-        // What has come in item by item is not taken back.
+        // Items that have arrived are not withdrawn.
         let untouched = state.slots.is_empty() && state.inputs.iter().all(|input| input.arrived.is_empty());
         if self.lanes[lane].only.is_none() && untouched && !state.is_done() {
             state.by_shard = Some(ByShard::default());
@@ -109,7 +109,7 @@ impl Scheduler<'_> {
         left
     }
 
-    /// What decides a lane's shards beside their items.
+    /// The key of a lane's shards, without their items.
     fn prefix(&mut self, lane: LaneId) -> Digest {
         let (of, spec) = (&self.lanes[lane], self.spec(lane));
         let state = &mut self.states[lane];
@@ -213,7 +213,7 @@ impl Scheduler<'_> {
         true
     }
 
-    /// What a shard's roll-up says of each port of its lane.
+    /// The roll-up of a shard per port of its lane.
     fn listed_outputs(&self, lane: LaneId, shard: u8, payload: &Payload) -> Option<Vec<(PortId, Arc<Shard>)>> {
         let outputs = self.spec(lane).outputs;
         let listed = |port: &PortId| {
@@ -276,7 +276,7 @@ impl Scheduler<'_> {
             }
             for feed in feeds {
                 let from = &self.states[feed.lane];
-                // Of a lane that goes item by item, items that failed are told, too.
+                // Failed items are also reported for a lane that goes item by item.
                 let by_item =
                     from.rolled().is_none() && from.shards[shard].stage.by_item() && !self.is_gather(feed.lane);
                 if by_item {
@@ -347,7 +347,7 @@ impl Scheduler<'_> {
         }
         let fed = match self.lanes[lane].driving {
             Some(driving) => state.inputs[driving].open_shards[shard] == 0,
-            // Of a source; a gather has no shards.
+            // For a source; a gather has no shards.
             None => matches!(state.stage, LaneStage::Full) && self.mode(lane) == Mode::Source,
         };
         if !fed {
