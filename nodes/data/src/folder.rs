@@ -20,7 +20,7 @@ use tauflow_contract::{
 /// File that lists the items of a folder.
 pub const MANIFEST: &str = "manifest.json";
 
-/// What a folder of items holds, and where it came from.
+/// The content of a folder of items, and its origin.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
     /// The pipeline; empty for what another program made.

@@ -190,7 +190,7 @@ pub enum SamplerKind {
 }
 
 impl SamplerKind {
-    /// What records of before there was a choice hold, whatever the default has become: they say nothing of it.
+    /// The value of older records, which lack this field, independent of the current default.
     pub fn unsaid() -> Self {
         Self::Independent
     }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use std::{borrow::Cow, fmt, str::FromStr};
 use tauflow_contract::ItemKey;
 
-/// What light does at surfaces, from easy to hard.
+/// Difficulty of light transport, from easy to hard.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize, JsonSchema)]
 pub enum Regime {
     /// Diffuse only.

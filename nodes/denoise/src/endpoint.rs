@@ -1,4 +1,4 @@
-//! What denoisers start from: a rung of a scene, and its G-buffer where it is asked for.
+//! The input of denoisers: a rung of a scene, and its G-buffer on request.
 
 use tauflow_contract::KindError;
 use tauflow_data::{
@@ -13,7 +13,7 @@ pub(crate) struct Endpoint<'a> {
     pub(crate) color: &'a Image,
     /// Albedo and normal, [H, W, 6].
     pub(crate) gbuffer: Option<&'a Image>,
-    /// What is said of an image that is made from it in one go.
+    /// The metadata of an image that is computed from it in one step.
     pub(crate) said: RefinedImage,
 }
 

@@ -145,7 +145,7 @@ impl Kind for ExternalDenoiser {
     }
 }
 
-/// What denoises.
+/// The denoiser.
 enum Denoiser<'a> {
     Program(&'a [String]),
     Library(&'a Oidn),
@@ -176,11 +176,11 @@ impl Denoiser<'_> {
     }
 }
 
-/// What is said where there is no library.
+/// The message if there is no library.
 const MISSING: &str = "there is no Open Image Denoise library here; install it (the wheel `pyoidn` has one) and name \
                        it with `library` or TAUFLOW_OIDN";
 
-/// What may stand in a command: EXR files.
+/// Placeholders of a command: EXR files.
 const PLACES: Places = Places {
     what: "denoiser",
     all: &["{color}", "{albedo}", "{normal}", "{output}"],

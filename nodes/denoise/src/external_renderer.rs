@@ -142,7 +142,7 @@ struct Work<'a> {
     scene: Scene,
 }
 
-/// What a program says of the images of one count: seconds of each time that it was made.
+/// The times that a program reports for one sample count: seconds per repeat.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Told {
@@ -173,7 +173,7 @@ impl Work<'_> {
                 ("{scene}", inputs.join("scene.xml").to_string_lossy().into_owned()),
                 ("{counts}", listed.join(",")),
                 ("{repeats}", repeats.to_string()),
-                // What any program can take for a seed.
+                // The range of seeds that every program accepts.
                 ("{seed}", (self.seed % (1 << 31)).to_string()),
                 ("{folder}", images.to_string_lossy().into_owned()),
             ],

@@ -207,7 +207,7 @@ fn finite(image: &Image, what: &str) -> Result<(), KindError> {
     Ok(image.finite(what, "mend the image, or look at what made it")?)
 }
 
-/// What weights are made of.
+/// The features that determine weights.
 struct View<'a> {
     width: usize,
     height: usize,
@@ -232,7 +232,7 @@ impl View<'_> {
     }
 
     /// For each pixel of row `y`, the mean squared difference of the patch around it and that around the pixel (dx, dy)
-    /// away, in units of the deviation. None without patches. What lies outside has the value of the edge.
+    /// away, in units of the deviation. None without patches. Pixels outside have the value of the edge.
     fn patches(&self, y: usize, dx: isize, dy: isize) -> Option<Vec<f64>> {
         let deviation = self.params.colour?;
         let reach = self.params.patch as isize;

@@ -51,7 +51,7 @@ pub(crate) struct Oidn {
     functions: Functions,
 }
 
-/// What was loaded, by its file.
+/// Loaded libraries by file.
 type Loaded = BTreeMap<PathBuf, Arc<Oidn>>;
 
 /// The library of a path or name; of none, that of the variable, or the system's. None if nothing is named and the
@@ -230,7 +230,7 @@ impl Buffers {
 /// A filter over images that it holds.
 pub(crate) struct Filter<'a> {
     handle: Handle,
-    // What the filter reads and writes has to stay where it is.
+    // The buffers of the filter must not move.
     buffers: Buffers,
     device: Device<'a>,
 }

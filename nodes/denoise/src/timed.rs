@@ -1,4 +1,4 @@
-//! What the kinds share of taking times.
+//! Shared timing code of the kinds.
 
 use serde::Serialize;
 use tauflow_contract::{Any, Context, Each, KindError};
@@ -30,8 +30,8 @@ pub(crate) fn nothing() -> Timing {
     Timing { entries: Vec::new() }
 }
 
-/// What `run` took, so many times after once that does not count. Where it tells its own seconds, of wall and processor
-/// time, those.
+/// The times of `run`, for the given number of repeats after a warm-up. Where it tells its own seconds, of wall and
+/// processor time, those.
 ///
 /// # Errors
 /// Those of `run`, and if the run is being stopped.

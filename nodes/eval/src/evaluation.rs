@@ -24,7 +24,7 @@ use tauflow_data::{
     },
 };
 
-/// What a PSNR counts as at most in a mean, in dB: 20 log10 2^24, the rounding of an f32 at the peak.
+/// The maximum of a PSNR in a mean, in dB: 20 log10 2^24, the rounding of an f32 at the peak.
 pub const PSNR_CEILING: f64 = 144.494_397_918_710_97;
 
 /// The kind `evaluation`.

@@ -73,7 +73,7 @@ impl Kind for ImageMetrics {
     }
 }
 
-/// What is wrong with which image.
+/// The problem and its image.
 pub(crate) fn not_comparable(error: &MetricError, said: &RefinedImage, scene: &str) -> KindError {
     let RefinedImage { method, from_spp, to_spp, nfe } = said;
     KindError::Input(format!(

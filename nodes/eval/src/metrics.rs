@@ -38,7 +38,7 @@ pub enum MetricError {
     NotFinite {
         /// How many are not.
         count: usize,
-        /// Of how many.
+        /// The total number.
         of: usize,
     },
 }

@@ -38,7 +38,7 @@ pub(crate) struct Cells<'a> {
     rendered: Vec<CellOf<'a, Rendering<'a>>>,
 }
 
-/// What is connected to a port, with the port's name.
+/// The items connected to a port, with its name.
 pub(crate) type Connected<'a, M> = (&'static str, Option<Items<'a, M>>);
 
 /// The path tracer's images of a scene, what they take, and the scene's exposure.
@@ -140,7 +140,7 @@ struct Took {
 }
 
 impl Took {
-    /// Of what is done one after the other.
+    /// The time of consecutive steps.
     fn then(self, next: Self) -> Self {
         let sum = |a: [f64; 3], b: [f64; 3]| [0, 1, 2].map(|i| a[i] + b[i]);
         Self { wall_s: sum(self.wall_s, next.wall_s), cpu_s: sum(self.cpu_s, next.cpu_s) }

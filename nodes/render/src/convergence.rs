@@ -206,7 +206,7 @@ fn row(stratum: &str, counts: &[u64], scenes: &[&Measured], stream: &mut Stream)
 }
 
 /// Mean slope of the scenes that have one, with a bootstrap interval over scenes and, within each, over its blocks of
-/// pixels. So one scene has the interval of its pixels, and few scenes that happen to agree have none that is narrower
+/// pixels. One scene therefore has the interval of its pixels, and the interval of few similar scenes is not narrower
 /// than their pixels allow.
 fn slope_of(scenes: &[&Measured], stream: &mut Stream) -> Option<Estimate> {
     let sloping: Vec<(f64, &[f64])> =

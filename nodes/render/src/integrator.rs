@@ -59,7 +59,7 @@ pub(crate) mod dimension {
     /// Whether a light takes the place of the candidates before it.
     pub(crate) const CANDIDATE: u64 = 7;
 
-    /// What is added for the candidates after the first.
+    /// The weight of the candidates after the first.
     #[inline(always)]
     pub(crate) fn candidate(number: u64) -> u64 {
         number << 24
@@ -77,7 +77,7 @@ pub enum Strategy {
     /// Scattering alone, but for lights that it cannot find.
     ScatteringOnly,
     /// Only light that a specular surface sends onto one that scatters it, and that is seen there: caustics, and what
-    /// they light in turn. What passes a thin sheet of glass straight on does not count.
+    /// they light in turn. Straight passages through thin glass do not count.
     Caustics,
 }
 
@@ -150,7 +150,7 @@ impl Dimmed {
     }
 }
 
-/// What a ray of a path does at a hit.
+/// The action of a path's ray at a hit.
 pub(crate) enum Met {
     /// It ends there.
     Solid(Hit),
@@ -169,7 +169,7 @@ pub(crate) fn met(
 ) -> Met {
     let (shape, primitive) = world.place(hit.primitive);
     let own = &world.shapes[shape as usize];
-    // Of the distance only spheres make use.
+    // Only spheres use the distance.
     if !world.materials[own.material as usize].has_opacity() && !matches!(own.form, Form::Sphere(_)) {
         return Met::Solid(hit);
     }

@@ -40,7 +40,7 @@ const TIMING: Out<Timing> = Out::new(TIMINGS, "timing", "Wall time to reach each
 /// Points of a sequence: a sample's index has 32 bits.
 const MOST_SOBOL: u64 = 1 << 32;
 
-/// What is remembered of a render after so many samples, for other ladders to go on from.
+/// The cached state of a render after a number of samples, from which other ladders continue.
 #[derive(Clone, Copy)]
 enum Memo {
     /// The image.
@@ -196,8 +196,7 @@ impl Work<'_> {
         })
     }
 
-    /// What it takes to get from the scene's files to each rung, and for a G-buffer; rung 0 is a scene that is ready to
-    /// be rendered.
+    /// The time from the scene's files to each rung, and for a G-buffer; rung 0 is a loaded scene.
     fn timing(&self) -> Result<Timing, KindError> {
         let counts = self.params.rungs.counts();
         let entry = |spp| TimedImage { method: PATH_TRACER.into(), from_spp: spp, nfe: 0, took: Repeated::default() };

@@ -185,7 +185,7 @@ impl Measure<'_> {
     }
 }
 
-/// What the reference says.
+/// Measurements of the reference.
 struct Truth {
     relative_rmse: f64,
     tail_share: f64,
@@ -255,7 +255,7 @@ fn variances(film: &Accumulator) -> Vec<f64> {
 fn fit(films: &[Accumulator], reference: &Accumulator) -> Option<f64> {
     let own = variances(reference).iter().sum::<f64>() / reference.pixels.len() as f64 / reference.count as f64;
     let truth = reference.mean();
-    // What is left of scenes without noise is rounding.
+    // The rest of noise-free scenes is rounding.
     let least = (1e-5 * mean_luminance(reference)).powi(2);
     let points: Vec<(f64, f64)> = films
         .iter()

@@ -137,7 +137,7 @@ mod tests {
         assert_eq!(sheet.pixel(left, top)[0], 0.25);
         assert_eq!(sheet.pixel(left + 11, top + 29)[0], 0.5);
         assert_eq!(sheet.pixel(left + group, top + 33)[0], 0.75);
-        // What is not there is paper.
+        // Missing pictures are left white.
         assert_eq!(sheet.pixel(left, top + 33)[0], 1.0);
     }
 }

@@ -46,7 +46,7 @@ pub const INPUTS: &[InputPort] = &[
 /// Coordinates of a matrix cell, e.g. `parameterization` -> `mc_noise`.
 pub type Cell = BTreeMap<String, String>;
 
-/// What there is to report. What is `None` or empty was not connected.
+/// The inputs of the report. `None` or empty inputs are not connected.
 #[derive(Clone, Debug)]
 pub struct Material {
     /// Scores of all methods.
@@ -67,13 +67,13 @@ pub struct Material {
     pub convergence: Option<Convergence>,
     /// Error against time.
     pub time_error: Option<TimeError>,
-    /// What scenes are, by scene.
+    /// Statistics per scene.
     pub statistics: Vec<(String, SceneStatistics)>,
     /// Size and rungs of the references.
     pub references: Option<References>,
 }
 
-/// What is known of the references beside their pixels.
+/// Metadata of the references.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct References {
     /// Sample counts of the ladder, increasing.

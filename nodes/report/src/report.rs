@@ -203,7 +203,7 @@ fn sections(
     Ok(all.into_iter().flatten().collect())
 }
 
-/// What was not connected.
+/// Inputs that are not connected.
 fn missing(action: &Action<'_, ReportParams>) -> Vec<String> {
     let there = |port: &str| action.all.get(port).is_some_and(|items| !items.is_empty());
     material::INPUTS.iter().filter(|p| !there(p.name)).map(|p| p.name.to_owned()).collect()

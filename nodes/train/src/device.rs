@@ -37,7 +37,7 @@ impl Place {
         self.adapter.as_deref()
     }
 
-    /// What tensors are made on.
+    /// The device of tensors.
     pub(crate) fn device(&self) -> &Device {
         &self.device
     }

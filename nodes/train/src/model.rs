@@ -22,10 +22,10 @@ use tauflow_data::{
     time::VarianceTime,
 };
 
-/// What a model was trained for.
+/// The metadata of a model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModelInfo {
-    /// What it predicts.
+    /// Its parameterization.
     pub parameterization: Parameterization,
     /// Additional input of the network: none (RGB), or G-buffers.
     pub conditioning: Conditioning,
@@ -37,7 +37,7 @@ pub struct ModelInfo {
     pub counts: Vec<u64>,
     /// Training steps.
     pub steps: u64,
-    /// What its network's numbers are.
+    /// The type of its network's output.
     #[serde(default = "Output::unsaid", skip_serializing_if = "Output::is_unsaid")]
     pub output: Output,
 }
@@ -123,7 +123,7 @@ impl Model {
         Ok(file.to_bytes()?)
     }
 
-    /// What it was trained for.
+    /// Its metadata.
     pub fn info(&self) -> &ModelInfo {
         &self.info
     }

@@ -22,7 +22,7 @@ use tauflow_data::{
     timing::{Repeated, machine},
 };
 
-/// What refinements did before these params existed.
+/// The behaviour before these params existed.
 const LATER: &[Later] = &[
     Later { pointer: "/mirrors", before: Before::Integer(1) },
     Later { pointer: "/blank", before: Before::Text("none") },
@@ -173,7 +173,7 @@ impl Kind for Refinement {
     }
 }
 
-/// What each number of calls takes, once unmeasured and then in turns.
+/// The time of each number of calls: one warm-up, then in turns.
 fn timed(
     ctx: &Context<'_>,
     model: &Mirrored<'_>,
@@ -208,7 +208,7 @@ pub(crate) fn endpoint(scene: &PackedScene, spp: u64) -> Result<&Image, KindErro
     })
 }
 
-/// What the model sees beside the state.
+/// The additional input of the model.
 pub(crate) fn features<'a>(model: &Model, scene: &'a PackedScene) -> Result<Option<&'a Image>, KindError> {
     match model.info().conditioning {
         Conditioning::Rgb => Ok(None),

@@ -10,7 +10,7 @@ use tauflow_data::{
 
 /// Something that predicts what its parameterization asks for.
 pub trait Denoiser {
-    /// What it predicts.
+    /// Its parameterization.
     fn parameterization(&self) -> Parameterization;
 
     /// The space that its states and predictions are in.
@@ -179,7 +179,7 @@ fn decode(model: &dyn Denoiser, state: Image, endpoint: &Image) -> Result<Image,
 
 /// A state, unless its endpoint is so bright that values leave what the space can hold: nothing is cut.
 fn within(space: Space, state: Image, endpoint: &Image) -> Result<Image, KindError> {
-    // What is no number is not below the largest, either.
+    // NaN is not below the largest value, either.
     let fits = state.data().iter().filter(|v| v.abs() <= space.largest()).count();
     if fits == state.data().len() {
         return Ok(state);

@@ -184,7 +184,7 @@ impl Work<'_> {
         }
     }
 
-    /// What went wrong after `done` steps, and what is there of them.
+    /// The error after `done` steps, and the last checkpoint.
     fn with_checkpoint(&self, error: KindError, checkpoints: &Checkpoints, done: u64) -> KindError {
         let last = checkpoints.last_due(done);
         match error {

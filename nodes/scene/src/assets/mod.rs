@@ -27,7 +27,7 @@ const MAIN: Group = Group::main(4);
 const ASSETS: Out<Asset> = Out::new(MAIN, "assets", "The imported files, without refused ones.").filtering();
 const REPORTS: Out<AssetReport> = Out::new(MAIN, "reports", "The import result of each file.");
 
-/// What was so before these params existed.
+/// The behaviour before these params existed.
 const LATER: &[Later] = &[Later { pointer: "/allow_none", before: Before::Flag(false) }];
 
 /// The kind `assets`.

@@ -84,7 +84,7 @@ pub struct Loaded {
     pub scene: Scene,
     /// Its meshes and images.
     pub blobs: BTreeMap<Digest, Vec<u8>>,
-    /// What is worth knowing, a line each.
+    /// Notes, one line each.
     pub notes: Vec<String>,
     /// Pixels of its film, if it has one.
     pub film: Option<[u32; 2]>,
@@ -249,7 +249,7 @@ impl Kind for SceneFiles {
 
 /// The files that a scene's own file names, and the number of its cameras.
 fn named(name: &str, bytes: &[u8], given: &Given<'_>) -> (BTreeSet<String>, usize) {
-    // What is wrong is told when it is read.
+    // Errors are reported when it is read.
     let mut ignored = Problems::new(true);
     match ending(name).as_str() {
         "xml" => mitsuba::names(name, bytes, given, &mut ignored),

@@ -98,7 +98,7 @@ impl Kind for SceneGeneration {
         };
         let which = Which::of(&action.params, seed, stratum, index);
         let Which { content, view } = which;
-        // What a content draws is the same in all its views; the renderer's random numbers are a view's own.
+        // The draws of a content are the same in all its views; the renderer's random numbers differ per view.
         let content_seed = derive_seed(seed, "content", &content.to_string());
         let (scene, recipe) = assemble::scene(ctx, &action.params, &pool, stratum, which, content_seed)?;
         let scene = Scene { seed: derive_seed(content_seed, "view", &view.to_string()), ..scene };

@@ -222,7 +222,7 @@ impl SceneGenerationParams {
         }
     }
 
-    /// What single fields cannot say: ranges out of order, and a held-out side without a share.
+    /// Checks across fields: ranges out of order, and a held-out side without a share.
     pub fn problems(&self) -> Vec<ParamProblem> {
         let mut out = Vec::new();
         for (pointer, [low, high]) in [

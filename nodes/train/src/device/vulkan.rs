@@ -12,7 +12,7 @@ use tauflow_contract::{Determinism, KindError, OutputPort};
 
 const VARIABLE: &str = "TAUFLOW_DEVICE";
 
-/// What GPUs are, the fastest first.
+/// Types of GPUs, the fastest first.
 const GPUS: &[DeviceKind] = &[DeviceKind::DiscreteGpu(0), DeviceKind::IntegratedGpu(0), DeviceKind::VirtualGpu(0)];
 
 /// A device can be opened once only; what came of it.
@@ -61,7 +61,7 @@ impl Place {
     }
 }
 
-/// What TAUFLOW_DEVICE names, unless it is the CPU.
+/// The device of TAUFLOW_DEVICE, unless it is the CPU.
 fn asked() -> Option<String> {
     let name = std::env::var_os(VARIABLE)?.to_string_lossy().into_owned();
     (!name.is_empty() && name != "cpu").then_some(name)

@@ -41,7 +41,7 @@ struct Pick {
     top: usize,
     /// 0..8: quarter turns, and a flip from 4 on.
     turn: usize,
-    /// What radiance is multiplied with.
+    /// The exposure factor.
     scale: f32,
     /// Which of the six orders of the colours.
     colours: usize,
@@ -121,7 +121,7 @@ impl DataSet {
                 )));
             }
         }
-        // What is not looked at takes no memory.
+        // Unused data takes no memory.
         let kept = |scene: PackedScene| match conditioning {
             Conditioning::Gbuffer => scene,
             Conditioning::Rgb => PackedScene { gbuffer: None, ..scene },
@@ -167,7 +167,7 @@ impl DataSet {
                 let course = Course { from: self.counts[0], steps: 1, grid: TimeGrid::Ladder };
                 let refined = rollout(model, first, scene.gbuffer.as_ref(), course)?;
                 let [before, after] = [first, &refined].map(|image| square_error(image, last));
-                // Of an image without noise there is nothing to gain.
+                // A noise-free image has no gain.
                 Ok(if before > 0.0 && after > 0.0 { 10.0 * maths::log10(before / after) } else { 0.0 })
             })
             .collect::<Result<_, KindError>>()?;

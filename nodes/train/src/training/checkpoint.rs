@@ -13,10 +13,10 @@ const LAYOUT: u32 = 2;
 
 /// Where the checkpoints of one training are kept.
 pub(crate) struct Checkpoints {
-    /// With the inputs, all that decides the weights after a number of steps.
+    /// Together with the inputs, this determines the weights after a number of steps.
     pub(crate) basis: Basis,
     pub(crate) inputs: Vec<Digest>,
-    /// What its model will say of itself.
+    /// The metadata of its model.
     pub(crate) info: ModelInfo,
     /// Steps between two.
     pub(crate) every: u64,

@@ -38,7 +38,7 @@ impl Curve {
         self.points.last().and_then(|point| point.gain)
     }
 
-    /// What the loss on the test scenes did last, unless it falls as it should or there is too little of it to tell.
+    /// The recent trend of the test loss, unless it falls or has too few points.
     pub(crate) fn standing(&self) -> String {
         let standing = Standing::of(&self.points).filter(|_| self.points.len() > TELLING);
         standing

@@ -2,7 +2,7 @@
 //!
 //! Predictions are weighted means of what is shown (`network/head.rs`), so that a loss stays within what the data hold.
 //! Weights that have run away make a network that picks single pixels. Its loss is a few times that of a fresh one:
-//! finite, and useless. What tells it is the size of the weights.
+//! finite, and useless. The norm of the weights detects it.
 
 use tauflow_contract::KindError;
 
@@ -15,7 +15,7 @@ const GROWTH: f64 = 1000.0;
 /// it, weights would stand still for ever, with no loss telling so.
 const STEEPEST: f64 = 1.8e19;
 
-/// What to do about it: the end of each message.
+/// The remedy at the end of each message.
 const REMEDY: &str = "lower `learning_rate` or `clip`";
 
 /// The loss of a step at some learning rate, on targets up to `largest`.

@@ -1,4 +1,4 @@
-//! What a training is asked for. Bounds of single params are in the schema, which is held against them before all else.
+//! The params of a training. Bounds of single params are in the schema, which is held against them before all else.
 
 use super::optimiser::Decay;
 use crate::{
@@ -101,7 +101,7 @@ impl Default for TrainingParams {
     }
 }
 
-/// What trainings did before these params existed.
+/// The behaviour before these params existed.
 pub(super) const LATER: &[Later] = &[
     Later { pointer: "/rung_exponent", before: Before::Number(0.0) },
     Later { pointer: "/output", before: Before::Text("means") },
@@ -118,7 +118,7 @@ fn shares(_: &mut SchemaGenerator) -> Schema {
 }
 
 impl TrainingParams {
-    /// What no schema says: params that do not go together.
+    /// Checks beyond the schema: incompatible params.
     pub(super) fn problems(&self) -> Vec<ParamProblem> {
         if self.rung_exponent == 0.0 || self.parameterization != Parameterization::VanillaRf {
             return Vec::new();
