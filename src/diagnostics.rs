@@ -1,6 +1,6 @@
-//! Problems with a pipeline: what is so, where, what to do. The one place that renders them.
+//! Problems of a pipeline: message, place and remedy. The only module that renders them.
 //!
-//! Problems are collected and shown together: all of a file at once.
+//! All problems of a file are shown together.
 
 use miette::{
     GraphicalReportHandler, GraphicalTheme, LabeledSpan, MietteError, NamedSource, SourceCode, SourceSpan, SpanContents,

@@ -1,6 +1,7 @@
-//! Lock files: the content of every reproducible output of a pipeline, to hold later runs, and other machines, against.
+//! Lock files: the digests of all reproducible outputs of a pipeline, for comparison with later runs and other
+//! machines.
 //!
-//! `<pipeline>.lock` lies beside the pipeline's file, `<pipeline>.<profile>.lock` for a profile. Measured outputs, and
+//! `<pipeline>.lock` is next to the pipeline file; `<pipeline>.<profile>.lock` for a profile. Measured outputs, and
 //! outputs derived from them, are listed as excluded.
 
 use crate::engine::event::OutputOf;

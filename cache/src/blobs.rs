@@ -1,7 +1,7 @@
-//! Blobs: bytes in, the same bytes out, or a miss.
+//! Blobs: immutable byte strings. Reading returns the same bytes, or a miss.
 //!
-//! Small ones are appended to a pack, large ones get a file of their own. They are durable when the next commit
-//! returns, and visible at once.
+//! Small blobs are appended to a pack; large blobs are single files. They are visible at once, and durable when the
+//! next commit returns.
 
 use crate::{
     CacheError, Digest, Store,

@@ -1,4 +1,4 @@
-//! Group commit: blobs first, then a mark in the log that says so.
+//! Group commit: blobs are synced first, then a mark is written to the log.
 //!
 //! Records are written to the log at once, so that other processes see them and a killed process loses none; only a
 //! power cut can separate a record from its blobs. The mark tells the records that a power cut cannot have separated;

@@ -1,4 +1,4 @@
-//! Every error of the store, as message, place and advice.
+//! All errors of the store, each with message, place and remedy.
 //!
 //! A damaged or missing blob is not an error: it is a miss. The remaining errors are of the environment (disk,
 //! permissions), or misuse.

@@ -1,6 +1,6 @@
-//! Garbage collection: which blobs and records go, and how they go.
+//! Garbage collection: selection and deletion of blobs and records.
 //!
-//! Safe beside live runs, and without making them wait: see `lease` for the agreement, `plan` for what is kept and
+//! It is safe during live runs and does not block them: see `lease` for the protocol, `plan` for the selection, and
 //! `sweep` for the order of steps. Only collections exclude each other.
 
 mod listing;

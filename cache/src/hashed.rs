@@ -1,8 +1,8 @@
-//! Maps from hashes, for an index whose hashes others may have chosen.
+//! Hash maps for an index whose hashes can be chosen by an attacker.
 //!
-//! Keys are already hashes, so mixing their words is cheaper than hashing them again. But a pack may name any hashes:
-//! were a part of them taken as it is, as many as somebody likes would fall on one place. All words are therefore mixed
-//! with random numbers of this process. The order of such a map means nothing: whoever shows it sorts.
+//! Keys are already hashes, so mixing their words is cheaper than hashing them again. But a pack can contain arbitrary
+//! hashes: without mixing, chosen hashes would collide. All words are therefore mixed with random numbers of this
+//! process. The order of such a map has no meaning: sort before displaying.
 
 use std::{
     collections::HashMap,

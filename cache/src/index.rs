@@ -1,4 +1,4 @@
-//! The index in memory: where each packed blob and each record lies.
+//! The index in memory: the position of each packed blob and each record.
 //!
 //! Rebuilt from the segments when a store opens, and brought up to date with what other processes append. Holds no
 //! content.

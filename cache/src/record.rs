@@ -1,7 +1,7 @@
-//! A record of the action log, and its bytes.
+//! A record of the action log, and its encoding.
 //!
-//! The store reads the namespace, the key, the label, the costs and the blobs reached; preimage and payload are texts
-//! that it hands back untouched.
+//! The store interprets the namespace, the key, the label, the costs and the referenced blobs; preimage and payload are
+//! opaque texts.
 
 use crate::{
     Digest, Key,

@@ -1,7 +1,7 @@
-//! Segments: append-only files that one store instance writes and everybody reads.
+//! Segments: append-only files, written by one store instance and read by all.
 //!
 //! A pack segment holds small blobs, a log segment holds records. Both are sequences of checksummed frames, so that a
-//! torn tail is seen and ignored:
+//! torn tail is detected and ignored:
 //!
 //! ```text
 //! pack frame   "TFB1"  size u64  blake3 of the blob [32]  check u64  blob

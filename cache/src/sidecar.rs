@@ -1,7 +1,7 @@
-//! Index files: what a segment holds, so that opening a store need not read it.
+//! Index files: the content of a segment, so that opening a store need not read it.
 //!
-//! `<segment>.idx` covers its segment up to an offset; what lies beyond is scanned. It is a cache of the segment: a
-//! damaged or missing one costs time, and any may be deleted.
+//! `<segment>.idx` covers its segment up to an offset; the rest is scanned. It is a cache: a damaged or missing index
+//! file only costs time, and all may be deleted.
 
 use crate::{
     Key,

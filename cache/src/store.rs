@@ -1,4 +1,4 @@
-//! The store itself: what an open one owns, and how it keeps up with others.
+//! The store: the state of an open store, and synchronisation with other stores.
 //!
 //! Locks are taken in this order: `commit`, `log`, `packs`, `index`, `files`.
 

@@ -1,4 +1,4 @@
-//! Verification: every blob is read and rehashed, every record decoded.
+//! Verification: reads and rehashes all blobs, and decodes all records.
 
 use crate::{
     CacheError, Digest, Key, Store, error::At, gc, layout::loose_blobs, record::sum, segment::Sort, whole::State,

@@ -1,5 +1,4 @@
-//! The process of its own in which `exec` runs an action: its folder, what it is told of the environment, its end, and
-//! the sandbox around it.
+//! The separate process in which `exec` runs an action: its working directory, environment, termination, and sandbox.
 
 use super::{
     CacheAt, CliError, Exit,

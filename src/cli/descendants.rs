@@ -1,7 +1,7 @@
-//! The processes below this one: all that an action started, and what that started.
+//! The descendants of this process: all processes that an action started, directly or indirectly.
 //!
-//! A group of processes is not enough to end them, because any of them may leave it. None leaves its line of parents,
-//! as long as this process takes in those whose parents end.
+//! Killing the process group is not enough, because a process can leave it. No process leaves the tree of parents,
+//! because this process adopts orphans.
 
 use nix::{
     sys::{

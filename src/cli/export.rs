@@ -1,4 +1,4 @@
-//! `tauflow export`: results as files that other programs read. Each media type defines its files.
+//! `tauflow export`: writes results as files. Each media type defines its files.
 
 use super::{
     CacheAt, CliError, Exit, PipelineArgs, counted,

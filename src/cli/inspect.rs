@@ -1,4 +1,4 @@
-//! `tauflow check`, `graph`, `kinds` and `schema`: what can be said without a cache.
+//! `tauflow check`, `graph`, `kinds` and `schema`: commands without a cache.
 
 use super::{CliError, Exit, PipelineArgs};
 use crate::{

@@ -1,4 +1,4 @@
-//! How a run looks while it goes on: bars on a terminal, lines elsewhere, JSON for programs.
+//! Progress of a run: bars on a terminal, lines elsewhere, JSON for programs.
 
 use super::{tally::Tally, terminal};
 use crate::{

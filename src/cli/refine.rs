@@ -1,4 +1,4 @@
-//! `tauflow refine`: a trained solver on an image of any renderer, outside any pipeline.
+//! `tauflow refine`: applies a trained solver to an image of any renderer, without a pipeline.
 
 use super::{
     CliError, Exit,

@@ -1,4 +1,4 @@
-//! Results of earlier runs, found by what people call them: `node`, `node.port`, `node[axis=value].port`.
+//! Results of earlier runs, by name: `node`, `node.port`, `node[axis=value].port`.
 
 use super::{CliError, progress::Display};
 use crate::{

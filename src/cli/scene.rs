@@ -1,4 +1,4 @@
-//! `tauflow render` and `tauflow scene`: one scene, outside any pipeline.
+//! `tauflow render` and `tauflow scene`: work with one scene, without a pipeline.
 //!
 //! A scene is an item of a pipeline's node, a folder as `tauflow export PIPELINE scenes` writes it (`scene.json`, and
 //! what it names in `blob/`), or a file of another program: Mitsuba 3, pbrt-v4, glTF.

@@ -1,4 +1,4 @@
-//! `tauflow init`, `completions` and `man`: what one sets up once.
+//! `tauflow init`, `completions` and `man`: one-time setup.
 
 use super::{CliError, Exit};
 use crate::{kinds::Registry, pipeline::schema};

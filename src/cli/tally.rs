@@ -1,4 +1,4 @@
-//! Where a run stands, node by node, counted from its events. Draws nothing.
+//! The state of a run per node, counted from its events. Displays nothing.
 
 use super::seconds_text;
 use crate::engine::event::{Ended, Event, Name};

@@ -1,5 +1,4 @@
-//! Parts of doing an action that stand for themselves: the files outside that it reads, its key, the check of what it
-//! gave.
+//! Independent parts of executing an action: importing external files, its key, checking its outputs.
 
 use super::{
     ids::{Id, InputId},

@@ -1,4 +1,4 @@
-//! Events of a run. Everybody but the scheduler sees only this.
+//! Events of a run: the only view of a run outside of the scheduler.
 
 use serde::{Serialize, Serializer};
 use std::{borrow::Borrow, fmt, ops::Deref, path::PathBuf, sync::Arc, time::Duration};

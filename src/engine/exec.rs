@@ -1,4 +1,4 @@
-//! One action alone, from nothing but a store: its key says what it is, its recipe where its inputs are.
+//! Runs one action from a store alone: the key describes the action, and the recipe its inputs.
 
 use super::{
     EngineError, explain,

@@ -1,6 +1,6 @@
 //! Messages to worker threads and back: the task of a lane, bundles of its jobs, and replies.
 //!
-//! Knows nothing of how an action is done.
+//! Does not know how an action is executed.
 
 use super::{
     ids::{InputId, LaneId, PortId, SlotId},

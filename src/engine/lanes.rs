@@ -1,6 +1,7 @@
 //! The demanded lanes: one for each cell and output group that the targets need.
 //!
-//! A lane is a queue of like actions. Lanes are few and known before the run; their items are many and are not.
+//! A lane is a row of actions of the same kind. Lanes are few and known before the run; their items are many and
+//! unknown.
 
 use super::{
     EngineError,

@@ -1,4 +1,4 @@
-//! The text of a listing: which items, or which shards, a collection has.
+//! The text of a listing: the items or shards of a collection.
 //!
 //! Listings can come from other people and are untrusted. It is read row by row, and nothing is taken for rows that are
 //! out of order, more than were named, or not what the port holds.

@@ -1,6 +1,6 @@
-//! The engine: from a resolved [`Pipeline`] and a store to results. Knows no kind by name.
+//! The engine: computes the results of a resolved [`Pipeline`] with a store. Knows no kind by name.
 //!
-//! A run is a pass, or several: a pass that meets missing blobs is followed by one that makes them again.
+//! A run consists of one or more passes: a pass that finds missing blobs is followed by a pass that rebuilds them.
 
 mod action;
 mod conclude;

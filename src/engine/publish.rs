@@ -1,4 +1,4 @@
-//! Writes published outputs as files below `OUT/<pipeline>/`, and `run.json` beside them.
+//! Writes published outputs as files below `OUT/<pipeline>/`, together with `run.json`.
 
 use super::{EngineError, Summary, sharded::Sharded};
 use serde_json::json;

@@ -1,6 +1,6 @@
-//! Roll-ups: what a whole lane gave, by what its node is and what its inputs hold, and what a shard of it gave. A rerun
-//! with nothing changed is then a handful of look-ups, whatever the number of items, and one after a small change is a
-//! few for every shard.
+//! Roll-ups: the outputs of a whole lane or shard, by its node and the digests of its inputs. A rerun without changes
+//! needs a handful of look-ups, independent of the number of items, and a rerun after a small change needs a few per
+//! shard.
 
 use super::{
     action::files_artifact,

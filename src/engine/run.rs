@@ -1,4 +1,4 @@
-//! One run: passes over the lanes, and the worker threads that do the actions.
+//! One run: passes over the lanes, and the worker threads that execute actions.
 
 use super::{
     EngineError, RunOptions, Sink, Summary,

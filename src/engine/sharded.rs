@@ -1,4 +1,4 @@
-//! Collections as the engine holds them: in shards, each with its digest and, until somebody reads it, perhaps no more.
+//! Collections in the engine: in shards, each with its digest, and loaded on demand.
 //!
 //! A collection of few items is listed by one blob. A larger one is listed by a blob for each shard, and by one that
 //! lists these: a change of one item writes two of them anew, and a reader of one item reads two. All are trees (see

@@ -1,8 +1,8 @@
-//! One action, from its inputs to its outputs: key, look-up, claim, run, record. Done on worker threads.
+//! Executes one action on a worker thread: key, look-up, claim, run, record.
 //!
-//! Knows nothing of lanes, nodes and what comes next. Actions are looked up by the bundle, because most are there
-//! already and a look-up costs less than passing a message; those that are not are run by the bundle, too, when they
-//! are known to be short.
+//! Does not know lanes, nodes or later work. Actions are looked up by the bundle, because most are there already and a
+//! look-up costs less than passing a message; those that are not are run by the bundle, too, when they are known to be
+//! short.
 
 use super::{
     action::{action_key, check_outputs, files_artifact, panicked},

@@ -1,4 +1,4 @@
-//! The pipeline file as it is written: names and texts with positions, nothing checked against kinds yet.
+//! The raw pipeline file: names and texts with positions, not yet checked against kinds.
 
 use super::{
     read,

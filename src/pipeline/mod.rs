@@ -1,5 +1,5 @@
 //! Pipelines: a file as written, with positions (`file`, `values`, `overrides`, `node`), and [`Pipeline`] as resolved:
-//! valid, named values put in, defaults filled, matrices expanded. Nothing after resolution checks again.
+//! valid, named values put in, defaults filled, matrices expanded. Later code does not validate again.
 
 pub mod draw;
 mod file;

@@ -1,4 +1,4 @@
-//! Nodes as written: kind, inputs, params and matrix, with positions; and matrices that are taken from other nodes.
+//! Raw nodes: kind, inputs, params and matrix, with positions; and matrices copied from other nodes.
 
 use super::{
     read,

@@ -1,5 +1,5 @@
 //! Overrides: `node.param=value` and `values.NAME=value`, of the command line and of profiles. They replace named
-//! values and parts of params before anything is checked, so that a wrong one is reported at its own place.
+//! values and parts of params before validation, so that an error is reported at its own position.
 
 use super::{
     file::PipelineFile,

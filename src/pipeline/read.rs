@@ -1,4 +1,4 @@
-//! Takes maps, texts and names out of YAML, and says so where something else stands.
+//! Reads maps, texts and names from YAML, and reports wrong types.
 
 use super::{
     reference::is_name,

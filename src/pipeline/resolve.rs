@@ -1,6 +1,6 @@
-//! From the file as written to a [`Pipeline`]: kinds found, matrices expanded, params checked and completed.
+//! Turns the raw file into a [`Pipeline`]: looks up kinds, expands matrices, validates params and fills in defaults.
 //!
-//! Collects every problem before it gives up.
+//! Collects all problems before it fails.
 
 use super::{
     Cell, Node, Pipeline, Target,

@@ -1,4 +1,4 @@
-//! Checks a value against the JSON Schema of a kind's params, and finds every problem of it.
+//! Checks a value against the JSON Schema of a kind's params, and reports all problems.
 //!
 //! Understands what `schemars` writes: types, properties, enums, ranges, `$ref`, `anyOf`/`oneOf`/`allOf`. Formats and
 //! patterns are left to the kind itself.

@@ -1,4 +1,4 @@
-//! Named values: `values: { last_rung: 256 }`, and `$last_rung` where the value is meant.
+//! Named values: `values: { last_rung: 256 }`, referred to as `$last_rung`.
 //!
 //! A use is a whole text: `$name` and nothing else. `$$` begins a text that begins with `$`; any other text is itself.
 //! A value may be of any sort and may use other values. Substituted values keep the position of the reference, so that

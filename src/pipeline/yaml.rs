@@ -1,4 +1,4 @@
-//! YAML with positions: text -> a tree whose every node knows its bytes in its source.
+//! YAML with positions: parses text into a tree whose nodes know their source range.
 //!
 //! Knows no pipeline. Parsing is `serde-saphyr`'s, with limits on aliases, depth and size; YAML 1.1 booleans
 //! (`yes`, `on`) are plain strings here.

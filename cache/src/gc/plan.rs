@@ -1,4 +1,4 @@
-//! Decides which entries a collection keeps and deletes. Reads; changes nothing.
+//! Decides which entries a collection keeps and deletes. Read-only.
 
 use super::{GcOptions, GcReport, listing::Listing, segments::live_segments};
 use crate::{

@@ -1,5 +1,4 @@
-//! How what goes is taken away, so that a kill or a power cut at any step, and a run beside it at any time, loses
-//! nothing that is to be kept.
+//! Deletion in steps, so that a kill or a power cut at any step, or a concurrent run, loses nothing that must be kept.
 //!
 //! 1. The entries to keep are copied to a new segment, synced, and published.
 //! 2. The others move to `trash/`, where no store finds them.

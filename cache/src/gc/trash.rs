@@ -1,4 +1,4 @@
-//! Names in the trash, and how what lies there gets home.
+//! Names in the trash, and restoring its files.
 
 use crate::{
     CacheError, Digest,

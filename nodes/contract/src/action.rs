@@ -1,4 +1,4 @@
-//! Actions: what a kind is handed, and what it gives back.
+//! Actions: the inputs and outputs of a kind.
 
 use crate::{All, Artifact, Collection, Context, Each, Files, Handle, ItemKey, Items, KindError, Media, Out, Stored};
 use std::collections::BTreeMap;

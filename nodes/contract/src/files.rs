@@ -1,4 +1,4 @@
-//! Folders that artifacts are written to and read from, and the media type of plain trees of files.
+//! Directories to which artifacts are exported, and the media type of plain file trees.
 
 use crate::{Artifact, Context, Digest, ItemKey, KindError, Media, Stored};
 use std::collections::BTreeMap;

@@ -1,4 +1,4 @@
-//! Node kinds: what they state about themselves, and what their authors implement.
+//! Node kinds: their description, and the trait that authors implement.
 
 use crate::{Action, Context, Determinism, Group, InputPort, ItemKey, Later, OutputPort, Outputs, Probe, derive_seed};
 use schemars::JsonSchema;

@@ -1,7 +1,7 @@
 //! The Rust type of an artifact: its name, and how it is loaded, stored, exported and imported.
 //!
-//! A media type is declared once, by one type. Ports are constants that name that type (see [`crate::Each`],
-//! [`crate::All`] and [`crate::Out`]), so that a kind cannot read one thing as another.
+//! A media type is declared once, by one type. Ports are constants with that type (see [`crate::Each`], [`crate::All`]
+//! and [`crate::Out`]), so that a kind cannot read a wrong type.
 
 use crate::{All, Artifact, Collection, Context, Digest, ItemKey, KindError, ReadFiles, WriteFiles};
 use std::marker::PhantomData;

@@ -1,4 +1,4 @@
-//! Ports: typed constants, which a kind lists in its spec and reads and writes its artifacts by.
+//! Ports: typed constants, which a kind lists in its spec and uses to read and write artifacts.
 //!
 //! `const SCENES: Each<Scene> = Each::new("scenes", "The scenes to render.")` is an input, `action.read(ctx, SCENES)`
 //! its value. The engine sees them as [`InputPort`] and [`OutputPort`], which name media types by text.

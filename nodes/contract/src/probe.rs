@@ -1,6 +1,6 @@
-//! How a kind learns what of this machine enters its keys, where only a program can tell.
+//! Probes: properties of the machine in keys that only a program can provide.
 //!
-//! Who looks at a pipeline must not start its programs. A kind therefore does not run them in
+//! Read-only commands must not start programs of a pipeline. A kind therefore does not run them in
 //! [`Kind::environment`](crate::Kind::environment), but passes the question to a probe.
 
 use serde_json::Value;

@@ -1,4 +1,4 @@
-//! Reading files outside that people name: each may be anything.
+//! Reads external files, which can be of any type and size.
 
 use nix::libc;
 use std::{

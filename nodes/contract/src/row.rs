@@ -1,4 +1,4 @@
-//! Kinds as the engine sees them: without their types, with JSON params.
+//! Type-erased kinds for the engine, with JSON params.
 
 use crate::{
     Action, Context, ItemKey, Kind, KindError, KindSpec, Outputs, ParamProblem, Probe, SourceItem, fill_in, leave_out,

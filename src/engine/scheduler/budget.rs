@@ -1,5 +1,5 @@
-//! Limits of concurrent work: look-ups, actions, their memory, and exclusive use of the machine for measurements. Knows
-//! nothing of what is ready.
+//! Limits of concurrent work: look-ups, actions, their memory, and exclusive use of the machine for measurements. Does
+//! not know which work is ready.
 
 use crate::engine::ids::{LaneId, SlotId};
 use std::collections::HashMap;

@@ -1,5 +1,5 @@
-//! Where items come from and where they go: sources are listed, what ends is handed to its readers, and slots whose
-//! inputs are all there become ready.
+//! The flow of items: sources are listed, finished items are passed to readers, and slots with complete inputs become
+//! ready.
 
 use super::{
     Scheduler,

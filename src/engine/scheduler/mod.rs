@@ -1,4 +1,5 @@
-//! The scheduler: the one owner of every action's state. It decides what is looked up and run next; it does neither.
+//! The scheduler: the only owner of action states. It decides which actions are looked up and run next, but does
+//! neither itself.
 //!
 //! Each lane is a row of slots, one for each item (one in all for a gather). A slot goes from waiting to ready, is
 //! looked up, perhaps runs, and ends. Finished items are passed to readers at once, while their siblings are still

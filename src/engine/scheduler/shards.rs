@@ -1,4 +1,4 @@
-//! Shards of lanes: when one is looked up as a whole, when it is opened to go item by item, and when it is done.
+//! Shards of lanes: when a shard is looked up as a whole, opened to go item by item, or done.
 
 use super::{
     Scheduler,
