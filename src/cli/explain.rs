@@ -147,6 +147,6 @@ fn in_full(pipeline: &Pipeline, action: &Planned, history: &History) {
                 }
             }
         },
-        _ => outln!("\ndone before: nothing it reads has changed"),
+        _ => outln!("\nup to date: no input has changed"),
     }
 }
