@@ -53,7 +53,7 @@ fn a_failed_item_is_1_and_says_how_to_run_it_again() {
     let place = Place::with(&PIPELINE.replace("train: 2,", "train: 200,"));
     let said = place.tauflow(&["run", "small.yaml"]).ends(1);
     assert!(said.err.contains("strata fall short"), "{}", said.err);
-    let again = said.err.lines().find_map(|line| line.trim().strip_prefix("again: tauflow "));
+    let again = said.err.lines().find_map(|line| line.trim().strip_prefix("retry: tauflow "));
     let again: Vec<&str> = again.expect("the command is shown").split_whitespace().collect();
     assert_eq!(again, ["run", "small.yaml", "--only", "sampling"]);
     let events = place.tauflow(&["run", "small.yaml", "--events", "json"]).ends(1);

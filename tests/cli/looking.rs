@@ -40,7 +40,7 @@ fn looking_starts_no_program_and_a_plan_knows_what_the_last_run_was_told() {
     std::fs::remove_file(place.path("asked")).expect("it was there");
     let (plan, explained) = look();
     assert!(plan.out.contains("nothing to do"), "{}", plan.out);
-    assert!(explained.out.contains("done before"), "{}", explained.out);
+    assert!(explained.out.contains("no input has changed"), "{}", explained.out);
     tauflow(&["export", "small.yaml", "rendered", "--out", "images"]).ends(0);
     assert!(!asked(), "what the last run was told is known");
     // Another program is another question.
