@@ -123,7 +123,7 @@ impl ActionFile {
         let Some(kind) = registry.get(&basis.kind) else {
             return Err(ExecError::Action(format!("unknown kind `{}`; {}", basis.kind, registry.hint(&basis.kind))));
         };
-        let spec = kind.spec();
+        let spec = kind.spec_for(&basis.params);
         let Some(group) = spec.group(&basis.group) else {
             return Err(ExecError::Action(format!("`{}` has no outputs of a group `{}`", basis.kind, basis.group)));
         };
@@ -259,9 +259,10 @@ fn foreign(there: &Value, here: &Value) -> ExecError {
     };
     let told = found.iter().map(differ).collect::<Vec<_>>().join("; ");
     ExecError::Foreign(format!(
-        "the environment differs: {told}; run the action in the same environment, or run its pipeline here. `exec` \
-        passes on PATH, RAYON_NUM_THREADS, TAUFLOW_OIDN, TAUFLOW_DEVICE and TAUFLOW_INSTRUCTIONS, and its working \
-        directory is empty, so programs must be on PATH or have absolute paths"
+        "the action is of another machine, library or device: {told}; run it where they are the same (`exec` passes on \
+         PATH, RAYON_NUM_THREADS, TAUFLOW_OIDN and TAUFLOW_INSTRUCTIONS, and works in an empty \
+         folder, so that programs are named by PATH or from `/` on), or run its pipeline here, which gives it a key of \
+         its own"
     ))
 }
 

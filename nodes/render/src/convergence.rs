@@ -47,8 +47,8 @@ impl Kind for ConvergenceKind {
             summary: "Tests whether ladders obey the variance law, with held-out references.",
             manual: include_str!("convergence.md"),
             mode: Mode::Gather,
-            inputs: const { &[REFERENCES.port(), LADDERS.port(), EXPOSURE.port()] },
-            outputs: const { &[CONVERGENCE.port()] },
+            inputs: vec![REFERENCES.port(), LADDERS.port(), EXPOSURE.port()],
+            outputs: vec![CONVERGENCE.port()],
             seeded: true,
         }
     }

@@ -119,8 +119,8 @@ impl Kind for QualityGate {
             summary: "Rejects unusable scenes, and computes the exposure of the others.",
             manual: include_str!("quality_gate.md"),
             mode: Mode::Map,
-            inputs: const { &[SCENES.port(), PREVIEWS.port()] },
-            outputs: const { &[ACCEPTED.port(), EXPOSURE.port(), VERDICTS.port()] },
+            inputs: vec![SCENES.port(), PREVIEWS.port()],
+            outputs: vec![ACCEPTED.port(), EXPOSURE.port(), VERDICTS.port()],
             seeded: false,
         }
     }

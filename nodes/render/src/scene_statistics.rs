@@ -65,8 +65,8 @@ impl Kind for SceneStatisticsKind {
             summary: "Measures properties of scenes: path lengths, shares of light, errors and slopes.",
             manual: include_str!("scene_statistics.md"),
             mode: Mode::Map,
-            inputs: const { &[SCENES.port()] },
-            outputs: const { &[STATISTICS.port()] },
+            inputs: vec![SCENES.port()],
+            outputs: vec![STATISTICS.port()],
             seeded: false,
         }
     }

@@ -76,8 +76,8 @@ impl Kind for Report {
             summary: "Writes the results as a self-contained HTML page, JSON, CSV, LaTeX and images.",
             manual: include_str!("report.md"),
             mode: Mode::Gather,
-            inputs: material::INPUTS,
-            outputs: const { &[PAGE.port()] },
+            inputs: material::INPUTS.to_vec(),
+            outputs: vec![PAGE.port()],
             seeded: false,
         }
     }

@@ -84,8 +84,8 @@ impl Kind for ContentSignatureSplit {
             summary: "Splits scenes into a training and a test set that share no content signature.",
             manual: include_str!("content_signature_split.md"),
             mode: Mode::Gather,
-            inputs: const { &[SCENES.port()] },
-            outputs: const { &[TRAIN.port(), TEST.port(), REPORT.port()] },
+            inputs: vec![SCENES.port()],
+            outputs: vec![TRAIN.port(), TEST.port(), REPORT.port()],
             seeded: false,
         }
     }

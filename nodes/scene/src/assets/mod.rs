@@ -106,8 +106,8 @@ impl Kind for Assets {
             summary: "Imports HDRIs and glTF objects, with a report of repairs and refusals.",
             manual: include_str!("../assets.md"),
             mode: Mode::Source,
-            inputs: &[],
-            outputs: const { &[ASSETS.port(), REPORTS.port()] },
+            inputs: vec![],
+            outputs: vec![ASSETS.port(), REPORTS.port()],
             seeded: false,
         }
     }
