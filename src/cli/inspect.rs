@@ -101,7 +101,7 @@ pub fn page(kind: &dyn NodeKind) -> String {
         several => several.iter().map(|g| format!("{} of `{}`", g.version, g.name)).collect::<Vec<_>>().join(", "),
     };
     let _ = writeln!(out, "{manual}\n\n## Ports\n\nVersion {versions}; {mode}.\n");
-    let mut rows = vec![["port", "", "holds", "what"].map(str::to_owned).to_vec()];
+    let mut rows = vec![["port", "direction", "media type", "description"].map(str::to_owned).to_vec()];
     for port in &spec.inputs {
         let takes = if port.takes == Takes::Item { "by item" } else { "all" };
         let optional = if port.optional { ", optional" } else { "" };

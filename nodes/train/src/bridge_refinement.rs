@@ -35,7 +35,8 @@ const LOCAL_VELOCITY: All<ModelFile> =
     All::new(Parameterization::LocalVelocity.name(), "A solver with parameterization local_velocity: exactly one.");
 
 const MAIN: Group = Group::main(3);
-const STEPS: Out<BridgeSteps> = Out::new(MAIN, "steps", "The images at every stop, and the training ladder's clock.");
+const STEPS: Out<BridgeSteps> =
+    Out::new(MAIN, "steps", "The images at every stop, and the clock of the training ladder.");
 
 impl Kind for BridgeRefinement {
     type Params = BridgeRefinementParams;

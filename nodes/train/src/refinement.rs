@@ -84,7 +84,7 @@ pub struct RefinementParams {
     pub blank: Blank,
     /// What the network runs on; anything but the CPU makes outputs of this machine.
     pub device: NetworkDevice,
-    /// Times that `timing` measures each number of calls.
+    /// Number of measurements by `timing` per number of calls.
     #[schemars(range(min = 1, max = 1000))]
     pub repeats: u64,
 }
@@ -110,8 +110,8 @@ const AFTER: Each<Any> =
 
 const MAIN: Group = Group::main(3);
 const MEASURED: Group = Group::new("timing", 3);
-const REFINED: Out<Refined> = Out::new(MAIN, "refined", "One image for each number of model calls.");
-const TIMING: Out<Timing> = Out::new(MEASURED, "timing", "How long each takes, on all cores.").measured();
+const REFINED: Out<Refined> = Out::new(MAIN, "refined", "One image per number of model calls.");
+const TIMING: Out<Timing> = Out::new(MEASURED, "timing", "Wall time of each number of calls, on all cores.").measured();
 
 impl Kind for Refinement {
     type Params = RefinementParams;

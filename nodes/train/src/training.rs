@@ -44,7 +44,7 @@ const TEST: All<PackedScene> = All::new("test", "The test set; only its loss is 
 const MAIN: Group = Group::main(VERSION);
 const MODEL: Out<ModelFile> = Out::new(MAIN, "model", "The averaged weights.");
 const LOG: Out<TrainingLog> = Out::new(MAIN, "log", "The loss curve.");
-const TIMING: Out<TrainingTiming> = Out::new(MAIN, "timing", "Time of a step.").measured();
+const TIMING: Out<TrainingTiming> = Out::new(MAIN, "timing", "Wall time per step.").measured();
 
 /// The key of the one item on each output.
 const ITEM: &str = "model";
