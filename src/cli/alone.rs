@@ -64,9 +64,9 @@ fn failed(what: &str, error: &io::Error) -> CliError {
 pub(super) fn alone(args: &ExecArgs, cache: &CacheAt) -> Result<Exit, CliError> {
     let absolute = |path: PathBuf| std::path::absolute(path).map_err(|e| failed("find the current folder", &e));
     let folder = Folder::new()?;
-    let file = PathBuf::from(&args.action);
+    let file = PathBuf::from(args.action());
     let file = file.is_file().then(|| absolute(file)).transpose()?;
-    let action = file.clone().map_or_else(|| args.action.clone().into(), PathBuf::into_os_string);
+    let action = file.clone().map_or_else(|| args.action().into(), PathBuf::into_os_string);
     let store = absolute(cache.folder())?;
     let program = std::env::current_exe().map_err(|e| failed("find this program", &e))?;
     let mut command = match args.sandbox {

@@ -16,6 +16,7 @@ mod memory;
 mod plans;
 mod ports;
 mod publishing;
+mod queries;
 mod shards;
 #[path = "../cli/validator.rs"]
 mod validator;

@@ -1,5 +1,7 @@
 //! Toy kinds on whole numbers: every sort of node that the engine knows, and some that misbehave.
 
+#[path = "deadly.rs"]
+mod deadly;
 #[path = "fan.rs"]
 mod fan;
 #[path = "machine.rs"]
@@ -39,6 +41,7 @@ pub fn registry() -> Registry {
         Box::new(KindRow::<unsteady::Unsteady>::new()),
         Box::new(KindRow::<unsteady::Drawn>::new()),
         Box::new(KindRow::<machine::Sited>::new()),
+        Box::new(KindRow::<deadly::Deadly>::new()),
         Box::new(KindRow::<fan::Fan>::new()),
     ])
 }

@@ -5,11 +5,11 @@
 //! answer is that less the state, times what the law says of how far the target is from it. A firefly of a thousand
 //! therefore needs no output of a thousand, texture is preserved, and the network does not learn known scales.
 
-use super::op::apply;
 use burn::tensor::Tensor;
 use rayon::prelude::*;
 use std::sync::Arc;
 use tauflow_ops::{Operator, Pyramid, WeightedMean, exp, map2};
+use tauflow_tensors::apply;
 
 /// Output of the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema, Default)]
