@@ -193,7 +193,7 @@ fn values_cannot_blow_up() {
         "[".repeat(40),
         "]".repeat(40)
     );
-    assert!(told(&text).contains("nested more than 48 deep"));
+    assert!(told(&text).contains("nested more than 48 levels deep"));
 }
 
 const LIKE: &str = "
