@@ -250,7 +250,7 @@ fn report(args: &RenderArgs, stats: &RenderStats, read: f64, seconds: f64) {
     match stats.error {
         Some(error) => eprintln!("{}", sureness(args.error, error, stats.samples)),
         None if args.error.is_some() => {
-            eprintln!("error unknown: no sample found light; check the lights, or render with --spp");
+            eprintln!("expected error unknown: no sample found light; check the lights, or render with --spp");
         }
         None => {}
     }
@@ -260,13 +260,13 @@ fn report(args: &RenderArgs, stats: &RenderStats, read: f64, seconds: f64) {
 fn sureness(asked: Option<f64>, error: f64, samples: u64) -> String {
     let percent = 100.0 * error;
     match asked {
-        Some(asked) if error <= asked => format!("error {percent:.2}%, estimated from samples of other streams"),
+        Some(asked) if error <= asked => format!("expected error {percent:.2}%, from separate samples"),
         Some(asked) => format!(
-            "error {percent:.2}%, and not the {:.2}% asked for: --at-most allows {samples} samples",
+            "expected error {percent:.2}%, above the requested {:.2}%: --at-most limits the image to {samples} samples",
             100.0 * asked
         ),
         None => {
-            format!("error {percent:.2}%, estimated from the image's own samples: more where rare light was missed")
+            format!("expected error {percent:.2}%, from the image's own samples: higher if rare light was missed")
         }
     }
 }

@@ -87,7 +87,7 @@ impl FilmArgs {
     }
 }
 
-/// What can be done with one scene.
+/// Commands for a scene.
 #[derive(Subcommand)]
 pub(crate) enum SceneCommand {
     /// Export a scene to Mitsuba 3: scene.xml, meshes, textures.
@@ -126,7 +126,7 @@ impl Source {
                     return Ok(bytes);
                 }
                 let path = path.display();
-                Err(KindError::Input(format!("{path} does not hold what its name says; export the scene again")))
+                Err(KindError::Input(format!("the content of {path} does not match its name; export the scene again")))
             }
         }
     }
@@ -157,15 +157,15 @@ impl SceneArgs {
             read_regular(&file, LARGEST).map_err(|e| CliError::Bad(format!("cannot read {}: {e}", file.display())))?;
         let scene = serde_json::from_slice(&bytes).map_err(|e| {
             let hint =
-                "name a scene of a pipeline by `PIPELINE --item NODE/ITEM`, or a folder that `tauflow export` wrote";
-            CliError::Bad(format!("{} is no scene: {e}; {hint}", file.display()))
+                "name a scene of a pipeline as `PIPELINE --item NODE/ITEM`, or a directory written by `tauflow export`";
+            CliError::Bad(format!("{} is not a scene: {e}; {hint}", file.display()))
         })?;
         Ok((scene, Source::Folder(file.parent().unwrap_or(Path::new(".")).join(SceneRecord::BLOB_FOLDER))))
     }
 
     fn of_pipeline(&self, item: &str, registry: &Registry, cache: &CacheAt) -> Result<(Scene, Source), CliError> {
         let Some((node, key)) = item.split_once('/') else {
-            return Err(CliError::Bad(format!("--item {item} names no item; it reads NODE/ITEM")));
+            return Err(CliError::Bad(format!("--item {item} is not an item; the format is NODE/ITEM")));
         };
         let (profile, sets, targets) = (None, Vec::new(), Vec::new());
         let pipeline = PipelineArgs { pipeline: self.scene.clone(), profile, sets, targets }.resolve(registry)?;
@@ -176,7 +176,7 @@ impl SceneArgs {
             CliError::Bad(format!("`{node}` has no item `{key}`; {hint}"))
         })?;
         let handle = Handle::<SceneRecord>::new(artifact)
-            .map_err(|e| CliError::Bad(format!("`{item}`: {e}; name an item of a node that makes scenes")))?;
+            .map_err(|e| CliError::Bad(format!("`{item}`: {e}; name an item of a node that produces scenes")))?;
         let stop = AtomicBool::new(false);
         let reading = Reading(&store);
         let ctx = Context::new(&reading, &Silent, &stop);
@@ -189,7 +189,7 @@ impl SceneArgs {
 pub(crate) fn check_picture(path: &Path) -> Result<(), CliError> {
     match path.extension().and_then(|e| e.to_str()) {
         Some("exr" | "png") => Ok(()),
-        _ => Err(CliError::Bad(format!("{} ends neither in .exr nor in .png", path.display()))),
+        _ => Err(CliError::Bad(format!("{} must end in .exr or .png", path.display()))),
     }
 }
 

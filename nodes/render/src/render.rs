@@ -114,7 +114,7 @@ impl<'a> Renderer<'a> {
     /// Renders samples until each pixel has `count`; `pause` is called between chunks with the samples there are.
     ///
     /// # Errors
-    /// What `pause` returns; the accumulator then holds fewer samples, and can be continued.
+    /// Returns the error of `pause`; the accumulator then contains fewer samples, and can be continued.
     pub fn advance(
         &self,
         accumulator: &mut Accumulator,
@@ -255,7 +255,7 @@ pub struct RenderStats {
     pub rejected: u64,
     /// Primitives in the scene.
     pub primitives: usize,
-    /// What was left out at loading.
+    /// Parts that were discarded at loading.
     pub dropped: Dropped,
     /// Root mean square of the relative errors to be expected, as [`relative_error`] has it: by the samples that
     /// decided, or else by the image's own. None of one sample, of samples that depend on each other, and where no

@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{geometry::Walk, lanes::Real};
 
-/// What to do at a placed mesh.
+/// The action at a placed mesh.
 pub(super) trait Level {
     /// Whether there are any.
     const HAS_PLACED: bool;

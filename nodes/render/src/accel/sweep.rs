@@ -1,8 +1,8 @@
 //! Traversal by many rays at once that go nearly the same way in no sense but their signs: nodes are visited with lists
 //! of the rays that meet them, as many rays side by side as there are lanes.
 //!
-//! After Barringer, Akenine-Moeller 2014, *Dynamic Ray Stream Traversal*. What a ray finds is what [`Accel::closest`]
-//! finds, whatever else is in the list: the order of visits changes no result.
+//! After Barringer, Akenine-Moeller 2014, *Dynamic Ray Stream Traversal*. A ray finds the same hit as with
+//! [`Accel::closest`], independent of the list: the order of visits changes no result.
 
 use super::{
     Accel, LEAF, PLACED, SPARE, STACK, WIDE,
