@@ -12,6 +12,7 @@ mod evaluation;
 mod groups;
 mod held_out;
 mod image_metrics;
+mod image_quality;
 pub mod metrics;
 mod ssim;
 mod time_course;
@@ -24,6 +25,7 @@ pub use bridge_validation::{BridgeValidation, BridgeValidationParams};
 pub use evaluation::{EvaluationKind, EvaluationParams, PSNR_CEILING, bounded, evaluate};
 pub use groups::Groups;
 pub use image_metrics::{ImageMetrics, ImageMetricsParams};
+pub use image_quality::{ImageQualityKind, ImageQualityParams};
 pub use time_error::{TimeErrorKind, TimeErrorParams};
 
 use tauflow_contract::{KindRow, NodeKind};
@@ -32,6 +34,7 @@ use tauflow_contract::{KindRow, NodeKind};
 pub fn kinds() -> Vec<Box<dyn NodeKind>> {
     vec![
         Box::new(KindRow::<ImageMetrics>::new()),
+        Box::new(KindRow::<ImageQualityKind>::new()),
         Box::new(KindRow::<EvaluationKind>::new()),
         Box::new(KindRow::<BridgeValidation>::new()),
         Box::new(KindRow::<TimeErrorKind>::new()),

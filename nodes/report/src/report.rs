@@ -64,6 +64,9 @@ impl Default for ReportParams {
     }
 }
 
+/// Files that the page's foot names.
+const FILES: [&str; 5] = ["results.json", "results.csv", "curves.csv", "per_scene.csv", "table.tex"];
+
 const PAGE: Out<Files> =
     Out::new(Group::main(11), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").published();
 
@@ -114,7 +117,7 @@ impl Kind for Report {
         let sections = sections(&material, params, (&montages, &by_calls), &sheets, nfe)?;
         let opening = material.time_error.as_ref().map(sections::time_error::opening).unwrap_or_default();
         let header = opening + &sections::headline::block(evaluation, &material, &params.subtitle, &montages, nfe)?;
-        let html = page(&params.title, &header, &sections, &missing(action));
+        let html = page(&params.title, &header, &sections, &missing(action), &FILES.map(str::to_owned));
 
         let mut files = FileTree::new();
         let mut put = |name: &str, bytes: &[u8]| files.put(name, bytes);
