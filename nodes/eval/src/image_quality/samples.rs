@@ -256,8 +256,8 @@ fn resample(
     Resampled::of_draws(values, draws.concat())
 }
 
-/// How often each of `number` members is drawn, of as many draws. Draws of one member alone have no pairs, and are drawn
-/// again; there are two members at least, or none.
+/// How often each of `number` members is drawn, in as many draws. A resample of one member alone has no pairs, and is
+/// drawn again; there are two members at least, or none.
 fn counts(stream: &mut Stream, number: usize) -> Vec<u32> {
     loop {
         let mut counts = vec![0; number];

@@ -69,9 +69,9 @@ pub(super) fn backbone_name(of: &BackboneQuality) -> String {
 /// The section.
 pub(super) fn section(quality: &ImageQuality) -> Section {
     let mut body = format!(
-        "<p>Scores of {} of the frozen backbone and of the same seeds with the adapter. Small figures are 95% intervals \
-         over samples and held-out renders; in parentheses stands the relative change from frozen. Arrows point to the \
-         better side.</p><div class=\"scroll\"><table class=\"wide scores\"><thead><tr><th>Model</th>",
+        "<p>Scores of {} of the frozen backbone and of the same seeds with the adapter. Small figures are 95% \
+         intervals over samples and held-out renders; in parentheses stands the relative change from frozen. Arrows \
+         point to the better side.</p><div class=\"scroll\"><table class=\"wide\"><thead><tr><th>Model</th>",
         samples(quality)
     );
     for column in &quality.columns {

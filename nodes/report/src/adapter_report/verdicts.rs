@@ -36,8 +36,8 @@ pub(super) fn header(quality: &ImageQuality, subtitle: &str) -> String {
             };
             let _ = write!(
                 out,
-                "<div class=\"card{strong}\"><div class=\"big\">{}</div><div class=\"what\">{}: gain of the adapter over \
-                 frozen on {judged}, {}; {told}.</div></div>",
+                "<div class=\"card{strong}\"><div class=\"big\">{}</div><div class=\"what\">{}: gain of the adapter \
+                 over frozen on {judged}, {}; {told}.</div></div>",
                 signed(gain.mean, digits),
                 backbone_name(backbone),
                 interval(gain, digits)
@@ -47,8 +47,8 @@ pub(super) fn header(quality: &ImageQuality, subtitle: &str) -> String {
             let digits = places([&gaussian.nearer]);
             let _ = write!(
                 out,
-                "<div class=\"card\"><div class=\"big\">{}</div><div class=\"what\">{}: MMD² to held-out renders is lower \
-                 by this than that of Gaussian images, {}.</div></div>",
+                "<div class=\"card\"><div class=\"big\">{}</div><div class=\"what\">{}: MMD² to held-out renders is \
+                 lower by this than that of Gaussian images, {}.</div></div>",
                 signed(gaussian.nearer.mean, digits),
                 backbone_name(backbone),
                 interval(&gaussian.nearer, digits)
@@ -78,8 +78,8 @@ fn gains(quality: &ImageQuality) -> Option<String> {
     }
     let mut out = format!(
         "<p>Gain of the adapted variant over the others, above 0 where it is better; 95% intervals, paired by sample. \
-         The score that decides is <b>{}</b>, named before the run. The gain counts as physical only where its interval \
-         is above 0 over frozen and over every control.</p><div class=\"scroll\"><table \
+         The score that decides is <b>{}</b>, named before the run. The gain counts as physical only where its \
+         interval is above 0 over frozen and over every control.</p><div class=\"scroll\"><table \
          class=\"wide\"><thead><tr><th>Gain over</th>",
         escape(&score_name(&quality.judged_by))
     );
