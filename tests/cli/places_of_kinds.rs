@@ -6,24 +6,26 @@ use std::{collections::BTreeSet, fs};
 use tauflow::registry::registry;
 
 /// Kinds whose outputs are not pinned, and why.
-const NOT_PINNED: [(&str, &str); 7] = [
+const NOT_PINNED: [(&str, &str); 8] = [
     ("assets", "what it makes depends on files from outside the project"),
     ("scene_files", "what it makes depends on files from outside the project"),
     ("external_denoiser", "another program makes its images"),
     ("external_renderer", "another program makes its images"),
     ("time_error", "its figures are times"),
     ("image_quality", "the tests of its crate pin the scores of samples that are made in memory"),
+    ("no_reference_scores", "models and programs that are not ours make its scores"),
     ("adapter_report", "the tests of its crate pin the page of samples that are made in memory"),
 ];
 
 /// Kinds that `pipelines/stress.yaml` leaves out, and why.
-const NOT_STRESSED: [(&str, &str); 7] = [
+const NOT_STRESSED: [(&str, &str); 8] = [
     ("assets", "its hazards are damaged files, which the tests of its crate feed it"),
     ("scene_files", "its hazards are damaged files, which the tests of its crate feed it"),
     ("contact_sheet", "it shows pixels that other kinds made, and no number comes of them"),
     ("external_denoiser", "it calls programs that are not ours"),
     ("external_renderer", "it calls programs that are not ours"),
     ("image_quality", "its samples are clipped to display values, and the tests of its crate feed it flat ones"),
+    ("no_reference_scores", "it calls models and programs that are not ours"),
     ("adapter_report", "it shows scores that other kinds made, and no number comes of them"),
 ];
 

@@ -10,6 +10,7 @@ pub mod maths;
 pub mod mesh;
 pub mod methods;
 pub mod mitsuba;
+pub mod outside;
 pub mod records;
 pub mod rng;
 pub mod rungs;

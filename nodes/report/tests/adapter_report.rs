@@ -50,7 +50,7 @@ fn the_page_shows_all_there_is() {
     ] {
         assert!(page.contains(part), "{part}");
     }
-    assert!(!page.contains("<script") && !page.contains("NaN") && !page.contains("Not connected"));
+    assert!(!page.contains("<script") && !page.contains(">NaN") && !page.contains("Not connected"));
     // Frozen and controls of two samples: 7 pictures each; frames: 9 of each of two variants, 8 of them shown.
     assert_eq!(page.matches("<img ").count(), 2 * (2 * 7 + 2 * 8));
     // Three lines for each backbone: what injects nothing has none.
