@@ -1,8 +1,8 @@
 //! Scorers of ONNX models, in this process.
 //!
 //! ONNX Runtime's library is loaded when the first model is used. Its file is what the param names, else what
-//! TAUFLOW_ONNXRUNTIME names. A process has one runtime. Each model runs on one thread, so that its scores do not depend
-//! on their number.
+//! TAUFLOW_ONNXRUNTIME names. A process has one runtime. Each model runs on one thread, so that its scores do not
+//! depend on their number.
 
 use crate::{
     manifest::Files,

@@ -1,7 +1,7 @@
 //! Scorers that are programs: they read and write lines of JSON.
 //!
-//! The program first writes one line, `{"metrics": [{"name": "clipiqa", "better": "higher"}]}`. Then it reads lines such
-//! as `{"image": "/tmp/x/image.png"}`, a PNG of 8-bit RGB, and answers each with a line such as
+//! The program first writes one line, `{"metrics": [{"name": "clipiqa", "better": "higher"}]}`. Then it reads lines
+//! such as `{"image": "/tmp/x/image.png"}`, a PNG of 8-bit RGB, and answers each with a line such as
 //! `{"scores": {"clipiqa": 0.52}}`, or `{"error": "..."}`. It ends when its input does. Other output goes to its error
 //! stream.
 

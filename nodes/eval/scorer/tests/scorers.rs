@@ -250,7 +250,12 @@ fn unsound_manifests_and_other_files_are_refused() {
         assert!(told.contains("brightness.json") && told.contains(part), "{told}");
     }
     let (_folder, path) = manifest(|_| ());
-    assert!(refused(with(&path)).contains("cannot load ONNX Runtime"));
+    let told = refused(with(&path));
+    // A process has one runtime: another test may have loaded it.
+    assert!(
+        told.contains("cannot load ONNX Runtime from") || told.contains("name one library for all nodes"),
+        "{told}"
+    );
 }
 
 #[test]

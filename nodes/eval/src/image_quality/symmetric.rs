@@ -98,8 +98,10 @@ fn rotate<const N: usize>(a: &mut [[f64; N]], vectors: &mut [[f64; N]], p: usize
     for row in a.iter_mut().chain(vectors) {
         (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
     }
-    for k in 0..N {
-        (a[p][k], a[q][k]) = (c * a[p][k] - s * a[q][k], s * a[p][k] + c * a[q][k]);
+    // p comes before q.
+    let (upper, lower) = a.split_at_mut(q);
+    for (above, below) in upper[p].iter_mut().zip(lower[0].iter_mut()) {
+        (*above, *below) = (c * *above - s * *below, s * *above + c * *below);
     }
 }
 

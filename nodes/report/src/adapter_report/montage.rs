@@ -28,11 +28,11 @@ pub(super) struct Montage {
 }
 
 /// The samples of each backbone, by number.
-pub(super) fn by_backbone<'a>(
-    ctx: &Context<'_>,
-    items: Items<'a, Generated>,
-) -> Result<BTreeMap<String, BTreeMap<u64, (GeneratedMeta, Handle<'a, Generated>)>>, KindError> {
-    let mut found: BTreeMap<String, BTreeMap<_, _>> = BTreeMap::new();
+pub(super) type ByBackbone<'a> = BTreeMap<String, BTreeMap<u64, (GeneratedMeta, Handle<'a, Generated>)>>;
+
+/// Sorts samples by backbone and number.
+pub(super) fn by_backbone<'a>(ctx: &Context<'_>, items: Items<'a, Generated>) -> Result<ByBackbone<'a>, KindError> {
+    let mut found = ByBackbone::new();
     for (_, item) in items.iter() {
         let meta = Generated::meta(ctx, item)?;
         found.entry(meta.backbone.as_str().to_owned()).or_default().insert(meta.sample, (meta, item));
