@@ -9,4 +9,5 @@ pub mod ids;
 pub mod kinds;
 pub mod lock;
 pub mod pipeline;
+pub mod query;
 pub mod registry;

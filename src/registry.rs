@@ -7,15 +7,19 @@ pub use tauflow_render::{
     render::{Goal, RenderStats, render_image},
     until::Until,
 };
-pub use tauflow_scene::{LightUnit, Options, load_scene};
-pub use tauflow_train::{Conditioning, Course, Denoiser, Mirrored, Model, ModelCalls, Views, rollout_to};
+pub use tauflow_scene_readers::{LightUnit, Options, load_scene};
+pub use tauflow_train::{
+    Conditioning, Course, Denoiser, Mirrored, Model, ModelCalls, NetworkDevice, Place, Views, rollout_to,
+};
 
 /// Every kind there is.
 pub fn registry() -> Registry {
     let crates = [
+        tauflow_scene_readers::kinds(),
         tauflow_scene::kinds(),
         tauflow_render::kinds(),
         tauflow_train::kinds(),
+        tauflow_generative::kinds(),
         tauflow_denoise::kinds(),
         tauflow_eval::kinds(),
         tauflow_scorer::kinds(),

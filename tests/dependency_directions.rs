@@ -89,7 +89,17 @@ fn members(metadata: &Value) -> Members {
 #[test]
 fn dependencies_point_one_way() {
     let members = members(&metadata());
-    for folder in ["", "cache", "nodes/contract", "nodes/data", "nodes/scene", "nodes/render", "nodes/eval"] {
+    for folder in [
+        "",
+        "cache",
+        "nodes/contract",
+        "nodes/data",
+        "nodes/scene",
+        "nodes/scene/library",
+        "nodes/scene/readers",
+        "nodes/render",
+        "nodes/eval",
+    ] {
         assert!(members.values().any(|m| m.folder == folder), "no crate in `{folder}`: {members:#?}");
     }
     assert_eq!(violations(&members), [""; 0]);
@@ -160,6 +170,26 @@ fn one_file_names_the_kinds_crates() {
     assert_eq!(naming, BTreeSet::from(["src/registry.rs".to_owned()]));
 }
 
+/// The scheduler decides and does nothing: what it needs of the store, of files and of kinds it asks for.
+#[test]
+fn the_scheduler_imports_no_store_and_runs_no_kind() {
+    let folder = root().join("src/engine/scheduler");
+    let mut seen = 0;
+    for entry in fs::read_dir(folder).expect("src can be read").map(|e| e.expect("src can be read").path()) {
+        let text = fs::read_to_string(&entry).expect("a source file");
+        let code = text.lines().map(str::trim).filter(|line| !line.starts_with("//")).collect::<Vec<_>>().join("\n");
+        let words: BTreeSet<&str> = code.split(|c: char| !(c.is_alphanumeric() || c == '_')).collect();
+        for word in ["Store", "Holdings", "Catalog", "Pool", "fs", "File", "look_up", "probe", "projection"] {
+            assert!(!words.contains(word), "{} names `{word}`: ask for it by a request", entry.display());
+        }
+        for call in ["kind.items(", "kind.run(", "kind.seed(", "execute("] {
+            assert!(!code.contains(call), "{} calls `{call}`: ask for it by a request", entry.display());
+        }
+        seen += 1;
+    }
+    assert!(seen > 5, "the scheduler has moved");
+}
+
 /// Each package of the graph with the features that are on.
 fn features(more: &[&str]) -> BTreeSet<String> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
@@ -183,6 +213,6 @@ fn running_and_testing_share_one_build_of_burn() {
     assert!(
         differ.is_empty(),
         "built twice, with these features to run and others to test: {differ:?}; ask for the union in \
-         nodes/train/Cargo.toml"
+         nodes/train/tensors/Cargo.toml"
     );
 }

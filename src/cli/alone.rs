@@ -30,8 +30,7 @@ use std::{
 use tempfile::TempDir;
 
 /// What an action is told of the environment: where programs are, and what is in keys. All else stays outside.
-const PASSED: [&str; 6] =
-    ["PATH", "RAYON_NUM_THREADS", LIBRARIES[0], LIBRARIES[1], "TAUFLOW_DEVICE", "TAUFLOW_INSTRUCTIONS"];
+const PASSED: [&str; 5] = ["PATH", "RAYON_NUM_THREADS", LIBRARIES[0], LIBRARIES[1], "TAUFLOW_INSTRUCTIONS"];
 /// Those of them that name libraries.
 const LIBRARIES: [&str; 2] = ["TAUFLOW_OIDN", "TAUFLOW_ONNXRUNTIME"];
 /// The sandbox: no network, no process of others, nothing that can be written. What is to be comes after it. `/run` has
@@ -68,9 +67,9 @@ fn failed(what: &str, error: &io::Error) -> CliError {
 pub(super) fn alone(args: &ExecArgs, cache: &CacheAt) -> Result<Exit, CliError> {
     let absolute = |path: PathBuf| std::path::absolute(path).map_err(|e| failed("find the current folder", &e));
     let folder = Folder::new()?;
-    let file = PathBuf::from(&args.action);
+    let file = PathBuf::from(args.action());
     let file = file.is_file().then(|| absolute(file)).transpose()?;
-    let action = file.clone().map_or_else(|| args.action.clone().into(), PathBuf::into_os_string);
+    let action = file.clone().map_or_else(|| args.action().into(), PathBuf::into_os_string);
     let store = absolute(cache.folder())?;
     let program = std::env::current_exe().map_err(|e| failed("find this program", &e))?;
     let mut command = match args.sandbox {

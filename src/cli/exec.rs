@@ -2,7 +2,10 @@
 
 use super::{CacheAt, CliError, Exit, alone, cache::seconds};
 use crate::{
-    engine::exec::{self, ActionFile, ExecError},
+    engine::{
+        batch::{self, BatchFile},
+        exec::{self, ActionFile, ExecError},
+    },
     kinds::Registry,
 };
 use clap::Args;
@@ -23,7 +26,8 @@ const MOST_BYTES: u64 = 1 << 28;
 #[derive(Args)]
 pub(crate) struct ExecArgs {
     /// Key of the action or a prefix of it, or a file written by `--print`.
-    pub(super) action: String,
+    #[arg(required_unless_present = "batch")]
+    action: Option<String>,
     /// Stop the action and all its child processes after this time, such as 90s, 10m or 2h.
     #[arg(long, value_name = "TIME", value_parser = seconds)]
     pub(super) limit: Option<f64>,
@@ -34,9 +38,20 @@ pub(crate) struct ExecArgs {
     /// Print the action instead of running it, for use on another machine.
     #[arg(long)]
     print: bool,
+    /// Run the actions of a batch file one after the other, and print a line of JSON for each. `run --executor process`
+    /// starts these processes.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["action", "limit", "sandbox", "print"])]
+    batch: Option<PathBuf>,
     /// Internal: already in a separate process, with this working directory.
     #[arg(long, hide = true, value_name = "DIR")]
     inside: Option<PathBuf>,
+}
+
+impl ExecArgs {
+    /// The action; the command line must name one where it names no batch.
+    pub(super) fn action(&self) -> &str {
+        self.action.as_deref().unwrap_or_default()
+    }
 }
 
 impl From<ExecError> for CliError {
@@ -50,6 +65,11 @@ impl From<ExecError> for CliError {
 }
 
 pub(crate) fn exec(args: &ExecArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
+    if let Some(path) = &args.batch {
+        let batch = BatchFile::read(path).map_err(CliError::Bad)?;
+        batch::serve(batch, &cache.open()?, registry)?;
+        return Ok(Exit::Done);
+    }
     let stop = Arc::new(AtomicBool::new(false));
     match &args.inside {
         Some(folder) => alone::end_with_parent(folder, stop.clone())?,
@@ -58,15 +78,15 @@ pub(crate) fn exec(args: &ExecArgs, registry: &Registry, cache: &CacheAt) -> Res
     }
     // Printing changes nothing, and makes no cache.
     let store = if args.print { cache.look()? } else { cache.open()? };
-    let path = Path::new(&args.action);
+    let path = Path::new(args.action());
     let action = if path.exists() {
         let refused = |what: String| {
-            CliError::Bad(format!("{} is no action: {what}; `tauflow exec KEY --print` writes one", args.action))
+            CliError::Bad(format!("{} is no action: {what}; `tauflow exec KEY --print` writes one", args.action()))
         };
         let bytes = read_regular(path, MOST_BYTES).map_err(|e| refused(e.to_string()))?;
         serde_json::from_slice(&bytes).map_err(|e| refused(e.to_string()))?
     } else {
-        ActionFile::recorded(&store, &exec::find(&store, &args.action)?)?
+        ActionFile::recorded(&store, &exec::find(&store, args.action())?)?
     };
     if args.print {
         outln!("{}", serde_json::to_string_pretty(&action).expect("an action is plain data"));

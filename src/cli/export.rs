@@ -2,9 +2,9 @@
 
 use super::{
     CacheAt, CliError, Exit, PipelineArgs, counted,
-    results::{Asked, Reading, unread},
+    results::{Reading, collection, restore, unread},
 };
-use crate::{ids::Id, kinds::Registry};
+use crate::{ids::Id, kinds::Registry, query::Selection};
 use clap::Args;
 use std::{path::PathBuf, sync::atomic::AtomicBool};
 use tauflow_contract::{Artifact, Collection, Context, ItemKey, KindError, Silent};
@@ -24,9 +24,9 @@ pub(crate) struct ExportArgs {
 
 pub(crate) fn export(args: &ExportArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     let pipeline = args.pipeline.resolve(registry)?;
-    let asked = Asked::parse(&args.node, &pipeline)?;
+    let asked = Selection::parse(&args.node, &pipeline)?;
     let store = cache.look()?;
-    let mut collection = asked.collection(&store)?;
+    let mut found = collection(&asked, &store)?;
     let reading = Reading(&store);
     let stop = AtomicBool::new(false);
     let ctx = Context::new(&reading, &Silent, &stop);
@@ -34,12 +34,12 @@ pub(crate) fn export(args: &ExportArgs, registry: &Registry, cache: &CacheAt) ->
     folder::begin(&out).map_err(unwritten)?;
     let mut restored = false;
     let items = loop {
-        match write(&ctx, &collection, &out) {
+        match write(&ctx, &found, &out) {
             // Damage shows as it is read; all of it is mended at once.
             Err((_, KindError::MissingBlob(_))) if !restored => {
                 restored = true;
-                asked.restore(&store)?;
-                collection = asked.collection(&store)?;
+                restore(&asked, &store)?;
+                found = collection(&asked, &store)?;
             }
             Err((key, error)) => return Err(unread(key.as_str(), error)),
             Ok(items) => break items,

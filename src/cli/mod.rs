@@ -18,7 +18,6 @@ mod results;
 mod run;
 mod scene;
 mod setup;
-mod tally;
 mod terminal;
 
 pub(crate) use output::{bytes_text, counted, seconds_text, table};

@@ -1,9 +1,10 @@
 //! How a run looks while it goes on: bars on a terminal, lines elsewhere, JSON for programs.
 
-use super::{tally::Tally, terminal};
+use super::{seconds_text, terminal};
 use crate::{
     engine::event::{Event, Name},
     pipeline::Pipeline,
+    query::{LongAction, NodeState, RunState},
 };
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::{
@@ -32,6 +33,28 @@ fn title((cell, item): &(Name, Name)) -> String {
     values.chain((!item.is_empty()).then_some(&**item)).collect::<Vec<_>>().join(" ")
 }
 
+/// Done of total, the news, and the time to go.
+fn long_text(long: &LongAction) -> String {
+    let eta = long.eta().map(|eta| format!("  {} to go", seconds_text(eta))).unwrap_or_default();
+    format!("{}/{}  {}{eta}", long.done, long.total, long.message)
+}
+
+/// A line: done of expected (with a `+` unless all are known), what became of them, time to go.
+fn node_text(node: &NodeState, known: bool) -> String {
+    let more = if known { "" } else { "+" };
+    let counts = node.counts();
+    let mut parts = vec![format!("{}/{}{more}", counts.done(), counts.expected)];
+    let told = [
+        (counts.hit, "as before"),
+        (counts.running, "running"),
+        (counts.failed, "failed"),
+        (counts.blocked, "blocked"),
+    ];
+    parts.extend(told.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")));
+    parts.extend(node.eta().map(|eta| format!("{} to go", seconds_text(eta))));
+    parts.join(", ")
+}
+
 /// See the module.
 pub(crate) struct Display {
     json: bool,
@@ -41,7 +64,7 @@ pub(crate) struct Display {
 
 struct State {
     order: Vec<String>,
-    tally: Tally,
+    run: RunState,
     shown: BTreeMap<String, Shown>,
 }
 
@@ -76,7 +99,7 @@ impl Display {
         let bars = terminal.then(|| MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(10)));
         let order: Vec<String> = pipeline.nodes.iter().map(|n| n.name.clone()).collect();
         let graph = order.iter().enumerate().map(|(n, name)| (name.clone(), pipeline.reads(n))).collect();
-        let state = State { order, tally: Tally::new(graph), shown: BTreeMap::new() };
+        let state = State { order, run: RunState::new(graph), shown: BTreeMap::new() };
         Self { json, bars, state: Mutex::new(state) }
     }
 
@@ -97,7 +120,7 @@ impl Display {
             }
             _ => {}
         }
-        if let Some(node) = state.tally.count(event) {
+        if let Some(node) = state.run.count(event) {
             self.update(&mut state, &node);
         }
     }
@@ -114,8 +137,8 @@ impl Display {
     }
 
     fn update(&self, state: &mut State, name: &str) {
-        let Some(node) = state.tally.node(name).filter(|n| n.has_begun()) else { return };
-        let (known, ended) = state.tally.standing(name);
+        let Some(node) = state.run.node(name).filter(|n| n.has_begun()) else { return };
+        let (known, ended) = state.run.standing(name);
         match &self.bars {
             Some(bars) => {
                 if state.shown.get(name).is_none_or(|shown| shown.bar.is_none()) {
@@ -135,9 +158,9 @@ impl Display {
                 let shown = state.shown.entry(name.to_owned()).or_default();
                 let Some(bar) = &shown.bar else { return };
                 // A thousand steps for each action, so that a long one moves its bar.
-                bar.set_length(node.expected() * 1000);
+                bar.set_length(node.counts().expected * 1000);
                 bar.set_position((node.position() * 1000.0) as u64);
-                bar.set_message(node.text(known));
+                bar.set_message(node_text(node, known));
                 let mut last = bar.clone();
                 let parts = &mut shown.parts;
                 parts.retain(|at, part| {
@@ -157,7 +180,7 @@ impl Display {
                         part
                     });
                     part.set_position(long.done);
-                    part.set_message(long.text());
+                    part.set_message(long_text(long));
                     last = part.clone();
                 }
             }
@@ -167,12 +190,37 @@ impl Display {
                 if (ended && !shown.told_end) || (!ended && due) {
                     shown.told = Some(Instant::now());
                     shown.told_end = ended;
-                    eprintln!("{name}: {}", node.text(known));
+                    eprintln!("{name}: {}", node_text(node, known));
                     for (at, long) in node.long(LONG).take(MOST_PARTS) {
-                        eprintln!("  {}: {}", title(at), long.text());
+                        eprintln!("  {}: {}", title(at), long_text(long));
                     }
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::event::Ended;
+
+    #[test]
+    fn a_line_says_what_became_of_a_node_s_actions() {
+        let mut run = RunState::new(vec![("n".into(), vec![])]);
+        let name = |text: &str| Name::from(text);
+        run.count(&Event::Expect { node: name("n"), actions: 4 });
+        run.count(&Event::Begin { node: name("n"), cell: name(""), item: name("a") });
+        let end = |item: &str, outcome| {
+            let (node, cell, group) = (name("n"), name(""), name("main"));
+            Event::End { node, cell, item: name(item), group, outcome, wall_us: 1, bytes: 1 }
+        };
+        let line = |run: &RunState, known| node_text(run.node("n").expect("it was counted"), known);
+        assert_eq!(line(&run, false), "0/4+, 1 running");
+        run.count(&end("a", Ended::Ran));
+        run.count(&end("b", Ended::Failed));
+        run.count(&end("c", Ended::Blocked));
+        run.count(&end("d", Ended::Hit));
+        assert_eq!(line(&run, true), "4/4, 1 as before, 1 failed, 1 blocked");
     }
 }

@@ -8,7 +8,7 @@ use super::{
     seconds_text, table,
 };
 use crate::{
-    engine::{self, Only, RunOptions, Summary, event::Failure},
+    engine::{self, ChildCommand, ExecutorKind, Only, RunOptions, Summary, event::Failure},
     kinds::Registry,
     lock::{self, Lock, LockError},
     pipeline::Pipeline,
@@ -18,6 +18,7 @@ use serde_json::json;
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
+    process::Command,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -68,9 +69,36 @@ pub(crate) struct RunArgs {
     /// Write the lock file, next to the pipeline file.
     #[arg(long, conflicts_with = "only")]
     update_lock: bool,
+    /// Where actions run: on threads of this process, or in child processes. A child that crashes or is killed costs
+    /// its action another attempt, never the run.
+    #[arg(long, value_enum, value_name = "WHERE", default_value_t = Where::Threads)]
+    executor: Where,
     /// Print machine-readable events on stdout, one per line.
     #[arg(long, value_enum, value_name = "FORMAT")]
     events: Option<EventFormat>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Where {
+    Threads,
+    Process,
+}
+
+impl Where {
+    fn executor(self) -> Result<ExecutorKind, CliError> {
+        match self {
+            Self::Threads => Ok(ExecutorKind::Threads),
+            Self::Process => {
+                let program = std::env::current_exe()
+                    .map_err(|e| CliError::Environment(format!("cannot find this program: {e}")))?;
+                Ok(ExecutorKind::Processes(ChildCommand::new(move |batch, store| {
+                    let mut command = Command::new(&program);
+                    command.args(["exec", "--batch"]).arg(batch).arg("--cache").arg(store);
+                    command
+                })))
+            }
+        }
+    }
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -102,6 +130,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         only,
         memory: args.memory,
         out: Some(args.out.clone()),
+        executor: args.executor.executor()?,
         ..RunOptions::default()
     };
     let summary = engine::run(&pipeline, &store, &options, &stop, &|event| display.show(event));

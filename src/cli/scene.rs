@@ -5,12 +5,13 @@
 
 use super::{
     CacheAt, CliError, Exit, PipelineArgs,
-    results::{Asked, Reading, unread},
+    results::{Reading, collection, unread},
     seconds_text, terminal,
 };
 use crate::{
     diagnostics::did_you_mean,
     kinds::Registry,
+    query::Selection,
     registry::{Goal, LightUnit, Options, Until, load_scene},
 };
 use clap::{Args, Subcommand};
@@ -200,7 +201,7 @@ impl SceneArgs {
         let (profile, sets, targets) = (None, Vec::new(), Vec::new());
         let pipeline = PipelineArgs { pipeline: self.scene.clone(), profile, sets, targets }.resolve(registry)?;
         let store = cache.look()?;
-        let collection = Asked::parse(node, &pipeline)?.collection(&store)?;
+        let collection = collection(&Selection::parse(node, &pipeline)?, &store)?;
         let artifact = collection.get(key).ok_or_else(|| {
             let hint = did_you_mean(key, "items", collection.items.keys().take(8).map(ItemKey::as_str));
             CliError::Bad(format!("`{node}` has no item `{key}`; {hint}"))

@@ -2,17 +2,18 @@
 //! gave.
 
 use super::{
+    execute::Whole,
     ids::{Id, InputId},
-    job::{Job, Task},
-    sharded::Sharded,
+    request::{LookUp, Task},
 };
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
-    sync::Arc,
 };
 use tauflow_cache::{CacheError, Digest};
-use tauflow_contract::{ActionKey, Any, Artifact, FILE_PORT, Files, ItemKey, Media, Mode, Outputs, read_regular};
+use tauflow_contract::{
+    ActionKey, Any, Artifact, FILE_PORT, Files, ItemKey, KindSpec, Media, Mode, Outputs, read_regular,
+};
 
 /// Most bytes of a file outside that is read: as many as a GLB can have.
 const MOST_BYTES: u64 = 1 << 32;
@@ -45,26 +46,27 @@ pub fn files_artifact(
 }
 
 /// The key of an action.
-pub fn action_key(task: &Task, whole: &[(InputId, Arc<Sharded>)], job: &Job, file: Option<&Artifact>) -> ActionKey {
-    let name = |input: InputId| task.spec.inputs[input.place()].name.to_owned();
+pub fn action_key(task: &Task, whole: &Whole, of: &LookUp, file: Option<&Artifact>) -> ActionKey {
+    let producer = &task.producer;
+    let name = |input: InputId| producer.spec.inputs[input.place()].name.to_owned();
     let mut inputs: BTreeMap<String, Digest> =
-        job.each.iter().map(|(input, output)| (name(*input), output.digest)).collect();
+        of.each.iter().map(|(input, output)| (name(*input), output.digest)).collect();
     inputs.extend(whole.iter().map(|(input, sharded)| (name(*input), sharded.digest)));
     if let Some(file) = file {
         inputs.insert(FILE_PORT.into(), file.digest());
     }
-    let item = job.item.as_ref().map_or("", |i| i.as_str());
-    let seed = task.basis.seed.map(|seed| task.kind.seed(seed, item));
-    ActionKey { basis: task.basis.with((task.projection)(job.item.as_ref(), task.group), seed), inputs }
+    let item = of.item.as_ref().map_or("", |i| i.as_str());
+    let params = (task.projection)(of.item.as_ref(), producer.group);
+    ActionKey { basis: task.basis.of_action(params, |seed| producer.kind.seed(seed, item)), inputs }
 }
 
 /// A kind must fill exactly the ports of its group, with what they say they hold.
-pub fn check_outputs(task: &Task, outputs: &Outputs) -> Result<(), String> {
-    let name = task.spec.name;
-    let ports: Vec<_> = task.spec.outputs.iter().filter(|p| p.group.name == task.group).collect();
+pub fn check_outputs(spec: &KindSpec, group: &str, outputs: &Outputs) -> Result<(), String> {
+    let name = spec.name;
+    let ports: Vec<_> = spec.outputs.iter().filter(|p| p.group.name == group).collect();
     for port in outputs.items.keys().chain(outputs.collections.keys()) {
         if ports.iter().all(|p| p.name != port) {
-            return Err(format!("`{name}` filled `{port}`, which is no port of its group `{}`", task.group));
+            return Err(format!("`{name}` filled `{port}`, which is no port of its group `{group}`"));
         }
     }
     let artifacts = outputs.items.values().chain(outputs.collections.values().flat_map(|c| c.items.values()));
@@ -75,7 +77,7 @@ pub fn check_outputs(task: &Task, outputs: &Outputs) -> Result<(), String> {
     }
     for port in ports {
         let wrong = |media: &str| port.media != Any::NAME && media != port.media;
-        if task.spec.mode == Mode::Gather {
+        if spec.mode == Mode::Gather {
             let collection = outputs.collections.get(port.name);
             let Some(collection) = collection else { return Err(format!("`{name}` left `{}` out", port.name)) };
             if let Some((key, artifact)) = collection.iter().find(|(_, a)| wrong(&a.media)) {

@@ -3,15 +3,18 @@
 
 use super::{
     EngineError,
-    ids::{Id, LaneId, PortId},
+    event::OutputOf,
+    ids::{Id, LaneId, PortId, Row},
     lanes::{Lane, Lanes},
     publish,
     run::Run,
     scheduler::Scheduler,
     sharded::Sharded,
 };
+use crate::pipeline::Pipeline;
 use std::{collections::HashSet, path::PathBuf, sync::Arc};
 use tauflow_cache::Digest;
+use tauflow_contract::Determinism;
 
 /// A port's collection at the end of a run.
 pub(super) struct ResultOf {
@@ -21,7 +24,7 @@ pub(super) struct ResultOf {
 }
 
 /// What is known of a lane's collection.
-enum Found {
+enum LaneResult {
     Collection(Arc<Sharded>),
     /// The blob that lists it is not in the store.
     Missing(Digest),
@@ -40,12 +43,12 @@ impl Run<'_> {
         for (id, lane) in lanes.pairs().filter(|(_, l)| l.target) {
             for port in &lane.ports {
                 let collection = match self.result(scheduler, id, *port)? {
-                    Found::Collection(collection) => collection,
-                    Found::Missing(blob) => {
+                    LaneResult::Collection(collection) => collection,
+                    LaneResult::Missing(blob) => {
                         missing.push((id, blob));
                         continue;
                     }
-                    Found::Unknown => continue,
+                    LaneResult::Unknown => continue,
                 };
                 // What is asked for must be there, whether or not somebody reads it in this run.
                 let (blobs, listings) = collection.blobs(self.store)?;
@@ -102,15 +105,45 @@ impl Run<'_> {
     }
 
     /// A lane's collection, worked out now or in an earlier run.
-    fn result(&self, scheduler: &Scheduler<'_>, lane: LaneId, port: PortId) -> Result<Found, EngineError> {
+    fn result(&self, scheduler: &Scheduler<'_>, lane: LaneId, port: PortId) -> Result<LaneResult, EngineError> {
         if let Some(result) = scheduler.result(lane, port) {
-            return Ok(Found::Collection(result.clone()));
+            return Ok(LaneResult::Collection(result.clone()));
         }
         let of = &self.pipeline.nodes[scheduler.node_of(lane)].spec.outputs[port.place()];
         let Some(listed) = scheduler.rolled(lane).and_then(|p| p.collections.get(of.name)) else {
-            return Ok(Found::Unknown);
+            return Ok(LaneResult::Unknown);
         };
         let found = Sharded::get(self.store, listed, of.media)?;
-        Ok(found.map_or(Found::Missing(listed.blob), |found| Found::Collection(Arc::new(found))))
+        Ok(found.map_or(LaneResult::Missing(listed.blob), |found| LaneResult::Collection(Arc::new(found))))
     }
+}
+
+/// Every output of the lanes, and the blobs that list them.
+pub fn outputs(pipeline: &Pipeline, lanes: &Lanes, scheduler: &Scheduler<'_>) -> (Vec<OutputOf>, Vec<Digest>) {
+    let (mut found, mut trees): (Vec<OutputOf>, Vec<Digest>) = Default::default();
+    // What a lane reads decides, too, how far its outputs are reproducible.
+    let mut read: Row<LaneId, _> = lanes.iter().map(|_| Determinism::Bitwise).collect();
+    let weaker = |a: Determinism, b: Determinism| match (a, b) {
+        (Determinism::Measured, _) | (_, Determinism::Measured) => Determinism::Measured,
+        (Determinism::Local, _) | (_, Determinism::Local) => Determinism::Local,
+        _ => Determinism::Bitwise,
+    };
+    for (id, lane) in lanes.pairs() {
+        let output = |lane: LaneId, port: PortId| &pipeline.nodes[lanes[lane].node].spec.outputs[port.place()];
+        for feed in lane.inputs.iter().flatten() {
+            read[id] = weaker(read[id], weaker(read[feed.lane], output(feed.lane, feed.port).determinism));
+        }
+        for port in &lane.ports {
+            let of = output(id, *port);
+            let rolled = scheduler.rolled(id).and_then(|payload| payload.collections.get(of.name));
+            let result = scheduler.result(id, *port);
+            trees.extend(rolled.map(|listed| listed.blob).or_else(|| result?.blob()));
+            found.push(OutputOf {
+                name: format!("{}.{}", pipeline.cell_name(lane.cell), of.name),
+                determinism: weaker(read[id], of.determinism),
+                digest: rolled.map(|listed| listed.digest).or_else(|| Some(result?.digest)),
+            });
+        }
+    }
+    (found, trees)
 }

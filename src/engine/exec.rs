@@ -1,14 +1,15 @@
 //! One action alone, from nothing but a store: its key says what it is, its recipe where its inputs are.
 
 use super::{
-    EngineError, explain,
-    ids::{Id, InputId, LaneId, PortId, SlotId},
-    job::{ActionInputs, Bundle, Job, Outcome, Task, Todo},
+    EngineError,
+    execute::{ActionInputs, Outcome, PreparedAction, Producer, execute},
+    explain,
+    holdings::Holdings,
+    ids::{Id, InputId, PortId},
     probe::Asking,
-    records::{self, ACTION},
+    records::{ACTION, port_of},
     sharded::{Output, Sharded},
     transient::Pool,
-    work::Bench,
 };
 use crate::{kinds::Registry, pipeline::schema_check};
 use serde::{Deserialize, Serialize};
@@ -54,6 +55,12 @@ pub enum ExecError {
     /// The action, or what it asks for.
     #[error("{0}")]
     Action(String),
+    /// A blob of its inputs is not there.
+    #[error(
+        "the store does not hold the input blob {0}; copy it there, or run what makes it, without `transient` if that \
+         is set"
+    )]
+    Missing(Digest),
     /// Its key is of another machine, library or device than there is here.
     #[error("{0}")]
     Foreign(String),
@@ -101,8 +108,7 @@ impl ActionFile {
     /// Runs it. If the store has a record of it, the outputs are compared with that; else they are recorded.
     ///
     /// # Errors
-    /// If inputs are missing or are not what the key says, or if the kind is not here or of another version. If what of
-    /// the machine enters the key is another here. If the action fails, or gives other content than before.
+    /// As [`ActionFile::prepare`]; if the action fails, or gives other content than before.
     pub fn run(
         self,
         store: &Store,
@@ -110,6 +116,38 @@ impl ActionFile {
         stop: &AtomicBool,
         progress: &dyn Progress,
     ) -> Result<Executed, ExecError> {
+        let (hash, kind) = (self.key.hash(), self.key.basis.kind.to_string());
+        let (pool, wanted) = (Pool::new(0), HashSet::new());
+        let holdings = Holdings { store, pool: &pool, wanted: &wanted };
+        let mut action = self.prepare(store, registry, Handling::default())?;
+        let record = store.lookup(ACTION, &hash);
+        action.before = holdings.made(record.as_deref(), &action.producer.spec, action.producer.group)?;
+        let new = action.before.is_none();
+        let execution = execute(&action, holdings, stop, progress);
+        if let Some(warning) = execution.warning {
+            return Err(ExecError::Failed(warning));
+        }
+        let made = match execution.outcome {
+            Outcome::Ran(made) | Outcome::Hit(made) => made,
+            Outcome::Missing(blobs) => return Err(ExecError::Missing(blobs[0])), // never empty
+            Outcome::Failed(message) => return Err(ExecError::Failed(message)),
+            Outcome::Fatal(error) => return Err(error.into()),
+            Outcome::Cancelled => return Err(ExecError::Failed("the action was stopped".into())),
+        };
+        store.flush()?;
+        let name = |port: PortId| action.producer.spec.outputs[port.place()].name.to_owned();
+        let mut outputs: BTreeMap<String, Digest> =
+            made.items.iter().map(|(port, output)| (name(*port), output.digest)).collect();
+        outputs.extend(made.collections.iter().map(|(port, sharded)| (name(*port), sharded.digest)));
+        Ok(Executed { key: hash, kind, new, outputs, wall_us: execution.spent_us })
+    }
+
+    /// The action, ready to be executed on this machine.
+    ///
+    /// # Errors
+    /// If inputs are missing or are not what the key says, or if the kind is not here or of another version. If what of
+    /// the machine enters the key is another here.
+    pub fn prepare(self, store: &Store, registry: &Registry, handling: Handling) -> Result<PreparedAction, ExecError> {
         let Self { key, recipe } = self;
         let hash = key.hash();
         let basis = key.basis.clone();
@@ -127,7 +165,7 @@ impl ActionFile {
                 registry.hint(&basis.kind)
             )));
         };
-        let spec = kind.spec();
+        let spec = kind.spec_for(&basis.params);
         let Some(group) = spec.group(&basis.group) else {
             return Err(ExecError::Action(format!("`{}` has no outputs of a group `{}`", basis.kind, basis.group)));
         };
@@ -174,55 +212,30 @@ impl ActionFile {
             same(&name, listed.digest)?;
             let input = port(&name)?;
             let Some(found) = Sharded::get(store, &listed, spec.inputs[input.place()].media)? else {
-                return Err(missing(&listed.blob));
+                return Err(ExecError::Missing(listed.blob));
             };
             whole.push((input, Arc::new(found)));
         }
         if each.len() + whole.len() + usize::from(file.is_some()) != key.inputs.len() {
             return Err(ExecError::Action("the recipe leaves inputs of the key out".into()));
         }
-        let record = store.lookup(ACTION, &hash);
-        let before =
-            record.as_ref().map(|record| records::load(store, record, &spec, group.name)).transpose()?.flatten();
-        let new = before.is_none();
-        let params = basis.params.clone();
-        let task = Task {
-            lane: LaneId::at(0),
-            kind: kind.clone(),
-            spec,
-            group: group.name,
-            projection: Box::new(move |_, _| params.clone()),
-            basis: basis.clone(),
-            alone: false,
-            transient: false,
-            read: Vec::new(),
-        };
-        let (kind, todo) = (basis.kind.into_owned(), Some(Box::new(Todo::new(key, file, before))));
-        let bundle = Bundle { task: Arc::new(task), whole, jobs: Vec::new() };
-        let job = Job { slot: SlotId::at(0), item: recipe.item, each, files: Vec::new(), todo };
-        let wanted = HashSet::new();
-        let pool = Pool::new(0);
-        let bench = Bench { store, pool: &pool, stop, dry: false, keep_keys: false, recheck: 1.0, wanted: &wanted };
-        let reply = bench.perform(&bundle, job, progress);
-        if let Some(warning) = reply.warning {
-            return Err(ExecError::Failed(warning));
-        }
-        let made = match reply.outcome {
-            Outcome::Ran(made) | Outcome::Hit(made) => made,
-            Outcome::Missing(digest) => return Err(missing(&digest)),
-            Outcome::Failed(message) => return Err(ExecError::Failed(message)),
-            Outcome::Fatal(error) => return Err(error.into()),
-            Outcome::Cancelled | Outcome::Todo(_) | Outcome::WouldRun => {
-                return Err(ExecError::Failed("the action was stopped".into()));
-            }
-        };
-        store.flush()?;
-        let name = |port: PortId| bundle.task.spec.outputs[port.place()].name.to_owned();
-        let mut outputs: BTreeMap<String, Digest> =
-            made.items.iter().map(|(port, output)| (name(*port), output.digest)).collect();
-        outputs.extend(made.collections.iter().map(|(port, sharded)| (name(*port), sharded.digest)));
-        Ok(Executed { key: hash, kind, new, outputs, wall_us: reply.spent_us })
+        let read = handling.read.iter().filter_map(|name| port_of(&spec, name)).collect();
+        let producer = Producer { kind: kind.clone(), group: group.name, spec, transient: handling.transient, read };
+        let (producer, whole) = (Arc::new(producer), Arc::new(whole));
+        Ok(PreparedAction { producer, key, hash, item: recipe.item, each, whole, file, before: None })
     }
+}
+
+/// What a pipeline says of an action beside its key.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Handling {
+    /// Its outputs need not be stored unless they are read.
+    #[serde(default)]
+    pub transient: bool,
+    /// Output ports that somebody reads.
+    #[serde(default)]
+    pub read: Vec<String>,
 }
 
 /// The actions of the store whose key begins like this.
@@ -263,15 +276,8 @@ fn foreign(there: &Value, here: &Value) -> ExecError {
     let told = found.iter().map(differ).collect::<Vec<_>>().join("; ");
     ExecError::Foreign(format!(
         "the action is of another machine, library or device: {told}; run it where they are the same (`exec` passes on \
-         PATH, RAYON_NUM_THREADS, TAUFLOW_OIDN, TAUFLOW_ONNXRUNTIME, TAUFLOW_DEVICE and TAUFLOW_INSTRUCTIONS, and \
-         works in an empty folder, so that programs are named by PATH or from `/` on), or run its pipeline here, \
-         which gives it a key of its own"
-    ))
-}
-
-fn missing(digest: &Digest) -> ExecError {
-    ExecError::Action(format!(
-        "the store does not hold the input blob {digest}; copy it there, or run what makes it, \
-         without `transient` if that is set"
+         PATH, RAYON_NUM_THREADS, TAUFLOW_OIDN, TAUFLOW_ONNXRUNTIME and TAUFLOW_INSTRUCTIONS, and works in an \
+         empty folder, so that programs are named by PATH or from `/` on), or run its pipeline here, which gives it a \
+         key of its own"
     ))
 }

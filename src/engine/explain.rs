@@ -2,8 +2,12 @@
 
 use super::{event::Ended, ids::LaneId, lanes::Lanes, records::ACTION};
 use crate::pipeline::Pipeline;
+use serde::Serialize;
 use serde_json::Value;
-use std::collections::{BTreeSet, HashMap};
+use std::{
+    collections::{BTreeSet, HashMap},
+    fmt,
+};
 use tauflow_cache::{Key, Record, Store};
 use tauflow_contract::{ActionKey, ItemKey, canonical_bytes};
 
@@ -166,28 +170,49 @@ fn but_one(key: &Value) -> Vec<Key> {
     (0..leaves.len()).map(without).collect()
 }
 
-/// A line for people: why it is not known whether an action runs.
-pub const UNKNOWN: &str = "unknown: a program has to tell its version first, which a run asks it for";
+/// Why an action runs, or may.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reason {
+    /// These parts of its key changed since the nearest earlier one.
+    Changed(Vec<String>),
+    /// Its outputs are no longer there.
+    Lost,
+    /// Its kind never ran.
+    Never,
+    /// A program has to tell its version first, and looking runs none.
+    Undecided,
+}
 
-/// A line for people: which parts of the key changed.
-pub fn reason(nearest: Option<&Nearest>) -> String {
-    let Some(nearest) = nearest else { return "never run before".into() };
-    if nearest.differences.is_empty() {
-        return "its outputs are no longer in the store".into();
-    }
-    let names: BTreeSet<String> = nearest
-        .differences
-        .iter()
-        .map(|d| match d.field.split('/').nth(1) {
-            Some("params") => format!("param {}", d.field.trim_start_matches("/params/").replace('/', ".")),
-            Some("inputs") => format!("input {}", d.field.trim_start_matches("/inputs/")),
+impl Reason {
+    /// Of the earlier key that differs least, if there is one.
+    pub fn of(nearest: Option<&Nearest>) -> Self {
+        let Some(nearest) = nearest else { return Self::Never };
+        if nearest.differences.is_empty() {
+            return Self::Lost;
+        }
+        let part = |difference: &Difference| match difference.field.split('/').nth(1) {
+            Some("params") => format!("param {}", difference.field.trim_start_matches("/params/").replace('/', ".")),
+            Some("inputs") => format!("input {}", difference.field.trim_start_matches("/inputs/")),
             Some("seed") => "another item or seed".into(),
             Some("environment") => "the machine, or a library of it".into(),
             Some("version") => "version of the output group".into(),
-            _ => d.field.trim_start_matches('/').into(),
-        })
-        .collect();
-    format!("changed: {}", names.into_iter().collect::<Vec<_>>().join(", "))
+            _ => difference.field.trim_start_matches('/').into(),
+        };
+        let parts: BTreeSet<String> = nearest.differences.iter().map(part).collect();
+        Self::Changed(parts.into_iter().collect())
+    }
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Changed(parts) => write!(f, "changed: {}", parts.join(", ")),
+            Self::Lost => f.write_str("its outputs are no longer in the store"),
+            Self::Never => f.write_str("never run before"),
+            Self::Undecided => f.write_str("unknown: a program has to tell its version first, which a run asks it for"),
+        }
+    }
 }
 
 /// Where two values differ, as pointers below `at`.

@@ -5,11 +5,13 @@
 use super::{
     EngineError,
     ids::{Id, InputId, LaneId, PortId, Row},
-    probe::{self, Asking},
+    probe,
 };
 use crate::pipeline::{Pipeline, Target};
-use std::collections::BTreeSet;
-use tauflow_contract::{Basis, Group, ItemKey, Mode, Takes};
+use serde::Serialize;
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
+use tauflow_contract::{Basis, Group, ItemKey, Mode, NodeKind, Takes};
 
 /// One cell's actions of one output group.
 #[derive(Clone, Debug)]
@@ -20,8 +22,8 @@ pub struct Lane {
     pub node: usize,
     /// The group.
     pub group: Group,
-    /// What decides its outputs beside what it reads: the cell's params, the pipeline's seed.
-    pub basis: Basis,
+    /// What decides its outputs beside what it reads.
+    pub basis: LaneBasis,
     /// What of the machine enters its keys is not known, because a program would have to run: no key of it is one.
     pub unknown: bool,
     /// The output ports of the group.
@@ -31,11 +33,34 @@ pub struct Lane {
     /// The input port that decides which items there are.
     pub driving: Option<InputId>,
     /// Who reads it.
-    pub readers: Vec<Reader>,
+    pub readers: Vec<ReadingPort>,
     /// True if it is asked for itself.
     pub target: bool,
     /// The only items that are needed, if not all.
     pub only: Option<BTreeSet<ItemKey>>,
+}
+
+/// What decides the outputs of all actions of a lane beside what they read: a [`Basis`] with the whole params of its
+/// cell and the pipeline's seed, where an action's has its projected params and a seed of its own.
+#[derive(Clone, Debug, Serialize)]
+#[serde(transparent)]
+pub struct LaneBasis(Basis);
+
+impl LaneBasis {
+    /// Of what all actions share, and of the cell's params and the pipeline's seed.
+    pub fn new(shared: &Basis, params: Value, pipeline_seed: Option<u64>) -> Self {
+        Self(shared.with(params, pipeline_seed))
+    }
+
+    /// The same without the params.
+    pub fn without_params(&self) -> Self {
+        Self::new(&self.0, Value::Null, self.0.seed)
+    }
+
+    /// That of an action, by its params, and by its seed, which is derived from the pipeline's.
+    pub fn of_action(&self, params: Value, derive: impl FnOnce(u64) -> u64) -> Basis {
+        self.0.with(params, self.0.seed.map(derive))
+    }
 }
 
 /// A lane's output that feeds an input.
@@ -49,15 +74,22 @@ pub struct LaneFeed {
     pub prefix: Option<String>,
 }
 
-/// Who reads a lane.
-#[derive(Clone, Debug)]
-pub struct Reader {
+/// An input port that reads a lane.
+#[derive(Clone, Copy, Debug)]
+pub struct ReadingPort {
     /// The reading lane.
     pub lane: LaneId,
     /// Its input port.
     pub input: InputId,
     /// Which of that port's feeds this is.
     pub feed: usize,
+}
+
+impl ReadingPort {
+    /// The feed by which it reads.
+    pub fn feed(self, lanes: &Lanes) -> &LaneFeed {
+        &lanes[self.lane].inputs[self.input][self.feed]
+    }
 }
 
 /// One item of one node, or one cell, or a whole node: `--only NODE[/CELL][/ITEM]`.
@@ -101,6 +133,11 @@ impl Only {
 }
 
 impl Lane {
+    /// Whether its outputs are handed on in memory: what is asked for is stored.
+    pub fn is_transient(&self, pipeline: &Pipeline) -> bool {
+        pipeline.nodes[self.node].transient && !self.target
+    }
+
     /// True if the input port waits for the whole collection.
     pub fn is_whole(&self, pipeline: &Pipeline, input: InputId) -> bool {
         let spec = &pipeline.nodes[self.node].spec;
@@ -128,6 +165,12 @@ fn group_of(pipeline: &Pipeline, cell: usize, port: PortId) -> Group {
 /// The lanes of a run.
 pub type Lanes = Row<LaneId, Lane>;
 
+/// Where the lane of each cell's group stands.
+type Places = BTreeMap<(usize, Group), LaneId>;
+
+/// Tells what of the machine on which actions run enters the keys of a kind's group; none if that is not known.
+pub type Environment<'a> = &'a dyn Fn(&dyn NodeKind, &Value, Group) -> Result<Option<Value>, EngineError>;
+
 /// The lanes that the targets need, each after all that it reads.
 ///
 /// # Errors
@@ -136,7 +179,7 @@ pub fn demand(
     pipeline: &Pipeline,
     targets: &[Target],
     only: Option<&Only>,
-    asking: &Asking<'_>,
+    environment: Environment<'_>,
 ) -> Result<Lanes, EngineError> {
     let group_of = |cell, port| group_of(pipeline, cell, port);
     let mut wanted: Vec<BTreeSet<Group>> = vec![BTreeSet::new(); pipeline.cells.len()];
@@ -159,15 +202,16 @@ pub fn demand(
             }
         }
     }
-    let mut lanes = Lanes::new();
+    let (mut lanes, mut places) = (Lanes::new(), Places::new());
     for (cell, groups) in wanted.iter().enumerate() {
         for group in groups {
-            let lane = lane(pipeline, cell, *group, asked[cell].contains(group), &lanes, asking)?;
+            let lane = lane(pipeline, cell, *group, asked[cell].contains(group), &places, environment)?;
             let inputs = lane.inputs.clone();
             let id = lanes.push(lane);
+            places.insert((cell, *group), id);
             for (input, feeds) in inputs.pairs() {
                 for (feed, from) in feeds.iter().enumerate() {
-                    lanes[from.lane].readers.push(Reader { lane: id, input, feed });
+                    lanes[from.lane].readers.push(ReadingPort { lane: id, input, feed });
                 }
             }
         }
@@ -185,15 +229,12 @@ fn lane(
     cell: usize,
     group: Group,
     target: bool,
-    lanes: &Lanes,
-    asking: &Asking<'_>,
+    places: &Places,
+    environment: Environment<'_>,
 ) -> Result<Lane, EngineError> {
     let node = pipeline.cells[cell].node;
     let spec = &pipeline.nodes[node].spec;
-    let find = |cell: usize, port: PortId| {
-        let group = group_of(pipeline, cell, port);
-        lanes.pairs().find(|(_, l)| l.cell == cell && l.group == group).map(|(lane, _)| lane)
-    };
+    let find = |cell: usize, port: PortId| places.get(&(cell, group_of(pipeline, cell, port))).copied();
     let inputs: Row<InputId, Vec<LaneFeed>> = pipeline.cells[cell]
         .inputs
         .iter()
@@ -215,13 +256,11 @@ fn lane(
     let driving = if spec.mode == Mode::Map { inputs.ids().find(each) } else { None };
     let ports = (0..spec.outputs.len()).filter(|p| spec.outputs[*p].group == group).map(PortId::at).collect();
     let (kind, params) = (&pipeline.nodes[node].kind, &pipeline.cells[cell].params);
-    let environment = asking.environment(&**kind, params, group)?;
+    let environment = environment(&**kind, params, group)?;
     let unknown = environment.is_none();
-    let basis = Basis {
-        environment: environment.unwrap_or_else(probe::unknown),
-        ..Basis::new(spec.name, group.version, group.name)
-            .with(kind.keyed(params), spec.seeded.then_some(pipeline.seed))
-    };
+    let environment = environment.unwrap_or_else(probe::unknown);
+    let shared = Basis { environment, ..Basis::new(spec.name, group.version, group.name) };
+    let basis = LaneBasis::new(&shared, kind.keyed(params), spec.seeded.then_some(pipeline.seed));
     let readers = Vec::new();
     Ok(Lane { cell, node, group, basis, unknown, ports, inputs, driving, readers, target, only: None })
 }

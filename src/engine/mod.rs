@@ -3,24 +3,30 @@
 //! A run is a pass, or several: a pass that meets missing blobs is followed by one that makes them again.
 
 mod action;
+pub mod batch;
 mod conclude;
 pub mod event;
 pub mod exec;
+mod execute;
+mod executor;
 pub mod explain;
-mod job;
+mod holdings;
+mod keys;
 mod lanes;
 mod listing;
+mod look_up;
 mod probe;
 mod publish;
 mod records;
+mod request;
 mod rollup;
 mod run;
 mod scheduler;
 mod sharded;
 mod transient;
-mod work;
 
 pub use event::Summary;
+pub use executor::ChildCommand;
 pub use lanes::Only;
 pub use records::{ACTION, PIPELINE};
 
@@ -57,6 +63,18 @@ pub struct RunOptions {
     pub verify: bool,
     /// Folder below which published outputs are written; none writes nothing.
     pub out: Option<PathBuf>,
+    /// Where actions run.
+    pub executor: ExecutorKind,
+}
+
+/// Where actions run.
+#[derive(Clone, Debug, Default)]
+pub enum ExecutorKind {
+    /// On threads of this process.
+    #[default]
+    Threads,
+    /// In child processes, which are started like this.
+    Processes(ChildCommand),
 }
 
 impl Default for RunOptions {
@@ -72,6 +90,7 @@ impl Default for RunOptions {
             many: sharded::MANY,
             verify: false,
             out: None,
+            executor: ExecutorKind::Threads,
         }
     }
 }
@@ -93,6 +112,9 @@ pub enum EngineError {
     /// The request makes no sense for this pipeline.
     #[error("{0}")]
     Request(String),
+    /// What executes actions cannot.
+    #[error("{0}")]
+    Executor(String),
     /// What is asked for was there, and is lost or damaged: [`restore`] makes it again.
     #[error("{0}")]
     Lost(String),
@@ -115,8 +137,11 @@ pub fn run(
     sink: Sink<'_>,
 ) -> Result<Summary, EngineError> {
     let start = Instant::now();
-    let mut run = Run::new(pipeline, store, options, stop, sink)?;
-    let mut summary = run.finish()?;
+    let mut summary = if options.dry {
+        Run::looking(pipeline, store, options, stop, sink)?.finish()?
+    } else {
+        run::with_executor(pipeline, store, options, stop, sink)?
+    };
     summary.elapsed = start.elapsed();
     if let (Some(out), false) = (&options.out, options.dry) {
         publish::write_summary(&out.join(&pipeline.name), &pipeline.name, &summary)?;
@@ -154,7 +179,7 @@ pub fn plan(pipeline: &Pipeline, store: &Store, only: Option<Only>) -> Result<Pl
     let start = Instant::now();
     let options = RunOptions { dry: true, only, ..RunOptions::default() };
     let stop = AtomicBool::new(false);
-    let mut run = Run::new(pipeline, store, &options, &stop, &|_| {})?;
+    let mut run = Run::looking(pipeline, store, &options, &stop, &|_| {})?;
     run.keep_keys = true;
     let mut summary = run.finish()?;
     summary.elapsed = start.elapsed();
@@ -173,7 +198,7 @@ pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: PortId) ->
     let asked = asking(pipeline, node, port);
     let options = RunOptions { dry: true, ..RunOptions::default() };
     let stop = AtomicBool::new(false);
-    let mut run = Run::new(&asked, store, &options, &stop, &|_| {})?;
+    let mut run = Run::looking(&asked, store, &options, &stop, &|_| {})?;
     run.keep_results = true;
     let summary = run.finish()?;
     let mut all = Collection::default();

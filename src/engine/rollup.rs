@@ -1,62 +1,25 @@
-//! Roll-ups: what a whole lane gave, by what its node is and what its inputs hold, and what a shard of it gave. A rerun
-//! with nothing changed is then a handful of look-ups, whatever the number of items, and one after a small change is a
-//! few for every shard.
+//! Roll-ups in the store: what a whole lane gave, by what its node is and what its inputs hold, and what a shard of it
+//! gave. A rerun with nothing changed is then a handful of look-ups, whatever the number of items, and one after a
+//! small change is a few for every shard.
 
 use super::{
     action::files_artifact,
-    event::OutputOf,
+    holdings::Holdings,
     ids::{Id, LaneId, PortId, Row},
-    lanes::{Lane, Lanes},
+    keys,
+    lanes::Lanes,
     records::{self, PIPELINE, Payload, ROLLUP, SHARD},
-    scheduler::{Complete, CompleteShard, Scheduler},
-    sharded::Sharded,
-    work::Bench,
+    request::{Keep, RolledShard, Rolling, ShardFound, ShardLookUps, ShardOf, Task},
+    sharded::{Shard, Sharded},
 };
-use crate::pipeline::{Node, Pipeline, Target};
-use serde::Serialize;
+use crate::pipeline::{Node, Pipeline};
 use serde_json::Value;
 use std::{
-    borrow::Cow,
     collections::BTreeMap,
     panic::{AssertUnwindSafe, catch_unwind},
     sync::Arc,
 };
 use tauflow_cache::{CacheError, Digest, Key, Record, Recorded, Store};
-use tauflow_contract::{Basis, Determinism, FORMAT_VERSION, ItemKey, Mode, canonical_bytes};
-
-/// What decides a lane's outputs. Item keys are part of the inputs' content digests.
-#[derive(Serialize)]
-struct LaneKey<'a> {
-    #[serde(flatten)]
-    basis: &'a Basis,
-    /// Of a source: its items, with the content digests of the files that they read.
-    listing: Option<Digest>,
-    /// For each input port, what is put before the keys, and the content digest, of each of its feeds.
-    inputs: BTreeMap<&'a str, Vec<(Option<&'a str>, Digest)>>,
-}
-
-/// What decides the shards of a lane beside their items.
-#[derive(Serialize)]
-struct ShardsKey<'a> {
-    #[serde(flatten)]
-    basis: Cow<'a, Basis>,
-    /// The content digests of what it reads as a whole, by input port.
-    whole: BTreeMap<&'a str, Digest>,
-}
-
-/// What a run of a pipeline is kept under: runs of a part of it, by `--target`, do not take its place.
-#[derive(Serialize)]
-struct PipelineKey<'a> {
-    format: u32,
-    pipeline: &'a str,
-    /// Nodes that are asked for, and their ports by name.
-    targets: Vec<(&'a str, Option<&'a str>)>,
-}
-
-/// Digest of a source's items, in order, with the content digests of the files that they read.
-pub fn listing_digest<'a>(items: impl Iterator<Item = (&'a ItemKey, Option<Digest>)>) -> Digest {
-    Digest::of(&canonical_bytes(&items.collect::<Vec<_>>()))
-}
 
 /// Lists a source's items now; none if that fails, which the run will tell.
 fn list(node: &Node, params: &Value) -> Option<Digest> {
@@ -70,44 +33,7 @@ fn list(node: &Node, params: &Value) -> Option<Digest> {
             Some(files_artifact(&item.files, |bytes| Ok(Digest::of(bytes))).ok()?.ok()?.digest())
         });
     }
-    Some(listing_digest(items.iter().map(|item| &item.key).zip(files)))
-}
-
-/// Digest of what decides a lane's shards beside the items: of the params, a source's items name their own.
-pub fn shard_prefix(pipeline: &Pipeline, lane: &Lane, whole: BTreeMap<&str, Digest>) -> Digest {
-    let basis = match pipeline.nodes[lane.node].mode() {
-        Mode::Source => Cow::Owned(lane.basis.with(Value::Null, lane.basis.seed)),
-        Mode::Map | Mode::Gather => Cow::Borrowed(&lane.basis),
-    };
-    Digest::of(&canonical_bytes(&ShardsKey { basis, whole }))
-}
-
-/// The key of a lane, and its preimage; none if its items, or an input's content, are not known.
-fn lane_key(
-    pipeline: &Pipeline,
-    lane: &Lane,
-    content: impl Fn(LaneId, PortId) -> Option<Digest>,
-    listing: impl Fn() -> Option<Digest>,
-) -> Option<(Key, String)> {
-    let node = &pipeline.nodes[lane.node];
-    if lane.only.is_some() {
-        return None;
-    }
-    let listing = match node.mode() {
-        Mode::Source => Some(listing()?),
-        Mode::Map | Mode::Gather => None,
-    };
-    let mut inputs = BTreeMap::new();
-    for (port, feeds) in node.spec.inputs.iter().zip(&lane.inputs) {
-        let feeds = feeds
-            .iter()
-            .map(|feed| Some((feed.prefix.as_deref(), content(feed.lane, feed.port)?)))
-            .collect::<Option<Vec<_>>>()?;
-        inputs.insert(port.name, feeds);
-    }
-    let key = LaneKey { basis: &lane.basis, listing, inputs };
-    let preimage = serde_json::to_string(&key).expect("a key holds only plain values");
-    Some((Key::of(&canonical_bytes(&key)), preimage))
+    Some(keys::listing(items.iter().map(|item| &item.key).zip(files)))
 }
 
 /// The lanes whose outputs are known, and the collections of theirs that other lanes need.
@@ -127,39 +53,66 @@ impl Known {
         let (rolled, totals) = (lanes.iter().map(|_| None).collect(), lanes.iter().map(|_| (0, 0)).collect());
         Self { rolled, totals, loaded: BTreeMap::new() }
     }
+
+    /// Content digest of a lane's port.
+    fn content(&self, pipeline: &Pipeline, lanes: &Lanes, lane: LaneId, port: PortId) -> Option<Digest> {
+        let outputs = &pipeline.nodes[lanes[lane].node].spec.outputs;
+        Some(self.rolled[lane].as_ref()?.collections.get(outputs[port.place()].name)?.digest)
+    }
 }
 
-/// Looks up what the lanes gave in earlier runs.
+/// The lanes in waves: each lane after all that it reads, and as early as that allows.
+fn waves(lanes: &Lanes) -> Vec<Vec<LaneId>> {
+    let mut depth: Row<LaneId, usize> = Row::new();
+    let mut waves: Vec<Vec<LaneId>> = Vec::new();
+    for (id, lane) in lanes.pairs() {
+        let after = lane.inputs.iter().flatten().map(|feed| depth[feed.lane] + 1).max().unwrap_or(0);
+        depth.push(after);
+        if waves.len() <= after {
+            waves.push(Vec::new());
+        }
+        waves[after].push(id);
+    }
+    waves
+}
+
+/// Looks up what the lanes gave in earlier runs: those of a wave together.
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn find(pipeline: &Pipeline, lanes: &Lanes, bench: &Bench<'_>) -> Result<Known, CacheError> {
-    let store = bench.store;
-    let mut known = Known::default();
-    for lane in lanes {
-        let outputs = |from: LaneId, port: PortId| {
-            let payload: &Payload = known.rolled.get(from)?.as_ref()?;
-            let source = &pipeline.nodes[lanes[from].node].spec;
-            payload.collections.get(source.outputs[port.place()].name).map(|listed| listed.digest)
+pub fn find(pipeline: &Pipeline, lanes: &Lanes, holdings: Holdings<'_>) -> Result<Known, CacheError> {
+    let mut known = Known::none(lanes);
+    for wave in waves(lanes) {
+        let key = |id: &LaneId| {
+            let lane = &lanes[*id];
+            let listing = || list(&pipeline.nodes[lane.node], &pipeline.cells[lane.cell].params);
+            let key = keys::lane(pipeline, lane, |from, port| known.content(pipeline, lanes, from, port), listing);
+            Some((*id, key?.0))
         };
-        let node = &pipeline.nodes[lane.node];
-        let key = lane_key(pipeline, lane, outputs, || list(node, &pipeline.cells[lane.cell].params));
-        let mut record = key.and_then(|(key, _)| store.lookup(ROLLUP, &key));
-        if let Some(found) = &record
-            && !bench.intact(found)?
-        {
-            record = None;
+        let (asked, hashes): (Vec<LaneId>, Vec<Key>) = wave.iter().filter_map(key).unzip();
+        for (id, record) in asked.into_iter().zip(holdings.store.lookup_many(ROLLUP, &hashes)) {
+            let Some(record) = record else { continue };
+            if !holdings.intact(&record)? {
+                continue;
+            }
+            // One that leaves a port out is none: what it leaves out would never be made.
+            let ports = &pipeline.nodes[lanes[id].node].spec.outputs;
+            let mut asked = lanes[id].ports.iter().map(|port| ports[port.place()].name);
+            if let Some(payload) = Payload::of(&record)
+                && asked.all(|name| payload.collections.contains_key(name))
+            {
+                known.totals[id] = (record.wall_us, record.bytes);
+                known.rolled[id] = Some(payload);
+            }
         }
-        let ports = &node.spec.outputs;
-        // One that leaves a port out is none: what it leaves out would never be made.
-        let full =
-            |payload: &Payload| lane.ports.iter().all(|p| payload.collections.contains_key(ports[p.place()].name));
-        let payload = record.as_deref().and_then(Payload::of).filter(full);
-        let totals = record.filter(|_| payload.is_some()).map_or((0, 0), |r| (r.wall_us, r.bytes));
-        known.totals.push(totals);
-        known.rolled.push(payload);
     }
-    // Backwards, because a lane whose listing is gone must work, and needs what it reads.
+    load(pipeline, lanes, holdings.store, &mut known)?;
+    Ok(known)
+}
+
+/// Loads what lanes that must work read. Backwards, because a lane whose listing is gone must work, and needs what it
+/// reads.
+fn load(pipeline: &Pipeline, lanes: &Lanes, store: &Store, known: &mut Known) -> Result<(), CacheError> {
     for (id, lane) in lanes.pairs().rev() {
         if known.rolled[id].is_some() {
             continue;
@@ -182,96 +135,65 @@ pub fn find(pipeline: &Pipeline, lanes: &Lanes, bench: &Bench<'_>) -> Result<Kno
             }
         }
     }
-    Ok(known)
+    Ok(())
 }
 
-/// Whether a lane's outputs are handed on in memory: what is asked for is stored.
-pub fn is_transient(pipeline: &Pipeline, lane: &Lane) -> bool {
-    pipeline.nodes[lane.node].transient && !lane.target
+/// Looks shards of a lane up as wholes.
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn find_shards(asked: ShardLookUps, holdings: Holdings<'_>) -> Result<Vec<ShardFound>, CacheError> {
+    let task = &asked.task;
+    let key = |(shard, of): (u8, ShardOf)| {
+        let (key, items) = match of {
+            ShardOf::Key(key) => (key, Vec::new()),
+            ShardOf::Items(shards, items) => {
+                let projected = |key| (key, (task.projection)(Some(key), task.producer.group));
+                (keys::shard(shards, items.iter().map(projected).collect::<Vec<_>>()), items)
+            }
+        };
+        ShardFound { shard, key, items, rolled: None }
+    };
+    let mut found: Vec<ShardFound> = asked.shards.into_iter().map(key).collect();
+    let hashes: Vec<Key> = found.iter().map(|shard| shard.key).collect();
+    for (of, record) in found.iter_mut().zip(holdings.store.lookup_many(SHARD, &hashes)) {
+        let Some(record) = record else { continue };
+        if holdings.intact(&record)? {
+            of.rolled = rolled(task, of.shard, &record);
+        }
+    }
+    Ok(found)
 }
 
-/// Keeps what a lane gave.
+/// What a shard's roll-up says of each port of its lane.
+fn rolled(task: &Task, shard: u8, record: &Record) -> Option<RolledShard> {
+    let payload = Payload::of(record)?;
+    let outputs = task.producer.spec.outputs.iter().enumerate();
+    let of_group = outputs.filter(|(_, port)| port.group.name == task.producer.group);
+    let listed = |(place, of): (usize, &tauflow_contract::OutputPort)| {
+        let listed = payload.collections.get(of.name)?;
+        Some((PortId::at(place), Arc::new(Shard::listed(listed, shard, of.media))))
+    };
+    let outputs = of_group.map(listed).collect::<Option<Vec<_>>>()?;
+    Some(RolledShard { outputs, totals: (payload.actions, record.wall_us, record.bytes) })
+}
+
+/// Keeps a roll-up.
 ///
 /// # Errors
 /// If the store cannot be written.
-pub fn keep(
-    pipeline: &Pipeline,
-    lanes: &Lanes,
-    store: &Store,
-    scheduler: &Scheduler<'_>,
-    complete: &Complete,
-) -> Result<(), CacheError> {
-    let lane = &lanes[complete.lane];
-    let outputs = &pipeline.nodes[lane.node].spec.outputs;
-    let content = |from: LaneId, port: PortId| {
-        if let Some(result) = scheduler.result(from, port) {
-            return Some(result.digest);
-        }
-        let name = pipeline.nodes[lanes[from].node].spec.outputs[port.place()].name;
-        scheduler.rolled(from)?.collections.get(name).map(|listed| listed.digest)
-    };
-    let Some((key, preimage)) = lane_key(pipeline, lane, content, || Some(scheduler.listing(complete.lane))) else {
-        return Ok(());
-    };
-    let mut payload = Payload { actions: complete.actions, ..Payload::default() };
-    for port in &lane.ports {
-        let Some(result) = scheduler.result(complete.lane, *port) else { return Ok(()) };
-        payload.collections.insert(outputs[port.place()].name.to_owned(), result.put(store)?);
+pub fn keep(store: &Store, of: &Keep) -> Result<(), CacheError> {
+    let (actions, wall_us, bytes) = of.totals;
+    let mut payload = Payload { actions, ..Payload::default() };
+    for (port, output) in &of.outputs {
+        let listed = match output {
+            Rolling::Lane(collection) => collection.put(store)?,
+            Rolling::Shard(shard) => shard.put(store)?,
+        };
+        payload.collections.insert(port.clone(), listed);
     }
-    let label = pipeline.nodes[lane.node].spec.name;
-    let record = records::record(ROLLUP, key, label, preimage, &payload);
-    let transient = is_transient(pipeline, lane);
-    write(store, &Record { wall_us: complete.wall_us, bytes: complete.bytes, transient, ..record })
-}
-
-/// Keeps what a shard of a lane gave.
-///
-/// # Errors
-/// If the store cannot be written.
-pub fn keep_shard(
-    pipeline: &Pipeline,
-    lanes: &Lanes,
-    store: &Store,
-    complete: &CompleteShard,
-) -> Result<(), CacheError> {
-    let spec = &pipeline.nodes[lanes[complete.lane].node].spec;
-    let mut payload = Payload { actions: complete.actions, ..Payload::default() };
-    for (port, shard) in &complete.outputs {
-        payload.collections.insert(spec.outputs[port.place()].name.to_owned(), shard.put(store)?);
-    }
-    let record = records::record(SHARD, complete.key, spec.name, String::new(), &payload);
-    let transient = is_transient(pipeline, &lanes[complete.lane]);
-    write(store, &Record { wall_us: complete.wall_us, bytes: complete.bytes, transient, ..record })
-}
-
-/// Every output of the lanes, and the blobs that list them.
-pub fn outputs(pipeline: &Pipeline, lanes: &Lanes, scheduler: &Scheduler<'_>) -> (Vec<OutputOf>, Vec<Digest>) {
-    let (mut found, mut trees): (Vec<OutputOf>, Vec<Digest>) = Default::default();
-    // What a lane reads decides, too, how far its outputs are reproducible.
-    let mut read: Row<LaneId, _> = lanes.iter().map(|_| Determinism::Bitwise).collect();
-    let weaker = |a: Determinism, b: Determinism| match (a, b) {
-        (Determinism::Measured, _) | (_, Determinism::Measured) => Determinism::Measured,
-        (Determinism::Local, _) | (_, Determinism::Local) => Determinism::Local,
-        _ => Determinism::Bitwise,
-    };
-    for (id, lane) in lanes.pairs() {
-        let output = |lane: LaneId, port: PortId| &pipeline.nodes[lanes[lane].node].spec.outputs[port.place()];
-        for feed in lane.inputs.iter().flatten() {
-            read[id] = weaker(read[id], weaker(read[feed.lane], output(feed.lane, feed.port).determinism));
-        }
-        for port in &lane.ports {
-            let of = output(id, *port);
-            let rolled = scheduler.rolled(id).and_then(|payload| payload.collections.get(of.name));
-            let result = scheduler.result(id, *port);
-            trees.extend(rolled.map(|listed| listed.blob).or_else(|| result?.blob()));
-            found.push(OutputOf {
-                name: format!("{}.{}", pipeline.cell_name(lane.cell), of.name),
-                determinism: weaker(read[id], of.determinism),
-                digest: rolled.map(|listed| listed.digest).or_else(|| Some(result?.digest)),
-            });
-        }
-    }
-    (found, trees)
+    let record = records::record(of.namespace, of.key, &of.kind, of.preimage.clone(), &payload);
+    write(store, &Record { wall_us, bytes, transient: of.transient, ..record })
 }
 
 /// Keeps what a whole run of a pipeline reaches: `trees` are the listings of all its outputs.
@@ -281,15 +203,9 @@ pub fn outputs(pipeline: &Pipeline, lanes: &Lanes, scheduler: &Scheduler<'_>) ->
 pub fn keep_pipeline(pipeline: &Pipeline, store: &Store, mut trees: Vec<Digest>) -> Result<(), CacheError> {
     trees.sort_unstable();
     trees.dedup();
-    let target = |target: &Target| {
-        let node = &pipeline.nodes[target.node];
-        (node.name.as_str(), target.port.map(|port| node.spec.outputs[port.place()].name))
-    };
-    let targets = pipeline.targets.iter().map(target).collect();
-    let key = PipelineKey { format: FORMAT_VERSION, pipeline: &pipeline.name, targets };
-    let key = Key::of(&canonical_bytes(&key));
     // The payload is what tells one run's reach from another's.
     let payload = Digest::of(&tauflow_cache::tree::encode(&[], &trees, b"")).to_string();
+    let key = keys::pipeline(pipeline);
     let record = records::record(PIPELINE, key, &pipeline.name, String::new(), &Payload::default());
     write(store, &Record { payload, trees, ..record })
 }
@@ -299,32 +215,5 @@ fn write(store: &Store, record: &Record) -> Result<(), CacheError> {
         Recorded::New | Recorded::Same => Ok(()),
         // Measured outputs differ from run to run: the latest stands for the whole, as its actions' records say.
         Recorded::Conflict { .. } => store.replace(record),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use serde_json::json;
-
-    /// The bytes of a key are those of its preimage, and name the format.
-    fn is_of_its_json(key: &impl Serialize) {
-        let value = serde_json::to_value(key).expect("plain");
-        assert_eq!(value["format"], FORMAT_VERSION, "{value}");
-        assert_eq!(canonical_bytes(key), canonical_bytes(&value), "{value}");
-    }
-
-    #[test]
-    fn every_key_is_hashed_as_its_json_says_and_names_the_format() {
-        let digest = Digest::of(b"x");
-        for (seed, environment) in [(None, Value::Null), (Some(u64::MAX), json!({"library": "a"}))] {
-            let params = json!({"b": 1, "a": [0.5, "x"]});
-            let basis = Basis { environment, ..Basis::new("k", 1, "main").with(params, seed) };
-            let inputs = BTreeMap::from([("in", vec![(None, digest), (Some("cell"), digest)]), ("gone", Vec::new())]);
-            is_of_its_json(&LaneKey { basis: &basis, listing: Some(digest), inputs });
-            is_of_its_json(&ShardsKey { basis: Cow::Borrowed(&basis), whole: BTreeMap::from([("in", digest)]) });
-        }
-        let targets = vec![("node", Some("port")), ("other", None)];
-        is_of_its_json(&PipelineKey { format: FORMAT_VERSION, pipeline: "p", targets });
     }
 }

@@ -1,24 +1,24 @@
-//! One run: passes over the lanes, and the worker threads that do the actions.
+//! One run: passes over the lanes, the look-up threads, and the way to the executor.
 
 use super::{
-    EngineError, RunOptions, Sink, Summary,
-    action::panicked,
-    conclude::ResultOf,
-    event::{Event, Failure, Name, NodeStat, OutputOf, Slow},
+    EngineError, ExecutorKind, RunOptions, Sink, Summary,
+    conclude::{self, ResultOf},
+    event::{Event, Failure, NodeStat, OutputOf, Slow},
+    executor::{Executor, Processes, Reply, Site, Threads},
     explain,
-    ids::{LaneId, SlotId},
-    job::{Bundle, Job, Outcome, Reply},
-    lanes::{self, Lanes},
+    holdings::Holdings,
+    lanes::{self, Environment, Lanes},
+    look_up::Catalog,
     probe::Asking,
-    records, rollup,
+    records,
+    request::{self, Request, Response},
+    rollup,
     scheduler::{Ran, SLOWEST, Scheduler},
     transient::{self, Pool},
-    work::Bench,
 };
 use crate::pipeline::{Pipeline, Target};
 use std::{
     collections::HashSet,
-    panic::{AssertUnwindSafe, catch_unwind},
     path::PathBuf,
     sync::{
         Arc, Mutex, PoisonError,
@@ -28,7 +28,6 @@ use std::{
     thread,
 };
 use tauflow_cache::{Digest, Store};
-use tauflow_contract::Progress;
 
 /// See the module.
 pub(super) struct Run<'a> {
@@ -38,8 +37,12 @@ pub(super) struct Run<'a> {
     stop: &'a AtomicBool,
     sink: Sink<'a>,
     lanes: Lanes,
-    memory: u64,
     pool: Arc<Pool>,
+    /// What runs actions; a run that only looks has none.
+    executor: Option<&'a dyn Executor>,
+    /// What was asked for and what the executor did comes here.
+    news: mpsc::Receiver<News>,
+    tell: mpsc::Sender<News>,
     /// Keep the keys of all actions that are looked at.
     pub keep_keys: bool,
     /// Keep the collections that are asked for.
@@ -50,20 +53,93 @@ pub(super) struct Run<'a> {
     pub never_run: bool,
 }
 
+/// What another thread tells.
+enum News {
+    /// A request is answered.
+    Answered(Response),
+    /// An action was executed.
+    Executed(Box<Reply>),
+}
+
+/// Actions at a time.
+fn workers(options: &RunOptions) -> usize {
+    let cores = || thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    if options.jobs == 0 { cores() } else { options.jobs }
+}
+
+/// Runs a pipeline with the executor that the options name.
+///
+/// # Errors
+/// As [`Run::finish`].
+pub(super) fn with_executor(
+    pipeline: &Pipeline,
+    store: &Store,
+    options: &RunOptions,
+    stop: &AtomicBool,
+    sink: Sink<'_>,
+) -> Result<Summary, EngineError> {
+    let memory = options.memory.unwrap_or_else(transient::default_memory);
+    let pool = Arc::new(Pool::new(memory / 2));
+    let (tell, news) = mpsc::channel();
+    let replies = tell.clone();
+    let surroundings = Site {
+        store,
+        pool: pool.clone(),
+        stop,
+        fail_fast: options.fail_fast,
+        workers: workers(options),
+        memory,
+        sink,
+        // Nobody listens any more if the run has failed.
+        replies: Box::new(move |reply| drop(replies.send(News::Executed(Box::new(reply))))),
+    };
+    thread::scope(|scope| {
+        let executor: Box<dyn Executor> = match &options.executor {
+            ExecutorKind::Threads => Box::new(Threads::start(scope, surroundings)),
+            ExecutorKind::Processes(command) => Box::new(Processes::start(scope, surroundings, command)),
+        };
+        let run = Run::new((pipeline, store, options), stop, sink, pool, (tell, news), Some(&*executor));
+        let result = run.and_then(|mut run| run.finish());
+        if result.is_err() {
+            // Nobody will look at what is still being done.
+            executor.cancel();
+        }
+        result
+    })
+}
+
 impl<'a> Run<'a> {
-    pub fn new(
+    /// A run that only looks.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub fn looking(
         pipeline: &'a Pipeline,
         store: &'a Store,
         options: &'a RunOptions,
         stop: &'a AtomicBool,
         sink: Sink<'a>,
     ) -> Result<Self, EngineError> {
+        Self::new((pipeline, store, options), stop, sink, Arc::new(Pool::new(0)), mpsc::channel(), None)
+    }
+
+    fn new(
+        (pipeline, store, options): (&'a Pipeline, &'a Store, &'a RunOptions),
+        stop: &'a AtomicBool,
+        sink: Sink<'a>,
+        pool: Arc<Pool>,
+        (tell, news): (mpsc::Sender<News>, mpsc::Receiver<News>),
+        executor: Option<&'a dyn Executor>,
+    ) -> Result<Self, EngineError> {
         let mut targets = pipeline.targets.clone();
         if let Some(only) = &options.only {
             targets = vec![Target { node: only.node, port: None }];
         }
-        let lanes = lanes::demand(pipeline, &targets, options.only.as_ref(), &Asking::new(store, !options.dry))?;
-        let memory = options.memory.unwrap_or_else(transient::default_memory);
+        let environment: Environment<'_> = &|kind, params, group| match executor {
+            Some(executor) => executor.environment(kind, params, group),
+            None => Asking::new(store, false).environment(kind, params, group),
+        };
+        let lanes = lanes::demand(pipeline, &targets, options.only.as_ref(), environment)?;
         Ok(Self {
             pipeline,
             store,
@@ -71,8 +147,10 @@ impl<'a> Run<'a> {
             stop,
             sink,
             lanes,
-            memory,
-            pool: Arc::new(Pool::new(memory / 2)),
+            pool,
+            executor,
+            news,
+            tell,
             keep_keys: false,
             keep_results: false,
             planned: Vec::new(),
@@ -90,7 +168,7 @@ impl<'a> Run<'a> {
         needed.dedup();
         let nodes = needed.iter().map(|n| self.pipeline.nodes[*n].name.as_str().into()).collect();
         (self.sink)(&Event::Started { pipeline: self.pipeline.name.as_str().into(), nodes });
-        let (mut wanted, mut ran) = (HashSet::new(), Ran::new());
+        let (mut wanted, mut ran): (Arc<HashSet<Digest>>, _) = (Arc::default(), Ran::new());
         let mut summary = Summary::default();
         let mut spent = vec![(0.0, 0); self.pipeline.nodes.len()];
         // Ends: each pass but the last finds blobs missing that no pass before it did, and what it makes stays.
@@ -114,7 +192,7 @@ impl<'a> Run<'a> {
             }
             ran.extend(pass.ran);
             let before = wanted.len();
-            wanted.extend(pass.missing);
+            Arc::make_mut(&mut wanted).extend(pass.missing);
             let stopped = self.stop.load(Ordering::Relaxed);
             summary.interrupted = stopped;
             if wanted.len() == before || stopped || self.options.dry {
@@ -132,28 +210,22 @@ impl<'a> Run<'a> {
         Ok(summary)
     }
 
-    fn pass(&mut self, wanted: &HashSet<Digest>, ran_before: &Ran) -> Result<Pass, EngineError> {
+    fn pass(&mut self, wanted: &Arc<HashSet<Digest>>, ran_before: &Ran) -> Result<Pass, EngineError> {
         let options = self.options;
         let lanes = std::mem::take(&mut self.lanes);
         let pool = self.pool.clone();
-        let bench = Bench {
-            store: self.store,
-            pool: &pool,
-            stop: self.stop,
-            dry: options.dry,
-            keep_keys: self.keep_keys,
-            recheck: options.recheck,
-            wanted,
-        };
+        let holdings = Holdings { store: self.store, pool: &pool, wanted };
+        let catalog = Catalog { holdings, dry: options.dry, keep_keys: self.keep_keys, recheck: options.recheck };
         // Roll-ups would hide the items that a recheck or `--only` looks at. Where something is missing they hide what
         // else may be: item by item, a pass finds at once all that can be found.
         let roll = wanted.is_empty() && options.recheck == 0.0 && options.only.is_none() && !options.no_rollup;
-        let known = if roll { rollup::find(self.pipeline, &lanes, &bench)? } else { rollup::Known::none(&lanes) };
-        let mut scheduler = Scheduler::new(self.pipeline, &lanes, &bench, ran_before, roll, options, self.memory);
+        let known = if roll { rollup::find(self.pipeline, &lanes, holdings)? } else { rollup::Known::none(&lanes) };
+        let tasks = request::tasks(self.pipeline, &lanes);
+        let mut scheduler = Scheduler::new(self.pipeline, &lanes, tasks, wanted.clone(), ran_before, roll, options);
         scheduler.start(known);
-        let worked = self.work(&lanes, &bench, &mut scheduler);
+        let worked = self.work(catalog, &mut scheduler);
         let finished = worked.and_then(|()| self.conclude(&lanes, &scheduler)).map(|(published, missing)| {
-            let (outputs, trees) = rollup::outputs(self.pipeline, &lanes, &scheduler);
+            let (outputs, trees) = conclude::outputs(self.pipeline, &lanes, &scheduler);
             let (stuck, lost) = (scheduler.stuck(), scheduler.lost(&missing));
             self.never_run = scheduler.never_run();
             let mut finished = scheduler.finish();
@@ -177,145 +249,78 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// Does actions until none is left.
-    fn work(&self, lanes: &Lanes, bench: &Bench<'_>, scheduler: &mut Scheduler<'_>) -> Result<(), EngineError> {
-        let cores = thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        let count = if self.options.jobs == 0 { cores } else { self.options.jobs };
-        let (seek, sought) = mpsc::channel::<Bundle>();
-        let (run, to_run) = mpsc::channel::<Bundle>();
-        let (sought, to_run) = (Mutex::new(sought), Mutex::new(to_run));
-        let halt = AtomicBool::new(false);
-        let (reply, replies) = mpsc::channel::<Done>();
-        let next = |queue: &Mutex<mpsc::Receiver<Bundle>>| queue.lock().unwrap_or_else(PoisonError::into_inner).recv();
+    /// Looks up and runs until nothing is left.
+    fn work(&self, catalog: Catalog<'_>, scheduler: &mut Scheduler<'_>) -> Result<(), EngineError> {
+        let count = workers(self.options);
+        let (seek, sought) = mpsc::channel::<Request>();
+        let sought = Mutex::new(sought);
         thread::scope(|scope| {
             // Threads of their own for look-ups, so that none waits for an action that takes hours.
             for _ in 0..count {
-                let (reply, sought) = (reply.clone(), &sought);
+                let (tell, sought) = (self.tell.clone(), &sought);
                 scope.spawn(move || {
-                    while let Ok(bundle) = next(sought) {
-                        if reply.send(Done::LookedUp(look_up(bench, bundle))).is_err() {
+                    let next = || sought.lock().unwrap_or_else(PoisonError::into_inner).recv();
+                    while let Ok(request) = next() {
+                        if tell.send(News::Answered(catalog.answer(request))).is_err() {
                             return;
                         }
                     }
                 });
             }
-            for _ in 0..count {
-                let (reply, to_run, halt) = (reply.clone(), &to_run, &halt);
-                scope.spawn(move || {
-                    while let Ok(mut bundle) = next(to_run) {
-                        let jobs = std::mem::take(&mut bundle.jobs);
-                        let mut left = jobs.len();
-                        for job in jobs {
-                            left -= 1;
-                            let done = self.perform(lanes, bench, &bundle, job, halt);
-                            if reply.send(Done::Performed(Box::new(done), left == 0)).is_err() {
-                                return;
-                            }
-                        }
-                    }
-                });
-            }
-            // If all threads are gone, waiting for them ends.
-            drop(reply);
-            let workers = Workers { count, seek: &seek, run: &run, replies: &replies };
-            let result = self.steer(lanes, scheduler, &workers);
-            if result.is_err() {
-                // Nobody will look at what is still being done.
-                self.stop.store(true, Ordering::Relaxed);
-            }
-            drop((seek, run));
+            let result = self.steer(scheduler, &seek, count);
+            drop(seek);
             result
         })
     }
 
-    /// Does an action, unless the run is being stopped, or nothing is to begin any more because one failed (`halt`).
-    fn perform(&self, lanes: &Lanes, bench: &Bench<'_>, bundle: &Bundle, job: Job, halt: &AtomicBool) -> Reply {
-        if halt.load(Ordering::Relaxed) || self.stop.load(Ordering::Relaxed) {
-            return Reply::of((bundle.task.lane, job.slot), Outcome::Cancelled);
-        }
-        let lane = &lanes[bundle.task.lane];
-        let reporter = Reporter {
-            node: self.pipeline.nodes[lane.node].name.as_str().into(),
-            cell: self.pipeline.cells[lane.cell].text.as_str().into(),
-            item: job.item.as_ref().map_or_else(Name::default, Name::from),
-            sink: self.sink,
-        };
-        let Reporter { node, cell, item, .. } = &reporter;
-        (self.sink)(&Event::Begin { node: node.clone(), cell: cell.clone(), item: item.clone() });
-        let reply = bench.perform(bundle, job, &reporter);
-        if self.options.fail_fast && matches!(reply.outcome, Outcome::Failed(_)) {
-            halt.store(true, Ordering::Relaxed);
-        }
-        reply
-    }
-
-    fn steer(&self, lanes: &Lanes, scheduler: &mut Scheduler<'_>, workers: &Workers<'_>) -> Result<(), EngineError> {
-        let take = |scheduler: &mut Scheduler<'_>, done: Done| match done {
-            Done::LookedUp(replies) => scheduler.looked_up(replies),
-            Done::Performed(reply, last) => scheduler.performed(*reply, last),
+    fn steer(
+        &self,
+        scheduler: &mut Scheduler<'_>,
+        seek: &mpsc::Sender<Request>,
+        count: usize,
+    ) -> Result<(), EngineError> {
+        let take = |scheduler: &mut Scheduler<'_>, news: News| match news {
+            News::Answered(answer) => scheduler.answered(answer),
+            News::Executed(reply) => {
+                if let Some(executor) = self.executor {
+                    executor.settle(&reply);
+                }
+                scheduler.executed(*reply)
+            }
         };
         loop {
-            if let Some(error) = scheduler.take_fatal() {
-                return Err(error.into());
-            }
-            if !self.options.dry {
-                for complete in scheduler.take_complete_shards() {
-                    rollup::keep_shard(self.pipeline, lanes, self.store, &complete)?;
-                }
-                for complete in scheduler.take_complete() {
-                    rollup::keep(self.pipeline, lanes, self.store, scheduler, &complete)?;
-                }
+            // The threads live as long as this loop does.
+            let ask = |request| drop(seek.send(request));
+            while let Some(request) = scheduler.next_keep() {
+                ask(request);
             }
             scheduler.take_events().iter().for_each(self.sink);
             let failed = self.options.fail_fast && !scheduler.failures().is_empty();
             if !failed && !self.stop.load(Ordering::Relaxed) {
-                // Two bundles for each thread, so that none waits for the next.
-                while scheduler.seeking() < 2 * workers.count
-                    && let Some(bundle) = scheduler.next_look_up()
+                // Two requests for each thread, so that none waits for the next.
+                while scheduler.seeking() < 2 * count
+                    && let Some(request) = scheduler.next_request()
                 {
-                    // The workers live as long as this loop does.
-                    let _ = workers.seek.send(bundle);
+                    ask(request);
                 }
-                while let Some(bundle) = scheduler.next_run(workers.count) {
-                    let _ = workers.run.send(bundle);
+                if let Some(executor) = self.executor {
+                    while let Some(batch) = scheduler.next_run(executor.capacity()) {
+                        executor.submit(batch);
+                    }
                 }
             }
             if scheduler.running() + scheduler.seeking() == 0 {
                 return Ok(());
             }
-            let Ok(done) = workers.replies.recv() else { return Ok(()) };
-            take(scheduler, done)?;
-            workers.replies.try_iter().take(AT_ONCE).try_for_each(|done| take(scheduler, done))?;
+            let Ok(news) = self.news.recv() else { return Ok(()) };
+            take(scheduler, news)?;
+            self.news.try_iter().take(AT_ONCE).try_for_each(|news| take(scheduler, news))?;
         }
     }
 }
 
-/// Looks a bundle up; a panic is an answer, too.
-fn look_up(bench: &Bench<'_>, bundle: Bundle) -> Vec<Reply> {
-    let slots: Vec<(LaneId, SlotId)> = bundle.jobs.iter().map(|job| (bundle.task.lane, job.slot)).collect();
-    catch_unwind(AssertUnwindSafe(|| bench.look_up(bundle))).unwrap_or_else(|panic| {
-        let message = panicked(&panic);
-        slots.into_iter().map(|slot| Reply::of(slot, Outcome::Failed(message.clone()))).collect()
-    })
-}
-
-/// Replies that are taken before work is handed out again.
+/// News that are taken before work is handed out again.
 const AT_ONCE: usize = 256;
-
-/// The threads that do actions, and the ways to them.
-struct Workers<'a> {
-    count: usize,
-    seek: &'a mpsc::Sender<Bundle>,
-    run: &'a mpsc::Sender<Bundle>,
-    replies: &'a mpsc::Receiver<Done>,
-}
-
-/// What a thread has done.
-enum Done {
-    LookedUp(Vec<Reply>),
-    /// And whether that was the last of its bundle.
-    Performed(Box<Reply>, bool),
-}
 
 struct Pass {
     stats: Vec<NodeStat>,
@@ -330,25 +335,4 @@ struct Pass {
     /// Lanes that are asked for, and miss blobs that were made again in vain.
     lost: Vec<Failure>,
     published: Vec<PathBuf>,
-}
-
-/// Passes progress of an action on, with its name.
-struct Reporter<'a> {
-    node: Name,
-    cell: Name,
-    item: Name,
-    sink: Sink<'a>,
-}
-
-impl Progress for Reporter<'_> {
-    fn report(&self, done: u64, total: u64, message: &str) {
-        (self.sink)(&Event::Progress {
-            node: self.node.clone(),
-            cell: self.cell.clone(),
-            item: self.item.clone(),
-            done,
-            total,
-            message: message.to_owned(),
-        });
-    }
 }

@@ -77,6 +77,11 @@ impl Shard {
         Self { len: listed.len, digest: listed.digest, tree, items: OnceLock::new(), says }
     }
 
+    /// The items, if they were read or made.
+    pub fn at_hand(&self) -> Option<&Items> {
+        self.items.get()
+    }
+
     /// The items; or the blob that lists them and is missing.
     ///
     /// # Errors

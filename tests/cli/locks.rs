@@ -41,3 +41,19 @@ fn a_profile_has_a_lock_of_its_own_and_overrides_have_none() {
     let damaged = place.tauflow(&["run", "small.yaml", "--profile", "more", "--locked"]).ends(2);
     assert!(damaged.err.contains("small.more.lock is no lock file"), "{}", damaged.err);
 }
+
+#[test]
+fn child_processes_give_the_digests_of_threads() {
+    let kind = "    kind: content_signature_split\n";
+    let place = Place::with(&PIPELINE.replace(kind, &format!("{kind}    transient: true\n")));
+    place.tauflow(&["run", "small.yaml", "--update-lock"]).ends(0);
+    let cache = place.path("other").display().to_string();
+    let process = ["run", "small.yaml", "--locked", "--executor", "process"];
+    let other = place.tauflow(&[&process[..], &["--cache", &cache]].concat()).ends(0);
+    assert!(other.err.contains("10 actions ran, 0 as before") && other.err.contains("agrees"), "{}", other.err);
+    // What threads handed on in memory is not stored, and children need it.
+    let again = place.tauflow(&[&process[..], &["--recheck", "1"]].concat()).ends(0);
+    assert!(again.err.contains("agrees") && !again.err.contains("warning"), "{}", again.err);
+    let wrong = place.tauflow(&["exec", "--batch", "small.yaml"]).ends(2);
+    assert!(wrong.err.contains("small.yaml is no batch of actions"), "{}", wrong.err);
+}

@@ -14,7 +14,9 @@ mod machine;
 mod matrix;
 mod memory;
 mod plans;
+mod ports;
 mod publishing;
+mod queries;
 mod shards;
 #[path = "../cli/validator.rs"]
 mod validator;

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use tauflow::engine::{
     self, Only, RunOptions,
     event::Ended,
-    explain::{History, reason},
+    explain::{History, Reason},
 };
 
 const CHAIN: &str = "
@@ -67,8 +67,8 @@ fn the_nearest_earlier_key_says_what_changed() {
     assert_eq!(nearest.differences.len(), 1);
     assert_eq!(nearest.differences[0].field, "/params/mul");
     assert_eq!((&nearest.differences[0].before, &nearest.differences[0].now), (&Some(json!(3)), &Some(json!(4))));
-    assert_eq!(reason(Some(&nearest)), "changed: param mul");
-    assert_eq!(reason(History::of(&store, "drawn").nearest(&action.key).as_ref()), "never run before");
+    assert_eq!(Reason::of(Some(&nearest)).to_string(), "changed: param mul");
+    assert_eq!(Reason::of(History::of(&store, "drawn").nearest(&action.key).as_ref()).to_string(), "never run before");
     assert!(shop.store().record_stats()["action"]["affine"].count > 0);
     // An action that was done before is looked at too.
     let done = resolve(CHAIN);

@@ -202,15 +202,26 @@ impl Campaign {
         self.folder.path().join("ledger")
     }
 
+    /// Starts a process on a cache, with more variables of the environment.
+    pub fn start_with(&self, cache: &Path, text: &str, more: &[(&str, &str)]) -> Process {
+        Process(self.command(cache, text).envs(more.iter().copied()).spawn().expect("the child starts"))
+    }
+
     /// Starts a process on a cache; `shim` says what happens to it, if anything.
     pub fn start(&self, cache: &Path, text: &str, faults: &[(&str, &str)]) -> Process {
-        let mut command = Command::new(std::env::current_exe().expect("this program"));
-        command.args(["--exact", "child::child", "--nocapture", "--test-threads=1"]);
-        command.env(CACHE, cache).env(LEDGER, self.ledger()).env(TEXT, text).env_remove("RUST_BACKTRACE");
+        let mut command = self.command(cache, text);
         if !faults.is_empty() {
             command.env("LD_PRELOAD", shim()).envs(faults.iter().copied());
         }
-        Process(command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().expect("the child starts"))
+        Process(command.spawn().expect("the child starts"))
+    }
+
+    fn command(&self, cache: &Path, text: &str) -> Command {
+        let mut command = Command::new(std::env::current_exe().expect("this program"));
+        command.args(["--exact", "child::child", "--nocapture", "--test-threads=1"]);
+        command.env(CACHE, cache).env(LEDGER, self.ledger()).env(TEXT, text).env_remove("RUST_BACKTRACE");
+        command.stdout(Stdio::piped()).stderr(Stdio::null());
+        command
     }
 
     /// Checks what a process that came through says.
@@ -267,6 +278,11 @@ impl Process {
         let _ = self.0.kill(); // it may be gone
         let status = self.0.wait().expect("it can be waited for");
         status.signal() == Some(9)
+    }
+
+    /// Its number.
+    pub fn id(&self) -> u32 {
+        self.0.id()
     }
 
     pub fn goes_on(&mut self) -> bool {

@@ -6,12 +6,13 @@ use std::{
     fs::File,
     io::Write,
     path::Path,
-    process,
+    process::{self, Command},
     sync::{Mutex, atomic::AtomicBool},
 };
 use tauflow::{
     engine::{
-        self, EngineError, RunOptions,
+        self, ChildCommand, EngineError, ExecutorKind, RunOptions,
+        batch::{self, BatchFile},
         event::{Ended, Event},
     },
     ids::PortId,
@@ -25,6 +26,11 @@ pub const CACHE: &str = "TAUFLOW_FAULTS_CACHE";
 pub const LEDGER: &str = "TAUFLOW_FAULTS_LEDGER";
 /// The pipeline's text.
 pub const TEXT: &str = "TAUFLOW_FAULTS_TEXT";
+
+/// Runs actions in child processes, if it is set.
+pub const PROCESSES: &str = "TAUFLOW_FAULTS_PROCESSES";
+/// The file of a batch, for such a child.
+const BATCH: &str = "TAUFLOW_FAULTS_BATCH";
 
 /// A text that begins with this names a node, whose outputs are read as `export` does.
 pub const EXPORT: &str = "#export";
@@ -44,6 +50,31 @@ fn child() {
             3
         }
     });
+}
+
+/// Runs a batch in a child of a child.
+#[test]
+fn batch() {
+    let (Ok(cache), Ok(batch)) = (std::env::var(CACHE), std::env::var(BATCH)) else { return };
+    println!(); // the test runner has begun a line
+    let batch = BatchFile::read(Path::new(&batch)).expect("a batch");
+    let store = Store::open(Path::new(&cache)).expect("a store");
+    batch::serve(batch, &store, &registry()).expect("it runs");
+    drop(store);
+    process::exit(0);
+}
+
+/// Where actions run.
+fn executor() -> ExecutorKind {
+    if std::env::var_os(PROCESSES).is_none() {
+        return ExecutorKind::Threads;
+    }
+    ExecutorKind::Processes(ChildCommand::new(|batch, cache| {
+        let mut command = Command::new(std::env::current_exe().expect("this program"));
+        command.args(["--exact", "child::batch", "--nocapture", "--test-threads=1"]);
+        command.env(BATCH, batch).env(CACHE, cache);
+        command
+    }))
 }
 
 /// Reads all that a node gave, as `export` does, and makes again what is lost.
@@ -105,10 +136,11 @@ fn run(cache: &Path, ledger: &Path, text: &str) -> Result<bool, String> {
             // One write each, so that lines of several processes do not mix; on a full disk the line is missing.
             let _ = ledger.lock().expect("nobody panics in here").write_all(line.as_bytes());
         }
+        Event::Warning { message } => println!("warning: {message}"),
         _ => {}
     };
     // Few items go by shards here, too: roll-ups of shards and listings of two levels meet every fault.
-    let options = RunOptions { jobs: 2, many: 8, ..RunOptions::default() };
+    let options = RunOptions { jobs: 2, many: 8, executor: executor(), ..RunOptions::default() };
     let summary =
         engine::run(&pipeline, &store, &options, &AtomicBool::new(false), &sink).map_err(|e| e.to_string())?;
     for failure in &summary.failures {

@@ -15,6 +15,7 @@ mod media;
 
 mod campaign;
 mod child;
+mod processes;
 
 use campaign::{Campaign, PIPELINE, WIDE, slow};
 use std::{fs, path::Path, process::Command, thread, time::Duration};

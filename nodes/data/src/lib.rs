@@ -2,12 +2,15 @@
 //!
 //! Knows no kind: how a scene is drawn, rendered, learnt from or judged is elsewhere.
 
+pub mod bins;
 pub mod curve;
 pub mod folder;
+pub mod geom;
 pub mod image;
 pub mod image_io;
 pub mod maths;
 pub mod mesh;
+pub mod mesh_check;
 pub mod methods;
 pub mod mitsuba;
 pub mod outside;
@@ -17,6 +20,7 @@ pub mod rungs;
 pub mod scene;
 pub mod statistics;
 pub mod stratum;
+pub mod tabular;
 pub mod tensors;
 pub mod time;
 pub mod timing;

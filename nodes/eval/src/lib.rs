@@ -13,8 +13,10 @@ mod groups;
 mod held_out;
 mod image_metrics;
 mod image_quality;
+mod ladder_metrics;
 pub mod metrics;
 mod ssim;
+mod table;
 mod time_course;
 mod time_error;
 mod time_scene;
@@ -26,6 +28,8 @@ pub use evaluation::{EvaluationKind, EvaluationParams, PSNR_CEILING, bounded, ev
 pub use groups::Groups;
 pub use image_metrics::{ImageMetrics, ImageMetricsParams};
 pub use image_quality::{ImageQualityKind, ImageQualityParams};
+pub use ladder_metrics::{LadderMetrics, LadderMetricsParams};
+pub use table::{AgainstParams, Coordinate, TableKind, TableParams, tabulate};
 pub use time_error::{TimeErrorKind, TimeErrorParams};
 
 use tauflow_contract::{KindRow, NodeKind};
@@ -35,6 +39,8 @@ pub fn kinds() -> Vec<Box<dyn NodeKind>> {
     vec![
         Box::new(KindRow::<ImageMetrics>::new()),
         Box::new(KindRow::<ImageQualityKind>::new()),
+        Box::new(KindRow::<LadderMetrics>::new()),
+        Box::new(KindRow::<TableKind>::new()),
         Box::new(KindRow::<EvaluationKind>::new()),
         Box::new(KindRow::<BridgeValidation>::new()),
         Box::new(KindRow::<TimeErrorKind>::new()),

@@ -108,8 +108,8 @@ impl Kind for LadderRendering {
             summary: "Renders nested sample ladders of scenes by path tracing.",
             manual: include_str!("ladder_rendering.md"),
             mode: Mode::Map,
-            inputs: const { &[SCENES.port(), AFTER.port()] },
-            outputs: const { &[LADDER.port(), GBUFFER.port(), TIMING.port()] },
+            inputs: vec![SCENES.port(), AFTER.port()],
+            outputs: vec![LADDER.port(), GBUFFER.port(), TIMING.port()],
             seeded: false,
         }
     }

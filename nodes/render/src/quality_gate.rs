@@ -4,9 +4,9 @@ mod framing;
 mod picture;
 mod things;
 
-pub use crate::bins::geometric_mean_luminance;
+pub use tauflow_data::bins::geometric_mean_luminance;
 
-use crate::{bins::KEY, world::World};
+use crate::world::World;
 use framing::Framing;
 use picture::{Picture, Preview};
 use schemars::JsonSchema;
@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use tauflow_contract::{Action, Context, Digest, Each, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs};
 use tauflow_data::{
+    bins::KEY,
     maths::exp2,
     records::{Exposure, Ladder, SceneRecord, Verdict},
 };
@@ -120,8 +121,8 @@ impl Kind for QualityGate {
             summary: "Rejects scenes that teach nothing, and sets the exposure of the others.",
             manual: include_str!("quality_gate.md"),
             mode: Mode::Map,
-            inputs: const { &[SCENES.port(), PREVIEWS.port()] },
-            outputs: const { &[ACCEPTED.port(), EXPOSURE.port(), VERDICTS.port()] },
+            inputs: vec![SCENES.port(), PREVIEWS.port()],
+            outputs: vec![ACCEPTED.port(), EXPOSURE.port(), VERDICTS.port()],
             seeded: false,
         }
     }

@@ -66,8 +66,8 @@ impl Kind for SceneStatisticsKind {
             summary: "Measures what scenes are: path lengths, shares of light, errors and slopes.",
             manual: include_str!("scene_statistics.md"),
             mode: Mode::Map,
-            inputs: const { &[SCENES.port()] },
-            outputs: const { &[STATISTICS.port()] },
+            inputs: vec![SCENES.port()],
+            outputs: vec![STATISTICS.port()],
             seeded: false,
         }
     }

@@ -105,9 +105,10 @@ impl Kind for AdapterReport {
         for montage in &montages {
             put(&montage.file, &montage.png()?)?;
         }
-        let own: Vec<String> = files.keys().cloned().collect();
+
         let header = verdicts::header(&quality, &params.subtitle);
-        let html = page::page(&params.title, &header, &sections, &missing, &own);
+        let beside = "<code>quality.json</code> and as CSV files";
+        let html = page::page(&params.title, &header, &sections, &missing, beside);
         files.put("adapter_report.html", html.as_bytes())?;
         Outputs::default().put_one(PAGE, "report", Files(files).store(ctx)?)
     }

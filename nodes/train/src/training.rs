@@ -2,16 +2,13 @@
 
 mod batches;
 mod checkpoint;
-mod curve;
 mod divergence;
-mod optimiser;
 mod params;
-mod threads;
 pub mod timing;
 mod trainer;
 
-pub use optimiser::Decay;
 pub use params::TrainingParams;
+pub use tauflow_tensors::Decay;
 
 use crate::{
     device::{self, Place},
@@ -19,17 +16,15 @@ use crate::{
 };
 use batches::{DataSet, Draw};
 use checkpoint::Checkpoints;
-use curve::{Curve, Score};
-use optimiser::Rates;
 use params::LATER;
 use serde_json::Value;
 use std::time::Instant;
 use tauflow_contract::{
-    Action, All, Basis, Context, Group, Items, Kind, KindError, KindSpec, Later, Media, Mode, Out, OutputPort, Outputs,
+    Action, All, Basis, Context, Group, Items, Kind, KindError, KindSpec, Later, Media, Mode, Out, Outputs,
     ParamProblem, Probe, derive_seed, leave_out,
 };
 use tauflow_data::records::{ModelFile, PackedScene, TrainingLog, TrainingTiming};
-use threads::Share;
+use tauflow_tensors::{Checkpoints as Kept, Curve, Rates, Score, Share};
 use trainer::Trainer;
 
 /// Raised with every change of what a training computes: neither results nor checkpoints of before count then.
@@ -45,7 +40,6 @@ const MAIN: Group = Group::main(VERSION);
 const MODEL: Out<ModelFile> = Out::new(MAIN, "model", "The averaged weights.");
 const LOG: Out<TrainingLog> = Out::new(MAIN, "log", "The loss curve.");
 const TIMING: Out<TrainingTiming> = Out::new(MAIN, "timing", "Time of a step.").measured();
-const OUTPUTS: &[OutputPort] = &[MODEL.port(), LOG.port(), TIMING.port()];
 
 /// The key of the one item on each output.
 const ITEM: &str = "model";
@@ -59,22 +53,30 @@ impl Kind for Training {
             summary: "Trains a transport solver.",
             manual: include_str!("training.md"),
             mode: Mode::Gather,
-            inputs: const { &[TRAIN.port(), TEST.port()] },
-            outputs: device::ports!(OUTPUTS),
+            inputs: vec![TRAIN.port(), TEST.port()],
+            outputs: vec![MODEL.port(), LOG.port(), TIMING.port()],
             seeded: true,
         }
     }
 
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
-        params.problems()
+        params.problems().into_iter().chain(params.device.problems()).collect()
     }
 
     fn later() -> &'static [Later] {
         LATER
     }
 
-    fn environment(_params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {
-        Some(device::environment(Value::Null))
+    fn spec_for(params: &Self::Params) -> KindSpec {
+        params.device.stated(Self::spec())
+    }
+
+    fn port_params() -> &'static [&'static str] {
+        device::PORT_PARAMS
+    }
+
+    fn environment(params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {
+        Some(params.device.environment(Value::Null))
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -82,7 +84,7 @@ impl Kind for Training {
         let (train, test) = (action.all(TRAIN)?, action.all_if(TEST)?);
         let seed =
             if params.draw == 0 { action.seed } else { derive_seed(action.seed, "draw", &params.draw.to_string()) };
-        let work = Work { ctx, params, seed, train, test, place: Place::chosen()? };
+        let work = Work { ctx, params, seed, train, test, place: Place::of(params.device)? };
         work.run(&mut Share::new())
     }
 }
@@ -165,6 +167,7 @@ impl Work<'_> {
             ema: p.ema,
             decay: p.decay,
             steps: p.steps,
+            weight_decay: 0.0,
         }
     }
 
@@ -175,17 +178,13 @@ impl Work<'_> {
         let basis = Basis::new("training", VERSION, "checkpoint");
         let mut inputs = vec![self.train.digest()];
         inputs.extend(self.test.map(Items::digest));
-        Checkpoints {
-            basis: Basis { environment: self.place.beside(Value::Null), ..basis.with(params, Some(self.seed)) },
-            inputs,
-            info: info.clone(),
-            every: self.params.checkpoint_every,
-        }
+        let basis = Basis { environment: self.place.beside(Value::Null), ..basis.with(params, Some(self.seed)) };
+        Checkpoints { kept: Kept { basis, inputs, every: self.params.checkpoint_every }, info: info.clone() }
     }
 
     /// What went wrong after `done` steps, and what is there of them.
     fn with_checkpoint(&self, error: KindError, checkpoints: &Checkpoints, done: u64) -> KindError {
-        let last = checkpoints.last_due(done);
+        let last = checkpoints.kept.last_due(done);
         match error {
             KindError::Input(told) if last > 0 && self.params.decay == Decay::None => KindError::Input(format!(
                 "{told}; the state after step {last} is kept: `steps: {last}` makes a model of it"
@@ -258,7 +257,7 @@ impl Work<'_> {
                 curve.point(step, share.run(|| score(trainer))??, rate);
             }
             // The last state serves a longer training, but not where the rate has already fallen for the end.
-            if checkpoints.due(step) && (step < p.steps || p.decay == Decay::None) {
+            if checkpoints.kept.due(step) && (step < p.steps || p.decay == Decay::None) {
                 checkpoints.keep(self.ctx, trainer, curve)?;
             }
             if step.is_multiple_of(10) || step == p.steps {

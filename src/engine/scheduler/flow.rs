@@ -1,5 +1,5 @@
-//! Where items come from and where they go: sources are listed, what ends is handed to its readers, and slots whose
-//! inputs are all there become ready.
+//! Where items come from and where they go: sources get their slots, what ends is handed to its readers, and slots
+//! whose inputs are all there become ready.
 
 use super::{
     Scheduler,
@@ -8,50 +8,36 @@ use super::{
 use crate::engine::{
     event::Ended,
     ids::{Id, InputId, LaneId, SlotId},
-    lanes::{LaneFeed, Reader},
+    lanes::{LaneFeed, ReadingPort},
     records::Made,
-    sharded::{Items, SHARDS, Sharded},
+    request::{Merge, prefixed},
+    sharded::{SHARDS, Sharded},
 };
-use std::{
-    panic::{AssertUnwindSafe, catch_unwind},
-    path::PathBuf,
-    sync::Arc,
-};
+use std::path::PathBuf;
 use tauflow_contract::{ItemKey, SourceItem};
 
 impl Scheduler<'_> {
-    /// The items of a source, in order; none if they cannot be listed, which is told.
-    pub(super) fn list_source(&mut self, lane: LaneId) -> Vec<SourceItem> {
-        let of = &self.lanes[lane];
-        let node = &self.pipeline.nodes[of.node];
-        let params = &self.pipeline.cells[of.cell].params;
-        let listed = catch_unwind(AssertUnwindSafe(|| node.kind.items(params)));
-        self.set_lane(lane, LaneStage::Full);
-        let message = match listed {
-            Ok(Ok(mut items)) => {
-                items.sort_by(|a, b| a.key.cmp(&b.key));
-                match items.windows(2).find(|w| w[0].key == w[1].key) {
-                    Some(pair) => format!("two items have the key `{}`; please report it", pair[0].key),
-                    None => return items,
-                }
-            }
-            Ok(Err(error)) => error.to_string(),
-            Err(_) => "internal error: listing the items panicked; please report it".into(),
-        };
-        self.fail_lane(lane, message);
-        Vec::new()
+    /// Gives a source its slots; where it goes by shards, those of shards that are not as they were.
+    pub(super) fn fill_source(&mut self, lane: LaneId, items: Vec<SourceItem>) {
+        if self.states[lane].by_shard.is_some() {
+            return self.seek_source(lane, items);
+        }
+        for item in items {
+            self.fill(lane, item.key, item.files);
+        }
+        self.filled(lane);
     }
 
-    /// Gives a source its slots.
-    pub(super) fn fill_source(&mut self, lane: LaneId, items: Vec<SourceItem>) {
-        if self.states[lane].health == Health::Unknown {
-            return;
+    /// Gives a source a slot.
+    pub(super) fn fill(&mut self, lane: LaneId, key: ItemKey, files: Vec<(String, PathBuf)>) {
+        if let Some(slot) = self.add_slot(lane, Some(key), files) {
+            self.ops.push_back(Op::Try { lane, slot });
         }
-        for (key, files) in self.roll_source(lane, items) {
-            if let Some(slot) = self.add_slot(lane, Some(key), files) {
-                self.ops.push_back(Op::Try { lane, slot });
-            }
-        }
+    }
+
+    /// A source has all its slots.
+    pub(super) fn filled(&mut self, lane: LaneId) {
+        self.set_lane(lane, LaneStage::Full);
         self.check_shards(lane);
         self.ops.push_back(Op::Check { lane });
     }
@@ -112,11 +98,10 @@ impl Scheduler<'_> {
             return;
         }
         let broken = state.inputs[input].broken;
-        if self.lanes[lane].is_whole(self.pipeline, input) && !broken {
-            match self.gathered(lane, input) {
-                Ok(gathered) => self.states[lane].inputs[input].whole = Some(gathered),
-                Err(message) => self.states[lane].inputs[input].error = Some(message),
-            }
+        if self.lanes[lane].is_whole(self.pipeline, input) && !broken && !self.gather(lane, input) {
+            // It stays open until the collections are merged.
+            self.states[lane].inputs[input].open += 1;
+            return;
         }
         if self.lanes[lane].driving == Some(input) {
             self.set_lane(lane, LaneStage::Full);
@@ -137,45 +122,27 @@ impl Scheduler<'_> {
         self.ops.push_back(Op::Check { lane });
     }
 
-    /// The collection on a closed input: its feeds' collections, merged.
-    pub(super) fn gathered(&mut self, lane: LaneId, input: InputId) -> Result<Arc<Sharded>, String> {
-        let feeds = &self.lanes[lane].inputs[input];
+    /// Gathers the collection on a closed input: its feeds' collections, merged. False if that is still to be done.
+    fn gather(&mut self, lane: LaneId, input: InputId) -> bool {
+        let at = &self.states[lane].inputs[input];
+        if at.whole.is_some() || at.error.is_some() {
+            return true; // merged meanwhile
+        }
+        let lanes = self.lanes;
+        let feeds = &lanes[lane].inputs[input];
         let result = |feed: &LaneFeed| self.states[feed.lane].results.get(&feed.port).cloned();
-        if let [feed] = &feeds[..]
-            && feed.prefix.is_none()
-            && let Some(result) = result(feed)
-        {
-            return Ok(result);
+        let found: Option<Vec<_>> = feeds.iter().map(|feed| Some((feed.prefix.clone(), result(feed)?))).collect();
+        let Some(found) = found else {
+            self.states[lane].inputs[input].error = Some("internal error: a collection is missing".into());
+            return true;
+        };
+        if let [(None, only)] = &found[..] {
+            self.states[lane].inputs[input].whole = Some(only.clone());
+            return true;
         }
-        let (mut merged, mut gone) = (Items::new(), Vec::new());
-        for feed in feeds {
-            let Some(result) = result(feed) else { return Err("internal error: a collection is missing".into()) };
-            match result.items(self.bench.store).map_err(|e| e.to_string())? {
-                Ok(items) => {
-                    for (key, output) in items {
-                        merged.push((prefixed(feed, &key)?, output));
-                    }
-                }
-                Err(blob) if self.bench.wanted.contains(&blob) => return Err(super::lost(&blob)),
-                Err(blob) => {
-                    gone.push(blob);
-                    gone.extend(result.blobs(self.bench.store).map_err(|e| e.to_string())?.1);
-                }
-            }
-        }
-        if let Some(blob) = gone.first() {
-            let told = super::lost(blob);
-            // The next pass makes them; until then the input stays open.
-            self.missing.extend(gone);
-            self.states[lane].inputs[input].open += 1;
-            return Err(told);
-        }
-        merged.sort_by(|a, b| a.0.cmp(&b.0));
-        if let Some(pair) = merged.windows(2).find(|pair| pair[0].0 == pair[1].0) {
-            let port = self.spec(lane).inputs[input.place()].name;
-            return Err(format!("two of the nodes on input `{port}` give an item `{}`", pair[0].0));
-        }
-        Ok(Arc::new(Sharded::of(merged)))
+        let port = self.spec(lane).inputs[input.place()].name.to_owned();
+        self.asked.merges.push_back(Merge { lane, input, port, feeds: found });
+        false
     }
 
     pub(super) fn try_ready(&mut self, lane: LaneId, slot: SlotId) {
@@ -202,6 +169,7 @@ impl Scheduler<'_> {
             match input.arrived.get(key) {
                 Some(Arrival::Item(_)) => {}
                 Some(Arrival::Broken) => blocked = true,
+                None if input.reading.contains_key(&shard) => wait = true,
                 None if input.open > 0 && input.open_shards[shard] > 0 => wait = true,
                 None if input.broken => blocked = true,
                 None if spec.inputs[id.place()].optional => {}
@@ -233,19 +201,20 @@ impl Scheduler<'_> {
             return self.hand_on_gathered(lane, slot);
         }
         let (shard, stage) = (self.states[lane].slots[slot].shard, self.states[lane].slots[slot].stage);
-        let open = |reader: &&Reader| self.reads_items(reader) && self.shard_stage(reader.lane, shard).by_item();
+        let open = |reader: &ReadingPort| self.reads_items(*reader) && self.shard_stage(reader.lane, shard).by_item();
         // Those that are opened below take what is there, this item included.
-        let open: Vec<&Reader> = lanes[lane].readers.iter().filter(open).collect();
+        let open: Vec<ReadingPort> = lanes[lane].readers.iter().copied().filter(open).collect();
         if stage != SlotStage::Ended(Ended::Hit) {
             self.open_readers(lane, shard);
         }
         for reader in open {
-            self.give_slot(reader.lane, reader.input, self.feed(reader), slot);
+            self.give_slot(reader, slot);
         }
     }
 
     /// Gives one slot's output on.
-    pub(super) fn give_slot(&mut self, lane: LaneId, input: InputId, feed: &LaneFeed, slot: SlotId) {
+    pub(super) fn give_slot(&mut self, reader: ReadingPort, slot: SlotId) {
+        let feed = self.feed(reader);
         let from = &self.states[feed.lane].slots[slot];
         let Some(key) = &from.key else { return };
         let arrival = match from.stage {
@@ -256,16 +225,16 @@ impl Scheduler<'_> {
             SlotStage::Ended(_) => Arrival::Broken,
             _ => return,
         };
-        match prefixed(feed, key) {
-            Ok(key) => self.give(lane, input, key, arrival),
-            Err(message) => self.fail_lane(lane, message),
+        match prefixed(feed.prefix.as_deref(), key) {
+            Ok(key) => self.give(reader.lane, reader.input, key, arrival),
+            Err(message) => self.fail_lane(reader.lane, message),
         }
     }
 
     /// Gives what a gather made to those who read item by item.
     fn hand_on_gathered(&mut self, lane: LaneId, slot: SlotId) {
         let lanes = self.lanes;
-        for reader in &lanes[lane].readers {
+        for reader in lanes[lane].readers.iter().copied() {
             if !self.reads_items(reader) {
                 continue;
             }
@@ -277,13 +246,13 @@ impl Scheduler<'_> {
     }
 
     /// Gives a collection that is there as a whole to one who reads item by item.
-    fn hand_on_collection(&mut self, reader: &Reader, collection: &Sharded) {
+    fn hand_on_collection(&mut self, reader: ReadingPort, collection: &Sharded) {
         if self.lanes[reader.lane].driving == Some(reader.input) {
             self.choose_by_shard_of(reader.lane, collection.len());
         }
         for (number, shard) in &collection.shards {
             if self.shard_stage(reader.lane, *number).by_item() {
-                self.give_shard(reader.lane, reader.input, self.feed(reader), *number, shard);
+                self.give_shard(reader, *number, shard);
             }
         }
     }
@@ -293,7 +262,7 @@ impl Scheduler<'_> {
         let lanes = self.lanes;
         let (rolled, health) = (self.states[lane].rolled().is_some(), self.states[lane].health);
         let gather = self.is_gather(lane);
-        for reader in &lanes[lane].readers {
+        for reader in lanes[lane].readers.iter().copied() {
             if self.states[reader.lane].rolled().is_some() {
                 continue;
             }
@@ -314,16 +283,5 @@ impl Scheduler<'_> {
             let broken = health == Health::Unknown || (health == Health::Failed && (whole || gather));
             self.ops.push_back(Op::FeedDone { lane: reader.lane, input: reader.input, broken });
         }
-    }
-}
-
-/// An item's key below the prefix of a feed.
-///
-/// # Errors
-/// In words, if it is too long with it.
-pub(super) fn prefixed(feed: &LaneFeed, key: &ItemKey) -> Result<ItemKey, String> {
-    match feed.prefix.as_deref() {
-        Some(prefix) => key.in_cell(prefix).map_err(|e| e.to_string()),
-        None => Ok(key.clone()),
     }
 }

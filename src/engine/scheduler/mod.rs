@@ -1,4 +1,5 @@
 //! The scheduler: the one owner of every action's state. It decides what is looked up and run next; it does neither.
+//! It reads and writes nothing: what it needs of the store, of files and of kinds it asks of the look-up threads.
 //!
 //! Each lane is a row of slots, one for each item (one in all for a gather). A slot goes from waiting to ready, is
 //! looked up, perhaps runs, and ends. What ends is handed to the readers at once, so that an item goes on while its
@@ -13,40 +14,38 @@
 //! In a dry run a slot that would run ends as such, and what reads it is blocked: its inputs are not known.
 
 mod account;
-mod budget;
+mod answers;
 mod dispatch;
 mod flow;
 mod moves;
 mod replies;
+mod seeking;
 mod shards;
 mod state;
-
-pub use account::{Finished, Ran, SLOWEST};
-pub use state::{Complete, CompleteShard};
 
 use super::{
     RunOptions,
     event::{Event, Failure},
     ids::{LaneId, PortId, Row, SlotId},
-    job::Task,
-    lanes::{Lane, LaneFeed, Lanes, Reader},
+    keys,
+    lanes::{LaneFeed, Lanes, ReadingPort},
     records::Payload,
-    rollup::{self, Known},
+    request::Task,
+    rollup::Known,
     sharded::Sharded,
-    work::Bench,
 };
 use crate::pipeline::Pipeline;
 use account::Account;
-use budget::Budget;
-use serde_json::Value;
-use state::{Health, LaneStage, LaneState, Op, Ops, Outbox, Slot, SlotStage};
+pub use account::{Finished, Ran, SLOWEST};
+use seeking::Seeking;
+use state::{Asked, Health, LaneStage, LaneState, Op, Ops, Slot, SlotStage, Starting};
 use std::{
     cmp::Reverse,
     collections::{BTreeMap, BinaryHeap, HashSet},
     sync::Arc,
 };
-use tauflow_cache::{CacheError, Digest};
-use tauflow_contract::{KindSpec, Mode, SourceItem};
+use tauflow_cache::Digest;
+use tauflow_contract::{KindSpec, Mode};
 
 /// A place in the order of work: latest node first.
 type Turn = (usize, Reverse<LaneId>, Reverse<SlotId>);
@@ -55,7 +54,10 @@ type Turn = (usize, Reverse<LaneId>, Reverse<SlotId>);
 pub struct Scheduler<'a> {
     pipeline: &'a Pipeline,
     lanes: &'a Lanes,
-    bench: &'a Bench<'a>,
+    /// Looks up only, and runs nothing.
+    dry: bool,
+    /// Blobs that passes before this one missed.
+    wanted: Arc<HashSet<Digest>>,
     /// Items from which a lane goes by shards; none if shards are not looked up as wholes.
     many: Option<u64>,
     tasks: Row<LaneId, Arc<Task>>,
@@ -64,75 +66,91 @@ pub struct Scheduler<'a> {
     ready: BinaryHeap<Turn>,
     todo: BinaryHeap<Turn>,
     ops: Ops,
-    budget: Budget,
+    seeking: Seeking,
+    /// Actions that were handed out to run.
+    in_flight: usize,
     account: Account<'a>,
-    outbox: Outbox,
+    asked: Asked,
+    starting: Starting,
     /// Blobs that readers missed in this pass.
     missing: HashSet<Digest>,
     /// In a dry run: an action that never was done would run.
     never_run: bool,
-    fatal: Option<CacheError>,
 }
 
 impl<'a> Scheduler<'a> {
-    /// Lays out the lanes. `roll` says whether shards may be looked up as wholes; actions in flight are to hold no more
-    /// than `memory` bytes.
+    /// Lays out the lanes, with what the actions of each share. `roll` says whether shards may be looked up as
+    /// wholes. Blobs that are `wanted` were missing in passes before.
     pub fn new(
         pipeline: &'a Pipeline,
         lanes: &'a Lanes,
-        bench: &'a Bench<'a>,
+        tasks: Row<LaneId, Arc<Task>>,
+        wanted: Arc<HashSet<Digest>>,
         ran_before: &'a Ran,
         roll: bool,
         options: &RunOptions,
-        memory: u64,
     ) -> Self {
         Self {
             pipeline,
             lanes,
-            bench,
+            dry: options.dry,
+            wanted,
             many: roll.then_some(options.many),
-            tasks: lanes.pairs().map(|(id, lane)| Arc::new(task(pipeline, lanes, id, lane))).collect(),
+            tasks,
             states: lanes.iter().map(|lane| LaneState::new(lane.inputs.iter().map(Vec::len))).collect(),
             ready: BinaryHeap::new(),
             todo: BinaryHeap::new(),
             ops: Ops::new(),
-            budget: Budget::new(memory, pipeline.nodes.len()),
+            seeking: Seeking::new(pipeline.nodes.len()),
+            in_flight: 0,
             account: Account::new(pipeline, lanes, ran_before),
-            outbox: Outbox::default(),
+            asked: Asked::default(),
+            starting: Starting::default(),
             missing: HashSet::new(),
             never_run: false,
-            fatal: None,
         }
     }
 
-    /// Fills sources and gathers with their slots, and hands the outputs of rolled lanes on.
+    /// Takes note of what is known of the lanes, and asks for the items of sources.
     pub fn start(&mut self, known: Known) {
         for (lane, rolled) in self.lanes.ids().zip(known.rolled) {
-            if let Some(payload) = rolled {
-                self.set_lane(lane, LaneStage::Rolled(payload));
+            match rolled {
+                Some(payload) => self.set_lane(lane, LaneStage::Rolled(payload)),
+                None if self.mode(lane) == Mode::Source => self.asked.lists.push_back(lane),
+                None => {}
             }
         }
         for ((lane, port), collection) in known.loaded {
             self.states[lane].results.insert(port, collection);
         }
+        self.starting.totals = known.totals;
+        self.starting.open = self.asked.lists.len();
+        if self.starting.open == 0 {
+            self.begin();
+        }
+    }
+
+    /// Fills sources and gathers with their slots, and hands the outputs of rolled lanes on.
+    fn begin(&mut self) {
+        let Starting { mut listed, totals, .. } = std::mem::take(&mut self.starting);
         // Who goes by shards is settled before anything is handed on.
-        let mut listed: Row<LaneId, Option<Vec<SourceItem>>> = Row::new();
         for lane in self.lanes.ids() {
-            let rolled = self.states[lane].rolled().is_some();
-            let items = (!rolled && self.mode(lane) == Mode::Source).then(|| self.list_source(lane));
-            match &items {
-                Some(items) => self.choose_source_by_shard(lane, items),
-                None if !rolled => self.choose_by_shard(lane),
+            match listed.get(&lane) {
+                Some(Ok(items)) => self.choose_source_by_shard(lane, items),
+                Some(Err(message)) => {
+                    self.set_lane(lane, LaneStage::Full);
+                    self.fail_lane(lane, message.clone());
+                }
+                None if self.states[lane].rolled().is_none() => self.choose_by_shard(lane),
                 None => {}
             }
-            listed.push(items);
         }
-        for ((lane, items), (wall_us, bytes)) in self.lanes.ids().zip(listed).zip(known.totals) {
+        for (lane, (wall_us, bytes)) in self.lanes.ids().zip(totals) {
             if let Some(payload) = self.states[lane].rolled() {
                 let actions = payload.actions;
                 self.account.unchanged(lane, (actions, wall_us, bytes));
                 self.hand_on_whole(lane);
-            } else if let Some(items) = items {
+            } else if let Some(Ok(items)) = listed.remove(&lane) {
                 self.fill_source(lane, items);
             } else if self.is_gather(lane) {
                 self.add_slot(lane, None, Vec::new());
@@ -176,23 +194,23 @@ impl<'a> Scheduler<'a> {
     }
 
     /// The feed by which a reader reads.
-    fn feed(&self, reader: &Reader) -> &'a LaneFeed {
-        feed(self.lanes, reader)
+    fn feed(&self, reader: ReadingPort) -> &'a LaneFeed {
+        reader.feed(self.lanes)
     }
 
     /// Whether a reader takes the whole collection.
-    fn takes_whole(&self, reader: &Reader) -> bool {
+    fn takes_whole(&self, reader: ReadingPort) -> bool {
         self.lanes[reader.lane].is_whole(self.pipeline, reader.input)
     }
 
-    /// Bundles that are being looked up.
+    /// Requests that have no answer yet.
     pub fn seeking(&self) -> usize {
-        self.budget.seeking()
+        self.seeking.requests()
     }
 
-    /// Bundles that are being run.
+    /// Actions that are being run.
     pub fn running(&self) -> usize {
-        self.budget.running()
+        self.in_flight
     }
 
     /// Failures so far.
@@ -205,21 +223,6 @@ impl<'a> Scheduler<'a> {
         self.account.take_events()
     }
 
-    /// The lanes that ended with all their outputs since this was last asked.
-    pub fn take_complete(&mut self) -> Vec<Complete> {
-        std::mem::take(&mut self.outbox.lanes)
-    }
-
-    /// The shards that did.
-    pub fn take_complete_shards(&mut self) -> Vec<CompleteShard> {
-        std::mem::take(&mut self.outbox.shards)
-    }
-
-    /// The error of the store that stops the run, if there was one.
-    pub fn take_fatal(&mut self) -> Option<CacheError> {
-        self.fatal.take()
-    }
-
     /// The collection of a lane's port, once the lane is done.
     pub fn result(&self, lane: LaneId, port: PortId) -> Option<&Arc<Sharded>> {
         self.states[lane].results.get(&port)
@@ -230,7 +233,7 @@ impl<'a> Scheduler<'a> {
         let state = &self.states[lane];
         state.by_shard.as_ref().and_then(|by_shard| by_shard.listing).unwrap_or_else(|| {
             let file = |slot: &Slot| slot.extra.as_ref().and_then(|extra| extra.file);
-            rollup::listing_digest(state.slots.iter().filter_map(|slot| Some((slot.key.as_ref()?, file(slot)))))
+            keys::listing(state.slots.iter().filter_map(|slot| Some((slot.key.as_ref()?, file(slot)))))
         })
     }
 
@@ -269,7 +272,7 @@ impl<'a> Scheduler<'a> {
 
     /// Failures of lanes that are asked for, of blobs that did not come back.
     pub fn lost(&self, blobs: &[(LaneId, Digest)]) -> Vec<Failure> {
-        let gone = blobs.iter().rev().filter(|(_, digest)| self.bench.wanted.contains(digest));
+        let gone = blobs.iter().rev().filter(|(_, digest)| self.wanted.contains(digest));
         // One for each lane: of several blobs the first.
         let first: BTreeMap<LaneId, &Digest> = gone.map(|(lane, digest)| (*lane, digest)).collect();
         first.into_iter().map(|(lane, digest)| self.account.failure(lane, None, lost(digest))).collect()
@@ -279,27 +282,6 @@ impl<'a> Scheduler<'a> {
     pub fn finish(self) -> Finished {
         self.account.finish(self.missing)
     }
-}
-
-/// What all actions of a lane share.
-fn task(pipeline: &Pipeline, lanes: &Lanes, id: LaneId, lane: &Lane) -> Task {
-    let node = &pipeline.nodes[lane.node];
-    let is_read = |port: &PortId| lane.readers.iter().any(|reader| feed(lanes, reader).port == *port);
-    Task {
-        lane: id,
-        kind: node.kind.clone(),
-        spec: node.spec.clone(),
-        group: lane.group.name,
-        projection: node.kind.projection(&pipeline.cells[lane.cell].params),
-        basis: lane.basis.with(Value::Null, lane.basis.seed),
-        alone: node.spec.measures(lane.group.name),
-        transient: rollup::is_transient(pipeline, lane),
-        read: lane.ports.iter().copied().filter(is_read).collect(),
-    }
-}
-
-fn feed<'a>(lanes: &'a Lanes, reader: &Reader) -> &'a LaneFeed {
-    &lanes[reader.lane].inputs[reader.input][reader.feed]
 }
 
 /// A blob that does not come back.

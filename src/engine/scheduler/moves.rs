@@ -6,11 +6,14 @@
 
 use super::{
     Scheduler,
-    state::{Complete, Health, LaneStage, Op, ShardStage, SlotStage},
+    state::{Health, LaneStage, Op, ShardStage, SlotStage},
 };
 use crate::engine::{
     event::Ended,
-    ids::{LaneId, PortId, SlotId},
+    ids::{Id, LaneId, PortId, SlotId},
+    keys,
+    records::ROLLUP,
+    request::{Keep, Rolling},
     sharded::Sharded,
 };
 use std::{cmp::Reverse, collections::BTreeMap, sync::Arc};
@@ -62,7 +65,7 @@ impl Scheduler<'_> {
         state.shards[shard].stage = stage;
         state.open_shards -= usize::from(stage.is_closed());
         match stage {
-            ShardStage::Pending => {}
+            ShardStage::Pending | ShardStage::Sought => {}
             ShardStage::Open => {
                 self.take_what_came(lane, shard);
                 self.ops.push_back(Op::CheckShard { lane, shard });
@@ -75,7 +78,7 @@ impl Scheduler<'_> {
         }
     }
 
-    /// Moves a lane. One that is rolled is handed on by [`Scheduler::start`], when all of them are known.
+    /// Moves a lane. One that is rolled is handed on by `Scheduler::begin`, when all of them are known.
     pub(super) fn set_lane(&mut self, lane: LaneId, stage: LaneStage) {
         let done = matches!(stage, LaneStage::Done);
         self.states[lane].stage = stage;
@@ -86,8 +89,9 @@ impl Scheduler<'_> {
         self.account.counted(lane, health == Health::Unknown);
         if health == Health::Sound && self.lanes[lane].only.is_none() {
             self.states[lane].results = self.collect(lane);
-            let complete = self.totals(lane);
-            self.outbox.lanes.push(complete);
+            if !self.dry {
+                self.asked.ended.push(lane);
+            }
         }
         self.hand_on_whole(lane);
     }
@@ -107,18 +111,40 @@ impl Scheduler<'_> {
         }
     }
 
-    /// What a lane's actions took and made, those of earlier runs included.
-    fn totals(&self, lane: LaneId) -> Complete {
+    /// The roll-up of a lane that ended with all its outputs; none as long as what it reads has no digest.
+    pub(super) fn lane_to_keep(&self, lane: LaneId) -> Option<Keep> {
+        let of = &self.lanes[lane];
+        let outputs = |lane: LaneId| &self.pipeline.nodes[self.lanes[lane].node].spec.outputs;
+        let content = |from: LaneId, port: PortId| {
+            let name = outputs(from)[port.place()].name;
+            let rolled = || Some(self.rolled(from)?.collections.get(name)?.digest);
+            self.result(from, port).map(|result| result.digest).or_else(rolled)
+        };
+        let (key, preimage) = keys::lane(self.pipeline, of, content, || Some(self.listing(lane)))?;
+        let output = |port: &PortId| {
+            let result = self.result(lane, *port)?.clone();
+            Some((outputs(lane)[port.place()].name.to_owned(), Rolling::Lane(result)))
+        };
+        Some(Keep {
+            namespace: ROLLUP,
+            key,
+            preimage,
+            kind: self.spec(lane).name.to_owned(),
+            outputs: of.ports.iter().map(output).collect::<Option<_>>()?,
+            totals: self.totals(lane),
+            transient: of.is_transient(self.pipeline),
+        })
+    }
+
+    /// Number, wall time and bytes of a lane's actions, those of earlier runs included.
+    fn totals(&self, lane: LaneId) -> (u64, u64, u64) {
         let state = &self.states[lane];
-        let mut complete = Complete { lane, actions: 0, wall_us: 0, bytes: 0 };
         let slots = state.slots.iter().map(|slot| (1, slot.made.wall_us, slot.made.bytes));
-        for (actions, wall_us, bytes) in slots.chain(state.shards.iter().map(|shard| shard.totals)) {
-            // Records may say any numbers.
-            complete.actions = complete.actions.saturating_add(actions);
-            complete.wall_us = complete.wall_us.saturating_add(wall_us);
-            complete.bytes = complete.bytes.saturating_add(bytes);
-        }
-        complete
+        // Records may say any numbers.
+        let add = |sum: (u64, u64, u64), of: (u64, u64, u64)| {
+            (sum.0.saturating_add(of.0), sum.1.saturating_add(of.1), sum.2.saturating_add(of.2))
+        };
+        slots.chain(state.shards.iter().map(|shard| shard.totals)).fold((0, 0, 0), add)
     }
 
     /// The collections of a lane's ports.

@@ -2,30 +2,19 @@
 
 use super::{
     Scheduler,
-    flow::prefixed,
-    state::{Arrival, ByShard, CompleteShard, LaneStage, Op, ShardStage, ShardState},
+    state::{Arrival, ByShard, LaneStage, Op, ShardStage, ShardState},
 };
 use crate::engine::{
     ids::{Id, InputId, LaneId, PortId, Row, SlotId},
-    lanes::{LaneFeed, Reader},
-    records::{Payload, SHARD},
-    rollup,
-    sharded::{SHARDS, Shard, Sharded},
+    keys,
+    lanes::{LaneFeed, ReadingPort},
+    records::SHARD,
+    request::{Keep, RolledShard, Rolling, ShardFound, ShardOf, ShardRead, prefixed},
+    sharded::{Here, Items, SHARDS, Shard, Sharded},
 };
-use serde::Serialize;
-use std::{path::PathBuf, sync::Arc};
+use std::sync::Arc;
 use tauflow_cache::{Digest, Key};
-use tauflow_contract::{ItemKey, Mode, SourceItem, canonical_bytes};
-
-/// What decides a shard's outputs.
-#[derive(Serialize)]
-struct ShardKey<T> {
-    /// Digest of what decides all shards of its lane.
-    shards: Digest,
-    /// Of a source its items and the params that each reads. Of a map, for each input port, what is put before the keys
-    /// of each of its feeds, and the content digest of the feed's shard.
-    holds: T,
-}
+use tauflow_contract::{ItemKey, Mode, SourceItem};
 
 impl Scheduler<'_> {
     /// Decides before anything has come in whether a map lane goes by shards: if what names its items has many.
@@ -78,35 +67,50 @@ impl Scheduler<'_> {
     pub(super) fn choose_source_by_shard(&mut self, lane: LaneId, items: &[SourceItem]) {
         let plain = items.iter().all(|item| item.files.is_empty());
         if plain && self.lanes[lane].only.is_none() && self.is_many(items.len() as u64) {
-            let listing = rollup::listing_digest(items.iter().map(|item| (&item.key, None)));
+            let listing = keys::listing(items.iter().map(|item| (&item.key, None)));
             self.states[lane].by_shard = Some(ByShard { listing: Some(listing), ..ByShard::default() });
         }
     }
 
-    /// Looks the shards of a source up, and gives back the items of those that are not as they were.
-    pub(super) fn roll_source(
-        &mut self,
-        lane: LaneId,
-        items: Vec<SourceItem>,
-    ) -> Vec<(ItemKey, Vec<(String, PathBuf)>)> {
-        if self.states[lane].by_shard.is_none() {
-            return items.into_iter().map(|item| (item.key, item.files)).collect();
-        }
-        let mut shards: Row<u8, Vec<ItemKey>> = (0..SHARDS).map(|_| Vec::new()).collect();
+    /// Asks for the shards of a source as wholes.
+    pub(super) fn seek_source(&mut self, lane: LaneId, items: Vec<SourceItem>) {
+        let shards = self.prefix(lane);
+        let mut dealt: Row<u8, Vec<ItemKey>> = (0..SHARDS).map(|_| Vec::new()).collect();
         for item in items {
-            shards[item.key.shard()].push(item.key);
+            dealt[item.key.shard()].push(item.key);
         }
-        let mut left = Vec::new();
-        for (shard, keys) in shards.ids().zip(shards).filter(|(_, keys)| !keys.is_empty()) {
-            let shards = self.prefix(lane);
-            let task = &self.tasks[lane];
-            let items = keys.iter().map(|key| (key, (task.projection)(Some(key), task.group))).collect::<Vec<_>>();
-            let hash = Key::of(&canonical_bytes(&ShardKey { shards, holds: items }));
-            if !self.roll_shard(lane, shard, hash) {
-                left.extend(keys.into_iter().map(|key| (key, Vec::new())));
+        for (shard, keys) in dealt.ids().zip(dealt).filter(|(_, keys)| !keys.is_empty()) {
+            self.seek(lane, shard, ShardOf::Items(shards, keys));
+        }
+    }
+
+    /// Asks for a shard as a whole.
+    fn seek(&mut self, lane: LaneId, shard: u8, of: ShardOf) {
+        self.set_shard(lane, shard, ShardStage::Sought);
+        self.asked.shards.entry(lane).or_default().push((shard, of));
+    }
+
+    /// Takes note of what is known of shards: those that an earlier run left are taken as they were, the others are
+    /// opened.
+    pub(super) fn note_shards(&mut self, lane: LaneId, found: Vec<ShardFound>) {
+        for ShardFound { shard, key, items, rolled } in found {
+            if self.states[lane].is_done() || self.shard_stage(lane, shard) != ShardStage::Sought {
+                continue;
             }
+            self.states[lane].shards[shard].key = Some(key);
+            let Some(RolledShard { outputs, totals }) = rolled else {
+                items.into_iter().for_each(|key| self.fill(lane, key, Vec::new()));
+                self.set_shard(lane, shard, ShardStage::Open);
+                continue;
+            };
+            self.account.rolled(lane, Some(shard), totals);
+            let of = &mut self.states[lane].shards[shard];
+            (of.outputs, of.totals) = (outputs, totals);
+            self.set_shard(lane, shard, ShardStage::Rolled);
         }
-        left
+        if self.mode(lane) == Mode::Source {
+            self.filled(lane);
+        }
     }
 
     /// What decides a lane's shards beside their items.
@@ -114,9 +118,9 @@ impl Scheduler<'_> {
         let (of, spec) = (&self.lanes[lane], self.spec(lane));
         let state = &mut self.states[lane];
         *state.by_shard.get_or_insert_default().prefix.get_or_insert_with(|| {
-            let whole = state.inputs.iter().zip(spec.inputs);
+            let whole = state.inputs.iter().zip(&spec.inputs);
             let whole = whole.filter_map(|(input, port)| Some((port.name, input.whole.as_ref()?.digest))).collect();
-            rollup::shard_prefix(self.pipeline, of, whole)
+            keys::shards(self.pipeline, of, whole)
         })
     }
 
@@ -125,7 +129,7 @@ impl Scheduler<'_> {
         let lanes = self.lanes;
         for (input, of) in self.states[lane].inputs.pairs() {
             let whole = lanes[lane].is_whole(self.pipeline, input);
-            let open = if whole { of.open > 0 } else { of.open_shards[shard] > 0 };
+            let open = if whole { of.open > 0 } else { of.is_open(shard) };
             if !lanes[lane].inputs[input].is_empty() && (open || of.broken || of.error.is_some()) {
                 return None;
             }
@@ -146,7 +150,7 @@ impl Scheduler<'_> {
             }
             holds.push((spec.inputs[input.place()].name, given));
         }
-        Some(Key::of(&canonical_bytes(&ShardKey { shards, holds })))
+        Some(keys::shard(shards, holds))
     }
 
     /// The items of a shard that a feed gives, if it is known and holds any.
@@ -163,7 +167,7 @@ impl Scheduler<'_> {
         outputs.iter().find(|(port, shard)| *port == feed.port && shard.len > 0).map(|(_, shard)| shard.clone())
     }
 
-    /// Looks a shard up as a whole, once all that it reads is known; opens it if that fails.
+    /// Asks for a shard as a whole, once all that it reads is known; opens it if that has no key.
     pub(super) fn decide(&mut self, lane: LaneId, shard: u8) {
         let lanes = self.lanes;
         let state = &self.states[lane];
@@ -185,54 +189,21 @@ impl Scheduler<'_> {
         let driven = lanes[lane]
             .driving
             .is_some_and(|driving| lanes[lane].inputs[driving].iter().any(|feed| self.shard_at(feed, shard).is_some()));
-        let rolled = driven && self.shard_key(lane, shard).is_some_and(|key| self.roll_shard(lane, shard, key));
-        if !rolled {
-            self.set_shard(lane, shard, ShardStage::Open);
+        match if driven { self.shard_key(lane, shard) } else { None } {
+            Some(key) => self.seek(lane, shard, ShardOf::Key(key)),
+            None => self.set_shard(lane, shard, ShardStage::Open),
         }
-    }
-
-    /// Takes a shard as an earlier run left it, if one did.
-    fn roll_shard(&mut self, lane: LaneId, shard: u8, key: Key) -> bool {
-        self.states[lane].shards[shard].key = Some(key);
-        let Some(record) = self.bench.store.lookup(SHARD, &key) else { return false };
-        match self.bench.intact(&record) {
-            Ok(true) => {}
-            Ok(false) => return false,
-            Err(error) => {
-                self.fatal.get_or_insert(error);
-                return false;
-            }
-        }
-        let Some(payload) = Payload::of(&record) else { return false };
-        let Some(outputs) = self.listed_outputs(lane, shard, &payload) else { return false };
-        let totals = (payload.actions, record.wall_us, record.bytes);
-        self.account.rolled(lane, Some(shard), totals);
-        let of = &mut self.states[lane].shards[shard];
-        (of.outputs, of.totals) = (outputs, totals);
-        self.set_shard(lane, shard, ShardStage::Rolled);
-        true
-    }
-
-    /// What a shard's roll-up says of each port of its lane.
-    fn listed_outputs(&self, lane: LaneId, shard: u8, payload: &Payload) -> Option<Vec<(PortId, Arc<Shard>)>> {
-        let outputs = self.spec(lane).outputs;
-        let listed = |port: &PortId| {
-            let of = &outputs[port.place()];
-            let listed = payload.collections.get(of.name)?;
-            Some((*port, Arc::new(Shard::listed(listed, shard, of.media))))
-        };
-        self.lanes[lane].ports.iter().map(listed).collect()
     }
 
     /// Gives the items of a rolled shard to those who go item by item.
     pub(super) fn hand_on_shard(&mut self, lane: LaneId, shard: u8) {
         let lanes = self.lanes;
-        for reader in &lanes[lane].readers {
+        for reader in lanes[lane].readers.iter().copied() {
             if self.reads_items(reader)
                 && self.shard_stage(reader.lane, shard).by_item()
                 && let Some(items) = self.shard_at(self.feed(reader), shard)
             {
-                self.give_shard(reader.lane, reader.input, self.feed(reader), shard, &items);
+                self.give_shard(reader, shard, &items);
             }
         }
     }
@@ -242,14 +213,14 @@ impl Scheduler<'_> {
     }
 
     /// Whether a reader takes items one by one, and is not done.
-    pub(super) fn reads_items(&self, reader: &Reader) -> bool {
+    pub(super) fn reads_items(&self, reader: ReadingPort) -> bool {
         !self.states[reader.lane].is_done() && !self.takes_whole(reader)
     }
 
     /// Tells those who read item by item that a shard is done.
     pub(super) fn tell_fed(&mut self, lane: LaneId, shard: u8) {
         let lanes = self.lanes;
-        for reader in &lanes[lane].readers {
+        for reader in lanes[lane].readers.iter().copied() {
             if self.reads_items(reader) {
                 self.ops.push_back(Op::ShardFed { lane: reader.lane, input: reader.input, shard });
             }
@@ -260,7 +231,7 @@ impl Scheduler<'_> {
     /// Opens a shard of all who read a lane item by item, because one of the lane's items is not as it was.
     pub(super) fn open_readers(&mut self, lane: LaneId, shard: u8) {
         let lanes = self.lanes;
-        for reader in &lanes[lane].readers {
+        for reader in lanes[lane].readers.iter().copied() {
             if self.reads_items(reader) && self.shard_stage(reader.lane, shard) == ShardStage::Pending {
                 self.set_shard(reader.lane, shard, ShardStage::Open);
             }
@@ -274,44 +245,78 @@ impl Scheduler<'_> {
             if lanes[lane].is_whole(self.pipeline, input) {
                 continue;
             }
-            for feed in feeds {
+            for (place, feed) in feeds.iter().enumerate() {
+                let reader = ReadingPort { lane, input, feed: place };
                 let from = &self.states[feed.lane];
                 // Of a lane that goes item by item, items that failed are told, too.
                 let by_item =
                     from.rolled().is_none() && from.shards[shard].stage.by_item() && !self.is_gather(feed.lane);
                 if by_item {
                     for slot in from.shards[shard].slots.clone() {
-                        self.give_slot(lane, input, feed, slot);
+                        self.give_slot(reader, slot);
                     }
                 } else if let Some(items) = self.shard_at(feed, shard) {
-                    self.give_shard(lane, input, feed, shard, &items);
+                    self.give_shard(reader, shard, &items);
                 }
             }
         }
     }
 
-    /// Gives the items of a shard to one reader.
-    pub(super) fn give_shard(&mut self, lane: LaneId, input: InputId, feed: &LaneFeed, shard: u8, of: &Shard) {
-        match of.items(self.bench.store) {
-            Ok(Ok(items)) => {
-                for (key, output) in items {
-                    match prefixed(feed, key) {
-                        Ok(key) => self.give(lane, input, key, Arrival::Item(output.clone())),
-                        Err(message) => return self.fail_lane(lane, message),
-                    }
-                }
+    /// Gives the items of a shard to one reader; asks for them if they are not at hand.
+    pub(super) fn give_shard(&mut self, reader: ReadingPort, number: u8, shard: &Arc<Shard>) {
+        match shard.at_hand() {
+            Some(items) => self.give_items(reader, items),
+            None => {
+                *self.states[reader.lane].inputs[reader.input].reading.entry(number).or_insert(0) += 1;
+                self.asked.reads.push_back(ShardRead { reader, number, shard: shard.clone() });
             }
-            Ok(Err(blob)) if self.bench.wanted.contains(&blob) => self.fail_lane(lane, super::lost(&blob)),
-            Ok(Err(blob)) => {
-                // The next pass makes it. Until then the input stays open, and so what reads it does not end.
+        }
+    }
+
+    fn give_items(&mut self, reader: ReadingPort, items: &Items) {
+        let prefix = self.feed(reader).prefix.as_deref();
+        for (key, output) in items {
+            match prefixed(prefix, key) {
+                Ok(key) => self.give(reader.lane, reader.input, key, Arrival::Item(output.clone())),
+                Err(message) => return self.fail_lane(reader.lane, message),
+            }
+        }
+    }
+
+    /// Takes note of a shard that was read.
+    pub(super) fn note_read(&mut self, ShardRead { reader, number, shard }: ShardRead, read: Here<()>) {
+        let ReadingPort { lane, input, .. } = reader;
+        if self.states[lane].is_done() {
+            return;
+        }
+        match (read, shard.at_hand()) {
+            (Ok(()), Some(items)) => self.give_items(reader, items),
+            (Ok(()), None) => self.fail_lane(lane, "internal error: a shard was not read; please report it".into()),
+            (Err(blob), _) if self.wanted.contains(&blob) => self.fail_lane(lane, super::lost(&blob)),
+            (Err(blob), _) => {
+                // The next pass makes it. Until then the shard stays open, and what reads it does not end.
                 self.missing.insert(blob);
-                let input = &mut self.states[lane].inputs[input];
-                input.open += 1;
-                input.open_shards[shard] += 1;
+                return;
             }
-            Err(error) => {
-                self.fatal.get_or_insert(error);
+        }
+        let reading = &mut self.states[lane].inputs[input].reading;
+        if let Some(open) = reading.get_mut(&number) {
+            *open -= 1;
+            if *open == 0 {
+                reading.remove(&number);
             }
+        }
+        self.look_again(lane, number);
+    }
+
+    /// Looks what may be done in a shard, now that more of what it reads is known.
+    fn look_again(&mut self, lane: LaneId, shard: u8) {
+        let of = &self.states[lane].shards[shard];
+        self.ops.extend(of.slots.iter().map(|slot| Op::Try { lane, slot: *slot }));
+        if of.stage == ShardStage::Pending {
+            self.ops.push_back(Op::Decide { lane, shard });
+        } else {
+            self.ops.push_back(Op::CheckShard { lane, shard });
         }
     }
 
@@ -325,13 +330,7 @@ impl Scheduler<'_> {
         if *open > 0 {
             return;
         }
-        let of = &state.shards[shard];
-        self.ops.extend(of.slots.iter().map(|slot| Op::Try { lane, slot: *slot }));
-        if of.stage == ShardStage::Pending {
-            self.ops.push_back(Op::Decide { lane, shard });
-        } else {
-            self.ops.push_back(Op::CheckShard { lane, shard });
-        }
+        self.look_again(lane, shard);
     }
 
     /// Looks whether any shard is done.
@@ -346,7 +345,7 @@ impl Scheduler<'_> {
             return;
         }
         let fed = match self.lanes[lane].driving {
-            Some(driving) => state.inputs[driving].open_shards[shard] == 0,
+            Some(driving) => !state.inputs[driving].is_open(shard),
             // Of a source; a gather has no shards.
             None => matches!(state.stage, LaneStage::Full) && self.mode(lane) == Mode::Source,
         };
@@ -355,25 +354,36 @@ impl Scheduler<'_> {
         }
         let failed = of.failed;
         let outputs = if failed { Vec::new() } else { self.outputs_of(lane, of) };
-        let by_shard = state.by_shard.is_some() && !failed && !of.slots.is_empty() && !self.bench.dry;
-        if by_shard {
+        if state.by_shard.is_some() && !failed && !of.slots.is_empty() && !self.dry {
             let known = of.key;
             let source = self.lanes[lane].driving.is_none();
             if let Some(key) = if source { known } else { self.shard_key(lane, shard) } {
-                let state = &self.states[lane];
-                let mut complete =
-                    CompleteShard { lane, key, outputs: outputs.clone(), actions: 0, wall_us: 0, bytes: 0 };
-                for slot in &state.shards[shard].slots {
-                    let made = &state.slots[*slot].made;
-                    complete.actions += 1;
-                    complete.wall_us = complete.wall_us.saturating_add(made.wall_us);
-                    complete.bytes = complete.bytes.saturating_add(made.bytes);
-                }
-                self.outbox.shards.push(complete);
+                let keep = self.shard_to_keep(lane, shard, key, &outputs);
+                self.asked.keeps.push(keep);
             }
         }
         self.states[lane].shards[shard].outputs = outputs;
         self.set_shard(lane, shard, ShardStage::Closed);
+    }
+
+    /// The roll-up of a shard whose slots have all come to outputs.
+    fn shard_to_keep(&self, lane: LaneId, shard: u8, key: Key, outputs: &[(PortId, Arc<Shard>)]) -> Keep {
+        let (state, spec) = (&self.states[lane], self.spec(lane));
+        let mut totals = (0_u64, 0_u64, 0_u64);
+        for slot in &state.shards[shard].slots {
+            let made = &state.slots[*slot].made;
+            totals = (totals.0 + 1, totals.1.saturating_add(made.wall_us), totals.2.saturating_add(made.bytes));
+        }
+        let name = |port: &PortId| spec.outputs[port.place()].name.to_owned();
+        Keep {
+            namespace: SHARD,
+            key,
+            preimage: String::new(),
+            kind: spec.name.to_owned(),
+            outputs: outputs.iter().map(|(port, shard)| (name(port), Rolling::Shard(shard.clone()))).collect(),
+            totals,
+            transient: self.lanes[lane].is_transient(self.pipeline),
+        }
     }
 
     fn outputs_of(&self, lane: LaneId, shard: &ShardState) -> Vec<(PortId, Arc<Shard>)> {

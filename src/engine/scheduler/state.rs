@@ -4,8 +4,8 @@
 use crate::engine::{
     event::Ended,
     ids::{InputId, LaneId, PortId, Row, SlotId},
-    job::Todo,
     records::{Made, Payload},
+    request::{Keep, Merge, ShardOf, ShardRead, Todo},
     sharded::{Output, SHARDS, Shard, Sharded},
 };
 use std::{
@@ -14,7 +14,7 @@ use std::{
     sync::Arc,
 };
 use tauflow_cache::{Digest, Key};
-use tauflow_contract::ItemKey;
+use tauflow_contract::{ItemKey, SourceItem};
 
 /// Where a lane stands.
 pub(super) enum LaneStage {
@@ -31,8 +31,10 @@ pub(super) enum LaneStage {
 /// Where a shard of a lane stands.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum ShardStage {
-    /// Nothing is done until it is known whether the shard as a whole was done before.
+    /// Nothing is done until all is known that it reads, or some item of that must run.
     Pending,
+    /// It is being looked up as a whole.
+    Sought,
     /// Item by item.
     Open,
     /// All its slots have ended, and no more will come.
@@ -111,10 +113,19 @@ pub(super) struct Input {
     pub open: usize,
     /// Of the feeds that give item by item, those that are not done, for each shard.
     pub open_shards: Row<u8, u16>,
+    /// Shards whose items are being read, and how many feeds of each.
+    pub reading: BTreeMap<u8, u16>,
     pub broken: bool,
     pub arrived: HashMap<ItemKey, Arrival>,
     pub whole: Option<Arc<Sharded>>,
     pub error: Option<String>,
+}
+
+impl Input {
+    /// Whether more items of a shard may come.
+    pub fn is_open(&self, shard: u8) -> bool {
+        self.open_shards[shard] > 0 || self.reading.contains_key(&shard)
+    }
 }
 
 /// The slots of a lane whose items are of one shard.
@@ -243,37 +254,30 @@ pub(super) enum Op {
 
 pub(super) type Ops = VecDeque<Op>;
 
-/// A lane that ended with all its outputs.
-pub struct Complete {
-    /// The lane.
-    pub lane: LaneId,
-    /// Its number of actions.
-    pub actions: u64,
-    /// Wall time of its actions.
-    pub wall_us: u64,
-    /// Bytes of its outputs.
-    pub bytes: u64,
-}
-
-/// A shard that ended with all its outputs.
-pub struct CompleteShard {
-    /// Its lane.
-    pub lane: LaneId,
-    /// Key of its roll-up.
-    pub key: Key,
-    /// Its items by output port.
-    pub outputs: Vec<(PortId, Arc<Shard>)>,
-    /// Its number of actions.
-    pub actions: u64,
-    /// Wall time of its actions.
-    pub wall_us: u64,
-    /// Bytes of its outputs.
-    pub bytes: u64,
-}
-
-/// What ended since it was last asked for, and is to be kept.
+/// What is to be asked of the look-up threads.
 #[derive(Default)]
-pub(super) struct Outbox {
-    pub lanes: Vec<Complete>,
-    pub shards: Vec<CompleteShard>,
+pub(super) struct Asked {
+    /// Sources to be listed.
+    pub lists: VecDeque<LaneId>,
+    /// Shards to be looked up.
+    pub shards: BTreeMap<LaneId, Vec<(u8, ShardOf)>>,
+    /// Shards to be read.
+    pub reads: VecDeque<ShardRead>,
+    /// Collections to be merged.
+    pub merges: VecDeque<Merge>,
+    /// Lanes that ended with all their outputs and are not kept yet: a lane may end before what it reads does.
+    pub ended: Vec<LaneId>,
+    /// What ended, and is to be kept.
+    pub keeps: Vec<Keep>,
+}
+
+/// What is held back until all sources are listed.
+#[derive(Default)]
+pub(super) struct Starting {
+    /// Of each lane that is listed, its items.
+    pub listed: BTreeMap<LaneId, Result<Vec<SourceItem>, String>>,
+    /// Wall time in microseconds, and bytes, of each rolled lane.
+    pub totals: Row<LaneId, (u64, u64)>,
+    /// Sources that are still to be listed.
+    pub open: usize,
 }

@@ -4,6 +4,7 @@
 //! them. [`MEDIA`] is the one table of all of them by name.
 
 mod asset;
+mod backbone;
 mod bridge;
 mod convergence;
 mod estimate;
@@ -21,11 +22,13 @@ mod scene;
 mod scores;
 mod split;
 mod statistics;
+mod table;
 mod time_error;
 mod timing;
 mod training;
 
 pub use asset::*;
+pub use backbone::*;
 pub use bridge::*;
 pub use convergence::*;
 pub use estimate::Estimate;
@@ -42,6 +45,7 @@ pub use scene::*;
 pub use scores::*;
 pub use split::*;
 pub use statistics::*;
+pub use table::*;
 pub use time_error::*;
 pub use timing::*;
 pub use training::*;
@@ -50,8 +54,10 @@ use tauflow_contract::{Files, MediaRow};
 
 /// Every media type, by name.
 pub const MEDIA: &[MediaRow] = &[
+    MediaRow::of::<AdapterFile>(),
     MediaRow::of::<Asset>(),
     MediaRow::of::<AssetReport>(),
+    MediaRow::of::<BackboneFiles>(),
     MediaRow::of::<BridgeFiles>(),
     MediaRow::of::<BridgeSteps>(),
     MediaRow::of::<Convergence>(),
@@ -70,6 +76,7 @@ pub const MEDIA: &[MediaRow] = &[
     MediaRow::of::<SceneRecord>(),
     MediaRow::of::<SceneScores>(),
     MediaRow::of::<SceneStatistics>(),
+    MediaRow::of::<ScoreTable>(),
     MediaRow::of::<SplitReport>(),
     MediaRow::of::<TimeError>(),
     MediaRow::of::<Timing>(),

@@ -4,8 +4,11 @@ use super::{
     place::tenth,
     stage::{From, Stage},
 };
-use crate::geom::{Aabb, Vec3, add, direction, length, mul, sub};
-use tauflow_data::{rng::Stream, scene::Camera};
+use tauflow_data::{
+    geom::{Aabb, Vec3, add, direction, length, mul, sub},
+    rng::Stream,
+    scene::Camera,
+};
 
 /// Candidates tried before the search for a free place grows desperate.
 const TRIES: usize = 64;

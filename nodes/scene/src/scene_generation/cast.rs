@@ -11,17 +11,17 @@
 //! the first `test_share` of them (at least one) for testing. What a scene shows ([`shown`]) is parted by form, what
 //! it is furnished with by variants, as no room can do without chairs. Skies are parted by sort.
 
-use super::{
-    forms::{Family, Form, forms},
-    params::{HoldOut, SceneGenerationParams},
-    skies::{self, Light, SKIES},
-};
+use super::params::{HoldOut, SceneGenerationParams};
 use tauflow_contract::{Context, Digest, Items, KindError};
 use tauflow_data::{
     ContextClass, Regime, Stratum,
     records::{Asset, AssetBody},
     rng::Stream,
     scene::Side,
+};
+use tauflow_scene_library::{
+    forms::{Family, Form, forms},
+    skies::{self, Light, SKIES},
 };
 
 /// True for families whose forms a scene shows rather than needs: a held-out pool is parted by their forms, and

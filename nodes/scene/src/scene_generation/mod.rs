@@ -4,26 +4,16 @@ mod arrange;
 mod assemble;
 mod camera;
 mod cast;
-mod forms;
 mod lamps;
 mod layouts;
-mod library;
-mod materials;
-mod noise;
 mod params;
 mod place;
 mod props;
-mod shapes;
 mod shell;
-mod skies;
 mod stage;
-mod stuff;
-mod textures;
 mod views;
 
-pub use params::{
-    CausticRanges, DiffuseRanges, GlossyRanges, HoldOut, MaxDepth, Range, RefractiveRanges, SceneGenerationParams,
-};
+pub use params::{HoldOut, MaxDepth, SceneGenerationParams};
 
 use assemble::Which;
 use serde_json::Value;
@@ -52,8 +42,8 @@ impl Kind for SceneGeneration {
             summary: "Draws scenes over regimes x contexts from layouts, objects, skies and materials.",
             manual: include_str!("../scene_generation.md"),
             mode: Mode::Source,
-            inputs: const { &[ASSETS.port()] },
-            outputs: const { &[SCENES.port()] },
+            inputs: vec![ASSETS.port()],
+            outputs: vec![SCENES.port()],
             seeded: true,
         }
     }

@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tauflow_contract::ParamProblem;
 use tauflow_data::{ContextClass, Regime, Stratum, rng::Stream};
-
-/// A range `[low, high]`.
-pub type Range = [f64; 2];
+use tauflow_scene_library::{
+    CausticRanges, DiffuseRanges, GlossyRanges, Range, Ranges, RefractiveRanges, variant_of_library,
+};
 
 /// Which assets are parted into train and test pools before scenes are built.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
@@ -88,60 +88,6 @@ pub struct MaxDepth {
     pub enclosed: u32,
 }
 
-/// Diffuse surfaces.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct DiffuseRanges {
-    /// Largest channel of the albedo.
-    #[schemars(inner(range(min = 0.0, max = 0.98)))]
-    pub albedo: Range,
-    /// Share of surfaces with a texture.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub textured: f64,
-}
-
-/// Glossy surfaces.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct GlossyRanges {
-    /// GGX roughness alpha.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub roughness: Range,
-    /// Share of metals.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub metal: f64,
-}
-
-/// Refractive surfaces under broad light.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct RefractiveRanges {
-    /// Index of refraction.
-    #[schemars(inner(range(min = 1.01, max = 3.0)))]
-    pub ior: Range,
-    /// GGX roughness alpha of frosted glass.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub roughness: Range,
-    /// Share of scenes with a thin pane.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub panes: f64,
-}
-
-/// Glass, mirrors and small lights.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct CausticRanges {
-    /// Index of refraction.
-    #[schemars(inner(range(min = 1.01, max = 3.0)))]
-    pub ior: Range,
-    /// Share of mirrors among the specular objects.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub mirror: f64,
-    /// Radius of the lights, metres.
-    #[schemars(inner(range(min = 0.01, max = 1.0)))]
-    pub emitter: Range,
-}
-
 impl Default for SceneGenerationParams {
     fn default() -> Self {
         Self {
@@ -172,30 +118,6 @@ impl Default for MaxDepth {
     }
 }
 
-impl Default for DiffuseRanges {
-    fn default() -> Self {
-        Self { albedo: [0.2, 0.8], textured: 0.7 }
-    }
-}
-
-impl Default for GlossyRanges {
-    fn default() -> Self {
-        Self { roughness: [0.05, 0.4], metal: 0.5 }
-    }
-}
-
-impl Default for RefractiveRanges {
-    fn default() -> Self {
-        Self { ior: [1.3, 1.7], roughness: [0.1, 0.4], panes: 0.35 }
-    }
-}
-
-impl Default for CausticRanges {
-    fn default() -> Self {
-        Self { ior: [1.33, 1.8], mirror: 0.35, emitter: [0.03, 0.1] }
-    }
-}
-
 impl SceneGenerationParams {
     /// The strata asked for, in their order, without repeats.
     pub fn strata(&self) -> Vec<Stratum> {
@@ -211,7 +133,19 @@ impl SceneGenerationParams {
 
     /// One of `count` variants of this library.
     pub fn variant(&self, draw: &mut Stream, count: u64) -> u64 {
-        self.library * count + draw.below(count as usize) as u64
+        variant_of_library(self.library, draw, count)
+    }
+
+    /// What materials are drawn from.
+    pub fn ranges(&self) -> Ranges {
+        Ranges {
+            library: self.library,
+            diffuse: self.diffuse.clone(),
+            textured_lights: self.textured_lights,
+            glossy: self.glossy.clone(),
+            refractive: self.refractive.clone(),
+            caustic: self.caustic.clone(),
+        }
     }
 
     /// Longest path of a context.

@@ -4,15 +4,17 @@
 
 use super::{
     cast::shown,
-    forms::{Family, Form},
-    library::facts,
     place::{GAP, Solid, Surface, Turn},
     stage::{Body, Rest, Stage, Thing},
 };
-use crate::geom::{Aabb, Vec3, apply, compose, translation};
 use tauflow_data::{
+    geom::{Aabb, Vec3, apply, compose, translation},
     records::{Asset, AssetBody},
     scene::Affine,
+};
+use tauflow_scene_library::{
+    facts,
+    forms::{Family, Form},
 };
 
 /// How a thing is turned over before it is put down.

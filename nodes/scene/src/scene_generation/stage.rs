@@ -5,15 +5,18 @@
 
 use super::{
     cast::Cast,
-    forms::Family,
-    library::{Facts, Land},
     place::{Solid, Surface, Turn, World, tenth},
-    stuff::Stuff,
 };
-use crate::geom::{Aabb, Vec3, add};
 use std::{collections::BTreeMap, sync::Arc};
 use tauflow_contract::KindError;
-use tauflow_data::{Regime, Stratum, records::Asset, rng::Stream, scene::Affine};
+use tauflow_data::{
+    Regime, Stratum,
+    geom::{Aabb, Vec3, add},
+    records::Asset,
+    rng::Stream,
+    scene::Affine,
+};
+use tauflow_scene_library::{Facts, Land, forms::Family, stuff::Stuff};
 
 /// How a thing is held.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,6 +75,27 @@ pub struct Thing<'a> {
     pub tops: Vec<Surface>,
     /// Its box.
     pub bounds: Aabb,
+}
+
+/// A box to build.
+#[derive(Clone, Copy, Debug)]
+pub struct Board {
+    /// Its middle.
+    pub center: Vec3,
+    /// Half sizes along its own axes, to where it meets its neighbours.
+    pub half: Vec3,
+    /// Its turn.
+    pub turn: Turn,
+    /// How much less it reaches along each axis, so that it touches nobody: [`SEAM`] or
+    /// [`GAP`](super::place::GAP) where something is.
+    ///
+    /// [`SEAM`]: super::place::SEAM
+    pub inset: Vec3,
+}
+
+impl Board {
+    /// Not turned, next to nothing.
+    pub const PLAIN: Self = Self { center: [0.0; 3], half: [0.0; 3], turn: Turn::NONE, inset: [0.0; 3] };
 }
 
 /// Surfaces of one material: quads with corners counter-clockwise from outside, and reliefs.
@@ -271,9 +295,11 @@ impl<'a> Stage<'a> {
         surface
     }
 
-    /// A box of a material, in the way of others.
-    pub fn board(&mut self, label: &str, stuff: Stuff, center: Vec3, half: Vec3, turn: Turn) -> Surface {
+    /// A box of a material, in the way of others; gives its top.
+    pub fn board(&mut self, label: &str, stuff: Stuff, board: Board) -> Surface {
+        let Board { center, half, turn, inset } = board;
         let center = center.map(tenth);
+        let half = [0, 1, 2].map(|axis| half[axis] - inset[axis]);
         let local = Aabb::around([0.0; 3], half);
         self.world.solids.push(Solid::of(&local, turn, center));
         self.facing(label, stuff, center, half, turn, &[0, 1, 2, 3, 4, 5]);

@@ -1,7 +1,7 @@
 //! What a training is asked for. Bounds of single params are in the schema, which is held against them before all else.
 
-use super::optimiser::Decay;
 use crate::{
+    device::{NetworkDevice, ON_THE_CPU},
     network::{Loss, Output, Preset},
     space::Space,
 };
@@ -9,6 +9,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 use tauflow_contract::{Before, Later, ParamProblem};
 use tauflow_data::methods::{Conditioning, Parameterization};
+use tauflow_tensors::Decay;
 
 /// Params of `training`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -70,6 +71,8 @@ pub struct TrainingParams {
     /// Steps between checkpoints.
     #[schemars(range(min = 1))]
     pub checkpoint_every: u64,
+    /// What the network runs on; anything but the CPU makes outputs of this machine.
+    pub device: NetworkDevice,
 }
 
 impl Default for TrainingParams {
@@ -97,6 +100,7 @@ impl Default for TrainingParams {
             output: Output::default(),
             test_every: 250,
             checkpoint_every: 500,
+            device: NetworkDevice::Cpu,
         }
     }
 }
@@ -105,6 +109,7 @@ impl Default for TrainingParams {
 pub(super) const LATER: &[Later] = &[
     Later { pointer: "/rung_exponent", before: Before::Number(0.0) },
     Later { pointer: "/output", before: Before::Text("means") },
+    ON_THE_CPU,
 ];
 
 /// Two numbers from 0 to below 1.

@@ -1,0 +1,303 @@
+//! Batches of actions in a process of their own, as `tauflow exec --batch FILE` runs them: the file that says what to
+//! run, and the lines that tell what became of it.
+//!
+//! The two processes share the store and nothing else.
+
+use super::{
+    EngineError,
+    exec::{ActionFile, ExecError, Handling},
+    execute::{Execution, Outcome, PreparedAction, execute},
+    holdings::Holdings,
+    ids::Id,
+    records::ACTION,
+    transient::Pool,
+};
+use crate::kinds::Registry;
+use nix::{
+    sys::{prctl, signal::Signal},
+    unistd::dup2_stdout,
+};
+use serde::{Deserialize, Serialize};
+use std::{
+    collections::HashSet,
+    fs::File,
+    io::{self, Write},
+    os::fd::AsFd,
+    path::Path,
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+};
+use tauflow_cache::{CacheError, Store};
+use tauflow_contract::{Digest, Progress, read_regular};
+
+/// Most bytes of a batch's file: far more than any has.
+const MOST_BYTES: u64 = 1 << 30;
+
+/// What a process is to run, in this order.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BatchFile {
+    /// The actions.
+    pub actions: Vec<BatchedAction>,
+    /// Blobs that were found missing: a record that names one counts only when it is there again.
+    #[serde(default)]
+    pub wanted: Vec<Digest>,
+}
+
+/// An action of a batch.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BatchedAction {
+    /// The action.
+    pub action: ActionFile,
+    /// What its pipeline says of it.
+    #[serde(default)]
+    pub handling: Handling,
+    /// It was done before, and runs only to be compared.
+    #[serde(default)]
+    pub compare: bool,
+}
+
+/// What a process tells, one line of JSON each. Actions are named by their place in the batch.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(tag = "batch", rename_all = "snake_case")]
+pub enum Line {
+    /// An action begins.
+    Begun {
+        /// Which.
+        action: usize,
+    },
+    /// A long action goes on.
+    Progress {
+        /// Which.
+        action: usize,
+        /// Units done.
+        done: u64,
+        /// Of so many.
+        total: u64,
+        /// A line.
+        message: String,
+    },
+    /// An action has ended.
+    Ended {
+        /// Which.
+        action: usize,
+        /// How.
+        end: End,
+        /// A remark, such as two outputs for one key.
+        warning: Option<String>,
+        /// Wall time in microseconds.
+        spent_us: u64,
+    },
+}
+
+/// How an action ended. Its outputs are in the store, under its key.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum End {
+    /// Somebody else did it meanwhile.
+    Hit,
+    /// It ran.
+    Ran {
+        /// Bytes of the blobs that it put.
+        put: u64,
+    },
+    /// It failed.
+    Failed(String),
+    /// These blobs of its inputs are missing.
+    Missing(Vec<Digest>),
+    /// It was stopped.
+    Cancelled,
+    /// The store failed: no action can run.
+    Fatal(String),
+}
+
+impl BatchedAction {
+    /// An action that leaves this process. What only this process holds of its inputs is stored first.
+    ///
+    /// # Errors
+    /// If the store cannot be written.
+    pub(super) fn leave(action: &PreparedAction, holdings: Holdings<'_>) -> Result<Self, CacheError> {
+        let Holdings { store, pool, .. } = holdings;
+        let keep = |digest: &Digest| match pool.get(digest) {
+            Some(bytes) => store.put(&bytes).map(drop),
+            None => Ok(()),
+        };
+        action.each.iter().flat_map(|(_, output)| output.artifact.parts.values()).try_for_each(keep)?;
+        if pool.bytes() > 0 {
+            for (_, sharded) in action.whole.iter() {
+                sharded.blobs(store)?.0.iter().try_for_each(keep)?;
+            }
+        }
+        let producer = &action.producer;
+        let name = |port: &super::ids::PortId| producer.spec.outputs[port.place()].name.to_owned();
+        let handling = Handling { transient: producer.transient, read: producer.read.iter().map(name).collect() };
+        let file = ActionFile { key: action.key.clone(), recipe: action.given(store)? };
+        Ok(Self { action: file, handling, compare: action.before.is_some() })
+    }
+
+    fn run(self, of: &Serving<'_>, progress: &dyn Progress) -> Execution {
+        let hash = self.action.key.hash();
+        let mut action = match self.action.prepare(of.holdings.store, of.registry, self.handling) {
+            Ok(action) => action,
+            Err(ExecError::Missing(blob)) => return Execution::of(Outcome::Missing(vec![blob])),
+            Err(ExecError::Cache(error)) => return Execution::of(Outcome::Fatal(error.into())),
+            Err(other) => return Execution::of(Outcome::Failed(other.to_string())),
+        };
+        if self.compare {
+            let record = of.holdings.store.lookup(ACTION, &hash);
+            match of.holdings.made(record.as_deref(), &action.producer.spec, action.producer.group) {
+                Ok(made) => action.before = made,
+                Err(error) => return Execution::of(Outcome::Fatal(error.into())),
+            }
+        }
+        execute(&action, of.holdings, of.stop, progress)
+    }
+}
+
+/// What the actions of a batch share in their process.
+struct Serving<'a> {
+    holdings: Holdings<'a>,
+    registry: &'a Registry,
+    stop: &'a AtomicBool,
+}
+
+struct Reporter<'a> {
+    action: usize,
+    tell: &'a (dyn Fn(&Line) + Sync),
+}
+
+impl Progress for Reporter<'_> {
+    fn report(&self, done: u64, total: u64, message: &str) {
+        (self.tell)(&Line::Progress { action: self.action, done, total, message: message.to_owned() });
+    }
+}
+
+impl BatchFile {
+    /// Reads a batch.
+    ///
+    /// # Errors
+    /// In words if the file cannot be read, or is no batch.
+    pub fn read(path: &Path) -> Result<Self, String> {
+        let refused = |why: String| format!("{} is no batch of actions: {why}; `run` writes them", path.display());
+        let bytes = read_regular(path, MOST_BYTES).map_err(|e| refused(e.to_string()))?;
+        serde_json::from_slice(&bytes).map_err(|e| refused(e.to_string()))
+    }
+
+    /// Executes the actions one after the other; each line is told as it happens.
+    ///
+    /// # Errors
+    /// If the store fails.
+    pub fn run(
+        self,
+        store: &Store,
+        registry: &Registry,
+        stop: &AtomicBool,
+        tell: &(dyn Fn(&Line) + Sync),
+    ) -> Result<(), EngineError> {
+        // Nothing is handed on in memory here: what is read is stored.
+        let (pool, wanted) = (Pool::new(0), self.wanted.into_iter().collect::<HashSet<_>>());
+        let holdings = Holdings { store, pool: &pool, wanted: &wanted };
+        let serving = Serving { holdings, registry, stop };
+        for (action, of) in self.actions.into_iter().enumerate() {
+            let execution = if stop.load(Ordering::Relaxed) {
+                Execution::of(Outcome::Cancelled)
+            } else {
+                tell(&Line::Begun { action });
+                of.run(&serving, &Reporter { action, tell })
+            };
+            let (warning, spent_us) = (execution.warning, execution.spent_us);
+            let (end, fatal) = match execution.outcome {
+                Outcome::Hit(_) => (End::Hit, None),
+                Outcome::Ran(made) => (End::Ran { put: made.put }, None),
+                Outcome::Failed(message) => (End::Failed(message), None),
+                Outcome::Missing(blobs) => (End::Missing(blobs), None),
+                Outcome::Cancelled => (End::Cancelled, None),
+                Outcome::Fatal(error) => (End::Fatal(error.to_string()), Some(error)),
+            };
+            tell(&Line::Ended { action, end, warning, spent_us });
+            if let Some(error) = fatal {
+                return Err(error);
+            }
+        }
+        Ok(store.flush()?)
+    }
+}
+
+/// Executes a batch in this process, which was started for it: tells lines on stdout, stops on SIGTERM and SIGINT, and
+/// when the process that started it is gone. What the actions themselves print goes to stderr.
+///
+/// # Errors
+/// If this process cannot be made ready, or the store fails.
+pub fn serve(batch: BatchFile, store: &Store, registry: &Registry) -> Result<(), EngineError> {
+    let failed = |what: &str, error: io::Error| EngineError::Executor(format!("cannot {what}: {error}"));
+    let stop = Arc::new(AtomicBool::new(false));
+    let seen = stop.clone();
+    ctrlc::set_handler(move || seen.store(true, Ordering::Relaxed))
+        .map_err(|e| EngineError::Executor(format!("cannot listen for signals: {e}")))?;
+    prctl::set_pdeathsig(Signal::SIGTERM).map_err(|e| failed("listen for the end of its parent", e.into()))?;
+    let told = io::stdout().as_fd().try_clone_to_owned().map_err(|e| failed("keep its output", e))?;
+    dup2_stdout(io::stderr()).map_err(|e| failed("turn its output", e.into()))?;
+    let told = Mutex::new(File::from(told));
+    let tell = |line: &Line| {
+        let mut text = serde_json::to_string(line).expect("lines are plain data");
+        text.push('\n');
+        // Whoever started this process may have gone; what is done is recorded all the same.
+        let _ = told.lock().unwrap_or_else(PoisonError::into_inner).write_all(text.as_bytes());
+    };
+    batch.run(store, registry, &stop, &tell)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        engine::{
+            execute::Producer,
+            ids::InputId,
+            sharded::{Output, Sharded},
+        },
+        registry::registry,
+    };
+    use std::collections::BTreeMap;
+    use tauflow_contract::{ActionKey, Artifact, Basis, ItemKey};
+
+    #[test]
+    fn inputs_that_only_memory_holds_are_stored_before_an_action_leaves() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let store = Store::open(folder.path()).expect("a store");
+        let (pool, wanted) = (Pool::new(1 << 20), HashSet::new());
+        let pooled = |text: &str| {
+            let bytes = Arc::new(text.as_bytes().to_vec());
+            let digest = Digest::of(&bytes);
+            assert!(pool.put(digest, &bytes) && !store.contains(&digest));
+            (digest, Output::new(Artifact::tree("m", [(String::new(), digest)])))
+        };
+        let ((one, each), (other, item)) = (pooled("by item"), pooled("as a whole"));
+        let whole = Sharded::of([(ItemKey::new("a").expect("a key"), item)]);
+        let registry = registry();
+        let kind = registry.get("image_metrics").expect("a kind of two inputs").clone();
+        let (spec, group, read) = (kind.spec(), "main", Vec::new());
+        let key = ActionKey { basis: Basis::new("image_metrics", 1, group), inputs: BTreeMap::new() };
+        let action = PreparedAction {
+            producer: Arc::new(Producer { kind, spec, group, transient: true, read }),
+            hash: key.hash(),
+            key,
+            item: None,
+            each: vec![(InputId::at(0), each)],
+            whole: Arc::new(vec![(InputId::at(1), Arc::new(whole))]),
+            file: None,
+            before: None,
+        };
+        let holdings = Holdings { store: &store, pool: &pool, wanted: &wanted };
+        let left = BatchedAction::leave(&action, holdings).expect("the store has room");
+        assert!(store.contains(&one) && store.contains(&other), "a child has no other place to read them");
+        assert!(left.handling.transient && !left.compare);
+        let batch = BatchFile { actions: vec![left], wanted: Vec::new() };
+        let text = serde_json::to_string(&batch).expect("plain data");
+        let back: BatchFile = serde_json::from_str(&text).expect("own text parses");
+        assert_eq!(back.actions[0].action, batch.actions[0].action);
+    }
+}

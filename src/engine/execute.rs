@@ -1,0 +1,346 @@
+//! One action, from its inputs to its record: claim, run, check, store, record.
+//!
+//! Everything that runs actions calls [`execute`]: the threads of a run, its child processes, and `tauflow exec`.
+//! It knows no pipeline, lane or slot.
+
+use super::{
+    EngineError,
+    action::{check_outputs, panicked},
+    holdings::Holdings,
+    ids::{Id, InputId, PortId},
+    records::{self, ACTION, Made, Payload, StoreBlobs, port_of},
+    sharded::{Listed, Output, Sharded},
+};
+use serde::{Deserialize, Serialize};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    panic::{AssertUnwindSafe, catch_unwind},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread,
+    time::{Duration, Instant},
+};
+use tauflow_cache::{CacheError, Claim, Digest, Key, Record, Recorded, Store};
+use tauflow_contract::{
+    Action, ActionKey, Artifact, Collection, Context, FILE_PORT, ItemKey, KindError, KindSpec, NodeKind, Progress,
+};
+
+/// Longest time between two checks whether another process has finished an action.
+const LONG_WAIT: Duration = Duration::from_millis(100);
+
+/// What makes the outputs of an action: shared by all actions of a lane.
+pub struct Producer {
+    /// The kind.
+    pub kind: Arc<dyn NodeKind>,
+    /// What the kind states.
+    pub spec: KindSpec,
+    /// The group of outputs.
+    pub group: &'static str,
+    /// Its outputs are handed on in memory.
+    pub transient: bool,
+    /// Output ports that somebody reads.
+    pub read: Vec<PortId>,
+}
+
+impl Producer {
+    fn input(&self, input: InputId) -> &str {
+        self.spec.inputs[input.place()].name
+    }
+}
+
+/// Collections by input port.
+pub type Whole = Vec<(InputId, Arc<Sharded>)>;
+
+/// An action that must run, with everything that it takes.
+pub struct PreparedAction {
+    /// What makes its outputs.
+    pub producer: Arc<Producer>,
+    /// Its key.
+    pub key: ActionKey,
+    /// The key's hash.
+    pub hash: Key,
+    /// The item.
+    pub item: Option<ItemKey>,
+    /// Artifacts by input port.
+    pub each: Vec<(InputId, Arc<Output>)>,
+    /// Collections by input port.
+    pub whole: Arc<Whole>,
+    /// The files outside that it reads.
+    pub file: Option<Artifact>,
+    /// What it gave before, if it runs only to be compared.
+    pub before: Option<Made>,
+}
+
+/// What it takes to do an action, beside its key: its inputs, where the key has their digests alone.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ActionInputs {
+    /// The item.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub item: Option<ItemKey>,
+    /// Artifacts by input port; the files outside of a source's item are on the port `file`.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub each: BTreeMap<String, Artifact>,
+    /// Collections by input port.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub whole: BTreeMap<String, Listed>,
+}
+
+/// What became of an action that was to run.
+pub enum Outcome {
+    /// Somebody else did it meanwhile.
+    Hit(Made),
+    /// It ran.
+    Ran(Made),
+    /// It failed.
+    Failed(String),
+    /// These blobs of its inputs are missing; the first is the one that it was looking for.
+    Missing(Vec<Digest>),
+    /// It was stopped.
+    Cancelled,
+    /// The store failed, or what executes: the run must stop.
+    Fatal(EngineError),
+}
+
+/// What [`execute`] gives back.
+pub struct Execution {
+    /// What became of the action.
+    pub outcome: Outcome,
+    /// A remark, such as two outputs for one key.
+    pub warning: Option<String>,
+    /// Wall time in microseconds.
+    pub spent_us: u64,
+}
+
+impl Execution {
+    /// An outcome without more.
+    pub fn of(outcome: Outcome) -> Self {
+        Self { outcome, warning: None, spent_us: 0 }
+    }
+}
+
+/// Runs an action and records its outputs, unless somebody else does so meanwhile. Holds its claim until then.
+pub fn execute(
+    action: &PreparedAction,
+    holdings: Holdings<'_>,
+    stop: &AtomicBool,
+    progress: &dyn Progress,
+) -> Execution {
+    let start = Instant::now();
+    let of = Executing { action, producer: &action.producer, holdings, stop, progress };
+    let mut warning = None;
+    let result = catch_unwind(AssertUnwindSafe(|| of.claimed(&mut warning)));
+    let outcome = match result {
+        Ok(Ok(Outcome::Missing(first))) => of.missing(first).unwrap_or_else(|e| Outcome::Fatal(e.into())),
+        Ok(Ok(outcome)) => outcome,
+        Ok(Err(error)) => Outcome::Fatal(error.into()),
+        Err(panic) => Outcome::Failed(panicked(&panic)),
+    };
+    Execution { outcome, warning, spent_us: start.elapsed().as_micros() as u64 }
+}
+
+/// What an action that ran has produced, before it is recorded.
+struct Produced {
+    payload: Payload,
+    collections: Vec<(PortId, Arc<Sharded>)>,
+    /// Bytes of the blobs that it put.
+    put: u64,
+}
+
+/// An action that is being executed.
+struct Executing<'a> {
+    action: &'a PreparedAction,
+    producer: &'a Producer,
+    holdings: Holdings<'a>,
+    stop: &'a AtomicBool,
+    progress: &'a dyn Progress,
+}
+
+impl Executing<'_> {
+    fn claimed(&self, warning: &mut Option<String>) -> Result<Outcome, CacheError> {
+        let Some(claim) = self.claim()? else { return Ok(Outcome::Cancelled) };
+        let (store, producer) = (self.holdings.store, self.producer);
+        if self.action.before.is_none() {
+            // Whoever held it, in this process or another, may have done it meanwhile.
+            let record = store.lookup(ACTION, &self.action.hash);
+            if let Some(made) = self.holdings.made(record.as_deref(), &producer.spec, producer.group)? {
+                return Ok(Outcome::Hit(made));
+            }
+        }
+        let start = Instant::now();
+        let produced = match self.produce()? {
+            Ok(produced) => produced,
+            Err(outcome) => return Ok(outcome),
+        };
+        let wall_us = start.elapsed().as_micros() as u64;
+        let outcome = match &self.action.before {
+            Some(made) => self.compare(&produced.payload, made),
+            None => self.keep(produced, wall_us, warning)?,
+        };
+        drop(claim);
+        Ok(outcome)
+    }
+
+    /// Waits until nobody else is at this action; none if the run is being stopped first.
+    fn claim(&self) -> Result<Option<Claim>, CacheError> {
+        let mut wait = Duration::from_millis(1);
+        loop {
+            if let Some(claim) = self.holdings.store.try_claim(&self.action.hash)? {
+                return Ok(Some(claim));
+            }
+            if self.stop.load(Ordering::Relaxed) {
+                return Ok(None);
+            }
+            if wait >= LONG_WAIT {
+                self.progress.report(0, 1, "another process is at it; waiting for that");
+            }
+            thread::sleep(wait);
+            wait = (wait * 2).min(LONG_WAIT);
+        }
+    }
+
+    /// Runs the kind, checks what it gave, and stores collections. An action that is only compared with what it gave
+    /// before gets nothing memoised.
+    fn produce(&self) -> Result<Result<Produced, Outcome>, CacheError> {
+        let Self { action, producer, .. } = *self;
+        let Holdings { store, pool, .. } = self.holdings;
+        let mut each: BTreeMap<&str, &Artifact> =
+            action.each.iter().map(|(input, output)| (producer.input(*input), &output.artifact)).collect();
+        if let Some(file) = &action.file {
+            each.insert(FILE_PORT, file);
+        }
+        let mut all: BTreeMap<&str, &Collection> = BTreeMap::new();
+        for (input, sharded) in action.whole.iter() {
+            match sharded.collection(store)? {
+                Ok(collection) => all.insert(producer.input(*input), collection),
+                Err(missing) => return Ok(Err(Outcome::Missing(vec![missing]))),
+            };
+        }
+        let basis = &action.key.basis;
+        let (params, seed) = (basis.params.clone(), basis.seed.unwrap_or(0));
+        let given = Action { params, item: action.item.as_ref(), group: producer.group, seed, each, all };
+        let blobs = StoreBlobs::new(store, pool, producer.transient, action.before.is_some());
+        let result = producer.kind.run(&Context::new(&blobs, self.progress, self.stop), &given);
+        if let Some(error) = blobs.fatal() {
+            return Err(error);
+        }
+        let outputs = match result {
+            Ok(outputs) => outputs,
+            Err(KindError::Cancelled) => return Ok(Err(Outcome::Cancelled)),
+            Err(KindError::MissingBlob(digest)) => return Ok(Err(Outcome::Missing(vec![digest]))),
+            Err(error) => return Ok(Err(Outcome::Failed(error.to_string()))),
+        };
+        if let Err(message) = check_outputs(&producer.spec, producer.group, &outputs) {
+            return Ok(Err(Outcome::Failed(format!("internal error: {message}; please report it"))));
+        }
+        // Of a transient node, what nobody reads is not even kept in memory.
+        let is_read = |name: &&String| port_of(&producer.spec, name).is_some_and(|port| producer.read.contains(&port));
+        let items = outputs.items.iter().filter(|(name, _)| is_read(name)).map(|(_, artifact)| artifact);
+        let gathered = outputs.collections.iter().filter(|(name, _)| is_read(name));
+        blobs.hand_over(items.chain(gathered.flat_map(|(_, collection)| collection.items.values())))?;
+        let mut payload = Payload { items: outputs.items, ..Payload::default() };
+        let mut collections = Vec::new();
+        for (name, collection) in outputs.collections {
+            let Some(port) = port_of(&producer.spec, &name) else { continue }; // checked above
+            let sharded = Sharded::of(collection.items.into_iter().map(|(key, artifact)| (key, Output::new(artifact))));
+            payload.collections.insert(name, sharded.put(store)?);
+            collections.push((port, Arc::new(sharded)));
+        }
+        Ok(Ok(Produced { payload, collections, put: blobs.made() }))
+    }
+
+    /// Records what an action gave.
+    fn keep(&self, produced: Produced, wall_us: u64, warning: &mut Option<String>) -> Result<Outcome, CacheError> {
+        let Produced { payload, collections, put } = produced;
+        let (action, store) = (self.action, self.holdings.store);
+        let Producer { spec, group, transient, .. } = self.producer;
+        let mut bytes = payload.items.values().map(Artifact::size).sum::<u64>();
+        for (_, sharded) in &collections {
+            let items = sharded.items(store)?.unwrap_or_default(); // just made, so at hand
+            bytes += items.iter().map(|(_, output)| output.artifact.size()).sum::<u64>();
+        }
+        let recipe = serde_json::to_string(&action.given(store)?).expect("keys and digests always serialise");
+        let record = records::record(ACTION, action.hash, spec.name, action.key.preimage(), &payload);
+        let record = Record { wall_us, bytes, recipe, transient: *transient, ..record };
+        if let Recorded::Conflict { existing } = store.record(&record)? {
+            let other = Payload::of(&existing).unwrap_or_default();
+            let differing = other.differs(&payload, spec);
+            if !differing.is_empty() {
+                *warning = Some(format!(
+                    "`{}` gave two different outputs for key {}: {}; it is not reproducible, and the first stays \
+                     unless its blobs are gone",
+                    spec.name,
+                    action.hash,
+                    differing.join(", ")
+                ));
+            }
+            // The earlier outputs stay, measured ones too, as long as they are whole.
+            if existing.refs.iter().chain(&existing.trees).all(|d| self.holdings.is_here(d))
+                && let Some(made) = records::load(store, &existing, spec, group)?
+            {
+                return Ok(Outcome::Ran(made));
+            }
+            store.replace(&record)?;
+        }
+        let port = |(name, artifact): (String, Artifact)| Some((port_of(spec, &name)?, Output::new(artifact)));
+        let items = payload.items.into_iter().filter_map(port).collect();
+        Ok(Outcome::Ran(Made { items, collections, wall_us, bytes, put }))
+    }
+
+    /// What a recheck found.
+    fn compare(&self, payload: &Payload, made: &Made) -> Outcome {
+        let spec = &self.producer.spec;
+        let record = self.holdings.store.lookup(ACTION, &self.action.hash);
+        let differing = record.and_then(|r| Payload::of(&r)).unwrap_or_default().differs(payload, spec);
+        if differing.is_empty() {
+            return Outcome::Ran(made.clone());
+        }
+        Outcome::Failed(format!(
+            "the recheck gave other content on {}: `{}` is not reproducible, or its version should have gone up; the \
+             recorded output stays",
+            differing.join(", "),
+            spec.name
+        ))
+    }
+
+    /// All blobs of an action's inputs that are missing or damaged, after the `first`. They are asked for at once: one
+    /// at a time, each would take a pass over the graph. Looked for only where one was missed, as all are read.
+    fn missing(&self, mut missing: Vec<Digest>) -> Result<Outcome, CacheError> {
+        let mut asked: BTreeSet<Digest> = BTreeSet::new();
+        for (_, sharded) in self.action.whole.iter() {
+            let (blobs, listings) = sharded.blobs(self.holdings.store)?;
+            asked.extend(blobs);
+            missing.extend(listings);
+        }
+        asked.extend(self.action.each.iter().flat_map(|(_, output)| output.artifact.parts.values().copied()));
+        for digest in asked {
+            if self.stop.load(Ordering::Relaxed) {
+                break;
+            }
+            if !self.holdings.is_sound(&digest)? {
+                missing.push(digest);
+            }
+        }
+        Ok(Outcome::Missing(missing))
+    }
+}
+
+impl PreparedAction {
+    /// What it takes to do the action again, beside its key.
+    ///
+    /// # Errors
+    /// If the store cannot be written: it keeps the listings of collections.
+    pub fn given(&self, store: &Store) -> Result<ActionInputs, CacheError> {
+        let name = |input: InputId| self.producer.input(input).to_owned();
+        let mut each: BTreeMap<String, Artifact> =
+            self.each.iter().map(|(input, output)| (name(*input), output.artifact.clone())).collect();
+        each.extend(self.file.iter().map(|file| (FILE_PORT.to_owned(), file.clone())));
+        let mut whole: BTreeMap<String, Listed> = BTreeMap::new();
+        for (input, sharded) in self.whole.iter() {
+            whole.insert(name(*input), sharded.put(store)?);
+        }
+        Ok(ActionInputs { item: self.item.clone(), each, whole })
+    }
+}

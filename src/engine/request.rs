@@ -1,0 +1,305 @@
+//! What a scheduler asks of the look-up threads, and what they answer. Everything that reads or writes the store, lists
+//! files or runs a kind's code for it is asked for here.
+//!
+//! Knows nothing of how an answer is found.
+
+use super::{
+    EngineError,
+    event::Name,
+    execute::{Producer, Whole},
+    ids::{InputId, LaneId, PortId, Row, SlotId},
+    lanes::{Lane, LaneBasis, Lanes, ReadingPort},
+    records::Made,
+    sharded::{Here, Output, Shard, Sharded},
+};
+use crate::pipeline::Pipeline;
+use serde_json::Value;
+use std::{path::PathBuf, sync::Arc};
+use tauflow_cache::{CacheError, Digest, Key};
+use tauflow_contract::{ActionKey, Artifact, ItemKey, NodeKind, Projection, SourceItem};
+
+/// What a scheduler asks.
+pub enum Request {
+    /// List the items of a source, in order.
+    List {
+        /// Its lane.
+        lane: LaneId,
+        /// Its kind.
+        kind: Arc<dyn NodeKind>,
+        /// Its params.
+        params: Value,
+    },
+    /// Look up actions.
+    Actions(LookUps),
+    /// Look up shards of a lane as wholes.
+    Shards(ShardLookUps),
+    /// Read the listings of shards.
+    Read(Vec<ShardRead>),
+    /// Merge the collections on an input.
+    Merge(Merge),
+    /// Keep roll-ups.
+    Keep(Vec<Keep>),
+}
+
+/// The answer to a [`Request`].
+pub enum Response {
+    /// The items of a source.
+    Listed {
+        /// Its lane.
+        lane: LaneId,
+        /// The items, or why there are none.
+        items: Result<Vec<SourceItem>, String>,
+    },
+    /// What is known of actions.
+    Actions(Vec<LookedUp>),
+    /// What is known of the shards of a lane.
+    Shards {
+        /// The lane.
+        lane: LaneId,
+        /// The shards that were asked for.
+        found: Vec<ShardFound>,
+    },
+    /// Shards that have their items now, or the blobs that list them and are missing.
+    Read(Vec<(ShardRead, Here<()>)>),
+    /// The collection on an input.
+    Merged {
+        /// The lane.
+        lane: LaneId,
+        /// Its input.
+        input: InputId,
+        /// The collection, or why there is none.
+        merged: Merged,
+    },
+    /// Roll-ups are kept.
+    Kept,
+    /// The store failed: the run must stop.
+    Fatal(EngineError),
+}
+
+/// Shards of one lane that are looked up together.
+pub struct ShardLookUps {
+    /// The lane's.
+    pub task: Arc<Task>,
+    /// The shards by number.
+    pub shards: Vec<(u8, ShardOf)>,
+}
+
+/// What a shard is looked up by.
+pub enum ShardOf {
+    /// Its key.
+    Key(Key),
+    /// The items of a source, and the digest of what decides all shards of its lane.
+    Items(Digest, Vec<ItemKey>),
+}
+
+/// What is known of a shard after its look-up.
+pub struct ShardFound {
+    /// Its number.
+    pub shard: u8,
+    /// Its key.
+    pub key: Key,
+    /// The items that it was asked by.
+    pub items: Vec<ItemKey>,
+    /// What an earlier run left.
+    pub rolled: Option<RolledShard>,
+}
+
+/// A shard as an earlier run left it.
+pub struct RolledShard {
+    /// Its items by output port.
+    pub outputs: Vec<(PortId, Arc<Shard>)>,
+    /// Number, wall time and bytes of its actions.
+    pub totals: (u64, u64, u64),
+}
+
+/// A shard whose items somebody needs one by one.
+pub struct ShardRead {
+    /// Who.
+    pub reader: ReadingPort,
+    /// Its number.
+    pub number: u8,
+    /// The shard.
+    pub shard: Arc<Shard>,
+}
+
+/// Collections that meet on an input.
+pub struct Merge {
+    /// The lane.
+    pub lane: LaneId,
+    /// Its input.
+    pub input: InputId,
+    /// What the port is called.
+    pub port: String,
+    /// Each with what is put before its keys.
+    pub feeds: Vec<(Option<String>, Arc<Sharded>)>,
+}
+
+/// What became of a [`Merge`].
+pub enum Merged {
+    /// All of them.
+    Whole(Arc<Sharded>),
+    /// They do not go together.
+    Failed(String),
+    /// These blobs, which list items, are missing.
+    Missing(Vec<Digest>),
+}
+
+/// What ended with all its outputs, and is kept as a roll-up.
+pub struct Keep {
+    /// The namespace of its record.
+    pub namespace: &'static str,
+    /// Its key.
+    pub key: Key,
+    /// The key as text, for people; may be empty.
+    pub preimage: String,
+    /// The kind.
+    pub kind: String,
+    /// Its outputs by port.
+    pub outputs: Vec<(String, Rolling)>,
+    /// Number, wall time and bytes of its actions.
+    pub totals: (u64, u64, u64),
+    /// Its outputs need not be stored.
+    pub transient: bool,
+}
+
+/// An output of a roll-up.
+pub enum Rolling {
+    /// Of a lane.
+    Lane(Arc<Sharded>),
+    /// Of a shard.
+    Shard(Arc<Shard>),
+}
+
+/// A lane as events name it.
+#[derive(Clone)]
+pub struct LaneName {
+    /// The node.
+    pub node: Name,
+    /// The cell, or empty.
+    pub cell: Name,
+}
+
+/// What all actions of a lane share.
+pub struct Task {
+    /// The lane.
+    pub lane: LaneId,
+    /// What it is called.
+    pub label: LaneName,
+    /// What makes the outputs.
+    pub producer: Arc<Producer>,
+    /// The params that each action reads.
+    pub projection: Projection,
+    /// What decides its outputs beside what they read; of params, each action has its own.
+    pub basis: LaneBasis,
+    /// It makes measurements, and must have the machine to itself.
+    pub alone: bool,
+}
+
+/// An action to be looked up.
+pub struct LookUp {
+    /// Which of its lane's slots it is.
+    pub slot: SlotId,
+    /// The item.
+    pub item: Option<ItemKey>,
+    /// Artifacts by input port.
+    pub each: Vec<(InputId, Arc<Output>)>,
+    /// Files outside, of a source's item.
+    pub files: Vec<(String, PathBuf)>,
+}
+
+/// Actions of one lane that are looked up together.
+pub struct LookUps {
+    /// The lane's.
+    pub task: Arc<Task>,
+    /// Collections by input port, the same for all.
+    pub whole: Arc<Whole>,
+    /// The actions.
+    pub actions: Vec<LookUp>,
+}
+
+/// An action that has been looked up and must run.
+pub struct Todo {
+    /// Its key.
+    pub key: ActionKey,
+    /// The key's hash.
+    pub hash: Key,
+    /// The files outside that it reads.
+    pub file: Option<Artifact>,
+    /// What it gave before, if it runs only to be compared.
+    pub before: Option<Made>,
+}
+
+/// What a look-up found.
+pub enum Finding {
+    /// The action was done before.
+    Hit(Made),
+    /// It must run.
+    Todo(Box<Todo>),
+    /// It would run, in a dry run.
+    WouldRun {
+        /// It has been done before, and its outputs are lost.
+        lost: bool,
+        /// Inputs of which blobs are not there.
+        gone: Vec<InputId>,
+    },
+    /// It has no key: its files cannot be read, or its kind is at fault.
+    Failed(String),
+    /// The store failed: the run must stop.
+    Fatal(CacheError),
+}
+
+/// What is known of an action after its look-up.
+pub struct LookedUp {
+    /// Its lane and slot.
+    pub slot: (LaneId, SlotId),
+    /// What was found.
+    pub standing: Finding,
+    /// Its key, if keys are kept and it came that far.
+    pub key: Option<Box<ActionKey>>,
+    /// Content digest of the files outside that it reads.
+    pub file: Option<Digest>,
+}
+
+impl LookedUp {
+    /// What was found, without more.
+    pub fn of(slot: (LaneId, SlotId), standing: Finding) -> Self {
+        Self { slot, standing, key: None, file: None }
+    }
+}
+
+/// What the actions of each lane share.
+pub fn tasks(pipeline: &Pipeline, lanes: &Lanes) -> Row<LaneId, Arc<Task>> {
+    lanes.pairs().map(|(id, lane)| Arc::new(task(pipeline, lanes, id, lane))).collect()
+}
+
+fn task(pipeline: &Pipeline, lanes: &Lanes, id: LaneId, lane: &Lane) -> Task {
+    let node = &pipeline.nodes[lane.node];
+    let is_read = |port: &PortId| lane.readers.iter().any(|reader| reader.feed(lanes).port == *port);
+    let producer = Producer {
+        kind: node.kind.clone(),
+        spec: node.spec.clone(),
+        group: lane.group.name,
+        transient: lane.is_transient(pipeline),
+        read: lane.ports.iter().copied().filter(is_read).collect(),
+    };
+    let label = LaneName { node: node.name.as_str().into(), cell: pipeline.cells[lane.cell].text.as_str().into() };
+    Task {
+        lane: id,
+        label,
+        producer: Arc::new(producer),
+        projection: node.kind.projection(&pipeline.cells[lane.cell].params),
+        basis: lane.basis.without_params(),
+        alone: node.spec.measures(lane.group.name),
+    }
+}
+
+/// An item's key below the prefix of a feed.
+///
+/// # Errors
+/// In words, if it is too long with it.
+pub fn prefixed(prefix: Option<&str>, key: &ItemKey) -> Result<ItemKey, String> {
+    match prefix {
+        Some(prefix) => key.in_cell(prefix).map_err(|e| e.to_string()),
+        None => Ok(key.clone()),
+    }
+}

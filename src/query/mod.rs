@@ -1,0 +1,14 @@
+//! Questions about pipelines and their runs, with typed answers: what a plan costs, why an action runs, what a node
+//! made, how far a run is. The command line prints the answers; other front ends read the same.
+//!
+//! Prints nothing, and runs nothing.
+
+mod explanation;
+mod made;
+mod plan;
+mod run_state;
+
+pub use explanation::{Explained, ExplainedGroup, Explanation, Why, explain};
+pub use made::{Selection, SelectionError};
+pub use plan::{Cost, NodePlan, PlanCosts, plan};
+pub use run_state::{Counts, LongAction, NodeState, RunState};

@@ -1,0 +1,60 @@
+//! Queries: answers as types, which the command line prints and other front ends read.
+
+use crate::support::{Workshop, resolve};
+use tauflow::{
+    engine::{Only, explain::Reason},
+    query::{self, Explanation, NodePlan, PlanCosts, Why},
+};
+
+fn text(mul: i64) -> String {
+    format!(
+        "nodes:\n  numbers: {{kind: numbers, params: {{count: 3}}}}\n  \
+         scaled: {{kind: affine, inputs: {{in: numbers}}, params: {{mul: {mul}}}}}\n  \
+         sum: {{kind: total, inputs: {{in: scaled}}}}\n"
+    )
+}
+
+fn node<'a>(plan: &'a PlanCosts, name: &str) -> &'a NodePlan {
+    plan.nodes.iter().find(|node| node.node == name).expect("it is needed")
+}
+
+#[test]
+fn a_plan_says_of_each_node_what_would_run_why_and_what_that_costs() {
+    let shop = Workshop::new();
+    let plan = |mul| query::plan(&resolve(&text(mul)), &shop.store()).expect("readable");
+    let new = plan(2);
+    assert_eq!(node(&new, "numbers").reasons, [(Reason::Never, 3)]);
+    assert!(new.is_partial() && !new.is_empty() && node(&new, "numbers").cost.is_none());
+    shop.run(&text(2));
+    assert!(plan(2).is_empty());
+    let edited = plan(3);
+    let scaled = node(&edited, "scaled");
+    assert_eq!((scaled.as_before, scaled.to_run), (0, 3));
+    assert_eq!(scaled.reasons, [(Reason::Changed(vec!["param mul".into()]), 3)]);
+    assert!(scaled.cost.is_some_and(|cost| cost.bytes > 0.0 && cost.bytes <= edited.total.bytes));
+    assert_eq!((node(&edited, "numbers").as_before, node(&edited, "sum").waiting), (3, 1));
+    let json = serde_json::to_value(&edited).expect("plain data");
+    assert_eq!(json["nodes"][1]["reasons"][0][0]["changed"][0], "param mul");
+}
+
+#[test]
+fn an_explanation_is_of_one_action_or_of_groups() {
+    let shop = Workshop::new();
+    shop.run(&text(2));
+    let explain = |mul, of: &str| {
+        let pipeline = resolve(&text(mul));
+        let only = Only::parse(of, &pipeline).expect("it is there");
+        query::explain(&pipeline, &shop.store(), &only)
+    };
+    let changed = Why::Runs(Reason::Changed(vec!["param mul".into()]));
+    let Ok(Explanation::Several(groups)) = explain(3, "scaled") else { panic!("there are three items") };
+    assert_eq!((groups.len(), &groups[0].why, groups[0].names.len()), (1, &changed, 3));
+    let Ok(Explanation::One(one)) = explain(3, "scaled/n0001") else { panic!("it is one item") };
+    assert_eq!((&one.why, one.nearest.is_some(), one.name.as_str()), (&changed, true, "n0001"));
+    let Ok(Explanation::One(one)) = explain(2, "scaled/n0001") else { panic!("it is one item") };
+    assert_eq!((&one.why, one.nearest.is_none()), (&Why::Done, true));
+    let Ok(Explanation::Waits(nodes)) = explain(3, "sum") else { panic!("its input is not there") };
+    assert_eq!(nodes, ["scaled"]);
+    let error = explain(2, "scaled/n0009").expect_err("there is no such item");
+    assert!(error.to_string().contains("`scaled` has no item `n0009`"), "{error}");
+}
