@@ -70,8 +70,8 @@ impl Kind for ImageQualityKind {
             summary: "Scores generated images against clean renders, and judges an adapter's gain.",
             manual: include_str!("image_quality.md"),
             mode: Mode::Gather,
-            inputs: const { &[GENERATED.port(), REFERENCES.port(), TRAINING.port(), SCORES.port()] },
-            outputs: const { &[QUALITY.port()] },
+            inputs: vec![GENERATED.port(), REFERENCES.port(), TRAINING.port(), SCORES.port()],
+            outputs: vec![QUALITY.port()],
             seeded: true,
         }
     }

@@ -55,8 +55,8 @@ impl Kind for AdapterReport {
             summary: "Shows what an adapter does to frozen generative backbones: a page, JSON, CSV and pictures.",
             manual: include_str!("adapter_report.md"),
             mode: Mode::Gather,
-            inputs: const { &[QUALITY.port(), GENERATED.port()] },
-            outputs: const { &[PAGE.port()] },
+            inputs: vec![QUALITY.port(), GENERATED.port()],
+            outputs: vec![PAGE.port()],
             seeded: false,
         }
     }

@@ -50,8 +50,8 @@ impl Kind for NoReferenceScores {
             summary: "Scores generated images by models and programs of yours, such as CLIPIQA.",
             manual: include_str!("no_reference_scores.md"),
             mode: Mode::Gather,
-            inputs: const { &[GENERATED.port()] },
-            outputs: const { &[SCORES.port()] },
+            inputs: vec![GENERATED.port()],
+            outputs: vec![SCORES.port()],
             seeded: false,
         }
     }
