@@ -18,7 +18,7 @@ const NOT_PINNED: [(&str, &str); 12] = [
     ("time_error", "its figures are times"),
     ("image_quality", "the tests of its crate pin the scores of samples that are made in memory"),
     ("no_reference_scores", "models and programs that are not ours make its scores"),
-    ("adapter_report", "the tests of its crate pin the page of samples that are made in memory"),
+    ("adapter_report", "the tests of its crate check the page of samples that are made in memory"),
 ];
 
 /// Kinds that `pipelines/stress.yaml` leaves out, and why.

@@ -41,7 +41,7 @@ pub fn identity(template: &[String]) -> BTreeMap<String, String> {
     words.filter_map(file).collect()
 }
 
-/// What a file holds, as its digest; a file that is there and cannot be read is not one that is missing.
+/// The digest of a file's content; an unreadable file differs from a missing one.
 pub fn contents(file: &Path) -> String {
     digest(file).map_or_else(|| "cannot be read".to_owned(), |digest| digest.hex())
 }

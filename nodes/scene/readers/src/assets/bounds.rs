@@ -67,7 +67,7 @@ pub fn channels(place: &str, channels: usize, texels: usize, bytes: usize) -> Re
     Ok(())
 }
 
-/// What the images of an object may still cost.
+/// The remaining budget of an object's images.
 pub struct Allowance {
     /// Texels to be read, each for each use.
     texels: usize,

@@ -49,7 +49,7 @@ const SUPPORTED: [&str; 19] = [
     "KHR_texture_transform",
 ];
 
-/// What to do about an extension that is not supported.
+/// The remedy for an unsupported extension.
 fn remedy(extension: &str) -> &'static str {
     match extension {
         "EXT_meshopt_compression" | "KHR_meshopt_compression" => {
