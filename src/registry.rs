@@ -1,4 +1,4 @@
-//! The one file that names the kinds' crates: all node kinds, and what commands use of a crate outside pipelines.
+//! The only file that names the crates of kinds: all node kinds, and functions that commands use outside of pipelines.
 
 use crate::kinds::Registry;
 
@@ -7,7 +7,7 @@ pub use tauflow_render::{
     render::{Goal, RenderStats, render_image},
     until::Until,
 };
-pub use tauflow_scene::{LightUnit, Options, load_scene};
+pub use tauflow_scene_readers::{LightUnit, Options, load_scene};
 pub use tauflow_train::{
     Conditioning, Course, Denoiser, Mirrored, Model, ModelCalls, NetworkDevice, Place, Views, rollout_to,
 };
@@ -15,9 +15,11 @@ pub use tauflow_train::{
 /// Every kind there is.
 pub fn registry() -> Registry {
     let crates = [
+        tauflow_scene_readers::kinds(),
         tauflow_scene::kinds(),
         tauflow_render::kinds(),
         tauflow_train::kinds(),
+        tauflow_generative::kinds(),
         tauflow_denoise::kinds(),
         tauflow_eval::kinds(),
         tauflow_report::kinds(),

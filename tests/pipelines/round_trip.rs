@@ -13,7 +13,7 @@ use tauflow_data::{
     scene::{Bsdf, DELTA_ALPHA, Emitter, Geometry, Scene, Texture},
 };
 use tauflow_render::{render::Renderer, world::World};
-use tauflow_scene::{Options, load_scene};
+use tauflow_scene_readers::{Options, load_scene};
 
 /// A scene of each stratum.
 const PIPELINE: &str = "

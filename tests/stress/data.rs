@@ -17,7 +17,8 @@ use tauflow_data::{
 };
 use tauflow_eval::{EvaluationKind, EvaluationParams, TimeErrorKind, TimeErrorParams};
 use tauflow_render::convergence::{ConvergenceKind, ConvergenceParams};
-use tauflow_scene::{Assets, AssetsParams, StratifiedSampling, StratifiedSamplingParams};
+use tauflow_scene::{StratifiedSampling, StratifiedSamplingParams};
+use tauflow_scene_readers::{Assets, AssetsParams};
 
 const AREA: &str = "Strata, ladders and files";
 

@@ -1,13 +1,16 @@
-//! What node kinds exchange: images, ladders, scenes, strata, variance time, and their file formats.
+//! The data that node kinds exchange: images, ladders, scenes, strata, variance time, and their file formats.
 //!
 //! Knows no kind: how a scene is drawn, rendered, learnt from or judged is elsewhere.
 
+pub mod bins;
 pub mod curve;
 pub mod folder;
+pub mod geom;
 pub mod image;
 pub mod image_io;
 pub mod maths;
 pub mod mesh;
+pub mod mesh_check;
 pub mod methods;
 pub mod mitsuba;
 pub mod records;
@@ -16,6 +19,7 @@ pub mod rungs;
 pub mod scene;
 pub mod statistics;
 pub mod stratum;
+pub mod tabular;
 pub mod tensors;
 pub mod time;
 pub mod timing;
@@ -38,7 +42,7 @@ pub enum DataError {
     Io {
         /// The file.
         path: String,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
 }

@@ -1,15 +1,20 @@
-//! What pictures are, measured: an image of linear radiance in, numbers out. It does not matter whether it was rendered
-//! or photographed.
+//! Image statistics: numbers from an image of linear radiance. It does not matter whether it was rendered or
+//! photographed.
 //!
 //! Pictures are exposed as the quality gate exposes previews, so that no number depends on the scale of their light.
 //! Edges, the spectrum and colours are those of display values; the spread of light and contrasts are taken in stops.
 
 mod spectrum;
 
-pub use crate::bins::KEY;
+pub use tauflow_data::bins::KEY;
 
-use crate::bins::{BIN, Bins, edges, errors, geometric_mean_luminance};
-use tauflow_data::{Image, image::preview, maths::log2, records::PictureStatistics};
+use tauflow_data::{
+    Image,
+    bins::{BIN, Bins, edges, errors, geometric_mean_luminance},
+    image::preview,
+    maths::log2,
+    records::PictureStatistics,
+};
 
 /// Classes of hue; the three colours and those between two of them lie in the middle of one each.
 const HUES: usize = 12;
@@ -75,7 +80,7 @@ fn entropy(weights: &[f64]) -> f64 {
 
 /// The display colours of a picture.
 struct Colours {
-    /// Of each pixel.
+    /// Values per pixel.
     saturations: Vec<f64>,
     /// Sums of saturation by class of hue.
     hues: [f64; HUES],

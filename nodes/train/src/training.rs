@@ -2,16 +2,13 @@
 
 mod batches;
 mod checkpoint;
-mod curve;
 mod divergence;
-mod optimiser;
 mod params;
-mod threads;
 pub mod timing;
 mod trainer;
 
-pub use optimiser::Decay;
 pub use params::TrainingParams;
+pub use tauflow_tensors::Decay;
 
 use crate::{
     device::{self, Place},
@@ -19,8 +16,6 @@ use crate::{
 };
 use batches::{DataSet, Draw};
 use checkpoint::Checkpoints;
-use curve::{Curve, Score};
-use optimiser::Rates;
 use params::LATER;
 use serde_json::Value;
 use std::time::Instant;
@@ -29,7 +24,7 @@ use tauflow_contract::{
     ParamProblem, Probe, derive_seed, leave_out,
 };
 use tauflow_data::records::{ModelFile, PackedScene, TrainingLog, TrainingTiming};
-use threads::Share;
+use tauflow_tensors::{Checkpoints as Kept, Curve, Rates, Score, Share};
 use trainer::Trainer;
 
 /// Raised with every change of what a training computes: neither results nor checkpoints of before count then.
@@ -38,13 +33,13 @@ const VERSION: u32 = 4;
 /// The kind `training`.
 pub struct Training;
 
-const TRAIN: All<PackedScene> = All::new("train", "The scenes to learn from.");
-const TEST: All<PackedScene> = All::new("test", "Scenes whose loss is written down, never learned from.").or_none();
+const TRAIN: All<PackedScene> = All::new("train", "The training set.");
+const TEST: All<PackedScene> = All::new("test", "The test set; only its loss is recorded.").or_none();
 
 const MAIN: Group = Group::main(VERSION);
 const MODEL: Out<ModelFile> = Out::new(MAIN, "model", "The averaged weights.");
 const LOG: Out<TrainingLog> = Out::new(MAIN, "log", "The loss curve.");
-const TIMING: Out<TrainingTiming> = Out::new(MAIN, "timing", "Time of a step.").measured();
+const TIMING: Out<TrainingTiming> = Out::new(MAIN, "timing", "Wall time per step.").measured();
 
 /// The key of the one item on each output.
 const ITEM: &str = "model";
@@ -55,7 +50,7 @@ impl Kind for Training {
     fn spec() -> KindSpec {
         KindSpec {
             name: "training",
-            summary: "Trains a transport solver.",
+            summary: "Trains a solver (a neural denoiser).",
             manual: include_str!("training.md"),
             mode: Mode::Gather,
             inputs: vec![TRAIN.port(), TEST.port()],
@@ -121,7 +116,8 @@ impl Work<'_> {
         };
         if let Some(test) = test.as_ref().filter(|t| t.counts != train.counts) {
             return Err(KindError::Input(format!(
-                "the test scenes have rungs {:?} and the training scenes {:?}; give both ladders the same `rungs`",
+                "the test scenes have rungs {:?}, but the training scenes have {:?}; give both ladders the same \
+                `rungs`",
                 test.counts, train.counts
             )));
         }
@@ -172,6 +168,7 @@ impl Work<'_> {
             ema: p.ema,
             decay: p.decay,
             steps: p.steps,
+            weight_decay: 0.0,
         }
     }
 
@@ -182,24 +179,20 @@ impl Work<'_> {
         let basis = Basis::new("training", VERSION, "checkpoint");
         let mut inputs = vec![self.train.digest()];
         inputs.extend(self.test.map(Items::digest));
-        Checkpoints {
-            basis: Basis { environment: self.place.beside(Value::Null), ..basis.with(params, Some(self.seed)) },
-            inputs,
-            info: info.clone(),
-            every: self.params.checkpoint_every,
-        }
+        let basis = Basis { environment: self.place.beside(Value::Null), ..basis.with(params, Some(self.seed)) };
+        Checkpoints { kept: Kept { basis, inputs, every: self.params.checkpoint_every }, info: info.clone() }
     }
 
-    /// What went wrong after `done` steps, and what is there of them.
+    /// The error after `done` steps, and the last checkpoint.
     fn with_checkpoint(&self, error: KindError, checkpoints: &Checkpoints, done: u64) -> KindError {
-        let last = checkpoints.last_due(done);
+        let last = checkpoints.kept.last_due(done);
         match error {
             KindError::Input(told) if last > 0 && self.params.decay == Decay::None => KindError::Input(format!(
-                "{told}; the state after step {last} is kept: `steps: {last}` makes a model of it"
+                "{told}; the last checkpoint is step {last}: `steps: {last}` turns it into a model"
             )),
             // A rate that falls towards the last step has other checkpoints for fewer steps.
             KindError::Input(told) if last > 0 => {
-                KindError::Input(format!("{told}; the last state that is kept is that after step {last}"))
+                KindError::Input(format!("{told}; the last checkpoint is step {last}"))
             }
             error => error,
         }
@@ -235,8 +228,8 @@ impl Work<'_> {
             // JSON has no infinity: the curve would look as if there were no test scenes.
             if !test.is_finite() {
                 return Err(KindError::Input(format!(
-                    "the loss on the test scenes is {test} after step {}: a value of theirs is too large for `loss`; \
-                     render them again, or take `space: log1p`",
+                    "the test loss is {test} after step {}: a value of the test scenes is too large for `loss`; \
+                    render them again, or use `space: log1p`",
                     trainer.state.step
                 )));
             }
@@ -265,7 +258,7 @@ impl Work<'_> {
                 curve.point(step, share.run(|| score(trainer))??, rate);
             }
             // The last state serves a longer training, but not where the rate has already fallen for the end.
-            if checkpoints.due(step) && (step < p.steps || p.decay == Decay::None) {
+            if checkpoints.kept.due(step) && (step < p.steps || p.decay == Decay::None) {
                 checkpoints.keep(self.ctx, trainer, curve)?;
             }
             if step.is_multiple_of(10) || step == p.steps {

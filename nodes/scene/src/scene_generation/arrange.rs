@@ -1,7 +1,6 @@
 //! Arranging things: scattered, in rows, in piles, round tables, along walls, hung, and the main object.
 
 use super::{
-    forms::Family,
     place::{GAP, Surface, Turn},
     props::{Ask, Pick, ask},
     shell::Wall,
@@ -9,6 +8,7 @@ use super::{
 };
 use core::f64::consts::{PI, TAU};
 use tauflow_data::Regime;
+use tauflow_scene_library::forms::Family;
 
 impl<'a> Stage<'a> {
     /// Puts a thing anywhere on a surface, turned by within `yaw`.
@@ -231,7 +231,7 @@ impl<'a> Stage<'a> {
                     let mut ask = ask(family);
                     ask.high = high;
                     ask.glass = self.glassy() && (attempt % 2 == 0 || self.left() < 2);
-                    // What is far from the size asked for is made so.
+                    // Things far from the requested size are scaled.
                     ask.longest = Some([longest, longest]);
                     self.pick(&ask)
                 }

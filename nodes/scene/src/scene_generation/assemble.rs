@@ -3,25 +3,28 @@
 use super::{
     camera,
     cast::{Cast, Pool},
-    forms::Family,
     lamps::Hour,
     layouts,
-    library::Facts,
-    materials::{Materials, Palette},
     params::SceneGenerationParams,
     stage::{Body, HERE, Skin, Stage, Thing},
-    stuff::Stuff,
 };
-use crate::geom::{Vec3, add, cross, dot, length, mul, sub, unit};
 use core::f64::consts::PI;
 use std::{collections::BTreeMap, sync::Arc};
 use tauflow_contract::{Context, Digest, KindError};
 use tauflow_data::{
-    ContextClass, Regime, Scene, Stratum, maths,
+    ContextClass, Regime, Scene, Stratum,
+    geom::{Vec3, add, cross, dot, length, mul, sub, unit},
+    maths,
     mesh::Mesh,
     records::AssetBody,
     rng::Stream,
     scene::{Affine, Bsdf, Emitter, Geometry, Recipe, Shape, Texture},
+};
+use tauflow_scene_library::{
+    Facts,
+    forms::Family,
+    materials::{Materials, Palette},
+    stuff::Stuff,
 };
 
 /// Which scene of a stratum.
@@ -82,7 +85,8 @@ pub fn of_stage(ctx: &Context<'_>, stage: Stage<'_>, which: Which, seed: u64) ->
         0 => stream.clone(),
         view => stream.part(&format!("view.{view}")),
     };
-    let materials = Materials { ctx, params, palette: Palette::new(&mut stream.part("palette")) };
+    let ranges = params.ranges();
+    let materials = Materials { ctx, ranges: &ranges, palette: Palette::new(&mut stream.part("palette")) };
     let mut work = Work {
         ctx,
         params,
@@ -179,7 +183,7 @@ impl Work<'_, '_> {
         self.shapes.push(Shape { geometry, to_world, material, emission, flip_normals: false });
     }
 
-    /// What is built of one material: a rectangle if it is one quad, else a mesh.
+    /// A structure of one material: a rectangle if it is one quad, otherwise a mesh.
     fn skin(&mut self, label: &str, skin: &Skin) -> Result<(), KindError> {
         let d = self.stream.part(&format!("skin.{label}"));
         let special = skin.special;
@@ -212,7 +216,7 @@ impl Work<'_, '_> {
         Ok(())
     }
 
-    /// The material of a part of a thing of `set`. What is printed over the whole of a part has its uv's box.
+    /// The material of a part of a thing of `set`. Prints that cover a whole part use its uv box.
     fn stuff(
         &mut self,
         stuff: Stuff,

@@ -1,11 +1,15 @@
-//! Aiming: a camera drawn by the rules of a stage. What it sees is not checked, only that it stands in no solid.
+//! Aiming: a camera drawn by the rules of a stage. Its view is not checked; it is only guaranteed to be outside of
+//! solids.
 
 use super::{
     place::tenth,
     stage::{From, Stage},
 };
-use crate::geom::{Aabb, Vec3, add, direction, length, mul, sub};
-use tauflow_data::{rng::Stream, scene::Camera};
+use tauflow_data::{
+    geom::{Aabb, Vec3, add, direction, length, mul, sub},
+    rng::Stream,
+    scene::Camera,
+};
 
 /// Candidates tried before the search for a free place grows desperate.
 const TRIES: usize = 64;

@@ -3,17 +3,18 @@
 use super::{
     assemble::Work,
     cast::{Cast, Sky},
-    skies,
     stage::{HERE, Light, Stage},
 };
-use crate::geom::{Vec3, facing, rotation_y, sub};
 use core::f64::consts::PI;
 use tauflow_contract::KindError;
 use tauflow_data::{
-    Regime, Stratum, maths,
+    Regime, Stratum,
+    geom::{Vec3, facing, rotation_y, sub},
+    maths,
     rng::Stream,
     scene::{Affine, Bsdf, Emitter, Geometry, Texture},
 };
+use tauflow_scene_library::skies;
 
 /// The time of day: what it makes of lamps, of daylight and of the sky.
 pub struct Hour {

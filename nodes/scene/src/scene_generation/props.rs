@@ -4,15 +4,17 @@
 
 use super::{
     cast::shown,
-    forms::{Family, Form},
-    library::facts,
     place::{GAP, Solid, Surface, Turn},
     stage::{Body, Rest, Stage, Thing},
 };
-use crate::geom::{Aabb, Vec3, apply, compose, translation};
 use tauflow_data::{
+    geom::{Aabb, Vec3, apply, compose, translation},
     records::{Asset, AssetBody},
     scene::Affine,
+};
+use tauflow_scene_library::{
+    facts,
+    forms::{Family, Form},
 };
 
 /// How a thing is turned over before it is put down.
@@ -26,7 +28,7 @@ pub enum Stance {
     Upright,
 }
 
-/// What is asked for: a family, sizes in metres, a stance.
+/// A request: a family, sizes in metres, a stance.
 #[derive(Clone, Copy, Debug)]
 pub struct Ask {
     /// The family.
@@ -91,7 +93,7 @@ pub struct Pick<'a> {
     /// Width, height and depth in its stance.
     pub size: Vec3,
     solids: Vec<Aabb>,
-    /// What it stands on: middle and half sizes.
+    /// Its base: centre and half sizes.
     foot: ([f64; 2], [f64; 2]),
     special: bool,
     glass: bool,

@@ -1,13 +1,12 @@
-//! What rooms and houses are built of: walls with openings, windows with something bright behind, doors, panels.
+//! Parts of rooms and houses: walls with openings, windows with a bright background, doors, panels.
 
 use super::{
-    forms::Family,
     place::{Solid, Surface, Turn},
     props::ask,
-    stage::{From, Light, Stage},
-    stuff::Stuff,
+    stage::{Board, From, Light, Stage},
 };
-use crate::geom::{Aabb, Vec3, add};
+use tauflow_data::geom::{Aabb, Vec3, add};
+use tauflow_scene_library::{forms::Family, stuff::Stuff};
 
 /// An upright wall: what faces the room.
 #[derive(Clone, Debug)]
@@ -53,7 +52,7 @@ impl Wall {
     }
 }
 
-/// What a room is made of.
+/// The materials of a room.
 #[derive(Clone, Copy)]
 pub struct Made {
     /// The floor.
@@ -221,7 +220,11 @@ impl<'a> Stage<'a> {
         let half_up = 0.5 * height;
         let bar = |s: &mut Self, at: f64, y: f64, half: [f64; 2]| {
             let center = wall.point(at, y, -0.11);
-            s.board("frame", Stuff::PaintedMetal, center, [half[0], half[1], 0.022], wall.turn);
+            s.board(
+                "frame",
+                Stuff::PaintedMetal,
+                Board { center, half: [half[0], half[1], 0.022], turn: wall.turn, ..Board::PLAIN },
+            );
         };
         let edge = 0.03;
         bar(self, o[0] + edge, o[2] + half_up, [edge, half_up]);
@@ -243,7 +246,11 @@ impl<'a> Stage<'a> {
         // A sill on low walls.
         if o[2] > 0.3 {
             let center = wall.point(middle, o[2] - 0.02, -0.03);
-            self.board("sill", Stuff::Stone, center, [0.5 * width + 0.05, 0.018, 0.07], wall.turn);
+            self.board(
+                "sill",
+                Stuff::Stone,
+                Board { center, half: [0.5 * width + 0.05, 0.018, 0.07], turn: wall.turn, ..Board::PLAIN },
+            );
         }
         let kind = if self.bare { 3 } else { self.next().below(4) };
         let tall = wall.height;
@@ -292,21 +299,58 @@ impl<'a> Stage<'a> {
         }
         room.walls[number].openings.push([s - 0.5, s + 0.5, 0.0, 2.1]);
         let turn = wall.turn;
-        self.board("door", Stuff::Wood, wall.point(s, 1.015, 0.012), [0.42, 1.01, 0.011], turn);
+        self.board(
+            "door",
+            Stuff::Wood,
+            Board { center: wall.point(s, 1.015, 0.012), half: [0.42, 1.01, 0.011], turn, ..Board::PLAIN },
+        );
         for side in [-1.0, 1.0] {
             self.board(
                 "frame",
                 Stuff::PaintedMetal,
-                wall.point(s + side * 0.46, 1.03, 0.02),
-                [0.035, 1.028, 0.019],
-                turn,
+                Board {
+                    center: wall.point(s + side * 0.46, 1.03, 0.02),
+                    half: [0.035, 1.028, 0.019],
+                    turn,
+                    ..Board::PLAIN
+                },
             );
-            self.board("door", Stuff::Wood, wall.point(s + side * 0.2, 0.6, 0.027), [0.14, 0.42, 0.004], turn);
-            self.board("door", Stuff::Wood, wall.point(s + side * 0.2, 1.55, 0.027), [0.14, 0.35, 0.004], turn);
+            self.board(
+                "door",
+                Stuff::Wood,
+                Board {
+                    center: wall.point(s + side * 0.2, 0.6, 0.027),
+                    half: [0.14, 0.42, 0.004],
+                    turn,
+                    ..Board::PLAIN
+                },
+            );
+            self.board(
+                "door",
+                Stuff::Wood,
+                Board {
+                    center: wall.point(s + side * 0.2, 1.55, 0.027),
+                    half: [0.14, 0.35, 0.004],
+                    turn,
+                    ..Board::PLAIN
+                },
+            );
         }
-        self.board("frame", Stuff::PaintedMetal, wall.point(s, 2.09, 0.02), [0.495, 0.03, 0.019], turn);
-        self.board("handle", Stuff::Metal, wall.point(s + 0.34, 1.05, 0.05), [0.05, 0.01, 0.01], turn);
-        self.board("handle", Stuff::Metal, wall.point(s + 0.38, 1.05, 0.032), [0.01, 0.01, 0.0085], turn);
+        self.board(
+            "frame",
+            Stuff::PaintedMetal,
+            Board { center: wall.point(s, 2.09, 0.02), half: [0.495, 0.03, 0.019], turn, ..Board::PLAIN },
+        );
+        self.board(
+            "handle",
+            Stuff::Metal,
+            Board { center: wall.point(s + 0.34, 1.05, 0.05), half: [0.05, 0.01, 0.01], turn, ..Board::PLAIN },
+        );
+        self.board(
+            "handle",
+            Stuff::Metal,
+            Board { center: wall.point(s + 0.38, 1.05, 0.032), half: [0.01, 0.01, 0.0085], turn, ..Board::PLAIN },
+        );
         // Nothing stands in the way of the door.
         let free = wall.point(s, 0.0, 0.35);
         let (y, half) = ([0.0, 2.0], [0.45, 0.29]);
@@ -324,7 +368,11 @@ impl<'a> Stage<'a> {
         if !self.roomy(body, [half[0] + 0.01, 0.02, half[1] + 0.01]) {
             return;
         }
-        self.board("lamps", Stuff::PaintedMetal, body, [half[0] + 0.01, 0.02, half[1] + 0.01], Turn::NONE);
+        self.board(
+            "lamps",
+            Stuff::PaintedMetal,
+            Board { center: body, half: [half[0] + 0.01, 0.02, half[1] + 0.01], ..Board::PLAIN },
+        );
         self.light(Light::Panel(add(center, [0.0, -0.0425, 0.0]), [0.0, -1.0, 0.0], half), power);
     }
 
@@ -334,7 +382,7 @@ impl<'a> Stage<'a> {
         if !self.roomy(body, [0.05, 0.04, 0.05]) {
             return;
         }
-        self.board("lamps", Stuff::PaintedMetal, body, [0.05, 0.04, 0.05], Turn::NONE);
+        self.board("lamps", Stuff::PaintedMetal, Board { center: body, half: [0.05, 0.04, 0.05], ..Board::PLAIN });
         self.light(Light::Spot(add(at, [0.0, -0.09, 0.0]), aim, 38.0), power);
     }
 

@@ -1,19 +1,22 @@
-//! What a layout decides: what stands where, what it is built of, what gives light, where cameras may stand.
+//! The choices of a layout: placement, structures, lights, positions of cameras.
 //!
 //! A stage is plain data and knows no materials; [`super::assemble`] makes a scene of it. Draws that decide a layout
 //! go through [`Stage::draw`], which records them for the recipe and so for the signature.
 
 use super::{
     cast::Cast,
-    forms::Family,
-    library::{Facts, Land},
     place::{Solid, Surface, Turn, World, tenth},
-    stuff::Stuff,
 };
-use crate::geom::{Aabb, Vec3, add};
 use std::{collections::BTreeMap, sync::Arc};
 use tauflow_contract::KindError;
-use tauflow_data::{Regime, Stratum, records::Asset, rng::Stream, scene::Affine};
+use tauflow_data::{
+    Regime, Stratum,
+    geom::{Aabb, Vec3, add},
+    records::Asset,
+    rng::Stream,
+    scene::Affine,
+};
+use tauflow_scene_library::{Facts, Land, forms::Family, stuff::Stuff};
 
 /// How a thing is held.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,7 +31,7 @@ pub enum Rest {
     Wall,
 }
 
-/// What a thing is.
+/// The type of a thing.
 #[derive(Clone)]
 pub enum Body<'a> {
     /// A variant of a form.
@@ -49,7 +52,7 @@ impl Body<'_> {
 
 /// A thing in its place.
 pub struct Thing<'a> {
-    /// What it is.
+    /// Its type.
     pub body: Body<'a>,
     /// Where it stands.
     pub to_world: Affine,
@@ -74,9 +77,30 @@ pub struct Thing<'a> {
     pub bounds: Aabb,
 }
 
+/// A box to build.
+#[derive(Clone, Copy, Debug)]
+pub struct Board {
+    /// Its middle.
+    pub center: Vec3,
+    /// Half sizes along its own axes, to where it meets its neighbours.
+    pub half: Vec3,
+    /// Its turn.
+    pub turn: Turn,
+    /// How much less it reaches along each axis, so that it touches nobody: [`SEAM`] or
+    /// [`GAP`](super::place::GAP) where something is.
+    ///
+    /// [`SEAM`]: super::place::SEAM
+    pub inset: Vec3,
+}
+
+impl Board {
+    /// Not turned, next to nothing.
+    pub const PLAIN: Self = Self { center: [0.0; 3], half: [0.0; 3], turn: Turn::NONE, inset: [0.0; 3] };
+}
+
 /// Surfaces of one material: quads with corners counter-clockwise from outside, and reliefs.
 pub struct Skin {
-    /// What it is made of.
+    /// Its material.
     pub stuff: Stuff,
     /// True if it shows the regime.
     pub special: bool,
@@ -86,7 +110,7 @@ pub struct Skin {
     pub lands: Vec<(Arc<Land>, Affine)>,
 }
 
-/// What gives light besides lit things.
+/// Lights other than lit things.
 pub enum Light {
     /// A rectangle, as of a ceiling panel: centre, normal, half sizes.
     Panel(Vec3, Vec3, [f64; 2]),
@@ -96,7 +120,7 @@ pub enum Light {
     Ball(Vec3, f64),
     /// A spot light of no size: from, toward, half angle in degrees. Regimes with glass have a disk in its place.
     Spot(Vec3, Vec3, f64),
-    /// What is seen through a window: centre, normal into the room, half sizes. Its power is a radiance.
+    /// The panel behind a window: centre, normal into the room, half sizes. Its power is a radiance.
     Outside(Vec3, Vec3, [f64; 2]),
 }
 
@@ -124,7 +148,7 @@ pub struct Stage<'a> {
     pub layout: &'static str,
     /// The scene's stratum.
     pub stratum: Stratum,
-    /// What may be used.
+    /// The available assets.
     pub cast: &'a Cast<'a>,
     /// Draws that decide the layout, by name.
     pub params: BTreeMap<String, f64>,
@@ -134,7 +158,7 @@ pub struct Stage<'a> {
     pub most: usize,
     /// Places kept for the main object and what shows the regime beside it, until they stand.
     pub kept: usize,
-    /// What is built, by label.
+    /// Structures by label.
     pub skins: BTreeMap<String, Skin>,
     /// Lights with their powers; true for daylight.
     pub lights: Vec<(Light, f64, bool)>,
@@ -154,7 +178,7 @@ pub struct Stage<'a> {
     pub world: World,
     /// True once the main object stands.
     pub has_main: bool,
-    /// What went wrong while things were made.
+    /// Errors during construction.
     pub fault: Option<KindError>,
     pub(super) sets: u32,
     pub(super) stream: Stream,
@@ -271,9 +295,11 @@ impl<'a> Stage<'a> {
         surface
     }
 
-    /// A box of a material, in the way of others.
-    pub fn board(&mut self, label: &str, stuff: Stuff, center: Vec3, half: Vec3, turn: Turn) -> Surface {
+    /// A box of a material, in the way of others; gives its top.
+    pub fn board(&mut self, label: &str, stuff: Stuff, board: Board) -> Surface {
+        let Board { center, half, turn, inset } = board;
         let center = center.map(tenth);
+        let half = [0, 1, 2].map(|axis| half[axis] - inset[axis]);
         let local = Aabb::around([0.0; 3], half);
         self.world.solids.push(Solid::of(&local, turn, center));
         self.facing(label, stuff, center, half, turn, &[0, 1, 2, 3, 4, 5]);
@@ -348,7 +374,7 @@ impl<'a> Stage<'a> {
         self.top(thing).or_else(|| self.lid(thing))
     }
 
-    /// What stands on a thing's bounding box: for boxes and books, whose tops are flat.
+    /// Things on top of a thing's bounding box: for boxes and books, whose tops are flat.
     pub fn lid(&self, thing: usize) -> Option<Surface> {
         let last = &self.world.solids[self.things[thing].solids.clone()];
         let [only] = last else { return None };

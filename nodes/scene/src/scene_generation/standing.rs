@@ -2,14 +2,17 @@
 
 use super::{
     cast::{Cast, Pool},
-    forms::Family,
     layouts,
     params::SceneGenerationParams,
     stage::{Body, Rest, Stage},
-    stuff::Stuff,
 };
-use crate::geom::{Aabb, Vec3, apply, cross, dot, sub, unit};
-use tauflow_data::{ContextClass, Regime, Stratum, mesh::Mesh, rng::Stream};
+use tauflow_data::{
+    ContextClass, Regime, Stratum,
+    geom::{Aabb, Vec3, apply, cross, dot, sub, unit},
+    mesh::Mesh,
+    rng::Stream,
+};
+use tauflow_scene_library::{forms::Family, stuff::Stuff};
 
 /// How far from its support a thing may be, metres.
 const SUPPORT: f64 = 3e-3;

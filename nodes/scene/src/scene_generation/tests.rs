@@ -111,7 +111,7 @@ fn scenes_are_whole_round_trip_and_belong_to_their_stratum() {
             let material = serde_json::to_string(&scene.materials[shape.material]).expect("JSON");
             if let (true, Geometry::Mesh { mesh }) = (material.contains("\"type\":\"dielectric\""), &shape.geometry) {
                 let mesh = Mesh::from_bytes(&blobs.get(mesh).expect("in memory").expect("stored")).expect("a mesh");
-                assert!(crate::mesh_check::is_closed(&mesh), "{key}");
+                assert!(tauflow_data::mesh_check::is_closed(&mesh), "{key}");
             }
         }
     }
@@ -197,10 +197,10 @@ fn hold_out_parts_objects_and_environments() {
     let objects = crate::signature::shared_assets(of(Train), of(Test), true, false);
     assert!(objects.is_empty(), "{objects:?}");
     // What scenes show is parted by form, what they are furnished with by variants.
-    let forms = |r: &Recipe| -> Vec<&'static forms::Form> {
+    let forms = |r: &Recipe| -> Vec<&'static tauflow_scene_library::forms::Form> {
         let name = |o: &String| {
             let (name, _) = o.strip_prefix("procedural/").and_then(|o| o.rsplit_once('-')).expect("a variant");
-            forms::forms().iter().find(|f| f.name == name).expect("a form")
+            tauflow_scene_library::forms::forms().iter().find(|f| f.name == name).expect("a form")
         };
         r.objects.iter().map(name).collect()
     };

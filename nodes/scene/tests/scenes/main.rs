@@ -1,10 +1,12 @@
-//! The kinds of this crate, run as the engine runs them: assets, scenes, split and sampling.
+//! The kinds of this crate, run as the engine runs them: scenes, split and sampling, with assets as the readers give
+//! them.
 
 mod choices;
-mod default_pose;
-mod fuzz;
-mod hostile_files;
-mod left_out;
-mod real_assets;
-mod small_assets;
+mod shared_assets;
+#[path = "../../readers/tests/scenes/support.rs"]
 mod support;
+
+/// The kinds that these tests run.
+fn kinds() -> Vec<Box<dyn tauflow_contract::NodeKind>> {
+    tauflow_scene::kinds().into_iter().chain(tauflow_scene_readers::kinds()).collect()
+}

@@ -1,18 +1,15 @@
 //! Under arches and beams: colonnades, arcades, bridges, a balcony.
 
 use super::{kit::*, town::facade};
-use crate::{
-    geom::{Aabb, add},
-    scene_generation::{
-        forms::Family as F,
-        place::{Surface, Turn},
-        props::ask,
-        shell::Wall,
-        stage::{From, Light, Stage},
-        stuff::Stuff,
-    },
+use crate::scene_generation::{
+    place::{GAP, SEAM, Surface, Turn},
+    props::ask,
+    shell::Wall,
+    stage::{Board, From, Light, Stage},
 };
 use core::f64::consts::PI;
+use tauflow_data::geom::{Aabb, add};
+use tauflow_scene_library::{forms::Family as F, stuff::Stuff};
 
 /// Columns in two rows under a roof, a stone floor, statues between.
 pub fn colonnade(s: &mut Stage<'_>) {
@@ -33,9 +30,12 @@ pub fn colonnade(s: &mut Stage<'_>) {
                     s.board(
                         "piers",
                         Stuff::Stone,
-                        [side * wide, 0.5 * tall, at],
-                        [0.16, 0.5 * tall - 0.001, 0.16],
-                        Turn::NONE,
+                        Board {
+                            center: [side * wide, 0.5 * tall, at],
+                            half: [0.16, 0.5 * tall, 0.16],
+                            inset: [0.0, GAP, 0.0],
+                            ..Board::PLAIN
+                        },
                     );
                 }
             }
@@ -43,16 +43,26 @@ pub fn colonnade(s: &mut Stage<'_>) {
     }
     let long = 0.5 * step * f64::from(rows);
     for side in [-1.0, 1.0] {
-        s.board("entablature", Stuff::Stone, [side * wide, tall + 0.173, 0.0], [0.28, 0.17, long], Turn::NONE);
+        s.board(
+            "entablature",
+            Stuff::Stone,
+            Board { center: [side * wide, tall + 0.173, 0.0], half: [0.28, 0.17, long], ..Board::PLAIN },
+        );
     }
-    s.board("roof", Stuff::Wood, [0.0, tall + 0.4005, 0.0], [wide + 0.35, 0.055, long + 0.1], Turn::NONE);
+    s.board(
+        "roof",
+        Stuff::Wood,
+        Board { center: [0.0, tall + 0.4005, 0.0], half: [wide + 0.35, 0.055, long + 0.1], ..Board::PLAIN },
+    );
     let wall = s.one("back", &[Stuff::Plaster, Stuff::Brick, Stuff::Stone]);
     s.board(
         "back wall",
         wall,
-        [-wide - 1.4, 0.5 * (tall + 0.9), 0.0],
-        [0.15, 0.5 * (tall + 0.9), long + 1.5],
-        Turn::NONE,
+        Board {
+            center: [-wide - 1.4, 0.5 * (tall + 0.9), 0.0],
+            half: [0.15, 0.5 * (tall + 0.9), long + 1.5],
+            ..Board::PLAIN
+        },
     );
     let top = plinth(s, Stuff::Stone, [0.0, -0.9], [0.3, 0.3], 0.85);
     s.main(&top, &[F::Sculpture, F::Vessel, F::Solid], [0.4, 0.9]);
@@ -98,7 +108,11 @@ pub fn arcade(s: &mut Stage<'_>) {
     let spring = high - radius - 0.55;
     for i in 0..=arches {
         let x = -half + span * f64::from(i);
-        s.board("arches", stone, [x, 0.5 * spring, 0.0], [pier, 0.5 * spring, 0.22], Turn::NONE);
+        s.board(
+            "arches",
+            stone,
+            Board { center: [x, 0.5 * spring, 0.0], half: [pier, 0.5 * spring, 0.22], ..Board::PLAIN },
+        );
         // From here up the wall between the arches, in upright slices that follow the curves.
         if i == arches {
             break;
@@ -130,19 +144,34 @@ pub fn arcade(s: &mut Stage<'_>) {
         s.board(
             "arches",
             stone,
-            [x, 0.5 * (spring + high), 0.0],
-            [pier - 0.0005, 0.5 * (high - spring), 0.2195],
-            Turn::NONE,
+            Board {
+                center: [x, 0.5 * (spring + high), 0.0],
+                half: [pier, 0.5 * (high - spring), 0.22],
+                inset: [SEAM, 0.0, SEAM],
+                ..Board::PLAIN
+            },
         );
     }
     let z = -deep - 0.22;
-    s.board("upper", stone, [0.0, high + 0.75, 0.0], [half + pier, 0.7495, 0.22], Turn::NONE);
+    s.board(
+        "upper",
+        stone,
+        Board {
+            center: [0.0, high + 0.75, 0.0],
+            half: [half + pier, 0.75, 0.22],
+            inset: [0.0, SEAM, 0.0],
+            ..Board::PLAIN
+        },
+    );
     s.board(
         "vault",
         Stuff::Plaster,
-        [0.0, high + 0.05, 0.5 * z - 0.12],
-        [half + pier, 0.0495, 0.5 * -z - 0.1],
-        Turn::NONE,
+        Board {
+            center: [0.0, high + 0.05, 0.5 * z - 0.12],
+            half: [half + pier, 0.05, 0.5 * -z - 0.1],
+            inset: [0.0, SEAM, 0.0],
+            ..Board::PLAIN
+        },
     );
     let wall = Wall::new([0.0, 0.0, z], Turn::NONE, 2.0 * half, high);
     facade(s, "shops", &wall, 1, arches as usize);
@@ -150,9 +179,12 @@ pub fn arcade(s: &mut Stage<'_>) {
     s.board(
         "end wall",
         ends,
-        [-half - pier - 0.07, 0.5 * high, 0.5 * z],
-        [0.0695, 0.5 * high - 0.0005, 0.5 * -z],
-        Turn::NONE,
+        Board {
+            center: [-half - pier - 0.07, 0.5 * high, 0.5 * z],
+            half: [0.07, 0.5 * high, 0.5 * -z],
+            inset: [SEAM, SEAM, 0.0],
+            ..Board::PLAIN
+        },
     );
     let walk = Surface::flat([0.0, 0.0, 0.5 * z], [half - 0.3, 0.5 * deep - 0.25], high - 0.5);
     let top = plinth(s, Stuff::Stone, [0.2 * half, 0.5 * z], [0.28, 0.28], 0.8);
@@ -205,7 +237,11 @@ pub fn balcony(s: &mut Stage<'_>) {
     let lift = 3.0;
     let (x, deep) = (s.draw("width", 1.5, 2.4), s.draw("depth", 1.5, 2.2));
     let stuff = s.one("slab", &[Stuff::Concrete, Stuff::Tile, Stuff::Wood]);
-    let slab = s.board("slab", stuff, [0.0, lift - 0.1, 0.5 * deep], [x, 0.1, 0.5 * deep], Turn::NONE);
+    let slab = s.board(
+        "slab",
+        stuff,
+        Board { center: [0.0, lift - 0.1, 0.5 * deep], half: [x, 0.1, 0.5 * deep], ..Board::PLAIN },
+    );
     let wall = s.one("house", &[Stuff::Brick, Stuff::Plaster, Stuff::Wood]);
     let mut house = Wall::new([0.0, 0.0, -0.001], Turn::NONE, 10.0, 7.0);
     house.openings =
@@ -218,9 +254,12 @@ pub fn balcony(s: &mut Stage<'_>) {
         s.board(
             "frame",
             Stuff::PaintedMetal,
-            add(c, [0.0, 0.0, 0.06]),
-            [0.03, 0.5 * (o[3] - o[2]) - 0.0005, 0.02],
-            Turn::NONE,
+            Board {
+                center: add(c, [0.0, 0.0, 0.06]),
+                half: [0.03, 0.5 * (o[3] - o[2]), 0.02],
+                inset: [0.0, SEAM, 0.0],
+                ..Board::PLAIN
+            },
         );
     }
     for (a, b) in [([-x, deep], [x, deep]), ([-x, 0.0], [-x, deep]), ([x, 0.0], [x, deep])] {
@@ -231,14 +270,12 @@ pub fn balcony(s: &mut Stage<'_>) {
             s.board(
                 "rail",
                 Stuff::PaintedMetal,
-                [cx * 0.985, lift + 0.48, cz * 0.985],
-                [0.007, 0.478, 0.007],
-                Turn::NONE,
+                Board { center: [cx * 0.985, lift + 0.48, cz * 0.985], half: [0.007, 0.478, 0.007], ..Board::PLAIN },
             );
         }
         let (cx, cz) = (0.5 * (a[0] + b[0]) * 0.985, 0.5 * (a[1] + b[1]) * 0.985);
         let half = [0.5 * (b[0] - a[0]).abs() + 0.01, 0.02, 0.5 * (b[1] - a[1]).abs() + 0.01];
-        s.board("rail", Stuff::Wood, [cx, lift + 0.985, cz], half, Turn::NONE);
+        s.board("rail", Stuff::Wood, Board { center: [cx, lift + 0.985, cz], half, ..Board::PLAIN });
     }
     let inner = Surface { clearance: 100.0, ..slab.inset(0.12) };
     let table = s.place(&ask(F::Table).most(1.0, 0.9, 1.0).least(0.4, 0.4, 0.4), &inner, [0.3, 0.1], 0.0);
@@ -299,7 +336,11 @@ pub fn bridge(s: &mut Stage<'_>) {
     );
     let mut shores = Vec::new();
     for side in [-1.0, 1.0] {
-        let top = s.board("bank", stone, [side * (span + 6.3), 0.5 * bank, 0.0], [6.0, 0.5 * bank, 14.0], Turn::NONE);
+        let top = s.board(
+            "bank",
+            stone,
+            Board { center: [side * (span + 6.3), 0.5 * bank, 0.0], half: [6.0, 0.5 * bank, 14.0], ..Board::PLAIN },
+        );
         shores.push(top);
     }
     // The arch: a barrel in slices, and the road in steps above it.
@@ -328,12 +369,25 @@ pub fn bridge(s: &mut Stage<'_>) {
         for side in [-1.0, 1.0] {
             let z = side * (wide - 0.1);
             let y = 0.5 * (rp + rq);
-            s.board("parapet", stone, [mid, y + 0.38, z], [0.5 * (q[0] - p[0]) + 0.002, 0.45, 0.0995], Turn::NONE);
+            s.board(
+                "parapet",
+                stone,
+                Board {
+                    center: [mid, y + 0.38, z],
+                    half: [0.5 * (q[0] - p[0]) + 0.002, 0.45, 0.1],
+                    inset: [0.0, 0.0, SEAM],
+                    ..Board::PLAIN
+                },
+            );
         }
     }
     let on = shores[1].part([-0.98, -0.55], [-0.2, 0.25]);
     let [cx, _, cz] = on.center;
-    let stand = s.board("plinths", Stuff::Stone, [cx, bank + 0.3, cz + 1.2], [0.35, 0.2995, 0.35], Turn::NONE);
+    let stand = s.board(
+        "plinths",
+        Stuff::Stone,
+        Board { center: [cx, bank + 0.3, cz + 1.2], half: [0.35, 0.3, 0.35], inset: [0.0, SEAM, 0.0], ..Board::PLAIN },
+    );
     s.main(&stand, &[F::Sculpture, F::Vessel, F::Solid, F::Rock], [0.5, 1.0]);
     let lamp = s.pick(&ask(F::StreetLamp).most(1.6, 5.0, 1.6));
     for shore in &shores {
@@ -343,7 +397,11 @@ pub fn bridge(s: &mut Stage<'_>) {
             s.lit(put, 60.0);
             if put.is_none() {
                 let [x, y, z] = shore.point([near * shore.half[0], v * shore.half[1]]);
-                s.board("posts", Stuff::Metal, [x, y + 1.2, z], [0.03, 1.199, 0.03], Turn::NONE);
+                s.board(
+                    "posts",
+                    Stuff::Metal,
+                    Board { center: [x, y + 1.2, z], half: [0.03, 1.2, 0.03], inset: [0.0, GAP, 0.0], ..Board::PLAIN },
+                );
                 s.light(Light::Ball([x, y + 2.48, z], 0.07), 40.0);
             }
         }
@@ -379,17 +437,38 @@ pub fn underpass(s: &mut Stage<'_>) {
     let walls = s.one("walls", &[Stuff::Concrete, Stuff::Tile, Stuff::Brick]);
     let half = 0.5 * long;
     for side in [-1.0, 1.0] {
-        s.board("side walls", walls, [side * (x + 0.3), 0.5 * high, 0.0], [0.3, 0.5 * high - 0.0005, half], Turn::NONE);
+        s.board(
+            "side walls",
+            walls,
+            Board {
+                center: [side * (x + 0.3), 0.5 * high, 0.0],
+                half: [0.3, 0.5 * high, half],
+                inset: [0.0, SEAM, 0.0],
+                ..Board::PLAIN
+            },
+        );
     }
-    s.board("deck above", Stuff::Concrete, [0.0, high + 0.4, 0.0], [x + 0.6, 0.3995, half], Turn::NONE);
+    s.board(
+        "deck above",
+        Stuff::Concrete,
+        Board { center: [0.0, high + 0.4, 0.0], half: [x + 0.6, 0.4, half], inset: [0.0, SEAM, 0.0], ..Board::PLAIN },
+    );
     for i in 0..4 {
         let z = long * ((f64::from(i) + 0.5) / 4.0 - 0.5);
-        s.board("ribs", Stuff::Concrete, [0.0, high - 0.13, z - 0.5], [x, 0.129, 0.12], Turn::NONE);
+        s.board(
+            "ribs",
+            Stuff::Concrete,
+            Board { center: [0.0, high - 0.13, z - 0.5], half: [x, 0.129, 0.12], ..Board::PLAIN },
+        );
         s.panel_lamp([0.6 * x, high, z], [0.06, 0.3], 20.0);
     }
     for k in 0..3 {
         let y = high - 0.35 - 0.14 * f64::from(k);
-        s.board("pipes", Stuff::Metal, [-x + 0.06, y, 0.0], [0.045, 0.045, half], Turn::NONE);
+        s.board(
+            "pipes",
+            Stuff::Metal,
+            Board { center: [-x + 0.06, y, 0.0], half: [0.045, 0.045, half], ..Board::PLAIN },
+        );
     }
     let top = plinth(s, Stuff::Concrete, [-0.5 * x, -0.3], [0.3, 0.3], 0.5);
     s.main(&top, &[F::Sculpture, F::Vessel, F::MachinePart, F::Instrument], [0.35, 0.7]);

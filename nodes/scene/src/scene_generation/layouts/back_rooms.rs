@@ -1,17 +1,14 @@
 //! Bathrooms, attics, cellars.
 
 use super::kit::*;
-use crate::{
-    geom::Aabb,
-    scene_generation::{
-        forms::Family as F,
-        place::Turn,
-        props::ask,
-        shell::{Made, PLAIN},
-        stage::{Light, Stage},
-        stuff::Stuff,
-    },
+use crate::scene_generation::{
+    place::{SEAM, Turn},
+    props::ask,
+    shell::{Made, PLAIN},
+    stage::{Board, Light, Stage},
 };
+use tauflow_data::geom::Aabb;
+use tauflow_scene_library::{forms::Family as F, stuff::Stuff};
 
 /// Tub, basin, mirror, tiles, towels, bottles.
 pub fn bathroom(s: &mut Stage<'_>) {
@@ -31,9 +28,13 @@ pub fn bathroom(s: &mut Stage<'_>) {
         ([cx - hx + 0.04, high, cz], [0.04, high, hz - 0.08]),
         ([cx + hx - 0.04, high, cz], [0.04, high, hz - 0.08]),
     ] {
-        s.board("tub", Stuff::Ceramic, c, h, Turn::NONE);
+        s.board("tub", Stuff::Ceramic, Board { center: c, half: h, ..Board::PLAIN });
     }
-    s.board("tub", Stuff::Ceramic, [cx, 0.08, cz], [hx - 0.08, 0.08, hz - 0.08], Turn::NONE);
+    s.board(
+        "tub",
+        Stuff::Ceramic,
+        Board { center: [cx, 0.08, cz], half: [hx - 0.08, 0.08, hz - 0.08], ..Board::PLAIN },
+    );
     let level = s.draw("water", 0.3, 0.48);
     let (wx, wz) = (hx - 0.079, hz - 0.079);
     s.quad(
@@ -43,11 +44,24 @@ pub fn bathroom(s: &mut Stage<'_>) {
     );
     // A vanity with a mirror over it on the back wall.
     let (vx, wide) = (-x + 0.55, 0.5);
-    s.board("vanity", Stuff::Wood, [vx, 0.55, -z + 0.26], [wide, 0.25, 0.25], Turn::NONE);
-    let top = s.board("vanity top", Stuff::Stone, [vx, 0.82, -z + 0.27], [wide + 0.015, 0.0195, 0.265], Turn::NONE);
+    s.board("vanity", Stuff::Wood, Board { center: [vx, 0.55, -z + 0.26], half: [wide, 0.25, 0.25], ..Board::PLAIN });
+    let top = s.board(
+        "vanity top",
+        Stuff::Stone,
+        Board {
+            center: [vx, 0.82, -z + 0.27],
+            half: [wide + 0.015, 0.02, 0.265],
+            inset: [0.0, SEAM, 0.0],
+            ..Board::PLAIN
+        },
+    );
     s.main(&top.part([-0.9, 0.9], [-0.8, 0.8]), &[F::Vessel, F::Ornament], [0.1, 0.24]);
     let (my, mh) = (1.45, 0.42);
-    s.board("mirror frame", Stuff::Metal, [vx, my, -z - 0.008], [wide - 0.02, mh + 0.02, 0.02], Turn::NONE);
+    s.board(
+        "mirror frame",
+        Stuff::Metal,
+        Board { center: [vx, my, -z - 0.008], half: [wide - 0.02, mh + 0.02, 0.02], ..Board::PLAIN },
+    );
     s.quad(
         "mirror",
         Stuff::Mirror,
@@ -58,7 +72,11 @@ pub fn bathroom(s: &mut Stage<'_>) {
             [vx - wide + 0.05, my + mh, -z + 0.0135],
         ],
     );
-    s.board("lamps", Stuff::PaintedMetal, [vx, my + mh + 0.08, -z + 0.05], [0.3, 0.025, 0.04], Turn::NONE);
+    s.board(
+        "lamps",
+        Stuff::PaintedMetal,
+        Board { center: [vx, my + mh + 0.08, -z + 0.05], half: [0.3, 0.025, 0.04], ..Board::PLAIN },
+    );
     s.light(Light::Panel([vx, my + mh + 0.0545, -z + 0.05], [0.0, -1.0, 0.05], [0.28, 0.03]), 12.0);
     s.ceiling_lamps(&room, 25.0);
     let n = s.some(8);
@@ -221,7 +239,11 @@ pub fn cellar(s: &mut Stage<'_>) {
     s.lit(lamp, 25.0);
     if lamp.is_none() {
         s.light(Light::Ball([0.0, size[1] - 0.2, -0.3], 0.045), 25.0);
-        s.board("cord", Stuff::Rubber, [0.0, size[1] - 0.08, -0.3], [0.005, 0.075, 0.005], Turn::NONE);
+        s.board(
+            "cord",
+            Stuff::Rubber,
+            Board { center: [0.0, size[1] - 0.08, -0.3], half: [0.005, 0.075, 0.005], ..Board::PLAIN },
+        );
     }
     let n = s.some(9);
     s.scatter(

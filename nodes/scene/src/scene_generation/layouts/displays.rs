@@ -4,17 +4,14 @@ use super::{
     kit::*,
     tables::{about_room, low_lamp, table},
 };
-use crate::{
-    geom::{Aabb, Vec3},
-    scene_generation::{
-        forms::Family as F,
-        place::{Surface, Turn},
-        props::{Ask, ask},
-        stage::{Light, Stage},
-        stuff::Stuff,
-    },
+use crate::scene_generation::{
+    place::{GAP, SEAM, Surface, Turn},
+    props::{Ask, ask},
+    stage::{Board, Light, Stage},
 };
 use core::f64::consts::PI;
+use tauflow_data::geom::{Aabb, Vec3};
+use tauflow_scene_library::{forms::Family as F, stuff::Stuff};
 
 /// Glasses on a table under a small lamp.
 pub fn glass_table(s: &mut Stage<'_>) {
@@ -40,16 +37,33 @@ pub fn prism(s: &mut Stage<'_>) {
     let top = bench(s, Stuff::Paper, [0.0, 0.0, -0.2], size, Turn::NONE);
     // A screen that stands behind, to catch what light is thrown about.
     let back = top.center[2] - top.half[1] + 0.012;
-    s.board("screen", Stuff::Plaster, [0.0, top.center[1] + 0.2, back], [0.9 * top.half[0], 0.199, 0.01], Turn::NONE);
+    s.board(
+        "screen",
+        Stuff::Plaster,
+        Board {
+            center: [0.0, top.center[1] + 0.2, back],
+            half: [0.9 * top.half[0], 0.2, 0.01],
+            inset: [0.0, GAP, 0.0],
+            ..Board::PLAIN
+        },
+    );
     let mid = top.part([-0.6, 0.6], [-0.5, 0.6]);
     s.main(&mid, &[F::Solid], [0.08, 0.18]);
     let solid = Ask { glass: true, ..SOLID };
     let n = s.some(9);
     s.scatter(&mid, &[solid, solid, ask(F::MachinePart).most(0.15, 0.15, 0.15), solid], n, ANY);
     let from = [s.draw("beam.x", -0.9, 0.9), 0.74 + s.draw("beam.height", 0.5, 0.9), 0.35];
-    s.board("lamps", Stuff::PaintedMetal, [from[0], from[1] + 0.075, from[2]], [0.05, 0.04, 0.05], Turn::NONE);
+    s.board(
+        "lamps",
+        Stuff::PaintedMetal,
+        Board { center: [from[0], from[1] + 0.075, from[2]], half: [0.05, 0.04, 0.05], ..Board::PLAIN },
+    );
     let stem = 0.5 * (room.height() - from[1] - 0.116);
-    s.board("cord", Stuff::Metal, [from[0], room.height() - stem - 0.001, from[2]], [0.01, stem, 0.01], Turn::NONE);
+    s.board(
+        "cord",
+        Stuff::Metal,
+        Board { center: [from[0], room.height() - stem - 0.001, from[2]], half: [0.01, stem, 0.01], ..Board::PLAIN },
+    );
     s.light(Light::Disk(from, [-from[0], 0.74 - from[1], -0.2 - from[2]], 0.045), 30.0);
     s.scatter(&top, &[PAPER, PEN, BOOK_LYING], 3, ABOUT);
     s.ceiling_lamps(&room, 1.5);
@@ -100,7 +114,11 @@ pub fn product_shot(s: &mut Stage<'_>) {
         (s.draw("sweep.width", 0.8, 1.5), s.draw("sweep.depth", 0.5, 0.9), s.draw("sweep.height", 0.7, 1.3));
     let stand = 0.7;
     let stuff = [Stuff::Paper, Stuff::Fabric, Stuff::Plastic][s.choose("sweep", 3)];
-    s.board("stand", Stuff::Wood, [0.0, 0.5 * stand, 0.0], [wide, 0.5 * stand - 0.002, deep], Turn::NONE);
+    s.board(
+        "stand",
+        Stuff::Wood,
+        Board { center: [0.0, 0.5 * stand, 0.0], half: [wide, 0.5 * stand - 0.002, deep], ..Board::PLAIN },
+    );
     let radius = 0.3;
     let (y, back) = (stand + 0.001, -deep + 0.02);
     let mut line = vec![[y, deep], [y, back + radius]];
@@ -147,7 +165,16 @@ pub fn chess_board(s: &mut Stage<'_>) {
     let square = s.draw("square", 0.045, 0.06);
     let edge = 4.0 * square;
     let y = top.center[1] + 0.0005;
-    let board = s.board("chess rim", Stuff::Wood, [0.0, y + 0.01, 0.0], [edge + 0.03, 0.0095, edge + 0.03], Turn::NONE);
+    let board = s.board(
+        "chess rim",
+        Stuff::Wood,
+        Board {
+            center: [0.0, y + 0.01, 0.0],
+            half: [edge + 0.03, 0.01, edge + 0.03],
+            inset: [0.0, SEAM, 0.0],
+            ..Board::PLAIN
+        },
+    );
     for i in 0..8 {
         for j in 0..8 {
             let label = if (i + j) % 2 == 0 { "chess dark" } else { "chess light" };
@@ -197,19 +224,31 @@ pub fn pergola(s: &mut Stage<'_>) {
     let floor = ground(s, stuff, 25.0);
     let (x, z, high) = (s.draw("width", 1.6, 2.2), s.draw("depth", 1.4, 2.0), s.draw("height", 2.3, 2.7));
     for (sx, sz) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
-        s.board("posts", Stuff::Wood, [sx * x, 0.5 * high, sz * z], [0.06, 0.5 * high, 0.06], Turn::NONE);
+        s.board(
+            "posts",
+            Stuff::Wood,
+            Board { center: [sx * x, 0.5 * high, sz * z], half: [0.06, 0.5 * high, 0.06], ..Board::PLAIN },
+        );
     }
     for sz in [-1.0, 1.0] {
-        s.board("beams", Stuff::Wood, [0.0, high + 0.081, sz * z], [x + 0.3, 0.08, 0.05], Turn::NONE);
+        s.board(
+            "beams",
+            Stuff::Wood,
+            Board { center: [0.0, high + 0.081, sz * z], half: [x + 0.3, 0.08, 0.05], ..Board::PLAIN },
+        );
     }
     let slats = 7 + s.choose("slats", 8);
     for i in 0..slats {
         let cx = (x + 0.2) * ((2 * i + 1) as f64 / slats as f64 - 1.0);
-        s.board("beams", Stuff::Wood, [cx, high + 0.215, 0.0], [0.025, 0.05, z + 0.3], Turn::NONE);
+        s.board(
+            "beams",
+            Stuff::Wood,
+            Board { center: [cx, high + 0.215, 0.0], half: [0.025, 0.05, z + 0.3], ..Board::PLAIN },
+        );
     }
     // A wall on one side throws light back.
     let wall = s.one("wall", &[Stuff::Brick, Stuff::Plaster, Stuff::Stone]);
-    s.board("garden wall", wall, [0.0, 1.4, -z - 0.9], [x + 2.5, 1.4, 0.15], Turn::NONE);
+    s.board("garden wall", wall, Board { center: [0.0, 1.4, -z - 0.9], half: [x + 2.5, 1.4, 0.15], ..Board::PLAIN });
     let table = s.place(&TABLE, &floor, [0.0, 0.0], 0.0);
     let top = match table.and_then(|t| s.top(t)) {
         Some(top) => top,

@@ -4,16 +4,13 @@ use super::{
     kit::*,
     nature::{near, rest, uneven, walk},
 };
-use crate::{
-    geom::Aabb,
-    scene_generation::{
-        forms::Family as F,
-        place::{Surface, Turn},
-        props::ask,
-        stage::{From, Stage},
-        stuff::Stuff,
-    },
+use crate::scene_generation::{
+    place::{Surface, Turn},
+    props::ask,
+    stage::{Board, From, Stage},
 };
+use tauflow_data::geom::Aabb;
+use tauflow_scene_library::{forms::Family as F, stuff::Stuff};
 
 /// Clipped hedges and paths, urns, a bench, steps.
 pub fn hedge_garden(s: &mut Stage<'_>) {
@@ -72,7 +69,11 @@ pub fn picnic(s: &mut Stage<'_>) {
     let rug = s.place(&ask(F::Rug).least(1.3, 0.0, 1.0).most(3.0, 0.06, 2.6), &floor, [0.0, 0.0], 0.2);
     let on = match rug.and_then(|r| s.upon(r)) {
         Some(on) => on,
-        None => s.board("blanket", Stuff::Fabric, [0.0, 0.004, 0.0], [0.9, 0.0035, 0.7], Turn::new(0.2)),
+        None => s.board(
+            "blanket",
+            Stuff::Fabric,
+            Board { center: [0.0, 0.004, 0.0], half: [0.9, 0.0035, 0.7], turn: Turn::new(0.2), ..Board::PLAIN },
+        ),
     };
     let on = Surface { clearance: 100.0, ..on.inset(0.04) };
     s.main(&on, &[F::Food, F::Vessel, F::Instrument, F::Toy], [0.2, 0.45]);
@@ -138,7 +139,7 @@ pub fn pool(s: &mut Stage<'_>) {
         ([x + rim, 0.0], [rim, z]),
         ([-x - rim, 0.0], [rim, z]),
     ] {
-        s.board("rim", Stuff::Stone, [c[0], 0.0, c[1]], [h[0], 0.03, h[1]], Turn::NONE);
+        s.board("rim", Stuff::Stone, Board { center: [c[0], 0.0, c[1]], half: [h[0], 0.03, h[1]], ..Board::PLAIN });
     }
     let bed = Surface::flat([0.0, y0, 0.0], [x - 0.1, z - 0.1], deep - 0.15);
     let deck = Surface::flat([0.0; 3], [x + 3.0, z + 3.0], 100.0);

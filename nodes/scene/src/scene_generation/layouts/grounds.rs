@@ -1,17 +1,14 @@
 //! Open grounds: building sites, car parks, playgrounds, roofs.
 
 use super::kit::*;
-use crate::{
-    geom::Aabb,
-    scene_generation::{
-        forms::Family as F,
-        place::{Surface, Turn},
-        props::ask,
-        shell::Wall,
-        stage::{From, Light, Stage},
-        stuff::Stuff,
-    },
+use crate::scene_generation::{
+    place::{GAP, SEAM, Surface, Turn},
+    props::ask,
+    shell::Wall,
+    stage::{Board, From, Light, Stage},
 };
+use tauflow_data::geom::Aabb;
+use tauflow_scene_library::{forms::Family as F, stuff::Stuff};
 
 /// Scaffold, planks, bricks, pipes, barriers, a machine, work lamps.
 pub fn construction_site(s: &mut Stage<'_>) {
@@ -31,11 +28,24 @@ pub fn construction_site(s: &mut Stage<'_>) {
     for i in 0..=bays {
         let px = -x + 2.0 * x * f64::from(i) / f64::from(bays);
         for pz in [-1.75, -0.95] {
-            s.board("poles", Stuff::Metal, [px, 0.5 * high, pz], [0.024, 0.5 * high - 0.0005, 0.024], Turn::NONE);
+            s.board(
+                "poles",
+                Stuff::Metal,
+                Board {
+                    center: [px, 0.5 * high, pz],
+                    half: [0.024, 0.5 * high, 0.024],
+                    inset: [0.0, SEAM, 0.0],
+                    ..Board::PLAIN
+                },
+            );
         }
         for k in 1..=floors {
             let py = 1.9 * k as f64;
-            s.board("poles", Stuff::Metal, [px, py - 0.06, -1.35], [0.02, 0.02, 0.375], Turn::NONE);
+            s.board(
+                "poles",
+                Stuff::Metal,
+                Board { center: [px, py - 0.06, -1.35], half: [0.02, 0.02, 0.375], ..Board::PLAIN },
+            );
         }
     }
     let mut decks = Vec::new();
@@ -43,23 +53,57 @@ pub fn construction_site(s: &mut Stage<'_>) {
         let py = 1.9 * k as f64;
         for j in 0..3 {
             let pz = -1.62 + 0.26 * f64::from(j);
-            decks.push(s.board("planks", Stuff::Wood, [0.0, py - 0.015, pz], [x + 0.1, 0.02, 0.125], Turn::NONE));
+            decks.push(s.board(
+                "planks",
+                Stuff::Wood,
+                Board { center: [0.0, py - 0.015, pz], half: [x + 0.1, 0.02, 0.125], ..Board::PLAIN },
+            ));
         }
         for rail in [0.5, 1.0] {
-            s.board("poles", Stuff::Metal, [0.0, py + rail, -0.92], [x + 0.1, 0.018, 0.006], Turn::NONE);
+            s.board(
+                "poles",
+                Stuff::Metal,
+                Board { center: [0.0, py + rail, -0.92], half: [x + 0.1, 0.018, 0.006], ..Board::PLAIN },
+            );
         }
     }
     // A stack of boards and one of bricks.
-    let pile = s.board("timber", Stuff::Wood, [-0.6 * x, 0.2, 0.6], [0.9, 0.1995, 0.35], Turn::new(0.2));
-    let bricks = s.board("bricks", Stuff::Brick, [0.75 * x, 0.35, 0.2], [0.5, 0.3495, 0.35], Turn::new(-0.15));
+    let pile = s.board(
+        "timber",
+        Stuff::Wood,
+        Board { center: [-0.6 * x, 0.2, 0.6], half: [0.9, 0.2, 0.35], turn: Turn::new(0.2), inset: [0.0, SEAM, 0.0] },
+    );
+    let bricks = s.board(
+        "bricks",
+        Stuff::Brick,
+        Board {
+            center: [0.75 * x, 0.35, 0.2],
+            half: [0.5, 0.35, 0.35],
+            turn: Turn::new(-0.15),
+            inset: [0.0, SEAM, 0.0],
+        },
+    );
     s.main(&bricks, &[F::MachinePart, F::Tool, F::Vessel, F::Rock], [0.3, 0.6]);
     let lamps = [[-x - 0.4, 1.6, 0.4], [x + 0.3, 1.9, -0.2]];
     for [lx, ly, lz] in lamps {
-        s.board("posts", Stuff::PaintedMetal, [lx, 0.5 * ly, lz], [0.025, 0.5 * ly - 0.0005, 0.025], Turn::NONE);
+        s.board(
+            "posts",
+            Stuff::PaintedMetal,
+            Board {
+                center: [lx, 0.5 * ly, lz],
+                half: [0.025, 0.5 * ly, 0.025],
+                inset: [0.0, SEAM, 0.0],
+                ..Board::PLAIN
+            },
+        );
         // Two heads, one on the other: one lights the yard, one the wall. A panel stands clear of its head.
         for (up, aim, power) in [(0.105, [-0.4 * lx, -0.3, 1.0], 55.0), (0.306, [-0.3 * lx, 0.2, -1.0], 40.0)] {
             let turn = Turn::toward([aim[0], aim[2]]);
-            s.board("lamps", Stuff::PaintedMetal, [lx, ly + up, lz], [0.13, 0.1, 0.04], turn);
+            s.board(
+                "lamps",
+                Stuff::PaintedMetal,
+                Board { center: [lx, ly + up, lz], half: [0.13, 0.1, 0.04], turn, ..Board::PLAIN },
+            );
             let [dx, dz] = turn.apply([0.0, 0.04 + 0.08 * f64::abs(aim[1]) + 0.002]);
             s.light(Light::Panel([lx + dx, ly + up, lz + dz], aim, [0.11, 0.08]), power);
         }
@@ -106,7 +150,11 @@ pub fn car_park(s: &mut Stage<'_>) {
         let x = gap * (f64::from(i) - 0.5 * f64::from(rows));
         s.facing("marks", Stuff::Paper, [x, 0.0002, -0.2], [0.05, 0.0002, 2.4], Turn::NONE, &[2]);
     }
-    s.board("kerb", Stuff::Stone, [0.0, 0.07, -3.1], [7.0, 0.0695, 0.12], Turn::NONE);
+    s.board(
+        "kerb",
+        Stuff::Stone,
+        Board { center: [0.0, 0.07, -3.1], half: [7.0, 0.07, 0.12], inset: [0.0, SEAM, 0.0], ..Board::PLAIN },
+    );
     let taken = s.some(2).min(4);
     for i in 0..taken {
         let x = gap * (i as f64 - 0.5 * f64::from(rows) + 0.5);
@@ -141,23 +189,37 @@ pub fn playground(s: &mut Stage<'_>) {
         s.board(
             "frame",
             Stuff::PaintedMetal,
-            [x + side * 1.3, 0.5 * high, -1.2],
-            [0.04, 0.5 * high - 0.0005, 0.04],
-            Turn::NONE,
+            Board {
+                center: [x + side * 1.3, 0.5 * high, -1.2],
+                half: [0.04, 0.5 * high, 0.04],
+                inset: [0.0, SEAM, 0.0],
+                ..Board::PLAIN
+            },
         );
     }
-    s.board("frame", Stuff::PaintedMetal, [x, high + 0.04, -1.2], [1.4, 0.0395, 0.04], Turn::NONE);
+    s.board(
+        "frame",
+        Stuff::PaintedMetal,
+        Board { center: [x, high + 0.04, -1.2], half: [1.4, 0.04, 0.04], inset: [0.0, SEAM, 0.0], ..Board::PLAIN },
+    );
     for k in [-0.6, 0.6] {
         for side in [-0.2, 0.2] {
             s.board(
                 "ropes",
                 Stuff::Metal,
-                [x + k + side, 0.5 * (high + 0.47), -1.2],
-                [0.006, 0.5 * (high - 0.47) - 0.0005, 0.006],
-                Turn::NONE,
+                Board {
+                    center: [x + k + side, 0.5 * (high + 0.47), -1.2],
+                    half: [0.006, 0.5 * (high - 0.47), 0.006],
+                    inset: [0.0, SEAM, 0.0],
+                    ..Board::PLAIN
+                },
             );
         }
-        s.board("swings", Stuff::Wood, [x + k, 0.45, -1.2], [0.24, 0.0195, 0.1], Turn::NONE);
+        s.board(
+            "swings",
+            Stuff::Wood,
+            Board { center: [x + k, 0.45, -1.2], half: [0.24, 0.02, 0.1], inset: [0.0, SEAM, 0.0], ..Board::PLAIN },
+        );
     }
     // A slide: steps up, a sloping sheet of metal down.
     let (sx, sz) = (2.0, -1.4);
@@ -166,28 +228,36 @@ pub fn playground(s: &mut Stage<'_>) {
         s.board(
             "slide steps",
             Stuff::Wood,
-            [sx, y - 0.02, sz - 0.9 + 0.14 * f64::from(i)],
-            [0.22, 0.02, 0.06],
-            Turn::NONE,
+            Board { center: [sx, y - 0.02, sz - 0.9 + 0.14 * f64::from(i)], half: [0.22, 0.02, 0.06], ..Board::PLAIN },
         );
     }
     for side in [-1.0, 1.0] {
         s.board(
             "slide posts",
             Stuff::PaintedMetal,
-            [sx + side * 0.26, 0.75, sz - 0.15],
-            [0.025, 0.7495, 0.025],
-            Turn::NONE,
+            Board {
+                center: [sx + side * 0.26, 0.75, sz - 0.15],
+                half: [0.025, 0.75, 0.025],
+                inset: [0.0, SEAM, 0.0],
+                ..Board::PLAIN
+            },
         );
         s.board(
             "slide posts",
             Stuff::PaintedMetal,
-            [sx + side * 0.26, 0.35, sz - 0.95],
-            [0.025, 0.3495, 0.025],
-            Turn::NONE,
+            Board {
+                center: [sx + side * 0.26, 0.35, sz - 0.95],
+                half: [0.025, 0.35, 0.025],
+                inset: [0.0, SEAM, 0.0],
+                ..Board::PLAIN
+            },
         );
     }
-    s.board("slide steps", Stuff::Wood, [sx, 1.32, sz - 0.13], [0.22, 0.02, 0.2], Turn::NONE);
+    s.board(
+        "slide steps",
+        Stuff::Wood,
+        Board { center: [sx, 1.32, sz - 0.13], half: [0.22, 0.02, 0.2], ..Board::PLAIN },
+    );
     for i in 0..8 {
         let (t, u) = (f64::from(i) / 8.0, f64::from(i + 1) / 8.0);
         let (a, b) = ([1.32 - 1.2 * t, sz + 0.08 + 2.0 * t], [1.32 - 1.2 * u, sz + 0.08 + 2.0 * u]);
@@ -212,10 +282,22 @@ pub fn playground(s: &mut Stage<'_>) {
         ([pit, 0.0], [rim, pit - rim]),
         ([-pit, 0.0], [rim, pit - rim]),
     ] {
-        s.board("pit rim", Stuff::Wood, [c[0], 0.12, 1.4 + c[1]], [h[0], 0.1195, h[1]], Turn::NONE);
+        s.board(
+            "pit rim",
+            Stuff::Wood,
+            Board {
+                center: [c[0], 0.12, 1.4 + c[1]],
+                half: [h[0], 0.12, h[1]],
+                inset: [0.0, SEAM, 0.0],
+                ..Board::PLAIN
+            },
+        );
     }
-    let sand =
-        s.board("sand", Stuff::Sand, [0.0, 0.03, 1.4], [pit - rim - 0.001, 0.0295, pit - rim - 0.001], Turn::NONE);
+    let sand = s.board(
+        "sand",
+        Stuff::Sand,
+        Board { center: [0.0, 0.03, 1.4], half: [pit - rim, 0.03, pit - rim], inset: [GAP, SEAM, GAP], ..Board::PLAIN },
+    );
     s.main(&sand, &[F::Toy, F::Vessel, F::Solid, F::Rock], [0.2, 0.5]);
     let n = s.some(9);
     s.scatter(&sand, &[TOY, TOY.scaled(0.1, 0.35), SOLID.scaled(0.1, 0.3), ask(F::Rock).scaled(0.08, 0.2)], n, ANY);
@@ -237,7 +319,8 @@ pub fn roof_terrace(s: &mut Stage<'_>) {
     let (x, z) = (s.draw("width", 3.0, 4.5), s.draw("depth", 3.0, 4.5));
     let lift = 9.0;
     s.quad("ground", Stuff::Grass, [[-80.0, 0.0, 80.0], [80.0, 0.0, 80.0], [80.0, 0.0, -80.0], [-80.0, 0.0, -80.0]]);
-    let top = s.board("roof", stuff, [0.0, 0.5 * lift, 0.0], [x, 0.5 * lift, z], Turn::NONE);
+    let top =
+        s.board("roof", stuff, Board { center: [0.0, 0.5 * lift, 0.0], half: [x, 0.5 * lift, z], ..Board::PLAIN });
     let roof = Surface { clearance: 100.0, ..top.inset(0.35) };
     for (c, h) in [
         ([0.0, z - 0.1], [x, 0.1]),
@@ -245,9 +328,27 @@ pub fn roof_terrace(s: &mut Stage<'_>) {
         ([x - 0.1, 0.0], [0.1, z - 0.2]),
         ([-x + 0.1, 0.0], [0.1, z - 0.2]),
     ] {
-        s.board("parapet", Stuff::Brick, [c[0], lift + 0.35, c[1]], [h[0], 0.3495, h[1]], Turn::NONE);
+        s.board(
+            "parapet",
+            Stuff::Brick,
+            Board {
+                center: [c[0], lift + 0.35, c[1]],
+                half: [h[0], 0.35, h[1]],
+                inset: [0.0, SEAM, 0.0],
+                ..Board::PLAIN
+            },
+        );
     }
-    s.board("vent", Stuff::Metal, [-0.6 * x, lift + 0.5, -0.65 * z], [0.35, 0.4995, 0.3], Turn::new(0.1));
+    s.board(
+        "vent",
+        Stuff::Metal,
+        Board {
+            center: [-0.6 * x, lift + 0.5, -0.65 * z],
+            half: [0.35, 0.5, 0.3],
+            turn: Turn::new(0.1),
+            inset: [0.0, SEAM, 0.0],
+        },
+    );
     let table = s.place(&ask(F::Table).most(1.6, 0.95, 1.2), &roof, [0.2, 0.1], 0.2);
     let on = match table.and_then(|t| s.top(t)) {
         Some(on) => on,
@@ -278,7 +379,11 @@ pub fn roof_terrace(s: &mut Stage<'_>) {
     // Other roofs about.
     for (i, (bx, bz)) in [(-14.0, -16.0), (4.0, -20.0), (16.0, -9.0), (-18.0, 4.0)].into_iter().enumerate() {
         let high = s.draw(&format!("block.{i}"), 5.0, 13.0);
-        s.board("blocks", Stuff::Brick, [bx, 0.5 * high, bz], [4.5, 0.5 * high, 4.0], Turn::NONE);
+        s.board(
+            "blocks",
+            Stuff::Brick,
+            Board { center: [bx, 0.5 * high, bz], half: [4.5, 0.5 * high, 4.0], ..Board::PLAIN },
+        );
     }
     let focus = Aabb { low: [-0.8, lift + 0.4, -0.8], high: [0.8, lift + 1.1, 0.8] };
     s.eye(3.0, From::Box(Aabb { low: [-x + 0.5, lift + 1.3, 0.3 * z], high: [x - 0.5, lift + 1.8, z - 0.4] }), focus);

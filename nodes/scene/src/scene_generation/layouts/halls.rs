@@ -1,17 +1,14 @@
 //! Passages, stairs and rooms full of shelves or panes.
 
 use super::kit::*;
-use crate::{
-    geom::{Aabb, Vec3},
-    scene_generation::{
-        forms::Family as F,
-        place::{Surface, Turn},
-        props::ask,
-        shell::{Made, Window},
-        stage::{From, Stage},
-        stuff::Stuff,
-    },
+use crate::scene_generation::{
+    place::{GAP, SEAM, Surface, Turn},
+    props::ask,
+    shell::{Made, Window},
+    stage::{Board, From, Stage},
 };
+use tauflow_data::geom::{Aabb, Vec3};
+use tauflow_scene_library::{forms::Family as F, stuff::Stuff};
 
 /// A long passage: doors, lamps in a row, a runner, chairs and plants along the walls.
 pub fn corridor(s: &mut Stage<'_>) {
@@ -99,14 +96,21 @@ pub fn stairwell(s: &mut Stage<'_>) {
     for i in 0..steps {
         let top = rise * f64::from(i + 1);
         let at = start - tread * (f64::from(i) + 0.5);
-        s.board("steps", stone, [left, 0.5 * top, at], [wide, 0.5 * top - 0.0005, 0.5 * tread - 0.0002], Turn::NONE);
+        s.board(
+            "steps",
+            stone,
+            Board {
+                center: [left, 0.5 * top, at],
+                half: [wide, 0.5 * top, 0.5 * tread - 0.0002],
+                inset: [0.0, SEAM, 0.0],
+                ..Board::PLAIN
+            },
+        );
         // A baluster on the free side, under the rail.
         s.board(
             "balusters",
             Stuff::PaintedMetal,
-            [left + wide - 0.03, top + 0.45, at],
-            [0.009, 0.4485, 0.009],
-            Turn::NONE,
+            Board { center: [left + wide - 0.03, top + 0.45, at], half: [0.009, 0.4485, 0.009], ..Board::PLAIN },
         );
     }
     let edge = start - tread * f64::from(steps);
@@ -123,17 +127,32 @@ pub fn stairwell(s: &mut Stage<'_>) {
         s.quad("rail", Stuff::Wood, quad);
     }
     let deep = 0.5 * (edge + z) - 0.001;
-    let landing = s.board("steps", stone, [0.0, 1.95, -z + deep + 0.0005], [x - 0.001, 0.0995, deep], Turn::NONE);
+    let landing = s.board(
+        "steps",
+        stone,
+        Board {
+            center: [0.0, 1.95, -z + deep + 0.0005],
+            half: [x, 0.1, deep],
+            inset: [GAP, SEAM, 0.0],
+            ..Board::PLAIN
+        },
+    );
     for i in 0..14 {
         let bx = left + wide + 0.05 + (x - 0.05 - left - wide) * f64::from(i) / 14.0;
-        s.board("balusters", Stuff::PaintedMetal, [bx, 2.05 + 0.45, edge - 0.06], [0.009, 0.4485, 0.009], Turn::NONE);
+        s.board(
+            "balusters",
+            Stuff::PaintedMetal,
+            Board { center: [bx, 2.05 + 0.45, edge - 0.06], half: [0.009, 0.4485, 0.009], ..Board::PLAIN },
+        );
     }
     s.board(
         "rail",
         Stuff::Wood,
-        [0.5 * (left + wide + x), 2.05 + 0.92, edge - 0.06],
-        [0.5 * (x - left - wide) - 0.03, 0.02, 0.02],
-        Turn::NONE,
+        Board {
+            center: [0.5 * (left + wide + x), 2.05 + 0.92, edge - 0.06],
+            half: [0.5 * (x - left - wide) - 0.03, 0.02, 0.02],
+            ..Board::PLAIN
+        },
     );
     let under = floor.part([-0.05, 0.95], [-0.9, 0.4]);
     let mut low = under.clone();
@@ -191,11 +210,15 @@ pub fn library_aisle(s: &mut Stage<'_>) {
         let cx = side * (x - deep - 0.002);
         for bay in 0..bays {
             let cz = -z + 0.05 + 1.04 * (bay as f64 + 0.5);
-            s.board("cases", Stuff::Wood, [cx, 1.1, cz - 0.51], [deep, 1.099, 0.009], Turn::NONE);
+            s.board(
+                "cases",
+                Stuff::Wood,
+                Board { center: [cx, 1.1, cz - 0.51], half: [deep, 1.099, 0.009], ..Board::PLAIN },
+            );
             for i in 0..6 {
                 let y = 0.09 + 0.38 * f64::from(i);
                 let half = [deep, 0.01, wide - 0.001];
-                s.board("cases", Stuff::Wood, [cx, y, cz], half, Turn::NONE);
+                s.board("cases", Stuff::Wood, Board { center: [cx, y, cz], half, ..Board::PLAIN });
                 let turn = Turn::toward([-side, 0.0]);
                 let clearance = if i == 5 { 0.4 } else { 0.355 };
                 boards.push(Surface { turn, ..Surface::flat([cx, y + 0.01, cz], [wide, deep], clearance) });

@@ -1,17 +1,14 @@
 //! Rooms to live in.
 
 use super::kit::*;
-use crate::{
-    geom::Aabb,
-    scene_generation::{
-        forms::Family as F,
-        place::Turn,
-        props::ask,
-        shell::Made,
-        stage::{Light, Stage},
-        stuff::Stuff,
-    },
+use crate::scene_generation::{
+    place::{SEAM, Turn},
+    props::ask,
+    shell::Made,
+    stage::{Board, Light, Stage},
 };
+use tauflow_data::geom::Aabb;
+use tauflow_scene_library::{forms::Family as F, stuff::Stuff};
 
 /// Sofa, low table on a rug, shelves, a screen, plants, pictures.
 pub fn living_room(s: &mut Stage<'_>) {
@@ -142,22 +139,55 @@ pub fn kitchen(s: &mut Stage<'_>) {
     let long = x - 0.02;
     // Counter along the back wall: doors in front of a body on a recessed foot.
     let back = -z + deep + 0.005;
-    s.board("counter foot", Stuff::Plastic, [0.0, 0.05, back - 0.03], [long, 0.05, deep - 0.04], Turn::NONE);
-    s.board("counter", Stuff::PaintedMetal, [0.0, 0.475, back - 0.012], [long, 0.375, deep - 0.018], Turn::NONE);
+    s.board(
+        "counter foot",
+        Stuff::Plastic,
+        Board { center: [0.0, 0.05, back - 0.03], half: [long, 0.05, deep - 0.04], ..Board::PLAIN },
+    );
+    s.board(
+        "counter",
+        Stuff::PaintedMetal,
+        Board { center: [0.0, 0.475, back - 0.012], half: [long, 0.375, deep - 0.018], ..Board::PLAIN },
+    );
     let doors = (2.0 * long / 0.55).round().max(2.0);
     for i in 0..doors as usize {
         let w = long / doors;
         let cx = -long + w * (2 * i + 1) as f64;
-        s.board("fronts", Stuff::Wood, [cx, 0.475, back + deep - 0.02], [w - 0.004, 0.365, 0.009], Turn::NONE);
-        s.board("handles", Stuff::Metal, [cx, 0.8, back + deep - 0.002], [0.06, 0.006, 0.006], Turn::NONE);
+        s.board(
+            "fronts",
+            Stuff::Wood,
+            Board { center: [cx, 0.475, back + deep - 0.02], half: [w - 0.004, 0.365, 0.009], ..Board::PLAIN },
+        );
+        s.board(
+            "handles",
+            Stuff::Metal,
+            Board { center: [cx, 0.8, back + deep - 0.002], half: [0.06, 0.006, 0.006], ..Board::PLAIN },
+        );
     }
-    let top = s.board("worktop", Stuff::Stone, [0.0, 0.87, back + 0.005], [long, 0.0195, deep + 0.01], Turn::NONE);
+    let top = s.board(
+        "worktop",
+        Stuff::Stone,
+        Board {
+            center: [0.0, 0.87, back + 0.005],
+            half: [long, 0.02, deep + 0.01],
+            inset: [0.0, SEAM, 0.0],
+            ..Board::PLAIN
+        },
+    );
     let top = top.part([-0.98, 0.98], [-0.9, 0.92]);
     let span = s.draw("cupboards", 0.4, 0.95);
     let mut cx = -long;
     while cx + 0.6 < -long + 2.0 * long * span {
-        s.board("cupboards", Stuff::PaintedMetal, [cx + 0.3, 1.75, -z + 0.17], [0.297, 0.33, 0.16], Turn::NONE);
-        s.board("fronts", Stuff::Wood, [cx + 0.3, 1.75, -z + 0.341], [0.294, 0.327, 0.008], Turn::NONE);
+        s.board(
+            "cupboards",
+            Stuff::PaintedMetal,
+            Board { center: [cx + 0.3, 1.75, -z + 0.17], half: [0.297, 0.33, 0.16], ..Board::PLAIN },
+        );
+        s.board(
+            "fronts",
+            Stuff::Wood,
+            Board { center: [cx + 0.3, 1.75, -z + 0.341], half: [0.294, 0.327, 0.008], ..Board::PLAIN },
+        );
         s.light(Light::Panel([cx + 0.3, 1.419, -z + 0.16], [0.0, -1.0, 0.0], [0.2, 0.02]), 3.0);
         cx += 0.6;
     }

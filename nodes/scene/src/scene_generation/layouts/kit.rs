@@ -1,17 +1,14 @@
-//! What layouts share: the usual sizes of things, tables made to measure, desks and shelves filled.
+//! Shared parts of layouts: usual sizes of things, custom tables, filled desks and shelves.
 
-use crate::{
-    geom::Vec3,
-    scene_generation::{
-        forms::Family as F,
-        place::{Surface, Turn},
-        props::{Ask, ask},
-        shell::{Made, Room, Window},
-        stage::Stage,
-        stuff::Stuff,
-    },
+use crate::scene_generation::{
+    place::{Surface, Turn},
+    props::{Ask, ask},
+    shell::{Made, Room, Window},
+    stage::{Board, Stage},
 };
 use core::f64::consts::{PI, TAU};
+use tauflow_data::geom::Vec3;
+use tauflow_scene_library::{forms::Family as F, stuff::Stuff};
 
 /// Turned any way.
 pub const ANY: [f64; 2] = [-PI, PI];
@@ -112,19 +109,23 @@ pub fn bench(s: &mut Stage<'_>, stuff: Stuff, center: Vec3, size: [f64; 3], turn
     for (sx, sz) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
         let [dx, dz] = turn.apply([sx * (x - leg - 0.03), sz * (z - leg - 0.03)]);
         let foot = [center[0] + dx, center[1] + 0.5 * height - thick, center[2] + dz];
-        s.board("bench legs", stuff, foot, [leg, 0.5 * height - thick, leg], turn);
+        s.board(
+            "bench legs",
+            stuff,
+            Board { center: foot, half: [leg, 0.5 * height - thick, leg], turn, ..Board::PLAIN },
+        );
     }
     let top = [center[0], center[1] + height - thick, center[2]];
-    s.board("bench", stuff, top, [x, thick, z], turn)
+    s.board("bench", stuff, Board { center: top, half: [x, thick, z], turn, ..Board::PLAIN })
 }
 
 /// A plinth or pedestal; gives its top.
 pub fn plinth(s: &mut Stage<'_>, stuff: Stuff, at: [f64; 2], half: [f64; 2], height: f64) -> Surface {
     let center = [at[0], 0.5 * height, at[1]];
-    s.board("plinths", stuff, center, [half[0], 0.5 * height, half[1]], Turn::NONE)
+    s.board("plinths", stuff, Board { center, half: [half[0], 0.5 * height, half[1]], ..Board::PLAIN })
 }
 
-/// What lies on a desk.
+/// Things on a desk.
 pub fn desk_things(s: &mut Stage<'_>, top: &Surface, n: usize) {
     let back = top.part([-0.95, 0.95], [-0.95, -0.1]);
     let screen = ask(F::Screen).most(0.75, 0.7, 0.45).least(0.15, 0.1, 0.0);

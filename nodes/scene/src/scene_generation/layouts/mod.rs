@@ -21,8 +21,7 @@ use super::{
     cast::Cast,
     stage::{From, Stage},
 };
-use crate::geom::Aabb;
-use tauflow_data::{ContextClass, Regime, Stratum, rng::Stream};
+use tauflow_data::{ContextClass, Regime, Stratum, geom::Aabb, rng::Stream};
 
 /// A layout: fills a stage.
 pub type Layout = (&'static str, fn(&mut Stage<'_>));

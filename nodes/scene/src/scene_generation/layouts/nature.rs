@@ -1,19 +1,14 @@
 //! Under the open sky: meadow, wood, shore, hills.
 
 use super::kit::*;
-use crate::{
-    geom::Aabb,
-    scene_generation::{
-        forms::Family as F,
-        library::{self, Land},
-        noise::fractal,
-        place::{Relief, Surface, Turn},
-        props::ask,
-        stage::{From, Stage},
-        stuff::Stuff,
-    },
+use crate::scene_generation::{
+    place::{Surface, Turn},
+    props::ask,
+    stage::{Board, From, Stage},
 };
 use std::sync::Arc;
+use tauflow_data::geom::Aabb;
+use tauflow_scene_library::{Land, Relief, forms::Family as F, noise::fractal, stuff::Stuff};
 
 /// Variants of each land.
 const LANDS: u64 = 12;
@@ -26,7 +21,7 @@ fn land(s: &mut Stage<'_>, name: &'static str, half: f64, rise: f64, wave: f64, 
     let mut d = s.next();
     let variant = s.cast.params.variant(&mut d, LANDS);
     s.params.insert("land".into(), variant as f64);
-    let made = library::land(name, variant, || {
+    let made = tauflow_scene_library::land(name, variant, || {
         let seed = tauflow_data::rng::mix(0x6C61_6E64, variant) ^ name.len() as u64;
         let mut heights = Vec::new();
         for j in 0..=CELLS {
@@ -77,7 +72,7 @@ pub fn rest(s: &mut Stage<'_>, on: &Surface, stuff: Stuff, at: [f64; 2], half: f
     let [low, high] = on.ground(at, turn, [half, half]).unwrap_or([0.0; 2]);
     let top = high + height;
     let (y, h) = (0.5 * (low - 0.02 + top), 0.5 * (top - low + 0.02));
-    let out = s.board("stone", stuff, [at[0], y, at[1]], [half, h, half], turn);
+    let out = s.board("stone", stuff, Board { center: [at[0], y, at[1]], half: [half, h, half], turn, ..Board::PLAIN });
     out.inset(0.02)
 }
 
@@ -197,7 +192,7 @@ pub fn lake_shore(s: &mut Stage<'_>) {
     let mut d = s.next();
     let variant = s.cast.params.variant(&mut d, LANDS);
     s.params.insert("land".into(), variant as f64);
-    let made = library::land(name, variant, || {
+    let made = tauflow_scene_library::land(name, variant, || {
         let seed = tauflow_data::rng::mix(0x7368_6F72, variant);
         let mut heights = Vec::new();
         for j in 0..=CELLS {
@@ -224,16 +219,22 @@ pub fn lake_shore(s: &mut Stage<'_>) {
     // A pier of planks.
     let pier = s.draw("pier", -2.0, 2.0);
     for i in 0..14 {
-        s.board("pier", Stuff::Wood, [pier, 0.42, 1.2 - 0.3 * f64::from(i)], [0.6, 0.02, 0.14], Turn::NONE);
+        s.board(
+            "pier",
+            Stuff::Wood,
+            Board { center: [pier, 0.42, 1.2 - 0.3 * f64::from(i)], half: [0.6, 0.02, 0.14], ..Board::PLAIN },
+        );
     }
     for i in 0..4 {
         for side in [-1.0, 1.0] {
             s.board(
                 "posts",
                 Stuff::Wood,
-                [pier + side * 0.66, 0.0, 1.0 - 1.2 * f64::from(i)],
-                [0.05, 0.75, 0.05],
-                Turn::NONE,
+                Board {
+                    center: [pier + side * 0.66, 0.0, 1.0 - 1.2 * f64::from(i)],
+                    half: [0.05, 0.75, 0.05],
+                    ..Board::PLAIN
+                },
             );
         }
     }

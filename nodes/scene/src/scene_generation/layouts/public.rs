@@ -1,17 +1,14 @@
 //! Public rooms: galleries, museums, lobbies, baths.
 
 use super::kit::*;
-use crate::{
-    geom::Aabb,
-    scene_generation::{
-        forms::Family as F,
-        place::{Solid, Surface, Turn},
-        props::ask,
-        shell::{Made, Window},
-        stage::{From, Light, Stage},
-        stuff::Stuff,
-    },
+use crate::scene_generation::{
+    place::{SEAM, Solid, Surface, Turn},
+    props::ask,
+    shell::{Made, Window},
+    stage::{Board, From, Light, Stage},
 };
+use tauflow_data::geom::Aabb;
+use tauflow_scene_library::{forms::Family as F, stuff::Stuff};
 
 /// White walls, framed pictures under spots, sculptures on plinths, a bench.
 pub fn gallery(s: &mut Stage<'_>) {
@@ -70,20 +67,35 @@ pub fn museum_case(s: &mut Stage<'_>) {
     let floor = room.floor.clone();
     let wide = s.draw("case.width", 0.5, 0.9);
     let (deep, base, high) = (0.35, 0.9, s.draw("case.height", 0.5, 0.8));
-    s.board("case", Stuff::Wood, [0.0, 0.5 * base - 0.02, 0.0], [wide, 0.5 * base - 0.0205, deep], Turn::NONE);
-    let mut bed = s.board("case lining", Stuff::Fabric, [0.0, base - 0.02, 0.0], [wide, 0.0195, deep], Turn::NONE);
+    s.board(
+        "case",
+        Stuff::Wood,
+        Board { center: [0.0, 0.5 * base - 0.02, 0.0], half: [wide, 0.5 * base - 0.0205, deep], ..Board::PLAIN },
+    );
+    let mut bed = s.board(
+        "case lining",
+        Stuff::Fabric,
+        Board { center: [0.0, base - 0.02, 0.0], half: [wide, 0.02, deep], inset: [0.0, SEAM, 0.0], ..Board::PLAIN },
+    );
     bed.clearance = high - 0.06;
     let (w, d) = (wide - 0.012, deep - 0.012);
     for (sx, sz) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
         s.board(
             "case posts",
             Stuff::Metal,
-            [sx * w, base + 0.5 * high, sz * d],
-            [0.011, 0.5 * high - 0.0005, 0.011],
-            Turn::NONE,
+            Board {
+                center: [sx * w, base + 0.5 * high, sz * d],
+                half: [0.011, 0.5 * high, 0.011],
+                inset: [0.0, SEAM, 0.0],
+                ..Board::PLAIN
+            },
         );
     }
-    s.board("case lid", Stuff::Wood, [0.0, base + high + 0.0205, 0.0], [wide, 0.02, deep], Turn::NONE);
+    s.board(
+        "case lid",
+        Stuff::Wood,
+        Board { center: [0.0, base + high + 0.0205, 0.0], half: [wide, 0.02, deep], ..Board::PLAIN },
+    );
     for i in 0..3 {
         let x = wide * (0.6 * f64::from(i) - 0.6);
         s.light(Light::Disk([x, base + high - 0.002, 0.15], [0.0, -1.0, -0.2], 0.02), 6.0);
@@ -141,8 +153,16 @@ pub fn hotel_lobby(s: &mut Stage<'_>) {
     let floor = room.floor.clone();
     let (x, z) = (floor.half[0], floor.half[1]);
     let wide = s.draw("reception", 1.2, 2.0);
-    s.board("reception", Stuff::Wood, [0.0, 0.54, -z + 1.3], [wide, 0.539, 0.3], Turn::NONE);
-    let top = s.board("reception top", Stuff::Stone, [0.0, 1.1005, -z + 1.32], [wide + 0.05, 0.02, 0.36], Turn::NONE);
+    s.board(
+        "reception",
+        Stuff::Wood,
+        Board { center: [0.0, 0.54, -z + 1.3], half: [wide, 0.539, 0.3], ..Board::PLAIN },
+    );
+    let top = s.board(
+        "reception top",
+        Stuff::Stone,
+        Board { center: [0.0, 1.1005, -z + 1.32], half: [wide + 0.05, 0.02, 0.36], ..Board::PLAIN },
+    );
     s.main(&top.part([-0.9, 0.9], [-0.8, 0.8]), &[F::Vessel, F::Sculpture, F::Ornament], [0.2, 0.45]);
     let columns = s.pick(&ask(F::Column).most(0.8, size[1] - 0.02, 0.8).least(0.0, 1.2, 0.0));
     if let Some(columns) = &columns {
@@ -217,7 +237,11 @@ pub fn swimming_hall(s: &mut Stage<'_>) {
     let high = 1.0;
     let (bx, bz) = (0.52 * x, 0.6 * z);
     let deck = |s: &mut Stage<'_>, c: [f64; 2], h: [f64; 2]| {
-        s.board("deck", Stuff::Tile, [c[0], 0.5 * high, c[1]], [h[0], 0.5 * high, h[1]], Turn::NONE)
+        s.board(
+            "deck",
+            Stuff::Tile,
+            Board { center: [c[0], 0.5 * high, c[1]], half: [h[0], 0.5 * high, h[1]], ..Board::PLAIN },
+        )
     };
     let (sx, sz) = (0.5 * (x - bx), 0.5 * (z - bz));
     let left = deck(s, [-bx - sx, 0.0], [sx - 0.001, z - 0.001]);
@@ -258,5 +282,14 @@ pub fn swimming_hall(s: &mut Stage<'_>) {
 
 fn plinth_on(s: &mut Stage<'_>, on: &Surface, at: [f64; 2], height: f64) -> Surface {
     let [x, y, z] = on.point(at);
-    s.board("plinths", Stuff::Stone, [x, y + 0.5 * height, z], [0.3, 0.5 * height - 0.0005, 0.3], Turn::NONE)
+    s.board(
+        "plinths",
+        Stuff::Stone,
+        Board {
+            center: [x, y + 0.5 * height, z],
+            half: [0.3, 0.5 * height, 0.3],
+            inset: [0.0, SEAM, 0.0],
+            ..Board::PLAIN
+        },
+    )
 }

@@ -1,17 +1,14 @@
 //! Where things are sold and people are served.
 
 use super::kit::*;
-use crate::{
-    geom::{Aabb, add},
-    scene_generation::{
-        forms::Family as F,
-        place::{Surface, Turn},
-        props::ask,
-        shell::{Made, Wall},
-        stage::{From, Light, Stage},
-        stuff::Stuff,
-    },
+use crate::scene_generation::{
+    place::{GAP, SEAM, Surface, Turn},
+    props::ask,
+    shell::{Made, Wall},
+    stage::{Board, From, Light, Stage},
 };
+use tauflow_data::geom::{Aabb, add};
+use tauflow_scene_library::{forms::Family as F, stuff::Stuff};
 
 /// A glazed front of a lit shop at dusk, goods on steps behind it, the pavement before.
 pub fn shop_window(s: &mut Stage<'_>) {
@@ -30,8 +27,16 @@ pub fn shop_window(s: &mut Stage<'_>) {
     }
     // The door, set back.
     let mid = 0.5 * wide + 1.0;
-    s.board("shop door", Stuff::Wood, [mid, 1.1, -0.2], [0.499, 1.099, 0.03], Turn::NONE);
-    s.board("handle", Stuff::Metal, [mid - 0.38, 1.05, -0.14], [0.012, 0.15, 0.02], Turn::NONE);
+    s.board(
+        "shop door",
+        Stuff::Wood,
+        Board { center: [mid, 1.1, -0.2], half: [0.5, 1.099, 0.03], inset: [GAP, 0.0, 0.0], ..Board::PLAIN },
+    );
+    s.board(
+        "handle",
+        Stuff::Metal,
+        Board { center: [mid - 0.38, 1.05, -0.14], half: [0.012, 0.15, 0.02], ..Board::PLAIN },
+    );
     // The display: a box open to the front.
     let deep = 0.6;
     let (cy, cz) = (sill + 0.5 * high, -0.25 - 0.5 * deep);
@@ -43,12 +48,25 @@ pub fn shop_window(s: &mut Stage<'_>) {
         ([-half[0] - 0.02, cy, cz], [0.02, half[1] + 0.04, half[2]]),
         ([0.0, sill + high + 0.03, cz], [half[0], 0.02, half[2]]),
     ] {
-        s.board("display", Stuff::Plaster, center, half, inside);
+        s.board("display", Stuff::Plaster, Board { center, half, turn: inside, ..Board::PLAIN });
     }
-    let base = s.board("display floor", Stuff::Wood, [0.0, sill - 0.01, cz], [half[0], 0.0195, half[2]], inside);
+    let base = s.board(
+        "display floor",
+        Stuff::Wood,
+        Board { center: [0.0, sill - 0.01, cz], half: [half[0], 0.02, half[2]], turn: inside, inset: [0.0, SEAM, 0.0] },
+    );
     let mut stepped = base.clone();
     stepped.clearance = high - 0.1;
-    let step = s.board("steps", Stuff::Wood, [0.0, sill + 0.13, cz - 0.16], [half[0] - 0.1, 0.1195, 0.13], inside);
+    let step = s.board(
+        "steps",
+        Stuff::Wood,
+        Board {
+            center: [0.0, sill + 0.13, cz - 0.16],
+            half: [half[0] - 0.1, 0.12, 0.13],
+            turn: inside,
+            inset: [0.0, SEAM, 0.0],
+        },
+    );
     let mut step = step;
     step.clearance = high - 0.35;
     for i in 0..3 {
@@ -105,15 +123,36 @@ pub fn cafe_terrace(s: &mut Stage<'_>) {
             s.board(
                 "door",
                 Stuff::Wood,
-                add(c, [0.0, 0.0, 0.03]),
-                [half[0] - 0.001, half[1] - 0.001, 0.02],
-                Turn::NONE,
+                Board {
+                    center: add(c, [0.0, 0.0, 0.03]),
+                    half: [half[0], half[1], 0.02],
+                    inset: [GAP, GAP, 0.0],
+                    ..Board::PLAIN
+                },
             );
         } else {
             // Lit from within.
             s.light(Light::Panel(c, [0.0, 0.0, 1.0], half), 14.0);
-            s.board("frame", Stuff::Wood, add(c, [0.0, 0.0, 0.06]), [0.025, half[1] - 0.001, 0.02], Turn::NONE);
-            s.board("frame", Stuff::Wood, add(c, [0.0, 0.0, 0.06]), [half[0] - 0.001, 0.02, 0.0195], Turn::NONE);
+            s.board(
+                "frame",
+                Stuff::Wood,
+                Board {
+                    center: add(c, [0.0, 0.0, 0.06]),
+                    half: [0.025, half[1], 0.02],
+                    inset: [0.0, GAP, 0.0],
+                    ..Board::PLAIN
+                },
+            );
+            s.board(
+                "frame",
+                Stuff::Wood,
+                Board {
+                    center: add(c, [0.0, 0.0, 0.06]),
+                    half: [half[0], 0.02, 0.02],
+                    inset: [GAP, 0.0, SEAM],
+                    ..Board::PLAIN
+                },
+            );
         }
     }
     string_lamps(s, [-4.0, 2.9, -2.2], [4.0, 2.9, 1.8], 12, 45.0);
@@ -176,9 +215,11 @@ pub fn market_stall(s: &mut Stage<'_>) {
         s.board(
             "posts",
             Stuff::Wood,
-            [sx * (wide + 0.1), 0.5 * tall, sz * (deep + 0.12)],
-            [0.025, 0.5 * tall, 0.025],
-            Turn::NONE,
+            Board {
+                center: [sx * (wide + 0.1), 0.5 * tall, sz * (deep + 0.12)],
+                half: [0.025, 0.5 * tall, 0.025],
+                ..Board::PLAIN
+            },
         );
     }
     let (w, d) = (wide + 0.25, deep + 0.3);
@@ -211,14 +252,19 @@ pub fn market_stall(s: &mut Stage<'_>) {
         }]) {
             continue;
         }
-        let bed = s.board("trays", Stuff::Wood, [cx, y + 0.006, cz], [hx, 0.005, hz], Turn::NONE);
+        let bed =
+            s.board("trays", Stuff::Wood, Board { center: [cx, y + 0.006, cz], half: [hx, 0.005, hz], ..Board::PLAIN });
         for (c, h) in [
             ([0.0, hz - 0.006], [hx, 0.006]),
             ([0.0, -hz + 0.006], [hx, 0.006]),
             ([hx - 0.006, 0.0], [0.006, hz - 0.012]),
             ([-hx + 0.006, 0.0], [0.006, hz - 0.012]),
         ] {
-            s.board("trays", Stuff::Wood, [cx + c[0], y + 0.041, cz + c[1]], [h[0], 0.03, h[1]], Turn::NONE);
+            s.board(
+                "trays",
+                Stuff::Wood,
+                Board { center: [cx + c[0], y + 0.041, cz + c[1]], half: [h[0], 0.03, h[1]], ..Board::PLAIN },
+            );
         }
         let n = s.some(8).min(12);
         s.repeat(&FOOD.most(0.13, 0.14, 0.13), &bed.inset(0.012), n, ANY);
@@ -253,17 +299,23 @@ pub fn cafe(s: &mut Stage<'_>) {
     let z = floor.half[1];
     let wide = 0.55 * floor.half[0];
     let at = -z + 1.1;
-    s.board("bar", Stuff::Wood, [0.3, 0.52, at], [wide, 0.519, 0.28], Turn::NONE);
-    let bar = s.board("bar top", Stuff::Stone, [0.3, 1.0595, at], [wide + 0.03, 0.02, 0.32], Turn::NONE);
+    s.board("bar", Stuff::Wood, Board { center: [0.3, 0.52, at], half: [wide, 0.519, 0.28], ..Board::PLAIN });
+    let bar = s.board(
+        "bar top",
+        Stuff::Stone,
+        Board { center: [0.3, 1.0595, at], half: [wide + 0.03, 0.02, 0.32], ..Board::PLAIN },
+    );
     s.main(&bar.part([-0.8, 0.8], [-0.7, 0.7]), &[F::Vessel, F::Food, F::MachinePart], [0.15, 0.36]);
     let shelf_y = 1.5;
     for i in 0..2 {
         let mut board = s.board(
             "wall shelf",
             Stuff::Wood,
-            [0.3, shelf_y + 0.4 * f64::from(i), -z + 0.11],
-            [wide, 0.014, 0.105],
-            Turn::NONE,
+            Board {
+                center: [0.3, shelf_y + 0.4 * f64::from(i), -z + 0.11],
+                half: [wide, 0.014, 0.105],
+                ..Board::PLAIN
+            },
         );
         board.clearance = 0.36;
         let n = s.some(6);
@@ -320,15 +372,27 @@ pub fn jeweller(s: &mut Stage<'_>) {
     let wide = s.draw("case.width", 0.5, 0.8);
     let (deep, base) = (0.28, 0.85);
     let z = -0.3;
-    s.board("case body", Stuff::Wood, [0.0, 0.5 * base - 0.02, z], [wide, 0.5 * base - 0.021, deep], Turn::NONE);
-    let velvet = s.board("velvet", Stuff::Fabric, [0.0, base - 0.02, z], [wide, 0.0195, deep], Turn::NONE);
+    s.board(
+        "case body",
+        Stuff::Wood,
+        Board { center: [0.0, 0.5 * base - 0.02, z], half: [wide, 0.5 * base - 0.021, deep], ..Board::PLAIN },
+    );
+    let velvet = s.board(
+        "velvet",
+        Stuff::Fabric,
+        Board { center: [0.0, base - 0.02, z], half: [wide, 0.02, deep], inset: [0.0, SEAM, 0.0], ..Board::PLAIN },
+    );
     // Stands of several heights.
     let mut stands: Vec<Surface> = Vec::new();
     for i in 0..5 {
         let x = wide * (0.36 * f64::from(i) - 0.72);
         let high = 0.02 + 0.05 * s.any(0.0, 1.0);
         let y = base + high;
-        stands.push(s.board("stands", Stuff::Leather, [x, y, z - 0.13], [0.05, high - 0.0005, 0.05], Turn::NONE));
+        stands.push(s.board(
+            "stands",
+            Stuff::Leather,
+            Board { center: [x, y, z - 0.13], half: [0.05, high, 0.05], inset: [0.0, SEAM, 0.0], ..Board::PLAIN },
+        ));
     }
     let show = [ask(F::Solid).scaled(0.02, 0.06), ask(F::Ornament).scaled(0.05, 0.12), ask(F::Clock).scaled(0.05, 0.1)];
     s.main(&velvet.part([-0.8, 0.8], [-0.1, 0.8]), &[F::Solid, F::Ornament, F::Vessel], [0.05, 0.12]);
@@ -343,11 +407,18 @@ pub fn jeweller(s: &mut Stage<'_>) {
         s.board(
             "lamp rail",
             Stuff::Metal,
-            [x, y + 0.5 * (2.6 - y), z + 0.1],
-            [0.006, 0.5 * (2.6 - y) - 0.001, 0.006],
-            Turn::NONE,
+            Board {
+                center: [x, y + 0.5 * (2.6 - y), z + 0.1],
+                half: [0.006, 0.5 * (2.6 - y), 0.006],
+                inset: [0.0, GAP, 0.0],
+                ..Board::PLAIN
+            },
         );
-        s.board("lamps", Stuff::PaintedMetal, [x, y - 0.025, z + 0.1], [0.03, 0.0245, 0.03], Turn::NONE);
+        s.board(
+            "lamps",
+            Stuff::PaintedMetal,
+            Board { center: [x, y - 0.025, z + 0.1], half: [0.03, 0.0245, 0.03], ..Board::PLAIN },
+        );
         s.light(Light::Disk([x, y - 0.051, z + 0.1], [0.0, -1.0, -0.15], 0.022), 9.0);
     }
     if s.glassy() {

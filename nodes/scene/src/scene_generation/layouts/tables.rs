@@ -1,18 +1,15 @@
 //! Close by: tables, boards and shelves.
 
 use super::kit::*;
-use crate::{
-    geom::{Aabb, Vec3},
-    scene_generation::{
-        forms::Family as F,
-        place::{Surface, Turn},
-        props::ask,
-        shell::{Made, Room, Window},
-        stage::{Light, Stage},
-        stuff::Stuff,
-    },
+use crate::scene_generation::{
+    place::{SEAM, Surface, Turn},
+    props::ask,
+    shell::{Made, Room, Window},
+    stage::{Board, Light, Stage},
 };
 use core::f64::consts::PI;
+use tauflow_data::geom::{Aabb, Vec3};
+use tauflow_scene_library::{forms::Family as F, stuff::Stuff};
 
 /// A room about a table, dim or with a window.
 pub fn about_room(s: &mut Stage<'_>, lit: bool) -> Room {
@@ -35,13 +32,25 @@ pub fn low_lamp(s: &mut Stage<'_>, at: Vec3, ceiling: f64, power: f64) {
     let radius = 0.035;
     s.light(Light::Ball(at, radius), power);
     let stem = 0.5 * (ceiling - at[1] - 0.05);
-    s.board("cord", Stuff::Rubber, [at[0], at[1] + 0.05 + stem, at[2]], [0.004, stem, 0.004], Turn::NONE);
+    s.board(
+        "cord",
+        Stuff::Rubber,
+        Board { center: [at[0], at[1] + 0.05 + stem, at[2]], half: [0.004, stem, 0.004], ..Board::PLAIN },
+    );
     for (dx, dz, hx, hz) in
         [(0.0, 0.09, 0.09, 0.004), (0.0, -0.09, 0.09, 0.004), (0.09, 0.0, 0.004, 0.086), (-0.09, 0.0, 0.004, 0.086)]
     {
-        s.board("shade", Stuff::PaintedMetal, [at[0] + dx, at[1] + 0.03, at[2] + dz], [hx, 0.06, hz], Turn::NONE);
+        s.board(
+            "shade",
+            Stuff::PaintedMetal,
+            Board { center: [at[0] + dx, at[1] + 0.03, at[2] + dz], half: [hx, 0.06, hz], ..Board::PLAIN },
+        );
     }
-    s.board("shade", Stuff::PaintedMetal, [at[0], at[1] + 0.092, at[2]], [0.094, 0.002, 0.094], Turn::NONE);
+    s.board(
+        "shade",
+        Stuff::PaintedMetal,
+        Board { center: [at[0], at[1] + 0.092, at[2]], half: [0.094, 0.002, 0.094], ..Board::PLAIN },
+    );
 }
 
 /// Fruit, bottles, cloth and a board on a table.
@@ -73,15 +82,31 @@ pub fn kitchen_counter(s: &mut Stage<'_>) {
     let windows = [window(s, 3, 2.5, size[2])];
     let room = s.room(size, made, &windows, Some(2));
     let (x, z) = (room.floor.half[0], room.floor.half[1]);
-    s.board("counter", Stuff::PaintedMetal, [0.0, 0.425, -z + 0.29], [x - 0.02, 0.4245, 0.285], Turn::NONE);
-    let top = s.board("worktop", Stuff::Stone, [0.0, 0.87, -z + 0.3], [x - 0.02, 0.0195, 0.3], Turn::NONE);
+    s.board(
+        "counter",
+        Stuff::PaintedMetal,
+        Board { center: [0.0, 0.425, -z + 0.29], half: [x - 0.02, 0.4245, 0.285], ..Board::PLAIN },
+    );
+    let top = s.board(
+        "worktop",
+        Stuff::Stone,
+        Board { center: [0.0, 0.87, -z + 0.3], half: [x - 0.02, 0.02, 0.3], inset: [0.0, SEAM, 0.0], ..Board::PLAIN },
+    );
     let part = top.part([-0.75, 0.75], [-0.9, 0.92]);
     // A wooden board to cut on, and a rail with hooks above.
-    let cut = s.board("chopping", Stuff::Wood, [0.1, 0.9055, -z + 0.36], [0.2, 0.0145, 0.14], Turn::new(0.2));
+    let cut = s.board(
+        "chopping",
+        Stuff::Wood,
+        Board { center: [0.1, 0.9055, -z + 0.36], half: [0.2, 0.0145, 0.14], turn: Turn::new(0.2), ..Board::PLAIN },
+    );
     s.main(&part, &[F::Vessel, F::Food], [0.14, 0.3]);
     s.scatter(&cut, &[FOOD.most(0.2, 0.2, 0.2), UTENSIL.most(0.3, 0.1, 0.2)], 3, ANY);
-    s.board("rail", Stuff::Metal, [0.0, 1.5, -z + 0.03], [0.6, 0.008, 0.008], Turn::NONE);
-    let shelf = s.board("wall shelf", Stuff::Wood, [0.0, 1.62, -z + 0.112], [0.7, 0.012, 0.11], Turn::NONE);
+    s.board("rail", Stuff::Metal, Board { center: [0.0, 1.5, -z + 0.03], half: [0.6, 0.008, 0.008], ..Board::PLAIN });
+    let shelf = s.board(
+        "wall shelf",
+        Stuff::Wood,
+        Board { center: [0.0, 1.62, -z + 0.112], half: [0.7, 0.012, 0.11], ..Board::PLAIN },
+    );
     s.light(Light::Panel([0.0, 1.607, -z + 0.15], [0.0, -1.0, 0.0], [0.5, 0.012]), 7.0);
     let n = s.some(5);
     s.row(
@@ -106,12 +131,23 @@ pub fn window_sill(s: &mut Stage<'_>) {
     let windows = [Window { wall: 0, s: 0.0, width: wide, sill: 0.85, height: size[1] - 1.15 }];
     let room = s.room(size, made, &windows, Some(2));
     let z = 0.5 * size[2];
-    let sill =
-        s.board("deep sill", Stuff::Stone, [0.0, 0.8745, -z + 0.155], [0.5 * wide + 0.1, 0.02, 0.15], Turn::NONE);
-    s.board("radiator", Stuff::PaintedMetal, [0.0, 0.5, -z + 0.09], [0.45 * wide, 0.3, 0.045], Turn::NONE);
+    let sill = s.board(
+        "deep sill",
+        Stuff::Stone,
+        Board { center: [0.0, 0.8745, -z + 0.155], half: [0.5 * wide + 0.1, 0.02, 0.15], ..Board::PLAIN },
+    );
+    s.board(
+        "radiator",
+        Stuff::PaintedMetal,
+        Board { center: [0.0, 0.5, -z + 0.09], half: [0.45 * wide, 0.3, 0.045], ..Board::PLAIN },
+    );
     for i in 0..12 {
         let x = 0.45 * wide * ((f64::from(i) + 0.5) / 6.0 - 1.0);
-        s.board("radiator", Stuff::PaintedMetal, [x, 0.5, -z + 0.14], [0.025, 0.29, 0.0045], Turn::NONE);
+        s.board(
+            "radiator",
+            Stuff::PaintedMetal,
+            Board { center: [x, 0.5, -z + 0.14], half: [0.025, 0.29, 0.0045], ..Board::PLAIN },
+        );
     }
     s.main(&sill, &[F::Vessel, F::Ornament, F::Sculpture, F::Toy], [0.12, 0.26]);
     let small = POT.most(0.45, 0.7, 0.28);
@@ -194,12 +230,17 @@ pub fn bookshelf(s: &mut Stage<'_>) {
     let at = -z + deep + 0.004;
     for side in [-1.0, 1.0] {
         let h = 0.5 * (rise * f64::from(boards) + 0.12);
-        s.board("case", Stuff::Wood, [side * (wide + 0.011), h, at], [0.0105, h, deep], Turn::NONE);
+        s.board(
+            "case",
+            Stuff::Wood,
+            Board { center: [side * (wide + 0.011), h, at], half: [0.0105, h, deep], ..Board::PLAIN },
+        );
     }
     let mut tops = Vec::new();
     for i in 0..=boards {
         let y = 0.1 + rise * f64::from(i);
-        let mut top = s.board("case", Stuff::Wood, [0.0, y, at], [wide, 0.01, deep], Turn::NONE);
+        let mut top =
+            s.board("case", Stuff::Wood, Board { center: [0.0, y, at], half: [wide, 0.01, deep], ..Board::PLAIN });
         top.clearance = if i == boards { 0.5 } else { rise - 0.022 };
         tops.push(top);
     }

@@ -1,18 +1,15 @@
 //! In town: yards, streets and squares between houses.
 
 use super::kit::*;
-use crate::{
-    geom::Aabb,
-    scene_generation::{
-        forms::Family as F,
-        place::{Surface, Turn},
-        props::ask,
-        shell::Wall,
-        stage::{From, Light, Stage},
-        stuff::Stuff,
-    },
+use crate::scene_generation::{
+    place::{GAP, SEAM, Surface, Turn},
+    props::ask,
+    shell::Wall,
+    stage::{Board, From, Light, Stage},
 };
 use core::f64::consts::PI;
+use tauflow_data::geom::Aabb;
+use tauflow_scene_library::{forms::Family as F, stuff::Stuff};
 
 /// A house front with rows of windows, some lit, cornice and door.
 pub fn facade(s: &mut Stage<'_>, name: &str, wall: &Wall, floors: usize, bays: usize) {
@@ -41,7 +38,11 @@ pub fn facade(s: &mut Stage<'_>, name: &str, wall: &Wall, floors: usize, bays: u
         let c = wall.point(0.5 * (o[0] + o[1]), 0.5 * (o[2] + o[3]), -deep);
         let p = |s: f64, y: f64, out: f64| wall.point(s, y, out);
         if o[2] == 0.0 {
-            s.board("doors", Stuff::Wood, c, [w - 0.0005, h - 0.0005, 0.03], wall.turn);
+            s.board(
+                "doors",
+                Stuff::Wood,
+                Board { center: c, half: [w, h, 0.03], turn: wall.turn, inset: [SEAM, SEAM, 0.0] },
+            );
             continue;
         }
         let lit = s.next().below(4) == 0;
@@ -52,26 +53,50 @@ pub fn facade(s: &mut Stage<'_>, name: &str, wall: &Wall, floors: usize, bays: u
             s.quad("dark windows", Stuff::PaintedMetal, back);
         }
         let bar = |s: &mut Stage<'_>, at: f64, y: f64, half: [f64; 2]| {
-            s.board("window bars", Stuff::PaintedMetal, wall.point(at, y, -0.1), [half[0], half[1], 0.02], wall.turn);
+            s.board(
+                "window bars",
+                Stuff::PaintedMetal,
+                Board {
+                    center: wall.point(at, y, -0.1),
+                    half: [half[0], half[1], 0.02],
+                    turn: wall.turn,
+                    ..Board::PLAIN
+                },
+            );
         };
         let (ms, my) = (0.5 * (o[0] + o[1]), 0.5 * (o[2] + o[3]));
         bar(s, ms, my, [0.025, h]);
         bar(s, ms, o[3] - 0.35 * h, [w, 0.02]);
-        s.board("sills", Stuff::Stone, wall.point(ms, o[2] - 0.04, 0.03), [w + 0.08, 0.035, 0.07], wall.turn);
+        s.board(
+            "sills",
+            Stuff::Stone,
+            Board {
+                center: wall.point(ms, o[2] - 0.04, 0.03),
+                half: [w + 0.08, 0.035, 0.07],
+                turn: wall.turn,
+                ..Board::PLAIN
+            },
+        );
     }
     s.board(
         "cornice",
         Stuff::Stone,
-        wall.point(0.0, wall.height - 0.12, 0.1),
-        [0.5 * wall.length, 0.12, 0.099],
-        wall.turn,
+        Board {
+            center: wall.point(0.0, wall.height - 0.12, 0.1),
+            half: [0.5 * wall.length, 0.12, 0.1],
+            turn: wall.turn,
+            inset: [0.0, 0.0, GAP],
+        },
     );
     s.board(
         "base",
         Stuff::Stone,
-        wall.point(0.0, wall.height / floors as f64 - 0.1, 0.03),
-        [0.5 * wall.length, 0.06, 0.029],
-        wall.turn,
+        Board {
+            center: wall.point(0.0, wall.height / floors as f64 - 0.1, 0.03),
+            half: [0.5 * wall.length, 0.06, 0.029],
+            turn: wall.turn,
+            ..Board::PLAIN
+        },
     );
 }
 
@@ -135,9 +160,12 @@ pub fn street(s: &mut Stage<'_>) {
         s.board(
             "kerb",
             Stuff::Stone,
-            [side * (wide - 0.5 * pave - 0.001), 0.06, -1.0],
-            [0.5 * pave, 0.0595, 10.0],
-            Turn::NONE,
+            Board {
+                center: [side * (wide - 0.5 * pave - 0.001), 0.06, -1.0],
+                half: [0.5 * pave, 0.06, 10.0],
+                inset: [0.0, SEAM, 0.0],
+                ..Board::PLAIN
+            },
         );
     }
     // The end of the street.
@@ -154,7 +182,11 @@ pub fn street(s: &mut Stage<'_>) {
             }
         }
     }
-    let stand = s.board("plinths", Stuff::Stone, [0.55 * -wide, 0.36, 0.6], [0.3, 0.24, 0.3], Turn::NONE);
+    let stand = s.board(
+        "plinths",
+        Stuff::Stone,
+        Board { center: [0.55 * -wide, 0.36, 0.6], half: [0.3, 0.24, 0.3], ..Board::PLAIN },
+    );
     s.main(&stand, &[F::Sculpture, F::Vessel, F::Solid], [0.5, 1.0]);
     let road = road.part([-0.6 * (wide - pave) / 60.0, 0.6 * (wide - pave) / 60.0], [-0.14, 0.06]);
     let n = s.some(3);
@@ -181,7 +213,11 @@ pub fn street(s: &mut Stage<'_>) {
 pub fn bus_stop(s: &mut Stage<'_>) {
     s.front = [-1.2, 1.2];
     let floor = ground(s, Stuff::Asphalt, 50.0);
-    let pave = s.board("pavement", Stuff::Stone, [0.0, 0.06, -1.2], [12.0, 0.0595, 1.6], Turn::NONE);
+    let pave = s.board(
+        "pavement",
+        Stuff::Stone,
+        Board { center: [0.0, 0.06, -1.2], half: [12.0, 0.06, 1.6], inset: [0.0, SEAM, 0.0], ..Board::PLAIN },
+    );
     let (x, deep, high) = (s.draw("width", 1.4, 2.2), 0.7, 2.3);
     let y = 0.12;
     let z = -1.6;
@@ -190,13 +226,25 @@ pub fn bus_stop(s: &mut Stage<'_>) {
             s.board(
                 "posts",
                 Stuff::PaintedMetal,
-                [side * x, y + 0.5 * tall, z + dz],
-                [0.03, 0.5 * tall - 0.0005, 0.03],
-                Turn::NONE,
+                Board {
+                    center: [side * x, y + 0.5 * tall, z + dz],
+                    half: [0.03, 0.5 * tall, 0.03],
+                    inset: [0.0, SEAM, 0.0],
+                    ..Board::PLAIN
+                },
             );
         }
     }
-    s.board("shelter roof", Stuff::PaintedMetal, [0.0, y + high + 0.04, z], [x + 0.15, 0.0395, deep + 0.2], Turn::NONE);
+    s.board(
+        "shelter roof",
+        Stuff::PaintedMetal,
+        Board {
+            center: [0.0, y + high + 0.04, z],
+            half: [x + 0.15, 0.04, deep + 0.2],
+            inset: [0.0, SEAM, 0.0],
+            ..Board::PLAIN
+        },
+    );
     if s.glassy() {
         let p = |px: f64, py: f64| [px, y + py, z - deep];
         s.quad("panes", Stuff::Pane, [p(-x, 0.15), p(x, 0.15), p(x, 2.1), p(-x, 2.1)]);
@@ -207,10 +255,18 @@ pub fn bus_stop(s: &mut Stage<'_>) {
             half: [x, 0.01],
         });
     } else {
-        s.board("shelter back", Stuff::PaintedMetal, [0.0, y + 0.5, z - deep], [x - 0.035, 0.35, 0.012], Turn::NONE);
+        s.board(
+            "shelter back",
+            Stuff::PaintedMetal,
+            Board { center: [0.0, y + 0.5, z - deep], half: [x - 0.035, 0.35, 0.012], ..Board::PLAIN },
+        );
     }
     let poster = [x - 0.06, y + 1.25, z];
-    s.board("poster case", Stuff::PaintedMetal, [x, y + 1.25, z], [0.04, 0.9, 0.6], Turn::NONE);
+    s.board(
+        "poster case",
+        Stuff::PaintedMetal,
+        Board { center: [x, y + 1.25, z], half: [0.04, 0.9, 0.6], ..Board::PLAIN },
+    );
     s.light(Light::Panel([poster[0] + 0.019, poster[1], poster[2]], [-1.0, 0.0, 0.0], [0.55, 0.82]), 30.0);
     s.panel_lamp([0.0, y + high, z], [0.5, 0.06], 26.0);
     let inner =
@@ -260,9 +316,22 @@ pub fn fountain(s: &mut Stage<'_>) {
         let turn = Turn::new(a);
         let [dx, dz] = turn.apply([0.0, radius]);
         let half = (radius + thick) * tauflow_data::maths::tan(PI / f64::from(sides));
-        s.board("basin", stone, [dx, 0.5 * high, dz], [half, 0.5 * high, thick], turn);
+        s.board(
+            "basin",
+            stone,
+            Board { center: [dx, 0.5 * high, dz], half: [half, 0.5 * high, thick], turn, ..Board::PLAIN },
+        );
     }
-    s.board("basin bed", stone, [0.0, 0.04, 0.0], [0.7 * radius, 0.0395, 0.7 * radius], Turn::NONE);
+    s.board(
+        "basin bed",
+        stone,
+        Board {
+            center: [0.0, 0.04, 0.0],
+            half: [0.7 * radius, 0.04, 0.7 * radius],
+            inset: [0.0, SEAM, 0.0],
+            ..Board::PLAIN
+        },
+    );
     let level = high - 0.08;
     let w = radius - 0.02;
     // An octagon of water, as two quads and the corners between them.
@@ -275,8 +344,12 @@ pub fn fountain(s: &mut Stage<'_>) {
         let n = sides as usize;
         s.quad("water", Stuff::Water, [at(k), at(k + 1), at(n - k - 2), at(n - k - 1)]);
     }
-    let column = s.board("plinths", stone, [0.0, 0.45, 0.0], [0.2, 0.37, 0.2], Turn::NONE);
-    let top = s.board("plinths", stone, [0.0, column.center[1] + 0.051, 0.0], [0.34, 0.05, 0.34], Turn::NONE);
+    let column = s.board("plinths", stone, Board { center: [0.0, 0.45, 0.0], half: [0.2, 0.37, 0.2], ..Board::PLAIN });
+    let top = s.board(
+        "plinths",
+        stone,
+        Board { center: [0.0, column.center[1] + 0.051, 0.0], half: [0.34, 0.05, 0.34], ..Board::PLAIN },
+    );
     s.main(&top, &[F::Sculpture, F::Vessel, F::Solid], [0.5, 0.9]);
     let rim = Surface { clearance: 100.0, ..Surface::flat([0.0, high, radius], [0.3, 0.1], 100.0) };
     s.scatter(&rim, &[ask(F::Vessel).most(0.18, 0.4, 0.18), ask(F::Leaves).most(0.18, 0.1, 0.18)], 2, ANY);
@@ -291,7 +364,11 @@ pub fn fountain(s: &mut Stage<'_>) {
         let put = lamp.as_ref().and_then(|l| s.put(l, &floor, at, 0.0));
         s.lit(put, 55.0);
         if put.is_none() {
-            s.board("posts", Stuff::Metal, [at[0], 1.3, at[1]], [0.03, 1.2995, 0.03], Turn::NONE);
+            s.board(
+                "posts",
+                Stuff::Metal,
+                Board { center: [at[0], 1.3, at[1]], half: [0.03, 1.3, 0.03], inset: [0.0, SEAM, 0.0], ..Board::PLAIN },
+            );
             s.light(Light::Ball([at[0], 2.68, at[1]], 0.08), 50.0);
         }
     }

@@ -1,18 +1,15 @@
 //! Where people work and learn.
 
 use super::kit::*;
-use crate::{
-    geom::Aabb,
-    scene_generation::{
-        forms::Family as F,
-        place::Turn,
-        props::ask,
-        shell::Made,
-        stage::{From, Stage},
-        stuff::Stuff,
-    },
+use crate::scene_generation::{
+    place::Turn,
+    props::ask,
+    shell::Made,
+    stage::{Board, From, Stage},
 };
 use core::f64::consts::PI;
+use tauflow_data::geom::Aabb;
+use tauflow_scene_library::{forms::Family as F, stuff::Stuff};
 
 /// A desk close by: keyboard, screen, papers, cups, cables of a day's work.
 pub fn office_desk(s: &mut Stage<'_>) {
@@ -36,7 +33,11 @@ pub fn office_desk(s: &mut Stage<'_>) {
         half: [0.22, 0.075],
     };
     if s.world.free(&[keys]) {
-        s.board("keyboard", Stuff::Plastic, [kx, y + 0.0085, kz], [0.22, 0.0075, 0.075], Turn::NONE);
+        s.board(
+            "keyboard",
+            Stuff::Plastic,
+            Board { center: [kx, y + 0.0085, kz], half: [0.22, 0.0075, 0.075], ..Board::PLAIN },
+        );
         for row in 0..5 {
             for key in 0..15 {
                 let c = [kx - 0.196 + 0.028 * f64::from(key), y + 0.0195, kz - 0.056 + 0.028 * f64::from(row)];
@@ -58,7 +59,11 @@ pub fn office_desk(s: &mut Stage<'_>) {
             ANY,
         );
     }
-    let shelf = s.board("wall shelf", Stuff::Wood, [0.0, 1.5, -floor.half[1] + 0.13], [0.6, 0.0125, 0.125], Turn::NONE);
+    let shelf = s.board(
+        "wall shelf",
+        Stuff::Wood,
+        Board { center: [0.0, 1.5, -floor.half[1] + 0.13], half: [0.6, 0.0125, 0.125], ..Board::PLAIN },
+    );
     let most = s.most;
     let n = s.some(7);
     s.most = most.min(s.things.len() + n);
@@ -144,8 +149,16 @@ pub fn classroom(s: &mut Stage<'_>) {
     let floor = room.floor.clone();
     let z = floor.half[1];
     let wall = room.walls[0].clone();
-    s.board("blackboard", Stuff::Paper, wall.point(0.0, 1.55, 0.012), [1.25, 0.62, 0.01], Turn::NONE);
-    s.board("blackboard frame", Stuff::Wood, wall.point(0.0, 0.915, 0.04), [1.25, 0.0145, 0.035], Turn::NONE);
+    s.board(
+        "blackboard",
+        Stuff::Paper,
+        Board { center: wall.point(0.0, 1.55, 0.012), half: [1.25, 0.62, 0.01], ..Board::PLAIN },
+    );
+    s.board(
+        "blackboard frame",
+        Stuff::Wood,
+        Board { center: wall.point(0.0, 0.915, 0.04), half: [1.25, 0.0145, 0.035], ..Board::PLAIN },
+    );
     let front = s.place(&ask(F::Desk), &floor, [0.9, -z + 1.1], PI);
     let top = match front.and_then(|d| s.top(d)) {
         Some(top) => top,
@@ -217,9 +230,11 @@ pub fn garage(s: &mut Stage<'_>) {
         s.board(
             "gate",
             Stuff::PaintedMetal,
-            [0.0, h * (f64::from(i) + 0.5), z - 0.025],
-            [1.25, 0.5 * h - 0.008, 0.02],
-            Turn::NONE,
+            Board {
+                center: [0.0, h * (f64::from(i) + 0.5), z - 0.025],
+                half: [1.25, 0.5 * h - 0.008, 0.02],
+                ..Board::PLAIN
+            },
         );
     }
     let vehicle = ask(F::Vehicle).most(2.2, 2.2, 4.8);

@@ -1,0 +1,379 @@
+//! A scene in the making: blobs, pictures, meshes, materials, and the checks that all file formats share.
+
+use super::{
+    given::Given,
+    meshes,
+    ply::Read,
+    problems::{Place, Problems},
+    spectra,
+};
+use crate::assets::{Allowance, BlobSet, damaged, ending, picture, radiance};
+use std::collections::{BTreeMap, BTreeSet};
+use tauflow_contract::Digest;
+use tauflow_data::{
+    Image,
+    geom::{compose, determinant, dot, length},
+    mesh::Mesh,
+    scene::{Affine, Bsdf, Camera, Emitter, Geometry, IDENTITY, Scene, Shape, Texture},
+};
+
+/// Most triangles that all shapes show together, each instance counted.
+const MOST_TRIANGLES: usize = 1 << 26;
+
+/// Longest path where a file asks for no end: roulette ends them long before.
+pub const ENDLESS: u32 = 65_535;
+
+/// How the texels of a picture are read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Channels {
+    /// Red, green and blue.
+    Colors,
+    /// One number: luminance. Pictures that are grey stay as they are.
+    Luminance,
+    /// One number: the mean.
+    Mean,
+}
+
+/// The range of a picture's values.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Bound {
+    /// From 0 to 1.
+    Share,
+    /// From 0.
+    Positive,
+}
+
+/// A scene in the making.
+pub struct Builder<'a> {
+    given: &'a Given<'a>,
+    /// Problems so far.
+    pub problems: Problems,
+    /// Meshes and images.
+    pub blobs: BlobSet,
+    /// The shapes.
+    pub shapes: Vec<Shape>,
+    /// The materials, each once.
+    pub materials: Vec<Bsdf>,
+    /// The emitters.
+    pub emitters: Vec<Emitter>,
+    /// Keys of the meshes whose files give them no normals, or whose normals are not to be used.
+    pub bare: BTreeSet<String>,
+    pictures: BTreeMap<(String, bool, Channels), Option<(Digest, f32)>>,
+    meshes: BTreeMap<String, Option<(Digest, usize)>>,
+    left: Allowance,
+    /// Triangles of each mesh, and those that are shown.
+    sizes: BTreeMap<Digest, usize>,
+    triangles: usize,
+}
+
+impl<'a> Builder<'a> {
+    /// Nothing yet.
+    pub fn new(given: &'a Given<'a>, problems: Problems) -> Self {
+        let bytes = match given {
+            Given::Parts(parts) => parts.values().map(Vec::len).sum(),
+            Given::Disk { .. } => 0,
+        };
+        Self {
+            given,
+            problems,
+            blobs: BlobSet::default(),
+            shapes: Vec::new(),
+            materials: Vec::new(),
+            emitters: Vec::new(),
+            bare: BTreeSet::new(),
+            pictures: BTreeMap::new(),
+            meshes: BTreeMap::new(),
+            left: Allowance::of(bytes),
+            sizes: BTreeMap::new(),
+            triangles: 0,
+        }
+    }
+
+    /// The bytes of a file of the scene.
+    pub fn bytes(&mut self, path: &str, at: &Place) -> Option<Vec<u8>> {
+        self.given.read(path, at, &mut self.problems)
+    }
+
+    /// The index of a material, which is added if it is new.
+    pub fn material(&mut self, bsdf: Bsdf) -> usize {
+        self.materials.iter().position(|b| *b == bsdf).unwrap_or_else(|| {
+            self.materials.push(bsdf);
+            self.materials.len() - 1
+        })
+    }
+
+    /// A share of 0 to 1, such as a reflectance; what is beyond is told.
+    pub fn share(&mut self, value: [f64; 3], what: &str, at: &Place) -> [f32; 3] {
+        if !value.iter().all(|v| (0.0..=1.0).contains(v)) {
+            self.problems.error(at, format!("`{what}` is {value:?}"), "use values from 0 to 1");
+        }
+        value.map(|v| v as f32)
+    }
+
+    /// Light; what is negative or not finite is told.
+    pub fn light(&mut self, value: [f64; 3], what: &str, at: &Place) -> [f32; 3] {
+        if !value.iter().all(|v| *v >= 0.0 && (*v as f32).is_finite()) {
+            self.problems.error(at, format!("`{what}` is {value:?}"), "use finite values from 0");
+        }
+        value.map(|v| v as f32)
+    }
+
+    /// The blob of a picture.
+    pub fn picture(&mut self, path: &str, raw: bool, channels: Channels, bound: Bound, at: &Place) -> Option<Digest> {
+        let key = (path.to_owned(), raw, channels);
+        let made = match self.pictures.get(&key) {
+            Some(made) => *made,
+            None => {
+                let made = self.read_picture(path, raw, channels, at);
+                self.pictures.insert(key, made);
+                made
+            }
+        };
+        let (digest, most) = made?;
+        if bound == Bound::Share && most > 1.0 + 1e-6 {
+            self.problems.error(at, format!("`{path}` has values up to {most}"), "use values from 0 to 1");
+        }
+        Some(digest)
+    }
+
+    /// The values of a picture.
+    pub fn image(&mut self, path: &str, raw: bool, at: &Place) -> Option<Image> {
+        let bytes = self.bytes(path, at)?;
+        let read = match ending(path).as_str() {
+            "exr" | "hdr" | "rgbe" | "pic" => radiance(path, &bytes),
+            _ => picture(&bytes, "picture", raw, &mut self.left),
+        };
+        let sound = read.and_then(|image| {
+            let bad = image.data().iter().filter(|v| !(v.is_finite() && **v >= 0.0)).count();
+            if bad == 0 {
+                Ok(image)
+            } else {
+                Err(damaged("texels", format!("{bad} values are negative or not finite")))
+            }
+        });
+        sound.map_err(|refusal| self.problems.refuse(at, path, &refusal)).ok()
+    }
+
+    fn read_picture(&mut self, path: &str, raw: bool, channels: Channels, at: &Place) -> Option<(Digest, f32)> {
+        let image = self.image(path, raw, at)?;
+        let image = match channels {
+            Channels::Colors => image,
+            _ if image.data().chunks_exact(3).all(|t| t[0] == t[1] && t[1] == t[2]) => image,
+            _ => {
+                let one = |t: &[f32]| {
+                    let [r, g, b] = [t[0], t[1], t[2]].map(f64::from);
+                    match channels {
+                        Channels::Mean => ((r + g + b) / 3.0) as f32,
+                        _ => spectra::luminance([r, g, b]) as f32,
+                    }
+                };
+                let data = image.data().chunks_exact(3).map(one).collect();
+                Image::from_data(image.width(), image.height(), 1, data).ok()?
+            }
+        };
+        let most = image.data().iter().copied().fold(0.0, f32::max);
+        Some((self.blobs.add(image.to_bytes()), most))
+    }
+
+    /// The blob of a mesh that is made once for each `key`.
+    pub fn mesh(&mut self, key: &str, at: &Place, make: impl FnOnce(&mut Self) -> Option<Mesh>) -> Option<Geometry> {
+        let made = match self.meshes.get(key) {
+            Some(made) => *made,
+            None => {
+                let made = make(self).and_then(|mesh| {
+                    let bytes = mesh.to_bytes().map_err(|e| self.problems.error(at, e.to_string(), "split the mesh"));
+                    Some((self.blobs.add(bytes.ok()?), mesh.triangles.len()))
+                });
+                self.meshes.insert(key.to_owned(), made);
+                made
+            }
+        };
+        let (mesh, triangles) = made?;
+        self.sizes.insert(mesh, triangles);
+        let geometry = Geometry::Mesh { mesh };
+        self.count(&geometry, at).then_some(geometry)
+    }
+
+    /// Counts what is shown once more; false if it is too much.
+    pub fn count(&mut self, geometry: &Geometry, at: &Place) -> bool {
+        if let Geometry::Mesh { mesh } = geometry {
+            self.triangles = self.triangles.saturating_add(self.sizes.get(mesh).copied().unwrap_or(0));
+        }
+        if self.triangles > MOST_TRIANGLES {
+            let what = format!("more than {MOST_TRIANGLES} triangles, instances counted");
+            self.problems.error(&Place::file(&at.file), what, "simplify the scene");
+        }
+        self.triangles <= MOST_TRIANGLES
+    }
+
+    /// Reads a mesh's file by its ending; what is wrong is told.
+    pub fn read_mesh(&mut self, path: &str, sort: &str, index: usize, at: &Place) -> Option<Read> {
+        let bytes = self.bytes(path, at)?;
+        let read = match sort {
+            "obj" => meshes::obj(&bytes),
+            "serialized" => meshes::serialized(&bytes, index),
+            _ => super::ply::read(&bytes).and_then(meshes::checked),
+        };
+        read.map_err(|refusal| self.problems.refuse(at, path, &refusal)).ok()
+    }
+
+    /// The scene, if it has what a picture takes.
+    pub fn finish(
+        mut self,
+        camera: Option<Camera>,
+        max_depth: u32,
+        seed: u64,
+        file: &str,
+    ) -> (Scene, BlobSet, Problems) {
+        let at = Place::file(file);
+        if camera.is_none() && self.problems.is_fine() {
+            self.problems.error(&at, "there is no camera", "add one to the scene");
+        }
+        if self.emitters.is_empty() && self.shapes.iter().all(|s| s.emission.is_none()) && self.problems.is_fine() {
+            self.problems.error(&at, "nothing in it gives light", "add an emitter");
+        }
+        if let Some(bad) = self.shapes.iter().position(|s| !s.to_world.iter().flatten().all(|v| v.is_finite())) {
+            self.problems.error(&at, format!("shape {bad} stands nowhere"), "use transforms of finite numbers");
+        }
+        let nowhere = Camera { origin: [0.0; 3], target: [0.0, 0.0, 1.0], up: [0.0, 1.0, 0.0], fov_x: 90.0, near: 0.0 };
+        let scene = Scene {
+            version: 1,
+            seed,
+            camera: camera.unwrap_or(nowhere),
+            max_depth,
+            shapes: self.shapes,
+            materials: self.materials,
+            emitters: self.emitters,
+        };
+        (scene, self.blobs, self.problems)
+    }
+}
+
+/// `a` after `b`, to the bit where one of them does nothing: a product would turn -0 into 0.
+pub fn chained(a: &Affine, b: &Affine) -> Affine {
+    if *a == IDENTITY {
+        *b
+    } else if *b == IDENTITY {
+        *a
+    } else {
+        compose(a, b)
+    }
+}
+
+/// A camera looks along `to_world`'s +z with +y up; its picture's right is its -x, as in a right-handed space.
+pub fn camera(to_world: &Affine, fov_x: f64, near: f64) -> Camera {
+    let column = |c: usize| [0, 1, 2].map(|r: usize| to_world[r][c]);
+    let (origin, forward) = (column(3), column(2));
+    Camera { origin, target: tauflow_data::geom::add(origin, forward), up: column(1), fov_x, near }
+}
+
+/// Turns left into right in all of a scene but its camera, which was mirrored: its picture is that of a plain camera in
+/// the mirrored scene.
+pub fn mirror(builder: &mut Builder<'_>, camera: &mut Camera) {
+    const LEFT: Affine = [[-1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
+    let flip = |v: &mut [f64; 3]| v[0] = -v[0];
+    for shape in &mut builder.shapes {
+        shape.to_world = compose(&LEFT, &shape.to_world);
+    }
+    for emitter in &mut builder.emitters {
+        match emitter {
+            Emitter::Constant { .. } => {}
+            Emitter::Envmap { to_world, .. } | Emitter::Spot { to_world, .. } => *to_world = compose(&LEFT, to_world),
+            Emitter::Point { position, .. } => flip(position),
+            Emitter::Directional { direction, .. } => flip(direction),
+        }
+    }
+    [&mut camera.origin, &mut camera.target, &mut camera.up].into_iter().for_each(flip);
+    if builder.materials.iter().any(|bsdf| holds(bsdf, |b| matches!(b, Bsdf::NormalMap { .. }))) {
+        let at = Place::file("scene");
+        builder.problems.approximated(
+            &at,
+            "a mirrored camera with normal maps, whose green is then upside down",
+            "take the mirroring scale out of the camera's transform",
+        );
+    }
+}
+
+/// True for a camera or a shape whose transform mirrors.
+pub fn mirrors(map: &Affine) -> bool {
+    determinant(map) < 0.0
+}
+
+/// True for a map that scales evenly, which leaves a sphere a sphere.
+pub fn even(map: &Affine) -> bool {
+    let column = |c: usize| [0, 1, 2].map(|r: usize| map[r][c]);
+    let axes = [column(0), column(1), column(2)];
+    let scale = length(axes[0]);
+    let pairs = [(0, 1), (1, 2), (2, 0)];
+    axes.iter().all(|a| (length(*a) - scale).abs() <= 1e-6 * scale)
+        && pairs.iter().all(|(a, b): &(usize, usize)| dot(axes[*a], axes[*b]).abs() <= 1e-6 * scale * scale)
+}
+
+/// True for a material that `is` of a kind, or has such a one inside.
+pub fn holds(bsdf: &Bsdf, is: fn(&Bsdf) -> bool) -> bool {
+    is(bsdf)
+        || match bsdf {
+            Bsdf::Mask { inner, .. } | Bsdf::TwoSided { inner } | Bsdf::NormalMap { inner, .. } => holds(inner, is),
+            Bsdf::Blend { a, b, .. } => holds(a, is) || holds(b, is),
+            _ => false,
+        }
+}
+
+/// Field of view along x of one that is given along another axis of a film.
+///
+/// `axis` is `x`, `y`, `diagonal`, `smaller` or `larger`; none for another word.
+pub fn fov_x(degrees: f64, axis: &str, [width, height]: [u32; 2]) -> Option<f64> {
+    use tauflow_data::maths::{atan, tan};
+    let aspect = f64::from(width) / f64::from(height);
+    let half = tan(degrees.to_radians() * 0.5);
+    let along = |slope: f64| 2.0 * atan(slope).to_degrees();
+    let y = || along(half * aspect);
+    Some(match axis {
+        "x" => degrees,
+        "y" => y(),
+        "diagonal" => along(half / (1.0 + 1.0 / (aspect * aspect)).sqrt()),
+        "smaller" if aspect > 1.0 => y(),
+        "larger" if aspect < 1.0 => y(),
+        "smaller" | "larger" => degrees,
+        _ => return None,
+    })
+}
+
+/// The product of a texture and a colour.
+pub fn scaled(texture: Texture, by: [f32; 3]) -> Texture {
+    let times = |a: [f32; 3]| [a[0] * by[0], a[1] * by[1], a[2] * by[2]];
+    if by == [1.0; 3] {
+        return texture;
+    }
+    match texture {
+        Texture::Constant { value } => Texture::Constant { value: times(value) },
+        Texture::Checkerboard { color0, color1, scale } => {
+            Texture::Checkerboard { color0: times(color0), color1: times(color1), scale }
+        }
+        Texture::Bitmap { image, uv, scale, channel, clamp } => {
+            Texture::Bitmap { image, uv, scale: times(scale), channel, clamp }
+        }
+        Texture::VertexColor { scale, channel } => Texture::VertexColor { scale: times(scale), channel },
+        product @ Texture::Product { .. } => Texture::Product { a: Box::new(product), b: Box::new(Texture::rgb(by)) },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fields_of_view_are_those_of_mitsuba() {
+        // From Mitsuba 3.9.1: 40 degrees along each axis of a film of 200 x 100.
+        for (axis, degrees) in
+            [("x", 40.0), ("y", 72.10477), ("diagonal", 36.06479), ("smaller", 72.10477), ("larger", 40.0)]
+        {
+            let found = fov_x(40.0, axis, [200, 100]).expect("an axis");
+            assert!((found - degrees).abs() < 1e-4, "{axis}: {found}");
+        }
+        assert_eq!(fov_x(40.0, "z", [1, 1]), None);
+        // The same of a lens of 35 mm: `focal_length`.
+        let diagonal = 2.0 * tauflow_data::maths::atan((36.0f64 * 36.0 + 24.0 * 24.0).sqrt() / 70.0).to_degrees();
+        assert!((fov_x(diagonal, "diagonal", [200, 100]).expect("an axis") - 57.871_193).abs() < 1e-4);
+    }
+}

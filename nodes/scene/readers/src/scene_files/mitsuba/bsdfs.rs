@@ -1,0 +1,269 @@
+//! Mitsuba's BSDFs. Knows no shape.
+
+use super::{DEEPEST, MOST_VISITS, Material, Plugin, Reader, Value, textures::Role};
+use crate::scene_files::{build::holds, spectra};
+use tauflow_data::scene::{Bsdf, DELTA_ALPHA, Texture};
+
+/// The default indices of refraction of Mitsuba's plugins.
+const BK7: f64 = 1.5046;
+const AIR: f64 = 1.000_277;
+const POLYPROPYLENE: f64 = 1.49;
+
+/// A surface that nothing meets.
+fn nothing() -> Bsdf {
+    let inner = Box::new(Bsdf::Diffuse { reflectance: Texture::scalar(0.0) });
+    Bsdf::Mask { opacity: Texture::scalar(0.0), inner }
+}
+
+impl<'t> Reader<'t, '_, '_> {
+    /// The material of a BSDF by its plugin's number.
+    pub(super) fn material(&mut self, number: usize) -> Option<Material> {
+        if let Some(made) = self.materials.get(&number) {
+            return made.clone();
+        }
+        (self.reads, self.visits[0]) = ([None, None], 0);
+        let bsdf = self.bsdf(&self.tree.plugins[number]);
+        let reads = std::mem::take(&mut self.reads);
+        let made = bsdf.map(|bsdf| Material { index: self.build.material(bsdf), reads });
+        self.materials.insert(number, made.clone());
+        made
+    }
+
+    fn bsdf(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
+        self.depth += 1;
+        self.visits[0] += 1;
+        let made = if self.depth > DEEPEST || self.visits[0] > MOST_VISITS[0] {
+            self.build.problems.error(&plugin.at, "BSDFs in BSDFs without end", "take one out");
+            None
+        } else {
+            self.of_sort(plugin)
+        };
+        self.depth -= 1;
+        made
+    }
+
+    fn of_sort(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
+        let made = match plugin.sort.as_str() {
+            "diffuse" => {
+                self.texture_or(plugin, "reflectance", Role::Share, 0.5).map(|r| Bsdf::Diffuse { reflectance: r })
+            }
+            "conductor" | "roughconductor" => self.conductor(plugin),
+            "dielectric" | "roughdielectric" => self.dielectric(plugin),
+            "thindielectric" => {
+                let (int_ior, ext_ior) = (self.index(plugin, "int_ior", BK7), self.index(plugin, "ext_ior", AIR));
+                let [specular_reflectance, specular_transmittance] = self.specular(plugin)?;
+                Some(Bsdf::ThinDielectric { int_ior, ext_ior, specular_reflectance, specular_transmittance })
+            }
+            "plastic" | "roughplastic" => self.plastic(plugin),
+            "principled" => self.principled(plugin),
+            "mask" => {
+                let opacity = self.texture_or(plugin, "opacity", Role::Number, 0.5);
+                let [inner] = self.nested(plugin)?;
+                Some(Bsdf::Mask { opacity: opacity?, inner: Box::new(inner) })
+            }
+            "blendbsdf" => {
+                let weight = self.texture_or(plugin, "weight", Role::Number, 0.5);
+                let [a, b] = self.nested(plugin)?;
+                Some(Bsdf::Blend { weight: weight?, a: Box::new(a), b: Box::new(b) })
+            }
+            "normalmap" => self.normal_map(plugin),
+            "twosided" => {
+                let [inner] = self.nested(plugin)?;
+                if holds(&inner, |b| matches!(b, Bsdf::Dielectric { .. } | Bsdf::ThinDielectric { .. })) {
+                    self.build.problems.error(&plugin.at, "`twosided` about what lets light through", "take it out");
+                }
+                Some(Bsdf::TwoSided { inner: Box::new(inner) })
+            }
+            "null" => Some(nothing()),
+            other => {
+                let remedy = match other {
+                    "bumpmap" => "bake it into a normal map",
+                    _ => "use `principled` or another one that is",
+                };
+                self.unsupported(plugin, remedy);
+                return None;
+            }
+        };
+        self.finish(plugin);
+        made
+    }
+
+    /// Exactly so many BSDFs inside.
+    fn nested<const N: usize>(&mut self, plugin: &'t Plugin) -> Option<[Bsdf; N]> {
+        let inside = self.inside(plugin, "bsdf");
+        if inside.len() != N {
+            let what = format!("`{}` with {} BSDFs inside is not supported", plugin.sort, inside.len());
+            self.build.problems.error(&plugin.at, what, &format!("put {N} into it"));
+            return None;
+        }
+        let made: Vec<Bsdf> = inside.into_iter().filter_map(|(_, inner)| self.bsdf(inner)).collect();
+        made.try_into().ok()
+    }
+
+    fn index(&mut self, plugin: &'t Plugin, name: &str, default: f64) -> f32 {
+        let Some(property) = self.find(plugin, name) else { return default as f32 };
+        let found = match &property.value {
+            Value::Number(value) => Some(*value),
+            Value::Text(text) => spectra::index(&text.to_ascii_lowercase()),
+            _ => None,
+        };
+        if found.is_none_or(|v| v <= 0.0) {
+            self.wrong(property, "index of refraction or name of a material");
+        }
+        found.unwrap_or(default) as f32
+    }
+
+    fn specular(&mut self, plugin: &'t Plugin) -> Option<[Texture; 2]> {
+        let reflectance = self.texture_or(plugin, "specular_reflectance", Role::Share, 1.0);
+        let transmittance = self.texture_or(plugin, "specular_transmittance", Role::Share, 1.0);
+        Some([reflectance?, transmittance?])
+    }
+
+    /// The roughness of a rough plugin as GGX's alpha; 0 of a smooth one.
+    fn alpha(&mut self, plugin: &'t Plugin) -> f32 {
+        if !plugin.sort.starts_with("rough") {
+            return 0.0;
+        }
+        let alpha = match (self.number(plugin, "alpha_u"), self.number(plugin, "alpha_v")) {
+            (Some(u), Some(v)) => {
+                if u != v {
+                    self.build.problems.approximated(&plugin.at, "anisotropic roughness", "use one `alpha`");
+                }
+                (u * v).max(0.0).sqrt()
+            }
+            (None, None) => self.number(plugin, "alpha").unwrap_or(0.1),
+            _ => {
+                self.build.problems.error(&plugin.at, "one of `alpha_u` and `alpha_v`", "give both, or `alpha`");
+                0.1
+            }
+        };
+        let distribution = self.text(plugin, "distribution").unwrap_or("beckmann");
+        if distribution != "ggx" && alpha >= f64::from(DELTA_ALPHA) {
+            let what = format!("the distribution `{distribution}` (Mitsuba's default is beckmann)");
+            self.build.problems.approximated(&plugin.at, what, "write `<string name=\"distribution\" value=\"ggx\"/>`");
+        }
+        self.pass_over(plugin, &["sample_visible"]);
+        if !(0.0..=1e3).contains(&alpha) {
+            self.build.problems.error(&plugin.at, format!("a roughness of {alpha}"), "use a number from 0");
+        }
+        alpha as f32
+    }
+
+    fn conductor(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
+        let alpha = self.alpha(plugin);
+        let mut complex = [None, None];
+        for (value, name) in complex.iter_mut().zip(["eta", "k"]) {
+            let Some(property) = self.find(plugin, name) else { continue };
+            match self.color(property, false) {
+                Some(color) if color.iter().all(|v| *v >= 0.0) => *value = Some(color.map(|v| v as f32)),
+                _ => self.wrong(property, "constant index"),
+            }
+        }
+        let name = self.text(plugin, "material");
+        let [eta, k] = match (complex, name) {
+            ([None, None], None | Some("none")) => [[0.0; 3], [1.0; 3]],
+            ([None, None], Some(name)) => {
+                let found = spectra::metal(name);
+                if found.is_none() {
+                    let what = format!("there is no material `{name}`");
+                    self.build.problems.error(&plugin.at, what, "name one of Mitsuba's, or give `eta` and `k`");
+                }
+                found?
+            }
+            ([Some(eta), Some(k)], None) => [eta, k],
+            _ => {
+                self.build.problems.error(&plugin.at, "`eta`, `k` and `material`", "give both indices, or a material");
+                return None;
+            }
+        };
+        let specular_reflectance = self.texture_or(plugin, "specular_reflectance", Role::Share, 1.0)?;
+        Some(Bsdf::Conductor { eta, k, alpha, specular_reflectance })
+    }
+
+    fn dielectric(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
+        let alpha = self.alpha(plugin);
+        let (int_ior, ext_ior) = (self.index(plugin, "int_ior", BK7), self.index(plugin, "ext_ior", AIR));
+        let [specular_reflectance, specular_transmittance] = self.specular(plugin)?;
+        Some(Bsdf::Dielectric { int_ior, ext_ior, alpha, specular_reflectance, specular_transmittance })
+    }
+
+    fn plastic(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
+        let alpha = self.alpha(plugin);
+        let (int_ior, ext_ior) = (self.index(plugin, "int_ior", POLYPROPYLENE), self.index(plugin, "ext_ior", AIR));
+        let diffuse_reflectance = self.texture_or(plugin, "diffuse_reflectance", Role::Share, 0.5)?;
+        if self.flag(plugin, "nonlinear", false) {
+            let what = "`nonlinear` scattering under a coat";
+            self.build.problems.approximated(&plugin.at, what, "take `nonlinear` out");
+        }
+        let coat = self.texture_or(plugin, "specular_reflectance", Role::Share, 1.0)?;
+        if coat != Texture::scalar(1.0) {
+            let what = "`specular_reflectance` of a plastic is not supported";
+            self.build.problems.error(&plugin.at, what, "take it out");
+        }
+        Some(Bsdf::Plastic { diffuse_reflectance, int_ior, ext_ior, alpha })
+    }
+
+    fn principled(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
+        let base_color = self.texture_or(plugin, "base_color", Role::Share, 0.5);
+        let metallic = self.texture_or(plugin, "metallic", Role::Number, 0.0);
+        let roughness = self.texture_or(plugin, "roughness", Role::Number, 0.5);
+        let spec_trans = self.texture_or(plugin, "spec_trans", Role::Number, 0.0);
+        let specular = match (self.number(plugin, "specular"), self.number(plugin, "eta")) {
+            (None, Some(eta)) => ((eta - 1.0) / (eta + 1.0)) * ((eta - 1.0) / (eta + 1.0)) / 0.08,
+            (specular, None) => specular.unwrap_or(0.5),
+            (Some(_), Some(_)) => {
+                self.build.problems.error(&plugin.at, "`specular` and `eta`", "give one of them");
+                0.5
+            }
+        };
+        let mut constant = |name: &str, default: f64| match self.texture_or(plugin, name, Role::Number, default as f32)
+        {
+            Some(Texture::Constant { value }) => value[0],
+            _ => {
+                let what = format!("`{name}` by a texture is not supported");
+                self.build.problems.error(&plugin.at, what, "use one number");
+                0.0
+            }
+        };
+        let (clearcoat, clearcoat_gloss) = (constant("clearcoat", 0.0), constant("clearcoat_gloss", 0.0));
+        let absent = ["anisotropic", "spec_tint", "sheen", "sheen_tint", "flatness"];
+        let absent: Vec<&str> = absent.into_iter().filter(|name| constant(name, 0.0) != 0.0).collect();
+        for name in absent {
+            let what = format!("`{name}` of `principled` is not supported");
+            self.build.problems.error(&plugin.at, what, "set it to 0");
+        }
+        if !(0.0..=1.0).contains(&specular) {
+            let what = format!("a specular level of {specular}");
+            self.build.problems.error(&plugin.at, what, "use 0 to 1, or an index of refraction up to 1.79");
+        }
+        let sampling = ["diffuse_reflectance_sampling_rate", "main_specular_sampling_rate", "clearcoat_sampling_rate"];
+        self.pass_over(plugin, &sampling);
+        Some(Bsdf::Principled {
+            base_color: base_color?,
+            metallic: metallic?,
+            roughness: roughness?,
+            specular: specular as f32,
+            spec_trans: spec_trans?,
+            clearcoat,
+            clearcoat_gloss,
+        })
+    }
+
+    fn normal_map(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
+        let [inner] = self.nested(plugin)?;
+        let Some(property) = self.find(plugin, "normalmap") else {
+            self.build.problems.error(&plugin.at, "a normal map without `normalmap`", "name a texture so");
+            return None;
+        };
+        let map = self.texture(property, Role::Normals)?;
+        // Both change the image, and both are on where nothing is said.
+        let shadowing = self.flag(plugin, "use_shadowing_function", true);
+        let flipping = self.flag(plugin, "flip_invalid_normals", true);
+        if shadowing || flipping {
+            let what = "Mitsuba's shadowing and flipping of mapped normals";
+            let remedy = "set `use_shadowing_function` and `flip_invalid_normals` to false";
+            self.build.problems.approximated(&plugin.at, what, remedy);
+        }
+        Some(Bsdf::NormalMap { map, scale: 1.0, inner: Box::new(inner) })
+    }
+}

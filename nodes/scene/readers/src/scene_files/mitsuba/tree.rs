@@ -1,0 +1,373 @@
+//! A Mitsuba 3 file as plugins with their parameters: defaults put in, files included, references found. Knows no
+//! plugin.
+//!
+//! Source: Mitsuba 3's documentation of its file format, and what version 3.9.1 does where that is silent. Paths are
+//! relative to the main file, also in included ones.
+
+mod transforms;
+
+use super::values::{color, numbers, spectrum};
+use crate::scene_files::{
+    given::Given,
+    problems::{Place, Problems},
+};
+use roxmltree::{Document, Node as Element, ParsingOptions};
+use std::{
+    cell::Cell,
+    collections::{BTreeMap, BTreeSet},
+    rc::Rc,
+};
+use tauflow_data::{geom::Vec3, scene::Affine};
+
+/// A parameter's value.
+#[derive(Clone, Debug)]
+pub enum Value {
+    /// `float` and `integer`.
+    Number(f64),
+    /// `boolean`.
+    Bool(bool),
+    /// `string`.
+    Text(String),
+    /// `rgb`, linear.
+    Color([f64; 3]),
+    /// `spectrum` with a value for all wavelengths.
+    Uniform(f64),
+    /// `spectrum` with values at wavelengths.
+    Spectrum(Vec<(f64, f64)>),
+    /// `point` and `vector`.
+    Vector(Vec3),
+    /// `transform`.
+    Transform(Transform),
+    /// A plugin inside, by its number.
+    Plugin(usize),
+    /// A plugin elsewhere, by its `id`.
+    Reference(String),
+}
+
+/// A transform, and what it looks at if it is a `lookat` alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transform {
+    /// The map.
+    pub map: Affine,
+    /// Origin, target and up.
+    pub look: Option<[Vec3; 3]>,
+}
+
+/// A parameter.
+#[derive(Debug)]
+pub struct Property {
+    /// Its name; empty for plugins inside that have none.
+    pub name: String,
+    /// Its type.
+    pub value: Value,
+    /// Where it stands.
+    pub at: Place,
+    /// True once somebody read it.
+    pub used: Cell<bool>,
+}
+
+/// A plugin.
+#[derive(Debug)]
+pub struct Plugin {
+    /// `bsdf`, `shape`, ...
+    pub tag: String,
+    /// Its type.
+    pub sort: String,
+    /// Where it stands.
+    pub at: Place,
+    /// Its arguments.
+    pub properties: Vec<Property>,
+}
+
+/// A file.
+#[derive(Debug, Default)]
+pub struct Tree {
+    /// All plugins; the last is the scene.
+    pub plugins: Vec<Plugin>,
+    /// Plugins by their `id`.
+    pub ids: BTreeMap<String, usize>,
+    /// Every file that is named.
+    pub files: BTreeSet<String>,
+}
+
+const PLUGINS: [&str; 14] = [
+    "scene",
+    "integrator",
+    "sensor",
+    "sampler",
+    "film",
+    "rfilter",
+    "bsdf",
+    "shape",
+    "emitter",
+    "texture",
+    "medium",
+    "phase",
+    "volume",
+    "spectrum",
+];
+
+/// Deepest nesting of elements, most files included, and most plugins.
+const DEEPEST: usize = 64;
+const MOST_INCLUDED: usize = 1000;
+const MOST_PLUGINS: usize = 1 << 20;
+
+/// The attributes that elements have: those of all, and those of some.
+const COMMON: [&str; 2] = ["name", "value"];
+const ATTRIBUTES: [(&str, &[&str]); 11] = [
+    ("scene", &["version"]),
+    ("ref", &["id"]),
+    ("alias", &["id", "as"]),
+    ("include", &["filename"]),
+    ("spectrum", &["type", "id", "filename"]),
+    ("point", &["x", "y", "z"]),
+    ("vector", &["x", "y", "z"]),
+    ("translate", &["x", "y", "z"]),
+    ("scale", &["x", "y", "z"]),
+    ("rotate", &["x", "y", "z", "angle"]),
+    ("lookat", &["origin", "target", "up"]),
+];
+
+struct Parser<'a> {
+    given: &'a Given<'a>,
+    problems: &'a mut Problems,
+    tree: Tree,
+    defaults: BTreeMap<String, String>,
+    aliases: Vec<(String, String, Place)>,
+    included: usize,
+}
+
+/// Reads a file and what it includes; what is wrong with it is told.
+pub fn parse(name: &str, bytes: &[u8], given: &Given<'_>, problems: &mut Problems) -> Tree {
+    let (defaults, aliases) = (BTreeMap::new(), Vec::new());
+    let mut parser = Parser { given, problems, tree: Tree::default(), defaults, aliases, included: 0 };
+    let mut scene = Vec::new();
+    parser.document(name, bytes, 0, &mut scene);
+    parser.tree.plugins.push(Plugin {
+        tag: "scene".into(),
+        sort: "scene".into(),
+        at: Place::file(name),
+        properties: scene,
+    });
+    for (id, name, at) in parser.aliases {
+        match parser.tree.ids.get(&id) {
+            Some(plugin) => {
+                parser.tree.ids.insert(name, *plugin);
+            }
+            None => parser.problems.error(&at, format!("there is no `{id}`"), "name the `id` of a plugin"),
+        }
+    }
+    parser.tree
+}
+
+impl Parser<'_> {
+    fn document(&mut self, name: &str, bytes: &[u8], depth: usize, into: &mut Vec<Property>) {
+        let file = Place::file(name);
+        let Ok(text) = std::str::from_utf8(bytes) else {
+            return self.problems.error(&file, "it is not UTF-8", "save it as UTF-8");
+        };
+        let options = ParsingOptions { allow_dtd: false, nodes_limit: 1 << 22, ..ParsingOptions::default() };
+        let document = match Document::parse_with_options(text.trim_start_matches('\u{feff}'), options) {
+            Ok(document) => document,
+            Err(error) => return self.problems.error(&file, format!("no XML: {error}"), "mend it"),
+        };
+        let root = document.root_element();
+        let rows = Lines { file: name.into(), starts: text_lines(document.input_text()) };
+        if root.tag_name().name() != "scene" {
+            let what = format!("its root is `{}`", root.tag_name().name());
+            return self.problems.error(&rows.place(root), what, "a Mitsuba file has a root `scene`");
+        }
+        if let Some(version) = root.attribute("version")
+            && version.split('.').next().and_then(|v| v.trim().parse::<u32>().ok()).is_none_or(|v| v < 2)
+        {
+            let remedy = "load it in Mitsuba 3 and write it anew (`mitsuba.parser.write_file`)";
+            self.problems.error(&rows.place(root), format!("it is of version {version}"), remedy);
+        }
+        for child in root.children().filter(Element::is_element) {
+            self.element(child, &rows, depth + 1, into);
+        }
+    }
+
+    /// Names attributes that an element of its sort does not have.
+    fn check_attributes(&mut self, element: Element<'_, '_>, at: &Place) {
+        let tag = element.tag_name().name();
+        let of_plugin: &[&str] = if PLUGINS.contains(&tag) { &["type", "id"] } else { &[] };
+        let own = ATTRIBUTES.iter().find(|(name, _)| *name == tag).map_or(of_plugin, |(_, own)| own);
+        for name in element.attributes().map(|a| a.name()).filter(|n| !COMMON.contains(n) && !own.contains(n)) {
+            self.problems.error(at, format!("`{tag}` has no attribute `{name}`"), "take it out");
+        }
+    }
+
+    /// An attribute with defaults put in for `$name`.
+    fn attribute(&mut self, element: Element<'_, '_>, name: &str, at: &Place) -> Option<String> {
+        let text = element.attribute(name)?;
+        if !text.contains('$') {
+            return Some(text.to_owned());
+        }
+        let mut out = String::new();
+        let mut rest = text;
+        while let Some(dollar) = rest.find('$') {
+            out.push_str(&rest[..dollar]);
+            rest = &rest[dollar + 1..];
+            // The longest name that is known: `$spp2` may be `$spp` with a 2 behind it.
+            let end = rest.find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(rest.len());
+            let known = (1..=end)
+                .rev()
+                .filter(|end| rest.is_char_boundary(*end))
+                .find(|end| self.defaults.contains_key(&rest[..*end]));
+            let Some(end) = known else {
+                self.problems.error(
+                    at,
+                    format!("`${}` has no value", &rest[..end]),
+                    "give it one by a `default` above",
+                );
+                return None;
+            };
+            out.push_str(&self.defaults[&rest[..end]]);
+            rest = &rest[end..];
+            if out.len() > 1 << 16 {
+                self.problems.error(at, "its value is too long", "write shorter defaults");
+                return None;
+            }
+        }
+        out.push_str(rest);
+        Some(out)
+    }
+
+    fn needed(&mut self, element: Element<'_, '_>, name: &str, at: &Place) -> Option<String> {
+        if element.attribute(name).is_none() {
+            let what = format!("`{}` without the attribute `{name}`", element.tag_name().name());
+            self.problems.error(at, what, "give it one");
+        }
+        self.attribute(element, name, at)
+    }
+
+    fn element(&mut self, element: Element<'_, '_>, rows: &Lines, depth: usize, into: &mut Vec<Property>) {
+        let at = rows.place(element);
+        let tag = element.tag_name().name();
+        if depth > DEEPEST || self.tree.plugins.len() >= MOST_PLUGINS {
+            return self.problems.error(&at, "too deep, or too much of it", "write a smaller scene");
+        }
+        self.check_attributes(element, &at);
+        match tag {
+            "default" => {
+                let name = self.needed(element, "name", &at);
+                if let (Some(name), Some(value)) = (name, self.needed(element, "value", &at)) {
+                    self.defaults.entry(name).or_insert(value);
+                }
+                return;
+            }
+            "alias" => {
+                let (id, name) = (self.needed(element, "id", &at), self.needed(element, "as", &at));
+                self.aliases.extend(id.zip(name).map(|(id, name)| (id, name, at)));
+                return;
+            }
+            "path" => {
+                let remedy = "name files by paths relative to the main file";
+                return self.problems.error(&at, "search paths are not supported", remedy);
+            }
+            "include" => {
+                let Some(path) = self.needed(element, "filename", &at) else { return };
+                self.included += 1;
+                if self.included > MOST_INCLUDED || depth + 4 > DEEPEST {
+                    return self.problems.error(&at, "too many files are included, or one in itself", "include less");
+                }
+                self.tree.files.insert(path.clone());
+                if let Some(bytes) = self.given.read(&path, &at, self.problems) {
+                    self.document(&path, &bytes, depth + 4, into);
+                }
+                return;
+            }
+            _ => {}
+        }
+        let name = self.attribute(element, "name", &at).unwrap_or_default();
+        let Some(value) = self.value(element, tag, rows, depth, &at) else { return };
+        if let (Value::Text(path), "filename") = (&value, name.as_str()) {
+            self.tree.files.insert(path.clone());
+        }
+        if !name.is_empty()
+            && into.iter().any(|p| p.name == name)
+            && !matches!(value, Value::Plugin(_) | Value::Reference(_))
+        {
+            self.problems.error(&at, format!("`{name}` is given twice"), "take one of them out");
+        }
+        into.push(Property { name, value, at, used: Cell::new(false) });
+    }
+
+    fn value(&mut self, element: Element<'_, '_>, tag: &str, rows: &Lines, depth: usize, at: &Place) -> Option<Value> {
+        if PLUGINS.contains(&tag) && (tag != "spectrum" || element.has_attribute("type")) {
+            return self.plugin(element, tag, rows, depth, at).map(Value::Plugin);
+        }
+        match tag {
+            "ref" => return self.needed(element, "id", at).map(Value::Reference),
+            "transform" => return Some(Value::Transform(self.transform(element, rows))),
+            "point" | "vector" => {
+                return match element.has_attribute("value") {
+                    true => self.triple(element, "value", at).map(Value::Vector),
+                    false => Some(Value::Vector(self.axes(element, 0.0, at)?)),
+                };
+            }
+            "float" | "integer" | "boolean" | "string" | "rgb" | "srgb" | "spectrum" => {}
+            _ => {
+                self.problems.error(at, format!("elements `{tag}` are not supported"), "take it out");
+                return None;
+            }
+        }
+        if tag == "spectrum" && element.has_attribute("filename") {
+            self.problems.error(at, "spectra in files are not supported", "write its values into `value`");
+            return None;
+        }
+        let text = self.needed(element, "value", at)?;
+        let value = match tag {
+            "string" => Some(Value::Text(text.clone())),
+            "boolean" => match text.trim().to_ascii_lowercase().as_str() {
+                "true" => Some(Value::Bool(true)),
+                "false" => Some(Value::Bool(false)),
+                _ => None,
+            },
+            "rgb" | "srgb" => color(&text, tag == "srgb").map(Value::Color),
+            "spectrum" => spectrum(&text),
+            _ => numbers(&text)
+                .filter(|v| v.len() == 1 && (tag != "integer" || v[0].fract() == 0.0))
+                .map(|v| Value::Number(v[0])),
+        };
+        if value.is_none() {
+            self.problems.error(at, format!("`{text}` is no {tag}"), "mend the value");
+        }
+        value
+    }
+
+    fn plugin(&mut self, element: Element<'_, '_>, tag: &str, rows: &Lines, depth: usize, at: &Place) -> Option<usize> {
+        let sort = self.needed(element, "type", at)?;
+        let id = self.attribute(element, "id", at);
+        let mut properties = Vec::new();
+        for child in element.children().filter(Element::is_element) {
+            self.element(child, rows, depth + 1, &mut properties);
+        }
+        self.tree.plugins.push(Plugin { tag: tag.to_owned(), sort, at: at.clone(), properties });
+        let number = self.tree.plugins.len() - 1;
+        if let Some(id) = id
+            && self.tree.ids.insert(id.clone(), number).is_some()
+        {
+            self.problems.error(at, format!("two plugins have the id `{id}`"), "give each its own");
+        }
+        Some(number)
+    }
+}
+
+/// The lines of a text, to find a node's in.
+struct Lines {
+    file: Rc<str>,
+    starts: Vec<usize>,
+}
+
+fn text_lines(text: &str) -> Vec<usize> {
+    std::iter::once(0).chain(text.bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(i, _)| i + 1)).collect()
+}
+
+impl Lines {
+    fn place(&self, element: Element<'_, '_>) -> Place {
+        let line = self.starts.partition_point(|start| *start <= element.range().start);
+        Place { file: Rc::clone(&self.file), line: line as u32 }
+    }
+}

@@ -1,0 +1,260 @@
+#![doc = include_str!("../scene_files.md")]
+
+mod build;
+mod files;
+mod given;
+mod gltf;
+mod meshes;
+mod mitsuba;
+mod pbrt;
+mod ply;
+mod problems;
+mod spectra;
+#[cfg(test)]
+mod tests;
+
+pub use gltf::LightUnit;
+
+use crate::assets::{BlobSet, ending};
+use build::Builder;
+use given::Given;
+use problems::{Place, Problems};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
+use tauflow_contract::{
+    Action, Context, Digest, Files, Group, ItemKey, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem,
+    SourceItem,
+};
+use tauflow_data::{
+    Stratum,
+    records::{AssetReport, SceneRecord},
+    scene::{Emitter, Recipe, Scene},
+};
+
+const MAIN: Group = Group::main(1);
+const SCENES: Out<SceneRecord> =
+    Out::new(MAIN, "scenes", "The scenes; unreadable ones fail, or are omitted.").filtering();
+const REPORTS: Out<AssetReport> = Out::new(MAIN, "reports", "Notes on each file.");
+
+/// The kind `scene_files`.
+pub struct SceneFiles;
+
+/// A file or a folder of scenes, and what they are like.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ScenePath {
+    /// A file, a pattern with `*` and `?`, or a folder, which is searched with those below.
+    pub path: String,
+    /// Regime and context, such as `L1-open`.
+    pub stratum: Stratum,
+}
+
+/// Params of `scene_files`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct SceneFilesParams {
+    /// The files of the scenes, in the order of their numbers.
+    pub scenes: Vec<ScenePath>,
+    /// Accept approximated features, with a note; otherwise they are errors.
+    pub approximate: bool,
+    /// Omit unreadable scenes, with the reasons in `reports`; otherwise they fail.
+    pub leave_out: bool,
+    /// Unit of the lights in glTF files.
+    pub light_unit: LightUnit,
+}
+
+/// How a scene's files are read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Options {
+    /// True lets what is only nearly expressed pass as a note.
+    pub approximate: bool,
+    /// Unit of the lights in glTF files.
+    pub light_unit: LightUnit,
+}
+
+/// A scene that was read from files.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Loaded {
+    /// The scene.
+    pub scene: Scene,
+    /// Its meshes and images.
+    pub blobs: BTreeMap<Digest, Vec<u8>>,
+    /// Notes, one line each.
+    pub notes: Vec<String>,
+    /// Pixels of its film, if it has one.
+    pub film: Option<[u32; 2]>,
+    /// The recipe beside a `scene.json`.
+    recipe: Option<Recipe>,
+}
+
+/// Reads the scene of a file, as its camera `view` (from 0) sees it. Files that it names must lie below `root`, or
+/// below its own folder.
+///
+/// # Errors
+/// All that is wrong with it, a line each.
+pub fn load_scene(path: &Path, root: Option<&Path>, view: usize, options: Options) -> Result<Loaded, KindError> {
+    let (name, parts) = files::on_disk(path, root)?;
+    read(&name, view, &parts, options)
+}
+
+/// Reads a scene of files by part name.
+fn read(name: &str, view: usize, parts: &BTreeMap<String, Vec<u8>>, options: Options) -> Result<Loaded, KindError> {
+    let bytes = parts.get(given::MAIN).ok_or_else(|| KindError::Internal("an item without its own file".into()))?;
+    let given = Given::Parts(parts);
+    let mut problems = Problems::new(options.approximate);
+    if ending(name) == "json" {
+        return described(name, bytes, &given, problems);
+    }
+    let mut build = Builder::new(&given, std::mem::take(&mut problems));
+    let said = match ending(name).as_str() {
+        "xml" => mitsuba::read(name, bytes, view, &given, &mut build),
+        "pbrt" => pbrt::read(name, bytes, &given, &mut build),
+        _ => gltf::read(name, bytes, view, &given, &mut build, options.light_unit),
+    };
+    let (scene, blobs, problems) = build.finish(said.camera, said.max_depth, seed(bytes), name);
+    let notes = problems.finish()?;
+    let wanted = scene.blobs();
+    let mut blobs: BTreeMap<Digest, Vec<u8>> = BlobSet::into_map(blobs);
+    blobs.retain(|digest, _| wanted.binary_search(digest).is_ok());
+    Ok(Loaded { scene, blobs, notes, film: Some(said.film), recipe: None })
+}
+
+/// A seed that is the file's own.
+fn seed(bytes: &[u8]) -> u64 {
+    let text = Digest::of(bytes).to_string();
+    u64::from_str_radix(text.get(..16).unwrap_or("0"), 16).unwrap_or(0)
+}
+
+/// Reads our own `scene.json`.
+fn described(name: &str, bytes: &[u8], given: &Given<'_>, mut problems: Problems) -> Result<Loaded, KindError> {
+    let scene: Scene = serde_json::from_slice(bytes).map_err(|e| {
+        let line = u32::try_from(e.line()).unwrap_or(0);
+        problems.error(&Place { file: name.into(), line }, format!("no scene: {e}"), "mend it, or export it again");
+        problems.finish().expect_err("an error was told")
+    })?;
+    let (at, mut problems) = (Place::file(name), Problems::default());
+    let mut blobs = BTreeMap::new();
+    for digest in scene.blobs() {
+        let path = files::blob(&digest);
+        let Some(bytes) = given.read(&path, &at, &mut problems) else { continue };
+        if Digest::of(&bytes) != digest {
+            problems.error(&at, format!("`{path}` does not hold what its name says"), "export the scene again");
+        }
+        blobs.insert(digest, bytes);
+    }
+    let recipe = given.get(SceneRecord::RECIPE_FILE).and_then(|bytes| serde_json::from_slice(&bytes).ok());
+    let notes = problems.finish()?;
+    Ok(Loaded { scene, blobs, notes, film: None, recipe })
+}
+
+/// The recipe of a scene: views of one file are one content.
+fn recipe(name: &str, main: &[u8], stratum: Stratum, index: u64, loaded: &Loaded) -> Recipe {
+    let stratum = stratum.to_string();
+    if let Some(own) = &loaded.recipe {
+        return Recipe { stratum, index, side: None, ..own.clone() };
+    }
+    let map = loaded.scene.emitters.iter().find_map(|emitter| match emitter {
+        Emitter::Envmap { image, .. } => Some(format!("file/{}", image.short())),
+        _ => None,
+    });
+    Recipe {
+        stratum,
+        index,
+        layout: format!("file/{name}"),
+        layout_params: BTreeMap::new(),
+        objects: vec![format!("file/{}", Digest::of(main).short())],
+        environment: map.unwrap_or_else(|| "none".to_owned()),
+        content: None,
+        view: 0,
+        side: None,
+        exposure_ev: 0.0,
+    }
+}
+
+impl Kind for SceneFiles {
+    type Params = SceneFilesParams;
+
+    fn spec() -> KindSpec {
+        KindSpec {
+            name: "scene_files",
+            summary: "Reads complete scenes from files: scene.json, glTF, Mitsuba 3 XML and pbrt-v4.",
+            manual: include_str!("../scene_files.md"),
+            mode: Mode::Source,
+            inputs: vec![],
+            outputs: vec![SCENES.port(), REPORTS.port()],
+            seeded: false,
+        }
+    }
+
+    fn check(params: &Self::Params) -> Vec<ParamProblem> {
+        let mut problems = Vec::new();
+        if params.scenes.is_empty() {
+            let hint = "write for example `scenes: [{ path: my/room.xml, stratum: L1-enclosed }]`";
+            problems.push(ParamProblem::new("/scenes", "no scenes are given", hint));
+        }
+        problems
+    }
+
+    fn items(params: &Self::Params) -> Result<Vec<SourceItem>, KindError> {
+        files::items(&params.scenes)
+    }
+
+    /// How files are read: where they lie does not matter. The item's key has the stratum.
+    fn project(params: &Self::Params, item: Option<&ItemKey>, _group: &str) -> Value {
+        match item {
+            None => serde_json::to_value(params).expect("params serialise"),
+            Some(_) => json!({
+                "approximate": params.approximate, "leave_out": params.leave_out, "light_unit": params.light_unit
+            }),
+        }
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let key = action.item()?;
+        let (stratum, index) = Stratum::of_key(key.as_str())
+            .ok_or_else(|| KindError::Internal(format!("`{key}` is no key of this kind")))?;
+        let Files(mut parts) = action.files()?.load(ctx)?;
+        let main = parts.keys().find_map(|part| files::parse_main(part));
+        let (part, view, name) = main.ok_or_else(|| KindError::Internal("the item has no file of its own".into()))?;
+        let bytes = parts.remove(&part).unwrap_or_default();
+        parts.insert(given::MAIN.to_owned(), bytes);
+        let options = Options { approximate: action.params.approximate, light_unit: action.params.light_unit };
+        let mut report = AssetReport { name: name.clone(), sort: Some("scene".to_owned()), ..AssetReport::default() };
+        let mut outputs = Outputs::default();
+        match read(&name, view, &parts, options) {
+            Ok(loaded) => {
+                for bytes in loaded.blobs.values() {
+                    ctx.put(bytes)?;
+                }
+                let recipe = recipe(&name, &parts[given::MAIN], stratum, index, &loaded);
+                report.accepted = true;
+                report.notes.clone_from(&loaded.notes);
+                report.measure("shapes", loaded.scene.shapes.len() as f64);
+                report.measure("materials", loaded.scene.materials.len() as f64);
+                report.measure("emitters", loaded.scene.emitters.len() as f64);
+                report.measure("view", view as f64);
+                outputs = outputs.put(SCENES, SceneRecord { scene: loaded.scene, recipe }.store(ctx)?);
+            }
+            Err(KindError::Input(reasons)) if action.params.leave_out => report.reason = Some(reasons),
+            Err(error) => return Err(error),
+        }
+        Ok(outputs.put(REPORTS, report.store(ctx)?))
+    }
+}
+
+/// The files that a scene's own file names, and the number of its cameras.
+fn named(name: &str, bytes: &[u8], given: &Given<'_>) -> (BTreeSet<String>, usize) {
+    // Errors are reported when it is read.
+    let mut ignored = Problems::new(true);
+    match ending(name).as_str() {
+        "xml" => mitsuba::names(name, bytes, given, &mut ignored),
+        "pbrt" => (pbrt::names(name, bytes, given, &mut ignored), 1),
+        "json" => (files::described(bytes), 1),
+        _ => (gltf::names(bytes), gltf::cameras(bytes)),
+    }
+}

@@ -1,0 +1,171 @@
+//! pbrt's lights, those of shapes included.
+
+use super::{Directive, Reader};
+use tauflow_data::geom::{apply, cross, dot, sub, unit};
+use tauflow_data::{
+    Image, maths,
+    scene::{Affine, Emitter, Texture},
+};
+
+impl<'t> Reader<'t, '_, '_> {
+    /// The product of a light's spectrum and `scale`, exposed by the film.
+    fn spectrum(&mut self, directive: &'t Directive, name: &str) -> [f64; 3] {
+        let color = match self.find(directive, name) {
+            Some(param) => self.color(param, true).unwrap_or([0.0; 3]),
+            None => [1.0; 3],
+        };
+        let scale = self.number(directive, "scale").unwrap_or(1.0) * self.exposure;
+        color.map(|v| v * scale)
+    }
+
+    /// The radiance of the shapes that follow an `AreaLightSource`.
+    pub(super) fn area(&mut self, directive: &'t Directive) -> Option<Texture> {
+        if self.name(directive) != "diffuse" {
+            self.unsupported(directive, "use `diffuse`");
+            return None;
+        }
+        let radiance = self.spectrum(directive, "L");
+        if self.flag(directive, "twosided", false) {
+            let what = "a light on both sides of a shape is not supported";
+            self.build.problems.error(&directive.at, what, "put a second shape with `ReverseOrientation` behind it");
+        }
+        self.finish(directive);
+        Some(Texture::rgb(self.build.light(radiance, "L", &directive.at)))
+    }
+
+    pub(super) fn light(&mut self, directive: &'t Directive) {
+        let ctm = self.state.ctm;
+        let made = match self.name(directive) {
+            "infinite" => self.infinite(directive),
+            "point" => {
+                let from = self.point(directive, "from").unwrap_or([0.0; 3]);
+                let intensity = self.spectrum(directive, "I");
+                let intensity = self.build.light(intensity, "I", &directive.at);
+                Some(Emitter::Point { position: apply(&ctm, from), intensity })
+            }
+            "distant" => {
+                let from = self.point(directive, "from").unwrap_or([0.0; 3]);
+                let to = self.point(directive, "to").unwrap_or([0.0, 0.0, 1.0]);
+                let direction = unit(sub(apply(&ctm, to), apply(&ctm, from)));
+                let irradiance = self.spectrum(directive, "L");
+                Some(Emitter::Directional { direction, irradiance: self.build.light(irradiance, "L", &directive.at) })
+            }
+            "spot" => self.spot(directive),
+            _ => return self.unsupported(directive, "use `infinite`, `point`, `spot`, `distant` or an area light"),
+        };
+        self.finish(directive);
+        self.build.emitters.extend(made);
+    }
+
+    fn spot(&mut self, directive: &'t Directive) -> Option<Emitter> {
+        let from = self.point(directive, "from").unwrap_or([0.0; 3]);
+        let to = self.point(directive, "to").unwrap_or([0.0, 0.0, 1.0]);
+        let intensity = self.spectrum(directive, "I");
+        let cutoff_angle = self.number(directive, "coneangle").unwrap_or(30.0);
+        let delta = self.number(directive, "conedeltaangle").unwrap_or(5.0);
+        if delta != 0.0 {
+            let what = "a spot's smooth edge: here it falls linearly with the angle";
+            self.build.problems.approximated(&directive.at, what, "set `conedeltaangle` to 0");
+        }
+        let (from, to) = (apply(&self.state.ctm, from), apply(&self.state.ctm, to));
+        let forward = unit(sub(to, from));
+        let side = unit(cross(if forward[0].abs() > 0.9 { [0.0, 1.0, 0.0] } else { [1.0, 0.0, 0.0] }, forward));
+        let up = cross(forward, side);
+        Some(Emitter::Spot {
+            to_world: [0, 1, 2].map(|r: usize| [side[r], up[r], forward[r], from[r]]),
+            intensity: self.build.light(intensity, "I", &directive.at),
+            cutoff_angle,
+            beam_width: (cutoff_angle - delta).max(0.0),
+        })
+    }
+
+    fn infinite(&mut self, directive: &'t Directive) -> Option<Emitter> {
+        let color = self.spectrum(directive, "L");
+        let Some(path) = self.text(directive, "filename") else {
+            return Some(Emitter::Constant { radiance: self.build.light(color, "L", &directive.at) });
+        };
+        let at = &directive.at;
+        self.build.problems.approximated(at, "an equal-area map, whose texels are spread anew", "use a constant light");
+        let image = self.build.image(path, false, at)?;
+        if image.width() != image.height() {
+            let what = format!("`{path}` is not square");
+            self.build.problems.error(at, what, "make an equal-area map of it (`imgtool makeequiarea`)");
+            return None;
+        }
+        let ctm = self.state.ctm;
+        let column = |c: usize| unit([0, 1, 2].map(|r: usize| ctm[r][c]));
+        let axes = [column(0), column(1), column(2)];
+        if [(0, 1), (1, 2), (2, 0)].iter().any(|(a, b): &(usize, usize)| dot(axes[*a], axes[*b]).abs() > 1e-4) {
+            self.build.problems.error(at, "a map in a sheared space", "rotate it alone");
+            return None;
+        }
+        let spread = latitudes(&image, color);
+        let digest = self.build.blobs.add(spread.to_bytes());
+        let to_world: Affine = [0, 1, 2].map(|r: usize| [axes[0][r], axes[1][r], axes[2][r], 0.0]);
+        Some(Emitter::Envmap { image: digest, scale: 1.0, to_world })
+    }
+}
+
+/// Where a direction lies in an equal-area map: Clarberg, *Fast Equal-Area Mapping of the (Hemi)Sphere using SIMD*.
+fn square([x, y, z]: [f64; 3]) -> [f64; 2] {
+    let (a, b) = (x.abs().max(y.abs()), x.abs().min(y.abs()));
+    let turn = maths::atan(if a > 0.0 { b / a } else { 0.0 }) * 2.0 / core::f64::consts::PI;
+    let turn = if x.abs() < y.abs() { 1.0 - turn } else { turn };
+    let r = (1.0 - z.abs()).max(0.0).sqrt();
+    let (mut v, mut u) = (turn * r, r - turn * r);
+    if z < 0.0 {
+        (u, v) = (1.0 - v, 1.0 - u);
+    }
+    [(u.copysign(x) + 1.0) * 0.5, (v.copysign(y) + 1.0) * 0.5]
+}
+
+/// Samples along each side of a texel.
+const SAMPLES: usize = 4;
+
+/// An equal-area map by longitude and latitude, as an environment map holds it; each texel is a mean of 16 directions.
+fn latitudes(map: &Image, color: [f64; 3]) -> Image {
+    let side = map.height();
+    let (width, height) = (2 * side, side);
+    let mut out = Image::new(width, height, 3);
+    for y in 0..height {
+        for x in 0..width {
+            let mut sum = [0.0f64; 3];
+            for sample in 0..SAMPLES * SAMPLES {
+                let at = |i: usize| (i as f64 + 0.5) / SAMPLES as f64;
+                let longitude = (x as f64 + at(sample % SAMPLES)) / width as f64 * 2.0 * core::f64::consts::PI;
+                let polar = (y as f64 + at(sample / SAMPLES)) / height as f64 * core::f64::consts::PI;
+                let ring = maths::sin(polar);
+                // u = atan2(d.x, -d.z) / 2 pi, v = acos(d.y) / pi.
+                let d = [ring * maths::sin(longitude), maths::cos(polar), -ring * maths::cos(longitude)];
+                let texel = square(d).map(|t| ((t * side as f64) as usize).min(side - 1));
+                let value = map.pixel(texel[0], texel[1]);
+                sum.iter_mut().zip(value).for_each(|(s, v)| *s += f64::from(*v));
+            }
+            let mean = |c: usize| (sum[c] * color[c] / (SAMPLES * SAMPLES) as f64) as f32;
+            out.pixel_mut(x, y).copy_from_slice(&[mean(0), mean(1), mean(2)]);
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_areas_are_equal_and_keep_their_light() {
+        assert_eq!(square([0.0, 0.0, 1.0]), [0.5, 0.5]);
+        let near = |d: [f64; 3], at: [f64; 2]| {
+            let found = square(d);
+            assert!(found.iter().zip(at).all(|(a, b)| (a - b).abs() < 1e-9), "{d:?}: {found:?}");
+        };
+        near([1.0, 0.0, 0.0], [1.0, 0.5]);
+        near([0.0, -1.0, 0.0], [0.5, 0.0]);
+        let turn = maths::atan(0.75) * 2.0 / core::f64::consts::PI;
+        near([-0.6, -0.8, 0.0], [0.5 - 0.5 * turn, 0.5 * turn]);
+        // The middle of the lower half is at the corners.
+        near([0.0, 0.0, -1.0], [1.0, 1.0]);
+        let lit = Image::from_data(8, 8, 3, vec![2.0; 192]).expect("fits");
+        assert!(latitudes(&lit, [1.0, 0.5, 0.0]).data().chunks(3).all(|t| t == [2.0, 1.0, 0.0]));
+    }
+}

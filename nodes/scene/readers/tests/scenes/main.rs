@@ -1,0 +1,15 @@
+//! The kinds of this crate, run as the engine runs them: assets and scene files.
+
+mod default_pose;
+mod fuzz;
+mod hostile_files;
+mod left_out;
+mod real_assets;
+mod reports;
+mod small_assets;
+mod support;
+
+/// The kinds that these tests run.
+fn kinds() -> Vec<Box<dyn tauflow_contract::NodeKind>> {
+    tauflow_scene_readers::kinds()
+}

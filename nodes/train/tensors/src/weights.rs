@@ -1,0 +1,129 @@
+//! The weights of a network as plain numbers with names: how they are drawn, kept and given to burn.
+
+use burn::tensor::{Device, Tensor, TensorData};
+use tauflow_contract::KindError;
+use tauflow_data::{TensorFile, rng::Stream};
+use tauflow_ops::square_sum;
+
+/// How a weight matrix starts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Start {
+    /// Zeros: biases, and what ends a residual branch.
+    Zero,
+    /// Ones: what normalised values are multiplied with.
+    One,
+    /// Normal numbers of variance `gain`/rows (He et al. 2015, with gain 2 before rectifiers).
+    Normal(f64),
+}
+
+/// One weight matrix: what it is called, its shape, how it starts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Slot {
+    /// What it is called.
+    pub name: String,
+    /// Rows and columns.
+    pub shape: [usize; 2],
+    /// How it starts.
+    pub start: Start,
+}
+
+/// The matrices of a network in the order in which it names them.
+#[derive(Clone, Debug, Default)]
+pub struct Slots(Vec<Slot>);
+
+impl Slots {
+    /// Adds one; returns its index.
+    pub fn add(&mut self, name: String, shape: [usize; 2], start: Start) -> usize {
+        self.0.push(Slot { name, shape, start });
+        self.0.len() - 1
+    }
+
+    /// Names and shapes.
+    pub fn shapes(&self) -> Vec<(String, [usize; 2])> {
+        self.0.iter().map(|slot| (slot.name.clone(), slot.shape)).collect()
+    }
+
+    /// Number of weights.
+    pub fn count(&self) -> usize {
+        self.0.iter().map(|s| s.shape[0] * s.shape[1]).sum()
+    }
+
+    /// Starting weights: each matrix from a stream of its own name, so that no order or library decides them.
+    pub fn draw(&self, seed: u64) -> Weights {
+        let root = Stream::new(seed, &[]).part("weights");
+        let values = self.0.iter().map(|slot| {
+            let size = slot.shape[0] * slot.shape[1];
+            match slot.start {
+                Start::Zero => vec![0.0; size],
+                Start::One => vec![1.0; size],
+                Start::Normal(gain) => {
+                    let mut stream = root.part(&slot.name);
+                    let deviation = (gain / slot.shape[0] as f64).sqrt();
+                    (0..size).map(|_| (stream.normal() * deviation) as f32).collect()
+                }
+            }
+        });
+        Weights(values.collect())
+    }
+
+    /// Adds weights to a tensor file under `prefix`.
+    pub fn write(&self, mut file: TensorFile, prefix: &str, weights: &Weights) -> TensorFile {
+        for (slot, values) in self.0.iter().zip(&weights.0) {
+            file = file.with(&format!("{prefix}{}", slot.name), &slot.shape, values.clone());
+        }
+        file
+    }
+
+    /// Reads what [`Slots::write`] wrote.
+    ///
+    /// # Errors
+    /// If a matrix is missing, has another shape, or holds a number that is not finite.
+    pub fn read(&self, file: &TensorFile, prefix: &str) -> Result<Weights, KindError> {
+        let matrices = self.0.iter().map(|slot| {
+            let name = format!("{prefix}{}", slot.name);
+            let tensor = file.get(&name)?;
+            if tensor.shape != slot.shape {
+                return Err(KindError::Input(format!(
+                    "weight `{name}` has shape {:?}, but the network needs {:?}; the model was trained by a different \
+                    version, train it again",
+                    tensor.shape, slot.shape
+                )));
+            }
+            if tensor.data.iter().any(|v| !v.is_finite()) {
+                return Err(KindError::Input(format!(
+                    "weight `{name}` contains a number that is not finite; the model is damaged, train it again"
+                )));
+            }
+            Ok(tensor.data.clone())
+        });
+        Ok(Weights(matrices.collect::<Result<_, _>>()?))
+    }
+
+    /// The weights as burn's tensors; on a device with autodiff they are tracked.
+    pub fn tensors(&self, weights: &Weights, device: &Device) -> Vec<Tensor<2>> {
+        let tensors = self.0.iter().zip(&weights.0).map(|(slot, values)| {
+            let tensor = Tensor::from_data(TensorData::new(values.clone(), slot.shape), device);
+            if device.is_autodiff() { tensor.require_grad() } else { tensor }
+        });
+        tensors.collect()
+    }
+}
+
+/// Numbers in the order and the shapes of [`Slots`]: weights, their gradients or their moments.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Weights(
+    /// One vector for each slot.
+    pub Vec<Vec<f32>>,
+);
+
+impl Weights {
+    /// The root of the sum of all squares.
+    pub fn norm(&self) -> f64 {
+        self.0.iter().map(|values| square_sum(values)).sum::<f64>().sqrt()
+    }
+
+    /// Zeros of the same shapes.
+    pub fn zeros(&self) -> Self {
+        Self(self.0.iter().map(|v| vec![0.0; v.len()]).collect())
+    }
+}
