@@ -83,7 +83,7 @@ impl Kind for Fan {
         for (name, factor) in outputs {
             let stored = Number { value: given * factor + add, pad: 0 }.store(ctx)?.into_artifact();
             if *gather {
-                let key = ItemKey::new("sum").map_err(|e| KindError::Internal(e.to_string()))?;
+                let key = ItemKey::new(name.as_str()).map_err(|e| KindError::Internal(e.to_string()))?;
                 made.collections.insert(name.clone(), [(key, stored)].into_iter().collect());
             } else {
                 made.items.insert(name.clone(), stored);
