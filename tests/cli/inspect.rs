@@ -75,7 +75,7 @@ fn init_writes_a_pipeline_that_checks_and_overwrites_nothing() {
     place.tauflow(&["check", "first/pipeline.yaml"]).ends(0);
     place.write("first/pipeline.yaml", "mine");
     let said = place.tauflow(&["init", "first"]).ends(2);
-    assert!(said.err.contains("first/pipeline.yaml exists already"), "{}", said.err);
+    assert!(said.err.contains("first/pipeline.yaml already exists"), "{}", said.err);
     assert_eq!(fs::read_to_string(place.path("first/pipeline.yaml")).expect("it is there"), "mine");
 }
 

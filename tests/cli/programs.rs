@@ -127,7 +127,7 @@ fn an_action_is_printed_without_making_a_cache_and_its_params_are_held_to_the_sc
     let told = with(&place, &["exec", "action.json"], &[]).ends(2);
     assert!(told.err.contains("`/counts"), "{}", told.err);
     let strange = with(&place, &["exec", "/dev/zero"], &[]).ends(2);
-    assert!(strange.err.contains("no regular file"), "{}", strange.err);
+    assert!(strange.err.contains("not a regular file"), "{}", strange.err);
 }
 
 #[test]

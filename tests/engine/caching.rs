@@ -194,6 +194,10 @@ nodes:
     let checked = shop.run_with(text, &recheck, |_, _| {});
     assert_eq!(checked.summary.failures.len(), 3, "{:#?}", checked.summary.failures);
     assert!(
-        checked.summary.failures.iter().all(|failure| failure.message.contains("`unsteady/out` gave two different"))
+        checked
+            .summary
+            .failures
+            .iter()
+            .all(|failure| failure.message.contains("`unsteady/out` produced two different"))
     );
 }

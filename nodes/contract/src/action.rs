@@ -174,7 +174,7 @@ mod tests {
         let action = Action { params: (), item: None, group: "main", seed: 0, each: BTreeMap::new(), all };
         assert_eq!(action.all(IN).expect("connected").len(), 2);
         assert!(action.all_if(MORE).expect("optional").is_none());
-        assert!(action.only(IN).expect_err("two items").to_string().contains("got 2"));
+        assert!(action.only(IN).expect_err("two items").to_string().contains("has 2"));
         assert!(action.all(MORE).expect_err("unconnected").to_string().contains("`more`"));
     }
 }

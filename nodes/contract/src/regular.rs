@@ -52,7 +52,7 @@ mod tests {
         fs::write(&path, [7; 10]).expect("writable");
         assert_eq!(read_regular(&path, 10).expect("it fits"), [7; 10]);
         let told = read_regular(&path, 9).expect_err("too large").to_string();
-        assert_eq!(told, "it has 10 bytes, and 9 are the most");
+        assert_eq!(told, "it has 10 bytes; the limit is 9");
         let link = folder.path().join("link");
         std::os::unix::fs::symlink(&path, &link).expect("writable");
         assert_eq!(read_regular(&link, 10).expect("links are followed").len(), 10);

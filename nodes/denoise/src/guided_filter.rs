@@ -345,7 +345,7 @@ mod tests {
         let error = filtered(&noisy, Some(&Image::new(4, 4, 6)), &params()).expect_err("another size").to_string();
         assert!(error.contains("4 x 4") && error.contains("16 x 8"), "{error}");
         let error = filtered(&Image::new(4, 4, 1), None, &params()).expect_err("one channel").to_string();
-        assert!(error.contains("has 1 values a pixel"), "{error}");
+        assert!(error.contains("has 1 values per pixel"), "{error}");
         let bad = GuidedFilterParams { conditioning: Conditioning::Rgb, ..params() };
         let pointers: Vec<String> = GuidedFilter::check(&bad).into_iter().map(|p| p.pointer).collect();
         assert_eq!(pointers, ["/demodulate"]);

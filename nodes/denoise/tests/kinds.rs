@@ -143,7 +143,7 @@ fn templates_and_inputs_are_checked() {
         let params = ExternalDenoiserParams { command, ..ExternalDenoiserParams::default() };
         ExternalDenoiser::check(&params).into_iter().map(|p| p.message).collect::<Vec<_>>().join(" ")
     };
-    assert!(with(&["denoise", "{color}"]).contains("never names {output}"));
+    assert!(with(&["denoise", "{color}"]).contains("lacks the placeholder {output}"));
     assert!(with(&["denoise", "{colour}", "{color}", "{output}"]).contains("`{colour}`"));
     let (mut scene, _) = scene();
     scene.gbuffer = None;

@@ -302,7 +302,7 @@ fn scenes_that_cannot_be_rendered_are_refused_and_poor_ones_repaired() {
         change(&mut built);
         World::new(&built.scene, &mut |digest| built.load(digest)).err().map(|e| e.to_string()).unwrap_or_default()
     };
-    assert!(refuse(|b| b.scene.shapes[2].material = 99).contains("shape 2: material 99 of 3"));
+    assert!(refuse(|b| b.scene.shapes[2].material = 99).contains("shape 2: material 99 does not exist"));
     assert!(refuse(|b| b.scene.version = 2).contains("format version 2"));
     assert!(refuse(|b| b.blobs.clear()).contains("missing"));
     assert!(refuse(|b| (0..2).for_each(|_| b.sky([1.0; 3]))).contains("two environments"));

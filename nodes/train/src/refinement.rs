@@ -261,7 +261,7 @@ mod tests {
         assert_eq!(of(Blank::Albedo), [0.0, 0.0, 0.0, 4.0, 5.0, 6.0, 0.0, 0.0, 0.0, 10.0, 11.0, 12.0]);
         assert_eq!(of(Blank::Normals), [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 7.0, 8.0, 9.0, 0.0, 0.0, 0.0]);
         assert!(Blank::None.of(None).expect("nothing to set").is_none());
-        assert!(Blank::Normals.of(None).expect_err("nothing to set").to_string().contains("sees G-buffers"));
+        assert!(Blank::Normals.of(None).expect_err("nothing to set").to_string().contains("a model with G-buffers"));
     }
 
     #[test]

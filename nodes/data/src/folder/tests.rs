@@ -152,7 +152,7 @@ fn items_that_meet_in_a_file_are_both_named() {
             export_item(ctx, &key("a"), &files(first, b"1"), &out).expect("nothing is there");
             let error = export_item(ctx, &key("a/b"), &files(second, b"2"), &out).expect_err("they meet");
             let said = error.to_string();
-            assert!(said.contains("`a` and `a/b` meet") && said.contains("a/b"), "{said}");
+            assert!(said.contains("`a` and `a/b` would be written to the same file") && said.contains("a/b"), "{said}");
             let kept = fs::read(path.join("a").join(first)).expect("the first stays");
             assert_eq!(kept, b"1");
             // An item may be written again, and so may all in another folder of that name.

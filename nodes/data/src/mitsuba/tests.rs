@@ -99,7 +99,7 @@ fn normal_maps_are_scaled_in_their_images() {
     assert!(xml.contains(flat) && xml.contains(other), "{xml}");
     let map = Texture::VertexColor { scale: [1.0; 3], channel: None };
     let error = exported(vec![Bsdf::NormalMap { map, scale: 0.5, inner }]).expect_err("refused").to_string();
-    assert!(error.contains("a normal map of vertex colours with a scale"), "{error}");
+    assert!(error.contains("a scaled normal map of vertex colours"), "{error}");
 }
 
 #[test]
