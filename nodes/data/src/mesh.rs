@@ -29,6 +29,19 @@ fn rows<const N: usize>(file: &TensorFile, name: &str) -> Result<Option<Vec<[f32
 }
 
 impl Mesh {
+    /// Bytes that it takes in memory, and about those of its blob.
+    pub fn bytes(&self) -> usize {
+        fn of<T>(rows: Option<&Vec<T>>) -> usize {
+            rows.map_or(0, |rows| size_of_val(rows.as_slice()))
+        }
+        size_of_val(self.positions.as_slice())
+            + size_of_val(self.triangles.as_slice())
+            + of(self.normals.as_ref())
+            + of(self.uvs.as_ref())
+            + of(self.colors.as_ref())
+            + of(self.tangents.as_ref())
+    }
+
     /// Its blob.
     ///
     /// # Errors

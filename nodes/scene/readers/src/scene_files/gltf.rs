@@ -117,7 +117,7 @@ pub fn read(
     build: &mut Builder<'_>,
     unit: LightUnit,
 ) -> Said {
-    let mut said = Said { camera: None, max_depth: super::build::ENDLESS, film: [512, 512] };
+    let mut said = Said { camera: None, max_depth: super::build::ENDLESS, film: [512, 512], views: 1 };
     let at = Place::file(name);
     let mut externals = Externals::new();
     for uri in uris(bytes) {
@@ -139,11 +139,15 @@ pub fn read(
     };
     meshes(name, bytes, &externals, build);
     let mut mirrored = false;
+    said.views = nodes.iter().filter(|(node, _)| node.camera.is_some()).count();
     let seen = nodes.iter().filter_map(|(node, map)| Some((node.camera?.value(), map))).nth(view);
     if let Some((camera, map)) = seen {
         mirrored = mirrors(map);
         match view_of(root, camera, map) {
-            Ok((camera, film)) => (said.camera, said.film) = (Some(camera), film),
+            Ok((camera, film)) => {
+                build.check_camera(&camera, &at);
+                (said.camera, said.film) = (Some(camera), film);
+            }
             Err(refusal) => build.problems.refuse(&at, name, &refusal),
         }
     }
@@ -188,13 +192,14 @@ fn meshes(name: &str, bytes: &[u8], externals: &Externals, build: &mut Builder<'
     for part in parts {
         let material = &materials[part.material];
         let index = build.material(material.own.clone());
-        build.shapes.push(Shape {
+        let shape = Shape {
             geometry: Geometry::Mesh { mesh: part.mesh },
             to_world,
             material: index,
             emission: material.emission.clone(),
             flip_normals: false,
-        });
+        };
+        build.shape(shape, &at);
     }
 }
 
@@ -245,5 +250,5 @@ fn emitter(light: &Value, map: &Affine, unit_of: LightUnit, at: &Place, build: &
     if light.get("range").is_some() {
         build.problems.note(at, "the `range` of a light is left out: it only says where light no longer matters");
     }
-    build.emitters.push(made);
+    build.emitter(made, at);
 }

@@ -15,7 +15,7 @@ mod tests;
 
 pub use gltf::LightUnit;
 
-use crate::assets::{BlobSet, ending};
+use crate::assets::{BlobSet, ending, refusal};
 use build::Builder;
 use given::Given;
 use problems::{Place, Problems};
@@ -27,8 +27,8 @@ use std::{
     path::Path,
 };
 use tauflow_contract::{
-    Action, Context, Digest, Files, Group, ItemKey, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem,
-    SourceItem,
+    Action, Context, Digest, FILE_PORT, Files, Group, ItemKey, Kind, KindError, KindSpec, Media, Mode, Out, Outputs,
+    ParamProblem, SourceItem,
 };
 use tauflow_data::{
     Stratum,
@@ -102,6 +102,9 @@ pub fn load_scene(path: &Path, root: Option<&Path>, view: usize, options: Option
     read(&name, view, &parts, options)
 }
 
+/// Most cameras of a scene's file: each is an item, and reads the files again.
+const MOST_VIEWS: usize = 1 << 10;
+
 /// Reads a scene of files by part name.
 fn read(name: &str, view: usize, parts: &BTreeMap<String, Vec<u8>>, options: Options) -> Result<Loaded, KindError> {
     let bytes = parts.get(given::MAIN).ok_or_else(|| KindError::Internal("an item without its own file".into()))?;
@@ -116,6 +119,10 @@ fn read(name: &str, view: usize, parts: &BTreeMap<String, Vec<u8>>, options: Opt
         "pbrt" => pbrt::read(name, bytes, &given, &mut build),
         _ => gltf::read(name, bytes, view, &given, &mut build, options.light_unit),
     };
+    if said.views > MOST_VIEWS {
+        let what = format!("{} cameras; more than {MOST_VIEWS} are not supported", said.views);
+        build.problems.error(&Place::file(name), what, "split the file");
+    }
     let (scene, blobs, problems) = build.finish(said.camera, said.max_depth, seed(bytes), name);
     let notes = problems.finish()?;
     let wanted = scene.blobs();
@@ -201,7 +208,7 @@ impl Kind for SceneFiles {
     }
 
     fn items(params: &Self::Params) -> Result<Vec<SourceItem>, KindError> {
-        files::items(&params.scenes)
+        files::items(&params.scenes, params.leave_out)
     }
 
     /// How files are read: where they lie does not matter. The item's key has the stratum.
@@ -218,6 +225,11 @@ impl Kind for SceneFiles {
         let key = action.item()?;
         let (stratum, index) = Stratum::of_key(key.as_str())
             .ok_or_else(|| KindError::Internal(format!("`{key}` is no key of this kind")))?;
+        if !action.each.contains_key(FILE_PORT) {
+            let name = key.to_string();
+            let report = AssetReport { reason: Some(refusal().line(&name)), name, ..AssetReport::default() };
+            return Ok(Outputs::default().put(REPORTS, report.store(ctx)?));
+        }
         let Files(mut parts) = action.files()?.load(ctx)?;
         let main = parts.keys().find_map(|part| files::parse_main(part));
         let (part, view, name) = main.ok_or_else(|| KindError::Internal("the item has no file of its own".into()))?;

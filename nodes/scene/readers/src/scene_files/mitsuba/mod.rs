@@ -39,15 +39,15 @@ struct Reader<'t, 'b, 'g> {
     reads: [Option<String>; 2],
     /// How deep the plugin in hand is nested.
     depth: usize,
-    /// BSDFs of the material in the making, and shapes: references to references grow quickly.
-    visits: [usize; 2],
+    /// BSDFs of the material in the making, shapes, and BSDFs in all: references to references grow quickly.
+    visits: [usize; 3],
 }
 
 /// Deepest nesting of plugins through references.
 const DEEPEST: usize = 32;
 
-/// Most BSDFs of one material, and most shapes, instances counted.
-const MOST_VISITS: [usize; 2] = [1 << 12, 1 << 20];
+/// Most BSDFs of one material, most shapes, instances counted, and most BSDFs of all materials.
+const MOST_VISITS: [usize; 3] = [1 << 12, 1 << 20, 1 << 17];
 
 /// The files that a scene names, and how many sensors it has.
 pub fn names(name: &str, bytes: &[u8], given: &Given<'_>, problems: &mut Problems) -> (BTreeSet<String>, usize) {
@@ -67,19 +67,21 @@ pub struct Said {
     pub max_depth: u32,
     /// Pixels of the film.
     pub film: [u32; 2],
+    /// Number of cameras.
+    pub views: usize,
 }
 
 /// Reads a scene into `build`, as its sensor `view` sees it.
 pub fn read(name: &str, bytes: &[u8], view: usize, given: &Given<'_>, build: &mut Builder<'_>) -> Said {
     let tree = tree::parse(name, bytes, given, &mut build.problems);
     let mut reader =
-        Reader { tree: &tree, build, materials: BTreeMap::new(), reads: [None, None], depth: 0, visits: [0, 0] };
+        Reader { tree: &tree, build, materials: BTreeMap::new(), reads: [None, None], depth: 0, visits: [0; 3] };
     reader.scene(name, view)
 }
 
 impl<'t> Reader<'t, '_, '_> {
     fn scene(&mut self, name: &str, view: usize) -> Said {
-        let mut said = Said { camera: None, max_depth: super::build::ENDLESS, film: [768, 576] };
+        let mut said = Said { camera: None, max_depth: super::build::ENDLESS, film: [768, 576], views: 1 };
         let Some(scene) = self.tree.plugins.last() else { return said };
         let (mut sensors, mut integrators, mut mirrored) = (0, Vec::new(), false);
         for property in &scene.properties {
@@ -113,6 +115,7 @@ impl<'t> Reader<'t, '_, '_> {
             [] | [_] => {}
             _ => self.build.problems.error(&at, "several integrators", "leave one of them"),
         }
+        said.views = sensors;
         if sensors > 0 && view >= sensors {
             let what = format!("there is no sensor {view}: it has {sensors}, counted from 0");
             self.build.problems.error(&at, what, "name another");

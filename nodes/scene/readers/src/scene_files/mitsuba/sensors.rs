@@ -73,6 +73,7 @@ impl<'t> Reader<'t, '_, '_> {
             Some([origin, target, up]) => Camera { origin, target, up, fov_x: fov, near },
             None => camera(&map, fov, near),
         };
+        self.build.check_camera(&made, &plugin.at);
         Some((made, film, mirrors(&map)))
     }
 
