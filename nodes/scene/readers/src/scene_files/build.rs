@@ -357,9 +357,16 @@ impl<'a> Builder<'a> {
 
     /// Counts what is shown once more; false if it is too much.
     pub fn count(&mut self, geometry: &Geometry, at: &Place) -> bool {
-        if let Geometry::Mesh { mesh } = geometry {
-            self.triangles = self.triangles.saturating_add(self.sizes.get(mesh).copied().unwrap_or(0));
-        }
+        let triangles = match geometry {
+            Geometry::Mesh { mesh } => self.sizes.get(mesh).copied().unwrap_or(0),
+            _ => 0,
+        };
+        self.shows(triangles, at)
+    }
+
+    /// Counts a shape of so many triangles; false if it is too much.
+    pub fn shows(&mut self, triangles: usize, at: &Place) -> bool {
+        self.triangles = self.triangles.saturating_add(triangles);
         if self.triangles > MOST_TRIANGLES {
             let what = format!("more than {MOST_TRIANGLES} triangles, instances counted");
             self.problems.error(&Place::file(&at.file), what, "simplify the scene");
