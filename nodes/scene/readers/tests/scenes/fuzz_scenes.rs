@@ -1,6 +1,6 @@
-//! The readers of whole scenes meet files that nobody would write: sound Mitsuba, pbrt and glTF scenes with their
-//! meshes, mangled by word, by line and by byte. They may refuse a scene, in lines that name file, place and remedy; they
-//! may not panic, take long, or take much memory.
+//! The readers of whole scenes meet files that nobody would write: sound Mitsuba and pbrt scenes with their meshes,
+//! mangled by word, by line and by byte. They may refuse a scene, in lines that name file, place and remedy. They may
+//! not panic, take long, or take much memory.
 //!
 //! `TAUFLOW_FUZZ_SECONDS` and `TAUFLOW_FUZZ_SEED` are those of [`crate::fuzz`].
 
@@ -23,7 +23,8 @@ const MITSUBA: &str = r##"<scene version="3.0.0">
 <default name="file" value="m.ply"/>
 <integrator type="path"><integer name="max_depth" value="$depth"/></integrator>
 <sensor type="perspective"><float name="fov" value="40"/><string name="fov_axis" value="y"/>
-<float name="near_clip" value="0.1"/><transform name="to_world"><lookat origin="0,1,5" target="0,0,0" up="0,1,0"/></transform>
+<float name="near_clip" value="0.1"/>
+<transform name="to_world"><lookat origin="0,1,5" target="0,0,0" up="0,1,0"/></transform>
 <film type="hdrfilm"><integer name="width" value="64"/><integer name="height" value="48"/><rfilter type="box"/></film>
 <sampler type="independent"><integer name="sample_count" value="16"/></sampler></sensor>
 <sensor type="perspective"><string name="focal_length" value="35mm"/></sensor>
@@ -36,7 +37,8 @@ const MITSUBA: &str = r##"<scene version="3.0.0">
 <bsdf type="mask" id="hole"><texture type="checkerboard" name="opacity"><float name="color0" value="0"/></texture>
 <bsdf type="principled"><float name="roughness" value="0.4"/><float name="spec_trans" value="0.5"/></bsdf></bsdf>
 <shape type="ply"><string name="filename" value="$file"/><ref id="wall"/></shape>
-<shape type="obj"><string name="filename" value="m.obj"/><ref id="mix"/><boolean name="face_normals" value="true"/></shape>
+<shape type="obj"><string name="filename" value="m.obj"/><ref id="mix"/>
+<boolean name="face_normals" value="true"/></shape>
 <shape type="sphere"><point name="center" x="0" y="1" z="0"/><float name="radius" value="0.5"/>
 <bsdf type="dielectric"><string name="int_ior" value="bk7"/></bsdf></shape>
 <shape type="cylinder"><point name="p1" value="0,0,3"/><ref id="hole"/></shape>
@@ -75,7 +77,8 @@ Translate 0 1 0
 Rotate 30 0 1 0
 Scale 1 2 1
 NamedMaterial "wall"
-Shape "trianglemesh" "point3 P" [0 0 0 1 0 0 0 1 0 1 1 0] "integer indices" [0 1 2 1 3 2] "point2 uv" [0 0 1 0 0 1 1 1]
+Shape "trianglemesh" "point3 P" [0 0 0 1 0 0 0 1 0 1 1 0] "integer indices" [0 1 2 1 3 2]
+"point2 uv" [0 0 1 0 0 1 1 1]
 Shape "bilinearmesh" "point3 P" [0 0 0 1 0 0 0 1 0 1 1 1]
 Shape "plymesh" "string filename" "m.ply" "texture alpha" "c"
 AttributeEnd
@@ -96,9 +99,9 @@ Shape "sphere" "float radius" 0.1
 Include "more.pbrt"
 "#;
 
-const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty \
-    float u\nproperty float v\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0 0 0\n1 0 0 1 0\n\
-    1 1 0 1 1\n0 1 0 0 1\n3 0 1 2\n4 0 1 2 3\n";
+const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+    property float u\nproperty float v\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n\
+    0 0 0 0 0\n1 0 0 1 0\n1 1 0 1 1\n0 1 0 0 1\n3 0 1 2\n4 0 1 2 3\n";
 
 const OBJ: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nvn 0 0 1\nf 1/1/1 2/1/1 3/2/1 4/1/1\n";
 

@@ -92,7 +92,8 @@ fn shapes_of_impossible_sizes_are_refused_with_their_lines() {
         assert!(told.starts_with("a.xml: line 4: "), "{inside}: {told}");
     }
     let camera = "<scene version=\"3.0.0\"><emitter type=\"constant\"/>\n<sensor type=\"perspective\"><float \
-                  name=\"fov\" value=\"40\"/><transform name=\"to_world\"><scale value=\"0\"/></transform></sensor></scene>";
+                  name=\"fov\" value=\"40\"/><transform name=\"to_world\"><scale value=\"0\"/></transform></sensor>\
+                  </scene>";
     let told = refused(&[("a.xml", camera.as_bytes())]);
     assert!(told.starts_with("a.xml: line 2: a camera whose transform leaves it no view"), "{told}");
 }
