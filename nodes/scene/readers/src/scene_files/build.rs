@@ -15,7 +15,7 @@ use std::{
 use tauflow_contract::Digest;
 use tauflow_data::{
     Image,
-    geom::{compose, cross, determinant, dot, length, sub},
+    geom::{Aabb, apply, compose, cross, determinant, dot, length, sub, unit},
     mesh::Mesh,
     scene::{Affine, Bsdf, Camera, Emitter, Geometry, IDENTITY, Scene, Shape, Texture},
 };
@@ -67,7 +67,7 @@ pub struct Builder<'a> {
     /// Keys of the meshes whose files give them no normals, or whose normals are not to be used.
     pub bare: BTreeSet<String>,
     pictures: BTreeMap<(String, bool, Channels), Option<(Digest, f32)>>,
-    meshes: BTreeMap<String, Option<(Digest, usize)>>,
+    meshes: BTreeMap<String, Option<Digest>>,
     /// Mesh files as they were read, for shapes that need them in another way.
     read: BTreeMap<(String, usize), Rc<Read>>,
     /// Mesh files that could not be read, which was told.
@@ -77,8 +77,8 @@ pub struct Builder<'a> {
     left: Allowance,
     /// True once the file has used up what it may cost: nothing more is made.
     spent: bool,
-    /// Triangles of each mesh, and those that are shown.
-    sizes: BTreeMap<Digest, usize>,
+    /// Triangles and boxes of the meshes, and the triangles that are shown.
+    sizes: BTreeMap<Digest, (usize, Aabb)>,
     triangles: usize,
 }
 
@@ -194,6 +194,27 @@ impl<'a> Builder<'a> {
             self.problems.error(at, what, "give it a size above 0 and a transform that keeps one");
         }
         self.shapes.push(shape);
+    }
+
+    /// How far the scene reaches along the view of a camera, at most.
+    pub fn reach(&self, camera: &Camera) -> f64 {
+        let forward = unit(sub(camera.target, camera.origin));
+        let box_of = |geometry: &Geometry| match geometry {
+            Geometry::Sphere { center, radius } => Aabb::around(*center, [radius.abs(); 3]),
+            Geometry::Mesh { mesh } => self.sizes.get(mesh).map_or(Aabb::EMPTY, |size| size.1),
+            Geometry::Disk | Geometry::Rectangle => Aabb::around([0.0; 3], [1.0, 1.0, 0.0]),
+            Geometry::Cube => Aabb::around([0.0; 3], [1.0; 3]),
+        };
+        let corners = |shape: &Shape| {
+            let local = box_of(&shape.geometry);
+            let map = shape.to_world;
+            (0..8).map(move |corner: usize| {
+                let pick = |i: usize| if corner >> i & 1 == 0 { local.low[i] } else { local.high[i] };
+                apply(&map, [pick(0), pick(1), pick(2)])
+            })
+        };
+        let depths = self.shapes.iter().flat_map(corners).map(|p| dot(sub(p, camera.origin), forward));
+        depths.filter(|depth| depth.is_finite()).fold(0.0, f64::max)
     }
 
     /// Adds an emitter; what gives no light that can be rendered is told.
@@ -343,22 +364,28 @@ impl<'a> Builder<'a> {
                     let bytes = mesh.to_bytes().map_err(|e| self.problems.error(at, e.to_string(), "split the mesh"));
                     let bytes = bytes.ok()?;
                     let asked = self.left.make("mesh", bytes.len());
-                    self.affordable(asked, at).then(|| (self.blobs.add(bytes), mesh.triangles.len()))
+                    if !self.affordable(asked, at) {
+                        return None;
+                    }
+                    let mut bounds = Aabb::EMPTY;
+                    let finite = mesh.positions.iter().filter(|p| p.iter().all(|v| v.is_finite()));
+                    finite.for_each(|p| bounds.grow(p.map(f64::from)));
+                    let digest = self.blobs.add(bytes);
+                    self.sizes.insert(digest, (mesh.triangles.len(), bounds));
+                    Some(digest)
                 });
                 self.meshes.insert(key.to_owned(), made);
                 made
             }
         };
-        let (mesh, triangles) = made?;
-        self.sizes.insert(mesh, triangles);
-        let geometry = Geometry::Mesh { mesh };
+        let geometry = Geometry::Mesh { mesh: made? };
         self.count(&geometry, at).then_some(geometry)
     }
 
     /// Counts what is shown once more; false if it is too much.
     pub fn count(&mut self, geometry: &Geometry, at: &Place) -> bool {
         let triangles = match geometry {
-            Geometry::Mesh { mesh } => self.sizes.get(mesh).copied().unwrap_or(0),
+            Geometry::Mesh { mesh } => self.sizes.get(mesh).map_or(0, |size| size.0),
             _ => 0,
         };
         self.shows(triangles, at)

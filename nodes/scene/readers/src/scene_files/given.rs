@@ -92,6 +92,15 @@ impl Given<'_> {
         fs::metadata(&full).is_ok_and(|m| m.is_file() && m.len() <= LARGEST).then_some(full)
     }
 
+    /// Whether a file is there.
+    pub fn has(&self, path: &str) -> bool {
+        let Some(path) = normalised(path) else { return false };
+        match self {
+            Self::Parts(parts) => parts.contains_key(&part(&path)),
+            Self::Disk { folder, root, .. } => Self::on_disk(folder, root, &path).is_some(),
+        }
+    }
+
     /// The bytes of a file, if it is there.
     pub fn get(&self, path: &str) -> Option<Vec<u8>> {
         let path = normalised(path)?;

@@ -224,7 +224,9 @@ impl<'t> Reader<'t, '_, '_> {
         let mut constant = |name: &str, default: f64| match self.texture_or(plugin, name, Role::Number, default as f32)
         {
             Some(Texture::Constant { value }) => value[0],
-            _ => {
+            // It was told what is wrong with it.
+            None => 0.0,
+            Some(_) => {
                 let what = format!("`{name}` by a texture is not supported");
                 self.build.problems.error(&plugin.at, what, "use one number");
                 0.0

@@ -8,7 +8,7 @@ mod transforms;
 
 use super::values::{color, numbers, spectrum};
 use crate::scene_files::{
-    given::{Given, text_of},
+    given::{Given, normalised, text_of},
     problems::{Place, Problems},
 };
 use roxmltree::{Document, Node as Element, ParsingOptions};
@@ -112,6 +112,9 @@ const DEEPEST: usize = 64;
 const MOST_INCLUDED: usize = 1000;
 const MOST_PLUGINS: usize = 1 << 20;
 
+/// Most search paths: each file is looked for in each.
+const MOST_FOLDERS: usize = 32;
+
 /// Most bytes of files that are included again, of values that defaults are put into, and most attributes of an
 /// element: what finds doubles among these compares each with each.
 const MOST_AGAIN: usize = 1 << 25;
@@ -143,6 +146,8 @@ struct Parser<'a> {
     tree: Tree,
     defaults: BTreeMap<String, String>,
     aliases: Vec<(String, String, Place)>,
+    /// Folders that files are looked for in, the first one first.
+    folders: Vec<String>,
     included: usize,
     /// Bytes of files that were included again, and of values that defaults were put into.
     again: usize,
@@ -152,8 +157,17 @@ struct Parser<'a> {
 /// Reads a file and what it includes; what is wrong with it is told.
 pub fn parse(name: &str, bytes: &[u8], given: &Given<'_>, problems: &mut Problems) -> Tree {
     let (defaults, aliases) = (BTreeMap::new(), Vec::new());
-    let mut parser =
-        Parser { given, problems, tree: Tree::default(), defaults, aliases, included: 0, again: 0, expanded: 0 };
+    let mut parser = Parser {
+        given,
+        problems,
+        tree: Tree::default(),
+        defaults,
+        aliases,
+        folders: Vec::new(),
+        included: 0,
+        again: 0,
+        expanded: 0,
+    };
     let mut scene = Vec::new();
     parser.document(name, bytes, 0, &mut scene);
     parser.tree.plugins.push(Plugin {
@@ -162,6 +176,7 @@ pub fn parse(name: &str, bytes: &[u8], given: &Given<'_>, problems: &mut Problem
         at: Place::file(name),
         properties: scene,
     });
+    parser.find_files();
     for (id, name, at) in parser.aliases {
         match parser.tree.ids.get(&id) {
             Some(plugin) => {
@@ -173,7 +188,33 @@ pub fn parse(name: &str, bytes: &[u8], given: &Given<'_>, problems: &mut Problem
     parser.tree
 }
 
+/// A folder by a relative path, with `/` behind it; empty for the main file's own.
+fn normalised_folder(path: &str) -> Option<String> {
+    if path.split(['/', '\\']).all(|part| matches!(part, "" | ".")) && !path.starts_with('/') {
+        return Some(String::new());
+    }
+    normalised(path).map(|path| format!("{path}/"))
+}
+
 impl Parser<'_> {
+    /// Where a file is: in one of the folders that are searched, or where its name says.
+    fn found(&self, path: &str) -> String {
+        let places = self.folders.iter().map(|folder| format!("{folder}{path}"));
+        places.filter(|_| !path.starts_with('/')).find(|place| self.given.has(place)).unwrap_or_else(|| path.to_owned())
+    }
+
+    /// Finds the files that plugins name, once all search paths are known.
+    fn find_files(&mut self) {
+        let mut plugins = std::mem::take(&mut self.tree.plugins);
+        for property in plugins.iter_mut().flat_map(|plugin| &mut plugin.properties) {
+            if let (Value::Text(path), "filename") = (&mut property.value, property.name.as_str()) {
+                *path = self.found(path);
+                self.tree.files.insert(path.clone());
+            }
+        }
+        self.tree.plugins = plugins;
+    }
+
     fn document(&mut self, name: &str, bytes: &[u8], depth: usize, into: &mut Vec<Property>) {
         let file = Place::file(name);
         let Some(text) = text_of(bytes, &file, self.problems) else { return };
@@ -287,11 +328,24 @@ impl Parser<'_> {
                 return;
             }
             "path" => {
-                let remedy = "name files by paths relative to the main file";
-                return self.problems.error(&at, "search paths are not supported", remedy);
+                let Some(path) = self.needed(element, "value", &at) else { return };
+                // Searched before those that were named earlier, and before the main file's own folder.
+                match normalised_folder(&path) {
+                    Some(folder) => self.folders.insert(0, folder),
+                    None => {
+                        let what = format!("the search path `{path}` is not relative to the main file");
+                        self.problems.error(&at, what, "write a relative one");
+                    }
+                }
+                if self.folders.len() > MOST_FOLDERS {
+                    self.problems.error(&at, "too many search paths", "put the files into fewer folders");
+                    self.folders.clear();
+                }
+                return;
             }
             "include" => {
                 let Some(path) = self.needed(element, "filename", &at) else { return };
+                let path = self.found(&path);
                 self.included += 1;
                 if self.included > MOST_INCLUDED || depth + 4 > DEEPEST {
                     return self.problems.error(&at, "too many files are included, or one in itself", "include less");
@@ -311,9 +365,6 @@ impl Parser<'_> {
         }
         let name = self.attribute(element, "name", &at).unwrap_or_default();
         let Some(value) = self.value(element, tag, rows, depth, &at) else { return };
-        if let (Value::Text(path), "filename") = (&value, name.as_str()) {
-            self.tree.files.insert(path.clone());
-        }
         into.push(Property { name, value, at, used: Cell::new(false) });
     }
 
