@@ -170,6 +170,16 @@ impl Texture {
 /// Roughness alpha below which a lobe is specular: it has no density, and is exported as the smooth plugin.
 pub const DELTA_ALPHA: f32 = 1e-3;
 
+/// How a rough surface's facets are spread.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Distribution {
+    /// Trowbridge and Reitz's, with long tails.
+    Ggx,
+    /// Beckmann's, a Gaussian of slopes.
+    Beckmann,
+}
+
 /// What a surface does to light. Roughness `alpha` is GGX's; below [`DELTA_ALPHA`] a lobe is specular.
 ///
 /// # Units
@@ -279,6 +289,20 @@ pub enum Bsdf {
         /// What is shaded.
         inner: Box<Bsdf>,
     },
+    /// A conductor, dielectric or plastic in another finish: what Mitsuba's rough plugins are by default, or by a texture.
+    Finish {
+        /// The distribution of facets, in place of GGX.
+        distribution: Distribution,
+        /// Roughness at each point, in place of that of `inner`, which is then a conductor or dielectric. What is below
+        /// 0.001 counts as that.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        alpha: Option<Texture>,
+        /// Whether light that goes back and forth below the coat of a plastic takes on its colour (`nonlinear`).
+        #[serde(default)]
+        nonlinear: bool,
+        /// What is in that finish.
+        inner: Box<Bsdf>,
+    },
     /// The same from both sides (`twosided`).
     TwoSided {
         /// What is on both sides.
@@ -382,6 +406,10 @@ impl Bsdf {
             }
             Self::NormalMap { map, inner, .. } => {
                 map.images(found);
+                inner.images(found);
+            }
+            Self::Finish { alpha, inner, .. } => {
+                alpha.iter().for_each(|t| t.images(found));
                 inner.images(found);
             }
             Self::TwoSided { inner } => inner.images(found),

@@ -84,7 +84,11 @@ fn shows_others(bsdf: &Bsdf) -> bool {
         }
         Bsdf::Diffuse { .. } | Bsdf::Plastic { .. } => false,
         Bsdf::Blend { a, b, .. } => shows_others(a) || shows_others(b),
-        Bsdf::Mask { inner, .. } | Bsdf::NormalMap { inner, .. } | Bsdf::TwoSided { inner } => shows_others(inner),
+        Bsdf::Finish { alpha: Some(_), inner, .. } => matches!(**inner, Bsdf::Dielectric { .. }),
+        Bsdf::Mask { inner, .. }
+        | Bsdf::NormalMap { inner, .. }
+        | Bsdf::Finish { inner, .. }
+        | Bsdf::TwoSided { inner } => shows_others(inner),
     }
 }
 
@@ -98,6 +102,7 @@ fn has_back(bsdf: &Bsdf) -> bool {
         | Bsdf::Conductor { .. }
         | Bsdf::Dielectric { .. }
         | Bsdf::Plastic { .. }
+        | Bsdf::Finish { .. }
         | Bsdf::Principled { .. } => false,
     }
 }
@@ -115,6 +120,7 @@ fn holes(bsdf: &Bsdf) -> Bsdf {
         | Bsdf::Dielectric { .. }
         | Bsdf::ThinDielectric { .. }
         | Bsdf::Plastic { .. }
+        | Bsdf::Finish { .. }
         | Bsdf::Principled { .. } => plain(),
     }
 }
