@@ -289,7 +289,7 @@ pub enum Bsdf {
         /// What is shaded.
         inner: Box<Bsdf>,
     },
-    /// A conductor, dielectric or plastic in another finish: what Mitsuba's rough plugins are by default, or by a texture.
+    /// A conductor, dielectric or plastic in another finish, as Mitsuba's rough plugins have it.
     Finish {
         /// The distribution of facets, in place of GGX.
         distribution: Distribution,

@@ -104,7 +104,8 @@ fn files_are_looked_for_in_search_paths_the_last_one_first() {
     let text = xml("<path value=\"one/\"/><path value=\"./two\"/>\n\
          <shape type=\"obj\"><string name=\"filename\" value=\"m.obj\"/></shape>\n\
          <shape type=\"obj\"><string name=\"filename\" value=\"sub/n.obj\"/></shape>\n\
-         <shape type=\"obj\"><string name=\"filename\" value=\"own.obj\"/></shape>\n<include filename=\"more.xml\"/>\n");
+         <shape type=\"obj\"><string name=\"filename\" value=\"own.obj\"/></shape>\n\
+         <include filename=\"more.xml\"/>\n");
     let moved = TRIANGLE.replace("1 0 0", "9 0 0");
     let files = [
         ("one/m.obj", TRIANGLE.as_bytes().to_vec()),
