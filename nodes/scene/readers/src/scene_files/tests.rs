@@ -230,6 +230,25 @@ fn all_that_a_pbrt_file_asks_too_much_is_named_with_its_line() {
     }
 }
 
+#[test]
+fn a_file_of_pbrt_v3_is_told_in_one_line() {
+    for (text, line, what) in [
+        (
+            "WorldBegin\nMaterial \"matte\" \"rgb Kd\" [1 1 1]\nShape \"heightfield\"\nWorldEnd",
+            2,
+            "`Material \"matte\"`",
+        ),
+        ("WorldBegin\nShape \"sphere\" \"float radius\" 1\nWorldEnd", 3, "`WorldEnd`"),
+        ("SurfaceIntegrator \"path\"\nhello", 1, "`SurfaceIntegrator \"path\"`"),
+        ("WorldBegin\nMakeNamedMaterial \"a\" \"string type\" \"uber\"", 2, "`MakeNamedMaterial \"a\"`"),
+    ] {
+        let told = load("a.pbrt", text, &[], false).expect_err("of version 3");
+        let start =
+            format!("a.pbrt: line {line}: {what} says that it is a file of pbrt-v3; convert it by `pbrt --upgrade");
+        assert!(told.starts_with(&start) && told.lines().count() == 1, "{told}");
+    }
+}
+
 /// A triangle with a camera and three lights, in data URIs.
 fn gltf_text() -> String {
     use base64::{Engine as _, engine::general_purpose::STANDARD};

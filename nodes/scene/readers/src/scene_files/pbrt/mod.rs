@@ -76,6 +76,13 @@ pub fn names(name: &str, bytes: &[u8], given: &Given<'_>, problems: &mut Problem
 /// Reads a scene into `build`.
 pub fn read(name: &str, bytes: &[u8], given: &Given<'_>, build: &mut Builder<'_>) -> Said {
     let parsed = tokens::parse(name, bytes, given, &mut build.problems);
+    if let Some(old) = parsed.directives.iter().find(|directive| is_of_v3(directive)) {
+        // All else that is said of it would be of no use.
+        build.problems.forget();
+        let what = format!("{} says that it is a file of pbrt-v3", old.quoted());
+        build.problems.error(&old.at, what, "convert it by `pbrt --upgrade old.pbrt > new.pbrt`, with pbrt-v4");
+        return Said { camera: None, max_depth: 1, film: [1280, 720], views: 1 };
+    }
     let state = State { ctm: IDENTITY, material: Surface::Default, light: None, reverse: false };
     let mut reader = Reader {
         build,
@@ -103,6 +110,44 @@ pub fn read(name: &str, bytes: &[u8], given: &Given<'_>, build: &mut Builder<'_>
         reader.build.problems.error(at, "a block without its end", "add `AttributeEnd`");
     }
     reader.end()
+}
+
+/// Materials, integrators and others that pbrt-v4 gave up or renamed.
+const OF_V3: [(&str, &[&str]); 6] = [
+    (
+        "Material",
+        &[
+            "matte",
+            "plastic",
+            "glass",
+            "metal",
+            "mirror",
+            "uber",
+            "substrate",
+            "translucent",
+            "fourier",
+            "disney",
+            "kdsubsurface",
+        ],
+    ),
+    ("Integrator", &["directlighting", "whitted"]),
+    ("SurfaceIntegrator", &[]),
+    ("Renderer", &[]),
+    ("VolumeIntegrator", &[]),
+    ("WorldEnd", &[]),
+];
+
+/// Whether a directive is one of pbrt-v3 and not of pbrt-v4.
+fn is_of_v3(directive: &Directive) -> bool {
+    let named = directive.name == "MakeNamedMaterial";
+    let name = if named { "Material" } else { directive.name.as_str() };
+    let Some((_, sorts)) = OF_V3.iter().find(|(old, _)| *old == name) else { return false };
+    let of_type = directive.params.iter().find(|p| named && p.name == "type").and_then(|p| match &p.values {
+        Values::Texts(texts) => texts.first(),
+        _ => None,
+    });
+    let sort = if named { of_type } else { directive.texts.first() };
+    sorts.is_empty() || sort.is_some_and(|sort| sorts.contains(&sort.as_str()))
 }
 
 /// The inverse; none of a map that flattens space.

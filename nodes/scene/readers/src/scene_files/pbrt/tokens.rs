@@ -49,6 +49,16 @@ pub struct Directive {
     pub params: Vec<Param>,
 }
 
+impl Directive {
+    /// Its name and the first text behind it.
+    pub fn quoted(&self) -> String {
+        match self.texts.first() {
+            Some(text) => format!("`{} \"{text}\"`", self.name),
+            None => format!("`{}`", self.name),
+        }
+    }
+}
+
 /// Types of parameters; a text of two words that begins with none of them is a name.
 const TYPES: [&str; 17] = [
     "integer",
