@@ -107,7 +107,7 @@ impl Measure<'_> {
         stops: &[u64],
         at: &mut dyn FnMut(&Accumulator),
     ) -> Result<(), KindError> {
-        let renderer = Renderer::new(world, self.params.resolution, stream)?.with_strategy(strategy);
+        let renderer = Renderer::new(world, self.params.resolution, stream)?.with_integrator(strategy);
         let mut film = renderer.begin();
         for stop in stops {
             renderer.advance(&mut film, *stop, &mut |done| {

@@ -11,6 +11,7 @@ mod evaluation;
 mod files;
 mod gate;
 mod gbuffer;
+mod generated;
 mod ladder;
 mod model;
 mod packed;
@@ -30,6 +31,7 @@ pub use estimate::Estimate;
 pub use evaluation::*;
 pub use gate::*;
 pub use gbuffer::*;
+pub use generated::*;
 pub use ladder::*;
 pub use model::*;
 pub use packed::*;
@@ -55,6 +57,7 @@ pub const MEDIA: &[MediaRow] = &[
     MediaRow::of::<Exposure>(),
     MediaRow::of::<Files>(),
     MediaRow::of::<GBuffer>(),
+    MediaRow::of::<Generated>(),
     MediaRow::of::<Ladder>(),
     MediaRow::of::<ModelFile>(),
     MediaRow::of::<PackedScene>(),

@@ -79,7 +79,20 @@ fn images(ctx: &Context<'_>) {
     let said = |nfe| RefinedImage { method: "mc_noise".into(), from_spp: 1, to_spp: 4, nfe };
     let images = vec![(said(1), image(3, 3.0)), (said(2), image(3, 4.0))];
     round_trip(ctx, &Refined { images: images.clone(), note: Some("a note".into()) });
+    generated(ctx, |value| image(3, value).map(|v| v.clamp(0.0, 1.0)));
     round_trip(ctx, &BridgeSteps { clock: BridgeClock { n_min: 1, n_max: 4 }, images });
+}
+
+/// A sample of a backbone, with frames of one variant.
+fn generated(ctx: &Context<'_>, image: impl Fn(f32) -> Image) {
+    let variant =
+        |variant, value| GeneratedVariant { variant, image: image(value), energy: vec![0.0, 0.1], frames: Vec::new() };
+    let frames = vec![Frame { step: 0, image: image(0.1) }, Frame { step: 2, image: image(0.05) }];
+    let adapted = GeneratedVariant { frames, ..variant(Variant::Adapted, 0.3) };
+    let variants = vec![variant(Variant::Frozen, 0.2), adapted, variant(Variant::EtaZero, 0.2)];
+    let backbone = crate::methods::MethodName::new("ddpm_church").expect("a name");
+    let files = round_trip(ctx, &Generated { backbone, family: Family::Ddpm, sample: 3, steps: 2, variants });
+    assert!(files.contains_key("adapted-step-0000.exr") && files.contains_key("eta_zero.png"), "{:?}", files.keys());
 }
 
 fn parsed<T: serde::de::DeserializeOwned>(value: serde_json::Value) -> T {

@@ -137,8 +137,8 @@ impl Things {
     }
 
     /// How much the things differ from what is around them in the display values of an exposed image, by their medians
-    /// or by twice their median deviations. Each is weighed by the 3/4th power of its share of the frame, and by the 4th
-    /// of how much of it lies within.
+    /// or by twice their median deviations. Each is weighed by the 3/4th power of its share of the frame, and by the
+    /// 4th of how much of it lies within.
     pub fn contrast(&self, image: &Image, exposure: f64) -> f64 {
         let shown: Vec<[f64; 3]> =
             (0..self.width * self.height).map(|cell| self.shown(image, exposure, cell)).collect();

@@ -1,4 +1,5 @@
-//! The shared HDRIs and objects get into scenes, each file into some, and into those of one side where they are held out.
+//! The shared HDRIs and objects get into scenes, each file into some. Where they are held out, a file gets into scenes
+//! of one side alone.
 
 use crate::support::{load, shared, source};
 use serde_json::{Value, json};
