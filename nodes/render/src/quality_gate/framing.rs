@@ -1,7 +1,6 @@
 //! Where a camera stands and what fills its frame, found by tracing a few rays: without noise, and at any light.
 
 use crate::{
-    bins::pairs,
     geometry::Ray,
     integrator::first_solid,
     outlines::off_planes,
@@ -12,7 +11,9 @@ use crate::{
 use glam::Vec3;
 use tauflow_contract::KindError;
 use tauflow_data::{
-    Resolution, SamplerKind, Scene, maths,
+    Resolution, SamplerKind, Scene,
+    bins::pairs,
+    maths,
     scene::{Bsdf, Shape, Texture},
     statistics::quantile,
 };

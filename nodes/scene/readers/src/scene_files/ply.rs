@@ -14,6 +14,16 @@ pub struct Read {
     pub mesh: Mesh,
     /// Further attributes by Mitsuba's names, such as `vertex_color`.
     pub attributes: BTreeMap<String, Vec<[f32; 3]>>,
+    /// Bytes that were read to make it, unpacked.
+    pub cost: usize,
+}
+
+impl Read {
+    /// Bytes that it takes, about.
+    pub fn bytes(&self) -> usize {
+        let further: usize = self.attributes.values().map(|rows| size_of_val(rows.as_slice())).sum();
+        super::meshes::bytes(&self.mesh) + further
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -197,7 +207,7 @@ fn further(element: &Element) -> Vec<(String, [usize; 3])> {
 /// If the file is damaged, or has no vertices or faces.
 pub fn read(bytes: &[u8]) -> Result<Read, Refusal> {
     let (elements, mut body) = header(bytes)?;
-    let mut out = Read::default();
+    let mut out = Read { cost: bytes.len(), ..Read::default() };
     let mesh = &mut out.mesh;
     for element in &elements {
         let least: usize = element.properties.iter().map(|p| p.list.unwrap_or(p.number).size()).sum();
