@@ -20,6 +20,7 @@ pub fn registry() -> Registry {
         tauflow_scene::kinds(),
         tauflow_render::kinds(),
         tauflow_train::kinds(),
+        tauflow_generative::kinds(),
         tauflow_denoise::kinds(),
         tauflow_eval::kinds(),
         tauflow_report::kinds(),

@@ -213,6 +213,6 @@ fn running_and_testing_share_one_build_of_burn() {
     assert!(
         differ.is_empty(),
         "built twice, with these features to run and others to test: {differ:?}; ask for the union in \
-         nodes/train/Cargo.toml"
+         nodes/train/tensors/Cargo.toml"
     );
 }

@@ -6,18 +6,23 @@ use std::{collections::BTreeSet, fs};
 use tauflow::registry::registry;
 
 /// Kinds whose outputs are not pinned, and why.
-const NOT_PINNED: [(&str, &str); 5] = [
+const NOT_PINNED: [(&str, &str); 9] = [
     ("assets", "what it makes depends on files from outside the project"),
     ("scene_files", "what it makes depends on files from outside the project"),
     ("external_denoiser", "another program makes its images"),
     ("external_renderer", "another program makes its images"),
+    ("pretrained_backbones", "what it makes depends on files from outside the project"),
+    ("generative_training", "the tests of its crate pin what it makes of made-up scenes"),
+    ("transport_adapter", "the tests of its crate pin what it makes of made-up scenes"),
+    ("generation", "the tests of its crate pin what it makes of made-up scenes"),
     ("time_error", "its figures are times"),
 ];
 
 /// Kinds that `pipelines/stress.yaml` leaves out, and why.
-const NOT_STRESSED: [(&str, &str); 5] = [
+const NOT_STRESSED: [(&str, &str); 6] = [
     ("assets", "its hazards are damaged files, which the tests of its crate feed it"),
     ("scene_files", "its hazards are damaged files, which the tests of its crate feed it"),
+    ("pretrained_backbones", "its hazards are damaged checkpoints, which the tests of its crate feed it"),
     ("contact_sheet", "it shows pixels that other kinds made, and no number comes of them"),
     ("external_denoiser", "it calls programs that are not ours"),
     ("external_renderer", "it calls programs that are not ours"),

@@ -68,6 +68,13 @@ fn outputs_change_with_versions_alone() {
     kind: bridge_validation
     inputs: { endpoints: bridge_set, steps: bridged }
     params: { resamples: 200, map_scenes: 1 }
+  rung_scores:
+    kind: ladder_metrics
+    inputs: { ladders: test_ladders, references: held_out }
+  table:
+    kind: table
+    inputs: { scores: rung_scores }
+    params: { columns: [spp], latex: true }
   sheet:
     kind: contact_sheet
     inputs: { ladders: test_ladders, exposure: gate.exposure }
@@ -108,6 +115,8 @@ fn outputs_change_with_versions_alone() {
         "bridge.bridge",
         "report.report",
         "sheet.sheet",
+        "rung_scores.metrics",
+        "table.table",
     ] {
         let (kind, version) = done.kind(port);
         let _ = writeln!(found, "{kind} {version} {port} {}", done.collection(port).digest());

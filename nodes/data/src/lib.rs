@@ -2,6 +2,7 @@
 //!
 //! Knows no kind: how a scene is drawn, rendered, learnt from or judged is elsewhere.
 
+pub mod bins;
 pub mod curve;
 pub mod folder;
 pub mod geom;
@@ -18,6 +19,7 @@ pub mod rungs;
 pub mod scene;
 pub mod statistics;
 pub mod stratum;
+pub mod tabular;
 pub mod tensors;
 pub mod time;
 pub mod timing;

@@ -12,8 +12,10 @@ mod evaluation;
 mod groups;
 mod held_out;
 mod image_metrics;
+mod ladder_metrics;
 pub mod metrics;
 mod ssim;
+mod table;
 mod time_course;
 mod time_error;
 mod time_scene;
@@ -24,6 +26,8 @@ pub use bridge_validation::{BridgeValidation, BridgeValidationParams};
 pub use evaluation::{EvaluationKind, EvaluationParams, PSNR_CEILING, bounded, evaluate};
 pub use groups::Groups;
 pub use image_metrics::{ImageMetrics, ImageMetricsParams};
+pub use ladder_metrics::{LadderMetrics, LadderMetricsParams};
+pub use table::{AgainstParams, Coordinate, TableKind, TableParams, tabulate};
 pub use time_error::{TimeErrorKind, TimeErrorParams};
 
 use tauflow_contract::{KindRow, NodeKind};
@@ -32,6 +36,8 @@ use tauflow_contract::{KindRow, NodeKind};
 pub fn kinds() -> Vec<Box<dyn NodeKind>> {
     vec![
         Box::new(KindRow::<ImageMetrics>::new()),
+        Box::new(KindRow::<LadderMetrics>::new()),
+        Box::new(KindRow::<TableKind>::new()),
         Box::new(KindRow::<EvaluationKind>::new()),
         Box::new(KindRow::<BridgeValidation>::new()),
         Box::new(KindRow::<TimeErrorKind>::new()),

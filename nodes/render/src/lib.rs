@@ -3,7 +3,6 @@
 pub mod accel;
 pub mod accumulator;
 mod alias;
-mod bins;
 mod bounds;
 pub mod bsdf;
 pub mod camera;

@@ -1,13 +1,12 @@
 //! Where surfaces end in a picture: jumps of depth and creases of what the pixels' middles show.
 
 use crate::{
-    bins::pairs,
     integrator::first_solid,
     render::Renderer,
     rng::{Sampler, render_state},
 };
 use glam::Vec3;
-use tauflow_data::SamplerKind;
+use tauflow_data::{SamplerKind, bins::pairs};
 
 /// Label that parts these samples from those of the render.
 const STREAM: u64 = 0x6f75_746c;

@@ -6,10 +6,15 @@
 
 mod spectrum;
 
-pub use crate::bins::KEY;
+pub use tauflow_data::bins::KEY;
 
-use crate::bins::{BIN, Bins, edges, errors, geometric_mean_luminance};
-use tauflow_data::{Image, image::preview, maths::log2, records::PictureStatistics};
+use tauflow_data::{
+    Image,
+    bins::{BIN, Bins, edges, errors, geometric_mean_luminance},
+    image::preview,
+    maths::log2,
+    records::PictureStatistics,
+};
 
 /// Classes of hue; the three colours and those between two of them lie in the middle of one each.
 const HUES: usize = 12;

@@ -4,9 +4,9 @@ mod framing;
 mod picture;
 mod things;
 
-pub use crate::bins::geometric_mean_luminance;
+pub use tauflow_data::bins::geometric_mean_luminance;
 
-use crate::{bins::KEY, world::World};
+use crate::world::World;
 use framing::Framing;
 use picture::{Picture, Preview};
 use schemars::JsonSchema;
@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use tauflow_contract::{Action, Context, Digest, Each, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs};
 use tauflow_data::{
+    bins::KEY,
     maths::exp2,
     records::{Exposure, Ladder, SceneRecord, Verdict},
 };

@@ -4,14 +4,15 @@
 //! of two other streams decide, and the image knows nothing of them. Its expectation is that of a fixed number of
 //! samples.
 
-use crate::{
-    accumulator::Accumulator,
-    bins::{KEY, geometric_mean_luminance},
-};
+use crate::accumulator::Accumulator;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_contract::ParamProblem;
-use tauflow_data::{SamplerKind, rng::mix};
+use tauflow_data::{
+    SamplerKind,
+    bins::{KEY, geometric_mean_luminance},
+    rng::mix,
+};
 
 /// Label of the first stream that decides; that of the second comes next.
 const DECIDES: u64 = 0x6465_6369_6465;

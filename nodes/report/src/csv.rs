@@ -5,6 +5,7 @@ use crate::{
     ranking::{extra, ordered, with_baselines},
 };
 use std::fmt::Write as _;
+pub use tauflow_data::tabular::csv_field as field;
 use tauflow_data::{
     methods::{
         Conditioning, HOLD,
@@ -12,11 +13,6 @@ use tauflow_data::{
     },
     records::{Estimate, Evaluation, METRICS},
 };
-
-/// A field, quoted where it must be.
-pub fn field(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
-}
 
 fn three(estimate: Option<&Estimate>) -> String {
     estimate.map_or_else(|| ",,".into(), |e| format!("{},{},{}", e.mean, e.low, e.high))
@@ -126,10 +122,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn awkward_fields_are_quoted() {
-        assert_eq!(field("a,b"), "\"a,b\"");
-        assert_eq!(field("a\"b"), "\"a\"\"b\"");
-        assert_eq!(field("plain"), "plain");
+    fn metrics_come_last() {
         assert_eq!(METRICS.join(","), PER_SCENE.split(",nfe,").nth(1).expect("metrics come last"));
     }
 }

@@ -6,6 +6,7 @@ mod contact_sheet;
 mod csv;
 mod font;
 mod gate_sheets;
+mod ladder_pictures;
 mod material;
 mod montage;
 mod page;

@@ -5,10 +5,12 @@ use std::collections::BTreeMap;
 use tauflow_contract::{Action, All, Context, InputPort, KindError, Media};
 use tauflow_data::records::{
     Bridge, BridgeFiles, Convergence, Evaluation, Ladder, PackedScene, Refined, SamplingReport, SceneStatistics,
-    SplitReport, TimeError, TrainingLog, TrainingTiming, Verdict,
+    ScoreTable, SplitReport, TimeError, TrainingLog, TrainingTiming, Verdict,
 };
 
-const EVALUATION: All<Evaluation> = All::new("evaluation", "Scores of every method.");
+const EVALUATION: All<Evaluation> = All::new("evaluation", "Scores of every method.").or_none();
+pub const TABLES: All<ScoreTable> = All::new("tables", "Tables of scores by any axes.").or_none();
+pub const LADDERS: All<Ladder> = All::new("ladders", "Ladders whose images the page shows side by side.").or_none();
 pub const REFERENCES: All<PackedScene> =
     All::new("references", "Packed test scenes: input and reference of the pictures.").or_none();
 pub const REFINED: All<Refined> = All::new("refined", "Refined images of all cells.").or_none();
@@ -39,6 +41,8 @@ pub const INPUTS: &[InputPort] = &[
     CONVERGENCE.port(),
     TIME_ERROR.port(),
     STATISTICS.port(),
+    TABLES.port(),
+    LADDERS.port(),
 ];
 
 /// Coordinates of a matrix cell, e.g. `parameterization` -> `mc_noise`.
@@ -48,7 +52,7 @@ pub type Cell = BTreeMap<String, String>;
 #[derive(Clone, Debug)]
 pub struct Material {
     /// Scores of every method.
-    pub evaluation: Evaluation,
+    pub evaluation: Option<Evaluation>,
     /// Loss curves, by cell in order of keys.
     pub losses: Vec<TrainingLog>,
     /// Measured training times by cell.
@@ -69,6 +73,8 @@ pub struct Material {
     pub statistics: Vec<(String, SceneStatistics)>,
     /// Size and rungs of the references.
     pub references: Option<References>,
+    /// Tables of scores, by key.
+    pub tables: Vec<(String, ScoreTable)>,
 }
 
 /// What is known of the references beside their pixels.
@@ -119,7 +125,8 @@ impl Material {
     pub fn load<P>(ctx: &Context<'_>, action: &Action<'_, P>) -> Result<Self, KindError> {
         let timings = all(ctx, action, TIMINGS)?;
         Ok(Self {
-            evaluation: action.only(EVALUATION)?.load(ctx)?,
+            evaluation: one(ctx, action, EVALUATION)?,
+            tables: all(ctx, action, TABLES)?,
             losses: all(ctx, action, LOSSES)?.into_iter().map(|(_, log)| log).collect(),
             timings: timings.into_iter().map(|(key, timing)| (cell_of_key(&key), timing)).collect(),
             verdicts: all(ctx, action, VERDICTS)?,

@@ -85,9 +85,8 @@ pub fn page(title: &str, header: &str, sections: &[Section], missing: &[String])
     }
     out.push_str(
         "<p>Made by tauflow. Everything here is a function of the pipeline and its inputs; only what is \
-        marked as measured differs between runs. The same figures are in <code>results.json</code>, \
-        <code>results.csv</code>, <code>curves.csv</code>, <code>per_scene.csv</code> and <code>table.tex</code> \
-        beside this page.</p></footer></body></html>\n",
+        marked as measured differs between runs. The same figures are beside \
+        this page, in <code>results.json</code> and as CSV and LaTeX files.</p></footer></body></html>\n",
     );
     out
 }

@@ -3,6 +3,7 @@
 use crate::{
     csv,
     gate_sheets::{self, Sheet},
+    ladder_pictures,
     material::{self, Cell, Material},
     montage::{Choice, Montage, Pictures},
     page::{Section, page},
@@ -65,7 +66,7 @@ impl Default for ReportParams {
 }
 
 const PAGE: Out<Files> =
-    Out::new(Group::main(11), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").published();
+    Out::new(Group::main(12), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").published();
 
 impl Kind for Report {
     type Params = ReportParams;
@@ -91,18 +92,81 @@ impl Kind for Report {
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let material = Material::load(ctx, action)?;
-        let evaluation = &material.evaluation;
+        if material.evaluation.is_none() && material.tables.is_empty() {
+            return Err(KindError::Input("the report has no scores; connect `evaluation` or `tables`".into()));
+        }
         let params = &action.params;
-        let nfe = picture_nfe(evaluation, params)?;
-        let (montages, by_calls) = match action.all_if(material::REFERENCES)? {
-            Some(references) if params.montage_scenes > 0 => {
-                let choice =
-                    Choice { scenes: params.montage_scenes as usize, nfe, pixels: params.montage_pixels as usize };
+        let images = Images::load(ctx, action, &material)?;
+        ctx.check_cancelled()?;
+        let sections = sections(&material, params, &images)?;
+        let mut header = material.time_error.as_ref().map(sections::time_error::opening).unwrap_or_default();
+        header += &material.tables.iter().map(|(_, table)| sections::score_tables::opening(table)).collect::<String>();
+        header += &match &material.evaluation {
+            Some(evaluation) => {
+                sections::headline::block(evaluation, &material, &params.subtitle, &images.montages, images.nfe)?
+            }
+            None => sections::headline::subtitle(&params.subtitle),
+        };
+        let html = page(&params.title, &header, &sections, &missing(action, &material));
+
+        let mut files = FileTree::new();
+        let mut put = |name: &str, bytes: &[u8]| files.put(name, bytes);
+        put("report.html", html.as_bytes())?;
+        put("results.json", &results_json(&material, params)?)?;
+        for montage in images.all().filter(|m| !m.rows.is_empty()) {
+            put(&montage.file, &montage.png()?)?;
+        }
+        for sheet in &images.sheets {
+            put(&sheet.file(), &sheet.png()?)?;
+        }
+        for (name, text) in figures(&material) {
+            put(name, text.as_bytes())?;
+        }
+        // The bridge and the tables add their files as `export` writes them.
+        if let Some(bridge) = &material.bridge {
+            let mut own = FileTree::new();
+            bridge.write(&mut own)?;
+            files.extend(own.into_iter().map(|(name, bytes)| (format!("bridge/{name}"), bytes)));
+        }
+        for (key, table) in &material.tables {
+            let own = table.files()?.into_iter();
+            files.extend(own.map(|(name, bytes)| (format!("tables/{key}/{name}"), bytes)));
+        }
+        Outputs::default().put_one(PAGE, "report", Files(files).store(ctx)?)
+    }
+}
+
+/// The images of a page.
+struct Images {
+    /// Model calls of those of solvers.
+    nfe: u64,
+    /// Solvers by stratum.
+    montages: Vec<Montage>,
+    /// Solvers by number of calls.
+    by_calls: Vec<Montage>,
+    /// Ladders side by side.
+    ladders: Option<Montage>,
+    /// What the gate rejected.
+    sheets: Vec<Sheet>,
+}
+
+impl Images {
+    fn load(ctx: &Context<'_>, action: &Action<'_, ReportParams>, material: &Material) -> Result<Self, KindError> {
+        let params = &action.params;
+        let (scenes, pixels) = (params.montage_scenes as usize, params.montage_pixels as usize);
+        let nfe = material.evaluation.as_ref().map_or(Ok(0), |evaluation| picture_nfe(evaluation, params))?;
+        let (montages, by_calls) = match (&material.evaluation, action.all_if(material::REFERENCES)?) {
+            (Some(evaluation), Some(references)) if scenes > 0 => {
                 let refined = action.all_if(material::REFINED)?;
+                let choice = Choice { scenes, nfe, pixels };
                 let pictures = Pictures::new(ctx, evaluation, references, refined, choice);
                 (pictures.by_stratum()?, pictures.by_calls()?)
             }
             _ => Default::default(),
+        };
+        let ladders = match action.all_if(material::LADDERS)? {
+            Some(ladders) if scenes > 0 => ladder_pictures::montage(ctx, ladders, scenes, pixels)?,
+            _ => None,
         };
         let sheets = match action.all_if(material::PREVIEWS)? {
             Some(previews) if params.gate_pictures > 0 => {
@@ -110,54 +174,45 @@ impl Kind for Report {
             }
             _ => Vec::new(),
         };
-        ctx.check_cancelled()?;
-        let sections = sections(&material, params, (&montages, &by_calls), &sheets, nfe)?;
-        let opening = material.time_error.as_ref().map(sections::time_error::opening).unwrap_or_default();
-        let header = opening + &sections::headline::block(evaluation, &material, &params.subtitle, &montages, nfe)?;
-        let html = page(&params.title, &header, &sections, &missing(action));
-
-        let mut files = FileTree::new();
-        let mut put = |name: &str, bytes: &[u8]| files.put(name, bytes);
-        put("report.html", html.as_bytes())?;
-        put("results.json", &results_json(&material, params)?)?;
-        put("results.csv", csv::results(evaluation).as_bytes())?;
-        put("curves.csv", csv::curves(evaluation).as_bytes())?;
-        put("per_scene.csv", csv::per_scene(evaluation).as_bytes())?;
-        if !evaluation.versus.is_empty() {
-            put("versus.csv", csv::versus(evaluation).as_bytes())?;
-        }
-        put("table.tex", tex::table(evaluation, "hdr_psnr").as_bytes())?;
-        put("tables.tex", tex::others(evaluation).as_bytes())?;
-        for montage in montages.iter().chain(&by_calls).filter(|m| !m.rows.is_empty()) {
-            put(&montage.file, &montage.png()?)?;
-        }
-        for sheet in &sheets {
-            put(&sheet.file(), &sheet.png()?)?;
-        }
-        let between = material.bridge_tables().into_iter().flat_map(|bridge| &bridge.claims);
-        let claims: Vec<&Claim> = evaluation.claims.iter().chain(between).collect();
-        if !claims.is_empty() {
-            put("claims.csv", sections::claims::csv(&claims).as_bytes())?;
-        }
-        if let Some(convergence) = &material.convergence {
-            put("convergence.csv", sections::convergence::csv(convergence).as_bytes())?;
-        }
-        if let Some(time_error) = &material.time_error {
-            put("time_error.csv", sections::time_error::points_csv(time_error).as_bytes())?;
-            put("time_error_scenes.csv", sections::time_error::scenes_csv(time_error).as_bytes())?;
-            put("time_error_targets.csv", sections::time_error::targets_csv(time_error).as_bytes())?;
-        }
-        if !material.timings.is_empty() {
-            put("timings.csv", timings_csv(&material.timings).as_bytes())?;
-        }
-        // Files of the bridge go along, as they are exported.
-        if let Some(bridge) = &material.bridge {
-            let mut own = FileTree::new();
-            bridge.write(&mut own)?;
-            files.extend(own.into_iter().map(|(name, bytes)| (format!("bridge/{name}"), bytes)));
-        }
-        Outputs::default().put_one(PAGE, "report", Files(files).store(ctx)?)
+        Ok(Self { nfe, montages, by_calls, ladders, sheets })
     }
+
+    /// Every montage.
+    fn all(&self) -> impl Iterator<Item = &Montage> {
+        self.montages.iter().chain(&self.by_calls).chain(&self.ladders)
+    }
+}
+
+/// The figures as CSV and LaTeX, by file name.
+fn figures(material: &Material) -> Vec<(&'static str, String)> {
+    let mut files = Vec::new();
+    if let Some(evaluation) = &material.evaluation {
+        files.push(("results.csv", csv::results(evaluation)));
+        files.push(("curves.csv", csv::curves(evaluation)));
+        files.push(("per_scene.csv", csv::per_scene(evaluation)));
+        files.push(("table.tex", tex::table(evaluation, "hdr_psnr")));
+        files.push(("tables.tex", tex::others(evaluation)));
+        if !evaluation.versus.is_empty() {
+            files.push(("versus.csv", csv::versus(evaluation)));
+        }
+    }
+    let between = material.bridge_tables().into_iter().flat_map(|bridge| &bridge.claims);
+    let claims: Vec<&Claim> = material.evaluation.iter().flat_map(|of| &of.claims).chain(between).collect();
+    if !claims.is_empty() {
+        files.push(("claims.csv", sections::claims::csv(&claims)));
+    }
+    if let Some(convergence) = &material.convergence {
+        files.push(("convergence.csv", sections::convergence::csv(convergence)));
+    }
+    if let Some(time_error) = &material.time_error {
+        files.push(("time_error.csv", sections::time_error::points_csv(time_error)));
+        files.push(("time_error_scenes.csv", sections::time_error::scenes_csv(time_error)));
+        files.push(("time_error_targets.csv", sections::time_error::targets_csv(time_error)));
+    }
+    if !material.timings.is_empty() {
+        files.push(("timings.csv", timings_csv(&material.timings)));
+    }
+    files
 }
 
 /// The NFE of pictures and heat map.
@@ -175,38 +230,40 @@ fn picture_nfe(evaluation: &Evaluation, params: &ReportParams) -> Result<u64, Ki
 }
 
 /// The sections that there is material for, in order.
-fn sections(
-    material: &Material,
-    params: &ReportParams,
-    (montages, by_calls): (&[Montage], &[Montage]),
-    sheets: &[Sheet],
-    nfe: u64,
-) -> Result<Vec<Section>, KindError> {
-    let evaluation = &material.evaluation;
+fn sections(material: &Material, params: &ReportParams, images: &Images) -> Result<Vec<Section>, KindError> {
+    let evaluation = material.evaluation.as_ref();
     let all = [
-        sections::claims::section(evaluation, material.bridge_tables()),
-        Some(sections::tables::section(evaluation)),
-        Some(sections::curves::section(evaluation)),
-        sections::strata::section(evaluation, nfe),
-        sections::baselines::section(evaluation),
+        sections::score_tables::section(&material.tables),
+        sections::score_tables::pictures(images.ladders.as_ref())?,
+        evaluation.and_then(|of| sections::claims::section(of, material.bridge_tables())),
+        evaluation.map(sections::tables::section),
+        evaluation.map(sections::curves::section),
+        evaluation.and_then(|of| sections::strata::section(of, images.nfe)),
+        evaluation.and_then(sections::baselines::section),
         material.time_error.as_ref().map(sections::time_error::section),
-        sections::montage::section(montages, by_calls, nfe)?,
+        sections::montage::section(&images.montages, &images.by_calls, images.nfe)?,
         material.bridge.as_ref().map(|b| sections::bridge::section(b, params.bridge_scenes as usize)),
         sections::losses::section(&material.losses),
         sections::data::section(material),
-        sections::rejected::section(sheets, params.montage_pixels as usize)?,
+        sections::rejected::section(&images.sheets, params.montage_pixels as usize)?,
         sections::scenes::section(&material.statistics),
         material.convergence.as_ref().and_then(sections::convergence::section),
-        Some(sections::conventions::section(evaluation)),
+        evaluation.map(sections::conventions::section),
         sections::timings::section(&material.timings),
     ];
     Ok(all.into_iter().flatten().collect())
 }
 
 /// What was not connected.
-fn missing(action: &Action<'_, ReportParams>) -> Vec<String> {
+fn missing(action: &Action<'_, ReportParams>, material: &Material) -> Vec<String> {
+    // A page of tables alone needs none of the inputs for solvers.
+    if material.evaluation.is_none() {
+        return Vec::new();
+    }
     let there = |port: &str| action.all.get(port).is_some_and(|items| !items.is_empty());
-    material::INPUTS.iter().filter(|p| !there(p.name)).map(|p| p.name.to_owned()).collect()
+    let alone = [material::TABLES.name(), material::LADDERS.name()];
+    let missing = |name: &&str| !there(name) && !alone.contains(name);
+    material::INPUTS.iter().map(|port| port.name).filter(missing).map(str::to_owned).collect()
 }
 
 /// Every figure but the measured ones.
@@ -219,6 +276,7 @@ fn results_json(material: &Material, params: &ReportParams) -> Result<Vec<u8>, K
         "title": params.title,
         "references": material.references,
         "evaluation": material.evaluation,
+        "tables": material.tables.iter().map(|(key, table)| (key, table)).collect::<BTreeMap<_, _>>(),
         "losses": material.losses,
         "gate": gate,
         "split": material.split,
@@ -258,7 +316,7 @@ mod tests {
         let spec = Report::spec();
         let names: Vec<&str> = spec.inputs.iter().map(|p| p.name).collect();
         assert_eq!(names[0], "evaluation");
-        assert!(spec.inputs.iter().skip(1).all(|p| p.optional) && !spec.inputs[0].optional);
+        assert!(spec.inputs.iter().all(|port| port.optional), "`run` says that it needs an evaluation or a table");
         assert!(spec.outputs[0].publish && spec.outputs[0].determinism == Determinism::Bitwise);
         assert!(Report::check(&ReportParams::default()).is_empty());
         assert_eq!(Report::check(&ReportParams { title: " ".into(), ..ReportParams::default() }).len(), 1);

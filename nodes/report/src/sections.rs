@@ -12,6 +12,7 @@ pub mod losses;
 pub mod montage;
 pub mod rejected;
 pub mod scenes;
+pub mod score_tables;
 pub mod strata;
 pub mod tables;
 pub mod time_error;

@@ -3,27 +3,7 @@
 use crate::ranking::{Rank, Row, conditioning_name, digits, extra, method_name, metric_name, ranks, rows};
 use std::fmt::Write as _;
 use tauflow_data::records::{Evaluation, METRICS, higher_is_better};
-
-/// Text safe in LaTeX.
-pub fn escape(text: &str) -> String {
-    let mut out = String::new();
-    for c in text.chars() {
-        match c {
-            '\\' => out.push_str(r"\textbackslash{}"),
-            '&' | '%' | '$' | '#' | '_' | '{' | '}' => {
-                out.push('\\');
-                out.push(c);
-            }
-            '~' => out.push_str(r"\textasciitilde{}"),
-            '^' => out.push_str(r"\textasciicircum{}"),
-            '<' => out.push_str(r"\textless{}"),
-            '>' => out.push_str(r"\textgreater{}"),
-            c if c.is_control() => out.push(' '),
-            c => out.push(c),
-        }
-    }
-    out
-}
+pub use tauflow_data::tabular::tex_escape as escape;
 
 fn number(value: f64, digits: usize) -> String {
     if value.is_nan() {

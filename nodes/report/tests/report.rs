@@ -3,9 +3,13 @@
 mod common;
 
 use common::{extras, run};
-use std::collections::BTreeMap;
-use tauflow_contract::{Collection, Context, FileTree, Handle, MemoryBlobs, Silent};
-use tauflow_data::records::{Evaluation, METRICS, higher_is_better};
+use serde_json::json;
+use std::{collections::BTreeMap, sync::atomic::AtomicBool};
+use tauflow_contract::{Collection, Context, FileTree, Handle, ItemKey, Media, MemoryBlobs, Silent};
+use tauflow_data::{
+    Image,
+    records::{Evaluation, Ladder, METRICS, Rung, ScoreTable, higher_is_better},
+};
 use tauflow_report::ReportParams;
 
 fn text(files: &FileTree, name: &str) -> String {
@@ -291,6 +295,39 @@ fn claims_are_told_with_their_verdicts() {
     let csv = text(&files, "claims.csv");
     assert_eq!(csv.lines().count(), 1 + 5);
     assert!(csv.lines().all(|line| line.split(',').count() == 8), "{csv}");
+}
+
+#[test]
+fn a_table_and_ladders_need_no_evaluation() {
+    let (blobs, _, _) = whole();
+    let stop = AtomicBool::new(false);
+    let ctx = Context::new(&blobs, &Silent, &stop);
+    let estimate = json!({ "ssim": { "mean": 0.5, "low": 0.25, "high": 0.75 } });
+    let table: ScoreTable = serde_json::from_value(json!({
+        "title": "Samplers", "row_axes": 1, "metrics": ["ssim"], "reference_spp": 64, "items": 3, "resamples": 100,
+        "axes": [{ "name": "sampler", "type": "text", "values": ["sobol"] }], "per_item": [],
+        "cells": [{ "at": ["sobol"], "items": 3, "metrics": estimate }], "formats": { "latex": true }
+    }))
+    .expect("a table");
+    let one =
+        |key: &str, artifact| -> Collection { [(ItemKey::new(key).expect("plain"), artifact)].into_iter().collect() };
+    let stored = table.store(&ctx).expect("in memory").into_artifact();
+    let mut inputs = BTreeMap::from([("tables", one("table", stored))]);
+    let files = run(&blobs, ReportParams::default(), &inputs).expect("a report");
+    let html = text(&files, "report.html");
+    check_nesting(&html);
+    assert!(html.contains("Best SSIM: <b>0.5000</b>") && !html.contains("Not connected"), "{html}");
+    assert!(files.contains_key("tables/table/table.tex") && !files.contains_key("results.csv"));
+    let image = Image::from_data(4, 4, 3, vec![0.5; 48]).expect("fits");
+    let meta = serde_json::from_value(json!({
+        "counts": [2], "width": 4, "height": 4, "rejected": 0, "mean_path_length": 1.0
+    }));
+    let rungs = vec![Rung { spp: 2, image: image.clone() }];
+    let ladder = Ladder { meta: meta.expect("a ladder"), rungs, variance: image };
+    let stored = ladder.store(&ctx).expect("in memory").into_artifact();
+    inputs.insert("ladders", one("sampler=sobol/L0-open-000000", stored));
+    let files = run(&blobs, ReportParams::default(), &inputs).expect("a report");
+    assert!(text(&files, "report.html").contains("sampler sobol, 2 spp") && files.contains_key("pictures.png"));
 }
 
 #[test]

@@ -7,7 +7,6 @@ use crate::{
         Output, Preset,
         features::{Encoding, Sample},
         unet::Unet,
-        weights::Weights,
     },
     rollout::Denoiser,
     space::Space,
@@ -21,6 +20,7 @@ use tauflow_data::{
     records::ModelFile,
     time::VarianceTime,
 };
+use tauflow_tensors::Weights;
 
 /// What a model was trained for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

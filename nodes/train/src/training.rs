@@ -2,16 +2,13 @@
 
 mod batches;
 mod checkpoint;
-mod curve;
 mod divergence;
-mod optimiser;
 mod params;
-mod threads;
 pub mod timing;
 mod trainer;
 
-pub use optimiser::Decay;
 pub use params::TrainingParams;
+pub use tauflow_tensors::Decay;
 
 use crate::{
     device::{self, Place},
@@ -19,8 +16,6 @@ use crate::{
 };
 use batches::{DataSet, Draw};
 use checkpoint::Checkpoints;
-use curve::{Curve, Score};
-use optimiser::Rates;
 use params::LATER;
 use serde_json::Value;
 use std::time::Instant;
@@ -29,7 +24,7 @@ use tauflow_contract::{
     ParamProblem, Probe, derive_seed, leave_out,
 };
 use tauflow_data::records::{ModelFile, PackedScene, TrainingLog, TrainingTiming};
-use threads::Share;
+use tauflow_tensors::{Checkpoints as Kept, Curve, Rates, Score, Share};
 use trainer::Trainer;
 
 /// Raised with every change of what a training computes: neither results nor checkpoints of before count then.
@@ -172,6 +167,7 @@ impl Work<'_> {
             ema: p.ema,
             decay: p.decay,
             steps: p.steps,
+            weight_decay: 0.0,
         }
     }
 
@@ -182,17 +178,13 @@ impl Work<'_> {
         let basis = Basis::new("training", VERSION, "checkpoint");
         let mut inputs = vec![self.train.digest()];
         inputs.extend(self.test.map(Items::digest));
-        Checkpoints {
-            basis: Basis { environment: self.place.beside(Value::Null), ..basis.with(params, Some(self.seed)) },
-            inputs,
-            info: info.clone(),
-            every: self.params.checkpoint_every,
-        }
+        let basis = Basis { environment: self.place.beside(Value::Null), ..basis.with(params, Some(self.seed)) };
+        Checkpoints { kept: Kept { basis, inputs, every: self.params.checkpoint_every }, info: info.clone() }
     }
 
     /// What went wrong after `done` steps, and what is there of them.
     fn with_checkpoint(&self, error: KindError, checkpoints: &Checkpoints, done: u64) -> KindError {
-        let last = checkpoints.last_due(done);
+        let last = checkpoints.kept.last_due(done);
         match error {
             KindError::Input(told) if last > 0 && self.params.decay == Decay::None => KindError::Input(format!(
                 "{told}; the state after step {last} is kept: `steps: {last}` makes a model of it"
@@ -265,7 +257,7 @@ impl Work<'_> {
                 curve.point(step, share.run(|| score(trainer))??, rate);
             }
             // The last state serves a longer training, but not where the rate has already fallen for the end.
-            if checkpoints.due(step) && (step < p.steps || p.decay == Decay::None) {
+            if checkpoints.kept.due(step) && (step < p.steps || p.decay == Decay::None) {
                 checkpoints.keep(self.ctx, trainer, curve)?;
             }
             if step.is_multiple_of(10) || step == p.steps {

@@ -4,6 +4,7 @@
 //! them. [`MEDIA`] is the one table of all of them by name.
 
 mod asset;
+mod backbone;
 mod bridge;
 mod convergence;
 mod estimate;
@@ -20,11 +21,13 @@ mod scene;
 mod scores;
 mod split;
 mod statistics;
+mod table;
 mod time_error;
 mod timing;
 mod training;
 
 pub use asset::*;
+pub use backbone::*;
 pub use bridge::*;
 pub use convergence::*;
 pub use estimate::Estimate;
@@ -40,6 +43,7 @@ pub use scene::*;
 pub use scores::*;
 pub use split::*;
 pub use statistics::*;
+pub use table::*;
 pub use time_error::*;
 pub use timing::*;
 pub use training::*;
@@ -48,8 +52,10 @@ use tauflow_contract::{Files, MediaRow};
 
 /// Every media type, by name.
 pub const MEDIA: &[MediaRow] = &[
+    MediaRow::of::<AdapterFile>(),
     MediaRow::of::<Asset>(),
     MediaRow::of::<AssetReport>(),
+    MediaRow::of::<BackboneFiles>(),
     MediaRow::of::<BridgeFiles>(),
     MediaRow::of::<BridgeSteps>(),
     MediaRow::of::<Convergence>(),
@@ -66,6 +72,7 @@ pub const MEDIA: &[MediaRow] = &[
     MediaRow::of::<SceneRecord>(),
     MediaRow::of::<SceneScores>(),
     MediaRow::of::<SceneStatistics>(),
+    MediaRow::of::<ScoreTable>(),
     MediaRow::of::<SplitReport>(),
     MediaRow::of::<TimeError>(),
     MediaRow::of::<Timing>(),

@@ -101,6 +101,13 @@ fn parsed<T: serde::de::DeserializeOwned>(value: serde_json::Value) -> T {
 
 /// Records with tables in them.
 fn tables(ctx: &Context<'_>) {
+    let table: ScoreTable = parsed(json!({
+        "title": "", "axes": [{ "name": "spp", "type": "number", "values": [0.5, 4] }], "row_axes": 1,
+        "metrics": ["ssim"], "reference_spp": null, "items": 1, "resamples": 100, "per_item": [],
+        "cells": [{ "at": [4], "items": 1, "metrics": { "ssim": { "mean": 0.5, "low": 0.4, "high": 0.6 } } }],
+        "formats": { "latex": false }
+    }));
+    round_trip(ctx, &table);
     let statistics: SceneStatistics = parsed(json!({
         "mean_path_length": 2.5, "environment_share": 0.5, "diffuse_share": 0.25, "refractive_share": 0.1,
         "caustic_share": 0.0, "relative_rmse": 0.3, "slope": null, "tail_share": 0.1,

@@ -3,8 +3,11 @@
 //! Works on bins, blocks of pixels, so that the noise of few samples does not decide. Display values are those without
 //! the scene's own offset.
 
-use crate::bins::{BIN, Bins, edges, errors, mean_luminance};
-use tauflow_data::{Image, statistics::quantile};
+use tauflow_data::{
+    Image,
+    bins::{BIN, Bins, edges, errors, mean_luminance},
+    statistics::quantile,
+};
 
 /// Standard error of a bin, over what it shows, from which it is noisy.
 const ROUGH: f64 = 0.25;

@@ -14,6 +14,11 @@ use tauflow_data::{
     records::{Evaluation, MethodTable},
 };
 
+/// The sentence below the title; nothing without one.
+pub fn subtitle(text: &str) -> String {
+    if text.is_empty() { String::new() } else { format!("<p class=\"lead\">{}</p>", escape(text)) }
+}
+
 /// The block below the title.
 ///
 /// # Errors
@@ -25,10 +30,7 @@ pub fn block(
     montages: &[Montage],
     nfe: u64,
 ) -> Result<String, KindError> {
-    let mut out = String::new();
-    if !subtitle.is_empty() {
-        let _ = write!(out, "<p class=\"lead\">{}</p>", escape(subtitle));
-    }
+    let mut out = self::subtitle(subtitle);
     let _ = write!(out, "<p class=\"lead\">{}</p><div class=\"cards\">", built(evaluation, material));
     if let Some(nfe) = evaluation.nfe.first() {
         best_cards(&mut out, evaluation, *nfe);

@@ -47,7 +47,11 @@ fn row_head(head: &str) -> String {
     stratum.map_or_else(|| escape(head), |stratum| stratum.replacen('-', "<br>", 1))
 }
 
-fn grid(montage: &Montage) -> Result<String, KindError> {
+/// The pictures as a table.
+///
+/// # Errors
+/// If a picture cannot be encoded.
+pub fn grid(montage: &Montage) -> Result<String, KindError> {
     let mut out = String::from(r#"<table class="montage"><thead><tr><th></th>"#);
     for (_, head) in &montage.columns {
         let _ = write!(out, "<th>{}</th>", escape(head));

@@ -126,7 +126,8 @@ pub fn table(evaluation: &Evaluation, metric: &str) -> String {
     out
 }
 
-fn figure_html(estimate: &Estimate, rank: Rank, digits: usize) -> String {
+/// A mean with its rank, above its interval.
+pub fn figure_html(estimate: &Estimate, rank: Rank, digits: usize) -> String {
     let mean = fixed(estimate.mean, digits);
     let mean = match rank {
         Rank::Best => format!(r#"<b class="best">{mean}</b>"#),

@@ -7,10 +7,12 @@
 //! weights. Knows neither networks nor graphs of gradients. Slices of lengths that do not fit are refused by a panic.
 
 mod adam;
+mod attention;
 mod convolution;
 mod elementary;
 mod fold;
 mod fresh;
+mod group_norm;
 #[cfg_attr(target_arch = "x86_64", expect(unsafe_code, reason = "calls functions for instructions that were detected"))]
 mod instructions;
 mod lanes;
@@ -20,13 +22,17 @@ mod normalisation;
 mod operator;
 mod products;
 mod pyramid;
+mod resample;
 mod sums;
 
 pub use adam::{Adam, square_sum};
+pub use attention::Attention;
 pub use convolution::{Conv3, Linear};
 pub use elementary::{exp, expm1, log1p, map, map2};
 pub use fold::Fold;
+pub use group_norm::{GroupMoments, GroupNorm};
 pub use instructions::Instructions;
 pub use normalisation::{GROUP, NormSilu, Silu};
 pub use operator::Operator;
 pub use pyramid::{Blocks, Pyramid, WeightedMean};
+pub use resample::{Beside, Fir, Nearest, Patches};

@@ -21,13 +21,13 @@ pub const GROUP: usize = 8;
 const EPSILON: f64 = 1e-5;
 
 #[inline(always)]
-fn sigmoid(x: f32) -> f32 {
+pub(crate) fn sigmoid(x: f32) -> f32 {
     1.0 / (1.0 + exp(-x))
 }
 
 /// The derivative of SiLU.
 #[inline(always)]
-fn slope(x: f32) -> f32 {
+pub(crate) fn slope(x: f32) -> f32 {
     let s = sigmoid(x);
     s * (1.0 + x * (1.0 - s))
 }

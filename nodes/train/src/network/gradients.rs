@@ -3,13 +3,13 @@
 use super::{
     features,
     head::{self, Answer, Loss, Output, Shade},
-    layers,
     unet::{Preset, Unet},
 };
 use crate::space::Space;
 use burn::tensor::{Device, Tensor, TensorData};
 use std::sync::Arc;
 use tauflow_data::{methods::Parameterization, rng::Stream, time::VarianceTime};
+use tauflow_tensors::{apply, layers};
 
 fn numbers(seed: u64, size: usize) -> Vec<f32> {
     let mut stream = Stream::new(seed, &[]);
@@ -135,11 +135,11 @@ fn gradients_of_head_and_loss() {
     let inputs = [(numbers(1, size), vec![2, 2, 4, 3])];
     for (albedo, log) in [(None, false), (Some(Arc::new(numbers(5, size))), true)] {
         let answer = Answer { albedo, state: Arc::new(numbers(6, size)), gain: Arc::new(vec![0.5, -2.0]), log };
-        check(&inputs, |t| super::op::apply(answer.clone(), [t[0].clone().into()], [2, 2, 4, 3]));
+        check(&inputs, |t| apply(answer.clone(), [t[0].clone().into()], [2, 2, 4, 3]));
     }
     let shaded =
         [(numbers(1, size), vec![2, 2, 4, 3]), (numbers(2, size).iter().map(|v| 5.0 * v).collect(), vec![2, 2, 4, 3])];
-    check(&shaded, |t| super::op::apply(Shade, [t[0].clone().into(), t[1].clone().into()], [2, 2, 4, 3]));
+    check(&shaded, |t| apply(Shade, [t[0].clone().into(), t[1].clone().into()], [2, 2, 4, 3]));
     // Nowhere so near that a difference changes its sign on the way.
     let target: Vec<f32> =
         inputs[0].0.iter().enumerate().map(|(i, v)| if i % 2 == 0 { v + 0.3 } else { v - 0.2 }).collect();
@@ -175,7 +175,7 @@ fn gradients_of_the_network(output: Output) {
         }
     }
     let target = Arc::new(numbers(4, 16 * 16 * 3));
-    let loss = |weights: &super::weights::Weights, device: &Device| {
+    let loss = |weights: &tauflow_tensors::Weights, device: &Device| {
         let tensors = network.slots().tensors(weights, device);
         let sample = features::Sample { state: &state, gbuffer: Some(&gbuffer), tau: 0.3 };
         let inputs = encoding.inputs(device, &[sample], 16, 16);

@@ -5,11 +5,11 @@
 //! answer is that less the state, times what the law says of how far the target is from it. So a firefly of a thousand
 //! asks for no output of a thousand, texture passes through, and no network has to learn sizes that are known.
 
-use super::op::apply;
 use burn::tensor::Tensor;
 use rayon::prelude::*;
 use std::sync::Arc;
 use tauflow_ops::{Operator, Pyramid, WeightedMean, exp, map2};
+use tauflow_tensors::apply;
 
 /// What the network's numbers are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema, Default)]

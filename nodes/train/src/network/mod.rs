@@ -7,14 +7,11 @@ pub(crate) mod features;
 #[cfg(test)]
 mod gradients;
 pub(crate) mod head;
-mod layers;
 #[cfg(any(test, feature = "gpu"))]
 mod on_device;
-mod op;
 #[cfg(test)]
 mod peer;
 pub(crate) mod unet;
-pub(crate) mod weights;
 
 pub use head::{Loss, Output};
 pub use unet::Preset;

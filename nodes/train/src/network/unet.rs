@@ -3,14 +3,14 @@
 //! The image is first folded, [H, W, C] to [H/2, W/2, 4 C], which loses nothing and makes every layer four times
 //! cheaper than at full resolution; the last layer unfolds again.
 
-use super::{
-    head::{Head, Output, SIDES},
-    layers::{conv3, fold, linear, norm_silu, silu, unfold},
-    weights::{Slots, Start},
-};
+use super::head::{Head, Output, SIDES};
 use burn::tensor::Tensor;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use tauflow_tensors::{
+    Slots, Start,
+    layers::{conv3, fold, linear, norm_silu, silu, unfold},
+};
 
 /// Size of the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]

@@ -1,6 +1,5 @@
 //! What a training is asked for. Bounds of single params are in the schema, which is held against them before all else.
 
-use super::optimiser::Decay;
 use crate::{
     device::{NetworkDevice, ON_THE_CPU},
     network::{Loss, Output, Preset},
@@ -10,6 +9,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 use tauflow_contract::{Before, Later, ParamProblem};
 use tauflow_data::methods::{Conditioning, Parameterization};
+use tauflow_tensors::Decay;
 
 /// Params of `training`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

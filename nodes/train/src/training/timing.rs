@@ -67,6 +67,7 @@ pub fn training_steps(
         ema: 0.999,
         decay: Decay::None,
         steps: steps as u64,
+        weight_decay: 0.0,
     };
     let mut trainer = Trainer::new(info(preset).encoding()?, preset, rates, Loss::Squared, 1, place);
     let set = DataSet::new(vec![("made-up", scene(2 * side)?)], "train", Conditioning::Gbuffer)?;

@@ -3,15 +3,15 @@
 use super::{
     batches::{Batch, DataSet},
     divergence,
-    optimiser::{Optimised, Rates},
 };
 use crate::{
     device::Place,
-    network::{Loss, Preset, features::Encoding, head::mean_loss, unet::Unet, weights::Weights},
+    network::{Loss, Preset, features::Encoding, head::mean_loss, unet::Unet},
 };
 use burn::tensor::{Device, Tensor};
 use rayon::prelude::*;
 use tauflow_contract::KindError;
+use tauflow_tensors::{Optimised, Rates, Weights};
 
 /// Parts of a batch, at most, on a CPU; a device is filled by one.
 const PARTS: usize = 2;
@@ -124,7 +124,7 @@ mod tests {
     use crate::{
         network::Output,
         space::Space,
-        training::{batches::Draw, optimiser::Decay},
+        training::{Decay, batches::Draw},
     };
     use tauflow_data::{
         Image,
@@ -158,7 +158,7 @@ mod tests {
 
     fn rates() -> Rates {
         let (decay, betas) = (Decay::None, [0.9, 0.999]);
-        Rates { learning_rate: 2e-3, betas, warmup: 5, clip: 1.0, ema: 0.999, decay, steps: 150 }
+        Rates { learning_rate: 2e-3, betas, warmup: 5, clip: 1.0, ema: 0.999, decay, steps: 150, weight_decay: 0.0 }
     }
 
     #[test]

@@ -11,11 +11,12 @@ use crate::{
     },
     space::Space,
 };
+use burn::tensor::Device;
 use std::sync::Arc;
 use tauflow_data::rng::Stream;
 #[cfg(feature = "gpu")]
 use tauflow_data::{methods::Parameterization, time::VarianceTime};
-use tauflow_ops::{Instructions, Pyramid};
+use tauflow_ops::{Conv3, Fold, Instructions, Linear, NormSilu, Pyramid, Silu, WeightedMean};
 
 fn numbers(seed: u64, size: usize) -> Vec<f32> {
     let mut stream = Stream::new(seed, &[]);

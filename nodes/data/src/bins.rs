@@ -3,14 +3,14 @@
 //! Display values are those of the preview that is exposed to mid grey. The mean of a block is less noisy than its
 //! pixels are, so that few samples do. Who has many takes blocks of one pixel.
 
-use tauflow_data::{
+use crate::{
     Image,
     image::{LUMINANCE, luminance, preview},
     maths::{exp, log},
 };
 
 /// Side of a block in pixels, where samples are few.
-pub(crate) const BIN: usize = 4;
+pub const BIN: usize = 4;
 /// Luminance that the geometric mean is exposed to.
 pub const KEY: f64 = 0.18;
 /// Display values that two blocks side by side differ by at an edge, beside what their noise explains.
@@ -19,7 +19,7 @@ const STEP: f64 = 0.04;
 const SURE: f64 = 2.0;
 
 /// Blocks of pixels; those at the border may be smaller.
-pub(crate) struct Bins {
+pub struct Bins {
     /// In a row.
     pub width: usize,
     /// Mean luminance of each.
@@ -45,7 +45,7 @@ fn blocks(width: usize, height: usize, side: usize, value: impl Fn(usize, usize)
 }
 
 /// The standard error of the mean luminance of each block of `side`, by the variance of single samples.
-pub(crate) fn errors(variance: &Image, spp: u64, side: usize) -> Vec<f64> {
+pub fn errors(variance: &Image, spp: u64, side: usize) -> Vec<f64> {
     // As if the errors of the three colours went together, as most do.
     let deviation = |x, y| {
         let rgb = variance.pixel(x, y).iter().zip(LUMINANCE).map(|(v, w)| f64::from(w) * f64::from(*v).max(0.0).sqrt());
@@ -100,7 +100,7 @@ impl Bins {
 }
 
 /// Neighbours in a grid, by index, each with the one to its right or below.
-pub(crate) fn pairs(width: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
+pub fn pairs(width: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..width * height).flat_map(move |at| {
         let right = (at % width + 1 < width).then_some((at, at + 1));
         let below = (at + width < width * height).then_some((at, at + width));
@@ -109,14 +109,14 @@ pub(crate) fn pairs(width: usize, height: usize) -> impl Iterator<Item = (usize,
 }
 
 /// How many neighbours have an edge between them: display values that differ by more than noise may explain.
-pub(crate) fn edges(pairs: impl Iterator<Item = (usize, usize)>, shown: &[f64], unsure: &[f64]) -> usize {
+pub fn edges(pairs: impl Iterator<Item = (usize, usize)>, shown: &[f64], unsure: &[f64]) -> usize {
     let edge =
         |(a, b): &(usize, usize)| (shown[*a] - shown[*b]).abs() - STEP > unsure[*a].max(0.0) + unsure[*b].max(0.0);
     pairs.filter(edge).count()
 }
 
 /// The mean luminance of an image, negative values counted as 0.
-pub(crate) fn mean_luminance(image: &Image) -> f64 {
+pub fn mean_luminance(image: &Image) -> f64 {
     let pixels = image.data().chunks_exact(3).map(|rgb| f64::from(luminance(rgb)).max(0.0));
     pixels.sum::<f64>() / (image.width() * image.height()) as f64
 }

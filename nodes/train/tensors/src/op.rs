@@ -21,13 +21,15 @@ use tauflow_ops::Operator;
 
 /// What can be applied: in a build for GPUs, an operator that they can do as well.
 #[cfg(feature = "gpu")]
-use super::on_device::OnDevice as Applicable;
+use crate::on_device::OnDevice as Applicable;
 #[cfg(not(feature = "gpu"))]
 use tauflow_ops::Operator as Applicable;
 
 /// A tensor's primitive, with or without its place in a graph.
-pub(crate) enum Input {
+pub enum Input {
+    /// Of a graph.
     Tracked(FloatTensor<Autodiff<Flex>>),
+    /// Of none.
     Plain(FlexTensor),
     /// A flat tensor of a device that is no CPU, with or without its place in a graph.
     #[cfg(feature = "gpu")]
@@ -75,7 +77,7 @@ impl<const N: usize, O: Operator<N>> Backward<Flex, N> for Step<O> {
 }
 
 /// Applies an operator; the output has this shape.
-pub(crate) fn apply<const N: usize, const D: usize, O: Applicable<N>>(
+pub fn apply<const N: usize, const D: usize, O: Applicable<N>>(
     operator: O,
     inputs: [Input; N],
     shape: [usize; D],
@@ -88,6 +90,15 @@ pub(crate) fn apply<const N: usize, const D: usize, O: Applicable<N>>(
         });
         return operator.by_tensors(inputs).reshape(shape);
     }
+    apply_on_cpu(operator, inputs, shape)
+}
+
+/// Applies an operator to tensors of the CPU; the output has this shape. For networks that run nowhere else.
+pub fn apply_on_cpu<const N: usize, const D: usize, O: Operator<N>>(
+    operator: O,
+    inputs: [Input; N],
+    shape: [usize; D],
+) -> Tensor<D> {
     let tracked = inputs.iter().any(|input| matches!(input, Input::Tracked(_)));
     let mut guards = Vec::with_capacity(N);
     let primitives = inputs.map(|input| match input {

@@ -7,50 +7,55 @@ use tauflow_ops::square_sum;
 
 /// How a weight matrix starts.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Start {
+pub enum Start {
     /// Zeros: biases, and what ends a residual branch.
     Zero,
+    /// Ones: what normalised values are multiplied with.
+    One,
     /// Normal numbers of variance `gain`/rows (He et al. 2015, with gain 2 before rectifiers).
     Normal(f64),
 }
 
 /// One weight matrix: what it is called, its shape, how it starts.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Slot {
-    pub(crate) name: String,
-    pub(crate) shape: [usize; 2],
-    pub(crate) start: Start,
+pub struct Slot {
+    /// What it is called.
+    pub name: String,
+    /// Rows and columns.
+    pub shape: [usize; 2],
+    /// How it starts.
+    pub start: Start,
 }
 
 /// The matrices of a network in the order in which it names them.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Slots(Vec<Slot>);
+pub struct Slots(Vec<Slot>);
 
 impl Slots {
     /// Adds one; returns its index.
-    pub(crate) fn add(&mut self, name: String, shape: [usize; 2], start: Start) -> usize {
+    pub fn add(&mut self, name: String, shape: [usize; 2], start: Start) -> usize {
         self.0.push(Slot { name, shape, start });
         self.0.len() - 1
     }
 
     /// Names and shapes.
-    #[cfg(test)]
-    pub(crate) fn shapes(&self) -> Vec<(String, [usize; 2])> {
+    pub fn shapes(&self) -> Vec<(String, [usize; 2])> {
         self.0.iter().map(|slot| (slot.name.clone(), slot.shape)).collect()
     }
 
     /// Number of weights.
-    pub(crate) fn count(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.0.iter().map(|s| s.shape[0] * s.shape[1]).sum()
     }
 
     /// Starting weights: each matrix from a stream of its own name, so that no order or library decides them.
-    pub(crate) fn draw(&self, seed: u64) -> Weights {
+    pub fn draw(&self, seed: u64) -> Weights {
         let root = Stream::new(seed, &[]).part("weights");
         let values = self.0.iter().map(|slot| {
             let size = slot.shape[0] * slot.shape[1];
             match slot.start {
                 Start::Zero => vec![0.0; size],
+                Start::One => vec![1.0; size],
                 Start::Normal(gain) => {
                     let mut stream = root.part(&slot.name);
                     let deviation = (gain / slot.shape[0] as f64).sqrt();
@@ -62,7 +67,7 @@ impl Slots {
     }
 
     /// Adds weights to a tensor file under `prefix`.
-    pub(crate) fn write(&self, mut file: TensorFile, prefix: &str, weights: &Weights) -> TensorFile {
+    pub fn write(&self, mut file: TensorFile, prefix: &str, weights: &Weights) -> TensorFile {
         for (slot, values) in self.0.iter().zip(&weights.0) {
             file = file.with(&format!("{prefix}{}", slot.name), &slot.shape, values.clone());
         }
@@ -73,7 +78,7 @@ impl Slots {
     ///
     /// # Errors
     /// If a matrix is missing, has another shape, or holds a number that is not finite.
-    pub(crate) fn read(&self, file: &TensorFile, prefix: &str) -> Result<Weights, KindError> {
+    pub fn read(&self, file: &TensorFile, prefix: &str) -> Result<Weights, KindError> {
         let matrices = self.0.iter().map(|slot| {
             let name = format!("{prefix}{}", slot.name);
             let tensor = file.get(&name)?;
@@ -95,7 +100,7 @@ impl Slots {
     }
 
     /// The weights as burn's tensors; on a device with autodiff they are tracked.
-    pub(crate) fn tensors(&self, weights: &Weights, device: &Device) -> Vec<Tensor<2>> {
+    pub fn tensors(&self, weights: &Weights, device: &Device) -> Vec<Tensor<2>> {
         let tensors = self.0.iter().zip(&weights.0).map(|(slot, values)| {
             let tensor = Tensor::from_data(TensorData::new(values.clone(), slot.shape), device);
             if device.is_autodiff() { tensor.require_grad() } else { tensor }
@@ -106,16 +111,19 @@ impl Slots {
 
 /// Numbers in the order and the shapes of [`Slots`]: weights, their gradients or their moments.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Weights(pub(crate) Vec<Vec<f32>>);
+pub struct Weights(
+    /// One vector for each slot.
+    pub Vec<Vec<f32>>,
+);
 
 impl Weights {
     /// The root of the sum of all squares.
-    pub(crate) fn norm(&self) -> f64 {
+    pub fn norm(&self) -> f64 {
         self.0.iter().map(|values| square_sum(values)).sum::<f64>().sqrt()
     }
 
     /// Zeros of the same shapes.
-    pub(crate) fn zeros(&self) -> Self {
+    pub fn zeros(&self) -> Self {
         Self(self.0.iter().map(|v| vec![0.0; v.len()]).collect())
     }
 }

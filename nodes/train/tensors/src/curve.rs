@@ -8,18 +8,18 @@ const TELLING: usize = 4;
 
 /// How good averaged weights are.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Score {
+pub struct Score {
     /// Their loss on the test scenes.
-    pub(crate) test: f64,
+    pub test: f64,
     /// Mean gain of one call over the first rung, on the first test scenes: dB of PSNR.
-    pub(crate) gain: f64,
+    pub gain: f64,
 }
 
 /// Points so far, and the sums since the last one.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Curve {
+pub struct Curve {
     /// The curve.
-    pub(crate) points: Vec<TrainingPoint>,
+    pub points: Vec<TrainingPoint>,
     loss: f64,
     norm: f64,
     count: u64,
@@ -27,19 +27,19 @@ pub(crate) struct Curve {
 
 impl Curve {
     /// Adds a step's loss and gradient norm.
-    pub(crate) fn add(&mut self, loss: f64, norm: f64) {
+    pub fn add(&mut self, loss: f64, norm: f64) {
         self.loss += loss;
         self.norm += norm;
         self.count += 1;
     }
 
     /// The last gain that was measured.
-    pub(crate) fn gain(&self) -> Option<f64> {
+    pub fn gain(&self) -> Option<f64> {
         self.points.last().and_then(|point| point.gain)
     }
 
     /// What the loss on the test scenes did last, unless it falls as it should or there is too little of it to tell.
-    pub(crate) fn standing(&self) -> String {
+    pub fn standing(&self) -> String {
         let standing = Standing::of(&self.points).filter(|_| self.points.len() > TELLING);
         standing
             .filter(|standing| *standing != Standing::Falls)
@@ -48,7 +48,7 @@ impl Curve {
     }
 
     /// Ends the running means in a point.
-    pub(crate) fn point(&mut self, step: u64, score: Option<Score>, learning_rate: f64) {
+    pub fn point(&mut self, step: u64, score: Option<Score>, learning_rate: f64) {
         let mean = |sum: f64| (self.count > 0).then(|| sum / self.count as f64);
         let (train, gradient_norm) = (mean(self.loss), mean(self.norm));
         let (test, gain) = (score.map(|s| s.test), score.map(|s| s.gain));

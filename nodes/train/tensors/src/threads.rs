@@ -9,19 +9,26 @@ use tauflow_contract::KindError;
 static RUNNING: AtomicUsize = AtomicUsize::new(0);
 
 /// One training's share of the processor.
-pub(crate) struct Share {
+pub struct Share {
     pool: Option<ThreadPool>,
     most: usize,
 }
 
+impl Default for Share {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Share {
-    pub(crate) fn new() -> Self {
+    /// A share, until it is dropped.
+    pub fn new() -> Self {
         RUNNING.fetch_add(1, Ordering::Relaxed);
         Self { pool: None, most: 0 }
     }
 
     /// The largest share that there was.
-    pub(crate) fn most(&self) -> usize {
+    pub fn most(&self) -> usize {
         self.most
     }
 
@@ -29,7 +36,7 @@ impl Share {
     ///
     /// # Errors
     /// If threads cannot be started.
-    pub(crate) fn run<T: Send>(&mut self, f: impl FnOnce() -> T + Send) -> Result<T, KindError> {
+    pub fn run<T: Send>(&mut self, f: impl FnOnce() -> T + Send) -> Result<T, KindError> {
         let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         let threads = (cores / RUNNING.load(Ordering::Relaxed).max(1)).max(1);
         self.most = self.most.max(threads);

@@ -3,7 +3,7 @@
 //! burn's own optimiser clips each tensor by itself and keeps no average; this one goes once over plain numbers, in
 //! order.
 
-use crate::network::weights::Weights;
+use crate::weights::Weights;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_data::maths;
@@ -24,19 +24,28 @@ pub enum Decay {
 
 /// The rates of an optimiser.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Rates {
-    pub(crate) learning_rate: f64,
-    pub(crate) betas: [f64; 2],
-    pub(crate) warmup: u64,
-    pub(crate) clip: f64,
-    pub(crate) ema: f64,
-    pub(crate) decay: Decay,
-    pub(crate) steps: u64,
+pub struct Rates {
+    /// The learning rate after the warm-up.
+    pub learning_rate: f64,
+    /// Decay rates of the moments.
+    pub betas: [f64; 2],
+    /// Steps in which the rate rises.
+    pub warmup: u64,
+    /// Norm to which a gradient is cut.
+    pub clip: f64,
+    /// Share that the average keeps.
+    pub ema: f64,
+    /// How the rate falls.
+    pub decay: Decay,
+    /// Steps in all.
+    pub steps: u64,
+    /// Share of the weights, times the rate, that each step takes away (AdamW, Loshchilov and Hutter 2019).
+    pub weight_decay: f64,
 }
 
 impl Rates {
     /// The learning rate of a step, counted from 0.
-    pub(crate) fn at(&self, step: u64) -> f64 {
+    pub fn at(&self, step: u64) -> f64 {
         let rise = ((step + 1) as f64 / self.warmup.max(1) as f64).min(1.0);
         let fall = match self.decay {
             Decay::None => 1.0,
@@ -56,30 +65,33 @@ impl Rates {
 
 /// Weights on their way.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Optimised {
-    pub(crate) weights: Weights,
+pub struct Optimised {
+    /// The weights themselves.
+    pub weights: Weights,
     /// Their average: what a model is made of.
-    pub(crate) average: Weights,
-    pub(crate) first: Weights,
-    pub(crate) second: Weights,
+    pub average: Weights,
+    /// First moments of the gradient.
+    pub first: Weights,
+    /// Second moments of the gradient.
+    pub second: Weights,
     /// Steps done.
-    pub(crate) step: u64,
+    pub step: u64,
 }
 
 impl Optimised {
     /// At the start.
-    pub(crate) fn new(weights: Weights) -> Self {
+    pub fn new(weights: Weights) -> Self {
         let (first, second) = (weights.zeros(), weights.zeros());
         Self { average: weights.clone(), weights, first, second, step: 0 }
     }
 
     /// Whether all weights and their averages are.
-    pub(crate) fn is_finite(&self) -> bool {
+    pub fn is_finite(&self) -> bool {
         self.weights.norm().is_finite() && self.average.norm().is_finite()
     }
 
     /// One step along `gradient`, which has this norm.
-    pub(crate) fn update(&mut self, rates: &Rates, gradient: &Weights, norm: f64) {
+    pub fn update(&mut self, rates: &Rates, gradient: &Weights, norm: f64) {
         let clip = if norm > rates.clip { (rates.clip / norm) as f32 } else { 1.0 };
         let [b1, b2] = rates.betas;
         let count = (self.step + 1) as f64;
@@ -88,6 +100,10 @@ impl Optimised {
         let rate = (rates.at(self.step) * corrected / (1.0 - maths::pow(b1, count))) as f32;
         let epsilon = (EPSILON * corrected) as f32;
         let adam = Adam { clip, betas: rates.betas, rate, epsilon, keep: rates.keep(self.step) };
+        if rates.weight_decay > 0.0 {
+            let kept = (1.0 - rates.at(self.step) * rates.weight_decay) as f32;
+            self.weights.0.iter_mut().flatten().for_each(|weight| *weight *= kept);
+        }
         let matrices = self.weights.0.iter_mut().zip(&mut self.average.0).zip(&mut self.first.0);
         for ((((weights, average), first), second), gradient) in matrices.zip(&mut self.second.0).zip(&gradient.0) {
             adam.update(weights, average, [first, second], gradient);
@@ -109,6 +125,7 @@ mod tests {
             ema: 0.9,
             decay: Decay::None,
             steps: 100,
+            weight_decay: 0.0,
         }
     }
 
@@ -119,6 +136,13 @@ mod tests {
         assert_eq!(rates().at(99), 0.1);
         let cosine = Rates { decay: Decay::Cosine, ..rates() };
         assert!((cosine.at(50) - 0.0505).abs() < 1e-9 && (cosine.at(100) - 0.001).abs() < 1e-12);
+    }
+
+    #[test]
+    fn weights_decay_by_a_share_of_the_rate() {
+        let mut state = Optimised::new(Weights(vec![vec![2.0]]));
+        state.update(&Rates { weight_decay: 0.5, ..rates() }, &Weights(vec![vec![0.0]]), 0.0);
+        assert!((state.weights.0[0][0] - 2.0 * (1.0 - 0.025 * 0.5)).abs() < 1e-6);
     }
 
     #[test]

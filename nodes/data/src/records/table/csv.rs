@@ -1,0 +1,64 @@
+//! A score table as CSV (RFC 4180): a column for each axis, then one row for each cell and metric.
+
+use super::{AxisValue, Estimate, ScoreTable};
+use crate::{records::METRICS, tabular::csv_field};
+use std::fmt::Write as _;
+
+fn axes(table: &ScoreTable) -> String {
+    table.axes.iter().map(|axis| format!("{},", csv_field(&axis.name))).collect()
+}
+
+fn values(at: &[AxisValue]) -> String {
+    at.iter().map(|value| format!("{},", csv_field(&value.to_string()))).collect()
+}
+
+fn three(estimate: Option<&Estimate>) -> String {
+    estimate.map_or_else(|| ",,".into(), |e| format!("{},{},{}", e.mean, e.low, e.high))
+}
+
+/// Means and intervals: one row for each cell and metric.
+pub fn cells(table: &ScoreTable) -> String {
+    let mut out = format!("{}metric,items,mean,low,high,difference,difference_low,difference_high\n", axes(table));
+    for cell in &table.cells {
+        for metric in &table.metrics {
+            let (mean, difference) = (three(cell.metrics.get(metric)), three(cell.difference.get(metric)));
+            let _ = writeln!(out, "{}{},{},{mean},{difference}", values(&cell.at), csv_field(metric), cell.items);
+        }
+    }
+    out
+}
+
+/// Every score: one row for each item and cell, one column for each metric. An infinite PSNR is `inf`.
+pub fn items(table: &ScoreTable) -> String {
+    let mut out = format!("item,stratum,{}{}\n", axes(table), METRICS.join(","));
+    for row in &table.per_item {
+        let scores: Vec<String> =
+            METRICS.iter().map(|name| row.metrics.get(name).map_or_else(String::new, |v| v.to_string())).collect();
+        let _ = writeln!(
+            out,
+            "{},{},{}{}",
+            csv_field(&row.item),
+            csv_field(&row.stratum),
+            values(&row.at),
+            scores.join(",")
+        );
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_are_columns_and_absent_figures_are_empty() {
+        let table = super::super::tests::table();
+        let text = cells(&table);
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines[0], "sampler,spp,metric,items,mean,low,high,difference,difference_low,difference_high");
+        assert_eq!(lines[1], "independent,4,hdr_psnr,2,20,19,21,,,");
+        assert_eq!(lines[3], "sobol,4,hdr_psnr,2,22.5,21.5,23.5,2.5,1.5,3.5");
+        let text = items(&table);
+        assert_eq!(text.lines().nth(1), Some("L0-open-000001,L0-open,sobol,4,20,21,0.5,22,0.25,0.75"));
+    }
+}

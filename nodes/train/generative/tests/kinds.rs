@@ -1,0 +1,345 @@
+//! The kinds, one after the other, on made-up scenes of a few pixels: trainings that go on where they were stopped,
+//! adapters and their controls, samples in pairs, and a checkpoint that comes back from a folder.
+
+use serde_json::json;
+use std::{
+    collections::BTreeMap,
+    fs,
+    sync::atomic::{AtomicBool, Ordering},
+};
+use tauflow_contract::{
+    Action, Artifact, Collection, Context, Files, ItemKey, Kind, KindError, Media, MemoryBlobs, Outputs, Progress,
+};
+use tauflow_data::{
+    Image,
+    records::{BackboneFiles, Family, Generated, PackedScene, TrainingLog, Variant},
+    rng::Stream,
+};
+use tauflow_generative::{
+    Adapter, Generation, GenerationParams, GenerativeTraining, GenerativeTrainingParams, PretrainedBackbones,
+    PretrainedBackbonesParams, Residuals, TransportAdapter, TransportAdapterParams,
+};
+use tauflow_tensors::Decay;
+
+const SIDE: usize = 16;
+
+/// Stops a run after so many reports of progress.
+struct Stopping<'a> {
+    flag: &'a AtomicBool,
+    after: u64,
+}
+
+impl Progress for Stopping<'_> {
+    fn report(&self, done: u64, _total: u64, _message: &str) {
+        if done >= self.after {
+            self.flag.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
+fn key(text: &str) -> ItemKey {
+    ItemKey::new(text).expect("plain")
+}
+
+fn with<T>(blobs: &MemoryBlobs, run: impl FnOnce(&Context<'_>) -> T) -> T {
+    let flag = AtomicBool::new(false);
+    run(&Context::new(blobs, &tauflow_contract::Silent, &flag))
+}
+
+/// Ramps in colour with noise that falls from rung to rung.
+fn scenes(blobs: &MemoryBlobs) -> Collection {
+    let scene = |index: u64| {
+        let counts = vec![1, 4, 16];
+        let states = counts.iter().enumerate().map(|(rung, count)| {
+            let mut stream = Stream::new(index, &[rung as u64]);
+            let value = |i: usize| {
+                let ramp = 0.2 + (i / 3 % SIDE) as f64 / SIDE as f64 + 0.3 * (i % 3) as f64 * (index % 2) as f64;
+                (ramp + stream.range(-0.5, 0.5) / (*count as f64).sqrt()).max(0.0) as f32
+            };
+            Image::from_data(SIDE, SIDE, 3, (0..SIDE * SIDE * 3).map(value).collect()).expect("fits")
+        });
+        PackedScene { states: states.collect(), counts: counts.clone(), gbuffer: None }
+    };
+    let item = |index| {
+        let stored = with(blobs, |ctx| scene(index).store(ctx).expect("in memory"));
+        (key(&format!("scene-{index}")), stored.into_artifact())
+    };
+    (0..4).map(item).collect()
+}
+
+/// With a rate that stays: trainings of more steps share checkpoints with those of fewer.
+fn training(family: Family, steps: u64) -> GenerativeTrainingParams {
+    GenerativeTrainingParams {
+        family,
+        width: 16,
+        steps,
+        batch: 4,
+        warmup: 2,
+        decay: Decay::None,
+        log_every: 2,
+        checkpoint_every: 2,
+        ..GenerativeTrainingParams::default()
+    }
+}
+
+fn gather<K: Kind>(
+    ctx: &Context<'_>,
+    params: K::Params,
+    all: &[(&'static str, &Collection)],
+) -> Result<Outputs, KindError> {
+    let all = all.iter().copied().collect();
+    K::run(ctx, &Action { params, item: None, group: "main", seed: 11, each: BTreeMap::new(), all })
+}
+
+fn trained(blobs: &MemoryBlobs, scenes: &Collection, family: Family) -> (Artifact, TrainingLog) {
+    with(blobs, |ctx| {
+        let made = gather::<GenerativeTraining>(ctx, training(family, 4), &[("train", scenes)]).expect("learns");
+        let backbone = made.collections["backbone"].get(family.name()).expect("named like the family").clone();
+        let log = made.collections["log"].get(family.name()).expect("named like the family");
+        (backbone, TrainingLog::load(ctx, log).expect("whole"))
+    })
+}
+
+fn adapter(
+    ctx: &Context<'_>,
+    backbone: &Artifact,
+    scenes: &Collection,
+    residuals: Residuals,
+) -> Result<Artifact, KindError> {
+    let params = TransportAdapterParams {
+        residuals,
+        steps: 6,
+        batch: 3,
+        crop: 8,
+        warmup: 1,
+        checkpoint_every: 2,
+        ema: 0.5,
+        ..TransportAdapterParams::default()
+    };
+    let (item, each) = (key("some"), BTreeMap::from([("backbone", backbone)]));
+    let all = BTreeMap::from([("train", scenes)]);
+    let action = Action { params, item: Some(&item), group: "main", seed: 5, each, all };
+    Ok(TransportAdapter::run(ctx, &action)?.items["adapter"].clone())
+}
+
+/// Digests of what the kinds make of the made-up scenes. Whoever changes these bits raises the version of the kind.
+const PINNED: &str = "\
+ddpm 64187e083f33d61c3aba77742056bcfa524052bda1536046a569480d85d6110c-399
+ddpm rendered 4c999530aed886bf8e4976330a8a0dfde43e2e461031410bb61caa0c6361ae78-159
+ddpm shuffled e28615a027681ae0de78971576f81660070838b0ed6be823ac158bc530af91a8-159
+ddpm gaussian 484f06953880d9d67bf1d0c748f428e9c623ef15a48a1c8ce7f19e016b89cc14-159
+rectified_flow d1be3aa585d7531f5fbbf3de975cd063c2c2288ff5195c176a06d1b6b052bfa1-292
+rectified_flow rendered e1063f78c3bc8671c270ee21592538324bf6ff1f020c504ca91ece0a8d4d8712-159
+rectified_flow shuffled d9ad63371c45269560f13f08a948a8b5b88636301d3c632822feb2540d16da0c-159
+rectified_flow gaussian 4e371b5e447736bd3757677b84c4334bf6d62889cfc9d90ae2438d5fd0517e87-159
+ddpm-0000 d8a19b96ee46115479ac9e4d30f5e3b8657ef72ca0ae9cc7c4d184d6df9a0cf4-2731
+ddpm-0001 4ca8f9760960c554a1fde8898685fffb6abf6c4f94553835158d7b371801f03f-2731
+rectified_flow-0000 78cf061d16fbeb64f4dd0c1f408d60b1b8599ed2bc77fb14101dd074e7b5c551-2731
+rectified_flow-0001 625592ab22b4418bd6490aafe7ff62b5356e86abca17f1096f9851de5598443e-2731
+";
+
+#[test]
+fn outputs_change_with_versions_alone() {
+    let blobs = MemoryBlobs::default();
+    let scenes = scenes(&blobs);
+    let backbones = [Family::Ddpm, Family::RectifiedFlow].map(|f| (f.name(), trained(&blobs, &scenes, f).0));
+    let mut found = String::new();
+    let mut adapters = Vec::new();
+    for (name, backbone) in &backbones {
+        found += &format!("{name} {}\n", backbone.digest());
+        for residuals in [Residuals::Rendered, Residuals::Shuffled, Residuals::Gaussian] {
+            let made = with(&blobs, |ctx| adapter(ctx, backbone, &scenes, residuals)).expect("learns");
+            found += &format!("{name} {} {}\n", residuals.name(), made.digest());
+            adapters.push(made);
+        }
+    }
+    for (key, artifact) in samples(&blobs, &backbones, &adapters).iter() {
+        found += &format!("{key} {}\n", artifact.digest());
+    }
+    assert!(found == PINNED, "outputs differ from what is pinned here:\n{found}");
+}
+
+#[test]
+fn trainings_go_on_where_they_were_stopped_to_the_same_bits() {
+    for family in [Family::Ddpm, Family::RectifiedFlow] {
+        let (whole, parts) = (MemoryBlobs::default(), MemoryBlobs::default());
+        let (expected, log) = trained(&whole, &scenes(&whole), family);
+        assert_eq!(log.points.iter().map(|point| point.step).collect::<Vec<_>>(), [0, 2, 4]);
+        assert!(log.points[2].train.expect("a mean").is_finite());
+        let flag = AtomicBool::new(false);
+        // Progress is told at the last step alone here: stop by a shorter training instead.
+        with(&parts, |ctx| gather::<GenerativeTraining>(ctx, training(family, 2), &[("train", &scenes(&parts))]))
+            .expect("learns");
+        let stopping = Stopping { flag: &flag, after: 0 };
+        let ctx = Context::new(&parts, &stopping, &flag);
+        let made = gather::<GenerativeTraining>(&ctx, training(family, 4), &[("train", &scenes(&parts))]).expect("on");
+        assert_eq!(made.collections["backbone"].get(family.name()), Some(&expected), "{family:?}");
+        // A stopped run says so, and keeps what it has.
+        let stopped = gather::<GenerativeTraining>(&ctx, training(family, 9), &[("train", &scenes(&parts))]);
+        assert!(matches!(stopped, Err(KindError::Cancelled)));
+    }
+}
+
+#[test]
+fn bits_do_not_depend_on_the_number_of_threads() {
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        pool.install(|| {
+            let blobs = MemoryBlobs::default();
+            let scenes = scenes(&blobs);
+            let (backbone, _) = trained(&blobs, &scenes, Family::Ddpm);
+            let adapter = with(&blobs, |ctx| adapter(ctx, &backbone, &scenes, Residuals::Rendered)).expect("learns");
+            let samples = samples(&blobs, &[("ddpm", backbone)], &[adapter]);
+            samples.iter().map(|(key, artifact)| (key.clone(), artifact.digest())).collect::<Vec<_>>()
+        })
+    };
+    assert_eq!(run(1), run(3));
+}
+
+fn samples(blobs: &MemoryBlobs, backbones: &[(&str, Artifact)], adapters: &[Artifact]) -> Collection {
+    let backbones: Collection = backbones.iter().map(|(name, artifact)| (key(name), artifact.clone())).collect();
+    let adapters: Collection =
+        adapters.iter().enumerate().map(|(i, artifact)| (key(&format!("cell={i}/x")), artifact.clone())).collect();
+    let params = GenerationParams {
+        samples: 2,
+        eta: 1.0,
+        ddpm_steps: 6,
+        rectified_flow_steps: 4,
+        frames: 3,
+        ..GenerationParams::default()
+    };
+    with(blobs, |ctx| {
+        let made = gather::<Generation>(ctx, params, &[("backbones", &backbones), ("adapters", &adapters)]);
+        made.expect("samples").collections["samples"].clone()
+    })
+}
+
+#[test]
+fn samples_are_made_in_pairs_with_every_control() {
+    let blobs = MemoryBlobs::default();
+    let scenes = scenes(&blobs);
+    let backbones = [Family::Ddpm, Family::RectifiedFlow].map(|f| (f.name(), trained(&blobs, &scenes, f).0));
+    let mut adapters = Vec::new();
+    for (_, backbone) in &backbones {
+        for residuals in [Residuals::Rendered, Residuals::Shuffled, Residuals::Gaussian] {
+            adapters.push(with(&blobs, |ctx| adapter(ctx, backbone, &scenes, residuals)).expect("learns"));
+        }
+    }
+    let infos: Vec<_> = adapters
+        .iter()
+        .map(|artifact| with(&blobs, |ctx| Adapter::load(&ctx.part(artifact, "").expect("there")).expect("sound")))
+        .collect();
+    assert!(infos.iter().all(|adapter| adapter.info().counts == [1, 4, 16] && adapter.info().steps == 6));
+    let made = samples(&blobs, &backbones, &adapters);
+    let names: Vec<String> = made.iter().map(|(key, _)| key.to_string()).collect();
+    assert_eq!(names, ["ddpm-0000", "ddpm-0001", "rectified_flow-0000", "rectified_flow-0001"]);
+    for (_, artifact) in made.iter() {
+        let sample = with(&blobs, |ctx| Generated::load(ctx, artifact)).expect("whole");
+        assert_eq!(sample.variants.iter().map(|v| v.variant).collect::<Vec<_>>(), Variant::ALL);
+        let image = |variant| &sample.variant(variant).expect("all are there").image;
+        let apart = |variant| {
+            let pairs = image(variant).data().iter().zip(image(Variant::Frozen).data());
+            pairs.fold(0.0f32, |most, (a, b)| most.max((a - b).abs()))
+        };
+        assert!(apart(Variant::EtaZero) < 1e-5 && apart(Variant::UntrainedAdapter) < 1e-5);
+        for variant in [Variant::Adapted, Variant::ShuffledResiduals, Variant::GaussianResiduals] {
+            assert!(apart(variant) > 0.0, "{variant} of {:?}", sample.family);
+        }
+        assert_eq!(sample.variants[1].frames.len(), 3);
+    }
+    // Samples that were kept are the same artifacts.
+    assert!(samples(&blobs, &backbones, &adapters) == made);
+    // Without adapters, what needs none is left.
+    let plain = samples(&blobs, &backbones[..1], &[]);
+    let artifact = plain.get("ddpm-0000").expect("two are made").clone();
+    let alone = with(&blobs, |ctx| Generated::load(ctx, &artifact)).expect("whole");
+    let variants: Vec<Variant> = alone.variants.iter().map(|its| its.variant).collect();
+    assert_eq!(variants, [Variant::Frozen, Variant::UntrainedAdapter]);
+}
+
+#[test]
+fn a_checkpoint_comes_back_from_a_folder_and_its_content_is_its_key() {
+    let blobs = MemoryBlobs::default();
+    let (expected, _) = trained(&blobs, &scenes(&blobs), Family::Ddpm);
+    let files = with(&blobs, |ctx| BackboneFiles::load(ctx, &expected)).expect("whole");
+    let folder = std::env::temp_dir().join("tauflow-generative-checkpoint").join("own_ddpm");
+    _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(&folder).expect("writable");
+    let read = |name: &str| {
+        PretrainedBackbones::items(&PretrainedBackbonesParams {
+            folders: vec![folder.join(name).display().to_string()],
+            allow_none: true,
+        })
+    };
+    let told = read("").expect_err("nothing there").to_string();
+    assert!(told.contains("has no `config.json`"), "{told}");
+    fs::write(folder.join("config.json"), &files.config).expect("writable");
+    let told = read("").expect_err("no weights").to_string();
+    assert!(told.contains("has no weights"), "{told}");
+    assert!(read("missing").expect_err("not there").to_string().contains("cannot list"));
+    fs::write(folder.join("scheduler_config.json"), files.scheduler.as_ref().expect("of a DDPM")).expect("writable");
+    fs::write(folder.join("model.safetensors"), &files.weights).expect("writable");
+    let item = read("").expect("whole").remove(0);
+    assert_eq!(item.key.as_str(), "own_ddpm");
+    let run = |change: &dyn Fn(&str, Vec<u8>) -> Vec<u8>| {
+        let files = item.files.iter().map(|(part, path)| {
+            let bytes = fs::read(path).expect("readable");
+            (part.clone(), change(part, bytes))
+        });
+        let files = Files(files.collect());
+        with(&blobs, |ctx| {
+            let stored = files.store(ctx).expect("in memory");
+            let each = BTreeMap::from([("file", stored.artifact())]);
+            let params = serde_json::from_value(json!({})).expect("the projection");
+            let action = Action { params, item: Some(&item.key), group: "main", seed: 0, each, all: BTreeMap::new() };
+            Ok::<_, KindError>(PretrainedBackbones::run(ctx, &action)?.items["backbone"].clone())
+        })
+    };
+    assert_eq!(run(&|_, bytes| bytes).expect("sound"), expected);
+    let cut = |part: &str, mut bytes: Vec<u8>| {
+        bytes.truncate(if part.starts_with("weights") { bytes.len() - 8 } else { bytes.len() });
+        bytes
+    };
+    let told = run(&cut).expect_err("cut short").to_string();
+    assert!(told.contains("`model.safetensors` cannot be used") && told.contains("copy it again"), "{told}");
+    let odd = |part: &str, bytes: Vec<u8>| {
+        let text = String::from_utf8_lossy(&bytes).replace("\"silu\"", "\"gelu\"").replace("\"linear\"", "\"cosine\"");
+        if part.starts_with("weights") { bytes } else { text.into_bytes() }
+    };
+    let told = run(&odd).expect_err("unsupported").to_string();
+    assert!(told.contains("`act_fn` is `gelu`") && told.contains("scheduler: `beta_schedule` is `cosine`"), "{told}");
+    fs::remove_dir_all(folder.parent().expect("it has one")).expect("our own");
+}
+
+#[test]
+fn what_does_not_fit_is_said() {
+    let blobs = MemoryBlobs::default();
+    let scenes = scenes(&blobs);
+    let (backbone, _) = trained(&blobs, &scenes, Family::RectifiedFlow);
+    let none = Collection::default();
+    with(&blobs, |ctx| {
+        let told = |made: Result<Outputs, KindError>| made.expect_err("refused").to_string();
+        let params = || training(Family::Ddpm, 2);
+        assert!(
+            told(gather::<GenerativeTraining>(ctx, params(), &[("train", &none)])).contains("no scenes on `train`")
+        );
+        let wide =
+            PackedScene { counts: vec![1, 2], states: vec![Image::new(16, 8, 3), Image::new(16, 8, 3)], gbuffer: None };
+        let wide = [(key("wide"), wide.store(ctx).expect("in memory").into_artifact())].into_iter().collect();
+        assert!(told(gather::<GenerativeTraining>(ctx, params(), &[("train", &wide)])).contains("render squares"));
+        let adapters = adapter(ctx, &backbone, &scenes, Residuals::Rendered).expect("learns");
+        let backbones: Collection = [(key("x"), backbone.clone())].into_iter().collect();
+        let twice: Collection = [(key("a"), adapters.clone()), (key("b"), adapters)].into_iter().collect();
+        let all = [("backbones", &backbones), ("adapters", &twice)];
+        let params = || GenerationParams { samples: 1, ..GenerationParams::default() };
+        assert!(told(gather::<Generation>(ctx, params(), &all)).contains("two adapters of residuals `rendered`"));
+        let all = [("backbones", &none)];
+        assert!(told(gather::<Generation>(ctx, params(), &all)).contains("no backbones"));
+        // Asked for no backbone, it makes none.
+        let empty = gather::<GenerativeTraining>(ctx, training(Family::Ddpm, 0), &[("train", &none)]).expect("nothing");
+        assert!(empty.collections["backbone"].is_empty());
+        assert_eq!(PretrainedBackbones::check(&PretrainedBackbonesParams::default()).len(), 1);
+        let odd = GenerativeTrainingParams { width: 20, ..GenerativeTrainingParams::default() };
+        assert_eq!(GenerativeTraining::check(&odd)[0].pointer, "/width");
+    });
+}
