@@ -38,7 +38,7 @@ use tauflow_data::{
     scene::{Emitter, Recipe, Scene},
 };
 
-const MAIN: Group = Group::main(1);
+const MAIN: Group = Group::main(2);
 const SCENES: Out<SceneRecord> =
     Out::new(MAIN, "scenes", "The scenes; refused ones fail, or are left out.").filtering();
 const REPORTS: Out<AssetReport> = Out::new(MAIN, "reports", "What is worth knowing of each file.");

@@ -324,7 +324,7 @@ fn folders_and_files_become_items_by_stratum_and_view() {
     let scene = xml("<include filename=\"../shared/part.xml\"/><shape type=\"obj\"><string name=\"filename\" \
                      value=\"../shared/t.obj\"/></shape>");
     put("rooms/room.xml", scene.as_bytes());
-    put("shared/part.xml", b"<scene version=\"3.0.0\"><emitter type=\"constant\"/></scene>");
+    put("shared/part.xml", b"<scene version=\"3.0.0\"><emitter type=\"point\"/></scene>");
     put("shared/t.obj", OBJ);
     put("two.gltf", gltf_text().as_bytes());
     let entry = |path: &str, stratum: &str| ScenePath {
