@@ -1,6 +1,6 @@
-//! Problems with a pipeline: what is so, where, what to do. The one place that renders them.
+//! Problems of a pipeline: message, place and remedy. The only module that renders them.
 //!
-//! Problems are collected and shown together: all of a file at once.
+//! All problems of a file are shown together.
 
 use miette::{
     GraphicalReportHandler, GraphicalTheme, LabeledSpan, MietteError, NamedSource, SourceCode, SourceSpan, SpanContents,
@@ -50,17 +50,17 @@ impl Sources {
 /// One thing that is wrong.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Problem {
-    /// What is so.
+    /// The problem.
     pub message: String,
     /// Where; none for problems with the command line.
     pub span: Option<Span>,
-    /// What to do.
+    /// The remedy.
     pub hint: Hint,
     /// The named value that stands there, if one does.
     pub value: Option<NamedValue>,
 }
 
-/// What to do about a problem. It is put into words when it is shown: of twenty thousand problems few are.
+/// The remedy for a problem. It is put into words when it is shown: of twenty thousand problems few are.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Hint {
     /// Nothing can be said.
@@ -69,9 +69,9 @@ pub enum Hint {
     Text(String),
     /// The nearest of some names, or else all of them.
     Near {
-        /// What was written.
+        /// The text as written.
         wanted: String,
-        /// What the names are, such as `nodes`.
+        /// The type of the names, such as `nodes`.
         what: &'static str,
         /// The names.
         names: Arc<[String]>,
@@ -142,7 +142,7 @@ pub struct Problems {
     pub list: Vec<Problem>,
 }
 
-/// So many problems are shown, and the others counted: nobody reads more.
+/// Maximum number of problems that are shown; the others are counted.
 pub const MOST_SHOWN: usize = 50;
 
 impl Problems {
@@ -222,8 +222,8 @@ impl miette::Diagnostic for Report<'_> {
 }
 
 impl SourceCode for Report<'_> {
-    /// The span itself, for its place; with context, the whole lines that it stands on, and no others. Of very long
-    /// ones only what is near.
+    /// The span itself, for its place; with context, the whole lines that it stands on, and no others. For very long
+    /// lines, only the surroundings are shown.
     fn read_span<'a>(
         &'a self,
         span: &SourceSpan,
@@ -278,7 +278,7 @@ pub fn did_you_mean<'a>(wanted: &str, what: &str, names: impl IntoIterator<Item 
         return format!("did you mean `{near}`?");
     }
     let all: Vec<String> = names.into_iter().map(|n| format!("`{n}`")).collect();
-    if all.is_empty() { format!("there are no {what} here") } else { format!("{what}: {}", listed(&all)) }
+    if all.is_empty() { format!("there are no {what}") } else { format!("{what}: {}", listed(&all)) }
 }
 
 /// Names with commas between them; of very many the first fifty.

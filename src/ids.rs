@@ -1,4 +1,4 @@
-//! Numbers of things of pipelines and of the engine, each a type of its own, and rows that are indexed by them.
+//! Typed indices of pipeline and engine objects, and rows indexed by them.
 
 use std::{
     fmt,

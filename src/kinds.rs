@@ -1,4 +1,4 @@
-//! The table of kinds that the engine works with. Knows none by name.
+//! The table of kinds for the engine. Knows none by name.
 
 use crate::diagnostics::did_you_mean;
 use std::{collections::BTreeMap, sync::Arc};

@@ -1,6 +1,6 @@
-//! `tauflow`: a data-flow graph engine with declarative pipelines, and the command line over it.
+//! `tauflow`: a data-flow engine for declarative pipelines, and its command line.
 //!
-//! See docs/ARCHITECTURE.md for how the parts hang together. The engine knows no kind; [`registry`] names them all.
+//! docs/ARCHITECTURE.md describes the architecture. The engine knows no kind; [`registry`] names them all.
 
 pub mod cli;
 pub mod diagnostics;

@@ -1,7 +1,8 @@
-//! Lock files: the content of every reproducible output of a pipeline, to hold later runs, and other machines, against.
+//! Lock files: the digests of all reproducible outputs of a pipeline, for comparison with later runs and other
+//! machines.
 //!
-//! `<pipeline>.lock` lies beside the pipeline's file, `<pipeline>.<profile>.lock` for a profile. What is measured, and
-//! what is made from it, is named there as left out.
+//! `<pipeline>.lock` is next to the pipeline file; `<pipeline>.<profile>.lock` for a profile. Measured outputs, and
+//! outputs derived from them, are listed as excluded.
 
 use crate::engine::event::OutputOf;
 use serde::{Deserialize, Serialize};
@@ -16,7 +17,7 @@ use tauflow_contract::{Determinism, Digest, read_regular};
 /// Most bytes of a lock file: a line for each output of the largest pipeline.
 const MOST_BYTES: u64 = 1 << 26;
 
-/// What a lock file says.
+/// The content of a lock file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lock {
@@ -51,11 +52,11 @@ pub enum LockError {
         path: PathBuf,
         /// Why.
         source: io::Error,
-        /// What to do.
+        /// The remedy.
         hint: &'static str,
     },
     /// It is no lock file.
-    #[error("{path} is no lock file: {message}; write it anew by `--update-lock`", path = path.display())]
+    #[error("{path} is not a lock file: {message}; rewrite it with `--update-lock`", path = path.display())]
     Parse {
         /// The file.
         path: PathBuf,
@@ -73,7 +74,7 @@ pub fn path_of(pipeline: &Path, profile: Option<&str>) -> PathBuf {
 }
 
 impl Lock {
-    /// Of a run's outputs.
+    /// The lock file of a run's outputs.
     pub fn of(pipeline: &str, outputs: &[OutputOf]) -> Self {
         let mut lock = Self { pipeline: pipeline.into(), ..Self::default() };
         for output in outputs {
@@ -115,7 +116,7 @@ impl Lock {
             what: "write",
             path: path.to_owned(),
             source,
-            hint: "make room, or look at its folder",
+            hint: "free some space, or check its directory",
         };
         let temporary = path.with_added_extension(format!("{}.tmp", std::process::id()));
         fs::write(&temporary, self.text()).and_then(|()| fs::rename(&temporary, path)).map_err(|source| {

@@ -1,4 +1,4 @@
-//! The one file that names the kinds' crates: all node kinds, and what commands use of a crate outside pipelines.
+//! The only file that names the crates of kinds: all node kinds, and functions that commands use outside of pipelines.
 
 use crate::kinds::Registry;
 

@@ -1,7 +1,7 @@
-//! Blobs: bytes in, the same bytes out, or a miss.
+//! Blobs: immutable byte strings. Reading returns the same bytes, or a miss.
 //!
-//! Small ones are appended to a pack, large ones get a file of their own. They are durable when the next commit
-//! returns, and visible at once.
+//! Small blobs are appended to a pack; large blobs are single files. They are visible at once, and durable when the
+//! next commit returns.
 
 use crate::{
     CacheError, Digest, Store,
@@ -28,7 +28,7 @@ pub(crate) const PACK_LIMIT: u64 = 256 << 20;
 /// A blob above this size is read twice, the first time to see whether it is good, before memory is taken for it.
 const READ_TWICE_FROM: u64 = 256 << 20;
 
-/// What reading a place gave.
+/// The result of reading a place.
 enum Found {
     Whole(Vec<u8>),
     Damaged(Vec<u8>),
@@ -62,7 +62,7 @@ impl Store {
     /// When a file that is there cannot be read.
     pub fn get(&self, digest: &Digest) -> Result<Option<Vec<u8>>, CacheError> {
         match self.get_now(digest)? {
-            // What this store relies on may have been in the hands of a collection, which gives it back.
+            // Blobs that this store relies on can be part of a running collection, which restores them.
             None => {
                 gc::wait_for_sweep(&self.layout);
                 self.refresh()?;

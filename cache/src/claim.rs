@@ -1,11 +1,11 @@
 //! Claims: one action runs in one place at a time, across threads and processes.
 //!
-//! A claim is an operating system lock on one byte of `locks/claims`, the byte whose number are 63 bits of the key, so
-//! it dies with its process and costs a system call. Two keys never wait for each other (unless 63 bits of their hashes
-//! are equal), and one thread may hold many. Claims deadlock only when their holders wait in a circle; an action that
-//! claims the sub-actions it needs waits along the edges of an acyclic graph, which has no circles. Two rules follow
-//! for callers. Claim only what the held action depends on. Do not run foreign work while holding a claim (a
-//! work-stealing wait may pick an action that needs what this thread holds): use `try_claim` there.
+//! A claim is an operating system lock on one byte of `locks/claims`, at the offset given by 63 bits of the key. It
+//! ends with its process and costs a system call. Two keys never wait for each other (unless 63 bits of their hashes
+//! are equal), and one thread may hold many. Claims deadlock only if their holders wait in a cycle; an action that
+//! claims its sub-actions waits along the edges of an acyclic graph. Two rules follow for callers. Claim only what the
+//! held action depends on. Do not run foreign work while holding a claim (a work-stealing wait may pick an action that
+//! needs what this thread holds): use `try_claim` there.
 //!
 //! The lock belongs to the open file, so threads of one store exclude each other by a table beside it.
 

@@ -1,4 +1,4 @@
-//! Group commit: blobs first, then a mark in the log that says so.
+//! Group commit: blobs are synced first, then a mark is written to the log.
 //!
 //! Records are written to the log at once, so that other processes see them and a killed process loses none; only a
 //! power cut can separate a record from its blobs. The mark tells the records that a power cut cannot have separated;
@@ -8,8 +8,8 @@
 //! if its writer died right then. The mark itself is durable with the next commit. A power cut that takes it only has
 //! the last records proved by reading.
 //!
-//! What a record names need not be of the store that writes it: what a dead process put is there, and perhaps not
-//! durable. So a commit syncs what this store came to rely on of others, too.
+//! Blobs of a record can come from other stores: a dead process may have written them without making them durable. A
+//! commit therefore also syncs the files of other stores that this store relies on.
 
 use crate::{
     CacheError, Digest, Store,

@@ -1,7 +1,7 @@
-//! Content digests: blake3 of the bytes, together with their number.
+//! Content digests: the blake3 hash and the length of a byte string.
 //!
-//! The size travels with the hash, as in the Remote Execution API, so that a reader knows what it is about to fetch and
-//! truncation is seen at once.
+//! The size is part of the digest, as in the Remote Execution API, so that a reader knows the size in advance and
+//! detects truncation.
 
 use crate::layout::is_number;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};

@@ -1,7 +1,7 @@
-//! Every error of the store, as message, place and advice.
+//! All errors of the store, each with message, place and remedy.
 //!
-//! A damaged or missing blob is not an error: it is a miss. What is left are the environment (disk, permissions) and
-//! misuse.
+//! A damaged or missing blob is not an error: it is a miss. The remaining errors are of the environment (disk,
+//! permissions), or misuse.
 
 use crate::Key;
 use std::{
@@ -17,64 +17,64 @@ pub enum CacheError {
     /// The operating system refused: a full disk, missing permissions, a broken device.
     #[error("cannot {action} `{path}`: {source}. {}", advice(.source))]
     Io {
-        /// What was being done, as a verb phrase: `write the blob`.
+        /// The attempted action, as a verb phrase: `write the blob`.
         action: &'static str,
         /// The file or folder it was done to.
         path: PathBuf,
-        /// What the operating system said.
+        /// The error of the operating system.
         source: io::Error,
     },
     /// The folder is a store of another format, or not a store.
     #[error(
-        "`{dir}` holds a cache of format `{found}`, and this program reads `{expected}`. \
-         Choose another folder with --cache, or remove this one"
+        "the cache `{dir}` has format `{found}`, but this program requires `{expected}`. Choose a different directory \
+        with --cache, or delete this one"
     )]
     Format {
         /// The store's folder.
         dir: PathBuf,
-        /// What its FORMAT file says.
+        /// The content of its FORMAT file.
         found: String,
-        /// What this version writes.
+        /// The format that this version writes.
         expected: &'static str,
     },
     /// The folder is no store, and holds something already: nothing of others is touched.
     #[error(
-        "`{dir}` is no cache: it has no file `FORMAT`, but it holds `{found}`. Choose a cache or an empty folder with \
-         --cache"
+        "`{dir}` is not a cache: it has no file `FORMAT`, but contains `{found}`. Choose a cache or an empty \
+        directory with --cache"
     )]
     Foreign {
         /// The folder.
         dir: PathBuf,
-        /// What it holds, as a path within the folder.
+        /// A path within the folder that it contains.
         found: PathBuf,
     },
     /// A link or a file lies where the store has a folder; what is behind a link is of others.
     #[error(
-        "`{path}` is a link or a file, but a cache has a folder of its own there, and follows no links. Put the folder \
-         back in its place (the cache as a whole may be a link), or choose another cache with --cache"
+        "`{path}` is a link or a file, but must be a directory; links inside a cache are not followed. Restore the \
+        directory (the cache itself may be a link), or choose a different cache with --cache"
     )]
     InTheWay {
         /// Where the folder should be.
         path: PathBuf,
     },
     /// Something was to be written to a store that can only be read.
-    #[error("the cache `{dir}` is open for reading only, and this has to write to it: {why}")]
+    #[error("the cache `{dir}` is read-only, but this command must write to it: {why}")]
     ReadOnly {
         /// The store's folder.
         dir: PathBuf,
-        /// What kept it from being opened for writing.
+        /// The error of opening it for writing.
         why: Arc<CacheError>,
     },
     /// Something was to be written to a folder that was opened to be looked at, and that is no store yet.
-    #[error("there is no cache in `{dir}` yet; `tauflow run` makes one. --cache chooses another folder")]
+    #[error("no cache in `{dir}`; `tauflow run` creates one. --cache selects a different directory")]
     NotMade {
         /// The folder.
         dir: PathBuf,
     },
     /// The records of this store reach more than a collection can hold in memory.
     #[error(
-        "the records of the cache `{dir}` reach more than {limit} blobs, each record counted for itself, which no run \
-         makes. Choose another cache with --cache, and remove this one if you do not know who wrote it"
+        "the records of the cache `{dir}` refer to more than {limit} blobs, which no run produces. Choose a different \
+        cache with --cache, and delete this one if you do not trust its origin"
     )]
     TooManyReached {
         /// The store's folder.
@@ -89,7 +89,9 @@ pub enum CacheError {
         key: Key,
     },
     /// A pin's name cannot be a file name.
-    #[error("`{name}` cannot name a pin. Use 1 to 100 letters, digits, `-`, `_` or `.`, not starting with a `.`")]
+    #[error(
+        "`{name}` is not a valid name of a pin. Use 1 to 100 letters, digits, `-`, `_` or `.`, not starting with a `.`"
+    )]
     PinName {
         /// The name.
         name: String,
@@ -145,19 +147,21 @@ fn advice(source: &io::Error) -> &'static str {
     use io::ErrorKind::{AlreadyExists, NotADirectory, PermissionDenied};
     match source.kind() {
         _ if full(source) => {
-            "The disk is full: free some space (`tauflow cache gc --max-size 20GiB`) or choose another disk with \
-             --cache, then run again; everything recorded so far is kept"
+            "The disk is full: free some space (`tauflow cache gc --max-size 20GiB`) or choose a different disk with \
+            --cache, then run again; recorded results are kept"
         }
         PermissionDenied => {
-            "The cache must be writable: choose another folder with --cache, or mend its permissions. Users who share \
-             a cache need a group of their own: `chgrp -R GROUP DIR`, `chmod -R g+rwX DIR`, `find DIR -type d -exec \
+            "The cache must be writable: choose a different directory with --cache, or fix its permissions. Users who \
+            share a cache need a common group: `chgrp -R GROUP DIR`, `chmod -R g+rwX DIR`, `find DIR -type d -exec \
              chmod g+s {} +`, and `umask 002` for each of them"
         }
         _ if refused(source) => {
-            "The cache must be writable: choose another folder with --cache, or mount it for writing"
+            "The cache must be writable: choose a different directory with --cache, or mount it for writing"
         }
-        NotADirectory | AlreadyExists => "A file is in the way: choose another folder with --cache",
-        _ => "Check the disk and the folder's permissions, or choose another folder with --cache",
+        NotADirectory | AlreadyExists => {
+            "A file has the name of a required directory: choose a different directory with --cache"
+        }
+        _ => "Check the disk and the permissions of the directory, or choose a different one with --cache",
     }
 }
 

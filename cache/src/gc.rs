@@ -1,6 +1,6 @@
-//! Garbage collection: which blobs and records go, and how they go.
+//! Garbage collection: selection and deletion of blobs and records.
 //!
-//! Safe beside live runs, and without making them wait: see `lease` for the agreement, `plan` for what is kept and
+//! It is safe during live runs and does not block them: see `lease` for the protocol, `plan` for the selection, and
 //! `sweep` for the order of steps. Only collections exclude each other.
 
 mod listing;
@@ -25,15 +25,15 @@ use std::{
 /// Longest wait for a collection that has things in its trash; one that hangs must not stop everybody.
 const SWEEP_WAIT: Duration = Duration::from_secs(10);
 
-/// What a collection keeps.
+/// The results that a collection keeps.
 ///
 /// Always kept: what pins reach, what live stores have written or looked up, and what was recorded or hit within
-/// `keep_within_secs` of `now`. Of the rest, the records that were used least recently go until at most `max_bytes` of
-/// blobs are left; without `max_bytes` all of them go if `keep_within_secs` is given, and none if it is not. Blobs that
-/// no record and no pin reaches always go.
+/// `keep_within_secs` of `now`. The least recently used of the other records are deleted until at most `max_bytes` of
+/// blobs are left. Without `max_bytes`, all of them are deleted if `keep_within_secs` is given, and none otherwise.
+/// Blobs that no record and no pin reaches always go.
 ///
 /// A record that has lost blobs is kept like any other. It still says what came of its action, so that what builds on
-/// that need not run again; who needs the blobs has them made again. With `lost` it goes.
+/// that need not run again; who needs the blobs has them made again. It is deleted if `lost` is set.
 #[derive(Clone, Debug, Default)]
 pub struct GcOptions {
     /// Bytes of blobs to come down to.
@@ -51,7 +51,7 @@ pub struct GcOptions {
     pub lost: bool,
 }
 
-/// What a collection did, or would do.
+/// The result of a collection, or of a dry run.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct GcReport {
     /// Nothing was changed.

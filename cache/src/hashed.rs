@@ -1,8 +1,8 @@
-//! Maps from hashes, for an index whose hashes others may have chosen.
+//! Hash maps for an index whose hashes can be chosen by an attacker.
 //!
-//! What is looked up is a hash already, so mixing its words costs less than hashing it again. But a pack may name any
-//! hashes: were a part of them taken as it is, as many as somebody likes would fall on one place. So all of it is mixed
-//! with numbers of this process. The order of such a map means nothing: whoever shows it sorts.
+//! Keys are already hashes, so mixing their words is cheaper than hashing them again. But a pack can contain arbitrary
+//! hashes: without mixing, chosen hashes would collide. All words are therefore mixed with random numbers of this
+//! process. The order of such a map has no meaning: sort before displaying.
 
 use std::{
     collections::HashMap,
@@ -92,7 +92,7 @@ mod tests {
 
     #[test]
     fn hashes_that_agree_in_any_of_their_words_fall_on_many_places() {
-        // Of 4096 draws with replacement from 4096 places, 63 per cent of the places are drawn.
+        // 4096 draws with replacement from 4096 places hit 63 per cent of the places.
         let enough = |(upper, lower): (usize, usize)| upper > 2400 && lower > 2400;
         let keyed = Keyed::default();
         for word in 0..4 {

@@ -1,11 +1,11 @@
-//! The index in memory: where each packed blob and each record lies.
+//! The index in memory: the position of each packed blob and each record.
 //!
 //! Rebuilt from the segments when a store opens, and brought up to date with what other processes append. Holds no
 //! content.
 //!
-//! The order in which segments are read does not matter. Of two records for one key the higher generation wins, then
-//! the older one; of the highest generation, the later. Of two copies of a blob the one in the later segment wins: it
-//! was written because the earlier one had been found damaged.
+//! The order in which segments are read does not matter. If two records have the same key, the higher generation is
+//! used, then the older one; at the highest generation, the later one. If a blob has two copies, the one in the later
+//! segment is used, because it was written after the earlier one was found damaged.
 
 use crate::{
     CacheError, Key,

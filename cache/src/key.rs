@@ -1,6 +1,6 @@
 //! Keys of records: 32 opaque bytes.
 //!
-//! The store does not know how a key is made; the engine hashes an action's preimage into one and keeps that preimage
+//! The store does not know how a key is computed; the engine hashes the preimage of an action, and keeps the preimage
 //! in the record.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};

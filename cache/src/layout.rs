@@ -1,4 +1,4 @@
-//! Folders and file names of a store.
+//! Directories and file names of a store.
 //!
 //! ```text
 //! FORMAT          version of this layout

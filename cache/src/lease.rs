@@ -1,11 +1,11 @@
-//! Leases: which store instances live, and which blobs and records they count on.
+//! Leases: the live store instances, and the blobs and records that they rely on.
 //!
 //! Each open store owns `leases/<owner>.lease`, locked by the operating system until it drops or its process dies, and
-//! notes there what it relies on *before* it checks that it is there. A gc first hides what it wants to delete, then
-//! reads the notes, and gives back what has been noted: whichever comes first, a live run keeps its blobs, and nobody
-//! waits for a lock.
+//! notes there what it relies on *before* it checks that it is there. A gc first hides the blobs that it wants to
+//! delete, then reads the notes, and restores the noted ones. A live run keeps its blobs in either order, without
+//! waiting for a lock.
 //!
-//! The notes of a dead lease remain as the history of use that gc orders by.
+//! The notes of a dead lease remain as the history of use, by which gc sorts.
 
 use crate::{
     Key,
@@ -194,7 +194,7 @@ mod tests {
     #[test]
     fn a_lease_that_cannot_be_made_leaves_nothing() {
         let dir = tempfile::tempdir().expect("a temporary folder");
-        // There is no folder for leases.
+        // The folder for leases does not exist.
         fs::create_dir(dir.path().join("tmp")).expect("writable");
         let error = Lease::open(&Layout::new(dir.path(), new_owner())).expect_err("nowhere to put it");
         assert!(error.to_string().contains("create the lease"), "{error}");

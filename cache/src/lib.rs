@@ -1,11 +1,11 @@
 //! Content-addressed blob store, action log, verification and garbage collection.
 //!
-//! A [`Store`] keeps immutable blobs by [`Digest`] and [`Record`]s by namespace and [`Key`]. It knows nothing of
-//! pipelines, nodes or items: what is hashed into a key, and what a payload means, is its callers' business.
+//! A [`Store`] keeps immutable blobs by [`Digest`] and [`Record`]s by namespace and [`Key`]. It does not know
+//! pipelines, nodes or items: callers define the content of keys and the meaning of payloads.
 //!
-//! What holds, whatever happens:
+//! Guarantees:
 //!
-//! - A blob comes back whole or not at all. A missing or damaged blob is a miss, never an error.
+//! - A blob is returned complete or not at all. A missing or damaged blob is a miss, never an error.
 //! - A record is never overwritten by another payload; that is reported.
 //! - `kill -9` loses nothing that `put` and `record` returned from.
 //! - After a power cut, a record is believed only if its blobs were synced before it (a commit mark says so), or prove

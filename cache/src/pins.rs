@@ -1,4 +1,4 @@
-//! Pins: names that keep a digest, and what its records reach, from a gc.
+//! Pins: names that protect a digest, and everything reachable from it, from gc.
 
 use crate::{
     CacheError, Digest, Store,

@@ -1,4 +1,4 @@
-//! Quarantine: where damaged blobs go, so that nobody reads them again.
+//! Quarantine: the place of damaged blobs, so that they are never read again.
 //!
 //! A large blob's file is moved here. A packed blob is copied to `<segment>@<offset>`; that name alone tells every
 //! store that the place in the pack is bad.

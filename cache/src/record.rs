@@ -1,21 +1,21 @@
-//! A record of the action log, and its bytes.
+//! A record of the action log, and its encoding.
 //!
-//! The store reads the namespace, the key, the label, the costs and the blobs reached; preimage and payload are texts
-//! that it hands back untouched.
+//! The store interprets the namespace, the key, the label, the costs and the referenced blobs; preimage and payload are
+//! opaque texts.
 
 use crate::{
     Digest, Key,
     codec::{Fields, Put},
 };
 
-/// What one finished action left behind.
+/// The record of one finished action.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Record {
-    /// What sort of key this is: `action`, `rollup`, `memo`. Keys of different namespaces never meet.
+    /// The type of the key: `action`, `rollup`, `memo`. Keys of different namespaces never meet.
     pub namespace: String,
     /// Key within the namespace.
     pub key: Key,
-    /// What `explain` searches near runs by, such as the kind's name.
+    /// The label by which `explain` finds similar records, such as the kind's name.
     pub label: String,
     /// JSON text of what was hashed into the key.
     pub preimage: String,
@@ -40,7 +40,7 @@ pub struct Record {
     pub when: u64,
 }
 
-/// What [`Store::record`](crate::Store::record) did.
+/// The result of [`Store::record`](crate::Store::record).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Recorded {
     /// The record is new.
@@ -154,7 +154,7 @@ fn flags(fields: &mut Fields<'_>) -> Option<(bool, bool)> {
     Some((flags & 1 != 0, flags & 2 != 0))
 }
 
-/// What an encoded record reaches; cheaper than all of it.
+/// The digests of an encoded record; cheaper than decoding all of it.
 pub(crate) fn decode_reach(bytes: &[u8]) -> Option<Reach<'_>> {
     let mut fields = Fields(bytes);
     let head = Head::decode(&mut fields)?;

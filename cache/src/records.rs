@@ -151,8 +151,8 @@ impl Store {
         if provisional {
             // Reading a damaged blob quarantines it, and then it is no longer here.
             let good = |digest: &Digest| !self.contains(digest) || matches!(self.get(digest), Ok(Some(_)));
-            // What only sums others up is not worth the proof. Of a tree's leaves each is proved when it is read, as
-            // ever.
+            // Summaries of other records are not worth the proof. The leaves of a tree are verified when they are read,
+            // as always.
             if record.derived {
                 return None;
             }
@@ -243,7 +243,7 @@ impl Store {
     }
 }
 
-/// What is to be noted of a record's use, if it lies in a segment of another store instance.
+/// The note of a record's use, if the record is in a segment of a different store instance.
 fn foreign_use(index: &Index, namespace: &str, key: &Key) -> Option<Use> {
     let (slot, at) = index.record(namespace, key)?;
     let own = index.segments[at.segment as usize].is_own();

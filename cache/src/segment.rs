@@ -1,7 +1,7 @@
-//! Segments: append-only files that one store instance writes and everybody reads.
+//! Segments: append-only files, written by one store instance and read by all.
 //!
 //! A pack segment holds small blobs, a log segment holds records. Both are sequences of checksummed frames, so that a
-//! torn tail is seen and ignored:
+//! torn tail is detected and ignored:
 //!
 //! ```text
 //! pack frame   "TFB1"  size u64  blake3 of the blob [32]  check u64  blob
@@ -132,8 +132,8 @@ pub(crate) struct Scan {
 }
 
 /// Walks the frames of a pack from `from`; returns where the first incomplete or foreign frame begins. Blobs are not
-/// read, only their headers. With `whole`, when nobody appends any more, a damaged header that a frame follows is
-/// stepped over.
+/// read, only their headers. If `whole` is set, because no process appends any more, a damaged header before an intact
+/// frame is skipped.
 pub(crate) fn scan_pack(path: &Path, from: u64, whole: bool, mut found: impl FnMut(PackedBlob)) -> io::Result<Scan> {
     let file = open_plain(path)?;
     let len = file.metadata()?.len();
@@ -213,7 +213,7 @@ fn parse_blob_header(header: &[u8; BLOB_HEADER as usize]) -> Option<([u8; 32], u
     (magic == BLOB_MAGIC && check == sum(&header[..44]) && size <= MAX_PACKED).then_some((hash, size))
 }
 
-/// What a log segment holds at an offset.
+/// The entry of a log segment at an offset.
 pub(crate) enum LogEntry<'a> {
     Record(&'a [u8]),
     Commit(u64),

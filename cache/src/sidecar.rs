@@ -1,7 +1,7 @@
-//! Index files: what a segment holds, so that opening a store need not read it.
+//! Index files: the content of a segment, so that opening a store need not read it.
 //!
-//! `<segment>.idx` covers its segment up to an offset; what lies beyond is scanned. It is a cache of the segment: a
-//! damaged or missing one costs time, and any may be deleted.
+//! `<segment>.idx` covers its segment up to an offset; the rest is scanned. It is a cache: a damaged or missing index
+//! file only costs time, and all may be deleted.
 
 use crate::{
     Key,
@@ -70,7 +70,7 @@ fn fill(index: &mut Index, number: u32, sort: Sort, there: u64, mut fields: Fiel
     if there < scanned {
         return None; // of another file of that name
     }
-    // What is read later takes as much memory as is said here: it has to be there.
+    // Later reads allocate the sizes given here, so the bytes must exist.
     let fits = |offset: u64, size: u64| offset.checked_add(size).is_some_and(|end| end <= scanned);
     let mut names = Vec::new();
     for _ in 0..fields.u32()? {

@@ -1,4 +1,4 @@
-//! What a store holds, in numbers.
+//! Statistics of a store.
 
 use crate::{
     CacheError, Store,

@@ -1,4 +1,4 @@
-//! The store itself: what an open one owns, and how it keeps up with others.
+//! The store: the state of an open store, and synchronisation with other stores.
 //!
 //! Locks are taken in this order: `commit`, `log`, `packs`, `index`, `files`.
 
@@ -51,14 +51,14 @@ pub struct Store {
     alone: Mutex<Alone>,
 }
 
-/// What only a store has that may write.
+/// The part of a store that exists only if it may write.
 #[derive(Debug)]
 struct Writing {
     lease: Lease,
     claims: Arc<Claims>,
 }
 
-/// What this store knows of others on its folder.
+/// Knowledge about other stores on the same folder.
 #[derive(Debug, Default)]
 struct Alone {
     /// The time of the folder of leases when no other store was seen to live, and when that was.
@@ -67,7 +67,7 @@ struct Alone {
     sure: bool,
 }
 
-/// What others wrote, and what records of this store build on though it may not be durable.
+/// Blobs of other stores on which records of this store rely, although they may not be durable.
 #[derive(Debug, Default)]
 pub(crate) struct Relied {
     pub blobs: BTreeSet<Digest>,
@@ -75,7 +75,7 @@ pub(crate) struct Relied {
     pub logs: BTreeMap<u32, u64>,
 }
 
-/// What this store has made durable of others' segments and blobs.
+/// Segments and blobs of other stores that this store has made durable.
 #[derive(Debug, Default)]
 pub(crate) struct Synced {
     /// The store's folder, with the names of those in it.

@@ -1,8 +1,7 @@
 //! Trees: blobs that list other blobs, and trees.
 //!
-//! A record that names a tree keeps alive all that the tree lists, however many blobs that is, without a list of its
-//! own; two records whose outputs have a part in common share that part's tree. What a tree says beyond its list is its
-//! maker's business.
+//! A record that refers to a tree keeps everything in the tree alive, without a list of its own; two records with
+//! common outputs share a tree. The body of a tree is defined by its writer.
 
 use crate::{
     CacheError, Digest, Store,
@@ -19,7 +18,7 @@ pub struct Tree<'a> {
     pub refs: Vec<Digest>,
     /// Trees that it lists.
     pub trees: Vec<Digest>,
-    /// What else its maker put there.
+    /// The body of the tree.
     pub body: &'a [u8],
 }
 

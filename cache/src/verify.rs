@@ -1,11 +1,11 @@
-//! Verification: every blob is read and rehashed, every record decoded.
+//! Verification: reads and rehashes all blobs, and decodes all records.
 
 use crate::{
     CacheError, Digest, Key, Store, error::At, gc, layout::loose_blobs, record::sum, segment::Sort, whole::State,
 };
 use std::collections::HashSet;
 
-/// What a verification found.
+/// The result of a verification.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct VerifyReport {
     /// Blobs in the store.
@@ -35,8 +35,8 @@ pub struct VerifyReport {
 }
 
 impl VerifyReport {
-    /// Whether something was damaged or lost. What is missing otherwise is not: a power cut or a transient node leaves
-    /// it so, and a gc takes records with their blobs.
+    /// Whether something was damaged or lost. Other missing blobs do not count: they result from a power cut or a
+    /// transient node, and a gc deletes records together with their blobs.
     pub fn is_damaged(&self) -> bool {
         !self.damaged.is_empty() || self.damaged_records + self.damaged_places + self.lost_records > 0
     }
@@ -94,7 +94,7 @@ impl Store {
     }
 
     /// Damaged places of logs that were passed over so far: what was recorded there is a miss, as if it never had been.
-    /// Costs no reading. What a kill cut off the end of a log is none.
+    /// Costs no reading. An entry that a kill truncated at the end of a log is not damage.
     pub fn damaged_log_places(&self) -> u64 {
         self.index().segments.iter().filter(|s| s.sort == Sort::Log && !s.gone).map(|s| s.damaged).sum()
     }

@@ -1,9 +1,10 @@
-//! Which records have lost blobs that they name.
+//! Finds records whose blobs are lost.
 //!
-//! A blob that is not there need not be lost: a transient action hands its outputs on in memory, and its record names
-//! blobs that nobody stored. So may records of others that pass such a blob on, or sum it up. A missing blob is
-//! therefore excused if the record of a transient action names it. A record that names another missing blob has lost
-//! it, if it was committed: what was not may have been cut off by the power, and is proved before it is believed.
+//! A missing blob is not necessarily lost: a transient action passes its outputs on in memory, and its record refers to
+//! blobs that were never stored. The same holds for records that pass such a blob on, or summarise it. A missing blob
+//! is therefore excused if the record of a transient action names it. Any other missing blob of a committed record is
+//! lost. The blobs of an uncommitted record may have been removed by a power cut; the record is verified before it is
+//! used.
 
 use crate::{
     CacheError, Digest, Store,
@@ -44,7 +45,7 @@ impl Checked {
 /// A tree that was read: what is there of the blobs that it lists itself, and the trees that it lists.
 type Read = (State, Vec<Digest>);
 
-/// What is known of blobs and trees. Each tree is read once, however many records and trees name it, and nothing
+/// Knowledge about blobs and trees. Each tree is read once, however many records and trees name it, and nothing
 /// recurses along what trees say.
 struct Survey<'a> {
     store: &'a Store,

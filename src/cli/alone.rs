@@ -1,5 +1,4 @@
-//! The process of its own in which `exec` runs an action: its folder, what it is told of the environment, its end, and
-//! the sandbox around it.
+//! The separate process in which `exec` runs an action: its working directory, environment, termination, and sandbox.
 
 use super::{
     CacheAt, CliError, Exit,
@@ -95,11 +94,11 @@ pub(super) fn alone(args: &ExecArgs, cache: &CacheAt) -> Result<Exit, CliError> 
     folder.clear()?;
     Ok(match ended {
         Ended::Limit => {
-            eprintln!("error: the action was stopped after its limit; nothing of it is recorded");
+            eprintln!("error: the action was stopped at its time limit; nothing was recorded");
             Exit::Failed
         }
         Ended::Interrupted => {
-            eprintln!("stopped; nothing of the action is recorded");
+            eprintln!("stopped; nothing was recorded");
             Exit::Interrupted
         }
         Ended::Itself(status, told) => {
@@ -155,11 +154,11 @@ fn sandbox(program: &Path, folder: &Folder, store: &Path, read: &[&Path]) -> Res
     prepare(first.arg("--version"), folder);
     let refused = |why: &str| {
         CliError::Environment(format!(
-            "cannot make a sandbox: {why}; install bubblewrap, allow namespaces of users, or leave --sandbox away"
+            "cannot create a sandbox: {why}; install bubblewrap, enable user namespaces, or omit --sandbox"
         ))
     };
     match first.output() {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Err(refused("there is no program `bwrap` here")),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Err(refused("the program `bwrap` is not installed")),
         Err(error) => Err(refused(&format!("`bwrap` cannot be started: {error}"))),
         Ok(done) if !done.status.success() => Err(refused(String::from_utf8_lossy(&done.stderr).trim())),
         Ok(_) => Ok(bare()),
@@ -223,7 +222,7 @@ pub(super) fn end_with_parent(folder: &Path, stop: Arc<AtomicBool>) -> Result<()
             let _ = fs::remove_dir_all(folder.join(part)); // nobody is left to be told
         }
         let _ = fs::remove_dir(&folder);
-        // What began meanwhile ends with this process.
+        // Processes that started in the meantime end with this process.
         let _ = killpg(getpgrp(), Signal::SIGKILL);
     })
     .map_err(|e| CliError::Environment(format!("cannot listen for signals: {e}")))?;
@@ -262,7 +261,7 @@ impl Running {
             }
             thread::sleep(LOOK);
         };
-        // What it left behind may hold its output open.
+        // Remaining child processes may hold its output open.
         drop(self);
         let told = reader.join().ok().and_then(Result::ok).unwrap_or_default();
         Ok(Ended::Itself(status, told))

@@ -53,7 +53,7 @@ pub(crate) enum CacheCommand {
     Pins,
 }
 
-/// What the last whole run of each pipeline reaches.
+/// The blobs that the last complete run of each pipeline refers to.
 fn by_pipeline<'a>(store: &Store, names: impl Iterator<Item = &'a String>) -> Result<(), CliError> {
     let mut rows = vec![["pipeline", "blobs", "size", "its own"].map(str::to_owned).to_vec()];
     let (mut reached, mut users) = (Vec::new(), BTreeMap::new());
@@ -119,7 +119,7 @@ fn made(at: &CacheAt) -> Result<Store, CliError> {
     if !store.is_made() {
         let folder = store.dir().display();
         return Err(CliError::Bad(format!(
-            "there is no cache in `{folder}`; `tauflow run` makes one, and --cache says where it lies"
+            "no cache in `{folder}`; `tauflow run` creates one, and --cache selects a directory"
         )));
     }
     Ok(store)
@@ -130,13 +130,13 @@ pub(crate) fn cache(command: &CacheCommand, at: &CacheAt) -> Result<Exit, CliErr
         CacheCommand::Stat => stat(&made(at)?)?,
         CacheCommand::Verify { sample } => {
             if sample.is_some_and(|s| !(0.0..=1.0).contains(&s)) {
-                return Err(CliError::Bad("--sample takes a share from 0 to 1, for example 0.1".into()));
+                return Err(CliError::Bad("--sample must be between 0 and 1, for example 0.1".into()));
             }
             return verify(&made(at)?, *sample);
         }
         CacheCommand::Gc { max_size, keep_within, lost, dry_run } => {
             if max_size.is_none() && keep_within.is_none() && !lost {
-                let message = "say what to keep: --max-size, --keep-within, or both; or clear away what is --lost";
+                let message = "specify --max-size, --keep-within, or both; or --lost";
                 return Err(CliError::Bad(message.into()));
             }
             let report = made(at)?.gc(&GcOptions {
@@ -152,7 +152,7 @@ pub(crate) fn cache(command: &CacheCommand, at: &CacheAt) -> Result<Exit, CliErr
         CacheCommand::Pin { name, digest } => {
             let digest: Digest = digest
                 .parse()
-                .map_err(|_| CliError::Bad(format!("`{digest}` is no digest; it reads `<hash>-<size>`")))?;
+                .map_err(|_| CliError::Bad(format!("`{digest}` is not a digest; the format is `<hash>-<size>`")))?;
             let store = at.look()?;
             if !store.contains(&digest) {
                 return Err(CliError::Bad(format!("the cache has no blob {digest}")));
@@ -161,7 +161,7 @@ pub(crate) fn cache(command: &CacheCommand, at: &CacheAt) -> Result<Exit, CliErr
         }
         CacheCommand::Unpin { name } => {
             if !at.look()?.unpin(name)? {
-                return Err(CliError::Bad(format!("there is no pin `{name}`; see `tauflow cache pins`")));
+                return Err(CliError::Bad(format!("unknown pin `{name}`; see `tauflow cache pins`")));
             }
         }
         CacheCommand::Pins => {
@@ -178,7 +178,7 @@ fn stat(store: &Store) -> Result<(), CliError> {
     outln!("{}", store.dir().display());
     outln!("{} blobs, {}; log {}", stat.blobs, bytes_text(stat.bytes), bytes_text(stat.log_bytes));
     if stat.quarantined + stat.conflicts > 0 {
-        outln!("{} damaged blobs set aside, {} conflicting records", stat.quarantined, stat.conflicts);
+        outln!("{} damaged blobs moved aside, {} conflicting records", stat.quarantined, stat.conflicts);
     }
     let mut rows = vec![["records of", "count", "time", "size"].map(str::to_owned).to_vec()];
     for (namespace, labels) in &stat.records {
@@ -203,7 +203,7 @@ fn verify(store: &Store, sample: Option<f64>) -> Result<Exit, CliError> {
     })?;
     bar.finish_and_clear();
     outln!(
-        "{} of {} blobs checked ({}), {} damaged; {} records, {} damaged, {} incomplete, {} of these by loss",
+        "{} of {} blobs verified ({}), {} damaged; {} records, {} damaged, {} incomplete, {} of these lost",
         report.checked,
         report.blobs,
         bytes_text(report.checked_bytes),
@@ -214,14 +214,15 @@ fn verify(store: &Store, sample: Option<f64>) -> Result<Exit, CliError> {
         report.lost_records
     );
     for digest in &report.damaged {
-        outln!("set aside: {digest}");
+        outln!("moved aside: {digest}");
     }
     if report.damaged_places > 0 {
-        outln!("{} damaged places in packs: what lay there is missing", report.damaged_places);
+        outln!("{} damaged regions in packs; their blobs are missing", report.damaged_places);
     }
     if report.torn_bytes > 0 {
         outln!(
-            "{} bytes after the last whole entry of a file: a process was killed as it wrote, or the file was cut",
+            "{} bytes after the last complete entry of a file: a process was killed during a write, or the file was \
+            truncated",
             report.torn_bytes
         );
     }
@@ -229,7 +230,8 @@ fn verify(store: &Store, sample: Option<f64>) -> Result<Exit, CliError> {
         return Ok(Exit::Done);
     }
     eprintln!(
-        "the next run that needs what is damaged or lost makes it again; `tauflow cache gc --lost` clears the rest away"
+        "damaged or lost results are rebuilt by the next run that needs them; `tauflow cache gc --lost` deletes the \
+        others"
     );
     Ok(Exit::Failed)
 }
@@ -246,20 +248,20 @@ fn collected(report: &GcReport) {
     );
     if report.lost_records > 0 {
         outln!(
-            "{} of the records that stay have lost blobs: what needs these makes them again, and --lost clears the \
-             records away",
+            "{} of the remaining records have lost blobs, which are rebuilt on demand; --lost deletes these records",
             report.lost_records
         );
     }
     if report.over_budget > 0 {
         outln!(
-            "{} more than asked for: runs that are going on, pins and recent use hold them",
+            "{} more than requested: protected by running processes, pins or recent use",
             bytes_text(report.over_budget)
         );
     }
     if report.no_room_bytes > 0 {
         outln!(
-            "{} stay for want of room to copy what lies in files with them; free some space and collect again",
+            "{} remain, because the disk has no space to copy live blobs out of their files; free some space and \
+            repeat",
             bytes_text(report.no_room_bytes)
         );
     }

@@ -1,7 +1,7 @@
-//! The processes below this one: all that an action started, and what that started.
+//! The descendants of this process: all processes that an action started, directly or indirectly.
 //!
-//! A group of processes is not enough to end them, because any of them may leave it. None leaves its line of parents,
-//! as long as this process takes in those whose parents end.
+//! Killing the process group is not enough, because a process can leave it. No process leaves the tree of parents,
+//! because this process adopts orphans.
 
 use nix::{
     sys::{
@@ -44,7 +44,7 @@ pub(super) fn end() {
 /// The processes below one that are not dead.
 fn below(top: Pid) -> Vec<Pid> {
     let mut children: BTreeMap<Pid, Vec<(Pid, bool)>> = BTreeMap::new();
-    // What ends meanwhile is passed over, and what begins is found by the next look.
+    // Processes that end in the meantime are skipped, and new ones are found by the next scan.
     for entry in fs::read_dir("/proc").into_iter().flatten().flatten() {
         let Some(process) = entry.file_name().to_str().and_then(|name| name.parse().ok()) else { continue };
         let told = fs::read_to_string(entry.path().join("stat")).unwrap_or_default();

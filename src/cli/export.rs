@@ -1,4 +1,4 @@
-//! `tauflow export`: results as files that other programs read. What the files are is up to each media type.
+//! `tauflow export`: writes results as files. Each media type defines its files.
 
 use super::{
     CacheAt, CliError, Exit, PipelineArgs, counted,

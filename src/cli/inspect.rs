@@ -1,4 +1,4 @@
-//! `tauflow check`, `graph`, `kinds` and `schema`: what can be said without a cache.
+//! `tauflow check`, `graph`, `kinds` and `schema`: commands without a cache.
 
 use super::{CliError, Exit, PipelineArgs};
 use crate::{
@@ -71,7 +71,7 @@ pub(crate) fn kinds(args: &KindsArgs, registry: &Registry) -> Result<Exit, CliEr
     if let Some(name) = &args.kind {
         let kind = registry
             .get(name)
-            .ok_or_else(|| CliError::Bad(format!("there is no kind `{name}`; {}", registry.hint(name))))?;
+            .ok_or_else(|| CliError::Bad(format!("unknown kind `{name}`; {}", registry.hint(name))))?;
         out!("{}", page(kind.as_ref()));
         return Ok(Exit::Done);
     }
@@ -91,9 +91,9 @@ pub fn page(kind: &dyn NodeKind) -> String {
         let _ = writeln!(out, "{heading}\n");
     }
     let mode = match spec.mode {
-        Mode::Source => "source: names its own items",
-        Mode::Map => "map: one action for each item",
-        Mode::Gather => "gather: one action over whole collections",
+        Mode::Source => "source: lists its own items",
+        Mode::Map => "map: one action per item",
+        Mode::Gather => "gather: one action on whole collections",
     };
     let groups = spec.groups();
     let versions = match &groups[..] {
@@ -101,7 +101,7 @@ pub fn page(kind: &dyn NodeKind) -> String {
         several => several.iter().map(|g| format!("{} of `{}`", g.version, g.name)).collect::<Vec<_>>().join(", "),
     };
     let _ = writeln!(out, "{manual}\n\n## Ports\n\nVersion {versions}; {mode}.\n");
-    let mut rows = vec![["port", "", "holds", "what"].map(str::to_owned).to_vec()];
+    let mut rows = vec![["port", "direction", "media type", "description"].map(str::to_owned).to_vec()];
     for port in &spec.inputs {
         let takes = if port.takes == Takes::Item { "by item" } else { "all" };
         let optional = if port.optional { ", optional" } else { "" };
@@ -114,7 +114,7 @@ pub fn page(kind: &dyn NodeKind) -> String {
         }
         match port.determinism {
             Determinism::Bitwise => {}
-            Determinism::Local => notes.push("of this machine"),
+            Determinism::Local => notes.push("machine-dependent"),
             Determinism::Measured => notes.push("measured"),
         }
         if port.publish {
@@ -128,7 +128,7 @@ pub fn page(kind: &dyn NodeKind) -> String {
     if !params.is_empty() {
         out += "\n## Params\n\n";
         let defaults = kind.resolve(&serde_json::json!({})).ok();
-        let mut rows = vec![["param", "default", "takes", "what"].map(str::to_owned).to_vec()];
+        let mut rows = vec![["param", "default", "type", "description"].map(str::to_owned).to_vec()];
         for name in params {
             let Some(param) = schema["properties"].get(name) else { continue };
             // Where one param must be given, nothing resolves without it.

@@ -1,4 +1,4 @@
-//! Writing of results to stdout, and how numbers and tables look. Knows no command.
+//! Output to stdout, and formatting of numbers and tables. Knows no command.
 
 use std::{borrow::Cow, fmt, io::Write, process};
 

@@ -1,4 +1,4 @@
-//! How a run looks while it goes on: bars on a terminal, lines elsewhere, JSON for programs.
+//! Progress of a run: bars on a terminal, lines elsewhere, JSON for programs.
 
 use super::{seconds_text, terminal};
 use crate::{
@@ -27,7 +27,7 @@ fn style(template: &str) -> ProgressStyle {
     style.progress_chars("━━─")
 }
 
-/// What an action is called beside its node: the values of its cell, and its item.
+/// The name of an action within its node: the values of its cell, and its item.
 fn title((cell, item): &(Name, Name)) -> String {
     let values = cell.split('+').filter_map(|pair| pair.split_once('=').map(|(_, value)| value));
     values.chain((!item.is_empty()).then_some(&**item)).collect::<Vec<_>>().join(" ")
@@ -68,11 +68,11 @@ struct State {
     shown: BTreeMap<String, Shown>,
 }
 
-/// What was shown of a node.
+/// The displayed state of a node.
 #[derive(Default)]
 struct Shown {
     bar: Option<ProgressBar>,
-    /// Of its long actions in flight, by cell and item.
+    /// Its long running actions, by cell and item.
     parts: BTreeMap<(Name, Name), ProgressBar>,
     told: Option<Instant>,
     told_end: bool,
@@ -115,7 +115,7 @@ impl Display {
             Event::Warning { message } => self.voice().say(&format!("warning: {message}")),
             Event::Healing { nodes } => {
                 let nodes = nodes.join(", ");
-                self.voice().say(&format!("making again what is needed and is not in the cache ({nodes})"));
+                self.voice().say(&format!("rebuilding results that are missing from the cache ({nodes})"));
                 state.shown.values_mut().for_each(|shown| shown.told_end = false);
             }
             _ => {}

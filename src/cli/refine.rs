@@ -1,4 +1,4 @@
-//! `tauflow refine`: a trained solver on an image of any renderer, outside any pipeline.
+//! `tauflow refine`: applies a trained solver to an image of any renderer, without a pipeline.
 
 use super::{
     CliError, Exit,
@@ -75,7 +75,7 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     let Some(image) = layers.remove("") else {
         let names: Vec<&str> = layers.keys().map(String::as_str).collect();
         return Err(CliError::Bad(format!(
-            "{} has no channels R, G and B without a layer's name, only `{}`",
+            "{} has no channels R, G and B in the unnamed layer, only `{}`",
             args.image.display(),
             names.join("`, `")
         )));
@@ -86,7 +86,7 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
         finite(gbuffer, &format!("the G-buffer of {path}"), "mend it first")?;
         if (gbuffer.width(), gbuffer.height()) != (image.width(), image.height()) {
             return Err(CliError::Bad(format!(
-                "{} has {} x {} pixels and the G-buffer of {path} {} x {}; render both at one size",
+                "{} has {} x {} pixels, but the G-buffer of {path} has {} x {}; render both at the same size",
                 args.image.display(),
                 image.width(),
                 image.height(),
@@ -97,7 +97,7 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     }
     let exposure = args.exposure.unwrap_or_else(|| KEY / geometric_mean_luminance(&image));
     if !(exposure.is_finite() && exposure > 0.0) {
-        return Err(CliError::Bad(format!("an exposure of {exposure}; give a positive factor by --exposure")));
+        return Err(CliError::Bad(format!("invalid exposure {exposure}; set a positive factor with --exposure")));
     }
     let start = Instant::now();
     let exposed = image.map(|v| (f64::from(v) * exposure) as f32);
@@ -109,7 +109,7 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     let seconds = start.elapsed().as_secs_f64();
     let png = args.out.extension().is_some_and(|e| e == "png");
     let refined = if png { refined } else { refined.map(|v| (f64::from(v) / exposure) as f32) };
-    finite(&refined, "the refined image", "the solver fails on such an image; take another, or another --exposure")?;
+    finite(&refined, "the refined image", "the solver cannot process this image; try a different --exposure or image")?;
     write_picture(&args.out, &refined)?;
     eprintln!(
         "{} spp -> {to} spp in {} and {}, exposure {exposure:.4}",
@@ -121,7 +121,7 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     Ok(Exit::Done)
 }
 
-/// That all of an image is finite.
+/// Checks that all values of an image are finite.
 fn finite(image: &Image, what: &str, remedy: &str) -> Result<(), CliError> {
     let Some(at) = image.data().iter().position(|v| !v.is_finite()) else { return Ok(()) };
     let pixel = at / image.channels();
@@ -133,8 +133,8 @@ fn finite(image: &Image, what: &str, remedy: &str) -> Result<(), CliError> {
 fn gbuffer(layers: &BTreeMap<String, Image>, path: &std::path::Path) -> Result<Image, CliError> {
     let [Some(albedo), Some(normal)] = GBuffer::LAYERS.map(|layer| layers.get(layer)) else {
         return Err(CliError::Bad(format!(
-            "the solver was trained with G-buffers, and {} has no layers `albedo` and `normal`; name a file that has \
-             by --gbuffer, or take a solver trained on RGB",
+            "the solver needs G-buffers, but {} has no layers `albedo` and `normal`; name a file that has them with \
+            --gbuffer, or use a solver trained on RGB",
             path.display()
         )));
     };

@@ -70,9 +70,9 @@ impl From<SelectionError> for CliError {
 /// A failure in reading a result.
 pub(crate) fn unread(item: &str, error: KindError) -> CliError {
     match error {
-        KindError::MissingBlob(_) => CliError::Bad(format!(
-            "`{item}` is no longer whole in the cache; run `tauflow cache verify`, then the pipeline"
-        )),
+        KindError::MissingBlob(_) => {
+            CliError::Bad(format!("`{item}` is missing from the cache; run `tauflow cache verify`, then the pipeline"))
+        }
         KindError::Environment(message) => CliError::Environment(format!("{item}: {message}")),
         other => CliError::Bad(format!("{item}: {other}")),
     }

@@ -108,10 +108,10 @@ enum EventFormat {
 
 pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     if !(0.0..=1.0).contains(&args.recheck) {
-        return Err(CliError::Bad(format!("--recheck {} is no share; use 0 to 1, for example 0.05", args.recheck)));
+        return Err(CliError::Bad(format!("--recheck {} must be between 0 and 1, for example 0.05", args.recheck)));
     }
     if (args.locked || args.update_lock) && args.pipeline.is_changed() {
-        let message = "a lock is of what the file says; leave --set and --target away, or make a profile of them";
+        let message = "--locked and --update-lock do not accept --set and --target; define a profile instead";
         return Err(CliError::Bad(message.into()));
     }
     let pipeline = args.pipeline.resolve(registry)?;
@@ -143,7 +143,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     }
     if !summary.failures.is_empty() {
         if args.locked || args.update_lock {
-            eprintln!("the lock file was left as it is, because not everything ran");
+            eprintln!("the lock file was not updated, because not all actions succeeded");
         }
         return Ok(Exit::Failed);
     }
@@ -172,11 +172,11 @@ fn tell_differences(before: &Lock, now: &Lock, args: &RunArgs) -> bool {
     let path = args.lock_path();
     for (output, was, is) in &found.outputs {
         match (was, is) {
-            (Some(was), Some(is)) => eprintln!("`{output}` is {is}; in the lock it is {was}"),
-            (None, Some(is)) => eprintln!("`{output}` is {is}; the lock does not have it"),
+            (Some(was), Some(is)) => eprintln!("`{output}` is {is}; the lock file has {was}"),
+            (None, Some(is)) => eprintln!("`{output}` is {is}; the lock file does not contain it"),
             (was, None) => {
                 let was = was.map(|digest| digest.to_string()).unwrap_or_default();
-                eprintln!("`{output}` is {was} in the lock; this run does not have it");
+                eprintln!("`{output}` is {was} in the lock file; this run did not produce it");
             }
         }
     }
@@ -184,7 +184,7 @@ fn tell_differences(before: &Lock, now: &Lock, args: &RunArgs) -> bool {
         eprintln!("{} agrees: {}", path.display(), counted(found.equal as u64, "output"));
     } else {
         eprintln!(
-            "error: {} differ from {}; find out why, or accept them by --update-lock",
+            "error: {} differ from {}; find the reason, or accept them with --update-lock",
             counted(found.outputs.len() as u64, "output"),
             path.display()
         );
@@ -198,7 +198,7 @@ fn listen(stop: Arc<AtomicBool>, voice: Voice) -> Result<(), CliError> {
         if stop.swap(true, Ordering::Relaxed) {
             std::process::exit(130);
         }
-        voice.say("stopping: what is in flight ends first (once more stops at once; nothing done is lost)");
+        voice.say("stopping after the running actions (press again to stop now; finished results are kept)");
     })
     .map_err(|e| CliError::Environment(format!("cannot listen for Ctrl-C: {e}")))
 }
@@ -210,7 +210,7 @@ fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, cache: &CacheAt)
     let hit = summary.total(|n| n.hit);
     let elapsed = seconds_text(summary.elapsed.as_secs_f64());
     if ran == 0 && summary.failures.is_empty() && !summary.interrupted {
-        eprintln!("nothing to do: {} as they were ({elapsed})", counted(hit, "result"));
+        eprintln!("nothing to do: {} up to date ({elapsed})", counted(hit, "result"));
     } else {
         eprint!("{}", table(&rows(summary)));
         let written = bytes_text(summary.total(|n| n.written));
@@ -229,7 +229,7 @@ fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, cache: &CacheAt)
         summary.failures.iter().for_each(|failure| outln!("{}", json!({ "event": "failure", "of": failure })));
     }
     if summary.interrupted {
-        eprintln!("stopped; run the same command again to go on: {again}");
+        eprintln!("stopped; to resume, run: {again}");
     }
     let page = summary.published.iter().find(|p| p.extension().is_some_and(|e| e == "html"));
     let folder = (!summary.published.is_empty()).then(|| args.out.join(&pipeline.name));
@@ -268,8 +268,8 @@ fn show_failures(failures: &[Failure], again: &str) {
         let first = group[0];
         let item = [&first.cell, &first.item].iter().filter(|p| !p.is_empty()).map(|p| p.as_str()).collect::<Vec<_>>();
         let more =
-            if group.len() > 1 { format!(" and {} more for the same cause", group.len() - 1) } else { String::new() };
+            if group.len() > 1 { format!(" and {} more with the same cause", group.len() - 1) } else { String::new() };
         eprintln!("\nfailed: {node} {}{more}\n  {}", item.join("/"), first.message);
-        eprintln!("  again: {again} --only {}", first.only());
+        eprintln!("  retry: {again} --only {}", first.only());
     }
 }

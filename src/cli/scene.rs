@@ -1,4 +1,4 @@
-//! `tauflow render` and `tauflow scene`: one scene, outside any pipeline.
+//! `tauflow render` and `tauflow scene`: work with one scene, without a pipeline.
 //!
 //! A scene is an item of a pipeline's node, a folder as `tauflow export PIPELINE scenes` writes it (`scene.json`, and
 //! what it names in `blob/`), or a file of another program: Mitsuba 3, pbrt-v4, glTF.
@@ -60,7 +60,7 @@ pub(crate) struct RenderArgs {
 }
 
 fn above_zero(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
+    let value: f64 = text.parse().map_err(|_| format!("`{text}` is not a number"))?;
     if value.is_finite() && value > 0.0 { Ok(value) } else { Err("it must be above 0".to_owned()) }
 }
 
@@ -139,7 +139,7 @@ impl FilmArgs {
     }
 }
 
-/// What can be done with one scene.
+/// Commands for a scene.
 #[derive(Subcommand)]
 pub(crate) enum SceneCommand {
     /// Export a scene to Mitsuba 3: scene.xml, meshes, textures.
@@ -178,7 +178,7 @@ impl Source {
                     return Ok(bytes);
                 }
                 let path = path.display();
-                Err(KindError::Input(format!("{path} does not hold what its name says; export the scene again")))
+                Err(KindError::Input(format!("the content of {path} does not match its name; export the scene again")))
             }
         }
     }
@@ -236,15 +236,15 @@ impl SceneArgs {
             read_regular(&file, LARGEST).map_err(|e| CliError::Bad(format!("cannot read {}: {e}", file.display())))?;
         let scene = serde_json::from_slice(&bytes).map_err(|e| {
             let hint =
-                "name a scene of a pipeline by `PIPELINE --item NODE/ITEM`, or a folder that `tauflow export` wrote";
-            CliError::Bad(format!("{} is no scene: {e}; {hint}", file.display()))
+                "name a scene of a pipeline as `PIPELINE --item NODE/ITEM`, or a directory written by `tauflow export`";
+            CliError::Bad(format!("{} is not a scene: {e}; {hint}", file.display()))
         })?;
         Ok((scene, Source::Folder(file.parent().unwrap_or(Path::new(".")).join(SceneRecord::BLOB_FOLDER))))
     }
 
     fn of_pipeline(&self, item: &str, registry: &Registry, cache: &CacheAt) -> Result<(Scene, Source), CliError> {
         let Some((node, key)) = item.split_once('/') else {
-            return Err(CliError::Bad(format!("--item {item} names no item; it reads NODE/ITEM")));
+            return Err(CliError::Bad(format!("--item {item} is not an item; the format is NODE/ITEM")));
         };
         let (profile, sets, targets) = (None, Vec::new(), Vec::new());
         let pipeline = PipelineArgs { pipeline: self.scene.clone(), profile, sets, targets }.resolve(registry)?;
@@ -255,7 +255,7 @@ impl SceneArgs {
             CliError::Bad(format!("`{node}` has no item `{key}`; {hint}"))
         })?;
         let handle = Handle::<SceneRecord>::new(artifact)
-            .map_err(|e| CliError::Bad(format!("`{item}`: {e}; name an item of a node that makes scenes")))?;
+            .map_err(|e| CliError::Bad(format!("`{item}`: {e}; name an item of a node that produces scenes")))?;
         let stop = AtomicBool::new(false);
         let reading = Reading(&store);
         let ctx = Context::new(&reading, &Silent, &stop);
@@ -268,7 +268,7 @@ impl SceneArgs {
 pub(crate) fn check_picture(path: &Path) -> Result<(), CliError> {
     match path.extension().and_then(|e| e.to_str()) {
         Some("exr" | "png") => Ok(()),
-        _ => Err(CliError::Bad(format!("{} ends neither in .exr nor in .png", path.display()))),
+        _ => Err(CliError::Bad(format!("{} must end in .exr or .png", path.display()))),
     }
 }
 
@@ -321,7 +321,7 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
     let seconds = start.elapsed().as_secs_f64();
     write_picture(&args.out, &image.map(|v| v * args.exposure))?;
     eprintln!(
-        "{} samples a pixel, {} paths in {} ({:.2} million a second), {:.2} segments a path, {} rejected",
+        "{} samples per pixel, {} paths in {} ({:.2} million per second), {:.2} segments per path, {} rejected",
         stats.samples,
         stats.paths,
         seconds_text(seconds),
@@ -340,12 +340,12 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
 fn sureness(asked: Option<f64>, error: f64, samples: u64) -> String {
     let percent = 100.0 * error;
     match asked {
-        Some(asked) if error <= asked => format!("error {percent:.2}%, by other samples than the image's"),
+        Some(asked) if error <= asked => format!("expected error {percent:.2}%, from separate samples"),
         Some(asked) => format!(
-            "error {percent:.2}%, and not the {:.2}% that were asked for: --at-most allows {samples} samples",
+            "expected error {percent:.2}%, above the requested {:.2}%: --at-most limits the image to {samples} samples",
             100.0 * asked
         ),
-        None => format!("error {percent:.2}%, by the image's own samples: more where rare light was missed"),
+        None => format!("expected error {percent:.2}%, from the image's own samples: higher if rare light was missed"),
     }
 }
 

@@ -1,4 +1,4 @@
-//! `tauflow init`, `completions` and `man`: what one sets up once.
+//! `tauflow init`, `completions` and `man`: one-time setup.
 
 use super::{CliError, Exit};
 use crate::{kinds::Registry, pipeline::schema};
@@ -22,7 +22,7 @@ pub(crate) fn init(args: &InitArgs, registry: &Registry) -> Result<Exit, CliErro
     for (name, _) in &files {
         let path = args.dir.join(name);
         if path.exists() {
-            return Err(CliError::Bad(format!("{} exists already; choose another folder", path.display())));
+            return Err(CliError::Bad(format!("{} already exists; choose a different directory", path.display())));
         }
     }
     let failed = |e| CliError::Environment(format!("cannot write into {}: {e}", args.dir.display()));

@@ -1,4 +1,4 @@
-//! What the terminal behind stderr can do, and what its user asks for.
+//! The capabilities of the terminal on stderr, and the preferences of its user.
 
 use indicatif::ProgressBar;
 use std::{env, io::IsTerminal};

@@ -1,5 +1,4 @@
-//! Parts of doing an action that stand for themselves: the files outside that it reads, its key, the check of what it
-//! gave.
+//! Independent parts of executing an action: importing external files, its key, checking its outputs.
 
 use super::{
     execute::Whole,
@@ -21,9 +20,9 @@ const MOST_BYTES: u64 = 1 << 32;
 /// The bytes of a file outside.
 ///
 /// # Errors
-/// In words if it is no regular file, is too large or cannot be read.
+/// In words if it is not a regular file, is too large or cannot be read.
 fn read(path: &Path) -> Result<Vec<u8>, String> {
-    let refused = |error| format!("cannot read `{}`: {error}; mend it or take it away", path.display());
+    let refused = |error| format!("cannot read `{}`: {error}; repair or remove it", path.display());
     read_regular(path, MOST_BYTES).map_err(refused)
 }
 
@@ -96,9 +95,9 @@ pub fn check_outputs(spec: &KindSpec, group: &str, outputs: &Outputs) -> Result<
     Ok(())
 }
 
-/// What people are told of a panic.
+/// The message of a panic.
 pub fn panicked(panic: &Box<dyn std::any::Any + Send>) -> String {
     let told = panic.downcast_ref::<String>().map(String::as_str);
     let told = told.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no message");
-    format!("internal error: it panicked: {told}; please report it")
+    format!("internal error: panic: {told}; please report it")
 }

@@ -1,5 +1,4 @@
-//! What is left at the end of a pass: published files, results that were asked for, and the blobs that are missing for
-//! them.
+//! The end of a pass: published files, requested results, and their missing blobs.
 
 use super::{
     EngineError,
@@ -50,7 +49,7 @@ impl Run<'_> {
                     }
                     LaneResult::Unknown => continue,
                 };
-                // What is asked for must be there, whether or not somebody reads it in this run.
+                // Requested results must exist, whether or not a node reads them in this run.
                 let (blobs, listings) = collection.blobs(self.store)?;
                 missing.extend(listings.iter().map(|blob| (id, *blob)));
                 for digest in blobs {

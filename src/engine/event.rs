@@ -1,4 +1,4 @@
-//! What a run tells of itself. Everybody but the scheduler sees only this.
+//! Events of a run: the only view of a run outside of the scheduler.
 
 use serde::{Serialize, Serializer};
 use std::{borrow::Borrow, fmt, ops::Deref, path::PathBuf, sync::Arc, time::Duration};
@@ -104,7 +104,7 @@ pub enum Event {
         item: Name,
         /// Units done.
         done: u64,
-        /// Of so many.
+        /// The total number.
         total: u64,
         /// A line.
         message: String,
@@ -119,7 +119,7 @@ pub enum Event {
         item: Name,
         /// The output group.
         group: Name,
-        /// What became of it.
+        /// Its outcome.
         outcome: Ended,
         /// Its wall time, in microseconds (of the run that made it).
         wall_us: u64,
@@ -157,7 +157,7 @@ pub enum Event {
     },
 }
 
-/// What became of an action.
+/// The outcome of an action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Ended {
@@ -167,7 +167,7 @@ pub enum Ended {
     Ran,
     /// It failed.
     Failed,
-    /// What it reads failed (or is unknown, in a dry run).
+    /// An input failed (or is unknown, in a dry run).
     Blocked,
     /// It would run, in a dry run.
     WouldRun,
@@ -213,7 +213,7 @@ pub struct Slow {
     pub cell: Name,
     /// The item, or empty.
     pub item: Name,
-    /// What it took, in seconds.
+    /// Its duration in seconds.
     pub spent_s: f64,
 }
 
@@ -245,12 +245,12 @@ pub struct Failure {
     pub cell: String,
     /// The item, or empty.
     pub item: String,
-    /// What is so, where, and what to do.
+    /// The problem, its place, and the remedy.
     pub message: String,
 }
 
 impl Failure {
-    /// What `--only` takes to run just this one.
+    /// The argument of `--only` that runs just this action.
     pub fn only(&self) -> String {
         let parts = [&self.node, &self.cell, &self.item];
         parts.iter().filter(|p| !p.is_empty()).map(|p| p.as_str()).collect::<Vec<_>>().join("/")
@@ -262,7 +262,7 @@ impl Failure {
     }
 }
 
-/// What a run did.
+/// The result of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Summary {
     /// Numbers by node, in the pipeline's order.

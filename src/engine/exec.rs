@@ -1,4 +1,4 @@
-//! One action alone, from nothing but a store: its key says what it is, its recipe where its inputs are.
+//! Runs one action from a store alone: the key describes the action, and the recipe its inputs.
 
 use super::{
     EngineError,
@@ -25,13 +25,13 @@ use tauflow_contract::{ActionKey, Digest, FILE_PORT, FORMAT_VERSION, Progress};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ActionFile {
-    /// What decides its outputs.
+    /// The basis of its key, which determines its outputs.
     pub key: ActionKey,
     /// Its inputs.
     pub recipe: ActionInputs,
 }
 
-/// What became of an action that was run alone.
+/// The outcome of an action that was run in isolation.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Executed {
     /// The hash of its key.
@@ -86,7 +86,7 @@ impl ActionFile {
     pub fn recorded(store: &Store, key: &Key) -> Result<Self, ExecError> {
         let Some(record) = store.lookup(ACTION, key) else {
             return Err(ExecError::Action(format!(
-                "the store has no action {key}; `tauflow explain PIPELINE NODE ITEM` tells an action's key"
+                "the store has no action {key}; `tauflow explain PIPELINE NODE ITEM` prints the key of an action"
             )));
         };
         let unread = |what: &str, e: serde_json::Error| {
@@ -97,8 +97,8 @@ impl ActionFile {
         let hash = found.hash();
         if hash != *key {
             return Err(ExecError::Action(format!(
-                "the record of action {key} holds the key of action {hash}: it is not the one that was asked for, and \
-                 whoever wrote it made it up, or it is of a program with other keys; run its pipeline again"
+                "the record of action {key} contains the key of action {hash}: it was forged, or written by a program \
+                with a different key format; run its pipeline again"
             )));
         }
         let recipe = serde_json::from_str(&record.recipe).map_err(|e| unread("recipe", e))?;
@@ -153,17 +153,13 @@ impl ActionFile {
         let basis = key.basis.clone();
         if basis.format != FORMAT_VERSION {
             return Err(ExecError::Action(format!(
-                "the action's key is of format {}, and this program's are of format {FORMAT_VERSION}; run it with the \
-                 program that made it",
+                "the key of the action has format {}, but this program uses format {FORMAT_VERSION}; run it with the \
+                program that recorded it",
                 basis.format
             )));
         }
         let Some(kind) = registry.get(&basis.kind) else {
-            return Err(ExecError::Action(format!(
-                "there is no kind `{}`; {}",
-                basis.kind,
-                registry.hint(&basis.kind)
-            )));
+            return Err(ExecError::Action(format!("unknown kind `{}`; {}", basis.kind, registry.hint(&basis.kind))));
         };
         let spec = kind.spec_for(&basis.params);
         let Some(group) = spec.group(&basis.group) else {
@@ -171,18 +167,19 @@ impl ActionFile {
         };
         if group.version != basis.version {
             return Err(ExecError::Action(format!(
-                "the action asks for version {} of `{}`, and this is {}; run it with the program that made it",
+                "the action needs version {} of `{}`, but this is version {}; run it with the program that recorded it",
                 basis.version, basis.kind, group.version
             )));
         }
         // Params of a file are from anywhere; those of a pipeline were held to the same schema.
         if let Some(wrong) = schema_check::check(&kind.params_schema(), &basis.params).into_iter().next() {
             return Err(ExecError::Action(format!(
-                "the action's params are none of `{}`: `{}`: {}; write it anew with `tauflow exec KEY --print`",
+                "the params of the action are invalid for `{}`: `{}`: {}; write it again with `tauflow exec KEY \
+                --print`",
                 basis.kind, wrong.pointer, wrong.message
             )));
         }
-        // What it made here would else be filed as made there.
+        // Its outputs would otherwise be recorded for the wrong environment.
         let here = Asking::new(store, true).environment(&**kind, &basis.params, group)?.unwrap_or_default();
         if here != basis.environment {
             return Err(foreign(&basis.environment, &here));
@@ -195,7 +192,7 @@ impl ActionFile {
         let same = |name: &str, digest: Digest| match key.inputs.get(name) {
             Some(asked) if *asked == digest => Ok(()),
             asked => Err(ExecError::Action(format!(
-                "the recipe's input `{name}` is {digest}, and the key asks for {}",
+                "the input `{name}` of the recipe is {digest}, but the key requires {}",
                 asked.map_or_else(|| "none".to_owned(), ToString::to_string)
             ))),
         };
@@ -217,7 +214,7 @@ impl ActionFile {
             whole.push((input, Arc::new(found)));
         }
         if each.len() + whole.len() + usize::from(file.is_some()) != key.inputs.len() {
-            return Err(ExecError::Action("the recipe leaves inputs of the key out".into()));
+            return Err(ExecError::Action("the recipe lacks inputs of the key".into()));
         }
         let read = handling.read.iter().filter_map(|name| port_of(&spec, name)).collect();
         let producer = Producer { kind: kind.clone(), group: group.name, spec, transient: handling.transient, read };
@@ -247,11 +244,11 @@ pub fn find(store: &Store, start: &str) -> Result<Key, ExecError> {
     match &found[..] {
         [key] => Ok(*key),
         [] => Err(ExecError::Action(format!(
-            "the store in {} has no action `{start}`; `tauflow explain PIPELINE NODE ITEM` tells an action's key",
+            "the store in {} has no action `{start}`; `tauflow explain PIPELINE NODE ITEM` prints the key of an action",
             store.dir().display()
         ))),
         several => Err(ExecError::Action(format!(
-            "{} actions begin with `{start}`; give more of the key, such as {}",
+            "{} actions begin with `{start}`; use a longer prefix, such as {}",
             several.len(),
             several[0]
         ))),
@@ -271,7 +268,7 @@ fn foreign(there: &Value, here: &Value) -> ExecError {
     let differ = |difference: &explain::Difference| {
         let field = difference.field.trim_start_matches('/').replace('/', ".");
         let field = if field.is_empty() { "environment" } else { &field };
-        format!("`{field}` is {} in its key and {} here", show(&difference.before), show(&difference.now))
+        format!("`{field}` is {} in the key, but {} on this machine", show(&difference.before), show(&difference.now))
     };
     let told = found.iter().map(differ).collect::<Vec<_>>().join("; ");
     ExecError::Foreign(format!(

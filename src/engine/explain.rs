@@ -1,4 +1,4 @@
-//! Why an action runs: its key, and how it differs from the nearest key that was run before.
+//! Explains why an action runs: its key, and the differences to the most similar earlier key.
 
 use super::{event::Ended, ids::LaneId, lanes::Lanes, records::ACTION};
 use crate::pipeline::Pipeline;

@@ -1,6 +1,7 @@
-//! What is demanded: lanes, one for each cell and output group that the targets need.
+//! The demanded lanes: one for each cell and output group that the targets need.
 //!
-//! A lane is a queue of like actions. Lanes are few and known before the run; their items are many and are not.
+//! A lane is a row of actions of the same kind. Lanes are few and known before the run; their items are many and
+//! unknown.
 
 use super::{
     EngineError,
@@ -28,7 +29,7 @@ pub struct Lane {
     pub unknown: bool,
     /// The output ports of the group.
     pub ports: Vec<PortId>,
-    /// What feeds each input port.
+    /// Source of each input port.
     pub inputs: Row<InputId, Vec<LaneFeed>>,
     /// The input port that decides which items there are.
     pub driving: Option<InputId>,
@@ -70,7 +71,7 @@ pub struct LaneFeed {
     pub lane: LaneId,
     /// Its output port.
     pub port: PortId,
-    /// What is put before its item keys.
+    /// The prefix of its item keys.
     pub prefix: Option<String>,
 }
 
@@ -107,12 +108,12 @@ impl Only {
     /// Parses `node`, `node/item`, `node/cell` or `node/cell/item`.
     ///
     /// # Errors
-    /// What is wrong, in words.
+    /// The problem, in words.
     pub fn parse(text: &str, pipeline: &Pipeline) -> Result<Self, String> {
         let (name, rest) = text.split_once('/').map_or((text, None), |(name, rest)| (name, Some(rest)));
         let node = pipeline.node(name).ok_or_else(|| {
             let names = pipeline.nodes.iter().map(|n| n.name.as_str());
-            format!("there is no node `{name}`; {}", crate::diagnostics::did_you_mean(name, "nodes", names))
+            format!("unknown node `{name}`; {}", crate::diagnostics::did_you_mean(name, "nodes", names))
         })?;
         let Some(rest) = rest else { return Ok(Self { node, cell: None, item: None }) };
         let item = |text: &str| ItemKey::new(text).map_err(|e| e.to_string());

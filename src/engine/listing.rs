@@ -1,7 +1,7 @@
-//! The text of a listing: which items, or which shards, a collection has.
+//! The text of a listing: the items or shards of a collection.
 //!
-//! What is read may be of somebody else. It is read row by row, and nothing is taken for rows that are out of order,
-//! more than were named, or not what the port holds.
+//! Listings can come from other people and are untrusted. It is read row by row, and nothing is taken for rows that are
+//! out of order, more than were named, or not what the port holds.
 
 use super::sharded::{Items, Output};
 use serde::{
@@ -17,7 +17,7 @@ pub const MOST_ROWS: u64 = 1 << 20;
 /// Most items of a collection: a run holds them all in memory.
 pub const MOST_ITEMS: u64 = 1 << 25;
 
-/// What a listing says beside the blobs that it lists.
+/// The body of a listing, besides its blobs.
 #[derive(Serialize)]
 enum Body<'a> {
     /// Key, media type and names of parts of each item; the tree's blobs are those of the parts, in this order.
@@ -29,7 +29,7 @@ enum Body<'a> {
 /// Number, items and content digest of a shard.
 pub type Row = (u8, u64, Digest);
 
-/// What a listing holds.
+/// The content of a listing.
 pub enum Listing {
     /// Items, in the order of their keys.
     Items(Items),
@@ -262,7 +262,7 @@ mod tests {
         Digest::of(&[n])
     }
 
-    /// What is read of rows that name so many blobs and trees.
+    /// The content read from rows with the given number of blobs and trees.
     fn rows_read(body: &serde_json::Value, blobs: u8, trees: u8, len: u64) -> Option<Listing> {
         let (refs, trees): (Vec<_>, Vec<_>) = ((0..blobs).map(blob).collect(), (0..trees).map(blob).collect());
         read(&tree::encode(&refs, &trees, body.to_string().as_bytes()), len, "m")

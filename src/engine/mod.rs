@@ -1,6 +1,6 @@
-//! The engine: from a resolved [`Pipeline`] and a store to results. Knows no kind by name.
+//! The engine: computes the results of a resolved [`Pipeline`] with a store. Knows no kind by name.
 //!
-//! A run is a pass, or several: a pass that meets missing blobs is followed by one that makes them again.
+//! A run consists of one or more passes: a pass that finds missing blobs is followed by a pass that rebuilds them.
 
 mod action;
 pub mod batch;
@@ -102,7 +102,8 @@ pub enum EngineError {
     #[error(transparent)]
     Cache(#[from] CacheError),
     /// A result could not be written.
-    #[error("cannot write {path}: {source}; make room or choose another folder by --out", path = path.display())]
+    #[error("cannot write {path}: {source}; free some space, or choose a different directory with \
+        --out", path = path.display())]
     Write {
         /// Where.
         path: PathBuf,
@@ -160,7 +161,7 @@ pub fn run(
     Ok(summary)
 }
 
-/// What a dry run found.
+/// The result of a dry run.
 #[derive(Debug)]
 pub struct Plan {
     /// Numbers by node: `ran` is what would run.
@@ -169,7 +170,7 @@ pub struct Plan {
     pub would_run: Vec<explain::Planned>,
 }
 
-/// What a run would do: hits, runs, and nodes whose items are not known before something else has run.
+/// The plan of a run: hits, actions to run, and nodes whose items are unknown until other actions have run.
 ///
 /// It starts no program and loads no library of the pipeline: see [`explain::Planned::unknown`].
 ///
@@ -210,7 +211,7 @@ pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: PortId) ->
             let unread = store.damaged_log_places() > 0 && !store.keys_by_label(PIPELINE, &pipeline.name).is_empty();
             let error = if run.never_run && !unread { EngineError::Request } else { EngineError::Lost };
             return Err(error(format!(
-                "`{}` is not up to date: {} must run first; run the pipeline, then ask again",
+                "`{}` is stale: {} must run first; run the pipeline, then repeat this command",
                 pipeline.cell_name(cell),
                 if names.is_empty() { "it".to_owned() } else { names.join(", ") }
             )));
@@ -218,7 +219,7 @@ pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: PortId) ->
         let prefix = &pipeline.cells[cell].text;
         let missing = |blob: Digest| {
             EngineError::Lost(format!(
-                "blob {} of `{}` is missing; run the pipeline, which makes it again, then ask again",
+                "blob {} of `{}` is missing; run the pipeline to rebuild it, then repeat this command",
                 blob.short(),
                 pipeline.cell_name(cell)
             ))

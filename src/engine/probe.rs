@@ -1,4 +1,5 @@
-//! What programs tell of this machine: a run asks them and keeps their answers, and who only looks goes by these.
+//! Answers of programs about this machine: a run queries and stores them, and read-only commands use the stored
+//! answers.
 
 use super::{
     EngineError,
@@ -21,7 +22,7 @@ impl<'a> Asking<'a> {
         Self { store, acts }
     }
 
-    /// What of this machine enters the keys of a kind's group; none if only a program can tell, and none may run.
+    /// The environment in the keys of a kind's group; none if only a program can provide it, and no program may run.
     ///
     /// # Errors
     /// If an answer cannot be kept.
@@ -42,7 +43,7 @@ impl<'a> Asking<'a> {
     }
 }
 
-/// What stands in keys for what is not known. No run has it, so no such key is found.
+/// The placeholder in keys for an unknown environment. No run has it, so no such key is found.
 pub fn unknown() -> Value {
     json!({ "unknown": null })
 }

@@ -1,4 +1,4 @@
-//! Writes published outputs as files below `OUT/<pipeline>/`, and `run.json` beside them.
+//! Writes published outputs as files below `OUT/<pipeline>/`, together with `run.json`.
 
 use super::{EngineError, Summary, sharded::Sharded};
 use serde_json::json;
@@ -11,7 +11,7 @@ use std::{
 };
 use tauflow_cache::{Digest, Store};
 
-/// What is written: a folder below the pipeline's, and the collection whose parts go there.
+/// The target of publishing: a folder below the pipeline's, and the collection to write there.
 pub struct Publication {
     /// Folder below `OUT/<pipeline>/`; empty for the only publishing node.
     pub folder: String,
@@ -42,8 +42,8 @@ impl Taken {
         };
         if let Some(other) = before.or_else(below) {
             return Err(EngineError::Request(format!(
-                "{other} and {whose} meet in the file {}; give one of them another key or part name, or publish them \
-                 by pipelines of their own",
+                "{other} and {whose} would be written to the same file {}; rename a key or part, or publish them in \
+                separate pipelines",
                 path.display()
             )));
         }

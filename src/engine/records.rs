@@ -1,5 +1,5 @@
-//! What the engine keeps in the store: records of actions, of memoised sub-actions, of whole lanes and of their shards,
-//! and the blobs that running actions see.
+//! The engine's records in the store: of actions, memoised sub-actions, whole lanes and their shards, and the blobs
+//! that running actions see.
 
 use super::{
     ids::{Id, PortId},
@@ -34,7 +34,7 @@ pub fn now() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs())
 }
 
-/// What a record holds: the outputs of an action or a lane, by port name.
+/// The payload of a record: the outputs of an action or a lane, by port name.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Payload {
     /// Artifacts of a source's or map's action.
@@ -92,7 +92,7 @@ impl Payload {
 pub struct StoreBlobs<'a> {
     store: &'a Store,
     pool: &'a Pool,
-    /// What a transient action has made, until it is known who holds it.
+    /// The outputs of a transient action, until their holder is known.
     staged: Option<Mutex<HashMap<Digest, Arc<Vec<u8>>>>>,
     /// The first error of the store itself: it stops the run.
     fatal: Mutex<Option<CacheError>>,
@@ -191,7 +191,7 @@ impl Blobs for StoreBlobs<'_> {
             bytes: artifact.size(),
             when: now(),
         };
-        // What is memoised is kept.
+        // Memoised results are stored.
         for digest in &record.refs {
             let staged = self.staged.as_ref().map(|all| all.lock().unwrap_or_else(PoisonError::into_inner));
             if let Some(bytes) = staged.and_then(|all| all.get(digest).cloned()) {
@@ -202,7 +202,7 @@ impl Blobs for StoreBlobs<'_> {
             Recorded::New | Recorded::Same => Ok(()),
             Recorded::Conflict { existing } if existing.refs.iter().all(|d| self.store.contains(d)) => {
                 let message =
-                    format!("`{}` gave two different results for one key; it is not reproducible", key.name());
+                    format!("`{}` produced two different results for one key; it is not reproducible", key.name());
                 Err(KindError::Internal(message))
             }
             // The other's blobs are gone: what was made now takes its place.
@@ -211,7 +211,7 @@ impl Blobs for StoreBlobs<'_> {
     }
 }
 
-/// What an action gave.
+/// The outputs of an action.
 #[derive(Clone, Debug, Default)]
 pub struct Made {
     /// Artifacts by output port (sources and maps).

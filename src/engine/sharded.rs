@@ -1,4 +1,4 @@
-//! Collections as the engine holds them: in shards, each with its digest and, until somebody reads it, perhaps no more.
+//! Collections in the engine: in shards, each with its digest, and loaded on demand.
 //!
 //! A collection of few items is listed by one blob. A larger one is listed by a blob for each shard, and by one that
 //! lists these: a change of one item writes two of them anew, and a reader of one item reads two. All are trees (see
@@ -37,7 +37,7 @@ impl Output {
 /// Items in the order of their keys.
 pub type Items = Vec<(ItemKey, Arc<Output>)>;
 
-/// What is there, or the blob that should be and is not.
+/// The value, or its missing blob.
 pub type Here<T> = Result<T, Digest>;
 
 /// A collection kept as a blob.
@@ -65,13 +65,13 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// Of items at hand, in the order of their keys.
+    /// A shard of the given items, in the order of their keys.
     pub fn new(items: Items) -> Self {
         let digest = shard_digest(items.iter().map(|(key, output)| (key, output.digest)));
         Self { len: items.len() as u64, digest, tree: OnceLock::new(), items: items.into(), says: None }
     }
 
-    /// Of a shard of this number that is listed in the store, with items of this media type.
+    /// A stored shard with this number and media type.
     pub fn listed(listed: &Listed, number: u8, media: &'static str) -> Self {
         let (tree, says) = (listed.blob.into(), Some((number, media)));
         Self { len: listed.len, digest: listed.digest, tree, items: OnceLock::new(), says }
@@ -134,13 +134,13 @@ pub struct Sharded {
 }
 
 impl Sharded {
-    /// Of its shards.
+    /// A collection of shards.
     pub fn new(shards: BTreeMap<u8, Arc<Shard>>) -> Self {
         let digest = collection_digest(shards.iter().map(|(number, shard)| (*number, shard.len, shard.digest)));
         Self { digest, shards, seen: OnceLock::new(), stored: OnceLock::new() }
     }
 
-    /// Of items at hand.
+    /// A collection of the given items.
     pub fn of(items: impl IntoIterator<Item = (ItemKey, Arc<Output>)>) -> Self {
         let mut shards: BTreeMap<u8, Items> = BTreeMap::new();
         for (key, output) in items {

@@ -1,4 +1,4 @@
-//! Blobs of transient nodes: handed on in memory, for as long as the run.
+//! Blobs of transient nodes, kept in memory during the run.
 
 use std::{
     collections::HashMap,

@@ -1,4 +1,4 @@
-//! The pipeline file as it is written: names and texts with positions, nothing checked against kinds yet.
+//! The raw pipeline file: names and texts with positions, not yet checked against kinds.
 
 use super::{
     read,
@@ -30,7 +30,7 @@ pub struct PipelineFile {
     pub profiles: Vec<Profile>,
     /// Named values; those of an including file take the place of those that it includes.
     pub values: Vec<(Key, Yaml)>,
-    /// What others took the place of. It is checked, and what it names counts as used.
+    /// Values that were overridden. It is checked, and what it names counts as used.
     pub replaced: Vec<Yaml>,
     /// The nodes with what stands below their names, those of included files first.
     pub nodes: Vec<(Key, Yaml)>,
@@ -102,17 +102,17 @@ impl<'a> Loader<'a> {
                 let bytes = error.into_bytes();
                 let line = bytes[..at].iter().filter(|byte| **byte == b'\n').count() + 1;
                 let message = format!(
-                    "the pipeline `{}` is no UTF-8 text: byte {:#04x} on line {line}",
+                    "the pipeline `{}` is not UTF-8: byte {:#04x} on line {line}",
                     path.display(),
                     bytes.get(at).copied().unwrap_or_default()
                 );
                 let problem = from.map_or_else(|| Problem::nowhere(&message), |span| Problem::at(span, &message));
-                self.problem(problem.hint("save it as UTF-8, which plain ASCII is too"));
+                self.problem(problem.hint("save it as UTF-8 or ASCII"));
                 return;
             }
             Err(error) => {
                 let message = format!("cannot read the pipeline `{}`: {error}", path.display());
-                let hint = "give the path of a YAML file; `tauflow init` writes one to start from";
+                let hint = "give the path of a YAML file; `tauflow init` writes a first one";
                 self.problem(match from {
                     Some(span) => Problem::at(span, message).hint("paths are relative to the file that includes them"),
                     None => Problem::nowhere(message).hint(hint),
@@ -141,12 +141,12 @@ impl<'a> Loader<'a> {
             Err(problem) => return self.problem(*problem),
         };
         let Data::Map(mut fields) = yaml.data else {
-            let message = format!("a pipeline file is a map, this is {}", yaml.sort());
+            let message = format!("a pipeline file must be a map, found {}", yaml.sort());
             return self.problem(Problem::at(yaml.span, message).hint("start with `pipeline: NAME` and `nodes:`"));
         };
         let root = above.is_empty();
         let names: Arc<[String]> = TOP.iter().map(|key| (*key).to_owned()).collect();
-        // What is included comes first, so that this file can override its values and profiles.
+        // Included files come first, so that this file can override their values and profiles.
         fields.sort_by_key(|(key, _)| key.text != "include");
         for (key, value) in fields {
             match key.text.as_str() {
@@ -189,8 +189,8 @@ impl<'a> Loader<'a> {
             let known = self.file.values[index].0.span;
             if !self.includes.contains(&(source, known.source)) {
                 let place = self.sources.place(known);
-                let message = format!("the value `{}` is there already, at {place}", key.text);
-                let hint = "neither file includes the other, so that neither wins: give one of them another name";
+                let message = format!("the value `{}` is already defined at {place}", key.text);
+                let hint = "neither file includes the other, so neither overrides the other: rename one of the values";
                 self.problem(Problem::at(key.span, message).hint(hint));
             }
             let (_, before) = std::mem::replace(&mut self.file.values[index], (key, value));
@@ -213,13 +213,13 @@ impl<'a> Loader<'a> {
         for (name, body) in read::map(value, "nodes", self.problems) {
             read::check_name(&name, "a node", self.problems);
             if name.text == "values" {
-                let hint = "`values.NAME` overrides a named value: give the node another name";
-                self.problem(Problem::at(name.span, "`values` cannot name a node").hint(hint));
+                let hint = "`values.NAME` overrides a named value: rename the node";
+                self.problem(Problem::at(name.span, "`values` cannot be the name of a node").hint(hint));
             }
             if let Some(&other) = self.nodes.get(&name.text) {
                 let place = self.sources.place(self.file.nodes[other].0.span);
-                let message = format!("the node `{}` is there already, at {place}", name.text);
-                self.problem(Problem::at(name.span, message).hint("give one of them another name"));
+                let message = format!("the node `{}` is already defined at {place}", name.text);
+                self.problem(Problem::at(name.span, message).hint("rename one of them"));
                 continue;
             }
             self.nodes.insert(name.text.clone(), self.file.nodes.len());

@@ -1,5 +1,5 @@
 //! Pipelines: a file as written, with positions (`file`, `values`, `overrides`, `node`), and [`Pipeline`] as resolved:
-//! valid, named values put in, defaults filled, matrices expanded. Nothing after resolution checks again.
+//! valid, named values put in, defaults filled, matrices expanded. Later code does not validate again.
 
 pub mod draw;
 mod file;
@@ -32,7 +32,7 @@ pub struct Pipeline {
     pub nodes: Vec<Node>,
     /// The cells of all nodes, in the same order.
     pub cells: Vec<Cell>,
-    /// What is asked for.
+    /// The request.
     pub targets: Vec<Target>,
 }
 
@@ -43,7 +43,7 @@ pub struct Node {
     pub name: String,
     /// Its kind.
     pub kind: Arc<dyn NodeKind>,
-    /// What the kind states.
+    /// The spec of the kind.
     pub spec: KindSpec,
     /// Its axes, with the texts of their values.
     pub axes: Vec<(String, Vec<String>)>,
@@ -79,9 +79,9 @@ pub struct Cell {
 pub struct Connection {
     /// The cell it comes from.
     pub cell: usize,
-    /// That cell's output port.
+    /// The output port of that cell.
     pub port: PortId,
-    /// What is put before its item keys, if cells are gathered.
+    /// The prefix of its item keys, if cells are gathered.
     pub prefix: Option<String>,
 }
 

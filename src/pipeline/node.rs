@@ -1,4 +1,4 @@
-//! Nodes as written: kind, inputs, params and matrix, with positions; and matrices that are taken from other nodes.
+//! Raw nodes: kind, inputs, params and matrix, with positions; and matrices copied from other nodes.
 
 use super::{
     read,
@@ -34,7 +34,7 @@ pub(super) struct RawNode {
 pub(super) struct RawInput {
     /// The port.
     pub port: Key,
-    /// What it names.
+    /// The node that it refers to.
     pub refs: Vec<Key>,
 }
 
@@ -115,8 +115,8 @@ impl Reader<'_> {
                 "transient" => match value.data {
                     Data::Bool(transient) => node.transient = transient,
                     _ => {
-                        let message = format!("`transient` must be true or false, this is {}", value.sort());
-                        self.problem(value.span, message, "write `transient: true`, or leave it out");
+                        let message = format!("`transient` must be true or false, found {}", value.sort());
+                        self.problem(value.span, message, "write `transient: true`, or omit it");
                     }
                 },
                 other => {
@@ -137,8 +137,8 @@ impl Reader<'_> {
         for (port, value) in read::map(value, "inputs", self.problems) {
             let refs = read::texts(&value, "an input", self.problems);
             if refs.is_empty() && matches!(&value.data, Data::List(list) if list.is_empty()) {
-                let message = format!("the input `{}` names nothing", port.text);
-                self.problem(value.span, message, "name a node, or leave the input out");
+                let message = format!("the input `{}` is empty", port.text);
+                self.problem(value.span, message, "name a node, or omit the input");
             }
             inputs.push(RawInput { port, refs });
         }
@@ -196,7 +196,7 @@ impl Matrices<'_> {
             if self.of[at].is_none() {
                 self.failed[at] = true;
                 let hint = Hint::near(&like.text, "nodes", &names);
-                self.problem(like.span, format!("there is no node `{}`", like.text), hint);
+                self.problem(like.span, format!("unknown node `{}`", like.text), hint);
             }
         }
         for start in 0..self.nodes.len() {
@@ -218,9 +218,9 @@ impl Matrices<'_> {
             if let Some(&from) = place.get(&node) {
                 let mut circle: Vec<&str> = path[from..].iter().map(|i| self.nodes[*i].name.text.as_str()).collect();
                 circle.push(&self.nodes[node].name.text);
-                let message = format!("matrices are like each other in a circle: {}", circle.join(" -> "));
+                let message = format!("cyclic `like` of matrices: {}", circle.join(" -> "));
                 let span = self.nodes[node].like.as_ref().map_or(self.nodes[node].name.span, |like| like.span);
-                self.problem(span, message, "write the axes of one of them out");
+                self.problem(span, message, "write out the axes of one of them");
                 // Opened here, the circle is told of once.
                 let last = path[path.len() - 1];
                 self.of[last] = None;
@@ -242,16 +242,16 @@ impl Matrices<'_> {
         }
         let taken = self.nodes[from].matrix.clone();
         if taken.is_empty() {
-            let message = format!("`{}` has no matrix to be like", like.text);
-            self.problem(like.span, message, "name a node that has one, or write axes");
+            let message = format!("`{}` has no matrix to copy", like.text);
+            self.problem(like.span, message, "name a node that has one, or write out the axes");
             self.failed[node] = true;
         }
         let is_taken = |axis: &Axis| taken.iter().any(|other| other.name.text == axis.name.text);
         let (double, own): (Vec<Axis>, Vec<Axis>) =
             std::mem::take(&mut self.nodes[node].matrix).into_iter().partition(is_taken);
         for axis in double {
-            let message = format!("the axis `{}` is one of `{}` already", axis.name.text, like.text);
-            self.problem(axis.name.span, message, "take it away, or write all axes out");
+            let message = format!("the axis `{}` is already an axis of `{}`", axis.name.text, like.text);
+            self.problem(axis.name.span, message, "remove it, or write out all axes");
         }
         let here = |axis: Axis| Axis {
             name: Key { text: axis.name.text, span: like.span },
@@ -269,7 +269,7 @@ impl Matrices<'_> {
         // A value that names a cell is short; a long one is told of later, and not copied now.
         let long = matrix.iter().flat_map(|axis| &axis.values).any(|value| value.size().0 > LONGEST_VALUE);
         let total = self.cells.saturating_add(cells);
-        let hint = "take values or axes away, or spread them over several nodes";
+        let hint = "remove values or axes, or use several nodes";
         if axes > MOST_AXES {
             self.problem(
                 span,

@@ -1,5 +1,5 @@
 //! Overrides: `node.param=value` and `values.NAME=value`, of the command line and of profiles. They replace named
-//! values and parts of params before anything is checked, so that a wrong one is reported at its own place.
+//! values and parts of params before validation, so that an error is reported at its own position.
 
 use super::{
     file::PipelineFile,
@@ -40,7 +40,7 @@ pub(super) fn read(
         && profiles.iter().all(|p| p.name.text != wanted)
     {
         let hint = did_you_mean(wanted, "profiles", profiles.iter().map(|p| p.name.text.as_str()));
-        problems.push(Problem::nowhere(format!("there is no profile `{wanted}`")).hint(hint));
+        problems.push(Problem::nowhere(format!("unknown profile `{wanted}`")).hint(hint));
     }
     let mut found = Vec::new();
     for known in profiles {
@@ -51,7 +51,7 @@ pub(super) fn read(
         let source = sources.add("--set", set.clone());
         let whole = Span { source, start: 0, len: set.len().max(1) };
         let Some((path, text)) = set.split_once('=') else {
-            let message = format!("`{set}` sets nothing");
+            let message = format!("`{set}` is not an assignment");
             problems.push(Problem::at(whole, message).hint("write `--set node.param=value`"));
             continue;
         };
@@ -73,12 +73,12 @@ pub(super) fn to_values(file: &mut PipelineFile, overrides: &[Override], problem
         let Some((name, path)) = one.of_value() else { continue };
         let Some(&at) = index.get(name) else {
             let hint = Hint::near(name, "values", &names);
-            problems.push(Problem::at(one.key.span, format!("there is no value `{name}`")).hint(hint));
+            problems.push(Problem::at(one.key.span, format!("unknown value `{name}`")).hint(hint));
             continue;
         };
         if path.iter().any(|part| part.is_empty()) {
             let message = format!("`{}` is not `values.NAME`", one.key.text);
-            problems.push(Problem::at(one.key.span, message).hint("take the dot at its end away"));
+            problems.push(Problem::at(one.key.span, message).hint("remove the dot at the end"));
         } else if one.chosen {
             let (key, value) = &mut file.values[at];
             key.span = one.key.span;
@@ -121,13 +121,13 @@ pub(super) fn to_nodes(
         }
         let Some(&at) = index.get(name) else {
             let hint = Hint::near(name, "nodes", &names);
-            problems.push(Problem::at(key.span, format!("there is no node `{name}`")).hint(hint));
+            problems.push(Problem::at(key.span, format!("unknown node `{name}`")).hint(hint));
             continue;
         };
         let node = &mut nodes[at];
         if node.matrix.iter().any(|axis| axis.name.text == path[0]) {
             let message = format!("`{}` is an axis of the matrix of `{name}`, so it cannot be set", path[0]);
-            problems.push(Problem::at(key.span, message).hint("edit the matrix, or ask for one cell only"));
+            problems.push(Problem::at(key.span, message).hint("edit the matrix, or select one cell"));
         } else if chosen {
             replace(&mut node.params, key.span, &path, value);
         }

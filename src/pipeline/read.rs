@@ -1,4 +1,4 @@
-//! Takes maps, texts and names out of YAML, and says so where something else stands.
+//! Reads maps, texts and names from YAML, and reports wrong types.
 
 use super::{
     reference::is_name,
@@ -6,7 +6,7 @@ use super::{
 };
 use crate::diagnostics::Problem;
 
-/// What a name may be, as a hint.
+/// The rules for names, as a hint.
 pub const NAME_HINT: &str = "use letters, digits, `_` and `-`, starting with a letter";
 
 /// The fields of a map; none of what is no map.
@@ -15,7 +15,7 @@ pub fn map(value: Yaml, what: &str, problems: &mut Vec<Problem>) -> Vec<(Key, Ya
         Data::Map(fields) => fields,
         Data::Null => Vec::new(),
         _ => {
-            let message = format!("{what} must be a map, this is {}", value.sort());
+            let message = format!("{what} must be a map, found {}", value.sort());
             problems.push(Problem::at(value.span, message).hint("write `key: value` lines below it"));
             Vec::new()
         }
@@ -45,10 +45,11 @@ pub fn name(value: &Yaml, what: &str, problems: &mut Vec<Problem>) -> Option<Key
         if is_name(text) {
             return Some(Key { text: text.clone(), span: value.span });
         }
-        let hint = if text.starts_with('$') { "write it out: no named value may stand here" } else { NAME_HINT };
-        problems.push(Problem::at(value.span, format!("`{text}` cannot be {what}")).hint(hint));
+        let hint =
+            if text.starts_with('$') { "named values are not allowed here; write out the value" } else { NAME_HINT };
+        problems.push(Problem::at(value.span, format!("`{text}` cannot be used as {what}")).hint(hint));
     } else {
-        let message = format!("{what} must be a text, this is {}", value.sort());
+        let message = format!("{what} must be a text, found {}", value.sort());
         problems.push(Problem::at(value.span, message).hint("write a name, in quotes if it looks like a number"));
     }
     None

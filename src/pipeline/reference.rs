@@ -1,4 +1,4 @@
-//! What an input names: `node`, `node.port`, `node[axis=value, axis2=value].port`.
+//! References in inputs: `node`, `node.port`, `node[axis=value, axis2=value].port`.
 
 /// A parsed reference; its texts are slices of the source.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -15,11 +15,11 @@ impl<'a> Reference<'a> {
     /// Parses a reference.
     ///
     /// # Errors
-    /// What is wrong with it, in words.
+    /// Its error, in words.
     pub fn parse(text: &'a str) -> Result<Self, String> {
         let name = |part: &'a str, what: &str| -> Result<&'a str, String> {
             let part = part.trim();
-            if is_name(part) { Ok(part) } else { Err(format!("`{part}` is no name of {what}")) }
+            if is_name(part) { Ok(part) } else { Err(format!("`{part}` is not a valid name of {what}")) }
         };
         let (head, port) = match text.rfind(']').map_or_else(|| text.find('.'), |i| text[i..].find('.').map(|j| i + j))
         {
@@ -35,7 +35,7 @@ impl<'a> Reference<'a> {
             let (axis, value) = pair.split_once('=').ok_or(format!("`{}` is not `axis=value`", pair.trim()))?;
             let axis = name(axis, "an axis")?;
             if select.iter().any(|(a, _)| *a == axis) {
-                return Err(format!("the axis `{axis}` stands twice"));
+                return Err(format!("the axis `{axis}` is given twice"));
             }
             select.push((axis, value.trim()));
         }

@@ -1,6 +1,6 @@
-//! From the file as written to a [`Pipeline`]: kinds found, matrices expanded, params checked and completed.
+//! Turns the raw file into a [`Pipeline`]: looks up kinds, expands matrices, validates params and fills in defaults.
 //!
-//! Collects every problem before it gives up.
+//! Collects all problems before it fails.
 
 use super::{
     Cell, Node, Pipeline, Target,
@@ -21,7 +21,7 @@ use serde_json::Value;
 use std::{collections::BTreeSet, path::Path, sync::Arc};
 use tauflow_contract::{ItemKey, KindSpec, NodeKind};
 
-/// What the command line changes of a pipeline.
+/// Overrides from the command line.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
     /// A profile.
@@ -127,7 +127,7 @@ fn seed(file: &PipelineFile, problems: &mut Vec<Problem>) -> u64 {
     {
         return value;
     }
-    let message = format!("the seed must be a whole number from 0, this is {}", seed.sort());
+    let message = format!("the seed must be a whole number from 0, found {}", seed.sort());
     problems.push(Problem::at(seed.span, message).hint("write `seed: 7`"));
     0
 }
@@ -136,7 +136,7 @@ fn draft(raw: &RawNode, registry: &Registry, problems: &mut Vec<Problem>) -> Dra
     let kind = raw.kind.as_ref().and_then(|name| {
         let kind = registry.get(&name.text).map(|kind| (kind.clone(), kind.spec()));
         if kind.is_none() {
-            let message = format!("there is no kind `{}`", name.text);
+            let message = format!("unknown kind `{}`", name.text);
             problems.push(Problem::at(name.span, message).hint(registry.hint(&name.text)));
         }
         kind
@@ -148,13 +148,13 @@ fn draft(raw: &RawNode, registry: &Registry, problems: &mut Vec<Problem>) -> Dra
         let mut known = BTreeSet::new();
         for value in values {
             let text = axis_text(value);
-            // What is wrong with an axis of another node is told of there.
+            // Errors in an axis of a different node are reported there.
             if *taken {
             } else if ItemKey::new(format!("{}={text}", axis.text)).is_err() || text.contains(['/', '+', '=']) {
                 let message = format!("`{text}` cannot name a cell of the axis `{}`", axis.text);
                 problems.push(Problem::at(value.span, message).hint("use short names and numbers"));
             } else if !known.insert(text.clone()) {
-                let message = format!("the value `{text}` stands twice in the axis `{}`", axis.text);
+                let message = format!("the value `{text}` occurs twice in the axis `{}`", axis.text);
                 problems.push(Problem::at(value.span, message).hint("take one away"));
             }
             texts.push(text);
@@ -201,11 +201,11 @@ fn check_axes(draft: &Draft, raw: &RawNode, bound: &BTreeSet<String>, problems: 
         let names: BTreeSet<&str> =
             schema_check::params(&schema).into_iter().chain(bound.iter().map(String::as_str)).collect();
         let message = format!(
-            "the axis `{}` is neither a param of `{}` nor an axis of an input, so that all cells would be the same",
+            "the axis `{}` is neither a param of `{}` nor an axis of an input, so all cells would be equal",
             axis.text, spec.name
         );
         let hint = nearest(&axis.text, names).map_or_else(
-            || format!("name a param of `{}`, or an axis of a node that `{}` reads", spec.name, raw.name.text),
+            || format!("name a param of `{}`, or an axis of an input of `{}`", spec.name, raw.name.text),
             |near| format!("did you mean `{near}`?"),
         );
         problems.push(Problem::at(axis.span, message).hint(hint));
@@ -224,14 +224,14 @@ fn params(draft: &mut Draft, raw: &RawNode, problems: &mut Vec<Problem>) {
     let Data::Map(base) = &raw.params.data else { return };
     for Axis { name: axis, .. } in &raw.matrix {
         if let Some((key, _)) = base.iter().find(|(k, _)| k.text == axis.text) {
-            let message = format!("`{}` is set here and is an axis of the matrix too", axis.text);
+            let message = format!("`{}` is set here, and is also an axis of the matrix", axis.text);
             problems.push(Problem::at(key.span, message).hint("keep one of the two"));
         }
     }
     let (size, _) = raw.params.size();
     if draft.cells.len() * size > MOST_PARAMS {
-        let message = format!("{} cells with params of {size} values each are too much", draft.cells.len());
-        problems.push(Problem::at(raw.params.span, message).hint("make the matrix, or the params, shorter"));
+        let message = format!("{} cells with params of {size} values each are too many", draft.cells.len());
+        problems.push(Problem::at(raw.params.span, message).hint("shorten the matrix or the params"));
         return;
     }
     let before = problems.len();
@@ -333,7 +333,7 @@ fn targets(pipeline: &mut Pipeline, file: &PipelineFile, options: &Options, prob
         let reference = match Reference::parse(&text) {
             Ok(reference) if reference.select.is_empty() => reference,
             Ok(_) => {
-                let message = format!("the target `{text}` names cells");
+                let message = format!("the target `{text}` selects cells");
                 problems.push(problem(span, message).hint("name a node, or `node.port`"));
                 continue;
             }
@@ -344,7 +344,7 @@ fn targets(pipeline: &mut Pipeline, file: &PipelineFile, options: &Options, prob
         };
         let Some(node) = pipeline.node(reference.node) else {
             let hint = did_you_mean(reference.node, "nodes", pipeline.nodes.iter().map(|n| n.name.as_str()));
-            problems.push(problem(span, format!("there is no node `{}`", reference.node)).hint(hint));
+            problems.push(problem(span, format!("unknown node `{}`", reference.node)).hint(hint));
             continue;
         };
         let spec = &pipeline.nodes[node].spec;

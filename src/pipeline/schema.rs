@@ -4,9 +4,9 @@ use crate::kinds::Registry;
 use serde_json::{Map, Value, json};
 use tauflow_contract::KindSpec;
 
-/// What names look like.
+/// The pattern of names.
 const NAME: &str = "^[A-Za-z_][A-Za-z0-9_-]*$";
-/// What the use of a named value looks like.
+/// The pattern of a reference to a named value.
 const USE: &str = "^\\$[A-Za-z_][A-Za-z0-9_-]*$";
 
 /// The schema of the whole format, with the ports and params of every kind.
@@ -45,23 +45,24 @@ pub fn schema(registry: &Registry) -> Value {
             "required": ["kind"],
             "additionalProperties": false,
             "properties": {
-                "kind": { "description": "What the node does; see `tauflow kinds`.", "oneOf": kinds },
-                "inputs": or_named(json!({ "description": "What feeds each input port.", "type": "object" })),
+                "kind": { "description": "Kind of the node; see `tauflow kinds`.", "oneOf": kinds },
+                "inputs": or_named(json!({ "description": "Source of each input port.", "type": "object" })),
                 "params": or_named(json!({
-                    "description": "Params of the kind; what is left out has its default.",
+                    "description": "Params of the kind; omitted params have their defaults.",
                     "type": "object",
                 })),
                 "transient": or_named(json!({
-                    "description": "Hand the outputs on in memory and store none: for what is quick to make and large. \
-                                    What needs them later makes them again.",
+                    "description": "Pass the outputs on in memory without storing them: for large results that are \
+                    fast to compute. Later runs that need them rebuild them.",
                     "type": "boolean",
                 })),
                 "matrix": or_named(json!({
-                    "description": "Axes; the node becomes one cell for each combination. An axis named like a param \
-                                    sets it.",
+                    "description": "Axes; the node has one cell per combination. An axis with the name of a param \
+                    sets it.",
                     "type": "object",
                     "properties": {
-                        "like": { "description": "A node; its axes stand before those here.", "type": "string" },
+                        "like": { "description": "A node whose axes are copied, before the axes given \
+                        here.", "type": "string" },
                     },
                     "additionalProperties": or_named(json!({ "type": "array", "minItems": 1 })),
                 })),
@@ -133,7 +134,7 @@ fn or_named(mut schema: Value) -> Value {
 /// Lets the name of a value stand for every part of a value.
 fn open(schema: &mut Value) {
     let Some(fields) = schema.as_object_mut() else { return };
-    // With a name for what tells branches apart, several may fit.
+    // If a named value stands for the discriminating field, several branches may match.
     if let Some(branches) = fields.remove("oneOf") {
         fields.insert("anyOf".into(), branches);
     }

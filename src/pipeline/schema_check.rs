@@ -1,4 +1,4 @@
-//! Checks a value against the JSON Schema of a kind's params, and finds every problem of it.
+//! Checks a value against the JSON Schema of a kind's params, and reports all problems.
 //!
 //! Understands what `schemars` writes: types, properties, enums, ranges, `$ref`, `anyOf`/`oneOf`/`allOf`. Formats and
 //! patterns are left to the kind itself.
@@ -14,9 +14,9 @@ pub struct Mismatch {
     pub pointer: String,
     /// True if the field's name is meant, not its value.
     pub key: bool,
-    /// What is so.
+    /// The problem.
     pub message: String,
-    /// What to do.
+    /// The remedy.
     pub hint: Hint,
 }
 
@@ -218,7 +218,7 @@ impl Checker<'_> {
             Value::String(text) => {
                 let length = text.chars().count() as u64;
                 if schema.get("minLength").and_then(Value::as_u64).is_some_and(|low| length < low) {
-                    self.add(at, false, "the text is too short".into(), "write at least one character");
+                    self.add(at, false, "the text is empty".into(), "write at least one character");
                 }
             }
             _ => {}
@@ -249,7 +249,7 @@ impl Checker<'_> {
             self.found.extend(found.iter().cloned());
             return;
         }
-        let message = format!("{} does not fit here", value_words(value));
+        let message = format!("{} is not allowed here", value_words(value));
         let expected = format!("expected {}", describe(self.root, schema));
         self.add(at, false, message, expected);
     }
@@ -310,7 +310,7 @@ impl Checker<'_> {
                 let one = if at.is_empty() { "param" } else { "key" };
                 let wanted = properties.and_then(|p| p.get(name)).map(|s| describe(self.root, s));
                 let hint = format!("add `{name}: ...`, {}", wanted.unwrap_or_else(|| "any value".into()));
-                self.add(at, false, format!("the {one} `{name}` is missing"), hint);
+                self.add(at, false, format!("missing {one} `{name}`"), hint);
             }
         }
     }
@@ -320,11 +320,11 @@ fn advice(schema: &Value, value: &Value) -> String {
     let wants = |name: &str| types(schema).contains(&name);
     match value {
         Value::String(text) if wants("integer") || wants("number") => match text.parse::<f64>() {
-            Ok(_) => "take the quotes away".into(),
+            Ok(_) => "remove the quotes".into(),
             Err(_) => "write a number".into(),
         },
         Value::String(text) if wants("boolean") && ["yes", "no", "on", "off"].contains(&text.as_str()) => {
-            "write `true` or `false`; `yes` and `no` are plain texts here".into()
+            "write `true` or `false`; `yes` and `no` are texts in YAML 1.2".into()
         }
         _ if wants("array") && !value.is_array() => format!("write a list: `[{}]`", plain(value)),
         Value::Number(n) if n.as_f64().is_some_and(|v| v.abs() >= 9.0e15) => "write a smaller number".into(),
@@ -395,7 +395,7 @@ mod tests {
             [
                 "/preset: `tinny` is not one of the choices | did you mean `tiny`?",
                 "/rungs/dyadic: expected a whole number from 0, found a text | write a number",
-                "/share: expected a number, found a text | take the quotes away",
+                "/share: expected a number, found a text | remove the quotes",
                 "/size: a list of 1 items | give exactly 2",
                 "/steps: 0 is out of range | give a number from 1 to 9",
                 "/stepz: unknown param `stepz` | did you mean `steps`?",

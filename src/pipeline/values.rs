@@ -1,8 +1,8 @@
-//! Named values: `values: { last_rung: 256 }`, and `$last_rung` where the value is meant.
+//! Named values: `values: { last_rung: 256 }`, referred to as `$last_rung`.
 //!
 //! A use is a whole text: `$name` and nothing else. `$$` begins a text that begins with `$`; any other text is itself.
-//! A value may be of any sort and may use other values. What is put in stands where the use stands, so that problems
-//! are shown there; [`Values::explain`] adds where the value is set. Knows no kind and no node.
+//! A value may be of any sort and may use other values. Substituted values keep the position of the reference, so that
+//! problems are shown there; [`Values::explain`] adds the position of the definition. Knows no kind and no node.
 
 use super::{
     file::PipelineFile,
@@ -16,14 +16,14 @@ use std::{
     sync::Arc,
 };
 
-/// So many values (maps, lists, scalars) may be put into a file, as many as it may hold when it is read.
+/// Maximum number of substituted values (maps, lists, scalars), the same as the limit for a file.
 const MOST_PUT_IN: usize = 200_000;
 /// Values may use each other so deep.
 const DEEPEST_CHAIN: usize = 16;
 /// A value may be nested so deep, as deep as a file.
 const DEEPEST: usize = 48;
 
-/// What a text says.
+/// The meaning of a text.
 #[derive(Debug, PartialEq)]
 enum Form<'a> {
     /// Itself.
@@ -133,17 +133,17 @@ impl Values {
                 Some(near) => format!("did you mean `${near}`?"),
                 None => format!("add `values: {{ {name}: ... }}`; a text that begins with `$` is written `$${name}`"),
             };
-            return self.refuse(span, format!("there is no value `{name}`"), hint, nothing);
+            return self.refuse(span, format!("unknown value `{name}`"), hint, nothing);
         };
         self.entries[index].used = true;
         if matches!(self.entries[index].state, State::Busy) {
             let from = trail.iter().position(|of| *of == index).unwrap_or(0);
             let circle: Vec<String> =
                 trail[from..].iter().chain([&index]).map(|of| format!("${}", self.entries[*of].key.text)).collect();
-            let message = format!("values use each other in a circle: {}", circle.join(" -> "));
+            let message = format!("cyclic values: {}", circle.join(" -> "));
             return self.refuse(span, message, "write one of them out", nothing);
         }
-        let too_deep = format!("values use each other more than {DEEPEST_CHAIN} deep");
+        let too_deep = format!("values refer to each other more than {DEEPEST_CHAIN} levels deep");
         if trail.len() >= DEEPEST_CHAIN {
             return self.refuse(span, too_deep, "write one of them out", nothing);
         }
@@ -156,8 +156,8 @@ impl Values {
             return self.refuse(span, too_deep, "write one of them out", nothing);
         }
         if self.put_in + done.nodes > MOST_PUT_IN {
-            let message = format!("more than {MOST_PUT_IN} values are put in for names");
-            return self.refuse(span, message, "make the named lists and maps shorter, or use them less", nothing);
+            let message = format!("more than {MOST_PUT_IN} values are substituted for names");
+            return self.refuse(span, message, "shorten the named lists and maps, or use them less often", nothing);
         }
         self.put_in += done.nodes;
         self.uses.insert(span, index);
@@ -191,7 +191,8 @@ impl Values {
         trail.pop();
         let (nodes, depth) = yaml.size();
         if depth > DEEPEST {
-            let message = format!("the value `{}` is nested more than {DEEPEST} deep", self.entries[index].key.text);
+            let message =
+                format!("the value `{}` is nested more than {DEEPEST} levels deep", self.entries[index].key.text);
             let span = self.entries[index].key.span;
             self.problems.push(Problem::at(span, message).hint("use fewer levels"));
         } else if self.failures == before {
@@ -215,15 +216,15 @@ impl Values {
             }
         }
         problems.append(&mut self.problems);
-        // With other problems, the use may be in what could not be read.
+        // If there are other problems, the reference may be in an unreadable part.
         if problems.is_empty() {
             for Entry { key, .. } in self.entries.iter().filter(|entry| !entry.used) {
                 let used = self.entries.iter().filter(|entry| entry.used).map(|entry| entry.key.text.as_str());
                 let hint = match nearest(&key.text, used) {
                     Some(near) => format!("did you mean `{near}`?"),
-                    None => format!("write `${}` where it is meant, or take it away", key.text),
+                    None => format!("use it as `${}`, or remove it", key.text),
                 };
-                problems.push(Problem::at(key.span, format!("nothing uses the value `{}`", key.text)).hint(hint));
+                problems.push(Problem::at(key.span, format!("the value `{}` is never used", key.text)).hint(hint));
             }
         }
     }

@@ -51,7 +51,7 @@ struct Misfit {
 }
 
 impl Wiring {
-    /// What feeds each input of a cell. `first` is the first cell of each draft in the pipeline.
+    /// The sources of each input of a cell. `first` is the first cell of each draft in the pipeline.
     pub fn connections(&self, node: usize, cell: usize, inputs: usize, first: &[usize]) -> Vec<Vec<Connection>> {
         let mut connections = vec![Vec::new(); inputs];
         for link in self.of_cell.get(&(node, cell)).into_iter().flatten().map(|at| &self.links[*at]) {
@@ -123,15 +123,12 @@ pub(super) fn order(wiring: &Wiring, problems: &mut Vec<Problem>) -> Option<Vec<
         let Some((_, _, span)) = edges.first() else { continue };
         fine = false;
         let path = cycle(&edges).iter().map(|i| wiring.names[*i].clone()).collect::<Vec<_>>().join(" -> ");
-        problems.push(
-            Problem::at(*span, format!("nodes read each other in a circle: {path}"))
-                .hint("take one of these inputs away; a pipeline goes one way"),
-        );
+        problems.push(Problem::at(*span, format!("cyclic inputs: {path}")).hint("remove one of these inputs"));
     }
     fine.then(|| in_order(wiring))
 }
 
-/// Of the nodes that could come next, the one that stands first in the file.
+/// Among the nodes that could come next, the first one in the file.
 fn in_order(wiring: &Wiring) -> Vec<usize> {
     let mut waits_for = vec![0usize; wiring.names.len()];
     let mut readers = vec![Vec::new(); wiring.names.len()];
@@ -215,7 +212,7 @@ impl Wirer<'_> {
         let Some(spec) = spec else { return };
         for port in spec.inputs.iter().filter(|p| !p.optional) {
             if raw.inputs.iter().all(|i| i.port.text != port.name) {
-                let message = format!("the input `{}` of `{}` is missing", port.name, raw.name.text);
+                let message = format!("missing input `{}` of `{}`", port.name, raw.name.text);
                 let hint =
                     format!("add `inputs: {{ {}: NODE }}`, items of type `{}`: {}", port.name, port.media, port.doc);
                 self.problem(raw.name.span, message, hint);
@@ -226,7 +223,7 @@ impl Wirer<'_> {
     fn reference(&mut self, reader: usize, input: Option<usize>, reference: &Reference<'_>, span: Span) {
         let Some(&source) = self.wiring.index.get(reference.node) else {
             let hint = Hint::near(reference.node, "nodes", &self.wiring.names);
-            self.problem(span, format!("there is no node `{}`", reference.node), hint);
+            self.problem(span, format!("unknown node `{}`", reference.node), hint);
             return;
         };
         self.wiring.edges.push((source, reader, span));
@@ -263,7 +260,7 @@ impl Wirer<'_> {
         let wanted = &reading.inputs[input];
         if wanted.media != Any::NAME && port.media != Any::NAME && wanted.media != port.media {
             let message = format!(
-                "the input `{}` takes `{}`, and `{}.{}` gives `{}`",
+                "the input `{}` takes `{}`, but `{}.{}` produces `{}`",
                 wanted.name, wanted.media, reference.node, port.name, port.media
             );
             self.misfits.push(Misfit { reader, source, wanted: wanted.media, span, message });
@@ -284,7 +281,7 @@ impl Wirer<'_> {
                 self.problem(span, message, format!("connect an output of type `{wanted}`"));
                 continue;
             }
-            // What reads this node cannot be read by it.
+            // A dependent of this node cannot be its input.
             let below = self.wiring.below(reader);
             let others = (0..self.drafts.len()).filter(|node| *node != source);
             let fits: Vec<String> = [source]
@@ -300,7 +297,7 @@ impl Wirer<'_> {
                 })
                 .collect();
             let hint = match fits.len() {
-                0 => format!("no other node gives `{wanted}`; `tauflow kinds` lists the kinds"),
+                0 => format!("no node produces `{wanted}`; `tauflow kinds` lists the kinds"),
                 _ => format!("{} would fit", listed(&fits)),
             };
             self.problem(span, message, hint);
@@ -339,7 +336,7 @@ impl Wirer<'_> {
         for (reader_cell, reading) in drafts[reader].cells.iter().enumerate() {
             let Some(cells) = giving.get(&shared(&reading.coords)) else {
                 let message = format!(
-                    "the cell `{}` of `{}` finds no cell of `{}` with the same values",
+                    "the cell `{}` of `{}` has no matching cell of `{}`",
                     reading.text(),
                     self.wiring.names[reader],
                     reference.node
@@ -351,15 +348,19 @@ impl Wirer<'_> {
             };
             if self.wiring.links.len() + cells.len() > MOST_LINKS {
                 let message = format!("with `{}`, cells have more than {MOST_LINKS} connections", reference.node);
-                self.problem(span, message, "let axes of the two be of one name, or pick cells: `node[axis=value]`");
+                self.problem(
+                    span,
+                    message,
+                    "give axes of both nodes the same name, or select cells: `node[axis=value]`",
+                );
                 return;
             }
             for (source_cell, prefix) in cells {
                 let (source_cell, prefix) = (*source_cell, prefix.clone());
                 let link = Link { reader, reader_cell, input, source, source_cell, output, prefix };
                 if !self.known.insert(link.clone()) {
-                    let message = format!("`{}` stands twice in this input", reference.node);
-                    self.problem(span, message, "take one away: item keys must differ");
+                    let message = format!("`{}` occurs twice in this input", reference.node);
+                    self.problem(span, message, "remove one: item keys must differ");
                     return;
                 }
                 self.wiring.links.push(link);

@@ -1,4 +1,4 @@
-//! YAML with positions: text -> a tree whose every node knows its bytes in its source.
+//! YAML with positions: parses text into a tree whose nodes know their source range.
 //!
 //! Knows no pipeline. Parsing is `serde-saphyr`'s, with limits on aliases, depth and size; YAML 1.1 booleans
 //! (`yes`, `on`) are plain strings here.
@@ -15,13 +15,13 @@ use std::{collections::HashSet, fmt};
 /// A node of the tree.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Yaml {
-    /// What it holds.
+    /// Its content.
     pub data: Data,
     /// Where it stands.
     pub span: Span,
 }
 
-/// What a node holds.
+/// The content of a node.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Data {
     /// Nothing.
@@ -48,7 +48,7 @@ pub struct Key {
 }
 
 impl Yaml {
-    /// What sort of node this is, for messages.
+    /// The type of the node, for messages.
     pub fn sort(&self) -> &'static str {
         match &self.data {
             Data::Null => "nothing",
@@ -170,7 +170,7 @@ pub fn parse(text: &str, source: usize) -> Result<Yaml, Box<Problem>> {
             let (message, hint) = match message.strip_prefix("duplicate mapping key: ") {
                 Some(rest) => {
                     let key = rest.split(", set ").next().unwrap_or(rest);
-                    (format!("the key `{key}` stands twice in one map"), "keep one of the two")
+                    (format!("the key `{key}` occurs twice in one map"), "keep one of the two")
                 }
                 None => refused(message),
             };
@@ -179,30 +179,30 @@ pub fn parse(text: &str, source: usize) -> Result<Yaml, Box<Problem>> {
     }
 }
 
-/// What the parser refuses, and what to do: parsers know the grammar, people know what they meant.
+/// Translates errors of the parser into messages with a remedy.
 fn refused(message: &str) -> (String, &'static str) {
     let known = [
         (
             "budget breached: Documents",
             "the file holds more than one document",
-            "keep one pipeline in a file: take what begins with `---` away",
+            "keep one pipeline per file: remove the document after `---`",
         ),
         (
             "budget breached",
-            "it grows too large when its aliases are written out",
-            "take aliases (`*name`) of what holds aliases away",
+            "the file is too large after its aliases are expanded",
+            "remove aliases (`*name`) of values that contain aliases",
         ),
-        ("recursion limit", "it is nested too deep", "a pipeline needs few levels; close brackets where they belong"),
-        ("tabs disallowed", "a tab stands where only blanks may", "indent by blanks; YAML takes no tabs there"),
+        ("recursion limit", "the file is nested too deeply", "check the brackets; a pipeline needs only a few levels"),
+        ("tabs disallowed", "tab in indentation", "indent with spaces; YAML does not allow tabs"),
         ("non-finite float", "a number must be finite", "write a finite number"),
         ("expected string scalar", "the key of a map must be a text", "write `name: value`"),
         ("unclosed quote", "a quote is not closed", "close the quote on this line"),
-        ("unknown anchor", "this alias has no anchor before it", "write `&name` before what it should repeat"),
+        ("unknown anchor", "unknown alias", "mark the value to repeat with `&name`"),
     ];
     match known.iter().find(|(part, ..)| message.contains(part)) {
         Some((_, what, hint)) => ((*what).to_owned(), hint),
         None => (
-            format!("this is not YAML that can be read: {message}"),
+            format!("invalid YAML: {message}"),
             "check the indentation, quotes and brackets on this line and the one above",
         ),
     }
@@ -328,7 +328,7 @@ impl<'de> Visitor<'de> for RawVisitor {
         let mut known = HashSet::new();
         while let Some((key, value)) = map.next_entry::<Spanned<String>, Raw>()? {
             if !known.insert(key.value.clone()) {
-                return Err(A::Error::custom(format!("the key `{}` stands twice in one map", key.value)));
+                return Err(A::Error::custom(format!("the key `{}` occurs twice in one map", key.value)));
             }
             fields.push((key, value));
         }

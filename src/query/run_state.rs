@@ -116,7 +116,7 @@ impl RunState {
             Event::End { cell, item, outcome, .. } => {
                 let at = (cell.clone(), item.clone());
                 node.long.remove(&at);
-                // What was done before, or could not begin, is not in flight.
+                // Cached and blocked actions are not running.
                 if let Some(running) = node.running.get_mut(&at) {
                     *running -= 1;
                     if *running == 0 {

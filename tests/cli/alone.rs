@@ -61,7 +61,7 @@ fn an_action_written_to_a_file_runs_where_its_inputs_are() {
     let other = place.path("other").display().to_string();
     let (code, _, err) = bare(&place, &["exec", &file, "--cache", &other]);
     assert_eq!(code, 2);
-    assert!(err.contains("does not hold the input blob"), "{err}");
+    assert!(err.contains("lacks the input blob"), "{err}");
     // With the scenes made there, it runs, and is recorded.
     place.tauflow(&["run", "small.yaml", "--target", "scenes", "--cache", &other]).ends(0);
     let (code, out, err) = bare(&place, &["exec", &file, "--cache", &other, "--limit", "5m"]);
@@ -90,6 +90,6 @@ fn what_is_no_action_is_told() {
     assert!(many.err.contains("10 actions begin with"), "{}", many.err);
     place.write("x.json", "{}");
     let bad = place.tauflow(&["exec", "x.json"]).ends(2);
-    assert!(bad.err.contains("is no action"), "{}", bad.err);
+    assert!(bad.err.contains("is not an action"), "{}", bad.err);
     assert!(place.tauflow(&["exec", "00", "--limit", "soon"]).ends(2).err.contains("give a number"));
 }

@@ -28,11 +28,11 @@ fn bad_arguments_are_2() {
         (&["refine", "/dev/zero", "x.exr", "--from-spp", "1", "-o", "x.exr"], "no regular file"),
         (&["cache", "verify", "--sample", "7"], "--sample"),
         (&["cache", "pin", "it", "no-digest"], "no-digest"),
-        (&["cache", "unpin", "it"], "there is no pin `it`"),
+        (&["cache", "unpin", "it"], "unknown pin `it`"),
         (&["render", "none.json", "-o", "x.exr"], "none.json"),
         (&["render", "none.json", "-o", "x.jpg"], "x.jpg"),
         (&["render", "small.yaml", "-o", "x.exr"], "--item NODE/ITEM"),
-        (&["render", "small.yaml", "--item", "scenes", "-o", "x.exr"], "names no item"),
+        (&["render", "small.yaml", "--item", "scenes", "-o", "x.exr"], "is not an item"),
         (&["export", "small.yaml", "split[a=1]", "-o", "x"], "it has no axes"),
     ] {
         let said = place.tauflow(arguments).ends(2);
@@ -53,7 +53,7 @@ fn a_failed_item_is_1_and_says_how_to_run_it_again() {
     let place = Place::with(&PIPELINE.replace("train: 2,", "train: 200,"));
     let said = place.tauflow(&["run", "small.yaml"]).ends(1);
     assert!(said.err.contains("strata fall short"), "{}", said.err);
-    let again = said.err.lines().find_map(|line| line.trim().strip_prefix("again: tauflow "));
+    let again = said.err.lines().find_map(|line| line.trim().strip_prefix("retry: tauflow "));
     let again: Vec<&str> = again.expect("the command is shown").split_whitespace().collect();
     assert_eq!(again, ["run", "small.yaml", "--only", "sampling"]);
     let events = place.tauflow(&["run", "small.yaml", "--events", "json"]).ends(1);
@@ -80,7 +80,7 @@ fn an_interrupt_is_130_and_the_next_run_goes_on() {
     assert!(interrupt.success());
     let rest: Vec<String> = lines.map(|line| line.expect("text")).collect();
     let said = Said::of(&child.wait_with_output().expect("it ends")).ends(130);
-    assert!(said.err.contains("stopping") && said.err.contains("run the same command again"), "{}", said.err);
+    assert!(said.err.contains("stopping") && said.err.contains("to resume, run"), "{}", said.err);
     assert!(rest.last().is_some_and(|l| l.contains(r#""event":"finished""#)), "{:?}", rest.last());
     // What was done before the interrupt is done.
     let plan = place.tauflow(&["plan", "small.yaml", "--target", "scenes"]).ends(0).out;

@@ -26,10 +26,10 @@ fn check_names_every_problem_at_its_place() {
     assert_eq!(said.out, "");
     for part in [
         "small.yaml:4:11",
-        "there is no kind `scene_generaton`",
+        "unknown kind `scene_generaton`",
         "did you mean `scene_generation`?",
         "small.yaml:7:",
-        "there is no node `scnes`",
+        "unknown node `scnes`",
         "small.yaml:8:",
         "did you mean `test_share`?",
         "3 problems found",
@@ -63,7 +63,7 @@ fn kinds_are_listed_and_explained() {
         assert!(manual.contains(part), "`{part}` is not in\n{manual}");
     }
     let said = place.tauflow(&["kinds", "stratified_samplng"]).ends(2);
-    assert_eq!(said.err, "error: there is no kind `stratified_samplng`; did you mean `stratified_sampling`?\n");
+    assert_eq!(said.err, "error: unknown kind `stratified_samplng`; did you mean `stratified_sampling`?\n");
 }
 
 #[test]

@@ -109,7 +109,7 @@ fn a_program_is_found_by_path_and_knows_nothing_else_of_the_environment() {
     let mut bare = place.command(&["exec", &key]);
     let none = Said::of(&bare.env("PATH", "/usr/bin:/bin").output().expect("the program starts")).ends(3);
     assert!(none.err.contains("`program.fake-renderer` is \""), "{}", none.err);
-    assert!(none.err.contains("in its key and absent here"), "{}", none.err);
+    assert!(none.err.contains("in the key, but absent on this machine"), "{}", none.err);
 }
 
 #[test]
@@ -137,7 +137,7 @@ fn an_action_of_other_threads_is_refused_and_both_are_named() {
     let recorded = keys(&place, "external_renderer");
     for (threads, here) in [("1", "1"), ("", "")] {
         let foreign = with(&place, &["exec", &key], &[("RAYON_NUM_THREADS", threads)]).ends(3);
-        let told = format!("`machine.threads` is \"2\" in its key and \"{here}\" here");
+        let told = format!("`machine.threads` is \"2\" in the key, but \"{here}\" on this machine");
         assert!(foreign.err.contains(&told), "{}", foreign.err);
     }
     // From a file, into another store, too: nothing is filed there.
@@ -188,7 +188,7 @@ fn a_limit_ends_what_the_programs_of_an_action_started_and_clears_its_folder() {
     let key = rendered(&place, &[]);
     place.write("stay", "");
     let late = with(&place, &["exec", &key, "--limit", "8s"], &[]).ends(1);
-    assert!(late.err.contains("stopped after its limit"), "{}", late.err);
+    assert!(late.err.contains("stopped at its time limit"), "{}", late.err);
     all_is_gone(&place);
     // Without what made it stay it is as before.
     fs::remove_file(place.path("stay")).expect("it was there");
@@ -229,9 +229,13 @@ fn a_sandbox_keeps_an_action_from_writing_elsewhere_and_where_there_is_none_that
     let key = rendered(&place, &[]);
     let mut bare = place.command(&["exec", &key, "--sandbox"]);
     let none = Said::of(&bare.env("PATH", place.path("bin")).output().expect("the program starts")).ends(3);
-    assert!(none.err.contains("there is no program `bwrap` here") && none.err.contains("--sandbox"), "{}", none.err);
+    assert!(
+        none.err.contains("the program `bwrap` is not installed") && none.err.contains("--sandbox"),
+        "{}",
+        none.err
+    );
     let held = with(&place, &["exec", &key, "--sandbox"], &[]);
-    if held.err.contains("cannot make a sandbox") {
+    if held.err.contains("cannot create a sandbox") {
         assert_eq!(held.code, 3);
         println!("skipped: {}", held.err);
         return;
@@ -254,7 +258,7 @@ fn a_sandbox_keeps_an_action_from_writing_elsewhere_and_where_there_is_none_that
     with(&place, &["exec", &key, "--sandbox"], &[]).ends(0);
     // Its time ends it, too.
     let late = with(&place, &["exec", &key, "--sandbox", "--limit", "0s"], &[]).ends(1);
-    assert!(late.err.contains("stopped after its limit"), "{}", late.err);
+    assert!(late.err.contains("stopped at its time limit"), "{}", late.err);
 }
 
 /// Endpoints of a scene, denoised.

@@ -29,7 +29,7 @@ fn a_second_run_has_nothing_to_do_and_says_so() {
     assert!(first.err.contains("10 actions ran, 0 as before"), "{}", first.err);
     let second = place.tauflow(&["run", "small.yaml"]).ends(0);
     let last = second.err.lines().last().unwrap_or_default();
-    assert!(last.starts_with("nothing to do: 10 results as they were ("), "{}", second.err);
+    assert!(last.starts_with("nothing to do: 10 results up to date ("), "{}", second.err);
     let summary = json(&fs::read_to_string(place.path("out/small/run.json")).expect("a run leaves its numbers"));
     assert_eq!(summary["pipeline"], "small");
     let again = place.tauflow(&["run", "small.yaml", "--recheck", "1"]).ends(0);
@@ -63,7 +63,7 @@ fn a_plan_tells_what_would_run_and_why() {
     let place = Place::new();
     let before = place.tauflow(&["plan", "small.yaml"]).ends(0);
     assert_eq!(counts(&before)["scenes"], pair("0", "8"));
-    assert!(before.out.contains("never run before"), "{}", before.out);
+    assert!(before.out.contains("has never run"), "{}", before.out);
     assert!(before.out.contains("not known"), "{}", before.out);
     place.tauflow(&["run", "small.yaml"]).ends(0);
     let after = place.tauflow(&["plan", "small.yaml"]).ends(0);
@@ -82,7 +82,7 @@ fn explain_shows_which_field_differs() {
     assert!(before.contains("scenes"), "it waits for the scenes: {before}");
     place.tauflow(&["run", "small.yaml"]).ends(0);
     let same = place.tauflow(&["explain", "small.yaml", "split"]).ends(0).out;
-    assert!(same.contains("nothing it reads has changed"), "{same}");
+    assert!(same.contains("no input has changed"), "{same}");
     let other = place.tauflow(&["explain", "small.yaml", "split", "--set", "split.test_share=0.4"]).ends(0).out;
     for part in ["/params/test_share", "before 0.5", "now    0.4", "kind       content_signature_split"] {
         assert!(other.contains(part), "`{part}` is not in\n{other}");
@@ -103,7 +103,7 @@ fn an_export_of_what_is_lost_makes_it_again() {
     for folder in ["packs", "blobs"] {
         fs::remove_dir_all(place.path("store").join(folder)).expect("it was there");
         let said = place.tauflow(&["export", "small.yaml", "scenes", "-o", folder]).ends(0);
-        assert!(folder != "packs" || said.err.contains("running again what made it"), "{}", said.err);
+        assert!(folder != "packs" || said.err.contains("rebuilding them"), "{}", said.err);
         let manifest = |name: &str| fs::read_to_string(place.path(name).join("manifest.json")).expect("a manifest");
         assert_eq!(manifest(folder), manifest("before"));
     }
@@ -113,7 +113,7 @@ fn an_export_of_what_is_lost_makes_it_again() {
 fn an_export_has_files_and_a_manifest() {
     let place = Place::new();
     let early = place.tauflow(&["export", "small.yaml", "scenes", "-o", "scenes"]).ends(2);
-    assert!(early.err.contains("`scenes` is not up to date"), "{}", early.err);
+    assert!(early.err.contains("`scenes` is stale"), "{}", early.err);
     place.tauflow(&["run", "small.yaml"]).ends(0);
     let said = place.tauflow(&["export", "small.yaml", "scenes", "-o", "scenes"]).ends(0);
     assert_eq!(said.out, "scenes\n");

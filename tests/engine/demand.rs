@@ -37,7 +37,7 @@ fn a_group_that_nobody_reads_does_not_run() {
     assert_eq!(groups(&ran.events, "scaled"), ["main"]);
     let read = FORK.replace("{in: scaled}", "{in: [scaled.negative, numbers]}");
     let error = shop.run(&read).summary.failures;
-    assert!(error[0].message.contains("two of the nodes on input `in` give an item `n0000`"), "{error:?}");
+    assert!(error[0].message.contains("two nodes on input `in` produce an item `n0000`"), "{error:?}");
     let read = FORK.replace("{in: scaled}", "{in: scaled.negative}");
     let ran = shop.run(&read);
     assert_eq!(groups(&ran.events, "scaled"), Vec::<String>::new(), "done by the run before");
@@ -64,7 +64,7 @@ fn only_one_item_runs_only_what_it_needs() {
     assert_eq!(ran.ran(), BTreeMap::from([("numbers", 3), ("scaled", 3), ("plain", 2)]));
     let pipeline = resolve(FORK);
     let error = Only::parse("scald/n0002", &pipeline).expect_err("no such node");
-    assert_eq!(error, "there is no node `scald`; did you mean `scaled`?");
+    assert_eq!(error, "unknown node `scald`; did you mean `scaled`?");
 }
 
 #[test]

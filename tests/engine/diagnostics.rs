@@ -44,14 +44,14 @@ nodes:
     params: {mul: two, add: 5000, pda: 1}
   total: {kind: total, inputs: {in: scald}}
 "), @r"
-      × the seed must be a whole number from 0, this is a text
+      × the seed must be a whole number from 0, found a text
        ╭─[toy.yaml:2:7]
      2 │ seed: one
        ·       ───
        ╰────
       help: write `seed: 7`
 
-      × there is no kind `numbrs`
+      × unknown kind `numbrs`
        ╭─[toy.yaml:4:19]
      4 │   numbers: {kind: numbrs, params: {count: 3}}
        ·                   ──────
@@ -86,7 +86,7 @@ nodes:
        ╰────
       help: did you mean `pad`?
 
-      × there is no node `scald`
+      × unknown node `scald`
        ╭─[toy.yaml:9:37]
      9 │   total: {kind: total, inputs: {in: scald}}
        ·                                     ─────

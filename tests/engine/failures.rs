@@ -55,7 +55,7 @@ fn a_panic_is_a_failure_like_any_other() {
     assert_eq!(ran.count(|n| n.failed), BTreeMap::from([("risky", 1)]));
     let failure = &ran.summary.failures[0];
     assert_eq!(failure.only(), "risky/n0002");
-    assert!(failure.message.contains("it panicked: the number 20 is unlucky"), "{}", failure.message);
+    assert!(failure.message.contains("panic: the number 20 is unlucky"), "{}", failure.message);
     assert_eq!(ran.ran()["rounded"], 5);
 }
 
@@ -140,7 +140,7 @@ fn files_that_are_no_regular_ones_fail_alone() {
         assert_eq!(ran.ran().get("files").copied().unwrap_or(0), sound, "the sound file alone, once");
         for failure in &ran.summary.failures {
             let told = &failure.message;
-            assert!(told.contains("cannot read `") && told.contains("; mend it or take it away"), "{told}");
+            assert!(told.contains("cannot read `") && told.contains("; repair or remove it"), "{told}");
         }
     }
 }

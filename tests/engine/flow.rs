@@ -83,7 +83,7 @@ nodes:
     assert_eq!(failures.len(), 1);
     assert_eq!(
         failures[0].message,
-        "the input `right` has no item `n0002`; connect a node that has every item of input `left`"
+        "the input `right` has no item `n0002`; connect a node that has all items of input `left`"
     );
 }
 

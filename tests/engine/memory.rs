@@ -84,7 +84,7 @@ targets: [longer]
         most.into_inner()
     };
     assert!(most(1 << 30) > 4, "with room, all workers have work");
-    // The first action of a node is not known yet to make 100 kB.
+    // The first action of a node is unknown to make 100 kB.
     assert!((1..=4).contains(&most(410_000)), "in flight");
     assert_eq!(most(1), 1, "one runs whatever it takes");
 }

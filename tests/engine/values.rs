@@ -181,11 +181,11 @@ fn values_cannot_blow_up() {
     let layers: String =
         (1..16).map(|n| format!("  v{n}: [{}]\n", vec![format!("$v{}", n - 1); 30].join(", "))).collect();
     let text = format!("values:\n  v0: 1\n{layers}nodes:\n  a: {{kind: numbers, params: {{count: $v15}}}}\n");
-    assert!(told(&text).contains("more than 200000 values are put in for names"));
+    assert!(told(&text).contains("more than 200000 values are substituted for names"));
     let chain: String = (1..9000).map(|n| format!("  v{n}: $v{}\n", n - 1)).collect();
     for order in [chain.clone(), chain.lines().rev().map(|line| format!("{line}\n")).collect()] {
         let text = format!("values:\n  v0: 1\n{order}nodes:\n  a: {{kind: numbers, params: {{count: $v8999}}}}\n");
-        assert!(told(&text).contains("values use each other more than 16 deep"));
+        assert!(told(&text).contains("values refer to each other more than 16 levels deep"));
     }
     let deep = format!("{}$x{}", "[".repeat(40), "]".repeat(40));
     let text = format!(
@@ -193,7 +193,7 @@ fn values_cannot_blow_up() {
         "[".repeat(40),
         "]".repeat(40)
     );
-    assert!(told(&text).contains("nested more than 48 deep"));
+    assert!(told(&text).contains("nested more than 48 levels deep"));
 }
 
 const LIKE: &str = "

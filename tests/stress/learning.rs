@@ -201,7 +201,7 @@ fn data(add: Add<'_>) {
 
 fn divergence(add: Add<'_>) {
     let told_all = |told: &str| {
-        ["step", "at a learning rate of ", "`learning_rate`", "`clip`"].iter().all(|word| told.contains(word))
+        ["step", "with a learning rate of ", "`learning_rate`", "`clip`"].iter().all(|word| told.contains(word))
     };
     // The rate rises by a quarter at every step: some go well, and each is kept.
     let lab = Lab::new();

@@ -190,7 +190,7 @@ fn textures(add: Add<'_>) {
         built
     };
     let came = refused(&shining(f32::NAN), &["shape 1: ", "emission", "not finite"])
-        .and_then(|said| refused(&shining(-1.0), &["shape 1: ", "emission below 0"]).map(|_| said))
+        .and_then(|said| refused(&shining(-1.0), &["shape 1: ", "negative emission"]).map(|_| said))
         .and_then(|said| rendered(&shining(1e6), 4, 4, 4).map(|_| format!("two {said}; the third taken and rendered")));
     add("an image of emission with a texel of NaN, of -1, of 1e6".into(), "refused; refused; taken", came);
 }

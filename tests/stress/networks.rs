@@ -77,9 +77,10 @@ pub fn hazards() -> Vec<Hazard> {
             add(format!("{name}, 1,000 calls"), "finite, and no brighter than the input", came);
             let blinding = scene(9, 0.0).states[0].map(|v| 1.0 + 1e38 * v);
             let came = match (space, model().and_then(|model| refined(model, &blinding, 9))) {
-                (_, Err(told)) => {
-                    held(told.contains("beyond") && told.contains("expose it lower"), "refused, with what to do".into())
-                }
+                (_, Err(told)) => held(
+                    told.contains("exceed") && told.contains("use a lower exposure"),
+                    "refused, with what to do".into(),
+                ),
                 (Space::Log1p, Ok(_)) => Err("taken: its space ends at 6e37".into()),
                 (Space::Linear, Ok(end)) => {
                     let ((low, high), (_, most)) = (range(&end), range(&blinding));

@@ -26,7 +26,7 @@ impl Number {
     fn parse(bytes: &[u8]) -> Result<Self, KindError> {
         let text = String::from_utf8_lossy(bytes);
         let digits = text.trim();
-        let value = digits.parse().map_err(|_| KindError::Input(format!("`{digits}` is no number; give digits")))?;
+        let value = digits.parse().map_err(|_| KindError::Input(format!("`{digits}` is not a number; give digits")))?;
         Ok(Self { value, pad: text.len() - text.trim_end_matches(' ').len() })
     }
 }

@@ -1,10 +1,10 @@
-//! What trees list, for a plan: each tree is read once, and none is trusted to be small.
+//! The content of trees, for a plan: each tree is read once, and none is assumed to be small.
 
 use super::plan::Plan;
 use crate::{CacheError, Digest, Store, tree};
 use std::collections::{HashMap, HashSet, hash_map::Entry};
 
-/// What one tree lists, as numbers in `Plan::blobs`.
+/// The blobs of one tree, as indices into `Plan::blobs`.
 #[derive(Default)]
 pub(super) struct Listing {
     pub present: Vec<u32>,

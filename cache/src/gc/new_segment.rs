@@ -1,4 +1,4 @@
-//! What a collection keeps of segments, copied to a new one.
+//! Copies the entries that a collection keeps to a new segment.
 
 use crate::{
     CacheError,

@@ -1,4 +1,4 @@
-//! What a collection keeps and what goes. Reads; changes nothing.
+//! Decides which entries a collection keeps and deletes. Read-only.
 
 use super::{GcOptions, GcReport, listing::Listing, segments::live_segments};
 use crate::{

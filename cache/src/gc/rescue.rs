@@ -1,4 +1,4 @@
-//! What a collection gives back: live stores noted that they count on it, or records that are new reach it.
+//! Restores blobs that live stores have requested, or that new records refer to.
 
 use super::sweep::{Sweep, Trashed};
 use crate::{

@@ -1,5 +1,5 @@
-//! Which segments a collection rewrites: those of dead stores of which enough goes, that are damaged, or that are many
-//! and small.
+//! Selects the segments that a collection rewrites: segments of dead stores with enough deletions, with damage, or many
+//! small ones.
 
 use super::plan::{PackPlan, Place, Plan};
 use crate::{

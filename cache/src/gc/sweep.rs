@@ -1,8 +1,7 @@
-//! How what goes is taken away, so that a kill or a power cut at any step, and a run beside it at any time, loses
-//! nothing that is to be kept.
+//! Deletion in steps, so that a kill or a power cut at any step, or a concurrent run, loses nothing that must be kept.
 //!
-//! 1. What a segment keeps is copied to a new segment, synced, and published.
-//! 2. What goes moves to `trash/`: from here on nobody finds it.
+//! 1. The entries to keep are copied to a new segment, synced, and published.
+//! 2. The others move to `trash/`, where no store finds them.
 //! 3. The leases are read again. Who noted a use before step 2 may have found the thing in place and count on it: it is
 //!    given back. Who notes one after does not find it, and makes it again. So is what records need that were written
 //!    meanwhile, by stores that may be closed by now.
@@ -218,7 +217,7 @@ impl<'a> Sweep<'a> {
         let (some, none): (Vec<u32>, Vec<u32>) = logs.into_iter().partition(|log| keeps.contains(log));
         self.rewrite_these(&none)?;
         match self.rewrite_these(&some) {
-            // What goes is a record without its blobs then, as good as none.
+            // The deleted record then has no blobs, and is useless.
             Err(error) if error.is_full() => {
                 let left = |row: &&Row| row.goes && some.contains(&row.segment);
                 let left = self.plan.rows.iter().filter(left).count() as u64;

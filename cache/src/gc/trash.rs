@@ -1,4 +1,4 @@
-//! Names in the trash, and how what lies there gets home.
+//! Names in the trash, and restoring its files.
 
 use crate::{
     CacheError, Digest,
@@ -18,7 +18,7 @@ pub(super) fn home(layout: &Layout, name: &str) -> Option<PathBuf> {
     }
 }
 
-/// Puts back what a collection that died had moved to the trash. What it had copied is there twice then.
+/// Puts back what a collection that died had moved to the trash. Its copies then exist twice.
 pub(super) fn restore_trash(layout: &Layout) -> Result<(), CacheError> {
     let trash = layout.folder("trash");
     for name in names(&trash).at("list", &trash)? {

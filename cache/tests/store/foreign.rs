@@ -1,4 +1,4 @@
-//! What is not the store's own is neither taken for it nor touched.
+//! Foreign files are neither used nor changed.
 
 use crate::{blob, fresh, open, record};
 use std::{

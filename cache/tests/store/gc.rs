@@ -95,7 +95,7 @@ fn live_stores_keep_what_they_wrote_and_looked_up() {
     for store in [&live, &collector, &open(dir.path())] {
         assert!(readable(store, &digests[3]) && readable(store, &digests[4]) && readable(store, &mine));
     }
-    // What went is a miss for the live store, and can be made again.
+    // A deleted blob is a miss for the live store, and can be rebuilt.
     assert!(
         live.get(&digests[0][0]).expect("get").is_none() || live.lookup("action", &record(1, "", vec![]).key).is_none()
     );

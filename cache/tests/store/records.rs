@@ -102,7 +102,7 @@ fn a_torn_tail_loses_only_what_was_torn() {
         let found = (0..10).take_while(|n| payload(&store, *n).is_some()).count();
         assert_eq!(found, cut * 10 / whole.len(), "cut at {cut} of {}", whole.len());
         assert!((found as u64..10).all(|n| payload(&store, n).is_none()));
-        // What is written afterwards goes to another segment.
+        // Later writes go to a different segment.
         if cut % 97 == 0 {
             store.record(&record(100 + cut as u64, "p", vec![])).expect("record");
             assert!(payload(&open(dir.path()), 100 + cut as u64).is_some());
@@ -235,7 +235,7 @@ fn damage_is_told_each_time_the_store_is_opened() {
         assert!(store.damaged_log_places() > 0);
         assert!(store.verify(None, 0, &mut |_, _| ()).expect("verify").damaged_records > 0);
     }
-    // What an index file hides is found when it is looked up.
+    // Records that an index file lacks are found by look-up.
     open(dir.path()).gc(&GcOptions::default()).expect("gc");
     let store = open(dir.path());
     assert_eq!(store.damaged_log_places(), 0, "it was cleared away");

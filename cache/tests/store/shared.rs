@@ -81,7 +81,7 @@ fn child_that_only_reads() {
         assert!(!store.verify(None, 0, &mut |_, _| ()).expect("verify").is_damaged());
         let dry = GcOptions { max_bytes: Some(0), dry_run: true, ..GcOptions::default() };
         assert_eq!(store.gc(&dry).expect("a dry run").removed_blobs, 18);
-        // What is there already need not be written.
+        // Existing blobs need not be written.
         store.put(&blob(1, 3000)).expect("it is there");
         store.record(&record(1, "p", vec![])).expect("it is there");
         let key = record(1, "", vec![]).key;
@@ -100,7 +100,7 @@ fn child_that_only_reads() {
             assert!(matches!(error, CacheError::ReadOnly { .. }), "{error}");
             assert!(error.is_environment() && error.is_refused() && !error.is_full());
             let message = error.to_string();
-            assert!(message.contains("reading only") && message.contains("must be writable"), "{message}");
+            assert!(message.contains("read-only") && message.contains("must be writable"), "{message}");
         }
         store.flush().expect("nothing to write");
         store.refresh().expect("readable");

@@ -1,4 +1,4 @@
-//! Actions: what a kind is handed, and what it gives back.
+//! Actions: the inputs and outputs of a kind.
 
 use crate::{All, Artifact, Collection, Context, Each, Files, Handle, ItemKey, Items, KindError, Media, Out, Stored};
 use std::collections::BTreeMap;
@@ -83,7 +83,7 @@ impl<'a, P> Action<'a, P> {
     pub fn only<M: Media>(&self, port: All<M>) -> Result<Handle<'a, M>, KindError> {
         let empty = || {
             KindError::Input(format!(
-                "input `{}` takes one item and got none; connect a node that makes it",
+                "input `{}` needs one item, but has none; connect a node that produces it",
                 port.name()
             ))
         };
@@ -98,7 +98,7 @@ impl<'a, P> Action<'a, P> {
         let Some(items) = self.all_if(port)? else { return Ok(None) };
         if items.len() > 1 {
             return Err(KindError::Input(format!(
-                "input `{}` takes one item and got {}; name one cell of its node, as in `node[axis=value]`",
+                "input `{}` needs one item, but has {}; select one cell of the node, as in `node[axis=value]`",
                 port.name(),
                 items.len()
             )));
@@ -123,7 +123,7 @@ impl<'a, P> Action<'a, P> {
     }
 }
 
-/// What an action made, by output port of its group.
+/// The outputs of an action, by output port of its group.
 ///
 /// Sources and maps make at most one artifact on each port; gathers make collections.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

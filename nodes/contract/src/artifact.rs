@@ -104,12 +104,12 @@ impl Borrow<str> for ItemKey {
 
 /// One content-addressed blob, or a small tree of named blobs, with a media type.
 ///
-/// A single blob is a tree whose only part has the empty name. What is read from a store or a file is checked: names of
-/// parts are below the folder that they may be written to, whoever wrote them.
+/// A single blob is a tree whose only part has the empty name. Values from a store or a file are validated: names of
+/// parts stay below the target folder.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 #[serde(try_from = "RawArtifact")]
 pub struct Artifact {
-    /// What the bytes are, e.g. `tauflow/ladder`.
+    /// The media type, e.g. `tauflow/ladder`.
     pub media: String,
     /// Parts by name; names follow the rules of [`ItemKey`] or are empty.
     pub parts: Parts,
@@ -185,7 +185,7 @@ impl Parts {
 }
 
 impl FromIterator<(String, Digest)> for Parts {
-    /// Of two entries of one name the later stays.
+    /// If two entries have the same name, the later one is kept.
     fn from_iter<I: IntoIterator<Item = (String, Digest)>>(iter: I) -> Self {
         let mut parts: Vec<(String, Digest)> = iter.into_iter().collect();
         parts.reverse();

@@ -1,10 +1,9 @@
-//! The canonical encoding: what keys and content digests are hashes of.
+//! The canonical encoding, from which keys and content digests are hashed.
 //!
 //! It is typed and length-prefixed: equal values give equal bytes, different values different bytes. A null is `n`. A
 //! truth value is `b` and a byte. A number is `i`, `u` or `f` and eight little-endian bytes, where `-0.0` is `0.0`. A
 //! text is `s`, a length of eight bytes and the text. A list is `a`, a count and the values. An object is `o`, a count
-//! and its fields, sorted by name: `k`, a length and the name, then the value. `docs/action_record.md` says the same to
-//! others.
+//! and its fields, sorted by name: `k`, a length and the name, then the value. `docs/action_record.md` documents it.
 //!
 //! A struct is written as it goes by, without making a JSON value of it first: actions have a key each.
 
@@ -25,7 +24,7 @@ pub fn canonical_bytes<T: Serialize + ?Sized>(value: &T) -> Vec<u8> {
     out
 }
 
-/// What cannot be encoded, in words.
+/// The value that cannot be encoded, in words.
 #[derive(Debug)]
 struct NotPlain(String);
 

@@ -1,4 +1,4 @@
-//! What a running action may ask of the engine: blobs, memoised sub-actions, progress, cancellation.
+//! The engine's services for a running action: blobs, memoised sub-actions, progress, cancellation.
 
 use crate::{Artifact, KindError, MemoKey};
 use serde::Serialize;

@@ -1,4 +1,4 @@
-//! Folders that artifacts are written to and read from, and the media type of plain trees of files.
+//! Directories to which artifacts are exported, and the media type of plain file trees.
 
 use crate::{Artifact, Context, Digest, ItemKey, KindError, Media, Stored};
 use std::collections::BTreeMap;
@@ -31,7 +31,8 @@ pub trait ReadFiles {
     /// # Errors
     /// If it is not there, or cannot be read.
     fn need(&self, name: &str) -> Result<Vec<u8>, KindError> {
-        self.get(name)?.ok_or_else(|| KindError::Input(format!("there is no file `{name}`; see what `export` writes")))
+        self.get(name)?
+            .ok_or_else(|| KindError::Input(format!("missing file `{name}`; `export` writes the expected files")))
     }
 }
 

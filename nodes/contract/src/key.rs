@@ -1,8 +1,8 @@
 //! The key of an action: everything an action reads, and its hash.
 //!
-//! What decides an outcome is one struct, [`Basis`]: the keys of actions, of whole lanes and of their shards, and of
-//! what an action memoises, are it and what is read. The key that is hashed and the preimage that `explain` prints are
-//! the same struct, so they cannot drift.
+//! All keys consist of one struct, [`Basis`], and inputs: keys of actions, whole lanes, their shards, and memoised
+//! sub-actions. The key that is hashed and the preimage that `explain` prints are the same struct, so they cannot
+//! drift.
 
 use crate::canonical_bytes;
 use serde::{Deserialize, Serialize};
@@ -13,7 +13,7 @@ use tauflow_cache::{Digest, Key};
 /// Version of the keys' encoding; part of every key, so that caches of before miss.
 pub const FORMAT_VERSION: u32 = 2;
 
-/// What decides an outcome beside what is read: part of every key, and nowhere written another way.
+/// Everything except inputs that determines an outcome: part of every key.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Basis {
     /// [`FORMAT_VERSION`], of keys that this program makes.
@@ -22,19 +22,19 @@ pub struct Basis {
     pub kind: Cow<'static, str>,
     /// The version of what is made.
     pub version: u32,
-    /// What is made: a group of the kind's output ports, or what an action memoises by the name that the kind gives it.
+    /// The output: a group of the kind's output ports, or the name of a memoised sub-action.
     pub group: Cow<'static, str>,
     /// The params that are read.
     pub params: Value,
     /// The seed, for kinds that draw random numbers from one.
     pub seed: Option<u64>,
-    /// What of the machine decides the outcome, such as a library that was found; null for most kinds.
+    /// The properties of the machine that determine the outcome, such as a library; null for most kinds.
     #[serde(default, skip_serializing_if = "Value::is_null")]
     pub environment: Value,
 }
 
 impl Basis {
-    /// Of params alone: no seed, and nothing of the machine.
+    /// A basis of params alone, without seed and environment.
     pub fn new(kind: impl Into<Cow<'static, str>>, version: u32, group: impl Into<Cow<'static, str>>) -> Self {
         Self {
             format: FORMAT_VERSION,
@@ -58,7 +58,7 @@ impl Basis {
 /// Everything that decides an action's outputs, and nothing else: no node name, item index, path, time, thread count.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ActionKey {
-    /// What decides them beside its inputs: the projected params, the derived seed.
+    /// The basis: everything except inputs, such as projected params and the derived seed.
     #[serde(flatten)]
     pub basis: Basis,
     /// Content digests by input port.
@@ -82,7 +82,7 @@ impl ActionKey {
 /// Example: the accumulator of a ladder's samples 0..32, which the gate's preview and the full ladder share.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MemoKey {
-    /// What decides it beside its inputs.
+    /// The basis: everything except inputs.
     #[serde(flatten)]
     pub basis: Basis,
     /// Content digests it reads.
@@ -95,7 +95,7 @@ impl MemoKey {
         Key::of(&canonical_bytes(self))
     }
 
-    /// What is memoised, for people: `kind/group`.
+    /// The name of the sub-action for messages: `kind/group`.
     pub fn name(&self) -> String {
         format!("{}/{}", self.basis.kind, self.basis.group)
     }

@@ -1,4 +1,4 @@
-//! Node kinds: what they state about themselves, and what their authors implement.
+//! Node kinds: their description, and the trait that authors implement.
 
 use crate::{Action, Context, Determinism, Group, InputPort, ItemKey, Later, OutputPort, Outputs, Probe, derive_seed};
 use schemars::JsonSchema;
@@ -76,9 +76,9 @@ pub struct SourceItem {
 pub struct ParamProblem {
     /// JSON pointer into the params, e.g. `/rungs/dyadic`.
     pub pointer: String,
-    /// What is so.
+    /// The problem.
     pub message: String,
-    /// What to do.
+    /// The remedy.
     pub hint: String,
 }
 
@@ -102,7 +102,7 @@ pub enum KindError {
     #[error("{0}")]
     Environment(String),
     /// The run is being stopped.
-    #[error("stopped before it was done")]
+    #[error("interrupted")]
     Cancelled,
     /// A fault of ours.
     #[error("internal error: {0}; please report it")]
@@ -149,8 +149,8 @@ pub trait Kind: Send + Sync + 'static {
         serde_json::to_value(params).expect("params serialise")
     }
 
-    /// Params that came later than the kind. What acted before they existed is left out of keys, and is what an action
-    /// gets where they are left out, whatever their defaults have become.
+    /// Params that came later than the kind. Values that reproduce the behaviour before these params existed are
+    /// omitted from keys. An action receives them if the params are missing, independent of current defaults.
     fn later() -> &'static [Later] {
         &[]
     }
@@ -163,12 +163,12 @@ pub trait Kind: Send + Sync + 'static {
         derive_seed(pipeline_seed, Self::spec().name, item)
     }
 
-    /// What of this machine decides the outputs of a group, beside all that an action is handed: a library that is
-    /// found at run time, the processor that is timed. It enters the keys. The default is nothing, null.
+    /// The properties of this machine that determine the outputs of a group, in addition to an action's inputs: a
+    /// library found at run time, or the processor that is timed. It enters the keys. The default is nothing, null.
     ///
     /// It may read files, and starts no program and loads no library of a pipeline: what only those tell it asks
-    /// `probe` for, and gives none where that has no answer. Of the params it reads those alone that [`Kind::project`]
-    /// leaves to the group, because an action that is run by itself has no others.
+    /// `probe` for, and gives none where that has no answer. It reads only params that [`Kind::project`] keeps for the
+    /// group, because an isolated action has no others.
     fn environment(_params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {
         Some(Value::Null)
     }

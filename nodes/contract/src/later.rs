@@ -1,9 +1,8 @@
-//! Params that came later than their kind.
+//! Params that were added to a kind after its first version.
 //!
-//! Before such a param existed, actions did what one value of it does: that value is a constant beside the param, and
-//! never the default of the day. Where a param has that value it is left out of keys, checkpoints and logs, so that
-//! those of before stay what they are; where it is left out, the action gets that value, whatever the default has
-//! become.
+//! One value of such a param reproduces the behaviour before it existed: a constant next to the param, independent of
+//! the current default. A param with this value is omitted from keys, checkpoints and logs, so that older ones stay
+//! valid. If it is omitted, the action receives this value.
 
 use serde_json::{Map, Value};
 

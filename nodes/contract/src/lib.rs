@@ -1,8 +1,8 @@
 //! The contract between the engine and node kinds.
 //!
-//! A *kind* is a sort of pipeline step. It states its ports and params, and turns one [`Action`] into
-//! [`Outputs`]. It is handed everything it may read: the params projected onto this action, the artifacts of its
-//! inputs, a derived seed. What it is not handed it cannot depend on, which is what makes the [`ActionKey`] sound.
+//! A *kind* is the type of a pipeline step. It declares its ports and params, and turns one [`Action`] into
+//! [`Outputs`]. It receives everything that it may read: the projected params, the artifacts of its inputs, a derived
+//! seed. It cannot depend on anything else, which makes the [`ActionKey`] sound.
 //!
 //! This crate knows no kind and no scheduler.
 

@@ -1,8 +1,7 @@
-//! What an artifact is, as a Rust type: its name, how it is loaded and stored, how it becomes files and is read from
-//! them.
+//! The Rust type of an artifact: its name, and how it is loaded, stored, exported and imported.
 //!
-//! A media type is declared once, by one type. Ports are constants that name that type (see [`crate::Each`],
-//! [`crate::All`] and [`crate::Out`]), so that a kind cannot read one thing as another.
+//! A media type is declared once, by one type. Ports are constants with that type (see [`crate::Each`], [`crate::All`]
+//! and [`crate::Out`]), so that a kind cannot read a wrong type.
 
 use crate::{All, Artifact, Collection, Context, Digest, ItemKey, KindError, ReadFiles, WriteFiles};
 use std::marker::PhantomData;
@@ -104,7 +103,7 @@ impl<'a, M: Media> Handle<'a, M> {
     /// [`KindError::Input`] if it is of another media type.
     pub fn new(artifact: &'a Artifact) -> Result<Self, KindError> {
         if artifact.media != M::NAME {
-            return Err(KindError::Input(format!("a `{}` stands where a `{}` should", artifact.media, M::NAME)));
+            return Err(KindError::Input(format!("found a `{}` instead of a `{}`", artifact.media, M::NAME)));
         }
         Ok(Self { artifact, media: PhantomData })
     }
@@ -172,7 +171,7 @@ impl<'a, M: Media> Items<'a, M> {
     pub fn need(self, port: All<M>, key: &ItemKey, other: &str) -> Result<Handle<'a, M>, KindError> {
         self.get(key.as_str()).ok_or_else(|| {
             let port = port.name();
-            KindError::Input(format!("`{port}` has no item `{key}`, which `{other}` has; connect the same items"))
+            KindError::Input(format!("`{port}` lacks the item `{key}` of `{other}`; connect the same items"))
         })
     }
 
@@ -197,7 +196,7 @@ impl<'a, M: Media> Items<'a, M> {
 pub enum Any {}
 
 impl Any {
-    /// What such a port has for a media type.
+    /// The media type of such a port.
     pub const NAME: &'static str = "*";
 }
 

@@ -1,4 +1,4 @@
-//! Ports: typed constants, which a kind lists in its spec and reads and writes its artifacts by.
+//! Ports: typed constants, which a kind lists in its spec and uses to read and write artifacts.
 //!
 //! `const SCENES: Each<Scene> = Each::new("scenes", "The scenes to render.")` is an input, `action.read(ctx, SCENES)`
 //! its value. The engine sees them as [`InputPort`] and [`OutputPort`], which name media types by text. A kind can also
@@ -7,7 +7,7 @@
 use crate::{Any, Media};
 use std::marker::PhantomData;
 
-/// What an input port hands to an action.
+/// The data that an input port passes to an action.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Takes {
     /// The item of the same key. The first such port that is connected decides which items there are.
@@ -16,7 +16,7 @@ pub enum Takes {
     Collection,
 }
 
-/// What a rerun of the same action gives.
+/// The reproducibility of an action.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Determinism {
     /// The same bits.
@@ -56,7 +56,7 @@ pub struct InputPort {
     pub name: &'static str,
     /// Name of the media type of its items; `*` takes any.
     pub media: &'static str,
-    /// What it hands to an action.
+    /// The data that it passes to an action.
     pub takes: Takes,
     /// True if it may be left unconnected.
     pub optional: bool,

@@ -1,7 +1,7 @@
-//! How a kind learns what of this machine enters its keys, where only a program can tell.
+//! Probes: properties of the machine in keys that only a program can provide.
 //!
-//! Who looks at a pipeline must not start its programs. So a kind does not run them by itself in
-//! [`Kind::environment`](crate::Kind::environment): it hands the question to a probe.
+//! Read-only commands must not start programs of a pipeline. A kind therefore does not run them in
+//! [`Kind::environment`](crate::Kind::environment), but passes the question to a probe.
 
 use serde_json::Value;
 

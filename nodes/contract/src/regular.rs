@@ -1,4 +1,4 @@
-//! Reading files outside that people name: each may be anything.
+//! Reads external files, which can be of any type and size.
 
 use nix::libc;
 use std::{
@@ -17,7 +17,7 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
     // The open file is asked, not the path: it may lead elsewhere by now.
     match file.metadata()?.is_file() {
         true => Ok(file),
-        false => Err(io::Error::new(io::ErrorKind::InvalidInput, "it is no regular file")),
+        false => Err(io::Error::new(io::ErrorKind::InvalidInput, "it is not a regular file")),
     }
 }
 
@@ -29,7 +29,7 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
 pub fn read_regular(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     let file = open_regular(path)?;
     let large =
-        |len: u64| io::Error::new(io::ErrorKind::FileTooLarge, format!("it has {len} bytes, and {most} are the most"));
+        |len: u64| io::Error::new(io::ErrorKind::FileTooLarge, format!("it has {len} bytes; the limit is {most}"));
     let len = file.metadata()?.len();
     if len > most {
         return Err(large(len));

@@ -1,4 +1,4 @@
-//! Kinds as the engine sees them: without their types, with JSON params.
+//! Type-erased kinds for the engine, with JSON params.
 
 use crate::{
     Action, Context, ItemKey, Kind, KindError, KindSpec, Outputs, ParamProblem, Probe, SourceItem, fill_in, leave_out,
@@ -12,7 +12,7 @@ pub type Projection = Box<dyn Fn(Option<&ItemKey>, &str) -> Value + Send + Sync>
 
 /// A kind as the engine sees it: object-safe, with JSON params.
 pub trait NodeKind: Send + Sync {
-    /// What the kind states about itself.
+    /// The description of the kind.
     fn spec(&self) -> KindSpec;
     /// See [`Kind::spec_for`]; `params` are resolved, or a projection.
     fn spec_for(&self, params: &Value) -> KindSpec;
@@ -221,7 +221,7 @@ mod tests {
         }
 
         fn run(_: &Context<'_>, action: &Action<'_, Params>) -> Result<Outputs, KindError> {
-            // What it was given, told by its outcome.
+            // Its inputs, as shown by its outcome.
             Err(KindError::Input(action.params.factor.to_string()))
         }
     }

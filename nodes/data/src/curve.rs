@@ -1,9 +1,9 @@
-//! What a training's curve says, in plain words.
+//! Describes the trend of a training's curve in words.
 
 use crate::records::TrainingPoint;
 use std::fmt;
 
-/// What the loss on the test scenes did last.
+/// The recent trend of the test loss.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Standing {
     /// It never was below what it was before the first step.
@@ -17,7 +17,7 @@ pub enum Standing {
 }
 
 impl Standing {
-    /// That of a curve so far; none without test scenes.
+    /// The trend of a curve so far; none without test scenes.
     pub fn of(points: &[TrainingPoint]) -> Option<Self> {
         let tests: Vec<(u64, f64)> = points.iter().filter_map(|p| p.test.map(|test| (p.step, test))).collect();
         let ((_, first), (end, last)) = tests.first().copied().zip(tests.last().copied())?;

@@ -20,7 +20,7 @@ use tauflow_contract::{
 /// File that lists the items of a folder.
 pub const MANIFEST: &str = "manifest.json";
 
-/// What a folder of items holds, and where it came from.
+/// The content of a folder of items, and its origin.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
     /// The pipeline; empty for what another program made.
@@ -90,7 +90,7 @@ impl DiskFolder {
         if let Some(other) = above.or(below) {
             let own = self.item.as_ref().map_or_else(|| "the list of all items".to_owned(), |item| format!("`{item}`"));
             return Err(KindError::Input(format!(
-                "`{other}` and {own} meet in the file {}; export them one by one, or give one of them another key",
+                "`{other}` and {own} would be written to the same file {}; export them separately, or rename a key",
                 path.display()
             )));
         }

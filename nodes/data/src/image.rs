@@ -95,7 +95,7 @@ impl Image {
         let size = |image: &Self| format!("{} x {}", image.width, image.height);
         if (self.width, self.height) != (other.width, other.height) {
             let (own, its) = (size(self), size(other));
-            return Err(crate::DataError::Format(format!("images of {own} and of {its} pixels cannot be one")));
+            return Err(crate::DataError::Format(format!("images of {own} and {its} pixels cannot be combined")));
         }
         let rows = self.data.chunks_exact(self.channels).zip(other.data.chunks_exact(other.channels));
         let data = rows.flat_map(|(a, b)| a.iter().chain(b).copied()).collect();

@@ -17,13 +17,17 @@ pub fn exr_bytes(layers: &[(&str, &Image)]) -> std::result::Result<Vec<u8>, Data
     let mut channels = Vec::new();
     for (name, image) in layers {
         if (image.width(), image.height()) != (size.0, size.1) {
-            return Err(DataError::Format(format!("layer `{name}` has another size than the first")));
+            return Err(DataError::Format(format!("layer `{name}` differs in size from the first layer")));
         }
         let letters: &[&str] = match image.channels() {
             1 => &["Y"],
             3 => &["R", "G", "B"],
             4 => &["R", "G", "B", "A"],
-            n => return Err(DataError::Format(format!("layer `{name}` has {n} channels; 1, 3 or 4 can be written"))),
+            n => {
+                return Err(DataError::Format(format!(
+                    "layer `{name}` has {n} channels; only 1, 3 or 4 are supported"
+                )));
+            }
         };
         for (c, letter) in letters.iter().enumerate() {
             let full = if name.is_empty() { (*letter).to_owned() } else { format!("{name}.{letter}") };
@@ -175,7 +179,7 @@ pub fn preview_png(image: &Image) -> std::result::Result<Vec<u8>, DataError> {
 /// If the image has not 3 channels.
 pub fn encode_png(image: &Image) -> std::result::Result<Vec<u8>, DataError> {
     if image.channels() != 3 {
-        return Err(DataError::Format(format!("a PNG of {} channels; 3 can be written", image.channels())));
+        return Err(DataError::Format(format!("a PNG with {} channels; only 3 are supported", image.channels())));
     }
     let bytes: Vec<u8> = image.data().iter().map(|v| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8).collect();
     let mut out = Vec::new();

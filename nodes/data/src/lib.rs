@@ -1,4 +1,4 @@
-//! What node kinds exchange: images, ladders, scenes, strata, variance time, and their file formats.
+//! The data that node kinds exchange: images, ladders, scenes, strata, variance time, and their file formats.
 //!
 //! Knows no kind: how a scene is drawn, rendered, learnt from or judged is elsewhere.
 
@@ -42,7 +42,7 @@ pub enum DataError {
     Io {
         /// The file.
         path: String,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
 }

@@ -35,7 +35,10 @@ impl Mesh {
     /// If it has 2^24 vertices or more.
     pub fn to_bytes(&self) -> Result<Vec<u8>, DataError> {
         if self.positions.len() >= 1 << 24 {
-            return Err(DataError::Format(format!("a mesh of {} vertices; split it below 2^24", self.positions.len())));
+            return Err(DataError::Format(format!(
+                "a mesh with {} vertices; split it into meshes with fewer than 2^24",
+                self.positions.len()
+            )));
         }
         let mut file = TensorFile::default()
             .with("positions", &[self.positions.len(), 3], self.positions.concat())

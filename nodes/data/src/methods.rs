@@ -20,9 +20,9 @@ pub const LOCAL_STEP: &str = "local_step";
 
 /// Axes of matrices by which tables tell cells apart, as in `parameterization=mc_noise+conditioning=rgb`.
 pub mod axes {
-    /// What the network predicts: see [`super::Parameterization`].
+    /// The target of the network: see [`super::Parameterization`].
     pub const PARAMETERIZATION: &str = "parameterization";
-    /// What a method sees beside the state: see [`super::Conditioning`].
+    /// The additional input of a method: see [`super::Conditioning`].
     pub const CONDITIONING: &str = "conditioning";
     /// The space that a network was trained in.
     pub const SPACE: &str = "space";
@@ -89,7 +89,7 @@ impl JsonSchema for MethodName {
     }
 }
 
-/// What the network predicts.
+/// Quantity that the network predicts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
 #[serde(rename_all = "snake_case")]
 pub enum Parameterization {
@@ -119,7 +119,7 @@ impl Parameterization {
     }
 }
 
-/// What a solver or denoiser sees beside the state.
+/// The additional input of a solver or denoiser.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Conditioning {

@@ -40,7 +40,7 @@ struct Writer<'a> {
     xml: String,
     indent: usize,
     written: BTreeSet<String>,
-    /// What textures make of vertex colours; every mesh gets all of them.
+    /// Vertex colours modified by textures; every mesh gets all of them.
     tints: Vec<Tint>,
 }
 
@@ -201,7 +201,7 @@ impl Writer<'_> {
                 self.float("clearcoat_gloss", *clearcoat_gloss);
             }
             Bsdf::Mask { opacity, inner } => {
-                // What both factors let through, one after the other.
+                // The product of both opacities.
                 if let Texture::Product { a, b } = simplified(opacity) {
                     let inner = Bsdf::Mask { opacity: *b, inner: inner.clone() };
                     return self.bsdf(&Bsdf::Mask { opacity: *a, inner: Box::new(inner) }, id);
@@ -247,7 +247,7 @@ impl Writer<'_> {
     }
 
     fn shape(&mut self, index: usize, shape: &Shape) -> Result<(), KindError> {
-        // There a map that mirrors turns what has no normals of its own inside out.
+        // In Mitsuba, a mirroring map turns meshes without normals inside out.
         let mut turns = false;
         match &shape.geometry {
             Geometry::Mesh { mesh } => {

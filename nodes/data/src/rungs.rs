@@ -40,7 +40,7 @@ impl Rungs {
     /// If `last` is no power of two.
     pub fn dyadic(last: u64) -> Result<Self, ParamError> {
         if !last.is_power_of_two() || last > MOST_DYADIC {
-            return Err(ParamError(format!("`dyadic: {last}` is no power of two up to 2^62; use for example 256")));
+            return Err(ParamError(format!("`dyadic: {last}` is not a power of two up to 2^62; use for example 256")));
         }
         Ok(Self((0..=last.trailing_zeros()).map(|i| 1u64 << i).collect()))
     }
@@ -178,7 +178,7 @@ impl JsonSchema for Resolution {
     }
 }
 
-/// How samples are drawn.
+/// Sampler of random numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
 #[serde(rename_all = "snake_case")]
 pub enum SamplerKind {
@@ -190,7 +190,7 @@ pub enum SamplerKind {
 }
 
 impl SamplerKind {
-    /// What records of before there was a choice hold, whatever the default has become: they say nothing of it.
+    /// The value of older records, which lack this field, independent of the current default.
     pub fn unsaid() -> Self {
         Self::Independent
     }

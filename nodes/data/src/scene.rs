@@ -1,6 +1,6 @@
 //! Scene description: plain, self-contained JSON; meshes and textures by digest.
 //!
-//! What the renderer reads is exactly what is hashed. Definitions are those of Mitsuba 3's plugins of the same name.
+//! The renderer reads exactly the data that is hashed. Definitions are those of Mitsuba 3's plugins of the same name.
 //! Right-handed world, metres, y up. Matrices are affine, row-major 3x4, and map columns: world = M * (local, 1).
 
 use serde::{Deserialize, Serialize};
@@ -41,7 +41,7 @@ pub struct Scene {
 pub struct Camera {
     /// Where it stands.
     pub origin: [f64; 3],
-    /// What it looks at.
+    /// The point that it looks at.
     pub target: [f64; 3],
     /// Which way is up.
     pub up: [f64; 3],
@@ -170,7 +170,7 @@ impl Texture {
 /// Roughness alpha below which a lobe is specular: it has no density, and is exported as the smooth plugin.
 pub const DELTA_ALPHA: f32 = 1e-3;
 
-/// What a surface does to light. Roughness `alpha` is GGX's; below [`DELTA_ALPHA`] a lobe is specular.
+/// The scattering of a surface. Roughness `alpha` is GGX's; below [`DELTA_ALPHA`] a lobe is specular.
 ///
 /// # Units
 /// Reflectances, transmittances, opacities, weights and the parameters of `principled` are shares: the renderer refuses
@@ -257,7 +257,7 @@ pub enum Bsdf {
     Mask {
         /// Opacity in [0, 1].
         opacity: Texture,
-        /// What is there where it is opaque.
+        /// The material of opaque points.
         inner: Box<Bsdf>,
     },
     /// A mix of two (`blendbsdf`).
@@ -276,12 +276,12 @@ pub enum Bsdf {
         map: Texture,
         /// Scales x and y of the map's normals.
         scale: f32,
-        /// What is shaded.
+        /// The material to shade.
         inner: Box<Bsdf>,
     },
     /// The same from both sides (`twosided`).
     TwoSided {
-        /// What is on both sides.
+        /// The material of both sides.
         inner: Box<Bsdf>,
     },
 }

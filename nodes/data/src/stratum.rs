@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use std::{borrow::Cow, fmt, str::FromStr};
 use tauflow_contract::ItemKey;
 
-/// What light does at surfaces, from easy to hard.
+/// Difficulty of light transport, from easy to hard.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize, JsonSchema)]
 pub enum Regime {
     /// Diffuse only.
@@ -95,7 +95,7 @@ impl fmt::Display for Stratum {
 
 /// A text that names no stratum.
 #[derive(Debug, thiserror::Error)]
-#[error("`{0}` names no stratum: expected L0 to L3, a dash, and environment, open or enclosed")]
+#[error("`{0}` is not a stratum: expected L0 to L3, a dash, and environment, open or enclosed")]
 pub struct ParseStratumError(String);
 
 impl FromStr for Stratum {

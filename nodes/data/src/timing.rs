@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use tauflow_contract::Digest;
 use tauflow_instructions::Instructions;
 
-/// What times depend on beside the work: the processor, how many of its cores there are, and the system.
+/// The machine on which times depend: the processor, its number of cores, and the system.
 ///
 /// It is part of the keys of measurements, so that those of two machines are never mixed. The system's own identity is
 /// part of it, as a digest: `/etc/machine-id`, or the name of the host. Clones of a system share the former, and cannot
@@ -54,12 +54,12 @@ fn kind_of_processor(told: &str) -> String {
     format!("family {family}, model {model}, stepping {stepping}, cache {cache}")
 }
 
-/// What one thing took, each time it was done, in seconds.
+/// The times of one method, per repeat, in seconds.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Repeated {
     /// On the wall's clock.
     pub wall_s: Vec<f64>,
-    /// Of all threads of the process together, and of the commands that it ran.
+    /// CPU time of all threads of the process, and of its commands.
     pub cpu_s: Vec<f64>,
 }
 

@@ -14,9 +14,9 @@ use std::{
 use tauflow_contract::{Digest, KindError, Probe, open_regular};
 use tauflow_data::timing::{commands_cpu_seconds, machine};
 
-/// What may stand in a template, and what must.
+/// Allowed and required placeholders of a template.
 pub(crate) struct Places {
-    /// What the program is, in errors.
+    /// The role of the program, for errors.
     pub(crate) what: &'static str,
     /// Names of places, such as `{output}`.
     pub(crate) all: &'static [&'static str],
@@ -25,7 +25,7 @@ pub(crate) struct Places {
 }
 
 impl Places {
-    /// What is wrong with a template; none if it can be used.
+    /// The error of a template; none if it is valid.
     pub(crate) fn problem(&self, template: &[String]) -> Option<String> {
         let has = |place: &str| template.iter().any(|word| word.contains(place));
         let missing: Vec<&str> = self.needed.iter().copied().filter(|place| !has(place)).collect();
@@ -35,9 +35,9 @@ impl Places {
             (!self.all.contains(&place)).then(|| place.to_owned())
         });
         match (missing.is_empty(), unknown) {
-            (false, _) => Some(format!("the command never names {}", missing.join(" or "))),
+            (false, _) => Some(format!("the command lacks the placeholder {}", missing.join(" or "))),
             (true, Some(place)) => {
-                Some(format!("the command names `{place}`, which is none of {}", self.all.join(", ")))
+                Some(format!("the command contains the unknown placeholder `{place}`; use {}", self.all.join(", ")))
             }
             (true, None) => None,
         }
@@ -101,7 +101,7 @@ pub(crate) fn identity(template: &[String]) -> BTreeMap<String, String> {
     words.filter_map(file).collect()
 }
 
-/// What a file holds, as its digest; a file that is there and cannot be read is not one that is missing.
+/// The digest of a file's content; an unreadable file differs from a missing one.
 pub(crate) fn contents(file: &Path) -> String {
     digest(file).map_or_else(|| "cannot be read".to_owned(), |digest| digest.hex())
 }
@@ -136,8 +136,8 @@ fn by_the_piece(file: &Path) -> std::io::Result<Digest> {
     }
 }
 
-/// What a command line prints of a version, as far as `probe` knows or may ask: null if it fails, and nothing if there
-/// is no command.
+/// The version that a command prints, as far as `probe` knows or may ask: null if it fails, and nothing without a
+/// command.
 ///
 /// An earlier answer counts as long as the program, the files that its command line names and the machine are the same.
 pub(crate) fn probed_version(words: &[String], probe: &dyn Probe) -> Option<Value> {
@@ -148,10 +148,10 @@ pub(crate) fn probed_version(words: &[String], probe: &dyn Probe) -> Option<Valu
     probe.answer(&question, &|| json!(version(words).ok()))
 }
 
-/// What a command line prints of a version, asked once in a process; nothing of no command.
+/// The version that a command prints, queried once per process; nothing without a command.
 ///
 /// # Errors
-/// What is so and what to do, if it cannot be started or fails.
+/// The problem and its remedy, if it cannot be started or fails.
 pub(crate) fn version(words: &[String]) -> Result<String, String> {
     static KNOWN: Mutex<BTreeMap<Vec<String>, Result<String, String>>> = Mutex::new(BTreeMap::new());
     let Some((program, arguments)) = words.split_first() else { return Ok(String::new()) };

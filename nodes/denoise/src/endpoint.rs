@@ -1,4 +1,4 @@
-//! What denoisers start from: a rung of a scene, and its G-buffer where it is asked for.
+//! The input of denoisers: a rung of a scene, and its G-buffer on request.
 
 use tauflow_contract::KindError;
 use tauflow_data::{
@@ -13,7 +13,7 @@ pub(crate) struct Endpoint<'a> {
     pub(crate) color: &'a Image,
     /// Albedo and normal, [H, W, 6].
     pub(crate) gbuffer: Option<&'a Image>,
-    /// What is said of an image that is made from it in one go.
+    /// The metadata of an image that is computed from it in one step.
     pub(crate) said: RefinedImage,
 }
 
@@ -37,7 +37,7 @@ impl<'a> Endpoint<'a> {
         })?;
         if color.channels() != 3 {
             return Err(KindError::Input(format!(
-                "the rung of {from} samples has {} values a pixel; pack images of 3, red, green and blue",
+                "the rung of {from} samples has {} values per pixel; pack images with 3: red, green and blue",
                 color.channels()
             )));
         }
@@ -46,8 +46,8 @@ impl<'a> Endpoint<'a> {
             (Conditioning::Gbuffer, Some(gbuffer)) => Some(gbuffer),
             (Conditioning::Gbuffer, None) => {
                 return Err(KindError::Input(
-                    "`conditioning` is gbuffer and the scene has no G-buffer; connect `gbuffers` of its \
-                     `dataset_packing`"
+                    "`conditioning` is gbuffer, but the scene has no G-buffer; connect `gbuffers` of its \
+                    `dataset_packing`"
                         .into(),
                 ));
             }

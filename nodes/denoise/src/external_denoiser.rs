@@ -28,21 +28,21 @@ pub struct ExternalDenoiser;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ExternalDenoiserParams {
-    /// Its name in tables.
+    /// Name of the method in tables.
     pub method: MethodName,
-    /// What it sees beside the endpoint; the G-buffer unless another is named.
+    /// Additional input of the denoiser; the G-buffer by default.
     pub conditioning: Conditioning,
     /// Sample count of the endpoint to denoise.
     #[schemars(range(min = 1))]
     pub from: u64,
-    /// Path or name of the Open Image Denoise library; none for what TAUFLOW_OIDN names, or the system has.
+    /// Path or name of the Open Image Denoise library. Default: TAUFLOW_OIDN, or the system's library.
     pub library: Option<String>,
-    /// Words of a program's command line in place of the library, with {color}, {albedo}, {normal} and {output} for EXR
-    /// files.
+    /// Command line of a program that replaces the library, as a list of words; {color}, {albedo}, {normal} and
+    /// {output} are EXR files.
     pub command: Vec<String>,
-    /// True if it is an error that the library is missing; else the method is left out with a note.
+    /// Fail if the library is missing, instead of omitting the method with a note.
     pub required: bool,
-    /// Times that `timing` measures it.
+    /// Number of measurements by `timing`.
     #[schemars(range(min = 1, max = 1000))]
     pub repeats: u64,
 }
@@ -64,9 +64,8 @@ impl Default for ExternalDenoiserParams {
 const ENDPOINTS: Each<PackedScene> = Each::new("endpoints", "The scenes whose endpoints are denoised.");
 const MAIN: Group = Group::main(2);
 const TIMED: Group = Group::new(TIMING, 2);
-const REFINED: Out<Refined> =
-    Out::new(MAIN, "refined", "The denoised image; none where the library is missing.").local();
-const TIMES: Out<Timing> = Out::new(TIMED, "timing", "How long it takes, on all cores.").measured();
+const REFINED: Out<Refined> = Out::new(MAIN, "refined", "The denoised image; none if the library is missing.").local();
+const TIMES: Out<Timing> = Out::new(TIMED, "timing", "Wall time on all cores.").measured();
 
 impl Kind for ExternalDenoiser {
     type Params = ExternalDenoiserParams;
@@ -74,7 +73,7 @@ impl Kind for ExternalDenoiser {
     fn spec() -> KindSpec {
         KindSpec {
             name: "external_denoiser",
-            summary: "Denoises endpoints with Open Image Denoise, or any program, to compare with.",
+            summary: "Denoises endpoints with Open Image Denoise or any program, as a baseline.",
             manual: include_str!("external_denoiser.md"),
             mode: Mode::Map,
             inputs: vec![ENDPOINTS.port(), AFTER.port()],
@@ -92,8 +91,8 @@ impl Kind for ExternalDenoiser {
             out.push(ParamProblem::new("/command", problem, hint));
         }
         if !params.command.is_empty() && params.library.is_some() {
-            let hint = "leave one of them away";
-            out.push(ParamProblem::new("/library", "there are both a `library` and a `command`", hint));
+            let hint = "omit one of them";
+            out.push(ParamProblem::new("/library", "both `library` and `command` are set", hint));
         }
         out
     }
@@ -146,7 +145,7 @@ impl Kind for ExternalDenoiser {
     }
 }
 
-/// What denoises.
+/// The denoiser.
 enum Denoiser<'a> {
     Program(&'a [String]),
     Library(&'a Oidn),
@@ -177,11 +176,11 @@ impl Denoiser<'_> {
     }
 }
 
-/// What is said where there is no library.
+/// The message if there is no library.
 const MISSING: &str = "there is no Open Image Denoise library here; install it (the wheel `pyoidn` has one) and name \
                        it with `library` or TAUFLOW_OIDN";
 
-/// What may stand in a command: EXR files.
+/// Placeholders of a command: EXR files.
 const PLACES: Places = Places {
     what: "denoiser",
     all: &["{color}", "{albedo}", "{normal}", "{output}"],

@@ -28,20 +28,21 @@ pub struct ExternalRenderer;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ExternalRendererParams {
-    /// Its name in tables.
+    /// Name of the method in tables.
     pub method: MethodName,
-    /// Words of a program's command line, with {scene}, {counts}, {repeats}, {seed} and {folder}. Must be given.
+    /// Command line of the program, as a list of words with {scene}, {counts}, {repeats}, {seed} and {folder}.
+    /// Required.
     pub command: Vec<String>,
-    /// Words of a command line that prints which version is there, and fails where none is; none if the program's own
-    /// file says enough.
+    /// Command that prints the version of the program and fails if it is missing, as a list of words; not needed if the
+    /// content of the program file identifies the version.
     pub version: Vec<String>,
-    /// Samples a pixel of its images: `{dyadic: 64}` for 1, 2, 4 ... 64, or an increasing list.
+    /// Samples per pixel of the images: `{dyadic: 64}` for 1, 2, 4 ... 64, or an increasing list.
     pub counts: Rungs,
     /// Width and height in pixels.
     pub resolution: Resolution,
-    /// True if it is an error that the program is missing; else the method is left out with a note.
+    /// Fail if the program is missing, instead of omitting the method with a note.
     pub required: bool,
-    /// Times that each image is rendered where times are taken.
+    /// Number of renders per image for timing.
     #[schemars(range(min = 1, max = 1000))]
     pub repeats: u64,
 }
@@ -64,8 +65,8 @@ const SCENES: Each<SceneRecord> = Each::new("scenes", "The scenes to render.");
 const MAIN: Group = Group::main(1);
 const TIMED: Group = Group::new(TIMING, 1);
 const RENDERED: Out<Refined> =
-    Out::new(MAIN, "rendered", "One image for each count; none where the program is missing.").local();
-const TIMES: Out<Timing> = Out::new(TIMED, "timing", "How long each takes, as the program says.").measured();
+    Out::new(MAIN, "rendered", "One image per sample count; none if the program is missing.").local();
+const TIMES: Out<Timing> = Out::new(TIMED, "timing", "Wall time of each image, as the program reports it.").measured();
 const PLACES: Places = Places {
     what: "renderer",
     all: &["{scene}", "{counts}", "{repeats}", "{seed}", "{folder}"],
@@ -78,7 +79,7 @@ impl Kind for ExternalRenderer {
     fn spec() -> KindSpec {
         KindSpec {
             name: "external_renderer",
-            summary: "Renders scenes with another renderer, to compare with.",
+            summary: "Renders scenes with an external renderer, as a baseline.",
             manual: include_str!("external_renderer.md"),
             mode: Mode::Map,
             inputs: vec![SCENES.port(), AFTER.port()],
@@ -141,7 +142,7 @@ struct Work<'a> {
     scene: Scene,
 }
 
-/// What a program says of the images of one count: seconds of each time that it was made.
+/// The times that a program reports for one sample count: seconds per repeat.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Told {
@@ -172,7 +173,7 @@ impl Work<'_> {
                 ("{scene}", inputs.join("scene.xml").to_string_lossy().into_owned()),
                 ("{counts}", listed.join(",")),
                 ("{repeats}", repeats.to_string()),
-                // What any program can take for a seed.
+                // The range of seeds that every program accepts.
                 ("{seed}", (self.seed % (1 << 31)).to_string()),
                 ("{folder}", images.to_string_lossy().into_owned()),
             ],

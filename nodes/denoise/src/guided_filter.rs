@@ -29,35 +29,35 @@ pub struct GuidedFilter;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct GuidedFilterParams {
-    /// Its name in tables.
+    /// Name of the method in tables.
     pub method: MethodName,
-    /// What guides it beside the endpoint; the G-buffer unless another is named.
+    /// Guide of the filter; the G-buffer by default.
     pub conditioning: Conditioning,
     /// Sample count of the endpoint to filter.
     #[schemars(range(min = 1))]
     pub from: u64,
-    /// Half the side of the window, less a half, in pixels.
+    /// Radius of the window in pixels: the side is twice the radius plus 1.
     #[schemars(range(min = 0, max = 64))]
     pub radius: u64,
-    /// Deviation of the weights over distance, in pixels.
+    /// Standard deviation of the weights over distance, in pixels.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub spatial: f64,
-    /// Deviation over differences of albedo.
+    /// Standard deviation for differences of albedo.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub albedo: f64,
-    /// Deviation over differences of normals.
+    /// Standard deviation for differences of normals.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub normal: f64,
-    /// Deviation over differences of patches of log radiance (non-local means); none for a joint bilateral filter,
-    /// whose weights come from the G-buffer alone.
+    /// Standard deviation for differences of patches of log radiance (non-local means); none for a joint bilateral
+    /// filter, which uses only the G-buffer.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub colour: Option<f64>,
-    /// Half the side of those patches, less a half.
+    /// Radius of the patches in pixels: the side is twice the radius plus 1.
     #[schemars(range(min = 0, max = 16))]
     pub patch: u64,
-    /// Filters radiance divided by albedo, and multiplies it back.
+    /// Filter radiance divided by albedo, and multiply it back.
     pub demodulate: bool,
-    /// Times that `timing` measures it.
+    /// Number of measurements by `timing`.
     #[schemars(range(min = 1, max = 1000))]
     pub repeats: u64,
 }
@@ -84,7 +84,7 @@ const ENDPOINTS: Each<PackedScene> = Each::new("endpoints", "The scenes whose en
 const MAIN: Group = Group::main(1);
 const TIMED: Group = Group::new(TIMING, 1);
 const REFINED: Out<Refined> = Out::new(MAIN, "refined", "The filtered image.");
-const TIMES: Out<Timing> = Out::new(TIMED, "timing", "How long it takes, on all cores.").measured();
+const TIMES: Out<Timing> = Out::new(TIMED, "timing", "Wall time on all cores.").measured();
 
 impl Kind for GuidedFilter {
     type Params = GuidedFilterParams;
@@ -92,7 +92,7 @@ impl Kind for GuidedFilter {
     fn spec() -> KindSpec {
         KindSpec {
             name: "guided_filter",
-            summary: "Filters endpoints by joint bilateral weights or non-local means, guided by G-buffers.",
+            summary: "Filters endpoints with a joint bilateral filter or non-local means, guided by G-buffers.",
             manual: include_str!("guided_filter.md"),
             mode: Mode::Map,
             inputs: vec![ENDPOINTS.port(), AFTER.port()],
@@ -104,8 +104,8 @@ impl Kind for GuidedFilter {
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
         let mut out = Vec::new();
         if params.conditioning == Conditioning::Rgb && params.demodulate {
-            let hint = "say `demodulate: false`, or `conditioning: gbuffer`";
-            out.push(ParamProblem::new("/demodulate", "there is no albedo to divide by", hint));
+            let hint = "set `demodulate: false`, or `conditioning: gbuffer`";
+            out.push(ParamProblem::new("/demodulate", "`demodulate` needs albedo", hint));
         }
         out
     }
@@ -146,7 +146,7 @@ pub fn filtered(color: &Image, gbuffer: Option<&Image>, params: &GuidedFilterPar
     let (width, height) = (color.width(), color.height());
     if color.channels() != 3 {
         return Err(KindError::Input(format!(
-            "the endpoint has {} values a pixel; filter images of 3, red, green and blue",
+            "the endpoint has {} values per pixel; filter images with 3: red, green and blue",
             color.channels()
         )));
     }
@@ -154,7 +154,8 @@ pub fn filtered(color: &Image, gbuffer: Option<&Image>, params: &GuidedFilterPar
         && (g.width(), g.height(), g.channels()) != (width, height, 6)
     {
         return Err(KindError::Input(format!(
-            "the G-buffer has {} x {} pixels of {} values, the endpoint {width} x {height}; render both alike",
+            "the G-buffer has {} x {} pixels with {} values, but the endpoint has {width} x {height}; render both \
+            with the same `resolution`",
             g.width(),
             g.height(),
             g.channels()
@@ -206,7 +207,7 @@ fn finite(image: &Image, what: &str) -> Result<(), KindError> {
     Ok(image.finite(what, "mend the image, or look at what made it")?)
 }
 
-/// What weights are made of.
+/// The features that determine weights.
 struct View<'a> {
     width: usize,
     height: usize,
@@ -231,7 +232,7 @@ impl View<'_> {
     }
 
     /// For each pixel of row `y`, the mean squared difference of the patch around it and that around the pixel (dx, dy)
-    /// away, in units of the deviation. None without patches. What lies outside has the value of the edge.
+    /// away, in units of the deviation. None without patches. Pixels outside have the value of the edge.
     fn patches(&self, y: usize, dx: isize, dy: isize) -> Option<Vec<f64>> {
         let deviation = self.params.colour?;
         let reach = self.params.patch as isize;

@@ -1,5 +1,4 @@
-//! What solvers and the path tracer are compared with: external denoisers and renderers, and filters guided by
-//! G-buffers.
+//! Baselines for solvers and the path tracer: external denoisers and renderers, and filters guided by G-buffers.
 
 mod command;
 mod endpoint;

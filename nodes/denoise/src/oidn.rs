@@ -51,7 +51,7 @@ pub(crate) struct Oidn {
     functions: Functions,
 }
 
-/// What was loaded, by its file.
+/// Loaded libraries by file.
 type Loaded = BTreeMap<PathBuf, Arc<Oidn>>;
 
 /// The library of a path or name; of none, that of the variable, or the system's. None if nothing is named and the
@@ -68,7 +68,7 @@ pub(crate) fn find(named: Option<&str>) -> Result<Option<Arc<Oidn>>, KindError> 
     let Some(file) = oidn_files::locate(named.as_deref()) else {
         let Some(name) = named else { return Ok(None) };
         return Err(KindError::Environment(format!(
-            "there is no library `{name}`, which should be Open Image Denoise; mend `library`, or {VARIABLE}"
+            "the Open Image Denoise library `{name}` does not exist; correct `library` or {VARIABLE}"
         )));
     };
     let mut loaded = LOADED.get_or_init(Mutex::default).lock().expect("no holder panics");
@@ -77,7 +77,8 @@ pub(crate) fn find(named: Option<&str>) -> Result<Option<Arc<Oidn>>, KindError> 
     }
     let library = Arc::new(Oidn::load(&file).map_err(|why| {
         KindError::Environment(format!(
-            "cannot load Open Image Denoise from `{}`: {why}; mend it, or name another by `library` or {VARIABLE}",
+            "cannot load Open Image Denoise from `{}`: {why}; repair it, or select a different library with `library` \
+            or {VARIABLE}",
             file.display()
         ))
     })?);
@@ -229,7 +230,7 @@ impl Buffers {
 /// A filter over images that it holds.
 pub(crate) struct Filter<'a> {
     handle: Handle,
-    // What the filter reads and writes has to stay where it is.
+    // The buffers of the filter must not move.
     buffers: Buffers,
     device: Device<'a>,
 }

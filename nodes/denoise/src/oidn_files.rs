@@ -13,14 +13,14 @@ use std::{
 const NAMES: [&str; 3] = ["libOpenImageDenoise.so.2", "libOpenImageDenoise.so", "libOpenImageDenoise.2.dylib"];
 /// Variable that names the library.
 pub(crate) const VARIABLE: &str = "TAUFLOW_OIDN";
-/// What the library loads from its own folder; versions follow the names.
+/// Libraries that it loads from its own folder; the names are followed by versions.
 const BESIDE: [&str; 3] = ["libOpenImageDenoise_core", "libOpenImageDenoise_device_cpu", "libtbb"];
 /// Where systems have libraries, beside the folders that they list.
 const FOLDERS: [&str; 6] = ["/usr/local/lib", "/lib", "/usr/lib", "/lib64", "/usr/lib64", "/opt/homebrew/lib"];
 /// Lists of folders that are read, of those that include each other.
 const MOST_LISTS: usize = 256;
 
-/// What is named: by the params, else by the variable.
+/// The configured name: from the params, or from the variable.
 pub(crate) fn named(by_params: Option<&str>) -> Option<String> {
     by_params.map(str::to_owned).or_else(|| std::env::var(VARIABLE).ok().filter(|name| !name.is_empty()))
 }
@@ -97,7 +97,7 @@ fn names(folder: &Path) -> Vec<String> {
     names
 }
 
-/// What of the library decides its images, by contents: its own file, and those beside it that it loads.
+/// The digests of the files that determine the library's results: its own file, and those in its folder that it loads.
 ///
 /// A package may have one file under several names, as links or copies, so that digests stand for each name once.
 pub(crate) fn identity(by_params: Option<&str>) -> Value {

@@ -1,4 +1,4 @@
-//! What the kinds share of taking times.
+//! Shared timing code of the kinds.
 
 use serde::Serialize;
 use tauflow_contract::{Any, Context, Each, KindError};
@@ -12,7 +12,7 @@ pub(crate) const TIMING: &str = "timing";
 
 /// Input that only has to be there.
 pub(crate) const AFTER: Each<Any> =
-    Each::any("after", "What must be there before `timing` measures, so that methods take turns.").or_none();
+    Each::any("after", "Completed before `timing` measures, so that methods take turns.").or_none();
 
 /// Params without what only `timing` reads, in the other groups.
 pub(crate) fn projected(params: &impl Serialize, group: &str) -> serde_json::Value {
@@ -30,8 +30,8 @@ pub(crate) fn nothing() -> Timing {
     Timing { entries: Vec::new() }
 }
 
-/// What `run` took, so many times after once that does not count. Where it tells its own seconds, of wall and processor
-/// time, those.
+/// The times of `run`, for the given number of repeats after a warm-up. Where it tells its own seconds, of wall and
+/// processor time, those.
 ///
 /// # Errors
 /// Those of `run`, and if the run is being stopped.

@@ -383,7 +383,7 @@ fn a_library_that_is_missing_and_one_that_cannot_be_loaded_differ() {
     let (bad_key, bad_message) = (key(), message());
     assert_eq!(no_key["not there"], file.to_string_lossy().as_ref(), "{no_key}");
     assert_ne!(no_key, bad_key);
-    assert!(no_message.contains("there is no library") && bad_message.contains("cannot load"), "{bad_message}");
+    assert!(no_message.contains("does not exist") && bad_message.contains("cannot load"), "{bad_message}");
 }
 
 #[test]

@@ -2,9 +2,9 @@
 //!
 //! Source: Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13; for groups Davison and Hinkley,
 //! "Bootstrap Methods and their Application", 1997, section 3.8. Every resample draws groups with replacement and takes
-//! all scenes and columns of a drawn group together. So differences between methods are paired, scenes that resemble
-//! each other are not counted as so many independent ones, and the same draws serve every figure. A mean is over
-//! scenes, in resamples as in the table. Knows no metric.
+//! all scenes and columns of a drawn group together. Differences between methods are therefore paired, similar scenes
+//! do not count as independent, and all figures use the same draws. A mean is over scenes, in resamples as in the
+//! table. Knows no metric.
 
 use std::collections::BTreeMap;
 use tauflow_data::{records::Estimate, rng::Stream, statistics::quantile};

@@ -26,10 +26,10 @@ pub struct BridgeValidation;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct BridgeValidationParams {
-    /// Resamples of the bootstrap.
+    /// Number of bootstrap resamples.
     #[schemars(range(min = 100, max = 100_000))]
     pub resamples: u64,
-    /// Scenes that maps are drawn of.
+    /// Number of scenes with maps.
     #[schemars(range(max = 1000))]
     pub map_scenes: u64,
 }
@@ -41,9 +41,9 @@ impl Default for BridgeValidationParams {
 }
 
 const ENDPOINTS: All<PackedScene> = All::new("endpoints", "Scenes at consecutive sample counts, such as 1..10.");
-const STEPS: All<BridgeSteps> = All::new("steps", "What `bridge_refinement` made of the same scenes.");
+const STEPS: All<BridgeSteps> = All::new("steps", "The output of `bridge_refinement` for the same scenes.");
 const MAIN: Group = Group::main(3);
-const BRIDGE: Out<BridgeFiles> = Out::new(MAIN, "bridge", "Tables, every case, and maps.").published();
+const BRIDGE: Out<BridgeFiles> = Out::new(MAIN, "bridge", "Tables, cases and maps.").published();
 
 impl Kind for BridgeValidation {
     type Params = BridgeValidationParams;
@@ -51,7 +51,7 @@ impl Kind for BridgeValidation {
     fn spec() -> KindSpec {
         KindSpec {
             name: "bridge_validation",
-            summary: "Compares steps between rungs with the real rungs.",
+            summary: "Compares solver steps between rungs with the real rungs.",
             manual: include_str!("bridge_validation.md"),
             mode: Mode::Gather,
             inputs: vec![ENDPOINTS.port(), STEPS.port(), SPLIT.port()],

@@ -1,4 +1,4 @@
-//! What Monte Carlo Transport Scheduling is said to do, each claim held against the figures at hand.
+//! Claims about Monte Carlo Transport Scheduling, each tested against the results.
 //!
 //! A claim is differences that must be above 0, each with its paired interval over scenes.
 //!
@@ -15,7 +15,7 @@ use tauflow_data::{
     records::{Claim, ClaimVerdict, Estimate, Evidence, METRICS},
 };
 
-/// What a claim is judged by: peaks of linear radiance, and of what is seen.
+/// The metrics for claims: PSNR of linear radiance and of previews.
 const JUDGED_BY: [&str; 2] = ["hdr_psnr", "preview_psnr"];
 /// Model calls at which the local velocity is said to be best.
 const BEST_NFE: u64 = 9;

@@ -24,7 +24,7 @@ use tauflow_data::{
     },
 };
 
-/// What a PSNR counts as at most in a mean, in dB: 20 log10 2^24, the rounding of an f32 at the peak.
+/// The maximum of a PSNR in a mean, in dB: 20 log10 2^24, the rounding of an f32 at the peak.
 pub const PSNR_CEILING: f64 = 144.494_397_918_710_97;
 
 /// The kind `evaluation`.
@@ -34,7 +34,7 @@ pub struct EvaluationKind;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct EvaluationParams {
-    /// Resamples of the bootstrap.
+    /// Number of bootstrap resamples.
     #[schemars(range(min = 100, max = 100_000))]
     pub resamples: u64,
 }
@@ -46,11 +46,11 @@ impl Default for EvaluationParams {
 }
 
 const SCORES: All<SceneScores> = All::new("scores", "Scores of refined images, by cell and scene.");
-const HOLD: All<SceneScores> = All::new("hold", "Scores of the endpoints that all start from, by scene.");
+const HOLD: All<SceneScores> = All::new("hold", "Scores of the endpoints from which all methods start, by scene.");
 const BASELINES: All<SceneScores> =
     All::new("baselines", "Scores of other methods, such as denoisers, by cell and scene.").or_none();
 const MAIN: Group = Group::main(4);
-const TABLES: Out<Evaluation> = Out::new(MAIN, "tables", "Means, intervals, curves and every score.");
+const TABLES: Out<Evaluation> = Out::new(MAIN, "tables", "Means, intervals, curves and all scores.");
 
 impl Kind for EvaluationKind {
     type Params = EvaluationParams;
@@ -58,7 +58,7 @@ impl Kind for EvaluationKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "evaluation",
-            summary: "Sums scores up by method, model calls and stratum, with intervals.",
+            summary: "Aggregates scores by method, model calls and stratum, with confidence intervals.",
             manual: include_str!("evaluation.md"),
             mode: Mode::Gather,
             inputs: vec![SCORES.port(), HOLD.port(), BASELINES.port(), SPLIT.port()],
@@ -138,26 +138,25 @@ fn common(values: impl Iterator<Item = (String, u64)>, what: &str) -> Result<u64
         match &first {
             Some((other, expected)) if *expected != value => {
                 return Err(input(format!(
-                    "{what} is {expected} samples for `{other}` and {value} for `{name}`; compare like with like"
+                    "{what} is {expected} samples for `{other}`, but {value} for `{name}`; use the same samples for \
+                    both"
                 )));
             }
             Some(_) => {}
             None => first = Some((name, value)),
         }
     }
-    first.map(|(_, value)| value).ok_or_else(|| input("there are no scores to sum up".into()))
+    first.map(|(_, value)| value).ok_or_else(|| input("there are no scores to aggregate".into()))
 }
 
 fn check_scenes(hold: &Cell<'_>, cell: &Cell<'_>) -> Result<(), KindError> {
     let name = if cell.key.is_empty() { "scores" } else { cell.key };
     if let Some(scene) = hold.scenes.keys().find(|s| !cell.scenes.contains_key(*s)) {
-        return Err(input(format!(
-            "`{name}` has no scores of scene `{scene}`, which `hold` has; score the same scenes"
-        )));
+        return Err(input(format!("`{name}` lacks scores of the scene `{scene}` of `hold`; score the same scenes")));
     }
     match cell.scenes.keys().find(|s| !hold.scenes.contains_key(*s)) {
         Some(scene) => Err(input(format!(
-            "`hold` has no score of scene `{scene}`, which `{name}` has; connect the same references to both"
+            "`hold` lacks a score of the scene `{scene}` of `{name}`; connect the same references to both"
         ))),
         None => Ok(()),
     }

@@ -8,8 +8,7 @@ use tauflow_data::records::SplitReport;
 
 /// The input of kinds that have intervals over groups.
 pub(crate) const SPLIT: All<SplitReport> =
-    All::new("split", "The split that the scenes come from: intervals are over its groups, else over scenes.")
-        .or_none();
+    All::new("split", "The report of the split: intervals are over its groups, otherwise over scenes.").or_none();
 
 /// The group of each scene, if a split says so.
 #[derive(Clone, Debug, Default)]

@@ -27,7 +27,7 @@ pub(crate) struct HeldOut {
     own_rel: f64,
 }
 
-/// What an image is off by.
+/// The errors of an image.
 pub(crate) struct Errors {
     /// Mean square.
     pub(crate) mse: f64,

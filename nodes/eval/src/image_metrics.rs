@@ -17,7 +17,7 @@ pub struct ImageMetrics;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ImageMetricsParams {
-    /// Sample count of the rung that is scored where no `images` are connected.
+    /// Sample count of the rung to score if `images` is not connected.
     #[schemars(range(min = 1))]
     pub from: u64,
 }
@@ -30,8 +30,8 @@ impl Default for ImageMetricsParams {
 
 // `images` stands first: where it is connected it decides the items, and each needs a reference.
 const IMAGES: Each<Refined> =
-    Each::new("images", "The images to score; left out, a rung of the references is scored.").or_none();
-const REFERENCES: Each<PackedScene> = Each::new("references", "The same scenes; the last rung is the reference.");
+    Each::new("images", "The images to score; without them, a rung of the references is scored.").or_none();
+const REFERENCES: Each<PackedScene> = Each::new("references", "The same scenes; their last rung is the reference.");
 const MAIN: Group = Group::main(1);
 const METRICS: Out<SceneScores> = Out::new(MAIN, "metrics", "The metrics of each image of a scene.");
 
@@ -73,7 +73,7 @@ impl Kind for ImageMetrics {
     }
 }
 
-/// What is wrong with which image.
+/// The problem and its image.
 pub(crate) fn not_comparable(error: &MetricError, said: &RefinedImage, scene: &str) -> KindError {
     let RefinedImage { method, from_spp, to_spp, nfe } = said;
     KindError::Input(format!(

@@ -11,7 +11,10 @@ use tauflow_data::{Image, image::preview, maths::log10, records::Metrics};
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MetricError {
     /// The two have different sizes.
-    #[error("the image is {image} and its reference {reference} (width x height x channels); render both alike")]
+    #[error(
+        "the image has {image} values, but its reference has {reference} (width x height x channels); render both \
+        with the same `resolution`"
+    )]
     Shape {
         /// Size of the image.
         image: String,
@@ -19,7 +22,8 @@ pub enum MetricError {
         reference: String,
     },
     /// The image is smaller than the window of SSIM.
-    #[error("SSIM needs images of at least {side} x {side} pixels and got {width} x {height}; raise the resolution",
+    #[error("SSIM needs images of at least {side} x {side} pixels, but this one has {width} x {height}; increase the \
+        resolution",
         side = 2 * RADIUS + 1)]
     Small {
         /// Pixels in a row.
@@ -28,11 +32,13 @@ pub enum MetricError {
         height: usize,
     },
     /// Not every value is a number.
-    #[error("{count} of the {of} values are not finite, so that no error can be given; look at what made the image")]
+    #[error(
+        "{count} of the {of} values are not finite, so no error can be computed; check the node that produced the image"
+    )]
     NotFinite {
         /// How many are not.
         count: usize,
-        /// Of how many.
+        /// The total number.
         of: usize,
     },
 }

@@ -59,7 +59,7 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Of a channel of an image larger than the window in both axes.
+    /// SSIM of a channel of an image that is larger than the window in both axes.
     pub fn of(image: &Image, of: usize) -> Self {
         let values = channel(image, of);
         let squares: Vec<f64> = values.iter().map(|v| v * v).collect();

@@ -24,13 +24,13 @@ pub struct TimeErrorKind;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct TimeErrorParams {
-    /// PSNR of linear radiance that times are given to, in dB.
+    /// Targets for the time to reach a PSNR of linear radiance, in dB.
     #[schemars(extend("items" = above_zero()))]
     pub psnr_targets: Vec<f64>,
-    /// Relative mean squared errors that times are given to.
+    /// Targets for the time to reach a relative mean squared error.
     #[schemars(extend("items" = above_zero()))]
     pub rel_mse_targets: Vec<f64>,
-    /// Resamples of the bootstrap.
+    /// Number of bootstrap resamples.
     #[schemars(range(min = 100, max = 100_000))]
     pub resamples: u64,
 }
@@ -47,20 +47,19 @@ fn above_zero() -> Value {
 }
 
 const REFERENCES: All<Ladder> =
-    All::new("references", "Held-out references: of another stream, their last rung counts.");
+    All::new("references", "Held-out references of a different stream; the last rung is used.");
 const EXPOSURE: All<Exposure> = All::new("exposure", "The exposure of the same scenes.");
-const LADDERS: All<PackedScene> = All::new("ladders", "The path tracer's own images, exposed.");
-const RENDER_TIMES: All<Timing> = All::new("render_times", "What they take: `timing` of `ladder_rendering`.");
+const LADDERS: All<PackedScene> = All::new("ladders", "The exposed images of the path tracer.");
+const RENDER_TIMES: All<Timing> = All::new("render_times", "Their times: `timing` of `ladder_rendering`.");
 const REFINED: All<Refined> = All::new("refined", "Images of the other methods, by cell and scene.").or_none();
-const TIMES: All<Timing> = All::new("times", "What these take: `timing` of the nodes that made them.").or_none();
+const TIMES: All<Timing> = All::new("times", "Their times: `timing` of the nodes that produced them.").or_none();
 const SAMPLED: All<Ladder> = All::new("sampled", "Ladders of other samplers, by cell and scene.").or_none();
 const RENDERED: All<Refined> =
     All::new("rendered", "Images of other renderers, by cell and scene; not exposed.").or_none();
 const RENDERED_TIMES: All<Timing> =
-    All::new("rendered_times", "What both take: `timing` of the nodes that made them.").or_none();
+    All::new("rendered_times", "Times of both: `timing` of the nodes that produced them.").or_none();
 const MAIN: Group = Group::main(9);
-const TABLES: Out<TimeError> =
-    Out::new(MAIN, "tables", "Errors and times by method, and what follows from them.").measured();
+const TABLES: Out<TimeError> = Out::new(MAIN, "tables", "Errors, times and derived figures per method.").measured();
 
 impl Kind for TimeErrorKind {
     type Params = TimeErrorParams;
@@ -68,7 +67,7 @@ impl Kind for TimeErrorKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "time_error",
-            summary: "Error against time: of rendering alone, solvers and denoisers.",
+            summary: "Computes error against wall time of path tracing, solvers and denoisers.",
             manual: include_str!("time_error.md"),
             mode: Mode::Gather,
             inputs: vec![
@@ -174,14 +173,14 @@ fn alike(first: &mut Option<[u64; 2]>, own: [u64; 2], key: &ItemKey) -> Result<(
     let [reference, spp] = own;
     if spp != last {
         return Err(KindError::Input(format!(
-            "the ladder of `{key}` ends at {spp} samples a pixel and the others at {last}; connect ladders of one \
-             `rungs`"
+            "the ladder of `{key}` ends at {spp} samples per pixel, but the others end at {last}; connect ladders \
+            with the same `rungs`"
         )));
     }
     if reference != reference_spp {
         return Err(KindError::Input(format!(
-            "the reference of `{key}` has {reference} samples a pixel and the first scene's {reference_spp}; render \
-             all alike"
+            "the reference of `{key}` has {reference} samples per pixel, but that of the first scene has \
+            {reference_spp}; render all with the same `rungs`"
         )));
     }
     Ok(())

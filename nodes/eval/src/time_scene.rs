@@ -38,7 +38,7 @@ pub(crate) struct Cells<'a> {
     rendered: Vec<CellOf<'a, Rendering<'a>>>,
 }
 
-/// What is connected to a port, with the port's name.
+/// The items connected to a port, with its name.
 pub(crate) type Connected<'a, M> = (&'static str, Option<Items<'a, M>>);
 
 /// The path tracer's images of a scene, what they take, and the scene's exposure.
@@ -105,7 +105,7 @@ impl<'a, I: Copy> CellOf<'a, I> {
     fn scene(&self, key: &ItemKey) -> Result<(I, Handle<'a, Timing>), KindError> {
         let found = self.images.get(key.as_str()).zip(self.times.get(key.as_str()));
         found.map(|(images, times)| (*images, *times)).ok_or_else(|| {
-            KindError::Input(format!("the cell `{}` has no scene `{key}`; connect the same scenes", self.name))
+            KindError::Input(format!("the cell `{}` lacks the scene `{key}`; connect the same scenes", self.name))
         })
     }
 }
@@ -140,7 +140,7 @@ struct Took {
 }
 
 impl Took {
-    /// Of what is done one after the other.
+    /// The time of consecutive steps.
     fn then(self, next: Self) -> Self {
         let sum = |a: [f64; 3], b: [f64; 3]| [0, 1, 2].map(|i| a[i] + b[i]);
         Self { wall_s: sum(self.wall_s, next.wall_s), cpu_s: sum(self.cpu_s, next.cpu_s) }
@@ -275,8 +275,7 @@ pub(crate) fn measured(
     // Of the same samples a reference is no judge.
     if held_out.noisy && own.packed.states.contains(&held_out.image) {
         return Err(KindError::Input(format!(
-            "the reference of `{key}` is a rung of its own ladder: nothing can be judged by itself; render references \
-             with another `stream`"
+            "the reference of `{key}` is a rung of its own ladder; render references with a different `stream`"
         )));
     }
     let mut methods: BTreeMap<MethodOf, Vec<Sample>> = BTreeMap::new();

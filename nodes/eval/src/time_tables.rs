@@ -71,7 +71,7 @@ impl Measured {
         std::iter::once(&self.own).chain(self.methods.values())
     }
 
-    /// What was measured, without the figures.
+    /// The measured methods, without figures.
     fn layout(&self) -> Vec<Points<'_>> {
         let names = std::iter::once(None).chain(self.methods.keys().map(Some));
         names.zip(self.samples()).map(|(name, of)| (name, of.iter().map(|s| (s.from_spp, s.nfe)).collect())).collect()
@@ -97,7 +97,7 @@ pub(crate) fn summarise(
     let layout = first.layout();
     if let Some(other) = scenes.iter().find(|scene| scene.layout() != layout) {
         return Err(KindError::Input(format!(
-            "`{}` was measured with other methods, samples or NFE than `{}`; measure all alike",
+            "`{}` was measured with different methods, samples or NFE than `{}`; measure all scenes in the same way",
             other.scene, first.scene
         )));
     }
@@ -178,7 +178,7 @@ impl<'a> Together<'a> {
             let row: Vec<f64> = scene.methods.values().flatten().flat_map(columns).collect();
             table.push(groups.of(&scene.scene)?, &row);
         }
-        // With nothing but the path tracer there is nothing to resample.
+        // If only the path tracer was measured, there is nothing to resample.
         let resampled =
             if points > 0 { Resampled::new(&table, resamples as usize, seed) } else { Resampled::new(&one(), 1, 0) };
         let resampled = resampled.ok_or_else(|| KindError::Internal("a group without scenes".into()))?;

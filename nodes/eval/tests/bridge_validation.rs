@@ -203,10 +203,10 @@ fn what_does_not_fit_is_refused() {
 
     let mut bench = Bench::new(CLOCK);
     bench.steps.items.remove(key(4).as_str());
-    assert!(bench.refusal().contains("`steps` has no item"));
+    assert!(bench.refusal().contains("`steps` lacks the item"));
     let mut bench = Bench::new(CLOCK);
     bench.endpoints.items.remove(key(4).as_str());
-    assert!(bench.refusal().contains("`endpoints` has no item"));
+    assert!(bench.refusal().contains("`endpoints` lacks the item"));
     let mut bench = Bench::new(CLOCK);
     (bench.steps, bench.endpoints) = (Collection::default(), Collection::default());
     assert!(bench.refusal().contains("no scenes"));

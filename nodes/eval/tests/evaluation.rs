@@ -230,7 +230,7 @@ fn what_cannot_be_compared_is_refused() {
 
     let mut bench = Bench::new();
     bench.hold.items.remove(scenes()[3].0.as_str());
-    assert!(bench.refusal().contains("`hold` has no score of scene `L1-environment-000003`"));
+    assert!(bench.refusal().contains("`hold` lacks a score of the scene `L1-environment-000003`"));
 
     let mut bench = Bench::new();
     bench.put(false, &key(0), 512, all(20.0));

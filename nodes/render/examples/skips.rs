@@ -1,4 +1,4 @@
-//! What each skip saves: time with it undone over time as usual, on one core.
+//! Measures each skip: time without it divided by time with it, on one core.
 //!
 //! `skips FOLDER [SIDE SPP [--together]]`: FOLDER holds scenes as `tauflow export` writes them, `L0-open-000000` and so
 //! on. Prints a table: medians over scenes, and how far images differ. With `--together` it prints JSON: how long all

@@ -1,5 +1,4 @@
-//! What values a texture can take, so that a material beyond what a surface can do is refused and not cut. Knows no
-//! material.
+//! Bounds of texture values, so that unphysical materials are refused instead of clamped. Knows no material.
 //!
 //! Bounds are those of the parts: a product of textures lies within the product of their bounds, wherever on the
 //! surface each is reached.

@@ -33,7 +33,7 @@ impl Camera {
         let forward = DVec3::from_array(camera.target) - origin;
         let side = forward.cross(DVec3::from_array(camera.up));
         let tangible = |v: DVec3| v.length().is_finite() && v.length() > 1e-12;
-        // What single precision cannot hold is nowhere, too.
+        // Positions beyond single precision are invalid, too.
         if !(origin.as_vec3().is_finite() && tangible(forward) && tangible(side)) {
             return Err(KindError::Input(format!(
                 "the camera at {origin} with target {:?} and up {:?} looks nowhere; give three directions that span a \

@@ -28,7 +28,7 @@ pub(crate) fn deviation(found: &[f64], expected: &[f64], slack: f64) -> f64 {
     (libm::cbrt(statistic / freedom) - (1.0 - spread)) / spread.sqrt()
 }
 
-/// What is allowed: a false alarm once in a million, over the hundreds of tests there are.
+/// The significance level: one false alarm in a million over all of the hundreds of tests.
 pub(crate) const ALLOWED: f64 = 5.6;
 
 #[test]

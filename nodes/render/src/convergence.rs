@@ -21,8 +21,9 @@ use tauflow_data::{
     statistics::quantile,
 };
 
-const REFERENCES: All<Ladder> = All::new("references", "References of another stream; their last rung counts.");
-const LADDERS: All<Ladder> = All::new("ladders", "Ladders of the same scenes: three rungs or more, all alike.");
+const REFERENCES: All<Ladder> = All::new("references", "References of a different stream; the last rung is used.");
+const LADDERS: All<Ladder> =
+    All::new("ladders", "Ladders of the same scenes, with at least three rungs, the same for all scenes.");
 const EXPOSURE: All<Exposure> = All::new("exposure", "The exposure of the same scenes.");
 const CONVERGENCE: Out<Convergence> = Out::new(Group::main(5), "convergence", "Errors, slopes, covariances and tails.");
 
@@ -43,7 +44,7 @@ impl Kind for ConvergenceKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "convergence",
-            summary: "Measures how far ladders keep to the law of variance time, against held-out references.",
+            summary: "Tests whether ladders obey the variance law, with held-out references.",
             manual: include_str!("convergence.md"),
             mode: Mode::Gather,
             inputs: vec![REFERENCES.port(), LADDERS.port(), EXPOSURE.port()],
@@ -66,21 +67,21 @@ impl Kind for ConvergenceKind {
             let (first, expected) = counts.get_or_insert_with(|| (ladder.meta.counts.clone(), spp));
             if (&*first, *expected) != (&ladder.meta.counts, spp) {
                 return Err(KindError::Input(format!(
-                    "the ladder or reference of `{key}` has other rungs than the first; connect ladders of one `rungs`"
+                    "the ladder or reference of `{key}` has different rungs than the first; connect ladders with the \
+                    same `rungs`"
                 )));
             }
             if !(ladder.meta.sampler.is_independent() && reference.meta.sampler.is_independent()) {
                 return Err(KindError::Input(format!(
-                    "samples of `{key}` depend on each other, and variances of single samples say nothing of their \
-                     means; render ladder and reference with `sampler: independent`"
+                    "the samples of `{key}` are correlated, so their variance does not predict the error of means; \
+                    render ladder and reference with `sampler: independent`"
                 )));
             }
             // Streams differ in what they estimate, unless there is no noise to estimate.
             let noisy = reference.variance.data().iter().any(|v| *v > 0.0);
             if noisy && Ladder::variance_digest(of_reference) == Ladder::variance_digest(of_ladder) {
                 return Err(KindError::Input(format!(
-                    "the reference of `{key}` is its own ladder: nothing can be judged by itself; render references \
-                     with another `stream`"
+                    "the reference of `{key}` is its own ladder; render references with a different `stream`"
                 )));
             }
             let mut stream = Stream::new(action.seed, &[]).part(key.as_str());
@@ -205,7 +206,7 @@ fn row(stratum: &str, counts: &[u64], scenes: &[&Measured], stream: &mut Stream)
 }
 
 /// Mean slope of the scenes that have one, with a bootstrap interval over scenes and, within each, over its blocks of
-/// pixels. So one scene has the interval of its pixels, and few scenes that happen to agree have none that is narrower
+/// pixels. One scene therefore has the interval of its pixels, and the interval of few similar scenes is not narrower
 /// than their pixels allow.
 fn slope_of(scenes: &[&Measured], stream: &mut Stream) -> Option<Estimate> {
     let sloping: Vec<(f64, &[f64])> =

@@ -2,12 +2,12 @@
 //!
 //! A map is read bilinearly. Columns repeat with texel centres in the middle of a cell, and the first and last row lie
 //! on the poles. Directions are drawn over the cells between texels, in proportion to the mean luminance of a cell's
-//! corners times its solid angle. That goes by alias tables over rows and columns (Walker 1977, Vose 1991), which are
-//! worked out in f64. Within a cell they are drawn in proportion to the luminance between the texels.
+//! corners times its solid angle. Sampling uses alias tables over rows and columns (Walker 1977, Vose 1991), computed
+//! in f64. Within a cell they are drawn in proportion to the luminance between the texels.
 //!
-//! Of the luminance only what is above the mean counts. The rest is found by scattering as well, and multiple
-//! importance sampling adds up the two (Karlik et al. 2019, *MIS Compensation*). A vertex that samples the map must
-//! therefore also be able to scatter.
+//! Only luminance above the mean counts. The rest is found by scattering as well, and multiple importance sampling adds
+//! up the two (Karlik et al. 2019, *MIS Compensation*). A vertex that samples the map must therefore also be able to
+//! scatter.
 
 use crate::{
     alias::Alias,
@@ -170,7 +170,7 @@ impl Map {
         };
         let whole = weights(0.0);
         let integral: f64 = whole.iter().sum();
-        // What is no brighter than the mean is left to scattering, unless there is nothing else.
+        // Texels that are not brighter than the mean are left to BSDF sampling, unless all are.
         let floor = f64::from((integral / (4.0 * PI)) as f32);
         let above = weights(floor);
         let (floor, weights) = if above.iter().sum::<f64>() > 1e-3 * integral { (floor, above) } else { (0.0, whole) };
@@ -332,7 +332,7 @@ mod tests {
                     let d = Vec3::new((s * libm::cos(phi)) as f32, c as f32, (s * libm::sin(phi)) as f32);
                     let (value, pdf) = environment.look(d);
                     integral += f64::from(pdf) * cell;
-                    // What is not drawn is left to scattering.
+                    // Texels that are not sampled are left to BSDF sampling.
                     radiance += if pdf > 0.0 { f64::from(value.y) * cell } else { 0.0 };
                 }
             }

@@ -19,7 +19,7 @@ impl Renderer<'_> {
     /// Renders the G-buffer with `samples` a pixel; `pause` may stop it.
     ///
     /// # Errors
-    /// What `pause` returns; an error that says how many, if there are values that are not finite.
+    /// Returns the error of `pause`, or an error with the number of values that are not finite.
     pub fn gbuffer(
         &self,
         stream: u64,

@@ -27,11 +27,10 @@ const TIMINGS: Group = Group::new("timing", 6);
 const MEMO_VERSION: u32 = 6;
 
 const SCENES: Each<SceneRecord> = Each::new("scenes", "The scenes to render.");
-const AFTER: All<Any> = All::any("after", "What must be there before `timing` measures.").or_none();
+const AFTER: All<Any> = All::any("after", "Completed before `timing` measures.").or_none();
 const LADDER: Out<Ladder> = Out::new(LADDERS, "ladder", "The rungs, and the variance of samples.");
 const GBUFFER: Out<GBuffer> = Out::new(GBUFFERS, "gbuffer", "Albedo and normal at the first surface.");
-const TIMING: Out<Timing> =
-    Out::new(TIMINGS, "timing", "How long it takes to get to each rung, on all cores.").measured();
+const TIMING: Out<Timing> = Out::new(TIMINGS, "timing", "Wall time to reach each rung, on all cores.").measured();
 
 /// Params that came later, with what acted before.
 const LATER: &[Later] = &[Later { pointer: "/until", before: Before::Null }];
@@ -39,7 +38,7 @@ const LATER: &[Later] = &[Later { pointer: "/until", before: Before::Null }];
 /// Points of a sequence: a sample's index has 32 bits.
 const MOST_SOBOL: u64 = 1 << 32;
 
-/// What is remembered of a render after so many samples, for other ladders to go on from.
+/// The cached state of a render after a number of samples, from which other ladders continue.
 #[derive(Clone, Copy)]
 enum Memo {
     /// The image.
@@ -71,17 +70,17 @@ pub struct LadderRenderingParams {
     pub rungs: Rungs,
     /// Width and height in pixels.
     pub resolution: Resolution,
-    /// Which samples: ladders of one stream share them, those of two are independent.
+    /// Random stream: ladders of the same stream share samples, and ladders of different streams are independent.
     pub stream: u64,
-    /// How samples are drawn.
+    /// Sampler of random numbers.
     pub sampler: SamplerKind,
-    /// Samples a pixel of the G-buffer.
+    /// Samples per pixel of the G-buffer.
     #[schemars(range(min = 1, max = 65536))]
     pub gbuffer_samples: u64,
-    /// Times that `timing` renders the ladder.
+    /// Number of times that `timing` renders the ladder.
     #[schemars(range(min = 1, max = 1000))]
     pub repeats: u64,
-    /// Goes on after the last of `rungs` until the image is as accurate as is asked for.
+    /// Continue after the last of `rungs` until the image has this accuracy.
     pub until: Option<Until>,
 }
 
@@ -194,8 +193,7 @@ impl Work<'_> {
         })
     }
 
-    /// What it takes to get from the scene's files to each rung, and for a G-buffer; rung 0 is a scene that is ready to
-    /// be rendered.
+    /// The time from the scene's files to each rung, and for a G-buffer; rung 0 is a loaded scene.
     fn timing(&self) -> Result<Timing, KindError> {
         let counts = self.params.rungs.counts();
         let entry = |spp| TimedImage { method: PATH_TRACER.into(), from_spp: spp, nfe: 0, took: Repeated::default() };

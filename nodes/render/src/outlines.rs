@@ -15,7 +15,7 @@ const JUMP: f32 = 0.1;
 /// Cosine of the angle between normals at a crease: 30 degrees.
 const CREASE: f32 = 0.866_025_4;
 
-/// What the middle of a pixel shows.
+/// The surface at the centre of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Seen {
     /// The point.
@@ -34,7 +34,7 @@ pub(crate) fn off_planes((a, of_a): (Vec3, Vec3), (b, of_b): (Vec3, Vec3)) -> f3
     of_a.dot(b - a).abs().max(of_b.dot(b - a).abs())
 }
 
-/// What the middle of each pixel shows, row by row; none where there is no surface.
+/// The surface at the centre of each pixel, row by row; none without a surface.
 pub(crate) fn seen(renderer: &Renderer<'_>) -> Vec<Option<Seen>> {
     let (width, height) = renderer.size();
     let world = renderer.world();

@@ -1,5 +1,5 @@
-//! What pictures are, measured: an image of linear radiance in, numbers out. It does not matter whether it was rendered
-//! or photographed.
+//! Image statistics: numbers from an image of linear radiance. It does not matter whether it was rendered or
+//! photographed.
 //!
 //! Pictures are exposed as the quality gate exposes previews, so that no number depends on the scale of their light.
 //! Edges, the spectrum and colours are those of display values; the spread of light and contrasts are taken in stops.
@@ -80,7 +80,7 @@ fn entropy(weights: &[f64]) -> f64 {
 
 /// The display colours of a picture.
 struct Colours {
-    /// Of each pixel.
+    /// Values per pixel.
     saturations: Vec<f64>,
     /// Sums of saturation by class of hue.
     hues: [f64; HUES],

@@ -116,8 +116,8 @@ impl Placement {
     }
 
     /// Its scale as a power of two: directions of rays are that much longer in the mesh's space than the map makes
-    /// them, and distances shorter. So directions keep about their length, on which error bounds of hits rely, and no
-    /// distance is rounded.
+    /// them, and distances shorter. Directions therefore keep about their length, on which error bounds of hits rely,
+    /// and no distance is rounded.
     pub(crate) fn unit(&self) -> f32 {
         self.unit
     }

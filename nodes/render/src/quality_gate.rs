@@ -20,13 +20,13 @@ use tauflow_data::{
 };
 use things::Things;
 
-const SCENES: Each<SceneRecord> = Each::new("scenes", "The scenes to judge.");
-const PREVIEWS: Each<Ladder> = Each::new("previews", "A ladder of each; its last rung is judged.");
+const SCENES: Each<SceneRecord> = Each::new("scenes", "The scenes to check.");
+const PREVIEWS: Each<Ladder> = Each::new("previews", "A ladder of each scene; its last rung is checked.");
 
 const MAIN: Group = Group::main(5);
-const ACCEPTED: Out<SceneRecord> = Out::new(MAIN, "accepted", "The scenes that passed.").filtering();
-const EXPOSURE: Out<Exposure> = Out::new(MAIN, "exposure", "Exposure of the scenes that passed.").filtering();
-const VERDICTS: Out<Verdict> = Out::new(MAIN, "verdicts", "What was measured, and every reason for rejection.");
+const ACCEPTED: Out<SceneRecord> = Out::new(MAIN, "accepted", "The accepted scenes.").filtering();
+const EXPOSURE: Out<Exposure> = Out::new(MAIN, "exposure", "Exposure of the accepted scenes.").filtering();
+const VERDICTS: Out<Verdict> = Out::new(MAIN, "verdicts", "Measurements, and all reasons for rejection.");
 
 /// Noise that hides nothing, added to that of the picture.
 const GRAIN: f64 = 0.02;
@@ -38,53 +38,52 @@ pub struct QualityGate;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct QualityGateParams {
-    /// Largest share of all directions in which the camera sees the inside of a body.
+    /// Maximum share of directions in which the camera sees the inside of a body.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub inside: f64,
-    /// What is nearer than this times the median distance of what is around is near.
+    /// Surfaces closer than this multiple of the median distance of the surroundings are near.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub near: f64,
-    /// Largest share of the frame that is near.
+    /// Maximum share of the frame with near surfaces.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub near_share: f64,
-    /// Largest share of the frame that shows no surface.
+    /// Maximum share of the frame without a surface.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub sky_share: f64,
-    /// Largest share of the frame that one smooth surface fills.
+    /// Maximum share of the frame that one smooth surface fills.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub surface_share: f64,
-    /// Smallest mean luminance, in the scene's own radiance.
+    /// Minimum mean luminance, in the scene's own radiance.
     #[schemars(range(min = 0.0))]
     pub black: f64,
-    /// Largest share of dark bins.
+    /// Maximum share of dark bins.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub dark_share: f64,
-    /// Display value below which a bin is dark, as the preview without the scene's EV shows it; mid grey is shown as
-    /// 0.43.
+    /// Display value below which a bin is dark, without the scene's EV; mid grey is 0.43.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub dark: f64,
-    /// Largest share of bins that show white.
+    /// Maximum share of white bins.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub bright_share: f64,
-    /// Exposed luminance, without the scene's EV, from which a bin shows white; a preview shows 8 as 0.95.
+    /// Exposed luminance above which a bin is white, without the scene's EV; a preview displays 8 as 0.95.
     #[schemars(range(min = 0.0))]
     pub white: f64,
-    /// Smallest standard deviation of the preview over bins; previews run from 0 to 1.
+    /// Minimum standard deviation of the preview over bins; display values are in 0 to 1.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub contrast: f64,
-    /// Smallest length of all edges in the preview, in sides of it: a horizon alone has 1.
+    /// Minimum total length of all edges in the preview, in image sides: a horizon alone has 1.
     #[schemars(range(min = 0.0))]
     pub edges: f64,
-    /// Largest share of light in the brightest 1% of the bins.
+    /// Maximum share of light in the brightest 1% of the bins.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub concentration: f64,
-    /// Largest share of bins whose standard error is above a quarter of what they show.
+    /// Maximum share of bins whose standard error is above a quarter of their displayed value.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub noisy_share: f64,
-    /// Least that stands out: contrast of the things that are seen nearly whole, over noise.
+    /// Minimum visibility: contrast of the things that lie mostly within the frame, relative to noise.
     #[schemars(range(min = 0.0))]
     pub to_see: f64,
-    /// Luminance that the geometric mean over the bins is exposed to.
+    /// Exposed luminance of the geometric mean over the bins.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub key: f64,
 }
@@ -118,7 +117,7 @@ impl Kind for QualityGate {
     fn spec() -> KindSpec {
         KindSpec {
             name: "quality_gate",
-            summary: "Rejects scenes that teach nothing, and sets the exposure of the others.",
+            summary: "Rejects unusable scenes, and computes the exposure of the others.",
             manual: include_str!("quality_gate.md"),
             mode: Mode::Map,
             inputs: vec![SCENES.port(), PREVIEWS.port()],

@@ -113,7 +113,7 @@ impl<'a> Renderer<'a> {
     /// Renders samples until each pixel has `count`; `pause` is called between chunks with the samples there are.
     ///
     /// # Errors
-    /// What `pause` returns; the accumulator then holds fewer samples, and can be continued.
+    /// Returns the error of `pause`; the accumulator then contains fewer samples, and can be continued.
     pub fn advance(
         &self,
         accumulator: &mut Accumulator,
@@ -184,7 +184,7 @@ pub enum Goal<'a> {
     While(&'a mut dyn FnMut(u64) -> bool),
 }
 
-/// What [`render_image`] says of its work.
+/// Statistics of [`render_image`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderStats {
     /// Samples a pixel.
@@ -197,7 +197,7 @@ pub struct RenderStats {
     pub rejected: u64,
     /// Primitives in the scene.
     pub primitives: usize,
-    /// What was left out at loading.
+    /// Parts that were discarded at loading.
     pub dropped: Dropped,
     /// Root mean square of the relative errors to be expected, as [`relative_error`] has it: by the samples that
     /// decided, or else by the image's own; none of one sample.

@@ -41,7 +41,7 @@ impl Sampler {
         Self { state, kind }
     }
 
-    /// What all its numbers are made of.
+    /// The key of all its numbers.
     #[inline(always)]
     pub(crate) fn state(&self) -> u64 {
         self.state

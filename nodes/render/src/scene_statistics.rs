@@ -24,7 +24,7 @@ use tauflow_data::{
 };
 
 const SCENES: Each<SceneRecord> = Each::new("scenes", "The scenes to measure.");
-const STATISTICS: Out<SceneStatistics> = Out::new(Group::main(4), "statistics", "What was measured.");
+const STATISTICS: Out<SceneStatistics> = Out::new(Group::main(4), "statistics", "The measurements.");
 
 /// Shortest side of a film that statistics can be taken from.
 const LEAST_SIDE: usize = 4;
@@ -38,11 +38,10 @@ pub struct SceneStatisticsKind;
 pub struct SceneStatisticsParams {
     /// Width and height in pixels, at least 4 each.
     pub resolution: Resolution,
-    /// Samples a pixel: the last rung of the ladder that the slope is measured on, and of the renders that shares are
-    /// taken from.
+    /// Samples per pixel: the last rung of the ladder for the slope, and the renders for the shares.
     #[schemars(range(min = 8, max = 65536))]
     pub spp: u64,
-    /// How many times as many samples the reference has.
+    /// Factor by which the reference has more samples.
     #[schemars(range(min = 4, max = 256))]
     pub reference: u64,
 }
@@ -63,7 +62,7 @@ impl Kind for SceneStatisticsKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "scene_statistics",
-            summary: "Measures what scenes are: path lengths, shares of light, errors and slopes.",
+            summary: "Measures properties of scenes: path lengths, shares of light, errors and slopes.",
             manual: include_str!("scene_statistics.md"),
             mode: Mode::Map,
             inputs: vec![SCENES.port()],
@@ -77,7 +76,7 @@ impl Kind for SceneStatisticsKind {
         if film.width().min(film.height()) >= LEAST_SIDE {
             return Vec::new();
         }
-        let what = format!("no statistics can be taken from {} x {} pixels", film.width(), film.height());
+        let what = format!("statistics need more than {} x {} pixels", film.width(), film.height());
         vec![ParamProblem::new("/resolution", what, "use at least 4 x 4; [64, 64] is enough")]
     }
 
@@ -186,7 +185,7 @@ impl Measure<'_> {
     }
 }
 
-/// What the reference says.
+/// Measurements of the reference.
 struct Truth {
     relative_rmse: f64,
     tail_share: f64,
@@ -256,7 +255,7 @@ fn variances(film: &Accumulator) -> Vec<f64> {
 fn fit(films: &[Accumulator], reference: &Accumulator) -> Option<f64> {
     let own = variances(reference).iter().sum::<f64>() / reference.pixels.len() as f64 / reference.count as f64;
     let truth = reference.mean();
-    // What is left of scenes without noise is rounding.
+    // The rest of noise-free scenes is rounding.
     let least = (1e-5 * mean_luminance(reference)).powi(2);
     let points: Vec<(f64, f64)> = films
         .iter()

@@ -1,5 +1,5 @@
-//! What is skipped for scenes that do not need it, one by one, and how to do it all the same: to measure what it saves,
-//! and to show that it changes nothing.
+//! Features that are skipped for scenes without them. Each skip can be disabled, to measure its effect and to verify
+//! that the image is unchanged.
 //!
 //! | skip | what is left out | for |
 //! |---|---|---|

@@ -1,4 +1,4 @@
-//! What a ray finds at a hit: point with error bound, normals, texture coordinates, tangents.
+//! Surface data at a hit: point with error bound, normals, texture coordinates, tangents.
 
 use crate::{
     accel::Hit,
@@ -10,7 +10,7 @@ use crate::{
 use glam::{Vec2, Vec3, Vec4};
 use std::sync::Arc;
 
-/// What few meshes have beside positions, normals and texture coordinates, which are in the [`Table`].
+/// Optional mesh attributes besides positions, normals and texture coordinates, which are in the [`Table`].
 #[derive(Debug, Default)]
 pub(crate) struct MeshAttributes {
     /// The number of its first vertex in the table.
@@ -61,7 +61,7 @@ pub struct Interaction {
     pub geometric: Vec3,
     /// Unit shading normal.
     pub shading: Vec3,
-    /// What textures are read by.
+    /// The coordinates for texture look-ups.
     pub surface: Surface,
     /// The shape that is hit.
     pub shape: u32,

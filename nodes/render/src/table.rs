@@ -1,5 +1,5 @@
-//! What the shading of a hit reads, shared as meshes share it: half a record for each triangle, with the numbers of its
-//! vertices, its normal and its shape; and half a record for each vertex.
+//! Shading data, shared between shapes with the same mesh: half a record per triangle, with its vertex indices, normal
+//! and shape; and half a record per vertex.
 //!
 //! The vertices of a mesh that is placed once are in the world, and turned as its shape says. Those of a mesh that
 //! several shapes share are in its own space: [`crate::placement`] brings what is read of them into the world.
@@ -62,14 +62,14 @@ impl Halves {
     }
 }
 
-/// What the vertices of a triangle lack.
+/// Missing attributes of a triangle's vertices.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Lacks {
     pub(crate) normals: bool,
     pub(crate) uvs: bool,
 }
 
-/// What is known of all primitives.
+/// Data of all primitives.
 #[derive(Default)]
 pub(crate) struct Table {
     /// Of each vertex: position, normal, texture coordinates.
@@ -78,7 +78,7 @@ pub(crate) struct Table {
     triangles: Halves,
 }
 
-/// What is known of primitives, by lane.
+/// Data of primitives, by lane.
 pub(crate) struct Facts<R> {
     pub(crate) positions: [Triple<R>; 3],
     /// Geometric normal.
@@ -141,7 +141,7 @@ impl Table {
         [a, b, c].map(f32::to_bits)
     }
 
-    /// What a primitive's vertices lack.
+    /// Missing attributes of a primitive's vertices.
     #[inline]
     pub(crate) fn lacks(&self, primitive: u32) -> Lacks {
         let lacks = self.triangles.columns::<f32>(primitive as i32)[7];
@@ -162,7 +162,7 @@ impl Table {
         Vec3::new(x, y, z)
     }
 
-    /// What is known of primitives.
+    /// Data of primitives.
     #[inline(always)]
     pub(crate) fn facts<R: Real>(&self, primitive: R::Integer) -> Facts<R> {
         let [i, j, k, nx, ny, nz, _, lacks] = self.triangles.columns::<R>(primitive);

@@ -66,7 +66,7 @@ impl Texture {
             if value.iter().all(|v| v.is_finite()) {
                 Ok(Vec3::from_array(*value))
             } else {
-                Err(KindError::Input(format!("a texture of value {value:?}; use finite numbers")))
+                Err(KindError::Input(format!("a texture has the value {value:?}; use finite numbers")))
             }
         };
         Ok(match texture {

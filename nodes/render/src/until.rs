@@ -1,8 +1,8 @@
 //! Samples until an image is as accurate as is asked for.
 //!
-//! A render that stops when its own samples agree keeps images that missed rare light: those agree soonest. So samples
-//! of two other streams decide, and the image knows nothing of them. Its expectation is that of a fixed number of
-//! samples.
+//! A render that stops when its own samples agree keeps images that missed rare light: those agree soonest. Samples of
+//! two other streams therefore decide, and the image does not depend on them. Its expectation is that of a fixed number
+//! of samples.
 
 use crate::accumulator::Accumulator;
 use schemars::JsonSchema;
@@ -20,7 +20,7 @@ const DECIDES: u64 = 0x6465_6369_6465;
 const SHARE: u64 = 8;
 /// Samples that decide at least: fewer say little of a variance.
 const LEAST: u64 = 64;
-/// What is added to the square of an exposed mean: errors in shadow count less, as one sees them less.
+/// The constant added to the square of an exposed mean: errors in shadow count less, because they are less visible.
 const FLOOR: f64 = 0.01;
 
 /// How accurate an image has to be.
@@ -36,20 +36,19 @@ pub struct Until {
 }
 
 impl Until {
-    /// What is wrong with it, in a ladder that ends with so many samples otherwise.
+    /// Its error, in a ladder with the given last rung.
     pub fn check(&self, last: u64, sampler: SamplerKind) -> Vec<ParamProblem> {
         let mut problems = Vec::new();
         if !(self.relative_error.is_finite() && self.relative_error > 0.0) {
             let remedy = "use for example 0.01, which is 1%";
-            problems.push(ParamProblem::new("/until/relative_error", "an error must be above 0".to_owned(), remedy));
+            problems.push(ParamProblem::new("/until/relative_error", "the error must be above 0".to_owned(), remedy));
         }
         if self.at_most < last {
             let what = format!("`at_most: {}` is less than the last rung, {last}", self.at_most);
             problems.push(ParamProblem::new("/until/at_most", what, "raise it, or end `rungs` earlier"));
         }
         if sampler != SamplerKind::Independent {
-            let what =
-                "the variance of samples says how far a mean is off only where samples are independent".to_owned();
+            let what = "`until` needs independent samples, whose variance predicts the error of the mean".to_owned();
             problems.push(ParamProblem::new(
                 "/until",
                 what,

@@ -29,7 +29,7 @@ use tauflow_data::{Image, scene::Scene};
 /// Hands out the bytes of a blob.
 pub type LoadBlob<'a> = &'a mut dyn FnMut(&Digest) -> Result<Vec<u8>, KindError>;
 
-/// What a scene has: what it lacks is skipped.
+/// Features of a scene: missing ones are skipped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Features {
     /// Light from infinity.
@@ -44,7 +44,7 @@ pub struct Features {
     pub normal_maps: bool,
 }
 
-/// What was left out of a scene.
+/// Discarded parts of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Dropped {
     /// Triangles without area.
@@ -100,9 +100,9 @@ pub struct World {
     pub max_depth: u32,
     /// Seed of its random numbers.
     pub seed: u64,
-    /// What it has.
+    /// Its features.
     pub features: Features,
-    /// What was left out.
+    /// Discarded parts.
     pub dropped: Dropped,
 }
 

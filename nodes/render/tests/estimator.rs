@@ -308,13 +308,13 @@ fn scenes_that_cannot_be_rendered_are_refused_and_poor_ones_repaired() {
     assert!(refuse(|b| (0..2).for_each(|_| b.sky([1.0; 3]))).contains("two environments"));
     assert!(refuse(|b| b.sphere([0.0; 3], f64::NAN, 0).flip_normals = true).contains("shape 8: a sphere"));
     assert!(
-        refuse(|b| b.scene.shapes[7].emission = Some(Texture::scalar(-1.0))).contains("shape 7: an emission below 0")
+        refuse(|b| b.scene.shapes[7].emission = Some(Texture::scalar(-1.0))).contains("shape 7: negative emission")
     );
     let below = |b: &mut Built| {
         let squares = Texture::Checkerboard { color0: [1.0; 3], color1: [-1.0; 3], scale: [2.0, 2.0] };
         b.scene.shapes[7].emission = Some(squares);
     };
-    assert!(refuse(below).contains("shape 7: an emission below 0"));
+    assert!(refuse(below).contains("shape 7: negative emission"));
     let point = |b: &mut Built| {
         b.scene.emitters.push(Emitter::Point { position: [f64::INFINITY, 0.0, 0.0], intensity: [1.0; 3] });
     };

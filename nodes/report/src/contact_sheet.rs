@@ -29,7 +29,7 @@ pub struct ContactSheet;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ContactSheetParams {
-    /// Scenes of each stratum.
+    /// Number of scenes per stratum.
     #[schemars(range(min = 1, max = 16))]
     pub columns: u64,
 }
@@ -46,7 +46,7 @@ impl Kind for ContactSheet {
     fn spec() -> KindSpec {
         KindSpec {
             name: "contact_sheet",
-            summary: "Shows scenes side by side, by regime and context, as one picture.",
+            summary: "Shows scenes side by side in one image, by regime and context.",
             manual: include_str!("contact_sheet.md"),
             mode: Mode::Gather,
             inputs: vec![LADDERS.port(), EXPOSURE.port()],
@@ -137,7 +137,7 @@ mod tests {
         assert_eq!(sheet.pixel(left, top)[0], 0.25);
         assert_eq!(sheet.pixel(left + 11, top + 29)[0], 0.5);
         assert_eq!(sheet.pixel(left + group, top + 33)[0], 0.75);
-        // What is not there is paper.
+        // Missing pictures are left white.
         assert_eq!(sheet.pixel(left, top + 33)[0], 1.0);
     }
 }

@@ -46,7 +46,7 @@ fn spread(count: usize, wanted: usize) -> impl Iterator<Item = usize> {
     (0..wanted).map(move |i| i * count / wanted)
 }
 
-/// What a reason means, for people; nothing for one that no gate of today tells.
+/// The description of a reason; nothing for an unknown one.
 pub fn explained(reason: &str) -> &'static str {
     REASONS.iter().find(|(name, _)| *name == reason).map_or("", |(_, what)| what)
 }
@@ -105,7 +105,7 @@ impl Sheet {
         format!("gate-{}.png", self.reason.as_deref().unwrap_or("accepted"))
     }
 
-    /// What it shows, for people.
+    /// Its title.
     pub fn title(&self) -> String {
         let shown = match self.pictures.len() as u64 {
             all if all == self.of => String::new(),

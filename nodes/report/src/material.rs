@@ -12,19 +12,21 @@ const EVALUATION: All<Evaluation> = All::new("evaluation", "Scores of every meth
 pub const TABLES: All<ScoreTable> = All::new("tables", "Tables of scores by any axes.").or_none();
 pub const LADDERS: All<Ladder> = All::new("ladders", "Ladders whose images the page shows side by side.").or_none();
 pub const REFERENCES: All<PackedScene> =
-    All::new("references", "Packed test scenes: input and reference of the pictures.").or_none();
+    All::new("references", "Packed test scenes: input and reference of the images.").or_none();
 pub const REFINED: All<Refined> = All::new("refined", "Refined images of all cells.").or_none();
 const LOSSES: All<TrainingLog> = All::new("losses", "Loss curves of all cells.").or_none();
 const TIMINGS: All<TrainingTiming> = All::new("timings", "Measured training times of all cells.").or_none();
-const VERDICTS: All<Verdict> = All::new("verdicts", "The gate's verdicts on the pool.").or_none();
+const VERDICTS: All<Verdict> = All::new("verdicts", "Verdicts of the quality gate on the pool.").or_none();
 pub const PREVIEWS: All<Ladder> =
-    All::new("previews", "The previews that the gate judged: pictures of what it rejected.").or_none();
-const SPLIT: All<SplitReport> = All::new("split", "What the split says.").or_none();
-const SAMPLING: All<SamplingReport> = All::new("sampling", "What the sampling says.").or_none();
-const BRIDGE: All<BridgeFiles> = All::new("bridge", "Bridge validation: tables, every case, maps.").or_none();
-const CONVERGENCE: All<Convergence> = All::new("convergence", "How far ladders keep to the 1/sqrt(n) law.").or_none();
-const TIME_ERROR: All<TimeError> = All::new("time_error", "Error against time: the page opens with it.").or_none();
-const STATISTICS: All<SceneStatistics> = All::new("statistics", "What the scenes are, measured.").or_none();
+    All::new("previews", "The previews that the gate checked, for images of rejected scenes.").or_none();
+const SPLIT: All<SplitReport> = All::new("split", "Report of the split.").or_none();
+const SAMPLING: All<SamplingReport> = All::new("sampling", "Report of the sampling.").or_none();
+const BRIDGE: All<BridgeFiles> = All::new("bridge", "Bridge validation: tables, cases, maps.").or_none();
+const CONVERGENCE: All<Convergence> =
+    All::new("convergence", "Validity of the 1/sqrt(n) law for the ladders.").or_none();
+const TIME_ERROR: All<TimeError> =
+    All::new("time_error", "Error against time: the first section of the page.").or_none();
+const STATISTICS: All<SceneStatistics> = All::new("statistics", "Statistics of the scenes.").or_none();
 
 /// The inputs of `report`.
 pub const INPUTS: &[InputPort] = &[
@@ -48,7 +50,7 @@ pub const INPUTS: &[InputPort] = &[
 /// Coordinates of a matrix cell, e.g. `parameterization` -> `mc_noise`.
 pub type Cell = BTreeMap<String, String>;
 
-/// What there is to report. What is `None` or empty was not connected.
+/// The inputs of the report. `None` or empty inputs are not connected.
 #[derive(Clone, Debug)]
 pub struct Material {
     /// Scores of every method.
@@ -59,17 +61,17 @@ pub struct Material {
     pub timings: Vec<(Cell, TrainingTiming)>,
     /// The gate's verdicts, by scene.
     pub verdicts: Vec<(String, Verdict)>,
-    /// What the split says.
+    /// Report of the split.
     pub split: Option<SplitReport>,
-    /// What the sampling says.
+    /// Report of the sampling.
     pub sampling: Option<SamplingReport>,
     /// The bridge, with its maps.
     pub bridge: Option<BridgeFiles>,
-    /// How far ladders keep to the 1/sqrt(n) law.
+    /// Validity of the 1/sqrt(n) law for the ladders.
     pub convergence: Option<Convergence>,
     /// Error against time.
     pub time_error: Option<TimeError>,
-    /// What scenes are, by scene.
+    /// Statistics per scene.
     pub statistics: Vec<(String, SceneStatistics)>,
     /// Size and rungs of the references.
     pub references: Option<References>,
@@ -77,7 +79,7 @@ pub struct Material {
     pub tables: Vec<(String, ScoreTable)>,
 }
 
-/// What is known of the references beside their pixels.
+/// Metadata of the references.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct References {
     /// Sample counts of the ladder, increasing.

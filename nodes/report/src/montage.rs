@@ -19,7 +19,7 @@ use tauflow_data::{
 /// A grid of pictures that share their conditioning.
 #[derive(Clone, Debug)]
 pub struct Montage {
-    /// What the methods share, e.g. `RGB`.
+    /// The common label of the methods, e.g. `RGB`.
     pub title: String,
     /// File name of its PNG.
     pub file: String,
@@ -36,7 +36,7 @@ pub struct Montage {
 pub struct MontageRow {
     /// Its item key.
     pub scene: String,
-    /// What the row is called: its stratum, or a method.
+    /// The name of the row: its stratum, or a method.
     pub head: String,
     /// A picture for each column.
     pub pictures: Vec<Picture>,
@@ -54,7 +54,7 @@ pub struct Picture {
 /// How to make montages.
 #[derive(Clone, Copy, Debug)]
 pub struct Choice {
-    /// Scenes of each stratum.
+    /// Number of scenes per stratum.
     pub scenes: usize,
     /// Model calls.
     pub nfe: u64,
@@ -75,7 +75,7 @@ pub fn choose<M: Media>(of: Items<'_, M>, scenes: usize) -> Vec<(String, Handle<
         .collect()
 }
 
-/// What pictures are made of.
+/// The sources of the images.
 pub struct Pictures<'a> {
     ctx: &'a Context<'a>,
     evaluation: &'a Evaluation,
@@ -87,7 +87,7 @@ pub struct Pictures<'a> {
 }
 
 impl<'a> Pictures<'a> {
-    /// Of the first scenes of each stratum.
+    /// Montage of the first scenes of each stratum.
     pub fn new(
         ctx: &'a Context<'a>,
         evaluation: &'a Evaluation,
@@ -159,7 +159,7 @@ impl<'a> Pictures<'a> {
         std::iter::once(input).chain(between).chain([reference]).collect()
     }
 
-    /// What a cell made of a scene with so many calls.
+    /// The image of a cell for a scene and number of calls.
     fn refined(&self, scene: &str, cell: &Cell, nfe: u64, reduced: usize) -> Result<Picture, KindError> {
         let image = match self.images.get(&(cell.clone(), scene)) {
             Some(images) => at_nfe(self.ctx, *images, nfe)?,
@@ -183,7 +183,7 @@ impl<'a> Pictures<'a> {
     }
 }
 
-/// What a row begins and ends with.
+/// The first and last images of a row.
 struct Ends {
     input: Picture,
     reference: Picture,

@@ -22,8 +22,8 @@ pub enum Rank {
     Other,
 }
 
-/// Ranks a column as it is printed: figures that print alike share a rank. With two or more best there is no second.
-/// A missing figure has no rank, and a column of one has none either.
+/// Ranks a column as it is printed: figures that print alike share a rank. If two or more are best, none is second. A
+/// missing figure has no rank, and a column of one has none either.
 pub fn rank(column: &[Option<f64>], higher_is_better: bool, digits: usize) -> Vec<Rank> {
     let printed: Vec<Option<String>> =
         column.iter().map(|v| v.filter(|v| !v.is_nan()).map(|v| fixed(v, digits))).collect();
@@ -95,7 +95,7 @@ pub fn ranks(rows: &[Row<'_>], metric: &str, digits: usize) -> Vec<Vec<Rank>> {
 /// Methods that differ in the method alone.
 #[derive(Clone, Debug)]
 pub struct Group<'a> {
-    /// What they share, for people: the conditioning, and what else tells groups apart.
+    /// Their common label: the conditioning, and other distinguishing params.
     pub title: String,
     /// The same as part of a file name.
     pub slug: String,

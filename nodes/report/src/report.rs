@@ -35,18 +35,18 @@ pub struct ReportParams {
     pub title: String,
     /// A sentence below the title; may be empty.
     pub subtitle: String,
-    /// Scenes of each stratum among the pictures; 0 for no pictures.
+    /// Number of scenes per stratum among the images; 0 for no images.
     #[schemars(range(min = 0, max = 20))]
     pub montage_scenes: u64,
-    /// NFE of the pictures and of the heat map; none for the first that was evaluated.
+    /// NFE of the images and the heat map; none for the first evaluated one.
     pub montage_nfe: Option<u64>,
-    /// Longest side of a picture in pixels; larger ones are reduced by an integer factor.
+    /// Maximum side of an image in pixels; larger images are reduced by an integer factor.
     #[schemars(range(min = 16, max = 2048))]
     pub montage_pixels: u64,
-    /// Previews of each of the gate's reasons, and of scenes that it let through; 0 for none.
+    /// Number of previews per reason of the gate, and of accepted scenes; 0 for none.
     #[schemars(range(min = 0, max = 1000))]
     pub gate_pictures: u64,
-    /// Scenes whose bridge maps the page shows; the files hold all.
+    /// Number of scenes with bridge maps on the page; the files contain all.
     #[schemars(range(min = 0, max = 100))]
     pub bridge_scenes: u64,
 }
@@ -74,7 +74,7 @@ impl Kind for Report {
     fn spec() -> KindSpec {
         KindSpec {
             name: "report",
-            summary: "Shows what was measured: a self-contained page, JSON, CSV, LaTeX and pictures.",
+            summary: "Writes the results as a self-contained HTML page, JSON, CSV, LaTeX and images.",
             manual: include_str!("report.md"),
             mode: Mode::Gather,
             inputs: material::INPUTS.to_vec(),

@@ -23,7 +23,7 @@ use crate::{
     text::{escape, plural},
 };
 
-/// What intervals are over: groups of scenes if a split is known, else scenes.
+/// The unit of intervals: groups of scenes if a split is known, otherwise scenes.
 pub fn resampled(groups: Option<u64>) -> String {
     groups.map_or_else(|| "scenes".to_owned(), |groups| format!("{} of scenes of one content", plural(groups, "group")))
 }

@@ -16,12 +16,12 @@ use tauflow_data::{
     scene::{Recipe, Side},
 };
 
-const SCENES: All<SceneRecord> = All::new("scenes", "The scenes to part.");
+const SCENES: All<SceneRecord> = All::new("scenes", "The scenes to split.");
 
 const MAIN: Group = Group::main(2);
-const TRAIN: Out<SceneRecord> = Out::new(MAIN, "train", "Scenes to learn from.");
-const TEST: Out<SceneRecord> = Out::new(MAIN, "test", "Scenes to judge by.");
-const REPORT: Out<SplitReport> = Out::new(MAIN, "report", "Groups with their scenes, counts, leaks.");
+const TRAIN: Out<SceneRecord> = Out::new(MAIN, "train", "The training set.");
+const TEST: Out<SceneRecord> = Out::new(MAIN, "test", "The test set.");
+const REPORT: Out<SplitReport> = Out::new(MAIN, "report", "Groups with their scenes, counts and leaks.");
 
 /// The kind `content_signature_split`.
 pub struct ContentSignatureSplit;
@@ -30,12 +30,12 @@ pub struct ContentSignatureSplit;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ContentSignatureSplitParams {
-    /// Share of each stratum's contents that goes to the test side.
+    /// Share of the contents of each stratum for the test set.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub test_share: f64,
-    /// Assets that must not stand on both sides; the scenes must have been drawn with the same `hold_out`.
+    /// Assets that must not be in both sets; scenes must be generated with the same `hold_out`.
     pub hold_out: Vec<HoldOut>,
-    /// Step of the layout's parameters: absolute near 0, relative to large values.
+    /// Quantisation step of layout parameters: absolute near 0, relative for large values.
     #[schemars(range(min = 0.000_001, max = 10.0))]
     pub quantum: f64,
 }
@@ -81,7 +81,7 @@ impl Kind for ContentSignatureSplit {
     fn spec() -> KindSpec {
         KindSpec {
             name: "content_signature_split",
-            summary: "Parts scenes into train and test so that no content signature stands on both sides.",
+            summary: "Splits scenes into a training and a test set that share no content signature.",
             manual: include_str!("content_signature_split.md"),
             mode: Mode::Gather,
             inputs: vec![SCENES.port()],

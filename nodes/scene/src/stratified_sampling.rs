@@ -13,15 +13,15 @@ use tauflow_data::{
     rng::Stream,
 };
 
-const TRAIN_SIDE: All<SceneRecord> = All::new("train", "Scenes of the train side.").or_none();
+const TRAIN_SIDE: All<SceneRecord> = All::new("train", "Scenes of the training side.").or_none();
 const TEST_SIDE: All<SceneRecord> = All::new("test", "Scenes of the test side.").or_none();
 const TAKEN: All<SceneRecord> =
-    All::new("taken", "Scenes that another sampling has chosen: not chosen again.").or_none();
+    All::new("taken", "Scenes chosen by a different sampling, which are skipped.").or_none();
 
 const MAIN: Group = Group::main(1);
-const TRAIN: Out<SceneRecord> = Out::new(MAIN, "train", "The chosen scenes of the train side.");
-const TEST: Out<SceneRecord> = Out::new(MAIN, "test", "The chosen scenes of the test side.");
-const REPORT: Out<SamplingReport> = Out::new(MAIN, "report", "Wanted, available and chosen by stratum.");
+const TRAIN: Out<SceneRecord> = Out::new(MAIN, "train", "The chosen training scenes.");
+const TEST: Out<SceneRecord> = Out::new(MAIN, "test", "The chosen test scenes.");
+const REPORT: Out<SamplingReport> = Out::new(MAIN, "report", "Wanted, available and chosen scenes per stratum.");
 
 /// The kind `stratified_sampling`.
 pub struct StratifiedSampling;
@@ -30,14 +30,14 @@ pub struct StratifiedSampling;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct StratifiedSamplingParams {
-    /// Scenes to choose from the train side.
+    /// Number of training scenes to choose.
     pub train: u64,
-    /// Scenes to choose from the test side.
+    /// Number of test scenes to choose.
     pub test: u64,
-    /// Scenes of one content at most among those to learn from; none for all.
+    /// Maximum number of training scenes per content; none for no limit.
     #[schemars(range(min = 1))]
     pub train_views: Option<u64>,
-    /// Scenes of one content at most among those to judge by; none for all.
+    /// Maximum number of test scenes per content; none for no limit.
     #[schemars(range(min = 1))]
     pub test_views: Option<u64>,
     /// Regimes to choose from.
@@ -46,9 +46,9 @@ pub struct StratifiedSamplingParams {
     /// Contexts to choose from.
     #[schemars(length(min = 1))]
     pub contexts: Vec<ContextClass>,
-    /// Seed of the order in which strata get one scene more where a count does not divide.
+    /// Seed of the order in which strata receive the remainder of a count.
     pub order_seed: u64,
-    /// True takes what there is where a stratum falls short, and says so in the report; false is an error.
+    /// Take the available scenes if a stratum has too few, and report it; otherwise this is an error.
     pub allow_short: bool,
 }
 
@@ -165,7 +165,7 @@ impl Kind for StratifiedSampling {
     fn spec() -> KindSpec {
         KindSpec {
             name: "stratified_sampling",
-            summary: "Fills each side's quota evenly over the strata.",
+            summary: "Chooses training and test scenes equally from all strata.",
             manual: include_str!("stratified_sampling.md"),
             mode: Mode::Gather,
             inputs: vec![TRAIN_SIDE.port(), TEST_SIDE.port(), TAKEN.port()],

@@ -30,12 +30,13 @@ pub struct BridgeRefinementParams {
 
 const ENDPOINTS: Each<PackedScene> = Each::new("endpoints", "Scenes at consecutive sample counts, such as 1..10.");
 const MC_NOISE: All<ModelFile> =
-    All::new(Parameterization::McNoise.name(), "A solver of parameterization mc_noise: one.");
+    All::new(Parameterization::McNoise.name(), "A solver with parameterization mc_noise: exactly one.");
 const LOCAL_VELOCITY: All<ModelFile> =
-    All::new(Parameterization::LocalVelocity.name(), "A solver of parameterization local_velocity: one.");
+    All::new(Parameterization::LocalVelocity.name(), "A solver with parameterization local_velocity: exactly one.");
 
 const MAIN: Group = Group::main(3);
-const STEPS: Out<BridgeSteps> = Out::new(MAIN, "steps", "The images at every stop, and the training ladder's clock.");
+const STEPS: Out<BridgeSteps> =
+    Out::new(MAIN, "steps", "The images at every stop, and the clock of the training ladder.");
 
 impl Kind for BridgeRefinement {
     type Params = BridgeRefinementParams;
@@ -105,8 +106,8 @@ impl Kind for BridgeRefinement {
 fn stops(counts: &[u64]) -> Result<Vec<(u64, u64)>, KindError> {
     if counts.len() < 3 || counts.windows(2).any(|w| w[1] != w[0] + 1) {
         return Err(KindError::Input(format!(
-            "the bridge needs at least three consecutive rungs and got {counts:?}; write for example \
-             `rungs: [1, 2, 3, 4, 5, 6, 7, 8, 9, 10]`"
+            "the bridge needs at least three consecutive rungs, but has {counts:?}; write for example `rungs: [1, 2, \
+            3, 4, 5, 6, 7, 8, 9, 10]`"
         )));
     }
     let last = counts[counts.len() - 1];
@@ -121,7 +122,7 @@ fn expect(model: Model, parameterization: Parameterization) -> Result<Model, Kin
         return Ok(model);
     }
     Err(KindError::Input(format!(
-        "input `{}` got a solver of parameterization `{}`; connect the other cell",
+        "input `{}` has a solver with parameterization `{}`; connect a different cell",
         parameterization.name(),
         found.name()
     )))

@@ -29,7 +29,7 @@ impl Kind for DatasetPacking {
     fn spec() -> KindSpec {
         KindSpec {
             name: "dataset_packing",
-            summary: "Packs exposed rungs and G-buffers for learning.",
+            summary: "Packs exposed rungs and G-buffers for training and evaluation.",
             manual: include_str!("dataset_packing.md"),
             mode: Mode::Map,
             inputs: vec![LADDERS.port(), GBUFFERS.port(), EXPOSURE.port()],
@@ -50,14 +50,14 @@ impl Kind for DatasetPacking {
 fn pack(ladder: &Ladder, exposure: &Exposure, gbuffer: Option<&GBuffer>) -> Result<PackedScene, KindError> {
     if !(exposure.factor.is_finite() && exposure.factor > 0.0) {
         return Err(KindError::Input(format!(
-            "the exposure factor is {}, expected a positive number; the scene should not have passed the gate",
+            "the exposure factor is {}, expected a positive number; check why the gate accepted the scene",
             exposure.factor
         )));
     }
     if !ladder.meta.sampler.is_independent() {
         return Err(KindError::Input(
-            "the ladder's samples depend on each other, and variance time rests on independent ones; render it with \
-             `sampler: independent`"
+            "the samples of the ladder are correlated, but variance time requires independent samples; render it with \
+            `sampler: independent`"
                 .into(),
         ));
     }
@@ -70,7 +70,7 @@ fn pack(ladder: &Ladder, exposure: &Exposure, gbuffer: Option<&GBuffer>) -> Resu
         && (gbuffer.width(), gbuffer.height()) != (rung.image.width(), rung.image.height())
     {
         return Err(KindError::Input(format!(
-            "the G-buffer has {} x {} pixels and the ladder {} x {}; render both with the same `resolution`",
+            "the G-buffer has {} x {} pixels, but the ladder has {} x {}; render both with the same `resolution`",
             gbuffer.width(),
             gbuffer.height(),
             rung.image.width(),

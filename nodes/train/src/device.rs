@@ -106,7 +106,7 @@ impl Place {
         self.adapter.as_deref()
     }
 
-    /// What tensors are made on.
+    /// The device of tensors.
     pub(crate) fn device(&self) -> &Device {
         &self.device
     }

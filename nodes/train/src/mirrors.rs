@@ -33,9 +33,7 @@ impl TryFrom<u64> for Views {
 
     fn try_from(views: u64) -> Result<Self, KindError> {
         let found = Self::COUNTS.into_iter().find(|count| u64::from(*count) == views);
-        found
-            .map(Self)
-            .ok_or_else(|| KindError::Input(format!("{views} views of an image cannot be had; write 1, 2, 4 or 8")))
+        found.map(Self).ok_or_else(|| KindError::Input(format!("{views} views are not supported; use 1, 2, 4 or 8")))
     }
 }
 

@@ -22,12 +22,12 @@ use tauflow_data::{
 };
 use tauflow_tensors::Weights;
 
-/// What a model was trained for.
+/// The metadata of a model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModelInfo {
-    /// What it predicts.
+    /// Its parameterization.
     pub parameterization: Parameterization,
-    /// What it sees beside the state.
+    /// Additional input of the network: none (RGB), or G-buffers.
     pub conditioning: Conditioning,
     /// Size of its network.
     pub preset: Preset,
@@ -37,7 +37,7 @@ pub struct ModelInfo {
     pub counts: Vec<u64>,
     /// Training steps.
     pub steps: u64,
-    /// What its network's numbers are.
+    /// The type of its network's output.
     #[serde(default = "Output::unsaid", skip_serializing_if = "Output::is_unsaid")]
     pub output: Output,
 }
@@ -104,7 +104,7 @@ impl Model {
     /// If the bytes are damaged or of another version.
     pub fn load_to(bytes: &[u8], place: &Place) -> Result<Self, KindError> {
         let damaged = |why: String| {
-            KindError::Input(format!("this is no model file: {why}; connect the output `model` of a `training` node"))
+            KindError::Input(format!("not a model file: {why}; connect the output `model` of a `training` node"))
         };
         let file = TensorFile::from_bytes(bytes).map_err(|e| damaged(e.to_string()))?;
         let note = file.metadata.get("model").ok_or_else(|| damaged("the note `model` is missing".into()))?;
@@ -123,7 +123,7 @@ impl Model {
         Ok(file.to_bytes()?)
     }
 
-    /// What it was trained for.
+    /// Its metadata.
     pub fn info(&self) -> &ModelInfo {
         &self.info
     }
@@ -175,7 +175,7 @@ impl Model {
 
     fn checked<'a>(&self, gbuffer: Option<&'a Image>, state: &Image) -> Result<&'a Image, KindError> {
         let gbuffer = gbuffer.ok_or_else(|| {
-            KindError::Input("the model was trained with G-buffers and got a state without; connect them".into())
+            KindError::Input("the model needs G-buffers, but the state has none; connect them".into())
         })?;
         if (gbuffer.width(), gbuffer.height(), gbuffer.channels()) != (state.width(), state.height(), 6) {
             return Err(shape_error("a G-buffer", gbuffer, state));

@@ -38,7 +38,7 @@ impl TryFrom<Vec<u64>> for ModelCalls {
         }
         if counts.last().is_some_and(|last| *last > Self::MOST) {
             return Err(KindError::Input(format!(
-                "more than {} model calls; take fewer: so many change nothing any more",
+                "more than {} model calls; use fewer, because more have no effect",
                 Self::MOST
             )));
         }

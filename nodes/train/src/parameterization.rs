@@ -1,6 +1,6 @@
-//! What a solver learns: targets at real endpoints, and how a prediction moves a state. Knows no network.
+//! Parameterizations: targets at real endpoints, and the step that a prediction defines. Knows no network.
 //!
-//! With clean = I_nmax and tau the variance time of the ladder:
+//! Here clean = I_nmax, and tau is the variance time of the ladder:
 //!
 //! | parameterization | input | target |
 //! |---|---|---|
@@ -13,8 +13,8 @@ use tauflow_data::{Image, methods::Parameterization, time::VarianceTime};
 
 /// The maths of a [`Parameterization`]: what a network learns, and how its prediction moves a state.
 pub(crate) trait ParameterizationMaths: Sized {
-    /// What to learn at endpoint `k` of a ladder with these sample counts; `t` in [0, 1] is used by `vanilla_rf` alone.
-    /// The time that belongs to it is [`Self::time`].
+    /// The target at endpoint `k` of a ladder with these sample counts; only `vanilla_rf` uses `t` in [0, 1]. The time
+    /// that belongs to it is [`Self::time`].
     ///
     /// # Panics
     /// If `k` is the last rung, which has nothing to learn.
@@ -74,7 +74,7 @@ impl ParameterizationMaths for Parameterization {
     }
 }
 
-/// What a solver learns from two rungs of a ladder.
+/// The target of a solver, from two rungs of a ladder.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Lesson {
     /// The rung that the input starts from.
@@ -83,7 +83,7 @@ pub(crate) struct Lesson {
     pub(crate) to: usize,
     /// How far the input is moved towards that rung; 0 but for interpolants.
     pub(crate) share: f32,
-    /// What the difference of the rungs is multiplied with to give the target.
+    /// The factor that turns the difference of the rungs into the target.
     pub(crate) scale: f32,
 }
 

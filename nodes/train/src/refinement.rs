@@ -22,7 +22,7 @@ use tauflow_data::{
     timing::{Repeated, machine},
 };
 
-/// What refinements did before these params existed.
+/// The behaviour before these params existed.
 const LATER: &[Later] = &[
     Later { pointer: "/mirrors", before: Before::Integer(1) },
     Later { pointer: "/blank", before: Before::Text("none") },
@@ -54,8 +54,8 @@ impl Blank {
         };
         let mut blank = gbuffer.cloned().ok_or_else(|| {
             KindError::Input(
-                "`blank` sets channels of the G-buffer to 0, and the model was trained without; name a model that sees \
-                 G-buffers, or take `blank` away"
+                "`blank` requires a model with G-buffers, but this one was trained without; connect a different \
+                model, or remove `blank`"
                     .into(),
             )
         })?;
@@ -75,16 +75,16 @@ pub struct RefinementParams {
     /// Sample count of the endpoint to start from.
     #[schemars(range(min = 1))]
     pub from: u64,
-    /// How the times of a rollout are spread.
+    /// Time grid of the rollouts.
     pub grid: TimeGrid,
-    /// Views of the image whose mean a model call is: 1, 2 for its mirror image too, 4 for both upside down as well, or
-    /// 8 for all four with rows for columns.
+    /// Number of mirrored and rotated copies over which each call is averaged: 1, 2 (mirrored), 4 (also upside down) or
+    /// 8 (also transposed).
     pub mirrors: Views,
-    /// Channels of the G-buffer that are set to 0 before the solver sees them: what they are worth to it.
+    /// Channels of the G-buffer that are set to 0, to measure how much the solver uses them.
     pub blank: Blank,
     /// What the network runs on; anything but the CPU makes outputs of this machine.
     pub device: NetworkDevice,
-    /// Times that `timing` measures each number of calls.
+    /// Number of measurements by `timing` per number of calls.
     #[schemars(range(min = 1, max = 1000))]
     pub repeats: u64,
 }
@@ -104,14 +104,14 @@ impl Default for RefinementParams {
 }
 
 const ENDPOINTS: Each<PackedScene> = Each::new("endpoints", "The scenes whose endpoints are refined.");
-const MODEL: All<ModelFile> = All::new("model", "The trained solver: one.");
+const MODEL: All<ModelFile> = All::new("model", "The trained solver: exactly one.");
 const AFTER: Each<Any> =
-    Each::any("after", "What must be there before `timing` measures, so that methods take turns.").or_none();
+    Each::any("after", "Completed before `timing` measures, so that methods take turns.").or_none();
 
 const MAIN: Group = Group::main(3);
 const MEASURED: Group = Group::new("timing", 3);
-const REFINED: Out<Refined> = Out::new(MAIN, "refined", "One image for each number of model calls.");
-const TIMING: Out<Timing> = Out::new(MEASURED, "timing", "How long each takes, on all cores.").measured();
+const REFINED: Out<Refined> = Out::new(MAIN, "refined", "One image per number of model calls.");
+const TIMING: Out<Timing> = Out::new(MEASURED, "timing", "Wall time of each number of calls, on all cores.").measured();
 
 impl Kind for Refinement {
     type Params = RefinementParams;
@@ -119,7 +119,7 @@ impl Kind for Refinement {
     fn spec() -> KindSpec {
         KindSpec {
             name: "refinement",
-            summary: "Refines endpoints with a trained solver in any number of steps.",
+            summary: "Denoises endpoints with a trained solver in any number of steps.",
             manual: include_str!("refinement.md"),
             mode: Mode::Map,
             inputs: vec![ENDPOINTS.port(), MODEL.port(), AFTER.port()],
@@ -188,7 +188,7 @@ impl Kind for Refinement {
     }
 }
 
-/// What each number of calls takes, once unmeasured and then in turns.
+/// The time of each number of calls: one warm-up, then in turns.
 fn timed(
     ctx: &Context<'_>,
     model: &Mirrored<'_>,
@@ -223,15 +223,13 @@ pub(crate) fn endpoint(scene: &PackedScene, spp: u64) -> Result<&Image, KindErro
     })
 }
 
-/// What the model sees beside the state.
+/// The additional input of the model.
 pub(crate) fn features<'a>(model: &Model, scene: &'a PackedScene) -> Result<Option<&'a Image>, KindError> {
     match model.info().conditioning {
         Conditioning::Rgb => Ok(None),
         Conditioning::Gbuffer => scene.gbuffer.as_ref().map(Some).ok_or_else(|| {
             KindError::Input(
-                "the model was trained with G-buffers and the scene has none; connect `gbuffers` of its \
-                 `dataset_packing`"
-                    .into(),
+                "the model needs G-buffers, but the scene has none; connect `gbuffers` of its `dataset_packing`".into(),
             )
         }),
     }

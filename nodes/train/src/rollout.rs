@@ -10,7 +10,7 @@ use tauflow_data::{
 
 /// Something that predicts what its parameterization asks for.
 pub trait Denoiser {
-    /// What it predicts.
+    /// Its parameterization.
     fn parameterization(&self) -> Parameterization;
 
     /// The space that its states and predictions are in.
@@ -69,8 +69,8 @@ pub fn rollout_to(
     let from = course.from as f64;
     if from < clock.n_min() || from >= clock.n_max() {
         return Err(KindError::Input(format!(
-            "a rollout cannot start at {} spp: the model's ladder goes from {} to {}; choose `from` from there up to \
-             below its last rung",
+            "a rollout cannot start at {} spp: the training ladder goes from {} to {} spp; choose a `from` in this \
+            range, below the last rung",
             course.from,
             clock.n_min(),
             clock.n_max()
@@ -78,8 +78,8 @@ pub fn rollout_to(
     }
     if !(to > from && to <= clock.n_max()) {
         return Err(KindError::Input(format!(
-            "a rollout from {from} spp cannot end at {to}: the end lies above the start and at most at {}, the last \
-             rung of the model's ladder",
+            "a rollout from {from} spp cannot end at {to} spp: the end must be above the start and at most {}, the \
+            last rung of the training ladder",
             clock.n_max()
         )));
     }
@@ -112,8 +112,8 @@ pub fn bridge_stop(
     let prediction = model.predict(&state, gbuffer, tau)?;
     let Some(clean) = model.parameterization().clean(&state, &prediction, tau) else {
         return Err(KindError::Input(format!(
-            "a bridge stop needs an estimate of the clean image, which `{}` does not give; use `mc_noise` or \
-             `mc_velocity`",
+            "a bridge stop needs an estimate of the clean image, which `{}` does not provide; use `mc_noise` or \
+            `mc_velocity`",
             model.parameterization().name()
         )));
     };
@@ -150,8 +150,8 @@ fn span(model: &dyn Denoiser, from: u64, to: u64) -> Result<(f64, f64), KindErro
     let clock = model.clock();
     if (from as f64) < clock.n_min() || to <= from || to as f64 >= clock.n_max() {
         return Err(KindError::Input(format!(
-            "the stop {from} -> {to} spp does not lie within the model's ladder of {} to {} (its end excluded); bridge \
-             stops use the clock of the training ladder",
+            "the stop {from} -> {to} spp is outside the training ladder of {} to {} spp (its end excluded); bridge \
+            stops use the clock of the training ladder",
             clock.n_min(),
             clock.n_max()
         )));
@@ -179,15 +179,15 @@ fn decode(model: &dyn Denoiser, state: Image, endpoint: &Image) -> Result<Image,
 
 /// A state, unless its endpoint is so bright that values leave what the space can hold: nothing is cut.
 fn within(space: Space, state: Image, endpoint: &Image) -> Result<Image, KindError> {
-    // What is no number is not below the largest, either.
+    // NaN is not below the largest value, either.
     let fits = state.data().iter().filter(|v| v.abs() <= space.largest()).count();
     if fits == state.data().len() {
         return Ok(state);
     }
     let brightest = endpoint.data().iter().fold(0.0f32, |most, v| most.max(v.abs()));
     Err(KindError::Input(format!(
-        "{} of the {} values of a state are beyond what `space: {}` holds in single precision: the endpoint goes up to \
-         {brightest:.1e}; expose it lower",
+        "{} of the {} values of a state exceed single precision in `space: {}`: the maximum of the endpoint is \
+        {brightest:.1e}; use a lower exposure",
         state.data().len() - fits,
         state.data().len(),
         space.name()

@@ -33,13 +33,13 @@ const VERSION: u32 = 4;
 /// The kind `training`.
 pub struct Training;
 
-const TRAIN: All<PackedScene> = All::new("train", "The scenes to learn from.");
-const TEST: All<PackedScene> = All::new("test", "Scenes whose loss is written down, never learned from.").or_none();
+const TRAIN: All<PackedScene> = All::new("train", "The training set.");
+const TEST: All<PackedScene> = All::new("test", "The test set; only its loss is recorded.").or_none();
 
 const MAIN: Group = Group::main(VERSION);
 const MODEL: Out<ModelFile> = Out::new(MAIN, "model", "The averaged weights.");
 const LOG: Out<TrainingLog> = Out::new(MAIN, "log", "The loss curve.");
-const TIMING: Out<TrainingTiming> = Out::new(MAIN, "timing", "Time of a step.").measured();
+const TIMING: Out<TrainingTiming> = Out::new(MAIN, "timing", "Wall time per step.").measured();
 
 /// The key of the one item on each output.
 const ITEM: &str = "model";
@@ -50,7 +50,7 @@ impl Kind for Training {
     fn spec() -> KindSpec {
         KindSpec {
             name: "training",
-            summary: "Trains a transport solver.",
+            summary: "Trains a solver (a neural denoiser).",
             manual: include_str!("training.md"),
             mode: Mode::Gather,
             inputs: vec![TRAIN.port(), TEST.port()],
@@ -116,7 +116,8 @@ impl Work<'_> {
         };
         if let Some(test) = test.as_ref().filter(|t| t.counts != train.counts) {
             return Err(KindError::Input(format!(
-                "the test scenes have rungs {:?} and the training scenes {:?}; give both ladders the same `rungs`",
+                "the test scenes have rungs {:?}, but the training scenes have {:?}; give both ladders the same \
+                `rungs`",
                 test.counts, train.counts
             )));
         }
@@ -182,16 +183,16 @@ impl Work<'_> {
         Checkpoints { kept: Kept { basis, inputs, every: self.params.checkpoint_every }, info: info.clone() }
     }
 
-    /// What went wrong after `done` steps, and what is there of them.
+    /// The error after `done` steps, and the last checkpoint.
     fn with_checkpoint(&self, error: KindError, checkpoints: &Checkpoints, done: u64) -> KindError {
         let last = checkpoints.kept.last_due(done);
         match error {
             KindError::Input(told) if last > 0 && self.params.decay == Decay::None => KindError::Input(format!(
-                "{told}; the state after step {last} is kept: `steps: {last}` makes a model of it"
+                "{told}; the last checkpoint is step {last}: `steps: {last}` turns it into a model"
             )),
             // A rate that falls towards the last step has other checkpoints for fewer steps.
             KindError::Input(told) if last > 0 => {
-                KindError::Input(format!("{told}; the last state that is kept is that after step {last}"))
+                KindError::Input(format!("{told}; the last checkpoint is step {last}"))
             }
             error => error,
         }
@@ -227,8 +228,8 @@ impl Work<'_> {
             // JSON has no infinity: the curve would look as if there were no test scenes.
             if !test.is_finite() {
                 return Err(KindError::Input(format!(
-                    "the loss on the test scenes is {test} after step {}: a value of theirs is too large for `loss`; \
-                     render them again, or take `space: log1p`",
+                    "the test loss is {test} after step {}: a value of the test scenes is too large for `loss`; \
+                    render them again, or use `space: log1p`",
                     trainer.state.step
                 )));
             }

@@ -1,6 +1,6 @@
-//! What the law alone says of solvers: rollouts of a network that knows the mean of endlessly many samples and predicts
-//! the expectation of its target. `cargo test --release -p tauflow-train --test law -- --nocapture` prints the figures
-//! that docs/study quotes.
+//! Predictions of the variance law for solvers: rollouts of a network that knows the converged image and predicts the
+//! expectation of its target. `cargo test --release -p tauflow-train --test law -- --nocapture` prints the figures that
+//! docs/study quotes.
 
 use tauflow_contract::KindError;
 use tauflow_data::{

@@ -185,9 +185,9 @@ fn model_files_round_trip_and_damage_is_named() {
     assert!(model.to_bytes().expect("writes") == bytes);
     assert_eq!((model.info().n_min(), model.info().n_max(), model.info().steps), (1, 16, 2));
     let cut = Model::load(&bytes[..bytes.len() / 2]).err().expect("cut in half").to_string();
-    assert!(cut.contains("no model file") && cut.contains("training"), "{cut}");
+    assert!(cut.contains("not a model file") && cut.contains("training"), "{cut}");
     let other = Model::load(&toy::scene(1, 16, &COUNTS).to_bytes().expect("consistent")).err().expect("a scene");
-    assert!(other.to_string().contains("no model file"), "{other}");
+    assert!(other.to_string().contains("not a model file"), "{other}");
     let mut poisoned = bytes.clone();
     let end = poisoned.len();
     poisoned[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());

@@ -1,4 +1,4 @@
-//! What is told of a pass: events, numbers by node, failures, and the actions that took longest. Decides nothing.
+//! The account of a pass: events, counts per node, failures, and the slowest actions. Decides nothing.
 
 use crate::engine::{
     event::{Ended, Event, Failure, Name, NodeStat, Slow},
@@ -19,7 +19,7 @@ pub type Ran = HashSet<(LaneId, Option<ItemKey>)>;
 /// Keys of slots, and what became of these.
 pub type Keys = Vec<(LaneId, Option<ItemKey>, Ended, Box<ActionKey>)>;
 
-/// What a pass leaves.
+/// The result of a pass.
 pub struct Finished {
     /// Numbers by node.
     pub stats: Vec<NodeStat>,
@@ -64,7 +64,7 @@ pub(super) struct Account<'a> {
 }
 
 impl<'a> Account<'a> {
-    /// Of lanes of which nothing has been told.
+    /// Counts of lanes without any event so far.
     pub fn new(pipeline: &Pipeline, lanes: &Lanes, ran_before: &'a Ran) -> Self {
         let mut stats: Vec<NodeStat> = Vec::with_capacity(pipeline.nodes.len());
         for node in &pipeline.nodes {
@@ -160,7 +160,7 @@ impl<'a> Account<'a> {
         stat.bytes = stat.bytes.saturating_add(bytes);
     }
 
-    /// What a look-up found: hits of what an earlier pass ran have run in this run.
+    /// The result of a look-up: hits on actions of an earlier pass count as run.
     pub fn hit(&self, lane: LaneId, item: Option<&ItemKey>) -> Ended {
         let before = !self.ran_before.is_empty() && self.ran_before.contains(&(lane, item.cloned()));
         if before { Ended::Ran } else { Ended::Hit }
@@ -225,7 +225,7 @@ impl<'a> Account<'a> {
         &self.failures
     }
 
-    /// What happened since this was last asked.
+    /// Events since the last call.
     pub fn take_events(&mut self) -> Vec<Event> {
         let mut events = Vec::new();
         for (stat, actions) in self.stats.iter().zip(&mut self.expected).filter(|(_, actions)| **actions > 0) {

@@ -75,7 +75,7 @@ impl Scheduler<'_> {
     pub(super) fn give(&mut self, lane: LaneId, input: InputId, key: ItemKey, arrival: Arrival) {
         if self.states[lane].inputs[input].arrived.insert(key.clone(), arrival).is_some() {
             let port = self.spec(lane).inputs[input.place()].name;
-            return self.fail_lane(lane, format!("two of the nodes on input `{port}` give an item `{key}`"));
+            return self.fail_lane(lane, format!("two nodes on input `{port}` produce an item `{key}`"));
         }
         let slot = if self.lanes[lane].driving == Some(input) {
             self.add_slot(lane, Some(key), Vec::new())
@@ -175,7 +175,7 @@ impl Scheduler<'_> {
                 None if spec.inputs[id.place()].optional => {}
                 None => {
                     let message = format!(
-                        "the input `{}` has no item `{key}`; connect a node that has every item of input `{}`",
+                        "the input `{}` has no item `{key}`; connect a node that has all items of input `{}`",
                         spec.inputs[id.place()].name,
                         self.lanes[lane].driving.map_or("", |d| spec.inputs[d.place()].name)
                     );
@@ -273,8 +273,7 @@ impl Scheduler<'_> {
             {
                 self.hand_on_collection(reader, &result);
             }
-            // Of what failed as a whole, nobody knows which items there would be: its shards stay open until that is
-            // told below.
+            // If a lane failed as a whole, its items are unknown: its shards stay open until that is reported below.
             if !whole && (rolled || (gather && health == Health::Sound)) {
                 let (lane, input) = (reader.lane, reader.input);
                 self.ops.extend((0..SHARDS).map(|shard| Op::ShardFed { lane, input, shard: u8::at(shard) }));

@@ -2,9 +2,8 @@
 //! It reads and writes nothing: what it needs of the store, of files and of kinds it asks of the look-up threads.
 //!
 //! Each lane is a row of slots, one for each item (one in all for a gather). A slot goes from waiting to ready, is
-//! looked up, perhaps runs, and ends. What ends is handed to the readers at once, so that an item goes on while its
-//! siblings are still worked on; whole collections are handed on when their lane is done. Stages are written in
-//! `moves.rs` alone.
+//! looked up, perhaps runs, and ends. Finished items are passed to readers at once, while their siblings are still
+//! running; whole collections are passed on when their lane is done. Stages are written in `moves.rs` alone.
 //!
 //! The slots of a lane are dealt to shards by their items' keys. Where items are many, a shard as a whole is looked up
 //! before its items are: when all that it reads is known and none of it was made now, one look-up stands for all its
@@ -180,7 +179,7 @@ impl<'a> Scheduler<'a> {
         self.ops.push_back(Op::Check { lane });
     }
 
-    /// What the kind of a lane states.
+    /// The spec of a lane's kind.
     fn spec(&self, lane: LaneId) -> &'a KindSpec {
         &self.pipeline.nodes[self.lanes[lane].node].spec
     }
@@ -218,7 +217,7 @@ impl<'a> Scheduler<'a> {
         self.account.failures()
     }
 
-    /// What happened since this was last asked.
+    /// Events since the last call.
     pub fn take_events(&mut self) -> Vec<Event> {
         self.account.take_events()
     }
@@ -242,7 +241,7 @@ impl<'a> Scheduler<'a> {
         self.lanes[lane].node
     }
 
-    /// What a rolled lane's roll-up says.
+    /// The roll-up of a rolled lane.
     pub fn rolled(&self, lane: LaneId) -> Option<&Payload> {
         self.states[lane].rolled()
     }
@@ -287,8 +286,8 @@ impl<'a> Scheduler<'a> {
 /// A blob that does not come back.
 fn lost(digest: &Digest) -> String {
     format!(
-        "blob {} is missing, and running again what made it did not give it back; run `tauflow cache verify`, and \
-         report it if that finds nothing",
+        "blob {} is missing, and rebuilding did not restore it; run `tauflow cache verify`, and report it if that \
+        finds no damage",
         digest.short()
     )
 }

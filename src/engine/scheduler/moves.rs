@@ -1,8 +1,7 @@
-//! The moves: the one place where the stage of a slot, of a shard and of a lane is written, with all that follows from
-//! it.
+//! State transitions: the only place where stages of slots, shards and lanes are written, with all consequences.
 //!
 //! Each level has one setter. It keeps the counters of what is still open, tells the account, and hands on what is
-//! done; what may be done next is put on the list of [`Op`]s. Everybody else asks for a move and writes no stage.
+//! done; what may be done next is put on the list of [`Op`]s. All other code requests a move and writes no stage.
 
 use super::{
     Scheduler,
@@ -31,7 +30,7 @@ impl Scheduler<'_> {
             SlotStage::Todo => {
                 let gather = at.key.is_none();
                 self.todo.push(turn);
-                // What a gather makes is not known to be in any shard.
+                // The outputs of a gather belong to no known shard.
                 if !gather {
                     self.open_readers(lane, shard);
                 }

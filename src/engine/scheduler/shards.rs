@@ -1,4 +1,4 @@
-//! Shards of lanes: when one is looked up as a whole, when it is opened to go item by item, and when it is done.
+//! Shards of lanes: when a shard is looked up as a whole, opened to go item by item, or done.
 
 use super::{
     Scheduler,
@@ -51,7 +51,7 @@ impl Scheduler<'_> {
 
     fn go_by_shard(&mut self, lane: LaneId) {
         let state = &mut self.states[lane];
-        // What has come in item by item is not taken back.
+        // Items that have arrived are not withdrawn.
         let untouched = state.slots.is_empty() && state.inputs.iter().all(|input| input.arrived.is_empty());
         if self.lanes[lane].only.is_none() && untouched && !state.is_done() {
             state.by_shard = Some(ByShard::default());
@@ -113,7 +113,7 @@ impl Scheduler<'_> {
         }
     }
 
-    /// What decides a lane's shards beside their items.
+    /// The key of a lane's shards, without their items.
     fn prefix(&mut self, lane: LaneId) -> Digest {
         let (of, spec) = (&self.lanes[lane], self.spec(lane));
         let state = &mut self.states[lane];
@@ -248,7 +248,7 @@ impl Scheduler<'_> {
             for (place, feed) in feeds.iter().enumerate() {
                 let reader = ReadingPort { lane, input, feed: place };
                 let from = &self.states[feed.lane];
-                // Of a lane that goes item by item, items that failed are told, too.
+                // Failed items are also reported for a lane that goes item by item.
                 let by_item =
                     from.rolled().is_none() && from.shards[shard].stage.by_item() && !self.is_gather(feed.lane);
                 if by_item {

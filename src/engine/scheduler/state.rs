@@ -1,5 +1,5 @@
-//! What the scheduler keeps of each lane: its slots, its shards, and what has come in on its inputs. The stages of the
-//! three are written in `moves.rs` alone; `docs/ARCHITECTURE.md` draws them.
+//! The scheduler's state of each lane: its slots, its shards, and the arrived inputs. The stages of the three are
+//! written in `moves.rs` alone; `docs/ARCHITECTURE.md` draws them.
 
 use crate::engine::{
     event::Ended,
@@ -87,7 +87,7 @@ pub(super) struct Slot {
     pub shard: u8,
     pub stage: SlotStage,
     pub made: Made,
-    /// What few slots have.
+    /// Rarely used data of a slot.
     pub extra: Option<Box<Extra>>,
 }
 
@@ -99,7 +99,7 @@ pub(super) struct Extra {
     pub todo: Option<Box<Todo>>,
 }
 
-/// What has come in on an input under an item's key.
+/// The arrived inputs under an item's key.
 #[derive(Clone)]
 pub(super) enum Arrival {
     Item(Arc<Output>),
@@ -111,7 +111,7 @@ pub(super) enum Arrival {
 pub(super) struct Input {
     /// Feeds that are not done.
     pub open: usize,
-    /// Of the feeds that give item by item, those that are not done, for each shard.
+    /// The number of unfinished item-by-item feeds, per shard.
     pub open_shards: Row<u8, u16>,
     /// Shards whose items are being read, and how many feeds of each.
     pub reading: BTreeMap<u8, u16>,
@@ -144,7 +144,7 @@ pub(super) struct ShardState {
     pub totals: (u64, u64, u64),
 }
 
-/// What a lane has whose shards are looked up as wholes before their items are.
+/// State of a lane whose shards are looked up as a whole first.
 #[derive(Default)]
 pub(super) struct ByShard {
     /// Digest of all that decides a shard beside its items, once it is asked for.
@@ -153,7 +153,7 @@ pub(super) struct ByShard {
     pub listing: Option<Digest>,
 }
 
-/// What a lane's actions have taken and made, as far as they ran in this pass.
+/// Duration and output size of the lane's actions in this pass.
 #[derive(Default)]
 pub(super) struct Pace {
     /// Mean time, in microseconds.
@@ -183,7 +183,7 @@ pub(super) struct LaneState {
     pub shards: Row<u8, ShardState>,
     /// Shards that are not closed.
     pub open_shards: usize,
-    /// There if shards are looked up as wholes before their items are.
+    /// Present if shards are looked up as a whole first.
     pub by_shard: Option<ByShard>,
     /// The collections of its ports, once it is done or where a reader needs one of a rolled lane.
     pub results: BTreeMap<PortId, Arc<Sharded>>,
@@ -191,7 +191,7 @@ pub(super) struct LaneState {
 }
 
 impl LaneState {
-    /// Of a lane whose inputs have so many feeds.
+    /// State of a lane whose inputs have the given numbers of feeds.
     pub fn new(feeds: impl Iterator<Item = usize>) -> Self {
         let input = |feeds: usize| Input {
             open: feeds,
@@ -222,7 +222,7 @@ impl LaneState {
         }
     }
 
-    /// What its roll-up says, if it is as an earlier run left it.
+    /// Its roll-up, if it is unchanged since an earlier run.
     pub fn rolled(&self) -> Option<&Payload> {
         match &self.stage {
             LaneStage::Rolled(payload) => Some(payload),
@@ -236,7 +236,7 @@ impl LaneState {
     }
 }
 
-/// What is to be seen to, in order.
+/// The work queue, in order.
 pub(super) enum Op {
     /// A feed of an input is done.
     FeedDone { lane: LaneId, input: InputId, broken: bool },

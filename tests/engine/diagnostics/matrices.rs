@@ -20,8 +20,7 @@ fn an_axis_without_a_list() {
 #[test]
 fn an_axis_that_sets_nothing() {
     assert_snapshot!(told_of("  b: {kind: affine, matrix: {mull: [3]}, inputs: {in: numbers}}"), @r"
-      × the axis `mull` is neither a param of `affine` nor an axis of an input, so that all cells would be the
-      │ same
+      × the axis `mull` is neither a param of `affine` nor an axis of an input, so all cells would be equal
        ╭─[toy.yaml:3:30]
      3 │   b: {kind: affine, matrix: {mull: [3]}, inputs: {in: numbers}}
        ·                              ────
@@ -35,7 +34,7 @@ fn an_axis_that_sets_nothing() {
 #[test]
 fn an_axis_value_that_stands_twice() {
     assert_snapshot!(told_of("  b: {kind: affine, matrix: {mul: [3, 3]}, inputs: {in: numbers}}"), @r"
-      × the value `3` stands twice in the axis `mul`
+      × the value `3` occurs twice in the axis `mul`
        ╭─[toy.yaml:3:39]
      3 │   b: {kind: affine, matrix: {mul: [3, 3]}, inputs: {in: numbers}}
        ·                                       ─

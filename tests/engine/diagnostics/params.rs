@@ -47,7 +47,7 @@ fn a_number_in_quotes() {
      2 │   a: {kind: numbers, params: {count: "7"}}
        ·                                      ───
        ╰────
-      help: take the quotes away
+      help: remove the quotes
 
     1 problem found
     "#);
@@ -115,7 +115,7 @@ fn a_list_that_is_too_short() {
 #[test]
 fn a_profile_with_an_unknown_node() {
     assert_snapshot!(told("profiles: {tiny: {number.count: 2}}\nnodes:\n  numbers: {kind: numbers}\n"), @r"
-      × there is no node `number`
+      × unknown node `number`
        ╭─[toy.yaml:1:19]
      1 │ profiles: {tiny: {number.count: 2}}
        ·                   ────────────
@@ -143,8 +143,8 @@ fn a_profile_without_a_param() {
 #[test]
 fn an_unknown_profile() {
     assert_snapshot!(told_with(NUMBERS, &Options { profile: Some("tiny".into()), ..Options::default() }), @r"
-      × there is no profile `tiny`
-      help: there are no profiles here
+      × unknown profile `tiny`
+      help: there are no profiles
 
     1 problem found
     ");
@@ -181,7 +181,7 @@ fn a_set_of_an_unknown_param() {
 #[test]
 fn a_set_of_an_unknown_node() {
     assert_snapshot!(told_of_set("nmbers.count=3"), @r"
-      × there is no node `nmbers`
+      × unknown node `nmbers`
        ╭─[--set:1:1]
      1 │ nmbers.count=3
        · ────────────
@@ -195,7 +195,7 @@ fn a_set_of_an_unknown_node() {
 #[test]
 fn a_set_without_a_value() {
     assert_snapshot!(told_of_set("numbers.count"), @r"
-      × `numbers.count` sets nothing
+      × `numbers.count` is not an assignment
        ╭─[--set:1:1]
      1 │ numbers.count
        · ─────────────

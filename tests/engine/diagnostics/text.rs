@@ -34,7 +34,7 @@ fn an_unknown_key_of_a_node() {
 #[test]
 fn a_key_that_stands_twice() {
     assert_snapshot!(told_of("  numbers: {kind: numbers}"), @r"
-      × the key `numbers` stands twice in one map
+      × the key `numbers` occurs twice in one map
        ╭─[toy.yaml:3:3]
      3 │   numbers: {kind: numbers}
        ·   ───────
@@ -48,7 +48,7 @@ fn a_key_that_stands_twice() {
 #[test]
 fn an_unknown_kind() {
     assert_snapshot!(told_of("  b: {kind: affin, inputs: {in: numbers}}"), @r"
-      × there is no kind `affin`
+      × unknown kind `affin`
        ╭─[toy.yaml:3:13]
      3 │   b: {kind: affin, inputs: {in: numbers}}
        ·             ─────
@@ -62,12 +62,12 @@ fn an_unknown_kind() {
 #[test]
 fn an_alias_without_an_anchor() {
     assert_snapshot!(told("nodes:\n  a: *nowhere\n"), @r"
-      × this alias has no anchor before it
+      × unknown alias
        ╭─[toy.yaml:2:6]
      2 │   a: *nowhere
        ·      ─
        ╰────
-      help: write `&name` before what it should repeat
+      help: mark the value to repeat with `&name`
 
     1 problem found
     ");
@@ -76,7 +76,7 @@ fn an_alias_without_an_anchor() {
 #[test]
 fn a_bracket_that_is_not_closed() {
     assert_snapshot!(told("nodes:\n  a: {kind: numbers\n  b: 1\n"), @r"
-      × this is not YAML that can be read: while parsing a flow mapping, did not find expected ',' or '}'
+      × invalid YAML: while parsing a flow mapping, did not find expected ',' or '}'
        ╭─[toy.yaml:3:4]
      3 │   b: 1
        ·    ─

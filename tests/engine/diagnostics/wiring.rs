@@ -7,7 +7,7 @@ use tauflow::pipeline::Options;
 #[test]
 fn a_missing_input() {
     assert_snapshot!(told_of("  b: {kind: affine}"), @r"
-      × the input `in` of `b` is missing
+      × missing input `in` of `b`
        ╭─[toy.yaml:3:3]
      3 │   b: {kind: affine}
        ·   ─
@@ -22,12 +22,12 @@ fn a_missing_input() {
 fn a_circle() {
     assert_snapshot!(told_of("  b: {kind: affine, inputs: {in: c}}
   c: {kind: round, inputs: {in: b}}"), @r"
-      × nodes read each other in a circle: b -> c -> b
+      × cyclic inputs: b -> c -> b
        ╭─[toy.yaml:3:34]
      3 │   b: {kind: affine, inputs: {in: c}}
        ·                                  ─
        ╰────
-      help: take one of these inputs away; a pipeline goes one way
+      help: remove one of these inputs
 
     1 problem found
     ");
@@ -36,12 +36,12 @@ fn a_circle() {
 #[test]
 fn a_circle_of_one() {
     assert_snapshot!(told_of("  b: {kind: affine, inputs: {in: b}}"), @r"
-      × nodes read each other in a circle: b -> b
+      × cyclic inputs: b -> b
        ╭─[toy.yaml:3:34]
      3 │   b: {kind: affine, inputs: {in: b}}
        ·                                  ─
        ╰────
-      help: take one of these inputs away; a pipeline goes one way
+      help: remove one of these inputs
 
     1 problem found
     ");
@@ -64,7 +64,7 @@ fn an_unknown_output() {
 #[test]
 fn an_unknown_input() {
     assert_snapshot!(told_of("  b: {kind: affine, inputs: {on: numbers}}"), @r"
-      × the input `in` of `b` is missing
+      × missing input `in` of `b`
        ╭─[toy.yaml:3:3]
      3 │   b: {kind: affine, inputs: {on: numbers}}
        ·   ─
@@ -85,7 +85,7 @@ fn an_unknown_input() {
 #[test]
 fn an_unknown_node() {
     assert_snapshot!(told_of("  b: {kind: affine, inputs: {in: number}}"), @r"
-      × there is no node `number`
+      × unknown node `number`
        ╭─[toy.yaml:3:34]
      3 │   b: {kind: affine, inputs: {in: number}}
        ·                                  ──────
@@ -100,7 +100,7 @@ fn an_unknown_node() {
 fn a_connection_of_unlike_types() {
     assert_snapshot!(told_of("  t: {kind: total, inputs: {in: numbers}}
   b: {kind: affine, inputs: {in: t.page}}"), @r"
-      × the input `in` takes `toy/number`, and `t.page` gives `toy/text`
+      × the input `in` takes `toy/number`, but `t.page` produces `toy/text`
        ╭─[toy.yaml:4:34]
      4 │   b: {kind: affine, inputs: {in: t.page}}
        ·                                  ──────
@@ -128,13 +128,13 @@ fn what_would_fit_makes_no_circle() {
 #[test]
 fn a_connection_that_nothing_fits() {
     let told = told("nodes:\n  t: {kind: total, inputs: {in: u.page}}\n  u: {kind: total, inputs: {in: t}}\n");
-    assert!(told.contains("help: no other node gives `toy/number`; `tauflow kinds` lists the kinds\n"), "{told}");
+    assert!(told.contains("help: no node produces `toy/number`; `tauflow kinds` lists the kinds\n"), "{told}");
 }
 
 #[test]
 fn an_unknown_target() {
     assert_snapshot!(told_of("targets: [total]"), @r"
-      × there is no node `total`
+      × unknown node `total`
        ╭─[toy.yaml:3:11]
      3 │ targets: [total]
        ·           ─────

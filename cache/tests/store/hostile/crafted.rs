@@ -156,7 +156,7 @@ fn child_with_crafted_files() {
             }
             drop(store);
             let error = open(dir).gc(&GcOptions { now: 1, ..GcOptions::default() }).expect_err("too much");
-            assert!(error.is_environment() && error.to_string().contains("reach more than"), "{error}");
+            assert!(error.is_environment() && error.to_string().contains("refer to more than"), "{error}");
             return;
         }
         "lists say that they are longer than they are" => {

@@ -1,4 +1,4 @@
-//! Lists and objects on their way: how many there are, and in which order they go, is known at the end.
+//! Encoding of lists and objects whose length and order are known only at the end.
 
 use super::{NotPlain, encoder::Encoder};
 use serde::{

@@ -1,4 +1,4 @@
-//! Values as they go by: one at a time, without a JSON value of them.
+//! Streaming encoder: one value at a time, without building a JSON value.
 
 use super::{
     NotPlain,

@@ -48,7 +48,7 @@ fn export(ctx: &Context<'_>, of: &Collection, path: &Path) -> Manifest {
 #[test]
 fn what_is_exported_is_imported() {
     in_folder(|ctx, path| {
-        // What an earlier, longer export left there is not read again.
+        // Files of an earlier, longer export are not read.
         export(ctx, &collection(ctx, 2), path);
         assert!(path.join("a/mc_noise-1-to-4-nfe-2.exr").is_file());
         let items = collection(ctx, 1);
@@ -175,7 +175,7 @@ fn what_is_no_regular_file_is_refused_and_not_waited_for() {
         }
         let folder = DiskFolder::new(path);
         let Err(KindError::Input(told)) = folder.get("zero") else { panic!("a device without an end") };
-        assert!(told.contains("zero: it is no regular file"), "{told}");
+        assert!(told.contains("zero: it is not a regular file"), "{told}");
         assert!(folder.get("terminal").is_err() && folder.get("nothing").expect("not there").is_none());
     });
 }

@@ -9,8 +9,8 @@ use crate::{
 use std::fmt::Write as _;
 use tauflow_contract::{Digest, KindError};
 
-/// A component of a normal that is encoded as (n + 1) / 2, scaled. Of values that are looked up between texels, too:
-/// this is linear. What is flat stays so to the bit.
+/// A component of a normal that is encoded as (n + 1) / 2, scaled. It also holds for interpolated values, because it is
+/// linear. Flat values are unchanged to the bit.
 fn bent(value: f32, scale: f32) -> f32 {
     scale * (value - 0.5) + 0.5
 }
@@ -118,8 +118,7 @@ impl Writer<'_> {
             }
             Texture::Product { .. } => {
                 return Err(KindError::Input(format!(
-                    "`{name}` is a product of textures, which Mitsuba's plugins do not express; \
-                     export a scene without it"
+                    "`{name}` is a product of textures, which Mitsuba does not support; export a scene without it"
                 )));
             }
         }
@@ -132,7 +131,7 @@ impl Writer<'_> {
         self.line("<boolean name=\"raw\" value=\"true\"/>");
         self.line(&format!("<string name=\"wrap_mode\" value=\"{}\"/>", if clamp { "clamp" } else { "repeat" }));
         self.open("<transform name=\"to_uv\">");
-        // Of nine numbers Mitsuba takes the third column for z, and an offset would be lost.
+        // Mitsuba interprets the third column of nine numbers as z, which would drop an offset.
         let [a, b] = [a, b].map(|row| format!("{:?} {:?} 0 {:?}", row[0], row[1], row[2]));
         self.line(&format!("<matrix value=\"{a} {b} 0 0 1 0 0 0 0 1\"/>"));
         self.close("</transform>");
@@ -157,8 +156,7 @@ impl Writer<'_> {
             }
             Texture::VertexColor { .. } | Texture::Product { .. } => {
                 return Err(KindError::Input(
-                    "a normal map of vertex colours with a scale, which Mitsuba's plugins do not express; \
-                             export a scene without it"
+                    "a scaled normal map of vertex colours, which Mitsuba does not support; export a scene without it"
                         .into(),
                 ));
             }

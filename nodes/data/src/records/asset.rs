@@ -14,11 +14,11 @@ use tauflow_contract::{
 pub struct Asset {
     /// Its name: the file's, extension included.
     pub name: String,
-    /// What it is.
+    /// Its type.
     pub body: AssetBody,
 }
 
-/// What an asset is.
+/// The type of an asset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum AssetBody {
@@ -75,7 +75,7 @@ pub struct AssetMaterial {
     pub emission: Option<Texture>,
 }
 
-/// What became of a file; item of the port `reports`.
+/// The import result of a file; item of the port `reports`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct AssetReport {
     /// The file's name.
@@ -88,9 +88,9 @@ pub struct AssetReport {
     /// Why not, in one line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// What was set right, and how often, e.g. `negative texels set to 0`.
+    /// Repairs and their number, e.g. `negative texels set to 0`.
     pub repairs: BTreeMap<String, u64>,
-    /// What is only approximated, or worth knowing.
+    /// Approximations and other notes.
     pub notes: Vec<String>,
     /// Measures: texels, triangles, meshes, mean radiance.
     pub measures: BTreeMap<String, f64>,

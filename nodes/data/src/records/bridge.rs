@@ -7,7 +7,7 @@ use tauflow_contract::{
     Artifact, Context, Digest, Handle, KindError, Media, ReadFiles, Stored, WriteFiles, parse_json, pretty_json,
 };
 
-/// What `bridge_validation` says.
+/// The results of `bridge_validation`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bridge {
     /// Last sample count of the training ladder.
@@ -21,7 +21,7 @@ pub struct Bridge {
     pub rows: Vec<BridgeRow>,
     /// Mean over all cases of a kind of stop, by method.
     pub summary: Vec<BridgeSummary>,
-    /// What the solvers are said to do between rungs, held against these figures.
+    /// Claims about solvers between rungs, tested against these figures.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub claims: Vec<Claim>,
     /// Every case.
@@ -88,7 +88,7 @@ const TABLES: &str = "bridge.json";
 const CASES: &str = "cases.csv";
 const MAPS: &str = "maps/";
 
-/// What `bridge_validation` makes: the tables, every case as CSV, and maps as PNG, by name below `maps/`.
+/// The output of `bridge_validation`: tables, all cases as CSV, and maps as PNG, by name below `maps/`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BridgeFiles {
     /// The tables.
@@ -181,7 +181,7 @@ pub struct BridgeClock {
 
 const CLOCK: &str = "bridge.json";
 
-/// What `bridge_refinement` makes of a scene: the images at every stop, and the clock.
+/// The output of `bridge_refinement` for a scene: the images at every stop, and the clock.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BridgeSteps {
     /// The clock.

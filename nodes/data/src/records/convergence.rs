@@ -12,12 +12,12 @@ pub const HEAVY_KURTOSIS: f64 = 100.0;
 pub const HEAVY_SHARE: f64 = 0.5;
 /// Up to this Kolmogorov distance from the normal distribution, errors of pixels count as what variance time has them.
 pub const OFF_NORMAL: f64 = 0.1;
-/// What is off by no more than this with two standard errors agrees.
+/// A deviation of at most this value, including two standard errors, agrees.
 pub const TOLERANCE: f64 = 0.2;
-/// What is off by more standard errors than this differs: one in 16,000 by chance.
+/// A deviation of more standard errors than this differs: one in 16,000 by chance.
 pub const DIFFERS: f64 = 4.0;
 
-/// What `convergence` says.
+/// The results of `convergence`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Convergence {
     /// Samples a pixel of the references, which share no sample with the ladders.
@@ -47,7 +47,7 @@ pub enum Agreement {
 }
 
 impl Agreement {
-    /// What is to be said of two figures that are `difference` apart, with this standard error.
+    /// The verdict on two figures with this difference and standard error.
     pub fn of(difference: f64, error: f64) -> Self {
         let size = difference.abs();
         if size > DIFFERS * error {
@@ -98,7 +98,7 @@ pub struct AgainstLaw {
     pub error: f64,
     /// How many standard errors it is above the law's.
     pub z: f64,
-    /// What follows.
+    /// The verdict.
     pub verdict: Agreement,
 }
 
@@ -200,17 +200,17 @@ pub struct SceneConvergence {
 /// A moment of the SDE and of the ladders, in the units of the law.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Beside {
-    /// That of the simulated SDE.
+    /// The value of the simulated SDE.
     pub sde: f64,
     /// Its standard error.
     pub sde_error: f64,
-    /// That of the ladders.
+    /// The value of the ladders.
     pub ladders: f64,
     /// Its standard error.
     pub ladders_error: f64,
     /// How many standard errors of the difference the ladders' is above.
     pub z: f64,
-    /// What follows.
+    /// The verdict.
     pub verdict: Agreement,
 }
 

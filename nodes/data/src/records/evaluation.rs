@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use tauflow_contract::json_media;
 
-/// What `evaluation` says.
+/// The results of `evaluation`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Evaluation {
     /// Sample count of the references.
@@ -17,7 +17,7 @@ pub struct Evaluation {
     /// Number of groups of them that intervals are over; none where each scene stands for itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub groups: Option<u64>,
-    /// Resamples of the bootstrap.
+    /// Number of bootstrap resamples.
     pub resamples: u64,
     /// The model calls that were measured, increasing.
     pub nfe: Vec<u64>,
@@ -31,10 +31,10 @@ pub struct Evaluation {
     /// Every solver against every baseline, at each of the solver's NFE.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub versus: Vec<Versus>,
-    /// What the solvers are said to do, held against these figures.
+    /// Claims about the solvers, tested against these figures.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub claims: Vec<Claim>,
-    /// What was left out, and why.
+    /// Omitted methods, with the reasons.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
     /// Every score, for further work.
@@ -44,20 +44,20 @@ pub struct Evaluation {
 /// A claim, in one group of cells.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Claim {
-    /// What is claimed.
+    /// The claim.
     pub statement: String,
     /// Coordinates that the cells share.
     pub group: BTreeMap<String, String>,
     /// Differences that are all above 0 if it is so.
     pub evidence: Vec<Evidence>,
-    /// What they say.
+    /// The verdict.
     pub verdict: ClaimVerdict,
 }
 
 /// A difference that a claim says is above 0.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Evidence {
-    /// Of what.
+    /// The figure.
     pub what: String,
     /// In which metric.
     pub metric: String,
@@ -65,7 +65,7 @@ pub struct Evidence {
     pub difference: Estimate,
 }
 
-/// What became of a claim.
+/// The verdict on a claim.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ClaimVerdict {

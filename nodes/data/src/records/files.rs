@@ -1,4 +1,4 @@
-//! What several records export alike: images by sample count, as EXR and as a preview beside it.
+//! Shared export of several records: images by sample count, as EXR and as preview.
 
 use crate::{
     DataError, Image,

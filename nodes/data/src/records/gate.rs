@@ -1,4 +1,4 @@
-//! What the quality gate says of a scene.
+//! The verdict of the quality gate on a scene.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -37,7 +37,7 @@ pub const REASONS: [(&str, &str); 13] = [
 pub struct Verdict {
     /// Reasons for rejection, empty if accepted; the most telling first; names of [`REASONS`].
     pub reasons: Vec<String>,
-    /// What was measured, by name.
+    /// Measurements by name.
     pub measures: BTreeMap<String, f64>,
 }
 

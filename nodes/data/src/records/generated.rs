@@ -150,7 +150,7 @@ pub struct Generated {
     pub variants: Vec<GeneratedVariant>,
 }
 
-/// What the artifact says beside its pixels.
+/// The metadata of the artifact.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GeneratedMeta {
     /// The backbone's name.

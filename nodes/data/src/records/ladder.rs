@@ -10,7 +10,7 @@ use tauflow_contract::{
 const META: &str = "meta.json";
 const VARIANCE: &str = "variance";
 
-/// What a ladder says of itself.
+/// The metadata of a ladder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LadderMeta {
     /// Sample counts, increasing.
@@ -44,7 +44,7 @@ pub struct Rung {
 /// A ladder in memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ladder {
-    /// What it says of itself.
+    /// Its metadata.
     pub meta: LadderMeta,
     /// Its rungs, increasing.
     pub rungs: Vec<Rung>,
@@ -57,7 +57,7 @@ fn rung_part(spp: u64) -> String {
 }
 
 impl Ladder {
-    /// What a ladder says of itself.
+    /// The metadata of a ladder.
     ///
     /// # Errors
     /// If the blob is missing or damaged.

@@ -1,4 +1,4 @@
-//! Trained models. What their tensors mean is known to the crate that trains them.
+//! Trained models. The crate that trains them defines the meaning of their tensors.
 
 use tauflow_contract::{Artifact, Context, KindError, Media, ReadFiles, Stored, WriteFiles};
 

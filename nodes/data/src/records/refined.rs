@@ -10,7 +10,7 @@ use tauflow_contract::{
 
 const META: &str = "meta.json";
 
-/// What is said of a refined image.
+/// The metadata of a refined image.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RefinedImage {
     /// Which method made it, e.g. `mc_noise`.
@@ -46,7 +46,7 @@ pub struct Refined {
     pub note: Option<String>,
 }
 
-/// What the artifact says beside its pixels.
+/// The metadata of the artifact.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RefinedMeta {
     /// One for each image, in order.
@@ -61,7 +61,7 @@ fn part(index: usize) -> String {
 }
 
 impl Refined {
-    /// What is said, without the pixels.
+    /// The metadata, without pixels.
     ///
     /// # Errors
     /// If the blob is missing or damaged.
@@ -94,7 +94,9 @@ impl Refined {
         for (index, (said, image)) in images.iter().enumerate() {
             let file = said.file()?;
             if !files.insert(file.clone()) {
-                return Err(KindError::Input(format!("two images are called `{file}`; give each its own counts")));
+                return Err(KindError::Input(format!(
+                    "two images have the name `{file}`; use different sample counts"
+                )));
             }
             parts.push((part(index), ctx.put(&image.to_bytes())?));
         }

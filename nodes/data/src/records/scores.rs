@@ -62,7 +62,7 @@ pub struct Score {
     pub metrics: Metrics,
 }
 
-/// What `image_metrics` says of a scene.
+/// The results of `image_metrics` for a scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneScores {
     /// Sample count of the reference, the last rung.

@@ -1,4 +1,4 @@
-//! What the split and the sampling of scenes say.
+//! Reports of the split and the sampling of scenes.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -13,7 +13,7 @@ pub struct Sides {
     pub test: u64,
 }
 
-/// What `content_signature_split` says.
+/// The report of `content_signature_split`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SplitReport {
     /// Step of the layout's parameters.
@@ -68,7 +68,7 @@ impl SplitReport {
     }
 }
 
-/// What `stratified_sampling` says.
+/// The report of `stratified_sampling`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SamplingReport {
     /// Scenes chosen to learn from.

@@ -1,9 +1,9 @@
-//! What a scene is, measured.
+//! Statistics of a scene.
 
 use serde::{Deserialize, Serialize};
 use tauflow_contract::json_media;
 
-/// What a picture is, exposed as the gate exposes previews: the same of a render and of a photograph.
+/// Statistics of an image at the gate's exposure: the same for renders and photographs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PictureStatistics {
     /// Share of neighbouring pixels that differ by 0.04 in display luminance, beside what noise explains.
@@ -23,7 +23,7 @@ pub struct PictureStatistics {
     pub log_contrast: f64,
 }
 
-/// What one scene is.
+/// Statistics of one scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneStatistics {
     /// Mean number of segments of a path.

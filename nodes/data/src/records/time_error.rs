@@ -6,10 +6,10 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use tauflow_contract::json_media;
 
-/// What `time_error` says.
+/// The results of `time_error`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TimeError {
-    /// What times were taken on.
+    /// The machine of the timings.
     pub machine: Value,
     /// Samples a pixel of the held-out references.
     pub reference_spp: u64,
@@ -18,11 +18,11 @@ pub struct TimeError {
     /// Number of groups of them that intervals are over; none where each scene stands for itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub groups: Option<u64>,
-    /// Resamples of the bootstrap.
+    /// Number of bootstrap resamples.
     pub resamples: u64,
     /// The path tracer first, then the others by name.
     pub methods: Vec<TimedMethod>,
-    /// What was left out, and why.
+    /// Omitted methods, with the reasons.
     pub notes: Vec<String>,
 }
 
@@ -31,7 +31,7 @@ pub struct TimeError {
 pub struct TimedMethod {
     /// Such as `mc_noise`, `oidn`, `path_tracer`.
     pub method: String,
-    /// What it sees beside the noisy image: `rgb` or `gbuffer`; nothing for a renderer.
+    /// Its additional input: `rgb` or `gbuffer`; empty for a renderer.
     pub conditioning: String,
     /// Other coordinates of its cell.
     pub cell: BTreeMap<String, String>,
@@ -79,14 +79,14 @@ pub struct TimedSummary {
     pub preview_psnr: f64,
     /// Mean structural similarity of previews.
     pub ssim: f64,
-    /// Geometric mean of the samples a pixel after which the path tracer has the same error; none for itself. Of one
-    /// scene its interval is a point, and means nothing.
+    /// Geometric mean of the samples a pixel after which the path tracer has the same error; none for itself. For a
+    /// single scene, the interval is a point and has no meaning.
     pub crossover_spp: Option<Estimate>,
     /// Share of scenes whose crossover lies beyond the last rung that was timed, where the law of 1/n stands in for a
     /// measurement; 0 for the path tracer itself.
     pub extrapolated: f64,
-    /// Geometric mean of the path tracer's time to the same error over this time; none for itself. Of one scene its
-    /// interval is a point, and means nothing.
+    /// Geometric mean of the path tracer's time to the same error over this time; none for itself. For a single scene,
+    /// the interval is a point and has no meaning.
     pub speed_up: Option<Estimate>,
 }
 
@@ -159,7 +159,7 @@ pub fn front(points: &[(f64, f64)]) -> Vec<usize> {
     order
 }
 
-json_media! { TimeError, "tauflow/time-error", "Errors and times by method, and what follows from them."; }
+json_media! { TimeError, "tauflow/time-error", "Errors, times and derived figures per method."; }
 
 #[cfg(test)]
 mod tests {
@@ -172,7 +172,7 @@ mod tests {
             (0..8).map(|k| f64::from(1 << k)).map(|n| (0.1 + 0.01 * n, 1.0 / n)).collect();
         points.push((0.31, 0.01));
         assert_eq!(front(&points), [0, 1, 2, 3, 4, 8, 7]);
-        // Of two that are as fast the better one, of two that are as good the faster one.
+        // At equal time the better one is used, and at equal error the faster one.
         assert_eq!(front(&[(1.0, 2.0), (1.0, 1.0), (2.0, 1.0)]), [1]);
         assert!(front(&[]).is_empty());
     }

@@ -7,7 +7,7 @@ use tauflow_contract::json_media;
 /// The times of a scene's images.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Timing {
-    /// What was timed.
+    /// The timed method.
     pub entries: Vec<TimedImage>,
 }
 

@@ -1,9 +1,9 @@
-//! What `training` says of itself: its loss curve, and how long it took.
+//! Records of `training`: its loss curve and its times.
 
 use serde::{Deserialize, Serialize};
 use tauflow_contract::json_media;
 
-/// What `training` writes down as it goes.
+/// The log of `training`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrainingLog {
     /// The parameterization.

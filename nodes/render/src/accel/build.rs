@@ -81,7 +81,7 @@ struct Groups {
     runs: Vec<(u32, u32)>,
 }
 
-/// What is built of.
+/// The input of the build.
 struct Source<'a> {
     boxes: &'a [Boxed],
     /// `None` if all are different.

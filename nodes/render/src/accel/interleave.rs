@@ -1,8 +1,8 @@
 //! A few rays that have little in common, followed by turns: while one waits for memory, the others go on.
 //!
-//! A tree that is larger than the caches answers each step of a single ray after a hundred nanoseconds. So what a ray
-//! needs next is asked for, and it is its turn again when that is there. What a ray finds is what
-//! [`Accel::closest_from`] finds: rays know nothing of each other.
+//! A tree that is larger than the caches answers each step of a single ray after a hundred nanoseconds. A ray therefore
+//! requests its next node, and continues when the node has arrived. A ray finds the same hit as with
+//! [`Accel::closest_from`], because rays are independent.
 
 use super::{
     Accel, LEAF, PLACED, STACK,

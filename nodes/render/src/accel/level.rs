@@ -16,7 +16,7 @@ use crate::{
 };
 use glam::Vec3;
 
-/// What to do at a placed mesh.
+/// The action at a placed mesh.
 pub(super) trait Level {
     /// Whether there are any.
     const HAS_PLACED: bool;

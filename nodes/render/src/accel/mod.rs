@@ -1,8 +1,8 @@
 //! Bounding volume hierarchy: obvhs builds a binary tree, which is collapsed into nodes of eight boxes side by
 //! side.
 //!
-//! There are two levels: the world's tree holds triangles and bodies, and meshes that several shapes share as one box
-//! each. Such a mesh has a tree of its own, in its own space, into which rays are brought where they meet its box.
+//! The hierarchy has two levels: the tree of the world contains triangles, bodies, and one box per shared mesh. Such a
+//! mesh has a tree of its own, in its own space, into which rays are brought where they meet its box.
 //!
 //! Knows forms, not what they are made of. Its result does not depend on the tree: boxes are padded beyond the rounding
 //! of what is in them, and of several hits at one distance the lowest primitive counts. Traversal after Ylitie,

@@ -1,8 +1,8 @@
 //! Traversal by many rays at once that go nearly the same way in no sense but their signs: nodes are visited with lists
 //! of the rays that meet them, as many rays side by side as there are lanes.
 //!
-//! After Barringer, Akenine-Moeller 2014, *Dynamic Ray Stream Traversal*. What a ray finds is what [`Accel::closest`]
-//! finds, whatever else is in the list: the order of visits changes no result.
+//! After Barringer, Akenine-Moeller 2014, *Dynamic Ray Stream Traversal*. A ray finds the same hit as with
+//! [`Accel::closest`], independent of the list: the order of visits changes no result.
 
 use super::{
     Accel, LEAF, PLACED, STACK, WIDE,
@@ -50,7 +50,7 @@ pub(crate) struct Sweep {
     visits: Vec<Visit>,
     stack: Vec<(u32, f32)>,
     flights: Vec<Flight>,
-    /// Of placed meshes.
+    /// Data of placed meshes.
     pub(super) below: Option<Box<Below>>,
 }
 
@@ -91,7 +91,7 @@ struct Visit {
     free: usize,
 }
 
-/// What the rays of a group have in common.
+/// The common properties of the rays of a group.
 struct Common {
     near: [usize; 3],
     axes: [usize; 3],
@@ -112,7 +112,7 @@ fn number<R: Real>(mask: R::Mask, value: i32) -> R::Integer {
 }
 
 impl Sweep {
-    /// What is read of the rays, and the group of each.
+    /// The ray data, and the group of each ray.
     #[inline(always)]
     fn prepare<R: Real>(&mut self, set: &Set<'_>, count: usize) {
         let room = count + SPARE;

@@ -14,7 +14,7 @@ use tauflow_instructions::Instructions;
 
 const PI: f32 = std::f32::consts::PI;
 
-/// What depends on the coat alone, worked out once for each material.
+/// Values that depend only on the coat, computed once per material.
 #[derive(Clone, Debug)]
 pub(crate) struct Coat {
     pub(crate) eta: f32,

@@ -98,7 +98,7 @@ fn spread(radii: u32, angles: u32, within: impl Fn(u32) -> f32) -> Vec<Vec2> {
         .collect()
 }
 
-/// What a rough interface does with light in one bounce, by the cosine from which it comes. Each is a mean over the
+/// Transmission and reflection of a rough interface in one bounce, by the incident cosine. Each is a mean over the
 /// normals seen.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Interface<'a> {
@@ -106,7 +106,7 @@ pub(crate) struct Interface<'a> {
     pub(crate) eta: f32,
     /// Points that stand for the normals seen.
     pub(crate) disk: &'a [Vec2],
-    /// What is asked for: the share that goes through, or else the share that is reflected.
+    /// Selects the transmitted or the reflected share.
     pub(crate) through: bool,
 }
 

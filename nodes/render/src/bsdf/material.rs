@@ -214,7 +214,7 @@ impl Material {
         if self.general { Sort::Blend } else { self.sort() }
     }
 
-    /// What it is.
+    /// Its type.
     pub(crate) fn sort(&self) -> Sort {
         match self.layers.as_slice() {
             [one] => match &one.sort {
@@ -283,7 +283,7 @@ impl Material {
         self.opacity.as_ref().map_or(1.0, |texture| texture.scalar(s).clamp(0.0, 1.0))
     }
 
-    /// What its opacity is read from, if it is not opaque.
+    /// The source of its opacity, if it is not opaque.
     pub(crate) fn opacity_texture(&self) -> Option<&Texture> {
         self.opacity.as_ref()
     }

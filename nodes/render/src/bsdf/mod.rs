@@ -1,4 +1,4 @@
-//! What surfaces do to light: Mitsuba 3's BSDFs of the same names, isotropic.
+//! BSDFs of surfaces: Mitsuba 3's BSDFs of the same names, isotropic.
 //!
 //! Directions are unit vectors in the shading frame, z along the shading normal, both pointing away from the surface:
 //! `wo` towards where the path comes from, `wi` towards where it goes on. Values are for radiance, so that what crosses
@@ -28,7 +28,7 @@ pub(crate) use metal::Metal;
 pub(crate) use principled::Principled;
 pub use tauflow_data::scene::DELTA_ALPHA;
 
-/// What textures are read by.
+/// The coordinates for texture look-ups.
 #[derive(Clone, Copy, Debug)]
 pub struct Surface {
     /// Texture coordinates, v downwards.
@@ -37,7 +37,7 @@ pub struct Surface {
     pub color: Vec4,
 }
 
-/// What textures are read by, by lane.
+/// The coordinates for texture look-ups, by lane.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Points<R> {
     /// Texture coordinates, v downwards.
@@ -101,7 +101,7 @@ impl<R: Real> Drawn<R> {
     }
 }
 
-/// What a lobe does to light, by lane.
+/// The scattering of a lobe, by lane.
 pub(crate) trait Scatter<'a, R: Real>: Sized {
     /// The lobe of a material at points, given the values of its first layer's textures there.
     fn of(material: &'a Material, values: &[Triple<R>; SLOTS], at: &Points<R>) -> Option<Self>;
@@ -239,7 +239,7 @@ impl<'a> Scatter<'a, f32> for Bsdf<'a> {
             let weight = layer.weight(&self.at);
             if weight > 0.0 && lobe >= below && lobe < below + weight {
                 let behind = layer.two_sided && wo.z < 0.0;
-                // What is left of the number, spread over [0, 1) again.
+                // The rest of the random number, rescaled to [0, 1).
                 let rest = ((lobe - below) / weight).min(1.0 - f32::EPSILON);
                 drawn = layer.lobe(&self.at).sample(flip(wo, behind), rest, u);
                 drawn.wi = flip(drawn.wi, behind);
@@ -288,8 +288,8 @@ impl Bsdf<'_> {
         valid.then(|| Sample { wi: flip(wi, behind).into(), weight: weight.into(), pdf, delta, transmitted, eta })
     }
 
-    /// Share of white light that comes back, roughly: a feature for denoisers. What approximations put beyond 0 or 1 is
-    /// cut; what is no number stays so, for whoever reads it to refuse.
+    /// Share of white light that comes back, roughly: a feature for denoisers. Values that approximations put outside
+    /// of 0 to 1 are clamped; NaN is kept, so that readers can refuse it.
     pub fn albedo(&self) -> Vec3 {
         let mut all = Triple::zero();
         for layer in &self.material.layers {

@@ -17,7 +17,7 @@ const BLOCKS: usize = 8;
 /// Fewest samples that a tail is measured on.
 const FEWEST: usize = 400;
 
-/// What one scene shows, exposed.
+/// Exposed measurements of one scene.
 #[derive(Clone, Debug)]
 pub(super) struct Measured {
     pub(super) scene: String,
@@ -59,7 +59,7 @@ pub(super) fn measure(
     };
     let (width, height) = (ladder.variance.width(), ladder.variance.height());
     let values = 3 * width * height;
-    // What the reference's own noise adds to every product of differences from it.
+    // The contribution of the reference's noise to every product of differences.
     let own: Vec<f64> =
         reference.variance.data().iter().map(|v| f64::from(*v) * factor * factor / truth.spp as f64).collect();
     let off = |rung: usize, at: usize| {
@@ -82,8 +82,7 @@ pub(super) fn measure(
         let of = &mut blocks[block(at)];
         (0..counts.len()).for_each(|k| of[k] += off(k, at).powi(2) - own[at]);
     }
-    // What is left of an error once the reference's own noise is off may be nothing, or less: a point that is not
-    // there.
+    // After subtraction of the reference's noise, an error can be zero or negative: a missing point.
     let fit = |sums: &[f64]| {
         let point = |(n, sum): (&u64, &f64)| {
             let mse = *sum / values as f64;

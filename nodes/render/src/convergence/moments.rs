@@ -8,9 +8,8 @@
 //!
 //!   ((I_n - R)(I_m - R)/S^2 - 1/N) max(n, m)
 //!
-//! has the mean 1 for every distribution of samples, heavy tails included. There is no bias from sigma^2 being
-//! estimated, nor from its being estimated from some of the same samples. No pixel counts for more because it is
-//! bright.
+//! has the mean 1 for every distribution of samples, heavy tails included. Estimating sigma^2, even from some of the
+//! same samples, adds no bias. No pixel counts for more because it is bright.
 
 use tauflow_data::{
     maths::erfc,

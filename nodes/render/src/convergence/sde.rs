@@ -50,7 +50,7 @@ pub(super) fn simulate(counts: &[u64], stream: &mut Stream) -> Simulated {
 }
 
 impl Simulated {
-    /// What there is at each rung, beside the ladders'.
+    /// Moments of the SDE at each rung.
     pub(super) fn rows(&self, counts: &[u64], mean: &[AgainstLaw], covariance: &[Vec<AgainstLaw>]) -> Vec<SdeRow> {
         let row = |(k, (mean, real)): (usize, (&AgainstLaw, &Vec<AgainstLaw>))| {
             let mut covariance: Vec<Beside> =

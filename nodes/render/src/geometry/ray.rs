@@ -48,8 +48,8 @@ impl<const N: usize> Rays<N> {
     }
 }
 
-/// What traversal works out once for a ray: reciprocal direction, and the permutation and shear under which it runs
-/// along +z (Woop, Benthin, Wald 2013, *Watertight Ray/Triangle Intersection*).
+/// Values that traversal computes once per ray: reciprocal direction, and the permutation and shear that align it with
+/// +z (Woop, Benthin, Wald 2013, *Watertight Ray/Triangle Intersection*).
 #[derive(Clone, Copy, Debug)]
 pub struct Walk {
     /// Origin.

@@ -65,7 +65,7 @@ impl Dimmed {
     }
 }
 
-/// What a ray of a path does at a hit.
+/// The action of a path's ray at a hit.
 pub(crate) enum Passage {
     /// It ends there.
     Solid(Hit),
@@ -84,7 +84,7 @@ pub(crate) fn met(
 ) -> Passage {
     let (shape, primitive) = world.place(hit.primitive);
     let own = &world.shapes[shape as usize];
-    // Of the distance only spheres make use.
+    // Only spheres use the distance.
     if !world.materials[own.material as usize].material.has_opacity() && !matches!(own.form, Form::Sphere(_)) {
         return Passage::Solid(hit);
     }

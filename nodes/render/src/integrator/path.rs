@@ -78,7 +78,7 @@ pub(crate) mod dimension {
     /// Whether a light takes the place of the candidates before it.
     pub(crate) const CANDIDATE: u64 = 7;
 
-    /// What is added for the candidates after the first.
+    /// The weight of the candidates after the first.
     #[inline(always)]
     pub(crate) fn candidate(number: u64) -> u64 {
         number << 24
@@ -97,7 +97,7 @@ pub enum Strategy {
     /// Scattering alone, but for lights that it cannot find.
     ScatteringOnly,
     /// Only light that a specular surface sends onto one that scatters it, and that is seen there: caustics, and what
-    /// they light in turn. What passes a thin sheet of glass straight on does not count.
+    /// they light in turn. Straight passages through thin glass do not count.
     Caustics,
 }
 

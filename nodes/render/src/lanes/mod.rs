@@ -98,7 +98,7 @@ pub trait Real:
     fn max(self, other: Self) -> Self;
     /// Largest whole number that is not above.
     fn floor(self) -> Self;
-    /// With the sign of another.
+    /// Copies the sign of the argument.
     fn copysign(self, sign: Self) -> Self;
     /// Less.
     fn lt(self, other: Self) -> Self::Mask;

@@ -75,7 +75,7 @@ impl<R: Real> Triple<R> {
         self.dot(self).sqrt()
     }
 
-    /// Of length 1; zeros stay zeros.
+    /// Normalised to length 1; zeros stay zeros.
     #[inline(always)]
     pub fn normalize(self) -> Self {
         let square = self.dot(self);

@@ -56,7 +56,7 @@ impl<R: Real> Choice<R> {
         self.rejected
     }
 
-    /// What was kept of so many candidates, with the weight and the density of all.
+    /// The candidate that was kept, with the weight and density of all candidates.
     #[inline(always)]
     pub(crate) fn made(self, candidates: u64) -> Arrived<R> {
         if candidates == 1 {

@@ -148,7 +148,9 @@ pub(crate) fn compile_environment(
             continue;
         }
         if found.is_some() {
-            return Err(KindError::Input("the scene has two environments; keep one `constant` or `envmap`".into()));
+            return Err(KindError::Input(
+                "the scene has two environments; keep only one `constant` or `envmap`".into(),
+            ));
         }
         found = Some(Environment::compile(emitter, load)?);
     }
@@ -274,7 +276,7 @@ impl Lights {
         self.environment.as_ref().map(|(environment, _)| environment)
     }
 
-    /// What each light would bring to points, and the sum; for the few lights of most scenes.
+    /// The estimated contribution of each light to points, and the sum; for the few lights of most scenes.
     #[inline(always)]
     fn importances<R: Real>(&self, p: Triple<R>) -> ([R; GUIDED], R) {
         let (mut all, mut sum) = ([R::zero(); GUIDED], R::zero());
@@ -328,7 +330,7 @@ impl Lights {
         shape.pdf(from, p, normal) * self.picked(light as usize, from)
     }
 
-    /// Samples a light from points, in the lanes of a mask. Of the numbers, the first picks the light.
+    /// Samples a light from points, in the lanes of a mask. The first number selects the light.
     #[inline(always)]
     pub(crate) fn sample<R: Real>(
         &self,

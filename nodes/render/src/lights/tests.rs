@@ -90,7 +90,7 @@ fn compare(name: &str, built: &Built, p: Vec3, toward: Vec3, near: f64) {
             expected[(row / fine) * COLUMNS + column / fine] += pdf * cell * f64::from(count);
         }
     }
-    // What is not within the angle.
+    // Points outside of the angle.
     expected[ROWS * COLUMNS] = (1.0 - total).max(0.0) * f64::from(count);
     let inside: f64 = found[..ROWS * COLUMNS].iter().sum::<f64>() / f64::from(count);
     assert!((inside - total).abs() < 0.01, "{name}: {inside} drawn, {total} by density");

@@ -2,7 +2,8 @@
 //!
 //! Photographs of natural scenes have a power that falls about as the frequency to the power -2 (Field 1987). Borders
 //! would add lines to the spectrum, so that a Hann window takes them out; it spreads power by one wave, so that the
-//! lowest frequencies are left out. So are those above a quarter of the pixels, which filters and noise change.
+//! lowest frequencies are left out. Frequencies above a quarter of the pixels, which filters and noise change, are
+//! excluded, too.
 
 use std::f64::consts::PI;
 use tauflow_data::maths::{cos, log, sin};

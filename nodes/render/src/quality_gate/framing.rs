@@ -29,7 +29,7 @@ const SMOOTH: f32 = 0.99;
 /// How far neighbouring points of one smooth surface lie off each other's planes at most, over their distance.
 const FLAT: f32 = 0.02;
 
-/// What was found.
+/// The results.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Framing {
     /// Share of all directions in which the camera first meets the back of something that has none: the inside of a
@@ -45,7 +45,7 @@ pub struct Framing {
     pub outlines: f64,
 }
 
-/// What a ray through the frame meets.
+/// The hit of a ray through the frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Seen {
     shape: u32,
@@ -56,7 +56,7 @@ struct Seen {
     shows_others: bool,
 }
 
-/// What a ray to any side meets.
+/// The hit of a ray in any direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Around {
     distance: f32,
@@ -103,7 +103,7 @@ fn has_back(bsdf: &Bsdf) -> bool {
     }
 }
 
-/// What rays of framing meet of a material: its holes.
+/// The properties of a material that matter for framing rays: its holes.
 fn holes(bsdf: &Bsdf) -> Bsdf {
     let plain = || Bsdf::Diffuse { reflectance: Texture::Constant { value: [0.0; 3] } };
     match bsdf {

@@ -1,4 +1,4 @@
-//! What a preview's pixels say: how much of it is dark or bright, how much there is to see in it, how noisy it is.
+//! Photometric measurements of a preview: dark and bright shares, detail, noise.
 //!
 //! Works on bins, blocks of pixels, so that the noise of few samples does not decide. Display values are those without
 //! the scene's own offset.
@@ -11,10 +11,10 @@ use tauflow_data::{
 
 /// Standard error of a bin, over what it shows, from which it is noisy.
 const ROUGH: f64 = 0.25;
-/// What a bin in shadow counts as at least, over the geometric mean: noise that the eye does not see is none.
+/// The minimum value of a bin in shadow, relative to the geometric mean: invisible noise does not count.
 const DEEP: f64 = 0.2;
 
-/// What is judged.
+/// The input of the check.
 pub struct Preview<'a> {
     /// Linear radiance.
     pub image: &'a Image,
@@ -30,7 +30,7 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// What was measured on a preview whose values are finite.
+/// Measurements of a preview with finite values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     /// Mean luminance.

@@ -1,7 +1,7 @@
-//! What stands out in a frame: things that are seen nearly whole, by how much they differ from what is around them.
+//! Visible things in a frame: things that lie mostly within it, and their contrast to the surroundings.
 //!
 //! A thing is a shape of the scene. Walls, floors and rims reach beyond the frame, so that few of their rays lie in it;
-//! what one recognises mostly lies within. What stands behind clear glass is seen as well as the glass.
+//! what one recognises mostly lies within. Objects behind clear glass count in addition to the glass.
 
 use crate::{
     camera::Camera,
@@ -47,7 +47,7 @@ struct Thing {
     within: f64,
 }
 
-/// What rays through a frame meet, as things.
+/// The hits of rays through a frame, grouped into things.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Things {
     width: usize,
@@ -265,7 +265,7 @@ mod tests {
         // It is cut in half by the frame's border, and seen in full by the rays beyond it.
         let cut = things(&card(0.5, 2.0));
         assert!((cut.things[0].within - 0.5).abs() < 0.05, "{cut:?}");
-        // What fills the frame is what things stand before.
+        // Surfaces that fill the frame are background.
         assert_eq!(things(&card(2.5, 0.0)).things, []);
     }
 

@@ -2,8 +2,8 @@
 //! own, shadow rays come last.
 //!
 //! Shading knows one material at a time, so that what it lacks costs nothing, and works on as many paths as there are
-//! lanes, in steps: the vertex, what it emits, its textures, a light, where the path goes on. What a path finds does
-//! not depend on the batch it is in: every operation is on its own numbers, in its own order.
+//! lanes, in steps: the vertex, what it emits, its textures, a light, where the path goes on. The result of a path does
+//! not depend on its batch: all operations use its own numbers, in a fixed order.
 
 mod rays;
 mod rows;
@@ -30,7 +30,7 @@ const CHUNK: usize = 256;
 /// The primitive of a ray that meets nothing.
 const MISS: u32 = u32::MAX;
 
-/// What to trace: a path for each pixel and sample index.
+/// The paths to trace: one per pixel and sample index.
 pub(crate) struct Batch<'a> {
     pub(crate) world: &'a World,
     pub(crate) camera: &'a Camera,
@@ -41,7 +41,7 @@ pub(crate) struct Batch<'a> {
     pub(crate) paths: &'a [((u32, u32), Sampler)],
 }
 
-/// What a batch found.
+/// The results of a batch.
 #[derive(Default)]
 pub(crate) struct Found {
     /// Radiance of each path.
@@ -150,7 +150,7 @@ impl Stream<'_> {
         }
     }
 
-    /// What a material does to the paths that meet it.
+    /// The effect of a material on the paths that hit it.
     fn shade_group(&mut self, kernels: &Kernels, group: &Group) {
         let world = self.batch.world;
         let used = &world.materials[group.index];

@@ -260,7 +260,7 @@ impl<'a> Stream<'a> {
         states
     }
 
-    /// Whether lights are sampled at a material. What they bring to it is no caustic.
+    /// Whether lights are sampled at a material. Their contribution is not a caustic.
     pub(super) fn samples_lights(&self, material: &Material) -> bool {
         material.has_smooth() && !self.batch.world.lights.is_empty() && self.batch.path.strategy != Strategy::Caustics
     }
@@ -315,7 +315,7 @@ impl<'a> Stream<'a> {
         }
     }
 
-    /// What the light brings, if nothing is in between, and where the paths go on.
+    /// The unoccluded contribution of the light, and the continuation of the paths.
     #[inline(always)]
     pub(crate) fn scatter<R: Real, S: Scatter<'a, R>>(&mut self, group: &Group) {
         let world: &'a World = self.batch.world;

@@ -30,7 +30,7 @@ const MOST_NUMBERS: usize = i32::MAX as usize;
 /// Coordinates of a shared mesh: its largest is within this and its reciprocal.
 const EXTENT: f32 = (1u32 << 20) as f32;
 
-/// What a scene's shapes come to.
+/// The collected shapes of a scene.
 #[derive(Default)]
 pub(super) struct Collected {
     pub(super) table: Table,
@@ -78,10 +78,10 @@ fn common(scene: &Scene, load: LoadBlob<'_>, sharing: Sharing) -> Result<Vec<Sha
     Ok(found)
 }
 
-/// What is wrong with an emission.
+/// The error of an emission.
 fn check_emission(texture: &Texture) -> Result<(), KindError> {
     if texture.is_negative() {
-        return Err(KindError::Input("an emission below 0; use radiance from 0".into()));
+        return Err(KindError::Input("negative emission; use radiance from 0".into()));
     }
     if texture.bounds().is_none() {
         return Err(KindError::Input("an emission with values that are not finite; use radiance from 0".into()));
@@ -105,7 +105,7 @@ impl Collected {
         for (index, shape) in scene.shapes.iter().enumerate() {
             if shape.material >= materials.len() {
                 let (named, count) = (shape.material, materials.len());
-                let error = KindError::Input(format!("material {named} of {count}; name one that is there"));
+                let error = KindError::Input(format!("material {named} does not exist; the scene has {count}"));
                 return Err(within("shape", index, error));
             }
         }
@@ -255,7 +255,7 @@ impl Collected {
         let first = shapes.first().map_or(0, |(index, _)| *index as u32);
         let form = self.add_mesh(first, 1.0, mesh, &Map::new(&tauflow_data::scene::IDENTITY));
         let count = self.table.len() - base;
-        // What is dropped is missing from every shape.
+        // Dropped triangles are missing from every shape.
         let more = shapes.len() as u64 - 1;
         self.dropped.degenerate += more * (self.dropped.degenerate - dropped.degenerate);
         self.dropped.not_finite += more * (self.dropped.not_finite - dropped.not_finite);

@@ -123,7 +123,7 @@ fn by_method<'a>(bridge: &'a Bridge, stop: &str) -> Vec<(&'a str, Vec<&'a Bridge
         .collect()
 }
 
-/// What a chart shows: the title, and the figure of a row.
+/// A chart: the title, and the figure of a row.
 type Shown = (&'static str, fn(&BridgeRow) -> Estimate);
 
 fn chart(bridge: &Bridge, stop: &str, title: &str, shown: Shown, y: Scale) -> String {

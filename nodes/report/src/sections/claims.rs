@@ -1,4 +1,4 @@
-//! What the solvers are said to do, and what the figures say of it.
+//! Claims about the solvers and their verdicts.
 
 use crate::{
     page::Section,

@@ -27,7 +27,7 @@ pub fn section(material: &Material) -> Option<Section> {
     (!body.is_empty()).then(|| Section::new("data", "Scenes: gate, split, sampling", body))
 }
 
-/// What the gate did in a stratum.
+/// Counts of the gate in a stratum.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gate {
     /// Scenes of the pool.

@@ -113,7 +113,7 @@ fn built(evaluation: &Evaluation, material: &Material) -> String {
     text + "."
 }
 
-/// What to keep in mind of the references.
+/// Notes on the references.
 pub fn reference_note(evaluation: &Evaluation) -> String {
     let n = evaluation.reference_spp;
     format!(

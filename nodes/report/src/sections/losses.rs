@@ -46,7 +46,7 @@ pub fn section(losses: &[TrainingLog]) -> Option<Section> {
     Some(Section::new("training", "Training", body))
 }
 
-/// What one call gains over the first rung by steps: a panel for each set of params but the method, all on the same
+/// The gain of one call over the first rung, by steps: one panel per set of params except the method, all on the same
 /// axes. Losses have scales of their own; this has one.
 fn gains(logs: &[&TrainingLog]) -> String {
     let curve = |log: &TrainingLog| -> Vec<(f64, f64)> {
@@ -126,7 +126,7 @@ fn fall(log: &TrainingLog) -> Option<(f64, f64)> {
     Some((*tests.first()?, *tests.last()?))
 }
 
-/// What the loss on the test scenes did last, in words.
+/// The recent trend of the test loss, in words.
 fn standing(log: &TrainingLog) -> String {
     match Standing::of(&log.points) {
         // Steps as the rest of the page has them.

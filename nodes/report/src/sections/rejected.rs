@@ -1,4 +1,4 @@
-//! What the gate rejected and why, with pictures.
+//! Rejected scenes by reason, with images.
 
 use crate::{
     gate_sheets::{Sheet, explained},

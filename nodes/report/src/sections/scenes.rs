@@ -1,4 +1,4 @@
-//! What the scenes of each stratum are, measured.
+//! Statistics of the scenes per stratum.
 
 use crate::{
     page::Section,

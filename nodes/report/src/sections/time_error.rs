@@ -19,7 +19,7 @@ use tauflow_data::{
 /// Methods and their points, best first for each.
 type Lines<'a> = Vec<(&'a TimedMethod, Vec<&'a TimedPoint>)>;
 
-/// What a method is called, with what it sees.
+/// The name of a method, with its input.
 fn name(method: &TimedMethod) -> String {
     if method.method == PATH_TRACER {
         return "Rendering alone".into();
@@ -62,7 +62,7 @@ fn best_solver(of: &TimeError) -> Option<&TimedMethod> {
     solvers.max_by(|a, b| speed(a).total_cmp(&speed(b)))
 }
 
-/// What a chart shows of a point: a time, and an error.
+/// The coordinates of a point in a chart: a time and an error.
 #[derive(Clone, Copy)]
 struct View {
     title: &'static str,

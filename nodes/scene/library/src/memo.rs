@@ -1,4 +1,4 @@
-//! What the library holds, made once in a process: forms with their blobs, and lands.
+//! The content of the library, built once per process: forms with their blobs, and lands.
 //!
 //! A memo of pure functions: what it returns depends on the name asked for alone, never on what was asked before. It
 //! is emptied when it grows beyond [`MOST_BYTES`], and what is asked for again is made again.
@@ -21,7 +21,7 @@ const MOST_BYTES: usize = 256 << 20;
 
 /// A part of a form.
 pub struct PartFacts {
-    /// What it is made of.
+    /// Its material.
     pub stuff: Stuff,
     /// Area of its surface, square metres.
     pub area: f64,
@@ -66,7 +66,7 @@ impl<T> Memo<T> {
     }
 }
 
-/// What `memo` holds under a name, made if it is not there. Two threads may make the same; they make the same.
+/// The entry of `memo` under a name, created if missing. Two threads may make the same; they make the same.
 fn remembered<T>(
     memo: &Mutex<Memo<T>>,
     key: (&'static str, u64),

@@ -1,4 +1,4 @@
-//! What things are made of: forms and layouts name it, materials make surfaces of it.
+//! Stuffs of things: forms and layouts name them, and materials turn them into surfaces.
 
 /// The stuff of a part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -231,7 +231,7 @@ impl<'a> Stage<'a> {
                     let mut ask = ask(family);
                     ask.high = high;
                     ask.glass = self.glassy() && (attempt % 2 == 0 || self.left() < 2);
-                    // What is far from the size asked for is made so.
+                    // Things far from the requested size are scaled.
                     ask.longest = Some([longest, longest]);
                     self.pick(&ask)
                 }

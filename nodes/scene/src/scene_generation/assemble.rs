@@ -183,7 +183,7 @@ impl Work<'_, '_> {
         self.shapes.push(Shape { geometry, to_world, material, emission, flip_normals: false });
     }
 
-    /// What is built of one material: a rectangle if it is one quad, else a mesh.
+    /// A structure of one material: a rectangle if it is one quad, otherwise a mesh.
     fn skin(&mut self, label: &str, skin: &Skin) -> Result<(), KindError> {
         let d = self.stream.part(&format!("skin.{label}"));
         let special = skin.special;
@@ -216,7 +216,7 @@ impl Work<'_, '_> {
         Ok(())
     }
 
-    /// The material of a part of a thing of `set`. What is printed over the whole of a part has its uv's box.
+    /// The material of a part of a thing of `set`. Prints that cover a whole part use its uv box.
     fn stuff(
         &mut self,
         stuff: Stuff,

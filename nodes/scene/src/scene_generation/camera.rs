@@ -1,4 +1,5 @@
-//! Aiming: a camera drawn by the rules of a stage. What it sees is not checked, only that it stands in no solid.
+//! Aiming: a camera drawn by the rules of a stage. Its view is not checked; it is only guaranteed to be outside of
+//! solids.
 
 use super::{
     place::tenth,

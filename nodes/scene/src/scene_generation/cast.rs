@@ -2,14 +2,14 @@
 //!
 //! **Coverage.** Assets take turns instead of being drawn: the main object of content `index` of a stratum is asset
 //! number `ordinal * q + index` of a fixed order, where `ordinal` numbers the twelve strata and
-//! `q = ceil(assets / 12)`. So 12 q contents spread over all strata show every object, and any one stratum shows all
-//! of them in as many contents. Further things of a layout are drawn from the assets with `asset_share`. HDRIs go in
-//! turns over L0 and L1 under an environment and in the open in the same way; L2 takes soft ones and L3 sunny ones,
-//! where there are any.
+//! `q = ceil(assets / 12)`. 12 q contents over all strata therefore show every object, and a single stratum shows all
+//! of them in the same number of contents. Further things of a layout are drawn from the assets with `asset_share`.
+//! HDRIs go in turns over L0 and L1 under an environment and in the open in the same way; L2 takes soft ones and L3
+//! sunny ones, where there are any.
 //!
 //! **Hold-out.** A held-out pool is parted by name, before scenes are built: the names in the order of their hashes,
-//! the first `test_share` of them (at least one) for testing. What a scene shows ([`shown`]) is parted by form, what
-//! it is furnished with by variants, as no room can do without chairs. Skies are parted by sort.
+//! the first `test_share` of them (at least one) for testing. Exhibits ([`shown`]) are split by form, and furniture by
+//! variants, because rooms need chairs on both sides. Skies are parted by sort.
 
 use super::params::{HoldOut, SceneGenerationParams};
 use tauflow_contract::{Context, Digest, Items, KindError};
@@ -118,7 +118,7 @@ fn side_of<'a, T>(
     }
 }
 
-/// What a scene may draw from.
+/// The assets available to a scene.
 pub struct Cast<'a> {
     stratum: Stratum,
     /// The params of the generator.
@@ -137,7 +137,7 @@ pub struct Cast<'a> {
 impl<'a> Cast<'a> {
     /// The cast of the `index`-th content of a stratum.
     ///
-    /// With a hold-out, content `index` is for testing if `floor((index + 1) share) > floor(index share)`.
+    /// If assets are held out, content `index` is for testing if `floor((index + 1) share) > floor(index share)`.
     pub fn new(pool: &'a Pool, params: &'a SceneGenerationParams, stratum: Stratum, index: u64) -> Self {
         let share = params.test_share;
         let tests_before = |i: u64| (i as f64 * share).floor() as u64;

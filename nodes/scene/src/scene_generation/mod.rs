@@ -27,8 +27,8 @@ use tauflow_data::{
     scene::Recipe,
 };
 
-const ASSETS: All<Asset> = All::new("assets", "HDRIs and objects to build with.").or_none();
-const SCENES: Out<SceneRecord> = Out::new(Group::main(5), "scenes", "One scene for each item of the pool.");
+const ASSETS: All<Asset> = All::new("assets", "HDRIs and objects to use.").or_none();
+const SCENES: Out<SceneRecord> = Out::new(Group::main(5), "scenes", "One scene per item of the pool.");
 
 /// The kind `scene_generation`.
 pub struct SceneGeneration;
@@ -39,7 +39,7 @@ impl Kind for SceneGeneration {
     fn spec() -> KindSpec {
         KindSpec {
             name: "scene_generation",
-            summary: "Draws scenes over regimes x contexts from layouts, objects, skies and materials.",
+            summary: "Generates scenes for regimes x contexts from layouts, objects, skies and materials.",
             manual: include_str!("../scene_generation.md"),
             mode: Mode::Source,
             inputs: vec![ASSETS.port()],
@@ -88,7 +88,7 @@ impl Kind for SceneGeneration {
         };
         let which = Which::of(&action.params, seed, stratum, index);
         let Which { content, view } = which;
-        // What a content draws is the same in all its views; the renderer's random numbers are a view's own.
+        // The draws of a content are the same in all its views; the renderer's random numbers differ per view.
         let content_seed = derive_seed(seed, "content", &content.to_string());
         let (scene, recipe) = assemble::scene(ctx, &action.params, &pool, stratum, which, content_seed)?;
         let scene = Scene { seed: derive_seed(content_seed, "view", &view.to_string()), ..scene };

@@ -23,32 +23,31 @@ pub enum HoldOut {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SceneGenerationParams {
-    /// Number of scenes, spread over the strata as evenly as can be. Raising it appends scenes and changes none.
+    /// Number of scenes, divided as equally as possible over the strata. A larger number adds scenes and changes none.
     #[schemars(range(min = 1, max = 1_000_000))]
     pub pool: u64,
-    /// How many scenes show one content, fewest and most: from other cameras, at other exposures, in other light.
+    /// Minimum and maximum number of scenes per content, with different cameras, exposures and light.
     #[schemars(inner(range(min = 1, max = 64)))]
     pub views: [u32; 2],
-    /// Regimes to draw from.
+    /// Regimes to generate.
     #[schemars(length(min = 1))]
     pub regimes: Vec<Regime>,
-    /// Contexts to draw from.
+    /// Contexts to generate.
     #[schemars(length(min = 1))]
     pub contexts: Vec<ContextClass>,
-    /// Assets to part into train and test pools.
+    /// Assets to split into training and test pools.
     pub hold_out: Vec<HoldOut>,
-    /// Which library procedural objects, skies and patterns are from: no two libraries share one.
+    /// Library of procedural objects, skies and patterns; two libraries share none.
     #[schemars(range(min = 0, max = 1000))]
     pub library: u64,
-    /// Share of contents, and of each held-out pool, that is for testing; read only with `hold_out`.
+    /// Share of contents, and of each held-out pool, for testing; read only with `hold_out`.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub test_share: f64,
-    /// Number of things in a scene, fewest and most: what a scene may hold is drawn from this range, and a layout
-    /// places what it has room for. Walls, doors and windows are no things.
+    /// Minimum and maximum number of things in a scene. The number is drawn from this range, and limited by the space
+    /// of the layout. Walls, doors and windows do not count.
     #[schemars(inner(range(min = 1, max = 200)))]
     pub objects: [u32; 2],
-    /// Share of the things that a scene shows (not its furniture) taken from the connected assets, besides the main
-    /// one of a scene, which always is.
+    /// Share of the exhibits of a scene (not its furniture) that are connected assets; the main object always is one.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub asset_share: f64,
     /// Exposure offset in stops.
@@ -57,23 +56,23 @@ pub struct SceneGenerationParams {
     /// Horizontal field of view in degrees.
     #[schemars(inner(range(min = 5.0, max = 120.0)))]
     pub fov: Range,
-    /// Longest path in segments, by context.
+    /// Maximum path length in segments, by context.
     pub max_depth: MaxDepth,
-    /// Diffuse surfaces, which every scene has.
+    /// Diffuse surfaces; read by all regimes.
     pub diffuse: DiffuseRanges,
-    /// Share of lamps that are brighter in places. Screens always show something, and windows a part of a sky; with 0
-    /// all are even.
+    /// Share of lamps with an emission texture. Screens always show an image, and windows a part of a sky; 0 makes all
+    /// uniform.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub textured_lights: f64,
-    /// Glossy surfaces: read by L1 alone.
+    /// Glossy surfaces; read only by L1.
     pub glossy: GlossyRanges,
-    /// Refractive surfaces under broad light: read by L2 alone.
+    /// Refractive surfaces under broad light; read only by L2.
     pub refractive: RefractiveRanges,
-    /// Glass, mirrors and small lights: read by L3 alone.
+    /// Glass, mirrors and small lights; read only by L3.
     pub caustic: CausticRanges,
 }
 
-/// Longest path in segments, by context.
+/// Maximum path length in segments, by context.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct MaxDepth {
@@ -157,7 +156,7 @@ impl SceneGenerationParams {
         }
     }
 
-    /// What single fields cannot say: ranges out of order, and a held-out side without a share.
+    /// Checks across fields: ranges out of order, and a held-out side without a share.
     pub fn problems(&self) -> Vec<ParamProblem> {
         let mut out = Vec::new();
         for (pointer, [low, high]) in [

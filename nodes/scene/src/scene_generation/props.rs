@@ -28,7 +28,7 @@ pub enum Stance {
     Upright,
 }
 
-/// What is asked for: a family, sizes in metres, a stance.
+/// A request: a family, sizes in metres, a stance.
 #[derive(Clone, Copy, Debug)]
 pub struct Ask {
     /// The family.
@@ -93,7 +93,7 @@ pub struct Pick<'a> {
     /// Width, height and depth in its stance.
     pub size: Vec3,
     solids: Vec<Aabb>,
-    /// What it stands on: middle and half sizes.
+    /// Its base: centre and half sizes.
     foot: ([f64; 2], [f64; 2]),
     special: bool,
     glass: bool,

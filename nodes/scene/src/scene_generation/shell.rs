@@ -1,4 +1,4 @@
-//! What rooms and houses are built of: walls with openings, windows with something bright behind, doors, panels.
+//! Parts of rooms and houses: walls with openings, windows with a bright background, doors, panels.
 
 use super::{
     place::{Solid, Surface, Turn},
@@ -52,7 +52,7 @@ impl Wall {
     }
 }
 
-/// What a room is made of.
+/// The materials of a room.
 #[derive(Clone, Copy)]
 pub struct Made {
     /// The floor.

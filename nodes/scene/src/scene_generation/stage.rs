@@ -1,4 +1,4 @@
-//! What a layout decides: what stands where, what it is built of, what gives light, where cameras may stand.
+//! The choices of a layout: placement, structures, lights, positions of cameras.
 //!
 //! A stage is plain data and knows no materials; [`super::assemble`] makes a scene of it. Draws that decide a layout
 //! go through [`Stage::draw`], which records them for the recipe and so for the signature.
@@ -31,7 +31,7 @@ pub enum Rest {
     Wall,
 }
 
-/// What a thing is.
+/// The type of a thing.
 #[derive(Clone)]
 pub enum Body<'a> {
     /// A variant of a form.
@@ -52,7 +52,7 @@ impl Body<'_> {
 
 /// A thing in its place.
 pub struct Thing<'a> {
-    /// What it is.
+    /// Its type.
     pub body: Body<'a>,
     /// Where it stands.
     pub to_world: Affine,
@@ -100,7 +100,7 @@ impl Board {
 
 /// Surfaces of one material: quads with corners counter-clockwise from outside, and reliefs.
 pub struct Skin {
-    /// What it is made of.
+    /// Its material.
     pub stuff: Stuff,
     /// True if it shows the regime.
     pub special: bool,
@@ -110,7 +110,7 @@ pub struct Skin {
     pub lands: Vec<(Arc<Land>, Affine)>,
 }
 
-/// What gives light besides lit things.
+/// Lights other than lit things.
 pub enum Light {
     /// A rectangle, as of a ceiling panel: centre, normal, half sizes.
     Panel(Vec3, Vec3, [f64; 2]),
@@ -120,7 +120,7 @@ pub enum Light {
     Ball(Vec3, f64),
     /// A spot light of no size: from, toward, half angle in degrees. Regimes with glass have a disk in its place.
     Spot(Vec3, Vec3, f64),
-    /// What is seen through a window: centre, normal into the room, half sizes. Its power is a radiance.
+    /// The panel behind a window: centre, normal into the room, half sizes. Its power is a radiance.
     Outside(Vec3, Vec3, [f64; 2]),
 }
 
@@ -148,7 +148,7 @@ pub struct Stage<'a> {
     pub layout: &'static str,
     /// The scene's stratum.
     pub stratum: Stratum,
-    /// What may be used.
+    /// The available assets.
     pub cast: &'a Cast<'a>,
     /// Draws that decide the layout, by name.
     pub params: BTreeMap<String, f64>,
@@ -158,7 +158,7 @@ pub struct Stage<'a> {
     pub most: usize,
     /// Places kept for the main object and what shows the regime beside it, until they stand.
     pub kept: usize,
-    /// What is built, by label.
+    /// Structures by label.
     pub skins: BTreeMap<String, Skin>,
     /// Lights with their powers; true for daylight.
     pub lights: Vec<(Light, f64, bool)>,
@@ -178,7 +178,7 @@ pub struct Stage<'a> {
     pub world: World,
     /// True once the main object stands.
     pub has_main: bool,
-    /// What went wrong while things were made.
+    /// Errors during construction.
     pub fault: Option<KindError>,
     pub(super) sets: u32,
     pub(super) stream: Stream,
@@ -374,7 +374,7 @@ impl<'a> Stage<'a> {
         self.top(thing).or_else(|| self.lid(thing))
     }
 
-    /// What stands on a thing's bounding box: for boxes and books, whose tops are flat.
+    /// Things on top of a thing's bounding box: for boxes and books, whose tops are flat.
     pub fn lid(&self, thing: usize) -> Option<Surface> {
         let last = &self.world.solids[self.things[thing].solids.clone()];
         let [only] = last else { return None };

@@ -1,8 +1,8 @@
 //! Views: the scenes of a stratum by content and view, and the seeds that let views share what their content draws.
 //!
 //! **Numbering.** Items of a stratum go content by content, and within one view by view, so that a larger pool appends.
-//! Contents come in blocks in which every number of views stands once, in an order drawn for the block. So each number
-//! is as frequent as the others, and an item finds its content without a walk over all before it.
+//! Contents come in blocks in which every number of views stands once, in an order drawn for the block. Each number is
+//! therefore equally frequent, and an item finds its content without a walk over all earlier ones.
 //!
 //! **Seeds.** The engine gives an item a seed and nothing else of the pipeline's. The upper bits of it are those of the
 //! stratum, the lower ones the item's index: all seeds differ, and the views of a content find what they share.
@@ -25,7 +25,7 @@ pub fn item_seed(pipeline_seed: u64, kind: &str, item: &str) -> u64 {
     }
 }
 
-/// What the seeds of a stratum's items share.
+/// The common part of the seeds of a stratum's items.
 ///
 /// # Errors
 /// If the seed is not that of the `index`-th item of a stratum.

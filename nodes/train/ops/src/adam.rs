@@ -11,7 +11,7 @@ const LANES: usize = 16;
 /// Factors of an update.
 #[derive(Clone, Copy, Debug)]
 pub struct Adam {
-    /// What gradients are multiplied with first.
+    /// The factor for gradients.
     pub clip: f32,
     /// Decay rates of the moments.
     pub betas: [f64; 2],
@@ -47,7 +47,7 @@ impl Adam {
 
     #[inline(always)]
     fn part(self, weights: &mut [f32], average: &mut [f32], first: &mut [f32], second: &mut [f32], gradient: &[f32]) {
-        // What is left of 1 would be lost in f32.
+        // The rest of 1 would be lost in f32.
         let [(b1, c1), (b2, c2), (keep, leave)] =
             [self.betas[0], self.betas[1], self.keep].map(|share| (share as f32, (1.0 - share) as f32));
         let moments = first.iter_mut().zip(second);

@@ -2,7 +2,8 @@
 //!
 //! Three neighbouring pixels of a row of an image lie side by side: [3 C] numbers. One row of an output is the sum,
 //! over the three rows around it, of these patches times a third of the kernel, [3 C, O]. The gradient of the input is
-//! the same convolution with the kernel turned round. That of the kernel sums patch times gradient over all pixels.
+//! the same convolution with the kernel turned round. The gradient of the kernel sums patch times gradient over all
+//! pixels.
 
 #![expect(unsafe_code, reason = "results are written once, band by band; each block says why all of a band is written")]
 
@@ -35,7 +36,7 @@ pub struct Conv3 {
     pub inputs: usize,
     /// O.
     pub outputs: usize,
-    /// What to compute it with; the bits are the same.
+    /// The instruction set to use; the bits are the same.
     pub instructions: Instructions,
 }
 
@@ -46,7 +47,7 @@ pub struct Linear {
     pub inputs: usize,
     /// O.
     pub outputs: usize,
-    /// What to compute it with; the bits are the same.
+    /// The instruction set to use; the bits are the same.
     pub instructions: Instructions,
 }
 

@@ -51,7 +51,7 @@ pub fn expm1(x: f32) -> f32 {
 #[inline(always)]
 pub fn log1p(x: f32) -> f32 {
     let u = 1.0 + x;
-    // What was lost in the sum; log(u + lost) = log(u) + lost/u.
+    // The rounding error of the sum; log(u + lost) = log(u) + lost/u.
     let lost = if u < 1e7 { x - (u - 1.0) } else { 0.0 };
     // u = 2^n m with m from sqrt(1/2) to sqrt 2.
     let bits = u.to_bits().wrapping_sub(0x3f35_04f3);

@@ -31,7 +31,7 @@ pub(crate) trait Lanes: Copy {
     /// Writes `COUNT` numbers.
     ///
     /// # Safety
-    /// There is room, and the processor has the instructions.
+    /// The slice is long enough, and the processor has the instructions.
     unsafe fn store(self, to: *mut f32);
 }
 

@@ -2,9 +2,9 @@
 //! of f32.
 //!
 //! Images are [N, H, W, C], channels last. Every sum is taken in an order that depends on shapes alone; in `products`
-//! every product is fused with the sum before it, elsewhere none ever is. So results have the same bits on any number
-//! of threads and with any set of [`Instructions`]. Work is split by rayon over images, rows of images and rows of
-//! weights. Knows neither networks nor graphs of gradients. Slices of lengths that do not fit are refused by a panic.
+//! every product is fused with the sum before it, elsewhere none ever is. Results therefore have the same bits for any
+//! number of threads and any [`Instructions`]. Work is split by rayon over images, rows of images and rows of weights.
+//! Knows neither networks nor graphs of gradients. Slices of lengths that do not fit are refused by a panic.
 
 mod adam;
 mod attention;

@@ -1,10 +1,10 @@
-//! What an operator is.
+//! The interface of operators.
 
 use std::fmt::Debug;
 
 /// A differentiable operator of `N` inputs and one output, all contiguous f32.
 pub trait Operator<const N: usize>: Clone + Send + Debug + 'static {
-    /// What the forward pass keeps for the backward pass beside the inputs.
+    /// The values that the forward pass keeps for the backward pass, in addition to the inputs.
     type Saved: Clone + Send + Debug + 'static;
 
     /// The output of these inputs.

@@ -1,7 +1,7 @@
 //! Two products of matrices, of which everything else is made, on one thread.
 //!
 //! Rows of the left matrix may overlap. A row of an image with C channels, read from every pixel on for 3 C numbers, is
-//! a matrix of the patches of three pixels side by side. So nothing has to be unfolded for a convolution.
+//! a matrix of the patches of three pixels side by side. A convolution therefore needs no unfolding.
 //!
 //! Every number of a result is summed one product after the other, from the first on, each product fused with the sum
 //! before it; panels, tiles and lanes decide only which results are worked on side by side.
@@ -111,12 +111,12 @@ impl Packed {
     }
 }
 
-/// What the sums of products start with.
+/// The initial value of the sums.
 #[derive(Clone, Copy)]
 pub(crate) enum Start<'a> {
     /// A row of as many numbers as the result has columns.
     Row(&'a [f32]),
-    /// What the result holds.
+    /// The initial content of the result.
     There,
 }
 

@@ -9,7 +9,7 @@ use burn::tensor::{
 use std::sync::OnceLock;
 use tauflow_contract::KindError;
 
-/// What GPUs are, the fastest first.
+/// Types of GPUs, the fastest first.
 const GPUS: &[DeviceKind] = &[DeviceKind::DiscreteGpu(0), DeviceKind::IntegratedGpu(0), DeviceKind::VirtualGpu(0)];
 
 /// A device can be opened once only; what came of it.

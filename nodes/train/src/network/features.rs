@@ -1,4 +1,4 @@
-//! What the network sees of a state, and the units in which it answers.
+//! The input features of the network, and the units of its output.
 
 use super::{
     head::{Answer, Head, Output, SIDES},
@@ -113,8 +113,8 @@ impl Encoding {
         Unet::new(preset, self.channels(), CLOCK, self.output)
     }
 
-    /// What the target is of the way from the state to the mean of endlessly many samples: known, so that no network
-    /// should have to learn it.
+    /// The target as a fraction of the way from the state to the converged image: a known factor, which the network
+    /// need not learn.
     ///
     /// Given I_n, the expectation of I_m, m > n, is (1 - n/m) of the way to the mean: the samples of I_n are among its
     /// own. Velocities divide that by the time it takes: a local one by that of a small step, so that to the next rung
@@ -147,7 +147,7 @@ impl Encoding {
     }
 }
 
-/// What is around each pixel: mean and deviation of the logarithms over a window, as linear values.
+/// The neighbourhood of each pixel: mean and deviation of the logarithms over a window, as linear values.
 fn surroundings(seen: &[f32], height: usize, width: usize) -> Surroundings {
     let averaged = |values: &[f32]| means_of_columns(&means_of_rows(values, width), height, width);
     let mean = averaged(seen);

@@ -2,8 +2,8 @@
 //!
 //! The numbers are weights: of what lies around each pixel of the state, divided by albedo where there is one, at
 //! several scales. The weighted mean, times the albedo, is the network's estimate of what more samples would give; the
-//! answer is that less the state, times what the law says of how far the target is from it. So a firefly of a thousand
-//! asks for no output of a thousand, texture passes through, and no network has to learn sizes that are known.
+//! answer is that less the state, times what the law says of how far the target is from it. A firefly of a thousand
+//! therefore needs no output of a thousand, texture is preserved, and the network does not learn known scales.
 
 use burn::tensor::Tensor;
 use rayon::prelude::*;
@@ -11,7 +11,7 @@ use std::sync::Arc;
 use tauflow_ops::{Operator, Pyramid, WeightedMean, exp, map2};
 use tauflow_tensors::apply;
 
-/// What the network's numbers are.
+/// Output of the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema, Default)]
 #[serde(rename_all = "snake_case")]
 pub enum Output {
@@ -26,7 +26,7 @@ pub enum Output {
 }
 
 impl Output {
-    /// What files of before there was a choice hold, whatever the default has become: they say nothing of it.
+    /// The value of older files, which lack this field, independent of the current default.
     pub(crate) fn unsaid() -> Self {
         Self::Means
     }
@@ -60,12 +60,12 @@ pub(crate) const WEIGHTS: usize = {
 /// Pixels that a thread does at least.
 const PIXELS: usize = 1024;
 
-/// What turns weights into a prediction.
+/// The data that turn weights into a prediction.
 #[derive(Clone, Debug)]
 pub(crate) struct Head {
     /// Of the state as linear radiance, divided by albedo where there is one.
     pub(crate) light: Arc<Pyramid>,
-    /// What becomes of the weighted mean.
+    /// The processing of the weighted mean.
     pub(crate) answer: Answer,
 }
 

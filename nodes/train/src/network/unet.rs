@@ -55,13 +55,13 @@ struct Plan {
     embedding: usize,
 }
 
-/// What the network reads.
+/// The input of the network.
 pub(crate) struct Inputs {
     /// [N, H, W, C]; H and W are multiples of [`Unet::multiple`].
     pub(crate) features: Tensor<4>,
     /// [N, [`super::features::CLOCK`]].
     pub(crate) clock: Tensor<2>,
-    /// What the output is made of; none if it is the prediction.
+    /// The components of the output; none if it is the prediction.
     pub(crate) head: Option<Head>,
 }
 

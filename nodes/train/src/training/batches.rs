@@ -41,7 +41,7 @@ struct Pick {
     top: usize,
     /// 0..8: quarter turns, and a flip from 4 on.
     turn: usize,
-    /// What radiance is multiplied with.
+    /// The exposure factor.
     scale: f32,
     /// Which of the six orders of the colours.
     colours: usize,
@@ -86,7 +86,7 @@ impl DataSet {
         let counts = first.counts.clone();
         if counts.len() < 2 {
             return Err(KindError::Input(format!(
-                "scene {first_key} of input `{port}` has {} rungs; a solver learns from at least two",
+                "scene {first_key} of input `{port}` has {} rungs; training needs at least two",
                 counts.len()
             )));
         }
@@ -100,28 +100,28 @@ impl DataSet {
             }
             if let Some(image) = scene.states.iter().find(|s| s.data().iter().any(|v| !v.is_finite())) {
                 return Err(KindError::Input(format!(
-                    "scene {key} of input `{port}` holds a value that is not finite in an image of {} x {}; the gate \
-                     should have rejected it",
+                    "scene {key} of input `{port}` contains a value that is not finite in an image of {} x {}; check \
+                    why the gate accepted it",
                     image.width(),
                     image.height()
                 )));
             }
             if scene.gbuffer.as_ref().is_some_and(|g| g.data().iter().any(|v| !v.is_finite())) {
                 return Err(KindError::Input(format!(
-                    "scene {key} of input `{port}` holds a value that is not finite in its G-buffer; render it again, \
-                     or leave `gbuffers` away"
+                    "scene {key} of input `{port}` contains a value that is not finite in its G-buffer; render it \
+                    again, or omit `gbuffers`"
                 )));
             }
             let (width, height) = size(scene);
             let fits = |g: &Image| (g.width(), g.height(), g.channels()) == (width, height, 6);
             if conditioning == Conditioning::Gbuffer && !scene.gbuffer.as_ref().is_some_and(fits) {
                 return Err(KindError::Input(format!(
-                    "scene {key} of input `{port}` has no G-buffer of its size, and `conditioning` is gbuffer; connect \
-                     `gbuffers` of its `dataset_packing`"
+                    "scene {key} of input `{port}` has no G-buffer of its size, but `conditioning` is gbuffer; \
+                    connect `gbuffers` of its `dataset_packing`"
                 )));
             }
         }
-        // What is not looked at takes no memory.
+        // Unused data takes no memory.
         let kept = |scene: PackedScene| match conditioning {
             Conditioning::Gbuffer => scene,
             Conditioning::Rgb => PackedScene { gbuffer: None, ..scene },
@@ -146,8 +146,8 @@ impl DataSet {
         let side = wanted.min(width).min(height) / multiple * multiple;
         if side == 0 {
             return Err(KindError::Input(format!(
-                "a crop of {wanted} from images of {width} x {height} is less than the {multiple} pixels that the \
-                 network needs; raise `crop` or the `resolution`"
+                "a crop of {wanted} pixels from images of {width} x {height} is below the minimum of {multiple} \
+                pixels; increase `crop` or `resolution`"
             )));
         }
         Ok(side)
@@ -167,7 +167,7 @@ impl DataSet {
                 let course = Course { from: self.counts[0], steps: 1, grid: TimeGrid::Ladder };
                 let refined = rollout(model, first, scene.gbuffer.as_ref(), course)?;
                 let [before, after] = [first, &refined].map(|image| square_error(image, last));
-                // Of an image without noise there is nothing to gain.
+                // A noise-free image has no gain.
                 Ok(if before > 0.0 && after > 0.0 { 10.0 * maths::log10(before / after) } else { 0.0 })
             })
             .collect::<Result<_, KindError>>()?;

@@ -2,7 +2,7 @@
 //!
 //! Predictions are weighted means of what is shown (`network/head.rs`), so that a loss stays within what the data hold.
 //! Weights that have run away make a network that picks single pixels. Its loss is a few times that of a fresh one:
-//! finite, and useless. What tells it is the size of the weights.
+//! finite, and useless. The norm of the weights detects it.
 
 use tauflow_contract::KindError;
 
@@ -15,7 +15,7 @@ const GROWTH: f64 = 1000.0;
 /// it, weights would stand still for ever, with no loss telling so.
 const STEEPEST: f64 = 1.8e19;
 
-/// What to do about it: the end of each message.
+/// The remedy at the end of each message.
 const REMEDY: &str = "lower `learning_rate` or `clip`";
 
 /// The loss of a step at some learning rate, on targets up to `largest`.
@@ -27,8 +27,8 @@ pub(crate) fn loss(step: u64, rate: f64, loss: f64, largest: f32) -> Result<(), 
         return Ok(());
     }
     Err(KindError::Input(format!(
-        "the loss is {loss} at step {step}, at a learning rate of {rate:.1e} and with targets up to {largest:.1e}; \
-         {REMEDY}, or, where the data are so bright, take `space: log1p` with `loss: absolute`"
+        "the loss is {loss} at step {step}, with a learning rate of {rate:.1e} and targets up to {largest:.1e}; \
+        {REMEDY}, or use `space: log1p` with `loss: absolute` for bright data"
     )))
 }
 
@@ -41,8 +41,8 @@ pub(crate) fn gradient(step: u64, rate: f64, loss: f64, norm: f64, clip: f64) ->
         return Ok(());
     }
     Err(KindError::Input(format!(
-        "the norm of the gradient is {norm:.1e} at step {step}, at a learning rate of {rate:.1e} and with a loss of \
-         {loss:.3e}, and `clip` is {clip:e}; {REMEDY}"
+        "the norm of the gradient is {norm:.1e} at step {step}, with a learning rate of {rate:.1e}, a loss of \
+        {loss:.3e} and `clip` {clip:e}; {REMEDY}"
     )))
 }
 
@@ -55,8 +55,8 @@ pub(crate) fn weights(step: u64, norm: f64, first: f64, rate: f64) -> Result<(),
         return Ok(());
     }
     Err(KindError::Input(format!(
-        "the training diverges: after step {step}, at a learning rate of {rate:.1e}, the weights are {:.0} times as \
-         large as at its start, and more than {GROWTH:.0} times is no sound training; {REMEDY}",
+        "the training diverges: after step {step}, with a learning rate of {rate:.1e}, the weights are {:.0} times as \
+        large as at the start, above the limit of {GROWTH:.0} times; {REMEDY}",
         norm / first
     )))
 }

@@ -1,4 +1,4 @@
-//! What a training is asked for. Bounds of single params are in the schema, which is held against them before all else.
+//! The params of a training. Bounds of single params are in the schema, which is held against them before all else.
 
 use crate::{
     device::{NetworkDevice, ON_THE_CPU},
@@ -15,25 +15,25 @@ use tauflow_tensors::Decay;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrainingParams {
-    /// What the network predicts.
+    /// Quantity that the network predicts.
     pub parameterization: Parameterization,
-    /// What it sees beside the state.
+    /// Additional input of the network: none (RGB), or G-buffers.
     pub conditioning: Conditioning,
     /// Size of the network.
     pub preset: Preset,
-    /// The space that states and targets are in.
+    /// Encoding of states and targets.
     pub space: Space,
-    /// How predictions are judged.
+    /// Loss function.
     pub loss: Loss,
-    /// Which draw of first weights and batches: trainings that differ in it alone show how far chance goes.
+    /// Seed of the initial weights and batches: trainings that differ only in it show the variance between trainings.
     pub draw: u64,
     /// Training steps.
     #[schemars(range(min = 1))]
     pub steps: u64,
-    /// Examples in a step.
+    /// Number of training examples per step.
     #[schemars(range(min = 1, max = 4096))]
     pub batch: usize,
-    /// Side of the windows that are trained on, in pixels; cut to the images' size and a multiple of 8.
+    /// Side of the training windows in pixels; limited to the image size and rounded down to a multiple of 8.
     #[schemars(range(min = 8))]
     pub crop: usize,
     /// Learning rate of Adam.
@@ -44,26 +44,26 @@ pub struct TrainingParams {
     pub betas: [f64; 2],
     /// Steps over which the learning rate rises from 0.
     pub warmup: u64,
-    /// How the learning rate falls afterwards.
+    /// Decay of the learning rate after the warm-up.
     pub decay: Decay,
-    /// Largest norm of the gradient.
+    /// Maximum norm of the gradient.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub clip: f64,
-    /// Share that the average of the weights keeps in each step; in short runs, less.
+    /// Share that the average of the weights keeps in each step; lower in short trainings.
     #[schemars(range(min = 0.0), extend("exclusiveMaximum" = 1.0))]
     pub ema: f64,
-    /// Takes targets from other scenes: a check that what is learned comes from the data.
+    /// Take targets from different scenes: a control experiment.
     pub shuffle_targets: bool,
-    /// Largest change of the exposure of an example, in EV: factors 2^U[-j, j] on all its rungs.
+    /// Maximum change of the exposure of an example in EV: a factor 2^U[-j, j] on all its rungs.
     #[schemars(range(min = 0.0, max = 8.0))]
     pub exposure_jitter: f64,
-    /// Puts the colours of each example, albedo included, into an order drawn for it.
+    /// Permute the colour channels of each example randomly, including albedo.
     pub permute_colours: bool,
-    /// Rungs of n samples are drawn in proportion to n to minus this: 0 for all as often, 0.5 as their standard errors
-    /// are.
+    /// Rungs of n samples are drawn in proportion to n to the power of minus this value: 0 for uniform, 0.5 for
+    /// proportional to their standard error.
     #[schemars(range(min = 0.0, max = 4.0))]
     pub rung_exponent: f64,
-    /// What the network's numbers are.
+    /// Output of the network.
     pub output: Output,
     /// Steps between points of the loss curve.
     #[schemars(range(min = 1))]
@@ -105,7 +105,7 @@ impl Default for TrainingParams {
     }
 }
 
-/// What trainings did before these params existed.
+/// The behaviour before these params existed.
 pub(super) const LATER: &[Later] = &[
     Later { pointer: "/rung_exponent", before: Before::Number(0.0) },
     Later { pointer: "/output", before: Before::Text("means") },
@@ -123,14 +123,14 @@ fn shares(_: &mut SchemaGenerator) -> Schema {
 }
 
 impl TrainingParams {
-    /// What no schema says: params that do not go together.
+    /// Checks beyond the schema: incompatible params.
     pub(super) fn problems(&self) -> Vec<ParamProblem> {
         if self.rung_exponent == 0.0 || self.parameterization != Parameterization::VanillaRf {
             return Vec::new();
         }
         vec![ParamProblem::new(
             "/rung_exponent",
-            "`vanilla_rf` learns between the first rung and the last: there are no others to draw",
+            "`vanilla_rf` uses only the first and the last rung, so no rungs are sampled",
             "leave it at 0",
         )]
     }

@@ -222,7 +222,7 @@ mod tests {
                 last = trainer.step(&batch).expect("finite").0;
             }
             println!("{parameterization:?}: {first:.4} -> {last:.5}");
-            // What comes out is a mean of what goes in: pure noise cannot be learned by heart.
+            // Outputs are means of inputs: pure noise cannot be memorised.
             assert!(last < 0.5 * first, "{parameterization:?}: {first} {last}");
         }
     }

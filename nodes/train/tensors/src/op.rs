@@ -19,7 +19,7 @@ use burn::{
 };
 use tauflow_ops::Operator;
 
-/// What can be applied: in a build for GPUs, an operator that they can do as well.
+/// Operators that can be applied: in a build for GPUs, those with an implementation for both.
 #[cfg(feature = "gpu")]
 use crate::on_device::OnDevice as Applicable;
 #[cfg(not(feature = "gpu"))]

@@ -84,14 +84,14 @@ impl Slots {
             let tensor = file.get(&name)?;
             if tensor.shape != slot.shape {
                 return Err(KindError::Input(format!(
-                    "weight `{name}` has shape {:?}, the network needs {:?}; the model was made by another version, \
-                     train it again",
+                    "weight `{name}` has shape {:?}, but the network needs {:?}; the model was trained by a different \
+                    version, train it again",
                     tensor.shape, slot.shape
                 )));
             }
             if tensor.data.iter().any(|v| !v.is_finite()) {
                 return Err(KindError::Input(format!(
-                    "weight `{name}` holds a number that is not finite; the model is damaged, train it again"
+                    "weight `{name}` contains a number that is not finite; the model is damaged, train it again"
                 )));
             }
             Ok(tensor.data.clone())

@@ -110,7 +110,7 @@ pub fn points(of: &TimeError) -> String {
     beyond(of.groups) + &table(&heads, &rows)
 }
 
-/// What rendering alone reaches in the same time.
+/// The result of path tracing at equal time.
 pub fn equal_time(of: &TimeError) -> String {
     let mut rows = String::new();
     for method in &of.methods {

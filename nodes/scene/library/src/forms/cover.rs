@@ -99,7 +99,7 @@ fn cuts(faces: &[Face], cell: &Cell, axis: usize) -> Vec<f64> {
     places
 }
 
-/// What a cut of a cell saves, and its halves.
+/// The saving of a cut of a cell, and its halves.
 type Cut = (f64, Option<[Aabb; 2]>);
 
 /// The best cut of a cell: what is saved, and the two halves.
@@ -108,7 +108,7 @@ fn best(faces: &[Face], cell: &Cell) -> (f64, Option<[Aabb; 2]>) {
     let mut found = (0.0, None);
     for axis in 0..3 {
         let places = cuts(faces, cell, axis);
-        // What lies in each slab between two cuts; the box of a half is the union of its slabs' boxes.
+        // The content of each slab between two cuts; the box of a half is the union of its slabs' boxes.
         let edge = |k: usize| match k {
             0 => f64::NEG_INFINITY,
             k if k > places.len() => f64::INFINITY,

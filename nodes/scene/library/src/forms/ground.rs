@@ -52,7 +52,7 @@ fn settled(body: Body, share: f64) -> Body {
     let low = body.points.iter().map(|p| p[1]).fold(f64::INFINITY, f64::min);
     let high = body.points.iter().map(|p| p[1]).fold(f64::NEG_INFINITY, f64::max);
     let floor = low + share * (high - low);
-    // What is below becomes nearly flat, not quite: no triangle may vanish.
+    // Lower points become nearly flat, but no triangle may vanish.
     body.bent(|p| if p[1] < floor { [p[0], floor + 0.02 * (p[1] - floor), p[2]] } else { p })
 }
 

@@ -47,7 +47,7 @@ use std::sync::LazyLock;
 use tauflow_data::geom::{Aabb, Vec3};
 use tauflow_data::{mesh::Mesh, rng::Stream};
 
-/// What kind of thing a form is; layouts ask for these.
+/// The family of a form; layouts request families.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Family {
     /// Chairs and stools for one.
@@ -173,7 +173,7 @@ pub struct Form {
 pub struct Part {
     /// Closed, or a thin sheet; normals outwards; uv in metres along the surface, v downwards.
     pub mesh: Mesh,
-    /// What it is made of.
+    /// Its material.
     pub stuff: Stuff,
 }
 

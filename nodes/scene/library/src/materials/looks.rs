@@ -21,7 +21,7 @@ use tauflow_data::{
     scene::{Bsdf, Texture},
 };
 
-/// What a stuff looks like, whatever the regime: maps, or a plain colour.
+/// The look of a stuff in all regimes: maps, or a plain colour.
 enum Look {
     Laid(Box<Laid>),
     Plain([f32; 3]),
@@ -263,7 +263,7 @@ impl Materials<'_, '_> {
                 let names = ["brushed", "scratched", "scratched", "rust"];
                 match of(if stuff == Stuff::Mirror { &names[..2] } else { &names }, &mut d) {
                     "rust" => ("rust", Tone::Nature, false),
-                    // What a metal shows where it does not shine.
+                    // The diffuse colour of a metal.
                     name => (name, Tone::Of(metal.color(), (0.6 * level + 0.15).clamp(low, high)), true),
                 }
             }

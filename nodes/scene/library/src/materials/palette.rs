@@ -5,7 +5,7 @@ use tauflow_data::{maths, rng::Stream, scene::Rgb};
 /// A few colours that go together; linear RGB, largest channel 1.
 pub struct Palette {
     colors: Vec<[f64; 3]>,
-    /// What the scene's preferred variants are drawn from.
+    /// The source of the scene's preferred variants.
     house: Stream,
 }
 

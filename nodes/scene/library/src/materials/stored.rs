@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use tauflow_contract::{Artifact, Basis, Context, Digest, KindError, MemoKey};
 use tauflow_data::{Image, mesh::Bitmap};
 
-/// What a material must know of maps without reading them.
+/// The metadata of maps that a material needs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Facts {
     /// Mean albedo.
@@ -25,7 +25,7 @@ pub struct Stored {
     pub roughness: Digest,
     /// Normals; none where it is flat.
     pub normal: Option<Digest>,
-    /// What they hold.
+    /// Their content.
     pub facts: Facts,
 }
 

@@ -34,7 +34,7 @@ pub struct Laid {
     color: Rgb,
 }
 
-/// What a map's colour is multiplied by.
+/// The factor for a map's colour.
 #[derive(Clone, Copy)]
 pub enum Tone {
     /// Its own colours, times a factor near 1.

@@ -25,7 +25,7 @@ pub struct Growth {
     pub lift: f64,
 }
 
-/// What has grown: the wood, and where leaves sit.
+/// The grown tree: the wood, and the positions of leaves.
 pub struct Branching {
     /// Trunk and branches.
     pub wood: Body,

@@ -1,8 +1,8 @@
 //! Bodies given by a signed distance, meshed by dual contouring (Ju, Losasso, Schaefer and Warren 2002).
 //!
 //! One vertex for each cell that the surface crosses, where the tangent planes at its crossed edges meet best, kept
-//! within the cell; one quad for each crossed edge. So the mesh is closed whatever the field is, edges of a union or
-//! difference stay sharp, and triangles face the way the field grows.
+//! within the cell; one quad for each crossed edge. The mesh is therefore closed for every field, edges of a union or
+//! difference stay sharp, and triangles face the direction in which the field grows.
 
 use super::Body;
 use tauflow_data::geom::{Vec3, add, dot, length, mul, sub, unit};

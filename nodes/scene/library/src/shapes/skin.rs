@@ -110,7 +110,7 @@ fn frames(path: &[Vec3], closed: bool, up: Vec3) -> Vec<(Vec3, Vec3)> {
         out.push((t, normal));
     }
     if closed {
-        // What is missing to meet the first frame again is spread over the path.
+        // The gap to the first frame is distributed over the path.
         let end = unit(carried(normal, first));
         let start = out[0].1;
         let missing = maths::atan2(dot(cross(end, start), first), dot(end, start));

@@ -10,7 +10,7 @@ const PI: f64 = core::f64::consts::PI;
 
 /// Vertical optical depth of molecules at about 615, 535 and 445 nm.
 const MOLECULES: Color = [0.062, 0.108, 0.232];
-/// That of ozone.
+/// The absorption of ozone.
 const OZONE: Color = [0.03, 0.028, 0.002];
 
 /// Air under a sun of irradiance 1 above the air.

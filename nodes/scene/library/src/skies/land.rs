@@ -15,7 +15,7 @@ use tauflow_data::{
 
 const TAU: f64 = core::f64::consts::TAU;
 
-/// What stands around: how high, and of what colour.
+/// The surroundings: height and colour.
 struct Skyline {
     field: Field,
     town: bool,
@@ -95,7 +95,7 @@ pub fn radiance(name: &str, draw: &Stream) -> Box<dyn Fn(Vec3) -> Color> {
     let lights = Field::fractal([256, 8], g.bits(), [5, 1], 4, 0.6);
     let fogged = if name == "fog" { 0.85 } else { 0.0 };
     let above = air.diffuse();
-    // What lights the clouds: the sun, reddened as it comes, with a floor where it has set.
+    // The light of the clouds: the reddened sun, with a minimum after sunset.
     let through = if covered { 0.12 } else { 1.0 };
     let sunlit = if air.sun[1] > 0.0 { air.direct } else { scaled(air.radiance([air.sun[0], 0.06, air.sun[2]]), 1.2) };
     let level = air.sun[1].max(0.0) * through;

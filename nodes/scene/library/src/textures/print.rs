@@ -1,4 +1,4 @@
-//! What is printed and what is shown: covers, posters, pages, screens; and lit shades.
+//! Printed and displayed content: covers, posters, pages, screens; and lit shades.
 
 use super::{
     canvas::{Area, Canvas, hue, ink},
@@ -124,7 +124,7 @@ pub fn poster(draw: &mut Stream, size: Size) -> Skin {
     canvas.skin(0.66)
 }
 
-/// What a screen shows: windows of an interface, text, charts, or a still of a film.
+/// The content of a screen: windows of an interface, text, charts, or a still of a film.
 pub fn screen(draw: &mut Stream, size: Size) -> Skin {
     let [w, h] = size.map(|s| s as f64);
     let whole = [0.0, 0.0, w, h];

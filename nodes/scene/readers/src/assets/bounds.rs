@@ -67,7 +67,7 @@ pub fn channels(place: &str, channels: usize, texels: usize, bytes: usize) -> Re
     Ok(())
 }
 
-/// What the images and meshes of an object or a scene may still cost.
+/// The remaining budget of the images and meshes of an object or a scene.
 pub struct Allowance {
     /// Texels to be read, each for each use.
     texels: usize,

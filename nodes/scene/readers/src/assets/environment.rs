@@ -3,7 +3,7 @@
 use super::refusal::{Refusal, damaged};
 use tauflow_data::{Image, image::luminance, maths, records::AssetReport};
 
-/// What a map's light is like.
+/// Measures of a map's light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Light {
     /// Mean luminance over the sphere, by solid angle.

@@ -29,7 +29,7 @@ pub fn read(bytes: &[u8]) -> Result<Image, Refusal> {
         if header.deep {
             return Err(Refusal::new("header", "deep data", "flatten the picture"));
         }
-        // What is outside of the data is black, and takes as much room.
+        // Pixels outside of the data are black, and take the same memory.
         let (size, window) = (header.layer_size, header.shared_attributes.display_window.size);
         bounds::texels("display window", window.width(), window.height(), bytes.len())?;
         let texels = bounds::texels("data window", size.width(), size.height(), bytes.len())?;

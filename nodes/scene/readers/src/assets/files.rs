@@ -161,8 +161,8 @@ pub fn ascii(text: &str) -> String {
     if plain.is_empty() || plain.starts_with('.') { format!("_{plain}") } else { plain }
 }
 
-/// Whether a path leads to something that is no regular file, or to nothing. What cannot be looked at is not known to
-/// be such: whoever reads it will say why.
+/// Whether a path leads to something that is no regular file, or to nothing. Files that cannot be inspected are not
+/// refused here: reading them will report the reason.
 fn is_refused(path: &Path) -> bool {
     match fs::metadata(path) {
         Ok(metadata) => !metadata.is_file(),
@@ -216,7 +216,7 @@ fn externals(path: &Path) -> Vec<(String, PathBuf)> {
     there.collect()
 }
 
-/// The items of the files that `folders` hold and `patterns` fit. What is no regular file is an item without files.
+/// The items of the files that `folders` hold and `patterns` fit. A file that is not regular is an item without files.
 ///
 /// # Errors
 /// If a folder or file is not there, or none is found.

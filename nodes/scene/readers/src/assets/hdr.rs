@@ -10,7 +10,7 @@ use super::{
 };
 use tauflow_data::Image;
 
-/// What the header says.
+/// The header.
 struct Header {
     /// Bytes before the first texel.
     length: usize,

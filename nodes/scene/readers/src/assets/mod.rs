@@ -24,10 +24,10 @@ use tauflow_contract::{
 use tauflow_data::records::{Asset, AssetBody, AssetReport};
 
 const MAIN: Group = Group::main(4);
-const ASSETS: Out<Asset> = Out::new(MAIN, "assets", "Decoded files; refused ones are left out.").filtering();
-const REPORTS: Out<AssetReport> = Out::new(MAIN, "reports", "What became of each file.");
+const ASSETS: Out<Asset> = Out::new(MAIN, "assets", "The imported files, without refused ones.").filtering();
+const REPORTS: Out<AssetReport> = Out::new(MAIN, "reports", "The import result of each file.");
 
-/// What was so before these params existed.
+/// The behaviour before these params existed.
 const LATER: &[Later] = &[Later { pointer: "/allow_none", before: Before::Flag(false) }];
 
 /// The kind `assets`.
@@ -37,13 +37,13 @@ pub struct Assets;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct AssetsParams {
-    /// Folders that are searched, with those below, for .hdr, .exr, .glb and .gltf files.
+    /// Directories that are searched recursively for .hdr, .exr, .glb and .gltf files.
     pub folders: Vec<String>,
     /// Single files, or patterns with `*` and `?`.
     pub files: Vec<String>,
-    /// No folder and no file are no mistake: then there are no assets. For pipelines in which one names one's own.
+    /// Accept params without folders and files: there are no assets then. For pipelines with optional assets.
     pub allow_none: bool,
-    /// Most texels along a side of an object's textures; larger ones are reduced.
+    /// Maximum side of an object's textures in texels; larger textures are reduced.
     #[schemars(range(min = 1, max = 16384))]
     pub max_texture: u32,
     /// The item's name: handed to its action. The schema does not have it, so that nobody sets it.
@@ -103,7 +103,7 @@ impl Kind for Assets {
     fn spec() -> KindSpec {
         KindSpec {
             name: "assets",
-            summary: "Decodes HDRIs and glTF objects, each with a report of what was repaired or why it is refused.",
+            summary: "Imports HDRIs and glTF objects, with a report of repairs and refusals.",
             manual: include_str!("../assets.md"),
             mode: Mode::Source,
             inputs: vec![],

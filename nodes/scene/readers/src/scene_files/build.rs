@@ -40,7 +40,7 @@ pub enum Channels {
     Mean,
 }
 
-/// What a picture's values may be.
+/// The range of a picture's values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Bound {
     /// From 0 to 1.
@@ -52,7 +52,7 @@ pub enum Bound {
 /// A scene in the making.
 pub struct Builder<'a> {
     given: &'a Given<'a>,
-    /// What is wrong so far.
+    /// Problems so far.
     pub problems: Problems,
     /// Meshes and images.
     pub blobs: BlobSet,

@@ -66,7 +66,7 @@ pub enum Given<'a> {
     Disk {
         /// Where paths begin.
         folder: PathBuf,
-        /// What they must not leave.
+        /// The directory that they must not leave.
         root: PathBuf,
         /// Bytes that were read so far.
         read: Cell<u64>,
@@ -88,7 +88,7 @@ impl Given<'_> {
             }
         }
         let full = folder.join(path);
-        // What is no regular file is never opened: a FIFO would be waited for.
+        // Files that are not regular are never opened: reading a FIFO would block.
         fs::metadata(&full).is_ok_and(|m| m.is_file() && m.len() <= LARGEST).then_some(full)
     }
 

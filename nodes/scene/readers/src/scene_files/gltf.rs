@@ -21,7 +21,7 @@ use tauflow_data::{
     scene::{Affine, Emitter, Geometry, IDENTITY, Shape},
 };
 
-/// What a light's number becomes.
+/// The conversion of a light's intensity.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LightUnit {

@@ -93,7 +93,7 @@ pub fn serialized(bytes: &[u8], index: usize) -> Result<Read, Refusal> {
     if body.len() == most {
         return Err(damaged("data", format!("it unpacks to {most} bytes and more")));
     }
-    // What follows the mesh is not packed; an early end is found below.
+    // Data after the mesh are not compressed; a premature end is detected below.
     decoded.map(|_| ()).or_else(|e| if body.is_empty() { Err(damaged("data", e.to_string())) } else { Ok(()) })?;
     let mut rest = body.as_slice();
     let mut take = |count: usize| -> Result<&[u8], Refusal> {

@@ -40,8 +40,8 @@ use tauflow_data::{
 
 const MAIN: Group = Group::main(2);
 const SCENES: Out<SceneRecord> =
-    Out::new(MAIN, "scenes", "The scenes; refused ones fail, or are left out.").filtering();
-const REPORTS: Out<AssetReport> = Out::new(MAIN, "reports", "What is worth knowing of each file.");
+    Out::new(MAIN, "scenes", "The scenes; unreadable ones fail, or are omitted.").filtering();
+const REPORTS: Out<AssetReport> = Out::new(MAIN, "reports", "Notes on each file.");
 
 /// The kind `scene_files`.
 pub struct SceneFiles;
@@ -60,13 +60,13 @@ pub struct ScenePath {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SceneFilesParams {
-    /// Where the scenes are, in the order of their numbers.
+    /// The files of the scenes, in the order of their numbers.
     pub scenes: Vec<ScenePath>,
-    /// True lets what is only nearly expressed pass as a note; otherwise it is an error.
+    /// Accept approximated features, with a note; otherwise they are errors.
     pub approximate: bool,
-    /// True leaves scenes out that cannot be read, with the reasons in `reports`; otherwise they fail.
+    /// Omit unreadable scenes, with the reasons in `reports`; otherwise they fail.
     pub leave_out: bool,
-    /// What the lights of glTF files are in.
+    /// Unit of the lights in glTF files.
     pub light_unit: LightUnit,
 }
 
@@ -75,7 +75,7 @@ pub struct SceneFilesParams {
 pub struct Options {
     /// True lets what is only nearly expressed pass as a note.
     pub approximate: bool,
-    /// What the lights of glTF files are in.
+    /// Unit of the lights in glTF files.
     pub light_unit: LightUnit,
 }
 
@@ -86,7 +86,7 @@ pub struct Loaded {
     pub scene: Scene,
     /// Its meshes and images.
     pub blobs: BTreeMap<Digest, Vec<u8>>,
-    /// What is worth knowing, a line each.
+    /// Notes, one line each.
     pub notes: Vec<String>,
     /// Pixels of its film, if it has one.
     pub film: Option<[u32; 2]>,
@@ -236,7 +236,7 @@ impl Kind for SceneFiles {
     fn spec() -> KindSpec {
         KindSpec {
             name: "scene_files",
-            summary: "Reads whole scenes from files: scene.json, glTF, Mitsuba 3 XML and pbrt-v4.",
+            summary: "Reads complete scenes from files: scene.json, glTF, Mitsuba 3 XML and pbrt-v4.",
             manual: include_str!("../scene_files.md"),
             mode: Mode::Source,
             inputs: vec![],
@@ -308,7 +308,7 @@ impl Kind for SceneFiles {
 
 /// The files that a scene's own file names, and the number of its cameras.
 fn named(name: &str, bytes: &[u8], given: &Given<'_>) -> (BTreeSet<String>, usize) {
-    // What is wrong is told when it is read.
+    // Errors are reported when it is read.
     let mut ignored = Problems::new(true);
     match ending(name).as_str() {
         "xml" => mitsuba::names(name, bytes, given, &mut ignored),

@@ -1,7 +1,7 @@
 //! Reader of PLY meshes: ascii and binary of both endians. Knows nothing of scenes.
 //!
 //! Source: Turk, *The PLY Polygon File Format*, 1994. Memory goes with the bytes that are there: a count in a header
-//! takes none. That is why the reader is our own; the crates for it take a list's word for its length.
+//! takes none. For this reason the reader is our own; existing crates trust the length of a list.
 
 use crate::assets::{Refusal, damaged};
 use std::collections::BTreeMap;
@@ -112,7 +112,7 @@ impl Body<'_> {
             let end = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
             self.bytes = &rest[end..];
             let text = std::str::from_utf8(&rest[..end]).unwrap_or("?");
-            return text.parse().map_err(|_| damaged("data", format!("`{text}` is no number")));
+            return text.parse().map_err(|_| damaged("data", format!("`{text}` is not a number")));
         }
         let size = number.size();
         let (own, rest) = self.bytes.split_at_checked(size).ok_or_else(short)?;

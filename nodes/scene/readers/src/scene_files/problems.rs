@@ -1,4 +1,4 @@
-//! What is wrong with a scene's files, each with its file and line, all of it together. Knows no file format.
+//! All problems of a scene's files, each with file and line. Knows no file format.
 
 use crate::assets::Refusal;
 use std::rc::Rc;

@@ -1,4 +1,4 @@
-//! What layouts share: the usual sizes of things, tables made to measure, desks and shelves filled.
+//! Shared parts of layouts: usual sizes of things, custom tables, filled desks and shelves.
 
 use crate::scene_generation::{
     place::{Surface, Turn},
@@ -125,7 +125,7 @@ pub fn plinth(s: &mut Stage<'_>, stuff: Stuff, at: [f64; 2], half: [f64; 2], hei
     s.board("plinths", stuff, Board { center, half: [half[0], 0.5 * height, half[1]], ..Board::PLAIN })
 }
 
-/// What lies on a desk.
+/// Things on a desk.
 pub fn desk_things(s: &mut Stage<'_>, top: &Surface, n: usize) {
     let back = top.part([-0.95, 0.95], [-0.95, -0.1]);
     let screen = ask(F::Screen).most(0.75, 0.7, 0.45).least(0.15, 0.1, 0.0);

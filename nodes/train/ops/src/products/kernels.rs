@@ -18,7 +18,7 @@ pub(super) struct Product<'a> {
     /// [depth, width of the panel].
     pub(super) right: &'a [f32],
     pub(super) depth: usize,
-    /// What sums start with, for each column of the panel; without, they go on from what `out` holds.
+    /// The initial value of sums per column of the panel; by default, sums continue from the content of `out`.
     pub(super) start: Option<&'a [f32]>,
     /// Starts with the panel's first column in the first row.
     pub(super) out: &'a mut [MaybeUninit<f32>],

@@ -64,7 +64,7 @@ fn layout(accessor: &Accessor, place: &str) -> Result<Layout, Refusal> {
         Checked::Valid(Type::Vec2) => 2,
         Checked::Valid(Type::Vec3) => 3,
         Checked::Valid(Type::Vec4) => 4,
-        // Of floats no column is padded.
+        // Columns of floats are not padded.
         Checked::Valid(Type::Mat4) if component.0 == ComponentType::F32 => 16,
         Checked::Valid(_) => return Err(damaged(place, "a matrix where numbers or vectors belong")),
         Checked::Invalid => return Err(damaged(place, "a type that does not exist")),

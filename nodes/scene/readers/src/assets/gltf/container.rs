@@ -51,7 +51,7 @@ const SUPPORTED: [&str; 20] = [
     "KHR_texture_transform",
 ];
 
-/// What to do about an extension that is not supported.
+/// The remedy for an unsupported extension.
 fn remedy(extension: &str) -> &'static str {
     match extension {
         "EXT_meshopt_compression" | "KHR_meshopt_compression" => {

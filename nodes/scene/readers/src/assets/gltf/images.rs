@@ -17,7 +17,7 @@ use std::{
 use tauflow_contract::Digest;
 use tauflow_data::{Image, maths, records::AssetReport};
 
-/// What an image is read for.
+/// The use of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Use {
     /// RGB, from sRGB.

@@ -165,7 +165,7 @@ impl Making<'_, '_, '_> {
         Ok(AssetMaterial { own: masked(own), diffuse, transmissive, emission })
     }
 
-    /// What a volume leaves of light over its thickness: `attenuationColor` is left after `attenuationDistance`.
+    /// The transmittance of a volume over its thickness: `attenuationColor` remains after `attenuationDistance`.
     fn attenuation(&mut self, volume: &Value, thickness: f64) -> Result<Rgb, Refusal> {
         let distance = number(volume, "attenuationDistance", f64::INFINITY);
         if !(distance > 0.0 && distance.is_finite()) {

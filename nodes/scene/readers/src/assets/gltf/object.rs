@@ -31,7 +31,7 @@ const MOST_TOLD: usize = 200;
 /// Most vertices of an object: those of as many triangles that share none.
 const MOST_VERTICES: usize = 3 * MOST_TRIANGLES;
 
-/// What a file is read for, which decides what of it is left out.
+/// The use of a file, which determines its omitted parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
     /// An object to put into scenes: it brings no lights, and its size is that of most of it.
@@ -162,7 +162,7 @@ fn read_as(
                     format!("more than {MOST_TRIANGLES} triangles or {MOST_VERTICES} vertices, instances counted");
                 return Err(Refusal::new(place, what, "simplify the object"));
             }
-            // What has no triangles needs no copies.
+            // Meshes without triangles need no copies.
             if piece.triangles.is_empty() || count == 0 {
                 continue;
             }

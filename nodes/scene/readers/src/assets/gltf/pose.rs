@@ -25,7 +25,7 @@ use tauflow_data::{
 pub struct Instance {
     /// The mesh.
     pub mesh: usize,
-    /// Where its copies stand, by node. Of a skinned mesh its joints say that.
+    /// Where its copies stand, by node. The joints of a skinned mesh determine it.
     pub copies: Vec<Copies>,
     /// The skin.
     pub skin: Option<usize>,
@@ -191,7 +191,7 @@ impl Pose {
         Ok(Self { instances, globals: seen, parents: None, skins: BTreeMap::new() })
     }
 
-    /// What each joint of a skin does to a vertex: the joint's transform after its inverse bind matrix.
+    /// The transform of a vertex by each joint of a skin: the joint's transform after its inverse bind matrix.
     ///
     /// # Errors
     /// If the skin or a joint is not there, a joint is its own ancestor, or a matrix is missing or not finite.

@@ -36,7 +36,7 @@ pub struct Piece {
     pub tangents: Option<Vec<[f64; 4]>>,
 }
 
-/// What of a primitive is wanted.
+/// The requested parts of a primitive.
 #[derive(Clone, Copy, Debug)]
 pub struct Want<'a> {
     /// The sets of texture coordinates that are read, the most important one first.
@@ -45,7 +45,7 @@ pub struct Want<'a> {
     pub tangents: bool,
     /// Weights of the morph targets.
     pub weights: &'a [f64],
-    /// What joints do to vertices, if there is a skin.
+    /// The joint transforms, if there is a skin.
     pub joints: Option<&'a [Affine]>,
 }
 
@@ -55,13 +55,13 @@ pub struct Source<'a> {
     pub document: &'a Document<'a>,
     /// The primitive.
     pub primitive: &'a Primitive,
-    /// What of it is compressed.
+    /// Its compressed attributes.
     pub draco: Option<draco::Decoded>,
-    /// What it is called in refusals.
+    /// Its name in errors.
     pub place: &'a str,
 }
 
-/// What a linear map does to normals and tangents.
+/// The effect of a linear map on normals and tangents.
 pub struct Directions {
     rows: [Vec3; 3],
     cofactors: [Vec3; 3],

@@ -1,8 +1,8 @@
 //! Textures of a material being made: read where the mesh has their coordinates. Knows nothing of shading.
 //!
 //! A texture that cannot be read, for want of its coordinates or of a place for it, is noted, and its factor does not
-//! stand alone. What adds something goes with it: emission, transmission, the coat, bumps, holes. What a surface needs
-//! a value of becomes the texture's average times the factor: colour, metal, roughness, opacity.
+//! stand alone. Additive effects are omitted with it: emission, transmission, the coat, bumps, holes. Required values
+//! become the texture's average times the factor: colour, metal, roughness, opacity.
 
 use super::{
     container::Document,
@@ -16,7 +16,7 @@ use tauflow_data::{
     scene::{Rgb, Texture},
 };
 
-/// What of a mesh decides its material's form.
+/// The properties of a mesh that determine the form of its material.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Features {
     /// The sets of texture coordinates that it has, of those that the material reads.
@@ -35,9 +35,9 @@ pub struct Making<'m, 'a, 'd> {
     pub images: &'m mut Images,
     /// Where bitmaps go.
     pub blobs: &'m mut BlobSet,
-    /// What is noted.
+    /// The note.
     pub report: &'m mut AssetReport,
-    /// What the mesh has.
+    /// The attributes of the mesh.
     pub features: Features,
 }
 

@@ -4,7 +4,7 @@ use super::{DEEPEST, MOST_VISITS, Material, Plugin, Reader, Value, textures::Rol
 use crate::scene_files::{build::holds, spectra};
 use tauflow_data::scene::{Bsdf, DELTA_ALPHA, Texture};
 
-/// What Mitsuba's plugins take where an index of refraction is not given.
+/// The default indices of refraction of Mitsuba's plugins.
 const BK7: f64 = 1.5046;
 const AIR: f64 = 1.000_277;
 const POLYPROPYLENE: f64 = 1.49;

@@ -30,7 +30,7 @@ struct Material {
     reads: [Option<String>; 2],
 }
 
-/// What reads a tree into a builder.
+/// The reader of a tree into a builder.
 struct Reader<'t, 'b, 'g> {
     tree: &'t Tree,
     build: &'b mut Builder<'g>,
@@ -61,7 +61,7 @@ pub fn names(name: &str, bytes: &[u8], given: &Given<'_>, problems: &mut Problem
     (tree.files, sensors)
 }
 
-/// What a file says beside the scene.
+/// The content of a file besides the scene.
 pub struct Said {
     /// The camera of the view that was asked for.
     pub camera: Option<tauflow_data::scene::Camera>,
@@ -115,7 +115,7 @@ impl<'t> Reader<'t, '_, '_> {
                     integrators.push(plugin);
                     said.max_depth = self.integrator(plugin);
                 }
-                // Of these only those are looked at that something refers to.
+                // Only referenced ones are read.
                 "bsdf" | "texture" | "spectrum" | "film" | "sampler" | "rfilter" | "medium" | "phase" | "volume" => {}
                 _ => self.unsupported(plugin, "take it out"),
             }

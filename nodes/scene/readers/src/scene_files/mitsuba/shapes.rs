@@ -73,7 +73,7 @@ impl<'t> Reader<'t, '_, '_> {
         let flip_normals = self.flag(plugin, "flip_normals", false);
         self.finish(plugin);
         let (Some(Form { geometry, local, turns }), Some(material)) = (made, material) else { return };
-        // There a shape's own map turns it inside out if it mirrors, but for what has normals of its own.
+        // In Mitsuba, a mirroring map turns a shape inside out, unless it has normals.
         let flip_normals = flip_normals != (turns && mirrors(&own));
         let to_world = chained(&map, &local);
         if matches!(geometry, Geometry::Sphere { .. }) && !even(&to_world) {
@@ -161,7 +161,7 @@ impl<'t> Reader<'t, '_, '_> {
             "obj" | "ply" | "serialized" => self.file(plugin, sort, reads, map),
             _ => {
                 self.unsupported(plugin, "export it as a mesh");
-                // What it is given is of no use to anybody.
+                // Its arguments are unused.
                 plugin.properties.iter().for_each(|p| p.used.set(true));
                 None
             }

@@ -4,7 +4,7 @@ use super::{DEEPEST, Plugin, Property, Reader, Value};
 use crate::scene_files::build::{Bound, Channels};
 use tauflow_data::scene::Texture;
 
-/// What a texture is for.
+/// The use of a texture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Role {
     /// Colours from 0 to 1.
@@ -110,7 +110,7 @@ impl<'t> Reader<'t, '_, '_> {
             let what = "a checkerboard whose `to_uv` turns or moves it is not supported";
             self.build.problems.error(&plugin.at, what, "scale it alone, or use a picture");
         }
-        // There a square is half a unit of uv.
+        // In Mitsuba, a square is half a unit of uv.
         Some(Texture::Checkerboard { color0: color0?, color1: color1?, scale: [2.0 * a[0], 2.0 * b[1]] })
     }
 

@@ -58,7 +58,7 @@ pub struct Transform {
 pub struct Property {
     /// Its name; empty for plugins inside that have none.
     pub name: String,
-    /// What it is.
+    /// Its type.
     pub value: Value,
     /// Where it stands.
     pub at: Place,
@@ -75,7 +75,7 @@ pub struct Plugin {
     pub sort: String,
     /// Where it stands.
     pub at: Place,
-    /// What it is given.
+    /// Its arguments.
     pub properties: Vec<Property>,
 }
 

@@ -123,7 +123,7 @@ impl<'t> Reader<'t, '_, '_> {
                         Some(spectra::tabulated(&points)).filter(|c| spectra::luminance(*c) > 0.0).map(even)
                     }
                     (true, false) => {
-                        // There a spectrum of 1 is white.
+                        // In pbrt, a spectrum of 1 is white.
                         let white = spectra::luminance(spectra::under_daylight(&[(300.0, 1.0), (900.0, 1.0)]));
                         Some(spectra::under_daylight(&points).map(|v| v / white))
                     }

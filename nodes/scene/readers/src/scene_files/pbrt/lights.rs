@@ -8,7 +8,7 @@ use tauflow_data::{
 };
 
 impl<'t> Reader<'t, '_, '_> {
-    /// What a light's spectrum and `scale` come to, exposed by the film.
+    /// The product of a light's spectrum and `scale`, exposed by the film.
     fn spectrum(&mut self, directive: &'t Directive, name: &str) -> [f64; 3] {
         let color = match self.find(directive, name) {
             Some(param) => self.color(param, true).unwrap_or([0.0; 3]),

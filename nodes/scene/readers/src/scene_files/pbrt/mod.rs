@@ -1,7 +1,7 @@
 //! pbrt-v4 files as scenes: the state that directives change, and what stands in the world. Knows nothing of kinds.
 //!
-//! pbrt's space is left-handed: seen by its own camera, it is the mirror image of what a right-handed camera sees. So
-//! the scene is mirrored, unless its camera's transform mirrors it already (`Scale -1 1 1`).
+//! pbrt's space is left-handed: seen by its own camera, it is the mirror image of what a right-handed camera sees. The
+//! scene is therefore mirrored, unless its camera's transform already mirrors it (`Scale -1 1 1`).
 
 mod arguments;
 mod lights;
@@ -26,7 +26,7 @@ use tokens::{Directive, Param, Values};
 /// Most shapes, instances counted.
 const MOST_SHAPES: usize = 1 << 20;
 
-/// What directives change until the end of their block.
+/// The state that directives change until the end of their block.
 #[derive(Clone)]
 struct State<'t> {
     ctm: Affine,
@@ -59,7 +59,7 @@ struct Reader<'t, 'b, 'g> {
     object: Option<(&'t str, Vec<Shape>)>,
     camera: Option<(&'t Directive, Affine)>,
     film: [u32; 2],
-    /// What the film multiplies light by.
+    /// The exposure of the film.
     exposure: f64,
     max_depth: u32,
     in_world: bool,
@@ -387,7 +387,7 @@ impl<'t> Reader<'t, '_, '_> {
             }
             _ => return self.unsupported(directive, "use `path`"),
         }
-        // There 0 bounces show what shines, which is a path of one segment here.
+        // In pbrt, 0 bounces show emitters, which is a path of one segment here.
         let bounces = self.number(directive, "maxdepth").unwrap_or(5.0).max(0.0);
         self.max_depth = (bounces.min(f64::from(ENDLESS - 1)) as u32) + 1;
         if self.flag(directive, "regularize", false) {

@@ -26,7 +26,7 @@ pub struct Param {
     pub sort: String,
     /// Its name.
     pub name: String,
-    /// What it is.
+    /// Its type.
     pub values: Values,
     /// Where it stands.
     pub at: Place,
@@ -284,7 +284,7 @@ impl Parser<'_> {
             return self.problems.error(&directive.at, what, "include less");
         }
         let again = !self.out.files.insert(path.clone());
-        // What is imported leaves the state as it was.
+        // Imports do not change the state.
         let alone = directive.name == "Import";
         let mark = |name: &str| Directive {
             name: name.to_owned(),
