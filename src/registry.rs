@@ -7,7 +7,8 @@ pub use tauflow_render::{
     render::{Goal, RenderStats, Rendered, Setup, Stage, render_image},
     until::Until,
 };
-pub use tauflow_scene_readers::{LightUnit, Options, load_scene};
+pub use tauflow_scene_library::skies::sky;
+pub use tauflow_scene_readers::{LightUnit, Options, Setting, View, environment_map, load_scene_in};
 pub use tauflow_train::{
     Conditioning, Course, Denoiser, Mirrored, Model, ModelCalls, NetworkDevice, Place, Views, rollout_to,
 };

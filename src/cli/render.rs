@@ -159,7 +159,7 @@ impl Shown<'_> {
 
 pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     args.check()?;
-    let (scene, source, film) = args.scene.open(registry, cache)?;
+    let (scene, source, film) = args.scene.open(&args.film, registry, cache)?;
     let resolution = args.film.resolution(film)?;
     let name = args.out.display().to_string();
     let size = (resolution.width(), resolution.height());

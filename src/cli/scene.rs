@@ -12,7 +12,7 @@ use crate::{
     engine::publish,
     kinds::Registry,
     query::Selection,
-    registry::{LightUnit, Options, load_scene},
+    registry::{LightUnit, Options, Setting, View, environment_map, load_scene_in, sky},
 };
 use clap::{Args, Subcommand};
 use std::{
@@ -33,6 +33,18 @@ use tauflow_data::{
 /// Most bytes of a file of an exported scene.
 const LARGEST: u64 = 1 << 32;
 
+fn view(text: &str) -> Result<View, String> {
+    match text {
+        "fit" => Ok(View::Fit),
+        number => number.parse().map(View::Camera).map_err(|_| "write `fit`, or a camera's number from 0".to_owned()),
+    }
+}
+
+/// The environment that `sky` stands for: broad light from a hazy sky, of mean radiance 1.
+fn hazy() -> Image {
+    sky("hazy", 0)
+}
+
 /// Which scene.
 #[derive(Args)]
 pub(crate) struct SceneArgs {
@@ -42,9 +54,13 @@ pub(crate) struct SceneArgs {
     /// Scene of a pipeline: `node/item` or `node.port/item`.
     #[arg(long, value_name = "NODE/ITEM")]
     item: Option<String>,
-    /// Camera of the file, counted from 0.
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    view: usize,
+    /// Camera of the file, counted from 0, or `fit` to show the whole scene. A glTF file without a camera uses `fit`.
+    #[arg(long, value_name = "N|fit", value_parser = view)]
+    view: Option<View>,
+    /// Environment that replaces the one of the file: `sky`, or a latitude-longitude map (.exr or .hdr). A glTF file
+    /// without lights uses `sky`.
+    #[arg(long, value_name = "FILE|sky")]
+    env: Option<PathBuf>,
     /// Directory that contains all files of the scene. Default: the directory of the file.
     #[arg(long, value_name = "DIR")]
     root: Option<PathBuf>,
@@ -71,6 +87,11 @@ pub(crate) struct FilmArgs {
 }
 
 impl FilmArgs {
+    /// Width over height, if both were asked for.
+    fn aspect(&self) -> Option<f64> {
+        self.width.zip(self.height).map(|(width, height)| f64::from(width) / f64::from(height.max(1)))
+    }
+
     /// The pixels that were asked for. Where one side was, the other keeps the shape of the scene's own film.
     pub(crate) fn resolution(&self, own: Option<[u32; 2]>) -> Result<Resolution, CliError> {
         let [width, height] = own.unwrap_or([256, 256]);
@@ -133,21 +154,48 @@ impl Source {
 }
 
 impl SceneArgs {
-    pub(crate) fn open(&self, registry: &Registry, cache: &CacheAt) -> Result<Opened, CliError> {
+    pub(crate) fn open(&self, film: &FilmArgs, registry: &Registry, cache: &CacheAt) -> Result<Opened, CliError> {
         let ending = self.scene.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+        let foreign = self.item.is_none() && matches!(ending.as_deref(), Some("xml" | "pbrt" | "glb" | "gltf"));
+        if !foreign && (self.view.is_some() || self.env.is_some()) {
+            let what = "--view and --env are for scenes of other programs: .xml, .pbrt, .glb and .gltf files";
+            return Err(CliError::Bad(what.into()));
+        }
         let (scene, source) = match &self.item {
             Some(item) => self.of_pipeline(item, registry, cache)?,
-            None if matches!(ending.as_deref(), Some("xml" | "pbrt" | "glb" | "gltf")) => return self.of_file(),
+            None if foreign => {
+                return self.of_file(film.aspect(), matches!(ending.as_deref(), Some("glb" | "gltf")));
+            }
             None => self.of_folder()?,
         };
         Ok((scene, source, None))
     }
 
-    fn of_file(&self) -> Result<Opened, CliError> {
+    /// Opens a file of another program. An `object` may lack a camera and lights.
+    fn of_file(&self, aspect: Option<f64>, object: bool) -> Result<Opened, CliError> {
         let light_unit = if self.light_watts { LightUnit::Watt } else { LightUnit::Candela };
         let options = Options { approximate: self.approximate, light_unit };
-        let loaded = load_scene(&self.scene, self.root.as_deref(), self.view, options).map_err(told)?;
+        let environment = match &self.env {
+            Some(path) if path.as_os_str() == "sky" => Some(hazy()),
+            Some(path) => Some(environment_map(path).map_err(told)?),
+            None => None,
+        };
+        let setting = Setting {
+            view: self.view.unwrap_or(View::Camera(0)),
+            frame: object && self.view.is_none(),
+            aspect,
+            environment,
+            fallback: object.then(hazy),
+        };
+        let loaded = load_scene_in(&self.scene, self.root.as_deref(), &setting, options).map_err(told)?;
         loaded.notes.iter().for_each(|note| eprintln!("note: {note}"));
+        let framed = loaded.framed && self.view.is_none();
+        match (framed, loaded.lit) {
+            (true, true) => eprintln!("note: no camera and no light: as with --view fit --env sky"),
+            (true, false) => eprintln!("note: no camera: as with --view fit"),
+            (false, true) => eprintln!("note: no light: as with --env sky"),
+            (false, false) => {}
+        }
         Ok((loaded.scene, Source::File(loaded.blobs), loaded.film))
     }
 
@@ -217,7 +265,7 @@ pub(crate) fn told(error: KindError) -> CliError {
 
 pub(crate) fn scene(command: &SceneCommand, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     let SceneCommand::Mitsuba { scene, film, out } = command;
-    let (scene, source, own) = scene.open(registry, cache)?;
+    let (scene, source, own) = scene.open(film, registry, cache)?;
     let resolution = film.resolution(own)?;
     let film = Film { width: resolution.width(), height: resolution.height(), spp: film.spp };
     mitsuba::export(&scene, &mut |digest| source.blob(digest), out, film).map_err(told)?;

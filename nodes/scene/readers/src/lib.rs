@@ -6,7 +6,10 @@ mod assets;
 mod scene_files;
 
 pub use assets::{Assets, AssetsParams};
-pub use scene_files::{LightUnit, Loaded, Options, SceneFiles, SceneFilesParams, ScenePath, load_scene};
+pub use scene_files::{
+    LightUnit, Loaded, Options, SceneFiles, SceneFilesParams, ScenePath, Setting, View, environment_map, load_scene,
+    load_scene_in,
+};
 
 use tauflow_contract::{KindRow, NodeKind};
 

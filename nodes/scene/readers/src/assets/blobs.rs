@@ -17,6 +17,11 @@ impl BlobSet {
         digest
     }
 
+    /// A blob's bytes.
+    pub fn get(&self, digest: &Digest) -> Option<&[u8]> {
+        self.blobs.get(digest).map(Vec::as_slice)
+    }
+
     /// All of them.
     pub fn into_map(self) -> BTreeMap<Digest, Vec<u8>> {
         self.blobs

@@ -67,11 +67,11 @@ pub fn channels(place: &str, channels: usize, texels: usize, bytes: usize) -> Re
     Ok(())
 }
 
-/// The remaining budget of an object's images.
+/// The remaining budget of the images and meshes of an object or a scene.
 pub struct Allowance {
     /// Texels to be read, each for each use.
     texels: usize,
-    /// Bytes of bitmaps to be made.
+    /// Bytes of bitmaps and meshes to be made.
     made: usize,
     bytes: usize,
 }
@@ -79,7 +79,7 @@ pub struct Allowance {
 /// Texels that the images of any object may have: 16 images of 4096 x 4096.
 const FREE_READ: usize = 1 << 28;
 
-/// Bytes that the bitmaps of any object may have: 42 of 1024 x 1024 in three colours.
+/// Bytes that the bitmaps and meshes of any object may have: 42 bitmaps of 1024 x 1024 in three colours.
 const FREE_MADE: usize = 1 << 29;
 
 /// More of both for each byte. A photograph as JPEG says some 10 texels with a byte.
@@ -102,21 +102,29 @@ impl Allowance {
         Ok(())
     }
 
-    /// Takes what a bitmap costs.
+    /// Takes what a bitmap or a mesh costs.
     ///
     /// # Errors
     /// If the file has used up what it may cost.
     pub fn make(&mut self, place: &str, bytes: usize) -> Result<(), Refusal> {
-        self.made = self.made.checked_sub(bytes).ok_or_else(|| self.used_up(place, FREE_MADE, "bytes of bitmaps"))?;
+        self.made = self
+            .made
+            .checked_sub(bytes)
+            .ok_or_else(|| self.used_up(place, FREE_MADE, "bytes of bitmaps and meshes"))?;
         Ok(())
+    }
+
+    /// Gives back what was taken for something that is held no longer.
+    pub fn give_back(&mut self, bytes: usize) {
+        self.made = self.made.saturating_add(bytes);
     }
 
     fn used_up(&self, place: &str, free: usize, what: &str) -> Refusal {
         let most = most(free, IMAGES_PER_BYTE, self.bytes, usize::MAX);
         Refusal::new(
             place,
-            format!("with it the images ask for more than {most} {what}, the most for a file of {} bytes", self.bytes),
-            "use fewer images or smaller ones, and one alpha cutoff for each image",
+            format!("with it the file asks for more than {most} {what}, the most for a file of {} bytes", self.bytes),
+            "use fewer images and meshes, or smaller ones, and one alpha cutoff for each image",
         )
     }
 }

@@ -1,24 +1,30 @@
 //! A scene in the making: blobs, pictures, meshes, materials, and the checks that all file formats share.
 
 use super::{
-    given::Given,
+    given::{Given, normalised},
     meshes,
     ply::Read,
     problems::{Place, Problems},
     spectra,
 };
-use crate::assets::{Allowance, BlobSet, damaged, ending, picture, radiance};
-use std::collections::{BTreeMap, BTreeSet};
+use crate::assets::{Allowance, BlobSet, Refusal, damaged, ending, picture, radiance};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    rc::Rc,
+};
 use tauflow_contract::Digest;
 use tauflow_data::{
     Image,
-    geom::{compose, determinant, dot, length},
+    geom::{Aabb, apply, compose, cross, determinant, dot, length, sub, unit},
     mesh::Mesh,
     scene::{Affine, Bsdf, Camera, Emitter, Geometry, IDENTITY, Scene, Shape, Texture},
 };
 
 /// Most triangles that all shapes show together, each instance counted.
 const MOST_TRIANGLES: usize = 1 << 26;
+
+/// Bytes of mesh files that are held as they were read.
+const MOST_READ: usize = 1 << 26;
 
 /// Longest path where a file asks for no end: roulette ends them long before.
 pub const ENDLESS: u32 = 65_535;
@@ -54,15 +60,25 @@ pub struct Builder<'a> {
     pub shapes: Vec<Shape>,
     /// The materials, each once.
     pub materials: Vec<Bsdf>,
+    /// Those of them that have a digest in common; almost always one.
+    numbers: BTreeMap<Digest, Vec<usize>>,
     /// The emitters.
     pub emitters: Vec<Emitter>,
     /// Keys of the meshes whose files give them no normals, or whose normals are not to be used.
     pub bare: BTreeSet<String>,
     pictures: BTreeMap<(String, bool, Channels), Option<(Digest, f32)>>,
-    meshes: BTreeMap<String, Option<(Digest, usize)>>,
+    meshes: BTreeMap<String, Option<Digest>>,
+    /// Mesh files as they were read, for shapes that need them in another way.
+    read: BTreeMap<(String, usize), Rc<Read>>,
+    /// Mesh files that could not be read, which was told.
+    damaged: BTreeSet<String>,
+    /// Bytes that these may still take.
+    room: usize,
     left: Allowance,
-    /// Triangles of each mesh, and those that are shown.
-    sizes: BTreeMap<Digest, usize>,
+    /// True once the file has used up what it may cost: nothing more is made.
+    spent: bool,
+    /// Triangles and boxes of the meshes, and the triangles that are shown.
+    sizes: BTreeMap<Digest, (usize, Aabb)>,
     triangles: usize,
 }
 
@@ -79,11 +95,16 @@ impl<'a> Builder<'a> {
             blobs: BlobSet::default(),
             shapes: Vec::new(),
             materials: Vec::new(),
+            numbers: BTreeMap::new(),
             emitters: Vec::new(),
             bare: BTreeSet::new(),
             pictures: BTreeMap::new(),
             meshes: BTreeMap::new(),
+            read: BTreeMap::new(),
+            damaged: BTreeSet::new(),
+            room: MOST_READ,
             left: Allowance::of(bytes),
+            spent: false,
             sizes: BTreeMap::new(),
             triangles: 0,
         }
@@ -96,10 +117,14 @@ impl<'a> Builder<'a> {
 
     /// The index of a material, which is added if it is new.
     pub fn material(&mut self, bsdf: Bsdf) -> usize {
-        self.materials.iter().position(|b| *b == bsdf).unwrap_or_else(|| {
-            self.materials.push(bsdf);
-            self.materials.len() - 1
-        })
+        let digest = Digest::of(&serde_json::to_vec(&bsdf).unwrap_or_default());
+        let same = self.numbers.entry(digest).or_default();
+        if let Some(number) = same.iter().find(|number| self.materials[**number] == bsdf) {
+            return *number;
+        }
+        same.push(self.materials.len());
+        self.materials.push(bsdf);
+        self.materials.len() - 1
     }
 
     /// A share of 0 to 1, such as a reflectance; what is beyond is told.
@@ -118,9 +143,128 @@ impl<'a> Builder<'a> {
         value.map(|v| v as f32)
     }
 
+    /// Tells of an index of refraction that no surface has.
+    pub fn check_index(&mut self, inside: f32, outside: f32, at: &Place) {
+        let ratio = inside / outside;
+        if !(inside > 0.0 && outside > 0.0 && (0.05..=20.0).contains(&ratio)) {
+            let what = format!("indices of refraction {inside} inside and {outside} outside");
+            self.problems.error(at, what, "use indices such as 1.5 and 1, whose ratio is between 0.05 and 20");
+        }
+    }
+
+    /// GGX's alpha, from 0 to 1; what is beyond is told.
+    pub fn check_alpha(&mut self, alpha: f64, at: &Place) -> f32 {
+        if !(0.0..=1.0).contains(&alpha) {
+            self.problems.error(at, format!("a roughness of {alpha}"), "use a number from 0 to 1");
+        }
+        alpha.clamp(0.0, 1.0) as f32
+    }
+
+    /// A blend of two materials; opacity and mapped normals inside of it are told.
+    pub fn blend(&mut self, weight: Texture, a: Bsdf, b: Bsdf, at: &Place) -> Bsdf {
+        let outer = |bsdf: &Bsdf| matches!(bsdf, Bsdf::Mask { .. } | Bsdf::NormalMap { .. });
+        if holds(&a, outer) || holds(&b, outer) {
+            let what = "a blend of materials with opacity or a normal map of their own is not supported";
+            self.problems.error(at, what, "put these around the blend");
+        }
+        Bsdf::Blend { weight, a: Box::new(a), b: Box::new(b) }
+    }
+
+    /// Adds a shape; what stands nowhere is told.
+    pub fn shape(&mut self, shape: Shape, at: &Place) {
+        let map = &shape.to_world;
+        let column = |c: usize| [0, 1, 2].map(|r: usize| map[r][c]);
+        let fits = |v: f64| v.is_finite() && (v as f32).is_finite();
+        let wrong = match &shape.geometry {
+            _ if !map.iter().flatten().all(|v| fits(*v)) => {
+                Some("a transform of numbers that are not finite".to_owned())
+            }
+            Geometry::Sphere { radius, center } => {
+                let world = radius * length(column(0));
+                let bad = !(world as f32 > 0.0 && fits(world) && center.iter().all(|v| fits(*v)));
+                bad.then(|| format!("a sphere of radius {radius}, which is {world} in the world"))
+            }
+            Geometry::Disk => {
+                let area = length(cross(column(0), column(1)));
+                (area as f32 <= 0.0 || !fits(area)).then(|| "a disk without area".to_owned())
+            }
+            Geometry::Rectangle | Geometry::Cube | Geometry::Mesh { .. } => None,
+        };
+        if let Some(what) = wrong {
+            self.problems.error(at, what, "give it a size above 0 and a transform that keeps one");
+        }
+        self.shapes.push(shape);
+    }
+
+    /// How far the scene reaches along the view of a camera, at most.
+    pub fn reach(&self, camera: &Camera) -> f64 {
+        let forward = unit(sub(camera.target, camera.origin));
+        let box_of = |geometry: &Geometry| match geometry {
+            Geometry::Sphere { center, radius } => Aabb::around(*center, [radius.abs(); 3]),
+            Geometry::Mesh { mesh } => self.sizes.get(mesh).map_or(Aabb::EMPTY, |size| size.1),
+            Geometry::Disk | Geometry::Rectangle => Aabb::around([0.0; 3], [1.0, 1.0, 0.0]),
+            Geometry::Cube => Aabb::around([0.0; 3], [1.0; 3]),
+        };
+        let corners = |shape: &Shape| {
+            let local = box_of(&shape.geometry);
+            let map = shape.to_world;
+            (0..8).map(move |corner: usize| {
+                let pick = |i: usize| if corner >> i & 1 == 0 { local.low[i] } else { local.high[i] };
+                apply(&map, [pick(0), pick(1), pick(2)])
+            })
+        };
+        let depths = self.shapes.iter().flat_map(corners).map(|p| dot(sub(p, camera.origin), forward));
+        depths.filter(|depth| depth.is_finite()).fold(0.0, f64::max)
+    }
+
+    /// Adds an emitter; what gives no light that can be rendered is told.
+    pub fn emitter(&mut self, emitter: Emitter, at: &Place) {
+        let around = |e: &Emitter| matches!(e, Emitter::Constant { .. } | Emitter::Envmap { .. });
+        if around(&emitter) && self.emitters.iter().any(around) {
+            self.problems.error(at, "a second environment", "keep one of them");
+        }
+        let finite = |values: &[f64]| values.iter().all(|v| v.is_finite() && (*v as f32).is_finite());
+        let placed = match &emitter {
+            Emitter::Constant { .. } => true,
+            Emitter::Envmap { to_world, .. } => finite(to_world.as_flattened()) && determinant(to_world) != 0.0,
+            Emitter::Point { position, .. } => finite(position),
+            Emitter::Spot { to_world, cutoff_angle, beam_width, .. } => {
+                let forward = length([0, 1, 2].map(|r: usize| to_world[r][2]));
+                if !(*cutoff_angle > 0.0 && *cutoff_angle <= 180.0 && (0.0..=*cutoff_angle).contains(beam_width)) {
+                    let what = format!("a spot of {cutoff_angle} degrees that falls from {beam_width} degrees on");
+                    self.problems.error(at, what, "use angles of up to 180 degrees, the inner one the smaller");
+                }
+                finite(to_world.as_flattened()) && forward > 0.0
+            }
+            Emitter::Directional { direction, .. } => finite(direction) && length(*direction) > 0.0,
+        };
+        if !placed {
+            let what = "an emitter whose transform or direction leads nowhere";
+            self.problems.error(at, what, "give it finite numbers and a direction");
+        }
+        self.emitters.push(emitter);
+    }
+
+    /// Tells of a camera that looks nowhere.
+    pub fn check_camera(&mut self, camera: &Camera, at: &Place) {
+        let forward = sub(camera.target, camera.origin);
+        let side = cross(forward, camera.up);
+        let seen = |v: f64| v > 0.0 && (v as f32).is_finite() && v as f32 > 0.0;
+        let finite = camera.origin.iter().all(|v| (*v as f32).is_finite());
+        if !(finite && seen(dot(forward, forward)) && seen(dot(side, side))) {
+            let what = "a camera whose transform leaves it no view";
+            self.problems.error(at, what, "give it a direction, and an up that is not along it");
+        }
+        let near = camera.near as f32;
+        if !(near >= 0.0 && near.is_finite()) {
+            self.problems.error(at, format!("a camera that sees from {} on", camera.near), "use a distance from 0");
+        }
+    }
+
     /// The blob of a picture.
     pub fn picture(&mut self, path: &str, raw: bool, channels: Channels, bound: Bound, at: &Place) -> Option<Digest> {
-        let key = (path.to_owned(), raw, channels);
+        // A path may be spelt in many ways.
+        let key = (normalised(path).unwrap_or_else(|| path.to_owned()), raw, channels);
         let made = match self.pictures.get(&key) {
             Some(made) => *made,
             None => {
@@ -138,9 +282,13 @@ impl<'a> Builder<'a> {
 
     /// The values of a picture.
     pub fn image(&mut self, path: &str, raw: bool, at: &Place) -> Option<Image> {
+        if self.spent {
+            return None;
+        }
         let bytes = self.bytes(path, at)?;
         let read = match ending(path).as_str() {
-            "exr" | "hdr" | "rgbe" | "pic" => radiance(path, &bytes),
+            "exr" | "hdr" | "rgbe" | "pic" => radiance(path, &bytes)
+                .and_then(|image| self.left.read("picture", image.width() * image.height()).map(|()| image)),
             _ => picture(&bytes, "picture", raw, &mut self.left),
         };
         let sound = read.and_then(|image| {
@@ -152,6 +300,32 @@ impl<'a> Builder<'a> {
             }
         });
         sound.map_err(|refusal| self.problems.refuse(at, path, &refusal)).ok()
+    }
+
+    /// Whether a mesh of so many bytes can be made, which is held three times while it becomes a blob. If not, this is
+    /// told.
+    pub fn affords(&mut self, bytes: usize, at: &Place) -> bool {
+        let most = bytes.saturating_mul(3);
+        let asked = self.left.make("mesh", most);
+        if asked.is_ok() {
+            self.left.give_back(most);
+        }
+        self.affordable(asked, at)
+    }
+
+    /// Whether so many texels of a picture can be looked up; if not, this is told.
+    pub fn looks_up(&mut self, texels: usize, at: &Place) -> bool {
+        let asked = self.left.read("picture", texels);
+        self.affordable(asked, at)
+    }
+
+    fn affordable(&mut self, asked: Result<(), Refusal>, at: &Place) -> bool {
+        if let Err(refusal) = asked
+            && !std::mem::replace(&mut self.spent, true)
+        {
+            self.problems.refuse(at, &at.file, &refusal);
+        }
+        !self.spent
     }
 
     fn read_picture(&mut self, path: &str, raw: bool, channels: Channels, at: &Place) -> Option<(Digest, f32)> {
@@ -171,6 +345,11 @@ impl<'a> Builder<'a> {
                 Image::from_data(image.width(), image.height(), 1, data).ok()?
             }
         };
+        let bytes = size_of_val(image.data());
+        let asked = self.left.make("picture", bytes);
+        if !self.affordable(asked, at) {
+            return None;
+        }
         let most = image.data().iter().copied().fold(0.0, f32::max);
         Some((self.blobs.add(image.to_bytes()), most))
     }
@@ -179,26 +358,42 @@ impl<'a> Builder<'a> {
     pub fn mesh(&mut self, key: &str, at: &Place, make: impl FnOnce(&mut Self) -> Option<Mesh>) -> Option<Geometry> {
         let made = match self.meshes.get(key) {
             Some(made) => *made,
+            None if self.spent => None,
             None => {
-                let made = make(self).and_then(|mesh| {
+                let made = make(self).filter(|mesh| self.affords(meshes::bytes(mesh), at)).and_then(|mesh| {
                     let bytes = mesh.to_bytes().map_err(|e| self.problems.error(at, e.to_string(), "split the mesh"));
-                    Some((self.blobs.add(bytes.ok()?), mesh.triangles.len()))
+                    let bytes = bytes.ok()?;
+                    let asked = self.left.make("mesh", bytes.len());
+                    if !self.affordable(asked, at) {
+                        return None;
+                    }
+                    let mut bounds = Aabb::EMPTY;
+                    let finite = mesh.positions.iter().filter(|p| p.iter().all(|v| v.is_finite()));
+                    finite.for_each(|p| bounds.grow(p.map(f64::from)));
+                    let digest = self.blobs.add(bytes);
+                    self.sizes.insert(digest, (mesh.triangles.len(), bounds));
+                    Some(digest)
                 });
                 self.meshes.insert(key.to_owned(), made);
                 made
             }
         };
-        let (mesh, triangles) = made?;
-        self.sizes.insert(mesh, triangles);
-        let geometry = Geometry::Mesh { mesh };
+        let geometry = Geometry::Mesh { mesh: made? };
         self.count(&geometry, at).then_some(geometry)
     }
 
     /// Counts what is shown once more; false if it is too much.
     pub fn count(&mut self, geometry: &Geometry, at: &Place) -> bool {
-        if let Geometry::Mesh { mesh } = geometry {
-            self.triangles = self.triangles.saturating_add(self.sizes.get(mesh).copied().unwrap_or(0));
-        }
+        let triangles = match geometry {
+            Geometry::Mesh { mesh } => self.sizes.get(mesh).map_or(0, |size| size.0),
+            _ => 0,
+        };
+        self.shows(triangles, at)
+    }
+
+    /// Counts a shape of so many triangles; false if it is too much.
+    pub fn shows(&mut self, triangles: usize, at: &Place) -> bool {
+        self.triangles = self.triangles.saturating_add(triangles);
         if self.triangles > MOST_TRIANGLES {
             let what = format!("more than {MOST_TRIANGLES} triangles, instances counted");
             self.problems.error(&Place::file(&at.file), what, "simplify the scene");
@@ -207,14 +402,44 @@ impl<'a> Builder<'a> {
     }
 
     /// Reads a mesh's file by its ending; what is wrong is told.
-    pub fn read_mesh(&mut self, path: &str, sort: &str, index: usize, at: &Place) -> Option<Read> {
+    pub fn read_mesh(&mut self, path: &str, sort: &str, index: usize, at: &Place) -> Option<Rc<Read>> {
+        let key = (normalised(path).unwrap_or_else(|| path.to_owned()), index);
+        if let Some(read) = self.read.get(&key) {
+            return Some(Rc::clone(read));
+        }
+        if self.spent || self.damaged.contains(&key.0) {
+            return None;
+        }
         let bytes = self.bytes(path, at)?;
         let read = match sort {
             "obj" => meshes::obj(&bytes),
             "serialized" => meshes::serialized(&bytes, index),
             _ => super::ply::read(&bytes).and_then(meshes::checked),
         };
-        read.map_err(|refusal| self.problems.refuse(at, path, &refusal)).ok()
+        let read = match read {
+            Ok(read) => Rc::new(read),
+            Err(refusal) => {
+                self.problems.refuse(at, path, &refusal);
+                self.damaged.insert(key.0);
+                return None;
+            }
+        };
+        // What is unpacked again and again has been read again and again.
+        let asked = self.left.read("mesh", read.cost);
+        if !self.affordable(asked, at) {
+            return None;
+        }
+        let bad = read.mesh.positions.iter().filter(|p| !p.iter().all(|v| v.is_finite())).count();
+        if bad > 0 {
+            let what = format!("{bad} vertices of `{path}` are not finite, and their triangles are left out");
+            self.problems.note(at, what);
+        }
+        let bytes = read.bytes();
+        if bytes <= self.room {
+            self.room -= bytes;
+            self.read.insert(key, Rc::clone(&read));
+        }
+        Some(read)
     }
 
     /// The scene, if it has what a picture takes.
@@ -231,9 +456,6 @@ impl<'a> Builder<'a> {
         }
         if self.emitters.is_empty() && self.shapes.iter().all(|s| s.emission.is_none()) && self.problems.is_fine() {
             self.problems.error(&at, "nothing in it gives light", "add an emitter");
-        }
-        if let Some(bad) = self.shapes.iter().position(|s| !s.to_world.iter().flatten().all(|v| v.is_finite())) {
-            self.problems.error(&at, format!("shape {bad} stands nowhere"), "use transforms of finite numbers");
         }
         let nowhere = Camera { origin: [0.0; 3], target: [0.0, 0.0, 1.0], up: [0.0, 1.0, 0.0], fov_x: 90.0, near: 0.0 };
         let scene = Scene {

@@ -1,7 +1,7 @@
 //! Finds scenes on disk, with the files that they name. Knows nothing of what is in them.
 
 use super::{
-    ScenePath,
+    MOST_VIEWS, ScenePath,
     given::{self, Given},
     named,
 };
@@ -53,6 +53,8 @@ struct Found {
     path: PathBuf,
     files: Vec<(String, PathBuf)>,
     views: usize,
+    /// True for what is no file that can be read: an item without files, which its action leaves out.
+    lost: bool,
 }
 
 fn look(path: &Path, root: &Path) -> Result<Found, KindError> {
@@ -65,7 +67,13 @@ fn look(path: &Path, root: &Path) -> Result<Found, KindError> {
     let folder = path.parent().unwrap_or(Path::new("")).to_owned();
     let given = Given::Disk { folder, root: root.to_owned(), read: Cell::new(0) };
     let (names, views) = named(&name_of(path), &bytes, &given);
-    Ok(Found { path: path.to_owned(), files: given.parts(&names), views })
+    Ok(Found { path: path.to_owned(), files: given.parts(&names), views, lost: false })
+}
+
+/// [`look`], but what cannot be read is no error where it may be left out.
+fn look_or_lose(path: &Path, root: &Path, leave_out: bool) -> Result<Found, KindError> {
+    let lost = || Found { path: path.to_owned(), files: Vec::new(), views: 1, lost: true };
+    look(path, root).or_else(|error| if leave_out { Ok(lost()) } else { Err(error) })
 }
 
 /// The name of a scene's file, and its parts in memory.
@@ -89,12 +97,13 @@ pub fn on_disk(path: &Path, root: Option<&Path>) -> Result<(String, BTreeMap<Str
 }
 
 /// The scenes of an entry, with the folder that their files must not leave.
-fn scenes(entry: &ScenePath) -> Result<Vec<Found>, KindError> {
+fn scenes(entry: &ScenePath, leave_out: bool) -> Result<Vec<Found>, KindError> {
     if Path::new(&entry.path).is_dir() {
         let root = Path::new(&entry.path);
         let mut paths = search(std::slice::from_ref(&entry.path), &is_scene)?;
         paths.sort();
-        let found: Vec<Found> = paths.iter().map(|path| look(path, root)).collect::<Result<_, _>>()?;
+        let found: Vec<Found> =
+            paths.iter().map(|path| look_or_lose(path, root, leave_out)).collect::<Result<_, _>>()?;
         // A file that another one includes is a piece of that one.
         let same = |path: &Path| fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
         let pieces: BTreeSet<PathBuf> = found.iter().flat_map(|f| f.files.iter().map(|(_, p)| same(p))).collect();
@@ -118,7 +127,7 @@ fn scenes(entry: &ScenePath) -> Result<Vec<Found>, KindError> {
                 format!("scene_files: `{path}` is no scene by its ending; use .json, .xml, .pbrt, .glb or .gltf");
             return Err(KindError::Input(what));
         }
-        look(&path, path.parent().unwrap_or(Path::new("")))
+        look_or_lose(&path, path.parent().unwrap_or(Path::new("")), leave_out)
     };
     paths.into_iter().map(one).collect()
 }
@@ -127,15 +136,17 @@ fn scenes(entry: &ScenePath) -> Result<Vec<Found>, KindError> {
 ///
 /// # Errors
 /// If a path leads nowhere, or a folder holds no scene.
-pub fn items(entries: &[ScenePath]) -> Result<Vec<SourceItem>, KindError> {
+pub fn items(entries: &[ScenePath], leave_out: bool) -> Result<Vec<SourceItem>, KindError> {
     let mut numbers: BTreeMap<Stratum, u64> = BTreeMap::new();
     let mut items = Vec::new();
     for entry in entries {
-        for found in scenes(entry)? {
-            for view in 0..found.views.max(1) {
+        for found in scenes(entry, leave_out)? {
+            for view in 0..found.views.clamp(1, MOST_VIEWS) {
                 let number = numbers.entry(entry.stratum).or_default();
                 let mut files = found.files.clone();
-                files.push((main_part(view, &name_of(&found.path)), found.path.clone()));
+                if !found.lost {
+                    files.push((main_part(view, &name_of(&found.path)), found.path.clone()));
+                }
                 let key: ItemKey = entry.stratum.item_key(*number);
                 *number += 1;
                 items.push(SourceItem { key, files });

@@ -45,6 +45,19 @@ pub fn normalised(path: &str) -> Option<String> {
     (!parts.is_empty()).then(|| parts.join("/"))
 }
 
+/// The text of a file without the mark of UTF-8 that some editors put before it; what is no such text is told.
+pub fn text_of<'b>(bytes: &'b [u8], file: &Place, problems: &mut Problems) -> Option<&'b str> {
+    let wide = [[0xFF, 0xFE], [0xFE, 0xFF]].iter().any(|mark| bytes.starts_with(mark));
+    let what = match std::str::from_utf8(bytes) {
+        _ if wide => "it is UTF-16",
+        Ok(text) => return Some(text.trim_start_matches('\u{feff}')),
+        Err(_) if bytes.starts_with(&[0x1F, 0x8B]) => "it is packed (gzip)",
+        Err(_) => "it is no text in UTF-8",
+    };
+    problems.error(file, what, "unpack it, or save it as UTF-8");
+    None
+}
+
 /// The files of a scene, as they were handed over or as they lie on disk.
 pub enum Given<'a> {
     /// By part name.
@@ -77,6 +90,15 @@ impl Given<'_> {
         let full = folder.join(path);
         // Files that are not regular are never opened: reading a FIFO would block.
         fs::metadata(&full).is_ok_and(|m| m.is_file() && m.len() <= LARGEST).then_some(full)
+    }
+
+    /// Whether a file is there.
+    pub fn has(&self, path: &str) -> bool {
+        let Some(path) = normalised(path) else { return false };
+        match self {
+            Self::Parts(parts) => parts.contains_key(&part(&path)),
+            Self::Disk { folder, root, .. } => Self::on_disk(folder, root, &path).is_some(),
+        }
     }
 
     /// The bytes of a file, if it is there.

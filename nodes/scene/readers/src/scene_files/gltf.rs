@@ -9,7 +9,7 @@ use super::{
     mitsuba::Said,
     problems::Place,
 };
-use crate::assets::{Document, Externals, Refusal, read_in_place, relative_path, uris};
+use crate::assets::{Document, Externals, Refusal, Surfaces, read_in_place, relative_path, uris};
 use gltf::json::{Index, camera::Type, scene::Node, validation::Checked};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -17,7 +17,7 @@ use serde_json::Value;
 use std::collections::BTreeSet;
 use tauflow_data::{
     geom::{apply, compose, length, unit},
-    records::{AssetBody, AssetReport},
+    records::AssetReport,
     scene::{Affine, Emitter, Geometry, IDENTITY, Shape},
 };
 
@@ -117,7 +117,7 @@ pub fn read(
     build: &mut Builder<'_>,
     unit: LightUnit,
 ) -> Said {
-    let mut said = Said { camera: None, max_depth: super::build::ENDLESS, film: [512, 512] };
+    let mut said = Said { camera: None, max_depth: super::build::ENDLESS, film: [512, 512], views: 1 };
     let at = Place::file(name);
     let mut externals = Externals::new();
     for uri in uris(bytes) {
@@ -125,25 +125,35 @@ pub fn read(
             externals.insert(uri, bytes);
         }
     }
-    let document = match Document::open(bytes, &externals) {
-        Ok(document) => document,
+    let document = match Document::open_anyway(bytes, &externals) {
+        Ok((document, lacks)) => {
+            lacks.iter().for_each(|refusal| build.problems.refuse(&at, name, refusal));
+            document
+        }
         Err(refusal) => {
             build.problems.refuse(&at, name, &refusal);
             return said;
         }
     };
+    if document.is_animated() {
+        build.problems.note(&at, "animations are left out: it stands in its default pose");
+    }
     let root = &document.root;
     let Some(nodes) = placed(root) else {
         build.problems.error(&at, "its nodes form no tree", "export it again");
         return said;
     };
-    meshes(name, bytes, &externals, build);
+    meshes(name, &document, build);
     let mut mirrored = false;
+    said.views = nodes.iter().filter(|(node, _)| node.camera.is_some()).count();
     let seen = nodes.iter().filter_map(|(node, map)| Some((node.camera?.value(), map))).nth(view);
     if let Some((camera, map)) = seen {
         mirrored = mirrors(map);
         match view_of(root, camera, map) {
-            Ok((camera, film)) => (said.camera, said.film) = (Some(camera), film),
+            Ok((camera, film)) => {
+                build.check_camera(&camera, &at);
+                (said.camera, said.film) = (Some(camera), film);
+            }
             Err(refusal) => build.problems.refuse(&at, name, &refusal),
         }
     }
@@ -163,38 +173,36 @@ pub fn read(
 }
 
 /// Adds the surfaces of the default scene.
-fn meshes(name: &str, bytes: &[u8], externals: &Externals, build: &mut Builder<'_>) {
+fn meshes(name: &str, document: &Document<'_>, build: &mut Builder<'_>) {
     let at = Place::file(name);
     let mut report = AssetReport::default();
-    let (body, frame) = match read_in_place(bytes, externals, MOST_TEXELS, &mut build.blobs, &mut report) {
-        Ok(read) => read,
-        Err(refusal) => return build.problems.refuse(&at, name, &refusal),
-    };
+    let read = read_in_place(document, MOST_TEXELS, &mut build.blobs, &mut report);
     for note in report.notes {
         build.problems.approximated(&at, note, "export the scene without it");
     }
     for (what, count) in report.repairs {
         build.problems.note(&at, format!("{count} x {what}"));
     }
-    let AssetBody::Object { parts, materials, .. } = body else { return };
-    // An even scale and a shift.
-    let k = frame[0][0];
-    let row = |r: usize| {
-        let mut row = [0.0, 0.0, 0.0, -frame[r][3] / k];
-        row[r] = 1.0 / k;
-        row
+    let Surfaces { parts, materials } = match read {
+        Ok(read) => read,
+        Err(all) => return all.iter().for_each(|refusal| build.problems.refuse(&at, name, refusal)),
     };
-    let to_world = [row(0), row(1), row(2)];
-    for part in parts {
+    for (part, maps) in parts {
         let material = &materials[part.material];
         let index = build.material(material.own.clone());
-        build.shapes.push(Shape {
-            geometry: Geometry::Mesh { mesh: part.mesh },
-            to_world,
-            material: index,
-            emission: material.emission.clone(),
-            flip_normals: false,
-        });
+        for to_world in maps {
+            if !build.shows(part.triangles, &at) {
+                return;
+            }
+            let shape = Shape {
+                geometry: Geometry::Mesh { mesh: part.mesh },
+                to_world,
+                material: index,
+                emission: material.emission.clone(),
+                flip_normals: false,
+            };
+            build.shape(shape, &at);
+        }
     }
 }
 
@@ -245,5 +253,5 @@ fn emitter(light: &Value, map: &Affine, unit_of: LightUnit, at: &Place, build: &
     if light.get("range").is_some() {
         build.problems.note(at, "the `range` of a light is left out: it only says where light no longer matters");
     }
-    build.emitters.push(made);
+    build.emitter(made, at);
 }

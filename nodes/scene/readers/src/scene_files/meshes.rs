@@ -36,7 +36,7 @@ pub fn checked(read: Read) -> Result<Read, Refusal> {
 /// If the file is damaged, or has no faces.
 pub fn obj(bytes: &[u8]) -> Result<Read, Refusal> {
     let options = tobj::LoadOptions { triangulate: true, single_index: true, ..tobj::LoadOptions::default() };
-    let mut bytes = bytes;
+    let (mut bytes, cost) = (bytes, bytes.len());
     let loaded = tobj::load_obj_buf(&mut bytes, &options, |_| Ok((Vec::new(), Default::default())));
     let (models, _) = loaded.map_err(|e| damaged("data", e.to_string()))?;
     let mut mesh = Mesh::default();
@@ -60,7 +60,7 @@ pub fn obj(bytes: &[u8]) -> Result<Read, Refusal> {
     if mesh.triangles.is_empty() {
         return Err(damaged("faces", "there are none"));
     }
-    checked(Read { mesh, attributes: BTreeMap::new() })
+    checked(Read { mesh, attributes: BTreeMap::new(), cost })
 }
 
 /// Reads mesh `index` of Mitsuba's serialized format (versions 3 and 4).
@@ -138,7 +138,7 @@ pub fn serialized(bytes: &[u8], index: usize) -> Result<Read, Refusal> {
     if flags & 0x10 != 0 {
         mesh.normals = None;
     }
-    checked(Read { mesh, attributes })
+    checked(Read { mesh, attributes, cost: body.len() })
 }
 
 /// Gives a mesh vertex normals: those of its triangles, weighted by their angles, where a map puts it.
@@ -168,6 +168,24 @@ pub fn smooth(mesh: &mut Mesh, map: &Affine) {
         }
     }
     mesh.normals = Some(sums.into_iter().map(|n| mul(unit(back(unit(n))), side).map(|v| v as f32)).collect());
+}
+
+/// Bytes that a mesh takes in memory, and about those of its blob.
+pub fn bytes(mesh: &Mesh) -> usize {
+    fn of<T>(rows: Option<&Vec<T>>) -> usize {
+        rows.map_or(0, |rows| size_of_val(rows.as_slice()))
+    }
+    size_of_val(mesh.positions.as_slice())
+        + size_of_val(mesh.triangles.as_slice())
+        + of(mesh.normals.as_ref())
+        + of(mesh.uvs.as_ref())
+        + of(mesh.colors.as_ref())
+        + of(mesh.tangents.as_ref())
+}
+
+/// Bytes that a mesh of [`grid`] takes.
+pub fn grid_bytes([columns, rows]: [usize; 2]) -> usize {
+    (columns + 1) * (rows + 1) * size_of::<[f32; 8]>() + 2 * columns * rows * size_of::<[u32; 3]>()
 }
 
 /// A surface over u and v in 0 to 1: places and normals on a grid of this many cells.

@@ -9,13 +9,15 @@ mod mitsuba;
 mod pbrt;
 mod ply;
 mod problems;
+mod setting;
 mod spectra;
 #[cfg(test)]
 mod tests;
 
 pub use gltf::LightUnit;
+pub use setting::{Setting, View, environment_map};
 
-use crate::assets::{BlobSet, ending};
+use crate::assets::{BlobSet, ending, refusal};
 use build::Builder;
 use given::Given;
 use problems::{Place, Problems};
@@ -27,8 +29,8 @@ use std::{
     path::Path,
 };
 use tauflow_contract::{
-    Action, Context, Digest, Files, Group, ItemKey, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem,
-    SourceItem,
+    Action, Context, Digest, FILE_PORT, Files, Group, ItemKey, Kind, KindError, KindSpec, Media, Mode, Out, Outputs,
+    ParamProblem, SourceItem,
 };
 use tauflow_data::{
     Stratum,
@@ -36,7 +38,7 @@ use tauflow_data::{
     scene::{Emitter, Recipe, Scene},
 };
 
-const MAIN: Group = Group::main(1);
+const MAIN: Group = Group::main(2);
 const SCENES: Out<SceneRecord> =
     Out::new(MAIN, "scenes", "The scenes; unreadable ones fail, or are omitted.").filtering();
 const REPORTS: Out<AssetReport> = Out::new(MAIN, "reports", "Notes on each file.");
@@ -88,6 +90,10 @@ pub struct Loaded {
     pub notes: Vec<String>,
     /// Pixels of its film, if it has one.
     pub film: Option<[u32; 2]>,
+    /// True if its camera is not its own, but one that sees all.
+    pub framed: bool,
+    /// True if it gives no light of its own, and so has the setting's environment.
+    pub lit: bool,
     /// The recipe beside a `scene.json`.
     recipe: Option<Recipe>,
 }
@@ -98,12 +104,33 @@ pub struct Loaded {
 /// # Errors
 /// All that is wrong with it, a line each.
 pub fn load_scene(path: &Path, root: Option<&Path>, view: usize, options: Options) -> Result<Loaded, KindError> {
-    let (name, parts) = files::on_disk(path, root)?;
-    read(&name, view, &parts, options)
+    load_scene_in(path, root, &Setting::camera(view), options)
 }
 
+/// As [`load_scene`], in a setting.
+///
+/// # Errors
+/// All that is wrong with it, a line each.
+pub fn load_scene_in(
+    path: &Path,
+    root: Option<&Path>,
+    setting: &Setting,
+    options: Options,
+) -> Result<Loaded, KindError> {
+    let (name, parts) = files::on_disk(path, root)?;
+    read(&name, setting, &parts, options)
+}
+
+/// Most cameras of a scene's file: each is an item, and reads the files again.
+const MOST_VIEWS: usize = 1 << 10;
+
 /// Reads a scene of files by part name.
-fn read(name: &str, view: usize, parts: &BTreeMap<String, Vec<u8>>, options: Options) -> Result<Loaded, KindError> {
+fn read(
+    name: &str,
+    setting: &Setting,
+    parts: &BTreeMap<String, Vec<u8>>,
+    options: Options,
+) -> Result<Loaded, KindError> {
     let bytes = parts.get(given::MAIN).ok_or_else(|| KindError::Internal("an item without its own file".into()))?;
     let given = Given::Parts(parts);
     let mut problems = Problems::new(options.approximate);
@@ -111,17 +138,44 @@ fn read(name: &str, view: usize, parts: &BTreeMap<String, Vec<u8>>, options: Opt
         return described(name, bytes, &given, problems);
     }
     let mut build = Builder::new(&given, std::mem::take(&mut problems));
-    let said = match ending(name).as_str() {
+    let view = match setting.view {
+        View::Camera(view) => view,
+        View::Fit => 0,
+    };
+    let mut said = match ending(name).as_str() {
         "xml" => mitsuba::read(name, bytes, view, &given, &mut build),
         "pbrt" => pbrt::read(name, bytes, &given, &mut build),
         _ => gltf::read(name, bytes, view, &given, &mut build, options.light_unit),
     };
+    if let Some(map) = &setting.environment {
+        setting::surround(&mut build, map);
+    }
+    let dark = !setting::shines(&build);
+    let lit = dark && setting.fallback.is_some();
+    if let Some(map) = setting.fallback.as_ref().filter(|_| dark) {
+        setting::surround(&mut build, map);
+    }
+    let framed = setting.view == View::Fit || (setting.frame && said.views == 0);
+    if framed && build.problems.is_fine() {
+        let [width, height] = said.film.map(f64::from);
+        let aspect = setting.aspect.unwrap_or(width / height);
+        let camera = setting::fit(&build, said.camera.as_ref(), aspect);
+        if camera.is_none() {
+            build.problems.error(&Place::file(name), "it has no size, and cannot be framed", "show something in it");
+        }
+        said.camera = camera;
+        said.film[0] = (height * aspect).round().clamp(1.0, 65536.0) as u32;
+    }
+    if said.views > MOST_VIEWS {
+        let what = format!("{} cameras; more than {MOST_VIEWS} are not supported", said.views);
+        build.problems.error(&Place::file(name), what, "split the file");
+    }
     let (scene, blobs, problems) = build.finish(said.camera, said.max_depth, seed(bytes), name);
     let notes = problems.finish()?;
     let wanted = scene.blobs();
     let mut blobs: BTreeMap<Digest, Vec<u8>> = BlobSet::into_map(blobs);
     blobs.retain(|digest, _| wanted.binary_search(digest).is_ok());
-    Ok(Loaded { scene, blobs, notes, film: Some(said.film), recipe: None })
+    Ok(Loaded { scene, blobs, notes, film: Some(said.film), framed, lit, recipe: None })
 }
 
 /// A seed that is the file's own.
@@ -149,7 +203,7 @@ fn described(name: &str, bytes: &[u8], given: &Given<'_>, mut problems: Problems
     }
     let recipe = given.get(SceneRecord::RECIPE_FILE).and_then(|bytes| serde_json::from_slice(&bytes).ok());
     let notes = problems.finish()?;
-    Ok(Loaded { scene, blobs, notes, film: None, recipe })
+    Ok(Loaded { scene, blobs, notes, film: None, framed: false, lit: false, recipe })
 }
 
 /// The recipe of a scene: views of one file are one content.
@@ -201,7 +255,7 @@ impl Kind for SceneFiles {
     }
 
     fn items(params: &Self::Params) -> Result<Vec<SourceItem>, KindError> {
-        files::items(&params.scenes)
+        files::items(&params.scenes, params.leave_out)
     }
 
     /// How files are read: where they lie does not matter. The item's key has the stratum.
@@ -218,6 +272,11 @@ impl Kind for SceneFiles {
         let key = action.item()?;
         let (stratum, index) = Stratum::of_key(key.as_str())
             .ok_or_else(|| KindError::Internal(format!("`{key}` is no key of this kind")))?;
+        if !action.each.contains_key(FILE_PORT) {
+            let name = key.to_string();
+            let report = AssetReport { reason: Some(refusal().line(&name)), name, ..AssetReport::default() };
+            return Ok(Outputs::default().put(REPORTS, report.store(ctx)?));
+        }
         let Files(mut parts) = action.files()?.load(ctx)?;
         let main = parts.keys().find_map(|part| files::parse_main(part));
         let (part, view, name) = main.ok_or_else(|| KindError::Internal("the item has no file of its own".into()))?;
@@ -226,7 +285,7 @@ impl Kind for SceneFiles {
         let options = Options { approximate: action.params.approximate, light_unit: action.params.light_unit };
         let mut report = AssetReport { name: name.clone(), sort: Some("scene".to_owned()), ..AssetReport::default() };
         let mut outputs = Outputs::default();
-        match read(&name, view, &parts, options) {
+        match read(&name, &Setting::camera(view), &parts, options) {
             Ok(loaded) => {
                 for bytes in loaded.blobs.values() {
                     ctx.put(bytes)?;

@@ -14,6 +14,16 @@ pub struct Read {
     pub mesh: Mesh,
     /// Further attributes by Mitsuba's names, such as `vertex_color`.
     pub attributes: BTreeMap<String, Vec<[f32; 3]>>,
+    /// Bytes that were read to make it, unpacked.
+    pub cost: usize,
+}
+
+impl Read {
+    /// Bytes that it takes, about.
+    pub fn bytes(&self) -> usize {
+        let further: usize = self.attributes.values().map(|rows| size_of_val(rows.as_slice())).sum();
+        super::meshes::bytes(&self.mesh) + further
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -197,7 +207,7 @@ fn further(element: &Element) -> Vec<(String, [usize; 3])> {
 /// If the file is damaged, or has no vertices or faces.
 pub fn read(bytes: &[u8]) -> Result<Read, Refusal> {
     let (elements, mut body) = header(bytes)?;
-    let mut out = Read::default();
+    let mut out = Read { cost: bytes.len(), ..Read::default() };
     let mesh = &mut out.mesh;
     for element in &elements {
         let least: usize = element.properties.iter().map(|p| p.list.unwrap_or(p.number).size()).sum();
@@ -309,7 +319,7 @@ mod tests {
         let little = read(&binary(false)).expect("a triangle");
         assert_eq!(little.mesh.positions, [[0.0, 0.5, 0.0], [1.0, 0.0, 2.0], [0.0, 3.0, 0.0]]);
         assert_eq!(little.mesh.triangles, [[0, 2, 1]]);
-        assert_eq!(read(&binary(true)).expect("the same"), little);
+        assert_eq!(read(&binary(true)).expect("the same").mesh, little.mesh);
     }
 
     #[test]

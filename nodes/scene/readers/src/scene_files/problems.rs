@@ -80,6 +80,11 @@ impl Problems {
         }
     }
 
+    /// Forgets all that was told: something says more than all of it.
+    pub fn forget(&mut self) {
+        (self.errors, self.notes, self.more) = (Vec::new(), Vec::new(), 0);
+    }
+
     /// True if nothing was wrong so far.
     pub fn is_fine(&self) -> bool {
         self.errors.is_empty()

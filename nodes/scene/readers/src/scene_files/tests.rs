@@ -1,5 +1,6 @@
 //! Files of every sort as scenes, and what is said of those that cannot be.
 
+mod gltf_files;
 mod mitsuba;
 
 use super::*;
@@ -17,7 +18,7 @@ fn load(name: &str, text: &str, more: &[(&str, Vec<u8>)], approximate: bool) -> 
         more.iter().map(|(name, bytes)| (given::part(name), bytes.clone())).collect();
     parts.insert(given::MAIN.to_owned(), text.as_bytes().to_vec());
     let options = Options { approximate, light_unit: LightUnit::Candela };
-    read(name, 0, &parts, options).map_err(|e| e.to_string())
+    read(name, &Setting::camera(0), &parts, options).map_err(|e| e.to_string())
 }
 
 fn xml(inside: &str) -> String {
@@ -227,6 +228,25 @@ fn all_that_a_pbrt_file_asks_too_much_is_named_with_its_line() {
     }
 }
 
+#[test]
+fn a_file_of_pbrt_v3_is_told_in_one_line() {
+    for (text, line, what) in [
+        (
+            "WorldBegin\nMaterial \"matte\" \"rgb Kd\" [1 1 1]\nShape \"heightfield\"\nWorldEnd",
+            2,
+            "`Material \"matte\"`",
+        ),
+        ("WorldBegin\nShape \"sphere\" \"float radius\" 1\nWorldEnd", 3, "`WorldEnd`"),
+        ("SurfaceIntegrator \"path\"\nhello", 1, "`SurfaceIntegrator \"path\"`"),
+        ("WorldBegin\nMakeNamedMaterial \"a\" \"string type\" \"uber\"", 2, "`MakeNamedMaterial \"a\"`"),
+    ] {
+        let told = load("a.pbrt", text, &[], false).expect_err("of version 3");
+        let start =
+            format!("a.pbrt: line {line}: {what} says that it is a file of pbrt-v3; convert it by `pbrt --upgrade");
+        assert!(told.starts_with(&start) && told.lines().count() == 1, "{told}");
+    }
+}
+
 /// A triangle with a camera and three lights, in data URIs.
 fn gltf_text() -> String {
     use base64::{Engine as _, engine::general_purpose::STANDARD};
@@ -286,9 +306,9 @@ fn a_gltf_file_is_a_scene_with_its_cameras_and_lights() {
     // In watts a point light of 683 candela is one of 1.
     let parts = BTreeMap::from([(given::MAIN.to_owned(), text.as_bytes().to_vec())]);
     let options = Options { approximate: false, light_unit: LightUnit::Watt };
-    let watts = read("a.gltf", 0, &parts, options).expect("as before").scene;
+    let watts = read("a.gltf", &Setting::camera(0), &parts, options).expect("as before").scene;
     assert_eq!(watts.emitters[0], Emitter::Point { position: [0.0, 3.0, 0.0], intensity: [1.0, 0.5, 0.0] });
-    let told = read("a.gltf", 1, &parts, options).expect_err("no such camera here").to_string();
+    let told = read("a.gltf", &Setting::camera(1), &parts, options).expect_err("no such camera here").to_string();
     assert!(told.contains("camera 1: orthographic cameras are not supported"), "{told}");
 }
 
@@ -304,7 +324,7 @@ fn folders_and_files_become_items_by_stratum_and_view() {
     let scene = xml("<include filename=\"../shared/part.xml\"/><shape type=\"obj\"><string name=\"filename\" \
                      value=\"../shared/t.obj\"/></shape>");
     put("rooms/room.xml", scene.as_bytes());
-    put("shared/part.xml", b"<scene version=\"3.0.0\"><emitter type=\"constant\"/></scene>");
+    put("shared/part.xml", b"<scene version=\"3.0.0\"><emitter type=\"point\"/></scene>");
     put("shared/t.obj", OBJ);
     put("two.gltf", gltf_text().as_bytes());
     let entry = |path: &str, stratum: &str| ScenePath {

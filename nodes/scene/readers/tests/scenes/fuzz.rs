@@ -217,7 +217,12 @@ fn mangle(seed: &Seed, other: &Seed, draw: &mut Stream) -> Vec<u8> {
     if seed.ending == "gltf" && draw.chance(0.6) {
         return mangle_text(&String::from_utf8_lossy(&seed.bytes), draw).into_bytes();
     }
-    let mut bytes = seed.bytes.clone();
+    mangle_bytes(&seed.bytes, &other.bytes, draw)
+}
+
+/// Bytes with pieces cut out, repeated, put in from another file, or made numbers at the edges.
+pub fn mangle_bytes(sound: &[u8], other: &[u8], draw: &mut Stream) -> Vec<u8> {
+    let mut bytes = sound.to_vec();
     for _ in 0..1 + draw.below(5) {
         // Half of the damage goes to the first half kilobyte, where headers are.
         let reach = if draw.chance(0.5) { bytes.len().min(512) } else { bytes.len() };
@@ -231,8 +236,8 @@ fn mangle(seed: &Seed, other: &Seed, draw: &mut Stream) -> Vec<u8> {
                 bytes.splice(at..at, piece);
             }
             3 => {
-                let from = draw.below(other.bytes.len());
-                let piece = other.bytes[from..(from + 64).min(other.bytes.len())].to_vec();
+                let from = draw.below(other.len());
+                let piece = other[from..(from + 64).min(other.len())].to_vec();
                 bytes.splice(at..to, piece);
             }
             4 if at + 4 <= bytes.len() => {

@@ -2,7 +2,9 @@
 
 mod default_pose;
 mod fuzz;
+mod fuzz_scenes;
 mod hostile_files;
+mod hostile_scenes;
 mod left_out;
 mod real_assets;
 mod reports;

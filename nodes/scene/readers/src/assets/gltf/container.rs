@@ -24,12 +24,14 @@ pub struct Document<'a> {
     externals: &'a Externals,
     bytes: usize,
     morphs_more: bool,
+    animated: bool,
 }
 
-/// Extensions that a file may require.
-const SUPPORTED: [&str; 19] = [
+/// Extensions that a file may require. Animations are left out, and so is what they point at.
+const SUPPORTED: [&str; 20] = [
     "EXT_mesh_gpu_instancing",
     "EXT_texture_webp",
+    "KHR_animation_pointer",
     "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
     "KHR_materials_anisotropy",
@@ -103,6 +105,7 @@ struct Parsed<'a> {
     root: Root,
     binary: Option<&'a [u8]>,
     morphs_more: bool,
+    animated: bool,
 }
 
 fn parse(bytes: &[u8]) -> Result<Parsed<'_>, Refusal> {
@@ -117,10 +120,30 @@ fn parse(bytes: &[u8]) -> Result<Parsed<'_>, Refusal> {
     // Some exporters pad the chunk with zero bytes.
     let end = json.iter().rposition(|b| *b != 0).map_or(0, |last| last + 1);
     let json = &json[..end];
-    let root = gltf::json::deserialize::from_slice::<Root>(json).map_err(|e| damaged("JSON", e.to_string()))?;
+    let (root, animated) = root_of(json)?;
     let morphs = root.meshes.iter().flat_map(|mesh| &mesh.primitives).any(|p| p.targets.is_some());
     let morphs_more = morphs && morphs_more(json);
-    Ok(Parsed { root, binary, morphs_more })
+    Ok(Parsed { root, binary, morphs_more, animated })
+}
+
+/// The JSON, and whether it has animations. These are left out, so that the crate's types need not hold them.
+fn root_of(json: &[u8]) -> Result<(Root, bool), Refusal> {
+    let broken = |e: serde_json::Error| damaged("JSON", e.to_string());
+    let first = match gltf::json::deserialize::from_slice::<Root>(json) {
+        Ok(mut root) => {
+            let animated = !std::mem::take(&mut root.animations).is_empty();
+            return Ok((root, animated));
+        }
+        Err(error) => error,
+    };
+    let Ok(mut value) = serde_json::from_slice::<serde_json::Value>(json) else { return Err(broken(first)) };
+    let animations = value.as_object_mut().and_then(|root| root.remove("animations"));
+    if animations.is_none_or(|a| !a.is_array()) {
+        return Err(broken(first));
+    }
+    let text = serde_json::to_vec(&value).map_err(broken)?;
+    let root = gltf::json::deserialize::from_slice::<Root>(&text).map_err(|_| broken(first))?;
+    Ok((root, true))
 }
 
 /// Whether morph targets have attributes that the crate's types leave out.
@@ -204,15 +227,24 @@ impl<'a> Document<'a> {
     /// # Errors
     /// If it is damaged, needs another version or an extension that is not supported, or an external file is missing.
     pub fn open(bytes: &'a [u8], externals: &'a Externals) -> Result<Self, Refusal> {
-        let Parsed { root, binary, morphs_more } = parse(bytes)?;
+        let (document, told) = Self::open_anyway(bytes, externals)?;
+        told.into_iter().next().map_or(Ok(document), Err)
+    }
+
+    /// Takes a file apart, and lists what it requires beyond what is supported.
+    ///
+    /// # Errors
+    /// If it is damaged, needs another version, or an external file is missing.
+    pub fn open_anyway(bytes: &'a [u8], externals: &'a Externals) -> Result<(Self, Vec<Refusal>), Refusal> {
+        let Parsed { root, binary, morphs_more, animated } = parse(bytes)?;
         if !root.asset.version.starts_with("2.") {
             return Err(Refusal::new("asset", format!("version {}", root.asset.version), "export it as glTF 2.0"));
         }
-        if let Some(extension) = root.extensions_required.iter().find(|e| !SUPPORTED.contains(&e.as_str())) {
-            return Err(Refusal::new("extensionsRequired", format!("`{extension}` is required"), remedy(extension)));
-        }
+        let lacks = root.extensions_required.iter().filter(|e| !SUPPORTED.contains(&e.as_str())).take(64);
+        let lacks =
+            lacks.map(|e| Refusal::new("extensionsRequired", format!("`{e}` is required"), remedy(e))).collect();
         let bytes = bytes.len() + externals.values().map(Vec::len).sum::<usize>();
-        let mut document = Self { root, buffers: Vec::new(), externals, bytes, morphs_more };
+        let mut document = Self { root, buffers: Vec::new(), externals, bytes, morphs_more, animated };
         for (number, buffer) in document.root.buffers.iter().enumerate() {
             let place = format!("buffer {number}");
             let data = match (&buffer.uri, binary) {
@@ -228,7 +260,12 @@ impl<'a> Document<'a> {
         for number in 0..document.root.buffer_views.len() {
             document.view(number)?;
         }
-        Ok(document)
+        Ok((document, lacks))
+    }
+
+    /// Whether it has animations.
+    pub fn is_animated(&self) -> bool {
+        self.animated
     }
 
     /// The extensions that the file uses without requiring them, and that are not read.

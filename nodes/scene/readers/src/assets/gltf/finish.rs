@@ -84,6 +84,18 @@ impl Frame {
     }
 }
 
+impl Frame {
+    /// The map back: an even scale and a shift.
+    pub fn back(&self) -> Affine {
+        let k = self.map[0][0];
+        [0, 1, 2].map(|r: usize| {
+            let mut row = [0.0, 0.0, 0.0, -self.map[r][3] / k];
+            row[r] = 1.0 / k;
+            row
+        })
+    }
+}
+
 /// A mesh of a piece; none if no triangle is left.
 ///
 /// Leaves out triangles with a vertex that is not finite or without an area (in the precision of the mesh), and

@@ -18,4 +18,4 @@ mod uv_sets;
 pub use container::Document;
 pub use container::{Externals, relative_path, uris};
 pub use images::picture;
-pub use object::{read, read_in_place};
+pub use object::{Surfaces, read, read_in_place};

@@ -25,8 +25,8 @@ use tauflow_data::{
 pub struct Instance {
     /// The mesh.
     pub mesh: usize,
-    /// Where its copies stand. The joints of a skinned mesh determine it.
-    pub copies: Copies,
+    /// Where its copies stand, by node. The joints of a skinned mesh determine it.
+    pub copies: Vec<Copies>,
     /// The skin.
     pub skin: Option<usize>,
     /// Weights of the morph targets; those beyond its end are 0.
@@ -182,15 +182,12 @@ impl Pose {
                 if skin.is_some_and(|skin| !skinned.insert((mesh, skin, bits))) {
                     coincident += 1;
                 } else {
-                    instances.push(Instance { mesh, copies, skin, weights });
+                    instances.push(Instance { mesh, copies: vec![copies], skin, weights });
                 }
             }
             stack.extend(node.children.iter().flatten().rev().map(|child| (child.value(), map)));
         }
         report.repaired("copies of a skinned mesh on the same joints left out", coincident);
-        if !root.animations.is_empty() {
-            report.note("animations are left out: it stands in its default pose");
-        }
         Ok(Self { instances, globals: seen, parents: None, skins: BTreeMap::new() })
     }
 

@@ -31,8 +31,9 @@ impl<'t> Reader<'t, '_, '_> {
 
     fn bsdf(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
         self.depth += 1;
-        self.visits[0] += 1;
-        let made = if self.depth > DEEPEST || self.visits[0] > MOST_VISITS[0] {
+        let of = [0, 2];
+        of.iter().for_each(|i| self.visits[*i] += 1);
+        let made = if self.depth > DEEPEST || of.iter().any(|i: &usize| self.visits[*i] > MOST_VISITS[*i]) {
             self.build.problems.error(&plugin.at, "BSDFs in BSDFs without end", "take one out");
             None
         } else {
@@ -50,7 +51,7 @@ impl<'t> Reader<'t, '_, '_> {
             "conductor" | "roughconductor" => self.conductor(plugin),
             "dielectric" | "roughdielectric" => self.dielectric(plugin),
             "thindielectric" => {
-                let (int_ior, ext_ior) = (self.index(plugin, "int_ior", BK7), self.index(plugin, "ext_ior", AIR));
+                let [int_ior, ext_ior] = self.indices(plugin, BK7);
                 let [specular_reflectance, specular_transmittance] = self.specular(plugin)?;
                 Some(Bsdf::ThinDielectric { int_ior, ext_ior, specular_reflectance, specular_transmittance })
             }
@@ -64,7 +65,7 @@ impl<'t> Reader<'t, '_, '_> {
             "blendbsdf" => {
                 let weight = self.texture_or(plugin, "weight", Role::Number, 0.5);
                 let [a, b] = self.nested(plugin)?;
-                Some(Bsdf::Blend { weight: weight?, a: Box::new(a), b: Box::new(b) })
+                Some(self.build.blend(weight?, a, b, &plugin.at))
             }
             "normalmap" => self.normal_map(plugin),
             "twosided" => {
@@ -113,6 +114,13 @@ impl<'t> Reader<'t, '_, '_> {
         found.unwrap_or(default) as f32
     }
 
+    /// The indices inside and outside.
+    fn indices(&mut self, plugin: &'t Plugin, inside: f64) -> [f32; 2] {
+        let found = [self.index(plugin, "int_ior", inside), self.index(plugin, "ext_ior", AIR)];
+        self.build.check_index(found[0], found[1], &plugin.at);
+        found
+    }
+
     fn specular(&mut self, plugin: &'t Plugin) -> Option<[Texture; 2]> {
         let reflectance = self.texture_or(plugin, "specular_reflectance", Role::Share, 1.0);
         let transmittance = self.texture_or(plugin, "specular_transmittance", Role::Share, 1.0);
@@ -143,10 +151,7 @@ impl<'t> Reader<'t, '_, '_> {
             self.build.problems.approximated(&plugin.at, what, "write `<string name=\"distribution\" value=\"ggx\"/>`");
         }
         self.pass_over(plugin, &["sample_visible"]);
-        if !(0.0..=1e3).contains(&alpha) {
-            self.build.problems.error(&plugin.at, format!("a roughness of {alpha}"), "use a number from 0");
-        }
-        alpha as f32
+        self.build.check_alpha(alpha, &plugin.at)
     }
 
     fn conductor(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
@@ -182,14 +187,14 @@ impl<'t> Reader<'t, '_, '_> {
 
     fn dielectric(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
         let alpha = self.alpha(plugin);
-        let (int_ior, ext_ior) = (self.index(plugin, "int_ior", BK7), self.index(plugin, "ext_ior", AIR));
+        let [int_ior, ext_ior] = self.indices(plugin, BK7);
         let [specular_reflectance, specular_transmittance] = self.specular(plugin)?;
         Some(Bsdf::Dielectric { int_ior, ext_ior, alpha, specular_reflectance, specular_transmittance })
     }
 
     fn plastic(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
         let alpha = self.alpha(plugin);
-        let (int_ior, ext_ior) = (self.index(plugin, "int_ior", POLYPROPYLENE), self.index(plugin, "ext_ior", AIR));
+        let [int_ior, ext_ior] = self.indices(plugin, POLYPROPYLENE);
         let diffuse_reflectance = self.texture_or(plugin, "diffuse_reflectance", Role::Share, 0.5)?;
         if self.flag(plugin, "nonlinear", false) {
             let what = "`nonlinear` scattering under a coat";
@@ -219,7 +224,9 @@ impl<'t> Reader<'t, '_, '_> {
         let mut constant = |name: &str, default: f64| match self.texture_or(plugin, name, Role::Number, default as f32)
         {
             Some(Texture::Constant { value }) => value[0],
-            _ => {
+            // It was told what is wrong with it.
+            None => 0.0,
+            Some(_) => {
                 let what = format!("`{name}` by a texture is not supported");
                 self.build.problems.error(&plugin.at, what, "use one number");
                 0.0

@@ -41,7 +41,9 @@ impl<'t> Reader<'t, '_, '_> {
         };
         self.pass_over(plugin, &["sampling_weight"]);
         self.finish(plugin);
-        self.build.emitters.extend(made);
+        if let Some(emitter) = made {
+            self.build.emitter(emitter, &plugin.at);
+        }
     }
 
     fn envmap(&mut self, plugin: &'t Plugin) -> Option<Emitter> {

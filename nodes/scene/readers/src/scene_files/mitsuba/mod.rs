@@ -37,17 +37,19 @@ struct Reader<'t, 'b, 'g> {
     materials: BTreeMap<usize, Option<Material>>,
     /// Attributes that the material in the making reads.
     reads: [Option<String>; 2],
+    /// The camera of the view, and the distance beyond which it sees nothing.
+    far: Option<(tauflow_data::scene::Camera, f64, &'t Place)>,
     /// How deep the plugin in hand is nested.
     depth: usize,
-    /// BSDFs of the material in the making, and shapes: references to references grow quickly.
-    visits: [usize; 2],
+    /// BSDFs of the material in the making, shapes, and BSDFs in all: references to references grow quickly.
+    visits: [usize; 3],
 }
 
 /// Deepest nesting of plugins through references.
 const DEEPEST: usize = 32;
 
-/// Most BSDFs of one material, and most shapes, instances counted.
-const MOST_VISITS: [usize; 2] = [1 << 12, 1 << 20];
+/// Most BSDFs of one material, most shapes, instances counted, and most BSDFs of all materials.
+const MOST_VISITS: [usize; 3] = [1 << 12, 1 << 20, 1 << 17];
 
 /// The files that a scene names, and how many sensors it has.
 pub fn names(name: &str, bytes: &[u8], given: &Given<'_>, problems: &mut Problems) -> (BTreeSet<String>, usize) {
@@ -67,19 +69,28 @@ pub struct Said {
     pub max_depth: u32,
     /// Pixels of the film.
     pub film: [u32; 2],
+    /// Number of cameras.
+    pub views: usize,
 }
 
 /// Reads a scene into `build`, as its sensor `view` sees it.
 pub fn read(name: &str, bytes: &[u8], view: usize, given: &Given<'_>, build: &mut Builder<'_>) -> Said {
     let tree = tree::parse(name, bytes, given, &mut build.problems);
-    let mut reader =
-        Reader { tree: &tree, build, materials: BTreeMap::new(), reads: [None, None], depth: 0, visits: [0, 0] };
+    let mut reader = Reader {
+        tree: &tree,
+        build,
+        materials: BTreeMap::new(),
+        reads: [None, None],
+        far: None,
+        depth: 0,
+        visits: [0; 3],
+    };
     reader.scene(name, view)
 }
 
 impl<'t> Reader<'t, '_, '_> {
     fn scene(&mut self, name: &str, view: usize) -> Said {
-        let mut said = Said { camera: None, max_depth: super::build::ENDLESS, film: [768, 576] };
+        let mut said = Said { camera: None, max_depth: super::build::ENDLESS, film: [768, 576], views: 1 };
         let Some(scene) = self.tree.plugins.last() else { return said };
         let (mut sensors, mut integrators, mut mirrored) = (0, Vec::new(), false);
         for property in &scene.properties {
@@ -89,6 +100,8 @@ impl<'t> Reader<'t, '_, '_> {
             };
             match plugin.tag.as_str() {
                 "shape" => self.shape(plugin, &IDENTITY, 0),
+                // On the shapes that refer to it.
+                "emitter" if plugin.sort == "area" => {}
                 "emitter" => self.emitter(plugin),
                 "sensor" => {
                     if sensors == view
@@ -103,15 +116,25 @@ impl<'t> Reader<'t, '_, '_> {
                     said.max_depth = self.integrator(plugin);
                 }
                 // Only referenced ones are read.
-                "bsdf" | "texture" | "spectrum" | "film" | "sampler" | "rfilter" => {}
+                "bsdf" | "texture" | "spectrum" | "film" | "sampler" | "rfilter" | "medium" | "phase" | "volume" => {}
                 _ => self.unsupported(plugin, "take it out"),
             }
         }
         let at = Place::file(name);
         match integrators.as_slice() {
-            [one] if said.max_depth < super::build::ENDLESS => self.count_passages(one),
+            [one] if said.max_depth < super::build::ENDLESS => {
+                let inner = self.innermost(one);
+                self.count_passages(inner);
+            }
             [] | [_] => {}
             _ => self.build.problems.error(&at, "several integrators", "leave one of them"),
+        }
+        said.views = sensors;
+        if let Some((camera, far, at)) = self.far.take()
+            && self.build.reach(&camera) > far
+        {
+            let what = format!("`far_clip` of {far} (10000 is the default) cuts the scene: here all of it is seen");
+            self.build.problems.approximated(at, what, "raise it beyond the scene");
         }
         if sensors > 0 && view >= sensors {
             let what = format!("there is no sensor {view}: it has {sensors}, counted from 0");
@@ -121,6 +144,18 @@ impl<'t> Reader<'t, '_, '_> {
             mirror(self.build, camera);
         }
         said
+    }
+
+    /// The integrator that renders: one in another one, if that adds channels.
+    fn innermost(&mut self, integrator: &'t Plugin) -> &'t Plugin {
+        let mut at = integrator;
+        for _ in 0..DEEPEST {
+            match self.inside(at, "integrator").first() {
+                Some((_, inner)) => at = inner,
+                None => break,
+            }
+        }
+        at
     }
 
     /// Tells of an integrator whose `max_depth` counts passages through what is not opaque: here they cost nothing, as
@@ -253,7 +288,7 @@ impl<'t> Reader<'t, '_, '_> {
         for property in plugin.properties.iter().filter(|p| !p.used.get()) {
             let owner = format!("the {} `{}`", plugin.tag, plugin.sort);
             let what = match self.resolved(property) {
-                Some(inner) if property.name.is_empty() => {
+                Some(inner) if property.name.is_empty() || matches!(inner.tag.as_str(), "medium" | "volume") => {
                     format!("the {} `{}` inside {owner} is not supported", inner.tag, inner.sort)
                 }
                 _ => format!("the parameter `{}` of {owner} is not supported", property.name),
@@ -310,14 +345,16 @@ impl<'t> Reader<'t, '_, '_> {
         }
     }
 
+    /// Longest path of an integrator; what renders other images beside passes it on.
     fn integrator(&mut self, plugin: &'t Plugin) -> u32 {
         let endless = super::build::ENDLESS;
         let depth = match plugin.sort.as_str() {
-            "path" | "volpath" | "volpathmis" | "prb" | "ptracer" => {
+            "moment" | "aov" | "stokes" => return self.wrapped(plugin),
+            "path" | "volpath" | "volpathmis" | "prb" | "prb_basic" | "prbvolpath" | "prb_projective" | "ptracer" => {
                 let depth = self.number(plugin, "max_depth").unwrap_or(-1.0);
                 if depth < 0.0 { endless } else { depth.min(f64::from(endless)) as u32 }
             }
-            "direct" => {
+            "direct" | "direct_projective" => {
                 self.pass_over(plugin, &["shading_samples", "emitter_samples", "bsdf_samples"]);
                 2
             }
@@ -334,10 +371,34 @@ impl<'t> Reader<'t, '_, '_> {
             self.build.problems.note(&plugin.at, what);
         }
         if self.flag(plugin, "hide_emitters", false) {
-            self.build.problems.error(&plugin.at, "hidden emitters are not supported", "take `hide_emitters` out");
+            let what = "`hide_emitters`: here the camera sees emitters";
+            self.build.problems.approximated(&plugin.at, what, "take it out");
         }
-        self.pass_over(plugin, &["samples_per_pass", "block_size", "timeout"]);
+        let how = ["samples_per_pass", "block_size", "timeout", "sppc", "sppp", "sppi", "guiding", "project_seed"];
+        self.pass_over(plugin, &how);
         self.finish(plugin);
         depth
+    }
+
+    /// The integrator inside one that adds channels to its image.
+    fn wrapped(&mut self, plugin: &'t Plugin) -> u32 {
+        self.depth += 1;
+        let inside = self.inside(plugin, "integrator");
+        self.pass_over(plugin, &["aovs", "samples_per_pass", "block_size", "timeout", "hide_emitters"]);
+        self.finish(plugin);
+        let found = match inside.as_slice() {
+            [(_, inner)] if self.depth <= DEEPEST => {
+                let what = format!("of `{}`, the image of the integrator inside is rendered", plugin.sort);
+                self.build.problems.note(&plugin.at, what);
+                self.integrator(inner)
+            }
+            _ => {
+                let what = format!("`{}` with {} integrators inside is not supported", plugin.sort, inside.len());
+                self.build.problems.error(&plugin.at, what, "put one into it, such as `path`");
+                super::build::ENDLESS
+            }
+        };
+        self.depth -= 1;
+        found
     }
 }

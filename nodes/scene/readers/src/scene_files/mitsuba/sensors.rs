@@ -57,9 +57,7 @@ impl<'t> Reader<'t, '_, '_> {
             );
         }
         let near = self.number(plugin, "near_clip").unwrap_or(1e-2);
-        if self.find(plugin, "far_clip").is_some() {
-            self.build.problems.note(&plugin.at, "`far_clip` is left out: what is beyond it is seen");
-        }
+        let far = self.number(plugin, "far_clip").unwrap_or(1e4);
         for name in ["principal_point_offset_x", "principal_point_offset_y"] {
             if self.number(plugin, name).unwrap_or(0.0) != 0.0 {
                 self.build.problems.error(&plugin.at, format!("`{name}` is not supported"), "set it to 0");
@@ -73,6 +71,8 @@ impl<'t> Reader<'t, '_, '_> {
             Some([origin, target, up]) => Camera { origin, target, up, fov_x: fov, near },
             None => camera(&map, fov, near),
         };
+        self.build.check_camera(&made, &plugin.at);
+        self.far = Some((made.clone(), far, &plugin.at));
         Some((made, film, mirrors(&map)))
     }
 

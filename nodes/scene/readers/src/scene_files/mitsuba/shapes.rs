@@ -76,21 +76,17 @@ impl<'t> Reader<'t, '_, '_> {
         // In Mitsuba, a mirroring map turns a shape inside out, unless it has normals.
         let flip_normals = flip_normals != (turns && mirrors(&own));
         let to_world = chained(&map, &local);
-        if let Geometry::Sphere { radius, .. } = geometry {
-            if radius <= 0.0 {
-                self.build.problems.error(&plugin.at, format!("a sphere of radius {radius}"), "use one above 0");
-            }
-            if !even(&to_world) {
-                let what = "a sphere that is scaled unevenly is not supported";
-                self.build.problems.error(&plugin.at, what, "use a mesh in its place");
-            }
+        if matches!(geometry, Geometry::Sphere { .. }) && !even(&to_world) {
+            let what = "a sphere that is scaled unevenly is not supported";
+            self.build.problems.error(&plugin.at, what, "use a mesh in its place");
         }
         let emission = match emission {
             Some((Some(texture), _)) => Some(texture),
             Some((None, _)) => return,
             None => None,
         };
-        self.build.shapes.push(Shape { geometry, to_world, material: material.index, emission, flip_normals });
+        let shape = Shape { geometry, to_world, material: material.index, emission, flip_normals };
+        self.build.shape(shape, &plugin.at);
     }
 
     /// The radiance of a shape that is an emitter, and the attribute of vertices that it reads.
@@ -186,7 +182,7 @@ impl<'t> Reader<'t, '_, '_> {
         let key = format!("{sort}\n{path}\n{index}\n{flat}\n{turned}\n{reads:?}\n{stands:?}");
         let geometry = self.build.mesh(&key, at, |build| {
             let read = build.read_mesh(path, sort, index, at)?;
-            let mut mesh = read.mesh;
+            let mut mesh = read.mesh.clone();
             if flat {
                 mesh.normals = None;
             }

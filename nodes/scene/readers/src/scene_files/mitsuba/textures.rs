@@ -96,8 +96,8 @@ impl<'t> Reader<'t, '_, '_> {
 
     fn checkerboard(&mut self, plugin: &'t Plugin, role: Role) -> Option<Texture> {
         let mut one = |name: &str, default: f32| {
-            let texture = self.texture_or(plugin, name, role, default);
-            if let Some(Texture::Constant { value }) = texture {
+            // What is wrong with a texture that is none was told.
+            if let Texture::Constant { value } = self.texture_or(plugin, name, role, default)? {
                 return Some(value);
             }
             let what = format!("`{name}` of a checkerboard is no constant colour");

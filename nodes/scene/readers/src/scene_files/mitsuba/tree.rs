@@ -8,7 +8,7 @@ mod transforms;
 
 use super::values::{color, numbers, spectrum};
 use crate::scene_files::{
-    given::Given,
+    given::{Given, normalised, text_of},
     problems::{Place, Problems},
 };
 use roxmltree::{Document, Node as Element, ParsingOptions};
@@ -112,6 +112,18 @@ const DEEPEST: usize = 64;
 const MOST_INCLUDED: usize = 1000;
 const MOST_PLUGINS: usize = 1 << 20;
 
+/// Most search paths: each file is looked for in each.
+const MOST_FOLDERS: usize = 32;
+
+/// Most bytes of files that are included again, of values that defaults are put into, and most attributes of an
+/// element: what finds doubles among these compares each with each.
+const MOST_AGAIN: usize = 1 << 25;
+const MOST_EXPANDED: usize = 1 << 25;
+const MOST_ATTRIBUTES: usize = 64;
+
+/// Most bytes of a default's name: of a text behind a `$`, each prefix may be one.
+const LONGEST_NAME: usize = 256;
+
 /// The attributes that elements have: those of all, and those of some.
 const COMMON: [&str; 2] = ["name", "value"];
 const ATTRIBUTES: [(&str, &[&str]); 11] = [
@@ -134,13 +146,28 @@ struct Parser<'a> {
     tree: Tree,
     defaults: BTreeMap<String, String>,
     aliases: Vec<(String, String, Place)>,
+    /// Folders that files are looked for in, the first one first.
+    folders: Vec<String>,
     included: usize,
+    /// Bytes of files that were included again, and of values that defaults were put into.
+    again: usize,
+    expanded: usize,
 }
 
 /// Reads a file and what it includes; what is wrong with it is told.
 pub fn parse(name: &str, bytes: &[u8], given: &Given<'_>, problems: &mut Problems) -> Tree {
     let (defaults, aliases) = (BTreeMap::new(), Vec::new());
-    let mut parser = Parser { given, problems, tree: Tree::default(), defaults, aliases, included: 0 };
+    let mut parser = Parser {
+        given,
+        problems,
+        tree: Tree::default(),
+        defaults,
+        aliases,
+        folders: Vec::new(),
+        included: 0,
+        again: 0,
+        expanded: 0,
+    };
     let mut scene = Vec::new();
     parser.document(name, bytes, 0, &mut scene);
     parser.tree.plugins.push(Plugin {
@@ -149,6 +176,7 @@ pub fn parse(name: &str, bytes: &[u8], given: &Given<'_>, problems: &mut Problem
         at: Place::file(name),
         properties: scene,
     });
+    parser.find_files();
     for (id, name, at) in parser.aliases {
         match parser.tree.ids.get(&id) {
             Some(plugin) => {
@@ -160,14 +188,43 @@ pub fn parse(name: &str, bytes: &[u8], given: &Given<'_>, problems: &mut Problem
     parser.tree
 }
 
+/// A folder by a relative path, with `/` behind it; empty for the main file's own.
+fn normalised_folder(path: &str) -> Option<String> {
+    if path.split(['/', '\\']).all(|part| matches!(part, "" | ".")) && !path.starts_with('/') {
+        return Some(String::new());
+    }
+    normalised(path).map(|path| format!("{path}/"))
+}
+
 impl Parser<'_> {
+    /// Where a file is: in one of the folders that are searched, or where its name says.
+    fn found(&self, path: &str) -> String {
+        let places = self.folders.iter().map(|folder| format!("{folder}{path}"));
+        places.filter(|_| !path.starts_with('/')).find(|place| self.given.has(place)).unwrap_or_else(|| path.to_owned())
+    }
+
+    /// Finds the files that plugins name, once all search paths are known.
+    fn find_files(&mut self) {
+        let mut plugins = std::mem::take(&mut self.tree.plugins);
+        for property in plugins.iter_mut().flat_map(|plugin| &mut plugin.properties) {
+            if let (Value::Text(path), "filename") = (&mut property.value, property.name.as_str()) {
+                *path = self.found(path);
+                self.tree.files.insert(path.clone());
+            }
+        }
+        self.tree.plugins = plugins;
+    }
+
     fn document(&mut self, name: &str, bytes: &[u8], depth: usize, into: &mut Vec<Property>) {
         let file = Place::file(name);
-        let Ok(text) = std::str::from_utf8(bytes) else {
-            return self.problems.error(&file, "it is not UTF-8", "save it as UTF-8");
-        };
+        let Some(text) = text_of(bytes, &file, self.problems) else { return };
+        if let Some(line) = crowded(text) {
+            let at = Place { file: name.into(), line };
+            let what = format!("an element of more than {MOST_ATTRIBUTES} attributes");
+            return self.problems.error(&at, what, "no element of Mitsuba has as many: take them out");
+        }
         let options = ParsingOptions { allow_dtd: false, nodes_limit: 1 << 22, ..ParsingOptions::default() };
-        let document = match Document::parse_with_options(text.trim_start_matches('\u{feff}'), options) {
+        let document = match Document::parse_with_options(text, options) {
             Ok(document) => document,
             Err(error) => return self.problems.error(&file, format!("no XML: {error}"), "mend it"),
         };
@@ -211,16 +268,14 @@ impl Parser<'_> {
             rest = &rest[dollar + 1..];
             // The longest name that is known: `$spp2` may be `$spp` with a 2 behind it.
             let end = rest.find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(rest.len());
+            let end = end.min(LONGEST_NAME);
             let known = (1..=end)
                 .rev()
                 .filter(|end| rest.is_char_boundary(*end))
                 .find(|end| self.defaults.contains_key(&rest[..*end]));
             let Some(end) = known else {
-                self.problems.error(
-                    at,
-                    format!("`${}` has no value", &rest[..end]),
-                    "give it one by a `default` above",
-                );
+                let name: String = rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').take(80).collect();
+                self.problems.error(at, format!("`${name}` has no value"), "give it one by a `default` above");
                 return None;
             };
             out.push_str(&self.defaults[&rest[..end]]);
@@ -231,6 +286,12 @@ impl Parser<'_> {
             }
         }
         out.push_str(rest);
+        self.expanded += out.len();
+        if self.expanded > MOST_EXPANDED {
+            let file = Place::file(&at.file);
+            self.problems.error(&file, "its defaults are put into too many values", "write shorter ones");
+            return None;
+        }
         Some(out)
     }
 
@@ -252,6 +313,10 @@ impl Parser<'_> {
         match tag {
             "default" => {
                 let name = self.needed(element, "name", &at);
+                if name.as_ref().is_some_and(|name| name.len() > LONGEST_NAME) {
+                    let what = format!("a default's name has more than {LONGEST_NAME} bytes");
+                    return self.problems.error(&at, what, "use a shorter one");
+                }
                 if let (Some(name), Some(value)) = (name, self.needed(element, "value", &at)) {
                     self.defaults.entry(name).or_insert(value);
                 }
@@ -263,17 +328,35 @@ impl Parser<'_> {
                 return;
             }
             "path" => {
-                let remedy = "name files by paths relative to the main file";
-                return self.problems.error(&at, "search paths are not supported", remedy);
+                let Some(path) = self.needed(element, "value", &at) else { return };
+                // Searched before those that were named earlier, and before the main file's own folder.
+                match normalised_folder(&path) {
+                    Some(folder) => self.folders.insert(0, folder),
+                    None => {
+                        let what = format!("the search path `{path}` is not relative to the main file");
+                        self.problems.error(&at, what, "write a relative one");
+                    }
+                }
+                if self.folders.len() > MOST_FOLDERS {
+                    self.problems.error(&at, "too many search paths", "put the files into fewer folders");
+                    self.folders.clear();
+                }
+                return;
             }
             "include" => {
                 let Some(path) = self.needed(element, "filename", &at) else { return };
+                let path = self.found(&path);
                 self.included += 1;
                 if self.included > MOST_INCLUDED || depth + 4 > DEEPEST {
                     return self.problems.error(&at, "too many files are included, or one in itself", "include less");
                 }
-                self.tree.files.insert(path.clone());
+                let again = !self.tree.files.insert(path.clone());
                 if let Some(bytes) = self.given.read(&path, &at, self.problems) {
+                    self.again += if again { bytes.len() } else { 0 };
+                    if self.again > MOST_AGAIN {
+                        let file = Place::file(&at.file);
+                        return self.problems.error(&file, "files are included again and again", "include less");
+                    }
                     self.document(&path, &bytes, depth + 4, into);
                 }
                 return;
@@ -282,15 +365,6 @@ impl Parser<'_> {
         }
         let name = self.attribute(element, "name", &at).unwrap_or_default();
         let Some(value) = self.value(element, tag, rows, depth, &at) else { return };
-        if let (Value::Text(path), "filename") = (&value, name.as_str()) {
-            self.tree.files.insert(path.clone());
-        }
-        if !name.is_empty()
-            && into.iter().any(|p| p.name == name)
-            && !matches!(value, Value::Plugin(_) | Value::Reference(_))
-        {
-            self.problems.error(&at, format!("`{name}` is given twice"), "take one of them out");
-        }
         into.push(Property { name, value, at, used: Cell::new(false) });
     }
 
@@ -337,6 +411,18 @@ impl Parser<'_> {
         value
     }
 
+    /// Tells of values that are given twice.
+    fn check_names(&mut self, properties: &[Property]) {
+        let mut seen = BTreeSet::new();
+        for property in properties.iter().filter(|p| !p.name.is_empty()) {
+            let new = seen.insert(&property.name);
+            if !new && !matches!(property.value, Value::Plugin(_) | Value::Reference(_)) {
+                let what = format!("`{}` is given twice", property.name);
+                self.problems.error(&property.at, what, "take one of them out");
+            }
+        }
+    }
+
     fn plugin(&mut self, element: Element<'_, '_>, tag: &str, rows: &Lines, depth: usize, at: &Place) -> Option<usize> {
         let sort = self.needed(element, "type", at)?;
         let id = self.attribute(element, "id", at);
@@ -344,6 +430,7 @@ impl Parser<'_> {
         for child in element.children().filter(Element::is_element) {
             self.element(child, rows, depth + 1, &mut properties);
         }
+        self.check_names(&properties);
         self.tree.plugins.push(Plugin { tag: tag.to_owned(), sort, at: at.clone(), properties });
         let number = self.tree.plugins.len() - 1;
         if let Some(id) = id
@@ -353,6 +440,42 @@ impl Parser<'_> {
         }
         Some(number)
     }
+}
+
+/// The line of an element that has more attributes than any of Mitsuba's, if there is one.
+fn crowded(text: &str) -> Option<u32> {
+    let (mut line, mut rest) = (1, text);
+    let skip = |rest: &mut &str, line: &mut u32, end: usize| {
+        *line += rest[..end].bytes().filter(|b| *b == b'\n').count() as u32;
+        *rest = &rest[end..];
+    };
+    while let Some(start) = rest.find('<') {
+        skip(&mut rest, &mut line, start);
+        let ends = [("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>")];
+        if let Some((_, end)) = ends.iter().find(|(start, _)| rest.starts_with(start)) {
+            let end = rest.find(end).map_or(rest.len(), |at| at + end.len());
+            skip(&mut rest, &mut line, end);
+            continue;
+        }
+        let (mut quote, mut count, mut end) = (None, 0, rest.len());
+        for (at, byte) in rest.bytes().enumerate() {
+            match (quote, byte) {
+                (None, b'"' | b'\'') => quote = Some(byte),
+                (None, b'=') => count += 1,
+                (None, b'>') => {
+                    end = at + 1;
+                    break;
+                }
+                (Some(open), _) if open == byte => quote = None,
+                _ => {}
+            }
+        }
+        if count > MOST_ATTRIBUTES {
+            return Some(line);
+        }
+        skip(&mut rest, &mut line, end);
+    }
+    None
 }
 
 /// The lines of a text, to find a node's in.

@@ -1,7 +1,7 @@
 //! Values of Mitsuba's files: numbers, colours, spectra, transforms. Knows nothing of elements.
 
 use super::tree::Value;
-use tauflow_data::geom::{Vec3, add, cross, dot, mul, sub, unit};
+use tauflow_data::geom::{Vec3, add, cross, dot, length, mul, sub, unit};
 use tauflow_data::{
     maths,
     scene::{Affine, IDENTITY},
@@ -41,24 +41,27 @@ pub(super) fn spectrum(text: &str) -> Option<Value> {
     points.windows(2).all(|w| w[0].0 < w[1].0).then_some(Value::Spectrum(points))
 }
 
+/// Sine and cosine of an angle in degrees; those of quarter turns are exact.
+fn turns(degrees: f64) -> [f64; 2] {
+    let turns = degrees / 90.0;
+    if turns != turns.round() {
+        return [maths::sin(degrees.to_radians()), maths::cos(degrees.to_radians())];
+    }
+    match turns.rem_euclid(4.0) as u8 {
+        0 => [0.0, 1.0],
+        1 => [1.0, 0.0],
+        2 => [0.0, -1.0],
+        _ => [-1.0, 0.0],
+    }
+}
+
 /// The rotation by degrees about an axis; none for an axis without direction.
 pub fn rotation(axis: Vec3, degrees: f64) -> Option<Affine> {
     if dot(axis, axis).is_nan() || dot(axis, axis) <= 0.0 {
         return None;
     }
     let a = unit(axis);
-    // Quarter turns are exact.
-    let turns = degrees / 90.0;
-    let (s, c) = if turns == turns.round() {
-        match turns.rem_euclid(4.0) as u8 {
-            0 => (0.0, 1.0),
-            1 => (1.0, 0.0),
-            2 => (0.0, -1.0),
-            _ => (-1.0, 0.0),
-        }
-    } else {
-        (maths::sin(degrees.to_radians()), maths::cos(degrees.to_radians()))
-    };
+    let [s, c] = turns(degrees);
     let mut out = IDENTITY;
     for r in 0..3 {
         for k in 0..3 {
@@ -68,6 +71,26 @@ pub fn rotation(axis: Vec3, degrees: f64) -> Option<Affine> {
                 _ => s * a[(r + 1) % 3],
             };
             out[r][k] = a[r] * a[k] * (1.0 - c) + turned;
+        }
+    }
+    Some(out)
+}
+
+/// Mitsuba's `rotate`. It takes the axis as it is: one of another length than 1 scales and shears, too.
+pub(super) fn rotate(axis: Vec3, degrees: f64) -> Option<Affine> {
+    let even = rotation(axis, degrees)?;
+    let size = length(axis);
+    if (size - 1.0).abs() < 1e-6 {
+        return Some(even);
+    }
+    // The parts of a rotation that go with the axis' products, with the axis itself, and with neither.
+    let (a, c) = (unit(axis), turns(degrees)[1]);
+    let mut out = IDENTITY;
+    for r in 0..3 {
+        for k in 0..3 {
+            let same = if r == k { c } else { 0.0 };
+            let product = a[r] * a[k] * (1.0 - c);
+            out[r][k] = product * size * size + same + (even[r][k] - product - same) * size;
         }
     }
     Some(out)
@@ -118,6 +141,18 @@ mod tests {
         assert!((tauflow_data::geom::determinant(&odd) - 1.0).abs() < 1e-12);
         assert!((odd[0][0] + odd[1][1] + odd[2][2] - 1.0 - 2.0 * maths::cos(40f64.to_radians())).abs() < 1e-12);
         assert_eq!((look([0.0; 3], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0]), rotation([0.0; 3], 1.0)), (None, None));
+    }
+
+    #[test]
+    fn an_axis_of_another_length_than_1_scales_as_in_mitsuba() {
+        // From Mitsuba 3.9.1.
+        let expected = [[1.0, -1.46045, 1.98744], [2.39627, 1.70187, 0.760946], [-0.583709, 2.04652, 2.87164]];
+        let found = rotate([1.0, 2.0, 3.0], 40.0).expect("an axis");
+        let pairs = found.iter().zip(expected).flat_map(|(row, other)| row.iter().copied().zip(other));
+        assert!(pairs.clone().all(|(a, b): (f64, f64)| (a - b).abs() < 1e-4), "{found:?}");
+        let quarter = rotate([0.0, 2.0, 0.0], 90.0).expect("an axis");
+        assert_eq!(quarter.map(|row| [row[0], row[1], row[2]]), [[0.0, 0.0, 2.0], [0.0, 4.0, 0.0], [-2.0, 0.0, 0.0]]);
+        assert_eq!(rotate([0.0, 1.0, 0.0], 30.0), rotation([0.0, 1.0, 0.0], 30.0));
     }
 
     #[test]

@@ -54,7 +54,9 @@ impl<'t> Reader<'t, '_, '_> {
             _ => return self.unsupported(directive, "use `infinite`, `point`, `spot`, `distant` or an area light"),
         };
         self.finish(directive);
-        self.build.emitters.extend(made);
+        if let Some(emitter) = made {
+            self.build.emitter(emitter, &directive.at);
+        }
     }
 
     fn spot(&mut self, directive: &'t Directive) -> Option<Emitter> {
@@ -97,6 +99,11 @@ impl<'t> Reader<'t, '_, '_> {
         let axes = [column(0), column(1), column(2)];
         if [(0, 1), (1, 2), (2, 0)].iter().any(|(a, b): &(usize, usize)| dot(axes[*a], axes[*b]).abs() > 1e-4) {
             self.build.problems.error(at, "a map in a sheared space", "rotate it alone");
+            return None;
+        }
+        // A direction that is looked up costs what a texel does that is read.
+        let (directions, bytes) = (SAMPLES * SAMPLES * 2 * image.data().len() / 3, 2 * size_of_val(image.data()));
+        if !self.build.looks_up(directions, at) || !self.build.affords(bytes, at) {
             return None;
         }
         let spread = latitudes(&image, color);

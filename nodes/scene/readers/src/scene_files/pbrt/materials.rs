@@ -11,8 +11,8 @@ use tauflow_data::scene::{Bsdf, Texture};
 /// Deepest nesting of materials and textures through names.
 const DEEPEST: usize = 32;
 
-/// Most materials and textures in one material.
-const MOST_VISITS: usize = 1 << 12;
+/// Most materials and textures in one material, and in all.
+const MOST_VISITS: [usize; 2] = [1 << 12, 1 << 17];
 
 /// Index of refraction of pbrt's glasses at 587.6 nm.
 const GLASSES: [(&str, f64); 7] = [
@@ -49,7 +49,7 @@ impl<'t> Reader<'t, '_, '_> {
         if let Some(made) = self.made.get(&key) {
             return *made;
         }
-        self.visits = 0;
+        self.visits[0] = 0;
         let bsdf = match own {
             Some(directive) => self.bsdf(directive),
             None => Some(two_sided(Bsdf::Diffuse { reflectance: Texture::scalar(0.5) })),
@@ -74,10 +74,15 @@ impl<'t> Reader<'t, '_, '_> {
         found
     }
 
-    fn bsdf(&mut self, directive: &'t Directive) -> Option<Bsdf> {
+    /// Goes one level deeper; false if it is too deep, or if there was too much of it.
+    fn enter(&mut self) -> bool {
         self.depth += 1;
-        self.visits += 1;
-        let made = if self.depth > DEEPEST || self.visits > MOST_VISITS {
+        self.visits = self.visits.map(|n| n + 1);
+        self.depth <= DEEPEST && (0..2).all(|i| self.visits[i] <= MOST_VISITS[i])
+    }
+
+    fn bsdf(&mut self, directive: &'t Directive) -> Option<Bsdf> {
+        let made = if !self.enter() {
             self.build.problems.error(&directive.at, "materials in materials without end", "take one out");
             None
         } else {
@@ -177,7 +182,9 @@ impl<'t> Reader<'t, '_, '_> {
         if found.is_none_or(|v| v <= 0.0) {
             self.wrong(param, "index of refraction that is supported here");
         }
-        found.unwrap_or(1.5) as f32
+        let index = found.filter(|v| *v > 0.0).unwrap_or(1.5) as f32;
+        self.build.check_index(index, 1.0, &param.at);
+        index
     }
 
     /// GGX's alpha of pbrt's roughnesses.
@@ -189,7 +196,7 @@ impl<'t> Reader<'t, '_, '_> {
             self.build.problems.approximated(&directive.at, "anisotropic roughness", "use one `roughness`");
         }
         let mean = (u * v).max(0.0).sqrt();
-        (if remap { mean.sqrt() } else { mean }) as f32
+        self.build.check_alpha(if remap { mean.sqrt() } else { mean }, &directive.at)
     }
 
     fn roughness(&mut self, directive: &'t Directive, name: &str) -> Option<f64> {
@@ -249,7 +256,7 @@ impl<'t> Reader<'t, '_, '_> {
             self.bsdf(directive)
         };
         let (a, b) = (one(&names[0]), one(&names[1]));
-        Some(Bsdf::Blend { weight: weight?, a: Box::new(a?), b: Box::new(b?) })
+        Some(self.build.blend(weight?, a?, b?, &directive.at))
     }
 
     /// The texture that a parameter is or names: of numbers, or of colours from 0 to 1.
@@ -273,9 +280,7 @@ impl<'t> Reader<'t, '_, '_> {
             self.build.problems.error(&param.at, what, "define it before");
             return None;
         };
-        self.depth += 1;
-        self.visits += 1;
-        let made = if self.depth > DEEPEST || self.visits > MOST_VISITS {
+        let made = if !self.enter() {
             self.build.problems.error(&param.at, "textures in textures without end", "take one out");
             None
         } else {

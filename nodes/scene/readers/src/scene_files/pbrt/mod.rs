@@ -15,7 +15,10 @@ use super::{
     mitsuba::{Said, rotation},
     problems::{Place, Problems},
 };
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    rc::Rc,
+};
 use tauflow_data::geom::{Vec3, compose, cross, determinant, dot, scaling, sub, translation, unit};
 use tauflow_data::scene::{Affine, Geometry, IDENTITY, Shape};
 use tokens::{Directive, Param, Values};
@@ -51,7 +54,7 @@ struct Reader<'t, 'b, 'g> {
     /// Textures by name; those of colours and of numbers have names of their own.
     textures: BTreeMap<(&'t str, bool), &'t Directive>,
     made: BTreeMap<(usize, usize), Option<usize>>,
-    objects: BTreeMap<&'t str, Vec<Shape>>,
+    objects: BTreeMap<&'t str, Rc<Vec<Shape>>>,
     /// The object that is being defined.
     object: Option<(&'t str, Vec<Shape>)>,
     camera: Option<(&'t Directive, Affine)>,
@@ -61,8 +64,8 @@ struct Reader<'t, 'b, 'g> {
     max_depth: u32,
     in_world: bool,
     depth: usize,
-    /// Materials and textures in the material in the making: names of names grow quickly.
-    visits: usize,
+    /// Materials and textures in the material in the making, and in all: names of names grow quickly.
+    visits: [usize; 2],
 }
 
 /// The files that a scene names.
@@ -73,6 +76,13 @@ pub fn names(name: &str, bytes: &[u8], given: &Given<'_>, problems: &mut Problem
 /// Reads a scene into `build`.
 pub fn read(name: &str, bytes: &[u8], given: &Given<'_>, build: &mut Builder<'_>) -> Said {
     let parsed = tokens::parse(name, bytes, given, &mut build.problems);
+    if let Some(old) = parsed.directives.iter().find(|directive| is_of_v3(directive)) {
+        // All else that is said of it would be of no use.
+        build.problems.forget();
+        let what = format!("{} says that it is a file of pbrt-v3", old.quoted());
+        build.problems.error(&old.at, what, "convert it by `pbrt --upgrade old.pbrt > new.pbrt`, with pbrt-v4");
+        return Said { camera: None, max_depth: 1, film: [1280, 720], views: 1 };
+    }
     let state = State { ctm: IDENTITY, material: Surface::Default, light: None, reverse: false };
     let mut reader = Reader {
         build,
@@ -91,7 +101,7 @@ pub fn read(name: &str, bytes: &[u8], given: &Given<'_>, build: &mut Builder<'_>
         max_depth: 6,
         in_world: false,
         depth: 0,
-        visits: 0,
+        visits: [0, 0],
     };
     for directive in &parsed.directives {
         reader.directive(directive);
@@ -100,6 +110,44 @@ pub fn read(name: &str, bytes: &[u8], given: &Given<'_>, build: &mut Builder<'_>
         reader.build.problems.error(at, "a block without its end", "add `AttributeEnd`");
     }
     reader.end()
+}
+
+/// Materials, integrators and others that pbrt-v4 gave up or renamed.
+const OF_V3: [(&str, &[&str]); 6] = [
+    (
+        "Material",
+        &[
+            "matte",
+            "plastic",
+            "glass",
+            "metal",
+            "mirror",
+            "uber",
+            "substrate",
+            "translucent",
+            "fourier",
+            "disney",
+            "kdsubsurface",
+        ],
+    ),
+    ("Integrator", &["directlighting", "whitted"]),
+    ("SurfaceIntegrator", &[]),
+    ("Renderer", &[]),
+    ("VolumeIntegrator", &[]),
+    ("WorldEnd", &[]),
+];
+
+/// Whether a directive is one of pbrt-v3 and not of pbrt-v4.
+fn is_of_v3(directive: &Directive) -> bool {
+    let named = directive.name == "MakeNamedMaterial";
+    let name = if named { "Material" } else { directive.name.as_str() };
+    let Some((_, sorts)) = OF_V3.iter().find(|(old, _)| *old == name) else { return false };
+    let of_type = directive.params.iter().find(|p| named && p.name == "type").and_then(|p| match &p.values {
+        Values::Texts(texts) => texts.first(),
+        _ => None,
+    });
+    let sort = if named { of_type } else { directive.texts.first() };
+    sorts.is_empty() || sort.is_some_and(|sort| sorts.contains(&sort.as_str()))
 }
 
 /// The inverse; none of a map that flattens space.
@@ -238,7 +286,7 @@ impl<'t> Reader<'t, '_, '_> {
             }
             "ObjectEnd" => {
                 if let Some((name, shapes)) = self.object.take() {
-                    self.objects.insert(name, shapes);
+                    self.objects.insert(name, Rc::new(shapes));
                 }
                 if let Some((state, _)) = self.stack.pop() {
                     self.state = state;
@@ -281,7 +329,7 @@ impl<'t> Reader<'t, '_, '_> {
 
     fn instance(&mut self, directive: &'t Directive) {
         let name = self.name(directive);
-        let Some(shapes) = self.objects.get(name) else {
+        let Some(shapes) = self.objects.get(name).cloned() else {
             let what = format!("there is no object `{name}`");
             return self.build.problems.error(&directive.at, what, "define it before, by `ObjectBegin`");
         };
@@ -289,7 +337,7 @@ impl<'t> Reader<'t, '_, '_> {
             return self.build.problems.error(&directive.at, "an instance in an object", "put it into the world");
         }
         let at = &directive.at;
-        for shape in shapes.clone() {
+        for shape in shapes.iter() {
             let to_world = compose(&self.state.ctm, &shape.to_world);
             if matches!(shape.geometry, Geometry::Sphere { .. }) && !even(&to_world) {
                 let what = "an instance that scales a sphere unevenly is not supported";
@@ -302,7 +350,7 @@ impl<'t> Reader<'t, '_, '_> {
             if !self.build.count(&shape.geometry, at) {
                 return;
             }
-            self.build.shapes.push(Shape { to_world, ..shape });
+            self.build.shape(Shape { to_world, ..shape.clone() }, at);
         }
     }
 
@@ -352,7 +400,7 @@ impl<'t> Reader<'t, '_, '_> {
     }
 
     fn end(mut self) -> Said {
-        let mut said = Said { camera: None, max_depth: self.max_depth, film: self.film };
+        let mut said = Said { camera: None, max_depth: self.max_depth, film: self.film, views: 1 };
         let Some((directive, world)) = self.camera else { return said };
         if self.name(directive) != "perspective" {
             self.unsupported(directive, "use `perspective`");
@@ -372,6 +420,7 @@ impl<'t> Reader<'t, '_, '_> {
                 let forward = unit([0, 1, 2].map(|r: usize| world[r][2]));
                 camera.target = [0, 1, 2].map(|i: usize| camera.origin[i] + forward[i]);
                 camera.up = unit(camera.up);
+                self.build.check_camera(&camera, &directive.at);
                 if !mirrors(&world) {
                     mirror(self.build, &mut camera);
                 }

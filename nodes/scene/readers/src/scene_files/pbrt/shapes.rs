@@ -6,13 +6,15 @@ use crate::scene_files::{
     meshes::{self, ROUND},
     ply::Read,
 };
-use std::collections::BTreeMap;
 use tauflow_data::{
     geom::{add, compose, cross, dot, length, mul, scaling, sub, translation},
     maths,
     mesh::Mesh,
     scene::{Affine, Geometry, IDENTITY, Shape},
 };
+
+/// Cells along each side of a patch that is not flat.
+const CURVED: usize = 16;
 
 impl<'t> Reader<'t, '_, '_> {
     pub(super) fn shape(&mut self, directive: &'t Directive) {
@@ -37,7 +39,7 @@ impl<'t> Reader<'t, '_, '_> {
         let shape = Shape { geometry, to_world, material, emission, flip_normals: self.state.reverse };
         match &mut self.object {
             Some((_, shapes)) => shapes.push(shape),
-            None => self.build.shapes.push(shape),
+            None => self.build.shape(shape, &directive.at),
         }
     }
 
@@ -55,7 +57,7 @@ impl<'t> Reader<'t, '_, '_> {
                 let key = format!("ply {path} {textured}");
                 let geometry = self.build.mesh(&key, at, |build| {
                     let read = build.read_mesh(path, "ply", 0, at)?;
-                    Some(oriented(read.mesh, textured))
+                    Some(oriented(read.mesh.clone(), textured))
                 })?;
                 return Some((geometry, IDENTITY));
             }
@@ -65,7 +67,7 @@ impl<'t> Reader<'t, '_, '_> {
                 let height = self.number(directive, "height").unwrap_or(0.0);
                 let radius = self.number(directive, "radius").unwrap_or(1.0);
                 let inner = self.number(directive, "innerradius").unwrap_or(0.0);
-                let sweep = self.number(directive, "phimax").unwrap_or(360.0).to_radians();
+                let sweep = self.sweep(directive)?;
                 if inner == 0.0 && !textured && sweep >= 2.0 * core::f64::consts::PI {
                     let local = compose(&translation([0.0, 0.0, height]), &scaling([radius, radius, 1.0]));
                     return Some((Geometry::Disk, local));
@@ -75,7 +77,7 @@ impl<'t> Reader<'t, '_, '_> {
             "cylinder" => {
                 let radius = self.number(directive, "radius").unwrap_or(1.0);
                 let z = [("zmin", -1.0), ("zmax", 1.0)].map(|(n, d)| self.number(directive, n).unwrap_or(d));
-                let sweep = self.number(directive, "phimax").unwrap_or(360.0).to_radians();
+                let sweep = self.sweep(directive)?;
                 meshes::cylinder(radius, z, sweep)
             }
             _ => {
@@ -88,7 +90,7 @@ impl<'t> Reader<'t, '_, '_> {
         }
         // What is built from numbers in the file is built for each place in it; the numbers alone say which it is.
         let key = format!("{} {:p}", key(sort), std::ptr::from_ref(directive));
-        let mesh = meshes::checked(Read { mesh, attributes: BTreeMap::new() });
+        let mesh = meshes::checked(Read { mesh, ..Read::default() });
         let mesh = mesh.map_err(|refusal| self.build.problems.refuse(at, sort, &refusal)).ok()?;
         let geometry = self.build.mesh(&key, at, |_| Some(oriented(mesh.mesh, textured)))?;
         Some((geometry, IDENTITY))
@@ -97,11 +99,12 @@ impl<'t> Reader<'t, '_, '_> {
     fn sphere(&mut self, directive: &'t Directive, textured: bool) -> Option<(Geometry, Affine)> {
         let radius = self.number(directive, "radius").unwrap_or(1.0);
         let ends = [("zmin", -radius), ("zmax", radius)];
-        let [low, high] = ends.map(|(n, d)| self.number(directive, n).unwrap_or(d).clamp(-radius, radius));
-        let sweep = self.number(directive, "phimax").unwrap_or(360.0).to_radians();
-        if !(radius > 0.0 && high > low && sweep > 0.0) {
-            let what = "a sphere of which nothing is left";
-            self.build.problems.error(&directive.at, what, "give it a radius above 0");
+        let ends = ends.map(|(n, d)| self.number(directive, n).unwrap_or(d));
+        let sweep = self.sweep(directive)?;
+        let [low, high] = ends.map(|z| z.min(radius).max(-radius));
+        if !(radius > 0.0 && high > low) {
+            let what = format!("a sphere of radius {radius} from {} to {}, of which nothing is left", ends[0], ends[1]);
+            self.build.problems.error(&directive.at, what, "give it a radius above 0, and `zmax` above `zmin`");
             return None;
         }
         let whole = low <= -radius && high >= radius && sweep >= 2.0 * core::f64::consts::PI;
@@ -110,9 +113,24 @@ impl<'t> Reader<'t, '_, '_> {
         }
         self.build.problems.note(&directive.at, format!("a sphere is tessellated into {ROUND} x {} pieces", ROUND / 2));
         let theta = [low, high].map(|z| maths::acos((z / radius).clamp(-1.0, 1.0)));
-        let key = format!("sphere {radius} {theta:?} {sweep}");
-        let geometry = self.build.mesh(&key, &directive.at, |_| Some(meshes::sphere(radius, theta, sweep)))?;
-        Some((geometry, IDENTITY))
+        // Of radius 1 and scaled: spheres of many radii share a mesh.
+        let key = format!("sphere {theta:?} {sweep}");
+        let geometry = self.build.mesh(&key, &directive.at, |build| {
+            let affordable = build.affords(meshes::grid_bytes([ROUND, ROUND / 2]), &directive.at);
+            affordable.then(|| meshes::sphere(1.0, theta, sweep))
+        })?;
+        Some((geometry, scaling([radius; 3])))
+    }
+
+    /// The angle about its axis that is there of a shape, in radians; pbrt takes 360 degrees at most.
+    fn sweep(&mut self, directive: &'t Directive) -> Option<f64> {
+        let degrees = self.number(directive, "phimax").unwrap_or(360.0);
+        if degrees <= 0.0 {
+            let what = format!("a `phimax` of {degrees}, which leaves nothing");
+            self.build.problems.error(&directive.at, what, "use an angle above 0, up to 360");
+            return None;
+        }
+        Some(degrees.min(360.0).to_radians())
     }
 
     fn triangles(&mut self, directive: &'t Directive) -> Option<Mesh> {
@@ -167,15 +185,23 @@ impl<'t> Reader<'t, '_, '_> {
             self.build.problems.error(&directive.at, what, "give as many `N` and `uv` as `P`");
             return None;
         }
-        let mut mesh = Mesh { uvs: Some(Vec::new()), normals: normals.as_ref().map(|_| Vec::new()), ..Mesh::default() };
-        for patch in patches {
+        let cells = |patch: &[u32; 4]| -> usize {
             let p = patch.map(|i| positions[i as usize].map(f64::from));
             let gap = sub(add(p[0], p[3]), add(p[1], p[2]));
             let flat = length(gap) <= 1e-6 * length(sub(p[3], p[0]));
-            let cells = if flat && normals.is_none() { 1 } else { 16 };
-            if !flat {
-                self.build.problems.note(&directive.at, "a curved patch is tessellated into 16 x 16 pieces");
-            }
+            if flat && normals.is_none() { 1 } else { CURVED }
+        };
+        let bytes: usize = patches.iter().map(|patch| meshes::grid_bytes([cells(patch); 2])).sum();
+        if !self.build.affords(bytes, &directive.at) {
+            return None;
+        }
+        if patches.iter().any(|patch| cells(patch) > 1) {
+            let what = format!("curved patches are tessellated into {CURVED} x {CURVED} pieces");
+            self.build.problems.note(&directive.at, what);
+        }
+        let mut mesh = Mesh { uvs: Some(Vec::new()), normals: normals.as_ref().map(|_| Vec::new()), ..Mesh::default() };
+        for patch in patches {
+            let cells = cells(&patch);
             if mesh.positions.len() > meshes::MOST {
                 self.build.problems.error(&directive.at, "too many patches", "split the mesh");
                 return None;

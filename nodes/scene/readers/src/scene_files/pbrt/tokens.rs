@@ -3,7 +3,7 @@
 //! Source: pbrt-v4's documentation of its file format, and its `parser.cpp`. Paths are relative to the main file.
 
 use crate::scene_files::{
-    given::Given,
+    given::{Given, text_of},
     problems::{Place, Problems},
 };
 use std::{cell::Cell, collections::BTreeSet, rc::Rc};
@@ -49,6 +49,16 @@ pub struct Directive {
     pub params: Vec<Param>,
 }
 
+impl Directive {
+    /// Its name and the first text behind it.
+    pub fn quoted(&self) -> String {
+        match self.texts.first() {
+            Some(text) => format!("`{} \"{text}\"`", self.name),
+            None => format!("`{}`", self.name),
+        }
+    }
+}
+
 /// Types of parameters; a text of two words that begins with none of them is a name.
 const TYPES: [&str; 17] = [
     "integer",
@@ -75,6 +85,9 @@ const DEEPEST: usize = 16;
 const MOST_INCLUDED: usize = 10_000;
 const MOST_DIRECTIVES: usize = 1 << 22;
 const MOST_VALUES: usize = 1 << 28;
+
+/// Most bytes of files that are included again.
+const MOST_AGAIN: usize = 1 << 25;
 
 enum Token<'a> {
     Word(&'a str),
@@ -140,13 +153,15 @@ struct Parser<'a> {
     problems: &'a mut Problems,
     out: Parsed,
     included: usize,
+    /// Bytes of files that were included again.
+    again: usize,
     values: usize,
 }
 
 /// Reads a file and what it includes; what is wrong with it is told.
 pub fn parse(name: &str, bytes: &[u8], given: &Given<'_>, problems: &mut Problems) -> Parsed {
     let out = Parsed { directives: Vec::new(), files: BTreeSet::new() };
-    let mut parser = Parser { given, problems, out, included: 0, values: 0 };
+    let mut parser = Parser { given, problems, out, included: 0, again: 0, values: 0 };
     parser.file(name, bytes, 0);
     parser.out
 }
@@ -154,9 +169,7 @@ pub fn parse(name: &str, bytes: &[u8], given: &Given<'_>, problems: &mut Problem
 impl Parser<'_> {
     fn file(&mut self, name: &str, bytes: &[u8], depth: usize) {
         let file: Rc<str> = name.into();
-        let Ok(text) = std::str::from_utf8(bytes) else {
-            return self.problems.error(&Place::file(name), "it is no text", "unpack it, or save it as UTF-8");
-        };
+        let Some(text) = text_of(bytes, &Place::file(name), self.problems) else { return };
         let mut tokens = Tokens { text, line: 1 };
         let mut current: Option<Directive> = None;
         loop {
@@ -270,7 +283,7 @@ impl Parser<'_> {
             let what = "too many files are included, or one in itself";
             return self.problems.error(&directive.at, what, "include less");
         }
-        self.out.files.insert(path.clone());
+        let again = !self.out.files.insert(path.clone());
         // Imports do not change the state.
         let alone = directive.name == "Import";
         let mark = |name: &str| Directive {
@@ -281,6 +294,11 @@ impl Parser<'_> {
             params: Vec::new(),
         };
         if let Some(bytes) = self.given.read(path, &directive.at, self.problems) {
+            self.again += if again { bytes.len() } else { 0 };
+            if self.again > MOST_AGAIN {
+                let file = Place::file(&directive.at.file);
+                return self.problems.error(&file, "files are included again and again", "include less");
+            }
             self.out.directives.extend(alone.then(|| mark("AttributeBegin")));
             self.file(path, &bytes, depth + 1);
             self.out.directives.extend(alone.then(|| mark("AttributeEnd")));

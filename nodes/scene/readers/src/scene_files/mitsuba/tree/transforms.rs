@@ -1,7 +1,7 @@
 //! Transforms of elements: one step after another, the last one leftmost.
 
 use super::{
-    super::values::{any_up, look, numbers, rotation},
+    super::values::{any_up, look, numbers, rotate},
     Element, Lines, Parser, Place, Transform,
 };
 use crate::scene_files::build::chained;
@@ -74,7 +74,7 @@ impl Parser<'_> {
                 };
                 let text = self.needed(element, "angle", at)?;
                 let angle = numbers(&text).filter(|n| n.len() == 1);
-                let map = angle.and_then(|angle| rotation(axis, angle[0]));
+                let map = angle.and_then(|angle| rotate(axis, angle[0]));
                 if map.is_none() {
                     self.problems.error(
                         at,

@@ -1,0 +1,148 @@
+//! glTF files as the world has them: without cameras and lights, animated, instanced, wrong in several places.
+
+use super::*;
+use serde_json::{Value, json};
+use tauflow_data::geom::{apply, dot, length, sub, unit};
+
+/// The file of a test with parts of it in other ways.
+fn changed(change: impl FnOnce(&mut Value)) -> String {
+    let mut file: Value = serde_json::from_str(&gltf_text()).expect("JSON");
+    change(&mut file);
+    file.to_string()
+}
+
+fn bare(file: &mut Value) {
+    file["nodes"] = json!([{ "mesh": 0, "translation": [10.0, 0.0, 0.0] }]);
+    file["scenes"] = json!([{ "nodes": [0] }]);
+}
+
+fn load_in(text: &str, setting: &Setting) -> Result<Loaded, String> {
+    let parts = BTreeMap::from([(given::MAIN.to_owned(), text.as_bytes().to_vec())]);
+    read("a.gltf", setting, &parts, Options::default()).map_err(|e| e.to_string())
+}
+
+fn sky() -> Image {
+    Image::from_data(2, 1, 3, vec![1.0; 6]).expect("fits")
+}
+
+/// Where a point is in a camera's picture: from -1 to 1 if it is seen.
+fn seen(camera: &Camera, aspect: f64, p: [f64; 3]) -> [f64; 2] {
+    let forward = unit(sub(camera.target, camera.origin));
+    let right = unit(tauflow_data::geom::cross(forward, camera.up));
+    let up = tauflow_data::geom::cross(right, forward);
+    let d = sub(p, camera.origin);
+    let half = tauflow_data::maths::tan(camera.fov_x.to_radians() / 2.0);
+    assert!(dot(d, forward) > 0.0, "behind the camera");
+    [dot(d, right) / dot(d, forward) / half, aspect * dot(d, up) / dot(d, forward) / half]
+}
+
+#[test]
+fn a_file_without_camera_and_light_is_framed_under_a_sky_where_that_is_asked_for() {
+    let text = changed(bare);
+    let told = load_in(&text, &Setting::camera(0)).expect_err("as an item of a pipeline");
+    assert!(told.contains("there is no camera"), "{told}");
+    let setting = Setting { frame: true, fallback: Some(sky()), ..Setting::camera(0) };
+    let loaded = load_in(&text, &setting).expect("framed");
+    assert!(loaded.framed && loaded.lit);
+    assert!(matches!(loaded.scene.emitters.as_slice(), [Emitter::Envmap { .. }]));
+    // One that has both keeps them.
+    let own = load_in(&gltf_text(), &setting).expect("as it is");
+    assert!(!own.framed && !own.lit && own.scene.emitters.len() == 3);
+    assert_eq!(own.scene.camera.origin, [0.0, 1.0, 5.0]);
+}
+
+#[test]
+fn a_fitted_view_sees_all_and_no_more_than_it_must() {
+    let corners = [[10.0, 0.0, 0.0], [14.0, 0.0, 0.0], [10.0, 4.0, 0.0]];
+    for aspect in [0.5, 1.0, 3.0] {
+        let setting = Setting { view: View::Fit, aspect: Some(aspect), fallback: Some(sky()), ..Setting::camera(0) };
+        for (text, from) in [(changed(bare), [0.5, 0.4, 1.0]), (gltf_text(), [0.0, 0.0, 1.0])] {
+            let loaded = load_in(&text, &setting).expect("framed");
+            let camera = &loaded.scene.camera;
+            let places = corners.map(|p| seen(camera, aspect, p));
+            let most = places.iter().flatten().fold(0.0f64, |m, v| m.max(v.abs()));
+            assert!(places.iter().flatten().all(|v| v.abs() < 1.0) && most > 0.25, "{aspect}: {places:?}");
+            assert!(length(sub(unit(sub(camera.origin, camera.target)), unit(from))) < 1e-9, "{camera:?}");
+            let [width, height] = loaded.film.expect("a film").map(f64::from);
+            assert!((width / height / aspect - 1.0).abs() < 0.01, "{width} x {height}");
+        }
+    }
+}
+
+#[test]
+fn an_environment_that_is_asked_for_replaces_that_of_the_file() {
+    let setting = Setting { environment: Some(sky()), ..Setting::camera(0) };
+    let loaded = load_in(&gltf_text(), &setting).expect("a scene");
+    assert_eq!(loaded.scene.emitters.len(), 4);
+    let parts = BTreeMap::from([(given::MAIN.to_owned(), xml("<shape type=\"cube\"/>").into_bytes())]);
+    let loaded = read("a.xml", &setting, &parts, Options::default()).expect("a scene");
+    assert!(matches!(loaded.scene.emitters.as_slice(), [Emitter::Envmap { .. }]), "{:?}", loaded.scene.emitters);
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("sky.hdr");
+    fs::write(&path, b"#?RGBE\n\n-Y 1 +X 2\n\x80\x40\x20\x81\x80\x80\x80\x80").expect("writable");
+    assert_eq!(environment_map(&path).expect("a map").width(), 2);
+    let told = environment_map(&folder.path().join("none.exr")).expect_err("nothing there").to_string();
+    assert!(told.contains("none.exr`: ") && told.contains("mend the path"), "{told}");
+    assert!(environment_map(&folder.path().join("a.png")).expect_err("a png").to_string().contains("by its ending"));
+}
+
+#[test]
+fn animations_are_a_note_and_what_they_point_at_is_no_damage() {
+    let sampler = json!({ "input": 0, "output": 0 });
+    let path = json!({ "sampler": 0, "target": { "path": "pointer",
+        "extensions": { "KHR_animation_pointer": { "pointer": "/materials/0/emissiveFactor" } } } });
+    let plain = json!({ "sampler": 0, "target": { "node": 0, "path": "translation" } });
+    for channel in [path, plain] {
+        let text = changed(|file| {
+            file["animations"] = json!([{ "samplers": [sampler], "channels": [channel] }]);
+            file["extensionsUsed"] = json!(["KHR_lights_punctual", "KHR_animation_pointer"]);
+            file["extensionsRequired"] = json!(["KHR_animation_pointer"]);
+        });
+        let loaded = load("a.gltf", &text, &[], false).expect("it stands still");
+        let note = "a.gltf: file: animations are left out: it stands in its default pose";
+        assert!(loaded.notes.iter().any(|n| n == note), "{:?}", loaded.notes);
+    }
+    let text = changed(|file| file["animations"] = json!("none"));
+    assert!(load("a.gltf", &text, &[], false).expect_err("no list").contains("JSON"));
+}
+
+#[test]
+fn a_mesh_that_is_shown_often_is_held_once() {
+    let node = |x: f64, s: f64| json!({ "mesh": 0, "translation": [x, 0.0, 0.0], "scale": [s, 1.0, 1.0] });
+    let text = changed(|file| {
+        file["nodes"] = json!([node(10.0, 1.0), { "camera": 0 }, node(20.0, -2.0), node(30.0, 0.5)]);
+        file["scenes"] = json!([{ "nodes": [0, 1, 2, 3] }]);
+    });
+    let setting = Setting { fallback: Some(sky()), ..Setting::camera(0) };
+    let loaded = load_in(&text, &setting).expect("three triangles");
+    let meshes: BTreeSet<_> = loaded.scene.shapes.iter().map(|s| format!("{:?}", s.geometry)).collect();
+    assert_eq!((loaded.scene.shapes.len(), meshes.len()), (3, 1));
+    let mesh = mesh_of(&loaded, 0);
+    for (shape, corners) in loaded.scene.shapes.iter().zip([[10.0, 14.0], [20.0, 12.0], [30.0, 32.0]]) {
+        let x: BTreeSet<i64> =
+            mesh.positions.iter().map(|p| apply(&shape.to_world, p.map(f64::from))[0].round() as i64).collect();
+        assert_eq!(x, corners.map(|v: f64| v as i64).into_iter().collect(), "{:?}", shape.to_world);
+    }
+}
+
+#[test]
+fn everything_that_is_wrong_is_told_at_once() {
+    let text = changed(|file| {
+        file["extensionsRequired"] = json!(["EXT_meshopt_compression", "KHR_texture_basisu"]);
+        let broken = json!({ "attributes": { "POSITION": 7 } });
+        let odd = json!({ "attributes": { "POSITION": 0, "NORMAL": 8 } });
+        let whole = file["meshes"][0]["primitives"][0].clone();
+        file["meshes"][0]["primitives"] = json!([broken, whole, odd]);
+        file["extensions"]["KHR_lights_punctual"]["lights"][0]["type"] = json!("area");
+    });
+    let told = load("a.gltf", &text, &[], false).expect_err("four mistakes");
+    for part in [
+        "`EXT_meshopt_compression` is required",
+        "`KHR_texture_basisu` is required",
+        "accessor 7: there is no such accessor",
+        "accessor 8: there is no such accessor",
+        "lights of type `area` are not supported",
+    ] {
+        assert!(told.contains(part), "{part}:\n{told}");
+    }
+}
