@@ -38,11 +38,6 @@ nodes:
   total: {kind: total, inputs: {in: rounded}}
 ";
 
-/// Whether there is time for more.
-pub fn slow() -> bool {
-    std::env::var_os("TAUFLOW_SLOW").is_some_and(|value| !value.is_empty())
-}
-
 /// Numbers that are the same each time.
 pub struct Random(pub u64);
 

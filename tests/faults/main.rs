@@ -16,9 +16,10 @@ mod media;
 mod campaign;
 mod child;
 
-use campaign::{Campaign, PIPELINE, WIDE, slow};
+use campaign::{Campaign, PIPELINE, WIDE};
 use std::{fs, path::Path, process::Command, thread, time::Duration};
 use tauflow_cache::{GcOptions, Store};
+use tauflow_testing::slow;
 
 #[test]
 fn kill_9_at_random_moments() {

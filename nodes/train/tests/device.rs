@@ -12,6 +12,7 @@ use tauflow_contract::{
     Action, Artifact, Collection, Context, Determinism, Kind, KindError, Look, Media, MemoryBlobs, Outputs, Silent,
 };
 use tauflow_data::records::{BridgeSteps, Refined, RefinedImages, TrainingLog};
+use tauflow_testing::{Need, skip};
 use tauflow_train::{
     BridgeRefinement, BridgeRefinementParams, Conditioning, Parameterization, Place, Refinement, RefinementParams,
     Training, TrainingParams,
@@ -143,7 +144,7 @@ fn apart(found: &Value, expected: &Value) -> f64 {
 fn kinds_on_a_device_do_as_on_the_cpu() {
     let found = ["vulkan", "software_vulkan"].into_iter().find_map(|name| Some((name, Place::named(name).ok()?)));
     let Some((name, place)) = found else {
-        println!("skipped: no device with a Vulkan driver");
+        skip(Need::Vulkan, "no device with a Vulkan driver");
         return;
     };
     let (found, expected) = (told(name), told("cpu"));

@@ -6,6 +6,7 @@ use tauflow_contract::{
     NodeKind, Outputs, Silent, SourceItem,
 };
 use tauflow_data::records::AssetReport;
+use tauflow_testing::{Need, skip};
 
 /// A kind of this crate by name.
 pub fn kind(name: &str) -> Box<dyn NodeKind> {
@@ -18,7 +19,7 @@ pub fn shared(folder: &str) -> Option<String> {
     if path.is_dir() {
         return Some(path.display().to_string());
     }
-    println!("skipped: no shared assets at {}", path.display());
+    skip(Need::Shared, format_args!("no shared assets at {}", path.display()));
     None
 }
 

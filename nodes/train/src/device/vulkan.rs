@@ -127,7 +127,7 @@ pub(crate) fn for_tests() -> Option<Place> {
     let found = Place::named("vulkan").or_else(|_| Place::named("software_vulkan"));
     match &found {
         Ok(place) => println!("on {}", place.adapter().unwrap_or_default()),
-        Err(error) => println!("skipped: {error}"),
+        Err(error) => tauflow_testing::skip(tauflow_testing::Need::Vulkan, error),
     }
     found.ok()
 }
