@@ -16,6 +16,8 @@ pub mod metrics;
 mod ssim;
 mod time_course;
 mod time_error;
+mod time_params;
+mod time_samples;
 mod time_scene;
 mod time_tables;
 
@@ -24,7 +26,8 @@ pub use bridge_validation::{BridgeValidation, BridgeValidationParams};
 pub use evaluation::{EvaluationKind, EvaluationParams, PSNR_CEILING, bounded, evaluate};
 pub use groups::Groups;
 pub use image_metrics::{ImageMetrics, ImageMetricsParams};
-pub use time_error::{TimeErrorKind, TimeErrorParams};
+pub use time_error::TimeErrorKind;
+pub use time_params::TimeErrorParams;
 
 use tauflow_contract::{KindRow, NodeKind};
 
