@@ -175,6 +175,36 @@ fn one_file_names_the_kinds_crates() {
     assert_eq!(naming, BTreeSet::from(["src/registry.rs".to_owned()]));
 }
 
+/// Rust code in a doc comment that begins a fence: the line of each.
+fn doc_tests(text: &str) -> Vec<usize> {
+    let (mut found, mut open) = (Vec::new(), false);
+    for (i, line) in text.lines().enumerate() {
+        let comment = line.trim_start().strip_prefix("//!").or_else(|| line.trim_start().strip_prefix("///"));
+        let Some(language) = comment.and_then(|comment| comment.trim_start().strip_prefix("```")) else { continue };
+        // Without a language it is Rust.
+        if !open && ["", "rust", "should_panic", "no_run"].contains(&language.trim()) {
+            found.push(i + 1);
+        }
+        open = !open;
+    }
+    found
+}
+
+/// `doctest = false` spares a pass of rustdoc over each crate; code that it would have to run has a test instead.
+#[test]
+fn no_doc_comment_has_code_that_nothing_runs() {
+    assert_eq!(doc_tests("/// ```text\n/// ```\n/// ```\n/// f();\n/// ```\n//! ```rust\n"), [3, 6]);
+    let files = Command::new("git").args(["ls-files", "*.rs"]).current_dir(root()).output().expect("git starts");
+    let files = String::from_utf8_lossy(&files.stdout).into_owned();
+    let found: Vec<String> = files
+        .lines()
+        .filter_map(|file| Some((file, fs::read_to_string(root().join(file)).ok()?)))
+        .flat_map(|(file, text)| doc_tests(&text).into_iter().map(move |line| format!("{file}:{line}")))
+        .collect();
+    assert!(files.lines().count() > 300, "{files}");
+    assert_eq!(found, [""; 0]);
+}
+
 /// Each package of the graph with the features that are on.
 fn features(more: &[&str]) -> BTreeSet<String> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());

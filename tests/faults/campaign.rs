@@ -228,6 +228,11 @@ impl Campaign {
     /// As [`Campaign::ends_alike`]; and nothing in the ledger was done twice.
     pub fn ends_well(&self, cache: &Path) {
         self.ends_alike(cache);
+        self.nothing_twice();
+    }
+
+    /// Nothing in the ledger was done twice.
+    pub fn nothing_twice(&self) {
         let ledger = fs::read_to_string(self.ledger()).expect("readable");
         let mut seen = HashSet::new();
         // A line that a kill cut off has no end.
