@@ -4,6 +4,9 @@
 Lines of code, comments and prose have at most 120 columns. A sentence has at most 40 words, and the sentences of a
 Markdown page, or of all comments of a crate, have fewer than 20 words on average.
 
+On the pages of `PLAIN`, no sentence begins with a word of `OPENERS`, which stands for a noun or inverts the word order.
+Questions and the beginnings in `ALLOWED_OPENINGS` are exempt.
+
 Not counted: tables, fences of code, headings, targets of links, HTML and snapshots of tests. A span in backticks is one
 word. A list item is a sentence of its own, and so is what stands before a list or a fence.
 
@@ -29,6 +32,15 @@ MEAN = 20
 SUFFIXES = (".rs", ".md", ".yaml", ".py", ".sh", ".toml")
 # Generated, or quoted by tests to the byte.
 EXEMPT = re.compile(r"(^|/)(snapshots|target)/|\.snap$|(^|/)Cargo\.lock$")
+
+# Pages in plain word order, and the words that none of their sentences begins with.
+PLAIN = re.compile(
+    r"^(README|CHANGELOG|CONTRIBUTING|pipelines/README|benches/.*"
+    r"|docs/(ARCHITECTURE|action_record|adding_a_kind|security|stress|using|words|(benchmarks|formats|study)/.*)"
+    r"|nodes/.*/src/.*)\.md$"
+)
+OPENERS = {"what", "that", "of", "with", "so", "beside", "there"}
+ALLOWED_OPENINGS = ("So far,",)
 
 # A point after one of these ends no sentence, unless a capital follows one of the second row.
 ABBREVIATIONS = {"e.g", "i.e", "cf", "vs", "fig", "eq", "sec", "no", "approx", "resp", "dr", "p", "pp", "ca"}
@@ -126,6 +138,17 @@ def sentences(lines):
                 number = paragraph[bisect.bisect_right(starts, first) - 1][0]
                 yield number, len(words), " ".join(joined[begin:end].split())
             begin = end
+
+
+def opener(text):
+    """The word of `OPENERS` that a sentence begins with, or None."""
+    bare = text.lstrip("*_([\"'“‘ ")
+    first = re.match(r"[A-Za-z]+", bare)
+    if not first or first.group().lower() not in OPENERS:
+        return None
+    if text.rstrip("*_)\"'”’ ").endswith("?") or bare.startswith(ALLOWED_OPENINGS):
+        return None
+    return first.group()
 
 
 # Comments of programs, as blocks of lines that belong together.
@@ -256,6 +279,9 @@ def check(files):
             if words > LONGEST:
                 shown = text if len(text) < 70 else text[:67] + "..."
                 messages.append((path, number, f"a sentence of {words} words, at most {LONGEST}: {shown}"))
+            if PLAIN.match(path) and opener(text):
+                shown = text if len(text) < 70 else text[:67] + "..."
+                messages.append((path, number, f"a sentence that begins with {opener(text)}: {shown}"))
         if path.endswith(".md"):
             groups[path] += lengths[path]
         elif path.endswith(".rs"):
@@ -300,6 +326,17 @@ def self_test():
         (list(long_lines("a.md", "| " + "x " * 80 + "|\n```\n" + "y " * 80 + "\n```\n" + "z " * 61)), [(5, 122)]),
         (list(long_lines("a.md", "- [text](https://" + "x" * 120 + ").")), []),
         (list(long_lines("a.rs", "    // https://" + "x" * 120)), []),
+    ]
+    def openers(text):
+        return [opener(sentence) for _, _, sentence in prose("a.md", text)]
+
+    expect += [
+        (openers("What runs goes on. That is it. The rest ends."), ["What", "That", None]),
+        (openers("**So it is.** *With `a` it is.* (Of these, two.)"), ["So", "With", "Of"]),
+        (openers("What does it cost? **Of what is it?** Nothing."), [None, None, None]),
+        (openers("- Beside it.\n- Something there.\n- `so` is code."), ["Beside", None, None]),
+        (openers("Therefore. Whatever. Office."), [None, None, None]),
+        (openers("So far, nothing failed. There is more."), [None, "There"]),
     ]
     bad = [f"example {i}: {found} for {wanted}" for i, (found, wanted) in enumerate(expect) if found != wanted]
     print("\n".join(bad) if bad else f"{len(expect)} examples hold")

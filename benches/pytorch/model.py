@@ -1,4 +1,4 @@
-"""A trained model in PyTorch: reads a model.safetensors as docs/kinds/training.md describes it, and predicts.
+"""A trained model in PyTorch: reads a model.safetensors as docs/formats/model.md describes it, and predicts.
 
 See README.md.
 

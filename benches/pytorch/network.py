@@ -30,7 +30,7 @@ WEIGHTS = sum(side * side for side in SIDES)
 
 
 def network(preset, channels=CHANNELS, output="means", log=False):
-    """The network of a preset; see docs/kinds/training.md."""
+    """The network of a preset; see docs/formats/model.md."""
     import torch
     from torch import nn
     from torch.nn import functional as F

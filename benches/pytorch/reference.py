@@ -2,7 +2,7 @@
 
 python reference.py > ../../nodes/train/src/network/pytorch.json
 
-Weights have our names and layouts (see docs/kinds/training.md), and PyTorch's autograd goes back to them.
+Weights have our names and layouts (see docs/formats/model.md), and PyTorch's autograd goes back to them.
 """
 
 import json

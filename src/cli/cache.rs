@@ -9,44 +9,44 @@ use std::{
 };
 use tauflow_cache::{Digest, GcOptions, GcReport, Store};
 
-/// What can be done with the cache.
+/// Commands for the cache.
 #[derive(Subcommand)]
 pub(crate) enum CacheCommand {
-    /// Count what it holds.
+    /// Print the number and size of blobs and records.
     Stat,
-    /// Read and rehash blobs; damaged ones are set aside, and made again when they are needed. Exits with 1 if it found
-    /// damage, or records whose blobs were stored and are lost. Blobs that only a `transient` node made are not lost.
+    /// Verify all blobs. Damaged blobs are moved aside and rebuilt on demand. Exits with 1 if blobs are damaged or
+    /// lost; blobs of `transient` nodes do not count as lost.
     Verify {
-        /// Check only this share.
+        /// Verify only this share.
         #[arg(long, value_name = "SHARE")]
         sample: Option<f64>,
     },
-    /// Remove what nothing recent or pinned reaches; what is quickest to make again goes first.
+    /// Delete results that are neither recent nor pinned, the fastest to rebuild first.
     Gc {
-        /// Come down to this size, such as 20GiB or 500MB.
+        /// Target size, such as 20GiB or 500MB.
         #[arg(long, value_name = "SIZE", value_parser = bytes)]
         max_size: Option<u64>,
-        /// Keep what was used in this time, such as 12h or 30d.
+        /// Keep results used within this time, such as 12h or 30d.
         #[arg(long, value_name = "TIME", value_parser = seconds)]
         keep_within: Option<f64>,
-        /// Clear away records that have lost blobs, however recent: their actions run again when they are asked for.
-        /// Without it they stay like others, and only what is needed of them is made again.
+        /// Delete records whose blobs are lost, even recent ones; their actions rerun on demand. By default they are
+        /// kept, and lost blobs are rebuilt when needed.
         #[arg(long)]
         lost: bool,
-        /// Only say what would be removed.
+        /// Print what would be deleted, without deleting.
         #[arg(long)]
         dry_run: bool,
     },
-    /// Keep a blob, whatever a gc removes.
+    /// Protect a blob from gc.
     Pin {
-        /// A name for the pin.
+        /// Name of the pin.
         name: String,
-        /// The blob, `<hash>-<size>`.
+        /// Blob to pin: `<hash>-<size>`.
         digest: String,
     },
-    /// Take a pin away.
+    /// Remove a pin.
     Unpin {
-        /// Its name.
+        /// Name of the pin.
         name: String,
     },
     /// List the pins.

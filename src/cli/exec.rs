@@ -19,22 +19,22 @@ use tauflow_contract::{Silent, read_regular};
 /// Most bytes of an action's file: far more than any has.
 const MOST_BYTES: u64 = 1 << 28;
 
-/// What `exec` takes.
+/// Arguments of `exec`.
 #[derive(Args)]
 pub(crate) struct ExecArgs {
-    /// The action: its key or the beginning of it, or a file that `--print` wrote.
+    /// Key of the action or a prefix of it, or a file written by `--print`.
     pub(super) action: String,
-    /// Stop it, and every program that it started, after this time, such as 90s, 10m or 2h.
+    /// Stop the action and all its child processes after this time, such as 90s, 10m or 2h.
     #[arg(long, value_name = "TIME", value_parser = seconds)]
     pub(super) limit: Option<f64>,
-    /// Run it in a sandbox of bubblewrap (`bwrap`): no network, and nothing can be written but its own folder and the
-    /// cache. Without this option `exec` is no sandbox.
+    /// Run the action in a bubblewrap (`bwrap`) sandbox: without network, and with write access only to its working
+    /// directory and the cache. Without this option, `exec` is not a sandbox.
     #[arg(long)]
     pub(super) sandbox: bool,
-    /// Print the action, to be run elsewhere, and run nothing.
+    /// Print the action instead of running it, for use on another machine.
     #[arg(long)]
     print: bool,
-    /// Already in a process of its own, with this folder.
+    /// Internal: already in a separate process, with this working directory.
     #[arg(long, hide = true, value_name = "DIR")]
     inside: Option<PathBuf>,
 }

@@ -17,14 +17,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use tauflow_cache::Store;
 use tauflow_contract::ItemKey;
 
-/// What `explain` takes.
+/// Arguments of `explain`.
 #[derive(Args)]
 pub(crate) struct ExplainArgs {
     #[command(flatten)]
     pipeline: PipelineArgs,
-    /// The node.
+    /// The node to explain.
     node: String,
-    /// The item, or `cell`, or `cell/item`.
+    /// The item, `cell`, or `cell/item`.
     item: Option<String>,
 }
 

@@ -10,14 +10,14 @@ use std::{path::PathBuf, sync::atomic::AtomicBool};
 use tauflow_contract::{Artifact, Collection, Context, ItemKey, KindError, Silent};
 use tauflow_data::folder::{self, DiskFolder, ExportedItem, Manifest};
 
-/// What `export` takes.
+/// Arguments of `export`.
 #[derive(Args)]
 pub(crate) struct ExportArgs {
     #[command(flatten)]
     pipeline: PipelineArgs,
-    /// The node, `node.port`, or `node[axis=value].port`.
+    /// The results to export: `node`, `node.port`, or `node[axis=value].port`.
     node: String,
-    /// The folder to write.
+    /// Directory to write to.
     #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
 }

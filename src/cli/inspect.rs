@@ -9,12 +9,12 @@ use clap::{Args, ValueEnum};
 use std::{fmt::Write as _, fs, path::PathBuf};
 use tauflow_contract::{Determinism, Mode, NodeKind, Takes};
 
-/// What `graph` takes.
+/// Arguments of `graph`.
 #[derive(Args)]
 pub(crate) struct GraphArgs {
     #[command(flatten)]
     pipeline: PipelineArgs,
-    /// How to draw.
+    /// Output format.
     #[arg(long, value_enum, default_value_t = GraphFormat::Dot)]
     format: GraphFormat,
 }
@@ -26,12 +26,12 @@ enum GraphFormat {
     Svg,
 }
 
-/// What `kinds` takes.
+/// Arguments of `kinds`.
 #[derive(Args)]
 pub(crate) struct KindsArgs {
-    /// Show the manual of this kind.
+    /// Print the manual of this kind.
     kind: Option<String>,
-    /// Write one page for each kind into this folder.
+    /// Write one page per kind to this directory.
     #[arg(long, value_name = "DIR")]
     markdown: Option<PathBuf>,
 }

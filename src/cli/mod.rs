@@ -1,4 +1,5 @@
-//! The command line: arguments in, one command each, exit codes out. Results go to stdout, all else to stderr.
+//! The command line: parses arguments, runs one command, and returns an exit code. Results go to stdout, messages to
+//! stderr.
 
 #[macro_use]
 mod output;
@@ -30,16 +31,16 @@ use std::{
 };
 use tauflow_cache::{CacheError, Store};
 
-/// How a command ended.
+/// The result of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exit {
-    /// All is done.
+    /// Success.
     Done,
-    /// Some items failed, or the cache was found damaged.
+    /// Some items failed, or the cache is damaged.
     Failed,
-    /// The pipeline or the arguments are wrong.
+    /// The pipeline or the arguments are invalid.
     Bad,
-    /// Disk, permissions.
+    /// A problem of the environment, such as disk or permissions.
     Environment,
     /// Stopped by the user.
     Interrupted,
@@ -57,7 +58,7 @@ impl From<Exit> for ExitCode {
     }
 }
 
-/// Why a command did not come to its end.
+/// The reason for which a command failed.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum CliError {
     #[error("{0}")]
@@ -89,11 +90,11 @@ impl From<EngineError> for CliError {
     }
 }
 
-/// Data-flow pipelines that build Monte Carlo rendering benchmarks and train transport solvers on them.
+/// Reproducible pipelines for Monte Carlo rendering: generate scenes, path-trace them, train denoisers, compare.
 #[derive(Parser)]
 #[command(name = "tauflow", version, max_term_width = 110)]
 struct Cli {
-    /// Folder of the cache; else $TAUFLOW_CACHE, `cache/store` of this checkout, or `.tauflow` here.
+    /// Cache directory. Default: $TAUFLOW_CACHE, else `cache/store` in this checkout, else `.tauflow` here.
     #[arg(long, global = true, value_name = "DIR")]
     cache: Option<PathBuf>,
     #[command(subcommand)]
@@ -102,55 +103,55 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Bring a pipeline's targets up to date.
+    /// Bring the targets of a pipeline up to date.
     Run(run::RunArgs),
-    /// Show what a run would do, and why.
+    /// Show which actions a run would execute, and why.
     Plan(PipelineArgs),
-    /// Show what a node's or item's result depends on, and what changed since it last ran.
+    /// Show the cache key of a node or item, and what changed since its last run.
     Explain(explain::ExplainArgs),
-    /// Check a pipeline file; every problem at once.
+    /// Check a pipeline file and report all errors.
     Check(PipelineArgs),
-    /// Draw a pipeline.
+    /// Draw the graph of a pipeline.
     Graph(inspect::GraphArgs),
-    /// List the node kinds, or show the manual of one.
+    /// List the node kinds, or print the manual of one.
     Kinds(inspect::KindsArgs),
     /// Print the JSON Schema of pipeline files.
     Schema,
-    /// Write a first pipeline, and settings that let editors complete it.
+    /// Write a first pipeline and a schema for editors.
     Init(setup::InitArgs),
-    /// Copy a node's results out, as files that other programs read.
+    /// Write the results of a node as EXR, PNG and JSON files.
     Export(export::ExportArgs),
     /// Render a scene.
     Render(scene::RenderArgs),
-    /// Refine a rendered image with a trained solver.
+    /// Denoise a rendered image with a trained solver.
     Refine(refine::RefineArgs),
-    /// Work with one scene.
+    /// Export a scene to other programs.
     #[command(subcommand)]
     Scene(scene::SceneCommand),
-    /// Print a script that completes commands and options: `source <(tauflow completions bash)`.
+    /// Print a completion script for a shell: `source <(tauflow completions bash)`.
     Completions(setup::CompletionsArgs),
-    /// Write manual pages, one for each command: `man ./tauflow-run.1`.
+    /// Write manual pages, one per command: `man ./tauflow-run.1`.
     Man(setup::ManArgs),
-    /// Run one action alone, from the cache and nothing else, and compare what it gives with the record.
+    /// Rerun one cached action in isolation and compare the outputs with the recorded ones.
     Exec(exec::ExecArgs),
-    /// Look after the cache.
+    /// Inspect and maintain the cache.
     #[command(subcommand)]
     Cache(cache::CacheCommand),
 }
 
-/// A pipeline, and what the command line changes of it.
+/// A pipeline, and overrides from the command line.
 #[derive(Args)]
 pub(crate) struct PipelineArgs {
     /// The pipeline file.
     pipeline: PathBuf,
-    /// A profile of the file.
+    /// Apply this profile of the file.
     #[arg(long, value_name = "NAME")]
     profile: Option<String>,
-    /// Override a param or a named value: `node.param=value` or `values.NAME=value`, the value as YAML. May be given
-    /// several times.
+    /// Override a param or named value: `node.param=VALUE` or `values.NAME=VALUE`, with VALUE in YAML. Can be
+    /// repeated.
     #[arg(long = "set", value_name = "NODE.PARAM=VALUE")]
     sets: Vec<String>,
-    /// Bring only this node, or `node.port`, up to date. May be given several times.
+    /// Bring only this node or `node.port` up to date. Can be repeated.
     #[arg(long = "target", value_name = "NODE")]
     targets: Vec<String>,
 }
@@ -162,17 +163,17 @@ impl PipelineArgs {
         Ok(pipeline::resolve(&self.pipeline, registry, &options)?)
     }
 
-    /// The pipeline's file, and the profile.
+    /// The pipeline file and the profile.
     pub(crate) fn file(&self) -> (&Path, Option<&str>) {
         (&self.pipeline, self.profile.as_deref())
     }
 
-    /// Whether the command line changes what the file and profile say.
+    /// Whether the command line overrides the file and the profile.
     pub(crate) fn is_changed(&self) -> bool {
         !(self.sets.is_empty() && self.targets.is_empty())
     }
 
-    /// The options as they stood on the command line, to be shown again.
+    /// The options as given on the command line, for messages.
     fn again(&self) -> String {
         let mut words = vec![quoted(&self.pipeline.display().to_string())];
         words.extend(self.profile.iter().map(|p| format!("--profile {}", quoted(p))));
@@ -222,26 +223,26 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Where the cache lies, as asked for on the command line.
+/// The cache directory, as given on the command line.
 pub(crate) struct CacheAt(Option<PathBuf>);
 
 impl CacheAt {
-    /// Opens it, when a command needs it.
+    /// Opens the cache, and creates it if necessary.
     pub(crate) fn open(&self) -> Result<Store, CliError> {
         Ok(Store::open(&self.folder())?)
     }
 
-    /// Opens it to look at it, and makes none where there is none.
+    /// Opens an existing cache for reading.
     pub(crate) fn look(&self) -> Result<Store, CliError> {
         Ok(Store::open_existing(&self.folder())?)
     }
 
-    /// The option as it stood on the command line, to be shown again; with a blank before it.
+    /// The option as given on the command line, for messages; begins with a space.
     pub(crate) fn again(&self) -> String {
         self.0.as_ref().map_or_else(String::new, |folder| format!(" --cache {}", quoted(&folder.display().to_string())))
     }
 
-    /// Its folder.
+    /// The directory of the cache.
     pub(crate) fn folder(&self) -> PathBuf {
         if let Some(asked) = &self.0 {
             return asked.clone();
@@ -258,7 +259,7 @@ impl CacheAt {
     }
 }
 
-/// A word as a shell takes it.
+/// A word, quoted for a shell if necessary.
 fn quoted(text: &str) -> String {
     let plain = text.chars().all(|c| c.is_ascii_alphanumeric() || "._-/=+:,".contains(c));
     if plain { text.to_owned() } else { format!("'{}'", text.replace('\'', "'\\''")) }

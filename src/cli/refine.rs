@@ -19,33 +19,33 @@ const KEY: f64 = 0.18;
 /// Most bytes of a model.
 const LARGEST: u64 = 1 << 32;
 
-/// What `refine` takes.
+/// Arguments of `refine`.
 #[derive(Args)]
 pub(crate) struct RefineArgs {
-    /// The solver: a model file, as `tauflow export PIPELINE solvers.model` writes it.
+    /// Model file of the solver, as `tauflow export PIPELINE solvers.model` writes it.
     model: PathBuf,
-    /// The image: an EXR of linear radiance; layers `albedo` and `normal` are its G-buffer.
+    /// Image to denoise: an EXR file of linear radiance. The layers `albedo` and `normal` are its G-buffer.
     image: PathBuf,
-    /// Samples a pixel of the image.
+    /// Samples per pixel of the image.
     #[arg(long, value_name = "N")]
     from_spp: u64,
-    /// Samples a pixel whose noise the result should have; by default the last rung that the solver learned.
+    /// Noise level of the result, in samples per pixel. Default: the last rung of the training ladders.
     #[arg(long, value_name = "N")]
     to_spp: Option<u64>,
-    /// Model calls.
+    /// Number of network calls.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=ModelCalls::MOST))]
     nfe: u64,
-    /// Views of the image whose mean each call is: 1, 2, 4 or 8, in as many times the time.
+    /// Average each call over 1, 2, 4 or 8 mirrored and rotated copies, in as many times the time.
     #[arg(long, default_value_t = 1)]
     mirrors: u64,
-    /// An EXR with the layers `albedo` and `normal` (to the right, up, towards the camera), if the image has none.
+    /// EXR file with the layers `albedo` and `normal` (right, up, towards the camera), if the image has none.
     #[arg(long, value_name = "FILE")]
     gbuffer: Option<PathBuf>,
-    /// Factor that exposes the radiance for the solver, taken back afterwards; by default 0.18 over the image's
-    /// geometric mean luminance.
+    /// Exposure factor for the network; the result has the original exposure. Default: 0.18 divided by the geometric
+    /// mean luminance.
     #[arg(long)]
     exposure: Option<f64>,
-    /// The image to write: .exr (linear radiance), or .png (an exposed preview).
+    /// Image to write: .exr (linear radiance) or .png (exposed preview).
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
 }

@@ -33,43 +33,42 @@ impl From<LockError> for CliError {
     }
 }
 
-/// Most actions at a time: each has two threads.
+/// Maximum number of concurrent actions; each has two threads.
 const MOST_JOBS: i64 = 1024;
 
-/// What `run` takes.
+/// Arguments of `run`.
 #[derive(Args)]
 pub(crate) struct RunArgs {
     #[command(flatten)]
     pipeline: PipelineArgs,
-    /// Folder for results; the report goes to DIR/<pipeline>/report.html.
+    /// Directory for results; the report is written to DIR/<pipeline>/report.html.
     #[arg(long, value_name = "DIR", default_value = "out")]
     out: PathBuf,
-    /// Run one node, cell or item, and what it needs.
+    /// Run only this node, cell or item, and its dependencies.
     #[arg(long, value_name = "NODE[/CELL][/ITEM]")]
     only: Option<String>,
-    /// Actions at a time; by default one for each core.
+    /// Number of concurrent actions. Default: the number of cores.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=MOST_JOBS))]
     jobs: u16,
-    /// Memory that actions in flight and transient outputs may take together, such as 8GiB; by default half of what
-    /// there is.
+    /// Memory budget for running actions and transient outputs, such as 8GiB. Default: half of the memory.
     #[arg(long, value_name = "SIZE", value_parser = bytes)]
     memory: Option<u64>,
     /// Stop at the first failure.
     #[arg(long)]
     fail_fast: bool,
-    /// Run this share of what is done already again, and compare.
+    /// Rerun this share of the cached actions and compare the outputs.
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     recheck: f64,
-    /// Look every item up again, even where a whole node is known to be as it was.
+    /// Look up every item, even if a whole node is known to be up to date.
     #[arg(long)]
     no_rollup: bool,
-    /// Compare the content of every reproducible output with the pipeline's lock file.
+    /// Compare all reproducible outputs with the lock file.
     #[arg(long, conflicts_with_all = ["only", "update_lock"])]
     locked: bool,
-    /// Write the lock file, which lies beside the pipeline's.
+    /// Write the lock file, next to the pipeline file.
     #[arg(long, conflicts_with = "only")]
     update_lock: bool,
-    /// Print events for programs on stdout, one line each.
+    /// Print machine-readable events on stdout, one per line.
     #[arg(long, value_enum, value_name = "FORMAT")]
     events: Option<EventFormat>,
 }

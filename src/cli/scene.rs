@@ -34,26 +34,26 @@ use tauflow_data::{
 /// Most bytes of a file of an exported scene.
 const LARGEST: u64 = 1 << 32;
 
-/// What `render` takes.
+/// Arguments of `render`.
 #[derive(Args)]
 pub(crate) struct RenderArgs {
     #[command(flatten)]
     scene: SceneArgs,
     #[command(flatten)]
     film: FilmArgs,
-    /// The image: .exr (linear radiance), or .png (a preview).
+    /// Image to write: .exr (linear radiance) or .png (preview).
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
-    /// Factor on the radiance.
+    /// Multiply the radiance by this factor.
     #[arg(long, default_value_t = 1.0)]
     exposure: f32,
-    /// Takes as many samples as this relative error needs, doubling them until it is there: 0.01 is 1%.
+    /// Double the samples until the estimated relative error is at most this value: 0.01 is 1%.
     #[arg(long, value_name = "ERROR", value_parser = above_zero, conflicts_with_all = ["spp", "seconds"])]
     error: Option<f64>,
-    /// Samples a pixel at most, with --error.
+    /// Maximum number of samples per pixel with --error.
     #[arg(long, value_name = "N", default_value_t = 65536, value_parser = clap::value_parser!(u64).range(1..=1 << 30))]
     at_most: u64,
-    /// Takes as many samples as fit into this time, the scene being read.
+    /// Sample for this many seconds, not counting the time to read the scene.
     #[arg(long, value_name = "S", value_parser = above_zero, conflicts_with = "spp")]
     seconds: Option<f64>,
 }
@@ -66,22 +66,22 @@ fn above_zero(text: &str) -> Result<f64, String> {
 /// Which scene.
 #[derive(Args)]
 pub(crate) struct SceneArgs {
-    /// A pipeline file, with --item; a folder with `scene.json` and `blob/`, as `tauflow export` writes it; or a scene
-    /// of another program: .xml (Mitsuba 3), .pbrt (pbrt-v4), .glb or .gltf.
+    /// Scene: a file of another program (.xml of Mitsuba 3, .pbrt of pbrt-v4, .glb or .gltf), a directory with
+    /// `scene.json` and `blob/` as `tauflow export` writes it, or a pipeline file with --item.
     scene: PathBuf,
-    /// The scene of a pipeline: `node/item` or `node.port/item`.
+    /// Scene of a pipeline: `node/item` or `node.port/item`.
     #[arg(long, value_name = "NODE/ITEM")]
     item: Option<String>,
-    /// Which camera of another program's file, from 0.
+    /// Camera of the file, counted from 0.
     #[arg(long, value_name = "N", default_value_t = 0)]
     view: usize,
-    /// The folder that holds all files of another program's scene, if that is not its own.
+    /// Directory that contains all files of the scene. Default: the directory of the file.
     #[arg(long, value_name = "DIR")]
     root: Option<PathBuf>,
-    /// Lets what is only nearly expressed pass as a note.
+    /// Accept features that can only be approximated, and list them.
     #[arg(long)]
     approximate: bool,
-    /// Takes lights of glTF files by 683 lumen to the watt.
+    /// Divide the lights of glTF files by 683 lumen per watt.
     #[arg(long)]
     light_watts: bool,
 }
@@ -89,13 +89,13 @@ pub(crate) struct SceneArgs {
 /// Film and samples.
 #[derive(Args)]
 pub(crate) struct FilmArgs {
-    /// Samples a pixel.
+    /// Samples per pixel.
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u64).range(1..))]
     spp: u64,
-    /// Pixels in a row; those of the scene's own film, or 256.
+    /// Image width in pixels. Default: the width of the scene's film, or 256.
     #[arg(long)]
     width: Option<u32>,
-    /// Rows; those of the scene's own film, or 256.
+    /// Image height in pixels. Default: the height of the scene's film, or 256.
     #[arg(long)]
     height: Option<u32>,
 }
@@ -120,13 +120,13 @@ impl FilmArgs {
 /// What can be done with one scene.
 #[derive(Subcommand)]
 pub(crate) enum SceneCommand {
-    /// Write it as Mitsuba 3 reads it: scene.xml, meshes, textures.
+    /// Export a scene to Mitsuba 3: scene.xml, meshes, textures.
     Mitsuba {
         #[command(flatten)]
         scene: SceneArgs,
         #[command(flatten)]
         film: FilmArgs,
-        /// The folder to write.
+        /// Directory to write to.
         #[arg(short, long, value_name = "DIR")]
         out: PathBuf,
     },

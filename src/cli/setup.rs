@@ -5,15 +5,15 @@ use crate::{kinds::Registry, pipeline::schema};
 use clap::{Args, Command};
 use std::{fs, path::PathBuf};
 
-/// What `init` takes.
+/// Arguments of `init`.
 #[derive(Args)]
 pub(crate) struct InitArgs {
-    /// The folder to write into.
+    /// Directory to write to.
     #[arg(default_value = ".")]
     dir: PathBuf,
 }
 
-/// A first pipeline: small, and worth editing.
+/// A small first pipeline.
 pub const STARTER: &str = include_str!("starter.yaml");
 
 pub(crate) fn init(args: &InitArgs, registry: &Registry) -> Result<Exit, CliError> {
@@ -36,10 +36,10 @@ pub(crate) fn init(args: &InitArgs, registry: &Registry) -> Result<Exit, CliErro
     Ok(Exit::Done)
 }
 
-/// What `completions` takes.
+/// Arguments of `completions`.
 #[derive(Args)]
 pub(crate) struct CompletionsArgs {
-    /// The shell that reads the script.
+    /// Shell to complete for.
     shell: clap_complete::Shell,
 }
 
@@ -50,10 +50,10 @@ pub(crate) fn completions(args: &CompletionsArgs, command: &mut Command) -> Resu
     Ok(Exit::Done)
 }
 
-/// What `man` takes.
+/// Arguments of `man`.
 #[derive(Args)]
 pub(crate) struct ManArgs {
-    /// The folder to write into, made if need be; pages of the same names are written anew.
+    /// Directory to write to; created if missing. Existing pages are overwritten.
     dir: PathBuf,
 }
 

@@ -18,33 +18,36 @@ use tauflow_data::{Image, TensorFile};
 use tauflow_testing::{Need, set, skip};
 use tauflow_train::{Denoiser, Model, Place, Training, TrainingParams};
 
-const MANUAL: &str = include_str!("../src/training.md");
+/// The pages that describe the files of a training.
+const PAGES: [&str; 2] =
+    [include_str!("../../../docs/formats/model.md"), include_str!("../../../docs/formats/checkpoint.md")];
 const COUNTS: [u64; 5] = [1, 2, 4, 8, 16];
 /// Of the made-up image, as in the script. They are no multiples of 8, so that edges are continued.
 const HEIGHT: usize = 12;
 const WIDTH: usize = 20;
 const TIMES: [f64; 2] = [0.0, 0.4];
 
-/// The cells of the manual's table that begins with this column, backquotes taken off.
+/// The cells of the pages' table that begins with this column, without backquotes.
 fn table(column: &str) -> Vec<Vec<String>> {
     let heading = format!("| {column} |");
     let cells = |line: &str| line.trim_matches('|').split('|').map(|cell| cell.trim().replace('`', "")).collect();
-    let rows: Vec<Vec<String>> = MANUAL
-        .lines()
+    let rows: Vec<Vec<String>> = PAGES
+        .iter()
+        .flat_map(|page| page.lines())
         .skip_while(|line| !line.starts_with(&heading))
         .take_while(|line| line.starts_with('|'))
         .skip(2)
         .map(cells)
         .collect();
-    assert!(!rows.is_empty(), "the manual has a table of {column}s");
+    assert!(!rows.is_empty(), "the pages have a table of {column}s");
     rows
 }
 
-/// The matrices that the manual's tables give a model of this note.
+/// The matrices of a model with this note, according to the pages' tables.
 fn matrices(info: &Value) -> BTreeMap<String, Vec<usize>> {
     let text = |name: &str| info[name].as_str().unwrap_or("means");
     let presets = table("preset");
-    let preset = presets.iter().find(|row| row[0] == text("preset")).expect("a preset of the manual");
+    let preset = presets.iter().find(|row| row[0] == text("preset")).expect("a preset of the page");
     let [widths, plan] = [&preset[1..4], &preset[4..]]
         .map(|cells| cells.iter().map(|cell| cell.parse().expect("a number")).collect::<Vec<usize>>());
     let [blocks, convolutions, embedding] = plan[..] else { panic!("{preset:?}") };
@@ -97,7 +100,7 @@ fn shapes(file: &TensorFile) -> BTreeMap<String, Vec<usize>> {
     file.tensors.iter().map(|(name, tensor)| (name.clone(), tensor.shape.clone())).collect()
 }
 
-/// The note of a model, whose file is what the manual says.
+/// The note of a model, after comparing its file with the page.
 fn checked(bytes: &[u8]) -> (TensorFile, Value) {
     let file = TensorFile::from_bytes(bytes).expect("safetensors of f32");
     assert_eq!(file.metadata.keys().collect::<Vec<_>>(), ["model"]);
@@ -297,8 +300,8 @@ fn checkpoints_are_what_the_manual_says() {
 }
 
 #[test]
-fn the_manuals_lines_of_pytorch_load_a_model() {
-    let (_, code) = MANUAL.split_once("```python\n").expect("the manual has lines of PyTorch");
+fn the_lines_of_pytorch_on_the_page_load_a_model() {
+    let (_, code) = PAGES[0].split_once("```python\n").expect("the page has lines of PyTorch");
     let (code, _) = code.split_once("```").expect("they end");
     assert_eq!(code.lines().count(), 3);
     let (bytes, _) = trained(json!({ "conditioning": "gbuffer" }));
