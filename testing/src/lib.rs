@@ -111,6 +111,17 @@ pub fn skip(need: Need, why: impl Display) {
     let _ = writeln!(std::io::stderr(), "skipped: {test} ({}): {why}", need.name());
 }
 
+/// Does a part of a long test, and says on the standard error what it took if that was a second or more.
+pub fn part<T>(name: &str, work: impl FnOnce() -> T) -> T {
+    let start = std::time::Instant::now();
+    let done = work();
+    let took = start.elapsed().as_secs_f64();
+    if took >= 1.0 {
+        let _ = writeln!(std::io::stderr(), "part: {name} {took:.1} s");
+    }
+    done
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
