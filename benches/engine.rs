@@ -74,7 +74,7 @@ impl Kind for Source {
     type Params = SourceParams;
 
     fn spec() -> KindSpec {
-        spec("source", Mode::Source, &[])
+        spec("source", Mode::Source, vec![])
     }
 
     fn items(params: &Self::Params) -> Result<Vec<SourceItem>, KindError> {
@@ -108,7 +108,7 @@ impl Kind for Copy {
     type Params = CopyParams;
 
     fn spec() -> KindSpec {
-        spec("copy", Mode::Map, const { &[IN.port()] })
+        spec("copy", Mode::Map, vec![IN.port()])
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -118,8 +118,8 @@ impl Kind for Copy {
     }
 }
 
-fn spec(name: &'static str, mode: Mode, inputs: &'static [InputPort]) -> KindSpec {
-    let outputs = const { &[OUT.port()] };
+fn spec(name: &'static str, mode: Mode, inputs: Vec<InputPort>) -> KindSpec {
+    let outputs = vec![OUT.port()];
     KindSpec { name, summary: "A toy.", manual: "", mode, inputs, outputs, seeded: false }
 }
 

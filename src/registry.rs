@@ -8,7 +8,9 @@ pub use tauflow_render::{
     until::Until,
 };
 pub use tauflow_scene::{LightUnit, Options, load_scene};
-pub use tauflow_train::{Conditioning, Course, Denoiser, Mirrored, Model, ModelCalls, Views, rollout_to};
+pub use tauflow_train::{
+    Conditioning, Course, Denoiser, Mirrored, Model, ModelCalls, NetworkDevice, Place, Views, rollout_to,
+};
 
 /// Every kind there is.
 pub fn registry() -> Registry {

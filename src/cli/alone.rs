@@ -30,7 +30,7 @@ use std::{
 use tempfile::TempDir;
 
 /// What an action is told of the environment: where programs are, and what is in keys. All else stays outside.
-const PASSED: [&str; 5] = ["PATH", "RAYON_NUM_THREADS", "TAUFLOW_OIDN", "TAUFLOW_DEVICE", "TAUFLOW_INSTRUCTIONS"];
+const PASSED: [&str; 4] = ["PATH", "RAYON_NUM_THREADS", "TAUFLOW_OIDN", "TAUFLOW_INSTRUCTIONS"];
 /// The sandbox: no network, no process of others, nothing that can be written. What is to be comes after it. `/run` has
 /// the sockets of the system's services, and `/tmp` those of people's programs, which would be ways out.
 const SANDBOX: [&str; 20] = [

@@ -102,12 +102,12 @@ pub fn page(kind: &dyn NodeKind) -> String {
     };
     let _ = writeln!(out, "{manual}\n\n## Ports\n\nVersion {versions}; {mode}.\n");
     let mut rows = vec![["port", "", "holds", "what"].map(str::to_owned).to_vec()];
-    for port in spec.inputs {
+    for port in &spec.inputs {
         let takes = if port.takes == Takes::Item { "by item" } else { "all" };
         let optional = if port.optional { ", optional" } else { "" };
         rows.push(vec![port.name.into(), format!("input, {takes}{optional}"), port.media.into(), port.doc.into()]);
     }
-    for port in spec.outputs {
+    for port in &spec.outputs {
         let mut notes = vec!["output"];
         if port.filter {
             notes.push("filter");

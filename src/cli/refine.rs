@@ -6,7 +6,8 @@ use super::{
     seconds_text,
 };
 use crate::registry::{
-    Conditioning, Course, Denoiser, Mirrored, Model, ModelCalls, Views, geometric_mean_luminance, rollout_to,
+    Conditioning, Course, Denoiser, Mirrored, Model, ModelCalls, NetworkDevice, Place, Views, geometric_mean_luminance,
+    rollout_to,
 };
 use clap::Args;
 use std::{collections::BTreeMap, path::PathBuf, time::Instant};
@@ -45,9 +46,16 @@ pub(crate) struct RefineArgs {
     /// mean luminance.
     #[arg(long)]
     exposure: Option<f64>,
+    /// Device of the network: `cpu`; with the feature `gpu` also `vulkan` and `software_vulkan`.
+    #[arg(long, default_value = "cpu", value_parser = device)]
+    device: NetworkDevice,
     /// Image to write: .exr (linear radiance) or .png (exposed preview).
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
+}
+
+fn device(text: &str) -> Result<NetworkDevice, String> {
+    serde_json::from_value(text.into()).map_err(|_| "write `cpu`, `vulkan` or `software_vulkan`".into())
 }
 
 pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
@@ -56,7 +64,8 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     let read = |path: &PathBuf| read_exr(path).map_err(|e| CliError::Bad(e.to_string()));
     let bytes = read_regular(&args.model, LARGEST)
         .map_err(|e| CliError::Bad(format!("cannot read {}: {e}", args.model.display())))?;
-    let model = Model::load(&bytes).map_err(|e| CliError::Bad(format!("{}: {e}", args.model.display())))?;
+    let place = Place::of(args.device).map_err(|e| CliError::Environment(e.to_string()))?;
+    let model = Model::load_to(&bytes, &place).map_err(|e| CliError::Bad(format!("{}: {e}", args.model.display())))?;
     let mut layers = read(&args.image)?;
     let gbuffer = match (model.info().conditioning, &args.gbuffer) {
         (Conditioning::Rgb, _) => None,

@@ -127,7 +127,7 @@ impl ActionFile {
                 registry.hint(&basis.kind)
             )));
         };
-        let spec = kind.spec();
+        let spec = kind.spec_for(&basis.params);
         let Some(group) = spec.group(&basis.group) else {
             return Err(ExecError::Action(format!("`{}` has no outputs of a group `{}`", basis.kind, basis.group)));
         };
@@ -263,7 +263,7 @@ fn foreign(there: &Value, here: &Value) -> ExecError {
     let told = found.iter().map(differ).collect::<Vec<_>>().join("; ");
     ExecError::Foreign(format!(
         "the action is of another machine, library or device: {told}; run it where they are the same (`exec` passes on \
-         PATH, RAYON_NUM_THREADS, TAUFLOW_OIDN, TAUFLOW_DEVICE and TAUFLOW_INSTRUCTIONS, and works in an empty \
+         PATH, RAYON_NUM_THREADS, TAUFLOW_OIDN and TAUFLOW_INSTRUCTIONS, and works in an empty \
          folder, so that programs are named by PATH or from `/` on), or run its pipeline here, which gives it a key of \
          its own"
     ))

@@ -78,10 +78,13 @@ fn finish(
     overrides::to_nodes(overrides, &mut file.seed, &mut nodes, &mut values, &mut problems);
     let seed = seed(&file, &mut problems);
     let mut drafts: Vec<Draft> = nodes.iter().map(|raw| draft(raw, registry, &mut problems)).collect();
-    let wiring = wire::wire(&nodes, &drafts, &mut problems);
-    for (at, (draft, raw)) in drafts.iter_mut().zip(&nodes).enumerate() {
-        check_axes(draft, raw, wiring.axes_read(at), &mut problems);
+    for (draft, raw) in drafts.iter_mut().zip(&nodes) {
         params(draft, raw, &mut problems);
+        ports(draft, raw, &mut problems);
+    }
+    let wiring = wire::wire(&nodes, &drafts, &mut problems);
+    for (at, (draft, raw)) in drafts.iter().zip(&nodes).enumerate() {
+        check_axes(draft, raw, wiring.axes_read(at), &mut problems);
     }
     let order = wire::order(&wiring, &mut problems);
     values.explain(&mut problems);
@@ -263,6 +266,27 @@ fn params(draft: &mut Draft, raw: &RawNode, problems: &mut Vec<Problem>) {
                     .extend(list.into_iter().map(|p| Problem::at(place(&p.pointer, false), p.message).hint(p.hint)));
             }
         }
+    }
+}
+
+/// Gives a node the ports that its params decide; all its cells have the same.
+fn ports(draft: &mut Draft, raw: &RawNode, problems: &mut Vec<Problem>) {
+    let Some((kind, spec)) = &mut draft.kind else { return };
+    let deciding = kind.port_params();
+    if deciding.is_empty() {
+        return;
+    }
+    for Axis { name: axis, .. } in raw.matrix.iter().filter(|axis| deciding.contains(&axis.name.text.as_str())) {
+        let message = format!(
+            "`{}` decides what the ports of `{}` are, and a node has one set of ports: it cannot be an axis",
+            axis.text, spec.name
+        );
+        problems.push(Problem::at(axis.span, message).hint("write a node for each value, with its value in `params`"));
+    }
+    match draft.cells.first().map(|cell| &cell.params) {
+        Some(params) if !params.is_null() => *spec = kind.spec_for(params),
+        // The params are wrong, which has been told of. The ports are not known, so that nothing is said of them.
+        _ => draft.kind = None,
     }
 }
 

@@ -140,6 +140,19 @@ fn the_example_of_adding_a_kind_runs_in_a_pipeline() {
 }
 
 #[test]
+fn a_param_of_the_example_of_adding_a_kind_decides_a_port() {
+    let reading = |params: &str| pipeline(params).replace("images: brighter,", "images: brighter.original,");
+    let found = resolved(&reading("gamma: 0.5, original: true")).unwrap_or_else(|problems| panic!("{problems}"));
+    let node = &found.nodes[found.node("brighter").expect("it is in the pipeline")];
+    assert_eq!(node.spec.outputs.iter().map(|port| port.name).collect::<Vec<_>>(), ["refined", "original"]);
+    let problems = resolved(&reading("gamma: 0.5")).expect_err("no such port");
+    assert!(problems.contains("`brighter` has no output `original`"), "{problems}");
+    let matrix = reading("gamma: 0.5").replace("  brighter:\n", "  brighter:\n    matrix: { original: [true] }\n");
+    let problems = resolved(&matrix).expect_err("an axis that decides a port");
+    assert!(problems.contains("it cannot be an axis") && problems.contains("example.yaml:"), "{problems}");
+}
+
+#[test]
 fn wrong_params_of_the_example_of_adding_a_kind_are_told_before_it_runs() {
     for (params, told) in [("gamma: 1.0", "changes nothing"), ("gamma: 20.0", "10"), ("gama: 0.5", "gamma")] {
         let problems = resolved(&pipeline(params)).expect_err(params);

@@ -14,6 +14,7 @@ mod machine;
 mod matrix;
 mod memory;
 mod plans;
+mod ports;
 mod publishing;
 mod shards;
 #[path = "../cli/validator.rs"]

@@ -270,7 +270,7 @@ fn materials(add: Add<'_>) {
             let whole = Roulette { from: depth, gain: 1.0 };
             let renderer = Renderer::new(&world, Resolution::new(8, 8).expect("small"), 0)
                 .map_err(|e| e.to_string())?
-                .with_roulette(whole);
+                .with_integrator(whole);
             within(&film_of(&renderer, 64)?, expected, 0.01)
         });
         add(

@@ -1,5 +1,7 @@
 //! Toy kinds on whole numbers: every sort of node that the engine knows, and some that misbehave.
 
+#[path = "fan.rs"]
+mod fan;
 #[path = "machine.rs"]
 mod machine;
 #[path = "unsteady.rs"]
@@ -37,15 +39,11 @@ pub fn registry() -> Registry {
         Box::new(KindRow::<unsteady::Unsteady>::new()),
         Box::new(KindRow::<unsteady::Drawn>::new()),
         Box::new(KindRow::<machine::Sited>::new()),
+        Box::new(KindRow::<fan::Fan>::new()),
     ])
 }
 
-const fn spec(
-    name: &'static str,
-    mode: Mode,
-    inputs: &'static [InputPort],
-    outputs: &'static [OutputPort],
-) -> KindSpec {
+fn spec(name: &'static str, mode: Mode, inputs: Vec<InputPort>, outputs: Vec<OutputPort>) -> KindSpec {
     KindSpec { name, summary: "A toy.", manual: "", mode, inputs, outputs, seeded: false }
 }
 
@@ -98,7 +96,7 @@ impl Kind for Numbers {
     type Params = NumbersParams;
 
     fn spec() -> KindSpec {
-        spec("numbers", Mode::Source, &[], const { &[GIVEN.port()] })
+        spec("numbers", Mode::Source, vec![], vec![GIVEN.port()])
     }
 
     fn items(params: &Self::Params) -> Result<Vec<SourceItem>, KindError> {
@@ -138,7 +136,7 @@ impl Kind for Listed {
     type Params = FilesParams;
 
     fn spec() -> KindSpec {
-        spec("files", Mode::Source, &[], const { &[IN_FILE.port()] })
+        spec("files", Mode::Source, vec![], vec![IN_FILE.port()])
     }
 
     fn items(params: &Self::Params) -> Result<Vec<SourceItem>, KindError> {
@@ -214,8 +212,8 @@ impl Kind for Affine {
     type Params = AffineParams;
 
     fn spec() -> KindSpec {
-        let outputs = const { &[RESULT.port(), NEGATIVE.port()] };
-        spec("affine", Mode::Map, const { &[IN.port()] }, outputs)
+        let outputs = vec![RESULT.port(), NEGATIVE.port()];
+        spec("affine", Mode::Map, vec![IN.port()], outputs)
     }
 
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
@@ -268,7 +266,7 @@ impl Kind for Round {
     type Params = RoundParams;
 
     fn spec() -> KindSpec {
-        spec("round", Mode::Map, const { &[IN.port()] }, const { &[ROUNDED.port()] })
+        spec("round", Mode::Map, vec![IN.port()], vec![ROUNDED.port()])
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -303,7 +301,7 @@ impl Kind for Below {
     type Params = BelowParams;
 
     fn spec() -> KindSpec {
-        spec("below", Mode::Map, const { &[IN.port()] }, const { &[KEPT.port(), OTHERS.port()] })
+        spec("below", Mode::Map, vec![IN.port()], vec![KEPT.port(), OTHERS.port()])
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -328,7 +326,7 @@ impl Kind for Pair {
     type Params = Nothing;
 
     fn spec() -> KindSpec {
-        spec("pair", Mode::Map, const { &[LEFT.port(), RIGHT.port()] }, const { &[PAIR_SUM.port()] })
+        spec("pair", Mode::Map, vec![LEFT.port(), RIGHT.port()], vec![PAIR_SUM.port()])
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -354,7 +352,7 @@ impl Kind for Total {
     type Params = TotalParams;
 
     fn spec() -> KindSpec {
-        spec("total", Mode::Gather, const { &[ALL.port()] }, const { &[SUM.port(), PAGE.port()] })
+        spec("total", Mode::Gather, vec![ALL.port()], vec![SUM.port(), PAGE.port()])
     }
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
@@ -386,7 +384,7 @@ impl Kind for Shares {
     type Params = Nothing;
 
     fn spec() -> KindSpec {
-        spec("shares", Mode::Map, const { &[IN.port(), OF.port()] }, const { &[SHARE.port()] })
+        spec("shares", Mode::Map, vec![IN.port(), OF.port()], vec![SHARE.port()])
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {

@@ -42,8 +42,8 @@ impl Kind for Sited {
             summary: "A toy.",
             manual: "",
             mode: Mode::Map,
-            inputs: const { &[IN.port()] },
-            outputs: const { &[OUT.port(), CLOCKED.port()] },
+            inputs: vec![IN.port()],
+            outputs: vec![OUT.port(), CLOCKED.port()],
             seeded: false,
         }
     }

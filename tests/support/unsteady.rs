@@ -29,7 +29,7 @@ impl Kind for Unsteady {
     type Params = UnsteadyParams;
 
     fn spec() -> KindSpec {
-        spec("unsteady", Mode::Map, const { &[IN.port()] }, const { &[WHATEVER.port(), TIME.port()] })
+        spec("unsteady", Mode::Map, vec![IN.port()], vec![WHATEVER.port(), TIME.port()])
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -56,7 +56,7 @@ impl Kind for Drawn {
     type Params = Nothing;
 
     fn spec() -> KindSpec {
-        KindSpec { seeded: true, ..spec("drawn", Mode::Map, const { &[IN.port()] }, const { &[DRAWN.port()] }) }
+        KindSpec { seeded: true, ..spec("drawn", Mode::Map, vec![IN.port()], vec![DRAWN.port()]) }
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {

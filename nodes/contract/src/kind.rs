@@ -19,7 +19,7 @@ pub enum Mode {
 }
 
 /// What a kind states about itself.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct KindSpec {
     /// Name in the pipeline file.
     pub name: &'static str,
@@ -30,9 +30,9 @@ pub struct KindSpec {
     /// How it works through items.
     pub mode: Mode,
     /// Its inputs.
-    pub inputs: &'static [InputPort],
+    pub inputs: Vec<InputPort>,
     /// Its outputs, the default first.
-    pub outputs: &'static [OutputPort],
+    pub outputs: Vec<OutputPort>,
     /// True if its actions get a seed derived from the pipeline's.
     pub seeded: bool,
 }
@@ -52,7 +52,7 @@ impl KindSpec {
     /// The groups, in the order of their first ports.
     pub fn groups(&self) -> Vec<Group> {
         let mut groups: Vec<Group> = Vec::new();
-        for port in self.outputs {
+        for port in &self.outputs {
             if !groups.contains(&port.group) {
                 groups.push(port.group);
             }
@@ -115,8 +115,20 @@ pub trait Kind: Send + Sync + 'static {
     /// The params: documented, with defaults, unknown fields denied.
     type Params: Serialize + DeserializeOwned + JsonSchema + Send + Sync;
 
-    /// What the kind states about itself.
+    /// What the kind states about itself, whatever its params. Where these decide ports, the ports of most params.
     fn spec() -> KindSpec;
+
+    /// What the kind states about a node of these params. Only the params that [`Kind::port_params`] names may make it
+    /// another than [`Kind::spec`]; of projected params it states the same. The default is the same for all.
+    fn spec_for(_params: &Self::Params) -> KindSpec {
+        Self::spec()
+    }
+
+    /// Names of the params that decide ports, or how a node works through items. A node has one set of ports, so these
+    /// cannot be axes of a matrix, and [`Kind::project`] keeps them. The default is none.
+    fn port_params() -> &'static [&'static str] {
+        &[]
+    }
 
     /// Problems that the schema cannot express, such as a minimum above a maximum.
     fn check(_params: &Self::Params) -> Vec<ParamProblem> {

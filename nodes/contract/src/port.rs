@@ -1,7 +1,8 @@
 //! Ports: typed constants, which a kind lists in its spec and reads and writes its artifacts by.
 //!
 //! `const SCENES: Each<Scene> = Each::new("scenes", "The scenes to render.")` is an input, `action.read(ctx, SCENES)`
-//! its value. The engine sees them as [`InputPort`] and [`OutputPort`], which name media types by text.
+//! its value. The engine sees them as [`InputPort`] and [`OutputPort`], which name media types by text. A kind can also
+//! make these two from its params ([`crate::Kind::spec_for`]), with names that [`crate::interned`] keeps.
 
 use crate::{Any, Media};
 use std::marker::PhantomData;
@@ -49,7 +50,7 @@ impl Group {
 }
 
 /// An input of a kind, as the engine sees it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InputPort {
     /// Name in the pipeline file.
     pub name: &'static str,
@@ -64,7 +65,7 @@ pub struct InputPort {
 }
 
 /// An output of a kind, as the engine sees it. The first port is the node's default output.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutputPort {
     /// Name in the pipeline file.
     pub name: &'static str,
@@ -83,10 +84,13 @@ pub struct OutputPort {
 }
 
 impl OutputPort {
-    /// The same port, decided by the machine, too.
-    pub const fn local(mut self) -> Self {
-        self.determinism = Determinism::Local;
-        self
+    /// The same port without bits that are the same on all machines: what was bitwise is decided by the machine, too.
+    pub fn of_machine(self) -> Self {
+        let determinism = match self.determinism {
+            Determinism::Bitwise => Determinism::Local,
+            other => other,
+        };
+        Self { determinism, ..self }
     }
 }
 

@@ -14,6 +14,10 @@ pub type Projection = Box<dyn Fn(Option<&ItemKey>, &str) -> Value + Send + Sync>
 pub trait NodeKind: Send + Sync {
     /// What the kind states about itself.
     fn spec(&self) -> KindSpec;
+    /// See [`Kind::spec_for`]; `params` are resolved, or a projection.
+    fn spec_for(&self, params: &Value) -> KindSpec;
+    /// See [`Kind::port_params`].
+    fn port_params(&self) -> &'static [&'static str];
     /// JSON Schema of the params.
     fn params_schema(&self) -> Value;
     /// Fills defaults in, and checks.
@@ -78,6 +82,20 @@ fn pointer(path: &serde_path_to_error::Path) -> String {
 impl<K: Kind> NodeKind for KindRow<K> {
     fn spec(&self) -> KindSpec {
         K::spec()
+    }
+
+    fn spec_for(&self, params: &Value) -> KindSpec {
+        if K::port_params().is_empty() {
+            return K::spec();
+        }
+        let mut read = params.clone();
+        fill_in(&mut read, K::later());
+        // Params that do not parse cannot be, once they are resolved; those of a crafted action are refused by `run`.
+        parse(&read).map_or_else(|_| K::spec(), |params| K::spec_for(&params))
+    }
+
+    fn port_params(&self) -> &'static [&'static str] {
+        K::port_params()
     }
 
     fn params_schema(&self) -> Value {
@@ -192,8 +210,8 @@ mod tests {
                 summary: "A toy.",
                 manual: "",
                 mode: Mode::Source,
-                inputs: &[],
-                outputs: const { &[Out::<Files>::new(Group::main(3), "out", "Nothing.").port()] },
+                inputs: vec![],
+                outputs: vec![Out::<Files>::new(Group::main(3), "out", "Nothing.").port()],
                 seeded: false,
             }
         }

@@ -77,8 +77,8 @@ impl Kind for ExternalDenoiser {
             summary: "Denoises endpoints with Open Image Denoise, or any program, to compare with.",
             manual: include_str!("external_denoiser.md"),
             mode: Mode::Map,
-            inputs: const { &[ENDPOINTS.port(), AFTER.port()] },
-            outputs: const { &[REFINED.port(), TIMES.port()] },
+            inputs: vec![ENDPOINTS.port(), AFTER.port()],
+            outputs: vec![REFINED.port(), TIMES.port()],
             seeded: false,
         }
     }

@@ -81,8 +81,8 @@ impl Kind for ExternalRenderer {
             summary: "Renders scenes with another renderer, to compare with.",
             manual: include_str!("external_renderer.md"),
             mode: Mode::Map,
-            inputs: const { &[SCENES.port(), AFTER.port()] },
-            outputs: const { &[RENDERED.port(), TIMES.port()] },
+            inputs: vec![SCENES.port(), AFTER.port()],
+            outputs: vec![RENDERED.port(), TIMES.port()],
             seeded: true,
         }
     }

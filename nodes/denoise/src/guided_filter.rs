@@ -95,8 +95,8 @@ impl Kind for GuidedFilter {
             summary: "Filters endpoints by joint bilateral weights or non-local means, guided by G-buffers.",
             manual: include_str!("guided_filter.md"),
             mode: Mode::Map,
-            inputs: const { &[ENDPOINTS.port(), AFTER.port()] },
-            outputs: const { &[REFINED.port(), TIMES.port()] },
+            inputs: vec![ENDPOINTS.port(), AFTER.port()],
+            outputs: vec![REFINED.port(), TIMES.port()],
             seeded: false,
         }
     }

@@ -54,8 +54,8 @@ impl Kind for BridgeValidation {
             summary: "Compares steps between rungs with the real rungs.",
             manual: include_str!("bridge_validation.md"),
             mode: Mode::Gather,
-            inputs: const { &[ENDPOINTS.port(), STEPS.port(), SPLIT.port()] },
-            outputs: const { &[BRIDGE.port()] },
+            inputs: vec![ENDPOINTS.port(), STEPS.port(), SPLIT.port()],
+            outputs: vec![BRIDGE.port()],
             seeded: true,
         }
     }

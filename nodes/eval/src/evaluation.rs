@@ -61,8 +61,8 @@ impl Kind for EvaluationKind {
             summary: "Sums scores up by method, model calls and stratum, with intervals.",
             manual: include_str!("evaluation.md"),
             mode: Mode::Gather,
-            inputs: const { &[SCORES.port(), HOLD.port(), BASELINES.port(), SPLIT.port()] },
-            outputs: const { &[TABLES.port()] },
+            inputs: vec![SCORES.port(), HOLD.port(), BASELINES.port(), SPLIT.port()],
+            outputs: vec![TABLES.port()],
             seeded: true,
         }
     }

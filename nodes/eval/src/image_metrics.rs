@@ -44,8 +44,8 @@ impl Kind for ImageMetrics {
             summary: "Compares images with references: PSNR, MAE, SSIM.",
             manual: include_str!("image_metrics.md"),
             mode: Mode::Map,
-            inputs: const { &[IMAGES.port(), REFERENCES.port()] },
-            outputs: const { &[METRICS.port()] },
+            inputs: vec![IMAGES.port(), REFERENCES.port()],
+            outputs: vec![METRICS.port()],
             seeded: false,
         }
     }

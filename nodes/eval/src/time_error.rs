@@ -45,21 +45,19 @@ impl Kind for TimeErrorKind {
             summary: "Error against time: of rendering alone, solvers and denoisers.",
             manual: include_str!("time_error.md"),
             mode: Mode::Gather,
-            inputs: const {
-                &[
-                    REFERENCES.port(),
-                    EXPOSURE.port(),
-                    LADDERS.port(),
-                    RENDER_TIMES.port(),
-                    REFINED.port(),
-                    TIMES.port(),
-                    SAMPLED.port(),
-                    RENDERED.port(),
-                    RENDERED_TIMES.port(),
-                    SPLIT.port(),
-                ]
-            },
-            outputs: const { &[TABLES.port()] },
+            inputs: vec![
+                REFERENCES.port(),
+                EXPOSURE.port(),
+                LADDERS.port(),
+                RENDER_TIMES.port(),
+                REFINED.port(),
+                TIMES.port(),
+                SAMPLED.port(),
+                RENDERED.port(),
+                RENDERED_TIMES.port(),
+                SPLIT.port(),
+            ],
+            outputs: vec![TABLES.port()],
             seeded: true,
         }
     }

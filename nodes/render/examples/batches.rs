@@ -30,7 +30,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (mut seconds, mut segments, mut rejected) = (Vec::new(), 0, 0);
     for batch in 0..batches {
         let roulette = if how.iter().any(|h| h == "late") { Roulette::LATE } else { Roulette::default() };
-        let renderer = Renderer::new(&world, Resolution::new(side, side)?, 1000 + batch)?.with_roulette(roulette);
+        let renderer = Renderer::new(&world, Resolution::new(side, side)?, 1000 + batch)?.with_integrator(roulette);
         let mut film = renderer.begin();
         let begun = Instant::now();
         pool.install(|| renderer.advance(&mut film, spp, &mut |_| Ok(())))?;

@@ -46,8 +46,8 @@ impl Kind for ConvergenceKind {
             summary: "Measures how far ladders keep to the law of variance time, against held-out references.",
             manual: include_str!("convergence.md"),
             mode: Mode::Gather,
-            inputs: const { &[REFERENCES.port(), LADDERS.port(), EXPOSURE.port()] },
-            outputs: const { &[CONVERGENCE.port()] },
+            inputs: vec![REFERENCES.port(), LADDERS.port(), EXPOSURE.port()],
+            outputs: vec![CONVERGENCE.port()],
             seeded: true,
         }
     }

@@ -1,11 +1,6 @@
 #![doc = include_str!("ladder_rendering.md")]
 
-use crate::{
-    accumulator::Accumulator,
-    render::Renderer,
-    until::{self, Until},
-    world::World,
-};
+use crate::{accumulator::Accumulator, render::Renderer, until::Until, world::World};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -14,8 +9,8 @@ use std::{
     collections::{BTreeMap, btree_map::Entry},
 };
 use tauflow_contract::{
-    Action, All, Any, Artifact, Basis, Context, Digest, Each, Group, Handle, ItemKey, Kind, KindError, KindSpec, Media,
-    MemoKey, Mode, Out, Outputs, ParamProblem, Probe, Stored,
+    Action, All, Any, Artifact, Basis, Before, Context, Digest, Each, Group, Handle, ItemKey, Kind, KindError,
+    KindSpec, Later, Media, MemoKey, Mode, Out, Outputs, ParamProblem, Probe, Stored,
 };
 use tauflow_data::{
     Resolution, Rungs, SamplerKind,
@@ -37,6 +32,9 @@ const LADDER: Out<Ladder> = Out::new(LADDERS, "ladder", "The rungs, and the vari
 const GBUFFER: Out<GBuffer> = Out::new(GBUFFERS, "gbuffer", "Albedo and normal at the first surface.");
 const TIMING: Out<Timing> =
     Out::new(TIMINGS, "timing", "How long it takes to get to each rung, on all cores.").measured();
+
+/// Params that came later, with what acted before.
+const LATER: &[Later] = &[Later { pointer: "/until", before: Before::Null }];
 
 /// Points of a sequence: a sample's index has 32 bits.
 const MOST_SOBOL: u64 = 1 << 32;
@@ -110,8 +108,8 @@ impl Kind for LadderRendering {
             summary: "Renders nested sample ladders of scenes by path tracing.",
             manual: include_str!("ladder_rendering.md"),
             mode: Mode::Map,
-            inputs: const { &[SCENES.port(), AFTER.port()] },
-            outputs: const { &[LADDER.port(), GBUFFER.port(), TIMING.port()] },
+            inputs: vec![SCENES.port(), AFTER.port()],
+            outputs: vec![LADDER.port(), GBUFFER.port(), TIMING.port()],
             seeded: false,
         }
     }
@@ -136,13 +134,12 @@ impl Kind for LadderRendering {
         } else if group == GBUFFERS.name {
             json!({ "resolution": resolution, "stream": stream, "gbuffer_samples": gbuffer_samples })
         } else {
-            let mut all = json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler });
-            // A later param: ladders without it keep their keys.
-            if let (Some(until), Some(all)) = (until, all.as_object_mut()) {
-                all.insert("until".to_owned(), json!(until));
-            }
-            all
+            json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler, "until": until })
         }
+    }
+
+    fn later() -> &'static [Later] {
+        LATER
     }
 
     fn environment(_params: &Self::Params, group: &str, _probe: &dyn Probe) -> Option<Value> {
@@ -310,42 +307,27 @@ impl Work<'_> {
         Ladder::of_stored(self.ctx, &meta, &state.variance(), rungs)
     }
 
-    /// Where the ladder ends, and the error that is to be expected there. Samples of other streams decide.
+    /// Where the ladder ends, and the error that is to be expected there. Samples of other streams decide, of which
+    /// some may be remembered.
     fn stop(&self, until: &Until) -> Result<(u64, f64), KindError> {
-        let [a, b] = until::deciding(self.params.stream);
-        let (mut first, mut second) = (None, None);
-        until.stop(self.params.rungs.last(), |samples| {
-            let trial = until::trial(samples);
-            let by = [self.deciding_samples(&mut first, a, trial)?, self.deciding_samples(&mut second, b, trial)?];
-            Ok(until::relative_error(by, samples))
-        })
-    }
-
-    /// Brings a state of a stream to so many samples, from what is remembered or there already.
-    fn deciding_samples<'s>(
-        &self,
-        state: &'s mut Option<Accumulator>,
-        stream: u64,
-        trial: u64,
-    ) -> Result<&'s Accumulator, KindError> {
-        let before = state.as_ref().map_or(0, |state| state.count);
-        if before < trial
-            && let Some(known) = self.nearest_state(stream, trial, &[trial])?
-            && known.count > before
-        {
-            *state = Some(known);
-        }
-        if state.as_ref().is_none_or(|state| state.count < trial) {
-            let renderer = self.renderer(self.world()?, stream)?;
-            let state = state.get_or_insert_with(|| renderer.begin());
-            renderer.advance(state, trial, &mut |done| {
+        let film = self.params.resolution;
+        let begin = || Accumulator::new(film.width(), film.height());
+        until.decide(self.params.stream, self.params.rungs.last(), begin, |state, stream, trial| {
+            if let Some(known) = self.nearest_state(stream, trial, &[trial])?
+                && known.count > state.count
+            {
+                *state = known;
+            }
+            if state.count == trial {
+                return Ok(());
+            }
+            self.renderer(self.world()?, stream)?.advance(state, trial, &mut |done| {
                 self.ctx.progress(done, trial, "samples a pixel that decide");
                 self.ctx.check_cancelled()
             })?;
             let digest = self.ctx.put(&state.to_bytes())?;
-            self.remember(Memo::Accumulator, stream, trial, digest)?;
-        }
-        state.as_ref().ok_or_else(|| KindError::Internal("no samples to decide by".into()))
+            self.remember(Memo::Accumulator, stream, trial, digest)
+        })
     }
 
     /// Renders on to `last`, keeping the image of every rung and dyadic count on the way, and the state at the end.

@@ -120,8 +120,8 @@ impl Kind for QualityGate {
             summary: "Rejects scenes that teach nothing, and sets the exposure of the others.",
             manual: include_str!("quality_gate.md"),
             mode: Mode::Map,
-            inputs: const { &[SCENES.port(), PREVIEWS.port()] },
-            outputs: const { &[ACCEPTED.port(), EXPOSURE.port(), VERDICTS.port()] },
+            inputs: vec![SCENES.port(), PREVIEWS.port()],
+            outputs: vec![ACCEPTED.port(), EXPOSURE.port(), VERDICTS.port()],
             seeded: false,
         }
     }

@@ -4,10 +4,10 @@ use crate::{
     accumulator::Accumulator,
     camera::Camera,
     dispatch::kernels,
-    integrator::{Roulette, Strategy},
+    integrator::Integrator,
     rng::{FILM, Sampler, render_state},
     stream::{Batch, trace},
-    until::{self, Until, relative_error},
+    until::{Until, relative_error},
     world::{Dropped, LoadBlob, World},
 };
 use rayon::prelude::*;
@@ -32,8 +32,7 @@ pub struct Renderer<'a> {
     height: usize,
     stream: u64,
     sampler: SamplerKind,
-    strategy: Strategy,
-    roulette: Roulette,
+    integrator: Integrator,
     instructions: Instructions,
 }
 
@@ -52,8 +51,7 @@ impl<'a> Renderer<'a> {
             height,
             stream,
             sampler: SamplerKind::Independent,
-            strategy: Strategy::Mis,
-            roulette: Roulette::default(),
+            integrator: Integrator::default(),
             instructions: Instructions::best(),
         })
     }
@@ -64,15 +62,9 @@ impl<'a> Renderer<'a> {
         self
     }
 
-    /// The same, with another way of finding light.
-    pub fn with_strategy(mut self, strategy: Strategy) -> Self {
-        self.strategy = strategy;
-        self
-    }
-
-    /// The same, with paths ended in another way.
-    pub fn with_roulette(mut self, roulette: Roulette) -> Self {
-        self.roulette = roulette;
+    /// The same, with another integrator.
+    pub fn with_integrator(mut self, integrator: impl Into<Integrator>) -> Self {
+        self.integrator = integrator.into();
         self
     }
 
@@ -138,6 +130,7 @@ impl<'a> Renderer<'a> {
     }
 
     fn render(&self, accumulator: &mut Accumulator, until: u64) {
+        let Integrator::Path(path) = self.integrator;
         let (state, sampler) = (render_state(self.world.seed, self.stream), self.sampler);
         let from = accumulator.count;
         let together = (until - from).min(TOGETHER);
@@ -160,8 +153,7 @@ impl<'a> Renderer<'a> {
                         paths.extend((first..last).map(|index| (pixel, Sampler::new(sampler, state, pixel, index))));
                     }
                     let (world, camera) = (self.world, &self.camera);
-                    let (strategy, roulette) = (self.strategy, self.roulette);
-                    let batch = Batch { world, camera, strategy, roulette, sampler, paths: &paths };
+                    let batch = Batch { world, camera, path, sampler, paths: &paths };
                     let found = trace(&batch, kernels(self.instructions));
                     segments += found.segments;
                     rejected += found.rejected;
@@ -231,14 +223,9 @@ pub fn render_image(
     match goal {
         Goal::Samples(samples) => renderer.advance(&mut accumulator, samples, progress)?,
         Goal::Error(until) => {
-            let [a, b] = until::deciding(0);
-            let by = [Renderer::new(&world, film, a)?, Renderer::new(&world, film, b)?];
-            let mut decide = [renderer.begin(), renderer.begin()];
-            let (stop, expected) = until.stop(1, |samples| {
-                for (renderer, state) in by.iter().zip(&mut decide) {
-                    renderer.advance(state, until::trial(samples), &mut |_| progress(0))?;
-                }
-                Ok::<_, KindError>(relative_error([&decide[0], &decide[1]], samples))
+            let begin = || renderer.begin();
+            let (stop, expected) = until.decide(0, 1, begin, |state, stream, trial| {
+                Renderer::new(&world, film, stream)?.advance(state, trial, &mut |_| progress(0))
             })?;
             error = Some(expected);
             renderer.advance(&mut accumulator, stop, progress)?;

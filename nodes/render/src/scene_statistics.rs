@@ -66,8 +66,8 @@ impl Kind for SceneStatisticsKind {
             summary: "Measures what scenes are: path lengths, shares of light, errors and slopes.",
             manual: include_str!("scene_statistics.md"),
             mode: Mode::Map,
-            inputs: const { &[SCENES.port()] },
-            outputs: const { &[STATISTICS.port()] },
+            inputs: vec![SCENES.port()],
+            outputs: vec![STATISTICS.port()],
             seeded: false,
         }
     }
@@ -107,7 +107,7 @@ impl Measure<'_> {
         stops: &[u64],
         at: &mut dyn FnMut(&Accumulator),
     ) -> Result<(), KindError> {
-        let renderer = Renderer::new(world, self.params.resolution, stream)?.with_strategy(strategy);
+        let renderer = Renderer::new(world, self.params.resolution, stream)?.with_integrator(strategy);
         let mut film = renderer.begin();
         for stop in stops {
             renderer.advance(&mut film, *stop, &mut |done| {

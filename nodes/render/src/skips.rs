@@ -88,7 +88,7 @@ impl Skip {
     pub fn undo_in_world(self, world: &mut World) -> bool {
         match self {
             Self::Kernels => {
-                world.materials.iter_mut().for_each(crate::bsdf::Material::make_general);
+                world.materials.iter_mut().for_each(|used| used.material.make_general());
                 true
             }
             Self::Opacity => !std::mem::replace(&mut world.features.opacity, true),

@@ -73,6 +73,31 @@ impl Until {
             stop = stop.saturating_mul(2).min(self.at_most);
         }
     }
+
+    /// Where a render of a stream ends that has `first` samples at least, and the error that is to be expected there.
+    /// The samples of two other streams decide, which begin with `begin`. `advance` brings the state of a stream to so
+    /// many samples.
+    ///
+    /// # Errors
+    /// Those of `advance`.
+    pub fn decide<E>(
+        &self,
+        stream: u64,
+        first: u64,
+        begin: impl Fn() -> Accumulator,
+        mut advance: impl FnMut(&mut Accumulator, u64, u64) -> Result<(), E>,
+    ) -> Result<(u64, f64), E> {
+        let mut states = [begin(), begin()];
+        self.stop(first, |samples| {
+            let trial = trial(samples);
+            for (state, stream) in states.iter_mut().zip(deciding(stream)) {
+                if state.count < trial {
+                    advance(state, stream, trial)?;
+                }
+            }
+            Ok(relative_error([&states[0], &states[1]], samples))
+        })
+    }
 }
 
 /// The streams that decide for another.

@@ -53,18 +53,37 @@ pub struct Dropped {
     pub not_finite: u64,
 }
 
+/// A material, and what is so of the shapes that have it.
+#[derive(Debug)]
+pub(crate) struct UsedMaterial {
+    pub(crate) material: Material,
+    /// Some share a mesh.
+    pub(crate) shared: bool,
+    /// Some emit.
+    pub(crate) emits: bool,
+    /// It reads vertex colours, or the emission of some does.
+    pub(crate) reads_colors: bool,
+    /// Some are no meshes.
+    pub(crate) bodies: bool,
+}
+
+impl UsedMaterial {
+    fn new(material: Material) -> Self {
+        let reads_colors = material.reads_colors();
+        Self { material, shared: false, emits: false, reads_colors, bodies: false }
+    }
+
+    /// Whether it, or what its shapes emit, reads texture coordinates.
+    #[inline(always)]
+    pub(crate) fn reads_uv(&self) -> bool {
+        self.material.reads_uv() || self.emits
+    }
+}
+
 /// A scene made ready to render.
 pub struct World {
     pub(crate) accel: Accel,
     pub(crate) table: Table,
-    /// Which materials are of shapes that share a mesh.
-    pub(crate) shared: Vec<bool>,
-    /// Which materials are of shapes that emit.
-    pub(crate) emits: Vec<bool>,
-    /// Which materials, or the emission of their shapes, read vertex colours.
-    pub(crate) reads_colors: Vec<bool>,
-    /// Which materials are of shapes that are no meshes.
-    pub(crate) bodies: Vec<bool>,
     pub(crate) shapes: Vec<Shape>,
     /// Of each shape: its light, its number among placed meshes, and what it is ([`TRIANGLE`], [`DISK`], [`SPHERE`], or
     /// [`TURNED`]).
@@ -73,7 +92,7 @@ pub struct World {
     pub(crate) form_of: Vec<u32>,
     /// The shape of each placed mesh.
     placed_shapes: Vec<u32>,
-    pub(crate) materials: Vec<Material>,
+    pub(crate) materials: Vec<UsedMaterial>,
     pub(crate) lights: Lights,
     /// Its camera.
     pub camera: tauflow_data::scene::Camera,
@@ -136,18 +155,18 @@ impl World {
         let accel = collected.accel(viewpoint);
         let (lights, collected) = collected.lights(environment, &scene.emitters, accel.bounds())?;
         let Collected { table, mut shapes, dropped, placed_shapes, .. } = collected;
-        let mut emits = vec![false; materials.len()];
-        let mut reads_colors: Vec<bool> = materials.iter().map(Material::reads_colors).collect();
+        let mut materials: Vec<UsedMaterial> = materials.into_iter().map(UsedMaterial::new).collect();
         for (index, light) in lights.shapes() {
             let shape = &mut shapes[light.shape as usize];
-            reads_colors[shape.material as usize] |= light.texture.reads_colors();
             shape.light = index;
-            emits[shape.material as usize] = true;
+            let used = &mut materials[shape.material as usize];
+            used.emits = true;
+            used.reads_colors |= light.texture.reads_colors();
         }
-        let (mut bodies, mut shared) = (vec![false; materials.len()], vec![false; materials.len()]);
         for shape in &shapes {
-            bodies[shape.material as usize] |= !matches!(shape.form, Form::Mesh(_));
-            shared[shape.material as usize] |= shape.placed != IN_WORLD;
+            let used = &mut materials[shape.material as usize];
+            used.bodies |= !matches!(shape.form, Form::Mesh(_));
+            used.shared |= shape.placed != IN_WORLD;
         }
         let form_of = |shape: &Shape| match &shape.form {
             Form::Mesh(_) if shape.placed != IN_WORLD && shape.flip => TURNED,
@@ -155,7 +174,8 @@ impl World {
             Form::Disk(_) => DISK,
             Form::Sphere(_) => SPHERE,
         };
-        let used = |wanted: fn(&Material) -> bool| shapes.iter().any(|s| wanted(&materials[s.material as usize]));
+        let used =
+            |wanted: fn(&Material) -> bool| shapes.iter().any(|s| wanted(&materials[s.material as usize].material));
         let features = Features {
             environment: lights.environment().is_some(),
             area_lights: shapes.iter().any(|s| s.light != DARK),
@@ -166,10 +186,6 @@ impl World {
         Ok(Self {
             accel,
             table,
-            shared,
-            emits,
-            reads_colors,
-            bodies,
             light_of: shapes.iter().map(|s| s.light).collect(),
             placed_of: shapes.iter().map(|s| s.placed).collect(),
             form_of: shapes.iter().map(form_of).collect(),
@@ -259,13 +275,13 @@ impl World {
     /// Opacity of a shape at a point.
     #[inline]
     pub(crate) fn opacity_of(&self, shape: u32, surface: &crate::bsdf::Surface) -> f32 {
-        self.materials[self.shapes[shape as usize].material as usize].opacity(surface)
+        self.materials[self.shapes[shape as usize].material as usize].material.opacity(surface)
     }
 
     /// The material of a hit.
     #[inline]
     pub(crate) fn material(&self, at: &Interaction) -> &Material {
-        &self.materials[self.shapes[at.shape as usize].material as usize]
+        &self.materials[self.shapes[at.shape as usize].material as usize].material
     }
 
     /// The shading frame of a hit with a primitive of the table, with its normal map if the material has one.

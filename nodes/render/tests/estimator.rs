@@ -12,7 +12,7 @@ use tauflow_render::{accumulator::Accumulator, integrator::Strategy, render::Ren
 
 fn render(built: &Built, side: u32, spp: u64, strategy: Strategy) -> Accumulator {
     let world = World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene");
-    let renderer = Renderer::new(&world, film(side, side), 0).expect("a sound film").with_strategy(strategy);
+    let renderer = Renderer::new(&world, film(side, side), 0).expect("a sound film").with_integrator(strategy);
     let mut film = renderer.begin();
     renderer.advance(&mut film, spp, &mut |_| Ok(())).expect("nothing stops it");
     assert_eq!(film.rejected, 0);

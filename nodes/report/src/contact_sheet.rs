@@ -49,8 +49,8 @@ impl Kind for ContactSheet {
             summary: "Shows scenes side by side, by regime and context, as one picture.",
             manual: include_str!("contact_sheet.md"),
             mode: Mode::Gather,
-            inputs: const { &[LADDERS.port(), EXPOSURE.port()] },
-            outputs: const { &[SHEET.port()] },
+            inputs: vec![LADDERS.port(), EXPOSURE.port()],
+            outputs: vec![SHEET.port()],
             seeded: false,
         }
     }

@@ -76,8 +76,8 @@ impl Kind for Report {
             summary: "Shows what was measured: a self-contained page, JSON, CSV, LaTeX and pictures.",
             manual: include_str!("report.md"),
             mode: Mode::Gather,
-            inputs: material::INPUTS,
-            outputs: const { &[PAGE.port()] },
+            inputs: material::INPUTS.to_vec(),
+            outputs: vec![PAGE.port()],
             seeded: false,
         }
     }

@@ -84,8 +84,8 @@ impl Kind for ContentSignatureSplit {
             summary: "Parts scenes into train and test so that no content signature stands on both sides.",
             manual: include_str!("content_signature_split.md"),
             mode: Mode::Gather,
-            inputs: const { &[SCENES.port()] },
-            outputs: const { &[TRAIN.port(), TEST.port(), REPORT.port()] },
+            inputs: vec![SCENES.port()],
+            outputs: vec![TRAIN.port(), TEST.port(), REPORT.port()],
             seeded: false,
         }
     }

@@ -168,8 +168,8 @@ impl Kind for StratifiedSampling {
             summary: "Fills each side's quota evenly over the strata.",
             manual: include_str!("stratified_sampling.md"),
             mode: Mode::Gather,
-            inputs: const { &[TRAIN_SIDE.port(), TEST_SIDE.port(), TAKEN.port()] },
-            outputs: const { &[TRAIN.port(), TEST.port(), REPORT.port()] },
+            inputs: vec![TRAIN_SIDE.port(), TEST_SIDE.port(), TAKEN.port()],
+            outputs: vec![TRAIN.port(), TEST.port(), REPORT.port()],
             seeded: false,
         }
     }

@@ -1,13 +1,13 @@
-//! Times of the network on the CPU and on a device: the one that TAUFLOW_DEVICE names, or else the first GPU. Images
-//! are made up and have G-buffers. For each place it prints a line of JSON with the medians of training steps, and of
-//! predictions of 256 x 256 pixels.
+//! Times of the network on the CPU and on a device: the first GPU, or `software_vulkan`. Images are made up
+//! and have G-buffers. For each place it prints a line of JSON with the medians of training steps, and of predictions
+//! of 256 x 256 pixels.
 //!
 //! ```text
 //! cargo run --release -p tauflow-train --features gpu --example device_time -- \
-//!     tiny [batch 4] [side 64] [steps 20] [predictions 10]
+//!     tiny [batch 4] [side 64] [steps 20] [predictions 10] [device vulkan]
 //! ```
 
-use tauflow_train::{Place, Preset, timing};
+use tauflow_train::{NetworkDevice, Place, Preset, timing};
 
 /// As in the program.
 #[global_allocator]
@@ -23,9 +23,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let number = |i: usize, or: usize| args.get(i).map_or(Ok(or), |v| v.parse());
     let preset: Preset = serde_json::from_value(args.first().map_or("tiny", String::as_str).into())?;
     let (batch, side, steps, times) = (number(1, 4)?, number(2, 64)?, number(3, 20)?, number(4, 10)?);
-    let chosen = Place::chosen()?;
-    let device = if chosen.adapter().is_some() { chosen } else { Place::named("vulkan")? };
-    for place in [Place::cpu(), device] {
+    let device: NetworkDevice = serde_json::from_value(args.get(5).map_or("vulkan", String::as_str).into())?;
+    for place in [Place::cpu(), Place::of(device)?] {
         // The first ones warm up caches and memory; on a device, they compile its kernels.
         let found = timing::training_steps(&place, preset, batch, side, steps + 3)?;
         let predictions = timing::predictions(&place, preset, 256, times + 1)?;

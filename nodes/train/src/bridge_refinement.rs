@@ -1,7 +1,7 @@
 #![doc = include_str!("bridge_refinement.md")]
 
 use crate::{
-    device,
+    device::{self, NetworkDevice, Place},
     model::Model,
     refinement::{endpoint, features},
     rollout::{Denoiser, bridge_stop, local_steps},
@@ -10,7 +10,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use tauflow_contract::{
-    Action, All, Context, Each, Group, Kind, KindError, KindSpec, Media, Mode, Out, OutputPort, Outputs, Probe,
+    Action, All, Context, Each, Group, Kind, KindError, KindSpec, Later, Media, Mode, Out, Outputs, ParamProblem, Probe,
 };
 use tauflow_data::{
     methods::{HOLD, LOCAL_STEP, Parameterization},
@@ -23,7 +23,10 @@ pub struct BridgeRefinement;
 /// Params of `bridge_refinement`: none.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct BridgeRefinementParams {}
+pub struct BridgeRefinementParams {
+    /// What the networks run on; anything but the CPU makes outputs of this machine.
+    pub device: NetworkDevice,
+}
 
 const ENDPOINTS: Each<PackedScene> = Each::new("endpoints", "Scenes at consecutive sample counts, such as 1..10.");
 const MC_NOISE: All<ModelFile> =
@@ -33,7 +36,6 @@ const LOCAL_VELOCITY: All<ModelFile> =
 
 const MAIN: Group = Group::main(3);
 const STEPS: Out<BridgeSteps> = Out::new(MAIN, "steps", "The images at every stop, and the training ladder's clock.");
-const OUTPUTS: &[OutputPort] = &[STEPS.port()];
 
 impl Kind for BridgeRefinement {
     type Params = BridgeRefinementParams;
@@ -44,18 +46,35 @@ impl Kind for BridgeRefinement {
             summary: "Moves endpoints to stops between the training rungs.",
             manual: include_str!("bridge_refinement.md"),
             mode: Mode::Map,
-            inputs: const { &[ENDPOINTS.port(), MC_NOISE.port(), LOCAL_VELOCITY.port()] },
-            outputs: device::ports!(OUTPUTS),
+            inputs: vec![ENDPOINTS.port(), MC_NOISE.port(), LOCAL_VELOCITY.port()],
+            outputs: vec![STEPS.port()],
             seeded: false,
         }
     }
 
-    fn environment(_params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {
-        Some(device::environment(Value::Null))
+    fn spec_for(params: &Self::Params) -> KindSpec {
+        params.device.stated(Self::spec())
+    }
+
+    fn port_params() -> &'static [&'static str] {
+        device::PORT_PARAMS
+    }
+
+    fn check(params: &Self::Params) -> Vec<ParamProblem> {
+        params.device.problems()
+    }
+
+    fn later() -> &'static [Later] {
+        &[device::ON_THE_CPU]
+    }
+
+    fn environment(params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {
+        Some(params.device.environment(Value::Null))
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let model = |port, parameterization| expect(Model::read(ctx, action.only(port)?)?, parameterization);
+        let place = Place::of(action.params.device)?;
+        let model = |port, parameterization| expect(Model::read(ctx, action.only(port)?, &place)?, parameterization);
         let noise = model(MC_NOISE, Parameterization::McNoise)?;
         let local = model(LOCAL_VELOCITY, Parameterization::LocalVelocity)?;
         if noise.clock() != local.clock() {

@@ -32,8 +32,8 @@ impl Kind for DatasetPacking {
             summary: "Packs exposed rungs and G-buffers for learning.",
             manual: include_str!("dataset_packing.md"),
             mode: Mode::Map,
-            inputs: const { &[LADDERS.port(), GBUFFERS.port(), EXPOSURE.port()] },
-            outputs: const { &[PACKED.port()] },
+            inputs: vec![LADDERS.port(), GBUFFERS.port(), EXPOSURE.port()],
+            outputs: vec![PACKED.port()],
             seeded: false,
         }
     }

@@ -15,7 +15,7 @@ mod training;
 
 pub use bridge_refinement::{BridgeRefinement, BridgeRefinementParams};
 pub use dataset_packing::{DatasetPacking, DatasetPackingParams};
-pub use device::Place;
+pub use device::{NetworkDevice, Place};
 pub use mirrors::{Mirrored, Views};
 pub use model::{Model, ModelInfo};
 pub use model_calls::ModelCalls;

@@ -82,20 +82,20 @@ impl Model {
         Ok(Self { info, encoding, network, weights, tensors, place: place.clone() })
     }
 
-    /// Reads a model, to predict where this process is to.
+    /// Reads a model, to predict on the CPU.
     ///
     /// # Errors
-    /// If the bytes are damaged or of another version, or there is no such place; see [`Place::chosen`].
+    /// As [`Model::load_to`].
     pub fn load(bytes: &[u8]) -> Result<Self, KindError> {
-        Self::load_to(bytes, &Place::chosen()?)
+        Self::load_to(bytes, &Place::cpu())
     }
 
-    /// Loads a model that is in the store, to predict where this process is to.
+    /// Loads a model that is in the store, to predict at a place.
     ///
     /// # Errors
     /// As [`Model::load`], and if its blob is missing.
-    pub(crate) fn read(ctx: &Context<'_>, file: Handle<'_, ModelFile>) -> Result<Self, KindError> {
-        Self::load(&file.load(ctx)?.0)
+    pub(crate) fn read(ctx: &Context<'_>, file: Handle<'_, ModelFile>, place: &Place) -> Result<Self, KindError> {
+        Self::load_to(&file.load(ctx)?.0, place)
     }
 
     /// Reads a model, to predict at a place.

@@ -1,7 +1,7 @@
 #![doc = include_str!("refinement.md")]
 
 use crate::{
-    device,
+    device::{self, NetworkDevice, Place},
     mirrors::{Mirrored, Views},
     model::Model,
     model_calls::ModelCalls,
@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use tauflow_contract::{
     Action, All, Any, Before, Context, Each, Group, ItemKey, Kind, KindError, KindSpec, Later, Media, Mode, Out,
-    OutputPort, Outputs, Probe,
+    Outputs, ParamProblem, Probe,
 };
 use tauflow_data::{
     Image,
@@ -26,6 +26,7 @@ use tauflow_data::{
 const LATER: &[Later] = &[
     Later { pointer: "/mirrors", before: Before::Integer(1) },
     Later { pointer: "/blank", before: Before::Text("none") },
+    device::ON_THE_CPU,
 ];
 
 /// The kind `refinement`.
@@ -81,6 +82,8 @@ pub struct RefinementParams {
     pub mirrors: Views,
     /// Channels of the G-buffer that are set to 0 before the solver sees them: what they are worth to it.
     pub blank: Blank,
+    /// What the network runs on; anything but the CPU makes outputs of this machine.
+    pub device: NetworkDevice,
     /// Times that `timing` measures each number of calls.
     #[schemars(range(min = 1, max = 1000))]
     pub repeats: u64,
@@ -94,6 +97,7 @@ impl Default for RefinementParams {
             grid: TimeGrid::Ladder,
             mirrors: Views::ONE,
             blank: Blank::None,
+            device: NetworkDevice::Cpu,
             repeats: 3,
         }
     }
@@ -108,7 +112,6 @@ const MAIN: Group = Group::main(3);
 const MEASURED: Group = Group::new("timing", 3);
 const REFINED: Out<Refined> = Out::new(MAIN, "refined", "One image for each number of model calls.");
 const TIMING: Out<Timing> = Out::new(MEASURED, "timing", "How long each takes, on all cores.").measured();
-const OUTPUTS: &[OutputPort] = &[REFINED.port(), TIMING.port()];
 
 impl Kind for Refinement {
     type Params = RefinementParams;
@@ -119,8 +122,8 @@ impl Kind for Refinement {
             summary: "Refines endpoints with a trained solver in any number of steps.",
             manual: include_str!("refinement.md"),
             mode: Mode::Map,
-            inputs: const { &[ENDPOINTS.port(), MODEL.port(), AFTER.port()] },
-            outputs: device::ports!(OUTPUTS),
+            inputs: vec![ENDPOINTS.port(), MODEL.port(), AFTER.port()],
+            outputs: vec![REFINED.port(), TIMING.port()],
             seeded: false,
         }
     }
@@ -139,12 +142,24 @@ impl Kind for Refinement {
         LATER
     }
 
-    fn environment(_params: &Self::Params, group: &str, _probe: &dyn Probe) -> Option<Value> {
-        Some(device::environment(if group == MEASURED.name { machine() } else { Value::Null }))
+    fn spec_for(params: &Self::Params) -> KindSpec {
+        params.device.stated(Self::spec())
+    }
+
+    fn port_params() -> &'static [&'static str] {
+        device::PORT_PARAMS
+    }
+
+    fn check(params: &Self::Params) -> Vec<ParamProblem> {
+        params.device.problems()
+    }
+
+    fn environment(params: &Self::Params, group: &str, _probe: &dyn Probe) -> Option<Value> {
+        Some(params.device.environment(if group == MEASURED.name { machine() } else { Value::Null }))
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let model = Model::read(ctx, action.only(MODEL)?)?;
+        let model = Model::read(ctx, action.only(MODEL)?, &Place::of(action.params.device)?)?;
         let scene = action.read(ctx, ENDPOINTS)?;
         let endpoint = endpoint(&scene, action.params.from)?;
         let gbuffer = action.params.blank.of(features(&model, &scene)?)?;

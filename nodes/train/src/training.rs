@@ -25,7 +25,7 @@ use params::LATER;
 use serde_json::Value;
 use std::time::Instant;
 use tauflow_contract::{
-    Action, All, Basis, Context, Group, Items, Kind, KindError, KindSpec, Later, Media, Mode, Out, OutputPort, Outputs,
+    Action, All, Basis, Context, Group, Items, Kind, KindError, KindSpec, Later, Media, Mode, Out, Outputs,
     ParamProblem, Probe, derive_seed, leave_out,
 };
 use tauflow_data::records::{ModelFile, PackedScene, TrainingLog, TrainingTiming};
@@ -45,7 +45,6 @@ const MAIN: Group = Group::main(VERSION);
 const MODEL: Out<ModelFile> = Out::new(MAIN, "model", "The averaged weights.");
 const LOG: Out<TrainingLog> = Out::new(MAIN, "log", "The loss curve.");
 const TIMING: Out<TrainingTiming> = Out::new(MAIN, "timing", "Time of a step.").measured();
-const OUTPUTS: &[OutputPort] = &[MODEL.port(), LOG.port(), TIMING.port()];
 
 /// The key of the one item on each output.
 const ITEM: &str = "model";
@@ -59,22 +58,30 @@ impl Kind for Training {
             summary: "Trains a transport solver.",
             manual: include_str!("training.md"),
             mode: Mode::Gather,
-            inputs: const { &[TRAIN.port(), TEST.port()] },
-            outputs: device::ports!(OUTPUTS),
+            inputs: vec![TRAIN.port(), TEST.port()],
+            outputs: vec![MODEL.port(), LOG.port(), TIMING.port()],
             seeded: true,
         }
     }
 
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
-        params.problems()
+        params.problems().into_iter().chain(params.device.problems()).collect()
     }
 
     fn later() -> &'static [Later] {
         LATER
     }
 
-    fn environment(_params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {
-        Some(device::environment(Value::Null))
+    fn spec_for(params: &Self::Params) -> KindSpec {
+        params.device.stated(Self::spec())
+    }
+
+    fn port_params() -> &'static [&'static str] {
+        device::PORT_PARAMS
+    }
+
+    fn environment(params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {
+        Some(params.device.environment(Value::Null))
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -82,7 +89,7 @@ impl Kind for Training {
         let (train, test) = (action.all(TRAIN)?, action.all_if(TEST)?);
         let seed =
             if params.draw == 0 { action.seed } else { derive_seed(action.seed, "draw", &params.draw.to_string()) };
-        let work = OneTraining { ctx, params, seed, train, test, place: Place::chosen()? };
+        let work = OneTraining { ctx, params, seed, train, test, place: Place::of(params.device)? };
         work.run(&mut Share::new())
     }
 }

@@ -114,7 +114,7 @@ impl Scheduler<'_> {
         let (of, spec) = (&self.lanes[lane], self.spec(lane));
         let state = &mut self.states[lane];
         *state.by_shard.get_or_insert_default().prefix.get_or_insert_with(|| {
-            let whole = state.inputs.iter().zip(spec.inputs);
+            let whole = state.inputs.iter().zip(&spec.inputs);
             let whole = whole.filter_map(|(input, port)| Some((port.name, input.whole.as_ref()?.digest))).collect();
             rollup::shard_prefix(self.pipeline, of, whole)
         })
@@ -215,7 +215,7 @@ impl Scheduler<'_> {
 
     /// What a shard's roll-up says of each port of its lane.
     fn listed_outputs(&self, lane: LaneId, shard: u8, payload: &Payload) -> Option<Vec<(PortId, Arc<Shard>)>> {
-        let outputs = self.spec(lane).outputs;
+        let outputs = &self.spec(lane).outputs;
         let listed = |port: &PortId| {
             let of = &outputs[port.place()];
             let listed = payload.collections.get(of.name)?;

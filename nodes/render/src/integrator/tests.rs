@@ -1,10 +1,10 @@
-use super::*;
+use super::{Strategy, first_solid};
 use crate::{
     accumulator::Accumulator,
     render::Renderer,
-    rng::render_state,
+    rng::{Sampler, render_state},
     scenes::{Built, ball, balls_under_sky, columns, copies, everything, film, level, room},
-    world::Sharing,
+    world::{Sharing, World},
 };
 use tauflow_contract::Digest;
 use tauflow_data::{

@@ -34,8 +34,8 @@ pub(crate) struct ShapeLight {
     sphere: Option<Sphere>,
 }
 
-/// Points on the shape, found by area.
-struct Found<R> {
+/// Points on the shape.
+struct OnShape<R> {
     p: Triple<R>,
     error: Triple<R>,
     normal: Triple<R>,
@@ -151,7 +151,7 @@ impl ShapeLight {
         let pdf = self.pdf(from.p, found.p, normal);
         let valid = length.positive() & pdf.positive() & radiance.some();
         let mut weight = radiance * (R::one() / pdf);
-        if let Some(opacity) = world.materials[shape.material as usize].opacity_texture() {
+        if let Some(opacity) = world.materials[shape.material as usize].material.opacity_texture() {
             weight = weight * opacity.one_by_one(&found.at).x.clamp(0.0, 1.0);
         }
         let origin = offset_origins(from.p, from.error, from.normal, direction);
@@ -160,7 +160,7 @@ impl ShapeLight {
     }
 
     #[inline(always)]
-    fn on_mesh<R: Real>(&self, world: &World, [pick, accept]: [R; 2], u: Pair<R>) -> Found<R> {
+    fn on_mesh<R: Real>(&self, world: &World, [pick, accept]: [R; 2], u: Pair<R>) -> OnShape<R> {
         let own = self.alias.draw::<R>(R::Integer::splat(0), self.count, pick, accept);
         let primitive = own + R::Integer::splat(self.first as i32);
         let facts = world.table.facts::<R>(primitive);
@@ -173,21 +173,21 @@ impl ShapeLight {
             if self.texture.reads_uv() || world.features.opacity { facts.uv(weights) } else { Pair::new(zero, zero) };
         let mut at = Points { uv, color: Triple::all(R::one()), alpha: R::one() };
         let shape = &world.shapes[self.shape as usize];
-        if self.texture.reads_colors() || world.materials[shape.material as usize].reads_colors() {
+        if self.texture.reads_colors() || world.materials[shape.material as usize].material.reads_colors() {
             colors(world, self.shape, primitive, weights, &mut at);
         }
         let (p, error) = (a + b + c, (a.abs() + b.abs() + c.abs()) * R::splat(gamma(6)));
         if shape.placed == IN_WORLD {
-            return Found { p, error, normal: facts.normal, at };
+            return OnShape { p, error, normal: facts.normal, at };
         }
         let placed = world.accel.placements().placed::<R>(R::Integer::splat(shape.placed as i32));
         let (p, error) = placed.point(p, error);
         let normal = placed.normal(facts.normal) * R::splat(if shape.flip { -1.0 } else { 1.0 });
-        Found { p, error, normal, at }
+        OnShape { p, error, normal, at }
     }
 
     #[inline(always)]
-    fn on_sphere<R: Real>(&self, world: &World, sphere: &Sphere, from: Triple<R>, u: Pair<R>) -> Found<R> {
+    fn on_sphere<R: Real>(&self, world: &World, sphere: &Sphere, from: Triple<R>, u: Pair<R>) -> OnShape<R> {
         let one = R::one();
         let (sin_phi, cos_phi) = sin_cos_turn(u.y);
         let center = Triple::splat(sphere.center);
@@ -208,25 +208,33 @@ impl ShapeLight {
             let r = (one - z * z).max(R::zero()).sqrt();
             n = Triple::select(outside, seen, Triple::new(r * cos_phi, r * sin_phi, z));
         }
+        self.at_normal(world, sphere, n)
+    }
+
+    /// Points of a sphere by their normals, of almost unit length.
+    #[inline(always)]
+    fn at_normal<R: Real>(&self, world: &World, sphere: &Sphere, n: Triple<R>) -> OnShape<R> {
+        let center = Triple::splat(sphere.center);
         let n = n.normalize();
         let arm = n * R::splat(sphere.radius);
         let error = arm.abs() * R::splat(gamma(6)) + (center.abs() + arm.abs()) * R::splat(gamma(2));
+        let one = R::one();
         let mut at = Points { uv: Pair::new(R::zero(), R::zero()), color: Triple::all(one), alpha: one };
         if self.texture.reads_uv() || world.features.opacity {
             at.uv = sphere.uv_lanes(n);
         }
-        Found { p: center + arm, error, normal: n, at }
+        OnShape { p: center + arm, error, normal: n, at }
     }
 }
 
 #[inline(always)]
-fn on_disk<R: Real>(disk: &Disk, u: Pair<R>) -> Found<R> {
+fn on_disk<R: Real>(disk: &Disk, u: Pair<R>) -> OnShape<R> {
     let radius = u.x.sqrt();
     let (sin, cos) = sin_cos_turn(u.y);
     let (x, y) = (Triple::splat(disk.x) * (radius * cos), Triple::splat(disk.y) * (radius * sin));
     let center = Triple::splat(disk.center);
     let at = Points { uv: Pair::new(radius, u.y), color: Triple::all(R::one()), alpha: R::one() };
-    Found {
+    OnShape {
         p: center + x + y,
         error: (center.abs() + x.abs() + y.abs()) * R::splat(gamma(4)),
         normal: Triple::splat(disk.normal),

@@ -11,11 +11,10 @@ mod shading;
 
 use crate::{
     accel::{Hit, Sweep},
-    bsdf::Material,
     camera::Camera,
     dispatch::Kernels,
     geometry::Ray,
-    integrator::{Roulette, Strategy},
+    integrator::Path,
     lanes::{Mask, Pair, Real, Triple},
     rng::{Sampler, draw},
     world::World,
@@ -35,8 +34,7 @@ const MISS: u32 = u32::MAX;
 pub(crate) struct Batch<'a> {
     pub(crate) world: &'a World,
     pub(crate) camera: &'a Camera,
-    pub(crate) strategy: Strategy,
-    pub(crate) roulette: Roulette,
+    pub(crate) path: Path,
     /// How all of them draw.
     pub(crate) sampler: SamplerKind,
     /// Pixels and the numbers of their samples.
@@ -55,7 +53,14 @@ pub(crate) struct Found {
 
 /// A batch on its way.
 pub(crate) struct Stream<'a> {
-    batch: &'a Batch<'a>,
+    pub(crate) batch: &'a Batch<'a>,
+    scratch: Scratch,
+    pub(crate) found: Found,
+}
+
+/// The memory of a stream, kept by each thread from batch to batch.
+#[derive(Default)]
+struct Scratch {
     paths: Paths,
     next: Paths,
     shadows: Shadows,
@@ -72,118 +77,92 @@ pub(crate) struct Stream<'a> {
     starts: Vec<u32>,
     sweep: Sweep,
     through: Passing,
-    found: Found,
-}
-
-/// The memory of a stream, kept by each thread from batch to batch.
-#[derive(Default)]
-struct Scratch {
-    paths: Paths,
-    next: Paths,
-    shadows: Shadows,
-    vertices: Rows<VERTEX>,
-    hits: [Vec<f32>; 3],
-    primitive: Vec<u32>,
-    shape: Vec<u32>,
-    order: Vec<u32>,
-    starts: Vec<u32>,
-    sweep: Sweep,
-    through: Passing,
 }
 
 thread_local! {
     static SCRATCH: RefCell<Scratch> = RefCell::default();
 }
 
+impl Scratch {
+    /// Makes room for so many paths.
+    fn reserve(&mut self, count: usize) {
+        self.paths.reserve(count);
+        self.next.reserve(count);
+        self.shadows.reserve(count);
+        self.vertices.reserve(CHUNK);
+        let room = count + SPARE;
+        for row in [&mut self.t, &mut self.u, &mut self.v] {
+            row.resize(row.len().max(room), 0.0);
+        }
+        self.primitive.resize(self.primitive.len().max(room), MISS);
+        self.shape.resize(self.shape.len().max(room), 0);
+        self.order.resize(self.order.len().max(room), 0);
+    }
+}
+
 /// Traces a batch with kernels.
 pub(crate) fn trace(batch: &Batch<'_>, kernels: &Kernels) -> Found {
     let count = batch.paths.len();
-    let scratch = SCRATCH.take();
-    let Scratch { mut paths, mut next, mut shadows, mut vertices, hits, .. } = scratch;
-    let Scratch { mut primitive, mut shape, mut order, starts, sweep, through, .. } = scratch;
-    paths.reserve(count);
-    next.reserve(count);
-    shadows.reserve(count);
-    vertices.reserve(CHUNK);
-    let [t, u, v] = hits.map(|mut row| {
-        row.resize(row.len().max(count + SPARE), 0.0);
-        row
-    });
-    primitive.resize(primitive.len().max(count + SPARE), MISS);
-    shape.resize(shape.len().max(count + SPARE), 0);
-    order.resize(order.len().max(count + SPARE), 0);
+    let mut scratch = SCRATCH.take();
+    scratch.reserve(count);
     let found = Found { radiance: vec![Vec3::ZERO; count], ..Found::default() };
-    let mut stream = Stream {
-        batch,
-        paths,
-        next,
-        shadows,
-        vertices,
-        t,
-        u,
-        v,
-        primitive,
-        shape,
-        order,
-        starts,
-        sweep,
-        through,
-        found,
-    };
-    stream.run(kernels);
-    let Stream { paths, next, shadows, vertices, t, u, v, primitive, shape, order, starts, .. } = stream;
-    let Stream { sweep, through, found, .. } = stream;
-    let hits = [t, u, v];
-    SCRATCH.set(Scratch { paths, next, shadows, vertices, hits, primitive, shape, order, starts, sweep, through });
+    let mut stream = Stream { batch, scratch, found };
+    batch.path.run(&mut stream, kernels);
+    let Stream { scratch, found, .. } = stream;
+    SCRATCH.set(scratch);
     found
 }
 
+/// The steps of a bounce, in the order in which [`Path::run`] takes them.
 impl Stream<'_> {
-    fn run(&mut self, kernels: &Kernels) {
-        let stream = self;
-        kernels.begin(stream);
-        let world = stream.batch.world;
-        for depth in 0..world.max_depth {
-            if stream.paths.len == 0 {
-                break;
+    /// Paths that live.
+    pub(crate) fn live(&self) -> usize {
+        self.scratch.paths.len
+    }
+
+    /// The first hits that do not let their rays pass.
+    pub(crate) fn meet_solid(&mut self, kernels: &Kernels, depth: u32) {
+        if self.batch.world.features.opacity {
+            self.meet_through(kernels, depth);
+        } else if depth == 0 {
+            kernels.meet_packets(self);
+        } else {
+            self.meet(kernels);
+        }
+    }
+
+    /// What paths find that meet nothing, once they are sorted.
+    pub(crate) fn leave(&mut self, kernels: &Kernels) {
+        if self.batch.world.lights.environment().is_some() && self.scratch.starts[1] > 0 {
+            kernels.miss(self);
+        }
+    }
+
+    /// What materials do to the paths that meet them: light that is found, shadow rays, and where paths go on.
+    pub(crate) fn shade(&mut self, kernels: &Kernels, depth: u32) {
+        (self.scratch.next.len, self.scratch.shadows.len) = (0, 0);
+        for index in 0..self.batch.world.materials.len() {
+            let starts = &self.scratch.starts;
+            let (from, end) = (starts[index + 1] as usize, starts[index + 2] as usize);
+            for from in (from..end).step_by(CHUNK) {
+                self.shade_group(kernels, &Group { index, from, end: (from + CHUNK).min(end), depth });
             }
-            stream.found.segments += stream.paths.len as u64;
-            if world.features.opacity {
-                stream.meet_through(kernels, depth);
-            } else if depth == 0 {
-                kernels.meet_packets(stream);
-            } else {
-                stream.meet(kernels);
-            }
-            stream.sort();
-            (stream.next.len, stream.shadows.len) = (0, 0);
-            if world.lights.environment().is_some() && stream.starts[1] > 0 {
-                kernels.miss(stream);
-            }
-            for (index, material) in world.materials.iter().enumerate() {
-                let (from, end) = (stream.starts[index + 1] as usize, stream.starts[index + 2] as usize);
-                for from in (from..end).step_by(CHUNK) {
-                    let group = Group { index, from, end: (from + CHUNK).min(end), depth };
-                    stream.shade(kernels, material, &group);
-                }
-            }
-            stream.shadow(kernels);
-            std::mem::swap(&mut stream.paths, &mut stream.next);
         }
     }
 
     /// What a material does to the paths that meet it.
-    fn shade(&mut self, kernels: &Kernels, material: &Material, group: &Group) {
+    fn shade_group(&mut self, kernels: &Kernels, group: &Group) {
         let world = self.batch.world;
+        let used = &world.materials[group.index];
+        let material = &used.material;
         kernels.vertices(self, group);
-        let reads_uv = material.reads_uv() || world.emits[group.index];
-        if world.bodies[group.index] && reads_uv {
+        if used.bodies && used.reads_uv() {
             kernels.bodies(self, group);
         }
-        if world.reads_colors[group.index] {
+        if used.reads_colors {
             self.colors(group);
         }
-        if world.emits[group.index] {
+        if used.emits {
             kernels.emit(self, group);
         }
         if group.depth + 1 >= world.max_depth {
@@ -198,9 +177,14 @@ impl Stream<'_> {
         }
         kernels.scatter(material.kernel(), self, group);
     }
+
+    /// Paths that go on take the place of those before.
+    pub(crate) fn go_on(&mut self) {
+        std::mem::swap(&mut self.scratch.paths, &mut self.scratch.next);
+    }
 }
 
-/// Paths that meet a material, at most [`CHUNK`]: places in [`Stream::order`].
+/// Paths that meet a material, at most [`CHUNK`]: places in [`Scratch::order`].
 pub(crate) struct Group {
     index: usize,
     from: usize,
@@ -211,47 +195,48 @@ pub(crate) struct Group {
 impl Stream<'_> {
     #[inline(always)]
     fn ray(&self, at: usize) -> Ray {
-        Ray::new(self.paths.vector(ORIGIN, at), self.paths.vector(DIRECTION, at))
+        Ray::new(self.scratch.paths.vector(ORIGIN, at), self.scratch.paths.vector(DIRECTION, at))
     }
 
     #[inline(always)]
     fn note(&mut self, at: usize, hit: Option<Hit>) {
-        self.primitive[at] = MISS;
+        self.scratch.primitive[at] = MISS;
         if let Some(hit) = hit {
-            (self.t[at], self.u[at], self.v[at], self.primitive[at]) = (hit.t, hit.u, hit.v, hit.primitive);
+            (self.scratch.t[at], self.scratch.u[at], self.scratch.v[at], self.scratch.primitive[at]) =
+                (hit.t, hit.u, hit.v, hit.primitive);
         }
     }
 
     /// Finds what was hit, and sorts live paths by material (by counting).
-    fn sort(&mut self) {
+    pub(crate) fn sort(&mut self) {
         let world = self.batch.world;
-        self.starts.clear();
-        self.starts.resize(world.materials.len() + 2, 0);
-        for at in 0..self.paths.len {
+        self.scratch.starts.clear();
+        self.scratch.starts.resize(world.materials.len() + 2, 0);
+        for at in 0..self.scratch.paths.len {
             let mut bucket = 0;
-            if self.primitive[at] != MISS {
-                (self.shape[at], self.primitive[at]) = world.place(self.primitive[at]);
-                bucket = world.shapes[self.shape[at] as usize].material as usize + 1;
+            if self.scratch.primitive[at] != MISS {
+                (self.scratch.shape[at], self.scratch.primitive[at]) = world.place(self.scratch.primitive[at]);
+                bucket = world.shapes[self.scratch.shape[at] as usize].material as usize + 1;
             }
-            self.starts[bucket + 1] += 1;
+            self.scratch.starts[bucket + 1] += 1;
         }
-        for k in 1..self.starts.len() {
-            self.starts[k] += self.starts[k - 1];
+        for k in 1..self.scratch.starts.len() {
+            self.scratch.starts[k] += self.scratch.starts[k - 1];
         }
-        for at in 0..self.paths.len {
+        for at in 0..self.scratch.paths.len {
             let mut bucket = 0;
-            if self.primitive[at] != MISS {
-                bucket = world.shapes[self.shape[at] as usize].material as usize + 1;
+            if self.scratch.primitive[at] != MISS {
+                bucket = world.shapes[self.scratch.shape[at] as usize].material as usize + 1;
             }
-            self.order[self.starts[bucket] as usize] = at as u32;
-            self.starts[bucket] += 1;
+            self.scratch.order[self.scratch.starts[bucket] as usize] = at as u32;
+            self.scratch.starts[bucket] += 1;
         }
         // Lanes to spare read the first path, and come to nothing.
-        let len = self.paths.len;
-        self.order[len..len + SPARE].fill(0);
+        let len = self.scratch.paths.len;
+        self.scratch.order[len..len + SPARE].fill(0);
         // Each start has moved to the next one's.
-        self.starts.rotate_right(1);
-        self.starts[0] = 0;
+        self.scratch.starts.rotate_right(1);
+        self.scratch.starts[0] = 0;
     }
 
     /// The lanes there are of a group, from a place on.
@@ -264,8 +249,8 @@ impl Stream<'_> {
     #[inline(always)]
     fn ids<R: Real>(&self, at: usize) -> [u32; SPARE] {
         let mut ids = [0; SPARE];
-        for (id, place) in ids[..R::N].iter_mut().zip(&self.order[at..]) {
-            *id = self.paths.ids[*place as usize];
+        for (id, place) in ids[..R::N].iter_mut().zip(&self.scratch.order[at..]) {
+            *id = self.scratch.paths.ids[*place as usize];
         }
         ids
     }

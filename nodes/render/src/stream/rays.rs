@@ -5,7 +5,7 @@ use crate::{
     accel::{Hit, Packet, STACK, Set, Stack, Sweep},
     dispatch::Kernels,
     geometry::Ray,
-    integrator::{Dimmed, Met, PASSAGES, met},
+    integrator::{Dimmed, PASSAGES, Passage, met},
     lanes::{Integer, Mask, Real, Triple},
     rng::{FILM, Sampler},
     world::World,
@@ -24,33 +24,33 @@ impl Stream<'_> {
             }
             let jitter = self.draw::<R>(&states, FILM);
             let (origin, direction) = self.batch.camera.rays(R::load(&x) + jitter.x, R::load(&y) + jitter.y);
-            self.paths.put(ORIGIN, at, origin);
-            self.paths.put(DIRECTION, at, direction);
-            self.paths.put(THROUGHPUT, at, Triple::all(R::one()));
-            R::one().store(&mut self.paths.rows[ETA][at..]);
-            R::zero().store(&mut self.paths.rows[PDF][at..]);
+            self.scratch.paths.put(ORIGIN, at, origin);
+            self.scratch.paths.put(DIRECTION, at, direction);
+            self.scratch.paths.put(THROUGHPUT, at, Triple::all(R::one()));
+            R::one().store(&mut self.scratch.paths.rows[ETA][at..]);
+            R::zero().store(&mut self.scratch.paths.rows[PDF][at..]);
         }
-        for (at, id) in self.paths.ids[..count].iter_mut().enumerate() {
+        for (at, id) in self.scratch.paths.ids[..count].iter_mut().enumerate() {
             *id = at as u32;
         }
-        self.paths.len = count;
+        self.scratch.paths.len = count;
     }
 
     /// Nearest hits.
     pub(super) fn meet(&mut self, kernels: &Kernels) {
-        let count = self.paths.len;
-        self.t[..count].fill(f32::MAX);
-        self.primitive[..count].fill(MISS);
-        let [ox, oy, oz, dx, dy, dz, ..] = &self.paths.rows;
+        let count = self.scratch.paths.len;
+        self.scratch.t[..count].fill(f32::MAX);
+        self.scratch.primitive[..count].fill(MISS);
+        let [ox, oy, oz, dx, dy, dz, ..] = &self.scratch.paths.rows;
         let mut set = Set {
             origin: [ox, oy, oz],
             direction: [dx, dy, dz],
-            t: &mut self.t,
-            u: &mut self.u,
-            v: &mut self.v,
-            primitive: &mut self.primitive,
+            t: &mut self.scratch.t,
+            u: &mut self.scratch.u,
+            v: &mut self.scratch.v,
+            primitive: &mut self.scratch.primitive,
         };
-        kernels.nearest(&self.batch.world.accel, &mut set, count, &mut self.sweep);
+        kernels.nearest(&self.batch.world.accel, &mut set, count, &mut self.scratch.sweep);
     }
 
     /// Nearest hits of some, ray by ray.
@@ -67,20 +67,21 @@ impl Stream<'_> {
     #[inline(always)]
     pub(crate) fn meet_packets<R: Real, T: Real>(&mut self) {
         let mut stack: Stack = [(0, 0.0); STACK];
-        let len = self.paths.len;
+        let len = self.scratch.paths.len;
         for at in (0..len).step_by(R::N) {
             let count = R::N.min(len - at);
             let mask = R::Mask::from_bits(u32::MAX >> (32 - count));
-            let (origin, direction) = (self.paths.row::<R>(ORIGIN, at), self.paths.row::<R>(DIRECTION, at));
+            let (origin, direction) =
+                (self.scratch.paths.row::<R>(ORIGIN, at), self.scratch.paths.row::<R>(DIRECTION, at));
             let Some(packet) = Packet::new(origin, direction, mask) else {
                 self.meet_one_by_one::<T>(at, at + count);
                 continue;
             };
             let hits = self.batch.world.accel.closest_packet::<R, T>(&packet, mask, &mut stack);
-            hits.t.store(&mut self.t[at..]);
-            hits.u.store(&mut self.u[at..]);
-            hits.v.store(&mut self.v[at..]);
-            hits.primitive.store(&mut self.primitive[at..]);
+            hits.t.store(&mut self.scratch.t[at..]);
+            hits.u.store(&mut self.scratch.u[at..]);
+            hits.v.store(&mut self.scratch.v[at..]);
+            hits.primitive.store(&mut self.scratch.primitive[at..]);
         }
     }
 
@@ -91,24 +92,24 @@ impl Stream<'_> {
         } else {
             self.meet(kernels);
         }
-        let mut through = std::mem::take(&mut self.through);
+        let mut through = std::mem::take(&mut self.scratch.through);
         let world = self.batch.world;
-        through.begin(self.paths.len);
-        for at in 0..self.paths.len {
-            if self.primitive[at] == MISS {
+        through.begin(self.scratch.paths.len);
+        for at in 0..self.scratch.paths.len {
+            if self.scratch.primitive[at] == MISS {
                 continue;
             }
             let ray = self.ray(at);
             match met(world, self.sampler(at), depth, 0, (&ray, &ray), self.hit(at)) {
-                Met::Solid(hit) => self.note(at, Some(hit)),
-                Met::Through(origin) => through.push(&Ray { origin, ..ray }, 1.0, at as u32),
+                Passage::Solid(hit) => self.note(at, Some(hit)),
+                Passage::Through(origin) => through.push(&Ray { origin, ..ray }, 1.0, at as u32),
             }
         }
         for passage in 1..PASSAGES {
             if through.rays.len == 0 {
                 break;
             }
-            through.meet(world, kernels, &mut self.sweep);
+            through.meet(world, kernels, &mut self.scratch.sweep);
             for at in through.take() {
                 let path = through.rays.ids[at] as usize;
                 let Some(hit) = through.hit(at) else {
@@ -117,79 +118,81 @@ impl Stream<'_> {
                 };
                 let rest = through.ray(at);
                 match met(world, self.sampler(path), depth, passage, (&self.ray(path), &rest), hit) {
-                    Met::Solid(hit) => self.note(path, Some(hit)),
-                    Met::Through(origin) => through.push(&Ray { origin, ..rest }, 1.0, path as u32),
+                    Passage::Solid(hit) => self.note(path, Some(hit)),
+                    Passage::Through(origin) => through.push(&Ray { origin, ..rest }, 1.0, path as u32),
                 }
             }
         }
         for at in through.take() {
             self.note(through.rays.ids[at] as usize, None);
         }
-        self.through = through;
+        self.scratch.through = through;
     }
 
     fn sampler(&self, at: usize) -> &Sampler {
-        &self.batch.paths[self.paths.ids[at] as usize].1
+        &self.batch.paths[self.scratch.paths.ids[at] as usize].1
     }
 
     /// Light from infinity.
     #[inline(always)]
     pub(crate) fn miss<R: Real>(&mut self) {
         let world = self.batch.world;
-        let end = self.starts[1] as usize;
+        let end = self.scratch.starts[1] as usize;
         for at in (0..end).step_by(R::N) {
-            let (place, mask, ids) = (R::Integer::load(&self.order[at..]), Self::mask::<R>(at, end), self.ids::<R>(at));
-            let (origin, direction) = (self.paths.triple(ORIGIN, place), self.paths.triple(DIRECTION, place));
-            let throughput = self.paths.triple::<R>(THROUGHPUT, place);
-            let pdf = R::gather(&self.paths.rows[PDF], place);
+            let (place, mask, ids) =
+                (R::Integer::load(&self.scratch.order[at..]), Self::mask::<R>(at, end), self.ids::<R>(at));
+            let (origin, direction) =
+                (self.scratch.paths.triple(ORIGIN, place), self.scratch.paths.triple(DIRECTION, place));
+            let throughput = self.scratch.paths.triple::<R>(THROUGHPUT, place);
+            let pdf = R::gather(&self.scratch.paths.rows[PDF], place);
             let (radiance, other) = world.lights.environment_look(origin, direction);
-            let weight = R::select(pdf.positive(), self.batch.strategy.weight(false, pdf, other), R::one());
+            let weight = R::select(pdf.positive(), self.batch.path.strategy.weight(false, pdf, other), R::one());
             self.add(mask & self.counts(pdf), throughput * radiance * weight, &ids);
         }
     }
 
     /// Adds the light of shadow rays that nothing stops.
-    pub(super) fn shadow(&mut self, kernels: &Kernels) {
+    pub(crate) fn shadow(&mut self, kernels: &Kernels) {
         let world = self.batch.world;
-        let count = self.shadows.len;
+        let count = self.scratch.shadows.len;
         if !world.features.opacity {
-            let [ox, oy, oz, dx, dy, dz, end, ..] = &mut self.shadows.rows;
+            let [ox, oy, oz, dx, dy, dz, end, ..] = &mut self.scratch.shadows.rows;
             let mut set = Set {
                 origin: [ox, oy, oz],
                 direction: [dx, dy, dz],
                 t: end,
-                u: &mut self.u,
-                v: &mut self.v,
-                primitive: &mut self.primitive,
+                u: &mut self.scratch.u,
+                v: &mut self.scratch.v,
+                primitive: &mut self.scratch.primitive,
             };
-            kernels.stopped(&world.accel, &mut set, count, &mut self.sweep);
+            kernels.stopped(&world.accel, &mut set, count, &mut self.scratch.sweep);
         }
         if world.features.opacity {
             self.shadow_through(kernels);
         }
         for at in 0..count {
-            if self.shadows.rows[END][at] < 0.0 {
+            if self.scratch.shadows.rows[END][at] < 0.0 {
                 continue;
             }
-            let light = self.shadows.vector(ARRIVES, at);
-            self.found.radiance[self.shadows.ids[at] as usize] += light;
+            let light = self.scratch.shadows.vector(ARRIVES, at);
+            self.found.radiance[self.scratch.shadows.ids[at] as usize] += light;
         }
     }
 
     /// Dims the light of shadow rays by what they go through; those that nothing is left of end below 0.
     fn shadow_through(&mut self, kernels: &Kernels) {
         let world = self.batch.world;
-        let mut through = std::mem::take(&mut self.through);
-        through.begin(self.shadows.len);
-        for at in 0..self.shadows.len {
-            let (origin, direction) = (self.shadows.vector(0, at), self.shadows.vector(3, at));
-            through.push(&Ray { origin, direction, t_max: self.shadows.rows[END][at] }, 1.0, at as u32);
+        let mut through = std::mem::take(&mut self.scratch.through);
+        through.begin(self.scratch.shadows.len);
+        for at in 0..self.scratch.shadows.len {
+            let (origin, direction) = (self.scratch.shadows.vector(0, at), self.scratch.shadows.vector(3, at));
+            through.push(&Ray { origin, direction, t_max: self.scratch.shadows.rows[END][at] }, 1.0, at as u32);
         }
         for passage in 0..=PASSAGES {
             if through.rays.len == 0 {
                 break;
             }
-            through.meet(world, kernels, &mut self.sweep);
+            through.meet(world, kernels, &mut self.scratch.sweep);
             for at in through.take() {
                 let id = through.rays.ids[at];
                 let mut rest = Dimmed { ray: through.ray(at), share: through.rays.rows[SHARE][at] };
@@ -204,14 +207,14 @@ impl Stream<'_> {
                 }
                 let id = id as usize;
                 if rest.share <= 0.0 {
-                    self.shadows.rows[END][id] = -1.0;
+                    self.scratch.shadows.rows[END][id] = -1.0;
                 }
-                for row in &mut self.shadows.rows[ARRIVES..ARRIVES + 3] {
+                for row in &mut self.scratch.shadows.rows[ARRIVES..ARRIVES + 3] {
                     row[id] *= rest.share;
                 }
             }
         }
-        self.through = through;
+        self.scratch.through = through;
     }
 }
 

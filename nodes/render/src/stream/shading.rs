@@ -23,15 +23,14 @@ impl<'a> Stream<'a> {
     #[inline(always)]
     pub(crate) fn vertices<R: Real>(&mut self, group: &Group) {
         let world = self.batch.world;
-        let material = &world.materials[group.index];
-        let reads_uv = material.reads_uv() || world.emits[group.index];
-        let (bodies, shared) = (world.bodies[group.index], world.shared[group.index]);
+        let used = &world.materials[group.index];
+        let (reads_uv, bodies, shared) = (used.reads_uv(), used.bodies, used.shared);
         for at in (group.from..group.end).step_by(R::N) {
             let row = at - group.from;
-            let place = R::Integer::load(&self.order[at..]);
-            let primitive = R::gather_integer(&self.primitive, place);
-            let shape = R::gather_integer(&self.shape, place);
-            let (u, v) = (R::gather(&self.u, place), R::gather(&self.v, place));
+            let place = R::Integer::load(&self.scratch.order[at..]);
+            let primitive = R::gather_integer(&self.scratch.primitive, place);
+            let shape = R::gather_integer(&self.scratch.shape, place);
+            let (u, v) = (R::gather(&self.scratch.u, place), R::gather(&self.scratch.v, place));
             let mut weights = [R::one() - u - v, u, v];
             let (mut disks, mut spheres) = (R::Mask::from_bits(0), R::Mask::from_bits(0));
             if bodies {
@@ -67,11 +66,11 @@ impl<'a> Stream<'a> {
             }
             let mean = mean.normalize();
             let mut shading = Triple::select(mean.some() & !disks, mean, geometric);
-            let direction = self.paths.triple::<R>(DIRECTION, place);
-            let throughput = self.paths.triple::<R>(THROUGHPUT, place);
+            let direction = self.scratch.paths.triple::<R>(DIRECTION, place);
+            let throughput = self.scratch.paths.triple::<R>(THROUGHPUT, place);
             if spheres.any() {
-                let t = R::gather(&self.t, place);
-                let met = self.paths.triple::<R>(ORIGIN, place) + direction * t;
+                let t = R::gather(&self.scratch.t, place);
+                let met = self.scratch.paths.triple::<R>(ORIGIN, place) + direction * t;
                 let (center, radius, side) = (positions[0], positions[1].x, positions[1].y);
                 let n = (met - center).normalize();
                 let arm = n * radius;
@@ -81,7 +80,7 @@ impl<'a> Stream<'a> {
                 geometric = Triple::select(spheres, n * side, geometric);
                 shading = Triple::select(spheres, geometric, shading);
             }
-            let rows = &mut self.vertices;
+            let rows = &mut self.scratch.vertices;
             rows.put(POINT, row, p);
             rows.put(ERROR, row, error);
             rows.put(GEOMETRIC, row, geometric);
@@ -99,10 +98,10 @@ impl<'a> Stream<'a> {
     /// Points of groups with texture coordinates and colours, if the material reads them.
     #[inline(always)]
     fn points<R: Real>(&self, row: usize) -> Points<R> {
-        let rows = &self.vertices.rows;
+        let rows = &self.scratch.vertices.rows;
         Points {
             uv: Pair::new(R::load(&rows[UV][row..]), R::load(&rows[UV + 1][row..])),
-            color: self.vertices.row(COLOR, row),
+            color: self.scratch.vertices.row(COLOR, row),
             alpha: R::load(&rows[COLOR + 3][row..]),
         }
     }
@@ -113,8 +112,8 @@ impl<'a> Stream<'a> {
         let world = self.batch.world;
         for at in (group.from..group.end).step_by(R::N) {
             let row = at - group.from;
-            let place = R::Integer::load(&self.order[at..]);
-            let shape = R::gather_integer(&self.shape, place);
+            let place = R::Integer::load(&self.scratch.order[at..]);
+            let shape = R::gather_integer(&self.scratch.shape, place);
             let form = R::gather_integer(&world.form_of, shape);
             let body = R::same(form, R::Integer::splat(DISK as i32)) | R::same(form, R::Integer::splat(SPHERE as i32));
             let mut rest = Self::mask::<R>(at, group.end) & body;
@@ -126,13 +125,15 @@ impl<'a> Stream<'a> {
                 rest = rest & !own;
                 let uv = match &world.shapes[one as usize].form {
                     Form::Sphere(sphere) => {
-                        let outer = self.vertices.row::<R>(POINT, row) - Triple::splat(sphere.center);
+                        let outer = self.scratch.vertices.row::<R>(POINT, row) - Triple::splat(sphere.center);
                         sphere.uv_lanes(outer.normalize())
                     }
-                    Form::Disk(_) => Disk::uv_lanes(R::gather(&self.u, place), R::gather(&self.v, place)),
+                    Form::Disk(_) => {
+                        Disk::uv_lanes(R::gather(&self.scratch.u, place), R::gather(&self.scratch.v, place))
+                    }
                     Form::Mesh(_) => continue,
                 };
-                let rows = &mut self.vertices.rows;
+                let rows = &mut self.scratch.vertices.rows;
                 for (to, value) in [(UV, uv.x), (UV + 1, uv.y)] {
                     R::select(own, value, R::load(&rows[to][row..])).store(&mut rows[to][row..]);
                 }
@@ -145,16 +146,26 @@ impl<'a> Stream<'a> {
         let world = self.batch.world;
         for at in group.from..group.end {
             let row = at - group.from;
-            let from = self.order[at] as usize;
-            let color = world.color(self.shape[from], self.primitive[from], self.u[from], self.v[from]);
+            let from = self.scratch.order[at] as usize;
+            let color = world.color(
+                self.scratch.shape[from],
+                self.scratch.primitive[from],
+                self.scratch.u[from],
+                self.scratch.v[from],
+            );
             for (k, value) in color.to_array().into_iter().enumerate() {
-                self.vertices.rows[COLOR + k][row] = value;
+                self.scratch.vertices.rows[COLOR + k][row] = value;
             }
         }
     }
 
     pub(super) fn hit(&self, at: usize) -> Hit {
-        Hit { t: self.t[at], u: self.u[at], v: self.v[at], primitive: self.primitive[at] }
+        Hit {
+            t: self.scratch.t[at],
+            u: self.scratch.u[at],
+            v: self.scratch.v[at],
+            primitive: self.scratch.primitive[at],
+        }
     }
 
     /// Shading normals of a normal map.
@@ -162,12 +173,12 @@ impl<'a> Stream<'a> {
         let world = self.batch.world;
         for at in group.from..group.end {
             let row = at - group.from;
-            let from = self.order[at] as usize;
+            let from = self.scratch.order[at] as usize;
             let hit = self.hit(from);
-            let found = world.interaction_at(&self.ray(from), &hit, (self.shape[from], hit.primitive));
+            let found = world.interaction_at(&self.ray(from), &hit, (self.scratch.shape[from], hit.primitive));
             let n = world.shading_frame(&hit, hit.primitive, &found).n;
             for k in 0..3 {
-                self.vertices.rows[MAPPED + k][row] = n[k];
+                self.scratch.vertices.rows[MAPPED + k][row] = n[k];
             }
         }
     }
@@ -179,8 +190,8 @@ impl<'a> Stream<'a> {
         for at in (group.from..group.end).step_by(R::N) {
             let row = at - group.from;
             let (mask, ids) = (Self::mask::<R>(at, group.end), self.ids::<R>(at));
-            let place = R::Integer::load(&self.order[at..]);
-            let lights = R::gather_integer(&world.light_of, R::gather_integer(&self.shape, place));
+            let place = R::Integer::load(&self.scratch.order[at..]);
+            let lights = R::gather_integer(&world.light_of, R::gather_integer(&self.scratch.shape, place));
             let mut numbers = [DARK; SPARE];
             lights.store(&mut numbers);
             let mut rest = mask & !R::same(lights, R::Integer::splat(DARK as i32));
@@ -189,18 +200,18 @@ impl<'a> Stream<'a> {
                 let own = rest & R::same(lights, R::Integer::splat(light as i32));
                 rest = rest & !own;
                 let Some(shape) = world.lights.shape(light) else { continue };
-                let normal = self.vertices.row::<R>(GEOMETRIC, row);
-                let direction = self.vertices.row::<R>(ARRIVED_BY, row);
+                let normal = self.scratch.vertices.row::<R>(GEOMETRIC, row);
+                let direction = self.scratch.vertices.row::<R>(ARRIVED_BY, row);
                 let radiance = shape.radiance(&self.points(row), normal, -direction);
                 if !(own & radiance.some()).any() {
                     continue;
                 }
-                let origin = self.paths.triple::<R>(ORIGIN, place);
-                let pdf = R::gather(&self.paths.rows[PDF], place);
-                let other = world.lights.shape_pdf(light, origin, self.vertices.row(POINT, row), normal);
-                let weight = R::select(pdf.positive(), self.batch.strategy.weight(false, pdf, other), R::one());
+                let origin = self.scratch.paths.triple::<R>(ORIGIN, place);
+                let pdf = R::gather(&self.scratch.paths.rows[PDF], place);
+                let other = world.lights.shape_pdf(light, origin, self.scratch.vertices.row(POINT, row), normal);
+                let weight = R::select(pdf.positive(), self.batch.path.strategy.weight(false, pdf, other), R::one());
                 let own = own & self.counts(pdf);
-                self.add(own & radiance.some(), self.vertices.row::<R>(CARRIES, row) * radiance * weight, &ids);
+                self.add(own & radiance.some(), self.scratch.vertices.row::<R>(CARRIES, row) * radiance * weight, &ids);
             }
         }
     }
@@ -208,13 +219,13 @@ impl<'a> Stream<'a> {
     /// Lanes whose light counts, by the density of the last scattering.
     #[inline(always)]
     pub(super) fn counts<R: Real>(&self, pdf: R) -> R::Mask {
-        if self.batch.strategy == Strategy::Caustics { pdf.lt(R::zero()) } else { !R::Mask::from_bits(0) }
+        if self.batch.path.strategy == Strategy::Caustics { pdf.lt(R::zero()) } else { !R::Mask::from_bits(0) }
     }
 
     /// Values of a material's textures.
     #[inline(always)]
     pub(crate) fn textures<R: Real>(&mut self, group: &Group) {
-        let material = &self.batch.world.materials[group.index];
+        let material = &self.batch.world.materials[group.index].material;
         if material.kernel() == Sort::Blend {
             return;
         }
@@ -226,7 +237,7 @@ impl<'a> Stream<'a> {
             for at in (group.from..group.end).step_by(R::N) {
                 let row = at - group.from;
                 let value = texture.lanes::<R>(&self.points(row));
-                self.vertices.put(TEXTURES + 3 * slot, row, value);
+                self.scratch.vertices.put(TEXTURES + 3 * slot, row, value);
             }
         }
     }
@@ -234,9 +245,9 @@ impl<'a> Stream<'a> {
     #[inline(always)]
     fn vantage<R: Real>(&self, row: usize) -> Vantage<R> {
         Vantage {
-            p: self.vertices.row(POINT, row),
-            error: self.vertices.row(ERROR, row),
-            normal: self.vertices.row(GEOMETRIC, row),
+            p: self.scratch.vertices.row(POINT, row),
+            error: self.scratch.vertices.row(ERROR, row),
+            normal: self.scratch.vertices.row(GEOMETRIC, row),
         }
     }
 
@@ -251,14 +262,14 @@ impl<'a> Stream<'a> {
 
     /// Whether lights are sampled at a material. What they bring to it is no caustic.
     pub(super) fn samples_lights(&self, material: &Material) -> bool {
-        material.has_smooth() && !self.batch.world.lights.is_empty() && self.batch.strategy != Strategy::Caustics
+        material.has_smooth() && !self.batch.world.lights.is_empty() && self.batch.path.strategy != Strategy::Caustics
     }
 
     /// Among how many samples of lights one is chosen for each vertex: where the camera looks, the choice between the
     /// sky and lamps is worth a second one.
     fn candidates(&self, group: &Group) -> u64 {
         let world = self.batch.world;
-        let broad = matches!(world.materials[group.index].sort(), Sort::Diffuse | Sort::Plastic);
+        let broad = matches!(world.materials[group.index].material.sort(), Sort::Diffuse | Sort::Plastic);
         if broad && group.depth == 0 && world.lights.mixed() { CANDIDATES } else { 1 }
     }
 
@@ -266,7 +277,7 @@ impl<'a> Stream<'a> {
     #[inline(always)]
     pub(crate) fn lights<R: Real>(&mut self, group: &Group) {
         let world = self.batch.world;
-        let normals = if world.materials[group.index].has_normal_map() { MAPPED } else { SHADING };
+        let normals = if world.materials[group.index].material.has_normal_map() { MAPPED } else { SHADING };
         let candidates = self.candidates(group);
         let first = Sampler::vertex(group.depth);
         for at in (group.from..group.end).step_by(R::N) {
@@ -274,8 +285,8 @@ impl<'a> Stream<'a> {
             let (mask, ids) = (Self::mask::<R>(at, group.end), self.ids::<R>(at));
             let states = self.states::<R>(&ids);
             let vantage = self.vantage(row);
-            let normal = self.vertices.row::<R>(normals, row);
-            let normal = normal * R::one().copysign(-normal.dot(self.vertices.row(ARRIVED_BY, row)));
+            let normal = self.scratch.vertices.row::<R>(normals, row);
+            let normal = normal * R::one().copysign(-normal.dot(self.scratch.vertices.row(ARRIVED_BY, row)));
             let mut choice = Choice::new();
             for candidate in 0..candidates {
                 let first = first + dimension::candidate(candidate);
@@ -294,7 +305,7 @@ impl<'a> Stream<'a> {
             }
             self.found.rejected += choice.rejected();
             let arrived = choice.made(candidates);
-            let rows = &mut self.vertices;
+            let rows = &mut self.scratch.vertices;
             rows.put(TOWARDS, row, arrived.direction);
             rows.put(SHADOW, row, arrived.origin);
             rows.put(SHADOW + 3, row, arrived.ray);
@@ -308,7 +319,7 @@ impl<'a> Stream<'a> {
     #[inline(always)]
     pub(crate) fn scatter<R: Real, S: Scatter<'a, R>>(&mut self, group: &Group) {
         let world: &'a World = self.batch.world;
-        let material: &'a Material = &world.materials[group.index];
+        let material: &'a Material = &world.materials[group.index].material;
         let lit = self.samples_lights(material);
         let mapped = material.has_normal_map();
         let first = Sampler::vertex(group.depth);
@@ -319,10 +330,10 @@ impl<'a> Stream<'a> {
             let row = at - group.from;
             let (mask, ids) = (Self::mask::<R>(at, group.end), self.ids::<R>(at));
             let states = self.states::<R>(&ids);
-            let shading = self.vertices.row::<R>(SHADING, row);
-            let throughput = self.vertices.row::<R>(CARRIES, row);
-            let frame = Frames::new(if mapped { self.vertices.row::<R>(MAPPED, row) } else { shading });
-            let wo = frame.to_local(-self.vertices.row::<R>(ARRIVED_BY, row));
+            let shading = self.scratch.vertices.row::<R>(SHADING, row);
+            let throughput = self.scratch.vertices.row::<R>(CARRIES, row);
+            let frame = Frames::new(if mapped { self.scratch.vertices.row::<R>(MAPPED, row) } else { shading });
+            let wo = frame.to_local(-self.scratch.vertices.row::<R>(ARRIVED_BY, row));
             let behind = if material.is_two_sided() { wo.z.lt(R::zero()) } else { R::Mask::from_bits(0) };
             let wo = flip(wo, behind);
             let mut values = [Triple::zero(); SLOTS];
@@ -330,18 +341,18 @@ impl<'a> Stream<'a> {
                 *value = match slots[slot] {
                     None => Triple::zero(),
                     Some(Texture::Constant(value)) => Triple::splat(*value),
-                    Some(_) => self.vertices.row(TEXTURES + 3 * slot, row),
+                    Some(_) => self.scratch.vertices.row(TEXTURES + 3 * slot, row),
                 };
             }
             let Some(lobe) = S::of(material, &values, &self.points(row)) else { return };
             if lit {
-                let towards = self.vertices.row::<R>(TOWARDS, row);
+                let towards = self.scratch.vertices.row::<R>(TOWARDS, row);
                 let local = frame.to_local(towards);
                 let (value, other) = lobe.eval(wo, flip(local, behind));
-                let pdf = R::load(&self.vertices.rows[LIGHT_PDF][row..]);
-                let own = self.batch.strategy.weight(true, pdf, other);
+                let pdf = R::load(&self.scratch.vertices.rows[LIGHT_PDF][row..]);
+                let own = self.batch.path.strategy.weight(true, pdf, other);
                 let weight = R::select(pdf.positive(), own, R::one());
-                let arrives = self.vertices.row::<R>(WEIGHT, row);
+                let arrives = self.scratch.vertices.row::<R>(WEIGHT, row);
                 let light = throughput * value * arrives * weight;
                 let mut reached = mask & arrives.some() & value.some() & weight.positive();
                 if mapped {
@@ -352,10 +363,11 @@ impl<'a> Stream<'a> {
                 self.found.rejected += u64::from((reached & !sound).bits().count_ones());
                 let reached = reached & sound;
                 if reached.any() {
-                    let (o, d) = (self.vertices.row::<R>(SHADOW, row), self.vertices.row::<R>(SHADOW + 3, row));
-                    let end = R::load(&self.vertices.rows[SHADOW + 6][row..]);
+                    let (o, d) =
+                        (self.scratch.vertices.row::<R>(SHADOW, row), self.scratch.vertices.row::<R>(SHADOW + 3, row));
+                    let end = R::load(&self.scratch.vertices.rows[SHADOW + 6][row..]);
                     let values = [o.x, o.y, o.z, d.x, d.y, d.z, end, light.x, light.y, light.z];
-                    self.shadows.push(reached, values, &ids);
+                    self.scratch.shadows.push(reached, values, &ids);
                 }
             }
             let choice = self.draw::<R>(&states, first + dimension::LOBE_AND_ROULETTE);
@@ -370,23 +382,23 @@ impl<'a> Stream<'a> {
             if mapped {
                 alive = alive & (wi.dot(shading) * local.z).positive();
             }
-            let place = R::Integer::load(&self.order[at..]);
-            let eta = R::gather(&self.paths.rows[ETA], place) * drawn.eta;
+            let place = R::Integer::load(&self.scratch.order[at..]);
+            let eta = R::gather(&self.scratch.paths.rows[ETA], place) * drawn.eta;
             // Light that scattering finds could have been any of the candidates.
             let mut pdf = R::select(drawn.delta, R::zero(), drawn.pdf) * (1.0 / candidates);
             let mut eta = eta;
-            if self.batch.strategy == Strategy::Caustics {
+            if self.batch.path.strategy == Strategy::Caustics {
                 // A path that has been scattered carries the sign on its index; what bends it then has a density of -1.
-                let last = R::gather(&self.paths.rows[PDF], place);
+                let last = R::gather(&self.scratch.paths.rows[PDF], place);
                 let scattered = eta.lt(R::zero());
-                let passed = wi.dot(self.vertices.row(ARRIVED_BY, row)).gt(R::splat(0.9999));
+                let passed = wi.dot(self.scratch.vertices.row(ARRIVED_BY, row)).gt(R::splat(0.9999));
                 let straight = if thin { passed } else { R::Mask::from_bits(0) };
                 let bent = drawn.delta & ((scattered & !straight) | (straight & last.lt(R::zero())));
                 pdf = R::select(bent, R::splat(-1.0), pdf);
                 eta = R::select(drawn.delta, eta, -eta.abs());
             }
-            if group.depth + 1 >= self.batch.roulette.from {
-                let likely = throughput.largest() * eta * eta * self.batch.roulette.gain;
+            if group.depth + 1 >= self.batch.path.roulette.from {
+                let likely = throughput.largest() * eta * eta * self.batch.path.roulette.gain;
                 // Numbers have 24 bits: less cannot be told from nothing.
                 let survival = likely.min(R::splat(0.95)).max(R::splat(1.0 / (1u32 << 24) as f32));
                 alive = alive & choice.y.lt(survival);
@@ -396,7 +408,7 @@ impl<'a> Stream<'a> {
                 let from = self.vantage::<R>(row);
                 let o = offset_origins(from.p, from.error, from.normal, wi);
                 let t = throughput;
-                self.next.push(alive, [o.x, o.y, o.z, wi.x, wi.y, wi.z, t.x, t.y, t.z, eta, pdf], &ids);
+                self.scratch.next.push(alive, [o.x, o.y, o.z, wi.x, wi.y, wi.z, t.x, t.y, t.z, eta, pdf], &ids);
             }
         }
     }

@@ -45,7 +45,7 @@ pub(super) struct Collected {
 }
 
 /// A mesh that shapes share, and these with their placements.
-struct Common {
+struct SharedShapes {
     mesh: Mesh,
     shapes: Vec<(usize, Placement)>,
 }
@@ -55,7 +55,7 @@ fn wide(v: &[f32; 3]) -> DVec3 {
 }
 
 /// Meshes that are shared, by the first shape of each.
-fn common(scene: &Scene, load: LoadBlob<'_>, sharing: Sharing) -> Result<Vec<Common>, KindError> {
+fn common(scene: &Scene, load: LoadBlob<'_>, sharing: Sharing) -> Result<Vec<SharedShapes>, KindError> {
     let mut benign: BTreeMap<Digest, Vec<(usize, Placement)>> = BTreeMap::new();
     for (index, shape) in scene.shapes.iter().enumerate() {
         if let (Geometry::Mesh { mesh }, true) = (&shape.geometry, sharing != Sharing::Never)
@@ -64,14 +64,14 @@ fn common(scene: &Scene, load: LoadBlob<'_>, sharing: Sharing) -> Result<Vec<Com
             benign.entry(*mesh).or_default().push((index, placement));
         }
     }
-    let mut found: Vec<Common> = Vec::new();
+    let mut found: Vec<SharedShapes> = Vec::new();
     for (digest, shapes) in benign.into_iter().filter(|(_, shapes)| shapes.len() > 1) {
         let mesh = Mesh::from_bytes(&load(&digest)?)?;
         let largest = mesh.positions.iter().flatten().fold(0.0f32, |most, v| most.max(v.abs()));
         let finite = mesh.positions.iter().flatten().all(|v| v.is_finite());
         let fits = finite && (EXTENT.recip()..=EXTENT).contains(&largest);
         if fits && sharing.shares(shapes.len(), mesh.triangles.len()) {
-            found.push(Common { mesh, shapes });
+            found.push(SharedShapes { mesh, shapes });
         }
     }
     found.sort_by_key(|common| common.shapes[0].0);
@@ -124,7 +124,7 @@ impl Collected {
         }
         collected.own = collected.table.len() as u32;
         let mut numbers = collected.table.len();
-        for Common { mesh, shapes } in common {
+        for SharedShapes { mesh, shapes } in common {
             for (index, _) in &shapes {
                 let shape = &scene.shapes[*index];
                 check_colors(&mesh, &materials[shape.material], emissions[*index].as_ref())

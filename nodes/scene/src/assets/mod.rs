@@ -106,8 +106,8 @@ impl Kind for Assets {
             summary: "Decodes HDRIs and glTF objects, each with a report of what was repaired or why it is refused.",
             manual: include_str!("../assets.md"),
             mode: Mode::Source,
-            inputs: &[],
-            outputs: const { &[ASSETS.port(), REPORTS.port()] },
+            inputs: vec![],
+            outputs: vec![ASSETS.port(), REPORTS.port()],
             seeded: false,
         }
     }

@@ -185,8 +185,8 @@ impl Kind for SceneFiles {
             summary: "Reads whole scenes from files: scene.json, glTF, Mitsuba 3 XML and pbrt-v4.",
             manual: include_str!("../scene_files.md"),
             mode: Mode::Source,
-            inputs: &[],
-            outputs: const { &[SCENES.port(), REPORTS.port()] },
+            inputs: vec![],
+            outputs: vec![SCENES.port(), REPORTS.port()],
             seeded: false,
         }
     }

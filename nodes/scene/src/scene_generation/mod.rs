@@ -52,8 +52,8 @@ impl Kind for SceneGeneration {
             summary: "Draws scenes over regimes x contexts from layouts, objects, skies and materials.",
             manual: include_str!("../scene_generation.md"),
             mode: Mode::Source,
-            inputs: const { &[ASSETS.port()] },
-            outputs: const { &[SCENES.port()] },
+            inputs: vec![ASSETS.port()],
+            outputs: vec![SCENES.port()],
             seeded: true,
         }
     }

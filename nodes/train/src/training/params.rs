@@ -2,6 +2,7 @@
 
 use super::optimiser::Decay;
 use crate::{
+    device::{NetworkDevice, ON_THE_CPU},
     network::{Loss, Output, Preset},
     space::Space,
 };
@@ -70,6 +71,8 @@ pub struct TrainingParams {
     /// Steps between checkpoints.
     #[schemars(range(min = 1))]
     pub checkpoint_every: u64,
+    /// What the network runs on; anything but the CPU makes outputs of this machine.
+    pub device: NetworkDevice,
 }
 
 impl Default for TrainingParams {
@@ -97,6 +100,7 @@ impl Default for TrainingParams {
             output: Output::default(),
             test_every: 250,
             checkpoint_every: 500,
+            device: NetworkDevice::Cpu,
         }
     }
 }
@@ -105,6 +109,7 @@ impl Default for TrainingParams {
 pub(super) const LATER: &[Later] = &[
     Later { pointer: "/rung_exponent", before: Before::Number(0.0) },
     Later { pointer: "/output", before: Before::Text("means") },
+    ON_THE_CPU,
 ];
 
 /// Two numbers from 0 to below 1.
