@@ -108,15 +108,20 @@ fn shell(place: &Place, name: &str, arguments: &[&str], need: Need) -> Option<St
 const ZSH: &str = r#"
 zmodload zsh/zpty
 zpty inner zsh -f -i
-zpty -w inner 'fpath=(. $fpath); autoload -U compinit; compinit -u -d ./dump'
+zpty -w inner 'fpath=($PWD $fpath); autoload -U compinit; compinit -u -d ./dump'
 zpty -w inner 'tell() { print -r -- "$BUFFER" >> lines; BUFFER= }; zle -N tell; bindkey "^X" tell; print re"ady"'
 zpty -r -m inner line '*ready*'
-zpty -w -n inner $'tauflow cac\t^X'
-zpty -w -n inner $'tauflow run --loc\t^X'
-for i in {1..600}; do
-    [[ -f lines && $(wc -l < lines) -ge 2 ]] && break
-    sleep 0.1
-done
+ask() {
+    zpty -w -n inner "$1"
+    for i in {1..600}; do
+        [[ -f lines && $(wc -l < lines) -ge $2 ]] && return
+        sleep 0.1
+    done
+}
+ask $'tauflow cac\t\C-X' 1
+# Another line is typed once there is a prompt for it.
+sleep 0.5
+ask $'tauflow run --loc\t\C-X' 2
 cat lines
 "#;
 
