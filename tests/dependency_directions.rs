@@ -1,7 +1,7 @@
 //! Holds the directions `cache <- contract <- data <- each kind's crate <- root`, so that a change in the renderer
 //! never rebuilds burn, nor the reverse; that burn stays below `nodes/train`, and that `cargo test` at the root skips
 //! no crate.
-//! `nodes/instructions` stands beside `cache`, below all that ask it.
+//! `nodes/instructions` stands beside `cache`, below all that ask it; `testing` is below all, for tests alone.
 
 use serde_json::Value;
 use std::{
@@ -18,18 +18,24 @@ struct Member {
     folder: String,
     /// Names of all it depends on: for building, testing and build scripts.
     needs: BTreeSet<String>,
+    /// Those of them that are for building.
+    builds: BTreeSet<String>,
 }
 
 type Members = BTreeMap<String, Member>;
 
+/// Where the crates of kinds stand.
+const KINDS: u32 = 4;
+
 /// Where a crate stands; it may depend on lower ones only.
 fn layer(folder: &str) -> u32 {
     match folder {
-        "" => 4,
-        "cache" | "nodes/instructions" => 0,
-        "nodes/contract" => 1,
-        "nodes/data" => 2,
-        _ => 3,
+        "" => 5,
+        "testing" => 0,
+        "cache" | "nodes/instructions" => 1,
+        "nodes/contract" => 2,
+        "nodes/data" => 3,
+        _ => KINDS,
     }
 }
 
@@ -47,6 +53,9 @@ fn violations(members: &Members) -> Vec<String> {
                 found.push(format!("{name} names {need}; only crates under nodes/train may"));
             }
             let Some(other) = members.get(need) else { continue };
+            if other.folder == "testing" && member.builds.contains(need) {
+                found.push(format!("{name} names {need} to build; only tests may"));
+            }
             let below = layer(&other.folder) < layer(&member.folder);
             let kin = family(&member.folder).is_some() && family(&member.folder) == family(&other.folder);
             if !below && !kin {
@@ -80,8 +89,9 @@ fn members(metadata: &Value) -> Members {
         let manifest = text(&package["manifest_path"]);
         let folder = Path::new(&manifest).parent().expect("a manifest lies in a folder");
         let folder = folder.strip_prefix(&root).expect("members lie below the root").display().to_string();
-        let needs = package["dependencies"].as_array().expect("dependencies").iter().map(|d| text(&d["name"]));
-        (text(&package["name"]), Member { folder, needs: needs.collect() })
+        let needs = package["dependencies"].as_array().expect("dependencies");
+        let builds = needs.iter().filter(|d| d["kind"] != "dev").map(|d| text(&d["name"])).collect();
+        (text(&package["name"]), Member { folder, needs: needs.iter().map(|d| text(&d["name"])).collect(), builds })
     };
     packages.iter().map(member).collect()
 }
@@ -110,10 +120,12 @@ fn planted_violations_are_found() {
     let member = |folder: &str, needs: &[&str]| Member {
         folder: folder.into(),
         needs: needs.iter().map(|n| (*n).to_owned()).collect(),
+        builds: BTreeSet::new(),
     };
     let sound = BTreeMap::from([
         ("tauflow".to_owned(), member("", &["tauflow-render", "tauflow-train", "clap"])),
-        ("tauflow-cache".to_owned(), member("cache", &["blake3"])),
+        ("tauflow-testing".to_owned(), member("testing", &[])),
+        ("tauflow-cache".to_owned(), member("cache", &["blake3", "tauflow-testing"])),
         ("tauflow-data".to_owned(), member("nodes/data", &["tauflow-cache"])),
         ("tauflow-instructions".to_owned(), member("nodes/instructions", &[])),
         ("tauflow-render".to_owned(), member("nodes/render", &["tauflow-data", "tauflow-instructions"])),
@@ -136,6 +148,9 @@ fn planted_violations_are_found() {
         let found = violations(&broken);
         assert!(found.len() == 1 && found[0].contains(name) && found[0].contains(need), "{name} -> {need}: {found:?}");
     }
+    let mut broken = sound.clone();
+    broken.get_mut("tauflow-cache").expect("it is in the list").builds.insert("tauflow-testing".to_owned());
+    assert_eq!(violations(&broken), ["tauflow-cache names tauflow-testing to build; only tests may"]);
 }
 
 #[test]
@@ -152,7 +167,7 @@ fn cargo_test_at_the_root_skips_no_member() {
 fn one_file_names_the_kinds_crates() {
     let members = members(&metadata());
     let crates: Vec<String> =
-        members.iter().filter(|(_, m)| layer(&m.folder) == 3).map(|(name, _)| name.replace('-', "_")).collect();
+        members.iter().filter(|(_, m)| layer(&m.folder) == KINDS).map(|(name, _)| name.replace('-', "_")).collect();
     let mut folders = vec![root().join("src")];
     let mut naming = BTreeSet::new();
     while let Some(folder) = folders.pop() {
@@ -188,6 +203,36 @@ fn the_scheduler_imports_no_store_and_runs_no_kind() {
         seen += 1;
     }
     assert!(seen > 5, "the scheduler has moved");
+}
+
+/// Rust code in a doc comment that begins a fence: the line of each.
+fn doc_tests(text: &str) -> Vec<usize> {
+    let (mut found, mut open) = (Vec::new(), false);
+    for (i, line) in text.lines().enumerate() {
+        let comment = line.trim_start().strip_prefix("//!").or_else(|| line.trim_start().strip_prefix("///"));
+        let Some(language) = comment.and_then(|comment| comment.trim_start().strip_prefix("```")) else { continue };
+        // Without a language it is Rust.
+        if !open && ["", "rust", "should_panic", "no_run"].contains(&language.trim()) {
+            found.push(i + 1);
+        }
+        open = !open;
+    }
+    found
+}
+
+/// `doctest = false` spares a pass of rustdoc over each crate; code that it would have to run has a test instead.
+#[test]
+fn no_doc_comment_has_code_that_nothing_runs() {
+    assert_eq!(doc_tests("/// ```text\n/// ```\n/// ```\n/// f();\n/// ```\n//! ```rust\n"), [3, 6]);
+    let files = Command::new("git").args(["ls-files", "*.rs"]).current_dir(root()).output().expect("git starts");
+    let files = String::from_utf8_lossy(&files.stdout).into_owned();
+    let found: Vec<String> = files
+        .lines()
+        .filter_map(|file| Some((file, fs::read_to_string(root().join(file)).ok()?)))
+        .flat_map(|(file, text)| doc_tests(&text).into_iter().map(move |line| format!("{file}:{line}")))
+        .collect();
+    assert!(files.lines().count() > 300, "{files}");
+    assert_eq!(found, [""; 0]);
 }
 
 /// Each package of the graph with the features that are on.

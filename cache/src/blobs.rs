@@ -28,8 +28,8 @@ pub(crate) const PACK_LIMIT: u64 = 256 << 20;
 /// A blob above this size is read twice, the first time to see whether it is good, before memory is taken for it.
 const READ_TWICE_FROM: u64 = 256 << 20;
 
-/// The result of reading a place.
-enum Found {
+/// The result of reading a place in a pack.
+enum PackedRead {
     Whole(Vec<u8>),
     Damaged(Vec<u8>),
     /// The file is gone; the blob may be elsewhere.
@@ -78,9 +78,9 @@ impl Store {
         for _ in 0..3 {
             if let Some(at) = self.packed_at(digest) {
                 match self.read_packed(digest, at)? {
-                    Found::Whole(bytes) => return Ok(Some(bytes)),
-                    Found::Damaged(bytes) => self.quarantine_packed(digest, at, &bytes),
-                    Found::Moved => self.refresh()?,
+                    PackedRead::Whole(bytes) => return Ok(Some(bytes)),
+                    PackedRead::Damaged(bytes) => self.quarantine_packed(digest, at, &bytes),
+                    PackedRead::Moved => self.refresh()?,
                 }
                 continue;
             }
@@ -189,18 +189,18 @@ impl Store {
         Ok(())
     }
 
-    fn read_packed(&self, digest: &Digest, at: BlobAt) -> Result<Found, CacheError> {
+    fn read_packed(&self, digest: &Digest, at: BlobAt) -> Result<PackedRead, CacheError> {
         let path = || self.index().segments[at.segment as usize].path.clone();
         let file = match self.segment_file(at.segment) {
             Ok(file) => file,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Found::Moved),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(PackedRead::Moved),
             Err(error) => return Err(error).at("open the pack", &path()),
         };
         let mut bytes = vec![0; at.size as usize];
         match file.read_exact_at(&mut bytes, at.offset) {
-            Ok(()) if blake3::hash(&bytes).as_bytes() == &digest.hash => Ok(Found::Whole(bytes)),
-            Ok(()) => Ok(Found::Damaged(bytes)),
-            Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(Found::Damaged(Vec::new())),
+            Ok(()) if blake3::hash(&bytes).as_bytes() == &digest.hash => Ok(PackedRead::Whole(bytes)),
+            Ok(()) => Ok(PackedRead::Damaged(bytes)),
+            Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(PackedRead::Damaged(Vec::new())),
             Err(error) => Err(error).at("read the pack", &path()),
         }
     }

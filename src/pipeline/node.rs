@@ -64,7 +64,7 @@ const LONGEST_VALUE: usize = 1_000;
 /// Reads all nodes, with named values put in, and gives each its axes.
 pub(super) fn read(nodes: Vec<(Key, Yaml)>, values: &mut Values, problems: &mut Vec<Problem>) -> Vec<RawNode> {
     let keys: Arc<[String]> = NODE.iter().map(|key| (*key).to_owned()).collect();
-    let mut reader = Reader { values, problems, keys };
+    let mut reader = NodeReader { values, problems, keys };
     let mut nodes: Vec<RawNode> = nodes.into_iter().map(|(name, body)| reader.node(name, body)).collect();
     let count = nodes.len();
     let (done, failed) = (vec![false; count], vec![false; count]);
@@ -72,13 +72,13 @@ pub(super) fn read(nodes: Vec<(Key, Yaml)>, values: &mut Values, problems: &mut 
     nodes
 }
 
-struct Reader<'a> {
+struct NodeReader<'a> {
     values: &'a mut Values,
     problems: &'a mut Vec<Problem>,
     keys: Arc<[String]>,
 }
 
-impl Reader<'_> {
+impl NodeReader<'_> {
     fn problem(&mut self, span: Span, message: impl Into<String>, hint: impl Into<Hint>) {
         self.problems.push(Problem::at(span, message).hint(hint));
     }

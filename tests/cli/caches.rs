@@ -6,6 +6,7 @@ use std::{
     os::unix::{fs::PermissionsExt, process::CommandExt},
     path::{Path, PathBuf},
 };
+use tauflow_testing::{Need, skip};
 
 /// Somebody else, where this test may become somebody else.
 const NOBODY: u32 = 65_534;
@@ -231,7 +232,7 @@ fn a_cache_that_can_only_be_read_is_read_planned_with_and_exported_from() {
 fn users_of_one_group_run_on_one_cache_or_are_told_what_to_set() {
     let place = Place::new();
     if std::os::unix::fs::chown(place.folder.path(), Some(ONE), Some(GROUP)).is_err() {
-        println!("skipped: only root becomes other users");
+        skip(Need::Root, "only root becomes other users");
         return;
     }
     fs::set_permissions(place.folder.path(), fs::Permissions::from_mode(0o2775)).expect("root may");

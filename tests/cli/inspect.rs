@@ -6,6 +6,7 @@ use std::{
     io::Read,
     process::{Command, Stdio},
 };
+use tauflow_testing::{Need, skip};
 
 #[test]
 fn check_finds_nothing_wrong_with_a_good_pipeline() {
@@ -92,7 +93,39 @@ fn a_reader_that_goes_away_is_no_failure() {
     assert_eq!(err, "");
 }
 
-/// A shell reads the script and completes by it; where there is no such shell, what it would say is not seen.
+/// What a shell writes, if there is one.
+fn shell(place: &Place, name: &str, arguments: &[&str], need: Need) -> Option<String> {
+    match Command::new(name).args(arguments).current_dir(place.path("")).stdin(Stdio::null()).output() {
+        Ok(said) => Some(format!("{}{}", String::from_utf8_lossy(&said.stdout), String::from_utf8_lossy(&said.stderr))),
+        Err(error) => {
+            skip(need, format_args!("{name} does not start: {error}"));
+            None
+        }
+    }
+}
+
+/// A terminal of zsh's own, as it completes in none else; the last key writes down what the line has become.
+const ZSH: &str = r#"
+zmodload zsh/zpty
+zpty inner zsh -f -i
+zpty -w inner 'fpath=($PWD $fpath); autoload -U compinit; compinit -u -d ./dump'
+zpty -w inner 'tell() { print -r -- "$BUFFER" >> lines; BUFFER= }; zle -N tell; bindkey "^X" tell; print re"ady"'
+zpty -r -m inner line '*ready*'
+ask() {
+    zpty -w -n inner "$1"
+    for i in {1..600}; do
+        [[ -f lines && $(wc -l < lines) -ge $2 ]] && return
+        sleep 0.1
+    done
+}
+ask $'tauflow cac\t\C-X' 1
+# Another line is typed once there is a prompt for it.
+sleep 0.5
+ask $'tauflow run --loc\t\C-X' 2
+cat lines
+"#;
+
+/// Shells read the script and complete by it.
 #[test]
 fn commands_and_options_complete_in_a_shell() {
     let place = Place::new();
@@ -100,14 +133,24 @@ fn commands_and_options_complete_in_a_shell() {
         let script = place.tauflow(&["completions", shell]).ends(0).out;
         assert!(script.contains("recheck") && script.contains("mitsuba"), "{shell}: {script}");
     }
-    place.write("complete.sh", &place.tauflow(&["completions", "bash"]).ends(0).out);
+    for (shell, file) in [("bash", "complete.sh"), ("fish", "complete.fish"), ("zsh", "_tauflow")] {
+        place.write(file, &place.tauflow(&["completions", shell]).ends(0).out);
+    }
     let asks = "source ./complete.sh; COMP_WORDS=(tauflow ca); COMP_CWORD=1; _tauflow tauflow ca tauflow; \
                 echo ${COMPREPLY[@]}; COMP_WORDS=(tauflow run --loc); COMP_CWORD=2; _tauflow tauflow --loc run; \
                 echo ${COMPREPLY[@]}";
-    let said = Command::new("bash").args(["-c", asks]).current_dir(place.path("")).output();
-    match said {
-        Ok(said) => assert_eq!(String::from_utf8_lossy(&said.stdout), "cache\n--locked\n", "{said:?}"),
-        Err(e) => eprintln!("skipped: no bash here: {e}"),
+    if let Some(said) = shell(&place, "bash", &["-c", asks], Need::Bash) {
+        assert_eq!(said, "cache\n--locked\n");
+    }
+    let asks = "source ./complete.fish; complete -C 'tauflow ca'; complete -C 'tauflow run --loc'";
+    if let Some(said) = shell(&place, "fish", &["--no-config", "-c", asks], Need::Fish) {
+        let words: Vec<&str> = said.lines().filter_map(|line| line.split('\t').next()).collect();
+        assert_eq!(words, ["cache", "--locked"], "{said}");
+    }
+    place.write("asks.zsh", ZSH);
+    if let Some(said) = shell(&place, "zsh", &["-f", "asks.zsh"], Need::Zsh) {
+        let lines: Vec<&str> = said.lines().map(str::trim_end).collect();
+        assert_eq!(lines, ["tauflow cache", "tauflow run --locked"], "{said}");
     }
 }
 
@@ -130,6 +173,18 @@ fn every_command_has_a_manual_page() {
         let page = fs::read_to_string(place.path(&format!("pages/tauflow-{command}.1"))).expect(command);
         assert!(page.contains(".SH SYNOPSIS"), "{page}");
     }
+    let Some(shown) = shell(&place, "man", &["-l", "pages/tauflow-run.1"], Need::Man) else { return };
+    if shown.contains("has been minimized") {
+        skip(Need::Man, "`man` is a stand-in that says how to install it");
+        return;
+    }
+    // Bold letters are struck twice.
+    let letters: Vec<char> = shown.chars().collect();
+    let plain: String = (0..letters.len())
+        .filter(|i| letters[*i] != '\u{8}' && letters.get(i + 1) != Some(&'\u{8}'))
+        .map(|i| letters[i])
+        .collect();
+    assert!(plain.contains("SYNOPSIS") && plain.contains("--update-lock"), "{shown}");
     place.write("taken", "a file");
     let said = place.tauflow(&["man", "taken"]).ends(3);
     assert!(said.err.contains("cannot write into taken"), "{}", said.err);
@@ -147,7 +202,7 @@ fn a_terminal_shows_colours_unless_it_is_asked_not_to() {
         command.output().map(|output| String::from_utf8_lossy(&output.stdout).into_owned())
     };
     match shown(&[]) {
-        Err(e) => eprintln!("skipped: no `script` here: {e}"),
+        Err(error) => skip(Need::Script, format_args!("`script` does not start: {error}")),
         Ok(text) => {
             assert!(text.contains("\u{1b}["), "{text}");
             for quiet in [("NO_COLOR", "1"), ("TERM", "dumb")] {

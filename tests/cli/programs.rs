@@ -14,6 +14,7 @@ use std::{
 use tauflow::engine::exec;
 use tauflow_cache::Store;
 use tauflow_data::{Image, image_io::write_exr};
+use tauflow_testing::{Need, set, skip};
 
 /// A renderer that `bin/fake-renderer` is, and a version that is told by `version.sh`.
 const PIPELINE: &str = "\
@@ -237,7 +238,7 @@ fn a_sandbox_keeps_an_action_from_writing_elsewhere_and_where_there_is_none_that
     let held = with(&place, &["exec", &key, "--sandbox"], &[]);
     if held.err.contains("cannot create a sandbox") {
         assert_eq!(held.code, 3);
-        println!("skipped: {}", held.err);
+        skip(Need::Bwrap, &held.err);
         return;
     }
     held.ends(0);
@@ -287,8 +288,8 @@ nodes:
 
 #[test]
 fn an_action_of_open_image_denoise_moves_to_where_the_same_library_is() {
-    let Some(library) = std::env::var("TAUFLOW_OIDN").ok().filter(|name| !name.is_empty()) else {
-        println!("skipped: TAUFLOW_OIDN names no library of Open Image Denoise");
+    let Some(library) = set("TAUFLOW_OIDN") else {
+        skip(Need::Oidn, "TAUFLOW_OIDN names no library of Open Image Denoise");
         return;
     };
     let place = Place::with(DENOISED);

@@ -9,6 +9,7 @@ use tauflow::engine::{
     RunOptions,
     event::{Ended, Event},
 };
+use tauflow_testing::{Need, skip};
 
 const RISKY: &str = "
 nodes:
@@ -129,7 +130,7 @@ fn files_that_are_no_regular_ones_fail_alone() {
     let mut failed = vec!["files/dangling", "files/device", "files/folder", "files/huge"];
     match std::process::Command::new("mkfifo").arg(folder.join("fifo")).status() {
         Ok(status) if status.success() => failed.insert(2, "files/fifo"),
-        other => println!("skipped: FIFOs cannot be made here: {other:?}"),
+        other => skip(Need::Fifo, format_args!("FIFOs cannot be made here: {other:?}")),
     }
     let text = format!("nodes: {{files: {{kind: files, params: {{folder: '{}'}}}}}}", folder.display());
     for sound in [1, 0] {

@@ -38,11 +38,6 @@ nodes:
   total: {kind: total, inputs: {in: rounded}}
 ";
 
-/// Whether there is time for more.
-pub fn slow() -> bool {
-    std::env::var_os("TAUFLOW_SLOW").is_some_and(|value| !value.is_empty())
-}
-
 /// Numbers that are the same each time.
 pub struct Random(pub u64);
 
@@ -244,6 +239,11 @@ impl Campaign {
     /// As [`Campaign::ends_alike`]; and nothing in the ledger was done twice.
     pub fn ends_well(&self, cache: &Path) {
         self.ends_alike(cache);
+        self.nothing_twice();
+    }
+
+    /// Nothing in the ledger was done twice.
+    pub fn nothing_twice(&self) {
         let ledger = fs::read_to_string(self.ledger()).expect("readable");
         let mut seen = HashSet::new();
         // A line that a kill cut off has no end.

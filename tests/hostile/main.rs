@@ -245,7 +245,7 @@ fn export(pipeline: &Pipeline, store: &Store, to: &Path) -> u64 {
 /// How long to go on.
 fn seconds() -> f64 {
     let set = std::env::var("TAUFLOW_FUZZ_SECONDS").ok().and_then(|text| text.parse().ok());
-    let slow = std::env::var_os("TAUFLOW_SLOW").is_some_and(|value| !value.is_empty());
+    let slow = tauflow_testing::slow();
     set.unwrap_or(if slow { 30.0 } else { 3.0 })
 }
 

@@ -1,7 +1,12 @@
 //! What each edit of a pipeline reruns, on a small pipeline of the real kinds: nothing that the edit does not change.
 
 use crate::support::Done;
-use std::{collections::BTreeMap, path::Path, sync::Mutex, sync::atomic::AtomicBool};
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::Path,
+    sync::{Mutex, OnceLock, atomic::AtomicBool},
+};
 use tauflow::{
     engine::{self, RunOptions, event::Event},
     pipeline::{self, Options},
@@ -118,6 +123,39 @@ fn run(store: &Path, text: &str) -> Ran {
     }
 }
 
+/// A cache in which the pipeline was run once for all edits, and what that run did.
+fn ran_once() -> &'static (tempfile::TempDir, Ran) {
+    static ONCE: OnceLock<(tempfile::TempDir, Ran)> = OnceLock::new();
+    ONCE.get_or_init(|| {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let ran = run(folder.path(), PIPELINE);
+        (folder, ran)
+    })
+}
+
+/// Copies that cache to a folder: as if the pipeline had been run there.
+pub fn run_before(folder: &Path) {
+    fn copy(from: &Path, to: &Path) {
+        fs::create_dir_all(to).expect("writable");
+        for entry in fs::read_dir(from).expect("readable").map(|entry| entry.expect("readable")) {
+            let (from, to) = (entry.path(), to.join(entry.file_name()));
+            if from.is_dir() {
+                copy(&from, &to);
+            } else {
+                fs::copy(from, to).expect("room");
+            }
+        }
+    }
+    copy(ran_once().0.path(), folder);
+}
+
+/// A copy of its own for an edit.
+fn ran_before() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    run_before(folder.path());
+    folder
+}
+
 fn edit(from: &str, to: &str) -> String {
     assert!(PIPELINE.contains(from), "`{from}` stands in the pipeline");
     PIPELINE.replace(from, to)
@@ -127,8 +165,7 @@ const LEARNING: [&str; 6] = ["evaluation", "refined", "report", "scores", "solve
 
 #[test]
 fn an_edit_reruns_what_it_changes_and_nothing_else() {
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let first = run(folder.path(), PIPELINE);
+    let (folder, first) = (ran_before(), &ran_once().1);
     assert_eq!(first.ran("scenes"), 16);
     assert_eq!(first.ran("train_ladders"), 8);
     assert_eq!(first.ran("solvers"), 2);
@@ -157,19 +194,19 @@ fn an_edit_reruns_what_it_changes_and_nothing_else() {
 
 #[test]
 fn a_verdict_moves_no_other_scene() {
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let (file, cache) = (folder.path().join("edits.yaml"), folder.path().join("cache"));
-    std::fs::write(&file, PIPELINE).expect("written");
-    let before = Done::run(&file, Vec::new(), &cache);
+    let (folder, cache) = (tempfile::tempdir().expect("a temporary folder"), ran_before());
+    let (file, cache) = (folder.path().join("edits.yaml"), cache.path());
+    fs::write(&file, PIPELINE).expect("written");
+    let before = Done::run(&file, Vec::new(), cache);
     let verdicts: BTreeMap<String, Verdict> = before.read("gate.verdicts");
     let mut contrast: Vec<f64> = verdicts.values().map(|v| v.measures["contrast"]).collect();
     contrast.sort_by(f64::total_cmp);
     // Between the two least: one scene more is rejected.
     let threshold = f64::midpoint(contrast[0], contrast[1]);
     let text = edit("contrast: 0.0,", &format!("contrast: {threshold},"));
-    let ran = run(&cache, &text);
-    std::fs::write(&file, &text).expect("written");
-    let after = Done::run(&file, Vec::new(), &cache);
+    let ran = run(cache, &text);
+    fs::write(&file, &text).expect("written");
+    let after = Done::run(&file, Vec::new(), cache);
     assert_eq!(after.keys("gate.accepted").len(), 15);
     for side in ["split.train", "split.test"] {
         let (before, after) = (before.keys(side), after.keys(side));
@@ -182,8 +219,7 @@ fn a_verdict_moves_no_other_scene() {
 
 #[test]
 fn one_more_scene_per_stratum_is_that_many_items_more() {
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    run(folder.path(), PIPELINE);
+    let folder = ran_before();
     // Five scenes a stratum are two to train and three to test.
     let text = edit("pool: 16", "pool: 20").replace("train: 8, test: 4", "train: 8, test: 8");
     let more = run(folder.path(), &text);
@@ -200,8 +236,7 @@ fn one_more_scene_per_stratum_is_that_many_items_more() {
 
 #[test]
 fn a_longer_ladder_renders_the_new_samples_only() {
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let first = run(folder.path(), PIPELINE);
+    let (folder, first) = (ran_before(), &ran_once().1);
     // The gate's 8 samples are the ladder's first 8.
     assert_eq!((first.units["previews"], first.units["train_ladders"]), (8, 8));
     let longer = run(folder.path(), &PIPELINE.replace("dyadic: 16", "dyadic: 64"));

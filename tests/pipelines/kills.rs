@@ -1,7 +1,7 @@
 //! A training that is killed, as by a power cut, again and again: it goes on from its last checkpoint and ends with the
 //! bits of one that is left alone.
 
-use crate::edits::PIPELINE;
+use crate::edits::{PIPELINE, run_before};
 use serde_json::Value;
 use std::{
     fs,
@@ -66,6 +66,9 @@ fn a_training_that_is_killed_again_and_again_ends_with_the_same_bits() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let folder = folder.path();
     fs::write(folder.join("long.yaml"), format!("{PIPELINE}{LONG}")).expect("writable");
+    // What comes before the training is there.
+    run_before(&folder.join("alone"));
+    run_before(&folder.join("killed"));
     let alone = tauflow(folder, "alone", &["--update-lock"]).output().expect("it starts");
     assert!(alone.status.success(), "{}", String::from_utf8_lossy(&alone.stderr));
     let mut reached = 0;

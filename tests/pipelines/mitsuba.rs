@@ -82,7 +82,7 @@ fn deviation(ours: (f64, f64), theirs: (f64, f64), batches: f64) -> (f64, f64) {
 
 #[test]
 fn scenes_have_mitsubas_means() {
-    let slow = std::env::var_os("TAUFLOW_SLOW").is_some_and(|v| !v.is_empty());
+    let slow = tauflow_testing::slow();
     let references: References = serde_json::from_str(include_str!("mitsuba.json")).expect("a sound file");
     assert!(references.mitsuba.starts_with("3.9") && references.side == 64 && references.batches == 16);
     let folder = tempfile::tempdir().expect("a temporary folder");

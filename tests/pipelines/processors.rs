@@ -5,6 +5,7 @@
 
 use crate::edits::PIPELINE;
 use std::{fs, path::Path, process::Command};
+use tauflow_testing::{Need, skip};
 
 /// What the defaults of trainings leave out: G-buffers, logarithms, absolute differences, shades, low rungs, all eight
 /// views.
@@ -79,7 +80,7 @@ fn everything_is_the_same_on_sse2_avx2_and_this_processor() {
         assert!(told.contains("bits.lock agrees"), "{instructions}: {told}");
     }
     if Command::new("qemu-x86_64").arg("--version").output().is_err() {
-        println!("skipped: qemu-x86_64 (Debian: qemu-user) is not there");
+        skip(Need::Qemu, "qemu-x86_64 (Debian: qemu-user) is not there");
         return;
     }
     let told = run(folder.path(), "avx512", Some("qemu64"), &["--locked"]);

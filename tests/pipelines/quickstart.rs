@@ -7,6 +7,7 @@ use tauflow_data::{
     Stratum,
     records::{BridgeFiles, Evaluation, MethodTable, TrainingLog, Verdict},
 };
+use tauflow_testing::{Need, skip, slow};
 
 /// The quickstart, and a solver that learns targets that belong to other states.
 const CONTROL: &str = r#"
@@ -51,8 +52,8 @@ fn method<'a>(evaluation: &'a Evaluation, method: &str, conditioning: &str) -> &
 
 #[test]
 fn the_quickstart_learns_what_it_should() {
-    if std::env::var_os("TAUFLOW_SLOW").is_none_or(|v| v.is_empty()) {
-        println!("skipped: set TAUFLOW_SLOW=1 to run the quickstart (ten minutes)");
+    if !slow() {
+        skip(Need::Slow, "TAUFLOW_SLOW=1 runs the quickstart (ten minutes)");
         return;
     }
     let quickstart = root().join("pipelines/quickstart.yaml");

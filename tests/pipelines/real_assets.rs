@@ -10,6 +10,7 @@ use tauflow_data::{
     records::{AssetReport, SceneRecord},
     scene::Recipe,
 };
+use tauflow_testing::{Need, skip};
 
 fn files(folder: &Path, found: &mut BTreeSet<String>) {
     for entry in std::fs::read_dir(folder).expect("a folder") {
@@ -26,7 +27,7 @@ fn files(folder: &Path, found: &mut BTreeSet<String>) {
 fn every_file_appears_in_a_rendered_scene() {
     let shared = root().join("../shared/assets");
     if !shared.is_dir() {
-        println!("skipped: the shared HDRIs and objects are not here");
+        skip(Need::Shared, "the shared HDRIs and objects are not here");
         return;
     }
     let (maps, objects) = (shared.join("hdri"), shared.join("gltf"));

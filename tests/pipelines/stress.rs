@@ -59,7 +59,7 @@ fn images(
 #[test]
 fn hazards_go_through_every_kind() {
     let folders = [1, 2].map(|_| tempfile::tempdir().expect("a temporary folder"));
-    let slow = std::env::var_os("TAUFLOW_SLOW").is_some_and(|v| !v.is_empty());
+    let slow = tauflow_testing::slow();
     let calls = |most: u64| vec![format!("endless.nfe=[1, {most}]")];
     let done = run(folders[0].path(), 2, if slow { Vec::new() } else { calls(100) });
 

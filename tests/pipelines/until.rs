@@ -6,6 +6,7 @@ use crate::support::Done;
 use std::collections::BTreeMap;
 use tauflow_data::{Image, records::Ladder};
 use tauflow_render::quality_gate::geometric_mean_luminance;
+use tauflow_testing::{Need, set, skip, slow};
 
 /// Samples a pixel of references; they are of another stream.
 const REFERENCE: u64 = 8192;
@@ -69,12 +70,11 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
 
 #[test]
 fn promised_errors_are_there_and_stopping_moves_no_mean() {
-    let set = |name: &str| std::env::var_os(name).is_some_and(|v| !v.is_empty());
-    let trial = match (set("TAUFLOW_UNTIL"), set("TAUFLOW_SLOW")) {
+    let trial = match (set("TAUFLOW_UNTIL").is_some(), slow()) {
         (true, _) => Trial { scenes: 24, streams: 32, target: 0.05, side: 24 },
         (false, true) => Trial { scenes: 12, streams: 8, target: 0.1, side: 24 },
         (false, false) => {
-            println!("skipped: set TAUFLOW_SLOW=1 to hold promised errors against true ones (two minutes)");
+            skip(Need::Slow, "TAUFLOW_SLOW=1 holds promised errors against true ones (two minutes)");
             return;
         }
     };

@@ -7,6 +7,7 @@ use std::{
     process::{Command, Output},
 };
 use tauflow_cache::{Digest, GcOptions, GcReport, Store};
+use tauflow_testing::{Need, skip};
 
 const OLD: GcOptions =
     GcOptions { max_bytes: None, keep_within_secs: Some(50), now: 100, dry_run: false, pins: Vec::new(), lost: false };
@@ -119,7 +120,7 @@ fn a_disk_without_room_or_names_is_read_and_collected() {
     let mut probe = Command::new("unshare");
     probe.args(["-m", "sh", "-c", mount]).env("TAUFLOW_CACHE_ROOM", dir.path());
     if !probe.output().is_ok_and(|output| output.status.success()) {
-        println!("skipped: no disk can be mounted here");
+        skip(Need::Mount, "no disk can be mounted here");
         return;
     }
     let mut shell = Command::new("unshare");

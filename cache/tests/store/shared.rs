@@ -11,6 +11,7 @@ use std::{
     process::Command,
 };
 use tauflow_cache::{CacheError, Digest, GcOptions, Store};
+use tauflow_testing::{Need, skip};
 
 const ONE: u32 = 65_533;
 const OTHER: u32 = 65_534;
@@ -132,7 +133,7 @@ fn a_store_on_a_disk_mounted_for_reading_can_be_read() {
     let mut probe = Command::new("unshare");
     probe.args(["-m", "sh", "-c", mount]).env("TAUFLOW_CACHE_READ", &cache);
     if !probe.output().is_ok_and(|output| output.status.success()) {
-        println!("skipped: nothing can be mounted here");
+        skip(Need::Mount, "nothing can be mounted here");
         return;
     }
     let inner = child(place.path(), "022", "shared::child_that_only_reads");
@@ -142,20 +143,26 @@ fn a_store_on_a_disk_mounted_for_reading_can_be_read() {
     passes(&mut command);
 }
 
+/// Runs in a child: a user who may not set damage aside.
+#[test]
+fn child_that_meets_damage() {
+    let Ok(dir) = std::env::var("TAUFLOW_CACHE_DAMAGED") else { return };
+    let damaged = || open(Path::new(&dir)).verify(None, 0, &mut |_, _| ()).expect("verify").damaged.len();
+    assert_eq!((damaged(), damaged()), (1, 1));
+}
+
 #[test]
 fn damage_is_told_where_it_cannot_be_set_aside() {
-    let (_place, cache) = filled();
+    let (place, cache) = filled();
     let pack = &files(&cache.join("packs"))[0];
     crate::flip(pack, 100);
-    if is_root() {
-        println!("skipped: root writes whatever the modes say");
-        return;
-    }
     for folder in ["tmp", "leases", "quarantine"] {
         set_mode(&cache.join(folder), 0o555);
     }
-    let damaged = |store: &Store| store.verify(None, 0, &mut |_, _| ()).expect("verify").damaged.len();
-    assert_eq!((damaged(&open(&cache)), damaged(&open(&cache))), (1, 1));
+    let mut command = child(place.path(), "022", "shared::child_that_meets_damage");
+    command.env("TAUFLOW_CACHE_DAMAGED", &cache);
+    // Root writes whatever the modes say.
+    passes(if is_root() { command.uid(OTHER).gid(OTHER) } else { &mut command });
     for folder in ["tmp", "leases", "quarantine"] {
         set_mode(&cache.join(folder), 0o755);
     }
@@ -195,7 +202,7 @@ fn child_that_is_told() {
 #[test]
 fn users_of_one_group_share_a_cache_or_are_told_what_to_set() {
     if !is_root() {
-        println!("skipped: only root becomes other users");
+        skip(Need::Root, "only root becomes other users");
         return;
     }
     for umask in ["002", "022", "077"] {

@@ -126,7 +126,7 @@ impl Kind for ExternalRenderer {
             };
         }
         let scene = SceneRecord::scene(ctx, action.handle(SCENES)?)?;
-        let work = Work { ctx, params, seed: action.seed, scene };
+        let work = SceneToRender { ctx, params, seed: action.seed, scene };
         match action.group {
             TIMING => put_times(work.render(params.repeats)?.1),
             _ => put_images(work.render(0)?.0, None),
@@ -134,8 +134,8 @@ impl Kind for ExternalRenderer {
     }
 }
 
-/// A scene to be rendered.
-struct Work<'a> {
+/// A scene, and how a program is to render it.
+struct SceneToRender<'a> {
     ctx: &'a Context<'a>,
     params: &'a ExternalRendererParams,
     seed: u64,
@@ -150,7 +150,7 @@ struct Told {
     cpu_s: Vec<f64>,
 }
 
-impl Work<'_> {
+impl SceneToRender<'_> {
     fn failed(&self, what: &str) -> KindError {
         PLACES.failed(&self.params.command, what)
     }

@@ -19,6 +19,8 @@ mod ssim;
 mod table;
 mod time_course;
 mod time_error;
+mod time_params;
+mod time_samples;
 mod time_scene;
 mod time_tables;
 
@@ -30,7 +32,8 @@ pub use image_metrics::{ImageMetrics, ImageMetricsParams};
 pub use image_quality::{ImageQualityKind, ImageQualityParams};
 pub use ladder_metrics::{LadderMetrics, LadderMetricsParams};
 pub use table::{AgainstParams, Coordinate, TableKind, TableParams, tabulate};
-pub use time_error::{TimeErrorKind, TimeErrorParams};
+pub use time_error::TimeErrorKind;
+pub use time_params::TimeErrorParams;
 
 use tauflow_contract::{KindRow, NodeKind};
 

@@ -2,7 +2,7 @@
 //!
 //! It gives errors and times between the rungs that were measured, and beyond them.
 
-use crate::time_tables::Sample;
+use crate::time_samples::Sample;
 use tauflow_data::maths::{exp, log};
 
 /// How a scene's path tracer goes on, between and beyond the rungs that were measured.
@@ -83,7 +83,7 @@ pub(crate) fn decibels() -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::time_tables::tests::{near, scene};
+    use crate::time_samples::tests::{near, scene};
     use tauflow_data::maths::log10;
 
     #[test]

@@ -3,12 +3,12 @@
 use crate::{
     groups::{Groups, SPLIT},
     held_out::{HeldOut, shared},
+    time_params::TimeErrorParams,
+    time_samples::Measured,
     time_scene::{Cells, Own, measured},
-    time_tables::{Measured, summarise},
+    time_tables::summarise,
 };
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde_json::Value;
 use tauflow_contract::{
     Action, All, Context, Group, ItemKey, Items, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, Probe,
 };
@@ -19,32 +19,6 @@ use tauflow_data::{
 
 /// The kind `time_error`.
 pub struct TimeErrorKind;
-
-/// Params of `time_error`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct TimeErrorParams {
-    /// Targets for the time to reach a PSNR of linear radiance, in dB.
-    #[schemars(extend("items" = above_zero()))]
-    pub psnr_targets: Vec<f64>,
-    /// Targets for the time to reach a relative mean squared error.
-    #[schemars(extend("items" = above_zero()))]
-    pub rel_mse_targets: Vec<f64>,
-    /// Number of bootstrap resamples.
-    #[schemars(range(min = 100, max = 100_000))]
-    pub resamples: u64,
-}
-
-impl Default for TimeErrorParams {
-    fn default() -> Self {
-        Self { psnr_targets: vec![25.0, 30.0, 35.0, 40.0], rel_mse_targets: vec![0.1, 0.01, 0.001], resamples: 2000 }
-    }
-}
-
-/// The schema of a target.
-fn above_zero() -> Value {
-    json!({ "type": "number", "format": "double", "exclusiveMinimum": 0.0 })
-}
 
 const REFERENCES: All<Ladder> =
     All::new("references", "Held-out references of a different stream; the last rung is used.");

@@ -5,7 +5,7 @@
 use crate::{
     held_out::{Errors, HeldOut},
     metrics::Reference,
-    time_tables::{Measured, MethodOf, Sample, quartiles},
+    time_samples::{Measured, MethodOf, Sample, quartiles},
 };
 use std::collections::BTreeMap;
 use tauflow_contract::{Context, Handle, ItemKey, Items, KindError, Media};

@@ -4,13 +4,14 @@
 use std::path::PathBuf;
 use tauflow_data::{Image, TensorFile};
 use tauflow_eval::{curve, metrics::metrics};
+use tauflow_testing::{Need, skip};
 
 fn reference_folder() -> Option<PathBuf> {
     let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/reference"));
     if folder.is_dir() {
         return Some(folder);
     }
-    println!("skipped: there is no {}", folder.display());
+    skip(Need::Shared, format_args!("there is no {}", folder.display()));
     None
 }
 

@@ -84,7 +84,7 @@ impl Kind for Training {
         let (train, test) = (action.all(TRAIN)?, action.all_if(TEST)?);
         let seed =
             if params.draw == 0 { action.seed } else { derive_seed(action.seed, "draw", &params.draw.to_string()) };
-        let work = Work { ctx, params, seed, train, test, place: Place::of(params.device)? };
+        let work = OneTraining { ctx, params, seed, train, test, place: Place::of(params.device)? };
         work.run(&mut Share::new())
     }
 }
@@ -96,8 +96,8 @@ fn telling(params: &TrainingParams) -> Value {
     told
 }
 
-/// One training.
-struct Work<'a> {
+/// A training with its inputs and the place where it runs.
+struct OneTraining<'a> {
     ctx: &'a Context<'a>,
     params: &'a TrainingParams,
     seed: u64,
@@ -106,7 +106,7 @@ struct Work<'a> {
     place: Place,
 }
 
-impl Work<'_> {
+impl OneTraining<'_> {
     fn run(&self, share: &mut Share) -> Result<Outputs, KindError> {
         let (ctx, params) = (self.ctx, self.params);
         let train = DataSet::load(ctx, self.train, TRAIN, params.conditioning)?;

@@ -11,6 +11,7 @@ use tauflow_contract::{
     Action, Artifact, Collection, Context, Determinism, Kind, KindError, Look, Media, MemoryBlobs, Outputs, Silent,
 };
 use tauflow_data::records::{BridgeSteps, Refined, RefinedImages, TrainingLog};
+use tauflow_testing::{Need, skip};
 use tauflow_train::{
     BridgeRefinement, BridgeRefinementParams, Conditioning, NetworkDevice, Parameterization, Place, Refinement,
     RefinementParams, Training, TrainingParams,
@@ -123,7 +124,7 @@ fn apart(found: &Value, expected: &Value) -> f64 {
 fn kinds_on_a_device_do_as_on_the_cpu() {
     let devices = [NetworkDevice::Vulkan, NetworkDevice::SoftwareVulkan];
     let Some((device, place)) = devices.into_iter().find_map(|device| Some((device, Place::of(device).ok()?))) else {
-        println!("skipped: no device with a Vulkan driver");
+        skip(Need::Vulkan, "no device with a Vulkan driver");
         return;
     };
     let found = results(device).expect("the device does it");

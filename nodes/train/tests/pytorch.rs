@@ -15,6 +15,7 @@ use std::{
 };
 use tauflow_contract::{Action, Artifact, Blobs, Context, Digest, Kind, KindError, MemoKey, MemoryBlobs, Silent};
 use tauflow_data::{Image, TensorFile};
+use tauflow_testing::{Need, set, skip};
 use tauflow_train::{Denoiser, Model, Place, Training, TrainingParams};
 
 /// The pages that describe the files of a training.
@@ -203,8 +204,8 @@ fn folder(name: &str) -> PathBuf {
 
 /// What a Python that was asked for prints; none where none was.
 fn python(folder: &Path, args: &[&str]) -> Option<Value> {
-    let Some(python) = std::env::var_os("TAUFLOW_PYTHON").filter(|python| !python.is_empty()) else {
-        println!("skipped: TAUFLOW_PYTHON names no Python with torch and safetensors");
+    let Some(python) = set("TAUFLOW_PYTHON") else {
+        skip(Need::Torch, "TAUFLOW_PYTHON names no Python with torch and safetensors");
         return None;
     };
     let done = Command::new(&python).args(args).current_dir(folder).output().expect("TAUFLOW_PYTHON starts");

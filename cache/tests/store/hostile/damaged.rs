@@ -162,7 +162,7 @@ fn child_with_damaged_files() {
 
 #[test]
 fn damaged_files_neither_panic_nor_lie_nor_take_memory() {
-    let slow = std::env::var_os("TAUFLOW_SLOW").is_some_and(|value| !value.is_empty());
+    let slow = tauflow_testing::slow();
     let seconds = std::env::var("TAUFLOW_FUZZ_SECONDS").unwrap_or_else(|_| if slow { "30" } else { "3" }.into());
     with_a_gigabyte("hostile::damaged::child_with_damaged_files", "TAUFLOW_CACHE_FUZZ", &seconds);
 }

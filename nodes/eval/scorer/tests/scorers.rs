@@ -19,6 +19,7 @@ use tauflow_data::{
     records::{Better, Family, Generated, GeneratedVariant, SampleScores, Variant},
 };
 use tauflow_scorer::{NoReferenceScores, NoReferenceScoresParams};
+use tauflow_testing::{Need, skip};
 use tempfile::TempDir;
 
 const RUNTIME: &str = "TAUFLOW_ONNXRUNTIME";
@@ -192,7 +193,7 @@ fn of_model(path: &str) -> NoReferenceScoresParams {
 fn runtime() -> Option<PathBuf> {
     let named = std::env::var_os(RUNTIME).map(PathBuf::from);
     if named.is_none() {
-        eprintln!("skipped: {RUNTIME} names no library of ONNX Runtime, so that no model runs here");
+        skip(Need::Onnx, format_args!("{RUNTIME} names no library of ONNX Runtime"));
     }
     named
 }

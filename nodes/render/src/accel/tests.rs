@@ -337,7 +337,7 @@ fn no_ray_escapes_a_closed_mesh() {
     ] {
         let primitives: Vec<Primitive> = triangles.iter().map(|t| Primitive::Triangle(*t)).collect();
         let accel = Accel::new(&primitives, Vec3::ZERO);
-        let rays = if std::env::var_os("TAUFLOW_SLOW").is_some_and(|v| !v.is_empty()) { 2_500_000 } else { 60_000 };
+        let rays = if tauflow_testing::slow() { 2_500_000 } else { 60_000 };
         let mut together = Vec::with_capacity(rays);
         for i in 0..rays {
             let origin = center + draw.cube(0.4 * size);

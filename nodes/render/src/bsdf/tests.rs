@@ -124,7 +124,7 @@ fn expected(bsdf: &Bsdf<'_>, wo: Vec3) -> Vec<f64> {
 /// at more directions, with three times as many draws: more would find the error of the quadrature.
 #[test]
 fn draws_follow_their_density() {
-    let slow = std::env::var_os("TAUFLOW_SLOW").is_some_and(|v| !v.is_empty());
+    let slow = tauflow_testing::slow();
     let count: u32 = if slow { 300_000 } else { 100_000 };
     let (mut all, mut directions) = (all(), directions().to_vec());
     if slow {

@@ -3,6 +3,7 @@
 use super::*;
 use tauflow_data::rng::Stream;
 use tauflow_instructions::Instructions;
+use tauflow_testing::{Need, skip};
 
 #[test]
 fn functions_are_within_a_few_units_in_the_last_place() {
@@ -126,12 +127,12 @@ fn every_width_has_the_bits_of_one_lane() {
         // SAFETY: the processor has them.
         assert!(unsafe { eight(&a, &b, &states, &table) } == one, "AVX2");
     } else {
-        println!("skipped: no AVX2 here");
+        skip(Need::Avx2, "the processor has no AVX2");
     }
     if Instructions::most() >= Instructions::Avx512 {
         // SAFETY: the processor has them.
         assert!(unsafe { sixteen(&a, &b, &states, &table) } == one, "AVX-512");
     } else {
-        println!("skipped: no AVX-512 here");
+        skip(Need::Avx512, "the processor has no AVX-512");
     }
 }

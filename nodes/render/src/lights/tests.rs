@@ -46,7 +46,7 @@ fn compare(name: &str, built: &Built, p: Vec3, toward: Vec3, near: f64) {
         bin(&frame, flat + z * row)
     };
     let vantage = Vantage::<f32> { p: p.into(), error: Vec3::ZERO.into(), normal: Vec3::new(0.0, 1.0, 0.0).into() };
-    let slow = std::env::var_os("TAUFLOW_SLOW").is_some_and(|v| !v.is_empty());
+    let slow = tauflow_testing::slow();
     // Draws, and directions of the quadrature along a side of a bin.
     let (count, fine) = if slow { (500_000, 160) } else { (200_000, 80) };
     let mut stream = Stream::new(5, &[]).part(name);

@@ -8,6 +8,7 @@ use std::{
 };
 use tauflow_data::Image;
 use tauflow_generative::{Backbone, SCALE, Sampler};
+use tauflow_testing::{Need, skip};
 
 fn folder(name: &str) -> Option<PathBuf> {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../..");
@@ -15,7 +16,7 @@ fn folder(name: &str) -> Option<PathBuf> {
     if folder.is_dir() {
         return Some(folder);
     }
-    eprintln!("SKIPPED: no reference numbers at {}", folder.display());
+    skip(Need::Shared, format_args!("no reference numbers at {}", folder.display()));
     None
 }
 

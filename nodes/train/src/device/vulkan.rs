@@ -76,7 +76,7 @@ pub(crate) fn for_tests() -> Option<Place> {
     let found = open(NetworkDevice::Vulkan).or_else(|_| open(NetworkDevice::SoftwareVulkan));
     match &found {
         Ok(place) => println!("on {}", place.adapter().unwrap_or_default()),
-        Err(error) => println!("skipped: {error}"),
+        Err(error) => tauflow_testing::skip(tauflow_testing::Need::Vulkan, error),
     }
     found.ok()
 }

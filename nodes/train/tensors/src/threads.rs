@@ -10,6 +10,8 @@ static RUNNING: AtomicUsize = AtomicUsize::new(0);
 
 /// One training's share of the processor.
 pub struct Share {
+    /// How many trainings share the processor.
+    running: &'static AtomicUsize,
     pool: Option<ThreadPool>,
     most: usize,
 }
@@ -23,8 +25,12 @@ impl Default for Share {
 impl Share {
     /// A share, until it is dropped.
     pub fn new() -> Self {
-        RUNNING.fetch_add(1, Ordering::Relaxed);
-        Self { pool: None, most: 0 }
+        Self::of(&RUNNING)
+    }
+
+    fn of(running: &'static AtomicUsize) -> Self {
+        running.fetch_add(1, Ordering::Relaxed);
+        Self { running, pool: None, most: 0 }
     }
 
     /// The largest share that there was.
@@ -38,7 +44,7 @@ impl Share {
     /// If threads cannot be started.
     pub fn run<T: Send>(&mut self, f: impl FnOnce() -> T + Send) -> Result<T, KindError> {
         let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        let threads = (cores / RUNNING.load(Ordering::Relaxed).max(1)).max(1);
+        let threads = (cores / self.running.load(Ordering::Relaxed).max(1)).max(1);
         self.most = self.most.max(threads);
         let pool = match self.pool.take().filter(|pool| pool.current_num_threads() == threads) {
             Some(pool) => pool,
@@ -53,7 +59,7 @@ impl Share {
 
 impl Drop for Share {
     fn drop(&mut self) {
-        RUNNING.fetch_sub(1, Ordering::Relaxed);
+        self.running.fetch_sub(1, Ordering::Relaxed);
     }
 }
 
@@ -63,18 +69,25 @@ mod tests {
 
     #[test]
     fn shares_are_given_back_even_by_a_panic() {
-        // Other tests of this program train, too: theirs come and go.
+        // A count of its own, as other tests of this program train, too.
+        static HERE: AtomicUsize = AtomicUsize::new(0);
         let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        let mut share = Share::new();
-        let threads = share.run(rayon::current_num_threads).expect("threads");
-        assert!((1..=cores).contains(&threads) && share.most() == threads);
-        let before = std::panic::catch_unwind(|| {
-            let _share = Share::new();
+        let mut share = Share::of(&HERE);
+        let mut threads = || share.run(rayon::current_num_threads).expect("threads");
+        assert_eq!(threads(), cores);
+        let panicked = std::panic::catch_unwind(|| {
+            let _share = Share::of(&HERE);
+            assert_eq!(HERE.load(Ordering::Relaxed), 2);
             panic!("on purpose");
         });
-        assert!(before.is_err());
-        let many: Vec<Share> = (0..4 * cores).map(|_| Share::new()).collect();
-        assert_eq!(share.run(rayon::current_num_threads).expect("threads"), 1);
+        assert!(panicked.is_err());
+        assert_eq!((HERE.load(Ordering::Relaxed), threads()), (1, cores));
+        let many: Vec<Share> = (0..4 * cores).map(|_| Share::of(&HERE)).collect();
+        assert_eq!(threads(), 1);
         drop(many);
+        assert_eq!(threads(), cores);
+        assert_eq!(share.most(), cores);
+        drop(share);
+        assert_eq!(HERE.load(Ordering::Relaxed), 0);
     }
 }

@@ -21,6 +21,7 @@ use std::{
 };
 use tauflow_contract::MemoryBlobs;
 use tauflow_data::records::AssetReport;
+use tauflow_testing::{Need, skip};
 
 const MAP: &[u8] = b"#?RGBE\n\n-Y 1 +X 2\n\x80\x40\x20\x81\x80\x80\x80\x80";
 
@@ -64,7 +65,7 @@ fn only_regular_files_are_read_and_the_rest_is_refused_by_name() {
     let mut refused = vec!["dangling.glb", "device.hdr", "itself.gltf", "socket.exr"];
     match Command::new("mkfifo").arg(folder.join("fifo.exr")).status() {
         Ok(status) if status.success() => refused.push("fifo.exr"),
-        other => println!("skipped: FIFOs cannot be made here: {other:?}"),
+        other => skip(Need::Fifo, format_args!("FIFOs cannot be made here: {other:?}")),
     }
     refused.sort_unstable();
     for params in [object!({ "folders": [folder] }), object!({ "files": [folder.join("*")] })] {

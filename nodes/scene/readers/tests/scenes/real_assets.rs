@@ -10,6 +10,7 @@ use tauflow_data::{
     mesh::Mesh,
     records::{Asset, AssetBody, AssetReport},
 };
+use tauflow_testing::{Need, skip};
 
 /// Luminance figures of the shared HDRIs, as their list of licences states them: file, largest, mean by solid angle,
 /// share of the brightest thousandth of the sphere.
@@ -126,7 +127,7 @@ fn skinned_objects_stand_as_their_joints_do() {
     for (name, longest) in SKINNED {
         let path = std::path::Path::new(&folder).join(name);
         if !path.is_file() {
-            println!("skipped: no {}", path.display());
+            skip(Need::Shared, format_args!("no {}", path.display()));
             continue;
         }
         let blobs = MemoryBlobs::default();

@@ -11,6 +11,7 @@ use tauflow_contract::{
     Action, Artifact, Collection, Context, FILE_PORT, FileTree, Files, ItemKey, KindError, Media, MemoryBlobs,
     NodeKind, Outputs, Silent, SourceItem,
 };
+use tauflow_testing::{Need, skip};
 
 /// A kind by name.
 pub fn kind(name: &str) -> Box<dyn NodeKind> {
@@ -22,7 +23,10 @@ pub fn shared(folder: &str) -> Option<String> {
     let above = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors();
     let found = above.map(|at| at.join("shared/assets").join(folder)).find(|path| path.is_dir());
     if found.is_none() {
-        println!("skipped: no `shared/assets/{folder}` in a folder above {}", env!("CARGO_MANIFEST_DIR"));
+        skip(
+            Need::Shared,
+            format_args!("no `shared/assets/{folder}` in a folder above {}", env!("CARGO_MANIFEST_DIR")),
+        );
     }
     found.map(|path| path.display().to_string())
 }

@@ -2,7 +2,7 @@
 //!
 //! | glTF | here |
 //! |---|---|
-//! | metallic-roughness | `principled` (base colour, metallic, roughness), two-sided: no renderer of light culls faces |
+//! | metallic-roughness | `principled` (base colour, metallic, roughness), two-sided: a path tracer culls no faces |
 //! | `KHR_materials_ior`, `_specular` | `specular` = F0 / 0.08, F0 = ((n - 1) / (n + 1))^2 factor |
 //! | `KHR_materials_clearcoat` | `clearcoat`, `clearcoat_gloss` = 1 - roughness; its texture blends coated and bare |
 //! | `KHR_materials_transmission` with a thickness, closed body | `spec_trans` of `principled` |
@@ -11,7 +11,7 @@
 //! | `MASK`, `BLEND` | `mask` with opacity 0 or 1 by the cut-off, or alpha itself |
 //! | `KHR_materials_unlit` | diffuse: a path tracer has no unlit surface |
 //! | emission, `_emissive_strength` | an area emitter |
-//! | `KHR_materials_pbrSpecularGlossiness` | `principled` without metal: diffuse colour, specular, roughness = 1 - glossiness |
+//! | `KHR_materials_pbrSpecularGlossiness` | `principled` without metal; roughness = 1 - glossiness |
 
 use super::{
     container::Document,

@@ -146,7 +146,7 @@ mod tests {
     #[test]
     fn an_axis_of_another_length_than_1_scales_as_in_mitsuba() {
         // From Mitsuba 3.9.1.
-        let expected = [[1.0, -1.46045, 1.98744], [2.39627, 1.70187, 0.760946], [-0.583709, 2.04652, 2.87164]];
+        let expected = [[1.0, -1.46045, 1.98744], [2.39627, 1.70187, 0.760_946], [-0.583_709, 2.04652, 2.87164]];
         let found = rotate([1.0, 2.0, 3.0], 40.0).expect("an axis");
         let pairs = found.iter().zip(expected).flat_map(|(row, other)| row.iter().copied().zip(other));
         assert!(pairs.clone().all(|(a, b): (f64, f64)| (a - b).abs() < 1e-4), "{found:?}");
