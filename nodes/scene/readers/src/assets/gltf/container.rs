@@ -241,26 +241,37 @@ impl<'a> Document<'a> {
             return Err(Refusal::new("asset", format!("version {}", root.asset.version), "export it as glTF 2.0"));
         }
         let lacks = root.extensions_required.iter().filter(|e| !SUPPORTED.contains(&e.as_str())).take(64);
-        let lacks =
+        let lacks: Vec<Refusal> =
             lacks.map(|e| Refusal::new("extensionsRequired", format!("`{e}` is required"), remedy(e))).collect();
         let bytes = bytes.len() + externals.values().map(Vec::len).sum::<usize>();
         let mut document = Self { root, buffers: Vec::new(), externals, bytes, morphs_more, animated };
-        for (number, buffer) in document.root.buffers.iter().enumerate() {
+        let opened = document.open_buffers(binary);
+        // A buffer that cannot be read may be one of an extension that is not read.
+        match (opened, lacks.first()) {
+            (Err(_), Some(lack)) => return Err(Refusal::clone(lack)),
+            (opened, _) => opened?,
+        }
+        Ok((document, lacks))
+    }
+
+    /// Opens the buffers, and checks the views of them.
+    fn open_buffers(&mut self, binary: Option<&'a [u8]>) -> Result<(), Refusal> {
+        for (number, buffer) in self.root.buffers.iter().enumerate() {
             let place = format!("buffer {number}");
             let data = match (&buffer.uri, binary) {
-                (Some(uri), _) => document.fetch(uri, &place)?,
+                (Some(uri), _) => self.fetch(uri, &place)?,
                 (None, Some(binary)) if number == 0 => Cow::Borrowed(binary),
                 (None, _) => return Err(damaged(place, "it has neither a URI nor a binary chunk")),
             };
             if (data.len() as u64) < buffer.byte_length.0 {
                 return Err(damaged(place, format!("{} of its {} bytes are there", data.len(), buffer.byte_length.0)));
             }
-            document.buffers.push(data);
+            self.buffers.push(data);
         }
-        for number in 0..document.root.buffer_views.len() {
-            document.view(number)?;
+        for number in 0..self.root.buffer_views.len() {
+            self.view(number)?;
         }
-        Ok((document, lacks))
+        Ok(())
     }
 
     /// Whether it has animations.

@@ -27,7 +27,8 @@ impl<'t> Reader<'t, '_, '_> {
             }
             "directional" => {
                 let map = self.placed(plugin);
-                let along = unit([0, 1, 2].map(|r: usize| map[r][2]));
+                let along = [0, 1, 2].map(|r: usize| map[r][2]);
+                let along = if length(along) > 0.0 { unit(along) } else { along };
                 let direction = self.vector(plugin, "direction").unwrap_or(along);
                 if length(direction) == 0.0 {
                     self.build.problems.error(&plugin.at, "a light without a direction", "give it one");

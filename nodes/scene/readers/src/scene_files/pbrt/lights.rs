@@ -87,6 +87,10 @@ impl<'t> Reader<'t, '_, '_> {
             return Some(Emitter::Constant { radiance: self.build.light(color, "L", &directive.at) });
         };
         let at = &directive.at;
+        if self.build.emitters.iter().any(|e| matches!(e, Emitter::Constant { .. } | Emitter::Envmap { .. })) {
+            self.build.problems.error(at, "a second environment", "keep one of them");
+            return None;
+        }
         self.build.problems.approximated(at, "an equal-area map, whose texels are spread anew", "use a constant light");
         let image = self.build.image(path, false, at)?;
         if image.width() != image.height() {
