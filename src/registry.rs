@@ -22,6 +22,7 @@ pub fn registry() -> Registry {
         tauflow_generative::kinds(),
         tauflow_denoise::kinds(),
         tauflow_eval::kinds(),
+        tauflow_scorer::kinds(),
         tauflow_report::kinds(),
     ];
     Registry::new(crates.into_iter().flatten())

@@ -29,7 +29,9 @@ use std::{
 use tempfile::TempDir;
 
 /// What an action is told of the environment: where programs are, and what is in keys. All else stays outside.
-const PASSED: [&str; 4] = ["PATH", "RAYON_NUM_THREADS", "TAUFLOW_OIDN", "TAUFLOW_INSTRUCTIONS"];
+const PASSED: [&str; 5] = ["PATH", "RAYON_NUM_THREADS", LIBRARIES[0], LIBRARIES[1], "TAUFLOW_INSTRUCTIONS"];
+/// Those of them that name libraries.
+const LIBRARIES: [&str; 2] = ["TAUFLOW_OIDN", "TAUFLOW_ONNXRUNTIME"];
 /// The sandbox: no network, no process of others, nothing that can be written. What is to be comes after it. `/run` has
 /// the sockets of the system's services, and `/tmp` those of people's programs, which would be ways out.
 const SANDBOX: [&str; 20] = [
@@ -73,11 +75,12 @@ pub(super) fn alone(args: &ExecArgs, cache: &CacheAt) -> Result<Exit, CliError> 
         true => {
             // A folder must be there to be let in.
             cache.open()?;
-            let library = passed("TAUFLOW_OIDN").map(PathBuf::from);
-            // The library loads what lies beside it.
-            let beside = library.as_deref().and_then(Path::parent).filter(|folder| folder.is_absolute());
-            let read = [Some(program.as_path()), file.as_deref(), beside];
-            sandbox(&program, &folder, &store, &read.into_iter().flatten().collect::<Vec<_>>())?
+            let libraries = LIBRARIES.map(|name| passed(name).map(PathBuf::from));
+            // A library loads what lies beside it.
+            let beside = libraries.iter().flatten().filter_map(|library| library.parent());
+            let beside = beside.filter(|folder| folder.is_absolute()).map(Some);
+            let read = [Some(program.as_path()), file.as_deref()].into_iter().chain(beside);
+            sandbox(&program, &folder, &store, &read.flatten().collect::<Vec<_>>())?
         }
         false => Command::new(&program),
     };
@@ -129,7 +132,7 @@ fn prepare(command: &mut Command, folder: &Folder) {
 /// A variable as the action gets it: the path of a library does not depend on the folder.
 fn passed(name: &str) -> Option<OsString> {
     let value = std::env::var_os(name).filter(|value| !value.is_empty())?;
-    let is_path = name == "TAUFLOW_OIDN" && value.to_string_lossy().contains('/');
+    let is_path = LIBRARIES.contains(&name) && value.to_string_lossy().contains('/');
     Some(if is_path { std::path::absolute(&value).map_or(value, PathBuf::into_os_string) } else { value })
 }
 

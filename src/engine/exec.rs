@@ -273,8 +273,8 @@ fn foreign(there: &Value, here: &Value) -> ExecError {
     let told = found.iter().map(differ).collect::<Vec<_>>().join("; ");
     ExecError::Foreign(format!(
         "the action is of another machine, library or device: {told}; run it where they are the same (`exec` passes on \
-         PATH, RAYON_NUM_THREADS, TAUFLOW_OIDN and TAUFLOW_INSTRUCTIONS, and works in an empty \
-         folder, so that programs are named by PATH or from `/` on), or run its pipeline here, which gives it a key of \
-         its own"
+         PATH, RAYON_NUM_THREADS, TAUFLOW_OIDN, TAUFLOW_ONNXRUNTIME and TAUFLOW_INSTRUCTIONS, and works in an \
+         empty folder, so that programs are named by PATH or from `/` on), or run its pipeline here, which gives it a \
+         key of its own"
     ))
 }

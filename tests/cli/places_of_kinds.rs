@@ -6,7 +6,7 @@ use std::{collections::BTreeSet, fs};
 use tauflow::registry::registry;
 
 /// Kinds whose outputs are not pinned, and why.
-const NOT_PINNED: [(&str, &str); 9] = [
+const NOT_PINNED: [(&str, &str); 12] = [
     ("assets", "what it makes depends on files from outside the project"),
     ("scene_files", "what it makes depends on files from outside the project"),
     ("external_denoiser", "another program makes its images"),
@@ -16,16 +16,22 @@ const NOT_PINNED: [(&str, &str); 9] = [
     ("transport_adapter", "the tests of its crate pin what it makes of made-up scenes"),
     ("generation", "the tests of its crate pin what it makes of made-up scenes"),
     ("time_error", "its figures are times"),
+    ("image_quality", "the tests of its crate pin the scores of samples that are made in memory"),
+    ("no_reference_scores", "models and programs that are not ours make its scores"),
+    ("adapter_report", "the tests of its crate check the page of samples that are made in memory"),
 ];
 
 /// Kinds that `pipelines/stress.yaml` leaves out, and why.
-const NOT_STRESSED: [(&str, &str); 6] = [
+const NOT_STRESSED: [(&str, &str); 9] = [
     ("assets", "its hazards are damaged files, which the tests of its crate feed it"),
     ("scene_files", "its hazards are damaged files, which the tests of its crate feed it"),
     ("pretrained_backbones", "its hazards are damaged checkpoints, which the tests of its crate feed it"),
     ("contact_sheet", "it shows pixels that other kinds made, and no number comes of them"),
     ("external_denoiser", "it calls programs that are not ours"),
     ("external_renderer", "it calls programs that are not ours"),
+    ("image_quality", "its samples are clipped to display values, and the tests of its crate feed it flat ones"),
+    ("no_reference_scores", "it calls models and programs that are not ours"),
+    ("adapter_report", "it shows scores that other kinds made, and no number comes of them"),
 ];
 
 /// The texts in which a kind must be named.

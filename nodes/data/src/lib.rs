@@ -13,6 +13,7 @@ pub mod mesh;
 pub mod mesh_check;
 pub mod methods;
 pub mod mitsuba;
+pub mod outside;
 pub mod records;
 pub mod rng;
 pub mod rungs;

@@ -3,15 +3,12 @@
 use serde_json::{Value, json};
 use std::{
     collections::BTreeMap,
-    fs,
-    io::Read,
-    os::unix::fs::PermissionsExt,
-    path::{Path, PathBuf},
     process::Command,
     sync::{Mutex, PoisonError},
-    time::{Instant, SystemTime},
+    time::Instant,
 };
-use tauflow_contract::{Digest, KindError, Probe, open_regular};
+use tauflow_contract::{KindError, Probe};
+pub(crate) use tauflow_data::outside::{contents, identity, program};
 use tauflow_data::timing::{commands_cpu_seconds, machine};
 
 /// Allowed and required placeholders of a template.
@@ -73,69 +70,6 @@ impl Places {
     }
 }
 
-/// The file of a program: as it is named, or where the system looks for programs.
-pub(crate) fn program(name: &str) -> Option<PathBuf> {
-    if name.contains('/') {
-        return Some(PathBuf::from(name)).filter(|file| is_program(file));
-    }
-    let path = std::env::var_os("PATH")?;
-    search(std::env::split_paths(&path), name)
-}
-
-/// The first program of a name in folders; the system passes over files that may not be run.
-fn search(folders: impl Iterator<Item = PathBuf>, name: &str) -> Option<PathBuf> {
-    folders.map(|folder| folder.join(name)).find(|file| is_program(file))
-}
-
-fn is_program(file: &Path) -> bool {
-    fs::metadata(file).is_ok_and(|about| about.is_file() && about.permissions().mode() & 0o111 != 0)
-}
-
-/// The program and the files that a template names, by their contents: another of them is another program.
-pub(crate) fn identity(template: &[String]) -> BTreeMap<String, String> {
-    let words = template.iter().enumerate();
-    let file = |(at, word): (usize, &String)| {
-        let file = if at == 0 { program(word) } else { Some(PathBuf::from(word)).filter(|file| file.is_file()) }?;
-        Some((word.clone(), contents(&file)))
-    };
-    words.filter_map(file).collect()
-}
-
-/// The digest of a file's content; an unreadable file differs from a missing one.
-pub(crate) fn contents(file: &Path) -> String {
-    digest(file).map_or_else(|| "cannot be read".to_owned(), |digest| digest.hex())
-}
-
-/// Digests of files, read again only when they have changed.
-fn digest(file: &Path) -> Option<Digest> {
-    static KNOWN: Mutex<BTreeMap<PathBuf, (SystemTime, u64, Digest)>> = Mutex::new(BTreeMap::new());
-    let about = fs::metadata(file).ok()?;
-    let (changed, size) = (about.modified().ok()?, about.len());
-    let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some((at, len, digest)) = known.get(file)
-        && (*at, *len) == (changed, size)
-    {
-        return Some(*digest);
-    }
-    let digest = by_the_piece(file).ok()?;
-    known.insert(file.to_owned(), (changed, size, digest));
-    Some(digest)
-}
-
-/// The digest of a file, however large it is.
-fn by_the_piece(file: &Path) -> std::io::Result<Digest> {
-    let mut from = open_regular(file)?;
-    let (mut hasher, mut piece, mut size) = (blake3::Hasher::new(), vec![0; 1 << 20], 0);
-    loop {
-        let read = from.read(&mut piece)?;
-        if read == 0 {
-            return Ok(Digest { hash: *hasher.finalize().as_bytes(), size });
-        }
-        hasher.update(&piece[..read]);
-        size += read as u64;
-    }
-}
-
 /// The version that a command prints, as far as `probe` knows or may ask: null if it fails, and nothing without a
 /// command.
 ///
@@ -170,39 +104,4 @@ pub(crate) fn version(words: &[String]) -> Result<String, String> {
     };
     known.insert(words.to_vec(), told.clone());
     told
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_may_not_be_run_is_passed_over_as_the_system_does() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let file = |name: &str, text: &str, mode: u32| {
-            let file = folder.path().join(name).join("tool");
-            fs::create_dir(folder.path().join(name)).expect("writable");
-            fs::write(&file, text).expect("writable");
-            fs::set_permissions(&file, fs::Permissions::from_mode(mode)).expect("our own");
-            file
-        };
-        let (text, first, second) = (file("a", "a", 0o644), file("b", "b", 0o755), file("c", "c", 0o755));
-        let folders = || [&text, &first, &second].map(|file| file.parent().expect("it has one").to_owned()).into_iter();
-        assert_eq!(search(folders(), "tool"), Some(first.clone()));
-        assert_eq!(search(folders(), "other"), None);
-        assert_eq!(program(&text.to_string_lossy()), None);
-        assert_eq!(program(&first.to_string_lossy()), Some(first));
-    }
-
-    #[test]
-    fn digests_by_the_piece_are_those_of_the_whole() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join("large");
-        for size in [0, 1, 1 << 20, (3 << 20) + 7] {
-            let bytes: Vec<u8> = (0..size).map(|i: usize| (i * 31 % 251) as u8).collect();
-            fs::write(&path, &bytes).expect("writable");
-            assert_eq!(by_the_piece(&path).expect("readable"), Digest::of(&bytes), "{size}");
-        }
-        assert!(by_the_piece(Path::new("/dev/zero")).is_err());
-    }
 }

@@ -103,6 +103,15 @@ impl Resampled {
         Some(Self { means, draws })
     }
 
+    /// Figures that are no means, such as distances between sets, with those of every draw, one draw after the other.
+    ///
+    /// # Panics
+    /// If the draws are of another number of figures.
+    pub fn of_draws(figures: Vec<f64>, draws: Vec<f64>) -> Self {
+        assert!(draws.len().is_multiple_of(figures.len().max(1)), "each draw has as many figures");
+        Self { means: figures, draws }
+    }
+
     /// The mean of each column.
     pub fn means(&self) -> &[f64] {
         &self.means

@@ -12,6 +12,7 @@ mod evaluation;
 mod groups;
 mod held_out;
 mod image_metrics;
+mod image_quality;
 mod ladder_metrics;
 pub mod metrics;
 mod ssim;
@@ -26,6 +27,7 @@ pub use bridge_validation::{BridgeValidation, BridgeValidationParams};
 pub use evaluation::{EvaluationKind, EvaluationParams, PSNR_CEILING, bounded, evaluate};
 pub use groups::Groups;
 pub use image_metrics::{ImageMetrics, ImageMetricsParams};
+pub use image_quality::{ImageQualityKind, ImageQualityParams};
 pub use ladder_metrics::{LadderMetrics, LadderMetricsParams};
 pub use table::{AgainstParams, Coordinate, TableKind, TableParams, tabulate};
 pub use time_error::{TimeErrorKind, TimeErrorParams};
@@ -36,6 +38,7 @@ use tauflow_contract::{KindRow, NodeKind};
 pub fn kinds() -> Vec<Box<dyn NodeKind>> {
     vec![
         Box::new(KindRow::<ImageMetrics>::new()),
+        Box::new(KindRow::<ImageQualityKind>::new()),
         Box::new(KindRow::<LadderMetrics>::new()),
         Box::new(KindRow::<TableKind>::new()),
         Box::new(KindRow::<EvaluationKind>::new()),

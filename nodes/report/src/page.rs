@@ -64,8 +64,8 @@ fn colours() -> String {
     out
 }
 
-/// The whole page. `missing` are lines on what was not connected.
-pub fn page(title: &str, header: &str, sections: &[Section], missing: &[String]) -> String {
+/// The whole page. `missing` are lines on what was not connected, `beside` says in HTML which files have the figures.
+pub fn page(title: &str, header: &str, sections: &[Section], missing: &[String], beside: &str) -> String {
     let mut out = String::from("<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">");
     out.push_str(r#"<meta name="viewport" content="width=device-width, initial-scale=1">"#);
     out.push_str(r#"<meta name="generator" content="tauflow">"#);
@@ -83,10 +83,11 @@ pub fn page(title: &str, header: &str, sections: &[Section], missing: &[String])
     if !missing.is_empty() {
         let _ = write!(out, "<p class=\"missing\">Not connected, so left out: {}.</p>", escape(&missing.join("; ")));
     }
-    out.push_str(
-        "<p>Made by tauflow. Everything here is a function of the pipeline and its inputs; only what is \
-        marked as measured differs between runs. The same figures are beside \
-        this page, in <code>results.json</code> and as CSV and LaTeX files.</p></footer></body></html>\n",
+    let _ = writeln!(
+        out,
+        "<p>Made by tauflow. Everything here is a function of the pipeline and its inputs; only what is marked as \
+         measured differs between runs. The same figures are beside this page, in \
+         {beside}.</p></footer></body></html>"
     );
     out
 }
@@ -99,10 +100,11 @@ mod tests {
     fn titles_are_escaped_and_tabs_need_no_script() {
         let panels = [("a<b".to_owned(), "<p>1</p>".to_owned()), ("c".to_owned(), "<p>2</p>".to_owned())];
         let section = Section::new("x", "T<1>", tabs("t", &panels));
-        let page = page("<script>", "", &[section], &["x".into()]);
+        let page = page("<script>", "", &[section], &["x".into()], "<code>a.json</code>");
         assert!(
             page.contains("<title>&lt;script&gt;</title>") && page.contains("T&lt;1&gt;") && page.contains("a&lt;b")
         );
+        assert!(page.contains("beside this page, in <code>a.json</code>."));
         assert!(!page.contains("<script") && page.contains("#t-1:checked~.t1"));
         assert_eq!(tabs("t", &panels[..1]), "<p>1</p>");
     }

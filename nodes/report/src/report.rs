@@ -107,7 +107,8 @@ impl Kind for Report {
             }
             None => sections::headline::subtitle(&params.subtitle),
         };
-        let html = page(&params.title, &header, &sections, &missing(action, &material));
+        let beside = "<code>results.json</code> and as CSV and LaTeX files";
+        let html = page(&params.title, &header, &sections, &missing(action, &material), beside);
 
         let mut files = FileTree::new();
         let mut put = |name: &str, bytes: &[u8]| files.put(name, bytes);

@@ -16,6 +16,7 @@ mod generated;
 mod ladder;
 mod model;
 mod packed;
+mod quality;
 mod refined;
 mod scene;
 mod scores;
@@ -38,6 +39,7 @@ pub use generated::*;
 pub use ladder::*;
 pub use model::*;
 pub use packed::*;
+pub use quality::*;
 pub use refined::*;
 pub use scene::*;
 pub use scores::*;
@@ -64,10 +66,12 @@ pub const MEDIA: &[MediaRow] = &[
     MediaRow::of::<Files>(),
     MediaRow::of::<GBuffer>(),
     MediaRow::of::<Generated>(),
+    MediaRow::of::<ImageQuality>(),
     MediaRow::of::<Ladder>(),
     MediaRow::of::<ModelFile>(),
     MediaRow::of::<PackedScene>(),
     MediaRow::of::<Refined>(),
+    MediaRow::of::<SampleScores>(),
     MediaRow::of::<SamplingReport>(),
     MediaRow::of::<SceneRecord>(),
     MediaRow::of::<SceneScores>(),

@@ -132,6 +132,18 @@ fn tables(ctx: &Context<'_>) {
         "machine": { "cores": 2 }, "reference_spp": 64, "scenes": 1, "resamples": 10, "methods": [], "notes": ["none"],
     }));
     round_trip(ctx, &time_error);
+    let claim = json!({ "statement": "s", "group": {}, "evidence": [], "verdict": "undecided" });
+    let half = json!({ "mean": 0.5, "low": 0.25, "high": 0.75 });
+    let quality: ImageQuality = parsed(json!({
+        "judged_by": "mmd", "resamples": 10, "references": 3, "training": 4,
+        "columns": [{ "name": "mmd", "better": "lower" }], "notes": ["a note"],
+        "backbones": [{ "backbone": "ddpm", "family": "ddpm", "samples": 2, "steps": 2, "size": [3, 2],
+            "variants": [{ "variant": "frozen", "scores": { "mmd": half }, "change": 0.0, "energy": [0.0, 0.0] }],
+            "gains": [{ "over": "frozen", "scores": { "mmd": half } }],
+            "gaussian": { "images": 2, "gaussian": half, "frozen": half, "nearer": half }, "claim": claim }],
+        "per_sample": [{ "backbone": "ddpm", "sample": 0, "variant": "frozen", "scores": { "clipiqa": 0.5 } }],
+    }));
+    round_trip(ctx, &quality);
     let row = json!({
         "stratum": "all", "scenes": 1, "noiseless": 1, "unresolved": 0, "rmse": [], "law": [], "slope": null,
         "mean": [], "covariance": [], "excess_kurtosis": null, "tail_index": null, "off_normal": [],
@@ -170,6 +182,7 @@ fn files_that_do_not_fit_are_refused() {
 fn records(ctx: &Context<'_>) {
     round_trip(ctx, &Exposure { factor: 1.5, ev: -0.25, mean_luminance: 0.1 });
     round_trip(ctx, &Verdict { reasons: vec!["black".into()], measures: [("mean".into(), 0.0)].into() });
+    round_trip(ctx, &SampleScores::default());
     round_trip(ctx, &SplitReport::default());
     round_trip(ctx, &SamplingReport::default());
     round_trip(ctx, &AssetReport { name: "a".into(), ..AssetReport::default() });

@@ -1,0 +1,115 @@
+#![doc = include_str!("adapter_report.md")]
+
+mod energy;
+mod montage;
+mod table;
+mod tables_csv;
+mod trajectory;
+mod verdicts;
+
+use crate::{page, sections};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use tauflow_contract::{
+    Action, All, Context, FileTree, Files, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem,
+    WriteFiles, pretty_json,
+};
+use tauflow_data::records::{Claim, Generated, ImageQuality};
+
+/// The kind `adapter_report`.
+pub struct AdapterReport;
+
+/// Params of `adapter_report`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct AdapterReportParams {
+    /// Title of the page.
+    pub title: String,
+    /// A sentence below the title, such as what the backbones were trained on; may be empty.
+    pub subtitle: String,
+    /// Samples of each backbone in the montage; 0 for no pictures.
+    #[schemars(range(min = 0, max = 20))]
+    pub montage_samples: u64,
+    /// Longest side of a picture in pixels; larger ones are reduced by an integer factor.
+    #[schemars(range(min = 16, max = 2048))]
+    pub montage_pixels: u64,
+}
+
+impl Default for AdapterReportParams {
+    fn default() -> Self {
+        Self { title: "Transport adapter".into(), subtitle: String::new(), montage_samples: 3, montage_pixels: 192 }
+    }
+}
+
+const QUALITY: All<ImageQuality> = All::new("quality", "Scores, gains and verdicts.");
+const GENERATED: All<Generated> = All::new("generated", "The samples, for pictures.").or_none();
+const PAGE: Out<Files> =
+    Out::new(Group::main(1), "report", "The page, and its figures as JSON, CSV and PNG.").published();
+
+impl Kind for AdapterReport {
+    type Params = AdapterReportParams;
+
+    fn spec() -> KindSpec {
+        KindSpec {
+            name: "adapter_report",
+            summary: "Shows what an adapter does to frozen generative backbones: a page, JSON, CSV and pictures.",
+            manual: include_str!("adapter_report.md"),
+            mode: Mode::Gather,
+            inputs: vec![QUALITY.port(), GENERATED.port()],
+            outputs: vec![PAGE.port()],
+            seeded: false,
+        }
+    }
+
+    fn check(params: &Self::Params) -> Vec<ParamProblem> {
+        if !params.title.trim().is_empty() {
+            return Vec::new();
+        }
+        vec![ParamProblem::new("/title", "the title is empty", "write what the pipeline is about")]
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let quality = action.only(QUALITY)?.load(ctx)?;
+        let params = &action.params;
+        let generated = action.all_if(GENERATED)?.filter(|_| params.montage_samples > 0);
+        let (pixels, number) = (params.montage_pixels as usize, params.montage_samples as usize);
+        let (montages, trajectories) = match generated {
+            None => (Vec::new(), Vec::new()),
+            Some(items) => (montage::montages(ctx, items, number, pixels)?, trajectory::all(ctx, items, pixels)?),
+        };
+        ctx.check_cancelled()?;
+        let all = [
+            Some(table::section(&quality)),
+            verdicts::section(&quality),
+            montage::section(&montages)?,
+            energy::section(&quality),
+            trajectory::section(&trajectories)?,
+            Some(table::conventions(&quality)),
+        ];
+        let sections: Vec<page::Section> = all.into_iter().flatten().collect();
+        let missing: Vec<String> =
+            action.all_if(GENERATED)?.is_none().then(|| GENERATED.name().to_owned()).into_iter().collect();
+        let mut files = FileTree::new();
+        let mut put = |name: &str, bytes: &[u8]| files.put(name, bytes);
+        put("quality.json", &pretty_json(&quality)?)?;
+        put("scores.csv", tables_csv::scores(&quality).as_bytes())?;
+        put("gains.csv", tables_csv::gains(&quality).as_bytes())?;
+        put("energy.csv", tables_csv::energy(&quality).as_bytes())?;
+        let claims: Vec<&Claim> = quality.backbones.iter().filter_map(|backbone| backbone.claim.as_ref()).collect();
+        if !claims.is_empty() {
+            put("claims.csv", sections::claims::csv(&claims).as_bytes())?;
+        }
+        if !quality.per_sample.is_empty() {
+            put("per_sample.csv", tables_csv::per_sample(&quality).as_bytes())?;
+        }
+        for montage in &montages {
+            put(&montage.file, &montage.png()?)?;
+        }
+
+        let header = verdicts::header(&quality, &params.subtitle);
+        let beside = "<code>quality.json</code> and as CSV files";
+        let html = page::page(&params.title, &header, &sections, &missing, beside);
+        files.put("adapter_report.html", html.as_bytes())?;
+        Outputs::default().put_one(PAGE, "report", Files(files).store(ctx)?)
+    }
+}
