@@ -1,5 +1,6 @@
 //! Pipelines of the real kinds, from the file to the results.
 
+mod adapter;
 mod digests;
 mod edits;
 mod kills;
