@@ -1,7 +1,7 @@
 //! Runs whose actions run in child processes, and what becomes of the run when these die.
 
 use crate::{
-    campaign::{Campaign, PIPELINE, slow},
+    campaign::{Campaign, PIPELINE},
     child::PROCESSES,
 };
 use std::{fs, process::Command, thread, time::Duration};

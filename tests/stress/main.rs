@@ -86,7 +86,8 @@ fn page(hazards: &[Hazard]) -> String {
 #[test]
 fn every_hazard_is_met_and_the_page_tells_what_came_of_it() {
     // Each is deterministic, so they may run side by side.
-    let areas: [(&str, fn() -> Vec<Hazard>); 9] = [
+    type Area = (&'static str, fn() -> Vec<Hazard>);
+    let areas: [Area; 9] = [
         ("rendering", rendering::hazards),
         ("materials", materials::hazards),
         ("transport", transport::hazards),
