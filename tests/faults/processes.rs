@@ -5,6 +5,7 @@ use crate::{
     child::PROCESSES,
 };
 use std::{fs, process::Command, thread, time::Duration};
+use tauflow_testing::slow;
 
 /// The child processes of a process.
 fn children(of: u32) -> Vec<u32> {
