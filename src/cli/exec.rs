@@ -81,7 +81,7 @@ pub(crate) fn exec(args: &ExecArgs, registry: &Registry, cache: &CacheAt) -> Res
     let path = Path::new(args.action());
     let action = if path.exists() {
         let refused = |what: String| {
-            CliError::Bad(format!("{} is no action: {what}; `tauflow exec KEY --print` writes one", args.action()))
+            CliError::Bad(format!("{} is not an action: {what}; `tauflow exec KEY --print` writes one", args.action()))
         };
         let bytes = read_regular(path, MOST_BYTES).map_err(|e| refused(e.to_string()))?;
         serde_json::from_slice(&bytes).map_err(|e| refused(e.to_string()))?

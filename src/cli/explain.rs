@@ -29,7 +29,7 @@ pub(crate) fn explain(args: &ExplainArgs, registry: &Registry, cache: &CacheAt) 
     let only = Only::parse(&text, &pipeline).map_err(CliError::Bad)?;
     match query::explain(&pipeline, &cache.look()?, &only)? {
         Explanation::Waits(nodes) => outln!(
-            "`{text}` cannot be looked at before {} has run; see `tauflow plan {}`",
+            "`{text}` cannot be explained before {} has run; see `tauflow plan {}`",
             if nodes.is_empty() { "what it reads".to_owned() } else { nodes.join(", ") },
             args.pipeline.again()
         ),
@@ -74,9 +74,9 @@ fn in_full(action: &Explained) {
         other => outln!("machine    {other}"),
     }
     match (&action.why, &action.nearest) {
-        (Why::Done, _) => outln!("\ndone before: nothing it reads has changed"),
+        (Why::Done, _) => outln!("\ndone before: no input has changed"),
         (Why::Runs(Reason::Undecided), _) => outln!("\n{}", Reason::Undecided),
-        (Why::Runs(_), None) => outln!("\nruns: this kind was never run before"),
+        (Why::Runs(_), None) => outln!("\nruns: this kind has never run"),
         (Why::Runs(reason), Some(nearest)) => {
             outln!("\nruns: {reason}");
             differences(nearest);

@@ -57,8 +57,7 @@ pub enum ExecError {
     Action(String),
     /// A blob of its inputs is not there.
     #[error(
-        "the store does not hold the input blob {0}; copy it there, or run what makes it, without `transient` if that \
-         is set"
+        "the store lacks the input blob {0}; copy it there, or run its producer, without `transient` if that is set"
     )]
     Missing(Digest),
     /// Its key is of another machine, library or device than there is here.

@@ -209,8 +209,8 @@ impl fmt::Display for Reason {
         match self {
             Self::Changed(parts) => write!(f, "changed: {}", parts.join(", ")),
             Self::Lost => f.write_str("its outputs are no longer in the store"),
-            Self::Never => f.write_str("never run before"),
-            Self::Undecided => f.write_str("unknown: a program has to tell its version first, which a run asks it for"),
+            Self::Never => f.write_str("has never run"),
+            Self::Undecided => f.write_str("unknown: the version of a program is needed, and only a run asks for it"),
         }
     }
 }

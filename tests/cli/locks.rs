@@ -27,7 +27,7 @@ fn a_lock_holds_until_something_changes_and_is_never_written_by_itself() {
     // A node that goes is missed, one that comes is told.
     place.write("small.yaml", &PIPELINE[..PIPELINE.find("  sampling:").expect("it has one")]);
     let less = place.tauflow(&["run", "small.yaml", "--locked"]).ends(1);
-    assert!(less.err.contains("`sampling.train` is ") && less.err.contains("does not contain it"), "{}", less.err);
+    assert!(less.err.contains("`sampling.train` is ") && less.err.contains("did not produce it"), "{}", less.err);
 }
 
 #[test]

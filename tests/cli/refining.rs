@@ -93,7 +93,7 @@ fn an_image_of_any_renderer_is_refined() {
     let error = refine("gbuffer", &["--gbuffer", "none.exr", "-o", "x.exr"]).ends(2).err;
     assert!(error.contains("none.exr"), "{error}");
     for (more, part) in [
-        (&["--to-spp", "9", "-o", "x.exr"][..], "at most at 8"),
+        (&["--to-spp", "9", "-o", "x.exr"][..], "at most 8"),
         (&["--nfe", "0", "-o", "x.exr"], "1..=10000"),
         (&["--nfe", "1000000000000", "-o", "x.exr"], "1..=10000"),
         (&["--mirrors", "3", "-o", "x.exr"], "1, 2, 4 or 8"),

@@ -16,10 +16,16 @@ const SCENE: &str = r#"<scene version="3.0.0">
 </scene>
 "#;
 
+/// A lamp that lights nothing in view: it stands behind the camera and faces away.
+const AWAY: &str = r#"<shape type="rectangle">
+    <transform name="to_world"><translate x="0" y="0" z="20"/></transform>
+    <emitter type="area"><rgb name="radiance" value="1, 1, 1"/></emitter>
+  </shape>"#;
+
 fn place() -> Place {
     let place = Place::new();
     place.write("scene.xml", &SCENE.replace("LIGHT", r#"<emitter type="constant"/>"#));
-    place.write("dark.xml", &SCENE.replace("LIGHT", ""));
+    place.write("dark.xml", &SCENE.replace("LIGHT", AWAY));
     place
 }
 

@@ -68,7 +68,7 @@ fn the_nearest_earlier_key_says_what_changed() {
     assert_eq!(nearest.differences[0].field, "/params/mul");
     assert_eq!((&nearest.differences[0].before, &nearest.differences[0].now), (&Some(json!(3)), &Some(json!(4))));
     assert_eq!(Reason::of(Some(&nearest)).to_string(), "changed: param mul");
-    assert_eq!(Reason::of(History::of(&store, "drawn").nearest(&action.key).as_ref()).to_string(), "never run before");
+    assert_eq!(Reason::of(History::of(&store, "drawn").nearest(&action.key).as_ref()).to_string(), "has never run");
     assert!(shop.store().record_stats()["action"]["affine"].count > 0);
     // An action that was done before is looked at too.
     let done = resolve(CHAIN);
