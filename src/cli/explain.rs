@@ -40,7 +40,7 @@ pub(crate) fn explain(args: &ExplainArgs, registry: &Registry, cache: &CacheAt) 
                 let shown: Vec<&str> = group.names.iter().take(4).map(String::as_str).collect();
                 outln!("    {}{}", shown.join("  "), if group.names.len() > 4 { "  ..." } else { "" });
             }
-            outln!("\nfor one in full: tauflow explain {} {} ITEM", args.pipeline.again(), args.node);
+            outln!("\nfor details of an item: tauflow explain {} {} ITEM", args.pipeline.again(), args.node);
         }
     }
     Ok(Exit::Done)
@@ -74,7 +74,7 @@ fn in_full(action: &Explained) {
         other => outln!("machine    {other}"),
     }
     match (&action.why, &action.nearest) {
-        (Why::Done, _) => outln!("\ndone before: no input has changed"),
+        (Why::Done, _) => outln!("\nup to date: no input has changed"),
         (Why::Runs(Reason::Undecided), _) => outln!("\n{}", Reason::Undecided),
         (Why::Runs(_), None) => outln!("\nruns: this kind has never run"),
         (Why::Runs(reason), Some(nearest)) => {

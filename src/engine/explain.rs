@@ -194,7 +194,7 @@ impl Reason {
         let part = |difference: &Difference| match difference.field.split('/').nth(1) {
             Some("params") => format!("param {}", difference.field.trim_start_matches("/params/").replace('/', ".")),
             Some("inputs") => format!("input {}", difference.field.trim_start_matches("/inputs/")),
-            Some("seed") => "another item or seed".into(),
+            Some("seed") => "item or seed".into(),
             Some("environment") => "the machine, or a library of it".into(),
             Some("version") => "version of the output group".into(),
             _ => difference.field.trim_start_matches('/').into(),

@@ -75,7 +75,7 @@ impl Why {
 impl fmt::Display for Why {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Done => f.write_str("done before; no input has changed"),
+            Self::Done => f.write_str("up to date: no input has changed"),
             Self::Runs(Reason::Undecided) => write!(f, "{}", Reason::Undecided),
             Self::Runs(reason) => write!(f, "runs; {reason}"),
         }

@@ -90,7 +90,7 @@ fn explain_shows_which_field_differs() {
     let item = place.tauflow(&["explain", "small.yaml", "scenes", "L0-open-000000"]).ends(0).out;
     assert!(item.contains("L0-open-000000") && item.contains("seed"), "{item}");
     let all = place.tauflow(&["explain", "small.yaml", "scenes"]).ends(0).out;
-    assert!(all.starts_with("8 x done before"), "{all}");
+    assert!(all.starts_with("8 x up to date"), "{all}");
     let none = place.tauflow(&["explain", "small.yaml", "scenes", "L0-open-00000"]).ends(2);
     assert!(none.err.contains("did you mean `L0-open-00000"), "{}", none.err);
 }

@@ -338,7 +338,7 @@ fn solvers() -> Vec<Hazard> {
     add("no steps; a start at the last rung, after it, and at 0".into(), "refused", held(outside, "refused".into()));
     for (space, value) in [(Space::Log1p, 1e38f32), (Space::Log1p, -1e38)] {
         let came = match run(Parameterization::McNoise, space, 2, &image(&[1.0, value]), &image(&[1.0, 1.0])) {
-            Err(told) => held(told.contains("beyond") && told.contains("log1p"), "refused, with how many".into()),
+            Err(told) => held(told.contains("exceed") && told.contains("log1p"), "refused, with how many".into()),
             Ok(_) => Err("taken".into()),
         };
         add(
