@@ -101,7 +101,7 @@ impl Kind for BridgeValidation {
 fn same_scenes(endpoints: Items<'_, PackedScene>, steps: Items<'_, BridgeSteps>) -> Result<(), KindError> {
     let message = |key: &ItemKey, port: &str, other: &str| {
         KindError::Input(format!(
-            "`{port}` has no item `{key}`, which `{other}` has; connect `bridge_refinement` of the same endpoints"
+            "`{port}` lacks the item `{key}` of `{other}`; connect `bridge_refinement` of the same endpoints"
         ))
     };
     if let Some((key, _)) = endpoints.iter().find(|(key, _)| steps.get(key.as_str()).is_none()) {

@@ -285,7 +285,7 @@ fn schemas_refuse_what_no_kind_could_use() {
             bounded += 1;
         }
     }
-    assert_eq!(bounded, 4 + 2);
+    assert_eq!(bounded, 5 + 2);
 }
 
 #[test]
