@@ -100,7 +100,12 @@ pub fn page(kind: &dyn NodeKind) -> String {
         [only] => only.version.to_string(),
         several => several.iter().map(|g| format!("{} of `{}`", g.version, g.name)).collect::<Vec<_>>().join(", "),
     };
-    let _ = writeln!(out, "{manual}\n\n## Ports\n\nVersion {versions}; {mode}.\n");
+    if groups.is_empty() {
+        let deciding = kind.port_params().join("`, `");
+        let _ = writeln!(out, "{manual}\n\n## Ports\n\nThe params `{deciding}` determine the ports.");
+    } else {
+        let _ = writeln!(out, "{manual}\n\n## Ports\n\nVersion {versions}; {mode}.\n");
+    }
     let mut rows = vec![["port", "direction", "media type", "description"].map(str::to_owned).to_vec()];
     for port in &spec.inputs {
         let takes = if port.takes == Takes::Item { "by item" } else { "all" };
@@ -122,7 +127,9 @@ pub fn page(kind: &dyn NodeKind) -> String {
         }
         rows.push(vec![port.name.into(), notes.join(", "), port.media.into(), port.doc.into()]);
     }
-    out += &markdown(&rows);
+    if rows.len() > 1 {
+        out += &markdown(&rows);
+    }
     let schema = kind.params_schema();
     let params = schema_check::params(&schema);
     if !params.is_empty() {

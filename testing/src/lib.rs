@@ -32,6 +32,8 @@ pub enum Need {
     Mount,
     /// A library of Open Image Denoise, named by `TAUFLOW_OIDN`.
     Oidn,
+    /// The program `python3`.
+    Python,
     /// `qemu-x86_64`, which emulates other processors.
     Qemu,
     /// The right to become other users.
@@ -50,7 +52,7 @@ pub enum Need {
 
 impl Need {
     /// All needs with their names in `TAUFLOW_REQUIRE`.
-    pub const ALL: [(&'static str, Self); 18] = [
+    pub const ALL: [(&'static str, Self); 19] = [
         ("avx2", Self::Avx2),
         ("avx512", Self::Avx512),
         ("bash", Self::Bash),
@@ -61,6 +63,7 @@ impl Need {
         ("mount", Self::Mount),
         ("oidn", Self::Oidn),
         ("onnx", Self::Onnx),
+        ("python", Self::Python),
         ("qemu", Self::Qemu),
         ("root", Self::Root),
         ("script", Self::Script),

@@ -8,6 +8,7 @@ mod inspect;
 mod locks;
 mod looking;
 mod manuals;
+mod own_programs;
 mod places_of_kinds;
 mod programs;
 mod refining;

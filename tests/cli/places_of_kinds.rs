@@ -6,9 +6,10 @@ use std::{collections::BTreeSet, fs};
 use tauflow::registry::registry;
 
 /// Kinds whose outputs are not pinned, and why.
-const NOT_PINNED: [(&str, &str); 12] = [
+const NOT_PINNED: [(&str, &str); 13] = [
     ("assets", "what it makes depends on files from outside the project"),
     ("scene_files", "what it makes depends on files from outside the project"),
+    ("command", "another program makes its outputs"),
     ("external_denoiser", "another program makes its images"),
     ("external_renderer", "another program makes its images"),
     ("pretrained_backbones", "what it makes depends on files from outside the project"),
@@ -22,11 +23,12 @@ const NOT_PINNED: [(&str, &str); 12] = [
 ];
 
 /// Kinds that `pipelines/stress.yaml` leaves out, and why.
-const NOT_STRESSED: [(&str, &str); 9] = [
+const NOT_STRESSED: [(&str, &str); 10] = [
     ("assets", "its hazards are damaged files, which the tests of its crate feed it"),
     ("scene_files", "its hazards are damaged files, which the tests of its crate feed it"),
     ("pretrained_backbones", "its hazards are damaged checkpoints, which the tests of its crate feed it"),
     ("contact_sheet", "it shows pixels that other kinds made, and no number comes of them"),
+    ("command", "it calls programs that are not ours"),
     ("external_denoiser", "it calls programs that are not ours"),
     ("external_renderer", "it calls programs that are not ours"),
     ("image_quality", "its samples are clipped to display values, and the tests of its crate feed it flat ones"),

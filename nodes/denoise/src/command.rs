@@ -3,6 +3,8 @@
 use serde_json::{Value, json};
 use std::{
     collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
     process::Command,
     sync::{Mutex, PoisonError},
     time::Instant,
@@ -67,6 +69,51 @@ impl Places {
     /// An error of the program.
     pub(crate) fn failed(&self, template: &[String], what: &str) -> KindError {
         KindError::Environment(format!("the {} `{}` {what}", self.what, template.join(" ")))
+    }
+}
+
+/// The files that `depends` names, by their contents: each file, and all files below each folder. Names that begin with
+/// a dot and `__pycache__` are passed over in folders.
+pub(crate) fn depended(depends: &[String]) -> BTreeMap<String, String> {
+    let mut files = Vec::new();
+    for name in depends {
+        let path = Path::new(name);
+        if path.is_dir() { below(path, &mut files) } else { files.push(path.to_owned()) }
+    }
+    // A folder that has no files is told from one that is not there.
+    let folders = depends.iter().filter(|name| Path::new(name).is_dir());
+    let folders = folders.map(|name| (name.clone(), "a folder".to_owned()));
+    let files = files.into_iter().map(|file| {
+        let content = if file.exists() { contents(&file) } else { "not there".to_owned() };
+        (file.to_string_lossy().into_owned(), content)
+    });
+    folders.chain(files).collect()
+}
+
+/// All files below a folder. Links to folders are not followed, as they may go round in circles.
+fn below(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let (path, name) = (entry.path(), entry.file_name());
+        let name = name.to_string_lossy();
+        if name.starts_with('.') || name == "__pycache__" {
+            continue;
+        }
+        if !path.is_dir() {
+            found.push(path);
+        } else if !path.is_symlink() {
+            below(&path, found);
+        }
+    }
+}
+
+/// # Errors
+/// If a file or folder of `depends` is not there.
+pub(crate) fn check_depends(depends: &[String]) -> Result<(), KindError> {
+    match depends.iter().find(|name| !Path::new(name).exists()) {
+        None => Ok(()),
+        Some(name) => Err(KindError::Input(format!(
+            "`depends` names `{name}`, which does not exist; paths start at the working directory of tauflow"
+        ))),
     }
 }
 

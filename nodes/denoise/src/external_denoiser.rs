@@ -11,7 +11,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tauflow_contract::{
-    Action, Context, Each, Group, ItemKey, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem, Probe,
+    Action, Before, Context, Each, Group, ItemKey, Kind, KindError, KindSpec, Later, Media, Mode, Out, Outputs,
+    ParamProblem, Probe,
 };
 use tauflow_data::{
     Image,
@@ -40,6 +41,10 @@ pub struct ExternalDenoiserParams {
     /// Command line of a program that replaces the library, as a list of words; {color}, {albedo}, {normal} and
     /// {output} are EXR files.
     pub command: Vec<String>,
+    /// Files and folders that the program reads, such as its modules and weights. Their contents enter the keys.
+    pub depends: Vec<String>,
+    /// Command that prints the version of the program, as a list of words. Its output enters the keys.
+    pub version: Vec<String>,
     /// Fail if the library is missing, instead of omitting the method with a note.
     pub required: bool,
     /// Number of measurements by `timing`.
@@ -55,6 +60,8 @@ impl Default for ExternalDenoiserParams {
             from: 1,
             library: None,
             command: Vec::new(),
+            depends: Vec::new(),
+            version: Vec::new(),
             required: false,
             repeats: 5,
         }
@@ -94,6 +101,12 @@ impl Kind for ExternalDenoiser {
             let hint = "omit one of them";
             out.push(ParamProblem::new("/library", "both `library` and `command` are set", hint));
         }
+        for (pointer, words) in [("/depends", &params.depends), ("/version", &params.version)] {
+            if params.command.is_empty() && !words.is_empty() {
+                let message = format!("`{}` is set without `command`", &pointer[1..]);
+                out.push(ParamProblem::new(pointer, message, "set `command`, or omit it"));
+            }
+        }
         out
     }
 
@@ -101,17 +114,32 @@ impl Kind for ExternalDenoiser {
         timed::projected(params, group)
     }
 
-    fn environment(params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {
+    fn later() -> &'static [Later] {
+        // An empty list of words.
+        const NONE: Before = Before::Integers(&[]);
+        &[Later { pointer: "/depends", before: NONE }, Later { pointer: "/version", before: NONE }]
+    }
+
+    fn environment(params: &Self::Params, _group: &str, probe: &dyn Probe) -> Option<Value> {
         let library = match params.command.is_empty() {
             // One that cannot be loaded is told by the action.
             true => oidn_files::identity(params.library.as_deref()),
             false => Value::Null,
         };
-        Some(json!({ "oidn": library, "program": command::identity(&params.command), "machine": machine() }))
+        let mut found = json!({ "oidn": library, "program": command::identity(&params.command), "machine": machine() });
+        if !params.depends.is_empty() {
+            found["depends"] = json!(command::depended(&params.depends));
+        }
+        if !params.version.is_empty() {
+            found["version"] = command::probed_version(&params.version, probe)?;
+        }
+        Some(found)
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let params = &action.params;
+        command::check_depends(&params.depends)?;
+        command::version(&params.version).map_err(KindError::Environment)?;
         let scene = action.read(ctx, ENDPOINTS)?;
         let endpoint = Endpoint::of(&scene, &params.method, params.from, params.conditioning)?;
         let library = match params.command.is_empty() {

@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::Path};
 use tauflow_contract::{
-    Action, Context, Digest, Each, Group, ItemKey, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem,
-    Probe,
+    Action, Before, Context, Digest, Each, Group, ItemKey, Kind, KindError, KindSpec, Later, Media, Mode, Out, Outputs,
+    ParamProblem, Probe,
 };
 use tauflow_data::{
     Image, Resolution, Rungs, Scene,
@@ -36,6 +36,8 @@ pub struct ExternalRendererParams {
     /// Command that prints the version of the program and fails if it is missing, as a list of words; not needed if the
     /// content of the program file identifies the version.
     pub version: Vec<String>,
+    /// Files and folders that the program reads, such as its modules. Their contents enter the keys.
+    pub depends: Vec<String>,
     /// Samples per pixel of the images: `{dyadic: 64}` for 1, 2, 4 ... 64, or an increasing list.
     pub counts: Rungs,
     /// Width and height in pixels.
@@ -53,6 +55,7 @@ impl Default for ExternalRendererParams {
             method: MethodName::new("mitsuba").expect("letters"),
             command: Vec::new(),
             version: Vec::new(),
+            depends: Vec::new(),
             counts: Rungs::dyadic(64).expect("a power of two"),
             resolution: Resolution::new(256, 256).expect("a small film"),
             required: false,
@@ -101,9 +104,19 @@ impl Kind for ExternalRenderer {
         timed::projected(params, group)
     }
 
+    fn later() -> &'static [Later] {
+        // An empty list of words.
+        &[Later { pointer: "/depends", before: Before::Integers(&[]) }]
+    }
+
     fn environment(params: &Self::Params, _group: &str, probe: &dyn Probe) -> Option<Value> {
         let version = command::probed_version(&params.version, probe)?;
-        Some(json!({ "program": command::identity(&params.command), "version": version, "machine": machine() }))
+        let mut found =
+            json!({ "program": command::identity(&params.command), "version": version, "machine": machine() });
+        if !params.depends.is_empty() {
+            found["depends"] = json!(command::depended(&params.depends));
+        }
+        Some(found)
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -125,6 +138,7 @@ impl Kind for ExternalRenderer {
                 (false, _) => put_images(Vec::new(), Some(format!("{}: {missing}", params.method.as_str()))),
             };
         }
+        command::check_depends(&params.depends)?;
         let scene = SceneRecord::scene(ctx, action.handle(SCENES)?)?;
         let work = SceneToRender { ctx, params, seed: action.seed, scene };
         match action.group {

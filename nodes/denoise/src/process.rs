@@ -1,0 +1,168 @@
+//! Running a program within limits: how long it may take, how much memory it may have, and what it said at last.
+//!
+//! Knows nothing of kinds. Only system calls are made between fork and exec.
+#![expect(unsafe_code, reason = "limits are set between fork and exec")]
+
+use nix::{
+    sys::{
+        resource::{Resource, setrlimit},
+        signal::{Signal, killpg},
+    },
+    unistd::Pid,
+};
+use std::{
+    io::{self, Read},
+    os::unix::process::CommandExt,
+    path::Path,
+    process::{Child, Command, ExitStatus, Stdio},
+    sync::{Arc, Mutex, PoisonError},
+    thread,
+    time::{Duration, Instant},
+};
+use tauflow_contract::{Context, KindError};
+
+/// Most bytes of the standard error that are kept: the last ones.
+const KEPT: usize = 16 << 10;
+/// Most lines of it that an error repeats.
+const LINES: usize = 8;
+
+/// A program to run, with all that it starts.
+pub(crate) struct Launch<'a> {
+    /// The program and its arguments.
+    pub(crate) words: &'a [String],
+    /// Its working folder.
+    pub(crate) folder: &'a Path,
+    /// Its folder for temporary files.
+    pub(crate) temporary: &'a Path,
+    /// Most wall time.
+    pub(crate) time: Duration,
+    /// Most bytes of address space of each of its processes.
+    pub(crate) memory: Option<u64>,
+}
+
+/// How a program ended.
+pub(crate) enum Ended {
+    /// It could not be started.
+    Not(io::Error),
+    /// It was ended because it took too long.
+    Late(String),
+    /// By itself. The text is the last that it wrote to standard error.
+    Itself(ExitStatus, String),
+}
+
+impl Launch<'_> {
+    /// Runs the program to its end, and ends what it left running.
+    ///
+    /// # Errors
+    /// If the run is being stopped.
+    #[expect(clippy::disallowed_methods, reason = "a limit of wall time; no output holds it")]
+    pub(crate) fn run(&self, ctx: &Context<'_>) -> Result<Ended, KindError> {
+        let Some((program, arguments)) = self.words.split_first() else {
+            return Ok(Ended::Not(io::Error::other("there is no command")));
+        };
+        let mut command = Command::new(program);
+        command.args(arguments).current_dir(self.folder).env("TMPDIR", self.temporary);
+        // Python trusts bytecode of a source that was edited within the same second.
+        command.env("PYTHONDONTWRITEBYTECODE", "1");
+        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).process_group(0);
+        let memory = self.memory;
+        let limit = move || {
+            if let Some(bytes) = memory {
+                setrlimit(Resource::RLIMIT_AS, bytes, bytes)?;
+            }
+            #[cfg(target_os = "linux")]
+            nix::sys::prctl::set_pdeathsig(Signal::SIGKILL)?;
+            Ok(())
+        };
+        // SAFETY: the closure makes two system calls of numbers, and allocates nothing.
+        unsafe { command.pre_exec(limit) };
+        let started = Instant::now();
+        let mut child = match command.spawn() {
+            Ok(child) => child,
+            Err(error) => return Ok(Ended::Not(error)),
+        };
+        let said = Said::of(&mut child);
+        let mut late = false;
+        let ended = loop {
+            match child.try_wait() {
+                Ok(Some(status)) => break Ok(status),
+                Ok(None) => {}
+                Err(error) => break Err(KindError::Environment(format!("cannot wait for a program: {error}"))),
+            }
+            if let Err(stopped) = ctx.check_cancelled() {
+                break Err(stopped);
+            }
+            if started.elapsed() > self.time {
+                late = true;
+                end(&mut child);
+                break child.wait().map_err(|e| KindError::Environment(format!("cannot wait for a program: {e}")));
+            }
+            thread::sleep(Duration::from_millis(if started.elapsed().as_secs() == 0 { 1 } else { 10 }));
+        };
+        end(&mut child);
+        let text = said.text();
+        Ok(if late { Ended::Late(text) } else { Ended::Itself(ended?, text) })
+    }
+}
+
+/// Ends a program with its group. Both may have ended.
+fn end(child: &mut Child) {
+    if let Ok(id) = i32::try_from(child.id()) {
+        let _ = killpg(Pid::from_raw(id), Signal::SIGKILL);
+    }
+    let _ = child.kill();
+    let _ = child.wait();
+}
+
+/// The last that a program writes to standard error.
+struct Said {
+    text: Arc<Mutex<Vec<u8>>>,
+    reader: Option<thread::JoinHandle<()>>,
+}
+
+impl Said {
+    fn of(child: &mut Child) -> Self {
+        let text = Arc::new(Mutex::new(Vec::new()));
+        let into = text.clone();
+        let reader = child.stderr.take().map(|mut from| {
+            thread::spawn(move || {
+                let mut piece = [0; 4096];
+                while let Ok(count @ 1..) = from.read(&mut piece) {
+                    let mut text = into.lock().unwrap_or_else(PoisonError::into_inner);
+                    text.extend_from_slice(&piece[..count]);
+                    let over = text.len().saturating_sub(KEPT);
+                    text.drain(..over);
+                }
+            })
+        });
+        Self { text, reader }
+    }
+
+    /// The last lines. A process that left the group may hold the pipe open, and is not waited for.
+    fn text(self) -> String {
+        for _ in 0..100 {
+            if self.reader.as_ref().is_none_or(thread::JoinHandle::is_finished) {
+                break;
+            }
+            thread::sleep(Duration::from_millis(2));
+        }
+        last_lines(&String::from_utf8_lossy(&self.text.lock().unwrap_or_else(PoisonError::into_inner)))
+    }
+}
+
+fn last_lines(text: &str) -> String {
+    let lines: Vec<&str> = text.trim_end().lines().collect();
+    lines[lines.len().saturating_sub(LINES)..].join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_lines_are_the_last() {
+        let text: String = (0..20).map(|line| format!("{line}\n")).collect();
+        assert_eq!(last_lines(&text).lines().collect::<Vec<_>>(), ["12", "13", "14", "15", "16", "17", "18", "19"]);
+        assert_eq!(last_lines(""), "");
+    }
+}
