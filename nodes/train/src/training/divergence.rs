@@ -78,7 +78,7 @@ mod tests {
         for told in told {
             let told = told.expect_err("diverged").to_string();
             assert!(
-                ["step 3", "at a learning rate of 5.0e-1", "`learning_rate` or `clip`"]
+                ["step 3", "learning rate of 5.0e-1", "`learning_rate` or `clip`"]
                     .iter()
                     .all(|part| told.contains(part)),
                 "{told}"
