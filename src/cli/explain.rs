@@ -86,7 +86,7 @@ fn in_full(action: &Explained) {
 
 fn differences(nearest: &Nearest) {
     let took = seconds_text(nearest.record.wall_us as f64 / 1e6);
-    outln!("nearest earlier key {} (took {took})", nearest.record.key.short());
+    outln!("most similar earlier key {} (took {took})", nearest.record.key.short());
     let show = |value: &Option<Value>| value.as_ref().map_or("(absent)".into(), ToString::to_string);
     for difference in &nearest.differences {
         let (before, now) = (show(&difference.before), show(&difference.now));
