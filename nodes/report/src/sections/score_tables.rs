@@ -235,7 +235,7 @@ fn chart(table: &ScoreTable, metric: &str) -> String {
         }
     }
     let description = format!("{} over {}; the figures are in the table above", metric_name(metric), axis.name);
-    format!("<figure>{}</figure>", plot.finish(&description))
+    format!("<figure style=\"max-width:640px\">{}</figure>", plot.finish(&description))
 }
 
 #[cfg(test)]
