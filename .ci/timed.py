@@ -52,15 +52,16 @@ def run(command: list[str]) -> int:
             notes.append(found[0])
 
     threads = [
-        threading.Thread(target=follow, args=(child.stdout, sys.stdout.buffer, see_test)),
-        threading.Thread(target=follow, args=(child.stderr, sys.stderr.buffer, see_note)),
+        threading.Thread(target=follow, args=(child.stdout, sys.stdout.buffer, see_test), daemon=True),
+        threading.Thread(target=follow, args=(child.stderr, sys.stderr.buffer, see_note), daemon=True),
     ]
     for thread in threads:
         thread.start()
     # The program's children count, as far as it waited for them.
     _, status, used = os.wait4(child.pid, 0)
+    # A process that the program left behind may hold the pipes open, and must not hold up the other programs.
     for thread in threads:
-        thread.join()
+        thread.join(timeout=10)
     row = {
         "program": program_of(command[0]),
         "wall_s": round(time.monotonic() - start, 2),
