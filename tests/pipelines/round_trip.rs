@@ -124,6 +124,10 @@ impl Normal<'_> {
                 self.texture(opacity);
                 self.bsdf(inner);
             }
+            Bsdf::Finish { alpha, inner, .. } => {
+                alpha.iter_mut().for_each(|t| self.texture(t));
+                self.bsdf(inner);
+            }
             Bsdf::Blend { weight, a, b } => {
                 self.texture(weight);
                 [a, b].into_iter().for_each(|inner| self.bsdf(inner));

@@ -8,7 +8,7 @@ mod textures;
 
 use crate::{
     mesh::Mesh,
-    scene::{Affine, Bsdf, DELTA_ALPHA, Emitter, Geometry, Rgb, Scene, Shape, Texture},
+    scene::{Affine, Bsdf, DELTA_ALPHA, Distribution, Emitter, Geometry, Rgb, Scene, Shape, Texture},
 };
 use ply::ply;
 use std::{collections::BTreeSet, fmt::Write as _, fs, path::Path};
@@ -159,21 +159,30 @@ impl Writer<'_> {
     }
 
     fn bsdf(&mut self, bsdf: &Bsdf, id: &str) -> Result<(), KindError> {
+        self.finished(bsdf, id, &Finish::default())
+    }
+
+    /// A BSDF in a finish.
+    fn finished(&mut self, bsdf: &Bsdf, id: &str, finish: &Finish<'_>) -> Result<(), KindError> {
         match bsdf {
+            Bsdf::Finish { distribution, alpha, nonlinear, inner } => {
+                let (beckmann, nonlinear) = (*distribution == Distribution::Beckmann, *nonlinear);
+                return self.finished(inner, id, &Finish { beckmann, alpha: alpha.as_ref(), nonlinear });
+            }
             Bsdf::Diffuse { reflectance } => {
                 self.open(&format!("<bsdf type=\"diffuse\"{id}>"));
                 self.texture("reflectance", reflectance, false)?;
             }
             Bsdf::Conductor { eta, k, alpha, specular_reflectance } => {
-                self.open(&format!("<bsdf type=\"{}\"{id}>", rough("conductor", *alpha)));
-                self.ggx(*alpha);
+                self.open(&format!("<bsdf type=\"{}\"{id}>", finish.sort("conductor", *alpha)));
+                self.facets(*alpha, finish)?;
                 self.line(&format!("<rgb name=\"eta\" value=\"{}\"/>", rgb(eta)));
                 self.line(&format!("<rgb name=\"k\" value=\"{}\"/>", rgb(k)));
                 self.texture("specular_reflectance", specular_reflectance, false)?;
             }
             Bsdf::Dielectric { int_ior, ext_ior, alpha, specular_reflectance, specular_transmittance } => {
-                self.open(&format!("<bsdf type=\"{}\"{id}>", rough("dielectric", *alpha)));
-                self.ggx(*alpha);
+                self.open(&format!("<bsdf type=\"{}\"{id}>", finish.sort("dielectric", *alpha)));
+                self.facets(*alpha, finish)?;
                 self.interface(*int_ior, *ext_ior);
                 self.texture("specular_reflectance", specular_reflectance, false)?;
                 self.texture("specular_transmittance", specular_transmittance, false)?;
@@ -185,9 +194,12 @@ impl Writer<'_> {
                 self.texture("specular_transmittance", specular_transmittance, false)?;
             }
             Bsdf::Plastic { diffuse_reflectance, int_ior, ext_ior, alpha } => {
-                self.open(&format!("<bsdf type=\"{}\"{id}>", rough("plastic", *alpha)));
-                self.ggx(*alpha);
+                self.open(&format!("<bsdf type=\"{}\"{id}>", finish.sort("plastic", *alpha)));
+                self.facets(*alpha, finish)?;
                 self.interface(*int_ior, *ext_ior);
+                if finish.nonlinear {
+                    self.line("<boolean name=\"nonlinear\" value=\"true\"/>");
+                }
                 self.texture("diffuse_reflectance", diffuse_reflectance, false)?;
             }
             Bsdf::Principled { base_color, metallic, roughness, specular, spec_trans, clearcoat, clearcoat_gloss } => {
@@ -234,11 +246,18 @@ impl Writer<'_> {
         Ok(())
     }
 
-    fn ggx(&mut self, alpha: f32) {
-        if alpha >= DELTA_ALPHA {
-            self.line("<string name=\"distribution\" value=\"ggx\"/>");
-            self.float("alpha", alpha);
+    /// The roughness of a rough surface.
+    fn facets(&mut self, alpha: f32, finish: &Finish<'_>) -> Result<(), KindError> {
+        if alpha < DELTA_ALPHA && finish.alpha.is_none() {
+            return Ok(());
         }
+        let name = if finish.beckmann { "beckmann" } else { "ggx" };
+        self.line(&format!("<string name=\"distribution\" value=\"{name}\"/>"));
+        match finish.alpha {
+            Some(texture) => self.texture("alpha", texture, true)?,
+            None => self.float("alpha", alpha),
+        }
+        Ok(())
     }
 
     fn interface(&mut self, int_ior: f32, ext_ior: f32) {
@@ -322,8 +341,19 @@ impl Writer<'_> {
     }
 }
 
-fn rough(name: &str, alpha: f32) -> String {
-    if alpha >= DELTA_ALPHA { format!("rough{name}") } else { name.to_owned() }
+/// What a [`Bsdf::Finish`] says.
+#[derive(Clone, Copy, Default)]
+struct Finish<'a> {
+    beckmann: bool,
+    alpha: Option<&'a Texture>,
+    nonlinear: bool,
+}
+
+impl Finish<'_> {
+    /// The plugin of a surface.
+    fn sort(&self, name: &str, alpha: f32) -> String {
+        if alpha >= DELTA_ALPHA || self.alpha.is_some() { format!("rough{name}") } else { name.to_owned() }
+    }
 }
 
 #[cfg(test)]

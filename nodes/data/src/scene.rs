@@ -170,6 +170,16 @@ impl Texture {
 /// Roughness alpha below which a lobe is specular: it has no density, and is exported as the smooth plugin.
 pub const DELTA_ALPHA: f32 = 1e-3;
 
+/// The distribution of the microfacets of a rough surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Distribution {
+    /// GGX (Trowbridge-Reitz), with long tails.
+    Ggx,
+    /// Beckmann: Gaussian slopes.
+    Beckmann,
+}
+
 /// The scattering of a surface. Roughness `alpha` is GGX's; below [`DELTA_ALPHA`] a lobe is specular.
 ///
 /// # Units
@@ -279,6 +289,20 @@ pub enum Bsdf {
         /// The material to shade.
         inner: Box<Bsdf>,
     },
+    /// A conductor, dielectric or plastic whose microfacets are not GGX of constant roughness, or a nonlinear plastic.
+    Finish {
+        /// The distribution of microfacets.
+        distribution: Distribution,
+        /// Roughness at each point, which replaces `alpha` of a conductor or dielectric. Values below 0.001 count as
+        /// 0.001.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        alpha: Option<Texture>,
+        /// Whether internal reflections below the coat of a plastic are coloured by the base (`nonlinear`).
+        #[serde(default)]
+        nonlinear: bool,
+        /// The conductor, dielectric or plastic.
+        inner: Box<Bsdf>,
+    },
     /// The same from both sides (`twosided`).
     TwoSided {
         /// The material of both sides.
@@ -382,6 +406,10 @@ impl Bsdf {
             }
             Self::NormalMap { map, inner, .. } => {
                 map.images(found);
+                inner.images(found);
+            }
+            Self::Finish { alpha, inner, .. } => {
+                alpha.iter().for_each(|t| t.images(found));
                 inner.images(found);
             }
             Self::TwoSided { inner } => inner.images(found),

@@ -108,9 +108,10 @@ fn bitmap(image: &Digest, scale: [f32; 3]) -> Texture {
 /// Constant colours of a material as pictures of one texel.
 fn picture(bsdf: &mut Bsdf, image: &Digest) {
     let textures: Vec<&mut Texture> = match bsdf {
-        Bsdf::Mask { inner, .. } | Bsdf::NormalMap { inner, .. } | Bsdf::TwoSided { inner } => {
-            return picture(inner, image);
-        }
+        Bsdf::Mask { inner, .. }
+        | Bsdf::NormalMap { inner, .. }
+        | Bsdf::Finish { inner, .. }
+        | Bsdf::TwoSided { inner } => return picture(inner, image),
         Bsdf::Blend { a, b, .. } => {
             picture(a, image);
             return picture(b, image);

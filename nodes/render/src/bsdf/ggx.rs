@@ -72,6 +72,61 @@ impl<R: Real> Ggx<R> {
     }
 }
 
+/// Facets of a roughness in either distribution. Directions are drawn by the normals that GGX of the same roughness has
+/// seen: against it Beckmann's facets are at most 4 / e times as dense.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Facets<R> {
+    pub(crate) alpha: R,
+    pub(crate) beckmann: bool,
+}
+
+impl<R: Real> Facets<R> {
+    /// What normals are drawn by.
+    #[inline(always)]
+    pub(crate) fn ggx(self) -> Ggx<R> {
+        Ggx { alpha: self.alpha }
+    }
+
+    /// Density of normals per projected area of the surface.
+    #[inline(always)]
+    pub(crate) fn d(self, m: Triple<R>) -> R {
+        if !self.beckmann {
+            return self.ggx().d(m);
+        }
+        let (a2, c2) = (self.alpha * self.alpha, m.z * m.z);
+        let slope = (m.x * m.x + m.y * m.y) / (a2 * c2);
+        (exp(-slope) / (a2 * PI * c2 * c2)).only(m.z.positive() & slope.lt(R::splat(80.0)))
+    }
+
+    /// Share of facets of normal `m` that are seen from `v`; Beckmann's by the rational function of Walter et al. 2007.
+    #[inline(always)]
+    pub(crate) fn g1(self, v: Triple<R>, m: Triple<R>) -> R {
+        if !self.beckmann {
+            return self.ggx().g1(v, m);
+        }
+        let slope = (v.x * v.x + v.y * v.y).sqrt() * self.alpha;
+        let a = v.z.abs() / slope.max(R::splat(1e-20));
+        let (a, flat) = (a.min(R::splat(1.6)), a.ge(R::splat(1.6)));
+        let part = (a * 3.535 + a * a * 2.181) / (a * 2.276 + a * a * 2.577 + 1.0);
+        R::select(flat, R::one(), part).only((v.dot(m) * v.z).positive())
+    }
+
+    #[inline(always)]
+    pub(crate) fn g(self, v: Triple<R>, l: Triple<R>, m: Triple<R>) -> R {
+        self.g1(v, m) * self.g1(l, m)
+    }
+
+    /// How many of its facets of normal `m` are seen from `v` for each of GGX's.
+    #[inline(always)]
+    pub(crate) fn excess(self, v: Triple<R>, m: Triple<R>) -> R {
+        if !self.beckmann {
+            return R::one();
+        }
+        let drawn = self.ggx().d(m) * self.ggx().g1(v, m);
+        (self.d(m) * self.g1(v, m) / drawn).only(drawn.positive())
+    }
+}
+
 /// Points spread evenly over half of the unit disk: all that a mean over the normals seen needs, the other half being
 /// its mirror image.
 pub(crate) fn half_disk() -> Vec<Vec2> {
@@ -103,6 +158,7 @@ fn spread(radii: u32, angles: u32, within: impl Fn(u32) -> f32) -> Vec<Vec2> {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Interface<'a> {
     pub(crate) alpha: f32,
+    pub(crate) beckmann: bool,
     pub(crate) eta: f32,
     /// Points that stand for the normals seen.
     pub(crate) disk: &'a [Vec2],
@@ -118,18 +174,20 @@ impl Interface<'_> {
         for (cos, to) in cosines.chunks_exact(lanes).zip(shares.chunks_exact_mut(lanes)) {
             let cos = R::load(cos);
             let v = Triple::new((R::one() - cos * cos).max(R::zero()).sqrt(), R::zero(), cos);
-            let ggx = Ggx { alpha: R::splat(self.alpha) };
+            let facets = Facets { alpha: R::splat(self.alpha), beckmann: self.beckmann };
+            let ggx = facets.ggx();
             let (mut sums, mut values) = ([0.0f64; 16], [0.0f32; 16]);
             for p in self.disk {
                 let m = ggx.facet(v, Pair::new(R::splat(p.x), R::splat(p.y)));
                 let f = super::fresnel::dielectric(v.dot(m), self.eta);
                 let value = if self.through {
                     let l = super::local::refract(v, m, f.cos_t, f.eta_ti);
-                    ((R::one() - f.r) * ggx.g1(-l, m)).only(l.z.lt(R::zero()))
+                    ((R::one() - f.r) * facets.g1(-l, m)).only(l.z.lt(R::zero()))
                 } else {
                     let l = super::local::reflect(v, m);
-                    (f.r * ggx.g1(l, m)).only(l.z.positive())
+                    (f.r * facets.g1(l, m)).only(l.z.positive())
                 };
+                let value = if self.beckmann { value * facets.excess(v, m) } else { value };
                 value.store(&mut values[..lanes]);
                 for (sum, value) in sums[..lanes].iter_mut().zip(&values) {
                     *sum += f64::from(*value);

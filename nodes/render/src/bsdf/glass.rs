@@ -2,7 +2,7 @@
 
 use super::{
     DELTA_ALPHA, Drawn, fresnel,
-    ggx::Ggx,
+    ggx::{Facets, Ggx},
     local::{reflect, refract},
 };
 use crate::lanes::{Pair, Real, Triple};
@@ -17,6 +17,8 @@ pub(crate) struct Glass<R> {
     pub(crate) alpha: f32,
     pub(crate) reflectance: Triple<R>,
     pub(crate) transmittance: Triple<R>,
+    /// Of another finish than GGX of that roughness.
+    pub(crate) finish: Option<Facets<R>>,
 }
 
 impl<R: Real> Glass<R> {
@@ -27,7 +29,7 @@ impl<R: Real> Glass<R> {
 
     #[inline(always)]
     fn ggx(&self) -> Ggx<R> {
-        Ggx { alpha: R::splat(self.alpha) }
+        self.finish.map_or(Ggx { alpha: R::splat(self.alpha) }, Facets::ggx)
     }
 
     /// Value and density.
@@ -40,7 +42,10 @@ impl<R: Real> Glass<R> {
         let ggx = self.ggx();
         let f = fresnel::dielectric(facet.o, self.eta).r;
         let (d, seen) = (ggx.d(facet.m), ggx.g1(wo, facet.m));
-        let shape = d * seen * ggx.g1(wi, facet.m);
+        let shape = match self.finish {
+            None => d * seen * ggx.g1(wi, facet.m),
+            Some(own) => own.d(facet.m) * own.g(wo, wi, facet.m),
+        };
         let reflected = f * shape / (wo.z.abs() * 4.0);
         // The squared index of radiance cancels that of the facets' spread.
         let spread = facet.spread / (facet.eta * facet.eta);
@@ -69,7 +74,10 @@ impl<R: Real> Glass<R> {
         if delta {
             drawn.delta = valid;
         } else {
-            weight = weight * ggx.g1(wi, m);
+            weight = match self.finish {
+                None => weight * ggx.g1(wi, m),
+                Some(facets) => weight * (facets.excess(wo, m) * facets.g1(wi, m)),
+            };
             drawn.weight = weight;
             drawn.pdf = self.eval(wo, wi).1;
         }

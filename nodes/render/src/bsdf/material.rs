@@ -3,6 +3,7 @@
 use super::{
     Bsdf, Diffuse, Lobe, Points, Surface,
     coated::{Coat, Plastic},
+    ggx::Facets,
     glass::{Glass, Thin},
     metal::Metal,
     principled::{self, Principled},
@@ -53,6 +54,14 @@ pub(super) struct Layer {
     weights: Vec<(Texture, bool)>,
     pub(super) two_sided: bool,
     sort: Textured,
+    finish: Option<Finish>,
+}
+
+/// A metal's or a glass' finish, if that is not GGX of one roughness.
+#[derive(Clone, Debug)]
+struct Finish {
+    beckmann: bool,
+    alpha: Option<Texture>,
 }
 
 #[derive(Clone, Debug)]
@@ -158,6 +167,12 @@ impl Material {
                 let material = Self::compile(inner, load)?;
                 return Ok(Self { normal_map: Some((bounds::normals(map, *scale, load)?, *scale)), ..material });
             }
+            scene::Bsdf::Finish { distribution, alpha, nonlinear, inner } => {
+                let mut material = Self::compile(inner, load)?;
+                let alpha = alpha.as_ref().map(|alpha| bounds::share(alpha, "alpha", load)).transpose()?;
+                material.finish(*distribution == scene::Distribution::Beckmann, alpha, *nonlinear)?;
+                return Ok(Self::of(material.layers));
+            }
             scene::Bsdf::TwoSided { inner } => return Ok(Self { two_sided: true, ..Self::compile(inner, load)? }),
             scene::Bsdf::Blend { weight, a, b } => {
                 let (a, b) = (Self::compile(a, load)?, Self::compile(b, load)?);
@@ -179,7 +194,35 @@ impl Material {
                 return Ok(Self::of(layers));
             }
         };
-        Ok(Self::of(vec![Layer { weights: Vec::new(), two_sided: false, sort }]))
+        Ok(Self::of(vec![Layer { weights: Vec::new(), two_sided: false, sort, finish: None }]))
+    }
+
+    /// Gives its only layer another finish.
+    fn finish(&mut self, beckmann: bool, alpha: Option<Texture>, nonlinear: bool) -> Result<(), KindError> {
+        let plain = !self.two_sided && self.opacity.is_none() && self.normal_map.is_none();
+        match self.layers.as_mut_slice() {
+            [Layer { sort: Textured::Plastic { coat, .. }, .. }] if plain && alpha.is_none() => {
+                *coat = coat.in_finish(beckmann, nonlinear);
+            }
+            [
+                Layer {
+                    sort: Textured::Conductor { alpha: own, .. } | Textured::Dielectric { alpha: own, .. },
+                    finish,
+                    ..
+                },
+            ] if plain && !nonlinear => {
+                // What a texture says is never smooth.
+                *own = if alpha.is_some() { 1.0 } else { *own };
+                *finish = (beckmann || alpha.is_some()).then_some(Finish { beckmann, alpha });
+            }
+            _ => {
+                let what = "a finish of what is no conductor, dielectric or plastic, or with what these do not have; \
+                            put it around one of them, `alpha` by a texture not around a plastic, and `nonlinear` \
+                            around nothing else";
+                return Err(KindError::Input(what.into()));
+            }
+        }
+        Ok(())
     }
 
     fn of(layers: Vec<Layer>) -> Self {
@@ -328,12 +371,14 @@ impl Layer {
 
     /// Textures by slot: what the lobes below find their values by.
     fn slots(&self) -> [Option<&Texture>; SLOTS] {
+        let alpha = self.finish.as_ref().and_then(|finish| finish.alpha.as_ref());
         match &self.sort {
-            Textured::Diffuse(t) | Textured::Conductor { tint: t, .. } | Textured::Plastic { base: t, .. } => {
-                [Some(t), None, None, None]
+            Textured::Diffuse(t) | Textured::Plastic { base: t, .. } => [Some(t), None, None, None],
+            Textured::Conductor { tint, .. } => [Some(tint), None, None, alpha],
+            Textured::Dielectric { reflectance, transmittance, .. } => {
+                [Some(reflectance), Some(transmittance), None, alpha]
             }
-            Textured::Dielectric { reflectance, transmittance, .. }
-            | Textured::Thin { reflectance, transmittance, .. } => [Some(reflectance), Some(transmittance), None, None],
+            Textured::Thin { reflectance, transmittance, .. } => [Some(reflectance), Some(transmittance), None, None],
             Textured::Principled(of) => {
                 [Some(&of.base), Some(&of.metallic), Some(&of.roughness), Some(&of.transmission)]
             }
@@ -352,6 +397,17 @@ impl Layer {
         })
     }
 
+    /// The facets of a finish, where its roughness is the last of these values or, without a texture, `alpha`.
+    #[inline(always)]
+    fn facets<R: Real>(&self, alpha: f32, values: &[Triple<R>; SLOTS]) -> Option<Facets<R>> {
+        let Finish { beckmann, alpha: texture } = self.finish.as_ref()?;
+        let alpha = match texture {
+            Some(_) => values[SLOTS - 1].x.clamp(super::DELTA_ALPHA, 1.0),
+            None => R::splat(alpha),
+        };
+        Some(Facets { alpha, beckmann: *beckmann })
+    }
+
     #[inline(always)]
     fn diffuse<R: Real>(&self, values: &[Triple<R>; SLOTS]) -> Option<Diffuse<R>> {
         let Textured::Diffuse(_) = &self.sort else { return None };
@@ -361,13 +417,15 @@ impl Layer {
     #[inline(always)]
     fn metal<R: Real>(&self, values: &[Triple<R>; SLOTS]) -> Option<Metal<R>> {
         let Textured::Conductor { eta, k, alpha, .. } = &self.sort else { return None };
-        Some(Metal { eta: *eta, k: *k, alpha: *alpha, tint: unit(values[0]) })
+        let finish = self.facets(*alpha, values);
+        Some(Metal { eta: *eta, k: *k, alpha: *alpha, tint: unit(values[0]), finish })
     }
 
     #[inline(always)]
     fn glass<R: Real>(&self, values: &[Triple<R>; SLOTS]) -> Option<Glass<R>> {
         let Textured::Dielectric { eta, alpha, .. } = &self.sort else { return None };
-        Some(Glass { eta: *eta, alpha: *alpha, reflectance: unit(values[0]), transmittance: unit(values[1]) })
+        let (reflectance, transmittance) = (unit(values[0]), unit(values[1]));
+        Some(Glass { eta: *eta, alpha: *alpha, reflectance, transmittance, finish: self.facets(*alpha, values) })
     }
 
     #[inline(always)]

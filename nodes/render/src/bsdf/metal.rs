@@ -1,6 +1,10 @@
 //! Metal: `conductor`, `roughconductor`.
 
-use super::{DELTA_ALPHA, Drawn, fresnel, ggx::Ggx, local::reflect};
+use super::{
+    DELTA_ALPHA, Drawn, fresnel,
+    ggx::{Facets, Ggx},
+    local::reflect,
+};
 use crate::lanes::{Pair, Real, Triple};
 use glam::Vec3;
 
@@ -10,6 +14,8 @@ pub(crate) struct Metal<R> {
     pub(crate) k: Vec3,
     pub(crate) alpha: f32,
     pub(crate) tint: Triple<R>,
+    /// Of another finish than GGX of that roughness.
+    pub(crate) finish: Option<Facets<R>>,
 }
 
 impl<R: Real> Metal<R> {
@@ -19,7 +25,7 @@ impl<R: Real> Metal<R> {
 
     #[inline(always)]
     fn ggx(&self) -> Ggx<R> {
-        Ggx { alpha: R::splat(self.alpha) }
+        self.finish.map_or(Ggx { alpha: R::splat(self.alpha) }, Facets::ggx)
     }
 
     /// Value and density.
@@ -33,7 +39,11 @@ impl<R: Real> Metal<R> {
         let cos = wo.dot(m);
         let ggx = self.ggx();
         let f = fresnel::conductor(cos, self.eta, self.k);
-        let value = f * self.tint * (ggx.d(m) * ggx.g(wo, wi, m) / (wo.z * 4.0));
+        let shape = match self.finish {
+            None => ggx.d(m) * ggx.g(wo, wi, m),
+            Some(facets) => facets.d(m) * facets.g(wo, wi, m),
+        };
+        let value = f * self.tint * (shape / (wo.z * 4.0));
         let pdf = ggx.pdf(wo, m) / (cos * 4.0);
         (value.only(above), pdf.only(above))
     }
@@ -53,7 +63,10 @@ impl<R: Real> Metal<R> {
         let f = fresnel::conductor(cos, self.eta, self.k);
         Drawn {
             wi,
-            weight: f * self.tint * ggx.g1(wi, m),
+            weight: match self.finish {
+                None => f * self.tint * ggx.g1(wi, m),
+                Some(facets) => f * self.tint * (facets.excess(wo, m) * facets.g1(wi, m)),
+            },
             pdf: ggx.pdf(wo, m) / (cos * 4.0),
             valid: above & wi.z.positive() & cos.positive(),
             ..Drawn::nothing()

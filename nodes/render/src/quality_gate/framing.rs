@@ -85,7 +85,11 @@ fn shows_others(bsdf: &Bsdf) -> bool {
         }
         Bsdf::Diffuse { .. } | Bsdf::Plastic { .. } => false,
         Bsdf::Blend { a, b, .. } => shows_others(a) || shows_others(b),
-        Bsdf::Mask { inner, .. } | Bsdf::NormalMap { inner, .. } | Bsdf::TwoSided { inner } => shows_others(inner),
+        Bsdf::Finish { alpha: Some(_), inner, .. } => matches!(**inner, Bsdf::Dielectric { .. }),
+        Bsdf::Mask { inner, .. }
+        | Bsdf::NormalMap { inner, .. }
+        | Bsdf::Finish { inner, .. }
+        | Bsdf::TwoSided { inner } => shows_others(inner),
     }
 }
 
@@ -99,6 +103,7 @@ fn has_back(bsdf: &Bsdf) -> bool {
         | Bsdf::Conductor { .. }
         | Bsdf::Dielectric { .. }
         | Bsdf::Plastic { .. }
+        | Bsdf::Finish { .. }
         | Bsdf::Principled { .. } => false,
     }
 }
@@ -116,6 +121,7 @@ fn holes(bsdf: &Bsdf) -> Bsdf {
         | Bsdf::Dielectric { .. }
         | Bsdf::ThinDielectric { .. }
         | Bsdf::Plastic { .. }
+        | Bsdf::Finish { .. }
         | Bsdf::Principled { .. } => plain(),
     }
 }

@@ -535,7 +535,10 @@ pub fn even(map: &Affine) -> bool {
 pub fn holds(bsdf: &Bsdf, is: fn(&Bsdf) -> bool) -> bool {
     is(bsdf)
         || match bsdf {
-            Bsdf::Mask { inner, .. } | Bsdf::TwoSided { inner } | Bsdf::NormalMap { inner, .. } => holds(inner, is),
+            Bsdf::Mask { inner, .. }
+            | Bsdf::TwoSided { inner }
+            | Bsdf::NormalMap { inner, .. }
+            | Bsdf::Finish { inner, .. } => holds(inner, is),
             Bsdf::Blend { a, b, .. } => holds(a, is) || holds(b, is),
             _ => false,
         }

@@ -1,8 +1,8 @@
 //! Mitsuba's BSDFs. Knows no shape.
 
-use super::{DEEPEST, MOST_VISITS, Material, Plugin, Reader, Value, textures::Role};
+use super::{DEEPEST, MOST_VISITS, Material, Plugin, Property, Reader, Value, textures::Role};
 use crate::scene_files::{build::holds, spectra};
-use tauflow_data::scene::{Bsdf, DELTA_ALPHA, Texture};
+use tauflow_data::scene::{Bsdf, DELTA_ALPHA, Distribution, Texture};
 
 /// The default indices of refraction of Mitsuba's plugins.
 const BK7: f64 = 1.5046;
@@ -13,6 +13,24 @@ const POLYPROPYLENE: f64 = 1.49;
 fn nothing() -> Bsdf {
     let inner = Box::new(Bsdf::Diffuse { reflectance: Texture::scalar(0.0) });
     Bsdf::Mask { opacity: Texture::scalar(0.0), inner }
+}
+
+/// Facets that are not GGX's of one roughness.
+#[derive(Default)]
+struct Facets {
+    beckmann: bool,
+    alpha: Option<Texture>,
+}
+
+impl Facets {
+    /// A BSDF with these facets.
+    fn around(self, inner: Bsdf, nonlinear: bool) -> Bsdf {
+        if !self.beckmann && self.alpha.is_none() && !nonlinear {
+            return inner;
+        }
+        let distribution = if self.beckmann { Distribution::Beckmann } else { Distribution::Ggx };
+        Bsdf::Finish { distribution, alpha: self.alpha, nonlinear, inner: Box::new(inner) }
+    }
 }
 
 impl<'t> Reader<'t, '_, '_> {
@@ -127,35 +145,64 @@ impl<'t> Reader<'t, '_, '_> {
         Some([reflectance?, transmittance?])
     }
 
-    /// The roughness of a rough plugin as GGX's alpha; 0 of a smooth one.
-    fn alpha(&mut self, plugin: &'t Plugin) -> f32 {
+    /// The roughness of a rough plugin, and its facets if they are not GGX's of that roughness; 0 of a smooth plugin.
+    fn facets(&mut self, plugin: &'t Plugin) -> Option<(f32, Facets)> {
         if !plugin.sort.starts_with("rough") {
-            return 0.0;
+            return Some((0.0, Facets::default()));
         }
-        let alpha = match (self.number(plugin, "alpha_u"), self.number(plugin, "alpha_v")) {
-            (Some(u), Some(v)) => {
-                if u != v {
+        let alpha = match (self.find(plugin, "alpha_u"), self.find(plugin, "alpha_v")) {
+            (Some(u), Some(v)) => match (self.roughness(u)?, self.roughness(v)?) {
+                (u, v) if u == v => u,
+                (Texture::Constant { value: u }, Texture::Constant { value: v }) => {
                     self.build.problems.approximated(&plugin.at, "anisotropic roughness", "use one `alpha`");
+                    Texture::scalar((u[0] * v[0]).max(0.0).sqrt())
                 }
-                (u * v).max(0.0).sqrt()
-            }
-            (None, None) => self.number(plugin, "alpha").unwrap_or(0.1),
+                _ => {
+                    let what = "anisotropic roughness by textures is not supported";
+                    self.build.problems.error(&plugin.at, what, "use one `alpha`");
+                    return None;
+                }
+            },
+            (None, None) => match self.find(plugin, "alpha") {
+                Some(property) => self.roughness(property)?,
+                None => Texture::scalar(0.1),
+            },
             _ => {
                 self.build.problems.error(&plugin.at, "one of `alpha_u` and `alpha_v`", "give both, or `alpha`");
-                0.1
+                return None;
             }
         };
-        let distribution = self.text(plugin, "distribution").unwrap_or("beckmann");
-        if distribution != "ggx" && alpha >= f64::from(DELTA_ALPHA) {
-            let what = format!("the distribution `{distribution}` (Mitsuba's default is beckmann)");
-            self.build.problems.approximated(&plugin.at, what, "write `<string name=\"distribution\" value=\"ggx\"/>`");
-        }
+        let beckmann = match self.text(plugin, "distribution").unwrap_or("beckmann") {
+            "beckmann" => true,
+            "ggx" => false,
+            other => {
+                let what = format!("the distribution `{other}` is not supported");
+                self.build.problems.error(&plugin.at, what, "use `beckmann` or `ggx`");
+                false
+            }
+        };
         self.pass_over(plugin, &["sample_visible"]);
-        self.build.check_alpha(alpha, &plugin.at)
+        match alpha {
+            Texture::Constant { value } => {
+                let alpha = self.build.check_alpha(f64::from(value[0]), &plugin.at);
+                // What is smooth has no facets.
+                Some((alpha, Facets { beckmann: beckmann && alpha >= DELTA_ALPHA, alpha: None }))
+            }
+            texture => Some((1.0, Facets { beckmann, alpha: Some(texture) })),
+        }
+    }
+
+    /// A roughness by a number or a texture.
+    fn roughness(&mut self, property: &'t Property) -> Option<Texture> {
+        match property.value {
+            // What is beyond 1 is told with the plugin.
+            Value::Number(value) => Some(Texture::scalar(value as f32)),
+            _ => self.texture(property, Role::Number),
+        }
     }
 
     fn conductor(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
-        let alpha = self.alpha(plugin);
+        let (alpha, facets) = self.facets(plugin)?;
         let mut complex = [None, None];
         for (value, name) in complex.iter_mut().zip(["eta", "k"]) {
             let Some(property) = self.find(plugin, name) else { continue };
@@ -182,30 +229,32 @@ impl<'t> Reader<'t, '_, '_> {
             }
         };
         let specular_reflectance = self.texture_or(plugin, "specular_reflectance", Role::Share, 1.0)?;
-        Some(Bsdf::Conductor { eta, k, alpha, specular_reflectance })
+        Some(facets.around(Bsdf::Conductor { eta, k, alpha, specular_reflectance }, false))
     }
 
     fn dielectric(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
-        let alpha = self.alpha(plugin);
+        let (alpha, facets) = self.facets(plugin)?;
         let [int_ior, ext_ior] = self.indices(plugin, BK7);
         let [specular_reflectance, specular_transmittance] = self.specular(plugin)?;
-        Some(Bsdf::Dielectric { int_ior, ext_ior, alpha, specular_reflectance, specular_transmittance })
+        let made = Bsdf::Dielectric { int_ior, ext_ior, alpha, specular_reflectance, specular_transmittance };
+        Some(facets.around(made, false))
     }
 
     fn plastic(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
-        let alpha = self.alpha(plugin);
+        let (alpha, facets) = self.facets(plugin)?;
         let [int_ior, ext_ior] = self.indices(plugin, POLYPROPYLENE);
         let diffuse_reflectance = self.texture_or(plugin, "diffuse_reflectance", Role::Share, 0.5)?;
-        if self.flag(plugin, "nonlinear", false) {
-            let what = "`nonlinear` scattering under a coat";
-            self.build.problems.approximated(&plugin.at, what, "take `nonlinear` out");
+        let nonlinear = self.flag(plugin, "nonlinear", false);
+        if facets.alpha.is_some() {
+            self.build.problems.error(&plugin.at, "a plastic whose `alpha` is a texture", "use a number");
+            return None;
         }
         let coat = self.texture_or(plugin, "specular_reflectance", Role::Share, 1.0)?;
         if coat != Texture::scalar(1.0) {
             let what = "`specular_reflectance` of a plastic is not supported";
             self.build.problems.error(&plugin.at, what, "take it out");
         }
-        Some(Bsdf::Plastic { diffuse_reflectance, int_ior, ext_ior, alpha })
+        Some(facets.around(Bsdf::Plastic { diffuse_reflectance, int_ior, ext_ior, alpha }, nonlinear))
     }
 
     fn principled(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {

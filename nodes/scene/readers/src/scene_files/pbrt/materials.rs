@@ -430,6 +430,7 @@ pub(super) fn reads_uv(bsdf: &Bsdf) -> bool {
         Bsdf::Mask { opacity: t, inner } => mapped(t) || reads_uv(inner),
         Bsdf::Blend { weight: t, a, b } => mapped(t) || reads_uv(a) || reads_uv(b),
         Bsdf::NormalMap { .. } => true,
+        Bsdf::Finish { alpha, inner, .. } => alpha.as_ref().is_some_and(mapped) || reads_uv(inner),
         Bsdf::TwoSided { inner } => reads_uv(inner),
         Bsdf::Conductor { .. } | Bsdf::Dielectric { .. } | Bsdf::ThinDielectric { .. } | Bsdf::Principled { .. } => {
             false

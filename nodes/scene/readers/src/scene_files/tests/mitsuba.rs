@@ -211,3 +211,33 @@ fn a_missing_texture_is_one_mistake() {
     ));
     assert_eq!(load("a.xml", &text, &[], false).expect_err("it is not there").lines().count(), 1);
 }
+
+#[test]
+fn finishes_are_read_as_mitsuba_has_them() {
+    use tauflow_data::scene::Distribution::{Beckmann, Ggx};
+    let of = |bsdf: &str| {
+        let text = xml(&format!("<shape type=\"cube\"><bsdf type={bsdf}</bsdf></shape>"));
+        let loaded = load("a.xml", &text, &[], false).unwrap_or_else(|told| panic!("{bsdf}: {told}"));
+        loaded.scene.materials[0].clone()
+    };
+    let Bsdf::Finish { distribution, alpha, nonlinear, inner } = of("\"roughconductor\">") else { panic!("a finish") };
+    assert_eq!((distribution, alpha, nonlinear), (Beckmann, None, false));
+    assert!(matches!(*inner, Bsdf::Conductor { alpha: 0.1, .. }));
+    let textured = "<texture type=\"checkerboard\" name=\"alpha\"><float name=\"color0\" value=\"0.2\"/>\
+                    <float name=\"color1\" value=\"0.5\"/></texture><string name=\"distribution\" value=\"ggx\"/>";
+    let Bsdf::Finish { distribution, alpha, inner, .. } = of(&format!("\"roughdielectric\">{textured}")) else {
+        panic!("a finish")
+    };
+    assert!(distribution == Ggx && matches!(alpha, Some(Texture::Checkerboard { .. })), "{alpha:?}");
+    assert!(matches!(*inner, Bsdf::Dielectric { .. }));
+    let nonlinear = "<boolean name=\"nonlinear\" value=\"true\"/>";
+    for sort in ["plastic", "roughplastic"] {
+        let Bsdf::Finish { nonlinear, .. } = of(&format!("\"{sort}\">{nonlinear}")) else { panic!("a finish") };
+        assert!(nonlinear, "{sort}");
+    }
+    let ggx = "\"roughconductor\"><string name=\"distribution\" value=\"ggx\"/>";
+    assert!(matches!(of(ggx), Bsdf::Conductor { .. }) && matches!(of("\"plastic\">"), Bsdf::Plastic { .. }));
+    // What was written for Mitsuba comes back.
+    let both = "\"twosided\"><bsdf type=\"roughconductor\"><float name=\"alpha\" value=\"0\"/></bsdf>";
+    assert!(matches!(of(both), Bsdf::TwoSided { inner } if matches!(*inner, Bsdf::Conductor { .. })));
+}
