@@ -26,7 +26,7 @@ const PITCH: f64 = 25.0;
 const SEED: u64 = 17;
 
 /// An HDRI.
-pub struct Map {
+pub struct Panorama {
     /// Its file's name.
     pub name: String,
     /// Views of it.

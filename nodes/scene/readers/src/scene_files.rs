@@ -1,4 +1,4 @@
-#![doc = include_str!("../scene_files.md")]
+#![doc = include_str!("scene_files.md")]
 
 mod build;
 mod files;
@@ -237,7 +237,7 @@ impl Kind for SceneFiles {
         KindSpec {
             name: "scene_files",
             summary: "Reads complete scenes from files: scene.json, glTF, Mitsuba 3 XML and pbrt-v4.",
-            manual: include_str!("../scene_files.md"),
+            manual: include_str!("scene_files.md"),
             mode: Mode::Source,
             inputs: vec![],
             outputs: vec![SCENES.port(), REPORTS.port()],
