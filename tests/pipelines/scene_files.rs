@@ -1,5 +1,5 @@
-//! Scene files have the means that Mitsuba 3 gives them. `scene_files.json` holds its means and standard errors of 8 x 8
-//! bins; `benches/mitsuba/files.py TAUFLOW --variant scalar_rgb --only NAME .. --reference FILE` writes them.
+//! Scene files have the means that Mitsuba 3 gives them. `scene_files.json` holds its means and standard errors of bins;
+//! `benches/mitsuba/files.py TAUFLOW --variant scalar_rgb --only NAME .. --reference FILE` writes them.
 
 use crate::{
     mitsuba::{BINS, References, bins, deviation, moments},
