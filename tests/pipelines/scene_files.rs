@@ -1,4 +1,4 @@
-//! Scene files have the means that Mitsuba 3 gives them. `scene_files.json` holds its means and standard errors of bins;
+//! Scene files have the means that Mitsuba 3 gives them. `scene_files.json` holds its means and standard errors;
 //! `benches/mitsuba/files.py TAUFLOW --variant scalar_rgb --only NAME .. --reference FILE` writes them.
 
 use crate::{
