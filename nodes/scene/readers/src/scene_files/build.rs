@@ -529,7 +529,7 @@ pub fn mirror(builder: &mut Builder<'_>, camera: &mut Camera) {
         }
     }
     [&mut camera.origin, &mut camera.target, &mut camera.up].into_iter().for_each(flip);
-    if builder.materials.iter().any(|bsdf| holds(bsdf, |b| maps_normals(b))) {
+    if builder.materials.iter().any(|bsdf| holds(bsdf, maps_normals)) {
         let at = Place::file("scene");
         builder.problems.approximated(
             &at,
