@@ -57,6 +57,7 @@ pub fn export(
     let io = |source| KindError::Environment(format!("cannot write {}: {source}", dir.display()));
     fs::create_dir_all(dir).map_err(io)?;
     let mut writer = Writer { dir, load, xml: String::new(), indent: 0, written: BTreeSet::new(), tints: Vec::new() };
+    writer.line(OWN);
     writer.open("<scene version=\"3.0.0\">");
     // Passages through what is not opaque are no part of a path's length here. Those that `path` meets are.
     let integrator = if scene.materials.iter().any(has_opacity) { "volpath" } else { "path" };
@@ -83,6 +84,10 @@ pub fn export(
     writer.close("</scene>");
     fs::write(dir.join("scene.xml"), &writer.xml).map_err(io)
 }
+
+/// The first line of exported scenes. In their normal maps t is upwards in the image, even where Mitsuba has it
+/// downwards, which a reader must know to get the same scene back.
+pub const OWN: &str = "<!-- tauflow export: t of normal maps is upwards in the image -->";
 
 fn has_opacity(bsdf: &Bsdf) -> bool {
     match bsdf {

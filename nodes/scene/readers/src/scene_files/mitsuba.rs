@@ -39,6 +39,8 @@ struct Reader<'t, 'b, 'g> {
     reads: [Option<String>; 2],
     /// The camera of the view, and the distance beyond which it sees nothing.
     far: Option<(tauflow_data::scene::Camera, f64, &'t Place)>,
+    /// Whether it is an export of tauflow, whose normal maps are in its own frames.
+    own: bool,
     /// How deep the plugin in hand is nested.
     depth: usize,
     /// BSDFs of the material in the making, shapes, and BSDFs in all: references to references grow quickly.
@@ -82,6 +84,7 @@ pub fn read(name: &str, bytes: &[u8], view: usize, given: &Given<'_>, build: &mu
         materials: BTreeMap::new(),
         reads: [None, None],
         far: None,
+        own: bytes.starts_with(tauflow_data::mitsuba::OWN.as_bytes()),
         depth: 0,
         visits: [0; 3],
     };

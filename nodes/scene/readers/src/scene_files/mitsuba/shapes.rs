@@ -86,7 +86,9 @@ impl<'t> Reader<'t, '_, '_> {
             None => None,
         };
         let mut shape = Shape { geometry, to_world, material: material.index, emission, flip_normals };
-        shape.material = self.build.mapped_as_mitsuba(&shape);
+        if !self.own {
+            shape.material = self.build.mapped_as_mitsuba(&shape);
+        }
         self.build.shape(shape, &plugin.at);
     }
 

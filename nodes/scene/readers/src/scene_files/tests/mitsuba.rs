@@ -348,6 +348,10 @@ fn normal_maps_on_coordinates_that_turn_as_the_mesh_lie_in_mitsubas_frames() {
         let scene = load("a.xml", &text, &[grey(), ("m.ply", ply(v))], false).expect("all of it is supported").scene;
         let found = matches!(scene.materials[scene.shapes[0].material], Bsdf::Relief { .. });
         assert_eq!(found, relief, "v of {v}, {flip}");
+        // What tauflow has written is in its own frames.
+        let text = format!("{}\n{text}", tauflow_data::mitsuba::OWN);
+        let scene = load("a.xml", &text, &[grey(), ("m.ply", ply(v))], false).expect("all of it is supported").scene;
+        assert!(matches!(scene.materials[scene.shapes[0].material], Bsdf::NormalMap { .. }));
     }
 }
 
