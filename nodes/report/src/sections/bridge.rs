@@ -31,7 +31,7 @@ pub fn section(files: &BridgeFiles, scenes: usize) -> Section {
     );
     out.push_str("<div class=\"grid2\">");
     for (stop, title) in stops(bridge) {
-        let _ = write!(out, "<div><h3>{title}</h3>{}</div>", summary(bridge, stop));
+        let _ = write!(out, "<div><h3>{title}</h3><div class=\"scroll\">{}</div></div>", summary(bridge, stop));
     }
     out.push_str("</div><div class=\"grid2 charts\">");
     let charts: [Shown; 2] = [("PSNR (dB)", |r| r.psnr), ("Gain over hold (dB)", |r| r.gain)];
