@@ -44,7 +44,7 @@ impl Default for AdapterReportParams {
 const QUALITY: All<ImageQuality> = All::new("quality", "Scores, gains and verdicts.");
 const GENERATED: All<Generated> = All::new("generated", "The samples, for pictures.").or_none();
 const PAGE: Out<Files> =
-    Out::new(Group::main(1), "report", "The page, and its figures as JSON, CSV and PNG.").published();
+    Out::new(Group::main(2), "report", "The page, and its figures as JSON, CSV and PNG.").published();
 
 impl Kind for AdapterReport {
     type Params = AdapterReportParams;

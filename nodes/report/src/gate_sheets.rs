@@ -109,7 +109,7 @@ impl Sheet {
     pub fn title(&self) -> String {
         let shown = match self.pictures.len() as u64 {
             all if all == self.of => String::new(),
-            some => format!(", {} of them", count(some)),
+            some => format!(", {} shown", count(some)),
         };
         match &self.reason {
             Some(reason) => {
@@ -204,7 +204,7 @@ mod tests {
         // 6 at half the exposure.
         assert_eq!(dark.pictures[1].image.data()[0], preview(3.0));
         assert_eq!((dark.file().as_str(), sheets[3].file().as_str()), ("gate-dark.png", "gate-accepted.png"));
-        assert_eq!(dark.title(), "dark: most of the frame shows black; 9 scenes, 3 of them");
+        assert_eq!(dark.title(), "dark: most of the frame is displayed black; 9 scenes, 3 shown");
         assert_eq!(sheets[3].title(), "accepted: 1 scene");
         assert!(sheets.iter().all(|sheet| sheet.png().is_ok_and(|png| png.starts_with(b"\x89PNG"))));
 

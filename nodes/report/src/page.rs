@@ -81,13 +81,16 @@ pub fn page(title: &str, header: &str, sections: &[Section], missing: &[String],
     }
     out.push_str("</main>\n<footer>");
     if !missing.is_empty() {
-        let _ = write!(out, "<p class=\"missing\">Not connected, so left out: {}.</p>", escape(&missing.join("; ")));
+        let _ = write!(
+            out,
+            "<p class=\"missing\">Omitted, because these inputs are not connected: {}.</p>",
+            escape(&missing.join("; "))
+        );
     }
     let _ = writeln!(
         out,
-        "<p>Made by tauflow. Everything here is a function of the pipeline and its inputs; only what is marked as \
-         measured differs between runs. The same figures are beside this page, in \
-         {beside}.</p></footer></body></html>"
+        "<p>Made by tauflow. All results are reproducible from the pipeline and its inputs, except sections marked as \
+         measured. The same values are next to this page, in {beside}.</p></footer></body></html>"
     );
     out
 }
@@ -104,7 +107,7 @@ mod tests {
         assert!(
             page.contains("<title>&lt;script&gt;</title>") && page.contains("T&lt;1&gt;") && page.contains("a&lt;b")
         );
-        assert!(page.contains("beside this page, in <code>a.json</code>."));
+        assert!(page.contains("next to this page, in <code>a.json</code>."));
         assert!(!page.contains("<script") && page.contains("#t-1:checked~.t1"));
         assert_eq!(tabs("t", &panels[..1]), "<p>1</p>");
     }

@@ -66,7 +66,7 @@ impl Default for ReportParams {
 }
 
 const PAGE: Out<Files> =
-    Out::new(Group::main(12), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").published();
+    Out::new(Group::main(13), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").published();
 
 impl Kind for Report {
     type Params = ReportParams;

@@ -49,7 +49,7 @@ fn the_page_shows_all_there_is() {
     ] {
         assert!(page.contains(part), "{part}");
     }
-    assert!(!page.contains("<script") && !page.contains(">NaN") && !page.contains("Not connected"));
+    assert!(!page.contains("<script") && !page.contains(">NaN") && !page.contains("not connected"));
     // Frozen and controls of two samples: 7 pictures each; frames: 9 of each of two variants, 8 of them shown.
     assert_eq!(page.matches("<img ").count(), 2 * (2 * 7 + 2 * 8));
     // Three lines for each backbone: what injects nothing has none.
@@ -75,6 +75,8 @@ fn what_is_not_there_is_left_out() {
     for section in ["verdicts", "pictures", "energy", "trajectories"] {
         assert!(!page.contains(&format!("id=\"{section}\"")), "{section}");
     }
-    assert!(page.contains("id=\"scores\"") && page.contains("Not connected, so left out: generated."));
+    assert!(
+        page.contains("id=\"scores\"") && page.contains("Omitted, because these inputs are not connected: generated.")
+    );
     assert!(!files.contains_key("claims.csv") && !files.contains_key("per_sample.csv"));
 }

@@ -17,19 +17,19 @@ pub struct Exposure {
 
 /// Reasons for rejection, the most telling first, each with what is so.
 pub const REASONS: [(&str, &str); 13] = [
-    ("non_finite", "samples or pixels that are no numbers"),
-    ("inside", "the camera stands inside a body"),
-    ("too_near", "something right before the camera hides the rest"),
-    ("mostly_sky", "next to nothing but sky or void"),
+    ("non_finite", "samples or pixels are not finite"),
+    ("inside", "the camera is inside an object"),
+    ("too_near", "an object close to the camera hides the rest"),
+    ("mostly_sky", "almost only sky or void is visible"),
     ("one_surface", "one smooth surface fills the frame"),
-    ("black", "no light at all"),
-    ("dark", "most of the frame shows black"),
-    ("over_exposed", "much of the frame shows white"),
-    ("near_constant", "all of it has about one brightness"),
-    ("featureless", "hardly an edge in it"),
-    ("degenerate", "all light in a few pixels"),
-    ("noisy", "noise that hides what there is"),
-    ("little_to_see", "hardly a thing stands out from what is around it, or from noise"),
+    ("black", "no light reaches the camera"),
+    ("dark", "most of the frame is displayed black"),
+    ("over_exposed", "much of the frame is displayed white"),
+    ("near_constant", "almost uniform brightness"),
+    ("featureless", "almost no edges"),
+    ("degenerate", "a few pixels contain almost all light"),
+    ("noisy", "noise hides the content"),
+    ("little_to_see", "almost nothing stands out from its surroundings or from noise"),
 ];
 
 /// The gate's verdict.

@@ -29,8 +29,8 @@ pub(super) fn section(quality: &ImageQuality) -> Option<Section> {
         return None;
     }
     let body = format!(
-        "<p>Mean over samples of the mean square of η g Δu, in the coordinate that the adapter corrects: velocity \
-         (RF), or the image's residual (DDPM). Variants that inject nothing have no line.</p><div class=\"grid2 \
+        "<p>Mean over samples of the mean square of η g Δu, in the quantity that the adapter corrects: velocity (RF) \
+         or the image's residual (DDPM). Variants without injection have no line.</p><div class=\"grid2 \
          charts\">{}</div>",
         plots.join("")
     );

@@ -133,8 +133,8 @@ pub(super) fn section(montages: &[Montage]) -> Result<Option<Section>, KindError
         .map(|montage| Ok((montage.backbone.clone(), grid(montage)?)))
         .collect::<Result<Vec<_>, KindError>>()?;
     let body = format!(
-        "<p>The first samples by number, not the fairest. A row has one seed. The difference is 0.5 + {GAIN} (adapted \
-         − frozen), so grey is no change.</p>{}",
+        "<p>The first samples by number (not selected by quality). Each row has one seed. The difference is 0.5 + \
+         {GAIN} (adapted − frozen); grey means no change.</p>{}",
         tabs("montage", &panels)
     );
     Ok(Some(Section::new("pictures", "Paired samples", body)))

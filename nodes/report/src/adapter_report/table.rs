@@ -69,9 +69,9 @@ pub(super) fn backbone_name(of: &BackboneQuality) -> String {
 /// The section.
 pub(super) fn section(quality: &ImageQuality) -> Section {
     let mut body = format!(
-        "<p>Scores of {} of the frozen backbone and of the same seeds with the adapter. Small figures are 95% \
-         intervals over samples and held-out renders; in parentheses stands the relative change from frozen. Arrows \
-         point to the better side.</p><div class=\"scroll\"><table class=\"wide\"><thead><tr><th>Model</th>",
+        "<p>Scores of {} of the frozen backbone, and of the same seeds with the adapter. Small print: 95% intervals \
+         over samples and held-out renders. In parentheses: change relative to the frozen backbone. Arrows show \
+         whether higher or lower is better.</p><div class=\"scroll\"><table class=\"wide\"><thead><tr><th>Model</th>",
         samples(quality)
     );
     for column in &quality.columns {
@@ -131,8 +131,8 @@ fn cell(quality: &ImageQuality, backbone: &BackboneQuality, its: &VariantQuality
 /// The paper's figures.
 fn paper() -> String {
     let mut out = String::from(
-        "<h3>The paper's figures, for reference</h3><p>Of published backbones of LSUN church and bedroom, 100 samples \
-         each, η = 0.05. They do not compare with backbones that were trained on renders.</p><div \
+        "<h3>Results of the paper, for reference</h3><p>Published backbones of LSUN church and bedroom, 100 samples \
+         each, η = 0.05. These values are not comparable with backbones trained on renders.</p><div \
          class=\"scroll\"><table class=\"wide\"><thead><tr><th>Model</th>",
     );
     for score in PAPER_SCORES {
@@ -159,20 +159,20 @@ pub(super) fn conventions(quality: &ImageQuality) -> Section {
     let has = |name: &str| quality.columns.iter().any(|column| column.name == name);
     let mut body = String::from("<dl>");
     for (name, text) in [
-        ("mmd", "Unbiased squared MMD to the held-out renders, of fixed random convolutional features."),
-        ("swd", "Sliced Wasserstein distance to the held-out renders, of the same features."),
-        ("niqe", "NIQE whose model is fitted to clean renders."),
+        ("mmd", "Unbiased squared MMD to the held-out renders, on fixed random convolutional features."),
+        ("swd", "Sliced Wasserstein distance to the held-out renders, on the same features."),
+        ("niqe", "NIQE with a model fitted to clean renders."),
     ] {
         if has(name) {
             let _ = write!(body, "<dt>{}</dt><dd>{text}</dd>", score_name(name));
         }
     }
-    let training = quality.training.map_or_else(String::new, |n| format!(", {} to train", plural(n, "render")));
+    let training = quality.training.map_or_else(String::new, |n| format!(", {} for training", plural(n, "render")));
     let _ = write!(
         body,
-        "<dt>Renders</dt><dd>{} held out{training}.</dd><dt>Intervals</dt><dd>{} that take samples with all their \
-         variants, and held-out renders, with replacement.</dd><dt>Change</dt><dd>Largest difference of a value from \
-         the frozen variant of the same sample.</dd>",
+        "<dt>Renders</dt><dd>{} held out{training}.</dd><dt>Intervals</dt><dd>{} with replacement, of samples (with \
+         all their variants) and of held-out renders.</dd><dt>Change</dt><dd>Largest difference of a value from the \
+         frozen variant of the same sample.</dd>",
         plural(quality.references, "render"),
         plural(quality.resamples, "resample")
     );
@@ -180,5 +180,5 @@ pub(super) fn conventions(quality: &ImageQuality) -> Section {
     for note in &quality.notes {
         let _ = write!(body, "<p class=\"note\">{}.</p>", escape(note.trim_end_matches('.')));
     }
-    Section::new("conventions", "What the scores are", body)
+    Section::new("conventions", "Definition of the scores", body)
 }

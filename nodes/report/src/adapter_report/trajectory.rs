@@ -68,8 +68,8 @@ pub(super) fn section(trajectories: &[Trajectory]) -> Result<Option<Section>, Ki
     let panels =
         trajectories.iter().map(|of| Ok((of.backbone.clone(), grid(of)?))).collect::<Result<Vec<_>, KindError>>()?;
     let body = format!(
-        "<p>States of the sampler after so many steps, clipped to display values. All rows start from the same \
-         noise.</p>{}",
+        "<p>States of the sampler after the given number of steps, clipped to display values. All rows start from the \
+         same noise.</p>{}",
         tabs("trajectory", &panels)
     );
     Ok(Some(Section::new("trajectories", "Trajectories", body)))

@@ -11,7 +11,7 @@ use tauflow_data::records::{BackboneQuality, ClaimVerdict, Estimate, ImageQualit
 fn verdict(verdict: ClaimVerdict) -> &'static str {
     match verdict {
         ClaimVerdict::Held => "held",
-        ClaimVerdict::NotHeld => "did not",
+        ClaimVerdict::NotHeld => "did not hold",
         ClaimVerdict::Undecided => "undecided",
     }
 }
@@ -47,8 +47,8 @@ pub(super) fn header(quality: &ImageQuality, subtitle: &str) -> String {
             let digits = places([&gaussian.nearer]);
             let _ = write!(
                 out,
-                "<div class=\"card\"><div class=\"big\">{}</div><div class=\"what\">{}: MMD² to held-out renders is \
-                 lower by this than that of Gaussian images, {}.</div></div>",
+                "<div class=\"card\"><div class=\"big\">{}</div><div class=\"what\">{}: reduction of MMD² to held-out \
+                 renders, compared with Gaussian images, {}.</div></div>",
                 signed(gaussian.nearer.mean, digits),
                 backbone_name(backbone),
                 interval(&gaussian.nearer, digits)
@@ -77,9 +77,9 @@ fn gains(quality: &ImageQuality) -> Option<String> {
         return None;
     }
     let mut out = format!(
-        "<p>Gain of the adapted variant over the others, above 0 where it is better; 95% intervals, paired by sample. \
-         The score that decides is <b>{}</b>, named before the run. The gain counts as physical only where its \
-         interval is above 0 over frozen and over every control.</p><div class=\"scroll\"><table \
+        "<p>Gain of the adapted variant over each other variant; above 0 means better. Intervals are 95%, paired by \
+         sample. The deciding score is <b>{}</b>, chosen before the run. The gain counts as physical only if its \
+         intervals over frozen and over every control are above 0.</p><div class=\"scroll\"><table \
          class=\"wide\"><thead><tr><th>Gain over</th>",
         escape(&score_name(&quality.judged_by))
     );
@@ -123,9 +123,9 @@ fn gains(quality: &ImageQuality) -> Option<String> {
 /// Frozen backbones against Gaussian images.
 fn gaussian(backbones: &[BackboneQuality]) -> Option<String> {
     let mut out = String::from(
-        "<h3>Frozen backbones against Gaussian images</h3><p>Squared MMD to held-out renders, of the frozen backbone's \
-         samples and of Gaussian images that have the training set's mean and covariance. A backbone has learned more \
-         than these two moments where it is nearer.</p><div class=\"scroll\"><table \
+        "<h3>Frozen backbones against Gaussian images</h3><p>Squared MMD to held-out renders, for the frozen \
+         backbone's samples and for Gaussian images with the mean and covariance of the training set. A backbone with \
+         a lower MMD has learned more than these two moments.</p><div class=\"scroll\"><table \
          class=\"wide\"><thead><tr><th>Backbone</th><th>Gaussian images</th><th>Frozen</th><th>Nearer \
          by</th><th>Verdict</th></tr></thead><tbody>",
     );

@@ -19,19 +19,19 @@ pub fn section(evaluation: &Evaluation) -> Option<Section> {
     }
     let mut out = String::new();
     for note in &evaluation.notes {
-        let _ = write!(out, "<p class=\"note\">Left out: {}.</p>", escape(note));
+        let _ = write!(out, "<p class=\"note\">Omitted: {}.</p>", escape(note));
     }
     if evaluation.versus.is_empty() {
-        return Some(Section::new("baselines", "Against other methods", out));
+        return Some(Section::new("baselines", "Compared with baselines", out));
     }
     let metrics = METRICS.iter().filter(|m| ["hdr_psnr", "preview_psnr", "ssim", "hdr_mae"].contains(*m));
     let metrics: Vec<&str> = metrics.copied().collect();
     let _ = write!(
         out,
-        "<p>The solver's figure less the other method's, paired by scene, with 95% intervals over {} scenes and the \
-         share of scenes on which the solver is better; in bold where the whole interval is on the better side. \
-         Both start from the {}-spp endpoint and see the same radiance, and the same albedo and normal.</p><div \
-         class=\"scroll\"><table class=\"wide\"><thead><tr><th>Against</th><th class=\"left\">Solver</th><th>NFE</th>",
+        "<p>The solver's score minus the baseline's, paired by scene, with 95% intervals over {} scenes and the share \
+         of scenes where the solver is better. <b>Bold</b> if the whole interval favours the solver. Both start from \
+         {} spp and read the same radiance, albedo and normals.</p><div class=\"scroll\"><table \
+         class=\"wide\"><thead><tr><th>Baseline</th><th class=\"left\">Solver</th><th>NFE</th>",
         evaluation.scenes, evaluation.from_spp
     );
     for metric in &metrics {
@@ -42,7 +42,7 @@ pub fn section(evaluation: &Evaluation) -> Option<Section> {
         out.push_str(&row(versus, &metrics));
     }
     out.push_str("</tbody></table></div>");
-    Some(Section::new("baselines", "Against other methods", out))
+    Some(Section::new("baselines", "Compared with baselines", out))
 }
 
 fn row(versus: &Versus, metrics: &[&str]) -> String {

@@ -22,16 +22,16 @@ pub fn section(files: &BridgeFiles, scenes: usize) -> Section {
     let counts = bridge.rows.iter().flat_map(|r| [r.from_spp, r.to_spp]);
     let (first, last) = (counts.clone().min().unwrap_or(0), counts.max().unwrap_or(0));
     let mut out = format!(
-        "<p>Stops between real endpoints of {first} to {last} samples on {} scenes, by models of the ladder that \
-         ends at n<sub>max</sub> = {}; each is judged against the <em>real</em> I<sub>m</sub>. MC noise goes \
-         I<sub>k</sub> + (τ<sub>m</sub> − τ<sub>k</sub>)/(1 − τ<sub>k</sub>) (clean − I<sub>k</sub>), with τ of \
-         that ladder; the local step is an Euler step of the local velocity for each sample more. I<sub>k</sub> is \
-         part of I<sub>m</sub>, so that hold is a strong baseline.</p>",
+        "<p>Solvers are stopped between rungs of {first} to {last} samples per pixel on {} scenes, and compared with \
+         the <em>rendered</em> rung I<sub>m</sub>. The models were trained on ladders that end at n<sub>max</sub> = \
+         {}. MC noise predicts I<sub>k</sub> + (τ<sub>m</sub> − τ<sub>k</sub>)/(1 − τ<sub>k</sub>) (clean − \
+         I<sub>k</sub>), with τ of that ladder. The local step is one Euler step of the local velocity per additional \
+         sample. I<sub>m</sub> contains the samples of I<sub>k</sub>, so hold is a strong baseline.</p>",
         bridge.scenes, bridge.n_max
     );
     out.push_str("<div class=\"grid2\">");
     for (stop, title) in stops(bridge) {
-        let _ = write!(out, "<div><h3>{title}</h3>{}</div>", summary(bridge, stop));
+        let _ = write!(out, "<div><h3>{title}</h3><div class=\"scroll\">{}</div></div>", summary(bridge, stop));
     }
     out.push_str("</div><div class=\"grid2 charts\">");
     let charts: [Shown; 2] = [("PSNR (dB)", |r| r.psnr), ("Gain over hold (dB)", |r| r.gain)];
@@ -45,7 +45,7 @@ pub fn section(files: &BridgeFiles, scenes: usize) -> Section {
     let panels: Vec<(String, String)> =
         stops(bridge).into_iter().map(|(stop, title)| (title, by_k(bridge, stop))).collect();
     if !panels.is_empty() {
-        let _ = write!(out, "<details><summary>Figures by k</summary>{}</details>", tabs("bridge-rows", &panels));
+        let _ = write!(out, "<details><summary>Tables by k</summary>{}</details>", tabs("bridge-rows", &panels));
     }
     out.push_str(&maps(&files.maps, scenes));
     Section::new("bridge", "Bridge validation", out)
@@ -149,7 +149,7 @@ fn chart(bridge: &Bridge, stop: &str, title: &str, shown: Shown, y: Scale) -> St
             plot.end_label(*last, &class, &method_name(method));
         }
     }
-    plot.finish(&format!("{what} by k, {title}; the figures are in the tables of this section"))
+    plot.finish(&format!("{what} by k, {title}; the values are in the tables of this section"))
 }
 
 fn by_k(bridge: &Bridge, stop: &str) -> String {
@@ -205,10 +205,10 @@ fn maps(maps: &BTreeMap<String, Vec<u8>>, scenes: usize) -> String {
     }
     let more = folders.len().saturating_sub(scenes);
     let mut out = String::from(
-        "<h3>Update directions and absolute differences</h3><p>Upper row of each picture: the real update \
-         I<sub>m</sub> − I<sub>k</sub>, then each method's; grey is no change, brighter is more light, darker less, \
-         a tint a change of colour. Lower row: absolute difference to I<sub>m</sub>, of hold, then of each method, \
-         from black over red and yellow to white.</p>",
+        "<h3>Update directions and absolute differences</h3><p>Upper row of each picture: the rendered update \
+         I<sub>m</sub> − I<sub>k</sub>, then the update of each method. Grey means no change, brighter more light, \
+         darker less light, and a tint a change of colour. Lower row: absolute difference to I<sub>m</sub> for hold \
+         and for each method, from black (none) through red and yellow to white (largest).</p>",
     );
     for (i, (folder, files)) in folders.into_iter().take(scenes).enumerate() {
         let open = if i == 0 { " open" } else { "" };
@@ -227,7 +227,7 @@ fn maps(maps: &BTreeMap<String, Vec<u8>>, scenes: usize) -> String {
     if more > 0 {
         let _ = write!(
             out,
-            "<p class=\"note\">Those of {more} more are in <code>bridge/maps/</code> beside this page.</p>"
+            "<p class=\"note\">Images of {more} more scenes are in <code>bridge/maps/</code> next to this page.</p>"
         );
     }
     out
@@ -243,6 +243,6 @@ mod tests {
         assert_eq!(map_name("over_view"), "over view");
         let png = |name: &str| (name.to_owned(), vec![1u8]);
         let html = maps(&BTreeMap::from([png("a/adjacent-01.png"), png("b/direct-02.png")]), 1);
-        assert!(html.contains("k = 1") && !html.contains("k = 2") && html.contains("Those of 1 more"));
+        assert!(html.contains("k = 1") && !html.contains("k = 2") && html.contains("Images of 1 more"));
     }
 }

@@ -22,11 +22,11 @@ pub fn section(evaluation: &Evaluation, bridge: Option<&Bridge>) -> Option<Secti
         return None;
     }
     let mut out = String::from(
-        "<p>Each claim is a difference, or several, that must be above 0; intervals are 95%, paired by scene. It \
-         <b>held</b> where all of them are above 0, did <b>not</b> where one is below, and is undecided else. Means \
-         over scenes can agree with a claim and leave it undecided.</p><div class=\"scroll\"><table \
-         class=\"wide\"><thead><tr><th class=\"left\">Claim</th><th class=\"left\">Cells</th><th \
-         class=\"left\">It</th><th class=\"left\">Differences</th></tr></thead><tbody>",
+        "<p>A claim consists of differences that must be above 0. A claim <b>held</b> if all 95% intervals, paired by \
+         scene, are above 0. It <b>did not hold</b> if one interval is below 0, and is <b>undecided</b> \
+         otherwise, even if all means agree with it.</p><div class=\"scroll\"><table class=\"wide\"><thead><tr><th \
+         class=\"left\">Claim</th><th class=\"left\">Cells</th><th class=\"left\">Verdict</th><th \
+         class=\"left\">Differences</th></tr></thead><tbody>",
     );
     let mut before = "";
     for claim in claims {
@@ -43,7 +43,7 @@ pub fn section(evaluation: &Evaluation, bridge: Option<&Bridge>) -> Option<Secti
         );
     }
     out.push_str("</tbody></table></div>");
-    Some(Section::new("claims", "What is claimed", out))
+    Some(Section::new("claims", "Claims", out))
 }
 
 /// The claims as a table of values, one row for each difference.
@@ -71,7 +71,7 @@ pub fn csv(claims: &[&Claim]) -> String {
 fn verdict(verdict: ClaimVerdict) -> &'static str {
     match verdict {
         ClaimVerdict::Held => "held",
-        ClaimVerdict::NotHeld => "did not",
+        ClaimVerdict::NotHeld => "did not hold",
         ClaimVerdict::Undecided => "undecided",
     }
 }

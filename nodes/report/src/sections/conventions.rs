@@ -9,21 +9,21 @@ pub fn section(evaluation: &Evaluation) -> Section {
     let entries = [
         (
             "Radiance",
-            "linear, times one exposure factor per scene for all rungs; negatives count as 0, no upper \
-            clip; the factor is the gate's <code>key</code> (0.18 by default) over the geometric mean luminance of \
-            bins of 4 × 4 pixels of its preview, times 2<sup>EV</sup>"
+            "linear, multiplied by one exposure factor per scene for all rungs; negative values are set to 0; no \
+            upper clip; the factor is the gate's <code>key</code> (0.18 by default) over the geometric mean luminance \
+            of bins of 4 × 4 pixels of its preview, times 2<sup>EV</sup>"
                 .to_owned(),
         ),
         (
             "HDR PSNR, HDR MAE",
-            "on exposed linear radiance, peak 1.0 (and, apart, peak = the reference's maximum); \
+            "on exposed linear radiance, peak 1.0 (a separate column uses the reference's maximum as peak); computed \
             per image, then averaged over scenes"
                 .to_owned(),
         ),
         (
             "Preview",
-            "Reinhard x/(1+x), then to the power 1/2.2, clipped to [0, 1]; metrics before any rounding to 8 \
-            bits; the pictures here use it"
+            "Reinhard x/(1+x), then gamma 1/2.2, clipped to [0, 1]; metrics are computed before rounding to 8 bits; \
+            pictures on this page use it"
                 .to_owned(),
         ),
         (
@@ -32,29 +32,32 @@ pub fn section(evaluation: &Evaluation) -> Section {
             windows"
                 .to_owned(),
         ),
-        ("Hold", format!("the {from}-spp input itself, no model call")),
+        ("Hold", format!("the unchanged input with {from} spp, without a network call")),
         (
             "NFE",
             format!(
-                "model calls of the rollout from I<sub>{from}</sub> at its variance time to τ = 1, that of \
-            I<sub>{last}</sub>"
+                "number of network calls from I<sub>{from}</sub> to τ = 1, the variance time of I<sub>{last}</sub>"
             ),
         ),
-        ("AUC", "trapezoid of the curve over s = log NFE, divided by the length in s".to_owned()),
-        ("TV", "sum of the absolute changes along the curve, divided by the length in s; lower is steadier".to_owned()),
+        ("AUC", "mean of the curve over log NFE, by the trapezoidal rule".to_owned()),
+        (
+            "TV",
+            "total variation: sum of the absolute changes along the curve, divided by its length in log NFE; lower \
+            is steadier"
+                .to_owned(),
+        ),
         (
             "Interval",
             format!(
-                "95%, percentile bootstrap over {}, {} resamples; differences to hold are paired \
-            scene by scene",
+                "95%, percentile bootstrap over {}, {} resamples; differences to hold are paired by scene",
                 resampled(evaluation.groups),
                 evaluation.resamples
             ),
         ),
         (
             "Infinite PSNR",
-            "an image equal to its reference: 144.49 dB (a mean squared error of 2<sup>−48</sup>) in \
-            means and intervals; per scene, inf in CSV and null in JSON"
+            "an image equal to its reference counts as 144.49 dB (a mean squared error of 2<sup>−48</sup>) in means \
+            and intervals; the values per scene are inf in CSV and null in JSON"
                 .to_owned(),
         ),
     ];

@@ -22,10 +22,10 @@ pub fn section(convergence: &Convergence) -> Option<Section> {
         return None;
     }
     let mut out = format!(
-        "<p>Variance time rests on the error of I<sub>n</sub> falling as 1/√n. Dots: RMSE against references of {} \
-         samples a pixel that share none with the ladders, their own noise taken off; geometric mean over scenes. \
-         Dashed: the law from the samples' own variance, √(σ²/n). Slopes are means over scenes; the law says −0.5. \
-         Scenes without noise have neither. Both axes are logarithmic.</p>",
+        "<p>Variance time assumes that the error of I<sub>n</sub> falls as 1/√n. Dots: RMSE against independent \
+         references of {} samples per pixel, with the noise of the reference subtracted; geometric mean over scenes. \
+         Dashed: the law √(σ²/n), with the measured variance σ² of single samples. Slopes are means over scenes; the \
+         law predicts −0.5. Scenes without noise are omitted. Both axes are logarithmic.</p>",
         count(convergence.reference_spp)
     );
     let rows = ordered(convergence);
@@ -65,7 +65,7 @@ fn panel(convergence: &Convergence, row: &ConvergenceRow, y: Scale) -> String {
         row.slope.map_or_else(|| "–".into(), |slope| fixed(slope.mean, 2)),
         if row.heavy_tail { ", heavy tail" } else { "" }
     ));
-    plot.y_axis(4).x_axis_round(5, "n, samples a pixel");
+    plot.y_axis(4).x_axis_round(5, "n, samples per pixel");
     plot.line(points(&row.law), "hold dashed").dots(points(&row.rmse), 3.6, class);
     let range = match (row.rmse.first(), row.rmse.last()) {
         (Some(first), Some(last)) => format!("from {} to {}", error(*first), error(*last)),
@@ -85,7 +85,7 @@ fn slope(of: Option<&Estimate>, unresolved: u64) -> String {
     if unresolved == 0 {
         return slope;
     }
-    format!("{slope}<span class=\"ci\">without {} below the reference's noise</span>", plural(unresolved, "rung"))
+    format!("{slope}<span class=\"ci\">excludes {} below the reference's noise</span>", plural(unresolved, "rung"))
 }
 
 /// Whether the law's slope is in the interval.
@@ -104,17 +104,17 @@ fn optional(value: Option<f64>) -> String {
 fn table(convergence: &Convergence, rows: &[&ConvergenceRow]) -> String {
     let mut out = format!(
         "<details open><summary>Slopes and tails</summary><p class=\"note\">Intervals are over scenes and, within \
-         each, over blocks of pixels. Errors and slopes are of scenes with noise, and of rungs whose error is more \
-         than the reference's own noise: the number of all others is given. Kurtosis and tail index are of single \
-         samples in units of their pixels' deviations, medians over scenes. From the rung in the column “near \
-         normal from” on, the errors of pixels over σ/√n are distributed as a normal variable is to within {}% \
-         (Kolmogorov's distance, mean over scenes): below, the law holds for the expectation, but not for what most \
-         pixels show. A scene is flagged as heavy-tailed if its tail index is below {HEAVY_INDEX}, its excess \
-         kurtosis above {HEAVY_KURTOSIS}, or more than {}% of its variance is in 1% of its pixels.</p><div \
-         class=\"scroll\"><table class=\"wide\"><thead><tr><th>Stratum</th><th>Scenes</th><th>Slope</th><th>−½ \
-         inside</th><th>RMSE, first rung</th><th>Law, first rung</th><th>Excess kurtosis</th><th>Tail \
-         index</th><th>Near normal from</th><th>Variance in the top 1% of pixels</th><th>Flagged \
-         scenes</th><th>Mean path length</th><th>Rejected samples</th></tr></thead><tbody>",
+         each scene, over blocks of pixels. Errors and slopes exclude scenes without noise, and rungs whose error is \
+         below the noise of the reference; their number is given. Kurtosis and tail index are medians over scenes for \
+         single samples, in units of each pixel's standard deviation. “Near normal from” is the first rung from which \
+         the pixel errors divided by σ/√n are normally distributed to within {}% (Kolmogorov distance, mean over \
+         scenes). At earlier rungs the law holds on average, but not for most pixels. A scene is flagged as \
+         heavy-tailed if its tail index is below {HEAVY_INDEX}, its excess kurtosis above {HEAVY_KURTOSIS}, or more \
+         than {}% of its variance is in 1% of its pixels.</p><div class=\"scroll\"><table \
+         class=\"wide\"><thead><tr><th>Stratum</th><th>Scenes</th><th>Slope</th><th>−½ inside</th><th>RMSE, first \
+         rung</th><th>Law, first rung</th><th>Excess kurtosis</th><th>Tail index</th><th>Near normal \
+         from</th><th>Variance in the top 1% of pixels</th><th>Flagged scenes</th><th>Mean path \
+         length</th><th>Rejected samples</th></tr></thead><tbody>",
         fixed(100.0 * OFF_NORMAL, 0),
         fixed(100.0 * HEAVY_SHARE, 0)
     );

@@ -21,12 +21,12 @@ pub fn section(evaluation: &Evaluation) -> Section {
         panels.push(("Other metrics".to_owned(), others));
     }
     let body = format!(
-        "<p>One trained model serves every number of model calls (NFE). Bands are 95% intervals of the mean over \
-         scenes; they show how scenes differ, so that methods with overlapping bands may still differ scene by \
-         scene. Dashed: hold, the input itself.</p>{}",
+        "<p>One trained model is used for every number of network calls (NFE). Bands are 95% intervals of the mean \
+         over scenes. Scenes vary more than methods, so methods with overlapping bands can still differ significantly \
+         when paired by scene. Dashed: hold, the unchanged input.</p>{}",
         tabs("curves", &panels)
     );
-    Section::new("curves", "Quality against model calls", body)
+    Section::new("curves", "Quality against network calls", body)
 }
 
 /// The panels of one metric, on one y axis.
@@ -82,7 +82,7 @@ fn row(evaluation: &Evaluation, metric: &str) -> String {
                 plot.end_label(*last, &class, &method_name(&table.method));
             }
         }
-        let description = format!("{} against NFE, {title}; the figures are in the table above", metric_name(metric));
+        let description = format!("{} against NFE, {title}; the values are in the table above", metric_name(metric));
         out.push_str(&format!("<figure>{}</figure>", plot.finish(&description)));
     }
     out.push_str("</div>");

@@ -68,8 +68,8 @@ fn gate(verdicts: &[(String, Verdict)]) -> String {
     reasons.sort_by_key(|reason| REASONS.iter().position(|(name, _)| name == reason).unwrap_or(REASONS.len()));
     let (pool, accepted) = strata.values().fold((0, 0), |(p, a), g| (p + g.pool, a + g.accepted));
     let mut out = format!(
-        "<h3>Quality gate</h3><p>Previews of {}; {} let through, {} rejected. A scene with several reasons counts \
-         under its first.</p><div class=\"scroll\"><table \
+        "<h3>Quality gate</h3><p>The gate checked previews of {}, accepted {} and rejected {}. A scene with several \
+         reasons is counted under its first.</p><div class=\"scroll\"><table \
          class=\"wide\"><thead><tr><th>Stratum</th><th>Pool</th><th>Accepted</th><th class=\"left\" \
          style=\"padding-left:24px\">Share</th>",
         plural(pool, "scene"),
@@ -129,33 +129,30 @@ fn sides(split: Option<&SplitReport>, sampling: Option<&SamplingReport>) -> Stri
     let mut out = String::from("<h3>Split and sampling</h3>");
     if let Some(split) = split {
         let leaks = match split.leaks.len() as u64 {
-            0 => "No signature stands on both sides".to_owned(),
+            0 => "No content signature is on both sides".to_owned(),
             n => format!("<b>{} on both sides</b>", plural(n, "signature")),
         };
         let _ = write!(
             out,
-            "<p>{} of content signature: {} to train, {} to test. {leaks}; {}.{}</p>",
+            "<p>{} of scenes with equal content: {} for training, {} for testing. {leaks}; {}.{}</p>",
             plural(split.groups.len() as u64, "group"),
             count(split.sides.train),
             count(split.sides.test),
             match split.shared() {
-                0 => "no group has more than one scene".to_owned(),
-                1 => "1 group has more than one scene, all of them on one side".to_owned(),
-                n => format!("{} groups have more than one scene, each group on one side", count(n as u64)),
+                0 => "every group has one scene".to_owned(),
+                1 => "1 group has several scenes, all on one side".to_owned(),
+                n => format!("{} groups have several scenes, each group on one side", count(n as u64)),
             },
             match split.dropped.len() as u64 {
                 0 => String::new(),
-                n => format!(
-                    " {} left out, as the signature is on the side they were not drawn for.",
-                    plural(n, "scene")
-                ),
+                n => format!(" {} omitted, because their content is on the opposite side.", plural(n, "scene")),
             }
         );
     }
     if let Some(sampling) = sampling {
         let _ = write!(
             out,
-            "<p>Chosen: {} to train and {} to test.{}</p>",
+            "<p>Chosen: {} for training and {} for testing.{}</p>",
             plural(sampling.train.chosen, "scene"),
             plural(sampling.test.chosen, "scene"),
             sampling.notes.iter().map(|n| format!(" {}.", escape(&capital(n)))).collect::<String>()

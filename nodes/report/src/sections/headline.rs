@@ -68,7 +68,7 @@ fn hero(best: &MethodTable, montages: &[Montage], nfe: u64) -> Result<String, Ki
     }
     let _ = write!(
         out,
-        "</div><figcaption>{}, {}: the scene of median gain among the pictures below.</figcaption></figure>",
+        "</div><figcaption>{}, {}: the scene with the median gain among the pictures below.</figcaption></figure>",
         escape(&montage.title),
         escape(&row.scene)
     );
@@ -81,7 +81,7 @@ fn built(evaluation: &Evaluation, material: &Material) -> String {
     let accepted = material.verdicts.iter().filter(|(_, v)| v.reasons.is_empty()).count() as u64;
     if !material.verdicts.is_empty() {
         parts.push(format!(
-            "A pool of <b>{}</b>, of which the gate let <b>{}</b> through",
+            "A pool of <b>{}</b>, of which the gate accepted <b>{}</b>",
             plural(material.verdicts.len() as u64, "scene"),
             count(accepted)
         ));
@@ -95,7 +95,7 @@ fn built(evaluation: &Evaluation, material: &Material) -> String {
     if let Some(references) = &material.references {
         let (first, last) = (references.counts.first().copied(), references.counts.last().copied());
         parts.push(format!(
-            "ladders of <b>{} rungs</b> from {} to {} samples a pixel at {} × {}",
+            "ladders of <b>{} rungs</b> from {} to {} samples per pixel at {} × {}",
             references.counts.len(),
             count(first.unwrap_or(0)),
             count(last.unwrap_or(0)),
@@ -117,10 +117,10 @@ fn built(evaluation: &Evaluation, material: &Material) -> String {
 pub fn reference_note(evaluation: &Evaluation) -> String {
     let n = evaluation.reference_spp;
     format!(
-        "Scores are against I<sub>{n}</sub>, the ladder's own last rung. It shares its samples with every rung: \
-         I<sub>k</sub> is part of I<sub>{n}</sub>, so its error here is σ²(1/k − 1/{n}) rather than σ²/k, and \
-         I<sub>{n}</sub> is itself noisy by σ²/{n}. Intervals are 95% bootstrap intervals over {}; the \
-         best solver is chosen on the same scenes that it is scored on.",
+        "The reference is I<sub>{n}</sub>, the ladder's last rung. It contains the samples of every other rung, so \
+         the squared error of I<sub>k</sub> is σ²(1/k − 1/{n}) instead of σ²/k. The variance of I<sub>{n}</sub> \
+         itself is σ²/{n}. Intervals are 95% bootstrap intervals over {}. The best solver is chosen on the test \
+         scenes.",
         resampled(evaluation.groups)
     )
 }

@@ -29,11 +29,11 @@ pub fn section(losses: &[TrainingLog]) -> Option<Section> {
     let (least, most) = (weights.iter().min()?, weights.iter().max()?);
     let weights = if least == most { count(*least) } else { format!("{} to {}", count(*least), count(*most)) };
     let mut body = format!(
-        "<p>{setting} {weights} weights. Bold: averaged weights on the test scenes; thin: training batches; under \
-         the panels, how much one call gains over the first rung on the first test scenes, in dB of PSNR. Targets \
-         have different scales, so compare shapes within a column of one method, not heights between methods. \
-         Settled: the last quarter of the steps brought less than a tenth of the fall, at the learning rates they \
-         had; more steps, at higher ones, may still bring more.</p><div class=\"grid4\">"
+        "<p>{setting} {weights} weights. Bold line: loss of the averaged weights on test scenes. Thin line: loss of \
+         training batches. Below each panel: PSNR gain of one call over the first rung, on the first test scenes. \
+         Losses of different methods have different scales, so compare the shapes of curves, not their heights. \
+         <i>Settled</i> means that the last quarter of the steps contributed less than a tenth of the decrease; more \
+         steps with higher learning rates may still improve the model.</p><div class=\"grid4\">"
     );
     for log in &logs {
         let gain = log.points.last().and_then(|point| point.gain);
@@ -67,8 +67,8 @@ fn gains(logs: &[&TrainingLog]) -> String {
         panels.entry(title).or_default().push(log);
     }
     let mut out = String::from(
-        "<p>The same gain of one call, in dB of PSNR on the first test scenes, as trainings went on: on one scale \
-         for all cells. What more calls bring stands under quality.</p><div class=\"grid2\">",
+        "<p>PSNR gain of one call on the first test scenes during training, with one scale for all cells. The section \
+         on quality shows the effect of more calls.</p><div class=\"grid2\">",
     );
     for title in order {
         let x = Scale::linear([0.0, most as f64]);
@@ -117,7 +117,7 @@ fn params(logs: &[&TrainingLog]) -> String {
         return String::new();
     }
     let differ = if differ.is_empty() { String::new() } else { format!(" Cells differ in {}.", differ.join(", ")) };
-    format!("<details><summary>Every param</summary><p>{}.{differ}</p></details>", shared.join(", "))
+    format!("<details><summary>All params</summary><p>{}.{differ}</p></details>", shared.join(", "))
 }
 
 /// First and last loss on the test scenes.
@@ -157,7 +157,7 @@ fn panel(log: &TrainingLog, many_spaces: bool) -> String {
             let change = crate::text::signed((last / first - 1.0) * 100.0, 0);
             format!("test {} → {} ({change}%){}", compact(first), compact(last), standing(log))
         }
-        None => "no loss on test scenes".to_owned(),
+        None => "not measured on test scenes".to_owned(),
     };
     plot.subtitle(&said);
     plot.finish(&format!(

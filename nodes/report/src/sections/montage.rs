@@ -21,19 +21,18 @@ pub fn section(montages: &[Montage], by_calls: &[Montage], nfe: u64) -> Result<O
     let reduced = match first.reduced {
         1 => String::new(),
         n => format!(
-            " Pictures are averaged over {n} × {n} pixels to fit, which hides some noise; scores are of the full ones."
+            " Pictures are averaged over {n} × {n} pixels, which hides some noise; scores are for full resolution."
         ),
     };
     let mut body = format!(
-        "<p>The first scene of each stratum by number, not the fairest, at NFE {nfe}. Captions: HDR PSNR in dB, the \
-         best of a row in bold.{reduced}</p>{}",
+        "<p>The first scene of each stratum by number (not selected by quality), at NFE {nfe}. Captions: HDR PSNR in \
+         dB, with the best of each row in bold.{reduced}</p>{}",
         tabs("montage", &panels(montages)?)
     );
     if let Some(row) = by_calls.iter().find_map(|m| m.rows.first()) {
         let _ = write!(
             body,
-            "<h3>By number of calls</h3><p>The scene {}, of those above the one whose input is the median by HDR \
-             PSNR.</p>{}",
+            "<h3>By number of calls</h3><p>Scene {}, whose input has the median HDR PSNR of the scenes above.</p>{}",
             escape(&row.scene),
             tabs("by-nfe", &panels(by_calls)?)
         );

@@ -27,8 +27,8 @@ pub fn section(sheets: &[Sheet], pixels: usize) -> Result<Option<Section>, KindE
     };
     let panels = sheets.iter().map(panel).collect::<Result<Vec<_>, _>>()?;
     let body = format!(
-        "<p>Previews that the gate judged, by their first reason, spread evenly over all of it by number, each at the \
-         exposure that the gate worked out. The files <code>gate-…png</code> hold more of them.</p>{}",
+        "<p>Previews by the first reason of their verdict, evenly spaced by scene number, each at the exposure that \
+         the gate computed. The files <code>gate-…png</code> contain more.</p>{}",
         tabs("gate", &panels)
     );
     Ok(Some(Section::new("rejected", "Rejected scenes", body)))

@@ -17,13 +17,13 @@ pub fn section(statistics: &[(String, SceneStatistics)]) -> Option<Section> {
     }
     let [spp, reference] = first.1.spp;
     let mut out = format!(
-        "<p>Whether strata are what they say: medians over the scenes of each, quartiles below. Light is split by \
-         where it comes from and what its paths meet: the sky; nothing but diffuse surfaces; glass; a specular \
-         surface that sends it onto one that scatters it (a caustic). RMSE is that of one sample a pixel over the \
-         image's mean; slopes are of log RMSE on log n up to {} samples against a held-out reference of {}, one \
-         ladder a scene.</p><div class=\"scroll\"><table \
-         class=\"wide\"><thead><tr><th>Stratum</th><th>Scenes</th><th>Path length</th><th>From the \
-         sky</th><th>Diffuse only</th><th>Through glass</th><th>Caustic</th><th>RMSE at \
+        "<p>Do scenes have the light transport that their stratum names? Medians over the scenes of each stratum, \
+         with quartiles below. The columns of light are shares of the image: light of the sky; light that meets only \
+         diffuse surfaces; light through glass; caustics, which reach a scattering surface over a specular one. RMSE \
+         is for one sample per pixel, relative to the image's mean. Slopes are of log RMSE over log n, up to {} \
+         samples per pixel, against a held-out reference of {}, with one ladder per scene.</p><div \
+         class=\"scroll\"><table class=\"wide\"><thead><tr><th>Stratum</th><th>Scenes</th><th>Path \
+         length</th><th>From the sky</th><th>Diffuse only</th><th>Through glass</th><th>Caustic</th><th>RMSE at \
          1</th><th>Slope</th><th>Variance in the top 1%</th></tr></thead><tbody>",
         count(spp),
         count(reference)
@@ -66,19 +66,18 @@ pub fn section(statistics: &[(String, SceneStatistics)]) -> Option<Section> {
     out.push_str("</tbody></table></div>");
     let still = statistics.iter().filter(|(_, of)| of.slope.is_none()).count() as u64;
     if still > 0 {
-        let _ =
-            write!(out, "<p class=\"note\">Slopes are without {}, which have no noise.</p>", plural(still, "scene"));
+        let _ = write!(out, "<p class=\"note\">Slopes exclude {} without noise.</p>", plural(still, "scene"));
     }
     let dropped: Vec<u64> = statistics.iter().map(|(_, of)| of.dropped).filter(|dropped| *dropped > 0).collect();
     if !dropped.is_empty() {
         let (triangles, scenes) = (plural(dropped.iter().sum(), "triangle"), plural(dropped.len() as u64, "scene"));
         let _ = write!(
             out,
-            "<p class=\"note\">{triangles} in {scenes} are left out: without area, or with a corner that is no \
-             number.</p>"
+            "<p class=\"note\">{triangles} in {scenes} are omitted, because they have no area or a vertex that is not \
+             finite.</p>"
         );
     }
-    Some(Section::new("scenes", "What the scenes are", out))
+    Some(Section::new("scenes", "Scene statistics", out))
 }
 
 fn percent(share: f64) -> String {

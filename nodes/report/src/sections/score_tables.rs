@@ -92,8 +92,8 @@ fn about(table: &ScoreTable) -> String {
     let reference =
         table.reference_spp.map_or_else(String::new, |spp| format!(" against references of {spp} samples per pixel"));
     format!(
-        "Mean over {}{reference}. Best of a column in <b>bold</b>, second <u>underlined</u>, as printed. Small: 95% \
-         bootstrap interval over {} ({} resamples).",
+        "Mean over {}{reference}. Best of a column in <b>bold</b>, second <u>underlined</u>, after rounding. Small \
+         print: 95% bootstrap interval over {} ({} resamples).",
         plural(table.items, "item"),
         table.groups.map_or_else(|| "items".to_owned(), |groups| resampled(Some(groups))),
         table.resamples
@@ -170,8 +170,8 @@ fn differences(table: &ScoreTable, metric: &str) -> Option<String> {
     let (rows, columns) = (table.row_heads(), table.column_heads());
     let digits = digits(metric);
     let mut out = format!(
-        "<p class=\"note\">Paired difference to {} {}, item by item.</p>\
-         <div class=\"scroll\"><table class=\"wide\"><thead>{}</thead><tbody>",
+        "<p class=\"note\">Difference to {} {}, paired by item.</p><div class=\"scroll\"><table \
+         class=\"wide\"><thead>{}</thead><tbody>",
         escape(&against.axis),
         escape(&against.value.to_string()),
         head(table, &columns, metric)
@@ -234,7 +234,7 @@ fn chart(table: &ScoreTable, metric: &str) -> String {
             plot.end_label(*last, &class, &name.join(", "));
         }
     }
-    let description = format!("{} over {}; the figures are in the table above", metric_name(metric), axis.name);
+    let description = format!("{} over {}; the values are in the table above", metric_name(metric), axis.name);
     format!("<figure style=\"max-width:640px\">{}</figure>", plot.finish(&description))
 }
 

@@ -31,10 +31,10 @@ pub fn section(evaluation: &Evaluation, nfe: u64) -> Option<Section> {
         .filter(|g| g.is_finite())
         .fold(1e-9, |m: f64, g| m.max(g.abs()));
     let mut out = format!(
-        "<p>HDR PSNR at NFE {nfe} minus that of the input (hold), in dB, by stratum: regime L0 diffuse, L1 glossy, \
-         L2 refractive, L3 caustic-like; context environment, open, enclosed. Blue is a gain, orange a \
-         loss.</p><div class=\"scroll\"><table class=\"wide heat\"><thead><tr><th rowspan=\"2\">Stratum</th><th \
-         rowspan=\"2\">Hold (dB)</th>"
+        "<p>HDR PSNR at NFE {nfe} minus HDR PSNR of the input (hold), in dB. A stratum is a regime of light transport \
+         (L0 diffuse, L1 glossy, L2 refractive, L3 caustics) in a context (environment, open, enclosed). Blue is a \
+         gain, orange a loss.</p><div class=\"scroll\"><table class=\"wide heat\"><thead><tr><th \
+         rowspan=\"2\">Stratum</th><th rowspan=\"2\">Hold (dB)</th>"
     );
     let mut run = 0;
     while run < columns.len() {

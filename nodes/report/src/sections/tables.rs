@@ -22,9 +22,9 @@ pub fn section(evaluation: &Evaluation) -> Section {
         }
     }
     let body = format!(
-        "<p>Mean over {} test scenes, each from its {}-spp endpoint, against I<sub>{}</sub>. Best in <b>bold</b>, \
-         second <u>underlined</u>, as printed. Small: 95% bootstrap interval over {} ({} resamples). AUC is the \
-         mean of the curve over log NFE; TV its total variation per unit of log NFE, where less is steadier.</p>{}",
+        "<p>Mean over {} test scenes, from {} spp, compared with I<sub>{}</sub>. Best in <b>bold</b>, second \
+         <u>underlined</u>, after rounding. Small print: 95% bootstrap interval over {} ({} resamples). AUC is the \
+         mean of the curve over log NFE. TV is its total variation per unit of log NFE; lower is steadier.</p>{}",
         evaluation.scenes,
         evaluation.from_spp,
         evaluation.reference_spp,
@@ -142,8 +142,8 @@ fn gains(evaluation: &Evaluation, metric: &str) -> String {
     let rows = rows(evaluation, metric);
     let names = Names::of(&rows);
     let mut out = format!(
-        "<p class=\"note\">Paired difference to the input itself, scene by scene; an interval above 0 is a gain.</p>\
-         <div class=\"scroll\"><table class=\"wide\"><thead>{}",
+        "<p class=\"note\">Difference to the input, paired by scene. An interval above 0 is a significant \
+         gain.</p><div class=\"scroll\"><table class=\"wide\"><thead>{}",
         names.head()
     );
     for nfe in &evaluation.nfe {

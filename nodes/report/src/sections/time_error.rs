@@ -72,13 +72,13 @@ struct View {
 
 const WALL: View = View {
     title: "RMSE against time",
-    seconds: "seconds a scene (log), from its files to the image",
+    seconds: "seconds per scene (log), from its files to the image",
     of: |s| (s.wall_s[1], s.mse.sqrt()),
 };
 const RELATIVE: View = View { title: "Relative MSE against time", of: |s| (s.wall_s[1], s.rel_mse), ..WALL };
 const PROCESSOR: View = View {
     title: "RMSE against processor time",
-    seconds: "seconds of all cores together (log)",
+    seconds: "core seconds per scene (log)",
     of: |s| (s.cpu_s[1], s.mse.sqrt()),
 };
 
@@ -146,7 +146,7 @@ pub fn opening(of: &TimeError) -> String {
     let timed = of.methods.iter().filter(|m| is_solver(m)).count() as u64;
     let choice = match timed {
         0 | 1 => String::new(),
-        _ => format!(" Of {timed} solvers that were timed, the one with the largest speed-up on these scenes."),
+        _ => format!(" The solver shown has the largest speed-up of {timed} on these scenes."),
     };
     let told = best_solver(of).and_then(|solver| {
         let (point, speed) = best_by_start(solver)
@@ -158,8 +158,8 @@ pub fn opening(of: &TimeError) -> String {
             _ => format!(" (95% interval {} to {})", fixed(speed.low, 1), fixed(speed.high, 1)),
         };
         Some(format!(
-            " {} from {} spp gets where rendering alone would take <b>{}×</b> as long{interval}, and has the error of \
-             {} samples a pixel.",
+            " {} from {} spp is <b>{}×</b> faster than rendering alone at equal error{interval}. It has the error of \
+             {} samples per pixel.",
             escape(&name(solver)),
             point.from_spp,
             fixed(speed.mean, 1),
@@ -167,9 +167,9 @@ pub fn opening(of: &TimeError) -> String {
         ))
     });
     format!(
-        "<figure class=\"opening\">{}<figcaption>Error against time over {}: medians of time, geometric means of \
-         error, measured on {}.{}{choice}{}</figcaption></figure>",
-        plot.finish(&format!("RMSE against seconds a scene: {}", names(methods.iter().copied()))),
+        "<figure class=\"opening\">{}<figcaption>Error against time over {}: median times and geometric mean errors, \
+         measured on {}.{}{choice}{}</figcaption></figure>",
+        plot.finish(&format!("RMSE against seconds per scene: {}", names(methods.iter().copied()))),
         plural(of.scenes, "held-out test scene"),
         escape(of.machine.get("processor").and_then(|p| p.as_str()).unwrap_or("an unknown processor")),
         told.unwrap_or_default(),
@@ -194,8 +194,8 @@ fn by_stratum(of: &TimeError) -> String {
         .map(|m| format!("<span class=\"key {}\"></span>{} &nbsp; ", class(m), escape(&name(m))))
         .collect();
     let mut out = format!(
-        "<p class=\"note\">{keys}: each at its best numbers of calls. RMSE against seconds a scene, the same axes \
-         throughout.</p><div class=\"grid4\">"
+        "<p class=\"note\">{keys}: each with its best number of calls. RMSE against seconds per scene, with equal \
+         axes.</p><div class=\"grid4\">"
     );
     for stratum in strata {
         let title = stratum.replacen('-', " ", 1);
@@ -214,11 +214,12 @@ fn by_stratum(of: &TimeError) -> String {
 /// The section.
 pub fn section(of: &TimeError) -> Section {
     let mut out = format!(
-        "<p>Times go from a scene's files to its image: rendering to the endpoint, the G-buffer where a method sees \
-         one, and the method. They are medians over {} on one machine; errors are against I<sub>{}</sub> of another \
-         stream of samples, its own noise taken off. Dots are what was measured, from each endpoint with each \
-         number of calls; a method's line goes along its own front (broken where it sees a G-buffer), and the \
-         dashed grey one along that of all: the points that nothing else is both faster and better than.</p>",
+        "<p>Times include everything from a scene's files to its image: rendering the input, the G-buffer if a method \
+         reads it, and the method. They are medians over {} on one machine. Errors are measured against \
+         I<sub>{}</sub> of an independent random stream, with the noise of the reference subtracted. Each dot is one \
+         sample count and one number of calls. A line connects the Pareto-optimal points of a method (broken if it \
+         reads a G-buffer). The dashed grey line connects the points of all methods that no other point beats in both \
+         time and error.</p>",
         plural(of.scenes, "scene"),
         count(of.reference_spp),
     );

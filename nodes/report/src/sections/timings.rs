@@ -29,11 +29,10 @@ pub fn section(timings: &[(Cell, TrainingTiming)]) -> Option<Section> {
         )
     });
     let mut out = String::from(
-        "<p class=\"note\">Measured on the machine that ran the pipeline, and different from run to run; nothing \
-         above depends on it. Steps are those of the last run where a training was resumed.</p><div \
-         class=\"scroll\"><table class=\"wide\"><thead><tr><th>Method</th><th \
-         class=\"left\">Conditioning</th><th>Steps</th><th>Time (s)</th><th>Median step \
-         (ms)</th><th>Steps/s</th><th>Threads</th></tr></thead><tbody>",
+        "<p class=\"note\">Measured on the machine that ran the pipeline. Times vary from run to run; no result above \
+         depends on them. For a resumed training, steps are those of the last run.</p><div class=\"scroll\"><table \
+         class=\"wide\"><thead><tr><th>Method</th><th class=\"left\">Conditioning</th><th>Steps</th><th>Time \
+         (s)</th><th>Median step (ms)</th><th>Steps/s</th><th>Threads</th></tr></thead><tbody>",
     );
     let mut total = 0.0;
     for (cell, timing) in rows {

@@ -7,8 +7,8 @@ use tauflow_data::records::{AgainstLaw, Agreement, Beside, Convergence, Converge
 
 fn verdicts() -> String {
     format!(
-        "A figure <i>agrees</i> if it is off by no more than {}% with two standard errors, <i>differs</i> if it is \
-         off by more than {} standard errors, and is <i>undecided</i> otherwise.",
+        "A value <i>agrees</i> if it deviates by at most {}%, including two standard errors. It <i>differs</i> if it \
+         deviates by more than {} standard errors, and is <i>undecided</i> otherwise.",
         fixed(100.0 * TOLERANCE, 0),
         fixed(DIFFERS, 0)
     )
@@ -31,9 +31,10 @@ pub fn covariances(convergence: &Convergence, strata: &[&ConvergenceRow]) -> Str
     }
     let mut out = format!(
         "<details><summary>Variances and covariances of rungs</summary><p class=\"note\">Cov(I<sub>n</sub>, \
-         I<sub>m</sub>) over σ²/max(n, m), 1 by the law, with its standard error and how many of them it is off; on \
-         the diagonal stand variances. Each pixel counts in units of its own deviation, scenes by how well their \
-         kurtosis lets each be known. {}</p><div class=\"scroll\"><table class=\"wide\"><thead><tr><th>m \\ n</th>",
+         I<sub>m</sub>) over σ²/max(n, m), with its standard error, and its deviation from 1, the value of the law, \
+         in standard errors (z). The diagonal contains variances. Each pixel is normalised by its own standard \
+         deviation, and scenes are weighted by the precision that their kurtosis permits. {}</p><div \
+         class=\"scroll\"><table class=\"wide\"><thead><tr><th>m \\ n</th>",
         verdicts()
     );
     for n in &convergence.counts {
@@ -74,13 +75,13 @@ pub fn sde(convergence: &Convergence) -> String {
         return String::new();
     }
     let mut out = format!(
-        "<details><summary>The Monte Carlo SDE beside the ladders</summary><p class=\"note\">Simulated on its clock \
-         s = 1 − 1/√n, in units of each pixel's σ. By the law means are 0, variances over σ²/n are 1, and so are \
-         covariances of two rungs over σ² over the larger count. Under the ladders' figures: how many standard \
-         errors of the difference they are above the SDE's. {}</p><div class=\"scroll\"><table \
+        "<details><summary>The Monte Carlo SDE compared with the ladders</summary><p class=\"note\">Simulated with \
+         time s = 1 − 1/√n, in units of each pixel's σ. The law predicts means of 0, variances of σ²/n, and \
+         covariances of two rungs of σ² divided by the larger sample count. Small print (z): difference between \
+         ladders and SDE in standard errors. {}</p><div class=\"scroll\"><table \
          class=\"wide\"><thead><tr><th>n</th><th>Mean √n/σ, SDE</th><th>ladders</th><th>Variance n/σ², \
-         SDE</th><th>ladders</th><th>Covariance with the rung before, SDE</th><th>ladders</th><th>Covariance with \
-         the first rung, SDE</th><th>ladders</th><th>All rungs before</th></tr></thead><tbody>",
+         SDE</th><th>ladders</th><th>Covariance with the previous rung, SDE</th><th>ladders</th><th>Covariance with \
+         the first rung, SDE</th><th>ladders</th><th>All previous rungs</th></tr></thead><tbody>",
         verdicts()
     );
     for row in &convergence.sde {

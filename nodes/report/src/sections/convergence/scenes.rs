@@ -15,16 +15,16 @@ pub fn table(convergence: &Convergence) -> String {
     }
     let last = convergence.counts.last().copied().unwrap_or_default();
     let mut out = format!(
-        "<details><summary>Scene by scene</summary><p class=\"note\">Intervals of slopes are over blocks of pixels; \
-         scenes without noise have no slope. Var(I<sub>n</sub>) is over σ²/n, each pixel in units of its own \
-         deviation, with its standard error. “Near normal from”: the rung from which on the errors of pixels, so \
-         measured, are within {}% of a normal distribution; “image near the law from”: that from which on this \
-         ladder's mean square error, of pixels as they are, is within {}% of σ²/n. Where tails are heavy, intervals \
-         know nothing of events that this ladder has not drawn: they are too narrow.</p><div \
-         class=\"scroll\"><table class=\"wide\"><thead><tr><th>Scene</th><th>Slope</th><th>−½ \
+        "<details><summary>Scene by scene</summary><p class=\"note\">Intervals of slopes are over blocks of pixels. \
+         The slope is omitted for noise-free scenes. Var(I<sub>n</sub>) is divided by σ²/n, with each pixel \
+         normalised by its standard deviation, and shown with its standard error. “Near normal from”: the first rung \
+         from which these pixel errors are within {}% of a normal distribution. “Image near the law from”: the first \
+         rung from which the mean squared error of the ladder, without normalisation, is within {}% of σ²/n. \
+         Intervals of heavy-tailed scenes are too narrow, because they do not include rare samples that this ladder \
+         has not drawn.</p><div class=\"scroll\"><table class=\"wide\"><thead><tr><th>Scene</th><th>Slope</th><th>−½ \
          inside</th><th>Var(I<sub>n</sub>), n = {}</th><th>n = {}</th><th>Excess kurtosis</th><th>Tail \
          index</th><th>Variance in the top 1%</th><th>Near normal from</th><th>Image near the law from</th><th \
-         class=\"left\">How far variance time can be trusted</th></tr></thead><tbody>",
+         class=\"left\">Validity of variance time</th></tr></thead><tbody>",
         fixed(100.0 * OFF_NORMAL, 0),
         fixed(100.0 * TOLERANCE, 0),
         count(convergence.counts.first().copied().unwrap_or_default()),

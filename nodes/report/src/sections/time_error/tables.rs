@@ -60,8 +60,8 @@ fn crossover(of: &TimedSummary) -> String {
 
 fn beyond(groups: Option<u64>) -> String {
     format!(
-        "<p class=\"note\">Intervals: 95%, by bootstrap over {}; of one scene there is none. †: of so many scenes the \
-         crossover lies beyond the last rung that was timed, and goes by the law of 1/n.</p>",
+        "<p class=\"note\">Intervals: 95%, by bootstrap over {}; omitted for a single scene. †: share of scenes whose \
+         crossover is beyond the last timed rung and is extrapolated with the 1/n law.</p>",
         resampled(groups)
     )
 }
@@ -136,7 +136,7 @@ pub fn equal_time(of: &TimeError) -> String {
         "Method",
         "Samples",
         "NFE",
-        "Samples of rendering alone in that time",
+        "Samples of rendering alone in equal time",
         "Gain in HDR PSNR (dB)",
         "Gain in preview PSNR (dB)",
         "Gain in SSIM",
@@ -148,8 +148,8 @@ pub fn equal_time(of: &TimeError) -> String {
 /// How long methods take to errors, over all scenes and by stratum.
 pub fn targets(of: &TimeError) -> String {
     let all: Vec<(&TimedMethod, &[TimeTo])> = of.methods.iter().map(|m| (m, m.targets.as_slice())).collect();
-    let note = "<p class=\"note\">Median over scenes of the least time to each error; none where fewer than half of \
-        the scenes get there at any point that was measured. Rendering alone may stop between two rungs, but not \
+    let note = "<p class=\"note\">Median over scenes of the shortest time to each error. A dash means that fewer than \
+        half of the scenes reach the error at any measured point. Rendering alone may stop between two rungs, but not \
         after the last.</p>";
     let mut out = note.to_owned() + &times_to(&all);
     let strata = of.methods.first().map(|m| m.strata_targets.keys());
@@ -201,7 +201,7 @@ pub fn strata(of: &TimeError) -> String {
         "Crossover (spp)",
     ];
     let best = best_solver(of);
-    let mut out = format!("<p>From each endpoint at its best number of calls.</p>{}", beyond(of.groups));
+    let mut out = format!("<p>For each input sample count, with the best number of calls.</p>{}", beyond(of.groups));
     for method in of.methods.iter().filter(|m| m.method != PATH_TRACER) {
         let mut rows = String::new();
         for point in best_by_start(method) {
@@ -260,9 +260,9 @@ pub fn scenes(of: &TimeError) -> String {
     }
     let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
     format!(
-        "<p>Speed-up over rendering alone, of each method where it is fastest over all scenes. All points of all \
-         scenes are in <code>time_error_scenes.csv</code>.</p><p class=\"note\">†: the crossover lies beyond the {} \
-         samples that were timed, and goes by the law of 1/n.</p>{}",
+        "<p>Speed-up over rendering alone, at the point with the largest speed-up of each method over all scenes. \
+         <code>time_error_scenes.csv</code> contains all points of all scenes.</p><p class=\"note\">†: the crossover \
+         is beyond the {} timed samples per pixel, and is extrapolated with the 1/n law.</p>{}",
         count(timed),
         table(&heads, &rows)
     )
