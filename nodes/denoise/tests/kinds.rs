@@ -285,6 +285,7 @@ fn renderer(folder: &Path, text: &str) -> ExternalRendererParams {
         command,
         version: Vec::new(),
         depends: Vec::new(),
+        variables: Vec::new(),
         counts: Rungs::list(vec![1, 8]).expect("increasing"),
         resolution: Resolution::new(4, 2).expect("small"),
         repeats: 2,
