@@ -143,7 +143,8 @@ fn filter() -> Vec<libc::sock_filter> {
     const RETURN: u16 = 0x06;
     let step = |code, k, yes, no| libc::sock_filter { code, jt: yes, jf: no, k };
     let end = |what| step(RETURN, what, 0, 0);
-    // Programs of another architecture have other numbers; they are heard of, so that they are known not to be followed.
+    // Programs of another architecture have other numbers. They are heard of, so that it is known that they are not
+    // followed.
     let mut steps = vec![
         step(LOAD, 4, 0, 0),
         step(EQUAL, ARCHITECTURE, 1, 0),
