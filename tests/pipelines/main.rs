@@ -4,6 +4,7 @@ mod adapter;
 mod digests;
 mod edits;
 mod kills;
+mod language;
 mod mitsuba;
 mod processors;
 mod protocol;

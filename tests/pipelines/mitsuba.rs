@@ -89,7 +89,7 @@ fn scenes_have_mitsubas_means() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let file = folder.path().join("means.yaml");
     let scenes = root().join("benches/mitsuba/scenes.yaml");
-    let batch: u64 = if slow { 128 } else { 16 };
+    let batch: u64 = if slow { 64 } else { 16 };
     let rungs: Vec<u64> = (1..=BATCHES).map(|k| k * batch).collect();
     let chosen: BTreeMap<String, &Reference> = references.scenes.iter().map(|of| (of.scene.clone(), of)).collect();
     assert_eq!(chosen.len(), Stratum::all().count());

@@ -1,5 +1,6 @@
-//! What the quickstart's results must show. Runs the pipeline itself, which takes ten minutes on two cores
-//! when the cache of this checkout does not hold it yet, so it needs `TAUFLOW_SLOW=1`.
+//! What the quickstart's results must show, with all of its scenes and solvers. Ladders end at 64 samples per pixel
+//! here, trainings take a third of the steps, and solvers are called once: what is asked of them is learnt by then, in
+//! four minutes on two cores instead of ten. It needs `TAUFLOW_SLOW=1`.
 
 use crate::support::{Done, root};
 use std::collections::BTreeMap;
@@ -24,7 +25,7 @@ nodes:
       conditioning: rgb
       shuffle_targets: true
       preset: tiny
-      steps: 600
+      steps: 192
       batch: 8
       space: log1p
       learning_rate: 1.0e-3
@@ -45,6 +46,9 @@ nodes:
     inputs: { scores: shuffled_metrics, hold: hold }
 "#;
 
+/// What the test leaves out of the quickstart.
+const LESS: [&str; 3] = ["values.last_rung=64", "solvers.steps=192", "refined.nfe=[1]"];
+
 fn method<'a>(evaluation: &'a Evaluation, method: &str, conditioning: &str) -> &'a MethodTable {
     let is_it = |m: &&MethodTable| m.method == method && m.conditioning == conditioning;
     evaluation.methods.iter().find(is_it).expect("the cell is there")
@@ -53,7 +57,7 @@ fn method<'a>(evaluation: &'a Evaluation, method: &str, conditioning: &str) -> &
 #[test]
 fn the_quickstart_learns_what_it_should() {
     if !slow() {
-        skip(Need::Slow, "TAUFLOW_SLOW=1 runs the quickstart (ten minutes)");
+        skip(Need::Slow, "TAUFLOW_SLOW=1 runs the quickstart (four minutes)");
         return;
     }
     let quickstart = root().join("pipelines/quickstart.yaml");
@@ -61,7 +65,7 @@ fn the_quickstart_learns_what_it_should() {
     let file = folder.path().join("results.yaml");
     let text = CONTROL.replace("QUICKSTART", &serde_json::to_string(&quickstart).expect("a path in UTF-8"));
     std::fs::write(&file, text).expect("written");
-    let done = Done::run(&file, Vec::new(), &root().join("cache/store"));
+    let done = Done::run(&file, LESS.map(str::to_owned).to_vec(), &root().join("cache/store"));
 
     // As many scenes as the protocol says, equally many of each stratum on the test side.
     let (train, test) = (done.keys("sampling.train"), done.keys("sampling.test"));
@@ -108,7 +112,7 @@ fn the_quickstart_learns_what_it_should() {
 
     // The MC noise solver beats its input by 3 dB in one step, surely.
     let evaluation: Evaluation = done.only("evaluation");
-    assert_eq!((evaluation.scenes, evaluation.nfe.as_slice()), (48, &[1u64, 2, 9, 20][..]));
+    assert_eq!((evaluation.scenes, evaluation.nfe.as_slice()), (48, &[1u64][..]));
     assert_eq!(evaluation.methods.len(), 8);
     let gain = |table: &MethodTable| table.at.iter().find(|a| a.nfe == 1).expect("NFE 1").gain["hdr_psnr"];
     let noise = gain(method(&evaluation, "mc_noise", "rgb"));

@@ -13,8 +13,11 @@ use tauflow_data::{
 fn every_method_is_timed_on_every_scene() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     // A renderer that is not there, whatever this machine has.
-    let sets =
-        [r#"all_mitsuba.command=[no-such-renderer, "{scene}", "{counts}", "{folder}"]"#, "all_solvers.repeats=1"];
+    let sets = [
+        r#"all_mitsuba.command=[no-such-renderer, "{scene}", "{counts}", "{folder}"]"#,
+        "all_solvers.repeats=1",
+        "values.film=[32, 32]",
+    ];
     let sets = sets.map(str::to_owned).to_vec();
     let file = root().join("pipelines/time_error.yaml");
     let done = Done::run_profile(&file, "tiny", sets, folder.path(), &RunOptions::default());

@@ -10,6 +10,20 @@ pub trait WriteFiles {
     /// # Errors
     /// If it cannot be written.
     fn put(&mut self, name: &str, bytes: &[u8]) -> Result<(), KindError>;
+
+    /// How images are to be written whose radiance may be exposed.
+    fn radiance(&self) -> Radiance {
+        Radiance::default()
+    }
+}
+
+/// How images are written whose radiance may be exposed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Radiance {
+    /// The factor that raw radiance is multiplied by to be exposed, if it is known.
+    pub exposure: Option<f64>,
+    /// True writes raw radiance, whatever the images hold.
+    pub raw: bool,
 }
 
 /// A folder that is being read. Names are relative, with `/` between folders.

@@ -28,7 +28,7 @@ pub use artifact::{
 };
 pub use canonical::canonical_bytes;
 pub use context::{Blobs, Context, MemoryBlobs, Progress, Silent};
-pub use files::{FileTree, Files, ReadFiles, WriteFiles};
+pub use files::{FileTree, Files, Radiance, ReadFiles, WriteFiles};
 pub use key::{ActionKey, Basis, FORMAT_VERSION, MemoKey, derive_seed};
 pub use kind::{Kind, KindError, KindSpec, Mode, ParamProblem, SourceItem};
 pub use later::{Before, Later, fill_in, leave_out};

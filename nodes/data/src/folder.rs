@@ -13,8 +13,8 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 use tauflow_contract::{
-    Artifact, Collection, Context, Digest, ItemKey, KindError, ReadFiles, WriteFiles, parse_json, pretty_json,
-    read_regular,
+    Artifact, Collection, Context, Digest, ItemKey, KindError, Radiance, ReadFiles, WriteFiles, parse_json,
+    pretty_json, read_regular,
 };
 
 /// File that lists the items of a folder.
@@ -63,21 +63,28 @@ pub struct DiskFolder {
     written: BTreeSet<String>,
     /// The item whose folder it is, and the files of all items that were written with it.
     item: Option<ItemKey>,
+    radiance: Radiance,
     taken: Arc<Mutex<BTreeMap<PathBuf, ItemKey>>>,
 }
 
 impl DiskFolder {
     /// A folder, which is made once something is written.
     pub fn new(path: impl Into<PathBuf>) -> Self {
-        let (listed, written, taken) = Default::default();
-        Self { path: path.into(), listed, written, item: None, taken }
+        let (listed, written, radiance, taken) = Default::default();
+        Self { path: path.into(), listed, written, item: None, radiance, taken }
+    }
+
+    /// The same, where images are written so.
+    pub fn with_radiance(&self, radiance: Radiance) -> Self {
+        Self { radiance, ..self.clone() }
     }
 
     /// The folder of an item.
     fn of_item(&self, item: &ItemKey) -> Self {
         // A key is a path below the folder: that is what `ItemKey::new` checks.
         let path = self.path.join(item.as_str());
-        Self { path, item: Some(item.clone()), taken: self.taken.clone(), ..Self::new("") }
+        let (radiance, taken) = (self.radiance, self.taken.clone());
+        Self { path, item: Some(item.clone()), radiance, taken, ..Self::new("") }
     }
 
     /// Takes a file for this folder's item: the folders of items may lie in each other, and their files may meet.
@@ -154,6 +161,10 @@ impl WriteFiles for DiskFolder {
         })?;
         self.written.insert(name.to_owned());
         Ok(())
+    }
+
+    fn radiance(&self) -> Radiance {
+        self.radiance
     }
 }
 

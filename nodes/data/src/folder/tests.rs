@@ -3,7 +3,7 @@
 use super::*;
 use crate::{
     Image,
-    records::{Exposure, Refined, RefinedImage},
+    records::{Exposure, Ladder, LadderMeta, PackedScene, Refined, RefinedImage, Rung},
 };
 use std::sync::atomic::AtomicBool;
 use tauflow_contract::{FileTree, Files, Media, MemoryBlobs, Silent};
@@ -192,5 +192,102 @@ fn hidden_files_are_no_part_of_a_folder() {
         assert!(folder.put(".bashrc", b"x").is_err() && folder.put("a/.git/config", b"x").is_err());
         let parts = [(".bashrc".to_owned(), ctx.put(b"x").expect("in memory"))];
         assert!(export_item(ctx, &key("item"), &Artifact::tree(Files::NAME, parts), &folder).is_err());
+    });
+}
+
+/// A ladder, a packed scene and a refined image of one scene, of exposure 0.3.
+fn radiances(ctx: &Context<'_>) -> Collection {
+    let raw = Image::from_data(2, 1, 3, vec![0.1, 1.0, 7.5, 0.0, 2.0, 1e-3]).expect("fits");
+    let exposed = raw.map(|v| (f64::from(v) * 0.3) as f32);
+    let meta = serde_json::json!({"counts": [1], "width": 2, "height": 1, "rejected": 0, "mean_path_length": 1.5});
+    let meta: LadderMeta = serde_json::from_value(meta).expect("a ladder's");
+    let ladder = Ladder { meta, rungs: vec![Rung { spp: 1, image: raw.clone() }], variance: raw };
+    let packed = PackedScene { counts: vec![1], states: vec![exposed.clone()], gbuffer: None };
+    let said = RefinedImage { method: "mc_noise".into(), from_spp: 1, to_spp: 4, nfe: 1 };
+    let refined = Refined { images: vec![(said, exposed)], note: None };
+    [
+        (key("ladder"), ladder.store(ctx).expect("in memory").into_artifact()),
+        (key("packed"), packed.store(ctx).expect("in memory").into_artifact()),
+        (key("refined"), refined.store(ctx).expect("in memory").into_artifact()),
+    ]
+    .into_iter()
+    .collect()
+}
+
+#[test]
+fn the_space_and_exposure_of_images_are_named_and_raw_radiance_can_be_asked_for() {
+    in_folder(|ctx, path| {
+        let items = radiances(ctx);
+        let files =
+            [("ladder", "spp-000001.exr"), ("packed", "spp-000001.exr"), ("refined", "mc_noise-1-to-4-nfe-1.exr")];
+        let image = |name: &str, file: &str| {
+            let bytes = fs::read(path.join(name).join(file)).expect("there");
+            crate::image_io::parse_exr(file, &bytes).expect("a picture").remove("").expect("unnamed")
+        };
+        let meta = |name: &str| -> serde_json::Value {
+            serde_json::from_slice(&fs::read(path.join(name).join("meta.json")).expect("there")).expect("JSON")
+        };
+        let export = |radiance: Radiance| {
+            let out = DiskFolder::new(path).with_radiance(radiance);
+            begin(&out).expect("a folder that can be written");
+            let items: Result<Vec<_>, _> = items.iter().map(|(item, of)| export_item(ctx, item, of, &out)).collect();
+            finish(&mut DiskFolder::new(path), &Manifest { items: items?, ..Manifest::default() })
+        };
+        let exposure = Some(0.3);
+        // As they are: to the bit.
+        export(Radiance { exposure, raw: false }).expect("written");
+        assert_eq!(import_items(ctx, &DiskFolder::new(path)).expect("own files"), items);
+        for (name, space, factor) in
+            [("ladder", "raw_radiance", 1.0), ("packed", "exposed_radiance", 0.3), ("refined", "exposed_radiance", 0.3)]
+        {
+            let meta = meta(name);
+            assert_eq!((&meta["space"], &meta["exposure"]), (&space.into(), &factor.into()), "{name}: {meta}");
+            assert_eq!(meta["scene_exposure"], 0.3, "{name}");
+        }
+        let raw = image("ladder", files[0].1);
+        // All as raw radiance: one picture, and back to what it was but for rounding.
+        export(Radiance { exposure, raw: true }).expect("written");
+        for (name, file) in files {
+            assert_eq!(
+                (&meta(name)["space"], &meta(name)["exposure"]),
+                (&"raw_radiance".into(), &1.0.into()),
+                "{name}"
+            );
+            let found = image(name, file);
+            let near = |(a, b): (&f32, &f32)| (a - b).abs() <= 2e-7 * b.abs();
+            assert!(found.data().iter().zip(raw.data()).all(near), "{name}: {found:?}");
+        }
+        let back = import_items(ctx, &DiskFolder::new(path)).expect("own files");
+        let packed = PackedScene::load(ctx, back.get("packed").expect("there")).expect("whole");
+        let near = |(a, b): (&f32, &f32)| (f64::from(*a) - f64::from(*b) * 0.3).abs() <= 3e-7 * f64::from(*a).abs();
+        assert!(packed.states[0].data().iter().zip(raw.data()).all(near), "{packed:?}");
+        // Without a known exposure nothing says by what to divide.
+        export(Radiance::default()).expect("written as it is");
+        assert!(meta("packed").get("exposure").is_none() && meta("packed")["space"] == "exposed_radiance");
+        let told = export(Radiance { exposure: None, raw: true }).expect_err("unknown").to_string();
+        assert!(told.contains("its exposure is not known") && told.contains("--raw"), "{told}");
+    });
+}
+
+#[test]
+fn images_of_other_programs_without_a_space_are_read_as_they_are() {
+    in_folder(|ctx, path| {
+        let items = radiances(ctx);
+        export(ctx, &items, path);
+        let file = path.join("refined/meta.json");
+        let mut meta: serde_json::Value = serde_json::from_slice(&fs::read(&file).expect("there")).expect("JSON");
+        meta.as_object_mut().expect("an object").remove("space");
+        fs::write(&file, meta.to_string()).expect("written");
+        fs::remove_file(path.join("packed/meta.json")).expect("there");
+        let manifest = fs::read_to_string(path.join(MANIFEST)).expect("there");
+        let mut manifest: Manifest = serde_json::from_str(&manifest).expect("JSON");
+        manifest.items.iter_mut().for_each(|item| item.files = None);
+        finish(&mut DiskFolder::new(path), &manifest).expect("written");
+        assert_eq!(import_items(ctx, &DiskFolder::new(path)).expect("own files"), items);
+        // Raw radiance of no known scene cannot be exposed.
+        meta["space"] = "raw_radiance".into();
+        fs::write(&file, meta.to_string()).expect("written");
+        let told = import_items(ctx, &DiskFolder::new(path)).expect_err("no factor").to_string();
+        assert!(told.contains("`refined`") && told.contains("scene_exposure"), "{told}");
     });
 }

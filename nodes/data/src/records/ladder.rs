@@ -1,6 +1,6 @@
 //! Nested SPP ladders: I_n is the mean of samples 0..n of each pixel.
 
-use super::files::{count_name, counts_of, put_image, read_image};
+use super::files::{Described, Values, count_name, counts_of, put_image, read_image};
 use crate::{
     Image,
     rungs::{IntegratorKind, SamplerKind},
@@ -109,7 +109,7 @@ impl Ladder {
 
 impl Media for Ladder {
     const NAME: &'static str = "tauflow/ladder";
-    const DOC: &'static str = "The rungs and the variance of samples, as EXR and PNG, and `meta.json`.";
+    const DOC: &'static str = "Rungs and the variance of samples in raw radiance, as EXR and PNG, and `meta.json`.";
 
     fn load(ctx: &Context<'_>, artifact: &Artifact) -> Result<Self, KindError> {
         let handle = Handle::new(artifact)?;
@@ -128,7 +128,8 @@ impl Media for Ladder {
 
     fn export(ctx: &Context<'_>, artifact: &Artifact, to: &mut dyn WriteFiles) -> Result<(), KindError> {
         let ladder = Self::load(ctx, artifact)?;
-        to.put(META, &pretty_json(&ladder.meta)?)?;
+        let values = Some(Values::of_raw(to));
+        to.put(META, &pretty_json(&Described { meta: ladder.meta.clone(), values })?)?;
         for rung in &ladder.rungs {
             put_image(to, &count_name(rung.spp), &rung.image)?;
         }

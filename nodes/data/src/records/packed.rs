@@ -1,9 +1,11 @@
 //! Scenes packed for learning.
 
 use super::GBuffer;
-use super::files::{count_name, counts_of, put_image, read_image, read_layers};
+use super::files::{Values, count_name, counts_of, put_image, read_image, read_layers};
 use crate::{DataError, Image, TensorFile, image_io::exr_bytes};
-use tauflow_contract::{Artifact, Context, KindError, Media, ReadFiles, Stored, WriteFiles};
+use tauflow_contract::{Artifact, Context, KindError, Media, ReadFiles, Stored, WriteFiles, parse_json, pretty_json};
+
+const META: &str = "meta.json";
 
 /// A scene packed for learning: one safetensors blob with `states` [K, H, W, 3] (exposed linear radiance, one for each
 /// rung), optionally `gbuffer` [H, W, 6] (albedo, normal), and the note `counts`, a JSON list of K sample counts.
@@ -89,7 +91,7 @@ impl PackedScene {
 
 impl Media for PackedScene {
     const NAME: &'static str = "tauflow/packed-scene";
-    const DOC: &'static str = "Exposed rungs as EXR and PNG, and `gbuffer.exr` with layers albedo and normal.";
+    const DOC: &'static str = "Rungs as EXR and PNG, `gbuffer.exr` with layers albedo and normal, and `meta.json`.";
 
     fn load(ctx: &Context<'_>, artifact: &Artifact) -> Result<Self, KindError> {
         Ok(Self::from_bytes(&ctx.part(artifact, "")?)?)
@@ -101,8 +103,10 @@ impl Media for PackedScene {
 
     fn export(ctx: &Context<'_>, artifact: &Artifact, to: &mut dyn WriteFiles) -> Result<(), KindError> {
         let packed = Self::load(ctx, artifact)?;
+        let values = Values::of_exposed(to)?;
+        to.put(META, &pretty_json(&values)?)?;
         for (count, state) in packed.counts.iter().zip(&packed.states) {
-            put_image(to, &count_name(*count), state)?;
+            put_image(to, &count_name(*count), &values.written(state))?;
         }
         if let Some(gbuffer) = &packed.gbuffer {
             let (albedo, normal) = (gbuffer.channels_of(0..3), gbuffer.channels_of(3..6));
@@ -113,8 +117,12 @@ impl Media for PackedScene {
 
     fn import(ctx: &Context<'_>, from: &dyn ReadFiles) -> Result<Stored<Self>, KindError> {
         let counts = counts_of(from)?;
-        let state = |count: &u64| read_image(from, &format!("{}.exr", count_name(*count)));
-        let states = counts.iter().map(state).collect::<Result<Vec<_>, _>>()?;
+        let values: Option<Values> = from.get(META)?.map(|bytes| parse_json(META, &bytes)).transpose()?;
+        let state = |count: &u64| {
+            let image = read_image(from, &format!("{}.exr", count_name(*count)))?;
+            values.map_or_else(|| Ok(image.clone()), |values| values.exposed(image.clone()))
+        };
+        let states = counts.iter().map(state).collect::<Result<Vec<_>, KindError>>()?;
         let gbuffer = match from.get(GBuffer::FILE)? {
             None => None,
             Some(bytes) => {

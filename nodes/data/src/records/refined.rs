@@ -1,6 +1,6 @@
 //! Images that a method made of an endpoint, or of a scene.
 
-use super::files::{put_image, read_image};
+use super::files::{Described, Values, put_image, read_image};
 use crate::{DataError, Image, methods::MethodName};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -106,16 +106,18 @@ impl Refined {
     }
 
     pub(super) fn write(&self, to: &mut dyn WriteFiles) -> Result<(), KindError> {
+        let values = Values::of_exposed(to)?;
         let said = self.images.iter().map(|(said, _)| said.clone()).collect();
-        to.put(META, &pretty_json(&RefinedMeta { images: said, note: self.note.clone() })?)?;
-        self.images.iter().try_for_each(|(said, image)| put_image(to, &said.file()?, image))
+        let meta = RefinedMeta { images: said, note: self.note.clone() };
+        to.put(META, &pretty_json(&Described { meta, values: Some(values) })?)?;
+        self.images.iter().try_for_each(|(said, image)| put_image(to, &said.file()?, &values.written(image)))
     }
 
     pub(super) fn read(from: &dyn ReadFiles) -> Result<Self, KindError> {
-        let meta: RefinedMeta = parse_json(META, &from.need(META)?)?;
+        let Described::<RefinedMeta> { meta, values } = parse_json(META, &from.need(META)?)?;
         let read = |said: RefinedImage| {
             let image = read_image(from, &format!("{}.exr", said.file()?))?;
-            Ok((said, image))
+            Ok((said, values.map_or_else(|| Ok(image.clone()), |values| values.exposed(image.clone()))?))
         };
         Ok(Self { images: meta.images.into_iter().map(read).collect::<Result<_, KindError>>()?, note: meta.note })
     }

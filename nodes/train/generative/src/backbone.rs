@@ -136,6 +136,7 @@ pub struct Backbone {
 impl Backbone {
     /// A configuration with its weights.
     pub fn new(config: Config, weights: &Weights) -> Self {
+        tauflow_ops::keep_memory();
         let network = config.network();
         let weights = slots(network.parameters()).tensors(weights, &Device::flex());
         Self { config, network, weights }

@@ -16,8 +16,10 @@ mod group_norm;
 #[cfg_attr(target_arch = "x86_64", expect(unsafe_code, reason = "calls functions for instructions that were detected"))]
 mod instructions;
 mod lanes;
+
 #[cfg(test)]
 mod made_up;
+mod memory;
 mod normalisation;
 mod operator;
 mod products;
@@ -32,6 +34,7 @@ pub use elementary::{exp, expm1, log1p, map, map2};
 pub use fold::Fold;
 pub use group_norm::{GroupMoments, GroupNorm};
 pub use instructions::Instructions;
+pub use memory::keep as keep_memory;
 pub use normalisation::{GROUP, NormSilu, Silu};
 pub use operator::Operator;
 pub use pyramid::{Blocks, Pyramid, WeightedMean};

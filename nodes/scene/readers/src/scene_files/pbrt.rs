@@ -10,7 +10,7 @@ mod shapes;
 mod tokens;
 
 use super::{
-    build::{Builder, ENDLESS, camera, even, fov_x, mirror, mirrors},
+    build::{Builder, ENDLESS, camera, even, mirror, mirrors},
     given::Given,
     mitsuba::{Said, rotation},
     problems::{Place, Problems},
@@ -20,11 +20,33 @@ use std::{
     rc::Rc,
 };
 use tauflow_data::geom::{Vec3, compose, cross, determinant, dot, scaling, sub, translation, unit};
-use tauflow_data::scene::{Affine, Geometry, IDENTITY, Shape};
+use tauflow_data::{
+    maths,
+    scene::{Affine, Geometry, IDENTITY, Shape},
+};
 use tokens::{Directive, Param, Values};
 
 /// Most shapes, instances counted.
 const MOST_SHAPES: usize = 1 << 20;
+
+/// Most `Attribute` directives that hold at once.
+const MOST_ATTRIBUTES: usize = 256;
+
+/// Colour spaces whose white is that of sRGB, with their maps to linear sRGB.
+const SPACES: [(&str, [[f64; 3]; 3]); 2] = [
+    (
+        "rec2020",
+        [
+            [1.660_491_0, -0.587_641_1, -0.072_849_9],
+            [-0.124_550_5, 1.132_899_9, -0.008_349_4],
+            [-0.018_150_8, -0.100_578_9, 1.118_729_7],
+        ],
+    ),
+    (
+        "dci-p3",
+        [[1.224_940_2, -0.224_940_2, 0.0], [-0.042_057_0, 1.042_057_0, 0.0], [-0.019_637_6, -0.078_636_1, 1.098_273_6]],
+    ),
+];
 
 /// The state that directives change until the end of their block.
 #[derive(Clone)]
@@ -34,6 +56,10 @@ struct State<'t> {
     /// The light of the shapes that follow.
     light: Option<&'t Directive>,
     reverse: bool,
+    /// Parameters that `Attribute` gives to what follows.
+    attributes: Rc<Vec<&'t Directive>>,
+    /// From the colour space of `rgb` values to linear sRGB; none of sRGB itself.
+    space: Option<&'static [[f64; 3]; 3]>,
 }
 
 /// The material of the shapes that follow.
@@ -59,8 +85,11 @@ struct Reader<'t, 'b, 'g> {
     object: Option<(&'t str, Vec<Shape>)>,
     camera: Option<(&'t Directive, Affine)>,
     film: [u32; 2],
-    /// The exposure of the film.
-    exposure: f64,
+    /// The speed of the film over ISO 100, and the seconds that the shutter is open.
+    exposure: [f64; 2],
+    /// What `Attribute` gives to directives, and what turns `rgb` parameters into linear sRGB; by where these lie.
+    given: BTreeMap<usize, Rc<Vec<&'t Directive>>>,
+    converted: BTreeMap<usize, &'static [[f64; 3]; 3]>,
     max_depth: u32,
     in_world: bool,
     depth: usize,
@@ -83,7 +112,8 @@ pub fn read(name: &str, bytes: &[u8], given: &Given<'_>, build: &mut Builder<'_>
         build.problems.error(&old.at, what, "convert it by `pbrt --upgrade old.pbrt > new.pbrt`, with pbrt-v4");
         return Said { camera: None, max_depth: 1, film: [1280, 720], views: 1 };
     }
-    let state = State { ctm: IDENTITY, material: Surface::Default, light: None, reverse: false };
+    let (attributes, space) = (Rc::default(), None);
+    let state = State { ctm: IDENTITY, material: Surface::Default, light: None, reverse: false, attributes, space };
     let mut reader = Reader {
         build,
         state,
@@ -96,7 +126,9 @@ pub fn read(name: &str, bytes: &[u8], given: &Given<'_>, build: &mut Builder<'_>
         object: None,
         camera: None,
         film: [1280, 720],
-        exposure: 1.0,
+        exposure: [1.0; 2],
+        given: BTreeMap::new(),
+        converted: BTreeMap::new(),
         // pbrt counts bounces, and has five.
         max_depth: 6,
         in_world: false,
@@ -204,6 +236,13 @@ impl<'t> Reader<'t, '_, '_> {
     }
 
     fn directive(&mut self, directive: &'t Directive) {
+        if !self.state.attributes.is_empty() {
+            self.given.insert(std::ptr::from_ref(directive) as usize, Rc::clone(&self.state.attributes));
+        }
+        if let Some(space) = self.state.space {
+            let params = directive.params.iter().filter(|param| param.sort == "rgb");
+            self.converted.extend(params.map(|param| (std::ptr::from_ref(param) as usize, space)));
+        }
         match directive.name.as_str() {
             "Identity" => self.state.ctm = IDENTITY,
             "Translate" => {
@@ -300,6 +339,13 @@ impl<'t> Reader<'t, '_, '_> {
                 }
                 let world = world.unwrap_or(IDENTITY);
                 self.spaces.insert("camera", world);
+                let mut time = |name: &str, default: f64| self.number(directive, name).unwrap_or(default);
+                let open = time("shutterclose", 1.0) - time("shutteropen", 0.0);
+                if !(open > 0.0 && open.is_finite()) {
+                    let what = format!("a shutter that is open for {open} s");
+                    self.build.problems.error(&directive.at, what, "close it after it opens");
+                }
+                self.exposure[1] = open;
                 self.camera = Some((directive, world));
             }
             "Film" => self.film(directive),
@@ -311,7 +357,27 @@ impl<'t> Reader<'t, '_, '_> {
                 }
             }
             "Sampler" | "Accelerator" => {}
-            "ColorSpace" if directive.texts.first().is_some_and(|t| t == "srgb") => {}
+            "ColorSpace" => {
+                let name = self.name(directive);
+                match SPACES.iter().find(|(known, _)| *known == name) {
+                    Some((_, map)) => self.state.space = Some(map),
+                    None if name == "srgb" => self.state.space = None,
+                    None => self.unsupported(directive, "use `srgb`, `rec2020` or `dci-p3`"),
+                }
+            }
+            "Attribute" => {
+                let target = self.name(directive);
+                if !matches!(target, "shape" | "light" | "material" | "texture" | "medium") {
+                    return self.unsupported(directive, "name `shape`, `light`, `material`, `texture` or `medium`");
+                }
+                if self.state.attributes.len() >= MOST_ATTRIBUTES {
+                    let what = format!("more than {MOST_ATTRIBUTES} attributes at once");
+                    return self.build.problems.error(&directive.at, what, "write parameters where they are used");
+                }
+                Rc::make_mut(&mut self.state.attributes).push(directive);
+                // What nothing reads is no mistake here.
+                directive.params.iter().for_each(|param| param.used.set(true));
+            }
             "MediumInterface" if directive.texts.iter().all(String::is_empty) => {}
             // Until something is filled with it.
             "MakeNamedMedium" => {}
@@ -373,7 +439,7 @@ impl<'t> Reader<'t, '_, '_> {
         }
         // Seconds, and speed of the film in ISO; 100 is 1.
         let seconds = self.number(directive, "exposuretime").unwrap_or(1.0);
-        self.exposure = seconds * self.number(directive, "iso").unwrap_or(100.0) / 100.0;
+        self.exposure[0] = seconds * self.number(directive, "iso").unwrap_or(100.0) / 100.0;
         self.pass_over(directive, &["filename", "savefp16", "diagonal", "coordinatesystem", "nbuckets"]);
         self.finish(directive);
     }
@@ -407,13 +473,17 @@ impl<'t> Reader<'t, '_, '_> {
             return said;
         }
         let fov = self.number(directive, "fov").unwrap_or(90.0);
+        let window = self.window(directive);
         if self.number(directive, "lensradius").unwrap_or(0.0) != 0.0 {
             let remedy = "set it to 0: nothing is out of focus";
             self.build.problems.error(&directive.at, "`lensradius` is not supported", remedy);
         }
         self.pass_over(directive, &["focaldistance", "shutteropen", "shutterclose"]);
         self.finish(directive);
-        match fov_x(fov, "smaller", self.film).filter(|fov| *fov > 0.0 && *fov < 180.0) {
+        // The angle spans a window from -1 to 1.
+        let half = maths::tan(fov.to_radians() * 0.5) * window;
+        let fov_x = 2.0 * maths::atan(half).to_degrees();
+        match Some(fov_x).filter(|wide| fov > 0.0 && fov < 180.0 && *wide > 0.0 && *wide < 180.0) {
             Some(fov) => {
                 // A camera of pbrt stands where its scale has put it, and looks as if it had none.
                 let mut camera = camera(&world, fov, 0.0);
@@ -432,6 +502,31 @@ impl<'t> Reader<'t, '_, '_> {
             }
         }
         said
+    }
+}
+
+impl<'t> Reader<'t, '_, '_> {
+    /// How far the window of a camera reaches to the side. It must be as wide and high as the film, around its middle.
+    fn window(&mut self, directive: &'t Directive) -> f64 {
+        let film = f64::from(self.film[0]) / f64::from(self.film[1]);
+        let frame = self.number(directive, "frameaspectratio").unwrap_or(film);
+        let [x, y] = if frame > 1.0 { [frame, 1.0] } else { [1.0, 1.0 / frame] };
+        let mut window = [-x, x, -y, y];
+        if let Some(param) = self.find(directive, "screenwindow") {
+            match &param.values {
+                Values::Numbers(values) if values.len() == 4 => window.copy_from_slice(values),
+                _ => self.wrong(param, "list of 4 numbers"),
+            }
+        }
+        let near = |a: f64, b: f64| (a - b).abs() <= 1e-6 * b.abs();
+        let [left, right, low, high] = window;
+        let sound = right > 0.0 && near(-left, right) && near(-low, high) && near(right / high, film);
+        if !sound || !right.is_finite() {
+            let what = "a window that is not around the middle, or not as wide and high as the film";
+            self.build.problems.error(&directive.at, what, "leave `screenwindow` and `frameaspectratio` out");
+            return 1.0;
+        }
+        right
     }
 }
 

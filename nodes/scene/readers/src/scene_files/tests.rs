@@ -2,6 +2,7 @@
 
 mod gltf_files;
 mod mitsuba;
+mod pbrt_files;
 
 use super::*;
 use std::{fs, sync::atomic::AtomicBool};

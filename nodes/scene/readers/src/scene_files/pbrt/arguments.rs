@@ -2,14 +2,29 @@
 
 use super::{Directive, Param, Reader, Values};
 use crate::scene_files::spectra;
-use tauflow_data::geom::Vec3;
+use tauflow_data::geom::{Vec3, dot};
 
 impl<'t> Reader<'t, '_, '_> {
     /// A parameter by name, which counts as read from now on.
     pub(super) fn find(&self, directive: &'t Directive, name: &str) -> Option<&'t Param> {
-        let found = directive.params.iter().find(|p| p.name == name)?;
+        let own = directive.params.iter().find(|p| p.name == name);
+        let found = own.or_else(|| self.attribute(directive, name))?;
         found.used.set(true);
         Some(found)
+    }
+
+    /// A parameter that `Attribute` gives to a directive.
+    fn attribute(&self, directive: &'t Directive, name: &str) -> Option<&'t Param> {
+        let given = self.given.get(&(std::ptr::from_ref(directive) as usize))?;
+        let target = match directive.name.as_str() {
+            "Shape" => "shape",
+            "LightSource" | "AreaLightSource" => "light",
+            "Material" | "MakeNamedMaterial" => "material",
+            "Texture" => "texture",
+            _ => return None,
+        };
+        let fits = |of: &&&Directive| of.texts.first().is_some_and(|text| text == target);
+        given.iter().rev().filter(fits).find_map(|of| of.params.iter().find(|p| p.name == name))
     }
 
     pub(super) fn wrong(&mut self, param: &Param, wanted: &str) {
@@ -108,7 +123,13 @@ impl<'t> Reader<'t, '_, '_> {
     pub(super) fn color(&mut self, param: &'t Param, light: bool) -> Option<[f64; 3]> {
         let even = |rgb: [f64; 3]| rgb.map(|v| v / spectra::luminance(rgb));
         let found = match (&param.values, param.sort.as_str()) {
-            (Values::Numbers(v), "rgb" | "color") if v.len() == 3 => Some([v[0], v[1], v[2]]),
+            (Values::Numbers(v), "rgb" | "color") if v.len() == 3 => {
+                let value = [v[0], v[1], v[2]];
+                Some(match self.converted.get(&(std::ptr::from_ref(param) as usize)) {
+                    Some(map) => map.map(|row| dot(row, value)),
+                    None => value,
+                })
+            }
             (Values::Numbers(v), "float") if v.len() == 1 => Some([v[0]; 3]),
             (Values::Numbers(v), "blackbody") if v.len() == 1 && v[0] > 0.0 => {
                 let value = spectra::blackbody(v[0]);

@@ -1,6 +1,8 @@
 //! pbrt's lights, those of shapes included.
 
 use super::{Directive, Reader};
+use crate::scene_files::spectra;
+use core::f64::consts::PI;
 use tauflow_data::geom::{apply, cross, dot, sub, unit};
 use tauflow_data::{
     Image, maths,
@@ -14,17 +16,37 @@ impl<'t> Reader<'t, '_, '_> {
             Some(param) => self.color(param, true).unwrap_or([0.0; 3]),
             None => [1.0; 3],
         };
-        let scale = self.number(directive, "scale").unwrap_or(1.0) * self.exposure;
+        let scale = self.number(directive, "scale").unwrap_or(1.0) * self.exposure[0] * self.exposure[1];
         color.map(|v| v * scale)
     }
 
-    /// The radiance of the shapes that follow an `AreaLightSource`.
-    pub(super) fn area(&mut self, directive: &'t Directive) -> Option<Texture> {
+    /// The factor that gives a light the power or illuminance of a parameter; `of_one` is that at radiance 1.
+    fn strength(&mut self, directive: &'t Directive, name: &str, of_one: f64) -> f64 {
+        match self.number(directive, name) {
+            Some(value) if value > 0.0 && of_one > 0.0 => value / of_one,
+            _ => 1.0,
+        }
+    }
+
+    /// The radiance of a shape that follows an `AreaLightSource`.
+    pub(super) fn area(&mut self, directive: &'t Directive, shape: &'t Directive) -> Option<Texture> {
         if self.name(directive) != "diffuse" {
             self.unsupported(directive, "use `diffuse`");
             return None;
         }
-        let radiance = self.spectrum(directive, "L");
+        let mut radiance = self.spectrum(directive, "L");
+        if let Some(param) = self.find(directive, "power") {
+            match self.own_area(shape) {
+                Some(area) => {
+                    let strength = self.strength(directive, "power", area * PI);
+                    radiance = radiance.map(|v| v * strength);
+                }
+                None => {
+                    let what = "`power` of a shape whose area is not known is not supported";
+                    self.build.problems.error(&param.at, what, "use a whole sphere, disk or cylinder, or `scale`");
+                }
+            }
+        }
         if self.flag(directive, "twosided", false) {
             let what = "a light on both sides of a shape is not supported";
             self.build.problems.error(&directive.at, what, "put a second shape with `ReverseOrientation` behind it");
@@ -39,7 +61,8 @@ impl<'t> Reader<'t, '_, '_> {
             "infinite" => self.infinite(directive),
             "point" => {
                 let from = self.point(directive, "from").unwrap_or([0.0; 3]);
-                let intensity = self.spectrum(directive, "I");
+                let strength = self.strength(directive, "power", 4.0 * PI);
+                let intensity = self.spectrum(directive, "I").map(|v| v * strength);
                 let intensity = self.build.light(intensity, "I", &directive.at);
                 Some(Emitter::Point { position: apply(&ctm, from), intensity })
             }
@@ -47,7 +70,8 @@ impl<'t> Reader<'t, '_, '_> {
                 let from = self.point(directive, "from").unwrap_or([0.0; 3]);
                 let to = self.point(directive, "to").unwrap_or([0.0, 0.0, 1.0]);
                 let direction = unit(sub(apply(&ctm, to), apply(&ctm, from)));
-                let irradiance = self.spectrum(directive, "L");
+                let strength = self.strength(directive, "illuminance", 1.0);
+                let irradiance = self.spectrum(directive, "L").map(|v| v * strength);
                 Some(Emitter::Directional { direction, irradiance: self.build.light(irradiance, "L", &directive.at) })
             }
             "spot" => self.spot(directive),
@@ -59,12 +83,32 @@ impl<'t> Reader<'t, '_, '_> {
         }
     }
 
+    /// The area of a whole sphere, disk or cylinder as pbrt counts it: before its transform.
+    fn own_area(&mut self, shape: &'t Directive) -> Option<f64> {
+        let parts = ["zmin", "zmax", "phimax", "innerradius", "height"];
+        let sort = self.name(shape);
+        let whole = parts.iter().all(|name| self.find(shape, name).is_none());
+        let radius = self.number(shape, "radius").unwrap_or(1.0);
+        match sort {
+            "sphere" if whole => Some(4.0 * PI * radius * radius),
+            "disk" if whole => Some(PI * radius * radius),
+            "cylinder" if self.find(shape, "phimax").is_none() => {
+                let mut end = |name: &str, default: f64| self.number(shape, name).unwrap_or(default);
+                let height = end("zmax", 1.0) - end("zmin", -1.0);
+                Some(2.0 * PI * radius * height)
+            }
+            _ => None,
+        }
+    }
+
     fn spot(&mut self, directive: &'t Directive) -> Option<Emitter> {
         let from = self.point(directive, "from").unwrap_or([0.0; 3]);
         let to = self.point(directive, "to").unwrap_or([0.0, 0.0, 1.0]);
-        let intensity = self.spectrum(directive, "I");
         let cutoff_angle = self.number(directive, "coneangle").unwrap_or(30.0);
         let delta = self.number(directive, "conedeltaangle").unwrap_or(5.0);
+        let [end, begin] = [cutoff_angle, cutoff_angle - delta].map(|angle| maths::cos(angle.to_radians()));
+        let strength = self.strength(directive, "power", 2.0 * PI * ((1.0 - begin) + (begin - end) / 2.0));
+        let intensity = self.spectrum(directive, "I").map(|v| v * strength);
         if delta != 0.0 {
             let what = "a spot's smooth edge: here it falls linearly with the angle";
             self.build.problems.approximated(&directive.at, what, "set `conedeltaangle` to 0");
@@ -84,6 +128,8 @@ impl<'t> Reader<'t, '_, '_> {
     fn infinite(&mut self, directive: &'t Directive) -> Option<Emitter> {
         let color = self.spectrum(directive, "L");
         let Some(path) = self.text(directive, "filename") else {
+            let strength = self.strength(directive, "illuminance", PI);
+            let color = color.map(|v| v * strength);
             return Some(Emitter::Constant { radiance: self.build.light(color, "L", &directive.at) });
         };
         let at = &directive.at;
@@ -110,7 +156,8 @@ impl<'t> Reader<'t, '_, '_> {
         if !self.build.looks_up(directions, at) || !self.build.affords(bytes, at) {
             return None;
         }
-        let spread = latitudes(&image, color);
+        let strength = self.strength(directive, "illuminance", illuminance(&image));
+        let spread = latitudes(&image, color.map(|v| v * strength));
         let digest = self.build.blobs.add(spread.to_bytes());
         let to_world: Affine = [0, 1, 2].map(|r: usize| [axes[0][r], axes[1][r], axes[2][r], 0.0]);
         Some(Emitter::Envmap { image: digest, scale: 1.0, to_world })
@@ -128,6 +175,28 @@ fn square([x, y, z]: [f64; 3]) -> [f64; 2] {
         (u, v) = (1.0 - v, 1.0 - u);
     }
     [(u.copysign(x) + 1.0) * 0.5, (v.copysign(y) + 1.0) * 0.5]
+}
+
+/// The cosine of the direction of a place in an equal-area map to +z; see [`square`].
+fn height([u, v]: [f64; 2]) -> f64 {
+    let side = 1.0 - ((2.0 * u - 1.0).abs() + (2.0 * v - 1.0).abs());
+    let r = 1.0 - side.abs();
+    (1.0 - r * r).copysign(side)
+}
+
+/// The illuminance of an equal-area map on what faces +z, by pbrt's own sum, which has half the solid angle.
+fn illuminance(map: &Image) -> f64 {
+    let (width, height_of) = (map.width(), map.height());
+    let mut sum = 0.0;
+    for y in 0..height_of {
+        for x in 0..width {
+            let at = [(x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height_of as f64];
+            let texel = map.pixel(x, y);
+            let luminance = spectra::luminance([0, 1, 2].map(|c: usize| f64::from(texel[c])));
+            sum += luminance * height(at).max(0.0);
+        }
+    }
+    sum * 2.0 * PI / (width * height_of) as f64
 }
 
 /// Samples along each side of a texel.
@@ -176,6 +245,9 @@ mod tests {
         near([-0.6, -0.8, 0.0], [0.5 - 0.5 * turn, 0.5 * turn]);
         // The middle of the lower half is at the corners.
         near([0.0, 0.0, -1.0], [1.0, 1.0]);
+        for d in [[0.6, 0.0, 0.8], [-0.48, 0.64, -0.6], [0.0, 0.0, 1.0], [0.28, -0.96, 0.0]] {
+            assert!((height(square(d)) - d[2]).abs() < 1e-9, "{d:?}");
+        }
         let lit = Image::from_data(8, 8, 3, vec![2.0; 192]).expect("fits");
         assert!(latitudes(&lit, [1.0, 0.5, 0.0]).data().chunks(3).all(|t| t == [2.0, 1.0, 0.0]));
     }

@@ -23,7 +23,7 @@ impl<'t> Reader<'t, '_, '_> {
             let what = "a light in an object is not supported";
             self.build.problems.error(&directive.at, what, "put the shape into the world");
         }
-        let emission = light.map(|light| self.area(light));
+        let emission = light.map(|light| self.area(light, directive));
         let alpha = self.find(directive, "alpha").filter(|p| p.values != super::Values::Numbers(vec![1.0]));
         let material = self.material(alpha);
         let textured = material.is_some_and(|m| reads_uv(&self.build.materials[m]));
