@@ -247,7 +247,7 @@ mod tests {
             notes.note(1, &bytecode, Use::Read);
             notes.looks.into_keys().collect::<Vec<_>>()
         };
-        assert_eq!(noted(), [bytecode.clone()], "without a source it counts by itself");
+        assert_eq!(noted(), std::slice::from_ref(&bytecode), "without a source it counts by itself");
         fs::write(path("helper.py"), "").expect("writable");
         assert_eq!(noted(), [path("helper.py")]);
         fs::write(&bytecode, [1; 16]).expect("writable");
