@@ -230,12 +230,19 @@ pub(crate) struct CacheAt(Option<PathBuf>);
 impl CacheAt {
     /// Opens the cache, and creates it if necessary.
     pub(crate) fn open(&self) -> Result<Store, CliError> {
+        self.leave_out();
         Ok(Store::open(&self.folder())?)
     }
 
     /// Opens an existing cache for reading.
     pub(crate) fn look(&self) -> Result<Store, CliError> {
+        self.leave_out();
         Ok(Store::open_existing(&self.folder())?)
+    }
+
+    /// The cache and the default folder of results are no inputs of programs that list the folder around them.
+    fn leave_out(&self) {
+        [self.folder().as_path(), Path::new("out")].into_iter().for_each(tauflow_contract::leave_out_of_sights);
     }
 
     /// The option as given on the command line, for messages; begins with a space.

@@ -23,6 +23,7 @@ mod rollup;
 mod run;
 mod scheduler;
 mod sharded;
+mod sighted;
 mod transient;
 
 pub use event::Summary;

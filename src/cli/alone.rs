@@ -26,10 +26,13 @@ use std::{
     thread,
     time::Instant,
 };
+use tauflow_contract::PROGRAM_VARIABLES;
 use tempfile::TempDir;
 
 /// What an action is told of the environment: where programs are, and what is in keys. All else stays outside.
-const PASSED: [&str; 5] = ["PATH", "RAYON_NUM_THREADS", LIBRARIES[0], LIBRARIES[1], "TAUFLOW_INSTRUCTIONS"];
+fn told() -> impl Iterator<Item = &'static str> {
+    PROGRAM_VARIABLES.into_iter().chain(LIBRARIES)
+}
 /// Those of them that name libraries.
 const LIBRARIES: [&str; 2] = ["TAUFLOW_OIDN", "TAUFLOW_ONNXRUNTIME"];
 /// The sandbox: no network, no process of others, nothing that can be written. What is to be comes after it. `/run` has
@@ -123,7 +126,7 @@ pub(super) fn alone(args: &ExecArgs, cache: &CacheAt) -> Result<Exit, CliError> 
 
 /// Gives a command the action's folder and environment, and a group of its own.
 fn prepare(command: &mut Command, folder: &Folder) {
-    command.env_clear().envs(PASSED.into_iter().filter_map(|name| Some((name, passed(name)?))));
+    command.env_clear().envs(told().filter_map(|name| Some((name, passed(name)?))));
     // Programs leave their temporary files here, and they go with the folder.
     command.env("TMPDIR", folder.of("tmp"));
     command.current_dir(folder.of("work")).process_group(0).stdin(Stdio::null());

@@ -9,6 +9,7 @@ use super::{
     probe::Asking,
     records::{ACTION, port_of},
     sharded::{Output, Sharded},
+    sighted,
     transient::Pool,
 };
 use crate::{kinds::Registry, pipeline::schema_check};
@@ -180,8 +181,9 @@ impl ActionFile {
         }
         // Its outputs would otherwise be recorded for the wrong environment.
         let here = Asking::new(store, true).environment(&**kind, &basis.params, group)?.unwrap_or_default();
-        if here != basis.environment {
-            return Err(foreign(&basis.environment, &here));
+        let there = sighted::first(&key).basis.environment;
+        if here != there {
+            return Err(foreign(&there, &here));
         }
         let port = |name: &str| {
             let found = spec.inputs.iter().position(|port| port.name == name);
@@ -272,8 +274,8 @@ fn foreign(there: &Value, here: &Value) -> ExecError {
     let told = found.iter().map(differ).collect::<Vec<_>>().join("; ");
     ExecError::Foreign(format!(
         "the action is of another machine, library or device: {told}; run it where they are the same (`exec` passes on \
-         PATH, RAYON_NUM_THREADS, TAUFLOW_OIDN, TAUFLOW_ONNXRUNTIME and TAUFLOW_INSTRUCTIONS, and works in an \
-         empty folder, so that programs are named by PATH or from `/` on), or run its pipeline here, which gives it a \
+         TAUFLOW_OIDN, TAUFLOW_ONNXRUNTIME and the usual variables of programs such as PATH, and works in an empty \
+         folder, so that programs are named by PATH or from `/` on), or run its pipeline here, which gives it a \
          key of its own"
     ))
 }

@@ -10,6 +10,7 @@ use super::{
     ids::{Id, InputId, PortId},
     records::{self, ACTION, Made, Payload, StoreBlobs, port_of},
     sharded::{Listed, Output, Sharded},
+    sighted::{self, Looks},
 };
 use serde::{Deserialize, Serialize};
 use std::{
@@ -24,7 +25,7 @@ use std::{
 };
 use tauflow_cache::{CacheError, Claim, Digest, Key, Record, Recorded, Store};
 use tauflow_contract::{
-    Action, ActionKey, Artifact, Collection, Context, FILE_PORT, ItemKey, KindError, KindSpec, NodeKind, Progress,
+    Action, ActionKey, Artifact, Collection, Context, FILE_PORT, ItemKey, KindError, KindSpec, NodeKind, Progress, Seen,
 };
 
 /// Longest time between two checks whether another process has finished an action.
@@ -147,6 +148,8 @@ struct Produced {
     collections: Vec<(PortId, Arc<Sharded>)>,
     /// Bytes of the blobs that it put.
     put: u64,
+    /// What programs looked at among the files outside.
+    seen: Option<Seen>,
 }
 
 /// An action that is being executed.
@@ -164,7 +167,7 @@ impl Executing<'_> {
         let (store, producer) = (self.holdings.store, self.producer);
         if self.action.before.is_none() {
             // Whoever held it, in this process or another, may have done it meanwhile.
-            let record = store.lookup(ACTION, &self.action.hash);
+            let record = self.action.recorded(store)?;
             if let Some(made) = self.holdings.made(record.as_deref(), &producer.spec, producer.group)? {
                 return Ok(Outcome::Hit(made));
             }
@@ -186,8 +189,11 @@ impl Executing<'_> {
     /// Waits until nobody else is at this action; none if the run is being stopped first.
     fn claim(&self) -> Result<Option<Claim>, CacheError> {
         let mut wait = Duration::from_millis(1);
+        // Another process may know of other files.
+        let action = self.action;
+        let claimed = if action.runs_programs() { sighted::first(&action.key).hash() } else { action.hash };
         loop {
-            if let Some(claim) = self.holdings.store.try_claim(&self.action.hash)? {
+            if let Some(claim) = self.holdings.store.try_claim(&claimed)? {
                 return Ok(Some(claim));
             }
             if self.stop.load(Ordering::Relaxed) {
@@ -240,6 +246,7 @@ impl Executing<'_> {
         let items = outputs.items.iter().filter(|(name, _)| is_read(name)).map(|(_, artifact)| artifact);
         let gathered = outputs.collections.iter().filter(|(name, _)| is_read(name));
         blobs.hand_over(items.chain(gathered.flat_map(|(_, collection)| collection.items.values())))?;
+        let seen = outputs.seen;
         let mut payload = Payload { items: outputs.items, ..Payload::default() };
         let mut collections = Vec::new();
         for (name, collection) in outputs.collections {
@@ -248,12 +255,12 @@ impl Executing<'_> {
             payload.collections.insert(name, sharded.put(store)?);
             collections.push((port, Arc::new(sharded)));
         }
-        Ok(Ok(Produced { payload, collections, put: blobs.made() }))
+        Ok(Ok(Produced { payload, collections, put: blobs.made(), seen }))
     }
 
     /// Records what an action gave.
     fn keep(&self, produced: Produced, wall_us: u64, warning: &mut Option<String>) -> Result<Outcome, CacheError> {
-        let Produced { payload, collections, put } = produced;
+        let Produced { payload, collections, put, seen } = produced;
         let (action, store) = (self.action, self.holdings.store);
         let Producer { spec, group, transient, .. } = self.producer;
         let mut bytes = payload.items.values().map(Artifact::size).sum::<u64>();
@@ -262,7 +269,14 @@ impl Executing<'_> {
             bytes += items.iter().map(|(_, output)| output.artifact.size()).sum::<u64>();
         }
         let recipe = serde_json::to_string(&action.given(store)?).expect("keys and digests always serialise");
-        let record = records::record(ACTION, action.hash, spec.name, action.key.preimage(), &payload);
+        // What a program saw is part of the key, and known only now.
+        let full = seen.as_ref().map(|seen| sighted::full(&action.key, seen));
+        let (key, hash) = full.as_ref().map_or((&action.key, action.hash), |key| (key, key.hash()));
+        if let Some(seen) = &seen {
+            sighted::keep(store, key, seen)?;
+            *warning = sighted::warning(spec.name, seen);
+        }
+        let record = records::record(ACTION, hash, spec.name, key.preimage(), &payload);
         let record = Record { wall_us, bytes, recipe, transient: *transient, ..record };
         if let Recorded::Conflict { existing } = store.record(&record)? {
             let other = Payload::of(&existing).unwrap_or_default();
@@ -272,7 +286,7 @@ impl Executing<'_> {
                     "`{}` gave two different outputs for key {}: {}; it is not reproducible, and the first stays \
                      unless its blobs are gone",
                     spec.name,
-                    action.hash,
+                    hash,
                     differing.join(", ")
                 ));
             }
@@ -297,9 +311,16 @@ impl Executing<'_> {
         if differing.is_empty() {
             return Outcome::Ran(made.clone());
         }
+        let why = match self.action.runs_programs() {
+            true => {
+                "its program probably depends on something that is not in the key, such as the network, the time, a \
+                 random seed, or a file that is not traced; name files in `depends` and environment variables in \
+                 `variables`"
+            }
+            false => "it is not reproducible, or its version should have gone up",
+        };
         Outcome::Failed(format!(
-            "the recheck gave other content on {}: `{}` is not reproducible, or its version should have gone up; the \
-             recorded output stays",
+            "the recheck gave other content on {} of `{}`: {why}; the recorded output stays",
             differing.join(", "),
             spec.name
         ))
@@ -328,6 +349,22 @@ impl Executing<'_> {
 }
 
 impl PreparedAction {
+    /// True if it runs programs outside.
+    pub fn runs_programs(&self) -> bool {
+        self.producer.kind.runs_programs(&self.key.basis.params)
+    }
+
+    /// Its record as the files outside are now.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub fn recorded(&self, store: &Store) -> Result<Option<Arc<Record>>, CacheError> {
+        match self.runs_programs() {
+            true => Ok(Looks::default().find(store, &self.key)?.1),
+            false => Ok(store.lookup(ACTION, &self.hash)),
+        }
+    }
+
     /// What it takes to do the action again, beside its key.
     ///
     /// # Errors

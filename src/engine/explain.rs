@@ -195,7 +195,7 @@ impl Reason {
             Some("params") => format!("param {}", difference.field.trim_start_matches("/params/").replace('/', ".")),
             Some("inputs") => format!("input {}", difference.field.trim_start_matches("/inputs/")),
             Some("seed") => "item or seed".into(),
-            Some("environment") => "the machine, or a library of it".into(),
+            Some("environment") => of_environment(&difference.field),
             Some("version") => "version of the output group".into(),
             _ => difference.field.trim_start_matches('/').into(),
         };
@@ -212,6 +212,18 @@ impl fmt::Display for Reason {
             Self::Never => f.write_str("has never run"),
             Self::Undecided => f.write_str("unknown: the version of a program is needed, and only a run asks for it"),
         }
+    }
+}
+
+/// What a field of the environment stands for, in words.
+fn of_environment(field: &str) -> String {
+    let below = |place: &str| field.strip_prefix("/environment/")?.strip_prefix(place)?.strip_prefix('/');
+    let file = ["files", "program", "depends"].iter().find_map(|place| below(place));
+    match (file, below("variables")) {
+        (Some(file), _) => format!("file {file}"),
+        (None, Some(variable)) => format!("environment variable {variable}"),
+        (None, None) if field.starts_with("/environment/version") => "the version of the program".into(),
+        (None, None) => "the machine, or a library of it".into(),
     }
 }
 

@@ -78,7 +78,7 @@ pub fn lane(
     listing: impl Fn() -> Option<Digest>,
 ) -> Option<(Key, String)> {
     let node = &pipeline.nodes[lane.node];
-    if lane.only.is_some() {
+    if lane.only.is_some() || lane.programs {
         return None;
     }
     let listing = match node.mode() {

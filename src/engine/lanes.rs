@@ -27,6 +27,8 @@ pub struct Lane {
     pub basis: LaneBasis,
     /// What of the machine enters its keys is not known, because a program would have to run: no key of it is one.
     pub unknown: bool,
+    /// Its actions run programs outside, whose files are known to each action alone: no roll-up stands for them.
+    pub programs: bool,
     /// The output ports of the group.
     pub ports: Vec<PortId>,
     /// Source of each input port.
@@ -259,11 +261,12 @@ fn lane(
     let (kind, params) = (&pipeline.nodes[node].kind, &pipeline.cells[cell].params);
     let environment = environment(&**kind, params, group)?;
     let unknown = environment.is_none();
+    let programs = kind.runs_programs(params);
     let environment = environment.unwrap_or_else(probe::unknown);
     let shared = Basis { environment, ..Basis::new(spec.name, group.version, group.name) };
     let basis = LaneBasis::new(&shared, kind.keyed(params), spec.seeded.then_some(pipeline.seed));
     let readers = Vec::new();
-    Ok(Lane { cell, node, group, basis, unknown, ports, inputs, driving, readers, target, only: None })
+    Ok(Lane { cell, node, group, basis, unknown, programs, ports, inputs, driving, readers, target, only: None })
 }
 
 /// Leaves of each lane only the items that one item of the target needs.

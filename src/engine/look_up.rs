@@ -12,6 +12,7 @@ use super::{
     request::{Finding, LookUp, LookUps, LookedUp, Merge, Merged, Request, Response, ShardRead, Task, Todo, prefixed},
     rollup,
     sharded::{Here, Items, Sharded},
+    sighted::Looks,
 };
 use serde_json::Value;
 use std::{
@@ -115,7 +116,18 @@ impl Catalog<'_> {
 
     fn find(&self, bundle: &LookUps) -> Vec<LookedUp> {
         let task = &bundle.task;
-        let keyed: Vec<_> = bundle.actions.iter().map(|of| (of, self.key_of(task, &bundle.whole, of))).collect();
+        let mut keyed: Vec<_> = bundle.actions.iter().map(|of| (of, self.key_of(task, &bundle.whole, of))).collect();
+        if task.programs {
+            let mut looks = Looks::default();
+            for (_, found) in &mut keyed {
+                if let Ok(of) = found {
+                    match looks.find(self.holdings.store, &of.0) {
+                        Ok((key, _)) => (of.1, of.0) = (key.hash(), key),
+                        Err(error) => *found = Err(Finding::Fatal(error)),
+                    }
+                }
+            }
+        }
         let hashes: Vec<Key> = keyed.iter().filter_map(|(_, key)| Some(key.as_ref().ok()?.1)).collect();
         let mut records = self.holdings.store.lookup_many(ACTION, &hashes).into_iter();
         let looked_up = |(of, key): (&LookUp, Result<Keyed, Finding>)| {

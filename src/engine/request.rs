@@ -193,6 +193,8 @@ pub struct Task {
     pub basis: LaneBasis,
     /// It makes measurements, and must have the machine to itself.
     pub alone: bool,
+    /// Its actions run programs outside.
+    pub programs: bool,
 }
 
 /// An action to be looked up.
@@ -290,6 +292,7 @@ fn task(pipeline: &Pipeline, lanes: &Lanes, id: LaneId, lane: &Lane) -> Task {
         projection: node.kind.projection(&pipeline.cells[lane.cell].params),
         basis: lane.basis.without_params(),
         alone: node.spec.measures(lane.group.name),
+        programs: lane.programs,
     }
 }
 

@@ -15,6 +15,7 @@ mod refining;
 mod rendering;
 mod runs;
 mod schema;
+mod stale;
 mod validator;
 mod words;
 

@@ -1,6 +1,8 @@
 //! Actions: the inputs and outputs of a kind.
 
-use crate::{All, Artifact, Collection, Context, Each, Files, Handle, ItemKey, Items, KindError, Media, Out, Stored};
+use crate::{
+    All, Artifact, Collection, Context, Each, Files, Handle, ItemKey, Items, KindError, Media, Out, Seen, Stored,
+};
 use std::collections::BTreeMap;
 
 /// One unit of work.
@@ -132,6 +134,8 @@ pub struct Outputs {
     pub items: BTreeMap<String, Artifact>,
     /// Collections of a gather.
     pub collections: BTreeMap<String, Collection>,
+    /// What programs looked at among the files outside, for kinds that run some ([`crate::Kind::runs_programs`]).
+    pub seen: Option<Seen>,
 }
 
 impl Outputs {

@@ -173,6 +173,13 @@ pub trait Kind: Send + Sync + 'static {
         Some(Value::Null)
     }
 
+    /// True if actions of these params run programs outside, and hand over what those looked at among files
+    /// ([`Outputs::seen`]). The engine then looks at the same files before it takes such outputs again. As with
+    /// [`Kind::environment`], only projected params may decide.
+    fn runs_programs(_params: &Self::Params) -> bool {
+        false
+    }
+
     /// Does the work.
     ///
     /// # Errors

@@ -20,6 +20,7 @@ mod port;
 mod probe;
 mod regular;
 mod row;
+mod seen;
 
 pub use action::{Action, FILE_PORT, Outputs};
 pub use artifact::{
@@ -37,4 +38,7 @@ pub use port::{All, Determinism, Each, Group, InputPort, Out, OutputPort, Takes}
 pub use probe::{Act, Look, Probe};
 pub use regular::{open_regular, read_regular};
 pub use row::{KindRow, NodeKind, Projection};
+pub use seen::{
+    Asked, CHANGED, MISSING, PROGRAM_VARIABLES, Seen, Sight, Stamp, leave_out_of_sights, left_out_of_sights,
+};
 pub use tauflow_cache::{Digest, ParseDigestError};

@@ -40,6 +40,8 @@ pub trait NodeKind: Send + Sync {
     fn seed(&self, pipeline_seed: u64, item: &str) -> u64;
     /// See [`Kind::environment`]; `params` are resolved, or a projection.
     fn environment(&self, params: &Value, group: &str, probe: &dyn Probe) -> Option<Value>;
+    /// See [`Kind::runs_programs`]; `params` are resolved, or a projection.
+    fn runs_programs(&self, params: &Value) -> bool;
     /// See [`Kind::run`]; the params are a projection.
     ///
     /// # Errors
@@ -148,6 +150,12 @@ impl<K: Kind> NodeKind for KindRow<K> {
         fill_in(&mut read, K::later());
         // Params that do not parse cannot be, once they are resolved; those of a crafted action are refused by `run`.
         parse(&read).map_or(Some(Value::Null), |params| K::environment(&params, group, probe))
+    }
+
+    fn runs_programs(&self, params: &Value) -> bool {
+        let mut read = params.clone();
+        fill_in(&mut read, K::later());
+        parse(&read).is_ok_and(|params| K::runs_programs(&params))
     }
 
     fn run(&self, ctx: &Context<'_>, action: &Action<'_, Value>) -> Result<Outputs, KindError> {

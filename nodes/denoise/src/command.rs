@@ -1,5 +1,6 @@
 //! Programs that are not ours: templates of their command lines, and running them.
 
+use crate::process::{Ended, Launch, Ran};
 use serde_json::{Value, json};
 use std::{
     collections::BTreeMap,
@@ -7,11 +8,10 @@ use std::{
     path::{Path, PathBuf},
     process::Command,
     sync::{Mutex, PoisonError},
-    time::Instant,
 };
-use tauflow_contract::{KindError, Probe};
+use tauflow_contract::{Context, KindError, Probe};
 pub(crate) use tauflow_data::outside::{contents, identity, program};
-use tauflow_data::timing::{commands_cpu_seconds, machine};
+use tauflow_data::timing::machine;
 
 /// Allowed and required placeholders of a template.
 pub(crate) struct Places {
@@ -42,28 +42,41 @@ impl Places {
         }
     }
 
-    /// Runs the program with places filled in, and returns the seconds of wall and processor time that it took. The
-    /// latter are right where no other command ends meanwhile, as when times are taken.
+    /// Runs the program with places filled in; `own` is the folder of all that was made for it. The files that it looks
+    /// at are noted if it is to be traced.
     ///
     /// # Errors
-    /// If it cannot be started, or fails.
-    #[expect(clippy::disallowed_methods, reason = "it measures, for ports that are measurements")]
-    pub(crate) fn run(&self, template: &[String], filled: &[(&str, String)]) -> Result<[f64; 2], KindError> {
+    /// If it cannot be started, or fails, or the run is being stopped.
+    pub(crate) fn run(
+        &self,
+        ctx: &Context<'_>,
+        template: &[String],
+        filled: &[(&str, String)],
+        Surroundings { own, variables, trace }: Surroundings<'_>,
+    ) -> Result<Ran, KindError> {
         let fill = |word: &String| filled.iter().fold(word.clone(), |word, (place, value)| word.replace(place, value));
         let words: Vec<String> = template.iter().map(fill).collect();
-        let Some((program, arguments)) = words.split_first() else { return Err(self.failed(template, "is empty")) };
-        let (begun, spent) = (Instant::now(), commands_cpu_seconds());
-        let done = Command::new(program)
-            .args(arguments)
-            .output()
-            .map_err(|e| self.failed(template, &format!("cannot be started: {e}")))?;
-        let seconds = [begun.elapsed().as_secs_f64(), commands_cpu_seconds() - spent];
-        if !done.status.success() {
-            let told = String::from_utf8_lossy(&done.stderr);
-            let last = told.lines().rev().take(5).collect::<Vec<_>>().into_iter().rev().collect::<Vec<_>>().join("\n");
-            return Err(self.failed(template, &format!("failed with {}:\n{last}", done.status)));
+        let temporary = own.join("tmp");
+        let made = std::fs::create_dir_all(&temporary);
+        made.map_err(|e| self.failed(template, &format!("got no folder for temporary files: {e}")))?;
+        let launch = Launch {
+            words: &words,
+            folder: None,
+            temporary: &temporary,
+            own,
+            variables,
+            trace,
+            time: None,
+            memory: None,
+        };
+        let ran = launch.run(ctx)?;
+        match &ran.ended {
+            Ended::Not(error) => Err(self.failed(template, &format!("cannot be started: {error}"))),
+            Ended::Itself(status, told) if !status.success() => {
+                Err(self.failed(template, &format!("failed with {status}:\n{told}")))
+            }
+            _ => Ok(ran),
         }
-        Ok(seconds)
     }
 
     /// An error of the program.
@@ -72,22 +85,109 @@ impl Places {
     }
 }
 
-/// The files that `depends` names, by their contents: each file, and all files below each folder. Names that begin with
-/// a dot and `__pycache__` are passed over in folders.
+/// What is around a program beside its command line.
+#[derive(Clone, Copy)]
+pub(crate) struct Surroundings<'a> {
+    /// The folder of all that was made for it.
+    pub(crate) own: &'a Path,
+    /// Names of environment variables that it gets beside the usual ones.
+    pub(crate) variables: &'a [String],
+    /// The files that it looks at are noted.
+    pub(crate) trace: bool,
+}
+
+/// The files that `depends` names, by their contents: each file, all files below each folder, and both for each
+/// pattern. Names that begin with a dot and `__pycache__` are passed over in folders.
 pub(crate) fn depended(depends: &[String]) -> BTreeMap<String, String> {
-    let mut files = Vec::new();
-    for name in depends {
-        let path = Path::new(name);
-        if path.is_dir() { below(path, &mut files) } else { files.push(path.to_owned()) }
+    let (mut files, mut folders) = (Vec::new(), BTreeMap::new());
+    for path in depends.iter().flat_map(|name| named(name)) {
+        if path.is_dir() {
+            below(&path, &mut files);
+            // A folder without files differs from a missing one.
+            folders.insert(path.to_string_lossy().into_owned(), "a folder".to_owned());
+        } else {
+            files.push(path);
+        }
     }
-    // A folder that has no files is told from one that is not there.
-    let folders = depends.iter().filter(|name| Path::new(name).is_dir());
-    let folders = folders.map(|name| (name.clone(), "a folder".to_owned()));
     let files = files.into_iter().map(|file| {
         let content = if file.exists() { contents(&file) } else { "not there".to_owned() };
         (file.to_string_lossy().into_owned(), content)
     });
-    folders.chain(files).collect()
+    folders.into_iter().chain(files).collect()
+}
+
+/// The paths that an entry of `depends` names: itself, or what a pattern matches. In a pattern `*` stands for any text
+/// within a name, `?` for any character, and `**` for any folders.
+fn named(entry: &str) -> Vec<PathBuf> {
+    let path = Path::new(entry);
+    if !is_pattern(entry) || path.exists() {
+        return vec![path.to_owned()];
+    }
+    let mut found = vec![PathBuf::new()];
+    for part in path.components() {
+        let name = part.as_os_str().to_string_lossy();
+        found = match &*name {
+            "**" => found.iter().flat_map(|folder| folders_below(folder)).collect(),
+            name if is_pattern(name) => {
+                let pattern: Vec<char> = name.chars().collect();
+                let fits = |name: &str| matches(&pattern, &name.chars().collect::<Vec<_>>());
+                let entries =
+                    found.iter().flat_map(|folder| entries(folder).into_iter().map(move |name| (folder, name)));
+                let fitting = entries.filter(|(_, name)| fits(name) && (!name.starts_with('.') || pattern[0] == '.'));
+                fitting.map(|(folder, name)| folder.join(name)).collect()
+            }
+            _ => found.iter().map(|folder| folder.join(part)).filter(|path| path.exists()).collect(),
+        };
+    }
+    found.sort();
+    found.dedup();
+    found
+}
+
+fn is_pattern(text: &str) -> bool {
+    text.contains(['*', '?'])
+}
+
+/// Whether a pattern of one name matches a name.
+fn matches(pattern: &[char], name: &[char]) -> bool {
+    // Where the last star was, and what of the name it has not taken yet.
+    let (mut at, mut of, mut star) = (0, 0, None);
+    while of < name.len() {
+        match pattern.get(at) {
+            Some('*') => {
+                star = Some((at, of));
+                at += 1;
+            }
+            Some(c) if *c == '?' || *c == name[of] => (at, of) = (at + 1, of + 1),
+            _ => match star {
+                None => return false,
+                Some((start, taken)) => {
+                    star = Some((start, taken + 1));
+                    (at, of) = (start + 1, taken + 1);
+                }
+            },
+        }
+    }
+    pattern[at..].iter().all(|c| *c == '*')
+}
+
+/// Names in a folder; none if it cannot be listed.
+fn entries(folder: &Path) -> Vec<String> {
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect()
+}
+
+/// A folder and all folders below it, without links and names that begin with a dot.
+fn folders_below(folder: &Path) -> Vec<PathBuf> {
+    let mut found = vec![folder.to_owned()];
+    for name in entries(folder) {
+        let path = folder.join(&name);
+        if path.is_dir() && !path.is_symlink() && !name.starts_with('.') && name != "__pycache__" {
+            found.extend(folders_below(&path));
+        }
+    }
+    found
 }
 
 /// All files below a folder. Links to folders are not followed, as they may go round in circles.
@@ -107,12 +207,13 @@ fn below(folder: &Path, found: &mut Vec<PathBuf>) {
 }
 
 /// # Errors
-/// If a file or folder of `depends` is not there.
+/// If a file or folder of `depends` does not exist, or a pattern matches nothing.
 pub(crate) fn check_depends(depends: &[String]) -> Result<(), KindError> {
-    match depends.iter().find(|name| !Path::new(name).exists()) {
+    match depends.iter().find(|entry| named(entry).iter().all(|path| !path.exists())) {
         None => Ok(()),
-        Some(name) => Err(KindError::Input(format!(
-            "`depends` names `{name}`, which does not exist; paths start at the working directory of tauflow"
+        Some(entry) => Err(KindError::Input(format!(
+            "`depends` names `{entry}`, which {}; paths start at the working directory of tauflow",
+            if is_pattern(entry) { "matches no file" } else { "does not exist" }
         ))),
     }
 }
@@ -151,4 +252,39 @@ pub(crate) fn version(words: &[String]) -> Result<String, String> {
     };
     known.insert(words.to_vec(), told.clone());
     told
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patterns_match_names_as_shells_do() {
+        let fits = |pattern: &str, name: &str| {
+            matches(&pattern.chars().collect::<Vec<_>>(), &name.chars().collect::<Vec<_>>())
+        };
+        for (pattern, name) in [("*", ""), ("*.pt", "a.pt"), ("a?c", "abc"), ("*a*b*", "xaxxbx"), ("a*a", "aba")] {
+            assert!(fits(pattern, name), "{pattern} {name}");
+        }
+        for (pattern, name) in [("?", ""), ("*.pt", "a.py"), ("a?c", "ac"), ("a*a", "a"), ("*ab", "aba")] {
+            assert!(!fits(pattern, name), "{pattern} {name}");
+        }
+    }
+
+    #[test]
+    fn patterns_name_files_and_those_that_match_nothing_are_refused() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = |name: &str| folder.path().join(name).to_string_lossy().into_owned();
+        fs::create_dir_all(path("models/deep")).expect("writable");
+        for name in ["models/a.pt", "models/b.pt", "models/deep/c.pt", "models/.hidden.pt", "models/readme"] {
+            fs::write(path(name), name).expect("writable");
+        }
+        let found = |pattern: &str| depended(&[path(pattern)]).into_keys().collect::<Vec<_>>();
+        assert_eq!(found("models/*.pt"), [path("models/a.pt"), path("models/b.pt")]);
+        assert_eq!(found("models/**/*.pt"), [path("models/a.pt"), path("models/b.pt"), path("models/deep/c.pt")]);
+        assert_eq!(found("*/deep"), [path("models/deep"), path("models/deep/c.pt")]);
+        assert!(check_depends(&[path("models/*.pt")]).is_ok());
+        let refused = check_depends(&[path("models/*.onnx")]).expect_err("nothing matches");
+        assert!(refused.to_string().contains("matches no file"), "{refused}");
+    }
 }

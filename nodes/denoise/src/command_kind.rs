@@ -3,7 +3,7 @@
 use crate::{
     command,
     pfm::{as_pfm, from_pfm},
-    process::{Ended, Launch},
+    process::{Ended, Launch, Ran, keyed_variables},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -15,9 +15,9 @@ use std::{
     time::Duration,
 };
 use tauflow_contract::{
-    Action, Artifact, Collection, Context, Determinism, FILE_PORT, FileTree, Group, InputPort, ItemKey, Kind,
-    KindError, KindSpec, MediaRow, Mode, OutputPort, Outputs, ParamProblem, Probe, ReadFiles, Takes, WriteFiles,
-    interned, pretty_json,
+    Action, Artifact, Before, Collection, Context, Determinism, FILE_PORT, FileTree, Group, InputPort, ItemKey, Kind,
+    KindError, KindSpec, Later, MediaRow, Mode, OutputPort, Outputs, ParamProblem, Probe, ReadFiles, Seen, Takes,
+    WriteFiles, interned, pretty_json,
 };
 use tauflow_data::{
     folder::DiskFolder,
@@ -82,10 +82,13 @@ pub struct CommandParams {
     pub values: Map<String, Value>,
     /// The format of images in the folders of inputs and outputs.
     pub images: ImageFiles,
-    /// Files and folders that the program reads, such as its modules and weights. Their contents enter the keys.
+    /// Files, folders and patterns such as `models/*.pt` that the program depends on, beside the files that it
+    /// is seen to open. Their contents enter the keys.
     pub depends: Vec<String>,
     /// Command that prints the version of the program, as a list of words. Its output enters the keys.
     pub version: Vec<String>,
+    /// Environment variables that the program gets beside the usual ones. Their values enter the keys.
+    pub variables: Vec<String>,
     /// Whether another run gives the same bits.
     pub reproducible: Reproducible,
     /// Most seconds of wall time.
@@ -108,6 +111,7 @@ impl Default for CommandParams {
             images: ImageFiles::Exr,
             depends: Vec::new(),
             version: Vec::new(),
+            variables: Vec::new(),
             reproducible: Reproducible::Machine,
             time: 3600.0,
             memory: None,
@@ -224,6 +228,7 @@ impl Kind for CommandKind {
             "program": command::identity(&params.run),
             "depends": command::depended(&params.depends),
             "version": command::probed_version(&params.version, probe)?,
+            "variables": keyed_variables(&params.variables),
         });
         if params.reproducible != Reproducible::Everywhere {
             found["machine"] = json!(machine());
@@ -231,14 +236,27 @@ impl Kind for CommandKind {
         Some(found)
     }
 
+    fn later() -> &'static [Later] {
+        // An empty list of words.
+        &[Later { pointer: "/variables", before: Before::Integers(&[]) }]
+    }
+
+    fn runs_programs(_params: &Self::Params) -> bool {
+        true
+    }
+
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let params = &action.params;
         command::check_depends(&params.depends)?;
         command::version(&params.version).map_err(KindError::Environment)?;
         let work = Work { ctx, params, action };
-        let made = work.once()?;
+        let mut made = work.once()?;
         if params.reproducible == Reproducible::Everywhere {
-            let again = work.once()?;
+            let mut again = work.once()?;
+            if let (Some(first), Some(second)) = (&mut made.seen, again.seen.take()) {
+                first.join(second);
+            }
+            made.seen = made.seen.map(Seen::portable);
             let item = |name: &&String| made.items.get(*name) == again.items.get(*name);
             let all = |name: &&String| made.collections.get(*name) == again.collections.get(*name);
             let differ: Vec<&str> =
@@ -283,16 +301,20 @@ impl Work<'_> {
         self.ctx.check_cancelled()?;
         let launch = Launch {
             words: &words,
-            folder: &folder,
+            folder: Some(&folder),
             temporary: &temporary,
-            time: Duration::from_secs_f64(self.params.time),
+            own: own.path(),
+            variables: &self.params.variables,
+            trace: true,
+            time: Some(Duration::from_secs_f64(self.params.time)),
             memory: self.params.memory.map(|mib| mib << 20),
         };
         let tail = |told: String| match told.is_empty() {
             true => "; it wrote nothing to standard error".to_owned(),
             false => format!("; its standard error ends with:\n{told}"),
         };
-        match launch.run(self.ctx)? {
+        let Ran { ended, seen, .. } = launch.run(self.ctx)?;
+        match ended {
             Ended::Not(error) => Err(self.failed(&format!("cannot be started: {error}; install it, or correct `run`"))),
             Ended::Late(told) => {
                 let time = self.params.time;
@@ -303,10 +325,11 @@ impl Work<'_> {
                 let limit = limit.unwrap_or_default();
                 Err(self.failed(&format!("failed with {status}{limit}{}", tail(told))))
             }
-            Ended::Itself(_, told) => self.outputs(&folder.join("out")).map_err(|error| match error {
-                KindError::Environment(what) => KindError::Environment(format!("{what}{}", tail(told))),
-                other => other,
-            }),
+            Ended::Itself(_, told) => match self.outputs(&folder.join("out")) {
+                Ok(outputs) => Ok(Outputs { seen, ..outputs }),
+                Err(KindError::Environment(what)) => Err(KindError::Environment(format!("{what}{}", tail(told)))),
+                Err(other) => Err(other),
+            },
         }
     }
 

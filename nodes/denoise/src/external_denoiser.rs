@@ -1,10 +1,11 @@
 #![doc = include_str!("external_denoiser.md")]
 
 use crate::{
-    command::{self, Places},
+    command::{self, Places, Surroundings},
     endpoint::Endpoint,
     oidn::{self, Buffers, Filter, Oidn},
     oidn_files,
+    process::{Ran, keyed_variables},
     timed::{self, AFTER, TIMING},
 };
 use schemars::JsonSchema;
@@ -12,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tauflow_contract::{
     Action, Before, Context, Each, Group, ItemKey, Kind, KindError, KindSpec, Later, Media, Mode, Out, Outputs,
-    ParamProblem, Probe,
+    ParamProblem, Probe, Seen,
 };
 use tauflow_data::{
     Image,
@@ -41,10 +42,13 @@ pub struct ExternalDenoiserParams {
     /// Command line of a program that replaces the library, as a list of words; {color}, {albedo}, {normal} and
     /// {output} are EXR files.
     pub command: Vec<String>,
-    /// Files and folders that the program reads, such as its modules and weights. Their contents enter the keys.
+    /// Files, folders and patterns such as `models/*.pt` that the program depends on, beside the files that it
+    /// is seen to open. Their contents enter the keys.
     pub depends: Vec<String>,
     /// Command that prints the version of the program, as a list of words. Its output enters the keys.
     pub version: Vec<String>,
+    /// Environment variables that the program gets beside the usual ones. Their values enter the keys.
+    pub variables: Vec<String>,
     /// Fail if the library is missing, instead of omitting the method with a note.
     pub required: bool,
     /// Number of measurements by `timing`.
@@ -62,6 +66,7 @@ impl Default for ExternalDenoiserParams {
             command: Vec::new(),
             depends: Vec::new(),
             version: Vec::new(),
+            variables: Vec::new(),
             required: false,
             repeats: 5,
         }
@@ -101,7 +106,9 @@ impl Kind for ExternalDenoiser {
             let hint = "omit one of them";
             out.push(ParamProblem::new("/library", "both `library` and `command` are set", hint));
         }
-        for (pointer, words) in [("/depends", &params.depends), ("/version", &params.version)] {
+        for (pointer, words) in
+            [("/depends", &params.depends), ("/version", &params.version), ("/variables", &params.variables)]
+        {
             if params.command.is_empty() && !words.is_empty() {
                 let message = format!("`{}` is set without `command`", &pointer[1..]);
                 out.push(ParamProblem::new(pointer, message, "set `command`, or omit it"));
@@ -117,7 +124,15 @@ impl Kind for ExternalDenoiser {
     fn later() -> &'static [Later] {
         // An empty list of words.
         const NONE: Before = Before::Integers(&[]);
-        &[Later { pointer: "/depends", before: NONE }, Later { pointer: "/version", before: NONE }]
+        &[
+            Later { pointer: "/depends", before: NONE },
+            Later { pointer: "/version", before: NONE },
+            Later { pointer: "/variables", before: NONE },
+        ]
+    }
+
+    fn runs_programs(params: &Self::Params) -> bool {
+        !params.command.is_empty()
     }
 
     fn environment(params: &Self::Params, _group: &str, probe: &dyn Probe) -> Option<Value> {
@@ -127,6 +142,9 @@ impl Kind for ExternalDenoiser {
             false => Value::Null,
         };
         let mut found = json!({ "oidn": library, "program": command::identity(&params.command), "machine": machine() });
+        if !params.command.is_empty() {
+            found["variables"] = json!(keyed_variables(&params.variables));
+        }
         if !params.depends.is_empty() {
             found["depends"] = json!(command::depended(&params.depends));
         }
@@ -147,7 +165,7 @@ impl Kind for ExternalDenoiser {
             false => None,
         };
         let denoiser = match (&library, params.command.is_empty()) {
-            (_, false) => Some(Denoiser::Program(&params.command)),
+            (_, false) => Some(Denoiser::Program(params)),
             (Some(library), true) => Some(Denoiser::Library(library)),
             (None, true) if params.required => {
                 return Err(KindError::Environment(format!("{MISSING}; or say `required: false`")));
@@ -157,17 +175,18 @@ impl Kind for ExternalDenoiser {
         match (action.group, denoiser) {
             (TIMING, None) => Ok(Outputs::default().put(TIMES, timed::nothing().store(ctx)?)),
             (TIMING, Some(denoiser)) => {
-                let timing = denoiser.times(ctx, &endpoint, params.repeats)?;
-                Ok(Outputs::default().put(TIMES, timing.store(ctx)?))
+                let (timing, seen) = denoiser.times(ctx, &endpoint, params.repeats)?;
+                Ok(Outputs { seen, ..Outputs::default() }.put(TIMES, timing.store(ctx)?))
             }
             (_, denoiser) => {
-                let refined = match denoiser {
-                    Some(denoiser) => denoiser.refine(endpoint)?,
+                let (refined, seen) = match denoiser {
+                    Some(denoiser) => denoiser.refine(ctx, endpoint)?,
                     None => {
-                        Refined { images: Vec::new(), note: Some(format!("{}: {MISSING}", params.method.as_str())) }
+                        let note = Some(format!("{}: {MISSING}", params.method.as_str()));
+                        (Refined { images: Vec::new(), note }, None)
                     }
                 };
-                Ok(Outputs::default().put(REFINED, refined.store(ctx)?))
+                Ok(Outputs { seen, ..Outputs::default() }.put(REFINED, refined.store(ctx)?))
             }
         }
     }
@@ -175,30 +194,45 @@ impl Kind for ExternalDenoiser {
 
 /// The denoiser.
 enum Denoiser<'a> {
-    Program(&'a [String]),
+    Program(&'a ExternalDenoiserParams),
     Library(&'a Oidn),
 }
 
 impl Denoiser<'_> {
-    fn refine(&self, endpoint: Endpoint<'_>) -> Result<Refined, KindError> {
+    fn refine(&self, ctx: &Context<'_>, endpoint: Endpoint<'_>) -> Result<(Refined, Option<Seen>), KindError> {
         let Endpoint { color, gbuffer, said } = endpoint;
-        let image = match self {
-            Self::Program(command) => by_program(command, color, gbuffer)?.0,
-            Self::Library(oidn) => Filter::new(oidn, Buffers::new(color, gbuffer)?, 1)?.run()?,
+        let (image, seen) = match self {
+            Self::Program(params) => {
+                let (image, ran) = by_program(ctx, params, (color, gbuffer), true)?;
+                (image, ran.seen)
+            }
+            Self::Library(oidn) => (Filter::new(oidn, Buffers::new(color, gbuffer)?, 1)?.run()?, None),
         };
-        Ok(Refined { images: vec![(said, image)], note: None })
+        Ok((Refined { images: vec![(said, image)], note: None }, seen))
     }
 
-    /// The library's filter is made once, and timed by itself on all cores; a program is timed whole.
-    fn times(&self, ctx: &Context<'_>, endpoint: &Endpoint<'_>, repeats: u64) -> Result<Timing, KindError> {
+    /// The library's filter is made once, and timed by itself on all cores; a program is timed whole. The
+    /// files that a program looks at are noted in the warm-up, whose time does not count.
+    fn times(
+        &self,
+        ctx: &Context<'_>,
+        endpoint: &Endpoint<'_>,
+        repeats: u64,
+    ) -> Result<(Timing, Option<Seen>), KindError> {
         let Endpoint { color, gbuffer, said } = endpoint;
         match self {
-            Self::Program(command) => {
-                timed::timing(ctx, said, repeats, || Ok(Some(by_program(command, color, *gbuffer)?.1)))
+            Self::Program(params) => {
+                let mut seen = None;
+                let timing = timed::timing(ctx, said, repeats, || {
+                    let ran = by_program(ctx, params, (color, *gbuffer), seen.is_none())?.1;
+                    seen = seen.take().or(ran.seen);
+                    Ok(Some(ran.seconds))
+                })?;
+                Ok((timing, seen))
             }
             Self::Library(oidn) => {
                 let mut filter = Filter::new(oidn, Buffers::new(color, *gbuffer)?, 0)?;
-                timed::timing(ctx, said, repeats, || filter.run().map(|_| None))
+                Ok((timed::timing(ctx, said, repeats, || filter.run().map(|_| None))?, None))
             }
         }
     }
@@ -215,11 +249,17 @@ const PLACES: Places = Places {
     needed: &["{color}", "{output}"],
 };
 
-/// The image that a program makes of an image [H, W, 3], and the seconds that it took, of wall and processor time.
+/// The image that a program makes of an image [H, W, 3] with its G-buffer, and how it ran.
 ///
 /// # Errors
 /// If it cannot be started, fails, or writes no image of the same size.
-fn by_program(template: &[String], color: &Image, gbuffer: Option<&Image>) -> Result<(Image, [f64; 2]), KindError> {
+fn by_program(
+    ctx: &Context<'_>,
+    params: &ExternalDenoiserParams,
+    (color, gbuffer): (&Image, Option<&Image>),
+    trace: bool,
+) -> Result<(Image, Ran), KindError> {
+    let template = &params.command;
     let failed = |what: String| PLACES.failed(template, &what);
     let folder = tempfile::tempdir().map_err(|e| failed(format!("got no folder for its images: {e}")))?;
     let path = |name: &str| folder.path().join(name);
@@ -233,7 +273,8 @@ fn by_program(template: &[String], color: &Image, gbuffer: Option<&Image>) -> Re
         let name = format!("{}.exr", place.trim_matches(['{', '}']));
         (*place, path(&name).to_string_lossy().into_owned())
     };
-    let seconds = PLACES.run(template, &PLACES.all.iter().map(file).collect::<Vec<_>>())?;
+    let surroundings = Surroundings { own: folder.path(), variables: &params.variables, trace };
+    let ran = PLACES.run(ctx, template, &PLACES.all.iter().map(file).collect::<Vec<_>>(), surroundings)?;
     let layers = read_exr(&path("output.exr")).map_err(|e| failed(format!("left no image that can be read: {e}")))?;
     // The layer without a name comes first.
     let image = layers.into_values().next().ok_or_else(|| failed("left an image without channels".into()))?;
@@ -241,5 +282,5 @@ fn by_program(template: &[String], color: &Image, gbuffer: Option<&Image>) -> Re
         let shape = |i: &Image| format!("{} x {} pixels of {} values", i.width(), i.height(), i.channels());
         return Err(failed(format!("made {} of {}", shape(&image), shape(color))));
     }
-    Ok((image, seconds))
+    Ok((image, ran))
 }

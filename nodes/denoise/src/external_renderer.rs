@@ -1,7 +1,8 @@
 #![doc = include_str!("external_renderer.md")]
 
 use crate::{
-    command::{self, Places},
+    command::{self, Places, Surroundings},
+    process::keyed_variables,
     timed::{self, AFTER, TIMING},
 };
 use schemars::JsonSchema;
@@ -10,7 +11,7 @@ use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::Path};
 use tauflow_contract::{
     Action, Before, Context, Digest, Each, Group, ItemKey, Kind, KindError, KindSpec, Later, Media, Mode, Out, Outputs,
-    ParamProblem, Probe,
+    ParamProblem, Probe, Seen,
 };
 use tauflow_data::{
     Image, Resolution, Rungs, Scene,
@@ -36,8 +37,11 @@ pub struct ExternalRendererParams {
     /// Command that prints the version of the program and fails if it is missing, as a list of words; not needed if the
     /// content of the program file identifies the version.
     pub version: Vec<String>,
-    /// Files and folders that the program reads, such as its modules. Their contents enter the keys.
+    /// Files, folders and patterns such as `models/*.pt` that the program depends on, beside the files that it
+    /// is seen to open. Their contents enter the keys.
     pub depends: Vec<String>,
+    /// Environment variables that the program gets beside the usual ones. Their values enter the keys.
+    pub variables: Vec<String>,
     /// Samples per pixel of the images: `{dyadic: 64}` for 1, 2, 4 ... 64, or an increasing list.
     pub counts: Rungs,
     /// Width and height in pixels.
@@ -56,6 +60,7 @@ impl Default for ExternalRendererParams {
             command: Vec::new(),
             version: Vec::new(),
             depends: Vec::new(),
+            variables: Vec::new(),
             counts: Rungs::dyadic(64).expect("a power of two"),
             resolution: Resolution::new(256, 256).expect("a small film"),
             required: false,
@@ -106,13 +111,19 @@ impl Kind for ExternalRenderer {
 
     fn later() -> &'static [Later] {
         // An empty list of words.
-        &[Later { pointer: "/depends", before: Before::Integers(&[]) }]
+        const NONE: Before = Before::Integers(&[]);
+        &[Later { pointer: "/depends", before: NONE }, Later { pointer: "/variables", before: NONE }]
+    }
+
+    fn runs_programs(_params: &Self::Params) -> bool {
+        true
     }
 
     fn environment(params: &Self::Params, _group: &str, probe: &dyn Probe) -> Option<Value> {
         let version = command::probed_version(&params.version, probe)?;
         let mut found =
             json!({ "program": command::identity(&params.command), "version": version, "machine": machine() });
+        found["variables"] = json!(keyed_variables(&params.variables));
         if !params.depends.is_empty() {
             found["depends"] = json!(command::depended(&params.depends));
         }
@@ -142,8 +153,14 @@ impl Kind for ExternalRenderer {
         let scene = SceneRecord::scene(ctx, action.handle(SCENES)?)?;
         let work = SceneToRender { ctx, params, seed: action.seed, scene };
         match action.group {
-            TIMING => put_times(work.render(params.repeats)?.1),
-            _ => put_images(work.render(0)?.0, None),
+            TIMING => {
+                let (_, times, seen) = work.render(params.repeats)?;
+                Ok(Outputs { seen, ..put_times(times)? })
+            }
+            _ => {
+                let (images, _, seen) = work.render(0)?;
+                Ok(Outputs { seen, ..put_images(images, None)? })
+            }
         }
     }
 }
@@ -169,8 +186,9 @@ impl SceneToRender<'_> {
         PLACES.failed(&self.params.command, what)
     }
 
-    /// Its images, and how long each took; without repeats no times.
-    fn render(&self, repeats: u64) -> Result<(RefinedImages, Timing), KindError> {
+    /// Its images, and how long each took; without repeats no times. And the files that the program looked at: it tells
+    /// the times itself, of work after its files are loaded.
+    fn render(&self, repeats: u64) -> Result<(RefinedImages, Timing, Option<Seen>), KindError> {
         let counts = self.params.counts.counts();
         let folder = tempfile::tempdir().map_err(|e| self.failed(&format!("got no folder for its images: {e}")))?;
         let (inputs, images) = (folder.path().join("scene"), folder.path().join("images"));
@@ -181,7 +199,9 @@ impl SceneToRender<'_> {
         mitsuba::export(&self.scene, &mut |digest: &Digest| self.ctx.get(digest), &inputs, film)?;
         let listed: Vec<String> = counts.iter().map(u64::to_string).collect();
         self.ctx.check_cancelled()?;
-        PLACES.run(
+        let surroundings = Surroundings { own: folder.path(), variables: &self.params.variables, trace: true };
+        let ran = PLACES.run(
+            self.ctx,
             &self.params.command,
             &[
                 ("{scene}", inputs.join("scene.xml").to_string_lossy().into_owned()),
@@ -191,12 +211,13 @@ impl SceneToRender<'_> {
                 ("{seed}", (self.seed % (1 << 31)).to_string()),
                 ("{folder}", images.to_string_lossy().into_owned()),
             ],
+            surroundings,
         )?;
         let image = |count: &u64| Ok((self.said(*count), self.image(&images, *count)?));
         let images_of = || counts.iter().map(image).collect::<Result<Vec<_>, KindError>>();
         match repeats {
-            0 => Ok((images_of()?, timed::nothing())),
-            _ => Ok((Vec::new(), self.times(&images, counts, repeats)?)),
+            0 => Ok((images_of()?, timed::nothing(), ran.seen)),
+            _ => Ok((Vec::new(), self.times(&images, counts, repeats)?, ran.seen)),
         }
     }
 

@@ -12,6 +12,7 @@ mod oidn_files;
 mod pfm;
 mod process;
 mod timed;
+mod trace;
 
 pub use command_kind::{CommandKind, CommandMode, CommandParams, ImageFiles, Reproducible};
 pub use external_denoiser::{ExternalDenoiser, ExternalDenoiserParams};

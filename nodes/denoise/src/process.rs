@@ -3,6 +3,7 @@
 //! Knows nothing of kinds. Only system calls are made between fork and exec.
 #![expect(unsafe_code, reason = "limits are set between fork and exec")]
 
+use crate::trace::{Listener, Notes};
 use nix::{
     sys::{
         resource::{Resource, setrlimit},
@@ -11,6 +12,8 @@ use nix::{
     unistd::Pid,
 };
 use std::{
+    collections::BTreeMap,
+    ffi::OsString,
     io::{self, Read},
     os::unix::process::CommandExt,
     path::Path,
@@ -19,23 +22,53 @@ use std::{
     thread,
     time::{Duration, Instant},
 };
-use tauflow_contract::{Context, KindError};
+use tauflow_contract::{Context, KindError, PROGRAM_VARIABLES, Seen};
+use tauflow_data::timing::commands_cpu_seconds;
 
 /// Most bytes of the standard error that are kept: the last ones.
 const KEPT: usize = 16 << 10;
 /// Most lines of it that an error repeats.
 const LINES: usize = 8;
 
+/// Variables that are the same for all programs. Python trusts bytecode of a source that was edited within the same
+/// second, so it writes none.
+const FIXED: [(&str, &str); 4] =
+    [("LC_ALL", "C.UTF-8"), ("TZ", "UTC"), ("PYTHONDONTWRITEBYTECODE", "1"), ("PYTHONHASHSEED", "0")];
+
+/// The variables that a program gets: those of [`PROGRAM_VARIABLES`], those that a node names, and the fixed ones.
+fn variables(named: &[String]) -> BTreeMap<String, OsString> {
+    let fixed = FIXED.iter().map(|(name, value)| ((*name).to_owned(), OsString::from(value)));
+    fixed.chain(passed(named)).collect()
+}
+
+fn passed(named: &[String]) -> impl Iterator<Item = (String, OsString)> {
+    let names = PROGRAM_VARIABLES.iter().copied().chain(named.iter().map(String::as_str));
+    let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty());
+    names.filter_map(move |name| Some((name.to_owned(), set(name)?)))
+}
+
+/// The variables that a program gets, for keys: as digests, because a value may be a secret.
+pub(crate) fn keyed_variables(named: &[String]) -> BTreeMap<String, String> {
+    let digest = |value: OsString| blake3::hash(value.as_encoded_bytes()).to_hex()[..32].to_owned();
+    passed(named).map(|(name, value)| (name, digest(value))).collect()
+}
+
 /// A program to run, with all that it starts.
 pub(crate) struct Launch<'a> {
     /// The program and its arguments.
     pub(crate) words: &'a [String],
-    /// Its working folder.
-    pub(crate) folder: &'a Path,
+    /// Its working folder; none for that of this process.
+    pub(crate) folder: Option<&'a Path>,
     /// Its folder for temporary files.
     pub(crate) temporary: &'a Path,
-    /// Most wall time.
-    pub(crate) time: Duration,
+    /// The folder of everything that is made for it, which holds none of its inputs.
+    pub(crate) own: &'a Path,
+    /// Names of environment variables that it gets beside the usual ones.
+    pub(crate) variables: &'a [String],
+    /// The files that it looks at are noted.
+    pub(crate) trace: bool,
+    /// Most wall time; none for no limit.
+    pub(crate) time: Option<Duration>,
     /// Most bytes of address space of each of its processes.
     pub(crate) memory: Option<u64>,
 }
@@ -50,20 +83,37 @@ pub(crate) enum Ended {
     Itself(ExitStatus, String),
 }
 
+/// A program that has run.
+pub(crate) struct Ran {
+    /// How it ended.
+    pub(crate) ended: Ended,
+    /// Seconds of wall and processor time. The latter are right where no other command ends meanwhile.
+    pub(crate) seconds: [f64; 2],
+    /// What it looked at among files, if that was noted.
+    pub(crate) seen: Option<Seen>,
+}
+
+impl Ran {
+    fn not(error: io::Error) -> Self {
+        Self { ended: Ended::Not(error), seconds: [0.0; 2], seen: None }
+    }
+}
+
 impl Launch<'_> {
     /// Runs the program to its end, and ends what it left running.
     ///
     /// # Errors
     /// If the run is being stopped.
-    #[expect(clippy::disallowed_methods, reason = "a limit of wall time; no output holds it")]
-    pub(crate) fn run(&self, ctx: &Context<'_>) -> Result<Ended, KindError> {
+    #[expect(clippy::disallowed_methods, reason = "a limit of wall time, and times for ports that are measurements")]
+    pub(crate) fn run(&self, ctx: &Context<'_>) -> Result<Ran, KindError> {
         let Some((program, arguments)) = self.words.split_first() else {
-            return Ok(Ended::Not(io::Error::other("there is no command")));
+            return Ok(Ran::not(io::Error::other("there is no command")));
         };
         let mut command = Command::new(program);
-        command.args(arguments).current_dir(self.folder).env("TMPDIR", self.temporary);
-        // Python trusts bytecode of a source that was edited within the same second.
-        command.env("PYTHONDONTWRITEBYTECODE", "1");
+        command.args(arguments).env_clear().envs(variables(self.variables)).env("TMPDIR", self.temporary);
+        if let Some(folder) = self.folder {
+            command.current_dir(folder);
+        }
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).process_group(0);
         let memory = self.memory;
         let limit = move || {
@@ -76,10 +126,23 @@ impl Launch<'_> {
         };
         // SAFETY: the closure makes two system calls of numbers, and allocates nothing.
         unsafe { command.pre_exec(limit) };
-        let started = Instant::now();
+        let listener = match self.trace {
+            true => {
+                let own = [Some(self.own.to_owned()), self.own.canonicalize().ok()];
+                match Listener::attach(&mut command, Notes::beside(own.into_iter().flatten())) {
+                    Ok(listener) => Some(listener),
+                    Err(error) => return Ok(Ran::not(error)),
+                }
+            }
+            false => None,
+        };
+        let (started, spent) = (Instant::now(), commands_cpu_seconds());
         let mut child = match command.spawn() {
             Ok(child) => child,
-            Err(error) => return Ok(Ended::Not(error)),
+            Err(error) => {
+                listener.map(Listener::end);
+                return Ok(Ran::not(error));
+            }
         };
         let said = Said::of(&mut child);
         let mut late = false;
@@ -92,16 +155,19 @@ impl Launch<'_> {
             if let Err(stopped) = ctx.check_cancelled() {
                 break Err(stopped);
             }
-            if started.elapsed() > self.time {
+            if self.time.is_some_and(|most| started.elapsed() > most) {
                 late = true;
                 end(&mut child);
                 break child.wait().map_err(|e| KindError::Environment(format!("cannot wait for a program: {e}")));
             }
             thread::sleep(Duration::from_millis(if started.elapsed().as_secs() == 0 { 1 } else { 10 }));
         };
+        let seconds = [started.elapsed().as_secs_f64(), commands_cpu_seconds() - spent];
         end(&mut child);
+        let seen = listener.map(|listener| listener.end().seen());
         let text = said.text();
-        Ok(if late { Ended::Late(text) } else { Ended::Itself(ended?, text) })
+        let ended = if late { Ended::Late(text) } else { Ended::Itself(ended?, text) };
+        Ok(Ran { ended, seconds, seen })
     }
 }
 

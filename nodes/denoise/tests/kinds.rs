@@ -285,6 +285,7 @@ fn renderer(folder: &Path, text: &str) -> ExternalRendererParams {
         command,
         version: Vec::new(),
         depends: Vec::new(),
+        variables: Vec::new(),
         counts: Rungs::list(vec![1, 8]).expect("increasing"),
         resolution: Resolution::new(4, 2).expect("small"),
         repeats: 2,
@@ -386,7 +387,7 @@ fn dependencies_enter_keys_and_empty_lists_do_not() {
     assert!(keyed.get("depends").is_none() && keyed.get("version").is_none() && keyed.get("command").is_some());
     let environment = |params: &_| ExternalDenoiser::environment(params, "main", &Act).expect("it may ask");
     let fields: Vec<String> = environment(&bare).as_object().expect("an object").keys().cloned().collect();
-    assert_eq!(fields, ["machine", "oidn", "program"]);
+    assert_eq!(fields, ["machine", "oidn", "program", "variables"]);
     let depends = vec![weights.to_string_lossy().into_owned()];
     let version = ["echo", "7"].map(str::to_owned).to_vec();
     let full = ExternalDenoiserParams { depends: depends.clone(), version, ..bare };

@@ -14,7 +14,7 @@ use crate::engine::{
     event::Event,
     execute::{Execution, Outcome},
     holdings::Holdings,
-    records::{ACTION, Made},
+    records::Made,
     request::LaneName,
 };
 use nix::{
@@ -239,7 +239,7 @@ fn outcome(order: &Order, end: End, holdings: Holdings<'_>) -> Result<Outcome, E
     let action = &order.action;
     let recorded = || -> Result<Option<Made>, EngineError> {
         holdings.store.refresh()?;
-        let record = holdings.store.lookup(ACTION, &action.hash);
+        let record = action.recorded(holdings.store)?;
         Ok(holdings.made(record.as_deref(), &action.producer.spec, action.producer.group)?)
     };
     let nothing = || Outcome::Failed("internal error: its process recorded nothing of it; please report it".into());

@@ -1,0 +1,141 @@
+//! Programs of pipelines are never stale: a change of whatever they read runs them again, and `plan` names it.
+
+use crate::{Place, Said, programs::with};
+use std::{fs, process::Command};
+use tauflow_testing::{Need, skip};
+
+/// A denoiser and a command. Both import the same module, which reads a file.
+const PIPELINE: &str = "\
+pipeline: small
+seed: 3
+nodes:
+  scenes:
+    kind: scene_generation
+    params: { pool: 2, regimes: [L0], contexts: [open] }
+  previews:
+    kind: ladder_rendering
+    inputs: { scenes: scenes }
+    params: { rungs: { dyadic: 16 }, resolution: [16, 16] }
+  gate:
+    kind: quality_gate
+    inputs: { scenes: scenes, previews: previews }
+  endpoints:
+    kind: dataset_packing
+    inputs: { ladders: previews, gbuffers: previews.gbuffer, exposure: gate.exposure }
+  denoised:
+    kind: external_denoiser
+    inputs: { endpoints: endpoints }
+    params:
+      from: 1
+      required: true
+      method: mine
+      command: [python3, HERE/denoise.py, \"{color}\", \"{albedo}\", \"{output}\"]
+      variables: [DENOISE_PICK]
+  made:
+    kind: command
+    params:
+      run: [python3, command.py]
+      mode: gather
+      outputs: { made: tauflow/files }
+      variables: [DENOISE_PICK]
+";
+const DENOISER: &str = "\
+import helper, shutil, sys
+shutil.copy(sys.argv[1 + helper.pick() % 2], sys.argv[3])
+";
+const COMMAND: &str = "\
+import helper, os
+os.mkdir('out/made/a')
+open('out/made/a/pick', 'w').write(str(helper.pick()))
+";
+/// What is picked is decided by a file, by one that need not exist, and by a variable.
+const HELPER: &str = "\
+import os
+HERE = os.path.dirname(os.path.abspath(__file__))
+open(os.path.join(HERE, 'ran'), 'a').write('ran\\n')
+def pick():
+    if os.path.exists(os.path.join(HERE, 'extra.txt')):
+        return 5
+    with open(os.path.join(HERE, 'data', 'pick.txt')) as file:
+        return int(file.read()) + int(os.environ.get('DENOISE_PICK', '0'))
+";
+
+/// A folder with the programs and a pipeline that runs them; none without Python.
+fn place() -> Option<Place> {
+    let python = Command::new("python3").arg("--version").output();
+    if !python.is_ok_and(|done| done.status.success()) {
+        skip(Need::Python, "there is no python3");
+        return None;
+    }
+    let place = Place::with("");
+    let here = place.path("").display().to_string();
+    place.write("small.yaml", &PIPELINE.replace("HERE", here.trim_end_matches('/')));
+    place.write("denoise.py", DENOISER);
+    place.write("command.py", COMMAND);
+    place.write("helper.py", HELPER);
+    fs::create_dir(place.path("data")).expect("writable");
+    place.write("data/pick.txt", "0");
+    Some(place)
+}
+
+/// Runs the pipeline; how many programs ran.
+#[track_caller]
+fn run(place: &Place, variables: &[(&str, &str)], more: &[&str]) -> usize {
+    let done = with(place, &[&["run", "small.yaml"], more].concat(), variables).ends(0);
+    assert!(!done.err.contains("traced: no"), "{}", done.err);
+    let ran = fs::read_to_string(place.path("ran")).unwrap_or_default().lines().count();
+    let _ = fs::remove_file(place.path("ran"));
+    ran
+}
+
+#[track_caller]
+fn plan(place: &Place, variables: &[(&str, &str)]) -> Said {
+    with(place, &["plan", "small.yaml"], variables).ends(0)
+}
+
+#[test]
+fn a_change_of_what_a_program_reads_runs_it_again_and_is_named() {
+    let Some(place) = place() else { return };
+    let all = run(&place, &[], &[]);
+    assert!(all >= 2, "both kinds run");
+    assert_eq!(run(&place, &[], &[]), 0, "{}", plan(&place, &[]).out);
+    // A file beside the programs that none of them looks for.
+    place.write("notes.txt", "nothing");
+    fs::create_dir(place.path("images")).expect("writable");
+    assert_eq!(run(&place, &[], &[]), 0, "{}", plan(&place, &[]).out);
+    let changed = HELPER.replace("return int", "return 1 + int");
+    // Of the same length, at once: only the content tells.
+    for (name, text, named) in [
+        ("data/pick.txt", "1", "pick.txt"),
+        ("helper.py", &changed, "helper.py"),
+        ("extra.txt", "", "what exists in it"),
+    ] {
+        place.write(name, text);
+        let told = plan(&place, &[]).out;
+        assert!(told.matches(named).count() >= 2, "{name}: {told}");
+        assert_eq!(run(&place, &[], &["--executor", "process"]), all, "{name}");
+        assert_eq!(run(&place, &[], &[]), 0, "{name}: {}", plan(&place, &[]).out);
+    }
+    // What was so before is still known.
+    fs::remove_file(place.path("extra.txt")).expect("it was written");
+    place.write("helper.py", HELPER);
+    place.write("data/pick.txt", "0");
+    assert_eq!(run(&place, &[], &[]), 0, "{}", plan(&place, &[]).out);
+    let variable = [("DENOISE_PICK", "1")];
+    let told = plan(&place, &variable).out;
+    assert!(told.matches("environment variable DENOISE_PICK").count() >= 2, "{told}");
+    assert_eq!((run(&place, &variable, &[]), run(&place, &variable, &[])), (all, 0));
+    assert_eq!(run(&place, &[], &[]), 0);
+    // A variable that nobody declared does not come through.
+    assert_eq!(run(&place, &[("DENOISE_OTHER", "1")], &[]), 0);
+}
+
+#[test]
+fn a_recheck_names_what_is_not_declared_as_the_cause() {
+    let Some(place) = place() else { return };
+    place.write("helper.py", "import time\ndef pick():\n    return time.time_ns()\n");
+    run(&place, &[], &["--target", "made"]);
+    let told = with(&place, &["run", "small.yaml", "--target", "made", "--recheck", "1"], &[]).ends(1);
+    let text = format!("{}{}", told.out, told.err);
+    assert!(text.contains("not in the key") && text.contains("`depends`"), "{text}");
+}
