@@ -15,6 +15,7 @@ mod refining;
 mod rendering;
 mod runs;
 mod schema;
+mod upstreams;
 mod validator;
 mod words;
 
