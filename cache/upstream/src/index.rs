@@ -140,9 +140,7 @@ impl Contents {
 
     /// Bytes of the packs.
     pub fn bytes(&self) -> u64 {
-        #[expect(clippy::iter_over_hash_type, reason = "this is a sum, whose order does not count")]
-        let sum = self.packs.iter().fold(0_u64, |sum, pack| sum.saturating_add(pack.size));
-        sum
+        self.packs.iter().fold(0, |sum, pack| sum.saturating_add(pack.size))
     }
 }
 
