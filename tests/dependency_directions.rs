@@ -192,7 +192,8 @@ fn one_file_names_the_kinds_crates() {
 fn the_scheduler_imports_no_store_and_runs_no_kind() {
     let folder = root().join("src/engine/scheduler");
     let mut seen = 0;
-    for entry in fs::read_dir(folder).expect("src can be read").map(|e| e.expect("src can be read").path()) {
+    let below = fs::read_dir(&folder).expect("src can be read").map(|e| e.expect("src can be read").path());
+    for entry in below.chain([folder.with_extension("rs")]) {
         let text = fs::read_to_string(&entry).expect("a source file");
         let code = text.lines().map(str::trim).filter(|line| !line.starts_with("//")).collect::<Vec<_>>().join("\n");
         let words: BTreeSet<&str> = code.split(|c: char| !(c.is_alphanumeric() || c == '_')).collect();
@@ -235,6 +236,20 @@ fn no_doc_comment_has_code_that_nothing_runs() {
         .collect();
     assert!(files.lines().count() > 300, "{files}");
     assert_eq!(found, [""; 0]);
+}
+
+/// A module `a` with modules of its own stands in `a.rs`, and they below `a/`. Test programs and examples share helpers
+/// as `mod.rs`, because a file beside them would be a program.
+#[test]
+fn modules_stand_beside_their_folders() {
+    let files = Command::new("git").args(["ls-files", "*mod.rs"]).current_dir(root()).output().expect("git starts");
+    let files = String::from_utf8_lossy(&files.stdout).into_owned();
+    let other = |file: &&str| {
+        let parts: Vec<&str> = file.split('/').collect();
+        parts.last() == Some(&"mod.rs") && !parts.iter().any(|part| ["tests", "examples"].contains(part))
+    };
+    assert!(files.lines().any(|file| file == "tests/support/mod.rs"), "{files}");
+    assert_eq!(files.lines().filter(other).collect::<Vec<_>>(), [""; 0]);
 }
 
 /// Each package of the graph with the features that are on.

@@ -95,7 +95,7 @@ def lsun():
             self.register_buffer("frequencies", 16 * torch.randn(128))
             self.time = nn.ModuleList([nn.Linear(256, 512), nn.Linear(512, 512)])
             self.stem = nn.Conv2d(3, 128, 3, padding=1)
-            self.down, self.half, self.bring = nn.ModuleList(), nn.ModuleList(), nn.ModuleList()
+            self.down, self.smaller, self.bring = nn.ModuleList(), nn.ModuleList(), nn.ModuleList()
             skips, at = [128], 128
             for level, width in enumerate(widths):
                 blocks = nn.ModuleList()
@@ -105,7 +105,7 @@ def lsun():
                     skips.append(at)
                 self.down.append(blocks)
                 if level < 6:
-                    self.half.append(Block(at, at, up=False))
+                    self.smaller.append(Block(at, at, up=False))
                     self.bring.append(nn.Conv2d(3, at, 1))
                     skips.append(at)
             self.middle = nn.ModuleList([Block(at, at), Attention(at), Block(at, at)])
@@ -134,7 +134,7 @@ def lsun():
                     skips.append(x)
                 if level < 6:
                     small = resample(small, False)
-                    x = self.bring[level](small) + self.half[level](x, time)
+                    x = self.bring[level](small) + self.smaller[level](x, time)
                     skips.append(x)
             x = self.middle[2](self.middle[1](self.middle[0](x, time)), time)
             image = None

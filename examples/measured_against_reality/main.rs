@@ -108,14 +108,14 @@ fn judged(done: &Done, folder: &Path) -> Result<(), Box<dyn Error>> {
 }
 
 /// The views of each HDRI, and the HDRIs that are too coarse, a line each.
-fn real_views(done: &Done) -> Result<(Vec<views::Map>, Vec<String>), Box<dyn Error>> {
+fn real_views(done: &Done) -> Result<(Vec<views::Panorama>, Vec<String>), Box<dyn Error>> {
     let fov = SceneGenerationParams::default().fov;
     let (mut found, mut left_out) = (Vec::new(), Vec::new());
     for asset in done.read::<Asset>("assets").into_values() {
         let AssetBody::Hdri { image, size, .. } = asset.body else { continue };
         if views::resolves(size[0], fov) {
             let views = done.with(|ctx| views::cut(&asset.name, image, fov, ctx))?;
-            found.push(views::Map { name: asset.name, views });
+            found.push(views::Panorama { name: asset.name, views });
         } else {
             left_out.push(format!("{}, {} texels around: a pixel of a view has less than one", asset.name, size[0]));
         }

@@ -1,6 +1,6 @@
 //! The tables, in Markdown: medians with quartiles.
 
-use crate::{nearest::Nearest, views::Map};
+use crate::{nearest::Nearest, views::Panorama};
 use std::collections::BTreeMap;
 use tauflow_data::{
     ContextClass, Stratum,
@@ -57,7 +57,7 @@ fn pictures_of(of: &BTreeMap<String, SceneStatistics>) -> impl Iterator<Item = &
 
 /// The measures of pictures, and how many of six medians lie within the quartiles of the real views.
 pub fn pictures(
-    views: &[Map],
+    views: &[Panorama],
     procedural: &BTreeMap<String, SceneStatistics>,
     furnished: &BTreeMap<String, SceneStatistics>,
 ) {
@@ -110,7 +110,7 @@ fn medians<'a>(name: &str, of: impl Iterator<Item = &'a PictureStatistics> + Clo
 }
 
 /// Medians of each map.
-pub fn maps(views: &[Map]) {
+pub fn maps(views: &[Panorama]) {
     head("medians of views");
     for map in views {
         medians(&map.name, map.views.iter().map(|view| &view.statistics));

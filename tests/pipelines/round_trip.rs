@@ -124,6 +124,14 @@ impl Normal<'_> {
                 self.texture(opacity);
                 self.bsdf(inner);
             }
+            Bsdf::Relief { map, inner, .. } => {
+                self.texture(map);
+                self.bsdf(inner);
+            }
+            Bsdf::Finish { alpha, alpha_v, inner, .. } => {
+                alpha.iter_mut().chain(alpha_v).for_each(|t| self.texture(t));
+                self.bsdf(inner);
+            }
             Bsdf::Blend { weight, a, b } => {
                 self.texture(weight);
                 [a, b].into_iter().for_each(|inner| self.bsdf(inner));

@@ -8,7 +8,7 @@ mod textures;
 
 use crate::{
     mesh::Mesh,
-    scene::{Affine, Bsdf, DELTA_ALPHA, Emitter, Geometry, Rgb, Scene, Shape, Texture},
+    scene::{Affine, Bsdf, DELTA_ALPHA, Distribution, Emitter, Geometry, ReliefForm, Rgb, Scene, Shape, Texture},
 };
 use ply::ply;
 use std::{collections::BTreeSet, fmt::Write as _, fs, path::Path};
@@ -62,6 +62,9 @@ pub fn export(
     let integrator = if scene.materials.iter().any(has_opacity) { "volpath" } else { "path" };
     writer.open(&format!("<integrator type=\"{integrator}\">"));
     writer.line(&format!("<integer name=\"max_depth\" value=\"{}\"/>", scene.max_depth));
+    if scene.hide_emitters {
+        writer.line("<boolean name=\"hide_emitters\" value=\"true\"/>");
+    }
     writer.close("</integrator>");
     writer.sensor(scene, film);
     for (index, material) in scene.materials.iter().enumerate() {
@@ -84,7 +87,7 @@ pub fn export(
 fn has_opacity(bsdf: &Bsdf) -> bool {
     match bsdf {
         Bsdf::Mask { .. } => true,
-        Bsdf::TwoSided { inner } | Bsdf::NormalMap { inner, .. } => has_opacity(inner),
+        Bsdf::TwoSided { inner } | Bsdf::NormalMap { inner, .. } | Bsdf::Relief { inner, .. } => has_opacity(inner),
         Bsdf::Blend { a, b, .. } => has_opacity(a) || has_opacity(b),
         _ => false,
     }
@@ -159,21 +162,31 @@ impl Writer<'_> {
     }
 
     fn bsdf(&mut self, bsdf: &Bsdf, id: &str) -> Result<(), KindError> {
+        self.finished(bsdf, id, &Finish::default())
+    }
+
+    /// A BSDF in a finish.
+    fn finished(&mut self, bsdf: &Bsdf, id: &str, finish: &Finish<'_>) -> Result<(), KindError> {
         match bsdf {
+            Bsdf::Finish { distribution, alpha, alpha_v, nonlinear, inner } => {
+                let (beckmann, nonlinear) = (*distribution == Distribution::Beckmann, *nonlinear);
+                let (alpha, alpha_v) = (alpha.as_ref(), alpha_v.as_ref());
+                return self.finished(inner, id, &Finish { beckmann, alpha, alpha_v, nonlinear });
+            }
             Bsdf::Diffuse { reflectance } => {
                 self.open(&format!("<bsdf type=\"diffuse\"{id}>"));
                 self.texture("reflectance", reflectance, false)?;
             }
             Bsdf::Conductor { eta, k, alpha, specular_reflectance } => {
-                self.open(&format!("<bsdf type=\"{}\"{id}>", rough("conductor", *alpha)));
-                self.ggx(*alpha);
+                self.open(&format!("<bsdf type=\"{}\"{id}>", finish.sort("conductor", *alpha)));
+                self.facets(*alpha, finish)?;
                 self.line(&format!("<rgb name=\"eta\" value=\"{}\"/>", rgb(eta)));
                 self.line(&format!("<rgb name=\"k\" value=\"{}\"/>", rgb(k)));
                 self.texture("specular_reflectance", specular_reflectance, false)?;
             }
             Bsdf::Dielectric { int_ior, ext_ior, alpha, specular_reflectance, specular_transmittance } => {
-                self.open(&format!("<bsdf type=\"{}\"{id}>", rough("dielectric", *alpha)));
-                self.ggx(*alpha);
+                self.open(&format!("<bsdf type=\"{}\"{id}>", finish.sort("dielectric", *alpha)));
+                self.facets(*alpha, finish)?;
                 self.interface(*int_ior, *ext_ior);
                 self.texture("specular_reflectance", specular_reflectance, false)?;
                 self.texture("specular_transmittance", specular_transmittance, false)?;
@@ -185,9 +198,12 @@ impl Writer<'_> {
                 self.texture("specular_transmittance", specular_transmittance, false)?;
             }
             Bsdf::Plastic { diffuse_reflectance, int_ior, ext_ior, alpha } => {
-                self.open(&format!("<bsdf type=\"{}\"{id}>", rough("plastic", *alpha)));
-                self.ggx(*alpha);
+                self.open(&format!("<bsdf type=\"{}\"{id}>", finish.sort("plastic", *alpha)));
+                self.facets(*alpha, finish)?;
                 self.interface(*int_ior, *ext_ior);
+                if finish.nonlinear {
+                    self.line("<boolean name=\"nonlinear\" value=\"true\"/>");
+                }
                 self.texture("diffuse_reflectance", diffuse_reflectance, false)?;
             }
             Bsdf::Principled { base_color, metallic, roughness, specular, spec_trans, clearcoat, clearcoat_gloss } => {
@@ -219,10 +235,23 @@ impl Writer<'_> {
             Bsdf::NormalMap { map, scale, inner } => {
                 self.open(&format!("<bsdf type=\"normalmap\"{id}>"));
                 // Both are on by default: a shadowing term that darkens slopes, and slopes turned towards the viewer.
-                // Our renderer has neither.
                 self.line("<boolean name=\"use_shadowing_function\" value=\"false\"/>");
                 self.line("<boolean name=\"flip_invalid_normals\" value=\"false\"/>");
                 self.normals(map, *scale)?;
+                self.bsdf(inner, "")?;
+            }
+            Bsdf::Relief { form, map, scale, flip, shadowing, inner } => {
+                let sort = if *form == ReliefForm::Normals { "normalmap" } else { "bumpmap" };
+                self.open(&format!("<bsdf type=\"{sort}\"{id}>"));
+                self.line(&format!("<boolean name=\"use_shadowing_function\" value=\"{shadowing}\"/>"));
+                self.line(&format!("<boolean name=\"flip_invalid_normals\" value=\"{flip}\"/>"));
+                match form {
+                    ReliefForm::Normals => self.normals(map, *scale)?,
+                    ReliefForm::Heights => {
+                        self.float("scale", *scale);
+                        self.texture("map", map, true)?;
+                    }
+                }
                 self.bsdf(inner, "")?;
             }
             Bsdf::TwoSided { inner } => {
@@ -234,11 +263,22 @@ impl Writer<'_> {
         Ok(())
     }
 
-    fn ggx(&mut self, alpha: f32) {
-        if alpha >= DELTA_ALPHA {
-            self.line("<string name=\"distribution\" value=\"ggx\"/>");
-            self.float("alpha", alpha);
+    /// The roughness of a rough surface.
+    fn facets(&mut self, alpha: f32, finish: &Finish<'_>) -> Result<(), KindError> {
+        if alpha < DELTA_ALPHA && finish.alpha.is_none() {
+            return Ok(());
         }
+        let name = if finish.beckmann { "beckmann" } else { "ggx" };
+        self.line(&format!("<string name=\"distribution\" value=\"{name}\"/>"));
+        match (finish.alpha, finish.alpha_v) {
+            (Some(along), Some(across)) => {
+                self.texture("alpha_u", along, true)?;
+                self.texture("alpha_v", across, true)?;
+            }
+            (Some(texture), None) => self.texture("alpha", texture, true)?,
+            _ => self.float("alpha", alpha),
+        }
+        Ok(())
     }
 
     fn interface(&mut self, int_ior: f32, ext_ior: f32) {
@@ -322,8 +362,20 @@ impl Writer<'_> {
     }
 }
 
-fn rough(name: &str, alpha: f32) -> String {
-    if alpha >= DELTA_ALPHA { format!("rough{name}") } else { name.to_owned() }
+/// What a [`Bsdf::Finish`] says.
+#[derive(Clone, Copy, Default)]
+struct Finish<'a> {
+    beckmann: bool,
+    alpha: Option<&'a Texture>,
+    alpha_v: Option<&'a Texture>,
+    nonlinear: bool,
+}
+
+impl Finish<'_> {
+    /// The plugin of a surface.
+    fn sort(&self, name: &str, alpha: f32) -> String {
+        if alpha >= DELTA_ALPHA || self.alpha.is_some() { format!("rough{name}") } else { name.to_owned() }
+    }
 }
 
 #[cfg(test)]

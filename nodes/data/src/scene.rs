@@ -33,6 +33,9 @@ pub struct Scene {
     pub materials: Vec<Bsdf>,
     /// Emitters that are not shapes.
     pub emitters: Vec<Emitter>,
+    /// True hides emitters from camera rays: these pass through emitting shapes, and find no light from infinity.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub hide_emitters: bool,
 }
 
 /// Perspective pinhole camera. The image's aspect ratio is the film's.
@@ -170,6 +173,26 @@ impl Texture {
 /// Roughness alpha below which a lobe is specular: it has no density, and is exported as the smooth plugin.
 pub const DELTA_ALPHA: f32 = 1e-3;
 
+/// The distribution of the microfacets of a rough surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Distribution {
+    /// GGX (Trowbridge-Reitz), with long tails.
+    Ggx,
+    /// Beckmann: Gaussian slopes.
+    Beckmann,
+}
+
+/// The content of a [`Bsdf::Relief`] map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ReliefForm {
+    /// Normals in the tangent space.
+    Normals,
+    /// Heights above the surface, in the unit of its positions.
+    Heights,
+}
+
 /// The scattering of a surface. Roughness `alpha` is GGX's; below [`DELTA_ALPHA`] a lobe is specular.
 ///
 /// # Units
@@ -279,6 +302,38 @@ pub enum Bsdf {
         /// The material to shade.
         inner: Box<Bsdf>,
     },
+    /// A normal map or a bump map with the options that Mitsuba 3.7 has added (`normalmap`, `bumpmap`).
+    Relief {
+        /// The content of the map.
+        form: ReliefForm,
+        /// Normals as (n + 1) / 2, or heights.
+        map: Texture,
+        /// Scales x and y of normals, or heights.
+        scale: f32,
+        /// Whether the perturbed normal is turned about the shading normal where the viewer would see it from behind.
+        flip: bool,
+        /// Whether light at grazing incidence is dimmed, which smooths the edge of shadows (Estevez et al. 2019).
+        shadowing: bool,
+        /// The material to shade.
+        inner: Box<Bsdf>,
+    },
+    /// A conductor, dielectric or plastic whose microfacets are not GGX of constant roughness, or a nonlinear plastic.
+    Finish {
+        /// The distribution of microfacets.
+        distribution: Distribution,
+        /// Roughness at each point, which replaces `alpha` of a conductor or dielectric. Values below 0.001 count as
+        /// 0.001.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        alpha: Option<Texture>,
+        /// Roughness across the direction of growing u; `alpha`, which is then required, is that along it.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        alpha_v: Option<Texture>,
+        /// Whether internal reflections below the coat of a plastic are coloured by the base (`nonlinear`).
+        #[serde(default)]
+        nonlinear: bool,
+        /// The conductor, dielectric or plastic.
+        inner: Box<Bsdf>,
+    },
     /// The same from both sides (`twosided`).
     TwoSided {
         /// The material of both sides.
@@ -380,8 +435,12 @@ impl Bsdf {
                 a.images(found);
                 b.images(found);
             }
-            Self::NormalMap { map, inner, .. } => {
+            Self::NormalMap { map, inner, .. } | Self::Relief { map, inner, .. } => {
                 map.images(found);
+                inner.images(found);
+            }
+            Self::Finish { alpha, alpha_v, inner, .. } => {
+                alpha.iter().chain(alpha_v).for_each(|t| t.images(found));
                 inner.images(found);
             }
             Self::TwoSided { inner } => inner.images(found),

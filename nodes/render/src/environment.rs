@@ -32,12 +32,12 @@ pub enum Environment {
     /// The same from everywhere.
     Constant(Vec3),
     /// A map.
-    Map(Box<Map>),
+    Map(Box<EnvironmentMap>),
 }
 
 /// A map, and the tables to draw from it.
 #[derive(Debug)]
-pub struct Map {
+pub struct EnvironmentMap {
     width: usize,
     height: usize,
     /// Of each texel and the next in its row, radiance and luminance above the floor: a half record.
@@ -76,7 +76,7 @@ impl Environment {
                     (0..3).map(|c| Vec3::from_array([0, 1, 2].map(|r: usize| to_world[r][c] as f32))).collect();
                 let map = Mat3::from_cols(linear[0], linear[1], linear[2]);
                 let image = load(image)?.image()?;
-                Ok(Self::Map(Box::new(Map::new(&image, *scale, map)?)))
+                Ok(Self::Map(Box::new(EnvironmentMap::new(&image, *scale, map)?)))
             }
             other => Err(KindError::Internal(format!("{other:?} is no environment"))),
         }
@@ -127,7 +127,7 @@ impl Environment {
     }
 }
 
-impl Map {
+impl EnvironmentMap {
     fn new(image: &Image, scale: f32, to_world: Mat3) -> Result<Self, KindError> {
         let (width, height, channels) = (image.width(), image.height(), image.channels());
         if width == 0 || height == 0 || channels < 3 {
@@ -300,7 +300,7 @@ mod tests {
             (0..height).flat_map(|y| (0..width).flat_map(move |x| [(x, y); 3])).map(|(x, y)| value(x, y)).collect();
         let image = Image::from_data(width, height, 3, data).expect("fits");
         let turned = Mat3::from_rotation_y(0.7) * Mat3::from_rotation_x(0.4);
-        Environment::Map(Box::new(Map::new(&image, 1.5, turned).expect("a sound map")))
+        Environment::Map(Box::new(EnvironmentMap::new(&image, 1.5, turned).expect("a sound map")))
     }
 
     fn all() -> Vec<Environment> {
@@ -373,7 +373,7 @@ mod tests {
             let rows = height - 1;
             // Where a direction is in the map, in cells; texel centres are in the middle of columns.
             let place = |d: Vec3| -> usize {
-                let local: Vec3 = Map::turned(&own.to_local, Triple::<f32>::from(d)).into();
+                let local: Vec3 = EnvironmentMap::turned(&own.to_local, Triple::<f32>::from(d)).into();
                 let u = libm::atan2(f64::from(local.x), f64::from(-local.z)) / (2.0 * PI) - 0.5 / width as f64;
                 let v = libm::acos(f64::from(local.y).clamp(-1.0, 1.0)) / PI;
                 let x = ((u - libm::floor(u)) * width as f64) as usize;
@@ -391,7 +391,7 @@ mod tests {
                         libm::cos(theta) as f32,
                         (-sin * libm::cos(phi)) as f32,
                     );
-                    let d: Vec3 = Map::turned(&own.to_world, Triple::<f32>::from(local)).into();
+                    let d: Vec3 = EnvironmentMap::turned(&own.to_world, Triple::<f32>::from(local)).into();
                     expected[y / FINE * width + x / FINE] += f64::from(environment.look(d).1) * solid;
                 }
             }
@@ -414,9 +414,9 @@ mod tests {
     #[test]
     fn bad_maps_are_refused() {
         let image = Image::from_data(1, 1, 3, vec![-1.0, 0.0, 0.0]).expect("fits");
-        assert!(Map::new(&image, 1.0, Mat3::IDENTITY).is_err());
+        assert!(EnvironmentMap::new(&image, 1.0, Mat3::IDENTITY).is_err());
         let image = Image::from_data(1, 1, 3, vec![1.0; 3]).expect("fits");
-        assert!(Map::new(&image, 1.0, Mat3::from_diagonal(Vec3::new(2.0, 1.0, 1.0))).is_err());
-        assert!(Map::new(&image, f32::NAN, Mat3::IDENTITY).is_err());
+        assert!(EnvironmentMap::new(&image, 1.0, Mat3::from_diagonal(Vec3::new(2.0, 1.0, 1.0))).is_err());
+        assert!(EnvironmentMap::new(&image, f32::NAN, Mat3::IDENTITY).is_err());
     }
 }

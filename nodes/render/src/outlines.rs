@@ -17,7 +17,7 @@ const CREASE: f32 = 0.866_025_4;
 
 /// The surface at the centre of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Seen {
+pub(crate) struct PixelSurface {
     /// The point.
     pub at: Vec3,
     /// Unit geometric normal.
@@ -35,7 +35,7 @@ pub(crate) fn off_planes((a, of_a): (Vec3, Vec3), (b, of_b): (Vec3, Vec3)) -> f3
 }
 
 /// The surface at the centre of each pixel, row by row; none without a surface.
-pub(crate) fn seen(renderer: &Renderer<'_>) -> Vec<Option<Seen>> {
+pub(crate) fn seen(renderer: &Renderer<'_>) -> Vec<Option<PixelSurface>> {
     let (width, height) = renderer.size();
     let world = renderer.world();
     let state = tauflow_data::rng::mix(render_state(world.seed, 0), STREAM);
@@ -43,15 +43,16 @@ pub(crate) fn seen(renderer: &Renderer<'_>) -> Vec<Option<Seen>> {
         let pixel = renderer.pixel(index);
         // Samples decide alone whether what lets part of the light through is met.
         let sampler = Sampler::new(SamplerKind::Independent, state, pixel, 0);
-        let (hit, at) = first_solid(world, &sampler, 0, renderer.middle_ray(pixel))?;
-        let shading = world.shading_frame(&hit, world.place(hit.primitive).1, &at).n;
-        Some(Seen { at: at.p, geometric: at.geometric, shading, distance: hit.t })
+        let ray = renderer.middle_ray(pixel);
+        let (hit, at) = first_solid(world, &sampler, 0, ray)?;
+        let shading = world.shading_frame(&hit, world.place(hit.primitive).1, &at, -ray.direction).n;
+        Some(PixelSurface { at: at.p, geometric: at.geometric, shading, distance: hit.t })
     };
     (0..width * height).map(of).collect()
 }
 
 /// Share of neighbouring pixels that have a jump of depth between them, and of those that have a crease.
-pub(crate) fn discontinuities(width: usize, seen: &[Option<Seen>]) -> [f64; 2] {
+pub(crate) fn discontinuities(width: usize, seen: &[Option<PixelSurface>]) -> [f64; 2] {
     let (mut all, mut jumps, mut creases) = (0usize, 0usize, 0usize);
     for (a, b) in pairs(width, seen.len() / width) {
         all += 1;

@@ -228,7 +228,11 @@ fn is_glass(bsdf: &Bsdf) -> bool {
 /// Makes black what is wanted of a material; what lets rays pass goes on to.
 fn paint(bsdf: &mut Bsdf, wanted: fn(&Bsdf) -> bool) {
     match bsdf {
-        Bsdf::Mask { inner, .. } | Bsdf::NormalMap { inner, .. } | Bsdf::TwoSided { inner } => paint(inner, wanted),
+        Bsdf::Finish { inner, .. } if wanted(inner) => *bsdf = Bsdf::Diffuse { reflectance: Texture::scalar(0.0) },
+        Bsdf::Mask { inner, .. }
+        | Bsdf::NormalMap { inner, .. }
+        | Bsdf::Relief { inner, .. }
+        | Bsdf::TwoSided { inner } => paint(inner, wanted),
         Bsdf::Blend { a, b, .. } => {
             paint(a, wanted);
             paint(b, wanted);

@@ -21,7 +21,7 @@ struct Values {
     mitsuba: String,
     smooth: Vec<Compared<Pair>>,
     delta: Vec<Compared<Draw>>,
-    environment: Map,
+    environment: EnvironmentCase,
     image: Texels,
     textures: Vec<Read>,
 }
@@ -49,7 +49,7 @@ struct Draw {
 }
 
 #[derive(Deserialize)]
-struct Map {
+struct EnvironmentCase {
     width: usize,
     height: usize,
     pixels: Vec<f32>,

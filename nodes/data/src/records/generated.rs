@@ -110,7 +110,7 @@ impl fmt::Display for Variant {
 
 /// An image of a sampler's trajectory.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Frame {
+pub struct Snapshot {
     /// How many sampler steps were done, from 0 for the initial noise to the number of steps.
     pub step: u64,
     /// The state at that time in display values, clipped to [0, 1].
@@ -132,7 +132,7 @@ pub struct GeneratedVariant {
     /// in the image range of its backbone.
     pub energy: Vec<f64>,
     /// Frames of the trajectory, by step; none where they were not kept.
-    pub frames: Vec<Frame>,
+    pub frames: Vec<Snapshot>,
 }
 
 /// One sample of one backbone, in its variants.
@@ -298,7 +298,7 @@ impl Generated {
         let variants = variants
             .into_iter()
             .map(|GeneratedVariantMeta { variant, energy, frames }| {
-                let frame = |step| Ok(Frame { step, image: image(&frame_name(variant, step))? });
+                let frame = |step| Ok(Snapshot { step, image: image(&frame_name(variant, step))? });
                 let frames = frames.into_iter().map(frame).collect::<Result<_, KindError>>()?;
                 Ok(GeneratedVariant { variant, image: image(&image_name(variant))?, energy, frames })
             })
@@ -358,7 +358,7 @@ mod tests {
     }
 
     fn sample() -> Generated {
-        let frames = vec![Frame { step: 0, image: grey(0.25) }, Frame { step: 4, image: grey(0.75) }];
+        let frames = vec![Snapshot { step: 0, image: grey(0.25) }, Snapshot { step: 4, image: grey(0.75) }];
         Generated {
             backbone: MethodName::new("rf_church").expect("a name"),
             family: Family::RectifiedFlow,

@@ -88,7 +88,7 @@ fn images(ctx: &Context<'_>) {
 fn generated(ctx: &Context<'_>, image: impl Fn(f32) -> Image) {
     let variant =
         |variant, value| GeneratedVariant { variant, image: image(value), energy: vec![0.0, 0.1], frames: Vec::new() };
-    let frames = vec![Frame { step: 0, image: image(0.1) }, Frame { step: 2, image: image(0.05) }];
+    let frames = vec![Snapshot { step: 0, image: image(0.1) }, Snapshot { step: 2, image: image(0.05) }];
     let adapted = GeneratedVariant { frames, ..variant(Variant::Adapted, 0.3) };
     let variants = vec![variant(Variant::Frozen, 0.2), adapted, variant(Variant::EtaZero, 0.2)];
     let backbone = crate::methods::MethodName::new("ddpm_church").expect("a name");

@@ -33,7 +33,7 @@ struct Level {
 }
 
 /// Channels last, in rows.
-struct Map {
+struct FeatureMap {
     width: usize,
     height: usize,
     channels: usize,
@@ -59,7 +59,7 @@ impl RandomFeatures {
     /// `image` is [H, W, 3] of display values, H and W at least [`LEAST_SIDE`]. The result has [`DIMENSIONS`] numbers.
     pub(crate) fn of(&self, image: &Image) -> Vec<f64> {
         let data = image.data().iter().map(|v| 2.0 * v - 1.0).collect();
-        let mut map = Map { width: image.width(), height: image.height(), channels: image.channels(), data };
+        let mut map = FeatureMap { width: image.width(), height: image.height(), channels: image.channels(), data };
         let mut features = Vec::with_capacity(DIMENSIONS);
         for level in &self.levels {
             let out = level.of(&map);
@@ -72,7 +72,7 @@ impl RandomFeatures {
 
 impl Level {
     /// The rectified convolution. Beyond the border the image is mirrored about its outermost pixels.
-    fn of(&self, map: &Map) -> Map {
+    fn of(&self, map: &FeatureMap) -> FeatureMap {
         let (width, height) = (map.width, map.height);
         let mut data = vec![0.0; width * height * self.outputs];
         for y in 0..height {
@@ -97,7 +97,7 @@ impl Level {
                 }
             }
         }
-        Map { width, height, channels: self.outputs, data }
+        FeatureMap { width, height, channels: self.outputs, data }
     }
 }
 
@@ -111,7 +111,7 @@ fn mirrored(at: usize, step: isize, size: usize) -> usize {
     }
 }
 
-impl Map {
+impl FeatureMap {
     /// Appends the mean of each channel, then the standard deviation of each.
     fn moments(&self, to: &mut Vec<f64>) {
         let pixels = (self.width * self.height) as f64;

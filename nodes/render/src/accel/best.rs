@@ -53,7 +53,7 @@ impl Slabs {
 
 /// Where a ray is on its way through a tree: what it visits next, and how much is on its stack.
 #[derive(Clone, Copy)]
-pub(super) struct Spot {
+pub(super) struct Cursor {
     pub(super) node: u32,
     pub(super) height: usize,
 }

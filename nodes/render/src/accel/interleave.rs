@@ -6,7 +6,7 @@
 
 use super::{
     STACK,
-    best::{Best, Slabs, Spot, Stack},
+    best::{Best, Cursor, Slabs, Stack},
 };
 use crate::geometry::{Ray, Walk};
 use glam::Vec3;
@@ -21,14 +21,14 @@ pub(super) struct Flight {
     pub(super) best: Best,
     /// Its number in the set.
     pub(super) at: usize,
-    pub(super) spot: Spot,
+    pub(super) spot: Cursor,
     pub(super) stack: Stack,
 }
 
 impl Default for Flight {
     fn default() -> Self {
         let walk = Walk::new(&Ray::new(Vec3::ZERO, Vec3::Z));
-        let (slabs, spot) = (Slabs::new(&walk), Spot { node: 0, height: 0 });
+        let (slabs, spot) = (Slabs::new(&walk), Cursor { node: 0, height: 0 });
         Self { walk, slabs, best: Best::none(0.0), at: 0, spot, stack: [(0, 0.0); STACK] }
     }
 }
@@ -38,6 +38,6 @@ impl Flight {
     #[inline(always)]
     pub(super) fn begin(&mut self, node: u32, at: usize, walk: Walk, best: Best) {
         (self.slabs, self.walk) = (Slabs::new(&walk), walk);
-        (self.best, self.at, self.spot) = (best, at, Spot { node, height: 0 });
+        (self.best, self.at, self.spot) = (best, at, Cursor { node, height: 0 });
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{
     Accel, Block, CURVED, Hit, LEAF, NONE, PLACED, STACK, WIDE,
-    best::{Best, Slabs, Spot, Stack},
+    best::{Best, Cursor, Slabs, Stack},
     level::{Level, WorldTree},
 };
 use crate::{
@@ -77,7 +77,7 @@ impl Accel {
         stack: &mut [(u32, f32)],
     ) {
         let slabs = Slabs::new(walk);
-        let mut spot = Spot { node, height: 0 };
+        let mut spot = Cursor { node, height: 0 };
         while !self.step::<R, L>(&mut spot, &slabs, walk, best, stack) {}
     }
 
@@ -85,7 +85,7 @@ impl Accel {
     #[inline(always)]
     pub(super) fn step<R: Real, L: Level>(
         &self,
-        spot: &mut Spot,
+        spot: &mut Cursor,
         slabs: &Slabs,
         walk: &Walk,
         best: &mut Best,

@@ -2,7 +2,7 @@
 
 use super::{
     DELTA_ALPHA, Drawn, fresnel,
-    ggx::{self, Ggx, Interface},
+    ggx::{self, Facets, Ggx, Interface, Microfacets as _},
     local::reflect,
 };
 use crate::{
@@ -19,6 +19,9 @@ const PI: f32 = std::f32::consts::PI;
 pub(crate) struct Coat {
     pub(crate) eta: f32,
     pub(crate) alpha: f32,
+    beckmann: bool,
+    /// Whether light that goes back and forth below takes on the base's colour.
+    nonlinear: bool,
     /// Diffuse light that the coat throws back inside.
     inner: f32,
     /// Share that a rough coat lets in, by cosine over [0, 1].
@@ -27,22 +30,38 @@ pub(crate) struct Coat {
 
 impl Coat {
     pub(crate) fn new(eta: f32, alpha: f32) -> Self {
+        Self::finished(eta, alpha, false, false)
+    }
+
+    /// The same in another finish.
+    pub(crate) fn in_finish(&self, beckmann: bool, nonlinear: bool) -> Self {
+        Self::finished(self.eta, self.alpha, beckmann, nonlinear)
+    }
+
+    fn finished(eta: f32, alpha: f32, beckmann: bool, nonlinear: bool) -> Self {
         const STEPS: usize = 64;
         if alpha < DELTA_ALPHA {
-            return Self { eta, alpha, inner: fresnel::diffuse_reflectance(1.0 / eta), enters: Vec::new() };
+            return Self {
+                eta,
+                alpha,
+                beckmann,
+                nonlinear,
+                inner: fresnel::diffuse_reflectance(1.0 / eta),
+                enters: Vec::new(),
+            };
         }
         let cosines: [f32; STEPS] = std::array::from_fn(|i| (i as f32 / (STEPS - 1) as f32).max(1e-4));
         let kernels = kernels(Instructions::best());
         let shares = |eta: f32, disk: &[Vec2], through: bool| {
             let mut shares = vec![0.0; STEPS];
-            kernels.shares(&Interface { alpha, eta, disk, through }, &cosines, &mut shares);
+            kernels.shares(&Interface { alpha, beckmann, eta, disk, through }, &cosines, &mut shares);
             shares
         };
         let enters = shares(eta, &ggx::half_disk(), true);
         // Over the same cosines as the table, both ends counted whole, as Mitsuba has it.
         let inside = shares(1.0 / eta, &ggx::staggered_half_disk(), false);
         let sum: f64 = inside.iter().zip(cosines).map(|(share, cos)| f64::from(*share) * f64::from(cos)).sum();
-        Self { eta, alpha, inner: (2.0 * sum / STEPS as f64) as f32, enters }
+        Self { eta, alpha, beckmann, nonlinear, inner: (2.0 * sum / STEPS as f64) as f32, enters }
     }
 
     #[inline(always)]
@@ -74,6 +93,17 @@ impl<R: Real> Plastic<'_, R> {
         Ggx { alpha: R::splat(self.coat.alpha) }
     }
 
+    /// The base, brighter for what the coat throws back, and 1 over what of that is left.
+    #[inline(always)]
+    fn below(&self) -> (Triple<R>, f32) {
+        let (eta2, inner) = (self.coat.eta * self.coat.eta, self.coat.inner);
+        if !self.coat.nonlinear {
+            return (self.base, 1.0 / (eta2 * (1.0 - inner)));
+        }
+        let lit = |v: R| v / (R::one() - v * inner);
+        (Triple::new(lit(self.base.x), lit(self.base.y), lit(self.base.z)), 1.0 / eta2)
+    }
+
     /// Probability of drawing the coat.
     #[inline(always)]
     fn share(&self, enters: R) -> R {
@@ -87,15 +117,21 @@ impl<R: Real> Plastic<'_, R> {
         let above = wo.z.positive() & wi.z.positive();
         let enters = self.coat.enters(wo.z);
         let share = self.share(enters);
-        let inside = 1.0 / (self.coat.eta * self.coat.eta * (1.0 - self.coat.inner));
-        let mut value = self.base * (enters * self.coat.enters(wi.z) * inside * wi.z / PI);
+        let (base, inside) = self.below();
+        let mut value = base * (enters * self.coat.enters(wi.z) * inside * wi.z / PI);
         let mut pdf = (R::one() - share) * wi.z / PI;
         if !self.is_delta() {
             let ggx = self.ggx();
             let m = (wo + wi).normalize();
             let cos = wo.dot(m);
             let f = fresnel::dielectric(cos, self.coat.eta).r;
-            value += Triple::all(f * ggx.d(m) * ggx.g(wo, wi, m) / (wo.z * 4.0));
+            let shape = if self.coat.beckmann {
+                let facets = Facets { alpha: [ggx.alpha; 2], beckmann: true };
+                f * facets.d(m) * facets.g(wo, wi, m)
+            } else {
+                f * ggx.d(m) * ggx.g(wo, wi, m)
+            };
+            value += Triple::all(shape / (wo.z * 4.0));
             pdf += share * ggx.pdf(wo, m) / (cos * 4.0);
         }
         (value.only(above), pdf.only(above))

@@ -198,7 +198,8 @@ fn rough_plastic_reflects_what_its_model_says_by_quadrature_and_by_draws() {
 fn tables_of_coats_are_the_same_by_all_instructions() {
     let cosines: [f32; STEPS] = std::array::from_fn(|i| cosine(i) as f32);
     for (disk, through) in [(ggx::half_disk(), true), (ggx::staggered_half_disk(), false)] {
-        let interface = Interface { alpha: 0.3, eta: if through { 1.5 } else { 1.0 / 1.5 }, disk: &disk, through };
+        let interface =
+            Interface { alpha: 0.3, beckmann: false, eta: if through { 1.5 } else { 1.0 / 1.5 }, disk: &disk, through };
         let shares = |instructions| {
             let mut shares = vec![0.0; STEPS];
             kernels(instructions).shares(&interface, &cosines, &mut shares);

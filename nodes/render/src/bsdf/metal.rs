@@ -1,6 +1,10 @@
 //! Metal: `conductor`, `roughconductor`.
 
-use super::{DELTA_ALPHA, Drawn, fresnel, ggx::Ggx, local::reflect};
+use super::{
+    DELTA_ALPHA, Drawn, fresnel,
+    ggx::{Facets, Ggx, Microfacets},
+    local::reflect,
+};
 use crate::lanes::{Pair, Real, Triple};
 use glam::Vec3;
 
@@ -10,6 +14,8 @@ pub(crate) struct Metal<R> {
     pub(crate) k: Vec3,
     pub(crate) alpha: f32,
     pub(crate) tint: Triple<R>,
+    /// Microfacets other than GGX of that roughness.
+    pub(crate) finish: Option<Facets<R>>,
 }
 
 impl<R: Real> Metal<R> {
@@ -28,13 +34,20 @@ impl<R: Real> Metal<R> {
         if self.is_delta() {
             return (Triple::zero(), R::zero());
         }
+        match self.finish {
+            None => self.eval_of(self.ggx(), wo, wi),
+            Some(facets) => self.eval_of(facets, wo, wi),
+        }
+    }
+
+    #[inline(always)]
+    fn eval_of(&self, facets: impl Microfacets<R>, wo: Triple<R>, wi: Triple<R>) -> (Triple<R>, R) {
         let above = wo.z.positive() & wi.z.positive();
         let m = (wo + wi).normalize();
         let cos = wo.dot(m);
-        let ggx = self.ggx();
         let f = fresnel::conductor(cos, self.eta, self.k);
-        let value = f * self.tint * (ggx.d(m) * ggx.g(wo, wi, m) / (wo.z * 4.0));
-        let pdf = ggx.pdf(wo, m) / (cos * 4.0);
+        let value = f * self.tint * (facets.d(m) * facets.g(wo, wi, m) / (wo.z * 4.0));
+        let pdf = facets.pdf(wo, m) / (cos * 4.0);
         (value.only(above), pdf.only(above))
     }
 
@@ -46,16 +59,23 @@ impl<R: Real> Metal<R> {
             let weight = fresnel::conductor(wo.z, self.eta, self.k) * self.tint;
             return Drawn { wi, weight, delta: above, valid: above, ..Drawn::nothing() };
         }
-        let ggx = self.ggx();
-        let m = ggx.sample(wo, u);
+        match self.finish {
+            None => self.sample_of(self.ggx(), wo, u),
+            Some(facets) => self.sample_of(facets, wo, u),
+        }
+    }
+
+    #[inline(always)]
+    fn sample_of(&self, facets: impl Microfacets<R>, wo: Triple<R>, u: Pair<R>) -> Drawn<R> {
+        let m = facets.sample(wo, u);
         let wi = reflect(wo, m);
         let cos = wo.dot(m);
         let f = fresnel::conductor(cos, self.eta, self.k);
         Drawn {
             wi,
-            weight: f * self.tint * ggx.g1(wi, m),
-            pdf: ggx.pdf(wo, m) / (cos * 4.0),
-            valid: above & wi.z.positive() & cos.positive(),
+            weight: f * self.tint * (facets.excess(wo, m) * facets.g1(wi, m)),
+            pdf: facets.pdf(wo, m) / (cos * 4.0),
+            valid: wo.z.positive() & wi.z.positive() & cos.positive(),
             ..Drawn::nothing()
         }
     }

@@ -47,6 +47,18 @@ fn plastic(alpha: f32) -> scene::Bsdf {
     scene::Bsdf::Plastic { diffuse_reflectance: Texture::rgb([0.9, 0.5, 0.1]), int_ior: 1.49, ext_ior: 1.0, alpha }
 }
 
+fn finish(beckmann: bool, alpha: Option<f32>, nonlinear: bool, inner: scene::Bsdf) -> scene::Bsdf {
+    let distribution = if beckmann { scene::Distribution::Beckmann } else { scene::Distribution::Ggx };
+    let alpha = alpha.map(Texture::scalar);
+    scene::Bsdf::Finish { distribution, alpha, alpha_v: None, nonlinear, inner: Box::new(inner) }
+}
+
+fn anisotropic(beckmann: bool, alphas: [f32; 2], inner: scene::Bsdf) -> scene::Bsdf {
+    let distribution = if beckmann { scene::Distribution::Beckmann } else { scene::Distribution::Ggx };
+    let [alpha, alpha_v] = alphas.map(|alpha| Some(Texture::scalar(alpha)));
+    scene::Bsdf::Finish { distribution, alpha, alpha_v, nonlinear: false, inner: Box::new(inner) }
+}
+
 fn diffuse() -> scene::Bsdf {
     scene::Bsdf::Diffuse { reflectance: Texture::rgb([0.2, 0.6, 0.9]) }
 }
@@ -66,6 +78,17 @@ fn all() -> Vec<(&'static str, scene::Bsdf)> {
         ("smooth glass", glass(0.0, 1.5)),
         ("smooth plastic", plastic(0.0)),
         ("rough plastic", plastic(0.2)),
+        ("Beckmann metal", finish(true, None, false, metal(0.3))),
+        ("smooth Beckmann metal", finish(true, None, false, metal(0.0))),
+        ("metal of a textured roughness", finish(false, Some(0.2), false, metal(0.0))),
+        ("Beckmann glass", finish(true, None, false, glass(0.3, 1.5))),
+        ("glass of a textured roughness", finish(true, Some(0.4), false, glass(0.0, 1.33))),
+        ("Beckmann plastic", finish(true, None, false, plastic(0.2))),
+        ("nonlinear plastic", finish(false, None, true, plastic(0.2))),
+        ("anisotropic metal", anisotropic(false, [0.15, 0.5], metal(0.0))),
+        ("anisotropic Beckmann metal", anisotropic(true, [0.5, 0.2], metal(0.0))),
+        ("anisotropic glass", anisotropic(false, [0.2, 0.6], glass(0.0, 1.5))),
+        ("anisotropic Beckmann glass", anisotropic(true, [0.6, 0.35], glass(0.0, 1.5))),
         ("principled dielectric", principled(0.0, 0.5, 0.0, 0.0)),
         ("principled metal", principled(1.0, 0.4, 0.0, 0.0)),
         ("principled coat", principled(0.3, 0.6, 0.0, 1.0)),
@@ -254,7 +277,11 @@ fn light_can_go_either_way() {
             }
             let (there, back) = (bsdf.eval(a, b) / b.z.abs(), bsdf.eval(b, a) / a.z.abs());
             // f(a -> b) / eta_b^2 is symmetric.
-            let eta = match &description {
+            let bare = match &description {
+                scene::Bsdf::Finish { inner, .. } => inner,
+                other => other,
+            };
+            let eta = match bare {
                 scene::Bsdf::Dielectric { int_ior, .. } => *int_ior,
                 scene::Bsdf::Principled { .. } => principled::index(0.5),
                 _ => 1.0,
@@ -293,4 +320,59 @@ fn odd_directions_and_numbers_give_no_nan() {
     let load: crate::texture::LoadBitmap<'_> = &mut |_| unreachable!("no images here");
     assert!(Material::compile(&glass(f32::NAN, 1.5), load).is_err());
     assert!(Material::compile(&glass(0.1, 0.0), load).is_err());
+}
+
+#[test]
+fn finishes_have_the_values_of_mitsuba() {
+    let n = |x: f32, y: f32, z: f32| Vec3::new(x, y, z).normalize();
+    let steep = (n(0.3, 0.1, 1.0), n(-0.5, 0.2, 0.7));
+    let grazing = (n(0.9, 0.0, 0.3), n(-0.8, 0.1, 0.4));
+    let across = (n(0.2, -0.3, 0.5), n(-0.13, 0.2, -0.8));
+    let (beckmann, nonlinear) = (|inner| finish(true, None, false, inner), |inner| finish(false, None, true, inner));
+    let uneven = |beckmann, inner| anisotropic(beckmann, [0.15, 0.5], inner);
+    // Printed by Mitsuba 3.9.1 (scalar_rgb).
+    for (name, bsdf, (wo, wi), expected) in [
+        ("metal", beckmann(metal(0.3)), steep, [0.510_557, 0.330_29, 0.281_391]),
+        ("metal", beckmann(metal(0.3)), grazing, [2.023_09, 1.373_14, 1.213_57]),
+        ("textured metal", finish(true, Some(0.3), false, metal(0.9)), steep, [0.510_557, 0.330_29, 0.281_391]),
+        ("glass", beckmann(glass(0.3, 1.5)), steep, [0.021_894_6; 3]),
+        ("glass", beckmann(glass(0.3, 1.5)), grazing, [0.302_494; 3]),
+        ("glass", beckmann(glass(0.3, 1.5)), across, [3.092_1; 3]),
+        ("plastic", beckmann(plastic(0.2)), steep, [0.231_888, 0.138_08, 0.044_272_7]),
+        ("plastic", beckmann(plastic(0.2)), grazing, [0.558_201, 0.516_605, 0.475_01]),
+        ("anisotropic metal", uneven(false, metal(0.0)), steep, [0.226_821, 0.146_735, 0.125_011]),
+        ("anisotropic metal", uneven(false, metal(0.0)), grazing, [1.679_79, 1.140_13, 1.007_64]),
+        ("anisotropic Beckmann metal", uneven(true, metal(0.0)), steep, [0.330_817, 0.214_013, 0.182_328]),
+        ("anisotropic Beckmann metal", uneven(true, metal(0.0)), grazing, [2.330_78, 1.581_99, 1.398_14]),
+        ("anisotropic glass", uneven(false, glass(0.0, 1.5)), steep, [0.009_726_93; 3]),
+        ("anisotropic glass", uneven(false, glass(0.0, 1.5)), grazing, [0.251_164; 3]),
+        ("anisotropic glass", uneven(false, glass(0.0, 1.5)), across, [1.637_28; 3]),
+        ("anisotropic Beckmann glass", uneven(true, glass(0.0, 1.5)), grazing, [0.348_501; 3]),
+        ("anisotropic Beckmann glass", uneven(true, glass(0.0, 1.5)), across, [2.468_33; 3]),
+        ("nonlinear", finish(true, None, true, plastic(0.2)), steep, [0.208_459, 0.093_011_6, 0.031_863_6]),
+        ("nonlinear", nonlinear(plastic(0.2)), grazing, [0.362_343, 0.319_029, 0.293_195]),
+        ("smooth", nonlinear(plastic(0.0)), steep, [0.200_879, 0.074_175_4, 0.011_109_6]),
+    ] {
+        let found = compiled(&bsdf).at(&AT).eval(wo, wi);
+        for (a, b) in found.to_array().into_iter().zip(expected) {
+            assert!((a / b - 1.0).abs() < 5e-3, "{name}: {found} for {expected:?}");
+        }
+    }
+}
+
+#[test]
+fn a_finish_fits_what_it_is_around() {
+    for odd in [
+        finish(true, None, false, diffuse()),
+        finish(true, Some(0.2), false, plastic(0.2)),
+        finish(false, None, true, metal(0.2)),
+        finish(true, None, false, principled(0.0, 0.5, 0.0, 0.0)),
+        anisotropic(true, [0.1, 0.2], plastic(0.2)),
+    ] {
+        let told = Material::compile(&odd, &mut |_| unreachable!("no images here")).map(|_| ());
+        assert!(
+            told.expect_err("no such finish").to_string().contains("a finish around something other than"),
+            "{odd:?}"
+        );
+    }
 }

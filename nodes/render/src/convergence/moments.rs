@@ -59,8 +59,8 @@ pub(super) fn moments(ladder: &Ladder, reference: &Ladder) -> Option<Moments> {
     let counts: Vec<f64> = ladder.rungs.iter().map(|rung| rung.spp as f64).collect();
     let (spp, last) = (truth.spp as f64, *counts.last()?);
     let pairs: Vec<(usize, usize)> = (0..counts.len()).flat_map(|m| (0..=m).map(move |n| (m, n))).collect();
-    let (mut means, mut products) = (vec![Sums::default(); counts.len()], vec![Sums::default(); pairs.len()]);
-    let mut kurtosis = Sums::default();
+    let (mut means, mut products) = (vec![PixelSums::default(); counts.len()], vec![PixelSums::default(); pairs.len()]);
+    let mut kurtosis = PixelSums::default();
     let mut errors: Vec<Vec<f64>> = vec![Vec::new(); counts.len()];
     let pixels = ladder.variance.data().len() / 3;
     let every = pixels.div_ceil(COMPARED).max(1);
@@ -107,7 +107,7 @@ pub(super) fn moments(ladder: &Ladder, reference: &Ladder) -> Option<Moments> {
     let covariance = (0..counts.len())
         .map(|m| {
             // Isserlis's theorem and the fourth cumulant.
-            let of = |((m, n), sums): (&(usize, usize), &Sums)| {
+            let of = |((m, n), sums): (&(usize, usize), &PixelSums)| {
                 let (m, n) = (counts[*m], counts[*n]);
                 sums.figure(m / n + 1.0 + heavy / n)
             };
@@ -142,13 +142,13 @@ fn from_normal(mut values: Vec<f64>) -> f64 {
 
 /// Sums over pixels.
 #[derive(Clone, Copy, Debug, Default)]
-struct Sums {
+struct PixelSums {
     count: f64,
     sum: f64,
     squares: f64,
 }
 
-impl Sums {
+impl PixelSums {
     fn add(&mut self, value: f64) {
         self.count += 1.0;
         self.sum += value;

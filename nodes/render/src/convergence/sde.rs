@@ -28,8 +28,8 @@ pub(super) struct Simulated {
 pub(super) fn simulate(counts: &[u64], stream: &mut Stream) -> Simulated {
     let legs: Vec<Leg> = counts.windows(2).map(|pair| Leg::new(pair[0], pair[1])).collect();
     let counts: Vec<f64> = counts.iter().map(|n| *n as f64).collect();
-    let mut mean = vec![Sums::default(); counts.len()];
-    let mut covariance: Vec<Vec<Sums>> = (0..counts.len()).map(|m| vec![Sums::default(); m + 1]).collect();
+    let mut mean = vec![PathSums::default(); counts.len()];
+    let mut covariance: Vec<Vec<PathSums>> = (0..counts.len()).map(|m| vec![PathSums::default(); m + 1]).collect();
     let mut path = vec![0.0; counts.len()];
     for _ in 0..PATHS {
         path[0] = stream.normal() / counts[0].sqrt();
@@ -44,8 +44,8 @@ pub(super) fn simulate(counts: &[u64], stream: &mut Stream) -> Simulated {
         }
     }
     Simulated {
-        mean: mean.iter().map(Sums::figure).collect(),
-        covariance: covariance.iter().map(|row| row.iter().map(Sums::figure).collect()).collect(),
+        mean: mean.iter().map(PathSums::figure).collect(),
+        covariance: covariance.iter().map(|row| row.iter().map(PathSums::figure).collect()).collect(),
     }
 }
 
@@ -95,12 +95,12 @@ impl Leg {
 
 /// Sums over paths.
 #[derive(Clone, Copy, Debug, Default)]
-struct Sums {
+struct PathSums {
     sum: f64,
     squares: f64,
 }
 
-impl Sums {
+impl PathSums {
     fn add(&mut self, value: f64) {
         self.sum += value;
         self.squares += value * value;

@@ -47,7 +47,7 @@ pub struct Framing {
 
 /// The hit of a ray through the frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Seen {
+struct RayHit {
     shape: u32,
     normal: Vec3,
     at: Vec3,
@@ -65,9 +65,9 @@ struct Around {
 }
 
 /// The rays of a frame, row by row.
-struct Frame {
+struct RayGrid {
     width: usize,
-    seen: Vec<Option<Seen>>,
+    seen: Vec<Option<RayHit>>,
 }
 
 /// Whether one sees other things in a material or through it, more than the surface itself.
@@ -85,7 +85,12 @@ fn shows_others(bsdf: &Bsdf) -> bool {
         }
         Bsdf::Diffuse { .. } | Bsdf::Plastic { .. } => false,
         Bsdf::Blend { a, b, .. } => shows_others(a) || shows_others(b),
-        Bsdf::Mask { inner, .. } | Bsdf::NormalMap { inner, .. } | Bsdf::TwoSided { inner } => shows_others(inner),
+        Bsdf::Finish { alpha: Some(_), inner, .. } => matches!(**inner, Bsdf::Dielectric { .. }),
+        Bsdf::Mask { inner, .. }
+        | Bsdf::NormalMap { inner, .. }
+        | Bsdf::Relief { inner, .. }
+        | Bsdf::Finish { inner, .. }
+        | Bsdf::TwoSided { inner } => shows_others(inner),
     }
 }
 
@@ -93,12 +98,13 @@ fn shows_others(bsdf: &Bsdf) -> bool {
 fn has_back(bsdf: &Bsdf) -> bool {
     match bsdf {
         Bsdf::TwoSided { .. } | Bsdf::ThinDielectric { .. } => true,
-        Bsdf::Mask { inner, .. } | Bsdf::NormalMap { inner, .. } => has_back(inner),
+        Bsdf::Mask { inner, .. } | Bsdf::NormalMap { inner, .. } | Bsdf::Relief { inner, .. } => has_back(inner),
         Bsdf::Blend { a, b, .. } => has_back(a) && has_back(b),
         Bsdf::Diffuse { .. }
         | Bsdf::Conductor { .. }
         | Bsdf::Dielectric { .. }
         | Bsdf::Plastic { .. }
+        | Bsdf::Finish { .. }
         | Bsdf::Principled { .. } => false,
     }
 }
@@ -108,7 +114,7 @@ fn holes(bsdf: &Bsdf) -> Bsdf {
     let plain = || Bsdf::Diffuse { reflectance: Texture::Constant { value: [0.0; 3] } };
     match bsdf {
         Bsdf::Mask { opacity, inner } => Bsdf::Mask { opacity: opacity.clone(), inner: Box::new(holes(inner)) },
-        Bsdf::NormalMap { inner, .. } | Bsdf::TwoSided { inner } => holes(inner),
+        Bsdf::NormalMap { inner, .. } | Bsdf::Relief { inner, .. } | Bsdf::TwoSided { inner } => holes(inner),
         // Holes stand around blends, never within.
         Bsdf::Blend { .. }
         | Bsdf::Diffuse { .. }
@@ -116,6 +122,7 @@ fn holes(bsdf: &Bsdf) -> Bsdf {
         | Bsdf::Dielectric { .. }
         | Bsdf::ThinDielectric { .. }
         | Bsdf::Plastic { .. }
+        | Bsdf::Finish { .. }
         | Bsdf::Principled { .. } => plain(),
     }
 }
@@ -150,7 +157,7 @@ impl Framing {
             let sampler = Sampler::new(SamplerKind::Independent, state, pixel, 0);
             let (hit, at) = first_solid(world, &sampler, 0, renderer.camera_ray(&sampler, pixel))?;
             let others = shows_others(material(at.shape));
-            Some(Seen { shape: at.shape, normal: at.geometric, at: at.p, distance: hit.t, shows_others: others })
+            Some(RayHit { shape: at.shape, normal: at.geometric, at: at.p, distance: hit.t, shows_others: others })
         };
         let origin = Vec3::from_array(world.camera.origin.map(|v| v as f32));
         let around = |index: usize| {
@@ -160,18 +167,18 @@ impl Framing {
             let behind = at.geometric.dot(direction) > 0.0;
             Some(Around { distance: hit.t, inside: behind && !has_back(material(at.shape)) })
         };
-        let frame = Frame { width, seen: (0..width * height).map(seen).collect() };
+        let frame = RayGrid { width, seen: (0..width * height).map(seen).collect() };
         let around: Vec<Option<Around>> = (0..AROUND).map(around).collect();
         Ok(Self::summed(&frame, &around, near))
     }
 
-    fn summed(frame: &Frame, around: &[Option<Around>], near: f64) -> Self {
+    fn summed(frame: &RayGrid, around: &[Option<Around>], near: f64) -> Self {
         let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
         let rays = frame.seen.len();
         let mut distances: Vec<f64> = around.iter().flatten().map(|of| f64::from(of.distance)).collect();
         distances.sort_by(f64::total_cmp);
         let nearest = if distances.is_empty() { 0.0 } else { near * quantile(&distances, 0.5) };
-        let is_near = |seen: &&Seen| f64::from(seen.distance) < nearest;
+        let is_near = |seen: &&RayHit| f64::from(seen.distance) < nearest;
         let sky = frame.seen.iter().filter(|seen| seen.is_none()).count();
         let largest = frame.surfaces().into_iter().max().unwrap_or(0);
         Self {
@@ -204,12 +211,12 @@ fn spiral(index: usize) -> Vec3 {
 }
 
 /// Whether two neighbours are of one smooth surface.
-fn joined(a: &Seen, b: &Seen) -> bool {
+fn joined(a: &RayHit, b: &RayHit) -> bool {
     let off = off_planes((a.at, a.normal), (b.at, b.normal));
     a.shape == b.shape && a.normal.dot(b.normal) > SMOOTH && off <= FLAT * a.distance.min(b.distance)
 }
 
-impl Frame {
+impl RayGrid {
     /// Length of what parts neighbouring rays, in sides of the frame.
     fn outlines(&self) -> f64 {
         let height = self.seen.len() / self.width;
@@ -260,15 +267,15 @@ mod tests {
     use tauflow_data::scene::Geometry;
 
     /// A wall one metre ahead, shape 0, and beside it from column `from` on another, shape 1, of another direction.
-    fn walls(width: usize, height: usize, from: usize) -> Frame {
+    fn walls(width: usize, height: usize, from: usize) -> RayGrid {
         let wall = |index: usize| {
             let (x, y) = (index % width, index / width);
             let second = x >= from;
             let normal = if second { Vec3::new(-1.0, 0.0, 0.0) } else { Vec3::new(0.0, 0.0, 1.0) };
             let at = if second { Vec3::new(1.0, y as f32, x as f32) } else { Vec3::new(x as f32, y as f32, -1.0) };
-            Some(Seen { shape: u32::from(second), normal, at, distance: 1.0, shows_others: false })
+            Some(RayHit { shape: u32::from(second), normal, at, distance: 1.0, shows_others: false })
         };
-        Frame { width, seen: (0..width * height).map(wall).collect() }
+        RayGrid { width, seen: (0..width * height).map(wall).collect() }
     }
 
     #[test]

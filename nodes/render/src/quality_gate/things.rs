@@ -61,7 +61,13 @@ fn clear(bsdf: &Bsdf) -> bool {
         Bsdf::Dielectric { alpha, .. } => f64::from(*alpha) <= CLEAR,
         Bsdf::ThinDielectric { .. } => true,
         Bsdf::Principled { spec_trans: Texture::Constant { value }, .. } => value[0] >= 0.5,
-        Bsdf::Mask { inner, .. } | Bsdf::NormalMap { inner, .. } | Bsdf::TwoSided { inner } => clear(inner),
+        // What a texture makes rough is nowhere seen through for sure.
+        Bsdf::Finish { alpha: Some(_), .. } => false,
+        Bsdf::Mask { inner, .. }
+        | Bsdf::NormalMap { inner, .. }
+        | Bsdf::Relief { inner, .. }
+        | Bsdf::Finish { inner, .. }
+        | Bsdf::TwoSided { inner } => clear(inner),
         Bsdf::Principled { .. }
         | Bsdf::Conductor { .. }
         | Bsdf::Diffuse { .. }

@@ -9,8 +9,8 @@ use tauflow_data::{
     maths::exp,
     methods::MethodName,
     records::{
-        AgainstGaussian, BackboneQuality, Better, Claim, ClaimVerdict, Estimate, Evidence, Family, Frame, Gain,
-        Generated, GeneratedVariant, ImageQuality, SampleRow, ScoreColumn, Variant, VariantQuality,
+        AgainstGaussian, BackboneQuality, Better, Claim, ClaimVerdict, Estimate, Evidence, Family, Gain, Generated,
+        GeneratedVariant, ImageQuality, SampleRow, ScoreColumn, Snapshot, Variant, VariantQuality,
     },
     rng::Stream,
 };
@@ -62,7 +62,7 @@ fn picture(seed: u64, side: usize, noise: f64) -> Image {
 fn generated((backbone, family, steps): (&str, Family, u64), sample: u64, side: usize) -> Generated {
     let variant = |variant: Variant| {
         let kept = if sample == 0 && !variant.is_control() { 8 } else { 0 };
-        let frame = |at: u64| Frame {
+        let frame = |at: u64| Snapshot {
             step: at * steps / 8,
             image: picture(sample, side, noise(variant) + 0.5 * (1.0 - at as f64 / 8.0)),
         };

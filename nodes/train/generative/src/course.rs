@@ -11,7 +11,7 @@ use crate::{
 use tauflow_contract::KindError;
 use tauflow_data::{
     Image,
-    records::{Frame, GeneratedVariant, Variant},
+    records::{GeneratedVariant, Snapshot, Variant},
     rng::Stream,
 };
 
@@ -124,7 +124,7 @@ pub struct Course<'a> {
 struct State {
     image: Image,
     energy: Vec<f64>,
-    frames: Vec<Frame>,
+    frames: Vec<Snapshot>,
 }
 
 impl Course<'_> {
@@ -137,7 +137,7 @@ impl Course<'_> {
     fn keep_frame(&self, state: &mut State, done: u64) {
         if self.frames.contains(&done) {
             let family = self.backbone.family();
-            state.frames.push(Frame { step: done, image: state.image.map(|value| decoded(family, value)) });
+            state.frames.push(Snapshot { step: done, image: state.image.map(|value| decoded(family, value)) });
         }
     }
 

@@ -49,9 +49,9 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>, KindError> {
 
 /// Folders that were seen, however many links lead to them.
 #[derive(Default)]
-struct Seen(BTreeSet<(u64, u64)>);
+struct Visited(BTreeSet<(u64, u64)>);
 
-impl Seen {
+impl Visited {
     /// True if this is a folder that was not seen before.
     fn first(&mut self, folder: &fs::Metadata) -> bool {
         self.0.insert((folder.dev(), folder.ino()))
@@ -64,7 +64,7 @@ impl Seen {
 /// # Errors
 /// If a folder cannot be listed.
 pub fn search(folders: &[String], wanted: &dyn Fn(&Path) -> bool) -> Result<Vec<PathBuf>, KindError> {
-    let (mut found, mut seen) = (Vec::new(), Seen::default());
+    let (mut found, mut seen) = (Vec::new(), Visited::default());
     let mut own: VecDeque<PathBuf> = folders.iter().map(PathBuf::from).collect();
     let mut links = VecDeque::new();
     while let Some(folder) = own.pop_front().or_else(|| links.pop_front()) {
@@ -115,7 +115,7 @@ fn fits(pattern: &[char], name: &[char]) -> bool {
 /// `paths` with each folder once: by its own name where it has one, not by that of a link.
 fn each_once(paths: Vec<PathBuf>) -> Vec<PathBuf> {
     let (links, own): (Vec<PathBuf>, Vec<PathBuf>) = paths.into_iter().partition(|path| path.is_symlink());
-    let mut seen = Seen::default();
+    let mut seen = Visited::default();
     let first = |path: &PathBuf| fs::metadata(path).map_or(true, |m| !m.is_dir() || seen.first(&m));
     own.into_iter().chain(links).filter(first).collect()
 }

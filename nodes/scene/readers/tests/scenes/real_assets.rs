@@ -10,7 +10,6 @@ use tauflow_data::{
     mesh::Mesh,
     records::{Asset, AssetBody, AssetReport},
 };
-use tauflow_testing::{Need, skip};
 
 /// Luminance figures of the shared HDRIs, as their list of licences states them: file, largest, mean by solid angle,
 /// share of the brightest thousandth of the sphere.

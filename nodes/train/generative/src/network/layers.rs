@@ -1,6 +1,6 @@
 //! A network's layers on tensors of images [N, H, W, C], and its weights.
 
-use super::parameters::{Map, Norm};
+use super::parameters::{LinearMap, Norm};
 use burn::tensor::{Tensor, TensorData};
 use tauflow_data::maths;
 use tauflow_ops::{Attention, Beside, Fir, GroupNorm, Instructions, Nearest, Patches};
@@ -13,17 +13,17 @@ pub(crate) struct Run<'a>(pub(crate) &'a [Tensor<2>]);
 
 impl Run<'_> {
     /// A 3x3 convolution with zeros around the image.
-    pub(crate) fn conv3(&self, map: Map, x: Tensor<4>) -> Tensor<4> {
+    pub(crate) fn conv3(&self, map: LinearMap, x: Tensor<4>) -> Tensor<4> {
         layers::conv3(x, self.0[map.kernel].clone(), self.0[map.bias].clone())
     }
 
     /// A linear map of the last axis.
-    pub(crate) fn linear<const D: usize>(&self, map: Map, x: Tensor<D>) -> Tensor<D> {
+    pub(crate) fn linear<const D: usize>(&self, map: LinearMap, x: Tensor<D>) -> Tensor<D> {
         layers::linear(x, self.0[map.kernel].clone(), self.0[map.bias].clone())
     }
 
     /// A 3x3 convolution of every second pixel, to the right and downwards.
-    pub(crate) fn strided(&self, map: Map, x: Tensor<4>) -> Tensor<4> {
+    pub(crate) fn strided(&self, map: LinearMap, x: Tensor<4>) -> Tensor<4> {
         let [images, height, width, channels] = x.dims();
         let shape = [images, height / 2, width / 2, 9 * channels];
         self.linear(map, apply_on_cpu(Patches { height, width, channels }, [x.into()], shape))

@@ -4,7 +4,7 @@
 
 use super::{
     layers::{Run, attention, beside, fir, silu, waves},
-    parameters::{Builder, Map, Norm, Parameter},
+    parameters::{Builder, LinearMap, Norm, Parameter},
 };
 use burn::tensor::{Tensor, TensorData};
 use serde::{Deserialize, Serialize};
@@ -163,18 +163,18 @@ enum Resize {
 #[derive(Clone, Debug)]
 struct Resnet {
     norm0: Norm,
-    conv0: Map,
-    time: Map,
+    conv0: LinearMap,
+    time: LinearMap,
     norm1: Norm,
-    conv1: Map,
-    shortcut: Option<Map>,
+    conv1: LinearMap,
+    shortcut: Option<LinearMap>,
     resize: Resize,
 }
 
 #[derive(Clone, Debug)]
 struct Attend {
     norm: Norm,
-    maps: [Map; 4],
+    maps: [LinearMap; 4],
 }
 
 /// A block, with attention after it where there is.
@@ -184,7 +184,7 @@ type Block = (Resnet, Option<Attend>);
 struct Down {
     blocks: Vec<Block>,
     /// What halves the images, and what brings the small input image into them.
-    half: Option<(Resnet, Map)>,
+    half: Option<(Resnet, LinearMap)>,
 }
 
 #[derive(Clone, Debug)]
@@ -192,7 +192,7 @@ struct Up {
     blocks: Vec<Resnet>,
     attend: Option<Attend>,
     /// What adds to the image that is summed.
-    image: (Norm, Map),
+    image: (Norm, LinearMap),
     twice: Option<Resnet>,
 }
 
@@ -202,8 +202,8 @@ pub struct Ncsnpp {
     config: NcsnppConfig,
     parameters: Vec<Parameter>,
     frequencies: usize,
-    time: [Map; 2],
-    stem: Map,
+    time: [LinearMap; 2],
+    stem: LinearMap,
     down: Vec<Down>,
     middle: (Resnet, Attend, Resnet),
     up: Vec<Up>,

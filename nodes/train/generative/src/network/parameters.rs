@@ -90,7 +90,7 @@ pub(crate) fn slots(parameters: &[Parameter]) -> Slots {
 
 /// A convolution or a linear map: places of its matrix and its bias.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Map {
+pub(crate) struct LinearMap {
     pub(crate) kernel: usize,
     pub(crate) bias: usize,
 }
@@ -119,29 +119,29 @@ impl Builder {
     }
 
     /// A 3x3 convolution.
-    pub(crate) fn conv3(&mut self, name: &str, inputs: usize, outputs: usize, start: Start) -> Map {
+    pub(crate) fn conv3(&mut self, name: &str, inputs: usize, outputs: usize, start: Start) -> LinearMap {
         let kernel = self.add(format!("{name}.weight"), vec![outputs, inputs, 3, 3], Layout::OutputsFirst, start);
-        Map { kernel, bias: self.bias(name, outputs) }
+        LinearMap { kernel, bias: self.bias(name, outputs) }
     }
 
     /// A convolution of single pixels.
-    pub(crate) fn conv1(&mut self, name: &str, inputs: usize, outputs: usize) -> Map {
+    pub(crate) fn conv1(&mut self, name: &str, inputs: usize, outputs: usize) -> LinearMap {
         let (shape, start) = (vec![outputs, inputs, 1, 1], Start::Normal(1.0));
         let kernel = self.add(format!("{name}.weight"), shape, Layout::OutputsFirst, start);
-        Map { kernel, bias: self.bias(name, outputs) }
+        LinearMap { kernel, bias: self.bias(name, outputs) }
     }
 
     /// A linear map.
-    pub(crate) fn linear(&mut self, name: &str, inputs: usize, outputs: usize, start: Start) -> Map {
+    pub(crate) fn linear(&mut self, name: &str, inputs: usize, outputs: usize, start: Start) -> LinearMap {
         let kernel = self.add(format!("{name}.weight"), vec![outputs, inputs], Layout::OutputsFirst, start);
-        Map { kernel, bias: self.bias(name, outputs) }
+        LinearMap { kernel, bias: self.bias(name, outputs) }
     }
 
     /// A linear map of channels as NCSN++ names it.
-    pub(crate) fn nin(&mut self, name: &str, inputs: usize, outputs: usize, start: Start) -> Map {
+    pub(crate) fn nin(&mut self, name: &str, inputs: usize, outputs: usize, start: Start) -> LinearMap {
         let kernel = self.add(format!("{name}.W"), vec![inputs, outputs], Layout::InputsFirst, start);
         let bias = self.add(format!("{name}.b"), vec![outputs], Layout::Vector, Start::Zero);
-        Map { kernel, bias }
+        LinearMap { kernel, bias }
     }
 
     /// A group normalisation.

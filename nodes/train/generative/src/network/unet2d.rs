@@ -3,7 +3,7 @@
 
 use super::{
     layers::{Run, attention, beside, nearest, silu, waves},
-    parameters::{Builder, Map, Norm, Parameter},
+    parameters::{Builder, LinearMap, Norm, Parameter},
 };
 use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
@@ -205,21 +205,21 @@ impl Unet2dConfig {
 #[derive(Clone, Debug)]
 struct Resnet {
     norm1: Norm,
-    conv1: Map,
-    time: Map,
+    conv1: LinearMap,
+    time: LinearMap,
     norm2: Norm,
-    conv2: Map,
-    shortcut: Option<Map>,
+    conv2: LinearMap,
+    shortcut: Option<LinearMap>,
     scale: f64,
 }
 
 #[derive(Clone, Debug)]
 struct Attend {
     norm: Norm,
-    query: Map,
-    key: Map,
-    value: Map,
-    out: Map,
+    query: LinearMap,
+    key: LinearMap,
+    value: LinearMap,
+    out: LinearMap,
     heads: usize,
     scale: f64,
 }
@@ -227,7 +227,7 @@ struct Attend {
 #[derive(Clone, Debug)]
 struct Level {
     blocks: Vec<(Resnet, Option<Attend>)>,
-    resize: Option<Map>,
+    resize: Option<LinearMap>,
 }
 
 /// The network: which weights are used where.
@@ -235,13 +235,13 @@ struct Level {
 pub struct Unet2d {
     config: Unet2dConfig,
     parameters: Vec<Parameter>,
-    stem: Map,
-    time: [Map; 2],
+    stem: LinearMap,
+    time: [LinearMap; 2],
     down: Vec<Level>,
     middle: (Resnet, Option<Attend>, Resnet),
     up: Vec<Level>,
     last: Norm,
-    out: Map,
+    out: LinearMap,
 }
 
 struct Parts<'a> {

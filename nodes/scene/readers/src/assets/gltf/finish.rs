@@ -11,7 +11,7 @@ use tauflow_data::{
 };
 
 /// The map into the box: largest side 1, standing on y = 0 about the y axis.
-pub struct Frame {
+pub struct UnitBox {
     /// From the file's space into the box.
     pub map: Affine,
     /// Largest side before, in the file's unit (metres).
@@ -28,7 +28,7 @@ pub struct Lost {
 /// Share of vertices beyond which a far-off few do not count, at either end of an axis.
 const STRAY: f64 = 0.0005;
 
-impl Frame {
+impl UnitBox {
     /// The frame of all pieces together.
     ///
     /// It is that of every vertex in use, unless leaving out one vertex in 2,000 at either end of each axis shrinks it
@@ -84,7 +84,7 @@ impl Frame {
     }
 }
 
-impl Frame {
+impl UnitBox {
     /// The map back: an even scale and a shift.
     pub fn back(&self) -> Affine {
         let k = self.map[0][0];
@@ -100,7 +100,7 @@ impl Frame {
 ///
 /// Leaves out triangles with a vertex that is not finite or without an area (in the precision of the mesh), and
 /// vertices that none uses; mends normals without a direction; turns a closed body right side out.
-pub fn mesh(mut piece: Piece, frame: &Frame, report: &mut AssetReport) -> (Option<Mesh>, Lost) {
+pub fn mesh(mut piece: Piece, frame: &UnitBox, report: &mut AssetReport) -> (Option<Mesh>, Lost) {
     piece.transform(&frame.map);
     let single = |p: &Vec3| p.map(|v| v as f32);
     let mut lost = Lost::default();

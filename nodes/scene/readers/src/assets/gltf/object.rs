@@ -4,7 +4,7 @@
 
 use super::{
     container::{Document, Externals},
-    finish::{self, Frame},
+    finish::{self, UnitBox},
     material::Materials,
     pose::{Copies, Instance, Pose},
     primitive::{self, Piece, Want},
@@ -179,7 +179,7 @@ fn read_as(
     }
     let own = |shown: &&Shown| shown.copies.is_none();
     let frame = match pieces.iter().any(|shown| shown.copies.is_none()) {
-        true => Some(Frame::around(pieces.iter().filter(own).map(|shown| &shown.piece), purpose, report)?),
+        true => Some(UnitBox::around(pieces.iter().filter(own).map(|shown| &shown.piece), purpose, report)?),
         false => None,
     };
     let (mut parts, mut dropped, mut bounds) = (Vec::new(), 0, Aabb::EMPTY);
@@ -187,7 +187,7 @@ fn read_as(
         let sets = piece.sets.clone();
         let alone = match (&copies, &frame) {
             (None, Some(_)) => None,
-            _ => match tell(Frame::around([&piece].into_iter(), purpose, report), told) {
+            _ => match tell(UnitBox::around([&piece].into_iter(), purpose, report), told) {
                 Some(alone) => Some(alone),
                 None => continue,
             },

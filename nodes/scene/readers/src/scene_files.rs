@@ -1,4 +1,4 @@
-#![doc = include_str!("../scene_files.md")]
+#![doc = include_str!("scene_files.md")]
 
 mod build;
 mod files;
@@ -38,7 +38,7 @@ use tauflow_data::{
     scene::{Emitter, Recipe, Scene},
 };
 
-const MAIN: Group = Group::main(2);
+const MAIN: Group = Group::main(4);
 const SCENES: Out<SceneRecord> =
     Out::new(MAIN, "scenes", "The scenes; unreadable ones fail, or are omitted.").filtering();
 const REPORTS: Out<AssetReport> = Out::new(MAIN, "reports", "Notes on each file.");
@@ -237,7 +237,7 @@ impl Kind for SceneFiles {
         KindSpec {
             name: "scene_files",
             summary: "Reads complete scenes from files: scene.json, glTF, Mitsuba 3 XML and pbrt-v4.",
-            manual: include_str!("../scene_files.md"),
+            manual: include_str!("scene_files.md"),
             mode: Mode::Source,
             inputs: vec![],
             outputs: vec![SCENES.port(), REPORTS.port()],

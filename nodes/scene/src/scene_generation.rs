@@ -1,4 +1,4 @@
-#![doc = include_str!("../scene_generation.md")]
+#![doc = include_str!("scene_generation.md")]
 
 mod arrange;
 mod assemble;
@@ -40,7 +40,7 @@ impl Kind for SceneGeneration {
         KindSpec {
             name: "scene_generation",
             summary: "Generates scenes for regimes x contexts from layouts, objects, skies and materials.",
-            manual: include_str!("../scene_generation.md"),
+            manual: include_str!("scene_generation.md"),
             mode: Mode::Source,
             inputs: vec![ASSETS.port()],
             outputs: vec![SCENES.port()],

@@ -1,4 +1,4 @@
-#![doc = include_str!("../assets.md")]
+#![doc = include_str!("assets.md")]
 
 mod blobs;
 mod bounds;
@@ -104,7 +104,7 @@ impl Kind for Assets {
         KindSpec {
             name: "assets",
             summary: "Imports HDRIs and glTF objects, with a report of repairs and refusals.",
-            manual: include_str!("../assets.md"),
+            manual: include_str!("assets.md"),
             mode: Mode::Source,
             inputs: vec![],
             outputs: vec![ASSETS.port(), REPORTS.port()],
