@@ -44,7 +44,7 @@ impl UpstreamArgs {
         if folder.to_str().is_some_and(|text| text.contains("://")) {
             let folder = folder.display();
             return Err(CliError::Bad(format!(
-                "the upstream `{folder}` is a URL, but an upstream must be a directory; mount it, and give the directory"
+                "the upstream `{folder}` is a URL, but must be a directory; mount it, and give its directory"
             )));
         }
         Ok(folder)

@@ -12,8 +12,8 @@
 //! ```
 //! A pack is complete before its index is visible, and records come after the packs that hold their blobs.
 //!
-//! Everything that comes down is hashed again. A damaged index, pack or blob is a miss with a note. Whoever may write to
-//! an upstream may claim any outputs for a key: contents are verified, claims are not.
+//! Everything that comes down is hashed again. A damaged index, pack or blob is a miss with a note. Whoever may write
+//! to an upstream may claim any outputs for a key: contents are verified, claims are not.
 //!
 //! Knows records and blobs, but no pipeline.
 
