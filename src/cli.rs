@@ -21,6 +21,7 @@ mod scene;
 mod setup;
 mod terminal;
 mod tev;
+mod upstream;
 
 pub(crate) use output::{bytes_text, counted, seconds_text, table};
 

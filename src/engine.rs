@@ -29,7 +29,7 @@ mod transient;
 pub use event::Summary;
 pub use executor::ChildCommand;
 pub use lanes::Only;
-pub use records::{ACTION, PIPELINE};
+pub use records::{ACTION, PIPELINE, ROLLUP, SHARD};
 
 use crate::{
     ids::{self, PortId},

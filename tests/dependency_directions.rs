@@ -1,6 +1,7 @@
 //! Holds the directions `cache <- contract <- data <- each kind's crate <- root`, so that a change in the renderer
 //! never rebuilds burn, nor the reverse; that burn stays below `nodes/train`, and that `cargo test` at the root skips
 //! no crate.
+//! `cache/upstream` stands beside `contract`, and only the root uses it.
 //! `nodes/instructions` stands beside `cache`, below all that ask it; `testing` is below all, for tests alone.
 
 use serde_json::Value;
@@ -33,7 +34,7 @@ fn layer(folder: &str) -> u32 {
         "" => 5,
         "testing" => 0,
         "cache" | "nodes/instructions" => 1,
-        "nodes/contract" => 2,
+        "nodes/contract" | "cache/upstream" => 2,
         "nodes/data" => 3,
         _ => KINDS,
     }
@@ -102,6 +103,7 @@ fn dependencies_point_one_way() {
     for folder in [
         "",
         "cache",
+        "cache/upstream",
         "nodes/contract",
         "nodes/data",
         "nodes/scene",

@@ -1,10 +1,14 @@
 //! `tauflow cache`.
 
-use super::{CacheAt, CliError, Exit, bytes_text, seconds_text, table, terminal};
+use super::{
+    CacheAt, CliError, Exit, bytes_text, seconds_text, table, terminal,
+    upstream::{self, UpstreamArgs},
+};
 use crate::engine::PIPELINE;
 use clap::Subcommand;
 use std::{
     collections::BTreeMap,
+    path::PathBuf,
     time::{SystemTime, UNIX_EPOCH},
 };
 use tauflow_cache::{Digest, GcOptions, GcReport, Store};
@@ -13,7 +17,11 @@ use tauflow_cache::{Digest, GcOptions, GcReport, Store};
 #[derive(Subcommand)]
 pub(crate) enum CacheCommand {
     /// Print the number and size of blobs and records.
-    Stat,
+    Stat {
+        /// Print those of this upstream instead.
+        #[arg(long, value_name = "DIR")]
+        upstream: Option<PathBuf>,
+    },
     /// Verify all blobs. Damaged blobs are moved aside and rebuilt on demand. Exits with 1 if blobs are damaged or
     /// lost; blobs of `transient` nodes do not count as lost.
     Verify {
@@ -51,6 +59,19 @@ pub(crate) enum CacheCommand {
     },
     /// List the pins.
     Pins,
+    /// Copy results that an upstream lacks to it. An upstream is a directory that several machines share.
+    Push {
+        #[command(flatten)]
+        upstream: UpstreamArgs,
+        /// Print what would be copied, without copying.
+        #[arg(long)]
+        dry_run: bool,
+    },
+    /// Copy all results of an upstream to this cache. Everything is verified; what the cache has stays.
+    Pull {
+        #[command(flatten)]
+        upstream: UpstreamArgs,
+    },
 }
 
 /// The blobs that the last complete run of each pipeline refers to.
@@ -114,7 +135,7 @@ pub(crate) fn bytes(text: &str) -> Result<u64, String> {
 }
 
 /// The cache, which has to be there.
-fn made(at: &CacheAt) -> Result<Store, CliError> {
+pub(crate) fn made(at: &CacheAt) -> Result<Store, CliError> {
     let store = at.look()?;
     if !store.is_made() {
         let folder = store.dir().display();
@@ -127,7 +148,10 @@ fn made(at: &CacheAt) -> Result<Store, CliError> {
 
 pub(crate) fn cache(command: &CacheCommand, at: &CacheAt) -> Result<Exit, CliError> {
     match command {
-        CacheCommand::Stat => stat(&made(at)?)?,
+        CacheCommand::Stat { upstream: None } => stat(&made(at)?)?,
+        CacheCommand::Stat { upstream: Some(folder) } => return upstream::stat(&UpstreamArgs::of(folder)),
+        CacheCommand::Push { upstream, dry_run } => return upstream::push(upstream, *dry_run, at),
+        CacheCommand::Pull { upstream } => return upstream::pull(upstream, at),
         CacheCommand::Verify { sample } => {
             if sample.is_some_and(|s| !(0.0..=1.0).contains(&s)) {
                 return Err(CliError::Bad("--sample must be between 0 and 1, for example 0.1".into()));

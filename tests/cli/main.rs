@@ -16,6 +16,7 @@ mod rendering;
 mod runs;
 mod schema;
 mod stale;
+mod upstreams;
 mod validator;
 mod words;
 

@@ -1,0 +1,217 @@
+//! Indices: what a pack holds and where, and the records that came with it.
+//!
+//! An index is a text of lines, each a JSON object with one field. Its name is its digest, so a damaged or truncated
+//! index is never used in part.
+
+use crate::{Upstream, UpstreamError, error::At};
+use serde::{Deserialize, Serialize};
+use std::{
+    collections::{HashMap, HashSet},
+    io::Write,
+};
+use tauflow_cache::{Digest, Key, Record};
+use tempfile::NamedTempFile;
+
+/// Most bytes of an index; longer ones are refused. One record may have as many as a log frame.
+pub(crate) const MOST_INDEX: u64 = 1 << 30;
+/// Bytes at which an index, and a pack, are sealed and others begun.
+const FULL_INDEX: usize = 16 << 20;
+const FULL_PACK: u64 = 256 << 20;
+
+/// A line of an index.
+#[derive(Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub(crate) enum Line {
+    /// The pack that the blobs below are in.
+    Pack(Digest),
+    /// A blob and its offset in the pack.
+    Blob(Digest, u64),
+    /// A record.
+    Record(Box<SharedRecord>),
+}
+
+/// A [`Record`] as an index holds it.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SharedRecord {
+    namespace: String,
+    key: Key,
+    label: String,
+    preimage: String,
+    payload: String,
+    recipe: String,
+    derived: bool,
+    transient: bool,
+    refs: Vec<Digest>,
+    trees: Vec<Digest>,
+    wall_us: u64,
+    bytes: u64,
+    when: u64,
+}
+
+impl From<Record> for SharedRecord {
+    fn from(of: Record) -> Self {
+        let Record { namespace, key, label, preimage, payload, recipe, derived, transient, .. } = of;
+        let Record { refs, trees, wall_us, bytes, when, .. } = of;
+        Self { namespace, key, label, preimage, payload, recipe, derived, transient, refs, trees, wall_us, bytes, when }
+    }
+}
+
+impl From<SharedRecord> for Record {
+    fn from(of: SharedRecord) -> Self {
+        let SharedRecord { namespace, key, label, preimage, payload, recipe, derived, transient, .. } = of;
+        let SharedRecord { refs, trees, wall_us, bytes, when, .. } = of;
+        Self { namespace, key, label, preimage, payload, recipe, derived, transient, refs, trees, wall_us, bytes, when }
+    }
+}
+
+/// What makes two records the same.
+pub(crate) fn identity(record: &Record) -> [u8; 32] {
+    let mut hasher = blake3::Hasher::new();
+    for part in [record.namespace.as_bytes(), &record.key.0, record.payload.as_bytes()] {
+        hasher.update(&(part.len() as u64).to_le_bytes());
+        hasher.update(part);
+    }
+    *hasher.finalize().as_bytes()
+}
+
+/// What the indices of an upstream list.
+#[derive(Debug, Default)]
+pub struct Contents {
+    /// Where blobs are: pack and offset.
+    pub(crate) blobs: HashMap<Digest, (Digest, u64)>,
+    /// The identities of records.
+    pub(crate) records: HashSet<[u8; 32]>,
+    /// The indices that are sound, sorted.
+    pub(crate) indices: Vec<Digest>,
+    /// The packs.
+    pub(crate) packs: HashSet<Digest>,
+    /// Damage that was found, a sentence each.
+    pub notes: Vec<String>,
+}
+
+impl Contents {
+    pub(crate) fn read(upstream: &Upstream) -> Result<Self, UpstreamError> {
+        let mut contents = Self::default();
+        for digest in upstream.indices()? {
+            match lines(upstream, &digest) {
+                Ok(lines) => {
+                    contents.indices.push(digest);
+                    contents.add(lines);
+                }
+                Err(note) => contents.notes.push(note),
+            }
+        }
+        Ok(contents)
+    }
+
+    fn add(&mut self, lines: Vec<Line>) {
+        let mut pack = None;
+        for line in lines {
+            match line {
+                Line::Pack(digest) => {
+                    pack = Some(digest);
+                    self.packs.insert(digest);
+                }
+                Line::Blob(digest, offset) => {
+                    if let Some(pack) = pack {
+                        self.blobs.entry(digest).or_insert((pack, offset));
+                    }
+                }
+                Line::Record(record) => drop(self.records.insert(identity(&Record::from(*record)))),
+            }
+        }
+    }
+
+    /// Number of distinct blobs.
+    pub fn blobs(&self) -> usize {
+        self.blobs.len()
+    }
+
+    /// Number of distinct records.
+    pub fn records(&self) -> usize {
+        self.records.len()
+    }
+
+    /// Number of indices and of packs.
+    pub fn files(&self) -> (usize, usize) {
+        (self.indices.len(), self.packs.len())
+    }
+
+    /// Bytes of the packs.
+    pub fn bytes(&self) -> u64 {
+        self.packs.iter().fold(0, |sum, pack| sum.saturating_add(pack.size))
+    }
+}
+
+/// The lines of an index, or why it is not used.
+pub(crate) fn lines(upstream: &Upstream, digest: &Digest) -> Result<Vec<Line>, String> {
+    let bytes = upstream.index(digest)?;
+    let parse = |line: &[u8]| serde_json::from_slice(line);
+    let all: Result<Vec<Line>, _> =
+        bytes.split(|byte| *byte == b'\n').filter(|line| !line.is_empty()).map(parse).collect();
+    all.map_err(|error| {
+        let path = upstream.file(digest, "index");
+        format!("index `{}` has a line that this version cannot read ({error}); it is ignored", path.display())
+    })
+}
+
+/// Writes packs and their indices.
+pub(crate) struct Writer<'a> {
+    upstream: &'a Upstream,
+    pack: Option<(NamedTempFile, blake3::Hasher)>,
+    /// Bytes in the pack.
+    end: u64,
+    blobs: Vec<Line>,
+    /// Lines of records.
+    records: Vec<u8>,
+}
+
+impl<'a> Writer<'a> {
+    pub fn new(upstream: &'a Upstream) -> Self {
+        Self { upstream, pack: None, end: 0, blobs: Vec::new(), records: Vec::new() }
+    }
+
+    pub fn blob(&mut self, digest: Digest, bytes: &[u8]) -> Result<(), UpstreamError> {
+        if self.pack.is_none() {
+            self.pack = Some((self.upstream.temporary()?, blake3::Hasher::new()));
+        }
+        let Some((file, hasher)) = &mut self.pack else { return Ok(()) }; // set right above
+        file.write_all(bytes).at("write a pack to", self.upstream.dir())?;
+        hasher.update(bytes);
+        self.blobs.push(Line::Blob(digest, self.end));
+        self.end += bytes.len() as u64;
+        if self.end >= FULL_PACK { self.seal() } else { Ok(()) }
+    }
+
+    /// Adds a record, after its blobs.
+    pub fn record(&mut self, record: Record) -> Result<(), UpstreamError> {
+        put(&mut self.records, &Line::Record(Box::new(record.into())));
+        if self.records.len() >= FULL_INDEX { self.seal() } else { Ok(()) }
+    }
+
+    /// Makes what was written visible: the pack first, then the index that names it.
+    pub fn seal(&mut self) -> Result<(), UpstreamError> {
+        let mut index = Vec::new();
+        if let Some((file, hasher)) = self.pack.take() {
+            let digest = Digest { hash: *hasher.finalize().as_bytes(), size: self.end };
+            self.upstream.seal(file, &self.upstream.file(&digest, "pack"))?;
+            put(&mut index, &Line::Pack(digest));
+        }
+        self.end = 0;
+        self.blobs.drain(..).for_each(|line| put(&mut index, &line));
+        index.append(&mut self.records);
+        if index.is_empty() {
+            return Ok(());
+        }
+        let path = self.upstream.file(&Digest::of(&index), "index");
+        let mut file = self.upstream.temporary()?;
+        file.write_all(&index).at("write", &path)?;
+        self.upstream.seal(file, &path)
+    }
+}
+
+fn put(index: &mut Vec<u8>, line: &Line) {
+    serde_json::to_writer(&mut *index, line).expect("texts and numbers always serialise to memory");
+    index.push(b'\n');
+}

@@ -1,0 +1,251 @@
+//! Pushes, pulls, and everything that can be wrong with an upstream.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+    thread,
+};
+use tauflow_cache::{Digest, Key, Record, Store, tree};
+use tauflow_upstream::{Pulled, Pushed, Upstream, UpstreamError, Wanted, pull, push};
+use tempfile::TempDir;
+
+const ALL: Wanted<'_> = Wanted { namespaces: &["action"], sound: &|record| record.preimage != "forged" };
+
+struct Lab {
+    folder: TempDir,
+}
+
+impl Lab {
+    fn new() -> Self {
+        Self { folder: TempDir::new().expect("a temporary folder") }
+    }
+
+    fn store(&self, name: &str) -> Store {
+        Store::open(&self.folder.path().join(name)).expect("writable")
+    }
+
+    fn dir(&self) -> PathBuf {
+        self.folder.path().join("shared")
+    }
+
+    fn push(&self, store: &Store) -> Pushed {
+        let upstream = Upstream::create(&self.dir()).expect("writable");
+        push(store, &upstream, ALL, false, &mut |_, _| {}).expect("writable")
+    }
+
+    fn pull(&self, store: &Store) -> Pulled {
+        let upstream = Upstream::open(&self.dir()).expect("it is there");
+        pull(store, &upstream, ALL, &mut |_, _| {}).expect("writable")
+    }
+
+    fn files(&self, extension: &str) -> Vec<PathBuf> {
+        let entries = fs::read_dir(self.dir().join("packs")).expect("readable");
+        let mut found: Vec<PathBuf> = entries.map(|entry| entry.expect("readable").path()).collect();
+        found.retain(|path| path.extension().is_some_and(|e| e == extension));
+        found.sort();
+        found
+    }
+}
+
+/// A record with a blob of its own, and a tree that lists another.
+fn add(store: &Store, name: &str) -> Record {
+    let put = |bytes: &[u8]| store.put(bytes).expect("writable");
+    let (blob, leaf) = (put(format!("blob of {name}").as_bytes()), put(format!("leaf of {name}").as_bytes()));
+    let listing = put(&tree::encode(&[leaf], &[], b""));
+    let record = Record {
+        namespace: "action".into(),
+        key: Key::of(name.as_bytes()),
+        label: "kind".into(),
+        preimage: String::new(),
+        payload: blob.to_string(),
+        recipe: String::new(),
+        derived: false,
+        transient: false,
+        refs: vec![blob],
+        trees: vec![listing],
+        wall_us: 5,
+        bytes: 6,
+        when: 7,
+    };
+    store.record(&record).expect("writable");
+    record
+}
+
+fn change(path: &Path, with: impl FnOnce(&mut Vec<u8>)) {
+    let mut bytes = fs::read(path).expect("readable");
+    with(&mut bytes);
+    fs::write(path, bytes).expect("writable");
+}
+
+#[test]
+fn what_one_machine_pushes_another_pulls_and_few_files_hold_it() {
+    let lab = Lab::new();
+    let (a, b) = (lab.store("a"), lab.store("b"));
+    let records: Vec<Record> = (0..500).map(|n| add(&a, &n.to_string())).collect();
+    let pushed = lab.push(&a);
+    assert_eq!((pushed.records, pushed.blobs, pushed.same, pushed.incomplete), (500, 1500, 0, 0));
+    assert_eq!((lab.files("pack").len(), lab.files("index").len()), (1, 1));
+    let pulled = lab.pull(&b);
+    assert_eq!((pulled.records, pulled.blobs, pulled.bytes), (500, 1500, pushed.bytes));
+    assert_eq!(pulled.notes, [""; 0]);
+    for record in &records {
+        assert_eq!(b.lookup_full("action", &record.key).as_deref(), Some(record));
+        assert!(b.reach(&record.refs, &record.trees).expect("readable").iter().all(|blob| b.contains(blob)));
+    }
+    // Nothing is copied twice.
+    let again = lab.push(&b);
+    assert_eq!((again.records, again.blobs, again.same), (0, 0, 500));
+    assert_eq!(lab.files("index").len(), 1);
+    let again = lab.pull(&b);
+    assert_eq!((again.records, again.blobs, again.same), (0, 0, 500));
+}
+
+#[test]
+fn a_dry_run_counts_and_writes_nothing() {
+    let lab = Lab::new();
+    let a = lab.store("a");
+    add(&a, "x");
+    let upstream = Upstream::create(&lab.dir()).expect("writable");
+    let dry = push(&a, &upstream, ALL, true, &mut |_, _| {}).expect("readable");
+    assert_eq!((dry.records, dry.blobs), (1, 3));
+    assert_eq!((lab.files("pack").len(), lab.files("index").len()), (0, 0));
+    assert_eq!(lab.push(&a), dry);
+}
+
+#[test]
+fn machines_push_at_once() {
+    let lab = Lab::new();
+    let stores: Vec<Store> = (0..4).map(|n| lab.store(&format!("s{n}"))).collect();
+    for (n, store) in stores.iter().enumerate() {
+        add(store, "common");
+        (0..50).for_each(|k| drop(add(store, &format!("{n}-{k}"))));
+    }
+    thread::scope(|scope| stores.iter().for_each(|store| drop(scope.spawn(|| lab.push(store)))));
+    let all = lab.store("all");
+    let pulled = lab.pull(&all);
+    assert_eq!((pulled.records, pulled.notes.len(), pulled.conflicts), (201, 0, 0));
+    assert_eq!(fs::read_dir(lab.dir().join("tmp")).expect("readable").count(), 0);
+}
+
+#[test]
+fn a_damaged_blob_is_a_miss_that_names_its_pack_and_takes_only_its_record_along() {
+    let lab = Lab::new();
+    let (a, b) = (lab.store("a"), lab.store("b"));
+    add(&a, "x");
+    add(&a, "y");
+    lab.push(&a);
+    let pack = &lab.files("pack")[0];
+    change(pack, |bytes| bytes[0] ^= 1);
+    let pulled = lab.pull(&b);
+    assert_eq!((pulled.records, pulled.incomplete, pulled.notes.len()), (1, 1, 1), "{pulled:?}");
+    assert!(pulled.notes[0].contains(&pack.display().to_string()) && pulled.notes[0].contains("is damaged"));
+    // A sound copy from another machine heals that, once the damaged index is gone.
+    fs::remove_file(&lab.files("index")[0]).expect("writable");
+    change(pack, |bytes| bytes[0] ^= 1);
+    lab.push(&a);
+    assert_eq!(lab.pull(&b).records, 1);
+}
+
+#[test]
+fn a_truncated_a_missing_and_a_strange_pack_and_a_truncated_index_are_notes() {
+    for damage in 0..4 {
+        let lab = Lab::new();
+        let (a, b) = (lab.store("a"), lab.store("b"));
+        add(&a, "x");
+        lab.push(&a);
+        let (pack, index) = (lab.files("pack")[0].clone(), lab.files("index")[0].clone());
+        let expected = match damage {
+            0 => {
+                change(&pack, |bytes| bytes.truncate(3));
+                "is truncated"
+            }
+            1 => {
+                fs::remove_file(&pack).expect("writable");
+                "cannot be read"
+            }
+            2 => {
+                // A pipe that nobody writes to would keep a reader waiting.
+                fs::remove_file(&pack).expect("writable");
+                let made = Command::new("mkfifo").arg(&pack).status().expect("coreutils");
+                assert!(made.success());
+                "is not a regular file"
+            }
+            _ => {
+                change(&index, |bytes| bytes.truncate(bytes.len() - 9));
+                "is damaged or truncated"
+            }
+        };
+        let pulled = lab.pull(&b);
+        assert_eq!((pulled.records, pulled.blobs), (0, 0));
+        assert!(pulled.notes.iter().any(|note| note.contains(expected)), "{pulled:?}");
+        assert!(b.lookup("action", &Key::of(b"x")).is_none());
+    }
+}
+
+#[test]
+fn an_index_that_lies_about_places_is_met_with_notes() {
+    let lab = Lab::new();
+    let (a, b) = (lab.store("a"), lab.store("b"));
+    add(&a, "x");
+    lab.push(&a);
+    let index = lab.files("index")[0].clone();
+    let text = fs::read_to_string(&index).expect("readable");
+    for (from, to) in [("\"}\n", "\"}\n{\"weird\":1}\n"), (",0]", &format!(",{}]", u64::MAX)), ("{", "")] {
+        assert!(text.contains(from), "{from} in {text}");
+        let lie = text.replacen(from, to, 1);
+        fs::remove_file(lab.files("index").pop().expect("one is there")).expect("writable");
+        let name = format!("{}.index", Digest::of(lie.as_bytes()));
+        fs::write(lab.dir().join("packs").join(name), lie).expect("writable");
+        let pulled = lab.pull(&b);
+        assert_eq!(pulled.records, 0, "{to}");
+        assert_eq!(pulled.notes.len(), 1, "{pulled:?}");
+    }
+}
+
+#[test]
+fn what_is_here_stays_and_forged_keys_are_ignored() {
+    let lab = Lab::new();
+    let (a, b) = (lab.store("a"), lab.store("b"));
+    let of_a = add(&a, "x");
+    let mine = Record { payload: "mine".into(), refs: Vec::new(), trees: Vec::new(), ..of_a.clone() };
+    b.record(&mine).expect("writable");
+    let forged = Record { key: Key::of(b"forged"), preimage: "forged".into(), ..of_a };
+    a.record(&forged).expect("writable");
+    lab.push(&a);
+    let pulled = lab.pull(&b);
+    assert_eq!((pulled.records, pulled.conflicts, pulled.notes.len()), (0, 1, 1), "{pulled:?}");
+    assert_eq!(b.read("action", &mine.key), Some(mine));
+    assert_eq!(b.read("action", &forged.key), None);
+}
+
+#[test]
+fn records_without_their_blobs_and_of_other_namespaces_stay_at_home() {
+    let lab = Lab::new();
+    let a = lab.store("a");
+    let whole = add(&a, "x");
+    let lost = Record { key: Key::of(b"lost"), refs: vec![Digest::of(b"nowhere")], ..whole.clone() };
+    let passed_on = Record { key: Key::of(b"passed on"), transient: true, ..lost.clone() };
+    let memo = Record { namespace: "memo".into(), ..whole };
+    [&lost, &passed_on, &memo].iter().for_each(|record| drop(a.record(record).expect("writable")));
+    let pushed = lab.push(&a);
+    assert_eq!((pushed.records, pushed.incomplete), (2, 1));
+    let b = lab.store("b");
+    assert_eq!(lab.pull(&b).records, 2);
+    assert_eq!((b.read("action", &lost.key), b.read("memo", &memo.key)), (None, None));
+    assert_eq!(b.read("action", &passed_on.key), Some(passed_on));
+}
+
+#[test]
+fn other_folders_are_refused_and_stay_as_they_are() {
+    let lab = Lab::new();
+    assert!(matches!(Upstream::open(&lab.dir()), Err(UpstreamError::Io { .. })));
+    fs::create_dir(lab.dir()).expect("writable");
+    assert!(matches!(Upstream::open(&lab.dir()), Err(UpstreamError::NotUpstream { .. })));
+    fs::write(lab.dir().join("thesis.tex"), "precious").expect("writable");
+    assert!(matches!(Upstream::create(&lab.dir()), Err(UpstreamError::NotUpstream { .. })));
+    assert_eq!(fs::read_dir(lab.dir()).expect("readable").count(), 1);
+    fs::write(lab.dir().join("UPSTREAM"), "tauflow-upstream 9\n").expect("writable");
+    let error = Upstream::open(&lab.dir()).expect_err("of another format");
+    assert!(error.to_string().contains("tauflow-upstream 9"), "{error}");
+}
