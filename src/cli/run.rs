@@ -12,6 +12,7 @@ use crate::{
     kinds::Registry,
     lock::{self, Lock, LockError},
     pipeline::Pipeline,
+    runs::RunRecord,
 };
 use clap::{Args, ValueEnum};
 use serde_json::json;
@@ -133,8 +134,17 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         executor: args.executor.executor()?,
         ..RunOptions::default()
     };
+    let mut record = RunRecord::begin(&pipeline, args.pipeline.file().0, args.pipeline.overrides());
     let summary = engine::run(&pipeline, &store, &options, &stop, &|event| display.show(event));
     display.end();
+    match &summary {
+        Ok(summary) => record.end(summary),
+        Err(error) => record.error = Some(error.to_string()),
+    }
+    // The results are there, whatever becomes of the record.
+    if let Err(error) = record.write(&cache.folder()) {
+        eprintln!("warning: this run is not recorded: {error}");
+    }
     let summary = summary?;
     drop(store);
     tell(&summary, &pipeline, args, cache);
