@@ -207,6 +207,12 @@ impl RunRecord {
         self.failed = summary.failures.len() as u64;
     }
 
+    /// Takes why the run could not go on.
+    pub fn fail(&mut self, error: String) {
+        self.elapsed_s = engine::now().saturating_sub(self.started) as f64;
+        self.error = Some(error);
+    }
+
     /// Sum over nodes.
     pub fn total(&self, of: impl Fn(&NodeStat) -> u64) -> u64 {
         self.nodes.iter().map(of).fold(0, u64::saturating_add)
@@ -222,7 +228,7 @@ impl RunRecord {
             let path = path.to_owned();
             move |source| RunsError::Io { what: "write", path, source }
         };
-        fs::create_dir_all(&folder).map_err(failed(&folder))?;
+        fs::create_dir_all(&folder).and_then(|()| own(&folder)).map_err(failed(&folder))?;
         let base = date::id(self.started);
         for number in 1..=MOST_A_SECOND {
             self.id = if number == 1 { base.clone() } else { format!("{base}-{number}") };
@@ -244,6 +250,14 @@ impl RunRecord {
     }
 }
 
+/// Refuses a link in place of the directory: no link inside a cache is followed.
+fn own(folder: &Path) -> io::Result<()> {
+    if folder.symlink_metadata()?.is_dir() {
+        return Ok(());
+    }
+    Err(io::Error::new(io::ErrorKind::NotADirectory, "it is a link or a file, not a directory"))
+}
+
 fn path_of(folder: &Path, id: &str) -> PathBuf {
     folder.join(format!("{id}.json"))
 }
@@ -255,7 +269,7 @@ fn path_of(folder: &Path, id: &str) -> PathBuf {
 pub fn read_all(cache: &Path) -> Result<(Vec<RunRecord>, Vec<Damaged>), RunsError> {
     let folder = cache.join(FOLDER);
     let failed = |source| RunsError::Io { what: "read", path: folder.clone(), source };
-    let entries = match fs::read_dir(&folder) {
+    let entries = match own(&folder).and_then(|()| fs::read_dir(&folder)) {
         Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Default::default()),
         entries => entries.map_err(failed)?,
     };

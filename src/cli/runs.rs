@@ -117,7 +117,10 @@ pub(crate) fn diff(args: &DiffArgs, cache: &CacheAt) -> Result<Exit, CliError> {
 
 fn show(before: &RunRecord, after: &RunRecord, found: &Comparison) {
     for (name, record) in [("before", before), ("after", after)] {
-        let commit = record.commit.as_ref().map_or_else(String::new, |hash| format!(", commit {}", &hash[..10]));
+        let commit = record
+            .commit
+            .as_ref()
+            .map_or_else(String::new, |hash| format!(", commit {}", hash.chars().take(10).collect::<String>()));
         outln!(
             "{name:6}  {}  {}  {}; tauflow {}{commit}; {} ({} threads)",
             record.id,

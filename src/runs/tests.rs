@@ -90,3 +90,13 @@ fn params_are_compared_by_path_and_times_by_node() {
     assert_eq!((&found.params[1].before, &found.params[1].after), (&None, &Some(true.into())));
     assert_eq!((found.times[0].before, found.times[0].after), (3.0, 6.0));
 }
+
+#[test]
+fn a_link_in_place_of_the_directory_is_refused() {
+    let (cache, other) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+    std::os::unix::fs::symlink(other.path(), cache.path().join(FOLDER)).expect("room");
+    let said = record("p", 0).write(cache.path()).expect_err("nothing may be written there").to_string();
+    assert!(said.contains("it is a link"), "{said}");
+    assert!(read_all(cache.path()).is_err());
+    assert_eq!(fs::read_dir(other.path()).expect("it is there").count(), 0);
+}

@@ -72,7 +72,6 @@ fn a_run_that_is_not_there_is_an_error_with_a_hint() {
     assert!(said(&["runs", "smal"]).err.contains("did you mean `small`?"));
     let empty = Place::new();
     empty.tauflow(&["runs"]).ends(3);
-    empty.tauflow(&["cache", "stat"]);
 }
 
 #[test]
