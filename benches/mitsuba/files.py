@@ -1,15 +1,18 @@
 """Whether scenes that are read from Mitsuba's and pbrt's files have the images that Mitsuba gives them; see README.md.
 
 python files.py TAUFLOW [--batches 16] [--spp 256] [--side 64] [--variant llvm_ad_rgb] [--only NAME ...]
+                [--reference FILE]
 
 TAUFLOW is the program. Each scene of `files/` is rendered by Mitsuba from its XML, and by us from the XML, and from the
 pbrt file of the same name where there is one. A scene's seed is made from its file, so a comment makes it another one.
 Pixels are means over their squares on both sides. The tests and their limits are those of agree.py, with one for each
-channel of the image mean.
+channel of the image mean. --reference writes Mitsuba's means and standard errors of the bins; the test
+tests/pipelines/scene_files.rs reads them from tests/pipelines/scene_files.json.
 """
 
 import argparse
 import contextlib
+import json
 import pathlib
 import re
 import subprocess
@@ -28,6 +31,7 @@ parser.add_argument("--spp", type=int, default=256)
 parser.add_argument("--side", type=int, default=64)
 parser.add_argument("--variant", default="llvm_ad_rgb")
 parser.add_argument("--only", nargs="*", metavar="NAME")
+parser.add_argument("--reference", type=pathlib.Path, metavar="FILE")
 args = parser.parse_args()
 mi.set_variant(args.variant)
 mi.set_log_level(mi.LogLevel.Error)
@@ -96,3 +100,12 @@ for path in files:
         flush=True,
     )
 print(f"{agree} of {len(files)} agree")
+if args.reference:
+    scenes = []
+    for name, images in references.items():
+        bins = binned(images).reshape(args.batches, -1)
+        errors = bins.std(0, ddof=1) / args.batches**0.5
+        means = [float(f"{v:.7g}") for v in bins.mean(0)]
+        scenes.append({"scene": name, "means": means, "errors": [float(f"{v:.3g}") for v in errors]})
+    written = {"mitsuba": mi.__version__, "batches": args.batches, "side": args.side, "scenes": scenes}
+    args.reference.write_text(json.dumps(written, indent=1) + "\n")

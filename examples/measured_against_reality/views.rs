@@ -60,6 +60,7 @@ pub fn cut(name: &str, map: Digest, fov: [f64; 2], ctx: &Context<'_>) -> Result<
             let target = [cos(turn) * cos(pitch), sin(pitch), sin(turn) * cos(pitch)];
             let fov_x = draw.range(fov[0], fov[1]);
             let scene = Scene {
+                hide_emitters: false,
                 version: 1,
                 seed: index as u64,
                 camera: Camera { origin: [0.0; 3], target, up: [0.0, 1.0, 0.0], fov_x, near: 0.0 },

@@ -11,6 +11,7 @@ mod quickstart;
 mod readmes;
 mod real_assets;
 mod round_trip;
+mod scene_files;
 mod strata;
 mod stress;
 mod support;

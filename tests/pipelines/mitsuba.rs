@@ -24,29 +24,30 @@ nodes:
 ";
 
 #[derive(Deserialize)]
-struct References {
-    mitsuba: String,
-    batches: usize,
-    side: usize,
-    scenes: Vec<Reference>,
+pub(crate) struct References {
+    pub(crate) mitsuba: String,
+    pub(crate) batches: usize,
+    pub(crate) side: usize,
+    pub(crate) scenes: Vec<Reference>,
 }
 
 #[derive(Deserialize)]
-struct Reference {
-    scene: String,
-    /// Of the scene's artifact: other scenes need other references.
+pub(crate) struct Reference {
+    pub(crate) scene: String,
+    /// Of the scene's artifact: other scenes need other references. None of scene files.
+    #[serde(default)]
     digest: String,
-    means: Vec<f64>,
-    errors: Vec<f64>,
+    pub(crate) means: Vec<f64>,
+    pub(crate) errors: Vec<f64>,
 }
 
 /// What rounding may leave over, of the value: both renderers work in single precision.
 const ROUNDING: f64 = 2e-5;
-const BINS: usize = 8;
+pub(crate) const BINS: usize = 8;
 const BATCHES: u64 = 16;
 
 /// Means of bins over pixels and channels.
-fn bins(image: &Image) -> Vec<f64> {
+pub(crate) fn bins(image: &Image) -> Vec<f64> {
     let cell = image.width() / BINS;
     let mut out = vec![0.0; BINS * BINS];
     for y in 0..image.height() {
@@ -59,14 +60,14 @@ fn bins(image: &Image) -> Vec<f64> {
 }
 
 /// Mean and squared standard error of independent values.
-fn moments(values: &[f64]) -> (f64, f64) {
+pub(crate) fn moments(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
     (mean, values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (n - 1.0) / n)
 }
 
 /// Welch's statistic as the deviation of a normal distribution (after Cornish and Fisher), and the standard error.
-fn deviation(ours: (f64, f64), theirs: (f64, f64), batches: f64) -> (f64, f64) {
+pub(crate) fn deviation(ours: (f64, f64), theirs: (f64, f64), batches: f64) -> (f64, f64) {
     let rounding = (0.5 * ROUNDING * (ours.0.abs() + theirs.0.abs())).powi(2);
     let error = (ours.1 + theirs.1 + rounding).sqrt();
     let difference = ours.0 - theirs.0;

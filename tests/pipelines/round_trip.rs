@@ -124,8 +124,12 @@ impl Normal<'_> {
                 self.texture(opacity);
                 self.bsdf(inner);
             }
-            Bsdf::Finish { alpha, inner, .. } => {
-                alpha.iter_mut().for_each(|t| self.texture(t));
+            Bsdf::Relief { map, inner, .. } => {
+                self.texture(map);
+                self.bsdf(inner);
+            }
+            Bsdf::Finish { alpha, alpha_v, inner, .. } => {
+                alpha.iter_mut().chain(alpha_v).for_each(|t| self.texture(t));
                 self.bsdf(inner);
             }
             Bsdf::Blend { weight, a, b } => {

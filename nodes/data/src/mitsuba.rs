@@ -8,7 +8,7 @@ mod textures;
 
 use crate::{
     mesh::Mesh,
-    scene::{Affine, Bsdf, DELTA_ALPHA, Distribution, Emitter, Geometry, Rgb, Scene, Shape, Texture},
+    scene::{Affine, Bsdf, DELTA_ALPHA, Distribution, Emitter, Geometry, ReliefForm, Rgb, Scene, Shape, Texture},
 };
 use ply::ply;
 use std::{collections::BTreeSet, fmt::Write as _, fs, path::Path};
@@ -62,6 +62,9 @@ pub fn export(
     let integrator = if scene.materials.iter().any(has_opacity) { "volpath" } else { "path" };
     writer.open(&format!("<integrator type=\"{integrator}\">"));
     writer.line(&format!("<integer name=\"max_depth\" value=\"{}\"/>", scene.max_depth));
+    if scene.hide_emitters {
+        writer.line("<boolean name=\"hide_emitters\" value=\"true\"/>");
+    }
     writer.close("</integrator>");
     writer.sensor(scene, film);
     for (index, material) in scene.materials.iter().enumerate() {
@@ -84,7 +87,7 @@ pub fn export(
 fn has_opacity(bsdf: &Bsdf) -> bool {
     match bsdf {
         Bsdf::Mask { .. } => true,
-        Bsdf::TwoSided { inner } | Bsdf::NormalMap { inner, .. } => has_opacity(inner),
+        Bsdf::TwoSided { inner } | Bsdf::NormalMap { inner, .. } | Bsdf::Relief { inner, .. } => has_opacity(inner),
         Bsdf::Blend { a, b, .. } => has_opacity(a) || has_opacity(b),
         _ => false,
     }
@@ -165,9 +168,10 @@ impl Writer<'_> {
     /// A BSDF in a finish.
     fn finished(&mut self, bsdf: &Bsdf, id: &str, finish: &Finish<'_>) -> Result<(), KindError> {
         match bsdf {
-            Bsdf::Finish { distribution, alpha, nonlinear, inner } => {
+            Bsdf::Finish { distribution, alpha, alpha_v, nonlinear, inner } => {
                 let (beckmann, nonlinear) = (*distribution == Distribution::Beckmann, *nonlinear);
-                return self.finished(inner, id, &Finish { beckmann, alpha: alpha.as_ref(), nonlinear });
+                let (alpha, alpha_v) = (alpha.as_ref(), alpha_v.as_ref());
+                return self.finished(inner, id, &Finish { beckmann, alpha, alpha_v, nonlinear });
             }
             Bsdf::Diffuse { reflectance } => {
                 self.open(&format!("<bsdf type=\"diffuse\"{id}>"));
@@ -231,10 +235,23 @@ impl Writer<'_> {
             Bsdf::NormalMap { map, scale, inner } => {
                 self.open(&format!("<bsdf type=\"normalmap\"{id}>"));
                 // Both are on by default: a shadowing term that darkens slopes, and slopes turned towards the viewer.
-                // Our renderer has neither.
                 self.line("<boolean name=\"use_shadowing_function\" value=\"false\"/>");
                 self.line("<boolean name=\"flip_invalid_normals\" value=\"false\"/>");
                 self.normals(map, *scale)?;
+                self.bsdf(inner, "")?;
+            }
+            Bsdf::Relief { form, map, scale, flip, shadowing, inner } => {
+                let sort = if *form == ReliefForm::Normals { "normalmap" } else { "bumpmap" };
+                self.open(&format!("<bsdf type=\"{sort}\"{id}>"));
+                self.line(&format!("<boolean name=\"use_shadowing_function\" value=\"{shadowing}\"/>"));
+                self.line(&format!("<boolean name=\"flip_invalid_normals\" value=\"{flip}\"/>"));
+                match form {
+                    ReliefForm::Normals => self.normals(map, *scale)?,
+                    ReliefForm::Heights => {
+                        self.float("scale", *scale);
+                        self.texture("map", map, true)?;
+                    }
+                }
                 self.bsdf(inner, "")?;
             }
             Bsdf::TwoSided { inner } => {
@@ -253,9 +270,13 @@ impl Writer<'_> {
         }
         let name = if finish.beckmann { "beckmann" } else { "ggx" };
         self.line(&format!("<string name=\"distribution\" value=\"{name}\"/>"));
-        match finish.alpha {
-            Some(texture) => self.texture("alpha", texture, true)?,
-            None => self.float("alpha", alpha),
+        match (finish.alpha, finish.alpha_v) {
+            (Some(along), Some(across)) => {
+                self.texture("alpha_u", along, true)?;
+                self.texture("alpha_v", across, true)?;
+            }
+            (Some(texture), None) => self.texture("alpha", texture, true)?,
+            _ => self.float("alpha", alpha),
         }
         Ok(())
     }
@@ -346,6 +367,7 @@ impl Writer<'_> {
 struct Finish<'a> {
     beckmann: bool,
     alpha: Option<&'a Texture>,
+    alpha_v: Option<&'a Texture>,
     nonlinear: bool,
 }
 

@@ -33,6 +33,9 @@ pub struct Scene {
     pub materials: Vec<Bsdf>,
     /// Emitters that are not shapes.
     pub emitters: Vec<Emitter>,
+    /// True hides emitters from camera rays: these pass through emitting shapes, and find no light from infinity.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub hide_emitters: bool,
 }
 
 /// Perspective pinhole camera. The image's aspect ratio is the film's.
@@ -180,6 +183,16 @@ pub enum Distribution {
     Beckmann,
 }
 
+/// The content of a [`Bsdf::Relief`] map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ReliefForm {
+    /// Normals in the tangent space.
+    Normals,
+    /// Heights above the surface, in the unit of its positions.
+    Heights,
+}
+
 /// The scattering of a surface. Roughness `alpha` is GGX's; below [`DELTA_ALPHA`] a lobe is specular.
 ///
 /// # Units
@@ -289,6 +302,21 @@ pub enum Bsdf {
         /// The material to shade.
         inner: Box<Bsdf>,
     },
+    /// A normal map or a bump map with the options that Mitsuba 3.7 has added (`normalmap`, `bumpmap`).
+    Relief {
+        /// The content of the map.
+        form: ReliefForm,
+        /// Normals as (n + 1) / 2, or heights.
+        map: Texture,
+        /// Scales x and y of normals, or heights.
+        scale: f32,
+        /// Whether the perturbed normal is turned about the shading normal where the viewer would see it from behind.
+        flip: bool,
+        /// Whether light at grazing incidence is dimmed, which smooths the edge of shadows (Estevez et al. 2019).
+        shadowing: bool,
+        /// The material to shade.
+        inner: Box<Bsdf>,
+    },
     /// A conductor, dielectric or plastic whose microfacets are not GGX of constant roughness, or a nonlinear plastic.
     Finish {
         /// The distribution of microfacets.
@@ -297,6 +325,9 @@ pub enum Bsdf {
         /// 0.001.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         alpha: Option<Texture>,
+        /// Roughness across the direction of growing u; `alpha`, which is then required, is that along it.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        alpha_v: Option<Texture>,
         /// Whether internal reflections below the coat of a plastic are coloured by the base (`nonlinear`).
         #[serde(default)]
         nonlinear: bool,
@@ -404,12 +435,12 @@ impl Bsdf {
                 a.images(found);
                 b.images(found);
             }
-            Self::NormalMap { map, inner, .. } => {
+            Self::NormalMap { map, inner, .. } | Self::Relief { map, inner, .. } => {
                 map.images(found);
                 inner.images(found);
             }
-            Self::Finish { alpha, inner, .. } => {
-                alpha.iter().for_each(|t| t.images(found));
+            Self::Finish { alpha, alpha_v, inner, .. } => {
+                alpha.iter().chain(alpha_v).for_each(|t| t.images(found));
                 inner.images(found);
             }
             Self::TwoSided { inner } => inner.images(found),

@@ -152,6 +152,24 @@ pub(crate) fn normals(texture: &scene::Texture, scale: f32, load: LoadBitmap<'_>
     )))
 }
 
+/// A bump map.
+///
+/// # Errors
+/// If its scale or a texel is not finite, or it is no single picture, whose slopes are known.
+pub(crate) fn heights(texture: &scene::Texture, scale: f32, load: LoadBitmap<'_>) -> Result<Texture, KindError> {
+    let map = Texture::compile(texture, load)?;
+    if !matches!(map, Texture::Constant(_) | Texture::Bitmap(_)) {
+        let what = "a bump map that is no picture; bake it into one";
+        return Err(KindError::Input(what.into()));
+    }
+    if scale.is_finite() && map.bounds().is_some() {
+        return Ok(map);
+    }
+    Err(KindError::Input(format!(
+        "a bump map of scale {scale}, or with texels that are not finite; use finite numbers"
+    )))
+}
+
 /// A number from 0 to 1.
 ///
 /// # Errors

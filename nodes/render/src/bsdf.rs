@@ -23,7 +23,7 @@ use glam::{Vec2, Vec3, Vec4};
 pub(crate) use glass::{Glass, Thin};
 pub(crate) use local::flip;
 pub use material::Material;
-pub(crate) use material::{SLOTS, Sort};
+pub(crate) use material::{Relief, ReliefOptions, SLOTS, Sort};
 pub(crate) use metal::Metal;
 pub(crate) use principled::Principled;
 pub use tauflow_data::scene::DELTA_ALPHA;

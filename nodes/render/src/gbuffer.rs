@@ -54,7 +54,7 @@ impl Renderer<'_> {
             return [[0.0; 3]; 2];
         };
         let albedo = world.material(&at).at(&at.surface).albedo();
-        let normal = self.seen(world.shading_frame(&hit, world.place(hit.primitive).1, &at).n);
+        let normal = self.seen(world.shading_frame(&hit, world.place(hit.primitive).1, &at, -ray.direction).n);
         [albedo.to_array(), normal.to_array()]
     }
 }

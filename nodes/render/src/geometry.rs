@@ -67,6 +67,18 @@ impl Frame {
     }
 }
 
+impl Frame {
+    /// The frame about `n`, of unit length, whose first tangent is as near to `along` as can be.
+    pub fn along(n: Vec3, along: Vec3) -> Self {
+        let s = along - n * n.dot(along);
+        if !(s.length_squared() > 1e-20 && s.is_finite()) {
+            return Self::new(n);
+        }
+        let s = s.normalize();
+        Self { s, t: n.cross(s), n }
+    }
+}
+
 /// [`Frame`] by lane.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frames<R> {
@@ -87,6 +99,12 @@ impl<R: Real> Frames<R> {
             t: Triple::new(b, sign + n.y * n.y * a, -n.y),
             n,
         }
+    }
+
+    /// The frames about unit vectors with these first tangents.
+    #[inline(always)]
+    pub(crate) fn with(n: Triple<R>, s: Triple<R>) -> Self {
+        Self { s, t: n.cross(s), n }
     }
 
     /// World directions into the frames.

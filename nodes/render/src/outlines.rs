@@ -43,8 +43,9 @@ pub(crate) fn seen(renderer: &Renderer<'_>) -> Vec<Option<PixelSurface>> {
         let pixel = renderer.pixel(index);
         // Samples decide alone whether what lets part of the light through is met.
         let sampler = Sampler::new(SamplerKind::Independent, state, pixel, 0);
-        let (hit, at) = first_solid(world, &sampler, 0, renderer.middle_ray(pixel))?;
-        let shading = world.shading_frame(&hit, world.place(hit.primitive).1, &at).n;
+        let ray = renderer.middle_ray(pixel);
+        let (hit, at) = first_solid(world, &sampler, 0, ray)?;
+        let shading = world.shading_frame(&hit, world.place(hit.primitive).1, &at, -ray.direction).n;
         Some(PixelSurface { at: at.p, geometric: at.geometric, shading, distance: hit.t })
     };
     (0..width * height).map(of).collect()

@@ -122,6 +122,13 @@ impl<'a> Renderer<'a> {
         pause: &mut dyn FnMut(u64) -> Result<(), KindError>,
     ) -> Result<(), KindError> {
         let step = self.step();
+        let features = &self.world.features;
+        let unsuited = features.hidden_emitters || features.view_dependent_normals;
+        if unsuited && self.integrator.parts(self.world.max_depth).2.is_some() {
+            let what = "paths from the lights support neither `hide_emitters` nor normal and bump maps with \
+                        `flip_invalid_normals` or `use_shadowing_function`; use `integrator: path`";
+            return Err(KindError::Input(what.into()));
+        }
         while accumulator.count < count {
             pause(accumulator.count)?;
             let until = (accumulator.count + step).min(count);

@@ -229,7 +229,10 @@ fn is_glass(bsdf: &Bsdf) -> bool {
 fn paint(bsdf: &mut Bsdf, wanted: fn(&Bsdf) -> bool) {
     match bsdf {
         Bsdf::Finish { inner, .. } if wanted(inner) => *bsdf = Bsdf::Diffuse { reflectance: Texture::scalar(0.0) },
-        Bsdf::Mask { inner, .. } | Bsdf::NormalMap { inner, .. } | Bsdf::TwoSided { inner } => paint(inner, wanted),
+        Bsdf::Mask { inner, .. }
+        | Bsdf::NormalMap { inner, .. }
+        | Bsdf::Relief { inner, .. }
+        | Bsdf::TwoSided { inner } => paint(inner, wanted),
         Bsdf::Blend { a, b, .. } => {
             paint(a, wanted);
             paint(b, wanted);

@@ -110,6 +110,7 @@ fn picture(bsdf: &mut Bsdf, image: &Digest) {
     let textures: Vec<&mut Texture> = match bsdf {
         Bsdf::Mask { inner, .. }
         | Bsdf::NormalMap { inner, .. }
+        | Bsdf::Relief { inner, .. }
         | Bsdf::Finish { inner, .. }
         | Bsdf::TwoSided { inner } => return picture(inner, image),
         Bsdf::Blend { a, b, .. } => {
@@ -137,7 +138,7 @@ fn picture(bsdf: &mut Bsdf, image: &Digest) {
 fn flat_map(bsdf: &mut Bsdf, image: &Digest) {
     match bsdf {
         Bsdf::Mask { inner, .. } => flat_map(inner, image),
-        Bsdf::NormalMap { .. } => {}
+        Bsdf::NormalMap { .. } | Bsdf::Relief { .. } => {}
         other => {
             let inner = Box::new(other.clone());
             *other = Bsdf::NormalMap { map: bitmap(image, [1.0; 3]), scale: 1.0, inner };

@@ -144,8 +144,10 @@ impl Stream<'_> {
     }
 
     /// What paths find that meet nothing, once they are sorted.
-    pub(crate) fn leave(&mut self, kernels: &Kernels) {
-        if self.batch.world.lights.environment().is_some() && self.scratch.starts[1] > 0 {
+    pub(crate) fn leave(&mut self, kernels: &Kernels, depth: u32) {
+        let world = self.batch.world;
+        let hidden = depth == 0 && world.features.hidden_emitters;
+        if world.lights.environment().is_some() && !hidden && self.scratch.starts[1] > 0 {
             kernels.miss(self);
         }
     }
@@ -180,7 +182,7 @@ impl Stream<'_> {
         if group.depth + 1 >= self.batch.depth {
             return;
         }
-        if material.has_normal_map() {
+        if material.has_own_frame() {
             self.map_normals(group);
         }
         kernels.textures(self, group);

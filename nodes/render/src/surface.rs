@@ -143,6 +143,40 @@ pub(crate) fn interact(
     found
 }
 
+/// Changes of the point along u and v, as Mitsuba has them: they tell what is along and across on a surface. On
+/// triangles without texture coordinates they are any tangents.
+pub(crate) fn derivatives(
+    (table, placements): (&Table, &Placements),
+    shape: &Shape,
+    primitive: u32,
+    hit: &Hit,
+    at: &Interaction,
+) -> [Vec3; 2] {
+    match &shape.form {
+        // The sphere's own normal points outwards, whichever side its shape has for the outer one.
+        Form::Sphere(sphere) => sphere.derivatives(if shape.flip { -at.geometric } else { at.geometric }),
+        Form::Disk(disk) => disk.derivatives(hit.u, hit.v),
+        Form::Mesh(_) => {
+            let facts = table.facts::<f32>(primitive as i32);
+            let [p0, p1, p2] = facts.positions.map(Vec3::from);
+            let (mut q1, mut q2) = (p1 - p0, p2 - p0);
+            if shape.placed != IN_WORLD {
+                let placed = placements.placed::<f32>(shape.placed as i32);
+                q1 = placed.vector(q1.into()).into();
+                q2 = placed.vector(q2.into()).into();
+            }
+            let [ua, ub, uc] = facts.uvs().map(|uv| Vec2::new(uv.x, uv.y));
+            let (d1, d2) = (ub - ua, uc - ua);
+            let det = d1.perp_dot(d2);
+            if table.lacks(primitive).uvs || det == 0.0 {
+                let frame = Frame::new(at.geometric);
+                return [frame.s, frame.t];
+            }
+            [(q1 * d2.y - q2 * d1.y) / det, (q2 * d1.x - q1 * d2.x) / det]
+        }
+    }
+}
+
 /// The frame of a normal map about the shading normal: s along growing u (or the mesh's tangent). On meshes t is
 /// upwards in the image, as glTF has it; on other shapes it is n x s, as Mitsuba has it.
 pub(crate) fn tangent_frame(

@@ -159,6 +159,16 @@ impl Texture {
         self.at(&at.into()).x
     }
 
+    /// The change of its first channel along u and along v; none where it is no picture.
+    ///
+    /// Mitsuba multiplies by the picture's sides after it has mapped coordinates back, and so does this.
+    pub(crate) fn slopes(&self, at: &Surface) -> Vec2 {
+        match self {
+            Self::Bitmap(bitmap) => bitmap.slopes(at.uv),
+            Self::Constant(_) | Self::Checkerboard { .. } | Self::VertexColor { .. } | Self::Product(_) => Vec2::ZERO,
+        }
+    }
+
     /// Its value at a point.
     pub(crate) fn at(&self, at: &Points<f32>) -> Triple<f32> {
         self.lanes::<f32>(at)
@@ -289,6 +299,26 @@ impl Bitmap {
             Some(_) => Triple::all(R::one()),
         };
         (value * Triple::splat(self.scale)).only(sound)
+    }
+
+    fn slopes(&self, uv: Vec2) -> Vec2 {
+        let [a, b] = &self.rows;
+        let (width, height, channels) = (self.texels.width(), self.texels.height(), self.texels.channels());
+        let x = (uv.x * a[0] + uv.y * a[1] + a[2]) * width as f32 - 0.5;
+        let y = (uv.x * b[0] + uv.y * b[1] + b[2]) * height as f32 - 0.5;
+        let Some(channel) = self.reads(0).filter(|_| x.is_finite() && y.is_finite()) else { return Vec2::ZERO };
+        let (left, top) = (x.floor(), y.floor());
+        let (fx, fy) = (x - left, y - top);
+        let texel = |x: f32, y: f32| {
+            let at = (self.place(y, height) as usize * width + self.place(x, width) as usize) * channels;
+            self.texels.read::<f32>(at as i32, channel)
+        };
+        let (upper, lower) =
+            ([texel(left, top), texel(left + 1.0, top)], [texel(left, top + 1.0), texel(left + 1.0, top + 1.0)]);
+        let along = (upper[1] - upper[0]) * (1.0 - fy) + (lower[1] - lower[0]) * fy;
+        let across = (lower[0] - upper[0]) * (1.0 - fx) + (lower[1] - upper[1]) * fx;
+        let (width, height) = (width as f32, height as f32);
+        Vec2::new(width * (a[0] * along + b[0] * across), height * (a[1] * along + b[1] * across)) * self.scale.x
     }
 
     /// Column or row of a texel, repeated or clamped; beyond 2^24 one is as good as another.

@@ -13,16 +13,16 @@ pub use crate::placement::Sharing;
 
 use crate::{
     accel::{Accel, Hit},
-    bsdf::Material,
+    bsdf::{Material, Relief, ReliefOptions},
     geometry::{Frame, Ray},
     lights::Lights,
-    surface::{Form, IN_WORLD, Interaction, MeshAttributes, Shape, interact, tangent_frame},
+    surface::{Form, IN_WORLD, Interaction, MeshAttributes, Shape, derivatives, interact, tangent_frame},
     table::{DARK, DISK, SPHERE, TRIANGLE, TURNED, Table},
     texels::Texels,
     texture::Texture,
 };
 use collect::Collected;
-use glam::{DVec3, Vec4};
+use glam::{DVec3, Vec3, Vec4};
 use std::{collections::BTreeMap, sync::Arc};
 use tauflow_contract::{Digest, KindError};
 use tauflow_data::{Image, scene::Scene};
@@ -41,8 +41,12 @@ pub struct Features {
     pub delta_lights: bool,
     /// Materials that let rays pass.
     pub opacity: bool,
-    /// Normal maps.
+    /// Normal maps or bump maps.
     pub normal_maps: bool,
+    /// Emitters that camera rays do not see.
+    pub hidden_emitters: bool,
+    /// Normal maps or bump maps with options, whose normals depend on the viewer.
+    pub view_dependent_normals: bool,
 }
 
 /// Discarded parts of a scene.
@@ -177,12 +181,16 @@ impl World {
         };
         let used =
             |wanted: fn(&Material) -> bool| shapes.iter().any(|s| wanted(&materials[s.material as usize].material));
+        let emits = shapes.iter().any(|s| s.light != DARK);
         let features = Features {
             environment: lights.environment().is_some(),
-            area_lights: shapes.iter().any(|s| s.light != DARK),
+            area_lights: emits,
             delta_lights: lights.has_delta(),
-            opacity: used(Material::has_opacity),
+            // What camera rays pass is no obstacle to them alone.
+            opacity: used(Material::has_opacity) || (scene.hide_emitters && emits),
             normal_maps: used(Material::has_normal_map),
+            hidden_emitters: scene.hide_emitters,
+            view_dependent_normals: used(|material| material.relief_options().is_some()),
         };
         Ok(Self {
             accel,
@@ -279,23 +287,67 @@ impl World {
         self.materials[self.shapes[shape as usize].material as usize].material.opacity(surface)
     }
 
+    /// Whether the first segment of a path passes through a shape because emitters are hidden.
+    #[inline]
+    pub(crate) fn hides(&self, shape: u32, depth: u32) -> bool {
+        depth == 0 && self.features.hidden_emitters && self.light_of[shape as usize] != DARK
+    }
+
     /// The material of a hit.
     #[inline]
     pub(crate) fn material(&self, at: &Interaction) -> &Material {
         &self.materials[self.shapes[at.shape as usize].material as usize].material
     }
 
-    /// The shading frame of a hit with a primitive of the table, with its normal map if the material has one.
+    /// The shading frame of a hit with a primitive of the table, with the normal or bump map of its material, as it is
+    /// seen from the direction `viewer`. Its tangents follow the surface if roughness depends on the direction.
     #[inline]
-    pub(crate) fn shading_frame(&self, hit: &Hit, primitive: u32, at: &Interaction) -> Frame {
-        if let Some(mapped) = self.material(at).shading_normal(&at.surface) {
-            let shape = &self.shapes[at.shape as usize];
-            let of = (&self.table, self.accel.placements());
-            let n = tangent_frame(of, shape, primitive, hit, at).to_world(mapped);
-            return Frame::new(n.normalize_or(at.shading));
+    pub(crate) fn shading_frame(&self, hit: &Hit, primitive: u32, at: &Interaction, viewer: Vec3) -> Frame {
+        let (material, shape) = (self.material(at), &self.shapes[at.shape as usize]);
+        let of = (&self.table, self.accel.placements());
+        let n = match material.relief() {
+            None => at.shading,
+            Some(relief) => match relief.options {
+                None => {
+                    let n = tangent_frame(of, shape, primitive, hit, at).to_world(relief.normal(&at.surface));
+                    n.normalize_or(at.shading)
+                }
+                Some(options) => {
+                    let derivatives = derivatives(of, shape, primitive, hit, at);
+                    perturbed(relief, options, derivatives, at, viewer)
+                }
+            },
+        };
+        if material.is_anisotropic() {
+            let [along, _] = derivatives(of, shape, primitive, hit, at);
+            return Frame::along(n, along);
         }
-        Frame::new(at.shading)
+        Frame::new(n)
     }
+}
+
+/// The shading normal that a normal or bump map makes of a surface's, as Mitsuba 3 does it.
+fn perturbed(
+    relief: &Relief,
+    options: ReliefOptions,
+    [along, across]: [Vec3; 2],
+    at: &Interaction,
+    viewer: Vec3,
+) -> Vec3 {
+    let n = at.shading;
+    let made = if relief.heights {
+        let slopes = relief.slopes(&at.surface);
+        let (s, t) = (along + n * (slopes.x - n.dot(along)), across + n * (slopes.y - n.dot(across)));
+        let made = s.cross(t);
+        if made.dot(at.geometric) < 0.0 { -made } else { made }
+    } else {
+        Frame::along(n, along).to_world(relief.raw_normal(&at.surface))
+    };
+    let behind = options.mirrored && viewer.dot(n) < 0.0;
+    let viewer = if behind { viewer - n * (2.0 * viewer.dot(n)) } else { viewer };
+    let turned = options.flip && viewer.dot(n) * viewer.dot(made) <= 0.0;
+    let made = if turned { n * (2.0 * made.dot(n)) - made } else { made };
+    made.normalize_or(n)
 }
 
 /// An error with the part of the scene that it is about.

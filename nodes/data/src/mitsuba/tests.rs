@@ -42,8 +42,16 @@ fn placed(
         flip_normals: false,
     };
     let camera = Camera { origin: [0.0, 0.0, 4.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_x: 40.0, near: 0.01 };
-    let scene =
-        Scene { version: 1, seed: 1, camera, max_depth: 5, shapes: vec![shape], materials, emitters: Vec::new() };
+    let scene = Scene {
+        version: 1,
+        seed: 1,
+        camera,
+        max_depth: 5,
+        shapes: vec![shape],
+        materials,
+        emitters: Vec::new(),
+        hide_emitters: false,
+    };
     let mut load = |digest: &Digest| Ok(if *digest == Digest::of(&mesh) { mesh.clone() } else { image.clone() });
     export(&scene, &mut load, dir.path(), Film { width: 8, height: 8, spp: 4 })?;
     let xml = fs::read_to_string(dir.path().join("scene.xml")).expect("written");

@@ -2,7 +2,7 @@
 
 use super::{
     DELTA_ALPHA, Drawn, fresnel,
-    ggx::{self, Facets, Ggx, Interface},
+    ggx::{self, Facets, Ggx, Interface, Microfacets as _},
     local::reflect,
 };
 use crate::{
@@ -126,7 +126,7 @@ impl<R: Real> Plastic<'_, R> {
             let cos = wo.dot(m);
             let f = fresnel::dielectric(cos, self.coat.eta).r;
             let shape = if self.coat.beckmann {
-                let facets = Facets { alpha: ggx.alpha, beckmann: true };
+                let facets = Facets { alpha: [ggx.alpha; 2], beckmann: true };
                 f * facets.d(m) * facets.g(wo, wi, m)
             } else {
                 f * ggx.d(m) * ggx.g(wo, wi, m)

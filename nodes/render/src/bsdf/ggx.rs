@@ -54,75 +54,174 @@ impl<R: Real> Ggx<R> {
     /// The normal seen from `v` at a point of the unit disk.
     #[inline(always)]
     fn facet(self, v: Triple<R>, disk: Pair<R>) -> Triple<R> {
-        let stretched = Triple::new(self.alpha * v.x, self.alpha * v.y, v.z).normalize();
-        let square = stretched.x * stretched.x + stretched.y * stretched.y;
-        let tilted = square.positive();
-        let inverse = R::one() / square.sqrt();
-        let t1 = Triple::new(
-            R::select(tilted, -stretched.y * inverse, R::one()),
-            (stretched.x * inverse).only(tilted),
-            R::zero(),
-        );
-        let t2 = stretched.cross(t1);
-        let p1 = disk.x;
-        let s = (stretched.z + 1.0) * 0.5;
-        let p2 = (R::one() - s) * (R::one() - p1 * p1).max(R::zero()).sqrt() + s * disk.y;
-        let n = t1 * p1 + t2 * p2 + stretched * (R::one() - p1 * p1 - p2 * p2).max(R::zero()).sqrt();
-        Triple::new(self.alpha * n.x, self.alpha * n.y, n.z.max(R::splat(1e-7))).normalize()
+        visible([self.alpha; 2], v, disk)
     }
 }
 
-/// Facets of a roughness in either distribution. Directions are drawn by the normals that GGX of the same roughness has
-/// seen: against it Beckmann's facets are at most 4 / e times as dense.
+/// The normal that is seen from `v` at a point of the unit disk, where GGX has these roughnesses along both tangents.
+#[inline(always)]
+fn visible<R: Real>(alpha: [R; 2], v: Triple<R>, disk: Pair<R>) -> Triple<R> {
+    let stretched = Triple::new(alpha[0] * v.x, alpha[1] * v.y, v.z).normalize();
+    let square = stretched.x * stretched.x + stretched.y * stretched.y;
+    let tilted = square.positive();
+    let inverse = R::one() / square.sqrt();
+    let t1 = Triple::new(
+        R::select(tilted, -stretched.y * inverse, R::one()),
+        (stretched.x * inverse).only(tilted),
+        R::zero(),
+    );
+    let t2 = stretched.cross(t1);
+    let p1 = disk.x;
+    let s = (stretched.z + 1.0) * 0.5;
+    let p2 = (R::one() - s) * (R::one() - p1 * p1).max(R::zero()).sqrt() + s * disk.y;
+    let n = t1 * p1 + t2 * p2 + stretched * (R::one() - p1 * p1 - p2 * p2).max(R::zero()).sqrt();
+    Triple::new(alpha[0] * n.x, alpha[1] * n.y, n.z.max(R::splat(1e-7))).normalize()
+}
+
+/// A distribution of microfacets, and how their normals are drawn.
+pub(crate) trait Microfacets<R: Real>: Copy {
+    /// Density of normals per projected area of the surface.
+    fn d(self, m: Triple<R>) -> R;
+    /// Share of facets of normal `m` that are seen from `v`.
+    fn g1(self, v: Triple<R>, m: Triple<R>) -> R;
+    /// Share of them that are seen from both.
+    fn g(self, v: Triple<R>, l: Triple<R>, m: Triple<R>) -> R;
+    /// Density with which normals are drawn, per projected area and share of them that is seen.
+    fn drawn(self, v: Triple<R>, m: Triple<R>) -> R;
+    /// Density of [`Microfacets::sample`] over the solid angle of `m`; `v` above the surface.
+    fn pdf(self, v: Triple<R>, m: Triple<R>) -> R;
+    /// A normal seen from `v`, which lies above the surface.
+    fn sample(self, v: Triple<R>, u: Pair<R>) -> Triple<R>;
+    /// Facets of normal `m` that are seen from `v`, over the density with which they are drawn.
+    fn excess(self, v: Triple<R>, m: Triple<R>) -> R;
+}
+
+impl<R: Real> Microfacets<R> for Ggx<R> {
+    #[inline(always)]
+    fn d(self, m: Triple<R>) -> R {
+        self.d(m)
+    }
+
+    #[inline(always)]
+    fn g1(self, v: Triple<R>, m: Triple<R>) -> R {
+        self.g1(v, m)
+    }
+
+    #[inline(always)]
+    fn g(self, v: Triple<R>, l: Triple<R>, m: Triple<R>) -> R {
+        self.g(v, l, m)
+    }
+
+    #[inline(always)]
+    fn drawn(self, v: Triple<R>, m: Triple<R>) -> R {
+        self.d(m) * self.g1(v, m)
+    }
+
+    #[inline(always)]
+    fn pdf(self, v: Triple<R>, m: Triple<R>) -> R {
+        self.pdf(v, m)
+    }
+
+    #[inline(always)]
+    fn sample(self, v: Triple<R>, u: Pair<R>) -> Triple<R> {
+        self.sample(v, u)
+    }
+
+    #[inline(always)]
+    fn excess(self, _: Triple<R>, _: Triple<R>) -> R {
+        R::one()
+    }
+}
+
+/// Microfacets of either distribution, whose roughness may depend on the direction. Normals are drawn by those that GGX
+/// of the same roughness has seen: against it Beckmann's are at most 4 / e times as dense.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Facets<R> {
-    pub(crate) alpha: R,
+    /// Roughness along both tangents.
+    pub(crate) alpha: [R; 2],
     pub(crate) beckmann: bool,
 }
 
 impl<R: Real> Facets<R> {
-    /// What normals are drawn by.
+    /// Squared slope of a normal in units of roughness, times its squared cosine.
     #[inline(always)]
-    pub(crate) fn ggx(self) -> Ggx<R> {
-        Ggx { alpha: self.alpha }
+    fn slope(self, m: Triple<R>) -> R {
+        let (x, y) = (m.x / self.alpha[0], m.y / self.alpha[1]);
+        x * x + y * y
     }
 
-    /// Density of normals per projected area of the surface.
+    /// Squared length of a direction's tangential part, each component times its roughness.
     #[inline(always)]
-    pub(crate) fn d(self, m: Triple<R>) -> R {
-        if !self.beckmann {
-            return self.ggx().d(m);
-        }
-        let (a2, c2) = (self.alpha * self.alpha, m.z * m.z);
-        let slope = (m.x * m.x + m.y * m.y) / (a2 * c2);
-        (exp(-slope) / (a2 * PI * c2 * c2)).only(m.z.positive() & slope.lt(R::splat(80.0)))
+    fn stretch(self, v: Triple<R>) -> R {
+        let (x, y) = (v.x * self.alpha[0], v.y * self.alpha[1]);
+        x * x + y * y
     }
 
-    /// Share of facets of normal `m` that are seen from `v`; Beckmann's by the rational function of Walter et al. 2007.
     #[inline(always)]
-    pub(crate) fn g1(self, v: Triple<R>, m: Triple<R>) -> R {
+    fn ggx_d(self, m: Triple<R>) -> R {
+        let t = self.slope(m) + m.z * m.z;
+        (R::one() / (self.alpha[0] * self.alpha[1] * PI * t * t)).only(m.z.positive())
+    }
+
+    #[inline(always)]
+    fn ggx_g1(self, v: Triple<R>, m: Triple<R>) -> R {
+        let seen = (v.dot(m) * v.z).positive();
+        (R::splat(2.0) / ((self.stretch(v) / (v.z * v.z) + 1.0).sqrt() + 1.0)).only(seen)
+    }
+}
+
+impl<R: Real> Microfacets<R> for Facets<R> {
+    #[inline(always)]
+    fn d(self, m: Triple<R>) -> R {
         if !self.beckmann {
-            return self.ggx().g1(v, m);
+            return self.ggx_d(m);
         }
-        let slope = (v.x * v.x + v.y * v.y).sqrt() * self.alpha;
-        let a = v.z.abs() / slope.max(R::splat(1e-20));
+        let c2 = m.z * m.z;
+        let slope = self.slope(m) / c2;
+        let density = exp(-slope) / (self.alpha[0] * self.alpha[1] * PI * c2 * c2);
+        density.only(m.z.positive() & slope.lt(R::splat(80.0)))
+    }
+
+    /// Beckmann's by the rational function of Walter et al. 2007.
+    #[inline(always)]
+    fn g1(self, v: Triple<R>, m: Triple<R>) -> R {
+        if !self.beckmann {
+            return self.ggx_g1(v, m);
+        }
+        let a = v.z.abs() / self.stretch(v).sqrt().max(R::splat(1e-20));
         let (a, flat) = (a.min(R::splat(1.6)), a.ge(R::splat(1.6)));
         let part = (a * 3.535 + a * a * 2.181) / (a * 2.276 + a * a * 2.577 + 1.0);
         R::select(flat, R::one(), part).only((v.dot(m) * v.z).positive())
     }
 
     #[inline(always)]
-    pub(crate) fn g(self, v: Triple<R>, l: Triple<R>, m: Triple<R>) -> R {
+    fn g(self, v: Triple<R>, l: Triple<R>, m: Triple<R>) -> R {
         self.g1(v, m) * self.g1(l, m)
     }
 
-    /// How many of its facets of normal `m` are seen from `v` for each of GGX's.
     #[inline(always)]
-    pub(crate) fn excess(self, v: Triple<R>, m: Triple<R>) -> R {
+    fn drawn(self, v: Triple<R>, m: Triple<R>) -> R {
+        self.ggx_d(m) * self.ggx_g1(v, m)
+    }
+
+    #[inline(always)]
+    fn pdf(self, v: Triple<R>, m: Triple<R>) -> R {
+        (self.drawn(v, m) * v.dot(m).abs() / v.z).only(v.z.positive())
+    }
+
+    #[inline(always)]
+    fn sample(self, v: Triple<R>, u: Pair<R>) -> Triple<R> {
+        let (sin, cos) = sin_cos_turn(u.y);
+        let r = u.x.sqrt();
+        visible(self.alpha, v, Pair::new(cos * r, sin * r))
+    }
+
+    #[inline(always)]
+    fn excess(self, v: Triple<R>, m: Triple<R>) -> R {
         if !self.beckmann {
             return R::one();
         }
-        let drawn = self.ggx().d(m) * self.ggx().g1(v, m);
+        let drawn = self.drawn(v, m);
         (self.d(m) * self.g1(v, m) / drawn).only(drawn.positive())
     }
 }
@@ -170,12 +269,21 @@ impl Interface<'_> {
     /// Writes the share at each cosine, which there are a multiple of sixteen of, by lanes of `R`.
     #[inline(always)]
     pub(crate) fn shares<R: Real>(&self, cosines: &[f32], shares: &mut [f32]) {
+        let alpha = R::splat(self.alpha);
+        if self.beckmann {
+            self.shares_of(Facets { alpha: [alpha; 2], beckmann: true }, cosines, shares);
+        } else {
+            self.shares_of(Ggx { alpha }, cosines, shares);
+        }
+    }
+
+    #[inline(always)]
+    fn shares_of<R: Real>(&self, facets: impl Microfacets<R>, cosines: &[f32], shares: &mut [f32]) {
         let lanes = R::N;
         for (cos, to) in cosines.chunks_exact(lanes).zip(shares.chunks_exact_mut(lanes)) {
             let cos = R::load(cos);
             let v = Triple::new((R::one() - cos * cos).max(R::zero()).sqrt(), R::zero(), cos);
-            let facets = Facets { alpha: R::splat(self.alpha), beckmann: self.beckmann };
-            let ggx = facets.ggx();
+            let ggx = Ggx { alpha: R::splat(self.alpha) };
             let (mut sums, mut values) = ([0.0f64; 16], [0.0f32; 16]);
             for p in self.disk {
                 let m = ggx.facet(v, Pair::new(R::splat(p.x), R::splat(p.y)));
@@ -187,8 +295,7 @@ impl Interface<'_> {
                     let l = super::local::reflect(v, m);
                     (f.r * facets.g1(l, m)).only(l.z.positive())
                 };
-                let value = if self.beckmann { value * facets.excess(v, m) } else { value };
-                value.store(&mut values[..lanes]);
+                (value * facets.excess(v, m)).store(&mut values[..lanes]);
                 for (sum, value) in sums[..lanes].iter_mut().zip(&values) {
                     *sum += f64::from(*value);
                 }

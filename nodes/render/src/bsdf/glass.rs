@@ -2,7 +2,7 @@
 
 use super::{
     DELTA_ALPHA, Drawn, fresnel,
-    ggx::{Facets, Ggx},
+    ggx::{Facets, Ggx, Microfacets},
     local::{reflect, refract},
 };
 use crate::lanes::{Pair, Real, Triple};
@@ -17,7 +17,7 @@ pub(crate) struct Glass<R> {
     pub(crate) alpha: f32,
     pub(crate) reflectance: Triple<R>,
     pub(crate) transmittance: Triple<R>,
-    /// Of another finish than GGX of that roughness.
+    /// Microfacets other than GGX of that roughness.
     pub(crate) finish: Option<Facets<R>>,
 }
 
@@ -29,7 +29,7 @@ impl<R: Real> Glass<R> {
 
     #[inline(always)]
     fn ggx(&self) -> Ggx<R> {
-        self.finish.map_or(Ggx { alpha: R::splat(self.alpha) }, Facets::ggx)
+        Ggx { alpha: R::splat(self.alpha) }
     }
 
     /// Value and density.
@@ -38,47 +38,53 @@ impl<R: Real> Glass<R> {
         if self.is_delta() {
             return (Triple::zero(), R::zero());
         }
+        match self.finish {
+            None => self.eval_of(self.ggx(), wo, wi),
+            Some(facets) => self.eval_of(facets, wo, wi),
+        }
+    }
+
+    #[inline(always)]
+    fn eval_of(&self, facets: impl Microfacets<R>, wo: Triple<R>, wi: Triple<R>) -> (Triple<R>, R) {
         let facet = facet(self.eta, wo, wi);
-        let ggx = self.ggx();
         let f = fresnel::dielectric(facet.o, self.eta).r;
-        let (d, seen) = (ggx.d(facet.m), ggx.g1(wo, facet.m));
-        let shape = match self.finish {
-            None => d * seen * ggx.g1(wi, facet.m),
-            Some(own) => own.d(facet.m) * own.g(wo, wi, facet.m),
-        };
+        let shape = facets.d(facet.m) * facets.g1(wo, facet.m) * facets.g1(wi, facet.m);
         let reflected = f * shape / (wo.z.abs() * 4.0);
         // The squared index of radiance cancels that of the facets' spread.
         let spread = facet.spread / (facet.eta * facet.eta);
         let crossed = (R::one() - f) * shape * (facet.o / wo.z).abs() * spread;
         let value = Triple::select(facet.reflected, self.reflectance * reflected, self.transmittance * crossed);
-        let density = d * seen * facet.o.abs() / wo.z.abs();
+        let density = facets.drawn(wo, facet.m) * facet.o.abs() / wo.z.abs();
         let pdf = density * facet.spread * R::select(facet.reflected, f, R::one() - f);
         (value.only(facet.fits), pdf.only(facet.fits))
     }
 
     #[inline(always)]
     pub(crate) fn sample(&self, wo: Triple<R>, lobe: R, u: Pair<R>) -> Drawn<R> {
+        match self.finish {
+            None => self.sample_of(self.ggx(), wo, lobe, u),
+            Some(facets) => self.sample_of(facets, wo, lobe, u),
+        }
+    }
+
+    #[inline(always)]
+    fn sample_of(&self, facets: impl Microfacets<R>, wo: Triple<R>, lobe: R, u: Pair<R>) -> Drawn<R> {
         let zero = R::zero();
         let delta = self.is_delta();
-        let ggx = self.ggx();
         let upper = Triple::select(wo.z.lt(zero), -wo, wo);
-        let m = if delta { Triple::new(zero, zero, R::one()) } else { ggx.sample(upper, u) };
+        let m = if delta { Triple::new(zero, zero, R::one()) } else { facets.sample(upper, u) };
         let f = fresnel::dielectric(wo.dot(m), self.eta);
         let transmitted = lobe.ge(f.r);
         let wi = Triple::select(transmitted, refract(wo, m, f.cos_t, f.eta_ti), reflect(wo, m));
         let across = (wi.z * wo.z).lt(zero);
         let valid = !(wo.z.equals(zero) | wi.z.equals(zero)) & ((across & transmitted) | !(across | transmitted));
-        let mut weight = Triple::select(transmitted, self.transmittance * (f.eta_ti * f.eta_ti), self.reflectance);
+        let weight = Triple::select(transmitted, self.transmittance * (f.eta_ti * f.eta_ti), self.reflectance);
         let eta = R::select(transmitted, f.eta_it, R::one());
         let mut drawn = Drawn { wi, weight, eta, transmitted, valid, ..Drawn::nothing() };
         if delta {
             drawn.delta = valid;
         } else {
-            weight = match self.finish {
-                None => weight * ggx.g1(wi, m),
-                Some(facets) => weight * (facets.excess(wo, m) * facets.g1(wi, m)),
-            };
-            drawn.weight = weight;
+            drawn.weight = weight * (facets.excess(wo, m) * facets.g1(wi, m));
             drawn.pdf = self.eval(wo, wi).1;
         }
         drawn

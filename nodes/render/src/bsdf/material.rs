@@ -13,7 +13,7 @@ use crate::{
     lanes::{Real, Triple},
     texture::{LoadBitmap, Texture},
 };
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use tauflow_contract::KindError;
 use tauflow_data::scene;
 
@@ -37,7 +37,7 @@ pub(crate) enum Sort {
 #[derive(Clone, Debug)]
 pub struct Material {
     opacity: Option<Texture>,
-    normal_map: Option<(Texture, f32)>,
+    relief: Option<Relief>,
     two_sided: bool,
     /// One, or those of a blend.
     pub(super) layers: Vec<Layer>,
@@ -57,11 +57,35 @@ pub(super) struct Layer {
     finish: Option<Finish>,
 }
 
-/// A metal's or a glass' finish, if that is not GGX of one roughness.
+/// The microfacets of metal or glass, if they are not GGX of one roughness.
 #[derive(Clone, Debug)]
 struct Finish {
     beckmann: bool,
     alpha: Option<Texture>,
+    /// Roughness across; `alpha` is then that along the direction of growing u.
+    across: Option<Texture>,
+}
+
+/// How a map perturbs the shading normal.
+#[derive(Clone, Debug)]
+pub(crate) struct Relief {
+    map: Texture,
+    scale: f32,
+    /// Whether the map holds heights.
+    pub(crate) heights: bool,
+    /// See [`scene::Bsdf::Relief`]; none of a plain normal map.
+    pub(crate) options: Option<ReliefOptions>,
+}
+
+/// Options of a map that perturbs the shading normal.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ReliefOptions {
+    /// Whether normals are turned about the shading normal where they would be seen from behind.
+    pub(crate) flip: bool,
+    /// Whether light at grazing incidence is dimmed.
+    pub(crate) shadowing: bool,
+    /// Whether the surface is two-sided around the map: seen from behind, it is as its mirror image from the front.
+    pub(crate) mirrored: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -165,18 +189,43 @@ impl Material {
             }
             scene::Bsdf::NormalMap { map, scale, inner } => {
                 let material = Self::compile(inner, load)?;
-                return Ok(Self { normal_map: Some((bounds::normals(map, *scale, load)?, *scale)), ..material });
+                let map = bounds::normals(map, *scale, load)?;
+                let relief = Some(Relief { map, scale: *scale, heights: false, options: None });
+                return Ok(Self { relief, ..material });
             }
-            scene::Bsdf::Finish { distribution, alpha, nonlinear, inner } => {
+            scene::Bsdf::Relief { form, map, scale, flip, shadowing, inner } => {
+                let material = Self::compile(inner, load)?;
+                if material.relief.is_some() {
+                    return Err(KindError::Input("a normal or bump map inside another one; keep one of them".into()));
+                }
+                let heights = *form == scene::ReliefForm::Heights;
+                let map =
+                    if heights { bounds::heights(map, *scale, load)? } else { bounds::normals(map, *scale, load)? };
+                let options = Some(ReliefOptions { flip: *flip, shadowing: *shadowing, mirrored: false });
+                return Ok(Self { relief: Some(Relief { map, scale: *scale, heights, options }), ..material });
+            }
+            scene::Bsdf::Finish { distribution, alpha, alpha_v, nonlinear, inner } => {
                 let mut material = Self::compile(inner, load)?;
-                let alpha = alpha.as_ref().map(|alpha| bounds::share(alpha, "alpha", load)).transpose()?;
-                material.finish(*distribution == scene::Distribution::Beckmann, alpha, *nonlinear)?;
+                let mut share = |alpha: &Option<scene::Texture>, name| {
+                    alpha.as_ref().map(|alpha| bounds::share(alpha, name, load)).transpose()
+                };
+                let (alpha, across) = (share(alpha, "alpha")?, share(alpha_v, "alpha_v")?);
+                let beckmann = *distribution == scene::Distribution::Beckmann;
+                material.finish(Finish { beckmann, alpha, across }, *nonlinear)?;
                 return Ok(Self::of(material.layers));
             }
-            scene::Bsdf::TwoSided { inner } => return Ok(Self { two_sided: true, ..Self::compile(inner, load)? }),
+            scene::Bsdf::TwoSided { inner } => {
+                let mut material = Self::compile(inner, load)?;
+                match &mut material.relief {
+                    // Both sides of what is two-sided below the map are one already.
+                    Some(Relief { options: Some(options), .. }) if !material.two_sided => options.mirrored = true,
+                    _ => material.two_sided = true,
+                }
+                return Ok(material);
+            }
             scene::Bsdf::Blend { weight, a, b } => {
                 let (a, b) = (Self::compile(a, load)?, Self::compile(b, load)?);
-                if [&a, &b].iter().any(|m| m.opacity.is_some() || m.normal_map.is_some()) {
+                if [&a, &b].iter().any(|m| m.opacity.is_some() || m.relief.is_some()) {
                     return Err(KindError::Input(
                         "a blend of materials with opacity or a normal map of their own; put these around the blend"
                             .into(),
@@ -197,28 +246,25 @@ impl Material {
         Ok(Self::of(vec![Layer { weights: Vec::new(), two_sided: false, sort, finish: None }]))
     }
 
-    /// Gives its only layer another finish.
-    fn finish(&mut self, beckmann: bool, alpha: Option<Texture>, nonlinear: bool) -> Result<(), KindError> {
-        let plain = !self.two_sided && self.opacity.is_none() && self.normal_map.is_none();
+    /// Gives its only layer other microfacets.
+    fn finish(&mut self, own: Finish, nonlinear: bool) -> Result<(), KindError> {
+        let plain = !self.two_sided && self.opacity.is_none() && self.relief.is_none();
+        let plain = plain && (own.alpha.is_some() || own.across.is_none());
         match self.layers.as_mut_slice() {
-            [Layer { sort: Textured::Plastic { coat, .. }, .. }] if plain && alpha.is_none() => {
-                *coat = coat.in_finish(beckmann, nonlinear);
+            [Layer { sort: Textured::Plastic { coat, .. }, .. }] if plain && own.alpha.is_none() => {
+                *coat = coat.in_finish(own.beckmann, nonlinear);
             }
-            [
-                Layer {
-                    sort: Textured::Conductor { alpha: own, .. } | Textured::Dielectric { alpha: own, .. },
-                    finish,
-                    ..
-                },
-            ] if plain && !nonlinear => {
+            [Layer { sort: Textured::Conductor { alpha, .. } | Textured::Dielectric { alpha, .. }, finish, .. }]
+                if plain && !nonlinear =>
+            {
                 // What a texture says is never smooth.
-                *own = if alpha.is_some() { 1.0 } else { *own };
-                *finish = (beckmann || alpha.is_some()).then_some(Finish { beckmann, alpha });
+                *alpha = if own.alpha.is_some() { 1.0 } else { *alpha };
+                *finish = (own.beckmann || own.alpha.is_some()).then_some(own);
             }
             _ => {
-                let what = "a finish of what is no conductor, dielectric or plastic, or with what these do not have; \
-                            put it around one of them, `alpha` by a texture not around a plastic, and `nonlinear` \
-                            around nothing else";
+                let what = "a finish around something other than a conductor, dielectric or plastic, or parameters \
+                            that these lack; `alpha` fits conductors and dielectrics, `alpha_v` goes with `alpha`, \
+                            and `nonlinear` fits plastic";
                 return Err(KindError::Input(what.into()));
             }
         }
@@ -227,7 +273,7 @@ impl Material {
 
     fn of(layers: Vec<Layer>) -> Self {
         let smooth = layers.iter().any(Layer::smooth);
-        Self { opacity: None, normal_map: None, two_sided: false, layers, smooth, general: false }
+        Self { opacity: None, relief: None, two_sided: false, layers, smooth, general: false }
     }
 
     /// Whether lights can be sampled for it.
@@ -310,7 +356,7 @@ impl Material {
     /// Whether it reads texture coordinates.
     pub(crate) fn reads_uv(&self) -> bool {
         self.opacity.iter().any(Texture::reads_uv)
-            || self.normal_map.is_some()
+            || self.relief.is_some()
             || self.layers.iter().any(|layer| layer.textures().any(Texture::reads_uv))
     }
 
@@ -336,18 +382,39 @@ impl Material {
         self.opacity.is_some()
     }
 
-    /// Whether it has a normal map.
+    /// Whether it has a normal map or a bump map.
     pub fn has_normal_map(&self) -> bool {
-        self.normal_map.is_some()
+        self.relief.is_some()
     }
 
-    /// The normal of the normal map in its tangent frame, above the surface; none without a map.
+    /// Its normal map or bump map.
     #[inline]
-    pub fn shading_normal(&self, s: &Surface) -> Option<Vec3> {
-        let (map, scale) = self.normal_map.as_ref()?;
-        let n = map.eval(s) * 2.0 - Vec3::ONE;
-        // A map may point below the surface where it was compressed badly.
-        Some(Vec3::new(n.x * scale, n.y * scale, n.z.max(1e-3)).normalize_or(Vec3::Z))
+    pub(crate) fn relief(&self) -> Option<&Relief> {
+        self.relief.as_ref()
+    }
+
+    /// The options of its normal map or bump map, if that has some.
+    #[inline]
+    pub(crate) fn relief_options(&self) -> Option<ReliefOptions> {
+        self.relief.as_ref()?.options
+    }
+
+    /// Whether it is two-sided around a map with options: its back is the mirror image of its front.
+    #[inline]
+    pub(crate) fn is_mirrored(&self) -> bool {
+        self.relief_options().is_some_and(|options| options.mirrored)
+    }
+
+    /// Whether its shading frame takes more than the surface's shading normal.
+    #[inline]
+    pub(crate) fn has_own_frame(&self) -> bool {
+        self.has_normal_map() || self.is_anisotropic()
+    }
+
+    /// Whether its roughness depends on the direction.
+    #[inline]
+    pub(crate) fn is_anisotropic(&self) -> bool {
+        self.layers.iter().any(|layer| layer.finish.as_ref().is_some_and(|finish| finish.across.is_some()))
     }
 }
 
@@ -355,6 +422,27 @@ impl Material {
 #[inline(always)]
 fn unit<R: Real>(v: Triple<R>) -> Triple<R> {
     Triple::new(v.x.clamp(0.0, 1.0), v.y.clamp(0.0, 1.0), v.z.clamp(0.0, 1.0))
+}
+
+impl Relief {
+    /// The normal of a normal map in its tangent frame, above the surface.
+    #[inline]
+    pub(crate) fn normal(&self, s: &Surface) -> Vec3 {
+        let n = self.map.eval(s) * 2.0 - Vec3::ONE;
+        // A map may point below the surface where it was compressed badly.
+        Vec3::new(n.x * self.scale, n.y * self.scale, n.z.max(1e-3)).normalize_or(Vec3::Z)
+    }
+
+    /// The normal of a normal map in its tangent frame as Mitsuba reads it, of any length and on either side.
+    pub(crate) fn raw_normal(&self, s: &Surface) -> Vec3 {
+        let n = self.map.eval(s) * 2.0 - Vec3::ONE;
+        Vec3::new(n.x * self.scale, n.y * self.scale, n.z)
+    }
+
+    /// The slopes of a bump map along u and v.
+    pub(crate) fn slopes(&self, s: &Surface) -> Vec2 {
+        self.map.slopes(s) * self.scale
+    }
 }
 
 impl Layer {
@@ -372,11 +460,12 @@ impl Layer {
     /// Textures by slot: what the lobes below find their values by.
     fn slots(&self) -> [Option<&Texture>; SLOTS] {
         let alpha = self.finish.as_ref().and_then(|finish| finish.alpha.as_ref());
+        let across = self.finish.as_ref().and_then(|finish| finish.across.as_ref());
         match &self.sort {
             Textured::Diffuse(t) | Textured::Plastic { base: t, .. } => [Some(t), None, None, None],
-            Textured::Conductor { tint, .. } => [Some(tint), None, None, alpha],
+            Textured::Conductor { tint, .. } => [Some(tint), None, alpha, across],
             Textured::Dielectric { reflectance, transmittance, .. } => {
-                [Some(reflectance), Some(transmittance), None, alpha]
+                [Some(reflectance), Some(transmittance), alpha, across]
             }
             Textured::Thin { reflectance, transmittance, .. } => [Some(reflectance), Some(transmittance), None, None],
             Textured::Principled(of) => {
@@ -397,15 +486,14 @@ impl Layer {
         })
     }
 
-    /// The facets of a finish, where its roughness is the last of these values or, without a texture, `alpha`.
+    /// The microfacets of a finish, whose roughness is in the last two of these values or, without textures, `alpha`.
     #[inline(always)]
     fn facets<R: Real>(&self, alpha: f32, values: &[Triple<R>; SLOTS]) -> Option<Facets<R>> {
-        let Finish { beckmann, alpha: texture } = self.finish.as_ref()?;
-        let alpha = match texture {
-            Some(_) => values[SLOTS - 1].x.clamp(super::DELTA_ALPHA, 1.0),
-            None => R::splat(alpha),
-        };
-        Some(Facets { alpha, beckmann: *beckmann })
+        let Finish { beckmann, alpha: along, across } = self.finish.as_ref()?;
+        let read = |slot: usize| values[slot].x.clamp(super::DELTA_ALPHA, 1.0);
+        let along = if along.is_some() { read(SLOTS - 2) } else { R::splat(alpha) };
+        let across = if across.is_some() { read(SLOTS - 1) } else { along };
+        Some(Facets { alpha: [along, across], beckmann: *beckmann })
     }
 
     #[inline(always)]

@@ -2,7 +2,7 @@
 
 use super::{
     DELTA_ALPHA, Drawn, fresnel,
-    ggx::{Facets, Ggx},
+    ggx::{Facets, Ggx, Microfacets},
     local::reflect,
 };
 use crate::lanes::{Pair, Real, Triple};
@@ -14,7 +14,7 @@ pub(crate) struct Metal<R> {
     pub(crate) k: Vec3,
     pub(crate) alpha: f32,
     pub(crate) tint: Triple<R>,
-    /// Of another finish than GGX of that roughness.
+    /// Microfacets other than GGX of that roughness.
     pub(crate) finish: Option<Facets<R>>,
 }
 
@@ -25,7 +25,7 @@ impl<R: Real> Metal<R> {
 
     #[inline(always)]
     fn ggx(&self) -> Ggx<R> {
-        self.finish.map_or(Ggx { alpha: R::splat(self.alpha) }, Facets::ggx)
+        Ggx { alpha: R::splat(self.alpha) }
     }
 
     /// Value and density.
@@ -34,17 +34,20 @@ impl<R: Real> Metal<R> {
         if self.is_delta() {
             return (Triple::zero(), R::zero());
         }
+        match self.finish {
+            None => self.eval_of(self.ggx(), wo, wi),
+            Some(facets) => self.eval_of(facets, wo, wi),
+        }
+    }
+
+    #[inline(always)]
+    fn eval_of(&self, facets: impl Microfacets<R>, wo: Triple<R>, wi: Triple<R>) -> (Triple<R>, R) {
         let above = wo.z.positive() & wi.z.positive();
         let m = (wo + wi).normalize();
         let cos = wo.dot(m);
-        let ggx = self.ggx();
         let f = fresnel::conductor(cos, self.eta, self.k);
-        let shape = match self.finish {
-            None => ggx.d(m) * ggx.g(wo, wi, m),
-            Some(facets) => facets.d(m) * facets.g(wo, wi, m),
-        };
-        let value = f * self.tint * (shape / (wo.z * 4.0));
-        let pdf = ggx.pdf(wo, m) / (cos * 4.0);
+        let value = f * self.tint * (facets.d(m) * facets.g(wo, wi, m) / (wo.z * 4.0));
+        let pdf = facets.pdf(wo, m) / (cos * 4.0);
         (value.only(above), pdf.only(above))
     }
 
@@ -56,19 +59,23 @@ impl<R: Real> Metal<R> {
             let weight = fresnel::conductor(wo.z, self.eta, self.k) * self.tint;
             return Drawn { wi, weight, delta: above, valid: above, ..Drawn::nothing() };
         }
-        let ggx = self.ggx();
-        let m = ggx.sample(wo, u);
+        match self.finish {
+            None => self.sample_of(self.ggx(), wo, u),
+            Some(facets) => self.sample_of(facets, wo, u),
+        }
+    }
+
+    #[inline(always)]
+    fn sample_of(&self, facets: impl Microfacets<R>, wo: Triple<R>, u: Pair<R>) -> Drawn<R> {
+        let m = facets.sample(wo, u);
         let wi = reflect(wo, m);
         let cos = wo.dot(m);
         let f = fresnel::conductor(cos, self.eta, self.k);
         Drawn {
             wi,
-            weight: match self.finish {
-                None => f * self.tint * ggx.g1(wi, m),
-                Some(facets) => f * self.tint * (facets.excess(wo, m) * facets.g1(wi, m)),
-            },
-            pdf: ggx.pdf(wo, m) / (cos * 4.0),
-            valid: above & wi.z.positive() & cos.positive(),
+            weight: f * self.tint * (facets.excess(wo, m) * facets.g1(wi, m)),
+            pdf: facets.pdf(wo, m) / (cos * 4.0),
+            valid: wo.z.positive() & wi.z.positive() & cos.positive(),
             ..Drawn::nothing()
         }
     }

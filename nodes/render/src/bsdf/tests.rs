@@ -49,7 +49,14 @@ fn plastic(alpha: f32) -> scene::Bsdf {
 
 fn finish(beckmann: bool, alpha: Option<f32>, nonlinear: bool, inner: scene::Bsdf) -> scene::Bsdf {
     let distribution = if beckmann { scene::Distribution::Beckmann } else { scene::Distribution::Ggx };
-    scene::Bsdf::Finish { distribution, alpha: alpha.map(Texture::scalar), nonlinear, inner: Box::new(inner) }
+    let alpha = alpha.map(Texture::scalar);
+    scene::Bsdf::Finish { distribution, alpha, alpha_v: None, nonlinear, inner: Box::new(inner) }
+}
+
+fn anisotropic(beckmann: bool, alphas: [f32; 2], inner: scene::Bsdf) -> scene::Bsdf {
+    let distribution = if beckmann { scene::Distribution::Beckmann } else { scene::Distribution::Ggx };
+    let [alpha, alpha_v] = alphas.map(|alpha| Some(Texture::scalar(alpha)));
+    scene::Bsdf::Finish { distribution, alpha, alpha_v, nonlinear: false, inner: Box::new(inner) }
 }
 
 fn diffuse() -> scene::Bsdf {
@@ -78,6 +85,10 @@ fn all() -> Vec<(&'static str, scene::Bsdf)> {
         ("glass of a textured roughness", finish(true, Some(0.4), false, glass(0.0, 1.33))),
         ("Beckmann plastic", finish(true, None, false, plastic(0.2))),
         ("nonlinear plastic", finish(false, None, true, plastic(0.2))),
+        ("anisotropic metal", anisotropic(false, [0.15, 0.5], metal(0.0))),
+        ("anisotropic Beckmann metal", anisotropic(true, [0.5, 0.2], metal(0.0))),
+        ("anisotropic glass", anisotropic(false, [0.2, 0.6], glass(0.0, 1.5))),
+        ("anisotropic Beckmann glass", anisotropic(true, [0.6, 0.35], glass(0.0, 1.5))),
         ("principled dielectric", principled(0.0, 0.5, 0.0, 0.0)),
         ("principled metal", principled(1.0, 0.4, 0.0, 0.0)),
         ("principled coat", principled(0.3, 0.6, 0.0, 1.0)),
@@ -318,6 +329,7 @@ fn finishes_have_the_values_of_mitsuba() {
     let grazing = (n(0.9, 0.0, 0.3), n(-0.8, 0.1, 0.4));
     let across = (n(0.2, -0.3, 0.5), n(-0.13, 0.2, -0.8));
     let (beckmann, nonlinear) = (|inner| finish(true, None, false, inner), |inner| finish(false, None, true, inner));
+    let uneven = |beckmann, inner| anisotropic(beckmann, [0.15, 0.5], inner);
     // Printed by Mitsuba 3.9.1 (scalar_rgb).
     for (name, bsdf, (wo, wi), expected) in [
         ("metal", beckmann(metal(0.3)), steep, [0.510_557, 0.330_29, 0.281_391]),
@@ -328,6 +340,15 @@ fn finishes_have_the_values_of_mitsuba() {
         ("glass", beckmann(glass(0.3, 1.5)), across, [3.092_1; 3]),
         ("plastic", beckmann(plastic(0.2)), steep, [0.231_888, 0.138_08, 0.044_272_7]),
         ("plastic", beckmann(plastic(0.2)), grazing, [0.558_201, 0.516_605, 0.475_01]),
+        ("anisotropic metal", uneven(false, metal(0.0)), steep, [0.226_821, 0.146_735, 0.125_011]),
+        ("anisotropic metal", uneven(false, metal(0.0)), grazing, [1.679_79, 1.140_13, 1.007_64]),
+        ("anisotropic Beckmann metal", uneven(true, metal(0.0)), steep, [0.330_817, 0.214_013, 0.182_328]),
+        ("anisotropic Beckmann metal", uneven(true, metal(0.0)), grazing, [2.330_78, 1.581_99, 1.398_14]),
+        ("anisotropic glass", uneven(false, glass(0.0, 1.5)), steep, [0.009_726_93; 3]),
+        ("anisotropic glass", uneven(false, glass(0.0, 1.5)), grazing, [0.251_164; 3]),
+        ("anisotropic glass", uneven(false, glass(0.0, 1.5)), across, [1.637_28; 3]),
+        ("anisotropic Beckmann glass", uneven(true, glass(0.0, 1.5)), grazing, [0.348_501; 3]),
+        ("anisotropic Beckmann glass", uneven(true, glass(0.0, 1.5)), across, [2.468_33; 3]),
         ("nonlinear", finish(true, None, true, plastic(0.2)), steep, [0.208_459, 0.093_011_6, 0.031_863_6]),
         ("nonlinear", nonlinear(plastic(0.2)), grazing, [0.362_343, 0.319_029, 0.293_195]),
         ("smooth", nonlinear(plastic(0.0)), steep, [0.200_879, 0.074_175_4, 0.011_109_6]),
@@ -346,8 +367,12 @@ fn a_finish_fits_what_it_is_around() {
         finish(true, Some(0.2), false, plastic(0.2)),
         finish(false, None, true, metal(0.2)),
         finish(true, None, false, principled(0.0, 0.5, 0.0, 0.0)),
+        anisotropic(true, [0.1, 0.2], plastic(0.2)),
     ] {
         let told = Material::compile(&odd, &mut |_| unreachable!("no images here")).map(|_| ());
-        assert!(told.expect_err("no such finish").to_string().contains("a finish of what is no conductor"), "{odd:?}");
+        assert!(
+            told.expect_err("no such finish").to_string().contains("a finish around something other than"),
+            "{odd:?}"
+        );
     }
 }

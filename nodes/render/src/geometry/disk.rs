@@ -73,6 +73,13 @@ impl Disk {
         (self.center + x + y, (self.center.abs() + x.abs() + y.abs()) * gamma(4))
     }
 
+    /// Changes of the point along u and v at a and b.
+    pub fn derivatives(&self, a: f32, b: f32) -> [Vec3; 2] {
+        let r = (a * a + b * b).sqrt();
+        let (cos, sin) = if r > 0.0 { (a / r, b / r) } else { (1.0, 0.0) };
+        [self.x * cos + self.y * sin, (self.y * a - self.x * b) * std::f32::consts::TAU]
+    }
+
     /// [`Disk::uv`] by lane.
     #[inline(always)]
     pub(crate) fn uv_lanes<R: Real>(a: R, b: R) -> Pair<R> {

@@ -100,4 +100,13 @@ impl Sphere {
         let [x, y] = [self.axes[0].dot(n), self.axes[1].dot(n)];
         self.axes[1] * x - self.axes[0] * y
     }
+
+    /// Changes of the point along u and v at an outward normal.
+    pub fn derivatives(&self, n: Vec3) -> [Vec3; 2] {
+        let [x, y, z] = self.axes.map(|axis| axis.dot(n));
+        let ring = (x * x + y * y).sqrt();
+        let out = if ring > 0.0 { (self.axes[0] * x + self.axes[1] * y) / ring } else { self.axes[0] };
+        let turn = self.dp_du(n) * (std::f32::consts::TAU * self.radius);
+        [turn, (out * z - self.axes[2] * ring) * (std::f32::consts::PI * self.radius)]
+    }
 }

@@ -108,7 +108,7 @@ impl LightPaths<'_> {
             finds.segments += 1;
             let Some((hit, at)) = first_solid(world, numbers, depth, ray) else { return };
             let material = world.material(&at);
-            let frame = world.shading_frame(&hit, world.place(hit.primitive).1, &at);
+            let frame = world.shading_frame(&hit, world.place(hit.primitive).1, &at, -ray.direction);
             let back = -ray.direction;
             let vertex = Vertex { at, frame, material, back, mapped: material.has_normal_map() };
             let counts = self.which == Which::All || (carried.specular && carried.vertices > 0);

@@ -21,7 +21,7 @@ pub(crate) fn first_solid(world: &World, sampler: &Sampler, depth: u32, ray: Ray
     let mut rest = ray;
     for passage in 0..PASSAGES {
         let (hit, at) = world.meet(&rest)?;
-        let opacity = world.opacity_of(at.shape, &at.surface);
+        let opacity = if world.hides(at.shape, depth) { 0.0 } else { world.opacity_of(at.shape, &at.surface) };
         if opacity >= 1.0 || sampler.one(dimension + (passage << 32)) < opacity {
             let t = (at.p - ray.origin).dot(ray.direction);
             return Some((Hit { t, ..hit }, at));
@@ -84,6 +84,10 @@ pub(crate) fn met(
 ) -> Passage {
     let (shape, primitive) = world.place(hit.primitive);
     let own = &world.shapes[shape as usize];
+    if world.hides(shape, depth) {
+        let at = world.interaction_at(rest, &hit, (shape, primitive));
+        return Passage::Through(offset_origin(at.p, at.error, at.geometric, whole.direction));
+    }
     // Only spheres use the distance.
     if !world.materials[own.material as usize].material.has_opacity() && !matches!(own.form, Form::Sphere(_)) {
         return Passage::Solid(hit);

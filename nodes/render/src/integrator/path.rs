@@ -29,7 +29,7 @@ impl Path {
             stream.found.segments += live as u64;
             stream.meet_solid(kernels, depth);
             stream.sort();
-            stream.leave(kernels);
+            stream.leave(kernels, depth);
             stream.shade(kernels, depth);
             stream.shadow(kernels);
             stream.go_on();

@@ -88,6 +88,7 @@ fn shows_others(bsdf: &Bsdf) -> bool {
         Bsdf::Finish { alpha: Some(_), inner, .. } => matches!(**inner, Bsdf::Dielectric { .. }),
         Bsdf::Mask { inner, .. }
         | Bsdf::NormalMap { inner, .. }
+        | Bsdf::Relief { inner, .. }
         | Bsdf::Finish { inner, .. }
         | Bsdf::TwoSided { inner } => shows_others(inner),
     }
@@ -97,7 +98,7 @@ fn shows_others(bsdf: &Bsdf) -> bool {
 fn has_back(bsdf: &Bsdf) -> bool {
     match bsdf {
         Bsdf::TwoSided { .. } | Bsdf::ThinDielectric { .. } => true,
-        Bsdf::Mask { inner, .. } | Bsdf::NormalMap { inner, .. } => has_back(inner),
+        Bsdf::Mask { inner, .. } | Bsdf::NormalMap { inner, .. } | Bsdf::Relief { inner, .. } => has_back(inner),
         Bsdf::Blend { a, b, .. } => has_back(a) && has_back(b),
         Bsdf::Diffuse { .. }
         | Bsdf::Conductor { .. }
@@ -113,7 +114,7 @@ fn holes(bsdf: &Bsdf) -> Bsdf {
     let plain = || Bsdf::Diffuse { reflectance: Texture::Constant { value: [0.0; 3] } };
     match bsdf {
         Bsdf::Mask { opacity, inner } => Bsdf::Mask { opacity: opacity.clone(), inner: Box::new(holes(inner)) },
-        Bsdf::NormalMap { inner, .. } | Bsdf::TwoSided { inner } => holes(inner),
+        Bsdf::NormalMap { inner, .. } | Bsdf::Relief { inner, .. } | Bsdf::TwoSided { inner } => holes(inner),
         // Holes stand around blends, never within.
         Bsdf::Blend { .. }
         | Bsdf::Diffuse { .. }

@@ -65,6 +65,7 @@ fn clear(bsdf: &Bsdf) -> bool {
         Bsdf::Finish { alpha: Some(_), .. } => false,
         Bsdf::Mask { inner, .. }
         | Bsdf::NormalMap { inner, .. }
+        | Bsdf::Relief { inner, .. }
         | Bsdf::Finish { inner, .. }
         | Bsdf::TwoSided { inner } => clear(inner),
         Bsdf::Principled { .. }

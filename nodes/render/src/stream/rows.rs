@@ -98,19 +98,20 @@ pub(super) const ARRIVES: usize = 7;
 /// is that of the path or of the shadow ray.
 pub(super) type Through = Rows<8>;
 pub(super) const SHARE: usize = 7;
-/// Rows of a vertex, in the order of materials: point, bound on its error, geometric normal, shading normal, that of
-/// the normal map, direction and throughput of the path, texture coordinates, vertex colour and its alpha, values of
-/// the textures.
+/// Rows of a vertex, in the order of materials: point, bound on its error, geometric normal, shading normal, normal and
+/// first tangent of its own frame. Then direction and throughput of the path, texture coordinates, vertex colour and
+/// alpha, values of the textures.
 pub(super) const POINT: usize = 0;
 pub(super) const ERROR: usize = 3;
 pub(super) const GEOMETRIC: usize = 6;
 pub(super) const SHADING: usize = 9;
 pub(super) const MAPPED: usize = 12;
-pub(super) const ARRIVED_BY: usize = 15;
-pub(super) const CARRIES: usize = 18;
-pub(super) const UV: usize = 21;
-pub(super) const COLOR: usize = 23;
-pub(super) const TEXTURES: usize = 27;
+pub(super) const ALONG: usize = 15;
+pub(super) const ARRIVED_BY: usize = 18;
+pub(super) const CARRIES: usize = 21;
+pub(super) const UV: usize = 24;
+pub(super) const COLOR: usize = 26;
+pub(super) const TEXTURES: usize = 30;
 /// Rows of light that may arrive: direction, shadow ray (origin, direction, end), radiance over density, density.
 /// Without light the radiance is 0.
 pub(super) const TOWARDS: usize = TEXTURES + 3 * SLOTS;

@@ -18,6 +18,65 @@ use crate::{
 /// Candidates where there are several. More, and on later vertices, cost more time than they save.
 const CANDIDATES: u64 = 2;
 
+/// The mirror image in a surface, in some lanes.
+#[derive(Clone, Copy)]
+struct Mirror<R: Real> {
+    normal: Triple<R>,
+    mask: R::Mask,
+}
+
+impl<R: Real> Mirror<R> {
+    #[inline(always)]
+    fn none(normal: Triple<R>) -> Self {
+        Self { normal, mask: R::Mask::from_bits(0) }
+    }
+
+    /// That in surfaces of which the viewer sees the back.
+    #[inline(always)]
+    fn behind(normal: Triple<R>, viewer: Triple<R>) -> Self {
+        Self { normal, mask: viewer.dot(normal).lt(R::zero()) }
+    }
+
+    #[inline(always)]
+    fn of(&self, v: Triple<R>) -> Triple<R> {
+        if !self.mask.any() {
+            return v;
+        }
+        Triple::select(self.mask, v - self.normal * (v.dot(self.normal) * 2.0), v)
+    }
+}
+
+/// The shadowing of light at grazing incidence on a mapped normal.
+///
+/// Source: Estevez et al. 2019, *A Microfacet-Based Shadowing Function to Solve the Bump Terminator Problem*; it is the
+/// `use_shadowing_function` of Mitsuba 3.
+#[derive(Clone, Copy)]
+struct Shadowing<R> {
+    normal: Triple<R>,
+    /// Squared roughness of facets as tilted as the mapped normal.
+    alpha2: R,
+}
+
+impl<R: Real> Shadowing<R> {
+    #[inline(always)]
+    fn of(mapped: Triple<R>, normal: Triple<R>) -> Self {
+        Self { normal, alpha2: (squared_tangent(mapped.dot(normal)) * 0.125).min(R::one()) }
+    }
+
+    /// Share of the light from a direction that is left.
+    #[inline(always)]
+    fn at(&self, wi: Triple<R>) -> R {
+        R::splat(2.0) / ((self.alpha2 * squared_tangent(wi.dot(self.normal)) + 1.0).sqrt() + 1.0)
+    }
+}
+
+/// Squared tangent of an angle by its cosine.
+#[inline(always)]
+fn squared_tangent<R: Real>(cos: R) -> R {
+    let square = cos * cos;
+    (R::one() - square).max(R::zero()) / square.max(R::splat(1e-20))
+}
+
 impl<'a> Stream<'a> {
     /// Works hits out.
     #[inline(always)]
@@ -168,17 +227,19 @@ impl<'a> Stream<'a> {
         }
     }
 
-    /// Shading normals of a normal map.
+    /// Shading frames of a normal map, a bump map, or a roughness that depends on the direction.
     pub(super) fn map_normals(&mut self, group: &Group) {
         let world = self.batch.world;
         for at in group.from..group.end {
             let row = at - group.from;
             let from = self.scratch.order[at] as usize;
             let hit = self.hit(from);
-            let found = world.interaction_at(&self.ray(from), &hit, (self.scratch.shape[from], hit.primitive));
-            let n = world.shading_frame(&hit, hit.primitive, &found).n;
+            let ray = self.ray(from);
+            let found = world.interaction_at(&ray, &hit, (self.scratch.shape[from], hit.primitive));
+            let frame = world.shading_frame(&hit, hit.primitive, &found, -ray.direction);
             for k in 0..3 {
-                self.scratch.vertices.rows[MAPPED + k][row] = n[k];
+                self.scratch.vertices.rows[MAPPED + k][row] = frame.n[k];
+                self.scratch.vertices.rows[ALONG + k][row] = frame.s[k];
             }
         }
     }
@@ -291,7 +352,8 @@ impl<'a> Stream<'a> {
     #[inline(always)]
     pub(crate) fn lights<R: Real>(&mut self, group: &Group) {
         let world = self.batch.world;
-        let normals = if world.materials[group.index].material.has_normal_map() { MAPPED } else { SHADING };
+        let normals = if world.materials[group.index].material.has_own_frame() { MAPPED } else { SHADING };
+        let mirrored = world.materials[group.index].material.is_mirrored();
         let candidates = self.candidates(group);
         let first = Sampler::vertex(group.depth);
         for at in (group.from..group.end).step_by(R::N) {
@@ -299,8 +361,12 @@ impl<'a> Stream<'a> {
             let (mask, ids) = (Self::mask::<R>(at, group.end), self.ids::<R>(at));
             let states = self.states::<R>(&ids);
             let vantage = self.vantage(row);
-            let normal = self.scratch.vertices.row::<R>(normals, row);
-            let normal = normal * R::one().copysign(-normal.dot(self.scratch.vertices.row(ARRIVED_BY, row)));
+            let mut normal = self.scratch.vertices.row::<R>(normals, row);
+            let arrived_by = self.scratch.vertices.row::<R>(ARRIVED_BY, row);
+            if mirrored {
+                normal = Mirror::behind(self.scratch.vertices.row(SHADING, row), -arrived_by).of(normal);
+            }
+            let normal = normal * R::one().copysign(-normal.dot(arrived_by));
             let mut choice = Choice::new();
             for candidate in 0..candidates {
                 let first = first + dimension::candidate(candidate);
@@ -336,6 +402,8 @@ impl<'a> Stream<'a> {
         let material: &'a Material = &world.materials[group.index].material;
         let lit = self.samples_lights(material);
         let mapped = material.has_normal_map();
+        let (framed, turned) = (material.has_own_frame(), material.is_anisotropic());
+        let options = material.relief_options();
         let first = Sampler::vertex(group.depth);
         let candidates = self.candidates(group) as f32;
         let thin = matches!(material.sort(), Sort::Thin | Sort::Blend);
@@ -346,8 +414,18 @@ impl<'a> Stream<'a> {
             let states = self.states::<R>(&ids);
             let shading = self.scratch.vertices.row::<R>(SHADING, row);
             let throughput = self.scratch.vertices.row::<R>(CARRIES, row);
-            let frame = Frames::new(if mapped { self.scratch.vertices.row::<R>(MAPPED, row) } else { shading });
-            let wo = frame.to_local(-self.scratch.vertices.row::<R>(ARRIVED_BY, row));
+            let normal = if framed { self.scratch.vertices.row::<R>(MAPPED, row) } else { shading };
+            let frame =
+                if turned { Frames::with(normal, self.scratch.vertices.row(ALONG, row)) } else { Frames::new(normal) };
+            let mut viewer = -self.scratch.vertices.row::<R>(ARRIVED_BY, row);
+            // What is two-sided around a map with options is seen from behind as its mirror image is from the front.
+            let mut mirror = Mirror::none(shading);
+            if material.is_mirrored() {
+                mirror = Mirror::behind(shading, viewer);
+                viewer = mirror.of(viewer);
+            }
+            let shadowing = options.is_some_and(|options| options.shadowing).then(|| Shadowing::of(normal, shading));
+            let wo = frame.to_local(viewer);
             let behind = if material.is_two_sided() { wo.z.lt(R::zero()) } else { R::Mask::from_bits(0) };
             let wo = flip(wo, behind);
             let mut values = [Triple::zero(); SLOTS];
@@ -360,9 +438,12 @@ impl<'a> Stream<'a> {
             }
             let Some(lobe) = S::of(material, &values, &self.points(row)) else { return };
             if lit {
-                let towards = self.scratch.vertices.row::<R>(TOWARDS, row);
+                let towards = mirror.of(self.scratch.vertices.row::<R>(TOWARDS, row));
                 let local = frame.to_local(towards);
-                let (value, other) = lobe.eval(wo, flip(local, behind));
+                let (mut value, other) = lobe.eval(wo, flip(local, behind));
+                if let Some(shadowing) = &shadowing {
+                    value = value * shadowing.at(towards);
+                }
                 let pdf = R::load(&self.scratch.vertices.rows[LIGHT_PDF][row..]);
                 let own = self.batch.path.strategy.weight(true, pdf, other);
                 let weight = R::select(pdf.positive(), own, R::one());
@@ -386,16 +467,20 @@ impl<'a> Stream<'a> {
             }
             let choice = self.draw::<R>(&states, first + dimension::LOBE_AND_ROULETTE);
             let drawn = sound(lobe.sample(wo, choice.x, self.draw(&states, first + dimension::SCATTER)));
+            let local = flip(drawn.wi, behind);
+            let mut wi = frame.to_world(local).normalize();
             let mut throughput = throughput * drawn.weight;
+            if let Some(shadowing) = &shadowing {
+                throughput = throughput * shadowing.at(wi);
+            }
             let mut alive = mask & drawn.valid;
             let finite = throughput.finite();
             self.found.rejected += u64::from((alive & !finite).bits().count_ones());
-            let local = flip(drawn.wi, behind);
-            let wi = frame.to_world(local).normalize();
             alive = alive & finite & throughput.some();
             if mapped {
                 alive = alive & (wi.dot(shading) * local.z).positive();
             }
+            wi = mirror.of(wi);
             let place = R::Integer::load(&self.scratch.order[at..]);
             let eta = R::gather(&self.scratch.paths.rows[ETA], place) * drawn.eta;
             // Light that scattering finds could have been any of the candidates.

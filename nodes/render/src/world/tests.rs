@@ -67,8 +67,8 @@ fn rays_meet_shared_meshes_where_they_meet_copies() {
                 assert!((at.surface.uv - its.surface.uv).length() < 1e-3, "{at:?} {its:?}");
                 assert!((at.surface.color - its.surface.color).length() < 1e-3, "{at:?} {its:?}");
                 let frames = [
-                    shared.shading_frame(&hit, shared.place(hit.primitive).1, &at),
-                    copied.shading_frame(&other, copied.place(other.primitive).1, &its),
+                    shared.shading_frame(&hit, shared.place(hit.primitive).1, &at, -ray.direction),
+                    copied.shading_frame(&other, copied.place(other.primitive).1, &its, -ray.direction),
                 ];
                 assert!((frames[0].n - frames[1].n).length() < 2e-3, "{frames:?} {at:?}");
             }

@@ -28,6 +28,7 @@ impl Built {
     pub fn new(origin: [f64; 3], target: [f64; 3], fov_x: f64, max_depth: u32) -> Self {
         let camera = Camera { origin, target, up: [0.0, 1.0, 0.0], fov_x, near: 0.01 };
         let scene = Scene {
+            hide_emitters: false,
             version: 1,
             seed: 11,
             camera,

@@ -38,7 +38,7 @@ use tauflow_data::{
     scene::{Emitter, Recipe, Scene},
 };
 
-const MAIN: Group = Group::main(3);
+const MAIN: Group = Group::main(4);
 const SCENES: Out<SceneRecord> =
     Out::new(MAIN, "scenes", "The scenes; unreadable ones fail, or are omitted.").filtering();
 const REPORTS: Out<AssetReport> = Out::new(MAIN, "reports", "Notes on each file.");

@@ -10,7 +10,7 @@ fn scenes(ctx: &Context<'_>, recipes: &[(String, Recipe)]) -> Collection {
     let [origin, target, up] = [[0.0; 3], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]];
     let camera = Camera { origin, target, up, fov_x: 40.0, near: 0.01 };
     let (shapes, materials, emitters) = (Vec::new(), Vec::new(), Vec::new());
-    let scene = Scene { version: 1, seed: 0, camera, max_depth: 1, shapes, materials, emitters };
+    let scene = Scene { version: 1, seed: 0, camera, max_depth: 1, shapes, materials, emitters, hide_emitters: false };
     recipes
         .iter()
         .map(|(key, recipe)| {

@@ -128,6 +128,7 @@ pub fn of_stage(ctx: &Context<'_>, stage: Stage<'_>, which: Which, seed: u64) ->
         exposure_ev,
     };
     let scene = Scene {
+        hide_emitters: false,
         version: 1,
         seed,
         camera,

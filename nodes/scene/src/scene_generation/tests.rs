@@ -122,7 +122,10 @@ fn specular<'a>(material: &'a Bsdf, found: &mut Vec<&'a Bsdf>) {
     let smooth = tauflow_data::scene::DELTA_ALPHA;
     match material {
         Bsdf::Conductor { alpha, .. } | Bsdf::Dielectric { alpha, .. } if *alpha < smooth => found.push(material),
-        Bsdf::Mask { inner, .. } | Bsdf::NormalMap { inner, .. } | Bsdf::TwoSided { inner } => specular(inner, found),
+        Bsdf::Mask { inner, .. }
+        | Bsdf::NormalMap { inner, .. }
+        | Bsdf::Relief { inner, .. }
+        | Bsdf::TwoSided { inner } => specular(inner, found),
         Bsdf::Blend { a, b, .. } => {
             specular(a, found);
             specular(b, found);

@@ -85,7 +85,7 @@ fn walk(bsdf: &Bsdf, lobes: &mut BTreeSet<&'static str>, shares: &mut Vec<Textur
             shares.extend([base_color, metallic, roughness].map(Clone::clone));
         }
         Bsdf::Mask { .. } => panic!("no stuff is cut out"),
-        Bsdf::Finish { .. } => panic!("files alone have other finishes"),
+        Bsdf::Finish { .. } | Bsdf::Relief { .. } => panic!("only scene files have these"),
         Bsdf::Blend { weight, a, b } => {
             shares.push(weight.clone());
             for part in [a, b] {

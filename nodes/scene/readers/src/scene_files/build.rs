@@ -17,7 +17,7 @@ use tauflow_data::{
     Image,
     geom::{Aabb, apply, compose, cross, determinant, dot, length, sub, unit},
     mesh::Mesh,
-    scene::{Affine, Bsdf, Camera, Emitter, Geometry, IDENTITY, Scene, Shape, Texture},
+    scene::{Affine, Bsdf, Camera, Emitter, Geometry, IDENTITY, ReliefForm, Scene, Shape, Texture},
 };
 
 /// Most triangles that all shapes show together, each instance counted.
@@ -64,6 +64,8 @@ pub struct Builder<'a> {
     numbers: BTreeMap<Digest, Vec<usize>>,
     /// The emitters.
     pub emitters: Vec<Emitter>,
+    /// Whether the camera does not see them.
+    pub hide_emitters: bool,
     /// Keys of the meshes whose files give them no normals, or whose normals are not to be used.
     pub bare: BTreeSet<String>,
     pictures: BTreeMap<(String, bool, Channels), Option<(Digest, f32)>>,
@@ -77,6 +79,8 @@ pub struct Builder<'a> {
     left: Allowance,
     /// True once the file has used up what it may cost: nothing more is made.
     spent: bool,
+    /// Whether texture coordinates of a mesh turn as its triangles do, and whether they turn the other way.
+    turns: BTreeMap<Digest, [bool; 2]>,
     /// Triangles and boxes of the meshes, and the triangles that are shown.
     sizes: BTreeMap<Digest, (usize, Aabb)>,
     triangles: usize,
@@ -97,6 +101,7 @@ impl<'a> Builder<'a> {
             materials: Vec::new(),
             numbers: BTreeMap::new(),
             emitters: Vec::new(),
+            hide_emitters: false,
             bare: BTreeSet::new(),
             pictures: BTreeMap::new(),
             meshes: BTreeMap::new(),
@@ -105,6 +110,7 @@ impl<'a> Builder<'a> {
             room: MOST_READ,
             left: Allowance::of(bytes),
             spent: false,
+            turns: BTreeMap::new(),
             sizes: BTreeMap::new(),
             triangles: 0,
         }
@@ -162,7 +168,7 @@ impl<'a> Builder<'a> {
 
     /// A blend of two materials; opacity and mapped normals inside of it are told.
     pub fn blend(&mut self, weight: Texture, a: Bsdf, b: Bsdf, at: &Place) -> Bsdf {
-        let outer = |bsdf: &Bsdf| matches!(bsdf, Bsdf::Mask { .. } | Bsdf::NormalMap { .. });
+        let outer = |bsdf: &Bsdf| matches!(bsdf, Bsdf::Mask { .. } | Bsdf::NormalMap { .. } | Bsdf::Relief { .. });
         if holds(&a, outer) || holds(&b, outer) {
             let what = "a blend of materials with opacity or a normal map of their own is not supported";
             self.problems.error(at, what, "put these around the blend");
@@ -371,6 +377,7 @@ impl<'a> Builder<'a> {
                     let finite = mesh.positions.iter().filter(|p| p.iter().all(|v| v.is_finite()));
                     finite.for_each(|p| bounds.grow(p.map(f64::from)));
                     let digest = self.blobs.add(bytes);
+                    self.turns.insert(digest, turns(&mesh));
                     self.sizes.insert(digest, (mesh.triangles.len(), bounds));
                     Some(digest)
                 });
@@ -380,6 +387,21 @@ impl<'a> Builder<'a> {
         };
         let geometry = Geometry::Mesh { mesh: made? };
         self.count(&geometry, at).then_some(geometry)
+    }
+
+    /// The material of a shape as Mitsuba has it: its normal maps have t = n x s, and ours have t upwards in the image.
+    /// These are the same unless texture coordinates turn as triangles do.
+    pub fn mapped_as_mitsuba(&mut self, shape: &Shape) -> usize {
+        let Geometry::Mesh { mesh } = shape.geometry else { return shape.material };
+        let [along, against] = self.turns.get(&mesh).copied().unwrap_or_default();
+        let turned = shape.flip_normals != mirrors(&shape.to_world);
+        let bsdf = &self.materials[shape.material];
+        if !(if turned { against } else { along }) || !holds(bsdf, |b| matches!(b, Bsdf::NormalMap { .. })) {
+            return shape.material;
+        }
+        let mut bsdf = bsdf.clone();
+        plain_relief(&mut bsdf);
+        self.material(bsdf)
     }
 
     /// Counts what is shown once more; false if it is too much.
@@ -466,6 +488,7 @@ impl<'a> Builder<'a> {
             shapes: self.shapes,
             materials: self.materials,
             emitters: self.emitters,
+            hide_emitters: self.hide_emitters,
         };
         (scene, self.blobs, self.problems)
     }
@@ -506,7 +529,7 @@ pub fn mirror(builder: &mut Builder<'_>, camera: &mut Camera) {
         }
     }
     [&mut camera.origin, &mut camera.target, &mut camera.up].into_iter().for_each(flip);
-    if builder.materials.iter().any(|bsdf| holds(bsdf, |b| matches!(b, Bsdf::NormalMap { .. }))) {
+    if builder.materials.iter().any(|bsdf| holds(bsdf, maps_normals)) {
         let at = Place::file("scene");
         builder.problems.approximated(
             &at,
@@ -538,10 +561,41 @@ pub fn holds(bsdf: &Bsdf, is: fn(&Bsdf) -> bool) -> bool {
             Bsdf::Mask { inner, .. }
             | Bsdf::TwoSided { inner }
             | Bsdf::NormalMap { inner, .. }
+            | Bsdf::Relief { inner, .. }
             | Bsdf::Finish { inner, .. } => holds(inner, is),
             Bsdf::Blend { a, b, .. } => holds(a, is) || holds(b, is),
             _ => false,
         }
+}
+
+/// Turns normal maps into those of Mitsuba's plugin without its options.
+fn plain_relief(bsdf: &mut Bsdf) {
+    match bsdf {
+        Bsdf::Mask { inner, .. } | Bsdf::TwoSided { inner } => plain_relief(inner),
+        Bsdf::NormalMap { map, scale, inner } => {
+            let (map, scale, inner) = (map.clone(), *scale, inner.clone());
+            *bsdf = Bsdf::Relief { form: ReliefForm::Normals, map, scale, flip: false, shadowing: false, inner };
+        }
+        _ => {}
+    }
+}
+
+/// Whether texture coordinates of some triangles turn as the triangles do, and those of some the other way.
+fn turns(mesh: &Mesh) -> [bool; 2] {
+    let Some(uvs) = &mesh.uvs else { return [false; 2] };
+    let mut found = [false; 2];
+    for triangle in &mesh.triangles {
+        let [a, b, c] = triangle.map(|i| uvs[i as usize].map(f64::from));
+        let area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+        found[0] |= area > 0.0;
+        found[1] |= area < 0.0;
+    }
+    found
+}
+
+/// True for a normal map, whose tangent frame has a handedness.
+fn maps_normals(bsdf: &Bsdf) -> bool {
+    matches!(bsdf, Bsdf::NormalMap { .. } | Bsdf::Relief { form: ReliefForm::Normals, .. })
 }
 
 /// Field of view along x of one that is given along another axis of a film.

@@ -122,9 +122,9 @@ impl<'t> Reader<'t, '_, '_> {
         }
         let at = Place::file(name);
         match integrators.as_slice() {
-            [one] if said.max_depth < super::build::ENDLESS => {
+            [one] if said.max_depth < super::build::ENDLESS || self.build.hide_emitters => {
                 let inner = self.innermost(one);
-                self.count_passages(inner);
+                self.count_passages(inner, said.max_depth < super::build::ENDLESS);
             }
             [] | [_] => {}
             _ => self.build.problems.error(&at, "several integrators", "leave one of them"),
@@ -158,14 +158,17 @@ impl<'t> Reader<'t, '_, '_> {
         at
     }
 
-    /// Tells of an integrator whose `max_depth` counts passages through what is not opaque: here they cost nothing, as
-    /// with `volpath`.
-    fn count_passages(&mut self, integrator: &'t Plugin) {
+    /// Tells of an integrator that counts passages through masks as bounces, for its `max_depth` or to hide emitters:
+    /// here they cost nothing, as with `volpath`.
+    fn count_passages(&mut self, integrator: &'t Plugin, bounded: bool) {
         let opacity = |bsdf: &Bsdf| matches!(bsdf, Bsdf::Mask { .. });
         let shown = self.build.shapes.iter().any(|shape| holds(&self.build.materials[shape.material], opacity));
         if shown && !integrator.sort.starts_with("volpath") {
-            let what =
-                format!("`max_depth` of `{}` counts passages through masks, and here they are free", integrator.sort);
+            let sort = &integrator.sort;
+            let what = match bounded {
+                true => format!("`max_depth` of `{sort}` counts passages through masks, and here they are free"),
+                false => format!("`hide_emitters` of `{sort}` shows emitters through masks, and here it hides them"),
+            };
             self.build.problems.approximated(&integrator.at, what, "use `volpath`, where they are free, too");
         }
     }
@@ -370,10 +373,7 @@ impl<'t> Reader<'t, '_, '_> {
             let what = "`rr_depth` is left to the renderer, whose roulette leaves the expectation as it is";
             self.build.problems.note(&plugin.at, what);
         }
-        if self.flag(plugin, "hide_emitters", false) {
-            let what = "`hide_emitters`: here the camera sees emitters";
-            self.build.problems.approximated(&plugin.at, what, "take it out");
-        }
+        self.build.hide_emitters = self.flag(plugin, "hide_emitters", false);
         let how = ["samples_per_pass", "block_size", "timeout", "sppc", "sppp", "sppi", "guiding", "project_seed"];
         self.pass_over(plugin, &how);
         self.finish(plugin);

@@ -81,30 +81,34 @@ fn all_that_a_mitsuba_file_asks_too_much_is_named_with_its_line() {
          <shape type=\"cube\"><bsdf type=\"diffuse\"><rgb name=\"reflectance\" value=\"2\"/></bsdf></shape>\n\
          <emitter type=\"sunsky\"/>\n\
          <shape type=\"ply\"><string name=\"filename\" value=\"../../none.ply\"/></shape>\n\
-         <shape type=\"cube\"><bsdf type=\"bumpmap\"/></shape>\n");
+         <shape type=\"cube\"><bsdf type=\"measured\"/></shape>\n");
     let told = load("a.xml", &text, &[], false).expect_err("much of it is not");
     let expected = [
         (7, "the bsdf `hair` is not supported"),
         (8, "the shape `bsplinecurve` is not supported"),
-        (9, "anisotropic roughness"),
+        (9, "a plastic whose `alpha` is a texture or depends on the direction"),
         (10, "the parameter `glow` of the bsdf `diffuse` is not supported"),
         (11, "there is no `nothing`"),
         (11, "the medium `homogeneous`"),
         (12, "`reflectance` is [2.0, 2.0, 2.0]"),
         (13, "the emitter `sunsky` is not supported"),
         (14, "`../../none.ply` is no file"),
-        (15, "the bsdf `bumpmap` is not supported; bake it into a normal map"),
+        (15, "the bsdf `measured` is not supported"),
     ];
     for (line, what) in expected {
         let found = told.lines().any(|l| l.starts_with(&format!("a.xml: line {line}: ")) && l.contains(what));
         assert!(found, "line {line}, {what}:\n{told}");
     }
     // What is only nearly the same may be allowed.
-    let plastic = xml("<shape type=\"sphere\"><bsdf type=\"roughplastic\"><float name=\"alpha_u\" value=\"0.3\"/>\
-         <float name=\"alpha_v\" value=\"0.1\"/></bsdf></shape>");
-    assert!(load("a.xml", &plastic, &[], false).is_err());
-    let notes = load("a.xml", &plastic, &[], true).expect("allowed").notes;
-    assert!(notes.iter().any(|n| n.contains("line 7: approximated: anisotropic roughness")), "{notes:?}");
+    let brushed = xml("<shape type=\"sphere\"><bsdf type=\"normalmap\"><rgb name=\"normalmap\" value=\"0.5 0.5 1\"/>\
+         <bsdf type=\"roughconductor\"><float name=\"alpha_u\" value=\"0.3\"/><float name=\"alpha_v\" value=\"0.1\"/>\
+         </bsdf></bsdf></shape>");
+    assert!(load("a.xml", &brushed, &[], false).is_err());
+    let notes = load("a.xml", &brushed, &[], true).expect("allowed").notes;
+    assert!(
+        notes.iter().any(|n| n.contains("line 7: approximated: the direction of anisotropic roughness")),
+        "{notes:?}"
+    );
 }
 
 #[test]

@@ -85,7 +85,8 @@ impl<'t> Reader<'t, '_, '_> {
             Some((None, _)) => return,
             None => None,
         };
-        let shape = Shape { geometry, to_world, material: material.index, emission, flip_normals };
+        let mut shape = Shape { geometry, to_world, material: material.index, emission, flip_normals };
+        shape.material = self.build.mapped_as_mitsuba(&shape);
         self.build.shape(shape, &plugin.at);
     }
 

@@ -15,6 +15,8 @@ pub(super) enum Role {
     Light,
     /// A normal map.
     Normals,
+    /// Heights of a bump map.
+    Heights,
 }
 
 impl<'t> Reader<'t, '_, '_> {
@@ -82,8 +84,9 @@ impl<'t> Reader<'t, '_, '_> {
         if path.is_none() {
             self.build.problems.error(&plugin.at, "a bitmap without `filename`", "name a picture");
         }
-        let channels = if role == Role::Number { Channels::Luminance } else { Channels::Colors };
-        let bound = if role == Role::Light { Bound::Positive } else { Bound::Share };
+        let number = matches!(role, Role::Number | Role::Heights);
+        let channels = if number { Channels::Luminance } else { Channels::Colors };
+        let bound = if matches!(role, Role::Light | Role::Heights) { Bound::Positive } else { Bound::Share };
         let image = self.build.picture(path?, raw, channels, bound, &plugin.at)?;
         Some(Texture::Bitmap { image, uv, scale: [1.0; 3], channel: None, clamp })
     }

@@ -6,7 +6,7 @@ use crate::scene_files::{
     problems::Place,
     spectra,
 };
-use tauflow_data::scene::{Bsdf, Texture};
+use tauflow_data::scene::{Bsdf, DELTA_ALPHA, Distribution, Texture};
 
 /// Deepest nesting of materials and textures through names.
 const DEEPEST: usize = 32;
@@ -102,15 +102,15 @@ impl<'t> Reader<'t, '_, '_> {
             }
             "conductor" => self.conductor(directive),
             "dielectric" => {
-                let (int_ior, alpha) = (self.index(directive), self.alpha(directive, 0.0));
+                let (int_ior, alphas) = (self.index(directive), self.alphas(directive, ""));
                 let white = Texture::scalar(1.0);
-                Some(Bsdf::Dielectric {
+                Some(rough(alphas, |alpha| Bsdf::Dielectric {
                     int_ior,
                     ext_ior: 1.0,
                     alpha,
                     specular_reflectance: white.clone(),
                     specular_transmittance: white,
-                })
+                }))
             }
             "thindielectric" => {
                 let (int_ior, white) = (self.index(directive), Texture::scalar(1.0));
@@ -122,12 +122,21 @@ impl<'t> Reader<'t, '_, '_> {
                 })
             }
             "coateddiffuse" => {
-                let what = "a layered coat: here light that goes back and forth below it keeps its colour";
+                let what = "a coat of layers, by Mitsuba's `plastic`";
                 self.build.problems.approximated(&directive.at, what, "use `diffuse` or `conductor`");
                 let diffuse_reflectance = self.share(directive, "reflectance", 0.5)?;
-                let (int_ior, alpha) = (self.index(directive), self.alpha(directive, 0.0));
+                let (int_ior, [u, v]) = (self.index(directive), self.alphas(directive, ""));
+                if u != v {
+                    let what = "a coat whose roughness depends on the direction";
+                    self.build.problems.approximated(&directive.at, what, "use one `roughness`");
+                }
+                let alpha = if u == v { u } else { (u * v).sqrt() };
                 self.pass_over(directive, &["thickness", "maxdepth", "nsamples", "g"]);
-                Some(two_sided(Bsdf::Plastic { diffuse_reflectance, int_ior, ext_ior: 1.0, alpha }))
+                let inner = Box::new(Bsdf::Plastic { diffuse_reflectance, int_ior, ext_ior: 1.0, alpha });
+                // Light that goes back and forth below the coat takes on the colour of the base.
+                let distribution = Distribution::Ggx;
+                let coated = Bsdf::Finish { distribution, alpha: None, alpha_v: None, nonlinear: true, inner };
+                Some(two_sided(coated))
             }
             "mix" => self.mix(directive),
             "interface" | "none" | "" => Some(nothing()),
@@ -187,16 +196,15 @@ impl<'t> Reader<'t, '_, '_> {
         index
     }
 
-    /// GGX's alpha of pbrt's roughnesses.
-    fn alpha(&mut self, directive: &'t Directive, default: f64) -> f32 {
+    /// GGX's alpha of pbrt's roughnesses along u and v.
+    fn alphas(&mut self, directive: &'t Directive, prefix: &str) -> [f32; 2] {
         let remap = self.flag(directive, "remaproughness", true);
-        let all = self.roughness(directive, "roughness").unwrap_or(default);
-        let [u, v] = ["uroughness", "vroughness"].map(|name| self.roughness(directive, name).unwrap_or(all));
-        if u != v {
-            self.build.problems.approximated(&directive.at, "anisotropic roughness", "use one `roughness`");
-        }
-        let mean = (u * v).max(0.0).sqrt();
-        self.build.check_alpha(if remap { mean.sqrt() } else { mean }, &directive.at)
+        let all = self.roughness(directive, &format!("{prefix}roughness"));
+        ["u", "v"].map(|axis| {
+            let own = self.roughness(directive, &format!("{prefix}{axis}roughness"));
+            let roughness = own.or(all).unwrap_or(0.0).max(0.0);
+            self.build.check_alpha(if remap { roughness.sqrt() } else { roughness }, &directive.at)
+        })
     }
 
     fn roughness(&mut self, directive: &'t Directive, name: &str) -> Option<f64> {
@@ -209,7 +217,7 @@ impl<'t> Reader<'t, '_, '_> {
     }
 
     fn conductor(&mut self, directive: &'t Directive) -> Option<Bsdf> {
-        let alpha = self.alpha(directive, 0.0);
+        let alphas = self.alphas(directive, "");
         if let Some(param) = self.find(directive, "reflectance") {
             let color = match self.texture_of(param, false)? {
                 Texture::Constant { value } => value.map(|v| f64::from(v).min(0.9999)),
@@ -219,7 +227,7 @@ impl<'t> Reader<'t, '_, '_> {
                 }
             };
             let k = color.map(|r| (2.0 * r.sqrt() / (1.0 - r).sqrt()) as f32);
-            return Some(metal([1.0; 3], k, alpha));
+            return Some(metal([1.0; 3], k, alphas));
         }
         let mut index = |name: &str, which: usize| -> Option<[f32; 3]> {
             let copper = || spectra::metal("Cu").map(|m| m[which]);
@@ -235,7 +243,7 @@ impl<'t> Reader<'t, '_, '_> {
             self.color(param, false).map(|c| c.map(|v| v.max(0.0) as f32))
         };
         let (eta, k) = (index("eta", 0), index("k", 1));
-        Some(metal(eta?, k?, alpha))
+        Some(metal(eta?, k?, alphas))
     }
 
     fn mix(&mut self, directive: &'t Directive) -> Option<Bsdf> {
@@ -412,8 +420,18 @@ impl<'t> Reader<'t, '_, '_> {
     }
 }
 
-fn metal(eta: [f32; 3], k: [f32; 3], alpha: f32) -> Bsdf {
-    two_sided(Bsdf::Conductor { eta, k, alpha, specular_reflectance: Texture::scalar(1.0) })
+fn metal(eta: [f32; 3], k: [f32; 3], alphas: [f32; 2]) -> Bsdf {
+    two_sided(rough(alphas, |alpha| Bsdf::Conductor { eta, k, alpha, specular_reflectance: Texture::scalar(1.0) }))
+}
+
+/// A metal or glass of these roughnesses along u and v.
+fn rough([u, v]: [f32; 2], of: impl FnOnce(f32) -> Bsdf) -> Bsdf {
+    // pbrt takes for smooth what is smoother than this along both.
+    if u == v || u.max(v) < DELTA_ALPHA {
+        return of(u);
+    }
+    let (alpha, alpha_v) = (Some(Texture::scalar(u)), Some(Texture::scalar(v)));
+    Bsdf::Finish { distribution: Distribution::Ggx, alpha, alpha_v, nonlinear: false, inner: Box::new(of(1.0)) }
 }
 
 /// Whether a material looks anything up by texture coordinates.
@@ -429,7 +447,7 @@ pub(super) fn reads_uv(bsdf: &Bsdf) -> bool {
         Bsdf::Diffuse { reflectance: t } | Bsdf::Plastic { diffuse_reflectance: t, .. } => mapped(t),
         Bsdf::Mask { opacity: t, inner } => mapped(t) || reads_uv(inner),
         Bsdf::Blend { weight: t, a, b } => mapped(t) || reads_uv(a) || reads_uv(b),
-        Bsdf::NormalMap { .. } => true,
+        Bsdf::NormalMap { .. } | Bsdf::Relief { .. } | Bsdf::Finish { alpha_v: Some(_), .. } => true,
         Bsdf::Finish { alpha, inner, .. } => alpha.as_ref().is_some_and(mapped) || reads_uv(inner),
         Bsdf::TwoSided { inner } => reads_uv(inner),
         Bsdf::Conductor { .. } | Bsdf::Dielectric { .. } | Bsdf::ThinDielectric { .. } | Bsdf::Principled { .. } => {

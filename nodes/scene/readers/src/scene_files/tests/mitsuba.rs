@@ -220,7 +220,9 @@ fn finishes_are_read_as_mitsuba_has_them() {
         let loaded = load("a.xml", &text, &[], false).unwrap_or_else(|told| panic!("{bsdf}: {told}"));
         loaded.scene.materials[0].clone()
     };
-    let Bsdf::Finish { distribution, alpha, nonlinear, inner } = of("\"roughconductor\">") else { panic!("a finish") };
+    let Bsdf::Finish { distribution, alpha, alpha_v: None, nonlinear, inner } = of("\"roughconductor\">") else {
+        panic!("a finish")
+    };
     assert_eq!((distribution, alpha, nonlinear), (Beckmann, None, false));
     assert!(matches!(*inner, Bsdf::Conductor { alpha: 0.1, .. }));
     let textured = "<texture type=\"checkerboard\" name=\"alpha\"><float name=\"color0\" value=\"0.2\"/>\
@@ -240,4 +242,127 @@ fn finishes_are_read_as_mitsuba_has_them() {
     // What was written for Mitsuba comes back.
     let both = "\"twosided\"><bsdf type=\"roughconductor\"><float name=\"alpha\" value=\"0\"/></bsdf>";
     assert!(matches!(of(both), Bsdf::TwoSided { inner } if matches!(*inner, Bsdf::Conductor { .. })));
+}
+
+/// A picture of 2 x 2 grey texels.
+fn grey() -> (&'static str, Vec<u8>) {
+    let image = tauflow_data::Image::from_data(2, 2, 3, vec![0.5; 12]).expect("fits");
+    ("grey.exr", tauflow_data::image_io::exr_bytes(&[("", &image)]).expect("written"))
+}
+
+const GREY: &str = "<texture type=\"bitmap\" name=\"NAME\"><string name=\"filename\" value=\"grey.exr\"/>\
+                    <boolean name=\"raw\" value=\"true\"/></texture>";
+
+#[test]
+fn roughness_along_both_tangents_is_read_from_numbers_and_textures() {
+    let of = |alphas: &str| {
+        let bsdf = format!("<bsdf type=\"roughconductor\">{alphas}</bsdf>");
+        let loaded = load("a.xml", &xml(&format!("<shape type=\"cube\">{bsdf}</shape>")), &[grey()], false);
+        loaded.unwrap_or_else(|told| panic!("{alphas}: {told}")).scene.materials[0].clone()
+    };
+    let number = |axis: &str, value: f64| format!("<float name=\"alpha_{axis}\" value=\"{value}\"/>");
+    let Bsdf::Finish { alpha, alpha_v, inner, .. } = of(&(number("u", 0.1) + &number("v", 0.3))) else {
+        panic!("a finish")
+    };
+    assert_eq!([alpha, alpha_v], [0.1, 0.3].map(|v| Some(Texture::scalar(v))));
+    assert!(matches!(*inner, Bsdf::Conductor { .. }));
+    let textured = of(&(GREY.replace("NAME", "alpha_u") + &number("v", 0.3)));
+    assert!(
+        matches!(
+            &textured,
+            Bsdf::Finish { alpha: Some(Texture::Bitmap { .. }), alpha_v: Some(Texture::Constant { .. }), .. }
+        ),
+        "{textured:?}"
+    );
+    // The same along both is one roughness.
+    let Bsdf::Finish { alpha: None, alpha_v: None, inner, .. } = of(&(number("u", 0.2) + &number("v", 0.2))) else {
+        panic!("Beckmann's facets")
+    };
+    assert!(matches!(*inner, Bsdf::Conductor { alpha: 0.2, .. }));
+    let odd = xml("<shape type=\"cube\"><bsdf type=\"roughdielectric\"><float name=\"alpha_u\" value=\"0.1\"/>\
+                   <float name=\"alpha_v\" value=\"1.5\"/></bsdf></shape>");
+    let told = load("a.xml", &odd, &[], false).expect_err("too rough");
+    assert!(told.contains("line 7: a roughness of 1.5"), "{told}");
+}
+
+#[test]
+fn normal_and_bump_maps_are_read_with_their_options() {
+    use tauflow_data::scene::ReliefForm::{Heights, Normals};
+    let off = |name: &str| format!("<boolean name=\"{name}\" value=\"false\"/>");
+    let of = |sort: &str, inside: &str| {
+        let bsdf = format!("<bsdf type=\"{sort}\">{inside}<bsdf type=\"diffuse\"/></bsdf>");
+        load("a.xml", &xml(&format!("<shape type=\"cube\">{bsdf}</shape>")), &[grey()], false)
+    };
+    let read = |sort: &str, inside: &str| of(sort, inside).expect("all of it is supported").scene.materials[0].clone();
+    let map = GREY.replace("NAME", "normalmap");
+    let Bsdf::Relief { form: Normals, flip: true, shadowing: true, .. } = read("normalmap", &map) else {
+        panic!("both options are on by default")
+    };
+    let half = off("use_shadowing_function") + &map;
+    let Bsdf::Relief { flip: true, shadowing: false, .. } = read("normalmap", &half) else { panic!("one is on") };
+    let none = off("flip_invalid_normals") + &half;
+    assert!(matches!(read("normalmap", &none), Bsdf::NormalMap { .. }));
+    // The texture of a bump map may have any name.
+    let heights = format!("<float name=\"scale\" value=\"2.5\"/>{}", GREY.replace("NAME", "whatever"));
+    let Bsdf::Relief { form: Heights, scale, map: Texture::Bitmap { .. }, inner, .. } = read("bumpmap", &heights)
+    else {
+        panic!("a bump map")
+    };
+    assert!(scale == 2.5 && matches!(*inner, Bsdf::Diffuse { .. }));
+    let board = "<texture type=\"checkerboard\" name=\"x\"/>";
+    for (inside, what) in [
+        (String::new(), "a bump map with 0 textures"),
+        (heights.clone() + &map, "a bump map with 2 textures"),
+        (board.to_owned(), "a bump map that is no picture"),
+    ] {
+        let told = of("bumpmap", &inside).expect_err(what);
+        assert!(told.starts_with("a.xml: line 7: ") && told.contains(what), "{told}");
+    }
+    let nested = xml(&format!(
+        "<shape type=\"cube\"><bsdf type=\"bumpmap\">{heights}<bsdf type=\"normalmap\">{map}\
+         <bsdf type=\"diffuse\"/></bsdf></bsdf></shape>"
+    ));
+    let told = load("a.xml", &nested, &[grey()], false).expect_err("a map in a map");
+    assert!(told.contains("line 7: a normal or bump map inside another one"), "{told}");
+}
+
+#[test]
+fn normal_maps_on_coordinates_that_turn_as_the_mesh_lie_in_mitsubas_frames() {
+    let ply = |v: f32| {
+        format!(
+            "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+             property float s\nproperty float t\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n\
+             0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 {v}\n3 0 1 2\n"
+        )
+        .into_bytes()
+    };
+    let map = GREY.replace("NAME", "normalmap");
+    let off = "<boolean name=\"use_shadowing_function\" value=\"false\"/>\
+               <boolean name=\"flip_invalid_normals\" value=\"false\"/>";
+    for (v, flip, relief) in [(1.0, false, true), (-1.0, false, false), (1.0, true, false), (-1.0, true, true)] {
+        let text = xml(&format!(
+            "<shape type=\"ply\"><string name=\"filename\" value=\"m.ply\"/>\
+             <boolean name=\"flip_normals\" value=\"{flip}\"/>\
+             <bsdf type=\"normalmap\">{off}{map}<bsdf type=\"diffuse\"/></bsdf></shape>"
+        ));
+        let scene = load("a.xml", &text, &[grey(), ("m.ply", ply(v))], false).expect("all of it is supported").scene;
+        let found = matches!(scene.materials[scene.shapes[0].material], Bsdf::Relief { .. });
+        assert_eq!(found, relief, "v of {v}, {flip}");
+    }
+}
+
+#[test]
+fn hidden_emitters_are_those_of_the_integrator() {
+    let of = |integrator: &str, inside: &str| {
+        let option = "<boolean name=\"hide_emitters\" value=\"true\"/>";
+        let cube = format!("<shape type=\"cube\">{inside}</shape>");
+        xml(&format!("<integrator type=\"{integrator}\">{option}</integrator>{cube}"))
+    };
+    assert!(load("a.xml", &of("path", ""), &[], false).expect("supported").scene.hide_emitters);
+    assert!(!load("a.xml", &xml("<shape type=\"cube\"/>"), &[], false).expect("supported").scene.hide_emitters);
+    // `path` counts a passage through a mask as a bounce, after which emitters are seen.
+    let mask = "<bsdf type=\"mask\"><bsdf type=\"diffuse\"/></bsdf>";
+    assert!(load("a.xml", &of("volpath", mask), &[], false).expect("supported").scene.hide_emitters);
+    let told = load("a.xml", &of("path", mask), &[], false).expect_err("an approximation");
+    assert!(told.contains("`hide_emitters` of `path` shows emitters through masks"), "{told}");
 }
