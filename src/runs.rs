@@ -27,6 +27,7 @@ use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
     io::{self, Write},
+    os::unix::fs::PermissionsExt,
     path::{Path, PathBuf},
 };
 use tauflow_contract::{Determinism, Digest, read_regular};
@@ -238,7 +239,10 @@ impl RunRecord {
             }
             let mut text = serde_json::to_vec(self).map_err(|e| failed(&path)(io::Error::other(e)))?;
             text.push(b'\n');
-            let mut temporary = tempfile::NamedTempFile::new_in(&folder).map_err(failed(&folder))?;
+            // As readable as all other files of the cache, which a group may share.
+            let mode = fs::Permissions::from_mode(0o666);
+            let temporary = tempfile::Builder::new().permissions(mode).tempfile_in(&folder);
+            let mut temporary = temporary.map_err(failed(&folder))?;
             temporary.write_all(&text).map_err(failed(&path))?;
             match temporary.persist_noclobber(&path) {
                 Ok(_) => return Ok(path),
