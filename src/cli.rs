@@ -17,6 +17,7 @@ mod refine;
 mod render;
 mod results;
 mod run;
+mod runs;
 mod scene;
 mod setup;
 mod terminal;
@@ -107,6 +108,10 @@ struct Cli {
 enum Command {
     /// Bring the targets of a pipeline up to date.
     Run(run::RunArgs),
+    /// List the recorded runs of a cache.
+    Runs(runs::RunsArgs),
+    /// Compare two runs: params, outputs, metrics and times.
+    Diff(runs::DiffArgs),
     /// Show which actions a run would execute, and why.
     Plan(PipelineArgs),
     /// Show the cache key of a node or item, and what changed since its last run.
@@ -175,6 +180,13 @@ impl PipelineArgs {
         !(self.sets.is_empty() && self.targets.is_empty())
     }
 
+    /// The profile, and what `--set` and `--target` say.
+    pub(crate) fn overrides(&self) -> Vec<String> {
+        let profile = self.profile.iter().map(|name| format!("--profile {name}"));
+        let sets = self.sets.iter().map(|set| format!("--set {set}"));
+        profile.chain(sets).chain(self.targets.iter().map(|target| format!("--target {target}"))).collect()
+    }
+
     /// The options as given on the command line, for messages.
     fn again(&self) -> String {
         let mut words = vec![quoted(&self.pipeline.display().to_string())];
@@ -192,6 +204,8 @@ pub fn main() -> ExitCode {
     let cache = CacheAt(cli.cache);
     let result = match cli.command {
         Command::Run(args) => run::run(&args, &registry, &cache),
+        Command::Runs(args) => runs::runs(&args, &cache),
+        Command::Diff(args) => runs::diff(&args, &cache),
         Command::Plan(args) => plan::plan(&args, &registry, &cache),
         Command::Explain(args) => explain::explain(&args, &registry, &cache),
         Command::Check(args) => inspect::check(&args, &registry),

@@ -29,7 +29,8 @@ mod transient;
 pub use event::Summary;
 pub use executor::ChildCommand;
 pub use lanes::Only;
-pub use records::{ACTION, PIPELINE, ROLLUP, SHARD};
+pub use records::{ACTION, PIPELINE, ROLLUP, SHARD, now};
+pub use sharded::Listed;
 
 use crate::{
     ids::{self, PortId},
@@ -37,9 +38,10 @@ use crate::{
 };
 use event::{Event, NodeStat};
 use run::Run;
+use sharded::Sharded;
 use std::{path::PathBuf, sync::atomic::AtomicBool, time::Instant};
 use tauflow_cache::{CacheError, Digest, Store};
-use tauflow_contract::Collection;
+use tauflow_contract::{Any, Artifact, Collection, ItemKey};
 
 /// How a run is done.
 #[derive(Clone, Debug)]
@@ -235,6 +237,16 @@ pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: PortId) ->
         }
     }
     Ok(all)
+}
+
+/// The items that a listing of an earlier run names; none if the store no longer holds the listing.
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn listed_items(store: &Store, listed: &Listed) -> Result<Option<Vec<(ItemKey, Artifact)>>, EngineError> {
+    let Some(found) = Sharded::get(store, listed, Any::NAME)? else { return Ok(None) };
+    let items = found.items(store)?;
+    Ok(items.ok().map(|items| items.into_iter().map(|(key, output)| (key, output.artifact.clone())).collect()))
 }
 
 /// Makes what a port holds whole again: all of its blobs that are lost or damaged, and what they are made of.

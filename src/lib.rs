@@ -11,3 +11,4 @@ pub mod lock;
 pub mod pipeline;
 pub mod query;
 pub mod registry;
+pub mod runs;

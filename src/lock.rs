@@ -174,6 +174,8 @@ mod tests {
             name: name.into(),
             determinism,
             digest: Some(Digest::of(text.as_bytes())),
+            media: "tauflow/files",
+            listed: None,
         };
         let outputs = [
             output("scenes.scenes", Determinism::Bitwise, "a"),

@@ -8,7 +8,7 @@ mod made;
 mod plan;
 mod run_state;
 
-pub use explanation::{Explained, ExplainedGroup, Explanation, Why, explain};
+pub use explanation::{Explained, ExplainedGroup, Explanation, Why, explain, there_is};
 pub use made::{Selection, SelectionError};
 pub use plan::{Cost, NodePlan, PlanCosts, plan};
 pub use run_state::{Counts, LongAction, NodeState, RunState};

@@ -12,6 +12,8 @@ use crate::{
     kinds::Registry,
     lock::{self, Lock, LockError},
     pipeline::Pipeline,
+    query,
+    runs::RunRecord,
 };
 use clap::{Args, ValueEnum};
 use serde_json::json;
@@ -24,6 +26,7 @@ use std::{
         atomic::{AtomicBool, Ordering},
     },
 };
+use tauflow_cache::Store;
 
 impl From<LockError> for CliError {
     fn from(error: LockError) -> Self {
@@ -133,9 +136,21 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         executor: args.executor.executor()?,
         ..RunOptions::default()
     };
+    let mut record = RunRecord::begin(&pipeline, args.pipeline.file().0, args.pipeline.overrides());
     let summary = engine::run(&pipeline, &store, &options, &stop, &|event| display.show(event));
     display.end();
+    match &summary {
+        Ok(summary) => record.end(summary),
+        Err(error) => record.fail(error.to_string()),
+    }
+    // The results are there, whatever becomes of the record.
+    if let Err(error) = record.write(&cache.folder()) {
+        eprintln!("warning: this run is not recorded: {error}");
+    }
     let summary = summary?;
+    if let Some(only) = &options.only {
+        there_was(only, &summary, &pipeline, &store)?;
+    }
     drop(store);
     tell(&summary, &pipeline, args, cache);
     if summary.interrupted {
@@ -154,6 +169,17 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     }
     let same = before.is_none_or(|before| tell_differences(&before, &now, args));
     Ok(if same { Exit::Done } else { Exit::Failed })
+}
+
+/// Finds out whether the item of `--only` took part in the run.
+fn there_was(only: &Only, summary: &Summary, pipeline: &Pipeline, store: &Store) -> Result<(), CliError> {
+    let Some(item) = &only.item else { return Ok(()) };
+    let stat = &summary.nodes[only.node];
+    if stat.hit + stat.ran + stat.failed + stat.blocked > 0 || summary.interrupted || !summary.failures.is_empty() {
+        return Ok(());
+    }
+    query::there_is(item, &Only { item: None, ..only.clone() }, pipeline, store)?;
+    Err(CliError::Bad(format!("`{}` has no item `{item}`", pipeline.nodes[only.node].name)))
 }
 
 impl RunArgs {

@@ -8,7 +8,7 @@ use super::{
     publish,
     run::Run,
     scheduler::Scheduler,
-    sharded::Sharded,
+    sharded::{Listed, Sharded},
 };
 use crate::pipeline::Pipeline;
 use std::{collections::HashSet, path::PathBuf, sync::Arc};
@@ -136,11 +136,18 @@ pub fn outputs(pipeline: &Pipeline, lanes: &Lanes, scheduler: &Scheduler<'_>) ->
             let of = output(id, *port);
             let rolled = scheduler.rolled(id).and_then(|payload| payload.collections.get(of.name));
             let result = scheduler.result(id, *port);
-            trees.extend(rolled.map(|listed| listed.blob).or_else(|| result?.blob()));
+            let digest = rolled.map(|listed| listed.digest).or_else(|| Some(result?.digest));
+            let listed = rolled.cloned().or_else(|| {
+                let result = result?;
+                Some(Listed { digest: result.digest, blob: result.blob()?, len: result.len() })
+            });
+            trees.extend(listed.as_ref().map(|listed| listed.blob));
             found.push(OutputOf {
                 name: format!("{}.{}", pipeline.cell_name(lane.cell), of.name),
                 determinism: weaker(read[id], of.determinism),
-                digest: rolled.map(|listed| listed.digest).or_else(|| Some(result?.digest)),
+                digest,
+                media: of.media,
+                listed,
             });
         }
     }

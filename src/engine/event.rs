@@ -1,6 +1,7 @@
 //! Events of a run: the only view of a run outside of the scheduler.
 
-use serde::{Serialize, Serializer};
+use super::Listed;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::{borrow::Borrow, fmt, ops::Deref, path::PathBuf, sync::Arc, time::Duration};
 use tauflow_contract::{Determinism, Digest, ItemKey};
 
@@ -48,6 +49,12 @@ impl fmt::Display for Name {
 impl Serialize for Name {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.serialize_str(&self.0)
+    }
+}
+
+impl<'de> Deserialize<'de> for Name {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        Ok(Self(String::deserialize(from)?.into()))
     }
 }
 
@@ -174,7 +181,8 @@ pub enum Ended {
 }
 
 /// Numbers of a node.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct NodeStat {
     /// The node.
     pub node: String,
@@ -205,7 +213,7 @@ pub struct NodeStat {
 }
 
 /// An action that took long.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Slow {
     /// The node.
     pub node: Name,
@@ -234,10 +242,14 @@ pub struct OutputOf {
     pub determinism: Determinism,
     /// Content digest; none if it is not known, because something failed.
     pub digest: Option<Digest>,
+    /// Media type of its items.
+    pub media: &'static str,
+    /// How the store lists its items; none if it is not known, or lists none.
+    pub listed: Option<Listed>,
 }
 
 /// An action that failed.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Failure {
     /// The node.
     pub node: String,

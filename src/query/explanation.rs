@@ -122,7 +122,10 @@ pub fn explain(pipeline: &Pipeline, store: &Store, only: &Only) -> Result<Explan
 }
 
 /// Finds out whether the node's items are known and `item` is not among them.
-fn there_is(item: &ItemKey, only: &Only, pipeline: &Pipeline, store: &Store) -> Result<(), EngineError> {
+///
+/// # Errors
+/// If so, with the nearest item; or if the store cannot be read.
+pub fn there_is(item: &ItemKey, only: &Only, pipeline: &Pipeline, store: &Store) -> Result<(), EngineError> {
     let plan = engine::plan(pipeline, store, Some(only.clone()))?;
     let mine = asked(&plan.would_run, only);
     let items: BTreeSet<&str> = mine.iter().filter_map(|action| action.item.as_ref()).map(ItemKey::as_str).collect();

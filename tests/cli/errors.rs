@@ -42,6 +42,18 @@ fn bad_arguments_are_2() {
 }
 
 #[test]
+fn an_item_that_is_not_there_is_2_and_names_the_nearest() {
+    let place = Place::new();
+    for pass in ["from an empty cache", "with every item at hand"] {
+        let said = place.tauflow(&["run", "small.yaml", "--only", "scenes/L0-open-00000"]).ends(2);
+        let hint = "`scenes` has no item `L0-open-00000`; did you mean `L0-open-000000`?";
+        assert!(said.err.contains(hint), "{pass}: {}", said.err);
+        place.tauflow(&["run", "small.yaml"]).ends(0);
+    }
+    place.tauflow(&["run", "small.yaml", "--only", "scenes/L0-open-000000"]).ends(0);
+}
+
+#[test]
 fn a_cache_that_cannot_be_made_is_3() {
     let place = Place::new();
     let said = place.tauflow(&["run", "small.yaml", "--cache", "small.yaml"]).ends(3);

@@ -11,6 +11,7 @@ mod manuals;
 mod own_programs;
 mod places_of_kinds;
 mod programs;
+mod records;
 mod refining;
 mod rendering;
 mod runs;

@@ -1,0 +1,200 @@
+//! `tauflow runs` and `tauflow diff`: the recorded runs of a cache.
+
+use super::{CacheAt, CliError, Exit, bytes_text, counted, seconds_text, table};
+use crate::runs::{self, Comparison, MetricChange, RunRecord, RunsError, date_text};
+use clap::Args;
+use serde_json::{Value, json};
+
+/// Arguments of `runs`.
+#[derive(Args)]
+#[command(after_help = "Example: tauflow runs pipelines/quickstart.yaml --last 5")]
+pub(crate) struct RunsArgs {
+    /// Show only the runs of this pipeline: its name or its file.
+    pipeline: Option<String>,
+    /// Number of runs to show, the latest ones.
+    #[arg(long, value_name = "N", default_value_t = 20)]
+    last: usize,
+    /// Print one complete record per line, as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Arguments of `diff`.
+#[derive(Args)]
+#[command(after_help = "Example: tauflow diff 20261125-074105 20261125-081530\n\n`tauflow runs` lists the ids.")]
+pub(crate) struct DiffArgs {
+    /// Id of a run, or the beginning of it.
+    run: String,
+    /// Id of the run to compare with. Default: the latest run of the same pipeline.
+    other: Option<String>,
+    /// Print the comparison as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+impl From<RunsError> for CliError {
+    fn from(error: RunsError) -> Self {
+        match error {
+            RunsError::Io { .. } => Self::Environment(error.to_string()),
+            RunsError::Unknown(message) => Self::Bad(message),
+        }
+    }
+}
+
+/// The records of the cache; damaged ones are named.
+fn records(cache: &CacheAt) -> Result<Vec<RunRecord>, CliError> {
+    let (records, damaged) = runs::read_all(&cache.folder())?;
+    damaged.iter().for_each(|damaged| eprintln!("warning: {damaged}"));
+    Ok(records)
+}
+
+pub(crate) fn runs(args: &RunsArgs, cache: &CacheAt) -> Result<Exit, CliError> {
+    cache.look()?; // no cache is an error, no run is none
+    let mut records = records(cache)?;
+    if let Some(wanted) = &args.pipeline {
+        records = runs::of_pipeline(records, wanted)?;
+    }
+    let left_out = records.len().saturating_sub(args.last);
+    let shown = &records[left_out..];
+    if args.json {
+        for record in shown {
+            outln!("{}", json!(record));
+        }
+        return Ok(Exit::Done);
+    }
+    let heads = ["run", "date (UTC)", "pipeline", "outcome", "ran", "as before", "failed", "made", "elapsed"];
+    let mut rows = vec![heads.map(str::to_owned).to_vec()];
+    rows.extend(shown.iter().map(row));
+    out!("{}", table(&rows));
+    if left_out > 0 {
+        eprintln!("{} not shown; show more with --last {}", counted(left_out as u64, "earlier run"), records.len());
+    }
+    Ok(Exit::Done)
+}
+
+fn row(record: &RunRecord) -> Vec<String> {
+    vec![
+        record.id.clone(),
+        date_text(record.started),
+        record.pipeline.clone(),
+        record.outcome.text().to_owned(),
+        record.total(|node| node.ran).to_string(),
+        record.total(|node| node.hit).to_string(),
+        record.failed.to_string(),
+        bytes_text(record.total(|node| node.written)),
+        seconds_text(record.elapsed_s),
+    ]
+}
+
+pub(crate) fn diff(args: &DiffArgs, cache: &CacheAt) -> Result<Exit, CliError> {
+    let store = cache.look()?;
+    let records = records(cache)?;
+    if records.is_empty() {
+        return Err(CliError::Bad("no run is recorded in this cache; run a pipeline first".into()));
+    }
+    let before = runs::find(&records, &args.run)?;
+    let after = match &args.other {
+        Some(other) => runs::find(&records, other)?,
+        None => {
+            let latest = records.iter().rfind(|record| record.pipeline == before.pipeline).unwrap_or(before);
+            if latest.id == before.id {
+                return Err(CliError::Bad(format!(
+                    "run `{}` is the latest run of `{}`; name a second run, as in `tauflow diff OTHER {}`",
+                    before.id, before.pipeline, before.id
+                )));
+            }
+            latest
+        }
+    };
+    let found = runs::compare(before, after, &store)?;
+    if args.json {
+        outln!("{}", json!({ "before": before.id, "after": after.id, "comparison": found }));
+    } else {
+        show(before, after, &found);
+    }
+    Ok(Exit::Done)
+}
+
+fn show(before: &RunRecord, after: &RunRecord, found: &Comparison) {
+    for (name, record) in [("before", before), ("after", after)] {
+        let commit = record
+            .commit
+            .as_ref()
+            .map_or_else(String::new, |hash| format!(", commit {}", hash.chars().take(10).collect::<String>()));
+        outln!(
+            "{name:6}  {}  {}  {}; tauflow {}{commit}; {} ({} threads)",
+            record.id,
+            record.pipeline,
+            record.outcome.text(),
+            record.version,
+            record.machine.host,
+            record.machine.threads
+        );
+    }
+    let value = |value: &Option<Value>| value.as_ref().map_or_else(|| "not set".to_owned(), Value::to_string);
+    match found.params.len() {
+        0 => outln!("\nparams: equal"),
+        count => outln!("\nparams: {count} different"),
+    }
+    for change in &found.params {
+        outln!("  {}: {} -> {}", change.name, value(&change.before), value(&change.after));
+    }
+    outln!("\noutputs: {} equal, {} different", found.equal_outputs, found.outputs.len());
+    for change in &found.outputs {
+        let digest = |digest: &Option<tauflow_cache::Digest>| digest.map_or_else(|| "none".into(), |d| d.short());
+        let why = if change.bitwise { "" } else { "  (machine-dependent or measured)" };
+        outln!("  {}: {} -> {}{why}", change.name, digest(&change.before), digest(&change.after));
+    }
+    for name in &found.unknown_outputs {
+        outln!("  {name}: not compared, because it is incomplete in one of the runs");
+    }
+    show_metrics(found);
+    let ran = |time: &&runs::TimeChange| time.ran.0 + time.ran.1 > 0;
+    let mut rows = vec![["node", "ran before", "ran after", "before", "after"].map(str::to_owned).to_vec()];
+    rows.extend(found.times.iter().filter(ran).map(|time| {
+        let counts = [time.ran.0, time.ran.1].map(|count| count.to_string());
+        let seconds = |count: u64, time: f64| if count == 0 { String::new() } else { seconds_text(time) };
+        let [was, is] = counts;
+        vec![time.node.clone(), was, is, seconds(time.ran.0, time.before), seconds(time.ran.1, time.after)]
+    }));
+    if rows.len() > 1 {
+        outln!("\ntimes of the actions that ran:\n{}", table(&rows).trim_end());
+    }
+}
+
+fn show_metrics(found: &Comparison) {
+    for (output, why) in &found.without_metrics {
+        outln!("\nmetrics of {output}: not compared, because {why}");
+    }
+    let mut last = "";
+    let mut rows: Vec<Vec<String>> = Vec::new();
+    let print = |output: &str, rows: &mut Vec<Vec<String>>| {
+        if !rows.is_empty() {
+            outln!("\nmetrics of {output}, after less before, with 95% intervals over the shared items:");
+            let heads = ["row", "metric", "items", "before", "after", "difference", "interval"];
+            rows.insert(0, heads.map(str::to_owned).to_vec());
+            out!("{}", table(rows));
+            rows.clear();
+        }
+    };
+    for change in &found.metrics {
+        if change.output != last {
+            print(last, &mut rows);
+            last = &change.output;
+        }
+        rows.push(metric_row(change));
+    }
+    print(last, &mut rows);
+}
+
+fn metric_row(change: &MetricChange) -> Vec<String> {
+    vec![
+        change.figure.clone(),
+        change.metric.clone(),
+        change.items.to_string(),
+        format!("{:.4}", change.before),
+        format!("{:.4}", change.after),
+        format!("{:+.4}", change.difference.mean),
+        format!("[{:+.4}, {:+.4}]", change.difference.low, change.difference.high),
+    ]
+}

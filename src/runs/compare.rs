@@ -1,0 +1,232 @@
+//! Two runs compared: params, outputs, metrics, times.
+
+use super::{
+    RunOutput, RunRecord,
+    metrics::{self, Scores},
+};
+use crate::engine::EngineError;
+use serde::Serialize;
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
+use tauflow_cache::Store;
+use tauflow_contract::Digest;
+use tauflow_data::records::{Estimate, METRICS};
+use tauflow_eval::bootstrap::{Resampled, Table};
+
+/// Resamples of the bootstrap.
+const RESAMPLES: usize = 2000;
+/// Seed of the bootstrap: the same runs give the same intervals.
+const SEED: u64 = 0;
+
+/// How two runs differ.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Comparison {
+    /// Params that differ.
+    pub params: Vec<ParamChange>,
+    /// Outputs that differ.
+    pub outputs: Vec<OutputChange>,
+    /// Outputs that are equal.
+    pub equal_outputs: u64,
+    /// Outputs that cannot be compared, because something failed in one of the runs.
+    pub unknown_outputs: Vec<String>,
+    /// Metrics over the items that both runs scored.
+    pub metrics: Vec<MetricChange>,
+    /// Outputs with scores that were not compared, each with the reason.
+    pub without_metrics: Vec<(String, String)>,
+    /// Times of the nodes that are in both runs.
+    pub times: Vec<TimeChange>,
+}
+
+/// A param that differs; none where a run does not have it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ParamChange {
+    /// `node.param`, or `node[cell].param`.
+    pub name: String,
+    /// In the first run.
+    pub before: Option<Value>,
+    /// In the second run.
+    pub after: Option<Value>,
+}
+
+/// An output that differs; none where a run does not have it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct OutputChange {
+    /// `node.port`, or `node[cell].port`.
+    pub name: String,
+    /// In the first run.
+    pub before: Option<Digest>,
+    /// In the second run.
+    pub after: Option<Digest>,
+    /// Whether its bits are the same on every machine.
+    pub bitwise: bool,
+}
+
+/// A metric of a figure in both runs.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MetricChange {
+    /// The output that holds it.
+    pub output: String,
+    /// The row, by its coordinates.
+    pub figure: String,
+    /// The metric.
+    pub metric: String,
+    /// Number of items that both runs scored.
+    pub items: u64,
+    /// Mean over them in the first run.
+    pub before: f64,
+    /// Mean over them in the second run.
+    pub after: f64,
+    /// Second less first, paired by item, with its 95% interval.
+    pub difference: Estimate,
+}
+
+/// The times of a node in both runs, in seconds.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TimeChange {
+    /// The node.
+    pub node: String,
+    /// Time that its actions took in the first run itself.
+    pub before: f64,
+    /// Time that its actions took in the second run itself.
+    pub after: f64,
+    /// Number of actions that ran, in the first and in the second run.
+    pub ran: (u64, u64),
+}
+
+/// Compares two runs; the metrics are read from the cache.
+///
+/// # Errors
+/// If the cache cannot be read.
+pub fn compare(before: &RunRecord, after: &RunRecord, store: &Store) -> Result<Comparison, EngineError> {
+    let mut found = Comparison { params: params(before, after), times: times(before, after), ..Default::default() };
+    let names: BTreeSet<&String> = before.outputs.keys().chain(after.outputs.keys()).collect();
+    for name in names {
+        let (was, is) = (before.outputs.get(name), after.outputs.get(name));
+        if let (Some(was), Some(is)) = (was, is) {
+            match (was.digest, is.digest) {
+                (Some(a), Some(b)) if a == b => {
+                    found.equal_outputs += 1;
+                    continue;
+                }
+                (Some(_), Some(_)) => {}
+                _ => {
+                    found.unknown_outputs.push(name.clone());
+                    continue;
+                }
+            }
+            if metrics::has_scores(was) && was.media == is.media {
+                let pair = (scores(store, was, before)?, scores(store, is, after)?);
+                match pair {
+                    (Ok(was), Ok(is)) => found.metrics.extend(paired(name, &was, &is)),
+                    (Err(why), _) | (_, Err(why)) => found.without_metrics.push((name.clone(), why)),
+                }
+            }
+        }
+        found.outputs.push(OutputChange {
+            name: name.clone(),
+            before: was.and_then(|output| output.digest),
+            after: is.and_then(|output| output.digest),
+            bitwise: is.or(was).is_some_and(|output| output.bitwise),
+        });
+    }
+    Ok(found)
+}
+
+/// The scores of a run's output, or why there are none.
+fn scores(store: &Store, output: &RunOutput, run: &RunRecord) -> Result<Result<Scores, String>, EngineError> {
+    let Some(listed) = &output.listed else {
+        return Ok(Err(format!("run {} did not store the scores", run.id)));
+    };
+    let found = metrics::scores(store, &output.media, listed)?;
+    Ok(found.ok_or_else(|| format!("the cache no longer holds the scores of run {}", run.id)))
+}
+
+/// The paired differences of every figure and metric that both have.
+fn paired(output: &str, before: &Scores, after: &Scores) -> Vec<MetricChange> {
+    let mut found = Vec::new();
+    for (figure, was) in before {
+        let Some(is) = after.get(figure) else { continue };
+        for (place, metric) in METRICS.iter().enumerate() {
+            let mut table = Table::new(2);
+            for (item, values) in was {
+                let pair = is.get(item).map(|other| [values[place], other[place]]);
+                if let Some(pair) = pair.filter(|pair| pair.iter().all(|value| value.is_finite())) {
+                    table.push(None, &pair);
+                }
+            }
+            let Some(resampled) = Resampled::new(&table, RESAMPLES, SEED) else { continue };
+            found.push(MetricChange {
+                output: output.to_owned(),
+                figure: figure.clone(),
+                metric: (*metric).to_owned(),
+                items: table.scenes() as u64,
+                before: resampled.means()[0],
+                after: resampled.means()[1],
+                difference: resampled.estimate(|means| means[1] - means[0]),
+            });
+        }
+    }
+    found
+}
+
+/// The params by their paths: `node.group.param`. Lists are values as wholes.
+fn flat(record: &RunRecord) -> BTreeMap<String, &Value> {
+    fn walk<'v>(name: String, value: &'v Value, out: &mut BTreeMap<String, &'v Value>) {
+        match value {
+            Value::Object(fields) if !fields.is_empty() => {
+                fields.iter().for_each(|(field, value)| walk(format!("{name}.{field}"), value, out));
+            }
+            _ => drop(out.insert(name, value)),
+        }
+    }
+    let mut out = BTreeMap::new();
+    record.params.iter().for_each(|(cell, params)| walk(cell.clone(), params, &mut out));
+    out
+}
+
+fn params(before: &RunRecord, after: &RunRecord) -> Vec<ParamChange> {
+    let (was, is) = (flat(before), flat(after));
+    let names: BTreeSet<&String> = was.keys().chain(is.keys()).collect();
+    let changed = names.into_iter().filter(|name| was.get(*name) != is.get(*name));
+    let value = |of: &BTreeMap<String, &Value>, name: &str| of.get(name).map(|value| (*value).clone());
+    changed.map(|name| ParamChange { name: name.clone(), before: value(&was, name), after: value(&is, name) }).collect()
+}
+
+fn times(before: &RunRecord, after: &RunRecord) -> Vec<TimeChange> {
+    let other = |name: &str| after.nodes.iter().find(|node| node.node == name);
+    let both = before.nodes.iter().filter_map(|was| Some((was, other(&was.node)?)));
+    both.map(|(was, is)| TimeChange {
+        node: was.node.clone(),
+        before: was.spent_s,
+        after: is.spent_s,
+        ran: (was.ran, is.ran),
+    })
+    .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Scores of one figure, the first metric of each item given and the others 0.
+    fn scores(figure: &str, items: &[(&str, f64)]) -> Scores {
+        let row = |value: f64| METRICS.iter().enumerate().map(|(n, _)| if n == 0 { value } else { 0.0 }).collect();
+        let items = items.iter().map(|(item, value)| ((*item).to_owned(), row(*value))).collect();
+        Scores::from([(figure.to_owned(), items)])
+    }
+
+    #[test]
+    fn differences_are_paired_over_the_items_that_both_runs_scored() {
+        // The items differ much from each other, and each gains 0.5: only pairing gives so narrow an interval.
+        let before = scores("spp=4", &[("a", 10.0), ("b", 20.0), ("c", 60.0), ("gone", 1000.0), ("x", f64::NAN)]);
+        let after = scores("spp=4", &[("a", 10.5), ("b", 20.5), ("c", 60.5), ("new", 0.0), ("x", 1.0)]);
+        let found = paired("scores.scores", &before, &after);
+        assert_eq!(found.len(), METRICS.len());
+        let first = &found[0];
+        assert_eq!((first.metric.as_str(), first.items, first.before, first.after), (METRICS[0], 3, 30.0, 30.5));
+        let Estimate { mean, low, high } = first.difference;
+        assert!([mean, low, high].iter().all(|value| (value - 0.5).abs() < 1e-9), "{:?}", first.difference);
+        assert_eq!(paired("scores.scores", &before, &after), found, "the same draws every time");
+        assert_eq!(paired("scores.scores", &before, &scores("spp=8", &[("a", 1.0)])), [], "no figure is shared");
+    }
+}
