@@ -29,7 +29,7 @@ pub(super) fn scores(store: &Store, media: &str, listed: &Listed) -> Result<Opti
     let mut scores = Scores::new();
     for (key, artifact) in items {
         let name = if media == ScoreTable::NAME { TABLE } else { "" };
-        let Some(digest) = artifact.parts.iter().find(|(part, _)| &**part == name).map(|(_, digest)| *digest) else {
+        let Some(digest) = artifact.parts.iter().find(|(part, _)| **part == *name).map(|(_, digest)| *digest) else {
             return Ok(None);
         };
         let Some(bytes) = store.get(&digest)? else { return Ok(None) };
