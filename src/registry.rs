@@ -2,6 +2,10 @@
 
 use crate::kinds::Registry;
 
+pub use tauflow_eval::{
+    bootstrap::{Resampled, Table as Paired},
+    bounded,
+};
 pub use tauflow_render::{
     quality_gate::geometric_mean_luminance,
     render::{Goal, RenderStats, Rendered, Setup, Stage, render_image},

@@ -4,14 +4,16 @@ use super::{
     RunOutput, RunRecord,
     metrics::{self, Scores},
 };
-use crate::engine::EngineError;
+use crate::{
+    engine::EngineError,
+    registry::{Paired, Resampled},
+};
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use tauflow_cache::Store;
 use tauflow_contract::Digest;
 use tauflow_data::records::{Estimate, METRICS};
-use tauflow_eval::bootstrap::{Resampled, Table};
 
 /// Resamples of the bootstrap.
 const RESAMPLES: usize = 2000;
@@ -147,7 +149,7 @@ fn paired(output: &str, before: &Scores, after: &Scores) -> Vec<MetricChange> {
     for (figure, was) in before {
         let Some(is) = after.get(figure) else { continue };
         for (place, metric) in METRICS.iter().enumerate() {
-            let mut table = Table::new(2);
+            let mut table = Paired::new(2);
             for (item, values) in was {
                 let pair = is.get(item).map(|other| [values[place], other[place]]);
                 if let Some(pair) = pair.filter(|pair| pair.iter().all(|value| value.is_finite())) {

@@ -2,6 +2,7 @@
 
 use crate::{
     engine::{self, EngineError, Listed},
+    registry,
     runs::RunOutput,
 };
 use std::collections::BTreeMap;
@@ -43,7 +44,7 @@ pub(super) fn scores(store: &Store, media: &str, listed: &Listed) -> Result<Opti
 /// Adds the scores of an artifact.
 fn take(scores: &mut Scores, media: &str, key: &str, bytes: &[u8]) -> Result<(), serde_json::Error> {
     let mut add = |figure: String, item: &str, metrics: &Metrics| {
-        let values = METRICS.map(|name| metrics.get(name).map_or(f64::NAN, |value| tauflow_eval::bounded(name, value)));
+        let values = METRICS.map(|name| metrics.get(name).map_or(f64::NAN, |value| registry::bounded(name, value)));
         scores.entry(figure).or_default().insert(item.to_owned(), values.to_vec());
     };
     if media == SceneScores::NAME {
