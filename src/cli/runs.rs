@@ -49,7 +49,7 @@ fn records(cache: &CacheAt) -> Result<Vec<RunRecord>, CliError> {
 }
 
 pub(crate) fn runs(args: &RunsArgs, cache: &CacheAt) -> Result<Exit, CliError> {
-    cache.look()?; // no cache is an error, no run is none
+    cache.look()?; // a path that is no cache is an error
     let mut records = records(cache)?;
     if let Some(wanted) = &args.pipeline {
         records = runs::of_pipeline(records, wanted)?;
@@ -60,6 +60,10 @@ pub(crate) fn runs(args: &RunsArgs, cache: &CacheAt) -> Result<Exit, CliError> {
         for record in shown {
             outln!("{}", json!(record));
         }
+        return Ok(Exit::Done);
+    }
+    if shown.is_empty() {
+        eprintln!("no runs are recorded in {}", cache.folder().display());
         return Ok(Exit::Done);
     }
     let heads = ["run", "date (UTC)", "pipeline", "outcome", "ran", "as before", "failed", "made", "elapsed"];
