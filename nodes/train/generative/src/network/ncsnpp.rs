@@ -89,11 +89,20 @@ impl NcsnppConfig {
         Self::default()
     }
 
-    /// A small network for images of `side` pixels: attention at 8 pixels.
+    /// A small network for images of `side` pixels, to be trained: attention at 8 pixels, and no division by the time,
+    /// which is up to 999 and leaves of its outputs too little to learn from in thousands of steps.
     pub fn small(side: usize, width: usize) -> Self {
         let levels = (side / 8).max(1).ilog2() as usize + 1;
         let ch_mult = (0..levels).map(|i| if i == 0 { 1 } else { 2 }).collect();
-        Self { image_size: side, nf: width, ch_mult, num_res_blocks: 1, attn_resolutions: vec![8], ..Self::default() }
+        Self {
+            image_size: side,
+            nf: width,
+            ch_mult,
+            num_res_blocks: 1,
+            attn_resolutions: vec![8],
+            scale_by_sigma: false,
+            ..Self::default()
+        }
     }
 
     /// Images are whole if their sides are multiples of this.
