@@ -320,7 +320,7 @@ nodes:
         command
     };
     assert!(command("first", "--update-lock").status().expect("it starts").success());
-    let rounds = if slow() { 40 } else { 8 };
+    let rounds = if slow() { 20 } else { 8 };
     let mut random = campaign::Random(5);
     let mut met = 0;
     for round in 0..rounds {
