@@ -305,7 +305,7 @@ fn signals() {
     const SMALL: &str = "\
 pipeline: small
 nodes:
-  scenes: { kind: scene_generation, params: { pool: 24, regimes: [L0], contexts: [open, enclosed] } }
+  scenes: { kind: scene_generation, params: { pool: 8, regimes: [L0], contexts: [open, enclosed] } }
 ";
     let folder = tempfile::tempdir().expect("a temporary folder");
     let file = folder.path().join("small.yaml");
