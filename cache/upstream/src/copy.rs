@@ -17,7 +17,7 @@ pub struct Wanted<'a> {
     pub sound: &'a dyn Fn(&Record) -> bool,
 }
 
-/// What a [`push`] did, or would do.
+/// The counts of a [`push`], or of its dry run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Pushed {
     /// Records that were sent.
@@ -34,7 +34,7 @@ pub struct Pushed {
     pub notes: Vec<String>,
 }
 
-/// What a [`pull`] did.
+/// The counts of a [`pull`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Pulled {
     /// Records that are new here.
@@ -110,7 +110,8 @@ pub fn push(
     Ok(pushed)
 }
 
-/// Copies all records of an upstream to a store, with the blobs that the store lacks. What the store has stays.
+/// Copies all records of an upstream to a store, with the blobs that the store lacks. It replaces nothing in
+/// the store.
 ///
 /// # Errors
 /// When the store cannot be written, or the upstream cannot be listed. Damage in the upstream is noted.

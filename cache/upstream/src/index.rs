@@ -65,7 +65,7 @@ impl From<SharedRecord> for Record {
     }
 }
 
-/// What makes two records the same.
+/// The identity of a record: equal records have equal ones.
 pub(crate) fn identity(record: &Record) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
     for part in [record.namespace.as_bytes(), &record.key.0, record.payload.as_bytes()] {
@@ -75,7 +75,7 @@ pub(crate) fn identity(record: &Record) -> [u8; 32] {
     *hasher.finalize().as_bytes()
 }
 
-/// What the indices of an upstream list.
+/// The content of an upstream, as its indices list it.
 #[derive(Debug, Default)]
 pub struct Contents {
     /// Where blobs are: pack and offset.

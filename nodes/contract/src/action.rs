@@ -134,7 +134,7 @@ pub struct Outputs {
     pub items: BTreeMap<String, Artifact>,
     /// Collections of a gather.
     pub collections: BTreeMap<String, Collection>,
-    /// What programs looked at among the files outside, for kinds that run some ([`crate::Kind::runs_programs`]).
+    /// The files that external programs looked at, for kinds that run some ([`crate::Kind::runs_programs`]).
     pub seen: Option<Seen>,
 }
 

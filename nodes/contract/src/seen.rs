@@ -1,4 +1,4 @@
-//! What a program outside looked at among files, so that an action runs again when any of it changes.
+//! The files that an external program looked at, so that an action runs again when one of them changes.
 //!
 //! A [`Sight`] is a path, what was asked of it, and the answer. The kind that ran the program hands the sights over
 //! with its outputs ([`crate::Outputs::seen`]). The engine looks at the same paths before it takes those outputs again.
