@@ -56,7 +56,7 @@ const TRAINING: All<PackedScene> =
 const SCORES: All<SampleScores> =
     All::new("scores", "Scores of the same samples by metrics that need no reference.").or_none();
 const QUALITY: Out<ImageQuality> =
-    Out::new(Group::main(1), "quality", "Scores by backbone and variant, gains and verdicts.");
+    Out::new(Group::main(2), "quality", "Scores by backbone and variant, gains and verdicts.");
 
 fn input(what: String) -> KindError {
     KindError::Input(what)
@@ -101,7 +101,7 @@ impl Kind for ImageQualityKind {
         }
         let mut others = external(ctx, action)?;
         let bootstrap = Bootstrap { resamples: action.params.resamples, seed: action.seed };
-        let gaussians = backbones.iter().map(|backbone| backbone.samples.len()).max().unwrap_or(0);
+        let drawn = backbones.iter().map(|backbone| backbone.samples.len()).max().unwrap_or(0);
         let tools = Tools::new();
         let mut known: Vec<(Size, Clean)> = Vec::new();
         let mut quality = ImageQuality {
@@ -120,7 +120,8 @@ impl Kind for ImageQualityKind {
             ctx.progress(done as u64, total, &backbone.name);
             let size = compared_at(ctx, backbone, &renders)?;
             if !known.iter().any(|(at, _)| *at == size) {
-                known.push((size, Clean::new(ctx, &tools, renders, size, gaussians, action.seed)?));
+                let clean = Clean::new(ctx, &tools, renders, size, gaussian_images(size, drawn), action.seed)?;
+                known.push((size, clean));
             }
             let Some((_, clean)) = known.iter().find(|(at, _)| *at == size) else {
                 return Err(KindError::Internal("a size that was just read".into()));
@@ -136,7 +137,7 @@ impl Kind for ImageQualityKind {
                 ));
             }
             quality.per_sample.extend(per_sample(backbone, &samples));
-            quality.backbones.push(table(backbone, size, &samples, &quality, gaussians)?);
+            quality.backbones.push(table(backbone, size, &samples, &quality, gaussian_images(size, drawn))?);
         }
         let there = |column: &ScoreColumn| {
             let has = |backbone: &BackboneQuality| backbone.variants[0].scores.contains_key(&column.name);
@@ -146,6 +147,13 @@ impl Kind for ImageQualityKind {
         quality.columns = columns;
         Outputs::default().put_one(QUALITY, "quality", quality.store(ctx)?)
     }
+}
+
+/// How many Gaussian images are drawn: at least as many as samples. More of them make the comparison more certain at
+/// little cost, until their sums fill 128 MiB.
+fn gaussian_images(size: Size, samples: usize) -> usize {
+    let bytes = 3 * size[0] * size[1] * size_of::<f32>();
+    ((128 << 20) / bytes.max(1)).min(1000).max(samples)
 }
 
 /// What is said of inputs that were left out.
