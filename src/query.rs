@@ -3,6 +3,7 @@
 //!
 //! Prints nothing, and runs nothing.
 
+mod estimate;
 mod explanation;
 mod made;
 mod plan;

@@ -85,7 +85,11 @@ fn rungs_that_do_not_exist_are_named_with_the_nearest() {
     // A filter that nobody reads is told of, too; its default is named at the node.
     let filter = "  filtered: { kind: guided_filter, inputs: { endpoints: test_set }, params: { from: 16 } }\n  hold:";
     one(&[("  hold:", filter)], &["`test_set` has no rung of 16 samples", "use 8, or add 16"]);
-    let ladder = "  measured: { kind: ladder_metrics, inputs: { ladders: train_ladders, references: test_ladders }, params: { rungs: [1, 5] } }\n  hold:";
+    let ladder = "  measured:
+    kind: ladder_metrics
+    inputs: { ladders: train_ladders, references: test_ladders }
+    params: { rungs: [1, 5] }
+  hold:";
     one(&[("  hold:", ladder)], &["`train_ladders` has no rung of 5 samples", "use 4 or 8"]);
     let rungs = [(
         "rungs: { dyadic: 8 }, resolution: [32, 32], stream: 1",

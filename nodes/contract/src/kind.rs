@@ -138,9 +138,10 @@ pub trait Kind: Send + Sync + 'static {
         Vec::new()
     }
 
-    /// What is known of the outputs before anything runs, and reasons why all actions are sure to fail, from the params
-    /// and from what is known of the inputs: those of one item for a map, all collections for a source and a gather.
-    /// What is not known is no reason. The default knows nothing.
+    /// What is known of the outputs before anything runs, and reasons why all actions are sure to fail.
+    ///
+    /// Both follow from the params and from what is known of the inputs: of one item for a map, of all collections for
+    /// others. What is not known is no reason. The default knows nothing.
     fn foresee(_params: &Self::Params, _known: &Known) -> Outlook {
         Outlook::default()
     }

@@ -31,13 +31,6 @@ pub trait NodeKind: Send + Sync {
     /// See [`Kind::work`]; `params` are resolved, or a projection. It is above 0.
     fn work(&self, params: &Value, group: &str) -> f64;
     /// See [`Kind::missing`]; `params` are resolved.
-    fn work(&self, params: &Value, group: &str) -> f64 {
-        let mut read = params.clone();
-        fill_in(&mut read, K::later());
-        let work = parse(&read).map_or(1.0, |params| K::work(&params, group));
-        if work.is_finite() && work > 0.0 { work } else { 1.0 }
-    }
-
     fn missing(&self, params: &Value) -> Vec<ParamProblem>;
     /// See [`Kind::items`]; `params` are resolved.
     ///
@@ -136,6 +129,13 @@ impl<K: Kind> NodeKind for KindRow<K> {
             // Cannot be for resolved params; nothing is known then.
             Err(_) => vec![Outlook::default(); known.len()],
         }
+    }
+
+    fn work(&self, params: &Value, group: &str) -> f64 {
+        let mut read = params.clone();
+        fill_in(&mut read, K::later());
+        let work: f64 = parse(&read).map_or(1.0, |params| K::work(&params, group));
+        if work.is_finite() && work > 0.0 { work } else { 1.0 }
     }
 
     fn missing(&self, params: &Value) -> Vec<ParamProblem> {
