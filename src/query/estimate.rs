@@ -34,19 +34,26 @@ struct Samples(BTreeMap<String, Vec<Sample>>);
 pub(super) struct Costs<'a> {
     store: &'a Store,
     kinds: BTreeMap<&'static str, Samples>,
+    /// Actions of a kind that are read at most.
+    most: usize,
 }
 
 impl<'a> Costs<'a> {
     pub fn new(store: &'a Store) -> Self {
-        Self { store, kinds: BTreeMap::new() }
+        Self { store, kinds: BTreeMap::new(), most: MOST_READ }
+    }
+
+    /// The same, reading so many earlier actions of a kind at most.
+    pub fn reading(self, most: usize) -> Self {
+        Self { most, ..self }
     }
 
     /// The expected cost of an action of these params: the mean of earlier ones of its size, or else the mean of those
     /// that are nearest in size, scaled. None if there were none.
     pub fn of(&mut self, kind: &dyn NodeKind, params: &Value, group: &str) -> Option<Cost> {
         let name = kind.spec().name;
-        let store = self.store;
-        let samples = self.kinds.entry(name).or_insert_with(|| Samples::read(store, kind, name));
+        let (store, most) = (self.store, self.most);
+        let samples = self.kinds.entry(name).or_insert_with(|| Samples::read(store, kind, most));
         let samples = samples.0.get(group)?;
         let wanted = work(kind, params, group);
         let distance = |sample: &Sample| (sample.work / wanted).ln().abs();
@@ -69,9 +76,9 @@ fn work(kind: &dyn NodeKind, params: &Value, group: &str) -> f64 {
 }
 
 impl Samples {
-    fn read(store: &Store, kind: &dyn NodeKind, name: &str) -> Self {
+    fn read(store: &Store, kind: &dyn NodeKind, most: usize) -> Self {
         let mut found = Self::default();
-        for key in store.keys_by_label(engine::ACTION, name).into_iter().rev().take(MOST_READ) {
+        for key in store.keys_by_label(engine::ACTION, kind.spec().name).into_iter().rev().take(most) {
             let Some(record) = store.read(engine::ACTION, &key) else { continue };
             let Ok(read) = serde_json::from_str::<Value>(&record.preimage) else { continue };
             let Some(group) = read["group"].as_str() else { continue };

@@ -1,7 +1,10 @@
 //! What a run would do, node by node, why, and what it is expected to cost: what is certain, and the most that may
 //! follow from it.
 
-use super::estimate::{self, Costs};
+use super::{
+    Expected,
+    estimate::{self, Costs, Most},
+};
 use crate::{
     engine::{
         self, EngineError,
@@ -13,6 +16,9 @@ use crate::{
 use serde::Serialize;
 use std::collections::BTreeMap;
 use tauflow_cache::Store;
+
+/// Earlier actions of a kind by which a run estimates the time to go.
+const FEW: usize = 200;
 
 /// Time and size.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -160,6 +166,17 @@ pub fn plan(pipeline: &Pipeline, store: &Store) -> Result<PlanCosts, EngineError
     let sum = |of: fn(&NodePlan) -> Option<Cost>| nodes.iter().filter_map(of).fold(Cost::default(), Cost::and);
     let (total, at_most) = (sum(|node| node.cost), sum(|node| node.most.or(node.cost)));
     Ok(PlanCosts { nodes, total, most: at_most, never })
+}
+
+/// What each node may do if everything runs, by the times of earlier actions. Looks no action up.
+pub fn expected(pipeline: &Pipeline, store: &Store) -> Vec<Expected> {
+    let unknown = vec![NodeStat { unknown: true, ..NodeStat::default() }; pipeline.nodes.len()];
+    let most = estimate::most(pipeline, &unknown, &mut Costs::new(store).reading(FEW));
+    let of = |most: Most| Expected {
+        actions: most.actions,
+        seconds: most.cost.map(|cost| cost.seconds / most.actions.max(1.0)),
+    };
+    most.into_iter().map(of).collect()
 }
 
 /// The cost of the actions that would run, by node; none where an action of the kind never ran.
