@@ -163,7 +163,9 @@ impl Display {
             Event::Begin { .. } => {
                 let asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner).take();
                 // Nobody listens any more if the estimate is there.
-                asked.into_iter().for_each(|sender| drop(sender.send(())));
+                if let Some(sender) = asked {
+                    let _ = sender.send(());
+                }
             }
             Event::Warning { message } => self.voice().say(&format!("warning: {message}")),
             Event::Healing { nodes } => {

@@ -52,7 +52,7 @@ pub enum Reproducible {
     No,
 }
 
-/// The format of images in the folders of inputs and outputs.
+/// The format of images in the directories of inputs and outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ImageFiles {
@@ -74,27 +74,27 @@ pub struct CommandParams {
     /// The inputs with their media types. The program of a map gets one item of each. The first in alphabetical order
     /// determines the items.
     pub inputs: BTreeMap<String, String>,
-    /// Inputs of a map of which the program gets all items, with their media types.
+    /// Inputs of a map that pass all items to the program, with their media types.
     pub collections: BTreeMap<String, String>,
     /// The outputs with their media types. Required.
     pub outputs: BTreeMap<String, String>,
     /// Params of the program, as `values` in `params.json`.
     pub values: Map<String, Value>,
-    /// The format of images in the folders of inputs and outputs.
+    /// The format of images in the directories of inputs and outputs.
     pub images: ImageFiles,
-    /// Files, folders and patterns such as `models/*.pt` that the program depends on, beside the files that it
-    /// is seen to open. Their contents enter the keys.
+    /// Files, directories and patterns such as `models/*.pt` that the program depends on, in addition to traced files.
+    /// Their contents are part of the keys.
     pub depends: Vec<String>,
-    /// Command that prints the version of the program, as a list of words. Its output enters the keys.
+    /// Command that prints the version of the program, as a list of words. Its output is part of the keys.
     pub version: Vec<String>,
-    /// Environment variables that the program gets beside the usual ones. Their values enter the keys.
+    /// Additional environment variables that the program inherits. Their values are part of the keys.
     pub variables: Vec<String>,
-    /// Whether another run gives the same bits.
+    /// Whether two runs of the program give the same bits.
     pub reproducible: Reproducible,
-    /// Most seconds of wall time.
+    /// Maximum wall time in seconds.
     #[schemars(range(min = 0.1, max = 1_000_000.0))]
     pub time: f64,
-    /// Most MiB of address space of each process; null for no limit.
+    /// Maximum address space of each process in MiB; null for no limit.
     #[schemars(range(min = 16, max = 1_000_000_000))]
     pub memory: Option<u64>,
 }

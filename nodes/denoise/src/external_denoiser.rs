@@ -42,12 +42,12 @@ pub struct ExternalDenoiserParams {
     /// Command line of a program that replaces the library, as a list of words; {color}, {albedo}, {normal} and
     /// {output} are EXR files.
     pub command: Vec<String>,
-    /// Files, folders and patterns such as `models/*.pt` that the program depends on, beside the files that it
-    /// is seen to open. Their contents enter the keys.
+    /// Files, directories and patterns such as `models/*.pt` that the program depends on, in addition to traced files.
+    /// Their contents are part of the keys.
     pub depends: Vec<String>,
-    /// Command that prints the version of the program, as a list of words. Its output enters the keys.
+    /// Command that prints the version of the program, as a list of words. Its output is part of the keys.
     pub version: Vec<String>,
-    /// Environment variables that the program gets beside the usual ones. Their values enter the keys.
+    /// Additional environment variables that the program inherits. Their values are part of the keys.
     pub variables: Vec<String>,
     /// Fail if the library is missing, instead of omitting the method with a note.
     pub required: bool,

@@ -38,10 +38,10 @@ pub struct ExternalRendererParams {
     /// Command that prints the version of the program and fails if it is missing, as a list of words; not needed if the
     /// content of the program file identifies the version.
     pub version: Vec<String>,
-    /// Files, folders and patterns such as `models/*.pt` that the program depends on, beside the files that it
-    /// is seen to open. Their contents enter the keys.
+    /// Files, directories and patterns such as `models/*.pt` that the program depends on, in addition to traced files.
+    /// Their contents are part of the keys.
     pub depends: Vec<String>,
-    /// Environment variables that the program gets beside the usual ones. Their values enter the keys.
+    /// Additional environment variables that the program inherits. Their values are part of the keys.
     pub variables: Vec<String>,
     /// Samples per pixel of the images: `{dyadic: 64}` for 1, 2, 4 ... 64, or an increasing list.
     pub counts: Rungs,
@@ -272,11 +272,11 @@ impl SceneToRender<'_> {
         let mut entries = Vec::new();
         for count in counts {
             let Told { wall_s, cpu_s } =
-                told.remove(count).ok_or_else(|| broken(&format!("none of {count} samples a pixel")))?;
+                told.remove(count).ok_or_else(|| broken(&format!("none of {count} samples per pixel")))?;
             let sound =
                 |times: &[f64]| times.len() as u64 == repeats && times.iter().all(|t| t.is_finite() && *t >= 0.0);
             if !(sound(&wall_s) && sound(&cpu_s)) {
-                return Err(broken(&format!("{repeats} of each kind are asked for, of {count} samples a pixel")));
+                return Err(broken(&format!("{repeats} of each kind are asked for, of {count} samples per pixel")));
             }
             let RefinedImage { method, from_spp, nfe, .. } = self.said(*count);
             entries.push(TimedImage { method, from_spp, nfe, took: Repeated { wall_s, cpu_s } });

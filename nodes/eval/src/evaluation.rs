@@ -63,7 +63,7 @@ impl Kind for EvaluationKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "evaluation",
-            summary: "Aggregates scores by method, model calls and stratum, with confidence intervals.",
+            summary: "Aggregates scores by method, network calls and stratum, with confidence intervals.",
             manual: include_str!("evaluation.md"),
             mode: Mode::Gather,
             inputs: vec![SCORES.port(), HOLD.port(), BASELINES.port(), SPLIT.port()],

@@ -24,7 +24,7 @@ pub struct LadderMetrics;
 pub struct LadderMetricsParams {
     /// Sample counts of the rungs to score; empty for all rungs.
     pub rungs: Vec<u64>,
-    /// Luminance that the geometric mean of the reference is exposed to; unused where `exposure` is connected.
+    /// Exposed luminance of the geometric mean of the reference; unused if `exposure` is connected.
     #[schemars(range(min = 1e-6, max = 1e6))]
     pub key: f64,
 }
@@ -39,7 +39,7 @@ const LADDERS: Each<Ladder> = Each::new("ladders", "The ladders to score.");
 const REFERENCES: Each<Ladder> =
     Each::new("references", "Ladders of the same scenes from another stream; the last rung is the reference.");
 const EXPOSURE: Each<Exposure> =
-    Each::new("exposure", "The exposure of the same scenes; without it, the reference decides.").or_none();
+    Each::new("exposure", "The exposure of the same scenes. Default: computed from the reference.").or_none();
 const METRICS: Out<SceneScores> = Out::new(Group::main(1), "metrics", "The metrics of each rung of a scene's ladder.");
 
 impl Kind for LadderMetrics {

@@ -38,15 +38,15 @@ pub struct TableParams {
     /// Metrics to tabulate, by name.
     #[schemars(length(min = 1))]
     pub metrics: Vec<String>,
-    /// Axes that make rows; empty for all axes with several values that are not in `columns`.
+    /// Axes that become rows; empty for all axes with several values that are not in `columns`.
     pub rows: Vec<String>,
-    /// Axes that make columns.
+    /// Axes that become columns.
     pub columns: Vec<String>,
-    /// The cells that differences are to; none for no differences.
+    /// Baseline for differences: a value on an axis; none for no differences.
     pub against: Option<AgainstParams>,
-    /// Whether `table.tex` is written.
+    /// Write `table.tex`.
     pub latex: bool,
-    /// Resamples of the bootstrap.
+    /// Number of bootstrap resamples.
     #[schemars(range(min = 100, max = 100_000))]
     pub resamples: u64,
 }
@@ -99,7 +99,7 @@ impl Default for TableParams {
 
 const SCORES: All<SceneScores> = All::new("scores", "Scores of images, by cell and item.");
 const TABLE: Out<ScoreTable> =
-    Out::new(Group::main(1), "table", "Means with intervals by axes, and every score.").single().published();
+    Out::new(Group::main(1), "table", "Means with intervals by axes, and all scores.").single().published();
 
 impl Kind for TableKind {
     type Params = TableParams;

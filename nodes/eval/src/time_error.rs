@@ -88,7 +88,7 @@ impl Kind for TimeErrorKind {
         let mut notes = Vec::new();
         let mut scenes: Vec<Measured> = Vec::with_capacity(references.len());
         let mut against_law = Vec::new();
-        // Samples a pixel of the references, and of the last rungs that they judge.
+        // Samples per pixel of the references, and of the last rungs that they judge.
         let mut samples: Option<[u64; 2]> = None;
         for (done, (key, reference)) in references.iter().enumerate() {
             ctx.check_cancelled()?;
@@ -158,7 +158,7 @@ impl<'a> Inputs<'a> {
     }
 }
 
-/// Wants the samples a pixel of all references, and of all last rungs, to be those of the first scene.
+/// Wants the samples per pixel of all references, and of all last rungs, to be those of the first scene.
 fn alike(first: &mut Option<[u64; 2]>, own: [u64; 2], key: &ItemKey) -> Result<(), KindError> {
     let [reference_spp, last] = *first.get_or_insert(own);
     let [reference, spp] = own;

@@ -79,7 +79,7 @@ pub struct LadderRenderingParams {
     pub stream: u64,
     /// Sampler of random numbers.
     pub sampler: SamplerKind,
-    /// What estimates the radiance of a pixel.
+    /// Estimator of radiance: the path tracer, or also paths from the lights.
     pub integrator: IntegratorKind,
     /// Samples per pixel of the G-buffer.
     #[schemars(range(min = 1, max = 65536))]
@@ -350,7 +350,7 @@ impl Work<'_> {
                 return Ok(());
             }
             self.renderer(self.world()?, stream)?.advance(state, trial, &mut |done| {
-                self.ctx.progress(done, trial, "samples a pixel that decide");
+                self.ctx.progress(done, trial, "samples per pixel that decide");
                 self.ctx.check_cancelled()
             })?;
             let digest = self.ctx.put(&state.to_bytes())?;
@@ -376,7 +376,7 @@ impl Work<'_> {
         stops.dedup();
         for stop in stops {
             renderer.advance(&mut state, stop, &mut |done| {
-                self.ctx.progress(done - begun, last - begun, "samples a pixel");
+                self.ctx.progress(done - begun, last - begun, "samples per pixel");
                 self.ctx.check_cancelled()
             })?;
             if let Entry::Vacant(place) = images.entry(stop) {

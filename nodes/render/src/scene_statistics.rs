@@ -115,7 +115,7 @@ impl Measure<'_> {
         let mut film = renderer.begin();
         for stop in stops {
             renderer.advance(&mut film, *stop, &mut |done| {
-                self.ctx.progress(done, *stop, "samples a pixel");
+                self.ctx.progress(done, *stop, "samples per pixel");
                 self.ctx.check_cancelled()
             })?;
             at(&film);

@@ -67,7 +67,7 @@ impl Default for ReportParams {
 }
 
 const PAGE: Out<Files> =
-    Out::new(Group::main(13), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
+    Out::new(Group::main(14), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
 
 impl Kind for Report {
     type Params = ReportParams;
@@ -155,7 +155,7 @@ impl Kind for Report {
 
 /// The images of a page.
 struct Images {
-    /// Model calls of those of solvers.
+    /// Network calls of those of solvers.
     nfe: u64,
     /// Solvers by stratum.
     montages: Vec<Montage>,

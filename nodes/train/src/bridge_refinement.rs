@@ -26,7 +26,7 @@ pub struct BridgeRefinement;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct BridgeRefinementParams {
-    /// What the networks run on; anything but the CPU makes outputs of this machine.
+    /// Device of the networks; the outputs of a GPU depend on the machine.
     pub device: NetworkDevice,
 }
 

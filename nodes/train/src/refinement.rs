@@ -4,7 +4,7 @@ use crate::{
     device::{self, NetworkDevice, Place},
     mirrors::{Mirrored, Views},
     model::Model,
-    model_calls::ModelCalls,
+    network_calls::NetworkCalls,
     rollout::{Course, Denoiser, rollout},
 };
 use schemars::JsonSchema;
@@ -71,8 +71,8 @@ impl Blank {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct RefinementParams {
-    /// Numbers of model calls, increasing.
-    pub nfe: ModelCalls,
+    /// Numbers of network calls, increasing.
+    pub nfe: NetworkCalls,
     /// Sample count of the endpoint to start from.
     #[schemars(range(min = 1))]
     pub from: u64,
@@ -83,7 +83,7 @@ pub struct RefinementParams {
     pub mirrors: Views,
     /// Channels of the G-buffer that are set to 0, to measure how much the solver uses them.
     pub blank: Blank,
-    /// What the network runs on; anything but the CPU makes outputs of this machine.
+    /// Device of the network; the outputs of a GPU depend on the machine.
     pub device: NetworkDevice,
     /// Number of measurements by `timing` per number of calls.
     #[schemars(range(min = 1, max = 1000))]
@@ -93,7 +93,7 @@ pub struct RefinementParams {
 impl Default for RefinementParams {
     fn default() -> Self {
         Self {
-            nfe: ModelCalls::default(),
+            nfe: NetworkCalls::default(),
             from: 1,
             grid: TimeGrid::Ladder,
             mirrors: Views::ONE,
@@ -111,7 +111,7 @@ const AFTER: Each<Any> =
 
 const MAIN: Group = Group::main(3);
 const MEASURED: Group = Group::new("timing", 3);
-const REFINED: Out<Refined> = Out::new(MAIN, "refined", "One image per number of model calls.");
+const REFINED: Out<Refined> = Out::new(MAIN, "refined", "One image per number of network calls.");
 const TIMING: Out<Timing> = Out::new(MEASURED, "timing", "Wall time of each number of calls, on all cores.").measured();
 
 impl Kind for Refinement {

@@ -29,17 +29,17 @@ pub struct NoReferenceScores;
 pub struct NoReferenceScoresParams {
     /// Manifests of ONNX models.
     pub models: Vec<String>,
-    /// Path of ONNX Runtime's library; none for what TAUFLOW_ONNXRUNTIME names.
+    /// Path of the ONNX Runtime library. Default: TAUFLOW_ONNXRUNTIME.
     pub runtime: Option<String>,
-    /// Words of the command line of a program that scores images; none for no program.
+    /// Command line of a program that scores images, as a list of words; empty for no program.
     pub command: Vec<String>,
-    /// True if it is an error that a file is missing; else its columns are left out with a note.
+    /// Fail if a file is missing, instead of omitting its columns with a note.
     pub required: bool,
 }
 
 const GENERATED: All<Generated> = All::new("generated", "The samples to score, in all their variants.");
 const SCORES: Out<SampleScores> =
-    Out::new(Group::main(1), "scores", "The scores of each image, and a note on what is missing.").local().single();
+    Out::new(Group::main(1), "scores", "The scores of each image, and a note on missing files.").local().single();
 
 impl Kind for NoReferenceScores {
     type Params = NoReferenceScoresParams;
