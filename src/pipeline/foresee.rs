@@ -161,7 +161,8 @@ impl Eye<'_> {
         let by_item = |at: &usize| node.spec.inputs[*at].takes == Takes::Item && !inputs[*at].is_empty();
         let ports: Vec<usize> = (0..inputs.len()).filter(by_item).collect();
         let Some((driving, others)) = ports.split_first() else { return vec![Vec::new(); node.spec.outputs.len()] };
-        for other in others {
+        // Items of an optional input may be missing.
+        for other in others.iter().filter(|other| !node.spec.inputs[**other].optional) {
             self.meet((*driving, &inputs[*driving]), (*other, &inputs[*other]));
         }
         // What is known of the items of each prefix.

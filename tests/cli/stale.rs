@@ -180,7 +180,7 @@ fn a_renderer_runs_again_when_a_module_that_it_imports_changes() {
         write_exr(&place.path(&format!("images/{value}.exr")), &[("", &image)]).expect("writable");
     }
     let rendered = |folder: &str| -> Vec<f32> {
-        place.tauflow(&["export", "small.yaml", "rendered", "-o", folder]).ends(0);
+        with(&place, &["export", "small.yaml", "rendered", "-o", folder], &[]).ends(0);
         let folders = fs::read_dir(place.path(folder)).expect("exported").filter_map(Result::ok);
         let files = folders.map(|entry| entry.path().join("mine-1-to-1-nfe-0.exr")).filter(|file| file.exists());
         files

@@ -171,7 +171,7 @@ fn foreseen(sources: &[Source], params: &TableParams) -> Vec<Foreseen> {
         }
     }
     let placed = |name: &str| params.rows.iter().chain(&params.columns).any(|own| own == name);
-    if !params.rows.is_empty() {
+    if !params.rows.is_empty() && problems.is_empty() {
         // Where no image is sure to be there, there may be no score with this value.
         let sure: Vec<_> =
             sources.iter().zip(&of).filter(|(source, _)| source.facts.get(facts::SPP).is_some()).collect();
