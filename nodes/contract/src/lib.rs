@@ -10,6 +10,7 @@ mod action;
 mod artifact;
 mod canonical;
 mod context;
+mod facts;
 mod files;
 mod key;
 mod kind;
@@ -28,6 +29,7 @@ pub use artifact::{
 };
 pub use canonical::canonical_bytes;
 pub use context::{Blobs, Context, MemoryBlobs, Progress, Silent};
+pub use facts::{At, Fact, Facts, Foreseen, Known, MOST_ITEMS, Named, Outlook, Source};
 pub use files::{FileTree, Files, Radiance, ReadFiles, WriteFiles};
 pub use key::{ActionKey, Basis, FORMAT_VERSION, MemoKey, derive_seed};
 pub use kind::{Kind, KindError, KindSpec, Mode, ParamProblem, SourceItem};

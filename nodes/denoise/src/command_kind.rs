@@ -165,7 +165,8 @@ impl Kind for CommandKind {
         let known = |name: &String| media(name).map(|row| row.name);
         let inputs = params.sources().filter_map(|(name, of, whole)| {
             let takes = if whole { Takes::Collection } else { Takes::Item };
-            Some(InputPort { name: interned(name), media: known(of)?, takes, optional: false, doc: "As declared." })
+            let (media, doc) = (known(of)?, "As declared.");
+            Some(InputPort { name: interned(name), media, takes, optional: false, single: false, doc })
         });
         let outputs = params.outputs.iter().filter_map(|(name, of)| {
             Some(OutputPort {
@@ -173,6 +174,7 @@ impl Kind for CommandKind {
                 media: known(of)?,
                 group: MAIN,
                 filter: false,
+                single: false,
                 determinism: params.determinism(),
                 publish: false,
                 doc: "As declared.",
@@ -221,6 +223,10 @@ impl Kind for CommandKind {
             found.extend(ports.iter().filter_map(|(name, media)| port_problem(of, name, media)));
         }
         found
+    }
+
+    fn missing(params: &Self::Params) -> Vec<ParamProblem> {
+        command::missing(&params.run, "/run", &params.depends)
     }
 
     fn environment(params: &Self::Params, _group: &str, probe: &dyn Probe) -> Option<Value> {

@@ -1,5 +1,6 @@
 #![doc = include_str!("table.md")]
 
+mod foreseen;
 mod tabulate;
 #[cfg(test)]
 mod tests;
@@ -11,7 +12,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use tauflow_contract::{
-    Action, All, Context, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem,
+    Action, All, Context, Group, Kind, KindError, KindSpec, Known, Media, Mode, Out, Outlook, Outputs, ParamProblem,
 };
 use tauflow_data::records::{AxisValue, METRICS, SceneScores, ScoreTable};
 
@@ -88,7 +89,7 @@ impl Default for TableParams {
 
 const SCORES: All<SceneScores> = All::new("scores", "Scores of images, by cell and item.");
 const TABLE: Out<ScoreTable> =
-    Out::new(Group::main(1), "table", "Means with intervals by axes, and all scores.").published();
+    Out::new(Group::main(1), "table", "Means with intervals by axes, and all scores.").single().published();
 
 impl Kind for TableKind {
     type Params = TableParams;
@@ -129,6 +130,10 @@ impl Kind for TableKind {
             }
         }
         problems
+    }
+
+    fn foresee(params: &Self::Params, known: &Known) -> Outlook {
+        Outlook::default().but(foreseen::foreseen(known.all(SCORES), params))
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {

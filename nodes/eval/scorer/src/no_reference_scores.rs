@@ -9,13 +9,13 @@ use crate::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, path::Path};
 use tauflow_contract::{
     Action, All, Context, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem, Probe,
 };
 use tauflow_data::{
     Image,
-    outside::{contents, identity},
+    outside::{contents, identity, program},
     records::{Generated, SampleRow, SampleScores},
     timing::machine,
 };
@@ -39,7 +39,7 @@ pub struct NoReferenceScoresParams {
 
 const GENERATED: All<Generated> = All::new("generated", "The samples to score, in all their variants.");
 const SCORES: Out<SampleScores> =
-    Out::new(Group::main(1), "scores", "The scores of each image, and a note on missing files.").local();
+    Out::new(Group::main(1), "scores", "The scores of each image, and a note on missing files.").local().single();
 
 impl Kind for NoReferenceScores {
     type Params = NoReferenceScoresParams;
@@ -62,6 +62,23 @@ impl Kind for NoReferenceScores {
         }
         let hint = "write for example `models: [models/clipiqa.json]`";
         vec![ParamProblem::new("/models", "there are neither `models` nor a `command`", hint)]
+    }
+
+    fn missing(params: &Self::Params) -> Vec<ParamProblem> {
+        let mut found = Vec::new();
+        // Without `required`, what is missing is left out with a note.
+        if !params.required {
+            return found;
+        }
+        let hint = "mend the path, or omit `required`; paths start at the working directory of tauflow";
+        for (place, manifest) in params.models.iter().enumerate().filter(|(_, path)| !Path::new(path).is_file()) {
+            let message = format!("there is no manifest `{manifest}` here");
+            found.push(ParamProblem::new(format!("/models/{place}"), message, hint));
+        }
+        if let Some(name) = params.command.first().filter(|name| program(name).is_none()) {
+            found.push(ParamProblem::new("/command/0", format!("there is no program `{name}` here"), hint));
+        }
+        found
     }
 
     fn environment(params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {

@@ -13,10 +13,10 @@ use tauflow_data::records::{
 };
 
 /// The axes that every score has, beside those of matrices.
-const METHOD: &str = "method";
-const SPP: &str = "spp";
-const NFE: &str = "nfe";
-const STRATUM: &str = "stratum";
+pub(super) const METHOD: &str = "method";
+pub(super) const SPP: &str = "spp";
+pub(super) const NFE: &str = "nfe";
+pub(super) const STRATUM: &str = "stratum";
 
 /// One score with its coordinates on all axes.
 struct Scored<'a> {
@@ -49,7 +49,7 @@ fn scored(scores: &[(ItemKey, SceneScores)]) -> Result<Vec<Scored<'_>>, KindErro
     Ok(out)
 }
 
-fn quoted(names: impl IntoIterator<Item = impl AsRef<str>>) -> String {
+pub(super) fn quoted(names: impl IntoIterator<Item = impl AsRef<str>>) -> String {
     names.into_iter().map(|name| format!("`{}`", name.as_ref())).collect::<Vec<_>>().join(", ")
 }
 

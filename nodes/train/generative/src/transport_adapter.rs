@@ -123,6 +123,11 @@ impl Kind for TransportAdapter {
         }
     }
 
+    fn work(params: &Self::Params, _group: &str) -> f64 {
+        let crop = params.crop as f64;
+        params.steps as f64 * params.batch as f64 * crop * crop
+    }
+
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let params = &action.params;
         let handle = action.handle(BACKBONES)?;
