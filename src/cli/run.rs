@@ -137,8 +137,19 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         ..RunOptions::default()
     };
     let mut record = RunRecord::begin(&pipeline, args.pipeline.file().0, args.pipeline.overrides());
-    let summary = engine::run(&pipeline, &store, &options, &stop, &|event| display.show(event));
-    display.end();
+    let begun = display.begun();
+    let summary = std::thread::scope(|scope| {
+        // Beside the run, as listing sources may take a while.
+        let (display, pipeline, store) = (&display, &pipeline, &store);
+        scope.spawn(move || {
+            if begun.recv().is_ok() {
+                display.expect(query::expected(pipeline, store));
+            }
+        });
+        let summary = engine::run(pipeline, store, &options, &stop, &|event| display.show(event));
+        display.end();
+        summary
+    });
     match &summary {
         Ok(summary) => record.end(summary),
         Err(error) => record.fail(error.to_string()),

@@ -165,7 +165,8 @@ impl Kind for CommandKind {
         let known = |name: &String| media(name).map(|row| row.name);
         let inputs = params.sources().filter_map(|(name, of, whole)| {
             let takes = if whole { Takes::Collection } else { Takes::Item };
-            Some(InputPort { name: interned(name), media: known(of)?, takes, optional: false, doc: "As declared." })
+            let (media, doc) = (known(of)?, "As declared.");
+            Some(InputPort { name: interned(name), media, takes, optional: false, single: false, doc })
         });
         let outputs = params.outputs.iter().filter_map(|(name, of)| {
             Some(OutputPort {
@@ -173,6 +174,7 @@ impl Kind for CommandKind {
                 media: known(of)?,
                 group: MAIN,
                 filter: false,
+                single: false,
                 determinism: params.determinism(),
                 publish: false,
                 doc: "As declared.",
@@ -223,6 +225,10 @@ impl Kind for CommandKind {
         found
     }
 
+    fn missing(params: &Self::Params) -> Vec<ParamProblem> {
+        command::missing(&params.run, "/run", &params.depends)
+    }
+
     fn environment(params: &Self::Params, _group: &str, probe: &dyn Probe) -> Option<Value> {
         let mut found = json!({
             "program": command::identity(&params.run),
@@ -249,7 +255,7 @@ impl Kind for CommandKind {
         let params = &action.params;
         command::check_depends(&params.depends)?;
         command::version(&params.version).map_err(KindError::Environment)?;
-        let work = Work { ctx, params, action };
+        let work = Invocation { ctx, params, action };
         let mut made = work.once()?;
         if params.reproducible == Reproducible::Everywhere {
             let mut again = work.once()?;
@@ -274,13 +280,13 @@ impl Kind for CommandKind {
 }
 
 /// A program at an item, or at all.
-struct Work<'a> {
+struct Invocation<'a> {
     ctx: &'a Context<'a>,
     params: &'a CommandParams,
     action: &'a Action<'a, CommandParams>,
 }
 
-impl Work<'_> {
+impl Invocation<'_> {
     fn failed(&self, what: &str) -> KindError {
         KindError::Environment(format!("the command `{}` {what}", self.params.run.join(" ")))
     }

@@ -10,11 +10,12 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::Path};
 use tauflow_contract::{
-    Action, Before, Context, Digest, Each, Group, ItemKey, Kind, KindError, KindSpec, Later, Media, Mode, Out, Outputs,
-    ParamProblem, Probe, Seen,
+    Action, Before, Context, Digest, Each, Facts, Group, ItemKey, Kind, KindError, KindSpec, Known, Later, Media, Mode,
+    Out, Outlook, Outputs, ParamProblem, Probe, Seen,
 };
 use tauflow_data::{
     Image, Resolution, Rungs, Scene,
+    facts::{FILM, NFE, SPP},
     image_io::read_exr,
     methods::MethodName,
     mitsuba::{self, Film},
@@ -103,6 +104,28 @@ impl Kind for ExternalRenderer {
         };
         let hint = "write for example `command: [python3, render.py, \"{scene}\", \"{counts}\", \"{folder}\"]`";
         problem.map(|problem| ParamProblem::new("/command", problem, hint)).into_iter().collect()
+    }
+
+    fn foresee(params: &Self::Params, _known: &Known) -> Outlook {
+        let film = [params.resolution.width(), params.resolution.height()];
+        let counts = params.required.then(|| params.counts.counts().to_vec());
+        let facts = Facts::default().with(FILM, film).with(NFE, vec![0]).with_some(SPP, counts);
+        Outlook::default().with(RENDERED, facts)
+    }
+
+    fn missing(params: &Self::Params) -> Vec<ParamProblem> {
+        let there = params.command.first().is_some_and(|name| command::program(name).is_some());
+        // Without the program the method is left out, with a note.
+        if params.required || there {
+            return command::missing(&params.command, "/command", &params.depends);
+        }
+        Vec::new()
+    }
+
+    fn work(params: &Self::Params, group: &str) -> f64 {
+        let pixels = (params.resolution.width() * params.resolution.height()) as f64;
+        let rounds = if group == TIMING { params.repeats + 1 } else { 1 };
+        pixels * params.counts.counts().iter().sum::<u64>() as f64 * rounds as f64
     }
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {

@@ -56,7 +56,7 @@ const TRAINING: All<PackedScene> =
 const SCORES: All<SampleScores> =
     All::new("scores", "Scores of the same samples by metrics that need no reference.").or_none();
 const QUALITY: Out<ImageQuality> =
-    Out::new(Group::main(2), "quality", "Scores by backbone and variant, gains and verdicts.");
+    Out::new(Group::main(2), "quality", "Scores by backbone and variant, gains and verdicts.").single();
 
 fn input(what: String) -> KindError {
     KindError::Input(what)

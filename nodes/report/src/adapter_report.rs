@@ -41,10 +41,10 @@ impl Default for AdapterReportParams {
     }
 }
 
-const QUALITY: All<ImageQuality> = All::new("quality", "Scores, gains and verdicts.");
+const QUALITY: All<ImageQuality> = All::new("quality", "Scores, gains and verdicts.").single();
 const GENERATED: All<Generated> = All::new("generated", "The samples, for the images.").or_none();
 const PAGE: Out<Files> =
-    Out::new(Group::main(2), "report", "The page, and its figures as JSON, CSV and PNG.").published();
+    Out::new(Group::main(2), "report", "The page, and its figures as JSON, CSV and PNG.").single().published();
 
 impl Kind for AdapterReport {
     type Params = AdapterReportParams;
@@ -52,7 +52,7 @@ impl Kind for AdapterReport {
     fn spec() -> KindSpec {
         KindSpec {
             name: "adapter_report",
-            summary: "Shows what an adapter does to frozen generative backbones: a page, JSON, CSV and pictures.",
+            summary: "Reports the effect of transport adapters on generative backbones: a page, JSON, CSV and images.",
             manual: include_str!("adapter_report.md"),
             mode: Mode::Gather,
             inputs: vec![QUALITY.port(), GENERATED.port()],

@@ -106,6 +106,11 @@ impl Kind for Generation {
         vec![ParamProblem::new("/variants", "a variant is named twice", "name each once")]
     }
 
+    fn work(params: &Self::Params, _group: &str) -> f64 {
+        let ways = (1 + params.variants.len()) as f64;
+        params.samples as f64 * (params.ddpm_steps + params.rectified_flow_steps) as f64 * ways
+    }
+
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let params = &action.params;
         let backbones = action.all(BACKBONES)?;

@@ -116,6 +116,10 @@ impl Kind for GenerativeTraining {
         vec![ParamProblem::new("/width", format!("{} is no multiple of {GROUPS}", params.width), hint)]
     }
 
+    fn work(params: &Self::Params, _group: &str) -> f64 {
+        params.steps as f64 * params.batch as f64
+    }
+
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let params = &action.params;
         let scenes = action.all(TRAIN)?;

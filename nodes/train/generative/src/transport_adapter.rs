@@ -114,13 +114,18 @@ impl Kind for TransportAdapter {
     fn spec() -> KindSpec {
         KindSpec {
             name: "transport_adapter",
-            summary: "Trains an adapter that corrects a frozen generative backbone by what rendering has to say.",
+            summary: "Trains an adapter that corrects a frozen generative backbone with residuals of renders.",
             manual: include_str!("transport_adapter.md"),
             mode: Mode::Map,
             inputs: vec![BACKBONES.port(), TRAIN.port()],
             outputs: vec![ADAPTER.port(), LOG.port(), TIMING.port()],
             seeded: true,
         }
+    }
+
+    fn work(params: &Self::Params, _group: &str) -> f64 {
+        let crop = params.crop as f64;
+        params.steps as f64 * params.batch as f64 * crop * crop
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
