@@ -11,6 +11,8 @@ mod exec;
 mod explain;
 mod export;
 mod inspect;
+mod notify;
+mod page;
 mod plan;
 mod progress;
 mod refine;
@@ -20,6 +22,7 @@ mod run;
 mod runs;
 mod scene;
 mod setup;
+mod status;
 mod terminal;
 mod tev;
 mod upstream;
@@ -108,6 +111,8 @@ struct Cli {
 enum Command {
     /// Bring the targets of a pipeline up to date.
     Run(run::RunArgs),
+    /// Show which runs are going, from another terminal: what is done, what runs, what failed.
+    Status(status::StatusArgs),
     /// List the recorded runs of a cache.
     Runs(runs::RunsArgs),
     /// Compare two runs: params, outputs, metrics and times.
@@ -204,12 +209,13 @@ pub fn main() -> ExitCode {
     let cache = CacheAt(cli.cache);
     let result = match cli.command {
         Command::Run(args) => run::run(&args, &registry, &cache),
+        Command::Status(args) => status::status(&args, &cache),
         Command::Runs(args) => runs::runs(&args, &cache),
         Command::Diff(args) => runs::diff(&args, &cache),
         Command::Plan(args) => plan::plan(&args, &registry, &cache),
         Command::Explain(args) => explain::explain(&args, &registry, &cache),
         Command::Check(args) => inspect::check(&args, &registry),
-        Command::Graph(args) => inspect::graph(&args, &registry),
+        Command::Graph(args) => inspect::graph(&args, &registry, &cache),
         Command::Kinds(args) => inspect::kinds(&args, &registry),
         Command::Schema => inspect::schema(&registry),
         Command::Init(args) => setup::init(&args, &registry),

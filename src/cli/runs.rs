@@ -17,6 +17,12 @@ pub(crate) struct RunsArgs {
     /// Print one complete record per line, as JSON.
     #[arg(long)]
     json: bool,
+    /// Delete old records. Of each pipeline, the latest ones stay, and the latest complete one that did some work.
+    #[arg(long, conflicts_with = "json")]
+    prune: bool,
+    /// Number of records of each pipeline that --prune keeps.
+    #[arg(long, value_name = "N", default_value_t = 50, requires = "prune")]
+    keep: usize,
 }
 
 /// Arguments of `diff`.
@@ -42,7 +48,7 @@ impl From<RunsError> for CliError {
 }
 
 /// The records of the cache; damaged ones are named.
-fn records(cache: &CacheAt) -> Result<Vec<RunRecord>, CliError> {
+pub(super) fn records(cache: &CacheAt) -> Result<Vec<RunRecord>, CliError> {
     let (records, damaged) = runs::read_all(&cache.folder())?;
     damaged.iter().for_each(|damaged| eprintln!("warning: {damaged}"));
     Ok(records)
@@ -53,6 +59,13 @@ pub(crate) fn runs(args: &RunsArgs, cache: &CacheAt) -> Result<Exit, CliError> {
     let mut records = records(cache)?;
     if let Some(wanted) = &args.pipeline {
         records = runs::of_pipeline(records, wanted)?;
+    }
+    if args.prune {
+        let gone = runs::superfluous(&records, args.keep);
+        runs::prune(&cache.folder(), &gone)?;
+        let (deleted, kept) = (counted(gone.len() as u64, "record"), records.len() - gone.len());
+        outln!("deleted {deleted} of runs, kept {kept}");
+        return Ok(Exit::Done);
     }
     let left_out = records.len().saturating_sub(args.last);
     let shown = &records[left_out..];

@@ -1,7 +1,7 @@
 //! The state of a run, node by node, counted from its events.
 
 use crate::engine::event::{Ended, Event, Name};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,
     time::{Duration, Instant},
@@ -52,7 +52,7 @@ impl LongAction {
 }
 
 /// Numbers of a node's actions.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Counts {
     /// Known of.
     pub expected: u64,
@@ -84,7 +84,9 @@ impl RunState {
     /// Counts an event; the node whose standing it changed.
     pub fn count(&mut self, event: &Event) -> Option<Name> {
         let name = match event {
-            Event::Started { .. } | Event::Finished { .. } | Event::Warning { .. } => return None,
+            Event::Started { .. } | Event::Finished { .. } | Event::Warning { .. } | Event::Failed { .. } => {
+                return None;
+            }
             Event::Healing { .. } => {
                 self.nodes.clear();
                 return None;

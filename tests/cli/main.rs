@@ -17,6 +17,7 @@ mod rendering;
 mod runs;
 mod schema;
 mod stale;
+mod status;
 mod upstreams;
 mod validator;
 mod words;
