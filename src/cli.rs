@@ -6,6 +6,7 @@ mod output;
 
 mod alone;
 mod cache;
+mod checkpoints;
 mod descendants;
 mod exec;
 mod explain;
@@ -133,6 +134,8 @@ enum Command {
     Init(setup::InitArgs),
     /// Write the results of a node as EXR, PNG and JSON files.
     Export(export::ExportArgs),
+    /// List the trained weights of a pipeline, or write them as safetensors files.
+    Checkpoints(checkpoints::CheckpointsArgs),
     /// Render a scene.
     Render(Box<render::RenderArgs>),
     /// Denoise a rendered image with a trained solver.
@@ -222,6 +225,7 @@ pub fn main() -> ExitCode {
         Command::Completions(args) => setup::completions(&args, &mut Cli::command()),
         Command::Man(args) => setup::man(&args, Cli::command()),
         Command::Export(args) => export::export(&args, &registry, &cache),
+        Command::Checkpoints(args) => checkpoints::checkpoints(&args, &registry, &cache),
         Command::Refine(args) => refine::refine(&args),
         Command::Render(args) => render::render(&args, &registry, &cache),
         Command::Scene(command) => scene::scene(&command, &registry, &cache),

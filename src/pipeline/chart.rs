@@ -264,7 +264,7 @@ pub fn escaped(text: &str) -> String {
 
 /// The layer of each node: the longest path from a source. Sources stand just before what reads them.
 fn layers(nodes: &[Node], edges: &[Edge]) -> Vec<usize> {
-    let mut layer = vec![0; nodes.len()];
+    let mut layer = vec![0usize; nodes.len()];
     // Nodes stand after all that they read, and edges are sorted by where they come from.
     for node in 0..nodes.len() {
         let reads = edges.iter().filter(|edge| edge.to == node);

@@ -20,10 +20,7 @@ use crate::{
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
-    sync::{
-        Arc, Condvar, Mutex, MutexGuard, PoisonError,
-        mpsc::{self, Receiver},
-    },
+    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
     thread::{self, JoinHandle},
     time::{Duration, Instant},
 };
@@ -70,7 +67,6 @@ pub struct Observer {
     shared: Arc<Shared>,
     page: Arc<PageFile>,
     writer: Option<JoinHandle<()>>,
-    notes: Receiver<String>,
 }
 
 struct Shared {
@@ -96,6 +92,8 @@ struct Seen {
     changed: bool,
     /// Something ran or failed.
     worked: bool,
+    /// What could not be written.
+    notes: Vec<String>,
     over: bool,
 }
 
@@ -205,7 +203,7 @@ impl Shared {
     }
 
     /// Writes until the run has ended.
-    fn write(&self, cache: &Path, page: &PageFile, note: &dyn Fn(String)) {
+    fn write(&self, cache: &Path, page: &PageFile) {
         let (mut stated, mut paged): (Option<Instant>, Option<Instant>) = (None, None);
         let (mut said_state, mut said_page) = (false, false);
         loop {
@@ -231,7 +229,7 @@ impl Shared {
                 && !said_state
             {
                 said_state = true;
-                note(format!("`tauflow status` cannot show this run: {error}"));
+                self.seen().notes.push(format!("`tauflow status` cannot show this run: {error}"));
             }
             if let Some(timeline) = timeline {
                 paged = Some(Instant::now());
@@ -240,7 +238,7 @@ impl Shared {
                     && !said_page
                 {
                     said_page = true;
-                    note(format!("the page of this run is not up to date: {error}"));
+                    self.seen().notes.push(format!("the page of this run is not up to date: {error}"));
                 }
             }
         }
@@ -274,16 +272,14 @@ impl Observer {
             failed: 0,
             changed: true,
             worked: false,
+            notes: Vec::new(),
             over: false,
         };
         let shared = Arc::new(Shared { seen: Mutex::new(seen), ended: Condvar::new() });
-        let (tell, notes) = mpsc::channel();
-        // Nobody reads the notes of a run that panicked.
-        let note = move |note| drop(tell.send(note));
         let page = Arc::new(page);
         let (writing, written) = (shared.clone(), page.clone());
-        let writer = thread::Builder::new().spawn(move || writing.write(&cache, &written, &note)).ok();
-        Self { shared, page, writer, notes }
+        let writer = thread::Builder::new().spawn(move || writing.write(&cache, &written)).ok();
+        Self { shared, page, writer }
     }
 
     /// Takes an event in.
@@ -294,8 +290,8 @@ impl Observer {
     /// Writes the page once more, with how the run ended; what could not be written, for people.
     pub fn conclude(mut self, record: &RunRecord, published: &[PathBuf]) -> Vec<String> {
         self.stop();
-        let mut notes: Vec<String> = self.notes.try_iter().collect();
-        let seen = self.shared.seen();
+        let mut seen = self.shared.seen();
+        let mut notes = std::mem::take(&mut seen.notes);
         if seen.worked || !self.page.path.exists() {
             let state = seen.state();
             let shown = Shown { state: &state, timeline: &seen.timeline, ended: Some(record), published };
