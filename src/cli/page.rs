@@ -38,6 +38,7 @@ pre{white-space:pre-wrap;overflow-wrap:anywhere;background:#f6f8fa;padding:.5rem
 ul{padding-left:1.2rem;overflow-wrap:anywhere}.timeline{min-width:40rem;width:100%;height:auto;display:block}
 .key{display:flex;flex-wrap:wrap;gap:.2rem .9rem;font-size:.8rem;margin:.4rem 0}
 .key i{display:inline-block;width:.8rem;height:.8rem;border-radius:.15rem;margin-right:.3rem;vertical-align:-1px}
+@media(max-width:40rem){.bar{width:2.5rem}td,th{padding:.15rem .35rem}}
 ";
 
 /// Says that the run is silent if the page is old, which only the browser can know.
@@ -175,7 +176,11 @@ impl Page {
             let some = |n: u64| if n == 0 { String::new() } else { n.to_string() };
             let left = counts.expected.saturating_sub(counts.done()).saturating_sub(counts.running);
             let open = !node.known && shown.ended.is_none();
-            let left = if open { format!("{left}+") } else { some(left) };
+            let left = match (open, left) {
+                (true, 0) => "?".to_owned(),
+                (true, _) => format!("{left}+"),
+                _ => some(left),
+            };
             let share = if counts.expected == 0 { 0.0 } else { counts.done() as f64 / counts.expected as f64 };
             let _ = writeln!(
                 out,

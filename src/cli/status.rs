@@ -167,8 +167,13 @@ fn row(node: &LiveNode) -> Vec<String> {
     let counts = &node.counts;
     let some = |n: u64| if n == 0 { String::new() } else { n.to_string() };
     let left = counts.expected.saturating_sub(counts.done()).saturating_sub(counts.running);
-    let more = if node.known { "" } else { "+" };
-    let to_do = if left == 0 && node.known { String::new() } else { format!("{left}{more}") };
+    let to_do = match (node.known, left) {
+        (true, 0) => String::new(),
+        (true, _) => left.to_string(),
+        // More may follow.
+        (false, 0) => "?".to_owned(),
+        (false, _) => format!("{left}+"),
+    };
     let time = if node.spent_s > 0.0 { seconds_text(node.spent_s) } else { String::new() };
     let failed = some(counts.failed + counts.blocked);
     vec![node.node.clone(), (counts.hit + counts.ran).to_string(), some(counts.running), to_do, failed, time]
