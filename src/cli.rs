@@ -172,10 +172,17 @@ pub(crate) struct PipelineArgs {
 }
 
 impl PipelineArgs {
+    fn options(&self) -> pipeline::Options {
+        pipeline::Options { profile: self.profile.clone(), sets: self.sets.clone(), targets: self.targets.clone() }
+    }
+
     fn resolve(&self, registry: &Registry) -> Result<Pipeline, CliError> {
-        let options =
-            pipeline::Options { profile: self.profile.clone(), sets: self.sets.clone(), targets: self.targets.clone() };
-        Ok(pipeline::resolve(&self.pipeline, registry, &options)?)
+        Ok(pipeline::resolve(&self.pipeline, registry, &self.options())?)
+    }
+
+    /// The same, with a look at the files, folders and programs that the targets need.
+    fn check(&self, registry: &Registry) -> Result<Pipeline, CliError> {
+        Ok(pipeline::check(&self.pipeline, registry, &self.options())?)
     }
 
     /// The pipeline file and the profile.

@@ -29,6 +29,7 @@ mod transient;
 pub use event::Summary;
 pub use executor::ChildCommand;
 pub use lanes::Only;
+pub(crate) use lanes::target_ports;
 pub use records::{ACTION, PIPELINE, ROLLUP, SHARD, now};
 pub use sharded::Listed;
 

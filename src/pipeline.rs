@@ -4,7 +4,9 @@
 pub mod chart;
 pub mod draw;
 mod file;
+mod foresee;
 mod node;
+mod outside;
 mod overrides;
 mod read;
 pub mod reference;
@@ -15,7 +17,7 @@ mod values;
 mod wire;
 pub mod yaml;
 
-pub use resolve::{Options, resolve, resolve_text};
+pub use resolve::{Options, check, resolve, resolve_text};
 
 use crate::ids::{Id, PortId};
 use serde_json::Value;

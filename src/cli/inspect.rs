@@ -42,7 +42,7 @@ pub(crate) struct KindsArgs {
 }
 
 pub(crate) fn check(args: &PipelineArgs, registry: &Registry) -> Result<Exit, CliError> {
-    let pipeline = args.resolve(registry)?;
+    let pipeline = args.check(registry)?;
     outln!("{}: no problems; {} nodes, {} cells", args.pipeline.display(), pipeline.nodes.len(), pipeline.cells.len());
     Ok(Exit::Done)
 }

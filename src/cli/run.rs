@@ -150,11 +150,22 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     let recorded = record.write(&cache.folder()).map_err(unrecorded).is_ok();
     let page = page(args, &pipeline, &record, cache);
     let observer = recorded.then(|| Observer::start(&pipeline, &record, cache.folder(), page));
-    let summary = engine::run(&pipeline, &store, &options, &stop, &|event| {
-        display.show(event);
-        observer.iter().for_each(|observer| observer.observe(event));
+    let begun = display.begun();
+    let summary = std::thread::scope(|scope| {
+        // Beside the run, as listing sources may take a while.
+        let (display, pipeline, store, observer) = (&display, &pipeline, &store, &observer);
+        scope.spawn(move || {
+            if begun.recv().is_ok() {
+                display.expect(query::expected(pipeline, store));
+            }
+        });
+        let summary = engine::run(pipeline, store, &options, &stop, &|event| {
+            display.show(event);
+            observer.iter().for_each(|observer| observer.observe(event));
+        });
+        display.end();
+        summary
     });
-    display.end();
     match &summary {
         Ok(summary) => record.end(summary),
         Err(error) => record.fail(error.to_string()),

@@ -4,6 +4,8 @@ mod adding_a_kind;
 mod alone;
 mod caches;
 mod errors;
+mod exports;
+mod foresight;
 mod inspect;
 mod locks;
 mod looking;

@@ -46,7 +46,7 @@ fn an_image_of_any_renderer_is_refined() {
     };
     let read = |name: &str| read_exr(&place.path(name)).expect("an EXR").remove("").expect("unnamed");
     let said = refine("rgb", &["--nfe", "3", "-o", "out.exr"]).ends(0);
-    assert!(said.out == "out.exr\n" && said.err.starts_with("2 spp -> 8 spp in 3 model calls"), "{}", said.err);
+    assert!(said.out == "out.exr\n" && said.err.starts_with("2 spp -> 8 spp in 3 network calls"), "{}", said.err);
     let (before, after) = (read("in.exr"), read("out.exr"));
     assert!(after.same_shape(&before) && after != before && after.data().iter().all(|v| v.is_finite()));
     refine("rgb", &["--nfe", "3", "-o", "again.exr"]).ends(0);

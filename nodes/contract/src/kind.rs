@@ -1,6 +1,9 @@
 //! Node kinds: their description, and the trait that authors implement.
 
-use crate::{Action, Context, Determinism, Group, InputPort, ItemKey, Later, OutputPort, Outputs, Probe, derive_seed};
+use crate::{
+    Action, Context, Determinism, Group, InputPort, ItemKey, Known, Later, Outlook, OutputPort, Outputs, Probe,
+    derive_seed,
+};
 use schemars::JsonSchema;
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
@@ -132,6 +135,26 @@ pub trait Kind: Send + Sync + 'static {
 
     /// Problems that the schema cannot express, such as a minimum above a maximum.
     fn check(_params: &Self::Params) -> Vec<ParamProblem> {
+        Vec::new()
+    }
+
+    /// What is known of the outputs before anything runs, and reasons why all actions are sure to fail.
+    ///
+    /// Both follow from the params and from what is known of the inputs: of one item for a map, of all collections for
+    /// others. What is not known is no reason. The default knows nothing.
+    fn foresee(_params: &Self::Params, _known: &Known) -> Outlook {
+        Outlook::default()
+    }
+
+    /// The work of an action of a group, in any unit: times of earlier actions are scaled by it to estimate others. As
+    /// with [`Kind::environment`], only projected params may decide. The default is the same for all.
+    fn work(_params: &Self::Params, _group: &str) -> f64 {
+        1.0
+    }
+
+    /// What the params name on this machine and what is not there, such as a program: asked for by `check`, which lists
+    /// the items of sources besides. It starts no program. Files without which the node only does less are no problem.
+    fn missing(_params: &Self::Params) -> Vec<ParamProblem> {
         Vec::new()
     }
 

@@ -36,7 +36,7 @@ pub struct ImageQualityKind;
 pub struct ImageQualityParams {
     /// The score that decides the verdicts: mmd, swd, niqe, or one of the connected `scores`.
     pub judged_by: String,
-    /// Resamples of the bootstrap.
+    /// Number of bootstrap resamples.
     #[schemars(range(min = 100, max = 100_000))]
     pub resamples: u64,
 }
@@ -49,13 +49,14 @@ impl Default for ImageQualityParams {
 
 const GENERATED: All<Generated> = All::new("generated", "The samples, of one backbone or several.");
 const REFERENCES: All<PackedScene> =
-    All::new("references", "Held-out scenes; their last rungs are the clean renders to compare with.");
+    All::new("references", "Held-out scenes; their last rungs are the clean renders for the comparison.");
 const TRAINING: All<PackedScene> =
-    All::new("training", "Scenes of the training set: units of features, NIQE's model, Gaussian images.").or_none();
+    All::new("training", "Training set: for the normalisation of features, the model of NIQE, and Gaussian images.")
+        .or_none();
 const SCORES: All<SampleScores> =
     All::new("scores", "Scores of the same samples by metrics that need no reference.").or_none();
 const QUALITY: Out<ImageQuality> =
-    Out::new(Group::main(1), "quality", "Scores by backbone and variant, gains and verdicts.");
+    Out::new(Group::main(1), "quality", "Scores by backbone and variant, gains and verdicts.").single();
 
 fn input(what: String) -> KindError {
     KindError::Input(what)
