@@ -287,9 +287,9 @@ fn lay_out(nodes: &[Node], edges: &[Edge]) -> Layout {
     (0..nodes.len()).for_each(|node| rows[layer[node]].push(Member::Box(node)));
     let mut passing = BTreeSet::new();
     for edge in edges {
-        for between in layer[edge.from] + 1..layer[edge.to] {
+        for (between, row) in rows.iter_mut().enumerate().take(layer[edge.to]).skip(layer[edge.from] + 1) {
             if passing.insert((edge.from, edge.output, between)) {
-                rows[between].push(Member::Pass(edge.from, edge.output));
+                row.push(Member::Pass(edge.from, edge.output));
             }
         }
     }

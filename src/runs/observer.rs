@@ -15,7 +15,7 @@ use crate::{
         publish,
     },
     pipeline::Pipeline,
-    query::RunState,
+    query::{NodeState, RunState},
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -169,7 +169,7 @@ impl Seen {
         let node = |(name, kind): &(Name, String)| LiveNode {
             node: name.to_string(),
             kind: kind.clone(),
-            counts: self.counts.node(name).map(|node| node.counts()).unwrap_or_default(),
+            counts: self.counts.node(name).map(NodeState::counts).unwrap_or_default(),
             known: self.counts.standing(name).0,
             spent_s: self.spent_s.get(name).copied().unwrap_or(0.0),
         };
