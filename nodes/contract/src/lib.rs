@@ -38,7 +38,7 @@ pub use media::{Any, Handle, Items, Media, MediaRow, RECORD_FILE, Stored, parse_
 pub use names::interned;
 pub use port::{All, Determinism, Each, Group, InputPort, Out, OutputPort, Takes};
 pub use probe::{Act, Look, Probe};
-pub use regular::{open_regular, read_regular};
+pub use regular::{file_digest, open_regular, read_regular};
 pub use row::{KindRow, NodeKind, Projection};
 pub use seen::{
     Asked, CHANGED, MISSING, PROGRAM_VARIABLES, Seen, Sight, Stamp, leave_out_of_sights, left_out_of_sights,

@@ -255,7 +255,7 @@ impl Kind for CommandKind {
         let params = &action.params;
         command::check_depends(&params.depends)?;
         command::version(&params.version).map_err(KindError::Environment)?;
-        let work = Work { ctx, params, action };
+        let work = Invocation { ctx, params, action };
         let mut made = work.once()?;
         if params.reproducible == Reproducible::Everywhere {
             let mut again = work.once()?;
@@ -280,13 +280,13 @@ impl Kind for CommandKind {
 }
 
 /// A program at an item, or at all.
-struct Work<'a> {
+struct Invocation<'a> {
     ctx: &'a Context<'a>,
     params: &'a CommandParams,
     action: &'a Action<'a, CommandParams>,
 }
 
-impl Work<'_> {
+impl Invocation<'_> {
     fn failed(&self, what: &str) -> KindError {
         KindError::Environment(format!("the command `{}` {what}", self.params.run.join(" ")))
     }

@@ -37,7 +37,7 @@ impl Default for LadderMetricsParams {
 
 const LADDERS: Each<Ladder> = Each::new("ladders", "The ladders to score.");
 const REFERENCES: Each<Ladder> =
-    Each::new("references", "Ladders of the same scenes from another stream; the last rung is the reference.");
+    Each::new("references", "Ladders of the same scenes from a different stream; the last rung is the reference.");
 const EXPOSURE: Each<Exposure> =
     Each::new("exposure", "The exposure of the same scenes. Default: computed from the reference.").or_none();
 const METRICS: Out<SceneScores> = Out::new(Group::main(1), "metrics", "The metrics of each rung of a scene's ladder.");

@@ -172,7 +172,7 @@ impl Kind for LadderRendering {
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let work = Work { ctx, scene: action.handle(SCENES)?, params: &action.params, world: OnceCell::new() };
+        let work = SceneRender { ctx, scene: action.handle(SCENES)?, params: &action.params, world: OnceCell::new() };
         let outputs = Outputs::default();
         if action.group == TIMINGS.name {
             Ok(outputs.put(TIMING, work.timing()?.store(ctx)?))
@@ -185,14 +185,14 @@ impl Kind for LadderRendering {
 }
 
 /// One scene to render.
-struct Work<'a> {
+struct SceneRender<'a> {
     ctx: &'a Context<'a>,
     scene: Handle<'a, SceneRecord>,
     params: &'a LadderRenderingParams,
     world: OnceCell<World>,
 }
 
-impl Work<'_> {
+impl SceneRender<'_> {
     fn new_world(&self) -> Result<World, KindError> {
         let scene = SceneRecord::scene(self.ctx, self.scene)?;
         World::new(&scene, &mut |digest: &Digest| self.ctx.get(digest))

@@ -52,7 +52,7 @@ impl Kind for AdapterReport {
     fn spec() -> KindSpec {
         KindSpec {
             name: "adapter_report",
-            summary: "Shows what an adapter does to frozen generative backbones: a page, JSON, CSV and pictures.",
+            summary: "Reports the effect of transport adapters on generative backbones: a page, JSON, CSV and images.",
             manual: include_str!("adapter_report.md"),
             mode: Mode::Gather,
             inputs: vec![QUALITY.port(), GENERATED.port()],

@@ -4,7 +4,7 @@ use crate::{
     manifest::Files,
     onnx::{self, Onnx},
     program::Program,
-    scorer::{Found, Scorer},
+    scorer::{Scorer, Search},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -47,7 +47,7 @@ impl Kind for NoReferenceScores {
     fn spec() -> KindSpec {
         KindSpec {
             name: "no_reference_scores",
-            summary: "Scores generated images by models and programs of yours, such as CLIPIQA.",
+            summary: "Scores generated images with your own models and programs, such as CLIPIQA.",
             manual: include_str!("no_reference_scores.md"),
             mode: Mode::Gather,
             inputs: vec![GENERATED.port()],
@@ -126,17 +126,17 @@ impl Kind for NoReferenceScores {
 
 /// Takes a scorer that is there; notes what is missing of one that is not.
 fn take<S: Scorer + 'static>(
-    found: Found<S>,
+    found: Search<S>,
     required: bool,
     scorers: &mut Vec<Box<dyn Scorer>>,
     notes: &mut Vec<String>,
 ) -> Result<(), KindError> {
     match found {
-        Found::Here(scorer) => scorers.push(Box::new(scorer)),
-        Found::Missing(what) if required => {
+        Search::Here(scorer) => scorers.push(Box::new(scorer)),
+        Search::Missing(what) if required => {
             return Err(KindError::Environment(format!("{what}; or say `required: false`")));
         }
-        Found::Missing(what) => notes.push(format!("scores are left out: {what}")),
+        Search::Missing(what) => notes.push(format!("scores are left out: {what}")),
     }
     Ok(())
 }

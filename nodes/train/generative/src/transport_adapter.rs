@@ -114,7 +114,7 @@ impl Kind for TransportAdapter {
     fn spec() -> KindSpec {
         KindSpec {
             name: "transport_adapter",
-            summary: "Trains an adapter that corrects a frozen generative backbone by what rendering has to say.",
+            summary: "Trains an adapter that corrects a frozen generative backbone with residuals of renders.",
             manual: include_str!("transport_adapter.md"),
             mode: Mode::Map,
             inputs: vec![BACKBONES.port(), TRAIN.port()],
