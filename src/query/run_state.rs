@@ -182,19 +182,22 @@ impl RunState {
             let node = self.nodes.get(name.as_str());
             let known = reads.iter().all(|read| ended[*read]);
             let counts = node.map(NodeState::counts).unwrap_or_default();
-            let done = known && counts.done() == counts.expected;
-            ended.push(done);
             let Expected { actions, seconds } = expected.get(place).copied().unwrap_or_default();
             if actions == 0.0 && node.is_none() {
-                continue; // nobody needs it
+                ended.push(true); // nobody needs it
+                continue;
             }
+            // A node of which nothing was heard yet is still to be listed.
+            let done = known && node.is_some() && counts.done() == counts.expected;
+            ended.push(done);
             overall.nodes += 1;
             overall.done += usize::from(done);
             overall.known &= known;
             if done && counts.ran == 0 {
                 continue;
             }
-            let total = if known { counts.expected as f64 } else { actions.max(counts.expected as f64) };
+            let counted = known && node.is_some();
+            let total = if counted { counts.expected as f64 } else { actions.max(counts.expected as f64) };
             let position = node.map_or(0.0, NodeState::position);
             let still = (total - position).max(0.0);
             let Some(each) = seconds else {
