@@ -6,11 +6,14 @@ mod output;
 
 mod alone;
 mod cache;
+mod checkpoints;
 mod descendants;
 mod exec;
 mod explain;
 mod export;
 mod inspect;
+mod notify;
+mod page;
 mod plan;
 mod progress;
 mod refine;
@@ -20,6 +23,7 @@ mod run;
 mod runs;
 mod scene;
 mod setup;
+mod status;
 mod terminal;
 mod tev;
 mod upstream;
@@ -108,6 +112,8 @@ struct Cli {
 enum Command {
     /// Bring the targets of a pipeline up to date.
     Run(run::RunArgs),
+    /// Show which runs are going, from another terminal: what is done, what runs, what failed.
+    Status(status::StatusArgs),
     /// List the recorded runs of a cache.
     Runs(runs::RunsArgs),
     /// Compare two runs: params, outputs, metrics and times.
@@ -128,6 +134,8 @@ enum Command {
     Init(setup::InitArgs),
     /// Write the results of a node as EXR, PNG and JSON files.
     Export(export::ExportArgs),
+    /// List the trained weights of a pipeline, or write them as safetensors files.
+    Checkpoints(checkpoints::CheckpointsArgs),
     /// Render a scene.
     Render(Box<render::RenderArgs>),
     /// Denoise a rendered image with a trained solver.
@@ -211,18 +219,20 @@ pub fn main() -> ExitCode {
     let cache = CacheAt(cli.cache);
     let result = match cli.command {
         Command::Run(args) => run::run(&args, &registry, &cache),
+        Command::Status(args) => status::status(&args, &cache),
         Command::Runs(args) => runs::runs(&args, &cache),
         Command::Diff(args) => runs::diff(&args, &cache),
         Command::Plan(args) => plan::plan(&args, &registry, &cache),
         Command::Explain(args) => explain::explain(&args, &registry, &cache),
         Command::Check(args) => inspect::check(&args, &registry),
-        Command::Graph(args) => inspect::graph(&args, &registry),
+        Command::Graph(args) => inspect::graph(&args, &registry, &cache),
         Command::Kinds(args) => inspect::kinds(&args, &registry),
         Command::Schema => inspect::schema(&registry),
         Command::Init(args) => setup::init(&args, &registry),
         Command::Completions(args) => setup::completions(&args, &mut Cli::command()),
         Command::Man(args) => setup::man(&args, Cli::command()),
         Command::Export(args) => export::export(&args, &registry, &cache),
+        Command::Checkpoints(args) => checkpoints::checkpoints(&args, &registry, &cache),
         Command::Refine(args) => refine::refine(&args),
         Command::Render(args) => render::render(&args, &registry, &cache),
         Command::Scene(command) => scene::scene(&command, &registry, &cache),

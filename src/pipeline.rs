@@ -1,6 +1,7 @@
 //! Pipelines: a file as written, with positions (`file`, `values`, `overrides`, `node`), and [`Pipeline`] as resolved:
 //! valid, named values put in, defaults filled, matrices expanded. Later code does not validate again.
 
+pub mod chart;
 pub mod draw;
 mod file;
 mod foresee;

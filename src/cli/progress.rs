@@ -194,7 +194,7 @@ impl Display {
             Some(bars) => {
                 let (overall, text) = text(state);
                 let bar = state.overall.get_or_insert_with(|| {
-                    bars.add(ProgressBar::new(0).with_style(style("{prefix:18!} {bar:24.green/dim} {wide_msg}")))
+                    bars.add(ProgressBar::new(0).with_style(style("{prefix} {bar:20.green/dim} {wide_msg}")))
                 });
                 bar.set_prefix("all");
                 bar.set_length(overall.nodes as u64);
@@ -244,7 +244,7 @@ impl Display {
                     let last = |shown: &Shown| shown.parts.values().last().or(shown.bar.as_ref()).cloned();
                     let place = state.order.iter().position(|node| node == name).unwrap_or(0);
                     let before = state.order[..place].iter().rev().find_map(|node| shown(node).and_then(last));
-                    let bar = ProgressBar::new(0).with_style(style("{prefix:18!} {bar:24.cyan/dim} {wide_msg}"));
+                    let bar = ProgressBar::new(0).with_style(style("{prefix:18!} {bar:12.cyan/dim} {wide_msg}"));
                     let bar = match before {
                         Some(before) => bars.insert_after(&before, bar),
                         None => bars.insert(0, bar),
@@ -311,7 +311,7 @@ mod tests {
         assert_eq!(overall_text(overall, seconds), "3/12 nodes done, 65.0 s, up to 90.0 s to go");
         let known = Overall { known: true, ..overall };
         assert_eq!(overall_text(known, seconds), "3/12 nodes done, 65.0 s, about 90.0 s to go");
-        // The prefix and the bar take 44 columns of 80.
+        // Its name and its bar take 25 of 80 columns.
         let long = Overall { done: 100, nodes: 100, left: Some(4e5), known: true };
         assert_eq!(
             overall_text(long, Duration::from_secs(360_000)),

@@ -1,7 +1,7 @@
 //! The state of a run, node by node, counted from its events.
 
 use crate::engine::event::{Ended, Event, Name};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,
     time::{Duration, Instant},
@@ -74,7 +74,7 @@ pub struct Expected {
 }
 
 /// Numbers of a node's actions.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Counts {
     /// Known of.
     pub expected: u64,
@@ -106,7 +106,9 @@ impl RunState {
     /// Counts an event; the node whose standing it changed.
     pub fn count(&mut self, event: &Event) -> Option<Name> {
         let name = match event {
-            Event::Started { .. } | Event::Finished { .. } | Event::Warning { .. } => return None,
+            Event::Started { .. } | Event::Finished { .. } | Event::Warning { .. } | Event::Failed { .. } => {
+                return None;
+            }
             Event::Healing { .. } => {
                 self.nodes.clear();
                 return None;
@@ -180,19 +182,22 @@ impl RunState {
             let node = self.nodes.get(name.as_str());
             let known = reads.iter().all(|read| ended[*read]);
             let counts = node.map(NodeState::counts).unwrap_or_default();
-            let done = known && counts.done() == counts.expected;
-            ended.push(done);
             let Expected { actions, seconds } = expected.get(place).copied().unwrap_or_default();
             if actions == 0.0 && node.is_none() {
-                continue; // nobody needs it
+                ended.push(true); // nobody needs it
+                continue;
             }
+            // A node of which nothing was heard yet is still to be listed.
+            let done = known && node.is_some() && counts.done() == counts.expected;
+            ended.push(done);
             overall.nodes += 1;
             overall.done += usize::from(done);
             overall.known &= known;
             if done && counts.ran == 0 {
                 continue;
             }
-            let total = if known { counts.expected as f64 } else { actions.max(counts.expected as f64) };
+            let counted = known && node.is_some();
+            let total = if counted { counts.expected as f64 } else { actions.max(counts.expected as f64) };
             let position = node.map_or(0.0, NodeState::position);
             let still = (total - position).max(0.0);
             let Some(each) = seconds else {

@@ -19,6 +19,7 @@ mod rendering;
 mod runs;
 mod schema;
 mod stale;
+mod status;
 mod upstreams;
 mod validator;
 mod words;
