@@ -23,6 +23,7 @@ mod run;
 mod runs;
 mod scene;
 mod setup;
+mod show;
 mod status;
 mod terminal;
 mod tev;
@@ -122,6 +123,8 @@ enum Command {
     Plan(PipelineArgs),
     /// Show the cache key of a node or item, and what changed since its last run.
     Explain(explain::ExplainArgs),
+    /// Show what an item of a node is: its type, its files, and the verdict of the gate.
+    Show(show::ShowArgs),
     /// Check a pipeline file and report all errors.
     Check(PipelineArgs),
     /// Draw the graph of a pipeline.
@@ -224,6 +227,7 @@ pub fn main() -> ExitCode {
         Command::Diff(args) => runs::diff(&args, &cache),
         Command::Plan(args) => plan::plan(&args, &registry, &cache),
         Command::Explain(args) => explain::explain(&args, &registry, &cache),
+        Command::Show(args) => show::show(&args, &registry, &cache),
         Command::Check(args) => inspect::check(&args, &registry),
         Command::Graph(args) => inspect::graph(&args, &registry, &cache),
         Command::Kinds(args) => inspect::kinds(&args, &registry),

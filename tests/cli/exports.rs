@@ -1,4 +1,5 @@
-//! `export` names the space and the exposure of images, and undoes the exposure on request.
+//! `export` names the space and the exposure of images, and undoes the exposure on request. `show` tells what an item
+//! is.
 
 use crate::Place;
 use serde_json::Value;
@@ -74,4 +75,32 @@ fn raw_undoes_the_exposure_and_metadata_names_space_and_factor() {
             }
         }
     }
+}
+
+#[test]
+fn an_item_is_shown_with_its_files_and_verdict() {
+    let place = Place::with(PIPELINE);
+    let none = place.tauflow(&["show", "small.yaml", "packed", "L0-open-000000"]).ends(2);
+    assert!(none.err.contains("must run first"), "{}", none.err);
+    place.tauflow(&["run", "small.yaml", "--target", "packed", "--target", "gate.verdicts"]).ends(0);
+    let rungs = place.tauflow(&["show", "small.yaml", "ladders", "L0-open-000000"]).ends(0).out;
+    for part in [
+        "ladders.ladder L0-open-000000",
+        "type   tauflow/ladder",
+        "file   L0-open-000000/spp-000016.exr",
+        "\"counts\"",
+        "`gate` ",
+        "  contrast ",
+        "tauflow export small.yaml ladders -o DIR",
+    ] {
+        assert!(rungs.contains(part), "`{part}` is not in\n{rungs}");
+    }
+    let verdict = place.tauflow(&["show", "small.yaml", "gate", "L0-open-000000"]).ends(0).out;
+    assert!(verdict.contains("gate.verdicts L0-open-000000") && verdict.contains("\"measures\""), "{verdict}");
+    let unknown = place.tauflow(&["show", "small.yaml", "ladders", "L0-open-00000"]).ends(2);
+    assert!(
+        unknown.err.contains("`ladders` has no item `L0-open-00000`; did you mean `L0-open-00000"),
+        "{}",
+        unknown.err
+    );
 }
