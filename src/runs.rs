@@ -364,6 +364,8 @@ fn looked_after(cache: &Path, record: RunRecord, path: &Path) -> Result<RunRecor
     };
     match &state {
         Some(state) if state.standing() != Standing::Gone => record.elapsed_s = state.going_s(),
+        // A run that began just now may not have written its state.
+        None if engine::now().saturating_sub(record.started) < live::SILENT => {}
         _ if record.outcome == Outcome::Running => record.killed(state.as_ref()),
         _ => {}
     }

@@ -6,7 +6,7 @@ use super::{
     table,
 };
 use crate::{
-    engine::EngineError,
+    engine::{EngineError, publish},
     ids::{Id, PortId},
     kinds::Registry,
     pipeline::Pipeline,
@@ -15,7 +15,6 @@ use crate::{
 use clap::Args;
 use serde_json::Value;
 use std::{
-    fs,
     path::{Path, PathBuf},
     sync::atomic::AtomicBool,
 };
@@ -77,7 +76,7 @@ pub(crate) fn checkpoints(args: &CheckpointsArgs, registry: &Registry, cache: &C
                     rows.push(row(&checkpoint)?);
                     if let Some(out) = &args.out {
                         let path = out.join(&checkpoint.path);
-                        write(&path, &checkpoint.bytes)?;
+                        publish::write(&path, &checkpoint.bytes)?;
                         written.push(path);
                     }
                 }
@@ -155,10 +154,4 @@ fn row(checkpoint: &Checkpoint) -> Result<Vec<String>, CliError> {
         bytes_text(checkpoint.bytes.len() as u64),
         about.collect::<Vec<_>>().join(", "),
     ])
-}
-
-fn write(path: &Path, bytes: &[u8]) -> Result<(), CliError> {
-    let failed = |error| CliError::Environment(format!("cannot write {}: {error}", path.display()));
-    let folder = path.parent().unwrap_or(Path::new("."));
-    fs::create_dir_all(folder).and_then(|()| fs::write(path, bytes)).map_err(failed)
 }

@@ -14,9 +14,10 @@ use std::{
 
 /// Seconds after which the page is loaded again.
 const AGAIN: u32 = 3;
-/// Tracks of the timeline, failures and links that are shown.
+/// Tracks of the timeline, failures, folders, and links of each folder that are shown.
 const MOST_TRACKS: usize = 48;
 const MOST_FAILURES: usize = 30;
+const MOST_FOLDERS: usize = 40;
 const MOST_LINKS: usize = 60;
 /// Size of the timeline.
 const WIDTH: f64 = 1000.0;
@@ -35,7 +36,7 @@ td:first-child,th:first-child{text-align:left}th{color:#51647a;font-weight:500}
 td.text{text-align:left}.bar{display:block;width:8rem;height:.5rem;background:#e6eaf0;border-radius:.25rem}
 .bar i{display:block;height:100%;border-radius:.25rem;background:#2f855a}
 pre{white-space:pre-wrap;overflow-wrap:anywhere;background:#f6f8fa;padding:.5rem;margin:.2rem 0;font-size:.8rem}
-ul{padding-left:1.2rem;overflow-wrap:anywhere}.timeline{min-width:40rem;width:100%;height:auto;display:block}
+details,p{overflow-wrap:anywhere}.timeline{min-width:40rem;width:100%;height:auto;display:block}
 .key{display:flex;flex-wrap:wrap;gap:.2rem .9rem;font-size:.8rem;margin:.4rem 0}
 .key i{display:inline-block;width:.8rem;height:.8rem;border-radius:.15rem;margin-right:.3rem;vertical-align:-1px}
 @media(max-width:40rem){.bar{width:2.5rem}td,th{padding:.15rem .35rem}}
@@ -126,20 +127,37 @@ impl Page {
         if published.is_empty() {
             return;
         }
-        out.push_str("<h2>Results</h2>\n<ul>\n");
-        let is_page = |path: &&PathBuf| path.extension().is_some_and(|e| e == "html");
-        let pages = published.iter().filter(is_page);
-        let others = published.iter().filter(|path| !is_page(path));
-        for path in pages.chain(others).take(MOST_LINKS) {
+        let of = |path: &PathBuf| {
             let path: &Path = path.strip_prefix(&self.folder).unwrap_or(path);
-            let text = path.display().to_string();
-            let _ = writeln!(out, "<li><a href=\"{}\">{}</a></li>", address(&text), escaped(&text));
+            path.display().to_string()
+        };
+        let link = |text: &String| format!("<a href=\"{}\">{}</a>", address(text), escaped(text));
+        let mut folders: BTreeMap<String, Vec<String>> = BTreeMap::new();
+        for text in published.iter().map(of) {
+            let folder = text.rsplit_once('/').map_or("", |(folder, _)| folder);
+            folders.entry(folder.to_owned()).or_default().push(text);
         }
-        let more = published.len().saturating_sub(MOST_LINKS);
+        out.push_str("<h2>Results</h2>\n");
+        // Reports first; then the other files beside them, and folders folded.
+        let mut own = folders.remove("").unwrap_or_default();
+        own.sort_by_key(|text| !text.ends_with(".html"));
+        let own: Vec<String> = own.iter().map(link).collect();
+        let _ = writeln!(out, "<p>{}</p>", own.join(" &middot; "));
+        for (folder, files) in folders.iter().take(MOST_FOLDERS) {
+            let links: Vec<String> = files.iter().take(MOST_LINKS).map(link).collect();
+            let more = files.len().saturating_sub(MOST_LINKS);
+            let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+            let (folder, count) = (escaped(folder), counted(files.len() as u64, "file"));
+            let _ = writeln!(
+                out,
+                "<details><summary>{folder}: {count}</summary><p>{}{more}</p></details>",
+                links.join(" &middot; ")
+            );
+        }
+        let more = folders.len().saturating_sub(MOST_FOLDERS);
         if more > 0 {
-            let _ = writeln!(out, "<li>and {}</li>", counted(more as u64, "more file"));
+            let _ = writeln!(out, "<p>and {}</p>", counted(more as u64, "more folder"));
         }
-        out.push_str("</ul>\n");
     }
 
     fn failures(&self, out: &mut String, shown: &Shown<'_>) {

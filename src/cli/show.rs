@@ -1,10 +1,10 @@
 //! `tauflow show`: what an item is, the verdict of the gate, and its files.
 
 use super::{
-    CacheAt, CliError, Exit, PipelineArgs, bytes_text,
+    CacheAt, CliError, Exit, PipelineArgs, bytes_text, counted,
     results::{Reading, unread},
 };
-use crate::{diagnostics::did_you_mean, engine::EngineError, kinds::Registry, pipeline::Pipeline, query::Selection};
+use crate::{diagnostics::nearest, engine::EngineError, kinds::Registry, pipeline::Pipeline, query::Selection};
 use clap::Args;
 use std::{collections::BTreeSet, sync::atomic::AtomicBool};
 use tauflow_cache::Store;
@@ -23,7 +23,9 @@ pub(crate) struct ShowArgs {
 }
 
 /// Text files up to this size are printed.
-const MOST_SHOWN: usize = 4 << 10;
+const MOST_TEXT: usize = 4 << 10;
+/// Files of an item, and items of a node, that are named.
+const MOST_NAMED: usize = 12;
 
 pub(crate) fn show(args: &ShowArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     let pipeline = args.pipeline.resolve(registry)?;
@@ -64,8 +66,14 @@ pub(crate) fn show(args: &ShowArgs, registry: &Registry, cache: &CacheAt) -> Res
         return Err(match stale {
             Some(error) if names.is_empty() => error,
             _ => {
-                let near = did_you_mean(&args.item, "items", names.iter().map(String::as_str));
-                CliError::Bad(format!("`{}` has no item `{}`; {near}", node.name, args.item))
+                let hint = nearest(&args.item, names.iter().map(String::as_str)).map_or_else(
+                    || {
+                        let some: Vec<String> = names.iter().take(MOST_NAMED).map(|name| format!("`{name}`")).collect();
+                        format!("it has {}, such as {}", counted(names.len() as u64, "item"), some.join(", "))
+                    },
+                    |near| format!("did you mean `{near}`?"),
+                );
+                CliError::Bad(format!("`{}` has no item `{}`; {hint}", node.name, args.item))
             }
         });
     }
@@ -90,12 +98,20 @@ fn artifact_in_full(ctx: &Context<'_>, key: &ItemKey, artifact: &Artifact) -> Re
     let mut files = FileTree::new();
     let written = media(&artifact.media).map_or(Ok(()), |row| (row.export)(ctx, artifact, &mut files));
     written.map_err(|error: KindError| unread(key.as_str(), error))?;
-    for (name, bytes) in &files {
+    // A scene has hundreds of meshes and images; its own files come first.
+    let depth = |(name, _): &(&String, &Vec<u8>)| name.matches('/').count();
+    let mut sorted: Vec<(&String, &Vec<u8>)> = files.iter().collect();
+    sorted.sort_by_key(depth);
+    for (name, bytes) in sorted.iter().take(MOST_NAMED) {
         outln!("  file   {key}/{name}  {}", bytes_text(bytes.len() as u64));
-        let short = (bytes.len() <= MOST_SHOWN && name.ends_with(".json")).then(|| std::str::from_utf8(bytes));
+        let short = (bytes.len() <= MOST_TEXT && name.ends_with(".json")).then(|| std::str::from_utf8(bytes));
         if let Some(Ok(text)) = short {
             text.lines().for_each(|line| outln!("    {line}"));
         }
+    }
+    if let Some(rest) = sorted.get(MOST_NAMED..).filter(|rest| !rest.is_empty()) {
+        let bytes = rest.iter().map(|(_, bytes)| bytes.len() as u64).sum();
+        outln!("  and {}, {}", counted(rest.len() as u64, "more file"), bytes_text(bytes));
     }
     Ok(())
 }
@@ -108,15 +124,15 @@ fn verdicts(
     (shown, item): (usize, &str),
 ) -> Result<(), CliError> {
     let own = item.rsplit('/').next().unwrap_or_default();
-    for (place, node) in pipeline.nodes.iter().enumerate().filter(|(place, _)| *place != shown) {
+    for (_, node) in pipeline.nodes.iter().enumerate().filter(|(place, _)| *place != shown) {
         for port in node.spec.outputs.iter().filter(|port| port.media == Verdict::NAME) {
             let Ok(collection) = made(pipeline, &node.name, port.name, store) else { continue };
             let Some((key, artifact)) = collection.iter().find(|(key, _)| key.as_str() == own) else { continue };
             let verdict = Verdict::load(ctx, artifact).map_err(|error| unread(key.as_str(), error))?;
-            let name = &pipeline.nodes[place].name;
-            match verdict.reasons.is_empty() {
-                true => outln!("\n`{name}` accepted {key}"),
-                false => outln!("\n`{name}` rejected {key}: {}", verdict.reasons.join(", ")),
+            if verdict.reasons.is_empty() {
+                outln!("\n`{}` accepted {key}", node.name);
+            } else {
+                outln!("\n`{}` rejected {key}: {}", node.name, verdict.reasons.join(", "));
             }
             verdict.measures.iter().for_each(|(measure, value)| outln!("  {measure} {value:.4}"));
         }

@@ -60,10 +60,11 @@ pub(crate) fn status(args: &StatusArgs, cache: &CacheAt) -> Result<Exit, CliErro
         let mut text = if args.json { as_json(&found) } else { as_text(&found, cache) };
         if redraw {
             // Over the last one: up by its lines, and everything below cleared.
+            let shown = text.lines().count();
             if lines > 0 {
-                eprint!("\u{1b}[{lines}A\u{1b}[J");
+                text.insert_str(0, &format!("\u{1b}[{lines}A\u{1b}[J"));
             }
-            lines = text.lines().count();
+            lines = shown;
         } else if args.watch && !args.json {
             text.push('\n');
         }

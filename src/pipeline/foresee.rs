@@ -1,7 +1,7 @@
-//! What is sure to fail in a pipeline, told from what is known before a run: inputs whose items never meet, several
-//! items where one is wanted, and what kinds foresee from params and facts ([`tauflow_contract::Kind::foresee`]).
+//! Finds before a run which nodes are sure to fail: inputs whose items never meet, several items where a node takes
+//! one, and problems that kinds foresee from params and facts ([`tauflow_contract::Kind::foresee`]).
 //!
-//! Knows no fact. What is not known is no problem.
+//! Knows no fact. An unknown fact is no problem.
 
 use super::{Pipeline, node::RawNode, resolve::Draft};
 use crate::{

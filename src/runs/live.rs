@@ -26,8 +26,8 @@ use tauflow_contract::read_regular;
 const FORMAT: u32 = 1;
 /// Most bytes of a state.
 const MOST_BYTES: u64 = 1 << 24;
-/// Seconds after which a process of another machine counts as silent.
-const SILENT: u64 = 60;
+/// Seconds after which a process counts as silent if it cannot be asked.
+pub(super) const SILENT: u64 = 60;
 
 /// How far a run is.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -126,6 +126,17 @@ fn the_latest_runs_stay_and_the_one_that_did_the_work() {
 }
 
 #[test]
+fn a_run_without_a_state_goes_on_for_a_while_and_was_killed_later() {
+    let cache = tempfile::tempdir().expect("a folder");
+    for (started, outcome) in [(engine::now(), Outcome::Running), (engine::now() - 3600, Outcome::Killed)] {
+        let mut running = RunRecord { outcome: Outcome::Running, ..record("p", started) };
+        running.write(cache.path()).expect("room");
+        let (records, _) = read_all(cache.path()).expect("readable");
+        assert_eq!(records.iter().find(|of| of.id == running.id).expect("it is there").outcome, outcome);
+    }
+}
+
+#[test]
 fn a_run_whose_process_is_gone_was_killed_and_one_that_has_begun_is_never_overwritten() {
     let cache = tempfile::tempdir().expect("a folder");
     let mut running = RunRecord { outcome: Outcome::Running, nodes: vec![], ..record("p", 7) };

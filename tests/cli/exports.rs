@@ -97,6 +97,8 @@ fn an_item_is_shown_with_its_files_and_verdict() {
     }
     let verdict = place.tauflow(&["show", "small.yaml", "gate", "L0-open-000000"]).ends(0).out;
     assert!(verdict.contains("gate.verdicts L0-open-000000") && verdict.contains("\"measures\""), "{verdict}");
+    let far = place.tauflow(&["show", "small.yaml", "ladders", "nothing"]).ends(2);
+    assert!(far.err.contains("it has") && far.err.contains("such as `L0-open-"), "{}", far.err);
     let unknown = place.tauflow(&["show", "small.yaml", "ladders", "L0-open-00000"]).ends(2);
     assert!(
         unknown.err.contains("`ladders` has no item `L0-open-00000`; did you mean `L0-open-00000"),

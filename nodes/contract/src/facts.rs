@@ -1,8 +1,8 @@
-//! What is known of a node's outputs before anything runs: facts that follow from params and from facts of the inputs,
-//! such as the rungs of ladders. `check` compares them, so that a node that is sure to fail is reported before a run.
+//! Facts about a node's outputs before a run, such as the rungs of ladders. They follow from its params and from the
+//! facts of its inputs. `check` compares them, so that it reports a node that is sure to fail.
 //!
 //! `const RUNGS: Fact<Vec<u64>> = Fact::new("rungs")` is a fact; kinds that share it share the constant. A fact that is
-//! not known is absent, and is never an error. Knows no fact itself.
+//! unknown is absent, and is never an error. Knows no fact itself.
 
 use crate::{All, Each, Out};
 use serde::{Serialize, de::DeserializeOwned};
@@ -31,7 +31,7 @@ impl<T> Fact<T> {
 /// The number of items on a port, or more: by it, `plan` counts the actions that follow a gather.
 pub const MOST_ITEMS: Fact<u64> = Fact::new("most_items");
 
-/// What is known of every item of a port.
+/// The known facts of every item of a port.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Facts(BTreeMap<&'static str, Value>);
 
@@ -64,18 +64,18 @@ impl Facts {
     }
 }
 
-/// One collection that feeds an input, as far as it is known.
+/// One collection that feeds an input, with its known facts.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Source {
     /// The node and the cell that it comes from, as the pipeline file would name them.
     pub name: String,
-    /// What stands before the keys of its items, such as `sampler=sobol`; empty if they come from one cell.
+    /// The prefix of its items' keys, such as `sampler=sobol`; empty if they come from one cell.
     pub prefix: String,
-    /// What is known of each of its items.
+    /// The known facts of each of its items.
     pub facts: Facts,
 }
 
-/// What is known of the inputs of an action.
+/// The known facts of the inputs of an action.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Known(BTreeMap<&'static str, Vec<Source>>);
 
@@ -91,7 +91,7 @@ impl Known {
         self.0.get(port).is_some_and(|sources| !sources.is_empty())
     }
 
-    /// The collection from which a port takes the item; one of which nothing is known if it is not connected.
+    /// The collection from which a port takes the item; one without facts if it is not connected.
     pub fn each<M>(&self, port: Each<M>) -> Source
     where
         Each<M>: Named,
@@ -162,7 +162,7 @@ impl Foreseen {
     }
 }
 
-/// What a kind foresees of its actions.
+/// The facts of the outputs, and the reasons why all actions are sure to fail.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outlook {
     outputs: BTreeMap<&'static str, Facts>,
@@ -171,7 +171,7 @@ pub struct Outlook {
 }
 
 impl Outlook {
-    /// The same with what is known of the items of an output.
+    /// The same with the facts of the items of an output.
     pub fn with<M>(mut self, port: Out<M>, facts: Facts) -> Self {
         self.outputs.insert(port.name(), facts);
         self
@@ -183,7 +183,7 @@ impl Outlook {
         self
     }
 
-    /// What is known of the items of an output.
+    /// The known facts of the items of an output.
     pub fn facts(&self, port: &str) -> Facts {
         self.outputs.get(port).cloned().unwrap_or_default()
     }

@@ -138,10 +138,10 @@ pub trait Kind: Send + Sync + 'static {
         Vec::new()
     }
 
-    /// What is known of the outputs before anything runs, and reasons why all actions are sure to fail.
+    /// Facts of the outputs before a run, and reasons why all actions are sure to fail.
     ///
-    /// Both follow from the params and from what is known of the inputs: of one item for a map, of all collections for
-    /// others. What is not known is no reason. The default knows nothing.
+    /// Both follow from the params and from the facts of the inputs: of one item for a map, of all collections for
+    /// others. An unknown fact is no reason. The default gives no facts.
     fn foresee(_params: &Self::Params, _known: &Known) -> Outlook {
         Outlook::default()
     }
@@ -152,8 +152,8 @@ pub trait Kind: Send + Sync + 'static {
         1.0
     }
 
-    /// What the params name on this machine and what is not there, such as a program: asked for by `check`, which lists
-    /// the items of sources besides. It starts no program. Files without which the node only does less are no problem.
+    /// Programs and files that the params name and that this machine lacks. `check` asks for them, and also lists the
+    /// items of sources. Starts no program. A file without which the node only does less is no problem.
     fn missing(_params: &Self::Params) -> Vec<ParamProblem> {
         Vec::new()
     }

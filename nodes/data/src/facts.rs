@@ -19,7 +19,7 @@ pub const CONDITIONING: Fact<Conditioning> = Fact::new("conditioning");
 pub const PARAMETERIZATION: Fact<Parameterization> = Fact::new("parameterization");
 /// The sample counts that images start from, or that their scores say; known only where there are sure to be images.
 pub const SPP: Fact<Vec<u64>> = Fact::new("spp");
-/// The numbers of model calls of images or scores.
+/// The numbers of network calls of images or scores.
 pub const NFE: Fact<Vec<u64>> = Fact::new("nfe");
 /// The samples per pixel of the reference behind scores.
 pub const REFERENCE_SPP: Fact<u64> = Fact::new("reference_spp");
