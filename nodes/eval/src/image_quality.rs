@@ -13,7 +13,7 @@ use self::{
     features::LEAST_SIDE,
     niqe::stands_alone,
     pictures::{Backbone, Size, backbones, clean as clean_render, common, size},
-    samples::{Bootstrap, Given, MMD, NIQE, SWD, Samples, place, score},
+    samples::{Bootstrap, Given, MMD, NIQE, SWD, Samples, Scored, place, score},
 };
 use crate::claims::claim;
 use schemars::JsonSchema;
@@ -53,10 +53,16 @@ const REFERENCES: All<PackedScene> =
 const TRAINING: All<PackedScene> =
     All::new("training", "Training set: for the normalisation of features, the model of NIQE, and Gaussian images.")
         .or_none();
+const FROZEN: All<Generated> = All::new(
+    "frozen",
+    "Samples of the same backbones to compare with the Gaussian images, instead of `generated`; only their variant \
+     `frozen` is used.",
+)
+.or_none();
 const SCORES: All<SampleScores> =
     All::new("scores", "Scores of the same samples by metrics that need no reference.").or_none();
 const QUALITY: Out<ImageQuality> =
-    Out::new(Group::main(2), "quality", "Scores by backbone and variant, gains and verdicts.").single();
+    Out::new(Group::main(3), "quality", "Scores by backbone and variant, gains and verdicts.").single();
 
 fn input(what: String) -> KindError {
     KindError::Input(what)
@@ -71,7 +77,7 @@ impl Kind for ImageQualityKind {
             summary: "Scores generated images against clean renders, and judges an adapter's gain.",
             manual: include_str!("image_quality.md"),
             mode: Mode::Gather,
-            inputs: vec![GENERATED.port(), REFERENCES.port(), TRAINING.port(), SCORES.port()],
+            inputs: vec![GENERATED.port(), REFERENCES.port(), TRAINING.port(), FROZEN.port(), SCORES.port()],
             outputs: vec![QUALITY.port()],
             seeded: true,
         }
@@ -99,9 +105,10 @@ impl Kind for ImageQualityKind {
         if backbones.is_empty() {
             return Err(input("`generated` has no sample; connect a node that generates some".into()));
         }
+        let frozen = frozen(ctx, action, &backbones, renders.training.is_some())?;
         let mut others = external(ctx, action)?;
         let bootstrap = Bootstrap { resamples: action.params.resamples, seed: action.seed };
-        let drawn = backbones.iter().map(|backbone| backbone.samples.len()).max().unwrap_or(0);
+        let drawn = backbones.iter().chain(&frozen).map(|backbone| backbone.samples.len()).max().unwrap_or(0);
         let tools = Tools::new();
         let mut known: Vec<(Size, Clean)> = Vec::new();
         let mut quality = ImageQuality {
@@ -126,8 +133,14 @@ impl Kind for ImageQualityKind {
             let Some((_, clean)) = known.iter().find(|(at, _)| *at == size) else {
                 return Err(KindError::Internal("a size that was just read".into()));
             };
-            let given = others.of(backbone)?;
-            let samples = score(ctx, &tools, clean, backbone, size, given, bootstrap)?;
+            let scored = Scored {
+                backbone,
+                frozen: frozen.iter().find(|its| its.name == backbone.name),
+                given: others.of(backbone)?,
+                size,
+            };
+            let compared = scored.frozen.unwrap_or(backbone).samples.len();
+            let samples = score(ctx, &tools, clean, scored, bootstrap)?;
             quality.notes.extend(samples.notes.iter().cloned());
             if samples.scores.iter().any(|score| score == NIQE) && !stands_alone(size[0].min(size[1])) {
                 let (name, patches) = (&backbone.name, clean.patches);
@@ -137,7 +150,8 @@ impl Kind for ImageQualityKind {
                 ));
             }
             quality.per_sample.extend(per_sample(backbone, &samples));
-            quality.backbones.push(table(backbone, size, &samples, &quality, gaussian_images(size, drawn))?);
+            let images = [gaussian_images(size, drawn), compared];
+            quality.backbones.push(table(backbone, size, &samples, &quality, images)?);
         }
         let there = |column: &ScoreColumn| {
             let has = |backbone: &BackboneQuality| backbone.variants[0].scores.contains_key(&column.name);
@@ -189,6 +203,39 @@ fn compared_at(ctx: &Context<'_>, backbone: &Backbone<'_>, renders: &Renders<'_>
         )));
     }
     Ok(at)
+}
+
+/// The backbones of the input `frozen`, each of which `generated` has too.
+fn frozen<'a>(
+    ctx: &Context<'_>,
+    action: &Action<'a, ImageQualityParams>,
+    scored: &[Backbone<'_>],
+    training: bool,
+) -> Result<Vec<Backbone<'a>>, KindError> {
+    let Some(items) = action.all_if(FROZEN)?.filter(|items| !items.is_empty()) else { return Ok(Vec::new()) };
+    if !training {
+        return Err(input(
+            "`frozen` is compared with Gaussian images of a training set; connect `training`, or leave `frozen` away"
+                .into(),
+        ));
+    }
+    let found = backbones(ctx, items)?;
+    for Backbone { name, family, steps, samples, .. } in &found {
+        let Some(own) = scored.iter().find(|own| own.name == *name) else {
+            return Err(input(format!("`frozen` has samples of backbone `{name}`, which `generated` does not have")));
+        };
+        if (own.family, own.steps) != (*family, *steps) {
+            return Err(input(format!(
+                "samples of backbone `{name}` have {} steps in `generated` and {steps} in `frozen`; generate both \
+                 with the same params",
+                own.steps
+            )));
+        }
+        if samples.len() < 2 {
+            return Err(input(format!("`frozen` has {} sample of `{name}`; generate at least 2", samples.len())));
+        }
+    }
+    Ok(found)
 }
 
 /// Scores of single images that were made elsewhere.
@@ -264,7 +311,7 @@ fn table(
     size: Size,
     samples: &Samples,
     quality: &ImageQuality,
-    gaussians: usize,
+    [gaussians, compared]: [usize; 2],
 ) -> Result<BackboneQuality, KindError> {
     let resampled = &samples.resampled;
     let figures = |of: &dyn Fn(usize, &str) -> Estimate| -> BTreeMap<String, Estimate> {
@@ -291,9 +338,10 @@ fn table(
     let gains: Vec<Gain> =
         adapted.map_or_else(Vec::new, |own| others(own).map(|(at, over)| gain(own, at, *over)).collect());
     let gaussian = quality.training.is_some().then(|| {
-        let (frozen, gaussian) = (samples.at(0, 0), samples.gaussian());
+        let [gaussian, frozen] = samples.gaussian();
         AgainstGaussian {
             images: gaussians as u64,
+            samples: compared as u64,
             gaussian: resampled.estimate(|m| m[gaussian]),
             frozen: resampled.estimate(|m| m[frozen]),
             nearer: resampled.estimate(|m| m[gaussian] - m[frozen]),

@@ -135,6 +135,8 @@ pub struct Gain {
 pub struct AgainstGaussian {
     /// Number of Gaussian images.
     pub images: u64,
+    /// Number of frozen samples.
+    pub samples: u64,
     /// Squared MMD of the Gaussian images to the held-out renders.
     pub gaussian: Estimate,
     /// Squared MMD of the frozen backbone's images to the held-out renders.

@@ -10,6 +10,7 @@ use tauflow_data::{
 };
 
 /// A backbone with its samples, in the order of their numbers.
+#[derive(Clone)]
 pub(crate) struct Backbone<'a> {
     /// Its name.
     pub(crate) name: String,
@@ -24,6 +25,7 @@ pub(crate) struct Backbone<'a> {
 }
 
 /// One sample of a backbone.
+#[derive(Clone)]
 pub(crate) struct Sample<'a> {
     /// What is said of it.
     pub(crate) meta: GeneratedMeta,

@@ -6,6 +6,7 @@
 use super::{
     clean::{Clean, Numbers, Tools},
     distances::{Counts, Mmd, Slices},
+    features::FeatureSet,
     niqe::{Law, Moments, stands_alone},
     pictures::{Backbone, Size, at_size},
 };
@@ -43,7 +44,8 @@ enum Column<'a> {
 pub(crate) struct Samples {
     /// Names of the scores, in the order of columns.
     pub(crate) scores: Vec<String>,
-    /// The scores of each variant, one after the other, and those of every draw; at last that of the Gaussian images.
+    /// The scores of each variant, one after the other, and those of every draw; at last the squared MMD of the
+    /// Gaussian images and of the frozen samples that are compared with them.
     pub(crate) resampled: Resampled,
     /// Largest difference from the frozen variant, by variant.
     pub(crate) changes: Vec<f64>,
@@ -59,9 +61,10 @@ impl Samples {
         variant * self.scores.len() + score
     }
 
-    /// Place of the squared MMD of the Gaussian images.
-    pub(crate) fn gaussian(&self) -> usize {
-        self.changes.len() * self.scores.len()
+    /// Places of the squared MMD of the Gaussian images, and of the frozen samples that are compared with them.
+    pub(crate) fn gaussian(&self) -> [usize; 2] {
+        let first = self.changes.len() * self.scores.len();
+        [first, first + 1]
     }
 }
 
@@ -75,7 +78,19 @@ pub(crate) struct Bootstrap {
     pub(crate) seed: u64,
 }
 
-/// Scores a backbone's samples at a size.
+/// A backbone's samples, what else is known of them, and the size at which they are scored.
+pub(crate) struct Scored<'a> {
+    /// The samples.
+    pub(crate) backbone: &'a Backbone<'a>,
+    /// Frozen samples to compare with the Gaussian images, if these are not those of `backbone`.
+    pub(crate) frozen: Option<&'a Backbone<'a>>,
+    /// Scores of the samples that were made elsewhere.
+    pub(crate) given: Given,
+    /// Width and height in pixels.
+    pub(crate) size: Size,
+}
+
+/// Scores a backbone's samples.
 ///
 /// # Errors
 /// If an image is missing, damaged, or of another size than the others.
@@ -83,11 +98,10 @@ pub(crate) fn score(
     ctx: &Context<'_>,
     tools: &Tools,
     clean: &Clean,
-    backbone: &Backbone<'_>,
-    size: Size,
-    given: Given,
+    scored: Scored<'_>,
     bootstrap: Bootstrap,
 ) -> Result<Samples, KindError> {
+    let Scored { backbone, frozen, given, size } = scored;
     let sets = read(ctx, tools, backbone, size)?;
     let mut notes = Vec::new();
     let niqe = match niqe_columns(clean, backbone, &sets, stands_alone(size[0].min(size[1]))) {
@@ -111,16 +125,29 @@ pub(crate) fn score(
     scores.extend(niqe[0].is_some().then(|| NIQE.to_owned()));
     scores.extend(each.keys().filter(|name| *name != NIQE).cloned());
     let mut columns = Vec::new();
-    for (at, set) in sets.iter().enumerate() {
+    let features = |set: &Set| {
         let rows: Vec<Vec<f64>> = set.numbers.iter().map(|numbers| numbers.features.clone()).collect();
-        let features = clean.standard.apply(&rows);
+        clean.standard.apply(&rows)
+    };
+    for (at, set) in sets.iter().enumerate() {
+        let features = features(set);
         columns.push(Column::Mmd(Mmd::new(&features, &clean.references, &clean.among)));
         columns.push(Column::Swd(Slices::new(&features, &tools.directions)));
         columns.extend(niqe[at].take());
         columns.extend(each.iter().filter(|(name, _)| *name != NIQE).map(|(_, of)| Column::Each(of[at].clone())));
     }
-    let gaussian = clean.gaussian.as_ref();
-    let gaussian = gaussian.map(|of| (Mmd::new(of, &clean.references, &clean.among), of.0.len()));
+    let against = |of: &FeatureSet| Against {
+        mmd: Mmd::new(of, &clean.references, &clean.among),
+        images: of.0.len(),
+    };
+    let gaussian = match (&clean.gaussian, frozen) {
+        (None, _) => None,
+        (Some(gaussian), None) => Some((against(gaussian), None)),
+        (Some(gaussian), Some(frozen)) => {
+            let alone = Backbone { variants: vec![Variant::Frozen], ..frozen.clone() };
+            Some((against(gaussian), Some(against(&features(&read(ctx, tools, &alone, size)?[0])))))
+        }
+    };
     let resampled = resample(clean, &columns, gaussian, backbone, bootstrap);
     Ok(Samples { scores, resampled, changes: sets.iter().map(|set| set.change).collect(), each, notes })
 }
@@ -230,27 +257,39 @@ impl Column<'_> {
     }
 }
 
+/// A set of images that is compared with the held-out renders by its squared MMD alone.
+struct Against<'a> {
+    mmd: Mmd<'a>,
+    images: usize,
+}
+
 /// The figures of all samples, and those of every draw.
 fn resample(
     clean: &Clean,
     columns: &[Column<'_>],
-    gaussian: Option<(Mmd<'_>, usize)>,
+    gaussian: Option<(Against<'_>, Option<Against<'_>>)>,
     backbone: &Backbone<'_>,
     bootstrap: Bootstrap,
 ) -> Resampled {
     let (samples, references) = (backbone.samples.len(), clean.references.0.len());
-    let figures = |own: &Counts, others: &Counts, third: &Counts| -> Vec<f64> {
-        let last = gaussian.as_ref().map(|(mmd, _)| mmd.squared(third, others));
-        columns.iter().map(|column| column.of(clean, own, others)).chain(last).collect()
+    // Frozen samples that are those of the backbone share its draws.
+    let figures = |own: &Counts, others: &Counts, drawn: &Counts, frozen: &Counts| -> Vec<f64> {
+        let mut figures: Vec<f64> = columns.iter().map(|column| column.of(clean, own, others)).collect();
+        if let Some((gaussian, more)) = &gaussian {
+            let of_frozen = more.as_ref().map_or(figures[0], |more| more.mmd.squared(frozen, others));
+            figures.extend([gaussian.mmd.squared(drawn, others), of_frozen]);
+        }
+        figures
     };
-    let images = gaussian.as_ref().map_or(0, |(_, number)| *number);
-    let values = figures(&vec![1; samples], &vec![1; references], &vec![1; images]);
+    let images = gaussian.as_ref().map_or(0, |(gaussian, _)| gaussian.images);
+    let more = gaussian.as_ref().and_then(|(_, more)| more.as_ref()).map_or(0, |more| more.images);
+    let values = figures(&vec![1; samples], &vec![1; references], &vec![1; images], &vec![1; more]);
     let stream = Stream::new(bootstrap.seed, &[]).part("bootstrap").part(&backbone.name);
     let seed = stream.clone().bits();
     let draw = |at: u64| {
         let mut stream = Stream::new(seed, &[at]);
-        let [own, others, third] = [samples, references, images].map(|n| counts(&mut stream, n));
-        figures(&own, &others, &third)
+        let [own, others, drawn, frozen] = [samples, references, images, more].map(|n| counts(&mut stream, n));
+        figures(&own, &others, &drawn, &frozen)
     };
     let draws: Vec<Vec<f64>> = (0..bootstrap.resamples).into_par_iter().map(draw).collect();
     Resampled::of_draws(values, draws.concat())

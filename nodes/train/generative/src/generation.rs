@@ -36,8 +36,8 @@ pub struct Generation;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct GenerationParams {
-    /// Number of samples per backbone.
-    #[schemars(range(min = 1, max = 100_000))]
+    /// Number of samples per backbone; 0 generates none.
+    #[schemars(range(max = 100_000))]
     pub samples: u64,
     /// Strength of the correction.
     #[schemars(range(min = 0.0, max = 100.0))]
