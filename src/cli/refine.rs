@@ -6,13 +6,13 @@ use super::{
     seconds_text,
 };
 use crate::registry::{
-    Conditioning, Course, Denoiser, Mirrored, Model, NetworkCalls, NetworkDevice, Place, Views,
-    geometric_mean_luminance, rollout_to,
+    Conditioning, Course, Denoiser, Mirrored, Model, NetworkCalls, NetworkDevice, Place, geometric_mean_luminance,
+    rollout_to,
 };
 use clap::Args;
 use std::{collections::BTreeMap, path::PathBuf, time::Instant};
 use tauflow_contract::read_regular;
-use tauflow_data::{Image, image_io::read_exr, records::GBuffer, time::TimeGrid};
+use tauflow_data::{Image, image_io::read_exr, records::GBuffer, time::TimeGrid, views::Views};
 
 /// Mid-grey that solvers saw scenes exposed to.
 const KEY: f64 = 0.18;

@@ -25,6 +25,7 @@ pub mod tabular;
 pub mod tensors;
 pub mod time;
 pub mod timing;
+pub mod views;
 
 pub use image::Image;
 pub use rungs::{IntegratorKind, Resolution, Rungs, SamplerKind};

@@ -3,7 +3,7 @@
 use crate::{
     command::{self, Places, Surroundings},
     endpoint::{self, Endpoint},
-    oidn::{self, Buffers, Filter, Oidn},
+    oidn::{self, Buffers, Features, Filter, Oidn, Quality, Settings},
     oidn_files,
     process::{Ran, keyed_variables},
     timed::{self, AFTER, TIMING},
@@ -21,6 +21,7 @@ use tauflow_data::{
     methods::{Conditioning, MethodName, OIDN},
     records::{PackedScene, Refined, Timing},
     timing::machine,
+    views::{View, Views},
 };
 
 /// The kind `external_denoiser`.
@@ -37,6 +38,13 @@ pub struct ExternalDenoiserParams {
     /// Sample count of the endpoint to denoise.
     #[schemars(range(min = 1))]
     pub from: u64,
+    /// What the library is told of the G-buffer.
+    pub features: Features,
+    /// Quality mode of the library.
+    pub quality: Quality,
+    /// Number of mirrored and rotated copies over which the library's result is averaged: 1, 2 (mirrored), 4 (also
+    /// upside down) or 8 (also transposed).
+    pub mirrors: Views,
     /// Path or name of the Open Image Denoise library. Default: TAUFLOW_OIDN, or the system's library.
     pub library: Option<String>,
     /// Command line of a program that replaces the library, as a list of words; {color}, {albedo}, {normal} and
@@ -62,6 +70,9 @@ impl Default for ExternalDenoiserParams {
             method: MethodName::new(OIDN).expect("letters"),
             conditioning: Conditioning::Gbuffer,
             from: 1,
+            features: Features::default(),
+            quality: Quality::default(),
+            mirrors: Views::ONE,
             library: None,
             command: Vec::new(),
             depends: Vec::new(),
@@ -105,6 +116,11 @@ impl Kind for ExternalDenoiser {
         if !params.command.is_empty() && params.library.is_some() {
             let hint = "omit one of them";
             out.push(ParamProblem::new("/library", "both `library` and `command` are set", hint));
+        }
+        let plain = (Features::default(), Quality::default(), Views::ONE);
+        if !params.command.is_empty() && (params.features, params.quality, params.mirrors) != plain {
+            let message = "`features`, `quality` and `mirrors` are settings of the library, and `command` is set";
+            out.push(ParamProblem::new("/command", message, "omit these, or `command`"));
         }
         for (pointer, words) in
             [("/depends", &params.depends), ("/version", &params.version), ("/variables", &params.variables)]
@@ -153,6 +169,9 @@ impl Kind for ExternalDenoiser {
             Later { pointer: "/depends", before: NONE },
             Later { pointer: "/version", before: NONE },
             Later { pointer: "/variables", before: NONE },
+            Later { pointer: "/features", before: Before::Text("clean") },
+            Later { pointer: "/quality", before: Before::Text("high") },
+            Later { pointer: "/mirrors", before: Before::Integer(1) },
         ]
     }
 
@@ -191,7 +210,7 @@ impl Kind for ExternalDenoiser {
         };
         let denoiser = match (&library, params.command.is_empty()) {
             (_, false) => Some(Denoiser::Program(params)),
-            (Some(library), true) => Some(Denoiser::Library(library)),
+            (Some(library), true) => Some(Denoiser::Library(library, params)),
             (None, true) if params.required => {
                 return Err(KindError::Environment(format!("{MISSING}; or say `required: false`")));
             }
@@ -220,7 +239,7 @@ impl Kind for ExternalDenoiser {
 /// The denoiser.
 enum Denoiser<'a> {
     Program(&'a ExternalDenoiserParams),
-    Library(&'a Oidn),
+    Library(&'a Oidn, &'a ExternalDenoiserParams),
 }
 
 impl Denoiser<'_> {
@@ -231,12 +250,12 @@ impl Denoiser<'_> {
                 let (image, ran) = by_program(ctx, params, (color, gbuffer), true)?;
                 (image, ran.seen)
             }
-            Self::Library(oidn) => (Filter::new(oidn, Buffers::new(color, gbuffer)?, 1)?.run()?, None),
+            Self::Library(oidn, params) => (averaged(&mut filters(oidn, params, (color, gbuffer), 1)?)?, None),
         };
         Ok((Refined { images: vec![(said, image)], note: None }, seen))
     }
 
-    /// The library's filter is made once, and timed by itself on all cores; a program is timed whole. The
+    /// The library's filters are made once, and timed by themselves on all cores; a program is timed whole. The
     /// files that a program looks at are noted in the warm-up, whose time does not count.
     fn times(
         &self,
@@ -255,12 +274,43 @@ impl Denoiser<'_> {
                 })?;
                 Ok((timing, seen))
             }
-            Self::Library(oidn) => {
-                let mut filter = Filter::new(oidn, Buffers::new(color, *gbuffer)?, 0)?;
-                Ok((timed::timing(ctx, said, repeats, || filter.run().map(|_| None))?, None))
+            Self::Library(oidn, params) => {
+                let mut filters = filters(oidn, params, (color, *gbuffer), 0)?;
+                Ok((timed::timing(ctx, said, repeats, || averaged(&mut filters).map(|_| None))?, None))
             }
         }
     }
+}
+
+/// The library's filters for an image [H, W, 3] with its G-buffer, one per view.
+fn filters<'a>(
+    oidn: &'a Oidn,
+    params: &ExternalDenoiserParams,
+    (color, gbuffer): (&Image, Option<&Image>),
+    threads: usize,
+) -> Result<Vec<(View, Filter<'a>)>, KindError> {
+    let settings = Settings { quality: params.quality, features: params.features };
+    let one = |view: View| {
+        let gbuffer = gbuffer.map(|gbuffer| view.gbuffer(gbuffer)).transpose()?;
+        let buffers = Buffers::new(&view.image(color)?, gbuffer.as_ref())?;
+        Ok((view, Filter::new(oidn, buffers, threads, settings)?))
+    };
+    params.mirrors.all().map(one).collect()
+}
+
+/// The mean of what they make, each turned back.
+fn averaged(filters: &mut [(View, Filter<'_>)]) -> Result<Image, KindError> {
+    let share = 1.0 / filters.len() as f32;
+    let mut sum: Option<Image> = None;
+    for (view, filter) in filters {
+        let made = view.inverse().image(&filter.run()?)?;
+        match &mut sum {
+            None => sum = Some(made),
+            Some(sum) => sum.data_mut().iter_mut().zip(made.data()).for_each(|(sum, made)| *sum += made),
+        }
+    }
+    let sum = sum.ok_or_else(|| KindError::Internal("no view of an image".into()))?;
+    Ok(sum.map(|value| value * share))
 }
 
 /// The message if there is no library.

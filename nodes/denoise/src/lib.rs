@@ -18,6 +18,7 @@ pub use command_kind::{CommandKind, CommandMode, CommandParams, ImageFiles, Repr
 pub use external_denoiser::{ExternalDenoiser, ExternalDenoiserParams};
 pub use external_renderer::{ExternalRenderer, ExternalRendererParams};
 pub use guided_filter::{GuidedFilter, GuidedFilterParams, filtered};
+pub use oidn::{Features, Quality};
 
 use tauflow_contract::{KindRow, NodeKind};
 

@@ -10,6 +10,8 @@
 
 use crate::oidn_files::{self, VARIABLE};
 use libloading::Library;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,
     ffi::{CStr, c_char, c_int, c_void},
@@ -39,6 +41,7 @@ struct Functions {
     new_filter: unsafe extern "C" fn(Handle, *const c_char) -> Handle,
     set_image: unsafe extern "C" fn(Handle, *const c_char, *mut c_void, c_int, usize, usize, usize, usize, usize),
     set_filter_bool: unsafe extern "C" fn(Handle, *const c_char, bool),
+    set_filter_int: unsafe extern "C" fn(Handle, *const c_char, c_int),
     commit_filter: unsafe extern "C" fn(Handle),
     execute_filter: unsafe extern "C" fn(Handle),
     release_filter: unsafe extern "C" fn(Handle),
@@ -107,6 +110,7 @@ impl Oidn {
             new_filter: function!(b"oidnNewFilter\0"),
             set_image: function!(b"oidnSetSharedFilterImage\0"),
             set_filter_bool: function!(b"oidnSetFilterBool\0"),
+            set_filter_int: function!(b"oidnSetFilterInt\0"),
             commit_filter: function!(b"oidnCommitFilter\0"),
             execute_filter: function!(b"oidnExecuteFilter\0"),
             release_filter: function!(b"oidnReleaseFilter\0"),
@@ -160,11 +164,102 @@ impl<'a> Device<'a> {
     }
 }
 
+impl Device<'_> {
+    /// A committed filter over images of one size, each by its name and the address of its values.
+    ///
+    /// The caller keeps the images where they are, and of that size, until it has released the filter.
+    ///
+    /// # Errors
+    /// If the library refuses.
+    fn filter(
+        &self,
+        [width, height]: [usize; 2],
+        images: impl Iterator<Item = (&'static CStr, *mut f32)>,
+        quality: Quality,
+        flags: &[(&CStr, bool)],
+    ) -> Result<Handle, KindError> {
+        let f = &self.oidn.functions;
+        // SAFETY: the name ends with a zero.
+        let handle = unsafe { (f.new_filter)(self.handle, c"RT".as_ptr()) };
+        self.check()?;
+        for (name, start) in images {
+            // SAFETY: the name ends with a zero. At `start` lie width x height pixels without gaps, which the caller
+            // never moves or lets go of before the filter is released.
+            unsafe {
+                (f.set_image)(handle, name.as_ptr(), start.cast(), FLOAT3, width, height, 0, PIXEL, width * PIXEL);
+            }
+        }
+        // SAFETY: names end with a zero, and all images that were set live as long as the filter.
+        unsafe {
+            for (name, flag) in flags {
+                (f.set_filter_bool)(handle, name.as_ptr(), *flag);
+            }
+            // The library's own default stays what it is.
+            if quality != Quality::High {
+                (f.set_filter_int)(handle, c"quality".as_ptr(), quality.number());
+            }
+            (f.commit_filter)(handle);
+        }
+        match self.check() {
+            Ok(()) => Ok(handle),
+            Err(refused) => {
+                // SAFETY: it was made by the same library and is not used again.
+                unsafe { (f.release_filter)(handle) };
+                Err(refused)
+            }
+        }
+    }
+}
+
 impl Drop for Device<'_> {
     fn drop(&mut self) {
         // SAFETY: it was made by the same library and is not used again.
         unsafe { (self.oidn.functions.release_device)(self.handle) }
     }
+}
+
+/// Quality mode of Open Image Denoise.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Quality {
+    /// The best one, for final frames; the default of the library on CPUs.
+    #[default]
+    High,
+    /// For previews.
+    Balanced,
+    /// For interactive previews; from version 2.3 on.
+    Fast,
+}
+
+impl Quality {
+    /// Its number in the library's header.
+    fn number(self) -> c_int {
+        match self {
+            Self::High => 6,
+            Self::Balanced => 5,
+            Self::Fast => 4,
+        }
+    }
+}
+
+/// What Open Image Denoise is told of the G-buffer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Features {
+    /// That it is free of noise, as it is.
+    #[default]
+    Clean,
+    /// That it is free of noise, after each of its images was denoised by the library.
+    Prefiltered,
+    /// That it is noisy.
+    Raw,
+}
+
+/// How a filter works.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Settings {
+    pub(crate) quality: Quality,
+    pub(crate) features: Features,
 }
 
 /// The images that a filter reads and writes, each of width x height pixels of three values.
@@ -227,41 +322,45 @@ impl Buffers {
     }
 }
 
-/// A filter over images that it holds.
+/// A filter over images that it holds, with those that denoise its G-buffer first.
 pub(crate) struct Filter<'a> {
-    handle: Handle,
-    // The buffers of the filter must not move.
+    /// In the order of their runs; the last one writes the output.
+    handles: Vec<Handle>,
+    // The buffers of the filters must not move.
     buffers: Buffers,
+    /// The G-buffer before it is denoised.
+    raw: Option<[Vec<f32>; 2]>,
     device: Device<'a>,
 }
 
 impl<'a> Filter<'a> {
-    /// For HDR images, on so many threads (0 for all). A G-buffer is taken for free of noise.
+    /// For HDR images, on so many threads (0 for all).
     ///
     /// # Errors
     /// If the library refuses.
-    pub(crate) fn new(oidn: &'a Oidn, buffers: Buffers, threads: usize) -> Result<Self, KindError> {
+    pub(crate) fn new(
+        oidn: &'a Oidn,
+        buffers: Buffers,
+        threads: usize,
+        Settings { quality, features }: Settings,
+    ) -> Result<Self, KindError> {
         let device = Device::new(oidn, threads)?;
-        let f = &oidn.functions;
-        // SAFETY: the name ends with a zero.
-        let handle = unsafe { (f.new_filter)(device.handle, c"RT".as_ptr()) };
-        device.check()?;
-        let mut filter = Self { handle, buffers, device };
-        let Buffers { width, height, .. } = filter.buffers;
-        for (name, start) in filter.buffers.images() {
-            // SAFETY: the name ends with a zero. At `start` lie width x height pixels without gaps, which the filter
-            // owns and never moves or lets go of before it is released.
-            unsafe {
-                (f.set_image)(handle, name.as_ptr(), start.cast(), FLOAT3, width, height, 0, PIXEL, width * PIXEL);
+        let raw = buffers.guides.clone().filter(|_| features == Features::Prefiltered);
+        let mut filter = Self { handles: Vec::new(), buffers, raw, device };
+        let clean = filter.buffers.guides.is_some() && features != Features::Raw;
+        if let (Some(raw), Some(guides)) = (&mut filter.raw, &mut filter.buffers.guides) {
+            let size = [filter.buffers.width, filter.buffers.height];
+            for ((name, from), to) in [c"albedo", c"normal"].into_iter().zip(raw).zip(guides) {
+                let values = CHANNELS * size[0] * size[1];
+                assert_eq!([from.len(), to.len()], [values; 2], "buffers are made of one size");
+                let images = [(name, from.as_mut_ptr()), (c"output", to.as_mut_ptr())];
+                filter.handles.push(filter.device.filter(size, images.into_iter(), quality, &[])?);
             }
         }
-        // SAFETY: names end with a zero, and all images that were set live as long as the filter.
-        unsafe {
-            (f.set_filter_bool)(handle, c"hdr".as_ptr(), true);
-            (f.set_filter_bool)(handle, c"cleanAux".as_ptr(), filter.buffers.guides.is_some());
-            (f.commit_filter)(handle);
-        }
-        filter.device.check()?;
+        let size = [filter.buffers.width, filter.buffers.height];
+        let flags = [(c"hdr", true), (c"cleanAux", clean)];
+        let last = filter.device.filter(size, filter.buffers.images(), quality, &flags)?;
+        filter.handles.push(last);
         Ok(filter)
     }
 
@@ -270,8 +369,10 @@ impl<'a> Filter<'a> {
     /// # Errors
     /// If the library fails.
     pub(crate) fn run(&mut self) -> Result<Image, KindError> {
-        // SAFETY: the filter is committed, and its images are where they were.
-        unsafe { (self.device.oidn.functions.execute_filter)(self.handle) };
+        for handle in &self.handles {
+            // SAFETY: the filter is committed, and its images are where they were.
+            unsafe { (self.device.oidn.functions.execute_filter)(*handle) };
+        }
         self.device.check()?;
         let Buffers { width, height, output, .. } = &self.buffers;
         Ok(Image::from_data(*width, *height, CHANNELS, output.clone())?)
@@ -280,8 +381,10 @@ impl<'a> Filter<'a> {
 
 impl Drop for Filter<'_> {
     fn drop(&mut self) {
-        // SAFETY: it was made by the same library and is not used again.
-        unsafe { (self.device.oidn.functions.release_filter)(self.handle) }
+        for handle in &self.handles {
+            // SAFETY: it was made by the same library and is not used again.
+            unsafe { (self.device.oidn.functions.release_filter)(*handle) }
+        }
     }
 }
 

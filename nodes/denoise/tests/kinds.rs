@@ -13,10 +13,11 @@ use tauflow_data::{
     records::{PackedScene, Refined, RefinedImages, SceneRecord, Timing},
     rng::Stream,
     scene::{Recipe, Scene},
+    views::Views,
 };
 use tauflow_denoise::{
-    ExternalDenoiser, ExternalDenoiserParams, ExternalRenderer, ExternalRendererParams, GuidedFilter,
-    GuidedFilterParams, kinds,
+    ExternalDenoiser, ExternalDenoiserParams, ExternalRenderer, ExternalRendererParams, Features, GuidedFilter,
+    GuidedFilterParams, Quality, kinds,
 };
 use tauflow_testing::{Need, set, skip};
 
@@ -239,6 +240,24 @@ fn open_image_denoise_denoises_and_sees_g_buffers() {
     assert!(error(&with, &clean) < 0.1 * before, "{} {before}", error(&with, &clean));
     assert!(error(&with, &clean) < error(&without, &clean));
     assert_eq!(with, run(&params), "the same bits again");
+    // Each setting reaches the library, and none breaks it.
+    let of = |features, quality, mirrors: u64| {
+        let mirrors = Views::try_from(mirrors).expect("a number of views");
+        run(&ExternalDenoiserParams { features, quality, mirrors, ..params.clone() })
+    };
+    let others = [
+        of(Features::Raw, Quality::High, 1),
+        of(Features::Prefiltered, Quality::High, 1),
+        of(Features::Clean, Quality::Balanced, 1),
+        of(Features::Clean, Quality::Fast, 1),
+        of(Features::Clean, Quality::High, 8),
+    ];
+    for (at, other) in others.iter().enumerate() {
+        assert!(*other != with && others[..at].iter().all(|before| before != other), "setting {at} changes nothing");
+        assert!(error(other, &clean) < 0.1 * before, "setting {at}: {} {before}", error(other, &clean));
+    }
+    // The mean over all copies is nearer than one alone: errors of copies differ.
+    assert!(error(&others[4], &clean) < error(&with, &clean));
     let timing = bench.timing(&bench.run::<ExternalDenoiser>(params, "timing").expect("it runs"));
     assert_eq!(timing.entries[0].took.wall_s.len(), 3);
 }

@@ -8,8 +8,8 @@ use tauflow_data::{
     Image,
     methods::MethodName,
     records::{
-        BackboneQuality, Better, ClaimVerdict, Estimate, Family, Generated, GeneratedVariant, ImageQuality, PackedScene,
-        SampleRow, SampleScores, ScoreColumn, Variant,
+        BackboneQuality, Better, ClaimVerdict, Estimate, Family, Generated, GeneratedVariant, ImageQuality,
+        PackedScene, SampleRow, SampleScores, ScoreColumn, Variant,
     },
     rng::Stream,
 };

@@ -16,7 +16,7 @@ mod training;
 pub use bridge_refinement::{BridgeRefinement, BridgeRefinementParams};
 pub use dataset_packing::{DatasetPacking, DatasetPackingParams};
 pub use device::{NetworkDevice, Place};
-pub use mirrors::{Mirrored, Views};
+pub use mirrors::Mirrored;
 pub use model::{Model, ModelInfo};
 pub use network::{Loss, Preset};
 pub use network_calls::NetworkCalls;

@@ -2,60 +2,8 @@
 //! errs in its own way, so that the mean errs less.
 
 use crate::{model::Model, rollout::Denoiser, space::Space};
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
-use serde::{Deserialize, Serialize};
-use std::borrow::Cow;
 use tauflow_contract::KindError;
-use tauflow_data::{Image, methods::Parameterization, time::VarianceTime};
-
-/// How many views of an image a prediction is the mean of, written as that number. 1 is the image alone; 2 adds its
-/// mirror image from left to right, 4 both upside down, and 8 all four with rows for columns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(try_from = "u64", into = "u64")]
-pub struct Views(u8);
-
-impl Views {
-    /// The image alone.
-    pub const ONE: Self = Self(1);
-
-    /// How many there can be.
-    const COUNTS: [u8; 4] = [1, 2, 4, 8];
-}
-
-impl Default for Views {
-    fn default() -> Self {
-        Self::ONE
-    }
-}
-
-impl TryFrom<u64> for Views {
-    type Error = KindError;
-
-    fn try_from(views: u64) -> Result<Self, KindError> {
-        let found = Self::COUNTS.into_iter().find(|count| u64::from(*count) == views);
-        found.map(Self).ok_or_else(|| KindError::Input(format!("{views} views are not supported; use 1, 2, 4 or 8")))
-    }
-}
-
-impl From<Views> for u64 {
-    fn from(views: Views) -> Self {
-        u64::from(views.0)
-    }
-}
-
-impl JsonSchema for Views {
-    fn schema_name() -> Cow<'static, str> {
-        "Views".into()
-    }
-
-    fn inline_schema() -> bool {
-        true
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({ "type": "integer", "enum": Self::COUNTS })
-    }
-}
+use tauflow_data::{Image, methods::Parameterization, time::VarianceTime, views::Views};
 
 /// A model by the mean of several views.
 pub struct Mirrored<'a> {
@@ -85,70 +33,13 @@ impl Denoiser for Mirrored<'_> {
 
     fn predict(&self, state: &Image, gbuffer: Option<&Image>, tau: f64) -> Result<Image, KindError> {
         let mut sum = self.model.predict(state, gbuffer, tau)?;
-        for view in (1..usize::from(self.views.0)).map(View) {
+        for view in self.views.all().skip(1) {
             let gbuffer = gbuffer.map(|gbuffer| view.gbuffer(gbuffer)).transpose()?;
             let seen = self.model.predict(&view.image(state)?, gbuffer.as_ref(), tau)?;
             sum.data_mut().iter_mut().zip(view.inverse().image(&seen)?.data()).for_each(|(sum, seen)| *sum += seen);
         }
-        let share = 1.0 / f32::from(self.views.0);
+        let share = 1.0 / self.views.all().count() as f32;
         Ok(sum.map(|value| value * share))
-    }
-}
-
-/// Which sides change places: left and right if the first bit is set, top and bottom if the second is; then, if the
-/// third is, rows and columns. Together the eight are what training turns its windows by.
-#[derive(Clone, Copy)]
-struct View(usize);
-
-impl View {
-    fn sides(self) -> bool {
-        self.0 & 1 == 1
-    }
-
-    fn ends(self) -> bool {
-        self.0 & 2 == 2
-    }
-
-    fn rows_for_columns(self) -> bool {
-        self.0 & 4 == 4
-    }
-
-    /// The view that undoes this one: once rows stand for columns, the left is what the top was.
-    fn inverse(self) -> Self {
-        if self.rows_for_columns() { Self(4 | (self.0 & 1) << 1 | (self.0 & 2) >> 1) } else { self }
-    }
-
-    fn image(self, image: &Image) -> Result<Image, KindError> {
-        let (width, height) = (image.width(), image.height());
-        let (across, down) = if self.rows_for_columns() { (height, width) } else { (width, height) };
-        let mut data = Vec::with_capacity(image.data().len());
-        for y in 0..down {
-            for x in 0..across {
-                let (column, row) = if self.rows_for_columns() { (y, x) } else { (x, y) };
-                let from_x = if self.sides() { width - 1 - column } else { column };
-                let from_y = if self.ends() { height - 1 - row } else { row };
-                data.extend_from_slice(image.pixel(from_x, from_y));
-            }
-        }
-        Ok(Image::from_data(across, down, image.channels(), data)?)
-    }
-
-    /// Normals (right, up, back) turn along.
-    fn gbuffer(self, gbuffer: &Image) -> Result<Image, KindError> {
-        let mut out = self.image(gbuffer)?;
-        for pixel in out.data_mut().chunks_exact_mut(6) {
-            if self.sides() {
-                pixel[3] = -pixel[3];
-            }
-            if self.ends() {
-                pixel[4] = -pixel[4];
-            }
-            if self.rows_for_columns() {
-                // What was down is right now, and what was right is down.
-                (pixel[3], pixel[4]) = (-pixel[4], -pixel[3]);
-            }
-        }
-        Ok(out)
     }
 }
 
@@ -160,7 +51,7 @@ mod tests {
         model::ModelInfo,
         network::{Output, Preset},
     };
-    use tauflow_data::{methods::Conditioning, rng::Stream};
+    use tauflow_data::{methods::Conditioning, rng::Stream, views::View};
 
     /// A model of weights that are nowhere zero.
     fn model() -> Model {
@@ -188,65 +79,31 @@ mod tests {
         Image::from_data(16, 8, channels, data).expect("fits")
     }
 
-    fn square() -> Image {
-        let mut stream = Stream::new(7, &[]);
-        Image::from_data(8, 8, 3, (0..192).map(|_| stream.range(0.0, 1.0) as f32).collect()).expect("fits")
-    }
-
     fn furthest(a: &Image, b: &Image) -> f32 {
         a.data().iter().zip(b.data()).fold(0.0, |most, (a, b)| most.max((a - b).abs()))
-    }
-
-    #[test]
-    fn a_view_is_undone_and_normals_turn_with_it() {
-        for view in (0..8).map(View) {
-            let (state, gbuffer) = (image(3, 1), image(6, 2));
-            let seen = view.image(&state).expect("fits");
-            let turned = if view.rows_for_columns() { (8, 16) } else { (16, 8) };
-            assert_eq!((seen.width(), seen.height()), turned);
-            let again = view.inverse().gbuffer(&view.gbuffer(&gbuffer).expect("fits")).expect("fits");
-            assert_eq!((view.inverse().image(&seen).expect("fits"), again), (state, gbuffer));
-        }
-        // All of them are different.
-        let seen: Vec<_> = (0..8).map(|view| View(view).image(&square()).expect("fits")).collect();
-        assert!((0..8).all(|a| (0..a).all(|b| seen[a] != seen[b])));
-        // A bump seen from the front, whose normals lean away from its middle, looks the same from all sides.
-        let bump = |i: usize| [0.1, 0.2, 0.3, (i % 6) as f32 - 2.5, 2.5 - (i / 6) as f32, 1.0];
-        let bump = Image::from_data(6, 6, 6, (0..36).flat_map(bump).collect()).expect("fits");
-        assert!((0..8).all(|view| View(view).gbuffer(&bump).expect("fits") == bump));
     }
 
     #[test]
     fn one_view_is_the_model_and_all_of_them_do_not_know_left_from_right() {
         let (model, state, gbuffer) = (model(), image(3, 1), image(6, 2));
         let alone = model.predict(&state, Some(&gbuffer), 0.3).expect("fits");
-        let of = |views: u64, view: View| {
+        let every: Vec<View> = Views::try_from(8).expect("a number of views").all().collect();
+        let of = |views: u64, view: usize| {
+            let view = every[view];
             let (state, gbuffer) = (view.image(&state).expect("fits"), view.gbuffer(&gbuffer).expect("fits"));
             let mirrored = Mirrored::new(&model, Views::try_from(views).expect("a number of views"));
             view.inverse().image(&mirrored.predict(&state, Some(&gbuffer), 0.3).expect("fits")).expect("fits")
         };
-        assert_eq!(of(1, View(0)), alone);
-        assert!(furthest(&of(1, View(1)), &alone) > 1e-3, "the network knows left from right");
-        assert!(furthest(&of(2, View(1)), &of(2, View(0))) < 1e-5);
-        assert!(furthest(&of(2, View(2)), &of(2, View(0))) > 1e-3);
+        assert_eq!(of(1, 0), alone);
+        assert!(furthest(&of(1, 1), &alone) > 1e-3, "the network knows left from right");
+        assert!(furthest(&of(2, 1), &of(2, 0)) < 1e-5);
+        assert!(furthest(&of(2, 2), &of(2, 0)) > 1e-3);
         for view in 1..4 {
-            assert!(furthest(&of(4, View(view)), &of(4, View(0))) < 1e-5, "{view}");
+            assert!(furthest(&of(4, view), &of(4, 0)) < 1e-5, "{view}");
         }
-        assert!(furthest(&of(4, View(5)), &of(4, View(0))) > 1e-3);
+        assert!(furthest(&of(4, 5), &of(4, 0)) > 1e-3);
         for view in 1..8 {
-            assert!(furthest(&of(8, View(view)), &of(8, View(0))) < 1e-5, "{view}");
-        }
-    }
-
-    #[test]
-    fn views_are_1_2_4_or_8() {
-        for views in [1, 2, 4, 8] {
-            let read: Views = serde_json::from_value(views.into()).expect("a number of views");
-            assert_eq!(serde_json::to_value(read).expect("plain"), views);
-        }
-        for views in [0u64, 3, 16, 257] {
-            let error = serde_json::from_value::<Views>(views.into()).expect_err("none").to_string();
-            assert!(error.contains("1, 2, 4 or 8"), "{error}");
+            assert!(furthest(&of(8, view), &of(8, 0)) < 1e-5, "{view}");
         }
     }
 }

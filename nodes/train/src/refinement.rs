@@ -2,7 +2,7 @@
 
 use crate::{
     device::{self, NetworkDevice, Place},
-    mirrors::{Mirrored, Views},
+    mirrors::Mirrored,
     model::Model,
     network_calls::NetworkCalls,
     rollout::{Course, Denoiser, rollout},
@@ -21,6 +21,7 @@ use tauflow_data::{
     records::{ModelFile, PackedScene, Refined, RefinedImage, TimedImage, Timing},
     time::TimeGrid,
     timing::{Repeated, machine},
+    views::Views,
 };
 
 /// The behaviour before these params existed.

@@ -136,10 +136,7 @@ pub(crate) fn score(
         columns.extend(niqe[at].take());
         columns.extend(each.iter().filter(|(name, _)| *name != NIQE).map(|(_, of)| Column::Each(of[at].clone())));
     }
-    let against = |of: &FeatureSet| Against {
-        mmd: Mmd::new(of, &clean.references, &clean.among),
-        images: of.0.len(),
-    };
+    let against = |of: &FeatureSet| Against { mmd: Mmd::new(of, &clean.references, &clean.among), images: of.0.len() };
     let gaussian = match (&clean.gaussian, frozen) {
         (None, _) => None,
         (Some(gaussian), None) => Some((against(gaussian), None)),

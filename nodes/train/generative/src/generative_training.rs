@@ -13,7 +13,8 @@ use burn::tensor::{Tensor, TensorData};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_contract::{
-    Action, All, Basis, Context, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem,
+    Action, All, Basis, Context, Facts, Group, Kind, KindError, KindSpec, Known, MOST_ITEMS, Media, Mode, Out, Outlook,
+    Outputs, ParamProblem,
 };
 use tauflow_data::{
     Image,
@@ -114,6 +115,11 @@ impl Kind for GenerativeTraining {
         }
         let hint = format!("use {}", params.width.next_multiple_of(GROUPS));
         vec![ParamProblem::new("/width", format!("{} is no multiple of {GROUPS}", params.width), hint)]
+    }
+
+    fn foresee(params: &Self::Params, _known: &Known) -> Outlook {
+        let items = Facts::default().with(MOST_ITEMS, u64::from(params.steps > 0));
+        Outlook::default().with(BACKBONE, items.clone()).with(LOG, items.clone()).with(TIMING, items)
     }
 
     fn work(params: &Self::Params, _group: &str) -> f64 {
