@@ -3,19 +3,20 @@
 use crate::{
     manifest::Files,
     onnx::{self, Onnx},
-    program::Program,
+    program::{self, Program},
     scorer::{Scorer, Search},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::{collections::BTreeMap, path::Path};
+use std::{collections::BTreeMap, path::Path, time::Duration};
 use tauflow_contract::{
-    Action, All, Context, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem, Probe,
+    Action, All, Before, Context, Group, ItemKey, Kind, KindError, KindSpec, Later, Media, Mode, Out, Outputs,
+    ParamProblem, Probe,
 };
 use tauflow_data::{
     Image,
-    outside::{contents, identity, program},
+    outside::{contents, identity},
     records::{Generated, SampleRow, SampleScores},
     timing::machine,
 };
@@ -24,7 +25,7 @@ use tauflow_data::{
 pub struct NoReferenceScores;
 
 /// Params of `no_reference_scores`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct NoReferenceScoresParams {
     /// Manifests of ONNX models.
@@ -33,8 +34,19 @@ pub struct NoReferenceScoresParams {
     pub runtime: Option<String>,
     /// Command line of a program that scores images, as a list of words; empty for no program.
     pub command: Vec<String>,
+    /// Maximum time of an answer of the program in seconds.
+    #[schemars(range(min = 0.1, max = 1_000_000.0))]
+    pub time: f64,
     /// Fail if a file is missing, instead of omitting its columns with a note.
     pub required: bool,
+    /// Accept that there are neither models nor a program; the output then has no scores. For optional scores.
+    pub allow_none: bool,
+}
+
+impl Default for NoReferenceScoresParams {
+    fn default() -> Self {
+        Self { models: Vec::new(), runtime: None, command: Vec::new(), time: 600.0, required: false, allow_none: false }
+    }
 }
 
 const GENERATED: All<Generated> = All::new("generated", "The samples to score, in all their variants.");
@@ -57,10 +69,10 @@ impl Kind for NoReferenceScores {
     }
 
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
-        if !params.models.is_empty() || !params.command.is_empty() {
+        if !params.models.is_empty() || !params.command.is_empty() || params.allow_none {
             return Vec::new();
         }
-        let hint = "write for example `models: [models/clipiqa.json]`";
+        let hint = "write for example `models: [models/clipiqa.json]`, or `allow_none: true`";
         vec![ParamProblem::new("/models", "there are neither `models` nor a `command`", hint)]
     }
 
@@ -75,10 +87,23 @@ impl Kind for NoReferenceScores {
             let message = format!("there is no manifest `{manifest}` here");
             found.push(ParamProblem::new(format!("/models/{place}"), message, hint));
         }
-        if let Some(name) = params.command.first().filter(|name| program(name).is_none()) {
-            found.push(ParamProblem::new("/command/0", format!("there is no program `{name}` here"), hint));
+        if let Some(what) = program::missing(&params.command) {
+            found.push(ParamProblem::new("/command", what, hint));
         }
         found
+    }
+
+    fn project(params: &Self::Params, _item: Option<&ItemKey>, _group: &str) -> Value {
+        let mut value = serde_json::to_value(params).expect("plain data");
+        if let Value::Object(fields) = &mut value {
+            // How long an answer may take is no part of it.
+            fields.remove("time");
+        }
+        value
+    }
+
+    fn later() -> &'static [Later] {
+        &[Later { pointer: "/allow_none", before: Before::Flag(false) }]
     }
 
     fn environment(params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {
@@ -98,10 +123,16 @@ impl Kind for NoReferenceScores {
         let mut found = SampleScores::default();
         let mut scorers: Vec<Box<dyn Scorer>> = Vec::new();
         for manifest in &params.models {
-            take(Onnx::find(manifest, params.runtime.as_deref())?, params.required, &mut scorers, &mut found.notes)?;
+            take(
+                Onnx::find(ctx, manifest, params.runtime.as_deref())?,
+                params.required,
+                &mut scorers,
+                &mut found.notes,
+            )?;
         }
         if !params.command.is_empty() {
-            take(Program::find(&params.command)?, params.required, &mut scorers, &mut found.notes)?;
+            let patience = Duration::from_secs_f64(params.time);
+            take(Program::find(ctx, &params.command, patience)?, params.required, &mut scorers, &mut found.notes)?;
         }
         for column in scorers.iter().flat_map(|scorer| scorer.columns()) {
             if found.columns.iter().any(|known| known.name == column.name) {
@@ -153,7 +184,7 @@ fn rows(
         ctx.check_cancelled()?;
         let scores = match (rows.first(), frozen) {
             (Some(first), Some(image)) if *image == its.image => first.scores.clone(),
-            _ => scores(&its.image, scorers)?,
+            _ => scores(ctx, &its.image, scorers)?,
         };
         frozen.get_or_insert(&its.image);
         let (backbone, sample) = (generated.backbone.as_str().to_owned(), generated.sample);
@@ -162,10 +193,14 @@ fn rows(
     Ok(rows)
 }
 
-fn scores(image: &Image, scorers: &mut [Box<dyn Scorer>]) -> Result<BTreeMap<String, f64>, KindError> {
+fn scores(
+    ctx: &Context<'_>,
+    image: &Image,
+    scorers: &mut [Box<dyn Scorer>],
+) -> Result<BTreeMap<String, f64>, KindError> {
     let mut scores = BTreeMap::new();
     for scorer in scorers {
-        let values = scorer.score(image)?;
+        let values = scorer.score(ctx, image)?;
         scores.extend(scorer.columns().iter().map(|column| column.name.clone()).zip(values));
     }
     Ok(scores)

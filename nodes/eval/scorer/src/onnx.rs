@@ -11,10 +11,11 @@ use crate::{
 };
 use ort::{environment::Environment, session::Session, value::Tensor};
 use std::{
+    fs,
     path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
 };
-use tauflow_contract::KindError;
+use tauflow_contract::{Context, KindError};
 use tauflow_data::{Image, records::ScoreColumn};
 
 /// Variable that names the library.
@@ -66,7 +67,11 @@ impl Onnx {
     ///
     /// # Errors
     /// If the manifest is unsound, the model is another file, cannot be run, or gives another score than it should.
-    pub(crate) fn find(manifest: &str, runtime_file: Option<&str>) -> Result<Search<Self>, KindError> {
+    pub(crate) fn find(
+        ctx: &Context<'_>,
+        manifest: &str,
+        runtime_file: Option<&str>,
+    ) -> Result<Search<Self>, KindError> {
         let Some(files) = Files::read(manifest)? else {
             return Ok(Search::Missing(format!("there is no manifest `{manifest}`")));
         };
@@ -88,21 +93,25 @@ impl Onnx {
         files.check_digest()?;
         let failed = |why: String| KindError::Input(format!("the model `{}`: {why}", files.model.display()));
         let environment = runtime(&library)?;
-        let session = session(&environment, &files.model).map_err(|e| failed(e.to_string()))?;
+        // From memory, so that the runtime reads no other file: weights beside the model would be in no digest.
+        let bytes = fs::read(&files.model).map_err(|e| failed(e.to_string()))?;
+        let session = session(&environment, &bytes).map_err(|e| {
+            failed(format!("{e}; all weights must be in the model's own file (export it without external data)"))
+        })?;
         let inputs: Vec<String> = session.inputs().iter().map(|input| input.name().to_owned()).collect();
         let [input] = &inputs[..] else {
             return Err(failed(format!("it has {} inputs, expected one image [1, 3, H, W]", inputs.len())));
         };
         let (columns, input) = ([files.column()], input.clone());
         let mut scorer = Self { files, columns, session, input };
-        scorer.check()?;
+        scorer.check(ctx)?;
         Ok(Search::Here(scorer))
     }
 
     /// Holds the model against its parity image.
-    fn check(&mut self) -> Result<(), KindError> {
+    fn check(&mut self, ctx: &Context<'_>) -> Result<(), KindError> {
         let image = self.files.parity_image()?;
-        let found = self.score(&image)?[0];
+        let found = self.score(ctx, &image)?[0];
         let parity = &self.files.manifest.parity;
         if (found - parity.score).abs() <= parity.tolerance {
             return Ok(());
@@ -118,9 +127,9 @@ impl Onnx {
     }
 }
 
-fn session(environment: &Environment, model: &Path) -> ort::Result<Session> {
+fn session(environment: &Environment, model: &[u8]) -> ort::Result<Session> {
     let builder = Session::builder(environment)?.with_intra_threads(1)?.with_inter_threads(1)?;
-    builder.with_deterministic_compute(true)?.commit_from_file(model)
+    builder.with_deterministic_compute(true)?.commit_from_memory(model)
 }
 
 impl Scorer for Onnx {
@@ -128,7 +137,7 @@ impl Scorer for Onnx {
         &self.columns
     }
 
-    fn score(&mut self, image: &Image) -> Result<Vec<f64>, KindError> {
+    fn score(&mut self, _: &Context<'_>, image: &Image) -> Result<Vec<f64>, KindError> {
         let manifest = &self.files.manifest;
         let image = match manifest.size {
             Some([width, height]) => resized(image, width as usize, height as usize),

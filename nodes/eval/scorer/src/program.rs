@@ -12,14 +12,21 @@ use std::{
     collections::BTreeMap,
     fs,
     io::{BufRead, BufReader, Read, Write},
+    path::Path,
     process::{Child, ChildStdin, ChildStdout, Command, Stdio},
+    sync::mpsc::{self, Receiver, RecvTimeoutError},
+    thread,
+    time::Duration,
 };
-use tauflow_contract::KindError;
+use tauflow_contract::{Context, KindError};
 use tauflow_data::{Image, image_io::encode_png, outside::program, records::ScoreColumn};
 use tempfile::TempDir;
 
 /// Most bytes of a line.
 const MOST_BYTES: u64 = 1 << 20;
+
+/// How often a run that is being stopped is looked for.
+const LOOK: Duration = Duration::from_millis(100);
 
 /// The program's first line.
 #[derive(Deserialize)]
@@ -42,24 +49,60 @@ pub(crate) struct Program {
     child: Child,
     /// None once it is to end.
     to: Option<ChildStdin>,
-    from: BufReader<ChildStdout>,
+    /// Its lines; an empty one where its output ends.
+    from: Receiver<std::io::Result<String>>,
+    /// Maximum time of an answer.
+    patience: Duration,
     columns: Vec<ScoreColumn>,
     folder: TempDir,
 }
 
+/// The program or file of a command line that is not there, as a line for people. A word names a file if it contains a
+/// slash or ends as scripts do.
+pub(crate) fn missing(words: &[String]) -> Option<String> {
+    let (name, arguments) = words.split_first()?;
+    if program(name).is_none() {
+        return Some(format!("there is no program `{name}`"));
+    }
+    let is_file = |word: &str| {
+        let script = Path::new(word).extension().is_some_and(|end| ["py", "sh", "R", "jl"].iter().any(|e| end == *e));
+        !word.starts_with('-') && (word.contains('/') || script)
+    };
+    let absent = arguments.iter().find(|word| is_file(word) && !Path::new(word).exists())?;
+    Some(format!("there is no file `{absent}`"))
+}
+
+/// Reads lines until the output ends, in a thread of its own, so that nobody waits for ever for one.
+fn lines(from: ChildStdout) -> Receiver<std::io::Result<String>> {
+    let (to, lines) = mpsc::channel();
+    thread::spawn(move || {
+        let mut from = BufReader::new(from);
+        loop {
+            let mut line = String::new();
+            let read = (&mut from).take(MOST_BYTES).read_line(&mut line).map(|_| line);
+            let last = read.as_ref().map_or(true, String::is_empty);
+            if to.send(read).is_err() || last {
+                break;
+            }
+        }
+    });
+    lines
+}
+
 impl Program {
-    /// Starts the program.
+    /// Starts the program; each of its answers may take `patience`.
     ///
     /// # Errors
     /// If it is there and cannot be started, or does not say what it measures.
-    pub(crate) fn find(words: &[String]) -> Result<Search<Self>, KindError> {
+    pub(crate) fn find(ctx: &Context<'_>, words: &[String], patience: Duration) -> Result<Search<Self>, KindError> {
         let failed = |what: String| failed(words, &what);
         let Some((name, arguments)) = words.split_first() else {
             return Err(KindError::Internal("a command without words".into()));
         };
-        let Some(file) = program(name) else {
-            return Ok(Search::Missing(format!("there is no program `{name}`")));
-        };
+        if let Some(missing) = missing(words) {
+            return Ok(Search::Missing(missing));
+        }
+        let file = program(name).ok_or_else(|| failed("cannot be found".into()))?;
         let folder = tempfile::tempdir().map_err(|e| failed(format!("got no folder for its images: {e}")))?;
         let mut child = Command::new(file)
             .args(arguments)
@@ -70,28 +113,42 @@ impl Program {
         let (Some(to), Some(from)) = (child.stdin.take(), child.stdout.take()) else {
             return Err(KindError::Internal("a child without the pipes that it was given".into()));
         };
-        let from = BufReader::new(from);
-        let mut own = Self { words: words.to_vec(), child, to: Some(to), from, columns: Vec::new(), folder };
-        let Hello { metrics } = own.line()?;
+        let (words, to, from) = (words.to_vec(), Some(to), lines(from));
+        let mut own = Self { words, child, to, from, patience, columns: Vec::new(), folder };
+        let Hello { metrics } = own.line(ctx)?;
+        let failed = |what: &str| crate::program::failed(&own.words, what);
         let twice = metrics.iter().enumerate().find(|(at, own)| metrics[..*at].iter().any(|o| o.name == own.name));
         if metrics.is_empty() || twice.is_some() {
-            return Err(failed("names no metric in its first line, or one twice".into()));
+            return Err(failed("names no metric in its first line, or one twice"));
         }
         own.columns = metrics;
         Ok(Search::Here(own))
     }
 
     /// The next line that it writes.
-    fn line<T: serde::de::DeserializeOwned>(&mut self) -> Result<T, KindError> {
-        let mut line = String::new();
-        let read = (&mut self.from).take(MOST_BYTES).read_line(&mut line);
+    fn line<T: serde::de::DeserializeOwned>(&mut self, ctx: &Context<'_>) -> Result<T, KindError> {
+        let mut waited = Duration::ZERO;
+        let read = loop {
+            match self.from.recv_timeout(LOOK) {
+                Ok(read) => break read,
+                Err(RecvTimeoutError::Disconnected) => break Ok(String::new()),
+                Err(RecvTimeoutError::Timeout) => {
+                    ctx.check_cancelled()?;
+                    waited += LOOK;
+                    if waited >= self.patience {
+                        let seconds = self.patience.as_secs_f64();
+                        return Err(failed(&self.words, &format!("did not answer within {seconds} s; raise `time`")));
+                    }
+                }
+            }
+        };
         match read {
             Err(e) => Err(failed(&self.words, &format!("cannot be read: {e}"))),
-            Ok(0) => {
+            Ok(line) if line.is_empty() => {
                 let ended = self.child.wait().map_or_else(|e| e.to_string(), |status| status.to_string());
                 Err(failed(&self.words, &format!("ended before it answered ({ended}); its messages are above")))
             }
-            Ok(_) => serde_json::from_str(&line).map_err(|e| {
+            Ok(line) => serde_json::from_str(&line).map_err(|e| {
                 let shown: String = line.trim_end().chars().take(200).collect();
                 failed(&self.words, &format!("wrote `{shown}`, which is no answer: {e}"))
             }),
@@ -108,7 +165,7 @@ impl Scorer for Program {
         &self.columns
     }
 
-    fn score(&mut self, image: &Image) -> Result<Vec<f64>, KindError> {
+    fn score(&mut self, ctx: &Context<'_>, image: &Image) -> Result<Vec<f64>, KindError> {
         let failed = |what: String| failed(&self.words, &what);
         let path = self.folder.path().join("image.png");
         fs::write(&path, encode_png(image)?).map_err(|e| failed(format!("got no image: {e}")))?;
@@ -120,7 +177,7 @@ impl Scorer for Program {
         {
             return Err(failed(format!("cannot be written to: {e}")));
         }
-        let Answer { scores, error } = self.line()?;
+        let Answer { scores, error } = self.line(ctx)?;
         let failed = |what: String| crate::program::failed(&self.words, &what);
         if let Some(error) = error {
             return Err(failed(format!("failed: {error}")));

@@ -1,6 +1,6 @@
 //! What a scorer is. Knows no model and no program.
 
-use tauflow_contract::KindError;
+use tauflow_contract::{Context, KindError};
 use tauflow_data::{Image, records::ScoreColumn};
 
 /// Gives each image a value of each of its metrics.
@@ -14,8 +14,8 @@ pub(crate) trait Scorer {
     /// `image` is [H, W, 3] of display values in [0, 1].
     ///
     /// # Errors
-    /// If the model or program fails, or gives no finite number.
-    fn score(&mut self, image: &Image) -> Result<Vec<f64>, KindError>;
+    /// If the model or program fails, or gives no finite number; if the run is being stopped.
+    fn score(&mut self, ctx: &Context<'_>, image: &Image) -> Result<Vec<f64>, KindError>;
 }
 
 /// A scorer, or why there is none: something of it is not on this machine.

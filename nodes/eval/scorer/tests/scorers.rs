@@ -119,6 +119,14 @@ fn a_program_that_fails_is_told_of() {
 }
 
 #[test]
+fn a_program_that_does_not_answer_is_not_waited_for() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let command = script(&folder, &format!("{HELLO}\nread -r line\nexec sleep 86400"));
+    let told = refused(NoReferenceScoresParams { time: 0.5, ..with(command) });
+    assert!(told.contains("did not answer within 0.5 s") && told.contains("`time`"), "{told}");
+}
+
+#[test]
 fn a_program_that_does_not_end_is_ended() {
     let folder = tempfile::tempdir().expect("a folder");
     // It would sleep for a day after its answers.
@@ -267,7 +275,11 @@ fn what_is_missing_is_left_out_with_a_note_or_refused() {
     for (params, part) in [
         (no_runtime, "no ONNX Runtime at `/no/such/runtime.so`"),
         (of_model("/no/such.json"), "no manifest `/no/such.json`"),
-        (NoReferenceScoresParams { command: vec!["/no/such/program".into()], ..none }, "no program `/no/such/program`"),
+        (
+            NoReferenceScoresParams { command: vec!["/no/such/program".into()], ..none.clone() },
+            "no program `/no/such/program`",
+        ),
+        (with(vec!["sh".into(), "no_such_scorer.py".into()]), "no file `no_such_scorer.py`"),
     ] {
         let found = scored(params.clone()).expect("left out");
         assert!(found.rows.is_empty() && found.columns.is_empty());
@@ -275,6 +287,11 @@ fn what_is_missing_is_left_out_with_a_note_or_refused() {
         let told = refused(NoReferenceScoresParams { required: true, ..params });
         assert!(told.contains(part) && told.contains("`required: false`"), "{told}");
     }
+    // Nothing at all has to be allowed, and gives no column and no note.
+    assert_eq!(NoReferenceScores::check(&none).len(), 1);
+    let nothing = NoReferenceScoresParams { allow_none: true, ..none };
+    assert!(NoReferenceScores::check(&nothing).is_empty());
+    assert_eq!(scored(nothing).expect("no scores"), SampleScores::default());
     for file in ["parity.png", "mean.onnx"] {
         fs::remove_file(folder.path().join(file)).expect("there");
         let found = scored(of_model(&path)).expect("left out");

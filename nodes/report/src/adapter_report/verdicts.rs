@@ -31,7 +31,7 @@ pub(super) fn header(quality: &ImageQuality, subtitle: &str) -> String {
             let strong = if claim.verdict == ClaimVerdict::Held { " strong" } else { "" };
             let told = match claim.verdict {
                 ClaimVerdict::Held => "physical: above 0 over every control",
-                ClaimVerdict::NotHeld => "not physical: a control does better",
+                ClaimVerdict::NotHeld => "not physical: the frozen samples or a control do better",
                 ClaimVerdict::Undecided => "undecided: not above 0 over every control",
             };
             let _ = write!(

@@ -190,7 +190,7 @@ impl Backbone {
         if !fits || images.iter().any(|image| !image.same_shape(first)) {
             return Err(KindError::Input(format!(
                 "a backbone takes images of one size, with sides that are multiples of {multiple}, and got {width} x \
-                 {height} x {}; render with another `resolution`",
+                 {height} x {}; use another `side` in `generation`, or render with another `resolution`",
                 first.channels()
             )));
         }

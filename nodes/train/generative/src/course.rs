@@ -37,23 +37,21 @@ impl Injection {
     }
 }
 
-/// The range that clean images are held to.
-fn range(schedule: &Ddpm) -> f32 {
-    schedule.clip().unwrap_or(1.0)
+/// A clean image's value as an adapter sees it. `clamp_clean` clamps it to the range of the sampler, if the sampler
+/// clips: a sampler that does not would make other images from a clamped prediction.
+fn clamped(schedule: &Ddpm, clean: f32, clamp_clean: bool) -> f32 {
+    match schedule.clip().filter(|_| clamp_clean) {
+        Some(range) => clean.clamp(-range, range),
+        None => clean,
+    }
 }
 
 /// The frozen prediction in the coordinate that an adapter corrects: the velocity itself, or the state less the clean
-/// image that the noise implies, which `clamp_clean` holds to its range.
+/// image that the noise implies.
 pub(crate) fn base(sampler: &Sampler, state: &[f32], prediction: &[f32], time: f64, clamp_clean: bool) -> Vec<f32> {
     let Sampler::Ddpm { schedule, .. } = sampler else { return prediction.to_vec() };
-    let range = range(schedule);
     let pairs = state.iter().zip(prediction);
-    pairs
-        .map(|(x, noise)| {
-            let clean = schedule.clean(*x, *noise, time as usize);
-            x - if clamp_clean { clean.clamp(-range, range) } else { clean }
-        })
-        .collect()
+    pairs.map(|(x, noise)| x - clamped(schedule, schedule.clean(*x, *noise, time as usize), clamp_clean)).collect()
 }
 
 /// The prediction with a correction, in the network's own terms: v + correction, or
@@ -70,13 +68,13 @@ fn injected(
     let Sampler::Ddpm { schedule, .. } = sampler else {
         return prediction.iter().zip(correction).map(|(v, by)| plus(*v, *by)).collect();
     };
-    let (range, alpha) = (range(schedule), schedule.alpha(time as usize));
+    let alpha = schedule.alpha(time as usize);
     let factor = (alpha / (1.0 - alpha)).sqrt() as f32;
     let numbers = state.iter().zip(prediction).zip(correction);
     numbers
         .map(|((x, noise), by)| {
             let clean = schedule.clean(*x, *noise, time as usize);
-            let beyond = if clamp_clean { clean - clean.clamp(-range, range) } else { 0.0 };
+            let beyond = clean - clamped(schedule, clean, clamp_clean);
             plus(*noise, factor * (beyond + by))
         })
         .collect()
@@ -287,7 +285,9 @@ mod tests {
     fn an_injected_correction_moves_the_clean_image_by_as_much() {
         let schedule = Ddpm::new(&DdpmConfig::default());
         let sampler = Sampler::Ddpm { schedule: schedule.clone(), steps: 100 };
-        for time in [999.0, 500.0, 250.0, 20.0] {
+        // Injection begins after the middle; near the first time, where abar is 4e-5, clean images are large numbers
+        // whose rounding is all that is left of the correction.
+        for (time, tolerance) in [(999.0, 1e-3f32), (500.0, 1e-5), (250.0, 1e-5), (20.0, 1e-5)] {
             let (state, noise, by) = ([0.9f32, -0.4, 2.0], [0.3f32, -1.5, 1.0], [0.02f32, -0.01, 0.05]);
             for clamp in [false, true] {
                 let moved = injected(&sampler, &state, &noise, time, clamp, &by);
@@ -295,11 +295,29 @@ mod tests {
                     let clean = schedule.clean(state[i], noise[i], time as usize);
                     let expected = if clamp { clean.clamp(-1.0, 1.0) } else { clean } - by[i];
                     let found = schedule.clean(state[i], moved[i], time as usize);
-                    // Clean images are large numbers near the first time, where abar is 4e-5.
-                    let scale = clean.abs().max(1.0);
-                    assert!((found - expected).abs() < 1e-5 * scale, "{time} {clamp}: {found} {expected}");
+                    // The range of clean images is 2 wide.
+                    assert!((found - expected).abs() < 2.0 * tolerance, "{time} {clamp}: {found} {expected}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_sampler_that_does_not_clip_has_frozen_controls_too() {
+        let no_clip = DdpmConfig { clip_sample: false, ..DdpmConfig::default() };
+        let wide = DdpmConfig { clip_sample_range: 1.5, ..DdpmConfig::default() };
+        for (config, limit) in [(no_clip, f32::INFINITY), (wide, 1.5)] {
+            let schedule = Ddpm::new(&config);
+            assert_eq!(clamped(&schedule, 7.0, true), limit.min(7.0));
+            assert_eq!(clamped(&schedule, 7.0, false), 7.0);
+            let sampler = Sampler::Ddpm { schedule: schedule.clone(), steps: 10 };
+            // Without a correction, the sampler's own step from the injected prediction is the frozen one.
+            let (state, noise) = ([2.5f32, -0.4, 0.1], [-1.5f32, 0.3, 1.0]);
+            let same = injected(&sampler, &state, &noise, 400.0, true, &[0.0; 3]);
+            let [mut frozen, mut zero] = [state, state];
+            sampler.advance(5, &mut frozen, &noise, &[0.0; 3]);
+            sampler.advance(5, &mut zero, &same, &[0.0; 3]);
+            assert!(frozen.iter().zip(&zero).all(|(a, b)| (a - b).abs() < 1e-5), "{frozen:?} {zero:?}");
         }
     }
 

@@ -366,6 +366,49 @@ mod tests {
     use super::*;
     use crate::schedule::{Ddpm, DdpmConfig};
 
+    /// Three scenes with two rungs, whose residuals tell where they come from.
+    fn set() -> Set {
+        let image = |value: f32| Image::new(4, 4, 3).map(|_| value);
+        let images =
+            |first: f32| (0..3).map(|s| (0..2).map(|r| image(first + (10 * s + r) as f32)).collect()).collect();
+        Set {
+            counts: vec![1, 2, 4],
+            times: vec![0.75, 0.5],
+            bases: images(100.0),
+            residuals: images(0.0),
+            deviations: vec![0.5, 2.0],
+        }
+    }
+
+    #[test]
+    fn examples_pair_a_prediction_with_the_residual_that_is_asked_for() {
+        let set = set();
+        let of = |residuals, index| {
+            let params = TransportAdapterParams { residuals, crop: 4, ..TransportAdapterParams::default() };
+            let Part { bases, times, side, target } = set.part(&params, 3, 7, index..index + 1);
+            assert_eq!((side, bases.len(), target.len(), times.len()), (4, 48, 48, 1));
+            let (scene, rung) = ((bases[0] - 100.0) as usize / 10, (bases[0] - 100.0) as usize % 10);
+            assert_eq!(times[0], set.times[rung], "the time of its rung");
+            (scene, rung, target)
+        };
+        let mut squares = [(0.0, 0); 2];
+        for index in 0..400 {
+            let (scene, rung, target) = of(Residuals::Rendered, index);
+            assert!(target.iter().all(|value| *value == (10 * scene + rung) as f32), "its own residual");
+            let (scene, rung, target) = of(Residuals::Shuffled, index);
+            let other = target[0] as usize / 10;
+            assert!(other != scene && target.iter().all(|value| *value == (10 * other + rung) as f32), "same rung");
+            let (_, rung, target) = of(Residuals::Gaussian, index);
+            squares[rung].0 += target.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>();
+            squares[rung].1 += target.len();
+        }
+        for ((sum, count), deviation) in squares.into_iter().zip(&set.deviations) {
+            // About 9,600 numbers: the standard error of the deviation is 0.7%.
+            let found = (sum / count as f64).sqrt();
+            assert!((found / deviation - 1.0).abs() < 0.05, "{found} {deviation}");
+        }
+    }
+
     #[test]
     fn rungs_fall_on_the_times_that_they_should() {
         let ddpm = Sampler::Ddpm { schedule: Ddpm::new(&DdpmConfig::default()), steps: 1 };

@@ -53,6 +53,9 @@ pub(super) struct Heap {
     foreign: Vec<String>,
 }
 
+/// Most axes of a tensor.
+const MOST_AXES: usize = 8;
+
 /// Entries of a dictionary, by text.
 pub(super) type Named<'a> = Vec<(&'a str, &'a Value)>;
 
@@ -98,21 +101,20 @@ impl Heap {
             Value::Int(size) => usize::try_from(*size).ok(),
             _ => None,
         };
-        self.list(value)?.iter().map(size).collect()
+        self.list(value).filter(|sizes| sizes.len() <= MOST_AXES)?.iter().map(size).collect()
     }
 
     /// What a call gives, for the functions that are known.
-    fn call(&mut self, function: &Value, arguments: &Value) -> Object {
-        let Some(Object::Global(module, name)) = self.object(function).cloned() else { return Object::Unknown };
-        let arguments = self.list(arguments).unwrap_or_default().to_vec();
+    fn call(&self, function: &Value, arguments: &Value) -> Object {
+        let Some(Object::Global(module, name)) = self.object(function) else { return Object::Unknown };
+        let arguments = self.list(arguments).unwrap_or_default();
         match (module.as_str(), name.as_str()) {
             ("collections", "OrderedDict") => Object::Dict(Vec::new()),
-            ("torch._utils", "_rebuild_tensor_v2") => {
-                self.tensor_of(&arguments).map_or(Object::Unknown, Object::Tensor)
-            }
-            // A parameter is its tensor.
+            ("torch._utils", "_rebuild_tensor_v2") => self.tensor_of(arguments).map_or(Object::Unknown, Object::Tensor),
+            // A parameter is its tensor. Nothing else is copied: a small file could name a large list many times.
             ("torch._utils", "_rebuild_parameter") => {
-                arguments.first().and_then(|data| self.object(data)).cloned().unwrap_or(Object::Unknown)
+                let tensor = arguments.first().and_then(|data| self.tensor(data));
+                tensor.map_or(Object::Unknown, |tensor| Object::Tensor(tensor.clone()))
             }
             _ => Object::Unknown,
         }

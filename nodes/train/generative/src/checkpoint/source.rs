@@ -97,10 +97,13 @@ impl<'a> Source<'a> {
                 Err(problem) => problems.push(format!("`{name}` {problem}")),
             }
         }
-        let averaged = of("ema").and_then(|ema| heap.dict(ema)).and_then(|ema| {
-            let shadows = ema.iter().find(|(key, _)| *key == "shadow_params")?.1;
+        let shadows = |ema: &Value| {
+            let shadows = heap.dict(ema)?.iter().find(|(key, _)| *key == "shadow_params")?.1;
             heap.list(shadows).map(<[Value]>::to_vec)
-        });
+        };
+        // Weights that are not averaged are never taken for averaged ones.
+        let averaged = of("ema").map(|ema| shadows(ema).ok_or("its `ema` has no list `shadow_params`")).transpose();
+        let averaged = averaged.map_err(|problem| one(problem.into()))?;
         let averaged = averaged.map(|values| {
             let entries = values.iter().enumerate().filter_map(|(at, value)| {
                 entry(&heap, value, &storages)

@@ -101,6 +101,28 @@ fn averaged_weights_are_taken_by_order_and_frozen_ones_by_name() {
     let ema = [b"}(".to_vec(), text("shadow_params"), b"]u".to_vec()].concat();
     let told = refused(&saved(pickle(&[("model", model.concat()), ("ema", ema)])));
     assert!(told.contains("`ema.shadow_params` has 0 tensors") && told.contains("has 2 trained ones"), "{told}");
+    // Other weights are never taken for averaged ones.
+    for ema in [b"}".to_vec(), b"]".to_vec(), int(1)] {
+        let told = refused(&saved(pickle(&[("model", model.concat()), ("ema", ema)])));
+        assert!(told.contains("its `ema` has no list `shadow_params`"), "{told}");
+    }
+}
+
+/// A file of 1 MB that names one list of 100,000 numbers a hundred thousand times, as what is copied for a parameter
+/// and as the shape of a tensor.
+#[test]
+fn a_small_pickle_cannot_fill_the_memory() {
+    let list = [b"(".to_vec(), b"K\x01".repeat(100_000), b"tq\x00".to_vec()].concat();
+    let parameter = b"ctorch._utils\n_rebuild_parameter\nq\x01".to_vec();
+    let copies = b"h\x01h\x00\x85R0".repeat(100_000);
+    let storage = [b"(".to_vec(), text("storage"), b"ctorch\nFloatStorage\n".to_vec(), text("0")].concat();
+    let storage = [storage, text("cpu"), int(6), b"tQq\x02".to_vec()].concat();
+    let shapes =
+        [b"ctorch._utils\n_rebuild_tensor_v2\nq\x03".to_vec(), b"h\x03(h\x02K\x00h\x00h\x00tR0".repeat(20_000)];
+    let program = [b"\x80\x02".to_vec(), list, parameter, copies, storage, shapes.concat(), b"}.".to_vec()].concat();
+    assert!(program.len() < 2 << 20);
+    let told = refused(&saved(program));
+    assert!(told.contains("is missing"), "{told}");
 }
 
 #[test]

@@ -50,6 +50,12 @@ pub struct NcsnppConfig {
     pub progressive_combine: String,
     /// `fourier`.
     pub embedding_type: String,
+    /// `swish`.
+    #[serde(skip_serializing)]
+    pub nonlinearity: String,
+    /// `GroupNorm`.
+    #[serde(skip_serializing)]
+    pub normalization: String,
     /// Deviation of the frequencies.
     pub fourier_scale: f64,
     /// Whether the output is divided by the time.
@@ -76,6 +82,8 @@ impl Default for NcsnppConfig {
             progressive_input: "input_skip".into(),
             progressive_combine: "sum".into(),
             embedding_type: "fourier".into(),
+            nonlinearity: "swish".into(),
+            normalization: "GroupNorm".into(),
             fourier_scale: 16.0,
             scale_by_sigma: true,
             centered: false,
@@ -124,6 +132,8 @@ impl NcsnppConfig {
             ("progressive_input", &self.progressive_input, "input_skip"),
             ("progressive_combine", &self.progressive_combine, "sum"),
             ("embedding_type", &self.embedding_type, "fourier"),
+            ("nonlinearity", &self.nonlinearity, "swish"),
+            ("normalization", &self.normalization, "GroupNorm"),
         ] {
             want(found == wanted, field, format!("`{found}`"), &format!("`{wanted}`"));
         }

@@ -11,7 +11,8 @@ use serde_json::Value;
 use tauflow_data::maths;
 use tauflow_tensors::Start;
 
-/// `config.json` of a `UNet2DModel`; what is left out is as in diffusers. Fields that are not here change nothing.
+/// `config.json` of a `UNet2DModel`; what is left out is as in diffusers. Fields that are not here
+/// are ignored; one that changes the network shows as missing, extra or misshapen weights.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Unet2dConfig {
