@@ -17,6 +17,7 @@ mod listing;
 mod look_up;
 mod probe;
 pub(crate) mod publish;
+mod reached;
 mod records;
 mod request;
 mod rollup;
@@ -29,6 +30,7 @@ mod transient;
 pub use event::Summary;
 pub use executor::ChildCommand;
 pub use lanes::Only;
+pub use reached::{holds_anywhere, reached};
 pub use records::{ACTION, PIPELINE, ROLLUP, SHARD, now};
 pub use sharded::Listed;
 

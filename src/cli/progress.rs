@@ -97,6 +97,7 @@ impl Display {
     pub(crate) fn new(pipeline: &Pipeline, json: bool) -> Self {
         let terminal = terminal::redraws() && !json;
         let bars = terminal.then(|| MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(10)));
+        terminal::show_notes_above(bars.as_ref());
         let order: Vec<String> = pipeline.nodes.iter().map(|n| n.name.clone()).collect();
         let graph = order.iter().enumerate().map(|(n, name)| (name.clone(), pipeline.reads(n))).collect();
         let state = State { order, run: RunState::new(graph), shown: BTreeMap::new() };

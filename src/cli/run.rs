@@ -5,7 +5,7 @@ use super::{
     cache::bytes,
     counted,
     progress::{Display, Voice},
-    seconds_text, table,
+    seconds_text, table, upstream,
 };
 use crate::{
     engine::{self, ChildCommand, ExecutorKind, Only, RunOptions, Summary, event::Failure},
@@ -76,6 +76,9 @@ pub(crate) struct RunArgs {
     /// its action another attempt, never the run.
     #[arg(long, value_enum, value_name = "WHERE", default_value_t = Where::Threads)]
     executor: Where,
+    /// Copy the results of the pipeline to the upstream at the end, as `cache push PIPELINE` does.
+    #[arg(long)]
+    push: bool,
     /// Print machine-readable events on stdout, one per line.
     #[arg(long, value_enum, value_name = "FORMAT")]
     events: Option<EventFormat>,
@@ -88,15 +91,19 @@ enum Where {
 }
 
 impl Where {
-    fn executor(self) -> Result<ExecutorKind, CliError> {
+    fn executor(self, cache: &CacheAt) -> Result<ExecutorKind, CliError> {
         match self {
             Self::Threads => Ok(ExecutorKind::Threads),
             Self::Process => {
                 let program = std::env::current_exe()
                     .map_err(|e| CliError::Environment(format!("cannot find this program: {e}")))?;
+                let (upstream, reader) = (cache.upstream()?.unwrap_or_default(), cache.reader()?);
                 Ok(ExecutorKind::Processes(ChildCommand::new(move |batch, store| {
                     let mut command = Command::new(&program);
                     command.args(["exec", "--batch"]).arg(batch).arg("--cache").arg(store);
+                    // One that cannot be used was told, and children are not to tell it again.
+                    let usable = reader.as_ref().is_some_and(|reader| !reader.is_lost());
+                    command.arg("--upstream").arg(if usable { upstream.as_path() } else { Path::new("") });
                     command
                 })))
             }
@@ -117,6 +124,9 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         let message = "--locked and --update-lock do not accept --set and --target; define a profile instead";
         return Err(CliError::Bad(message.into()));
     }
+    if args.push {
+        upstream::must_be_chosen(cache)?;
+    }
     let pipeline = args.pipeline.resolve(registry)?;
     let before = if args.locked { Some(Lock::read(&args.lock_path())?) } else { None };
     let only = args.only.as_deref().map(|text| Only::parse(text, &pipeline)).transpose().map_err(CliError::Bad)?;
@@ -133,7 +143,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         only,
         memory: args.memory,
         out: Some(args.out.clone()),
-        executor: args.executor.executor()?,
+        executor: args.executor.executor(cache)?,
         ..RunOptions::default()
     };
     let mut record = RunRecord::begin(&pipeline, args.pipeline.file().0, args.pipeline.overrides());
@@ -155,6 +165,9 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     tell(&summary, &pipeline, args, cache);
     if summary.interrupted {
         return Ok(Exit::Interrupted);
+    }
+    if args.push {
+        upstream::publish(&pipeline, registry, cache)?;
     }
     if !summary.failures.is_empty() {
         if args.locked || args.update_lock {

@@ -27,7 +27,7 @@ use std::{
     },
     thread,
 };
-use tauflow_cache::{Digest, Store};
+use tauflow_cache::{Digest, Key, Store};
 
 /// See the module.
 pub(super) struct Run<'a> {
@@ -157,6 +157,16 @@ impl<'a> Run<'a> {
             results: Vec::new(),
             never_run: false,
         })
+    }
+
+    /// The keys of lanes whose outputs are known as a whole.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub fn rolled_lanes(&self) -> Result<Vec<Key>, EngineError> {
+        let wanted = HashSet::new();
+        let holdings = Holdings { store: self.store, pool: &self.pool, wanted: &wanted };
+        Ok(rollup::find(self.pipeline, &self.lanes, holdings)?.keys)
     }
 
     pub fn finish(&mut self) -> Result<Summary, EngineError> {
