@@ -175,7 +175,7 @@ impl Bench {
         let ran: u64 = summary.nodes.iter().map(|n| n.ran).sum();
         let actions = self.items as f64 * (NODES as f64 + 1.0);
         println!(
-            "{what:<44} {:>9.1} ms {:>8.2} us an action, {ran} ran, {:.0} MiB at most so far",
+            "{what:<44} {:>9.1} ms {:>8.2} us per action, {ran} ran, {:.0} MiB at most so far",
             seconds * 1e3,
             seconds * 1e6 / actions,
             memory()

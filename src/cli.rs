@@ -6,12 +6,15 @@ mod output;
 
 mod alone;
 mod cache;
+mod checkpoints;
 mod config;
 mod descendants;
 mod exec;
 mod explain;
 mod export;
 mod inspect;
+mod notify;
+mod page;
 mod plan;
 mod progress;
 mod refine;
@@ -21,6 +24,8 @@ mod run;
 mod runs;
 mod scene;
 mod setup;
+mod show;
+mod status;
 mod terminal;
 mod tev;
 mod upstream;
@@ -116,6 +121,8 @@ struct Cli {
 enum Command {
     /// Bring the targets of a pipeline up to date.
     Run(run::RunArgs),
+    /// Show which runs are going, from another terminal: what is done, what runs, what failed.
+    Status(status::StatusArgs),
     /// List the recorded runs of a cache.
     Runs(runs::RunsArgs),
     /// Compare two runs: params, outputs, metrics and times.
@@ -124,6 +131,8 @@ enum Command {
     Plan(PipelineArgs),
     /// Show the cache key of a node or item, and what changed since its last run.
     Explain(explain::ExplainArgs),
+    /// Show what an item of a node is: its type, its files, and the verdict of the gate.
+    Show(show::ShowArgs),
     /// Check a pipeline file and report all errors.
     Check(PipelineArgs),
     /// Draw the graph of a pipeline.
@@ -136,6 +145,8 @@ enum Command {
     Init(setup::InitArgs),
     /// Write the results of a node as EXR, PNG and JSON files.
     Export(export::ExportArgs),
+    /// List the trained weights of a pipeline, or write them as safetensors files.
+    Checkpoints(checkpoints::CheckpointsArgs),
     /// Render a scene.
     Render(Box<render::RenderArgs>),
     /// Denoise a rendered image with a trained solver.
@@ -172,10 +183,17 @@ pub(crate) struct PipelineArgs {
 }
 
 impl PipelineArgs {
+    fn options(&self) -> pipeline::Options {
+        pipeline::Options { profile: self.profile.clone(), sets: self.sets.clone(), targets: self.targets.clone() }
+    }
+
     fn resolve(&self, registry: &Registry) -> Result<Pipeline, CliError> {
-        let options =
-            pipeline::Options { profile: self.profile.clone(), sets: self.sets.clone(), targets: self.targets.clone() };
-        Ok(pipeline::resolve(&self.pipeline, registry, &options)?)
+        Ok(pipeline::resolve(&self.pipeline, registry, &self.options())?)
+    }
+
+    /// The same, with a look at the files, folders and programs that the targets need.
+    fn check(&self, registry: &Registry) -> Result<Pipeline, CliError> {
+        Ok(pipeline::check(&self.pipeline, registry, &self.options())?)
     }
 
     /// The pipeline file and the profile.
@@ -212,18 +230,21 @@ pub fn main() -> ExitCode {
     let cache = CacheAt { cache: cli.cache, upstream: cli.upstream, reader: OnceCell::new() };
     let result = match cli.command {
         Command::Run(args) => run::run(&args, &registry, &cache),
+        Command::Status(args) => status::status(&args, &cache),
         Command::Runs(args) => runs::runs(&args, &cache),
         Command::Diff(args) => runs::diff(&args, &cache),
         Command::Plan(args) => plan::plan(&args, &registry, &cache),
         Command::Explain(args) => explain::explain(&args, &registry, &cache),
+        Command::Show(args) => show::show(&args, &registry, &cache),
         Command::Check(args) => inspect::check(&args, &registry),
-        Command::Graph(args) => inspect::graph(&args, &registry),
+        Command::Graph(args) => inspect::graph(&args, &registry, &cache),
         Command::Kinds(args) => inspect::kinds(&args, &registry),
         Command::Schema => inspect::schema(&registry),
         Command::Init(args) => setup::init(&args, &registry),
         Command::Completions(args) => setup::completions(&args, &mut Cli::command()),
         Command::Man(args) => setup::man(&args, Cli::command()),
         Command::Export(args) => export::export(&args, &registry, &cache),
+        Command::Checkpoints(args) => checkpoints::checkpoints(&args, &registry, &cache),
         Command::Refine(args) => refine::refine(&args),
         Command::Render(args) => render::render(&args, &registry, &cache),
         Command::Scene(command) => scene::scene(&command, &registry, &cache),
@@ -308,7 +329,9 @@ impl CacheAt {
 
     /// The option as given on the command line, for messages; begins with a space.
     pub(crate) fn again(&self) -> String {
-        self.cache.as_ref().map_or_else(String::new, |folder| format!(" --cache {}", quoted(&folder.display().to_string())))
+        self.cache
+            .as_ref()
+            .map_or_else(String::new, |folder| format!(" --cache {}", quoted(&folder.display().to_string())))
     }
 
     /// The directory of the cache.

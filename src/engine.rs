@@ -30,6 +30,7 @@ mod transient;
 pub use event::Summary;
 pub use executor::ChildCommand;
 pub use lanes::Only;
+pub(crate) use lanes::target_ports;
 pub use reached::{holds_anywhere, reached};
 pub use records::{ACTION, PIPELINE, ROLLUP, SHARD, now};
 pub use sharded::Listed;

@@ -1,9 +1,12 @@
 //! Pipelines: a file as written, with positions (`file`, `values`, `overrides`, `node`), and [`Pipeline`] as resolved:
 //! valid, named values put in, defaults filled, matrices expanded. Later code does not validate again.
 
+pub mod chart;
 pub mod draw;
 mod file;
+mod foresee;
 mod node;
+mod outside;
 mod overrides;
 mod read;
 pub mod reference;
@@ -14,7 +17,7 @@ mod values;
 mod wire;
 pub mod yaml;
 
-pub use resolve::{Options, resolve, resolve_text};
+pub use resolve::{Options, check, resolve, resolve_text};
 
 use crate::ids::{Id, PortId};
 use serde_json::Value;

@@ -3,6 +3,7 @@
 //!
 //! Prints nothing, and runs nothing.
 
+mod estimate;
 mod explanation;
 mod made;
 mod plan;
@@ -10,5 +11,5 @@ mod run_state;
 
 pub use explanation::{Explained, ExplainedGroup, Explanation, Why, explain, there_is};
 pub use made::{Selection, SelectionError};
-pub use plan::{Cost, NodePlan, PlanCosts, plan};
-pub use run_state::{Counts, LongAction, NodeState, RunState};
+pub use plan::{Cost, NodePlan, PlanCosts, expected, plan};
+pub use run_state::{Counts, Expected, LongAction, NodeState, Overall, RunState};

@@ -14,7 +14,7 @@ pub use tauflow_render::{
 pub use tauflow_scene_library::skies::sky;
 pub use tauflow_scene_readers::{LightUnit, Options, Setting, View, environment_map, load_scene_in};
 pub use tauflow_train::{
-    Conditioning, Course, Denoiser, Mirrored, Model, ModelCalls, NetworkDevice, Place, Views, rollout_to,
+    Conditioning, Course, Denoiser, Mirrored, Model, NetworkCalls, NetworkDevice, Place, Views, rollout_to,
 };
 
 /// Every kind there is.

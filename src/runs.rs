@@ -1,17 +1,26 @@
 //! Run records: what each `run` did, kept below `<cache>/runs`, one file per run, so that runs can be listed and
 //! compared.
 //!
-//! A record is written once, at the end of its run, under a name that no other record has; it is never changed. The
-//! garbage collector does not touch records. No key depends on one. Knows no terminal.
+//! A record is written when its run begins, under a name that no other record has, and once more when the run ends.
+//! Meanwhile the file of its [`LiveState`] stands beside it. No run changes the record of another one. The garbage
+//! collector does not touch records. No key depends on one. Knows no terminal.
 
 mod compare;
 mod date;
+mod live;
 mod metrics;
+mod observer;
 mod origin;
+mod prune;
+mod timeline;
 
 pub use compare::{Comparison, MetricChange, OutputChange, ParamChange, TimeChange, compare};
 pub use date::date_text;
+pub use live::{LiveAction, LiveNode, LiveState, Process, Standing};
+pub use observer::{Observer, PageFile, Shown};
 pub use origin::Machine;
+pub use prune::{prune, superfluous};
+pub use timeline::{Bar, Timeline};
 
 use crate::{
     diagnostics::did_you_mean,
@@ -98,6 +107,10 @@ pub enum Outcome {
     Interrupted,
     /// It could not go on.
     Error,
+    /// It goes on, as far as can be told.
+    Running,
+    /// It was killed, and came to no result.
+    Killed,
 }
 
 impl Outcome {
@@ -108,6 +121,8 @@ impl Outcome {
             Self::Failed => "failed",
             Self::Interrupted => "interrupted",
             Self::Error => "error",
+            Self::Running => "running",
+            Self::Killed => "killed",
         }
     }
 }
@@ -131,7 +146,7 @@ pub enum RunsError {
     /// The directory cannot be read or written.
     #[error("cannot {what} {path}: {source}; check its permissions and the free space", path = path.display())]
     Io {
-        /// `read` or `write`.
+        /// `read`, `write` or `delete`.
         what: &'static str,
         /// The file or directory.
         path: PathBuf,
@@ -170,7 +185,7 @@ impl RunRecord {
             command: std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect(),
             overrides,
             machine: Machine::here(),
-            outcome: Outcome::Error,
+            outcome: Outcome::Running,
             error: None,
             nodes: Vec::new(),
             slowest: Vec::new(),
@@ -211,6 +226,7 @@ impl RunRecord {
     /// Takes why the run could not go on.
     pub fn fail(&mut self, error: String) {
         self.elapsed_s = engine::now().saturating_sub(self.started) as f64;
+        self.outcome = Outcome::Error;
         self.error = Some(error);
     }
 
@@ -237,20 +253,52 @@ impl RunRecord {
             if path.symlink_metadata().is_ok() {
                 continue;
             }
-            let mut text = serde_json::to_vec(self).map_err(|e| failed(&path)(io::Error::other(e)))?;
-            text.push(b'\n');
-            // As readable as all other files of the cache, which a group may share.
-            let mode = fs::Permissions::from_mode(0o666);
-            let temporary = tempfile::Builder::new().permissions(mode).tempfile_in(&folder);
-            let mut temporary = temporary.map_err(failed(&folder))?;
-            temporary.write_all(&text).map_err(failed(&path))?;
-            match temporary.persist_noclobber(&path) {
+            match self.temporary(&folder).map_err(failed(&path))?.persist_noclobber(&path) {
                 Ok(_) => return Ok(path),
                 Err(e) if e.error.kind() == io::ErrorKind::AlreadyExists => {} // another run was quicker
                 Err(e) => return Err(failed(&path)(e.error)),
             }
         }
         Err(failed(&folder)(io::Error::other(format!("{MOST_A_SECOND} runs began in the same second"))))
+    }
+
+    /// Puts how the run ended in place of what [`RunRecord::write`] wrote, and removes its state.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn conclude(&self, cache: &Path) -> Result<(), RunsError> {
+        let folder = cache.join(FOLDER);
+        let path = path_of(&folder, &self.id);
+        let failed = |source| RunsError::Io { what: "write", path: path.clone(), source };
+        own(&folder)
+            .and_then(|()| self.temporary(&folder))
+            .map_err(failed)?
+            .persist(&path)
+            .map_err(|e| failed(e.error))?;
+        live::remove(cache, &self.id);
+        Ok(())
+    }
+
+    /// A file with the record that has no name yet.
+    fn temporary(&self, folder: &Path) -> io::Result<tempfile::NamedTempFile> {
+        let mut text = serde_json::to_vec(self)?;
+        text.push(b'\n');
+        // As readable as all other files of the cache, which a group may share.
+        let mode = fs::Permissions::from_mode(0o666);
+        let mut temporary = tempfile::Builder::new().permissions(mode).tempfile_in(folder)?;
+        temporary.write_all(&text)?;
+        Ok(temporary)
+    }
+
+    /// Takes what is known of a run whose process is gone.
+    fn killed(&mut self, state: Option<&LiveState>) {
+        self.outcome = Outcome::Killed;
+        if let Some(state) = state {
+            self.elapsed_s = state.elapsed_s;
+            self.nodes = state.stats();
+            self.failures.clone_from(&state.failures);
+            self.failed = state.failed;
+        }
     }
 }
 
@@ -281,7 +329,7 @@ pub fn read_all(cache: &Path) -> Result<(Vec<RunRecord>, Vec<Damaged>), RunsErro
     for entry in entries {
         let path = entry.map_err(failed)?.path();
         let Some(id) = path.file_name().and_then(|n| n.to_str()?.strip_suffix(".json")) else { continue };
-        match read(&path, id) {
+        match read(&path, id).and_then(|record| looked_after(cache, record, &path)) {
             Ok(record) => records.push(record),
             Err(why) => damaged.push(Damaged { path: path.clone(), why }),
         }
@@ -301,6 +349,32 @@ fn read(path: &Path, id: &str) -> Result<RunRecord, String> {
     }
     let record: RunRecord = serde_json::from_value(value).map_err(|e| e.to_string())?;
     if record.id == id { Ok(record) } else { Err(format!("it is the record of run `{}`", record.id)) }
+}
+
+/// A record with what its state tells, if its run has not ended by itself.
+fn looked_after(cache: &Path, record: RunRecord, path: &Path) -> Result<RunRecord, String> {
+    if record.outcome != Outcome::Running {
+        return Ok(record);
+    }
+    let state = live::read(cache, &record.id);
+    let mut record = match &state {
+        Some(state) if state.standing() != Standing::Gone => record,
+        // Its process may have ended just now, and written how.
+        _ => read(path, &record.id)?,
+    };
+    match &state {
+        Some(state) if state.standing() != Standing::Gone => record.elapsed_s = state.going_s(),
+        // A run that began just now may not have written its state.
+        None if engine::now().saturating_sub(record.started) < live::SILENT => {}
+        _ if record.outcome == Outcome::Running => record.killed(state.as_ref()),
+        _ => {}
+    }
+    Ok(record)
+}
+
+/// How far a run is, or was as it was killed; none if it has ended by itself or told nothing.
+pub fn state(cache: &Path, record: &RunRecord) -> Option<LiveState> {
+    matches!(record.outcome, Outcome::Running | Outcome::Killed).then(|| live::read(cache, &record.id)).flatten()
 }
 
 /// The runs of a pipeline, given by its name or its file.

@@ -25,7 +25,7 @@ parser.add_argument("--scenes", type=int, default=3)
 parser.add_argument("--side", type=int, default=64)
 parser.add_argument("--batches", type=int, default=16)
 parser.add_argument("--reference", type=pathlib.Path, help="writes Mitsuba's means of bins, for the project's tests")
-parser.add_argument("--most", type=int, default=8192, help="samples a pixel and batch at most")
+parser.add_argument("--most", type=int, default=8192, help="samples per pixel and batch at most")
 parser.add_argument("--only", nargs="*", metavar="SCENE", help="these of the scenes, at the limits of all")
 args = parser.parse_args()
 if args.only and args.reference:

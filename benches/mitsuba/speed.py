@@ -4,7 +4,7 @@ python speed.py FOLDER [--scenes N] [--side 128] [--cores 1|2] [--late] [--compe
 
 The error is the root of the mean square error over pixels and channels against a held-out reference: the mean of all of
 the other renderer's batches, whose own variance is subtracted. Time to the error that Mitsuba has at 64 and at 512
-samples a pixel: its own render, and ours with as many samples as that error takes. Errors are measured at the first
+samples per pixel: its own render, and ours with as many samples as that error takes. Errors are measured at the first
 number of samples and follow 1/sqrt(n). Ours is timed before and after Mitsuba's.
 --late gives ours the Russian roulette of Mitsuba; --compensate gives Mitsuba's environment maps MIS compensation.
 """

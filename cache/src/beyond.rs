@@ -28,8 +28,12 @@ impl Store {
     /// Fills the gaps of a look-up of these keys.
     pub(crate) fn records_beyond(&self, namespace: &str, keys: &[Key], found: &mut [Option<Arc<Record>>]) {
         let Some(beyond) = &self.beyond else { return };
-        let (places, lacking): (Vec<usize>, Vec<Key>) =
-            keys.iter().enumerate().filter(|(place, _)| found[*place].is_none()).map(|(place, key)| (place, *key)).unzip();
+        let (places, lacking): (Vec<usize>, Vec<Key>) = keys
+            .iter()
+            .enumerate()
+            .filter(|(place, _)| found[*place].is_none())
+            .map(|(place, key)| (place, *key))
+            .unzip();
         if lacking.is_empty() {
             return;
         }

@@ -29,7 +29,7 @@ use tauflow_data::{
 use tauflow_render::{picture_statistics, quality_gate::geometric_mean_luminance};
 use tauflow_scene::SceneGenerationParams;
 
-/// Samples a pixel of previews.
+/// Samples per pixel of previews.
 const PREVIEW_SPP: u64 = 32;
 /// Pictures in a row of a sheet, and rows.
 const SHEET: [usize; 2] = [10, 6];

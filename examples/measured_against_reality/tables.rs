@@ -33,7 +33,7 @@ const BESIDE: Measure<PictureStatistics> =
 const GEOMETRY: [Measure<SceneStatistics>; 3] = [
     Measure { name: "discontinuities of depth, share", digits: 3, value: |s| Some(s.depth_discontinuities) },
     Measure { name: "discontinuities of normals, share", digits: 3, value: |s| Some(s.normal_discontinuities) },
-    Measure { name: "samples a pixel to 1%", digits: 0, value: |s| s.samples_to_percent },
+    Measure { name: "samples per pixel to 1%", digits: 0, value: |s| s.samples_to_percent },
 ];
 
 /// Lower quartile, median, upper quartile.

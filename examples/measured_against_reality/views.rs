@@ -18,7 +18,7 @@ use tauflow_render::{
 const VIEWS: usize = 24;
 /// Pixels a side.
 const SIDE: u32 = 64;
-/// Samples a pixel, as many as references of generated scenes have.
+/// Samples per pixel, as many as references of generated scenes have.
 const SPP: u64 = 512;
 /// Degrees that a view looks up or down by at most.
 const PITCH: f64 = 25.0;

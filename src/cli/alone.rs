@@ -83,7 +83,9 @@ pub(super) fn alone(args: &ExecArgs, cache: &CacheAt) -> Result<Exit, CliError> 
             // A library loads what lies beside it.
             let beside = libraries.iter().flatten().filter_map(|library| library.parent());
             let beside = beside.filter(|folder| folder.is_absolute()).map(Some);
-            let read = [Some(program.as_path()), file.as_deref(), upstream.as_deref().filter(|dir| dir.is_dir())].into_iter().chain(beside);
+            let read = [Some(program.as_path()), file.as_deref(), upstream.as_deref().filter(|dir| dir.is_dir())]
+                .into_iter()
+                .chain(beside);
             sandbox(&program, &folder, &store, &read.flatten().collect::<Vec<_>>())?
         }
         false => Command::new(&program),

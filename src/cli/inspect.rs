@@ -1,12 +1,17 @@
-//! `tauflow check`, `graph`, `kinds` and `schema`: commands without a cache.
+//! `tauflow check`, `graph`, `kinds` and `schema`. Only `graph` looks at the cache, for the times that an SVG shows.
 
-use super::{CliError, Exit, PipelineArgs};
+use super::{CacheAt, CliError, Exit, PipelineArgs, counted, seconds_text};
 use crate::{
+    engine::{self, event::NodeStat},
     kinds::Registry,
-    pipeline::{draw, schema as pipeline_schema, schema_check},
+    pipeline::{
+        Pipeline,
+        chart::{Chart, Look, Note},
+        draw, schema as pipeline_schema, schema_check,
+    },
 };
 use clap::{Args, ValueEnum};
-use std::{fmt::Write as _, fs, path::PathBuf};
+use std::{collections::BTreeMap, fmt::Write as _, fs, path::PathBuf};
 use tauflow_contract::{Determinism, Mode, NodeKind, Takes};
 
 /// Arguments of `graph`.
@@ -14,7 +19,7 @@ use tauflow_contract::{Determinism, Mode, NodeKind, Takes};
 pub(crate) struct GraphArgs {
     #[command(flatten)]
     pipeline: PipelineArgs,
-    /// Output format.
+    /// Output format. An SVG names the ports, and shows the times of the results in the cache.
     #[arg(long, value_enum, default_value_t = GraphFormat::Dot)]
     format: GraphFormat,
 }
@@ -37,20 +42,40 @@ pub(crate) struct KindsArgs {
 }
 
 pub(crate) fn check(args: &PipelineArgs, registry: &Registry) -> Result<Exit, CliError> {
-    let pipeline = args.resolve(registry)?;
+    let pipeline = args.check(registry)?;
     outln!("{}: no problems; {} nodes, {} cells", args.pipeline.display(), pipeline.nodes.len(), pipeline.cells.len());
     Ok(Exit::Done)
 }
 
-pub(crate) fn graph(args: &GraphArgs, registry: &Registry) -> Result<Exit, CliError> {
+pub(crate) fn graph(args: &GraphArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     let pipeline = args.pipeline.resolve(registry)?;
-    let format = match args.format {
-        GraphFormat::Dot => draw::Format::Dot,
-        GraphFormat::Mermaid => draw::Format::Mermaid,
-        GraphFormat::Svg => draw::Format::Svg,
+    let text = match args.format {
+        GraphFormat::Dot => draw::draw(&pipeline, draw::Format::Dot),
+        GraphFormat::Mermaid => draw::draw(&pipeline, draw::Format::Mermaid),
+        GraphFormat::Svg => Chart::new(&pipeline).svg(&notes(&pipeline, cache)?),
     };
-    outln!("{}", draw::draw(&pipeline, format).trim_end());
+    outln!("{}", text.trim_end());
     Ok(Exit::Done)
+}
+
+/// What the cache holds of each node, and how long it took; nothing if there is no cache.
+fn notes(pipeline: &Pipeline, cache: &CacheAt) -> Result<BTreeMap<String, Note>, CliError> {
+    if !cache.folder().is_dir() {
+        return Ok(BTreeMap::new());
+    }
+    let plan = engine::plan(pipeline, &cache.look()?, None)?;
+    let note = |node: &NodeStat| {
+        let stale = node.ran + node.blocked + node.failed;
+        let look = if stale == 0 && !node.unknown && node.hit > 0 { Look::Done } else { Look::Waiting };
+        let time = seconds_text(node.wall_s);
+        let text = match (node.hit, stale) {
+            (0, _) => "stale".to_owned(),
+            (hit, 0) if !node.unknown => format!("{}, {time}", counted(hit, "result")),
+            (hit, _) => format!("{} of more, {time}", counted(hit, "result")),
+        };
+        Note { text, look }
+    };
+    Ok(plan.summary.nodes.iter().filter(|n| n.lanes > 0).map(|n| (n.node.clone(), note(n))).collect())
 }
 
 pub(crate) fn schema(registry: &Registry) -> Result<Exit, CliError> {

@@ -9,7 +9,7 @@ use crate::{
 pub(crate) fn plan(args: &PipelineArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     let pipeline = args.resolve(registry)?;
     let plan = query::plan(&pipeline, &cache.look()?)?;
-    let heads = ["node", "as before", "to run", "blocked", "expected", "size"];
+    let heads = ["node", "as before", "to run", "may run", "time", "size"];
     let mut rows = vec![heads.map(str::to_owned).to_vec()];
     rows.extend(plan.nodes.iter().map(row));
     out!("{}", table(&rows));
@@ -23,29 +23,46 @@ pub(crate) fn plan(args: &PipelineArgs, registry: &Registry, cache: &CacheAt) ->
         lines.sort();
         lines.iter().for_each(|(why, count)| outln!("  {}: {count} x {why}", node.node));
     }
-    let more = if plan.is_partial() { ", and what is not known before something else has run" } else { "" };
-    outln!(
-        "\nexpected: {} of work and {} of results, from earlier runs{more}",
-        seconds_text(plan.total.seconds),
-        bytes_text(plan.total.bytes as u64)
-    );
+    let time = range(plan.total.seconds, plan.most.seconds, seconds_text);
+    let size = range(plan.total.bytes, plan.most.bytes, |bytes| bytes_text(bytes as u64));
+    outln!("\nexpected: {time} of work and {size} of results, from earlier runs");
+    if plan.is_partial() {
+        outln!("  the least is certain; the most assumes that no output stays unchanged");
+    }
+    if !plan.never.is_empty() {
+        outln!("  not counted, because the kind has never run: {}", plan.never.join(", "));
+    }
     Ok(Exit::Done)
 }
 
+/// One value, or the least and the most.
+fn range(least: f64, most: f64, text: impl Fn(f64) -> String) -> String {
+    let (from, to) = (text(least), text(most));
+    if least == 0.0 && most > 0.0 {
+        format!("up to {to}")
+    } else if from == to {
+        from
+    } else {
+        format!("{from} to {to}")
+    }
+}
+
 fn row(node: &NodePlan) -> Vec<String> {
-    let blocked = if node.undecided > 0 {
+    let may_run = if node.undecided > 0 {
         format!("{} unknown", node.undecided)
-    } else if node.open {
-        "not known yet".to_owned()
-    } else if node.waiting > 0 {
-        format!("{} waiting", node.waiting)
+    } else if node.may_run > 0 {
+        format!("up to {}", node.may_run)
     } else {
         String::new()
     };
-    let (expected, size) = match node.cost {
-        _ if node.to_run == 0 => (String::new(), String::new()),
-        Some(cost) => (seconds_text(cost.seconds), bytes_text(cost.bytes as u64)),
+    let least = node.cost.unwrap_or_default();
+    let (time, size) = match node.most {
+        _ if node.to_run + node.may_run == 0 => (String::new(), String::new()),
+        Some(most) => (
+            range(least.seconds, most.seconds, seconds_text),
+            range(least.bytes, most.bytes, |bytes| bytes_text(bytes as u64)),
+        ),
         None => ("not known".into(), "not known".into()),
     };
-    vec![node.node.clone(), node.as_before.to_string(), node.to_run.to_string(), blocked, expected, size]
+    vec![node.node.clone(), node.as_before.to_string(), node.to_run.to_string(), may_run, time, size]
 }

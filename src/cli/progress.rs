@@ -1,21 +1,30 @@
-//! Progress of a run: bars on a terminal, lines elsewhere, JSON for programs.
+//! Progress of a run: bars on a terminal, lines elsewhere, JSON for programs. Bars of finished nodes fold into the last
+//! line, which is of the whole run, so that all of them fit a terminal of 24 rows and 80 columns.
 
 use super::{seconds_text, terminal};
 use crate::{
     engine::event::{Event, Name},
     pipeline::Pipeline,
-    query::{LongAction, NodeState, RunState},
+    query::{Expected, LongAction, NodeState, Overall, RunState},
 };
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::{
     collections::BTreeMap,
     io::Write,
-    sync::{Mutex, PoisonError},
+    sync::{
+        Mutex, PoisonError,
+        mpsc::{Receiver, Sender, channel},
+    },
     time::{Duration, Instant},
 };
 
 /// A line at most this often, for each node.
 const LINE_EVERY: Duration = Duration::from_secs(5);
+
+/// A line of the whole run at most this often.
+const OVERALL_EVERY: Duration = Duration::from_secs(30);
+/// Bars at most, so that a terminal of 24 rows holds them and the line of the whole run.
+const MOST_BARS: usize = 21;
 
 /// Actions that take at least this long are shown one by one.
 const LONG: Duration = Duration::from_secs(2);
@@ -55,9 +64,21 @@ fn node_text(node: &NodeState, known: bool) -> String {
     parts.join(", ")
 }
 
+/// The whole run: nodes, time, time to go.
+fn overall_text(overall: Overall, elapsed: Duration) -> String {
+    let Overall { done, nodes, left, known } = overall;
+    let mut parts = vec![format!("{done}/{nodes} nodes done"), seconds_text(elapsed.as_secs_f64())];
+    // More may follow, or not, from what is not known yet.
+    parts.extend(left.map(|left| format!("{} {} to go", if known { "about" } else { "up to" }, seconds_text(left))));
+    parts.join(", ")
+}
+
 /// See the module.
 pub(crate) struct Display {
     json: bool,
+    start: Instant,
+    /// Who wants to hear that an action begins.
+    asked: Mutex<Option<Sender<()>>>,
     bars: Option<MultiProgress>,
     state: Mutex<State>,
 }
@@ -66,6 +87,16 @@ struct State {
     order: Vec<String>,
     run: RunState,
     shown: BTreeMap<String, Shown>,
+    expected: Vec<Expected>,
+    overall: Option<ProgressBar>,
+    overall_told: Instant,
+}
+
+impl State {
+    /// Bars of nodes and actions.
+    fn bars(&self) -> usize {
+        self.shown.values().map(|shown| usize::from(shown.bar.is_some()) + shown.parts.len()).sum()
+    }
 }
 
 /// The displayed state of a node.
@@ -100,8 +131,25 @@ impl Display {
         terminal::show_notes_above(bars.as_ref());
         let order: Vec<String> = pipeline.nodes.iter().map(|n| n.name.clone()).collect();
         let graph = order.iter().enumerate().map(|(n, name)| (name.clone(), pipeline.reads(n))).collect();
-        let state = State { order, run: RunState::new(graph), shown: BTreeMap::new() };
-        Self { json, bars, state: Mutex::new(state) }
+        let (start, shown) = (Instant::now(), BTreeMap::new());
+        let run = RunState::new(graph);
+        let state = State { order, run, shown, expected: Vec::new(), overall: None, overall_told: start };
+        Self { json, start, bars, state: Mutex::new(state), asked: Mutex::new(None) }
+    }
+
+    /// Hears once that an action begins; nothing comes if none does before the end. A run that has nothing to do needs
+    /// no estimate.
+    pub(crate) fn begun(&self) -> Receiver<()> {
+        let (sender, receiver) = channel();
+        if !self.json {
+            *self.asked.lock().unwrap_or_else(PoisonError::into_inner) = Some(sender);
+        }
+        receiver
+    }
+
+    /// Takes what each node may do, by which the time to go is told.
+    pub(crate) fn expect(&self, expected: Vec<Expected>) {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner).expected = expected;
     }
 
     pub(crate) fn show(&self, event: &Event) {
@@ -113,6 +161,13 @@ impl Display {
         }
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         match event {
+            Event::Begin { .. } => {
+                let asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner).take();
+                // Nobody listens any more if the estimate is there.
+                if let Some(sender) = asked {
+                    let _ = sender.send(());
+                }
+            }
             Event::Warning { message } => self.voice().say(&format!("warning: {message}")),
             Event::Healing { nodes } => {
                 let nodes = nodes.join(", ");
@@ -123,7 +178,34 @@ impl Display {
         }
         if let Some(node) = state.run.count(event) {
             self.update(&mut state, &node);
+            self.update_overall(&mut state);
         }
+    }
+
+    /// The line of the whole run.
+    fn update_overall(&self, state: &mut State) {
+        let elapsed = self.start.elapsed();
+        let due = state.overall_told.elapsed();
+        let text = |state: &State| {
+            let overall = state.run.overall(&state.expected, elapsed);
+            (overall, overall_text(overall, elapsed))
+        };
+        match &self.bars {
+            Some(_) if due < Duration::from_millis(200) && state.overall.is_some() => return,
+            Some(bars) => {
+                let (overall, text) = text(state);
+                let bar = state.overall.get_or_insert_with(|| {
+                    bars.add(ProgressBar::new(0).with_style(style("{prefix} {bar:20.green/dim} {wide_msg}")))
+                });
+                bar.set_prefix("all");
+                bar.set_length(overall.nodes as u64);
+                bar.set_position(overall.done as u64);
+                bar.set_message(text);
+            }
+            None if due < OVERALL_EVERY => return,
+            None => eprintln!("all: {}", text(state).1),
+        }
+        state.overall_told = Instant::now();
     }
 
     /// Says things beside the bars, from any thread.
@@ -133,8 +215,10 @@ impl Display {
 
     /// Leaves the bars as they are.
     pub(crate) fn end(&self) {
+        drop(self.asked.lock().unwrap_or_else(PoisonError::into_inner).take());
         let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        state.shown.values().filter_map(|shown| shown.bar.as_ref()).for_each(ProgressBar::abandon);
+        let bars = state.shown.values().filter_map(|shown| shown.bar.as_ref());
+        bars.chain(&state.overall).for_each(ProgressBar::abandon);
     }
 
     fn update(&self, state: &mut State, name: &str) {
@@ -142,13 +226,26 @@ impl Display {
         let (known, ended) = state.run.standing(name);
         match &self.bars {
             Some(bars) => {
+                if ended {
+                    // Folded into the line of the whole run.
+                    if let Some(shown) = state.shown.get_mut(name) {
+                        for bar in shown.bar.take().into_iter().chain(std::mem::take(&mut shown.parts).into_values()) {
+                            bar.finish_and_clear();
+                            bars.remove(&bar);
+                        }
+                    }
+                    return;
+                }
                 if state.shown.get(name).is_none_or(|shown| shown.bar.is_none()) {
+                    if state.bars() >= MOST_BARS {
+                        return;
+                    }
                     // Bars stand in the pipeline's order, whichever node begins first, each followed by its actions'.
                     let shown = |node: &String| state.shown.get(node);
                     let last = |shown: &Shown| shown.parts.values().last().or(shown.bar.as_ref()).cloned();
                     let place = state.order.iter().position(|node| node == name).unwrap_or(0);
                     let before = state.order[..place].iter().rev().find_map(|node| shown(node).and_then(last));
-                    let bar = ProgressBar::new(0).with_style(style("{prefix:18} {bar:24.cyan/dim} {wide_msg}"));
+                    let bar = ProgressBar::new(0).with_style(style("{prefix:18!} {bar:12.cyan/dim} {wide_msg}"));
                     let bar = match before {
                         Some(before) => bars.insert_after(&before, bar),
                         None => bars.insert(0, bar),
@@ -156,7 +253,9 @@ impl Display {
                     bar.set_prefix(name.to_owned());
                     state.shown.entry(name.to_owned()).or_default().bar = Some(bar);
                 }
+                let room = MOST_BARS.saturating_sub(state.bars());
                 let shown = state.shown.entry(name.to_owned()).or_default();
+                let room = (room + shown.parts.len()).min(MOST_PARTS);
                 let Some(bar) = &shown.bar else { return };
                 // A thousand steps for each action, so that a long one moves its bar.
                 bar.set_length(node.counts().expected * 1000);
@@ -172,10 +271,10 @@ impl Display {
                     }
                     goes_on
                 });
-                for (at, long) in node.long(LONG).take(MOST_PARTS) {
+                for (at, long) in node.long(LONG).take(room) {
                     let part = parts.entry(at.clone()).or_insert_with(|| {
                         let part = ProgressBar::new(long.total)
-                            .with_style(style("  {prefix:28.dim} {bar:12.cyan/dim} {wide_msg:.dim}"));
+                            .with_style(style("  {prefix:28!.dim} {bar:12.cyan/dim} {wide_msg:.dim}"));
                         let part = bars.insert_after(&last, part);
                         part.set_prefix(title(at));
                         part
@@ -205,6 +304,21 @@ impl Display {
 mod tests {
     use super::*;
     use crate::engine::event::Ended;
+
+    #[test]
+    fn the_whole_run_is_one_line() {
+        let overall = Overall { done: 3, nodes: 12, left: Some(90.0), known: false };
+        let seconds = Duration::from_secs(65);
+        assert_eq!(overall_text(overall, seconds), "3/12 nodes done, 65.0 s, up to 90.0 s to go");
+        let known = Overall { known: true, ..overall };
+        assert_eq!(overall_text(known, seconds), "3/12 nodes done, 65.0 s, about 90.0 s to go");
+        // Its name and its bar take 25 of 80 columns.
+        let long = Overall { done: 100, nodes: 100, left: Some(4e5), known: true };
+        assert_eq!(
+            overall_text(long, Duration::from_secs(360_000)),
+            "100/100 nodes done, 100 h 00 min, about 111 h 06 min to go"
+        );
+    }
 
     #[test]
     fn a_line_says_what_became_of_a_node_s_actions() {

@@ -6,8 +6,8 @@ use super::{
     seconds_text,
 };
 use crate::registry::{
-    Conditioning, Course, Denoiser, Mirrored, Model, ModelCalls, NetworkDevice, Place, Views, geometric_mean_luminance,
-    rollout_to,
+    Conditioning, Course, Denoiser, Mirrored, Model, NetworkCalls, NetworkDevice, Place, Views,
+    geometric_mean_luminance, rollout_to,
 };
 use clap::Args;
 use std::{collections::BTreeMap, path::PathBuf, time::Instant};
@@ -34,7 +34,7 @@ pub(crate) struct RefineArgs {
     #[arg(long, value_name = "N")]
     to_spp: Option<u64>,
     /// Number of network calls.
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=ModelCalls::MOST))]
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=NetworkCalls::MOST))]
     nfe: u64,
     /// Average each call over 1, 2, 4 or 8 mirrored and rotated copies, in as many times the time.
     #[arg(long, default_value_t = 1)]
@@ -114,7 +114,7 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     eprintln!(
         "{} spp -> {to} spp in {} and {}, exposure {exposure:.4}",
         args.from_spp,
-        super::counted(args.nfe, "model call"),
+        super::counted(args.nfe, "network call"),
         seconds_text(seconds)
     );
     outln!("{}", args.out.display());

@@ -3,7 +3,8 @@
 use super::{
     CacheAt, CliError, Exit, PipelineArgs, bytes_text,
     cache::bytes,
-    counted,
+    counted, notify,
+    page::Page,
     progress::{Display, Voice},
     seconds_text, table, upstream,
 };
@@ -11,9 +12,9 @@ use crate::{
     engine::{self, ChildCommand, ExecutorKind, Only, RunOptions, Summary, event::Failure},
     kinds::Registry,
     lock::{self, Lock, LockError},
-    pipeline::Pipeline,
+    pipeline::{Pipeline, chart::Chart},
     query,
-    runs::RunRecord,
+    runs::{Observer, PageFile, RunRecord, RunsError},
 };
 use clap::{Args, ValueEnum};
 use serde_json::json;
@@ -82,6 +83,10 @@ pub(crate) struct RunArgs {
     /// Print machine-readable events on stdout, one per line.
     #[arg(long, value_enum, value_name = "FORMAT")]
     events: Option<EventFormat>,
+    /// At the end of the run, POST a JSON object to this URL: pipeline, id, state, seconds, failures. HTTPS needs the
+    /// program `curl`.
+    #[arg(long, value_name = "URL", value_parser = notify::address)]
+    notify: Option<notify::Address>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -147,15 +152,42 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         ..RunOptions::default()
     };
     let mut record = RunRecord::begin(&pipeline, args.pipeline.file().0, args.pipeline.overrides());
-    let summary = engine::run(&pipeline, &store, &options, &stop, &|event| display.show(event));
-    display.end();
+    if let Some(to) = &args.notify {
+        record.command = notify::without_secret(record.command, to);
+    }
+    // The results are there, whatever becomes of the record.
+    let unrecorded = |error: RunsError| eprintln!("warning: this run is not recorded: {error}");
+    let recorded = record.write(&cache.folder()).map_err(unrecorded).is_ok();
+    let page = page(args, &pipeline, &record, cache);
+    let observer = recorded.then(|| Observer::start(&pipeline, &record, cache.folder(), page));
+    let begun = display.begun();
+    let summary = std::thread::scope(|scope| {
+        // Beside the run, as listing sources may take a while.
+        let (display, pipeline, store, observer) = (&display, &pipeline, &store, &observer);
+        scope.spawn(move || {
+            if begun.recv().is_ok() {
+                display.expect(query::expected(pipeline, store));
+            }
+        });
+        let summary = engine::run(pipeline, store, &options, &stop, &|event| {
+            display.show(event);
+            observer.iter().for_each(|observer| observer.observe(event));
+        });
+        display.end();
+        summary
+    });
     match &summary {
         Ok(summary) => record.end(summary),
         Err(error) => record.fail(error.to_string()),
     }
-    // The results are there, whatever becomes of the record.
-    if let Err(error) = record.write(&cache.folder()) {
-        eprintln!("warning: this run is not recorded: {error}");
+    let published = summary.as_ref().map_or(&[][..], |summary| &summary.published);
+    let notes = observer.map(|observer| observer.conclude(&record, published));
+    notes.iter().flatten().for_each(|note| eprintln!("warning: {note}"));
+    if recorded && let Err(error) = record.conclude(&cache.folder()) {
+        unrecorded(error);
+    }
+    if let Some(note) = args.notify.as_ref().and_then(|to| notify::send(to, &record)) {
+        eprintln!("note: {note}");
     }
     let summary = summary?;
     if let Some(only) = &options.only {
@@ -182,6 +214,20 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     }
     let same = before.is_none_or(|before| tell_differences(&before, &now, args));
     Ok(if same { Exit::Done } else { Exit::Failed })
+}
+
+/// The command that runs the same again.
+fn again(args: &RunArgs, cache: &CacheAt) -> String {
+    let out = if args.out == Path::new("out") { String::new() } else { format!(" --out {}", args.out.display()) };
+    format!("tauflow run {}{out}{}", args.pipeline.again(), cache.again())
+}
+
+/// The page of the run.
+fn page(args: &RunArgs, pipeline: &Pipeline, record: &RunRecord, cache: &CacheAt) -> PageFile {
+    let folder = args.out.join(&pipeline.name);
+    let order: Vec<String> = pipeline.nodes.iter().map(|node| node.name.clone()).collect();
+    let page = Page::new(record, Chart::new(pipeline), &order, again(args, cache), folder.clone());
+    PageFile { path: folder.join(engine::publish::PAGE), html: Box::new(move |shown| page.html(shown)) }
 }
 
 /// Finds out whether the item of `--only` took part in the run.
@@ -243,8 +289,7 @@ fn listen(stop: Arc<AtomicBool>, voice: Voice) -> Result<(), CliError> {
 }
 
 fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, cache: &CacheAt) {
-    let out = if args.out == Path::new("out") { String::new() } else { format!(" --out {}", args.out.display()) };
-    let again = format!("tauflow run {}{out}{}", args.pipeline.again(), cache.again());
+    let again = again(args, cache);
     let ran = summary.total(|n| n.ran);
     let hit = summary.total(|n| n.hit);
     let elapsed = seconds_text(summary.elapsed.as_secs_f64());

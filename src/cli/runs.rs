@@ -1,7 +1,7 @@
 //! `tauflow runs` and `tauflow diff`: the recorded runs of a cache.
 
 use super::{CacheAt, CliError, Exit, bytes_text, counted, seconds_text, table};
-use crate::runs::{self, Comparison, MetricChange, RunRecord, RunsError, date_text};
+use crate::runs::{self, Comparison, MetricChange, Outcome, RunRecord, RunsError, date_text};
 use clap::Args;
 use serde_json::{Value, json};
 
@@ -17,6 +17,12 @@ pub(crate) struct RunsArgs {
     /// Print one complete record per line, as JSON.
     #[arg(long)]
     json: bool,
+    /// Delete old records. Of each pipeline, the latest ones stay, and the latest complete one that did some work.
+    #[arg(long, conflicts_with = "json")]
+    prune: bool,
+    /// Number of records of each pipeline that --prune keeps.
+    #[arg(long, value_name = "N", default_value_t = 50, requires = "prune")]
+    keep: usize,
 }
 
 /// Arguments of `diff`.
@@ -27,7 +33,10 @@ pub(crate) struct DiffArgs {
     run: String,
     /// Id of the run to compare with. Default: the latest run of the same pipeline.
     other: Option<String>,
-    /// Print the comparison as JSON.
+    /// Print every cell, and the metrics whose intervals contain 0, too.
+    #[arg(long)]
+    all: bool,
+    /// Print the complete comparison as JSON.
     #[arg(long)]
     json: bool,
 }
@@ -42,7 +51,7 @@ impl From<RunsError> for CliError {
 }
 
 /// The records of the cache; damaged ones are named.
-fn records(cache: &CacheAt) -> Result<Vec<RunRecord>, CliError> {
+pub(super) fn records(cache: &CacheAt) -> Result<Vec<RunRecord>, CliError> {
     let (records, damaged) = runs::read_all(&cache.folder())?;
     damaged.iter().for_each(|damaged| eprintln!("warning: {damaged}"));
     Ok(records)
@@ -53,6 +62,13 @@ pub(crate) fn runs(args: &RunsArgs, cache: &CacheAt) -> Result<Exit, CliError> {
     let mut records = records(cache)?;
     if let Some(wanted) = &args.pipeline {
         records = runs::of_pipeline(records, wanted)?;
+    }
+    if args.prune {
+        let gone = runs::superfluous(&records, args.keep);
+        runs::prune(&cache.folder(), &gone)?;
+        let (deleted, kept) = (counted(gone.len() as u64, "record"), records.len() - gone.len());
+        outln!("deleted {deleted} of runs, kept {kept}");
+        return Ok(Exit::Done);
     }
     let left_out = records.len().saturating_sub(args.last);
     let shown = &records[left_out..];
@@ -100,7 +116,9 @@ pub(crate) fn diff(args: &DiffArgs, cache: &CacheAt) -> Result<Exit, CliError> {
     let after = match &args.other {
         Some(other) => runs::find(&records, other)?,
         None => {
-            let latest = records.iter().rfind(|record| record.pipeline == before.pipeline).unwrap_or(before);
+            let ended = |record: &RunRecord| !matches!(record.outcome, Outcome::Running | Outcome::Killed);
+            let latest = records.iter().rfind(|record| record.pipeline == before.pipeline && ended(record));
+            let latest = latest.unwrap_or(before);
             if latest.id == before.id {
                 return Err(CliError::Bad(format!(
                     "run `{}` is the latest run of `{}`; name a second run, as in `tauflow diff OTHER {}`",
@@ -114,12 +132,12 @@ pub(crate) fn diff(args: &DiffArgs, cache: &CacheAt) -> Result<Exit, CliError> {
     if args.json {
         outln!("{}", json!({ "before": before.id, "after": after.id, "comparison": found }));
     } else {
-        show(before, after, &found);
+        show(before, after, &found, args.all);
     }
     Ok(Exit::Done)
 }
 
-fn show(before: &RunRecord, after: &RunRecord, found: &Comparison) {
+fn show(before: &RunRecord, after: &RunRecord, found: &Comparison, all: bool) {
     for (name, record) in [("before", before), ("after", after)] {
         let commit = record
             .commit
@@ -140,19 +158,29 @@ fn show(before: &RunRecord, after: &RunRecord, found: &Comparison) {
         0 => outln!("\nparams: equal"),
         count => outln!("\nparams: {count} different"),
     }
-    for change in &found.params {
-        outln!("  {}: {} -> {}", change.name, value(&change.before), value(&change.after));
-    }
+    let changes = found.params.iter().map(|change| {
+        let text = format!("{} -> {}", value(&change.before), value(&change.after));
+        (change.name.as_str(), text)
+    });
+    show_by_cell(changes, all);
     outln!("\noutputs: {} equal, {} different", found.equal_outputs, found.outputs.len());
-    for change in &found.outputs {
+    let changes = found.outputs.iter().map(|change| {
         let digest = |digest: &Option<tauflow_cache::Digest>| digest.map_or_else(|| "none".into(), |d| d.short());
         let why = if change.bitwise { "" } else { "  (machine-dependent or measured)" };
-        outln!("  {}: {} -> {}{why}", change.name, digest(&change.before), digest(&change.after));
-    }
+        let (before, after) = match (change.before, change.after) {
+            // Of several cells, only how they changed is the same.
+            (Some(_), Some(_)) if !all && cell_of(&change.name).is_some() => {
+                return (change.name.as_str(), format!("different{why}"));
+            }
+            _ => (digest(&change.before), digest(&change.after)),
+        };
+        (change.name.as_str(), format!("{before} -> {after}{why}"))
+    });
+    show_by_cell(changes, all);
     for name in &found.unknown_outputs {
         outln!("  {name}: not compared, because it is incomplete in one of the runs");
     }
-    show_metrics(found);
+    show_metrics(found, all);
     let ran = |time: &&runs::TimeChange| time.ran.0 + time.ran.1 > 0;
     let mut rows = vec![["node", "ran before", "ran after", "before", "after"].map(str::to_owned).to_vec()];
     rows.extend(found.times.iter().filter(ran).map(|time| {
@@ -166,29 +194,56 @@ fn show(before: &RunRecord, after: &RunRecord, found: &Comparison) {
     }
 }
 
-fn show_metrics(found: &Comparison) {
+/// The cell in a name such as `node[axis=value].param`, and the name without it.
+fn cell_of(name: &str) -> Option<(&str, String)> {
+    let (node, rest) = name.split_once('[')?;
+    let (cell, rest) = rest.split_once(']')?;
+    Some((cell, format!("{node}{rest}")))
+}
+
+/// Changes by name. Cells of a node that changed alike are one line.
+fn show_by_cell<'n>(changes: impl Iterator<Item = (&'n str, String)>, all: bool) {
+    let mut lines: Vec<(String, String, Vec<&str>)> = Vec::new();
+    for (name, change) in changes {
+        match cell_of(name).filter(|_| !all) {
+            Some((cell, short)) => match lines.iter_mut().find(|line| line.0 == short && line.1 == change) {
+                Some(line) => line.2.push(cell),
+                None => lines.push((short, change, vec![cell])),
+            },
+            None => lines.push((name.to_owned(), change, Vec::new())),
+        }
+    }
+    for (name, change, cells) in lines {
+        match cells[..] {
+            [] => outln!("  {name}: {change}"),
+            [cell] => outln!("  {name} [{cell}]: {change}"),
+            [..] => outln!("  {name} ({} cells): {change}", cells.len()),
+        }
+    }
+}
+
+fn show_metrics(found: &Comparison, all: bool) {
     for (output, why) in &found.without_metrics {
         outln!("\nmetrics of {output}: not compared, because {why}");
     }
-    let mut last = "";
-    let mut rows: Vec<Vec<String>> = Vec::new();
-    let print = |output: &str, rows: &mut Vec<Vec<String>>| {
-        if !rows.is_empty() {
-            outln!("\nmetrics of {output}, after less before, with 95% intervals over the shared items:");
+    let mut outputs: Vec<&str> = found.metrics.iter().map(|change| change.output.as_str()).collect();
+    outputs.dedup();
+    for output in outputs {
+        let changes: Vec<&MetricChange> = found.metrics.iter().filter(|change| change.output == output).collect();
+        let clear = |change: &&&MetricChange| change.difference.low > 0.0 || change.difference.high < 0.0;
+        let shown: Vec<&MetricChange> = changes.iter().filter(|change| all || clear(change)).copied().collect();
+        outln!("\nmetrics of {output}, after less before, with 95% intervals over the shared items:");
+        if !shown.is_empty() {
             let heads = ["row", "metric", "items", "before", "after", "difference", "interval"];
-            rows.insert(0, heads.map(str::to_owned).to_vec());
-            out!("{}", table(rows));
-            rows.clear();
+            let mut rows = vec![heads.map(str::to_owned).to_vec()];
+            rows.extend(shown.iter().map(|change| metric_row(change)));
+            out!("{}", table(&rows));
         }
-    };
-    for change in &found.metrics {
-        if change.output != last {
-            print(last, &mut rows);
-            last = &change.output;
+        let hidden = changes.len() - shown.len();
+        if hidden > 0 {
+            outln!("{hidden} of {} intervals contain 0; --all prints them, too", changes.len());
         }
-        rows.push(metric_row(change));
     }
-    print(last, &mut rows);
 }
 
 fn metric_row(change: &MetricChange) -> Vec<String> {

@@ -56,7 +56,9 @@ pub(crate) fn chosen(option: Option<&str>) -> Result<Option<PathBuf>, CliError> 
 /// The upstream, which must be chosen.
 fn required(at: &CacheAt) -> Result<PathBuf, CliError> {
     at.upstream()?.ok_or_else(|| {
-        CliError::Bad("no upstream: give --upstream DIR, or set TAUFLOW_UPSTREAM, or `upstream` in the configuration".into())
+        CliError::Bad(
+            "no upstream: give --upstream DIR, or set TAUFLOW_UPSTREAM, or `upstream` in the configuration".into(),
+        )
     })
 }
 

@@ -79,6 +79,10 @@ pub fn check_outputs(spec: &KindSpec, group: &str, outputs: &Outputs) -> Result<
         if spec.mode == Mode::Gather {
             let collection = outputs.collections.get(port.name);
             let Some(collection) = collection else { return Err(format!("`{name}` left `{}` out", port.name)) };
+            if port.single && collection.items.len() != 1 {
+                let count = collection.items.len();
+                return Err(format!("`{name}` put {count} items on `{}`, which has one", port.name));
+            }
             if let Some((key, artifact)) = collection.iter().find(|(_, a)| wrong(&a.media)) {
                 return Err(format!("`{name}` put `{}` on `{}` for `{key}`", artifact.media, port.name));
             }

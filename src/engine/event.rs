@@ -133,6 +133,12 @@ pub enum Event {
         /// Bytes of its outputs.
         bytes: u64,
     },
+    /// Why an action fails; its end follows.
+    Failed {
+        /// The failure.
+        #[serde(flatten)]
+        of: Failure,
+    },
     /// Blobs are missing; their actions run again.
     Healing {
         /// The nodes that make them.

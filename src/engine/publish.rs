@@ -25,9 +25,10 @@ pub struct Publication {
 pub struct Taken(BTreeMap<PathBuf, String>);
 
 impl Taken {
-    /// None but the run's own account of itself.
+    /// None but the run's own account of itself, and its page.
     pub fn new(out: &Path) -> Self {
-        Self(BTreeMap::from([(out.join(SUMMARY), "the account of the run".to_owned())]))
+        let own = |name, what: &str| (out.join(name), what.to_owned());
+        Self(BTreeMap::from([own(SUMMARY, "the account of the run"), own(PAGE, "the page of the run")]))
     }
 
     /// Takes a file for `whose`.
@@ -54,6 +55,8 @@ impl Taken {
 
 /// The run's account of itself.
 const SUMMARY: &str = "run.json";
+/// The run's page.
+pub const PAGE: &str = "index.html";
 
 /// Writes what differs from what is there, each file at once; returns all files, and the blobs that are missing.
 ///

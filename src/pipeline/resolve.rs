@@ -5,8 +5,9 @@
 use super::{
     Cell, Node, Pipeline, Target,
     file::{self, PipelineFile},
+    foresee::{self, Listed},
     node::{self, Axis, RawNode},
-    overrides,
+    outside, overrides,
     reference::{Reference, is_name},
     schema_check,
     values::Values,
@@ -37,10 +38,31 @@ pub struct Options {
 /// # Errors
 /// Every problem of it.
 pub fn resolve(path: &Path, registry: &Registry, options: &Options) -> Result<Pipeline, Problems> {
+    read(path, registry, options, Depth::Text)
+}
+
+/// Reads and resolves a pipeline file, and looks at what its targets need on this machine.
+///
+/// # Errors
+/// Every problem of it; if the file itself has none, every file, folder and program that is missing.
+pub fn check(path: &Path, registry: &Registry, options: &Options) -> Result<Pipeline, Problems> {
+    read(path, registry, options, Depth::Outside)
+}
+
+/// How far a pipeline is looked at.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Depth {
+    /// Its text alone.
+    Text,
+    /// Files, folders and programs that it names, too.
+    Outside,
+}
+
+fn read(path: &Path, registry: &Registry, options: &Options, depth: Depth) -> Result<Pipeline, Problems> {
     let mut sources = Sources::default();
     let mut problems = Vec::new();
     let file = file::load(path, &mut sources, &mut problems);
-    finish(file, path.file_stem().and_then(|s| s.to_str()), registry, options, sources, problems)
+    finish(file, path.file_stem().and_then(|s| s.to_str()), registry, options, depth, (sources, problems))
 }
 
 /// Resolves a text, for tests and examples; it cannot include files.
@@ -51,7 +73,7 @@ pub fn resolve_text(name: &str, text: &str, registry: &Registry, options: &Optio
     let mut sources = Sources::default();
     let mut problems = Vec::new();
     let file = file::load_text(name, text, &mut sources, &mut problems);
-    finish(file, None, registry, options, sources, problems)
+    finish(file, None, registry, options, Depth::Text, (sources, problems))
 }
 
 fn finish(
@@ -59,8 +81,8 @@ fn finish(
     stem: Option<&str>,
     registry: &Registry,
     options: &Options,
-    mut sources: Sources,
-    mut problems: Vec<Problem>,
+    depth: Depth,
+    (mut sources, mut problems): (Sources, Vec<Problem>),
 ) -> Result<Pipeline, Problems> {
     // A text that could not be read has no nodes worth complaining about.
     if file.nodes.is_empty() {
@@ -95,6 +117,17 @@ fn finish(
     };
     let mut pipeline = assemble(name.unwrap_or_else(|| "pipeline".into()), seed, &drafts, &wiring, &order);
     targets(&mut pipeline, &file, options, &mut problems);
+    if problems.is_empty() {
+        let written = (&nodes[..], &drafts[..], &order[..]);
+        let listed = match depth {
+            Depth::Outside => outside::look(&pipeline, written, &mut problems),
+            Depth::Text => Listed::new(),
+        };
+        foresee::foresee(&pipeline, written, &listed, &mut problems);
+        if !problems.is_empty() {
+            values.explain(&mut problems);
+        }
+    }
     if problems.is_empty() { Ok(pipeline) } else { Err(Problems::new(sources, problems)) }
 }
 
@@ -115,6 +148,19 @@ pub(super) struct DraftCell {
 }
 
 impl DraftCell {
+    /// The params as written, with the axis values of this cell among them.
+    pub fn tree(&self, raw: &RawNode) -> Yaml {
+        let mut fields = match &raw.params.data {
+            Data::Map(fields) => fields.clone(),
+            _ => Vec::new(),
+        };
+        for (axis, value) in &self.values {
+            fields.retain(|(key, _)| key.text != axis.text);
+            fields.push((axis.clone(), value.clone()));
+        }
+        Yaml { data: Data::Map(fields), span: raw.params.span }
+    }
+
     pub fn text(&self) -> String {
         self.coords.iter().map(|(axis, value)| format!("{axis}={value}")).collect::<Vec<_>>().join("+")
     }

@@ -1,7 +1,7 @@
 //! The state of a run, node by node, counted from its events.
 
 use crate::engine::event::{Ended, Event, Name};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,
     time::{Duration, Instant},
@@ -51,8 +51,30 @@ impl LongAction {
     }
 }
 
+/// The state of a whole run.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Overall {
+    /// Nodes of which all actions are done.
+    pub done: usize,
+    /// Nodes that take part.
+    pub nodes: usize,
+    /// Seconds to go, if that can be told, from the times of earlier actions and the pace of this run.
+    pub left: Option<f64>,
+    /// Whether all actions are known, so that no more can follow.
+    pub known: bool,
+}
+
+/// What is expected at a node.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Expected {
+    /// Its actions, or more.
+    pub actions: f64,
+    /// Seconds of each; none if its kind never ran.
+    pub seconds: Option<f64>,
+}
+
 /// Numbers of a node's actions.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Counts {
     /// Known of.
     pub expected: u64,
@@ -84,7 +106,9 @@ impl RunState {
     /// Counts an event; the node whose standing it changed.
     pub fn count(&mut self, event: &Event) -> Option<Name> {
         let name = match event {
-            Event::Started { .. } | Event::Finished { .. } | Event::Warning { .. } => return None,
+            Event::Started { .. } | Event::Finished { .. } | Event::Warning { .. } | Event::Failed { .. } => {
+                return None;
+            }
             Event::Healing { .. } => {
                 self.nodes.clear();
                 return None;
@@ -149,6 +173,46 @@ impl RunState {
         (false, false)
     }
 
+    /// Where the run stands after `elapsed`. `expected` says what each node of the graph may do.
+    pub fn overall(&self, expected: &[Expected], elapsed: Duration) -> Overall {
+        let mut overall = Overall { known: true, ..Overall::default() };
+        let (mut worked, mut to_do, mut told) = (0.0, 0.0, true);
+        let mut ended = Vec::with_capacity(self.graph.len());
+        for (place, (name, reads)) in self.graph.iter().enumerate() {
+            let node = self.nodes.get(name.as_str());
+            let known = reads.iter().all(|read| ended[*read]);
+            let counts = node.map(NodeState::counts).unwrap_or_default();
+            let Expected { actions, seconds } = expected.get(place).copied().unwrap_or_default();
+            if actions == 0.0 && node.is_none() {
+                ended.push(true); // nobody needs it
+                continue;
+            }
+            // A node of which nothing was heard yet is still to be listed.
+            let done = known && node.is_some() && counts.done() == counts.expected;
+            ended.push(done);
+            overall.nodes += 1;
+            overall.done += usize::from(done);
+            overall.known &= known;
+            if done && counts.ran == 0 {
+                continue;
+            }
+            let counted = known && node.is_some();
+            let total = if counted { counts.expected as f64 } else { actions.max(counts.expected as f64) };
+            let position = node.map_or(0.0, NodeState::position);
+            let still = (total - position).max(0.0);
+            let Some(each) = seconds else {
+                // Without times of earlier actions, only a node that has nothing left can be told of.
+                told &= still == 0.0;
+                continue;
+            };
+            worked += (position - counts.hit.saturating_add(counts.blocked) as f64).max(0.0) * each;
+            to_do += still * each;
+        }
+        let paced = told && worked > 0.0 && to_do > 0.0 && elapsed.as_secs_f64() > 1.0;
+        overall.left = paced.then(|| elapsed.as_secs_f64() / worked * to_do);
+        overall
+    }
+
     /// Where a node stands.
     pub fn node(&self, name: &str) -> Option<&NodeState> {
         self.nodes.get(name)
@@ -194,6 +258,29 @@ impl NodeState {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_time_to_go_follows_from_earlier_times_and_the_pace() {
+        let mut state = fresh();
+        let each = |actions, seconds| Expected { actions, seconds: Some(seconds) };
+        let expected = [each(1.0, 2.0), each(4.0, 10.0)];
+        let overall = |state: &RunState, expected: &[Expected]| state.overall(expected, Duration::from_secs(6));
+        assert_eq!(overall(&state, &expected), Overall { nodes: 2, known: false, ..Overall::default() });
+        state.count(&expect("source", 1));
+        state.count(&end("source", "x", Ended::Ran));
+        // Work of 2 s took 6 s: the other 40 s take three times as long, too.
+        let first = overall(&state, &expected);
+        assert_eq!((first.done, first.nodes, first.left, first.known), (1, 2, Some(120.0), true));
+        state.count(&expect("n", 2));
+        // Only two are left, as is known now.
+        assert_eq!(overall(&state, &expected).left, Some(60.0));
+        state.count(&end("n", "a", Ended::Hit));
+        assert_eq!(overall(&state, &expected).left, Some(30.0), "what was done before takes no time");
+        let never = [expected[0], Expected { actions: 4.0, seconds: None }];
+        assert_eq!(overall(&state, &never).left, None);
+        state.count(&end("n", "b", Ended::Ran));
+        assert_eq!(overall(&state, &expected), Overall { done: 2, nodes: 2, left: None, known: true });
+    }
 
     fn fresh() -> RunState {
         RunState::new(vec![("source".into(), vec![]), ("n".into(), vec![0])])

@@ -15,7 +15,7 @@ use tauflow_cache::Store;
 use tauflow_contract::Digest;
 use tauflow_data::records::{Estimate, METRICS};
 
-/// Resamples of the bootstrap.
+/// Number of bootstrap resamples.
 const RESAMPLES: usize = 2000;
 /// Seed of the bootstrap: the same runs give the same intervals.
 const SEED: u64 = 0;

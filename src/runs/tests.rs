@@ -100,3 +100,63 @@ fn a_link_in_place_of_the_directory_is_refused() {
     assert!(read_all(cache.path()).is_err());
     assert_eq!(fs::read_dir(other.path()).expect("it is there").count(), 0);
 }
+
+#[test]
+fn the_latest_runs_stay_and_the_one_that_did_the_work() {
+    let cache = tempfile::tempdir().expect("a folder");
+    let write = |pipeline: &str, started: u64, ran: u64, outcome: Outcome| {
+        let nodes = vec![NodeStat { node: "n".into(), ran, ..NodeStat::default() }];
+        let mut record = RunRecord { nodes, outcome, ..record(pipeline, started) };
+        record.write(cache.path()).expect("room");
+        record.id
+    };
+    let first = write("p", 0, 3, Outcome::Done);
+    let work = write("p", 1, 2, Outcome::Done);
+    let broken = write("p", 2, 2, Outcome::Failed);
+    let nothing: Vec<String> = (3..6).map(|started| write("p", started, 0, Outcome::Done)).collect();
+    let other = write("q", 0, 0, Outcome::Done);
+    let (records, _) = read_all(cache.path()).expect("readable");
+    let gone = superfluous(&records, 2);
+    assert_eq!(gone, [first, broken, nothing[0].clone()]);
+    assert_eq!(superfluous(&records, 10), [""; 0]);
+    prune(cache.path(), &gone).expect("ours");
+    let (left, _) = read_all(cache.path()).expect("readable");
+    let left: BTreeSet<String> = left.into_iter().map(|record| record.id).collect();
+    assert_eq!(left, BTreeSet::from([work, nothing[1].clone(), nothing[2].clone(), other]));
+}
+
+#[test]
+fn a_run_without_a_state_goes_on_for_a_while_and_was_killed_later() {
+    let cache = tempfile::tempdir().expect("a folder");
+    for (started, outcome) in [(engine::now(), Outcome::Running), (engine::now() - 3600, Outcome::Killed)] {
+        let mut running = RunRecord { outcome: Outcome::Running, ..record("p", started) };
+        running.write(cache.path()).expect("room");
+        let (records, _) = read_all(cache.path()).expect("readable");
+        assert_eq!(records.iter().find(|of| of.id == running.id).expect("it is there").outcome, outcome);
+    }
+}
+
+#[test]
+fn a_run_whose_process_is_gone_was_killed_and_one_that_has_begun_is_never_overwritten() {
+    let cache = tempfile::tempdir().expect("a folder");
+    let mut running = RunRecord { outcome: Outcome::Running, nodes: vec![], ..record("p", 7) };
+    running.write(cache.path()).expect("room");
+    let mut state = LiveState { id: running.id.clone(), process: Process::here(), ..LiveState::default() };
+    state.nodes.push(LiveNode { node: "n".into(), known: true, ..LiveNode::default() });
+    state.nodes[0].counts.ran = 5;
+    state.elapsed_s = 2.5;
+    state.write(cache.path()).expect("room");
+    let read = || read_all(cache.path()).expect("readable").0;
+    assert_eq!(read()[0].outcome, Outcome::Running);
+    assert_eq!(superfluous(&read(), 0), [""; 0], "it goes on");
+    state.process.began += 1;
+    state.write(cache.path()).expect("room");
+    let killed = read().remove(0);
+    assert_eq!((killed.outcome, killed.elapsed_s, killed.total(|n| n.ran)), (Outcome::Killed, 2.5, 5));
+    let mut second = record("p", 7);
+    second.write(cache.path()).expect("room");
+    assert_ne!(second.id, running.id);
+    let ended = RunRecord { outcome: Outcome::Failed, ..running };
+    ended.conclude(cache.path()).expect("room");
+    assert_eq!(read(), [ended, second]);
+}

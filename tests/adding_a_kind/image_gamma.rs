@@ -23,7 +23,7 @@ pub struct ImageGammaParams {
     /// The exponent.
     #[schemars(range(min = 0.1, max = 10.0))]
     pub gamma: f64,
-    /// True for a second output, `original`: the endpoint as it was.
+    /// Add a second output, `original`: the endpoint before the change.
     pub original: bool,
 }
 
@@ -116,7 +116,7 @@ mod tests {
         let outputs = run(1, false).expect("there is such a rung");
         let refined = Handle::<Refined>::new(&outputs.items[REFINED.name()]).expect("its own type");
         assert_eq!(refined.load(&ctx).expect("whole").images[0].1.data(), [2.0, 0.5, 0.0]);
-        // Who changes these bits raises the version of the group.
+        // If these bits change, increase the version of the group.
         assert_eq!(refined.artifact().digest().to_string(), PINNED);
         assert!(run(2, false).expect_err("no such rung").to_string().contains("[1]"));
         let both = run(1, true).expect("there is such a rung").items;

@@ -49,7 +49,11 @@ fn the_graph_is_drawn_in_three_formats() {
     let svg = place.tauflow(&["graph", "small.yaml", "--format", "svg"]).ends(0).out;
     assert!(svg.starts_with("<svg ") && svg.ends_with("</svg>\n"), "{svg}");
     assert_eq!(svg.matches("<rect ").count(), 1 + 3, "a background and three boxes");
-    assert_eq!(svg.matches("<path ").count(), 2, "two arrows");
+    assert_eq!(svg.matches("<path ").count(), 3, "an arrow for each pair of ports");
+    assert!(svg.contains("<title>split.test to sampling.test</title>") && !svg.contains("result"), "{svg}");
+    place.tauflow(&["run", "small.yaml"]).ends(0);
+    let svg = place.tauflow(&["graph", "small.yaml", "--format", "svg"]).ends(0).out;
+    assert!(svg.contains(">8 results, "), "times come from the cache: {svg}");
 }
 
 #[test]

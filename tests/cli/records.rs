@@ -45,6 +45,9 @@ fn a_run_that_does_nothing_keeps_the_record_of_the_one_that_did_the_work() {
     assert!(last.lines().len() == 2 && last.err.contains("2 earlier runs not shown"), "{last:?}");
     place.tauflow(&["cache", "gc", "--max-size", "1KiB"]).ends(0);
     assert_eq!(self::records(&place), records, "a gc takes no record");
+    let pruned = place.tauflow(&["runs", "--prune", "--keep", "1"]).ends(0);
+    assert_eq!(pruned.out, "deleted 2 records of runs, kept 1\n");
+    assert_eq!(self::records(&place), records[2..]);
 }
 
 #[test]

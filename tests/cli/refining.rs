@@ -1,6 +1,7 @@
 //! `tauflow refine`: a solver out of a pipeline, on images out of any renderer.
 
 use crate::Place;
+use std::fs;
 use tauflow_data::{
     image_io::{read_exr, write_exr},
     time::VarianceTime,
@@ -38,6 +39,12 @@ fn an_image_of_any_renderer_is_refined() {
     place.tauflow(&["run", "small.yaml"]).ends(0);
     place.tauflow(&["export", "small.yaml", "solvers.model", "-o", "models"]).ends(0);
     place.tauflow(&["export", "small.yaml", "ladders.gbuffer", "-o", "gbuffers"]).ends(0);
+    let listed = place.tauflow(&["checkpoints", "small.yaml", "-o", "checkpoints"]).ends(0);
+    let row = listed.lines().into_iter().find(|line| line.starts_with("solvers[conditioning=rgb]")).unwrap_or_default();
+    assert_eq!(row.split_whitespace().nth(1), Some("3"), "it says the steps: {}", listed.out);
+    let bytes = |path: &str| fs::read(place.path(path)).expect("it was written");
+    let written = "checkpoints/solvers/conditioning=rgb/model.safetensors";
+    assert!(listed.out.contains(written) && bytes(written) == bytes("models/conditioning=rgb/model/model.safetensors"));
     let scene = ["render", "small.yaml", "--item", "scenes/L0-open-000000", "--spp", "2", "-o", "in.exr"];
     place.tauflow(&[&scene[..], &["--width", "16", "--height", "16"]].concat()).ends(0);
     let refine = |model: &str, more: &[&str]| {
@@ -46,7 +53,7 @@ fn an_image_of_any_renderer_is_refined() {
     };
     let read = |name: &str| read_exr(&place.path(name)).expect("an EXR").remove("").expect("unnamed");
     let said = refine("rgb", &["--nfe", "3", "-o", "out.exr"]).ends(0);
-    assert!(said.out == "out.exr\n" && said.err.starts_with("2 spp -> 8 spp in 3 model calls"), "{}", said.err);
+    assert!(said.out == "out.exr\n" && said.err.starts_with("2 spp -> 8 spp in 3 network calls"), "{}", said.err);
     let (before, after) = (read("in.exr"), read("out.exr"));
     assert!(after.same_shape(&before) && after != before && after.data().iter().all(|v| v.is_finite()));
     refine("rgb", &["--nfe", "3", "-o", "again.exr"]).ends(0);

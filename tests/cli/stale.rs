@@ -2,6 +2,11 @@
 
 use crate::{Place, Said, programs::with};
 use std::{fs, process::Command};
+use tauflow_cache::Store;
+use tauflow_data::{
+    Image,
+    image_io::{read_exr, write_exr},
+};
 use tauflow_testing::{Need, skip};
 
 /// A denoiser and a command. Both import the same module, which reads a file.
@@ -138,4 +143,100 @@ fn a_recheck_names_what_is_not_declared_as_the_cause() {
     let told = with(&place, &["run", "small.yaml", "--target", "made", "--recheck", "1"], &[]).ends(1);
     let text = format!("{}{}", told.out, told.err);
     assert!(text.contains("not in the key") && text.contains("`depends`"), "{text}");
+}
+
+/// A renderer whose image is picked by the module.
+const RENDERING: &str = "\
+pipeline: small
+seed: 3
+nodes:
+  scenes:
+    kind: scene_generation
+    params: { pool: 2, regimes: [L0], contexts: [open] }
+  rendered:
+    kind: external_renderer
+    inputs: { scenes: scenes }
+    params:
+      method: mine
+      command: [python3, HERE/render.py, \"{scene}\", \"{counts}\", \"{folder}\"]
+      counts: [1]
+      resolution: [4, 2]
+      required: true
+";
+const RENDERER: &str = "\
+import helper, os, shutil, sys
+shutil.copy(os.path.join(helper.HERE, 'images', f'{helper.pick() % 2}.exr'), os.path.join(sys.argv[3], '1.exr'))
+";
+
+#[test]
+fn a_renderer_runs_again_when_a_module_that_it_imports_changes() {
+    let Some(place) = place() else { return };
+    let here = place.path("").display().to_string();
+    place.write("small.yaml", &RENDERING.replace("HERE", here.trim_end_matches('/')));
+    place.write("render.py", RENDERER);
+    fs::create_dir(place.path("images")).expect("writable");
+    for value in [0, 1] {
+        let image = Image::from_data(4, 2, 3, vec![value as f32; 24]).expect("fits");
+        write_exr(&place.path(&format!("images/{value}.exr")), &[("", &image)]).expect("writable");
+    }
+    let rendered = |folder: &str| -> Vec<f32> {
+        with(&place, &["export", "small.yaml", "rendered", "-o", folder], &[]).ends(0);
+        let folders = fs::read_dir(place.path(folder)).expect("exported").filter_map(Result::ok);
+        let files = folders.map(|entry| entry.path().join("mine-1-to-1-nfe-0.exr")).filter(|file| file.exists());
+        files
+            .flat_map(|file| read_exr(&file).expect("a picture").remove("").expect("unnamed").data().to_vec())
+            .collect()
+    };
+    assert_eq!((run(&place, &[], &[]), run(&place, &[], &[])), (2, 0));
+    assert_eq!(rendered("first"), [0.0; 48]);
+    place.write("helper.py", &HELPER.replace("return int", "return 1 + int"));
+    let told = plan(&place, &[]).out;
+    assert!(told.contains("rendered: 2 x changed: file ") && told.contains("helper.py"), "{told}");
+    assert_eq!((run(&place, &[], &[]), run(&place, &[], &[])), (2, 0));
+    assert_eq!(rendered("second"), [1.0; 48]);
+}
+
+/// A program that runs this one: a traced process cannot trace others.
+const NESTED: &str = "\
+pipeline: outer
+nodes:
+  nested:
+    kind: command
+    params:
+      run: [sh, HERE/nested.sh]
+      mode: gather
+      outputs: { said: tauflow/files }
+";
+
+#[test]
+fn where_programs_cannot_be_traced_the_run_the_keys_and_the_manuals_say_so() {
+    let Some(place) = place() else { return };
+    let here = place.path("").display().to_string();
+    let here = here.trim_end_matches('/');
+    place.write("outer.yaml", &NESTED.replace("HERE", here));
+    let program = env!("CARGO_BIN_EXE_tauflow");
+    let script = format!(
+        "cd {here}\n{program} run small.yaml --target made --cache {here}/inner --out {here}/inner_out 2> {here}/said \
+         || exit 1\ncd - > {here}/nowhere\nmkdir out/said/a\ncp {here}/said out/said/a/said\n"
+    );
+    place.write("nested.sh", &script);
+    let outer = with(&place, &["run", "outer.yaml"], &[]);
+    let said = fs::read_to_string(place.path("said")).unwrap_or_default();
+    let outer = outer.ends(0);
+    assert!(!outer.err.contains("traced: no"), "{}", outer.err);
+    assert!(said.contains("traced: no: the files that the program of `command` opens are not known"), "{said}");
+    assert!(said.contains("`depends`"), "{said}");
+    let keys = |store: &str| -> Vec<String> {
+        let store = Store::open(&place.path(store)).expect("a store");
+        let keys = store.keys_by_label("action", "command").into_iter();
+        keys.filter_map(|key| store.read("action", &key)).map(|record| record.preimage).collect()
+    };
+    let (inner, outer) = (keys("inner"), keys("store"));
+    assert!(inner.len() == 1 && inner[0].contains("\"traced\":\"no: "), "{inner:?}");
+    assert!(outer.len() == 1 && outer[0].contains("\"traced\":\"yes\""), "{outer:?}");
+    let manual = |kind: &str| place.tauflow(&["kinds", kind]).ends(0).out;
+    assert!(manual("command").contains("`run` prints `traced: no`"));
+    for kind in ["external_denoiser", "external_renderer"] {
+        assert!(manual(kind).contains("`tauflow kinds command`"), "{kind} refers to what is said there");
+    }
 }

@@ -45,7 +45,9 @@ fn plain(text: &str) -> String {
 #[test]
 fn plans() {
     let place = Place::new();
-    let plan = |more: &[&str]| plain(&place.tauflow(&[&["plan", "small.yaml"], more].concat()).ends(0).out);
+    let said = |more: &[&str]| place.tauflow(&[&["plan", "small.yaml"], more].concat()).ends(0).out;
+    // The ends of a range may look alike, and are shown as one then.
+    let plan = |more: &[&str]| plain(&said(more)).replace("TIME to TIME", "TIME").replace("SIZE to SIZE", "SIZE");
     assert_snapshot!("plan_of_an_empty_cache", plan(&[]));
     place.tauflow(&["run", "small.yaml"]).ends(0);
     assert_snapshot!("plan_with_nothing_to_do", plan(&[]));

@@ -39,6 +39,44 @@ fn a_plan_says_of_each_node_what_would_run_why_and_what_that_costs() {
 }
 
 #[test]
+fn a_plan_counts_what_may_follow() {
+    let shop = Workshop::new();
+    let chain = |count: u64, mul: i64| {
+        format!(
+            "nodes:
+  numbers: {{kind: numbers, params: {{count: {count}, nap_ms: 20}}}}
+  scaled: {{kind: affine, inputs: {{in: numbers}}, params: {{mul: {mul}}}}}
+  small: {{kind: below, inputs: {{in: scaled}}, params: {{limit: 25}}}}
+  rounded: {{kind: round, matrix: {{to: [5, 10]}}, inputs: {{in: small.kept}}}}
+  sum: {{kind: total, inputs: {{in: rounded}}}}
+"
+        )
+    };
+    let plan = |count, mul| query::plan(&resolve(&chain(count, mul)), &shop.store()).expect("readable");
+    let may_run = |plan: &PlanCosts| plan.nodes.iter().map(|n| (n.to_run, n.may_run)).collect::<Vec<_>>();
+    // Nothing has run: all may, and nothing is known of the time.
+    let new = plan(4, 1);
+    assert_eq!(may_run(&new), [(4, 0), (0, 4), (0, 4), (0, 8), (0, 2)]);
+    assert_eq!((new.never.len(), new.most.seconds), (5, 0.0));
+    shop.run(&chain(4, 1));
+    assert!(plan(4, 1).is_empty());
+    // Two numbers more: what is certain is their own cost, and all that reads them may follow.
+    let more = plan(6, 1);
+    assert_eq!(may_run(&more), [(2, 0), (0, 2), (0, 2), (0, 4), (0, 2)]);
+    assert!(more.never.is_empty());
+    assert!((0.04..0.4).contains(&more.total.seconds), "two naps of 20 ms: {}", more.total.seconds);
+    assert!(more.most.seconds > more.total.seconds && more.most.bytes > more.total.bytes);
+    // The bound holds: no node runs more than it says.
+    let ran = shop.run(&chain(6, 1));
+    for (name, count) in ran.ran() {
+        let planned = node(&more, name);
+        assert!(count <= planned.to_run + planned.may_run, "{name}: {count}");
+    }
+    // An edit in the middle leaves what stands before it.
+    assert_eq!(may_run(&plan(6, 2)), [(0, 0), (6, 0), (0, 6), (0, 12), (0, 2)]);
+}
+
+#[test]
 fn an_explanation_is_of_one_action_or_of_groups() {
     let shop = Workshop::new();
     shop.run(&text(2));

@@ -25,12 +25,17 @@ fn children(of: u32) -> Vec<u32> {
 fn child_processes_killed_at_random_moments() {
     let mut campaign = Campaign::new("kill -9 of a child process that runs a batch");
     let (runs, mut kills) = (if slow() { 30 } else { 3 }, 0);
-    for _ in 0..runs {
+    for run in 0..runs {
         let cache = campaign.fresh();
+        // An action is given up when its process ended four times: every other run has fewer kills and must be whole.
+        let (most, before) = (if run % 2 == 0 { 3 } else { u64::MAX }, kills);
         let mut process = campaign.start_with(&cache, PIPELINE, &[(PROCESSES, "1")]);
         while process.goes_on() {
             thread::sleep(Duration::from_millis(campaign.random(60)));
             let alive = children(process.id());
+            if kills - before >= most {
+                continue;
+            }
             if let Some(id) = alive.get(campaign.random(alive.len() as u64) as usize) {
                 let done = Command::new("kill").args(["-9", &id.to_string()]).output().expect("kill starts");
                 kills += u64::from(done.status.success());
@@ -38,7 +43,7 @@ fn child_processes_killed_at_random_moments() {
         }
         // The run itself never dies of it: at worst an action was hit too often, and is told as failed.
         let ended = process.wait();
-        assert!(!ended.killed && (ended.code == 0 || ended.code == 1), "{ended:?}");
+        assert!(!ended.killed && (ended.code == 0 || most > 3 && ended.code == 1), "{ended:?}");
         let failures = ended.text.lines().filter(|line| line.starts_with("failed: "));
         failures.for_each(|line| assert!(line.contains("its process ended 4 times"), "{line}"));
         if ended.code == 0 {

@@ -3,6 +3,7 @@
 mod adapter;
 mod digests;
 mod edits;
+mod executors;
 mod kills;
 mod language;
 mod mitsuba;

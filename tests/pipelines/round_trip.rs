@@ -23,7 +23,7 @@ nodes:
   scenes: { kind: scene_generation, params: { pool: 12 } }
 ";
 
-/// Pixels along a side, and samples a pixel.
+/// Pixels along a side, and samples per pixel.
 const SIDE: u32 = 32;
 const SPP: u64 = 4;
 

@@ -10,7 +10,7 @@ use tauflow_data::Resolution;
 use tauflow_render::{render::Renderer, world::World};
 use tauflow_scene_readers::{Options, load_scene};
 
-/// Independent streams of samples, and samples a pixel of each.
+/// Independent streams of samples, and samples per pixel of each.
 const BATCHES: u64 = 8;
 const SPP: u64 = 32;
 

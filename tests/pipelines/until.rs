@@ -8,7 +8,7 @@ use tauflow_data::{Image, records::Ladder};
 use tauflow_render::quality_gate::geometric_mean_luminance;
 use tauflow_testing::{Need, set, skip, slow};
 
-/// Samples a pixel of references; they are of another stream.
+/// Samples per pixel of references; they are of another stream.
 const REFERENCE: u64 = 8192;
 
 struct Trial {

@@ -87,8 +87,8 @@ pub fn hazards() -> Vec<Hazard> {
             let came = model().map(|_| "finite losses and weights".into());
             add(
                 format!(
-                    "{name}, trained on albedo of 0, of 1e-6, of 0 to 1 from pixel to pixel, and of 0 below a \
-                     firefly of 1e6 among white"
+                    "{name}, trained with albedo 0, albedo 1e-6, albedo that varies from 0 to 1 between pixels, and \
+                     albedo 0 below a firefly of 1e6 among white pixels"
                 ),
                 "finite losses and weights",
                 came,
@@ -103,15 +103,19 @@ pub fn hazards() -> Vec<Hazard> {
                 held(
                     apart < 1e-3,
                     format!(
-                        "finite, not negative; at most {most:.2} of the input's light; 1e-6 is off 0 by {}",
+                        "finite, not negative; at most {most:.2} of the input's light; images of albedo 1e-6 and 0 \
+                         differ by {}",
                         about(apart)
                     ),
                 )
             });
             add(
-                format!("{name}, albedo of 0, of 1e-6, and of 0 to 1 from pixel to pixel; {from}, 9 and 50 steps"),
-                "finite, not negative; radiance over albedo and 0.02 nowhere above the input's: means of light; of \
-                 1e-6 the image of 0, to 1e-3",
+                format!(
+                    "{name}, albedo 0, albedo 1e-6, and albedo that varies from 0 to 1 between pixels; {from}, 9 and \
+                     50 steps"
+                ),
+                "finite, not negative; radiance/(albedo + 0.02) at most that of the input, because outputs are means \
+                 of it; with albedo 1e-6 the image of albedo 0, to 1e-3",
                 came,
             );
             let came = model().and_then(|model| {
@@ -124,11 +128,13 @@ pub fn hazards() -> Vec<Hazard> {
                     let off = |(a, b): (&f32, &f32)| f64::from((a - b).abs() / b);
                     Ok::<_, String>(end.data().iter().zip(even.data()).map(off).fold(worst, f64::max))
                 })?;
-                held(off < 1e-4, format!("itself, each value to {}", about(off)))
+                held(off < 1e-4, format!("unchanged, each value to {}", about(off)))
             });
             add(
-                format!("{name}, even light on albedo of 0 to 1 from pixel to pixel; {from}, 9 and 50 steps"),
-                "itself, each value to 1e-4: there is no noise in light",
+                format!(
+                    "{name}, uniform light on albedo that varies from 0 to 1 between pixels; {from}, 9 and 50 steps"
+                ),
+                "unchanged, each value to 1e-4: the light has no noise",
                 came,
             );
             let came = model().and_then(|model| {
@@ -140,8 +146,8 @@ pub fn hazards() -> Vec<Hazard> {
                 Ok(format!("finite, not negative (from {}); at most {times:.2} times the firefly", about(least)))
             });
             add(
-                format!("{name}, a firefly of 1e6 on albedo 0 among white; {from}, 9 and 50 steps"),
-                "finite, not negative; at most 51 times the firefly: its light, radiance over 0.02, on white",
+                format!("{name}, a firefly of 1e6 on albedo 0 among white pixels; {from}, 9 and 50 steps"),
+                "finite, not negative; at most 51 times the firefly: its light, radiance/0.02, on a white pixel",
                 came,
             );
         }

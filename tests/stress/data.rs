@@ -62,7 +62,7 @@ fn refused<T>(outcome: Result<T, String>, words: &[&str], came: &str) -> Result<
             let all = words.iter().all(|word| told.contains(word));
             held(all, if all { came.into() } else { told })
         }
-        Ok(_) => Err("taken".into()),
+        Ok(_) => Err("accepted".into()),
     }
 }
 
@@ -80,11 +80,11 @@ fn strata(add: Add<'_>) {
     let params = || StratifiedSamplingParams { train: 24, ..Default::default() };
     add(
         "sampling from a pool without a scene of L2-open",
-        "refused: the stratum, and how many it lacks",
+        "refused, with the stratum and the number of missing scenes",
         refused(
             sample(params(), &pool),
             &["L2-open on the train side: 0 of 2", "allow_short"],
-            "refused, with the stratum and what to do",
+            "refused, with the stratum and the remedy",
         ),
     );
     let came = sample(StratifiedSamplingParams { allow_short: true, ..params() }, &pool).and_then(|outputs| {
@@ -93,7 +93,7 @@ fn strata(add: Add<'_>) {
             && report["train"]["strata"]["L2-open"]["chosen"] == 0;
         held(told && outputs.collections["train"].len() == 22, "22 of 24, and the report says which are missing".into())
     });
-    add("the same with `allow_short`", "what there is, and a report of what is not", came);
+    add("the same with `allow_short`", "the available scenes, and a report of the missing ones", came);
     let came = sample(StratifiedSamplingParams { allow_short: true, ..params() }, &Collection::default()).and_then(
         |outputs| {
             let report: serde_json::Value = read(&blobs, &outputs, "report")?;
@@ -101,10 +101,10 @@ fn strata(add: Add<'_>) {
             held(told && outputs.collections["train"].is_empty(), "none, and all twelve strata are reported".into())
         },
     );
-    add("a pool of no scenes at all, with `allow_short`", "none, and a report that says so", came);
+    add("an empty pool, with `allow_short`", "none, and a report that says so", came);
     add(
-        "a pool of no scenes at all",
-        "refused by name",
+        "an empty pool",
+        "refused with a specific error",
         refused(
             sample(params(), &Collection::default()),
             &["L0-environment", "L3-enclosed"],
@@ -113,8 +113,8 @@ fn strata(add: Add<'_>) {
     );
     let only = StratifiedSamplingParams { regimes: vec![Regime::L2], ..params() };
     add(
-        "sampling 24 scenes of one regime, of which a context has none",
-        "refused: each stratum that falls short",
+        "sampling 24 scenes of one regime, more than the pool has",
+        "refused, with each stratum that lacks scenes",
         refused(sample(only, &pool), &["L2-environment", "L2-open", "L2-enclosed"], "refused, with all three"),
     );
 }
@@ -164,12 +164,12 @@ fn scores(add: Add<'_>) {
         });
         held(
             finite && at.strata.len() == 1,
-            "finite means; eleven strata are left out of the table, not zero in it".into(),
+            "finite means; eleven strata are omitted from the table, not counted as zero".into(),
         )
     });
     add(
-        "an evaluation of one scene, whose image is its reference",
-        "finite means and intervals, and its stratum alone",
+        "an evaluation of one scene, whose image equals its reference",
+        "finite means and intervals, for its stratum only",
         came,
     );
 }
@@ -234,7 +234,7 @@ fn constant_ladders(add: Add<'_>) {
     for (name, values, noise) in [
         ("ladders of black images", [0.0f32, 0.0], [0.0f32, 0.0]),
         ("ladders of constant images", [0.7, 0.7], [0.0, 0.0]),
-        ("a ladder of constant images beside one of noise", [0.7, 0.7], [0.0, 0.1]),
+        ("a ladder of constant images and a ladder with noise", [0.7, 0.7], [0.0, 0.1]),
         ("constant ladders whose references are off by 1", [0.7, 1.7], [0.0, 0.0]),
     ] {
         let pairs = noise.map(|noise| {
@@ -263,7 +263,7 @@ fn constant_ladders(add: Add<'_>) {
         });
         add(
             &format!("convergence of {name}"),
-            "finite figures; errors and slope, near -1/2, of scenes with noise alone, the others counted",
+            "finite figures; errors and a slope near -1/2 of scenes with noise only, the others counted",
             came,
         );
     }
@@ -313,22 +313,22 @@ fn maps(add: Add<'_>) {
             held(
                 told && mended,
                 if told && mended {
-                    "each set right and counted; the capped texel is noted".into()
+                    "each repaired and counted; the texel at the limit is noted".into()
                 } else {
                     format!("{report:?}")
                 },
             )
         });
     add(
-        "the import of a map with NaN, -1, infinities of both signs, and half precision's cap",
-        "0, 0, the largest finite and 0, each counted; a note of the cap",
+        "import of an environment map with NaN, -1, infinities of both signs, and the limit of half precision",
+        "0, 0, the largest finite value and 0, each counted; a note on the limit",
         came,
     );
     let came = imported(&[f32::NAN; 96]).and_then(|(report, image)| {
         held(
             image.is_none() && report.reason.is_some_and(|r| r.contains("no texel holds any light")),
-            "refused, by name".into(),
+            "refused with a specific error".into(),
         )
     });
-    add("the import of a map of nothing but NaN", "refused by name", came);
+    add("import of an environment map of only NaN", "refused with a specific error", came);
 }

@@ -83,7 +83,8 @@ pub fn oracles(add: Add<'_>) {
         });
         add(
             format!(
-                "{} on exact predictions, in single precision beside double, in 1, 2, 9, 50, 200 and 1,000 calls to \
+                "{} with exact predictions, in single precision compared with double precision, in 1, 2, 9, 50, 200 \
+                 and 1,000 network calls to \
                  64 samples of 512, and to the end",
                 kind.name()
             ),

@@ -42,9 +42,9 @@ fn surfaces(add: Add<'_>) {
     two.scene.shapes.push(again);
     let came = rendered(&one, 8, 8, 16).and_then(|one| {
         let off = difference(&rendered(&two, 8, 8, 16)?, &one);
-        held(off < 1e-6, format!("the same to {}", about(off)))
+        held(off < 1e-6, format!("largest difference {}", about(off)))
     });
-    add("a floor twice in one place".into(), "the image of one", came);
+    add("two coincident copies of a floor".into(), "the image of one copy", came);
     // Two materials in one place: of several hits at one distance the first shape counts, for every ray.
     let mut split = one.clone();
     let white = split.diffuse([0.9; 3]);
@@ -53,9 +53,9 @@ fn surfaces(add: Add<'_>) {
     split.scene.shapes.push(again);
     let came = rendered(&one, 8, 8, 16).and_then(|one| {
         let off = difference(&rendered(&split, 8, 8, 16)?, &one);
-        held(off < 1e-6, format!("the same to {}", about(off)))
+        held(off < 1e-6, format!("largest difference {}", about(off)))
     });
-    add("a grey floor, and a white one in the same place".into(), "the image of the first", came);
+    add("a grey floor and a coincident white floor".into(), "the image of the first floor", came);
     // Triangles a million times as long as wide, glowing in the dark: a ray that slips through one sees black.
     for distance in [0.2, 1.0] {
         let came = rendered(&slivers(distance, 1), 16, 16, 256).and_then(|film| {
@@ -64,20 +64,21 @@ fn surfaces(add: Add<'_>) {
         });
         add(
             format!("triangles of 2 m by 2e-6 m side by side, glowing, seen from {distance} m"),
-            "exactly 1: no ray slips through",
+            "exactly 1: no ray passes between triangles",
             came,
         );
     }
     let came = rendered(&slivers(0.2, 2), 16, 16, 256).and_then(|film| within(&film, 0.5, 0.01));
-    add("the same from 0.2 m, every other pair left out".into(), "1/2, to 1%: no ray hits what is not there", came);
+    add("the same from 0.2 m, without every other pair".into(), "1/2, to 1%: no ray hits a missing triangle", came);
     // How near a hit is has to be known better than that it is before the camera.
     let came = rendered(&slivers(4.0, 1), 16, 16, 256).and_then(|film| {
-        held(
-            mean(&film) == 0.0,
-            "none is met: hits of triangles thinner than a millionth of their distance are lost".into(),
-        )
+        held(mean(&film) == 0.0, "no ray hits: triangles thinner than a millionth of their distance are missed".into())
     });
-    add("the same from 4 m, where they are 5e-7 of their distance wide".into(), "what is lost is told here", came);
+    add(
+        "the same from 4 m, where the triangles are 5e-7 of their distance wide".into(),
+        "no requirement: the result is reported",
+        came,
+    );
     // Seen from below, filling the view; paths end at the first thing that they meet.
     let mut heap = Built::new([2.5e-4, 0.9, 2.5e-4], [2.5e-4, 1.0, 2.5e-4], 0.1, 1);
     heap.scene.camera.up = [0.0, 0.0, 1.0];
@@ -94,15 +95,15 @@ fn surfaces(add: Add<'_>) {
         let count = world.primitive_count();
         held(count == 1_000_000 && off == 0.0, format!("{count} primitives; off by {}", about(off)))
     });
-    add("a million triangles in one place, glowing at 1/2, which fill the view".into(), "exactly 1/2", came);
+    add("a million coincident triangles, glowing at 1/2, which fill the view".into(), "exactly 1/2", came);
     points.sky([1.0; 3]);
     let mesh = Mesh { positions: vec![[0.0, 1.0, 0.0]; 3], triangles: vec![[0, 1, 2]; 1_000_000], ..Mesh::default() };
     points.mesh(&mesh, IDENTITY, black);
     let came = world(&points).and_then(|world| {
         let (count, off) = (world.dropped.degenerate, (mean(&rendered(&points, 8, 8, 4)?) - 1.0).abs());
-        held(count == 1_000_000 && off == 0.0, format!("{count} left out and counted; the sky off by {}", about(off)))
+        held(count == 1_000_000 && off == 0.0, format!("{count} omitted and counted; the sky off by {}", about(off)))
     });
-    add("a million triangles that are points, before a sky of 1".into(), "left out and counted; exactly the sky", came);
+    add("a million triangles without area, before a sky of 1".into(), "omitted and counted; exactly the sky", came);
     broken(add);
 }
 
@@ -129,12 +130,12 @@ fn broken(add: Add<'_>) {
         let count = world.dropped.not_finite;
         held(
             same && hole > 0.1 && count == left_out,
-            format!("{count} triangles left out and counted; the same bits, and a hole in view"),
+            format!("{count} triangles omitted and counted; the same bits, and a hole in view"),
         )
     });
     add(
-        "a ball in view, of which a corner is at NaN and one at infinity".into(),
-        "its triangles at these are left out and counted: the image of the ball made without them",
+        "a ball in view, with one vertex at NaN and one at infinity".into(),
+        "the triangles of these vertices are omitted and counted: the image of a ball without them",
         came,
     );
 }
@@ -168,7 +169,7 @@ fn cameras(add: Add<'_>) {
         // The sky has no noise.
         let (what, tolerance) = if expected < 1.0 { ("the floor: 1/2, to 0.2%", 2e-3) } else { ("the sky: 1", 0.0) };
         let came = rendered(&above(1e-6, near), 8, 8, 1024).and_then(|film| within(&film, expected, tolerance));
-        add(format!("the same camera at 1e-6 m that sees nothing nearer than {near:.1e} m"), what, came);
+        add(format!("the same camera at 1e-6 m with a near plane at {near:.1e} m"), what, came);
     }
     for fov in [1e-6, 1e-2, 179.0, 179.999] {
         let mut built = glowing(0.5, 1000);
@@ -179,21 +180,21 @@ fn cameras(add: Add<'_>) {
         add(format!("a field of view of {fov} degrees inside the glowing cube"), "2, to 1%", came);
     }
     let looks: [(&str, Change); 6] = [
-        ("that looks at where it stands", |b| b.scene.camera.target = b.scene.camera.origin),
-        ("whose way up is its way forward", |b| b.scene.camera.up = [0.0, -0.5, -2.0]),
+        ("whose target is its origin", |b| b.scene.camera.target = b.scene.camera.origin),
+        ("whose up vector is its viewing direction", |b| b.scene.camera.up = [0.0, -0.5, -2.0]),
         ("with a field of view of 180 degrees", |b| b.scene.camera.fov_x = 180.0),
         ("at NaN", |b| b.scene.camera.origin[1] = f64::NAN),
         ("1e39 m away", |b| b.scene.camera.origin[1] = 1e39),
-        ("that sees nothing nearer than 1e39 m", |b| b.scene.camera.near = 1e39),
+        ("with a near plane at 1e39 m", |b| b.scene.camera.near = 1e39),
     ];
     for (what, change) in looks {
         let mut built = floor_point();
         built.sky([1.0; 3]);
         change(&mut built);
         let came = match rendered(&built, 2, 2, 1) {
-            Err(told) => held(told.contains("the camera"), "refused, with what to give it".into()),
-            Ok(_) => Err("taken".into()),
+            Err(told) => held(told.contains("the camera"), "refused, with the remedy".into()),
+            Ok(_) => Err("accepted".into()),
         };
-        add(format!("a camera {what}"), "refused by name", came);
+        add(format!("a camera {what}"), "refused with a specific error", came);
     }
 }

@@ -150,7 +150,7 @@ fn data(add: Add<'_>) {
             Ok::<_, String>(sound(&lab, &outputs)?.into_iter().fold(most, f64::max))
         });
         // Nothing is to be learned: the loss is rounding.
-        let came = came.and_then(|most| held(most < 1e-10, "no loss but rounding".into()));
+        let came = came.and_then(|most| held(most < 1e-10, "only rounding errors".into()));
         add(
             format!("scenes that are {name}, without noise, in all four parameterizations"),
             "a loss of 0, and a model",
@@ -163,40 +163,44 @@ fn data(add: Add<'_>) {
         let outputs = lab.train(&one, TrainingParams { parameterization, ..short() })?;
         sound(&lab, &outputs).map(|_| ())
     });
-    add("a data set of one scene, in all four parameterizations".into(), "models", came.map(|()| "models".into()));
+    add("a training set of one scene, in all four parameterizations".into(), "models", came.map(|()| "models".into()));
     let came = match lab.train(&one, TrainingParams { shuffle_targets: true, ..short() }) {
-        Err(told) => held(told.contains("two training scenes"), "refused by name".into()),
-        Ok(_) => Err("taken".into()),
+        Err(told) => held(told.contains("two training scenes"), "refused with a specific error".into()),
+        Ok(_) => Err("accepted".into()),
     };
-    add("one scene, with targets from another".into(), "refused by name", came);
+    add("one scene, with targets from a different scene".into(), "refused with a specific error", came);
     let came = match lab.train(&Collection::default(), short()) {
-        Err(told) => held(told.contains("train"), "refused by name".into()),
-        Ok(_) => Err("taken".into()),
+        Err(told) => held(told.contains("train"), "refused with a specific error".into()),
+        Ok(_) => Err("accepted".into()),
     };
-    add("a data set of none".into(), "refused by name", came);
+    add("an empty training set".into(), "refused with a specific error", came);
     let mut broken = scene(1, 0.0);
     broken.states[1].data_mut()[7] = f32::NAN;
     let came = match lab.train(&lab.scenes([scene(0, 0.0), broken]), short()) {
         Err(told) => {
             held(told.contains("finite") && told.contains("L0-open-000001"), "refused, with the scene's name".into())
         }
-        Ok(_) => Err("taken".into()),
+        Ok(_) => Err("accepted".into()),
     };
-    add("a scene with a value that is no number".into(), "refused by name", came);
+    add("a scene with a value that is not finite".into(), "refused with a specific error", came);
     let broken = PackedScene { gbuffer: scene(1, 0.0).gbuffer.map(|g| g.map(|_| f32::INFINITY)), ..scene(1, 0.0) };
     let came = match lab.train(&lab.scenes([scene(0, 0.0), broken]), short()) {
         Err(told) => {
             held(told.contains("G-buffer") && told.contains("L0-open-000001"), "refused, with the scene's name".into())
         }
-        Ok(_) => Err("taken".into()),
+        Ok(_) => Err("accepted".into()),
     };
-    add("a scene with a G-buffer of infinities".into(), "refused by name", came);
+    add("a scene with a G-buffer of infinities".into(), "refused with a specific error", came);
     let blinding = lab.scenes([scene(1, 1e25)]);
     let came = match lab.train_and_test(&one, Some(&blinding), short()) {
         Err(told) => held(told.contains("test scenes") && told.contains("step 0"), "refused, with the step".into()),
-        Ok(_) => Err("taken, with a curve that looks as if there were no test scenes".into()),
+        Ok(_) => Err("accepted, with a curve that looks as if there were no test scenes".into()),
     };
-    add("a test scene of radiance 1e25, whose square no single precision holds".into(), "refused by name", came);
+    add(
+        "a test scene of radiance 1e25, whose square exceeds single precision".into(),
+        "refused with a specific error",
+        came,
+    );
 }
 
 fn divergence(add: Add<'_>) {
@@ -214,13 +218,13 @@ fn divergence(add: Add<'_>) {
             .and_then(|(_, rest)| rest.split('`').next()?.parse::<u64>().ok())
             .ok_or_else(|| format!("no step to go back to in: {told}")),
         Err(told) => Err(told),
-        Ok(_) => Err("taken for a training".into()),
+        Ok(_) => Err("accepted for a training".into()),
     };
     add(
-        "a learning rate that rises to 1,000, a quarter more at every step".into(),
-        "an error that names the step, the rate and the last checkpoint",
+        "a learning rate that grows by a quarter per step, up to 1,000".into(),
+        "an error that names the step, the learning rate and the last checkpoint",
         kept.clone().and_then(|step| {
-            held(step > 1, "told, with the step, `learning_rate`, `clip`, and the last good step".into())
+            held(step > 1, "an error with the step, `learning_rate`, `clip`, and the last good step".into())
         }),
     );
     let came = kept.and_then(|step| {
@@ -233,28 +237,32 @@ fn divergence(add: Add<'_>) {
         let scenes = fresh.scenes((0..3).map(|i| scene(i, 0.0)));
         let again = fresh.train(&scenes, TrainingParams { steps: step, ..rising.clone() })?;
         let same = fresh.part(&again, "model") == lab.part(&outputs, "model");
-        held(timing.steps == 0 && same, "no step is done again; the bits of a training that ends there".into())
+        held(timing.steps == 0 && same, "no step is repeated; the bits of a training that ends at this step".into())
     });
-    add("as many steps of it as that error says".into(), "the model of the last checkpoint", came);
+    add(
+        "the same training with the number of steps that the error names".into(),
+        "the model of the last checkpoint",
+        came,
+    );
     let came = lab.train(&scenes, TrainingParams { learning_rate: 2e-4, steps: 30, ..short() });
     let came = came
         .and_then(|outputs| sound(&lab, &outputs))
         .and_then(|losses| held(losses.iter().all(|loss| *loss < 1.0), "finite losses and weights".into()));
-    add("the same scenes and store, with a rate of 2e-4".into(), "a training", came);
+    add("the same scenes and store, with a learning rate of 2e-4".into(), "a training", came);
     let gone = |bright: f32, params: TrainingParams, word: &str| {
         let lab = Lab::new();
         let scenes = lab.scenes((0..3).map(|i| scene(i, bright)));
         match lab.train(&scenes, params) {
             Err(told) => held(told_all(&told) && told.contains(word), told)
-                .map(|_| "told, with the step and what to lower".into()),
-            Ok(_) => Err("taken for a training".into()),
+                .map(|_| "an error with the step and the parameter to lower".into()),
+            Ok(_) => Err("accepted for a training".into()),
         }
     };
     let at_once = TrainingParams { learning_rate: 1e3, clip: 1e9, steps: 60, ..short() };
     add(
         "a learning rate of 1,000 at once, without clipping: losses stay finite, as predictions are means".into(),
-        "an error that names the step and the rate",
-        gone(0.0, at_once, "after step 1,").map(|_| "told at the first step, by the size of the weights".into()),
+        "an error that names the step and the learning rate",
+        gone(0.0, at_once, "after step 1,").map(|_| "an error at the first step, from the size of the weights".into()),
     );
     let linear = TrainingParams { space: Space::Linear, loss: Loss::Squared, ..short() };
     add(
@@ -263,9 +271,8 @@ fn divergence(add: Add<'_>) {
         gone(1e25, linear.clone(), "the loss is inf"),
     );
     add(
-        "a radiance of 1e15, without clipping: the square of the gradient is beyond single precision, its loss is not"
-            .into(),
-        "an error that names the step, before weights stand still for ever",
+        "a radiance of 1e15, without clipping: the squared gradient exceeds single precision, the loss does not".into(),
+        "an error that names the step, before the weights stop changing",
         gone(1e15, TrainingParams { clip: 1e30, steps: 60, ..linear.clone() }, "the norm of the gradient"),
     );
     let lab = Lab::new();
@@ -320,19 +327,19 @@ fn resumption(add: Add<'_>) {
         finished(&lab, &scenes, 1, 6 - stop)
     });
     add(
-        "a training of six steps and a checkpoint after each, stopped as Ctrl-C stops it: five trainings, one \
-         stopped after step 1, one after step 2, and so on, and each gone on with"
+        "five trainings of six steps with a checkpoint after each step, interrupted as by Ctrl-C after step 1, 2 ... \
+         5, then continued"
             .into(),
-        "the bits of one that is not stopped; no step is taken twice",
-        came.map(|()| "the same bits, five times; the steps that were left".into()),
+        "the bits of an uninterrupted training; no step is repeated",
+        came.map(|()| "the same bits, five times; only the remaining steps ran".into()),
     );
     let (one, scenes) = lab();
     let came = (1..6u64)
         .try_for_each(|_| interrupted(&one, &scenes, 1, Interruption::StopAfter(1)).map(|_| ()))
         .and_then(|()| finished(&one, &scenes, 1, 1));
     add(
-        "one such training, stopped after every one of its first five steps in turn".into(),
-        "the bits of one that is not stopped; its last run takes one step",
+        "one training of six steps, interrupted after each of its first five steps".into(),
+        "the bits of an uninterrupted training; its last run takes one step",
         came.map(|()| "the same bits; one step".into()),
     );
     let came = [1u64, 2].into_iter().try_for_each(|nth| {
@@ -342,10 +349,11 @@ fn resumption(add: Add<'_>) {
         finished(&lab, &scenes, 2, 6 - 2 * (nth - 1))
     });
     add(
-        "the same with a checkpoint every two steps, whose writing fails after step 2, or after step 4, as on a full \
-         disk"
+        "the same with a checkpoint every two steps, which cannot be written after step 2, or after step 4, as on a \
+         full disk"
             .into(),
-        "an error that says so; then the bits of one that is not stopped, from the checkpoint before",
-        came.map(|()| "told; the same bits, six steps and four".into()),
+        "an error that names the cause; then the bits of an uninterrupted training, continued from the previous \
+         checkpoint",
+        came.map(|()| "an error; the same bits, after six and after four steps".into()),
     );
 }

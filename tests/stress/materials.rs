@@ -14,7 +14,7 @@ use tauflow_data::{
 };
 use tauflow_denoise::{GuidedFilterParams, filtered};
 
-const AREA: &str = "Materials, and what is cut";
+const AREA: &str = "Materials and clamping";
 
 pub fn hazards() -> Vec<Hazard> {
     let mut out = Vec::new();
@@ -53,9 +53,10 @@ fn principled(textures: [f32; 4], [specular, clearcoat, clearcoat_gloss]: [f32; 
 /// What a scene of a floor and this material says: it must name what is wrong, where, and what to do.
 fn refused(built: &Built, words: &[&str]) -> Result<String, String> {
     match world(built) {
-        Ok(_) => Err("taken".into()),
-        Err(told) => held(words.iter().all(|word| told.contains(word)), told)
-            .map(|_| "refused, with where and what to do".into()),
+        Ok(_) => Err("accepted".into()),
+        Err(told) => {
+            held(words.iter().all(|word| told.contains(word)), told).map(|_| "refused, with place and remedy".into())
+        }
     }
 }
 
@@ -108,7 +109,7 @@ fn numbers(add: Add<'_>) {
     for value in [1.5f32, -0.5, f32::NAN] {
         let came = fields.iter().try_for_each(|(field, make)| {
             let found = match world(&of(make(value))) {
-                Ok(_) => Err("taken".to_owned()),
+                Ok(_) => Err("accepted".to_owned()),
                 Err(told) => {
                     let where_ = told.contains("material 0: ") && told.contains(field);
                     held(where_ && (told.contains("0 to 1") || told.contains("use ")), told)
@@ -124,8 +125,8 @@ fn numbers(add: Add<'_>) {
                 "each number of each material, 19 in all, at {what}: reflectances, transmittances, metallic, \
                  roughness, transmission, specular, clearcoat, opacity, weights, indices of metals"
             ),
-            "refused: material, field and what to do; and 0.75 is taken",
-            came.map(|()| "each refused, with where and what to do; 0.75 taken for each".into()),
+            "refused, with material, field and remedy; and 0.75 is accepted",
+            came.map(|()| "each refused, with place and remedy; 0.75 accepted for each".into()),
         );
     }
 }
@@ -147,17 +148,21 @@ fn painted(texel: f32, scale: f32) -> Built {
 fn textures(add: Add<'_>) {
     for value in [1.5f32, -0.1, f32::NAN, f32::INFINITY] {
         add(
-            format!("an image of albedo with one texel of {value}"),
-            "refused: material, field and what to do",
+            format!("an albedo texture with one texel of {value}"),
+            "refused, with material, field and remedy",
             refused(&painted(value, 1.0), &["material 0: ", "`reflectance`", "texels"]),
         );
     }
     let came = refused(&painted(0.5, 3.0), &["material 0: ", "`reflectance`", "up to 1.5", "`scale`"]);
     let came = came.and_then(|said| {
         let second = rendered(&painted(1.5, 0.5), 4, 4, 4).map_err(|told| format!("the second: {told}"));
-        second.map(|_| format!("the first {said}; the second taken and rendered"))
+        second.map(|_| format!("the first {said}; the second accepted and rendered"))
     });
-    add("one of 0.5 times 3; one of 1.5 times 0.5".into(), "the first is refused, the second taken", came);
+    add(
+        "an albedo texture of 0.5 scaled by 3; one of 1.5 scaled by 0.5".into(),
+        "the first is refused, the second accepted",
+        came,
+    );
     let corners = |value: f32| Mesh {
         positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
         triangles: vec![[0, 1, 2]],
@@ -175,11 +180,11 @@ fn textures(add: Add<'_>) {
     let came = refused(&colored(1.5, false), &["shape ", "vertex colours", "not from 0 to 1"])
         .and_then(|said| refused(&colored(f32::NAN, true), &["shape ", "not finite"]).map(|_| said))
         .and_then(|said| {
-            rendered(&colored(1.5, true), 4, 4, 4).map(|_| format!("two {said}; the third taken and rendered"))
+            rendered(&colored(1.5, true), 4, 4, 4).map(|_| format!("two {said}; the third accepted and rendered"))
         });
     add(
         "vertex colours of 1.5 as albedo; of NaN as emission; of 1.5 as emission".into(),
-        "refused, with the shape; refused; taken",
+        "refused, with the shape; refused; accepted",
         came,
     );
     let shining = |texel: f32| {
@@ -191,8 +196,10 @@ fn textures(add: Add<'_>) {
     };
     let came = refused(&shining(f32::NAN), &["shape 1: ", "emission", "not finite"])
         .and_then(|said| refused(&shining(-1.0), &["shape 1: ", "negative emission"]).map(|_| said))
-        .and_then(|said| rendered(&shining(1e6), 4, 4, 4).map(|_| format!("two {said}; the third taken and rendered")));
-    add("an image of emission with a texel of NaN, of -1, of 1e6".into(), "refused; refused; taken", came);
+        .and_then(|said| {
+            rendered(&shining(1e6), 4, 4, 4).map(|_| format!("two {said}; the third accepted and rendered"))
+        });
+    add("an emission texture with a texel of NaN, of -1, of 1e6".into(), "refused; refused; accepted", came);
 }
 
 /// What is cut where a surface is shaded, and what that changes.
@@ -203,13 +210,13 @@ fn cuts(add: Add<'_>) {
             let off = difference(&given, &image(counts_as)?);
             // Were nothing to show in this scene, the row could not fail.
             let seen = difference(&given, &image(other)?);
-            held(off == 0.0 && seen > 0.0, format!("the same to {off}"))
+            held(off == 0.0 && seen > 0.0, format!("largest difference {off}"))
         });
         add(fed.into(), must, came);
     };
     pair(
-        "an albedo of 1 + 2^-23, as products of textures round",
-        "taken, and cut: the image of albedo 1",
+        "an albedo of 1 + 2^-23, as products of textures can round",
+        "accepted and clamped: the image of albedo 1",
         [diffuse(1.0 + f32::EPSILON), diffuse(1.0), diffuse(0.999)],
     );
     pair(
@@ -230,7 +237,7 @@ fn cuts(add: Add<'_>) {
     };
     pair(
         "a normal map that points straight below the surface",
-        "the image of one that points straight above: it is raised to 0.001 above",
+        "the image of a normal map that points straight up: the normal is raised to 0.001 above the surface",
         [mapped([0.5, 0.5, 0.0]), mapped([0.5, 0.5, 1.0]), mapped([0.9, 0.5, 0.9])],
     );
 }
@@ -254,12 +261,12 @@ fn imports(add: Add<'_>) {
         let clean = calm.0.repairs.is_empty() && calm.2.is_some();
         held(
             body.is_some() && count == 2 && clean,
-            format!("both imported: {count} factors of the first cut and counted, nothing of the second"),
+            format!("both imported: {count} factors of the first clamped and counted, none of the second"),
         )
     });
     add(
         "a glTF material of base colour 2, 0.5, -1; and one of 1, 0.5, 0".into(),
-        "imported, with what was cut counted in the report; nothing cut",
+        "imported, with the clamped factors counted in the report; nothing clamped",
         came,
     );
     let rest = r#", "emissiveFactor": [1, 1, 1],
@@ -268,11 +275,12 @@ fn imports(add: Add<'_>) {
     let came = data::import("bright.gltf", gltf("[1, 1, 1, 1]", rest).as_bytes()).and_then(|(report, _, body)| {
         let noted = report.notes.iter().any(|note| note.contains("reflect 8%"));
         let cut = report.repairs.get("radiances outside of 0 to 1e6 cut to it") == Some(&3);
-        held(body.is_some() && noted && cut, "3 radiances cut and counted; the index noted".into())
+        held(body.is_some() && noted && cut, "3 radiances clamped and counted; the index noted".into())
     });
     add(
-        "a glTF emission of 1e9, and an index of refraction of 2.4, beyond what `principled` has".into(),
-        "a radiance of 1e6, counted; an index of 1.79, noted: 8% of light from ahead reflected and not 17%",
+        "a glTF emission of 1e9, and an index of refraction of 2.4, beyond the range of `principled`".into(),
+        "a radiance of 1e6, counted; an index of 1.79, noted: 8% of the light reflected at normal incidence, instead \
+         of 17%",
         came,
     );
 }
@@ -290,13 +298,13 @@ fn filters(add: Add<'_>) {
         held(off < 1.0, format!("off by {} of 100", super::about(off)))
     });
     add(
-        "an image of -100 beside 0, filtered by colour".into(),
-        "both as they are, to 1%: what is negative is not taken for black",
+        "an image of -100 next to 0, filtered by colour".into(),
+        "both unchanged, to 1%: negative values are not treated as black",
         came,
     );
     let came = match filtered(&image(1.0, f32::NAN), None, &params) {
-        Err(told) => held(told.to_string().contains("384 of the 768"), "refused, with how many".into()),
-        Ok(_) => Err("taken".into()),
+        Err(told) => held(told.to_string().contains("384 of the 768"), "refused, with their number".into()),
+        Ok(_) => Err("accepted".into()),
     };
-    add("an image half of which is no number, filtered".into(), "refused by name", came);
+    add("an image in which half of the values are not finite, filtered".into(), "refused with a specific error", came);
 }

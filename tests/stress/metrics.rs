@@ -42,8 +42,8 @@ fn exact(m: &Metrics, image: &Image, reference: &Image) -> Result<(), String> {
 /// What the metrics are, and what means take a PSNR for where it is above the ceiling.
 fn said(m: &Metrics, scale: f64) -> String {
     let psnr = |name: &str, value: f64| match bounded(name, value) {
-        cut if cut < value && value.is_finite() => format!("{value:.2} dB, which means take as {cut:.1}"),
-        cut if cut < value => format!("infinite, which means take as {cut:.1}"),
+        cut if cut < value && value.is_finite() => format!("{value:.2} dB, counted as {cut:.1} in means"),
+        cut if cut < value => format!("infinite, counted as {cut:.1} in means"),
         _ => format!("{value:.2} dB"),
     };
     format!(
@@ -77,9 +77,9 @@ fn constants(add: Add<'_>) {
             held(fine, said(&m, by))
         });
         add(
-            &format!("a constant image of {scale:.1e} against one of twice that"),
-            "MAE the scale; PSNR -20 log10 of it, of the maximum 20 log10 2, to 1e-9 dB; means hold it below the \
-             ceiling; previews as double precision has them; SSIM of the luminances alone, to 1e-5",
+            &format!("a constant image of {scale:.1e} against twice its value"),
+            "MAE equal to the scale; PSNR of -20 log10 of the scale, `hdr_psnr_max` of 20 log10 2, to 1e-9 dB; limited \
+             in means; previews as in double precision; SSIM of the luminances only, to 1e-5",
             came,
         );
     }
@@ -95,13 +95,13 @@ pub fn hazards() -> Vec<Hazard> {
             && m.preview_psnr.is_infinite()
             && m.hdr_mae == 0.0
             && (m.ssim - 1.0).abs() < 1e-12;
-        held(fine, format!("infinite PSNR, which means take as {PSNR_CEILING:.1} dB; SSIM 1"))
+        held(fine, format!("infinite PSNR, counted as {PSNR_CEILING:.1} dB in means; SSIM 1"))
     });
     add("an image and itself", "infinite PSNR, no error, SSIM 1", came);
     add(
         "an infinite PSNR in a mean",
         "a finite mean",
-        held(bounded("hdr_psnr", f64::INFINITY).is_finite(), "the ceiling".into()),
+        held(bounded("hdr_psnr", f64::INFINITY).is_finite(), "the limit of 144.49 dB".into()),
     );
     let black = Image::new(16, 16, 3);
     let came = of(&image, &black).and_then(|m| {
@@ -125,9 +125,9 @@ pub fn hazards() -> Vec<Hazard> {
             held(same, said(&m, by))
         });
         add(
-            &format!("noise of {scale:.0e} against other noise of it"),
-            "the metrics of noise of 1 in proportion: MAE by the scale, PSNR by 20 log10 of it, that of the maximum \
-             as it is, to 1e-5 dB; previews as double precision has them; SSIM from 0 to 1",
+            &format!("noise of {scale:.0e} against independent noise of the same level"),
+            "in proportion to the metrics of noise of 1: MAE times the scale, PSNR minus 20 log10 of the scale, \
+             `hdr_psnr_max` unchanged, to 1e-5 dB; previews as in double precision; SSIM from 0 to 1",
             came,
         );
     }
@@ -151,14 +151,14 @@ pub fn hazards() -> Vec<Hazard> {
         let mut broken = image.clone();
         broken.data_mut()[5] = value;
         let came = match (of(&broken, &image), of(&image, &broken)) {
-            (Err(told), Err(_)) => held(told.contains("1 of the 768"), "refused, with how many".into()),
-            _ => Err("taken".into()),
+            (Err(told), Err(_)) => held(told.contains("1 of the 768"), "refused, with their number".into()),
+            _ => Err("accepted".into()),
         };
-        add(&format!("a value of {value} on either side"), "refused", came);
+        add(&format!("a value of {value} in the image or the reference"), "refused", came);
     }
     let came = match of(&Image::new(8, 8, 3), &Image::new(8, 8, 3)) {
         Err(told) => held(told.contains("11 x 11"), "refused".into()),
-        Ok(_) => Err("taken".into()),
+        Ok(_) => Err("accepted".into()),
     };
     add("images smaller than SSIM's window", "refused", came);
     out

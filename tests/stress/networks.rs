@@ -74,12 +74,12 @@ pub fn hazards() -> Vec<Hazard> {
                 let ((low, high), (_, most)) = (range(&end), range(&scene(9, 0.0).states[0]));
                 held(low.is_finite() && high <= most, "finite, and no brighter than the input".into())
             });
-            add(format!("{name}, 1,000 calls"), "finite, and no brighter than the input", came);
+            add(format!("{name}, 1,000 network calls"), "finite, and no brighter than the input", came);
             let blinding = scene(9, 0.0).states[0].map(|v| 1.0 + 1e38 * v);
             let came = match (space, model().and_then(|model| refined(model, &blinding, 9))) {
                 (_, Err(told)) => held(
                     told.contains("exceed") && told.contains("use a lower exposure"),
-                    "refused, with what to do".into(),
+                    "refused, with the remedy".into(),
                 ),
                 (Space::Log1p, Ok(_)) => Err("taken: its space ends at 6e37".into()),
                 (Space::Linear, Ok(end)) => {
@@ -87,7 +87,11 @@ pub fn hazards() -> Vec<Hazard> {
                     held(low.is_finite() && high <= most, "finite, and no brighter than the input".into())
                 }
             };
-            add(format!("{name}, radiance up to 1e38"), "finite, or refused by name: nothing is cut", came);
+            add(
+                format!("{name}, radiance up to 1e38"),
+                "finite, or refused with a specific error: nothing is clamped",
+                came,
+            );
         }
     }
     out
@@ -114,11 +118,14 @@ fn exposures(name: &str, model: &Trained<'_>, most: f64, add: Add<'_>) {
         })
     });
     let came = came.and_then(|worst| {
-        held(worst < most, format!("finite, no brighter than the input; off by up to {} of exposure 1", about(worst)))
+        held(
+            worst < most,
+            format!("finite, no brighter than the input; off by up to {} of the result at exposure 1", about(worst)),
+        )
     });
     add(
         format!("{name}, exposures of 1e-6, 1e-3, 0.1, 10, 1e3 and 1e6"),
-        &format!("finite, and what exposure 1 gives, exposed so, to {most} of it"),
+        &format!("finite, and the result at exposure 1 times the exposure, to {most} of it"),
         came,
     );
 }
@@ -146,7 +153,7 @@ fn firefly(name: &str, model: &Trained<'_>, add: Add<'_>) {
                 return Err(format!("{low:e} to {high:e} of at most {most:e} in {steps} steps"));
             }
         }
-        let overshoot = || format!("; longer steps than a rung overshoot: {}", far.join(", "));
+        let overshoot = || format!("; steps longer than a rung overshoot: {}", far.join(", "));
         let far = if local { overshoot() } else { String::new() };
         let (without, end) = (refined(model, &plain, 9)?, refined(model, &lit, 9)?);
         let ((low, high), (_, most)) = (range(&end), range(&lit));
@@ -154,8 +161,8 @@ fn firefly(name: &str, model: &Trained<'_>, add: Add<'_>) {
         held(
             low >= 0.0 && high <= most,
             format!(
-                "finite, not negative, no brighter; after 9 steps the pixel is at {}, those that touch it at up to \
-                 {} (without it {}), those beyond at up to {} ({}): {} of its light is left{far}",
+                "finite, not negative, no brighter; after 9 steps the pixel has {}, its neighbours at most {} (without \
+                 the firefly {}), all others at most {} ({}): {} of its light is left{far}",
                 about(largest(&end, 0..=0).into()),
                 about(largest(&end, 1..=1).into()),
                 about(largest(&without, 1..=1).into()),
@@ -167,8 +174,8 @@ fn firefly(name: &str, model: &Trained<'_>, add: Add<'_>) {
     });
     add(
         format!("{name}, a firefly of 1e6 in one pixel, 1 to 9 and 50 steps"),
-        "finite; nowhere negative, no brighter than the firefly: means of what is there (local_velocity from 3 steps \
-         on)",
+        "finite, not negative, no brighter than the firefly, because outputs are means of the input (local_velocity \
+         from 3 steps on)",
         came,
     );
 }
@@ -184,7 +191,7 @@ fn precision(name: &str, model: &Trained<'_>, add: Add<'_>) {
         held(found.iter().all(|drift| *drift < 1e-5), format!("off by {} calls", said.join(", ")))
     });
     add(
-        format!("{name}, the rollout in single precision beside one in double of the same network, 1 to 1,000 calls"),
+        format!("{name}, rollouts of the same network in single and in double precision, 1 to 1,000 network calls"),
         "the same to 1e-5 of the image",
         came,
     );
@@ -196,8 +203,11 @@ fn flat(name: &str, model: &Trained<'_>, add: Add<'_>) {
         let came = model().and_then(|model| {
             let (low, high) = range(&refined(model, &Image::new(SIDE, SIDE, 3).map(|_| value), 9)?);
             let off = (low - f64::from(value)).abs().max((high - f64::from(value)).abs());
-            held(off <= 1e-5 * f64::from(value), if off == 0.0 { "itself".into() } else { "itself to 1e-5".into() })
+            held(
+                off <= 1e-5 * f64::from(value),
+                if off == 0.0 { "unchanged".into() } else { "unchanged to 1e-5".into() },
+            )
         });
-        add(format!("{name}, a {what} image"), "itself: nothing varies, so nothing is noise", came);
+        add(format!("{name}, a {what} image"), "unchanged: a constant image has no noise", came);
     }
 }

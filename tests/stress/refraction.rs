@@ -45,7 +45,10 @@ fn faces(add: Add<'_>) {
         let expected = reflectance(cos, ior.into());
         let came = rendered(&face(ior, cos, 1.0, 0.0), 8, 8, 4096).and_then(|film| within(&film, expected, 0.03));
         add(
-            format!("the sky of 1 in a face of glass of index {ior}, black inside, at a cosine of {cos}"),
+            format!(
+                "a sky of radiance 1, reflected by a glass face of index {ior} with a black interior, at a cosine of \
+                 {cos}"
+            ),
             &format!("Fresnel's reflectance, {}, to 3%", about(expected)),
             came,
         );
@@ -58,7 +61,7 @@ fn faces(add: Add<'_>) {
         let came = rendered(&face(ior, cos, 0.0, 1.0), 8, 8, 4096).and_then(|film| within(&film, expected, tolerance));
         add(
             format!("a plate of radiance 1 in glass of index {ior}, seen through its face at a cosine of {cos}"),
-            &format!("what is not reflected, over the squared index: {}, to {told}", about(expected)),
+            &format!("the transmitted share, divided by the squared index: {}, to {told}", about(expected)),
             came,
         );
     }
@@ -108,7 +111,7 @@ fn found(faces: Faces<'_>, in_one_place: usize) -> Result<String, String> {
     for off in [1e-6, 2e-6, 5e-6, 1e-5, 2e-5] {
         if mean(&seen(x - off, 16)?) == 0.0 && mean(&seen(x + off, 16)?) > 0.0 {
             let said = within(&seen(x + off, 4096)?, share, 0.01)?;
-            return Ok(format!("there to {off:.0e} m; light {said}"));
+            return Ok(format!("position to {off:.0e} m; light {said}"));
         }
     }
     Err(format!("not within 2e-5 m of {x}, {share} of the light"))
@@ -122,9 +125,9 @@ fn slabs(add: Add<'_>) {
         ("a slab of glass of index 1.0001, 1 m thick".to_owned(), one(1.0001), 1),
         ("a slab of index 1.5".into(), one(1.5), 1),
         ("a slab of index 4".into(), one(4.0), 1),
-        ("a slab of index 1.3 of its own within one of 1.5".into(), nested, 1),
+        ("a slab of index 1.3 inside a slab of index 1.5".into(), nested, 1),
         ("two slabs of index 1.5, 0.1 mm apart".into(), apart, 1),
-        ("two slabs of index 1.5 in one place".into(), one(1.5), 2),
+        ("two coincident slabs of index 1.5".into(), one(1.5), 2),
     ];
     for (what, faces, in_one_place) in cases {
         let (x, share) = landing(&faces);
@@ -132,10 +135,10 @@ fn slabs(add: Add<'_>) {
         let straight = 3f64.sqrt() * (1.0 - faces.last().map_or(0.0, |face| face.0));
         let came = found(&faces, in_one_place);
         add(
-            format!("a ray through {what}, onto it at 60 degrees"),
+            format!("a ray through {what}, at 60 degrees"),
             &format!(
-                "it comes down 1 m below where Snell's law says, {} m aside of straight on, to 2e-5 m; with \
-                 Fresnel's share of the light, {share:.4}, to 1%",
+                "it arrives where Snell's law predicts, 1 m below and {} m from the straight line, to 2e-5 m, with the \
+                 share of the light that Fresnel's equations predict, {share:.4}, to 1%",
                 about(straight - x)
             ),
             came,

@@ -102,7 +102,7 @@ fn moved(built: &Built, scale: f64, shift: f64) -> Built {
 
 pub(super) fn within(film: &Accumulator, expected: f64, tolerance: f64) -> Result<String, String> {
     let off = (mean(film) / expected - 1.0).abs();
-    held(off <= tolerance, format!("off by {} of it, nothing rejected", about(off)))
+    held(off <= tolerance, format!("off by {} of the expected value, no sample rejected", about(off)))
 }
 
 pub fn hazards() -> Vec<Hazard> {
@@ -127,7 +127,7 @@ fn space(add: Add<'_>) {
             let off = (mean(&rendered(&moved(&base, scale, 0.0), 16, 16, 16)?) / mean(&reference) - 1.0).abs();
             held(off < 2e-3, format!("mean off by {}", about(off)))
         });
-        add(format!("a scene of balls at {scale:.0e} of its size"), "the same mean to 0.2%", came);
+        add(format!("a scene of balls, scaled by {scale:.0e}"), "the same mean to 0.2%", came);
     }
     for (shift, tolerance) in [(1e2, 1e-3), (1e4, 2e-3), (1e6, 0.01)] {
         let came = reference.clone().and_then(|reference| {
@@ -135,14 +135,14 @@ fn space(add: Add<'_>) {
             held(
                 off < tolerance,
                 format!(
-                    "mean off by {}: single precision has {} m between neighbours there",
+                    "mean off by {}: neighbouring single-precision numbers are {} m apart there",
                     about(off),
                     about(f64::from(f32::EPSILON) * shift)
                 ),
             )
         });
         let must = format!("finite; the mean to {tolerance}");
-        add(format!("the same scene {shift:.0e} m from the origin on every axis"), &must, came);
+        add(format!("the same scene, moved by {shift:.0e} m along every axis"), &must, came);
     }
 }
 
@@ -153,7 +153,7 @@ fn light(add: Add<'_>) {
         built.scene.emitters.push(Emitter::Directional { direction: [0.0, -1.0, 0.0], irradiance: [irradiance; 3] });
         let expected = 0.5 * f64::from(irradiance) / std::f64::consts::PI;
         let came = rendered(&built, 4, 4, 4).and_then(|film| within(&film, expected, 1e-5));
-        add(format!("a sun of irradiance {irradiance:.0e} on a floor"), "irradiance albedo/pi", came);
+        add(format!("a sun of irradiance {irradiance:.0e} on a floor"), "irradiance x albedo/pi", came);
     }
     let black = Built::new([0.0; 3], [1.0, 0.0, 0.0], 40.0, 4);
     let came = rendered(&black, 8, 8, 4).and_then(|film| held(mean(&film) == 0.0, about(mean(&film))));
@@ -161,7 +161,7 @@ fn light(add: Add<'_>) {
     let mut dark = room();
     dark.scene.shapes.iter_mut().for_each(|shape| shape.emission = None);
     let came = rendered(&dark, 8, 8, 4).and_then(|film| held(mean(&film) == 0.0, about(mean(&film))));
-    add("a closed room whose lamp is out".into(), "exactly 0", came);
+    add("a closed room with its lamp switched off".into(), "exactly 0", came);
     // A lamp so small that it is a point: E = L A cos/d^2 of a floor point below.
     for half in [1e-2, 1e-4, 1e-6] {
         let mut built = floor_point();
@@ -173,7 +173,10 @@ fn light(add: Add<'_>) {
         let expected = 0.5 / std::f64::consts::PI * f64::from(radiance) * 4.0 * half * half / 4.0;
         let came = rendered(&built, 4, 4, 64).and_then(|film| within(&film, expected, 0.01));
         add(
-            format!("a square lamp of {:.0e} m, two metres above a floor, as bright as it is small", 2.0 * half),
+            format!(
+                "a square lamp of {:.0e} m, two metres above a floor, with the same power at every size",
+                2.0 * half
+            ),
             "its irradiance times albedo/pi, to 1%",
             came,
         );
@@ -185,7 +188,11 @@ fn light(add: Add<'_>) {
         built.scene.emitters.push(Emitter::Directional { direction, irradiance: [1e6; 3] });
         let expected = 0.5 * 1e6 * elevation.sin() / std::f64::consts::PI;
         let came = rendered(&built, 4, 4, 4).and_then(|film| within(&film, expected, 1e-4));
-        add(format!("a sun {elevation:.0e} radians above the horizon"), "irradiance albedo/pi sin, to 1e-4", came);
+        add(
+            format!("a sun {elevation:.0e} radians above the horizon"),
+            "irradiance x albedo/pi x sin(elevation), to 1e-4",
+            came,
+        );
     }
     // Nearly in the plane of the floor: little light, but not none, and no sparkle.
     let (half, away, height) = (0.5f64, 3.0f64, 1e-4f64);
@@ -214,7 +221,7 @@ fn light(add: Add<'_>) {
     add(
         "a lamp 0.1 mm above the floor, three metres away".into(),
         &format!(
-            "its irradiance times albedo/pi, {} of its radiance, to 5%; no pixel above 1.5 times that",
+            "its irradiance times albedo/pi, {} of its radiance, to 5%; no pixel above 1.5 times this value",
             about(expected)
         ),
         came,
@@ -247,18 +254,18 @@ fn materials(add: Add<'_>) {
     touching.scene.camera.target = [1.0, 0.0, 0.0];
     touching.scene.camera.origin = [1.0, 0.0, 4.0];
     let came = rendered(&touching, 8, 8, 4096).and_then(|film| within(&film, 1.0, 2e-3));
-    add("two glass balls that touch, seen at the point where they do".into(), "1, to 0.2%", came);
+    add("two touching glass balls, with the point of contact in view".into(), "1, to 0.2%", came);
     let mut twice = furnace(glass(1.5, 0.0), 400);
     twice.sphere([0.0; 3], 1.0, 0);
     let came = rendered(&twice, 8, 8, 4096).and_then(|film| within(&film, 1.0, 2e-3));
-    add("two glass balls in one place".into(), "1, to 0.2%", came);
+    add("two coincident glass balls".into(), "1, to 0.2%", came);
     for depth in [1u32, 2, 1000] {
         let shell = glowing(0.5, depth);
         let expected = 2.0 - 0.5f64.powi(depth.min(60) as i32 - 1);
         let came = rendered(&shell, 8, 8, 256).and_then(|film| within(&film, expected, 0.01));
         add(
             format!("a glowing closed cube of albedo 1/2, paths of at most {depth} segments"),
-            "the sum of its reflections, to 1%",
+            "the sum of all reflections, to 1%",
             came,
         );
     }
@@ -274,8 +281,8 @@ fn materials(add: Add<'_>) {
             within(&film_of(&renderer, 64)?, expected, 0.01)
         });
         add(
-            format!("the same of albedo 0.999, no path ended by chance, at most {depth} segments"),
-            "the sum of its reflections, to 1%",
+            format!("the same cube with albedo 0.999, without Russian roulette, at most {depth} segments"),
+            "the sum of all reflections, to 1%",
             came,
         );
     }
@@ -295,11 +302,11 @@ fn films(add: Add<'_>) {
                 told.contains("environment") || told.contains("finite") || told.contains("negative"),
                 format!("refused: {told}"),
             ),
-            Ok(_) => Err("taken".into()),
+            Ok(_) => Err("accepted".into()),
         };
         add(
             format!("an environment map with a texel of {value}"),
-            "refused by name (importing mends and counts such texels)",
+            "refused with a specific error (`assets` repairs and counts these texels)",
             came,
         );
     }
@@ -325,7 +332,7 @@ fn films(add: Add<'_>) {
     let expected = 0.5 * 1e3 * (0.1 + (65504.0 - 0.1) * 0.25 * tent);
     let came = rendered(&built, 8, 8, 4096).and_then(|film| within(&film, expected, 0.01));
     add(
-        "an environment map capped at half's largest number, a thousand times, over a floor".into(),
+        "an environment map at the largest half-precision number, scaled by a thousand, over a floor".into(),
         &format!("its irradiance times albedo/pi, {}, to 1%", about(expected)),
         came,
     );
@@ -345,7 +352,7 @@ fn films(add: Add<'_>) {
         let off = (mean(&film) - f64::from(0.1f32)).abs();
         held(off == 0.0, format!("off by {}", about(off)))
     });
-    add("2^20 paths of a pixel to a lamp of 0.1".into(), "0.1 in single precision, exactly", came);
+    add("2^20 paths of one pixel to a lamp of radiance 0.1".into(), "0.1 in single precision, exactly", came);
     // Samples of 1 and of 1 + 2^-20 by turns: the mean is known to the bit.
     let mut pixel = Pixel::default();
     let (low, high) = (1.0f32, 1.0 + 2f32.powi(-20));
@@ -354,7 +361,7 @@ fn films(add: Add<'_>) {
     let mean = pixel.sum[0] / count as f64;
     let off = (mean - (1.0 + 2f64.powi(-21))).abs();
     add(
-        "2^20 samples of a pixel, 1 and 1 + 2^-20 by turns".into(),
+        "2^20 samples of one pixel, alternating between 1 and 1 + 2^-20".into(),
         "their exact mean",
         held(off == 0.0, format!("off by {}", about(off))),
     );

@@ -120,7 +120,7 @@ fn clocks() -> Vec<Hazard> {
                 .map(|tau| (clock.tau(clock.count(tau)) - tau).abs())
                 .into_iter()
                 .fold(0.0, f64::max);
-            held(a == 0.0 && b == 1.0 && back < 1e-12, format!("0 and 1 exactly; there and back to {}", about(back)))
+            held(a == 0.0 && b == 1.0 && back < 1e-12, format!("0 and 1 exactly; round trip to {}", about(back)))
         });
         add(
             format!("a ladder from {first} to {last} samples"),
@@ -129,14 +129,18 @@ fn clocks() -> Vec<Hazard> {
         );
     }
     let refused = [(0u64, 4u64), (4, 4), (8, 4)].iter().all(|(a, b)| VarianceTime::new(*a, *b).is_err());
-    add("ladders from 0, to where they start, and backwards".into(), "refused", held(refused, "refused".into()));
+    add(
+        "ladders that start at 0, end where they start, or run backwards".into(),
+        "refused",
+        held(refused, "refused".into()),
+    );
     let clock = VarianceTime::new(1, 512).expect("a ladder");
     let counts: Vec<f64> = [1.0 - 1e-6, 1.0 - 1e-9, 1.0 - 1e-12, 1.0].map(|tau| clock.count(tau)).to_vec();
     let rising = counts.windows(2).all(|w| w[0] <= w[1]) && counts.iter().all(|n| n.is_finite());
     let near = (counts[3] / 512.0 - 1.0).abs();
     add(
         "tau up to 1 - 1e-12, and 1".into(),
-        "finite counts that rise to n_max",
+        "finite counts that increase to n_max",
         held(rising && near < 1e-12, format!("n_max to {}", about(near))),
     );
     let long = VarianceTime::new(1, 1 << 40).expect("a ladder");
@@ -144,12 +148,12 @@ fn clocks() -> Vec<Hazard> {
     let rising = taus.windows(2).all(|pair| pair[0] <= pair[1]) && taus[0] < 1.0 && taus[2] <= 1.0;
     add(
         "tau of 2^40 - 2^20, 2^40 - 2^8 and 2^40 - 1 of 2^40 samples".into(),
-        "rising, and never above 1",
+        "increasing, and never above 1",
         held(
             rising,
             format!(
-                "1 - tau is {}, {} and {}: at the end of so long a ladder, counts within 256 of each other share \
-                 their tau",
+                "1 - tau is {}, {} and {}: at the end of a ladder of this length, counts within 256 of each other have \
+                 the same tau",
                 about(1.0 - taus[0]),
                 about(1.0 - taus[1]),
                 about(1.0 - taus[2])
@@ -163,8 +167,8 @@ fn clocks() -> Vec<Hazard> {
         });
         add(
             format!("grids of 1 to 100,000 steps, {kind:?}").to_lowercase(),
-            "rising, from exactly 0 to exactly 1",
-            held(fine, "so".into()),
+            "increasing, from exactly 0 to exactly 1",
+            held(fine, "as expected".into()),
         );
     }
     let lists = [vec![1u64, 3, 10, 11], vec![5, 6], vec![1, 1 << 40]];
@@ -172,9 +176,9 @@ fn clocks() -> Vec<Hazard> {
     let bad = [vec![], vec![0, 1], vec![2, 2], vec![3, 1]];
     let refused = bad.iter().all(|list| Rungs::list(list.clone()).is_err()) && Rungs::dyadic(48).is_err();
     add(
-        "rungs that are no powers of two; none, equal and falling ones".into(),
-        "taken; refused",
-        held(fine && refused, "so".into()),
+        "rungs that are not powers of two; no rungs, equal rungs, decreasing rungs".into(),
+        "accepted; refused",
+        held(fine && refused, "as expected".into()),
     );
     let infinite = [1.0, 1e6, 1e15].map(SdeTime::of_count);
     let off = infinite.iter().zip([1.0, 1e6, 1e15]).map(|(s, n)| (s.count() / n - 1.0).abs()).fold(0.0, f64::max);
@@ -182,7 +186,7 @@ fn clocks() -> Vec<Hazard> {
     add(
         "the SDE's clock at up to 1e15 samples".into(),
         "s below 1, and its inverse",
-        held(below && off < 1e-6, format!("there and back to {}: 1 - s has lost half of its digits", about(off))),
+        held(below && off < 1e-6, format!("round trip to {}: 1 - s has lost half of its digits", about(off))),
     );
     out
 }
@@ -213,7 +217,8 @@ fn solvers() -> Vec<Hazard> {
         });
         add(
             format!(
-                "exact predictions of all four on a ladder from {first} to {last} samples, both spaces and grids, 1, \
+                "exact predictions, all four parameterizations, on a ladder from {first} to {last} samples, both \
+                 spaces and grids, 1, \
                  9 and 1,000 steps"
             ),
             "the clean image, to 1e-4 of a value",
@@ -240,8 +245,8 @@ fn solvers() -> Vec<Hazard> {
             });
             let came = worst.and_then(|[way, end, way_firefly, end_firefly, share]| {
                 let said = format!(
-                    "relative, the others: off by {} at 64 samples and by {} at the end; absolute, the firefly: off \
-                     by {} and by {}",
+                    "other pixels (relative): off by {} at 64 samples and by {} at the end; firefly (absolute): off by \
+                     {} and by {}",
                     about(way),
                     about(end),
                     about(way_firefly),
@@ -250,19 +255,20 @@ fn solvers() -> Vec<Hazard> {
                 held(way < OTHERS && end < OTHERS && share < 1.0, said)
             });
             let most = match space {
-                Space::Linear => "0.06 of radiance, what single precision tells apart at 1e6,",
-                Space::Log1p => "1e-6 (1 + value) of radiance, what single precision tells apart at log(1e6),",
+                Space::Linear => "0.06 of radiance (the spacing of single precision at 1e6)",
+                Space::Log1p => "1e-6 (1 + value) of radiance (the spacing of single precision at log(1e6))",
             };
             add(
                 format!(
-                    "{} on exact predictions in {} space, 1 to 1,000 steps, a firefly of 1e6 that is 0.4 in truth \
-                     among the pixels",
+                    "{} with exact predictions in {} space, 1 to 1,000 steps, with a firefly of 1e6 whose true value \
+                     is 0.4",
                     kind.name(),
                     space.name()
                 ),
                 &format!(
-                    "at 64 samples of 512, tau of the way; at the end the clean image: the firefly to {most} times \
-                     the root of four roundings a step, absolute; the others to 1e-4 of a value, relative"
+                    "at 64 samples of 512, the fraction tau of the way; at the end the clean image; tolerance for the \
+                     firefly {most} times the square root of four roundings per step, absolute; for the other pixels \
+                     1e-4, relative"
                 ),
                 came,
             );
@@ -274,7 +280,7 @@ fn solvers() -> Vec<Hazard> {
         });
         add(
             format!(
-                "mc_noise and mc_velocity on the same exact predictions, v = -eps/(1 - tau), 1 to 1,000 steps to 64 \
+                "mc_noise and mc_velocity with the same exact predictions, v = -eps/(1 - tau), 1 to 1,000 steps to 64 \
                  samples of 512, {} space",
                 space.name()
             ),
@@ -290,7 +296,11 @@ fn solvers() -> Vec<Hazard> {
             Ok::<_, String>(worst.max(off).max(difference(&on_the_way(kind, Space::Log1p, 9, &flat, &flat)?, &flat)))
         });
         let came = came.and_then(|off| held(off < 1e-5, format!("to {}", about(off))));
-        add(format!("a {name} image that is clean already, all four, at 64 samples and at the end"), "itself", came);
+        add(
+            format!("a {name} image that is already clean, all four parameterizations, at 64 samples and at the end"),
+            "unchanged",
+            came,
+        );
     }
     // Where 1 - tau is small, v = -eps/(1 - tau) is large: endpoints next to the last rung of a long ladder.
     let late = VarianceTime::new(1, 1 << 40).expect("a ladder");
@@ -310,11 +320,11 @@ fn solvers() -> Vec<Hazard> {
         });
     add(
         "both from 2^40 - 2^20 to 2^40 samples, where 1 - tau is 5e-13".into(),
-        "half of the samples on, half of the way; at the end the clean image: the firefly to 0.06 of radiance times \
-         the root of four roundings a step, absolute; the others to 1e-4 of a value, relative",
+        "half of the samples later, half of the way; at the end the clean image; tolerance for the firefly 0.06 of \
+         radiance times the square root of four roundings per step, absolute; for the other pixels 1e-4, relative",
         came.and_then(|[way, end, way_firefly, end_firefly]| {
             let said = format!(
-                "relative, the others: off by {} half of the way and by {} at the end; absolute, the firefly: off by \
+                "other pixels (relative): off by {} half of the way and by {} at the end; firefly (absolute): off by \
                  {} and by {}",
                 about(way),
                 about(end),
@@ -335,15 +345,19 @@ fn solvers() -> Vec<Hazard> {
         };
         rollout(&oracle, &noisy, None, Course { from, steps, grid: TimeGrid::Ladder }).is_err()
     });
-    add("no steps; a start at the last rung, after it, and at 0".into(), "refused", held(outside, "refused".into()));
+    add(
+        "no steps; a start at the last rung, after the last rung, and at 0".into(),
+        "refused",
+        held(outside, "refused".into()),
+    );
     for (space, value) in [(Space::Log1p, 1e38f32), (Space::Log1p, -1e38)] {
         let came = match run(Parameterization::McNoise, space, 2, &image(&[1.0, value]), &image(&[1.0, 1.0])) {
-            Err(told) => held(told.contains("exceed") && told.contains("log1p"), "refused, with how many".into()),
-            Ok(_) => Err("taken".into()),
+            Err(told) => held(told.contains("exceed") && told.contains("log1p"), "refused, with their number".into()),
+            Ok(_) => Err("accepted".into()),
         };
         add(
-            format!("an endpoint of {value:.0e} in log1p space, which ends at 6e37"),
-            "refused by name: nothing is cut",
+            format!("an endpoint of {value:.0e} in log1p space, whose limit is 6e37"),
+            "refused with a specific error: nothing is clamped",
             came,
         );
     }
@@ -359,19 +373,19 @@ fn solvers() -> Vec<Hazard> {
         };
         let course = Course { from: 1, steps: 2, grid: TimeGrid::Ladder };
         let came = match rollout(&oracle, &noisy, Some(&gbuffer), course).map_err(|e| e.to_string()) {
-            Err(told) => held(told.contains("G-buffer") && told.contains('1'), "refused, with how many".into()),
-            Ok(_) => Err("taken".into()),
+            Err(told) => held(told.contains("G-buffer") && told.contains('1'), "refused, with their number".into()),
+            Ok(_) => Err("accepted".into()),
         };
-        add(format!("a G-buffer with a value of {value}"), "refused by name", came);
+        add(format!("a G-buffer with a value of {value}"), "refused with a specific error", came);
     }
     for value in [f32::NAN, f32::INFINITY] {
         let mut broken = noisy.clone();
         broken.data_mut()[4] = value;
         let came = match run(Parameterization::McNoise, Space::Linear, 2, &broken, &clean) {
-            Err(told) => held(told.contains("finite") && told.contains('1'), "refused, with how many".into()),
-            Ok(_) => Err("taken".into()),
+            Err(told) => held(told.contains("finite") && told.contains('1'), "refused, with their number".into()),
+            Ok(_) => Err("accepted".into()),
         };
-        add(format!("an endpoint with a pixel of {value}"), "refused by name", came);
+        add(format!("an endpoint with a pixel of {value}"), "refused with a specific error", came);
     }
     out
 }

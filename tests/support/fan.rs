@@ -41,13 +41,20 @@ impl Kind for Fan {
 
     fn spec_for(params: &Self::Params) -> KindSpec {
         let takes = if params.gather { Takes::Collection } else { Takes::Item };
-        let input =
-            InputPort { name: interned(&params.input), media: Number::NAME, takes, optional: false, doc: "Numbers." };
+        let input = InputPort {
+            name: interned(&params.input),
+            media: Number::NAME,
+            takes,
+            optional: false,
+            single: false,
+            doc: "Numbers.",
+        };
         let output = |name: &String| OutputPort {
             name: interned(name),
             media: Number::NAME,
             group: Group::main(1),
             filter: false,
+            single: false,
             determinism: Determinism::Bitwise,
             publish: false,
             doc: "A product.",

@@ -133,12 +133,7 @@ impl Beyond for Reader {
 }
 
 impl Places {
-    fn read(
-        upstream: Upstream,
-        indices: &[Digest],
-        namespaces: &[&str],
-        tell: &Listener,
-    ) -> io::Result<Self> {
+    fn read(upstream: Upstream, indices: &[Digest], namespaces: &[&str], tell: &Listener) -> io::Result<Self> {
         let mut spool = BufWriter::new(tempfile::tempfile()?);
         let (mut end, mut numbers) = (0, HashMap::new());
         let (mut records, mut blobs, mut packs) = (HashMap::new(), HashMap::new(), Vec::new());

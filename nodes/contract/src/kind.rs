@@ -1,6 +1,9 @@
 //! Node kinds: their description, and the trait that authors implement.
 
-use crate::{Action, Context, Determinism, Group, InputPort, ItemKey, Later, OutputPort, Outputs, Probe, derive_seed};
+use crate::{
+    Action, Context, Determinism, Group, InputPort, ItemKey, Known, Later, Outlook, OutputPort, Outputs, Probe,
+    derive_seed,
+};
 use schemars::JsonSchema;
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
@@ -132,6 +135,26 @@ pub trait Kind: Send + Sync + 'static {
 
     /// Problems that the schema cannot express, such as a minimum above a maximum.
     fn check(_params: &Self::Params) -> Vec<ParamProblem> {
+        Vec::new()
+    }
+
+    /// Facts of the outputs before a run, and reasons why all actions are sure to fail.
+    ///
+    /// Both follow from the params and from the facts of the inputs: of one item for a map, of all collections for
+    /// others. An unknown fact is no reason. The default gives no facts.
+    fn foresee(_params: &Self::Params, _known: &Known) -> Outlook {
+        Outlook::default()
+    }
+
+    /// The work of an action of a group, in any unit: times of earlier actions are scaled by it to estimate others. As
+    /// with [`Kind::environment`], only projected params may decide. The default is the same for all.
+    fn work(_params: &Self::Params, _group: &str) -> f64 {
+        1.0
+    }
+
+    /// Programs and files that the params name and that this machine lacks. `check` asks for them, and also lists the
+    /// items of sources. Starts no program. A file without which the node only does less is no problem.
+    fn missing(_params: &Self::Params) -> Vec<ParamProblem> {
         Vec::new()
     }
 

@@ -10,6 +10,7 @@ mod action;
 mod artifact;
 mod canonical;
 mod context;
+mod facts;
 mod files;
 mod key;
 mod kind;
@@ -28,6 +29,7 @@ pub use artifact::{
 };
 pub use canonical::canonical_bytes;
 pub use context::{Blobs, Context, MemoryBlobs, Progress, Silent};
+pub use facts::{At, Fact, Facts, Foreseen, Known, MOST_ITEMS, Named, Outlook, Source};
 pub use files::{FileTree, Files, Radiance, ReadFiles, WriteFiles};
 pub use key::{ActionKey, Basis, FORMAT_VERSION, MemoKey, derive_seed};
 pub use kind::{Kind, KindError, KindSpec, Mode, ParamProblem, SourceItem};
@@ -36,7 +38,7 @@ pub use media::{Any, Handle, Items, Media, MediaRow, RECORD_FILE, Stored, parse_
 pub use names::interned;
 pub use port::{All, Determinism, Each, Group, InputPort, Out, OutputPort, Takes};
 pub use probe::{Act, Look, Probe};
-pub use regular::{open_regular, read_regular};
+pub use regular::{file_digest, open_regular, read_regular};
 pub use row::{KindRow, NodeKind, Projection};
 pub use seen::{
     Asked, CHANGED, MISSING, PROGRAM_VARIABLES, Seen, Sight, Stamp, leave_out_of_sights, left_out_of_sights,

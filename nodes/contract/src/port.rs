@@ -60,6 +60,8 @@ pub struct InputPort {
     pub takes: Takes,
     /// True if it may be left unconnected.
     pub optional: bool,
+    /// True if its collection has at most one item.
+    pub single: bool,
     /// A line for people.
     pub doc: &'static str,
 }
@@ -77,6 +79,8 @@ pub struct OutputPort {
     pub filter: bool,
     /// Whether its bits are reproducible. An action that makes nothing but measurements has the machine to itself.
     pub determinism: Determinism,
+    /// True if the collection that a gather makes has one item.
+    pub single: bool,
     /// True if the parts are also written as files below `OUT/<pipeline>/` when the node is a target.
     pub publish: bool,
     /// A line for people.
@@ -119,14 +123,20 @@ macro_rules! input {
         impl<M: Media> $port<M> {
             /// A required port.
             pub const fn new(name: &'static str, doc: &'static str) -> Self {
-                Self(InputPort { name, media: M::NAME, takes: $takes, optional: false, doc }, PhantomData)
+                Self(
+                    InputPort { name, media: M::NAME, takes: $takes, optional: false, single: false, doc },
+                    PhantomData,
+                )
             }
         }
 
         impl $port<Any> {
             /// A required port that takes any media type.
             pub const fn any(name: &'static str, doc: &'static str) -> Self {
-                Self(InputPort { name, media: Any::NAME, takes: $takes, optional: false, doc }, PhantomData)
+                Self(
+                    InputPort { name, media: Any::NAME, takes: $takes, optional: false, single: false, doc },
+                    PhantomData,
+                )
             }
         }
 
@@ -153,6 +163,14 @@ macro_rules! input {
 input!(Each, Takes::Item);
 input!(All, Takes::Collection);
 
+impl<M> All<M> {
+    /// The same port, whose collection has at most one item ([`crate::Action::only`]).
+    pub const fn single(mut self) -> Self {
+        self.0.single = true;
+        self
+    }
+}
+
 impl<M> Clone for Out<M> {
     fn clone(&self) -> Self {
         *self
@@ -164,8 +182,8 @@ impl<M> Copy for Out<M> {}
 impl<M: Media> Out<M> {
     /// A bitwise, unfiltered port.
     pub const fn new(group: Group, name: &'static str, doc: &'static str) -> Self {
-        let (filter, determinism, publish) = (false, Determinism::Bitwise, false);
-        Self(OutputPort { name, media: M::NAME, group, filter, determinism, publish, doc }, PhantomData)
+        let (filter, determinism, single, publish) = (false, Determinism::Bitwise, false, false);
+        Self(OutputPort { name, media: M::NAME, group, filter, determinism, single, publish, doc }, PhantomData)
     }
 }
 
@@ -185,6 +203,12 @@ impl<M> Out<M> {
     /// The same port, decided by the machine, too.
     pub const fn local(mut self) -> Self {
         self.0.determinism = Determinism::Local;
+        self
+    }
+
+    /// The same port, on which a gather puts one item ([`crate::Outputs::put_one`]).
+    pub const fn single(mut self) -> Self {
+        self.0.single = true;
         self
     }
 

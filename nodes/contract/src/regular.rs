@@ -7,6 +7,7 @@ use std::{
     os::unix::fs::OpenOptionsExt,
     path::Path,
 };
+use tauflow_cache::Digest;
 
 /// Opens a regular file for reading, links followed. Neither opening a FIFO nor reading a device waits.
 ///
@@ -40,6 +41,23 @@ pub fn read_regular(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     if len > most { Err(large(len)) } else { Ok(bytes) }
 }
 
+/// The digest of a file of any size.
+///
+/// # Errors
+/// If it is no regular file, or cannot be read.
+pub fn file_digest(path: &Path) -> io::Result<Digest> {
+    let mut from = open_regular(path)?;
+    let (mut hasher, mut piece, mut size) = (blake3::Hasher::new(), vec![0; 1 << 20], 0);
+    loop {
+        let read = from.read(&mut piece)?;
+        if read == 0 {
+            return Ok(Digest { hash: *hasher.finalize().as_bytes(), size });
+        }
+        hasher.update(&piece[..read]);
+        size += read as u64;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -64,5 +82,17 @@ mod tests {
         }
         // Its size is said to be 0.
         assert!(read_regular(Path::new("/proc/self/maps"), 100).is_err());
+    }
+
+    #[test]
+    fn digests_of_files_are_those_of_their_bytes() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("large");
+        for size in [0, 1, 1 << 20, (3 << 20) + 7] {
+            let bytes: Vec<u8> = (0..size).map(|i: usize| (i * 31 % 251) as u8).collect();
+            fs::write(&path, &bytes).expect("writable");
+            assert_eq!(file_digest(&path).expect("readable"), Digest::of(&bytes), "{size}");
+        }
+        assert!(file_digest(Path::new("/dev/zero")).is_err());
     }
 }

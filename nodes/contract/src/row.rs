@@ -1,7 +1,8 @@
 //! Type-erased kinds for the engine, with JSON params.
 
 use crate::{
-    Action, Context, ItemKey, Kind, KindError, KindSpec, Outputs, ParamProblem, Probe, SourceItem, fill_in, leave_out,
+    Action, Context, ItemKey, Kind, KindError, KindSpec, Known, Outlook, Outputs, ParamProblem, Probe, SourceItem,
+    fill_in, leave_out,
 };
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -25,6 +26,12 @@ pub trait NodeKind: Send + Sync {
     /// # Errors
     /// Every problem found.
     fn resolve(&self, params: &Value) -> Result<Value, Vec<ParamProblem>>;
+    /// See [`Kind::foresee`]; `params` are resolved, and are read once for all that is known of several items.
+    fn foresee(&self, params: &Value, known: &[Known]) -> Vec<Outlook>;
+    /// See [`Kind::work`]; `params` are resolved, or a projection. It is above 0.
+    fn work(&self, params: &Value, group: &str) -> f64;
+    /// See [`Kind::missing`]; `params` are resolved.
+    fn missing(&self, params: &Value) -> Vec<ParamProblem>;
     /// See [`Kind::items`]; `params` are resolved.
     ///
     /// # Errors
@@ -114,6 +121,25 @@ impl<K: Kind> NodeKind for KindRow<K> {
             return Err(problems);
         }
         serde_json::to_value(&typed).map_err(|e| vec![ParamProblem::new("", e.to_string(), "use finite numbers")])
+    }
+
+    fn foresee(&self, params: &Value, known: &[Known]) -> Vec<Outlook> {
+        match parse::<K::Params>(params) {
+            Ok(params) => known.iter().map(|known| K::foresee(&params, known)).collect(),
+            // Cannot be for resolved params; nothing is known then.
+            Err(_) => vec![Outlook::default(); known.len()],
+        }
+    }
+
+    fn work(&self, params: &Value, group: &str) -> f64 {
+        let mut read = params.clone();
+        fill_in(&mut read, K::later());
+        let work: f64 = parse(&read).map_or(1.0, |params| K::work(&params, group));
+        if work.is_finite() && work > 0.0 { work } else { 1.0 }
+    }
+
+    fn missing(&self, params: &Value) -> Vec<ParamProblem> {
+        parse::<K::Params>(params).map_or_else(|_| Vec::new(), |params| K::missing(&params))
     }
 
     fn items(&self, params: &Value) -> Result<Vec<SourceItem>, KindError> {

@@ -8,13 +8,12 @@ use serde::{Deserialize, Serialize};
 use std::{
     collections::{BTreeMap, HashMap},
     fs::{self, Metadata},
-    io::{self, Read},
+    io,
     os::unix::fs::MetadataExt,
     path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
-use tauflow_cache::Digest;
 
 /// What a program asked of a path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -310,7 +309,7 @@ fn content(path: &Path, about: &Metadata, known: Option<(&Stamp, &str)>) -> (Str
     }
     #[expect(clippy::disallowed_methods, reason = "it decides which files are read again, and enters no output")]
     let begun = SystemTime::now();
-    let Ok(digest) = file_digest(path) else { return ("cannot be read".into(), None) };
+    let Ok(digest) = crate::file_digest(path) else { return ("cannot be read".into(), None) };
     let settled = begun.duration_since(changed_at(about)).is_ok_and(|age| age > TICK);
     let state = digest.hex();
     if !settled || Stamp::at(path) != Some(stamp) {
@@ -318,23 +317,6 @@ fn content(path: &Path, about: &Metadata, known: Option<(&Stamp, &str)>) -> (Str
     }
     keep(&state);
     (state, Some(stamp))
-}
-
-/// The digest of a file of any size.
-///
-/// # Errors
-/// If it is no regular file, or cannot be read.
-fn file_digest(path: &Path) -> io::Result<Digest> {
-    let mut from = crate::open_regular(path)?;
-    let (mut hasher, mut piece, mut size) = (blake3::Hasher::new(), vec![0; 1 << 20], 0);
-    loop {
-        let read = from.read(&mut piece)?;
-        if read == 0 {
-            return Ok(Digest { hash: *hasher.finalize().as_bytes(), size });
-        }
-        hasher.update(&piece[..read]);
-        size += read as u64;
-    }
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 
 pub mod bins;
 pub mod curve;
+pub mod facts;
 pub mod folder;
 pub mod geom;
 pub mod image;

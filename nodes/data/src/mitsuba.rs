@@ -22,7 +22,7 @@ pub struct Film {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub spp: u64,
 }
 

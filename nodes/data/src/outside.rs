@@ -5,13 +5,12 @@
 use std::{
     collections::BTreeMap,
     fs,
-    io::Read,
     os::unix::fs::PermissionsExt,
     path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
     time::SystemTime,
 };
-use tauflow_contract::{Digest, open_regular};
+use tauflow_contract::{Digest, file_digest};
 
 /// The file of a program: as it is named, or where the system looks for programs.
 pub fn program(name: &str) -> Option<PathBuf> {
@@ -57,23 +56,9 @@ pub fn digest(file: &Path) -> Option<Digest> {
     {
         return Some(*digest);
     }
-    let digest = by_the_piece(file).ok()?;
+    let digest = file_digest(file).ok()?;
     known.insert(file.to_owned(), (changed, size, digest));
     Some(digest)
-}
-
-/// The digest of a file, however large it is.
-fn by_the_piece(file: &Path) -> std::io::Result<Digest> {
-    let mut from = open_regular(file)?;
-    let (mut hasher, mut piece, mut size) = (blake3::Hasher::new(), vec![0; 1 << 20], 0);
-    loop {
-        let read = from.read(&mut piece)?;
-        if read == 0 {
-            return Ok(Digest { hash: *hasher.finalize().as_bytes(), size });
-        }
-        hasher.update(&piece[..read]);
-        size += read as u64;
-    }
 }
 
 #[cfg(test)]
@@ -96,17 +81,5 @@ mod tests {
         assert_eq!(search(folders(), "other"), None);
         assert_eq!(program(&text.to_string_lossy()), None);
         assert_eq!(program(&first.to_string_lossy()), Some(first));
-    }
-
-    #[test]
-    fn digests_by_the_piece_are_those_of_the_whole() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join("large");
-        for size in [0, 1, 1 << 20, (3 << 20) + 7] {
-            let bytes: Vec<u8> = (0..size).map(|i: usize| (i * 31 % 251) as u8).collect();
-            fs::write(&path, &bytes).expect("writable");
-            assert_eq!(by_the_piece(&path).expect("readable"), Digest::of(&bytes), "{size}");
-        }
-        assert!(by_the_piece(Path::new("/dev/zero")).is_err());
     }
 }

@@ -201,7 +201,7 @@ impl SamplerKind {
     }
 }
 
-/// What estimates the radiance of a pixel.
+/// Estimator of radiance: the path tracer, or also paths from the lights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
 #[serde(rename_all = "snake_case")]
 pub enum IntegratorKind {

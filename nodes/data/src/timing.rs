@@ -165,7 +165,5 @@ mod tests {
         // The machine of this test, in the same fields.
         let here = machine();
         assert!(here.as_object().expect("fields").keys().eq(one.as_object().expect("fields").keys()), "{here}");
-        let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        assert_eq!((&here["cores"], &here["instructions"]), (&json!(cores), &json!(Instructions::best().name())));
     }
 }

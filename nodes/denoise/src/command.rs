@@ -9,7 +9,7 @@ use std::{
     process::Command,
     sync::{Mutex, PoisonError},
 };
-use tauflow_contract::{Context, KindError, Probe};
+use tauflow_contract::{Context, KindError, ParamProblem, Probe};
 pub(crate) use tauflow_data::outside::{contents, identity, program};
 use tauflow_data::timing::machine;
 
@@ -204,6 +204,39 @@ fn below(folder: &Path, found: &mut Vec<PathBuf>) {
             below(&path, found);
         }
     }
+}
+
+/// Programs whose first argument is a script, unless it begins with a dash.
+const INTERPRETERS: [&str; 9] = ["python", "sh", "bash", "zsh", "node", "perl", "ruby", "Rscript", "julia"];
+
+/// What a command and its `depends` name and what is not there: the program at `pointer`, its script, a file.
+pub(crate) fn missing(words: &[String], pointer: &str, depends: &[String]) -> Vec<ParamProblem> {
+    let mut found = Vec::new();
+    if let Some(name) = words.first()
+        && program(name).is_none()
+    {
+        let message = format!("there is no program `{name}` here");
+        let hint = "install it, or give its path; paths start at the working directory of tauflow";
+        found.push(ParamProblem::new(format!("{pointer}/0"), message, hint));
+    }
+    let interpreter = words.first().map(|name| name.rsplit('/').next().unwrap_or_default());
+    let interpreter = interpreter.map(|name| name.trim_end_matches(|c: char| c.is_ascii_digit() || c == '.'));
+    if let (Some(true), Some(script)) = (interpreter.map(|name| INTERPRETERS.contains(&name)), words.get(1))
+        && !script.starts_with('-')
+        && !script.contains('{')
+        && !Path::new(script).is_file()
+    {
+        let hint = "mend the path; paths start at the working directory of tauflow";
+        found.push(ParamProblem::new(format!("{pointer}/1"), format!("there is no file `{script}` here"), hint));
+    }
+    for (place, entry) in depends.iter().enumerate() {
+        if let Err(error) = check_depends(std::slice::from_ref(entry)) {
+            let told = error.to_string();
+            let (what, hint) = told.rsplit_once("; ").unwrap_or((&told, ""));
+            found.push(ParamProblem::new(format!("/depends/{place}"), what, hint));
+        }
+    }
+    found
 }
 
 /// # Errors

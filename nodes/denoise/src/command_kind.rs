@@ -52,7 +52,7 @@ pub enum Reproducible {
     No,
 }
 
-/// The format of images in the folders of inputs and outputs.
+/// The format of images in the directories of inputs and outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ImageFiles {
@@ -74,27 +74,27 @@ pub struct CommandParams {
     /// The inputs with their media types. The program of a map gets one item of each. The first in alphabetical order
     /// determines the items.
     pub inputs: BTreeMap<String, String>,
-    /// Inputs of a map of which the program gets all items, with their media types.
+    /// Inputs of a map that pass all items to the program, with their media types.
     pub collections: BTreeMap<String, String>,
     /// The outputs with their media types. Required.
     pub outputs: BTreeMap<String, String>,
     /// Params of the program, as `values` in `params.json`.
     pub values: Map<String, Value>,
-    /// The format of images in the folders of inputs and outputs.
+    /// The format of images in the directories of inputs and outputs.
     pub images: ImageFiles,
-    /// Files, folders and patterns such as `models/*.pt` that the program depends on, beside the files that it
-    /// is seen to open. Their contents enter the keys.
+    /// Files, directories and patterns such as `models/*.pt` that the program depends on, in addition to traced files.
+    /// Their contents are part of the keys.
     pub depends: Vec<String>,
-    /// Command that prints the version of the program, as a list of words. Its output enters the keys.
+    /// Command that prints the version of the program, as a list of words. Its output is part of the keys.
     pub version: Vec<String>,
-    /// Environment variables that the program gets beside the usual ones. Their values enter the keys.
+    /// Additional environment variables that the program inherits. Their values are part of the keys.
     pub variables: Vec<String>,
-    /// Whether another run gives the same bits.
+    /// Whether two runs of the program give the same bits.
     pub reproducible: Reproducible,
-    /// Most seconds of wall time.
+    /// Maximum wall time in seconds.
     #[schemars(range(min = 0.1, max = 1_000_000.0))]
     pub time: f64,
-    /// Most MiB of address space of each process; null for no limit.
+    /// Maximum address space of each process in MiB; null for no limit.
     #[schemars(range(min = 16, max = 1_000_000_000))]
     pub memory: Option<u64>,
 }
@@ -165,7 +165,8 @@ impl Kind for CommandKind {
         let known = |name: &String| media(name).map(|row| row.name);
         let inputs = params.sources().filter_map(|(name, of, whole)| {
             let takes = if whole { Takes::Collection } else { Takes::Item };
-            Some(InputPort { name: interned(name), media: known(of)?, takes, optional: false, doc: "As declared." })
+            let (media, doc) = (known(of)?, "As declared.");
+            Some(InputPort { name: interned(name), media, takes, optional: false, single: false, doc })
         });
         let outputs = params.outputs.iter().filter_map(|(name, of)| {
             Some(OutputPort {
@@ -173,6 +174,7 @@ impl Kind for CommandKind {
                 media: known(of)?,
                 group: MAIN,
                 filter: false,
+                single: false,
                 determinism: params.determinism(),
                 publish: false,
                 doc: "As declared.",
@@ -223,6 +225,10 @@ impl Kind for CommandKind {
         found
     }
 
+    fn missing(params: &Self::Params) -> Vec<ParamProblem> {
+        command::missing(&params.run, "/run", &params.depends)
+    }
+
     fn environment(params: &Self::Params, _group: &str, probe: &dyn Probe) -> Option<Value> {
         let mut found = json!({
             "program": command::identity(&params.run),
@@ -249,7 +255,7 @@ impl Kind for CommandKind {
         let params = &action.params;
         command::check_depends(&params.depends)?;
         command::version(&params.version).map_err(KindError::Environment)?;
-        let work = Work { ctx, params, action };
+        let work = Invocation { ctx, params, action };
         let mut made = work.once()?;
         if params.reproducible == Reproducible::Everywhere {
             let mut again = work.once()?;
@@ -274,13 +280,13 @@ impl Kind for CommandKind {
 }
 
 /// A program at an item, or at all.
-struct Work<'a> {
+struct Invocation<'a> {
     ctx: &'a Context<'a>,
     params: &'a CommandParams,
     action: &'a Action<'a, CommandParams>,
 }
 
-impl Work<'_> {
+impl Invocation<'_> {
     fn failed(&self, what: &str) -> KindError {
         KindError::Environment(format!("the command `{}` {what}", self.params.run.join(" ")))
     }

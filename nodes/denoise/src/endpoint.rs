@@ -1,8 +1,9 @@
 //! The input of denoisers: a rung of a scene, and its G-buffer on request.
 
-use tauflow_contract::KindError;
+use tauflow_contract::{Each, Facts, Foreseen, KindError, Known};
 use tauflow_data::{
     Image,
+    facts::{self, NFE, SPP},
     methods::{Conditioning, MethodName},
     records::{PackedScene, RefinedImage},
 };
@@ -15,6 +16,19 @@ pub(crate) struct Endpoint<'a> {
     pub(crate) gbuffer: Option<&'a Image>,
     /// The metadata of an image that is computed from it in one step.
     pub(crate) said: RefinedImage,
+}
+
+/// What is known of the image that a method makes in one step of the rung of `from` samples, and what is sure to fail.
+pub(crate) fn foresee(
+    known: &Known,
+    port: Each<PackedScene>,
+    from: u64,
+    conditioning: Conditioning,
+) -> (Facts, Vec<Foreseen>) {
+    let endpoints = known.each(port);
+    let problems = facts::rung(&endpoints, from, "/from").into_iter();
+    let problems = problems.chain(facts::gbuffer(port, &endpoints, conditioning)).collect();
+    (facts::image_of(&endpoints.facts).with(SPP, vec![from]).with(NFE, vec![1]), problems)
 }
 
 impl<'a> Endpoint<'a> {

@@ -2,7 +2,7 @@
 
 use crate::{
     command::{self, Places, Surroundings},
-    endpoint::Endpoint,
+    endpoint::{self, Endpoint},
     oidn::{self, Buffers, Filter, Oidn},
     oidn_files,
     process::{Ran, keyed_variables},
@@ -12,8 +12,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tauflow_contract::{
-    Action, Before, Context, Each, Group, ItemKey, Kind, KindError, KindSpec, Later, Media, Mode, Out, Outputs,
-    ParamProblem, Probe, Seen,
+    Action, Before, Context, Each, Facts, Group, ItemKey, Kind, KindError, KindSpec, Known, Later, Media, Mode, Out,
+    Outlook, Outputs, ParamProblem, Probe, Seen,
 };
 use tauflow_data::{
     Image,
@@ -42,12 +42,12 @@ pub struct ExternalDenoiserParams {
     /// Command line of a program that replaces the library, as a list of words; {color}, {albedo}, {normal} and
     /// {output} are EXR files.
     pub command: Vec<String>,
-    /// Files, folders and patterns such as `models/*.pt` that the program depends on, beside the files that it
-    /// is seen to open. Their contents enter the keys.
+    /// Files, directories and patterns such as `models/*.pt` that the program depends on, in addition to traced files.
+    /// Their contents are part of the keys.
     pub depends: Vec<String>,
-    /// Command that prints the version of the program, as a list of words. Its output enters the keys.
+    /// Command that prints the version of the program, as a list of words. Its output is part of the keys.
     pub version: Vec<String>,
-    /// Environment variables that the program gets beside the usual ones. Their values enter the keys.
+    /// Additional environment variables that the program inherits. Their values are part of the keys.
     pub variables: Vec<String>,
     /// Fail if the library is missing, instead of omitting the method with a note.
     pub required: bool,
@@ -115,6 +115,31 @@ impl Kind for ExternalDenoiser {
             }
         }
         out
+    }
+
+    fn foresee(params: &Self::Params, known: &Known) -> Outlook {
+        let (facts, problems) = endpoint::foresee(known, ENDPOINTS, params.from, params.conditioning);
+        // Without the library there may be no image.
+        let sure = !params.command.is_empty() || params.required;
+        Outlook::default().with(REFINED, if sure { facts } else { Facts::default() }).but(problems)
+    }
+
+    fn missing(params: &Self::Params) -> Vec<ParamProblem> {
+        if !params.command.is_empty() {
+            return command::missing(&params.command, "/command", &params.depends);
+        }
+        let named = oidn_files::named(params.library.as_deref());
+        if oidn_files::locate(named.as_deref()).is_some() {
+            return Vec::new();
+        }
+        // One that is named must be there.
+        let (pointer, message) = match (&params.library, params.required) {
+            (Some(library), _) => ("/library", format!("there is no library `{library}` here")),
+            (None, true) => ("/required", "there is no Open Image Denoise library here".to_owned()),
+            (None, false) => return Vec::new(),
+        };
+        let hint = "install it, and name it with `library` or TAUFLOW_OIDN; or omit `library` and `required`";
+        vec![ParamProblem::new(pointer, message, hint)]
     }
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {

@@ -10,11 +10,12 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::Path};
 use tauflow_contract::{
-    Action, Before, Context, Digest, Each, Group, ItemKey, Kind, KindError, KindSpec, Later, Media, Mode, Out, Outputs,
-    ParamProblem, Probe, Seen,
+    Action, Before, Context, Digest, Each, Facts, Group, ItemKey, Kind, KindError, KindSpec, Known, Later, Media, Mode,
+    Out, Outlook, Outputs, ParamProblem, Probe, Seen,
 };
 use tauflow_data::{
     Image, Resolution, Rungs, Scene,
+    facts::{FILM, NFE, SPP},
     image_io::read_exr,
     methods::MethodName,
     mitsuba::{self, Film},
@@ -37,10 +38,10 @@ pub struct ExternalRendererParams {
     /// Command that prints the version of the program and fails if it is missing, as a list of words; not needed if the
     /// content of the program file identifies the version.
     pub version: Vec<String>,
-    /// Files, folders and patterns such as `models/*.pt` that the program depends on, beside the files that it
-    /// is seen to open. Their contents enter the keys.
+    /// Files, directories and patterns such as `models/*.pt` that the program depends on, in addition to traced files.
+    /// Their contents are part of the keys.
     pub depends: Vec<String>,
-    /// Environment variables that the program gets beside the usual ones. Their values enter the keys.
+    /// Additional environment variables that the program inherits. Their values are part of the keys.
     pub variables: Vec<String>,
     /// Samples per pixel of the images: `{dyadic: 64}` for 1, 2, 4 ... 64, or an increasing list.
     pub counts: Rungs,
@@ -103,6 +104,28 @@ impl Kind for ExternalRenderer {
         };
         let hint = "write for example `command: [python3, render.py, \"{scene}\", \"{counts}\", \"{folder}\"]`";
         problem.map(|problem| ParamProblem::new("/command", problem, hint)).into_iter().collect()
+    }
+
+    fn foresee(params: &Self::Params, _known: &Known) -> Outlook {
+        let film = [params.resolution.width(), params.resolution.height()];
+        let counts = params.required.then(|| params.counts.counts().to_vec());
+        let facts = Facts::default().with(FILM, film).with(NFE, vec![0]).with_some(SPP, counts);
+        Outlook::default().with(RENDERED, facts)
+    }
+
+    fn missing(params: &Self::Params) -> Vec<ParamProblem> {
+        let there = params.command.first().is_some_and(|name| command::program(name).is_some());
+        // Without the program the method is left out, with a note.
+        if params.required || there {
+            return command::missing(&params.command, "/command", &params.depends);
+        }
+        Vec::new()
+    }
+
+    fn work(params: &Self::Params, group: &str) -> f64 {
+        let pixels = (params.resolution.width() * params.resolution.height()) as f64;
+        let rounds = if group == TIMING { params.repeats + 1 } else { 1 };
+        pixels * params.counts.counts().iter().sum::<u64>() as f64 * rounds as f64
     }
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
@@ -249,11 +272,11 @@ impl SceneToRender<'_> {
         let mut entries = Vec::new();
         for count in counts {
             let Told { wall_s, cpu_s } =
-                told.remove(count).ok_or_else(|| broken(&format!("none of {count} samples a pixel")))?;
+                told.remove(count).ok_or_else(|| broken(&format!("none of {count} samples per pixel")))?;
             let sound =
                 |times: &[f64]| times.len() as u64 == repeats && times.iter().all(|t| t.is_finite() && *t >= 0.0);
             if !(sound(&wall_s) && sound(&cpu_s)) {
-                return Err(broken(&format!("{repeats} of each kind are asked for, of {count} samples a pixel")));
+                return Err(broken(&format!("{repeats} of each kind are asked for, of {count} samples per pixel")));
             }
             let RefinedImage { method, from_spp, nfe, .. } = self.said(*count);
             entries.push(TimedImage { method, from_spp, nfe, took: Repeated { wall_s, cpu_s } });

@@ -1,7 +1,7 @@
 #![doc = include_str!("guided_filter.md")]
 
 use crate::{
-    endpoint::Endpoint,
+    endpoint::{self, Endpoint},
     timed::{self, AFTER, TIMING},
 };
 use rayon::prelude::*;
@@ -9,7 +9,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use tauflow_contract::{
-    Action, Context, Each, Group, ItemKey, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem, Probe,
+    Action, Context, Each, Group, ItemKey, Kind, KindError, KindSpec, Known, Media, Mode, Out, Outlook, Outputs,
+    ParamProblem, Probe,
 };
 use tauflow_data::{
     Image,
@@ -108,6 +109,11 @@ impl Kind for GuidedFilter {
             out.push(ParamProblem::new("/demodulate", "`demodulate` needs albedo", hint));
         }
         out
+    }
+
+    fn foresee(params: &Self::Params, known: &Known) -> Outlook {
+        let (facts, problems) = endpoint::foresee(known, ENDPOINTS, params.from, params.conditioning);
+        Outlook::default().with(REFINED, facts).but(problems)
     }
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {

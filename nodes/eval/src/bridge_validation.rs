@@ -43,7 +43,7 @@ impl Default for BridgeValidationParams {
 const ENDPOINTS: All<PackedScene> = All::new("endpoints", "Scenes at consecutive sample counts, such as 1..10.");
 const STEPS: All<BridgeSteps> = All::new("steps", "The output of `bridge_refinement` for the same scenes.");
 const MAIN: Group = Group::main(3);
-const BRIDGE: Out<BridgeFiles> = Out::new(MAIN, "bridge", "Tables, cases and maps.").published();
+const BRIDGE: Out<BridgeFiles> = Out::new(MAIN, "bridge", "Tables, cases and maps.").single().published();
 
 impl Kind for BridgeValidation {
     type Params = BridgeValidationParams;

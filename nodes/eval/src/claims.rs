@@ -17,7 +17,7 @@ use tauflow_data::{
 
 /// The metrics for claims: PSNR of linear radiance and of previews.
 const JUDGED_BY: [&str; 2] = ["hdr_psnr", "preview_psnr"];
-/// Model calls at which the local velocity is said to be best.
+/// Network calls at which the local velocity is said to be best.
 const BEST_NFE: u64 = 9;
 
 /// A cell's curve: where its columns start in the table of means, with those of one NFE together.

@@ -1,4 +1,4 @@
-//! A metric's curve over the number of model calls, summed up in two numbers.
+//! A metric's curve over the number of network calls, summed up in two numbers.
 //!
 //! With s = log N: AUC = trapezoid(q, s)/(s_K - s_1), a mean over the logarithm of cost, and TV = sum |q_{i+1} - q_i| /
 //! (s_K - s_1), how much the curve wavers.
@@ -14,7 +14,7 @@ pub struct CurveSummary {
     pub tv: f64,
 }
 
-/// Sums up values `q` at model calls `nfe`.
+/// Sums up values `q` at network calls `nfe`.
 ///
 /// None unless there are two points or more, at increasing `nfe` from at least 1.
 pub fn summarise(nfe: &[u64], q: &[f64]) -> Option<CurveSummary> {

@@ -7,13 +7,18 @@ use crate::{
     groups::{Groups, SPLIT},
 };
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fmt::Debug,
+};
 use tauflow_contract::{
-    Action, All, Context, Group, ItemKey, Items, Kind, KindError, KindSpec, Media, Mode, Out, Outputs,
+    Action, All, Context, Fact, Facts, Foreseen, Group, ItemKey, Items, Kind, KindError, KindSpec, Known, Media, Mode,
+    Out, Outlook, Outputs, Source,
 };
 use tauflow_data::{
     Stratum,
+    facts::{NFE, REFERENCE_SPP, SPP},
     methods::{
         Conditioning,
         axes::{CONDITIONING, PARAMETERIZATION, SPACE},
@@ -50,7 +55,7 @@ const HOLD: All<SceneScores> = All::new("hold", "Scores of the endpoints from wh
 const BASELINES: All<SceneScores> =
     All::new("baselines", "Scores of other methods, such as denoisers, by cell and scene.").or_none();
 const MAIN: Group = Group::main(4);
-const TABLES: Out<Evaluation> = Out::new(MAIN, "tables", "Means, intervals, curves and all scores.");
+const TABLES: Out<Evaluation> = Out::new(MAIN, "tables", "Means, intervals, curves and all scores.").single();
 
 impl Kind for EvaluationKind {
     type Params = EvaluationParams;
@@ -58,13 +63,41 @@ impl Kind for EvaluationKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "evaluation",
-            summary: "Aggregates scores by method, model calls and stratum, with confidence intervals.",
+            summary: "Aggregates scores by method, network calls and stratum, with confidence intervals.",
             manual: include_str!("evaluation.md"),
             mode: Mode::Gather,
             inputs: vec![SCORES.port(), HOLD.port(), BASELINES.port(), SPLIT.port()],
             outputs: vec![TABLES.port()],
             seeded: true,
         }
+    }
+
+    fn foresee(_params: &Self::Params, known: &Known) -> Outlook {
+        let (hold, scores, baselines) = (known.all(HOLD), known.all(SCORES), known.all(BASELINES));
+        let mut problems: Vec<Foreseen> = Vec::new();
+        let cells: BTreeSet<&str> = hold.iter().map(|source| source.prefix.as_str()).collect();
+        if cells.len() > 1 {
+            let message = format!(
+                "the input `hold` takes the scores of one cell, but gets those of {}, such as `{}`",
+                cells.len(),
+                hold[0].name
+            );
+            problems.push(Foreseen::input(HOLD, message, "select one cell, such as `node[axis=value]`"));
+        } else if let [hold] = hold {
+            if let Some(nfe) = hold.facts.get(NFE).filter(|nfe| nfe.len() > 1) {
+                let message = format!("`{}` has scores at NFE {nfe:?}, but `hold` takes one score", hold.name);
+                problems.push(Foreseen::input(HOLD, message, "connect the scores of the endpoints"));
+            }
+            for (port, sources) in [(SCORES, scores), (BASELINES, baselines)] {
+                // Where no image is sure to be there, there may be no score either.
+                let sure = || sources.iter().filter(|source| source.facts.get(SPP).is_some());
+                problems.extend(sure().find_map(|of| differ(port, of, hold, REFERENCE_SPP, "reference")));
+                problems.extend(sure().find_map(|of| differ(port, of, hold, SPP, "start")));
+            }
+        }
+        let nfe: Option<Vec<Vec<u64>>> = scores.iter().map(|source| source.facts.get(NFE)).collect();
+        let nfe = nfe.map(|lists| lists.concat().into_iter().collect::<BTreeSet<u64>>().into_iter().collect());
+        Outlook::default().with(TABLES, Facts::default().with_some(NFE, nfe)).but(problems)
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -79,6 +112,28 @@ impl Kind for EvaluationKind {
         let evaluation = evaluate(&hold, &scores, &baselines, &groups, action.params.resamples, action.seed)?;
         Outputs::default().put_one(TABLES, "evaluation", evaluation.store(ctx)?)
     }
+}
+
+/// Whether scores differ from those of the endpoints in the samples of their references, or of their starts.
+fn differ<T: DeserializeOwned + PartialEq + Debug>(
+    port: All<SceneScores>,
+    source: &Source,
+    hold: &Source,
+    fact: Fact<T>,
+    what: &str,
+) -> Option<Foreseen> {
+    let (own, other) = (source.facts.get(fact)?, hold.facts.get(fact)?);
+    (own != other).then(|| {
+        let bare = |value: &T| format!("{value:?}").trim_matches(['[', ']']).to_owned();
+        let message = format!(
+            "the {what} of `{}` has {} samples, but that of `{}` in `hold` has {}",
+            source.name,
+            bare(&own),
+            hold.name,
+            bare(&other)
+        );
+        Foreseen::input(port, message, "use the same samples for both, or evaluate them in separate nodes")
+    })
 }
 
 /// A value as it enters means: a PSNR is held below [`PSNR_CEILING`].

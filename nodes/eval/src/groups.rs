@@ -8,7 +8,9 @@ use tauflow_data::records::SplitReport;
 
 /// The input of kinds that have intervals over groups.
 pub(crate) const SPLIT: All<SplitReport> =
-    All::new("split", "The report of the split: intervals are over its groups, otherwise over scenes.").or_none();
+    All::new("split", "The report of the split: intervals are over its groups, otherwise over scenes.")
+        .or_none()
+        .single();
 
 /// The group of each scene, if a split says so.
 #[derive(Clone, Debug, Default)]

@@ -15,7 +15,7 @@ const DARKEST: f64 = 0.01;
 pub(crate) struct HeldOut {
     /// The image.
     pub(crate) image: Image,
-    /// Its samples a pixel.
+    /// Its samples per pixel.
     pub(crate) spp: u64,
     /// Whether any of its samples vary.
     pub(crate) noisy: bool,

@@ -1,11 +1,17 @@
 #![doc = include_str!("image_metrics.md")]
 
-use crate::metrics::{MetricError, Reference};
+use crate::{
+    metrics::{MetricError, Reference},
+    ssim::LEAST_SIDE,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use tauflow_contract::{Action, Context, Each, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs};
+use tauflow_contract::{
+    Action, Context, Each, Facts, Foreseen, Group, Kind, KindError, KindSpec, Known, Media, Mode, Out, Outlook, Outputs,
+};
 use tauflow_data::{
     Image,
+    facts::{self, NFE, REFERENCE_SPP, RUNGS, SPP},
     methods::HOLD,
     records::{PackedScene, Refined, RefinedImage, SceneScores, Score},
 };
@@ -48,6 +54,22 @@ impl Kind for ImageMetrics {
             outputs: vec![METRICS.port()],
             seeded: false,
         }
+    }
+
+    fn foresee(params: &Self::Params, known: &Known) -> Outlook {
+        let references = known.each(REFERENCES);
+        let mut problems: Vec<Foreseen> = facts::least_film(REFERENCES, &references, LEAST_SIDE).into_iter().collect();
+        let last = references.facts.get(RUNGS).and_then(|rungs| rungs.last().copied());
+        let scores = Facts::default().with_some(REFERENCE_SPP, last);
+        let scores = if known.has(IMAGES.name()) {
+            let images = known.each(IMAGES);
+            problems.extend(facts::same_film(REFERENCES, &references, &images));
+            scores.with_some(SPP, images.facts.get(SPP)).with_some(NFE, images.facts.get(NFE))
+        } else {
+            problems.extend(facts::rung(&references, params.from, "/from"));
+            scores.with(SPP, vec![params.from]).with(NFE, vec![0])
+        };
+        Outlook::default().with(METRICS, scores).but(problems)
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {

@@ -36,7 +36,7 @@ pub struct ImageQualityKind;
 pub struct ImageQualityParams {
     /// The score that decides the verdicts: mmd, swd, niqe, or one of the connected `scores`.
     pub judged_by: String,
-    /// Resamples of the bootstrap.
+    /// Number of bootstrap resamples.
     #[schemars(range(min = 100, max = 100_000))]
     pub resamples: u64,
 }
@@ -49,13 +49,14 @@ impl Default for ImageQualityParams {
 
 const GENERATED: All<Generated> = All::new("generated", "The samples, of one backbone or several.");
 const REFERENCES: All<PackedScene> =
-    All::new("references", "Held-out scenes; their last rungs are the clean renders to compare with.");
+    All::new("references", "Held-out scenes; their last rungs are the clean renders for the comparison.");
 const TRAINING: All<PackedScene> =
-    All::new("training", "Scenes of the training set: units of features, NIQE's model, Gaussian images.").or_none();
+    All::new("training", "Training set: for the normalisation of features, the model of NIQE, and Gaussian images.")
+        .or_none();
 const SCORES: All<SampleScores> =
     All::new("scores", "Scores of the same samples by metrics that need no reference.").or_none();
 const QUALITY: Out<ImageQuality> =
-    Out::new(Group::main(1), "quality", "Scores by backbone and variant, gains and verdicts.");
+    Out::new(Group::main(2), "quality", "Scores by backbone and variant, gains and verdicts.").single();
 
 fn input(what: String) -> KindError {
     KindError::Input(what)
@@ -100,7 +101,7 @@ impl Kind for ImageQualityKind {
         }
         let mut others = external(ctx, action)?;
         let bootstrap = Bootstrap { resamples: action.params.resamples, seed: action.seed };
-        let gaussians = backbones.iter().map(|backbone| backbone.samples.len()).max().unwrap_or(0);
+        let drawn = backbones.iter().map(|backbone| backbone.samples.len()).max().unwrap_or(0);
         let tools = Tools::new();
         let mut known: Vec<(Size, Clean)> = Vec::new();
         let mut quality = ImageQuality {
@@ -119,7 +120,8 @@ impl Kind for ImageQualityKind {
             ctx.progress(done as u64, total, &backbone.name);
             let size = compared_at(ctx, backbone, &renders)?;
             if !known.iter().any(|(at, _)| *at == size) {
-                known.push((size, Clean::new(ctx, &tools, renders, size, gaussians, action.seed)?));
+                let clean = Clean::new(ctx, &tools, renders, size, gaussian_images(size, drawn), action.seed)?;
+                known.push((size, clean));
             }
             let Some((_, clean)) = known.iter().find(|(at, _)| *at == size) else {
                 return Err(KindError::Internal("a size that was just read".into()));
@@ -135,7 +137,7 @@ impl Kind for ImageQualityKind {
                 ));
             }
             quality.per_sample.extend(per_sample(backbone, &samples));
-            quality.backbones.push(table(backbone, size, &samples, &quality, gaussians)?);
+            quality.backbones.push(table(backbone, size, &samples, &quality, gaussian_images(size, drawn))?);
         }
         let there = |column: &ScoreColumn| {
             let has = |backbone: &BackboneQuality| backbone.variants[0].scores.contains_key(&column.name);
@@ -145,6 +147,13 @@ impl Kind for ImageQualityKind {
         quality.columns = columns;
         Outputs::default().put_one(QUALITY, "quality", quality.store(ctx)?)
     }
+}
+
+/// How many Gaussian images are drawn: at least as many as samples. More of them make the comparison more certain at
+/// little cost, until their sums fill 128 MiB.
+fn gaussian_images(size: Size, samples: usize) -> usize {
+    let bytes = 3 * size[0] * size[1] * size_of::<f32>();
+    ((128 << 20) / bytes.max(1)).min(1000).max(samples)
 }
 
 /// What is said of inputs that were left out.

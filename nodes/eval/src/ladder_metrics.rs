@@ -1,12 +1,16 @@
 #![doc = include_str!("ladder_metrics.md")]
 
-use crate::{image_metrics::not_comparable, metrics::Reference};
+use crate::{image_metrics::not_comparable, metrics::Reference, ssim::LEAST_SIDE};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use tauflow_contract::{Action, Context, Each, Group, Handle, Kind, KindError, KindSpec, Media, Mode, Out, Outputs};
+use tauflow_contract::{
+    Action, Context, Each, Facts, Foreseen, Group, Handle, Kind, KindError, KindSpec, Known, Media, Mode, Out, Outlook,
+    Outputs,
+};
 use tauflow_data::{
     Image,
     bins::{KEY, geometric_mean_luminance},
+    facts::{self, NFE, REFERENCE_SPP, RUNGS, SPP},
     methods::HOLD,
     records::{Exposure, Ladder, RefinedImage, SceneScores, Score},
 };
@@ -20,7 +24,7 @@ pub struct LadderMetrics;
 pub struct LadderMetricsParams {
     /// Sample counts of the rungs to score; empty for all rungs.
     pub rungs: Vec<u64>,
-    /// Luminance that the geometric mean of the reference is exposed to; unused where `exposure` is connected.
+    /// Exposed luminance of the geometric mean of the reference; unused if `exposure` is connected.
     #[schemars(range(min = 1e-6, max = 1e6))]
     pub key: f64,
 }
@@ -33,9 +37,9 @@ impl Default for LadderMetricsParams {
 
 const LADDERS: Each<Ladder> = Each::new("ladders", "The ladders to score.");
 const REFERENCES: Each<Ladder> =
-    Each::new("references", "Ladders of the same scenes from another stream; the last rung is the reference.");
+    Each::new("references", "Ladders of the same scenes from a different stream; the last rung is the reference.");
 const EXPOSURE: Each<Exposure> =
-    Each::new("exposure", "The exposure of the same scenes; without it, the reference decides.").or_none();
+    Each::new("exposure", "The exposure of the same scenes. Default: computed from the reference.").or_none();
 const METRICS: Out<SceneScores> = Out::new(Group::main(1), "metrics", "The metrics of each rung of a scene's ladder.");
 
 impl Kind for LadderMetrics {
@@ -51,6 +55,19 @@ impl Kind for LadderMetrics {
             outputs: vec![METRICS.port()],
             seeded: false,
         }
+    }
+
+    fn foresee(params: &Self::Params, known: &Known) -> Outlook {
+        let (ladders, references) = (known.each(LADDERS), known.each(REFERENCES));
+        let mut problems: Vec<Foreseen> = Vec::new();
+        problems.extend(facts::same_film(REFERENCES, &references, &ladders));
+        problems.extend(facts::least_film(REFERENCES, &references, LEAST_SIDE));
+        let named = params.rungs.iter().enumerate();
+        problems.extend(named.filter_map(|(at, rung)| facts::rung(&ladders, *rung, &format!("/rungs/{at}"))));
+        let scored = if params.rungs.is_empty() { ladders.facts.get(RUNGS) } else { Some(params.rungs.clone()) };
+        let last = references.facts.get(RUNGS).and_then(|rungs| rungs.last().copied());
+        let scores = Facts::default().with_some(REFERENCE_SPP, last).with_some(SPP, scored).with(NFE, vec![0]);
+        Outlook::default().with(METRICS, scores).but(problems)
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {

@@ -8,6 +8,8 @@ use tauflow_data::{Image, maths::exp};
 
 /// Pixels that the window reaches to each side.
 pub const RADIUS: usize = 5;
+/// Least side of an image: that of the window.
+pub const LEAST_SIDE: usize = 2 * RADIUS + 1;
 const SIGMA: f64 = 1.5;
 const C1: f64 = 0.01 * 0.01;
 const C2: f64 = 0.03 * 0.03;

@@ -3,6 +3,7 @@
 use crate::{
     groups::{Groups, SPLIT},
     held_out::{HeldOut, shared},
+    ssim::LEAST_SIDE,
     time_params::TimeErrorParams,
     time_samples::Measured,
     time_scene::{Cells, Own, measured},
@@ -10,9 +11,11 @@ use crate::{
 };
 use serde_json::Value;
 use tauflow_contract::{
-    Action, All, Context, Group, ItemKey, Items, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, Probe,
+    Action, All, Context, Foreseen, Group, ItemKey, Items, Kind, KindError, KindSpec, Known, Media, Mode, Out, Outlook,
+    Outputs, Probe,
 };
 use tauflow_data::{
+    facts,
     records::{Exposure, Ladder, PackedScene, Refined, TimeError, Timing},
     timing::machine,
 };
@@ -33,7 +36,8 @@ const RENDERED: All<Refined> =
 const RENDERED_TIMES: All<Timing> =
     All::new("rendered_times", "Times of both: `timing` of the nodes that produced them.").or_none();
 const MAIN: Group = Group::main(9);
-const TABLES: Out<TimeError> = Out::new(MAIN, "tables", "Errors, times and derived figures per method.").measured();
+const TABLES: Out<TimeError> =
+    Out::new(MAIN, "tables", "Errors, times and derived figures per method.").measured().single();
 
 impl Kind for TimeErrorKind {
     type Params = TimeErrorParams;
@@ -61,6 +65,19 @@ impl Kind for TimeErrorKind {
         }
     }
 
+    fn foresee(_params: &Self::Params, known: &Known) -> Outlook {
+        let (references, ladders) = (known.all(REFERENCES), known.all(LADDERS));
+        let mut problems: Vec<Foreseen> = Vec::new();
+        if let [reference] = references {
+            problems.extend(facts::least_film(REFERENCES, reference, LEAST_SIDE));
+            problems.extend(ladders.iter().find_map(|of| facts::same_film(LADDERS, of, reference)));
+            problems.extend(known.all(REFINED).iter().find_map(|of| facts::same_film(REFINED, of, reference)));
+            problems.extend(known.all(SAMPLED).iter().find_map(|of| facts::same_film(SAMPLED, of, reference)));
+            problems.extend(known.all(RENDERED).iter().find_map(|of| facts::same_film(RENDERED, of, reference)));
+        }
+        Outlook::default().but(problems)
+    }
+
     fn environment(_params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {
         Some(machine())
     }
@@ -71,7 +88,7 @@ impl Kind for TimeErrorKind {
         let mut notes = Vec::new();
         let mut scenes: Vec<Measured> = Vec::with_capacity(references.len());
         let mut against_law = Vec::new();
-        // Samples a pixel of the references, and of the last rungs that they judge.
+        // Samples per pixel of the references, and of the last rungs that they judge.
         let mut samples: Option<[u64; 2]> = None;
         for (done, (key, reference)) in references.iter().enumerate() {
             ctx.check_cancelled()?;
@@ -141,7 +158,7 @@ impl<'a> Inputs<'a> {
     }
 }
 
-/// Wants the samples a pixel of all references, and of all last rungs, to be those of the first scene.
+/// Wants the samples per pixel of all references, and of all last rungs, to be those of the first scene.
 fn alike(first: &mut Option<[u64; 2]>, own: [u64; 2], key: &ItemKey) -> Result<(), KindError> {
     let [reference_spp, last] = *first.get_or_insert(own);
     let [reference, spp] = own;

@@ -8,13 +8,13 @@ use serde_json::{Value, json};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct TimeErrorParams {
-    /// PSNR of linear radiance that times are given to, in dB.
+    /// PSNR targets in dB, of linear radiance: the table states the time to reach each.
     #[schemars(extend("items" = above_zero()))]
     pub psnr_targets: Vec<f64>,
-    /// Relative mean squared errors that times are given to.
+    /// Targets of the relative mean squared error: the table states the time to reach each.
     #[schemars(extend("items" = above_zero()))]
     pub rel_mse_targets: Vec<f64>,
-    /// Resamples of the bootstrap.
+    /// Number of bootstrap resamples.
     #[schemars(range(min = 100, max = 100_000))]
     pub resamples: u64,
 }

@@ -110,7 +110,7 @@ impl<'a, I: Copy> CellOf<'a, I> {
     }
 }
 
-/// Images of one cell: each with its method's name and samples a pixel; and a note.
+/// Images of one cell: each with its method's name and samples per pixel; and a note.
 type Images = (Vec<(String, u64, Image)>, Option<String>);
 
 impl Rendering<'_> {

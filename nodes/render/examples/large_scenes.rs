@@ -174,7 +174,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let sum: f64 = image.mean().data().iter().map(|v| f64::from(*v)).sum();
     println!(
         "{name}: {} primitives, compiled in {:.0} ms; {:.0} MB held and {:.0} MB at the peak beyond {:.0} MB; \
-         {:.3} M paths/s on one core, {:.2} segments a path; image {} of mean {:.6}",
+         {:.3} M paths/s on one core, {:.2} segments per path; image {} of mean {:.6}",
         world.primitive_count(),
         compiled * 1e3,
         held - before,

@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let seconds = begun.elapsed().as_secs_f64();
         println!(
             "{name}: {} primitives, compiled in {:.1} ms; {:.2} M paths/s and {:.2} M segments/s on one core, \
-             {:.2} segments a path, {} rejected",
+             {:.2} segments per path, {} rejected",
             world.primitive_count(),
             compiled.as_secs_f64() * 1e3,
             (side * side) as f64 * spp as f64 / seconds / 1e6,

@@ -120,7 +120,7 @@ fn write(folder: &std::path::Path, name: &str, triangles: &[[Vec3; 3]], sets: &[
 fn main() -> Result<(), Box<dyn Error>> {
     let folder = std::env::args().nth(1).map(PathBuf::from);
     let instructions = Instructions::best();
-    println!("{instructions:?}; millions of rays a second on one core, best of {ROUNDS}");
+    println!("{instructions:?}; millions of rays per second on one core, best of {ROUNDS}");
     println!("| triangles | rays | lists of {BATCH} | obvhs, 8 wide | obvhs, binary | ours / the better |");
     println!("|---:|---|---:|---:|---:|---:|");
     let mut builds = String::new();

@@ -38,7 +38,7 @@ impl Pixel {
 pub struct Accumulator {
     width: usize,
     height: usize,
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub count: u64,
     /// Contributions that were not finite and therefore left out.
     pub rejected: u64,

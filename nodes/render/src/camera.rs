@@ -94,8 +94,8 @@ impl Camera {
         (Triple::splat(self.origin) + direction * begin, direction)
     }
 
-    /// Density over area, for one sample a pixel, with which points are seen by rays that arrive from `back`, over the
-    /// cosines of what leaves them along `out`.
+    /// Density over area, for one sample per pixel, with which points are seen by rays that arrive from `back`, over
+    /// the cosines of what leaves them along `out`.
     #[inline(always)]
     pub(crate) fn density<R: Real>(&self, p: Triple<R>, back: Triple<R>, normal: Triple<R>, out: Triple<R>) -> R {
         let away = p - Triple::splat(self.origin);

@@ -12,9 +12,11 @@ use moments::{Figure, Moments, pooled};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use tauflow_contract::{Action, All, Context, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs};
+use tauflow_contract::{
+    Action, All, Context, Foreseen, Group, Kind, KindError, KindSpec, Known, Media, Mode, Out, Outlook, Outputs,
+};
 use tauflow_data::{
-    Stratum,
+    Stratum, facts,
     maths::{exp, log},
     records::{AgainstLaw, Convergence, ConvergenceRow, Estimate, Exposure, Ladder, SceneConvergence, shares_samples},
     rng::Stream,
@@ -25,7 +27,8 @@ const REFERENCES: All<Ladder> = All::new("references", "References of a differen
 const LADDERS: All<Ladder> =
     All::new("ladders", "Ladders of the same scenes, with at least three rungs, the same for all scenes.");
 const EXPOSURE: All<Exposure> = All::new("exposure", "The exposure of the same scenes.");
-const CONVERGENCE: Out<Convergence> = Out::new(Group::main(5), "convergence", "Errors, slopes, covariances and tails.");
+const CONVERGENCE: Out<Convergence> =
+    Out::new(Group::main(5), "convergence", "Errors, slopes, covariances and tails.").single();
 
 /// The kind `convergence`.
 pub struct ConvergenceKind;
@@ -51,6 +54,20 @@ impl Kind for ConvergenceKind {
             outputs: vec![CONVERGENCE.port()],
             seeded: true,
         }
+    }
+
+    fn foresee(_params: &Self::Params, known: &Known) -> Outlook {
+        let (references, ladders) = (known.all(REFERENCES), known.all(LADDERS));
+        let mut problems: Vec<Foreseen> = Vec::new();
+        problems.extend(references.iter().find_map(|of| facts::independent(REFERENCES, of)));
+        problems.extend(ladders.iter().find_map(|of| facts::independent(LADDERS, of)));
+        if let [first, ..] = ladders {
+            problems.extend(ladders.iter().find_map(|of| facts::same_rungs(LADDERS, of, first)));
+        }
+        if let ([reference], [ladder]) = (references, ladders) {
+            problems.extend(facts::same_film(REFERENCES, reference, ladder));
+        }
+        Outlook::default().but(problems)
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {

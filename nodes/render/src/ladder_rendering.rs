@@ -9,11 +9,12 @@ use std::{
     collections::{BTreeMap, btree_map::Entry},
 };
 use tauflow_contract::{
-    Action, All, Any, Artifact, Basis, Before, Context, Digest, Each, Group, Handle, ItemKey, Kind, KindError,
-    KindSpec, Later, Media, MemoKey, Mode, Out, Outputs, ParamProblem, Probe, Stored, leave_out,
+    Action, All, Any, Artifact, Basis, Before, Context, Digest, Each, Facts, Group, Handle, ItemKey, Kind, KindError,
+    KindSpec, Known, Later, Media, MemoKey, Mode, Out, Outlook, Outputs, ParamProblem, Probe, Stored, leave_out,
 };
 use tauflow_data::{
     IntegratorKind, Resolution, Rungs, SamplerKind,
+    facts::{FILM, INDEPENDENT, RUNGS},
     methods::{self, PATH_TRACER},
     records::{GBuffer, Ladder, LadderMeta, SceneRecord, TimedImage, Timing},
     timing::{Repeated, machine},
@@ -78,7 +79,7 @@ pub struct LadderRenderingParams {
     pub stream: u64,
     /// Sampler of random numbers.
     pub sampler: SamplerKind,
-    /// What estimates the radiance of a pixel.
+    /// Estimator of radiance: the path tracer, or also paths from the lights.
     pub integrator: IntegratorKind,
     /// Samples per pixel of the G-buffer.
     #[schemars(range(min = 1, max = 65536))]
@@ -131,6 +132,22 @@ impl Kind for LadderRendering {
         params.until.iter().flat_map(|until| until.check(params.rungs.last(), params.sampler)).collect()
     }
 
+    fn foresee(params: &Self::Params, _known: &Known) -> Outlook {
+        let film = [params.resolution.width(), params.resolution.height()];
+        let facts = Facts::default().with(FILM, film).with(INDEPENDENT, params.sampler.is_independent());
+        // A ladder that ends by itself may have more rungs.
+        let rungs = params.until.is_none().then(|| params.rungs.counts().to_vec());
+        let gbuffer = Facts::default().with(FILM, film);
+        Outlook::default().with(LADDER, facts.with_some(RUNGS, rungs)).with(GBUFFER, gbuffer)
+    }
+
+    fn work(params: &Self::Params, group: &str) -> f64 {
+        let pixels = (params.resolution.width() * params.resolution.height()) as f64;
+        let samples = if group == GBUFFERS.name { params.gbuffer_samples } else { params.rungs.last() };
+        let rounds = if group == TIMINGS.name { params.repeats + 1 } else { 1 };
+        pixels * samples as f64 * rounds as f64
+    }
+
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
         let LadderRenderingParams { rungs, resolution, stream, sampler, integrator, gbuffer_samples, repeats, until } =
             params;
@@ -155,7 +172,7 @@ impl Kind for LadderRendering {
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let work = Work { ctx, scene: action.handle(SCENES)?, params: &action.params, world: OnceCell::new() };
+        let work = SceneRender { ctx, scene: action.handle(SCENES)?, params: &action.params, world: OnceCell::new() };
         let outputs = Outputs::default();
         if action.group == TIMINGS.name {
             Ok(outputs.put(TIMING, work.timing()?.store(ctx)?))
@@ -168,14 +185,14 @@ impl Kind for LadderRendering {
 }
 
 /// One scene to render.
-struct Work<'a> {
+struct SceneRender<'a> {
     ctx: &'a Context<'a>,
     scene: Handle<'a, SceneRecord>,
     params: &'a LadderRenderingParams,
     world: OnceCell<World>,
 }
 
-impl Work<'_> {
+impl SceneRender<'_> {
     fn new_world(&self) -> Result<World, KindError> {
         let scene = SceneRecord::scene(self.ctx, self.scene)?;
         World::new(&scene, &mut |digest: &Digest| self.ctx.get(digest))
@@ -333,7 +350,7 @@ impl Work<'_> {
                 return Ok(());
             }
             self.renderer(self.world()?, stream)?.advance(state, trial, &mut |done| {
-                self.ctx.progress(done, trial, "samples a pixel that decide");
+                self.ctx.progress(done, trial, "samples per pixel that decide");
                 self.ctx.check_cancelled()
             })?;
             let digest = self.ctx.put(&state.to_bytes())?;
@@ -359,7 +376,7 @@ impl Work<'_> {
         stops.dedup();
         for stop in stops {
             renderer.advance(&mut state, stop, &mut |done| {
-                self.ctx.progress(done - begun, last - begun, "samples a pixel");
+                self.ctx.progress(done - begun, last - begun, "samples per pixel");
                 self.ctx.check_cancelled()
             })?;
             if let Entry::Vacant(place) = images.entry(stop) {

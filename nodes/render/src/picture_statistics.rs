@@ -26,7 +26,7 @@ const FLOOR: f64 = 1e-4;
 pub struct Noise<'a> {
     /// Variance of single samples, of the picture's size.
     pub variance: &'a Image,
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub spp: u64,
 }
 

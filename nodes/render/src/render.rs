@@ -106,7 +106,7 @@ impl<'a> Renderer<'a> {
         Accumulator::new(self.width, self.height)
     }
 
-    /// Samples a pixel between looks at whether to stop.
+    /// Samples per pixel between looks at whether to stop.
     fn step(&self) -> u64 {
         (CHUNK / (self.width * self.height) as u64).max(1)
     }
@@ -194,7 +194,7 @@ impl<'a> Renderer<'a> {
 
 /// When an image is done.
 pub enum Goal<'a> {
-    /// After so many samples a pixel.
+    /// After so many samples per pixel.
     Samples(u64),
     /// When it is as accurate as is asked for, as samples of other streams say.
     Error(Until),
@@ -211,7 +211,7 @@ pub struct Setup {
     pub sampler: SamplerKind,
     /// What estimates radiance.
     pub integrator: IntegratorKind,
-    /// Samples a pixel of its G-buffer, if it is to have one.
+    /// Samples per pixel of its G-buffer, if it is to have one.
     pub gbuffer_samples: Option<u64>,
 }
 
@@ -252,7 +252,7 @@ pub struct Rendered {
 /// What [`render_image`] says of its work.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderStats {
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub samples: u64,
     /// Paths traced, those that decided not counted.
     pub paths: u64,

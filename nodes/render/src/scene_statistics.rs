@@ -80,6 +80,11 @@ impl Kind for SceneStatisticsKind {
         vec![ParamProblem::new("/resolution", what, "use at least 4 x 4; [64, 64] is enough")]
     }
 
+    fn work(params: &Self::Params, _group: &str) -> f64 {
+        let pixels = (params.resolution.width() * params.resolution.height()) as f64;
+        pixels * params.spp as f64 * params.reference as f64
+    }
+
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let scene = SceneRecord::scene(ctx, action.handle(SCENES)?)?;
         let statistics = Measure { ctx, params: &action.params }.measure(&scene)?;
@@ -110,7 +115,7 @@ impl Measure<'_> {
         let mut film = renderer.begin();
         for stop in stops {
             renderer.advance(&mut film, *stop, &mut |done| {
-                self.ctx.progress(done, *stop, "samples a pixel");
+                self.ctx.progress(done, *stop, "samples per pixel");
                 self.ctx.check_cancelled()
             })?;
             at(&film);

@@ -34,7 +34,7 @@ pub struct Until {
     /// Root mean square of the standard errors of exposed pixels, over sqrt(mean^2 + 0.01).
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub relative_error: f64,
-    /// Samples a pixel at most.
+    /// Samples per pixel at most.
     #[schemars(range(min = 1, max = 1_073_741_824))]
     pub at_most: u64,
     /// Paths of each of the two streams that decide, at least. Where all of them are black, the error is unknown, and

@@ -23,7 +23,7 @@ use tauflow_render::{
     world::World,
 };
 
-/// Remembers how many samples a pixel were rendered.
+/// Remembers how many samples per pixel were rendered.
 #[derive(Default)]
 struct Samples(Mutex<BTreeSet<u64>>);
 

@@ -81,7 +81,7 @@ fn a_tighter_target_goes_on_from_what_there_is() {
     assert!(to >= 2 * from, "{from}, {to}");
     let by = Until { relative_error: 0.03, at_most: 65536, paths: 0 };
     let of = |what: &str| -> Vec<u64> { steps.iter().filter(|s| s.0.contains(what)).map(|s| s.1).collect() };
-    assert_eq!(of("samples a pixel"), [vec![to - from], of("decide")].concat(), "{steps:?}");
+    assert_eq!(of("samples per pixel"), [vec![to - from], of("decide")].concat(), "{steps:?}");
     assert!(of("decide").iter().all(|count| *count > by.trial(from, 192) && *count <= by.trial(to, 192)), "{steps:?}");
     assert_eq!(tight, run(&MemoryBlobs::default(), &built, params(&[8], asked(0.03, 65536))).0, "as from scratch");
     assert_eq!(run(&blobs, &built, params(&[8], asked(0.03, 65536))), (tight, Vec::new()), "nothing is rendered twice");

@@ -25,12 +25,12 @@ pub struct AdapterReport;
 pub struct AdapterReportParams {
     /// Title of the page.
     pub title: String,
-    /// A sentence below the title, such as what the backbones were trained on; may be empty.
+    /// A sentence below the title, such as the training data of the backbones; may be empty.
     pub subtitle: String,
-    /// Samples of each backbone in the montage; 0 for no pictures.
+    /// Number of samples per backbone in the montage; 0 for no images.
     #[schemars(range(min = 0, max = 20))]
     pub montage_samples: u64,
-    /// Longest side of a picture in pixels; larger ones are reduced by an integer factor.
+    /// Maximum side of an image in pixels; larger images are reduced by an integer factor.
     #[schemars(range(min = 16, max = 2048))]
     pub montage_pixels: u64,
 }
@@ -41,10 +41,10 @@ impl Default for AdapterReportParams {
     }
 }
 
-const QUALITY: All<ImageQuality> = All::new("quality", "Scores, gains and verdicts.");
-const GENERATED: All<Generated> = All::new("generated", "The samples, for pictures.").or_none();
+const QUALITY: All<ImageQuality> = All::new("quality", "Scores, gains and verdicts.").single();
+const GENERATED: All<Generated> = All::new("generated", "The samples, for the images.").or_none();
 const PAGE: Out<Files> =
-    Out::new(Group::main(2), "report", "The page, and its figures as JSON, CSV and PNG.").published();
+    Out::new(Group::main(2), "report", "The page, and its figures as JSON, CSV and PNG.").single().published();
 
 impl Kind for AdapterReport {
     type Params = AdapterReportParams;
@@ -52,7 +52,7 @@ impl Kind for AdapterReport {
     fn spec() -> KindSpec {
         KindSpec {
             name: "adapter_report",
-            summary: "Shows what an adapter does to frozen generative backbones: a page, JSON, CSV and pictures.",
+            summary: "Reports the effect of transport adapters on generative backbones: a page, JSON, CSV and images.",
             manual: include_str!("adapter_report.md"),
             mode: Mode::Gather,
             inputs: vec![QUALITY.port(), GENERATED.port()],

@@ -8,7 +8,7 @@ use tauflow_data::records::{
     ScoreTable, SplitReport, TimeError, TrainingLog, TrainingTiming, Verdict,
 };
 
-const EVALUATION: All<Evaluation> = All::new("evaluation", "Scores of every method.").or_none();
+pub const EVALUATION: All<Evaluation> = All::new("evaluation", "Scores of every method.").or_none().single();
 pub const TABLES: All<ScoreTable> = All::new("tables", "Tables of scores by any axes.").or_none();
 pub const LADDERS: All<Ladder> = All::new("ladders", "Ladders whose images the page shows side by side.").or_none();
 pub const REFERENCES: All<PackedScene> =
@@ -19,13 +19,13 @@ const TIMINGS: All<TrainingTiming> = All::new("timings", "Measured training time
 const VERDICTS: All<Verdict> = All::new("verdicts", "Verdicts of the quality gate on the pool.").or_none();
 pub const PREVIEWS: All<Ladder> =
     All::new("previews", "The previews that the gate checked, for images of rejected scenes.").or_none();
-const SPLIT: All<SplitReport> = All::new("split", "Report of the split.").or_none();
-const SAMPLING: All<SamplingReport> = All::new("sampling", "Report of the sampling.").or_none();
-const BRIDGE: All<BridgeFiles> = All::new("bridge", "Bridge validation: tables, cases, maps.").or_none();
+const SPLIT: All<SplitReport> = All::new("split", "Report of the split.").or_none().single();
+const SAMPLING: All<SamplingReport> = All::new("sampling", "Report of the sampling.").or_none().single();
+const BRIDGE: All<BridgeFiles> = All::new("bridge", "Bridge validation: tables, cases, maps.").or_none().single();
 const CONVERGENCE: All<Convergence> =
-    All::new("convergence", "Validity of the 1/sqrt(n) law for the ladders.").or_none();
+    All::new("convergence", "Validity of the 1/sqrt(n) law for the ladders.").or_none().single();
 const TIME_ERROR: All<TimeError> =
-    All::new("time_error", "Error against time: the first section of the page.").or_none();
+    All::new("time_error", "Error against time: the first section of the page.").or_none().single();
 const STATISTICS: All<SceneStatistics> = All::new("statistics", "Statistics of the scenes.").or_none();
 
 /// The inputs of `report`.

@@ -56,7 +56,7 @@ pub struct Picture {
 pub struct Choice {
     /// Number of scenes per stratum.
     pub scenes: usize,
-    /// Model calls.
+    /// Network calls.
     pub nfe: u64,
     /// Longest side; larger pictures are reduced by an integer factor.
     pub pixels: usize,

@@ -16,10 +16,11 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::{collections::BTreeMap, fmt::Write as _};
 use tauflow_contract::{
-    Action, Context, FileTree, Files, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem,
-    WriteFiles, pretty_json,
+    Action, Context, FileTree, Files, Foreseen, Group, Kind, KindError, KindSpec, Known, Media, Mode, Out, Outlook,
+    Outputs, ParamProblem, WriteFiles, pretty_json,
 };
 use tauflow_data::{
+    facts::NFE,
     methods::axes::{CONDITIONING, PARAMETERIZATION},
     records::{Claim, Evaluation, TrainingTiming},
 };
@@ -66,7 +67,7 @@ impl Default for ReportParams {
 }
 
 const PAGE: Out<Files> =
-    Out::new(Group::main(13), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").published();
+    Out::new(Group::main(14), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
 
 impl Kind for Report {
     type Params = ReportParams;
@@ -88,6 +89,21 @@ impl Kind for Report {
             return Vec::new();
         }
         vec![ParamProblem::new("/title", "the title is empty", "write what the pipeline is about")]
+    }
+
+    fn foresee(params: &Self::Params, known: &Known) -> Outlook {
+        let evaluated = known.all(material::EVALUATION).first().and_then(|of| of.facts.get(NFE));
+        let missing = params.montage_nfe.zip(evaluated).filter(|(nfe, evaluated)| !evaluated.contains(nfe));
+        let problem = missing.map(|(nfe, evaluated)| {
+            let message = format!("`montage_nfe: {nfe}` is not evaluated, only {evaluated:?}");
+            Foreseen::param("/montage_nfe", message, format!("choose one of these, or add {nfe} to `nfe`"))
+        });
+        let nothing = !known.has(material::EVALUATION.name()) && !known.has(material::TABLES.name());
+        let scores = nothing.then(|| {
+            let message = "the report has no scores".to_owned();
+            Foreseen::input(material::EVALUATION, message, "connect `evaluation` or `tables`")
+        });
+        Outlook::default().but(problem.into_iter().chain(scores))
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -139,7 +155,7 @@ impl Kind for Report {
 
 /// The images of a page.
 struct Images {
-    /// Model calls of those of solvers.
+    /// Network calls of those of solvers.
     nfe: u64,
     /// Solvers by stratum.
     montages: Vec<Montage>,

@@ -25,7 +25,7 @@ pub fn table(evaluation: &Evaluation, metric: &str) -> String {
     let mut out = String::from("% Needs \\usepackage{booktabs}.\n\\begin{table}\n  \\centering\n");
     let _ = writeln!(
         out,
-        "  \\caption{{{} {arrow} at each number of model calls (NFE), mean over {} test scenes from $I_{{{}}}$ \
+        "  \\caption{{{} {arrow} at each number of network calls (NFE), mean over {} test scenes from $I_{{{}}}$ \
          against $I_{{{}}}$. AUC and TV $\\downarrow$ over log NFE. Best in bold, second underlined.}}",
         escape(metric_name(metric)),
         evaluation.scenes,

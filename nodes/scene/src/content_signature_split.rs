@@ -21,7 +21,7 @@ const SCENES: All<SceneRecord> = All::new("scenes", "The scenes to split.");
 const MAIN: Group = Group::main(2);
 const TRAIN: Out<SceneRecord> = Out::new(MAIN, "train", "The training set.");
 const TEST: Out<SceneRecord> = Out::new(MAIN, "test", "The test set.");
-const REPORT: Out<SplitReport> = Out::new(MAIN, "report", "Groups with their scenes, counts and leaks.");
+const REPORT: Out<SplitReport> = Out::new(MAIN, "report", "Groups with their scenes, counts and leaks.").single();
 
 /// The kind `content_signature_split`.
 pub struct ContentSignatureSplit;

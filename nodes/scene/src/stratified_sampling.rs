@@ -4,8 +4,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use tauflow_contract::{
-    Action, All, Before, Context, Group, Handle, ItemKey, Items, Kind, KindError, KindSpec, Later, Media, Mode, Out,
-    Outputs, Stored,
+    Action, All, Before, Context, Facts, Foreseen, Group, Handle, ItemKey, Items, Kind, KindError, KindSpec, Known,
+    Later, MOST_ITEMS, Media, Mode, Out, Outlook, Outputs, Stored,
 };
 use tauflow_data::{
     ContextClass, Regime, Stratum,
@@ -21,7 +21,8 @@ const TAKEN: All<SceneRecord> =
 const MAIN: Group = Group::main(1);
 const TRAIN: Out<SceneRecord> = Out::new(MAIN, "train", "The chosen training scenes.");
 const TEST: Out<SceneRecord> = Out::new(MAIN, "test", "The chosen test scenes.");
-const REPORT: Out<SamplingReport> = Out::new(MAIN, "report", "Wanted, available and chosen scenes per stratum.");
+const REPORT: Out<SamplingReport> =
+    Out::new(MAIN, "report", "Wanted, available and chosen scenes per stratum.").single();
 
 /// The kind `stratified_sampling`.
 pub struct StratifiedSampling;
@@ -176,6 +177,18 @@ impl Kind for StratifiedSampling {
 
     fn later() -> &'static [Later] {
         const { &[before("/train_views"), before("/test_views")] }
+    }
+
+    fn foresee(params: &Self::Params, known: &Known) -> Outlook {
+        let lacks = |port: All<SceneRecord>, total: u64| {
+            let name = port.name();
+            let message = format!("`{name}: {total}` is asked for, but the input `{name}` is not connected");
+            let problem = || Foreseen::param(&format!("/{name}"), message, format!("connect `{name}`, or ask for 0"));
+            (total > 0 && !known.has(name)).then(problem)
+        };
+        let problems = lacks(TRAIN_SIDE, params.train).into_iter().chain(lacks(TEST_SIDE, params.test));
+        let most = |count: u64| Facts::default().with(MOST_ITEMS, count);
+        Outlook::default().with(TRAIN, most(params.train)).with(TEST, most(params.test)).but(problems)
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {

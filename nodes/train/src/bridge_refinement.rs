@@ -3,16 +3,18 @@
 use crate::{
     device::{self, NetworkDevice, Place},
     model::Model,
-    refinement::{endpoint, features},
+    refinement::{endpoint, features, model_needs_gbuffer},
     rollout::{Denoiser, bridge_stop, local_steps},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use tauflow_contract::{
-    Action, All, Context, Each, Group, Kind, KindError, KindSpec, Later, Media, Mode, Out, Outputs, ParamProblem, Probe,
+    Action, All, Context, Each, Foreseen, Group, Kind, KindError, KindSpec, Known, Later, Media, Mode, Out, Outlook,
+    Outputs, ParamProblem, Probe,
 };
 use tauflow_data::{
+    facts::{self, CONDITIONING, PARAMETERIZATION, RUNGS},
     methods::{HOLD, LOCAL_STEP, Parameterization},
     records::{BridgeClock, BridgeSteps, ModelFile, PackedScene, RefinedImage},
 };
@@ -24,15 +26,16 @@ pub struct BridgeRefinement;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct BridgeRefinementParams {
-    /// What the networks run on; anything but the CPU makes outputs of this machine.
+    /// Device of the networks; the outputs of a GPU depend on the machine.
     pub device: NetworkDevice,
 }
 
 const ENDPOINTS: Each<PackedScene> = Each::new("endpoints", "Scenes at consecutive sample counts, such as 1..10.");
 const MC_NOISE: All<ModelFile> =
-    All::new(Parameterization::McNoise.name(), "A solver with parameterization mc_noise: exactly one.");
+    All::new(Parameterization::McNoise.name(), "A solver with parameterization mc_noise: exactly one.").single();
 const LOCAL_VELOCITY: All<ModelFile> =
-    All::new(Parameterization::LocalVelocity.name(), "A solver with parameterization local_velocity: exactly one.");
+    All::new(Parameterization::LocalVelocity.name(), "A solver with parameterization local_velocity: exactly one.")
+        .single();
 
 const MAIN: Group = Group::main(3);
 const STEPS: Out<BridgeSteps> =
@@ -71,6 +74,32 @@ impl Kind for BridgeRefinement {
 
     fn environment(params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {
         Some(params.device.environment(Value::Null))
+    }
+
+    fn foresee(_params: &Self::Params, known: &Known) -> Outlook {
+        let endpoints = known.each(ENDPOINTS);
+        let mut problems: Vec<Foreseen> = Vec::new();
+        if let Some(Err(error)) = endpoints.facts.get(RUNGS).map(|rungs| stops(&rungs)) {
+            let told = error.to_string();
+            let (what, hint) = told.split_once("; ").unwrap_or((&told, ""));
+            problems.push(Foreseen::input(ENDPOINTS, what, hint));
+        }
+        let models = [(MC_NOISE, Parameterization::McNoise), (LOCAL_VELOCITY, Parameterization::LocalVelocity)];
+        for (port, wanted) in models {
+            let [model] = known.all(port) else { continue };
+            if let Some(found) = model.facts.get(PARAMETERIZATION).filter(|found| *found != wanted) {
+                let message = format!("`{}` has the parameterization `{}`", model.name, found.name());
+                let hint = format!("connect a cell with `{}`", wanted.name());
+                problems.push(Foreseen::input(port, message, hint));
+            }
+            if let Some(conditioning) = model.facts.get(CONDITIONING) {
+                problems.extend(model_needs_gbuffer(&endpoints, model, conditioning));
+            }
+        }
+        if let ([noise], [local]) = (known.all(MC_NOISE), known.all(LOCAL_VELOCITY)) {
+            problems.extend(facts::same_rungs(LOCAL_VELOCITY, local, noise));
+        }
+        Outlook::default().but(problems)
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {

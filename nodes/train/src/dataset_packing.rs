@@ -2,9 +2,12 @@
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use tauflow_contract::{Action, Context, Each, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs};
+use tauflow_contract::{
+    Action, Context, Each, Facts, Group, Kind, KindError, KindSpec, Known, Media, Mode, Out, Outlook, Outputs,
+};
 use tauflow_data::{
     Image,
+    facts::{self, FILM, HAS_GBUFFER, RUNGS},
     records::{Exposure, GBuffer, Ladder, PackedScene},
 };
 
@@ -36,6 +39,16 @@ impl Kind for DatasetPacking {
             outputs: vec![PACKED.port()],
             seeded: false,
         }
+    }
+
+    fn foresee(_params: &Self::Params, known: &Known) -> Outlook {
+        let (ladders, gbuffers) = (known.each(LADDERS), known.each(GBUFFERS));
+        let facts = Facts::default()
+            .with_some(RUNGS, ladders.facts.get(RUNGS))
+            .with_some(FILM, ladders.facts.get(FILM))
+            .with(HAS_GBUFFER, known.has(GBUFFERS.name()));
+        let problems = facts::independent(LADDERS, &ladders).into_iter();
+        Outlook::default().with(PACKED, facts).but(problems.chain(facts::same_film(GBUFFERS, &gbuffers, &ladders)))
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {

@@ -4,18 +4,19 @@ use crate::{
     device::{self, NetworkDevice, Place},
     mirrors::{Mirrored, Views},
     model::Model,
-    model_calls::ModelCalls,
+    network_calls::NetworkCalls,
     rollout::{Course, Denoiser, rollout},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use tauflow_contract::{
-    Action, All, Any, Before, Context, Each, Group, ItemKey, Kind, KindError, KindSpec, Later, Media, Mode, Out,
-    Outputs, ParamProblem, Probe,
+    Action, All, Any, Before, Context, Each, Foreseen, Group, ItemKey, Kind, KindError, KindSpec, Known, Later, Media,
+    Mode, Out, Outlook, Outputs, ParamProblem, Probe, Source,
 };
 use tauflow_data::{
     Image,
+    facts::{self, CONDITIONING, HAS_GBUFFER, NFE, RUNGS, SPP},
     methods::Conditioning,
     records::{ModelFile, PackedScene, Refined, RefinedImage, TimedImage, Timing},
     time::TimeGrid,
@@ -70,8 +71,8 @@ impl Blank {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct RefinementParams {
-    /// Numbers of model calls, increasing.
-    pub nfe: ModelCalls,
+    /// Numbers of network calls, increasing.
+    pub nfe: NetworkCalls,
     /// Sample count of the endpoint to start from.
     #[schemars(range(min = 1))]
     pub from: u64,
@@ -82,7 +83,7 @@ pub struct RefinementParams {
     pub mirrors: Views,
     /// Channels of the G-buffer that are set to 0, to measure how much the solver uses them.
     pub blank: Blank,
-    /// What the network runs on; anything but the CPU makes outputs of this machine.
+    /// Device of the network; the outputs of a GPU depend on the machine.
     pub device: NetworkDevice,
     /// Number of measurements by `timing` per number of calls.
     #[schemars(range(min = 1, max = 1000))]
@@ -92,7 +93,7 @@ pub struct RefinementParams {
 impl Default for RefinementParams {
     fn default() -> Self {
         Self {
-            nfe: ModelCalls::default(),
+            nfe: NetworkCalls::default(),
             from: 1,
             grid: TimeGrid::Ladder,
             mirrors: Views::ONE,
@@ -104,13 +105,13 @@ impl Default for RefinementParams {
 }
 
 const ENDPOINTS: Each<PackedScene> = Each::new("endpoints", "The scenes whose endpoints are refined.");
-const MODEL: All<ModelFile> = All::new("model", "The trained solver: exactly one.");
+const MODEL: All<ModelFile> = All::new("model", "The trained solver: exactly one.").single();
 const AFTER: Each<Any> =
     Each::any("after", "Completed before `timing` measures, so that methods take turns.").or_none();
 
 const MAIN: Group = Group::main(3);
 const MEASURED: Group = Group::new("timing", 3);
-const REFINED: Out<Refined> = Out::new(MAIN, "refined", "One image per number of model calls.");
+const REFINED: Out<Refined> = Out::new(MAIN, "refined", "One image per number of network calls.");
 const TIMING: Out<Timing> = Out::new(MEASURED, "timing", "Wall time of each number of calls, on all cores.").measured();
 
 impl Kind for Refinement {
@@ -126,6 +127,29 @@ impl Kind for Refinement {
             outputs: vec![REFINED.port(), TIMING.port()],
             seeded: false,
         }
+    }
+
+    fn foresee(params: &Self::Params, known: &Known) -> Outlook {
+        let endpoints = known.each(ENDPOINTS);
+        let mut problems: Vec<Foreseen> = facts::rung(&endpoints, params.from, "/from").into_iter().collect();
+        if let [model] = known.all(MODEL) {
+            let conditioning = model.facts.get(CONDITIONING);
+            problems.extend(conditioning.and_then(|of| model_needs_gbuffer(&endpoints, model, of)));
+            if params.blank != Blank::None && conditioning == Some(Conditioning::Rgb) {
+                let message = format!("`blank` needs a model with G-buffers, but `{}` has none", model.name);
+                problems.push(Foreseen::param("/blank", message, "connect another model, or remove `blank`"));
+            }
+            problems.extend(outside_ladder(model, params.from, "/from"));
+        }
+        let facts =
+            facts::image_of(&endpoints.facts).with(SPP, vec![params.from]).with(NFE, params.nfe.counts().to_vec());
+        Outlook::default().with(REFINED, facts).but(problems)
+    }
+
+    fn work(params: &Self::Params, group: &str) -> f64 {
+        let calls = params.nfe.counts().iter().sum::<u64>() as f64;
+        let rounds = if group == MEASURED.name { params.repeats + 1 } else { 1 };
+        calls * u64::from(params.mirrors) as f64 * rounds as f64
     }
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
@@ -214,6 +238,27 @@ fn timed(
         ctx.progress(done + 1, params.repeats, "rounds");
     }
     Ok(Timing { entries })
+}
+
+/// Whether a rollout of a model can start at a sample count: below the last rung of its training ladder.
+fn outside_ladder(model: &Source, from: u64, pointer: &str) -> Option<Foreseen> {
+    let rungs = model.facts.get(RUNGS)?;
+    let (first, last) = (*rungs.first()?, *rungs.last()?);
+    (from < first || from >= last).then(|| {
+        let name = &model.name;
+        let message = format!("`{name}` was trained from {first} to {last} samples, and cannot start at {from}");
+        Foreseen::param(pointer, message, format!("use a rung from {first} to below {last}"))
+    })
+}
+
+/// Whether endpoints lack the G-buffers that a model needs.
+pub(crate) fn model_needs_gbuffer(endpoints: &Source, model: &Source, conditioning: Conditioning) -> Option<Foreseen> {
+    let lacks = conditioning == Conditioning::Gbuffer && endpoints.facts.get(HAS_GBUFFER) == Some(false);
+    lacks.then(|| {
+        let message = format!("`{}` has no G-buffers, but the model of `{}` needs them", endpoints.name, model.name);
+        let hint = format!("connect `gbuffers` of `{}`, or another model", endpoints.name);
+        Foreseen::input(ENDPOINTS, message, hint)
+    })
 }
 
 /// The rung of `spp` samples.

@@ -32,13 +32,13 @@ pub trait Denoiser {
 pub struct Course {
     /// Sample count of the endpoint that it starts from.
     pub from: u64,
-    /// Model calls.
+    /// Network calls.
     pub steps: usize,
     /// How its times are spread.
     pub grid: TimeGrid,
 }
 
-/// Refines an endpoint, exposed linear radiance [H, W, 3], to the end of the clock; `steps` model calls.
+/// Refines an endpoint, exposed linear radiance [H, W, 3], to the end of the clock; `steps` network calls.
 ///
 /// # Errors
 /// If the endpoint lies outside the clock, no step is asked for, or the model refuses the shapes.
@@ -51,7 +51,7 @@ pub fn rollout(
     rollout_to(model, endpoint, gbuffer, course, model.clock().n_max())
 }
 
-/// Refines an endpoint, exposed linear radiance [H, W, 3], to the noise of `to` samples; `steps` model calls.
+/// Refines an endpoint, exposed linear radiance [H, W, 3], to the noise of `to` samples; `steps` network calls.
 ///
 /// # Errors
 /// If the endpoints are not in order within the clock, no step is asked for, or the model refuses the shapes.
@@ -95,7 +95,7 @@ pub fn rollout_to(
 
 /// One stop of the bridge: from endpoint I_k part of the way to the clean estimate, to where variance time puts I_m.
 ///
-/// I_k + (tau_m - tau_k)/(1 - tau_k) (clean - I_k), one model call.
+/// I_k + (tau_m - tau_k)/(1 - tau_k) (clean - I_k), one network call.
 ///
 /// # Errors
 /// If the model has no clean estimate, or m is not between k and the clock's end.
@@ -125,7 +125,7 @@ pub fn bridge_stop(
     decode(model, moved, endpoint)
 }
 
-/// Euler steps k -> k+1 -> .. -> m; one model call each.
+/// Euler steps k -> k+1 -> .. -> m; one network call each.
 ///
 /// # Errors
 /// As [`bridge_stop`].

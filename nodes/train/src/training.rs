@@ -20,10 +20,13 @@ use params::LATER;
 use serde_json::Value;
 use std::time::Instant;
 use tauflow_contract::{
-    Action, All, Basis, Context, Group, Items, Kind, KindError, KindSpec, Later, Media, Mode, Out, Outputs,
-    ParamProblem, Probe, derive_seed, leave_out,
+    Action, All, Basis, Context, Facts, Foreseen, Group, Items, Kind, KindError, KindSpec, Known, Later, Media, Mode,
+    Out, Outlook, Outputs, ParamProblem, Probe, derive_seed, leave_out,
 };
-use tauflow_data::records::{ModelFile, PackedScene, TrainingLog, TrainingTiming};
+use tauflow_data::{
+    facts::{self, CONDITIONING, PARAMETERIZATION, RUNGS},
+    records::{ModelFile, PackedScene, TrainingLog, TrainingTiming},
+};
 use tauflow_tensors::{Checkpoints as Kept, Curve, Rates, Score, Share};
 use trainer::Trainer;
 
@@ -37,9 +40,9 @@ const TRAIN: All<PackedScene> = All::new("train", "The training set.");
 const TEST: All<PackedScene> = All::new("test", "The test set; only its loss is recorded.").or_none();
 
 const MAIN: Group = Group::main(VERSION);
-const MODEL: Out<ModelFile> = Out::new(MAIN, "model", "The averaged weights.");
-const LOG: Out<TrainingLog> = Out::new(MAIN, "log", "The loss curve.");
-const TIMING: Out<TrainingTiming> = Out::new(MAIN, "timing", "Wall time per step.").measured();
+const MODEL: Out<ModelFile> = Out::new(MAIN, "model", "The averaged weights.").single();
+const LOG: Out<TrainingLog> = Out::new(MAIN, "log", "The loss curve.").single();
+const TIMING: Out<TrainingTiming> = Out::new(MAIN, "timing", "Wall time per step.").measured().single();
 
 /// The key of the one item on each output.
 const ITEM: &str = "model";
@@ -61,6 +64,31 @@ impl Kind for Training {
 
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
         params.problems().into_iter().chain(params.device.problems()).collect()
+    }
+
+    fn foresee(params: &Self::Params, known: &Known) -> Outlook {
+        let (train, test) = (known.all(TRAIN), known.all(TEST));
+        let mut problems: Vec<Foreseen> = Vec::new();
+        if let Some(first) = train.first() {
+            problems.extend(train.iter().find_map(|other| facts::same_rungs(TRAIN, other, first)));
+            problems.extend(test.iter().find_map(|other| facts::same_rungs(TEST, other, first)));
+            if first.facts.get(RUNGS).is_some_and(|rungs| rungs.len() < 2) {
+                let message = format!("the ladders of `{}` have one rung, but training needs two", first.name);
+                problems.push(Foreseen::input(TRAIN, message, "add a count to their `rungs`"));
+            }
+        }
+        problems.extend(train.iter().find_map(|set| facts::gbuffer(TRAIN, set, params.conditioning)));
+        problems.extend(test.iter().find_map(|set| facts::gbuffer(TEST, set, params.conditioning)));
+        let model = Facts::default()
+            .with_some(RUNGS, facts::shared(train, RUNGS))
+            .with(CONDITIONING, params.conditioning)
+            .with(PARAMETERIZATION, params.parameterization);
+        Outlook::default().with(MODEL, model).but(problems)
+    }
+
+    fn work(params: &Self::Params, _group: &str) -> f64 {
+        let crop = params.crop as f64;
+        params.steps as f64 * params.batch as f64 * crop * crop
     }
 
     fn later() -> &'static [Later] {

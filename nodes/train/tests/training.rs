@@ -50,7 +50,7 @@ impl Lab {
         serde_json::from_slice(&self.bytes(outputs, "log")).expect("a log")
     }
 
-    /// Mean gain in dB of one model call over the input, on the test scenes.
+    /// Mean gain in dB of one network call over the input, on the test scenes.
     fn gain(&self, outputs: &Outputs) -> f64 {
         let model = Model::load(&self.bytes(outputs, "model")).expect("own bytes");
         let cancel = AtomicBool::new(false);

@@ -166,7 +166,7 @@ impl OpenBatch<'_, '_> {
         let mut command = (command.0)(file.path(), self.holdings.store.dir());
         // A group of its own: Ctrl-C comes to it through the run, which lets actions in flight end.
         command.process_group(0).stdin(Stdio::null()).stdout(Stdio::piped());
-        let mut child = command.spawn().map_err(failed("start a process for a batch of actions"))?;
+        let mut child = start(&mut command).map_err(failed("start a process for a batch of actions"))?;
         let lines = child.stdout.take();
         thread::scope(|scope| {
             let (tell, told) = mpsc::channel();
@@ -232,6 +232,19 @@ impl OpenBatch<'_, '_> {
         let message = format!("a process ended by {status} while it ran {}{item}; it runs again", self.label.node);
         (self.crew.of.sink)(&Event::Warning { message });
     }
+}
+
+/// Starts a process. Where the machine has no memory or no process to spare, it tries again a little later.
+fn start(command: &mut Command) -> io::Result<Child> {
+    for milliseconds in [50, 500, 2000] {
+        match command.spawn() {
+            Err(error) if matches!(error.kind(), io::ErrorKind::OutOfMemory | io::ErrorKind::WouldBlock) => {
+                thread::sleep(Duration::from_millis(milliseconds));
+            }
+            started => return started,
+        }
+    }
+    command.spawn()
 }
 
 /// What became of an action by what its process tells, and by what it recorded.

@@ -204,6 +204,7 @@ impl<'a> Account<'a> {
     /// A failure of an item.
     pub fn fail(&mut self, lane: LaneId, item: Option<&ItemKey>, message: String) {
         let failure = self.failure(lane, item, message);
+        self.events.push(Event::Failed { of: failure.clone() });
         self.failures.push(failure);
     }
 

@@ -20,7 +20,7 @@ pub const DIFFERS: f64 = 4.0;
 /// The results of `convergence`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Convergence {
-    /// Samples a pixel of the references, which share no sample with the ladders.
+    /// Samples per pixel of the references, which share no sample with the ladders.
     pub reference_spp: u64,
     /// Sample counts of the rungs.
     pub counts: Vec<u64>,
@@ -81,7 +81,7 @@ pub fn deviation_of_both([(n, own), (m, other)]: [(u64, f64); 2], apart: f64, va
     (deviation > ROUNDING * value.abs()).then_some(deviation)
 }
 
-/// Whether images of `spp` samples a pixel share them with their reference of `reference` samples.
+/// Whether images of `spp` samples per pixel share them with their reference of `reference` samples.
 ///
 /// Judged by `value`, the mean of ((I_n - R)^2/S^2 - 1/N) n, and its standard error `error`. The mean is 1 if they are
 /// independent, and 1 - 2 min(n/N, 1) if the fewer are among the more; the middle of these is the line.

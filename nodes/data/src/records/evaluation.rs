@@ -19,7 +19,7 @@ pub struct Evaluation {
     pub groups: Option<u64>,
     /// Number of bootstrap resamples.
     pub resamples: u64,
-    /// The model calls that were measured, increasing.
+    /// The network calls that were measured, increasing.
     pub nfe: Vec<u64>,
     /// The input itself.
     pub hold: BTreeMap<String, Estimate>,
@@ -82,7 +82,7 @@ pub enum ClaimVerdict {
 pub struct Versus {
     /// The solver's cell.
     pub cell: BTreeMap<String, String>,
-    /// Its model calls.
+    /// Its network calls.
     pub nfe: u64,
     /// The baseline's cell.
     pub baseline: BTreeMap<String, String>,
@@ -116,7 +116,7 @@ pub struct MethodTable {
 /// A method at one NFE.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NfeTable {
-    /// Model calls.
+    /// Network calls.
     pub nfe: u64,
     /// Means over scenes, by metric.
     pub metrics: BTreeMap<String, Estimate>,

@@ -41,7 +41,7 @@ pub struct LadderMeta {
 /// One rung: a sample count and the mean of that many samples.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rung {
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub spp: u64,
     /// Linear radiance, [H, W, 3].
     pub image: Image,

@@ -64,7 +64,7 @@ pub struct SampleRow {
 pub struct ImageQuality {
     /// The score that decides the verdicts, named before the run.
     pub judged_by: String,
-    /// Resamples of the bootstrap.
+    /// Number of bootstrap resamples.
     pub resamples: u64,
     /// Number of held-out clean renders.
     pub references: u64,

@@ -19,7 +19,7 @@ pub struct RefinedImage {
     pub from_spp: u64,
     /// Sample count that it aims at.
     pub to_spp: u64,
-    /// Model calls.
+    /// Network calls.
     pub nfe: u64,
 }
 

@@ -56,7 +56,7 @@ pub struct Score {
     pub from_spp: u64,
     /// Sample count that it aims at.
     pub to_spp: u64,
-    /// Model calls; 0 for the input itself.
+    /// Network calls; 0 for the input itself.
     pub nfe: u64,
     /// Its metrics.
     pub metrics: Metrics,

@@ -36,15 +36,15 @@ pub struct SceneStatistics {
     pub refractive_share: f64,
     /// Share of the light that a specular surface sends onto one that scatters it.
     pub caustic_share: f64,
-    /// Root mean square error of an image of 1 sample a pixel, over the image's mean.
+    /// Root mean square error of an image of 1 sample per pixel, over the image's mean.
     pub relative_rmse: f64,
     /// Slope of log RMSE on log n over the ladder, against a held-out reference; the law says -1/2. None for scenes
     /// without noise.
     pub slope: Option<f64>,
     /// Share of variance in the 1% of pixels that vary most.
     pub tail_share: f64,
-    /// Samples a pixel at which half of the pixels that get light have a standard error below 1% of their mean. None if
-    /// none gets light.
+    /// Samples per pixel at which half of the pixels that get light have a standard error below 1% of their mean. None
+    /// if none gets light.
     pub samples_to_percent: Option<f64>,
     /// Share of neighbouring pixels between which depth jumps, or a surface ends before the sky.
     pub depth_discontinuities: f64,
@@ -52,7 +52,7 @@ pub struct SceneStatistics {
     pub normal_discontinuities: f64,
     /// The reference as a picture.
     pub picture: PictureStatistics,
-    /// Samples a pixel of the ladder's last rung and of the reference.
+    /// Samples per pixel of the ladder's last rung and of the reference.
     pub spp: [u64; 2],
     /// Contributions that were rejected as non-finite.
     pub rejected: u64,

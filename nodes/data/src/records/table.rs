@@ -167,7 +167,7 @@ pub struct ScoreTable {
     /// Number of groups of items that intervals are over; none where each item stands for itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub groups: Option<u64>,
-    /// Resamples of the bootstrap.
+    /// Number of bootstrap resamples.
     pub resamples: u64,
     /// The cells that differences are to.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -11,7 +11,7 @@ use tauflow_contract::json_media;
 pub struct TimeError {
     /// The machine of the timings.
     pub machine: Value,
-    /// Samples a pixel of the held-out references.
+    /// Samples per pixel of the held-out references.
     pub reference_spp: u64,
     /// Number of scenes.
     pub scenes: u64,
@@ -46,9 +46,9 @@ pub struct TimedMethod {
 /// A method at one point.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TimedPoint {
-    /// Samples a pixel that were rendered.
+    /// Samples per pixel that were rendered.
     pub from_spp: u64,
-    /// Model calls.
+    /// Network calls.
     pub nfe: u64,
     /// Each scene, in the order of their names.
     pub scenes: Vec<TimedScene>,
@@ -79,7 +79,7 @@ pub struct TimedSummary {
     pub preview_psnr: f64,
     /// Mean structural similarity of previews.
     pub ssim: f64,
-    /// Geometric mean of the samples a pixel after which the path tracer has the same error; none for itself. For a
+    /// Geometric mean of the samples per pixel after which the path tracer has the same error; none for itself. For a
     /// single scene, the interval is a point and has no meaning.
     pub crossover_spp: Option<Estimate>,
     /// Share of scenes whose crossover lies beyond the last rung that was timed, where the law of 1/n stands in for a
@@ -112,7 +112,7 @@ pub struct TimedScene {
     pub ssim: f64,
     /// Whether the reference's own noise hides the error, so that a thousandth of what was measured stands for it.
     pub unresolved: bool,
-    /// Samples a pixel after which the path tracer has the same error; none for itself.
+    /// Samples per pixel after which the path tracer has the same error; none for itself.
     pub crossover_spp: Option<f64>,
     /// The path tracer's time to the same error over this time; none for itself.
     pub speed_up: Option<f64>,
@@ -121,7 +121,7 @@ pub struct TimedScene {
 /// A method against the path tracer that is given the same wall time, paired by scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VersusRendering {
-    /// Median samples a pixel that the path tracer gets to in that time.
+    /// Median samples per pixel that the path tracer gets to in that time.
     pub spp: f64,
     /// Gain in PSNR of linear radiance, dB.
     pub hdr_psnr: Estimate,

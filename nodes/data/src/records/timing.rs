@@ -18,7 +18,7 @@ pub struct TimedImage {
     pub method: String,
     /// Sample count of the endpoint it starts from; of a path tracer, its own.
     pub from_spp: u64,
-    /// Model calls; 0 for a path tracer.
+    /// Network calls; 0 for a path tracer.
     pub nfe: u64,
     /// The times.
     pub took: Repeated,

@@ -4,18 +4,18 @@ use crate::{
     manifest::Files,
     onnx::{self, Onnx},
     program::Program,
-    scorer::{Found, Scorer},
+    scorer::{Scorer, Search},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, path::Path};
 use tauflow_contract::{
     Action, All, Context, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem, Probe,
 };
 use tauflow_data::{
     Image,
-    outside::{contents, identity},
+    outside::{contents, identity, program},
     records::{Generated, SampleRow, SampleScores},
     timing::machine,
 };
@@ -29,17 +29,17 @@ pub struct NoReferenceScores;
 pub struct NoReferenceScoresParams {
     /// Manifests of ONNX models.
     pub models: Vec<String>,
-    /// Path of ONNX Runtime's library; none for what TAUFLOW_ONNXRUNTIME names.
+    /// Path of the ONNX Runtime library. Default: TAUFLOW_ONNXRUNTIME.
     pub runtime: Option<String>,
-    /// Words of the command line of a program that scores images; none for no program.
+    /// Command line of a program that scores images, as a list of words; empty for no program.
     pub command: Vec<String>,
-    /// True if it is an error that a file is missing; else its columns are left out with a note.
+    /// Fail if a file is missing, instead of omitting its columns with a note.
     pub required: bool,
 }
 
 const GENERATED: All<Generated> = All::new("generated", "The samples to score, in all their variants.");
 const SCORES: Out<SampleScores> =
-    Out::new(Group::main(1), "scores", "The scores of each image, and a note on what is missing.").local();
+    Out::new(Group::main(1), "scores", "The scores of each image, and a note on missing files.").local().single();
 
 impl Kind for NoReferenceScores {
     type Params = NoReferenceScoresParams;
@@ -47,7 +47,7 @@ impl Kind for NoReferenceScores {
     fn spec() -> KindSpec {
         KindSpec {
             name: "no_reference_scores",
-            summary: "Scores generated images by models and programs of yours, such as CLIPIQA.",
+            summary: "Scores generated images with your own models and programs, such as CLIPIQA.",
             manual: include_str!("no_reference_scores.md"),
             mode: Mode::Gather,
             inputs: vec![GENERATED.port()],
@@ -62,6 +62,23 @@ impl Kind for NoReferenceScores {
         }
         let hint = "write for example `models: [models/clipiqa.json]`";
         vec![ParamProblem::new("/models", "there are neither `models` nor a `command`", hint)]
+    }
+
+    fn missing(params: &Self::Params) -> Vec<ParamProblem> {
+        let mut found = Vec::new();
+        // Without `required`, what is missing is left out with a note.
+        if !params.required {
+            return found;
+        }
+        let hint = "mend the path, or omit `required`; paths start at the working directory of tauflow";
+        for (place, manifest) in params.models.iter().enumerate().filter(|(_, path)| !Path::new(path).is_file()) {
+            let message = format!("there is no manifest `{manifest}` here");
+            found.push(ParamProblem::new(format!("/models/{place}"), message, hint));
+        }
+        if let Some(name) = params.command.first().filter(|name| program(name).is_none()) {
+            found.push(ParamProblem::new("/command/0", format!("there is no program `{name}` here"), hint));
+        }
+        found
     }
 
     fn environment(params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {
@@ -109,17 +126,17 @@ impl Kind for NoReferenceScores {
 
 /// Takes a scorer that is there; notes what is missing of one that is not.
 fn take<S: Scorer + 'static>(
-    found: Found<S>,
+    found: Search<S>,
     required: bool,
     scorers: &mut Vec<Box<dyn Scorer>>,
     notes: &mut Vec<String>,
 ) -> Result<(), KindError> {
     match found {
-        Found::Here(scorer) => scorers.push(Box::new(scorer)),
-        Found::Missing(what) if required => {
+        Search::Here(scorer) => scorers.push(Box::new(scorer)),
+        Search::Missing(what) if required => {
             return Err(KindError::Environment(format!("{what}; or say `required: false`")));
         }
-        Found::Missing(what) => notes.push(format!("scores are left out: {what}")),
+        Search::Missing(what) => notes.push(format!("scores are left out: {what}")),
     }
     Ok(())
 }

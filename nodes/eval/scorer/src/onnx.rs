@@ -7,7 +7,7 @@
 use crate::{
     manifest::Files,
     resize::resized,
-    scorer::{Found, Scorer},
+    scorer::{Scorer, Search},
 };
 use ort::{environment::Environment, session::Session, value::Tensor};
 use std::{
@@ -66,24 +66,24 @@ impl Onnx {
     ///
     /// # Errors
     /// If the manifest is unsound, the model is another file, cannot be run, or gives another score than it should.
-    pub(crate) fn find(manifest: &str, runtime_file: Option<&str>) -> Result<Found<Self>, KindError> {
+    pub(crate) fn find(manifest: &str, runtime_file: Option<&str>) -> Result<Search<Self>, KindError> {
         let Some(files) = Files::read(manifest)? else {
-            return Ok(Found::Missing(format!("there is no manifest `{manifest}`")));
+            return Ok(Search::Missing(format!("there is no manifest `{manifest}`")));
         };
         let metric = files.manifest.metric.clone();
         for (what, file) in [("model", &files.model), ("parity image", &files.parity)] {
             if !file.is_file() {
-                return Ok(Found::Missing(format!("{metric}: there is no {what} `{}`", file.display())));
+                return Ok(Search::Missing(format!("{metric}: there is no {what} `{}`", file.display())));
             }
         }
         let Some(library) = library(runtime_file) else {
-            return Ok(Found::Missing(format!(
+            return Ok(Search::Missing(format!(
                 "{metric}: no ONNX Runtime is named; install it (the wheel `onnxruntime` has one) and name its library \
                  with `runtime` or {VARIABLE}"
             )));
         };
         if !library.is_file() {
-            return Ok(Found::Missing(format!("{metric}: there is no ONNX Runtime at `{}`", library.display())));
+            return Ok(Search::Missing(format!("{metric}: there is no ONNX Runtime at `{}`", library.display())));
         }
         files.check_digest()?;
         let failed = |why: String| KindError::Input(format!("the model `{}`: {why}", files.model.display()));
@@ -96,7 +96,7 @@ impl Onnx {
         let (columns, input) = ([files.column()], input.clone());
         let mut scorer = Self { files, columns, session, input };
         scorer.check()?;
-        Ok(Found::Here(scorer))
+        Ok(Search::Here(scorer))
     }
 
     /// Holds the model against its parity image.

@@ -5,7 +5,7 @@
 //! `{"scores": {"clipiqa": 0.52}}`, or `{"error": "..."}`. It ends when its input does. Other output goes to its error
 //! stream.
 
-use crate::scorer::{Found, Scorer};
+use crate::scorer::{Scorer, Search};
 use serde::Deserialize;
 use serde_json::json;
 use std::{
@@ -52,13 +52,13 @@ impl Program {
     ///
     /// # Errors
     /// If it is there and cannot be started, or does not say what it measures.
-    pub(crate) fn find(words: &[String]) -> Result<Found<Self>, KindError> {
+    pub(crate) fn find(words: &[String]) -> Result<Search<Self>, KindError> {
         let failed = |what: String| failed(words, &what);
         let Some((name, arguments)) = words.split_first() else {
             return Err(KindError::Internal("a command without words".into()));
         };
         let Some(file) = program(name) else {
-            return Ok(Found::Missing(format!("there is no program `{name}`")));
+            return Ok(Search::Missing(format!("there is no program `{name}`")));
         };
         let folder = tempfile::tempdir().map_err(|e| failed(format!("got no folder for its images: {e}")))?;
         let mut child = Command::new(file)
@@ -78,7 +78,7 @@ impl Program {
             return Err(failed("names no metric in its first line, or one twice".into()));
         }
         own.columns = metrics;
-        Ok(Found::Here(own))
+        Ok(Search::Here(own))
     }
 
     /// The next line that it writes.

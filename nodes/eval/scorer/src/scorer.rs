@@ -19,7 +19,7 @@ pub(crate) trait Scorer {
 }
 
 /// A scorer, or why there is none: something of it is not on this machine.
-pub(crate) enum Found<S> {
+pub(crate) enum Search<S> {
     /// It can be used.
     Here(S),
     /// A file that it needs is missing; a line for people.

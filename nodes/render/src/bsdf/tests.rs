@@ -125,11 +125,10 @@ fn bin(d: Vec3) -> usize {
     row.min(BINS.0 - 1) * BINS.1 + column.min(BINS.1 - 1)
 }
 
-/// Integral of the density over each bin.
-fn expected(bsdf: &Bsdf<'_>, wo: Vec3) -> Vec<f64> {
-    const FINE: usize = 48;
+/// Integral of the density over each bin, by the midpoint rule on `fine` x `fine` points per bin.
+fn expected(bsdf: &Bsdf<'_>, wo: Vec3, fine: usize) -> Vec<f64> {
     let mut bins = vec![0.0; BINS.0 * BINS.1];
-    let (rows, columns) = (BINS.0 * FINE, BINS.1 * FINE);
+    let (rows, columns) = (BINS.0 * fine, BINS.1 * fine);
     let cell = 4.0 * std::f64::consts::PI / (rows * columns) as f64;
     for y in 0..rows {
         let z = 2.0 * (y as f64 + 0.5) / rows as f64 - 1.0;
@@ -137,7 +136,7 @@ fn expected(bsdf: &Bsdf<'_>, wo: Vec3) -> Vec<f64> {
         for x in 0..columns {
             let phi = std::f64::consts::TAU * (x as f64 + 0.5) / columns as f64;
             let d = Vec3::new((r * libm::cos(phi)) as f32, (r * libm::sin(phi)) as f32, z as f32);
-            bins[(y / FINE) * BINS.1 + x / FINE] += f64::from(bsdf.pdf(wo, d)) * cell;
+            bins[(y / fine) * BINS.1 + x / fine] += f64::from(bsdf.pdf(wo, d)) * cell;
         }
     }
     bins
@@ -186,7 +185,8 @@ fn draws_follow_their_density() {
                 let off = (weight - sample.weight).abs().max_element();
                 assert!(off <= 2e-2 * weight.max_element() + 1e-4, "{name}: {weight} {}", sample.weight);
             }
-            let expected = expected(&bsdf, wo);
+            // Refracted through glass, lobes of uneven roughness are narrow around the pole, where bins meet.
+            let expected = expected(&bsdf, wo, if name.starts_with("anisotropic") { 144 } else { 48 });
             let total: f64 = expected.iter().sum();
             assert!(total < 1.02, "{name} {wo}: density of {total}");
             if smooth == 0 {

@@ -20,7 +20,7 @@ pub struct Preview<'a> {
     pub image: &'a Image,
     /// Variance of single samples.
     pub variance: &'a Image,
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub spp: u64,
     /// Contributions that were rejected as not finite.
     pub rejected: u64,

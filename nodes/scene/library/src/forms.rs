@@ -165,7 +165,7 @@ pub struct Form {
     pub variants: u64,
     /// True if it is one closed body that solid glass suits.
     pub glass: bool,
-    make: fn(&mut Stream) -> Made,
+    make: fn(&mut Stream) -> FormVariant,
 }
 
 /// A part of a made form: a surface of one stuff.
@@ -190,7 +190,7 @@ pub struct Top {
 
 /// A variant of a form.
 #[derive(Clone, Debug)]
-pub struct Made {
+pub struct FormVariant {
     /// Its parts, at least one.
     pub parts: Vec<Part>,
     /// The box around it: foot on y = 0, x and z centred.
@@ -201,12 +201,12 @@ pub struct Made {
     pub solids: Vec<Aabb>,
 }
 
-const fn form(name: &'static str, family: Family, variants: u64, make: fn(&mut Stream) -> Made) -> Form {
+const fn form(name: &'static str, family: Family, variants: u64, make: fn(&mut Stream) -> FormVariant) -> Form {
     Form { name, family, variants, glass: false, make }
 }
 
 /// A form of one closed body that solid glass suits.
-const fn solid(name: &'static str, family: Family, variants: u64, make: fn(&mut Stream) -> Made) -> Form {
+const fn solid(name: &'static str, family: Family, variants: u64, make: fn(&mut Stream) -> FormVariant) -> Form {
     Form { name, family, variants, glass: true, make }
 }
 
@@ -269,7 +269,7 @@ pub fn of_family(family: Family) -> impl Iterator<Item = &'static Form> {
 
 impl Form {
     /// A variant: the same bits for the same name and variant. Those from `variants` on are of other libraries.
-    pub fn make(&self, variant: u64) -> Made {
+    pub fn make(&self, variant: u64) -> FormVariant {
         (self.make)(&mut Stream::new(0x666F_726D, &[variant]).part(self.name))
     }
 }

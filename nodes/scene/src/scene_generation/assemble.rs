@@ -87,7 +87,7 @@ pub fn of_stage(ctx: &Context<'_>, stage: Stage<'_>, which: Which, seed: u64) ->
     };
     let ranges = params.ranges();
     let materials = Materials { ctx, ranges: &ranges, palette: Palette::new(&mut stream.part("palette")) };
-    let mut work = Work {
+    let mut work = Assembly {
         ctx,
         params,
         regime: stratum.regime,
@@ -141,7 +141,7 @@ pub fn of_stage(ctx: &Context<'_>, stage: Stage<'_>, which: Which, seed: u64) ->
 }
 
 /// A scene in the making.
-pub struct Work<'a, 'c> {
+pub struct Assembly<'a, 'c> {
     pub(super) ctx: &'a Context<'c>,
     pub(super) params: &'a SceneGenerationParams,
     pub(super) regime: Regime,
@@ -170,7 +170,7 @@ fn kinds(stuff: Stuff) -> usize {
     }
 }
 
-impl Work<'_, '_> {
+impl Assembly<'_, '_> {
     /// The index of a material, which is added if it is new.
     pub(super) fn material(&mut self, bsdf: Bsdf) -> usize {
         if let Some(found) = self.bsdfs.iter().position(|b| *b == bsdf) {

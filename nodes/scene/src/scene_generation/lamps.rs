@@ -1,7 +1,7 @@
 //! The light of a scene: the hour, lamps, what is seen through windows, the sky.
 
 use super::{
-    assemble::Work,
+    assemble::Assembly,
     cast::{Cast, Sky},
     stage::{HERE, Light, Stage},
 };
@@ -43,7 +43,7 @@ impl Hour {
     }
 }
 
-impl Work<'_, '_> {
+impl Assembly<'_, '_> {
     /// A radiance from candle to overcast, about a white of the same power.
     pub fn warm(&self, radiance: f64, d: &mut Stream) -> [f32; 3] {
         let warmth = d.range(-0.15, 0.55);

@@ -54,7 +54,7 @@ impl Wall {
 
 /// The materials of a room.
 #[derive(Clone, Copy)]
-pub struct Made {
+pub struct Finishes {
     /// The floor.
     pub floor: Stuff,
     /// The walls.
@@ -64,7 +64,7 @@ pub struct Made {
 }
 
 /// A plain room.
-pub const PLAIN: Made = Made { floor: Stuff::Wood, walls: Stuff::Plaster, ceiling: Stuff::Plaster };
+pub const PLAIN: Finishes = Finishes { floor: Stuff::Wood, walls: Stuff::Plaster, ceiling: Stuff::Plaster };
 
 /// A room: its floor, its walls (behind, right, before, left, seen from +z) and its inner size.
 pub struct Room {
@@ -119,7 +119,7 @@ impl<'a> Stage<'a> {
     /// A closed room on the origin, floor at 0, with windows and, on a wall, a door.
     ///
     /// Floor and ceiling reach past the walls, and walls 1 cm past their corners, so that no crack shows the void.
-    pub fn room(&mut self, size: [f64; 3], made: Made, windows: &[Window], door: Option<usize>) -> Room {
+    pub fn room(&mut self, size: [f64; 3], made: Finishes, windows: &[Window], door: Option<usize>) -> Room {
         let [width, height, depth] = size;
         let (x, z) = (0.5 * width, 0.5 * depth);
         let mut walls = Self::walls(width, height, depth);

@@ -347,6 +347,6 @@ fn files_of_scenes_are_small() {
     }
     // Thirty thousand scenes in 1 GB: 33 KB each.
     let mean = sizes.iter().sum::<usize>() / sizes.len();
-    assert!(mean < 33_000, "{mean} bytes a scene");
+    assert!(mean < 33_000, "{mean} bytes per scene");
     assert!(sizes.iter().all(|s| *s < 120_000), "{:?}", sizes.iter().max());
 }

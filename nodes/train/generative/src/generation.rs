@@ -36,13 +36,13 @@ pub struct Generation;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct GenerationParams {
-    /// Samples of each backbone.
+    /// Number of samples per backbone.
     #[schemars(range(min = 1, max = 100_000))]
     pub samples: u64,
     /// Strength of the correction.
     #[schemars(range(min = 0.0, max = 100.0))]
     pub eta: f64,
-    /// Share of the steps before the correction begins.
+    /// Fraction of the steps that run without a correction.
     #[schemars(range(min = 0.0, max = 0.99))]
     pub start: f64,
     /// Steps of a DDPM.
@@ -51,12 +51,12 @@ pub struct GenerationParams {
     /// Steps of a Rectified Flow.
     #[schemars(range(min = 1, max = 1000))]
     pub rectified_flow_steps: usize,
-    /// Pixels of a side; those of the backbone's configuration if left out.
+    /// Side of the images in pixels. Default: the configuration of the backbone.
     #[schemars(range(min = 8, max = 1024))]
     pub side: Option<usize>,
-    /// What is made beside `frozen`.
+    /// Variants to compute in addition to `frozen`.
     pub variants: Vec<Variant>,
-    /// States of each trajectory that are kept, evenly from the noise to the end.
+    /// Number of intermediate states to store per sample, evenly spaced from the noise to the image.
     #[schemars(range(min = 0, max = 100))]
     pub frames: u64,
 }
@@ -78,8 +78,8 @@ impl Default for GenerationParams {
 
 const BACKBONES: All<BackboneFiles> = All::new("backbones", "The frozen backbones.");
 const ADAPTERS: All<AdapterFile> =
-    All::new("adapters", "Adapters of these backbones, trained on rendering or as controls.").or_none();
-const SAMPLES: Out<Generated> = Out::new(Group::main(VERSION), "samples", "Each sample in all of its variants.");
+    All::new("adapters", "Adapters of these backbones: trained on renders, or controls.").or_none();
+const SAMPLES: Out<Generated> = Out::new(Group::main(VERSION), "samples", "Each sample, in all its variants.");
 
 impl Kind for Generation {
     type Params = GenerationParams;
@@ -104,6 +104,11 @@ impl Kind for Generation {
             return Vec::new();
         }
         vec![ParamProblem::new("/variants", "a variant is named twice", "name each once")]
+    }
+
+    fn work(params: &Self::Params, _group: &str) -> f64 {
+        let ways = (1 + params.variants.len()) as f64;
+        params.samples as f64 * (params.ddpm_steps + params.rectified_flow_steps) as f64 * ways
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {

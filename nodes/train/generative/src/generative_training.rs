@@ -32,30 +32,30 @@ pub struct GenerativeTraining;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct GenerativeTrainingParams {
-    /// What is trained.
+    /// Type of the backbone.
     pub family: Family,
     /// Channels of the first resolution.
     #[schemars(range(min = 16, max = 512))]
     pub width: usize,
-    /// Training steps; with none, no backbone is made.
+    /// Training steps; 0 trains no backbone.
     pub steps: u64,
-    /// Pictures of a step.
+    /// Number of training images per step.
     #[schemars(range(min = 1, max = 4096))]
     pub batch: usize,
     /// Learning rate after the warm-up.
     #[schemars(range(min = 1e-9, max = 1.0))]
     pub learning_rate: f64,
-    /// How the learning rate falls.
+    /// Decay of the learning rate after the warm-up.
     pub decay: Decay,
-    /// Steps in which the learning rate rises.
+    /// Steps over which the learning rate rises from 0.
     pub warmup: u64,
-    /// Norm to which a gradient is cut.
+    /// Maximum norm of the gradient.
     #[schemars(range(min = 1e-6, max = 1e9))]
     pub clip: f64,
-    /// Share of the averaged weights that a step keeps.
+    /// Share that the average of the weights keeps in each step.
     #[schemars(range(min = 0.0, max = 0.999_999))]
     pub ema: f64,
-    /// Whether pictures are also turned left to right.
+    /// Also train on horizontally mirrored images.
     pub mirror: bool,
     /// Steps between points of the loss curve.
     #[schemars(range(min = 1))]
@@ -84,11 +84,11 @@ impl Default for GenerativeTrainingParams {
     }
 }
 
-const TRAIN: All<PackedScene> = All::new("train", "Scenes whose last rungs are the pictures to learn.");
+const TRAIN: All<PackedScene> = All::new("train", "Scenes whose last rungs are the training images.");
 const MAIN: Group = Group::main(VERSION);
 const BACKBONE: Out<BackboneFiles> = Out::new(MAIN, "backbone", "The averaged weights, as a checkpoint.");
 const LOG: Out<TrainingLog> = Out::new(MAIN, "log", "The loss curve.");
-const TIMING: Out<TrainingTiming> = Out::new(MAIN, "timing", "Time of a step.").measured();
+const TIMING: Out<TrainingTiming> = Out::new(MAIN, "timing", "Wall time per step.").measured();
 
 /// Largest width of networks here is a multiple of this, so that groups are whole.
 const GROUPS: usize = 16;
@@ -114,6 +114,10 @@ impl Kind for GenerativeTraining {
         }
         let hint = format!("use {}", params.width.next_multiple_of(GROUPS));
         vec![ParamProblem::new("/width", format!("{} is no multiple of {GROUPS}", params.width), hint)]
+    }
+
+    fn work(params: &Self::Params, _group: &str) -> f64 {
+        params.steps as f64 * params.batch as f64
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {

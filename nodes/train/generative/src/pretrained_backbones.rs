@@ -20,14 +20,14 @@ pub struct PretrainedBackbones;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct PretrainedBackbonesParams {
-    /// Folders of checkpoints, each with `config.json` and a file of weights.
+    /// Directories of checkpoints, each with `config.json` and a file of weights.
     pub folders: Vec<String>,
-    /// No folder is no mistake: then there are no backbones. For pipelines in which one names one's own.
+    /// Accept an empty list of folders: there are no backbones then. For pipelines with optional backbones.
     pub allow_none: bool,
 }
 
 const BACKBONE: Out<BackboneFiles> =
-    Out::new(Group::main(1), "backbone", "The checkpoint, as safetensors under today's names.");
+    Out::new(Group::main(1), "backbone", "The checkpoint as safetensors, with the current layer names of diffusers.");
 
 /// Part name of the file of weights; its own name follows.
 const WEIGHTS: &str = "weights/";

@@ -36,39 +36,39 @@ pub struct TransportAdapter;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct TransportAdapterParams {
-    /// What it learns: the residuals of rendering, or those of a control.
+    /// Residuals to learn: of rendering, or of a control.
     pub residuals: Residuals,
-    /// Whether the clean images of a DDPM are held to their range.
+    /// Clamp the clean images of a DDPM to their range.
     pub clamp_clean: bool,
     /// Training steps.
     #[schemars(range(min = 1))]
     pub steps: u64,
-    /// Pictures of a step.
+    /// Number of training images per step.
     #[schemars(range(min = 1, max = 4096))]
     pub batch: usize,
-    /// Pixels of a side of what is cut from pictures, at most.
+    /// Maximum side of the training windows in pixels.
     #[schemars(range(min = 2))]
     pub crop: usize,
     /// Learning rate after the warm-up.
     #[schemars(range(min = 1e-9, max = 1.0))]
     pub learning_rate: f64,
-    /// How the learning rate falls.
+    /// Decay of the learning rate after the warm-up.
     pub decay: Decay,
-    /// Steps in which the learning rate rises.
+    /// Steps over which the learning rate rises from 0.
     pub warmup: u64,
-    /// Share of the weights, times the learning rate, that a step takes away.
+    /// Weight decay of AdamW: each step subtracts this share of the weights, times the learning rate.
     #[schemars(range(min = 0.0, max = 10.0))]
     pub weight_decay: f64,
-    /// Norm to which a gradient is cut.
+    /// Maximum norm of the gradient.
     #[schemars(range(min = 1e-6, max = 1e9))]
     pub clip: f64,
-    /// Share of the averaged weights that a step keeps.
+    /// Share that the average of the weights keeps in each step.
     #[schemars(range(min = 0.0, max = 0.999_999))]
     pub ema: f64,
-    /// c of the loss: errors below it count by their squares.
+    /// The constant c of the loss: it is quadratic for smaller errors and linear for larger ones.
     #[schemars(range(min = 1e-6, max = 1e3))]
     pub huber: f64,
-    /// What the square of a correction counts.
+    /// Weight of the squared correction in the loss.
     #[schemars(range(min = 0.0, max = 1e3))]
     pub lambda: f64,
     /// Steps between points of the loss curve.
@@ -106,7 +106,7 @@ const TRAIN: All<PackedScene> = All::new("train", "Scenes whose rungs are the re
 const MAIN: Group = Group::main(VERSION);
 const ADAPTER: Out<AdapterFile> = Out::new(MAIN, "adapter", "The averaged weights.");
 const LOG: Out<TrainingLog> = Out::new(MAIN, "log", "The loss curve.");
-const TIMING: Out<TrainingTiming> = Out::new(MAIN, "timing", "Time of a step.").measured();
+const TIMING: Out<TrainingTiming> = Out::new(MAIN, "timing", "Wall time per step.").measured();
 
 impl Kind for TransportAdapter {
     type Params = TransportAdapterParams;
@@ -114,13 +114,18 @@ impl Kind for TransportAdapter {
     fn spec() -> KindSpec {
         KindSpec {
             name: "transport_adapter",
-            summary: "Trains an adapter that corrects a frozen generative backbone by what rendering has to say.",
+            summary: "Trains an adapter that corrects a frozen generative backbone with residuals of renders.",
             manual: include_str!("transport_adapter.md"),
             mode: Mode::Map,
             inputs: vec![BACKBONES.port(), TRAIN.port()],
             outputs: vec![ADAPTER.port(), LOG.port(), TIMING.port()],
             seeded: true,
         }
+    }
+
+    fn work(params: &Self::Params, _group: &str) -> f64 {
+        let crop = params.crop as f64;
+        params.steps as f64 * params.batch as f64 * crop * crop
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {

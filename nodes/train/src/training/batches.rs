@@ -153,8 +153,8 @@ impl DataSet {
         Ok(side)
     }
 
-    /// The mean gain of one model call from the first rung to the last over the first rung itself, on the first scenes:
-    /// dB of PSNR against the last.
+    /// The mean gain of one network call from the first rung to the last over the first rung itself, on the first
+    /// scenes: dB of PSNR against the last.
     ///
     /// # Errors
     /// If the model refuses the scenes.

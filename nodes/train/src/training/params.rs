@@ -71,7 +71,7 @@ pub struct TrainingParams {
     /// Steps between checkpoints.
     #[schemars(range(min = 1))]
     pub checkpoint_every: u64,
-    /// What the network runs on; anything but the CPU makes outputs of this machine.
+    /// Device of the network; the outputs of a GPU depend on the machine.
     pub device: NetworkDevice,
 }
 

@@ -11,7 +11,7 @@ use tauflow_ops::Adam;
 
 const EPSILON: f64 = 1e-8;
 
-/// How the learning rate falls.
+/// Decay of the learning rate after the warm-up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
 #[serde(rename_all = "snake_case")]
 pub enum Decay {
@@ -31,7 +31,7 @@ pub struct Rates {
     pub betas: [f64; 2],
     /// Steps in which the rate rises.
     pub warmup: u64,
-    /// Norm to which a gradient is cut.
+    /// Maximum norm of the gradient.
     pub clip: f64,
     /// Share that the average keeps.
     pub ema: f64,

@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
     sofas::stuffed,
 };
@@ -41,7 +41,7 @@ fn mattress(m: &mut Maker, d: &mut Stream, half: [f64; 2], low: f64) {
     }
 }
 
-fn bed(d: &mut Stream) -> Made {
+fn bed(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.45, 0.9), 1.0];
     let (frame, head) = (d.range(0.22, 0.32), d.range(0.7, 1.1));
     let mut m = Maker::default();
@@ -87,7 +87,7 @@ fn bed(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn iron(d: &mut Stream) -> Made {
+fn iron(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.45, 0.75), 0.98];
     let frame = d.range(0.3, 0.38);
     let mut m = Maker::default();
@@ -117,7 +117,7 @@ fn iron(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn bunk(d: &mut Stream) -> Made {
+fn bunk(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.42, 0.48), 0.98];
     let (low, high, height) = (d.range(0.28, 0.36), d.range(1.25, 1.4), d.range(1.7, 1.85));
     let mut m = Maker::default();

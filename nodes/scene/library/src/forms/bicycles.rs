@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::geom::Vec3;
@@ -31,7 +31,7 @@ fn spoked(r: f64, spokes: usize, tube_r: f64) -> (Body, Body) {
 }
 
 /// It stands along x, on its wheels.
-fn bicycle(d: &mut Stream) -> Made {
+fn bicycle(d: &mut Stream) -> FormVariant {
     let r = d.range(0.31, 0.34);
     let base = d.range(0.98, 1.06);
     let low = d.chance(0.3);
@@ -125,7 +125,7 @@ fn bicycle(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn scooter(d: &mut Stream) -> Made {
+fn scooter(d: &mut Stream) -> FormVariant {
     let (l, h, r) = (d.range(0.32, 0.4), d.range(0.7, 1.0), d.range(0.06, 0.11));
     let mut m = Maker::default();
     for x in [-l - 0.08, l + 0.12] {

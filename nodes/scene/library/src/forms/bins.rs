@@ -2,7 +2,7 @@
 
 use super::{
     super::{noise::noise, shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::{maths, rng::Stream};
@@ -14,7 +14,7 @@ pub(super) const FORMS: &[Form] = &[
     form("bucket", Family::Bin, 6, bucket),
 ];
 
-fn waste(d: &mut Stream) -> Made {
+fn waste(d: &mut Stream) -> FormVariant {
     let (r, h, flare) = (d.range(0.1, 0.15), d.range(0.24, 0.35), d.range(1.05, 1.4));
     let mut m = Maker::default();
     if d.chance(0.5) {
@@ -66,7 +66,7 @@ fn waste(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn wheelie(d: &mut Stream) -> Made {
+fn wheelie(d: &mut Stream) -> FormVariant {
     let (h, w) = (d.range(0.9, 1.05), d.range(0.24, 0.29));
     let mut m = Maker::default();
     let ring = |a: f64, z0: f64, z1: f64, y: f64| vec![[-a, y, z1], [a, y, z1], [a, y, z0], [-a, y, z0]];
@@ -106,7 +106,7 @@ fn wheelie(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn street(d: &mut Stream) -> Made {
+fn street(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.2, 0.26), d.range(0.75, 0.95));
     let mut m = Maker::default();
     let stuff = *d.pick(&[Stuff::PaintedMetal, Stuff::Wood, Stuff::Metal]);
@@ -134,7 +134,7 @@ fn street(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn bucket(d: &mut Stream) -> Made {
+fn bucket(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.085, 0.15), d.range(0.18, 0.34));
     let stuff = *d.pick(&[Stuff::Metal, Stuff::Plastic, Stuff::PaintedMetal]);
     let mut m = Maker::default();

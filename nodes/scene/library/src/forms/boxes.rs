@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::{maths, rng::Stream};
@@ -16,7 +16,7 @@ pub(super) const FORMS: &[Form] = &[
     form("gift_box", Family::Box, 6, gift),
 ];
 
-fn crate_slats(d: &mut Stream) -> Made {
+fn crate_slats(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.18, 0.32), d.range(0.1, 0.2), d.range(0.13, 0.24)];
     let (slats, t) = (2 + d.below(3), 0.005);
     let mut m = Maker::default();
@@ -42,7 +42,7 @@ fn crate_slats(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn carton(d: &mut Stream) -> Made {
+fn carton(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.12, 0.32), d.range(0.08, 0.25), d.range(0.1, 0.25)];
     let mut m = Maker::default();
     if d.chance(0.5) {
@@ -77,7 +77,7 @@ fn carton(d: &mut Stream) -> Made {
 }
 
 /// Woven from stakes and weavers.
-fn basket(d: &mut Stream) -> Made {
+fn basket(d: &mut Stream) -> FormVariant {
     let (r, h, flare) = (d.range(0.12, 0.22), d.range(0.12, 0.3), d.range(0.9, 1.35));
     let oval = d.range(0.7, 1.0);
     let stakes = 22 + 2 * d.below(4);
@@ -120,7 +120,7 @@ fn basket(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn barrel(d: &mut Stream) -> Made {
+fn barrel(d: &mut Stream) -> FormVariant {
     let (r, h, belly) = (d.range(0.2, 0.3), d.range(0.6, 0.9), d.range(1.1, 1.25));
     let mut m = Maker::default();
     let staves = 18 + d.below(8);
@@ -151,7 +151,7 @@ fn barrel(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn suitcase(d: &mut Stream) -> Made {
+fn suitcase(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.22, 0.36), d.range(0.16, 0.26), d.range(0.07, 0.12)];
     let mut m = Maker::default();
     let stuff = *d.pick(&[Stuff::Leather, Stuff::Leather, Stuff::Plastic, Stuff::Metal]);
@@ -183,7 +183,7 @@ fn suitcase(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn gift(d: &mut Stream) -> Made {
+fn gift(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.06, 0.18), d.range(0.04, 0.14), d.range(0.06, 0.16)];
     let mut m = Maker::default();
     let y = 2.0 * half[1];

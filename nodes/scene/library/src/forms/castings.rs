@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     machine::metal,
     maker::Maker,
 };
@@ -25,7 +25,7 @@ fn pipe(path: &[Vec3], r: f64, bore: f64) -> Body {
     skin(&rings, [true, true], [false; 2]).across()
 }
 
-fn elbow(d: &mut Stream) -> Made {
+fn elbow(d: &mut Stream) -> FormVariant {
     let (r, bend) = (d.range(0.015, 0.05), d.range(1.6, 2.6));
     let stuff = *d.pick(&[Stuff::Metal, Stuff::Plastic, Stuff::PaintedMetal]);
     let angle = *d.pick(&[0.5 * PI, 0.5 * PI, 0.25 * PI]);
@@ -46,7 +46,7 @@ fn elbow(d: &mut Stream) -> Made {
 }
 
 /// A pipe along a wall with bends, clamps and a flange.
-fn run(d: &mut Stream) -> Made {
+fn run(d: &mut Stream) -> FormVariant {
     let r = d.range(0.012, 0.04);
     let mut corners: Vec<Vec3> = vec![[0.0, 0.0, 0.0]];
     let mut p: Vec3 = [0.0, 0.0, 0.0];
@@ -71,7 +71,7 @@ fn run(d: &mut Stream) -> Made {
 }
 
 /// An angle with ribs and holes, cut from solids.
-fn bracket(d: &mut Stream) -> Made {
+fn bracket(d: &mut Stream) -> FormVariant {
     let (a, b, w, t) = (d.range(0.04, 0.08), d.range(0.04, 0.08), d.range(0.02, 0.035), d.range(0.004, 0.007));
     let hole = w * d.range(0.18, 0.28);
     let round = 0.5 * t;
@@ -106,7 +106,7 @@ fn bracket(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn valve(d: &mut Stream) -> Made {
+fn valve(d: &mut Stream) -> FormVariant {
     let r = d.range(0.015, 0.035);
     let mut m = Maker::default();
     let stuff = *d.pick(&[Stuff::Metal, Stuff::PaintedMetal]);
@@ -157,7 +157,7 @@ fn valve(d: &mut Stream) -> Made {
 }
 
 /// A cast housing: a drum blended with a foot, bored through, with fins.
-fn housing(d: &mut Stream) -> Made {
+fn housing(d: &mut Stream) -> FormVariant {
     let (r, l) = (d.range(0.04, 0.06), d.range(0.05, 0.08));
     let (fins, bore) = (3 + d.below(5), r * d.range(0.45, 0.65));
     let y = 1.25 * r;

@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     lamps::flame,
     maker::Maker,
 };
@@ -27,7 +27,7 @@ fn bulb(m: &mut Maker, at: [f64; 3], size: f64) {
     m.add(Stuff::Metal, cap.at(at));
 }
 
-fn pendant(d: &mut Stream) -> Made {
+fn pendant(d: &mut Stream) -> FormVariant {
     let cord = d.range(0.4, 1.0);
     let stuff = *d.pick(&[Stuff::PaintedMetal, Stuff::Metal, Stuff::Fabric, Stuff::Ceramic]);
     let (r, h) = (d.range(0.1, 0.26), d.range(0.1, 0.26));
@@ -62,7 +62,7 @@ fn pendant(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn tube_lamp(d: &mut Stream) -> Made {
+fn tube_lamp(d: &mut Stream) -> FormVariant {
     let (l, count) = (d.range(0.3, 0.75), 1 + d.below(2));
     let mut m = Maker::default();
     let w = 0.04 + 0.035 * count as f64;
@@ -81,7 +81,7 @@ fn tube_lamp(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn string(d: &mut Stream) -> Made {
+fn string(d: &mut Stream) -> FormVariant {
     let (l, sag, count) = (d.range(1.0, 2.5), d.range(0.15, 0.5), 8 + d.below(12));
     let mut m = Maker::default();
     let at = |t: f64| [l * (2.0 * t - 1.0), sag * (2.0 * t - 1.0) * (2.0 * t - 1.0), 0.0];
@@ -95,7 +95,7 @@ fn string(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn chandelier(d: &mut Stream) -> Made {
+fn chandelier(d: &mut Stream) -> FormVariant {
     let (arms, r, drop) = (5 + d.below(4), d.range(0.25, 0.4), d.range(0.3, 0.7));
     let stuff = *d.pick(&[Stuff::Metal, Stuff::PaintedMetal]);
     let mut m = Maker::default();
@@ -124,7 +124,7 @@ fn chandelier(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn track(d: &mut Stream) -> Made {
+fn track(d: &mut Stream) -> FormVariant {
     let (l, count) = (d.range(0.4, 0.9), 2 + d.below(4));
     let stuff = *d.pick(&[Stuff::PaintedMetal, Stuff::Metal, Stuff::Plastic]);
     let mut m = Maker::default();
@@ -145,7 +145,7 @@ fn track(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn paper(d: &mut Stream) -> Made {
+fn paper(d: &mut Stream) -> FormVariant {
     let (r, cord, ribs) = (d.range(0.15, 0.3), d.range(0.3, 0.8), 8 + d.below(8));
     let squash = d.range(0.7, 1.1);
     let mut m = Maker::default();

@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::{maths, rng::Stream};
@@ -31,7 +31,7 @@ fn dial(m: &mut Maker, d: &mut Stream, center: [f64; 2], r: f64, z: f64) {
     m.add(Stuff::Metal, rod([x, y, z], [x, y, z + 0.0065], 0.04 * r, 10));
 }
 
-fn clock_wall(d: &mut Stream) -> Made {
+fn clock_wall(d: &mut Stream) -> FormVariant {
     let r = d.range(0.11, 0.2);
     let mut m = Maker::default();
     let stuff = *d.pick(&[Stuff::Wood, Stuff::Metal, Stuff::Plastic, Stuff::PaintedMetal]);
@@ -51,7 +51,7 @@ fn clock_wall(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn clock_alarm(d: &mut Stream) -> Made {
+fn clock_alarm(d: &mut Stream) -> FormVariant {
     let r = d.range(0.035, 0.055);
     let mut m = Maker::default();
     let stuff = *d.pick(&[Stuff::PaintedMetal, Stuff::Metal, Stuff::Plastic]);
@@ -87,7 +87,7 @@ fn clock_alarm(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn clock_case(d: &mut Stream) -> Made {
+fn clock_case(d: &mut Stream) -> FormVariant {
     let h = d.range(1.8, 2.2);
     let (w, deep) = (d.range(0.18, 0.27), d.range(0.11, 0.15));
     let mut m = Maker::default();

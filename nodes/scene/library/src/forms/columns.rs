@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::{maths, rng::Stream};
@@ -43,7 +43,7 @@ fn base(m: &mut Maker, stuff: Stuff, r: f64) -> f64 {
     0.78 * r
 }
 
-fn fluted(d: &mut Stream) -> Made {
+fn fluted(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.12, 0.25), d.range(2.0, 3.2));
     let stuff = *d.pick(&[Stuff::Stone, Stuff::Stone, Stuff::Plaster]);
     let flutes = 16 + 2 * d.below(5);
@@ -70,7 +70,7 @@ fn fluted(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn plain(d: &mut Stream) -> Made {
+fn plain(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.1, 0.25), d.range(1.0, 3.2));
     let stuff = *d.pick(&[Stuff::Stone, Stuff::Concrete, Stuff::Wood]);
     let mut m = Maker::default();
@@ -86,7 +86,7 @@ fn plain(d: &mut Stream) -> Made {
 }
 
 /// A barley-sugar column.
-fn twisted(d: &mut Stream) -> Made {
+fn twisted(d: &mut Stream) -> FormVariant {
     let (r, h, lobes) = (d.range(0.08, 0.16), d.range(1.0, 2.4), 2 + d.below(4));
     let (turns, depth) = (d.range(0.6, 2.0), d.range(0.12, 0.24));
     let stuff = *d.pick(&[Stuff::Stone, Stuff::Wood, Stuff::Plaster]);
@@ -112,7 +112,7 @@ fn twisted(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn obelisk(d: &mut Stream) -> Made {
+fn obelisk(d: &mut Stream) -> FormVariant {
     let (w, h) = (d.range(0.12, 0.3), d.range(1.2, 3.0));
     let stuff = *d.pick(&[Stuff::Stone, Stuff::Concrete]);
     let mut m = Maker::default();
@@ -124,7 +124,7 @@ fn obelisk(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn arch(d: &mut Stream) -> Made {
+fn arch(d: &mut Stream) -> FormVariant {
     let (half, spring, wide, deep) = (d.range(0.45, 0.8), d.range(0.9, 1.6), d.range(0.18, 0.3), d.range(0.12, 0.25));
     let stuff = *d.pick(&[Stuff::Stone, Stuff::Brick, Stuff::Concrete]);
     let mut m = Maker::default();

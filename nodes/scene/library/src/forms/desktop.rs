@@ -2,7 +2,7 @@
 
 use super::{
     super::{noise::noise, shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::{maths, rng::Stream};
@@ -30,7 +30,7 @@ fn screen_face(half: [f64; 2], z: f64, y: f64) -> Body {
     sheet(1, 1, |s, t| [(2.0 * s - 1.0) * half[0], y + (2.0 * t - 1.0) * half[1], z])
 }
 
-fn monitor(d: &mut Stream) -> Made {
+fn monitor(d: &mut Stream) -> FormVariant {
     let w = d.range(0.24, 0.4);
     let h = w * *d.pick(&[0.5625, 0.625, 0.43]);
     let (edge, lift) = (d.range(0.005, 0.02), d.range(0.08, 0.16));
@@ -45,7 +45,7 @@ fn monitor(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn laptop(d: &mut Stream) -> Made {
+fn laptop(d: &mut Stream) -> FormVariant {
     let w = d.range(0.145, 0.19);
     let deep = w * d.range(0.63, 0.7);
     let stuff = *d.pick(&[Stuff::Metal, Stuff::Plastic]);
@@ -72,7 +72,7 @@ fn laptop(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn television(d: &mut Stream) -> Made {
+fn television(d: &mut Stream) -> FormVariant {
     let w = d.range(0.4, 0.75);
     let h = 0.5625 * w;
     let mut m = Maker::default();
@@ -89,7 +89,7 @@ fn television(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn telephone(d: &mut Stream) -> Made {
+fn telephone(d: &mut Stream) -> FormVariant {
     let (w, h) = (d.range(0.034, 0.04), d.range(0.07, 0.083));
     let mut m = Maker::default();
     m.add(
@@ -101,7 +101,7 @@ fn telephone(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn keyboard(d: &mut Stream) -> Made {
+fn keyboard(d: &mut Stream) -> FormVariant {
     let columns = 15 + d.below(2) * 4;
     let pitch = 0.019;
     let half = [0.5 * pitch * columns as f64 + 0.008, 0.5 * pitch * 6.0 + 0.008];
@@ -172,7 +172,7 @@ fn format(d: &mut Stream) -> [f64; 3] {
     [h * d.range(0.6, 0.8), d.range(0.01, 0.05), h]
 }
 
-fn book(d: &mut Stream) -> Made {
+fn book(d: &mut Stream) -> FormVariant {
     let size = format(d);
     let mut m = Maker::default();
     let (mut cover, mut pages) = (Vec::new(), Vec::new());
@@ -183,7 +183,7 @@ fn book(d: &mut Stream) -> Made {
 }
 
 /// A row of upright books, their spines to +z, the last ones leaning.
-fn row(d: &mut Stream) -> Made {
+fn row(d: &mut Stream) -> FormVariant {
     let count = 5 + d.below(9);
     let base = d.range(0.18, 0.27);
     let mut m = Maker::default();
@@ -207,7 +207,7 @@ fn row(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn pile(d: &mut Stream) -> Made {
+fn pile(d: &mut Stream) -> FormVariant {
     let count = 2 + d.below(5);
     let mut m = Maker::default();
     let mut y = 0.0;
@@ -232,7 +232,7 @@ fn pile(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn open(d: &mut Stream) -> Made {
+fn open(d: &mut Stream) -> FormVariant {
     let (h, w, thick) = (d.range(0.2, 0.3), d.range(0.14, 0.2), d.range(0.01, 0.025));
     let mut m = Maker::default();
     let split = d.range(0.35, 0.65);
@@ -260,7 +260,7 @@ fn open(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn sheets(d: &mut Stream) -> Made {
+fn sheets(d: &mut Stream) -> FormVariant {
     let count = 1 + d.below(12);
     let half = [0.105, 0.1485];
     let mut m = Maker::default();
@@ -286,7 +286,7 @@ fn sheets(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn crumpled(d: &mut Stream) -> Made {
+fn crumpled(d: &mut Stream) -> FormVariant {
     let (seed, r) = (d.bits(), d.range(0.025, 0.045));
     let cells = d.range(1.6, 2.4);
     let body = icosphere(3, |p| {
@@ -299,7 +299,7 @@ fn crumpled(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn roll(d: &mut Stream) -> Made {
+fn roll(d: &mut Stream) -> FormVariant {
     let (l, r) = (d.range(0.2, 0.45), d.range(0.015, 0.03));
     let turns = d.range(1.6, 3.0);
     let n = 40;
@@ -313,7 +313,7 @@ fn roll(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn envelopes(d: &mut Stream) -> Made {
+fn envelopes(d: &mut Stream) -> FormVariant {
     let count = 1 + d.below(5);
     let mut m = Maker::default();
     for k in 0..count {
@@ -370,21 +370,21 @@ fn pencil_body(d: &mut Stream, m: &mut Maker, place: &dyn Fn(Body) -> Body) {
     }
 }
 
-fn pen(d: &mut Stream) -> Made {
+fn pen(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let turn = d.range(-0.4, 0.4);
     pen_body(d, &mut m, &|b| b.turned_y(2.2).turned_z(0.5 * PI).turned_y(turn));
     m.made()
 }
 
-fn pencil(d: &mut Stream) -> Made {
+fn pencil(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let turn = d.range(-0.4, 0.4);
     pencil_body(d, &mut m, &|b| b.turned_z(0.5 * PI).turned_y(turn));
     m.made()
 }
 
-fn pot(d: &mut Stream) -> Made {
+fn pot(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.032, 0.045), d.range(0.085, 0.115));
     let mut m = Maker::default();
     let stuff = *d.pick(&[Stuff::Metal, Stuff::Plastic, Stuff::Ceramic, Stuff::Wood]);

@@ -2,7 +2,7 @@
 
 use super::{
     super::{noise::noise, shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::{maths, rng::Stream};
@@ -18,7 +18,7 @@ pub(super) const FORMS: &[Form] = &[
     form("bollard", Family::Rail, 8, bollard),
 ];
 
-fn picket(d: &mut Stream) -> Made {
+fn picket(d: &mut Stream) -> FormVariant {
     let (half, h, w) = (d.range(0.8, 1.3), d.range(0.8, 1.2), d.range(0.03, 0.045));
     let stuff = *d.pick(&[Stuff::Wood, Stuff::Wood, Stuff::PaintedMetal]);
     let count = (half / (w * d.range(1.4, 1.9))) as usize;
@@ -43,7 +43,7 @@ fn picket(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn iron(d: &mut Stream) -> Made {
+fn iron(d: &mut Stream) -> FormVariant {
     let (half, h) = (d.range(0.8, 1.3), d.range(0.9, 1.7));
     let pitch = d.range(0.1, 0.14);
     let count = (2.0 * half / pitch) as usize;
@@ -75,7 +75,7 @@ fn iron(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn mesh(d: &mut Stream) -> Made {
+fn mesh(d: &mut Stream) -> FormVariant {
     let (half, h, pitch) = (d.range(0.7, 1.1), d.range(0.9, 1.4), d.range(0.06, 0.1));
     let mut m = Maker::default();
     for s in [-1.0, 1.0] {
@@ -106,7 +106,7 @@ fn mesh(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn post_rail(d: &mut Stream) -> Made {
+fn post_rail(d: &mut Stream) -> FormVariant {
     let (half, h) = (d.range(1.0, 1.5), d.range(0.9, 1.2));
     let mut m = Maker::default();
     let seed = d.bits();
@@ -162,7 +162,7 @@ fn baluster(d: &mut Stream, h: f64) -> Vec<[f64; 2]> {
         .collect()
 }
 
-fn balustrade(d: &mut Stream) -> Made {
+fn balustrade(d: &mut Stream) -> FormVariant {
     let (half, h) = (d.range(0.7, 1.2), d.range(0.8, 1.0));
     let stuff = *d.pick(&[Stuff::Stone, Stuff::Stone, Stuff::Wood, Stuff::Plaster]);
     let mut m = Maker::default();
@@ -181,7 +181,7 @@ fn balustrade(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn railing_glass(d: &mut Stream) -> Made {
+fn railing_glass(d: &mut Stream) -> FormVariant {
     let (panes, wide, h) = (1 + d.below(3), d.range(0.5, 0.9), d.range(0.9, 1.1));
     let half = 0.5 * wide * panes as f64;
     let mut m = Maker::default();
@@ -208,7 +208,7 @@ fn railing_glass(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn railing_bars(d: &mut Stream) -> Made {
+fn railing_bars(d: &mut Stream) -> FormVariant {
     let (half, h, bars) = (d.range(0.7, 1.3), d.range(0.85, 1.1), 3 + d.below(4));
     let stuff = *d.pick(&[Stuff::Metal, Stuff::PaintedMetal]);
     let mut m = Maker::default();
@@ -226,7 +226,7 @@ fn railing_bars(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn bollard(d: &mut Stream) -> Made {
+fn bollard(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.05, 0.13), d.range(0.6, 1.0));
     let mut m = Maker::default();
     let stuff = *d.pick(&[Stuff::PaintedMetal, Stuff::Stone, Stuff::Concrete, Stuff::Metal]);

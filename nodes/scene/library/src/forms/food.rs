@@ -2,7 +2,7 @@
 
 use super::{
     super::{noise::fractal, shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::{Maker, one},
 };
 use tauflow_data::{maths, rng::Stream};
@@ -54,7 +54,7 @@ fn apple_body(d: &mut Stream) -> (Body, f64) {
     (body, 1.5 * r)
 }
 
-fn apple(d: &mut Stream) -> Made {
+fn apple(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let (body, y) = apple_body(d);
     m.add(Stuff::Food, body);
@@ -62,7 +62,7 @@ fn apple(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn pear(d: &mut Stream) -> Made {
+fn pear(d: &mut Stream) -> FormVariant {
     let (r, h, neck) = (d.range(0.03, 0.038), d.range(0.08, 0.1), d.range(0.35, 0.55));
     let lean = d.range(-0.1, 0.1);
     let profile = flat_spline(
@@ -84,7 +84,7 @@ fn pear(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn banana(d: &mut Stream) -> Made {
+fn banana(d: &mut Stream) -> FormVariant {
     let count = 1 + d.below(4);
     let (l, r, bend) = (d.range(0.15, 0.19), d.range(0.015, 0.019), d.range(1.2, 1.7));
     let mut m = Maker::default();
@@ -106,7 +106,7 @@ fn banana(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn lemon(d: &mut Stream) -> Made {
+fn lemon(d: &mut Stream) -> FormVariant {
     let (r, l) = (d.range(0.025, 0.032), d.range(0.036, 0.045));
     let profile = flat_spline(
         &[
@@ -126,7 +126,7 @@ fn lemon(d: &mut Stream) -> Made {
     one(Stuff::Food, lathe(&profile, 26).smooth().turned_z(0.5 * PI).turned_y(turn))
 }
 
-fn loaf(d: &mut Stream) -> Made {
+fn loaf(d: &mut Stream) -> FormVariant {
     let (l, w, h) = (d.range(0.1, 0.17), d.range(0.045, 0.065), d.range(0.06, 0.1));
     let (seed, cuts) = (d.bits(), 3 + d.below(4));
     let deep = d.range(0.004, 0.009);
@@ -155,7 +155,7 @@ fn loaf(d: &mut Stream) -> Made {
     one(Stuff::Food, skin(&rings, [true, false], [false; 2]).smooth())
 }
 
-fn cheese(d: &mut Stream) -> Made {
+fn cheese(d: &mut Stream) -> FormVariant {
     let (r, h, part) = (d.range(0.08, 0.14), d.range(0.04, 0.08), d.range(0.5, 1.2));
     // Holes are balls taken out.
     let holes: Vec<([f64; 3], f64)> = (0..7)
@@ -179,7 +179,7 @@ fn cheese(d: &mut Stream) -> Made {
     one(Stuff::Wax, body)
 }
 
-fn egg(d: &mut Stream) -> Made {
+fn egg(d: &mut Stream) -> FormVariant {
     let (r, l) = (d.range(0.02, 0.023), d.range(0.027, 0.031));
     let profile: Vec<_> = (0..=16)
         .map(|k| {
@@ -191,7 +191,7 @@ fn egg(d: &mut Stream) -> Made {
     one(Stuff::Food, lathe(&profile, 26).smooth().turned_x(tilt).turned_y(turn))
 }
 
-fn cake(d: &mut Stream) -> Made {
+fn cake(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.08, 0.13), d.range(0.05, 0.09));
     let mut m = Maker::default();
     m.add(
@@ -248,7 +248,7 @@ fn cake(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn pumpkin(d: &mut Stream) -> Made {
+fn pumpkin(d: &mut Stream) -> FormVariant {
     let (r, squash, ribs) = (d.range(0.07, 0.15), d.range(0.6, 0.95), 8 + d.below(6));
     let n = ribs * 6;
     let rings: Vec<Vec<_>> = (0..=18)
@@ -278,7 +278,7 @@ fn pumpkin(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn fruit_bowl(d: &mut Stream) -> Made {
+fn fruit_bowl(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let (r, h) = (d.range(0.13, 0.17), d.range(0.062, 0.085));
     let outer = flat_spline(&[[0.05, 0.0], [0.05, 0.006], [0.1, 0.4 * h], [r, h]], 5);

@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::geom::Vec3;
@@ -42,7 +42,7 @@ fn framed(m: &mut Maker, d: &mut Stream, half: [f64; 2], face: Stuff) -> f64 {
     y
 }
 
-fn picture(d: &mut Stream) -> Made {
+fn picture(d: &mut Stream) -> FormVariant {
     let a = d.range(0.1, 0.5);
     let ratio = d.range(0.6, 1.0);
     let half = if d.chance(0.5) { [a, a * ratio] } else { [a * ratio, a] };
@@ -54,7 +54,7 @@ fn picture(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn mirror(d: &mut Stream) -> Made {
+fn mirror(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     if d.chance(0.5) {
         let half = [d.range(0.15, 0.4), d.range(0.2, 0.7)];
@@ -73,7 +73,7 @@ fn mirror(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn photo(d: &mut Stream) -> Made {
+fn photo(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.05, 0.1), d.range(0.06, 0.12)];
     let mut inner = Maker::default();
     framed(&mut inner, d, half, Stuff::Print);

@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
     potted::outwards,
     trees::foliage,
@@ -33,7 +33,7 @@ fn blades(d: &mut Stream, count: usize, spread: [f64; 2], h: f64, wide: f64) -> 
     }))
 }
 
-fn tuft(d: &mut Stream) -> Made {
+fn tuft(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let (r, h) = (d.range(0.02, 0.06), d.range(0.08, 0.3));
     let count = 50 + d.below(90);
@@ -43,7 +43,7 @@ fn tuft(d: &mut Stream) -> Made {
 }
 
 /// A square metre of lawn or meadow on a thin layer of soil.
-fn patch(d: &mut Stream) -> Made {
+fn patch(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let half = d.range(0.4, 0.55);
     let h = d.range(0.04, 0.16);
@@ -54,7 +54,7 @@ fn patch(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn reeds(d: &mut Stream) -> Made {
+fn reeds(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let h = d.range(0.8, 1.6);
     let count = 10 + d.below(14);
@@ -88,7 +88,7 @@ fn reeds(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn fallen(d: &mut Stream) -> Made {
+fn fallen(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let (r, count) = (d.range(0.2, 0.6), 30 + d.below(90));
     for part in 0..3 {
@@ -108,7 +108,7 @@ fn fallen(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn twig(d: &mut Stream) -> Made {
+fn twig(d: &mut Stream) -> FormVariant {
     let growth =
         Growth { levels: 2, children: 5, shorter: 0.5, thinner: 0.55, angle: 0.8, from: 0.25, bend: 0.18, lift: 0.0 };
     let l = d.range(0.3, 0.6);
@@ -121,7 +121,7 @@ fn twig(d: &mut Stream) -> Made {
 }
 
 /// Ivy that climbs a wall behind it (in the plane z = const).
-fn ivy(d: &mut Stream) -> Made {
+fn ivy(d: &mut Stream) -> FormVariant {
     let (w, h) = (d.range(0.4, 0.9), d.range(0.8, 1.8));
     let mut m = Maker::default();
     let (mut stems, mut leaves) = (Vec::new(), Vec::new());

@@ -6,7 +6,7 @@ use super::{
         shapes::*,
         stuff::Stuff,
     },
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::{Maker, one},
 };
 use tauflow_data::geom::{Vec3, dot, mul, unit};
@@ -56,12 +56,12 @@ fn settled(body: Body, share: f64) -> Body {
     body.bent(|p| if p[1] < floor { [p[0], floor + 0.02 * (p[1] - floor), p[2]] } else { p })
 }
 
-fn rock(d: &mut Stream) -> Made {
+fn rock(d: &mut Stream) -> FormVariant {
     let size = d.range(0.15, 0.7);
     one(Stuff::Stone, settled(stone(d, size, 4), 0.18))
 }
 
-fn pebbles(d: &mut Stream) -> Made {
+fn pebbles(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let count = 7 + d.below(14);
     let r = d.range(0.08, 0.2);
@@ -80,7 +80,7 @@ fn pebbles(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn slabs(d: &mut Stream) -> Made {
+fn slabs(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let count = 3 + d.below(4);
     let mut y = 0.0;
@@ -113,7 +113,7 @@ fn slabs(d: &mut Stream) -> Made {
 }
 
 /// A block with ledges, by a stepped distance field.
-fn strata(d: &mut Stream) -> Made {
+fn strata(d: &mut Stream) -> FormVariant {
     let (r, h, seed) = (d.range(0.3, 0.6), d.range(0.4, 0.9), d.bits());
     let layers = d.range(7.0, 12.0);
     let distance = move |p: Vec3| {
@@ -148,7 +148,7 @@ fn ground(half: [f64; 2], n: usize, f: impl Fn(f64, f64) -> f64) -> Body {
     body
 }
 
-fn hills(d: &mut Stream) -> Made {
+fn hills(d: &mut Stream) -> FormVariant {
     let (half, h, seed) = (d.range(2.0, 4.0), d.range(0.3, 1.0), d.bits());
     let cells = d.range(0.6, 1.1);
     let body = ground([half, half], 72, |x, z| {
@@ -158,7 +158,7 @@ fn hills(d: &mut Stream) -> Made {
     one(*d.pick(&[Stuff::Soil, Stuff::Grass, Stuff::Stone]), body)
 }
 
-fn dunes(d: &mut Stream) -> Made {
+fn dunes(d: &mut Stream) -> FormVariant {
     let (half, h, seed) = (d.range(2.0, 4.0), d.range(0.15, 0.45), d.bits());
     let waves = d.range(2.0, 4.0);
     let body = ground([half, half], 84, |x, z| {
@@ -175,7 +175,7 @@ fn dunes(d: &mut Stream) -> Made {
     one(Stuff::Sand, body)
 }
 
-fn snow(d: &mut Stream) -> Made {
+fn snow(d: &mut Stream) -> FormVariant {
     let (half, h, seed) = (d.range(1.0, 2.5), d.range(0.1, 0.35), d.bits());
     let body = ground([half, half * d.range(0.6, 1.0)], 60, |x, z| {
         let v = fractal(seed, [1.3 * x / half, 0.0, 1.3 * z / half], [0; 3], 3);
@@ -185,7 +185,7 @@ fn snow(d: &mut Stream) -> Made {
     one(Stuff::Snow, body)
 }
 
-fn heap(d: &mut Stream) -> Made {
+fn heap(d: &mut Stream) -> FormVariant {
     let (r, h, seed) = (d.range(0.3, 0.9), d.range(0.25, 0.5), d.bits());
     let stuff = *d.pick(&[Stuff::Soil, Stuff::Sand, Stuff::Snow]);
     let rings: Vec<Vec<Vec3>> = (0..=24)
@@ -247,7 +247,7 @@ fn cloth_over(
 }
 
 /// A cloth on a round table, the table below it.
-fn tablecloth(d: &mut Stream) -> Made {
+fn tablecloth(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let (r, height) = (d.range(0.35, 0.5), d.range(0.7, 0.75));
     m.add(
@@ -293,7 +293,7 @@ fn tablecloth(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn draped(d: &mut Stream) -> Made {
+fn draped(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let (half, height) = ([d.range(0.15, 0.35), d.range(0.15, 0.3)], d.range(0.2, 0.6));
     m.add(
@@ -310,7 +310,7 @@ fn draped(d: &mut Stream) -> Made {
 }
 
 /// A cloth hung from two or three points.
-fn hung(d: &mut Stream) -> Made {
+fn hung(d: &mut Stream) -> FormVariant {
     let (w, h) = (d.range(0.4, 0.8), d.range(0.5, 1.2));
     let points = 2 + d.below(3);
     let narrow = d.range(0.75, 0.95);
@@ -328,7 +328,7 @@ fn hung(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn towels(d: &mut Stream) -> Made {
+fn towels(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let half = [d.range(0.14, 0.2), d.range(0.1, 0.15)];
     let count = 1 + d.below(5);
@@ -350,7 +350,7 @@ fn towels(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn rug(d: &mut Stream) -> Made {
+fn rug(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.5, 1.2), d.range(0.35, 0.8)];
     let t = d.range(0.008, 0.018);
     let mut m = Maker::default();
@@ -376,7 +376,7 @@ fn rug(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn rug_round(d: &mut Stream) -> Made {
+fn rug_round(d: &mut Stream) -> FormVariant {
     let (r, t) = (d.range(0.4, 1.0), d.range(0.01, 0.02));
     let mut m = Maker::default();
     let disc = extrude(&circle(64, r), t).turned_x(-0.5 * PI).at([0.0, 0.5 * t, 0.0]);
@@ -385,7 +385,7 @@ fn rug_round(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn doormat(d: &mut Stream) -> Made {
+fn doormat(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.3, 0.4), d.range(0.2, 0.26)];
     let mut m = Maker::default();
     m.add(Stuff::Rubber, soft_block([0.0, 0.004, 0.0], [half[0], 0.004, half[1]], 0.003, 1));

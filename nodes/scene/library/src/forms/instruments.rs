@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::geom::Vec3;
@@ -16,7 +16,7 @@ pub(super) const FORMS: &[Form] = &[
     form("trumpet", Family::Instrument, 6, trumpet),
 ];
 
-fn guitar(d: &mut Stream) -> Made {
+fn guitar(d: &mut Stream) -> FormVariant {
     let (l, w) = (d.range(0.42, 0.5), d.range(0.17, 0.2));
     let deep = d.range(0.04, 0.11);
     let waist = d.range(0.55, 0.75);
@@ -72,7 +72,7 @@ fn guitar(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn drum(d: &mut Stream) -> Made {
+fn drum(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.13, 0.25), d.range(0.12, 0.4));
     let mut m = Maker::default();
     m.add(
@@ -98,7 +98,7 @@ fn drum(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn piano(d: &mut Stream) -> Made {
+fn piano(d: &mut Stream) -> FormVariant {
     let (half, h, deep) = (0.74, d.range(1.1, 1.25), d.range(0.15, 0.18));
     let stuff = *d.pick(&[Stuff::Wood, Stuff::Plastic]);
     let mut m = Maker::default();
@@ -131,7 +131,7 @@ fn piano(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn xylophone(d: &mut Stream) -> Made {
+fn xylophone(d: &mut Stream) -> FormVariant {
     let bars = 8 + d.below(8);
     let w = 0.013;
     let mut m = Maker::default();
@@ -155,7 +155,7 @@ fn xylophone(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn trumpet(d: &mut Stream) -> Made {
+fn trumpet(d: &mut Stream) -> FormVariant {
     let l = d.range(0.44, 0.5);
     let mut m = Maker::default();
     let y = 0.065;

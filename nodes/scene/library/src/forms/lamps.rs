@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::{maths, rng::Stream};
@@ -26,7 +26,7 @@ fn shade(low: f64, high: f64, r_low: f64, r_high: f64, curve: f64, thick: f64) -
     lathe_loop(&outer.chain(inner).collect::<Vec<_>>(), 36)
 }
 
-fn desk(d: &mut Stream) -> Made {
+fn desk(d: &mut Stream) -> FormVariant {
     let stuff = *d.pick(&[Stuff::PaintedMetal, Stuff::Metal]);
     let mut m = Maker::default();
     let r = d.range(0.08, 0.1);
@@ -66,7 +66,7 @@ fn desk(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn floor(d: &mut Stream) -> Made {
+fn floor(d: &mut Stream) -> FormVariant {
     let (height, r) = (d.range(1.4, 1.7), d.range(0.16, 0.24));
     let tall = d.range(0.2, 0.32);
     let mut m = Maker::default();
@@ -116,7 +116,7 @@ fn floor(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn table(d: &mut Stream) -> Made {
+fn table(d: &mut Stream) -> FormVariant {
     let (foot, height) = (d.range(0.18, 0.32), d.range(0.38, 0.58));
     let stuff = *d.pick(&[Stuff::Ceramic, Stuff::Wood, Stuff::Metal, Stuff::Clay]);
     let mut m = Maker::default();
@@ -152,7 +152,7 @@ fn table(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn arc_lamp(d: &mut Stream) -> Made {
+fn arc_lamp(d: &mut Stream) -> FormVariant {
     let (height, reach) = (d.range(1.6, 2.0), d.range(0.9, 1.3));
     let mut m = Maker::default();
     m.add(
@@ -183,7 +183,7 @@ fn arc_lamp(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn globe(d: &mut Stream) -> Made {
+fn globe(d: &mut Stream) -> FormVariant {
     let r = d.range(0.07, 0.14);
     let mut m = Maker::default();
     let foot = d.range(0.02, 0.15);
@@ -207,7 +207,7 @@ fn globe(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn lantern(d: &mut Stream) -> Made {
+fn lantern(d: &mut Stream) -> FormVariant {
     let (w, h) = (d.range(0.06, 0.1), d.range(0.16, 0.28));
     let stuff = *d.pick(&[Stuff::PaintedMetal, Stuff::Metal, Stuff::Wood]);
     let mut m = Maker::default();
@@ -251,7 +251,7 @@ pub(super) fn flame(y: f64) -> Body {
     ])
 }
 
-fn candle(d: &mut Stream) -> Made {
+fn candle(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let r = d.range(0.011, 0.035);
     let h = if r < 0.018 { d.range(0.15, 0.28) } else { d.range(0.06, 0.18) };

@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::geom::Vec3;
@@ -56,7 +56,7 @@ pub(super) fn metal(d: &mut Stream) -> Stuff {
     *d.pick(&[Stuff::Metal, Stuff::Metal, Stuff::Metal, Stuff::PaintedMetal, Stuff::Plastic])
 }
 
-fn gear(d: &mut Stream) -> Made {
+fn gear(d: &mut Stream) -> FormVariant {
     let (teeth, m) = (10 + d.below(22), d.range(0.002, 0.006));
     let r = 0.5 * m * teeth as f64;
     let (thick, bore) = (r * d.range(0.2, 0.6), r * d.range(0.15, 0.3));
@@ -75,7 +75,7 @@ fn gear(d: &mut Stream) -> Made {
 }
 
 /// Two or three gears in mesh on a plate.
-fn train(d: &mut Stream) -> Made {
+fn train(d: &mut Stream) -> FormVariant {
     let m = d.range(0.003, 0.005);
     let thick = 0.012;
     let mut made = Maker::default();
@@ -115,7 +115,7 @@ fn train(d: &mut Stream) -> Made {
     made.made()
 }
 
-fn flange(d: &mut Stream) -> Made {
+fn flange(d: &mut Stream) -> FormVariant {
     let (r, bore, thick) = (d.range(0.05, 0.1), d.range(0.4, 0.55), d.range(0.012, 0.02));
     let bolts = 4 + 2 * d.below(3);
     let bore = bore * r;
@@ -161,7 +161,7 @@ fn flange(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn bearing(d: &mut Stream) -> Made {
+fn bearing(d: &mut Stream) -> FormVariant {
     let (r, wide) = (d.range(0.02, 0.06), d.range(0.25, 0.4));
     let (bore, w) = (r * d.range(0.4, 0.55), wide * r);
     let mid = 0.5 * (r + bore);
@@ -192,7 +192,7 @@ fn bearing(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn bolt(d: &mut Stream) -> Made {
+fn bolt(d: &mut Stream) -> FormVariant {
     let r = d.range(0.003, 0.01);
     let l = r * d.range(5.0, 12.0);
     let (pitch, head) = (0.45 * r, 1.3 * r);
@@ -244,7 +244,7 @@ fn bolt(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn spring(d: &mut Stream) -> Made {
+fn spring(d: &mut Stream) -> FormVariant {
     let (r, wire, turns) = (d.range(0.01, 0.04), d.range(0.08, 0.16), d.range(5.0, 10.0));
     let wire = wire * r;
     let pitch = wire * d.range(2.6, 4.5);
@@ -262,7 +262,7 @@ fn spring(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn crank(d: &mut Stream) -> Made {
+fn crank(d: &mut Stream) -> FormVariant {
     let (throws, r, s) = (2 + d.below(3), d.range(0.02, 0.03), d.range(0.03, 0.045));
     let (web, journal) = (0.016, 0.04);
     let mut m = Maker::default();
@@ -294,7 +294,7 @@ fn crank(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn pulley(d: &mut Stream) -> Made {
+fn pulley(d: &mut Stream) -> FormVariant {
     let (r, w) = (d.range(0.04, 0.09), d.range(0.02, 0.04));
     let bore = 0.16 * r;
     let depth = 0.35 * w;
@@ -323,7 +323,7 @@ fn pulley(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn chain(d: &mut Stream) -> Made {
+fn chain(d: &mut Stream) -> FormVariant {
     let (count, r) = (6 + d.below(8), d.range(0.003, 0.007));
     let (l, w) = (3.4 * r, 1.7 * r);
     let bend = d.range(-0.15, 0.15);

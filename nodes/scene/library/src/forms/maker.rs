@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::Body, stuff::Stuff},
-    Made, Part, Top, cover,
+    FormVariant, Part, Top, cover,
 };
 use tauflow_data::geom::{Aabb, Vec3, add, sub};
 use tauflow_data::mesh::Mesh;
@@ -70,7 +70,7 @@ impl Maker {
     }
 
     /// The thing, set on its foot.
-    pub fn made(self) -> Made {
+    pub fn made(self) -> FormVariant {
         let mut bounds = Aabb::EMPTY;
         self.groups.iter().flat_map(|(_, b)| b).flat_map(|b| &b.points).for_each(|p| bounds.grow(*p));
         let center = bounds.center();
@@ -85,7 +85,7 @@ impl Maker {
             .collect();
         let half = [0.5 * bounds.size()[0], 0.5 * bounds.size()[2]];
         let moved = |b: Aabb| Aabb { low: add(b.low, by), high: add(b.high, by) };
-        Made {
+        FormVariant {
             parts,
             bounds: Aabb { low: [-half[0], 0.0, -half[1]], high: [half[0], sub(bounds.high, bounds.low)[1], half[1]] },
             tops: self.tops.into_iter().map(|t| Top { center: add(t.center, by), ..t }).collect(),
@@ -111,7 +111,7 @@ fn joined(meshes: &[Mesh]) -> Mesh {
 }
 
 /// A thing of one body.
-pub fn one(stuff: Stuff, body: Body) -> Made {
+pub fn one(stuff: Stuff, body: Body) -> FormVariant {
     let mut m = Maker::default();
     m.add(stuff, body);
     m.made()

@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::{maths, rng::Stream};
@@ -46,7 +46,7 @@ fn pole(m: &mut Maker, half: f64, y: f64) {
     }
 }
 
-fn pair(d: &mut Stream) -> Made {
+fn pair(d: &mut Stream) -> FormVariant {
     let (half, height) = (d.range(0.6, 1.1), d.range(1.4, 2.4));
     let mut m = Maker::default();
     pole(&mut m, half, height + 0.02);
@@ -76,7 +76,7 @@ fn pair(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn single(d: &mut Stream) -> Made {
+fn single(d: &mut Stream) -> FormVariant {
     let (half, height) = (d.range(0.4, 0.9), d.range(1.2, 2.4));
     let mut m = Maker::default();
     pole(&mut m, half + 0.05, height + 0.02);
@@ -86,7 +86,7 @@ fn single(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn venetian(d: &mut Stream) -> Made {
+fn venetian(d: &mut Stream) -> FormVariant {
     let (half, height, pitch) = (d.range(0.3, 0.8), d.range(0.6, 1.5), d.range(0.022, 0.042));
     let tilt = d.range(-1.1, 1.1);
     let stuff = *d.pick(&[Stuff::PaintedMetal, Stuff::Wood, Stuff::Metal]);
@@ -119,7 +119,7 @@ fn venetian(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn roller(d: &mut Stream) -> Made {
+fn roller(d: &mut Stream) -> FormVariant {
     let (half, height) = (d.range(0.3, 0.8), d.range(0.4, 1.4));
     let mut m = Maker::default();
     m.add(Stuff::Fabric, rod([-half, height, 0.0], [half, height, 0.0], 0.024, 20));
@@ -132,7 +132,7 @@ fn roller(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn vertical(d: &mut Stream) -> Made {
+fn vertical(d: &mut Stream) -> FormVariant {
     let (half, height, wide) = (d.range(0.5, 1.1), d.range(1.2, 2.3), d.range(0.08, 0.12));
     let turn = d.range(-1.2, 1.2);
     let mut m = Maker::default();
@@ -167,7 +167,7 @@ fn lever(m: &mut Maker, x: f64, y: f64, z: f64, side: f64) {
     m.add(Stuff::Metal, tube(&path, 8, |_| 0.009));
 }
 
-fn door(d: &mut Stream) -> Made {
+fn door(d: &mut Stream) -> FormVariant {
     let (half, height) = (d.range(0.36, 0.46), d.range(1.96, 2.1));
     let stuff = *d.pick(&[Stuff::Wood, Stuff::Wood, Stuff::PaintedMetal]);
     let mut m = Maker::default();
@@ -222,7 +222,7 @@ fn glazing(m: &mut Maker, stuff: Stuff, low: [f64; 2], high: [f64; 2], grid: [us
     m.add(Stuff::Pane, sheet(1, 1, |s, t| [low[0] + (high[0] - low[0]) * s, low[1] + (high[1] - low[1]) * t, 0.0]));
 }
 
-fn window(d: &mut Stream) -> Made {
+fn window(d: &mut Stream) -> FormVariant {
     let (half, height) = (d.range(0.35, 0.9), d.range(0.8, 1.6));
     let stuff = *d.pick(&[Stuff::Wood, Stuff::PaintedMetal, Stuff::Plastic]);
     let mut m = Maker::default();
@@ -234,7 +234,7 @@ fn window(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn glazed(d: &mut Stream) -> Made {
+fn glazed(d: &mut Stream) -> FormVariant {
     let (half, height) = (d.range(0.38, 0.45), d.range(1.98, 2.1));
     let stuff = *d.pick(&[Stuff::Wood, Stuff::PaintedMetal]);
     let mut m = Maker::default();
@@ -247,7 +247,7 @@ fn glazed(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn radiator(d: &mut Stream) -> Made {
+fn radiator(d: &mut Stream) -> FormVariant {
     let (count, height, deep) = (6 + d.below(12), d.range(0.45, 0.75), d.range(0.04, 0.07));
     let mut m = Maker::default();
     let pitch = 0.05;
@@ -269,7 +269,7 @@ fn radiator(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn panel_radiator(d: &mut Stream) -> Made {
+fn panel_radiator(d: &mut Stream) -> FormVariant {
     let (half, height) = (d.range(0.3, 0.8), d.range(0.4, 0.6));
     let mut m = Maker::default();
     let n = (half / 0.02) as usize * 4;
@@ -293,7 +293,7 @@ fn panel_radiator(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn tap(d: &mut Stream) -> Made {
+fn tap(d: &mut Stream) -> FormVariant {
     let (h, reach) = (d.range(0.12, 0.3), d.range(0.1, 0.18));
     let mut m = Maker::default();
     m.add(
@@ -321,7 +321,7 @@ fn tap(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn basin(d: &mut Stream) -> Made {
+fn basin(d: &mut Stream) -> FormVariant {
     let (half, high) = ([d.range(0.22, 0.32), d.range(0.18, 0.22)], d.range(0.78, 0.86));
     let deep = 0.12;
     let round = d.range(0.3, 0.95) * half[1];

@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::{Maker, one},
 };
 use tauflow_data::geom::Vec3;
@@ -16,7 +16,7 @@ pub(super) const FORMS: &[Form] = &[
     form("globe_earth", Family::Ornament, 6, earth),
 ];
 
-fn candlestick(d: &mut Stream) -> Made {
+fn candlestick(d: &mut Stream) -> FormVariant {
     let (h, r) = (d.range(0.12, 0.32), d.range(0.04, 0.06));
     let stuff = *d.pick(&[Stuff::Metal, Stuff::Ceramic, Stuff::Wood]);
     let mut m = Maker::default();
@@ -47,7 +47,7 @@ fn candlestick(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn trophy(d: &mut Stream) -> Made {
+fn trophy(d: &mut Stream) -> FormVariant {
     let h = d.range(0.16, 0.32);
     let mut m = Maker::default();
     let b = 0.2 * h;
@@ -86,7 +86,7 @@ fn trophy(d: &mut Stream) -> Made {
 }
 
 /// A snail's or turret shell: a tube along a spiral that grows.
-fn shell(d: &mut Stream) -> Made {
+fn shell(d: &mut Stream) -> FormVariant {
     let (size, turns, tall) = (d.range(0.03, 0.08), d.range(3.5, 6.0), d.range(0.3, 2.2));
     let grow = d.range(0.55, 0.8);
     let n = (turns * 26.0) as usize;
@@ -110,7 +110,7 @@ fn shell(d: &mut Stream) -> Made {
     one(*d.pick(&[Stuff::Ceramic, Stuff::Stone, Stuff::Wax]), body.turned_x(tilt))
 }
 
-fn hourglass(d: &mut Stream) -> Made {
+fn hourglass(d: &mut Stream) -> FormVariant {
     let (h, r) = (d.range(0.14, 0.25), d.range(0.035, 0.05));
     let mut m = Maker::default();
     let stuff = *d.pick(&[Stuff::Wood, Stuff::Metal]);
@@ -145,7 +145,7 @@ fn hourglass(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn earth(d: &mut Stream) -> Made {
+fn earth(d: &mut Stream) -> FormVariant {
     let r = d.range(0.08, 0.16);
     let mut m = Maker::default();
     let y = 1.7 * r;

@@ -2,7 +2,7 @@
 
 use super::{
     super::{noise::noise, shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::geom::{Vec3, add, cross, mul, unit};
@@ -52,7 +52,7 @@ pub(super) fn outwards(a: f64, rise: f64) -> Vec3 {
     [maths::cos(rise) * maths::sin(a), maths::sin(rise), maths::cos(rise) * maths::cos(a)]
 }
 
-fn leafy(d: &mut Stream) -> Made {
+fn leafy(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let r = d.range(0.07, 0.18);
     let soil = pot(&mut m, d, r);
@@ -89,7 +89,7 @@ fn leafy(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn fern(d: &mut Stream) -> Made {
+fn fern(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let r = d.range(0.07, 0.13);
     let soil = pot(&mut m, d, r);
@@ -144,7 +144,7 @@ fn ribbed(r: f64, h: f64, ribs: usize, deep: f64) -> Body {
     skin(&rings, [true, false], [true, false]).smooth()
 }
 
-fn cactus(d: &mut Stream) -> Made {
+fn cactus(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let r = d.range(0.05, 0.12);
     let soil = pot(&mut m, d, r);
@@ -177,7 +177,7 @@ fn cactus(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn succulent(d: &mut Stream) -> Made {
+fn succulent(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let r = d.range(0.04, 0.09);
     let soil = pot(&mut m, d, r);
@@ -198,7 +198,7 @@ fn succulent(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn strap(d: &mut Stream) -> Made {
+fn strap(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let r = d.range(0.06, 0.14);
     let soil = pot(&mut m, d, r);
@@ -217,7 +217,7 @@ fn strap(d: &mut Stream) -> Made {
 }
 
 /// Cut flowers in a vase.
-fn flowers(d: &mut Stream) -> Made {
+fn flowers(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let (h, w) = (d.range(0.15, 0.26), d.range(0.035, 0.055));
     let neck = w * d.range(0.5, 0.9);

@@ -2,7 +2,7 @@
 
 use super::{
     super::{noise::fractal, shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::geom::{Vec3, dot, length, mul, sub, unit};
@@ -21,7 +21,7 @@ fn plinth(m: &mut Maker, stuff: Stuff, half: f64, h: f64) {
 }
 
 /// A standing figure of smooth capsules on a plinth.
-fn figure(d: &mut Stream) -> Made {
+fn figure(d: &mut Stream) -> FormVariant {
     let h = d.range(0.35, 1.2);
     let stuff = *d.pick(&[Stuff::Stone, Stuff::Metal, Stuff::Plaster, Stuff::Clay]);
     let sway = d.range(-0.04, 0.04);
@@ -72,7 +72,7 @@ fn figure(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn bust(d: &mut Stream) -> Made {
+fn bust(d: &mut Stream) -> FormVariant {
     let h = d.range(0.3, 0.55);
     let stuff = *d.pick(&[Stuff::Stone, Stuff::Plaster, Stuff::Metal, Stuff::Clay]);
     let (nose, brow, jaw, hair) = (d.range(0.018, 0.034), d.range(0.0, 0.02), d.range(0.9, 1.15), d.range(0.0, 0.05));
@@ -131,7 +131,7 @@ fn bust(d: &mut Stream) -> Made {
 }
 
 /// A rounded mass with holes through it.
-fn pierced(d: &mut Stream) -> Made {
+fn pierced(d: &mut Stream) -> FormVariant {
     let r = d.range(0.1, 0.35);
     let shape = [d.range(0.7, 1.0), d.range(0.8, 1.2), d.range(0.5, 0.8)];
     let seed = d.bits();
@@ -166,7 +166,7 @@ fn pierced(d: &mut Stream) -> Made {
 }
 
 /// A ribbon that closes on itself, standing.
-fn looped(d: &mut Stream) -> Made {
+fn looped(d: &mut Stream) -> FormVariant {
     let r = d.range(0.1, 0.3);
     let (a, b, phase) = (1.0 + d.below(2) as f64, 2.0 + d.below(2) as f64, d.range(0.0, TAU));
     let path: Vec<Vec3> = (0..160)
@@ -189,7 +189,7 @@ fn looped(d: &mut Stream) -> Made {
 }
 
 /// Balanced stones or solids.
-fn stack(d: &mut Stream) -> Made {
+fn stack(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let mut y = 0.0;
     let mut r = d.range(0.08, 0.15);

@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::{maths, rng::Stream};
@@ -18,7 +18,7 @@ pub(super) const FORMS: &[Form] = &[
 ];
 
 /// A wooden chair with slats in its back.
-fn slats(d: &mut Stream) -> Made {
+fn slats(d: &mut Stream) -> FormVariant {
     let (w, depth, seat) = (d.range(0.2, 0.24), d.range(0.19, 0.22), d.range(0.43, 0.47));
     let (height, leg) = (d.range(0.78, 1.02), d.range(0.016, 0.024));
     let lean = d.range(0.04, 0.1);
@@ -62,7 +62,7 @@ fn slats(d: &mut Stream) -> Made {
 }
 
 /// A moulded shell on thin metal or wooden legs.
-fn shell(d: &mut Stream) -> Made {
+fn shell(d: &mut Stream) -> FormVariant {
     let (w, seat, height) = (d.range(0.21, 0.25), d.range(0.42, 0.46), d.range(0.76, 0.88));
     let curl = d.range(0.05, 0.12);
     let wide = d.range(0.75, 0.95);
@@ -111,7 +111,7 @@ fn shell(d: &mut Stream) -> Made {
 }
 
 /// A round stool on three or four legs.
-fn stool(d: &mut Stream) -> Made {
+fn stool(d: &mut Stream) -> FormVariant {
     let (r, height) = (d.range(0.14, 0.19), d.range(0.42, 0.7));
     let legs = 3 + d.below(2);
     let thick = d.range(0.025, 0.045);
@@ -151,7 +151,7 @@ fn stool(d: &mut Stream) -> Made {
 }
 
 /// A swivel chair on a star of five castors.
-fn office(d: &mut Stream) -> Made {
+fn office(d: &mut Stream) -> FormVariant {
     let (seat, w, height) = (d.range(0.43, 0.5), d.range(0.22, 0.26), d.range(0.85, 1.15));
     let cover = *d.pick(&[Stuff::Fabric, Stuff::Leather]);
     let star = *d.pick(&[Stuff::Plastic, Stuff::Metal]);
@@ -207,7 +207,7 @@ fn office(d: &mut Stream) -> Made {
 }
 
 /// A folding chair of crossed frames.
-fn folding(d: &mut Stream) -> Made {
+fn folding(d: &mut Stream) -> FormVariant {
     let (w, seat, height) = (d.range(0.19, 0.22), 0.45, d.range(0.76, 0.84));
     let frame = *d.pick(&[Stuff::Wood, Stuff::PaintedMetal, Stuff::Metal]);
     let size = if frame == Stuff::Wood { [0.034, 0.018] } else { [0.022, 0.012] };
@@ -236,7 +236,7 @@ fn folding(d: &mut Stream) -> Made {
 }
 
 /// A Windsor chair: spindles under a bent hoop.
-fn windsor(d: &mut Stream) -> Made {
+fn windsor(d: &mut Stream) -> FormVariant {
     let (w, seat, height) = (d.range(0.2, 0.23), d.range(0.43, 0.46), d.range(0.85, 1.05));
     let mut m = Maker::default();
     let outline: Vec<[f64; 2]> = circle(28, 1.0)
@@ -277,7 +277,7 @@ fn windsor(d: &mut Stream) -> Made {
 }
 
 /// A high stool with a foot ring.
-fn bar(d: &mut Stream) -> Made {
+fn bar(d: &mut Stream) -> FormVariant {
     let (r, height) = (d.range(0.15, 0.19), d.range(0.64, 0.8));
     let mut m = Maker::default();
     let cover = *d.pick(&[Stuff::Leather, Stuff::Wood, Stuff::Plastic]);

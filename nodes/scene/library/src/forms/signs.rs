@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::{maths, rng::Stream};
@@ -32,7 +32,7 @@ const WORDS: &[&str] = &[
     "BAR",
 ];
 
-fn sign_board(d: &mut Stream) -> Made {
+fn sign_board(d: &mut Stream) -> FormVariant {
     let text = *d.pick(WORDS);
     let height = d.range(0.08, 0.2);
     let half = [0.5 * text_width(text, height) + 0.4 * height, 0.5 * height + 0.35 * height];
@@ -59,7 +59,7 @@ fn sign_board(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn letters(d: &mut Stream) -> Made {
+fn letters(d: &mut Stream) -> FormVariant {
     let text = *d.pick(WORDS);
     let height = d.range(0.08, 0.4);
     let depth = height * d.range(0.15, 0.35);
@@ -69,7 +69,7 @@ fn letters(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn sign_post(d: &mut Stream) -> Made {
+fn sign_post(d: &mut Stream) -> FormVariant {
     let h = d.range(1.9, 2.6);
     let mut m = Maker::default();
     m.add(Stuff::Metal, rod([0.0, 0.0, 0.0], [0.0, h, 0.0], 0.03, 14));
@@ -95,7 +95,7 @@ fn sign_post(d: &mut Stream) -> Made {
 }
 
 /// A board that stands on the pavement.
-fn easel(d: &mut Stream) -> Made {
+fn easel(d: &mut Stream) -> FormVariant {
     let (w, h) = (d.range(0.25, 0.35), d.range(0.8, 1.1));
     let lean = 0.2;
     let mut m = Maker::default();

@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::{maths, rng::Stream};
@@ -33,7 +33,7 @@ pub(super) fn stuffed(d: &mut Stream, half: [f64; 2], thick: f64) -> Body {
     sheet(n, n, |s, t| face(s, 1.0 - t, 1.0)).with(sheet(n, n, |s, t| face(s, t, -1.0)))
 }
 
-fn upholstered(d: &mut Stream, width: f64, seats: usize) -> Made {
+fn upholstered(d: &mut Stream, width: f64, seats: usize) -> FormVariant {
     let cover = *d.pick(&[Stuff::Fabric, Stuff::Fabric, Stuff::Leather]);
     let (depth, seat, height) = (d.range(0.8, 0.95), d.range(0.38, 0.46), d.range(0.7, 0.95));
     let (arm, arm_height, back) = (d.range(0.1, 0.22), d.range(0.54, 0.66), d.range(0.14, 0.22));
@@ -68,20 +68,20 @@ fn upholstered(d: &mut Stream, width: f64, seats: usize) -> Made {
 }
 
 /// A sofa for two or three.
-fn sofa(d: &mut Stream) -> Made {
+fn sofa(d: &mut Stream) -> FormVariant {
     let seats = 2 + d.below(2);
     let width = d.range(0.62, 0.75) * seats as f64 + 0.35;
     upholstered(d, width, seats)
 }
 
 /// The same for one.
-fn armchair(d: &mut Stream) -> Made {
+fn armchair(d: &mut Stream) -> FormVariant {
     let width = d.range(0.8, 0.98);
     upholstered(d, width, 1)
 }
 
 /// Cushions in an open wooden frame.
-fn frame(d: &mut Stream) -> Made {
+fn frame(d: &mut Stream) -> FormVariant {
     let (w, seat, height) = (d.range(0.3, 0.35), d.range(0.36, 0.42), d.range(0.75, 0.95));
     let cover = *d.pick(&[Stuff::Fabric, Stuff::Leather]);
     let mut m = Maker::default();
@@ -116,7 +116,7 @@ fn frame(d: &mut Stream) -> Made {
 }
 
 /// A low box to put feet on.
-fn ottoman(d: &mut Stream) -> Made {
+fn ottoman(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.25, 0.55), d.range(0.16, 0.2), d.range(0.22, 0.3)];
     let cover = *d.pick(&[Stuff::Fabric, Stuff::Leather]);
     let foot = d.range(0.03, 0.12);
@@ -131,7 +131,7 @@ fn ottoman(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn square(d: &mut Stream) -> Made {
+fn square(d: &mut Stream) -> FormVariant {
     let (x, z, thick) = (d.range(0.18, 0.26), d.range(0.16, 0.24), d.range(0.1, 0.17));
     let mut m = Maker::default();
     let stuff = *d.pick(&[Stuff::Fabric, Stuff::Fabric, Stuff::Leather]);
@@ -139,7 +139,7 @@ fn square(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn bolster(d: &mut Stream) -> Made {
+fn bolster(d: &mut Stream) -> FormVariant {
     let (r, l, pinch) = (d.range(0.07, 0.12), d.range(0.2, 0.45), d.range(0.3, 0.8));
     let profile = [
         [0.0, -l],
@@ -160,7 +160,7 @@ fn bolster(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn pillow(d: &mut Stream) -> Made {
+fn pillow(d: &mut Stream) -> FormVariant {
     let (x, z, thick) = (d.range(0.3, 0.4), d.range(0.2, 0.25), d.range(0.14, 0.2));
     let mut m = Maker::default();
     m.add(Stuff::Fabric, stuffed(d, [x, z], thick));
@@ -168,7 +168,7 @@ fn pillow(d: &mut Stream) -> Made {
 }
 
 /// A round seat cushion, ribbed.
-fn pouf(d: &mut Stream) -> Made {
+fn pouf(d: &mut Stream) -> FormVariant {
     let (r, h, ribs) = (d.range(0.22, 0.32), d.range(0.28, 0.4), 8 + d.below(8));
     let depth = d.range(0.02, 0.06);
     let n = ribs * 6;

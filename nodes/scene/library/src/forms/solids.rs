@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made,
+    Family, Form, FormVariant,
     maker::one,
     solid,
 };
@@ -29,13 +29,13 @@ fn solid_stuff(d: &mut Stream) -> Stuff {
     *d.pick(&[Stuff::Glass, Stuff::Ceramic, Stuff::Metal, Stuff::Stone, Stuff::Plastic, Stuff::Wood])
 }
 
-fn sphere(d: &mut Stream) -> Made {
+fn sphere(d: &mut Stream) -> FormVariant {
     let r = d.range(0.03, 0.12);
     let stuff = solid_stuff(d);
     one(stuff, ball(r, 48))
 }
 
-fn rounded(d: &mut Stream) -> Made {
+fn rounded(d: &mut Stream) -> FormVariant {
     let a = d.range(0.03, 0.12);
     let half = [a, a * d.range(0.35, 1.0), a * d.range(0.5, 1.0)];
     let r = d.range(0.03, 0.4) * half[1];
@@ -43,7 +43,7 @@ fn rounded(d: &mut Stream) -> Made {
     one(stuff, soft_block([0.0; 3], half, r, 5))
 }
 
-fn torus(d: &mut Stream) -> Made {
+fn torus(d: &mut Stream) -> FormVariant {
     let r = d.range(0.04, 0.12);
     let minor = r * d.range(0.2, 0.48);
     let body = tube_loop(&ring_path(r, minor, 64), 28, minor);
@@ -51,7 +51,7 @@ fn torus(d: &mut Stream) -> Made {
     one(stuff, if d.chance(0.4) { body.turned_x(0.5 * PI) } else { body })
 }
 
-fn knot(d: &mut Stream) -> Made {
+fn knot(d: &mut Stream) -> FormVariant {
     let (p, q) = *d.pick(&[(2.0, 3.0), (3.0, 2.0), (2.0, 5.0), (3.0, 4.0)]);
     let s = d.range(0.03, 0.08);
     let path: Vec<Vec3> = (0..220)
@@ -66,7 +66,7 @@ fn knot(d: &mut Stream) -> Made {
     one(stuff, tube_loop(&path, 16, s * d.range(0.24, 0.36)))
 }
 
-fn superellipsoid(d: &mut Stream) -> Made {
+fn superellipsoid(d: &mut Stream) -> FormVariant {
     let (e1, e2) = (d.range(0.3, 1.9), d.range(0.3, 1.9));
     let s = d.range(0.04, 0.1);
     let (sy, sz) = (s * d.range(0.6, 1.3), s * d.range(0.7, 1.0));
@@ -87,7 +87,7 @@ fn superellipsoid(d: &mut Stream) -> Made {
 }
 
 /// A brilliant: a table, a crown, a girdle, a pavilion, lying on a facet's side of it.
-fn gem(d: &mut Stream) -> Made {
+fn gem(d: &mut Stream) -> FormVariant {
     let (r, n) = (d.range(0.02, 0.05), 6 + 2 * d.below(3));
     let (crown, pavilion, table) = (d.range(0.55, 0.75), d.range(0.68, 0.8), d.range(0.28, 0.4));
     let mut planes: Vec<Vec3> = vec![[0.0, 1.0 / table, 0.0]];
@@ -118,7 +118,7 @@ fn gem(d: &mut Stream) -> Made {
     one(Stuff::Glass, if d.chance(0.5) { body.turned_x(0.5 * PI + pavilion) } else { body.turned_x(PI) })
 }
 
-fn crystal(d: &mut Stream) -> Made {
+fn crystal(d: &mut Stream) -> FormVariant {
     let sides = 5 + d.below(3);
     let (w, h) = (d.range(0.02, 0.05), d.range(2.0, 4.0));
     let mut planes: Vec<Vec3> = vec![[0.0, -1.0 / (0.5 * h), 0.0]];
@@ -136,7 +136,7 @@ fn crystal(d: &mut Stream) -> Made {
     one(Stuff::Glass, faceted(&planes).scaled([w, w, w]))
 }
 
-fn star(d: &mut Stream) -> Made {
+fn star(d: &mut Stream) -> FormVariant {
     let (points, inner, r) = (4 + d.below(5), d.range(0.4, 0.7), d.range(0.04, 0.1));
     let outline: Vec<[f64; 2]> = (0..2 * points)
         .map(|i| {
@@ -150,7 +150,7 @@ fn star(d: &mut Stream) -> Made {
     one(stuff, extrude(&outline, thick).turned_x(if d.chance(0.5) { 0.5 * PI } else { 0.0 }))
 }
 
-fn pill(d: &mut Stream) -> Made {
+fn pill(d: &mut Stream) -> FormVariant {
     let (r, l) = (d.range(0.02, 0.05), d.range(0.03, 0.1));
     let profile: Vec<_> = arc([0.0, -l], r, -0.5 * PI, 0.0, 8)
         .into_iter()
@@ -161,7 +161,7 @@ fn pill(d: &mut Stream) -> Made {
     one(stuff, lathe(&profile, 36).smooth().turned_z(if d.chance(0.5) { 0.5 * PI } else { 0.0 }))
 }
 
-fn cone(d: &mut Stream) -> Made {
+fn cone(d: &mut Stream) -> FormVariant {
     let (r, h, tip) = (d.range(0.03, 0.08), d.range(1.2, 2.6), d.range(0.0, 0.6));
     let tip = if tip < 0.2 { 0.0 } else { tip };
     let e = 0.03 * r;
@@ -174,7 +174,7 @@ fn cone(d: &mut Stream) -> Made {
     one(stuff, lathe(&profile, 44))
 }
 
-fn polyhedron(d: &mut Stream) -> Made {
+fn polyhedron(d: &mut Stream) -> FormVariant {
     let r = d.range(0.03, 0.08);
     let g = 0.5 * (1.0 + 5f64.sqrt());
     let mut planes: Vec<Vec3> = Vec::new();
@@ -208,14 +208,14 @@ fn polyhedron(d: &mut Stream) -> Made {
     one(stuff, body)
 }
 
-fn glass_prism(d: &mut Stream) -> Made {
+fn glass_prism(d: &mut Stream) -> FormVariant {
     let (r, l) = (d.range(0.02, 0.04), d.range(0.05, 0.12));
     let outline: Vec<[f64; 2]> =
         (0..3).map(|k| PI * (0.5 + 2.0 / 3.0 * f64::from(k))).map(|a| [r * maths::cos(a), r * maths::sin(a)]).collect();
     one(Stuff::Glass, extrude(&outline, l))
 }
 
-fn drop(d: &mut Stream) -> Made {
+fn drop(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.02, 0.05), d.range(2.2, 3.4));
     let profile: Vec<_> = (0..=24)
         .map(|k| {

@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::{maths, rng::Stream};
@@ -14,7 +14,7 @@ pub(super) const FORMS: &[Form] = &[
     form("stepladder", Family::Stair, 6, stepladder),
 ];
 
-fn stairs(d: &mut Stream) -> Made {
+fn stairs(d: &mut Stream) -> FormVariant {
     let (count, rise, going, half) = (3 + d.below(8), d.range(0.15, 0.19), d.range(0.25, 0.32), d.range(0.4, 0.8));
     let stuff = *d.pick(&[Stuff::Stone, Stuff::Concrete, Stuff::Wood, Stuff::Brick]);
     let mut m = Maker::default();
@@ -28,7 +28,7 @@ fn stairs(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn stairs_open(d: &mut Stream) -> Made {
+fn stairs_open(d: &mut Stream) -> FormVariant {
     let (count, rise, going, half) = (6 + d.below(8), d.range(0.17, 0.2), d.range(0.22, 0.27), d.range(0.35, 0.5));
     let stuff = *d.pick(&[Stuff::Wood, Stuff::PaintedMetal]);
     let mut m = Maker::default();
@@ -68,7 +68,7 @@ fn stairs_open(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn spiral(d: &mut Stream) -> Made {
+fn spiral(d: &mut Stream) -> FormVariant {
     let (count, r, rise) = (10 + d.below(8), d.range(0.6, 0.9), d.range(0.17, 0.2));
     let step = d.range(0.38, 0.5);
     let stuff = *d.pick(&[Stuff::PaintedMetal, Stuff::Wood, Stuff::Metal]);
@@ -90,7 +90,7 @@ fn spiral(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn stepladder(d: &mut Stream) -> Made {
+fn stepladder(d: &mut Stream) -> FormVariant {
     let (count, w) = (3 + d.below(5), d.range(0.18, 0.24));
     let h = 0.25 * count as f64;
     let (front, back) = (0.25 * h, 0.35 * h);

@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::rng::Stream;
@@ -57,7 +57,7 @@ pub(super) fn fronts(
     }
 }
 
-fn bookcase(d: &mut Stream) -> Made {
+fn bookcase(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.3, 0.6), d.range(0.13, 0.18)];
     let (height, thick) = (d.range(0.8, 2.1), d.range(0.008, 0.014));
     let rows = ((height / d.range(0.28, 0.38)) as usize).max(2);
@@ -86,7 +86,7 @@ fn bookcase(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn ladder(d: &mut Stream) -> Made {
+fn ladder(d: &mut Stream) -> FormVariant {
     let (w, height, deep) = (d.range(0.25, 0.4), d.range(1.5, 2.0), d.range(0.35, 0.5));
     let mut m = Maker::default();
     for s in [-1.0, 1.0] {
@@ -108,7 +108,7 @@ fn ladder(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn wall(d: &mut Stream) -> Made {
+fn wall(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.3, 0.7), d.range(0.08, 0.14)];
     let mut m = Maker::default();
     let thick = d.range(0.009, 0.02);
@@ -138,7 +138,7 @@ fn wall(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn cubes(d: &mut Stream) -> Made {
+fn cubes(d: &mut Stream) -> FormVariant {
     let (columns, rows, cell) = (2 + d.below(3), 2 + d.below(3), d.range(0.3, 0.38));
     let (thick, deep) = (0.009, d.range(0.15, 0.19));
     let mut m = Maker::default();
@@ -168,7 +168,7 @@ fn cubes(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn wire(d: &mut Stream) -> Made {
+fn wire(d: &mut Stream) -> FormVariant {
     let (w, deep, height) = (d.range(0.35, 0.55), d.range(0.17, 0.25), d.range(1.2, 1.9));
     let rows = 3 + d.below(3);
     let mut m = Maker::default();
@@ -203,7 +203,7 @@ fn carcass(m: &mut Maker, stuff: Stuff, half: [f64; 3], foot: f64) {
     }
 }
 
-fn cabinet(d: &mut Stream) -> Made {
+fn cabinet(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.4, 0.8), d.range(0.25, 0.42), d.range(0.19, 0.24)];
     let foot = d.range(0.06, 0.2);
     let mut m = Maker::default();
@@ -221,7 +221,7 @@ fn cabinet(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn chest(d: &mut Stream) -> Made {
+fn chest(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.25, 0.6), d.range(0.3, 0.55), d.range(0.2, 0.25)];
     let mut m = Maker::default();
     let stuff = *d.pick(&[Stuff::Wood, Stuff::Wood, Stuff::PaintedMetal]);
@@ -232,7 +232,7 @@ fn chest(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn locker(d: &mut Stream) -> Made {
+fn locker(d: &mut Stream) -> FormVariant {
     let (count, height, deep, cell) = (1 + d.below(4), d.range(1.6, 1.9), d.range(0.22, 0.26), d.range(0.15, 0.2));
     let mut m = Maker::default();
     let w = cell * count as f64;
@@ -257,7 +257,7 @@ fn locker(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn wardrobe(d: &mut Stream) -> Made {
+fn wardrobe(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.45, 0.9), d.range(0.9, 1.05), d.range(0.27, 0.32)];
     let mut m = Maker::default();
     let foot = 0.06;
@@ -284,7 +284,7 @@ fn wardrobe(d: &mut Stream) -> Made {
 }
 
 /// A display case: glass doors before shelves.
-fn vitrine(d: &mut Stream) -> Made {
+fn vitrine(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.3, 0.5), d.range(0.7, 0.9), d.range(0.17, 0.22)];
     let mut m = Maker::default();
     let t = 0.012;

@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::{maths, rng::Stream};
@@ -15,7 +15,7 @@ pub(super) const FORMS: &[Form] = &[
     form("street_lamp_lantern", Family::StreetLamp, 6, lamp_lantern),
 ];
 
-fn park(d: &mut Stream) -> Made {
+fn park(d: &mut Stream) -> FormVariant {
     let (half, seat, h) = (d.range(0.6, 0.95), d.range(0.42, 0.46), d.range(0.78, 0.9));
     let mut m = Maker::default();
     let slats = 4 + d.below(3);
@@ -60,7 +60,7 @@ fn park(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn bench_stone(d: &mut Stream) -> Made {
+fn bench_stone(d: &mut Stream) -> FormVariant {
     let (half, h, deep, t) = (d.range(0.6, 1.0), d.range(0.4, 0.47), d.range(0.18, 0.24), d.range(0.05, 0.09));
     let stuff = *d.pick(&[Stuff::Stone, Stuff::Concrete, Stuff::Wood]);
     let mut m = Maker::default();
@@ -104,7 +104,7 @@ fn mast(m: &mut Maker, h: f64, r: f64) {
     m.add(Stuff::PaintedMetal, lathe(&profile, 20));
 }
 
-fn lamp_arm(d: &mut Stream) -> Made {
+fn lamp_arm(d: &mut Stream) -> FormVariant {
     let (h, reach, r) = (d.range(3.5, 5.5), d.range(0.7, 1.4), d.range(0.045, 0.065));
     let mut m = Maker::default();
     mast(&mut m, h, r);
@@ -129,7 +129,7 @@ fn lamp_arm(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn lamp_globe(d: &mut Stream) -> Made {
+fn lamp_globe(d: &mut Stream) -> FormVariant {
     let (h, r) = (d.range(2.4, 3.6), d.range(0.035, 0.05));
     let globes = *d.pick(&[1usize, 2, 3]);
     let size = d.range(0.14, 0.22);
@@ -166,7 +166,7 @@ fn lamp_globe(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn lamp_lantern(d: &mut Stream) -> Made {
+fn lamp_lantern(d: &mut Stream) -> FormVariant {
     let (h, r, w) = (d.range(2.4, 3.4), d.range(0.04, 0.055), d.range(0.12, 0.17));
     let sides = 4 + 2 * d.below(2);
     let mut m = Maker::default();

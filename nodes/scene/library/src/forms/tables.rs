@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
     storage::fronts,
 };
@@ -29,7 +29,7 @@ fn plank_top(m: &mut Maker, stuff: Stuff, half: [f64; 2], height: f64, thick: f6
     m.top([0.0, height, 0.0], [half[0] - 0.01, half[1] - 0.01], f64::INFINITY);
 }
 
-fn dining(d: &mut Stream) -> Made {
+fn dining(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.6, 1.1), d.range(0.38, 0.5)];
     let (height, thick, leg) = (d.range(0.72, 0.77), d.range(0.02, 0.045), d.range(0.025, 0.045));
     let mut m = Maker::default();
@@ -75,7 +75,7 @@ fn dining(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn round(d: &mut Stream) -> Made {
+fn round(d: &mut Stream) -> FormVariant {
     let (r, height, thick) = (d.range(0.35, 0.65), d.range(0.7, 0.76), d.range(0.018, 0.04));
     let top = *d.pick(&[Stuff::Wood, Stuff::Wood, Stuff::Stone]);
     let base = if top == Stuff::Wood && d.chance(0.6) { Stuff::Wood } else { Stuff::PaintedMetal };
@@ -114,7 +114,7 @@ fn round(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn coffee(d: &mut Stream) -> Made {
+fn coffee(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.4, 0.65), d.range(0.25, 0.4)];
     let (height, thick) = (d.range(0.32, 0.46), d.range(0.018, 0.04));
     let stuff = *d.pick(&[Stuff::Wood, Stuff::Stone, Stuff::Plastic]);
@@ -134,7 +134,7 @@ fn coffee(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn tripod(d: &mut Stream) -> Made {
+fn tripod(d: &mut Stream) -> FormVariant {
     let (r, height) = (d.range(0.18, 0.26), d.range(0.48, 0.65));
     let mut m = Maker::default();
     let rim = d.range(0.0, 0.015);
@@ -167,7 +167,7 @@ fn tripod(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn trestle(d: &mut Stream) -> Made {
+fn trestle(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.7, 1.1), d.range(0.35, 0.45)];
     let (height, thick) = (d.range(0.72, 0.76), d.range(0.02, 0.035));
     let mut m = Maker::default();
@@ -188,7 +188,7 @@ fn trestle(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn glass(d: &mut Stream) -> Made {
+fn glass(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.4, 0.8), d.range(0.3, 0.45)];
     let height = d.range(0.38, 0.74);
     let mut m = Maker::default();
@@ -218,7 +218,7 @@ fn glass(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn console(d: &mut Stream) -> Made {
+fn console(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.45, 0.65), d.range(0.14, 0.19)];
     let height = d.range(0.74, 0.86);
     let mut m = Maker::default();
@@ -253,7 +253,7 @@ fn console(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn drawers(d: &mut Stream) -> Made {
+fn drawers(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.6, 0.85), d.range(0.3, 0.4)];
     let height = d.range(0.72, 0.76);
     let stuff = *d.pick(&[Stuff::Wood, Stuff::Wood, Stuff::Plastic]);
@@ -287,7 +287,7 @@ fn drawers(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn frame(d: &mut Stream) -> Made {
+fn frame(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.55, 0.9), d.range(0.3, 0.4)];
     let height = d.range(0.7, 0.78);
     let mut m = Maker::default();
@@ -310,7 +310,7 @@ fn frame(d: &mut Stream) -> Made {
 }
 
 /// A desk with pigeonholes on top.
-fn secretary(d: &mut Stream) -> Made {
+fn secretary(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.42, 0.6), d.range(0.26, 0.32)];
     let (height, upper) = (d.range(0.72, 0.76), d.range(0.25, 0.4));
     let mut m = Maker::default();
@@ -341,7 +341,7 @@ fn secretary(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn workbench(d: &mut Stream) -> Made {
+fn workbench(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.7, 1.0), d.range(0.3, 0.36)];
     let height = d.range(0.84, 0.92);
     let mut m = Maker::default();

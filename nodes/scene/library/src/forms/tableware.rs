@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::{Maker, one},
 };
 use tauflow_data::{maths, rng::Stream};
@@ -20,7 +20,7 @@ pub(super) const FORMS: &[Form] = &[
     form("whisk", Family::Utensil, 4, whisk),
 ];
 
-fn plate(d: &mut Stream) -> Made {
+fn plate(d: &mut Stream) -> FormVariant {
     let (r, rim) = (d.range(0.08, 0.14), d.range(0.012, 0.025));
     let foot = r * d.range(0.55, 0.7);
     let mut m = Maker::default();
@@ -41,7 +41,7 @@ fn plate(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn soup(d: &mut Stream) -> Made {
+fn soup(d: &mut Stream) -> FormVariant {
     let (r, deep) = (d.range(0.1, 0.125), d.range(0.03, 0.045));
     let well = r * d.range(0.66, 0.75);
     let outer = flat_spline(
@@ -62,7 +62,7 @@ fn soup(d: &mut Stream) -> Made {
     one(Stuff::Ceramic, lathe(&profile, 48).smooth())
 }
 
-fn tray(d: &mut Stream) -> Made {
+fn tray(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.17, 0.25), d.range(0.12, 0.18)];
     let rim = d.range(0.02, 0.045);
     let r = d.range(0.02, 0.09);
@@ -90,7 +90,7 @@ fn grip(l: f64, w: f64, arch: f64) -> Body {
     })
 }
 
-fn fork(d: &mut Stream) -> Made {
+fn fork(d: &mut Stream) -> FormVariant {
     let (l, w, tines) = (d.range(0.11, 0.13), d.range(0.007, 0.01), 3 + d.below(2));
     let mut m = Maker::default();
     m.add(Stuff::Metal, grip(l, w, 0.006));
@@ -118,7 +118,7 @@ fn fork(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn knife(d: &mut Stream) -> Made {
+fn knife(d: &mut Stream) -> FormVariant {
     let (l, blade_l, h) = (d.range(0.09, 0.12), d.range(0.1, 0.2), d.range(0.009, 0.02));
     let mut m = Maker::default();
     let stuff = *d.pick(&[Stuff::Wood, Stuff::Metal, Stuff::Plastic]);
@@ -136,7 +136,7 @@ fn knife(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn spoon(d: &mut Stream) -> Made {
+fn spoon(d: &mut Stream) -> FormVariant {
     let (l, w, bowl) = (d.range(0.09, 0.14), d.range(0.006, 0.009), d.range(0.012, 0.021));
     let long = 1.5 * bowl;
     let mut m = Maker::default();
@@ -165,7 +165,7 @@ fn spoon(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn pan(d: &mut Stream) -> Made {
+fn pan(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.1, 0.15), d.range(0.035, 0.06));
     let mut m = Maker::default();
     let stuff = *d.pick(&[Stuff::Metal, Stuff::PaintedMetal]);
@@ -198,7 +198,7 @@ fn pan(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn pot(d: &mut Stream) -> Made {
+fn pot(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.08, 0.13), d.range(0.08, 0.18));
     let stuff = *d.pick(&[Stuff::Metal, Stuff::PaintedMetal]);
     let mut m = Maker::default();
@@ -254,7 +254,7 @@ fn pot(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn chopping(d: &mut Stream) -> Made {
+fn chopping(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.12, 0.2), d.range(0.09, 0.13)];
     let t = d.range(0.012, 0.03);
     let mut m = Maker::default();
@@ -267,7 +267,7 @@ fn chopping(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn whisk(d: &mut Stream) -> Made {
+fn whisk(d: &mut Stream) -> FormVariant {
     let (l, head, w) = (d.range(0.1, 0.13), d.range(0.12, 0.16), d.range(0.025, 0.035));
     let mut m = Maker::default();
     m.add(

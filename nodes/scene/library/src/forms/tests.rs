@@ -67,7 +67,7 @@ fn sizes(family: Family) -> [f64; 2] {
 struct Sample {
     form: &'static Form,
     variant: u64,
-    made: Made,
+    made: FormVariant,
 }
 
 /// The first and the last variant of each form.
@@ -255,7 +255,7 @@ fn a_table_is_legs_and_a_board() {
 }
 
 /// Heights at which the vertical through (x, z) meets the mesh.
-fn heights(made: &Made, x: f64, z: f64) -> Vec<f64> {
+fn heights(made: &FormVariant, x: f64, z: f64) -> Vec<f64> {
     let mut out = Vec::new();
     for mesh in made.parts.iter().map(|p| &p.mesh) {
         for t in &mesh.triangles {
@@ -308,7 +308,7 @@ fn tops_are_flat_and_free() {
 }
 
 /// What one sees of proportions: the sides of the box, and the square root of the surface.
-fn proportions(made: &Made) -> [f64; 4] {
+fn proportions(made: &FormVariant) -> [f64; 4] {
     let [x, y, z] = made.bounds.size();
     let faces = made.parts.iter().flat_map(|p| p.mesh.triangles.iter().map(|t| corners(&p.mesh, t)));
     let area: f64 = faces.map(|[a, b, c]| 0.5 * length(cross(sub(b, a), sub(c, a)))).sum();
@@ -332,7 +332,7 @@ fn variants_differ() {
     assert!(alike.is_empty(), "variants are alike:\n{}", alike.join("\n"));
 }
 
-fn digest(made: &Made) -> u64 {
+fn digest(made: &FormVariant) -> u64 {
     let mut state = 7;
     for part in &made.parts {
         state = mix(state, part.stuff as u64);

@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::{maths, rng::Stream};
@@ -17,7 +17,7 @@ pub(super) const FORMS: &[Form] = &[
     form("watering_can", Family::Tool, 6, watering_can),
 ];
 
-fn hammer(d: &mut Stream) -> Made {
+fn hammer(d: &mut Stream) -> FormVariant {
     let (l, k) = (d.range(0.26, 0.34), d.range(0.011, 0.015));
     let mut m = Maker::default();
     let path = line([0.0, k, 0.0], [l, k, 0.0], 12);
@@ -80,7 +80,7 @@ fn hammer(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn spanner(d: &mut Stream) -> Made {
+fn spanner(d: &mut Stream) -> FormVariant {
     let (l, w, t) = (d.range(0.12, 0.24), d.range(0.006, 0.009), d.range(0.004, 0.006));
     let mut m = Maker::default();
     let (jaw, r) = (2.2 * w, 3.0 * w);
@@ -104,7 +104,7 @@ fn spanner(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn screwdriver(d: &mut Stream) -> Made {
+fn screwdriver(d: &mut Stream) -> FormVariant {
     let (grip, shaft, r) = (d.range(0.08, 0.11), d.range(0.07, 0.16), d.range(0.011, 0.016));
     let mut m = Maker::default();
     let ribs = 6;
@@ -157,7 +157,7 @@ fn screwdriver(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn saw(d: &mut Stream) -> Made {
+fn saw(d: &mut Stream) -> FormVariant {
     let (l, h) = (d.range(0.35, 0.55), d.range(0.09, 0.12));
     let teeth = (l / 0.011) as usize;
     let tip = 0.45 * h;
@@ -195,7 +195,7 @@ fn saw(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn toolbox(d: &mut Stream) -> Made {
+fn toolbox(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.18, 0.26), d.range(0.07, 0.1), d.range(0.08, 0.11)];
     let mut m = Maker::default();
     m.add(Stuff::PaintedMetal, board([0.0, half[1], 0.0], half));
@@ -225,7 +225,7 @@ fn toolbox(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn broom(d: &mut Stream) -> Made {
+fn broom(d: &mut Stream) -> FormVariant {
     let (l, w) = (d.range(1.2, 1.5), d.range(0.14, 0.22));
     let mut m = Maker::default();
     m.add(Stuff::Wood, rod([0.0, 0.11, 0.0], [0.0, l, 0.0], 0.012, 12));
@@ -239,7 +239,7 @@ fn broom(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn watering_can(d: &mut Stream) -> Made {
+fn watering_can(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.08, 0.12), d.range(0.15, 0.22));
     let stuff = *d.pick(&[Stuff::Metal, Stuff::PaintedMetal, Stuff::Plastic]);
     let mut m = Maker::default();

@@ -2,7 +2,7 @@
 
 use super::{
     super::{noise::fractal, shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::geom::{Vec3, mul};
@@ -18,7 +18,7 @@ pub(super) const FORMS: &[Form] = &[
     form("ball_toy", Family::Toy, 4, toy_ball),
 ];
 
-fn car(d: &mut Stream) -> Made {
+fn car(d: &mut Stream) -> FormVariant {
     let l = d.range(0.05, 0.12);
     let (w, h) = (0.42 * l, l * d.range(0.36, 0.5));
     let hood = d.range(0.2, 0.45);
@@ -170,7 +170,7 @@ fn piece(kind: usize, s: f64) -> Vec<Body> {
     }
 }
 
-fn chess(d: &mut Stream) -> Made {
+fn chess(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let s = d.range(0.8, 1.4);
     let count = 2 + d.below(5);
@@ -185,7 +185,7 @@ fn chess(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn chess_board(d: &mut Stream) -> Made {
+fn chess_board(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let q = d.range(0.043, 0.057);
     m.add(Stuff::Wood, board([0.0, 0.008, 0.0], [4.5 * q, 0.008, 4.5 * q]));
@@ -214,7 +214,7 @@ fn chess_board(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn blocks(d: &mut Stream) -> Made {
+fn blocks(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let q = d.range(0.02, 0.03);
     let stuff = *d.pick(&[Stuff::Wood, Stuff::Wood, Stuff::Plastic]);
@@ -239,7 +239,7 @@ fn blocks(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn stacker(d: &mut Stream) -> Made {
+fn stacker(d: &mut Stream) -> FormVariant {
     let mut m = Maker::default();
     let count = 4 + d.below(3);
     let r = d.range(0.045, 0.06);
@@ -259,7 +259,7 @@ fn stacker(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn bear(d: &mut Stream) -> Made {
+fn bear(d: &mut Stream) -> FormVariant {
     let s = d.range(0.12, 0.3);
     let (ear, belly, snout) = (d.range(0.07, 0.12), d.range(0.2, 0.26), d.range(0.05, 0.1));
     let seed = d.bits();
@@ -289,7 +289,7 @@ fn bear(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn toy_ball(d: &mut Stream) -> Made {
+fn toy_ball(d: &mut Stream) -> FormVariant {
     let r = d.range(0.05, 0.13);
     // Six gores of two colours.
     let mut m = Maker::default();

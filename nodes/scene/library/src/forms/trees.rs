@@ -2,7 +2,7 @@
 
 use super::{
     super::{noise::fractal, shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
     potted::outwards,
 };
@@ -34,7 +34,7 @@ pub(super) fn foliage(d: &mut Stream, buds: &[(Vec3, Vec3)], size: f64, wide: f6
     }))
 }
 
-fn broadleaf(d: &mut Stream) -> Made {
+fn broadleaf(d: &mut Stream) -> FormVariant {
     let growth = Growth {
         levels: 3,
         children: 5 + d.below(2),
@@ -56,7 +56,7 @@ fn broadleaf(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn poplar(d: &mut Stream) -> Made {
+fn poplar(d: &mut Stream) -> FormVariant {
     let growth = Growth {
         levels: 2,
         children: 16,
@@ -76,7 +76,7 @@ fn poplar(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn bare(d: &mut Stream) -> Made {
+fn bare(d: &mut Stream) -> FormVariant {
     let growth = Growth {
         levels: 4,
         children: 4,
@@ -95,7 +95,7 @@ fn bare(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn conifer(d: &mut Stream) -> Made {
+fn conifer(d: &mut Stream) -> FormVariant {
     let (h, wide) = (d.range(2.0, 5.0), d.range(0.2, 0.32));
     let mut m = Maker::default();
     m.add(Stuff::Bark, tube(&line([0.0; 3], [0.0, h, 0.0], 8), 9, |t| 0.022 * h * (1.05 - t)));
@@ -128,7 +128,7 @@ fn conifer(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn palm(d: &mut Stream) -> Made {
+fn palm(d: &mut Stream) -> FormVariant {
     let (h, lean) = (d.range(2.5, 5.0), d.range(-0.8, 0.8));
     let mut m = Maker::default();
     let path: Vec<Vec3> = (0..=24).map(|k| f64::from(k) / 24.0).map(|t| [lean * t * t, h * t, 0.0]).collect();
@@ -163,7 +163,7 @@ fn palm(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn bush(d: &mut Stream) -> Made {
+fn bush(d: &mut Stream) -> FormVariant {
     let (r, squash) = (d.range(0.25, 0.6), d.range(0.7, 1.1));
     let mut m = Maker::default();
     let mut wood = Vec::new();
@@ -195,7 +195,7 @@ fn bush(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn hedge(d: &mut Stream) -> Made {
+fn hedge(d: &mut Stream) -> FormVariant {
     let half = [d.range(0.5, 1.0), d.range(0.3, 0.75), d.range(0.18, 0.3)];
     let mut m = Maker::default();
     // A dark core that stops the view, and leaves over it.

@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::Maker,
 };
 use tauflow_data::geom::{Vec3, add};
@@ -35,7 +35,7 @@ fn tyre(r: f64, wide: f64) -> Vec<(Stuff, Body)> {
 }
 
 /// A saloon, estate or van by its sections.
-fn car(d: &mut Stream) -> Made {
+fn car(d: &mut Stream) -> FormVariant {
     let (l, w, h) = (d.range(1.8, 2.3), d.range(0.78, 0.9), d.range(1.35, 1.55));
     let (hood, tail) = (d.range(0.35, 0.55), d.range(0.1, 0.5));
     let (waist, clear) = (0.58 * h, 0.2);
@@ -102,7 +102,7 @@ fn car(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn cart(d: &mut Stream) -> Made {
+fn cart(d: &mut Stream) -> FormVariant {
     let (half, w, r) = (d.range(0.5, 0.8), d.range(0.3, 0.42), d.range(0.25, 0.42));
     let mut m = Maker::default();
     let y = r + 0.08;
@@ -136,7 +136,7 @@ fn cart(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn barrow(d: &mut Stream) -> Made {
+fn barrow(d: &mut Stream) -> FormVariant {
     let (l, w, deep) = (d.range(0.38, 0.48), d.range(0.26, 0.34), d.range(0.18, 0.26));
     let r = 0.18;
     let mut m = Maker::default();
@@ -187,7 +187,7 @@ fn barrow(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn boat(d: &mut Stream) -> Made {
+fn boat(d: &mut Stream) -> FormVariant {
     let (l, w, h) = (d.range(1.3, 1.8), d.range(0.5, 0.65), d.range(0.4, 0.5));
     let mut m = Maker::default();
     // A hull of a cross-section that narrows to the stem, with its inside.

@@ -2,7 +2,7 @@
 
 use super::{
     super::{shapes::*, stuff::Stuff},
-    Family, Form, Made, form,
+    Family, Form, FormVariant, form,
     maker::{Maker, one},
     solid,
 };
@@ -39,7 +39,7 @@ fn hollow(outer: &[[f64; 2]], thick: f64, bottom: f64) -> Vec<[f64; 2]> {
     profile
 }
 
-fn bottle(d: &mut Stream) -> Made {
+fn bottle(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.03, 0.045), d.range(0.2, 0.33));
     let neck = d.range(0.011, 0.015);
     let (shoulder, top) = (h * d.range(0.5, 0.68), h * d.range(0.75, 0.85));
@@ -61,7 +61,7 @@ fn bottle(d: &mut Stream) -> Made {
     one(Stuff::Glass, lathe(&hollow(&outer, 0.0025, 0.008), 36).smooth())
 }
 
-fn tumbler(d: &mut Stream) -> Made {
+fn tumbler(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.03, 0.045), d.range(0.08, 0.15));
     let flare = d.range(0.0, 0.2);
     let belly = d.range(-0.03, 0.06);
@@ -74,7 +74,7 @@ fn tumbler(d: &mut Stream) -> Made {
     one(Stuff::Glass, lathe(&hollow(&outer, 0.002, 0.009), 40).smooth())
 }
 
-fn wine_glass(d: &mut Stream) -> Made {
+fn wine_glass(d: &mut Stream) -> FormVariant {
     let (foot, stem, bowl, high) =
         (d.range(0.03, 0.036), d.range(0.06, 0.1), d.range(0.028, 0.045), d.range(0.07, 0.12));
     let lip = bowl * d.range(0.7, 1.0);
@@ -120,7 +120,7 @@ fn vase_outline(d: &mut Stream, h: f64) -> Vec<[f64; 2]> {
     )
 }
 
-fn vase(d: &mut Stream) -> Made {
+fn vase(d: &mut Stream) -> FormVariant {
     let h = d.range(0.14, 0.45);
     let outer = vase_outline(d, h);
     let stuff = *d.pick(&[Stuff::Ceramic, Stuff::Clay, Stuff::Glass, Stuff::Ceramic]);
@@ -128,7 +128,7 @@ fn vase(d: &mut Stream) -> Made {
 }
 
 /// A vase of a lobed section that turns as it rises.
-fn twisted(d: &mut Stream) -> Made {
+fn twisted(d: &mut Stream) -> FormVariant {
     let h = d.range(0.18, 0.4);
     let outer = vase_outline(d, h);
     let (lobes, depth, twist) = (4 + d.below(6), d.range(0.04, 0.12), d.range(-2.5, 2.5));
@@ -149,7 +149,7 @@ fn twisted(d: &mut Stream) -> Made {
     one(Stuff::Glass, skin(&rings, [true, false], [false; 2]).smooth())
 }
 
-fn bowl(d: &mut Stream) -> Made {
+fn bowl(d: &mut Stream) -> FormVariant {
     let r = d.range(0.06, 0.15);
     let h = r * d.range(0.45, 0.85);
     let foot = r * d.range(0.3, 0.5);
@@ -161,7 +161,7 @@ fn bowl(d: &mut Stream) -> Made {
     one(*d.pick(&[Stuff::Ceramic, Stuff::Glass, Stuff::Wood]), lathe(&hollow(&outer, 0.0045, 0.011), 44).smooth())
 }
 
-fn decanter(d: &mut Stream) -> Made {
+fn decanter(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.06, 0.1), d.range(0.22, 0.3));
     let neck = d.range(0.014, 0.02);
     let outer = flat_spline(
@@ -200,7 +200,7 @@ fn handle(x: f64, low: f64, high: f64, out: f64, r: f64) -> Body {
     )
 }
 
-fn cup(d: &mut Stream) -> Made {
+fn cup(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.034, 0.046), d.range(0.06, 0.1));
     let stuff = *d.pick(&[Stuff::Ceramic, Stuff::Ceramic, Stuff::PaintedMetal, Stuff::Clay]);
     let mut m = Maker::default();
@@ -220,7 +220,7 @@ fn cup(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn jug(d: &mut Stream) -> Made {
+fn jug(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.05, 0.075), d.range(0.15, 0.25));
     let neck = r * d.range(0.55, 0.8);
     let outer = flat_spline(
@@ -265,7 +265,7 @@ fn jug(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn teapot(d: &mut Stream) -> Made {
+fn teapot(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.06, 0.085), d.range(0.09, 0.13));
     let stuff = *d.pick(&[Stuff::Ceramic, Stuff::Metal, Stuff::Clay]);
     let mut m = Maker::default();
@@ -298,7 +298,7 @@ fn teapot(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn jar(d: &mut Stream) -> Made {
+fn jar(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.035, 0.06), d.range(0.08, 0.2));
     let mut m = Maker::default();
     let stuff = *d.pick(&[Stuff::Glass, Stuff::Ceramic, Stuff::Glass]);
@@ -319,7 +319,7 @@ fn jar(d: &mut Stream) -> Made {
     m.made()
 }
 
-fn can(d: &mut Stream) -> Made {
+fn can(d: &mut Stream) -> FormVariant {
     let (r, h) = (d.range(0.026, 0.052), d.range(0.07, 0.15));
     let mut m = Maker::default();
     let lip = 0.003;

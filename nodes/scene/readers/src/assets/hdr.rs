@@ -57,7 +57,7 @@ pub fn read(bytes: &[u8]) -> Result<Image, Refusal> {
     let body = &bytes[header.length..];
     let mut image = Image::new(width, height, 3);
     let mut scan = vec![[0u8; 4]; header.across];
-    let mut reader = Reader { bytes: body, at: 0 };
+    let mut reader = HdrReader { bytes: body, at: 0 };
     for line in 0..header.lines {
         reader.scanline(&mut scan).map_err(|what| damaged(format!("scanline {line}"), what))?;
         for (across, texel) in scan.iter().enumerate() {
@@ -144,12 +144,12 @@ fn resolution(text: &str) -> Option<(usize, usize, Layout)> {
     Some((lines.parse().ok()?, across.parse().ok()?, Layout { columns, up: has("+Y"), left: has("-X") }))
 }
 
-struct Reader<'a> {
+struct HdrReader<'a> {
     bytes: &'a [u8],
     at: usize,
 }
 
-impl Reader<'_> {
+impl HdrReader<'_> {
     fn take<const N: usize>(&mut self) -> Result<[u8; N], String> {
         let end = self.at + N;
         let got = self.bytes.get(self.at..end).ok_or("the data end early")?;

@@ -1,27 +1,25 @@
-//! A scene in the making: blobs, pictures, meshes, materials, and the checks that all file formats share.
+//! A scene in the making: shapes, materials, emitters and the checks that all file formats share.
+
+mod files;
+mod views;
+
+pub use views::{camera, chained, even, fov_x, mirror, mirrors};
 
 use super::{
-    given::{Given, normalised},
-    meshes,
+    given::Given,
     ply::Read,
     problems::{Place, Problems},
-    spectra,
 };
-use crate::assets::{Allowance, BlobSet, Refusal, damaged, ending, picture, radiance};
+use crate::assets::{Allowance, BlobSet};
 use std::{
     collections::{BTreeMap, BTreeSet},
     rc::Rc,
 };
 use tauflow_contract::Digest;
 use tauflow_data::{
-    Image,
-    geom::{Aabb, apply, compose, cross, determinant, dot, length, sub, unit},
-    mesh::Mesh,
-    scene::{Affine, Bsdf, Camera, Emitter, Geometry, IDENTITY, ReliefForm, Scene, Shape, Texture},
+    geom::{Aabb, apply, cross, determinant, dot, length, sub, unit},
+    scene::{Bsdf, Camera, Emitter, Geometry, Scene, Shape, Texture},
 };
-
-/// Most triangles that all shapes show together, each instance counted.
-const MOST_TRIANGLES: usize = 1 << 26;
 
 /// Bytes of mesh files that are held as they were read.
 const MOST_READ: usize = 1 << 26;
@@ -267,203 +265,6 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// The blob of a picture.
-    pub fn picture(&mut self, path: &str, raw: bool, channels: Channels, bound: Bound, at: &Place) -> Option<Digest> {
-        // A path may be spelt in many ways.
-        let key = (normalised(path).unwrap_or_else(|| path.to_owned()), raw, channels);
-        let made = match self.pictures.get(&key) {
-            Some(made) => *made,
-            None => {
-                let made = self.read_picture(path, raw, channels, at);
-                self.pictures.insert(key, made);
-                made
-            }
-        };
-        let (digest, most) = made?;
-        if bound == Bound::Share && most > 1.0 + 1e-6 {
-            self.problems.error(at, format!("`{path}` has values up to {most}"), "use values from 0 to 1");
-        }
-        Some(digest)
-    }
-
-    /// The values of a picture.
-    pub fn image(&mut self, path: &str, raw: bool, at: &Place) -> Option<Image> {
-        if self.spent {
-            return None;
-        }
-        let bytes = self.bytes(path, at)?;
-        let read = match ending(path).as_str() {
-            "exr" | "hdr" | "rgbe" | "pic" => radiance(path, &bytes)
-                .and_then(|image| self.left.read("picture", image.width() * image.height()).map(|()| image)),
-            _ => picture(&bytes, "picture", raw, &mut self.left),
-        };
-        let sound = read.and_then(|image| {
-            let bad = image.data().iter().filter(|v| !(v.is_finite() && **v >= 0.0)).count();
-            if bad == 0 {
-                Ok(image)
-            } else {
-                Err(damaged("texels", format!("{bad} values are negative or not finite")))
-            }
-        });
-        sound.map_err(|refusal| self.problems.refuse(at, path, &refusal)).ok()
-    }
-
-    /// Whether a mesh of so many bytes can be made, which is held three times while it becomes a blob. If not, this is
-    /// told.
-    pub fn affords(&mut self, bytes: usize, at: &Place) -> bool {
-        let most = bytes.saturating_mul(3);
-        let asked = self.left.make("mesh", most);
-        if asked.is_ok() {
-            self.left.give_back(most);
-        }
-        self.affordable(asked, at)
-    }
-
-    /// Whether so many texels of a picture can be looked up; if not, this is told.
-    pub fn looks_up(&mut self, texels: usize, at: &Place) -> bool {
-        let asked = self.left.read("picture", texels);
-        self.affordable(asked, at)
-    }
-
-    fn affordable(&mut self, asked: Result<(), Refusal>, at: &Place) -> bool {
-        if let Err(refusal) = asked
-            && !std::mem::replace(&mut self.spent, true)
-        {
-            self.problems.refuse(at, &at.file, &refusal);
-        }
-        !self.spent
-    }
-
-    fn read_picture(&mut self, path: &str, raw: bool, channels: Channels, at: &Place) -> Option<(Digest, f32)> {
-        let image = self.image(path, raw, at)?;
-        let image = match channels {
-            Channels::Colors => image,
-            _ if image.data().chunks_exact(3).all(|t| t[0] == t[1] && t[1] == t[2]) => image,
-            _ => {
-                let one = |t: &[f32]| {
-                    let [r, g, b] = [t[0], t[1], t[2]].map(f64::from);
-                    match channels {
-                        Channels::Mean => ((r + g + b) / 3.0) as f32,
-                        _ => spectra::luminance([r, g, b]) as f32,
-                    }
-                };
-                let data = image.data().chunks_exact(3).map(one).collect();
-                Image::from_data(image.width(), image.height(), 1, data).ok()?
-            }
-        };
-        let bytes = size_of_val(image.data());
-        let asked = self.left.make("picture", bytes);
-        if !self.affordable(asked, at) {
-            return None;
-        }
-        let most = image.data().iter().copied().fold(0.0, f32::max);
-        Some((self.blobs.add(image.to_bytes()), most))
-    }
-
-    /// The blob of a mesh that is made once for each `key`.
-    pub fn mesh(&mut self, key: &str, at: &Place, make: impl FnOnce(&mut Self) -> Option<Mesh>) -> Option<Geometry> {
-        let made = match self.meshes.get(key) {
-            Some(made) => *made,
-            None if self.spent => None,
-            None => {
-                let made = make(self).filter(|mesh| self.affords(meshes::bytes(mesh), at)).and_then(|mesh| {
-                    let bytes = mesh.to_bytes().map_err(|e| self.problems.error(at, e.to_string(), "split the mesh"));
-                    let bytes = bytes.ok()?;
-                    let asked = self.left.make("mesh", bytes.len());
-                    if !self.affordable(asked, at) {
-                        return None;
-                    }
-                    let mut bounds = Aabb::EMPTY;
-                    let finite = mesh.positions.iter().filter(|p| p.iter().all(|v| v.is_finite()));
-                    finite.for_each(|p| bounds.grow(p.map(f64::from)));
-                    let digest = self.blobs.add(bytes);
-                    self.turns.insert(digest, turns(&mesh));
-                    self.sizes.insert(digest, (mesh.triangles.len(), bounds));
-                    Some(digest)
-                });
-                self.meshes.insert(key.to_owned(), made);
-                made
-            }
-        };
-        let geometry = Geometry::Mesh { mesh: made? };
-        self.count(&geometry, at).then_some(geometry)
-    }
-
-    /// The material of a shape as Mitsuba has it: its normal maps have t = n x s, and ours have t upwards in the image.
-    /// These are the same unless texture coordinates turn as triangles do.
-    pub fn mapped_as_mitsuba(&mut self, shape: &Shape) -> usize {
-        let Geometry::Mesh { mesh } = shape.geometry else { return shape.material };
-        let [along, against] = self.turns.get(&mesh).copied().unwrap_or_default();
-        let turned = shape.flip_normals != mirrors(&shape.to_world);
-        let bsdf = &self.materials[shape.material];
-        if !(if turned { against } else { along }) || !holds(bsdf, |b| matches!(b, Bsdf::NormalMap { .. })) {
-            return shape.material;
-        }
-        let mut bsdf = bsdf.clone();
-        plain_relief(&mut bsdf);
-        self.material(bsdf)
-    }
-
-    /// Counts what is shown once more; false if it is too much.
-    pub fn count(&mut self, geometry: &Geometry, at: &Place) -> bool {
-        let triangles = match geometry {
-            Geometry::Mesh { mesh } => self.sizes.get(mesh).map_or(0, |size| size.0),
-            _ => 0,
-        };
-        self.shows(triangles, at)
-    }
-
-    /// Counts a shape of so many triangles; false if it is too much.
-    pub fn shows(&mut self, triangles: usize, at: &Place) -> bool {
-        self.triangles = self.triangles.saturating_add(triangles);
-        if self.triangles > MOST_TRIANGLES {
-            let what = format!("more than {MOST_TRIANGLES} triangles, instances counted");
-            self.problems.error(&Place::file(&at.file), what, "simplify the scene");
-        }
-        self.triangles <= MOST_TRIANGLES
-    }
-
-    /// Reads a mesh's file by its ending; what is wrong is told.
-    pub fn read_mesh(&mut self, path: &str, sort: &str, index: usize, at: &Place) -> Option<Rc<Read>> {
-        let key = (normalised(path).unwrap_or_else(|| path.to_owned()), index);
-        if let Some(read) = self.read.get(&key) {
-            return Some(Rc::clone(read));
-        }
-        if self.spent || self.damaged.contains(&key.0) {
-            return None;
-        }
-        let bytes = self.bytes(path, at)?;
-        let read = match sort {
-            "obj" => meshes::obj(&bytes),
-            "serialized" => meshes::serialized(&bytes, index),
-            _ => super::ply::read(&bytes).and_then(meshes::checked),
-        };
-        let read = match read {
-            Ok(read) => Rc::new(read),
-            Err(refusal) => {
-                self.problems.refuse(at, path, &refusal);
-                self.damaged.insert(key.0);
-                return None;
-            }
-        };
-        // What is unpacked again and again has been read again and again.
-        let asked = self.left.read("mesh", read.cost);
-        if !self.affordable(asked, at) {
-            return None;
-        }
-        let bad = read.mesh.positions.iter().filter(|p| !p.iter().all(|v| v.is_finite())).count();
-        if bad > 0 {
-            let what = format!("{bad} vertices of `{path}` are not finite, and their triangles are left out");
-            self.problems.note(at, what);
-        }
-        let bytes = read.bytes();
-        if bytes <= self.room {
-            self.room -= bytes;
-            self.read.insert(key, Rc::clone(&read));
-        }
-        Some(read)
-    }
-
     /// The scene, if it has what a picture takes.
     pub fn finish(
         mut self,
@@ -494,66 +295,6 @@ impl<'a> Builder<'a> {
     }
 }
 
-/// `a` after `b`, to the bit where one of them does nothing: a product would turn -0 into 0.
-pub fn chained(a: &Affine, b: &Affine) -> Affine {
-    if *a == IDENTITY {
-        *b
-    } else if *b == IDENTITY {
-        *a
-    } else {
-        compose(a, b)
-    }
-}
-
-/// A camera looks along `to_world`'s +z with +y up; its picture's right is its -x, as in a right-handed space.
-pub fn camera(to_world: &Affine, fov_x: f64, near: f64) -> Camera {
-    let column = |c: usize| [0, 1, 2].map(|r: usize| to_world[r][c]);
-    let (origin, forward) = (column(3), column(2));
-    Camera { origin, target: tauflow_data::geom::add(origin, forward), up: column(1), fov_x, near }
-}
-
-/// Turns left into right in all of a scene but its camera, which was mirrored: its picture is that of a plain camera in
-/// the mirrored scene.
-pub fn mirror(builder: &mut Builder<'_>, camera: &mut Camera) {
-    const LEFT: Affine = [[-1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
-    let flip = |v: &mut [f64; 3]| v[0] = -v[0];
-    for shape in &mut builder.shapes {
-        shape.to_world = compose(&LEFT, &shape.to_world);
-    }
-    for emitter in &mut builder.emitters {
-        match emitter {
-            Emitter::Constant { .. } => {}
-            Emitter::Envmap { to_world, .. } | Emitter::Spot { to_world, .. } => *to_world = compose(&LEFT, to_world),
-            Emitter::Point { position, .. } => flip(position),
-            Emitter::Directional { direction, .. } => flip(direction),
-        }
-    }
-    [&mut camera.origin, &mut camera.target, &mut camera.up].into_iter().for_each(flip);
-    if builder.materials.iter().any(|bsdf| holds(bsdf, maps_normals)) {
-        let at = Place::file("scene");
-        builder.problems.approximated(
-            &at,
-            "a mirrored camera with normal maps, whose green is then upside down",
-            "take the mirroring scale out of the camera's transform",
-        );
-    }
-}
-
-/// True for a camera or a shape whose transform mirrors.
-pub fn mirrors(map: &Affine) -> bool {
-    determinant(map) < 0.0
-}
-
-/// True for a map that scales evenly, which leaves a sphere a sphere.
-pub fn even(map: &Affine) -> bool {
-    let column = |c: usize| [0, 1, 2].map(|r: usize| map[r][c]);
-    let axes = [column(0), column(1), column(2)];
-    let scale = length(axes[0]);
-    let pairs = [(0, 1), (1, 2), (2, 0)];
-    axes.iter().all(|a| (length(*a) - scale).abs() <= 1e-6 * scale)
-        && pairs.iter().all(|(a, b): &(usize, usize)| dot(axes[*a], axes[*b]).abs() <= 1e-6 * scale * scale)
-}
-
 /// True for a material that `is` of a kind, or has such a one inside.
 pub fn holds(bsdf: &Bsdf, is: fn(&Bsdf) -> bool) -> bool {
     is(bsdf)
@@ -566,56 +307,6 @@ pub fn holds(bsdf: &Bsdf, is: fn(&Bsdf) -> bool) -> bool {
             Bsdf::Blend { a, b, .. } => holds(a, is) || holds(b, is),
             _ => false,
         }
-}
-
-/// Turns normal maps into those of Mitsuba's plugin without its options.
-fn plain_relief(bsdf: &mut Bsdf) {
-    match bsdf {
-        Bsdf::Mask { inner, .. } | Bsdf::TwoSided { inner } => plain_relief(inner),
-        Bsdf::NormalMap { map, scale, inner } => {
-            let (map, scale, inner) = (map.clone(), *scale, inner.clone());
-            *bsdf = Bsdf::Relief { form: ReliefForm::Normals, map, scale, flip: false, shadowing: false, inner };
-        }
-        _ => {}
-    }
-}
-
-/// Whether texture coordinates of some triangles turn as the triangles do, and those of some the other way.
-fn turns(mesh: &Mesh) -> [bool; 2] {
-    let Some(uvs) = &mesh.uvs else { return [false; 2] };
-    let mut found = [false; 2];
-    for triangle in &mesh.triangles {
-        let [a, b, c] = triangle.map(|i| uvs[i as usize].map(f64::from));
-        let area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-        found[0] |= area > 0.0;
-        found[1] |= area < 0.0;
-    }
-    found
-}
-
-/// True for a normal map, whose tangent frame has a handedness.
-fn maps_normals(bsdf: &Bsdf) -> bool {
-    matches!(bsdf, Bsdf::NormalMap { .. } | Bsdf::Relief { form: ReliefForm::Normals, .. })
-}
-
-/// Field of view along x of one that is given along another axis of a film.
-///
-/// `axis` is `x`, `y`, `diagonal`, `smaller` or `larger`; none for another word.
-pub fn fov_x(degrees: f64, axis: &str, [width, height]: [u32; 2]) -> Option<f64> {
-    use tauflow_data::maths::{atan, tan};
-    let aspect = f64::from(width) / f64::from(height);
-    let half = tan(degrees.to_radians() * 0.5);
-    let along = |slope: f64| 2.0 * atan(slope).to_degrees();
-    let y = || along(half * aspect);
-    Some(match axis {
-        "x" => degrees,
-        "y" => y(),
-        "diagonal" => along(half / (1.0 + 1.0 / (aspect * aspect)).sqrt()),
-        "smaller" if aspect > 1.0 => y(),
-        "larger" if aspect < 1.0 => y(),
-        "smaller" | "larger" => degrees,
-        _ => return None,
-    })
 }
 
 /// The product of a texture and a colour.
@@ -634,25 +325,5 @@ pub fn scaled(texture: Texture, by: [f32; 3]) -> Texture {
         }
         Texture::VertexColor { scale, channel } => Texture::VertexColor { scale: times(scale), channel },
         product @ Texture::Product { .. } => Texture::Product { a: Box::new(product), b: Box::new(Texture::rgb(by)) },
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn fields_of_view_are_those_of_mitsuba() {
-        // From Mitsuba 3.9.1: 40 degrees along each axis of a film of 200 x 100.
-        for (axis, degrees) in
-            [("x", 40.0), ("y", 72.10477), ("diagonal", 36.06479), ("smaller", 72.10477), ("larger", 40.0)]
-        {
-            let found = fov_x(40.0, axis, [200, 100]).expect("an axis");
-            assert!((found - degrees).abs() < 1e-4, "{axis}: {found}");
-        }
-        assert_eq!(fov_x(40.0, "z", [1, 1]), None);
-        // The same of a lens of 35 mm: `focal_length`.
-        let diagonal = 2.0 * tauflow_data::maths::atan((36.0f64 * 36.0 + 24.0 * 24.0).sqrt() / 70.0).to_degrees();
-        assert!((fov_x(diagonal, "diagonal", [200, 100]).expect("an axis") - 57.871_193).abs() < 1e-4);
     }
 }

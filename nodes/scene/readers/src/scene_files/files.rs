@@ -49,7 +49,7 @@ fn name_of(path: &Path) -> String {
 }
 
 /// A scene's own file, and all that it names.
-struct Found {
+struct FoundScene {
     path: PathBuf,
     files: Vec<(String, PathBuf)>,
     views: usize,
@@ -57,7 +57,7 @@ struct Found {
     lost: bool,
 }
 
-fn look(path: &Path, root: &Path) -> Result<Found, KindError> {
+fn look(path: &Path, root: &Path) -> Result<FoundScene, KindError> {
     let none = |why: String| KindError::Input(format!("scene_files: `{}` {why}", path.display()));
     let metadata = fs::metadata(path).map_err(|e| none(format!("cannot be read: {e}; mend the path")))?;
     if !metadata.is_file() || metadata.len() > 1 << 31 {
@@ -67,12 +67,12 @@ fn look(path: &Path, root: &Path) -> Result<Found, KindError> {
     let folder = path.parent().unwrap_or(Path::new("")).to_owned();
     let given = Given::Disk { folder, root: root.to_owned(), read: Cell::new(0) };
     let (names, views) = named(&name_of(path), &bytes, &given);
-    Ok(Found { path: path.to_owned(), files: given.parts(&names), views, lost: false })
+    Ok(FoundScene { path: path.to_owned(), files: given.parts(&names), views, lost: false })
 }
 
 /// [`look`], but what cannot be read is no error where it may be left out.
-fn look_or_lose(path: &Path, root: &Path, leave_out: bool) -> Result<Found, KindError> {
-    let lost = || Found { path: path.to_owned(), files: Vec::new(), views: 1, lost: true };
+fn look_or_lose(path: &Path, root: &Path, leave_out: bool) -> Result<FoundScene, KindError> {
+    let lost = || FoundScene { path: path.to_owned(), files: Vec::new(), views: 1, lost: true };
     look(path, root).or_else(|error| if leave_out { Ok(lost()) } else { Err(error) })
 }
 
@@ -97,17 +97,17 @@ pub fn on_disk(path: &Path, root: Option<&Path>) -> Result<(String, BTreeMap<Str
 }
 
 /// The scenes of an entry, with the folder that their files must not leave.
-fn scenes(entry: &ScenePath, leave_out: bool) -> Result<Vec<Found>, KindError> {
+fn scenes(entry: &ScenePath, leave_out: bool) -> Result<Vec<FoundScene>, KindError> {
     if Path::new(&entry.path).is_dir() {
         let root = Path::new(&entry.path);
         let mut paths = search(std::slice::from_ref(&entry.path), &is_scene)?;
         paths.sort();
-        let found: Vec<Found> =
+        let found: Vec<FoundScene> =
             paths.iter().map(|path| look_or_lose(path, root, leave_out)).collect::<Result<_, _>>()?;
         // A file that another one includes is a piece of that one.
         let same = |path: &Path| fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
         let pieces: BTreeSet<PathBuf> = found.iter().flat_map(|f| f.files.iter().map(|(_, p)| same(p))).collect();
-        let found: Vec<Found> = found.into_iter().filter(|f| !pieces.contains(&same(&f.path))).collect();
+        let found: Vec<FoundScene> = found.into_iter().filter(|f| !pieces.contains(&same(&f.path))).collect();
         if found.is_empty() {
             return Err(KindError::Input(format!(
                 "scene_files: no scene.json, .xml, .pbrt, .glb or .gltf file in `{}`; name a folder that holds some",

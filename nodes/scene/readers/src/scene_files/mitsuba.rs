@@ -31,7 +31,7 @@ struct Material {
 }
 
 /// The reader of a tree into a builder.
-struct Reader<'t, 'b, 'g> {
+struct MitsubaReader<'t, 'b, 'g> {
     tree: &'t Tree,
     build: &'b mut Builder<'g>,
     materials: BTreeMap<usize, Option<Material>>,
@@ -78,7 +78,7 @@ pub struct Said {
 /// Reads a scene into `build`, as its sensor `view` sees it.
 pub fn read(name: &str, bytes: &[u8], view: usize, given: &Given<'_>, build: &mut Builder<'_>) -> Said {
     let tree = tree::parse(name, bytes, given, &mut build.problems);
-    let mut reader = Reader {
+    let mut reader = MitsubaReader {
         tree: &tree,
         build,
         materials: BTreeMap::new(),
@@ -91,7 +91,7 @@ pub fn read(name: &str, bytes: &[u8], view: usize, given: &Given<'_>, build: &mu
     reader.scene(name, view)
 }
 
-impl<'t> Reader<'t, '_, '_> {
+impl<'t> MitsubaReader<'t, '_, '_> {
     fn scene(&mut self, name: &str, view: usize) -> Said {
         let mut said = Said { camera: None, max_depth: super::build::ENDLESS, film: [768, 576], views: 1 };
         let Some(scene) = self.tree.plugins.last() else { return said };

@@ -4,7 +4,7 @@ use super::kit::*;
 use crate::scene_generation::{
     place::{SEAM, Turn},
     props::ask,
-    shell::{Made, PLAIN},
+    shell::{Finishes, PLAIN},
     stage::{Board, Light, Stage},
 };
 use tauflow_data::geom::Aabb;
@@ -13,7 +13,7 @@ use tauflow_scene_library::{forms::Family as F, stuff::Stuff};
 /// Tub, basin, mirror, tiles, towels, bottles.
 pub fn bathroom(s: &mut Stage<'_>) {
     let size = [s.draw("width", 2.2, 3.4), s.draw("height", 2.3, 2.7), s.draw("depth", 2.2, 3.2)];
-    let made = Made { floor: Stuff::Tile, walls: Stuff::Tile, ceiling: Stuff::Plaster };
+    let made = Finishes { floor: Stuff::Tile, walls: Stuff::Tile, ceiling: Stuff::Plaster };
     let windows = [window(s, 3, size[1], size[2])];
     let room = s.room(size, made, &windows, Some(2));
     let floor = room.floor.clone();
@@ -107,7 +107,7 @@ pub fn attic(s: &mut Stage<'_>) {
     s.bare = true;
     let size = [s.draw("width", 4.0, 6.0), s.draw("height", 2.3, 2.9), s.draw("depth", 4.0, 6.5)];
     let made =
-        Made { floor: Stuff::Wood, walls: [Stuff::Brick, Stuff::Wood][s.choose("walls", 2)], ceiling: Stuff::Wood };
+        Finishes { floor: Stuff::Wood, walls: [Stuff::Brick, Stuff::Wood][s.choose("walls", 2)], ceiling: Stuff::Wood };
     let windows = [window(s, 0, size[1], size[0] * 0.3)];
     let mut windows = windows;
     windows[0].sill = 0.9;
@@ -206,7 +206,7 @@ fn drop_of() -> f64 {
 /// Bare walls, racks of bottles and jars, barrels, one lamp.
 pub fn cellar(s: &mut Stage<'_>) {
     let size = [s.draw("width", 2.6, 4.4), s.draw("height", 2.1, 2.6), s.draw("depth", 3.4, 6.0)];
-    let made = Made {
+    let made = Finishes {
         floor: Stuff::Concrete,
         walls: [Stuff::Brick, Stuff::Stone][s.choose("walls", 2)],
         ceiling: PLAIN.ceiling,

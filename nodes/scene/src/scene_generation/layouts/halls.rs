@@ -4,7 +4,7 @@ use super::kit::*;
 use crate::scene_generation::{
     place::{GAP, SEAM, Surface, Turn},
     props::ask,
-    shell::{Made, Window},
+    shell::{Finishes, Window},
     stage::{Board, From, Stage},
 };
 use tauflow_data::geom::{Aabb, Vec3};
@@ -13,7 +13,7 @@ use tauflow_scene_library::{forms::Family as F, stuff::Stuff};
 /// A long passage: doors, lamps in a row, a runner, chairs and plants along the walls.
 pub fn corridor(s: &mut Stage<'_>) {
     let size = [s.draw("width", 1.6, 2.8), s.draw("height", 2.4, 3.0), s.draw("depth", 7.0, 14.0)];
-    let made = Made {
+    let made = Finishes {
         floor: s.one("floor", &[Stuff::Tile, Stuff::Wood, Stuff::Carpet, Stuff::Stone]),
         walls: s.one("walls", &[Stuff::Plaster, Stuff::Wallpaper, Stuff::Brick]),
         ceiling: Stuff::Plaster,
@@ -77,7 +77,7 @@ pub fn corridor(s: &mut Stage<'_>) {
 pub fn stairwell(s: &mut Stage<'_>) {
     s.bare = true;
     let size = [s.draw("width", 3.2, 4.6), s.draw("height", 4.2, 5.6), s.draw("depth", 4.0, 5.5)];
-    let made = Made {
+    let made = Finishes {
         floor: s.one("floor", &[Stuff::Stone, Stuff::Tile, Stuff::Wood]),
         walls: s.one("walls", &[Stuff::Plaster, Stuff::Wallpaper, Stuff::Concrete]),
         ceiling: Stuff::Plaster,
@@ -189,7 +189,7 @@ pub fn stairwell(s: &mut Stage<'_>) {
 /// Between two cases of books, a lamp at the end, a ladder, a reading table.
 pub fn library_aisle(s: &mut Stage<'_>) {
     let size = [s.draw("width", 2.6, 3.6), s.draw("height", 2.7, 3.4), s.draw("depth", 5.0, 8.0)];
-    let made = Made {
+    let made = Finishes {
         floor: s.one("floor", &[Stuff::Wood, Stuff::Carpet]),
         walls: s.one("walls", &[Stuff::Wood, Stuff::Plaster]),
         ceiling: Stuff::Plaster,
@@ -282,7 +282,7 @@ pub fn library_aisle(s: &mut Stage<'_>) {
 pub fn greenhouse(s: &mut Stage<'_>) {
     s.bare = true;
     let size = [s.draw("width", 2.8, 4.2), s.draw("height", 2.3, 2.9), s.draw("depth", 4.0, 6.5)];
-    let made = Made {
+    let made = Finishes {
         floor: s.one("floor", &[Stuff::Soil, Stuff::Sand, Stuff::Stone]),
         walls: s.one("walls", &[Stuff::PaintedMetal, Stuff::Brick, Stuff::Wood]),
         ceiling: Stuff::PaintedMetal,

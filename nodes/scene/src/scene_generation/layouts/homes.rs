@@ -4,7 +4,7 @@ use super::kit::*;
 use crate::scene_generation::{
     place::{SEAM, Turn},
     props::ask,
-    shell::Made,
+    shell::Finishes,
     stage::{Board, Light, Stage},
 };
 use tauflow_data::geom::Aabb;
@@ -126,7 +126,7 @@ pub fn bedroom(s: &mut Stage<'_>) {
 pub fn kitchen(s: &mut Stage<'_>) {
     s.bare = true;
     let size = [s.draw("width", 3.0, 4.8), s.draw("height", 2.4, 2.8), s.draw("depth", 2.8, 4.2)];
-    let made = Made {
+    let made = Finishes {
         floor: Stuff::Tile,
         walls: [Stuff::Tile, Stuff::Plaster][s.choose("walls", 2)],
         ceiling: Stuff::Plaster,

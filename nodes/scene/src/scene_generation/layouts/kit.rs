@@ -3,7 +3,7 @@
 use crate::scene_generation::{
     place::{Surface, Turn},
     props::{Ask, ask},
-    shell::{Made, Room, Window},
+    shell::{Finishes, Room, Window},
     stage::{Board, Stage},
 };
 use core::f64::consts::{PI, TAU};
@@ -87,10 +87,10 @@ pub fn window(s: &mut Stage<'_>, wall: usize, tall: f64, wide: f64) -> Window {
 }
 
 /// A homely finish.
-pub fn homely(s: &mut Stage<'_>) -> Made {
+pub fn homely(s: &mut Stage<'_>) -> Finishes {
     let floor = [Stuff::Wood, Stuff::Wood, Stuff::Carpet, Stuff::Tile][s.choose("floor", 4)];
     let walls = [Stuff::Plaster, Stuff::Wallpaper, Stuff::Plaster, Stuff::Wallpaper][s.choose("walls", 4)];
-    Made { floor, walls, ceiling: Stuff::Plaster }
+    Finishes { floor, walls, ceiling: Stuff::Plaster }
 }
 
 /// The ground of a place in the open: a square of half a side `half`.

@@ -4,7 +4,7 @@ use super::kit::*;
 use crate::scene_generation::{
     place::{SEAM, Solid, Surface, Turn},
     props::ask,
-    shell::{Made, Window},
+    shell::{Finishes, Window},
     stage::{Board, From, Light, Stage},
 };
 use tauflow_data::geom::Aabb;
@@ -13,7 +13,7 @@ use tauflow_scene_library::{forms::Family as F, stuff::Stuff};
 /// White walls, framed pictures under spots, sculptures on plinths, a bench.
 pub fn gallery(s: &mut Stage<'_>) {
     let size = [s.draw("width", 5.0, 8.5), s.draw("height", 3.2, 4.2), s.draw("depth", 5.0, 8.0)];
-    let made = Made {
+    let made = Finishes {
         floor: s.one("floor", &[Stuff::Wood, Stuff::Concrete, Stuff::Stone]),
         walls: Stuff::Plaster,
         ceiling: Stuff::Plaster,
@@ -58,7 +58,7 @@ pub fn gallery(s: &mut Stage<'_>) {
 /// A case with panes over finds on stands, labels, other cases along the walls.
 pub fn museum_case(s: &mut Stage<'_>) {
     let size = [s.draw("width", 3.6, 5.5), s.draw("height", 2.8, 3.6), s.draw("depth", 3.6, 5.0)];
-    let made = Made {
+    let made = Finishes {
         floor: s.one("floor", &[Stuff::Stone, Stuff::Wood, Stuff::Carpet]),
         walls: s.one("walls", &[Stuff::Plaster, Stuff::Stone, Stuff::Fabric]),
         ceiling: Stuff::Plaster,
@@ -142,7 +142,7 @@ pub fn museum_case(s: &mut Stage<'_>) {
 /// Columns, armchairs, a reception, plants, luggage, a clock.
 pub fn hotel_lobby(s: &mut Stage<'_>) {
     let size = [s.draw("width", 6.5, 9.5), s.draw("height", 3.2, 4.4), s.draw("depth", 6.0, 8.5)];
-    let made = Made {
+    let made = Finishes {
         floor: s.one("floor", &[Stuff::Stone, Stuff::Tile, Stuff::Carpet]),
         walls: s.one("walls", &[Stuff::Wood, Stuff::Stone, Stuff::Wallpaper, Stuff::Plaster]),
         ceiling: Stuff::Plaster,
@@ -217,7 +217,7 @@ pub fn hotel_lobby(s: &mut Stage<'_>) {
 pub fn swimming_hall(s: &mut Stage<'_>) {
     let size = [s.draw("width", 6.0, 9.0), s.draw("height", 3.0, 4.2), s.draw("depth", 7.0, 10.0)];
     let (x, z) = (0.5 * size[0], 0.5 * size[2]);
-    let made = Made {
+    let made = Finishes {
         floor: Stuff::Tile,
         walls: s.one("walls", &[Stuff::Tile, Stuff::Plaster, Stuff::Stone]),
         ceiling: Stuff::Plaster,

@@ -4,7 +4,7 @@ use super::kit::*;
 use crate::scene_generation::{
     place::{GAP, SEAM, Surface, Turn},
     props::ask,
-    shell::{Made, Wall},
+    shell::{Finishes, Wall},
     stage::{Board, From, Light, Stage},
 };
 use tauflow_data::geom::{Aabb, add};
@@ -287,7 +287,7 @@ pub fn market_stall(s: &mut Stage<'_>) {
 pub fn cafe(s: &mut Stage<'_>) {
     s.bare = true;
     let size = [s.draw("width", 4.5, 6.5), s.draw("height", 2.7, 3.4), s.draw("depth", 4.0, 6.0)];
-    let made = Made {
+    let made = Finishes {
         floor: s.one("floor", &[Stuff::Tile, Stuff::Wood]),
         walls: s.one("walls", &[Stuff::Brick, Stuff::Plaster, Stuff::Tile]),
         ceiling: Stuff::Plaster,
@@ -363,7 +363,7 @@ pub fn cafe(s: &mut Stage<'_>) {
 pub fn jeweller(s: &mut Stage<'_>) {
     s.front = [-1.2, 1.2];
     let size = [s.draw("width", 2.8, 4.0), 2.6, s.draw("depth", 2.6, 3.6)];
-    let made = Made {
+    let made = Finishes {
         floor: s.one("floor", &[Stuff::Carpet, Stuff::Stone, Stuff::Wood]),
         walls: s.one("walls", &[Stuff::Wallpaper, Stuff::Wood, Stuff::Plaster]),
         ceiling: Stuff::Plaster,

@@ -4,7 +4,7 @@ use super::kit::*;
 use crate::scene_generation::{
     place::{SEAM, Surface, Turn},
     props::ask,
-    shell::{Made, Room, Window},
+    shell::{Finishes, Room, Window},
     stage::{Board, Light, Stage},
 };
 use core::f64::consts::PI;
@@ -78,7 +78,7 @@ pub fn kitchen_counter(s: &mut Stage<'_>) {
     s.front = [-1.2, 1.2];
     s.bare = true;
     let size = [s.draw("width", 2.4, 3.4), 2.5, s.draw("depth", 2.2, 3.0)];
-    let made = Made { floor: Stuff::Tile, walls: Stuff::Tile, ceiling: Stuff::Plaster };
+    let made = Finishes { floor: Stuff::Tile, walls: Stuff::Tile, ceiling: Stuff::Plaster };
     let windows = [window(s, 3, 2.5, size[2])];
     let room = s.room(size, made, &windows, Some(2));
     let (x, z) = (room.floor.half[0], room.floor.half[1]);

@@ -4,7 +4,7 @@ use super::kit::*;
 use crate::scene_generation::{
     place::Turn,
     props::ask,
-    shell::Made,
+    shell::Finishes,
     stage::{Board, From, Stage},
 };
 use core::f64::consts::PI;
@@ -14,7 +14,7 @@ use tauflow_scene_library::{forms::Family as F, stuff::Stuff};
 /// A desk close by: keyboard, screen, papers, cups, cables of a day's work.
 pub fn office_desk(s: &mut Stage<'_>) {
     let size = [s.draw("width", 2.8, 4.2), 2.6, s.draw("depth", 2.6, 3.8)];
-    let made = Made { floor: Stuff::Carpet, walls: Stuff::Plaster, ceiling: Stuff::Tile };
+    let made = Finishes { floor: Stuff::Carpet, walls: Stuff::Plaster, ceiling: Stuff::Tile };
     let windows = [window(s, 3, 2.6, size[2])];
     let room = s.room(size, made, &windows, Some(2));
     let floor = room.floor.clone();
@@ -79,7 +79,7 @@ pub fn office_desk(s: &mut Stage<'_>) {
 /// A bench with a vice, tools on the wall, parts in boxes, a hard lamp.
 pub fn workshop(s: &mut Stage<'_>) {
     let size = [s.draw("width", 3.4, 5.0), s.draw("height", 2.5, 3.2), s.draw("depth", 3.0, 4.6)];
-    let made = Made {
+    let made = Finishes {
         floor: Stuff::Concrete,
         walls: s.one("walls", &[Stuff::Brick, Stuff::Concrete, Stuff::Plaster]),
         ceiling: Stuff::Concrete,
@@ -129,7 +129,7 @@ pub fn workshop(s: &mut Stage<'_>) {
 /// Rows of desks and chairs, a black board, a teacher's table, a globe or a model.
 pub fn classroom(s: &mut Stage<'_>) {
     let size = [s.draw("width", 5.0, 7.5), s.draw("height", 2.8, 3.4), s.draw("depth", 5.0, 7.0)];
-    let made = Made {
+    let made = Finishes {
         floor: s.one("floor", &[Stuff::Wood, Stuff::Tile, Stuff::Plastic]),
         walls: Stuff::Plaster,
         ceiling: Stuff::Plaster,
@@ -213,7 +213,7 @@ pub fn classroom(s: &mut Stage<'_>) {
 /// A garage: a vehicle, tyres, tools on shelves, a workbench, cans, bicycles.
 pub fn garage(s: &mut Stage<'_>) {
     let size = [s.draw("width", 4.2, 6.0), s.draw("height", 2.4, 3.0), s.draw("depth", 5.5, 7.5)];
-    let made = Made {
+    let made = Finishes {
         floor: Stuff::Concrete,
         walls: s.one("walls", &[Stuff::Concrete, Stuff::Brick, Stuff::Plaster]),
         ceiling: Stuff::Concrete,

@@ -152,7 +152,7 @@ fn known(module: &str, name: &str) -> bool {
     }
 }
 
-struct Reader<'a> {
+struct PickleReader<'a> {
     bytes: &'a [u8],
     at: usize,
     stack: Vec<Value>,
@@ -167,7 +167,7 @@ struct Reader<'a> {
 /// If it is cut short, has steps that tensors never need, or names functions other than those of tensors: all of them.
 pub(super) fn read(bytes: &[u8]) -> Result<(Value, Heap), Vec<String>> {
     let (stack, marks, memo) = (Vec::new(), Vec::new(), BTreeMap::new());
-    let mut reader = Reader { bytes, at: 0, stack, marks, memo, heap: Heap::default() };
+    let mut reader = PickleReader { bytes, at: 0, stack, marks, memo, heap: Heap::default() };
     let value = reader.run();
     let mut problems: Vec<String> = std::mem::take(&mut reader.heap.foreign)
         .into_iter()
@@ -183,7 +183,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<(Value, Heap), Vec<String>> {
     }
 }
 
-impl Reader<'_> {
+impl PickleReader<'_> {
     fn take(&mut self, size: usize) -> Result<&[u8], String> {
         let end = self.at.checked_add(size).filter(|end| *end <= self.bytes.len());
         let end = end.ok_or("the pickle is cut short; copy the file again")?;

@@ -1,6 +1,6 @@
 //! Mitsuba's BSDFs. Knows no shape.
 
-use super::{DEEPEST, MOST_VISITS, Material, Plugin, Property, Reader, Value, textures::Role};
+use super::{DEEPEST, MOST_VISITS, Material, MitsubaReader, Plugin, Property, Value, textures::Role};
 use crate::scene_files::{build::holds, spectra};
 use tauflow_data::scene::{Bsdf, DELTA_ALPHA, Distribution, ReliefForm, Texture};
 
@@ -35,7 +35,7 @@ impl Facets {
     }
 }
 
-impl<'t> Reader<'t, '_, '_> {
+impl<'t> MitsubaReader<'t, '_, '_> {
     /// The material of a BSDF by its plugin's number.
     pub(super) fn material(&mut self, number: usize) -> Option<Material> {
         if let Some(made) = self.materials.get(&number) {

@@ -1,13 +1,13 @@
 //! Mitsuba's emitters that are no shapes.
 
-use super::{Plugin, Reader};
+use super::{MitsubaReader, Plugin};
 use crate::scene_files::build::{Bound, Channels};
 use tauflow_data::{
     geom::{apply, length, unit},
     scene::Emitter,
 };
 
-impl<'t> Reader<'t, '_, '_> {
+impl<'t> MitsubaReader<'t, '_, '_> {
     pub(super) fn emitter(&mut self, plugin: &'t Plugin) {
         let made = match plugin.sort.as_str() {
             "constant" => Some(Emitter::Constant { radiance: self.light(plugin, "radiance") }),

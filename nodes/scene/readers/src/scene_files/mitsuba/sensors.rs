@@ -1,6 +1,6 @@
 //! Mitsuba's sensors and films.
 
-use super::{Plugin, Reader};
+use super::{MitsubaReader, Plugin};
 use crate::scene_files::build::{camera, fov_x, mirrors};
 use tauflow_data::{
     maths,
@@ -10,7 +10,7 @@ use tauflow_data::{
 /// A camera, its film, and whether its picture is mirrored.
 type Sensor = (Camera, [u32; 2], bool);
 
-impl<'t> Reader<'t, '_, '_> {
+impl<'t> MitsubaReader<'t, '_, '_> {
     pub(super) fn sensor(&mut self, plugin: &'t Plugin) -> Option<Sensor> {
         if plugin.sort != "perspective" {
             let remedy = if plugin.sort == "thinlens" {

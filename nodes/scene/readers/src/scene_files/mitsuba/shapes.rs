@@ -1,6 +1,6 @@
 //! Mitsuba's shapes: meshes, forms, groups and their instances. Knows no BSDF from the inside.
 
-use super::{DEEPEST, MOST_VISITS, Material, Plugin, Reader, textures::Role};
+use super::{DEEPEST, MOST_VISITS, Material, MitsubaReader, Plugin, textures::Role};
 use crate::scene_files::{
     build::{chained, even, mirrors},
     meshes,
@@ -20,7 +20,7 @@ struct Form {
     turns: bool,
 }
 
-impl<'t> Reader<'t, '_, '_> {
+impl<'t> MitsubaReader<'t, '_, '_> {
     /// Adds a shape that stands in a space that `above` maps into the world.
     pub(super) fn shape(&mut self, plugin: &'t Plugin, above: &Affine, depth: usize) {
         self.visits[1] += 1;

@@ -1,6 +1,6 @@
 //! Mitsuba's textures. Knows no surface.
 
-use super::{DEEPEST, Plugin, Property, Reader, Value};
+use super::{DEEPEST, MitsubaReader, Plugin, Property, Value};
 use crate::scene_files::build::{Bound, Channels};
 use tauflow_data::scene::Texture;
 
@@ -19,7 +19,7 @@ pub(super) enum Role {
     Heights,
 }
 
-impl<'t> Reader<'t, '_, '_> {
+impl<'t> MitsubaReader<'t, '_, '_> {
     /// The texture of a parameter, or a constant without it.
     pub(super) fn texture_or(&mut self, plugin: &'t Plugin, name: &str, role: Role, default: f32) -> Option<Texture> {
         match self.find(plugin, name) {

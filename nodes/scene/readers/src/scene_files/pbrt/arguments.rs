@@ -1,10 +1,10 @@
 //! Parameters of directives by name and type.
 
-use super::{Directive, Param, Reader, Values};
+use super::{Directive, Param, PbrtReader, Values};
 use crate::scene_files::spectra;
 use tauflow_data::geom::{Vec3, dot};
 
-impl<'t> Reader<'t, '_, '_> {
+impl<'t> PbrtReader<'t, '_, '_> {
     /// A parameter by name, which counts as read from now on.
     pub(super) fn find(&self, directive: &'t Directive, name: &str) -> Option<&'t Param> {
         let own = directive.params.iter().find(|p| p.name == name);

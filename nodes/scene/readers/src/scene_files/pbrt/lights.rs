@@ -1,6 +1,6 @@
 //! pbrt's lights, those of shapes included.
 
-use super::{Directive, Reader};
+use super::{Directive, PbrtReader};
 use crate::scene_files::spectra;
 use core::f64::consts::PI;
 use tauflow_data::geom::{apply, cross, dot, sub, unit};
@@ -9,7 +9,7 @@ use tauflow_data::{
     scene::{Affine, Emitter, Texture},
 };
 
-impl<'t> Reader<'t, '_, '_> {
+impl<'t> PbrtReader<'t, '_, '_> {
     /// The product of a light's spectrum and `scale`, exposed by the film.
     fn spectrum(&mut self, directive: &'t Directive, name: &str) -> [f64; 3] {
         let color = match self.find(directive, name) {

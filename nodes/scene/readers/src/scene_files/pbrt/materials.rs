@@ -1,6 +1,6 @@
 //! pbrt's materials and textures.
 
-use super::{Directive, Param, Reader, Surface, Values};
+use super::{Directive, Param, PbrtReader, Surface, Values};
 use crate::scene_files::{
     build::{Bound, Channels, scaled},
     problems::Place,
@@ -35,7 +35,7 @@ fn two_sided(inner: Bsdf) -> Bsdf {
     Bsdf::TwoSided { inner: Box::new(inner) }
 }
 
-impl<'t> Reader<'t, '_, '_> {
+impl<'t> PbrtReader<'t, '_, '_> {
     /// The index of the material of the shapes that follow, under an opacity.
     pub(super) fn material(&mut self, alpha: Option<&'t Param>) -> Option<usize> {
         let own = match self.state.material {

@@ -1,6 +1,6 @@
 //! pbrt's shapes.
 
-use super::{Directive, Reader, materials::reads_uv};
+use super::{Directive, PbrtReader, materials::reads_uv};
 use crate::scene_files::{
     build::even,
     meshes::{self, ROUND},
@@ -16,7 +16,7 @@ use tauflow_data::{
 /// Cells along each side of a patch that is not flat.
 const CURVED: usize = 16;
 
-impl<'t> Reader<'t, '_, '_> {
+impl<'t> PbrtReader<'t, '_, '_> {
     pub(super) fn shape(&mut self, directive: &'t Directive) {
         let light = self.state.light;
         if light.is_some() && self.object.is_some() {

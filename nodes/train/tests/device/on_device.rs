@@ -1,10 +1,6 @@
 //! The kinds on a device with a Vulkan driver against the same on the CPU. Skips where there is no such device.
 
-#![cfg(feature = "gpu")]
-
-#[expect(dead_code, reason = "other tests use the rest")]
-mod toy;
-
+use crate::toy;
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, sync::atomic::AtomicBool};
 use tauflow_contract::{

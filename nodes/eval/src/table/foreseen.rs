@@ -1,0 +1,56 @@
+//! What is sure to be wrong with a table before its scores exist: axes that they lack, and axes that are left over.
+
+use super::{
+    AgainstParams, TableParams,
+    tabulate::{METHOD, NFE, SPP, STRATUM, quoted},
+};
+use crate::evaluation::coordinates;
+use std::collections::{BTreeMap, BTreeSet};
+use tauflow_contract::{Foreseen, Source};
+use tauflow_data::{facts, records::AxisValue};
+
+/// Axes that the scores are sure not to have, and axes that are sure to be left over.
+pub(super) fn foreseen(sources: &[Source], params: &TableParams) -> Vec<Foreseen> {
+    let mut problems = Vec::new();
+    let of: Vec<BTreeMap<String, String>> = sources.iter().map(|source| coordinates(&source.prefix)).collect();
+    let own = [METHOD, SPP, NFE, STRATUM];
+    let names: BTreeSet<&str> = of.iter().flat_map(|axes| axes.keys().map(String::as_str)).chain(own).collect();
+    for (list, chosen) in [("rows", &params.rows), ("columns", &params.columns)] {
+        for (place, name) in chosen.iter().enumerate().filter(|(_, name)| !names.contains(name.as_str())) {
+            let message = format!("`{list}` names the axis `{name}`, which the scores do not have");
+            let hint = format!("they have {}", quoted(&names));
+            problems.push(Foreseen::param(&format!("/{list}/{place}"), message, hint));
+        }
+    }
+    let placed = |name: &str| params.rows.iter().chain(&params.columns).any(|own| own == name);
+    if !params.rows.is_empty() && problems.is_empty() {
+        // Where no image is sure to be there, there may be no score with this value.
+        let sure: Vec<_> =
+            sources.iter().zip(&of).filter(|(source, _)| source.facts.get(facts::SPP).is_some()).collect();
+        for name in names.iter().filter(|name| !own.contains(*name) && !placed(name)) {
+            let values: BTreeSet<&str> =
+                sure.iter().map(|(_, axes)| axes.get(*name).map_or("", String::as_str)).collect();
+            if values.len() > 1 {
+                let message = format!(
+                    "the axis `{name}` has the values {} and is neither in `rows` nor in `columns`",
+                    quoted(&values)
+                );
+                let hint = format!("add it, or select one value as in `scores: \"node[{name}=value]\"`");
+                problems.push(Foreseen::param("/rows", message, hint));
+            }
+        }
+    }
+    if let Some(AgainstParams { axis, value }) = &params.against {
+        if !names.contains(axis.as_str()) {
+            let message = format!("`against` names the axis `{axis}`, which the scores do not have");
+            problems.push(Foreseen::param("/against/axis", message, format!("they have {}", quoted(&names))));
+        } else if !own.contains(&axis.as_str()) {
+            let values: BTreeSet<&str> = of.iter().filter_map(|axes| axes.get(axis).map(String::as_str)).collect();
+            if !values.iter().any(|text| AxisValue::parse(text) == value.value()) {
+                let message = format!("the axis `{axis}` has no value `{}`", value.value());
+                problems.push(Foreseen::param("/against/value", message, format!("it has {}", quoted(&values))));
+            }
+        }
+    }
+    problems
+}

@@ -1,0 +1,108 @@
+//! `export` names the space and the exposure of images, and undoes the exposure on request. `show` tells what an item
+//! is.
+
+use crate::Place;
+use serde_json::Value;
+use std::{collections::BTreeMap, fs};
+use tauflow_data::image_io::read_exr;
+
+/// Ladders in raw radiance, and the same ladders exposed.
+const PIPELINE: &str = "\
+pipeline: small
+seed: 3
+nodes:
+  scenes:
+    kind: scene_generation
+    params: { pool: 4, views: [1, 1], regimes: [L0], contexts: [open] }
+  ladders:
+    kind: ladder_rendering
+    inputs: { scenes: scenes }
+    params: { rungs: { dyadic: 16 }, resolution: [16, 16] }
+  gate:
+    kind: quality_gate
+    inputs: { scenes: scenes, previews: ladders }
+  packed:
+    kind: dataset_packing
+    inputs: { ladders: ladders, exposure: gate.exposure }
+  filtered:
+    kind: guided_filter
+    inputs: { endpoints: packed }
+    params: { from: 4, conditioning: rgb, demodulate: false, radius: 0 }
+";
+
+/// Values and metadata of an image of each item of an export.
+fn exported(place: &Place, folder: &str, file: &str) -> BTreeMap<String, (Vec<f32>, Value)> {
+    let entries = fs::read_dir(place.path(folder)).expect("exported").filter_map(Result::ok);
+    let items = entries.filter(|entry| entry.path().join(file).exists());
+    let read = |entry: fs::DirEntry| {
+        let image = read_exr(&entry.path().join(file)).expect("a picture").remove("").expect("unnamed");
+        let meta = fs::read(entry.path().join("meta.json")).expect("metadata");
+        let meta = serde_json::from_slice(&meta).expect("JSON");
+        (entry.file_name().to_string_lossy().into_owned(), (image.data().to_vec(), meta))
+    };
+    items.map(read).collect()
+}
+
+#[test]
+fn raw_undoes_the_exposure_and_metadata_names_space_and_factor() {
+    let place = Place::with(PIPELINE);
+    place.tauflow(&["run", "small.yaml", "--target", "filtered", "--target", "ladders"]).ends(0);
+    let export = |node: &str, folder: &str, more: &[&str], file: &str| {
+        place.tauflow(&[&["export", "small.yaml", node, "-o", folder], more].concat()).ends(0);
+        exported(&place, folder, file)
+    };
+    let rung = "spp-000004.exr";
+    let ladders = export("ladders", "ladders", &[], rung);
+    for (node, file) in [("packed", rung), ("filtered", "guided_filter-4-to-16-nfe-1.exr")] {
+        let exposed = export(node, &format!("{node}_exposed"), &[], file);
+        let raw = export(node, &format!("{node}_raw"), &["--raw"], file);
+        assert!(!exposed.is_empty() && exposed.keys().eq(raw.keys()), "{node}: the gate accepts a scene");
+        for (item, (values, meta)) in &exposed {
+            let factor = meta["exposure"].as_f64().expect("a factor");
+            assert!(meta["space"] == "exposed_radiance" && (factor - 1.0).abs() > 1e-3, "{node}/{item}: {meta}");
+            assert_eq!(meta["scene_exposure"], meta["exposure"], "{node}/{item}");
+            let (undone, of_raw) = &raw[item];
+            assert_eq!((&of_raw["space"], &of_raw["exposure"]), (&"raw_radiance".into(), &1.0.into()));
+            assert_eq!(of_raw["scene_exposure"], meta["exposure"], "{node}/{item}");
+            // The ladder's own radiance, but for rounding.
+            let (own, of_ladder) = &ladders[item];
+            assert_eq!((&of_ladder["space"], &of_ladder["exposure"]), (&"raw_radiance".into(), &1.0.into()));
+            assert!(own.iter().any(|value| *value > 0.0) && own.len() == undone.len());
+            for ((own, undone), exposed) in own.iter().zip(undone).zip(values) {
+                assert!((own - undone).abs() <= 1e-5 * own.abs(), "{node}/{item}: {own} {undone}");
+                let expected = (f64::from(*own) * factor) as f32;
+                assert!((expected - exposed).abs() <= 1e-5 * expected.abs(), "{node}/{item}: {expected} {exposed}");
+            }
+        }
+    }
+}
+
+#[test]
+fn an_item_is_shown_with_its_files_and_verdict() {
+    let place = Place::with(PIPELINE);
+    let none = place.tauflow(&["show", "small.yaml", "packed", "L0-open-000000"]).ends(2);
+    assert!(none.err.contains("must run first"), "{}", none.err);
+    place.tauflow(&["run", "small.yaml", "--target", "packed", "--target", "gate.verdicts"]).ends(0);
+    let rungs = place.tauflow(&["show", "small.yaml", "ladders", "L0-open-000000"]).ends(0).out;
+    for part in [
+        "ladders.ladder L0-open-000000",
+        "type   tauflow/ladder",
+        "file   L0-open-000000/spp-000016.exr",
+        "\"counts\"",
+        "`gate` ",
+        "  contrast ",
+        "tauflow export small.yaml ladders -o DIR",
+    ] {
+        assert!(rungs.contains(part), "`{part}` is not in\n{rungs}");
+    }
+    let verdict = place.tauflow(&["show", "small.yaml", "gate", "L0-open-000000"]).ends(0).out;
+    assert!(verdict.contains("gate.verdicts L0-open-000000") && verdict.contains("\"measures\""), "{verdict}");
+    let far = place.tauflow(&["show", "small.yaml", "ladders", "nothing"]).ends(2);
+    assert!(far.err.contains("it has") && far.err.contains("such as `L0-open-"), "{}", far.err);
+    let unknown = place.tauflow(&["show", "small.yaml", "ladders", "L0-open-00000"]).ends(2);
+    assert!(
+        unknown.err.contains("`ladders` has no item `L0-open-00000`; did you mean `L0-open-00000"),
+        "{}",
+        unknown.err
+    );
+}

@@ -1,0 +1,282 @@
+//! `check` finds before a run what is sure to fail in it, and files and programs that are not there.
+
+use crate::{Place, root};
+use std::fs;
+use tauflow::{
+    pipeline::{Options, resolve, resolve_text},
+    registry::registry,
+};
+
+/// Ladders of a training set and a test set, with references, solvers and scores: nothing is wrong.
+const STUDY: &str = "\
+pipeline: study
+nodes:
+  scenes: { kind: scene_generation, params: { pool: 8, regimes: [L0], contexts: [open] } }
+  previews: { kind: ladder_rendering, inputs: { scenes: scenes }, params: { rungs: [4], resolution: [32, 32] } }
+  gate: { kind: quality_gate, inputs: { scenes: scenes, previews: previews } }
+  train_ladders:
+    kind: ladder_rendering
+    inputs: { scenes: gate.accepted }
+    params: { rungs: { dyadic: 8 }, resolution: [32, 32] }
+  train_set:
+    kind: dataset_packing
+    inputs: { ladders: train_ladders, exposure: gate.exposure }
+  test_ladders:
+    kind: ladder_rendering
+    inputs: { scenes: gate.accepted }
+    params: { rungs: { dyadic: 8 }, resolution: [32, 32], stream: 1 }
+  test_set:
+    kind: dataset_packing
+    inputs: { ladders: test_ladders, gbuffers: test_ladders.gbuffer, exposure: gate.exposure }
+  solvers:
+    kind: training
+    matrix: { parameterization: [mc_noise, mc_velocity] }
+    inputs: { train: train_set, test: test_set }
+    params: { preset: tiny, steps: 2, conditioning: rgb }
+  refined:
+    kind: refinement
+    matrix: { like: solvers }
+    inputs: { endpoints: test_set, model: solvers }
+    params: { from: 2, nfe: [1] }
+  scores:
+    kind: image_metrics
+    matrix: { like: refined }
+    inputs: { images: refined, references: test_set }
+  hold: { kind: image_metrics, inputs: { references: test_set }, params: { from: 2 } }
+  evaluation: { kind: evaluation, inputs: { scores: scores, hold: hold } }
+  table: { kind: table, inputs: { scores: scores }, params: { rows: [parameterization] } }
+";
+
+/// What is wrong with the study after edits: `(before, after)`.
+fn told(edits: &[(&str, &str)]) -> String {
+    let mut text = STUDY.to_owned();
+    for (before, after) in edits {
+        assert_eq!(text.matches(before).count(), 1, "`{before}` stands in the study once");
+        text = text.replace(before, after);
+    }
+    match resolve_text("study.yaml", &text, &registry(), &Options::default()) {
+        Ok(_) => String::new(),
+        // Without the breaks of lines.
+        Err(problems) => problems.render(false).replace('│', " ").split_whitespace().collect::<Vec<_>>().join(" "),
+    }
+}
+
+/// One problem with all these parts.
+#[track_caller]
+fn one(edits: &[(&str, &str)], parts: &[&str]) {
+    let said = told(edits);
+    for part in parts.iter().chain(&["1 problem found"]) {
+        assert!(said.contains(part), "`{part}` is not in\n{said}");
+    }
+}
+
+#[test]
+fn a_study_that_fits_together_has_no_problems() {
+    assert_eq!(told(&[]), "");
+}
+
+#[test]
+fn rungs_that_do_not_exist_are_named_with_the_nearest() {
+    let hint = "use 2 or 4, or add 3 to `rungs` of the ladders";
+    let refined = [("params: { from: 2, nfe: [1] }", "params: { from: 3, nfe: [1] }")];
+    let said = told(&refined);
+    for part in ["study.yaml:29:21", "`test_set` has no rung of 3 samples, only 1, 2, 4, 8", hint] {
+        assert!(said.contains(part), "`{part}` is not in\n{said}");
+    }
+    // A filter that nobody reads is told of, too; its default is named at the node.
+    let filter = "  filtered: { kind: guided_filter, inputs: { endpoints: test_set }, params: { from: 16 } }\n  hold:";
+    one(&[("  hold:", filter)], &["`test_set` has no rung of 16 samples", "use 8, or add 16"]);
+    let ladder = "  measured:
+    kind: ladder_metrics
+    inputs: { ladders: train_ladders, references: test_ladders }
+    params: { rungs: [1, 5] }
+  hold:";
+    one(&[("  hold:", ladder)], &["`train_ladders` has no rung of 5 samples", "use 4 or 8"]);
+    let rungs = [(
+        "rungs: { dyadic: 8 }, resolution: [32, 32], stream: 1",
+        "rungs: [1, 4, 8], resolution: [32, 32], stream: 1",
+    )];
+    let said = told(&rungs);
+    assert!(said.contains("`test_set` has no rung of 2 samples, only 1, 4, 8"), "{said}");
+    // A ladder that goes on until it is accurate may have any rung.
+    let open = "rungs: { dyadic: 8 }, resolution: [32, 32], stream: 1, until: { relative_error: 0.1, at_most: 64 }";
+    let said =
+        told(&[("rungs: { dyadic: 8 }, resolution: [32, 32], stream: 1", open), ("from: 2, nfe", "from: 3, nfe")]);
+    assert!(!said.contains("no rung"), "{said}");
+}
+
+#[test]
+fn rungs_and_sizes_that_must_be_equal_are_compared() {
+    let rungs = [(
+        "rungs: { dyadic: 8 }, resolution: [32, 32], stream: 1",
+        "rungs: [1, 2, 8], resolution: [32, 32], stream: 1",
+    )];
+    one(&rungs, &["study.yaml:23:39", "`test_set` has the rungs 1, 2, 8, but `train_set` has 1, 2, 4, 8"]);
+    let references =
+        "  more: { kind: ladder_rendering, inputs: { scenes: gate.accepted }, params: { resolution: [64, 32] } }
+  measured: { kind: ladder_metrics, inputs: { ladders: train_ladders, references: more } }\n  hold:";
+    one(
+        &[("  hold:", references)],
+        &["the images of `more` have 64 x 32 pixels, but those of `train_ladders` have 32 x 32", "`resolution`"],
+    );
+    let small = [(
+        "rungs: { dyadic: 8 }, resolution: [32, 32], stream: 1",
+        "rungs: { dyadic: 8 }, resolution: [8, 8], stream: 1",
+    )];
+    let said = told(&small);
+    assert!(said.contains("SSIM needs at least 11 x 11"), "{said}");
+    one(&[("steps: 2, conditioning: rgb", "steps: 2, conditioning: gbuffer")], &["`train_set` has no G-buffers"]);
+    let sampler = [("resolution: [32, 32], stream: 1", "resolution: [32, 32], stream: 1, sampler: sobol")];
+    one(&sampler, &["the samples of `test_ladders` are correlated"]);
+    one(
+        &[("references: test_set }, params: { from: 2 }", "references: test_set }, params: { from: 4 }")],
+        &["the start of `scores[parameterization=mc_noise]` has 2 samples, but that of `hold` in `hold` has 4"],
+    );
+}
+
+#[test]
+fn axes_that_do_not_meet_and_several_items_for_one_are_found() {
+    one(
+        &[("    matrix: { like: refined }\n", "")],
+        &[
+            "study.yaml:32:44",
+            "no item of the input `references` meets one of `images`",
+            "the keys of `references` name no cell, those of `images` the cell `parameterization=mc_noise`",
+            "add `matrix: { like: refined }` to `scores`",
+            "`refined[parameterization=mc_noise]`",
+        ],
+    );
+    let one_node = [
+        ("    matrix: { like: solvers }\n", ""),
+        ("    matrix: { like: refined }\n", ""),
+        ("params: { rows: [parameterization] }", "params: { rows: [method] }"),
+    ];
+    one(
+        &one_node,
+        &[
+            "the input `model` takes one item, but gets 2, from `solvers[parameterization=mc_noise]`",
+            "add `matrix: { like: solvers }` to `refined`",
+        ],
+    );
+    one(&[("hold: hold }", "hold: scores }")], &["the input `hold` takes the scores of one cell, but gets those of 2"]);
+    one(
+        &[("rows: [parameterization]", "rows: [parametrization]")],
+        &["`rows` names the axis `parametrization`, which the scores do not have", "`parameterization`, `spp`"],
+    );
+    one(
+        &[("rows: [parameterization]", "rows: [method]")],
+        &["the axis `parameterization` has the values `mc_noise`, `mc_velocity` and is neither in `rows`"],
+    );
+    let against = "rows: [parameterization], against: { axis: parameterization, value: rf }";
+    one(&[("rows: [parameterization]", against)], &["the axis `parameterization` has no value `rf`"]);
+}
+
+#[test]
+fn a_run_of_what_is_sure_to_fail_does_not_begin() {
+    let place = Place::with(&STUDY.replace("params: { from: 2, nfe", "params: { from: 3, nfe"));
+    let said = place.tauflow(&["run", "small.yaml"]).ends(2);
+    assert!(said.err.contains("`test_set` has no rung of 3 samples"), "{}", said.err);
+    assert!(!place.path("store").exists(), "nothing was begun");
+}
+
+/// Scenes of two files, and assets that no target needs.
+const SOURCES: &str = "\
+pipeline: small
+targets: [own]
+values: { room: rooms/room.xml }
+nodes:
+  own:
+    kind: scene_files
+    params:
+      scenes:
+        - { path: $room, stratum: L1-enclosed }
+        - { path: rooms/hall.xml, stratum: L1-enclosed }
+  assets:
+    kind: assets
+    params: { folders: [none/] }
+";
+
+#[test]
+fn missing_files_of_the_sources_that_are_needed_are_named() {
+    let place = Place::with(SOURCES);
+    let said = place.tauflow(&["check", "small.yaml"]).ends(2);
+    for part in ["nothing fits `rooms/room.xml`", "small.yaml:9:19", "`$room`", "mend the path"] {
+        assert!(said.err.contains(part), "`{part}` is not in\n{}", said.err);
+    }
+    fs::create_dir(place.path("rooms")).expect("writable");
+    place.write("rooms/room.xml", "<scene version=\"3.0.0\"/>");
+    let said = place.tauflow(&["check", "small.yaml"]).ends(2);
+    for part in ["nothing fits `rooms/hall.xml`", "small.yaml:10:19"] {
+        assert!(said.err.contains(part), "`{part}` is not in\n{}", said.err);
+    }
+    place.write("rooms/hall.xml", "<scene version=\"3.0.0\"/>");
+    place.tauflow(&["check", "small.yaml"]).ends(0);
+    let said = place.tauflow(&["check", "small.yaml", "--target", "assets"]).ends(2);
+    for part in ["`none/` is no folder here", "small.yaml:13:25", "--set 'assets.folders="] {
+        assert!(said.err.contains(part), "`{part}` is not in\n{}", said.err);
+    }
+    // A graph reads no file.
+    place.tauflow(&["graph", "small.yaml", "--target", "assets"]).ends(0);
+}
+
+/// Programs of three kinds.
+const PROGRAMS: &str = "\
+pipeline: small
+nodes:
+  scenes: { kind: scene_generation, params: { pool: 1, regimes: [L0], contexts: [open] } }
+  step:
+    kind: command
+    inputs: { scenes: scenes }
+    params:
+      run: [sh, steps/step.sh]
+      inputs: { scenes: tauflow/scene }
+      outputs: { files: tauflow/files }
+      depends: [models/*.pt]
+  rendered:
+    kind: external_renderer
+    inputs: { scenes: scenes }
+    params: { command: [no-such-renderer, '{scene}', '{counts}', '{folder}'], required: true }
+  maybe:
+    kind: external_renderer
+    inputs: { scenes: scenes }
+    params: { command: [no-such-renderer-either, '{scene}', '{counts}', '{folder}'] }
+";
+
+#[test]
+fn missing_programs_scripts_and_dependencies_are_named() {
+    let place = Place::with(PROGRAMS);
+    let said = place.tauflow(&["check", "small.yaml"]).ends(2);
+    for part in [
+        "there is no file `steps/step.sh` here",
+        "small.yaml:8:17",
+        "`models/*.pt`, which matches no file",
+        "small.yaml:11:17",
+        "there is no program `no-such-renderer` here",
+        "small.yaml:15:25",
+        "3 problems found",
+    ] {
+        assert!(said.err.contains(part), "`{part}` is not in\n{}", said.err);
+    }
+    assert!(!said.err.contains("either"), "a program that may be missing is no problem: {}", said.err);
+}
+
+#[test]
+fn the_shipped_pipelines_check_but_for_assets_of_ones_own() {
+    for file in crate::files("pipelines", "yaml") {
+        let path = file.to_string_lossy().into_owned();
+        resolve(&file, &registry(), &Options::default()).unwrap_or_else(|e| panic!("{path}: {e}"));
+        let place = Place::new();
+        // Relative paths start at the root of a checkout.
+        let mut command = place.command(&["check", &path]);
+        let said = crate::Said::of(&command.current_dir(root()).output().expect("the program starts"));
+        let own = fs::read_to_string(&file).expect("a pipeline").contains("folders: [assets/]");
+        if own && !root().join("assets").is_dir() {
+            let said = said.ends(2);
+            for part in ["`assets/` is no folder here", "--set 'assets.folders=[path/to/assets]'", "1 problem found"] {
+                assert!(said.err.contains(part), "`{part}` is not in\n{}", said.err);
+            }
+        } else {
+            said.ends(0);
+        }
+    }
+}
