@@ -10,6 +10,7 @@ mod checkpoints;
 mod config;
 mod descendants;
 mod exec;
+mod executor;
 mod explain;
 mod export;
 mod inspect;
@@ -120,7 +121,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     /// Bring the targets of a pipeline up to date.
-    Run(run::RunArgs),
+    Run(Box<run::RunArgs>),
     /// Show which runs are going, from another terminal: what is done, what runs, what failed.
     Status(status::StatusArgs),
     /// List the recorded runs of a cache.

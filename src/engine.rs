@@ -28,7 +28,7 @@ mod sighted;
 mod transient;
 
 pub use event::Summary;
-pub use executor::ChildCommand;
+pub use executor::{ChildCommand, JobOptions, Scheduling};
 pub use lanes::Only;
 pub(crate) use lanes::target_ports;
 pub use reached::{holds_anywhere, reached};
@@ -81,6 +81,8 @@ pub enum ExecutorKind {
     Threads,
     /// In child processes, which are started like this.
     Processes(ChildCommand),
+    /// In jobs of a scheduler.
+    Jobs(JobOptions),
 }
 
 impl Default for RunOptions {

@@ -17,6 +17,20 @@ const MOST_BYTES: u64 = 1 << 20;
 pub(crate) struct Config {
     /// The upstream of every command that reads results.
     pub(crate) upstream: Option<String>,
+    /// The commands of `--executor command`.
+    pub(crate) command: Option<Commands>,
+}
+
+/// How jobs are given to a scheduler.
+#[derive(Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Commands {
+    /// Submits a job.
+    pub(crate) submit: Option<String>,
+    /// Prints the states of jobs.
+    pub(crate) poll: Option<String>,
+    /// Cancels jobs.
+    pub(crate) cancel: Option<String>,
 }
 
 impl Config {
@@ -65,6 +79,8 @@ mod tests {
         assert_eq!(Config::of(&path).expect("a missing file says nothing"), Config::default());
         assert_eq!(read("# nothing\n\n").expect("a comment says nothing"), Config::default());
         assert_eq!(read("upstream: /lab/tauflow\n").expect("valid").upstream.as_deref(), Some("/lab/tauflow"));
+        let known = read("command: { submit: 'qsub {script}' }\n").expect("valid").command.expect("it is named");
+        assert_eq!((known.submit.as_deref(), known.poll), (Some("qsub {script}"), None));
         for (text, part) in [
             ("upstream: lab\n", "must be an absolute path"),
             ("upstreem: /lab\n", "upstreem"),

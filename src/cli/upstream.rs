@@ -178,9 +178,10 @@ pub(crate) fn publish(pipeline: &Pipeline, registry: &Registry, at: &CacheAt) ->
     Ok(())
 }
 
-/// An error if results are to be published, and no upstream is chosen.
-pub(crate) fn must_be_chosen(at: &CacheAt) -> Result<(), CliError> {
-    required(at).map(drop)
+/// Makes the upstream to which results are to be published, unless it is there. A run is not to fail at its end.
+pub(crate) fn prepare(at: &CacheAt) -> Result<(), CliError> {
+    Upstream::create(&required(at)?)?;
+    Ok(())
 }
 
 pub(crate) fn pull(at: &CacheAt) -> Result<Exit, CliError> {
