@@ -63,6 +63,8 @@ pub struct Steward<'a, 'o> {
     asked: Instant,
     unanswered: u32,
     refused: u32,
+    /// The scheduler has taken jobs of this run.
+    accepts: bool,
     not_before: Instant,
     told: (usize, usize),
 }
@@ -92,6 +94,7 @@ impl<'a, 'o> Steward<'a, 'o> {
             asked: now,
             unanswered: 0,
             refused: 0,
+            accepts: false,
             not_before: now,
             told: (0, 0),
         }

@@ -108,7 +108,7 @@ impl Steward<'_, '_> {
             Ok(ids) => ids,
             Err(error) => return Err((Refusal::Scheduler(error), all(jobs))),
         };
-        self.refused = 0;
+        (self.refused, self.accepts) = (0, true);
         let noted = Submitted { scheduler: self.options.scheduling.name(), ids };
         if let Err(error) = folder.submitted(&noted) {
             self.warn(format!("the next run will not find the jobs of this one: {error}"));
@@ -125,7 +125,8 @@ impl Steward<'_, '_> {
         let error = match refusal {
             Refusal::Scheduler(error) => {
                 self.refused += 1;
-                if self.refused < MOST_SUBMISSIONS {
+                // A scheduler that never took one is not there, or not as the options say.
+                if self.accepts && self.refused < MOST_SUBMISSIONS {
                     let pause = Duration::from_secs(1 << self.refused);
                     self.warn(format!("{error}; trying again in {} s", pause.as_secs()));
                     self.not_before = Instant::now() + pause;
