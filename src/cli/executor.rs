@@ -28,7 +28,7 @@ pub(crate) struct ExecutorArgs {
     /// Ask the scheduler for the state of jobs every so often.
     #[arg(long, value_name = "TIME", default_value = "3s", value_parser = seconds)]
     poll_every: f64,
-    /// For --executor command: submits the script `{script}` and prints the job's id. `{name}` and `{log}` are replaced,
+    /// For --executor command: submits the script `{script}` and prints the job's id. `{name}` and `{log}` are replaced
     /// too.
     #[arg(long, value_name = "COMMAND")]
     submit: Option<String>,

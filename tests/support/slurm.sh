@@ -49,8 +49,8 @@ EOF
         [ "$n" != 100 ] || { echo "Slurm does not answer: $(cat "$dir"/slurm*.log | tail -n 5)" >&2; exit 1; }
         sleep 0.2
     done
-    [ -z "$pid" ] || setsid sh -c "while kill -0 $pid 2>/dev/null; do sleep 1; done; sh '$0' stop '$dir'; rm -rf '$dir'" \
-        >/dev/null 2>&1 </dev/null &
+    watch="while kill -0 $pid 2>/dev/null; do sleep 1; done; sh '$0' stop '$dir'; rm -rf '$dir'"
+    [ -z "$pid" ] || setsid sh -c "$watch" >/dev/null 2>&1 </dev/null &
     ;;
 stop)
     for pid in slurmd.pid slurmctld.pid munge/pid; do
