@@ -10,7 +10,7 @@ const MOST_NAMED: usize = 500;
 pub struct Commands {
     /// Submits the job of `{script}` under the name `{name}`, with its output in `{log}`; prints the job's id.
     pub submit: String,
-    /// Prints a line for each job that has not ended: its id, and a word for its state. Jobs beside `{ids}` are ignored.
+    /// Prints a line for each job that has not ended: its id, and a word for its state. It may name other jobs.
     pub poll: String,
     /// Cancels the jobs `{ids}`.
     pub cancel: String,
