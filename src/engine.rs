@@ -17,6 +17,7 @@ mod listing;
 mod look_up;
 mod probe;
 pub(crate) mod publish;
+mod reached;
 mod records;
 mod request;
 mod rollup;
@@ -27,9 +28,10 @@ mod sighted;
 mod transient;
 
 pub use event::Summary;
-pub use executor::ChildCommand;
+pub use executor::{ChildCommand, JobOptions, Scheduling};
 pub use lanes::Only;
 pub(crate) use lanes::target_ports;
+pub use reached::{holds_anywhere, reached};
 pub use records::{ACTION, PIPELINE, ROLLUP, SHARD, now};
 pub use sharded::Listed;
 
@@ -79,6 +81,8 @@ pub enum ExecutorKind {
     Threads,
     /// In child processes, which are started like this.
     Processes(ChildCommand),
+    /// In jobs of a scheduler.
+    Jobs(JobOptions),
 }
 
 impl Default for RunOptions {

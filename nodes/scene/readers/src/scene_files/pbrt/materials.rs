@@ -122,7 +122,8 @@ impl<'t> PbrtReader<'t, '_, '_> {
                 })
             }
             "coateddiffuse" => {
-                let what = "a coat of layers, by Mitsuba's `plastic`";
+                let what = "a coat of layers, by Mitsuba's `plastic` (in our test, the share of light that it reflects \
+                            differs by up to 2.6% where it is smooth, and by up to 0.7% from an alpha of 0.1 on)";
                 self.build.problems.approximated(&directive.at, what, "use `diffuse` or `conductor`");
                 let diffuse_reflectance = self.share(directive, "reflectance", 0.5)?;
                 let (int_ior, [u, v]) = (self.index(directive), self.alphas(directive, ""));
@@ -156,7 +157,8 @@ impl<'t> PbrtReader<'t, '_, '_> {
     }
 
     fn bent(&mut self, directive: &'t Directive, path: &'t str, inner: Option<Bsdf>) -> Option<Bsdf> {
-        let what = "a normal map in pbrt's own frames";
+        let what = "a normal map, whose normals that turn away from the viewer are black here (in our test, 2.3% of the \
+                    mean and up to 71% in a bin)";
         self.build.problems.approximated(&directive.at, what, "take `normalmap` out");
         let image = self.build.picture(path, true, Channels::Colors, Bound::Share, &directive.at)?;
         let uv = [[1.0, 0.0, 0.0], [0.0, -1.0, 1.0]];
