@@ -31,8 +31,8 @@ impl Redrawn {
         put(&self.frame(text));
     }
 
-    /// The orders to the terminal, and the text without any: up by the lines shown before, everything below cleared, and
-    /// no line longer than the terminal is wide, so that each takes one row.
+    /// The orders to the terminal, and the text without any: up by the lines shown before, all below cleared, and no
+    /// line longer than the terminal is wide, so that each takes one row.
     fn frame(&mut self, text: &str) -> String {
         let back = if self.lines > 0 { format!("\u{1b}[{}A\u{1b}[J", self.lines) } else { String::new() };
         self.lines = text.lines().count();

@@ -152,14 +152,23 @@ END
 echo ran >> HERE/ran
 ";
 
+const MADE: &str = "\
+pipeline: small
+nodes:
+  made:
+    kind: command
+    params:
+      run: [./roundabout.sh]
+      mode: gather
+      outputs: { made: tauflow/files }
+";
+
 #[test]
 fn roundabout_ways_to_a_file_are_followed() {
     use std::os::unix::fs::{PermissionsExt as _, symlink};
     let Some(place) = place() else { return };
     let here = place.path("").display().to_string();
-    let pipeline = "nodes:\n  made:\n    kind: command\n    params:\n      run: [./roundabout.sh]\n      mode: gather\n      \
-                    outputs: { made: tauflow/files }\n";
-    place.write("small.yaml", &format!("pipeline: small\n{pipeline}"));
+    place.write("small.yaml", MADE);
     place.write("roundabout.sh", &ROUNDABOUT.replace("HERE", here.trim_end_matches('/')));
     let mode = |name: &str, mode| {
         fs::set_permissions(place.path(name), fs::Permissions::from_mode(mode)).expect("its owner may");

@@ -98,7 +98,7 @@ impl Until {
         }
     }
 
-    /// As many samples as this error takes by what is known now, out of `samples` that are to have the error `expected`:
+    /// As many samples as this error takes by what is known now, out of `samples` that have the error `expected`:
     /// doubling goes beyond it, and goes far beyond it if the first samples that decided missed rare light. The error
     /// falls with the root of the number.
     pub fn least(&self, samples: u64, expected: f64) -> (u64, f64) {

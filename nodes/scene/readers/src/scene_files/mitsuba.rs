@@ -172,8 +172,8 @@ impl<'t> MitsubaReader<'t, '_, '_> {
             if bounded {
                 let what = format!(
                     "`max_depth` of `{sort}` counts passages through masks, and here they are free (in our test of six \
-                     masks in a row, 2.8% of the mean and up to 24% in a bin at a depth of 4, 0.3% and 4% at 8, less than \
-                     0.1% and 2% at 16)"
+                     masks in a row, 2.8% of the mean and up to 24% in a bin at a depth of 4, 0.3% and 4% at 8, less \
+                     than 0.1% and 2% at 16)"
                 );
                 self.build.problems.approximated(at, what, remedy);
             } else {

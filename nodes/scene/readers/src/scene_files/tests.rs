@@ -237,7 +237,8 @@ fn all_that_a_pbrt_file_asks_too_much_is_named_with_its_line() {
 
 #[test]
 fn approximations_of_pbrt_state_how_large_they_are() {
-    let text = "Camera \"perspective\"\nWorldBegin\nLightSource \"spot\" \"float coneangle\" 30 \"float conedeltaangle\" 5\n\
+    let text = "Camera \"perspective\"\nWorldBegin\nLightSource \"spot\" \"float coneangle\" 30 \"float \
+                conedeltaangle\" 5\n\
                 Material \"dielectric\" \"spectrum eta\" \"glass-BK7\"\nShape \"sphere\"\n\
                 Material \"coateddiffuse\"\nShape \"sphere\"\n";
     let notes = load("a.pbrt", text, &[], true).expect("allowed").notes;

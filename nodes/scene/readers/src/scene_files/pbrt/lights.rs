@@ -112,8 +112,8 @@ impl<'t> PbrtReader<'t, '_, '_> {
         if delta != 0.0 {
             let [most, power] = edge_error(cutoff_angle, cutoff_angle - delta);
             let what = format!(
-                "a spot's smooth edge: here it falls linearly with the angle, which differs by up to {:.0}% of the peak \
-                 within the edge, and by {:+.1}% in all light",
+                "a spot's smooth edge: here it falls linearly with the angle, which differs by up to {:.0}% of the \
+                 peak within the edge, and by {:+.1}% in all light",
                 100.0 * most,
                 100.0 * power
             );
@@ -174,8 +174,8 @@ impl<'t> PbrtReader<'t, '_, '_> {
     }
 }
 
-/// How a spot whose edge falls linearly with the angle differs from pbrt's, which falls smoothly with the cosine: at most
-/// at an angle, of the peak, and in all light, of pbrt's. Angles are in degrees.
+/// How a spot whose edge falls linearly with the angle differs from pbrt's, which falls smoothly with the cosine: at
+/// most at an angle, of the peak, and in all light, of pbrt's. Angles are in degrees.
 fn edge_error(end: f64, begin: f64) -> [f64; 2] {
     const STEPS: u32 = 1000;
     let [cos_end, cos_begin] = [end, begin].map(|angle| maths::cos(angle.to_radians()));

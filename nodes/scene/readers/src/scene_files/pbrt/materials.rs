@@ -157,8 +157,8 @@ impl<'t> PbrtReader<'t, '_, '_> {
     }
 
     fn bent(&mut self, directive: &'t Directive, path: &'t str, inner: Option<Bsdf>) -> Option<Bsdf> {
-        let what = "a normal map, whose normals that turn away from the viewer are black here (in our test, 2.3% of the \
-                    mean and up to 71% in a bin)";
+        let what = "a normal map, whose normals that turn away from the viewer are black here (in our test, 2.3% of \
+                    the mean and up to 71% in a bin)";
         self.build.problems.approximated(&directive.at, what, "take `normalmap` out");
         let image = self.build.picture(path, true, Channels::Colors, Bound::Share, &directive.at)?;
         let uv = [[1.0, 0.0, 0.0], [0.0, -1.0, 1.0]];
@@ -185,8 +185,8 @@ impl<'t> PbrtReader<'t, '_, '_> {
                 if let Some((name, index, abbe)) = glass {
                     let remedy = "write one index, such as `\"float eta\" 1.5`";
                     let what = format!(
-                        "`{name}` without its dispersion: its index is {index} here, and varies by {:.1}% from blue (486 nm) \
-                         to red (656 nm)",
+                        "`{name}` without its dispersion: its index is {index} here, and varies by {:.1}% from blue \
+                         (486 nm) to red (656 nm)",
                         100.0 * (index - 1.0) / abbe / index
                     );
                     self.build.problems.approximated(&param.at, what, remedy);
