@@ -38,10 +38,13 @@ pub(crate) struct ExecArgs {
     /// Print the action instead of running it, for use on another machine.
     #[arg(long)]
     print: bool,
-    /// Run the actions of a batch file one after the other, and print a line of JSON for each. `run --executor process`
-    /// starts these processes.
+    /// Run the actions of a batch file one after the other, and print a line of JSON for each. `run --executor`
+    /// starts these processes, and jobs of a scheduler.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["action", "limit", "sandbox", "print"])]
     batch: Option<PathBuf>,
+    /// Append these lines to a file instead. The batch then goes on when the process that started it is gone.
+    #[arg(long, value_name = "FILE", requires = "batch")]
+    lines: Option<PathBuf>,
     /// Internal: already in a separate process, with this working directory.
     #[arg(long, hide = true, value_name = "DIR")]
     inside: Option<PathBuf>,
@@ -67,7 +70,7 @@ impl From<ExecError> for CliError {
 pub(crate) fn exec(args: &ExecArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     if let Some(path) = &args.batch {
         let batch = BatchFile::read(path).map_err(CliError::Bad)?;
-        batch::serve(batch, &cache.open()?, registry)?;
+        batch::serve(batch, &cache.open()?, registry, args.lines.as_deref())?;
         return Ok(Exit::Done);
     }
     let stop = Arc::new(AtomicBool::new(false));

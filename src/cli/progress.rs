@@ -23,6 +23,8 @@ const LINE_EVERY: Duration = Duration::from_secs(5);
 
 /// A line of the whole run at most this often.
 const OVERALL_EVERY: Duration = Duration::from_secs(30);
+/// After this time, the line of the whole run appears without an estimate.
+const ESTIMATED: Duration = Duration::from_secs(1);
 /// Bars at most, so that a terminal of 24 rows holds them and the line of the whole run.
 const MOST_BARS: usize = 21;
 
@@ -90,6 +92,8 @@ struct State {
     expected: Vec<Expected>,
     overall: Option<ProgressBar>,
     overall_told: Instant,
+    /// Jobs of a scheduler that wait and run.
+    jobs: Option<(u64, u64)>,
 }
 
 impl State {
@@ -128,11 +132,12 @@ impl Display {
     pub(crate) fn new(pipeline: &Pipeline, json: bool) -> Self {
         let terminal = terminal::redraws() && !json;
         let bars = terminal.then(|| MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(10)));
+        terminal::show_notes_above(bars.as_ref());
         let order: Vec<String> = pipeline.nodes.iter().map(|n| n.name.clone()).collect();
         let graph = order.iter().enumerate().map(|(n, name)| (name.clone(), pipeline.reads(n))).collect();
         let (start, shown) = (Instant::now(), BTreeMap::new());
         let run = RunState::new(graph);
-        let state = State { order, run, shown, expected: Vec::new(), overall: None, overall_told: start };
+        let state = State { order, run, shown, expected: Vec::new(), overall: None, overall_told: start, jobs: None };
         Self { json, start, bars, state: Mutex::new(state), asked: Mutex::new(None) }
     }
 
@@ -167,6 +172,15 @@ impl Display {
                     let _ = sender.send(());
                 }
             }
+            Event::Jobs { queued, running } => {
+                let begun = state.jobs.is_none();
+                state.jobs = Some((*queued, *running));
+                // The first ones are told at once.
+                if begun && self.bars.is_none() {
+                    self.voice().say(&format!("jobs: {queued} queued, {running} running"));
+                }
+                self.update_overall(&mut state);
+            }
             Event::Warning { message } => self.voice().say(&format!("warning: {message}")),
             Event::Healing { nodes } => {
                 let nodes = nodes.join(", ");
@@ -187,10 +201,13 @@ impl Display {
         let due = state.overall_told.elapsed();
         let text = |state: &State| {
             let overall = state.run.overall(&state.expected, elapsed);
-            (overall, overall_text(overall, elapsed))
+            let jobs = state.jobs.map(|(queued, running)| format!(", jobs: {queued} queued, {running} running"));
+            (overall, overall_text(overall, elapsed) + &jobs.unwrap_or_default())
         };
         match &self.bars {
             Some(_) if due < Duration::from_millis(200) && state.overall.is_some() => return,
+            // Before the estimate is there, nobody knows which nodes take part.
+            Some(_) if state.expected.is_empty() && elapsed < ESTIMATED => return,
             Some(bars) => {
                 let (overall, text) = text(state);
                 let bar = state.overall.get_or_insert_with(|| {
@@ -212,12 +229,12 @@ impl Display {
         Voice(self.bars.clone())
     }
 
-    /// Leaves the bars as they are.
+    /// Leaves the bars of nodes that did not come to their end. The account of the run replaces the last line.
     pub(crate) fn end(&self) {
         drop(self.asked.lock().unwrap_or_else(PoisonError::into_inner).take());
         let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        let bars = state.shown.values().filter_map(|shown| shown.bar.as_ref());
-        bars.chain(&state.overall).for_each(ProgressBar::abandon);
+        state.shown.values().filter_map(|shown| shown.bar.as_ref()).for_each(ProgressBar::abandon);
+        state.overall.iter().for_each(ProgressBar::finish_and_clear);
     }
 
     fn update(&self, state: &mut State, name: &str) {
@@ -256,8 +273,12 @@ impl Display {
                 let shown = state.shown.entry(name.to_owned()).or_default();
                 let room = (room + shown.parts.len()).min(MOST_PARTS);
                 let Some(bar) = &shown.bar else { return };
-                // A thousand steps for each action, so that a long one moves its bar.
-                bar.set_length(node.counts().expected * 1000);
+                // A thousand steps for each action, so that a long one moves its bar. As long as more may follow, the
+                // estimate keeps the bar from being full.
+                let place = state.order.iter().position(|node| node == name);
+                let more = place.and_then(|place| state.expected.get(place)).filter(|_| !known);
+                let expected = (node.counts().expected as f64).max(more.map_or(0.0, |more| more.actions));
+                bar.set_length((expected * 1000.0) as u64);
                 bar.set_position((node.position() * 1000.0) as u64);
                 bar.set_message(node_text(node, known));
                 let mut last = bar.clone();

@@ -45,13 +45,15 @@ pub struct Known {
     pub totals: Row<LaneId, (u64, u64)>,
     /// Collections by lane and port.
     pub loaded: BTreeMap<(LaneId, PortId), Arc<Sharded>>,
+    /// The keys of what was found.
+    pub keys: Vec<Key>,
 }
 
 impl Known {
     /// Nothing, of all lanes.
     pub fn none(lanes: &Lanes) -> Self {
         let (rolled, totals) = (lanes.iter().map(|_| None).collect(), lanes.iter().map(|_| (0, 0)).collect());
-        Self { rolled, totals, loaded: BTreeMap::new() }
+        Self { rolled, totals, loaded: BTreeMap::new(), keys: Vec::new() }
     }
 
     /// Content digest of a lane's port.
@@ -90,7 +92,7 @@ pub fn find(pipeline: &Pipeline, lanes: &Lanes, holdings: Holdings<'_>) -> Resul
             Some((*id, key?.0))
         };
         let (asked, hashes): (Vec<LaneId>, Vec<Key>) = wave.iter().filter_map(key).unzip();
-        for (id, record) in asked.into_iter().zip(holdings.store.lookup_many(ROLLUP, &hashes)) {
+        for ((id, key), record) in asked.into_iter().zip(&hashes).zip(holdings.store.lookup_many(ROLLUP, &hashes)) {
             let Some(record) = record else { continue };
             if !holdings.intact(&record)? {
                 continue;
@@ -101,6 +103,7 @@ pub fn find(pipeline: &Pipeline, lanes: &Lanes, holdings: Holdings<'_>) -> Resul
             if let Some(payload) = Payload::of(&record)
                 && asked.all(|name| payload.collections.contains_key(name))
             {
+                known.keys.push(*key);
                 known.totals[id] = (record.wall_us, record.bytes);
                 known.rolled[id] = Some(payload);
             }
