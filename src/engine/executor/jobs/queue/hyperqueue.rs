@@ -8,10 +8,7 @@ use std::{
 };
 
 /// See the module.
-pub struct HyperQueue {
-    /// More options of `hq submit`.
-    pub options: Vec<String>,
-}
+pub struct HyperQueue;
 
 /// The job of an id `JOB_TASK`.
 fn job(id: &str) -> &str {
@@ -24,7 +21,7 @@ impl Queue for HyperQueue {
         let mut command = Command::new("hq");
         command.args(["submit", "--output-mode=quiet", "--name", of.name]);
         command.arg(format!("--array=0-{}", of.jobs.saturating_sub(1)));
-        command.arg(format!("--stdout={folder}/%{{TASK_ID}}.log")).arg("--stderr=none").args(&self.options);
+        command.arg(format!("--stdout={folder}/%{{TASK_ID}}.log")).arg("--stderr=none").args(&of.options);
         command.args(["--", "sh", "-c"]).arg(format!("exec sh {}/\"$HQ_TASK_ID.sh\" 2>&1", super::quoted(&folder)));
         let said = ask(&mut command)?;
         let id = said.lines().last().unwrap_or_default().trim();
