@@ -25,8 +25,8 @@ pub(crate) struct ExecutorArgs {
     /// Run an action again so often if its job ends before it is done.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(..=100))]
     retries: u32,
-    /// Pass this option to `sbatch`, `hq submit` or the submit command, such as --job-option=--mem=8G. With a node, such
-    /// as --job-option=training:--gres=gpu:1, it is for jobs of this node. Can be repeated.
+    /// Pass this option to `sbatch`, `hq submit` or the submit command, such as --job-option=--mem=8G. An option after
+    /// a node, such as --job-option=training:--gres=gpu:1, is for jobs of this node. Can be repeated.
     #[arg(long = "job-option", value_name = "[NODE:]OPTION", allow_hyphen_values = true)]
     options: Vec<String>,
     /// Ask the scheduler for the state of jobs every so often.

@@ -1,7 +1,7 @@
 //! A share of a run: actions of other shares are done by other runs on the same store, and waited for here, or not.
 //!
 //! An item belongs to the same share in all nodes, and an action without an item to the share of its key. Actions whose
-//! keys name a machine, a library or a device belong to every share, because other machines may have other keys for them.
+//! keys name a machine, a library or a device belong to every share: other machines may have other keys for them.
 
 use super::{Batch, Capacity, Executor, Order, Reply};
 use crate::engine::{
