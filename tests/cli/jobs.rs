@@ -54,7 +54,7 @@ fn place(items: usize, seconds: &str) -> Place {
         "copy.sh",
         &format!(
             "n=$(cat in/numbers/n); echo $n >> HERE/begun
-sleep {seconds}; echo $n >> HERE/ended; cp in/numbers/n out/copies/n"
+sleep {seconds} || exit 1; echo $n >> HERE/ended; cp in/numbers/n out/copies/n"
         ),
     );
     script("total.sh", "mkdir out/total/all; cat in/copies/*/n | sort -n > HERE/total; cp HERE/total out/total/all/n");

@@ -22,7 +22,13 @@ impl Queue for HyperQueue {
         command.args(["submit", "--output-mode=quiet", "--name", of.name]);
         command.arg(format!("--array=0-{}", of.jobs.saturating_sub(1)));
         command.arg(format!("--stdout={folder}/%{{TASK_ID}}.log")).arg("--stderr=none").args(&of.options);
-        command.args(["--", "sh", "-c"]).arg(format!("exec sh {}/\"$HQ_TASK_ID.sh\" 2>&1", super::quoted(&folder)));
+        // It sets this variable, which enters the keys of programs.
+        let threads = match std::env::var("OMP_NUM_THREADS") {
+            Ok(threads) => format!("export OMP_NUM_THREADS={}", super::quoted(&threads)),
+            Err(_) => "unset OMP_NUM_THREADS".to_owned(),
+        };
+        let script = format!("{threads}; exec sh {}/\"$HQ_TASK_ID.sh\" 2>&1", super::quoted(&folder));
+        command.args(["--", "sh", "-c"]).arg(script);
         let said = ask(&mut command)?;
         let id = said.lines().last().unwrap_or_default().trim();
         if id.is_empty() || !id.bytes().all(|byte| byte.is_ascii_digit()) {
