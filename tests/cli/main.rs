@@ -26,6 +26,7 @@ mod upstreams;
 mod validator;
 mod words;
 
+use serde_json::Value;
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -115,6 +116,12 @@ impl Said {
     fn lines(&self) -> Vec<&str> {
         self.out.lines().collect()
     }
+}
+
+/// A text as JSON.
+#[track_caller]
+fn json(text: &str) -> Value {
+    serde_json::from_str(text).unwrap_or_else(|e| panic!("{e}: {text}"))
 }
 
 /// The root of the checkout.
