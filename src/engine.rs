@@ -28,7 +28,7 @@ mod sighted;
 mod transient;
 
 pub use event::Summary;
-pub use executor::{ChildCommand, JobOptions, Scheduling};
+pub use executor::{ChildCommand, JobOption, JobOptions, Scheduling, Share};
 pub use lanes::Only;
 pub(crate) use lanes::target_ports;
 pub use reached::{holds_anywhere, reached};
@@ -71,6 +71,8 @@ pub struct RunOptions {
     pub out: Option<PathBuf>,
     /// Where actions run.
     pub executor: ExecutorKind,
+    /// The share of the actions that this run does; all of them unless told.
+    pub share: Option<Share>,
 }
 
 /// Where actions run.
@@ -99,6 +101,7 @@ impl Default for RunOptions {
             verify: false,
             out: None,
             executor: ExecutorKind::Threads,
+            share: None,
         }
     }
 }

@@ -24,6 +24,8 @@ pub enum Need {
     Fifo,
     /// The shell `fish`.
     Fish,
+    /// A Python with the package `hyperqueue`, named by `TAUFLOW_HYPERQUEUE`.
+    HyperQueue,
     /// The program `man`.
     Man,
     /// A library of ONNX Runtime, named by `TAUFLOW_ONNXRUNTIME`.
@@ -54,13 +56,14 @@ pub enum Need {
 
 impl Need {
     /// All needs with their names in `TAUFLOW_REQUIRE`.
-    pub const ALL: [(&'static str, Self); 20] = [
+    pub const ALL: [(&'static str, Self); 21] = [
         ("avx2", Self::Avx2),
         ("avx512", Self::Avx512),
         ("bash", Self::Bash),
         ("bwrap", Self::Bwrap),
         ("fifo", Self::Fifo),
         ("fish", Self::Fish),
+        ("hyperqueue", Self::HyperQueue),
         ("man", Self::Man),
         ("mount", Self::Mount),
         ("oidn", Self::Oidn),
