@@ -9,6 +9,7 @@ mod cache;
 mod checkpoints;
 mod descendants;
 mod exec;
+mod exec_args;
 mod explain;
 mod export;
 mod inspect;
@@ -151,7 +152,7 @@ enum Command {
     /// Write manual pages, one per command: `man ./tauflow-run.1`.
     Man(setup::ManArgs),
     /// Rerun one cached action in isolation and compare the outputs with the recorded ones.
-    Exec(exec::ExecArgs),
+    Exec(exec_args::ExecArgs),
     /// Inspect and maintain the cache.
     #[command(subcommand)]
     Cache(cache::CacheCommand),

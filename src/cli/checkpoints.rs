@@ -1,16 +1,12 @@
 //! `tauflow checkpoints`: the trained weights of a pipeline, listed and written as files.
 
-use super::{
-    CacheAt, CliError, Exit, PipelineArgs, bytes_text, counted,
-    results::{Reading, unread},
-    table,
-};
+use super::{CacheAt, CliError, Exit, PipelineArgs, bytes_text, counted, results::unread, table};
 use crate::{
     engine::{EngineError, publish},
     ids::{Id, PortId},
     kinds::Registry,
     pipeline::Pipeline,
-    query::Selection,
+    query::{Reading, Selection},
 };
 use clap::Args;
 use serde_json::Value;
