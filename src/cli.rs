@@ -7,9 +7,11 @@ mod output;
 mod alone;
 mod cache;
 mod checkpoints;
+mod config;
 mod descendants;
 mod exec;
 mod exec_args;
+mod executor;
 mod explain;
 mod export;
 mod inspect;
@@ -35,10 +37,13 @@ pub(crate) use output::{bytes_text, counted, seconds_text, table};
 use crate::{diagnostics::Problems, engine::EngineError, kinds::Registry, pipeline, pipeline::Pipeline, registry};
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use std::{
+    cell::OnceCell,
     path::{Path, PathBuf},
     process::ExitCode,
+    sync::Arc,
 };
 use tauflow_cache::{CacheError, Store};
+use tauflow_upstream::Reader;
 
 /// The result of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -106,6 +111,10 @@ struct Cli {
     /// Cache directory. Default: $TAUFLOW_CACHE, else `cache/store` in this checkout, else `.tauflow` here.
     #[arg(long, global = true, value_name = "DIR")]
     cache: Option<PathBuf>,
+    /// Upstream: a directory that several machines share, where results are looked up that the cache lacks. Default:
+    /// $TAUFLOW_UPSTREAM, else `upstream` in the user's configuration. An empty value uses none.
+    #[arg(long, global = true, value_name = "DIR")]
+    upstream: Option<String>,
     #[command(subcommand)]
     command: Command,
 }
@@ -113,7 +122,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     /// Bring the targets of a pipeline up to date.
-    Run(run::RunArgs),
+    Run(Box<run::RunArgs>),
     /// Show which runs are going, from another terminal: what is done, what runs, what failed.
     Status(status::StatusArgs),
     /// List the recorded runs of a cache.
@@ -220,7 +229,7 @@ impl PipelineArgs {
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let registry = registry::registry();
-    let cache = CacheAt(cli.cache);
+    let cache = CacheAt { cache: cli.cache, upstream: cli.upstream, reader: OnceCell::new() };
     let result = match cli.command {
         Command::Run(args) => run::run(&args, &registry, &cache),
         Command::Status(args) => status::status(&args, &cache),
@@ -242,7 +251,7 @@ pub fn main() -> ExitCode {
         Command::Render(args) => render::render(&args, &registry, &cache),
         Command::Scene(command) => scene::scene(&command, &registry, &cache),
         Command::Exec(args) => exec::exec(&args, &registry, &cache),
-        Command::Cache(command) => cache::cache(&command, &cache),
+        Command::Cache(command) => cache::cache(&command, &registry, &cache),
     };
     match result {
         Ok(exit) => exit.into(),
@@ -261,20 +270,58 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// The cache directory, as given on the command line.
-pub(crate) struct CacheAt(Option<PathBuf>);
+/// The cache directory and the upstream, as given on the command line.
+pub(crate) struct CacheAt {
+    cache: Option<PathBuf>,
+    upstream: Option<String>,
+    /// What reads the upstream, once a command needs it.
+    reader: OnceCell<Option<Arc<Reader>>>,
+}
 
 impl CacheAt {
-    /// Opens the cache, and creates it if necessary.
+    /// Opens the cache, and creates it if necessary. What it lacks is looked up in the upstream.
     pub(crate) fn open(&self) -> Result<Store, CliError> {
+        let store = self.alone()?;
+        self.looking_beyond(store)
+    }
+
+    /// Opens an existing cache for reading. What it lacks is looked up in the upstream.
+    pub(crate) fn look(&self) -> Result<Store, CliError> {
+        let store = self.look_alone()?;
+        self.looking_beyond(store)
+    }
+
+    /// Opens the cache without an upstream, and creates it if necessary.
+    pub(crate) fn alone(&self) -> Result<Store, CliError> {
         self.leave_out();
         Ok(Store::open(&self.folder())?)
     }
 
-    /// Opens an existing cache for reading.
-    pub(crate) fn look(&self) -> Result<Store, CliError> {
+    /// Opens an existing cache for reading, without an upstream.
+    pub(crate) fn look_alone(&self) -> Result<Store, CliError> {
         self.leave_out();
         Ok(Store::open_existing(&self.folder())?)
+    }
+
+    fn looking_beyond(&self, mut store: Store) -> Result<Store, CliError> {
+        if let Some(reader) = self.reader()? {
+            store.look_beyond(reader);
+        }
+        Ok(store)
+    }
+
+    /// The upstream that the user chose.
+    pub(crate) fn upstream(&self) -> Result<Option<PathBuf>, CliError> {
+        upstream::chosen(self.upstream.as_deref())
+    }
+
+    /// What reads the upstream, if there is one; all stores of this process share it.
+    pub(crate) fn reader(&self) -> Result<Option<Arc<Reader>>, CliError> {
+        if let Some(reader) = self.reader.get() {
+            return Ok(reader.clone());
+        }
+        let reader = self.upstream()?.map(upstream::reader);
+        Ok(self.reader.get_or_init(|| reader).clone())
     }
 
     /// The cache and the default folder of results are no inputs of programs that list the folder around them.
@@ -284,12 +331,14 @@ impl CacheAt {
 
     /// The option as given on the command line, for messages; begins with a space.
     pub(crate) fn again(&self) -> String {
-        self.0.as_ref().map_or_else(String::new, |folder| format!(" --cache {}", quoted(&folder.display().to_string())))
+        self.cache
+            .as_ref()
+            .map_or_else(String::new, |folder| format!(" --cache {}", quoted(&folder.display().to_string())))
     }
 
     /// The directory of the cache.
     pub(crate) fn folder(&self) -> PathBuf {
-        if let Some(asked) = &self.0 {
+        if let Some(asked) = &self.cache {
             return asked.clone();
         }
         if let Some(folder) = std::env::var_os("TAUFLOW_CACHE").filter(|d| !d.is_empty()) {

@@ -18,6 +18,7 @@ mod look_up;
 mod output;
 mod probe;
 pub(crate) mod publish;
+mod reached;
 mod records;
 mod request;
 mod rolled;
@@ -30,9 +31,10 @@ mod steering;
 mod transient;
 
 pub use event::Summary;
-pub use executor::ChildCommand;
+pub use executor::{ChildCommand, JobOptions, Scheduling};
 pub use lanes::Only;
 pub(crate) use lanes::target_ports;
+pub use reached::{holds_anywhere, reached};
 pub use records::{ACTION, PIPELINE, ROLLUP, SHARD, now};
 pub use sharded::Listed;
 
@@ -82,6 +84,8 @@ pub enum ExecutorKind {
     Threads,
     /// In child processes, which are started like this.
     Processes(ChildCommand),
+    /// In jobs of a scheduler.
+    Jobs(JobOptions),
 }
 
 impl Default for RunOptions {

@@ -56,12 +56,16 @@ impl Store {
         Ok(digest)
     }
 
-    /// Reads a blob and checks it. `None` when it is missing, or damaged: then it goes to quarantine.
+    /// Reads a blob and checks it. `None` when it is missing, or damaged: then it goes to quarantine. What is not here,
+    /// but [beyond](Self::look_beyond), is brought here.
     ///
     /// # Errors
     /// When a file that is there cannot be read.
     pub fn get(&self, digest: &Digest) -> Result<Option<Vec<u8>>, CacheError> {
-        match self.get_now(digest)? {
+        if let Some(found) = self.get_now(digest)? {
+            return Ok(Some(found));
+        }
+        match self.blob_beyond(digest)? {
             // Blobs that this store relies on can be part of a running collection, which restores them.
             None => {
                 gc::wait_for_sweep(&self.layout);
@@ -78,6 +82,9 @@ impl Store {
     /// When a file that is there cannot be read.
     pub fn get_many(&self, digests: &[Digest]) -> Result<Vec<Option<Vec<u8>>>, CacheError> {
         let mut found = digests.iter().map(|digest| self.get_now(digest)).collect::<Result<Vec<_>, _>>()?;
+        for (digest, blob) in digests.iter().zip(&mut found).filter(|(_, blob)| blob.is_none()) {
+            *blob = self.blob_beyond(digest)?;
+        }
         if found.iter().any(Option::is_none) {
             gc::wait_for_sweep(&self.layout);
             self.refresh()?;
@@ -110,9 +117,14 @@ impl Store {
         Ok(None)
     }
 
-    /// Whether the blob is there, without reading it. A gc of another process may take it right afterwards, unless this
-    /// store put it or found it through a record.
+    /// Whether the blob is there, without reading it, here or [beyond](Self::look_beyond). A gc of another process may
+    /// take it right afterwards, unless this store put it or found it through a record.
     pub fn contains(&self, digest: &Digest) -> bool {
+        self.is_here(digest) || self.is_beyond(digest)
+    }
+
+    /// Whether the blob is in this store itself.
+    pub(crate) fn is_here(&self, digest: &Digest) -> bool {
         let here = || self.packed_at(digest).is_some() || self.is_loose(digest);
         here() || (self.refresh_on_miss() && here())
     }

@@ -23,10 +23,12 @@
 //! - What is read is data: sizes in records, trees, leases and index files are held against the bytes that are there
 //!   before memory is taken, nothing recurses along what they say, and no such file makes this crate panic. Whoever may
 //!   write to the folder may still record any outputs for a key: contents are proved, claims about them are not.
+//! - A store may be told to ask [`Beyond`] for what it lacks.
 //! - No clock is read: times are the callers'.
 //!
 //! Needs Linux: positioned reads, and locks of open file descriptions.
 
+mod beyond;
 mod blobs;
 mod claim;
 mod codec;
@@ -51,6 +53,7 @@ pub mod tree;
 mod verify;
 mod whole;
 
+pub use beyond::Beyond;
 pub use claim::Claim;
 pub use digest::{Digest, ParseDigestError};
 pub use error::CacheError;

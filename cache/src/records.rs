@@ -40,7 +40,7 @@ impl Store {
                 self.commit_if_due()?;
                 return Ok(Recorded::Same);
             }
-            if let Some(existing) = self.lookup(&record.namespace, &record.key) {
+            if let Some(existing) = self.find(&record.namespace, &record.key, false) {
                 return Ok(Recorded::Conflict { existing: Box::new((*existing).clone()) });
             }
             // Its frame is damaged, or its blobs are: it is no record any more.
@@ -68,12 +68,16 @@ impl Store {
     }
 
     /// The record of a key, whether or not its blobs are there. While this store lives, no gc takes the record or its
-    /// blobs away.
+    /// blobs away. A record that is not here, but [beyond](Self::look_beyond), is copied.
     pub fn lookup(&self, namespace: &str, key: &Key) -> Option<Arc<Record>> {
-        self.find(namespace, key, false)
+        let mut found = [self.find(namespace, key, false)];
+        self.records_beyond(namespace, &[*key], &mut found);
+        let [found] = found;
+        found
     }
 
-    /// The record of a key, if every blob it reaches is there (by presence and size; only reading proves content).
+    /// The record of a key, if this store itself has it and every blob it reaches (by presence and size; only reading
+    /// proves content).
     pub fn lookup_full(&self, namespace: &str, key: &Key) -> Option<Arc<Record>> {
         self.find(namespace, key, true)
     }
@@ -128,7 +132,10 @@ impl Store {
         };
         // Noted first, looked at afterwards (see `lease`). Protection fails only with a full disk; the hits stand.
         let _ = self.note(uses);
-        keys.iter().map(|key| self.read_noted(namespace, key, false)).collect()
+        let mut found: Vec<Option<Arc<Record>>> =
+            keys.iter().map(|key| self.read_noted(namespace, key, false)).collect();
+        self.records_beyond(namespace, keys, &mut found);
+        found
     }
 
     fn find(&self, namespace: &str, key: &Key, full: bool) -> Option<Arc<Record>> {
@@ -150,7 +157,7 @@ impl Store {
         let provisional = self.index().is_provisional(&slot, &at);
         if provisional {
             // Reading a damaged blob quarantines it, and then it is no longer here.
-            let good = |digest: &Digest| !self.contains(digest) || matches!(self.get(digest), Ok(Some(_)));
+            let good = |digest: &Digest| !self.is_here(digest) || matches!(self.get(digest), Ok(Some(_)));
             // Summaries of other records are not worth the proof. The leaves of a tree are verified when they are read,
             // as always.
             if record.derived {
@@ -206,9 +213,9 @@ impl Store {
                     let path = self.index().segments[at.segment as usize].path.clone();
                     fs::metadata(path).is_ok()
                 });
-                on_disk || (self.refresh().is_ok() && self.contains(digest))
+                on_disk || (self.refresh().is_ok() && self.is_here(digest))
             }
-            None => self.is_loose(digest) || self.contains(digest),
+            None => self.is_loose(digest) || self.is_here(digest),
         })
     }
 

@@ -3,7 +3,7 @@
 //! Locks are taken in this order: `commit`, `log`, `packs`, `index`, `files`.
 
 use crate::{
-    CacheError, Claim, Digest, Key,
+    Beyond, CacheError, Claim, Digest, Key,
     claim::Claims,
     error::At,
     index::Index,
@@ -49,6 +49,8 @@ pub struct Store {
     files: Mutex<HashMap<u32, Arc<File>>>,
     refreshed: Mutex<Instant>,
     alone: Mutex<Alone>,
+    /// What is asked for what is not here.
+    pub(crate) beyond: Option<Arc<dyn Beyond>>,
 }
 
 /// The part of a store that exists only if it may write.
@@ -168,6 +170,7 @@ impl Store {
             files: Mutex::default(),
             refreshed: Mutex::new(Instant::now()),
             alone: Mutex::default(),
+            beyond: None,
         })
     }
 

@@ -73,6 +73,7 @@ pub(super) fn alone(args: &ExecArgs, cache: &CacheAt) -> Result<Exit, CliError> 
     let file = file.is_file().then(|| absolute(file)).transpose()?;
     let action = file.clone().map_or_else(|| args.action().into(), PathBuf::into_os_string);
     let store = absolute(cache.folder())?;
+    let upstream = cache.upstream()?.map(absolute).transpose()?;
     let program = std::env::current_exe().map_err(|e| failed("find this program", &e))?;
     let mut command = match args.sandbox {
         true => {
@@ -82,12 +83,15 @@ pub(super) fn alone(args: &ExecArgs, cache: &CacheAt) -> Result<Exit, CliError> 
             // A library loads what lies beside it.
             let beside = libraries.iter().flatten().filter_map(|library| library.parent());
             let beside = beside.filter(|folder| folder.is_absolute()).map(Some);
-            let read = [Some(program.as_path()), file.as_deref()].into_iter().chain(beside);
+            let read = [Some(program.as_path()), file.as_deref(), upstream.as_deref().filter(|dir| dir.is_dir())]
+                .into_iter()
+                .chain(beside);
             sandbox(&program, &folder, &store, &read.flatten().collect::<Vec<_>>())?
         }
         false => Command::new(&program),
     };
     command.arg("exec").arg(action).arg("--inside").arg(folder.of("")).arg("--cache").arg(&store);
+    command.arg("--upstream").arg(upstream.unwrap_or_default());
     prepare(&mut command, &folder);
     let interrupted = Arc::new(AtomicBool::new(false));
     let seen = interrupted.clone();

@@ -2,25 +2,18 @@
 
 use super::{
     CacheAt, CliError, Exit, bytes_text, seconds_text, table, terminal,
-    upstream::{self, UpstreamArgs},
+    upstream::{self, PushArgs},
 };
-use crate::{engine::PIPELINE, query};
+use crate::{engine::PIPELINE, kinds::Registry, query};
 use clap::Subcommand;
-use std::{
-    path::PathBuf,
-    time::{SystemTime, UNIX_EPOCH},
-};
+use std::time::{SystemTime, UNIX_EPOCH};
 use tauflow_cache::{Digest, GcOptions, GcReport, Store};
 
 /// Commands for the cache.
 #[derive(Subcommand)]
 pub(crate) enum CacheCommand {
-    /// Print the number and size of blobs and records.
-    Stat {
-        /// Print those of this upstream instead.
-        #[arg(long, value_name = "DIR")]
-        upstream: Option<PathBuf>,
-    },
+    /// Print the number and size of blobs and records; with --upstream those of the upstream.
+    Stat,
     /// Verify all blobs. Damaged blobs are moved aside and rebuilt on demand. Exits with 1 if blobs are damaged or
     /// lost; blobs of `transient` nodes do not count as lost.
     Verify {
@@ -58,19 +51,10 @@ pub(crate) enum CacheCommand {
     },
     /// List the pins.
     Pins,
-    /// Copy results that an upstream lacks to it. An upstream is a directory that several machines share.
-    Push {
-        #[command(flatten)]
-        upstream: UpstreamArgs,
-        /// Print what would be copied, without copying.
-        #[arg(long)]
-        dry_run: bool,
-    },
-    /// Copy all results of an upstream to this cache. Everything is verified; what the cache has stays.
-    Pull {
-        #[command(flatten)]
-        upstream: UpstreamArgs,
-    },
+    /// Copy results that the upstream lacks to it. An upstream is a directory that several machines share.
+    Push(PushArgs),
+    /// Copy all results of the upstream to this cache. Everything is verified; what the cache has stays.
+    Pull,
 }
 
 /// The blobs that the last complete run of each pipeline refers to.
@@ -126,7 +110,7 @@ pub(crate) fn bytes(text: &str) -> Result<u64, String> {
 
 /// The cache, which has to be there.
 pub(crate) fn made(at: &CacheAt) -> Result<Store, CliError> {
-    let store = at.look()?;
+    let store = at.look_alone()?;
     if !store.is_made() {
         let folder = store.dir().display();
         return Err(CliError::Bad(format!(
@@ -136,12 +120,12 @@ pub(crate) fn made(at: &CacheAt) -> Result<Store, CliError> {
     Ok(store)
 }
 
-pub(crate) fn cache(command: &CacheCommand, at: &CacheAt) -> Result<Exit, CliError> {
+pub(crate) fn cache(command: &CacheCommand, registry: &Registry, at: &CacheAt) -> Result<Exit, CliError> {
     match command {
-        CacheCommand::Stat { upstream: None } => stat(&made(at)?)?,
-        CacheCommand::Stat { upstream: Some(folder) } => return upstream::stat(&UpstreamArgs::of(folder)),
-        CacheCommand::Push { upstream, dry_run } => return upstream::push(upstream, *dry_run, at),
-        CacheCommand::Pull { upstream } => return upstream::pull(upstream, at),
+        CacheCommand::Stat if at.upstream.is_some() => return upstream::stat(at),
+        CacheCommand::Stat => stat(&made(at)?)?,
+        CacheCommand::Push(args) => return upstream::push(args, registry, at),
+        CacheCommand::Pull => return upstream::pull(at),
         CacheCommand::Verify { sample } => {
             if sample.is_some_and(|s| !(0.0..=1.0).contains(&s)) {
                 return Err(CliError::Bad("--sample must be between 0 and 1, for example 0.1".into()));
@@ -167,19 +151,19 @@ pub(crate) fn cache(command: &CacheCommand, at: &CacheAt) -> Result<Exit, CliErr
             let digest: Digest = digest
                 .parse()
                 .map_err(|_| CliError::Bad(format!("`{digest}` is not a digest; the format is `<hash>-<size>`")))?;
-            let store = at.look()?;
+            let store = at.look_alone()?;
             if !store.contains(&digest) {
                 return Err(CliError::Bad(format!("the cache has no blob {digest}")));
             }
             store.pin(name, &digest)?;
         }
         CacheCommand::Unpin { name } => {
-            if !at.look()?.unpin(name)? {
+            if !at.look_alone()?.unpin(name)? {
                 return Err(CliError::Bad(format!("unknown pin `{name}`; see `tauflow cache pins`")));
             }
         }
         CacheCommand::Pins => {
-            for (name, digest) in at.look()?.pins()? {
+            for (name, digest) in at.look_alone()?.pins()? {
                 outln!("{name}  {digest}");
             }
         }

@@ -34,7 +34,7 @@ impl From<ExecError> for CliError {
 pub(crate) fn exec(args: &ExecArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     if let Some(path) = &args.batch {
         let batch = BatchFile::read(path).map_err(CliError::Bad)?;
-        batch::serve(batch, &cache.open()?, registry)?;
+        batch::serve(batch, &cache.open()?, registry, args.lines.as_deref())?;
         return Ok(Exit::Done);
     }
     let stop = Arc::new(AtomicBool::new(false));

@@ -20,10 +20,13 @@ pub(crate) struct ExecArgs {
     /// Print the action instead of running it, for use on another machine.
     #[arg(long)]
     pub(super) print: bool,
-    /// Run the actions of a batch file one after the other, and print a line of JSON for each. `run --executor process`
-    /// starts these processes.
+    /// Run the actions of a batch file one after the other, and print a line of JSON for each. `run --executor`
+    /// starts these processes, and jobs of a scheduler.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["action", "limit", "sandbox", "print"])]
     pub(super) batch: Option<PathBuf>,
+    /// Append these lines to a file instead. The batch then goes on when the process that started it is gone.
+    #[arg(long, value_name = "FILE", requires = "batch")]
+    pub(super) lines: Option<PathBuf>,
     /// Internal: already in a separate process, with this working directory.
     #[arg(long, hide = true, value_name = "DIR")]
     pub(super) inside: Option<PathBuf>,

@@ -90,6 +90,8 @@ struct State {
     expected: Vec<Expected>,
     overall: Option<ProgressBar>,
     overall_told: Instant,
+    /// Jobs of a scheduler that wait and run.
+    jobs: Option<(u64, u64)>,
 }
 
 impl State {
@@ -128,11 +130,12 @@ impl Display {
     pub(crate) fn new(pipeline: &Pipeline, json: bool) -> Self {
         let terminal = terminal::redraws() && !json;
         let bars = terminal.then(|| MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(10)));
+        terminal::show_notes_above(bars.as_ref());
         let order: Vec<String> = pipeline.nodes.iter().map(|n| n.name.clone()).collect();
         let graph = order.iter().enumerate().map(|(n, name)| (name.clone(), pipeline.reads(n))).collect();
         let (start, shown) = (Instant::now(), BTreeMap::new());
         let run = RunState::new(graph);
-        let state = State { order, run, shown, expected: Vec::new(), overall: None, overall_told: start };
+        let state = State { order, run, shown, expected: Vec::new(), overall: None, overall_told: start, jobs: None };
         Self { json, start, bars, state: Mutex::new(state), asked: Mutex::new(None) }
     }
 
@@ -167,6 +170,15 @@ impl Display {
                     let _ = sender.send(());
                 }
             }
+            Event::Jobs { queued, running } => {
+                let begun = state.jobs.is_none();
+                state.jobs = Some((*queued, *running));
+                // The first ones are told at once.
+                if begun && self.bars.is_none() {
+                    self.voice().say(&format!("jobs: {queued} queued, {running} running"));
+                }
+                self.update_overall(&mut state);
+            }
             Event::Warning { message } => self.voice().say(&format!("warning: {message}")),
             Event::Healing { nodes } => {
                 let nodes = nodes.join(", ");
@@ -187,7 +199,8 @@ impl Display {
         let due = state.overall_told.elapsed();
         let text = |state: &State| {
             let overall = state.run.overall(&state.expected, elapsed);
-            (overall, overall_text(overall, elapsed))
+            let jobs = state.jobs.map(|(queued, running)| format!(", jobs: {queued} queued, {running} running"));
+            (overall, overall_text(overall, elapsed) + &jobs.unwrap_or_default())
         };
         match &self.bars {
             Some(_) if due < Duration::from_millis(200) && state.overall.is_some() => return,

@@ -3,13 +3,15 @@
 use super::{
     CacheAt, CliError, Exit, PipelineArgs, bytes_text,
     cache::bytes,
-    counted, notify,
+    counted,
+    executor::ExecutorArgs,
+    notify,
     page::Page,
     progress::{Display, Voice},
-    seconds_text, table,
+    seconds_text, table, upstream,
 };
 use crate::{
-    engine::{self, ChildCommand, ExecutorKind, Only, RunOptions, Summary, event::Failure},
+    engine::{self, Only, RunOptions, Summary, event::Failure},
     kinds::Registry,
     lock::{self, Lock, LockError},
     pipeline::{Pipeline, chart::Chart},
@@ -21,7 +23,6 @@ use serde_json::json;
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
-    process::Command,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -52,7 +53,8 @@ pub(crate) struct RunArgs {
     /// Run only this node, cell or item, and its dependencies.
     #[arg(long, value_name = "NODE[/CELL][/ITEM]")]
     only: Option<String>,
-    /// Number of concurrent actions. Default: the number of cores.
+    /// Number of concurrent actions. Default: the number of cores. With a scheduler: jobs that are
+    /// queued or running; default: 100.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=MOST_JOBS))]
     jobs: u16,
     /// Memory budget for running actions and transient outputs, such as 8GiB. Default: half of the memory.
@@ -73,10 +75,9 @@ pub(crate) struct RunArgs {
     /// Write the lock file, next to the pipeline file.
     #[arg(long, conflicts_with = "only")]
     update_lock: bool,
-    /// Where actions run: on threads of this process, or in child processes. A child that crashes or is killed costs
-    /// its action another attempt, never the run.
-    #[arg(long, value_enum, value_name = "WHERE", default_value_t = Where::Threads)]
-    executor: Where,
+    /// Copy the results of the pipeline to the upstream at the end, as `cache push PIPELINE` does.
+    #[arg(long)]
+    push: bool,
     /// Print machine-readable events on stdout, one per line.
     #[arg(long, value_enum, value_name = "FORMAT")]
     events: Option<EventFormat>,
@@ -84,29 +85,8 @@ pub(crate) struct RunArgs {
     /// program `curl`.
     #[arg(long, value_name = "URL", value_parser = notify::address)]
     notify: Option<notify::Address>,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Where {
-    Threads,
-    Process,
-}
-
-impl Where {
-    fn executor(self) -> Result<ExecutorKind, CliError> {
-        match self {
-            Self::Threads => Ok(ExecutorKind::Threads),
-            Self::Process => {
-                let program = std::env::current_exe()
-                    .map_err(|e| CliError::Environment(format!("cannot find this program: {e}")))?;
-                Ok(ExecutorKind::Processes(ChildCommand::new(move |batch, store| {
-                    let mut command = Command::new(&program);
-                    command.args(["exec", "--batch"]).arg(batch).arg("--cache").arg(store);
-                    command
-                })))
-            }
-        }
-    }
+    #[command(flatten)]
+    executor: ExecutorArgs,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -121,6 +101,9 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     if (args.locked || args.update_lock) && args.pipeline.is_changed() {
         let message = "--locked and --update-lock do not accept --set and --target; define a profile instead";
         return Err(CliError::Bad(message.into()));
+    }
+    if args.push {
+        upstream::prepare(cache)?;
     }
     let pipeline = args.pipeline.resolve(registry)?;
     let before = if args.locked { Some(Lock::read(&args.lock_path())?) } else { None };
@@ -138,7 +121,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         only,
         memory: args.memory,
         out: Some(args.out.clone()),
-        executor: args.executor.executor()?,
+        executor: args.executor.executor(cache, args.jobs.into())?,
         ..RunOptions::default()
     };
     let mut record = RunRecord::begin(&pipeline, args.pipeline.file().0, args.pipeline.overrides());
@@ -187,6 +170,9 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     tell(&summary, &pipeline, args, cache);
     if summary.interrupted {
         return Ok(Exit::Interrupted);
+    }
+    if args.push {
+        upstream::publish(&pipeline, registry, cache)?;
     }
     if !summary.failures.is_empty() {
         if args.locked || args.update_lock {

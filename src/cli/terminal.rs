@@ -1,7 +1,11 @@
 //! The capabilities of the terminal on stderr, and the preferences of its user.
 
-use indicatif::ProgressBar;
-use std::{env, io::IsTerminal};
+use indicatif::{MultiProgress, ProgressBar};
+use std::{
+    env,
+    io::IsTerminal,
+    sync::{Mutex, PoisonError},
+};
 
 /// Whether lines can be drawn over; `TERM=dumb` says that they cannot.
 pub(crate) fn redraws() -> bool {
@@ -16,4 +20,21 @@ pub(crate) fn colours() -> bool {
 /// A bar of so many steps, where a bar can be shown.
 pub(crate) fn bar(steps: u64) -> ProgressBar {
     if redraws() { ProgressBar::new(steps) } else { ProgressBar::hidden() }
+}
+
+/// The bars that are shown, if any.
+static BARS: Mutex<Option<MultiProgress>> = Mutex::new(None);
+
+/// Has notes appear above these bars.
+pub(crate) fn show_notes_above(bars: Option<&MultiProgress>) {
+    *BARS.lock().unwrap_or_else(PoisonError::into_inner) = bars.cloned();
+}
+
+/// A line for people on stderr, above the bars if there are any.
+pub(crate) fn note(text: &str) {
+    match &*BARS.lock().unwrap_or_else(PoisonError::into_inner) {
+        // The terminal going away must not stop a run.
+        Some(bars) => drop(bars.println(text)),
+        None => eprintln!("{text}"),
+    }
 }

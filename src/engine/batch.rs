@@ -26,6 +26,8 @@ use std::{
         Arc, Mutex, PoisonError,
         atomic::{AtomicBool, Ordering},
     },
+    thread,
+    time::Duration,
 };
 use tauflow_cache::{CacheError, Store};
 use tauflow_contract::{Digest, Progress, read_regular};
@@ -193,6 +195,8 @@ impl BatchFile {
             let (end, fatal) = match execution.outcome {
                 Outcome::Hit(_) => (End::Hit, None),
                 Outcome::Ran(made) => (End::Ran { put: made.put }, None),
+                // A signal to all processes of a job ends programs of the action, too.
+                Outcome::Failed(_) if signalled(stop) => (End::Cancelled, None),
                 Outcome::Failed(message) => (End::Failed(message), None),
                 Outcome::Missing(blobs) => (End::Missing(blobs), None),
                 Outcome::Cancelled => (End::Cancelled, None),
@@ -207,21 +211,38 @@ impl BatchFile {
     }
 }
 
-/// Executes a batch in this process, which was started for it: tells lines on stdout, stops on SIGTERM and SIGINT, and
-/// when the process that started it is gone. What the actions themselves print goes to stderr.
+/// Whether this process is told to stop. The signal is taken on another thread, and may be on its way.
+fn signalled(stop: &AtomicBool) -> bool {
+    if !stop.load(Ordering::Relaxed) {
+        thread::sleep(Duration::from_millis(20));
+    }
+    stop.load(Ordering::Relaxed)
+}
+
+/// Executes a batch in this process, which was started for it, and stops on SIGTERM and SIGINT. It tells lines in this
+/// file; without one on stdout, and then it also stops when the process that started it is gone. What the actions
+/// themselves print goes to stderr.
 ///
 /// # Errors
 /// If this process cannot be made ready, or the store fails.
-pub fn serve(batch: BatchFile, store: &Store, registry: &Registry) -> Result<(), EngineError> {
+pub fn serve(batch: BatchFile, store: &Store, registry: &Registry, lines: Option<&Path>) -> Result<(), EngineError> {
     let failed = |what: &str, error: io::Error| EngineError::Executor(format!("cannot {what}: {error}"));
     let stop = Arc::new(AtomicBool::new(false));
     let seen = stop.clone();
     ctrlc::set_handler(move || seen.store(true, Ordering::Relaxed))
         .map_err(|e| EngineError::Executor(format!("cannot listen for signals: {e}")))?;
-    prctl::set_pdeathsig(Signal::SIGTERM).map_err(|e| failed("listen for the end of its parent", e.into()))?;
-    let told = io::stdout().as_fd().try_clone_to_owned().map_err(|e| failed("keep its output", e))?;
+    let told = match lines {
+        Some(path) => {
+            let file = File::options().append(true).create(true).open(path);
+            file.map_err(|e| failed(&format!("write {}", path.display()), e))?
+        }
+        None => {
+            prctl::set_pdeathsig(Signal::SIGTERM).map_err(|e| failed("listen for the end of its parent", e.into()))?;
+            File::from(io::stdout().as_fd().try_clone_to_owned().map_err(|e| failed("keep its output", e))?)
+        }
+    };
     dup2_stdout(io::stderr()).map_err(|e| failed("turn its output", e.into()))?;
-    let told = Mutex::new(File::from(told));
+    let told = Mutex::new(told);
     let tell = |line: &Line| {
         let mut text = serde_json::to_string(line).expect("lines are plain data");
         text.push('\n');

@@ -144,6 +144,13 @@ pub enum Event {
         /// The nodes that make them.
         nodes: Vec<Name>,
     },
+    /// How many jobs of a scheduler wait and run.
+    Jobs {
+        /// They wait.
+        queued: u64,
+        /// They run.
+        running: u64,
+    },
     /// Something that people should know.
     Warning {
         /// What.

@@ -5,10 +5,12 @@
 //! nothing of what is ready, or of what comes next.
 
 mod budget;
+mod jobs;
 mod processes;
 mod threads;
 
 pub use budget::Capacity;
+pub use jobs::{JobOptions, Jobs, Scheduling};
 pub use processes::{ChildCommand, Processes};
 pub use threads::{Site, Threads};
 

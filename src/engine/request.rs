@@ -107,6 +107,8 @@ pub enum LaneOf {
 pub struct LaneFound {
     /// The lane.
     pub lane: LaneId,
+    /// Its key.
+    pub key: Key,
     /// Its outputs.
     pub payload: Payload,
     /// Wall time in microseconds, and bytes.

@@ -112,7 +112,7 @@ impl RolledLanes {
 
     /// Notes the lanes that were found.
     pub fn note_lanes(&mut self, found: Vec<LaneFound>) {
-        for LaneFound { lane, payload, totals } in found {
+        for LaneFound { lane, payload, totals, .. } in found {
             self.payloads[lane] = Some(payload);
             self.totals[lane] = totals;
         }
@@ -145,6 +145,7 @@ mod tests {
         registry::registry,
     };
     use std::collections::BTreeSet;
+    use tauflow_cache::Key;
 
     const TEXT: &str = "
 pipeline: waves
@@ -168,7 +169,8 @@ nodes:
         let outputs = &of.task.producer.spec.outputs;
         let listed = Listed { digest: Digest::of(b"items"), blob: Digest::of(b"listing"), len: 1 };
         let collections = of.ports.iter().map(|port| (outputs[port.place()].name.to_owned(), listed.clone())).collect();
-        LaneFound { lane: of.task.lane, payload: Payload { collections, ..Payload::default() }, totals: (1, 1) }
+        let payload = Payload { collections, ..Payload::default() };
+        LaneFound { lane: of.task.lane, key: Key::of(b"lane"), payload, totals: (1, 1) }
     }
 
     #[test]

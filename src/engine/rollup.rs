@@ -7,13 +7,19 @@ use super::{
     holdings::Holdings,
     ids::{Id, PortId},
     keys,
+    lanes::Lanes,
     records::{self, PIPELINE, Payload, ROLLUP, SHARD},
-    request::{Keep, LaneFound, LaneLookUp, LaneOf, RolledShard, Rolling, ShardFound, ShardLookUps, ShardOf, Task},
+    request::{
+        self, Keep, LaneFound, LaneLookUp, LaneOf, Request, RolledShard, Rolling, ShardFound, ShardLookUps, ShardOf,
+        Task,
+    },
+    rolled::RolledLanes,
     sharded::Shard,
 };
 use crate::pipeline::Pipeline;
 use serde_json::Value;
 use std::{
+    collections::HashSet,
     panic::{AssertUnwindSafe, catch_unwind},
     sync::Arc,
 };
@@ -47,7 +53,8 @@ pub fn find_lanes(asked: &[LaneLookUp], holdings: Holdings<'_>) -> Result<Vec<La
     let (asked, hashes): (Vec<&LaneLookUp>, Vec<Key>) =
         asked.iter().filter_map(|asked| Some((asked, key(asked)?))).unzip();
     let mut found = Vec::new();
-    for (asked, record) in asked.into_iter().zip(holdings.store.lookup_many(ROLLUP, &hashes)) {
+    let records = holdings.store.lookup_many(ROLLUP, &hashes);
+    for ((asked, key), record) in asked.into_iter().zip(hashes).zip(records) {
         let Some(record) = record else { continue };
         if !holdings.intact(&record)? {
             continue;
@@ -59,10 +66,26 @@ pub fn find_lanes(asked: &[LaneLookUp], holdings: Holdings<'_>) -> Result<Vec<La
             && ports.all(|name| payload.collections.contains_key(*name))
         {
             let totals = (record.wall_us, record.bytes);
-            found.push(LaneFound { lane: asked.task.lane, payload, totals });
+            found.push(LaneFound { lane: asked.task.lane, key, payload, totals });
         }
     }
     Ok(found)
+}
+
+/// The keys of the lanes that earlier runs left whole, for commands; a run asks for them by requests.
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn rolled_keys(pipeline: &Pipeline, lanes: &Lanes, store: &Store) -> Result<Vec<Key>, CacheError> {
+    let wanted = HashSet::new();
+    let (tasks, mut rolled) = (request::tasks(pipeline, lanes), RolledLanes::unknown(lanes));
+    let mut keys = Vec::new();
+    while let Some(Request::Lanes(asked)) = rolled.next(pipeline, lanes, &tasks) {
+        let found = find_lanes(&asked, Holdings::stored(store, &wanted))?;
+        keys.extend(found.iter().map(|lane| lane.key));
+        rolled.note_lanes(found);
+    }
+    Ok(keys)
 }
 
 /// Looks shards of a lane up as wholes.

@@ -4,7 +4,7 @@ use super::{
     EngineError, ExecutorKind, RunOptions, Sink, Summary,
     conclude::{self, ResultOf},
     event::{Event, Failure, NodeStat, OutputOf, Slow},
-    executor::{Executor, Processes, Site, Threads},
+    executor::{Executor, Jobs, Processes, Site, Threads},
     explain,
     holdings::Holdings,
     lanes::{self, Environment, Lanes},
@@ -26,7 +26,7 @@ use std::{
     },
     thread,
 };
-use tauflow_cache::{Digest, Store};
+use tauflow_cache::{Digest, Key, Store};
 
 /// See the module.
 pub(super) struct Run<'a> {
@@ -53,10 +53,12 @@ pub(super) struct Run<'a> {
     pub never_run: bool,
 }
 
-/// Actions at a time.
+/// Actions at a time, and threads for look-ups.
 fn workers(options: &RunOptions) -> usize {
     let cores = || thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    if options.jobs == 0 { cores() } else { options.jobs }
+    // Jobs run elsewhere.
+    let jobs = matches!(options.executor, ExecutorKind::Jobs(_));
+    if options.jobs == 0 || jobs { cores() } else { options.jobs }
 }
 
 /// Runs a pipeline with the executor that the options name.
@@ -89,6 +91,7 @@ pub(super) fn with_executor(
         let executor: Box<dyn Executor> = match &options.executor {
             ExecutorKind::Threads => Box::new(Threads::start(scope, surroundings)),
             ExecutorKind::Processes(command) => Box::new(Processes::start(scope, surroundings, command)),
+            ExecutorKind::Jobs(options) => Box::new(Jobs::start(scope, surroundings, options)),
         };
         let run = Run::new((pipeline, store, options), stop, sink, Some(pool), (tell, news), Some(&*executor));
         let result = run.and_then(|mut run| run.finish());
@@ -149,6 +152,14 @@ impl<'a> Run<'a> {
             results: Vec::new(),
             never_run: false,
         })
+    }
+
+    /// The keys of lanes whose outputs are known as a whole.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub fn rolled_lanes(&self) -> Result<Vec<Key>, EngineError> {
+        Ok(rollup::rolled_keys(self.pipeline, &self.lanes, self.store)?)
     }
 
     pub fn finish(&mut self) -> Result<Summary, EngineError> {

@@ -14,7 +14,7 @@ use std::{
     sync::{Arc, OnceLock},
 };
 use tauflow_cache::{CacheError, Digest, Store, tree};
-use tauflow_contract::{Any, Artifact, Collection, ItemKey, collection_digest, shard_digest};
+use tauflow_contract::{Any, Collection, ItemKey, collection_digest, shard_digest};
 
 /// Shards of a collection.
 pub const SHARDS: usize = 256;
@@ -285,6 +285,7 @@ impl Sharded {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tauflow_contract::Artifact;
 
     fn items(count: u64, changed: Option<u64>) -> Items {
         let item = |n: u64| {

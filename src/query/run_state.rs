@@ -163,9 +163,11 @@ impl RunState {
     /// Counts an event; the node whose standing it changed.
     pub fn count(&mut self, event: &Event) -> Option<Name> {
         let name = match event {
-            Event::Started { .. } | Event::Finished { .. } | Event::Warning { .. } | Event::Failed { .. } => {
-                return None;
-            }
+            Event::Started { .. }
+            | Event::Finished { .. }
+            | Event::Jobs { .. }
+            | Event::Warning { .. }
+            | Event::Failed { .. } => return None,
             Event::Healing { .. } => {
                 self.nodes.clear();
                 return None;

@@ -44,6 +44,8 @@ pub enum Need {
     Root,
     /// The program `script`, which gives a program a terminal.
     Script,
+    /// Slurm, with the daemons of `slurm-wlm` and `munge`, and the right to start them.
+    Slurm,
     /// The slow suites, which `TAUFLOW_SLOW=1` asks for.
     Slow,
     /// A Python with PyTorch, named by `TAUFLOW_PYTHON`.
@@ -56,7 +58,7 @@ pub enum Need {
 
 impl Need {
     /// All needs with their names in `TAUFLOW_REQUIRE`.
-    pub const ALL: [(&'static str, Self); 21] = [
+    pub const ALL: [(&'static str, Self); 22] = [
         ("advisories", Self::Advisories),
         ("avx2", Self::Avx2),
         ("avx512", Self::Avx512),
@@ -75,6 +77,7 @@ impl Need {
         ("script", Self::Script),
         ("shared", Self::Shared),
         ("slow", Self::Slow),
+        ("slurm", Self::Slurm),
         ("torch", Self::Torch),
         ("vulkan", Self::Vulkan),
         ("zsh", Self::Zsh),

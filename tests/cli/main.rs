@@ -7,6 +7,7 @@ mod errors;
 mod exports;
 mod foresight;
 mod inspect;
+mod jobs;
 mod locks;
 mod looking;
 mod manuals;

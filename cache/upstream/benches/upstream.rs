@@ -5,7 +5,7 @@ use std::{
     time::{Duration, Instant},
 };
 use tauflow_cache::{Key, Record, Store};
-use tauflow_upstream::{Upstream, Wanted, pull, push};
+use tauflow_upstream::{Upstream, Wanted, all, pull, push};
 use tempfile::TempDir;
 
 const ACTIONS: u64 = 10_000;
@@ -46,7 +46,7 @@ fn main() {
     }
     let upstream = Upstream::create(&folder.path().join("shared")).expect("writable");
     let wanted = Wanted { namespaces: &["action"], sound: &|_| true };
-    let send = || push(&a, &upstream, wanted, false, &mut |_, _| {}).expect("writable");
+    let send = || push(&a, &upstream, &all(&a, &["action"]), &|_| true, false, &mut |_, _| {}).expect("writable");
     let fetch = || pull(&b, &upstream, wanted, &mut |_, _| {}).expect("writable");
     let (pushed, first) = timed(send);
     let (again, second) = timed(send);

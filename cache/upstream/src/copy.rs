@@ -8,7 +8,7 @@ use crate::{
 use std::collections::HashSet;
 use tauflow_cache::{Digest, Key, Record, Recorded, Store, tree};
 
-/// The records that are shared.
+/// The records that are taken.
 #[derive(Clone, Copy)]
 pub struct Wanted<'a> {
     /// Namespaces. Records of others stay where they are.
@@ -30,6 +30,8 @@ pub struct Pushed {
     pub same: u64,
     /// Records that were left out, because blobs of theirs are missing or damaged here.
     pub incomplete: u64,
+    /// Records that were left out, because they may not leave their machine.
+    pub bound: u64,
     /// Damage that was found in the upstream, a sentence each.
     pub notes: Vec<String>,
 }
@@ -53,7 +55,16 @@ pub struct Pulled {
     pub notes: Vec<String>,
 }
 
-/// Copies what the upstream lacks from a store: blobs once, each record after all that it reaches. A dry run only
+/// The keys of all records of a store in these namespaces.
+pub fn all<'a>(store: &Store, namespaces: &[&'a str]) -> Vec<(&'a str, Key)> {
+    let of = |namespace: &&'a str| {
+        let namespace = *namespace;
+        store.keys_like(namespace, "").into_iter().map(move |key| (namespace, key))
+    };
+    namespaces.iter().flat_map(of).collect()
+}
+
+/// Copies records of a store that the upstream lacks: blobs once, each record after all that it reaches. A dry run only
 /// counts.
 ///
 /// # Errors
@@ -61,7 +72,8 @@ pub struct Pulled {
 pub fn push(
     store: &Store,
     upstream: &Upstream,
-    wanted: Wanted<'_>,
+    keys: &[(&str, Key)],
+    free: &dyn Fn(&Record) -> bool,
     dry_run: bool,
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Pushed, UpstreamError> {
@@ -69,16 +81,15 @@ pub fn push(
     let mut there: HashSet<Digest> = blobs.into_keys().collect();
     let mut pushed = Pushed { notes, ..Pushed::default() };
     let mut writer = Writer::new(upstream);
-    let keys: Vec<(&str, Key)> = wanted
-        .namespaces
-        .iter()
-        .flat_map(|namespace| store.keys_like(namespace, "").into_iter().map(move |key| (*namespace, key)))
-        .collect();
     for (n, (namespace, key)) in keys.iter().enumerate() {
         progress(n as u64, keys.len() as u64);
         let Some(record) = store.read(namespace, key) else { continue };
         if records.contains(&identity(&record)) {
             pushed.same += 1;
+            continue;
+        }
+        if !free(&record) {
+            pushed.bound += 1;
             continue;
         }
         let mut complete = true;

@@ -1,8 +1,10 @@
 //! Upstreams: folders through which several machines share results.
 //!
-//! [`push`] copies records and their blobs from a store to an upstream, and [`pull`] copies them back. An upstream
-//! holds immutable files whose names are the digests of their contents, so that machines may write at the same time
-//! without locks, and a stale directory listing only hides new files:
+//! [`push`] copies records and their blobs from a store to an upstream, and [`pull`] copies them back. A [`Reader`]
+//! answers a store that lacks something, without copying the rest.
+//!
+//! An upstream holds immutable files whose names are the digests of their contents. So machines may write at the same
+//! time without locks, and a stale directory listing only hides new files:
 //!
 //! ```text
 //! UPSTREAM                   format version
@@ -21,8 +23,10 @@ mod copy;
 mod error;
 mod folder;
 mod index;
+mod reader;
 
-pub use copy::{Pulled, Pushed, Wanted, pull, push};
+pub use copy::{Pulled, Pushed, Wanted, all, pull, push};
 pub use error::UpstreamError;
 pub use folder::Upstream;
 pub use index::Contents;
+pub use reader::{Listener, Opening, Reader};

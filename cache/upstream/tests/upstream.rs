@@ -4,13 +4,18 @@ use std::{
     fs,
     path::{Path, PathBuf},
     process::Command,
+    sync::{Arc, Mutex},
     thread,
 };
 use tauflow_cache::{Digest, Key, Record, Store, tree};
-use tauflow_upstream::{Pulled, Pushed, Upstream, UpstreamError, Wanted, pull, push};
+use tauflow_upstream::{Pulled, Pushed, Reader, Upstream, UpstreamError, Wanted, all, pull, push};
 use tempfile::TempDir;
 
 const ALL: Wanted<'_> = Wanted { namespaces: &["action"], sound: &|record| record.preimage != "forged" };
+
+fn anything(_: &Record) -> bool {
+    true
+}
 
 struct Lab {
     folder: TempDir,
@@ -31,12 +36,24 @@ impl Lab {
 
     fn push(&self, store: &Store) -> Pushed {
         let upstream = Upstream::create(&self.dir()).expect("writable");
-        push(store, &upstream, ALL, false, &mut |_, _| {}).expect("writable")
+        push(store, &upstream, &all(store, &["action"]), &anything, false, &mut |_, _| {}).expect("writable")
     }
 
     fn pull(&self, store: &Store) -> Pulled {
         let upstream = Upstream::open(&self.dir()).expect("it is there");
         pull(store, &upstream, ALL, &mut |_, _| {}).expect("writable")
+    }
+
+    /// A store that looks in the upstream for what it lacks, and the notes of that.
+    fn reading(&self, name: &str) -> (Store, Arc<Mutex<Vec<String>>>) {
+        let (notes, dir) = (Arc::<Mutex<Vec<String>>>::default(), self.dir());
+        let told = notes.clone();
+        let tell = move |note: &str| told.lock().expect("no test panics with it").push(note.to_owned());
+        let opening = move || Upstream::open(&dir);
+        let mut store = self.store(name);
+        let sound = |record: &Record| record.preimage != "forged";
+        store.look_beyond(Arc::new(Reader::new(Box::new(opening), &["action"], sound, Box::new(tell))));
+        (store, notes)
     }
 
     fn files(&self, extension: &str) -> Vec<PathBuf> {
@@ -107,7 +124,7 @@ fn a_dry_run_counts_and_writes_nothing() {
     let a = lab.store("a");
     add(&a, "x");
     let upstream = Upstream::create(&lab.dir()).expect("writable");
-    let dry = push(&a, &upstream, ALL, true, &mut |_, _| {}).expect("readable");
+    let dry = push(&a, &upstream, &all(&a, &["action"]), &anything, true, &mut |_, _| {}).expect("readable");
     assert_eq!((dry.records, dry.blobs), (1, 3));
     assert_eq!((lab.files("pack").len(), lab.files("index").len()), (0, 0));
     assert_eq!(lab.push(&a), dry);
@@ -248,4 +265,132 @@ fn other_folders_are_refused_and_stay_as_they_are() {
     fs::write(lab.dir().join("UPSTREAM"), "tauflow-upstream 9\n").expect("writable");
     let error = Upstream::open(&lab.dir()).expect_err("of another format");
     assert!(error.to_string().contains("tauflow-upstream 9"), "{error}");
+}
+
+fn notes(of: &Mutex<Vec<String>>) -> Vec<String> {
+    of.lock().expect("no test panics with it").clone()
+}
+
+#[test]
+fn a_store_finds_records_at_once_and_blobs_when_it_reads_them() {
+    let lab = Lab::new();
+    let a = lab.store("a");
+    let records: Vec<Record> = (0..500).map(|n| add(&a, &n.to_string())).collect();
+    lab.push(&a);
+    let (b, told) = lab.reading("b");
+    let mut keys: Vec<Key> = records.iter().map(|record| record.key).collect();
+    keys.push(Key::of(b"nobody has done it"));
+    let found = b.lookup_many("action", &keys);
+    // The upstream may go away now: its indices are in memory.
+    assert!(found[500].is_none() && found[..500].iter().all(Option::is_some));
+    for (record, found) in records.iter().zip(found.iter().flatten()) {
+        assert_eq!((&record.payload, &record.refs), (&found.payload, &found.refs));
+        assert!(found.transient, "its blobs are elsewhere, and that is no loss");
+    }
+    drop(b);
+    let b = lab.store("b");
+    assert_eq!(all(&b, &["action"]).len(), 500, "the records were copied");
+    assert!(!b.contains(&records[7].refs[0]), "the blobs were not");
+    assert!(!b.verify(None, 0, &mut |_, _| {}).expect("readable").is_damaged());
+    drop(b);
+    let (b, _) = lab.reading("b");
+    assert!(b.contains(&records[7].refs[0]));
+    assert_eq!(b.get(&records[7].refs[0]).expect("readable").as_deref(), Some(&b"blob of 7"[..]));
+    assert_eq!(b.get(&Digest::of(b"nowhere")).expect("readable"), None);
+    drop(b);
+    assert!(lab.store("b").contains(&records[7].refs[0]), "a blob that was read stays");
+    assert_eq!(notes(&told), [""; 0]);
+}
+
+#[test]
+fn a_damaged_pack_is_told_once_and_its_blobs_are_misses() {
+    let lab = Lab::new();
+    let a = lab.store("a");
+    let records: Vec<Record> = (0..20).map(|n| add(&a, &n.to_string())).collect();
+    lab.push(&a);
+    change(&lab.files("pack")[0], |bytes| bytes.iter_mut().for_each(|byte| *byte ^= 1));
+    let (b, told) = lab.reading("b");
+    for record in &records {
+        assert!(b.contains(&record.refs[0]), "the index says so");
+        assert_eq!(b.get(&record.refs[0]).expect("readable"), None);
+        assert!(!b.contains(&record.refs[0]), "it cannot be had");
+    }
+    let told = notes(&told);
+    assert!(told.len() == 1 && told[0].contains(&lab.files("pack")[0].display().to_string()), "{told:?}");
+}
+
+#[test]
+fn of_two_packs_with_a_blob_the_sound_one_serves() {
+    let lab = Lab::new();
+    let stores = [lab.store("a"), lab.store("b")];
+    let record = add(&stores[0], "x");
+    add(&stores[1], "x");
+    add(&stores[1], "y");
+    // Both push at the same time, so that neither sees the pack of the other.
+    let upstreams = [0, 1].map(|_| Upstream::create(&lab.dir()).expect("writable"));
+    lab.push(&stores[0]);
+    let first = lab.files("index").remove(0);
+    let aside = lab.folder.path().join("aside");
+    fs::rename(&first, &aside).expect("writable");
+    push(&stores[1], &upstreams[1], &all(&stores[1], &["action"]), &anything, false, &mut |_, _| {}).expect("writable");
+    fs::rename(&aside, &first).expect("writable");
+    let packs = lab.files("pack");
+    assert_eq!(packs.len(), 2);
+    for (n, pack) in packs.iter().enumerate() {
+        change(pack, |bytes| bytes.iter_mut().for_each(|byte| *byte ^= 1));
+        let (c, _) = lab.reading(&format!("c{n}"));
+        assert_eq!(c.get(&record.refs[0]).expect("readable").as_deref(), Some(&b"blob of x"[..]));
+        change(pack, |bytes| bytes.iter_mut().for_each(|byte| *byte ^= 1));
+    }
+}
+
+#[test]
+fn an_upstream_that_fails_is_a_miss_with_one_note() {
+    let lab = Lab::new();
+    let (b, told) = lab.reading("b");
+    let mine = add(&b, "mine");
+    for n in 0..10_u32 {
+        assert!(b.lookup("action", &Key::of(&n.to_le_bytes())).is_none());
+        assert_eq!(b.get(&Digest::of(&n.to_le_bytes())).expect("readable"), None);
+    }
+    assert_eq!(b.lookup("action", &mine.key).as_deref(), Some(&mine));
+    let told = notes(&told);
+    assert!(told.len() == 1 && told[0].starts_with("the upstream is not used: "), "{told:?}");
+}
+
+#[test]
+fn what_is_here_wins_over_the_upstream_and_forged_keys_are_misses() {
+    let lab = Lab::new();
+    let a = lab.store("a");
+    let of_a = add(&a, "x");
+    let forged = Record { key: Key::of(b"forged"), preimage: "forged".into(), ..of_a.clone() };
+    a.record(&forged).expect("writable");
+    lab.push(&a);
+    let (b, _) = lab.reading("b");
+    let mine = Record { payload: "mine".into(), refs: Vec::new(), trees: Vec::new(), ..of_a };
+    b.record(&mine).expect("writable");
+    assert_eq!(b.lookup("action", &mine.key).as_deref(), Some(&mine));
+    assert_eq!(b.lookup("action", &forged.key), None);
+}
+
+#[test]
+fn a_damaged_blob_of_the_store_comes_back_from_the_upstream() {
+    let lab = Lab::new();
+    let a = lab.store("a");
+    let big = vec![7_u8; 1 << 17];
+    let digest = a.put(&big).expect("writable");
+    let record = Record { key: Key::of(b"big"), refs: vec![digest], ..add(&a, "y") };
+    a.record(&record).expect("writable");
+    lab.push(&a);
+    drop(a);
+    let mut open = vec![lab.folder.path().join("a")];
+    while let Some(path) = open.pop() {
+        match path.is_dir() {
+            true => open.extend(fs::read_dir(&path).expect("readable").map(|entry| entry.expect("readable").path())),
+            false if fs::metadata(&path).expect("readable").len() == 1 << 17 => change(&path, |bytes| bytes[9] = 0),
+            false => {}
+        }
+    }
+    let (a, _) = lab.reading("a");
+    assert_eq!(a.get(&digest).expect("readable"), Some(big));
 }

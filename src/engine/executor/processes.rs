@@ -56,11 +56,16 @@ impl ChildCommand {
     pub fn new(command: impl Fn(&Path, &Path) -> Command + Send + Sync + 'static) -> Self {
         Self(Arc::new(command))
     }
+
+    /// The command for a batch's file and the store's folder.
+    pub fn command(&self, batch: &Path, store: &Path) -> Command {
+        (self.0)(batch, store)
+    }
 }
 
 impl fmt::Debug for ChildCommand {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("ChildCommand").field(&(self.0)(Path::new("BATCH"), Path::new("STORE"))).finish()
+        f.debug_tuple("ChildCommand").field(&self.command(Path::new("BATCH"), Path::new("STORE"))).finish()
     }
 }
 
@@ -163,7 +168,7 @@ impl OpenBatch<'_, '_> {
         let file = tempfile::NamedTempFile::new().map_err(failed("make a file for a batch of actions"))?;
         let text = serde_json::to_vec(&batch).expect("keys and digests always serialise");
         fs::write(file.path(), text).map_err(failed("write a batch of actions"))?;
-        let mut command = (command.0)(file.path(), self.holdings.store.dir());
+        let mut command = command.command(file.path(), self.holdings.store.dir());
         // A group of its own: Ctrl-C comes to it through the run, which lets actions in flight end.
         command.process_group(0).stdin(Stdio::null()).stdout(Stdio::piped());
         let mut child = start(&mut command).map_err(failed("start a process for a batch of actions"))?;
@@ -205,7 +210,10 @@ impl OpenBatch<'_, '_> {
                     }
                 }
                 Line::Ended { action, end, warning, spent_us } if action == ended => {
-                    let outcome = outcome(&open.order, end, self.holdings).unwrap_or_else(Outcome::Fatal);
+                    let nothing = "internal error: its process recorded nothing of it; please report it";
+                    let outcome = outcome(&open.order, &end, self.holdings);
+                    let outcome = outcome.map(|of| of.unwrap_or_else(|| Outcome::Failed(nothing.into())));
+                    let outcome = outcome.unwrap_or_else(Outcome::Fatal);
                     self.reply(Execution { outcome, warning, spent_us });
                     ended += 1;
                 }
@@ -247,26 +255,25 @@ fn start(command: &mut Command) -> io::Result<Child> {
     command.spawn()
 }
 
-/// The outcome of an action, from the messages of its process and from its record.
-fn outcome(order: &Order, end: End, holdings: Holdings<'_>) -> Result<Outcome, EngineError> {
+/// The outcome of an action, from the messages of its process and from its record. None if the record is not here yet.
+pub(super) fn outcome(order: &Order, end: &End, holdings: Holdings<'_>) -> Result<Option<Outcome>, EngineError> {
     let action = &order.action;
     let recorded = || -> Result<Option<Made>, EngineError> {
         holdings.store.refresh()?;
         let record = action.recorded(holdings.store)?;
         Ok(holdings.made(record.as_deref(), &action.producer.spec, action.producer.group)?)
     };
-    let nothing = || Outcome::Failed("internal error: its process recorded nothing of it; please report it".into());
-    Ok(match end {
-        End::Hit => recorded()?.map_or_else(nothing, Outcome::Hit),
+    Ok(Some(match end {
+        End::Hit => return Ok(recorded()?.map(Outcome::Hit)),
         End::Ran { put } => match &action.before {
             Some(made) => Outcome::Ran(made.clone()),
-            None => recorded()?.map_or_else(nothing, |made| Outcome::Ran(Made { put, ..made })),
+            None => return Ok(recorded()?.map(|made| Outcome::Ran(Made { put: *put, ..made }))),
         },
-        End::Failed(message) => Outcome::Failed(message),
-        End::Missing(blobs) => Outcome::Missing(blobs),
+        End::Failed(message) => Outcome::Failed(message.clone()),
+        End::Missing(blobs) => Outcome::Missing(blobs.clone()),
         End::Cancelled => Outcome::Cancelled,
-        End::Fatal(message) => Outcome::Fatal(EngineError::Executor(message)),
-    })
+        End::Fatal(message) => Outcome::Fatal(EngineError::Executor(message.clone())),
+    }))
 }
 
 /// Reads a child's lines until it closes its output. What else stands there, such as what a library printed before the

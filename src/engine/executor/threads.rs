@@ -86,9 +86,15 @@ impl<'a> Crew<'a> {
 
     /// Tells that an order begins; gives what tells how far it is.
     pub fn announce<'b>(&'b self, label: &'b LaneName, order: &Order) -> Reporter<'b> {
+        let reporter = self.reporter(label, order);
+        let (node, cell, item) = (label.node.clone(), label.cell.clone(), reporter.item.clone());
+        (self.of.sink)(&Event::Begin { node, cell, item });
+        reporter
+    }
+
+    /// Tells how far an order is that has begun.
+    pub fn reporter<'b>(&'b self, label: &'b LaneName, order: &Order) -> Reporter<'b> {
         let item = order.action.item.as_ref().map_or_else(Name::default, Name::from);
-        let (node, cell) = (label.node.clone(), label.cell.clone());
-        (self.of.sink)(&Event::Begin { node, cell, item: item.clone() });
         Reporter { label, item, sink: self.of.sink }
     }
 
@@ -155,7 +161,7 @@ impl<'a> Threads<'a> {
 }
 
 /// Runs the actions of a batch.
-fn run(crew: &Crew<'_>, batch: Batch) {
+pub(super) fn run(crew: &Crew<'_>, batch: Batch) {
     let mut left = batch.orders.len();
     for order in batch.orders {
         left -= 1;

@@ -1,0 +1,123 @@
+//! Options of `run` that say where actions run.
+
+use super::{CacheAt, CliError, cache::seconds, config::Config};
+use crate::engine::{ChildCommand, ExecutorKind, JobOptions, Scheduling};
+use clap::{Args, ValueEnum};
+use std::{path::Path, process::Command, time::Duration};
+
+/// Jobs at a time, unless `--jobs` says.
+const MOST_JOBS: usize = 100;
+
+/// Where actions run.
+#[derive(Args)]
+#[command(next_help_heading = "Executor")]
+pub(crate) struct ExecutorArgs {
+    /// Where actions run: on threads of this process, in child processes, or as jobs of a scheduler. A process or job
+    /// that crashes or is killed costs its action another attempt, never the run.
+    #[arg(long, value_enum, value_name = "WHERE", default_value_t = Where::Threads)]
+    executor: Where,
+    /// Gather ready actions into jobs that take about this time.
+    #[arg(long, value_name = "TIME", default_value = "120s", value_parser = seconds)]
+    batch: f64,
+    /// Run an action again so often if its job ends before it is done.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(..=100))]
+    retries: u32,
+    /// Pass this option to `sbatch`, `hq submit` or the submit command, such as --job-option=--mem=8G. Can be repeated.
+    #[arg(long = "job-option", value_name = "OPTION", allow_hyphen_values = true)]
+    options: Vec<String>,
+    /// Ask the scheduler for the state of jobs every so often.
+    #[arg(long, value_name = "TIME", default_value = "3s", value_parser = seconds)]
+    poll_every: f64,
+    /// For --executor command: submits the script `{script}` and prints the job's id. `{name}` and `{log}` are replaced
+    /// too.
+    #[arg(long, value_name = "COMMAND")]
+    submit: Option<String>,
+    /// For --executor command: prints a line for each job that has not ended, with its id and its state. `{ids}` is
+    /// replaced by the ids.
+    #[arg(long, value_name = "COMMAND")]
+    poll: Option<String>,
+    /// For --executor command: cancels the jobs `{ids}`.
+    #[arg(long, value_name = "COMMAND")]
+    cancel: Option<String>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Where {
+    /// Threads of this process.
+    Threads,
+    /// Child processes.
+    Process,
+    /// Jobs of Slurm.
+    Slurm,
+    /// Jobs of HyperQueue.
+    Hyperqueue,
+    /// Jobs of any scheduler, by the commands --submit, --poll and --cancel.
+    Command,
+}
+
+impl ExecutorArgs {
+    /// The executor, for so many actions or jobs at a time; 0 leaves it to the executor.
+    pub(crate) fn executor(&self, cache: &CacheAt, jobs: usize) -> Result<ExecutorKind, CliError> {
+        if self.executor != Where::Command && (self.submit.is_some() || self.poll.is_some() || self.cancel.is_some()) {
+            let message = "--submit, --poll and --cancel need --executor command";
+            return Err(CliError::Bad(message.into()));
+        }
+        let scheduling = match self.executor {
+            Where::Threads => return Ok(ExecutorKind::Threads),
+            Where::Process => return Ok(ExecutorKind::Processes(worker(cache)?)),
+            Where::Slurm => Scheduling::Slurm,
+            Where::Hyperqueue => Scheduling::HyperQueue,
+            Where::Command => self.commands()?,
+        };
+        for (option, value) in [("--batch", self.batch), ("--poll-every", self.poll_every)] {
+            if !(value > 0.0 && value <= 1e6) {
+                return Err(CliError::Bad(format!("{option} must be above 0 s, and at most 10 days")));
+            }
+        }
+        Ok(ExecutorKind::Jobs(JobOptions {
+            scheduling,
+            worker: worker(cache)?,
+            options: self.options.clone(),
+            duration: Duration::from_secs_f64(self.batch),
+            retries: self.retries,
+            most: if jobs == 0 { MOST_JOBS } else { jobs },
+            poll: Duration::from_secs_f64(self.poll_every),
+        }))
+    }
+
+    fn commands(&self) -> Result<Scheduling, CliError> {
+        let known = Config::read()?.command.unwrap_or_default();
+        let of = |given: &Option<String>, known: Option<String>, name: &str, must: &str| {
+            let line = given.clone().or(known).ok_or_else(|| {
+                CliError::Bad(format!(
+                    "--executor command needs --{name}, or `{name}` below `command` in the configuration; see \
+                     docs/many_machines.md"
+                ))
+            })?;
+            if line.contains(must) {
+                return Ok(line);
+            }
+            Err(CliError::Bad(format!("the {name} command `{line}` must contain {must}")))
+        };
+        Ok(Scheduling::Commands {
+            submit: of(&self.submit, known.submit, "submit", "{script}")?,
+            poll: of(&self.poll, known.poll, "poll", "")?,
+            cancel: of(&self.cancel, known.cancel, "cancel", "{ids}")?,
+        })
+    }
+}
+
+/// The command that runs a batch in another process.
+fn worker(cache: &CacheAt) -> Result<ChildCommand, CliError> {
+    let program =
+        std::env::current_exe().map_err(|e| CliError::Environment(format!("cannot find this program: {e}")))?;
+    let (upstream, reader) = (cache.upstream()?.unwrap_or_default(), cache.reader()?);
+    Ok(ChildCommand::new(move |batch, store| {
+        let mut command = Command::new(&program);
+        command.args(["exec", "--batch"]).arg(batch).arg("--cache").arg(store);
+        // One that cannot be used was told, and children are not to tell it again.
+        let usable = reader.as_ref().is_some_and(|reader| !reader.is_lost());
+        command.arg("--upstream").arg(if usable { upstream.as_path() } else { Path::new("") });
+        command
+    }))
+}

@@ -1,0 +1,70 @@
+//! HyperQueue: jobs are the tasks of one of its jobs.
+
+use super::{Queue, Stage, Submission, ask};
+use serde_json::Value;
+use std::{
+    collections::{BTreeSet, HashMap},
+    process::Command,
+};
+
+/// See the module.
+pub struct HyperQueue {
+    /// More options of `hq submit`.
+    pub options: Vec<String>,
+}
+
+/// The job of an id `JOB_TASK`.
+fn job(id: &str) -> &str {
+    id.split_once('_').map_or(id, |(job, _)| job)
+}
+
+impl Queue for HyperQueue {
+    fn submit(&self, of: &Submission<'_>) -> Result<Vec<String>, String> {
+        let folder = of.folder.display().to_string();
+        let mut command = Command::new("hq");
+        command.args(["submit", "--output-mode=quiet", "--name", of.name]);
+        command.arg(format!("--array=0-{}", of.jobs.saturating_sub(1)));
+        command.arg(format!("--stdout={folder}/%{{TASK_ID}}.log")).arg("--stderr=none").args(&self.options);
+        command.args(["--", "sh", "-c"]).arg(format!("exec sh {}/\"$HQ_TASK_ID.sh\" 2>&1", super::quoted(&folder)));
+        let said = ask(&mut command)?;
+        let id = said.lines().last().unwrap_or_default().trim();
+        if id.is_empty() || !id.bytes().all(|byte| byte.is_ascii_digit()) {
+            return Err(format!("`hq submit --output-mode=quiet` printed no id of a job: {}", said.trim()));
+        }
+        Ok((0..of.jobs).map(|task| format!("{id}_{task}")).collect())
+    }
+
+    fn poll(&self, ids: &[&str]) -> Result<HashMap<String, Stage>, String> {
+        let jobs: BTreeSet<&str> = ids.iter().map(|id| job(id)).collect();
+        let mut found = HashMap::new();
+        for job in jobs {
+            let said = ask(Command::new("hq").args(["task", "list", job, "--output-mode=json"]))?;
+            let tasks: Value = serde_json::from_str(&said)
+                .map_err(|error| format!("`hq task list {job} --output-mode=json` printed no JSON: {error}"))?;
+            for task in tasks[job].as_array().into_iter().flatten() {
+                let stage = match task["state"].as_str().unwrap_or_default().to_lowercase().as_str() {
+                    "waiting" => Stage::Queued,
+                    "running" => Stage::Running,
+                    _ => continue,
+                };
+                found.insert(format!("{job}_{}", task["id"]), stage);
+            }
+        }
+        Ok(found)
+    }
+
+    fn reason(&self, id: &str) -> Option<String> {
+        let (job, number) = id.split_once('_')?;
+        let number: u64 = number.parse().ok()?;
+        let said = ask(Command::new("hq").args(["task", "list", job, "--output-mode=json"])).ok()?;
+        let tasks: Value = serde_json::from_str(&said).ok()?;
+        let task = tasks[job].as_array()?.iter().find(|task| task["id"].as_u64() == Some(number))?;
+        Some(format!("{} {}", task["state"].as_str()?, task["error"].as_str().unwrap_or_default()).trim().to_owned())
+    }
+
+    fn cancel(&self, ids: &[&str]) -> Result<(), String> {
+        // It cancels whole jobs; their other tasks have ended, or end with the same run.
+        let jobs: BTreeSet<&str> = ids.iter().map(|id| job(id)).collect();
+        jobs.into_iter().try_for_each(|job| ask(Command::new("hq").args(["job", "cancel", job])).map(drop))
+    }
+}

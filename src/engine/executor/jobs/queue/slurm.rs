@@ -1,0 +1,64 @@
+//! Slurm: jobs are the tasks of one array.
+
+use super::{Queue, Stage, Submission, ask};
+use std::{collections::HashMap, fs, process::Command};
+
+/// Jobs that one call of `scancel` names.
+const MOST_NAMED: usize = 500;
+
+/// See the module.
+pub struct Slurm {
+    /// More options of `sbatch`.
+    pub options: Vec<String>,
+}
+
+impl Queue for Slurm {
+    fn submit(&self, of: &Submission<'_>) -> Result<Vec<String>, String> {
+        let script = of.folder.join("array.sh");
+        let folder = super::quoted(&of.folder.display().to_string());
+        fs::write(&script, format!("#!/bin/sh\nexec sh {folder}/\"$SLURM_ARRAY_TASK_ID.sh\"\n"))
+            .map_err(|error| format!("cannot write {}: {error}", script.display()))?;
+        let mut command = Command::new("sbatch");
+        command.args(["--parsable", "--no-requeue", "--open-mode=append", "--job-name", of.name]);
+        command.arg(format!("--array=0-{}", of.jobs.saturating_sub(1)));
+        // `%` begins a pattern in the names of outputs.
+        let folder = of.folder.display().to_string().replace('%', "%%");
+        command.arg(format!("--output={folder}/%a.log"));
+        let said = ask(command.args(&self.options).arg(&script))?;
+        // `ID`, or `ID;CLUSTER`; a plug-in may have printed more before.
+        let id = said.lines().last().and_then(|line| line.split(';').next()).unwrap_or_default().trim();
+        if id.is_empty() || !id.bytes().all(|byte| byte.is_ascii_digit()) {
+            return Err(format!("`sbatch --parsable` printed no id of a job: {}", said.trim()));
+        }
+        Ok((0..of.jobs).map(|job| format!("{id}_{job}")).collect())
+    }
+
+    fn poll(&self, _: &[&str]) -> Result<HashMap<String, Stage>, String> {
+        // Asked for an id that it has forgotten, it fails.
+        let said = ask(Command::new("squeue").args(["--me", "--noheader", "--array", "--format=%i %T"]))?;
+        let job = |line: &str| {
+            let (id, state) = line.trim().split_once(' ')?;
+            let waits = ["PENDING", "REQUEUED", "REQUEUE_HOLD", "SPECIAL_EXIT"].contains(&state);
+            Some((id.to_owned(), if waits { Stage::Queued } else { Stage::Running }))
+        };
+        Ok(said.lines().filter_map(job).collect())
+    }
+
+    fn reason(&self, id: &str) -> Option<String> {
+        // Where there is no accounting, the controller knows it for a few minutes.
+        let accounted = ask(Command::new("sacct").args(["-n", "-X", "-P", "-o", "State,ExitCode", "-j", id])).ok();
+        let accounted = accounted.and_then(|said| {
+            let (state, code) = said.lines().next()?.split_once('|')?;
+            Some(format!("{state}, exit code {code}"))
+        });
+        accounted.or_else(|| {
+            let said = ask(Command::new("scontrol").args(["-o", "show", "job", id])).ok()?;
+            let field = |name: &str| said.split_whitespace().find_map(|word| word.strip_prefix(name));
+            Some(format!("{}, exit code {}", field("JobState=")?, field("ExitCode=")?))
+        })
+    }
+
+    fn cancel(&self, ids: &[&str]) -> Result<(), String> {
+        ids.chunks(MOST_NAMED).try_for_each(|some| ask(Command::new("scancel").args(some)).map(drop))
+    }
+}

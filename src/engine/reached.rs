@@ -1,0 +1,74 @@
+//! What the results of a pipeline rest on in a store: the records of its actions, lanes and shards. And which records
+//! hold on any machine.
+
+use super::{
+    EngineError, RunOptions,
+    event::Ended,
+    records::{ACTION, Payload, ROLLUP, SHARD},
+    run::Run,
+};
+use crate::{kinds::Registry, pipeline::Pipeline};
+use serde_json::Value;
+use std::{
+    collections::{BTreeSet, HashSet},
+    sync::atomic::AtomicBool,
+};
+use tauflow_cache::{Digest, Key, Record, Store};
+use tauflow_contract::Determinism;
+
+/// The records of a pipeline's results, as far as they are there: each namespace, and the key.
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn reached(pipeline: &Pipeline, store: &Store) -> Result<Vec<(&'static str, Key)>, EngineError> {
+    let stop = AtomicBool::new(false);
+    // Item by item: a lane that is up to date would hide its actions.
+    let options = RunOptions { dry: true, no_rollup: true, ..RunOptions::default() };
+    let mut run = Run::looking(pipeline, store, &options, &stop, &|_| {})?;
+    run.keep_keys = true;
+    run.finish()?;
+    let hits = run.planned.iter().filter(|planned| planned.ended == Ended::Hit);
+    let actions: BTreeSet<Key> = hits.map(|planned| planned.key.hash()).collect();
+    let lanes: BTreeSet<Key> = run.rolled_lanes()?.into_iter().collect();
+    let shards = shards(pipeline, store, &lanes)?;
+    let of = |namespace: &'static str, keys: BTreeSet<Key>| keys.into_iter().map(move |key| (namespace, key));
+    Ok(of(ACTION, actions).chain(of(SHARD, shards)).chain(of(ROLLUP, lanes)).collect())
+}
+
+/// The shards that these lanes consist of: a lane's listing names those of its shards.
+fn shards(pipeline: &Pipeline, store: &Store, lanes: &BTreeSet<Key>) -> Result<BTreeSet<Key>, EngineError> {
+    let mut listed: HashSet<Digest> = HashSet::new();
+    for record in lanes.iter().filter_map(|key| store.read(ROLLUP, key)) {
+        for listing in &record.trees {
+            let bytes = store.get(listing)?;
+            let tree = bytes.as_deref().and_then(tauflow_cache::tree::decode);
+            listed.extend(tree.into_iter().flat_map(|tree| tree.trees));
+        }
+    }
+    if listed.is_empty() {
+        return Ok(BTreeSet::new());
+    }
+    let kinds: BTreeSet<&str> = pipeline.nodes.iter().map(|node| node.spec.name).collect();
+    let keys = kinds.into_iter().flat_map(|kind| store.keys_by_label(SHARD, kind));
+    let is_listed = |key: &Key| {
+        let record = store.read(SHARD, key);
+        record.is_some_and(|r| !r.trees.is_empty() && r.trees.iter().all(|tree| listed.contains(tree)))
+    };
+    Ok(keys.filter(is_listed).collect())
+}
+
+/// Whether the outputs in a record are the same bits on any machine. Neither measurements are, nor what depends on a
+/// library of a machine, nor what an unknown kind made.
+pub fn holds_anywhere(record: &Record, registry: &Registry) -> bool {
+    let (Some(kind), Some(payload)) = (registry.get(&record.label), Payload::of(record)) else { return false };
+    let spec = match serde_json::from_str::<Value>(&record.preimage) {
+        Ok(key) if !key["params"].is_null() => kind.spec_for(&key["params"]),
+        // Params are not known, and may decide it.
+        _ if !kind.port_params().is_empty() => return false,
+        _ => kind.spec(),
+    };
+    payload.items.keys().chain(payload.collections.keys()).all(|name| {
+        let port = spec.outputs.iter().find(|port| port.name == *name);
+        port.is_some_and(|port| port.determinism == Determinism::Bitwise)
+    })
+}

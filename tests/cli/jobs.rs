@@ -1,0 +1,322 @@
+//! Runs whose actions are jobs of a scheduler: Slurm where it is installed, and a shell that starts processes.
+
+use crate::{Place, Said, root};
+use std::{
+    fs,
+    path::Path,
+    process::{Child, Command, Stdio},
+    sync::{Mutex, OnceLock},
+    thread,
+    time::{Duration, Instant},
+};
+use tauflow_testing::{Need, skip};
+use tempfile::TempDir;
+
+/// Items of a list, each copied by a program that notes that it began and that it ended.
+const PIPELINE: &str = "\
+pipeline: small
+seed: 3
+nodes:
+  numbers:
+    kind: command
+    params:
+      run: [sh, numbers.sh]
+      mode: gather
+      outputs: { numbers: tauflow/files }
+  copies:
+    kind: command
+    inputs: { numbers: numbers }
+    params:
+      run: [sh, copy.sh]
+      inputs: { numbers: tauflow/files }
+      outputs: { copies: tauflow/files }
+  total:
+    kind: command
+    inputs: { copies: copies }
+    params:
+      run: [sh, total.sh]
+      mode: gather
+      inputs: { copies: tauflow/files }
+      outputs: { total: tauflow/files }
+";
+
+/// A place with this pipeline, whose program takes so long for each item.
+fn place(items: usize, seconds: &str) -> Place {
+    let place = Place::with(PIPELINE);
+    let here = place.path("").display().to_string();
+    let script = |name: &str, text: &str| place.write(name, &text.replace("HERE", &here));
+    script(
+        "numbers.sh",
+        &format!("for n in $(seq {items}); do mkdir out/numbers/$n; echo $n > out/numbers/$n/n; done"),
+    );
+    script(
+        "copy.sh",
+        &format!(
+            "n=$(cat in/numbers/n); echo $n >> HERE/begun
+sleep {seconds}; echo $n >> HERE/ended; cp in/numbers/n out/copies/n"
+        ),
+    );
+    script("total.sh", "mkdir out/total/all; cat in/copies/*/n | sort -n > HERE/total; cp HERE/total out/total/all/n");
+    place
+}
+
+/// How often each item was begun or ended.
+fn noted(place: &Place, what: &str) -> Vec<String> {
+    let mut lines: Vec<String> =
+        fs::read_to_string(place.path(what)).unwrap_or_default().lines().map(str::to_owned).collect();
+    lines.sort();
+    lines
+}
+
+/// The numbers up to this, in the order of their texts.
+fn numbers(last: usize) -> Vec<String> {
+    let mut all: Vec<String> = (1..=last).map(|n| n.to_string()).collect();
+    all.sort();
+    all
+}
+
+/// Options that have a shell start jobs as processes of this machine.
+const SHELL: [&str; 10] = [
+    "--executor",
+    "command",
+    "--submit",
+    "setsid sh {script} > {log} 2>&1 < /dev/null & echo $!",
+    "--poll",
+    "ps -o pid=,stat= -p $(echo {ids} | tr ' ' ,) | awk '$2 !~ /Z/ { print $1, \"running\" }'",
+    "--cancel",
+    "kill {ids}",
+    "--poll-every",
+    "0.2s",
+];
+
+/// Slurm, as long as it runs. Tests that use it take turns.
+struct Slurm {
+    folder: TempDir,
+}
+
+impl Slurm {
+    /// Starts it once for all tests; none if it is not installed.
+    fn running() -> Option<&'static Mutex<Self>> {
+        static RUNNING: OnceLock<Option<Mutex<Slurm>>> = OnceLock::new();
+        RUNNING.get_or_init(|| Self::start().map(Mutex::new)).as_ref()
+    }
+
+    fn start() -> Option<Self> {
+        let there = |program: &str| {
+            ["/usr/bin", "/usr/sbin", "/bin", "/sbin"].iter().any(|folder| Path::new(folder).join(program).is_file())
+        };
+        if !["sbatch", "squeue", "slurmctld", "slurmd", "munged"].iter().all(|program| there(program)) {
+            return None;
+        }
+        let slurm = Self { folder: TempDir::new().expect("a temporary folder") };
+        let output = slurm.act("start");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        Some(slurm)
+    }
+
+    /// Its daemons must not hold the pipes of the test's output.
+    fn act(&self, what: &str) -> std::process::Output {
+        let log = self.folder.path().join(format!("{what}.out"));
+        let file = fs::File::create(&log).expect("writable");
+        let mut command = Command::new("sh");
+        command.arg(root().join("tests/support/slurm.sh")).arg(what).arg(self.folder.path());
+        command.arg(std::process::id().to_string());
+        command.stdout(file.try_clone().expect("a file")).stderr(file).stdin(Stdio::null());
+        let status = command.status().expect("sh starts");
+        std::process::Output { status, stdout: Vec::new(), stderr: fs::read(&log).expect("readable") }
+    }
+
+    fn configuration(&self) -> String {
+        self.folder.path().join("slurm.conf").display().to_string()
+    }
+}
+
+/// A scheduler, and the options that choose it.
+struct Scheduler {
+    options: Vec<&'static str>,
+    configuration: Option<String>,
+}
+
+impl Scheduler {
+    fn shell() -> Self {
+        Self { options: SHELL.to_vec(), configuration: None }
+    }
+
+    fn command(&self, place: &Place, more: &[&str]) -> Command {
+        let mut command = place.command(&[&["run", "small.yaml"], &self.options[..], more].concat());
+        command.envs(self.configuration.iter().map(|path| ("SLURM_CONF", path)));
+        command
+    }
+
+    fn run(&self, place: &Place, more: &[&str]) -> Said {
+        Said::of(&self.command(place, more).output().expect("the program starts"))
+    }
+
+    fn start(&self, place: &Place, more: &[&str]) -> Child {
+        let err = fs::File::create(place.path("err")).expect("writable");
+        self.command(place, more).stdout(Stdio::null()).stderr(err).spawn().expect("the program starts")
+    }
+}
+
+/// Does a test with Slurm, or says that it skipped.
+fn with_slurm(test: impl FnOnce(&Scheduler)) {
+    let Some(slurm) = Slurm::running() else { return skip(Need::Slurm, "slurm-wlm and munge are not installed") };
+    let slurm = slurm.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let options = vec!["--executor", "slurm", "--poll-every", "0.5s"];
+    test(&Scheduler { options, configuration: Some(slurm.configuration()) });
+}
+
+fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !is_so() {
+        assert!(begun.elapsed() < Duration::from_secs(90), "waited in vain until {what}");
+        thread::sleep(Duration::from_millis(20));
+    }
+}
+
+fn jobs_are_gone(place: &Place) -> bool {
+    fs::read_dir(place.path("store/jobs")).map_or(true, |mut entries| entries.next().is_none())
+}
+
+fn the_same_as_on_threads(scheduler: &Scheduler) {
+    let place = Place::new();
+    place.tauflow(&["run", "small.yaml", "--update-lock"]).ends(0);
+    let other = place.path("store").with_file_name("other");
+    let cache = other.display().to_string();
+    let said = scheduler.run(&place, &["--locked", "--cache", &cache]).ends(0);
+    assert!(said.err.contains("small.lock agrees") && said.err.contains("jobs: "), "{}", said.err);
+    assert!(!said.err.contains("warning"), "{}", said.err);
+    let again = scheduler.run(&place, &["--cache", &cache]).ends(0);
+    assert!(again.err.contains("nothing to do"), "{}", again.err);
+    place.tauflow(&["cache", "verify", "--cache", &cache]).ends(0);
+    let left = fs::read_dir(other.join("jobs")).expect("there were jobs").count();
+    assert_eq!(left, 0, "folders of jobs that have ended are removed");
+}
+
+fn the_next_run_finds_the_jobs_of_one_that_was_killed(scheduler: &Scheduler) {
+    let place = place(4, "4");
+    let mut first = scheduler.start(&place, &["--batch", "100s"]);
+    wait_until("a job runs", || !noted(&place, "begun").is_empty());
+    first.kill().expect("our own");
+    first.wait().expect("it ends");
+    let said = scheduler.run(&place, &[]).ends(0);
+    assert!(said.err.contains("of an earlier run found"), "{}", said.err);
+    assert_eq!(noted(&place, "ended"), numbers(4), "nothing is done twice: {}", said.err);
+    assert_eq!(fs::read_to_string(place.path("total")).expect("it was written"), "1\n2\n3\n4\n");
+    assert!(jobs_are_gone(&place));
+}
+
+fn ctrl_c_cancels_jobs(scheduler: &Scheduler) {
+    let place = place(3, "300");
+    let mut run = scheduler.start(&place, &[]);
+    wait_until("a job runs", || !noted(&place, "begun").is_empty());
+    let interrupt = Command::new("kill").args(["-INT", &run.id().to_string()]).status().expect("kill starts");
+    assert!(interrupt.success());
+    assert_eq!(run.wait().expect("it ends").code(), Some(130));
+    let err = fs::read_to_string(place.path("err")).expect("it was written");
+    assert!(err.contains("stopped; to resume") && !err.contains("warning"), "{err}");
+    let folder = place.path("").display().to_string();
+    let alive = || {
+        let all = Command::new("ps").args(["-eo", "args"]).output().expect("ps starts");
+        String::from_utf8_lossy(&all.stdout).lines().any(|line| line.contains("exec --batch") && line.contains(&folder))
+    };
+    wait_until("the jobs are cancelled", || !alive());
+    assert!(jobs_are_gone(&place));
+}
+
+fn a_job_that_is_killed_runs_again(scheduler: &Scheduler, kill: impl Fn(&Place)) {
+    let place = place(3, "1");
+    let mut run = scheduler.start(&place, &["--jobs", "1", "--batch", "100s"]);
+    wait_until("a job runs", || !noted(&place, "begun").is_empty());
+    kill(&place);
+    let status = run.wait().expect("it ends");
+    let err = fs::read_to_string(place.path("err")).expect("it was written");
+    assert!(status.success() && err.contains("ended before it was done") && err.contains("it runs again"), "{err}");
+    assert_eq!(noted(&place, "ended"), numbers(3), "{err}");
+    assert!(jobs_are_gone(&place));
+    // Without retries the action fails, and those behind it are done.
+    fs::remove_dir_all(place.path("store")).expect("our own");
+    fs::remove_file(place.path("begun")).expect("our own");
+    fs::remove_file(place.path("ended")).expect("our own");
+    let mut run = scheduler.start(&place, &["--jobs", "1", "--batch", "100s", "--retries", "0"]);
+    wait_until("a job runs", || !noted(&place, "begun").is_empty());
+    kill(&place);
+    let status = run.wait().expect("it ends");
+    let err = fs::read_to_string(place.path("err")).expect("it was written");
+    assert!(status.code() == Some(1) && err.contains("at attempt 1"), "{err}");
+    assert_eq!(noted(&place, "ended").len(), 2, "{err}");
+}
+
+/// Kills the processes that run batches of this place.
+fn kill_workers(place: &Place) {
+    let folder = place.path("store").display().to_string();
+    let all = Command::new("ps").args(["-eo", "pid,args"]).output().expect("ps starts");
+    for line in String::from_utf8_lossy(&all.stdout).lines() {
+        if line.contains("exec --batch") && line.contains(&folder) {
+            let pid = line.split_whitespace().next().expect("a number");
+            Command::new("kill").args(["-9", pid]).status().expect("kill starts");
+        }
+    }
+}
+
+#[test]
+fn jobs_of_a_shell_give_the_digests_of_threads() {
+    the_same_as_on_threads(&Scheduler::shell());
+}
+
+#[test]
+fn jobs_of_a_shell_are_found_again() {
+    the_next_run_finds_the_jobs_of_one_that_was_killed(&Scheduler::shell());
+}
+
+#[test]
+fn jobs_of_a_shell_are_cancelled() {
+    ctrl_c_cancels_jobs(&Scheduler::shell());
+}
+
+#[test]
+fn jobs_of_a_shell_run_again() {
+    a_job_that_is_killed_runs_again(&Scheduler::shell(), kill_workers);
+}
+
+#[test]
+fn jobs_of_slurm_give_the_digests_of_threads() {
+    with_slurm(the_same_as_on_threads);
+}
+
+#[test]
+fn jobs_of_slurm_are_found_again() {
+    with_slurm(the_next_run_finds_the_jobs_of_one_that_was_killed);
+}
+
+#[test]
+fn jobs_of_slurm_are_cancelled() {
+    with_slurm(ctrl_c_cancels_jobs);
+}
+
+#[test]
+fn jobs_of_slurm_run_again_that_were_killed_or_cancelled_by_somebody() {
+    with_slurm(|slurm| {
+        a_job_that_is_killed_runs_again(slurm, kill_workers);
+        a_job_that_is_killed_runs_again(slurm, |_| {
+            let mut cancel = Command::new("scancel");
+            cancel.args(["--me", "--state=RUNNING"]).envs(slurm.configuration.iter().map(|path| ("SLURM_CONF", path)));
+            assert!(cancel.status().expect("scancel starts").success());
+        });
+    });
+}
+
+#[test]
+fn a_scheduler_that_does_not_take_jobs_is_named() {
+    let place = Place::new();
+    let said = place.tauflow(&["run", "small.yaml", "--submit", "x"]).ends(2);
+    assert!(said.err.contains("need --executor command"), "{}", said.err);
+    let said = place.tauflow(&["run", "small.yaml", "--executor", "command"]).ends(2);
+    assert!(said.err.contains("needs --submit") && said.err.contains("docs/many_machines.md"), "{}", said.err);
+    let command = ["run", "small.yaml", "--executor", "command", "--poll", "true", "--cancel", "true {ids}"];
+    let said = place.tauflow(&[&command[..], &["--submit", "qsub"]].concat()).ends(2);
+    assert!(said.err.contains("must contain {script}"), "{}", said.err);
+    let mut command = place.command(&["run", "small.yaml", "--executor", "slurm"]);
+    let said = Said::of(&command.env("PATH", "/nonexistent").output().expect("the program starts")).ends(3);
+    assert!(said.err.contains("`sbatch` cannot be started"), "{}", said.err);
+}
