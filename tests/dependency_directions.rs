@@ -207,9 +207,8 @@ fn deeds(path: &str, text: &str) -> Vec<String> {
     let words: BTreeSet<&str> = code.split(|c: char| !(c.is_alphanumeric() || c == '_')).collect();
     let names =
         ["Store", "StoreBlobs", "Holdings", "Catalog", "Pool", "fs", "File", "look_up", "lookup", "lookup_many"];
-    let named =
-        names.into_iter().chain(["probe", "rollup", "sighted", "projection"]).filter(|name| words.contains(name));
-    let calls = ["kind.items(", "kind.run(", "kind.seed(", "execute(", ".load(store", "Sharded::get"];
+    let named = names.into_iter().chain(["probe", "sighted", "projection"]).filter(|name| words.contains(name));
+    let calls = ["kind.items(", "kind.run(", "kind.seed(", "execute(", "rollup::", ".load(store", "Sharded::get"];
     let called = calls.into_iter().filter(|call| code.contains(call));
     named.chain(called).map(|what| format!("{path}: `{what}`")).collect()
 }

@@ -62,7 +62,7 @@ impl RolledLanes {
     pub fn next(&mut self, pipeline: &Pipeline, lanes: &Lanes, tasks: &Row<LaneId, Arc<Task>>) -> Option<Request> {
         while let Some(wave) = self.waves.pop_front() {
             let asked: Vec<LaneLookUp> =
-                wave.into_iter().filter_map(|id| self.look_up(pipeline, lanes, &tasks[id])).collect();
+                wave.into_iter().filter_map(|id| self.question(pipeline, lanes, &tasks[id])).collect();
             if !asked.is_empty() {
                 return Some(Request::Lanes(asked));
             }
@@ -72,7 +72,7 @@ impl RolledLanes {
     }
 
     /// The look-up of a lane; none if it can have no roll-up, or reads something without one.
-    fn look_up(&self, pipeline: &Pipeline, lanes: &Lanes, task: &Arc<Task>) -> Option<LaneLookUp> {
+    fn question(&self, pipeline: &Pipeline, lanes: &Lanes, task: &Arc<Task>) -> Option<LaneLookUp> {
         let lane = &lanes[task.lane];
         let of = match pipeline.nodes[lane.node].mode() {
             Mode::Source if !lane.is_rolled_up() => return None,
@@ -151,10 +151,11 @@ mod tests {
 pipeline: waves
 seed: 1
 nodes:
-  scenes: {kind: scene_generation, params: {count: 3}}
-  subset: {kind: stratified_sampling, inputs: {scenes: scenes}, params: {per_stratum: 1}}
-  ladders: {kind: ladder_rendering, inputs: {scenes: subset}, params: {rungs: {dyadic: [1, 4]}}}
-  gate: {kind: quality_gate, inputs: {ladders: ladders}}
+  scenes: {kind: scene_generation, params: {pool: 12}}
+  previews: {kind: ladder_rendering, inputs: {scenes: scenes}, params: {rungs: [4], resolution: [8, 8]}}
+  gate: {kind: quality_gate, inputs: {scenes: scenes, previews: previews}}
+  ladders: {kind: ladder_rendering, inputs: {scenes: gate.accepted}, params: {rungs: [4], resolution: [8, 8]}}
+  statistics: {kind: scene_statistics, inputs: {scenes: gate.accepted}}
 ";
 
     fn laid_out() -> (Pipeline, Lanes) {
