@@ -31,7 +31,7 @@ mod steering;
 mod transient;
 
 pub use event::Summary;
-pub use executor::{ChildCommand, JobOptions, Scheduling};
+pub use executor::{ChildCommand, JobOption, JobOptions, Scheduling, Share};
 pub use lanes::Only;
 pub(crate) use lanes::target_ports;
 pub use reached::{holds_anywhere, reached};
@@ -46,7 +46,7 @@ use event::{Event, NodeStat};
 use run::Run;
 use sharded::Sharded;
 use std::{path::PathBuf, sync::atomic::AtomicBool, time::Instant};
-use tauflow_cache::{CacheError, Digest, Store};
+use tauflow_cache::{CacheError, Store};
 use tauflow_contract::{Any, Artifact, Collection, ItemKey};
 
 /// How a run is done.
@@ -74,6 +74,8 @@ pub struct RunOptions {
     pub out: Option<PathBuf>,
     /// Where actions run.
     pub executor: ExecutorKind,
+    /// The share of the actions that this run does; all of them unless told.
+    pub share: Option<Share>,
 }
 
 /// Where actions run.
@@ -102,6 +104,7 @@ impl Default for RunOptions {
             verify: false,
             out: None,
             executor: ExecutorKind::Threads,
+            share: None,
         }
     }
 }
@@ -207,13 +210,28 @@ pub fn plan(pipeline: &Pipeline, store: &Store, only: Option<Only>) -> Result<Pl
 /// far as can be told. Where the log is damaged, nobody knows what it said; then a whole run of the pipeline must be on
 /// record.
 pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: PortId) -> Result<Collection, EngineError> {
+    let (all, mut stale) = outputs_there(pipeline, store, node, port)?;
+    if stale.is_empty() { Ok(all) } else { Err(stale.swap_remove(0).1) }
+}
+
+/// The collection on an output port of the cells that are up to date, and the other cells, each with its error as
+/// [`outputs`] has it.
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn outputs_there(
+    pipeline: &Pipeline,
+    store: &Store,
+    node: usize,
+    port: PortId,
+) -> Result<(Collection, Vec<(usize, EngineError)>), EngineError> {
     let asked = asking(pipeline, node, port);
     let options = RunOptions { dry: true, ..RunOptions::default() };
     let stop = AtomicBool::new(false);
     let mut run = Run::looking(&asked, store, &options, &stop, &|_| {})?;
     run.keep_results = true;
     let summary = run.finish()?;
-    let mut all = Collection::default();
+    let (mut all, mut stale) = (Collection::default(), Vec::new());
     for cell in pipeline.nodes[node].cells.clone() {
         let found = run.results.iter().find(|r| r.cell == cell && r.port == port);
         let Some(result) = found else {
@@ -221,21 +239,28 @@ pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: PortId) ->
             let names: Vec<String> = behind.map(|n| format!("`{}`", n.node)).collect();
             let unread = store.damaged_log_places() > 0 && !store.keys_by_label(PIPELINE, &pipeline.name).is_empty();
             let error = if run.never_run && !unread { EngineError::Request } else { EngineError::Lost };
-            return Err(error(format!(
+            let message = format!(
                 "`{}` is stale: {} must run first; run the pipeline, then repeat this command",
                 pipeline.cell_name(cell),
                 if names.is_empty() { "it".to_owned() } else { names.join(", ") }
-            )));
+            );
+            stale.push((cell, error(message)));
+            continue;
+        };
+        let items = match result.collection.items(store)? {
+            Ok(items) => items,
+            Err(blob) => {
+                let message = format!(
+                    "blob {} of `{}` is missing; run the pipeline to rebuild it, then repeat this command",
+                    blob.short(),
+                    pipeline.cell_name(cell)
+                );
+                stale.push((cell, EngineError::Lost(message)));
+                continue;
+            }
         };
         let prefix = &pipeline.cells[cell].text;
-        let missing = |blob: Digest| {
-            EngineError::Lost(format!(
-                "blob {} of `{}` is missing; run the pipeline to rebuild it, then repeat this command",
-                blob.short(),
-                pipeline.cell_name(cell)
-            ))
-        };
-        for (key, output) in result.collection.items(store)?.map_err(missing)? {
+        for (key, output) in items {
             let key = if prefix.is_empty() {
                 key
             } else {
@@ -244,7 +269,7 @@ pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: PortId) ->
             all.items.insert(key, output.artifact.clone());
         }
     }
-    Ok(all)
+    Ok((all, stale))
 }
 
 /// The items that a listing of an earlier run names; none if the store no longer holds the listing.

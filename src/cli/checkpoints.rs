@@ -1,12 +1,13 @@
 //! `tauflow checkpoints`: the trained weights of a pipeline, listed and written as files.
 
-use super::{CacheAt, CliError, Exit, PipelineArgs, bytes_text, counted, results::unread, table};
+use super::{CacheAt, CliError, Exit, PipelineArgs, bytes_text, counted, results::unread, runs::records, table};
 use crate::{
-    engine::{EngineError, publish},
+    engine::{self, publish},
     ids::{Id, PortId},
     kinds::Registry,
     pipeline::Pipeline,
     query::{Reading, Selection},
+    runs::RunRecord,
 };
 use clap::Args;
 use serde_json::Value;
@@ -15,7 +16,7 @@ use std::{
     sync::atomic::AtomicBool,
 };
 use tauflow_cache::Store;
-use tauflow_contract::{Context, Media as _, Silent};
+use tauflow_contract::{Collection, Context, ItemKey, Media as _, Silent};
 use tauflow_data::{
     records::{AdapterFile, ModelFile},
     tensors::TensorFile,
@@ -28,7 +29,8 @@ const FILE: &str = "model.safetensors";
 #[derive(Args)]
 #[command(
     after_help = "Example: tauflow checkpoints pipelines/quickstart.yaml -o models\n\nFiles of the kind `training` \
-    are models for `tauflow refine`."
+    are models for `tauflow refine`. If a node is stale, the checkpoints of the latest run that has them are listed, \
+    with the id of this run."
 )]
 pub(crate) struct CheckpointsArgs {
     #[command(flatten)]
@@ -47,6 +49,8 @@ struct Checkpoint {
     /// Below the directory of checkpoints.
     path: PathBuf,
     bytes: Vec<u8>,
+    /// The run that made them, if the pipeline has changed since.
+    of_run: Option<String>,
 }
 
 pub(crate) fn checkpoints(args: &CheckpointsArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
@@ -61,24 +65,26 @@ pub(crate) fn checkpoints(args: &CheckpointsArgs, registry: &Registry, cache: &C
         return Err(CliError::Bad(format!("`{whose}` trains no model; kinds such as `training` do")));
     }
     let store = cache.look()?;
-    let mut rows = vec![["checkpoint", "steps", "weights", "size", "about"].map(str::to_owned).to_vec()];
+    let runs: Vec<RunRecord> = records(cache)?.into_iter().filter(|run| run.pipeline == pipeline.name).collect();
+    let heads = ["checkpoint", "steps", "weights", "size", "state", "about"];
+    let mut rows = vec![heads.map(str::to_owned).to_vec()];
     let (mut missing, mut written) = (Vec::new(), Vec::new());
     for (node, port) in ports {
-        let of = &pipeline.nodes[node];
-        let name = format!("{}.{}", of.name, of.spec.outputs[port.place()].name);
-        match read(&name, &pipeline, &store) {
-            Ok(found) => {
-                for checkpoint in found {
-                    rows.push(row(&checkpoint)?);
-                    if let Some(out) = &args.out {
-                        let path = out.join(&checkpoint.path);
-                        publish::write(&path, &checkpoint.bytes)?;
-                        written.push(path);
-                    }
-                }
+        let (found, stale) = engine::outputs_there(&pipeline, &store, node, port)?;
+        let mut shown = read(&pipeline.nodes[node].name, &found, &store)?;
+        for (cell, error) in stale {
+            match earlier(&pipeline, (cell, port), &runs, &store)? {
+                Some(checkpoints) => shown.extend(checkpoints),
+                None => missing.push(error.to_string()),
             }
-            Err(Unread::Stale(why)) => missing.push(why),
-            Err(Unread::Failed(error)) => return Err(error),
+        }
+        for checkpoint in shown {
+            rows.push(row(&checkpoint)?);
+            if let Some(out) = &args.out {
+                let path = out.join(&checkpoint.path);
+                publish::write(&path, &checkpoint.bytes)?;
+                written.push(path);
+            }
         }
     }
     if rows.len() > 1 {
@@ -102,33 +108,46 @@ fn ports(pipeline: &Pipeline) -> impl Iterator<Item = (usize, PortId)> + '_ {
     })
 }
 
-/// Why weights cannot be read.
-enum Unread {
-    /// A run must make them first.
-    Stale(String),
-    Failed(CliError),
-}
-
-fn read(name: &str, pipeline: &Pipeline, store: &Store) -> Result<Vec<Checkpoint>, Unread> {
-    let failed = |error: CliError| Unread::Failed(error);
-    let selection = Selection::parse(name, pipeline).map_err(|error| failed(error.into()))?;
-    let found = selection.collection(store).map_err(|error| match error {
-        EngineError::Request(why) | EngineError::Lost(why) => Unread::Stale(why),
-        other => failed(other.into()),
-    })?;
+/// The checkpoints among the items of a node, by the names of their cells.
+fn read(node: &str, items: &Collection, store: &Store) -> Result<Vec<Checkpoint>, CliError> {
     let (reading, stop) = (Reading(store), AtomicBool::new(false));
     let ctx = Context::new(&reading, &Silent, &stop);
-    let node = &pipeline.nodes[selection.node].name;
     let checkpoint = |(key, artifact)| {
-        let key: &tauflow_contract::ItemKey = key;
-        let bytes = ctx.part(artifact, "").map_err(|error| failed(unread(key.as_str(), error)))?;
+        let key: &ItemKey = key;
+        let bytes = ctx.part(artifact, "").map_err(|error| unread(key.as_str(), error))?;
         // The last part of the key names the output, and each holds one file.
         let cell = key.as_str().rsplit_once('/').map_or("", |(cell, _)| cell);
         let path = Path::new(node).join(cell).join(FILE);
-        let name = if cell.is_empty() { node.clone() } else { format!("{node}[{}]", cell.replace('+', ", ")) };
-        Ok(Checkpoint { name, path, bytes })
+        let name = if cell.is_empty() { node.to_owned() } else { format!("{node}[{}]", cell.replace('+', ", ")) };
+        Ok(Checkpoint { name, path, bytes, of_run: None })
     };
-    found.iter().map(checkpoint).collect()
+    items.iter().map(checkpoint).collect()
+}
+
+/// The checkpoints of a stale cell by the latest run that has them; none if the cache holds none.
+fn earlier(
+    pipeline: &Pipeline,
+    (cell, port): (usize, PortId),
+    runs: &[RunRecord],
+    store: &Store,
+) -> Result<Option<Vec<Checkpoint>>, CliError> {
+    let of = &pipeline.nodes[pipeline.cells[cell].node];
+    let name = format!("{}.{}", pipeline.cell_name(cell), of.spec.outputs[port.place()].name);
+    for run in runs.iter().rev() {
+        let Some(listed) = run.outputs.get(&name).and_then(|output| output.listed.as_ref()) else { continue };
+        let Some(items) = engine::listed_items(store, listed)? else { continue };
+        let text = &pipeline.cells[cell].text;
+        let mut found = Collection::default();
+        for (key, artifact) in items {
+            let key = if text.is_empty() { Ok(key) } else { key.in_cell(text) };
+            found.items.insert(key.map_err(|error| CliError::Bad(error.to_string()))?, artifact);
+        }
+        // Garbage collection may have deleted some of the weights.
+        let Ok(mut checkpoints) = read(&of.name, &found, store) else { continue };
+        checkpoints.iter_mut().for_each(|checkpoint| checkpoint.of_run = Some(run.id.clone()));
+        return Ok(Some(checkpoints));
+    }
+    Ok(None)
 }
 
 fn row(checkpoint: &Checkpoint) -> Result<Vec<String>, CliError> {
@@ -148,6 +167,7 @@ fn row(checkpoint: &Checkpoint) -> Result<Vec<String>, CliError> {
         note["steps"].as_u64().map(|steps| steps.to_string()).unwrap_or_default(),
         weights.to_string(),
         bytes_text(checkpoint.bytes.len() as u64),
+        checkpoint.of_run.as_ref().map_or_else(|| "up to date".to_owned(), |run| format!("stale, of run {run}")),
         about.collect::<Vec<_>>().join(", "),
     ])
 }

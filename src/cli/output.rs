@@ -15,9 +15,34 @@ macro_rules! outln {
 /// Writes to stdout. A reader that has gone away (`tauflow schema | head`) ends the program quietly, and a full disk
 /// with a message: results that did not arrive are no success.
 pub(crate) fn show(text: fmt::Arguments<'_>) {
+    put(&harmless(&text.to_string()));
+}
+
+/// Text in place of that which a terminal shows at its end.
+#[derive(Default)]
+pub(crate) struct Redrawn {
+    /// Lines that it shows.
+    lines: usize,
+}
+
+impl Redrawn {
+    /// Shows this instead of what was shown before.
+    pub(crate) fn show(&mut self, text: &str) {
+        put(&self.frame(text));
+    }
+
+    /// The orders to the terminal, and the text without any: up by the lines shown before, all below cleared, and no
+    /// line longer than the terminal is wide, so that each takes one row.
+    fn frame(&mut self, text: &str) -> String {
+        let back = if self.lines > 0 { format!("\u{1b}[{}A\u{1b}[J", self.lines) } else { String::new() };
+        self.lines = text.lines().count();
+        format!("{back}\u{1b}[?7l{}\u{1b}[?7h", harmless(text))
+    }
+}
+
+fn put(text: &str) {
     let mut stdout = std::io::stdout().lock();
-    let text = text.to_string();
-    if let Err(error) = stdout.write_all(harmless(&text).as_bytes()).and_then(|()| stdout.flush()) {
+    if let Err(error) = stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
         if error.kind() == std::io::ErrorKind::BrokenPipe {
             process::exit(0);
         }
@@ -87,6 +112,14 @@ mod tests {
     fn nothing_told_is_an_order_to_the_terminal() {
         assert_eq!(harmless("a\tb\nΩ"), "a\tb\nΩ");
         assert_eq!(harmless("\u{1b}[2Ja\u{9b}1m\r\u{7}"), "\u{fffd}[2Ja\u{fffd}1m\u{fffd}\u{fffd}");
+    }
+
+    #[test]
+    fn a_redrawn_text_takes_the_place_of_the_last_one() {
+        let mut shown = Redrawn::default();
+        assert_eq!(shown.frame("a\nb\u{1b}[2J\n"), "\u{1b}[?7la\nb\u{fffd}[2J\n\u{1b}[?7h");
+        assert_eq!(shown.frame("c\n"), "\u{1b}[2A\u{1b}[J\u{1b}[?7lc\n\u{1b}[?7h");
+        assert!(shown.frame("").starts_with("\u{1b}[1A"));
     }
 
     #[test]

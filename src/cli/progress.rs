@@ -23,6 +23,8 @@ const LINE_EVERY: Duration = Duration::from_secs(5);
 
 /// A line of the whole run at most this often.
 const OVERALL_EVERY: Duration = Duration::from_secs(30);
+/// After this time, the line of the whole run appears without an estimate.
+const ESTIMATED: Duration = Duration::from_secs(1);
 /// Bars at most, so that a terminal of 24 rows holds them and the line of the whole run.
 const MOST_BARS: usize = 21;
 
@@ -204,6 +206,8 @@ impl Display {
         };
         match &self.bars {
             Some(_) if due < Duration::from_millis(200) && state.overall.is_some() => return,
+            // Before the estimate is there, nobody knows which nodes take part.
+            Some(_) if state.expected.is_empty() && elapsed < ESTIMATED => return,
             Some(bars) => {
                 let (overall, text) = text(state);
                 let bar = state.overall.get_or_insert_with(|| {
@@ -225,12 +229,12 @@ impl Display {
         Voice(self.bars.clone())
     }
 
-    /// Leaves the bars as they are.
+    /// Leaves the bars of nodes that did not come to their end. The account of the run replaces the last line.
     pub(crate) fn end(&self) {
         drop(self.asked.lock().unwrap_or_else(PoisonError::into_inner).take());
         let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        let bars = state.shown.values().filter_map(|shown| shown.bar.as_ref());
-        bars.chain(&state.overall).for_each(ProgressBar::abandon);
+        state.shown.values().filter_map(|shown| shown.bar.as_ref()).for_each(ProgressBar::abandon);
+        state.overall.iter().for_each(ProgressBar::finish_and_clear);
     }
 
     fn update(&self, state: &mut State, name: &str) {
@@ -269,8 +273,12 @@ impl Display {
                 let shown = state.shown.entry(name.to_owned()).or_default();
                 let room = (room + shown.parts.len()).min(MOST_PARTS);
                 let Some(bar) = &shown.bar else { return };
-                // A thousand steps for each action, so that a long one moves its bar.
-                bar.set_length(node.counts().expected * 1000);
+                // A thousand steps for each action, so that a long one moves its bar. As long as more may follow, the
+                // estimate keeps the bar from being full.
+                let place = state.order.iter().position(|node| node == name);
+                let more = place.and_then(|place| state.expected.get(place)).filter(|_| !known);
+                let expected = (node.counts().expected as f64).max(more.map_or(0.0, |more| more.actions));
+                bar.set_length((expected * 1000.0) as u64);
                 bar.set_position((node.position() * 1000.0) as u64);
                 bar.set_message(node_text(node, known));
                 let mut last = bar.clone();

@@ -11,7 +11,10 @@ use super::{
     seconds_text, table, upstream,
 };
 use crate::{
-    engine::{self, Only, RunOptions, Summary, event::Failure},
+    engine::{
+        self, Only, RunOptions, Share, Summary,
+        event::{self, Failure},
+    },
     kinds::Registry,
     lock::{self, Lock, LockError},
     pipeline::{Pipeline, chart::Chart},
@@ -39,6 +42,8 @@ impl From<LockError> for CliError {
     }
 }
 
+/// Actions that the account of a run names.
+const SLOWEST: usize = 3;
 /// Maximum number of concurrent actions; each has two threads.
 const MOST_JOBS: i64 = 1024;
 
@@ -60,6 +65,12 @@ pub(crate) struct RunArgs {
     /// Memory budget for running actions and transient outputs, such as 8GiB. Default: half of the memory.
     #[arg(long, value_name = "SIZE", value_parser = bytes)]
     memory: Option<u64>,
+    /// Do only share I of N of the actions, for runs on one cache that you start by hand on N machines.
+    #[arg(long, value_name = "I/N", conflicts_with_all = ["recheck", "only"])]
+    shard: Option<Share>,
+    /// With --shard: wait for the actions of other shards, and do the whole run together with them.
+    #[arg(long, requires = "shard")]
+    wait: bool,
     /// Stop at the first failure.
     #[arg(long)]
     fail_fast: bool,
@@ -121,7 +132,8 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         only,
         memory: args.memory,
         out: Some(args.out.clone()),
-        executor: args.executor.executor(cache, args.jobs.into())?,
+        executor: args.executor.executor(cache, &pipeline, args.jobs.into())?,
+        share: args.shard.map(|share| share.waiting(args.wait)),
         ..RunOptions::default()
     };
     let mut record = RunRecord::begin(&pipeline, args.pipeline.file().0, args.pipeline.overrides());
@@ -276,7 +288,8 @@ fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, cache: &CacheAt)
         eprintln!("{} ran, {hit} as before{failed}; {written} made ({elapsed})", counted(ran, "action"));
         // Where the time went, if anybody would ask.
         let long = summary.slowest.iter().filter(|slow| slow.spent_s >= 1.0);
-        let long: Vec<String> = long.map(|slow| format!("{} {}", slow.name(), seconds_text(slow.spent_s))).collect();
+        let named = |slow: &event::Slow| format!("{} {}", slow.name(), seconds_text(slow.spent_s));
+        let long: Vec<String> = long.take(SLOWEST).map(named).collect();
         if !long.is_empty() {
             eprintln!("slowest: {}", long.join(", "));
         }
@@ -298,7 +311,7 @@ fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, cache: &CacheAt)
 }
 
 fn rows(summary: &Summary) -> Vec<Vec<String>> {
-    let heads = ["node", "as before", "ran", "failed", "blocked", "time", "size"];
+    let heads = ["node", "as before", "ran", "failed", "blocked", "time", "made"];
     let mut rows = vec![heads.map(str::to_owned).to_vec()];
     for node in summary.nodes.iter().filter(|n| n.lanes > 0) {
         let some = |n: u64| if n == 0 { String::new() } else { n.to_string() };
@@ -309,7 +322,8 @@ fn rows(summary: &Summary) -> Vec<Vec<String>> {
             some(node.failed),
             some(node.blocked),
             seconds_text(node.spent_s),
-            bytes_text(node.bytes),
+            // What is new in the cache: results of several nodes share their blobs, and count once.
+            if node.written == 0 { String::new() } else { bytes_text(node.written) },
         ]);
     }
     rows

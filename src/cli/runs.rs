@@ -223,6 +223,13 @@ fn show_by_cell<'n>(changes: impl Iterator<Item = (&'n str, String)>, all: bool)
 }
 
 fn show_metrics(found: &Comparison, all: bool) {
+    let mut repeated: Vec<(&str, Vec<&str>)> = Vec::new();
+    for (output, other) in &found.repeated_metrics {
+        match repeated.iter_mut().find(|(of, _)| of == other) {
+            Some((_, outputs)) => outputs.push(output),
+            None => repeated.push((other, vec![output])),
+        }
+    }
     for (output, why) in &found.without_metrics {
         outln!("\nmetrics of {output}: not compared, because {why}");
     }
@@ -233,6 +240,11 @@ fn show_metrics(found: &Comparison, all: bool) {
         let clear = |change: &&&MetricChange| change.difference.low > 0.0 || change.difference.high < 0.0;
         let shown: Vec<&MetricChange> = changes.iter().filter(|change| all || clear(change)).copied().collect();
         outln!("\nmetrics of {output}, after less before, with 95% intervals over the shared items:");
+        if let Some((_, outputs)) = repeated.iter().find(|(of, _)| *of == output) {
+            let (name, more) = (outputs[0], outputs.len() - 1);
+            let more = if more > 0 { format!(" and {}", counted(more as u64, "other output")) } else { String::new() };
+            outln!("(the scores of {name}{more} are among them)");
+        }
         if !shown.is_empty() {
             let heads = ["row", "metric", "items", "before", "after", "difference", "interval"];
             let mut rows = vec![heads.map(str::to_owned).to_vec()];

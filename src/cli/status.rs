@@ -1,6 +1,6 @@
 //! `tauflow status`: which runs are going, from another terminal. Reads only what the running processes write.
 
-use super::{CacheAt, CliError, Exit, counted, seconds_text, table, terminal};
+use super::{CacheAt, CliError, Exit, counted, output::Redrawn, seconds_text, table, terminal};
 use crate::runs::{self, LiveAction, LiveNode, LiveState, Outcome, RunRecord, Standing};
 use clap::Args;
 use serde_json::json;
@@ -10,6 +10,8 @@ use std::{fmt::Write as _, io::IsTerminal, thread, time::Duration};
 const EVERY: Duration = Duration::from_secs(1);
 /// Actions and failures that are shown of each run.
 const MOST_SHOWN: usize = 8;
+/// Nodes that are shown even if they are done.
+const MOST_NODES: usize = 12;
 /// Killed runs that are shown.
 const MOST_KILLED: usize = 3;
 
@@ -54,21 +56,17 @@ pub(crate) fn status(args: &StatusArgs, cache: &CacheAt) -> Result<Exit, CliErro
         )));
     }
     let redraw = args.watch && !args.json && terminal::redraws() && std::io::stdout().is_terminal();
-    let mut lines = 0;
+    let mut redrawn = Redrawn::default();
     loop {
         let found = find(args, cache)?;
-        let mut text = if args.json { as_json(&found) } else { as_text(&found, cache) };
+        let text = if args.json { as_json(&found) } else { as_text(&found, cache) };
         if redraw {
-            // Over the last one: up by its lines, and everything below cleared.
-            let shown = text.lines().count();
-            if lines > 0 {
-                text.insert_str(0, &format!("\u{1b}[{lines}A\u{1b}[J"));
-            }
-            lines = shown;
+            redrawn.show(&text);
         } else if args.watch && !args.json {
-            text.push('\n');
+            outln!("{text}");
+        } else {
+            out!("{text}");
         }
-        out!("{text}");
         if !args.watch || found.going().next().is_none() {
             return Ok(Exit::Done);
         }
@@ -143,8 +141,15 @@ fn going(open: &Open) -> String {
     };
     let heads = ["node", "done", "running", "to do", "failed", "time"];
     let mut rows = vec![heads.map(str::to_owned).to_vec()];
-    rows.extend(state.nodes.iter().map(row));
+    // What is done folds into one line if all of it would not fit a terminal of 24 rows.
+    let is_done = |node: &&LiveNode| node.known && node.counts.expected == node.counts.done();
+    let folds = state.nodes.len() > MOST_NODES;
+    rows.extend(state.nodes.iter().filter(|node| !folds || !is_done(node)).map(row));
     out += &table(&rows);
+    let folded = state.nodes.iter().filter(is_done).count();
+    if folds && folded > 0 {
+        let _ = writeln!(out, "{} done", counted(folded as u64, "node"));
+    }
     if !state.running.is_empty() {
         out += "running:\n";
         let mut rows: Vec<Vec<String>> = state.running.iter().take(MOST_SHOWN).map(action).collect();

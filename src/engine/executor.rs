@@ -7,11 +7,13 @@
 mod budget;
 mod jobs;
 mod processes;
+mod shard;
 mod threads;
 
 pub use budget::Capacity;
-pub use jobs::{JobOptions, Jobs, Scheduling};
+pub use jobs::{JobOption, JobOptions, Jobs, Scheduling};
 pub use processes::{ChildCommand, Processes};
+pub use shard::{Share, Shared, Waiting};
 pub use threads::{Site, Threads};
 
 use super::{

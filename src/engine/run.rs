@@ -4,7 +4,7 @@ use super::{
     EngineError, ExecutorKind, RunOptions, Sink, Summary,
     conclude::{self, ResultOf},
     event::{Event, Failure, NodeStat, OutputOf, Slow},
-    executor::{Executor, Jobs, Processes, Site, Threads},
+    executor::{Executor, Jobs, Processes, Replies, Shared, Site, Threads, Waiting},
     explain,
     holdings::Holdings,
     lanes::{self, Environment, Lanes},
@@ -75,7 +75,11 @@ pub(super) fn with_executor(
     let memory = options.memory.unwrap_or_else(transient::default_memory);
     let pool = Arc::new(Pool::new(memory / 2));
     let (tell, news) = mpsc::channel();
-    let replies = tell.clone();
+    // Nobody listens any more if the run has failed.
+    let replies = || -> Replies<'_> {
+        let replies = tell.clone();
+        Box::new(move |reply| drop(replies.send(News::Executed(Box::new(reply)))))
+    };
     let surroundings = Site {
         store,
         pool: pool.clone(),
@@ -84,14 +88,18 @@ pub(super) fn with_executor(
         workers: workers(options),
         memory,
         sink,
-        // Nobody listens any more if the run has failed.
-        replies: Box::new(move |reply| drop(replies.send(News::Executed(Box::new(reply))))),
+        replies: replies(),
     };
+    let waiting = Waiting { store, pool: pool.clone(), stop, sink, replies: replies() };
     thread::scope(|scope| {
-        let executor: Box<dyn Executor> = match &options.executor {
+        let executor: Box<dyn Executor + '_> = match &options.executor {
             ExecutorKind::Threads => Box::new(Threads::start(scope, surroundings)),
             ExecutorKind::Processes(command) => Box::new(Processes::start(scope, surroundings, command)),
             ExecutorKind::Jobs(options) => Box::new(Jobs::start(scope, surroundings, options)),
+        };
+        let executor: Box<dyn Executor + '_> = match options.share {
+            Some(share) => Box::new(Shared::start(scope, share, executor, waiting)),
+            None => executor,
         };
         let run = Run::new((pipeline, store, options), stop, sink, Some(pool), (tell, news), Some(&*executor));
         let result = run.and_then(|mut run| run.finish());

@@ -62,6 +62,18 @@ impl Items {
     }
 }
 
+/// Whether an item of one input may have the key of an item of the other.
+fn may_meet(leading: &[(Source, Items)], others: &[(Source, Items)]) -> bool {
+    let same = |a: &Items, b: &Items| match (a, b) {
+        (Items::These(a) | Items::Among(a), Items::These(b) | Items::Among(b)) => !a.is_disjoint(b),
+        _ => true,
+    };
+    let meets = |(source, items): &(Source, Items)| {
+        others.iter().any(|(other, theirs)| other.prefix == source.prefix && same(items, theirs))
+    };
+    leading.is_empty() || others.is_empty() || leading.iter().any(meets)
+}
+
 /// Adds what is sure to fail. `raw` and `drafts` are the nodes as written, `order` their places in the pipeline.
 pub(super) fn foresee(
     pipeline: &Pipeline,
@@ -161,8 +173,11 @@ impl Eye<'_> {
         let by_item = |at: &usize| node.spec.inputs[*at].takes == Takes::Item && !inputs[*at].is_empty();
         let ports: Vec<usize> = (0..inputs.len()).filter(by_item).collect();
         let Some((driving, others)) = ports.split_first() else { return vec![Vec::new(); node.spec.outputs.len()] };
-        // Items of an optional input may be missing.
-        for other in others.iter().filter(|other| !node.spec.inputs[**other].optional) {
+        for other in others {
+            // Some items of an optional input may be missing. An input of which none is read is a mistake.
+            if node.spec.inputs[*other].optional && may_meet(&inputs[*driving], &inputs[*other]) {
+                continue;
+            }
             self.meet((*driving, &inputs[*driving]), (*other, &inputs[*other]));
         }
         // The known facts about the items of each prefix.

@@ -260,6 +260,8 @@ fn check_axes(draft: &Draft, raw: &RawNode, bound: &BTreeSet<String>, problems: 
 
 /// The params of all cells of a node hold at most so many values together.
 const MOST_PARAMS: usize = 20_000_000;
+/// The same of the bytes of texts in params.
+const MOST_PARAM_BYTES: usize = 256 << 20;
 /// After so many problems no more cells of a node are looked at.
 const ENOUGH: usize = 50;
 
@@ -277,6 +279,13 @@ fn params(draft: &mut Draft, raw: &RawNode, problems: &mut Vec<Problem>) {
     let (size, _) = raw.params.size();
     if draft.cells.len() * size > MOST_PARAMS {
         let message = format!("{} cells with params of {size} values each are too many", draft.cells.len());
+        problems.push(Problem::at(raw.params.span, message).hint("shorten the matrix or the params"));
+        return;
+    }
+    let bytes = raw.params.bytes();
+    if draft.cells.len() * bytes > MOST_PARAM_BYTES {
+        let message =
+            format!("{} cells with params of {} KiB of text each are too many", draft.cells.len(), bytes >> 10);
         problems.push(Problem::at(raw.params.span, message).hint("shorten the matrix or the params"));
         return;
     }

@@ -18,6 +18,8 @@ use std::{
 
 /// Maximum number of substituted values (maps, lists, scalars), the same as the limit for a file.
 const MOST_PUT_IN: usize = 200_000;
+/// Maximum bytes of text in substituted values, the same as the limit for a file.
+const MOST_PUT_IN_BYTES: usize = 16 << 20;
 /// Values may use each other so deep.
 const DEEPEST_CHAIN: usize = 16;
 /// A value may be nested so deep, as deep as a file.
@@ -53,6 +55,7 @@ pub(super) struct Values {
     broken: HashSet<Span>,
     failures: usize,
     put_in: usize,
+    put_in_bytes: usize,
     problems: Vec<Problem>,
 }
 
@@ -76,6 +79,7 @@ enum State {
 struct Done {
     yaml: Yaml,
     nodes: usize,
+    bytes: usize,
     /// Uses below each other that it took.
     chain: usize,
 }
@@ -92,6 +96,7 @@ impl Values {
             broken: HashSet::new(),
             failures: 0,
             put_in: 0,
+            put_in_bytes: 0,
             problems: Vec::new(),
         };
         for index in 0..values.entries.len() {
@@ -159,7 +164,12 @@ impl Values {
             let message = format!("more than {MOST_PUT_IN} values are substituted for names");
             return self.refuse(span, message, "shorten the named lists and maps, or use them less often", nothing);
         }
+        if self.put_in_bytes + done.bytes > MOST_PUT_IN_BYTES {
+            let message = format!("more than {} MiB of text are substituted for names", MOST_PUT_IN_BYTES >> 20);
+            return self.refuse(span, message, "shorten the named texts, or use them less often", nothing);
+        }
         self.put_in += done.nodes;
+        self.put_in_bytes += done.bytes;
         self.uses.insert(span, index);
         done.yaml.standing_at(span)
     }
@@ -196,7 +206,7 @@ impl Values {
             let span = self.entries[index].key.span;
             self.problems.push(Problem::at(span, message).hint("use fewer levels"));
         } else if self.failures == before {
-            let done = Rc::new(Done { yaml, nodes, chain });
+            let done = Rc::new(Done { bytes: yaml.bytes(), yaml, nodes, chain });
             self.entries[index].state = State::Done(done.clone());
             return Some(done);
         }

@@ -127,6 +127,16 @@ impl Yaml {
         })
     }
 
+    /// The bytes of its texts and keys.
+    pub fn bytes(&self) -> usize {
+        match &self.data {
+            Data::Text(text) => text.len(),
+            Data::List(items) => items.iter().map(Self::bytes).sum(),
+            Data::Map(fields) => fields.iter().map(|(key, value)| key.text.len() + value.bytes()).sum(),
+            Data::Null | Data::Bool(_) | Data::Number(_) => 0,
+        }
+    }
+
     /// The deepest node that a JSON pointer reaches, and the span of its key if it is a map's field.
     pub fn locate(&self, pointer: &str) -> (Span, Option<Span>) {
         let mut at = (self.span, None);

@@ -33,6 +33,8 @@ pub struct Comparison {
     pub unknown_outputs: Vec<String>,
     /// Metrics over the items that both runs scored.
     pub metrics: Vec<MetricChange>,
+    /// Outputs whose scores are all among those of another output, which `metrics` has: the table that reads them.
+    pub repeated_metrics: Vec<(String, String)>,
     /// Outputs with scores that were not compared, each with the reason.
     pub without_metrics: Vec<(String, String)>,
     /// Times of the nodes that are in both runs.
@@ -131,7 +133,36 @@ pub fn compare(before: &RunRecord, after: &RunRecord, store: &Store) -> Result<C
             bitwise: is.or(was).is_some_and(|output| output.bitwise),
         });
     }
+    (found.metrics, found.repeated_metrics) = once(found.metrics);
     Ok(found)
+}
+
+/// The changes without those outputs whose scores are all in another output, and these with the names of both.
+fn once(all: Vec<MetricChange>) -> (Vec<MetricChange>, Vec<(String, String)>) {
+    // Equal scores have equal sums; the figures of a table have other names.
+    type Facts<'a> = (&'a str, u64, u64, u64, u64);
+    let mut facts: BTreeMap<&str, BTreeMap<Facts<'_>, usize>> = BTreeMap::new();
+    for change in &all {
+        let sums = [change.before, change.after, change.difference.mean].map(f64::to_bits);
+        let of = (change.metric.as_str(), change.items, sums[0], sums[1], sums[2]);
+        *facts.entry(&change.output).or_default().entry(of).or_default() += 1;
+    }
+    let size = |name: &str| facts[name].values().sum::<usize>();
+    let mut names: Vec<&str> = facts.keys().copied().collect();
+    names.sort_by_key(|name| (std::cmp::Reverse(size(name)), *name));
+    let (mut kept, mut repeated): (Vec<&str>, Vec<(String, String)>) = Default::default();
+    for name in names {
+        let within = |other: &&&str| {
+            facts[name].iter().all(|(of, count)| facts[**other].get(of).is_some_and(|there| there >= count))
+        };
+        match kept.iter().find(within) {
+            Some(other) => repeated.push((name.to_owned(), (*other).to_owned())),
+            None => kept.push(name),
+        }
+    }
+    repeated.sort();
+    let kept: BTreeSet<String> = kept.into_iter().map(str::to_owned).collect();
+    (all.into_iter().filter(|change| kept.contains(&change.output)).collect(), repeated)
 }
 
 /// The scores of a run's output, or why there are none.
@@ -159,7 +190,7 @@ fn paired(output: &str, before: &Scores, after: &Scores) -> Vec<MetricChange> {
             let Some(resampled) = Resampled::new(&table, RESAMPLES, SEED) else { continue };
             found.push(MetricChange {
                 output: output.to_owned(),
-                figure: figure.clone(),
+                figure: figure.to_string(),
                 metric: (*metric).to_owned(),
                 items: table.scenes() as u64,
                 before: resampled.means()[0],
@@ -209,12 +240,20 @@ fn times(before: &RunRecord, after: &RunRecord) -> Vec<TimeChange> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::runs::metrics::Figure;
+    use tauflow_data::records::AxisValue;
+
+    /// A figure of one coordinate.
+    fn figure(text: &str) -> Figure {
+        let (name, value) = text.split_once('=').expect("name=value");
+        Figure::new([(name, AxisValue::parse(value))])
+    }
 
     /// Scores of one figure, the first metric of each item given and the others 0.
-    fn scores(figure: &str, items: &[(&str, f64)]) -> Scores {
+    fn scores(of: &str, items: &[(&str, f64)]) -> Scores {
         let row = |value: f64| METRICS.iter().enumerate().map(|(n, _)| if n == 0 { value } else { 0.0 }).collect();
         let items = items.iter().map(|(item, value)| ((*item).to_owned(), row(*value))).collect();
-        Scores::from([(figure.to_owned(), items)])
+        Scores::from([(figure(of), items)])
     }
 
     #[test]
@@ -230,5 +269,26 @@ mod tests {
         assert!([mean, low, high].iter().all(|value| (value - 0.5).abs() < 1e-9), "{:?}", first.difference);
         assert_eq!(paired("scores.scores", &before, &after), found, "the same draws every time");
         assert_eq!(paired("scores.scores", &before, &scores("spp=8", &[("a", 1.0)])), [], "no figure is shared");
+    }
+
+    #[test]
+    fn scores_that_a_table_repeats_are_compared_once() {
+        let change = |output: &str, figure: &str, before: f64| MetricChange {
+            output: output.into(),
+            figure: figure.into(),
+            metric: "ssim".into(),
+            items: 3,
+            before,
+            after: before + 1.0,
+            difference: Estimate { mean: 1.0, low: 0.5, high: 1.5 },
+        };
+        let of_table = [change("table.table", "sampler=a", 1.0), change("table.table", "sampler=b", 2.0)];
+        let of_scores =
+            [change("scores[sampler=a].scores", "spp=4", 1.0), change("scores[sampler=b].scores", "spp=4", 2.0)];
+        let other = change("more.scores", "spp=4", 3.0);
+        let (kept, repeated) = once([&of_scores[..], &of_table[..], std::slice::from_ref(&other)].concat());
+        assert_eq!(kept, [&of_table[..], &[other]].concat());
+        let table = |name: &str| (name.to_owned(), "table.table".to_owned());
+        assert_eq!(repeated, [table("scores[sampler=a].scores"), table("scores[sampler=b].scores")]);
     }
 }

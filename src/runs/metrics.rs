@@ -5,16 +5,55 @@ use crate::{
     registry,
     runs::RunOutput,
 };
-use std::collections::BTreeMap;
+use std::{cmp::Ordering, collections::BTreeMap, fmt};
 use tauflow_cache::Store;
 use tauflow_contract::Media;
-use tauflow_data::records::{Evaluation, METRICS, Metrics, SceneScores, ScoreTable};
+use tauflow_data::records::{AxisValue, Evaluation, METRICS, Metrics, SceneScores, Score, ScoreTable};
 
 /// The part that a table is read from.
 const TABLE: &str = "table.json";
 
-/// Scores by figure (the coordinates that tell rows of a table apart) and item, in the order of [`METRICS`].
-pub(super) type Scores = BTreeMap<String, BTreeMap<String, Vec<f64>>>;
+/// The coordinates that tell rows of a table apart. Their order is that of tables: numbers by size.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Figure(Vec<(String, AxisValue)>);
+
+impl Figure {
+    pub(super) fn new<'t>(pairs: impl IntoIterator<Item = (&'t str, AxisValue)>) -> Self {
+        Self(pairs.into_iter().map(|(name, value)| (name.to_owned(), value)).collect())
+    }
+}
+
+impl fmt::Display for Figure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (place, (name, value)) in self.0.iter().enumerate() {
+            let comma = if place == 0 { "" } else { ", " };
+            write!(f, "{comma}{name}={value}")?;
+        }
+        Ok(())
+    }
+}
+
+impl Eq for Figure {}
+
+impl PartialOrd for Figure {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Figure {
+    fn cmp(&self, other: &Self) -> Ordering {
+        let pair = |((name, value), (other, that)): (&(String, AxisValue), &(String, AxisValue))| {
+            name.cmp(other).then_with(|| value.order(that))
+        };
+        let first = self.0.iter().zip(&other.0).map(pair).find(|by| by.is_ne());
+        // Equal in order is equal in text: 1 and 1.0 are told apart.
+        first.unwrap_or_else(|| self.0.len().cmp(&other.0.len()).then_with(|| self.to_string().cmp(&other.to_string())))
+    }
+}
+
+/// Scores by figure and item, in the order of [`METRICS`].
+pub(super) type Scores = BTreeMap<Figure, BTreeMap<String, Vec<f64>>>;
 
 /// Whether an output holds scores.
 pub(super) fn has_scores(output: &RunOutput) -> bool {
@@ -41,28 +80,33 @@ pub(super) fn scores(store: &Store, media: &str, listed: &Listed) -> Result<Opti
     Ok(Some(scores))
 }
 
+/// The coordinates of a score in its cell.
+fn of_score(score: &Score) -> [(&'static str, AxisValue); 3] {
+    let count = |value: u64| AxisValue::parse(&value.to_string());
+    let method = AxisValue::Text(score.method.clone());
+    [("method", method), ("from", count(score.from_spp)), ("nfe", count(score.nfe))]
+}
+
 /// Adds the scores of an artifact.
 fn take(scores: &mut Scores, media: &str, key: &str, bytes: &[u8]) -> Result<(), serde_json::Error> {
-    let mut add = |figure: String, item: &str, metrics: &Metrics| {
+    let mut add = |figure: Figure, item: &str, metrics: &Metrics| {
         let values = METRICS.map(|name| metrics.get(name).map_or(f64::NAN, |value| registry::bounded(name, value)));
         scores.entry(figure).or_default().insert(item.to_owned(), values.to_vec());
     };
     if media == SceneScores::NAME {
         for score in serde_json::from_slice::<SceneScores>(bytes)?.scores {
-            let figure = format!("method={}, from={}, nfe={}", score.method, score.from_spp, score.nfe);
-            add(figure, key, &score.metrics);
+            add(Figure::new(of_score(&score)), key, &score.metrics);
         }
     } else if media == ScoreTable::NAME {
         let table: ScoreTable = serde_json::from_slice(bytes)?;
         for row in &table.per_item {
-            let at = table.axes.iter().zip(&row.at).map(|(axis, value)| format!("{}={value}", axis.name));
-            add(at.collect::<Vec<_>>().join(", "), &row.item, &row.metrics);
+            let at = table.axes.iter().zip(&row.at).map(|(axis, value)| (axis.name.as_str(), value.clone()));
+            add(Figure::new(at), &row.item, &row.metrics);
         }
     } else {
         for row in serde_json::from_slice::<Evaluation>(bytes)?.per_scene {
-            let mut at: Vec<String> = row.cell.iter().map(|(axis, value)| format!("{axis}={value}")).collect();
-            at.push(format!("method={}, from={}, nfe={}", row.score.method, row.score.from_spp, row.score.nfe));
-            add(at.join(", "), &row.scene, &row.score.metrics);
+            let cell = row.cell.iter().map(|(axis, value)| (axis.as_str(), AxisValue::parse(value)));
+            add(Figure::new(cell.chain(of_score(&row.score))), &row.scene, &row.score.metrics);
         }
     }
     Ok(())
@@ -86,7 +130,9 @@ mod tests {
             { "method": "m", "from_spp": 4, "to_spp": 64, "nfe": 2, "metrics": metrics }
         ] });
         let found = read(SceneScores::NAME, of_images).expect("its own form");
-        let values = &found["method=m, from=4, nfe=2"]["L0-open-1"];
+        let (figure, items) = found.first_key_value().expect("a figure");
+        assert_eq!(figure.to_string(), "method=m, from=4, nfe=2");
+        let values = &items["L0-open-1"];
         assert_eq!(values[1..], [2.0, 3.0, 4.0, 5.0, 0.5]);
         assert!(values[0].is_finite(), "an infinite PSNR is held below the ceiling of the tables");
         let table = json!({
@@ -95,7 +141,22 @@ mod tests {
             "per_item": [{ "item": "i", "stratum": "other", "at": [4], "metrics": metrics }]
         });
         let found = read(ScoreTable::NAME, table).expect("its own form");
-        assert_eq!(found["spp=4"]["i"][5], 0.5);
+        let (figure, items) = found.first_key_value().expect("a figure");
+        assert_eq!((figure.to_string().as_str(), items["i"][5]), ("spp=4", 0.5));
         assert!(read(Evaluation::NAME, json!({ "scores": [] })).is_err(), "another version is not misread");
+    }
+
+    #[test]
+    fn figures_are_in_the_order_of_their_numbers() {
+        let figure = |sampler: &str, spp: &str| {
+            Figure::new([("sampler", AxisValue::parse(sampler)), ("spp", AxisValue::parse(spp))])
+        };
+        let mut figures = [("sobol", "2"), ("sobol", "10"), ("sobol", "0.5"), ("a", "10")].map(|(a, b)| figure(a, b));
+        figures.sort();
+        let told = figures.map(|figure| figure.to_string());
+        assert_eq!(
+            told,
+            ["sampler=a, spp=10", "sampler=sobol, spp=0.5", "sampler=sobol, spp=2", "sampler=sobol, spp=10"]
+        );
     }
 }

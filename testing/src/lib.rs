@@ -28,6 +28,8 @@ pub enum Need {
     Fifo,
     /// The shell `fish`.
     Fish,
+    /// A Python with the package `hyperqueue`, named by `TAUFLOW_HYPERQUEUE`.
+    HyperQueue,
     /// The program `man`.
     Man,
     /// A library of ONNX Runtime, named by `TAUFLOW_ONNXRUNTIME`.
@@ -58,7 +60,7 @@ pub enum Need {
 
 impl Need {
     /// All needs with their names in `TAUFLOW_REQUIRE`.
-    pub const ALL: [(&'static str, Self); 22] = [
+    pub const ALL: [(&'static str, Self); 23] = [
         ("advisories", Self::Advisories),
         ("avx2", Self::Avx2),
         ("avx512", Self::Avx512),
@@ -67,6 +69,7 @@ impl Need {
         ("deny", Self::Deny),
         ("fifo", Self::Fifo),
         ("fish", Self::Fish),
+        ("hyperqueue", Self::HyperQueue),
         ("man", Self::Man),
         ("mount", Self::Mount),
         ("oidn", Self::Oidn),

@@ -1,8 +1,7 @@
 //! `exec`: one action alone, on a copy of the cache, in an empty folder, without an environment. `programs.rs` has
 //! actions that need one.
 
-use crate::Place;
-use serde_json::Value;
+use crate::{Place, json};
 use std::{fs, path::Path, process::Command};
 use tauflow::engine::exec;
 use tauflow_cache::Store;
@@ -42,7 +41,7 @@ fn every_action_runs_alone_on_a_copy_of_the_cache_with_the_same_digests() {
         let start = &key.hex()[..16];
         let (code, out, err) = bare(&place, &["exec", start, "--cache", &at]);
         assert_eq!(code, 0, "{err}");
-        let done: Value = serde_json::from_str(&out).expect("JSON");
+        let done = json(&out);
         assert_eq!((&done["key"], &done["new"]), (&key.hex().into(), &false.into()));
         assert!(done["outputs"].as_object().is_some_and(|outputs| !outputs.is_empty()), "{out}");
     }
@@ -66,7 +65,7 @@ fn an_action_written_to_a_file_runs_where_its_inputs_are() {
     place.tauflow(&["run", "small.yaml", "--target", "scenes", "--cache", &other]).ends(0);
     let (code, out, err) = bare(&place, &["exec", &file, "--cache", &other, "--limit", "5m"]);
     assert_eq!(code, 0, "{err}");
-    let done: Value = serde_json::from_str(&out).expect("JSON");
+    let done = json(&out);
     assert_eq!((&done["kind"], &done["new"]), (&"content_signature_split".into(), &true.into()));
     let plan = place.tauflow(&["plan", "small.yaml", "--cache", &other]).ends(0);
     assert!(plan.lines().iter().any(|line| line.starts_with("split") && line.contains(" 1 ")), "{}", plan.out);

@@ -106,6 +106,22 @@ fn rungs_that_do_not_exist_are_named_with_the_nearest() {
 }
 
 #[test]
+fn an_optional_input_of_which_nothing_is_read_is_a_mistake() {
+    let gathered = "  other:
+    kind: ladder_rendering
+    matrix: { stream: [2, 3] }
+    inputs: { scenes: gate.accepted }
+    params: { rungs: [1], resolution: [32, 32] }
+  packed:
+    kind: dataset_packing
+    inputs: { ladders: train_ladders, gbuffers: other.gbuffer, exposure: gate.exposure }\n  hold:";
+    one(
+        &[("  hold:", gathered)],
+        &["no item of the input `gbuffers` meets one of `ladders`", "the cell `stream=2`", "`packed`"],
+    );
+}
+
+#[test]
 fn rungs_and_sizes_that_must_be_equal_are_compared() {
     let rungs = [(
         "rungs: { dyadic: 8 }, resolution: [32, 32], stream: 1",

@@ -19,12 +19,14 @@ mod refining;
 mod rendering;
 mod runs;
 mod schema;
+mod shards;
 mod stale;
 mod status;
 mod upstreams;
 mod validator;
 mod words;
 
+use serde_json::Value;
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -114,6 +116,12 @@ impl Said {
     fn lines(&self) -> Vec<&str> {
         self.out.lines().collect()
     }
+}
+
+/// A text as JSON.
+#[track_caller]
+fn json(text: &str) -> Value {
+    serde_json::from_str(text).unwrap_or_else(|e| panic!("{e}: {text}"))
 }
 
 /// The root of the checkout.

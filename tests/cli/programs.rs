@@ -1,8 +1,7 @@
 //! `exec` of actions that run programs and libraries: what they are told of the environment, whose they are, when they
 //! end, and what a sandbox keeps them from.
 
-use crate::{Place, Said};
-use serde_json::Value;
+use crate::{Place, Said, json};
 use std::{
     fs,
     os::unix::fs::PermissionsExt,
@@ -104,7 +103,7 @@ fn a_program_is_found_by_path_and_knows_nothing_else_of_the_environment() {
     let place = with_renderer();
     let key = rendered(&place, &[]);
     let done = with(&place, &["exec", &key], &[("SECRET", "42")]).ends(0);
-    let done: Value = serde_json::from_str(&done.out).expect("JSON");
+    let done = json(&done.out);
     assert_eq!((&done["kind"], &done["new"]), (&"external_renderer".into(), &false.into()));
     // Where there is no such program, it is told which and where.
     let mut bare = place.command(&["exec", &key]);
@@ -121,7 +120,7 @@ fn an_action_is_printed_without_making_a_cache_and_its_params_are_held_to_the_sc
     assert!(!place.path("nowhere").exists());
     let key = rendered(&place, &[]);
     let action = with(&place, &["exec", &key, "--print"], &[]).ends(0).out;
-    let mut action: Value = serde_json::from_str(&action).expect("JSON");
+    let mut action = json(&action);
     assert_eq!(action["key"]["params"]["counts"], serde_json::json!([1]), "{action}");
     action["key"]["params"]["counts"] = serde_json::json!([0]);
     place.write("action.json", &action.to_string());

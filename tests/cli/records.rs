@@ -1,13 +1,13 @@
 //! `runs` and `diff`: every run leaves a record, and two of them can be compared.
 
-use crate::{Place, Said};
+use crate::{Place, Said, json};
 use serde_json::Value;
 use std::fs;
 
 /// The records as JSON, oldest first.
 fn records(place: &Place) -> Vec<Value> {
     let said = place.tauflow(&["runs", "--json"]).ends(0);
-    said.lines().into_iter().map(|line| serde_json::from_str(line).expect("JSON")).collect()
+    said.lines().into_iter().map(json).collect()
 }
 
 fn id(record: &Value) -> String {
@@ -61,7 +61,7 @@ fn a_diff_names_params_outputs_and_times() {
     let same = place.tauflow(&["diff", &work, &id(&records[1])]).ends(0);
     assert!(same.out.contains("params: equal") && same.out.contains(" equal, 0 different"), "{}", same.out);
     let json = place.tauflow(&["diff", &work, "--json"]).ends(0);
-    let value: Value = serde_json::from_str(&json.out).expect("JSON");
+    let value = crate::json(&json.out);
     assert_eq!(value["comparison"]["params"][0]["name"], "scenes.pool");
 }
 

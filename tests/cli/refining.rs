@@ -1,6 +1,6 @@
 //! `tauflow refine`: a solver out of a pipeline, on images out of any renderer.
 
-use crate::Place;
+use crate::{Place, json};
 use std::fs;
 use tauflow_data::{
     image_io::{read_exr, write_exr},
@@ -45,6 +45,12 @@ fn an_image_of_any_renderer_is_refined() {
     let bytes = |path: &str| fs::read(place.path(path)).expect("it was written");
     let written = "checkpoints/solvers/conditioning=rgb/model.safetensors";
     assert!(listed.out.contains(written) && bytes(written) == bytes("models/conditioning=rgb/model/model.safetensors"));
+    // A changed pipeline shows what there is, and of which run it is.
+    let run = json(place.tauflow(&["runs", "--json"]).ends(0).lines()[0])["id"].as_str().expect("an id").to_owned();
+    let stale = place.tauflow(&["checkpoints", "small.yaml", "--set", "ladders.stream=5", "-o", "stale"]).ends(0);
+    assert_eq!(stale.out.matches(&format!("stale, of run {run}")).count(), 2, "{stale:#?}");
+    assert!(bytes("stale/solvers/conditioning=rgb/model.safetensors") == bytes(written));
+    assert_eq!(listed.out.matches("up to date").count(), 2, "{listed:#?}");
     let scene = ["render", "small.yaml", "--item", "scenes/L0-open-000000", "--spp", "2", "-o", "in.exr"];
     place.tauflow(&[&scene[..], &["--width", "16", "--height", "16"]].concat()).ends(0);
     let refine = |model: &str, more: &[&str]| {

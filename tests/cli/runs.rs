@@ -1,12 +1,8 @@
 //! `run`, `plan`, `explain`, `export`, `render`, `scene` and `cache`, on a pipeline that renders nothing.
 
-use crate::{Place, Said};
+use crate::{Place, Said, json};
 use serde_json::Value;
 use std::{collections::BTreeMap, fs};
-
-fn json(text: &str) -> Value {
-    serde_json::from_str(text).unwrap_or_else(|e| panic!("{e}: {text}"))
-}
 
 /// The counts that a plan prints, by node: as before, to run.
 fn counts(plan: &Said) -> BTreeMap<&str, (String, String)> {

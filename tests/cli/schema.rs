@@ -1,12 +1,12 @@
 //! `tauflow schema`: a JSON Schema that every pipeline of the repository fits, and that finds what is wrong.
 
-use crate::{Place, files, validator::problems};
+use crate::{Place, files, json, validator::problems};
 use serde_json::Value;
 use std::fs;
 
 fn schema() -> Value {
     let said = Place::new().tauflow(&["schema"]).ends(0);
-    serde_json::from_str(&said.out).expect("the schema is JSON")
+    json(&said.out)
 }
 
 fn yaml(text: &str) -> Value {

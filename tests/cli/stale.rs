@@ -135,6 +135,77 @@ fn a_change_of_what_a_program_reads_runs_it_again_and_is_named() {
     assert_eq!(run(&place, &[("DENOISE_OTHER", "1")], &[]), 0);
 }
 
+/// A program that learns of files in ways other than opening them by their names.
+const ROUNDABOUT: &str = "\
+#!HERE/interpreter
+ln -s HERE/data/linked here
+ln HERE/data/hard there
+mkdir out/made/a
+cat here there > out/made/a/text
+python3 - >> out/made/a/text <<'END'
+import os
+os.chdir('HERE/data')
+print(os.stat('size').st_size, os.readlink('link'), os.access('mode', os.X_OK))
+print(os.read(os.open('created', os.O_RDONLY | os.O_CREAT), 9))
+print(os.read(os.open('below', os.O_RDONLY, dir_fd=os.open('.', os.O_RDONLY)), 9))
+END
+echo ran >> HERE/ran
+";
+
+const MADE: &str = "\
+pipeline: small
+nodes:
+  made:
+    kind: command
+    params:
+      run: [./roundabout.sh]
+      mode: gather
+      outputs: { made: tauflow/files }
+";
+
+#[test]
+fn roundabout_ways_to_a_file_are_followed() {
+    use std::os::unix::fs::{PermissionsExt as _, symlink};
+    let Some(place) = place() else { return };
+    let here = place.path("").display().to_string();
+    place.write("small.yaml", MADE);
+    place.write("roundabout.sh", &ROUNDABOUT.replace("HERE", here.trim_end_matches('/')));
+    let mode = |name: &str, mode| {
+        fs::set_permissions(place.path(name), fs::Permissions::from_mode(mode)).expect("its owner may");
+    };
+    mode("roundabout.sh", 0o755);
+    fs::copy("/bin/sh", place.path("interpreter")).expect("there is a shell");
+    for name in ["linked", "hard", "size", "mode", "created", "below"] {
+        place.write(&format!("data/{name}"), "1");
+    }
+    let link = |to: &str| {
+        let _ = fs::remove_file(place.path("data/link"));
+        symlink(to, place.path("data/link")).expect("writable");
+    };
+    link("size");
+    assert_eq!((run(&place, &[], &[]), run(&place, &[], &[])), (1, 0));
+    let changes: [(&str, &dyn Fn()); 8] = [
+        ("through a link in its directory", &|| place.write("data/linked", "2")),
+        ("through a hard link", &|| place.write("data/hard", "2")),
+        ("the size", &|| place.write("data/size", "22")),
+        ("the target of a link", &|| link("mode")),
+        ("the mode", &|| mode("data/mode", 0o755)),
+        ("opened or else made", &|| place.write("data/created", "2")),
+        ("below a directory that is open", &|| place.write("data/below", "2")),
+        ("the interpreter of a script", &|| {
+            let mut program = fs::read(place.path("interpreter")).expect("a program");
+            program.push(0);
+            let _ = fs::remove_file(place.path("interpreter"));
+            fs::write(place.path("interpreter"), program).expect("writable");
+            mode("interpreter", 0o755);
+        }),
+    ];
+    for (what, change) in changes {
+        change();
+        assert_eq!((run(&place, &[], &[]), run(&place, &[], &[])), (1, 0), "{what}");
+    }
+}
+
 #[test]
 fn a_recheck_names_what_is_not_declared_as_the_cause() {
     let Some(place) = place() else { return };

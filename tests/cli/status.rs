@@ -1,6 +1,6 @@
 //! `status` and the page of a run: what others see of a run that goes on, that was killed, and that has ended.
 
-use crate::{Place, Said};
+use crate::{Place, Said, json};
 use serde_json::Value;
 use std::{
     fs,
@@ -68,7 +68,7 @@ fn page(place: &Place) -> Option<String> {
 }
 
 fn value(said: &Said) -> Value {
-    serde_json::from_str(said.out.lines().last().unwrap_or_default()).expect("JSON")
+    json(said.out.lines().last().unwrap_or_default())
 }
 
 #[test]
@@ -152,7 +152,7 @@ fn the_end_of_a_run_is_posted_and_a_deaf_server_is_only_a_note() {
     let asked = serving.join().expect("it served");
     let (head, body) = asked.split_once("\r\n\r\n").expect("a body");
     assert!(head.starts_with("POST /secret HTTP/1.1\r\n"), "{head}");
-    let body: Value = serde_json::from_str(body).expect("JSON");
+    let body = json(body);
     assert_eq!((&body["pipeline"], &body["state"], &body["failures"]), (&"small".into(), &"failed".into(), &1.into()));
     assert_eq!(body["first_failure"]["action"], "waits/a");
     let record = value(&place.tauflow(&["runs", "--json"]).ends(0));

@@ -1,6 +1,6 @@
 //! What `plan`, `explain` and `run` say, word for word, with times, sizes and digests blanked out.
 
-use crate::{PIPELINE, Place};
+use crate::{PIPELINE, Place, json};
 use insta::assert_snapshot;
 use serde_json::Value;
 
@@ -86,7 +86,7 @@ fn events() {
     let place = Place::with(&PIPELINE.replace("train: 2,", "train: 200,"));
     let said = place.tauflow(&["run", "small.yaml", "--events", "json", "--jobs", "1"]).ends(1);
     let blank = |line: &str| {
-        let mut event: Value = serde_json::from_str(line).expect("a JSON line each");
+        let mut event = json(line);
         blank_out(&mut event);
         event.to_string()
     };

@@ -196,6 +196,18 @@ fn values_cannot_blow_up() {
     assert!(told(&text).contains("nested more than 48 levels deep"));
 }
 
+#[test]
+fn long_texts_are_neither_put_in_nor_copied_to_cells_without_end() {
+    let long = "x".repeat(60_000);
+    let uses = vec!["$v"; 10_000].join(", ");
+    let text =
+        format!("values:\n  v: {long}\n  many: [{uses}]\nnodes:\n  a: {{kind: numbers, params: {{count: $many}}}}\n");
+    assert!(told(&text).contains("more than 16 MiB of text are substituted for names"));
+    let numbers = (1..5000).map(|n| n.to_string()).collect::<Vec<_>>().join(", ");
+    let text = format!("nodes:\n  a: {{kind: numbers, matrix: {{count: [{numbers}]}}, params: {{other: {long}}}}}\n");
+    assert!(told(&text).contains("4999 cells with params of 58 KiB of text each are too many"), "{}", told(&text));
+}
+
 const LIKE: &str = "
 nodes:
   numbers: {kind: numbers, params: {count: 2, offset: 1}}

@@ -19,7 +19,7 @@ use std::{
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Asked {
-    /// Whether it exists.
+    /// What it is: a folder, or a file of some size, executable or not, and where it leads if it is a link.
     Presence,
     /// The Python modules in a folder.
     Modules,
@@ -106,6 +106,11 @@ impl Stamp {
     /// The stamp of a file or folder; none if it does not exist.
     pub fn at(path: &Path) -> Option<Self> {
         fs::metadata(path).ok().map(|about| Self::of(&about))
+    }
+
+    /// The size in bytes.
+    pub fn size(&self) -> i64 {
+        self.0[0]
     }
 
     fn of(about: &Metadata) -> Self {
@@ -259,7 +264,7 @@ fn look(path: &Path, asked: Asked, known: Option<(&Stamp, &str)>) -> (String, Op
         Err(_) => return words("cannot be read"),
     };
     match asked {
-        Asked::Presence => words(if about.is_dir() { "a folder" } else { "a file" }),
+        Asked::Presence => (about_text(path, &about), None),
         Asked::Names | Asked::Modules if about.is_dir() => {
             words(&names(path, asked == Asked::Modules).unwrap_or_else(|| "cannot be read".into()))
         }
@@ -267,6 +272,22 @@ fn look(path: &Path, asked: Asked, known: Option<(&Stamp, &str)>) -> (String, Op
         _ if !about.is_file() => words("no regular file"),
         _ => content(path, &about, known),
     }
+}
+
+/// What a program learns of a file without opening it, times excepted.
+fn about_text(path: &Path, about: &Metadata) -> String {
+    let mut text = match about.is_dir() {
+        true => "a folder".to_owned(),
+        false if about.is_file() => format!("a file of {} bytes", about.size()),
+        false => "no regular file".to_owned(),
+    };
+    if about.is_file() && about.mode() & 0o111 != 0 {
+        text += ", executable";
+    }
+    if let Ok(target) = fs::read_link(path) {
+        text += &format!(", a link to {}", target.display());
+    }
+    text
 }
 
 /// The digest of the names in a folder, of all or of those that Python could import.
@@ -349,6 +370,26 @@ mod tests {
         assert_eq!(differ(), [false, true, true, true, false]);
         fs::write(path("none.py"), "").expect("writable");
         assert_eq!(differ(), [false, true, true, true, true]);
+    }
+
+    #[test]
+    fn size_mode_and_target_are_seen_without_reading() {
+        use std::os::unix::fs::{PermissionsExt as _, symlink};
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = |name: &str| folder.path().join(name);
+        fs::write(path("data"), "one").expect("writable");
+        symlink("data", path("link")).expect("writable");
+        let states = || ["data", "link"].map(|name| Sight::of(path(name).to_string_lossy(), Asked::Presence).state);
+        let first = states();
+        assert_eq!(first, ["a file of 3 bytes", "a file of 3 bytes, a link to data"]);
+        fs::write(path("data"), "two").expect("writable");
+        assert_eq!(states(), first, "its content was not asked for");
+        fs::set_permissions(path("data"), fs::Permissions::from_mode(0o755)).expect("its owner may");
+        assert_eq!(states()[0], "a file of 3 bytes, executable");
+        fs::write(path("data"), "three").expect("writable");
+        assert_eq!(states()[1], "a file of 5 bytes, executable, a link to data");
+        fs::remove_file(path("link")).and_then(|()| symlink("./data", path("link"))).expect("writable");
+        assert_eq!(states()[1], "a file of 5 bytes, executable, a link to ./data");
     }
 
     #[test]

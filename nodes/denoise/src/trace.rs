@@ -34,6 +34,40 @@ pub(crate) enum Use {
     Write,
     /// It makes a file or folder if there is none.
     Make,
+    /// It reads a file, and makes it if there is none.
+    ReadOrMake,
+    /// It runs a file.
+    Run,
+}
+
+/// Programs that may stand for each other: a script's interpreter may be a script.
+const MOST_INTERPRETERS: usize = 5;
+
+/// The program that the kernel starts in place of a file: the interpreter of a script, or the loader of a program with
+/// libraries. The kernel opens it itself, so that no call names it.
+fn interpreter(path: &Path) -> Option<PathBuf> {
+    let mut head = Vec::new();
+    fs::File::open(path).and_then(|file| file.take(4096).read_to_end(&mut head)).ok()?;
+    let named = |bytes: &[u8]| {
+        let text = std::str::from_utf8(bytes).ok()?.trim_matches(['\0', ' ', '\t']);
+        (!text.is_empty()).then(|| PathBuf::from(text))
+    };
+    if let Some(line) = head.strip_prefix(b"#!") {
+        let line = line.split(|byte| *byte == b'\n').next()?.trim_ascii();
+        return named(line.split(|byte| *byte == b' ' || *byte == b'\t').next()?);
+    }
+    // An ELF file of 64 bits: the program header that names the loader (type 3).
+    head.strip_prefix(b"\x7fELF\x02\x01")?;
+    let number = |at: usize, bytes: usize| -> Option<usize> {
+        let field = head.get(at..at.checked_add(bytes)?)?;
+        let value = field.iter().rev().fold(0u64, |value, byte| value << 8 | u64::from(*byte));
+        usize::try_from(value).ok()
+    };
+    let (first, size, count) = (number(32, 8)?, number(54, 2)?, number(56, 2)?);
+    let header = |place: usize| first.checked_add(place.checked_mul(size)?);
+    let loader = (0..count).filter_map(header).find(|at| number(*at, 4) == Some(3))?;
+    let (at, length) = (number(loader + 8, 8)?, number(loader + 32, 8)?);
+    named(head.get(at..at.checked_add(length)?)?)
 }
 
 /// What is noted of a path.
@@ -93,7 +127,10 @@ fn plain(path: &Path) -> PathBuf {
 impl Notes {
     /// No notes yet; everything below these folders is left out.
     pub(crate) fn beside(folders: impl IntoIterator<Item = PathBuf>) -> Self {
-        Self { beside: folders.into_iter().chain(left_out_of_sights()).collect(), ..Self::default() }
+        let named = folders.into_iter().chain(left_out_of_sights());
+        // By all of their names, as links are followed below.
+        let beside = named.flat_map(|path| path.canonicalize().ok().into_iter().chain([path])).collect();
+        Self { beside, ..Self::default() }
     }
 
     /// Not all that the program looks at will be known.
@@ -109,11 +146,36 @@ impl Notes {
             || (!self.own.is_empty() && path.ancestors().any(|above| self.own.contains(above)))
     }
 
+    /// The program made this path itself.
+    fn keep_own(&mut self, path: PathBuf) {
+        let real = || Some(path.parent()?.canonicalize().ok()?.join(path.file_name()?));
+        self.own.extend(real().filter(|real| *real != path));
+        self.own.insert(path);
+    }
+
+    /// The input that a path leads to which is none itself: the program may have made a link, or ask for a file by its
+    /// process.
+    fn behind(&self, thread: u32, path: &Path) -> Option<PathBuf> {
+        let own = |rest: &Path| Path::new("/proc").join(thread.to_string()).join(rest);
+        let of_process = ["/proc/self", "/proc/thread-self"].iter().find_map(|own| path.strip_prefix(own).ok());
+        let path = of_process.map_or_else(|| path.to_owned(), own);
+        let real = path.canonicalize().ok()?;
+        (!path.starts_with("/dev") && real != path && !self.is_left_out(&real)).then_some(real)
+    }
+
     /// A thread of the program is about to use a path.
     pub(crate) fn note(&mut self, thread: u32, path: &Path, what: Use) {
-        let path = plain(path);
+        let mut path = plain(path);
+        if what == Use::Run {
+            let found = std::iter::successors(interpreter(&path), |program| interpreter(program));
+            let found: Vec<PathBuf> = found.take(MOST_INTERPRETERS).filter(|program| program.is_absolute()).collect();
+            found.into_iter().for_each(|program| self.note(thread, &program, Use::Read));
+        }
         if self.is_left_out(&path) {
-            return;
+            match self.behind(thread, &path) {
+                Some(real) if !matches!(what, Use::Write | Use::Make) => path = real,
+                _ => return,
+            }
         }
         if let Some(source) = source_of(&path) {
             if what == Use::Read && path.exists() {
@@ -131,13 +193,9 @@ impl Notes {
             return;
         }
         match what {
-            Use::Write => drop(self.own.insert(path)),
-            Use::Make => {
-                if !path.exists() {
-                    self.own.insert(path);
-                }
-            }
-            Use::Change if !path.exists() => drop(self.own.insert(path)),
+            Use::Write => self.keep_own(path),
+            Use::Make | Use::ReadOrMake | Use::Change if !path.exists() => self.keep_own(path),
+            Use::Make => self.look(path, Asked::Presence, false),
             Use::Change => self.look(path, Asked::Content, true),
             Use::Presence => {
                 self.last.insert(thread, path.clone());
@@ -148,7 +206,7 @@ impl Notes {
                 let imports = self.last.get(&thread) == Some(&path) && self.listed.insert(path.clone());
                 self.look(path, if imports { Asked::Modules } else { Asked::Names }, false);
             }
-            Use::Read => {
+            Use::Read | Use::Run | Use::ReadOrMake => {
                 if path.extension().is_some_and(|ending| ending == "py" || ending == "so") {
                     self.imported.extend(path.parent().map(Path::to_owned));
                 }
@@ -199,6 +257,14 @@ impl Notes {
                         // A file in which the program keeps a state of its own.
                         continue;
                     }
+                    (sight.state, sight.stamp) = (CHANGED.into(), None);
+                }
+                // It saw the earlier size.
+                Some(stamp)
+                    if asked == Asked::Presence
+                        && path.is_file()
+                        && Stamp::at(&path).is_some_and(|now| now.size() != stamp.size()) =>
+                {
                     (sight.state, sight.stamp) = (CHANGED.into(), None);
                 }
                 Some(_) if sight.state == MISSING => (sight.state, sight.stamp) = (CHANGED.into(), None),
@@ -294,6 +360,36 @@ mod tests {
         assert_eq!(state("young"), Some((Asked::Content, CHANGED)));
         assert_eq!(state("old").expect("it was read").0, Asked::Content);
         assert!(state("old").expect("it was read").1.len() > 32, "{seen:?}");
+    }
+
+    #[test]
+    fn files_behind_links_and_interpreters_count() {
+        use std::os::unix::fs::symlink;
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = |name: &str| folder.path().join(name);
+        fs::create_dir(path("own")).expect("writable");
+        for name in ["data", "lock", "tool"] {
+            fs::write(path(name), "1").expect("writable");
+        }
+        symlink(path("data"), path("own/link")).expect("writable");
+        fs::write(path("own/script"), format!("#! {} -x\n", path("tool").display())).expect("writable");
+        let mut notes = Notes::beside([path("own")]);
+        let uses =
+            [("own/link", Use::Read), ("own/script", Use::Run), ("lock", Use::ReadOrMake), ("new", Use::ReadOrMake)];
+        uses.iter().for_each(|(name, what)| notes.note(1, &path(name), *what));
+        notes.note(1, Path::new("/dev/stdin"), Use::Read);
+        let seen: Vec<(String, Asked)> =
+            notes.seen().sights.into_iter().map(|sight| (sight.path, sight.asked)).collect();
+        let content = ["data", "lock", "tool"].map(|name| (path(name).display().to_string(), Asked::Content));
+        assert_eq!(seen, content);
+    }
+
+    #[test]
+    fn a_program_of_this_machine_names_its_loader() {
+        let own = std::env::current_exe().expect("a test is a program");
+        let loader = interpreter(&own).expect("it is linked dynamically");
+        assert!(loader.is_absolute() && loader.exists(), "{}", loader.display());
+        assert_eq!(interpreter(Path::new("/nowhere")), None);
     }
 
     #[test]

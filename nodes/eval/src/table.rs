@@ -36,6 +36,8 @@ pub struct TableParams {
     pub against: Option<AgainstParams>,
     /// Write `table.tex`.
     pub latex: bool,
+    /// Write `table.parquet` and `items.parquet`.
+    pub parquet: bool,
     /// Number of bootstrap resamples.
     #[schemars(range(min = 100, max = 100_000))]
     pub resamples: u64,
@@ -82,6 +84,7 @@ impl Default for TableParams {
             columns: Vec::new(),
             against: None,
             latex: false,
+            parquet: false,
             resamples: 2000,
         }
     }

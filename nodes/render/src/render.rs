@@ -300,6 +300,7 @@ pub fn render_image(
             let (stop, expected) = until.decide(0, 1, begin, |state, stream, trial| {
                 on(stream)?.advance(state, trial, &mut |_| watch(Stage::Deciding))
             })?;
+            let (stop, expected) = until.least(stop, expected);
             (all, decided) = (Some(stop), Some(expected));
         }
         Goal::While(asked) => goes_on = asked,

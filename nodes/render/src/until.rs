@@ -98,6 +98,18 @@ impl Until {
         }
     }
 
+    /// As many samples as this error takes by what is known now, out of `samples` that have the error `expected`:
+    /// doubling goes beyond it, and goes far beyond it if the first samples that decided missed rare light. The error
+    /// falls with the root of the number.
+    pub fn least(&self, samples: u64, expected: f64) -> (u64, f64) {
+        if !(expected > 0.0 && expected < self.relative_error) {
+            return (samples, expected);
+        }
+        let share = (expected / self.relative_error).powi(2);
+        let least = ((samples as f64 * share).ceil() as u64).clamp(1, samples);
+        (least, expected * (samples as f64 / least as f64).sqrt())
+    }
+
     /// Where a render of a stream ends that has `first` samples at least, and the error that is to be expected there.
     /// The samples of two other streams decide, which begin with `begin`. `advance` brings the state of a stream to so
     /// many samples.

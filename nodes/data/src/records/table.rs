@@ -1,6 +1,7 @@
 //! Tables of scores by any axes, as `table` hands them on: for the report, and as CSV, LaTeX and Parquet files.
 
 mod csv;
+mod parquet;
 mod tex;
 
 use super::{Estimate, Metrics};
@@ -41,6 +42,14 @@ impl AxisValue {
             Self::Integer(value) => Some(*value as f64),
             Self::Number(value) => Some(*value),
             Self::Text(_) => None,
+        }
+    }
+
+    /// The value as a whole number; none for any other.
+    pub fn integer(&self) -> Option<i64> {
+        match self {
+            Self::Integer(value) => Some(*value),
+            Self::Number(_) | Self::Text(_) => None,
         }
     }
 
@@ -147,6 +156,9 @@ pub struct TableAgainst {
 pub struct TableFormats {
     /// `table.tex`, for the package booktabs.
     pub latex: bool,
+    /// `table.parquet` and `items.parquet`.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub parquet: bool,
 }
 
 /// Means of metrics by axes.
@@ -219,7 +231,7 @@ impl ScoreTable {
     /// The files, by name, as `export` writes them.
     ///
     /// # Errors
-    /// If a number cannot be written as JSON.
+    /// If a number cannot be written as JSON, or a column not as Parquet.
     pub fn files(&self) -> Result<Vec<(&'static str, Vec<u8>)>, KindError> {
         let mut files = vec![
             (WHOLE, pretty_json(self)?),
@@ -228,6 +240,10 @@ impl ScoreTable {
         ];
         if self.formats.latex {
             files.push(("table.tex", tex::tables(self).into_bytes()));
+        }
+        if self.formats.parquet {
+            files.push(("table.parquet", parquet::cells(self)?));
+            files.push(("items.parquet", parquet::items(self)?));
         }
         Ok(files)
     }
@@ -240,7 +256,8 @@ pub fn order(a: &[AxisValue], b: &[AxisValue]) -> Ordering {
 
 impl Media for ScoreTable {
     const NAME: &'static str = "tauflow/score-table";
-    const DOC: &'static str = "Means by axes: `table.json`, `table.csv`, `items.csv`, and `table.tex` if asked for.";
+    const DOC: &'static str =
+        "Means by axes: `table.json`, `table.csv`, `items.csv`, and LaTeX and Parquet if asked for.";
 
     fn load(ctx: &Context<'_>, artifact: &Artifact) -> Result<Self, KindError> {
         ctx.json(artifact, WHOLE)
@@ -317,7 +334,7 @@ mod tests {
                 metrics,
             }],
             notes: Vec::new(),
-            formats: TableFormats { latex: true },
+            formats: TableFormats { latex: true, parquet: true },
         }
     }
 
@@ -348,7 +365,10 @@ mod tests {
         assert_eq!(stored.handle().load(&ctx).expect("whole"), table());
         let mut files = FileTree::new();
         ScoreTable::export(&ctx, stored.artifact(), &mut files).expect("whole");
-        assert_eq!(files.keys().collect::<Vec<_>>(), ["items.csv", "table.csv", "table.json", "table.tex"]);
+        assert_eq!(
+            files.keys().collect::<Vec<_>>(),
+            ["items.csv", "items.parquet", "table.csv", "table.json", "table.parquet", "table.tex"]
+        );
         assert_eq!(ScoreTable::import(&ctx, &files).expect("own files").artifact(), stored.artifact());
     }
 }

@@ -81,6 +81,8 @@ enum Does {
     Asks,
     /// It runs it.
     Runs,
+    /// It gives it another name, under which it may read it.
+    Reads,
     /// It opens it with the flags at this argument.
     Opens(usize),
     /// It opens it with the flags that this argument points at.
@@ -94,7 +96,7 @@ enum Does {
 /// The calls that are heard of.
 fn calls() -> Vec<(libc::c_long, Call)> {
     use Call::{At, From, Leaves};
-    use Does::{Asks, Makes, Opens, OpensBy, Replaces, Runs};
+    use Does::{Asks, Makes, Opens, OpensBy, Reads, Replaces, Runs};
     let mut calls = vec![
         (libc::SYS_openat, From(0, Opens(2))),
         (libc::SYS_openat2, From(0, OpensBy(2))),
@@ -106,6 +108,7 @@ fn calls() -> Vec<(libc::c_long, Call)> {
         (libc::SYS_faccessat2, From(0, Asks)),
         (libc::SYS_readlinkat, From(0, Asks)),
         (libc::SYS_renameat2, From(2, Replaces)),
+        (libc::SYS_linkat, From(0, Reads)),
         (libc::SYS_linkat, From(2, Makes)),
         (libc::SYS_symlinkat, From(1, Makes)),
         (libc::SYS_mkdirat, From(0, Makes)),
@@ -123,6 +126,7 @@ fn calls() -> Vec<(libc::c_long, Call)> {
         (libc::SYS_creat, At(0, Replaces)),
         (libc::SYS_rename, At(1, Replaces)),
         (libc::SYS_renameat, From(2, Replaces)),
+        (libc::SYS_link, At(0, Reads)),
         (libc::SYS_link, At(1, Makes)),
         (libc::SYS_symlink, At(1, Makes)),
         (libc::SYS_mkdir, At(0, Makes)),
@@ -333,12 +337,19 @@ fn hear(call: &Notification, calls: &[(libc::c_long, Call)], notes: &mut Notes) 
     if call.architecture != ARCHITECTURE || call.number as u32 >= X32 {
         return notes.give_up("a program of it is of another architecture");
     }
-    let found = calls.iter().find(|(number, _)| *number == libc::c_long::from(call.number));
-    let (folder, at, does) = match found {
-        Some((_, Call::At(at, does))) => (None, *at, *does),
-        Some((_, Call::From(at, does))) => (Some(call.arguments[*at] as i32), at + 1, *does),
-        Some((_, Call::Leaves(name))) => return notes.give_up(format!("it calls `{name}`")),
-        None => return notes.give_up("it starts a process among other files"),
+    let mut found = calls.iter().filter(|(number, _)| *number == libc::c_long::from(call.number)).peekable();
+    if found.peek().is_none() {
+        return notes.give_up("it starts a process among other files");
+    }
+    found.for_each(|(_, how)| take(call, *how, notes));
+}
+
+/// Notes what a call does with one of its paths.
+fn take(call: &Notification, how: Call, notes: &mut Notes) {
+    let (folder, at, does) = match how {
+        Call::At(at, does) => (None, at, does),
+        Call::From(at, does) => (Some(call.arguments[at] as i32), at + 1, does),
+        Call::Leaves(name) => return notes.give_up(format!("it calls `{name}`")),
     };
     let path = match path(call.pid, folder, call.arguments[at]) {
         Ok(Some(path)) => path,
@@ -347,7 +358,8 @@ fn hear(call: &Notification, calls: &[(libc::c_long, Call)], notes: &mut Notes) 
     };
     let what = match does {
         Does::Asks => Use::Presence,
-        Does::Runs => Use::Read,
+        Does::Runs => Use::Run,
+        Does::Reads => Use::Read,
         Does::Replaces => Use::Write,
         Does::Makes => Use::Make,
         Does::Opens(at) => used(call.arguments[at]),
@@ -373,7 +385,7 @@ fn used(flags: u64) -> Use {
         // A file without a name.
         _ if has(libc::O_TMPFILE) => Use::Presence,
         _ if has(libc::O_CREAT | libc::O_EXCL) => Use::Make,
-        libc::O_RDONLY if has(libc::O_CREAT) => Use::Make,
+        libc::O_RDONLY if has(libc::O_CREAT) => Use::ReadOrMake,
         libc::O_RDONLY => Use::Read,
         libc::O_WRONLY => Use::Write,
         _ if has(libc::O_TRUNC) => Use::Write,

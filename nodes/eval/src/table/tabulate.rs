@@ -161,7 +161,7 @@ pub fn tabulate(
         axes,
         per_item,
         notes,
-        formats: TableFormats { latex: params.latex },
+        formats: TableFormats { latex: params.latex, parquet: params.parquet },
     })
 }
 

@@ -138,7 +138,7 @@ impl<'t> MitsubaReader<'t, '_, '_> {
             && self.build.reach(&camera) > far
         {
             let what = format!("`far_clip` of {far} (10000 is the default) cuts the scene: here all of it is seen");
-            self.build.problems.approximated(at, what, "raise it beyond the scene");
+            self.build.problems.error(at, what, "raise it beyond the scene");
         }
         if sensors > 0 && view >= sensors {
             let what = format!("there is no sensor {view}: it has {sensors}, counted from 0");
@@ -169,11 +169,18 @@ impl<'t> MitsubaReader<'t, '_, '_> {
         let shown = self.build.shapes.iter().any(|shape| holds(&self.build.materials[shape.material], opacity));
         if shown && !integrator.sort.starts_with("volpath") {
             let sort = &integrator.sort;
-            let what = match bounded {
-                true => format!("`max_depth` of `{sort}` counts passages through masks, and here they are free"),
-                false => format!("`hide_emitters` of `{sort}` shows emitters through masks, and here it hides them"),
-            };
-            self.build.problems.approximated(&integrator.at, what, "use `volpath`, where they are free, too");
+            let (at, remedy) = (&integrator.at, "use `volpath`, where they are free, too");
+            if bounded {
+                let what = format!(
+                    "`max_depth` of `{sort}` counts passages through masks, and here they are free (in our test of six \
+                     masks in a row, 2.8% of the mean and up to 24% in a bin at a depth of 4, 0.3% and 4% at 8, less \
+                     than 0.1% and 2% at 16)"
+                );
+                self.build.problems.approximated(at, what, remedy);
+            } else {
+                let what = format!("`hide_emitters` of `{sort}` shows emitters through masks, and here it hides them");
+                self.build.problems.error(at, what, remedy);
+            }
         }
     }
 

@@ -44,7 +44,7 @@ pub fn mirror(builder: &mut Builder<'_>, camera: &mut Camera) {
     [&mut camera.origin, &mut camera.target, &mut camera.up].into_iter().for_each(flip);
     if builder.materials.iter().any(|bsdf| holds(bsdf, maps_normals)) {
         let at = Place::file("scene");
-        builder.problems.approximated(
+        builder.problems.error(
             &at,
             "a mirrored camera with normal maps, whose green is then upside down",
             "take the mirroring scale out of the camera's transform",

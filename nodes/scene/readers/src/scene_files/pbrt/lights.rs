@@ -110,7 +110,13 @@ impl<'t> PbrtReader<'t, '_, '_> {
         let strength = self.strength(directive, "power", 2.0 * PI * ((1.0 - begin) + (begin - end) / 2.0));
         let intensity = self.spectrum(directive, "I").map(|v| v * strength);
         if delta != 0.0 {
-            let what = "a spot's smooth edge: here it falls linearly with the angle";
+            let [most, power] = edge_error(cutoff_angle, cutoff_angle - delta);
+            let what = format!(
+                "a spot's smooth edge: here it falls linearly with the angle, which differs by up to {:.0}% of the \
+                 peak within the edge, and by {:+.1}% in all light",
+                100.0 * most,
+                100.0 * power
+            );
             self.build.problems.approximated(&directive.at, what, "set `conedeltaangle` to 0");
         }
         let (from, to) = (apply(&self.state.ctm, from), apply(&self.state.ctm, to));
@@ -137,7 +143,6 @@ impl<'t> PbrtReader<'t, '_, '_> {
             self.build.problems.error(at, "a second environment", "keep one of them");
             return None;
         }
-        self.build.problems.approximated(at, "an equal-area map, whose texels are spread anew", "use a constant light");
         let image = self.build.image(path, false, at)?;
         if image.width() != image.height() {
             let what = format!("`{path}` is not square");
@@ -158,10 +163,34 @@ impl<'t> PbrtReader<'t, '_, '_> {
         }
         let strength = self.strength(directive, "illuminance", illuminance(&image));
         let spread = latitudes(&image, color.map(|v| v * strength));
+        let what = format!(
+            "an equal-area map, whose texels are spread anew, which changes all light by {:+.2}%",
+            100.0 * (mean_light(&spread) / mean_light_of_square(&image, color, strength) - 1.0)
+        );
+        self.build.problems.approximated(at, what, "use a constant light");
         let digest = self.build.blobs.add(spread.to_bytes());
         let to_world: Affine = [0, 1, 2].map(|r: usize| [axes[0][r], axes[1][r], axes[2][r], 0.0]);
         Some(Emitter::Envmap { image: digest, scale: 1.0, to_world })
     }
+}
+
+/// How a spot whose edge falls linearly with the angle differs from pbrt's, which falls smoothly with the cosine: at
+/// most at an angle, of the peak, and in all light, of pbrt's. Angles are in degrees.
+fn edge_error(end: f64, begin: f64) -> [f64; 2] {
+    const STEPS: u32 = 1000;
+    let [cos_end, cos_begin] = [end, begin].map(|angle| maths::cos(angle.to_radians()));
+    let (mut most, mut theirs, mut ours) = (0.0f64, 0.0, 0.0);
+    for step in 0..STEPS {
+        let angle = end * (f64::from(step) + 0.5) / f64::from(STEPS);
+        let (cos, sin) = (maths::cos(angle.to_radians()), maths::sin(angle.to_radians()));
+        let t = ((cos - cos_end) / (cos_begin - cos_end)).clamp(0.0, 1.0);
+        let smooth = t * t * (3.0 - 2.0 * t);
+        let linear = ((end - angle) / (end - begin)).clamp(0.0, 1.0);
+        most = most.max((smooth - linear).abs());
+        theirs += smooth * sin;
+        ours += linear * sin;
+    }
+    [most, if theirs > 0.0 { ours / theirs - 1.0 } else { 0.0 }]
 }
 
 /// Where a direction lies in an equal-area map: Clarberg, *Fast Equal-Area Mapping of the (Hemi)Sphere using SIMD*.
@@ -197,6 +226,23 @@ fn illuminance(map: &Image) -> f64 {
         }
     }
     sum * 2.0 * PI / (width * height_of) as f64
+}
+
+/// The mean over all directions of an equal-area map in this colour, channels summed.
+fn mean_light_of_square(map: &Image, color: [f64; 3], strength: f64) -> f64 {
+    let sum = |c: usize| map.data().iter().skip(c).step_by(3).map(|v| f64::from(*v)).sum::<f64>();
+    let light: f64 = (0..3).map(|c: usize| sum(c) * color[c] * strength).sum();
+    light / (map.width() * map.height()).max(1) as f64
+}
+
+/// The mean over all directions of a map by longitude and latitude, channels summed.
+fn mean_light(map: &Image) -> f64 {
+    let rows = map.height();
+    let weight = |y: usize| maths::sin((y as f64 + 0.5) / rows as f64 * PI);
+    let row =
+        |y: usize| (0..map.width()).map(|x| map.pixel(x, y).iter().map(|v| f64::from(*v)).sum::<f64>()).sum::<f64>();
+    let light: f64 = (0..rows).map(|y| weight(y) * row(y)).sum();
+    light / ((0..rows).map(weight).sum::<f64>() * map.width() as f64)
 }
 
 /// Samples along each side of a texel.

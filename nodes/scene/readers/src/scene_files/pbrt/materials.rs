@@ -14,15 +14,15 @@ const DEEPEST: usize = 32;
 /// Most materials and textures in one material, and in all.
 const MOST_VISITS: [usize; 2] = [1 << 12, 1 << 17];
 
-/// Index of refraction of pbrt's glasses at 587.6 nm.
-const GLASSES: [(&str, f64); 7] = [
-    ("glass-BK7", 1.5168),
-    ("glass-BAF10", 1.670_03),
-    ("glass-FK51A", 1.486_56),
-    ("glass-LASF9", 1.850_25),
-    ("glass-F5", 1.672_7),
-    ("glass-F10", 1.728_25),
-    ("glass-F11", 1.784_72),
+/// Index of refraction of pbrt's glasses at 587.6 nm, and Abbe's number of its dispersion.
+const GLASSES: [(&str, f64, f64); 7] = [
+    ("glass-BK7", 1.5168, 64.17),
+    ("glass-BAF10", 1.670_03, 47.11),
+    ("glass-FK51A", 1.486_56, 84.47),
+    ("glass-LASF9", 1.850_25, 32.17),
+    ("glass-F5", 1.672_7, 32.21),
+    ("glass-F10", 1.728_25, 28.41),
+    ("glass-F11", 1.784_72, 25.76),
 ];
 
 /// A surface that nothing meets.
@@ -122,7 +122,8 @@ impl<'t> PbrtReader<'t, '_, '_> {
                 })
             }
             "coateddiffuse" => {
-                let what = "a coat of layers, by Mitsuba's `plastic`";
+                let what = "a coat of layers, by Mitsuba's `plastic` (in our test, the share of light that it reflects \
+                            differs by up to 2.6% where it is smooth, and by up to 0.7% from an alpha of 0.1 on)";
                 self.build.problems.approximated(&directive.at, what, "use `diffuse` or `conductor`");
                 let diffuse_reflectance = self.share(directive, "reflectance", 0.5)?;
                 let (int_ior, [u, v]) = (self.index(directive), self.alphas(directive, ""));
@@ -156,7 +157,8 @@ impl<'t> PbrtReader<'t, '_, '_> {
     }
 
     fn bent(&mut self, directive: &'t Directive, path: &'t str, inner: Option<Bsdf>) -> Option<Bsdf> {
-        let what = "a normal map in pbrt's own frames";
+        let what = "a normal map, whose normals that turn away from the viewer are black here (in our test, 2.3% of \
+                    the mean and up to 71% in a bin)";
         self.build.problems.approximated(&directive.at, what, "take `normalmap` out");
         let image = self.build.picture(path, true, Channels::Colors, Bound::Share, &directive.at)?;
         let uv = [[1.0, 0.0, 0.0], [0.0, -1.0, 1.0]];
@@ -179,12 +181,17 @@ impl<'t> PbrtReader<'t, '_, '_> {
         let found = match (&param.values, param.sort.as_str()) {
             (Values::Numbers(values), "float") if values.len() == 1 => Some(values[0]),
             (Values::Texts(values), "spectrum") if values.len() == 1 => {
-                let glass = GLASSES.iter().find(|g| g.0 == values[0]).map(|g| g.1);
-                if glass.is_some() {
+                let glass = GLASSES.iter().find(|g| g.0 == values[0]);
+                if let Some((name, index, abbe)) = glass {
                     let remedy = "write one index, such as `\"float eta\" 1.5`";
-                    self.build.problems.approximated(&param.at, "a glass without its dispersion", remedy);
+                    let what = format!(
+                        "`{name}` without its dispersion: its index is {index} here, and varies by {:.1}% from blue \
+                         (486 nm) to red (656 nm)",
+                        100.0 * (index - 1.0) / abbe / index
+                    );
+                    self.build.problems.approximated(&param.at, what, remedy);
                 }
-                glass
+                glass.map(|glass| glass.1)
             }
             _ => None,
         };

@@ -49,6 +49,14 @@ fn maps_that_mirror_turn_what_has_no_normals_as_mitsuba_does() {
 }
 
 #[test]
+fn hidden_emitters_behind_masks_are_refused() {
+    let text = xml("<integrator type=\"path\"><boolean name=\"hide_emitters\" value=\"true\"/></integrator>\
+                    <shape type=\"cube\"><bsdf type=\"mask\"><bsdf type=\"diffuse\"/></bsdf></shape>");
+    let told = load("a.xml", &text, &[], true).expect_err("nothing bounds the difference");
+    assert!(told.contains("shows emitters through masks") && told.contains("use `volpath`"), "{told}");
+}
+
+#[test]
 fn paths_that_count_passages_are_told() {
     let of = |integrator: &str, bsdf: &str| {
         xml(&format!("{integrator}<shape type=\"cube\"><bsdf type=\"{bsdf}\"><bsdf type=\"diffuse\"/></bsdf></shape>"))
@@ -190,7 +198,7 @@ fn a_far_clip_matters_where_it_cuts() {
     for text in [of(far, "3"), of("", "20000")] {
         let told = load("a.xml", &text, &[], false).expect_err("it goes on");
         assert!(told.contains("line 2: `far_clip` of") && told.contains("cuts the scene"), "{told}");
-        load("a.xml", &text, &[], true).expect("allowed");
+        load("a.xml", &text, &[], true).expect_err("it may hide anything");
     }
 }
 

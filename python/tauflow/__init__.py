@@ -1,0 +1,27 @@
+"""Reads what tauflow makes: exports, folders of results, and pipelines with their cache.
+
+    import tauflow
+    results = tauflow.open("out/quickstart")
+    results["test_ladders"]["L0-open-000003"].rung(16)
+"""
+
+from ._errors import TauflowError
+from ._images import EXPOSED, RAW, Image
+from ._items import Item, Node
+from ._open import Pipeline, Results, open, program
+from .exr import read_channels, read_layers
+
+__all__ = [
+    "EXPOSED",
+    "Image",
+    "Item",
+    "Node",
+    "Pipeline",
+    "RAW",
+    "Results",
+    "TauflowError",
+    "open",
+    "program",
+    "read_channels",
+    "read_layers",
+]

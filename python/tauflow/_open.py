@@ -1,0 +1,159 @@
+"""Opens exports, folders of results, and pipelines with their cache."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Union
+
+from ._errors import TauflowError
+from ._items import Node, read_json
+from ._tables import read_rows, typed
+
+
+def program() -> str:
+    """The `tauflow` command: $TAUFLOW, the one that was installed with this package, or the one in PATH.
+
+    Raises TauflowError if there is none.
+    """
+    named = os.environ.get("TAUFLOW")
+    if named:
+        return named
+    beside = os.path.join(os.path.dirname(sys.executable), "tauflow")
+    found = beside if os.access(beside, os.X_OK) else shutil.which("tauflow")
+    if not found:
+        raise TauflowError("there is no `tauflow` command; install it, or name it in the variable TAUFLOW")
+    return found
+
+
+def _run(words: List[str]) -> str:
+    try:
+        done = subprocess.run([program(), *words], capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise TauflowError(f"{program()}: {error}") from None
+    if done.returncode:
+        raise TauflowError(done.stderr.strip() or f"`tauflow {' '.join(words)}` failed with {done.returncode}")
+    return done.stdout
+
+
+class Pipeline:
+    """The results of a pipeline in its cache. Nodes are exported to a temporary folder when they are first read."""
+
+    def __init__(
+        self,
+        file: str,
+        profile: Optional[str] = None,
+        set: Iterable[str] = (),
+        cache: Optional[str] = None,
+        raw: bool = False,
+    ):
+        self.file = file
+        self._options = [*(["--profile", profile] if profile else []), *(w for s in set for w in ("--set", s))]
+        self._cache = ["--cache", cache] if cache else []
+        self._raw = ["--raw"] if raw else []
+        self._folder = tempfile.TemporaryDirectory(prefix="tauflow-")
+        self._nodes: Dict[str, Node] = {}
+
+    def __getitem__(self, node: str) -> Node:
+        """The items of a node: `node`, `node.port`, or `node[axis=value].port`.
+
+        Raises TauflowError if there is no such node, or it is not up to date; the message says what to run.
+        """
+        if node not in self._nodes:
+            folder = os.path.join(self._folder.name, str(len(self._nodes)))
+            words = ["export", self.file, node, "-o", folder, *self._raw, *self._options, *self._cache]
+            _run(words)
+            self._nodes[node] = Node(folder, "open the pipeline again", self._folder)
+        return self._nodes[node]
+
+    def __repr__(self) -> str:
+        return f"<Pipeline {' '.join([self.file, *self._options])}>"
+
+
+class Results:
+    """A folder of results, `out/<pipeline>`: its tables and pictures, and the nodes of the run that made it."""
+
+    def __init__(self, folder: str, summary: Mapping[str, Any], cache: Optional[str], raw: bool):
+        self.folder, self.summary = folder, dict(summary)
+        #: Name of the pipeline.
+        self.name: str = summary.get("pipeline", os.path.basename(os.path.abspath(folder)))
+        self._cache, self._raw = cache, raw
+        self._pipeline: Optional[Pipeline] = None
+
+    @property
+    def files(self) -> List[str]:
+        """Names of its files."""
+        return sorted(name for name in os.listdir(self.folder) if os.path.isfile(os.path.join(self.folder, name)))
+
+    def path(self, name: str) -> str:
+        """Path of a file. Raises TauflowError if there is none of this name."""
+        if name not in self.files:
+            raise TauflowError(f"{self.folder} has no file `{name}`; it has {', '.join(self.files)}")
+        return os.path.join(self.folder, name)
+
+    def rows(self, table: str) -> List[Dict[str, Any]]:
+        """The rows of a CSV table, numbers as numbers."""
+        return read_rows(self.path(table if table.endswith(".csv") else table + ".csv"))
+
+    def frame(self, table: str):
+        """A CSV table as a pandas DataFrame."""
+        return typed(self.rows(table))
+
+    @property
+    def pipeline(self) -> Pipeline:
+        """The pipeline of the last run of this name in the cache, with its profile and overrides."""
+        if self._pipeline is None:
+            import json
+
+            words = ["runs", self.name, "--json", "--last", "1", *(["--cache", self._cache] if self._cache else [])]
+            lines = _run(words).splitlines()
+            if not lines:
+                raise TauflowError(f"no run of `{self.name}` is recorded in the cache; open the pipeline file instead")
+            run = json.loads(lines[-1])
+            self._pipeline = Pipeline(run["file"], run.get("profile"), run.get("overrides", []), self._cache, self._raw)
+        return self._pipeline
+
+    def __getitem__(self, node: str) -> Node:
+        """The items of a node of the run (see `Pipeline`)."""
+        return self.pipeline[node]
+
+    def __iter__(self) -> Iterator[str]:
+        return (node["node"] for node in self.summary.get("nodes", []))
+
+    def __repr__(self) -> str:
+        return f"<Results {self.folder}: {len(self.files)} files, {len(list(self))} nodes>"
+
+
+def open(
+    path: Union[str, os.PathLike],
+    *,
+    profile: Optional[str] = None,
+    set: Iterable[str] = (),
+    cache: Optional[Union[str, os.PathLike]] = None,
+    raw: bool = False,
+) -> Union[Node, Results, Pipeline]:
+    """Opens results.
+
+    - A folder that `tauflow export` wrote: its items, a `Node`.
+    - A folder of results such as `out/quickstart`: `Results`.
+    - A pipeline file: `Pipeline`, with `profile` and `set` as on the command line.
+
+    `cache` is the cache folder, by default that of the command. `raw` gives all images as raw radiance.
+    Raises TauflowError for anything else, and for what is damaged.
+    """
+    path = os.fspath(path)
+    cache = None if cache is None else os.fspath(cache)
+    if os.path.isfile(path):
+        return Pipeline(path, profile, set, cache, raw)
+    if not os.path.isdir(path):
+        raise TauflowError(f"{path}: there is no such file or folder")
+    if os.path.isfile(os.path.join(path, "manifest.json")):
+        return Node(path, "export it again")
+    if os.path.isfile(os.path.join(path, "run.json")):
+        return Results(path, read_json(os.path.join(path, "run.json")), cache, raw)
+    raise TauflowError(
+        f"{path}: this is neither an export (it has no `manifest.json`) nor a folder of results (no `run.json`)"
+    )

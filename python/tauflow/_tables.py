@@ -1,0 +1,48 @@
+"""Tables as pandas DataFrames."""
+
+from __future__ import annotations
+
+import csv
+from typing import Any, Dict, List
+
+from ._errors import TauflowError
+
+
+def _pandas():
+    try:
+        import pandas
+    except ImportError:
+        raise TauflowError("tables need pandas: `pip install pandas`; `rows()` gives them as dictionaries") from None
+    return pandas
+
+
+def number(text: Any) -> Any:
+    """A text as the number that it says, else itself."""
+    if not isinstance(text, str):
+        return text
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text
+
+
+def typed(rows: List[Dict[str, Any]]):
+    """Rows as a DataFrame; a column whose every text is a number has numbers."""
+    pandas = _pandas()
+    frame = pandas.DataFrame(rows)
+    for name in frame.columns:
+        values = [number(value) for value in frame[name]]
+        if not any(isinstance(value, str) for value in values):
+            frame[name] = values
+    return frame
+
+
+def read_rows(path: str) -> List[Dict[str, Any]]:
+    """The rows of a CSV file, numbers as numbers. Raises TauflowError if it cannot be read."""
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            return [{name: number(value) for name, value in row.items()} for row in csv.DictReader(file)]
+    except (OSError, ValueError, csv.Error) as error:
+        raise TauflowError(f"{path}: {error}") from None

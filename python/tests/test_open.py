@@ -1,0 +1,124 @@
+"""Exports, folders of results and pipelines of a real run."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+import tauflow
+
+
+def test_a_pipeline_is_read_node_by_node(tiny):
+    results = tauflow.open(tiny.file, cache=tiny.cache)
+    ladders = results["ladders"]
+    assert 6 <= len(ladders) <= 12, "most scenes pass the gate"
+    assert ladders.port == "ladder"
+    key = next(iter(ladders))
+    item = ladders[key]
+    assert item.rungs == [1, 4, 16] and item.axes == {} and item.scene == key
+    image = item.rung(16)
+    assert image.shape == (16, 24, 3) and image.space == tauflow.RAW and image.raw() is image
+    assert np.asarray(image).dtype == np.float32 and np.asarray(image, dtype=np.float64).dtype == np.float64
+    assert item.variance().shape == (16, 24, 3)
+    preview = image.preview()
+    assert preview.min() >= 0.0 and preview.max() < 1.0
+    packed = results["packed"][key]
+    gbuffer = packed.gbuffer()
+    assert {name: layer.shape for name, layer in gbuffer.items()} == {"albedo": (16, 24, 3), "normal": (16, 24, 3)}
+    with pytest.raises(tauflow.TauflowError, match="no rung of 2 samples; its rungs: 1, 4, 16"):
+        packed.rung(2)
+    with pytest.raises(tauflow.TauflowError, match="there is no node `laders`"):
+        results["laders"]
+    with pytest.raises(tauflow.TauflowError, match=f"no item `x{key}`; did you mean `{key}`"):
+        ladders["x" + key]
+
+
+def test_cells_are_axes(tiny):
+    held = tauflow.open(tiny.file, cache=tiny.cache)["held"]
+    scene = next(iter(held)).rsplit("/", 1)[-1]
+    assert len(held) == 2 * len(tauflow.open(tiny.file, cache=tiny.cache)["ladders"])
+    with pytest.raises(tauflow.TauflowError, match="in 2 cells; name one, such as `from="):
+        held[scene]
+    assert held[f"from=4/{scene}"].axes == {"from": "4"}
+    (name, image), = held[f"from=4/{scene}"].images.items()
+    assert image.shape == (16, 24, 3), name
+
+
+def test_scores_are_rows_and_frames(tiny):
+    pandas = pytest.importorskip("pandas")
+    scores = tauflow.open(tiny.file, cache=tiny.cache)["scores"]
+    rows = scores.rows()
+    assert len(rows) == len(scores) and {row["from"] for row in rows} == {"1", "4"}
+    frame = scores.frame()
+    assert isinstance(frame, pandas.DataFrame) and len(frame) == len(rows)
+    assert frame["from"].dtype.kind == "i" and frame["hdr_psnr"].dtype.kind == "f"
+    means = frame.groupby("from")["hdr_psnr"].mean()
+    assert means[4] > means[1], "four samples are nearer to the reference"
+    # The table of the run says the same.
+    results = tauflow.open(tiny.out / "tiny", cache=tiny.cache)
+    table = results.frame("items")
+    found = table.groupby("spp")["hdr_psnr"].mean()
+    assert abs(found[4] - means[4]) < 1e-9 and abs(found[1] - means[1]) < 1e-9
+
+
+def test_a_folder_of_results_leads_to_its_nodes(tiny):
+    results = tauflow.open(tiny.out / "tiny", cache=tiny.cache)
+    assert results.name == "tiny" and "table.csv" in results.files and "ladders" in list(results)
+    assert set(results["ladders"]) == set(tauflow.open(tiny.file, cache=tiny.cache)["ladders"])
+    with pytest.raises(tauflow.TauflowError, match="no file `tables`|no file `tables.csv`"):
+        results.rows("tables")
+
+
+def test_raw_radiance_is_the_ladder(tiny):
+    ladders = tauflow.open(tiny.file, cache=tiny.cache)["ladders"]
+    packed = tauflow.open(tiny.file, cache=tiny.cache, raw=True)["packed"]
+    for key in ladders:
+        assert np.allclose(packed[key].rung(4).raw().data, ladders[key].rung(4).data, rtol=1e-5)
+
+
+def test_an_export_is_read_and_its_damage_told(tiny, tmp_path):
+    folder = tiny.export("packed", tmp_path / "packed")
+    node = tauflow.open(folder)
+    key = next(iter(node))
+    assert node[key].rung(1).shape == (16, 24, 3) and key in node and "nothing" not in node
+    file = folder / key / "spp-000001.exr"
+    whole = file.read_bytes()
+    file.write_bytes(whole[:200])
+    with pytest.raises(tauflow.TauflowError, match="spp-000001.exr"):
+        node[key].rung(1)
+    file.unlink()
+    with pytest.raises(tauflow.TauflowError, match="spp-000001.exr: the file is missing; export it again"):
+        node[key].rung(1)
+    (folder / key / "meta.json").write_text("{")
+    with pytest.raises(tauflow.TauflowError, match="meta.json"):
+        node[key].rung(4)
+    for text in ["", "[]", "{}", json.dumps({"items": [{}]})]:
+        (folder / "manifest.json").write_text(text)
+        with pytest.raises(tauflow.TauflowError, match="manifest.json"):
+            tauflow.open(folder)
+    shutil.rmtree(folder)
+    with pytest.raises(tauflow.TauflowError, match="no such file or folder"):
+        tauflow.open(folder)
+    folder.mkdir()
+    with pytest.raises(tauflow.TauflowError, match="neither an export"):
+        tauflow.open(folder)
+
+
+def test_what_is_stale_names_the_command(tiny, tmp_path):
+    other = tmp_path / "tiny.yaml"
+    other.write_text(tiny.file.read_text().replace("rungs: [1, 4, 16]", "rungs: [1, 4, 8]"))
+    with pytest.raises(tauflow.TauflowError, match="run the pipeline"):
+        tauflow.open(other, cache=tiny.cache)["ladders"]
+
+
+def test_pairs_are_a_dataset_for_pytorch(tiny):
+    torch = pytest.importorskip("torch")
+    from tauflow.torch import Pairs
+
+    node = tauflow.open(tiny.file, cache=tiny.cache)["packed"]
+    pairs = Pairs(node, noisy=1, gbuffer=True)
+    batch = next(iter(torch.utils.data.DataLoader(pairs, batch_size=3)))
+    assert batch["noisy"].shape == batch["clean"].shape == (3, 3, 16, 24) and batch["gbuffer"].shape == (3, 6, 16, 24)
+    key = batch["item"][1]
+    assert torch.equal(batch["clean"][1], torch.from_numpy(np.moveaxis(node[key].rung(16).data, -1, 0).copy()))
