@@ -7,12 +7,12 @@ use super::{
     action::{action_key, files_artifact, panicked},
     execute::Whole,
     holdings::Holdings,
-    ids::{InputId, LaneId, PortId, SlotId},
+    ids::{InputId, LaneId, SlotId},
     output::Items,
     records::ACTION,
     request::{
-        Finding, LaneListing, LookUp, LookUps, LookedUp, Merge, Merged, Request, Response, ShardRead, Task, Todo,
-        prefixed,
+        Finding, LaneListing, ListingRead, LookUp, LookUps, LookedUp, Merge, Merged, Request, Response, ShardRead,
+        Task, Todo, prefixed,
     },
     rollup,
     sharded::{Here, Listed, Shard, Sharded},
@@ -81,7 +81,7 @@ impl Catalog<'_> {
     }
 
     /// Reads the listings of collections.
-    fn listings(&self, asked: Vec<LaneListing>) -> Result<Vec<(LaneId, PortId, Option<Arc<Sharded>>)>, CacheError> {
+    fn listings(&self, asked: Vec<LaneListing>) -> Result<Vec<ListingRead>, CacheError> {
         let blobs: Vec<(&Listed, &'static str)> = asked.iter().map(|of| (&of.listed, of.media)).collect();
         let read = Sharded::get_many(self.holdings.store, &blobs)?;
         Ok(asked.iter().zip(read).map(|(of, read)| (of.lane, of.port, read.map(Arc::new))).collect())

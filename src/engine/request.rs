@@ -58,7 +58,7 @@ pub enum Response {
     /// The lanes that an earlier run left whole, of those that were asked for.
     Lanes(Vec<LaneFound>),
     /// Collections by lane and port; none where the listing is missing.
-    Listings(Vec<(LaneId, PortId, Option<Arc<Sharded>>)>),
+    Listings(Vec<ListingRead>),
     /// The results of looking up actions.
     Actions(Vec<LookedUp>),
     /// The results of looking up shards of a lane.
@@ -126,6 +126,9 @@ pub struct LaneListing {
     /// The media type of its items.
     pub media: &'static str,
 }
+
+/// The collection of a lane's port; none if its listing is missing.
+pub type ListingRead = (LaneId, PortId, Option<Arc<Sharded>>);
 
 /// Shards of one lane that are looked up together.
 pub struct ShardLookUps {

@@ -8,7 +8,7 @@ use super::{
     keys,
     lanes::Lanes,
     records::Payload,
-    request::{LaneFound, LaneListing, LaneLookUp, LaneOf, Request, Task},
+    request::{LaneFound, LaneListing, LaneLookUp, LaneOf, ListingRead, Request, Task},
     sharded::Sharded,
 };
 use crate::pipeline::Pipeline;
@@ -120,7 +120,7 @@ impl RolledLanes {
 
     /// Notes the collections that were read. A lane of which a listing is missing is not known after all: it must work,
     /// and needs what it reads.
-    pub fn note_listings(&mut self, read: Vec<(LaneId, PortId, Option<Arc<Sharded>>)>) {
+    pub fn note_listings(&mut self, read: Vec<ListingRead>) {
         for (lane, port, collection) in read {
             match collection {
                 Some(collection) if self.payloads[lane].is_some() => {

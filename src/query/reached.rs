@@ -23,7 +23,8 @@ pub struct Reached {
 /// # Errors
 /// If the store cannot be read.
 pub fn reached<'a>(store: &Store, names: impl Iterator<Item = &'a String>) -> Result<Vec<Reached>, CacheError> {
-    let (mut reached, mut users): (Vec<(&String, Vec<Digest>)>, BTreeMap<Digest, u64>) = Default::default();
+    let mut reached: Vec<(&String, Vec<Digest>)> = Vec::new();
+    let mut users: BTreeMap<Digest, u64> = BTreeMap::new();
     for name in names {
         let trees: Vec<Digest> = store.by_label(PIPELINE, name).into_iter().flat_map(|r| r.trees).collect();
         let mut blobs = store.reach(&[], &trees)?;
