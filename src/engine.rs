@@ -15,16 +15,19 @@ mod keys;
 mod lanes;
 mod listing;
 mod look_up;
+mod output;
 mod probe;
 pub(crate) mod publish;
 mod reached;
 mod records;
 mod request;
+mod rolled;
 mod rollup;
 mod run;
 mod scheduler;
 mod sharded;
 mod sighted;
+mod steering;
 mod transient;
 
 pub use event::Summary;
@@ -124,7 +127,7 @@ pub enum EngineError {
     /// The request makes no sense for this pipeline.
     #[error("{0}")]
     Request(String),
-    /// What executes actions cannot.
+    /// The executor failed.
     #[error("{0}")]
     Executor(String),
     /// What is asked for was there, and is lost or damaged: [`restore`] makes it again.

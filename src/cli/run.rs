@@ -147,7 +147,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     let observer = recorded.then(|| Observer::start(&pipeline, &record, cache.folder(), page));
     let begun = display.begun();
     let summary = std::thread::scope(|scope| {
-        // Beside the run, as listing sources may take a while.
+        // In parallel with the run, because listing sources may take a while.
         let (display, pipeline, store, observer) = (&display, &pipeline, &store, &observer);
         scope.spawn(move || {
             if begun.recv().is_ok() {

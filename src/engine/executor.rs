@@ -36,7 +36,7 @@ pub trait Executor {
     /// If an answer cannot be kept.
     fn environment(&self, kind: &dyn NodeKind, params: &Value, group: Group) -> Result<Option<Value>, EngineError>;
 
-    /// What it would take on now.
+    /// The work that it accepts now.
     fn capacity(&self) -> Capacity;
 
     /// Takes actions on, which run in this order.
@@ -73,11 +73,11 @@ pub struct Order {
     pub action: PreparedAction,
 }
 
-/// What became of an [`Order`].
+/// The reply to an [`Order`].
 pub struct Reply {
     /// Its lane and slot.
     pub slot: (LaneId, SlotId),
-    /// What became of it.
+    /// The outcome.
     pub execution: Execution,
     /// It was the last of its batch.
     pub last: bool,

@@ -146,7 +146,7 @@ fn wait(share: Share, of: &Waiting<'_>, orders: &mpsc::Receiver<Awaited>) {
         let mut left = Vec::new();
         for awaited in open {
             let Awaited { order, wanted } = &awaited;
-            let holdings = Holdings { store: of.store, pool: &of.pool, wanted };
+            let holdings = Holdings { store: of.store, pool: Some(&of.pool), wanted };
             let done = order.action.recorded(of.store).and_then(|record| {
                 holdings.made(record.as_deref(), &order.action.producer.spec, order.action.producer.group)
             });
