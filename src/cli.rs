@@ -10,6 +10,7 @@ mod checkpoints;
 mod config;
 mod descendants;
 mod exec;
+mod exec_args;
 mod executor;
 mod explain;
 mod export;
@@ -160,7 +161,7 @@ enum Command {
     /// Write manual pages, one per command: `man ./tauflow-run.1`.
     Man(setup::ManArgs),
     /// Rerun one cached action in isolation and compare the outputs with the recorded ones.
-    Exec(exec::ExecArgs),
+    Exec(exec_args::ExecArgs),
     /// Inspect and maintain the cache.
     #[command(subcommand)]
     Cache(cache::CacheCommand),

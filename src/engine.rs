@@ -15,20 +15,23 @@ mod keys;
 mod lanes;
 mod listing;
 mod look_up;
+mod output;
 mod probe;
 pub(crate) mod publish;
 mod reached;
 mod records;
 mod request;
+mod rolled;
 mod rollup;
 mod run;
 mod scheduler;
 mod sharded;
 mod sighted;
+mod steering;
 mod transient;
 
 pub use event::Summary;
-pub use executor::{ChildCommand, JobOptions, Scheduling};
+pub use executor::{ChildCommand, JobOption, JobOptions, Scheduling, Share};
 pub use lanes::Only;
 pub(crate) use lanes::target_ports;
 pub use reached::{holds_anywhere, reached};
@@ -71,6 +74,8 @@ pub struct RunOptions {
     pub out: Option<PathBuf>,
     /// Where actions run.
     pub executor: ExecutorKind,
+    /// The share of the actions that this run does; all of them unless told.
+    pub share: Option<Share>,
 }
 
 /// Where actions run.
@@ -99,6 +104,7 @@ impl Default for RunOptions {
             verify: false,
             out: None,
             executor: ExecutorKind::Threads,
+            share: None,
         }
     }
 }
@@ -121,7 +127,7 @@ pub enum EngineError {
     /// The request makes no sense for this pipeline.
     #[error("{0}")]
     Request(String),
-    /// What executes actions cannot.
+    /// The executor failed.
     #[error("{0}")]
     Executor(String),
     /// What is asked for was there, and is lost or damaged: [`restore`] makes it again.

@@ -52,7 +52,7 @@ const MOST_FAILURES: usize = 100;
 /// Runs that may begin in the same second.
 const MOST_A_SECOND: u32 = 10_000;
 
-/// What a run did.
+/// The result of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunRecord {
     /// Version of this format.

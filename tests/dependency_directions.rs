@@ -165,47 +165,78 @@ fn cargo_test_at_the_root_skips_no_member() {
     assert_eq!(list("workspace_default_members"), list("workspace_members"), "default-members must list every member");
 }
 
-#[test]
-fn one_file_names_the_kinds_crates() {
-    let members = members(&metadata());
-    let crates: Vec<String> =
-        members.iter().filter(|(_, m)| layer(&m.folder) == KINDS).map(|(name, _)| name.replace('-', "_")).collect();
-    let mut folders = vec![root().join("src")];
-    let mut naming = BTreeSet::new();
+/// The Rust files of a folder and of all folders below it: path from the root, and text.
+fn sources_below(folder: &str) -> BTreeMap<String, String> {
+    let (mut folders, mut found) = (vec![root().join(folder)], BTreeMap::new());
     while let Some(folder) = folders.pop() {
         for entry in fs::read_dir(folder).expect("src can be read").map(|e| e.expect("src can be read").path()) {
             if entry.is_dir() {
                 folders.push(entry);
             } else if entry.extension().is_some_and(|e| e == "rs") {
-                let text = fs::read_to_string(&entry).expect("a source file");
-                if crates.iter().any(|name| text.contains(name.as_str())) {
-                    naming.insert(entry.strip_prefix(root()).expect("below the root").display().to_string());
-                }
+                let path = entry.strip_prefix(root()).expect("below the root").display().to_string();
+                found.insert(path, fs::read_to_string(&entry).expect("a source file"));
             }
+        }
+    }
+    found
+}
+
+/// The code of a file, without comments and without its unit tests, which stand at its end.
+fn code_of(text: &str) -> String {
+    let code = text.split("#[cfg(test)]").next().unwrap_or_default();
+    code.lines().map(str::trim).filter(|line| !line.starts_with("//")).collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn one_file_names_the_kinds_crates() {
+    let members = members(&metadata());
+    let crates: Vec<String> =
+        members.iter().filter(|(_, m)| layer(&m.folder) == KINDS).map(|(name, _)| name.replace('-', "_")).collect();
+    let mut naming = BTreeSet::new();
+    for (path, text) in sources_below("src") {
+        if crates.iter().any(|name| text.contains(name.as_str())) {
+            naming.insert(path);
         }
     }
     assert_eq!(naming, BTreeSet::from(["src/registry.rs".to_owned()]));
 }
 
-/// The scheduler decides and does nothing: what it needs of the store, of files and of kinds it asks for.
+/// What code names that reads or writes a store or files, or runs a kind's code; one line for each.
+fn deeds(path: &str, text: &str) -> Vec<String> {
+    let code = code_of(text);
+    let words: BTreeSet<&str> = code.split(|c: char| !(c.is_alphanumeric() || c == '_')).collect();
+    let names =
+        ["Store", "StoreBlobs", "Holdings", "Catalog", "Pool", "fs", "File", "look_up", "lookup", "lookup_many"];
+    let named = names.into_iter().chain(["probe", "sighted", "projection"]).filter(|name| words.contains(name));
+    let calls = ["kind.items(", "kind.run(", "kind.seed(", "execute(", "rollup::", ".load(store", "Sharded::get"];
+    let called = calls.into_iter().filter(|call| code.contains(call));
+    named.chain(called).map(|what| format!("{path}: `{what}`")).collect()
+}
+
+/// The scheduler and the loop that drives it decide and do nothing: they send requests for what they need of the store,
+/// of files and of kinds.
 #[test]
-fn the_scheduler_imports_no_store_and_runs_no_kind() {
-    let folder = root().join("src/engine/scheduler");
-    let mut seen = 0;
-    let below = fs::read_dir(&folder).expect("src can be read").map(|e| e.expect("src can be read").path());
-    for entry in below.chain([folder.with_extension("rs")]) {
-        let text = fs::read_to_string(&entry).expect("a source file");
-        let code = text.lines().map(str::trim).filter(|line| !line.starts_with("//")).collect::<Vec<_>>().join("\n");
-        let words: BTreeSet<&str> = code.split(|c: char| !(c.is_alphanumeric() || c == '_')).collect();
-        for word in ["Store", "Holdings", "Catalog", "Pool", "fs", "File", "look_up", "probe", "projection"] {
-            assert!(!words.contains(word), "{} names `{word}`: ask for it by a request", entry.display());
-        }
-        for call in ["kind.items(", "kind.run(", "kind.seed(", "execute("] {
-            assert!(!code.contains(call), "{} calls `{call}`: ask for it by a request", entry.display());
-        }
-        seen += 1;
+fn the_scheduler_and_the_loop_of_a_run_import_no_store_and_run_no_kind() {
+    let mut files = sources_below("src/engine/scheduler");
+    assert!(files.len() > 5, "the scheduler has moved");
+    for path in ["src/engine/scheduler.rs", "src/engine/steering.rs", "src/engine/rolled.rs", "src/engine/keys.rs"] {
+        files.insert(path.to_owned(), fs::read_to_string(root().join(path)).expect("a source file"));
     }
-    assert!(seen > 5, "the scheduler has moved");
+    assert!(files["src/engine/steering.rs"].contains("scheduler.next_request()"), "the loop has moved");
+    let found: Vec<String> = files.iter().flat_map(|(path, text)| deeds(path, text)).collect();
+    assert_eq!(found, [""; 0], "send a request instead");
+    // The rest of a run begins passes and ends them. It looks nothing up.
+    let run = code_of(&fs::read_to_string(root().join("src/engine/run.rs")).expect("a source file"));
+    for call in ["lookup", "rollup::find", "store.get(", "Sharded::get", "next_request("] {
+        assert!(!run.contains(call), "src/engine/run.rs: `{call}`; send a request instead");
+    }
+}
+
+#[test]
+fn a_deed_is_found_in_code_and_not_in_comments_or_tests() {
+    let found = deeds("a.rs", "use tauflow_cache::{Key, Store};\nlet items = kind.items(&params);\n");
+    assert_eq!(found, ["a.rs: `Store`", "a.rs: `kind.items(`"]);
+    assert_eq!(deeds("a.rs", "// A Store.\nuse tauflow_cache::Key;\n#[cfg(test)]\nuse tauflow_cache::Store;"), [""; 0]);
 }
 
 /// Rust code in a doc comment that begins a fence: the line of each.

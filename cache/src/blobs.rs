@@ -76,6 +76,25 @@ impl Store {
         }
     }
 
+    /// Reads several blobs, each as [`get`](Self::get) does. A store behind a network needs one round trip for all.
+    ///
+    /// # Errors
+    /// When a file that is there cannot be read.
+    pub fn get_many(&self, digests: &[Digest]) -> Result<Vec<Option<Vec<u8>>>, CacheError> {
+        let mut found = digests.iter().map(|digest| self.get_now(digest)).collect::<Result<Vec<_>, _>>()?;
+        for (digest, blob) in digests.iter().zip(&mut found).filter(|(_, blob)| blob.is_none()) {
+            *blob = self.blob_beyond(digest)?;
+        }
+        if found.iter().any(Option::is_none) {
+            gc::wait_for_sweep(&self.layout);
+            self.refresh()?;
+            for (digest, blob) in digests.iter().zip(&mut found).filter(|(_, blob)| blob.is_none()) {
+                *blob = self.get_now(digest)?;
+            }
+        }
+        Ok(found)
+    }
+
     /// `get`, but never waiting for a collection: for the collection itself.
     pub(crate) fn get_now(&self, digest: &Digest) -> Result<Option<Vec<u8>>, CacheError> {
         // Three rounds: where the index says, where a gc may have moved it, where another process may have put it.

@@ -3,7 +3,7 @@
 use super::{
     CacheAt, CliError, Exit,
     descendants::{self, LOOK, PATIENCE},
-    exec::ExecArgs,
+    exec_args::ExecArgs,
 };
 use nix::{
     sys::{

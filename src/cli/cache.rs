@@ -4,12 +4,9 @@ use super::{
     CacheAt, CliError, Exit, bytes_text, seconds_text, table, terminal,
     upstream::{self, PushArgs},
 };
-use crate::{engine::PIPELINE, kinds::Registry};
+use crate::{engine::PIPELINE, kinds::Registry, query};
 use clap::Subcommand;
-use std::{
-    collections::BTreeMap,
-    time::{SystemTime, UNIX_EPOCH},
-};
+use std::time::{SystemTime, UNIX_EPOCH};
 use tauflow_cache::{Digest, GcOptions, GcReport, Store};
 
 /// Commands for the cache.
@@ -63,17 +60,8 @@ pub(crate) enum CacheCommand {
 /// The blobs that the last complete run of each pipeline refers to.
 fn by_pipeline<'a>(store: &Store, names: impl Iterator<Item = &'a String>) -> Result<(), CliError> {
     let mut rows = vec![["pipeline", "blobs", "size", "its own"].map(str::to_owned).to_vec()];
-    let (mut reached, mut users) = (Vec::new(), BTreeMap::new());
-    for name in names {
-        let trees: Vec<Digest> = store.by_label(PIPELINE, name).into_iter().flat_map(|r| r.trees).collect();
-        let mut blobs = store.reach(&[], &trees)?;
-        blobs.retain(|blob| store.contains(blob));
-        blobs.iter().for_each(|blob| *users.entry(*blob).or_insert(0) += 1);
-        reached.push((name, blobs));
-    }
-    for (name, blobs) in &reached {
-        let size = |own: bool| blobs.iter().filter(|b| !own || users[*b] == 1).map(|b| b.size).sum::<u64>();
-        rows.push(vec![(*name).clone(), blobs.len().to_string(), bytes_text(size(false)), bytes_text(size(true))]);
+    for of in query::reached(store, names)? {
+        rows.push(vec![of.pipeline, of.blobs.to_string(), bytes_text(of.bytes), bytes_text(of.own_bytes)]);
     }
     if rows.len() > 1 {
         out!("\n{}", table(&rows));

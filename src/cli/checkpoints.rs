@@ -1,17 +1,12 @@
 //! `tauflow checkpoints`: the trained weights of a pipeline, listed and written as files.
 
-use super::{
-    CacheAt, CliError, Exit, PipelineArgs, bytes_text, counted,
-    results::{Reading, unread},
-    runs::records,
-    table,
-};
+use super::{CacheAt, CliError, Exit, PipelineArgs, bytes_text, counted, results::unread, runs::records, table};
 use crate::{
     engine::{self, publish},
     ids::{Id, PortId},
     kinds::Registry,
     pipeline::Pipeline,
-    query::Selection,
+    query::{Reading, Selection},
     runs::RunRecord,
 };
 use clap::Args;

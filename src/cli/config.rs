@@ -48,6 +48,10 @@ impl Config {
             Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
                 return Ok(Self::default());
             }
+            // A home that is another user's, as programs that change users leave it, has no file of this user.
+            Err(_) if path.symlink_metadata().is_err_and(|e| e.kind() == io::ErrorKind::PermissionDenied) => {
+                return Ok(Self::default());
+            }
             Err(error) => return Err(wrong(error.to_string())),
         };
         let text = String::from_utf8(bytes).map_err(|error| wrong(error.to_string()))?;

@@ -1,6 +1,6 @@
 //! `tauflow exec`.
 
-use super::{CacheAt, CliError, Exit, alone, cache::seconds};
+use super::{CacheAt, CliError, Exit, alone, exec_args::ExecArgs};
 use crate::{
     engine::{
         batch::{self, BatchFile},
@@ -8,9 +8,8 @@ use crate::{
     },
     kinds::Registry,
 };
-use clap::Args;
 use std::{
-    path::{Path, PathBuf},
+    path::Path,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -21,41 +20,6 @@ use tauflow_contract::{Silent, read_regular};
 
 /// Most bytes of an action's file: far more than any has.
 const MOST_BYTES: u64 = 1 << 28;
-
-/// Arguments of `exec`.
-#[derive(Args)]
-pub(crate) struct ExecArgs {
-    /// Key of the action or a prefix of it, or a file written by `--print`.
-    #[arg(required_unless_present = "batch")]
-    action: Option<String>,
-    /// Stop the action and all its child processes after this time, such as 90s, 10m or 2h.
-    #[arg(long, value_name = "TIME", value_parser = seconds)]
-    pub(super) limit: Option<f64>,
-    /// Run the action in a bubblewrap (`bwrap`) sandbox: without network, and with write access only to its working
-    /// directory and the cache. Without this option, `exec` is not a sandbox.
-    #[arg(long)]
-    pub(super) sandbox: bool,
-    /// Print the action instead of running it, for use on another machine.
-    #[arg(long)]
-    print: bool,
-    /// Run the actions of a batch file one after the other, and print a line of JSON for each. `run --executor`
-    /// starts these processes, and jobs of a scheduler.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["action", "limit", "sandbox", "print"])]
-    batch: Option<PathBuf>,
-    /// Append these lines to a file instead. The batch then goes on when the process that started it is gone.
-    #[arg(long, value_name = "FILE", requires = "batch")]
-    lines: Option<PathBuf>,
-    /// Internal: already in a separate process, with this working directory.
-    #[arg(long, hide = true, value_name = "DIR")]
-    inside: Option<PathBuf>,
-}
-
-impl ExecArgs {
-    /// The action; the command line must name one where it names no batch.
-    pub(super) fn action(&self) -> &str {
-        self.action.as_deref().unwrap_or_default()
-    }
-}
 
 impl From<ExecError> for CliError {
     fn from(error: ExecError) -> Self {

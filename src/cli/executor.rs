@@ -1,7 +1,10 @@
 //! Options of `run` that say where actions run.
 
 use super::{CacheAt, CliError, cache::seconds, config::Config};
-use crate::engine::{ChildCommand, ExecutorKind, JobOptions, Scheduling};
+use crate::{
+    engine::{ChildCommand, ExecutorKind, JobOption, JobOptions, Scheduling},
+    pipeline::Pipeline,
+};
 use clap::{Args, ValueEnum};
 use std::{path::Path, process::Command, time::Duration};
 
@@ -22,8 +25,9 @@ pub(crate) struct ExecutorArgs {
     /// Run an action again so often if its job ends before it is done.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(..=100))]
     retries: u32,
-    /// Pass this option to `sbatch`, `hq submit` or the submit command, such as --job-option=--mem=8G. Can be repeated.
-    #[arg(long = "job-option", value_name = "OPTION", allow_hyphen_values = true)]
+    /// Pass this option to `sbatch`, `hq submit` or the submit command, such as --job-option=--mem=8G. An option after
+    /// a node, such as --job-option=training:--gres=gpu:1, is for jobs of this node. Can be repeated.
+    #[arg(long = "job-option", value_name = "[NODE:]OPTION", allow_hyphen_values = true)]
     options: Vec<String>,
     /// Ask the scheduler for the state of jobs every so often.
     #[arg(long, value_name = "TIME", default_value = "3s", value_parser = seconds)]
@@ -57,7 +61,7 @@ enum Where {
 
 impl ExecutorArgs {
     /// The executor, for so many actions or jobs at a time; 0 leaves it to the executor.
-    pub(crate) fn executor(&self, cache: &CacheAt, jobs: usize) -> Result<ExecutorKind, CliError> {
+    pub(crate) fn executor(&self, cache: &CacheAt, pipeline: &Pipeline, jobs: usize) -> Result<ExecutorKind, CliError> {
         if self.executor != Where::Command && (self.submit.is_some() || self.poll.is_some() || self.cancel.is_some()) {
             let message = "--submit, --poll and --cancel need --executor command";
             return Err(CliError::Bad(message.into()));
@@ -77,7 +81,7 @@ impl ExecutorArgs {
         Ok(ExecutorKind::Jobs(JobOptions {
             scheduling,
             worker: worker(cache)?,
-            options: self.options.clone(),
+            options: self.options.iter().map(|text| option(text, pipeline)).collect::<Result<_, _>>()?,
             duration: Duration::from_secs_f64(self.batch),
             retries: self.retries,
             most: if jobs == 0 { MOST_JOBS } else { jobs },
@@ -105,6 +109,19 @@ impl ExecutorArgs {
             cancel: of(&self.cancel, known.cancel, "cancel", "{ids}")?,
         })
     }
+}
+
+/// Reads `OPTION`, or `NODE:OPTION`.
+fn option(text: &str, pipeline: &Pipeline) -> Result<JobOption, CliError> {
+    let Some((node, option)) = text.split_once(':').filter(|_| !text.starts_with('-')) else {
+        return Ok(JobOption { node: None, text: text.to_owned() });
+    };
+    if !pipeline.nodes.iter().any(|known| known.name == node) {
+        let known: Vec<&str> = pipeline.nodes.iter().map(|node| node.name.as_str()).collect();
+        let known = known.join(", ");
+        return Err(CliError::Bad(format!("--job-option {text}: unknown node `{node}`; the pipeline has {known}")));
+    }
+    Ok(JobOption { node: Some(node.to_owned()), text: option.to_owned() })
 }
 
 /// The command that runs a batch in another process.

@@ -2,21 +2,17 @@
 
 use super::{
     CacheAt, CliError, Exit, PipelineArgs, counted,
-    results::{Reading, collection, restore, unread},
+    results::{collection, restore, unread},
 };
-use crate::{ids::Id, kinds::Registry, query::Selection};
+use crate::{
+    ids::Id,
+    kinds::Registry,
+    query::{Exposures, Reading, Selection},
+};
 use clap::Args;
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    path::PathBuf,
-    sync::atomic::AtomicBool,
-};
-use tauflow_cache::Store;
-use tauflow_contract::{Artifact, Collection, Context, ItemKey, KindError, Media as _, Radiance, Silent};
-use tauflow_data::{
-    folder::{self, DiskFolder, ExportedItem, Manifest},
-    records::Exposure,
-};
+use std::{path::PathBuf, sync::atomic::AtomicBool};
+use tauflow_contract::{Artifact, Collection, Context, ItemKey, KindError, Radiance, Silent};
+use tauflow_data::folder::{self, DiskFolder, ExportedItem, Manifest};
 
 /// Arguments of `export`.
 #[derive(Args)]
@@ -41,8 +37,9 @@ pub(crate) fn export(args: &ExportArgs, registry: &Registry, cache: &CacheAt) ->
     let reading = Reading(&store);
     let stop = AtomicBool::new(false);
     let ctx = Context::new(&reading, &Silent, &stop);
-    let exposures = exposures(&asked, &store, &ctx);
-    let radiance = |key: &ItemKey| Radiance { exposure: exposure_of(&exposures, key), raw: args.raw };
+    // An exposure that cannot be read is unknown.
+    let exposures = Exposures::of(&asked, &ctx, &|of| collection(of, &store).ok());
+    let radiance = |key: &ItemKey| Radiance { exposure: exposures.of_item(key), raw: args.raw };
     let mut out = DiskFolder::new(&args.out);
     folder::begin(&out).map_err(unwritten)?;
     let mut restored = false;
@@ -70,52 +67,6 @@ pub(crate) fn export(args: &ExportArgs, registry: &Registry, cache: &CacheAt) ->
     eprintln!("{}", counted(count, "item"));
     outln!("{}", args.out.display());
     Ok(Exit::Done)
-}
-
-/// The exposures that an output was made with, by scene: those that its node reads, directly or through other nodes. A
-/// scene that has several gets none.
-fn exposures(of: &Selection<'_>, store: &Store, ctx: &Context<'_>) -> BTreeMap<String, Option<f64>> {
-    let pipeline = of.pipeline();
-    let (mut found, mut seen) = (BTreeMap::new(), BTreeSet::new());
-    let mut open: Vec<usize> = pipeline.nodes[of.node].cells.clone().collect();
-    let mut sources = BTreeSet::new();
-    while let Some(cell) = open.pop() {
-        for from in pipeline.cells[cell].inputs.iter().flatten() {
-            let node = pipeline.cells[from.cell].node;
-            if pipeline.nodes[node].spec.outputs[from.port.place()].media == Exposure::NAME {
-                sources.insert((node, from.port.place()));
-            }
-            if seen.insert(from.cell) {
-                open.push(from.cell);
-            }
-        }
-    }
-    for (node, port) in sources {
-        let of = &pipeline.nodes[node];
-        // What is not there is not known.
-        let name = format!("{}.{}", of.name, of.spec.outputs[port].name);
-        let Ok(selection) = Selection::parse(&name, pipeline) else { continue };
-        let Ok(items) = collection(&selection, store) else { continue };
-        for (key, artifact) in items.iter() {
-            let factor = Exposure::load(ctx, artifact).ok().map(|exposure| exposure.factor);
-            let known = found.entry(key.as_str().to_owned()).or_insert(factor);
-            if *known != factor {
-                *known = None;
-            }
-        }
-    }
-    found
-}
-
-/// The exposure of an item, whose key is that of its scene, or ends with it after the texts of cells.
-fn exposure_of(exposures: &BTreeMap<String, Option<f64>>, key: &ItemKey) -> Option<f64> {
-    let mut rest = key.as_str();
-    loop {
-        if let Some(factor) = exposures.get(rest) {
-            return *factor;
-        }
-        rest = rest.split_once('/')?.1;
-    }
 }
 
 /// Writes every item; of the first that cannot be written, its key and why.

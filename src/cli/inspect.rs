@@ -58,7 +58,7 @@ pub(crate) fn graph(args: &GraphArgs, registry: &Registry, cache: &CacheAt) -> R
     Ok(Exit::Done)
 }
 
-/// What the cache holds of each node, and how long it took; nothing if there is no cache.
+/// The cached results of each node, and the time that they took; nothing if there is no cache.
 fn notes(pipeline: &Pipeline, cache: &CacheAt) -> Result<BTreeMap<String, Note>, CliError> {
     if !cache.folder().is_dir() {
         return Ok(BTreeMap::new());

@@ -65,7 +65,7 @@ pub(super) fn without_secret(command: Vec<String>, to: &Address) -> Vec<String> 
     command.into_iter().map(|word| word.replace(&to.url, &to.public())).collect()
 }
 
-/// What is sent.
+/// The message that is sent.
 fn message(record: &RunRecord) -> String {
     let first = record.failures.first().map(|failure| json!({ "action": failure.only(), "message": failure.message }));
     json!({

@@ -52,7 +52,7 @@ s.textContent='no news for '+Math.round(old)+' s: killed, or not on this clock'}
 const COLOURS: [&str; 10] =
     ["#3d6ea5", "#e0a030", "#2f855a", "#a05195", "#d45087", "#5aa9c7", "#7a5c3a", "#8fae3e", "#665191", "#f07a55"];
 
-/// What does not change while the run goes on.
+/// The parts that do not change during the run.
 pub(crate) struct Page {
     record: RunRecord,
     chart: Chart,
@@ -316,7 +316,7 @@ fn summary(nodes: &[LiveNode]) -> String {
     format!("{} ran, {hit} as before{failed}", counted(ran, "action"))
 }
 
-/// What the graph says of a node.
+/// The note of a node in the graph.
 fn note(node: &LiveNode, going: bool) -> Note {
     let counts = &node.counts;
     let done = counts.hit + counts.ran;

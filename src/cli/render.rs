@@ -78,7 +78,7 @@ impl RenderArgs {
         if self.integrator == "path_and_light" { IntegratorKind::PathAndLight } else { IntegratorKind::Path }
     }
 
-    /// What does not go together, before anything is rendered.
+    /// Checks for conflicting options before anything is rendered.
     fn check(&self) -> Result<(), CliError> {
         check_picture(&self.out)?;
         let bad = |what: String| Err(CliError::Bad(what));
@@ -96,7 +96,7 @@ impl RenderArgs {
     }
 }
 
-/// What is shown of a render on its way.
+/// The display of a render in progress.
 struct Shown<'a> {
     args: &'a RenderArgs,
     bar: ProgressBar,

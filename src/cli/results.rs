@@ -6,29 +6,8 @@ use crate::{
     query::{Selection, SelectionError},
 };
 use std::sync::atomic::AtomicBool;
-use tauflow_cache::{Digest, Store};
-use tauflow_contract::{Artifact, Blobs, Collection, KindError, MemoKey};
-
-/// The store, for reading only.
-pub(crate) struct Reading<'a>(pub(crate) &'a Store);
-
-impl Blobs for Reading<'_> {
-    fn get(&self, digest: &Digest) -> Result<Option<Vec<u8>>, KindError> {
-        self.0.get(digest).map_err(|e| KindError::Environment(e.to_string()))
-    }
-
-    fn put(&self, _: &[u8]) -> Result<Digest, KindError> {
-        Err(KindError::Internal("results are read only, but a blob was to be stored".into()))
-    }
-
-    fn memo_get(&self, _: &MemoKey) -> Option<Artifact> {
-        None
-    }
-
-    fn memo_put(&self, _: &MemoKey, _: &Artifact) -> Result<(), KindError> {
-        Err(KindError::Internal("results are read only, but a sub-action was to be kept".into()))
-    }
-}
+use tauflow_cache::Store;
+use tauflow_contract::{Collection, KindError};
 
 /// The items of a selection, if its node is up to date. What was there and is lost is made again.
 pub(crate) fn collection(of: &Selection<'_>, store: &Store) -> Result<Collection, CliError> {

@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     engine::{
-        self, Only, RunOptions, Summary,
+        self, Only, RunOptions, Share, Summary,
         event::{self, Failure},
     },
     kinds::Registry,
@@ -65,6 +65,12 @@ pub(crate) struct RunArgs {
     /// Memory budget for running actions and transient outputs, such as 8GiB. Default: half of the memory.
     #[arg(long, value_name = "SIZE", value_parser = bytes)]
     memory: Option<u64>,
+    /// Do only share I of N of the actions, for runs on one cache that you start by hand on N machines.
+    #[arg(long, value_name = "I/N", conflicts_with_all = ["recheck", "only"])]
+    shard: Option<Share>,
+    /// With --shard: wait for the actions of other shards, and do the whole run together with them.
+    #[arg(long, requires = "shard")]
+    wait: bool,
     /// Stop at the first failure.
     #[arg(long)]
     fail_fast: bool,
@@ -126,7 +132,8 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         only,
         memory: args.memory,
         out: Some(args.out.clone()),
-        executor: args.executor.executor(cache, args.jobs.into())?,
+        executor: args.executor.executor(cache, &pipeline, args.jobs.into())?,
+        share: args.shard.map(|share| share.waiting(args.wait)),
         ..RunOptions::default()
     };
     let mut record = RunRecord::begin(&pipeline, args.pipeline.file().0, args.pipeline.overrides());
@@ -140,7 +147,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     let observer = recorded.then(|| Observer::start(&pipeline, &record, cache.folder(), page));
     let begun = display.begun();
     let summary = std::thread::scope(|scope| {
-        // Beside the run, as listing sources may take a while.
+        // In parallel with the run, because listing sources may take a while.
         let (display, pipeline, store, observer) = (&display, &pipeline, &store, &observer);
         scope.spawn(move || {
             if begun.recv().is_ok() {

@@ -168,7 +168,7 @@ fn show(before: &RunRecord, after: &RunRecord, found: &Comparison, all: bool) {
         let digest = |digest: &Option<tauflow_cache::Digest>| digest.map_or_else(|| "none".into(), |d| d.short());
         let why = if change.bitwise { "" } else { "  (machine-dependent or measured)" };
         let (before, after) = match (change.before, change.after) {
-            // Of several cells, only how they changed is the same.
+            // Several cells share only how they changed.
             (Some(_), Some(_)) if !all && cell_of(&change.name).is_some() => {
                 return (change.name.as_str(), format!("different{why}"));
             }

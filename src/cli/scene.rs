@@ -5,13 +5,13 @@
 
 use super::{
     CacheAt, CliError, Exit, PipelineArgs,
-    results::{Reading, collection, unread},
+    results::{collection, unread},
 };
 use crate::{
     diagnostics::did_you_mean,
     engine::publish,
     kinds::Registry,
-    query::Selection,
+    query::{Reading, Selection},
     registry::{LightUnit, Options, Setting, View, environment_map, load_scene_in, sky},
 };
 use clap::{Args, Subcommand};

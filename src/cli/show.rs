@@ -1,10 +1,13 @@
 //! `tauflow show`: what an item is, the verdict of the gate, and its files.
 
-use super::{
-    CacheAt, CliError, Exit, PipelineArgs, bytes_text, counted,
-    results::{Reading, unread},
+use super::{CacheAt, CliError, Exit, PipelineArgs, bytes_text, counted, results::unread};
+use crate::{
+    diagnostics::nearest,
+    engine::EngineError,
+    kinds::Registry,
+    pipeline::Pipeline,
+    query::{Reading, Selection},
 };
-use crate::{diagnostics::nearest, engine::EngineError, kinds::Registry, pipeline::Pipeline, query::Selection};
 use clap::Args;
 use std::{collections::BTreeSet, sync::atomic::AtomicBool};
 use tauflow_cache::Store;
@@ -116,7 +119,7 @@ fn artifact_in_full(ctx: &Context<'_>, key: &ItemKey, artifact: &Artifact) -> Re
     Ok(())
 }
 
-/// What the gates of the pipeline say of an item of this name.
+/// The verdicts of the pipeline's gates on an item of this name.
 fn verdicts(
     pipeline: &Pipeline,
     store: &Store,

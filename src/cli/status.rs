@@ -35,7 +35,7 @@ struct Open {
     state: Option<LiveState>,
 }
 
-/// What there is to show.
+/// The information to show.
 struct Found {
     open: Vec<Open>,
     /// The latest run that ended by itself.

@@ -5,12 +5,10 @@
 
 use super::{
     EngineError,
-    exec::{ActionFile, ExecError, Handling},
-    execute::{Execution, Outcome, PreparedAction, execute},
+    exec::{ActionFile, ExecError, ExecSite, Handling},
+    execute::{Execution, Outcome, PreparedAction},
     holdings::Holdings,
     ids::Id,
-    records::ACTION,
-    transient::Pool,
 };
 use crate::kinds::Registry;
 use nix::{
@@ -37,7 +35,7 @@ use tauflow_contract::{Digest, Progress, read_regular};
 /// Most bytes of a batch's file: far more than any has.
 const MOST_BYTES: u64 = 1 << 30;
 
-/// What a process is to run, in this order.
+/// The actions that a process runs, in this order.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BatchFile {
@@ -54,7 +52,7 @@ pub struct BatchFile {
 pub struct BatchedAction {
     /// The action.
     pub action: ActionFile,
-    /// What its pipeline says of it.
+    /// How its pipeline handles it.
     #[serde(default)]
     pub handling: Handling,
     /// It was done before, and runs only to be compared.
@@ -62,7 +60,7 @@ pub struct BatchedAction {
     pub compare: bool,
 }
 
-/// What a process tells, one line of JSON each. Actions are named by their place in the batch.
+/// Messages of a process, one line of JSON each. Actions are named by their place in the batch.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(tag = "batch", rename_all = "snake_case")]
 pub enum Line {
@@ -77,7 +75,7 @@ pub enum Line {
         action: usize,
         /// Units done.
         done: u64,
-        /// Of so many.
+        /// The total number of units.
         total: u64,
         /// A line.
         message: String,
@@ -123,12 +121,12 @@ impl BatchedAction {
     /// If the store cannot be written.
     pub(super) fn leave(action: &PreparedAction, holdings: Holdings<'_>) -> Result<Self, CacheError> {
         let Holdings { store, pool, .. } = holdings;
-        let keep = |digest: &Digest| match pool.get(digest) {
+        let keep = |digest: &Digest| match pool.and_then(|pool| pool.get(digest)) {
             Some(bytes) => store.put(&bytes).map(drop),
             None => Ok(()),
         };
         action.each.iter().flat_map(|(_, output)| output.artifact.parts.values()).try_for_each(keep)?;
-        if pool.bytes() > 0 {
+        if pool.is_some_and(|pool| pool.bytes() > 0) {
             for (_, sharded) in action.whole.iter() {
                 sharded.blobs(store)?.0.iter().try_for_each(keep)?;
             }
@@ -140,30 +138,14 @@ impl BatchedAction {
         Ok(Self { action: file, handling, compare: action.before.is_some() })
     }
 
-    fn run(self, of: &Serving<'_>, progress: &dyn Progress) -> Execution {
-        let hash = self.action.key.hash();
-        let mut action = match self.action.prepare(of.holdings.store, of.registry, self.handling) {
-            Ok(action) => action,
-            Err(ExecError::Missing(blob)) => return Execution::of(Outcome::Missing(vec![blob])),
-            Err(ExecError::Cache(error)) => return Execution::of(Outcome::Fatal(error.into())),
-            Err(other) => return Execution::of(Outcome::Failed(other.to_string())),
-        };
-        if self.compare {
-            let record = of.holdings.store.lookup(ACTION, &hash);
-            match of.holdings.made(record.as_deref(), &action.producer.spec, action.producer.group) {
-                Ok(made) => action.before = made,
-                Err(error) => return Execution::of(Outcome::Fatal(error.into())),
-            }
+    fn run(self, site: &ExecSite<'_>, progress: &dyn Progress) -> Execution {
+        match self.action.execute(site, self.handling, self.compare, progress) {
+            Ok((_, execution)) => execution,
+            Err(ExecError::Missing(blob)) => Execution::of(Outcome::Missing(vec![blob])),
+            Err(ExecError::Cache(error)) => Execution::of(Outcome::Fatal(error.into())),
+            Err(other) => Execution::of(Outcome::Failed(other.to_string())),
         }
-        execute(&action, of.holdings, of.stop, progress)
     }
-}
-
-/// What the actions of a batch share in their process.
-struct Serving<'a> {
-    holdings: Holdings<'a>,
-    registry: &'a Registry,
-    stop: &'a AtomicBool,
 }
 
 struct Reporter<'a> {
@@ -199,16 +181,15 @@ impl BatchFile {
         stop: &AtomicBool,
         tell: &(dyn Fn(&Line) + Sync),
     ) -> Result<(), EngineError> {
-        // Nothing is handed on in memory here: what is read is stored.
-        let (pool, wanted) = (Pool::new(0), self.wanted.into_iter().collect::<HashSet<_>>());
-        let holdings = Holdings { store, pool: &pool, wanted: &wanted };
-        let serving = Serving { holdings, registry, stop };
+        let wanted = self.wanted.into_iter().collect::<HashSet<_>>();
+        // Nothing is passed on in memory here: all inputs are stored.
+        let site = ExecSite { holdings: Holdings::stored(store, &wanted), registry, stop };
         for (action, of) in self.actions.into_iter().enumerate() {
             let execution = if stop.load(Ordering::Relaxed) {
                 Execution::of(Outcome::Cancelled)
             } else {
                 tell(&Line::Begun { action });
-                of.run(&serving, &Reporter { action, tell })
+                of.run(&site, &Reporter { action, tell })
             };
             let (warning, spent_us) = (execution.warning, execution.spent_us);
             let (end, fatal) = match execution.outcome {
@@ -275,11 +256,7 @@ pub fn serve(batch: BatchFile, store: &Store, registry: &Registry, lines: Option
 mod tests {
     use super::*;
     use crate::{
-        engine::{
-            execute::Producer,
-            ids::InputId,
-            sharded::{Output, Sharded},
-        },
+        engine::{execute::Producer, ids::InputId, output::Output, sharded::Sharded, transient::Pool},
         registry::registry,
     };
     use std::collections::BTreeMap;
@@ -312,7 +289,7 @@ mod tests {
             file: None,
             before: None,
         };
-        let holdings = Holdings { store: &store, pool: &pool, wanted: &wanted };
+        let holdings = Holdings { store: &store, pool: Some(&pool), wanted: &wanted };
         let left = BatchedAction::leave(&action, holdings).expect("the store has room");
         assert!(store.contains(&one) && store.contains(&other), "a child has no other place to read them");
         assert!(left.handling.transient && !left.compare);

@@ -12,7 +12,7 @@ use super::{
 };
 use crate::pipeline::Pipeline;
 use std::{collections::HashSet, path::PathBuf, sync::Arc};
-use tauflow_cache::Digest;
+use tauflow_cache::{CacheError, Digest};
 use tauflow_contract::Determinism;
 
 /// A port's collection at the end of a run.
@@ -22,13 +22,11 @@ pub(super) struct ResultOf {
     pub collection: Arc<Sharded>,
 }
 
-/// What is known of a lane's collection.
+/// The state of a lane's collection.
 enum LaneResult {
     Collection(Arc<Sharded>),
     /// The blob that lists it is not in the store.
     Missing(Digest),
-    /// The lane did not come to an end.
-    Unknown,
 }
 
 /// The files that were written, and the blobs that are missing, each with the lane whose output names it.
@@ -39,40 +37,35 @@ impl Run<'_> {
     pub(super) fn conclude(&mut self, lanes: &Lanes, scheduler: &Scheduler<'_>) -> Result<Concluded, EngineError> {
         let (mut publications, mut missing) = (Vec::new(), Vec::new());
         let publishing: HashSet<usize> = lanes.iter().filter(|l| self.publishes(l)).map(|l| l.node).collect();
-        for (id, lane) in lanes.pairs().filter(|(_, l)| l.target) {
-            for port in &lane.ports {
-                let collection = match self.result(scheduler, id, *port)? {
-                    LaneResult::Collection(collection) => collection,
-                    LaneResult::Missing(blob) => {
-                        missing.push((id, blob));
-                        continue;
-                    }
-                    LaneResult::Unknown => continue,
-                };
-                // Requested results must exist, whether or not a node reads them in this run.
-                let (blobs, listings) = collection.blobs(self.store)?;
-                missing.extend(listings.iter().map(|blob| (id, *blob)));
-                for digest in blobs {
-                    let here = if self.options.verify {
-                        self.store.get(&digest)?.is_some()
-                    } else {
-                        self.store.contains(&digest)
-                    };
-                    if !here {
-                        missing.push((id, digest));
-                    }
-                }
-                if !listings.is_empty() {
+        for (id, port, result) in self.results_of(lanes, scheduler)? {
+            let lane = &lanes[id];
+            let collection = match result {
+                LaneResult::Collection(collection) => collection,
+                LaneResult::Missing(blob) => {
+                    missing.push((id, blob));
                     continue;
                 }
-                if self.keep_results {
-                    self.results.push(ResultOf { cell: lane.cell, port: *port, collection: collection.clone() });
+            };
+            // Requested results must exist, whether or not a node reads them in this run.
+            let (blobs, listings) = collection.blobs(self.store)?;
+            missing.extend(listings.iter().map(|blob| (id, *blob)));
+            for digest in blobs {
+                let here =
+                    if self.options.verify { self.store.get(&digest)?.is_some() } else { self.store.contains(&digest) };
+                if !here {
+                    missing.push((id, digest));
                 }
-                if self.pipeline.nodes[lane.node].spec.outputs[port.place()].publish {
-                    let folder = self.folder(lane, publishing.len());
-                    let name = self.pipeline.cell_name(lane.cell);
-                    publications.push((id, publish::Publication { folder, name, collection }));
-                }
+            }
+            if !listings.is_empty() {
+                continue;
+            }
+            if self.keep_results {
+                self.results.push(ResultOf { cell: lane.cell, port, collection: collection.clone() });
+            }
+            if self.pipeline.nodes[lane.node].spec.outputs[port.place()].publish {
+                let folder = self.folder(lane, publishing.len());
+                let name = self.pipeline.cell_name(lane.cell);
+                publications.push((id, publish::Publication { folder, name, collection }));
             }
         }
         match &self.options.out {
@@ -103,24 +96,40 @@ impl Run<'_> {
         lane.target && lane.ports.iter().any(|p| outputs[p.place()].publish)
     }
 
-    /// A lane's collection, worked out now or in an earlier run.
-    fn result(&self, scheduler: &Scheduler<'_>, lane: LaneId, port: PortId) -> Result<LaneResult, EngineError> {
-        if let Some(result) = scheduler.result(lane, port) {
-            return Ok(LaneResult::Collection(result.clone()));
+    /// The collections of lanes that are asked for, worked out now or in an earlier run. Lanes that did not come to an
+    /// end have none.
+    fn results_of(
+        &self,
+        lanes: &Lanes,
+        scheduler: &Scheduler<'_>,
+    ) -> Result<Vec<(LaneId, PortId, LaneResult)>, CacheError> {
+        let targets = lanes.pairs().filter(|(_, lane)| lane.target);
+        let asked = targets.flat_map(|(id, lane)| lane.ports.iter().map(move |port| (id, *port)));
+        let (mut results, mut earlier) = (Vec::new(), Vec::new());
+        for (id, port) in asked {
+            let of = &self.pipeline.nodes[lanes[id].node].spec.outputs[port.place()];
+            if let Some(result) = scheduler.result(id, port) {
+                results.push((id, port, LaneResult::Collection(result.clone())));
+            } else if let Some(listed) = scheduler.rolled(id).and_then(|p| p.collections.get(of.name)) {
+                earlier.push((results.len(), (listed, of.media)));
+                results.push((id, port, LaneResult::Missing(listed.blob)));
+            }
         }
-        let of = &self.pipeline.nodes[scheduler.node_of(lane)].spec.outputs[port.place()];
-        let Some(listed) = scheduler.rolled(lane).and_then(|p| p.collections.get(of.name)) else {
-            return Ok(LaneResult::Unknown);
-        };
-        let found = Sharded::get(self.store, listed, of.media)?;
-        Ok(found.map_or(LaneResult::Missing(listed.blob), |found| LaneResult::Collection(Arc::new(found))))
+        // All listings of earlier runs are read together.
+        let (places, listings): (Vec<usize>, Vec<_>) = earlier.into_iter().unzip();
+        for (place, found) in places.into_iter().zip(Sharded::get_many(self.store, &listings)?) {
+            if let Some(found) = found {
+                results[place].2 = LaneResult::Collection(Arc::new(found));
+            }
+        }
+        Ok(results)
     }
 }
 
 /// Every output of the lanes, and the blobs that list them.
 pub fn outputs(pipeline: &Pipeline, lanes: &Lanes, scheduler: &Scheduler<'_>) -> (Vec<OutputOf>, Vec<Digest>) {
     let (mut found, mut trees): (Vec<OutputOf>, Vec<Digest>) = Default::default();
-    // What a lane reads decides, too, how far its outputs are reproducible.
+    // The inputs of a lane limit how far its outputs are reproducible.
     let mut read: Row<LaneId, _> = lanes.iter().map(|_| Determinism::Bitwise).collect();
     let weaker = |a: Determinism, b: Determinism| match (a, b) {
         (Determinism::Measured, _) | (_, Determinism::Measured) => Determinism::Measured,

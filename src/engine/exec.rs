@@ -2,15 +2,15 @@
 
 use super::{
     EngineError,
-    execute::{ActionInputs, Outcome, PreparedAction, Producer, execute},
+    execute::{ActionInputs, Execution, Outcome, PreparedAction, Producer, execute},
     explain,
     holdings::Holdings,
     ids::{Id, InputId, PortId},
+    output::Output,
     probe::Asking,
     records::{ACTION, port_of},
-    sharded::{Output, Sharded},
+    sharded::Sharded,
     sighted,
-    transient::Pool,
 };
 use crate::{kinds::Registry, pipeline::schema_check};
 use serde::{Deserialize, Serialize};
@@ -116,14 +116,9 @@ impl ActionFile {
         stop: &AtomicBool,
         progress: &dyn Progress,
     ) -> Result<Executed, ExecError> {
-        let (hash, kind) = (self.key.hash(), self.key.basis.kind.to_string());
-        let (pool, wanted) = (Pool::new(0), HashSet::new());
-        let holdings = Holdings { store, pool: &pool, wanted: &wanted };
-        let mut action = self.prepare(store, registry, Handling::default())?;
-        let record = store.lookup(ACTION, &hash);
-        action.before = holdings.made(record.as_deref(), &action.producer.spec, action.producer.group)?;
-        let new = action.before.is_none();
-        let execution = execute(&action, holdings, stop, progress);
+        let wanted = HashSet::new();
+        let site = ExecSite { holdings: Holdings::stored(store, &wanted), registry, stop };
+        let (action, execution) = self.execute(&site, Handling::default(), true, progress)?;
         if let Some(warning) = execution.warning {
             return Err(ExecError::Failed(warning));
         }
@@ -139,7 +134,30 @@ impl ActionFile {
         let mut outputs: BTreeMap<String, Digest> =
             made.items.iter().map(|(port, output)| (name(*port), output.digest)).collect();
         outputs.extend(made.collections.iter().map(|(port, sharded)| (name(*port), sharded.digest)));
-        Ok(Executed { key: hash, kind, new, outputs, wall_us: execution.spent_us })
+        let (kind, new) = (action.key.basis.kind.to_string(), action.before.is_none());
+        Ok(Executed { key: action.hash, kind, new, outputs, wall_us: execution.spent_us })
+    }
+
+    /// Prepares and executes it. If it is to be compared and the store has a record of it, it runs only to be compared
+    /// with that.
+    ///
+    /// # Errors
+    /// As [`ActionFile::prepare`].
+    pub(super) fn execute(
+        self,
+        site: &ExecSite<'_>,
+        handling: Handling,
+        compare: bool,
+        progress: &dyn Progress,
+    ) -> Result<(PreparedAction, Execution), ExecError> {
+        let store = site.holdings.store;
+        let mut action = self.prepare(store, site.registry, handling)?;
+        if compare {
+            let record = store.lookup(ACTION, &action.hash);
+            action.before = site.holdings.made(record.as_deref(), &action.producer.spec, action.producer.group)?;
+        }
+        let execution = execute(&action, site.holdings, site.stop, progress);
+        Ok((action, execution))
     }
 
     /// The action, ready to be executed on this machine.
@@ -224,7 +242,17 @@ impl ActionFile {
     }
 }
 
-/// What a pipeline says of an action beside its key.
+/// Where actions of files are executed.
+pub(super) struct ExecSite<'a> {
+    /// The store and what is beside it.
+    pub holdings: Holdings<'a>,
+    /// The kinds.
+    pub registry: &'a Registry,
+    /// Set when they are to stop.
+    pub stop: &'a AtomicBool,
+}
+
+/// How a pipeline handles an action, in addition to its key.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Handling {

@@ -8,9 +8,10 @@ use super::{
     action::{check_outputs, panicked},
     holdings::Holdings,
     ids::{Id, InputId, PortId},
+    output::Output,
     records::{self, ACTION, Made, Payload, StoreBlobs, port_of},
-    sharded::{Listed, Output, Sharded},
-    sighted::{self, Looks},
+    sharded::{Listed, Sharded},
+    sighted,
 };
 use serde::{Deserialize, Serialize};
 use std::{
@@ -31,11 +32,11 @@ use tauflow_contract::{
 /// Longest time between two checks whether another process has finished an action.
 const LONG_WAIT: Duration = Duration::from_millis(100);
 
-/// What makes the outputs of an action: shared by all actions of a lane.
+/// The kind and output group of an action. All actions of a lane share it.
 pub struct Producer {
     /// The kind.
     pub kind: Arc<dyn NodeKind>,
-    /// What the kind states.
+    /// The spec of the kind.
     pub spec: KindSpec,
     /// The group of outputs.
     pub group: &'static str,
@@ -56,7 +57,7 @@ pub type Whole = Vec<(InputId, Arc<Sharded>)>;
 
 /// An action that must run, with everything that it takes.
 pub struct PreparedAction {
-    /// What makes its outputs.
+    /// The kind and output group that make its outputs.
     pub producer: Arc<Producer>,
     /// Its key.
     pub key: ActionKey,
@@ -70,11 +71,11 @@ pub struct PreparedAction {
     pub whole: Arc<Whole>,
     /// The files outside that it reads.
     pub file: Option<Artifact>,
-    /// What it gave before, if it runs only to be compared.
+    /// Its earlier outputs, if it runs only to be compared.
     pub before: Option<Made>,
 }
 
-/// What it takes to do an action, beside its key: its inputs, where the key has their digests alone.
+/// The inputs of an action. The key contains only their digests.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ActionInputs {
@@ -89,7 +90,7 @@ pub struct ActionInputs {
     pub whole: BTreeMap<String, Listed>,
 }
 
-/// What became of an action that was to run.
+/// The outcome of an action.
 pub enum Outcome {
     /// Somebody else did it meanwhile.
     Hit(Made),
@@ -105,9 +106,9 @@ pub enum Outcome {
     Fatal(EngineError),
 }
 
-/// What [`execute`] gives back.
+/// The result of [`execute`].
 pub struct Execution {
-    /// What became of the action.
+    /// The outcome of the action.
     pub outcome: Outcome,
     /// A remark, such as two outputs for one key.
     pub warning: Option<String>,
@@ -142,13 +143,13 @@ pub fn execute(
     Execution { outcome, warning, spent_us: start.elapsed().as_micros() as u64 }
 }
 
-/// What an action that ran has produced, before it is recorded.
+/// The outputs of an action that ran, before they are recorded.
 struct Produced {
     payload: Payload,
     collections: Vec<(PortId, Arc<Sharded>)>,
     /// Bytes of the blobs that it put.
     put: u64,
-    /// What programs looked at among the files outside.
+    /// The files that programs opened.
     seen: Option<Seen>,
 }
 
@@ -241,7 +242,7 @@ impl Executing<'_> {
         if let Err(message) = check_outputs(&producer.spec, producer.group, &outputs) {
             return Ok(Err(Outcome::Failed(format!("internal error: {message}; please report it"))));
         }
-        // Of a transient node, what nobody reads is not even kept in memory.
+        // Outputs of a transient node that no node reads are not even kept in memory.
         let is_read = |name: &&String| port_of(&producer.spec, name).is_some_and(|port| producer.read.contains(&port));
         let items = outputs.items.iter().filter(|(name, _)| is_read(name)).map(|(_, artifact)| artifact);
         let gathered = outputs.collections.iter().filter(|(name, _)| is_read(name));
@@ -269,7 +270,7 @@ impl Executing<'_> {
             bytes += items.iter().map(|(_, output)| output.artifact.size()).sum::<u64>();
         }
         let recipe = serde_json::to_string(&action.given(store)?).expect("keys and digests always serialise");
-        // What a program saw is part of the key, and known only now.
+        // The files that a program opened are part of the key, and known only now.
         let full = seen.as_ref().map(|seen| sighted::full(&action.key, seen));
         let (key, hash) = full.as_ref().map_or((&action.key, action.hash), |key| (key, key.hash()));
         if let Some(seen) = &seen {
@@ -303,7 +304,7 @@ impl Executing<'_> {
         Ok(Outcome::Ran(Made { items, collections, wall_us, bytes, put }))
     }
 
-    /// What a recheck found.
+    /// The outcome of a recheck.
     fn compare(&self, payload: &Payload, made: &Made) -> Outcome {
         let spec = &self.producer.spec;
         let record = self.holdings.store.lookup(ACTION, &self.action.hash);
@@ -360,12 +361,12 @@ impl PreparedAction {
     /// If the store cannot be read.
     pub fn recorded(&self, store: &Store) -> Result<Option<Arc<Record>>, CacheError> {
         match self.runs_programs() {
-            true => Ok(Looks::default().find(store, &self.key)?.1),
+            true => Ok(sighted::find_many(store, &[&self.key])?.remove(0).record), // one for each key
             false => Ok(store.lookup(ACTION, &self.hash)),
         }
     }
 
-    /// What it takes to do the action again, beside its key.
+    /// The inputs of the action, for running it again.
     ///
     /// # Errors
     /// If the store cannot be written: it keeps the listings of collections.

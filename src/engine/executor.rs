@@ -7,11 +7,13 @@
 mod budget;
 mod jobs;
 mod processes;
+mod shard;
 mod threads;
 
 pub use budget::Capacity;
-pub use jobs::{JobOptions, Jobs, Scheduling};
+pub use jobs::{JobOption, JobOptions, Jobs, Scheduling};
 pub use processes::{ChildCommand, Processes};
+pub use shard::{Share, Shared, Waiting};
 pub use threads::{Site, Threads};
 
 use super::{
@@ -34,7 +36,7 @@ pub trait Executor {
     /// If an answer cannot be kept.
     fn environment(&self, kind: &dyn NodeKind, params: &Value, group: Group) -> Result<Option<Value>, EngineError>;
 
-    /// What it would take on now.
+    /// The work that it accepts now.
     fn capacity(&self) -> Capacity;
 
     /// Takes actions on, which run in this order.
@@ -71,11 +73,11 @@ pub struct Order {
     pub action: PreparedAction,
 }
 
-/// What became of an [`Order`].
+/// The reply to an [`Order`].
 pub struct Reply {
     /// Its lane and slot.
     pub slot: (LaneId, SlotId),
-    /// What became of it.
+    /// The outcome.
     pub execution: Execution,
     /// It was the last of its batch.
     pub last: bool,

@@ -185,7 +185,7 @@ pub enum Reason {
 }
 
 impl Reason {
-    /// Of the earlier key that differs least, if there is one.
+    /// The record of the earlier key that differs least, if there is one.
     pub fn of(nearest: Option<&Nearest>) -> Self {
         let Some(nearest) = nearest else { return Self::Never };
         if nearest.differences.is_empty() {
@@ -215,7 +215,7 @@ impl fmt::Display for Reason {
     }
 }
 
-/// What a field of the environment stands for, in words.
+/// The meaning of a field of the environment, in words.
 fn of_environment(field: &str) -> String {
     let below = |place: &str| field.strip_prefix("/environment/")?.strip_prefix(place)?.strip_prefix('/');
     let file = ["files", "program", "depends"].iter().find_map(|place| below(place));

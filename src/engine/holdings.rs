@@ -14,16 +14,25 @@ use tauflow_contract::KindSpec;
 pub struct Holdings<'a> {
     /// The store.
     pub store: &'a Store,
-    /// Blobs that are in memory only.
-    pub pool: &'a Pool,
+    /// Blobs that are in memory only, in a process that passes any on.
+    pub pool: Option<&'a Pool>,
     /// Blobs that were found missing: a record that names one counts only when it is there again.
     pub wanted: &'a HashSet<Digest>,
 }
 
-impl Holdings<'_> {
+impl<'a> Holdings<'a> {
+    /// A store, and nothing in memory.
+    pub fn stored(store: &'a Store, wanted: &'a HashSet<Digest>) -> Self {
+        Self { store, pool: None, wanted }
+    }
+
     /// Whether a blob is there, stored or in memory.
     pub fn is_here(&self, digest: &Digest) -> bool {
-        self.pool.contains(digest) || self.store.contains(digest)
+        self.is_in_memory(digest) || self.store.contains(digest)
+    }
+
+    fn is_in_memory(&self, digest: &Digest) -> bool {
+        self.pool.is_some_and(|pool| pool.contains(digest))
     }
 
     /// Whether a blob is there and sound.
@@ -31,7 +40,7 @@ impl Holdings<'_> {
     /// # Errors
     /// If the store cannot be read.
     pub fn is_sound(&self, digest: &Digest) -> Result<bool, CacheError> {
-        Ok(self.pool.contains(digest) || self.store.get(digest)?.is_some())
+        Ok(self.is_in_memory(digest) || self.store.get(digest)?.is_some())
     }
 
     /// Whether none of the blobs that a reader missed is still missing here.
@@ -46,14 +55,31 @@ impl Holdings<'_> {
         Ok(reached.iter().all(|digest| !self.wanted.contains(digest) || self.is_here(digest)))
     }
 
-    /// What an action gave by its record; none if there is no record, or it is of no use.
+    /// The outputs of an action by its record; none if there is no record, or the record cannot be used.
     ///
     /// # Errors
     /// If the store cannot be read.
     pub fn made(&self, record: Option<&Record>, spec: &KindSpec, group: &str) -> Result<Option<Made>, CacheError> {
-        match record {
-            Some(record) if self.intact(record)? => records::load(self.store, record, spec, group),
-            _ => Ok(None),
+        Ok(self.made_many(&[record], spec, group)?.remove(0)) // one for each record
+    }
+
+    /// As [`made`](Self::made), of several actions of one group together.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub fn made_many(
+        &self,
+        records: &[Option<&Record>],
+        spec: &KindSpec,
+        group: &str,
+    ) -> Result<Vec<Option<Made>>, CacheError> {
+        let mut whole = Vec::with_capacity(records.len());
+        for record in records {
+            whole.push(match record {
+                Some(record) if self.intact(record)? => Some(*record),
+                _ => None,
+            });
         }
+        records::load_many(self.store, &whole, spec, group)
     }
 }

@@ -12,18 +12,18 @@ use std::{borrow::Cow, collections::BTreeMap};
 use tauflow_cache::{Digest, Key};
 use tauflow_contract::{FORMAT_VERSION, ItemKey, Mode, canonical_bytes};
 
-/// What decides a lane's outputs. Item keys are part of the inputs' content digests.
+/// Everything that determines a lane's outputs. Item keys are part of the inputs' content digests.
 #[derive(Serialize)]
 struct LaneKey<'a> {
     #[serde(flatten)]
     basis: &'a LaneBasis,
-    /// Of a source: its items, with the content digests of the files that they read.
+    /// The items of a source, with the content digests of the files that they read.
     listing: Option<Digest>,
     /// For each input port, what is put before the keys, and the content digest, of each of its feeds.
     inputs: BTreeMap<&'a str, Vec<(Option<&'a str>, Digest)>>,
 }
 
-/// What decides the shards of a lane beside their items.
+/// Everything that determines the shards of a lane, except their items.
 #[derive(Serialize)]
 struct ShardsKey<'a> {
     #[serde(flatten)]
@@ -32,7 +32,7 @@ struct ShardsKey<'a> {
     whole: BTreeMap<&'a str, Digest>,
 }
 
-/// What decides a shard's outputs.
+/// Everything that determines a shard's outputs.
 #[derive(Serialize)]
 struct ShardKey<T> {
     /// Digest of what decides all shards of its lane.
@@ -78,13 +78,12 @@ pub fn lane(
     listing: impl Fn() -> Option<Digest>,
 ) -> Option<(Key, String)> {
     let node = &pipeline.nodes[lane.node];
-    if lane.only.is_some() || lane.programs {
+    if !lane.is_rolled_up() {
         return None;
     }
-    let listing = match node.mode() {
-        Mode::Source => Some(listing()?),
-        Mode::Map | Mode::Gather => None,
-    };
+    if node.mode() == Mode::Source {
+        return Some(source(&lane.basis, listing()?));
+    }
     let mut inputs = BTreeMap::new();
     for (port, feeds) in node.spec.inputs.iter().zip(&lane.inputs) {
         let feeds = feeds
@@ -93,9 +92,17 @@ pub fn lane(
             .collect::<Option<Vec<_>>>()?;
         inputs.insert(port.name, feeds);
     }
-    let key = LaneKey { basis: &lane.basis, listing, inputs };
-    let preimage = serde_json::to_string(&key).expect("a key holds only plain values");
-    Some((Key::of(&canonical_bytes(&key)), preimage))
+    Some(hashed(&LaneKey { basis: &lane.basis, listing: None, inputs }))
+}
+
+/// The key of a source's lane, by the digest of its items, and its preimage.
+pub fn source(basis: &LaneBasis, listing: Digest) -> (Key, String) {
+    hashed(&LaneKey { basis, listing: Some(listing), inputs: BTreeMap::new() })
+}
+
+fn hashed(key: &LaneKey<'_>) -> (Key, String) {
+    let preimage = serde_json::to_string(key).expect("a key holds only plain values");
+    (Key::of(&canonical_bytes(key)), preimage)
 }
 
 /// The key of a whole run of a pipeline.

@@ -23,7 +23,7 @@ pub struct Lane {
     pub node: usize,
     /// The group.
     pub group: Group,
-    /// What decides its outputs beside what it reads.
+    /// Everything that determines its outputs, except its inputs.
     pub basis: LaneBasis,
     /// What of the machine enters its keys is not known, because a program would have to run: no key of it is one.
     pub unknown: bool,
@@ -50,7 +50,7 @@ pub struct Lane {
 pub struct LaneBasis(Basis);
 
 impl LaneBasis {
-    /// Of what all actions share, and of the cell's params and the pipeline's seed.
+    /// Combines the part that all actions share with the cell's params and the pipeline's seed.
     pub fn new(shared: &Basis, params: Value, pipeline_seed: Option<u64>) -> Self {
         Self(shared.with(params, pipeline_seed))
     }
@@ -136,6 +136,11 @@ impl Only {
 }
 
 impl Lane {
+    /// Whether a roll-up can stand for it: not if only some of its items are needed, or if its actions run programs.
+    pub fn is_rolled_up(&self) -> bool {
+        self.only.is_none() && !self.programs
+    }
+
     /// Whether its outputs are handed on in memory: what is asked for is stored.
     pub fn is_transient(&self, pipeline: &Pipeline) -> bool {
         pipeline.nodes[self.node].transient && !self.target

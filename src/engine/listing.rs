@@ -3,7 +3,7 @@
 //! Listings can come from other people and are untrusted. It is read row by row, and nothing is taken for rows that are
 //! out of order, more than were named, or not what the port holds.
 
-use super::sharded::{Items, Output};
+use super::output::{Items, Output};
 use serde::{
     Deserialize, Serialize,
     de::{DeserializeSeed, Deserializer, EnumAccess, Error, SeqAccess, VariantAccess, Visitor},

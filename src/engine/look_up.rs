@@ -8,11 +8,15 @@ use super::{
     execute::Whole,
     holdings::Holdings,
     ids::{InputId, LaneId, SlotId},
+    output::Items,
     records::ACTION,
-    request::{Finding, LookUp, LookUps, LookedUp, Merge, Merged, Request, Response, ShardRead, Task, Todo, prefixed},
+    request::{
+        Finding, LaneListing, ListingRead, LookUp, LookUps, LookedUp, Merge, Merged, Request, Response, ShardRead,
+        Task, Todo, prefixed,
+    },
     rollup,
-    sharded::{Here, Items, Sharded},
-    sighted::Looks,
+    sharded::{Here, Listed, Shard, Sharded},
+    sighted::{self, Sighted},
 };
 use serde_json::Value;
 use std::{
@@ -44,14 +48,14 @@ impl Catalog<'_> {
         let answer = || -> Result<Response, CacheError> {
             Ok(match request {
                 Request::List { lane, kind, params } => Response::Listed { lane, items: list(&*kind, &params) },
-                Request::Actions(bundle) => Response::Actions(self.look_up(&bundle)),
+                Request::Actions(bundle) => Response::Actions(self.look_up(&bundle)?),
                 Request::Shards(asked) => {
                     let lane = asked.task.lane;
                     Response::Shards { lane, found: rollup::find_shards(asked, self.holdings)? }
                 }
-                Request::Read(shards) => {
-                    Response::Read(shards.into_iter().map(|shard| self.read(shard)).collect::<Result<_, _>>()?)
-                }
+                Request::Lanes(asked) => Response::Lanes(rollup::find_lanes(&asked, self.holdings)?),
+                Request::Listings(asked) => Response::Listings(self.listings(asked)?),
+                Request::Read(shards) => Response::Read(self.read(shards)?),
                 Request::Merge(of) => {
                     let (lane, input) = (of.lane, of.input);
                     Response::Merged { lane, input, merged: self.merge(&of)? }
@@ -69,10 +73,18 @@ impl Catalog<'_> {
         }
     }
 
-    /// Has a shard read its items.
-    fn read(&self, of: ShardRead) -> Result<(ShardRead, Here<()>), CacheError> {
-        let read = of.shard.items(self.holdings.store)?.map(drop);
-        Ok((of, read))
+    /// Has shards read their items.
+    fn read(&self, asked: Vec<ShardRead>) -> Result<Vec<(ShardRead, Here<()>)>, CacheError> {
+        let shards: Vec<&Shard> = asked.iter().map(|of| &*of.shard).collect();
+        let read = Shard::read(self.holdings.store, &shards)?;
+        Ok(asked.into_iter().zip(read).collect())
+    }
+
+    /// Reads the listings of collections.
+    fn listings(&self, asked: Vec<LaneListing>) -> Result<Vec<ListingRead>, CacheError> {
+        let blobs: Vec<(&Listed, &'static str)> = asked.iter().map(|of| (&of.listed, of.media)).collect();
+        let read = Sharded::get_many(self.holdings.store, &blobs)?;
+        Ok(asked.iter().zip(read).map(|(of, read)| (of.lane, of.port, read.map(Arc::new))).collect())
     }
 
     /// Merges collections.
@@ -105,59 +117,62 @@ impl Catalog<'_> {
     }
 
     /// Looks actions up; a panic is an answer, too.
-    fn look_up(&self, bundle: &LookUps) -> Vec<LookedUp> {
+    fn look_up(&self, bundle: &LookUps) -> Result<Vec<LookedUp>, CacheError> {
         let lane = bundle.task.lane;
         catch_unwind(AssertUnwindSafe(|| self.find(bundle))).unwrap_or_else(|panic| {
             let message = panicked(&panic);
             let failed = |slot: SlotId| LookedUp::of((lane, slot), Finding::Failed(message.clone()));
-            bundle.actions.iter().map(|action| failed(action.slot)).collect()
+            Ok(bundle.actions.iter().map(|action| failed(action.slot)).collect())
         })
     }
 
-    fn find(&self, bundle: &LookUps) -> Vec<LookedUp> {
+    fn find(&self, bundle: &LookUps) -> Result<Vec<LookedUp>, CacheError> {
         let task = &bundle.task;
-        let mut keyed: Vec<_> = bundle.actions.iter().map(|of| (of, self.key_of(task, &bundle.whole, of))).collect();
-        if task.programs {
-            let mut looks = Looks::default();
-            for (_, found) in &mut keyed {
-                if let Ok(of) = found {
-                    match looks.find(self.holdings.store, &of.0) {
-                        Ok((key, _)) => (of.1, of.0) = (key.hash(), key),
-                        Err(error) => *found = Err(Finding::Fatal(error)),
-                    }
-                }
-            }
-        }
-        let hashes: Vec<Key> = keyed.iter().filter_map(|(_, key)| Some(key.as_ref().ok()?.1)).collect();
-        let mut records = self.holdings.store.lookup_many(ACTION, &hashes).into_iter();
-        let looked_up = |(of, key): (&LookUp, Result<Keyed, Finding>)| {
+        let keyed = bundle.actions.iter().map(|of| self.key_of(task, &bundle.whole, of));
+        let mut keyed = keyed.collect::<Result<Vec<_>, CacheError>>()?;
+        let records = self.recorded(task, &mut keyed)?;
+        let borrowed: Vec<Option<&Record>> = records.iter().map(Option::as_deref).collect();
+        let made = self.holdings.made_many(&borrowed, &task.producer.spec, task.producer.group)?;
+        let mut found = borrowed.into_iter().zip(made);
+        let looked_up = |(of, key): (&LookUp, Result<Keyed, String>)| {
             let slot: (LaneId, SlotId) = (task.lane, of.slot);
             let (key, hash, file) = match key {
                 Ok(found) => found,
-                Err(standing) => return LookedUp::of(slot, standing),
+                Err(message) => return LookedUp::of(slot, Finding::Failed(message)),
             };
             let digest = file.as_ref().map(Artifact::digest);
             let kept = self.keep_keys.then(|| Box::new(key.clone()));
-            let record = records.next().flatten();
-            let standing = self.standing(task, of, record.as_deref(), (key, hash, file)).unwrap_or_else(Finding::Fatal);
+            let (record, made) = found.next().unwrap_or_default();
+            let standing = match made {
+                Some(made) if self.dry || !self.sampled(&hash) => Finding::Hit(made),
+                None if self.dry => Finding::WouldRun { lost: record.is_some(), gone: self.gone(of) },
+                before => Finding::Todo(Box::new(Todo { key, hash, file, before })),
+            };
             LookedUp { key: kept, file: digest, ..LookedUp::of(slot, standing) }
         };
-        keyed.into_iter().map(looked_up).collect()
+        Ok(bundle.actions.iter().zip(keyed).map(looked_up).collect())
     }
 
-    fn standing(
+    /// The records of actions that have a key. If they run programs, their keys are completed with the files outside
+    /// as they are now.
+    fn recorded(
         &self,
         task: &Task,
-        of: &LookUp,
-        record: Option<&Record>,
-        (key, hash, file): Keyed,
-    ) -> Result<Finding, CacheError> {
-        let before = self.holdings.made(record, &task.producer.spec, task.producer.group)?;
-        Ok(match before {
-            Some(made) if self.dry || !self.sampled(&hash) => Finding::Hit(made),
-            None if self.dry => Finding::WouldRun { lost: record.is_some(), gone: self.gone(of) },
-            before => Finding::Todo(Box::new(Todo { key, hash, file, before })),
-        })
+        keyed: &mut [Result<Keyed, String>],
+    ) -> Result<Vec<Option<Arc<Record>>>, CacheError> {
+        let store = self.holdings.store;
+        let keyed: Vec<&mut Keyed> = keyed.iter_mut().filter_map(|of| of.as_mut().ok()).collect();
+        if !task.programs {
+            let hashes: Vec<Key> = keyed.iter().map(|of| of.1).collect();
+            return Ok(store.lookup_many(ACTION, &hashes));
+        }
+        let keys: Vec<&ActionKey> = keyed.iter().map(|of| &of.0).collect();
+        let found = sighted::find_many(store, &keys)?;
+        let complete = |(of, found): (&mut Keyed, Sighted)| {
+            (of.0, of.1) = (found.key, found.hash);
+            found.record
+        };
+        Ok(keyed.into_iter().zip(found).map(complete).collect())
     }
 
     /// The inputs of an action of which blobs are not there.
@@ -166,19 +181,18 @@ impl Catalog<'_> {
         of.each.iter().filter(|(_, output)| is_gone(&output.artifact)).map(|(input, _)| *input).collect()
     }
 
-    /// The key of an action, its hash, and the artifact of the files that it reads.
-    fn key_of(&self, task: &Task, whole: &Whole, of: &LookUp) -> Result<Keyed, Finding> {
+    /// The key of an action, its hash, and the artifact of the files that it reads; or why it has no key.
+    fn key_of(&self, task: &Task, whole: &Whole, of: &LookUp) -> Result<Result<Keyed, String>, CacheError> {
         let derive = || {
-            let file = match self.import(of) {
-                Ok(Ok(file)) => file,
-                Ok(Err(message)) => return Err(Finding::Failed(message)),
-                Err(error) => return Err(Finding::Fatal(error)),
+            let file = match self.import(of)? {
+                Ok(file) => file,
+                Err(message) => return Ok(Err(message)),
             };
             let key = action_key(task, whole, of, file.as_ref());
             let hash = key.hash();
-            Ok((key, hash, file))
+            Ok(Ok((key, hash, file)))
         };
-        catch_unwind(AssertUnwindSafe(derive)).unwrap_or_else(|panic| Err(Finding::Failed(panicked(&panic))))
+        catch_unwind(AssertUnwindSafe(derive)).unwrap_or_else(|panic| Ok(Err(panicked(&panic))))
     }
 
     /// Digests a source's files and imports them.

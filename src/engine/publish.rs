@@ -141,7 +141,7 @@ pub fn write_summary(out: &Path, pipeline: &str, summary: &Summary) -> Result<()
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::engine::sharded::Output;
+    use crate::engine::output::Output;
     use tauflow_contract::{Artifact, ItemKey};
 
     #[test]

@@ -3,7 +3,8 @@
 
 use super::{
     ids::{Id, PortId},
-    sharded::{Listed, Output, Sharded},
+    output::Output,
+    sharded::{Listed, Sharded},
     transient::Pool,
 };
 use serde::{Deserialize, Serialize};
@@ -91,7 +92,8 @@ impl Payload {
 /// The store as running actions see it.
 pub struct StoreBlobs<'a> {
     store: &'a Store,
-    pool: &'a Pool,
+    /// Where a transient action's blobs go; none in a process that passes nothing on in memory.
+    pool: Option<&'a Pool>,
     /// The outputs of a transient action, until their holder is known.
     staged: Option<Mutex<HashMap<Digest, Arc<Vec<u8>>>>>,
     /// The first error of the store itself: it stops the run.
@@ -106,7 +108,7 @@ pub struct StoreBlobs<'a> {
 impl<'a> StoreBlobs<'a> {
     /// Wraps a store for one action; a transient one's blobs go to the pool, and one that runs `anew` is given nothing
     /// memoised.
-    pub fn new(store: &'a Store, pool: &'a Pool, transient: bool, anew: bool) -> Self {
+    pub fn new(store: &'a Store, pool: Option<&'a Pool>, transient: bool, anew: bool) -> Self {
         let staged = transient.then(Mutex::default);
         Self { store, pool, staged, fatal: Mutex::default(), start: Instant::now(), anew, made: AtomicU64::new(0) }
     }
@@ -139,7 +141,7 @@ impl<'a> StoreBlobs<'a> {
         for digest in artifacts.flat_map(|artifact| artifact.parts.values()) {
             // An output may also name a blob that was there before, or one that was handed over just now.
             let Some(bytes) = self.take_staged(digest) else { continue };
-            if !self.pool.put(*digest, &bytes) {
+            if !self.pool.is_some_and(|pool| pool.put(*digest, &bytes)) {
                 self.store.put(&bytes)?;
             }
         }
@@ -154,7 +156,7 @@ impl Blobs for StoreBlobs<'_> {
         {
             return Ok(Some(bytes.to_vec()));
         }
-        if let Some(bytes) = self.pool.get(digest) {
+        if let Some(bytes) = self.pool.and_then(|pool| pool.get(digest)) {
             return Ok(Some(bytes.to_vec()));
         }
         self.store.get(digest).map_err(|e| self.fail(e))
@@ -264,19 +266,40 @@ fn fills(payload: &Payload, spec: &KindSpec, group: &str) -> bool {
 /// # Errors
 /// If the store cannot be read.
 pub fn load(store: &Store, record: &Record, spec: &KindSpec, group: &str) -> Result<Option<Made>, CacheError> {
-    let Some(payload) = Payload::of(record).filter(|payload| fills(payload, spec, group)) else { return Ok(None) };
-    let mut made = Made { wall_us: record.wall_us, bytes: record.bytes, ..Made::default() };
-    for (name, listed) in &payload.collections {
-        let Some(port) = port_of(spec, name) else { return Ok(None) };
-        let Some(sharded) = Sharded::get(store, listed, spec.outputs[port.place()].media)? else { return Ok(None) };
-        made.collections.push((port, Arc::new(sharded)));
-    }
-    made.items.reserve_exact(payload.items.len());
-    for (name, artifact) in payload.items {
-        let Some(port) = port_of(spec, &name) else { return Ok(None) };
-        made.items.push((port, Output::new(artifact)));
-    }
-    Ok(Some(made))
+    Ok(load_many(store, &[Some(record)], spec, group)?.remove(0)) // one for each record
+}
+
+/// As [`load`], of several records of one group; their listings are read together.
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn load_many(
+    store: &Store,
+    records: &[Option<&Record>],
+    spec: &KindSpec,
+    group: &str,
+) -> Result<Vec<Option<Made>>, CacheError> {
+    let payload = |record: &Option<&Record>| Payload::of((*record)?).filter(|payload| fills(payload, spec, group));
+    let payloads: Vec<Option<Payload>> = records.iter().map(payload).collect();
+    // A payload that fills a group names only ports of it.
+    let media = |name: &str| port_of(spec, name).map_or(Any::NAME, |port| spec.outputs[port.place()].media);
+    let collections = payloads.iter().flatten().flat_map(|payload| &payload.collections);
+    let asked: Vec<_> = collections.map(|(name, listed)| (listed, media(name))).collect();
+    let mut read = Sharded::get_many(store, &asked)?.into_iter();
+    let made = |(payload, record): (Option<Payload>, &Option<&Record>)| {
+        let (payload, record) = (payload?, (*record)?);
+        let listed: Vec<_> = payload.collections.keys().zip(read.by_ref()).collect();
+        let collection = |(name, found): (&String, Option<Sharded>)| Some((port_of(spec, name)?, Arc::new(found?)));
+        let item = |(name, artifact): (String, Artifact)| Some((port_of(spec, &name)?, Output::new(artifact)));
+        Some(Made {
+            collections: listed.into_iter().map(collection).collect::<Option<_>>()?,
+            items: payload.items.into_iter().map(item).collect::<Option<_>>()?,
+            wall_us: record.wall_us,
+            bytes: record.bytes,
+            put: 0,
+        })
+    };
+    Ok(payloads.into_iter().zip(records).map(made).collect())
 }
 
 /// A record of an action, a lane or a part of one.

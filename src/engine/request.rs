@@ -9,16 +9,17 @@ use super::{
     execute::{Producer, Whole},
     ids::{InputId, LaneId, PortId, Row, SlotId},
     lanes::{Lane, LaneBasis, Lanes, ReadingPort},
-    records::Made,
-    sharded::{Here, Output, Shard, Sharded},
+    output::Output,
+    records::{Made, Payload},
+    sharded::{Here, Listed, Shard, Sharded},
 };
 use crate::pipeline::Pipeline;
 use serde_json::Value;
 use std::{path::PathBuf, sync::Arc};
-use tauflow_cache::{CacheError, Digest, Key};
+use tauflow_cache::{Digest, Key};
 use tauflow_contract::{ActionKey, Artifact, ItemKey, NodeKind, Projection, SourceItem};
 
-/// What a scheduler asks.
+/// A request of the scheduler.
 pub enum Request {
     /// List the items of a source, in order.
     List {
@@ -29,6 +30,10 @@ pub enum Request {
         /// Its params.
         params: Value,
     },
+    /// Look up whole lanes.
+    Lanes(Vec<LaneLookUp>),
+    /// Read the listings of lanes that were found.
+    Listings(Vec<LaneListing>),
     /// Look up actions.
     Actions(LookUps),
     /// Look up shards of a lane as wholes.
@@ -50,9 +55,13 @@ pub enum Response {
         /// The items, or why there are none.
         items: Result<Vec<SourceItem>, String>,
     },
-    /// What is known of actions.
+    /// The lanes that an earlier run left whole, of those that were asked for.
+    Lanes(Vec<LaneFound>),
+    /// Collections by lane and port; none where the listing is missing.
+    Listings(Vec<ListingRead>),
+    /// The results of looking up actions.
     Actions(Vec<LookedUp>),
-    /// What is known of the shards of a lane.
+    /// The results of looking up shards of a lane.
     Shards {
         /// The lane.
         lane: LaneId,
@@ -76,6 +85,51 @@ pub enum Response {
     Fatal(EngineError),
 }
 
+/// A lane that is looked up as a whole.
+pub struct LaneLookUp {
+    /// The lane's.
+    pub task: Arc<Task>,
+    /// The key, or the data from which it is computed.
+    pub of: LaneOf,
+    /// The ports that an answer must fill.
+    pub ports: Vec<PortId>,
+}
+
+/// The key of a lane, or the data from which it is computed.
+pub enum LaneOf {
+    /// Its key.
+    Key(Key),
+    /// The params of a source, whose items are listed now, and what else decides its outputs.
+    Source(Value, LaneBasis),
+}
+
+/// A lane as an earlier run left it.
+pub struct LaneFound {
+    /// The lane.
+    pub lane: LaneId,
+    /// Its key.
+    pub key: Key,
+    /// Its outputs.
+    pub payload: Payload,
+    /// Wall time in microseconds, and bytes.
+    pub totals: (u64, u64),
+}
+
+/// The listing of a port of a lane that was found.
+pub struct LaneListing {
+    /// The lane.
+    pub lane: LaneId,
+    /// The port.
+    pub port: PortId,
+    /// Its listing.
+    pub listed: Listed,
+    /// The media type of its items.
+    pub media: &'static str,
+}
+
+/// The collection of a lane's port; none if its listing is missing.
+pub type ListingRead = (LaneId, PortId, Option<Arc<Sharded>>);
+
 /// Shards of one lane that are looked up together.
 pub struct ShardLookUps {
     /// The lane's.
@@ -84,7 +138,7 @@ pub struct ShardLookUps {
     pub shards: Vec<(u8, ShardOf)>,
 }
 
-/// What a shard is looked up by.
+/// The key of a shard, or the data from which it is computed.
 pub enum ShardOf {
     /// Its key.
     Key(Key),
@@ -92,7 +146,7 @@ pub enum ShardOf {
     Items(Digest, Vec<ItemKey>),
 }
 
-/// What is known of a shard after its look-up.
+/// The result of looking up a shard.
 pub struct ShardFound {
     /// Its number.
     pub shard: u8,
@@ -100,7 +154,7 @@ pub struct ShardFound {
     pub key: Key,
     /// The items that it was asked by.
     pub items: Vec<ItemKey>,
-    /// What an earlier run left.
+    /// The outputs of an earlier run, if there are any.
     pub rolled: Option<RolledShard>,
 }
 
@@ -128,13 +182,13 @@ pub struct Merge {
     pub lane: LaneId,
     /// Its input.
     pub input: InputId,
-    /// What the port is called.
+    /// The name of the port.
     pub port: String,
     /// Each with what is put before its keys.
     pub feeds: Vec<(Option<String>, Arc<Sharded>)>,
 }
 
-/// What became of a [`Merge`].
+/// The result of a [`Merge`].
 pub enum Merged {
     /// All of them.
     Whole(Arc<Sharded>),
@@ -144,7 +198,7 @@ pub enum Merged {
     Missing(Vec<Digest>),
 }
 
-/// What ended with all its outputs, and is kept as a roll-up.
+/// A lane or shard that ended with all its outputs, and is stored as a roll-up.
 pub struct Keep {
     /// The namespace of its record.
     pub namespace: &'static str,
@@ -164,9 +218,9 @@ pub struct Keep {
 
 /// An output of a roll-up.
 pub enum Rolling {
-    /// Of a lane.
+    /// The collection of a lane.
     Lane(Arc<Sharded>),
-    /// Of a shard.
+    /// The items of a shard.
     Shard(Arc<Shard>),
 }
 
@@ -179,17 +233,17 @@ pub struct LaneName {
     pub cell: Name,
 }
 
-/// What all actions of a lane share.
+/// Data that all actions of a lane share.
 pub struct Task {
     /// The lane.
     pub lane: LaneId,
-    /// What it is called.
+    /// Its name.
     pub label: LaneName,
-    /// What makes the outputs.
+    /// The kind and output group that make the outputs.
     pub producer: Arc<Producer>,
     /// The params that each action reads.
     pub projection: Projection,
-    /// What decides its outputs beside what they read; of params, each action has its own.
+    /// Everything that determines its outputs, except inputs and params; each action has its own params.
     pub basis: LaneBasis,
     /// It makes measurements, and must have the machine to itself.
     pub alone: bool,
@@ -227,11 +281,11 @@ pub struct Todo {
     pub hash: Key,
     /// The files outside that it reads.
     pub file: Option<Artifact>,
-    /// What it gave before, if it runs only to be compared.
+    /// Its earlier outputs, if it runs only to be compared.
     pub before: Option<Made>,
 }
 
-/// What a look-up found.
+/// The result of looking up an action.
 pub enum Finding {
     /// The action was done before.
     Hit(Made),
@@ -246,15 +300,13 @@ pub enum Finding {
     },
     /// It has no key: its files cannot be read, or its kind is at fault.
     Failed(String),
-    /// The store failed: the run must stop.
-    Fatal(CacheError),
 }
 
-/// What is known of an action after its look-up.
+/// The result of looking up an action, with its key.
 pub struct LookedUp {
     /// Its lane and slot.
     pub slot: (LaneId, SlotId),
-    /// What was found.
+    /// The result.
     pub standing: Finding,
     /// Its key, if keys are kept and it came that far.
     pub key: Option<Box<ActionKey>>,
@@ -263,13 +315,13 @@ pub struct LookedUp {
 }
 
 impl LookedUp {
-    /// What was found, without more.
+    /// A result without a key.
     pub fn of(slot: (LaneId, SlotId), standing: Finding) -> Self {
         Self { slot, standing, key: None, file: None }
     }
 }
 
-/// What the actions of each lane share.
+/// The data that the actions of each lane share.
 pub fn tasks(pipeline: &Pipeline, lanes: &Lanes) -> Row<LaneId, Arc<Task>> {
     lanes.pairs().map(|(id, lane)| Arc::new(task(pipeline, lanes, id, lane))).collect()
 }

@@ -5,25 +5,30 @@
 use super::{
     action::files_artifact,
     holdings::Holdings,
-    ids::{Id, LaneId, PortId, Row},
+    ids::{Id, PortId},
     keys,
     lanes::Lanes,
     records::{self, PIPELINE, Payload, ROLLUP, SHARD},
-    request::{Keep, RolledShard, Rolling, ShardFound, ShardLookUps, ShardOf, Task},
-    sharded::{Shard, Sharded},
+    request::{
+        self, Keep, LaneFound, LaneLookUp, LaneOf, Request, RolledShard, Rolling, ShardFound, ShardLookUps, ShardOf,
+        Task,
+    },
+    rolled::RolledLanes,
+    sharded::Shard,
 };
-use crate::pipeline::{Node, Pipeline};
+use crate::pipeline::Pipeline;
 use serde_json::Value;
 use std::{
-    collections::BTreeMap,
+    collections::HashSet,
     panic::{AssertUnwindSafe, catch_unwind},
     sync::Arc,
 };
 use tauflow_cache::{CacheError, Digest, Key, Record, Recorded, Store};
+use tauflow_contract::NodeKind;
 
 /// Lists a source's items now; none if that fails, which the run will tell.
-fn list(node: &Node, params: &Value) -> Option<Digest> {
-    let mut items = catch_unwind(AssertUnwindSafe(|| node.kind.items(params))).ok()?.ok()?;
+fn list(kind: &dyn NodeKind, params: &Value) -> Option<Digest> {
+    let mut items = catch_unwind(AssertUnwindSafe(|| kind.items(params))).ok()?.ok()?;
     items.sort_by(|a, b| a.key.cmp(&b.key));
     let mut files = Vec::with_capacity(items.len());
     for item in &items {
@@ -36,109 +41,51 @@ fn list(node: &Node, params: &Value) -> Option<Digest> {
     Some(keys::listing(items.iter().map(|item| &item.key).zip(files)))
 }
 
-/// The lanes whose outputs are known, and the collections of theirs that other lanes need.
-#[derive(Default)]
-pub struct Known {
-    /// One for each lane.
-    pub rolled: Row<LaneId, Option<Payload>>,
-    /// Wall time in microseconds, and bytes, of each lane.
-    pub totals: Row<LaneId, (u64, u64)>,
-    /// Collections by lane and port.
-    pub loaded: BTreeMap<(LaneId, PortId), Arc<Sharded>>,
-    /// The keys of what was found.
-    pub keys: Vec<Key>,
-}
-
-impl Known {
-    /// Nothing, of all lanes.
-    pub fn none(lanes: &Lanes) -> Self {
-        let (rolled, totals) = (lanes.iter().map(|_| None).collect(), lanes.iter().map(|_| (0, 0)).collect());
-        Self { rolled, totals, loaded: BTreeMap::new(), keys: Vec::new() }
-    }
-
-    /// Content digest of a lane's port.
-    fn content(&self, pipeline: &Pipeline, lanes: &Lanes, lane: LaneId, port: PortId) -> Option<Digest> {
-        let outputs = &pipeline.nodes[lanes[lane].node].spec.outputs;
-        Some(self.rolled[lane].as_ref()?.collections.get(outputs[port.place()].name)?.digest)
-    }
-}
-
-/// The lanes in waves: each lane after all that it reads, and as early as that allows.
-fn waves(lanes: &Lanes) -> Vec<Vec<LaneId>> {
-    let mut depth: Row<LaneId, usize> = Row::new();
-    let mut waves: Vec<Vec<LaneId>> = Vec::new();
-    for (id, lane) in lanes.pairs() {
-        let after = lane.inputs.iter().flatten().map(|feed| depth[feed.lane] + 1).max().unwrap_or(0);
-        depth.push(after);
-        if waves.len() <= after {
-            waves.push(Vec::new());
-        }
-        waves[after].push(id);
-    }
-    waves
-}
-
-/// Looks up what the lanes gave in earlier runs: those of a wave together.
+/// Looks lanes up as wholes, and gives those that an earlier run left.
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn find(pipeline: &Pipeline, lanes: &Lanes, holdings: Holdings<'_>) -> Result<Known, CacheError> {
-    let mut known = Known::none(lanes);
-    for wave in waves(lanes) {
-        let key = |id: &LaneId| {
-            let lane = &lanes[*id];
-            let listing = || list(&pipeline.nodes[lane.node], &pipeline.cells[lane.cell].params);
-            let key = keys::lane(pipeline, lane, |from, port| known.content(pipeline, lanes, from, port), listing);
-            Some((*id, key?.0))
-        };
-        let (asked, hashes): (Vec<LaneId>, Vec<Key>) = wave.iter().filter_map(key).unzip();
-        for ((id, key), record) in asked.into_iter().zip(&hashes).zip(holdings.store.lookup_many(ROLLUP, &hashes)) {
-            let Some(record) = record else { continue };
-            if !holdings.intact(&record)? {
-                continue;
-            }
-            // One that leaves a port out is none: what it leaves out would never be made.
-            let ports = &pipeline.nodes[lanes[id].node].spec.outputs;
-            let mut asked = lanes[id].ports.iter().map(|port| ports[port.place()].name);
-            if let Some(payload) = Payload::of(&record)
-                && asked.all(|name| payload.collections.contains_key(name))
-            {
-                known.keys.push(*key);
-                known.totals[id] = (record.wall_us, record.bytes);
-                known.rolled[id] = Some(payload);
-            }
-        }
-    }
-    load(pipeline, lanes, holdings.store, &mut known)?;
-    Ok(known)
-}
-
-/// Loads what lanes that must work read. Backwards, because a lane whose listing is gone must work, and needs what it
-/// reads.
-fn load(pipeline: &Pipeline, lanes: &Lanes, store: &Store, known: &mut Known) -> Result<(), CacheError> {
-    for (id, lane) in lanes.pairs().rev() {
-        if known.rolled[id].is_some() {
+pub fn find_lanes(asked: &[LaneLookUp], holdings: Holdings<'_>) -> Result<Vec<LaneFound>, CacheError> {
+    let key = |asked: &'_ LaneLookUp| match &asked.of {
+        LaneOf::Key(key) => Some(*key),
+        LaneOf::Source(params, basis) => Some(keys::source(basis, list(&*asked.task.producer.kind, params)?).0),
+    };
+    let (asked, hashes): (Vec<&LaneLookUp>, Vec<Key>) =
+        asked.iter().filter_map(|asked| Some((asked, key(asked)?))).unzip();
+    let mut found = Vec::new();
+    let records = holdings.store.lookup_many(ROLLUP, &hashes);
+    for ((asked, key), record) in asked.into_iter().zip(hashes).zip(records) {
+        let Some(record) = record else { continue };
+        if !holdings.intact(&record)? {
             continue;
         }
-        for feed in lane.inputs.iter().flatten() {
-            let of = &pipeline.nodes[lanes[feed.lane].node].spec.outputs[feed.port.place()];
-            let Some(payload) = &known.rolled[feed.lane] else { continue };
-            if known.loaded.contains_key(&(feed.lane, feed.port)) {
-                continue;
-            }
-            let listed = payload.collections.get(of.name);
-            match listed.map(|listed| Sharded::get(store, listed, of.media)).transpose()?.flatten() {
-                Some(collection) => {
-                    known.loaded.insert((feed.lane, feed.port), Arc::new(collection));
-                }
-                None => {
-                    known.rolled[feed.lane] = None;
-                    known.loaded.retain(|(lane, _), _| *lane != feed.lane);
-                }
-            }
+        // One that leaves a port out is none: what it leaves out would never be made.
+        let outputs = &asked.task.producer.spec.outputs;
+        let mut ports = asked.ports.iter().map(|port| &outputs[port.place()].name);
+        if let Some(payload) = Payload::of(&record)
+            && ports.all(|name| payload.collections.contains_key(*name))
+        {
+            let totals = (record.wall_us, record.bytes);
+            found.push(LaneFound { lane: asked.task.lane, key, payload, totals });
         }
     }
-    Ok(())
+    Ok(found)
+}
+
+/// The keys of the lanes that earlier runs left whole, for commands; a run asks for them by requests.
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn rolled_keys(pipeline: &Pipeline, lanes: &Lanes, store: &Store) -> Result<Vec<Key>, CacheError> {
+    let wanted = HashSet::new();
+    let (tasks, mut rolled) = (request::tasks(pipeline, lanes), RolledLanes::unknown(lanes));
+    let mut keys = Vec::new();
+    while let Some(Request::Lanes(asked)) = rolled.next(pipeline, lanes, &tasks) {
+        let found = find_lanes(&asked, Holdings::stored(store, &wanted))?;
+        keys.extend(found.iter().map(|lane| lane.key));
+        rolled.note_lanes(found);
+    }
+    Ok(keys)
 }
 
 /// Looks shards of a lane up as wholes.
@@ -168,7 +115,7 @@ pub fn find_shards(asked: ShardLookUps, holdings: Holdings<'_>) -> Result<Vec<Sh
     Ok(found)
 }
 
-/// What a shard's roll-up says of each port of its lane.
+/// The outputs of a shard on each port of its lane, from its roll-up.
 fn rolled(task: &Task, shard: u8, record: &Record) -> Option<RolledShard> {
     let payload = Payload::of(record)?;
     let outputs = task.producer.spec.outputs.iter().enumerate();

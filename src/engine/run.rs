@@ -1,19 +1,18 @@
-//! One run: passes over the lanes, the look-up threads, and the way to the executor.
+//! One run: its executor, its passes over the lanes, and the end of each pass.
 
 use super::{
     EngineError, ExecutorKind, RunOptions, Sink, Summary,
     conclude::{self, ResultOf},
     event::{Event, Failure, NodeStat, OutputOf, Slow},
-    executor::{Executor, Jobs, Processes, Reply, Site, Threads},
+    executor::{Executor, Jobs, Processes, Replies, Shared, Site, Threads, Waiting},
     explain,
     holdings::Holdings,
     lanes::{self, Environment, Lanes},
     look_up::Catalog,
     probe::Asking,
-    records,
-    request::{self, Request, Response},
-    rollup,
+    records, request, rollup,
     scheduler::{Ran, SLOWEST, Scheduler},
+    steering::{News, Steering},
     transient::{self, Pool},
 };
 use crate::pipeline::{Pipeline, Target};
@@ -21,7 +20,7 @@ use std::{
     collections::HashSet,
     path::PathBuf,
     sync::{
-        Arc, Mutex, PoisonError,
+        Arc,
         atomic::{AtomicBool, Ordering},
         mpsc,
     },
@@ -37,10 +36,11 @@ pub(super) struct Run<'a> {
     stop: &'a AtomicBool,
     sink: Sink<'a>,
     lanes: Lanes,
-    pool: Arc<Pool>,
-    /// What runs actions; a run that only looks has none.
+    /// Blobs that are passed on in memory; a run that only looks has none.
+    pool: Option<Arc<Pool>>,
+    /// The executor; none in a run that only looks.
     executor: Option<&'a dyn Executor>,
-    /// What was asked for and what the executor did comes here.
+    /// Answers and replies of the executor arrive here.
     news: mpsc::Receiver<News>,
     tell: mpsc::Sender<News>,
     /// Keep the keys of all actions that are looked at.
@@ -51,14 +51,6 @@ pub(super) struct Run<'a> {
     pub results: Vec<ResultOf>,
     /// In a dry run: an action that never was done would run.
     pub never_run: bool,
-}
-
-/// What another thread tells.
-enum News {
-    /// A request is answered.
-    Answered(Response),
-    /// An action was executed.
-    Executed(Box<Reply>),
 }
 
 /// Actions at a time, and threads for look-ups.
@@ -83,7 +75,11 @@ pub(super) fn with_executor(
     let memory = options.memory.unwrap_or_else(transient::default_memory);
     let pool = Arc::new(Pool::new(memory / 2));
     let (tell, news) = mpsc::channel();
-    let replies = tell.clone();
+    // Nobody listens any more if the run has failed.
+    let replies = || -> Replies<'_> {
+        let replies = tell.clone();
+        Box::new(move |reply| drop(replies.send(News::Executed(Box::new(reply)))))
+    };
     let surroundings = Site {
         store,
         pool: pool.clone(),
@@ -92,16 +88,20 @@ pub(super) fn with_executor(
         workers: workers(options),
         memory,
         sink,
-        // Nobody listens any more if the run has failed.
-        replies: Box::new(move |reply| drop(replies.send(News::Executed(Box::new(reply))))),
+        replies: replies(),
     };
+    let waiting = Waiting { store, pool: pool.clone(), stop, sink, replies: replies() };
     thread::scope(|scope| {
-        let executor: Box<dyn Executor> = match &options.executor {
+        let executor: Box<dyn Executor + '_> = match &options.executor {
             ExecutorKind::Threads => Box::new(Threads::start(scope, surroundings)),
             ExecutorKind::Processes(command) => Box::new(Processes::start(scope, surroundings, command)),
             ExecutorKind::Jobs(options) => Box::new(Jobs::start(scope, surroundings, options)),
         };
-        let run = Run::new((pipeline, store, options), stop, sink, pool, (tell, news), Some(&*executor));
+        let executor: Box<dyn Executor + '_> = match options.share {
+            Some(share) => Box::new(Shared::start(scope, share, executor, waiting)),
+            None => executor,
+        };
+        let run = Run::new((pipeline, store, options), stop, sink, Some(pool), (tell, news), Some(&*executor));
         let result = run.and_then(|mut run| run.finish());
         if result.is_err() {
             // Nobody will look at what is still being done.
@@ -123,14 +123,14 @@ impl<'a> Run<'a> {
         stop: &'a AtomicBool,
         sink: Sink<'a>,
     ) -> Result<Self, EngineError> {
-        Self::new((pipeline, store, options), stop, sink, Arc::new(Pool::new(0)), mpsc::channel(), None)
+        Self::new((pipeline, store, options), stop, sink, None, mpsc::channel(), None)
     }
 
     fn new(
         (pipeline, store, options): (&'a Pipeline, &'a Store, &'a RunOptions),
         stop: &'a AtomicBool,
         sink: Sink<'a>,
-        pool: Arc<Pool>,
+        pool: Option<Arc<Pool>>,
         (tell, news): (mpsc::Sender<News>, mpsc::Receiver<News>),
         executor: Option<&'a dyn Executor>,
     ) -> Result<Self, EngineError> {
@@ -167,9 +167,7 @@ impl<'a> Run<'a> {
     /// # Errors
     /// If the store cannot be read.
     pub fn rolled_lanes(&self) -> Result<Vec<Key>, EngineError> {
-        let wanted = HashSet::new();
-        let holdings = Holdings { store: self.store, pool: &self.pool, wanted: &wanted };
-        Ok(rollup::find(self.pipeline, &self.lanes, holdings)?.keys)
+        Ok(rollup::rolled_keys(self.pipeline, &self.lanes, self.store)?)
     }
 
     pub fn finish(&mut self) -> Result<Summary, EngineError> {
@@ -227,16 +225,26 @@ impl<'a> Run<'a> {
         let options = self.options;
         let lanes = std::mem::take(&mut self.lanes);
         let pool = self.pool.clone();
-        let holdings = Holdings { store: self.store, pool: &pool, wanted };
+        let holdings = Holdings { store: self.store, pool: pool.as_deref(), wanted };
         let catalog = Catalog { holdings, dry: options.dry, keep_keys: self.keep_keys, recheck: options.recheck };
         // Roll-ups would hide the items that a recheck or `--only` looks at. Where something is missing they hide what
         // else may be: item by item, a pass finds at once all that can be found.
         let roll = wanted.is_empty() && options.recheck == 0.0 && options.only.is_none() && !options.no_rollup;
-        let known = if roll { rollup::find(self.pipeline, &lanes, holdings)? } else { rollup::Known::none(&lanes) };
         let tasks = request::tasks(self.pipeline, &lanes);
         let mut scheduler = Scheduler::new(self.pipeline, &lanes, tasks, wanted.clone(), ran_before, roll, options);
-        scheduler.start(known);
-        let worked = self.work(catalog, &mut scheduler);
+        scheduler.start();
+        let answer = |request| catalog.answer(request);
+        let steering = Steering {
+            stop: self.stop,
+            fail_fast: options.fail_fast,
+            sink: self.sink,
+            executor: self.executor,
+            answer: &answer,
+            workers: workers(options),
+            news: &self.news,
+            tell: &self.tell,
+        };
+        let worked = steering.work(&mut scheduler);
         let finished = worked.and_then(|()| self.conclude(&lanes, &scheduler)).map(|(published, missing)| {
             let (outputs, trees) = conclude::outputs(self.pipeline, &lanes, &scheduler);
             let (stuck, lost) = (scheduler.stuck(), scheduler.lost(&missing));
@@ -261,79 +269,7 @@ impl<'a> Run<'a> {
             published,
         })
     }
-
-    /// Looks up and runs until nothing is left.
-    fn work(&self, catalog: Catalog<'_>, scheduler: &mut Scheduler<'_>) -> Result<(), EngineError> {
-        let count = workers(self.options);
-        let (seek, sought) = mpsc::channel::<Request>();
-        let sought = Mutex::new(sought);
-        thread::scope(|scope| {
-            // Threads of their own for look-ups, so that none waits for an action that takes hours.
-            for _ in 0..count {
-                let (tell, sought) = (self.tell.clone(), &sought);
-                scope.spawn(move || {
-                    let next = || sought.lock().unwrap_or_else(PoisonError::into_inner).recv();
-                    while let Ok(request) = next() {
-                        if tell.send(News::Answered(catalog.answer(request))).is_err() {
-                            return;
-                        }
-                    }
-                });
-            }
-            let result = self.steer(scheduler, &seek, count);
-            drop(seek);
-            result
-        })
-    }
-
-    fn steer(
-        &self,
-        scheduler: &mut Scheduler<'_>,
-        seek: &mpsc::Sender<Request>,
-        count: usize,
-    ) -> Result<(), EngineError> {
-        let take = |scheduler: &mut Scheduler<'_>, news: News| match news {
-            News::Answered(answer) => scheduler.answered(answer),
-            News::Executed(reply) => {
-                if let Some(executor) = self.executor {
-                    executor.settle(&reply);
-                }
-                scheduler.executed(*reply)
-            }
-        };
-        loop {
-            // The threads live as long as this loop does.
-            let ask = |request| drop(seek.send(request));
-            while let Some(request) = scheduler.next_keep() {
-                ask(request);
-            }
-            scheduler.take_events().iter().for_each(self.sink);
-            let failed = self.options.fail_fast && !scheduler.failures().is_empty();
-            if !failed && !self.stop.load(Ordering::Relaxed) {
-                // Two requests for each thread, so that none waits for the next.
-                while scheduler.seeking() < 2 * count
-                    && let Some(request) = scheduler.next_request()
-                {
-                    ask(request);
-                }
-                if let Some(executor) = self.executor {
-                    while let Some(batch) = scheduler.next_run(executor.capacity()) {
-                        executor.submit(batch);
-                    }
-                }
-            }
-            if scheduler.running() + scheduler.seeking() == 0 {
-                return Ok(());
-            }
-            let Ok(news) = self.news.recv() else { return Ok(()) };
-            take(scheduler, news)?;
-            self.news.try_iter().take(AT_ONCE).try_for_each(|news| take(scheduler, news))?;
-        }
-    }
 }
-
-/// News that are taken before work is handed out again.
-const AT_ONCE: usize = 256;
 
 struct Pass {
     stats: Vec<NodeStat>,

@@ -30,7 +30,7 @@ use super::{
     lanes::{LaneFeed, Lanes, ReadingPort},
     records::Payload,
     request::Task,
-    rollup::Known,
+    rolled::RolledLanes,
     sharded::Sharded,
 };
 use crate::pipeline::Pipeline;
@@ -69,6 +69,7 @@ pub struct Scheduler<'a> {
     /// Actions that were handed out to run.
     in_flight: usize,
     account: Account<'a>,
+    rolled: RolledLanes,
     asked: Asked,
     starting: Starting,
     /// Blobs that readers missed in this pass.
@@ -78,8 +79,8 @@ pub struct Scheduler<'a> {
 }
 
 impl<'a> Scheduler<'a> {
-    /// Lays out the lanes, with what the actions of each share. `roll` says whether shards may be looked up as
-    /// wholes. Blobs that are `wanted` were missing in passes before.
+    /// Lays out the lanes, with what the actions of each share. `roll` says whether lanes and shards may be looked up
+    /// as wholes. Blobs that are `wanted` were missing in passes before.
     pub fn new(
         pipeline: &'a Pipeline,
         lanes: &'a Lanes,
@@ -103,6 +104,7 @@ impl<'a> Scheduler<'a> {
             seeking: Seeking::new(pipeline.nodes.len()),
             in_flight: 0,
             account: Account::new(pipeline, lanes, ran_before),
+            rolled: if roll { RolledLanes::unknown(lanes) } else { RolledLanes::none(lanes) },
             asked: Asked::default(),
             starting: Starting::default(),
             missing: HashSet::new(),
@@ -110,10 +112,19 @@ impl<'a> Scheduler<'a> {
         }
     }
 
-    /// Takes note of what is known of the lanes, and asks for the items of sources.
-    pub fn start(&mut self, known: Known) {
-        for (lane, rolled) in self.lanes.ids().zip(known.rolled) {
-            match rolled {
+    /// Asks what earlier runs left of the lanes; once that is known, for the items of sources.
+    pub fn start(&mut self) {
+        self.asked.rolled = self.rolled.next(self.pipeline, self.lanes, &self.tasks);
+        if self.asked.rolled.is_none() {
+            self.place();
+        }
+    }
+
+    /// Takes note of the lanes that are known, and asks for the items of sources.
+    fn place(&mut self) {
+        let known = std::mem::replace(&mut self.rolled, RolledLanes::none(self.lanes));
+        for (lane, payload) in self.lanes.ids().zip(known.payloads) {
+            match payload {
                 Some(payload) => self.set_lane(lane, LaneStage::Rolled(payload)),
                 None if self.mode(lane) == Mode::Source => self.asked.lists.push_back(lane),
                 None => {}
@@ -234,11 +245,6 @@ impl<'a> Scheduler<'a> {
             let file = |slot: &Slot| slot.extra.as_ref().and_then(|extra| extra.file);
             keys::listing(state.slots.iter().filter_map(|slot| Some((slot.key.as_ref()?, file(slot)))))
         })
-    }
-
-    /// The node of a lane.
-    pub fn node_of(&self, lane: LaneId) -> usize {
-        self.lanes[lane].node
     }
 
     /// The roll-up of a rolled lane.

@@ -4,38 +4,24 @@
 //! lists these: a change of one item writes two of them anew, and a reader of one item reads two. All are trees (see
 //! [`tauflow_cache::tree`]), so that a record which names the top one keeps every item's blobs.
 
-use super::listing::{self, Listing};
+use super::{
+    listing::{self, Listing},
+    output::{Items, Output},
+};
 use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,
     sync::{Arc, OnceLock},
 };
 use tauflow_cache::{CacheError, Digest, Store, tree};
-use tauflow_contract::{Any, Artifact, Collection, ItemKey, collection_digest, shard_digest};
+use tauflow_contract::{Any, Collection, ItemKey, collection_digest, shard_digest};
 
 /// Shards of a collection.
 pub const SHARDS: usize = 256;
 /// Items from which a collection is listed shard by shard, and a lane is looked up so.
 pub const MANY: u64 = 2048;
-
-/// An artifact with its content digest.
-#[derive(Debug)]
-pub struct Output {
-    /// The artifact.
-    pub artifact: Artifact,
-    /// Its digest.
-    pub digest: Digest,
-}
-
-impl Output {
-    /// Computes the digest.
-    pub fn new(artifact: Artifact) -> Arc<Self> {
-        Arc::new(Self { digest: artifact.digest(), artifact })
-    }
-}
-
-/// Items in the order of their keys.
-pub type Items = Vec<(ItemKey, Arc<Output>)>;
+/// Listings of shards that are read together.
+const AT_ONCE: usize = 64;
 
 /// The value, or its missing blob.
 pub type Here<T> = Result<T, Digest>;
@@ -87,20 +73,45 @@ impl Shard {
     /// # Errors
     /// If the store cannot be read.
     pub fn items(&self, store: &Store) -> Result<Here<&Items>, CacheError> {
-        if let Some(items) = self.items.get() {
-            return Ok(Ok(items));
+        match self.items.get() {
+            Some(items) => Ok(Ok(items)),
+            None => Ok(self.parse(store.get(&self.listing())?)),
         }
-        let tree = self.tree.get().copied().unwrap_or(self.digest); // one of the two is always there
-        let Some(bytes) = store.get(&tree)? else { return Ok(Err(tree)) };
+    }
+
+    /// Reads the items of shards that do not have them yet, many at a time; or the missing blob of each.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub fn read(store: &Store, shards: &[&Self]) -> Result<Vec<Here<()>>, CacheError> {
+        let mut read: Vec<Here<()>> = vec![Ok(()); shards.len()];
+        let open: Vec<usize> = (0..shards.len()).filter(|at| shards[*at].items.get().is_none()).collect();
+        for open in open.chunks(AT_ONCE) {
+            let blobs: Vec<Digest> = open.iter().map(|at| shards[*at].listing()).collect();
+            for (at, bytes) in open.iter().zip(store.get_many(&blobs)?) {
+                read[*at] = shards[*at].parse(bytes).map(drop);
+            }
+        }
+        Ok(read)
+    }
+
+    /// The blob that lists the items.
+    fn listing(&self) -> Digest {
+        self.tree.get().copied().unwrap_or(self.digest) // a shard without items has a listing
+    }
+
+    /// The items that a listing names; or its blob if that is missing or unusable.
+    fn parse(&self, bytes: Option<Vec<u8>>) -> Here<&Items> {
+        let Some(bytes) = bytes else { return Err(self.listing()) };
         // One that says something else than its collection does is as good as none.
         let content = |items: &Items| shard_digest(items.iter().map(|(key, output)| (key, output.digest)));
         let own =
             |items: &Items| self.says.is_none_or(|(number, _)| items.iter().all(|(key, _)| key.shard() == number));
         match listing::read(&bytes, self.len, self.says.map_or(Any::NAME, |(_, media)| media)) {
             Some(Listing::Items(items)) if own(&items) && content(&items) == self.digest => {
-                Ok(Ok(self.items.get_or_init(|| items)))
+                Ok(self.items.get_or_init(|| items))
             }
-            _ => Ok(Err(tree)),
+            _ => Err(self.listing()),
         }
     }
 
@@ -163,15 +174,11 @@ impl Sharded {
     /// # Errors
     /// If the store cannot be read.
     pub fn items(&self, store: &Store) -> Result<Here<Items>, CacheError> {
-        // A listing may say any number of items.
-        let mut all = Items::new();
-        for shard in self.shards.values() {
-            match shard.items(store)? {
-                Ok(items) => all.extend_from_slice(items),
-                Err(missing) => return Ok(Err(missing)),
-            }
+        let shards: Vec<&Shard> = self.shards.values().map(|shard| &**shard).collect();
+        if let Some(missing) = Shard::read(store, &shards)?.into_iter().find_map(Result::err) {
+            return Ok(Err(missing));
         }
-        Ok(Ok(all))
+        Ok(Ok(shards.into_iter().filter_map(Shard::at_hand).flatten().cloned().collect()))
     }
 
     /// The blobs of every item, as far as they are known; and the blobs that list the others, which are missing.
@@ -179,17 +186,19 @@ impl Sharded {
     /// # Errors
     /// If the store cannot be read.
     pub fn blobs(&self, store: &Store) -> Result<(Vec<Digest>, Vec<Digest>), CacheError> {
-        let (mut all, mut missing) = (Vec::new(), Vec::new());
+        let (mut all, mut missing, mut unread) = (Vec::new(), Vec::new(), Vec::new());
         for shard in self.shards.values() {
-            match (shard.items.get(), shard.tree.get()) {
-                // Without reading what the items are called.
-                (None, Some(blob)) => match store.get(blob)?.as_deref().and_then(tree::decode) {
+            match shard.at_hand() {
+                Some(items) => all.extend(items.iter().flat_map(|(_, output)| output.artifact.parts.values())),
+                None => unread.push(shard.listing()),
+            }
+        }
+        for unread in unread.chunks(AT_ONCE) {
+            for (blob, bytes) in unread.iter().zip(store.get_many(unread)?) {
+                // Only the blobs are decoded, not the names of the items.
+                match bytes.as_deref().and_then(tree::decode) {
                     Some(listing) => all.extend(listing.refs),
                     None => missing.push(*blob),
-                },
-                (items, _) => {
-                    let outputs = items.into_iter().flatten().map(|(_, output)| output);
-                    all.extend(outputs.flat_map(|output| output.artifact.parts.values()));
                 }
             }
         }
@@ -244,8 +253,21 @@ impl Sharded {
     /// # Errors
     /// If the store cannot be read.
     pub fn get(store: &Store, listed: &Listed, media: &'static str) -> Result<Option<Self>, CacheError> {
-        let Some(bytes) = store.get(&listed.blob)? else { return Ok(None) };
-        let sharded = match listing::read(&bytes, listed.len, media) {
+        Ok(store.get(&listed.blob)?.and_then(|bytes| Self::parse(&bytes, listed, media)))
+    }
+
+    /// Reads several listings together, each as [`get`](Self::get) does.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub fn get_many(store: &Store, asked: &[(&Listed, &'static str)]) -> Result<Vec<Option<Self>>, CacheError> {
+        let blobs: Vec<Digest> = asked.iter().map(|(listed, _)| listed.blob).collect();
+        let read = store.get_many(&blobs)?.into_iter().zip(asked);
+        Ok(read.map(|(bytes, (listed, media))| Self::parse(&bytes?, listed, media)).collect())
+    }
+
+    fn parse(bytes: &[u8], listed: &Listed, media: &'static str) -> Option<Self> {
+        let sharded = match listing::read(bytes, listed.len, media) {
             Some(Listing::Shards(shards)) => {
                 let shard = |((number, len, digest), blob): (listing::Row, Digest)| {
                     (number, Arc::new(Shard::listed(&Listed { digest, blob, len }, number, media)))
@@ -253,16 +275,17 @@ impl Sharded {
                 Self::new(shards.into_iter().map(shard).collect())
             }
             Some(Listing::Items(items)) => Self::of(items),
-            None => return Ok(None),
+            None => return None,
         };
         let _ = sharded.stored.set(listed.clone()); // new, so empty
-        Ok((sharded.digest == listed.digest).then_some(sharded))
+        (sharded.digest == listed.digest).then_some(sharded)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tauflow_contract::Artifact;
 
     fn items(count: u64, changed: Option<u64>) -> Items {
         let item = |n: u64| {

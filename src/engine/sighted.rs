@@ -12,7 +12,7 @@ use std::{
     collections::{BTreeSet, HashMap},
     sync::{Arc, Mutex, PoisonError},
 };
-use tauflow_cache::{CacheError, Digest, Record, Recorded, Store};
+use tauflow_cache::{CacheError, Digest, Key, Record, Recorded, Store};
 use tauflow_contract::{ActionKey, Basis, MemoKey, Seen};
 
 /// Fields of a key's environment that hold its second part.
@@ -58,56 +58,60 @@ fn memo_key(key: &ActionKey) -> MemoKey {
     MemoKey { basis, inputs: Vec::new() }
 }
 
-/// The lists of paths that were looked at, the latest first.
-fn lists(store: &Store, memo: &MemoKey) -> Vec<Digest> {
-    let record = store.lookup(MEMO, &memo.hash());
+/// The lists of paths that were looked at, by a record under a [`memo_key`], the latest first.
+fn lists(record: Option<Arc<Record>>) -> Vec<Digest> {
     record.and_then(|record| serde_json::from_str(&record.payload).ok()).unwrap_or_default()
 }
 
-fn read(store: &Store, list: &Digest) -> Result<Option<Seen>, CacheError> {
-    Ok(store.get(list)?.and_then(|bytes| serde_json::from_slice(&bytes).ok()))
+/// Reads lists of paths together; none for a list that is lost.
+fn read(store: &Store, lists: &[Digest]) -> Result<Vec<Option<Seen>>, CacheError> {
+    let read = store.get_many(lists)?.into_iter();
+    Ok(read.map(|bytes| serde_json::from_slice(&bytes?).ok()).collect())
 }
 
-/// The second parts of keys as the files are now. A list is asked once, however many actions share it.
-#[derive(Default)]
-pub struct Looks(HashMap<Digest, Option<Arc<[Value; 2]>>>);
+/// An action as the files outside are now.
+#[derive(Clone)]
+pub struct Sighted {
+    /// The key under which it is recorded. Without a record: the key that it would have if the program looked where it
+    /// did last, or the first part alone.
+    pub key: ActionKey,
+    /// Its hash.
+    pub hash: Key,
+    /// The record.
+    pub record: Option<Arc<Record>>,
+}
 
-impl Looks {
-    /// The keys that an action may be recorded under as the files are now, the latest first.
-    fn keys(&mut self, store: &Store, key: &ActionKey) -> Result<Vec<ActionKey>, CacheError> {
-        let mut keys = Vec::new();
-        for list in lists(store, &memo_key(key)) {
-            let now = match self.0.get(&list) {
-                Some(now) => now.clone(),
-                None => {
-                    let now = read(store, &list)?.map(|seen| Arc::new(second(&seen.again())));
-                    self.0.insert(list, now.clone());
-                    now
-                }
-            };
-            keys.extend(now.map(|now| join(first(key), &now)));
-        }
-        Ok(keys)
-    }
-
-    /// The key under which an action is recorded as the files are now, with the record. Without a record: the key that
-    /// it would have if the program looked where it did last, or the first part alone.
-    ///
-    /// # Errors
-    /// If the store cannot be read.
-    pub fn find(&mut self, store: &Store, key: &ActionKey) -> Result<(ActionKey, Option<Arc<Record>>), CacheError> {
-        let mut keys = self.keys(store, key)?;
-        if keys.is_empty() {
+/// Finds actions by their keys, in order. The store is asked three times, however many actions there are: for the
+/// lists of paths of all, for the content of the lists, and for the records of all candidates.
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn find_many(store: &Store, keys: &[&ActionKey]) -> Result<Vec<Sighted>, CacheError> {
+    let memos: Vec<Key> = keys.iter().map(|key| memo_key(key).hash()).collect();
+    let lists: Vec<Vec<Digest>> = store.lookup_many(MEMO, &memos).into_iter().map(lists).collect();
+    // Actions share lists; the files of a list are looked at once.
+    let distinct: Vec<Digest> = lists.iter().flatten().copied().collect::<BTreeSet<_>>().into_iter().collect();
+    let seen = read(store, &distinct)?.into_iter().map(|seen| Some(second(&seen?.again())));
+    let now: HashMap<Digest, Option<[Value; 2]>> = distinct.iter().copied().zip(seen).collect();
+    let candidates = |(key, lists): (&&ActionKey, &Vec<Digest>)| {
+        let known = lists.iter().filter_map(|list| now.get(list)?.as_ref());
+        let mut found: Vec<ActionKey> = known.map(|now| join(first(key), now)).collect();
+        if found.is_empty() {
             // No program ran, because it was not there.
-            keys.push(first(key));
+            found.push(first(key));
         }
-        for full in &keys {
-            if let Some(record) = store.lookup(ACTION, &full.hash()) {
-                return Ok((full.clone(), Some(record)));
-            }
-        }
-        Ok((keys.swap_remove(0), None))
-    }
+        found.into_iter().map(|key| (key.hash(), key)).collect::<Vec<_>>()
+    };
+    let candidates: Vec<Vec<(Key, ActionKey)>> = keys.iter().zip(&lists).map(candidates).collect();
+    let hashes: Vec<Key> = candidates.iter().flatten().map(|(hash, _)| *hash).collect();
+    let mut records = store.lookup_many(ACTION, &hashes).into_iter();
+    let sighted = |candidates: Vec<(Key, ActionKey)>| {
+        let all = candidates.into_iter().zip(records.by_ref());
+        let mut all: Vec<_> = all.map(|((hash, key), record)| Sighted { key, hash, record }).collect();
+        let recorded = all.iter().position(|of| of.record.is_some());
+        all.swap_remove(recorded.unwrap_or(0)) // an action has a candidate at least
+    };
+    Ok(candidates.into_iter().map(sighted).collect())
 }
 
 /// Keeps which paths the program of an action looked at.
@@ -117,13 +121,13 @@ impl Looks {
 pub fn keep(store: &Store, key: &ActionKey, seen: &Seen) -> Result<(), CacheError> {
     let memo = memo_key(key);
     let own = store.put(&serde_json::to_vec(seen).expect("plain data"))?;
+    let mut before = lists(store.lookup(MEMO, &memo.hash()));
+    before.retain(|list| *list != own);
+    // The later of two lists of the same paths has the later times of files.
+    let others = before.iter().zip(read(store, &before)?);
+    let differs = |(list, other): (&Digest, Option<Seen>)| other.is_some_and(|o| !o.same_paths(seen)).then_some(*list);
     let mut kept = vec![own];
-    for list in lists(store, &memo) {
-        // Of two lists of the same paths, the later one has the later times of files.
-        if list != own && read(store, &list)?.is_some_and(|other| !other.same_paths(seen)) {
-            kept.push(list);
-        }
-    }
+    kept.extend(others.filter_map(differs));
     kept.truncate(MOST);
     let record = Record {
         namespace: MEMO.into(),

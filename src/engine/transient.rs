@@ -65,7 +65,7 @@ pub fn default_memory() -> u64 {
         let line = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
         line.trim().strip_suffix(" kB")?.trim().parse::<u64>().ok().map(|kib| kib * 1024)
     });
-    // Of a container, in either version of control groups; `max` is no number, and no limit.
+    // The limit of a container, in either version of control groups; `max` means no limit.
     let group = ["/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"];
     let group = group.iter().filter_map(|path| fs::read_to_string(path).ok()?.trim().parse::<u64>().ok()).min();
     machine.into_iter().chain(group).min().map_or(4 << 30, |bytes| bytes / 2)

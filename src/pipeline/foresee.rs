@@ -31,7 +31,7 @@ struct Part {
     items: Items,
 }
 
-/// What is known of the items of a part.
+/// The known facts about the items of a part.
 #[derive(Clone)]
 enum Items {
     Unknown,
@@ -140,7 +140,7 @@ struct Eye<'a> {
 }
 
 impl Eye<'_> {
-    /// What the cell makes on each output.
+    /// The outputs of the cell, by port.
     fn look(&mut self, listed: Option<&Arc<BTreeSet<ItemKey>>>) -> Vec<Vec<Part>> {
         let cell = &self.pipeline.cells[self.cell];
         let node = &self.pipeline.nodes[cell.node];
@@ -180,7 +180,7 @@ impl Eye<'_> {
             }
             self.meet((*driving, &inputs[*driving]), (*other, &inputs[*other]));
         }
-        // What is known of the items of each prefix.
+        // The known facts about the items of each prefix.
         let known: Vec<Known> = inputs[*driving]
             .iter()
             .map(|(leading, _)| {
@@ -221,7 +221,7 @@ impl Eye<'_> {
         found
     }
 
-    /// What the kind foresees. A kind that panics foresees nothing: its actions tell.
+    /// The outlook of the kind. If the kind panics, nothing is foreseen, and its actions report the error.
     fn outlooks(&mut self, known: &[Known]) -> Vec<Outlook> {
         let cell = &self.pipeline.cells[self.cell];
         let kind = &self.pipeline.nodes[cell.node].kind;

@@ -30,7 +30,7 @@ struct Sample {
 #[derive(Default)]
 struct Samples(BTreeMap<String, Vec<Sample>>);
 
-/// What earlier actions cost.
+/// The cost of earlier actions.
 pub(super) struct Costs<'a> {
     store: &'a Store,
     kinds: BTreeMap<&'static str, Samples>,

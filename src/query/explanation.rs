@@ -17,7 +17,7 @@ use std::{
 use tauflow_cache::Store;
 use tauflow_contract::{ActionKey, ItemKey};
 
-/// What is known of a node, cell or item that was asked about.
+/// The explanation of a node, cell or item.
 #[derive(Clone, Debug)]
 pub enum Explanation {
     /// Nothing before these nodes have run; none if it is not known which.

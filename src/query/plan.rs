@@ -40,7 +40,7 @@ impl Cost {
     }
 }
 
-/// What a run would do at a node.
+/// The actions that a run would perform at a node.
 #[derive(Clone, Debug, Serialize)]
 pub struct NodePlan {
     /// The node.
@@ -59,7 +59,7 @@ pub struct NodePlan {
     pub cost: Option<Cost>,
     /// Actions that may run besides: all that are not known to be done, if no output stays unchanged.
     pub may_run: u64,
-    /// What both cost together; none if the kind never ran.
+    /// The total cost of both; none if the kind never ran.
     pub most: Option<Cost>,
     /// Why actions would run, with how many for each reason.
     pub reasons: Vec<(Reason, u64)>,
@@ -72,7 +72,7 @@ impl NodePlan {
     }
 }
 
-/// What a run would do, and its expected cost.
+/// The actions that a run would perform, and their expected cost.
 #[derive(Clone, Debug, Serialize)]
 pub struct PlanCosts {
     /// The nodes that are needed, in the pipeline's order.
@@ -114,7 +114,7 @@ fn reasons(store: &Store, planned: &[Planned]) -> BTreeMap<usize, BTreeMap<Reaso
     reasons
 }
 
-/// What a run would do, why, and what it would cost.
+/// The actions that a run would perform, the reasons, and the expected cost.
 ///
 /// # Errors
 /// If the store cannot be read.
@@ -168,7 +168,7 @@ pub fn plan(pipeline: &Pipeline, store: &Store) -> Result<PlanCosts, EngineError
     Ok(PlanCosts { nodes, total, most: at_most, never })
 }
 
-/// What each node may do if everything runs, by the times of earlier actions. Looks no action up.
+/// The actions of each node if everything runs, with the times of earlier actions. Looks no action up.
 pub fn expected(pipeline: &Pipeline, store: &Store) -> Vec<Expected> {
     let unknown = vec![NodeStat { unknown: true, ..NodeStat::default() }; pipeline.nodes.len()];
     let most = estimate::most(pipeline, &unknown, &mut Costs::new(store).reading(FEW));

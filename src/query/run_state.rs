@@ -1,7 +1,7 @@
 //! The state of a run, node by node, counted from its events.
 
 use crate::engine::event::{Ended, Event, Name};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 use std::{
     collections::BTreeMap,
     time::{Duration, Instant},
@@ -33,7 +33,7 @@ pub struct NodeState {
 pub struct LongAction {
     /// Units done.
     pub done: u64,
-    /// Of so many.
+    /// The total number of units.
     pub total: u64,
     /// Its news.
     pub message: String,
@@ -51,8 +51,65 @@ impl LongAction {
     }
 }
 
+impl Serialize for LongAction {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct View<'a> {
+            done: u64,
+            total: u64,
+            message: &'a str,
+            seconds_left: Option<f64>,
+        }
+        let Self { done, total, message, .. } = self;
+        View { done: *done, total: *total, message, seconds_left: self.eta() }.serialize(serializer)
+    }
+}
+
+impl Serialize for NodeState {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct Running<'a> {
+            cell: &'a str,
+            item: &'a str,
+            /// Its progress, if it reports any.
+            progress: Option<&'a LongAction>,
+        }
+        #[derive(Serialize)]
+        struct View<'a> {
+            counts: Counts,
+            /// Done actions, and the parts of those in flight.
+            position: f64,
+            seconds_left: Option<f64>,
+            running: Vec<Running<'a>>,
+        }
+        let running = self.running.keys().map(|at| Running { cell: &at.0, item: &at.1, progress: self.long.get(at) });
+        let (counts, position, seconds_left) = (self.counts(), self.position(), self.eta());
+        View { counts, position, seconds_left, running: running.collect() }.serialize(serializer)
+    }
+}
+
+/// The nodes in the order of the graph, each with what is known of it.
+impl Serialize for RunState {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct View<'a> {
+            node: &'a str,
+            /// All actions are known.
+            known: bool,
+            /// All actions are done.
+            done: bool,
+            /// Missing if no event named the node yet.
+            state: Option<&'a NodeState>,
+        }
+        serializer.collect_seq(self.graph.iter().map(|(node, _)| {
+            let (known, done) = self.standing(node);
+            View { node, known, done, state: self.node(node) }
+        }))
+    }
+}
+
 /// The state of a whole run.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Overall {
     /// Nodes of which all actions are done.
     pub done: usize,
@@ -64,8 +121,8 @@ pub struct Overall {
     pub known: bool,
 }
 
-/// What is expected at a node.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// The expected actions of a node.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Expected {
     /// Its actions, or more.
     pub actions: f64,
@@ -98,7 +155,7 @@ impl Counts {
 }
 
 impl RunState {
-    /// Of nodes that stand after those that they read, with the numbers of these.
+    /// The state of nodes in topological order, each with the numbers of the nodes that it reads.
     pub fn new(graph: Vec<(String, Vec<usize>)>) -> Self {
         Self { graph, nodes: BTreeMap::new() }
     }
@@ -327,6 +384,22 @@ mod tests {
         count(begin("d"));
         assert!(!count(end("n", "d", Ended::Hit)).2, "more may come as long as the source goes on");
         assert_eq!(count(end("source", "x", Ended::Ran)), (true, Counts { hit: 1, ..failed }, true));
+    }
+
+    #[test]
+    fn a_viewer_reads_the_state_as_json() {
+        let mut state = fresh();
+        state.count(&expect("n", 2));
+        state.count(&begin("a"));
+        state.count(&progress("loss 2"));
+        let told = serde_json::to_value(&state).expect("plain data");
+        assert_eq!(told[0], serde_json::json!({ "node": "source", "known": true, "done": true, "state": null }));
+        assert_eq!((&told[1]["node"], &told[1]["done"]), (&"n".into(), &false.into()));
+        let state = &told[1]["state"];
+        assert_eq!((&state["counts"]["expected"], &state["counts"]["running"]), (&2.into(), &1.into()));
+        assert_eq!(state["position"], 0.25);
+        let progress = serde_json::json!({ "done": 1, "total": 4, "message": "loss 2", "seconds_left": null });
+        assert_eq!(state["running"], serde_json::json!([{ "cell": "", "item": "a", "progress": progress }]));
     }
 
     #[test]

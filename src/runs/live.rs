@@ -110,7 +110,7 @@ pub struct Process {
     pub host: String,
 }
 
-/// What is known of the process behind a state.
+/// The state of the process behind a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Standing {
@@ -167,7 +167,7 @@ impl LiveAction {
 }
 
 impl LiveState {
-    /// What is known of its process now.
+    /// The present state of its process.
     pub fn standing(&self) -> Standing {
         match self.process.lives() {
             Some(true) => Standing::Going,

@@ -36,7 +36,7 @@ const MOST_FAILURES: usize = 50;
 /// Actions in flight that are told one by one.
 const MOST_ACTIONS: usize = 64;
 
-/// What a page shows.
+/// The content of a page.
 pub struct Shown<'a> {
     /// How far the run is.
     pub state: &'a LiveState,
@@ -75,7 +75,7 @@ struct Shared {
     ended: Condvar,
 }
 
-/// What was seen so far.
+/// The events so far.
 struct Seen {
     began: Instant,
     base: LiveState,
@@ -92,7 +92,7 @@ struct Seen {
     changed: bool,
     /// Something ran or failed.
     worked: bool,
-    /// What could not be written.
+    /// Files that could not be written, for people.
     notes: Vec<String>,
     over: bool,
 }

@@ -12,6 +12,8 @@ use std::{fmt::Display, io::Write as _};
 pub enum Need {
     /// The shared assets or reference numbers beside the checkout.
     Shared,
+    /// The database of `cargo deny` about vulnerable crates, which `.ci/run` asks.
+    Advisories,
     /// A processor with AVX2.
     Avx2,
     /// A processor with AVX-512.
@@ -20,10 +22,14 @@ pub enum Need {
     Bash,
     /// `bwrap`, and a kernel that lets it make a sandbox.
     Bwrap,
+    /// The program `cargo deny`, which `.ci/run` runs.
+    Deny,
     /// The program `mkfifo`.
     Fifo,
     /// The shell `fish`.
     Fish,
+    /// A Python with the package `hyperqueue`, named by `TAUFLOW_HYPERQUEUE`.
+    HyperQueue,
     /// The program `man`.
     Man,
     /// A library of ONNX Runtime, named by `TAUFLOW_ONNXRUNTIME`.
@@ -54,13 +60,16 @@ pub enum Need {
 
 impl Need {
     /// All needs with their names in `TAUFLOW_REQUIRE`.
-    pub const ALL: [(&'static str, Self); 20] = [
+    pub const ALL: [(&'static str, Self); 23] = [
+        ("advisories", Self::Advisories),
         ("avx2", Self::Avx2),
         ("avx512", Self::Avx512),
         ("bash", Self::Bash),
         ("bwrap", Self::Bwrap),
+        ("deny", Self::Deny),
         ("fifo", Self::Fifo),
         ("fish", Self::Fish),
+        ("hyperqueue", Self::HyperQueue),
         ("man", Self::Man),
         ("mount", Self::Mount),
         ("oidn", Self::Oidn),
@@ -120,6 +129,20 @@ pub fn skip(need: Need, why: impl Display) {
     let _ = writeln!(std::io::stderr(), "skipped: {test} ({}): {why}", need.name());
 }
 
+/// For a test that goes through the sets of vector instructions of this processor: says of those that it lacks that
+/// they are left out. `available` are the names of those that it has.
+///
+/// # Panics
+/// As [`skip`].
+pub fn skip_missing_instructions<'a>(available: impl IntoIterator<Item = &'a str>) {
+    let available: Vec<&str> = available.into_iter().collect();
+    for (name, need) in [("avx2", Need::Avx2), ("avx512", Need::Avx512)] {
+        if !available.contains(&name) {
+            skip(need, format_args!("the part with {name}, which this processor lacks"));
+        }
+    }
+}
+
 /// Does a part of a long test, and says on the standard error what it took if that was a second or more.
 pub fn part<T>(name: &str, work: impl FnOnce() -> T) -> T {
     let start = std::time::Instant::now();
@@ -151,6 +174,26 @@ mod tests {
     fn what_is_required_now_is_known() {
         let now = required(&set("TAUFLOW_REQUIRE").unwrap_or_default());
         assert!(now.is_ok(), "{now:?}");
+    }
+
+    #[test]
+    fn missing_instructions_are_told_and_fail_where_they_are_required() {
+        const CHILD: &str = "TAUFLOW_TESTING_INSTRUCTIONS";
+        if set(CHILD).is_some() {
+            skip_missing_instructions(["portable", "sse2", "avx2"]);
+            return;
+        }
+        let run = |required: &str| {
+            let test = "tests::missing_instructions_are_told_and_fail_where_they_are_required";
+            let mut child = std::process::Command::new(std::env::current_exe().expect("this program"));
+            child.args(["--exact", test]).env(CHILD, "1").env("TAUFLOW_REQUIRE", required);
+            child.output().expect("it starts")
+        };
+        let told = run("avx2");
+        let text = String::from_utf8_lossy(&told.stderr).into_owned();
+        assert!(told.status.success() && text.contains("(avx512): the part with avx512"), "{text}");
+        assert!(!text.contains("(avx2)"), "{text}");
+        assert!(!run("avx512").status.success());
     }
 
     #[test]

@@ -3,13 +3,14 @@
 use crate::{Place, Said, root};
 use std::{
     fs,
+    os::unix::fs::PermissionsExt,
     path::Path,
     process::{Child, Command, Stdio},
     sync::{Mutex, OnceLock},
     thread,
     time::{Duration, Instant},
 };
-use tauflow_testing::{Need, skip};
+use tauflow_testing::{Need, set, skip};
 use tempfile::TempDir;
 
 /// Items of a list, each copied by a program that notes that it began and that it ended.
@@ -53,7 +54,7 @@ fn place(items: usize, seconds: &str) -> Place {
         "copy.sh",
         &format!(
             "n=$(cat in/numbers/n); echo $n >> HERE/begun
-sleep {seconds}; echo $n >> HERE/ended; cp in/numbers/n out/copies/n"
+sleep {seconds} || exit 1; echo $n >> HERE/ended; cp in/numbers/n out/copies/n"
         ),
     );
     script("total.sh", "mkdir out/total/all; cat in/copies/*/n | sort -n > HERE/total; cp HERE/total out/total/all/n");
@@ -131,20 +132,20 @@ impl Slurm {
     }
 }
 
-/// A scheduler, and the options that choose it.
+/// A scheduler, and what chooses it.
 struct Scheduler {
     options: Vec<&'static str>,
-    configuration: Option<String>,
+    variables: Vec<(&'static str, String)>,
 }
 
 impl Scheduler {
     fn shell() -> Self {
-        Self { options: SHELL.to_vec(), configuration: None }
+        Self { options: SHELL.to_vec(), variables: Vec::new() }
     }
 
     fn command(&self, place: &Place, more: &[&str]) -> Command {
         let mut command = place.command(&[&["run", "small.yaml"], &self.options[..], more].concat());
-        command.envs(self.configuration.iter().map(|path| ("SLURM_CONF", path)));
+        command.envs(self.variables.clone());
         command
     }
 
@@ -163,7 +164,32 @@ fn with_slurm(test: impl FnOnce(&Scheduler)) {
     let Some(slurm) = Slurm::running() else { return skip(Need::Slurm, "slurm-wlm and munge are not installed") };
     let slurm = slurm.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     let options = vec!["--executor", "slurm", "--poll-every", "0.5s"];
-    test(&Scheduler { options, configuration: Some(slurm.configuration()) });
+    test(&Scheduler { options, variables: vec![("SLURM_CONF", slurm.configuration())] });
+}
+
+/// Does a test with a server and a worker of HyperQueue, or says that it skipped.
+fn with_hyperqueue(test: impl FnOnce(&Scheduler)) {
+    let Some(python) = set("TAUFLOW_HYPERQUEUE") else {
+        return skip(Need::HyperQueue, "TAUFLOW_HYPERQUEUE names no Python with the package hyperqueue");
+    };
+    let folder = TempDir::new().expect("a temporary folder");
+    // In place of the program `hq`, which the package lacks.
+    let (program, script) = (folder.path().join("hq"), root().join("tests/support/hq.py"));
+    fs::write(&program, format!("#!/bin/sh\nexec '{python}' '{}' \"$@\"\n", script.display())).expect("writable");
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).expect("our own");
+    let server = folder.path().join("server");
+    let mut serve = Command::new(&program);
+    serve.args(["serve", "2"]).env("HQ_SERVER_DIR", &server).stdin(Stdio::piped());
+    let log = fs::File::create(folder.path().join("log")).expect("writable");
+    let mut serving = serve.stdout(log.try_clone().expect("a file")).stderr(log).spawn().expect("it starts");
+    wait_until("HyperQueue serves", || {
+        fs::read_to_string(folder.path().join("log")).is_ok_and(|log| log.lines().any(|line| line == "ready"))
+    });
+    let path = format!("{}:{}", folder.path().display(), std::env::var("PATH").unwrap_or_default());
+    let variables = vec![("PATH", path), ("HQ_SERVER_DIR", server.display().to_string())];
+    test(&Scheduler { options: vec!["--executor", "hyperqueue", "--poll-every", "0.5s"], variables });
+    drop(serving.stdin.take());
+    serving.wait().expect("it ends");
 }
 
 fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
@@ -285,6 +311,24 @@ fn jobs_of_slurm_give_the_digests_of_threads() {
 }
 
 #[test]
+fn options_reach_the_jobs_of_their_node() {
+    with_slurm(|slurm| {
+        let place = place(1, "0");
+        let names = ["numbers", "copies", "total"].map(|node| format!("--job-option={node}:--comment=of-{node}"));
+        let more: Vec<&str> = names.iter().map(String::as_str).chain(["--job-option=--time=7"]).collect();
+        slurm.run(&place, &more).ends(0);
+        let mut show = Command::new("scontrol");
+        let jobs = show.args(["-o", "show", "jobs"]).envs(slurm.variables.clone()).output().expect("scontrol starts");
+        let jobs = String::from_utf8_lossy(&jobs.stdout).into_owned();
+        let job =
+            |node: &str| jobs.lines().find(|line| line.contains(&format!("Comment=of-{node}"))).map(str::to_owned);
+        for node in ["numbers", "copies", "total"] {
+            assert!(job(node).is_some_and(|job| job.contains("TimeLimit=00:07:00")), "{node}: {jobs}");
+        }
+    });
+}
+
+#[test]
 fn jobs_of_slurm_are_found_again() {
     with_slurm(the_next_run_finds_the_jobs_of_one_that_was_killed);
 }
@@ -300,9 +344,19 @@ fn jobs_of_slurm_run_again_that_were_killed_or_cancelled_by_somebody() {
         a_job_that_is_killed_runs_again(slurm, kill_workers);
         a_job_that_is_killed_runs_again(slurm, |_| {
             let mut cancel = Command::new("scancel");
-            cancel.args(["--me", "--state=RUNNING"]).envs(slurm.configuration.iter().map(|path| ("SLURM_CONF", path)));
+            cancel.args(["--me", "--state=RUNNING"]).envs(slurm.variables.clone());
             assert!(cancel.status().expect("scancel starts").success());
         });
+    });
+}
+
+#[test]
+fn jobs_of_hyperqueue_are_the_same_are_found_are_cancelled_and_run_again() {
+    with_hyperqueue(|hyperqueue| {
+        the_same_as_on_threads(hyperqueue);
+        the_next_run_finds_the_jobs_of_one_that_was_killed(hyperqueue);
+        ctrl_c_cancels_jobs(hyperqueue);
+        a_job_that_is_killed_runs_again(hyperqueue, kill_workers);
     });
 }
 
@@ -316,6 +370,8 @@ fn a_scheduler_that_does_not_take_jobs_is_named() {
     let command = ["run", "small.yaml", "--executor", "command", "--poll", "true", "--cancel", "true {ids}"];
     let said = place.tauflow(&[&command[..], &["--submit", "qsub"]].concat()).ends(2);
     assert!(said.err.contains("must contain {script}"), "{}", said.err);
+    let said = place.tauflow(&["run", "small.yaml", "--executor", "slurm", "--job-option=scene:--mem=1G"]).ends(2);
+    assert!(said.err.contains("unknown node `scene`") && said.err.contains("scenes, split"), "{}", said.err);
     let mut command = place.command(&["run", "small.yaml", "--executor", "slurm"]);
     let said = Said::of(&command.env("PATH", "/nonexistent").output().expect("the program starts")).ends(3);
     assert!(said.err.contains("`sbatch` cannot be started"), "{}", said.err);

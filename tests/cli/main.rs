@@ -19,6 +19,7 @@ mod refining;
 mod rendering;
 mod runs;
 mod schema;
+mod shards;
 mod stale;
 mod status;
 mod upstreams;

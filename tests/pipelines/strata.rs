@@ -36,7 +36,8 @@ fn regimes_and_contexts_come_apart() {
     check(done.read("statistics.statistics"), 5);
 }
 
-/// Checks the statistics of scenes, at least so many of each stratum. What medians say is looked at from five on.
+/// Checks the statistics of scenes, at least so many of each stratum. Medians of a stratum are looked at from five
+/// scenes on; with fewer, the strata of a regime are judged together.
 pub fn check(all: BTreeMap<String, SceneStatistics>, least: usize) {
     let mut strata: BTreeMap<Stratum, Vec<SceneStatistics>> = BTreeMap::new();
     for (key, of) in all {
@@ -57,9 +58,14 @@ pub fn check(all: BTreeMap<String, SceneStatistics>, least: usize) {
         );
         assert!(of.iter().all(|s| s.rejected == 0), "{stratum}");
         let every = |holds: &dyn Fn(&SceneStatistics) -> bool| of.iter().all(holds);
+        let like = |other: &Stratum| if least < 5 { other.regime == stratum.regime } else { other == stratum };
+        let judged: Vec<SceneStatistics> =
+            strata.iter().filter(|(other, _)| like(other)).flat_map(|(_, of)| of.clone()).collect();
+        let typical = |value: fn(&SceneStatistics) -> f64| median(&judged, value);
         // Nobody looked through the cameras: some show little of what the scene holds.
-        let most =
-            |holds: &dyn Fn(&SceneStatistics) -> bool| 3 * of.iter().filter(|s| holds(s)).count() >= 2 * of.len();
+        let most = |holds: &dyn Fn(&SceneStatistics) -> bool| {
+            3 * judged.iter().filter(|s| holds(s)).count() >= 2 * judged.len()
+        };
         // Contexts by where the light comes from.
         assert!(
             match stratum.context {
@@ -77,11 +83,10 @@ pub fn check(all: BTreeMap<String, SceneStatistics>, least: usize) {
                     most(&|s| s.diffuse_share < 0.999)
                         && every(&|s| s.refractive_share == 0.0 && s.caustic_share < 0.01)
                 }
-                _ if least < 5 => true,
-                Regime::L2 => most(&|s| s.refractive_share > 0.001) && m(|s| s.caustic_share) < 0.01,
-                Regime::L3 => most(&|s| s.caustic_share > 0.001) && m(|s| s.caustic_share) > 0.01,
+                Regime::L2 => most(&|s| s.refractive_share > 0.001) && typical(|s| s.caustic_share) < 0.01,
+                Regime::L3 => most(&|s| s.caustic_share > 0.001) && typical(|s| s.caustic_share) > 0.01,
             },
-            "{stratum}: {of:?}"
+            "{stratum}: {judged:?}"
         );
     }
     for regime in Regime::ALL {

@@ -166,16 +166,16 @@ impl Notes {
     /// A thread of the program is about to use a path.
     pub(crate) fn note(&mut self, thread: u32, path: &Path, what: Use) {
         let mut path = plain(path);
+        if what == Use::Run {
+            let found = std::iter::successors(interpreter(&path), |program| interpreter(program));
+            let found: Vec<PathBuf> = found.take(MOST_INTERPRETERS).filter(|program| program.is_absolute()).collect();
+            found.into_iter().for_each(|program| self.note(thread, &program, Use::Read));
+        }
         if self.is_left_out(&path) {
             match self.behind(thread, &path) {
                 Some(real) if !matches!(what, Use::Write | Use::Make) => path = real,
                 _ => return,
             }
-        }
-        if what == Use::Run {
-            let found = std::iter::successors(interpreter(&path), |program| interpreter(program));
-            let found: Vec<PathBuf> = found.take(MOST_INTERPRETERS).filter(|program| program.is_absolute()).collect();
-            found.into_iter().for_each(|program| self.note(thread, &program, Use::Read));
         }
         if let Some(source) = source_of(&path) {
             if what == Use::Read && path.exists() {

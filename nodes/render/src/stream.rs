@@ -7,6 +7,7 @@
 
 mod rays;
 mod rows;
+mod scattering;
 mod shading;
 
 use crate::{

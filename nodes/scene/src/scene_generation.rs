@@ -4,6 +4,7 @@ mod arrange;
 mod assemble;
 mod camera;
 mod cast;
+mod hour;
 mod lamps;
 mod layouts;
 mod params;

@@ -20,7 +20,7 @@ pub(super) struct Budget {
     measuring: bool,
 }
 
-/// What an executor would take on now. A scheduler fills a batch against it.
+/// The work that an executor accepts now. A scheduler fills a batch against it.
 #[derive(Clone, Copy, Debug)]
 pub struct Capacity {
     /// Actions that run at a time.
@@ -55,12 +55,12 @@ impl Capacity {
 }
 
 impl Budget {
-    /// Of so many workers and so much memory, with nothing going on.
+    /// The budget of this many workers and this much memory, with nothing in flight.
     pub fn new(workers: usize, memory: u64) -> Self {
         Self { workers, memory, in_flight: 0, weights: HashMap::new(), batches: 0, measuring: false }
     }
 
-    /// What may be taken on, beside `pooled` bytes of transient outputs.
+    /// The work that is accepted in addition to `pooled` bytes of transient outputs.
     pub fn capacity(&self, pooled: u64) -> Capacity {
         let Self { workers, memory, in_flight, batches, measuring, .. } = *self;
         Capacity { workers, batches, measuring, memory, in_flight, pooled }

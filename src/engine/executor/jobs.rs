@@ -62,6 +62,15 @@ impl Scheduling {
     }
 }
 
+/// An option of the command that submits jobs.
+#[derive(Clone, Debug)]
+pub struct JobOption {
+    /// The node whose jobs it is for; all of them unless named.
+    pub node: Option<String>,
+    /// The option.
+    pub text: String,
+}
+
 /// How jobs are made.
 #[derive(Clone, Debug)]
 pub struct JobOptions {
@@ -70,7 +79,7 @@ pub struct JobOptions {
     /// The command that executes a batch.
     pub worker: ChildCommand,
     /// More options of the command that submits.
-    pub options: Vec<String>,
+    pub options: Vec<JobOption>,
     /// The duration of a job that actions are gathered for.
     pub duration: Duration,
     /// How often an action runs again whose job ended before it was done.

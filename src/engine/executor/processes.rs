@@ -52,7 +52,7 @@ type Making = dyn Fn(&Path, &Path) -> Command + Send + Sync;
 pub struct ChildCommand(Arc<Making>);
 
 impl ChildCommand {
-    /// Of what makes the command.
+    /// The function that makes the command.
     pub fn new(command: impl Fn(&Path, &Path) -> Command + Send + Sync + 'static) -> Self {
         Self(Arc::new(command))
     }
@@ -132,7 +132,7 @@ struct OpenBatch<'a, 'c> {
 /// Runs a batch, in as many children as it takes.
 fn run(crew: &Crew<'_>, command: &ChildCommand, batch: Batch) {
     let Batch { label, wanted, orders, .. } = batch;
-    let holdings = Holdings { store: crew.of.store, pool: &crew.of.pool, wanted: &wanted };
+    let holdings = Holdings { store: crew.of.store, pool: Some(&crew.of.pool), wanted: &wanted };
     let open = orders.into_iter().map(|order| OpenOrder { order, attempts: 0, reporter: None }).collect();
     let mut rest = OpenBatch { crew, label: &label, holdings, open };
     while !rest.open.is_empty() {
@@ -255,7 +255,7 @@ fn start(command: &mut Command) -> io::Result<Child> {
     command.spawn()
 }
 
-/// What became of an action by what its process tells, and by what it recorded. None if the record is not seen here.
+/// The outcome of an action, from the messages of its process and from its record. None if the record is not here yet.
 pub(super) fn outcome(order: &Order, end: &End, holdings: Holdings<'_>) -> Result<Option<Outcome>, EngineError> {
     let action = &order.action;
     let recorded = || -> Result<Option<Made>, EngineError> {

@@ -22,7 +22,7 @@ use std::{
 use tauflow_cache::Store;
 use tauflow_contract::{Group, NodeKind, Progress};
 
-/// What all executors on this machine need of a run.
+/// The parts of a run that every executor on this machine needs.
 pub struct Site<'a> {
     /// The store.
     pub store: &'a Store,
@@ -42,7 +42,7 @@ pub struct Site<'a> {
     pub replies: Replies<'a>,
 }
 
-/// What the threads of an executor share.
+/// State that the threads of an executor share.
 pub(super) struct Crew<'a> {
     pub of: Site<'a>,
     budget: Mutex<Budget>,
@@ -171,7 +171,7 @@ pub(super) fn run(crew: &Crew<'_>, batch: Batch) {
         }
         let Site { store, pool, stop, .. } = &crew.of;
         let reporter = crew.announce(&batch.label, &order);
-        let holdings = Holdings { store, pool, wanted: &batch.wanted };
+        let holdings = Holdings { store, pool: Some(pool), wanted: &batch.wanted };
         let execution = execute(&order.action, holdings, stop, &reporter);
         crew.reply(&order, execution, left == 0);
     }

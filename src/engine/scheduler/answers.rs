@@ -31,7 +31,7 @@ impl Scheduler<'_> {
                 if let Some(first) = found.first() {
                     self.end_seeking(first.slot.0);
                 }
-                found.into_iter().try_for_each(|found| self.note_look_up(found))?;
+                found.into_iter().for_each(|found| self.note_look_up(found));
             }
             Response::Shards { lane, found } => {
                 self.end_seeking(lane);
@@ -46,6 +46,16 @@ impl Scheduler<'_> {
             Response::Merged { lane, input, merged } => {
                 self.end_seeking(lane);
                 self.note_merged(lane, input, merged);
+            }
+            Response::Lanes(found) => {
+                self.seeking.end(0);
+                self.rolled.note_lanes(found);
+                self.start();
+            }
+            Response::Listings(read) => {
+                self.seeking.end(0);
+                self.rolled.note_listings(read);
+                self.start();
             }
             Response::Kept => self.seeking.end(0),
             Response::Fatal(error) => return Err(error),
@@ -78,7 +88,7 @@ impl Scheduler<'_> {
         self.ops.push_back(Op::FeedDone { lane, input, broken: false });
     }
 
-    fn note_look_up(&mut self, found: LookedUp) -> Result<(), EngineError> {
+    fn note_look_up(&mut self, found: LookedUp) {
         let (lane, slot) = found.slot;
         let at = &mut self.states[lane].slots[slot];
         if found.file.is_some() {
@@ -94,7 +104,7 @@ impl Scheduler<'_> {
                 at.extra.get_or_insert_default().todo = Some(todo);
                 self.set_slot(lane, slot, SlotStage::Todo);
                 self.settle();
-                return Ok(());
+                return;
             }
             Finding::WouldRun { lost, gone } => {
                 self.never_run |= !lost;
@@ -105,14 +115,12 @@ impl Scheduler<'_> {
                 self.account.fail(lane, item.as_ref(), message);
                 Ended::Failed
             }
-            Finding::Fatal(error) => return Err(error.into()),
         };
         if let Some(key) = found.key {
             self.account.key(lane, item, ended, key);
         }
         self.set_slot(lane, slot, SlotStage::Ended(ended));
         self.settle();
-        Ok(())
     }
 
     /// In a dry run: what an action that would run reads of transient lanes, and is not there, would run again.

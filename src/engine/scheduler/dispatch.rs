@@ -9,8 +9,8 @@ use crate::engine::{
     execute::{PreparedAction, Whole},
     executor::{Batch, Capacity, Order},
     ids::{InputId, LaneId, SlotId},
+    output::Output,
     request::{LookUp, LookUps, Request, ShardLookUps, Todo},
-    sharded::Output,
 };
 use std::{cmp::Reverse, collections::BinaryHeap, sync::Arc};
 
@@ -44,8 +44,12 @@ impl Scheduler<'_> {
         Some(Request::Keep(self.asked.keeps.drain(..most).collect()))
     }
 
-    /// What is to be asked next: what others wait for first, then actions.
+    /// The next request: first the requests that others wait for, then actions.
     pub fn next_request(&mut self) -> Option<Request> {
+        if let Some(request) = self.asked.rolled.take() {
+            self.seeking.begin(0); // of no node in particular
+            return Some(request);
+        }
         let (lane, request) = self.next_question()?;
         self.seeking.begin(self.lanes[lane].node);
         Some(request)
@@ -145,7 +149,7 @@ impl Scheduler<'_> {
         arrived.fold(state.pace.mean_bytes, u64::saturating_add)
     }
 
-    /// What it takes to run an action that was looked up.
+    /// An action that was looked up, with everything that it needs to run.
     fn prepare(&mut self, lane: LaneId, slot: SlotId, whole: &Arc<Whole>) -> Option<PreparedAction> {
         let state = &mut self.states[lane];
         let Todo { key, hash, file, before } = *state.slots[slot].extra.as_mut()?.todo.take()?;
@@ -161,7 +165,7 @@ impl LaneState {
         self.inputs.pairs().filter_map(|(id, input)| Some((id, input.whole.clone()?))).collect()
     }
 
-    /// What has come in for a slot, item by item.
+    /// The items that have arrived for a slot.
     fn each(&self, slot: SlotId) -> Vec<(InputId, Arc<Output>)> {
         let mut each = Vec::with_capacity(self.inputs.len());
         if let Some(key) = &self.slots[slot].key {

@@ -8,9 +8,10 @@ use crate::engine::{
     ids::{Id, InputId, LaneId, PortId, Row, SlotId},
     keys,
     lanes::{LaneFeed, ReadingPort},
+    output::Items,
     records::SHARD,
     request::{Keep, RolledShard, Rolling, ShardFound, ShardOf, ShardRead, prefixed},
-    sharded::{Here, Items, SHARDS, Shard, Sharded},
+    sharded::{Here, SHARDS, Shard, Sharded},
 };
 use std::sync::Arc;
 use tauflow_cache::{Digest, Key};
@@ -53,7 +54,7 @@ impl Scheduler<'_> {
         let state = &mut self.states[lane];
         // Items that have arrived are not withdrawn.
         let untouched = state.slots.is_empty() && state.inputs.iter().all(|input| input.arrived.is_empty());
-        if self.lanes[lane].only.is_none() && !self.lanes[lane].programs && untouched && !state.is_done() {
+        if self.lanes[lane].is_rolled_up() && untouched && !state.is_done() {
             state.by_shard = Some(ByShard::default());
             for shard in state.shards.ids() {
                 if !self.shard_stage(lane, shard).is_closed() {
@@ -66,7 +67,7 @@ impl Scheduler<'_> {
     /// Decides whether a source goes by shards. Files outside are read item by item in any case.
     pub(super) fn choose_source_by_shard(&mut self, lane: LaneId, items: &[SourceItem]) {
         let plain = items.iter().all(|item| item.files.is_empty());
-        if plain && self.lanes[lane].only.is_none() && !self.lanes[lane].programs && self.is_many(items.len() as u64) {
+        if plain && self.lanes[lane].is_rolled_up() && self.is_many(items.len() as u64) {
             let listing = keys::listing(items.iter().map(|item| (&item.key, None)));
             self.states[lane].by_shard = Some(ByShard { listing: Some(listing), ..ByShard::default() });
         }
@@ -346,7 +347,7 @@ impl Scheduler<'_> {
         }
         let fed = match self.lanes[lane].driving {
             Some(driving) => !state.inputs[driving].is_open(shard),
-            // Of a source; a gather has no shards.
+            // A source; a gather has no shards.
             None => matches!(state.stage, LaneStage::Full) && self.mode(lane) == Mode::Source,
         };
         if !fed {

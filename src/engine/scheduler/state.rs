@@ -4,9 +4,10 @@
 use crate::engine::{
     event::Ended,
     ids::{InputId, LaneId, PortId, Row, SlotId},
+    output::Output,
     records::{Made, Payload},
-    request::{Keep, Merge, ShardOf, ShardRead, Todo},
-    sharded::{Output, SHARDS, Shard, Sharded},
+    request::{Keep, Merge, Request, ShardOf, ShardRead, Todo},
+    sharded::{SHARDS, Shard, Sharded},
 };
 use std::{
     collections::{BTreeMap, HashMap, VecDeque},
@@ -254,9 +255,11 @@ pub(super) enum Op {
 
 pub(super) type Ops = VecDeque<Op>;
 
-/// What is to be asked of the look-up threads.
+/// Requests that will be sent to the look-up threads.
 #[derive(Default)]
 pub(super) struct Asked {
+    /// Whole lanes to be looked up, or listings of theirs to be read.
+    pub rolled: Option<Request>,
     /// Sources to be listed.
     pub lists: VecDeque<LaneId>,
     /// Shards to be looked up.
@@ -267,14 +270,14 @@ pub(super) struct Asked {
     pub merges: VecDeque<Merge>,
     /// Lanes that ended with all their outputs and are not kept yet: a lane may end before what it reads does.
     pub ended: Vec<LaneId>,
-    /// What ended, and is to be kept.
+    /// Ended lanes and shards that will be stored as roll-ups.
     pub keeps: Vec<Keep>,
 }
 
-/// What is held back until all sources are listed.
+/// Work that waits until all sources are listed.
 #[derive(Default)]
 pub(super) struct Starting {
-    /// Of each lane that is listed, its items.
+    /// The items of each lane that is listed.
     pub listed: BTreeMap<LaneId, Result<Vec<SourceItem>, String>>,
     /// Wall time in microseconds, and bytes, of each rolled lane.
     pub totals: Row<LaneId, (u64, u64)>,

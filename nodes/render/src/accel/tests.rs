@@ -86,6 +86,7 @@ fn agrees_with_brute_force_on_random_primitives() {
 
 /// Lists of rays find what every primitive tried one by one gives, by whatever instructions.
 fn batches(accel: &Accel, draw: &mut Draw, half: f32) {
+    tauflow_testing::skip_missing_instructions(Instructions::available().into_iter().map(Instructions::name));
     let rays: Vec<Ray> = (0..900)
         .map(|i| {
             let t_max = if i % 3 == 0 { 4.0 } else { f32::MAX };
@@ -324,6 +325,7 @@ fn ball(bands: usize, center: Vec3, radius: f64) -> Vec<[Vec3; 3]> {
 
 #[test]
 fn no_ray_escapes_a_closed_mesh() {
+    tauflow_testing::skip_missing_instructions(Instructions::available().into_iter().map(Instructions::name));
     let mut draw = Draw(Stream::new(3, &[]));
     let box_mesh = cube();
     let boxed: Vec<[Vec3; 3]> =

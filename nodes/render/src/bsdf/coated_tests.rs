@@ -207,7 +207,8 @@ fn tables_of_coats_are_the_same_by_all_instructions() {
         };
         let portable = shares(Instructions::Portable);
         assert!(portable.iter().any(|bits| *bits != portable[0]));
-        for instructions in Instructions::ALL {
+        tauflow_testing::skip_missing_instructions(Instructions::available().into_iter().map(Instructions::name));
+        for instructions in Instructions::available() {
             assert_eq!(shares(instructions), portable, "{instructions:?} {through}");
         }
     }

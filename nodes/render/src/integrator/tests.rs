@@ -20,6 +20,7 @@ fn world(built: &Built) -> World {
 
 #[test]
 fn every_set_of_instructions_has_the_same_bits() {
+    tauflow_testing::skip_missing_instructions(Instructions::available().into_iter().map(Instructions::name));
     let shared = World::with_sharing(&copies().scene, &mut |digest| copies().load(digest), Sharing::Always);
     let shared = shared.expect("a sound scene");
     assert!(shared.placed_count() > 15 && shared.features.opacity && shared.features.normal_maps);

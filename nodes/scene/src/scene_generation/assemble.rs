@@ -3,7 +3,7 @@
 use super::{
     camera,
     cast::{Cast, Pool},
-    lamps::Hour,
+    hour::Hour,
     layouts,
     params::SceneGenerationParams,
     stage::{Body, HERE, Skin, Stage, Thing},

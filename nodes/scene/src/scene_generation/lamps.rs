@@ -1,4 +1,4 @@
-//! The light of a scene: the hour, lamps, what is seen through windows, the sky.
+//! The light of a scene: lamps, the view through windows, the sky.
 
 use super::{
     assemble::Assembly,
@@ -8,40 +8,13 @@ use super::{
 use core::f64::consts::PI;
 use tauflow_contract::KindError;
 use tauflow_data::{
-    Regime, Stratum,
+    Regime,
     geom::{Vec3, facing, rotation_y, sub},
     maths,
     rng::Stream,
     scene::{Affine, Bsdf, Emitter, Geometry, Texture},
 };
 use tauflow_scene_library::skies;
-
-/// The time of day: what it makes of lamps, of daylight and of the sky.
-pub struct Hour {
-    /// Factor of lamps.
-    pub lamps: f64,
-    /// Factor of daylight behind windows.
-    pub windows: f64,
-    /// Factor of the sky.
-    pub sky: f64,
-}
-
-impl Hour {
-    /// An hour.
-    pub fn draw(stratum: Stratum, d: &mut Stream) -> Self {
-        let windows = match d.below(5) {
-            0 | 1 => d.range(0.7, 1.3),
-            2 | 3 => d.range(0.1, 0.5),
-            _ => d.range(0.005, 0.03),
-        };
-        // Caustics are seen where small lamps outdo the broad light.
-        let (windows, lamps) = match stratum.regime {
-            Regime::L3 => (0.15 * windows, d.range(0.8, 1.6)),
-            _ => (windows, d.range(0.3, 1.5)),
-        };
-        Self { lamps, windows, sky: d.range(0.5, 1.6) }
-    }
-}
 
 impl Assembly<'_, '_> {
     /// A radiance from candle to overcast, about a white of the same power.

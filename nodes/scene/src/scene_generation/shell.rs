@@ -1,7 +1,7 @@
 //! Parts of rooms and houses: walls with openings, windows with a bright background, doors, panels.
 
 use super::{
-    place::{Solid, Surface, Turn},
+    place::{GAP, Solid, Surface, Turn},
     props::ask,
     stage::{Board, From, Light, Stage},
 };
@@ -310,9 +310,9 @@ impl<'a> Stage<'a> {
                 Stuff::PaintedMetal,
                 Board {
                     center: wall.point(s + side * 0.46, 1.03, 0.02),
-                    half: [0.035, 1.028, 0.019],
+                    half: [0.035, 1.03, 0.019],
                     turn,
-                    ..Board::PLAIN
+                    inset: [0.0, 2.0 * GAP, 0.0],
                 },
             );
             self.board(

@@ -34,6 +34,8 @@ pub struct Submission<'a> {
     pub folder: &'a Path,
     /// How many there are.
     pub jobs: usize,
+    /// More options of the command that submits them.
+    pub options: Vec<&'a str>,
 }
 
 /// A scheduler. Errors are in words: the command, and what it said.
@@ -53,13 +55,12 @@ pub trait Queue {
 
 /// The scheduler that the options name.
 pub fn queue(options: &JobOptions) -> Box<dyn Queue> {
-    let more = options.options.clone();
     match &options.scheduling {
-        Scheduling::Slurm => Box::new(slurm::Slurm { options: more }),
-        Scheduling::HyperQueue => Box::new(hyperqueue::HyperQueue { options: more }),
+        Scheduling::Slurm => Box::new(slurm::Slurm),
+        Scheduling::HyperQueue => Box::new(hyperqueue::HyperQueue),
         Scheduling::Commands { submit, poll, cancel } => {
             let (submit, poll, cancel) = (submit.clone(), poll.clone(), cancel.clone());
-            Box::new(commands::Commands { submit, poll, cancel, options: more })
+            Box::new(commands::Commands { submit, poll, cancel })
         }
     }
 }

@@ -131,7 +131,7 @@ impl<'a, 'o> Steward<'a, 'o> {
     }
 
     fn holdings(&self) -> Holdings<'_> {
-        Holdings { store: self.crew.of.store, pool: &self.crew.of.pool, wanted: &self.wanted }
+        Holdings { store: self.crew.of.store, pool: Some(&self.crew.of.pool), wanted: &self.wanted }
     }
 
     fn warn(&self, message: String) {

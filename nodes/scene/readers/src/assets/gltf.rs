@@ -11,6 +11,7 @@ mod material;
 mod object;
 mod pose;
 mod primitive;
+mod purpose;
 mod slots;
 mod textures;
 mod uv_sets;

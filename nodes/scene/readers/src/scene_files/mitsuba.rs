@@ -21,7 +21,8 @@ use super::{
 use std::collections::{BTreeMap, BTreeSet};
 use tauflow_data::geom::Vec3;
 use tauflow_data::scene::{Affine, Bsdf, IDENTITY};
-use tree::{Plugin, Property, Transform, Tree, Value};
+use tree::{Plugin, Property, Tree};
+use values::{Transform, Value};
 
 /// A material, and the attributes of meshes that it reads: as colours, and as a number.
 #[derive(Clone, Debug, Default, PartialEq)]

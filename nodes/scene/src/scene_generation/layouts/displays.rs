@@ -62,7 +62,8 @@ pub fn prism(s: &mut Stage<'_>) {
     s.board(
         "cord",
         Stuff::Metal,
-        Board { center: [from[0], room.height() - stem - 0.001, from[2]], half: [0.01, stem, 0.01], ..Board::PLAIN },
+        // Its middle is lower by the gap to the ceiling. An inset would also part it from the lamp, and change scenes.
+        Board { center: [from[0], room.height() - stem - GAP, from[2]], half: [0.01, stem, 0.01], ..Board::PLAIN },
     );
     s.light(Light::Disk(from, [-from[0], 0.74 - from[1], -0.2 - from[2]], 0.045), 30.0);
     s.scatter(&top, &[PAPER, PEN, BOOK_LYING], 3, ABOUT);
@@ -117,7 +118,12 @@ pub fn product_shot(s: &mut Stage<'_>) {
     s.board(
         "stand",
         Stuff::Wood,
-        Board { center: [0.0, 0.5 * stand, 0.0], half: [wide, 0.5 * stand - 0.002, deep], ..Board::PLAIN },
+        Board {
+            center: [0.0, 0.5 * stand, 0.0],
+            half: [wide, 0.5 * stand, deep],
+            inset: [0.0, 2.0 * GAP, 0.0],
+            ..Board::PLAIN
+        },
     );
     let radius = 0.3;
     let (y, back) = (stand + 0.001, -deep + 0.02);

@@ -91,7 +91,8 @@ pub fn stairwell(s: &mut Stage<'_>) {
     let rise = 2.05 / f64::from(steps);
     let tread = (size[2] - 1.5) / f64::from(steps);
     let stone = s.one("steps", &[Stuff::Wood, Stuff::Stone, Stuff::Concrete]);
-    let left = -x + wide + 0.001;
+    // Beside the wall, not inset from it: the steps keep their whole width.
+    let left = -x + wide + GAP;
     let start = z - 0.35;
     for i in 0..steps {
         let top = rise * f64::from(i + 1);
@@ -101,8 +102,8 @@ pub fn stairwell(s: &mut Stage<'_>) {
             stone,
             Board {
                 center: [left, 0.5 * top, at],
-                half: [wide, 0.5 * top, 0.5 * tread - 0.0002],
-                inset: [0.0, SEAM, 0.0],
+                half: [wide, 0.5 * top, 0.5 * tread],
+                inset: [0.0, SEAM, 2e-4],
                 ..Board::PLAIN
             },
         );
@@ -213,12 +214,13 @@ pub fn library_aisle(s: &mut Stage<'_>) {
             s.board(
                 "cases",
                 Stuff::Wood,
+                // Not 1.1 inset by a gap: it rounds to another height, and so makes other scenes.
                 Board { center: [cx, 1.1, cz - 0.51], half: [deep, 1.099, 0.009], ..Board::PLAIN },
             );
             for i in 0..6 {
                 let y = 0.09 + 0.38 * f64::from(i);
-                let half = [deep, 0.01, wide - 0.001];
-                s.board("cases", Stuff::Wood, Board { center: [cx, y, cz], half, ..Board::PLAIN });
+                let (half, inset) = ([deep, 0.01, wide], [0.0, 0.0, GAP]);
+                s.board("cases", Stuff::Wood, Board { center: [cx, y, cz], half, inset, ..Board::PLAIN });
                 let turn = Turn::toward([-side, 0.0]);
                 let clearance = if i == 5 { 0.4 } else { 0.355 };
                 boards.push(Surface { turn, ..Surface::flat([cx, y + 0.01, cz], [wide, deep], clearance) });

@@ -2,7 +2,7 @@
 
 use super::kit::*;
 use crate::scene_generation::{
-    place::{SEAM, Turn},
+    place::{GAP, SEAM, Turn},
     props::ask,
     shell::Finishes,
     stage::{Board, Light, Stage},
@@ -156,7 +156,12 @@ pub fn kitchen(s: &mut Stage<'_>) {
         s.board(
             "fronts",
             Stuff::Wood,
-            Board { center: [cx, 0.475, back + deep - 0.02], half: [w - 0.004, 0.365, 0.009], ..Board::PLAIN },
+            Board {
+                center: [cx, 0.475, back + deep - 0.02],
+                half: [w, 0.365, 0.009],
+                inset: [4.0 * GAP, 0.0, 0.0],
+                ..Board::PLAIN
+            },
         );
         s.board(
             "handles",

@@ -161,7 +161,8 @@ pub fn street(s: &mut Stage<'_>) {
             "kerb",
             Stuff::Stone,
             Board {
-                center: [side * (wide - 0.5 * pave - 0.001), 0.06, -1.0],
+                // Beside the house, not inset from it: the kerb keeps its whole width.
+                center: [side * (wide - 0.5 * pave - GAP), 0.06, -1.0],
                 half: [0.5 * pave, 0.06, 10.0],
                 inset: [0.0, SEAM, 0.0],
                 ..Board::PLAIN

@@ -54,6 +54,7 @@ const SHAPES: [[usize; 5]; 9] = [
 
 #[test]
 fn convolutions_are_what_they_say_with_any_instructions() {
+    tauflow_testing::skip_missing_instructions(Instructions::available().into_iter().map(Instructions::name));
     for [images, height, width, inputs, outputs] in SHAPES {
         let (x, kernel, bias) =
             (numbers(1, images * height * width * inputs), numbers(2, 9 * inputs * outputs), numbers(3, outputs));
@@ -80,6 +81,7 @@ fn convolutions_are_what_they_say_with_any_instructions() {
 
 #[test]
 fn linear_maps_are_what_they_say_with_any_instructions() {
+    tauflow_testing::skip_missing_instructions(Instructions::available().into_iter().map(Instructions::name));
     for (pixels, inputs, outputs) in [(1, 3, 4), (300, 36, 32), (513, 160, 96), (40, 200, 24), (7, 8, 144)] {
         let (x, kernel, bias) = (numbers(1, pixels * inputs), numbers(2, inputs * outputs), numbers(3, outputs));
         let gradient = numbers(4, pixels * outputs);

@@ -14,8 +14,6 @@ pub struct Commands {
     pub poll: String,
     /// Cancels the jobs `{ids}`.
     pub cancel: String,
-    /// More words for the end of `submit`.
-    pub options: Vec<String>,
 }
 
 fn shell(line: &str) -> Result<String, String> {
@@ -34,7 +32,7 @@ impl Queue for Commands {
             let file = |extension: &str| quoted(&of.folder.join(format!("{job}.{extension}")).display().to_string());
             let line = self.submit.replace("{script}", &file("sh")).replace("{log}", &file("log"));
             let mut line = line.replace("{name}", &quoted(&format!("{}-{job}", of.name)));
-            for option in &self.options {
+            for option in &of.options {
                 line.push(' ');
                 line.push_str(&quoted(option));
             }

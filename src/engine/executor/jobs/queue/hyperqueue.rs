@@ -8,10 +8,7 @@ use std::{
 };
 
 /// See the module.
-pub struct HyperQueue {
-    /// More options of `hq submit`.
-    pub options: Vec<String>,
-}
+pub struct HyperQueue;
 
 /// The job of an id `JOB_TASK`.
 fn job(id: &str) -> &str {
@@ -24,8 +21,14 @@ impl Queue for HyperQueue {
         let mut command = Command::new("hq");
         command.args(["submit", "--output-mode=quiet", "--name", of.name]);
         command.arg(format!("--array=0-{}", of.jobs.saturating_sub(1)));
-        command.arg(format!("--stdout={folder}/%{{TASK_ID}}.log")).arg("--stderr=none").args(&self.options);
-        command.args(["--", "sh", "-c"]).arg(format!("exec sh {}/\"$HQ_TASK_ID.sh\" 2>&1", super::quoted(&folder)));
+        command.arg(format!("--stdout={folder}/%{{TASK_ID}}.log")).arg("--stderr=none").args(&of.options);
+        // It sets this variable, which enters the keys of programs.
+        let threads = match std::env::var("OMP_NUM_THREADS") {
+            Ok(threads) => format!("export OMP_NUM_THREADS={}", super::quoted(&threads)),
+            Err(_) => "unset OMP_NUM_THREADS".to_owned(),
+        };
+        let script = format!("{threads}; exec sh {}/\"$HQ_TASK_ID.sh\" 2>&1", super::quoted(&folder));
+        command.args(["--", "sh", "-c"]).arg(script);
         let said = ask(&mut command)?;
         let id = said.lines().last().unwrap_or_default().trim();
         if id.is_empty() || !id.bytes().all(|byte| byte.is_ascii_digit()) {

@@ -7,10 +7,7 @@ use std::{collections::HashMap, fs, process::Command};
 const MOST_NAMED: usize = 500;
 
 /// See the module.
-pub struct Slurm {
-    /// More options of `sbatch`.
-    pub options: Vec<String>,
-}
+pub struct Slurm;
 
 impl Queue for Slurm {
     fn submit(&self, of: &Submission<'_>) -> Result<Vec<String>, String> {
@@ -24,7 +21,7 @@ impl Queue for Slurm {
         // `%` begins a pattern in the names of outputs.
         let folder = of.folder.display().to_string().replace('%', "%%");
         command.arg(format!("--output={folder}/%a.log"));
-        let said = ask(command.args(&self.options).arg(&script))?;
+        let said = ask(command.args(&of.options).arg(&script))?;
         // `ID`, or `ID;CLUSTER`; a plug-in may have printed more before.
         let id = said.lines().last().and_then(|line| line.split(';').next()).unwrap_or_default().trim();
         if id.is_empty() || !id.bytes().all(|byte| byte.is_ascii_digit()) {

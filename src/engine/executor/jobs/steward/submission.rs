@@ -2,7 +2,7 @@
 
 use super::{
     super::{
-        bundle,
+        JobOption, bundle,
         folder::{Folder, Submitted},
         job::{Job, Open},
         pace::Pace,
@@ -59,26 +59,28 @@ impl Steward<'_, '_> {
             .collect();
         let all = costs.iter().flat_map(|(_, costs)| costs).sum();
         let duration = bundle::duration(all, free, longest);
-        let mut jobs: Vec<Vec<Open>> = Vec::new();
+        let mut room = free.min(MOST_TOGETHER);
         for (node, costs) in costs {
             let Some(opens) = self.waiting.get_mut(&node) else { continue };
-            for range in bundle::bundles(&costs, duration) {
-                if jobs.len() < free.min(MOST_TOGETHER) {
-                    jobs.push(opens.drain(..range.len()).collect());
-                }
+            let bundles = bundle::bundles(&costs, duration).into_iter().take(room);
+            let jobs: Vec<Vec<Open>> = bundles.map(|range| opens.drain(..range.len()).collect()).collect();
+            if jobs.is_empty() {
+                continue;
+            }
+            room -= jobs.len();
+            if let Err((error, orders)) = self.submit_jobs(&node, jobs) {
+                self.refused(error, orders);
+                break;
             }
         }
         self.waiting.retain(|_, opens| !opens.is_empty());
         if self.waiting.is_empty() {
             self.first = None;
         }
-        if let Err((error, orders)) = self.submit_jobs(jobs) {
-            self.refused(error, orders);
-        }
     }
 
-    /// Submits jobs of these actions, or gives them back.
-    fn submit_jobs(&mut self, jobs: Vec<Vec<Open>>) -> Result<(), (Refusal, Vec<Open>)> {
+    /// Submits jobs of these actions of a node, or gives them back.
+    fn submit_jobs(&mut self, node: &Name, jobs: Vec<Vec<Open>>) -> Result<(), (Refusal, Vec<Open>)> {
         let all = |jobs: Vec<Vec<Open>>| jobs.into_iter().flatten().collect();
         let holdings = self.holdings();
         let mut wanted: Vec<Digest> = self.wanted.iter().copied().collect();
@@ -103,7 +105,9 @@ impl Steward<'_, '_> {
             }
         };
         let name = folder.name();
-        let submission = queue::Submission { name: &name, folder: folder.path(), jobs: jobs.len() };
+        let for_it = |option: &&JobOption| option.node.as_deref().is_none_or(|name| name == &**node);
+        let options = self.options.options.iter().filter(for_it).map(|option| option.text.as_str()).collect();
+        let submission = queue::Submission { name: &name, folder: folder.path(), jobs: jobs.len(), options };
         let ids = match self.queue.submit(&submission) {
             Ok(ids) => ids,
             Err(error) => return Err((Refusal::Scheduler(error), all(jobs))),

@@ -1,6 +1,6 @@
 //! From pieces in a file's space to meshes in the unit box: repairs, and the frame. Knows nothing of materials.
 
-use super::{object::Purpose, primitive::Piece};
+use super::{primitive::Piece, purpose::Purpose};
 use crate::assets::refusal::{Refusal, damaged};
 use tauflow_data::{
     geom::{Aabb, Vec3, add, cross, length, sub, unit},

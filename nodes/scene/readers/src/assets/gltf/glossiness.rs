@@ -2,8 +2,7 @@
 
 use super::{
     images::Use,
-    material::extension,
-    slots::{Slot, number, triple},
+    slots::{Slot, extension, number, triple},
     textures::Making,
 };
 use crate::assets::refusal::Refusal;

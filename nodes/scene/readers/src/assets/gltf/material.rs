@@ -17,7 +17,7 @@ use super::{
     container::Document,
     glossiness::glossy,
     images::{Images, Use},
-    slots::{Slot, number, triple},
+    slots::{Slot, extension, number, triple},
     textures::{Features, Making},
 };
 use crate::assets::{
@@ -43,11 +43,6 @@ pub struct Materials<'a, 'd> {
     made: BTreeMap<(Option<usize>, Features), usize>,
     /// The materials, in the order in which they were first asked for.
     pub list: Vec<AssetMaterial>,
-}
-
-/// The extension `name` of a material.
-pub fn extension<'m>(material: &'m Source, name: &str) -> Option<&'m Value> {
-    material.extensions.as_ref()?.others.get(name)
 }
 
 /// The slots of a material, the one that decides the set of texture coordinates first.

@@ -8,6 +8,7 @@ use super::{
     material::Materials,
     pose::{Copies, Instance, Pose},
     primitive::{self, Piece, Want},
+    purpose::Purpose,
     textures::Features,
 };
 use crate::assets::{
@@ -30,15 +31,6 @@ const MOST_TOLD: usize = 200;
 
 /// Most vertices of an object: those of as many triangles that share none.
 const MOST_VERTICES: usize = 3 * MOST_TRIANGLES;
-
-/// The use of a file, which determines its omitted parts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Purpose {
-    /// An object to put into scenes: it brings no lights, and its size is that of most of it.
-    Object,
-    /// A scene: the caller reads its lights and cameras.
-    Scene,
-}
 
 /// The surfaces of a scene, where they stand.
 pub struct Surfaces {

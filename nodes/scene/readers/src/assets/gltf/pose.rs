@@ -6,7 +6,7 @@
 use super::{
     accessor::{self, Values},
     container::Document,
-    object::Purpose,
+    purpose::Purpose,
 };
 use crate::assets::{
     bounds::MOST_INSTANCES,

@@ -6,12 +6,17 @@
 use super::container::Document;
 use crate::assets::refusal::{Refusal, damaged};
 use gltf::json::{
-    material::NormalTexture,
+    material::{Material as Source, NormalTexture},
     texture::{Info, WrappingMode},
     validation::Checked,
 };
 use serde_json::Value;
 use tauflow_data::{maths, records::AssetReport};
+
+/// The extension `name` of a material.
+pub fn extension<'m>(material: &'m Source, name: &str) -> Option<&'m Value> {
+    material.extensions.as_ref()?.others.get(name)
+}
 
 /// A texture as a material names it.
 #[derive(Clone, Debug, PartialEq)]

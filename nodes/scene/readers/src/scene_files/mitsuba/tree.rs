@@ -6,7 +6,7 @@
 
 mod transforms;
 
-use super::values::{color, numbers, spectrum};
+use super::values::{Transform, Value, color, numbers, spectrum};
 use crate::scene_files::{
     given::{Given, normalised, text_of},
     problems::{Place, Problems},
@@ -17,41 +17,6 @@ use std::{
     collections::{BTreeMap, BTreeSet},
     rc::Rc,
 };
-use tauflow_data::{geom::Vec3, scene::Affine};
-
-/// A parameter's value.
-#[derive(Clone, Debug)]
-pub enum Value {
-    /// `float` and `integer`.
-    Number(f64),
-    /// `boolean`.
-    Bool(bool),
-    /// `string`.
-    Text(String),
-    /// `rgb`, linear.
-    Color([f64; 3]),
-    /// `spectrum` with a value for all wavelengths.
-    Uniform(f64),
-    /// `spectrum` with values at wavelengths.
-    Spectrum(Vec<(f64, f64)>),
-    /// `point` and `vector`.
-    Vector(Vec3),
-    /// `transform`.
-    Transform(Transform),
-    /// A plugin inside, by its number.
-    Plugin(usize),
-    /// A plugin elsewhere, by its `id`.
-    Reference(String),
-}
-
-/// A transform, and what it looks at if it is a `lookat` alone.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Transform {
-    /// The map.
-    pub map: Affine,
-    /// Origin, target and up.
-    pub look: Option<[Vec3; 3]>,
-}
 
 /// A parameter.
 #[derive(Debug)]

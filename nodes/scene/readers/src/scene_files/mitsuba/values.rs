@@ -1,11 +1,44 @@
 //! Values of Mitsuba's files: numbers, colours, spectra, transforms. Knows nothing of elements.
 
-use super::tree::Value;
 use tauflow_data::geom::{Vec3, add, cross, dot, length, mul, sub, unit};
 use tauflow_data::{
     maths,
     scene::{Affine, IDENTITY},
 };
+
+/// A parameter's value.
+#[derive(Clone, Debug)]
+pub enum Value {
+    /// `float` and `integer`.
+    Number(f64),
+    /// `boolean`.
+    Bool(bool),
+    /// `string`.
+    Text(String),
+    /// `rgb`, linear.
+    Color([f64; 3]),
+    /// `spectrum` with a value for all wavelengths.
+    Uniform(f64),
+    /// `spectrum` with values at wavelengths.
+    Spectrum(Vec<(f64, f64)>),
+    /// `point` and `vector`.
+    Vector(Vec3),
+    /// `transform`.
+    Transform(Transform),
+    /// A plugin inside, by its number.
+    Plugin(usize),
+    /// A plugin elsewhere, by its `id`.
+    Reference(String),
+}
+
+/// A transform, and what it looks at if it is a `lookat` alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transform {
+    /// The map.
+    pub map: Affine,
+    /// Origin, target and up.
+    pub look: Option<[Vec3; 3]>,
+}
 
 /// Numbers between spaces and commas.
 pub(super) fn numbers(text: &str) -> Option<Vec<f64>> {

@@ -1,0 +1,228 @@
+//! A share of a run: actions of other shares are done by other runs on the same store, and waited for here, or not.
+//!
+//! An item belongs to the same share in all nodes, and an action without an item to the share of its key. Actions whose
+//! keys name a machine, a library or a device belong to every share: other machines may have other keys for them.
+
+use super::{Batch, Capacity, Executor, Order, Reply};
+use crate::engine::{
+    EngineError,
+    event::Event,
+    execute::{Execution, Outcome},
+    holdings::Holdings,
+    ids::{LaneId, SlotId},
+    transient::Pool,
+};
+use serde_json::Value;
+use std::{
+    collections::HashSet,
+    str::FromStr,
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+        mpsc::{self, RecvTimeoutError},
+    },
+    thread::Scope,
+    time::{Duration, Instant},
+};
+use tauflow_cache::{Digest, Store};
+use tauflow_contract::{Group, NodeKind};
+
+/// Time between two looks for what other runs have recorded.
+const LOOK: Duration = Duration::from_millis(500);
+/// Time between two notes that the run waits.
+const NOTE: Duration = Duration::from_secs(60);
+
+/// Share number `index` of `count`, from 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Share {
+    index: u32,
+    count: u32,
+    /// Wait for other shares.
+    wait: bool,
+}
+
+impl FromStr for Share {
+    type Err = String;
+
+    /// Reads `I/N`, where I counts from 1.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("`{text}` is no share; give I/N with I from 1 to N, such as 2/4");
+        let (index, count) = text.split_once('/').ok_or_else(wrong)?;
+        let (index, count): (u32, u32) = (index.parse().map_err(|_| wrong())?, count.parse().map_err(|_| wrong())?);
+        if index < 1 || index > count {
+            return Err(wrong());
+        }
+        Ok(Self { index: index - 1, count, wait: false })
+    }
+}
+
+impl Share {
+    /// The same, waiting for other shares or not.
+    pub fn waiting(self, wait: bool) -> Self {
+        Self { wait, ..self }
+    }
+
+    /// The number, from 0, of the share that an action belongs to; none if it belongs to all.
+    fn of(self, order: &Order) -> Option<u32> {
+        let action = &order.action;
+        if !action.key.basis.environment.is_null() {
+            return None;
+        }
+        let bytes = match &action.item {
+            Some(item) => Digest::of(item.as_str().as_bytes()).hash,
+            None => Digest::of(action.hash.hex().as_bytes()).hash,
+        };
+        let start = [bytes[0], bytes[1], bytes[2], bytes[3]];
+        Some(u32::from_le_bytes(start) % self.count)
+    }
+}
+
+/// An action that another run is to do.
+struct Awaited {
+    order: Order,
+    wanted: Arc<HashSet<Digest>>,
+}
+
+/// See the module.
+pub struct Shared<'a> {
+    inner: Box<dyn Executor + 'a>,
+    share: Share,
+    elsewhere: mpsc::Sender<Awaited>,
+    /// The actions that the inner executor does not know.
+    foreign: Mutex<HashSet<(LaneId, SlotId)>>,
+}
+
+/// What the thread that waits needs.
+pub struct Waiting<'a> {
+    /// The store.
+    pub store: &'a Store,
+    /// Blobs that are in memory only.
+    pub pool: Arc<Pool>,
+    /// Set when the run should stop.
+    pub stop: &'a AtomicBool,
+    /// Told how many actions are waited for.
+    pub sink: crate::engine::Sink<'a>,
+    /// Told what was done.
+    pub replies: super::Replies<'a>,
+}
+
+impl<'a> Shared<'a> {
+    /// Has `inner` run what belongs to this share.
+    pub fn start<'scope>(
+        scope: &'scope Scope<'scope, '_>,
+        share: Share,
+        inner: Box<dyn Executor + 'a>,
+        of: Waiting<'a>,
+    ) -> Self
+    where
+        'a: 'scope,
+    {
+        let (elsewhere, awaited) = mpsc::channel();
+        scope.spawn(move || wait(share, &of, &awaited));
+        Self { inner, share, elsewhere, foreign: Mutex::default() }
+    }
+
+    fn foreign(&self) -> std::sync::MutexGuard<'_, HashSet<(LaneId, SlotId)>> {
+        self.foreign.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Replies to actions of other shares, as soon as they are recorded.
+fn wait(share: Share, of: &Waiting<'_>, orders: &mpsc::Receiver<Awaited>) {
+    let mut open: Vec<Awaited> = Vec::new();
+    let mut noted = Instant::now();
+    loop {
+        let pause = if open.is_empty() { NOTE } else { LOOK };
+        match orders.recv_timeout(pause) {
+            Ok(order) => {
+                open.push(order);
+                open.extend(orders.try_iter());
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return,
+        }
+        let refreshed = of.store.refresh();
+        let stopped = of.stop.load(Ordering::Relaxed);
+        let mut left = Vec::new();
+        for awaited in open {
+            let Awaited { order, wanted } = &awaited;
+            let holdings = Holdings { store: of.store, pool: Some(&of.pool), wanted };
+            let done = order.action.recorded(of.store).and_then(|record| {
+                holdings.made(record.as_deref(), &order.action.producer.spec, order.action.producer.group)
+            });
+            let outcome = match (&refreshed, done) {
+                (Ok(()), Ok(Some(made))) => Outcome::Hit(made),
+                (Ok(()), Ok(None)) if stopped => Outcome::Cancelled,
+                (Ok(()), Ok(None)) if share.wait => {
+                    left.push(awaited);
+                    continue;
+                }
+                (Ok(()), Ok(None)) => {
+                    let number = share.of(order).map_or(0, |index| index + 1);
+                    Outcome::Failed(format!(
+                        "it belongs to shard {number}/{}, which has not done it; run that shard on this cache, or wait \
+                         for it with --wait",
+                        share.count
+                    ))
+                }
+                (Ok(()), Err(error)) => Outcome::Fatal(error.into()),
+                (Err(error), _) => Outcome::Fatal(EngineError::Executor(error.to_string())),
+            };
+            let (slot, execution) = (order.slot, Execution::of(outcome));
+            (of.replies)(Reply { slot, execution, last: true });
+        }
+        open = left;
+        if !open.is_empty() && noted.elapsed() >= NOTE {
+            noted = Instant::now();
+            let message = format!("waiting for {} actions of other shards", open.len());
+            (of.sink)(&Event::Warning { message });
+        }
+    }
+}
+
+impl Executor for Shared<'_> {
+    fn environment(&self, kind: &dyn NodeKind, params: &Value, group: Group) -> Result<Option<Value>, EngineError> {
+        self.inner.environment(kind, params, group)
+    }
+
+    fn capacity(&self) -> Capacity {
+        self.inner.capacity()
+    }
+
+    fn submit(&self, batch: Batch) {
+        let Batch { label, alone, wanted, orders } = batch;
+        let (own, others): (Vec<Order>, Vec<Order>) =
+            orders.into_iter().partition(|order| self.share.of(order).is_none_or(|index| index == self.share.index));
+        self.foreign().extend(others.iter().map(|order| order.slot));
+        for order in others {
+            // The thread lives as long as this does.
+            let _ = self.elsewhere.send(Awaited { order, wanted: wanted.clone() });
+        }
+        if !own.is_empty() {
+            self.inner.submit(Batch { label, alone, wanted, orders: own });
+        }
+    }
+
+    fn settle(&self, reply: &Reply) {
+        if !self.foreign().remove(&reply.slot) {
+            self.inner.settle(reply);
+        }
+    }
+
+    fn cancel(&self) {
+        self.inner.cancel();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_share_is_one_of_so_many() {
+        assert_eq!("2/4".parse(), Ok(Share { index: 1, count: 4, wait: false }));
+        for wrong in ["", "2", "0/4", "5/4", "1/0", "a/b", "-1/2"] {
+            assert!(wrong.parse::<Share>().is_err(), "{wrong}");
+        }
+    }
+}
