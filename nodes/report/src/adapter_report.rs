@@ -44,7 +44,7 @@ impl Default for AdapterReportParams {
 const QUALITY: All<ImageQuality> = All::new("quality", "Scores, gains and verdicts.").single();
 const GENERATED: All<Generated> = All::new("generated", "The samples, for the images.").or_none();
 const PAGE: Out<Files> =
-    Out::new(Group::main(2), "report", "The page, and its figures as JSON, CSV and PNG.").single().published();
+    Out::new(Group::main(3), "report", "The page, and its figures as JSON, CSV and PNG.").single().published();
 
 impl Kind for AdapterReport {
     type Params = AdapterReportParams;
@@ -106,7 +106,7 @@ impl Kind for AdapterReport {
             put(&montage.file, &montage.png()?)?;
         }
 
-        let header = verdicts::header(&quality, &params.subtitle);
+        let header = verdicts::header(&quality, &params.subtitle, &page::provenance(&action.all));
         let beside = "<code>quality.json</code> and as CSV files";
         let html = page::page(&params.title, &header, &sections, &missing, beside);
         files.put("adapter_report.html", html.as_bytes())?;

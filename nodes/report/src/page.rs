@@ -1,7 +1,8 @@
 //! The frame of the page: head, style, navigation, tabs without scripts. Knows no section's content.
 
-use crate::text::escape;
-use std::fmt::Write as _;
+use crate::text::{escape, plural};
+use std::{collections::BTreeMap, fmt::Write as _};
+use tauflow_contract::Collection;
 
 const STYLE: &str = include_str!("style.css");
 
@@ -62,6 +63,26 @@ fn colours() -> String {
         );
     }
     out
+}
+
+/// The line below the abstract: the content of the page's inputs by digest, and where the run is described. The page
+/// itself must not name the run, as equal inputs give equal pages.
+pub fn provenance(inputs: &BTreeMap<&str, &Collection>) -> String {
+    let of = |(port, items): (&&str, &&Collection)| {
+        let mut items = items.iter();
+        let told = match (items.next(), items.count()) {
+            (None, _) => "nothing".to_owned(),
+            (Some((_, only)), 0) => only.digest().short(),
+            (Some(_), more) => plural(more as u64 + 1, "item"),
+        };
+        format!("{} {}", escape(port), escape(&told))
+    };
+    format!(
+        "<p class=\"note provenance\">Provenance: made by tauflow from {}. The run, its version, commit, command and \
+         machine are on <code>index.html</code> of the pipeline's directory, and in <code>tauflow runs --json</code>.\
+         </p>",
+        inputs.iter().map(of).collect::<Vec<_>>().join(", ")
+    )
 }
 
 /// The whole page. `missing` are lines on what was not connected, `beside` says in HTML which files have the figures.

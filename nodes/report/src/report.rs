@@ -6,7 +6,7 @@ use crate::{
     ladder_pictures,
     material::{self, Cell, Material},
     montage::{Choice, Montage, Pictures},
-    page::{Section, page},
+    page::{Section, page, provenance},
     ranking::extra,
     sections::{self, data::gate_counts},
     tex,
@@ -67,7 +67,7 @@ impl Default for ReportParams {
 }
 
 const PAGE: Out<Files> =
-    Out::new(Group::main(14), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
+    Out::new(Group::main(15), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
 
 impl Kind for Report {
     type Params = ReportParams;
@@ -115,14 +115,16 @@ impl Kind for Report {
         let images = Images::load(ctx, action, &material)?;
         ctx.check_cancelled()?;
         let sections = sections(&material, params, &images)?;
-        let mut header = material.time_error.as_ref().map(sections::time_error::opening).unwrap_or_default();
+        let mut header = sections::headline::subtitle(&params.subtitle);
+        if let Some(evaluation) = &material.evaluation {
+            header += &sections::headline::summary(evaluation, &material);
+        }
         header += &material.tables.iter().map(|(_, table)| sections::score_tables::opening(table)).collect::<String>();
-        header += &match &material.evaluation {
-            Some(evaluation) => {
-                sections::headline::block(evaluation, &material, &params.subtitle, &images.montages, images.nfe)?
-            }
-            None => sections::headline::subtitle(&params.subtitle),
-        };
+        header += &provenance(&action.all);
+        header += &material.time_error.as_ref().map(sections::time_error::opening).unwrap_or_default();
+        if let Some(evaluation) = &material.evaluation {
+            header += &sections::headline::block(evaluation, &material, &images.montages, images.nfe)?;
+        }
         let beside = "<code>results.json</code> and as CSV and LaTeX files";
         let html = page(&params.title, &header, &sections, &missing(action, &material), beside);
 

@@ -3,7 +3,7 @@
 use super::table::{backbone_name, places, score_name};
 use crate::{
     page::Section,
-    text::{escape, fixed, interval, signed},
+    text::{count, escape, fixed, interval, plural, signed},
 };
 use std::fmt::Write as _;
 use tauflow_data::records::{BackboneQuality, ClaimVerdict, Estimate, ImageQuality};
@@ -16,12 +16,39 @@ fn verdict(verdict: ClaimVerdict) -> &'static str {
     }
 }
 
-/// What stands below the title: a card for each backbone.
-pub(super) fn header(quality: &ImageQuality, subtitle: &str) -> String {
+/// The abstract: what was compared, and on how many backbones the gain is physical.
+fn summary(quality: &ImageQuality) -> String {
+    let all = &quality.backbones;
+    let names: Vec<String> = all.iter().map(backbone_name).collect();
+    let samples: u64 = all.iter().map(|backbone| backbone.samples).sum();
+    let judged: Vec<_> = all.iter().filter_map(|backbone| backbone.claim.as_ref()).collect();
+    let held = judged.iter().filter(|claim| claim.verdict == ClaimVerdict::Held).count();
+    let found = if judged.is_empty() {
+        "None of the samples are adapted.".to_owned()
+    } else {
+        format!(
+            "By {}, the gain of the adapter is physical on <b>{held} of {}</b>.",
+            escape(&score_name(&quality.judged_by)),
+            plural(judged.len() as u64, "backbone")
+        )
+    };
+    format!(
+        "<p class=\"lead\">{} drew <b>{}</b>, each with the same noise in all variants, and {} held-out renders are \
+         the reference. {found}</p>",
+        if names.is_empty() { "No backbone".to_owned() } else { names.join(" and ") },
+        plural(samples, "sample"),
+        count(quality.references)
+    )
+}
+
+/// What stands below the title: abstract, provenance, and a card for each backbone.
+pub(super) fn header(quality: &ImageQuality, subtitle: &str, provenance: &str) -> String {
     let mut out = String::new();
     if !subtitle.trim().is_empty() {
         let _ = write!(out, "<p class=\"lead\">{}</p>", escape(subtitle));
     }
+    out += &summary(quality);
+    out += provenance;
     out.push_str("<div class=\"cards\">");
     for backbone in &quality.backbones {
         let judged = escape(&score_name(&quality.judged_by));

@@ -19,19 +19,36 @@ pub fn subtitle(text: &str) -> String {
     if text.is_empty() { String::new() } else { format!("<p class=\"lead\">{}</p>", escape(text)) }
 }
 
-/// The block below the title.
+/// The abstract: a sentence on what was built, and one on the best solver.
+pub fn summary(evaluation: &Evaluation, material: &Material) -> String {
+    format!("<p class=\"lead\">{}{}</p>", built(evaluation, material), found(evaluation).unwrap_or_default())
+}
+
+/// One sentence on the best solver at the first number of calls; none without a gain.
+fn found(evaluation: &Evaluation) -> Option<String> {
+    let nfe = *evaluation.nfe.first()?;
+    let best = best_at(evaluation, nfe)?;
+    let gain = best.at.iter().find(|at| at.nfe == nfe)?.gain.get("hdr_psnr")?;
+    Some(format!(
+        " The best solver at NFE {nfe}, {}, gains <b>{} dB</b> HDR PSNR over its input (95% interval {} to {}).",
+        escape(&name(best)),
+        signed(gain.mean, 2),
+        signed(gain.low, 2),
+        signed(gain.high, 2)
+    ))
+}
+
+/// The figures to remember.
 ///
 /// # Errors
 /// If a picture cannot be encoded.
 pub fn block(
     evaluation: &Evaluation,
     material: &Material,
-    subtitle: &str,
     montages: &[Montage],
     nfe: u64,
 ) -> Result<String, KindError> {
-    let mut out = self::subtitle(subtitle);
-    let _ = write!(out, "<p class=\"lead\">{}</p><div class=\"cards\">", built(evaluation, material));
+    let mut out = String::from("<div class=\"cards\">");
     if let Some(nfe) = evaluation.nfe.first() {
         best_cards(&mut out, evaluation, *nfe);
     }

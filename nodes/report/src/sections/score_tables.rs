@@ -6,7 +6,7 @@ use crate::{
     ranking::{Rank, digits, metric_name, rank},
     sections::{montage::grid, resampled},
     svg::{Plot, Scale},
-    text::{escape, fixed, interval, plural, signed},
+    text::{count, escape, fixed, interval, plural, signed},
 };
 use std::fmt::Write as _;
 use tauflow_contract::KindError;
@@ -52,7 +52,7 @@ pub fn pictures(montage: Option<&Montage>) -> Result<Option<Section>, KindError>
     Ok(Some(Section::new("pictures", "Pictures", body)))
 }
 
-/// The abstract: the best cell by the first metric, and the difference to the reference cell.
+/// The abstract: what the table compares, the best cell by the first metric, and the difference to the reference cell.
 pub fn opening(table: &ScoreTable) -> String {
     let Some(metric) = table.metrics.first() else { return String::new() };
     let digits = digits(metric);
@@ -61,7 +61,8 @@ pub fn opening(table: &ScoreTable) -> String {
     let best = means.reduce(|a, b| if better(a.1.mean, b.1.mean) { b } else { a });
     let Some((cell, mean)) = best else { return String::new() };
     let mut out = format!(
-        "<p class=\"lead\">Best {}: <b>{}</b> {} at {}, mean over {}.",
+        "<p class=\"lead\">{} Best {}: <b>{}</b> {} at {}, mean over {}.",
+        compared(table),
         escape(metric_name(metric)),
         fixed(mean.mean, digits),
         interval(mean, digits),
@@ -79,6 +80,22 @@ pub fn opening(table: &ScoreTable) -> String {
         );
     }
     out + "</p>"
+}
+
+/// One sentence on what the table compares.
+fn compared(table: &ScoreTable) -> String {
+    let title = if table.title.is_empty() { String::new() } else { format!("{}: ", escape(&table.title)) };
+    let names: Vec<String> = table.axes.iter().map(|axis| escape(&axis.name)).collect();
+    let by = match names.split_last() {
+        None => String::new(),
+        Some((only, [])) => format!(" by {only}"),
+        Some((last, others)) => format!(" by {} and {last}", others.join(", ")),
+    };
+    let scored = format!("<b>{}</b> scored{by}", plural(table.items, "item"));
+    match table.reference_spp {
+        Some(spp) => format!("{title}{scored}, against references of {} samples per pixel.", count(spp)),
+        None => format!("{title}{scored}."),
+    }
 }
 
 fn place(table: &ScoreTable, at: &[AxisValue]) -> String {
