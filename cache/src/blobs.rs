@@ -76,7 +76,7 @@ impl Store {
         }
     }
 
-    /// Reads several blobs, each as [`get`](Self::get) does. A store behind a network needs one round trip for all.
+    /// Reads several blobs, each as [`get`](Self::get) does. An upstream is asked for each one that is missing here.
     ///
     /// # Errors
     /// When a file that is there cannot be read.

@@ -161,9 +161,15 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         display.end();
         summary
     });
-    match &summary {
-        Ok(summary) => record.end(summary),
-        Err(error) => record.fail(error.to_string()),
+    // A run of an item that is not there is no run that is done.
+    let there = match (&summary, &options.only) {
+        (Ok(summary), Some(only)) => there_was(only, summary, &pipeline, &store),
+        _ => Ok(()),
+    };
+    match (&summary, &there) {
+        (Ok(summary), Ok(())) => record.end(summary),
+        (Ok(_), Err(error)) => record.fail(error.to_string()),
+        (Err(error), _) => record.fail(error.to_string()),
     }
     let published = summary.as_ref().map_or(&[][..], |summary| &summary.published);
     let notes = observer.map(|observer| observer.conclude(&record, published));
@@ -175,9 +181,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         eprintln!("note: {note}");
     }
     let summary = summary?;
-    if let Some(only) = &options.only {
-        there_was(only, &summary, &pipeline, &store)?;
-    }
+    there?;
     drop(store);
     tell(&summary, &pipeline, args, cache);
     if summary.interrupted {

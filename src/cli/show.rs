@@ -11,7 +11,7 @@ use crate::{
 use clap::Args;
 use std::{collections::BTreeSet, sync::atomic::AtomicBool};
 use tauflow_cache::Store;
-use tauflow_contract::{Artifact, Collection, Context, FileTree, ItemKey, KindError, Media, Silent};
+use tauflow_contract::{Artifact, Collection, Context, FileTree, ItemKey, KindError, Media, OutputPort, Silent};
 use tauflow_data::records::{Verdict, media};
 
 /// Arguments of `show`.
@@ -19,7 +19,7 @@ use tauflow_data::records::{Verdict, media};
 pub(crate) struct ShowArgs {
     #[command(flatten)]
     pipeline: PipelineArgs,
-    /// The node.
+    /// The node: `node`, `node.port`, or `node[axis=value].port`.
     node: String,
     /// The item, in all cells, or `cell/item`.
     item: String,
@@ -42,9 +42,13 @@ pub(crate) fn show(args: &ShowArgs, registry: &Registry, cache: &CacheAt) -> Res
         own.is_some_and(|cells| cells.is_empty() || cells.ends_with('/'))
     };
     let (mut names, mut found, mut stale) = (BTreeSet::new(), 0, None);
-    for port in &node.spec.outputs {
+    // `node.port` shows this port alone, and `node[axis=value]` these cells.
+    let named = |port: &OutputPort| args.node.strip_suffix(port.name).and_then(|rest| rest.strip_suffix('.'));
+    let only = node.spec.outputs.iter().find_map(|port| Some((port.name, named(port)?)));
+    let cells = only.map_or(args.node.as_str(), |(_, cells)| cells);
+    for port in node.spec.outputs.iter().filter(|port| only.is_none_or(|(name, _)| name == port.name)) {
         // A port that nobody asked for has never been made.
-        let collection = match made(&pipeline, &node.name, port.name, &store) {
+        let collection = match made(&pipeline, cells, port.name, &store) {
             Ok(collection) => collection,
             Err(error) => {
                 stale = stale.or(Some(error));

@@ -201,7 +201,7 @@ impl Executing<'_> {
                 return Ok(None);
             }
             if wait >= LONG_WAIT {
-                self.progress.report(0, 1, "another process is at it; waiting for that");
+                self.progress.report(0, 1, "waiting for another process that executes this action");
             }
             thread::sleep(wait);
             wait = (wait * 2).min(LONG_WAIT);

@@ -23,7 +23,7 @@ fn children(of: u32) -> Vec<u32> {
 
 #[test]
 fn child_processes_killed_at_random_moments() {
-    let mut campaign = Campaign::new("kill -9 of a child process that runs a batch");
+    let mut campaign = Campaign::new("kill -9 and -TERM of a child process that runs a batch");
     let (runs, mut kills) = (if slow() { 30 } else { 3 }, 0);
     for run in 0..runs {
         let cache = campaign.fresh();
@@ -37,7 +37,8 @@ fn child_processes_killed_at_random_moments() {
                 continue;
             }
             if let Some(id) = alive.get(campaign.random(alive.len() as u64) as usize) {
-                let done = Command::new("kill").args(["-9", &id.to_string()]).output().expect("kill starts");
+                let signal = if kills % 2 == 0 { "-9" } else { "-TERM" };
+                let done = Command::new("kill").args([signal, &id.to_string()]).output().expect("kill starts");
                 kills += u64::from(done.status.success());
             }
         }

@@ -218,7 +218,9 @@ impl Said {
 
 fn last_lines(text: &str) -> String {
     let lines: Vec<&str> = text.trim_end().lines().collect();
-    lines[lines.len().saturating_sub(LINES)..].join("\n")
+    let last = lines[lines.len().saturating_sub(LINES)..].join("\n");
+    // A message is printed on terminals, which would obey escape sequences in it.
+    last.replace(|c: char| c.is_control() && !matches!(c, '\n' | '\t'), "\u{fffd}")
 }
 
 #[cfg(test)]
@@ -230,5 +232,6 @@ mod tests {
         let text: String = (0..20).map(|line| format!("{line}\n")).collect();
         assert_eq!(last_lines(&text).lines().collect::<Vec<_>>(), ["12", "13", "14", "15", "16", "17", "18", "19"]);
         assert_eq!(last_lines(""), "");
+        assert_eq!(last_lines("\u{1b}[31mred\u{7}\n\tplain"), "\u{fffd}[31mred\u{fffd}\n\tplain");
     }
 }

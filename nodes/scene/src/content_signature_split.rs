@@ -66,7 +66,7 @@ fn load<'a>(ctx: &Context<'_>, scenes: Items<'a, SceneRecord>) -> Result<Vec<Ent
     for (key, scene) in scenes.iter() {
         let recipe = SceneRecord::recipe(ctx, scene)?;
         let stratum = Stratum::all().position(|s| s.to_string() == recipe.stratum).ok_or_else(|| {
-            KindError::Input(format!("scene `{key}`: its recipe names the stratum `{}`, which is none", recipe.stratum))
+            KindError::Input(format!("scene `{key}`: its recipe names the unknown stratum `{}`", recipe.stratum))
         })?;
         entries.push(Entry { key, scene, recipe, stratum });
     }

@@ -209,6 +209,8 @@ impl OpenBatch<'_, '_> {
                         reporter.report(done, total, &message);
                     }
                 }
+                // One that somebody else told to stop has not done it, as one that was killed.
+                Line::Ended { end: End::Cancelled, .. } if !self.crew.halts() => {}
                 Line::Ended { action, end, warning, spent_us } if action == ended => {
                     let nothing = "internal error: its process recorded nothing of it; please report it";
                     let outcome = outcome(&open.order, &end, self.holdings);

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::evaluation::coordinates;
 use std::collections::{BTreeMap, BTreeSet};
-use tauflow_contract::{Foreseen, Source};
+use tauflow_contract::{Fact, Foreseen, Source};
 use tauflow_data::{facts, records::AxisValue};
 
 /// Axes that the scores are sure not to have, and axes that are sure to be left over.
@@ -39,6 +39,14 @@ pub(super) fn foreseen(sources: &[Source], params: &TableParams) -> Vec<Foreseen
                 problems.push(Foreseen::param("/rows", message, hint));
             }
         }
+        for (name, known) in [(SPP, counts(sources, facts::SPP)), (NFE, counts(sources, facts::NFE))] {
+            if let Some(known) = known.filter(|known| known.len() > 1 && !placed(name)) {
+                let known = quoted(known.iter().map(u64::to_string));
+                let message =
+                    format!("the axis `{name}` has the values {known} and is neither in `rows` nor in `columns`");
+                problems.push(Foreseen::param("/rows", message, "add it"));
+            }
+        }
     }
     if let Some(AgainstParams { axis, value }) = &params.against {
         if !names.contains(axis.as_str()) {
@@ -50,7 +58,22 @@ pub(super) fn foreseen(sources: &[Source], params: &TableParams) -> Vec<Foreseen
                 let message = format!("the axis `{axis}` has no value `{}`", value.value());
                 problems.push(Foreseen::param("/against/value", message, format!("it has {}", quoted(&values))));
             }
+        } else if let Some(known) = match axis.as_str() {
+            SPP => counts(sources, facts::SPP),
+            NFE => counts(sources, facts::NFE),
+            _ => None,
+        } && !known.iter().any(|count| AxisValue::parse(&count.to_string()) == value.value())
+        {
+            let message = format!("the axis `{axis}` has no value `{}`", value.value());
+            let hint = format!("it has {}", quoted(known.iter().map(u64::to_string)));
+            problems.push(Foreseen::param("/against/value", message, hint));
         }
     }
     problems
+}
+
+/// The values of `spp` or `nfe` over all scores, if every source tells its own.
+fn counts(sources: &[Source], fact: Fact<Vec<u64>>) -> Option<BTreeSet<u64>> {
+    let of: Option<Vec<Vec<u64>>> = sources.iter().map(|source| source.facts.get(fact)).collect();
+    of.filter(|of| !of.is_empty()).map(|of| of.into_iter().flatten().collect())
 }

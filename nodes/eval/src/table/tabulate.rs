@@ -31,13 +31,15 @@ fn scored(scores: &[(ItemKey, SceneScores)]) -> Result<Vec<Scored<'_>>, KindErro
     for (key, of) in scores {
         let (cell, item) = key.split_cell().unwrap_or(("", key.as_str()));
         let own = coordinates(cell);
-        if let Some(axis) = [SPP, NFE, STRATUM].into_iter().find(|axis| own.contains_key(*axis)) {
+        if let Some(axis) = [SPP, STRATUM].into_iter().find(|axis| own.contains_key(*axis)) {
             return Err(KindError::Input(format!(
                 "the matrix of `scores` has an axis `{axis}`, which every table has; give the axis another name"
             )));
         }
         for score in &of.scores {
             let mut axes = own.clone();
+            // A matrix axis `nfe` lists the calls of a solver; each score has its own.
+            axes.remove(NFE);
             // A matrix axis `method` names what the images say, too, or tells apart more than they do.
             axes.entry(METHOD.to_owned()).or_insert_with(|| score.method.clone());
             axes.insert(SPP.to_owned(), score.from_spp.to_string());
