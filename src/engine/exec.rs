@@ -302,8 +302,8 @@ fn foreign(there: &Value, here: &Value) -> ExecError {
     let told = found.iter().map(differ).collect::<Vec<_>>().join("; ");
     ExecError::Foreign(format!(
         "the key was made with a different machine, library or device: {told}; run it where they are the same (`exec` \
-         passes on TAUFLOW_OIDN, TAUFLOW_ONNXRUNTIME and the usual variables of programs such as PATH, and works in an empty \
-         folder, so that programs are named by PATH or from `/` on), or run its pipeline here, which gives it a \
+         passes on TAUFLOW_OIDN, TAUFLOW_ONNXRUNTIME and the usual variables of programs such as PATH, and works in an \
+         empty folder, so that programs are named by PATH or from `/` on), or run its pipeline here, which gives it a \
          key of its own"
     ))
 }
