@@ -14,6 +14,7 @@ use std::{
     collections::{BTreeMap, HashMap, HashSet},
     fs,
     io::Read,
+    os::unix::fs::MetadataExt,
     path::{Component, Path, PathBuf},
 };
 use tauflow_contract::{Asked, CHANGED, MISSING, Seen, Sight, Stamp, left_out_of_sights};
@@ -70,12 +71,22 @@ fn interpreter(path: &Path) -> Option<PathBuf> {
     named(head.get(at..at.checked_add(length)?)?)
 }
 
+/// Device, number, size and time of a file's content.
+type ContentMark = (u64, u64, u64, i64, i64);
+
+fn content_mark(path: &Path) -> Option<ContentMark> {
+    let about = fs::metadata(path).ok()?;
+    Some((about.dev(), about.ino(), about.size(), about.mtime(), about.mtime_nsec()))
+}
+
 /// What is noted of a path.
 #[derive(Debug)]
 struct Look {
     asked: Asked,
     /// What the file was when it was asked first; none if it did not exist.
     stamp: Option<Stamp>,
+    /// What changes with its content alone, as far as that shows; a stamp changes with a new hard link, too.
+    content: Option<ContentMark>,
     /// The program may change it itself.
     changes: bool,
 }
@@ -225,8 +236,8 @@ impl Notes {
                 look.changes |= changes;
             }
             None => {
-                let stamp = Stamp::at(&path);
-                self.looks.insert(path, Look { asked, stamp, changes });
+                let (stamp, content) = (Stamp::at(&path), content_mark(&path));
+                self.looks.insert(path, Look { asked, stamp, content, changes });
             }
         }
     }
@@ -236,7 +247,7 @@ impl Notes {
         let Self { looks, own, imported, mut untraced, .. } = self;
         let is_own = |path: &Path| !own.is_empty() && path.ancestors().any(|above| own.contains(above));
         let mut sights = Vec::with_capacity(looks.len());
-        for (path, Look { asked, stamp, changes }) in looks {
+        for (path, Look { asked, stamp, content, changes }) in looks {
             if is_own(&path) {
                 continue;
             }
@@ -252,7 +263,7 @@ impl Notes {
             match stamp {
                 // It may have been made meanwhile, and did not exist when it mattered.
                 None => (sight.state, sight.stamp) = (MISSING.into(), None),
-                Some(_) if asked == Asked::Content && !path.is_dir() && Stamp::at(&path) != stamp => {
+                Some(_) if asked == Asked::Content && !path.is_dir() && content_mark(&path) != content => {
                     if changes {
                         // A file in which the program keeps a state of its own.
                         continue;
