@@ -308,6 +308,8 @@ impl<'t> MitsubaReader<'t, '_, '_> {
                 _ => format!("the parameter `{}` of {owner} is not supported", property.name),
             };
             self.build.problems.error(&property.at, what, "take it out");
+            // Told once: a plugin may be used thousands of times.
+            property.used.set(true);
         }
     }
 
@@ -327,7 +329,16 @@ impl<'t> MitsubaReader<'t, '_, '_> {
                     "d65" => [self.number(plugin, "scale").unwrap_or(1.0); 3],
                     "srgb" => {
                         let inner = self.find(plugin, "color")?;
-                        self.color(inner, light)?
+                        self.depth += 1;
+                        let found = if self.depth <= DEEPEST {
+                            self.color(inner, light)
+                        } else {
+                            let what = "a colour that refers to itself";
+                            self.build.problems.error(&plugin.at, what, "refer to another one");
+                            None
+                        };
+                        self.depth -= 1;
+                        found?
                     }
                     "blackbody" => {
                         let kelvin = self.number(plugin, "temperature").unwrap_or(5000.0);

@@ -102,6 +102,15 @@ fn shapes_of_impossible_sizes_are_refused_with_their_lines() {
 }
 
 #[test]
+fn a_colour_that_refers_to_itself_is_refused() {
+    let inside = "<bsdf type=\"diffuse\"><spectrum type=\"srgb\" name=\"reflectance\" id=\"a\"><ref name=\"color\" \
+                  id=\"a\"/></spectrum></bsdf>";
+    let shape = format!("<shape type=\"sphere\">{inside}</shape>");
+    let told = refused(&[("a.xml", mitsuba(&shape).as_bytes())]);
+    assert!(told.contains("a.xml: line 4: a colour that refers to itself"), "{told}");
+}
+
+#[test]
 fn materials_of_impossible_numbers_are_refused_with_their_lines() {
     for bsdf in [
         "type=\"roughconductor\"><float name=\"alpha\" value=\"1000\"/>",

@@ -116,6 +116,8 @@ impl<'t> PbrtReader<'t, '_, '_> {
         for param in directive.params.iter().filter(|p| !p.used.get()) {
             let what = format!("the parameter `{}` of {}{sort} is not supported", param.name, directive.name);
             self.build.problems.error(&param.at, what, "take it out");
+            // Told once: a directive may be used thousands of times.
+            param.used.set(true);
         }
     }
 
