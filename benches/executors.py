@@ -4,8 +4,8 @@
     python3 benches/executors.py PROGRAM [--actions 200] [--rounds 3] [--executors threads,process,command,slurm]
 
 It prints the median wall time of a run from an empty cache, and the time per action beyond the first executor. Then it
-pushes the results to an upstream, and prints the time of a run with an empty cache that finds all of them there, and of
-a second run with this cache. Slurm must run, if it is among the executors.
+generates as many scenes, pushes them to an upstream, and prints the time of a run with an empty cache that finds all of
+them there, and of a second run with this cache. Slurm must run, if it is among the executors.
 """
 
 import argparse
@@ -34,6 +34,15 @@ nodes:
       outputs: { copies: tauflow/files }
 """
 
+SCENES = """\
+pipeline: scenes
+seed: 1
+nodes:
+  scenes:
+    kind: scene_generation
+    params: {{ pool: {} }}
+"""
+
 SHELL = [
     "--submit", "setsid sh {script} > {log} 2>&1 < /dev/null & echo $!",
     "--poll", "ps -o pid=,stat= -p $(echo {ids} | tr ' ' ,) | awk '$2 !~ /Z/ { print $1, \"running\" }'",
@@ -56,10 +65,11 @@ def seconds(program, executor, folder, cache):
 def warm(program, folder, cache, rounds):
     """Seconds of runs that find all results in an upstream, and of the runs after them."""
     upstream = folder / "upstream"
-    timed(folder, program, "cache", "push", "--all", "--cache", cache, "--upstream", upstream)
+    timed(folder, program, "run", "scenes.yaml", "--cache", cache)
+    timed(folder, program, "cache", "push", "--cache", cache, "--upstream", upstream)
     first, second = [], []
     for round in range(rounds):
-        run = (program, "run", "short.yaml", "--cache", folder / f"warm-{round}", "--upstream", upstream)
+        run = (program, "run", "scenes.yaml", "--cache", folder / f"warm-{round}", "--upstream", upstream)
         for times in (first, second):
             taken, said = timed(folder, *run)
             assert "nothing to do" in said, said
@@ -87,8 +97,8 @@ def main():
                 taken = seconds(options.program.resolve(), executor, folder, cache)
                 if round > 0:  # the first reads files from the disk
                     times[executor].append(taken)
-        program, cache = options.program.resolve(), folder / f"{executors[0]}-{options.rounds}"
-        first, second = warm(program, folder, cache, options.rounds)
+        (folder / "scenes.yaml").write_text(SCENES.format(options.actions))
+        first, second = warm(options.program.resolve(), folder, folder / "scenes", options.rounds)
     base = statistics.median(times[executors[0]])
     for executor, taken in times.items():
         middle = statistics.median(taken)
