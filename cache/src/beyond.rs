@@ -1,7 +1,6 @@
-//! What a store asks for what it lacks, such as a cache that several machines share.
+//! A second place that a store asks for missing records and blobs, such as a cache that several machines share.
 //!
-//! Records that come from there are recorded here at once, and blobs when they are read. What comes is trusted no more
-//! than a file: blobs are hashed again.
+//! The store records its records at once, and stores its blobs when they are read. It hashes all blobs again.
 
 use crate::{CacheError, Digest, Key, Record, Recorded, Store};
 use std::{fmt::Debug, sync::Arc};

@@ -56,8 +56,8 @@ impl Store {
         Ok(digest)
     }
 
-    /// Reads a blob and checks it. `None` when it is missing, or damaged: then it goes to quarantine. What is not here,
-    /// but [beyond](Self::look_beyond), is brought here.
+    /// Reads a blob and checks it. `None` when it is missing, or damaged: then it goes to quarantine. A blob that only
+    /// the [upstream](Self::look_beyond) has is copied.
     ///
     /// # Errors
     /// When a file that is there cannot be read.

@@ -49,7 +49,7 @@ pub struct Store {
     files: Mutex<HashMap<u32, Arc<File>>>,
     refreshed: Mutex<Instant>,
     alone: Mutex<Alone>,
-    /// What is asked for what is not here.
+    /// A second place to ask for missing records and blobs.
     pub(crate) beyond: Option<Arc<dyn Beyond>>,
 }
 

@@ -113,7 +113,9 @@ class Results:
             if not lines:
                 raise TauflowError(f"no run of `{self.name}` is recorded in the cache; open the pipeline file instead")
             run = json.loads(lines[-1])
-            self._pipeline = Pipeline(run["file"], run.get("profile"), run.get("overrides", []), self._cache, self._raw)
+            self._pipeline = Pipeline(run["file"], cache=self._cache, raw=self._raw)
+            # A record has options as they were given, such as `--profile tiny`.
+            self._pipeline._options = [word for given in run.get("overrides", []) for word in given.split(" ", 1)]
         return self._pipeline
 
     def __getitem__(self, node: str) -> Node:

@@ -9,6 +9,8 @@ import tauflow
 PIPELINE = """\
 pipeline: tiny
 seed: 3
+values: { rungs: [1, 4, 16] }
+profiles: { short: { values.rungs: [1, 4, 8] } }
 nodes:
   scenes:
     kind: scene_generation
@@ -23,7 +25,7 @@ nodes:
   ladders:
     kind: ladder_rendering
     inputs: { scenes: gate.accepted }
-    params: { rungs: [1, 4, 16], resolution: [24, 16], gbuffer_samples: 4 }
+    params: { rungs: $rungs, resolution: [24, 16], gbuffer_samples: 4 }
   packed:
     kind: dataset_packing
     inputs: { ladders: ladders, gbuffers: ladders.gbuffer, exposure: gate.exposure }
@@ -43,11 +45,11 @@ nodes:
 
 
 class Tiny:
-    def __init__(self, folder):
+    def __init__(self, folder, *words):
         self.folder, self.file = folder, folder / "tiny.yaml"
         self.cache, self.out = folder / "cache", folder / "out"
         self.file.write_text(PIPELINE)
-        self.run()
+        self.run(*words)
 
     def run(self, *words):
         words = ["run", self.file, "--cache", self.cache, "--out", self.out, *words]

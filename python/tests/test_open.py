@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import tauflow
+from conftest import Tiny
 
 
 def test_a_pipeline_is_read_node_by_node(tiny):
@@ -70,6 +71,14 @@ def test_a_folder_of_results_leads_to_its_nodes(tiny):
         results.rows("tables")
 
 
+def test_results_have_the_profile_and_the_overrides_of_their_run(tmp_path):
+    # The size is an override: with the defaults of the file, no ladder would be up to date.
+    run = Tiny(tmp_path, "--profile", "short", "--set", "ladders.resolution=[16, 16]", "--target", "ladders")
+    ladders = tauflow.open(run.out / "tiny", cache=run.cache)["ladders"]
+    item = ladders[next(iter(ladders))]
+    assert item.rungs == [1, 4, 8] and item.rung(8).shape == (16, 16, 3)
+
+
 def test_raw_radiance_is_the_ladder(tiny):
     ladders = tauflow.open(tiny.file, cache=tiny.cache)["ladders"]
     packed = tauflow.open(tiny.file, cache=tiny.cache, raw=True)["packed"]
@@ -107,7 +116,7 @@ def test_an_export_is_read_and_its_damage_told(tiny, tmp_path):
 
 def test_what_is_stale_names_the_command(tiny, tmp_path):
     other = tmp_path / "tiny.yaml"
-    other.write_text(tiny.file.read_text().replace("rungs: [1, 4, 16]", "rungs: [1, 4, 8]"))
+    other.write_text(tiny.file.read_text().replace("rungs: [1, 4, 16]", "rungs: [1, 4, 9]"))
     with pytest.raises(tauflow.TauflowError, match="run the pipeline"):
         tauflow.open(other, cache=tiny.cache)["ladders"]
 

@@ -35,12 +35,12 @@ pub struct Reader {
 /// A place in a pack: the pack's number, and the offset.
 type BlobAt = (u32, u64);
 
-/// What an upstream holds, and where.
+/// The places of an upstream's records and blobs.
 struct Places {
     upstream: Upstream,
     /// The lines of records.
     spool: File,
-    /// Places in the spool: offset and length. Of several records for a key, the first in the order of indices.
+    /// Offset and length of each record in the spool. If indices have several records for a key, the first one counts.
     records: HashMap<(u8, Key), (u64, u32)>,
     blobs: HashMap<Digest, BlobAt>,
     /// Further places of blobs that two machines pushed.
@@ -49,7 +49,7 @@ struct Places {
     use_of: Mutex<Use>,
 }
 
-/// What came of using the upstream so far.
+/// Open packs, and errors so far.
 #[derive(Default)]
 struct Use {
     /// Open packs; none for one that cannot be opened.
@@ -210,7 +210,7 @@ impl Places {
         let opened = self.upstream.pack(&self.packs[number as usize]).map(Arc::new);
         let mut used = self.used();
         if used.open.len() >= MOST_OPEN {
-            // Those that cannot be opened stay known.
+            // Packs that cannot be opened are kept, so that nobody tries again.
             used.open.retain(|_, pack| pack.is_none());
         }
         used.open.insert(number, opened.as_ref().ok().cloned());
