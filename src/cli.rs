@@ -30,6 +30,7 @@ mod show;
 mod status;
 mod terminal;
 mod tev;
+mod thumbnail;
 mod upstream;
 
 pub(crate) use output::{bytes_text, counted, seconds_text, table};

@@ -185,6 +185,15 @@ fn axes_that_do_not_meet_and_several_items_for_one_are_found() {
     );
     let against = "rows: [parameterization], against: { axis: parameterization, value: rf }";
     one(&[("rows: [parameterization]", against)], &["the axis `parameterization` has no value `rf`"]);
+    let no_axis = ["which is no axis of the table", "add it to `rows` or `columns`"];
+    for (rows, axis, value) in
+        [("rows: [parameterization], ", "spp", "2"), ("", "stratum", "L0-open"), ("columns: [spp], ", "nfe", "1")]
+    {
+        let params = format!("{rows}against: {{ axis: {axis}, value: {value} }}");
+        one(&[("rows: [parameterization]", &params)], &no_axis);
+    }
+    let against = "columns: [spp], against: { axis: spp, value: 4 }";
+    one(&[("rows: [parameterization]", against)], &["the axis `spp` has no value `4`", "it has `2`"]);
 }
 
 #[test]

@@ -118,20 +118,22 @@ impl Bench {
         noise: Noise,
         variants: &[Variant],
     ) {
+        // Other frozen samples may have other steps.
+        let steps = if port == "frozen" { 2 * STEPS } else { STEPS };
         for sample in 0..number {
             let clean = picture(5000 + sample, side);
             let variant = |variant: &Variant| GeneratedVariant {
                 variant: *variant,
                 // One noise for all variants of a sample.
                 image: noisy(&clean, sample, noise(*variant)),
-                energy: vec![0.0, 0.0, 0.5 * sample as f64, noise(*variant)],
+                energy: [vec![0.0; steps as usize - 2], vec![0.5 * sample as f64, noise(*variant)]].concat(),
                 frames: Vec::new(),
             };
             let generated = Generated {
                 backbone: MethodName::new(backbone).expect("a name"),
                 family: Family::RectifiedFlow,
                 sample,
-                steps: STEPS,
+                steps,
                 variants: variants.iter().map(variant).collect(),
             };
             self.put(port, &format!("{backbone}-{sample:04}"), &generated);
@@ -230,6 +232,7 @@ fn more_frozen_samples_make_the_comparison_with_gaussian_images_more_certain() {
     }
     let [few, many] = [few, many].map(|of| of.gaussian.expect("a training set"));
     assert_eq!((few.samples, many.samples, many.images), (SAMPLES, 200, 1000));
+    assert_eq!((few.steps, many.steps), (STEPS, 2 * STEPS));
     let width = |of: &Estimate| of.high - of.low;
     assert!(width(&many.nearer) < 0.8 * width(&few.nearer), "{many:?} {few:?}");
     // Those samples are nearly renders, and of as many there is no doubt.
