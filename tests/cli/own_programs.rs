@@ -114,8 +114,9 @@ fn a_program_that_fails_is_told_and_nothing_of_it_is_recorded() {
 /// The block of the manual that is marked so, as its page has it.
 fn block(marked: &str) -> &'static str {
     let page = include_str!("../../nodes/denoise/src/command_kind.md");
-    let mut blocks = page.split(&format!("```{marked}\n")).skip(1);
-    blocks.next().and_then(|rest| rest.split("```").next()).expect("the page has such a block")
+    let begin = format!("```{marked}\n");
+    let (_, rest) = page.split_once(&begin).expect("the page has such a block");
+    rest.split("```").next().unwrap_or_default()
 }
 
 #[test]

@@ -9,8 +9,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use tauflow_contract::{
-    Action, Context, Each, Group, ItemKey, Kind, KindError, KindSpec, Known, Media, Mode, Out, Outlook, Outputs,
-    ParamProblem, Probe,
+    Action, Before, Context, Each, Group, ItemKey, Kind, KindError, KindSpec, Known, Later, Media, Mode, Out, Outlook,
+    Outputs, ParamProblem, Probe,
 };
 use tauflow_data::{
     Image,
@@ -132,6 +132,10 @@ impl Kind for GuidedFilter {
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
         timed::projected(params, group)
+    }
+
+    fn later() -> &'static [Later] {
+        &[Later { pointer: "/average", before: Before::Text("linear") }]
     }
 
     fn environment(_params: &Self::Params, group: &str, _probe: &dyn Probe) -> Option<Value> {
