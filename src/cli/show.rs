@@ -59,7 +59,9 @@ pub(crate) fn show(args: &ShowArgs, registry: &Registry, cache: &CacheAt) -> Res
         };
         for (key, artifact) in collection.iter() {
             if !is_it(key) {
-                names.insert(key.as_str().rsplit('/').next().unwrap_or_default().to_owned());
+                // With a cell if one was asked for.
+                let own = if args.item.contains('/') { Some(key.as_str()) } else { key.as_str().rsplit('/').next() };
+                names.insert(own.unwrap_or_default().to_owned());
                 continue;
             }
             if found > 0 {

@@ -129,10 +129,10 @@ fn an_item_has_a_thumbnail_in_a_terminal_with_colours() {
     match shown(&[]) {
         Err(error) => skip(Need::Script, format_args!("`script` does not start: {error}")),
         Ok(few) => {
-            // The rung of most samples, of 32 x 32 pixels: sixteen lines of characters.
+            // The rung of most samples, of 16 x 16 pixels: eight lines of characters.
             let halves = |text: &str| (text.matches('▀').count(), text.lines().filter(|l| l.contains('▀')).count());
             assert!(few.contains("  L0-open-000000/spp-000016.png\r\n  \u{1b}[38;5;"), "{few}");
-            assert_eq!(halves(&few), (32 * 16, 16));
+            assert_eq!(halves(&few), (16 * 8, 8));
             let all = shown(&[("COLORTERM", "truecolor")]).expect("it started before");
             assert!(all.contains("\u{1b}[38;2;") && halves(&all) == halves(&few), "{all}");
             for quiet in [("NO_COLOR", "1"), ("TERM", "dumb")] {

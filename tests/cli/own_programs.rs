@@ -132,7 +132,13 @@ fn the_denoiser_of_the_manual_is_a_method_in_the_tables_of_the_quickstart() {
     let wanted = ["--target", "comparison", "--target", "comparison_report"];
     place.tauflow(&[&["run", "small.yaml", "--profile", "tiny", "--out", "out"], &wanted[..]].concat()).ends(0);
     place.tauflow(&["export", "small.yaml", "comparison", "--profile", "tiny", "-o", "tables"]).ends(0);
-    let table = json(&fs::read_to_string(place.path("tables/evaluation.json")).expect("exported"));
+    let table = json(&fs::read_to_string(place.path("tables/evaluation/value.json")).expect("exported"));
+    let of = |method: &str| {
+        let rows = table["baselines"].as_array().into_iter().flatten();
+        rows.filter(|row| row["method"] == method).map(|row| row["at"][0]["gain"]["hdr_psnr"].clone()).next()
+    };
+    let gain = of("box").unwrap_or_else(|| panic!("no row of the program: {table}"));
+    assert!(gain["low"].as_f64().is_some_and(|low| low > 0.0), "means of nine pixels are less noisy: {gain}");
     let page = fs::read_to_string(place.path("out/with_box/report.html")).expect("written");
-    assert!(page.contains("box"), "{table}");
+    assert!(page.contains("</span>box</td>"), "the report shows the program");
 }
