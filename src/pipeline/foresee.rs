@@ -39,18 +39,18 @@ enum Items {
     Of(usize, usize),
     /// One.
     One,
-    /// None beside these.
-    Among(Arc<BTreeSet<ItemKey>>),
+    /// None beside these: what a cell lets through on a port.
+    Among(Arc<BTreeSet<ItemKey>>, usize, usize),
     /// These.
     These(Arc<BTreeSet<ItemKey>>),
 }
 
 impl Items {
-    /// The same behind a filter.
-    fn filtered(&self) -> Self {
+    /// What a cell that filters lets through on a port.
+    fn filtered(&self, cell: usize, port: usize) -> Self {
         match self {
-            Self::These(items) | Self::Among(items) => Self::Among(items.clone()),
-            Self::One | Self::Of(..) | Self::Unknown => Self::Unknown,
+            Self::These(items) | Self::Among(items, ..) => Self::Among(items.clone(), cell, port),
+            Self::One | Self::Of(..) | Self::Unknown => Self::Of(cell, port),
         }
     }
 
@@ -59,7 +59,7 @@ impl Items {
         match self {
             Self::One => 1,
             Self::These(items) => items.len(),
-            Self::Among(_) | Self::Of(..) | Self::Unknown => 0,
+            Self::Among(..) | Self::Of(..) | Self::Unknown => 0,
         }
     }
 }
@@ -67,7 +67,7 @@ impl Items {
 /// Whether an item of one input may have the key of an item of the other.
 fn may_meet(leading: &[(Source, Items)], others: &[(Source, Items)]) -> bool {
     let same = |a: &Items, b: &Items| match (a, b) {
-        (Items::These(a) | Items::Among(a), Items::These(b) | Items::Among(b)) => !a.is_disjoint(b),
+        (Items::These(a) | Items::Among(a, ..), Items::These(b) | Items::Among(b, ..)) => !a.is_disjoint(b),
         _ => true,
     };
     let meets = |(source, items): &(Source, Items)| {
@@ -161,7 +161,7 @@ impl Eye<'_> {
         if node.mode() != Mode::Map {
             let outlook = self.outlooks(&[whole]).pop().unwrap_or_default();
             let items = |place: usize, port: &tauflow_contract::OutputPort| match (node.mode(), listed) {
-                (Mode::Source, Some(items)) if port.filter => Items::Among(items.clone()),
+                (Mode::Source, Some(items)) if port.filter => Items::Among(items.clone(), self.cell, place),
                 (Mode::Source, Some(items)) => Items::These(items.clone()),
                 (Mode::Gather, _) if port.single => Items::One,
                 _ => Items::Of(self.cell, place),
@@ -194,15 +194,15 @@ impl Eye<'_> {
             })
             .collect();
         let outlooks = self.outlooks(&known);
-        let parts = |port: &tauflow_contract::OutputPort| {
+        let parts = |(place, port): (usize, &tauflow_contract::OutputPort)| {
             let of = |((leading, items), outlook): (&(Source, Items), &Outlook)| Part {
                 prefix: leading.prefix.clone(),
                 facts: outlook.facts(port.name),
-                items: if port.filter { items.filtered() } else { items.clone() },
+                items: if port.filter { items.filtered(self.cell, place) } else { items.clone() },
             };
             inputs[*driving].iter().zip(&outlooks).map(of).collect()
         };
-        node.spec.outputs.iter().map(parts).collect()
+        node.spec.outputs.iter().enumerate().map(parts).collect()
     }
 
     /// The parts of all collections that feed an input, with the prefixes that their keys have there.
@@ -228,7 +228,8 @@ impl Eye<'_> {
     fn apart(&mut self, port: &'static str, given: &[(Source, Items)]) {
         let same = |a: &Items, b: &Items| match (a, b) {
             (Items::These(a), Items::These(b)) => !a.is_disjoint(b),
-            (Items::Of(cell, port), Items::Of(other, of)) => (cell, port) == (other, of),
+            (Items::Of(cell, port), Items::Of(other, of))
+            | (Items::Among(_, cell, port), Items::Among(_, other, of)) => (cell, port) == (other, of),
             _ => false,
         };
         // Parts of large matrices mostly differ in their prefixes.
@@ -288,7 +289,7 @@ impl Eye<'_> {
                 self.found.push(Foreseen { at: At::Input(port), message, hint });
                 return;
             };
-            if let (Items::These(own), Items::These(theirs) | Items::Among(theirs)) = (items, theirs)
+            if let (Items::These(own), Items::These(theirs) | Items::Among(theirs, ..)) = (items, theirs)
                 && let Some(key) = own.difference(theirs).next()
             {
                 let message = format!("the input `{port}` has no item `{key}`, which the input `{driver}` has");

@@ -262,7 +262,7 @@ fn programs_that_fail_are_told_with_their_last_words() {
     let error = bench.wrong("true", &json!({ "depends": ["/no/such/file"] }));
     assert!(error.contains("`depends` names `/no/such/file`"), "{error}");
     let error = bench.wrong("true", &json!({ "version": ["sh", "-c", "echo none >&2; exit 1"] }));
-    assert!(error.contains("failed: none"), "{error}");
+    assert!(error.contains("failed (exit status: 1): none"), "{error}");
     let error = bench.wrong("date +%N > out/made/a; echo $$ >> out/made/a", &json!({ "reproducible": "everywhere" }));
     assert!(error.contains("two runs gave different outputs on `made`"), "{error}");
 }
