@@ -173,7 +173,7 @@ fn the_shader_shows_what_the_script_computes() {
     browser.eval("choose('b', 2)");
     browser.wait("now.b !== null && now.b.frame === 2");
     // The middle of pixel (11, 7), in bytes of the canvas.
-    let seen = "(() => { paint(); const g = canvas.gl, out = new Uint8Array(4); \
+    let seen = "(() => { canvas.textures.clear(); paint(); const g = canvas.gl, out = new Uint8Array(4); \
                 const at = (k) => Math.floor((k ? state.y : state.x) + (k ? 7.5 : 11.5) * state.scale); \
                 g.readPixels(at(0), canvas.element.height - 1 - at(1), 1, 1, g.RGBA, g.UNSIGNED_BYTE, out); \
                 return Array.from(out); })()";

@@ -63,7 +63,7 @@ async function refresh() {
     if (now.b && (now.b.w !== now.a.w || now.b.h !== now.a.h)) now.b = null;
     if (resized || state.fitted) fit();
     now.error = null;
-    if (state.mode === "error") findError();
+    measure();
     showPanels();
     redraw();
     remember();
@@ -79,6 +79,11 @@ async function refresh() {
 function defaultB(data) {
   const { reference } = index.scenes[data.number];
   return reference !== null && data.packed[reference] ? reference : null;
+}
+
+/// FLIP takes a while, and is computed only where it is shown.
+function measure() {
+  if (state.mode === "error" || state.measure !== "flip") findError();
 }
 
 /// The error of A against B by pixel, for statistics, the range of the colours, and FLIP.
@@ -138,12 +143,12 @@ function paint() {
   for (const element of [$("gl"), $("over")]) {
     if (element.width !== w || element.height !== h) { element.width = w; element.height = h; }
   }
-  const show = showing(), measure = MEASURES.findIndex((one) => one.name === state.measure);
+  const show = showing(), place = MEASURES.findIndex((one) => one.name === state.measure);
   const variance = kindOf(now.a) === 3;
   const ramp = show !== 3 ? "viridis" : state.measure === "signed" ? "signed" : "magma";
   canvas.draw({
     a: now.a, b: now.b, x: state.x, y: state.y, scale: state.scale, gain: gain(), wipe: state.wipe * w, range: state.range || 1,
-    tone: state.tone, channel: state.channel, show, measure, kindA: kindOf(now.a), kindB: kindOf(now.b), ramp,
+    tone: state.tone, channel: state.channel, show, measure: place, kindA: kindOf(now.a), kindB: kindOf(now.b), ramp,
   });
   $("line").hidden = show !== 2;
   $("line").style.left = `${100 * state.wipe}%`;
@@ -225,7 +230,7 @@ function setMode(mode) {
   state.swapped = false;
   clearInterval(timer);
   if (mode === "flip") timer = setInterval(() => { state.swapped = !state.swapped; showProbe(); redraw(); }, 700);
-  if (mode === "error") findError();
+  measure();
   showPanels();
   redraw();
   remember();
@@ -246,7 +251,7 @@ function setExposure(ev) {
 
 /// After a change of exposure, tone, channel or measure.
 function changed() {
-  if (state.mode === "error") findError();
+  measure();
   showPanels();
   redraw();
   remember();

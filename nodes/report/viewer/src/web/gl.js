@@ -149,8 +149,10 @@ class Canvas {
       gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, smooth ? gl.LINEAR : gl.NEAREST);
       set(name, "uniform1i", unit);
     };
-    bind(0, "imageA", this.texture(view.a), view.scale < 1);
-    bind(1, "imageB", view.b ? this.texture(view.b) : this.none, view.scale < 1);
+    // A new texture is bound to the active unit, so that both are made before one is bound.
+    const a = this.texture(view.a), b = view.b ? this.texture(view.b) : this.none;
+    bind(0, "imageA", a, view.scale < 1);
+    bind(1, "imageB", b, view.scale < 1);
     bind(2, "mapRamp", this.ramps[view.ramp], false);
     bind(3, "scalar", this.map || this.none, view.scale < 1);
     set("origin", "uniform2f", view.x, view.y);

@@ -38,10 +38,15 @@ function figure(frame) {
   return value === null ? "" : `${metric.name} ${short(value)} ${metric.unit}`;
 }
 
+/// Tracks in the order of the panel: radiance first.
+const isRadiance = (track) => index.frames.some((frame) => frame.track === track && frame.content === "radiance");
+const TRACKS = index.tracks.map((_, i) => i).sort((p, q) => isRadiance(q) - isRadiance(p) || p - q);
+
 function showTracks() {
   const a = now.a && now.a.frame, b = now.b && now.b.frame;
-  $("tracks").replaceChildren(...index.tracks.map((track, number) => {
-    const frames = framesOf(number);
+  const scrolled = $("tracks").scrollTop;
+  $("tracks").replaceChildren(...TRACKS.map((number) => {
+    const track = index.tracks[number], frames = framesOf(number);
     const chips = frames.map((frame) => {
       const label = index.frames[frame].label, told = figure(frame);
       const first = make("button", { textContent: label, title: told || `Show ${frameName(frame)}`, onclick: () => choose("a", frame) });
@@ -52,6 +57,11 @@ function showTracks() {
     });
     return make("div", { className: "track", hidden: !frames.length }, make("b", { textContent: track.name }), make("div", { className: "chips" }, ...chips));
   }));
+  const box = $("tracks"), chip = box.querySelector(".chip.a");
+  box.scrollTop = scrolled;
+  if (!chip) return;
+  const top = chip.offsetTop - box.offsetTop;
+  if (top < box.scrollTop || top + chip.offsetHeight > box.scrollTop + box.clientHeight) box.scrollTop = top - box.clientHeight / 2;
 }
 
 /// The rail: the states of A's track at their times, and nothing between them.
@@ -60,7 +70,7 @@ function showSteps() {
   if (!now.a) return rail.replaceChildren();
   const frames = framesOf(index.frames[now.a.frame].track), times = frames.map((frame) => index.frames[frame].tau);
   const timed = times.every((tau) => tau !== null) && new Set(times).size === times.length;
-  let last = -1;
+  let last = -Infinity;
   rail.replaceChildren(...frames.map((frame, i) => {
     const at = timed ? times[i] : frames.length > 1 ? i / (frames.length - 1) : 0;
     const name = make("em", { textContent: index.frames[frame].label });
@@ -91,7 +101,7 @@ function move(by, across) {
   if (!now.a) return;
   const own = index.frames[now.a.frame].track, frames = framesOf(own), place = frames.indexOf(now.a.frame);
   if (!across) return void (frames[place + by] !== undefined && choose("a", frames[place + by]));
-  const tracks = index.tracks.map((_, i) => i).filter((i) => framesOf(i).length);
+  const tracks = TRACKS.filter((i) => framesOf(i).length);
   const to = framesOf(tracks[(tracks.indexOf(own) + by + tracks.length) % tracks.length]);
   choose("a", to[Math.min(place, to.length - 1)]);
 }
