@@ -47,6 +47,9 @@ pub(crate) struct ViewArgs {
     tev: Option<String>,
 }
 
+/// Items by scene: one for each cell.
+type ByScene = BTreeMap<String, Vec<(ItemKey, Artifact)>>;
+
 /// Which images a viewer shows, and of which scenes.
 struct Sources<'a> {
     pipeline: &'a Pipeline,
@@ -54,7 +57,7 @@ struct Sources<'a> {
     /// The output that was asked for.
     own: (usize, PortId),
     /// Items by output and scene.
-    items: BTreeMap<(usize, PortId), BTreeMap<String, Vec<(ItemKey, Artifact)>>>,
+    items: BTreeMap<(usize, PortId), ByScene>,
     /// Keys of the scenes.
     scenes: BTreeSet<String>,
 }
@@ -149,8 +152,8 @@ impl<'a> Sources<'a> {
 }
 
 /// Items by scene, of the scenes that are wanted.
-fn by_scene(items: &Collection, scenes: &BTreeSet<String>) -> BTreeMap<String, Vec<(ItemKey, Artifact)>> {
-    let mut found: BTreeMap<String, Vec<(ItemKey, Artifact)>> = BTreeMap::new();
+fn by_scene(items: &Collection, scenes: &BTreeSet<String>) -> ByScene {
+    let mut found = ByScene::new();
     for (key, artifact) in items.iter().filter(|(key, _)| scenes.contains(scene_of(key))) {
         found.entry(scene_of(key).to_owned()).or_default().push((key.clone(), artifact.clone()));
     }
