@@ -120,9 +120,9 @@ pub fn read(
     let mut said = Said { camera: None, max_depth: super::build::ENDLESS, film: [512, 512], views: 1 };
     let at = Place::file(name);
     let mut externals = Externals::new();
-    for uri in uris(bytes) {
-        if let Some(bytes) = relative_path(&uri).and_then(|path| given.get(&path)) {
-            externals.insert(uri, bytes);
+    for path in names(bytes) {
+        if let Some(bytes) = given.get(&path) {
+            externals.insert(path, bytes);
         }
     }
     let document = match Document::open_anyway(bytes, &externals) {

@@ -23,7 +23,7 @@ use tauflow_scene_readers::{Loaded, Options, load_scene};
 const LONGEST: u64 = 60;
 
 /// Writes files into an empty folder; reads the first one as a scene. What it takes and holds is bounded.
-fn read(files: &[(&str, &[u8])]) -> Result<Loaded, String> {
+pub fn read(files: &[(&str, &[u8])]) -> Result<Loaded, String> {
     let folder = tempfile::tempdir().expect("a folder");
     for (name, bytes) in files {
         assert!(bytes.len() <= 1 << 20, "{name}: {} bytes", bytes.len());
@@ -46,7 +46,7 @@ fn bounded(path: &Path, view: usize) -> Result<Loaded, String> {
 }
 
 /// What is told of a scene that is refused; each line has a file, a place and a remedy, and none is long.
-fn refused(files: &[(&str, &[u8])]) -> String {
+pub fn refused(files: &[(&str, &[u8])]) -> String {
     let told = read(files).map(|_| ()).expect_err(files[0].0);
     for line in told.lines().filter(|line| !line.starts_with("and ")) {
         let shaped = line.contains(": ") && line.contains("; ") && line.len() < 2000;
@@ -55,11 +55,13 @@ fn refused(files: &[(&str, &[u8])]) -> String {
     told
 }
 
-fn pbrt(world: &str) -> String {
+/// A pbrt file around these lines.
+pub fn pbrt(world: &str) -> String {
     format!("Camera \"perspective\"\nWorldBegin\nLightSource \"point\"\n{world}\n")
 }
 
-fn mitsuba(inside: &str) -> String {
+/// A Mitsuba file around these lines.
+pub fn mitsuba(inside: &str) -> String {
     format!(
         "<scene version=\"3.0.0\">\n<integrator type=\"path\"/><sensor type=\"perspective\"><float name=\"fov\" \
          value=\"40\"/></sensor>\n<emitter type=\"constant\"/>\n{inside}\n</scene>\n"
