@@ -78,7 +78,7 @@ fn raw_undoes_the_exposure_and_metadata_names_space_and_factor() {
 }
 
 /// A renderer that copies an image, once the scene's exposure is known.
-const THEIRS: &str = "\
+const THEIRS: &str = "
   theirs:
     kind: external_renderer
     inputs: { scenes: scenes, after: gate.exposure }

@@ -21,16 +21,14 @@ nodes:
   stats:
     kind: scene_statistics
     inputs: { scenes: own }
-    params: { spp: 4, resolution: [8, 8] }
+    params: { spp: 8, resolution: [8, 8] }
 ";
 
 fn room(light: &str) -> String {
-    format!(
-        "<scene version=\"3.0.0\"><integrator type=\"path\"/><sensor type=\"perspective\"><float name=\"fov\" \
-         value=\"40\"/><transform name=\"to_world\"><lookat origin=\"0,1,4\" target=\"0,0,0\" up=\"0,1,0\"/></transform>\
-         </sensor><shape type=\"sphere\"/><emitter type=\"constant\"><rgb name=\"radiance\" value=\"{light}\"/></emitter>\
-         </scene>"
-    )
+    let camera = "<sensor type=\"perspective\"><float name=\"fov\" value=\"40\"/><transform name=\"to_world\"><lookat \
+                  origin=\"0,1,4\" target=\"0,0,0\" up=\"0,1,0\"/></transform></sensor>";
+    let light = format!("<emitter type=\"constant\"><rgb name=\"radiance\" value=\"{light}\"/></emitter>");
+    format!("<scene version=\"3.0.0\"><integrator type=\"path\"/>{camera}<shape type=\"sphere\"/>{light}</scene>")
 }
 
 #[test]

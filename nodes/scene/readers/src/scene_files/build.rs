@@ -3,7 +3,7 @@
 mod files;
 mod views;
 
-pub use views::{camera, chained, even, fov_x, mirror, mirrors};
+pub use views::{UNMIRROR, camera, chained, even, fov_x, mirror, mirrors};
 
 use super::{
     given::Given,

@@ -4,7 +4,7 @@
 //! directional ones in lux. Cameras and lights look along -z of their nodes.
 
 use super::{
-    build::{Builder, camera, fov_x, mirror, mirrors},
+    build::{Builder, UNMIRROR, camera, fov_x, mirror, mirrors},
     given::Given,
     mitsuba::Said,
     problems::Place,
@@ -167,7 +167,7 @@ pub fn read(
         }
     }
     if mirrored && let Some(camera) = &mut said.camera {
-        mirror(build, camera);
+        mirror(build, camera, &at, UNMIRROR);
     }
     said
 }

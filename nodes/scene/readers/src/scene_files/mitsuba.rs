@@ -13,7 +13,7 @@ mod values;
 pub(super) use values::rotation;
 
 use super::{
-    build::{Builder, holds, mirror},
+    build::{Builder, UNMIRROR, holds, mirror},
     given::Given,
     problems::{Place, Problems},
     spectra,
@@ -141,7 +141,7 @@ impl<'t> MitsubaReader<'t, '_, '_> {
             self.build.problems.error(at, what, "raise it beyond the scene");
         }
         if mirrored && let Some(camera) = &mut said.camera {
-            mirror(self.build, camera);
+            mirror(self.build, camera, &at, UNMIRROR);
         }
         said
     }

@@ -144,10 +144,12 @@ fn blends() -> String {
 
 #[test]
 fn materials_are_looked_through_once_however_often_they_are_shown() {
-    let mesh = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty \
-                float u\nproperty float v\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 0 0\n\
-                1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n";
-    let mapped = "<bsdf type=\"normalmap\"><rgb name=\"normalmap\" value=\".5 .5 1\"/><ref id=\"b10\"/></bsdf>";
+    let mesh = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+                property float u\nproperty float v\nelement face 1\nproperty list uchar int vertex_indices\n\
+                end_header\n0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n";
+    let mapped = "<bsdf type=\"normalmap\"><rgb name=\"normalmap\" value=\".5 .5 1\"/><boolean \
+                  name=\"flip_invalid_normals\" value=\"false\"/><boolean name=\"use_shadowing_function\" \
+                  value=\"false\"/><ref id=\"b10\"/></bsdf>";
     let group = format!(
         "<shape type=\"shapegroup\" id=\"g\"><shape type=\"ply\"><string name=\"filename\" \
          value=\"t.ply\"/>{mapped}</shape></shape>\n"
@@ -177,9 +179,9 @@ fn what_is_given_once_and_unknown_is_told_once() {
     let shapes = "Shape \"sphere\"\n".repeat(30_000);
     let world = format!("AreaLightSource \"diffuse\" \"spectrum L\" [{points}]\n{shapes}");
     assert_eq!(read(&[("a.pbrt", pbrt(&world).as_bytes())]).map(|l| l.scene.shapes.len()), Ok(30_000));
-    let many: String = (0..40_000).map(|i| format!("\"float n{i}\" 1 ")).collect();
-    let told = refused(&[("a.pbrt", pbrt(&format!("Attribute \"shape\" {many}\n{shapes}")).as_bytes())]);
-    assert!(told.contains("`n0`"), "{told}");
+    let many: String = (0..30_000).map(|i| format!("\"float n{i}\" 1 ")).collect();
+    let world = format!("Attribute \"shape\" {many}\n{shapes}");
+    assert_eq!(read(&[("a.pbrt", pbrt(&world).as_bytes())]).map(|l| l.scene.shapes.len()), Ok(30_000));
     let many: String = (0..30_000).map(|i| format!("\"float n{i}\" 1 ")).collect();
     let alpha = "Shape \"sphere\" \"float alpha\" .5\n".repeat(15_000);
     let world = format!("MakeNamedMaterial \"m\" \"string type\" \"diffuse\" {many}\nNamedMaterial \"m\"\n{alpha}");

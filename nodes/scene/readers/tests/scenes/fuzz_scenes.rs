@@ -5,7 +5,7 @@
 //! `TAUFLOW_FUZZ_SECONDS` and `TAUFLOW_FUZZ_SEED` are those of [`crate::fuzz`].
 
 use crate::{
-    fuzz::{held_by, mangle_bytes},
+    fuzz::{held_by, mangle_bytes, timed},
     small_assets::folder,
 };
 use serde_json::json;
@@ -72,7 +72,8 @@ const MORE: &str = r#"<scene version="3.0.0">
 </scene>
 "#;
 
-const PBRT: &str = r#"LookAt 0 1 5  0 0 0  0 1 0
+const PBRT: &str = r#"Scale -1 1 1
+LookAt 0 1 5  0 0 0  0 1 0
 Camera "perspective" "float fov" [ 45 ]
 Film "rgb" "integer xresolution" 64 "integer yresolution" 48
 Integrator "path" "integer maxdepth" 8
@@ -416,9 +417,8 @@ fn fuzz_scenes() {
         let options = Options { approximate: true, ..Options::default() };
         let path = place.join(own);
         let view = if turn < scenes.len() as u64 { 0 } else { draw.below(2) };
-        let from = Instant::now();
-        let (done, held) = held_by(|| catch_unwind(AssertUnwindSafe(|| load_scene(&path, None, view, options))));
-        let took = from.elapsed();
+        let load = || catch_unwind(AssertUnwindSafe(|| load_scene(&path, None, view, options)));
+        let ((done, held), took) = timed(|| held_by(load));
         let told = |what: String| -> ! {
             let kept = folder("fuzz_scenes_failed");
             fs::create_dir_all(kept.join("blob")).expect("writable");
