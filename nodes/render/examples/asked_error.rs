@@ -2,7 +2,6 @@
 //! render says, and what a reference of other samples shows.
 //!
 //! `asked_error [SAMPLES]`: samples per pixel of the references, 65536 by default.
-#![expect(clippy::disallowed_methods, reason = "it reads its argument")]
 
 use std::error::Error;
 use tauflow_contract::KindError;
