@@ -50,7 +50,8 @@ pub(crate) fn export(args: &ExportArgs, registry: &Registry, cache: &CacheAt) ->
     let ctx = Context::new(&reading, &Silent, &stop);
     // An exposure that cannot be read is unknown.
     let exposures = Exposures::of(&asked, &ctx, &|of| collection(of, &store).ok());
-    let radiance = |key: &ItemKey| Radiance { exposure: exposures.of_item(key), raw: args.raw };
+    let radiance =
+        |key: &ItemKey| Radiance { exposure: exposures.of_item(key), raw: args.raw || exposures.is_unexposed() };
     let mut out = DiskFolder::new(&args.out);
     folder::begin(&out).map_err(unwritten)?;
     let mut restored = false;

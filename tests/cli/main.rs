@@ -12,6 +12,7 @@ mod locks;
 mod looking;
 mod manuals;
 mod own_programs;
+mod own_scenes;
 mod places_of_kinds;
 mod programs;
 mod records;
