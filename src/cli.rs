@@ -32,6 +32,7 @@ mod terminal;
 mod tev;
 mod thumbnail;
 mod upstream;
+mod view;
 
 pub(crate) use output::{bytes_text, counted, seconds_text, table};
 
@@ -155,6 +156,8 @@ enum Command {
     Init(setup::InitArgs),
     /// Write the results of a node as EXR, PNG and JSON files.
     Export(export::ExportArgs),
+    /// Write a viewer of a node's images: one HTML file that opens in a browser, without a server.
+    View(view::ViewArgs),
     /// List the trained weights of a pipeline, or write them as safetensors files.
     Checkpoints(checkpoints::CheckpointsArgs),
     /// Render a scene.
@@ -265,6 +268,7 @@ pub fn main() -> ExitCode {
         Command::Completions(args) => setup::completions(&args, &mut Cli::command()),
         Command::Man(args) => setup::man(&args, Cli::command()),
         Command::Export(args) => export::export(&args, &registry, &cache),
+        Command::View(args) => view::view(&args, &registry, &cache),
         Command::Checkpoints(args) => checkpoints::checkpoints(&args, &registry, &cache),
         Command::Refine(args) => refine::refine(&args),
         Command::Render(args) => render::render(&args, &registry, &cache),

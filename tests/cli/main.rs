@@ -12,6 +12,7 @@ mod locks;
 mod looking;
 mod manuals;
 mod own_programs;
+mod own_scenes;
 mod places_of_kinds;
 mod programs;
 mod records;
@@ -24,6 +25,7 @@ mod stale;
 mod status;
 mod upstreams;
 mod validator;
+mod viewing;
 mod words;
 
 use serde_json::Value;
