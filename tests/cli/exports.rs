@@ -7,7 +7,7 @@ use std::{collections::BTreeMap, fs};
 use tauflow_data::image_io::read_exr;
 
 /// Ladders in raw radiance, and the same ladders exposed.
-const PIPELINE: &str = "\
+pub const PIPELINE: &str = "\
 pipeline: small
 seed: 3
 nodes:

@@ -25,6 +25,7 @@ mod stale;
 mod status;
 mod upstreams;
 mod validator;
+mod viewing;
 mod words;
 
 use serde_json::Value;
