@@ -120,7 +120,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), EngineError> {
     })
 }
 
-/// Writes `run.json`: what the run did, by node. A run that did nothing leaves the account of the one that did the work.
+/// Writes `run.json`: what the run did, by node. A run that did nothing keeps the account of the run that did the work.
 ///
 /// # Errors
 /// If it cannot be written.

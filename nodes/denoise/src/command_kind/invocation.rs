@@ -174,8 +174,8 @@ impl Invocation<'_> {
         Ok(())
     }
 
-    /// Refuses what would be left out of an output, and links to files that are not the program's own: what they lead to
-    /// may change, and nobody would know.
+    /// Refuses files that would be left out of an output, and links: the file that a link leads to may change, and
+    /// nobody would know.
     fn check_names(&self, folder: &Path, place: &str) -> Result<(), KindError> {
         for name in entries(folder)? {
             let (path, place) = (folder.join(&name), format!("{place}/{name}"));
