@@ -9,7 +9,7 @@ use super::{
     holdings::Holdings,
     ids::{InputId, LaneId, SlotId},
     output::Items,
-    records::ACTION,
+    records::{ACTION, Payload},
     request::{
         Finding, LaneListing, ListingRead, LookUp, LookUps, LookedUp, Merge, Merged, Request, Response, ShardRead,
         Task, Todo, prefixed,

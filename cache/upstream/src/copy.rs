@@ -271,7 +271,7 @@ impl Fetch<'_> {
                 self.pulled.bytes += digest.size;
                 Ok(true)
             }
-            Err(Failure::File(note)) => {
+            Err(Failure::File(note) | Failure::Unsigned(note)) => {
                 self.pulled.notes.push(note);
                 self.bad.insert(*digest);
                 Ok(false)

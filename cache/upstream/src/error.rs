@@ -76,7 +76,10 @@ pub enum UpstreamError {
 pub(crate) enum Failure {
     /// This file alone is missing or damaged: a sentence.
     File(String),
+    /// This index is sound, and not signed by the key to which the upstream is pinned: a sentence.
+    Unsigned(String),
     /// The upstream cannot be reached: a sentence.
+    #[cfg_attr(not(feature = "objects"), expect(dead_code, reason = "only object stores and web servers give it"))]
     Place(String),
 }
 
@@ -84,7 +87,7 @@ impl Failure {
     /// The sentence.
     pub fn note(self) -> String {
         match self {
-            Self::File(note) | Self::Place(note) => note,
+            Self::File(note) | Self::Unsigned(note) | Self::Place(note) => note,
         }
     }
 }

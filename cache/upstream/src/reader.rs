@@ -91,7 +91,7 @@ impl Beyond for Reader {
             match places.read_blob(pack, offset, digest) {
                 Ok(None) => {}
                 Ok(Some(found)) => return Some(found),
-                Err(Failure::File(note)) => {
+                Err(Failure::File(note) | Failure::Unsigned(note)) => {
                     if places.used().told.insert(pack) {
                         (self.tell)(&note);
                     }

@@ -267,7 +267,9 @@ impl Upstream {
         let Some(key) = &self.pinned else { return Ok(bytes) };
         let wrong = |what: &str| {
             let file = self.file(digest, "index");
-            Failure::File(format!("the sealed pack with index `{file}` {what} the key {key}; its results are not used"))
+            Failure::Unsigned(format!(
+                "the sealed pack with index `{file}` {what} the key {key}; its results are not used"
+            ))
         };
         let name = format!("{digest}.index.minisig");
         let kept = self.kept.as_ref().map(|kept| kept.join(&name));
@@ -284,8 +286,8 @@ impl Upstream {
                 Ok(bytes)
             }
             Ok(_) => Err(wrong("has a signature that is not one of")),
-            Err(Failure::File(_)) => Err(wrong("has no signature of")),
-            Err(lost) => Err(lost),
+            Err(Failure::File(_) | Failure::Unsigned(_)) => Err(wrong("has no signature of")),
+            Err(lost @ Failure::Place(_)) => Err(lost),
         }
     }
 
@@ -302,7 +304,7 @@ impl Upstream {
             return Ok(bytes);
         }
         let bytes = self.fetched(&name, MOST_INDEX).map_err(|failure| match failure {
-            Failure::File(why) => wrong(&format!("cannot be read ({why})")),
+            Failure::File(why) | Failure::Unsigned(why) => wrong(&format!("cannot be read ({why})")),
             lost @ Failure::Place(_) => lost,
         })?;
         if Digest::of(&bytes) != *digest {
@@ -344,7 +346,9 @@ impl Upstream {
             for (digest, read) in some.iter().zip(read) {
                 match read {
                     Ok(bytes) => each(digest, Ok(bytes)),
-                    Err(Failure::File(note)) => each(digest, Err(note)),
+                    // What is to be signed is written again, with a signature.
+                    Err(Failure::Unsigned(_)) if self.signing.is_some() => {}
+                    Err(Failure::File(note) | Failure::Unsigned(note)) => each(digest, Err(note)),
                     Err(Failure::Place(why)) => {
                         return Err(UpstreamError::Remote { action: "read", place: self.name(), why });
                     }
@@ -382,8 +386,8 @@ impl Upstream {
             (From::Object(reads), Place::Objects(objects)) if digest.size > 0 => {
                 match objects.read(&pack.digest, reads, offset..end) {
                     Ok(bytes) => bytes,
-                    Err(Failure::File(note)) => return Err(wrong(&format!("cannot be read ({note})"))),
-                    Err(lost) => return Err(lost),
+                    Err(lost @ Failure::Place(_)) => return Err(lost),
+                    Err(failure) => return Err(wrong(&format!("cannot be read ({})", failure.note()))),
                 }
             }
             (From::Object(_), _) => Vec::new(),
