@@ -31,6 +31,7 @@ mod status;
 mod terminal;
 mod tev;
 mod upstream;
+mod view;
 
 pub(crate) use output::{bytes_text, counted, seconds_text, table};
 
@@ -152,6 +153,8 @@ enum Command {
     Init(setup::InitArgs),
     /// Write the results of a node as EXR, PNG and JSON files.
     Export(export::ExportArgs),
+    /// Write a viewer of a node's images: one HTML file that opens in a browser, without a server.
+    View(view::ViewArgs),
     /// List the trained weights of a pipeline, or write them as safetensors files.
     Checkpoints(checkpoints::CheckpointsArgs),
     /// Render a scene.
@@ -252,6 +255,7 @@ pub fn main() -> ExitCode {
         Command::Completions(args) => setup::completions(&args, &mut Cli::command()),
         Command::Man(args) => setup::man(&args, Cli::command()),
         Command::Export(args) => export::export(&args, &registry, &cache),
+        Command::View(args) => view::view(&args, &registry, &cache),
         Command::Checkpoints(args) => checkpoints::checkpoints(&args, &registry, &cache),
         Command::Refine(args) => refine::refine(&args),
         Command::Render(args) => render::render(&args, &registry, &cache),

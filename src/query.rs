@@ -7,6 +7,7 @@
 mod estimate;
 mod explanation;
 mod exposures;
+mod family;
 mod made;
 mod plan;
 mod reached;
@@ -15,6 +16,7 @@ mod run_state;
 
 pub use explanation::{Explained, ExplainedGroup, Explanation, Why, explain, there_is};
 pub use exposures::Exposures;
+pub use family::Family;
 pub use made::{Selection, SelectionError};
 pub use plan::{Cost, NodePlan, PlanCosts, expected, plan};
 pub use reached::{Reached, reached};

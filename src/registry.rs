@@ -12,7 +12,7 @@ pub use tauflow_render::{
     until::Until,
 };
 pub use tauflow_scene_library::skies::sky;
-pub use tauflow_scene_readers::{LightUnit, Options, Setting, View, environment_map, load_scene_in};
+pub use tauflow_scene_readers::{LightUnit, Options, Setting, View, check_scene, environment_map, load_scene_in};
 pub use tauflow_train::{
     Conditioning, Course, Denoiser, Mirrored, Model, NetworkCalls, NetworkDevice, Place, rollout_to,
 };

@@ -22,113 +22,17 @@ import sys
 import time
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-PLANS = {"tiny": ([32, 64, 96], 1, 1, 64), "small": ([48, 96, 160], 1, 2, 128), "base": ([96, 192, 384], 2, 2, 256)}
 BATCH = {"tiny": 8, "small": 4, "base": 4}
 STEPS = {"tiny": 30, "small": 15, "base": 6}
-CHANNELS, CLOCK, SIDES = 15, 14, (5, 3, 3, 3)
-WEIGHTS = sum(side * side for side in SIDES)
-
-
-def network(preset, channels=CHANNELS, output="means", log=False):
-    """The network of a preset; see docs/formats/model.md."""
-    import torch
-    from torch import nn
-    from torch.nn import functional as F
-
-    widths, blocks, convolutions, embedding = PLANS[preset]
-    numbers = 3 if output == "values" else WEIGHTS
-
-    class Step(nn.Module):
-        def __init__(self, channels, out=None):
-            super().__init__()
-            self.norm = nn.GroupNorm(channels // 8, channels, affine=False)
-            self.time = nn.Linear(embedding, 2 * channels)
-            self.conv = nn.Conv2d(channels, out or channels, 3, padding=1)
-
-        def before(self, x, time):
-            scale, shift = self.time(time)[:, :, None, None].chunk(2, 1)
-            return F.silu(torch.addcmul(shift, self.norm(x), 1 + scale))
-
-        def forward(self, x, time):
-            return self.conv(self.before(x, time))
-
-    class Block(nn.Module):
-        def __init__(self, channels):
-            super().__init__()
-            self.steps = nn.ModuleList(Step(channels) for _ in range(convolutions))
-
-        def forward(self, x, time):
-            branch = x
-            for step in self.steps:
-                branch = step(branch, time)
-            return x + branch
-
-    class Unet(nn.Module):
-        def __init__(self):
-            super().__init__()
-            level = lambda width: nn.ModuleList(Block(width) for _ in range(blocks))
-            first, second = nn.Linear(CLOCK, embedding), nn.Linear(embedding, embedding)
-            self.time = nn.Sequential(first, nn.SiLU(), second, nn.SiLU())
-            self.stem = nn.Conv2d(4 * channels, widths[0], 3, padding=1)
-            self.down = nn.ModuleList(level(w) for w in widths[:-1])
-            self.smaller = nn.ModuleList(nn.Conv2d(4 * a, b, 1) for a, b in zip(widths, widths[1:]))
-            self.middle = level(widths[-1])
-            self.larger = nn.ModuleList(nn.Conv2d(b, 4 * a, 1) for a, b in reversed(list(zip(widths, widths[1:]))))
-            self.skip = nn.ModuleList(nn.Conv2d(w, w, 1) for w in reversed(widths[:-1]))
-            self.up = nn.ModuleList(level(w) for w in reversed(widths[:-1]))
-            self.last = Step(widths[0], 4 * numbers)
-            if output == "shaded_means":
-                self.shade = nn.Conv2d(widths[0], 4 * 3, 3, padding=1)
-
-        def forward(self, x, clock, bases, albedo, state, gain):
-            time = self.time(clock)
-            x = self.stem(F.pixel_unshuffle(x, 2))
-            skips = []
-            for level, smaller in zip(self.down, self.smaller):
-                for block in level:
-                    x = block(x, time)
-                skips.append(x)
-                x = smaller(F.pixel_unshuffle(x, 2))
-            for block in self.middle:
-                x = block(x, time)
-            for level, larger, skip in zip(self.up, self.larger, self.skip):
-                x = F.pixel_shuffle(larger(x), 2) + skip(skips.pop())
-                for block in level:
-                    x = block(x, time)
-            x = self.last.before(x, time)
-            answer = F.pixel_shuffle(self.last.conv(x), 2)
-            if output == "values":
-                return answer
-            # One product of matrices (einsum) for it takes two to three times as long.
-            shares = answer.softmax(1)
-            mean = torch.stack([(bases[:, colour] * shares).sum(1) for colour in range(3)], 1)
-            if output == "shaded_means":
-                power = F.pixel_shuffle(self.shade(x), 2).exp()
-                mean = mean * (1 + 4 * power) / (4 + power)
-            mean = albedo * mean
-            return gain * ((mean.sign() * mean.abs().log1p() if log else mean) - state)
-
-    return Unet()
-
-
-def bases(light):
-    """What lies around each pixel of [N, 3, H, W] at each scale: [N, 3, WEIGHTS, H, W]."""
-    import torch
-    from torch.nn import functional as F
-
-    found = []
-    for scale, side in enumerate(SIDES):
-        small = F.avg_pool2d(light, 2**scale) if scale else light
-        count, colours, height, width = small.shape
-        padded = F.pad(small, (side // 2,) * 4, mode="replicate")
-        around = F.unfold(padded, side).view(count, colours, side * side, height, width)
-        found.append(around.repeat_interleave(2**scale, 3).repeat_interleave(2**scale, 4))
-    return torch.cat(found, 2)
+# The network itself is that of the package.
+sys.path.insert(0, str(ROOT / "python"))
 
 
 def peer(preset, threads, layout):
     import torch
     from torch.utils.flop_counter import FlopCounterMode
+
+    from tauflow._network import CHANNELS, CLOCK, bases, network
 
     torch.set_num_threads(threads)
     torch.manual_seed(1)
@@ -190,7 +94,7 @@ def run(command, threads, preload=""):
 
 def main():
     parser = argparse.ArgumentParser()
-    parser.add_argument("--presets", nargs="*", default=list(PLANS))
+    parser.add_argument("--presets", nargs="*", default=list(BATCH))
     parser.add_argument("--threads", nargs="*", type=int, default=[1, 2])
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--peer", nargs=3, help=argparse.SUPPRESS)

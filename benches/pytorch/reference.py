@@ -10,8 +10,9 @@ import math
 
 import torch
 
-from model import numbers, shapes, state_dict
-from network import CHANNELS, CLOCK, bases, network
+from model import numbers
+
+from tauflow._network import CHANNELS, CLOCK, bases, network, shapes, state_dict
 
 SIDE, PRESET = 16, "tiny"
 

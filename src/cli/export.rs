@@ -1,17 +1,22 @@
-//! `tauflow export`: writes results as files. Each media type defines its files.
+//! `tauflow export`: writes results as files. Each media type defines its files; [`formats`] writes them for other
+//! programs.
+
+mod formats;
 
 use super::{
     CacheAt, CliError, Exit, PipelineArgs, counted,
     results::{collection, restore, unread},
 };
 use crate::{
+    diagnostics::nearest,
     ids::Id,
     kinds::Registry,
     query::{Exposures, Reading, Selection},
 };
 use clap::Args;
+use formats::{Format, Writer};
 use std::{path::PathBuf, sync::atomic::AtomicBool};
-use tauflow_contract::{Artifact, Collection, Context, ItemKey, KindError, Radiance, Silent};
+use tauflow_contract::{Artifact, Collection, Context, ItemKey, KindError, Radiance, Silent, WriteFiles as _};
 use tauflow_data::folder::{self, DiskFolder, ExportedItem, Manifest};
 
 /// Arguments of `export`.
@@ -27,36 +32,52 @@ pub(crate) struct ExportArgs {
     /// Write all images as raw radiance; packed scenes and refined images are divided by the exposure of their scene.
     #[arg(long)]
     raw: bool,
+    /// Write only this item: its key, or its scene in all cells. Can be repeated.
+    #[arg(long = "item", value_name = "KEY")]
+    items: Vec<String>,
+    /// Format of the files.
+    #[arg(long, value_enum, default_value_t, value_name = "FORMAT")]
+    format: Format,
 }
 
 pub(crate) fn export(args: &ExportArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     let pipeline = args.pipeline.resolve(registry)?;
     let asked = Selection::parse(&args.node, &pipeline)?;
     let store = cache.look()?;
-    let mut found = collection(&asked, &store)?;
+    let mut found = picked(args, collection(&asked, &store)?)?;
     let reading = Reading(&store);
     let stop = AtomicBool::new(false);
     let ctx = Context::new(&reading, &Silent, &stop);
     // An exposure that cannot be read is unknown.
     let exposures = Exposures::of(&asked, &ctx, &|of| collection(of, &store).ok());
-    let radiance = |key: &ItemKey| Radiance { exposure: exposures.of_item(key), raw: args.raw };
+    let radiance =
+        |key: &ItemKey| Radiance { exposure: exposures.of_item(key), raw: args.raw || exposures.is_unexposed() };
     let mut out = DiskFolder::new(&args.out);
     folder::begin(&out).map_err(unwritten)?;
     let mut restored = false;
+    let node = &pipeline.nodes[asked.node];
     let items = loop {
-        match write(&ctx, &found, &out, &radiance) {
+        let written = match args.format {
+            Format::Folder => write(&ctx, &found, &out, &radiance),
+            format => write_as(format, &ctx, (&node.name, &found), &out, &radiance).map(|()| Vec::new()),
+        };
+        match written {
             // Damage shows as it is read; all of it is mended at once.
             Err((_, KindError::MissingBlob(_))) if !restored => {
                 restored = true;
                 restore(&asked, &store)?;
-                found = collection(&asked, &store)?;
+                found = picked(args, collection(&asked, &store)?)?;
             }
             Err((key, error)) => return Err(unread(key.as_str(), error)),
             Ok(items) => break items,
         }
     };
-    let count = items.len() as u64;
-    let node = &pipeline.nodes[asked.node];
+    let count = found.iter().count() as u64;
+    if args.format != Format::Folder {
+        eprintln!("{}", counted(count, "item"));
+        outln!("{}", args.out.display());
+        return Ok(Exit::Done);
+    }
     let manifest = Manifest {
         pipeline: pipeline.name.clone(),
         node: node.name.clone(),
@@ -81,6 +102,43 @@ fn write(
         folder::export_item(ctx, key, artifact, &out).map_err(|error| (key.clone(), error))
     };
     collection.iter().map(item).collect()
+}
+
+/// Writes every item in a format of other programs; of the first that cannot be written, its key and why.
+fn write_as(
+    format: Format,
+    ctx: &Context<'_>,
+    (node, collection): (&str, &Collection),
+    out: &DiskFolder,
+    radiance: &dyn Fn(&ItemKey) -> Radiance,
+) -> Result<(), (ItemKey, KindError)> {
+    let (mut writer, mut out, mut last) = (Writer::new(format, node), out.clone(), None);
+    let mut put = |name: &str, bytes: &[u8]| out.put(name, bytes);
+    for (key, artifact) in collection.iter() {
+        writer.add(ctx, (key, artifact), radiance(key), &mut put).map_err(|error| (key.clone(), error))?;
+        last = Some(key);
+    }
+    // Without items, nothing is left to write.
+    last.map_or(Ok(()), |key| writer.finish(&mut put).map_err(|error| (key.clone(), error)))
+}
+
+/// The items that are asked for.
+fn picked(args: &ExportArgs, mut found: Collection) -> Result<Collection, CliError> {
+    if args.items.is_empty() {
+        return Ok(found);
+    }
+    let own = |key: &ItemKey| key.split_cell().map_or_else(|| key.as_str().to_owned(), |(_, own)| own.to_owned());
+    for item in &args.items {
+        if !found.iter().any(|(key, _)| key.as_str() == item || own(key) == *item) {
+            let hint = nearest(item, found.iter().map(|(key, _)| key.as_str())).map_or_else(
+                || format!("it has {}", counted(found.iter().count() as u64, "item")),
+                |near| format!("did you mean `{near}`?"),
+            );
+            return Err(CliError::Bad(format!("`{}` has no item `{item}`; {hint}", args.node)));
+        }
+    }
+    found.items.retain(|key, _| args.items.iter().any(|item| key.as_str() == item || own(key) == *item));
+    Ok(found)
 }
 
 fn unwritten(error: KindError) -> CliError {

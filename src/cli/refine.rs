@@ -2,7 +2,7 @@
 
 use super::{
     CliError, Exit,
-    scene::{check_picture, told, write_picture},
+    scene::{check_picture, is_stream, told, write_picture},
     seconds_text,
 };
 use crate::registry::{
@@ -117,7 +117,9 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
         super::counted(args.nfe, "network call"),
         seconds_text(seconds)
     );
-    outln!("{}", args.out.display());
+    if !is_stream(&args.out) {
+        outln!("{}", args.out.display());
+    }
     Ok(Exit::Done)
 }
 

@@ -2,7 +2,7 @@
 
 use super::{
     CacheAt, CliError, Exit,
-    scene::{FilmArgs, SceneArgs, check_picture, told, write_layers, write_picture},
+    scene::{FilmArgs, SceneArgs, check_picture, is_stream, told, write_layers, write_picture},
     seconds_text, terminal,
     tev::Tev,
 };
@@ -29,11 +29,12 @@ pub(crate) struct RenderArgs {
     scene: SceneArgs,
     #[command(flatten)]
     film: FilmArgs,
-    /// Image to write: .exr (linear radiance) or .png (preview).
+    /// Image to write: .exr (linear radiance) or .png (preview). A pipe or device, such as /dev/stdout, gets an EXR
+    /// unless its name ends in .png.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
     /// Multiply the radiance by this factor.
-    #[arg(long, default_value_t = 1.0)]
+    #[arg(long, default_value_t = 1.0, value_parser = factor)]
     exposure: f32,
     /// Double the samples until the estimated relative error is at most this value: 0.01 is 1%.
     #[arg(long, value_name = "ERROR", value_parser = above_zero, conflicts_with_all = ["spp", "seconds"])]
@@ -67,6 +68,11 @@ pub(crate) struct RenderArgs {
 fn above_zero(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("`{text}` is not a number"))?;
     if value.is_finite() && value > 0.0 { Ok(value) } else { Err("it must be above 0".to_owned()) }
+}
+
+fn factor(text: &str) -> Result<f32, String> {
+    let value = above_zero(text)? as f32;
+    if value.is_finite() && value > 0.0 { Ok(value) } else { Err(format!("`{text}` is too large or too small")) }
 }
 
 impl RenderArgs {
@@ -214,7 +220,10 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
     write(args, &rendered)?;
     let (read, paths) = (ready.get() - begun, paths_end - ready.get());
     report(args, &rendered.stats, read.as_secs_f64(), paths.as_secs_f64());
-    outln!("{}", args.out.display());
+    // A pipe or a device may be stdout itself, and gets the image alone.
+    if !is_stream(&args.out) {
+        outln!("{}", args.out.display());
+    }
     Ok(Exit::Done)
 }
 

@@ -12,11 +12,12 @@ use crate::{
     engine::publish,
     kinds::Registry,
     query::{Reading, Selection},
-    registry::{LightUnit, Options, Setting, View, environment_map, load_scene_in, sky},
+    registry::{LightUnit, Options, Setting, View, check_scene, environment_map, load_scene_in, sky},
 };
 use clap::{Args, Subcommand};
 use std::{
     collections::BTreeMap,
+    io::Write as _,
     path::{Path, PathBuf},
     sync::atomic::AtomicBool,
 };
@@ -203,11 +204,12 @@ impl SceneArgs {
         let file = if self.scene.is_dir() { self.scene.join(SceneRecord::FILE) } else { self.scene.clone() };
         let bytes =
             read_regular(&file, LARGEST).map_err(|e| CliError::Bad(format!("cannot read {}: {e}", file.display())))?;
-        let scene = serde_json::from_slice(&bytes).map_err(|e| {
+        let scene: Scene = serde_json::from_slice(&bytes).map_err(|e| {
             let hint =
                 "name a scene of a pipeline as `PIPELINE --item NODE/ITEM`, or a directory written by `tauflow export`";
             CliError::Bad(format!("{} is not a scene: {e}; {hint}", file.display()))
         })?;
+        check_scene(&file.display().to_string(), &scene).map_err(told)?;
         Ok((scene, Source::Folder(file.parent().unwrap_or(Path::new(".")).join(SceneRecord::BLOB_FOLDER))))
     }
 
@@ -233,27 +235,61 @@ impl SceneArgs {
     }
 }
 
-/// Images are written as .exr or .png.
+/// Whether a path leads to a pipe, a device or a socket, or to a file that this process has open: these take bytes and
+/// are not replaced.
+pub(crate) fn is_stream(path: &Path) -> bool {
+    let open = ["/dev/stdout", "/dev/stderr", "/dev/fd"].iter().any(|of| path.starts_with(of));
+    open || std::fs::metadata(path).is_ok_and(|about| !about.is_file() && !about.is_dir())
+}
+
+/// The file that a path leads to through links, be it there or not: a file is replaced, a link to it is not.
+fn target(path: &Path) -> PathBuf {
+    // As many links as Linux follows.
+    const MOST: usize = 40;
+    let mut path = path.to_owned();
+    for _ in 0..MOST {
+        match std::fs::read_link(&path) {
+            Ok(next) => path = path.parent().unwrap_or(Path::new("")).join(next),
+            Err(_) => break,
+        }
+    }
+    path
+}
+
+/// Writes a file at once, and through links; a pipe or a device gets the bytes.
+fn deliver(path: &Path, bytes: &[u8]) -> Result<(), CliError> {
+    if is_stream(path) {
+        return std::fs::OpenOptions::new()
+            .write(true)
+            .open(path)
+            .and_then(|mut stream| stream.write_all(bytes))
+            .map_err(|e| CliError::Environment(format!("cannot write to {}: {e}", path.display())));
+    }
+    Ok(publish::write(&target(path), bytes)?)
+}
+
+/// Images are written as .exr or .png, and to pipes and devices.
 pub(crate) fn check_picture(path: &Path) -> Result<(), CliError> {
     match path.extension().and_then(|e| e.to_str()) {
         Some("exr" | "png") => Ok(()),
+        _ if is_stream(path) => Ok(()),
         _ => Err(CliError::Bad(format!("{} must end in .exr or .png", path.display()))),
     }
 }
 
 /// Linear radiance as .exr, or a preview as .png. A file that is there stays until the new one is whole.
 pub(crate) fn write_picture(path: &Path, image: &Image) -> Result<(), CliError> {
-    if path.extension().is_some_and(|e| e == "exr") {
+    if path.extension().is_none_or(|e| e != "png") {
         return write_layers(path, &[ExrLayer::colors("", image)]);
     }
     let bytes = preview_png(image).map_err(|e| told(e.into()))?;
-    Ok(publish::write(path, &bytes)?)
+    deliver(path, &bytes)
 }
 
 /// Layers as .exr; a file that is there stays until the new one is whole.
 pub(crate) fn write_layers(path: &Path, layers: &[ExrLayer<'_>]) -> Result<(), CliError> {
     let bytes = exr_file(layers).map_err(|e| told(e.into()))?;
-    Ok(publish::write(path, &bytes)?)
+    deliver(path, &bytes)
 }
 
 pub(crate) fn told(error: KindError) -> CliError {

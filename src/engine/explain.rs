@@ -133,6 +133,9 @@ impl History {
             .map(|(record, before)| {
                 let mut found = Vec::new();
                 differences("", before, &now, &mut found);
+                if !is_sighted(&now) {
+                    found.retain(|difference| !is_of_sight(&difference.field));
+                }
                 // A change of the seed says that it is another item: everything else is nearer.
                 let far = found.iter().filter(|d| d.field == "/seed").count();
                 (far * 1000 + found.len(), std::cmp::Reverse(record.when), record, found)
@@ -140,6 +143,16 @@ impl History {
             .min_by_key(|(count, when, ..)| (*count, *when))?;
         Some(Nearest { record: record.clone(), differences })
     }
+}
+
+/// Whether a key says what its program looked at. Before the program has run, nothing is known of that, and an earlier
+/// key that says so does not differ by it.
+fn is_sighted(key: &Value) -> bool {
+    ["files", "traced"].iter().any(|field| key["environment"].get(field).is_some())
+}
+
+fn is_of_sight(field: &str) -> bool {
+    field == "/environment/traced" || field == "/environment/files" || field.starts_with("/environment/files/")
 }
 
 /// Hashes of a key without one of its fields, for each field; params and inputs count one by one.
@@ -218,12 +231,20 @@ impl fmt::Display for Reason {
 /// The meaning of a field of the environment, in words.
 fn of_environment(field: &str) -> String {
     let below = |place: &str| field.strip_prefix("/environment/")?.strip_prefix(place)?.strip_prefix('/');
-    let file = ["files", "program", "depends"].iter().find_map(|place| below(place));
-    match (file, below("variables")) {
-        (Some(file), _) => format!("file {file}"),
-        (None, Some(variable)) => format!("environment variable {variable}"),
-        (None, None) if field.starts_with("/environment/version") => "the version of the program".into(),
-        (None, None) => "the machine, or a library of it".into(),
+    if let Some(file) = ["files", "program", "depends"].iter().find_map(|place| below(place)) {
+        return format!("file {file}");
+    }
+    if let Some(variable) = below("variables") {
+        return format!("environment variable {variable}");
+    }
+    if let Some(library) = below("oidn") {
+        return format!("file {library} of Open Image Denoise");
+    }
+    match field.split('/').nth(2) {
+        Some("version") => "the version of the program".into(),
+        Some("oidn") => "the library of Open Image Denoise".into(),
+        Some("machine") => "the machine".into(),
+        _ => "the machine, or a library of it".into(),
     }
 }
 
@@ -262,6 +283,27 @@ mod tests {
         assert_eq!(fields, ["/inputs/a", "/params/rungs/dyadic", "/params/x"]);
         assert_eq!((found[1].before.clone(), found[1].now.clone()), (Some(json!(8)), Some(json!(16))));
         assert_eq!(found[2].now, None);
+    }
+
+    #[test]
+    fn files_that_only_an_earlier_key_knows_are_no_difference() {
+        let before = json!({"environment": {"program": {"a.py": "1"}, "files": {"/b.py": "2"}, "traced": "yes"}});
+        let now = json!({"environment": {"program": {"a.py": "3"}}});
+        let mut found = Vec::new();
+        differences("", &before, &now, &mut found);
+        assert!(!is_sighted(&now) && is_sighted(&before));
+        found.retain(|difference| !is_of_sight(&difference.field));
+        let fields: Vec<&str> = found.iter().map(|d| d.field.as_str()).collect();
+        assert_eq!(fields, ["/environment/program/a.py"]);
+        for (field, words) in [
+            ("/environment/program/a.py", "file a.py"),
+            ("/environment/oidn/libtbb", "file libtbb of Open Image Denoise"),
+            ("/environment/oidn", "the library of Open Image Denoise"),
+            ("/environment/machine/cores", "the machine"),
+            ("/environment/version/a", "the version of the program"),
+        ] {
+            assert_eq!(of_environment(field), words);
+        }
     }
 
     #[test]

@@ -5,6 +5,10 @@
 //! output. `TAUFLOW_REQUIRE=qemu,bwrap` turns the skips of these [`Need`]s into failures: `.ci/run` sets it for all
 //! that it installed, so that a test cannot stop running unnoticed.
 
+mod browser;
+
+pub use browser::Browser;
+
 use std::{fmt::Display, io::Write as _};
 
 /// Something that a test needs and that not every machine has.
@@ -22,6 +26,8 @@ pub enum Need {
     Bash,
     /// `bwrap`, and a kernel that lets it make a sandbox.
     Bwrap,
+    /// The browser Chromium, which shows pages without a window.
+    Chromium,
     /// The program `cargo deny`, which `.ci/run` runs.
     Deny,
     /// The program `mkfifo`.
@@ -68,6 +74,7 @@ impl Need {
         ("avx512", Self::Avx512),
         ("bash", Self::Bash),
         ("bwrap", Self::Bwrap),
+        ("chromium", Self::Chromium),
         ("deny", Self::Deny),
         ("fifo", Self::Fifo),
         ("fish", Self::Fish),

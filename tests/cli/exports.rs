@@ -7,7 +7,7 @@ use std::{collections::BTreeMap, fs};
 use tauflow_data::image_io::read_exr;
 
 /// Ladders in raw radiance, and the same ladders exposed.
-const PIPELINE: &str = "\
+pub const PIPELINE: &str = "\
 pipeline: small
 seed: 3
 nodes:
@@ -74,6 +74,38 @@ fn raw_undoes_the_exposure_and_metadata_names_space_and_factor() {
                 assert!((expected - exposed).abs() <= 1e-5 * expected.abs(), "{node}/{item}: {expected} {exposed}");
             }
         }
+    }
+}
+
+/// A renderer that copies an image, once the scene's exposure is known.
+const THEIRS: &str = "
+  theirs:
+    kind: external_renderer
+    inputs: { scenes: scenes, after: gate.exposure }
+    params:
+      required: true
+      counts: { dyadic: 1 }
+      resolution: [16, 16]
+      command: [sh, -c, 'cp HERE/one.exr \"$1/$3.exr\"', sh, \"{folder}\", \"{scene}\", \"{counts}\"]
+";
+
+#[test]
+fn images_of_another_renderer_are_raw_radiance() {
+    let place = Place::new();
+    let here = place.path("").display().to_string();
+    place.write("small.yaml", &format!("{PIPELINE}{}", THEIRS.replace("HERE", here.trim_end_matches('/'))));
+    let image = tauflow_data::Image::new(16, 16, 3).map(|_| 0.625);
+    tauflow_data::image_io::write_exr(&place.path("one.exr"), &[("", &image)]).expect("writable");
+    place.tauflow(&["run", "small.yaml", "--target", "theirs"]).ends(0);
+    for more in [&[][..], &["--raw"]] {
+        place.tauflow(&[&["export", "small.yaml", "theirs", "-o", "out"], more].concat()).ends(0);
+        let items = exported(&place, "out", "mitsuba-1-to-1-nfe-0.exr");
+        assert!(!items.is_empty(), "the gate accepts a scene");
+        for (values, meta) in items.values() {
+            assert_eq!((&meta["space"], &meta["exposure"]), (&"raw_radiance".into(), &1.0.into()), "{meta}");
+            assert!(values.iter().all(|value| *value == 0.625));
+        }
+        fs::remove_dir_all(place.path("out")).expect("exported");
     }
 }
 

@@ -235,6 +235,28 @@ fn missing_files_of_the_sources_that_are_needed_are_named() {
     place.tauflow(&["graph", "small.yaml", "--target", "assets"]).ends(0);
 }
 
+#[test]
+fn missing_blobs_of_a_described_scene_are_named() {
+    let own = "    kind: scene_files\n    params: { scenes: [{ path: room, stratum: kitchens }] }\n";
+    let place = Place::with(&format!("pipeline: small\nnodes:\n  own:\n{own}"));
+    let blob = "1".repeat(64) + "-100";
+    let scene = serde_json::json!({
+        "version": 1, "seed": 1, "max_depth": 4,
+        "camera": { "origin": [0, 0, 4], "target": [0, 0, 0], "up": [0, 1, 0], "fov_x": 40, "near": 0 },
+        "shapes": [{ "geometry": { "type": "mesh", "mesh": blob }, "material": 0,
+            "to_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]] }],
+        "materials": [{ "type": "diffuse", "reflectance": { "type": "constant", "value": [0.5, 0.5, 0.5] } }],
+        "emitters": [{ "type": "constant", "radiance": [1, 1, 1] }],
+    });
+    fs::create_dir(place.path("room")).expect("writable");
+    place.write("room/scene.json", &scene.to_string());
+    let said = place.tauflow(&["check", "small.yaml"]).ends(2);
+    for part in [&format!("needs `blob/{blob}`"), "small.yaml:5:", "export the scene again"] {
+        assert!(said.err.contains(part), "`{part}` is not in\n{}", said.err);
+    }
+    place.tauflow(&["check", "small.yaml", "--set", "own.leave_out=true"]).ends(0);
+}
+
 /// Programs of three kinds.
 const PROGRAMS: &str = "\
 pipeline: small

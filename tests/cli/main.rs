@@ -14,6 +14,7 @@ mod manuals;
 #[cfg(feature = "objects")]
 mod objects;
 mod own_programs;
+mod own_scenes;
 mod places_of_kinds;
 mod programs;
 mod records;
@@ -27,6 +28,7 @@ mod status;
 mod trust;
 mod upstreams;
 mod validator;
+mod viewing;
 mod words;
 
 use serde_json::Value;

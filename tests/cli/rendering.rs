@@ -87,6 +87,40 @@ fn a_file_that_cannot_be_written_whole_leaves_the_one_that_is_there() {
 }
 
 #[test]
+fn links_are_written_through_and_pipes_get_the_image() {
+    let place = place();
+    let program = env!("CARGO_BIN_EXE_tauflow");
+    fs::create_dir(place.path("far")).expect("writable");
+    fs::write(place.path("far/old.exr"), "old").expect("writable");
+    for (link, to) in [("a.exr", "far/old.exr"), ("b.exr", "a.exr"), ("c.exr", "far/new.exr")] {
+        std::os::unix::fs::symlink(to, place.path(link)).expect("writable");
+    }
+    render(&place, &["-o", "plain.exr"]).ends(0);
+    let plain = fs::read(place.path("plain.exr")).expect("written");
+    for (link, file) in [("b.exr", "far/old.exr"), ("c.exr", "far/new.exr")] {
+        render(&place, &["-o", link]).ends(0);
+        assert!(place.path(link).is_symlink() && fs::read(place.path(file)).expect("written") == plain, "{link}");
+    }
+    // Bytes of an EXR and nothing else, to a pipe with a name and to one without.
+    for script in [
+        format!("mkfifo p.exr; {program} render scene.xml --spp 4 -o p.exr 2>err & cat p.exr; wait"),
+        format!("{program} render scene.xml --spp 4 -o /dev/stdout 2>err | cat"),
+        format!("{program} render scene.xml --spp 4 -o /dev/stdout >file 2>err; cat file"),
+    ] {
+        let output = Command::new("bash").args(["-c", &script]).current_dir(place.path("")).output();
+        let bytes = output.expect("bash starts").stdout;
+        let told = fs::read_to_string(place.path("err")).unwrap_or_default();
+        assert!(bytes == plain, "{script}: {} bytes, {told}", bytes.len());
+    }
+    for exposure in ["nan", "0", "-1", "inf", "1e-60"] {
+        let said = render(&place, &[&format!("--exposure={exposure}"), "-o", "x.exr"]).ends(2);
+        assert!(said.err.contains("--exposure"), "{}", said.err);
+    }
+    let said = render(&place, &["--view", "1", "-o", "x.exr"]).ends(2);
+    assert!(said.err.contains("there is no camera 1: it has one camera, counted from 0"), "{}", said.err);
+}
+
+#[test]
 fn darkness_is_not_taken_for_accuracy() {
     let place = place();
     let dark = ["render", "dark.xml", "--error", "0.1", "--at-most", "64", "--width", "2", "--height", "2"];

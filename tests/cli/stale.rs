@@ -121,6 +121,17 @@ fn a_change_of_what_a_program_reads_runs_it_again_and_is_named() {
         assert_eq!(run(&place, &[], &["--executor", "process"]), all, "{name}");
         assert_eq!(run(&place, &[], &[]), 0, "{name}: {}", plan(&place, &[]).out);
     }
+    // The programs themselves, whose new files nobody has traced yet.
+    for (name, text) in [("denoise.py", format!("{DENOISER}# more\n")), ("command.py", format!("{COMMAND}# more\n"))] {
+        place.write(name, &text);
+        let told = plan(&place, &[]).out;
+        let lines: Vec<&str> = told.lines().filter(|line| line.contains("changed: ")).collect();
+        assert!(lines.iter().any(|line| line.contains(name)), "{name}: {told}");
+        assert!(!told.contains("the machine"), "{name}: {told}");
+        run(&place, &[], &[]);
+    }
+    place.write("denoise.py", DENOISER);
+    place.write("command.py", COMMAND);
     // What was so before is still known.
     fs::remove_file(place.path("extra.txt")).expect("it was written");
     place.write("helper.py", HELPER);

@@ -30,7 +30,7 @@ pub mod views;
 pub use image::Image;
 pub use rungs::{IntegratorKind, Resolution, Rungs, SamplerKind};
 pub use scene::Scene;
-pub use stratum::{ContextClass, Regime, Stratum};
+pub use stratum::{ContextClass, Regime, Stratum, StratumName};
 pub use tensors::{Tensor, TensorFile};
 pub use time::{SdeTime, VarianceTime};
 

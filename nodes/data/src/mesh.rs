@@ -58,6 +58,16 @@ impl Mesh {
         file.to_bytes()
     }
 
+    /// The number of triangles in a blob, from its header alone.
+    ///
+    /// # Errors
+    /// If it is damaged.
+    pub fn triangles_in(bytes: &[u8]) -> Result<usize, DataError> {
+        let shape = TensorFile::shape_in(bytes, "indices")?;
+        let missing = || DataError::Format("the mesh has no tensor `indices`".to_owned());
+        shape.and_then(|shape| shape.first().copied()).ok_or_else(missing)
+    }
+
     /// Reads a blob, and checks that indices and attribute lengths fit.
     ///
     /// # Errors
@@ -117,6 +127,8 @@ mod tests {
         };
         let bytes = mesh.to_bytes().expect("small");
         assert_eq!(Mesh::from_bytes(&bytes).expect("own bytes"), mesh);
+        assert_eq!(Mesh::triangles_in(&bytes).expect("own bytes"), 1);
+        assert!(Mesh::triangles_in(&bytes[..20]).is_err());
         let beyond = Mesh { triangles: vec![[0, 1, 3]], ..mesh.clone() };
         assert!(Mesh::from_bytes(&beyond.to_bytes().expect("small")).is_err());
         let halves = TensorFile::default().with("positions", &[3, 3], mesh.positions.concat()).with(

@@ -1,4 +1,8 @@
-//! Strata: regime x context, and the item keys that carry them.
+//! Strata: regime x context, and the item keys that carry them. Own scenes may have any [`StratumName`].
+
+mod name;
+
+pub use name::StratumName;
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};

@@ -93,20 +93,24 @@ impl TensorFile {
         safetensors::serialize(views, notes).map_err(|e| DataError::Format(e.to_string()))
     }
 
+    /// The shape of a tensor in safetensors bytes, whose data are not read; none if there is no such tensor.
+    ///
+    /// # Errors
+    /// If the header is damaged.
+    pub fn shape_in(bytes: &[u8], name: &str) -> Result<Option<Vec<usize>>, DataError> {
+        check_header(bytes)?;
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(unreadable)?;
+        Ok(header.info(name).map(|tensor| tensor.shape.clone()))
+    }
+
     /// Reads safetensors bytes. Tensors of f32 are read as they are, those of f16 exactly; a byte `k` is `k / 255`.
     ///
     /// # Errors
     /// If they are damaged or hold another type.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, DataError> {
-        let bad = |e: safetensors::SafeTensorError| DataError::Format(format!("not a readable safetensors file: {e}"));
-        let header = bytes.first_chunk().map_or(0, |length| u64::from_le_bytes(*length));
-        if header > MAX_HEADER {
-            return Err(DataError::Format(format!(
-                "a safetensors file with a header of {header} bytes; those of tauflow have less than {MAX_HEADER}"
-            )));
-        }
-        let file = SafeTensors::deserialize(bytes).map_err(bad)?;
-        let (_, header) = SafeTensors::read_metadata(bytes).map_err(bad)?;
+        check_header(bytes)?;
+        let file = SafeTensors::deserialize(bytes).map_err(unreadable)?;
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(unreadable)?;
         let mut out = Self::default();
         if let Some(notes) = header.metadata() {
             if let Some(json) = notes.get("tauflow") {
@@ -131,6 +135,21 @@ impl TensorFile {
         }
         Ok(out)
     }
+}
+
+fn unreadable(error: safetensors::SafeTensorError) -> DataError {
+    DataError::Format(format!("not a readable safetensors file: {error}"))
+}
+
+/// Refuses a file whose header is longer than any of ours.
+fn check_header(bytes: &[u8]) -> Result<(), DataError> {
+    let header = bytes.first_chunk().map_or(0, |length| u64::from_le_bytes(*length));
+    if header > MAX_HEADER {
+        return Err(DataError::Format(format!(
+            "a safetensors file with a header of {header} bytes; those of tauflow have less than {MAX_HEADER}"
+        )));
+    }
+    Ok(())
 }
 
 /// The number that a byte stands for.

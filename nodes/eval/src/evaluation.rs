@@ -17,7 +17,7 @@ use tauflow_contract::{
     Out, Outlook, Outputs, Source,
 };
 use tauflow_data::{
-    Stratum,
+    StratumName,
     facts::{NFE, REFERENCE_SPP, SPP},
     methods::{
         Conditioning,
@@ -147,7 +147,7 @@ pub(crate) fn coordinates(cell: &str) -> BTreeMap<String, String> {
 }
 
 pub(crate) fn stratum(scene: &str) -> String {
-    Stratum::of_key(scene).map_or_else(|| "other".to_owned(), |(stratum, _)| stratum.to_string())
+    StratumName::group_of(scene)
 }
 
 /// The scores of a cell: the method's NFE, and by scene one score for each.

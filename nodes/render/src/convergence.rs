@@ -16,7 +16,7 @@ use tauflow_contract::{
     Action, All, Context, Foreseen, Group, Kind, KindError, KindSpec, Known, Media, Mode, Out, Outlook, Outputs,
 };
 use tauflow_data::{
-    Stratum, facts,
+    StratumName, facts,
     maths::{exp, log},
     records::{AgainstLaw, Convergence, ConvergenceRow, Estimate, Exposure, Ladder, SceneConvergence, shares_samples},
     rng::Stream,
@@ -111,7 +111,7 @@ impl Kind for ConvergenceKind {
         let mut stream = Stream::new(action.seed, &[]).part("rows");
         let mut groups: BTreeMap<String, Vec<&Measured>> = BTreeMap::new();
         for scene in &scenes {
-            let stratum = Stratum::of_key(&scene.scene).map_or("other".to_owned(), |(s, _)| s.to_string());
+            let stratum = StratumName::group_of(&scene.scene);
             groups.entry(stratum).or_default().push(scene);
         }
         let overall = row("all", &counts, &scenes.iter().collect::<Vec<_>>(), &mut stream);

@@ -10,7 +10,7 @@ use crate::{
 use std::collections::BTreeMap;
 use tauflow_contract::{Context, Handle, Items, KindError};
 use tauflow_data::{
-    Image, Stratum,
+    Image, StratumName,
     bins::{KEY, geometric_mean_luminance},
     image::preview,
     records::Ladder,
@@ -43,7 +43,7 @@ pub fn montage(
     let mut columns = Vec::new();
     let mut reduced = 1;
     for (scene, cells) in &by_scene {
-        let head = Stratum::of_key(scene).map_or_else(String::new, |(stratum, _)| stratum.to_string());
+        let head = StratumName::of_key(scene).map_or_else(String::new, |(stratum, _)| stratum.to_string());
         let count = taken.entry(head.clone()).or_default();
         if *count >= scenes {
             continue;

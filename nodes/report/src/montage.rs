@@ -10,7 +10,7 @@ use crate::{
 use std::collections::BTreeMap;
 use tauflow_contract::{Context, Handle, Items, KindError, Media};
 use tauflow_data::{
-    Image, Stratum,
+    Image, StratumName,
     image::preview,
     image_io::encode_png,
     records::{Evaluation, PackedScene, Refined, SceneRow},
@@ -63,15 +63,15 @@ pub struct Choice {
 }
 
 /// The first scenes of each stratum, in order of strata and keys.
-pub fn choose<M: Media>(of: Items<'_, M>, scenes: usize) -> Vec<(String, Handle<'_, M>, Stratum)> {
-    let mut by: BTreeMap<Stratum, Vec<(String, Handle<'_, M>)>> = BTreeMap::new();
+pub fn choose<M: Media>(of: Items<'_, M>, scenes: usize) -> Vec<(String, Handle<'_, M>, StratumName)> {
+    let mut by: BTreeMap<StratumName, Vec<(String, Handle<'_, M>)>> = BTreeMap::new();
     for (key, item) in of.iter() {
-        if let Some((stratum, _)) = Stratum::of_key(key.as_str()) {
+        if let Some((stratum, _)) = StratumName::of_key(key.as_str()) {
             by.entry(stratum).or_default().push((key.to_string(), item));
         }
     }
     by.into_iter()
-        .flat_map(|(stratum, all)| all.into_iter().take(scenes).map(move |(key, item)| (key, item, stratum)))
+        .flat_map(|(stratum, all)| all.into_iter().take(scenes).map(move |(key, item)| (key, item, stratum.clone())))
         .collect()
 }
 
@@ -82,7 +82,7 @@ pub struct Pictures<'a> {
     /// Refined images by cell and scene.
     images: BTreeMap<(Cell, &'a str), Handle<'a, Refined>>,
     /// The first scenes of each stratum.
-    chosen: Vec<(String, Handle<'a, PackedScene>, Stratum)>,
+    chosen: Vec<(String, Handle<'a, PackedScene>, StratumName)>,
     choice: Choice,
 }
 

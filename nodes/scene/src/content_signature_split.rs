@@ -11,7 +11,7 @@ use tauflow_contract::{
     Action, All, Context, Digest, Group, Handle, ItemKey, Items, Kind, KindError, KindSpec, Media, Mode, Out, Outputs,
 };
 use tauflow_data::{
-    Stratum,
+    StratumName,
     records::{SceneGroup, SceneRecord, Sides, SplitReport},
     scene::{Recipe, Side},
 };
@@ -51,7 +51,7 @@ struct Entry<'a> {
     key: &'a ItemKey,
     scene: Handle<'a, SceneRecord>,
     recipe: Recipe,
-    stratum: usize,
+    stratum: StratumName,
 }
 
 /// True if the `n`-th content of a stratum's pool goes to the test side: the `n` with
@@ -65,13 +65,13 @@ fn load<'a>(ctx: &Context<'_>, scenes: Items<'a, SceneRecord>) -> Result<Vec<Ent
     let mut entries = Vec::with_capacity(scenes.len());
     for (key, scene) in scenes.iter() {
         let recipe = SceneRecord::recipe(ctx, scene)?;
-        let stratum = Stratum::all().position(|s| s.to_string() == recipe.stratum).ok_or_else(|| {
-            KindError::Input(format!("scene `{key}`: its recipe names the unknown stratum `{}`", recipe.stratum))
-        })?;
+        let named = recipe.stratum.parse();
+        let stratum =
+            named.map_err(|e| KindError::Input(format!("scene `{key}`: its recipe names no stratum: {e}")))?;
         entries.push(Entry { key, scene, recipe, stratum });
     }
     // By index first: what a growing pool appends comes after all that was there.
-    entries.sort_by_key(|e| (e.recipe.index, e.stratum));
+    entries.sort_by(|a, b| (a.recipe.index, &a.stratum).cmp(&(b.recipe.index, &b.stratum)));
     Ok(entries)
 }
 

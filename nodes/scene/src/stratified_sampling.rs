@@ -2,13 +2,13 @@
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use tauflow_contract::{
     Action, All, Before, Context, Facts, Foreseen, Group, Handle, ItemKey, Items, Kind, KindError, KindSpec, Known,
-    Later, MOST_ITEMS, Media, Mode, Out, Outlook, Outputs, Stored,
+    Later, MOST_ITEMS, Media, Mode, Out, Outlook, Outputs, ParamProblem, Stored,
 };
 use tauflow_data::{
-    ContextClass, Regime, Stratum,
+    ContextClass, Regime, Stratum, StratumName,
     records::{Quota, SamplingReport, SceneRecord, StratumQuota},
     rng::Stream,
 };
@@ -47,6 +47,8 @@ pub struct StratifiedSamplingParams {
     /// Contexts to choose from.
     #[schemars(length(min = 1))]
     pub contexts: Vec<ContextClass>,
+    /// Strata to choose from by name, in place of those of `regimes` and `contexts`.
+    pub strata: Vec<StratumName>,
     /// Seed of the order in which strata receive the remainder of a count.
     pub order_seed: u64,
     /// Take the available scenes if a stratum has too few, and report it; otherwise this is an error.
@@ -62,6 +64,7 @@ impl Default for StratifiedSamplingParams {
             test_views: None,
             regimes: Regime::ALL.to_vec(),
             contexts: ContextClass::ALL.to_vec(),
+            strata: Vec::new(),
             order_seed: 0,
             allow_short: false,
         }
@@ -69,8 +72,12 @@ impl Default for StratifiedSamplingParams {
 }
 
 impl StratifiedSamplingParams {
-    fn strata(&self) -> Vec<Stratum> {
-        Stratum::all().filter(|s| self.regimes.contains(&s.regime) && self.contexts.contains(&s.context)).collect()
+    fn strata(&self) -> Vec<StratumName> {
+        if !self.strata.is_empty() {
+            return self.strata.clone();
+        }
+        let wanted = |s: &Stratum| self.regimes.contains(&s.regime) && self.contexts.contains(&s.context);
+        Stratum::all().filter(wanted).map(StratumName::from).collect()
     }
 }
 
@@ -81,12 +88,12 @@ const fn before(pointer: &'static str) -> Later {
 
 /// How many scenes of each stratum make up `total`: equal, or within one of each other with the remainder in seeded
 /// order. A larger total gives no stratum less.
-pub fn quotas(strata: &[Stratum], total: u64, order_seed: u64) -> Vec<(Stratum, u64)> {
+pub fn quotas(strata: &[StratumName], total: u64, order_seed: u64) -> Vec<(StratumName, u64)> {
     let n = strata.len().max(1) as u64;
     let mut order: Vec<usize> = (0..strata.len()).collect();
-    let rank = |s: &Stratum| Stream::new(order_seed, &[]).part(&s.to_string()).bits();
+    let rank = |s: &StratumName| Stream::new(order_seed, &[]).part(s.as_str()).bits();
     order.sort_by_key(|i| (rank(&strata[*i]), *i));
-    let mut out: Vec<(Stratum, u64)> = strata.iter().map(|s| (*s, total / n)).collect();
+    let mut out: Vec<(StratumName, u64)> = strata.iter().map(|s| (s.clone(), total / n)).collect();
     for i in order.into_iter().take((total % n) as usize) {
         out[i].1 += 1;
     }
@@ -128,14 +135,16 @@ fn choose(
     (name, views): (&str, Option<u64>),
     side: Option<Items<'_, SceneRecord>>,
     taken: Option<Items<'_, SceneRecord>>,
-    quotas: &[(Stratum, u64)],
+    quotas: &[(StratumName, u64)],
     short: &mut Vec<String>,
 ) -> Result<(Chosen, Quota), KindError> {
-    let mut by_stratum: BTreeMap<Stratum, Vec<Candidate<'_>>> = BTreeMap::new();
+    let mut by_stratum: BTreeMap<StratumName, Vec<Candidate<'_>>> = BTreeMap::new();
     let free = |key: &ItemKey| taken.is_none_or(|taken| taken.get(key.as_str()).is_none());
     for (key, scene) in side.into_iter().flat_map(Items::iter).filter(|(key, _)| free(key)) {
-        let (stratum, index) = Stratum::of_key(key.as_str()).ok_or_else(|| {
-            KindError::Input(format!("item `{key}` names no stratum and index, as L1-open-000123 does"))
+        let (stratum, index) = StratumName::of_key(key.as_str()).ok_or_else(|| {
+            KindError::Input(format!(
+                "item `{key}` names no stratum and index, as L1-open-000123 and kitchens-000123 do"
+            ))
         })?;
         by_stratum.entry(stratum).or_default().push(Candidate { index, key, scene });
     }
@@ -175,8 +184,24 @@ impl Kind for StratifiedSampling {
         }
     }
 
+    fn check(params: &Self::Params) -> Vec<ParamProblem> {
+        let mut problems = Vec::new();
+        let whole = Self::Params::default();
+        if !params.strata.is_empty() && (&params.regimes, &params.contexts) != (&whole.regimes, &whole.contexts) {
+            let what = "`strata` beside `regimes` or `contexts`";
+            problems.push(ParamProblem::new("/strata", what, "name all strata in `strata`, or leave it out"));
+        }
+        let distinct: BTreeSet<&StratumName> = params.strata.iter().collect();
+        if distinct.len() < params.strata.len() {
+            problems.push(ParamProblem::new("/strata", "a stratum is named twice", "name each once"));
+        }
+        problems
+    }
+
     fn later() -> &'static [Later] {
-        const { &[before("/train_views"), before("/test_views")] }
+        // An empty list of names.
+        const NO_STRATA: Later = Later { pointer: "/strata", before: Before::Integers(&[]) };
+        const { &[before("/train_views"), before("/test_views"), NO_STRATA] }
     }
 
     fn foresee(params: &Self::Params, known: &Known) -> Outlook {

@@ -78,6 +78,32 @@ fn common(scene: &Scene, load: LoadBlob<'_>, sharing: Sharing) -> Result<Vec<Sha
     Ok(found)
 }
 
+/// Refuses a scene of more primitives than fit, `own` of which are no copies by one mesh.
+fn check_count(own: usize, numbers: usize) -> Result<(), KindError> {
+    if own <= MOST_PRIMITIVES && numbers <= MOST_NUMBERS {
+        return Ok(());
+    }
+    Err(KindError::Input(format!(
+        "the scene has {numbers} triangles and bodies, {own} of them its own; at most {MOST_NUMBERS} can be rendered, \
+         of which {MOST_PRIMITIVES} are no copies by one mesh"
+    )))
+}
+
+/// Counts the triangles of meshes that are copied, before they are: a small scene may copy a mesh very often.
+fn check_copies(scene: &Scene, placed: &[bool], load: LoadBlob<'_>) -> Result<(), KindError> {
+    let mut copied: BTreeMap<Digest, usize> = BTreeMap::new();
+    for (shape, placed) in scene.shapes.iter().zip(placed) {
+        if let (Geometry::Mesh { mesh }, false) = (&shape.geometry, placed) {
+            *copied.entry(*mesh).or_default() += 1;
+        }
+    }
+    let mut triangles = 0usize;
+    for (mesh, count) in copied.into_iter().filter(|(_, count)| *count > 1) {
+        triangles = triangles.saturating_add(Mesh::triangles_in(&load(&mesh)?)?.saturating_mul(count));
+    }
+    check_count(triangles, triangles)
+}
+
 /// The error of an emission.
 fn check_emission(texture: &Texture) -> Result<(), KindError> {
     if texture.is_negative() {
@@ -112,6 +138,7 @@ impl Collected {
         let common = common(scene, load, sharing)?;
         let mut placed = vec![false; scene.shapes.len()];
         common.iter().flat_map(|common| &common.shapes).for_each(|(index, _)| placed[*index] = true);
+        check_copies(scene, &placed, load)?;
         let mut collected = Self::default();
         for (index, shape) in scene.shapes.iter().enumerate() {
             if placed[index] {
@@ -132,13 +159,7 @@ impl Collected {
             }
             collected.add_shared(&mesh, shapes, &mut numbers);
         }
-        let held = collected.table.len();
-        if held > MOST_PRIMITIVES || numbers > MOST_NUMBERS {
-            return Err(KindError::Input(format!(
-                "the scene has {numbers} triangles and bodies, {held} of them its own; at most {MOST_NUMBERS} can be \
-                 rendered, of which {MOST_PRIMITIVES} are no copies by one mesh"
-            )));
-        }
+        check_count(collected.table.len(), numbers)?;
         collected.table.shrink();
         collected.shapes.shrink_to_fit();
         collected.placed_shapes.shrink_to_fit();

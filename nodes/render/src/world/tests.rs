@@ -313,3 +313,25 @@ fn lamps_that_share_a_mesh_have_their_own_area() {
     let map = Map::new(&IDENTITY);
     assert_eq!(map.shift(), DVec3::ZERO);
 }
+
+#[test]
+fn copies_are_counted_before_they_are_made() {
+    let mut built = Built::new([0.0, 1.0, 6.0], [0.0; 3], 40.0, 4);
+    let white = built.diffuse([0.5; 3]);
+    let mesh = ball(64);
+    // Too stretched to be shared.
+    let stretched = [[1000.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
+    built.mesh(&mesh, stretched, white);
+    let count = (1 << 24) / mesh.triangles.len() + 1;
+    let copy = built.scene.shapes[0].clone();
+    built.scene.shapes.resize(count, copy);
+    let mut reads = 0;
+    let mut load = |digest: &Digest| {
+        reads += 1;
+        built.load(digest)
+    };
+    let told = World::with_sharing(&built.scene, &mut load, Sharing::Worthwhile);
+    let told = told.map(|_| ()).expect_err("too much").to_string();
+    assert!(told.contains("triangles and bodies") && told.contains("at most"), "{told}");
+    assert!(reads < 4, "{reads} reads of one mesh");
+}

@@ -12,7 +12,7 @@ use crate::{
 };
 use std::fmt::Write as _;
 use tauflow_data::{
-    Stratum,
+    Stratum, StratumName,
     records::{Convergence, ConvergenceRow, Estimate, HEAVY_INDEX, HEAVY_KURTOSIS, HEAVY_SHARE, OFF_NORMAL},
 };
 
@@ -43,14 +43,14 @@ pub fn section(convergence: &Convergence) -> Option<Section> {
 fn ordered(convergence: &Convergence) -> Vec<&ConvergenceRow> {
     let mut rows: Vec<&ConvergenceRow> = convergence.strata.iter().collect();
     rows.sort_by_cached_key(|r| match r.stratum.parse::<Stratum>() {
-        Ok(stratum) => (Some(stratum.context), Some(stratum.regime), r.stratum.clone()),
-        Err(_) => (None, None, r.stratum.clone()),
+        Ok(stratum) => (false, Some((stratum.context, stratum.regime)), String::new()),
+        Err(_) => (true, None, r.stratum.clone()),
     });
     rows
 }
 
 fn name(row: &ConvergenceRow) -> String {
-    row.stratum.replacen('-', " ", 1)
+    StratumName::label(&row.stratum)
 }
 
 fn panel(convergence: &Convergence, row: &ConvergenceRow, y: Scale) -> String {

@@ -11,7 +11,7 @@ use std::{
     fmt::Write as _,
 };
 use tauflow_data::{
-    Stratum,
+    StratumName,
     records::{Quota, REASONS, SamplingReport, SplitReport, Verdict},
 };
 
@@ -42,7 +42,7 @@ pub struct Gate {
 pub fn gate_counts(verdicts: &[(String, Verdict)]) -> BTreeMap<String, Gate> {
     let mut out: BTreeMap<String, Gate> = BTreeMap::new();
     for (key, verdict) in verdicts {
-        let stratum = Stratum::of_key(key).map_or_else(|| "other".to_owned(), |(s, _)| s.to_string());
+        let stratum = StratumName::group_of(key);
         let gate = out.entry(stratum).or_default();
         gate.pool += 1;
         match verdict.reasons.first() {
@@ -87,14 +87,12 @@ fn gate(verdicts: &[(String, Verdict)]) -> String {
     }
     out.push_str("</tr></thead><tbody>");
     let mut total = Gate { pool, accepted, ..Gate::default() };
-    let known: Vec<String> = Stratum::all().map(|s| s.to_string()).collect();
-    let mut rows: Vec<(&String, &Gate)> = strata.iter().collect();
-    rows.sort_by_key(|(name, _)| known.iter().position(|k| k == *name).unwrap_or(known.len()));
-    for (stratum, gate) in rows {
+    for stratum in StratumName::in_order(strata.keys()) {
+        let gate = &strata[&stratum];
         for (reason, n) in &gate.rejected {
             *total.rejected.entry(reason.clone()).or_default() += n;
         }
-        gate_row(&mut out, &stratum.replacen('-', " ", 1), gate, &reasons, "");
+        gate_row(&mut out, &StratumName::label(&stratum), gate, &reasons, "");
     }
     gate_row(&mut out, "All", &total, &reasons, r#" class="total""#);
     out.push_str("</tbody></table></div>");
@@ -170,13 +168,10 @@ fn sides(split: Option<&SplitReport>, sampling: Option<&SamplingReport>) -> Stri
     }
     out.push_str("</tr></thead><tbody>");
     let chosen = |quota: &Quota, stratum: &str| quota.strata.get(stratum).map_or(0, |q| q.chosen);
-    for stratum in Stratum::all().map(|s| s.to_string()) {
-        let seen = split.is_some_and(|s| s.strata.contains_key(&stratum))
-            || sampling.is_some_and(|s| s.train.strata.contains_key(&stratum) || s.test.strata.contains_key(&stratum));
-        if !seen {
-            continue;
-        }
-        let _ = write!(out, "<tr><td>{}</td>", stratum.replacen('-', " ", 1));
+    let split_strata = split.into_iter().flat_map(|split| split.strata.keys());
+    let chosen_strata = sampling.into_iter().flat_map(|s| s.train.strata.keys().chain(s.test.strata.keys()));
+    for stratum in StratumName::in_order(split_strata.chain(chosen_strata)) {
+        let _ = write!(out, "<tr><td>{}</td>", escape(&StratumName::label(&stratum)));
         if let Some(split) = split {
             let sides = split.strata.get(&stratum).copied().unwrap_or_default();
             let _ = write!(out, "<td>{}</td><td>{}</td>", number(sides.train), number(sides.test));

@@ -5,14 +5,14 @@ use crate::{
     text::{compact, count, fixed, plural},
 };
 use std::{collections::BTreeMap, fmt::Write as _};
-use tauflow_data::{Stratum, records::SceneStatistics, statistics::quantile};
+use tauflow_data::{Stratum, StratumName, records::SceneStatistics, statistics::quantile};
 
 /// The section; none without statistics.
 pub fn section(statistics: &[(String, SceneStatistics)]) -> Option<Section> {
     let first = statistics.first()?;
     let mut strata: BTreeMap<String, Vec<&SceneStatistics>> = BTreeMap::new();
     for (key, of) in statistics {
-        let stratum = Stratum::of_key(key).map_or_else(|| "other".to_owned(), |(s, _)| s.to_string());
+        let stratum = StratumName::group_of(key);
         strata.entry(stratum).or_default().push(of);
     }
     let [spp, reference] = first.1.spp;
@@ -29,17 +29,18 @@ pub fn section(statistics: &[(String, SceneStatistics)]) -> Option<Section> {
         count(reference)
     );
     // Context by context, so that regimes stand below each other.
-    let ordered = Stratum::all().map(|s| s.to_string()).chain(strata.keys().filter(|k| *k == "other").cloned());
-    let mut names: Vec<String> = ordered.filter(|name| strata.contains_key(name)).collect();
-    names.sort_by_cached_key(|name| name.parse::<Stratum>().ok().map(|s| (s.context, s.regime)));
+    let mut names = StratumName::in_order(strata.keys());
+    names.sort_by_cached_key(|name| match name.parse::<Stratum>() {
+        Ok(stratum) => (false, Some((stratum.context, stratum.regime))),
+        Err(_) => (true, None),
+    });
     let mut context = None;
     for name in names {
         let scenes = &strata[&name];
         let own = name.parse::<Stratum>().ok().map(|s| s.context);
         let class = if context != own { " class=\"group\"" } else { "" };
         context = own;
-        let _ =
-            write!(out, "<tr{class}><td>{}</td><td>{}</td>", name.replacen('-', " ", 1), count(scenes.len() as u64));
+        let _ = write!(out, "<tr{class}><td>{}</td><td>{}</td>", StratumName::label(&name), count(scenes.len() as u64));
         type Value = (fn(&SceneStatistics) -> Option<f64>, fn(f64) -> String);
         let columns: [Value; 8] = [
             (|s| Some(s.mean_path_length), |v| fixed(v, 2)),

@@ -7,7 +7,7 @@ use crate::{
 };
 use std::{collections::BTreeMap, fmt::Write as _};
 use tauflow_data::{
-    Stratum,
+    StratumName,
     methods::HOLD,
     records::{Evaluation, MethodTable},
 };
@@ -23,7 +23,7 @@ pub fn section(evaluation: &Evaluation, nfe: u64) -> Option<Section> {
         return None;
     }
     let hold = hold_by_stratum(evaluation);
-    let names: Vec<String> = Stratum::all().map(|s| s.to_string()).filter(|s| hold.contains_key(s)).collect();
+    let names: Vec<String> = StratumName::in_order(hold.keys());
     let gain = |column: &BTreeMap<String, f64>, stratum: &str| Some(column.get(stratum)? - hold.get(stratum)?);
     let peak = columns
         .iter()
@@ -56,7 +56,8 @@ pub fn section(evaluation: &Evaluation, nfe: u64) -> Option<Section> {
     }
     out.push_str("</tr></thead><tbody>");
     for stratum in &names {
-        let _ = write!(out, "<tr><td>{}</td><td>{}</td>", stratum.replacen('-', " ", 1), fixed(hold[stratum], 2));
+        let _ =
+            write!(out, "<tr><td>{}</td><td>{}</td>", escape(&StratumName::label(stratum)), fixed(hold[stratum], 2));
         for (_, column) in &columns {
             out.push_str(&cell(gain(column, stratum), peak));
         }

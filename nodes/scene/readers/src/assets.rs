@@ -157,8 +157,8 @@ impl Kind for Assets {
         let mut externals = gltf::Externals::new();
         if !is_map(&name) {
             for (number, uri) in gltf::uris(&bytes).into_iter().enumerate() {
-                if let Some(bytes) = files.remove(&files::external(number)) {
-                    externals.insert(uri, bytes);
+                if let (Some(bytes), Some(path)) = (files.remove(&files::external(number)), gltf::relative_path(&uri)) {
+                    externals.insert(path, bytes);
                 }
             }
         }

@@ -7,8 +7,8 @@ mod scene_files;
 
 pub use assets::{Assets, AssetsParams};
 pub use scene_files::{
-    LightUnit, Loaded, Options, SceneFiles, SceneFilesParams, ScenePath, Setting, View, environment_map, load_scene,
-    load_scene_in,
+    LightUnit, Loaded, Options, SceneFiles, SceneFilesParams, ScenePath, Setting, View, check_scene, environment_map,
+    load_scene, load_scene_in,
 };
 
 use tauflow_contract::{KindRow, NodeKind};

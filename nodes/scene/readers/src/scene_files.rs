@@ -1,6 +1,7 @@
 #![doc = include_str!("scene_files.md")]
 
 mod build;
+mod described;
 mod files;
 mod given;
 mod gltf;
@@ -14,6 +15,7 @@ mod spectra;
 #[cfg(test)]
 mod tests;
 
+pub use described::check_scene;
 pub use gltf::LightUnit;
 pub use setting::{Setting, View, environment_map};
 
@@ -33,7 +35,7 @@ use tauflow_contract::{
     ParamProblem, SourceItem,
 };
 use tauflow_data::{
-    Stratum,
+    StratumName,
     records::{AssetReport, SceneRecord},
     scene::{Emitter, Recipe, Scene},
 };
@@ -52,8 +54,8 @@ pub struct SceneFiles;
 pub struct ScenePath {
     /// A file, a pattern with `*` and `?`, or a folder, which is searched with those below.
     pub path: String,
-    /// Regime and context, such as `L1-open`.
-    pub stratum: Stratum,
+    /// The stratum: regime and context, such as `L1-open`, or any name of yours, such as `kitchens`.
+    pub stratum: StratumName,
 }
 
 /// Params of `scene_files`.
@@ -135,7 +137,7 @@ fn read(
     let given = Given::Parts(parts);
     let mut problems = Problems::new(options.approximate);
     if ending(name) == "json" {
-        return described(name, bytes, &given, problems);
+        return described::read(name, bytes, &given, problems);
     }
     let mut build = Builder::new(&given, std::mem::take(&mut problems));
     let view = match setting.view {
@@ -166,6 +168,11 @@ fn read(
         said.camera = camera;
         said.film[0] = (height * aspect).round().clamp(1.0, 65536.0) as u32;
     }
+    if view > 0 && view >= said.views {
+        let cameras = if said.views == 1 { "one camera".to_owned() } else { format!("{} cameras", said.views) };
+        let what = format!("there is no camera {view}: it has {cameras}, counted from 0");
+        build.problems.error(&Place::file(name), what, "name another");
+    }
     if said.views > MOST_VIEWS {
         let what = format!("{} cameras; more than {MOST_VIEWS} are not supported", said.views);
         build.problems.error(&Place::file(name), what, "split the file");
@@ -184,30 +191,8 @@ fn seed(bytes: &[u8]) -> u64 {
     u64::from_str_radix(text.get(..16).unwrap_or("0"), 16).unwrap_or(0)
 }
 
-/// Reads our own `scene.json`.
-fn described(name: &str, bytes: &[u8], given: &Given<'_>, mut problems: Problems) -> Result<Loaded, KindError> {
-    let scene: Scene = serde_json::from_slice(bytes).map_err(|e| {
-        let line = u32::try_from(e.line()).unwrap_or(0);
-        problems.error(&Place { file: name.into(), line }, format!("no scene: {e}"), "mend it, or export it again");
-        problems.finish().expect_err("an error was told")
-    })?;
-    let (at, mut problems) = (Place::file(name), Problems::default());
-    let mut blobs = BTreeMap::new();
-    for digest in scene.blobs() {
-        let path = files::blob(&digest);
-        let Some(bytes) = given.read(&path, &at, &mut problems) else { continue };
-        if Digest::of(&bytes) != digest {
-            problems.error(&at, format!("`{path}` does not hold what its name says"), "export the scene again");
-        }
-        blobs.insert(digest, bytes);
-    }
-    let recipe = given.get(SceneRecord::RECIPE_FILE).and_then(|bytes| serde_json::from_slice(&bytes).ok());
-    let notes = problems.finish()?;
-    Ok(Loaded { scene, blobs, notes, film: None, framed: false, lit: false, recipe })
-}
-
 /// The recipe of a scene: views of one file are one content.
-fn recipe(name: &str, main: &[u8], stratum: Stratum, index: u64, loaded: &Loaded) -> Recipe {
+fn recipe(name: &str, main: &[u8], stratum: &StratumName, index: u64, loaded: &Loaded) -> Recipe {
     let stratum = stratum.to_string();
     if let Some(own) = &loaded.recipe {
         return Recipe { stratum, index, side: None, ..own.clone() };
@@ -258,6 +243,10 @@ impl Kind for SceneFiles {
         files::items(&params.scenes, params.leave_out)
     }
 
+    fn missing(params: &Self::Params) -> Vec<ParamProblem> {
+        if params.leave_out { Vec::new() } else { files::missing(&params.scenes) }
+    }
+
     /// How files are read: where they lie does not matter. The item's key has the stratum.
     fn project(params: &Self::Params, item: Option<&ItemKey>, _group: &str) -> Value {
         match item {
@@ -270,7 +259,7 @@ impl Kind for SceneFiles {
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let key = action.item()?;
-        let (stratum, index) = Stratum::of_key(key.as_str())
+        let (stratum, index) = StratumName::of_key(key.as_str())
             .ok_or_else(|| KindError::Internal(format!("`{key}` is no key of this kind")))?;
         if !action.each.contains_key(FILE_PORT) {
             let name = key.to_string();
@@ -290,7 +279,7 @@ impl Kind for SceneFiles {
                 for bytes in loaded.blobs.values() {
                     ctx.put(bytes)?;
                 }
-                let recipe = recipe(&name, &parts[given::MAIN], stratum, index, &loaded);
+                let recipe = recipe(&name, &parts[given::MAIN], &stratum, index, &loaded);
                 report.accepted = true;
                 report.notes.clone_from(&loaded.notes);
                 report.measure("shapes", loaded.scene.shapes.len() as f64);

@@ -4,6 +4,7 @@ use super::*;
 use crate::signature::tests::recipe;
 use std::sync::atomic::AtomicBool;
 use tauflow_contract::{Collection, MemoryBlobs, Silent};
+use tauflow_data::Stratum;
 use tauflow_data::scene::{Camera, Scene};
 
 fn scenes(ctx: &Context<'_>, recipes: &[(String, Recipe)]) -> Collection {

@@ -42,7 +42,7 @@ fn run_beside(
 
 #[test]
 fn five_thousand_is_eight_of_417_and_four_of_416() {
-    let strata: Vec<Stratum> = Stratum::all().collect();
+    let strata: Vec<StratumName> = Stratum::all().map(StratumName::from).collect();
     let counts: Vec<u64> = quotas(&strata, 5000, 0).iter().map(|q| q.1).collect();
     assert_eq!(counts.iter().filter(|c| **c == 417).count(), 8);
     assert_eq!(counts.iter().filter(|c| **c == 416).count(), 4);
@@ -94,7 +94,7 @@ fn strata_that_fall_short_are_named() {
 proptest::proptest! {
     #[test]
     fn larger_quotas_keep_every_choice(total in 0u64..200, more in 0u64..60, seed in 0u64..8) {
-        let strata: Vec<Stratum> = Stratum::all().collect();
+        let strata: Vec<StratumName> = Stratum::all().map(StratumName::from).collect();
         let (small, large) = (quotas(&strata, total, seed), quotas(&strata, total + more, seed));
         proptest::prop_assert_eq!(small.iter().map(|q| q.1).sum::<u64>(), total);
         let (low, high) = (small.iter().map(|q| q.1).min(), small.iter().map(|q| q.1).max());
@@ -108,5 +108,33 @@ proptest::proptest! {
         let (b, _) = run(&train, None, params(total + more)).expect("enough");
         let b = &b.collections["train"];
         proptest::prop_assert!(a.collections["train"].items.keys().all(|k| b.items.contains_key(k)));
+    }
+}
+
+#[test]
+fn own_strata_are_chosen_from_by_name() {
+    let strata: Vec<StratumName> = ["kitchens", "L1-open"].map(|name| name.parse().expect("a name")).to_vec();
+    let mut train = side(9, "");
+    for index in 0..7 {
+        let key = strata[0].item_key(index);
+        let digest = Digest::of(key.as_str().as_bytes());
+        train.items.insert(key, Stored::<SceneRecord>::blob(digest).into_artifact());
+    }
+    let params = StratifiedSamplingParams { train: 10, strata: strata.clone(), ..Default::default() };
+    let (outputs, report) = run(&train, None, params.clone()).expect("enough");
+    let chosen: Vec<String> =
+        outputs.collections["train"].items.keys().map(|key| StratumName::group_of(key.as_str())).collect();
+    for name in &strata {
+        assert_eq!(chosen.iter().filter(|of| *of == name.as_str()).count(), 5);
+        assert_eq!(report["train"]["strata"][name.as_str()]["wanted"], 5);
+    }
+    // Without their names, only generated ones are.
+    let (outputs, _) = run(&train, None, StratifiedSamplingParams { train: 24, ..Default::default() }).expect("enough");
+    assert!(outputs.collections["train"].items.keys().all(|key| Stratum::of_key(key.as_str()).is_some()));
+    assert!(StratifiedSampling::check(&params).is_empty());
+    let both = StratifiedSamplingParams { regimes: vec![Regime::L0], ..params.clone() };
+    let twice = StratifiedSamplingParams { strata: [strata.clone(), strata].concat(), ..params };
+    for wrong in [both, twice] {
+        assert_eq!(StratifiedSampling::check(&wrong)[0].pointer, "/strata");
     }
 }

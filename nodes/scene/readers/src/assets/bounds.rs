@@ -15,7 +15,10 @@ const FREE_TEXELS: usize = 1 << 23;
 const TEXELS_PER_BYTE: usize = 32;
 
 /// Most instances of `EXT_mesh_gpu_instancing` in a file: what says where they stand takes 80 MB.
-pub const MOST_INSTANCES: usize = 1 << 20;
+const MOST_INSTANCES: usize = 1 << 20;
+
+/// Instances that any file may have: values that no bytes hold are zeros.
+const FREE_INSTANCES: usize = 1 << 16;
 
 /// Most channels of a picture.
 const MOST_CHANNELS: usize = 1024;
@@ -31,6 +34,11 @@ const NUMBERS_PER_BYTE: usize = 4 * TEXELS_PER_BYTE;
 
 fn most(free: usize, per_byte: usize, bytes: usize, ever: usize) -> usize {
     bytes.saturating_mul(per_byte).saturating_add(free).min(ever)
+}
+
+/// Most instances in a file of `bytes`. Places that differ take 3 bytes and more.
+pub fn instances(bytes: usize) -> usize {
+    most(FREE_INSTANCES, 1, bytes, MOST_INSTANCES)
 }
 
 /// Number of texels of a picture in a file of `bytes`.

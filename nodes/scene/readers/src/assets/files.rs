@@ -209,8 +209,11 @@ fn externals(path: &Path) -> Vec<(String, PathBuf)> {
     let Ok(bytes) = read_head(path) else { return Vec::new() };
     let folder = path.parent().unwrap_or(Path::new(""));
     let named = uris(&bytes).into_iter().enumerate();
+    let mut seen = BTreeSet::new();
     let there = named.filter_map(|(number, uri)| {
-        let file = folder.join(relative_path(&uri)?);
+        // A file that has several spellings is read once.
+        let path = relative_path(&uri).filter(|path| seen.insert(path.clone()))?;
+        let file = folder.join(path);
         file.is_file().then(|| (external(number), file))
     });
     there.collect()

@@ -3,7 +3,7 @@
 mod files;
 mod views;
 
-pub use views::{camera, chained, even, fov_x, mirror, mirrors};
+pub use views::{UNMIRROR, camera, chained, even, fov_x, mirror, mirrors};
 
 use super::{
     given::Given,
@@ -77,6 +77,8 @@ pub struct Builder<'a> {
     left: Allowance,
     /// True once the file has used up what it may cost: nothing more is made.
     spent: bool,
+    /// Materials as Mitsuba maps their normals, for those that were asked for.
+    mapped: BTreeMap<usize, usize>,
     /// Whether texture coordinates of a mesh turn as its triangles do, and whether they turn the other way.
     turns: BTreeMap<Digest, [bool; 2]>,
     /// Triangles and boxes of the meshes, and the triangles that are shown.
@@ -108,6 +110,7 @@ impl<'a> Builder<'a> {
             room: MOST_READ,
             left: Allowance::of(bytes),
             spent: false,
+            mapped: BTreeMap::new(),
             turns: BTreeMap::new(),
             sizes: BTreeMap::new(),
             triangles: 0,
@@ -166,12 +169,17 @@ impl<'a> Builder<'a> {
 
     /// A blend of two materials; opacity and mapped normals inside of it are told.
     pub fn blend(&mut self, weight: Texture, a: Bsdf, b: Bsdf, at: &Place) -> Bsdf {
+        self.check_blend(&a, &b, at);
+        Bsdf::Blend { weight, a: Box::new(a), b: Box::new(b) }
+    }
+
+    /// Tells of opacity and mapped normals in a blend of two materials.
+    pub fn check_blend(&mut self, a: &Bsdf, b: &Bsdf, at: &Place) {
         let outer = |bsdf: &Bsdf| matches!(bsdf, Bsdf::Mask { .. } | Bsdf::NormalMap { .. } | Bsdf::Relief { .. });
-        if holds(&a, outer) || holds(&b, outer) {
+        if holds(a, outer) || holds(b, outer) {
             let what = "a blend of materials with opacity or a normal map of their own is not supported";
             self.problems.error(at, what, "put these around the blend");
         }
-        Bsdf::Blend { weight, a: Box::new(a), b: Box::new(b) }
     }
 
     /// Adds a shape; what stands nowhere is told.

@@ -12,8 +12,11 @@ use std::{
     fs,
     path::{Path, PathBuf},
 };
-use tauflow_contract::{Digest, ItemKey, KindError, SourceItem};
-use tauflow_data::{Stratum, records::SceneRecord, scene::Scene};
+use tauflow_contract::{Digest, ItemKey, KindError, ParamProblem, SourceItem};
+use tauflow_data::{StratumName, records::SceneRecord, scene::Scene};
+
+/// Most bytes of the files that a scene names.
+const MOST_BYTES: u64 = 1 << 33;
 
 /// Path of a blob beside a `scene.json`.
 pub fn blob(digest: &Digest) -> String {
@@ -67,7 +70,13 @@ fn look(path: &Path, root: &Path) -> Result<FoundScene, KindError> {
     let folder = path.parent().unwrap_or(Path::new("")).to_owned();
     let given = Given::Disk { folder, root: root.to_owned(), read: Cell::new(0) };
     let (names, views) = named(&name_of(path), &bytes, &given);
-    Ok(FoundScene { path: path.to_owned(), files: given.parts(&names), views, lost: false })
+    let files = given.parts(&names);
+    let sum: u64 = files.iter().filter_map(|(_, file)| Some(fs::metadata(file).ok()?.len())).sum();
+    if sum > MOST_BYTES {
+        let what = format!("names files of {sum} bytes; use fewer or smaller ones, {MOST_BYTES} bytes at most");
+        return Err(none(what));
+    }
+    Ok(FoundScene { path: path.to_owned(), files, views, lost: false })
 }
 
 /// [`look`], but what cannot be read is no error where it may be left out.
@@ -132,17 +141,42 @@ fn scenes(entry: &ScenePath, leave_out: bool) -> Result<Vec<FoundScene>, KindErr
     paths.into_iter().map(one).collect()
 }
 
+/// The blobs that a `scene.json` needs and that are not there. What other files name is known once they are read: they
+/// may name more than their scene shows.
+pub fn missing(entries: &[ScenePath]) -> Vec<ParamProblem> {
+    let mut problems = Vec::new();
+    for (number, entry) in entries.iter().enumerate() {
+        // A path that cannot be searched is told by the list of items.
+        let Ok(found) = scenes(entry, true) else { continue };
+        for scene in found.iter().filter(|scene| name_of(&scene.path) == SceneRecord::FILE) {
+            let there: BTreeSet<&str> = scene.files.iter().map(|(part, _)| part.as_str()).collect();
+            let wanted = fs::read(&scene.path).map_or_else(|_| BTreeSet::new(), |bytes| described(&bytes));
+            let lost: Vec<&String> = wanted
+                .iter()
+                .filter(|path| *path != SceneRecord::RECIPE_FILE && !there.contains(given::part(path).as_str()))
+                .collect();
+            if let Some(first) = lost.first() {
+                let more = if lost.len() > 1 { format!(" and {} more", lost.len() - 1) } else { String::new() };
+                let what = format!("`{}` needs `{first}`{more}, which is not there", scene.path.display());
+                let pointer = format!("/scenes/{number}/path");
+                problems.push(ParamProblem::new(pointer, what, "put it beside the scene, or export the scene again"));
+            }
+        }
+    }
+    problems
+}
+
 /// The items of all entries: each view of each scene, numbered by stratum in the order in which they are given.
 ///
 /// # Errors
 /// If a path leads nowhere, or a folder holds no scene.
 pub fn items(entries: &[ScenePath], leave_out: bool) -> Result<Vec<SourceItem>, KindError> {
-    let mut numbers: BTreeMap<Stratum, u64> = BTreeMap::new();
+    let mut numbers: BTreeMap<&StratumName, u64> = BTreeMap::new();
     let mut items = Vec::new();
     for entry in entries {
         for found in scenes(entry, leave_out)? {
             for view in 0..found.views.clamp(1, MOST_VIEWS) {
-                let number = numbers.entry(entry.stratum).or_default();
+                let number = numbers.entry(&entry.stratum).or_default();
                 let mut files = found.files.clone();
                 if !found.lost {
                     files.push((main_part(view, &name_of(&found.path)), found.path.clone()));

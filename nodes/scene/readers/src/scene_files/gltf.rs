@@ -4,7 +4,7 @@
 //! directional ones in lux. Cameras and lights look along -z of their nodes.
 
 use super::{
-    build::{Builder, camera, fov_x, mirror, mirrors},
+    build::{Builder, UNMIRROR, camera, fov_x, mirror, mirrors},
     given::Given,
     mitsuba::Said,
     problems::Place,
@@ -120,9 +120,9 @@ pub fn read(
     let mut said = Said { camera: None, max_depth: super::build::ENDLESS, film: [512, 512], views: 1 };
     let at = Place::file(name);
     let mut externals = Externals::new();
-    for uri in uris(bytes) {
-        if let Some(bytes) = relative_path(&uri).and_then(|path| given.get(&path)) {
-            externals.insert(uri, bytes);
+    for path in names(bytes) {
+        if let Some(bytes) = given.get(&path) {
+            externals.insert(path, bytes);
         }
     }
     let document = match Document::open_anyway(bytes, &externals) {
@@ -167,7 +167,7 @@ pub fn read(
         }
     }
     if mirrored && let Some(camera) = &mut said.camera {
-        mirror(build, camera);
+        mirror(build, camera, &at, UNMIRROR);
     }
     said
 }

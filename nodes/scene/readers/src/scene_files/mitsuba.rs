@@ -13,7 +13,7 @@ mod values;
 pub(super) use values::rotation;
 
 use super::{
-    build::{Builder, holds, mirror},
+    build::{Builder, UNMIRROR, holds, mirror},
     given::Given,
     problems::{Place, Problems},
     spectra,
@@ -140,12 +140,8 @@ impl<'t> MitsubaReader<'t, '_, '_> {
             let what = format!("`far_clip` of {far} (10000 is the default) cuts the scene: here all of it is seen");
             self.build.problems.error(at, what, "raise it beyond the scene");
         }
-        if sensors > 0 && view >= sensors {
-            let what = format!("there is no sensor {view}: it has {sensors}, counted from 0");
-            self.build.problems.error(&at, what, "name another");
-        }
         if mirrored && let Some(camera) = &mut said.camera {
-            mirror(self.build, camera);
+            mirror(self.build, camera, &at, UNMIRROR);
         }
         said
     }
@@ -166,7 +162,8 @@ impl<'t> MitsubaReader<'t, '_, '_> {
     /// here they cost nothing, as with `volpath`.
     fn count_passages(&mut self, integrator: &'t Plugin, bounded: bool) {
         let opacity = |bsdf: &Bsdf| matches!(bsdf, Bsdf::Mask { .. });
-        let shown = self.build.shapes.iter().any(|shape| holds(&self.build.materials[shape.material], opacity));
+        let masked: Vec<bool> = self.build.materials.iter().map(|material| holds(material, opacity)).collect();
+        let shown = self.build.shapes.iter().any(|shape| masked[shape.material]);
         if shown && !integrator.sort.starts_with("volpath") {
             let sort = &integrator.sort;
             let (at, remedy) = (&integrator.at, "use `volpath`, where they are free, too");

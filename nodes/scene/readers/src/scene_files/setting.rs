@@ -126,11 +126,15 @@ fn points(geometry: &Geometry, build: &Builder<'_>) -> Vec<Vec3> {
     }
 }
 
+/// Most shapes whose points are sorted to find strays: of more, every second, third, ... one.
+const MOST_SORTED: usize = 1 << 14;
+
 /// The box of a scene. Far-off strays do not count.
 fn bounds(build: &Builder<'_>) -> Option<Aabb> {
     let mut known: BTreeMap<Digest, Vec<Vec3>> = BTreeMap::new();
-    let mut all: Vec<Vec3> = Vec::new();
-    for shape in &build.shapes {
+    let (mut all, mut full): (Vec<Vec3>, Aabb) = (Vec::new(), Aabb::EMPTY);
+    let every = build.shapes.len().div_ceil(MOST_SORTED).max(1);
+    for (number, shape) in build.shapes.iter().enumerate() {
         let own;
         let points = match &shape.geometry {
             Geometry::Mesh { mesh } => known.entry(*mesh).or_insert_with(|| points(&shape.geometry, build)),
@@ -142,10 +146,13 @@ fn bounds(build: &Builder<'_>) -> Option<Aabb> {
         // Of a mesh that is shown very often a few points say enough.
         let step = if build.shapes.len() > 1000 { points.len().div_ceil(64).max(1) } else { 1 };
         let placed = points.iter().step_by(step).map(|p| apply(&shape.to_world, *p));
-        all.extend(placed.filter(|p| p.iter().all(|v| v.is_finite())));
+        for point in placed.filter(|p| p.iter().all(|v| v.is_finite())) {
+            full.grow(point);
+            if number.is_multiple_of(every) {
+                all.push(point);
+            }
+        }
     }
-    let mut full = Aabb::EMPTY;
-    all.iter().for_each(|p| full.grow(*p));
     let skip = (all.len() as f64 * STRAY) as usize;
     let mut core = full;
     for axis in 0..3 {

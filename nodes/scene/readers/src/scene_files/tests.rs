@@ -389,7 +389,7 @@ fn folders_and_files_become_items_by_stratum_and_view() {
     let alone = load_scene(&root.join("rooms/room.xml"), None, 0, Options::default()).expect_err("outside").to_string();
     assert!(alone.contains("`../shared/part.xml` is no file of up to 2 GiB below the folder"), "{alone}");
     load_scene(&root.join("rooms/room.xml"), Some(root), 0, Options::default()).expect("inside");
-    let bad = serde_json::json!({ "scenes": [{ "path": "a.xml", "stratum": "L9-open" }] });
+    let bad = serde_json::json!({ "scenes": [{ "path": "a.xml", "stratum": "my scenes" }] });
     let problems = KindRow::<SceneFiles>::new().resolve(&bad).expect_err("no stratum");
     assert_eq!(problems[0].pointer, "/scenes/0/stratum");
 }

@@ -68,6 +68,19 @@ pub fn held_by<T>(work: impl FnOnce() -> T) -> (T, isize) {
     (done, MOST.get() - before)
 }
 
+/// Does something, and says how long this thread was at it. A machine that does other things as well takes longer.
+#[expect(clippy::disallowed_methods, reason = "where the system does not say, time is that of the clock")]
+pub fn timed<T>(work: impl FnOnce() -> T) -> (T, Duration) {
+    let on_processor = || -> Option<Duration> {
+        let told = fs::read_to_string("/proc/thread-self/schedstat").ok()?;
+        Some(Duration::from_nanos(told.split_whitespace().next()?.parse().ok()?))
+    };
+    let (begun, before) = (Instant::now(), on_processor());
+    let done = work();
+    let took = on_processor().zip(before).map(|(now, before)| now.saturating_sub(before));
+    (done, took.unwrap_or_else(|| begun.elapsed()))
+}
+
 /// Most that a file of those here may make a reader hold. A picture of few bytes may have 2^23 texels.
 const MOST_BYTES: isize = 1 << 29;
 
@@ -266,10 +279,8 @@ fn fuzz() {
         let seed = &seeds[draw.below(seeds.len())];
         let bytes = mangle(seed, &seeds[draw.below(seeds.len())], &mut draw);
         let name = format!("mangled.{}", seed.ending);
-        let from = Instant::now();
         let act = AssertUnwindSafe(|| report_on(kind.as_ref(), &params, &name, &bytes));
-        let (done, held) = held_by(|| catch_unwind(act));
-        let took = from.elapsed();
+        let ((done, held), took) = timed(|| held_by(|| catch_unwind(act)));
         let told = |what: String| -> ! {
             let path = folder("fuzz").join(format!("failed.{}", seed.ending));
             fs::write(&path, &bytes).expect("writable");

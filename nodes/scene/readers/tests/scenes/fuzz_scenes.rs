@@ -1,27 +1,30 @@
-//! The readers of whole scenes meet files that nobody would write: sound Mitsuba and pbrt scenes with their meshes,
-//! mangled by word, by line and by byte. They may refuse a scene, in lines that name file, place and remedy. They may
-//! not panic, take long, or take much memory.
+//! The readers of whole scenes meet files that nobody would write: sound scenes of Mitsuba, pbrt, glTF and our own with
+//! their meshes, mangled by word, by line and by byte. They may refuse a scene, in lines that name file, place and
+//! remedy. They may not panic, take long, or take much memory.
 //!
 //! `TAUFLOW_FUZZ_SECONDS` and `TAUFLOW_FUZZ_SEED` are those of [`crate::fuzz`].
 
 use crate::{
-    fuzz::{held_by, mangle_bytes},
+    fuzz::{held_by, mangle_bytes, timed},
     small_assets::folder,
 };
+use serde_json::json;
 use std::{
     collections::BTreeMap,
     fs,
     panic::{AssertUnwindSafe, catch_unwind},
     time::{Duration, Instant},
 };
-use tauflow_contract::KindError;
-use tauflow_data::{Image, image_io::encode_png, rng::Stream};
+use tauflow_contract::{Digest, KindError};
+use tauflow_data::{Image, image_io::encode_png, mesh::Mesh, rng::Stream};
 use tauflow_scene_readers::{Options, load_scene};
 
 const MITSUBA: &str = r##"<scene version="3.0.0">
 <default name="depth" value="6"/>
 <default name="file" value="m.ply"/>
-<integrator type="path"><integer name="max_depth" value="$depth"/></integrator>
+<path value="."/>
+<integrator type="moment"><integrator type="path"><integer name="max_depth" value="$depth"/>
+<boolean name="hide_emitters" value="false"/><integer name="rr_depth" value="5"/></integrator></integrator>
 <sensor type="perspective"><float name="fov" value="40"/><string name="fov_axis" value="y"/>
 <float name="near_clip" value="0.1"/>
 <transform name="to_world"><lookat origin="0,1,5" target="0,0,0" up="0,1,0"/></transform>
@@ -36,6 +39,16 @@ const MITSUBA: &str = r##"<scene version="3.0.0">
 <rgb name="diffuse_reflectance" value="#3080ff"/><float name="int_ior" value="1.6"/></bsdf></bsdf>
 <bsdf type="mask" id="hole"><texture type="checkerboard" name="opacity"><float name="color0" value="0"/></texture>
 <bsdf type="principled"><float name="roughness" value="0.4"/><float name="spec_trans" value="0.5"/></bsdf></bsdf>
+<bsdf type="bumpmap" id="dented"><texture type="bitmap" name="bumps"><string name="filename" value="t.png"/>
+<boolean name="raw" value="true"/><string name="wrap_mode" value="clamp"/></texture><float name="scale" value="0.1"/>
+<bsdf type="roughplastic"><float name="alpha" value="0.2"/><boolean name="nonlinear" value="true"/></bsdf></bsdf>
+<bsdf type="normalmap" id="carved"><texture type="bitmap" name="normalmap"><string name="filename" value="t.png"/>
+</texture><bsdf type="roughdielectric"><float name="alpha_u" value="0.2"/><float name="alpha_v" value="0.2"/></bsdf>
+</bsdf>
+<emitter type="area" id="lamp"><spectrum type="blackbody" name="radiance"><float name="temperature" value="5000"/>
+</spectrum></emitter>
+<shape type="merge"><shape type="rectangle"><ref id="dented"/><ref id="lamp"/></shape></shape>
+<shape type="rectangle"><ref id="carved"/><boolean name="flip_normals" value="true"/></shape>
 <shape type="ply"><string name="filename" value="$file"/><ref id="wall"/></shape>
 <shape type="obj"><string name="filename" value="m.obj"/><ref id="mix"/>
 <boolean name="face_normals" value="true"/></shape>
@@ -59,13 +72,18 @@ const MORE: &str = r#"<scene version="3.0.0">
 </scene>
 "#;
 
-const PBRT: &str = r#"LookAt 0 1 5  0 0 0  0 1 0
+const PBRT: &str = r#"Scale -1 1 1
+LookAt 0 1 5  0 0 0  0 1 0
 Camera "perspective" "float fov" [ 45 ]
 Film "rgb" "integer xresolution" 64 "integer yresolution" 48
 Integrator "path" "integer maxdepth" 8
 Sampler "halton" "integer pixelsamples" 16
 WorldBegin
+Option "seed" 3
+ColorSpace "rec2020"
 LightSource "distant" "blackbody L" 5000 "float scale" 2
+LightSource "spot" "rgb I" [ 1 2 3 ] "float coneangle" 30 "float conedeltaangle" 5 "point3 from" [ 0 2 0 ]
+Attribute "light" "float scale" 2
 LightSource "infinite" "rgb L" [ .4 .5 .6 ]
 Texture "t" "spectrum" "imagemap" "string filename" "t.png" "float uscale" 2
 Texture "c" "float" "checkerboard" "float tex1" 0 "float tex2" 1
@@ -96,7 +114,14 @@ ReverseOrientation
 AreaLightSource "diffuse" "rgb L" [ 3 3 3 ]
 Material "coateddiffuse" "float roughness" 0.1
 Shape "sphere" "float radius" 0.1
+Material "conductor" "float uroughness" .1 "float vroughness" .3 "bool remaproughness" false
+Shape "bilinearmesh" "point3 P" [0 0 0 1 0 0 0 1 0 1 1 1] "integer indices" [0 1 2 3]
+Material "diffuse" "string normalmap" "t.png"
+TransformBegin
+Shape "plymesh" "string filename" "m.ply"
+TransformEnd
 Include "more.pbrt"
+Import "more.pbrt"
 "#;
 
 const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
@@ -104,6 +129,75 @@ const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\npr
     0 0 0 0 0\n1 0 0 1 0\n1 1 0 1 1\n0 1 0 0 1\n3 0 1 2\n4 0 1 2 3\n";
 
 const OBJ: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nvn 0 0 1\nf 1/1/1 2/1/1 3/2/1 4/1/1\n";
+
+/// A glTF file whose buffer is `m.bin`.
+const GLTF: &str = r#"{ "asset": { "version": "2.0" }, "scene": 0, "scenes": [{ "nodes": [0, 1, 2, 3] }],
+"extensionsUsed": ["KHR_lights_punctual", "EXT_mesh_gpu_instancing", "KHR_materials_transmission"],
+"extensions": { "KHR_lights_punctual": { "lights": [{ "type": "spot", "color": [1, 0.5, 0.25], "intensity": 20,
+"spot": { "innerConeAngle": 0.1, "outerConeAngle": 0.5 } }, { "type": "directional" }] } },
+"nodes": [{ "camera": 0, "translation": [0, 0, 5] }, { "extensions": { "KHR_lights_punctual": { "light": 0 } },
+"children": [4] }, { "mesh": 0, "rotation": [0, 0.7, 0, 0.7], "scale": [2, 2, -2],
+"extensions": { "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": 2 } } } }, { "mesh": 1 },
+{ "camera": 1, "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 5, 0, 7, 1],
+"extensions": { "KHR_lights_punctual": { "light": 1 } } }],
+"cameras": [{ "type": "perspective", "perspective": { "yfov": 0.7, "znear": 0.1, "aspectRatio": 1.5 } },
+{ "type": "perspective", "perspective": { "yfov": 0.5, "znear": 0.01, "zfar": 100 } }],
+"images": [{ "uri": "t.png" }], "samplers": [{ "wrapS": 33071, "magFilter": 9728 }],
+"textures": [{ "source": 0, "sampler": 0 }],
+"materials": [{ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 }, "metallicFactor": 0.5 },
+"normalTexture": { "index": 0 }, "alphaMode": "MASK", "alphaCutoff": 0.4 },
+{ "doubleSided": true, "emissiveFactor": [1, 1, 0],
+"extensions": { "KHR_materials_transmission": { "transmissionFactor": 0.75 } } }],
+"meshes": [{ "primitives": [{ "attributes": { "POSITION": 0, "TEXCOORD_0": 1 }, "indices": 3, "material": 0 }] },
+{ "primitives": [{ "attributes": { "POSITION": 0 }, "mode": 5, "material": 1 }], "weights": [] }],
+"accessors": [{ "bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3" },
+{ "bufferView": 1, "componentType": 5126, "count": 4, "type": "VEC2" },
+{ "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "normalized": false },
+{ "bufferView": 2, "componentType": 5121, "count": 6, "type": "SCALAR" }],
+"bufferViews": [{ "buffer": 0, "byteOffset": 0, "byteLength": 48 }, { "buffer": 0, "byteOffset": 48, "byteLength": 32 },
+{ "buffer": 0, "byteOffset": 80, "byteLength": 6 }],
+"buffers": [{ "byteLength": 88, "uri": "m.bin" }, { "byteLength": 88, "uri": "%6d.bin" }],
+"animations": [{ "channels": [], "samplers": [] }] }
+"#;
+
+/// The words of a grammar: names of what it has, for places where others stand.
+const MITSUBA_WORDS: &str = "scene integrator sensor sampler film rfilter bsdf shape emitter texture medium phase \
+    volume spectrum default include path alias ref id as name value filename type version transform translate rotate \
+    scale lookat matrix point vector float integer boolean string rgb srgb x y z origin target up angle volpath direct \
+    aov prb ptracer hide_emitters max_depth perspective thinlens orthographic fov fov_axis focal_length near_clip \
+    far_clip hdrfilm ldrfilm width height crop_width diffuse conductor roughconductor dielectric roughdielectric \
+    thindielectric plastic roughplastic principled mask blendbsdf normalmap bumpmap twosided null reflectance \
+    specular_reflectance alpha alpha_u alpha_v distribution ggx beckmann eta k material int_ior ext_ior nonlinear \
+    opacity weight base_color roughness metallic spec_trans clearcoat flip_invalid_normals use_shadowing_function \
+    obj ply serialized rectangle cube disk sphere cylinder shapegroup instance merge to_world flip_normals \
+    face_normals shape_index center radius p0 p1 area constant envmap spot directional radiance intensity irradiance \
+    cutoff_angle beam_width bitmap checkerboard mesh_attribute vertex_color to_uv raw wrap_mode clamp filter_type d65 \
+    uniform blackbody temperature color #ff8000 400:1,700:2 $depth $file xmlns:a";
+const PBRT_WORDS: &str = "LookAt Camera Film Integrator Sampler PixelFilter Accelerator ColorSpace Option WorldBegin \
+    AttributeBegin AttributeEnd TransformBegin TransformEnd Attribute ObjectBegin ObjectEnd ObjectInstance Identity \
+    Translate Scale Rotate Transform ConcatTransform CoordinateSystem CoordSysTransform ReverseOrientation \
+    ActiveTransform Include Import LightSource AreaLightSource Material MakeNamedMaterial NamedMaterial Texture Shape \
+    MediumInterface MakeNamedMedium float integer bool string rgb spectrum blackbody texture point2 point3 vector3 \
+    normal perspective orthographic spherical lensradius screenwindow frameaspectratio shutteropen rgb gbuffer iso \
+    sensor path volpath bdpt maxdepth regularize infinite distant point spot goniometric illuminance power scale from \
+    to diffuse conductor dielectric thindielectric coateddiffuse coatedconductor mix hair interface measured \
+    reflectance roughness uroughness vroughness remaproughness eta k metal-Au-eta glass-BK7 normalmap displacement \
+    constant imagemap checkerboard fbm wrinkled tex tex1 tex2 amount encoding wrap filter invert mapping uscale vdelta \
+    trianglemesh plymesh bilinearmesh sphere disk cylinder curve loopsubdiv P N uv indices alpha radius zmin zmax \
+    phimax innerradius height twosided L I srgb rec2020 dci-p3 seed matte image 02sequence WorldEnd";
+const JSON_WORDS: &str = "asset version scene scenes nodes mesh camera children translation rotation scale matrix \
+    meshes primitives attributes POSITION NORMAL TANGENT TEXCOORD_0 COLOR_0 JOINTS_0 WEIGHTS_0 TRANSLATION ROTATION \
+    SCALE indices material mode targets weights skins joints inverseBindMatrices cameras perspective orthographic yfov \
+    znear aspectRatio materials pbrMetallicRoughness baseColorTexture baseColorFactor metallicFactor normalTexture \
+    emissiveFactor alphaMode MASK BLEND OPAQUE alphaCutoff doubleSided textures source sampler images uri bufferView \
+    mimeType accessors componentType count type SCALAR VEC2 VEC3 VEC4 MAT4 sparse normalized byteOffset byteStride \
+    bufferViews buffers byteLength extensions extensionsUsed extensionsRequired KHR_lights_punctual lights light spot \
+    directional intensity range EXT_mesh_gpu_instancing KHR_materials_volume KHR_texture_transform \
+    KHR_draco_mesh_compression KHR_animation_pointer 5120 5121 5123 5125 5126 data:;base64,AAAA m.bin seed origin \
+    target up fov_x near max_depth shapes geometry rectangle disk cube center radius to_world emission flip_normals \
+    diffuse conductor dielectric thin_dielectric plastic principled mask blend two_sided normal_map relief finish \
+    reflectance opacity inner a b alpha eta k int_ior ext_ior constant bitmap checkerboard vertex_color product value \
+    image uv channel clamp emitters envmap point radiance hide_emitters null true false";
 
 /// Words that fields may hold: at the edges of numbers, and such as mean something to a reader.
 const WORDS: [&str; 34] = [
@@ -160,8 +254,8 @@ fn words(text: &str) -> Vec<(usize, usize)> {
     found
 }
 
-/// A text in which a few words are others, or lines are lost, repeated or moved.
-fn mangle_text(sound: &str, draw: &mut Stream) -> String {
+/// A text in which a few words are others, of this grammar or of [`WORDS`], or lines are lost, repeated or moved.
+fn mangle_text(sound: &str, grammar: &[&str], draw: &mut Stream) -> String {
     let mut text = sound.to_owned();
     for _ in 0..1 + draw.below(4) {
         if draw.chance(0.25) {
@@ -184,7 +278,11 @@ fn mangle_text(sound: &str, draw: &mut Stream) -> String {
         let Some((from, to)) = places.get(draw.below(places.len().max(1))).copied() else { break };
         let (a, b) = places[draw.below(places.len())];
         let own = text[a..b].to_owned();
-        let word = if draw.chance(0.4) { own.as_str() } else { WORDS[draw.below(WORDS.len())] };
+        let word = match draw.below(3) {
+            0 => own.as_str(),
+            1 => grammar[draw.below(grammar.len())],
+            _ => WORDS[draw.below(WORDS.len())],
+        };
         text.replace_range(from..to, word);
     }
     text
@@ -204,15 +302,61 @@ fn serialized() -> Vec<u8> {
     zip.finish().expect("in memory")
 }
 
+/// The words of the grammar of a file.
+fn grammar(name: &str) -> Vec<&'static str> {
+    let words = match name.rsplit('.').next() {
+        Some("xml") => MITSUBA_WORDS,
+        Some("pbrt") => PBRT_WORDS,
+        _ => JSON_WORDS,
+    };
+    words.split_ascii_whitespace().collect()
+}
+
+/// Our own scene of a mesh and a picture, with these.
+fn described(picture: &Image) -> Vec<(String, Vec<u8>)> {
+    let mesh = Mesh {
+        positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+        triangles: vec![[0, 1, 2]],
+        uvs: Some(vec![[0.0; 2], [1.0, 0.0], [0.0, 1.0]]),
+        ..Mesh::default()
+    };
+    let blobs = [mesh.to_bytes().expect("a small mesh"), picture.to_bytes()];
+    let [mesh, image] = [&blobs[0], &blobs[1]].map(|bytes| Digest::of(bytes));
+    let one = json!({ "type": "constant", "value": [1, 1, 1] });
+    let texture = json!({ "type": "bitmap", "image": image, "uv": [[1, 0, 0], [0, 1, 0]], "scale": [1, 1, 1] });
+    let glass = json!({ "type": "dielectric", "int_ior": 1.5, "ext_ior": 1, "alpha": 0.1, "specular_reflectance": one,
+        "specular_transmittance": one });
+    let paint = json!({ "type": "two_sided", "inner": { "type": "diffuse", "reflectance": texture } });
+    let blend = json!({ "type": "blend", "weight": one, "a": paint, "b": glass });
+    let stands = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]];
+    let scene = json!({
+        "version": 1, "seed": 7, "max_depth": 6,
+        "camera": { "origin": [0, 0, 4], "target": [0, 0, 0], "up": [0, 1, 0], "fov_x": 40, "near": 0.1 },
+        "shapes": [{ "geometry": { "type": "mesh", "mesh": mesh }, "material": 0, "to_world": stands },
+            { "geometry": { "type": "sphere", "center": [0, 1, 0], "radius": 0.5 }, "material": 1, "to_world": stands,
+              "emission": one, "flip_normals": true }],
+        "materials": [{ "type": "mask", "opacity": one, "inner": paint }, blend],
+        "emitters": [{ "type": "envmap", "image": image, "scale": 2, "to_world": stands },
+            { "type": "point", "position": [0, 5, 0], "intensity": [1, 2, 3] }],
+    });
+    let text = serde_json::to_vec_pretty(&scene).expect("plain data");
+    let blobs = blobs.into_iter().map(|bytes| (format!("blob/{}", Digest::of(&bytes)), bytes));
+    std::iter::once(("scene.json".to_owned(), text)).chain(blobs).collect()
+}
+
 /// Sound scenes: files by name, the scene's own first.
-fn scenes() -> Vec<Vec<(&'static str, Vec<u8>)>> {
+fn scenes() -> Vec<Vec<(String, Vec<u8>)>> {
     let mut picture = Image::new(4, 4, 3);
     picture.data_mut().iter_mut().enumerate().for_each(|(i, v)| *v = i as f32 / 48.0);
     let png = encode_png(&picture).expect("a picture");
     let sky = b"#?RGBE\n\n-Y 1 +X 2\n\x80\x40\x20\x81\x80\x80\x80\x80".to_vec();
     let packed = MITSUBA.replace("m.obj", "m.serialized").replace("\"obj\"", "\"serialized\"");
     let text = |text: &str| text.as_bytes().to_vec();
-    vec![
+    let corners = [0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.5];
+    let uvs = [0.0f32, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0];
+    let mut buffer: Vec<u8> = corners.iter().chain(&uvs).flat_map(|v| v.to_le_bytes()).collect();
+    buffer.extend([0, 1, 2, 0, 2, 3, 0, 0]);
+    let named = vec![
         vec![
             ("a.xml", text(MITSUBA)),
             ("more.xml", text(MORE)),
@@ -229,8 +373,16 @@ fn scenes() -> Vec<Vec<(&'static str, Vec<u8>)>> {
             ("t.png", png.clone()),
             ("sky.hdr", sky),
         ],
-        vec![("a.pbrt", text(PBRT)), ("more.pbrt", text("Shape \"sphere\"\n")), ("m.ply", text(PLY)), ("t.png", png)],
-    ]
+        vec![
+            ("a.pbrt", text(PBRT)),
+            ("more.pbrt", text("Shape \"sphere\"\n")),
+            ("m.ply", text(PLY)),
+            ("t.png", png.clone()),
+        ],
+        vec![("a.gltf", text(GLTF)), ("m.bin", buffer), ("t.png", png)],
+    ];
+    let owned = |files: Vec<(&str, Vec<u8>)>| files.into_iter().map(|(name, bytes)| (name.to_owned(), bytes)).collect();
+    named.into_iter().map(owned).chain([described(&picture)]).collect()
 }
 
 #[test]
@@ -241,6 +393,7 @@ fn fuzz_scenes() {
     let scenes = scenes();
     let mut draw = Stream::new(env("TAUFLOW_FUZZ_SEED").unwrap_or(1.0) as u64, &[0x5CE]);
     let place = folder("fuzz_scenes");
+    fs::create_dir_all(place.join("blob")).expect("writable");
     let begun = Instant::now();
     let mut counts: BTreeMap<&str, [u64; 2]> = BTreeMap::new();
     let (mut slowest, mut largest) = (Duration::ZERO, 0);
@@ -254,21 +407,21 @@ fn fuzz_scenes() {
         let scene = if turn < scenes.len() as u64 { &scenes[turn as usize] } else { scene };
         for (index, (name, sound)) in scene.iter().enumerate() {
             let bytes = match (index == damaged && turn >= scenes.len() as u64, std::str::from_utf8(sound)) {
-                (true, Ok(text)) if draw.chance(0.8) => mangle_text(text, &mut draw).into_bytes(),
+                (true, Ok(text)) if draw.chance(0.8) => mangle_text(text, &grammar(name), &mut draw).into_bytes(),
                 (true, _) => mangle_bytes(sound, &scene[draw.below(scene.len())].1, &mut draw),
                 (false, _) => sound.clone(),
             };
             fs::write(place.join(name), bytes).expect("writable");
         }
-        let own = scene[0].0;
+        let own = scene[0].0.as_str();
         let options = Options { approximate: true, ..Options::default() };
         let path = place.join(own);
-        let from = Instant::now();
-        let (done, held) =
-            held_by(|| catch_unwind(AssertUnwindSafe(|| load_scene(&path, None, draw.below(2), options))));
-        let took = from.elapsed();
+        let view = if turn < scenes.len() as u64 { 0 } else { draw.below(2) };
+        let load = || catch_unwind(AssertUnwindSafe(|| load_scene(&path, None, view, options)));
+        let ((done, held), took) = timed(|| held_by(load));
         let told = |what: String| -> ! {
             let kept = folder("fuzz_scenes_failed");
+            fs::create_dir_all(kept.join("blob")).expect("writable");
             for (name, _) in scene {
                 fs::copy(place.join(name), kept.join(name)).expect("writable");
             }
@@ -282,7 +435,7 @@ fn fuzz_scenes() {
             Ok(_) => {}
             Err(KindError::Input(text)) => {
                 for line in text.lines().filter(|line| !(line.starts_with("and ") && line.ends_with(" more"))) {
-                    let named = scene.iter().any(|(name, _)| line.starts_with(name));
+                    let named = scene.iter().any(|(name, _)| line.starts_with(name.as_str()));
                     if !named || !line.contains("; ") || line.len() > 2000 {
                         told(format!("no line of file, place and remedy: {line}"));
                     }

@@ -2,28 +2,22 @@
 //! name file, place and remedy, within ten seconds and a gibibyte. Each is below 1 MB.
 
 use crate::{
-    fuzz::held_by,
+    fuzz::{held_by, timed},
     support::{act, kind, load},
 };
 use flate2::{Compression, write::ZlibEncoder};
 use std::{
-    collections::BTreeMap,
-    fmt::Write as _,
-    fs,
-    io::Write as _,
-    os::unix::fs::symlink,
-    path::Path,
-    time::{Duration, Instant},
+    collections::BTreeMap, fmt::Write as _, fs, io::Write as _, os::unix::fs::symlink, path::Path, time::Duration,
 };
 use tauflow_contract::{KindError, MemoryBlobs};
 use tauflow_data::{Image, image_io::write_exr, records::AssetReport, scene::Bsdf};
 use tauflow_scene_readers::{Loaded, Options, load_scene};
 
-/// Seconds that a scene may take here: each takes less than 10, and machines are slower while they do other things.
-const LONGEST: u64 = 60;
+/// Seconds of one processor that a scene may take.
+const LONGEST: u64 = 10;
 
 /// Writes files into an empty folder; reads the first one as a scene. What it takes and holds is bounded.
-fn read(files: &[(&str, &[u8])]) -> Result<Loaded, String> {
+pub fn read(files: &[(&str, &[u8])]) -> Result<Loaded, String> {
     let folder = tempfile::tempdir().expect("a folder");
     for (name, bytes) in files {
         assert!(bytes.len() <= 1 << 20, "{name}: {} bytes", bytes.len());
@@ -32,12 +26,9 @@ fn read(files: &[(&str, &[u8])]) -> Result<Loaded, String> {
     bounded(&folder.path().join(files[0].0), 0)
 }
 
-#[expect(clippy::disallowed_methods, reason = "a bound on time decides no output")]
 fn bounded(path: &Path, view: usize) -> Result<Loaded, String> {
-    let begun = Instant::now();
     let options = Options { approximate: true, ..Options::default() };
-    let (done, held) = held_by(|| load_scene(path, None, view, options));
-    let took = begun.elapsed();
+    let ((done, held), took) = timed(|| held_by(|| load_scene(path, None, view, options)));
     assert!(took < Duration::from_secs(LONGEST) && held < 1 << 30, "{}: {took:?} and {held} bytes", path.display());
     done.map_err(|error| match error {
         KindError::Input(text) => text,
@@ -46,7 +37,7 @@ fn bounded(path: &Path, view: usize) -> Result<Loaded, String> {
 }
 
 /// What is told of a scene that is refused; each line has a file, a place and a remedy, and none is long.
-fn refused(files: &[(&str, &[u8])]) -> String {
+pub fn refused(files: &[(&str, &[u8])]) -> String {
     let told = read(files).map(|_| ()).expect_err(files[0].0);
     for line in told.lines().filter(|line| !line.starts_with("and ")) {
         let shaped = line.contains(": ") && line.contains("; ") && line.len() < 2000;
@@ -55,11 +46,13 @@ fn refused(files: &[(&str, &[u8])]) -> String {
     told
 }
 
-fn pbrt(world: &str) -> String {
+/// A pbrt file around these lines.
+pub fn pbrt(world: &str) -> String {
     format!("Camera \"perspective\"\nWorldBegin\nLightSource \"point\"\n{world}\n")
 }
 
-fn mitsuba(inside: &str) -> String {
+/// A Mitsuba file around these lines.
+pub fn mitsuba(inside: &str) -> String {
     format!(
         "<scene version=\"3.0.0\">\n<integrator type=\"path\"/><sensor type=\"perspective\"><float name=\"fov\" \
          value=\"40\"/></sensor>\n<emitter type=\"constant\"/>\n{inside}\n</scene>\n"

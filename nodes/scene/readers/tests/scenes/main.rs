@@ -1,5 +1,6 @@
 //! The kinds of this crate, run as the engine runs them: assets and scene files.
 
+mod costly_scenes;
 mod default_pose;
 mod fuzz;
 mod fuzz_scenes;

@@ -13,7 +13,7 @@ use std::{
     collections::{BTreeMap, BTreeSet},
 };
 
-/// External files by the URI that names them.
+/// External files by their [`relative_path`]: a file that has several spellings is there once.
 pub type Externals = BTreeMap<String, Vec<u8>>;
 
 /// A file taken apart.
@@ -201,7 +201,8 @@ pub fn relative_path(uri: &str) -> Option<String> {
     let path = String::from_utf8(bytes).ok()?.replace('\\', "/");
     let inside =
         !path.is_empty() && !path.contains(['\0', ':']) && path.split('/').all(|part| !part.is_empty() && part != "..");
-    inside.then_some(path)
+    let parts: Vec<&str> = path.split('/').filter(|part| *part != ".").collect();
+    (inside && !parts.is_empty()).then(|| parts.join("/"))
 }
 
 fn data_uri(uri: &str) -> Option<Vec<u8>> {
@@ -302,14 +303,14 @@ impl<'a> Document<'a> {
         if is_data(uri) {
             return data_uri(uri).map(Cow::Owned).ok_or_else(|| damaged(place, "a data URI that is not base64"));
         }
-        if relative_path(uri).is_none() {
+        let Some(path) = relative_path(uri) else {
             return Err(Refusal::new(
                 place,
                 format!("`{uri}` lies outside the file's folder"),
                 "put it beside the file or below and name it by a relative path",
             ));
-        }
-        let found = self.externals.get(uri).map(|bytes| Cow::Borrowed(bytes.as_slice()));
+        };
+        let found = self.externals.get(&path).map(|bytes| Cow::Borrowed(bytes.as_slice()));
         found.ok_or_else(|| Refusal::new(place, format!("`{uri}` is not there"), "put it beside the file"))
     }
 
@@ -342,7 +343,10 @@ mod tests {
     fn paths_stay_in_the_folder() {
         assert_eq!(relative_path("a%20b/c.png").as_deref(), Some("a b/c.png"));
         assert_eq!(relative_path("100%.png").as_deref(), Some("100%.png"));
-        for bad in ["", "/etc/passwd", "../x", "a/../../x", "%2e%2e/x", "http://x/y", "C:\\x", "a//b", "..\\x"] {
+        assert_eq!(relative_path("./a/%2E/./b.png").as_deref(), Some("a/b.png"));
+        for bad in
+            ["", ".", "./.", "/etc/passwd", "../x", "a/../../x", "%2e%2e/x", "http://x/y", "C:\\x", "a//b", "..\\x"]
+        {
             assert_eq!(relative_path(bad), None, "{bad}");
         }
     }

@@ -29,6 +29,9 @@ const MOST_TRIANGLES: usize = 8_000_000;
 /// Most mistakes in single primitives and materials that are told.
 const MOST_TOLD: usize = 200;
 
+/// Most shapes that a scene shows, each copy of each primitive.
+const MOST_SHOWN: usize = 1 << 20;
+
 /// Most vertices of an object: those of as many triangles that share none.
 const MOST_VERTICES: usize = 3 * MOST_TRIANGLES;
 
@@ -122,7 +125,7 @@ fn read_as(
     let instances = if purpose == Purpose::Scene { gathered(instances) } else { instances };
     let mut materials = Materials::new(document, most);
     let mut pieces: Vec<Shown> = Vec::new();
-    let (mut triangles, mut vertices) = (0usize, 0usize);
+    let (mut triangles, mut vertices, mut shown) = (0usize, 0usize, 0usize);
     for Instance { mesh: number, copies, skin, weights } in &instances {
         let place = format!("mesh {number}");
         let mesh = document.root.meshes.get(*number).ok_or_else(|| damaged(&place, "there is no such mesh"))?;
@@ -153,6 +156,11 @@ fn read_as(
                 let what =
                     format!("more than {MOST_TRIANGLES} triangles or {MOST_VERTICES} vertices, instances counted");
                 return Err(Refusal::new(place, what, "simplify the object"));
+            }
+            shown = shown.saturating_add(if shared { count } else { 1 });
+            if shown > MOST_SHOWN {
+                let what = format!("more than {MOST_SHOWN} shapes, each copy of each primitive counted");
+                return Err(Refusal::new(place, what, "join the primitives of a mesh, or show fewer copies"));
             }
             // Meshes without triangles need no copies.
             if piece.triangles.is_empty() || count == 0 {

@@ -9,7 +9,7 @@ use super::{
     purpose::Purpose,
 };
 use crate::assets::{
-    bounds::MOST_INSTANCES,
+    bounds,
     refusal::{Refusal, damaged},
 };
 use gltf::json::{Index, scene::Node};
@@ -125,7 +125,11 @@ impl Copies {
             if here > *left {
                 return Err(Refusal::new(
                     place,
-                    format!("{here} instances: with those before more than {MOST_INSTANCES}, the most for a file"),
+                    format!(
+                        "{here} instances: with those before more than {}, the most for a file of {} bytes",
+                        bounds::instances(document.bytes()),
+                        document.bytes()
+                    ),
                     "export fewer instances, or several of them as one mesh",
                 ));
             }
@@ -156,7 +160,7 @@ impl Pose {
         let root = &document.root;
         let mut seen: Vec<Option<Affine>> = vec![None; root.nodes.len()];
         let mut instances = Vec::new();
-        let (mut left, mut skinned, mut coincident) = (MOST_INSTANCES, BTreeSet::new(), 0);
+        let (mut left, mut skinned, mut coincident) = (bounds::instances(document.bytes()), BTreeSet::new(), 0);
         let mut stack: Vec<(usize, Affine)> = roots(document)?.into_iter().rev().map(|n| (n, IDENTITY)).collect();
         while let Some((number, above)) = stack.pop() {
             let place = format!("node {number}");

@@ -146,13 +146,23 @@ impl Builder<'_> {
         let Geometry::Mesh { mesh } = shape.geometry else { return shape.material };
         let [along, against] = self.turns.get(&mesh).copied().unwrap_or_default();
         let turned = shape.flip_normals != mirrors(&shape.to_world);
-        let bsdf = &self.materials[shape.material];
-        if !(if turned { against } else { along }) || !holds(bsdf, |b| matches!(b, Bsdf::NormalMap { .. })) {
+        if !(if turned { against } else { along }) {
             return shape.material;
         }
-        let mut bsdf = bsdf.clone();
-        plain_relief(&mut bsdf);
-        self.material(bsdf)
+        // Once for each material: there may be a million shapes.
+        if let Some(mapped) = self.mapped.get(&shape.material) {
+            return *mapped;
+        }
+        let bsdf = &self.materials[shape.material];
+        let mapped = if holds(bsdf, |b| matches!(b, Bsdf::NormalMap { .. })) {
+            let mut bsdf = bsdf.clone();
+            plain_relief(&mut bsdf);
+            self.material(bsdf)
+        } else {
+            shape.material
+        };
+        self.mapped.insert(shape.material, mapped);
+        mapped
     }
 
     /// Counts what is shown once more; false if it is too much.

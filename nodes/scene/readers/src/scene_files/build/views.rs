@@ -25,9 +25,12 @@ pub fn camera(to_world: &Affine, fov_x: f64, near: f64) -> Camera {
     Camera { origin, target: tauflow_data::geom::add(origin, forward), up: column(1), fov_x, near }
 }
 
+/// The remedy against a camera's mirroring transform.
+pub const UNMIRROR: &str = "take the mirroring scale out of the camera's transform";
+
 /// Turns left into right in all of a scene but its camera, which was mirrored: its picture is that of a plain camera in
-/// the mirrored scene.
-pub fn mirror(builder: &mut Builder<'_>, camera: &mut Camera) {
+/// the mirrored scene. `at` is where the camera stands, and `remedy` helps where normal maps do not allow it.
+pub fn mirror(builder: &mut Builder<'_>, camera: &mut Camera, at: &Place, remedy: &str) {
     const LEFT: Affine = [[-1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
     let flip = |v: &mut [f64; 3]| v[0] = -v[0];
     for shape in &mut builder.shapes {
@@ -43,12 +46,8 @@ pub fn mirror(builder: &mut Builder<'_>, camera: &mut Camera) {
     }
     [&mut camera.origin, &mut camera.target, &mut camera.up].into_iter().for_each(flip);
     if builder.materials.iter().any(|bsdf| holds(bsdf, maps_normals)) {
-        let at = Place::file("scene");
-        builder.problems.error(
-            &at,
-            "a mirrored camera with normal maps, whose green is then upside down",
-            "take the mirroring scale out of the camera's transform",
-        );
+        let what = "a mirrored camera with normal maps, whose green is then upside down";
+        builder.problems.error(at, what, remedy);
     }
 }
 

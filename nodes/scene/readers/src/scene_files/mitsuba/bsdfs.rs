@@ -72,8 +72,12 @@ impl<'t> MitsubaReader<'t, '_, '_> {
             "dielectric" | "roughdielectric" => self.dielectric(plugin),
             "thindielectric" => {
                 let [int_ior, ext_ior] = self.indices(plugin, BK7);
-                let [specular_reflectance, specular_transmittance] = self.specular(plugin)?;
-                Some(Bsdf::ThinDielectric { int_ior, ext_ior, specular_reflectance, specular_transmittance })
+                self.specular(plugin).map(|[specular_reflectance, specular_transmittance]| Bsdf::ThinDielectric {
+                    int_ior,
+                    ext_ior,
+                    specular_reflectance,
+                    specular_transmittance,
+                })
             }
             "plastic" | "roughplastic" => self.plastic(plugin),
             "principled" => self.principled(plugin),
@@ -144,23 +148,26 @@ impl<'t> MitsubaReader<'t, '_, '_> {
         Some([reflectance?, transmittance?])
     }
 
+    // All that a plugin may have is read before anything that is wrong ends its reading: what is unread is told as
+    // unsupported.
+
     /// The roughness of a rough plugin, and its facets if they are not GGX's of that roughness; 0 of a smooth plugin.
     fn facets(&mut self, plugin: &'t Plugin) -> Option<(f32, Facets)> {
         if !plugin.sort.starts_with("rough") {
             return Some((0.0, Facets::default()));
         }
-        let (alpha, across) = match (self.find(plugin, "alpha_u"), self.find(plugin, "alpha_v")) {
-            (Some(u), Some(v)) => match (self.roughness(u)?, self.roughness(v)?) {
-                (u, v) if u == v => (u, None),
-                (u, v) => (u, Some(v)),
+        let along = match (self.find(plugin, "alpha_u"), self.find(plugin, "alpha_v")) {
+            (Some(u), Some(v)) => match (self.roughness(u), self.roughness(v)) {
+                (Some(u), Some(v)) if u == v => Some((u, None)),
+                (u, v) => u.zip(v).map(|(u, v)| (u, Some(v))),
             },
             (None, None) => match self.find(plugin, "alpha") {
-                Some(property) => (self.roughness(property)?, None),
-                None => (Texture::scalar(0.1), None),
+                Some(property) => self.roughness(property).map(|alpha| (alpha, None)),
+                None => Some((Texture::scalar(0.1), None)),
             },
             _ => {
                 self.build.problems.error(&plugin.at, "one of `alpha_u` and `alpha_v`", "give both, or `alpha`");
-                return None;
+                None
             }
         };
         let beckmann = match self.text(plugin, "distribution").unwrap_or("beckmann") {
@@ -173,6 +180,7 @@ impl<'t> MitsubaReader<'t, '_, '_> {
             }
         };
         self.pass_over(plugin, &["sample_visible"]);
+        let (alpha, across) = along?;
         for texture in [&alpha].into_iter().chain(&across) {
             if let Texture::Constant { value } = texture {
                 self.build.check_alpha(f64::from(value[0]), &plugin.at);
@@ -197,7 +205,8 @@ impl<'t> MitsubaReader<'t, '_, '_> {
     }
 
     fn conductor(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
-        let (alpha, facets) = self.facets(plugin)?;
+        let facets = self.facets(plugin);
+        let specular_reflectance = self.texture_or(plugin, "specular_reflectance", Role::Share, 1.0);
         let mut complex = [None, None];
         for (value, name) in complex.iter_mut().zip(["eta", "k"]) {
             let Some(property) = self.find(plugin, name) else { continue };
@@ -223,33 +232,36 @@ impl<'t> MitsubaReader<'t, '_, '_> {
                 return None;
             }
         };
-        let specular_reflectance = self.texture_or(plugin, "specular_reflectance", Role::Share, 1.0)?;
+        let ((alpha, facets), specular_reflectance) = (facets?, specular_reflectance?);
         Some(facets.around(Bsdf::Conductor { eta, k, alpha, specular_reflectance }, false))
     }
 
     fn dielectric(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
-        let (alpha, facets) = self.facets(plugin)?;
+        let facets = self.facets(plugin);
         let [int_ior, ext_ior] = self.indices(plugin, BK7);
         let [specular_reflectance, specular_transmittance] = self.specular(plugin)?;
+        let (alpha, facets) = facets?;
         let made = Bsdf::Dielectric { int_ior, ext_ior, alpha, specular_reflectance, specular_transmittance };
         Some(facets.around(made, false))
     }
 
     fn plastic(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
-        let (alpha, facets) = self.facets(plugin)?;
+        let facets = self.facets(plugin);
         let [int_ior, ext_ior] = self.indices(plugin, POLYPROPYLENE);
-        let diffuse_reflectance = self.texture_or(plugin, "diffuse_reflectance", Role::Share, 0.5)?;
+        let diffuse_reflectance = self.texture_or(plugin, "diffuse_reflectance", Role::Share, 0.5);
         let nonlinear = self.flag(plugin, "nonlinear", false);
+        let coat = self.texture_or(plugin, "specular_reflectance", Role::Share, 1.0);
+        let (alpha, facets) = facets?;
         if facets.alpha.is_some() {
             let what = "a plastic whose `alpha` is a texture or depends on the direction";
             self.build.problems.error(&plugin.at, what, "use one number");
             return None;
         }
-        let coat = self.texture_or(plugin, "specular_reflectance", Role::Share, 1.0)?;
-        if coat != Texture::scalar(1.0) {
+        if coat? != Texture::scalar(1.0) {
             let what = "`specular_reflectance` of a plastic is not supported";
             self.build.problems.error(&plugin.at, what, "take it out");
         }
+        let diffuse_reflectance = diffuse_reflectance?;
         Some(facets.around(Bsdf::Plastic { diffuse_reflectance, int_ior, ext_ior, alpha }, nonlinear))
     }
 
@@ -302,13 +314,14 @@ impl<'t> MitsubaReader<'t, '_, '_> {
     }
 
     fn normal_map(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
-        let [inner] = self.nested(plugin)?;
-        let Some(property) = self.find(plugin, "normalmap") else {
+        let inner = self.nested(plugin);
+        let property = self.find(plugin, "normalmap");
+        if property.is_none() {
             self.build.problems.error(&plugin.at, "a normal map without `normalmap`", "name a texture so");
-            return None;
-        };
-        let map = self.texture(property, Role::Normals)?;
+        }
+        let map = property.and_then(|property| self.texture(property, Role::Normals));
         let [flip, shadowing] = self.relief_options(plugin);
+        let (map, [inner]) = (map?, inner?);
         self.check_relief(plugin, &inner);
         let inner = Box::new(inner);
         Some(match (flip, shadowing) {
@@ -318,7 +331,7 @@ impl<'t> MitsubaReader<'t, '_, '_> {
     }
 
     fn bump_map(&mut self, plugin: &'t Plugin) -> Option<Bsdf> {
-        let [inner] = self.nested(plugin)?;
+        let inner = self.nested(plugin);
         // The texture may have any name.
         let is_texture = |plugin: &Plugin| plugin.tag == "texture" || plugin.tag == "spectrum";
         let mut found = Vec::new();
@@ -330,18 +343,18 @@ impl<'t> MitsubaReader<'t, '_, '_> {
                 found.push(property);
             }
         }
+        let scale = self.number(plugin, "scale").unwrap_or(1.0) as f32;
+        let [flip, shadowing] = self.relief_options(plugin);
         let [property] = found.as_slice() else {
             let what = format!("a bump map with {} textures", found.len());
             self.build.problems.error(&plugin.at, what, "put one into it");
             return None;
         };
-        let map = self.texture(property, Role::Heights)?;
+        let (map, [inner]) = (self.texture(property, Role::Heights)?, inner?);
         if !matches!(map, Texture::Bitmap { .. } | Texture::Constant { .. }) {
             self.build.problems.error(&property.at, "a bump map that is no picture", "use a `bitmap`");
             return None;
         }
-        let scale = self.number(plugin, "scale").unwrap_or(1.0) as f32;
-        let [flip, shadowing] = self.relief_options(plugin);
         self.check_relief(plugin, &inner);
         Some(Bsdf::Relief { form: ReliefForm::Heights, map, scale, flip, shadowing, inner: Box::new(inner) })
     }

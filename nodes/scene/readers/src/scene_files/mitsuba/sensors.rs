@@ -44,6 +44,7 @@ impl<'t> MitsubaReader<'t, '_, '_> {
             }
             (Some(_), Some(_)) => {
                 self.build.problems.error(&plugin.at, "`fov` and `focal_length`", "give one of them");
+                plugin.properties.iter().for_each(|p| p.used.set(true));
                 return None;
             }
         };

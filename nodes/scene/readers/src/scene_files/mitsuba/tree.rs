@@ -86,6 +86,9 @@ const MOST_AGAIN: usize = 1 << 25;
 const MOST_EXPANDED: usize = 1 << 25;
 const MOST_ATTRIBUTES: usize = 64;
 
+/// Most namespaces of a file: Mitsuba knows none, and each element inside of some has them all.
+const MOST_NAMESPACES: usize = 16;
+
 /// Most bytes of a default's name: of a text behind a `$`, each prefix may be one.
 const LONGEST_NAME: usize = 256;
 
@@ -183,10 +186,9 @@ impl Parser<'_> {
     fn document(&mut self, name: &str, bytes: &[u8], depth: usize, into: &mut Vec<Property>) {
         let file = Place::file(name);
         let Some(text) = text_of(bytes, &file, self.problems) else { return };
-        if let Some(line) = crowded(text) {
+        if let Some((line, what)) = crowded(text) {
             let at = Place { file: name.into(), line };
-            let what = format!("an element of more than {MOST_ATTRIBUTES} attributes");
-            return self.problems.error(&at, what, "no element of Mitsuba has as many: take them out");
+            return self.problems.error(&at, what, "no file of Mitsuba has as many: take them out");
         }
         let options = ParsingOptions { allow_dtd: false, nodes_limit: 1 << 22, ..ParsingOptions::default() };
         let document = match Document::parse_with_options(text, options) {
@@ -407,9 +409,10 @@ impl Parser<'_> {
     }
 }
 
-/// The line of an element that has more attributes than any of Mitsuba's, if there is one.
-fn crowded(text: &str) -> Option<u32> {
-    let (mut line, mut rest) = (1, text);
+/// An element that has more attributes than any of Mitsuba's, or one namespace too many, if there is one: its line, and
+/// what it is.
+fn crowded(text: &str) -> Option<(u32, String)> {
+    let (mut line, mut rest, mut namespaces) = (1, text, 0);
     let skip = |rest: &mut &str, line: &mut u32, end: usize| {
         *line += rest[..end].bytes().filter(|b| *b == b'\n').count() as u32;
         *rest = &rest[end..];
@@ -427,6 +430,10 @@ fn crowded(text: &str) -> Option<u32> {
             match (quote, byte) {
                 (None, b'"' | b'\'') => quote = Some(byte),
                 (None, b'=') => count += 1,
+                (None, b'x') => {
+                    let begins = rest.as_bytes()[at - 1].is_ascii_whitespace();
+                    namespaces += usize::from(begins && rest.as_bytes()[at..].starts_with(b"xmlns"));
+                }
                 (None, b'>') => {
                     end = at + 1;
                     break;
@@ -436,7 +443,10 @@ fn crowded(text: &str) -> Option<u32> {
             }
         }
         if count > MOST_ATTRIBUTES {
-            return Some(line);
+            return Some((line, format!("an element of more than {MOST_ATTRIBUTES} attributes")));
+        }
+        if namespaces > MOST_NAMESPACES {
+            return Some((line, format!("more than {MOST_NAMESPACES} namespaces")));
         }
         skip(&mut rest, &mut line, end);
     }

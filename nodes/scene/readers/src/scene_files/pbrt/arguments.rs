@@ -7,8 +7,7 @@ use tauflow_data::geom::{Vec3, dot};
 impl<'t> PbrtReader<'t, '_, '_> {
     /// A parameter by name, which counts as read from now on.
     pub(super) fn find(&self, directive: &'t Directive, name: &str) -> Option<&'t Param> {
-        let own = directive.params.iter().find(|p| p.name == name);
-        let found = own.or_else(|| self.attribute(directive, name))?;
+        let found = directive.param(name).or_else(|| self.attribute(directive, name))?;
         found.used.set(true);
         Some(found)
     }
@@ -24,7 +23,7 @@ impl<'t> PbrtReader<'t, '_, '_> {
             _ => return None,
         };
         let fits = |of: &&&Directive| of.texts.first().is_some_and(|text| text == target);
-        given.iter().rev().filter(fits).find_map(|of| of.params.iter().find(|p| p.name == name))
+        given.iter().rev().filter(fits).find_map(|of| of.param(name))
     }
 
     pub(super) fn wrong(&mut self, param: &Param, wanted: &str) {
@@ -112,11 +111,14 @@ impl<'t> PbrtReader<'t, '_, '_> {
 
     /// Names what of a directive nothing read.
     pub(super) fn finish(&mut self, directive: &'t Directive) {
+        if directive.told.replace(true) {
+            return;
+        }
         let sort = directive.texts.last().map_or(String::new(), |t| format!(" `{t}`"));
         for param in directive.params.iter().filter(|p| !p.used.get()) {
             let what = format!("the parameter `{}` of {}{sort} is not supported", param.name, directive.name);
             self.build.problems.error(&param.at, what, "take it out");
-            // Told once: a directive may be used thousands of times.
+            // An attribute may give it to another directive.
             param.used.set(true);
         }
     }

@@ -253,16 +253,21 @@ fn latitudes(map: &Image, color: [f64; 3]) -> Image {
     let side = map.height();
     let (width, height) = (2 * side, side);
     let mut out = Image::new(width, height, 3);
+    // The sine and cosine of each angle that is sampled.
+    let angles = |count: usize, whole: f64| -> Vec<[f64; 2]> {
+        let at = |i: usize| (i as f64 + 0.5) / SAMPLES as f64;
+        let angle = |n: usize| ((n / SAMPLES) as f64 + at(n % SAMPLES)) / count as f64 * whole;
+        (0..count * SAMPLES).map(angle).map(|angle| [maths::sin(angle), maths::cos(angle)]).collect()
+    };
+    let (longitudes, polars) = (angles(width, 2.0 * PI), angles(height, PI));
     for y in 0..height {
         for x in 0..width {
             let mut sum = [0.0f64; 3];
             for sample in 0..SAMPLES * SAMPLES {
-                let at = |i: usize| (i as f64 + 0.5) / SAMPLES as f64;
-                let longitude = (x as f64 + at(sample % SAMPLES)) / width as f64 * 2.0 * core::f64::consts::PI;
-                let polar = (y as f64 + at(sample / SAMPLES)) / height as f64 * core::f64::consts::PI;
-                let ring = maths::sin(polar);
+                let [sin, cos] = longitudes[x * SAMPLES + sample % SAMPLES];
+                let [ring, up] = polars[y * SAMPLES + sample / SAMPLES];
                 // u = atan2(d.x, -d.z) / 2 pi, v = acos(d.y) / pi.
-                let d = [ring * maths::sin(longitude), maths::cos(polar), -ring * maths::cos(longitude)];
+                let d = [ring * sin, up, -ring * cos];
                 let texel = square(d).map(|t| ((t * side as f64) as usize).min(side - 1));
                 let value = map.pixel(texel[0], texel[1]);
                 sum.iter_mut().zip(value).for_each(|(s, v)| *s += f64::from(*v));

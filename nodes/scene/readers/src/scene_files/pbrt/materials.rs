@@ -216,7 +216,7 @@ impl<'t> PbrtReader<'t, '_, '_> {
 
     fn roughness(&mut self, directive: &'t Directive, name: &str) -> Option<f64> {
         let param = self.find(directive, name)?;
-        if let Some(Texture::Constant { value }) = self.texture_of(param, true) {
+        if let Texture::Constant { value } = self.texture_of(param, true)? {
             return Some(f64::from(value[0]));
         }
         self.wrong(param, "constant, and textures are not supported here");
@@ -255,16 +255,16 @@ impl<'t> PbrtReader<'t, '_, '_> {
 
     fn mix(&mut self, directive: &'t Directive) -> Option<Bsdf> {
         let param = self.find(directive, "materials");
+        let weight = match self.find(directive, "amount") {
+            Some(param) => self.texture_of(param, true),
+            None => Some(Texture::scalar(0.5)),
+        };
         let names = match param.map(|p| &p.values) {
             Some(Values::Texts(names)) if names.len() == 2 => names,
             _ => {
                 self.build.problems.error(&directive.at, "a mix of other than two materials", "name two");
                 return None;
             }
-        };
-        let weight = match self.find(directive, "amount") {
-            Some(param) => self.texture_of(param, true),
-            None => Some(Texture::scalar(0.5)),
         };
         let mut one = |name: &'t str| {
             let directive = self.named(name, &directive.at)?;

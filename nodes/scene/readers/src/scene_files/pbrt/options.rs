@@ -84,7 +84,9 @@ impl<'t> PbrtReader<'t, '_, '_> {
                 camera.up = unit(camera.up);
                 self.build.check_camera(&camera, &directive.at);
                 if !mirrors(&world) {
-                    mirror(self.build, &mut camera);
+                    let remedy =
+                        "write `Scale -1 1 1` before its `LookAt`, which mirrors the picture, or take `normalmap` out";
+                    mirror(self.build, &mut camera, &directive.at, remedy);
                 }
                 said.camera = Some(camera);
             }

@@ -6,7 +6,11 @@ use crate::scene_files::{
     given::{Given, text_of},
     problems::{Place, Problems},
 };
-use std::{cell::Cell, collections::BTreeSet, rc::Rc};
+use std::{
+    cell::{Cell, OnceCell},
+    collections::{BTreeMap, BTreeSet},
+    rc::Rc,
+};
 
 /// A parameter's values.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,9 +51,33 @@ pub struct Directive {
     pub numbers: Vec<f64>,
     /// Its parameters.
     pub params: Vec<Param>,
+    /// The first parameter of each name, of a directive with many: it may be used thousands of times.
+    index: OnceCell<BTreeMap<String, usize>>,
+    /// True once parameters that nobody read were told.
+    pub told: Cell<bool>,
 }
 
+/// Parameters up to which looking at each is quick.
+const FEW: usize = 16;
+
 impl Directive {
+    fn new(name: &str, at: Place) -> Self {
+        let (texts, numbers, params) = (Vec::new(), Vec::new(), Vec::new());
+        Self { name: name.to_owned(), at, texts, numbers, params, index: OnceCell::new(), told: Cell::new(false) }
+    }
+
+    /// A parameter by name: the first, if there are several.
+    pub fn param(&self, name: &str) -> Option<&Param> {
+        if self.params.len() <= FEW {
+            return self.params.iter().find(|param| param.name == name);
+        }
+        let index = self.index.get_or_init(|| {
+            let named = self.params.iter().enumerate().rev().map(|(number, param)| (param.name.clone(), number));
+            named.collect()
+        });
+        self.params.get(*index.get(name)?)
+    }
+
     /// Its name and the first text behind it.
     pub fn quoted(&self) -> String {
         match self.texts.first() {
@@ -191,9 +219,7 @@ impl Parser<'_> {
                     directive.numbers.push(word.parse().unwrap_or_default());
                 }
                 (Token::Word(word), _) if word.starts_with(|c: char| c.is_ascii_uppercase()) => {
-                    let texts = Vec::new();
-                    let next = Directive { name: word.to_owned(), at, texts, numbers: Vec::new(), params: Vec::new() };
-                    if let Some(done) = current.replace(next) {
+                    if let Some(done) = current.replace(Directive::new(word, at)) {
                         self.done(done, depth);
                     }
                 }
@@ -286,13 +312,7 @@ impl Parser<'_> {
         let again = !self.out.files.insert(path.clone());
         // Imports do not change the state.
         let alone = directive.name == "Import";
-        let mark = |name: &str| Directive {
-            name: name.to_owned(),
-            at: directive.at.clone(),
-            texts: Vec::new(),
-            numbers: Vec::new(),
-            params: Vec::new(),
-        };
+        let mark = |name: &str| Directive::new(name, directive.at.clone());
         if let Some(bytes) = self.given.read(path, &directive.at, self.problems) {
             self.again += if again { bytes.len() } else { 0 };
             if self.again > MOST_AGAIN {
@@ -309,7 +329,6 @@ impl Parser<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::collections::BTreeMap;
 
     fn parsed(text: &str, more: &[(&str, &str)]) -> (Parsed, Result<Vec<String>, String>) {
         let parts = more.iter().map(|(name, text)| (crate::scene_files::given::part(name), text.as_bytes().to_vec()));

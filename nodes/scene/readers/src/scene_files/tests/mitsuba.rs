@@ -378,3 +378,48 @@ fn hidden_emitters_are_those_of_the_integrator() {
     let told = load("a.xml", &of("path", mask), &[], false).expect_err("an approximation");
     assert!(told.contains("`hide_emitters` of `path` shows emitters through masks"), "{told}");
 }
+
+#[test]
+fn a_missing_picture_is_one_error_and_no_more() {
+    let picture = |name: &str| {
+        format!("<texture type=\"bitmap\" name=\"{name}\"><string name=\"filename\" value=\"nope.png\"/></texture>")
+    };
+    let ggx = "<string name=\"distribution\" value=\"ggx\"/>";
+    for (sort, name, more) in [
+        ("roughplastic", "diffuse_reflectance", "<boolean name=\"nonlinear\" value=\"true\"/>".to_owned()),
+        ("roughplastic", "alpha", "<float name=\"int_ior\" value=\"1.6\"/>".to_owned()),
+        ("plastic", "specular_reflectance", "<boolean name=\"nonlinear\" value=\"true\"/>".to_owned()),
+        ("roughconductor", "alpha", format!("<string name=\"material\" value=\"Au\"/>{ggx}")),
+        ("roughconductor", "alpha_u", format!("<float name=\"alpha_v\" value=\"0.2\"/>{ggx}")),
+        ("conductor", "specular_reflectance", "<string name=\"material\" value=\"Au\"/>".to_owned()),
+        ("roughdielectric", "alpha", format!("<string name=\"int_ior\" value=\"bk7\"/>{ggx}")),
+        ("dielectric", "specular_transmittance", "<float name=\"ext_ior\" value=\"1.1\"/>".to_owned()),
+        ("thindielectric", "specular_reflectance", "<float name=\"ext_ior\" value=\"1.1\"/>".to_owned()),
+        ("principled", "base_color", "<float name=\"roughness\" value=\"0.2\"/>".to_owned()),
+        ("mask", "opacity", "<bsdf type=\"diffuse\"/>".to_owned()),
+        ("blendbsdf", "weight", "<bsdf type=\"diffuse\"/><bsdf type=\"plastic\"/>".to_owned()),
+        (
+            "normalmap",
+            "normalmap",
+            "<bsdf type=\"diffuse\"/><boolean name=\"flip_invalid_normals\" value=\"false\"/>".to_owned(),
+        ),
+        ("bumpmap", "arbitrary", "<bsdf type=\"diffuse\"/><float name=\"scale\" value=\"2\"/>".to_owned()),
+    ] {
+        let inside = format!("<shape type=\"cube\"><bsdf type=\"{sort}\">{}{more}</bsdf></shape>", picture(name));
+        let told = load("a.xml", &xml(&inside), &[], false).expect_err(sort);
+        assert!(told.lines().count() == 1 && told.contains("`nope.png` is no file"), "{sort} {name}: {told}");
+    }
+    // In what is inside of a map.
+    let diffuse = format!("<bsdf type=\"diffuse\">{}</bsdf>", picture("reflectance"));
+    for map in ["<rgb name=\"normalmap\" value=\"0.5 0.5 1\"/>", ""] {
+        let sort = if map.is_empty() { "twosided" } else { "normalmap" };
+        let inside = format!("<shape type=\"cube\"><bsdf type=\"{sort}\">{map}{diffuse}</bsdf></shape>");
+        let told = load("a.xml", &xml(&inside), &[], false).expect_err("no picture");
+        assert!(told.lines().count() == 1 && told.contains("`nope.png` is no file"), "{sort}: {told}");
+    }
+    let envmap = "<emitter type=\"envmap\"><string name=\"filename\" value=\"no.exr\"/><float name=\"scale\" \
+                  value=\"2\"/>\
+                  </emitter>";
+    let told = load("a.xml", &xml(envmap).replace("<emitter type=\"constant\"/>", ""), &[], false);
+    assert_eq!(told.map(|_| ()).expect_err("no picture").lines().count(), 1);
+}

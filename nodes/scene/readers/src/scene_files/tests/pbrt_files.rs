@@ -154,3 +154,43 @@ fn roughness_along_u_and_v_is_read() {
     assert_eq!([alpha, alpha_v], [&Some(Texture::scalar(0.3)), &Some(Texture::scalar(0.5))]);
     assert!(matches!(**inner, Bsdf::Dielectric { .. }));
 }
+
+#[test]
+fn a_missing_texture_of_pbrt_is_one_error() {
+    for material in [
+        "\"mix\" \"string materials\" [\"a\"] \"float amount\" .3",
+        "\"conductor\" \"texture roughness\" \"none\" \"spectrum eta\" \"metal-Au-eta\" \"spectrum k\" \"metal-Au-k\"",
+        "\"conductor\" \"texture reflectance\" \"none\" \"float roughness\" .1",
+        "\"dielectric\" \"texture roughness\" \"none\" \"float eta\" 1.4",
+        "\"diffuse\" \"texture reflectance\" \"none\"",
+        "\"diffuse\" \"texture reflectance\" \"picture\"",
+    ] {
+        let text = format!(
+            "Camera \"perspective\"\nWorldBegin\nLightSource \"point\"\nTexture \"picture\" \"spectrum\" \"imagemap\" \
+             \"string filename\" \"no.png\" \"float scale\" 2\nMaterial {material}\nShape \"sphere\"\n"
+        );
+        let told = load("a.pbrt", &text, &[], true).expect_err(material);
+        assert_eq!(told.lines().count(), 1, "{material}: {told}");
+    }
+}
+
+#[test]
+fn files_of_version_3_are_known_by_more_than_materials() {
+    for line in [
+        "Film \"image\" \"integer xresolution\" 64",
+        "Sampler \"02sequence\"",
+        "Sampler \"lowdiscrepancy\" \"integer pixelsamples\" 4",
+        "Camera \"environment\"",
+        "LightSource \"infinite\" \"string mapname\" \"sky.exr\"",
+        "Shape \"hyperboloid\"",
+        "WorldEnd",
+        "Include \"old.pbrt\"",
+    ] {
+        let text = format!("Camera \"perspective\"\n{line}\nWorldBegin\nMaterial \"diffuse\"\nShape \"sphere\"\n");
+        let old = [("old.pbrt", b"Material \"matte\" \"rgb Kd\" [1 0 0]\n".to_vec())];
+        let told = load("a.pbrt", &text, &old, false).expect_err(line);
+        assert!(told.lines().count() == 1 && told.contains("pbrt-v3; convert it by `pbrt --upgrade"), "{line}: {told}");
+        let place = if line.starts_with("Include") { "old.pbrt: line 1: " } else { "a.pbrt: line 2: " };
+        assert!(told.starts_with(place), "{told}");
+    }
+}

@@ -1,0 +1,242 @@
+"""The network of trained models in PyTorch, and how weights and images become its inputs: docs/formats/model.md."""
+
+import math
+
+import torch
+from torch import nn
+from torch.nn import functional as F
+
+PLANS = {"tiny": ([32, 64, 96], 1, 1, 64), "small": ([48, 96, 160], 1, 2, 128), "base": ([96, 192, 384], 2, 2, 256)}
+CHANNELS, CLOCK, SIDES = 15, 14, (5, 3, 3, 3)
+WEIGHTS = sum(side * side for side in SIDES)
+BLACK, FLOOR, STEEPEST, MULTIPLE = 0.02, 0.05, 16.0, 8
+
+
+def network(preset, channels=CHANNELS, output="means", log=False):
+    """The network of a preset; see docs/formats/model.md."""
+    widths, blocks, convolutions, embedding = PLANS[preset]
+    numbers = 3 if output == "values" else WEIGHTS
+
+    class Step(nn.Module):
+        def __init__(self, channels, out=None):
+            super().__init__()
+            self.norm = nn.GroupNorm(channels // 8, channels, affine=False)
+            self.time = nn.Linear(embedding, 2 * channels)
+            self.conv = nn.Conv2d(channels, out or channels, 3, padding=1)
+
+        def before(self, x, time):
+            scale, shift = self.time(time)[:, :, None, None].chunk(2, 1)
+            return F.silu(torch.addcmul(shift, self.norm(x), 1 + scale))
+
+        def forward(self, x, time):
+            return self.conv(self.before(x, time))
+
+    class Block(nn.Module):
+        def __init__(self, channels):
+            super().__init__()
+            self.steps = nn.ModuleList(Step(channels) for _ in range(convolutions))
+
+        def forward(self, x, time):
+            branch = x
+            for step in self.steps:
+                branch = step(branch, time)
+            return x + branch
+
+    class Unet(nn.Module):
+        def __init__(self):
+            super().__init__()
+            level = lambda width: nn.ModuleList(Block(width) for _ in range(blocks))
+            first, second = nn.Linear(CLOCK, embedding), nn.Linear(embedding, embedding)
+            self.time = nn.Sequential(first, nn.SiLU(), second, nn.SiLU())
+            self.stem = nn.Conv2d(4 * channels, widths[0], 3, padding=1)
+            self.down = nn.ModuleList(level(w) for w in widths[:-1])
+            self.smaller = nn.ModuleList(nn.Conv2d(4 * a, b, 1) for a, b in zip(widths, widths[1:]))
+            self.middle = level(widths[-1])
+            self.larger = nn.ModuleList(nn.Conv2d(b, 4 * a, 1) for a, b in reversed(list(zip(widths, widths[1:]))))
+            self.skip = nn.ModuleList(nn.Conv2d(w, w, 1) for w in reversed(widths[:-1]))
+            self.up = nn.ModuleList(level(w) for w in reversed(widths[:-1]))
+            self.last = Step(widths[0], 4 * numbers)
+            if output == "shaded_means":
+                self.shade = nn.Conv2d(widths[0], 4 * 3, 3, padding=1)
+
+        def forward(self, x, clock, bases, albedo, state, gain):
+            time = self.time(clock)
+            x = self.stem(F.pixel_unshuffle(x, 2))
+            skips = []
+            for level, smaller in zip(self.down, self.smaller):
+                for block in level:
+                    x = block(x, time)
+                skips.append(x)
+                x = smaller(F.pixel_unshuffle(x, 2))
+            for block in self.middle:
+                x = block(x, time)
+            for level, larger, skip in zip(self.up, self.larger, self.skip):
+                x = F.pixel_shuffle(larger(x), 2) + skip(skips.pop())
+                for block in level:
+                    x = block(x, time)
+            x = self.last.before(x, time)
+            answer = F.pixel_shuffle(self.last.conv(x), 2)
+            if output == "values":
+                return answer
+            # One product of matrices (einsum) for it takes two to three times as long.
+            shares = answer.softmax(1)
+            mean = torch.stack([(bases[:, colour] * shares).sum(1) for colour in range(3)], 1)
+            if output == "shaded_means":
+                power = F.pixel_shuffle(self.shade(x), 2).exp()
+                mean = mean * (1 + 4 * power) / (4 + power)
+            mean = albedo * mean
+            return gain * ((mean.sign() * mean.abs().log1p() if log else mean) - state)
+
+    return Unet()
+
+
+def bases(light):
+    """What lies around each pixel of [N, 3, H, W] at each scale: [N, 3, WEIGHTS, H, W]."""
+    found = []
+    for scale, side in enumerate(SIDES):
+        small = F.avg_pool2d(light, 2**scale) if scale else light
+        count, colours, height, width = small.shape
+        padded = F.pad(small, (side // 2,) * 4, mode="replicate")
+        around = F.unfold(padded, side).view(count, colours, side * side, height, width)
+        found.append(around.repeat_interleave(2**scale, 3).repeat_interleave(2**scale, 4))
+    return torch.cat(found, 2)
+
+
+def channels(info):
+    return 15 if info["conditioning"] == "gbuffer" else 6
+
+
+def shapes(preset, channels, output="means"):
+    """Our matrices: names and shapes."""
+    widths, blocks, convolutions, embedding = PLANS[preset]
+    found = {"time.0": (CLOCK, embedding), "time.1": (embedding, embedding), "stem": (9 * 4 * channels, widths[0])}
+
+    def level(name, width):
+        for block in range(blocks):
+            for step in range(convolutions):
+                found[f"{name}.{block}.{step}.time"] = (embedding, 2 * width)
+                found[f"{name}.{block}.{step}"] = (9 * width, width)
+
+    for i, (width, lower) in enumerate(zip(widths, widths[1:])):
+        level(f"down.{i}", width)
+        found[f"down.{i}.out"] = (4 * width, lower)
+        found[f"up.{i}.in"] = (lower, 4 * width)
+        found[f"up.{i}.skip"] = (width, width)
+        level(f"up.{i}", width)
+    level("middle", widths[-1])
+    found["last.time"] = (embedding, 2 * widths[0])
+    found["head"] = (9 * widths[0], 4 * (3 if output == "values" else WEIGHTS))
+    if output == "shaded_means":
+        found["shade"] = (9 * widths[0], 4 * 3)
+    return {f"{name}.{part}": shape if part == "kernel" else (1, shape[1])
+            for name, shape in found.items() for part in ("kernel", "bias")}
+
+
+def place(name, levels):
+    """Where a layer of ours is in PyTorch's network, whose levels on the way up begin with the lowest."""
+    first, *rest = name.split(".")
+    up = lambda i: levels - 1 - int(i)
+    if first == "time":
+        return f"time.{2 * int(rest[0])}"
+    if first in ("stem", "shade"):
+        return first
+    if first == "head":
+        return "last.conv"
+    if first == "last":
+        return "last.time"
+    if first == "down" and rest[1] == "out":
+        return f"smaller.{rest[0]}"
+    if first == "up" and rest[1] in ("in", "skip"):
+        return f"{'larger' if rest[1] == 'in' else 'skip'}.{up(rest[0])}"
+    if first == "middle":
+        level = "middle"
+    else:
+        level, rest = f"{first}.{rest[0] if first == 'down' else up(rest[0])}", rest[1:]
+    block, step, *time = rest
+    return f"{level}.{block}.steps.{step}.{'time' if time else 'conv'}"
+
+
+def layout(name, kernel, bias):
+    """A layer's weights as PyTorch has them.
+
+    Four pixels in the channels of one: ours pixel by pixel, PyTorch's channel by channel.
+    """
+    outputs = kernel.shape[1]
+    if name in ("head", "shade") or name.endswith(".in"):
+        turn = lambda w: w.reshape(-1, 4, outputs // 4).transpose(1, 2).reshape(-1, outputs)
+        kernel, bias = turn(kernel), turn(bias)
+    steps = name.split(".")[-1].isdigit() and not name.startswith("time")
+    size = 3 if name in ("stem", "head", "shade") or steps else 1
+    weight = kernel.reshape(size, size, -1, outputs)
+    if name == "stem" or name.endswith(".out"):
+        weight = weight.reshape(size, size, 4, -1, outputs).transpose(2, 3).reshape(size, size, -1, outputs)
+    weight = weight.permute(3, 2, 0, 1)
+    return (weight[:, :, 0, 0] if "time" in name else weight), bias.reshape(-1)
+
+
+def state_dict(ours, preset):
+    """Our matrices as the weights of PyTorch's network."""
+    theirs, levels = {}, len(PLANS[preset][0]) - 1
+    for name in sorted({name.rsplit(".", 1)[0] for name in ours}):
+        weight, bias = layout(name, ours[f"{name}.kernel"], ours[f"{name}.bias"])
+        theirs[f"{place(name, levels)}.weight"], theirs[f"{place(name, levels)}.bias"] = weight, bias
+    return theirs
+
+
+def signed_log1p(x):
+    return x.sign() * x.abs().log1p()
+
+
+def signed_expm1(x):
+    return x.sign() * x.abs().expm1()
+
+
+def features(info, state, gbuffer):
+    """[1, C, H, W] of a state [1, 3, H, W] and a G-buffer [1, 6, H, W], with light and albedo."""
+    around = lambda x: F.avg_pool2d(x, 5, stride=1, padding=2, count_include_pad=False)
+    radiance = signed_expm1(state) if info["space"] == "log1p" else state
+    albedo = torch.ones_like(state) if gbuffer is None else gbuffer[:, :3].clamp(min=0) + BLACK
+    light = radiance / albedo
+    seen = signed_log1p(light)
+    mean = around(seen)
+    spread = (mean.abs() + around((seen - mean).abs())).expm1() - mean.abs().expm1()
+    found = [seen, signed_log1p((light - signed_expm1(mean)) / (FLOOR + spread))]
+    if gbuffer is not None:
+        found += [gbuffer, signed_log1p(radiance)]
+    return torch.cat(found, 1), light, albedo
+
+
+def ladder(info, tau):
+    """First and last sample count, and that at tau."""
+    first, last = info["counts"][0], info["counts"][-1]
+    return first, last, (first**-0.5 - tau * (first**-0.5 - last**-0.5)) ** -2
+
+
+def clock(info, tau):
+    _, last, count = ladder(info, tau)
+    angles = [math.pi * 2 ** (k / 2 - 1) * tau for k in range((CLOCK - 2) // 2)]
+    waves = [wave(angle) for angle in angles for wave in (math.sin, math.cos)]
+    return torch.tensor([[tau, math.log(count) / math.log(last), *waves]], dtype=torch.float64)
+
+
+def gain(info, tau):
+    first, last, count = ladder(info, tau)
+    unit = first**-0.5 - last**-0.5
+    return {
+        "mc_noise": count / last - 1,
+        "mc_velocity": unit * (count**0.5 + count / last**0.5),
+        "local_velocity": 2 * unit * count**0.5,
+        "vanilla_rf": min(1 / max(1 - tau, 1e-9), STEEPEST),
+    }[info["parameterization"]]
+
+
+def predict(info, net, state, gbuffer, tau):
+    """The prediction [H, W, 3] for a state [H, W, 3] and a G-buffer [H, W, 6], or None, in f64."""
+    height, width, _ = state.shape
+    beyond = (0, -width % MULTIPLE, 0, -height % MULTIPLE)
+    plane = lambda x: F.pad(x.permute(2, 0, 1)[None], beyond, mode="replicate")
+    state, gbuffer = plane(state), plane(gbuffer) if channels(info) == 15 else None
+    shown, light, albedo = features(info, state, gbuffer)
+    with torch.inference_mode():
+        found = net(shown, clock(info, tau), bases(light), albedo, state, gain(info, tau))
+    return found[0, :, :height, :width].permute(1, 2, 0)

@@ -1,0 +1,282 @@
+//! The images of scenes as frames of a viewer: rungs, refined images, G-buffers, variance.
+
+use super::{CliError, Failure, Sources, unread};
+use crate::{ids::PortId, query::Exposures};
+use std::collections::BTreeMap;
+use tauflow_contract::{Artifact, Context, ItemKey, KindError, Media as _};
+use tauflow_data::{
+    Image, VarianceTime,
+    records::{BridgeSteps, GBuffer, Ladder, PackedScene, Refined, RefinedImages, Verdict},
+};
+use tauflow_viewer::{Content, Frame, Scene, Track};
+
+const EXPOSED: &str = "exposed linear radiance";
+const RAW: &str = "raw linear radiance of the scene";
+
+/// The frames and tracks that were met so far.
+pub(super) struct Gallery<'a> {
+    ctx: &'a Context<'a>,
+    sources: &'a Sources<'a>,
+    exposures: &'a [Exposures],
+    tracks: Vec<Track>,
+    frames: Vec<Frame>,
+    /// Numbers of tracks by name, and of frames by identity.
+    places: BTreeMap<String, usize>,
+    /// The sample count that each frame stands at, if it has one.
+    counts: Vec<Option<u64>>,
+    /// The frame that is shown first: of the output that was asked for.
+    first: Option<usize>,
+}
+
+/// A scene as it grows.
+struct Growing<'s> {
+    scene: Scene,
+    name: &'s str,
+}
+
+impl<'a> Gallery<'a> {
+    pub(super) fn new(ctx: &'a Context<'a>, sources: &'a Sources<'a>, exposures: &'a [Exposures]) -> Self {
+        let (tracks, frames, places, counts) = Default::default();
+        Self { ctx, sources, exposures, tracks, frames, places, counts, first: None }
+    }
+
+    /// The scenes that are wanted.
+    pub(super) fn scenes(&self) -> Vec<String> {
+        self.sources.scenes.iter().cloned().collect()
+    }
+
+    /// The frames so far.
+    pub(super) fn frames(&self) -> &[Frame] {
+        &self.frames
+    }
+
+    /// The tracks so far.
+    pub(super) fn tracks(&self) -> &[Track] {
+        &self.tracks
+    }
+
+    /// The frame that is shown first.
+    pub(super) fn first(&self) -> usize {
+        self.first.unwrap_or(0)
+    }
+
+    /// Frames with their times, and tracks.
+    pub(super) fn finished(&self) -> (Vec<Frame>, Vec<Track>) {
+        // The clock of everything is that of the first ladder.
+        let rungs = self.frames.iter().zip(&self.counts).filter(|(frame, _)| frame.track == 0);
+        let rungs: Vec<u64> = rungs.filter_map(|(_, count)| *count).collect();
+        let ends = rungs.iter().min().zip(rungs.iter().max());
+        let clock = ends.and_then(|(first, last)| VarianceTime::new(*first, *last).ok());
+        let tau = |count: Option<u64>| Some(clock?.tau(count? as f64)).filter(|tau| tau.is_finite());
+        let timed = |(frame, count): (&Frame, &Option<u64>)| Frame { tau: tau(*count), ..frame.clone() };
+        (self.frames.iter().zip(&self.counts).map(timed).collect(), self.tracks.clone())
+    }
+
+    fn track(&mut self, name: &str, space: &str) -> usize {
+        let key = format!("track {name}");
+        *self.places.entry(key).or_insert_with(|| {
+            self.tracks.push(Track { name: name.to_owned(), space: space.to_owned(), raw: space == RAW });
+            self.tracks.len() - 1
+        })
+    }
+
+    fn frame(&mut self, track: usize, label: &str, content: Content, (order, count): (u64, Option<u64>)) -> usize {
+        let id = format!("{}/{label}", self.tracks[track].name);
+        *self.places.entry(format!("frame {id}")).or_insert_with(|| {
+            self.frames.push(Frame { id, track, label: label.to_owned(), content, order, tau: None });
+            self.counts.push(count);
+            self.frames.len() - 1
+        })
+    }
+
+    /// All images of a scene.
+    pub(super) fn scene(&mut self, name: &str) -> Result<Scene, Failure> {
+        let stratum = name.rsplit_once('-').filter(|(_, index)| index.bytes().all(|b| b.is_ascii_digit()));
+        let stratum = stratum.map_or("", |(stratum, _)| stratum).to_owned();
+        let scene = Scene { key: name.to_owned(), stratum, ..Scene::default() };
+        let mut growing = Growing { scene, name };
+        let key = ItemKey::new(name).map_err(|error| CliError::Bad(error.to_string()))?;
+        growing.scene.exposure = self.exposures.iter().find_map(|exposures| exposures.of_item(&key));
+        let sources = self.sources;
+        let family = &sources.family;
+        for output in &family.verdicts {
+            self.verdict(*output, &mut growing)?;
+        }
+        for output in &family.packed {
+            self.packed(*output, &mut growing)?;
+        }
+        for output in &family.ladders {
+            self.ladder(*output, &mut growing)?;
+        }
+        for output in &family.refined {
+            self.refined(*output, &mut growing)?;
+        }
+        for output in &family.gbuffers {
+            self.gbuffer(*output, &mut growing)?;
+        }
+        Ok(growing.scene)
+    }
+
+    /// Reads an item; what is lost is told apart from what cannot be read.
+    fn read<T>(
+        &self,
+        output: (usize, PortId),
+        key: &ItemKey,
+        load: impl FnOnce(&Context<'_>) -> Result<T, KindError>,
+    ) -> Result<T, Failure> {
+        load(self.ctx).map_err(|error| match error {
+            KindError::MissingBlob(_) => Failure::Lost(output),
+            other => Failure::Error(unread(key.as_str(), other)),
+        })
+    }
+
+    fn items(&self, output: (usize, PortId), name: &str) -> Vec<(ItemKey, Artifact)> {
+        self.sources.of_scene(output, name).to_vec()
+    }
+
+    fn node(&self, output: (usize, PortId)) -> &str {
+        &self.sources.pipeline.nodes[output.0].name
+    }
+
+    /// Name of the track of a node's cell.
+    fn name(&self, output: (usize, PortId), key: &ItemKey, more: &str) -> String {
+        let cell = key.split_cell().map_or("", |(cell, _)| cell);
+        let values: Vec<&str> =
+            cell.split(['+', '/']).filter_map(|pair| pair.split_once('=')).map(|(_, v)| v).collect();
+        let told: Vec<&str> = values.into_iter().chain([more]).filter(|text| !text.is_empty()).collect();
+        if told.is_empty() {
+            self.node(output).to_owned()
+        } else {
+            format!("{}: {}", self.node(output), told.join(", "))
+        }
+    }
+
+    /// Marks a frame as the first to be shown, if the output that was asked for has it.
+    fn begin_at(&mut self, output: (usize, PortId), frame: usize) {
+        if output == self.sources.own && self.first.is_none() {
+            self.first = Some(frame);
+        }
+    }
+
+    fn verdict(&self, output: (usize, PortId), growing: &mut Growing<'_>) -> Result<(), Failure> {
+        for (key, artifact) in self.items(output, growing.name) {
+            let verdict = self.read(output, &key, |ctx| Verdict::load(ctx, &artifact))?;
+            let factor = verdict.measures.get(Verdict::EXPOSURE).copied();
+            growing.scene.exposure = growing.scene.exposure.or(factor).filter(|v| v.is_finite() && *v > 0.0);
+            growing.scene.reasons = Some(verdict.reasons);
+            growing.scene.measures = verdict.measures;
+        }
+        Ok(())
+    }
+
+    fn packed(&mut self, output: (usize, PortId), growing: &mut Growing<'_>) -> Result<(), Failure> {
+        for (key, artifact) in self.items(output, growing.name) {
+            let packed = self.read(output, &key, |ctx| PackedScene::load(ctx, &artifact))?;
+            let name = self.name(output, &key, "rungs");
+            let track = self.track(&name, EXPOSED);
+            let mut own = None;
+            for (count, state) in packed.counts.iter().zip(packed.states) {
+                let frame = self.rung(track, *count);
+                self.begin_at(output, frame);
+                own = Some(frame);
+                growing.scene.images.push((frame, state));
+            }
+            growing.scene.reference = own.or(growing.scene.reference);
+            if let Some(gbuffer) = packed.gbuffer {
+                self.features(growing, gbuffer.channels_of(0..3), gbuffer.channels_of(3..6));
+            }
+        }
+        Ok(())
+    }
+
+    fn rung(&mut self, track: usize, count: u64) -> usize {
+        self.frame(track, &format!("{count} spp"), Content::Radiance, (count, Some(count)))
+    }
+
+    /// The rungs of a ladder that is not packed, and the variance of its samples.
+    fn ladder(&mut self, output: (usize, PortId), growing: &mut Growing<'_>) -> Result<(), Failure> {
+        let packed = growing.scene.reference.is_some();
+        for (key, artifact) in self.items(output, growing.name) {
+            let ladder = self.read(output, &key, |ctx| Ladder::load(ctx, &artifact))?;
+            if !packed {
+                let name = self.name(output, &key, "rungs");
+                let factor = growing.scene.exposure;
+                let track = self.track(&name, if factor.is_some() { EXPOSED } else { RAW });
+                for rung in ladder.rungs {
+                    let frame = self.rung(track, rung.spp);
+                    self.begin_at(output, frame);
+                    growing.scene.reference = Some(frame);
+                    let image = match factor {
+                        Some(factor) => rung.image.map(|v| (f64::from(v) * factor) as f32),
+                        None => rung.image,
+                    };
+                    growing.scene.images.push((frame, image));
+                }
+            }
+            let name = self.name(output, &key, "variance");
+            let track = self.track(&name, RAW);
+            let frame = self.frame(track, "variance", Content::Variance, (0, None));
+            growing.scene.images.push((frame, ladder.variance));
+        }
+        Ok(())
+    }
+
+    fn refined(&mut self, output: (usize, PortId), growing: &mut Growing<'_>) -> Result<(), Failure> {
+        for (key, artifact) in self.items(output, growing.name) {
+            let images: RefinedImages = self.read(output, &key, |ctx| {
+                if artifact.media == Refined::NAME {
+                    Ok(Refined::load(ctx, &artifact)?.images)
+                } else {
+                    Ok(BridgeSteps::load(ctx, &artifact)?.images)
+                }
+            })?;
+            let bridge = artifact.media == BridgeSteps::NAME;
+            // The last image of the first cell is shown first.
+            let fresh = self.first.is_none();
+            for (said, image) in images {
+                let cell = key.split_cell().map_or("", |(cell, _)| cell);
+                let method = if cell.contains(&format!("={}", said.method)) { "" } else { said.method.as_str() };
+                // The stops of a bridge are one track: from each rung to the next, and to the last.
+                let from = (!bridge && !cell.contains("from=")).then(|| format!("from {} spp", said.from_spp));
+                let more = [Some(method), from.as_deref()].into_iter().flatten().filter(|text| !text.is_empty());
+                let more: Vec<&str> = more.collect();
+                let track = self.track(&self.name(output, &key, &more.join(", ")), EXPOSED);
+                let (label, order) = if bridge {
+                    (
+                        format!("{} \u{2192} {} spp", said.from_spp, said.to_spp),
+                        said.from_spp.saturating_mul(1 << 20).saturating_add(said.to_spp),
+                    )
+                } else {
+                    (format!("NFE {}", said.nfe), said.nfe)
+                };
+                let frame = self.frame(track, &label, Content::Radiance, (order, Some(said.to_spp)));
+                if fresh && output == self.sources.own {
+                    self.first = Some(frame);
+                }
+                growing.scene.images.push((frame, image));
+            }
+        }
+        Ok(())
+    }
+
+    fn gbuffer(&mut self, output: (usize, PortId), growing: &mut Growing<'_>) -> Result<(), Failure> {
+        for (key, artifact) in self.items(output, growing.name) {
+            let gbuffer = self.read(output, &key, |ctx| GBuffer::load(ctx, &artifact))?;
+            self.features(growing, gbuffer.albedo, gbuffer.normal);
+        }
+        Ok(())
+    }
+
+    /// Albedo and normal, once for a scene.
+    fn features(&mut self, growing: &mut Growing<'_>, albedo: Image, normal: Image) {
+        let track = self.track("G-buffer", "features of the first hit");
+        for (order, label, content, image) in
+            [(0, "albedo", Content::Albedo, albedo), (1, "normal", Content::Normal, normal)]
+        {
+            let frame = self.frame(track, label, content, (order, None));
+            if growing.scene.images.iter().all(|(own, _)| *own != frame) {
+                growing.scene.images.push((frame, image));
+            }
+        }
+    }
+}
