@@ -1,5 +1,5 @@
-//! HTTP for `object_store`, by `ureq`: requests with time limits, one after the other in each thread. It counts requests
-//! and bytes, and remembers in plain words what failed last, without headers, queries and bodies of requests.
+//! HTTP for `object_store`, by `ureq`: requests with time limits, one after the other in each thread. It counts
+//! requests and bytes, and remembers in plain words what failed last, without headers, queries and bodies of requests.
 
 use crate::{address::is_loopback, traffic::Traffic};
 use async_trait::async_trait;

@@ -1,7 +1,7 @@
 //! An upstream in an object store or on a web server, through the crate `object_store`. Knows no contents.
 //!
-//! Credentials come from the environment, as each service documents it. No error repeats what a server answered, because
-//! that may contain tokens.
+//! Credentials come from the environment, as each service documents it. No error repeats what a server answered,
+//! because that may contain tokens.
 
 use crate::{
     UpstreamError,

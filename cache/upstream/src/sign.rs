@@ -1,7 +1,7 @@
 //! Keys and signatures of indices, in the format of `minisign`.
 //!
-//! An index names its pack, its blobs and its records by digest. Its signature therefore covers all that it lists. Secret
-//! keys have a format of their own, because they are made and used here only.
+//! An index names its pack, its blobs and its records by digest. Its signature therefore covers all that it lists.
+//! Secret keys have a format of their own, because they are made and used here only.
 
 use crate::{UpstreamError, error::At, folder::read_plain};
 use base64::{Engine as _, engine::general_purpose::STANDARD};
