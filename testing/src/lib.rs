@@ -68,7 +68,7 @@ pub enum Need {
 
 impl Need {
     /// All needs with their names in `TAUFLOW_REQUIRE`.
-    pub const ALL: [(&'static str, Self); 24] = [
+    pub const ALL: [(&'static str, Self); 25] = [
         ("advisories", Self::Advisories),
         ("avx2", Self::Avx2),
         ("avx512", Self::Avx512),
