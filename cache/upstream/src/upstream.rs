@@ -67,6 +67,9 @@ impl Draft {
     }
 }
 
+/// What is done with each index: its bytes, or why they are not used.
+pub(crate) type EachIndex<'a> = dyn FnMut(&Digest, Result<Vec<u8>, String>) + 'a;
+
 /// A pack that is open for reading.
 pub(crate) struct Pack {
     /// The digest by which it is named.
@@ -331,11 +334,7 @@ impl Upstream {
     ///
     /// # Errors
     /// When the upstream fails, or `each` does.
-    pub(crate) fn each_index(
-        &self,
-        digests: &[Digest],
-        each: &mut dyn FnMut(&Digest, Result<Vec<u8>, String>),
-    ) -> Result<(), UpstreamError> {
+    pub(crate) fn each_index(&self, digests: &[Digest], each: &mut EachIndex<'_>) -> Result<(), UpstreamError> {
         let at_once = if matches!(self.place, Place::Folder(_)) { 1 } else { AT_ONCE };
         for some in digests.chunks(at_once) {
             let read: Vec<Result<Vec<u8>, Failure>> = thread::scope(|scope| {
