@@ -302,6 +302,9 @@ fn serialized() -> Vec<u8> {
     zip.finish().expect("in memory")
 }
 
+/// Turns that a busy machine takes, too: enough for scenes of each format to be read, and to be refused.
+const LEAST_TURNS: u64 = 120;
+
 /// The words of the grammar of a file.
 fn grammar(name: &str) -> Vec<&'static str> {
     let words = match name.rsplit('.').next() {
@@ -398,7 +401,7 @@ fn fuzz_scenes() {
     let mut counts: BTreeMap<&str, [u64; 2]> = BTreeMap::new();
     let (mut slowest, mut largest) = (Duration::ZERO, 0);
     for turn in 0u64.. {
-        if begun.elapsed().as_secs_f64() >= seconds {
+        if begun.elapsed().as_secs_f64() >= seconds && turn >= LEAST_TURNS {
             break;
         }
         let scene = &scenes[draw.below(scenes.len())];
