@@ -16,8 +16,13 @@ use crate::{
 use clap::Args;
 use formats::{Format, Writer};
 use std::{path::PathBuf, sync::atomic::AtomicBool};
-use tauflow_contract::{Artifact, Collection, Context, ItemKey, KindError, Radiance, Silent, WriteFiles as _};
-use tauflow_data::folder::{self, DiskFolder, ExportedItem, Manifest};
+use tauflow_contract::{
+    Artifact, Collection, Context, ItemKey, KindError, Media as _, Radiance, Silent, WriteFiles as _,
+};
+use tauflow_data::{
+    folder::{self, DiskFolder, ExportedItem, Manifest},
+    records::Refined,
+};
 
 /// Arguments of `export`.
 #[derive(Args)]
@@ -50,8 +55,13 @@ pub(crate) fn export(args: &ExportArgs, registry: &Registry, cache: &CacheAt) ->
     let ctx = Context::new(&reading, &Silent, &stop);
     // An exposure that cannot be read is unknown.
     let exposures = Exposures::of(&asked, &ctx, &|of| collection(of, &store).ok());
-    let radiance =
-        |key: &ItemKey| Radiance { exposure: exposures.of_item(key), raw: args.raw || exposures.is_unexposed() };
+    // Images that nothing has exposed, such as those of an external renderer: raw radiance, times 1.
+    let made = pipeline.nodes[asked.node].spec.outputs[asked.port.place()].media;
+    let unexposed = made == Refined::NAME && exposures.is_unexposed();
+    let radiance = |key: &ItemKey| match unexposed {
+        true => Radiance { exposure: Some(1.0), raw: true },
+        false => Radiance { exposure: exposures.of_item(key), raw: args.raw },
+    };
     let mut out = DiskFolder::new(&args.out);
     folder::begin(&out).map_err(unwritten)?;
     let mut restored = false;

@@ -57,17 +57,14 @@ impl Exposures {
         Self { by_scene: found, unexposed }
     }
 
-    /// True if the node reads no exposure, directly or through other nodes: its images are raw radiance, such as those
-    /// of an external renderer.
+    /// True if the node reads no exposure, directly or through other nodes: all its images are raw radiance, such as
+    /// those of an external renderer.
     pub fn is_unexposed(&self) -> bool {
         self.unexposed
     }
 
     /// The exposure of an item, whose key is that of its scene, or ends with it after the texts of cells.
     pub fn of_item(&self, key: &ItemKey) -> Option<f64> {
-        if self.unexposed {
-            return Some(1.0);
-        }
         let mut rest = key.as_str();
         loop {
             if let Some(factor) = self.by_scene.get(rest) {

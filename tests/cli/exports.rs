@@ -67,6 +67,7 @@ fn raw_undoes_the_exposure_and_metadata_names_space_and_factor() {
             // The ladder's own radiance, but for rounding.
             let (own, of_ladder) = &ladders[item];
             assert_eq!((&of_ladder["space"], &of_ladder["exposure"]), (&"raw_radiance".into(), &1.0.into()));
+            assert!(of_ladder.get("scene_exposure").is_none(), "nobody told the ladder of it: {of_ladder}");
             assert!(own.iter().any(|value| *value > 0.0) && own.len() == undone.len());
             for ((own, undone), exposed) in own.iter().zip(undone).zip(values) {
                 assert!((own - undone).abs() <= 1e-5 * own.abs(), "{node}/{item}: {own} {undone}");
