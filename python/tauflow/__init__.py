@@ -9,7 +9,7 @@ from ._errors import TauflowError
 from ._images import EXPOSED, RAW, Image
 from ._items import Item, Node
 from ._open import Pipeline, Results, open, program
-from .exr import read_channels, read_layers
+from .exr import read_channels, read_layers, write_layers
 
 __all__ = [
     "EXPOSED",
@@ -24,4 +24,5 @@ __all__ = [
     "program",
     "read_channels",
     "read_layers",
+    "write_layers",
 ]

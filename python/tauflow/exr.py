@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from typing import Dict, List, Tuple, Union
+from typing import Dict, List, Mapping, Tuple, Union
 
 import numpy as np
 
@@ -172,3 +172,49 @@ def read_layers(path: Union[str, os.PathLike]) -> Dict[str, np.ndarray]:
         layer: np.stack([values.astype(np.float32) for _, values in sorted(channels, key=order)], axis=-1)
         for layer, channels in layers.items()
     }
+
+
+def write_layers(path: Union[str, os.PathLike], layers: Mapping[str, np.ndarray]) -> None:
+    """Writes layers by name, each [height, width, channels] with 1 or 3 channels, as float32 without compression.
+
+    `{"": image}` is a plain image. Raises TauflowError if shapes differ or the file cannot be written.
+    """
+    path, channels = os.fspath(path), {}
+    for layer, values in layers.items():
+        data = np.asarray(values, dtype="<f4")
+        data = data[:, :, None] if data.ndim == 2 else data
+        if data.ndim != 3 or data.shape[2] not in (1, 3) or data.size == 0:
+            raise TauflowError(f"{path}: layer `{layer}` has the shape {data.shape}; it is [height, width, 1 or 3]")
+        for letter, plane in zip("RGB" if data.shape[2] == 3 else "Y", np.moveaxis(data, 2, 0)):
+            channels[f"{layer}.{letter}" if layer else letter] = plane
+    shapes = {plane.shape for plane in channels.values()}
+    if len(shapes) != 1:
+        raise TauflowError(f"{path}: layers must have one size, and there must be one; they have {sorted(shapes)}")
+    (height, width), names = shapes.pop(), sorted(channels)
+    text = lambda value: value.encode() + b"\0"
+    listed = b"".join(text(name) + struct.pack("<4i", 2, 0, 1, 1) for name in names) + b"\0"
+    window = struct.pack("<4i", 0, 0, width - 1, height - 1)
+    header = struct.pack("<2i", _MAGIC, 2)
+    for name, kind, value in [
+        ("channels", "chlist", listed),
+        ("compression", "compression", b"\0"),
+        ("dataWindow", "box2i", window),
+        ("displayWindow", "box2i", window),
+        ("lineOrder", "lineOrder", b"\0"),
+        ("pixelAspectRatio", "float", struct.pack("<f", 1)),
+        ("screenWindowCenter", "v2f", struct.pack("<2f", 0, 0)),
+        ("screenWindowWidth", "float", struct.pack("<f", 1)),
+    ]:
+        header += text(name) + text(kind) + struct.pack("<i", len(value)) + value
+    header += b"\0"
+    size = 4 * width * len(names)
+    start = len(header) + 8 * height
+    offsets = start + (8 + size) * np.arange(height, dtype="<u8")
+    lines = np.stack([channels[name] for name in names], axis=1).reshape(height, -1)
+    try:
+        with open(path, "wb") as file:
+            file.write(header + offsets.tobytes())
+            for y, line in enumerate(lines):
+                file.write(struct.pack("<2i", y, size) + line.tobytes())
+    except OSError as error:
+        raise TauflowError(f"{path}: {error.strerror or error}") from None

@@ -99,3 +99,28 @@ def test_what_is_unsupported_is_named(tmp_path):
         file.write_bytes(header([("R", 2)], (4, 4), compression, version) + b"\0" * 100)
         with pytest.raises(tauflow.TauflowError, match=part):
             tauflow.read_channels(file)
+
+
+def test_written_layers_come_back(tmp_path):
+    path = tmp_path / "x.exr"
+    draw = np.random.default_rng(1)
+    layers = {"": draw.normal(size=(5, 7, 3)), "depth": draw.normal(size=(5, 7, 1))}
+    layers = {name: layer.astype(np.float32) for name, layer in layers.items()}
+    layers[""][0, 0] = [np.nan, np.inf, 1e30]
+    tauflow.write_layers(path, layers)
+    found = tauflow.read_layers(path)
+    assert {name: layer.tobytes() for name, layer in found.items()} == {n: a.tobytes() for n, a in layers.items()}
+    with pytest.raises(tauflow.TauflowError, match="must have one size"):
+        tauflow.write_layers(path, {"": layers[""], "depth": np.zeros((5, 6))})
+    with pytest.raises(tauflow.TauflowError, match=r"it is \[height, width, 1 or 3\]"):
+        tauflow.write_layers(path, {"": np.zeros((5, 6, 2))})
+    with pytest.raises(tauflow.TauflowError, match="nowhere"):
+        tauflow.write_layers(tmp_path / "nowhere" / "x.exr", layers)
+
+
+def test_written_layers_are_read_by_openexr(tmp_path):
+    package = pytest.importorskip("OpenEXR")
+    image = np.random.default_rng(2).normal(size=(6, 4, 3)).astype(np.float32)
+    tauflow.write_layers(tmp_path / "x.exr", {"": image})
+    with package.File(str(tmp_path / "x.exr")) as file:
+        assert np.array_equal(file.channels()["RGB"].pixels, image)

@@ -142,3 +142,27 @@ fn the_denoiser_of_the_manual_is_a_method_in_the_tables_of_the_quickstart() {
     let page = fs::read_to_string(place.path("out/with_box/report.html")).expect("written");
     assert!(page.contains("</span>box</td>"), "the report shows the program");
 }
+
+#[test]
+fn programs_of_one_machine_do_not_run_on_another_that_has_the_upstream() {
+    let place = place();
+    place.off("a", &["run", "small.yaml"]).ends(0);
+    assert_eq!(ran(&place), counts(&[("numbers", 2), ("doubled", 3), ("total", 1)]));
+    place.on("a", &["cache", "push", "small.yaml"]).ends(0);
+    // What is declared to be the same everywhere is shared.
+    place.on("b", &["run", "small.yaml"]).ends(0);
+    assert_eq!(ran(&place), counts(&[("doubled", 3), ("total", 1)]));
+    place.on("a", &["cache", "push", "--all"]).ends(0);
+    for (machine, more) in [("c", &[][..]), ("d", &["--no-rollup"]), ("e", &["--executor", "process"])] {
+        let said = place.on(machine, &[&["run", "small.yaml"], more].concat()).ends(0);
+        assert_eq!(ran(&place), BTreeMap::new());
+        assert!(said.err.contains("nothing to do"), "{}", said.err);
+    }
+    place.on("f", &["cache", "pull"]).ends(0);
+    place.off("f", &["run", "small.yaml"]).ends(0);
+    assert_eq!(ran(&place), BTreeMap::new());
+    // A file that only the program knew of differs here.
+    place.write("list/numbers", "1 2 3 40");
+    place.on("g", &["run", "small.yaml"]).ends(0);
+    assert_eq!(ran(&place), counts(&[("numbers", 2), ("doubled", 1), ("total", 1)]));
+}

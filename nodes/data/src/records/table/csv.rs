@@ -28,8 +28,8 @@ pub fn cells(table: &ScoreTable) -> String {
     out
 }
 
-/// Every score: one row for each item and cell, one column for each metric. An infinite PSNR is `inf`. If the stratum is
-/// an axis, its column is that of the axis.
+/// Every score: one row for each item and cell, one column for each metric. An infinite PSNR is `inf`. A stratum that
+/// is an axis has one column.
 pub fn items(table: &ScoreTable) -> String {
     let own = table.own_stratum();
     let mut out = format!("item,{}{}{}\n", if own { "stratum," } else { "" }, axes(table), METRICS.join(","));

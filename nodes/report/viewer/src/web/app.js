@@ -53,7 +53,9 @@ async function refresh() {
   const token = ++now.token, scene = state.scene;
   try {
     const data = await sceneData(scene);
-    const [a, b] = [nearest(data, state.a), nearest(data, state.b ?? defaultB(data))];
+    const a = nearest(data, state.a);
+    // Features are compared with what is chosen, but not with the reference by themselves.
+    const b = nearest(data, state.b ?? (a !== null && index.frames[a].content === "radiance" ? defaultB(data) : null));
     const images = await Promise.all([a, b].map((frame) => frame === null ? null : imageOf(data, frame)));
     if (token !== now.token) return;
     const resized = !now.a || images[0].w !== now.a.w || images[0].h !== now.a.h;
