@@ -114,8 +114,8 @@ fn artifact_in_full(ctx: &Context<'_>, key: &ItemKey, artifact: &Artifact) -> Re
     let mut sorted: Vec<(&String, &Vec<u8>)> = files.iter().collect();
     sorted.sort_by_key(depth);
     // Of a ladder, the last picture has the most samples.
-    let previews = sorted.iter().filter(|(name, _)| name.ends_with(".png") && !name.contains('/'));
-    let shown = previews.last().and_then(|(name, png)| Some((name, thumbnail(png, "  ")?)));
+    let mut previews = sorted.iter().filter(|(name, _)| name.ends_with(".png") && !name.contains('/'));
+    let shown = previews.next_back().and_then(|(name, png)| Some((name, thumbnail(png, "  ")?)));
     if let Some((name, orders)) = shown {
         outln!("  {key}/{name}");
         output::picture(&orders);
