@@ -30,12 +30,20 @@ mod show;
 mod status;
 mod terminal;
 mod tev;
+mod thumbnail;
 mod upstream;
 mod view;
 
 pub(crate) use output::{bytes_text, counted, seconds_text, table};
 
-use crate::{diagnostics::Problems, engine::EngineError, kinds::Registry, pipeline, pipeline::Pipeline, registry};
+use crate::{
+    diagnostics::{self, Problems},
+    engine::EngineError,
+    kinds::Registry,
+    pipeline,
+    pipeline::Pipeline,
+    registry,
+};
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use std::{
     cell::OnceCell,
@@ -233,9 +241,20 @@ impl PipelineArgs {
     }
 }
 
+/// A mistyped command with the one command that is nearest, as everywhere else. Clap prefers long names.
+fn suggested(mut error: clap::Error) -> clap::Error {
+    use clap::error::{ContextKind, ContextValue};
+    let Some(ContextValue::String(typed)) = error.get(ContextKind::InvalidSubcommand) else { return error };
+    let command = Cli::command();
+    if let Some(near) = diagnostics::nearest(typed, command.get_subcommands().map(clap::Command::get_name)) {
+        error.insert(ContextKind::SuggestedSubcommand, ContextValue::Strings(vec![near.to_owned()]));
+    }
+    error
+}
+
 /// Runs the program with the process's arguments.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = Cli::try_parse().unwrap_or_else(|error| suggested(error).exit());
     let registry = registry::registry();
     let (upstream, upstream_key) = (cli.upstream, cli.upstream_key);
     let cache = CacheAt { cache: cli.cache, upstream, upstream_key, reader: OnceCell::new() };

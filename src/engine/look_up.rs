@@ -113,7 +113,10 @@ impl Catalog<'_> {
         }
         merged.sort_by(|a, b| a.0.cmp(&b.0));
         Ok(match merged.windows(2).find(|pair| pair[0].0 == pair[1].0) {
-            Some(pair) => Merged::Failed(format!("two nodes on input `{}` produce an item `{}`", of.port, pair[0].0)),
+            Some(pair) => Merged::Failed(format!(
+                "two nodes on input `{}` produce an item `{}`; give each a matrix axis of its own",
+                of.port, pair[0].0
+            )),
             None => Merged::Whole(Arc::new(Sharded::of(merged))),
         })
     }
