@@ -21,13 +21,15 @@ def main():
     options = parser.parse_args()
     pipeline = tauflow.open("pipelines/adapter.yaml", profile=options.profile, cache=options.cache)
     sets = {}
-    for item in pipeline["frozen_samples"].values():
-        sets.setdefault(item.key.rsplit("-", 1)[0], []).append(item.image("frozen.exr").data)
+    for node, steps in [("samples", "few steps"), ("frozen_samples", "many steps")]:
+        for item in pipeline[node].values():
+            name = f"{item.key.rsplit('-', 1)[0]}, {steps}"
+            sets.setdefault(name, []).append(item.image("frozen.exr").data)
     sets["held_out"] = [item.rung(item.rungs[-1]).preview() for item in pipeline["held_out"].values()]
     for name, images in sets.items():
         images = np.stack(images).astype(np.float64)
         neighbours, contrast = np.abs(np.diff(images, axis=2)).mean(), images.std((1, 2)).mean()
-        print(f"{name:20} {len(images):5} images  neighbours {neighbours:.3f}  contrast {contrast:.3f}")
+        print(f"{name:26} {len(images):5} images  neighbours {neighbours:.3f}  contrast {contrast:.3f}")
 
 
 main()

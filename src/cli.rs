@@ -30,12 +30,20 @@ mod show;
 mod status;
 mod terminal;
 mod tev;
+mod thumbnail;
 mod upstream;
 mod view;
 
 pub(crate) use output::{bytes_text, counted, seconds_text, table};
 
-use crate::{diagnostics::Problems, engine::EngineError, kinds::Registry, pipeline, pipeline::Pipeline, registry};
+use crate::{
+    diagnostics::{self, Problems},
+    engine::EngineError,
+    kinds::Registry,
+    pipeline,
+    pipeline::Pipeline,
+    registry,
+};
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use std::{
     cell::OnceCell,
@@ -44,7 +52,7 @@ use std::{
     sync::Arc,
 };
 use tauflow_cache::{CacheError, Store};
-use tauflow_upstream::Reader;
+use tauflow_upstream::{Address, PublicKey, Reader};
 
 /// The result of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -112,10 +120,15 @@ struct Cli {
     /// Cache directory. Default: $TAUFLOW_CACHE, else `cache/store` in this checkout, else `.tauflow` here.
     #[arg(long, global = true, value_name = "DIR")]
     cache: Option<PathBuf>,
-    /// Upstream: a directory that several machines share, where results are looked up that the cache lacks. Default:
-    /// $TAUFLOW_UPSTREAM, else `upstream` in the user's configuration. An empty value uses none.
-    #[arg(long, global = true, value_name = "DIR")]
+    /// Upstream: a directory or object store (s3://BUCKET/PREFIX, gs://, az://, https://) that several machines share,
+    /// where results are looked up that the cache lacks. Default: $TAUFLOW_UPSTREAM, else `upstream` in the user's
+    /// configuration. An empty value uses none.
+    #[arg(long, global = true, value_name = "DIR|URL")]
     upstream: Option<String>,
+    /// Use only packs of the upstream that this public key has signed: the key, or its file. Default:
+    /// $TAUFLOW_UPSTREAM_KEY, else `upstream_key` in the user's configuration. An empty value uses none.
+    #[arg(long, global = true, value_name = "KEY")]
+    upstream_key: Option<String>,
     #[command(subcommand)]
     command: Command,
 }
@@ -228,11 +241,23 @@ impl PipelineArgs {
     }
 }
 
+/// A mistyped command with the one command that is nearest, as everywhere else. Clap prefers long names.
+fn suggested(mut error: clap::Error) -> clap::Error {
+    use clap::error::{ContextKind, ContextValue};
+    let Some(ContextValue::String(typed)) = error.get(ContextKind::InvalidSubcommand) else { return error };
+    let command = Cli::command();
+    if let Some(near) = diagnostics::nearest(typed, command.get_subcommands().map(clap::Command::get_name)) {
+        error.insert(ContextKind::SuggestedSubcommand, ContextValue::Strings(vec![near.to_owned()]));
+    }
+    error
+}
+
 /// Runs the program with the process's arguments.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = Cli::try_parse().unwrap_or_else(|error| suggested(error).exit());
     let registry = registry::registry();
-    let cache = CacheAt { cache: cli.cache, upstream: cli.upstream, reader: OnceCell::new() };
+    let (upstream, upstream_key) = (cli.upstream, cli.upstream_key);
+    let cache = CacheAt { cache: cli.cache, upstream, upstream_key, reader: OnceCell::new() };
     let result = match cli.command {
         Command::Run(args) => run::run(&args, &registry, &cache),
         Command::Status(args) => status::status(&args, &cache),
@@ -278,6 +303,7 @@ pub fn main() -> ExitCode {
 pub(crate) struct CacheAt {
     cache: Option<PathBuf>,
     upstream: Option<String>,
+    upstream_key: Option<String>,
     /// What reads the upstream, once a command needs it.
     reader: OnceCell<Option<Arc<Reader>>>,
 }
@@ -315,8 +341,13 @@ impl CacheAt {
     }
 
     /// The upstream that the user chose.
-    pub(crate) fn upstream(&self) -> Result<Option<PathBuf>, CliError> {
+    pub(crate) fn upstream(&self) -> Result<Option<Address>, CliError> {
         upstream::chosen(self.upstream.as_deref())
+    }
+
+    /// The key to which the upstream is pinned.
+    pub(crate) fn upstream_key(&self) -> Result<Option<PublicKey>, CliError> {
+        upstream::chosen_key(self.upstream_key.as_deref())
     }
 
     /// What reads the upstream, if there is one; all stores of this process share it.
@@ -324,7 +355,10 @@ impl CacheAt {
         if let Some(reader) = self.reader.get() {
             return Ok(reader.clone());
         }
-        let reader = self.upstream()?.map(upstream::reader);
+        let reader = match self.upstream()? {
+            Some(address) => Some(upstream::reader(address, self.upstream_key()?, self.folder())),
+            None => None,
+        };
         Ok(self.reader.get_or_init(|| reader).clone())
     }
 

@@ -34,8 +34,8 @@ pub use event::Summary;
 pub use executor::{ChildCommand, JobOption, JobOptions, Scheduling, Share};
 pub use lanes::Only;
 pub(crate) use lanes::target_ports;
-pub use reached::{holds_anywhere, reached};
-pub use records::{ACTION, PIPELINE, ROLLUP, SHARD, now};
+pub use reached::{holds_anywhere, reached, seen_by};
+pub use records::{ACTION, PIPELINE, ROLLUP, SEEN, SHARD, now};
 pub use sharded::Listed;
 
 use crate::{
@@ -58,6 +58,8 @@ pub struct RunOptions {
     pub dry: bool,
     /// Share of hits that run again and are compared.
     pub recheck: f64,
+    /// Share of hits from an upstream that run again and are compared, if their outputs have the same bits anywhere.
+    pub audit: f64,
     /// Look every item's key up, even where a whole node is known to be as it was.
     pub no_rollup: bool,
     /// Stop at the first failure.
@@ -96,6 +98,7 @@ impl Default for RunOptions {
             jobs: 0,
             dry: false,
             recheck: 0.0,
+            audit: 0.0,
             no_rollup: false,
             fail_fast: false,
             only: None,

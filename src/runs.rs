@@ -14,7 +14,7 @@ mod origin;
 mod prune;
 mod timeline;
 
-pub use compare::{Comparison, MetricChange, OutputChange, ParamChange, TimeChange, compare};
+pub use compare::{Comparison, MetricChange, OutputChange, ParamChange, RowCounts, TimeChange, compare};
 pub use date::date_text;
 pub use live::{LiveAction, LiveNode, LiveState, Process, Standing};
 pub use observer::{Observer, PageFile, Shown};

@@ -1,7 +1,7 @@
 //! Holds the directions `cache <- contract <- data <- each kind's crate <- root`, so that a change in the renderer
 //! never rebuilds burn, nor the reverse; that burn stays below `nodes/train`, and that `cargo test` at the root skips
 //! no crate.
-//! `cache/upstream` stands beside `contract`, and only the root uses it.
+//! `cache/upstream` stands beside `contract`, and only the root uses it. It alone names crates that speak to the net.
 //! `nodes/instructions` stands beside `cache`, below all that ask it; `testing` is below all, for tests alone.
 
 use serde_json::Value;
@@ -45,6 +45,9 @@ fn family(folder: &str) -> Option<&str> {
     folder.strip_prefix("nodes/")?.split('/').next()
 }
 
+/// Crates that speak to the net, or that such crates need.
+const NET: [&str; 10] = ["curl", "http", "hyper", "object_store", "reqwest", "ring", "rustls", "tokio", "ureq", "url"];
+
 /// What breaks the rules, a line each.
 fn violations(members: &Members) -> Vec<String> {
     let mut found = Vec::new();
@@ -52,6 +55,9 @@ fn violations(members: &Members) -> Vec<String> {
         for need in &member.needs {
             if need.starts_with("burn") && family(&member.folder) != Some("train") {
                 found.push(format!("{name} names {need}; only crates under nodes/train may"));
+            }
+            if NET.contains(&need.as_str()) && member.folder != "cache/upstream" {
+                found.push(format!("{name} names {need}; only cache/upstream may speak to the net"));
             }
             let Some(other) = members.get(need) else { continue };
             if other.folder == "testing" && member.builds.contains(need) {
@@ -128,6 +134,7 @@ fn planted_violations_are_found() {
         ("tauflow".to_owned(), member("", &["tauflow-render", "tauflow-train", "clap"])),
         ("tauflow-testing".to_owned(), member("testing", &[])),
         ("tauflow-cache".to_owned(), member("cache", &["blake3", "tauflow-testing"])),
+        ("tauflow-upstream".to_owned(), member("cache/upstream", &["tauflow-cache", "object_store", "ureq"])),
         ("tauflow-data".to_owned(), member("nodes/data", &["tauflow-cache"])),
         ("tauflow-instructions".to_owned(), member("nodes/instructions", &[])),
         ("tauflow-render".to_owned(), member("nodes/render", &["tauflow-data", "tauflow-instructions"])),
@@ -144,6 +151,8 @@ fn planted_violations_are_found() {
         ("tauflow-render", "tauflow"),
         ("tauflow-render", "burn-tensor"),
         ("tauflow", "burn"),
+        ("tauflow", "ureq"),
+        ("tauflow-cache", "object_store"),
     ] {
         let mut broken = sound.clone();
         broken.get_mut(name).expect("it is in the list").needs.insert(need.to_owned());

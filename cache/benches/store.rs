@@ -31,6 +31,8 @@ fn record(n: u64) -> Record {
         wall_us: 1000,
         bytes: 500,
         when: n,
+        maker: String::new(),
+        fetched: false,
     }
 }
 

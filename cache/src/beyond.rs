@@ -45,7 +45,7 @@ impl Store {
     /// Records what came from beyond. The blobs stay there until they are read, so they are not lost if they are not
     /// here. A store that cannot be written passes the record on.
     fn copied(&self, record: Record) -> Arc<Record> {
-        let record = Record { transient: true, ..record };
+        let record = Record { transient: true, fetched: true, ..record };
         match self.record(&record) {
             Ok(Recorded::Conflict { existing }) => Arc::from(existing),
             // Whoever has to write next meets the same error.

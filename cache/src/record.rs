@@ -38,6 +38,10 @@ pub struct Record {
     pub bytes: u64,
     /// When it finished, in unix seconds, by the caller's clock.
     pub when: u64,
+    /// The machine and program that made it, in words; empty if unknown. No part of what makes two records equal.
+    pub maker: String,
+    /// It came from [beyond](crate::Store::look_beyond): its outputs were claimed elsewhere.
+    pub fetched: bool,
 }
 
 /// The result of [`Store::record`](crate::Store::record).
@@ -132,10 +136,14 @@ pub(crate) fn encode(head: &Head<'_>, record: &Record) -> Vec<u8> {
     head.encode(&mut out);
     out.digests(&record.refs);
     out.digests(&record.trees);
-    out.u8(u8::from(record.derived) | u8::from(record.transient) << 1);
+    let flags = [record.derived, record.transient, record.fetched, !record.maker.is_empty()];
+    out.u8(flags.iter().rev().fold(0, |bits, flag| bits << 1 | u8::from(*flag)));
     out.text(&record.preimage);
     out.text(&record.payload);
     out.text(&record.recipe);
+    if !record.maker.is_empty() {
+        out.text(&record.maker);
+    }
     out
 }
 
@@ -148,10 +156,10 @@ pub(crate) struct Reach<'a> {
     pub transient: bool,
 }
 
-/// Whether a record is derived, and whether it is transient.
-fn flags(fields: &mut Fields<'_>) -> Option<(bool, bool)> {
-    let flags = fields.u8().filter(|flags| *flags < 4)?;
-    Some((flags & 1 != 0, flags & 2 != 0))
+/// Whether a record is derived, is transient, was fetched, and names its maker.
+fn flags(fields: &mut Fields<'_>) -> Option<[bool; 4]> {
+    let flags = fields.u8().filter(|flags| *flags < 16)?;
+    Some([1, 2, 4, 8].map(|bit| flags & bit != 0))
 }
 
 /// The digests of an encoded record; cheaper than decoding all of it.
@@ -159,7 +167,7 @@ pub(crate) fn decode_reach(bytes: &[u8]) -> Option<Reach<'_>> {
     let mut fields = Fields(bytes);
     let head = Head::decode(&mut fields)?;
     let (refs, trees) = (fields.digests()?, fields.digests()?);
-    let (derived, transient) = flags(&mut fields)?;
+    let [derived, transient, ..] = flags(&mut fields)?;
     Some(Reach { head, refs, trees, derived, transient })
 }
 
@@ -167,7 +175,7 @@ pub(crate) fn decode(bytes: &[u8]) -> Option<Record> {
     let mut fields = Fields(bytes);
     let head = Head::decode(&mut fields)?;
     let (refs, trees) = (fields.digests()?, fields.digests()?);
-    let (derived, transient) = flags(&mut fields)?;
+    let [derived, transient, fetched, names_maker] = flags(&mut fields)?;
     Some(Record {
         namespace: head.namespace.to_owned(),
         key: head.key,
@@ -175,6 +183,8 @@ pub(crate) fn decode(bytes: &[u8]) -> Option<Record> {
         preimage: fields.text()?.to_owned(),
         payload: fields.text()?.to_owned(),
         recipe: fields.text()?.to_owned(),
+        maker: if names_maker { fields.text()?.to_owned() } else { String::new() },
+        fetched,
         refs,
         trees,
         derived,
@@ -205,6 +215,8 @@ mod tests {
             wall_us: 3,
             bytes: 4,
             when: 5,
+            maker: "host".into(),
+            fetched: false,
         };
         let head = Head::of(&record, 7, 9);
         let bytes = encode(&head, &record);
@@ -230,9 +242,13 @@ mod tests {
             wall_us: 0,
             bytes: 0,
             when: 0,
+            maker: String::new(),
+            fetched: false,
         };
-        for (derived, transient) in [(false, false), (false, true), (true, false), (true, true)] {
-            let record = Record { derived, transient, ..record.clone() };
+        for bits in 0..16_u8 {
+            let [derived, transient, fetched, named] = [1, 2, 4, 8].map(|bit| bits & bit != 0);
+            let maker = if named { "host".into() } else { String::new() };
+            let record = Record { derived, transient, fetched, maker, ..record.clone() };
             let bytes = encode(&Head::of(&record, 0, 0), &record);
             assert_eq!(decode(&bytes), Some(record));
             let reach = decode_reach(&bytes).expect("own bytes");

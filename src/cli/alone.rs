@@ -27,6 +27,7 @@ use std::{
     time::Instant,
 };
 use tauflow_contract::PROGRAM_VARIABLES;
+use tauflow_upstream::Address;
 use tempfile::TempDir;
 
 /// What an action is told of the environment: where programs are, and what is in keys. All else stays outside.
@@ -73,7 +74,14 @@ pub(super) fn alone(args: &ExecArgs, cache: &CacheAt) -> Result<Exit, CliError> 
     let file = file.is_file().then(|| absolute(file)).transpose()?;
     let action = file.clone().map_or_else(|| args.action().into(), PathBuf::into_os_string);
     let store = absolute(cache.folder())?;
-    let upstream = cache.upstream()?.map(absolute).transpose()?;
+    let upstream = match cache.upstream()? {
+        Some(Address::Folder(folder)) => Some(Address::Folder(absolute(folder)?)),
+        Some(Address::Objects(_)) if args.sandbox => {
+            eprintln!("note: the sandbox has no network, so the upstream is not used");
+            None
+        }
+        other => other,
+    };
     let program = std::env::current_exe().map_err(|e| failed("find this program", &e))?;
     let mut command = match args.sandbox {
         true => {
@@ -83,16 +91,20 @@ pub(super) fn alone(args: &ExecArgs, cache: &CacheAt) -> Result<Exit, CliError> 
             // A library loads what lies beside it.
             let beside = libraries.iter().flatten().filter_map(|library| library.parent());
             let beside = beside.filter(|folder| folder.is_absolute()).map(Some);
-            let read = [Some(program.as_path()), file.as_deref(), upstream.as_deref().filter(|dir| dir.is_dir())]
-                .into_iter()
-                .chain(beside);
+            let beside_store = upstream.as_ref().and_then(Address::folder).filter(|folder| folder.is_dir());
+            let read = [Some(program.as_path()), file.as_deref(), beside_store].into_iter().chain(beside);
             sandbox(&program, &folder, &store, &read.flatten().collect::<Vec<_>>())?
         }
         false => Command::new(&program),
     };
     command.arg("exec").arg(action).arg("--inside").arg(folder.of("")).arg("--cache").arg(&store);
-    command.arg("--upstream").arg(upstream.unwrap_or_default());
+    command.arg("--upstream").arg(upstream.as_ref().map(Address::to_string).unwrap_or_default());
+    command.arg("--upstream-key").arg(cache.upstream_key()?.map(|key| key.to_string()).unwrap_or_default());
     prepare(&mut command, &folder);
+    if let Some(Address::Objects(_)) = upstream {
+        // Programs of the action do not get them.
+        command.envs(std::env::vars_os().filter(|(name, _)| name.to_str().is_some_and(tauflow_upstream::reads)));
+    }
     let interrupted = Arc::new(AtomicBool::new(false));
     let seen = interrupted.clone();
     // The group of the action gets no Ctrl-C of ours, so that it is ended here.

@@ -6,7 +6,10 @@ use super::{
 };
 use crate::{engine::PIPELINE, kinds::Registry, query};
 use clap::Subcommand;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::{
+    path::PathBuf,
+    time::{SystemTime, UNIX_EPOCH},
+};
 use tauflow_cache::{Digest, GcOptions, GcReport, Store};
 
 /// Commands for the cache.
@@ -51,8 +54,14 @@ pub(crate) enum CacheCommand {
     },
     /// List the pins.
     Pins,
-    /// Copy results that the upstream lacks to it. An upstream is a directory that several machines share.
+    /// Copy results that the upstream lacks to it. An upstream is a directory or object store that several machines
+    /// share.
     Push(PushArgs),
+    /// Make a pair of keys, with which `cache push --sign` signs. FILE gets the secret key, FILE.pub the public one.
+    Keygen {
+        /// File of the secret key. It must not exist.
+        file: PathBuf,
+    },
     /// Copy all results of the upstream to this cache. Everything is verified; what the cache has stays.
     Pull,
 }
@@ -126,6 +135,7 @@ pub(crate) fn cache(command: &CacheCommand, registry: &Registry, at: &CacheAt) -
         CacheCommand::Stat => stat(&made(at)?)?,
         CacheCommand::Push(args) => return upstream::push(args, registry, at),
         CacheCommand::Pull => return upstream::pull(at),
+        CacheCommand::Keygen { file } => return upstream::keygen(file),
         CacheCommand::Verify { sample } => {
             if sample.is_some_and(|s| !(0.0..=1.0).contains(&s)) {
                 return Err(CliError::Bad("--sample must be between 0 and 1, for example 0.1".into()));
@@ -273,7 +283,7 @@ mod tests {
     #[test]
     fn advice_names_options_that_exist() {
         use clap::CommandFactory;
-        use std::{io, path::PathBuf};
+        use std::io;
         use tauflow_cache::CacheError;
         let mut program = crate::cli::Cli::command();
         program.build();

@@ -7,6 +7,7 @@ use std::{
     path::{Path, PathBuf},
 };
 use tauflow_contract::read_regular;
+use tauflow_upstream::{Address, UpstreamError};
 
 /// Most bytes of the file.
 const MOST_BYTES: u64 = 1 << 20;
@@ -17,6 +18,8 @@ const MOST_BYTES: u64 = 1 << 20;
 pub(crate) struct Config {
     /// The upstream of every command that reads results.
     pub(crate) upstream: Option<String>,
+    /// The public key that must have signed it, or its file.
+    pub(crate) upstream_key: Option<String>,
     /// The commands of `--executor command`.
     pub(crate) command: Option<Commands>,
 }
@@ -59,10 +62,11 @@ impl Config {
             return Ok(Self::default());
         }
         let config: Self = serde_saphyr::from_str(&text).map_err(|error| wrong(error.to_string()))?;
-        match config.upstream.as_deref() {
-            Some(upstream) if !upstream.contains("://") && !Path::new(upstream).is_absolute() => {
-                Err(wrong(format!("`upstream: {upstream}` must be an absolute path")))
+        match config.upstream.as_deref().map(str::parse) {
+            Some(Ok(Address::Folder(folder))) if !folder.is_absolute() && folder != Path::new("") => {
+                Err(wrong(format!("`upstream: {}` must be an absolute path or a URL", folder.display())))
             }
+            Some(Err(error)) => Err(wrong(UpstreamError::to_string(&error))),
             _ => Ok(config),
         }
     }
@@ -87,6 +91,7 @@ mod tests {
         assert_eq!((known.submit.as_deref(), known.poll), (Some("qsub {script}"), None));
         for (text, part) in [
             ("upstream: lab\n", "must be an absolute path"),
+            ("upstream: s3://me:secret@bucket\n", "credentials come from the environment"),
             ("upstreem: /lab\n", "upstreem"),
             ("- upstream\n", "config.yaml"),
         ] {

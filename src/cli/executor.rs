@@ -6,7 +6,7 @@ use crate::{
     pipeline::Pipeline,
 };
 use clap::{Args, ValueEnum};
-use std::{path::Path, process::Command, time::Duration};
+use std::{process::Command, time::Duration};
 
 /// Jobs at a time, unless `--jobs` says.
 const MOST_JOBS: usize = 100;
@@ -128,13 +128,16 @@ fn option(text: &str, pipeline: &Pipeline) -> Result<JobOption, CliError> {
 fn worker(cache: &CacheAt) -> Result<ChildCommand, CliError> {
     let program =
         std::env::current_exe().map_err(|e| CliError::Environment(format!("cannot find this program: {e}")))?;
-    let (upstream, reader) = (cache.upstream()?.unwrap_or_default(), cache.reader()?);
+    let upstream = cache.upstream()?.map(|address| address.to_string()).unwrap_or_default();
+    let key = cache.upstream_key()?.map(|key| key.to_string()).unwrap_or_default();
+    let reader = cache.reader()?;
     Ok(ChildCommand::new(move |batch, store| {
         let mut command = Command::new(&program);
         command.args(["exec", "--batch"]).arg(batch).arg("--cache").arg(store);
         // One that cannot be used was told, and children are not to tell it again.
         let usable = reader.as_ref().is_some_and(|reader| !reader.is_lost());
-        command.arg("--upstream").arg(if usable { upstream.as_path() } else { Path::new("") });
+        command.arg("--upstream").arg(if usable { upstream.as_str() } else { "" });
+        command.arg("--upstream-key").arg(&key);
         command
     }))
 }

@@ -18,6 +18,11 @@ pub(crate) fn show(text: fmt::Arguments<'_>) {
     put(&harmless(&text.to_string()));
 }
 
+/// Shows a picture in colours, for terminals alone. Its orders to the terminal are ours: never pass text of others.
+pub(crate) fn picture(orders: &str) {
+    put(orders);
+}
+
 /// Text in place of that which a terminal shows at its end.
 #[derive(Default)]
 pub(crate) struct Redrawn {

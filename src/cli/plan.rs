@@ -25,9 +25,14 @@ pub(crate) fn plan(args: &PipelineArgs, registry: &Registry, cache: &CacheAt) ->
     }
     let time = range(plan.total.seconds, plan.most.seconds, seconds_text);
     let size = range(plan.total.bytes, plan.most.bytes, |bytes| bytes_text(bytes as u64));
-    outln!("\nexpected: {time} of work and {size} of results, from earlier runs");
+    if plan.most.seconds == 0.0 && !plan.never.is_empty() {
+        outln!("\nexpected: not known");
+    } else {
+        outln!("\nexpected: {time} of work and {size} of results, from earlier runs");
+    }
     if plan.is_partial() {
-        outln!("  the least is certain; the most assumes that no output stays unchanged");
+        outln!("  the least counts the actions that are sure to run (less where ladders reuse samples);");
+        outln!("  the most assumes that no output stays unchanged");
     }
     if !plan.never.is_empty() {
         outln!("  not counted, because the kind has never run: {}", plan.never.join(", "));

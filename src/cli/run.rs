@@ -66,7 +66,7 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "SIZE", value_parser = bytes)]
     memory: Option<u64>,
     /// Do only share I of N of the actions, for runs on one cache that you start by hand on N machines.
-    #[arg(long, value_name = "I/N", conflicts_with_all = ["recheck", "only"])]
+    #[arg(long, value_name = "I/N", conflicts_with_all = ["recheck", "audit", "only"])]
     shard: Option<Share>,
     /// With --shard: wait for the actions of other shards, and do the whole run together with them.
     #[arg(long, requires = "shard")]
@@ -77,6 +77,10 @@ pub(crate) struct RunArgs {
     /// Rerun this share of the cached actions and compare the outputs.
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     recheck: f64,
+    /// Rerun this share of the cached actions that came from an upstream and have the same outputs on every machine. A
+    /// result that differs is quarantined, and this machine's result is used.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    audit: f64,
     /// Look up every item, even if a whole node is known to be up to date.
     #[arg(long)]
     no_rollup: bool,
@@ -106,8 +110,10 @@ enum EventFormat {
 }
 
 pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
-    if !(0.0..=1.0).contains(&args.recheck) {
-        return Err(CliError::Bad(format!("--recheck {} must be between 0 and 1, for example 0.05", args.recheck)));
+    for (name, share) in [("--recheck", args.recheck), ("--audit", args.audit)] {
+        if !(0.0..=1.0).contains(&share) {
+            return Err(CliError::Bad(format!("{name} {share} must be between 0 and 1, for example 0.05")));
+        }
     }
     if (args.locked || args.update_lock) && args.pipeline.is_changed() {
         let message = "--locked and --update-lock do not accept --set and --target; define a profile instead";
@@ -127,6 +133,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         jobs: args.jobs.into(),
         dry: false,
         recheck: args.recheck,
+        audit: args.audit,
         no_rollup: args.no_rollup,
         fail_fast: args.fail_fast,
         only,
@@ -184,6 +191,9 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     there?;
     drop(store);
     tell(&summary, &pipeline, args, cache);
+    if let Some(traffic) = cache.reader()?.and_then(|reader| reader.traffic()) {
+        eprintln!("upstream: {}", upstream::traffic_text(traffic));
+    }
     if summary.interrupted {
         return Ok(Exit::Interrupted);
     }

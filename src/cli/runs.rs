@@ -1,7 +1,7 @@
 //! `tauflow runs` and `tauflow diff`: the recorded runs of a cache.
 
 use super::{CacheAt, CliError, Exit, bytes_text, counted, seconds_text, table};
-use crate::runs::{self, Comparison, MetricChange, Outcome, RunRecord, RunsError, date_text};
+use crate::runs::{self, Comparison, MetricChange, Outcome, RowCounts, RunRecord, RunsError, date_text};
 use clap::Args;
 use serde_json::{Value, json};
 
@@ -9,7 +9,8 @@ use serde_json::{Value, json};
 #[derive(Args)]
 #[command(after_help = "Example: tauflow runs pipelines/quickstart.yaml --last 5")]
 pub(crate) struct RunsArgs {
-    /// Show only the runs of this pipeline: its name or its file.
+    /// Show only the runs of this pipeline, by its name or its file; or one run in full, by its id.
+    #[arg(value_name = "PIPELINE or ID")]
     pipeline: Option<String>,
     /// Number of runs to show, the latest ones.
     #[arg(long, value_name = "N", default_value_t = 20)]
@@ -61,6 +62,15 @@ pub(crate) fn runs(args: &RunsArgs, cache: &CacheAt) -> Result<Exit, CliError> {
     cache.look()?; // a path that is no cache is an error
     let mut records = records(cache)?;
     if let Some(wanted) = &args.pipeline {
+        let is_pipeline = records.iter().any(|record| record.pipeline == *wanted);
+        if let Some(record) = runs::find(&records, wanted).ok().filter(|_| !is_pipeline && !args.prune) {
+            if args.json {
+                outln!("{}", json!(record));
+            } else {
+                show_run(record);
+            }
+            return Ok(Exit::Done);
+        }
         records = runs::of_pipeline(records, wanted)?;
     }
     if args.prune {
@@ -90,6 +100,43 @@ pub(crate) fn runs(args: &RunsArgs, cache: &CacheAt) -> Result<Exit, CliError> {
         eprintln!("{} not shown; show more with --last {}", counted(left_out as u64, "earlier run"), records.len());
     }
     Ok(Exit::Done)
+}
+
+/// Failures that are shown of a run.
+const MOST_FAILURES: usize = 10;
+
+/// One run in full, but for its params and digests, which `--json` prints.
+fn show_run(record: &RunRecord) {
+    let profile = if record.overrides.is_empty() { "none".to_owned() } else { record.overrides.join("  ") };
+    let commit = record.commit.as_deref().unwrap_or("none");
+    for (name, value) in [
+        ("run", record.id.clone()),
+        ("date", format!("{} UTC, took {}", date_text(record.started), seconds_text(record.elapsed_s))),
+        ("outcome", record.outcome.text().to_owned()),
+        ("pipeline", format!("{}, {}", record.pipeline, record.file.display())),
+        ("command", record.command.join(" ")),
+        ("overrides", profile),
+        ("version", format!("tauflow {}, commit {commit}", record.version)),
+        ("machine", format!("{}, {} threads", record.machine.host, record.machine.threads)),
+    ] {
+        outln!("{name:9}  {value}");
+    }
+    if let Some(error) = &record.error {
+        outln!("{:9}  {error}", "error");
+    }
+    let heads = ["node", "ran", "as before", "failed", "time", "made"];
+    let mut rows = vec![heads.map(str::to_owned).to_vec()];
+    rows.extend(record.nodes.iter().map(|node| {
+        let time = if node.ran == 0 { String::new() } else { seconds_text(node.spent_s) };
+        let counts = [node.ran, node.hit, node.failed].map(|count| count.to_string());
+        let [ran, hit, failed] = counts;
+        vec![node.node.clone(), ran, hit, failed, time, bytes_text(node.written)]
+    }));
+    out!("\n{}", table(&rows));
+    for failure in record.failures.iter().take(MOST_FAILURES) {
+        outln!("failed: {}: {}", failure.only(), failure.message);
+    }
+    outln!("\nparams and digests of outputs: tauflow runs {} --json", record.id);
 }
 
 fn row(record: &RunRecord) -> Vec<String> {
@@ -245,6 +292,9 @@ fn show_metrics(found: &Comparison, all: bool) {
             let more = if more > 0 { format!(" and {}", counted(more as u64, "other output")) } else { String::new() };
             outln!("(the scores of {name}{more} are among them)");
         }
+        if let Some(rows) = found.rows.iter().find(|rows| rows.output == output) {
+            rows_told(rows, all);
+        }
         if !shown.is_empty() {
             let heads = ["row", "metric", "items", "before", "after", "difference", "interval"];
             let mut rows = vec![heads.map(str::to_owned).to_vec()];
@@ -254,6 +304,21 @@ fn show_metrics(found: &Comparison, all: bool) {
         let hidden = changes.len() - shown.len();
         if hidden > 0 {
             outln!("{hidden} of {} intervals contain 0; --all prints them, too", changes.len());
+        }
+    }
+}
+
+/// Rows that only one of the runs has, which have no difference.
+const MOST_ROWS: usize = 4;
+
+fn rows_told(rows: &RowCounts, all: bool) {
+    let both = rows.equal + rows.different;
+    outln!("rows in both runs: {both}, of which {} have equal scores", rows.equal);
+    for (run, only) in [("before", &rows.only_before), ("after", &rows.only_after)] {
+        let shown = if all { only.len() } else { only.len().min(MOST_ROWS) };
+        let more = if shown < only.len() { format!(" and {} more", only.len() - shown) } else { String::new() };
+        if !only.is_empty() {
+            outln!("only {run}: {}{more}", only[..shown].join("; "));
         }
     }
 }

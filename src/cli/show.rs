@@ -1,6 +1,8 @@
 //! `tauflow show`: what an item is, the verdict of the gate, and its files.
 
-use super::{CacheAt, CliError, Exit, PipelineArgs, bytes_text, counted, results::unread};
+use super::{
+    CacheAt, CliError, Exit, PipelineArgs, bytes_text, counted, output, results::unread, thumbnail::thumbnail,
+};
 use crate::{
     diagnostics::nearest,
     engine::EngineError,
@@ -57,7 +59,9 @@ pub(crate) fn show(args: &ShowArgs, registry: &Registry, cache: &CacheAt) -> Res
         };
         for (key, artifact) in collection.iter() {
             if !is_it(key) {
-                names.insert(key.as_str().rsplit('/').next().unwrap_or_default().to_owned());
+                // With a cell if one was asked for.
+                let own = if args.item.contains('/') { Some(key.as_str()) } else { key.as_str().rsplit('/').next() };
+                names.insert(own.unwrap_or_default().to_owned());
                 continue;
             }
             if found > 0 {
@@ -109,6 +113,13 @@ fn artifact_in_full(ctx: &Context<'_>, key: &ItemKey, artifact: &Artifact) -> Re
     let depth = |(name, _): &(&String, &Vec<u8>)| name.matches('/').count();
     let mut sorted: Vec<(&String, &Vec<u8>)> = files.iter().collect();
     sorted.sort_by_key(depth);
+    // Of a ladder, the last picture has the most samples.
+    let mut previews = sorted.iter().filter(|(name, _)| name.ends_with(".png") && !name.contains('/'));
+    let shown = previews.next_back().and_then(|(name, png)| Some((name, thumbnail(png, "  ")?)));
+    if let Some((name, orders)) = shown {
+        outln!("  {key}/{name}");
+        output::picture(&orders);
+    }
     for (name, bytes) in sorted.iter().take(MOST_NAMED) {
         outln!("  file   {key}/{name}  {}", bytes_text(bytes.len() as u64));
         let short = (bytes.len() <= MOST_TEXT && name.ends_with(".json")).then(|| std::str::from_utf8(bytes));

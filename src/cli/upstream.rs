@@ -15,56 +15,93 @@ use std::{
 };
 use tauflow_cache::{Key, Record, Store};
 use tauflow_contract::ActionKey;
-use tauflow_upstream::{Pushed, Reader, Upstream, UpstreamError, Wanted};
+use tauflow_upstream::{Address, PublicKey, Pushed, Reader, SecretKey, Traffic, Upstream, UpstreamError, Wanted};
 
-/// What is shared. Sub-steps (`memo`) stay: answers of programs about a machine are among them. What a whole run
-/// reaches stays, too, because it names all outputs, measured ones included.
-const SHARED: &[&str] = &[engine::ACTION, ROLLUP, SHARD];
+/// Records that are pushed by their own. Sub-steps (`memo`) stay: answers of programs about a machine are among them.
+/// What a whole run reaches stays, too, because it names all outputs, measured ones included.
+const PUSHED: &[&str] = &[engine::ACTION, ROLLUP, SHARD];
+/// Records that come down. The lists of files that programs looked at are pushed with their actions.
+const SHARED: &[&str] = &[engine::ACTION, ROLLUP, SHARD, engine::SEEN];
 
 impl From<UpstreamError> for CliError {
     fn from(error: UpstreamError) -> Self {
         match error {
-            UpstreamError::NotUpstream { .. } | UpstreamError::Format { .. } => Self::Bad(error.to_string()),
+            UpstreamError::NotUpstream { .. }
+            | UpstreamError::Format { .. }
+            | UpstreamError::Address { .. }
+            | UpstreamError::Key { .. } => Self::Bad(error.to_string()),
             other => Self::Environment(other.to_string()),
         }
     }
 }
 
-/// Which upstream the user chose: by the option, the environment or the configuration. An empty choice is none.
-pub(crate) fn chosen(option: Option<&str>) -> Result<Option<PathBuf>, CliError> {
-    let variable = || match env::var_os("TAUFLOW_UPSTREAM") {
-        None => Ok(None),
-        Some(value) => value.into_string().map(Some).map_err(|value| {
-            CliError::Bad(format!("TAUFLOW_UPSTREAM is not valid UTF-8: {}", Path::new(&value).display()))
-        }),
+/// What the user chose: by the option, the environment or the configuration. An empty choice is none.
+fn choice(
+    option: Option<&str>,
+    variable: &str,
+    configured: impl Fn(Config) -> Option<String>,
+) -> Result<Option<String>, CliError> {
+    let named = match (option, env::var_os(variable)) {
+        (Some(named), _) => Some(named.to_owned()),
+        (None, Some(value)) => Some(value.into_string().map_err(|value| {
+            CliError::Bad(format!("{variable} is not valid UTF-8: {}", Path::new(&value).display()))
+        })?),
+        (None, None) => configured(Config::read()?),
     };
-    let named = match option {
-        Some(named) => Some(named.to_owned()),
-        None => match variable()? {
-            Some(named) => Some(named),
-            None => Config::read()?.upstream,
-        },
-    };
-    match named.filter(|named| !named.is_empty()) {
-        Some(url) if url.contains("://") => Err(CliError::Bad(format!(
-            "the upstream `{url}` is a URL, but must be a directory; mount it, and give its directory"
-        ))),
-        named => Ok(named.map(PathBuf::from)),
-    }
+    Ok(named.filter(|named| !named.is_empty()))
+}
+
+/// Which upstream the user chose.
+pub(crate) fn chosen(option: Option<&str>) -> Result<Option<Address>, CliError> {
+    let named = choice(option, "TAUFLOW_UPSTREAM", |config| config.upstream)?;
+    Ok(named.map(|named| named.parse()).transpose()?)
+}
+
+/// The public key that signs the upstream, if the user chose one.
+pub(crate) fn chosen_key(option: Option<&str>) -> Result<Option<PublicKey>, CliError> {
+    let named = choice(option, "TAUFLOW_UPSTREAM_KEY", |config| config.upstream_key)?;
+    Ok(named.map(|named| PublicKey::given(&named)).transpose()?)
 }
 
 /// The upstream, which must be chosen.
-fn required(at: &CacheAt) -> Result<PathBuf, CliError> {
+fn required(at: &CacheAt) -> Result<Address, CliError> {
     at.upstream()?.ok_or_else(|| {
         CliError::Bad(
-            "no upstream: give --upstream DIR, or set TAUFLOW_UPSTREAM, or `upstream` in the configuration".into(),
+            "no upstream: give --upstream DIR|URL, or set TAUFLOW_UPSTREAM, or `upstream` in the configuration".into(),
         )
     })
 }
 
+/// Opens the upstream for reading. Indices of an object store are kept in the cache.
+fn opened(at: &CacheAt) -> Result<Upstream, CliError> {
+    Ok(Upstream::open(&required(at)?)?.keeping(&kept(at)).pinned(at.upstream_key()?))
+}
+
+/// Opens the upstream for writing, and makes it if necessary.
+fn created(at: &CacheAt) -> Result<Upstream, CliError> {
+    Ok(Upstream::create(&required(at)?)?.keeping(&kept(at)).pinned(at.upstream_key()?))
+}
+
+/// Where indices of object stores are kept.
+fn kept(at: &CacheAt) -> PathBuf {
+    at.folder().join("upstream")
+}
+
+/// The requests to an object store, in words.
+pub(crate) fn traffic_text(of: Traffic) -> String {
+    format!("{}, {} received, {} sent", counted(of.requests, "request"), bytes_text(of.received), bytes_text(of.sent))
+}
+
+/// Tells on the standard error what an object store was asked.
+fn tell_traffic(upstream: &Upstream) {
+    if let Some(traffic) = upstream.traffic() {
+        eprintln!("upstream: {}", traffic_text(traffic));
+    }
+}
+
 /// Reads an upstream for a store that lacks something. A failure is a note.
-pub(crate) fn reader(folder: PathBuf) -> Arc<Reader> {
-    let opening = move || Upstream::open(&folder);
+pub(crate) fn reader(address: Address, key: Option<PublicKey>, cache: PathBuf) -> Arc<Reader> {
+    let opening = move || Ok(Upstream::open(&address)?.keeping(&cache.join("upstream")).pinned(key.clone()));
     let tell = |note: &str| terminal::note(&format!("note: {note}"));
     Arc::new(Reader::new(Box::new(opening), SHARED, is_sound, Box::new(tell)))
 }
@@ -96,9 +133,21 @@ pub(crate) struct PushArgs {
     /// with its training time. Other machines then show these measurements as their own.
     #[arg(long)]
     all: bool,
+    /// Sign what is written with the secret key in this file, which `cache keygen FILE` makes. Packs without a
+    /// signature of this key do not count as present.
+    #[arg(long, value_name = "FILE")]
+    sign: Option<PathBuf>,
     /// Print what would be copied, without copying.
     #[arg(long)]
     dry_run: bool,
+}
+
+/// Makes a pair of keys, and prints the public one.
+pub(crate) fn keygen(file: &Path) -> Result<Exit, CliError> {
+    let (public, beside) = SecretKey::generate(file)?;
+    eprintln!("wrote the secret key {} and the public key {}", file.display(), beside.display());
+    outln!("{public}");
+    Ok(Exit::Done)
 }
 
 /// Copies records that the upstream lacks.
@@ -114,7 +163,10 @@ fn send(
         bar.set_length(total);
         bar.set_position(done);
     };
-    let pushed = tauflow_upstream::push(store, upstream, keys, free, dry_run, &mut progress)?;
+    let seen = engine::seen_by(store, keys, free);
+    let keys = [keys, seen.as_slice()].concat();
+    let free = |record: &Record| record.namespace == engine::SEEN || free(record);
+    let pushed = tauflow_upstream::push(store, upstream, &keys, &free, dry_run, &mut progress)?;
     bar.finish_and_clear();
     Ok(pushed)
 }
@@ -144,10 +196,11 @@ fn lines(pushed: &Pushed, verb: &str) -> Vec<String> {
 }
 
 pub(crate) fn push(args: &PushArgs, registry: &Registry, at: &CacheAt) -> Result<Exit, CliError> {
-    let folder = required(at)?;
+    required(at)?;
+    let key = args.sign.as_deref().map(SecretKey::read).transpose()?;
     let store = super::cache::made(at)?;
     let keys = match &args.pipeline {
-        None => tauflow_upstream::all(&store, SHARED),
+        None => tauflow_upstream::all(&store, PUSHED),
         Some(file) => {
             let (profile, sets) = (args.profile.clone(), args.sets.clone());
             let pipeline = PipelineArgs { pipeline: file.clone(), profile, sets, targets: Vec::new() };
@@ -155,10 +208,12 @@ pub(crate) fn push(args: &PushArgs, registry: &Registry, at: &CacheAt) -> Result
         }
     };
     // Where there is no upstream yet, a dry run has nothing to compare with, and makes none.
-    let upstream = if args.dry_run { Upstream::open(&folder)? } else { Upstream::create(&folder)? };
+    let upstream = if args.dry_run { opened(at)? } else { created(at)? };
+    let upstream = if let Some(key) = key { upstream.signing(key)? } else { upstream };
     let free = |record: &Record| args.all || engine::holds_anywhere(record, registry);
     let pushed = send(&store, &upstream, &keys, &free, args.dry_run)?;
     lines(&pushed, if args.dry_run { "would push" } else { "pushed" }).iter().for_each(|line| outln!("{line}"));
+    tell_traffic(&upstream);
     Ok(noted(&pushed.notes))
 }
 
@@ -166,9 +221,11 @@ pub(crate) fn push(args: &PushArgs, registry: &Registry, at: &CacheAt) -> Result
 pub(crate) fn publish(pipeline: &Pipeline, registry: &Registry, at: &CacheAt) -> Result<(), CliError> {
     let store = at.alone()?;
     let send = || -> Result<Pushed, CliError> {
-        let upstream = Upstream::create(&required(at)?)?;
+        let upstream = created(at)?;
         let keys = engine::reached(pipeline, &store)?;
-        send(&store, &upstream, &keys, &|record| engine::holds_anywhere(record, registry), false)
+        let pushed = send(&store, &upstream, &keys, &|record| engine::holds_anywhere(record, registry), false);
+        tell_traffic(&upstream);
+        pushed
     };
     let pushed = send().map_err(|error| {
         CliError::Environment(format!("the results are in the cache, but were not pushed: {error}; try `cache push`"))
@@ -180,12 +237,11 @@ pub(crate) fn publish(pipeline: &Pipeline, registry: &Registry, at: &CacheAt) ->
 
 /// Makes the upstream to which results are to be published, unless it is there. A run is not to fail at its end.
 pub(crate) fn prepare(at: &CacheAt) -> Result<(), CliError> {
-    Upstream::create(&required(at)?)?;
-    Ok(())
+    created(at).map(drop)
 }
 
 pub(crate) fn pull(at: &CacheAt) -> Result<Exit, CliError> {
-    let upstream = Upstream::open(&required(at)?)?;
+    let upstream = opened(at)?;
     let store = at.alone()?;
     let bar = terminal::bar(0);
     let mut progress = |done, total| {
@@ -202,6 +258,7 @@ pub(crate) fn pull(at: &CacheAt) -> Result<Exit, CliError> {
         bytes_text(pulled.bytes),
         pulled.same
     );
+    tell_traffic(&upstream);
     if pulled.conflicts > 0 {
         outln!("{} with different outputs left out: yours stay", counted(pulled.conflicts, "record"));
     }
@@ -216,10 +273,10 @@ pub(crate) fn pull(at: &CacheAt) -> Result<Exit, CliError> {
 
 /// Prints what an upstream holds.
 pub(crate) fn stat(at: &CacheAt) -> Result<Exit, CliError> {
-    let upstream = Upstream::open(&required(at)?)?;
+    let upstream = opened(at)?;
     let contents = upstream.contents()?;
     let (indices, packs) = contents.files();
-    outln!("{}", upstream.dir().display());
+    outln!("{}", upstream.name());
     outln!(
         "{} and {} in {} with {}, {}",
         counted(contents.records() as u64, "record"),

@@ -103,6 +103,9 @@ pub enum End {
     Ran {
         /// Bytes of the blobs that it put.
         put: u64,
+        /// It was compared, and its outputs took the place of those that an upstream had.
+        #[serde(default)]
+        replaced: bool,
     },
     /// It failed.
     Failed(String),
@@ -185,6 +188,7 @@ impl BatchFile {
         // Nothing is passed on in memory here: all inputs are stored.
         let site = ExecSite { holdings: Holdings::stored(store, &wanted), registry, stop };
         for (action, of) in self.actions.into_iter().enumerate() {
+            let compare = of.compare;
             let execution = if stop.load(Ordering::Relaxed) {
                 Execution::of(Outcome::Cancelled)
             } else {
@@ -194,7 +198,8 @@ impl BatchFile {
             let (warning, spent_us) = (execution.warning, execution.spent_us);
             let (end, fatal) = match execution.outcome {
                 Outcome::Hit(_) => (End::Hit, None),
-                Outcome::Ran(made) => (End::Ran { put: made.put }, None),
+                // An action that is compared has a remark only if its record was quarantined.
+                Outcome::Ran(made) => (End::Ran { put: made.put, replaced: compare && warning.is_some() }, None),
                 // A signal to all processes of a job ends programs of the action, too.
                 Outcome::Failed(_) if signalled(stop) => (End::Cancelled, None),
                 Outcome::Failed(message) => (End::Failed(message), None),

@@ -9,7 +9,7 @@ use super::{
     holdings::Holdings,
     ids::{Id, InputId, PortId},
     output::Output,
-    records::{self, ACTION, Made, Payload, StoreBlobs, port_of},
+    records::{self, ACTION, Made, Payload, QUARANTINE, StoreBlobs, port_of},
     sharded::{Listed, Sharded},
     sighted,
 };
@@ -143,6 +143,24 @@ pub fn execute(
     Execution { outcome, warning, spent_us: start.elapsed().as_micros() as u64 }
 }
 
+/// Sets a record from an upstream aside that differs from what its action gives here, and tells who made it.
+fn quarantine(store: &Store, record: &Record, differing: &[String]) -> Result<String, CacheError> {
+    // It keeps its text, and none of its blobs.
+    let aside =
+        Record { namespace: QUARANTINE.into(), transient: true, refs: Vec::new(), trees: Vec::new(), ..record.clone() };
+    if let Recorded::Conflict { .. } = store.record(&aside)? {
+        store.replace(&aside)?;
+    }
+    let maker = if record.maker.is_empty() { "an unknown machine" } else { record.maker.as_str() };
+    Ok(format!(
+        "a result of `{}` from the upstream is not what this machine computes: {}, key {}. It was made by {maker}. It \
+         is quarantined, and this machine's result is used; roll-ups from upstreams are no longer trusted",
+        record.label,
+        differing.join(", "),
+        record.key
+    ))
+}
+
 /// The outputs of an action that ran, before they are recorded.
 struct Produced {
     payload: Payload,
@@ -180,7 +198,7 @@ impl Executing<'_> {
         };
         let wall_us = start.elapsed().as_micros() as u64;
         let outcome = match &self.action.before {
-            Some(made) => self.compare(&produced.payload, made),
+            Some(made) => self.compare(produced, made, wall_us, warning)?,
             None => self.keep(produced, wall_us, warning)?,
         };
         drop(claim);
@@ -291,8 +309,9 @@ impl Executing<'_> {
                     differing.join(", ")
                 ));
             }
-            // The earlier outputs stay, measured ones too, as long as they are whole.
-            if existing.refs.iter().chain(&existing.trees).all(|d| self.holdings.is_here(d))
+            // The earlier outputs stay, measured ones too, as long as they are whole and were not quarantined.
+            if action.before.is_none()
+                && existing.refs.iter().chain(&existing.trees).all(|d| self.holdings.is_here(d))
                 && let Some(made) = records::load(store, &existing, spec, group)?
             {
                 return Ok(Outcome::Ran(made));
@@ -304,13 +323,26 @@ impl Executing<'_> {
         Ok(Outcome::Ran(Made { items, collections, wall_us, bytes, put }))
     }
 
-    /// The outcome of a recheck.
-    fn compare(&self, payload: &Payload, made: &Made) -> Outcome {
-        let spec = &self.producer.spec;
-        let record = self.holdings.store.lookup(ACTION, &self.action.hash);
-        let differing = record.and_then(|r| Payload::of(&r)).unwrap_or_default().differs(payload, spec);
+    /// The outcome of a recheck or an audit.
+    fn compare(
+        &self,
+        produced: Produced,
+        made: &Made,
+        wall_us: u64,
+        warning: &mut Option<String>,
+    ) -> Result<Outcome, CacheError> {
+        let (spec, store) = (&self.producer.spec, self.holdings.store);
+        let record = store.lookup(ACTION, &self.action.hash);
+        let before = record.as_deref().and_then(Payload::of).unwrap_or_default();
+        let differing = before.differs(&produced.payload, spec);
         if differing.is_empty() {
-            return Outcome::Ran(made.clone());
+            return Ok(Outcome::Ran(made.clone()));
+        }
+        if let Some(record) = record.as_deref().filter(|record| record.fetched && before.is_bitwise(spec)) {
+            let told = quarantine(store, record, &differing)?;
+            let outcome = self.keep(produced, wall_us, warning)?;
+            *warning = Some(told);
+            return Ok(outcome);
         }
         let why = match self.action.runs_programs() {
             true => {
@@ -320,11 +352,11 @@ impl Executing<'_> {
             }
             false => "it is not reproducible, or its version should have gone up",
         };
-        Outcome::Failed(format!(
+        Ok(Outcome::Failed(format!(
             "the recheck gave other content on {} of `{}`: {why}; the recorded output stays",
             differing.join(", "),
             spec.name
-        ))
+        )))
     }
 
     /// All blobs of an action's inputs that are missing or damaged, after the `first`. They are asked for at once: one

@@ -9,7 +9,7 @@ use super::{
     holdings::Holdings,
     ids::{InputId, LaneId, SlotId},
     output::Items,
-    records::ACTION,
+    records::{ACTION, Payload},
     request::{
         Finding, LaneListing, ListingRead, LookUp, LookUps, LookedUp, Merge, Merged, Request, Response, ShardRead,
         Task, Todo, prefixed,
@@ -37,6 +37,8 @@ pub struct Catalog<'a> {
     pub keep_keys: bool,
     /// The share of hits that run again and are compared.
     pub recheck: f64,
+    /// The same share of hits that came from an upstream.
+    pub audit: f64,
 }
 
 /// The key of an action, its hash, and the artifact of the files outside that it reads.
@@ -111,7 +113,10 @@ impl Catalog<'_> {
         }
         merged.sort_by(|a, b| a.0.cmp(&b.0));
         Ok(match merged.windows(2).find(|pair| pair[0].0 == pair[1].0) {
-            Some(pair) => Merged::Failed(format!("two nodes on input `{}` produce an item `{}`", of.port, pair[0].0)),
+            Some(pair) => Merged::Failed(format!(
+                "two nodes on input `{}` produce an item `{}`; give each a matrix axis of its own",
+                of.port, pair[0].0
+            )),
             None => Merged::Whole(Arc::new(Sharded::of(merged))),
         })
     }
@@ -144,7 +149,7 @@ impl Catalog<'_> {
             let kept = self.keep_keys.then(|| Box::new(key.clone()));
             let (record, made) = found.next().unwrap_or_default();
             let standing = match made {
-                Some(made) if self.dry || !self.sampled(&hash) => Finding::Hit(made),
+                Some(made) if self.dry || !self.is_compared(&hash, record, task) => Finding::Hit(made),
                 None if self.dry => Finding::WouldRun { lost: record.is_some(), gone: self.gone(of) },
                 before => Finding::Todo(Box::new(Todo { key, hash, file, before })),
             };
@@ -205,9 +210,12 @@ impl Catalog<'_> {
         Ok(files_artifact(&of.files, put)?.map(Some))
     }
 
-    fn sampled(&self, hash: &Key) -> bool {
+    /// Whether a hit runs again. The sample depends on the keys alone.
+    fn is_compared(&self, hash: &Key, record: Option<&Record>, task: &Task) -> bool {
         let head = u32::from_le_bytes([hash.0[0], hash.0[1], hash.0[2], hash.0[3]]);
-        f64::from(head) < self.recheck * f64::from(u32::MAX)
+        let sampled = |share: f64| f64::from(head) < share * f64::from(u32::MAX);
+        let is_bitwise = |record: &Record| Payload::of(record).is_some_and(|p| p.is_bitwise(&task.producer.spec));
+        sampled(self.recheck) || sampled(self.audit) && record.is_some_and(|of| of.fetched && is_bitwise(of))
     }
 }
 

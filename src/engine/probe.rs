@@ -3,7 +3,7 @@
 
 use super::{
     EngineError,
-    records::{MEMO, now},
+    records::{MEMO, maker, now},
 };
 use serde_json::{Value, json};
 use std::cell::RefCell;
@@ -77,6 +77,8 @@ impl Probe for Of<'_> {
             wall_us: 0,
             bytes: 0,
             when: now(),
+            maker: maker(),
+            fetched: false,
         };
         // The last answer counts: the same program may tell another version when what it loads has changed.
         let kept = match store.record(&record) {

@@ -4,8 +4,9 @@
 use super::{
     EngineError, RunOptions,
     event::Ended,
-    records::{ACTION, Payload, ROLLUP, SHARD},
+    records::{ACTION, Payload, ROLLUP, SEEN, SHARD},
     run::Run,
+    sighted,
 };
 use crate::{kinds::Registry, pipeline::Pipeline};
 use serde_json::Value;
@@ -14,7 +15,6 @@ use std::{
     sync::atomic::AtomicBool,
 };
 use tauflow_cache::{Digest, Key, Record, Store};
-use tauflow_contract::Determinism;
 
 /// The records of a pipeline's results, as far as they are there: each namespace, and the key.
 ///
@@ -57,6 +57,15 @@ fn shards(pipeline: &Pipeline, store: &Store, lanes: &BTreeSet<Key>) -> Result<B
     Ok(keys.filter(is_listed).collect())
 }
 
+/// The lists of files that programs looked at, for those of these actions that ran a traced program. Without them no
+/// other machine finds the actions.
+pub fn seen_by(store: &Store, keys: &[(&str, Key)], free: &dyn Fn(&Record) -> bool) -> Vec<(&'static str, Key)> {
+    let actions = keys.iter().filter(|(namespace, _)| *namespace == ACTION);
+    let records = actions.filter_map(|(_, key)| store.read(ACTION, key)).filter(|record| free(record));
+    let lists: BTreeSet<Key> = records.filter_map(|record| sighted::of_record(&record)).collect();
+    lists.into_iter().map(|key| (SEEN, key)).collect()
+}
+
 /// Whether the outputs in a record are the same bits on any machine. Neither measurements are, nor what depends on a
 /// library of a machine, nor what an unknown kind made.
 pub fn holds_anywhere(record: &Record, registry: &Registry) -> bool {
@@ -67,8 +76,5 @@ pub fn holds_anywhere(record: &Record, registry: &Registry) -> bool {
         _ if !kind.port_params().is_empty() => return false,
         _ => kind.spec(),
     };
-    payload.items.keys().chain(payload.collections.keys()).all(|name| {
-        let port = spec.outputs.iter().find(|port| port.name == *name);
-        port.is_some_and(|port| port.determinism == Determinism::Bitwise)
-    })
+    payload.is_bitwise(&spec)
 }

@@ -10,8 +10,9 @@ use super::{
 use serde::{Deserialize, Serialize};
 use std::{
     collections::{BTreeMap, HashMap},
+    fs,
     sync::{
-        Arc, Mutex, PoisonError,
+        Arc, Mutex, OnceLock, PoisonError,
         atomic::{AtomicU64, Ordering},
     },
     time::{Instant, SystemTime, UNIX_EPOCH},
@@ -29,10 +30,25 @@ pub const SHARD: &str = "shard";
 pub const PIPELINE: &str = "pipeline";
 /// Namespace of memoised sub-actions.
 pub const MEMO: &str = "memo";
+/// Namespace of action records that came from an upstream and differ from what their actions give here.
+pub const QUARANTINE: &str = "quarantine";
+/// Namespace of the lists of files that programs looked at.
+pub const SEEN: &str = "seen";
 
 /// Seconds since 1970, for records; no key depends on it.
 pub fn now() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs())
+}
+
+/// The machine and the program that make records now.
+pub fn maker() -> String {
+    static MAKER: OnceLock<String> = OnceLock::new();
+    let named = || {
+        let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+        let host = if host.trim().is_empty() { "a machine without a name" } else { host.trim() };
+        format!("{host}, tauflow {}", env!("CARGO_PKG_VERSION"))
+    };
+    MAKER.get_or_init(named).clone()
 }
 
 /// The payload of a record: the outputs of an action or a lane, by port name.
@@ -65,6 +81,14 @@ impl Payload {
         refs.sort_unstable();
         refs.dedup();
         refs
+    }
+
+    /// Whether all outputs have the same bits on any machine.
+    pub fn is_bitwise(&self, spec: &KindSpec) -> bool {
+        self.items.keys().chain(self.collections.keys()).all(|name| {
+            let port = spec.outputs.iter().find(|port| port.name == *name);
+            port.is_some_and(|port| port.determinism == Determinism::Bitwise)
+        })
     }
 
     /// Its listings.
@@ -192,6 +216,8 @@ impl Blobs for StoreBlobs<'_> {
             wall_us: self.start.elapsed().as_micros() as u64,
             bytes: artifact.size(),
             when: now(),
+            maker: maker(),
+            fetched: false,
         };
         // Memoised results are stored.
         for digest in &record.refs {
@@ -318,5 +344,7 @@ pub fn record(namespace: &str, key: Key, label: &str, preimage: String, payload:
         wall_us: 0,
         bytes: 0,
         when: now(),
+        maker: maker(),
+        fetched: false,
     }
 }

@@ -8,7 +8,7 @@ use super::{
     ids::{Id, PortId},
     keys,
     lanes::Lanes,
-    records::{self, PIPELINE, Payload, ROLLUP, SHARD},
+    records::{self, PIPELINE, Payload, QUARANTINE, ROLLUP, SHARD},
     request::{
         self, Keep, LaneFound, LaneLookUp, LaneOf, Request, RolledShard, Rolling, ShardFound, ShardLookUps, ShardOf,
         Task,
@@ -41,6 +41,16 @@ fn list(kind: &dyn NodeKind, params: &Value) -> Option<Digest> {
     Some(keys::listing(items.iter().map(|item| &item.key).zip(files)))
 }
 
+/// Looks roll-ups up. Once a result from an upstream is quarantined, roll-ups from there may contain it, and do not
+/// count.
+fn trusted(store: &Store, namespace: &str, keys: &[Key]) -> Vec<Option<Arc<Record>>> {
+    let mut found = store.lookup_many(namespace, keys);
+    if found.iter().flatten().any(|record| record.fetched) && !store.keys_like(QUARANTINE, "").is_empty() {
+        found.iter_mut().for_each(|record| *record = record.take().filter(|record| !record.fetched));
+    }
+    found
+}
+
 /// Looks lanes up as wholes, and gives those that an earlier run left.
 ///
 /// # Errors
@@ -53,7 +63,7 @@ pub fn find_lanes(asked: &[LaneLookUp], holdings: Holdings<'_>) -> Result<Vec<La
     let (asked, hashes): (Vec<&LaneLookUp>, Vec<Key>) =
         asked.iter().filter_map(|asked| Some((asked, key(asked)?))).unzip();
     let mut found = Vec::new();
-    let records = holdings.store.lookup_many(ROLLUP, &hashes);
+    let records = trusted(holdings.store, ROLLUP, &hashes);
     for ((asked, key), record) in asked.into_iter().zip(hashes).zip(records) {
         let Some(record) = record else { continue };
         if !holdings.intact(&record)? {
@@ -106,7 +116,7 @@ pub fn find_shards(asked: ShardLookUps, holdings: Holdings<'_>) -> Result<Vec<Sh
     };
     let mut found: Vec<ShardFound> = asked.shards.into_iter().map(key).collect();
     let hashes: Vec<Key> = found.iter().map(|shard| shard.key).collect();
-    for (of, record) in found.iter_mut().zip(holdings.store.lookup_many(SHARD, &hashes)) {
+    for (of, record) in found.iter_mut().zip(trusted(holdings.store, SHARD, &hashes)) {
         let Some(record) = record else { continue };
         if holdings.intact(&record)? {
             of.rolled = rolled(task, of.shard, &record);
@@ -162,8 +172,14 @@ pub fn keep_pipeline(pipeline: &Pipeline, store: &Store, mut trees: Vec<Digest>)
 
 fn write(store: &Store, record: &Record) -> Result<(), CacheError> {
     match store.record(record)? {
+        // What this machine found itself counts, whoever claimed it first.
+        Recorded::Same if !store.keys_like(QUARANTINE, "").is_empty() => {
+            let known = store.read(&record.namespace, &record.key);
+            if known.is_some_and(|known| known.fetched) { store.replace(record) } else { Ok(()) }
+        }
         Recorded::New | Recorded::Same => Ok(()),
-        // Measured outputs differ from run to run: the latest stands for the whole, as its actions' records say.
+        // Measured outputs differ from run to run: the latest stands for the whole, as its actions' records say. So do
+        // outputs from an upstream that were quarantined.
         Recorded::Conflict { .. } => store.replace(record),
     }
 }

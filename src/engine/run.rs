@@ -226,10 +226,12 @@ impl<'a> Run<'a> {
         let lanes = std::mem::take(&mut self.lanes);
         let pool = self.pool.clone();
         let holdings = Holdings { store: self.store, pool: pool.as_deref(), wanted };
-        let catalog = Catalog { holdings, dry: options.dry, keep_keys: self.keep_keys, recheck: options.recheck };
-        // Roll-ups would hide the items that a recheck or `--only` looks at. Where something is missing they hide what
-        // else may be: item by item, a pass finds at once all that can be found.
-        let roll = wanted.is_empty() && options.recheck == 0.0 && options.only.is_none() && !options.no_rollup;
+        let RunOptions { dry, recheck, audit, .. } = *options;
+        let catalog = Catalog { holdings, dry, keep_keys: self.keep_keys, recheck, audit };
+        // Roll-ups would hide the items that a recheck, an audit or `--only` looks at. Where something is missing they
+        // hide what else may be: item by item, a pass finds at once all that can be found.
+        let whole = options.recheck == 0.0 && options.audit == 0.0 && options.only.is_none() && !options.no_rollup;
+        let roll = wanted.is_empty() && whole;
         let tasks = request::tasks(self.pipeline, &lanes);
         let mut scheduler = Scheduler::new(self.pipeline, &lanes, tasks, wanted.clone(), ran_before, roll, options);
         scheduler.start();

@@ -6,7 +6,7 @@
 //! are as they were, the program would do the same again, and the record under both parts counts. A lost list makes the
 //! program run again, and nothing else.
 
-use super::records::{ACTION, MEMO, now};
+use super::records::{ACTION, SEEN, maker, now};
 use serde_json::{Value, json};
 use std::{
     collections::{BTreeSet, HashMap},
@@ -58,6 +58,13 @@ fn memo_key(key: &ActionKey) -> MemoKey {
     MemoKey { basis, inputs: Vec::new() }
 }
 
+/// The key of the lists of paths that belong to an action record; none if no program was traced for it.
+pub fn of_record(record: &Record) -> Option<Key> {
+    let key: ActionKey = serde_json::from_str(&record.preimage).ok()?;
+    key.basis.environment.get(FILES)?;
+    Some(memo_key(&key).hash())
+}
+
 /// The lists of paths that were looked at, by a record under a [`memo_key`], the latest first.
 fn lists(record: Option<Arc<Record>>) -> Vec<Digest> {
     record.and_then(|record| serde_json::from_str(&record.payload).ok()).unwrap_or_default()
@@ -88,7 +95,7 @@ pub struct Sighted {
 /// If the store cannot be read.
 pub fn find_many(store: &Store, keys: &[&ActionKey]) -> Result<Vec<Sighted>, CacheError> {
     let memos: Vec<Key> = keys.iter().map(|key| memo_key(key).hash()).collect();
-    let lists: Vec<Vec<Digest>> = store.lookup_many(MEMO, &memos).into_iter().map(lists).collect();
+    let lists: Vec<Vec<Digest>> = store.lookup_many(SEEN, &memos).into_iter().map(lists).collect();
     // Actions share lists; the files of a list are looked at once.
     let distinct: Vec<Digest> = lists.iter().flatten().copied().collect::<BTreeSet<_>>().into_iter().collect();
     let seen = read(store, &distinct)?.into_iter().map(|seen| Some(second(&seen?.again())));
@@ -121,7 +128,7 @@ pub fn find_many(store: &Store, keys: &[&ActionKey]) -> Result<Vec<Sighted>, Cac
 pub fn keep(store: &Store, key: &ActionKey, seen: &Seen) -> Result<(), CacheError> {
     let memo = memo_key(key);
     let own = store.put(&serde_json::to_vec(seen).expect("plain data"))?;
-    let mut before = lists(store.lookup(MEMO, &memo.hash()));
+    let mut before = lists(store.lookup(SEEN, &memo.hash()));
     before.retain(|list| *list != own);
     // The later of two lists of the same paths has the later times of files.
     let others = before.iter().zip(read(store, &before)?);
@@ -130,7 +137,7 @@ pub fn keep(store: &Store, key: &ActionKey, seen: &Seen) -> Result<(), CacheErro
     kept.extend(others.filter_map(differs));
     kept.truncate(MOST);
     let record = Record {
-        namespace: MEMO.into(),
+        namespace: SEEN.into(),
         key: memo.hash(),
         label: memo.name(),
         preimage: serde_json::to_string(&memo).expect("a key holds only plain values"),
@@ -143,6 +150,8 @@ pub fn keep(store: &Store, key: &ActionKey, seen: &Seen) -> Result<(), CacheErro
         wall_us: 0,
         bytes: 0,
         when: now(),
+        maker: maker(),
+        fetched: false,
     };
     match store.record(&record)? {
         Recorded::New | Recorded::Same => Ok(()),

@@ -35,20 +35,22 @@ struct Part {
 #[derive(Clone)]
 enum Items {
     Unknown,
+    /// All that a cell makes on a port, whatever they are.
+    Of(usize, usize),
     /// One.
     One,
-    /// None beside these.
-    Among(Arc<BTreeSet<ItemKey>>),
+    /// None beside these: what a cell lets through on a port.
+    Among(Arc<BTreeSet<ItemKey>>, usize, usize),
     /// These.
     These(Arc<BTreeSet<ItemKey>>),
 }
 
 impl Items {
-    /// The same behind a filter.
-    fn filtered(&self) -> Self {
+    /// What a cell that filters lets through on a port.
+    fn filtered(&self, cell: usize, port: usize) -> Self {
         match self {
-            Self::These(items) | Self::Among(items) => Self::Among(items.clone()),
-            Self::One | Self::Unknown => Self::Unknown,
+            Self::These(items) | Self::Among(items, ..) => Self::Among(items.clone(), cell, port),
+            Self::One | Self::Of(..) | Self::Unknown => Self::Of(cell, port),
         }
     }
 
@@ -57,7 +59,7 @@ impl Items {
         match self {
             Self::One => 1,
             Self::These(items) => items.len(),
-            Self::Among(_) | Self::Unknown => 0,
+            Self::Among(..) | Self::Of(..) | Self::Unknown => 0,
         }
     }
 }
@@ -65,7 +67,7 @@ impl Items {
 /// Whether an item of one input may have the key of an item of the other.
 fn may_meet(leading: &[(Source, Items)], others: &[(Source, Items)]) -> bool {
     let same = |a: &Items, b: &Items| match (a, b) {
-        (Items::These(a) | Items::Among(a), Items::These(b) | Items::Among(b)) => !a.is_disjoint(b),
+        (Items::These(a) | Items::Among(a, ..), Items::These(b) | Items::Among(b, ..)) => !a.is_disjoint(b),
         _ => true,
     };
     let meets = |(source, items): &(Source, Items)| {
@@ -145,6 +147,7 @@ impl Eye<'_> {
         let cell = &self.pipeline.cells[self.cell];
         let node = &self.pipeline.nodes[cell.node];
         let inputs: Vec<Vec<(Source, Items)>> = (0..node.spec.inputs.len()).map(|input| self.sources(input)).collect();
+        node.spec.inputs.iter().zip(&inputs).for_each(|(port, given)| self.apart(port.name, given));
         let sources = |of: &[(Source, Items)]| of.iter().map(|(source, _)| source.clone()).collect::<Vec<_>>();
         let mut whole = Known::default();
         for (port, given) in node.spec.inputs.iter().zip(&inputs) {
@@ -157,18 +160,18 @@ impl Eye<'_> {
         }
         if node.mode() != Mode::Map {
             let outlook = self.outlooks(&[whole]).pop().unwrap_or_default();
-            let items = |single: bool, filter: bool| match (node.mode(), listed) {
-                (Mode::Source, Some(items)) if filter => Items::Among(items.clone()),
+            let items = |place: usize, port: &tauflow_contract::OutputPort| match (node.mode(), listed) {
+                (Mode::Source, Some(items)) if port.filter => Items::Among(items.clone(), self.cell, place),
                 (Mode::Source, Some(items)) => Items::These(items.clone()),
-                (Mode::Gather, _) if single => Items::One,
-                _ => Items::Unknown,
+                (Mode::Gather, _) if port.single => Items::One,
+                _ => Items::Of(self.cell, place),
             };
-            let part = |port: &tauflow_contract::OutputPort| Part {
+            let part = |(place, port): (usize, &tauflow_contract::OutputPort)| Part {
                 prefix: String::new(),
                 facts: outlook.facts(port.name),
-                items: items(port.single, port.filter),
+                items: items(place, port),
             };
-            return node.spec.outputs.iter().map(|port| vec![part(port)]).collect();
+            return node.spec.outputs.iter().enumerate().map(|of| vec![part(of)]).collect();
         }
         let by_item = |at: &usize| node.spec.inputs[*at].takes == Takes::Item && !inputs[*at].is_empty();
         let ports: Vec<usize> = (0..inputs.len()).filter(by_item).collect();
@@ -191,15 +194,15 @@ impl Eye<'_> {
             })
             .collect();
         let outlooks = self.outlooks(&known);
-        let parts = |port: &tauflow_contract::OutputPort| {
+        let parts = |(place, port): (usize, &tauflow_contract::OutputPort)| {
             let of = |((leading, items), outlook): (&(Source, Items), &Outlook)| Part {
                 prefix: leading.prefix.clone(),
                 facts: outlook.facts(port.name),
-                items: if port.filter { items.filtered() } else { items.clone() },
+                items: if port.filter { items.filtered(self.cell, place) } else { items.clone() },
             };
             inputs[*driving].iter().zip(&outlooks).map(of).collect()
         };
-        node.spec.outputs.iter().map(parts).collect()
+        node.spec.outputs.iter().enumerate().map(parts).collect()
     }
 
     /// The parts of all collections that feed an input, with the prefixes that their keys have there.
@@ -219,6 +222,33 @@ impl Eye<'_> {
             }
         }
         found
+    }
+
+    /// The collections of an input must have different items.
+    fn apart(&mut self, port: &'static str, given: &[(Source, Items)]) {
+        let same = |a: &Items, b: &Items| match (a, b) {
+            (Items::These(a), Items::These(b)) => !a.is_disjoint(b),
+            (Items::Of(cell, port), Items::Of(other, of))
+            | (Items::Among(_, cell, port), Items::Among(_, other, of)) => (cell, port) == (other, of),
+            _ => false,
+        };
+        // Parts of large matrices mostly differ in their prefixes.
+        let mut before: HashMap<&str, Vec<(&Source, &Items)>> = HashMap::new();
+        for (source, items) in given {
+            let others = before.entry(&source.prefix).or_default();
+            if let Some((other, _)) = others.iter().find(|(_, theirs)| same(theirs, items)) {
+                let message = format!(
+                    "`{}` and `{}` have items of the same keys, and cannot both be on the input `{port}`",
+                    other.name, source.name
+                );
+                let hint = "give each of these nodes a matrix axis, such as `matrix: { method: [first] }`, whose \
+                            value tells its items apart"
+                    .to_owned();
+                self.found.push(Foreseen { at: At::Input(port), message, hint });
+                return;
+            }
+            others.push((source, items));
+        }
     }
 
     /// The outlook of the kind. If the kind panics, nothing is foreseen, and its actions report the error.
@@ -259,7 +289,7 @@ impl Eye<'_> {
                 self.found.push(Foreseen { at: At::Input(port), message, hint });
                 return;
             };
-            if let (Items::These(own), Items::These(theirs) | Items::Among(theirs)) = (items, theirs)
+            if let (Items::These(own), Items::These(theirs) | Items::Among(theirs, ..)) = (items, theirs)
                 && let Some(key) = own.difference(theirs).next()
             {
                 let message = format!("the input `{port}` has no item `{key}`, which the input `{driver}` has");

@@ -26,9 +26,9 @@ struct Sample {
     cost: Cost,
 }
 
-/// Earlier actions of a kind, by output group.
+/// Earlier actions of a kind, by output group and by what they do.
 #[derive(Default)]
-struct Samples(BTreeMap<String, Vec<Sample>>);
+struct Samples(BTreeMap<(String, String), Vec<Sample>>);
 
 /// The cost of earlier actions.
 pub(super) struct Costs<'a> {
@@ -54,7 +54,7 @@ impl<'a> Costs<'a> {
         let name = kind.spec().name;
         let (store, most) = (self.store, self.most);
         let samples = self.kinds.entry(name).or_insert_with(|| Samples::read(store, kind, most));
-        let samples = samples.0.get(group)?;
+        let samples = samples.0.get(&(group.to_owned(), sort(kind, params)))?;
         let wanted = work(kind, params, group);
         let distance = |sample: &Sample| (sample.work / wanted).ln().abs();
         let least = samples.iter().map(distance).min_by(f64::total_cmp)?;
@@ -75,6 +75,11 @@ fn work(kind: &dyn NodeKind, params: &Value, group: &str) -> f64 {
     catch_unwind(AssertUnwindSafe(|| kind.work(params, group))).unwrap_or(1.0)
 }
 
+/// What an action does; nothing where the kind panics, which its actions will tell.
+fn sort(kind: &dyn NodeKind, params: &Value) -> String {
+    catch_unwind(AssertUnwindSafe(|| kind.sort(params))).unwrap_or_default()
+}
+
 impl Samples {
     fn read(store: &Store, kind: &dyn NodeKind, most: usize) -> Self {
         let mut found = Self::default();
@@ -84,7 +89,7 @@ impl Samples {
             let Some(group) = read["group"].as_str() else { continue };
             let cost = Cost { seconds: record.wall_us as f64 / 1e6, bytes: record.bytes as f64 };
             let sample = Sample { work: work(kind, &read["params"], group), cost };
-            found.0.entry(group.to_owned()).or_default().push(sample);
+            found.0.entry((group.to_owned(), sort(kind, &read["params"]))).or_default().push(sample);
         }
         found
     }

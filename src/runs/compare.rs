@@ -31,6 +31,8 @@ pub struct Comparison {
     pub equal_outputs: u64,
     /// Outputs that cannot be compared, because something failed in one of the runs.
     pub unknown_outputs: Vec<String>,
+    /// Rows of the scores, by output.
+    pub rows: Vec<RowCounts>,
     /// Metrics over the items that both runs scored.
     pub metrics: Vec<MetricChange>,
     /// Outputs whose scores are all among those of another output, which `metrics` has: the table that reads them.
@@ -84,6 +86,38 @@ pub struct MetricChange {
     pub difference: Estimate,
 }
 
+/// How many rows of an output's scores both runs have.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct RowCounts {
+    /// The output.
+    pub output: String,
+    /// Rows of both runs with equal scores of equal items.
+    pub equal: u64,
+    /// Rows of both runs with other scores or other items.
+    pub different: u64,
+    /// Rows that only the first run has, by their coordinates.
+    pub only_before: Vec<String>,
+    /// Rows that only the second run has, by their coordinates.
+    pub only_after: Vec<String>,
+}
+
+impl RowCounts {
+    fn of(output: &str, before: &Scores, after: &Scores) -> Self {
+        let only = |of: &Scores, other: &Scores| {
+            of.keys().filter(|row| !other.contains_key(*row)).map(ToString::to_string).collect::<Vec<_>>()
+        };
+        let both = before.iter().filter_map(|(row, was)| Some((was, after.get(row)?)));
+        let (equal, different): (Vec<_>, Vec<_>) = both.partition(|(was, is)| was == is);
+        Self {
+            output: output.to_owned(),
+            equal: equal.len() as u64,
+            different: different.len() as u64,
+            only_before: only(before, after),
+            only_after: only(after, before),
+        }
+    }
+}
+
 /// The times of a node in both runs, in seconds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TimeChange {
@@ -106,6 +140,10 @@ pub fn compare(before: &RunRecord, after: &RunRecord, store: &Store) -> Result<C
     let names: BTreeSet<&String> = before.outputs.keys().chain(after.outputs.keys()).collect();
     for name in names {
         let (was, is) = (before.outputs.get(name), after.outputs.get(name));
+        if [was, is].iter().flatten().all(|output| output.digest.is_none()) {
+            found.unknown_outputs.push(name.clone());
+            continue;
+        }
         if let (Some(was), Some(is)) = (was, is) {
             match (was.digest, is.digest) {
                 (Some(a), Some(b)) if a == b => {
@@ -121,7 +159,10 @@ pub fn compare(before: &RunRecord, after: &RunRecord, store: &Store) -> Result<C
             if metrics::has_scores(was) && was.media == is.media {
                 let pair = (scores(store, was, before)?, scores(store, is, after)?);
                 match pair {
-                    (Ok(was), Ok(is)) => found.metrics.extend(paired(name, &was, &is)),
+                    (Ok(was), Ok(is)) => {
+                        found.rows.push(RowCounts::of(name, &was, &is));
+                        found.metrics.extend(paired(name, &was, &is));
+                    }
                     (Err(why), _) | (_, Err(why)) => found.without_metrics.push((name.clone(), why)),
                 }
             }
@@ -269,6 +310,20 @@ mod tests {
         assert!([mean, low, high].iter().all(|value| (value - 0.5).abs() < 1e-9), "{:?}", first.difference);
         assert_eq!(paired("scores.scores", &before, &after), found, "the same draws every time");
         assert_eq!(paired("scores.scores", &before, &scores("spp=8", &[("a", 1.0)])), [], "no figure is shared");
+    }
+
+    #[test]
+    fn rows_that_only_one_run_has_are_told() {
+        let both = |other: &str, value: f64| {
+            let mut all = scores("spp=1", &[("a", 1.0)]);
+            all.extend(scores("spp=4", &[("a", value)]));
+            all.extend(scores(other, &[("a", 1.0)]));
+            all
+        };
+        let found = RowCounts::of("table.table", &both("spp=16", 2.0), &both("spp=32", 3.0));
+        assert_eq!((found.equal, found.different), (1, 1));
+        assert_eq!((found.only_before.len(), found.only_after.len()), (1, 1));
+        assert!(found.only_before[0].contains("16") && found.only_after[0].contains("32"), "{found:?}");
     }
 
     #[test]

@@ -40,6 +40,8 @@ pub enum Need {
     Man,
     /// A library of ONNX Runtime, named by `TAUFLOW_ONNXRUNTIME`.
     Onnx,
+    /// A Python with the package `moto` and its server, named by `TAUFLOW_MOTO`.
+    Moto,
     /// The right to mount a file system in a namespace of its own.
     Mount,
     /// A library of Open Image Denoise, named by `TAUFLOW_OIDN`.
@@ -66,7 +68,7 @@ pub enum Need {
 
 impl Need {
     /// All needs with their names in `TAUFLOW_REQUIRE`.
-    pub const ALL: [(&'static str, Self); 24] = [
+    pub const ALL: [(&'static str, Self); 25] = [
         ("advisories", Self::Advisories),
         ("avx2", Self::Avx2),
         ("avx512", Self::Avx512),
@@ -78,6 +80,7 @@ impl Need {
         ("fish", Self::Fish),
         ("hyperqueue", Self::HyperQueue),
         ("man", Self::Man),
+        ("moto", Self::Moto),
         ("mount", Self::Mount),
         ("oidn", Self::Oidn),
         ("onnx", Self::Onnx),

@@ -42,6 +42,15 @@ fn bad_arguments_are_2() {
 }
 
 #[test]
+fn a_mistyped_command_names_the_nearest() {
+    let place = Place::new();
+    for (typed, meant) in [("rnu", "run"), ("rum", "run"), ("statsu", "status"), ("cahce", "cache")] {
+        let said = place.tauflow(&[typed]).ends(2);
+        assert!(said.err.contains(&format!("a similar subcommand exists: '{meant}'")), "{}", said.err);
+    }
+}
+
+#[test]
 fn an_item_that_is_not_there_is_2_and_names_the_nearest() {
     let place = Place::new();
     for pass in ["from an empty cache", "with every item at hand"] {

@@ -3,8 +3,13 @@
 
 use crate::Place;
 use serde_json::Value;
-use std::{collections::BTreeMap, fs};
+use std::{
+    collections::BTreeMap,
+    fs,
+    process::{Command, Stdio},
+};
 use tauflow_data::image_io::read_exr;
+use tauflow_testing::{Need, skip};
 
 /// Ladders in raw radiance, and the same ladders exposed.
 pub const PIPELINE: &str = "\
@@ -128,6 +133,7 @@ fn an_item_is_shown_with_its_files_and_verdict() {
     ] {
         assert!(rungs.contains(part), "`{part}` is not in\n{rungs}");
     }
+    assert!(!rungs.contains('\u{1b}'), "no terminal, no colours");
     let verdict = place.tauflow(&["show", "small.yaml", "gate", "L0-open-000000"]).ends(0).out;
     assert!(verdict.contains("gate.verdicts L0-open-000000") && verdict.contains("\"measures\""), "{verdict}");
     let far = place.tauflow(&["show", "small.yaml", "ladders", "nothing"]).ends(2);
@@ -138,4 +144,34 @@ fn an_item_is_shown_with_its_files_and_verdict() {
         "{}",
         unknown.err
     );
+}
+
+/// `script` gives the program a terminal.
+#[test]
+fn an_item_has_a_thumbnail_in_a_terminal_with_colours() {
+    let place = Place::with(PIPELINE);
+    place.tauflow(&["run", "small.yaml", "--target", "packed"]).ends(0);
+    let shown = |variables: &[(&str, &str)]| {
+        let program = format!("{} show small.yaml ladders L0-open-000000", env!("CARGO_BIN_EXE_tauflow"));
+        let mut command = Command::new("script");
+        command.args(["-qec", &program, "/dev/null"]).current_dir(place.path("")).stdin(Stdio::null());
+        command.env_remove("NO_COLOR").env_remove("COLORTERM").env("TERM", "xterm-256color");
+        let output = command.env("TAUFLOW_CACHE", place.path("store")).envs(variables.iter().copied()).output();
+        output.map(|output| String::from_utf8_lossy(&output.stdout).into_owned())
+    };
+    match shown(&[]) {
+        Err(error) => skip(Need::Script, format_args!("`script` does not start: {error}")),
+        Ok(few) => {
+            // The rung of most samples, of 16 x 16 pixels: eight lines of characters.
+            let halves = |text: &str| (text.matches('▀').count(), text.lines().filter(|l| l.contains('▀')).count());
+            assert!(few.contains("  L0-open-000000/spp-000016.png\r\n  \u{1b}[38;5;"), "{few}");
+            assert_eq!(halves(&few), (16 * 8, 8));
+            let all = shown(&[("COLORTERM", "truecolor")]).expect("it started before");
+            assert!(all.contains("\u{1b}[38;2;") && halves(&all) == halves(&few), "{all}");
+            for quiet in [("NO_COLOR", "1"), ("TERM", "dumb")] {
+                let text = shown(&[quiet]).expect("it started before");
+                assert!(text.contains("spp-000016.exr") && !text.contains('▀'), "{quiet:?}: {text}");
+            }
+        }
+    }
 }

@@ -11,6 +11,8 @@ mod jobs;
 mod locks;
 mod looking;
 mod manuals;
+#[cfg(feature = "objects")]
+mod objects;
 mod own_programs;
 mod own_scenes;
 mod places_of_kinds;
@@ -23,6 +25,7 @@ mod schema;
 mod shards;
 mod stale;
 mod status;
+mod trust;
 mod upstreams;
 mod validator;
 mod viewing;

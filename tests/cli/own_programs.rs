@@ -1,7 +1,8 @@
 //! Nodes of the kind `command` in a pipeline: what runs again, what a lock holds, and what a failure leaves.
 
-use crate::Place;
-use std::{collections::BTreeMap, fs};
+use crate::{Place, json, root};
+use std::{collections::BTreeMap, fs, process::Command};
+use tauflow_testing::{Need, skip};
 
 /// Numbers of a list, each doubled, and their sum. Each script notes that it ran.
 const PIPELINE: &str = "\
@@ -108,4 +109,60 @@ fn a_program_that_fails_is_told_and_nothing_of_it_is_recorded() {
     script(&place, SCRIPTS[1].0, SCRIPTS[1].1);
     place.tauflow(&["run", "small.yaml"]).ends(0);
     assert_eq!(ran(&place), counts(&[("doubled", 3), ("total", 1)]));
+}
+
+/// The block of the manual that is marked so, as its page has it.
+fn block(marked: &str) -> &'static str {
+    let page = include_str!("../../nodes/denoise/src/command_kind.md");
+    let begin = format!("```{marked}\n");
+    let (_, rest) = page.split_once(&begin).expect("the page has such a block");
+    rest.split("```").next().unwrap_or_default()
+}
+
+#[test]
+fn the_denoiser_of_the_manual_is_a_method_in_the_tables_of_the_quickstart() {
+    if !Command::new("python3").arg("-V").output().is_ok_and(|done| done.status.success()) {
+        skip(Need::Python, "there is no python3");
+        return;
+    }
+    let quickstart = root().join("pipelines/quickstart.yaml");
+    let pipeline = block("text").replace("quickstart.yaml", &quickstart.to_string_lossy());
+    let place = Place::with(&pipeline);
+    place.write("box.py", block("python"));
+    let wanted = ["--target", "comparison", "--target", "comparison_report"];
+    place.tauflow(&[&["run", "small.yaml", "--profile", "tiny", "--out", "out"], &wanted[..]].concat()).ends(0);
+    place.tauflow(&["export", "small.yaml", "comparison", "--profile", "tiny", "-o", "tables"]).ends(0);
+    let table = json(&fs::read_to_string(place.path("tables/evaluation/value.json")).expect("exported"));
+    let of = |method: &str| {
+        let rows = table["baselines"].as_array().into_iter().flatten();
+        rows.filter(|row| row["method"] == method).map(|row| row["at"][0]["gain"]["hdr_psnr"].clone()).next()
+    };
+    let gain = of("box").unwrap_or_else(|| panic!("no row of the program: {table}"));
+    assert!(gain["low"].as_f64().is_some_and(|low| low > 0.0), "means of nine pixels are less noisy: {gain}");
+    let page = fs::read_to_string(place.path("out/with_box/report.html")).expect("written");
+    assert!(page.contains("</span>box</td>"), "the report shows the program");
+}
+
+#[test]
+fn programs_of_one_machine_do_not_run_on_another_that_has_the_upstream() {
+    let place = place();
+    place.off("a", &["run", "small.yaml"]).ends(0);
+    assert_eq!(ran(&place), counts(&[("numbers", 2), ("doubled", 3), ("total", 1)]));
+    place.on("a", &["cache", "push", "small.yaml"]).ends(0);
+    // What is declared to be the same everywhere is shared.
+    place.on("b", &["run", "small.yaml"]).ends(0);
+    assert_eq!(ran(&place), counts(&[("doubled", 3), ("total", 1)]));
+    place.on("a", &["cache", "push", "--all"]).ends(0);
+    for (machine, more) in [("c", &[][..]), ("d", &["--no-rollup"]), ("e", &["--executor", "process"])] {
+        let said = place.on(machine, &[&["run", "small.yaml"], more].concat()).ends(0);
+        assert_eq!(ran(&place), BTreeMap::new());
+        assert!(said.err.contains("nothing to do"), "{}", said.err);
+    }
+    place.on("f", &["cache", "pull"]).ends(0);
+    place.off("f", &["run", "small.yaml"]).ends(0);
+    assert_eq!(ran(&place), BTreeMap::new());
+    // A file that only the program knew of differs here.
+    place.write("list/numbers", "1 2 3 40");
+    place.on("g", &["run", "small.yaml"]).ends(0);
+    assert_eq!(ran(&place), counts(&[("numbers", 2), ("doubled", 1), ("total", 1)]));
 }

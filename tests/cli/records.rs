@@ -43,6 +43,13 @@ fn a_run_that_does_nothing_keeps_the_record_of_the_one_that_did_the_work() {
     assert!(table.lines()[1].starts_with(&id(&records[0])), "{}", table.out);
     let last = place.tauflow(&["runs", "small", "--last", "1"]).ends(0);
     assert!(last.lines().len() == 2 && last.err.contains("2 earlier runs not shown"), "{last:?}");
+    let one = place.tauflow(&["runs", &id(&records[2])]).ends(0).out;
+    for part in
+        ["command    ", "run small.yaml --profile more", "overrides  --profile more", "outcome    done", "\nscenes "]
+    {
+        assert!(one.contains(part), "`{part}` is not in\n{one}");
+    }
+    assert_eq!(json(&place.tauflow(&["runs", &id(&records[2]), "--json"]).ends(0).out), records[2]);
     place.tauflow(&["cache", "gc", "--max-size", "1KiB"]).ends(0);
     assert_eq!(self::records(&place), records, "a gc takes no record");
     let pruned = place.tauflow(&["runs", "--prune", "--keep", "1"]).ends(0);

@@ -91,6 +91,19 @@ fn an_image_of_any_renderer_is_refined() {
     write_exr(&place.path("in.exr"), &layers).expect("written");
     refine("gbuffer", &["-o", "together.exr"]).ends(0);
     assert_eq!(read("together.exr"), read("apart.exr"));
+    // The layers that `render` writes are such layers.
+    let layers = ["-o", "ours.exr", "--width", "16", "--height", "16", "--gbuffer", "--gbuffer-samples", "4"];
+    place.tauflow(&[&scene[..6], &layers].concat()).ends(0);
+    let model = "models/conditioning=gbuffer/model/model.safetensors";
+    let ours = |name: &str, more: &[&str]| {
+        let args = ["refine", model, "ours.exr", "--from-spp", "2", "-o", name];
+        place.tauflow(&[&args[..], more].concat()).ends(0);
+        read(name)
+    };
+    assert!(read("ours.exr") == before, "the image itself is the same");
+    // They are those of the ladder, with as many samples.
+    assert!(ours("by_layers.exr", &[]) == read("apart.exr"));
+    assert!(ours("by_file.exr", &["--gbuffer", "ours.exr"]) == read("apart.exr"));
 
     // What is wrong is named.
     let mut odd = read_exr(&place.path(features)).expect("an EXR");

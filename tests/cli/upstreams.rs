@@ -5,18 +5,18 @@ use std::{fs, os::unix::fs::PermissionsExt, process::Command};
 
 impl Place {
     /// The program on a machine with a cache of its own, which knows of the upstream.
-    fn machine(&self, machine: &str, arguments: &[&str]) -> Command {
+    pub fn machine(&self, machine: &str, arguments: &[&str]) -> Command {
         let mut command = self.command(arguments);
         command.env("TAUFLOW_CACHE", self.path(machine)).env("TAUFLOW_UPSTREAM", self.path("shared"));
         command
     }
 
-    fn on(&self, machine: &str, arguments: &[&str]) -> Said {
+    pub fn on(&self, machine: &str, arguments: &[&str]) -> Said {
         Said::of(&self.machine(machine, arguments).output().expect("the program starts"))
     }
 
     /// The same on a machine that knows of no upstream.
-    fn off(&self, machine: &str, arguments: &[&str]) -> Said {
+    pub fn off(&self, machine: &str, arguments: &[&str]) -> Said {
         self.on(machine, &[arguments, &["--upstream", ""]].concat())
     }
 }
@@ -75,8 +75,12 @@ fn an_upstream_that_is_none_is_an_error_with_a_remedy() {
         let said = place.tauflow(&[&["cache"], words].concat()).ends(2);
         assert!(said.err.contains("give --upstream DIR") || said.err.contains("no cache in"), "{}", said.err);
     }
-    let said = place.tauflow(&["cache", "pull", "--upstream", "s3://bucket/lab"]).ends(2);
-    assert!(said.err.contains("must be a directory"), "{}", said.err);
+    for url in ["s3://me:secret@bucket/lab", "https://lab.example/x?sig=secret"] {
+        let said = place.tauflow(&["cache", "pull", "--upstream", url]).ends(2);
+        assert!(said.err.contains("from the environment only") && !said.err.contains("secret"), "{}", said.err);
+    }
+    let said = place.tauflow(&["cache", "pull", "--upstream", "ftp://lab.example"]).ends(2);
+    assert!(said.err.contains("unknown scheme `ftp`"), "{}", said.err);
     let said = place.tauflow(&["cache", "pull", "--upstream", "nowhere"]).ends(3);
     assert!(said.err.contains("nowhere"), "{}", said.err);
     let said = place.tauflow(&["cache", "pull", "--upstream", "."]).ends(2);
@@ -209,4 +213,16 @@ fn a_push_of_a_pipeline_takes_its_results_and_leaves_those_of_others() {
     assert!(count(&of_one) > 8 && count(&rest) > 12, "{of_one}{rest}");
     let said = place.on("b", &["run", "small.yaml"]).ends(0);
     assert!(said.err.contains("nothing to do"), "{}", said.err);
+}
+
+#[cfg(not(feature = "objects"))]
+#[test]
+fn a_program_without_object_stores_says_so_and_runs() {
+    let place = Place::new();
+    let said = place.off("a", &["run", "small.yaml"]).ends(0);
+    assert!(!said.err.contains("note: "), "{}", said.err);
+    let said = place.on("b", &["run", "small.yaml", "--upstream", "s3://lab/x"]).ends(0);
+    assert_eq!(said.err.matches("note: the upstream is not used: ").count(), 1, "{}", said.err);
+    assert!(said.err.contains("--features objects"), "{}", said.err);
+    place.on("b", &["cache", "pull", "--upstream", "https://lab.example/x"]).ends(2);
 }

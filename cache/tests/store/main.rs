@@ -50,6 +50,8 @@ fn record(n: u64, payload: &str, refs: Vec<Digest>) -> Record {
         transient: false,
         wall_us: 10,
         when: n,
+        maker: String::new(),
+        fetched: false,
     }
 }
 

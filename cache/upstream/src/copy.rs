@@ -2,8 +2,9 @@
 
 use crate::{
     Upstream, UpstreamError,
-    folder::Pack,
+    error::Failure,
     index::{Contents, Line, Writer, identity, lines},
+    upstream::Pack,
 };
 use std::collections::HashSet;
 use tauflow_cache::{Digest, Key, Record, Recorded, Store, tree};
@@ -105,7 +106,7 @@ pub fn push(
             pushed.blobs += 1;
             pushed.bytes += digest.size;
             if !dry_run {
-                writer.blob(digest, &bytes)?;
+                writer.blob(digest, bytes)?;
             }
         }
         if !complete && !record.transient {
@@ -117,7 +118,7 @@ pub fn push(
             writer.record(record)?;
         }
     }
-    writer.seal()?;
+    writer.end()?;
     Ok(pushed)
 }
 
@@ -146,7 +147,8 @@ pub fn pull(
     fetch.pulled.notes.clone_from(&contents.notes);
     let mut seen = 0;
     for index in &contents.indices {
-        let lines = match lines(upstream, index) {
+        let read = upstream.index(index).map_err(Failure::note);
+        let lines = match read.and_then(|bytes| lines(upstream, index, &bytes)) {
             Ok(lines) => lines,
             Err(note) => {
                 fetch.pulled.notes.push(note);
@@ -253,7 +255,7 @@ impl Fetch<'_> {
             // A pack that cannot be opened is noted once.
             self.pack = match self.closed.contains(pack) {
                 true => None,
-                false => self.upstream.pack(pack).map_err(|note| self.pulled.notes.push(note)).ok(),
+                false => self.upstream.pack(pack).map_err(|failed| self.pulled.notes.push(failed.note())).ok(),
             };
         }
         let Some(open) = &self.pack else {
@@ -261,7 +263,7 @@ impl Fetch<'_> {
             self.bad.insert(*digest);
             return Ok(false);
         };
-        match open.blob(*offset, digest) {
+        match self.upstream.blob(open, *offset, digest) {
             Ok(bytes) => {
                 self.store.put(&bytes)?;
                 self.good.insert(*digest);
@@ -269,11 +271,12 @@ impl Fetch<'_> {
                 self.pulled.bytes += digest.size;
                 Ok(true)
             }
-            Err(note) => {
+            Err(Failure::File(note) | Failure::Unsigned(note)) => {
                 self.pulled.notes.push(note);
                 self.bad.insert(*digest);
                 Ok(false)
             }
+            Err(Failure::Place(why)) => Err(UpstreamError::Remote { action: "read", place: self.upstream.name(), why }),
         }
     }
 }

@@ -3,20 +3,15 @@
 //! An index is a text of lines, each a JSON object with one field. Its name is its digest, so a damaged or truncated
 //! index is never used in part.
 
-use crate::{Upstream, UpstreamError, error::At};
+use crate::{Upstream, UpstreamError, upstream::Draft};
 use serde::{Deserialize, Serialize};
-use std::{
-    collections::{HashMap, HashSet},
-    io::Write,
-};
+use std::collections::{HashMap, HashSet};
 use tauflow_cache::{Digest, Key, Record};
-use tempfile::NamedTempFile;
 
 /// Most bytes of an index; longer ones are refused. One record may have as many as a log frame.
 pub(crate) const MOST_INDEX: u64 = 1 << 30;
-/// Bytes at which an index, and a pack, are sealed and others begun.
+/// Bytes at which an index is sealed and another begun.
 const FULL_INDEX: usize = 16 << 20;
-const FULL_PACK: u64 = 256 << 20;
 
 /// A line of an index.
 #[derive(Serialize, Deserialize)]
@@ -47,21 +42,54 @@ pub(crate) struct SharedRecord {
     wall_us: u64,
     bytes: u64,
     when: u64,
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    maker: String,
 }
 
 impl From<Record> for SharedRecord {
     fn from(of: Record) -> Self {
         let Record { namespace, key, label, preimage, payload, recipe, derived, transient, .. } = of;
-        let Record { refs, trees, wall_us, bytes, when, .. } = of;
-        Self { namespace, key, label, preimage, payload, recipe, derived, transient, refs, trees, wall_us, bytes, when }
+        let Record { refs, trees, wall_us, bytes, when, maker, .. } = of;
+        Self {
+            namespace,
+            key,
+            label,
+            preimage,
+            payload,
+            recipe,
+            derived,
+            transient,
+            refs,
+            trees,
+            wall_us,
+            bytes,
+            when,
+            maker,
+        }
     }
 }
 
 impl From<SharedRecord> for Record {
     fn from(of: SharedRecord) -> Self {
         let SharedRecord { namespace, key, label, preimage, payload, recipe, derived, transient, .. } = of;
-        let SharedRecord { refs, trees, wall_us, bytes, when, .. } = of;
-        Self { namespace, key, label, preimage, payload, recipe, derived, transient, refs, trees, wall_us, bytes, when }
+        let SharedRecord { refs, trees, wall_us, bytes, when, maker, .. } = of;
+        Self {
+            namespace,
+            key,
+            label,
+            preimage,
+            payload,
+            recipe,
+            derived,
+            transient,
+            refs,
+            trees,
+            wall_us,
+            bytes,
+            when,
+            maker,
+            fetched: true,
+        }
     }
 }
 
@@ -93,15 +121,15 @@ pub struct Contents {
 impl Contents {
     pub(crate) fn read(upstream: &Upstream) -> Result<Self, UpstreamError> {
         let mut contents = Self::default();
-        for digest in upstream.indices()? {
-            match lines(upstream, &digest) {
-                Ok(lines) => {
-                    contents.indices.push(digest);
-                    contents.add(lines);
-                }
-                Err(note) => contents.notes.push(note),
+        upstream.each_index(&upstream.indices()?, &mut |digest, read| match read
+            .and_then(|bytes| lines(upstream, digest, &bytes))
+        {
+            Ok(lines) => {
+                contents.indices.push(*digest);
+                contents.add(lines);
             }
-        }
+            Err(note) => contents.notes.push(note),
+        })?;
         Ok(contents)
     }
 
@@ -145,43 +173,44 @@ impl Contents {
 }
 
 /// The lines of an index, or why it is not used.
-pub(crate) fn lines(upstream: &Upstream, digest: &Digest) -> Result<Vec<Line>, String> {
-    let bytes = upstream.index(digest)?;
+pub(crate) fn lines(upstream: &Upstream, digest: &Digest, bytes: &[u8]) -> Result<Vec<Line>, String> {
     let parse = |line: &[u8]| serde_json::from_slice(line);
     let all: Result<Vec<Line>, _> =
         bytes.split(|byte| *byte == b'\n').filter(|line| !line.is_empty()).map(parse).collect();
     all.map_err(|error| {
         let path = upstream.file(digest, "index");
-        format!("index `{}` has a line that this version cannot read ({error}); it is ignored", path.display())
+        format!("index `{path}` has a line that this version cannot read ({error}); it is ignored")
     })
 }
 
 /// Writes packs and their indices.
 pub(crate) struct Writer<'a> {
     upstream: &'a Upstream,
-    pack: Option<(NamedTempFile, blake3::Hasher)>,
+    pack: Option<(Draft, blake3::Hasher)>,
     /// Bytes in the pack.
     end: u64,
     blobs: Vec<Line>,
     /// Lines of records.
     records: Vec<u8>,
+    /// The indices that were written.
+    written: Vec<Digest>,
 }
 
 impl<'a> Writer<'a> {
     pub fn new(upstream: &'a Upstream) -> Self {
-        Self { upstream, pack: None, end: 0, blobs: Vec::new(), records: Vec::new() }
+        Self { upstream, pack: None, end: 0, blobs: Vec::new(), records: Vec::new(), written: Vec::new() }
     }
 
-    pub fn blob(&mut self, digest: Digest, bytes: &[u8]) -> Result<(), UpstreamError> {
+    pub fn blob(&mut self, digest: Digest, bytes: Vec<u8>) -> Result<(), UpstreamError> {
         if self.pack.is_none() {
-            self.pack = Some((self.upstream.temporary()?, blake3::Hasher::new()));
+            self.pack = Some((self.upstream.draft()?, blake3::Hasher::new()));
         }
-        let Some((file, hasher)) = &mut self.pack else { return Ok(()) }; // set right above
-        file.write_all(bytes).at("write a pack to", self.upstream.dir())?;
-        hasher.update(bytes);
+        let Some((draft, hasher)) = &mut self.pack else { return Ok(()) }; // set right above
+        hasher.update(&bytes);
         self.blobs.push(Line::Blob(digest, self.end));
         self.end += bytes.len() as u64;
-        if self.end >= FULL_PACK { self.seal() } else { Ok(()) }
+        draft.add(bytes)?;
+        if self.end >= self.upstream.full_pack() { self.seal() } else { Ok(()) }
     }
 
     /// Adds a record, after its blobs.
@@ -190,12 +219,18 @@ impl<'a> Writer<'a> {
         if self.records.len() >= FULL_INDEX { self.seal() } else { Ok(()) }
     }
 
+    /// Seals the rest, and adds what was written to the list of indices.
+    pub fn end(mut self) -> Result<(), UpstreamError> {
+        self.seal()?;
+        if self.written.is_empty() { Ok(()) } else { self.upstream.list(&self.written) }
+    }
+
     /// Makes what was written visible: the pack first, then the index that names it.
-    pub fn seal(&mut self) -> Result<(), UpstreamError> {
+    fn seal(&mut self) -> Result<(), UpstreamError> {
         let mut index = Vec::new();
-        if let Some((file, hasher)) = self.pack.take() {
+        if let Some((draft, hasher)) = self.pack.take() {
             let digest = Digest { hash: *hasher.finalize().as_bytes(), size: self.end };
-            self.upstream.seal(file, &self.upstream.file(&digest, "pack"))?;
+            self.upstream.seal(draft, &digest, "pack")?;
             put(&mut index, &Line::Pack(digest));
         }
         self.end = 0;
@@ -204,10 +239,8 @@ impl<'a> Writer<'a> {
         if index.is_empty() {
             return Ok(());
         }
-        let path = self.upstream.file(&Digest::of(&index), "index");
-        let mut file = self.upstream.temporary()?;
-        file.write_all(&index).at("write", &path)?;
-        self.upstream.seal(file, &path)
+        self.written.push(self.upstream.seal_index(index)?);
+        Ok(())
     }
 }
 

@@ -8,7 +8,7 @@ use std::{
     thread,
 };
 use tauflow_cache::{Digest, Key, Record, Store, tree};
-use tauflow_upstream::{Pulled, Pushed, Reader, Upstream, UpstreamError, Wanted, all, pull, push};
+use tauflow_upstream::{Address, Pulled, Pushed, Reader, SecretKey, Upstream, UpstreamError, Wanted, all, pull, push};
 use tempfile::TempDir;
 
 const ALL: Wanted<'_> = Wanted { namespaces: &["action"], sound: &|record| record.preimage != "forged" };
@@ -34,19 +34,23 @@ impl Lab {
         self.folder.path().join("shared")
     }
 
+    fn address(&self) -> Address {
+        Address::Folder(self.dir())
+    }
+
     fn push(&self, store: &Store) -> Pushed {
-        let upstream = Upstream::create(&self.dir()).expect("writable");
+        let upstream = Upstream::create(&self.address()).expect("writable");
         push(store, &upstream, &all(store, &["action"]), &anything, false, &mut |_, _| {}).expect("writable")
     }
 
     fn pull(&self, store: &Store) -> Pulled {
-        let upstream = Upstream::open(&self.dir()).expect("it is there");
+        let upstream = Upstream::open(&self.address()).expect("it is there");
         pull(store, &upstream, ALL, &mut |_, _| {}).expect("writable")
     }
 
     /// A store that looks in the upstream for what it lacks, and the notes of that.
     fn reading(&self, name: &str) -> (Store, Arc<Mutex<Vec<String>>>) {
-        let (notes, dir) = (Arc::<Mutex<Vec<String>>>::default(), self.dir());
+        let (notes, dir) = (Arc::<Mutex<Vec<String>>>::default(), self.address());
         let told = notes.clone();
         let tell = move |note: &str| told.lock().expect("no test panics with it").push(note.to_owned());
         let opening = move || Upstream::open(&dir);
@@ -84,6 +88,8 @@ fn add(store: &Store, name: &str) -> Record {
         wall_us: 5,
         bytes: 6,
         when: 7,
+        maker: "a, tauflow 1".into(),
+        fetched: false,
     };
     store.record(&record).expect("writable");
     record
@@ -107,7 +113,8 @@ fn what_one_machine_pushes_another_pulls_and_few_files_hold_it() {
     assert_eq!((pulled.records, pulled.blobs, pulled.bytes), (500, 1500, pushed.bytes));
     assert_eq!(pulled.notes, [""; 0]);
     for record in &records {
-        assert_eq!(b.lookup_full("action", &record.key).as_deref(), Some(record));
+        let pulled = Record { fetched: true, ..record.clone() };
+        assert_eq!(b.lookup_full("action", &record.key).as_deref(), Some(&pulled));
         assert!(b.reach(&record.refs, &record.trees).expect("readable").iter().all(|blob| b.contains(blob)));
     }
     // Nothing is copied twice.
@@ -123,7 +130,7 @@ fn a_dry_run_counts_and_writes_nothing() {
     let lab = Lab::new();
     let a = lab.store("a");
     add(&a, "x");
-    let upstream = Upstream::create(&lab.dir()).expect("writable");
+    let upstream = Upstream::create(&lab.address()).expect("writable");
     let dry = push(&a, &upstream, &all(&a, &["action"]), &anything, true, &mut |_, _| {}).expect("readable");
     assert_eq!((dry.records, dry.blobs), (1, 3));
     assert_eq!((lab.files("pack").len(), lab.files("index").len()), (0, 0));
@@ -250,20 +257,20 @@ fn records_without_their_blobs_and_of_other_namespaces_stay_at_home() {
     let b = lab.store("b");
     assert_eq!(lab.pull(&b).records, 2);
     assert_eq!((b.read("action", &lost.key), b.read("memo", &memo.key)), (None, None));
-    assert_eq!(b.read("action", &passed_on.key), Some(passed_on));
+    assert_eq!(b.read("action", &passed_on.key), Some(Record { fetched: true, ..passed_on }));
 }
 
 #[test]
 fn other_folders_are_refused_and_stay_as_they_are() {
     let lab = Lab::new();
-    assert!(matches!(Upstream::open(&lab.dir()), Err(UpstreamError::Io { .. })));
+    assert!(matches!(Upstream::open(&lab.address()), Err(UpstreamError::Io { .. })));
     fs::create_dir(lab.dir()).expect("writable");
-    assert!(matches!(Upstream::open(&lab.dir()), Err(UpstreamError::NotUpstream { .. })));
+    assert!(matches!(Upstream::open(&lab.address()), Err(UpstreamError::NotUpstream { .. })));
     fs::write(lab.dir().join("thesis.tex"), "precious").expect("writable");
-    assert!(matches!(Upstream::create(&lab.dir()), Err(UpstreamError::NotUpstream { .. })));
+    assert!(matches!(Upstream::create(&lab.address()), Err(UpstreamError::NotUpstream { .. })));
     assert_eq!(fs::read_dir(lab.dir()).expect("readable").count(), 1);
     fs::write(lab.dir().join("UPSTREAM"), "tauflow-upstream 9\n").expect("writable");
-    let error = Upstream::open(&lab.dir()).expect_err("of another format");
+    let error = Upstream::open(&lab.address()).expect_err("of another format");
     assert!(error.to_string().contains("tauflow-upstream 9"), "{error}");
 }
 
@@ -286,6 +293,7 @@ fn a_store_finds_records_at_once_and_blobs_when_it_reads_them() {
     for (record, found) in records.iter().zip(found.iter().flatten()) {
         assert_eq!((&record.payload, &record.refs), (&found.payload, &found.refs));
         assert!(found.transient, "its blobs are elsewhere, and that is no loss");
+        assert!(found.fetched && found.maker == record.maker, "its origin is known");
     }
     drop(b);
     let b = lab.store("b");
@@ -327,7 +335,7 @@ fn of_two_packs_with_a_blob_the_sound_one_serves() {
     add(&stores[1], "x");
     add(&stores[1], "y");
     // Both push at the same time, so that neither sees the pack of the other.
-    let upstreams = [0, 1].map(|_| Upstream::create(&lab.dir()).expect("writable"));
+    let upstreams = [0, 1].map(|_| Upstream::create(&lab.address()).expect("writable"));
     lab.push(&stores[0]);
     let first = lab.files("index").remove(0);
     let aside = lab.folder.path().join("aside");
@@ -393,4 +401,34 @@ fn a_damaged_blob_of_the_store_comes_back_from_the_upstream() {
     }
     let (a, _) = lab.reading("a");
     assert_eq!(a.get(&digest).expect("readable"), Some(big));
+}
+
+#[test]
+fn a_push_that_signs_passes_over_packs_without_a_signature_and_signs_them() {
+    let lab = Lab::new();
+    let a = lab.store("a");
+    add(&a, "x");
+    lab.push(&a);
+    let path = lab.folder.path().join("key");
+    let (public, _) = SecretKey::generate(&path).expect("writable");
+    let pinned = || Upstream::open(&lab.address()).expect("it is there").pinned(Some(public.clone()));
+    let contents = pinned().contents().expect("readable");
+    assert_eq!((contents.records(), contents.notes.len()), (0, 1), "{:?}", contents.notes);
+    assert!(contents.notes[0].contains("has no signature of the key") && contents.notes[0].contains("packs/"));
+    let key = SecretKey::read(&path).expect("its own file");
+    let signing = Upstream::open(&lab.address()).expect("it is there").signing(key).expect("its own key");
+    let signed = push(&a, &signing, &all(&a, &["action"]), &anything, false, &mut |_, _| {}).expect("writable");
+    assert_eq!((signed.records, signed.notes), (1, Vec::new()));
+    let contents = pinned().contents().expect("readable");
+    assert_eq!((contents.records(), contents.notes), (1, Vec::new()));
+    assert_eq!((lab.files("index").len(), lab.files("minisig").len()), (1, 1), "the same pack, now signed");
+    let b = lab.store("b");
+    assert_eq!(pull(&b, &pinned(), ALL, &mut |_, _| {}).expect("writable").records, 1);
+    change(&lab.files("minisig")[0], |bytes| {
+        let at = bytes.len() - 20;
+        bytes[at] ^= 1;
+    });
+    let contents = pinned().contents().expect("readable");
+    assert!(contents.notes[0].contains("has a signature that is not one of the key"), "{:?}", contents.notes);
+    assert_eq!(contents.records(), 0);
 }

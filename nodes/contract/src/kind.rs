@@ -152,6 +152,12 @@ pub trait Kind: Send + Sync + 'static {
         1.0
     }
 
+    /// What an action does, if actions of the kind have nothing in common, such as the program that it runs. Times are
+    /// estimated from earlier actions that do the same. As with [`Kind::work`], only projected params may decide.
+    fn sort(_params: &Self::Params) -> String {
+        String::new()
+    }
+
     /// Programs and files that the params name and that this machine lacks. `check` asks for them, and also lists the
     /// items of sources. Starts no program. A file without which the node only does less is no problem.
     fn missing(_params: &Self::Params) -> Vec<ParamProblem> {

@@ -30,6 +30,8 @@ pub trait NodeKind: Send + Sync {
     fn foresee(&self, params: &Value, known: &[Known]) -> Vec<Outlook>;
     /// See [`Kind::work`]; `params` are resolved, or a projection. It is above 0.
     fn work(&self, params: &Value, group: &str) -> f64;
+    /// See [`Kind::sort`]; `params` are resolved, or a projection.
+    fn sort(&self, params: &Value) -> String;
     /// See [`Kind::missing`]; `params` are resolved.
     fn missing(&self, params: &Value) -> Vec<ParamProblem>;
     /// See [`Kind::items`]; `params` are resolved.
@@ -136,6 +138,12 @@ impl<K: Kind> NodeKind for KindRow<K> {
         fill_in(&mut read, K::later());
         let work: f64 = parse(&read).map_or(1.0, |params| K::work(&params, group));
         if work.is_finite() && work > 0.0 { work } else { 1.0 }
+    }
+
+    fn sort(&self, params: &Value) -> String {
+        let mut read = params.clone();
+        fill_in(&mut read, K::later());
+        parse(&read).map_or_else(|_| String::new(), |params| K::sort(&params))
     }
 
     fn missing(&self, params: &Value) -> Vec<ParamProblem> {

@@ -1,13 +1,13 @@
 //! Programs that are not ours: templates of their command lines, and running them.
 
-use crate::process::{Ended, Launch, Ran};
+use crate::process::{self, Ended, Launch, Ran};
 use serde_json::{Value, json};
 use std::{
     collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
-    process::Command,
     sync::{Mutex, PoisonError},
+    time::Duration,
 };
 use tauflow_contract::{Context, KindError, ParamProblem, Probe};
 pub(crate) use tauflow_data::outside::{contents, identity, program};
@@ -263,6 +263,9 @@ pub(crate) fn probed_version(words: &[String], probe: &dyn Probe) -> Option<Valu
     probe.answer(&question, &|| json!(version(words).ok()))
 }
 
+/// Most time for the answer of a `version` command.
+const MOST_ASKED: Duration = Duration::from_secs(60);
+
 /// The version that a command prints, queried once per process; nothing without a command.
 ///
 /// # Errors
@@ -275,13 +278,15 @@ pub(crate) fn version(words: &[String]) -> Result<String, String> {
         return told.clone();
     }
     let missing = |what: String| format!("`{}` {what}; install what it asks for", words.join(" "));
-    let told = match Command::new(program).args(arguments).output() {
+    let told = match process::answer(program, arguments, MOST_ASKED) {
         Err(error) => Err(missing(format!("cannot be started: {error}"))),
-        Ok(done) if !done.status.success() => {
+        Ok(None) => Err(missing(format!("takes longer than {} s", MOST_ASKED.as_secs()))),
+        Ok(Some(done)) if !done.status.success() => {
             let told = String::from_utf8_lossy(&done.stderr);
-            Err(missing(format!("failed: {}", told.lines().last().unwrap_or_default())))
+            let last = told.lines().last().map(|line| format!(": {line}")).unwrap_or_default();
+            Err(missing(format!("failed ({}){last}", done.status)))
         }
-        Ok(done) => Ok(String::from_utf8_lossy(&done.stdout).trim().to_owned()),
+        Ok(Some(done)) => Ok(String::from_utf8_lossy(&done.stdout).trim().to_owned()),
     };
     known.insert(words.to_vec(), told.clone());
     told

@@ -234,6 +234,10 @@ impl Kind for CommandKind {
         Some(found)
     }
 
+    fn sort(params: &Self::Params) -> String {
+        params.run.join(" ")
+    }
+
     fn later() -> &'static [Later] {
         // An empty list of words.
         &[Later { pointer: "/variables", before: Before::Integers(&[]) }]

@@ -162,6 +162,10 @@ impl Kind for ExternalDenoiser {
         timed::projected(params, group)
     }
 
+    fn sort(params: &Self::Params) -> String {
+        params.command.join(" ")
+    }
+
     fn later() -> &'static [Later] {
         // An empty list of words.
         const NONE: Before = Before::Integers(&[]);

@@ -9,8 +9,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use tauflow_contract::{
-    Action, Context, Each, Group, ItemKey, Kind, KindError, KindSpec, Known, Media, Mode, Out, Outlook, Outputs,
-    ParamProblem, Probe,
+    Action, Before, Context, Each, Group, ItemKey, Kind, KindError, KindSpec, Known, Later, Media, Mode, Out, Outlook,
+    Outputs, ParamProblem, Probe,
 };
 use tauflow_data::{
     Image,
@@ -43,12 +43,12 @@ pub struct GuidedFilterParams {
     /// Standard deviation of the weights over distance, in pixels.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub spatial: f64,
-    /// Standard deviation for differences of albedo.
+    /// Standard deviation for differences of albedo; none to ignore them.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
-    pub albedo: f64,
-    /// Standard deviation for differences of normals.
+    pub albedo: Option<f64>,
+    /// Standard deviation for differences of normals; none to ignore them.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
-    pub normal: f64,
+    pub normal: Option<f64>,
     /// Standard deviation for differences of patches of log radiance (non-local means); none for a joint bilateral
     /// filter, which uses only the G-buffer.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
@@ -58,9 +58,22 @@ pub struct GuidedFilterParams {
     pub patch: u64,
     /// Filter radiance divided by albedo, and multiply it back.
     pub demodulate: bool,
+    /// Space of the means.
+    pub average: Average,
     /// Number of measurements by `timing`.
     #[schemars(range(min = 1, max = 1000))]
     pub repeats: u64,
+}
+
+/// The space of weighted means.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Average {
+    /// Means of radiance.
+    #[default]
+    Linear,
+    /// Means of log(1 + radiance), which single bright samples hardly change.
+    Log1p,
 }
 
 impl Default for GuidedFilterParams {
@@ -71,11 +84,12 @@ impl Default for GuidedFilterParams {
             from: 1,
             radius: 10,
             spatial: 5.0,
-            albedo: 0.1,
-            normal: 0.2,
+            albedo: Some(0.1),
+            normal: Some(0.2),
             colour: None,
             patch: 3,
             demodulate: true,
+            average: Average::Linear,
             repeats: 5,
         }
     }
@@ -120,6 +134,10 @@ impl Kind for GuidedFilter {
         timed::projected(params, group)
     }
 
+    fn later() -> &'static [Later] {
+        &[Later { pointer: "/average", before: Before::Text("linear") }]
+    }
+
     fn environment(_params: &Self::Params, group: &str, _probe: &dyn Probe) -> Option<Value> {
         Some(if group == TIMING { machine() } else { Value::Null })
     }
@@ -143,8 +161,7 @@ impl Kind for GuidedFilter {
 
 /// An image [H, W, 3] of linear radiance, each pixel a weighted mean of those around it.
 ///
-/// Negative values, which no ladder has, are weighed by their signed logarithm, sign(x) log(1 + |x|), and averaged as
-/// they are.
+/// Logarithms are signed, sign(x) log(1 + |x|), for negative values, which no ladder has.
 ///
 /// # Errors
 /// If the image has not three channels, the G-buffer [H, W, 6] is of another size, or a value of either is not finite.
@@ -174,10 +191,14 @@ pub fn filtered(color: &Image, gbuffer: Option<&Image>, params: &GuidedFilterPar
         None => 1.0,
     };
     let light: Vec<f32> = color.data().iter().enumerate().map(|(i, v)| v / albedo(i / 3, i % 3)).collect();
-    let seen: Vec<f32> = match params.colour {
-        Some(_) => light.iter().map(|v| (log(1.0 + f64::from(v.abs())) as f32).copysign(*v)).collect(),
-        None => Vec::new(),
+    let logarithmic = params.average == Average::Log1p;
+    let seen: Vec<f32> = if params.colour.is_some() || logarithmic {
+        light.iter().map(|v| (log(1.0 + f64::from(v.abs())) as f32).copysign(*v)).collect()
+    } else {
+        Vec::new()
     };
+    let averaged = if logarithmic { &seen } else { &light };
+    let back = |mean: f64| if logarithmic { (exp(mean.abs()) - 1.0).copysign(mean) } else { mean };
     let view = View { width, height, gbuffer, seen: &seen, params };
     let mut data = vec![0.0f32; 3 * width * height];
     data.par_chunks_exact_mut(3 * width).enumerate().for_each(|(y, row)| {
@@ -193,7 +214,7 @@ pub fn filtered(color: &Image, gbuffer: Option<&Image>, params: &GuidedFilterPar
                     let patch = patches.as_ref().map_or(0.0, |patches| patches[x]);
                     let weight = exp(-0.5 * (view.distance(here, from, dx, dy) + patch));
                     for (c, sum) in sums[..3].iter_mut().enumerate() {
-                        *sum += weight * f64::from(light[3 * from + c]);
+                        *sum += weight * f64::from(averaged[3 * from + c]);
                     }
                     sums[3] += weight;
                 }
@@ -202,7 +223,7 @@ pub fn filtered(color: &Image, gbuffer: Option<&Image>, params: &GuidedFilterPar
         for (i, value) in row.iter_mut().enumerate() {
             let sums = &sums[i / 3];
             // The pixel itself has weight 1.
-            *value = (sums[i % 3] / sums[3]) as f32 * albedo(y * width + i / 3, i % 3);
+            *value = back(sums[i % 3] / sums[3]) as f32 * albedo(y * width + i / 3, i % 3);
         }
     });
     Ok(Image::from_data(width, height, 3, data)?)
@@ -218,7 +239,7 @@ struct View<'a> {
     width: usize,
     height: usize,
     gbuffer: Option<&'a Image>,
-    /// Logarithms of what is filtered; empty without patches.
+    /// Logarithms of what is filtered; empty where nothing reads them.
     seen: &'a [f32],
     params: &'a GuidedFilterParams,
 }
@@ -232,7 +253,8 @@ impl View<'_> {
             let pixel = |at: usize| &gbuffer.data()[6 * at..6 * at + 6];
             let (a, b) = (pixel(here), pixel(there));
             let part = |of: std::ops::Range<usize>| of.map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();
-            sum += part(0..3) * square(self.params.albedo) + part(3..6) * square(self.params.normal);
+            sum += self.params.albedo.map_or(0.0, |deviation| part(0..3) * square(deviation));
+            sum += self.params.normal.map_or(0.0, |deviation| part(3..6) * square(deviation));
         }
         sum
     }
@@ -292,8 +314,8 @@ mod tests {
     #[test]
     fn weights_are_those_of_the_definition() {
         let (_, noisy, gbuffer) = halves();
-        for colour in [None, Some(0.4)] {
-            let params = GuidedFilterParams { colour, patch: 1, radius: 2, ..params() };
+        for (colour, average) in [(None, Average::Linear), (Some(0.4), Average::Linear), (None, Average::Log1p)] {
+            let params = GuidedFilterParams { colour, average, patch: 1, radius: 2, ..params() };
             let found = filtered(&noisy, Some(&gbuffer), &params).expect("fits");
             let light =
                 |x: usize, y: usize, c: usize| f64::from(noisy.pixel(x, y)[c] / (gbuffer.pixel(x, y)[c] + DARKEST));
@@ -307,7 +329,7 @@ mod tests {
                     for u in (x - 2).max(0)..=(x + 2).min(15) {
                         let mut d = ((u - x).pow(2) + (v - y).pow(2)) as f64 / params.spatial.powi(2);
                         let (a, b) = (gbuffer.pixel(x as usize, y as usize), gbuffer.pixel(u as usize, v as usize));
-                        d += 3.0 * f64::from(a[0] - b[0]).powi(2) / params.albedo.powi(2);
+                        d += 3.0 * f64::from(a[0] - b[0]).powi(2) / params.albedo.expect("a default").powi(2);
                         if let Some(colour) = colour {
                             let mut patch = 0.0;
                             for (i, j) in (-1..=1).flat_map(|j| (-1..=1).map(move |i| (i, j))) {
@@ -316,14 +338,20 @@ mod tests {
                             }
                             d += patch / colour.powi(2);
                         }
-                        sum += (-0.5 * d).exp() * light(u as usize, v as usize, 1);
+                        let value = light(u as usize, v as usize, 1);
+                        let value = if average == Average::Log1p { value.ln_1p() } else { value };
+                        sum += (-0.5 * d).exp() * value;
                         weights += (-0.5 * d).exp();
                     }
                 }
                 let albedo = f64::from(gbuffer.pixel(x as usize, y as usize)[1] + DARKEST);
-                let expected = sum / weights * albedo;
+                let mean = sum / weights;
+                let expected = if average == Average::Log1p { mean.exp_m1() } else { mean } * albedo;
                 let found = f64::from(found.pixel(x as usize, y as usize)[1]);
-                assert!((found - expected).abs() < 1e-4 * expected, "{colour:?} {x} {y}: {found} {expected}");
+                assert!(
+                    (found - expected).abs() < 1e-4 * expected,
+                    "{colour:?} {average:?} {x} {y}: {found} {expected}"
+                );
             }
         }
     }
@@ -343,6 +371,34 @@ mod tests {
         assert!(error(&with, &clean) < 0.5 * error(&without, &clean));
         let flat = filtered(&clean, Some(&gbuffer), &params()).expect("fits");
         assert!(error(&flat, &clean) < 1e-10);
+    }
+
+    #[test]
+    fn means_of_logarithms_hardly_see_a_single_bright_sample() {
+        let (clean, mut noisy, gbuffer) = halves();
+        noisy.pixel_mut(4, 4).fill(1e4);
+        let of = |average| {
+            let params = GuidedFilterParams { average, ..params() };
+            filtered(&noisy, Some(&gbuffer), &params).expect("fits").pixel(5, 4)[0]
+        };
+        let truth = clean.pixel(5, 4)[0];
+        assert!(of(Average::Log1p) < 5.0 * truth && of(Average::Linear) > 500.0 * truth);
+    }
+
+    #[test]
+    fn without_deviations_of_features_the_filter_is_a_gaussian_of_demodulated_light() {
+        let (_, noisy, gbuffer) = halves();
+        let gaussian = GuidedFilterParams { albedo: None, normal: None, ..params() };
+        let found = filtered(&noisy, Some(&gbuffer), &gaussian).expect("fits");
+        // The same filter of what is left of the light without albedo, where nothing is known of the surfaces.
+        let mut light = noisy.clone();
+        light.data_mut().iter_mut().enumerate().for_each(|(i, v)| *v /= gbuffer.data()[6 * (i / 3) + i % 3] + DARKEST);
+        let blind = GuidedFilterParams { conditioning: Conditioning::Rgb, demodulate: false, ..gaussian };
+        let light = filtered(&light, None, &blind).expect("fits");
+        for (i, (found, light)) in found.data().iter().zip(light.data()).enumerate() {
+            let expected = light * (gbuffer.data()[6 * (i / 3) + i % 3] + DARKEST);
+            assert!((found - expected).abs() <= 1e-6 * expected, "{i}: {found} {expected}");
+        }
     }
 
     #[test]

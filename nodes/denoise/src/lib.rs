@@ -17,7 +17,7 @@ mod trace;
 pub use command_kind::{CommandKind, CommandMode, CommandParams, ImageFiles, Reproducible};
 pub use external_denoiser::{ExternalDenoiser, ExternalDenoiserParams};
 pub use external_renderer::{ExternalRenderer, ExternalRendererParams};
-pub use guided_filter::{GuidedFilter, GuidedFilterParams, filtered};
+pub use guided_filter::{Average, GuidedFilter, GuidedFilterParams, filtered};
 pub use oidn::{Features, Quality};
 
 use tauflow_contract::{KindRow, NodeKind};

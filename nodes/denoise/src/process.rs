@@ -17,7 +17,7 @@ use std::{
     io::{self, Read},
     os::unix::process::CommandExt,
     path::Path,
-    process::{Child, Command, ExitStatus, Stdio},
+    process::{Child, Command, ExitStatus, Output, Stdio},
     sync::{Arc, Mutex, PoisonError},
     thread,
     time::{Duration, Instant},
@@ -171,6 +171,38 @@ impl Launch<'_> {
     }
 }
 
+/// What a program prints that answers a question at once; none if it takes longer than it may, and is ended then.
+///
+/// # Errors
+/// If it cannot be started, or not be waited for.
+#[expect(clippy::disallowed_methods, reason = "a limit of wall time")]
+pub(crate) fn answer(program: &str, arguments: &[String], most: Duration) -> io::Result<Option<Output>> {
+    let mut command = Command::new(program);
+    command.args(arguments).env_clear().envs(variables(&[])).stdin(Stdio::null()).process_group(0);
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn()?;
+    let pipes: [Option<Box<dyn Read + Send>>; 2] =
+        [child.stdout.take().map(|pipe| Box::new(pipe) as _), child.stderr.take().map(|pipe| Box::new(pipe) as _)];
+    let readers = pipes.map(|pipe| {
+        thread::spawn(move || {
+            let mut text = Vec::new();
+            // Half an answer is one as well: the pipe breaks where the program is ended.
+            let _ = pipe.map(|pipe| pipe.take(KEPT as u64).read_to_end(&mut text));
+            text
+        })
+    });
+    let started = Instant::now();
+    let ended = loop {
+        match child.try_wait() {
+            Ok(None) if started.elapsed() <= most => thread::sleep(Duration::from_millis(2)),
+            Ok(ended) => break Ok(ended),
+            Err(error) => break Err(error),
+        }
+    };
+    end(&mut child);
+    let [stdout, stderr] = readers.map(|reader| reader.join().unwrap_or_default());
+    Ok(ended?.map(|status| Output { status, stdout, stderr }))
+}
+
 /// Ends a program with its group. Both may have ended.
 fn end(child: &mut Child) {
     if let Ok(id) = i32::try_from(child.id()) {
@@ -226,6 +258,17 @@ fn last_lines(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_question_is_answered_within_its_time() {
+        let ask = |script: &str, most| {
+            answer("sh", &["-c".to_owned(), script.to_owned()], Duration::from_millis(most)).expect("it starts")
+        };
+        let said = ask("echo 1.2; echo no >&2; exit 4", 20_000).expect("in time");
+        assert_eq!((said.stdout, said.stderr, said.status.code()), (b"1.2\n".to_vec(), b"no\n".to_vec(), Some(4)));
+        assert!(ask("sleep 600 & sleep 600", 50).is_none());
+        assert!(answer("/no/such/program", &[], Duration::from_secs(1)).is_err());
+    }
 
     #[test]
     fn the_last_lines_are_the_last() {

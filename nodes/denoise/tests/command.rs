@@ -105,6 +105,19 @@ fn scene(value: f32) -> PackedScene {
 }
 
 #[test]
+fn links_and_hidden_files_are_no_output() {
+    let bench = Bench::default();
+    for (script, told) in [
+        ("echo a > out/made/a; echo b > out/made/.env", "`out/made/.env`, whose name begins with a dot"),
+        ("mkdir out/made/x; echo a > out/made/x/a; ln -s /etc/hostname out/made/x/b", "the link `out/made/x/b`"),
+        ("ln -s .. out/made/x", "the link `out/made/x`"),
+    ] {
+        let error = bench.wrong(script, &json!({}));
+        assert!(error.contains(told), "{script}: {error}");
+    }
+}
+
+#[test]
 fn the_denoiser_of_the_manual_denoises() {
     let lines = example("python").lines().count();
     assert_eq!(lines, 12);
@@ -249,7 +262,7 @@ fn programs_that_fail_are_told_with_their_last_words() {
     let error = bench.wrong("true", &json!({ "depends": ["/no/such/file"] }));
     assert!(error.contains("`depends` names `/no/such/file`"), "{error}");
     let error = bench.wrong("true", &json!({ "version": ["sh", "-c", "echo none >&2; exit 1"] }));
-    assert!(error.contains("failed: none"), "{error}");
+    assert!(error.contains("failed (exit status: 1): none"), "{error}");
     let error = bench.wrong("date +%N > out/made/a; echo $$ >> out/made/a", &json!({ "reproducible": "everywhere" }));
     assert!(error.contains("two runs gave different outputs on `made`"), "{error}");
 }

@@ -62,7 +62,7 @@ const FROZEN: All<Generated> = All::new(
 const SCORES: All<SampleScores> =
     All::new("scores", "Scores of the same samples by metrics that need no reference.").or_none();
 const QUALITY: Out<ImageQuality> =
-    Out::new(Group::main(3), "quality", "Scores by backbone and variant, gains and verdicts.").single();
+    Out::new(Group::main(4), "quality", "Scores by backbone and variant, gains and verdicts.").single();
 
 fn input(what: String) -> KindError {
     KindError::Input(what)
@@ -139,7 +139,7 @@ impl Kind for ImageQualityKind {
                 given: others.of(backbone)?,
                 size,
             };
-            let compared = scored.frozen.unwrap_or(backbone).samples.len();
+            let compared = scored.frozen.unwrap_or(backbone);
             let samples = score(ctx, &tools, clean, scored, bootstrap)?;
             quality.notes.extend(samples.notes.iter().cloned());
             if samples.scores.iter().any(|score| score == NIQE) && !stands_alone(size[0].min(size[1])) {
@@ -150,8 +150,8 @@ impl Kind for ImageQualityKind {
                 ));
             }
             quality.per_sample.extend(per_sample(backbone, &samples));
-            let images = [gaussian_images(size, drawn), compared];
-            quality.backbones.push(table(backbone, size, &samples, &quality, images)?);
+            let against = (compared, gaussian_images(size, drawn));
+            quality.backbones.push(table(backbone, size, &samples, &quality, against)?);
         }
         let there = |column: &ScoreColumn| {
             let has = |backbone: &BackboneQuality| backbone.variants[0].scores.contains_key(&column.name);
@@ -220,15 +220,15 @@ fn frozen<'a>(
         ));
     }
     let found = backbones(ctx, items)?;
-    for Backbone { name, family, steps, samples, .. } in &found {
+    for Backbone { name, family, samples, .. } in &found {
         let Some(own) = scored.iter().find(|own| own.name == *name) else {
             return Err(input(format!("`frozen` has samples of backbone `{name}`, which `generated` does not have")));
         };
-        if (own.family, own.steps) != (*family, *steps) {
+        if own.family != *family {
             return Err(input(format!(
-                "samples of backbone `{name}` have {} steps in `generated` and {steps} in `frozen`; generate both \
-                 with the same params",
-                own.steps
+                "backbone `{name}` is a {} in `generated` and a {} in `frozen`; connect samples of the same backbones",
+                own.family.name(),
+                family.name()
             )));
         }
         if samples.len() < 2 {
@@ -311,7 +311,7 @@ fn table(
     size: Size,
     samples: &Samples,
     quality: &ImageQuality,
-    [gaussians, compared]: [usize; 2],
+    (compared, gaussians): (&Backbone<'_>, usize),
 ) -> Result<BackboneQuality, KindError> {
     let resampled = &samples.resampled;
     let figures = |of: &dyn Fn(usize, &str) -> Estimate| -> BTreeMap<String, Estimate> {
@@ -341,7 +341,8 @@ fn table(
         let [gaussian, frozen] = samples.gaussian();
         AgainstGaussian {
             images: gaussians as u64,
-            samples: compared as u64,
+            samples: compared.samples.len() as u64,
+            steps: compared.steps,
             gaussian: resampled.estimate(|m| m[gaussian]),
             frozen: resampled.estimate(|m| m[frozen]),
             nearer: resampled.estimate(|m| m[gaussian] - m[frozen]),

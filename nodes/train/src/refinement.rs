@@ -17,7 +17,7 @@ use tauflow_contract::{
 use tauflow_data::{
     Image,
     facts::{self, CONDITIONING, HAS_GBUFFER, NFE, RUNGS, SPP},
-    methods::Conditioning,
+    methods::{Conditioning, MethodName, Parameterization},
     records::{ModelFile, PackedScene, Refined, RefinedImage, TimedImage, Timing},
     time::TimeGrid,
     timing::{Repeated, machine},
@@ -26,6 +26,7 @@ use tauflow_data::{
 
 /// The behaviour before these params existed.
 const LATER: &[Later] = &[
+    Later { pointer: "/method", before: Before::Null },
     Later { pointer: "/mirrors", before: Before::Integer(1) },
     Later { pointer: "/blank", before: Before::Text("none") },
     device::ON_THE_CPU,
@@ -72,6 +73,8 @@ impl Blank {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct RefinementParams {
+    /// Name of the method in tables; that of the model's parameterization by default.
+    pub method: Option<MethodName>,
     /// Numbers of network calls, increasing.
     pub nfe: NetworkCalls,
     /// Sample count of the endpoint to start from.
@@ -94,6 +97,7 @@ pub struct RefinementParams {
 impl Default for RefinementParams {
     fn default() -> Self {
         Self {
+            method: None,
             nfe: NetworkCalls::default(),
             from: 1,
             grid: TimeGrid::Ladder,
@@ -102,6 +106,13 @@ impl Default for RefinementParams {
             device: NetworkDevice::Cpu,
             repeats: 3,
         }
+    }
+}
+
+impl RefinementParams {
+    /// What the method is called in tables.
+    fn method(&self, parameterization: Parameterization) -> String {
+        self.method.as_ref().map_or(parameterization.name(), MethodName::as_str).to_owned()
     }
 }
 
@@ -201,7 +212,7 @@ impl Kind for Refinement {
             let course = Course { from: action.params.from, steps: *nfe as usize, grid: action.params.grid };
             let image = rollout(&model, endpoint, gbuffer, course)?;
             let said = RefinedImage {
-                method: model.parameterization().name().into(),
+                method: action.params.method(model.parameterization()),
                 from_spp: action.params.from,
                 to_spp: model.clock().n_max() as u64,
                 nfe: *nfe,
@@ -224,7 +235,7 @@ fn timed(
     let course = |nfe: u64| Course { from: params.from, steps: nfe as usize, grid: params.grid };
     rollout(model, endpoint, gbuffer, course(1))?;
     let entry = |nfe: &u64| TimedImage {
-        method: model.parameterization().name().into(),
+        method: params.method(model.parameterization()),
         from_spp: params.from,
         nfe: *nfe,
         took: Repeated::default(),

@@ -260,16 +260,17 @@ fn start(command: &mut Command) -> io::Result<Child> {
 /// The outcome of an action, from the messages of its process and from its record. None if the record is not here yet.
 pub(super) fn outcome(order: &Order, end: &End, holdings: Holdings<'_>) -> Result<Option<Outcome>, EngineError> {
     let action = &order.action;
-    let recorded = || -> Result<Option<Made>, EngineError> {
+    let recorded = |replaced: bool| -> Result<Option<Made>, EngineError> {
         holdings.store.refresh()?;
-        let record = action.recorded(holdings.store)?;
+        // A replaced record that this machine sees late is still the one of the upstream.
+        let record = action.recorded(holdings.store)?.filter(|record| !(replaced && record.fetched));
         Ok(holdings.made(record.as_deref(), &action.producer.spec, action.producer.group)?)
     };
     Ok(Some(match end {
-        End::Hit => return Ok(recorded()?.map(Outcome::Hit)),
-        End::Ran { put } => match &action.before {
-            Some(made) => Outcome::Ran(made.clone()),
-            None => return Ok(recorded()?.map(|made| Outcome::Ran(Made { put: *put, ..made }))),
+        End::Hit => return Ok(recorded(false)?.map(Outcome::Hit)),
+        End::Ran { put, replaced } => match &action.before {
+            Some(made) if !replaced => Outcome::Ran(made.clone()),
+            _ => return Ok(recorded(*replaced)?.map(|made| Outcome::Ran(Made { put: *put, ..made }))),
         },
         End::Failed(message) => Outcome::Failed(message.clone()),
         End::Missing(blobs) => Outcome::Missing(blobs.clone()),

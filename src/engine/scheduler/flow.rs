@@ -75,7 +75,10 @@ impl Scheduler<'_> {
     pub(super) fn give(&mut self, lane: LaneId, input: InputId, key: ItemKey, arrival: Arrival) {
         if self.states[lane].inputs[input].arrived.insert(key.clone(), arrival).is_some() {
             let port = self.spec(lane).inputs[input.place()].name;
-            return self.fail_lane(lane, format!("two nodes on input `{port}` produce an item `{key}`"));
+            return self.fail_lane(
+                lane,
+                format!("two nodes on input `{port}` produce an item `{key}`; give each a matrix axis of its own"),
+            );
         }
         let slot = if self.lanes[lane].driving == Some(input) {
             self.add_slot(lane, Some(key), Vec::new())

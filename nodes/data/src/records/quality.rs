@@ -137,6 +137,8 @@ pub struct AgainstGaussian {
     pub images: u64,
     /// Number of frozen samples.
     pub samples: u64,
+    /// Sampler steps of these samples.
+    pub steps: u64,
     /// Squared MMD of the Gaussian images to the held-out renders.
     pub gaussian: Estimate,
     /// Squared MMD of the frozen backbone's images to the held-out renders.

@@ -201,6 +201,11 @@ impl ScoreTable {
         self.axes.split_at(self.row_axes.min(self.axes.len()))
     }
 
+    /// Whether strata need a column of their own in files: they are no axis.
+    fn own_stratum(&self) -> bool {
+        self.axes.iter().all(|axis| axis.name != "stratum")
+    }
+
     /// The cell with these values.
     pub fn cell(&self, at: &[AxisValue]) -> Option<&TableCell> {
         self.cells.iter().find(|cell| cell.at == at)

@@ -174,6 +174,26 @@ impl Invocation<'_> {
         Ok(())
     }
 
+    /// Refuses files that would be left out of an output, and links: the file that a link leads to may change, and
+    /// nobody would know.
+    fn check_names(&self, folder: &Path, place: &str) -> Result<(), KindError> {
+        for name in entries(folder)? {
+            let (path, place) = (folder.join(&name), format!("{place}/{name}"));
+            if name.starts_with('.') {
+                return Err(self.failed(&format!(
+                    "left `{place}`, whose name begins with a dot; such files are never read: rename or remove it"
+                )));
+            }
+            if path.is_symlink() {
+                return Err(self.failed(&format!("left the link `{place}`; put a copy of the file there")));
+            }
+            if path.is_dir() {
+                self.check_names(&path, &place)?;
+            }
+        }
+        Ok(())
+    }
+
     /// An output, as `import` reads what `export` wrote.
     fn read(&self, folder: &Path, place: &str, of: &str) -> Result<Artifact, KindError> {
         let row = row(of)?;
@@ -184,6 +204,7 @@ impl Invocation<'_> {
         if !folder.is_dir() {
             return Err(self.failed(&format!("removed the directory `{place}`")));
         }
+        self.check_names(folder, place)?;
         let disk = DiskFolder::new(folder);
         let mut files = FileTree::new();
         for name in disk.names().map_err(unreadable)? {

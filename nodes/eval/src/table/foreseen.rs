@@ -52,24 +52,43 @@ pub(super) fn foreseen(sources: &[Source], params: &TableParams) -> Vec<Foreseen
         if !names.contains(axis.as_str()) {
             let message = format!("`against` names the axis `{axis}`, which the scores do not have");
             problems.push(Foreseen::param("/against/axis", message, format!("they have {}", quoted(&names))));
-        } else if !own.contains(&axis.as_str()) {
-            let values: BTreeSet<&str> = of.iter().filter_map(|axes| axes.get(axis).map(String::as_str)).collect();
-            if !values.iter().any(|text| AxisValue::parse(text) == value.value()) {
-                let message = format!("the axis `{axis}` has no value `{}`", value.value());
-                problems.push(Foreseen::param("/against/value", message, format!("it has {}", quoted(&values))));
+            return problems;
+        }
+        let values = values_of(axis, sources, &of);
+        if !placed(axis) && (!params.rows.is_empty() || stays_out(axis, values.as_ref())) {
+            // An axis with several values was told of above.
+            if problems.is_empty() {
+                let message = format!("`against` names the axis `{axis}`, which is no axis of the table");
+                problems.push(Foreseen::param("/against/axis", message, "add it to `rows` or `columns`".to_owned()));
             }
-        } else if let Some(known) = match axis.as_str() {
-            SPP => counts(sources, facts::SPP),
-            NFE => counts(sources, facts::NFE),
-            _ => None,
-        } && !known.iter().any(|count| AxisValue::parse(&count.to_string()) == value.value())
-        {
+        } else if let Some(known) = values.filter(|known| !known.contains(&value.value().to_string())) {
             let message = format!("the axis `{axis}` has no value `{}`", value.value());
-            let hint = format!("it has {}", quoted(known.iter().map(u64::to_string)));
-            problems.push(Foreseen::param("/against/value", message, hint));
+            problems.push(Foreseen::param("/against/value", message, format!("it has {}", quoted(&known))));
         }
     }
     problems
+}
+
+/// The values on an axis over all scores, as a table shows them; none if they are not known.
+fn values_of(axis: &str, sources: &[Source], of: &[BTreeMap<String, String>]) -> Option<BTreeSet<String>> {
+    let known = |fact| counts(sources, fact).map(|counts| counts.iter().map(u64::to_string).collect());
+    match axis {
+        SPP => known(facts::SPP),
+        NFE => known(facts::NFE),
+        // A score tells the method that no matrix names.
+        METHOD if of.iter().any(|axes| !axes.contains_key(METHOD)) => None,
+        _ if of.iter().any(|axes| axes.contains_key(axis)) => {
+            // A score without a coordinate has the empty text there.
+            let text = |axes: &BTreeMap<String, String>| axes.get(axis).map_or("", String::as_str).to_owned();
+            Some(of.iter().map(|axes| AxisValue::parse(&text(axes)).to_string()).collect())
+        }
+        _ => None,
+    }
+}
+
+/// Whether an axis with these values does not become rows by itself.
+fn stays_out(axis: &str, values: Option<&BTreeSet<String>>) -> bool {
+    axis == STRATUM || values.is_some_and(|values| values.len() < 2)
 }
 
 /// The values of `spp` or `nfe` over all scores, if every source tells its own.

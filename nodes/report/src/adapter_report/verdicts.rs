@@ -153,7 +153,7 @@ fn gaussian(backbones: &[BackboneQuality]) -> Option<String> {
         "<h3>Frozen backbones against Gaussian images</h3><p>Squared MMD to held-out renders, for the frozen \
          backbone's samples and for Gaussian images with the mean and covariance of the training set. A backbone with \
          a lower MMD has learned more than these two moments.</p><div class=\"scroll\"><table \
-         class=\"wide\"><thead><tr><th>Backbone</th><th>Samples</th><th>Gaussian \
+         class=\"wide\"><thead><tr><th>Backbone</th><th>Samples</th><th>Steps</th><th>Gaussian \
          images</th><th>Frozen</th><th>Nearer by</th><th>Verdict</th></tr></thead><tbody>",
     );
     let mut any = false;
@@ -171,9 +171,10 @@ fn gaussian(backbones: &[BackboneQuality]) -> Option<String> {
         };
         let _ = write!(
             out,
-            "<tr><td>{}</td><td>{}</td>{}{}{}<td><b>{told}</b></td></tr>",
+            "<tr><td>{}</td><td>{}</td><td>{}</td>{}{}{}<td><b>{told}</b></td></tr>",
             backbone_name(backbone),
             found.samples,
+            found.steps,
             cell(&found.gaussian),
             cell(&found.frozen),
             cell(&found.nearer)

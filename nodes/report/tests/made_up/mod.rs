@@ -117,6 +117,7 @@ fn table((backbone, family, steps): (&str, Family, u64), number: f64) -> Backbon
     };
     let gaussian = AgainstGaussian {
         samples: 100,
+        steps,
         images: 100,
         gaussian: estimate(0.9, 0.1),
         frozen: estimate(0.1, 0.02),

@@ -27,8 +27,7 @@ pub struct TrainingParams {
     pub loss: Loss,
     /// Seed of the initial weights and batches: trainings that differ only in it show the variance between trainings.
     pub draw: u64,
-    /// Training steps.
-    #[schemars(range(min = 1))]
+    /// Training steps; 0 keeps the initial weights, as a baseline.
     pub steps: u64,
     /// Number of training examples per step.
     #[schemars(range(min = 1, max = 4096))]

@@ -28,17 +28,19 @@ pub fn cells(table: &ScoreTable) -> String {
     out
 }
 
-/// Every score: one row for each item and cell, one column for each metric. An infinite PSNR is `inf`.
+/// Every score: one row for each item and cell, one column for each metric. An infinite PSNR is `inf`. A stratum that
+/// is an axis has one column.
 pub fn items(table: &ScoreTable) -> String {
-    let mut out = format!("item,stratum,{}{}\n", axes(table), METRICS.join(","));
+    let own = table.own_stratum();
+    let mut out = format!("item,{}{}{}\n", if own { "stratum," } else { "" }, axes(table), METRICS.join(","));
     for row in &table.per_item {
         let scores: Vec<String> =
             METRICS.iter().map(|name| row.metrics.get(name).map_or_else(String::new, |v| v.to_string())).collect();
         let _ = writeln!(
             out,
-            "{},{},{}{}",
+            "{},{}{}{}",
             csv_field(&row.item),
-            csv_field(&row.stratum),
+            if own { format!("{},", csv_field(&row.stratum)) } else { String::new() },
             values(&row.at),
             scores.join(",")
         );
@@ -60,5 +62,14 @@ mod tests {
         assert_eq!(lines[3], "sobol,4,hdr_psnr,2,22.5,21.5,23.5,2.5,1.5,3.5");
         let text = items(&table);
         assert_eq!(text.lines().nth(1), Some("L0-open-000001,L0-open,sobol,4,20,21,0.5,22,0.25,0.75"));
+    }
+
+    #[test]
+    fn a_stratum_that_is_an_axis_is_one_column() {
+        let mut table = super::super::tests::table();
+        table.axes[0].name = "stratum".into();
+        let text = items(&table);
+        assert!(text.starts_with("item,stratum,spp,hdr_psnr,"), "{text}");
+        assert_eq!(text.lines().nth(1), Some("L0-open-000001,sobol,4,20,21,0.5,22,0.25,0.75"));
     }
 }

@@ -139,7 +139,7 @@ pub fn cells(table: &ScoreTable) -> Result<Vec<u8>, KindError> {
 pub fn items(table: &ScoreTable) -> Result<Vec<u8>, KindError> {
     let rows = || table.per_item.iter();
     let mut columns = vec![Column::texts("item", rows().map(|row| row.item.as_str()))];
-    if table.axes.iter().all(|axis| axis.name != "stratum") {
+    if table.own_stratum() {
         columns.push(Column::texts("stratum", rows().map(|row| row.stratum.as_str())));
     }
     let axes = table.axes.iter().enumerate();

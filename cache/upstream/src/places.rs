@@ -1,0 +1,170 @@
+//! The places of an upstream's records and blobs, from its indices. The text of the records is in a temporary file.
+
+use crate::{
+    Upstream, UpstreamError,
+    error::{At, Failure},
+    index::{Line, lines},
+    upstream::Pack,
+};
+use std::{
+    collections::{HashMap, HashSet},
+    env,
+    fs::File,
+    io::{self, BufWriter, Write},
+    os::unix::fs::FileExt,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+};
+use tauflow_cache::{Digest, Key, Record};
+
+/// Packs that are kept open.
+const MOST_OPEN: usize = 64;
+
+/// A place in a pack: the pack's number, and the offset.
+type BlobAt = (u32, u64);
+
+/// The places of an upstream's records and blobs.
+pub(crate) struct Places {
+    pub upstream: Upstream,
+    /// The lines of records.
+    spool: File,
+    listed: Listed,
+    use_of: Mutex<Use>,
+}
+
+/// What indices list.
+#[derive(Default)]
+struct Listed {
+    /// Offset and length of each record in the spool, and when it was made. If indices have several records for a key,
+    /// the latest one counts.
+    records: HashMap<(u8, Key), (u64, u32, u64)>,
+    blobs: HashMap<Digest, BlobAt>,
+    /// Further places of blobs that two machines pushed.
+    more: HashMap<Digest, Vec<BlobAt>>,
+    packs: Vec<Digest>,
+    /// The numbers of the packs.
+    numbers: HashMap<Digest, u32>,
+    /// Bytes in the spool.
+    end: u64,
+}
+
+/// Open packs, and errors so far.
+#[derive(Default)]
+pub(crate) struct Use {
+    /// Open packs; none for one that cannot be opened.
+    open: HashMap<u32, Option<Arc<Pack>>>,
+    /// Packs with damage that was told.
+    pub told: HashSet<u32>,
+    /// Blobs that cannot be had.
+    pub bad: HashSet<Digest>,
+}
+
+impl Listed {
+    /// Adds the lines of an index.
+    fn add(&mut self, lines: Vec<Line>, namespaces: &[&str], spool: &mut impl Write) -> io::Result<()> {
+        let mut pack = None;
+        for line in lines {
+            match line {
+                Line::Pack(digest) => {
+                    let next = self.packs.len() as u32;
+                    let number = *self.numbers.entry(digest).or_insert(next);
+                    if number == next {
+                        self.packs.push(digest);
+                    }
+                    pack = Some(number);
+                }
+                Line::Blob(digest, offset) => {
+                    let Some(pack) = pack else { continue };
+                    match self.blobs.get(&digest) {
+                        None => drop(self.blobs.insert(digest, (pack, offset))),
+                        Some(known) if *known != (pack, offset) => {
+                            self.more.entry(digest).or_default().push((pack, offset));
+                        }
+                        Some(_) => {}
+                    }
+                }
+                Line::Record(record) => {
+                    let record = Record::from(*record);
+                    let Some(number) = namespaces.iter().position(|known| *known == record.namespace) else {
+                        continue;
+                    };
+                    let slot = (number as u8, record.key);
+                    let when = record.when;
+                    if self.records.get(&slot).is_some_and(|(.., known)| *known >= when) {
+                        continue;
+                    }
+                    let text = serde_json::to_vec(&Line::Record(Box::new(record.into())))?;
+                    spool.write_all(&text)?;
+                    self.records.insert(slot, (self.end, text.len() as u32, when)); // an index has less than 4 GiB
+                    self.end += text.len() as u64;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Places {
+    /// Reads all indices.
+    ///
+    /// # Errors
+    /// When the upstream fails, or no temporary file can be written. Damage is told.
+    pub fn read(upstream: Upstream, namespaces: &[&str], tell: &dyn Fn(&str)) -> Result<Self, UpstreamError> {
+        let folder = env::temp_dir();
+        let mut spool = BufWriter::new(tempfile::tempfile().at("write to", &folder)?);
+        let mut listed = Listed::default();
+        let mut written = Ok(());
+        upstream.each_index(&upstream.indices()?, &mut |index, read| match read
+            .and_then(|bytes| lines(&upstream, index, &bytes))
+        {
+            Ok(lines) if written.is_ok() => written = listed.add(lines, namespaces, &mut spool),
+            Ok(_) => {}
+            Err(note) => tell(&note),
+        })?;
+        written.at("write to", &folder)?;
+        let spool = spool.into_inner().map_err(io::IntoInnerError::into_error).at("write to", &folder)?;
+        Ok(Self { upstream, spool, listed, use_of: Mutex::default() })
+    }
+
+    /// The places of a blob: pack and offset.
+    pub fn of_blob(&self, digest: &Digest) -> impl Iterator<Item = BlobAt> {
+        let more = self.listed.more.get(digest).into_iter().flatten();
+        self.listed.blobs.get(digest).into_iter().chain(more).copied()
+    }
+
+    pub fn used(&self) -> MutexGuard<'_, Use> {
+        self.use_of.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub fn record(&self, namespace: u8, key: &Key) -> Option<Record> {
+        let (offset, len, _) = self.listed.records.get(&(namespace, *key))?;
+        let mut text = vec![0; *len as usize];
+        self.spool.read_exact_at(&mut text, *offset).ok()?;
+        match serde_json::from_slice(&text).ok()? {
+            Line::Record(record) => Some(Record::from(*record)),
+            Line::Pack(_) | Line::Blob(..) => None,
+        }
+    }
+
+    /// A blob of a pack; none if the pack could not be opened before.
+    pub fn read_blob(&self, number: u32, offset: u64, digest: &Digest) -> Result<Option<Vec<u8>>, Failure> {
+        let pack = self.pack(number)?;
+        pack.map(|pack| self.upstream.blob(&pack, offset, digest)).transpose()
+    }
+
+    /// An open pack, or none if it could not be opened before; the note of the first time.
+    fn pack(&self, number: u32) -> Result<Option<Arc<Pack>>, Failure> {
+        if let Some(known) = self.used().open.get(&number) {
+            return Ok(known.clone());
+        }
+        let opened = self.upstream.pack(&self.listed.packs[number as usize]).map(Arc::new);
+        let mut used = self.used();
+        if used.open.len() >= MOST_OPEN {
+            // Packs that cannot be opened are kept, so that nobody tries again.
+            used.open.retain(|_, pack| pack.is_none());
+        }
+        // Another thread may have opened it meanwhile, and counts its reads.
+        let pack = used.open.entry(number).or_insert_with(|| opened.as_ref().ok().cloned()).clone();
+        drop(used);
+        opened.map(|_| pack)
+    }
+}
