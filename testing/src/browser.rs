@@ -13,8 +13,8 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Seconds that a page may take to come to a state; more than any machine needs.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// How long a page may take to come to a state; more than a busy machine needs.
+const PATIENCE: Duration = Duration::from_secs(180);
 
 /// A browser with one page.
 pub struct Browser {

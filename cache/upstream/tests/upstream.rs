@@ -8,7 +8,7 @@ use std::{
     thread,
 };
 use tauflow_cache::{Digest, Key, Record, Store, tree};
-use tauflow_upstream::{Address, Pulled, Pushed, Reader, Upstream, UpstreamError, Wanted, all, pull, push};
+use tauflow_upstream::{Address, Pulled, Pushed, Reader, SecretKey, Upstream, UpstreamError, Wanted, all, pull, push};
 use tempfile::TempDir;
 
 const ALL: Wanted<'_> = Wanted { namespaces: &["action"], sound: &|record| record.preimage != "forged" };
@@ -401,4 +401,34 @@ fn a_damaged_blob_of_the_store_comes_back_from_the_upstream() {
     }
     let (a, _) = lab.reading("a");
     assert_eq!(a.get(&digest).expect("readable"), Some(big));
+}
+
+#[test]
+fn a_push_that_signs_passes_over_packs_without_a_signature_and_signs_them() {
+    let lab = Lab::new();
+    let a = lab.store("a");
+    add(&a, "x");
+    lab.push(&a);
+    let path = lab.folder.path().join("key");
+    let (public, _) = SecretKey::generate(&path).expect("writable");
+    let pinned = || Upstream::open(&lab.address()).expect("it is there").pinned(Some(public.clone()));
+    let contents = pinned().contents().expect("readable");
+    assert_eq!((contents.records(), contents.notes.len()), (0, 1), "{:?}", contents.notes);
+    assert!(contents.notes[0].contains("has no signature of the key") && contents.notes[0].contains("packs/"));
+    let key = SecretKey::read(&path).expect("its own file");
+    let signing = Upstream::open(&lab.address()).expect("it is there").signing(key).expect("its own key");
+    let signed = push(&a, &signing, &all(&a, &["action"]), &anything, false, &mut |_, _| {}).expect("writable");
+    assert_eq!((signed.records, signed.notes), (1, Vec::new()));
+    let contents = pinned().contents().expect("readable");
+    assert_eq!((contents.records(), contents.notes), (1, Vec::new()));
+    assert_eq!((lab.files("index").len(), lab.files("minisig").len()), (1, 1), "the same pack, now signed");
+    let b = lab.store("b");
+    assert_eq!(pull(&b, &pinned(), ALL, &mut |_, _| {}).expect("writable").records, 1);
+    change(&lab.files("minisig")[0], |bytes| {
+        let at = bytes.len() - 20;
+        bytes[at] ^= 1;
+    });
+    let contents = pinned().contents().expect("readable");
+    assert!(contents.notes[0].contains("has a signature that is not one of the key"), "{:?}", contents.notes);
+    assert_eq!(contents.records(), 0);
 }
