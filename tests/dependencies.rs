@@ -15,7 +15,7 @@ fn text(file: &str) -> String {
 fn tree(more: &[&str]) -> Vec<String> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let output = Command::new(cargo)
-        .args(["tree", "--offline", "--workspace", "--features", "tauflow/objects"])
+        .args(["tree", "--offline", "--workspace"])
         .args(["--edges", "normal,build,dev", "--prefix", "none"])
         .args(more)
         .current_dir(env!("CARGO_MANIFEST_DIR"))

@@ -223,6 +223,6 @@ fn a_program_without_object_stores_says_so_and_runs() {
     assert!(!said.err.contains("note: "), "{}", said.err);
     let said = place.on("b", &["run", "small.yaml", "--upstream", "s3://lab/x"]).ends(0);
     assert_eq!(said.err.matches("note: the upstream is not used: ").count(), 1, "{}", said.err);
-    assert!(said.err.contains("--features objects"), "{}", said.err);
+    assert!(said.err.contains("without the feature `objects`"), "{}", said.err);
     place.on("b", &["cache", "pull", "--upstream", "https://lab.example/x"]).ends(2);
 }

@@ -21,8 +21,8 @@ impl Objects {
     pub fn new(at: &ObjectsAt) -> Result<Self, UpstreamError> {
         Err(UpstreamError::Address {
             why: format!(
-                "`{at}` is an object store or web server, and this program was built without them; build it with \
-                 `cargo build --release --features objects`"
+                "`{at}` is an object store or web server, and this program was built without the feature \
+                 `objects`; build it with `cargo build --release`, which has it"
             ),
         })
     }
