@@ -25,12 +25,13 @@ pub(crate) fn plan(args: &PipelineArgs, registry: &Registry, cache: &CacheAt) ->
     }
     let time = range(plan.total.seconds, plan.most.seconds, seconds_text);
     let size = range(plan.total.bytes, plan.most.bytes, |bytes| bytes_text(bytes as u64));
-    if plan.most.seconds == 0.0 && !plan.never.is_empty() {
-        outln!("\nexpected: not known");
-    } else {
+    let known = plan.most.seconds > 0.0 || plan.never.is_empty();
+    if known {
         outln!("\nexpected: {time} of work and {size} of results, from earlier runs");
+    } else {
+        outln!("\nexpected: not known");
     }
-    if plan.is_partial() {
+    if known && plan.is_partial() {
         outln!("  the least counts the actions that are sure to run (less where ladders reuse samples);");
         outln!("  the most assumes that no output stays unchanged");
     }

@@ -75,7 +75,8 @@ fn results_go_through_s3_in_few_requests() {
     on("b", &["cache", "verify"]).ends(0);
     let said = on("c", &["cache", "pull"]).ends(0);
     assert!(said.out.ends_with(" 0 here already\n"), "{}", said.out);
-    assert!(requests(&said) <= 6, "{}", said.err);
+    // All of a pack of 30 MB comes in ranges that grow.
+    assert!(requests(&said) <= 16, "{}", said.err);
     let said = place.over("c", "", None, &["run", "small.yaml"]).ends(0);
     assert!(said.err.contains("nothing to do"), "{}", said.err);
     // An edit runs what it must, and goes back.
@@ -144,7 +145,8 @@ fn a_web_server_serves_what_was_pushed_to_its_folder() {
     let said = place.over("c", &web.url, None, &["run", "small.yaml"]).ends(0);
     assert_eq!(requests(&said), web.requests.load(Ordering::Relaxed) - before, "what is told is what was asked");
     place.over("c", &web.url, None, &["export", "small.yaml", "scenes", "--out", "exported"]).ends(0);
-    let said = place.over("b", &web.url, None, &["cache", "push"]).ends(3);
+    place.over("d", "", None, &["run", "small.yaml", "--set", "scenes.pool=9"]).ends(0);
+    let said = place.over("d", &web.url, None, &["cache", "push"]).ends(3);
     assert!(said.err.contains("a web server is for reading only"), "{}", said.err);
 }
 

@@ -36,8 +36,9 @@ fn a_group_that_nobody_reads_does_not_run() {
     let ran = shop.run(FORK);
     assert_eq!(groups(&ran.events, "scaled"), ["main"]);
     let read = FORK.replace("{in: scaled}", "{in: [scaled.negative, numbers]}");
-    let error = shop.run(&read).summary.failures;
-    assert!(error[0].message.contains("two nodes on input `in` produce an item `n0000`"), "{error:?}");
+    let error = pipeline::resolve_text("toy.yaml", &read, &crate::support::registry(), &Options::default());
+    let error = error.expect_err("they meet").render(false);
+    assert!(error.contains("`scaled.negative` and `numbers` have items of the same keys"), "{error}");
     let read = FORK.replace("{in: scaled}", "{in: scaled.negative}");
     let ran = shop.run(&read);
     assert_eq!(groups(&ran.events, "scaled"), Vec::<String>::new(), "done by the run before");

@@ -13,7 +13,8 @@ pub const TABLES: All<ScoreTable> = All::new("tables", "Tables of scores by any 
 pub const LADDERS: All<Ladder> = All::new("ladders", "Ladders whose images the page shows side by side.").or_none();
 pub const REFERENCES: All<PackedScene> =
     All::new("references", "Packed test scenes: input and reference of the images.").or_none();
-pub const REFINED: All<Refined> = All::new("refined", "Refined images of all cells.").or_none();
+pub const REFINED: All<Refined> =
+    All::new("refined", "Refined images of all cells, and of baselines for the figure that opens the page.").or_none();
 const LOSSES: All<TrainingLog> = All::new("losses", "Loss curves of all cells.").or_none();
 const TIMINGS: All<TrainingTiming> = All::new("timings", "Measured training times of all cells.").or_none();
 const VERDICTS: All<Verdict> = All::new("verdicts", "Verdicts of the quality gate on the pool.").or_none();

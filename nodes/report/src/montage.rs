@@ -5,7 +5,7 @@
 use crate::{
     font,
     material::{Cell, cell_of_key},
-    ranking::{Group, groups, method_name},
+    ranking::{Group, conditioning_name, groups, method_name},
 };
 use std::collections::BTreeMap;
 use tauflow_contract::{Context, Handle, Items, KindError, Media};
@@ -13,7 +13,7 @@ use tauflow_data::{
     Image, StratumName,
     image::preview,
     image_io::encode_png,
-    records::{Evaluation, PackedScene, Refined, SceneRow},
+    records::{Evaluation, MethodTable, PackedScene, Refined, SceneRow},
 };
 
 /// A grid of pictures that share their conditioning.
@@ -81,10 +81,15 @@ pub struct Pictures<'a> {
     evaluation: &'a Evaluation,
     /// Refined images by cell and scene.
     images: BTreeMap<(Cell, &'a str), Handle<'a, Refined>>,
+    /// All scenes by key.
+    scenes: BTreeMap<&'a str, Handle<'a, PackedScene>>,
     /// The first scenes of each stratum.
     chosen: Vec<(String, Handle<'a, PackedScene>, StratumName)>,
     choice: Choice,
 }
+
+/// Longest side of the pictures that open the page.
+const OPENING: usize = 512;
 
 impl<'a> Pictures<'a> {
     /// Montage of the first scenes of each stratum.
@@ -97,7 +102,42 @@ impl<'a> Pictures<'a> {
     ) -> Self {
         let items = refined.into_iter().flat_map(Items::iter);
         let images = items.map(|(key, item)| ((cell_of_key(key.as_str()), own(key.as_str())), item)).collect();
-        Self { ctx, evaluation, images, chosen: choose(references, choice.scenes), choice }
+        let scenes = references.iter().map(|(key, item)| (key.as_str(), item)).collect();
+        Self { ctx, evaluation, images, scenes, chosen: choose(references, choice.scenes), choice }
+    }
+
+    /// Input, these methods and reference of one scene. The scene is that of the median gain of the first method over
+    /// its input, of all scenes that it was tested on. None without its image. The methods have one image each.
+    ///
+    /// # Errors
+    /// As [`Pictures::by_stratum`].
+    pub fn opening(&self, methods: &[&MethodTable]) -> Result<Option<Montage>, KindError> {
+        let Some(first) = methods.first() else { return Ok(None) };
+        let calls = |table: &MethodTable| {
+            table.at.iter().find(|at| at.nfe == self.choice.nfe).or(table.at.first()).map_or(0, |at| at.nfe)
+        };
+        let gain = |scene: &str| {
+            let own = score(self.evaluation, scene, &first.cell, calls(first))?;
+            Some(own - score(self.evaluation, scene, &Cell::new(), 0)?).filter(|gain| gain.is_finite())
+        };
+        let there = |scene: &&str| self.images.contains_key(&(first.cell.clone(), *scene));
+        let mut gains: Vec<(f64, &str)> =
+            self.scenes.keys().copied().filter(there).filter_map(|scene| Some((gain(scene)?, scene))).collect();
+        gains.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(b.1)));
+        let Some((_, scene)) = gains.get(gains.len().saturating_sub(1) / 2) else { return Ok(None) };
+        let ends = self.ends(scene, self.scenes[scene], OPENING)?;
+        let (mut heads, mut pictures) = (Vec::new(), Vec::new());
+        for table in methods {
+            let picture = self.refined(scene, &table.cell, calls(table), ends.reduced)?;
+            if picture.image.is_some() {
+                let name = format!("{}, {}", method_name(&table.method), conditioning_name(&table.conditioning));
+                heads.push((Some(table.cell.clone()), name));
+                pictures.push(picture);
+            }
+        }
+        let rows = vec![ends.row(scene, (*scene).to_owned(), pictures)];
+        let columns = self.columns(heads.into_iter());
+        Ok(Some(Montage { title: String::new(), file: String::new(), columns, rows, reduced: ends.reduced }))
     }
 
     /// One montage for each group of methods that differ in the method alone.
@@ -111,7 +151,7 @@ impl<'a> Pictures<'a> {
             let heads = tables.iter().map(|t| (Some(t.cell.clone()), method_name(&t.method)));
             let (mut rows, mut reduced) = (Vec::new(), 1);
             for (scene, packed, stratum) in &self.chosen {
-                let ends = self.ends(scene, *packed)?;
+                let ends = self.ends(scene, *packed, self.choice.pixels)?;
                 reduced = ends.reduced;
                 let refined = tables.iter().map(|table| self.refined(scene, &table.cell, self.choice.nfe, reduced));
                 rows.push(ends.row(scene, stratum.to_string(), refined.collect::<Result<_, _>>()?));
@@ -136,7 +176,7 @@ impl<'a> Pictures<'a> {
         let (Some((scene, packed, _)), true) = (chosen.get(chosen.len().saturating_sub(1) / 2), calls.len() > 1) else {
             return Ok(Vec::new());
         };
-        let ends = self.ends(scene, *packed)?;
+        let ends = self.ends(scene, *packed, self.choice.pixels)?;
         let mut out = Vec::new();
         for Group { title, slug, tables } in groups(self.evaluation) {
             self.ctx.check_cancelled()?;
@@ -169,10 +209,10 @@ impl<'a> Pictures<'a> {
         Ok(Picture { image, psnr: score(self.evaluation, scene, cell, nfe) })
     }
 
-    fn ends(&self, scene: &str, packed: Handle<'_, PackedScene>) -> Result<Ends, KindError> {
+    fn ends(&self, scene: &str, packed: Handle<'_, PackedScene>, pixels: usize) -> Result<Ends, KindError> {
         let packed = packed.load(self.ctx)?;
         let longest = |image: &Image| image.width().max(image.height());
-        let reduced = packed.states.first().map_or(1, |i| longest(i).div_ceil(self.choice.pixels.max(1)));
+        let reduced = packed.states.first().map_or(1, |i| longest(i).div_ceil(pixels.max(1)));
         let rung = |spp: u64| {
             let index = packed.counts.iter().position(|n| *n == spp)?;
             Some(reduce(&packed.states[index], reduced).map(preview))

@@ -228,6 +228,35 @@ pub fn digits(metric: &str) -> usize {
     if metric.contains("psnr") { 2 } else { 4 }
 }
 
+/// A method at one number of calls.
+pub struct Standing<'a> {
+    /// Its table; none for the input itself.
+    pub table: Option<&'a MethodTable>,
+    /// Number of calls.
+    pub nfe: u64,
+    /// Means by metric.
+    pub metrics: &'a BTreeMap<String, Estimate>,
+    /// Gains over the input by metric; none for the input.
+    pub gain: Option<&'a BTreeMap<String, Estimate>>,
+}
+
+/// Solvers at this number of calls, baselines and the input, the best mean HDR PSNR first.
+pub fn standings(evaluation: &Evaluation, nfe: u64) -> Vec<Standing<'_>> {
+    let solvers = ordered(evaluation).into_iter().map(|table| (table, table.at.iter().find(|at| at.nfe == nfe)));
+    let others = evaluation.baselines.iter().map(|table| (table, table.at.first()));
+    let mut all: Vec<Standing<'_>> = solvers
+        .chain(others)
+        .filter_map(|(table, at)| {
+            let at = at?;
+            Some(Standing { table: Some(table), nfe: at.nfe, metrics: &at.metrics, gain: Some(&at.gain) })
+        })
+        .collect();
+    all.push(Standing { table: None, nfe: 0, metrics: &evaluation.hold, gain: None });
+    let value = |of: &Standing<'_>| of.metrics.get("hdr_psnr").map_or(f64::NEG_INFINITY, |estimate| estimate.mean);
+    all.sort_by(|a, b| value(b).total_cmp(&value(a)));
+    all
+}
+
 /// The best cell at an NFE by mean HDR PSNR.
 pub fn best_at(evaluation: &Evaluation, nfe: u64) -> Option<&MethodTable> {
     let value = |t: &MethodTable| {

@@ -7,7 +7,7 @@ use crate::{
     material::{self, Cell, Material},
     montage::{Choice, Montage, Pictures},
     page::{Section, page, provenance},
-    ranking::extra,
+    ranking::{Standing, extra, solver, standings},
     sections::{self, data::gate_counts},
     tex,
 };
@@ -22,7 +22,7 @@ use tauflow_contract::{
 use tauflow_data::{
     facts::NFE,
     methods::axes::{CONDITIONING, PARAMETERIZATION},
-    records::{Claim, Evaluation, TrainingTiming},
+    records::{Claim, Evaluation, MethodTable, TrainingTiming},
 };
 
 /// The kind `report`.
@@ -67,7 +67,7 @@ impl Default for ReportParams {
 }
 
 const PAGE: Out<Files> =
-    Out::new(Group::main(15), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
+    Out::new(Group::main(16), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
 
 impl Kind for Report {
     type Params = ReportParams;
@@ -123,7 +123,7 @@ impl Kind for Report {
         header += &provenance(&action.all);
         header += &material.time_error.as_ref().map(sections::time_error::opening).unwrap_or_default();
         if let Some(evaluation) = &material.evaluation {
-            header += &sections::headline::block(evaluation, &material, &images.montages, images.nfe)?;
+            header += &sections::headline::block(evaluation, &material, images.opening.as_ref())?;
         }
         let beside = "<code>results.json</code> and as CSV and LaTeX files";
         let html = page(&params.title, &header, &sections, &missing(action, &material), beside);
@@ -159,6 +159,8 @@ impl Kind for Report {
 struct Images {
     /// Network calls of those of solvers.
     nfe: u64,
+    /// The figure that opens the page.
+    opening: Option<Montage>,
     /// Solvers by stratum.
     montages: Vec<Montage>,
     /// Solvers by number of calls.
@@ -174,12 +176,14 @@ impl Images {
         let params = &action.params;
         let (scenes, pixels) = (params.montage_scenes as usize, params.montage_pixels as usize);
         let nfe = material.evaluation.as_ref().map_or(Ok(0), |evaluation| picture_nfe(evaluation, params))?;
-        let (montages, by_calls) = match (&material.evaluation, action.all_if(material::REFERENCES)?) {
+        let (opening, montages, by_calls) = match (&material.evaluation, action.all_if(material::REFERENCES)?) {
             (Some(evaluation), Some(references)) if scenes > 0 => {
                 let refined = action.all_if(material::REFINED)?;
                 let choice = Choice { scenes, nfe, pixels };
                 let pictures = Pictures::new(ctx, evaluation, references, refined, choice);
-                (pictures.by_stratum()?, pictures.by_calls()?)
+                let first = evaluation.nfe.first().copied().unwrap_or(nfe);
+                let methods = opening_methods(&standings(evaluation, first));
+                (pictures.opening(&methods)?, pictures.by_stratum()?, pictures.by_calls()?)
             }
             _ => Default::default(),
         };
@@ -193,13 +197,22 @@ impl Images {
             }
             _ => Vec::new(),
         };
-        Ok(Self { nfe, montages, by_calls, ladders, sheets })
+        Ok(Self { nfe, opening, montages, by_calls, ladders, sheets })
     }
 
     /// Every montage.
     fn all(&self) -> impl Iterator<Item = &Montage> {
         self.montages.iter().chain(&self.by_calls).chain(&self.ladders)
     }
+}
+
+/// The best method, and the best of the other sort: a solver if that is a baseline, and the other way round.
+fn opening_methods<'a>(standings: &[Standing<'a>]) -> Vec<&'a MethodTable> {
+    let ours = |table: &MethodTable| solver(&table.method).is_some();
+    let mut tables = standings.iter().filter_map(|of| of.table);
+    let Some(first) = tables.next() else { return Vec::new() };
+    let second = tables.find(|table| ours(table) != ours(first));
+    [first].into_iter().chain(second).collect()
 }
 
 /// The figures as CSV and LaTeX, by file name.
@@ -252,6 +265,7 @@ fn picture_nfe(evaluation: &Evaluation, params: &ReportParams) -> Result<u64, Ki
 fn sections(material: &Material, params: &ReportParams, images: &Images) -> Result<Vec<Section>, KindError> {
     let evaluation = material.evaluation.as_ref();
     let all = [
+        evaluation.and_then(|of| sections::standings::section(of, of.nfe.first().copied()?)),
         sections::score_tables::section(&material.tables),
         sections::score_tables::pictures(images.ladders.as_ref())?,
         evaluation.and_then(|of| sections::claims::section(of, material.bridge_tables())),

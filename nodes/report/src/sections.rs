@@ -13,6 +13,7 @@ pub mod montage;
 pub mod rejected;
 pub mod scenes;
 pub mod score_tables;
+pub mod standings;
 pub mod strata;
 pub mod tables;
 pub mod time_error;

@@ -78,6 +78,7 @@ fn the_page_stands_alone_and_is_well_formed() {
     assert!(html.split(" d=\"").skip(1).all(|path| !path.split('"').next().unwrap_or("").contains(['N', 'i'])));
     assert!(check_nesting(&html) > 500);
     let all = [
+        "ranking",
         "results",
         "curves",
         "strata",
@@ -107,6 +108,19 @@ fn the_page_stands_alone_and_is_well_formed() {
     for figure in figures {
         assert_eq!(figure.contains("OIDN"), figure.contains("G-buffer"), "{}", texts(figure).join(" "));
     }
+    // All methods stand in one table, the best first.
+    let places: Vec<f64> = section("ranking")
+        .split("<tr><td>")
+        .skip(1)
+        .filter_map(|row| row.split("<td>").nth(1)?.split('<').next()?.parse().ok())
+        .collect();
+    assert!(places.len() > 3 && places.is_sorted_by(|a, b| a >= b), "{places:?}");
+    assert!(section("ranking").contains("OIDN") && section("ranking").contains("the input itself"));
+    // The opening figure: input, best method, best of the other sort if it has an image, reference.
+    let hero = &html[html.find("class=\"hero\"").expect("a figure")..];
+    let hero = &hero[..hero.find("</figure>").expect("it ends")];
+    assert!(hero.matches("<img").count() >= 3 && hero.contains("the test scene with the median gain"), "{hero}");
+    assert!(hero.contains("Input, ") && hero.contains("Reference, "));
     assert!(!html.contains("not connected"));
     assert!(html.contains("contains the samples of every other rung"));
     // It opens with error against time; what machines and notes say is text.

@@ -143,7 +143,7 @@ fn tables(ctx: &Context<'_>) {
         "backbones": [{ "backbone": "ddpm", "family": "ddpm", "samples": 2, "steps": 2, "size": [3, 2],
             "variants": [{ "variant": "frozen", "scores": { "mmd": half }, "change": 0.0, "energy": [0.0, 0.0] }],
             "gains": [{ "over": "frozen", "scores": { "mmd": half } }],
-            "gaussian": { "images": 2, "samples": 2, "gaussian": half, "frozen": half, "nearer": half },
+            "gaussian": { "images": 2, "samples": 2, "steps": 3, "gaussian": half, "frozen": half, "nearer": half },
             "claim": claim }],
         "per_sample": [{ "backbone": "ddpm", "sample": 0, "variant": "frozen", "scores": { "clipiqa": 0.5 } }],
     }));

@@ -2,8 +2,8 @@
 
 use crate::{
     material::Material,
-    montage::{Montage, MontageRow},
-    ranking::{best_at, conditioning_name, method_name, ordered},
+    montage::Montage,
+    ranking::{Standing, best_at, conditioning_name, method_name, ordered, standings},
     sections::resampled,
     text::{count, escape, fixed, plural, png_uri, signed},
 };
@@ -24,69 +24,69 @@ pub fn summary(evaluation: &Evaluation, material: &Material) -> String {
     format!("<p class=\"lead\">{}{}</p>", built(evaluation, material), found(evaluation).unwrap_or_default())
 }
 
-/// One sentence on the best solver at the first number of calls; none without a gain.
+/// One sentence on the best method at the first number of calls, and on the best solver if it is another; none without
+/// a gain.
 fn found(evaluation: &Evaluation) -> Option<String> {
     let nfe = *evaluation.nfe.first()?;
-    let best = best_at(evaluation, nfe)?;
-    let gain = best.at.iter().find(|at| at.nfe == nfe)?.gain.get("hdr_psnr")?;
-    Some(format!(
-        " The best solver at NFE {nfe}, {}, gains <b>{} dB</b> HDR PSNR over its input (95% interval {} to {}).",
-        escape(&name(best)),
-        signed(gain.mean, 2),
-        signed(gain.low, 2),
-        signed(gain.high, 2)
-    ))
+    let solver = best_at(evaluation, nfe)?;
+    let standings = standings(evaluation, nfe);
+    let (first, own) = (standings.first()?, standings.iter().find(|of| is(of, solver))?);
+    let gain = |of: &Standing<'_>| {
+        let gain = of.gain?.get("hdr_psnr")?;
+        let [mean, low, high] = [gain.mean, gain.low, gain.high].map(|value| signed(value, 2));
+        Some(format!("<b>{mean} dB</b> HDR PSNR over its input (95% interval {low} to {high})"))
+    };
+    let ours = gain(own)?;
+    Some(match first.table.filter(|table| !std::ptr::eq(*table, solver)) {
+        Some(table) => format!(
+            " The best method, {}, gains {}; the best solver at NFE {nfe}, {}, gains {ours}.",
+            escape(&name(table)),
+            gain(first)?,
+            escape(&name(solver))
+        ),
+        None => format!(" The best method is a solver at NFE {nfe}, {}: it gains {ours}.", escape(&name(solver))),
+    })
+}
+
+/// Whether the standing is that of a method.
+fn is(of: &Standing<'_>, table: &MethodTable) -> bool {
+    of.table.is_some_and(|own| std::ptr::eq(own, table))
 }
 
 /// The figures to remember.
 ///
 /// # Errors
 /// If a picture cannot be encoded.
-pub fn block(
-    evaluation: &Evaluation,
-    material: &Material,
-    montages: &[Montage],
-    nfe: u64,
-) -> Result<String, KindError> {
-    let mut out = String::from("<div class=\"cards\">");
+pub fn block(evaluation: &Evaluation, material: &Material, opening: Option<&Montage>) -> Result<String, KindError> {
+    let mut out = opening.map_or(Ok(String::new()), hero)?;
+    out.push_str("<div class=\"cards\">");
     if let Some(nfe) = evaluation.nfe.first() {
         best_cards(&mut out, evaluation, *nfe);
     }
     data_cards(&mut out, evaluation, material);
     out.push_str("</div>");
-    if let Some(best) = best_at(evaluation, nfe) {
-        out.push_str(&hero(best, montages, nfe)?);
-    }
     let _ = write!(out, "<p class=\"note\">{}</p>", reference_note(evaluation));
     Ok(out)
 }
 
-/// Input, best solver and reference of the scene whose gain is the median among the pictures.
-fn hero(best: &MethodTable, montages: &[Montage], nfe: u64) -> Result<String, KindError> {
-    let column = |m: &Montage| m.columns.iter().position(|(cell, _)| cell.as_ref() == Some(&best.cell));
-    let Some((montage, column)) = montages.iter().find_map(|m| Some((m, column(m)?))) else { return Ok(String::new()) };
-    let gain = |row: &MontageRow| Some(row.pictures[column].psnr? - row.pictures[0].psnr?);
-    let mut rows: Vec<(f64, &MontageRow)> =
-        montage.rows.iter().filter_map(|r| Some((gain(r).filter(|g| g.is_finite())?, r))).collect();
-    rows.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let Some((_, row)) = rows.get(rows.len().saturating_sub(1) / 2) else { return Ok(String::new()) };
+/// The opening figure: input, best method, the best of the other sort, reference.
+fn hero(opening: &Montage) -> Result<String, KindError> {
+    let Some(row) = opening.rows.first() else { return Ok(String::new()) };
     let mut out = String::from("<figure class=\"hero\"><div>");
-    for place in [0, column, row.pictures.len() - 1] {
-        let (picture, head) = (&row.pictures[place], &montage.columns[place].1);
-        let Some(image) = &picture.image else { return Ok(String::new()) };
+    for (picture, (_, head)) in row.pictures.iter().zip(&opening.columns) {
+        let Some(image) = &picture.image else { continue };
         let score = picture.psnr.map_or_else(String::new, |p| format!(" · {} dB", fixed(p, 2)));
-        let calls = if place == column { format!(", NFE {nfe}") } else { String::new() };
         let _ = write!(
             out,
-            r#"<div><img alt="{0}" src="{1}"><span><b>{0}{calls}</b>{score}</span></div>"#,
+            r#"<div><img alt="{0}" src="{1}"><span><b>{0}</b>{score}</span></div>"#,
             escape(head),
             png_uri(&encode_png(image)?)
         );
     }
     let _ = write!(
         out,
-        "</div><figcaption>{}, {}: the scene with the median gain among the pictures below.</figcaption></figure>",
-        escape(&montage.title),
+        "</div><figcaption>{}: the test scene with the median gain. Captions: HDR PSNR of this scene.\
+         </figcaption></figure>",
         escape(&row.scene)
     );
     Ok(out)
@@ -151,20 +151,25 @@ fn card(out: &mut String, class: &str, big: &str, what: &str) {
 }
 
 fn best_cards(out: &mut String, evaluation: &Evaluation, nfe: u64) {
-    let Some(best) = best_at(evaluation, nfe) else { return };
-    let Some(at) = best.at.iter().find(|a| a.nfe == nfe) else { return };
-    if let Some(gain) = at.gain.get("hdr_psnr") {
-        let what = format!(
-            "over hold at NFE {nfe}, 95% interval {} to {}: {}",
-            signed(gain.low, 2),
-            signed(gain.high, 2),
-            escape(&name(best))
-        );
-        card(out, " strong", &format!("{} <small>dB</small>", signed(gain.mean, 2)), &what);
+    let standings = standings(evaluation, nfe);
+    let solver = best_at(evaluation, nfe).and_then(|best| standings.iter().find(|of| is(of, best)));
+    let best = standings.first().filter(|of| of.table.is_some());
+    let mut shown: Vec<(&Standing<'_>, &str)> = best.map(|best| (best, "best method")).into_iter().collect();
+    match (best, solver) {
+        (Some(best), Some(solver)) if !std::ptr::eq(best, solver) => shown.push((solver, "best solver")),
+        _ => {}
     }
-    if let (Some(psnr), Some(hold)) = (at.metrics.get("hdr_psnr"), evaluation.hold.get("hdr_psnr")) {
-        let what = format!("HDR PSNR of the best solver at NFE {nfe}; the input itself has {} dB", fixed(hold.mean, 2));
-        card(out, "", &format!("{} <small>dB</small>", fixed(psnr.mean, 2)), &what);
+    for (place, (of, what)) in shown.into_iter().enumerate() {
+        let (Some(table), Some(gain)) = (of.table, of.gain.and_then(|gain| gain.get("hdr_psnr"))) else { continue };
+        let text = format!(
+            "gain over the input of the {what}, {}, at NFE {}; 95% interval {} to {}",
+            escape(&name(table)),
+            of.nfe,
+            signed(gain.low, 2),
+            signed(gain.high, 2)
+        );
+        let strong = if place == 0 { " strong" } else { "" };
+        card(out, strong, &format!("{} <small>dB</small>", signed(gain.mean, 2)), &text);
     }
     let steady = |t: &&MethodTable| t.auc.get("hdr_psnr").map(|e| e.mean).filter(|v| !v.is_nan());
     let top = ordered(evaluation)

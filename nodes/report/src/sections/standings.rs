@@ -1,0 +1,60 @@
+//! All methods in one table, ours or not, the best first.
+
+use crate::{
+    page::Section,
+    ranking::{conditioning_name, digits, extra, metric_name, standings},
+    sections::{method_html, resampled},
+    text::{escape, fixed, interval, signed},
+};
+use std::fmt::Write as _;
+use tauflow_data::{methods::HOLD, records::Evaluation};
+
+/// Metrics that follow the one that ranks.
+const MORE: [&str; 2] = ["preview_psnr", "ssim"];
+
+/// The section: solvers at this number of calls, baselines, and the input itself. None without scores.
+pub fn section(evaluation: &Evaluation, nfe: u64) -> Option<Section> {
+    let all = standings(evaluation, nfe);
+    if all.len() < 2 {
+        return None;
+    }
+    let mut out = format!(
+        "<p>Solvers at NFE {nfe}, baselines, and the input itself, by mean HDR PSNR over {} test scenes, from {} spp. \
+         Small print: 95% bootstrap intervals over {}.</p><div class=\"scroll\"><table \
+         class=\"wide\"><thead><tr><th></th><th class=\"left\">Method</th><th class=\"left\">Reads</th><th>{}</th>\
+         <th>Gain</th>",
+        evaluation.scenes,
+        evaluation.from_spp,
+        resampled(evaluation.groups),
+        metric_name("hdr_psnr")
+    );
+    for metric in MORE {
+        let _ = write!(out, "<th>{}</th>", metric_name(metric));
+    }
+    out.push_str("</tr></thead><tbody>");
+    for (place, of) in all.iter().enumerate() {
+        let (name, reads) = match of.table {
+            Some(table) => {
+                let more = extra(&table.cell);
+                let more = if more.is_empty() { more } else { format!(", {}", escape(&more)) };
+                (method_html(&table.method), escape(&conditioning_name(&table.conditioning)) + &more)
+            }
+            None => (method_html(HOLD), "the input itself".to_owned()),
+        };
+        let _ = write!(out, "<tr><td>{}</td><td class=\"left\">{name}</td><td class=\"left\">{reads}</td>", place + 1);
+        let cell = |value: Option<String>, range: Option<String>| match value {
+            Some(value) => format!("<td>{value}<span class=\"ci\">{}</span></td>", range.unwrap_or_default()),
+            None => "<td><span class=\"zero\">–</span></td>".to_owned(),
+        };
+        let psnr = of.metrics.get("hdr_psnr");
+        out += &cell(psnr.map(|psnr| fixed(psnr.mean, 2)), psnr.map(|psnr| interval(psnr, 2)));
+        let gain = of.gain.and_then(|gain| gain.get("hdr_psnr"));
+        out += &cell(gain.map(|gain| signed(gain.mean, 2)), gain.map(|gain| interval(gain, 2)));
+        for metric in MORE {
+            out += &cell(of.metrics.get(metric).map(|value| fixed(value.mean, digits(metric))), None);
+        }
+        out.push_str("</tr>");
+    }
+    out.push_str("</tbody></table></div>");
+    Some(Section::new("ranking", "All methods", out))
+}
