@@ -144,7 +144,7 @@ mod tests {
     fn the_schema_bounds_every_number() {
         let schema = schemars::schema_for!(TrainingParams).to_value();
         for (pointer, bound) in [
-            ("steps/minimum", 1.0),
+            ("steps/minimum", 0.0),
             ("batch/minimum", 1.0),
             ("batch/maximum", 4096.0),
             ("crop/minimum", 8.0),
