@@ -204,6 +204,11 @@ fn jobs_are_gone(place: &Place) -> bool {
     fs::read_dir(place.path("store/jobs")).map_or(true, |mut entries| entries.next().is_none())
 }
 
+fn jobs_are_noted(place: &Place) -> bool {
+    let mut folders = fs::read_dir(place.path("store/jobs")).into_iter().flatten().flatten();
+    folders.any(|folder| folder.path().join("jobs.json").is_file())
+}
+
 fn the_same_as_on_threads(scheduler: &Scheduler) {
     let place = Place::new();
     place.tauflow(&["run", "small.yaml", "--update-lock"]).ends(0);
@@ -222,7 +227,9 @@ fn the_same_as_on_threads(scheduler: &Scheduler) {
 fn the_next_run_finds_the_jobs_of_one_that_was_killed(scheduler: &Scheduler) {
     let place = place(4, "4");
     let mut first = scheduler.start(&place, &["--batch", "100s"]);
-    wait_until("a job runs", || !noted(&place, "begun").is_empty());
+    // A job may begin before the scheduler has told its id. Killed then, the run has no id to leave, and the next one
+    // submits a job that waits for it.
+    wait_until("a job runs, and its id is noted", || !noted(&place, "begun").is_empty() && jobs_are_noted(&place));
     first.kill().expect("our own");
     first.wait().expect("it ends");
     let said = scheduler.run(&place, &[]).ends(0);
