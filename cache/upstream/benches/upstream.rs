@@ -1,6 +1,6 @@
 //! Push, pull and look-ups of many small actions through a folder: `cargo bench -p tauflow-upstream -- 300000`.
 //!
-//! With a URL, through an object store: `cargo bench -p tauflow-upstream --features objects -- 300000 s3://bucket/new`.
+//! A URL measures an object store: `cargo bench -p tauflow-upstream --features objects -- 300000 s3://bucket/new`.
 
 use std::{
     env, fs,

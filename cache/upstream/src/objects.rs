@@ -128,7 +128,7 @@ impl Objects {
         format!("{}/{name}", self.at)
     }
 
-    /// What an error means, without what the server said.
+    /// The meaning of an error. It repeats no text of the server.
     fn why(&self, error: &Error) -> String {
         let failed = self.client.failed();
         let failed = failed.map_or_else(String::new, |failed| format!(" ({failed})"));

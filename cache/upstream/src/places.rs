@@ -31,7 +31,7 @@ pub(crate) struct Places {
     use_of: Mutex<Use>,
 }
 
-/// What indices list.
+/// The contents that indices list.
 #[derive(Default)]
 struct Listed {
     /// Offset and length of each record in the spool, and when it was made. If indices have several records for a key,

@@ -1,4 +1,4 @@
-//! What object stores are asked, and which variables configure that.
+//! Counts requests to object stores, and names the variables that configure them.
 
 use std::sync::Mutex;
 

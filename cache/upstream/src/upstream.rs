@@ -67,7 +67,7 @@ impl Draft {
     }
 }
 
-/// What is done with each index: its bytes, or why they are not used.
+/// Receives each index: its bytes, or why they are not used.
 pub(crate) type EachIndex<'a> = dyn FnMut(&Digest, Result<Vec<u8>, String>) + 'a;
 
 /// A pack that is open for reading.
@@ -345,7 +345,7 @@ impl Upstream {
             for (digest, read) in some.iter().zip(read) {
                 match read {
                     Ok(bytes) => each(digest, Ok(bytes)),
-                    // What is to be signed is written again, with a signature.
+                    // An index without a signature is written again with one.
                     Err(Failure::Unsigned(_)) if self.signing.is_some() => {}
                     Err(Failure::File(note) | Failure::Unsigned(note)) => each(digest, Err(note)),
                     Err(Failure::Place(why)) => {

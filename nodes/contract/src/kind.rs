@@ -152,8 +152,9 @@ pub trait Kind: Send + Sync + 'static {
         1.0
     }
 
-    /// What an action does, if actions of the kind have nothing in common, such as the program that it runs. Times are
-    /// estimated from earlier actions that do the same. As with [`Kind::work`], only projected params may decide.
+    /// A name for the task of an action, such as the program that it runs, for kinds whose actions have nothing in
+    /// common. Times are estimated from earlier actions with the same name. As with [`Kind::work`], only projected
+    /// params may decide.
     fn sort(_params: &Self::Params) -> String {
         String::new()
     }

@@ -171,7 +171,8 @@ impl Launch<'_> {
     }
 }
 
-/// What a program prints that answers a question at once; none if it takes longer than it may, and is ended then.
+/// Runs a program that prints a short answer, and returns its output. If it takes longer than `most`, it is ended, and
+/// there is none.
 ///
 /// # Errors
 /// If it cannot be started, or not be waited for.
