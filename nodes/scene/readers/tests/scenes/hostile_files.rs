@@ -352,8 +352,13 @@ fn morph_targets_that_do_not_fit_are_refused() {
     refused("huge.glb", &morphed(object!([1e60]), &[0.0; 9]), &["; "]);
 }
 
-/// A triangle with instances whose attributes are these accessors.
+/// A triangle with instances whose attributes are these accessors, which no bytes hold.
 fn instanced(attributes: &[(&str, &str, u64)], nodes: usize) -> Vec<u8> {
+    instanced_beside(0, attributes, nodes)
+}
+
+/// The same in a file with `unused` bytes more.
+fn instanced_beside(unused: usize, attributes: &[(&str, &str, u64)], nodes: usize) -> Vec<u8> {
     let mut data = Data::default();
     let positions = data.floats(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0], "VEC3", 3);
     let indices = data.accessor(&[0, 1, 2].repeat(12), 5121, "SCALAR", 36, false);
@@ -362,6 +367,7 @@ fn instanced(attributes: &[(&str, &str, u64)], nodes: usize) -> Vec<u8> {
         data.accessors.push(object!({ "componentType": 5126, "type": sort, "count": count }));
         named.insert((*name).to_owned(), object!(data.accessors.len() - 1));
     }
+    data.bytes.resize(data.bytes.len() + unused, 0);
     let node = object!({ "mesh": 0, "extensions": { "EXT_mesh_gpu_instancing": { "attributes": named } } });
     data.file(object!({ "nodes": vec![node; nodes],
         "meshes": [{ "primitives": [{ "attributes": { "POSITION": positions }, "indices": indices }] }] }))
@@ -371,13 +377,15 @@ fn instanced(attributes: &[(&str, &str, u64)], nodes: usize) -> Vec<u8> {
 fn billions_of_instances_are_refused_before_they_are_made() {
     let place = "EXT_mesh_gpu_instancing: ";
     let billions = instanced(&[("TRANSLATION", "VEC3", 4_000_000_000)], 1);
-    refused("billions.glb", &billions, &[place, "4000000000 instances", "1048576"]);
-    // A million is granted, but not of twelve triangles; and not twice.
+    refused("billions.glb", &billions, &[place, "4000000000 instances", "the most for a file of "]);
+    let granted = "with those before more than 1048576, the most for a file of ";
+    refused("above.glb", &instanced_beside(1 << 21, &[("SCALE", "VEC3", (1 << 20) + 1)], 1), &[place, granted]);
+    // A million is granted to a file of a million bytes, but not of twelve triangles; and not twice.
     let million = [("TRANSLATION", "VEC3", 1 << 20), ("ROTATION", "VEC4", 1 << 20), ("SCALE", "VEC3", 1 << 20)];
-    refused("million.glb", &instanced(&million, 1), &["8000000 triangles", "instances counted"]);
+    refused("million.glb", &instanced_beside(1 << 20, &million, 1), &["8000000 triangles", "instances counted"]);
     refused(
         "twice.glb",
-        &instanced(&[("SCALE", "VEC3", 600_000)], 2),
+        &instanced_beside(1 << 20, &[("SCALE", "VEC3", 600_000)], 2),
         &["node 1 ", "600000 instances: with those before"],
     );
     refused(
