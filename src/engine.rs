@@ -74,6 +74,8 @@ pub struct RunOptions {
     pub verify: bool,
     /// Folder below which published outputs are written; none writes nothing.
     pub out: Option<PathBuf>,
+    /// The line on this run that published pages are given where they ask for it, as HTML.
+    pub account: Option<String>,
     /// Where actions run.
     pub executor: ExecutorKind,
     /// The share of the actions that this run does; all of them unless told.
@@ -106,6 +108,7 @@ impl Default for RunOptions {
             many: sharded::MANY,
             verify: false,
             out: None,
+            account: None,
             executor: ExecutorKind::Threads,
             share: None,
         }

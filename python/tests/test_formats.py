@@ -117,6 +117,17 @@ def test_csv(tiny, tmp_path):
         assert row["hdr_psnr"] == pytest.approx(expected["hdr_psnr"])
 
 
+def test_parquet(tiny, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    export(tiny, tmp_path, "scores", "--format", "parquet")
+    rows = parquet.read_table(str(tmp_path / "scores.parquet")).to_pylist()
+    wanted = tauflow.open(tiny.export("scores", tmp_path / "folder")).rows()
+    assert len(rows) == len(wanted) > 0
+    for row, expected in zip(rows, wanted):
+        assert row["item"] == expected["item"] and row["from"] == str(expected["from"])
+        assert row["hdr_psnr"] == expected["hdr_psnr"] and isinstance(row["nfe"], int)
+
+
 def test_one_item(tiny, packed, tmp_path):
     key = list(packed)[1]
     export(tiny, tmp_path / "one", "packed", "--item", key)

@@ -2,6 +2,7 @@
 //! programs.
 
 mod formats;
+mod parquet;
 
 use super::{
     CacheAt, CliError, Exit, PipelineArgs, counted,

@@ -296,6 +296,21 @@ impl Page {
     }
 }
 
+/// The line on a run that published pages are given.
+pub(crate) fn account(record: &RunRecord) -> String {
+    let commit = record.commit.as_ref().map_or_else(String::new, |hash| format!(", commit {}", escaped(hash)));
+    let processor = record.machine.processor.trim();
+    let machine = if processor.is_empty() { record.machine.host.as_str() } else { processor };
+    format!(
+        " Made by tauflow {}{commit}, {} UTC, on {} ({} threads), by <code>{}</code>.",
+        escaped(&record.version),
+        date_text(record.started),
+        escaped(machine),
+        record.machine.threads,
+        escaped(&record.command.join(" "))
+    )
+}
+
 /// A round distance of marks, of which there are at most ten.
 fn tick(total: f64) -> f64 {
     let steps = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1200.0, 1800.0, 3600.0];

@@ -6,7 +6,7 @@ use super::{
     counted,
     executor::ExecutorArgs,
     notify,
-    page::Page,
+    page::{self, Page},
     progress::{Display, Voice},
     seconds_text, table, upstream,
 };
@@ -129,7 +129,12 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     let stop = Arc::new(AtomicBool::new(false));
     let display = Display::new(&pipeline, args.events.is_some());
     listen(stop.clone(), display.voice())?;
+    let mut record = RunRecord::begin(&pipeline, args.pipeline.file().0, args.pipeline.overrides());
+    if let Some(to) = &args.notify {
+        record.command = notify::without_secret(record.command, to);
+    }
     let options = RunOptions {
+        account: Some(page::account(&record)),
         jobs: args.jobs.into(),
         dry: false,
         recheck: args.recheck,
@@ -143,10 +148,6 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         share: args.shard.map(|share| share.waiting(args.wait)),
         ..RunOptions::default()
     };
-    let mut record = RunRecord::begin(&pipeline, args.pipeline.file().0, args.pipeline.overrides());
-    if let Some(to) = &args.notify {
-        record.command = notify::without_secret(record.command, to);
-    }
     // The results are there, whatever becomes of the record.
     let unrecorded = |error: RunsError| eprintln!("warning: this run is not recorded: {error}");
     let recorded = record.write(&cache.folder()).map_err(unrecorded).is_ok();

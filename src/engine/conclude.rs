@@ -74,7 +74,8 @@ impl Run<'_> {
                 let mut taken = publish::Taken::new(&out);
                 for (id, publication) in &publications {
                     // Read, and so proved: what is damaged is made again though nothing else has changed.
-                    let (files, gone) = publish::publish(self.store, &out, publication, &mut taken)?;
+                    let (files, gone) =
+                        publish::publish(self.store, &out, publication, &mut taken, self.options.account.as_deref())?;
                     written.extend(files);
                     missing.extend(gone.into_iter().map(|blob| (*id, blob)));
                 }

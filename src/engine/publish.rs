@@ -55,6 +55,11 @@ impl Taken {
 
 /// The run's account of itself.
 const SUMMARY: &str = "run.json";
+/// Where a published page asks for a line on the run that wrote it. A result must not depend on when or where it is
+/// made, so the line is in the published copy alone.
+const ACCOUNT: &str = "<!--tauflow:run-->";
+/// The end of that line.
+const ACCOUNT_END: &str = "<!--/tauflow:run-->";
 /// The run's page.
 pub const PAGE: &str = "index.html";
 
@@ -67,6 +72,7 @@ pub fn publish(
     out: &Path,
     publication: &Publication,
     taken: &mut Taken,
+    account: Option<&str>,
 ) -> Result<(Vec<PathBuf>, Vec<Digest>), EngineError> {
     let (mut written, mut missing) = (Vec::new(), Vec::new());
     let many = publication.collection.len() > 1;
@@ -91,13 +97,33 @@ pub fn publish(
     for (path, digest) in files {
         match store.get(&digest)? {
             Some(bytes) => {
-                write(&path, &bytes)?;
+                match account.and_then(|account| told(&path, &bytes, account)) {
+                    // The page as it is tells of the run that wrote it.
+                    Some(_) if plain(&path).is_some_and(|old| old.as_bytes() == &bytes[..]) => {}
+                    Some(told) => write(&path, told.as_bytes())?,
+                    None => write(&path, &bytes)?,
+                }
                 written.push(path);
             }
             None => missing.push(digest),
         }
     }
     Ok((written, missing))
+}
+
+/// A page that asks for it, with a line on the run.
+fn told(path: &Path, bytes: &[u8], account: &str) -> Option<String> {
+    path.extension().filter(|extension| *extension == "html")?;
+    let (before, after) = std::str::from_utf8(bytes).ok()?.split_once(ACCOUNT)?;
+    Some(format!("{before}{ACCOUNT}{account}{ACCOUNT_END}{after}"))
+}
+
+/// A published page without its line on the run that wrote it; none if it has no such line.
+fn plain(path: &Path) -> Option<String> {
+    let text = fs::read_to_string(path).ok()?;
+    let (before, rest) = text.split_once(ACCOUNT)?;
+    let (_, after) = rest.split_once(ACCOUNT_END)?;
+    Some(format!("{before}{ACCOUNT}{after}"))
 }
 
 /// Writes a file at once, unless it holds these bytes already.
@@ -161,7 +187,7 @@ mod tests {
         let publish = |items: Vec<_>, taken: &mut Taken| {
             let collection = Arc::new(Sharded::of(items));
             let publication = Publication { folder: String::new(), name: "sheet".into(), collection };
-            publish(&store, &out, &publication, taken).map(|(files, _)| files.len()).map_err(|e| e.to_string())
+            publish(&store, &out, &publication, taken, None).map(|(files, _)| files.len()).map_err(|e| e.to_string())
         };
         for items in [
             vec![item("a", "b/x", one), item("a/b", "x", two)],
@@ -178,6 +204,19 @@ mod tests {
         let mut taken = Taken::new(&out);
         assert_eq!(publish(vec![item("a", "b/x", one), item("a/c", "x", two)], &mut taken), Ok(2));
         assert_eq!(fs::read(out.join("a/b/x")).expect("written"), b"one");
+        // A page that asks for a line on the run keeps that of the run that wrote it, until it changes.
+        let page = |text: &str, account: &str| {
+            let digest = store.put(text.as_bytes()).expect("room");
+            let collection = Arc::new(Sharded::of(vec![item("a", "page.html", digest)]));
+            let publication = Publication { folder: String::new(), name: "sheet".into(), collection };
+            super::publish(&store, &out, &publication, &mut Taken::new(&out), Some(account)).expect("written");
+            fs::read_to_string(out.join("page.html")).expect("written")
+        };
+        let first = page("<p><!--tauflow:run--></p>", "by A");
+        assert_eq!(first, "<p><!--tauflow:run-->by A<!--/tauflow:run--></p>");
+        assert_eq!(page("<p><!--tauflow:run--></p>", "by B"), first);
+        assert_eq!(page("<b><!--tauflow:run--></b>", "by B"), "<b><!--tauflow:run-->by B<!--/tauflow:run--></b>");
+        assert_eq!(page("<p>plain</p>", "by B"), "<p>plain</p>");
         // Another publication of the same run.
         let said = publish(vec![item("a", "x", one), item("a/b", "x", one)], &mut taken).expect_err("they meet");
         assert!(said.contains("`b/x` of `a` of `sheet`"), "{said}");

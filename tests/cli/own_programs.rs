@@ -141,6 +141,13 @@ fn the_denoiser_of_the_manual_is_a_method_in_the_tables_of_the_quickstart() {
     assert!(gain["low"].as_f64().is_some_and(|low| low > 0.0), "means of nine pixels are less noisy: {gain}");
     let page = fs::read_to_string(place.path("out/with_box/report.html")).expect("written");
     assert!(page.contains("</span>box</td>"), "the report shows the program");
+    // The published copy names the run that wrote it.
+    let account = page.split_once("<!--tauflow:run-->").and_then(|(_, rest)| rest.split_once("<!--/tauflow:run-->"));
+    let (account, _) = account.expect("a line on the run");
+    assert!(
+        account.contains("Made by tauflow ") && account.contains(" UTC, on ") && account.contains(" run "),
+        "{account}"
+    );
 }
 
 #[test]

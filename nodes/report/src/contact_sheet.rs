@@ -20,7 +20,7 @@ use tauflow_data::{
 const LADDERS: All<Ladder> = All::new("ladders", "Ladders of the scenes; their last rungs are shown.");
 const EXPOSURE: All<Exposure> = All::new("exposure", "The exposure of the same scenes.");
 
-const SHEET: Out<Files> = Out::new(Group::main(1), "sheet", "`contact_sheet.png`.").single().published();
+const SHEET: Out<Files> = Out::new(Group::main(2), "sheet", "`contact_sheet.png`.").single().published();
 
 /// The kind `contact_sheet`.
 pub struct ContactSheet;

@@ -86,7 +86,7 @@ fn row(ctx: &Context<'_>, scene: &str, cells: &Scene<'_>, pixels: usize) -> Resu
     let reduced = last.width().max(last.height()).div_ceil(pixels.max(1));
     let shown = |image: &Image| {
         let exposed = image.map(|value| (f64::from(value) * exposure) as f32);
-        Picture { image: Some(reduce(&exposed, reduced).map(preview)), psnr: None }
+        Picture { image: Some(reduce(&exposed, reduced).map(preview)), psnr: None, frame: String::new() }
     };
     let (mut heads, mut pictures) = (Vec::new(), Vec::new());
     for (cell, ladder, first, _) in &ends {

@@ -2,6 +2,10 @@
 //!
 //! Knows no HTML.
 
+mod viewer;
+
+pub use viewer::Viewer;
+
 use crate::{
     font,
     material::{Cell, cell_of_key},
@@ -49,6 +53,8 @@ pub struct Picture {
     pub image: Option<Image>,
     /// HDR PSNR; none for the reference.
     pub psnr: Option<f64>,
+    /// The frame of the viewer that shows it.
+    pub frame: String,
 }
 
 /// How to make montages.
@@ -206,7 +212,9 @@ impl<'a> Pictures<'a> {
             None => None,
         };
         let image = image.map(|image| reduce(&image, reduced).map(preview));
-        Ok(Picture { image, psnr: score(self.evaluation, scene, cell, nfe) })
+        let table = self.evaluation.methods.iter().chain(&self.evaluation.baselines).find(|of| of.cell == *cell);
+        let frame = table.map_or_else(String::new, |table| viewer::frame_of(&viewer::track_of(table), nfe));
+        Ok(Picture { image, psnr: score(self.evaluation, scene, cell, nfe), frame })
     }
 
     fn ends(&self, scene: &str, packed: Handle<'_, PackedScene>, pixels: usize) -> Result<Ends, KindError> {
@@ -218,8 +226,9 @@ impl<'a> Pictures<'a> {
             Some(reduce(&packed.states[index], reduced).map(preview))
         };
         let psnr = score(self.evaluation, scene, &Cell::new(), 0);
-        let input = Picture { image: rung(self.evaluation.from_spp), psnr };
-        Ok(Ends { input, reference: Picture { image: rung(self.evaluation.reference_spp), psnr: None }, reduced })
+        let picture = |spp, psnr| Picture { image: rung(spp), psnr, frame: viewer::rung_of(spp) };
+        let input = picture(self.evaluation.from_spp, psnr);
+        Ok(Ends { input, reference: picture(self.evaluation.reference_spp, None), reduced })
     }
 }
 

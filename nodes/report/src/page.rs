@@ -1,10 +1,16 @@
 //! The frame of the page: head, style, navigation, tabs without scripts. Knows no section's content.
 
-use crate::text::{escape, plural};
+use crate::{
+    ranking::{COLOURS, palette},
+    text::{escape, plural},
+};
 use std::{collections::BTreeMap, fmt::Write as _};
 use tauflow_contract::Collection;
 
 const STYLE: &str = include_str!("style.css");
+
+/// Where the published copy of a page is given a line on the run that wrote it.
+const RUN: &str = "<!--tauflow:run-->";
 
 /// A part of the page under its own heading.
 #[derive(Clone, Debug, PartialEq)]
@@ -52,14 +58,16 @@ pub fn tabs(name: &str, panels: &[(String, String)]) -> String {
     out
 }
 
-/// Rules for the colour classes of methods: as a line, as a filled shape, as text.
-fn colours() -> String {
+/// Rules for the classes of colours, and for those of the methods on the page: as a line, as a filled shape, as text.
+fn colours(html: &str) -> String {
+    let plain = (0..COLOURS).map(|i| format!("m{i}")).chain(["hold", "ink", "soft", "neg"].map(str::to_owned));
+    let plain = plain.map(|name| (name.clone(), name));
     let mut out = String::new();
-    for name in ["m0", "m1", "m2", "m3", "m4", "m5", "m6", "m7", "hold", "ink", "soft"] {
+    for (class, name) in plain.chain(palette(html)) {
         let _ = write!(
             out,
-            "svg .line.{name}{{stroke:var(--{name})}}svg .band.{name},svg .dot.{name},svg .end.{name},svg \
-             .area.{name}{{fill:var(--{name})}}.key.{name},.bar .{name}{{background:var(--{name})}}"
+            "svg .line.{class}{{stroke:var(--{name})}}svg .band.{class},svg .dot.{class},svg .end.{class}\
+             {{fill:var(--{name})}}.key.{class},.bar .{class}{{background:var(--{name})}}"
         );
     }
     out
@@ -78,9 +86,8 @@ pub fn provenance(inputs: &BTreeMap<&str, &Collection>) -> String {
         format!("{} {}", escape(port), escape(&told))
     };
     format!(
-        "<p class=\"note provenance\">Provenance: made by tauflow from {}. The run, its version, commit, command and \
-         machine are on <code>index.html</code> of the pipeline's directory, and in <code>tauflow runs --json</code>.\
-         </p>",
+        "<p class=\"note provenance\"><b>Provenance.</b>{RUN} Inputs by content: {}. The run is on \
+         <code>index.html</code> beside this page, and in <code>tauflow runs --json</code>.</p>",
         inputs.iter().map(of).collect::<Vec<_>>().join(", ")
     )
 }
@@ -90,7 +97,7 @@ pub fn page(title: &str, header: &str, sections: &[Section], missing: &[String],
     let mut out = String::from("<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">");
     out.push_str(r#"<meta name="viewport" content="width=device-width, initial-scale=1">"#);
     out.push_str(r#"<meta name="generator" content="tauflow">"#);
-    let _ = write!(out, "<title>{}</title><style>{STYLE}{}</style></head>\n<body>", escape(title), colours());
+    let _ = write!(out, "<title>{}</title><style>{STYLE}</style></head>\n<body>", escape(title));
     let _ = write!(out, "<header class=\"top\"><h1>{}</h1>{header}<nav>", escape(title));
     for section in sections {
         let _ = write!(out, "<a href=\"#{}\">{}</a>", section.id, escape(&section.title));
@@ -113,7 +120,8 @@ pub fn page(title: &str, header: &str, sections: &[Section], missing: &[String],
         "<p>Made by tauflow. All results are reproducible from the pipeline and its inputs, except sections marked as \
          measured. The same values are next to this page, in {beside}.</p></footer></body></html>"
     );
-    out
+    let style = format!("{}</style></head>", colours(&out));
+    out.replacen("</style></head>", &style, 1)
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use crate::{material::Cell, text::fixed};
 use std::collections::BTreeMap;
 use tauflow_data::{
     methods::{
-        Conditioning, HOLD, LOCAL_STEP, OIDN, PATH_TRACER_SOBOL, Parameterization,
+        Conditioning, HOLD, LOCAL_STEP, OIDN, PATH_TRACER, PATH_TRACER_SOBOL, Parameterization,
         axes::{CONDITIONING, METHOD, PARAMETERIZATION, SPACE},
     },
     records::{Estimate, Evaluation, MethodTable, higher_is_better},
@@ -159,15 +159,53 @@ pub fn conditioning_order(conditioning: &str) -> (bool, String) {
     (conditioning != Conditioning::Rgb.name(), conditioning.to_owned())
 }
 
-/// CSS class of a method's colour: one of `m0` to `m3` for the known ones, `m4` to `m7` in turn for others.
+/// What the class of a method's colour begins with.
+const CLASS: &str = "of-";
+/// Colours of the page that methods may have, `m0` and on: those of solvers, then that of OIDN.
+pub const COLOURS: usize = 12;
+
+/// CSS class of a method's colour. [`palette`] gives each class on a page a colour of its own.
 pub fn colour(method: &str) -> String {
     // The bridge's local step is taken by the local velocity.
     let method = if method == LOCAL_STEP { Parameterization::LocalVelocity.name() } else { method };
-    match place(method) {
-        Some(i) => format!("m{i}"),
-        None if method == HOLD => HOLD.into(),
-        None => format!("m{}", 4 + method.bytes().map(usize::from).sum::<usize>() % 4),
-    }
+    let plain = |c: char| if c.is_ascii_alphanumeric() || c == '_' { c } else { '-' };
+    CLASS.chars().chain(method.chars().map(plain)).collect()
+}
+
+/// The colours of the methods on a page, by class: the known ones have theirs, the others what is left, in order of
+/// their names.
+pub fn palette(html: &str) -> BTreeMap<String, String> {
+    let is_name = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+    let classes: std::collections::BTreeSet<String> = html
+        .split("class=\"")
+        .skip(1)
+        .filter_map(|rest| rest.split('"').next())
+        .flat_map(|classes| classes.split(' '))
+        .filter(|class| class.starts_with(CLASS) && class.chars().all(is_name))
+        .map(str::to_owned)
+        .collect();
+    let known = |class: &String| {
+        let place = Parameterization::ALL.iter().position(|solver| colour(solver.name()) == *class);
+        let oidn = (colour(OIDN) == *class).then_some(Parameterization::ALL.len());
+        let fixed = place.or(oidn).map(|place| format!("m{place}"));
+        fixed
+            .or_else(|| (colour(HOLD) == *class).then(|| HOLD.to_owned()))
+            .or_else(|| (colour(PATH_TRACER) == *class).then(|| "ink".to_owned()))
+    };
+    let free = (Parameterization::ALL.len() + 1..COLOURS).map(|place| format!("m{place}"));
+    let mut free: Vec<String> = free.collect();
+    // With few methods that are not known, colours of solvers that are not on the page are free, too.
+    let absent =
+        Parameterization::ALL.iter().enumerate().filter(|(_, solver)| !classes.contains(&colour(solver.name())));
+    free.extend(absent.map(|(place, _)| format!("m{place}")));
+    let mut free = free.into_iter().cycle();
+    classes
+        .into_iter()
+        .map(|class| {
+            let own = known(&class).or_else(|| free.next()).unwrap_or_default();
+            (class, own)
+        })
+        .collect()
 }
 
 /// A method's name for people.
@@ -186,6 +224,7 @@ pub fn method_name(method: &str) -> String {
         HOLD => "Hold".into(),
         OIDN => "OIDN".into(),
         "mitsuba" => "Mitsuba".into(),
+        PATH_TRACER => "Rendering alone".into(),
         PATH_TRACER_SOBOL => "Rendering alone, Sobol'".into(),
         other => other.replace('_', " "),
     }
@@ -292,5 +331,17 @@ mod tests {
         assert_eq!(rank(&some(&[3.0, 2.001, 2.002]), true, 2), [Best, Second, Second]);
         assert_eq!(rank(&[None, Some(1.0), Some(f64::NAN)], true, 2), [Other; 3]);
         assert_eq!(rank(&some(&[f64::INFINITY, 40.0]), true, 2), [Best, Second]);
+    }
+
+    #[test]
+    fn every_method_of_a_page_has_a_colour_of_its_own() {
+        let names = ["mc_noise", OIDN, "own program", "nlm", "hold", "median", "bilateral", "a\"b"];
+        let html: String = names.iter().map(|name| format!("<i class=\"key {}\"></i>", colour(name))).collect();
+        let palette = palette(&html);
+        assert_eq!(palette.len(), names.len());
+        let distinct: std::collections::BTreeSet<&String> = palette.values().collect();
+        assert_eq!(distinct.len(), names.len(), "{palette:?}");
+        let of = |name: &str| palette[&colour(name)].as_str();
+        assert_eq!([of("mc_noise"), of(OIDN), of("hold")], ["m3", "m4", "hold"]);
     }
 }

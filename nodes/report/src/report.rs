@@ -5,7 +5,7 @@ use crate::{
     gate_sheets::{self, Sheet},
     ladder_pictures,
     material::{self, Cell, Material},
-    montage::{Choice, Montage, Pictures},
+    montage::{Choice, Montage, Pictures, Viewer},
     page::{Section, page, provenance},
     ranking::{Standing, extra, solver, standings},
     sections::{self, data::gate_counts},
@@ -67,7 +67,7 @@ impl Default for ReportParams {
 }
 
 const PAGE: Out<Files> =
-    Out::new(Group::main(16), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
+    Out::new(Group::main(17), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
 
 impl Kind for Report {
     type Params = ReportParams;
@@ -121,9 +121,11 @@ impl Kind for Report {
         }
         header += &material.tables.iter().map(|(_, table)| sections::score_tables::opening(table)).collect::<String>();
         header += &provenance(&action.all);
+        let viewer = images.viewer.as_ref();
+        header += &images.opening.as_ref().map_or(Ok(String::new()), |of| sections::headline::hero(of, viewer))?;
         header += &material.time_error.as_ref().map(sections::time_error::opening).unwrap_or_default();
         if let Some(evaluation) = &material.evaluation {
-            header += &sections::headline::block(evaluation, &material, images.opening.as_ref())?;
+            header += &sections::headline::block(evaluation, &material);
         }
         let beside = "<code>results.json</code> and as CSV and LaTeX files";
         let html = page(&params.title, &header, &sections, &missing(action, &material), beside);
@@ -131,6 +133,9 @@ impl Kind for Report {
         let mut files = FileTree::new();
         let mut put = |name: &str, bytes: &[u8]| files.put(name, bytes);
         put("report.html", html.as_bytes())?;
+        if let Some(viewer) = &images.viewer {
+            put(Viewer::FILE, viewer.html.as_bytes())?;
+        }
         put("results.json", &results_json(&material, params)?)?;
         for montage in images.all().filter(|m| !m.rows.is_empty()) {
             put(&montage.file, &montage.png()?)?;
@@ -159,6 +164,8 @@ impl Kind for Report {
 struct Images {
     /// Network calls of those of solvers.
     nfe: u64,
+    /// The viewer of the scenes on the page.
+    viewer: Option<Viewer>,
     /// The figure that opens the page.
     opening: Option<Montage>,
     /// Solvers by stratum.
@@ -176,14 +183,17 @@ impl Images {
         let params = &action.params;
         let (scenes, pixels) = (params.montage_scenes as usize, params.montage_pixels as usize);
         let nfe = material.evaluation.as_ref().map_or(Ok(0), |evaluation| picture_nfe(evaluation, params))?;
-        let (opening, montages, by_calls) = match (&material.evaluation, action.all_if(material::REFERENCES)?) {
+        let (opening, montages, by_calls, viewer) = match (&material.evaluation, action.all_if(material::REFERENCES)?) {
             (Some(evaluation), Some(references)) if scenes > 0 => {
                 let refined = action.all_if(material::REFINED)?;
                 let choice = Choice { scenes, nfe, pixels };
                 let pictures = Pictures::new(ctx, evaluation, references, refined, choice);
                 let first = evaluation.nfe.first().copied().unwrap_or(nfe);
                 let methods = opening_methods(&standings(evaluation, first));
-                (pictures.opening(&methods)?, pictures.by_stratum()?, pictures.by_calls()?)
+                let opening = pictures.opening(&methods)?;
+                let more: Vec<String> = opening.iter().flat_map(|of| &of.rows).map(|row| row.scene.clone()).collect();
+                let viewer = pictures.viewer(&params.title, &more, &material.verdicts)?;
+                (opening, pictures.by_stratum()?, pictures.by_calls()?, viewer)
             }
             _ => Default::default(),
         };
@@ -197,7 +207,7 @@ impl Images {
             }
             _ => Vec::new(),
         };
-        Ok(Self { nfe, opening, montages, by_calls, ladders, sheets })
+        Ok(Self { nfe, viewer, opening, montages, by_calls, ladders, sheets })
     }
 
     /// Every montage.
@@ -265,16 +275,16 @@ fn picture_nfe(evaluation: &Evaluation, params: &ReportParams) -> Result<u64, Ki
 fn sections(material: &Material, params: &ReportParams, images: &Images) -> Result<Vec<Section>, KindError> {
     let evaluation = material.evaluation.as_ref();
     let all = [
-        evaluation.and_then(|of| sections::standings::section(of, of.nfe.first().copied()?)),
+        evaluation.and_then(|of| sections::standings::section(of, of.nfe.first().copied().unwrap_or(0))),
         sections::score_tables::section(&material.tables),
         sections::score_tables::pictures(images.ladders.as_ref())?,
         evaluation.and_then(|of| sections::claims::section(of, material.bridge_tables())),
-        evaluation.map(sections::tables::section),
-        evaluation.map(sections::curves::section),
+        evaluation.and_then(sections::tables::section),
+        evaluation.and_then(sections::curves::section),
         evaluation.and_then(|of| sections::strata::section(of, images.nfe)),
         evaluation.and_then(sections::baselines::section),
         material.time_error.as_ref().map(sections::time_error::section),
-        sections::montage::section(&images.montages, &images.by_calls, images.nfe)?,
+        sections::montage::section(&images.montages, &images.by_calls, images.nfe, images.viewer.as_ref())?,
         material.bridge.as_ref().map(|b| sections::bridge::section(b, params.bridge_scenes as usize)),
         sections::losses::section(&material.losses),
         sections::data::section(material),

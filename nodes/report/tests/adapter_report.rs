@@ -52,8 +52,9 @@ fn the_page_shows_all_there_is() {
     assert!(!page.contains("<script") && !page.contains(">NaN") && !page.contains("not connected"));
     // Frozen and controls of two samples: 7 pictures each; frames: 9 of each of two variants, 8 of them shown.
     assert_eq!(page.matches("<img ").count(), 2 * (2 * 7 + 2 * 8));
-    // Three lines for each backbone: what injects nothing has none.
-    assert_eq!(page.matches("class=\"line ").count(), 6);
+    // Three lines for each backbone, in the drawing for wide windows and in that for phones: what injects nothing has
+    // none.
+    assert_eq!(page.matches("class=\"line ").count(), 2 * 6);
     let claims = text(&files, "claims.csv");
     assert!(claims.lines().count() == 11 && claims.contains("rf_own") && claims.contains("over Gaussian residuals"));
     assert_eq!(text(&files, "energy.csv").lines().count(), 1 + 6 * (100 + 32));

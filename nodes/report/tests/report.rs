@@ -36,6 +36,10 @@ fn check_nesting(html: &str) -> usize {
         let tag = &rest[start + 1..end];
         rest = &rest[end + 1..];
         let name = tag.trim_start_matches('/').split([' ', '/']).next().expect("a name");
+        // A comment has no end of its own.
+        if tag.starts_with("!--") {
+            continue;
+        }
         if tag.starts_with('/') {
             assert_eq!(open.pop(), Some(name), "before {}", &rest[..rest.len().min(120)]);
         } else if !VOID.contains(&name) && !tag.ends_with('/') {
@@ -73,7 +77,11 @@ fn the_page_stands_alone_and_is_well_formed() {
         assert!(!html.contains(outside), "{outside}");
     }
     assert!(html.split("src=\"").skip(1).all(|rest| rest.starts_with("data:image/png;base64,")));
-    assert!(html.split("href=\"").skip(1).all(|rest| rest.starts_with('#')));
+    let links: Vec<&str> = html.split("href=\"").skip(1).collect();
+    assert!(links.iter().all(|rest| rest.starts_with('#') || rest.starts_with("viewer.html#scene=")));
+    // Each picture of a scene leads to it in the viewer.
+    let linked = links.iter().filter(|rest| rest.starts_with("viewer.html")).count();
+    assert!(linked > 100, "{linked}");
     assert!(texts(&html).iter().all(|t| !t.contains("NaN") && *t != "inf" && *t != "-inf"));
     assert!(html.split(" d=\"").skip(1).all(|path| !path.split('"').next().unwrap_or("").contains(['N', 'i'])));
     assert!(check_nesting(&html) > 500);
@@ -104,7 +112,8 @@ fn the_page_stands_alone_and_is_well_formed() {
     };
     assert!(section("strata").contains("OIDN"));
     let figures: Vec<&str> = section("curves").split("<figure>").skip(1).collect();
-    assert_eq!(figures.len(), 2 * METRICS.len());
+    // Each metric, and the paired gains of two.
+    assert_eq!(figures.len(), 2 * (METRICS.len() + 2));
     for figure in figures {
         assert_eq!(figure.contains("OIDN"), figure.contains("G-buffer"), "{}", texts(figure).join(" "));
     }
@@ -123,9 +132,12 @@ fn the_page_stands_alone_and_is_well_formed() {
     assert!(hero.contains("Input, ") && hero.contains("Reference, "));
     assert!(!html.contains("not connected"));
     assert!(html.contains("contains the samples of every other rung"));
-    // It opens with error against time; what machines and notes say is text.
-    let opening = html.find("class=\"opening\"").expect("an opening figure");
-    assert!(opening < html.find("class=\"cards\"").expect("figures to remember"));
+    // Then error against time; what machines and notes say is text.
+    let opening = html.find("class=\"opening\"").expect("a chart");
+    assert!(
+        html.find("class=\"hero\"") < Some(opening)
+            && opening < html.find("class=\"cards\"").expect("figures to remember")
+    );
     assert!(
         html.contains("Abacus &lt;9&gt;") && html.contains("no library &lt;here&gt;") && html.contains("<b>10.0×</b>")
     );
@@ -164,7 +176,8 @@ fn the_same_material_gives_the_same_files() {
             "time_error_scenes.csv",
             "time_error_targets.csv",
             "timings.csv",
-            "versus.csv"
+            "versus.csv",
+            "viewer.html"
         ]
     );
     assert_eq!(first.keys().filter(|n| n.starts_with("bridge/maps/")).count(), 8);
@@ -359,7 +372,7 @@ fn whatever_is_not_connected_is_left_out_and_named() {
         "Omitted, because these inputs are not connected: references; refined; losses; timings; verdicts; previews; \
          split; sampling; bridge; convergence; time_error; statistics."
     ));
-    assert!(!files.keys().any(|n| n.ends_with(".png") || n == "timings.csv"));
+    assert!(!files.keys().any(|n| n.ends_with(".png") || n == "timings.csv" || n == "viewer.html"));
     // Each optional input alone, and all but each.
     for port in inputs.keys().filter(|p| **p != "evaluation") {
         let mut some = only.clone();

@@ -1,5 +1,5 @@
 //! Exports for other programs: arrays as npz, safetensors or WebDataset, rungs as Open Image Denoise's training toolkit
-//! reads them, and scores as CSV.
+//! reads them, and scores as CSV or Parquet.
 //!
 //! All formats begin with the files of the folder format, so that they hold the same values for every media type.
 
@@ -30,6 +30,8 @@ pub(crate) enum Format {
     Oidn,
     /// `NODE.csv`: scores and other numbers, one row each, axes as columns.
     Csv,
+    /// `NODE.parquet`: the rows of `csv`, in typed columns.
+    Parquet,
 }
 
 /// Bytes after which a new archive begins.
@@ -93,7 +95,7 @@ impl Plain {
 
     fn with_images(self) -> Result<Self, KindError> {
         if self.images.is_empty() {
-            return Err(KindError::Input("it has no images; use `--format folder` or `csv`".into()));
+            return Err(KindError::Input("it has no images; use `--format folder`, `csv` or `parquet`".into()));
         }
         Ok(self)
     }
@@ -283,7 +285,7 @@ impl Writer {
             }
             Format::Safetensors => put(&format!("{key}.safetensors"), &plain.with_images()?.safetensors()?),
             Format::Oidn => plain.oidn()?.iter().try_for_each(|(name, bytes)| put(name, bytes)),
-            Format::Csv => {
+            Format::Csv | Format::Parquet => {
                 self.rows.extend(plain.rows());
                 Ok(())
             }
@@ -308,6 +310,9 @@ impl Writer {
         if self.format == Format::Csv {
             put(&format!("{}.csv", self.node), csv(&self.rows).as_bytes())?;
         }
+        if self.format == Format::Parquet {
+            put(&format!("{}.parquet", self.node), &super::parquet::file(&names(&self.rows), &self.rows)?)?;
+        }
         Ok(())
     }
 
@@ -321,14 +326,20 @@ impl Writer {
     }
 }
 
-/// Rows as CSV; a column for every name, in order of first appearance.
-fn csv(rows: &[Map<String, Value>]) -> String {
+/// Names of the columns, in order of first appearance.
+fn names(rows: &[Map<String, Value>]) -> Vec<&String> {
     let mut names: Vec<&String> = Vec::new();
     for name in rows.iter().flat_map(Map::keys) {
         if !names.contains(&name) {
             names.push(name);
         }
     }
+    names
+}
+
+/// Rows as CSV, with a column for every name.
+fn csv(rows: &[Map<String, Value>]) -> String {
+    let names = names(rows);
     let heads: Vec<String> = names.iter().map(|name| csv_field(name)).collect();
     let mut out = heads.join(",");
     for row in rows {

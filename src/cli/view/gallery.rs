@@ -55,9 +55,12 @@ impl<'a> Gallery<'a> {
         &self.tracks
     }
 
-    /// The frame that is shown first.
+    /// The frame that is shown first, beside the reference: the noisiest rung, or without rungs an image of the output
+    /// that was asked for.
     pub(super) fn first(&self) -> usize {
-        self.first.unwrap_or(0)
+        let rungs = self.frames.iter().zip(&self.counts).enumerate().filter(|(_, (frame, _))| frame.track == 0);
+        let least = rungs.filter_map(|(place, (_, count))| Some((count.as_ref()?, place))).min();
+        least.map(|(_, place)| place).or(self.first).unwrap_or(0)
     }
 
     /// Frames with their times, and tracks.
@@ -215,7 +218,7 @@ impl<'a> Gallery<'a> {
             }
             let name = self.name(output, &key, "variance");
             let track = self.track(&name, RAW);
-            let frame = self.frame(track, "variance", Content::Variance, (0, None));
+            let frame = self.frame(track, "per sample", Content::Variance, (0, None));
             growing.scene.images.push((frame, ladder.variance));
         }
         Ok(())

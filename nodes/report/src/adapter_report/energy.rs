@@ -4,9 +4,7 @@ use super::table::backbone_name;
 use crate::{
     page::Section,
     svg::{Plot, Scale},
-    text::escape,
 };
-use std::fmt::Write as _;
 use tauflow_data::records::{BackboneQuality, ImageQuality, Variant};
 
 /// The colour of a variant.
@@ -48,16 +46,10 @@ fn plot(backbone: &BackboneQuality) -> String {
     for of in &lines {
         let points = of.energy.iter().enumerate().map(|(at, energy)| ((at + 1) as f64, *energy));
         plot.line(points, colour(of.variant));
-    }
-    let mut legend = String::new();
-    for of in &lines {
-        let _ = write!(
-            legend,
-            "<span style=\"margin-right:12px;white-space:nowrap\"><span class=\"key {}\"></span>{}</span> ",
-            colour(of.variant),
-            escape(of.variant.label())
-        );
+        if let Some(last) = of.energy.last() {
+            plot.end_label(*last, colour(of.variant), of.variant.label());
+        }
     }
     let svg = plot.finish(&format!("Injected energy by sampler step, {}", backbone.backbone));
-    format!("<figure>{svg}<figcaption>{}. {legend}</figcaption></figure>", backbone_name(backbone))
+    format!("<figure>{svg}<figcaption>{}.</figcaption></figure>", backbone_name(backbone))
 }

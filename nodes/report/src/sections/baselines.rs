@@ -2,37 +2,34 @@
 
 use crate::{
     page::Section,
-    ranking::{conditioning_name, digits, extra, method_name, metric_name},
+    ranking::{colour, conditioning_name, digits, extra, method_name, metric_name},
     sections::method_html,
-    text::{escape, fixed, interval, signed},
+    svg::{Plot, Scale},
+    text::{compact, escape, fixed, interval, signed},
 };
-use std::fmt::Write as _;
+use std::{collections::BTreeMap, fmt::Write as _};
 use tauflow_data::{
     methods::axes::{CONDITIONING, PARAMETERIZATION},
-    records::{Evaluation, METRICS, Versus, higher_is_better},
+    records::{Estimate, Evaluation, METRICS, Versus, higher_is_better},
 };
 
-/// The section; none without baselines, and without a note on one that is missing.
+/// The section; none without baselines.
 pub fn section(evaluation: &Evaluation) -> Option<Section> {
-    if evaluation.versus.is_empty() && evaluation.notes.is_empty() {
+    if evaluation.versus.is_empty() {
         return None;
     }
     let mut out = String::new();
-    for note in &evaluation.notes {
-        let _ = write!(out, "<p class=\"note\">Omitted: {}.</p>", escape(note));
-    }
-    if evaluation.versus.is_empty() {
-        return Some(Section::new("baselines", "Compared with baselines", out));
-    }
     let metrics = METRICS.iter().filter(|m| ["hdr_psnr", "preview_psnr", "ssim", "hdr_mae"].contains(*m));
     let metrics: Vec<&str> = metrics.copied().collect();
     let _ = write!(
         out,
         "<p>The solver's score minus the baseline's, paired by scene, with 95% intervals over {} scenes and the share \
          of scenes where the solver is better. <b>Bold</b> if the whole interval favours the solver. Both start from \
-         {} spp and read the same radiance, albedo and normals.</p><div class=\"scroll\"><table \
+         {} spp and read the same radiance, albedo and normals.</p>{}<div class=\"scroll\"><table \
          class=\"wide\"><thead><tr><th>Baseline</th><th class=\"left\">Solver</th><th>NFE</th>",
-        evaluation.scenes, evaluation.from_spp
+        evaluation.scenes,
+        evaluation.from_spp,
+        charts(evaluation)
     );
     for metric in &metrics {
         let _ = write!(out, "<th>{}</th>", metric_name(metric));
@@ -43,6 +40,50 @@ pub fn section(evaluation: &Evaluation) -> Option<Section> {
     }
     out.push_str("</tbody></table></div>");
     Some(Section::new("baselines", "Compared with baselines", out))
+}
+
+/// Differences by solver and number of calls.
+type Lines = BTreeMap<String, Vec<(f64, Estimate)>>;
+
+/// The paired difference to each baseline over the number of calls, a line for each solver; nothing for one number of
+/// calls.
+fn charts(evaluation: &Evaluation) -> String {
+    const METRIC: &str = "hdr_psnr";
+    let mut lines: BTreeMap<(&str, String, String), Lines> = BTreeMap::new();
+    for versus in &evaluation.versus {
+        let Some(gain) = versus.gain.get(METRIC) else { continue };
+        let get = |axis: &str| versus.cell.get(axis).cloned().unwrap_or_default();
+        let panel = [conditioning_name(&get(CONDITIONING)), extra(&versus.cell)];
+        let panel = panel.into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join(", ");
+        let theirs = versus.baseline.get(CONDITIONING).map_or_else(String::new, |c| conditioning_name(c));
+        let panels = lines.entry((versus.method.as_str(), theirs, panel)).or_default();
+        panels.entry(get(PARAMETERIZATION)).or_default().push((versus.nfe as f64, *gain));
+    }
+    let calls = |of: &Lines| of.values().map(Vec::len).max().unwrap_or(0);
+    lines.retain(|_, of| calls(of) > 1);
+    if lines.is_empty() {
+        return String::new();
+    }
+    let all = lines.values().flat_map(BTreeMap::values).flatten();
+    let y = Scale::linear(all.flat_map(|(_, gain)| [gain.mean, gain.low, gain.high]).chain([0.0]));
+    let mut out = String::from(r#"<div class="grid2 charts">"#);
+    for ((method, theirs, panel), of) in &lines {
+        let mut calls: Vec<f64> = of.values().flatten().map(|(nfe, _)| *nfe).collect();
+        calls.sort_by(f64::total_cmp);
+        calls.dedup();
+        let (class, baseline) = (colour(method), method_name(method));
+        let theirs = if theirs.is_empty() { theirs.clone() } else { format!(" ({theirs})") };
+        let mut plot = Plot::new([560.0, 310.0], [52.0, 108.0, 34.0, 40.0], Scale::log(calls.iter().copied(), 0.03), y);
+        plot.title(&format!("{}, {panel} minus {baseline}{theirs}", metric_name(METRIC))).y_axis(6);
+        plot.x_axis(calls.iter().map(|nfe| (*nfe, compact(*nfe))), "NFE (log)");
+        plot.level(0.0, &format!("{class} dashed")).end_label(0.0, &class, &baseline);
+        for (method, points) in of {
+            plot.estimates(points, &colour(method), &method_name(method));
+        }
+        let description = format!("Paired difference to {baseline}{theirs} against NFE, {panel}");
+        let _ = write!(out, "<figure>{}</figure>", plot.finish(&description));
+    }
+    out + "</div>"
 }
 
 fn row(versus: &Versus, metrics: &[&str]) -> String {
@@ -69,7 +110,7 @@ fn row(versus: &Versus, metrics: &[&str]) -> String {
         let share = versus.better.get(*metric).copied().unwrap_or(0.0);
         let _ = write!(
             out,
-            "<td>{value} <small>{}; {}%</small></td>",
+            "<td>{value}<span class=\"ci\">{}; {}%</span></td>",
             interval(gain, digits(metric)),
             fixed(100.0 * share, 0)
         );

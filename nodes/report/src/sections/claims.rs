@@ -3,9 +3,13 @@
 use crate::{
     page::Section,
     ranking::{conditioning_name, digits, extra, method_name, metric_name},
-    text::{escape, interval, signed},
+    svg::Scale,
+    text::{compact, escape, interval, signed},
 };
-use std::{collections::BTreeMap, fmt::Write as _};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fmt::Write as _,
+};
 use tauflow_data::{
     methods::{
         HOLD, LOCAL_STEP, Parameterization,
@@ -24,26 +28,87 @@ pub fn section(evaluation: &Evaluation, bridge: Option<&Bridge>) -> Option<Secti
     let mut out = String::from(
         "<p>A claim consists of differences that must be above 0. A claim <b>held</b> if all 95% intervals, paired by \
          scene, are above 0. It <b>did not hold</b> if one interval is below 0, and is <b>undecided</b> \
-         otherwise, even if all means agree with it.</p><div class=\"scroll\"><table class=\"wide\"><thead><tr><th \
-         class=\"left\">Claim</th><th class=\"left\">Cells</th><th class=\"left\">Verdict</th><th \
-         class=\"left\">Differences</th></tr></thead><tbody>",
+         otherwise, even if all means agree with it. Dots are means, bars are intervals, and the dashed line is 0; \
+         each metric has one scale.</p>",
     );
-    let mut before = "";
-    for claim in claims {
-        let statement = if claim.statement == before { "" } else { &claim.statement };
-        before = &claim.statement;
-        let _ = write!(
-            out,
-            "<tr><td class=\"left\">{}</td><td class=\"left\">{}</td><td class=\"left\"><b>{}</b></td><td \
-             class=\"left wrap\">{}</td></tr>",
-            escape(statement),
-            escape(&group(&claim.group)),
-            verdict(claim.verdict),
-            evidence(&claim.evidence)
-        );
+    let mut statements: Vec<&str> = Vec::new();
+    for claim in &claims {
+        if !statements.contains(&claim.statement.as_str()) {
+            statements.push(&claim.statement);
+        }
     }
-    out.push_str("</tbody></table></div>");
-    Some(Section::new("claims", "Claims", out))
+    for statement in statements {
+        let own: Vec<&Claim> = claims.iter().copied().filter(|claim| claim.statement == statement).collect();
+        let _ = write!(out, "<h3>{}</h3><div class=\"chips\">{}</div>", escape(statement), chips(&own));
+        for metric in metrics(&own) {
+            out += &forest(&own, metric, axis(&claims, metric));
+        }
+    }
+    Some(Section { class: "claims", ..Section::new("claims", "Claims", out) })
+}
+
+/// The verdict of each group of cells.
+fn chips(claims: &[&Claim]) -> String {
+    let chip = |claim: &&Claim| {
+        let class = match claim.verdict {
+            ClaimVerdict::Held => "held",
+            ClaimVerdict::NotHeld => "failed",
+            ClaimVerdict::Undecided => "open",
+        };
+        let group = group(&claim.group);
+        let group = if group.is_empty() { group } else { format!("{}: ", escape(&group)) };
+        format!("<span class=\"chip {class}\">{group}<b>{}</b></span>", verdict(claim.verdict))
+    };
+    claims.iter().map(chip).collect()
+}
+
+/// The metrics of some claims, in order of names.
+fn metrics<'a>(claims: &[&'a Claim]) -> BTreeSet<&'a str> {
+    claims.iter().flat_map(|claim| &claim.evidence).map(|evidence| evidence.metric.as_str()).collect()
+}
+
+/// The scale of a metric's differences, which all claims share. It holds 0.
+fn axis(claims: &[&Claim], metric: &str) -> Scale {
+    let own = claims.iter().flat_map(|claim| &claim.evidence).filter(|evidence| evidence.metric == metric);
+    Scale::linear(own.flat_map(|of| [of.difference.low, of.difference.high, of.difference.mean]).chain([0.0]))
+}
+
+/// The intervals of one metric, one below the other.
+fn forest(claims: &[&Claim], metric: &str, scale: Scale) -> String {
+    let places = digits(metric);
+    let percent = |value: f64| 100.0 * scale.place(value).unwrap_or(0.0);
+    let zero = format!("<i class=\"zero\" style=\"left:{:.1}%\"></i>", percent(0.0));
+    let mut out = format!(
+        "<div class=\"forest\"><div class=\"name head\">{}</div><div class=\"value head\">Difference</div>\
+         <div class=\"span head\"></div>",
+        escape(metric_name(metric))
+    );
+    for claim in claims {
+        for Evidence { what, difference, .. } in claim.evidence.iter().filter(|evidence| evidence.metric == metric) {
+            let group = group(&claim.group);
+            let name = if group.is_empty() { named(what) } else { format!("{group}: {}", named(what)) };
+            let side = match difference {
+                of if of.low > 0.0 => "above",
+                of if of.high < 0.0 => "below",
+                _ => "around",
+            };
+            let [low, mean, high] = [difference.low, difference.mean, difference.high].map(percent);
+            let _ = write!(
+                out,
+                "<div class=\"name\">{}</div><div class=\"value\">{} <small>{}</small></div><div \
+                 class=\"span\">{zero}<i class=\"range {side}\" style=\"left:{low:.1}%;width:{:.1}%\"></i>\
+                 <i class=\"mean {side}\" style=\"left:{mean:.1}%\"></i></div>",
+                escape(&name),
+                signed(difference.mean, places),
+                interval(difference, places),
+                high - low
+            );
+        }
+    }
+    let tick = |value: f64| format!("<b style=\"left:{:.1}%\">{}</b>", percent(value), compact(value));
+    let ticks: String = scale.ticks(4).into_iter().map(tick).collect();
+    let _ = write!(out, "<div class=\"span scale\">{ticks}</div></div>");
+    out
 }
 
 /// The claims as a table of values, one row for each difference.
@@ -91,21 +156,4 @@ fn group(cell: &BTreeMap<String, String>) -> String {
 fn named(text: &str) -> String {
     let known = Parameterization::ALL.map(Parameterization::name).into_iter().chain([LOCAL_STEP, HOLD]);
     known.fold(text.to_owned(), |text, method| text.replace(method, &method_name(method)))
-}
-
-/// Differences, those of one metric on a line.
-fn evidence(of: &[Evidence]) -> String {
-    let mut metrics: Vec<&str> = of.iter().map(|e| e.metric.as_str()).collect();
-    metrics.sort_unstable();
-    metrics.dedup();
-    let line = |metric: &str| {
-        let one = |e: &Evidence| {
-            let places = digits(metric);
-            let value = signed(e.difference.mean, places);
-            format!("{} {value} <small>{}</small>", escape(&named(&e.what)), interval(&e.difference, places))
-        };
-        let all: Vec<String> = of.iter().filter(|e| e.metric == metric).map(one).collect();
-        format!("{}: {}", escape(metric_name(metric)), all.join("; "))
-    };
-    metrics.into_iter().map(line).collect::<Vec<_>>().join("<br>")
 }

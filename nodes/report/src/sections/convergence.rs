@@ -59,7 +59,7 @@ fn panel(convergence: &Convergence, row: &ConvergenceRow, y: Scale) -> String {
     let points = |values: &[f64]| -> Vec<(f64, f64)> {
         convergence.counts.iter().map(|n| *n as f64).zip(values.iter().copied()).collect()
     };
-    let class = if row.heavy_tail { "m3" } else { "m2" };
+    let class = if row.heavy_tail { "neg" } else { "ink" };
     plot.title(&name(row)).subtitle(&format!(
         "slope {}{}",
         row.slope.map_or_else(|| "–".into(), |slope| fixed(slope.mean, 2)),
@@ -81,11 +81,15 @@ fn error(value: f64) -> String {
 
 /// A slope with its interval, and how many rungs it is without.
 fn slope(of: Option<&Estimate>, unresolved: u64) -> String {
-    let slope = of.map_or_else(|| "–".into(), |of| format!("{} <small>{}</small>", fixed(of.mean, 3), interval(of, 3)));
+    let slope = of
+        .map_or_else(|| "–".into(), |of| format!("{}<span class=\"ci\">{}</span>", fixed(of.mean, 3), interval(of, 3)));
     if unresolved == 0 {
         return slope;
     }
-    format!("{slope}<span class=\"ci\">excludes {} below the reference's noise</span>", plural(unresolved, "rung"))
+    format!(
+        "{slope}<span class=\"ci words\">excludes {} below the reference's noise</span>",
+        plural(unresolved, "rung")
+    )
 }
 
 /// Whether the law's slope is in the interval.

@@ -7,26 +7,63 @@ use crate::{
 };
 use tauflow_data::{
     methods::HOLD,
-    records::{Evaluation, METRICS},
+    records::{Estimate, Evaluation, METRICS, MethodTable},
 };
 
-/// The section.
-pub fn section(evaluation: &Evaluation) -> Section {
+/// The section; none where a curve would have one point.
+pub fn section(evaluation: &Evaluation) -> Option<Section> {
+    if evaluation.methods.is_empty() || evaluation.nfe.len() < 2 {
+        return None;
+    }
     let first = ["hdr_psnr", "hdr_mae"];
     let has = |m: &&str| evaluation.hold.contains_key(*m);
     let main: String = first.iter().filter(|m| has(m)).map(|m| row(evaluation, m)).collect();
     let others: String = METRICS.iter().filter(|m| !first.contains(m) && has(m)).map(|m| row(evaluation, m)).collect();
-    let mut panels = vec![("HDR PSNR and MAE".to_owned(), main)];
+    let gains: String = first.iter().filter(|m| has(m)).map(|m| gain_row(evaluation, m)).collect();
+    let mut panels = vec![("HDR PSNR and MAE".to_owned(), main), ("Paired gain over the input".to_owned(), gains)];
     if !others.is_empty() {
         panels.push(("Other metrics".to_owned(), others));
     }
     let body = format!(
         "<p>One trained model is used for every number of network calls (NFE). Bands are 95% intervals of the mean \
          over scenes. Scenes vary more than methods, so methods with overlapping bands can still differ significantly \
-         when paired by scene. Dashed: hold, the unchanged input.</p>{}",
+         when paired by scene. Dashed: hold, the unchanged input. Paired gains are \
+         differences to the input of the same scene, so their bands are narrower, and a band above 0 is a significant \
+         gain (below 0 for an error).</p>{}",
         tabs("curves", &panels)
     );
-    Section::new("curves", "Quality against network calls", body)
+    Some(Section::new("curves", "Quality against network calls", body))
+}
+
+/// Paired gains over the input in one metric: a panel for each conditioning, on one y axis.
+fn gain_row(evaluation: &Evaluation, metric: &str) -> String {
+    let of = |table: &MethodTable| -> Vec<(f64, Estimate)> {
+        table.at.iter().filter_map(|at| Some((at.nfe as f64, *at.gain.get(metric)?))).collect()
+    };
+    let all = evaluation.methods.iter().chain(&evaluation.baselines).flat_map(of);
+    let y = Scale::linear(all.flat_map(|(_, e)| [e.mean, e.low, e.high]).chain([0.0]));
+    let mut out = String::from(r#"<div class="grid2 charts">"#);
+    for Group { title, tables, .. } in groups(evaluation) {
+        let x = Scale::log(evaluation.nfe.iter().map(|n| *n as f64), 0.03);
+        let mut plot = Plot::new([560.0, 310.0], [52.0, 108.0, 34.0, 40.0], x, y);
+        plot.title(&format!("{}, paired gain, {title}", metric_name(metric))).y_axis(6);
+        plot.x_axis(evaluation.nfe.iter().map(|n| (*n as f64, n.to_string())), "NFE (log)");
+        plot.level(0.0, &format!("{} dashed", colour(HOLD))).end_label(0.0, &colour(HOLD), &method_name(HOLD));
+        let conditioning = tables.first().map(|table| &table.conditioning);
+        for other in evaluation.baselines.iter().filter(|other| Some(&other.conditioning) == conditioning) {
+            if let Some((_, gain)) = of(other).first() {
+                let class = colour(&other.method);
+                plot.level(gain.mean, &format!("{class} dashed"));
+                plot.end_label(gain.mean, &class, &method_name(&other.method));
+            }
+        }
+        for table in &tables {
+            plot.estimates(&of(table), &colour(&table.method), &method_name(&table.method));
+        }
+        let description = format!("{}, paired gain against NFE, {title}", metric_name(metric));
+        out.push_str(&format!("<figure>{}</figure>", plot.finish(&description)));
+    }
+    out + "</div>"
 }
 
 /// The panels of one metric, on one y axis.
@@ -38,7 +75,7 @@ fn row(evaluation: &Evaluation, metric: &str) -> String {
         values.extend(at.metrics.get(metric).iter().flat_map(|e| [e.mean, e.low, e.high]));
     }
     let y = if log { Scale::log(values, 0.05) } else { Scale::linear(values) };
-    let mut out = String::from(r#"<div class="grid2" style="margin-bottom:26px">"#);
+    let mut out = String::from(r#"<div class="grid2 charts">"#);
     for Group { title, tables, .. } in groups(evaluation) {
         let x = Scale::log(evaluation.nfe.iter().map(|n| *n as f64), 0.03);
         let mut plot = Plot::new([560.0, 310.0], [52.0, 108.0, 34.0, 40.0], x, y);
@@ -64,23 +101,9 @@ fn row(evaluation: &Evaluation, metric: &str) -> String {
             }
         }
         for table in &tables {
-            let class = colour(&table.method);
-            let points: Vec<(f64, f64, f64, f64)> = table
-                .at
-                .iter()
-                .filter_map(|a| a.metrics.get(metric).map(|e| (a.nfe as f64, e.low, e.high, e.mean)))
-                .collect();
-            let band: Vec<(f64, f64, f64)> = points.iter().map(|p| (p.0, p.1, p.2)).collect();
-            plot.band(&band, &class);
-        }
-        for table in &tables {
-            let class = colour(&table.method);
-            let points: Vec<(f64, f64)> =
-                table.at.iter().filter_map(|a| a.metrics.get(metric).map(|e| (a.nfe as f64, e.mean))).collect();
-            plot.line(points.clone(), &class).dots(points.clone(), 3.4, &class);
-            if let Some((_, last)) = points.last() {
-                plot.end_label(*last, &class, &method_name(&table.method));
-            }
+            let points: Vec<(f64, Estimate)> =
+                table.at.iter().filter_map(|at| Some((at.nfe as f64, *at.metrics.get(metric)?))).collect();
+            plot.estimates(&points, &colour(&table.method), &method_name(&table.method));
         }
         let description = format!("{} against NFE, {title}; the values are in the table above", metric_name(metric));
         out.push_str(&format!("<figure>{}</figure>", plot.finish(&description)));

@@ -2,9 +2,9 @@
 
 use crate::{
     material::Material,
-    montage::Montage,
+    montage::{Montage, Viewer},
     ranking::{Standing, best_at, conditioning_name, method_name, ordered, standings},
-    sections::resampled,
+    sections::{montage::linked, resampled},
     text::{count, escape, fixed, plural, png_uri, signed},
 };
 use std::fmt::Write as _;
@@ -27,16 +27,18 @@ pub fn summary(evaluation: &Evaluation, material: &Material) -> String {
 /// One sentence on the best method at the first number of calls, and on the best solver if it is another; none without
 /// a gain.
 fn found(evaluation: &Evaluation) -> Option<String> {
-    let nfe = *evaluation.nfe.first()?;
-    let solver = best_at(evaluation, nfe)?;
+    let nfe = evaluation.nfe.first().copied().unwrap_or(0);
     let standings = standings(evaluation, nfe);
-    let (first, own) = (standings.first()?, standings.iter().find(|of| is(of, solver))?);
+    let first = standings.first()?;
     let gain = |of: &Standing<'_>| {
         let gain = of.gain?.get("hdr_psnr")?;
         let [mean, low, high] = [gain.mean, gain.low, gain.high].map(|value| signed(value, 2));
         Some(format!("<b>{mean} dB</b> HDR PSNR over its input (95% interval {low} to {high})"))
     };
-    let ours = gain(own)?;
+    let Some(solver) = best_at(evaluation, nfe) else {
+        return Some(format!(" The best method, {}, gains {}.", escape(&name(first.table?)), gain(first)?));
+    };
+    let ours = gain(standings.iter().find(|of| is(of, solver))?)?;
     Some(match first.table.filter(|table| !std::ptr::eq(*table, solver)) {
         Some(table) => format!(
             " The best method, {}, gains {}; the best solver at NFE {nfe}, {}, gains {ours}.",
@@ -54,40 +56,41 @@ fn is(of: &Standing<'_>, table: &MethodTable) -> bool {
 }
 
 /// The figures to remember.
-///
-/// # Errors
-/// If a picture cannot be encoded.
-pub fn block(evaluation: &Evaluation, material: &Material, opening: Option<&Montage>) -> Result<String, KindError> {
-    let mut out = opening.map_or(Ok(String::new()), hero)?;
-    out.push_str("<div class=\"cards\">");
-    if let Some(nfe) = evaluation.nfe.first() {
-        best_cards(&mut out, evaluation, *nfe);
-    }
+pub fn block(evaluation: &Evaluation, material: &Material) -> String {
+    let mut out = String::from("<div class=\"cards\">");
+    best_cards(&mut out, evaluation, evaluation.nfe.first().copied().unwrap_or(0));
     data_cards(&mut out, evaluation, material);
     out.push_str("</div>");
     let _ = write!(out, "<p class=\"note\">{}</p>", reference_note(evaluation));
-    Ok(out)
+    out
 }
 
 /// The opening figure: input, best method, the best of the other sort, reference.
-fn hero(opening: &Montage) -> Result<String, KindError> {
+///
+/// # Errors
+/// If a picture cannot be encoded.
+pub fn hero(opening: &Montage, viewer: Option<&Viewer>) -> Result<String, KindError> {
     let Some(row) = opening.rows.first() else { return Ok(String::new()) };
     let mut out = String::from("<figure class=\"hero\"><div>");
     for (picture, (_, head)) in row.pictures.iter().zip(&opening.columns) {
         let Some(image) = &picture.image else { continue };
         let score = picture.psnr.map_or_else(String::new, |p| format!(" · {} dB", fixed(p, 2)));
-        let _ = write!(
-            out,
-            r#"<div><img alt="{0}" src="{1}"><span><b>{0}</b>{score}</span></div>"#,
-            escape(head),
-            png_uri(&encode_png(image)?)
-        );
+        let shown = format!(r#"<img alt="{}" src="{}">"#, escape(head), png_uri(&encode_png(image)?));
+        let shown = linked(&shown, viewer, &row.scene, &picture.frame);
+        let _ = write!(out, "<div>{shown}<span><b>{}</b>{score}</span></div>", escape(head));
     }
+    let open = viewer.and_then(|viewer| viewer.address(&row.scene, &row.pictures.first()?.frame)).map(|address| {
+        format!(
+            " <a href=\"{address}\">Open the viewer</a> to compare, zoom and read pixels; every picture of a \
+             scene is a link to it."
+        )
+    });
     let _ = write!(
         out,
         "</div><figcaption>{}: the test scene with the median gain. Captions: HDR PSNR of this scene.\
-         </figcaption></figure>",
-        escape(&row.scene)
+         {}</figcaption></figure>",
+        escape(&row.scene),
+        open.unwrap_or_default()
     );
     Ok(out)
 }
@@ -120,8 +123,12 @@ fn built(evaluation: &Evaluation, material: &Material) -> String {
             references.height
         ));
     }
-    let n = evaluation.methods.len() as u64;
-    parts.push(format!("<b>{}</b> compared", plural(n, "solver")));
+    let compared = [(evaluation.methods.len(), "solver"), (evaluation.baselines.len(), "baseline")];
+    let compared = compared.into_iter().filter(|(n, _)| *n > 0).map(|(n, what)| plural(n as u64, what));
+    let compared: Vec<String> = compared.collect();
+    if !compared.is_empty() {
+        parts.push(format!("<b>{}</b> compared", compared.join(" and ")));
+    }
     let mut text = parts.join("; ");
     if let Some(first) = text.get(..1).filter(|c| c.chars().all(char::is_lowercase)) {
         let upper = first.to_uppercase();
@@ -136,14 +143,15 @@ pub fn reference_note(evaluation: &Evaluation) -> String {
     format!(
         "The reference is I<sub>{n}</sub>, the ladder's last rung. It contains the samples of every other rung, so \
          the squared error of I<sub>k</sub> is σ²(1/k − 1/{n}) instead of σ²/k. The variance of I<sub>{n}</sub> \
-         itself is σ²/{n}. Intervals are 95% bootstrap intervals over {}. The best solver is chosen on the test \
-         scenes.",
-        resampled(evaluation.groups)
+         itself is σ²/{n}. Intervals are 95% bootstrap intervals over {}.{}",
+        resampled(evaluation.groups),
+        if evaluation.methods.len() > 1 { " The best solver is chosen on the test scenes." } else { "" }
     )
 }
 
 fn name(table: &MethodTable) -> String {
-    format!("{}, {}", method_name(&table.method), conditioning_name(&table.conditioning))
+    let parts = [method_name(&table.method), conditioning_name(&table.conditioning)];
+    parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(", ")
 }
 
 fn card(out: &mut String, class: &str, big: &str, what: &str) {
@@ -162,9 +170,13 @@ fn best_cards(out: &mut String, evaluation: &Evaluation, nfe: u64) {
     for (place, (of, what)) in shown.into_iter().enumerate() {
         let (Some(table), Some(gain)) = (of.table, of.gain.and_then(|gain| gain.get("hdr_psnr"))) else { continue };
         let text = format!(
-            "gain over the input of the {what}, {}, at NFE {}; 95% interval {} to {}",
+            "gain over the input of the {what}, {}{}; 95% interval {} to {}",
             escape(&name(table)),
-            of.nfe,
+            if solver.is_some_and(|own| std::ptr::eq(own, of)) {
+                format!(", at NFE {}", of.nfe)
+            } else {
+                String::new()
+            },
             signed(gain.low, 2),
             signed(gain.high, 2)
         );
@@ -180,7 +192,7 @@ fn best_cards(out: &mut String, evaluation: &Evaluation, nfe: u64) {
         && evaluation.nfe.len() > 1
     {
         let what = format!(
-            "best mean over log NFE {} to {} (AUC): {}",
+            "best mean of a solver over log NFE {} to {} (AUC): {}",
             nfe,
             evaluation.nfe.last().copied().unwrap_or(nfe),
             escape(&name(table))

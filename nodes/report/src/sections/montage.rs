@@ -1,9 +1,9 @@
 //! Pictures: strata x methods, and methods x numbers of calls.
 
 use crate::{
-    montage::Montage,
+    montage::{Montage, Viewer},
     page::{Section, tabs},
-    text::{escape, fixed, png_uri},
+    text::{escape, fixed, plural, png_uri},
 };
 use std::fmt::Write as _;
 use tauflow_contract::KindError;
@@ -13,10 +13,15 @@ use tauflow_data::{Stratum, image_io::encode_png};
 ///
 /// # Errors
 /// If a picture cannot be encoded.
-pub fn section(montages: &[Montage], by_calls: &[Montage], nfe: u64) -> Result<Option<Section>, KindError> {
+pub fn section(
+    montages: &[Montage],
+    by_calls: &[Montage],
+    nfe: u64,
+    viewer: Option<&Viewer>,
+) -> Result<Option<Section>, KindError> {
     let Some(first) = montages.iter().find(|m| !m.rows.is_empty()) else { return Ok(None) };
     let panels = |of: &[Montage]| -> Result<Vec<(String, String)>, KindError> {
-        of.iter().filter(|m| !m.rows.is_empty()).map(|m| Ok((m.title.clone(), grid(m)?))).collect()
+        of.iter().filter(|m| !m.rows.is_empty()).map(|m| Ok((m.title.clone(), grid(m, viewer)?))).collect()
     };
     let reduced = match first.reduced {
         1 => String::new(),
@@ -29,6 +34,14 @@ pub fn section(montages: &[Montage], by_calls: &[Montage], nfe: u64) -> Result<O
          dB, with the best of each row in bold.{reduced}</p>{}",
         tabs("montage", &panels(montages)?)
     );
+    if let Some(viewer) = viewer.filter(|viewer| viewer.left_out > 0) {
+        let left = plural(viewer.left_out as u64, "scene");
+        let _ = write!(
+            body,
+            "<p class=\"note\">The viewer omits {left}, which it has no room for; <code>tauflow view</code> writes \
+             all.</p>"
+        );
+    }
     if let Some(row) = by_calls.iter().find_map(|m| m.rows.first()) {
         let _ = write!(
             body,
@@ -46,12 +59,23 @@ fn row_head(head: &str) -> String {
     stratum.map_or_else(|| escape(head), |stratum| stratum.replacen('-', "<br>", 1))
 }
 
+/// A picture that leads to its frame in the viewer, if the viewer has its scene.
+pub fn linked(picture: &str, viewer: Option<&Viewer>, scene: &str, frame: &str) -> String {
+    match viewer.and_then(|viewer| viewer.address(scene, frame)) {
+        Some(address) => format!("<a href=\"{address}\">{picture}</a>"),
+        None => picture.to_owned(),
+    }
+}
+
 /// The pictures as a table.
 ///
 /// # Errors
 /// If a picture cannot be encoded.
-pub fn grid(montage: &Montage) -> Result<String, KindError> {
-    let mut out = String::from(r#"<table class="montage"><thead><tr><th></th>"#);
+pub fn grid(montage: &Montage, viewer: Option<&Viewer>) -> Result<String, KindError> {
+    // Pictures smaller than this show nothing: a narrow page scrolls.
+    let width = 92 + 84 * montage.columns.len();
+    let mut out =
+        format!(r#"<div class="scroll"><table class="montage" style="min-width:{width}px"><thead><tr><th></th>"#);
     for (_, head) in &montage.columns {
         let _ = write!(out, "<th>{}</th>", escape(head));
     }
@@ -65,12 +89,12 @@ pub fn grid(montage: &Montage) -> Result<String, KindError> {
                 Some(image) => {
                     let alt = format!("{head}, {}", row.scene);
                     let (w, h) = (image.width(), image.height());
-                    let _ = write!(
-                        out,
+                    let shown = format!(
                         r#"<img alt="{}" width="{w}" height="{h}" src="{}">"#,
                         escape(&alt),
                         png_uri(&encode_png(image)?)
                     );
+                    out.push_str(&linked(&shown, viewer, &row.scene, &picture.frame));
                 }
                 None => out.push_str(r#"<span class="zero">none</span>"#),
             }
@@ -82,6 +106,6 @@ pub fn grid(montage: &Montage) -> Result<String, KindError> {
         }
         out.push_str("</tr>");
     }
-    out.push_str("</tbody></table>");
+    out.push_str("</tbody></table></div>");
     Ok(out)
 }

@@ -3,14 +3,14 @@
 use crate::{
     montage::Montage,
     page::{Section, tabs},
-    ranking::{Rank, digits, metric_name, rank},
+    ranking::{Rank, colour, digits, metric_name, rank},
     sections::{montage::grid, resampled},
     svg::{Plot, Scale},
     text::{count, escape, fixed, interval, plural, signed},
 };
 use std::fmt::Write as _;
 use tauflow_contract::KindError;
-use tauflow_data::records::{AxisType, AxisValue, Estimate, ScoreTable, higher_is_better};
+use tauflow_data::records::{AxisType, AxisValue, Estimate, ScoreTable, TableCell, higher_is_better};
 
 /// One section for all tables; none without a table.
 pub fn section(tables: &[(String, ScoreTable)]) -> Option<Section> {
@@ -47,7 +47,7 @@ pub fn pictures(montage: Option<&Montage>) -> Result<Option<Section>, KindError>
     let body = format!(
         "<p>The first scenes by number, at the lowest sample count of each cell. The last column shows the largest \
          sample count, and sets the exposure of its row.</p>{}",
-        grid(montage)?
+        grid(montage, None)?
     );
     Ok(Some(Section::new("pictures", "Pictures", body)))
 }
@@ -209,50 +209,72 @@ fn differences(table: &ScoreTable, metric: &str) -> Option<String> {
         }
         out.push_str("</tr>");
     }
-    Some(out + "</tbody></table></div>")
+    Some(out + "</tbody></table></div>" + &difference_chart(table, metric, &against.value.to_string()))
 }
 
 /// A metric over the last axis of columns, a line for each row; nothing where that axis has no two positive numbers.
 fn chart(table: &ScoreTable, metric: &str) -> String {
-    let (_, column_axes) = table.split_axes();
-    let [axis] = column_axes else { return String::new() };
+    let log = metric.ends_with("_mae");
+    let scale = |values: Vec<f64>| if log { Scale::log(values, 0.05) } else { Scale::linear(values) };
+    let drawn = plot(table, metric_name(metric), |cell| cell.metrics.get(metric).copied(), scale);
+    drawn.map_or_else(String::new, |plot| figure(&plot, &format!("{}, {}", metric_name(metric), over(table))))
+}
+
+/// The paired differences, as [`chart`]; the line at 0 is what they are differences to.
+fn difference_chart(table: &ScoreTable, metric: &str, against: &str) -> String {
+    let scale = |values: Vec<f64>| Scale::linear(values.into_iter().chain([0.0]));
+    let title = format!("{}, paired difference", metric_name(metric));
+    let drawn = plot(table, &title, |cell| cell.difference.get(metric).copied(), scale);
+    drawn.map_or_else(String::new, |mut plot| {
+        let class = colour(against);
+        plot.level(0.0, &format!("{class} dashed")).end_label(0.0, &class, against);
+        figure(&plot, &format!("{title}, {}", over(table)))
+    })
+}
+
+fn over(table: &ScoreTable) -> String {
+    let axis = table.split_axes().1.last().map_or("", |axis| axis.name.as_str());
+    format!("over {axis}; the values are in the table above")
+}
+
+fn figure(plot: &Plot, description: &str) -> String {
+    format!("<figure style=\"max-width:640px\">{}</figure>", plot.finish(description))
+}
+
+/// Estimates over the only axis of columns, a line for each row that has some; none where that axis has no two numbers.
+fn plot(
+    table: &ScoreTable,
+    title: &str,
+    of: impl Fn(&TableCell) -> Option<Estimate>,
+    scale: impl FnOnce(Vec<f64>) -> Scale,
+) -> Option<Plot> {
+    let (_, [axis]) = table.split_axes() else { return None };
     let numbers: Vec<f64> = axis.values.iter().filter_map(AxisValue::number).collect();
     let rows = table.row_heads();
     if axis.value_type == AxisType::Text || numbers.len() < 2 || rows.len() > 8 {
-        return String::new();
+        return None;
     }
     let log = numbers.iter().all(|value| *value > 0.0);
     let x = if log { Scale::log(numbers.iter().copied(), 0.03) } else { Scale::linear(numbers.iter().copied()) };
-    let estimates = table.cells.iter().filter_map(|cell| cell.metrics.get(metric));
-    let y: Vec<f64> = estimates.flat_map(|e| [e.mean, e.low, e.high]).collect();
-    let y = if metric.ends_with("_mae") { Scale::log(y, 0.05) } else { Scale::linear(y) };
+    let estimates = table.cells.iter().filter_map(&of);
+    let y = scale(estimates.flat_map(|e| [e.mean, e.low, e.high]).collect());
     let mut plot = Plot::new([560.0, 310.0], [52.0, 128.0, 34.0, 40.0], x, y);
-    let scale = if log { " (log)" } else { "" };
-    plot.title(metric_name(metric)).y_axis(6);
+    let log = if log { " (log)" } else { "" };
+    plot.title(title).y_axis(6);
     plot.x_axis(
         axis.values.iter().filter_map(|value| Some((value.number()?, value.to_string()))),
-        &format!("{}{scale}", axis.name),
+        &format!("{}{log}", axis.name),
     );
-    for (r, row) in rows.iter().enumerate() {
-        let class = format!("m{r}");
+    for row in &rows {
+        let names: Vec<String> = row.iter().map(ToString::to_string).filter(|text| !text.is_empty()).collect();
         let points: Vec<(f64, Estimate)> = axis
             .values
             .iter()
-            .filter_map(|value| {
-                let cell = table.cell(&at(row, std::slice::from_ref(value)))?;
-                Some((value.number()?, *cell.metrics.get(metric)?))
-            })
+            .filter_map(|value| Some((value.number()?, of(table.cell(&at(row, std::slice::from_ref(value)))?)?)))
             .collect();
-        let band: Vec<(f64, f64, f64)> = points.iter().map(|(x, e)| (*x, e.low, e.high)).collect();
-        let line: Vec<(f64, f64)> = points.iter().map(|(x, e)| (*x, e.mean)).collect();
-        plot.band(&band, &class).line(line.clone(), &class).dots(line.clone(), 3.4, &class);
-        let name: Vec<String> = row.iter().map(ToString::to_string).filter(|text| !text.is_empty()).collect();
-        if let Some((_, last)) = line.last() {
-            plot.end_label(*last, &class, &name.join(", "));
-        }
+        plot.estimates(&points, &colour(&names.join("_")), &names.join(", "));
     }
-    let description = format!("{} over {}; the values are in the table above", metric_name(metric), axis.name);
-    format!("<figure style=\"max-width:640px\">{}</figure>", plot.finish(&description))
+    Some(plot)
 }
 
 #[cfg(test)]

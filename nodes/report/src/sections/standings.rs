@@ -18,8 +18,13 @@ pub fn section(evaluation: &Evaluation, nfe: u64) -> Option<Section> {
     if all.len() < 2 {
         return None;
     }
+    let compared = match (evaluation.methods.is_empty(), evaluation.baselines.is_empty()) {
+        (true, _) => "Methods".to_owned(),
+        (_, true) => format!("Solvers at NFE {nfe}"),
+        _ => format!("Solvers at NFE {nfe}, baselines"),
+    };
     let mut out = format!(
-        "<p>Solvers at NFE {nfe}, baselines, and the input itself, by mean HDR PSNR over {} test scenes, from {} spp. \
+        "<p>{compared} and the input itself, by mean HDR PSNR over {} test scenes, from {} spp. \
          Small print: 95% bootstrap intervals over {}.</p><div class=\"scroll\"><table \
          class=\"wide\"><thead><tr><th></th><th class=\"left\">Method</th><th class=\"left\">Reads</th><th>{}</th>\
          <th>Gain</th>",
@@ -56,5 +61,8 @@ pub fn section(evaluation: &Evaluation, nfe: u64) -> Option<Section> {
         out.push_str("</tr>");
     }
     out.push_str("</tbody></table></div>");
+    for note in &evaluation.notes {
+        let _ = write!(out, "<p class=\"note\">Omitted: {}.</p>", escape(note));
+    }
     Some(Section::new("ranking", "All methods", out))
 }

@@ -12,8 +12,11 @@ use tauflow_data::{
     records::{Estimate, Evaluation, METRICS},
 };
 
-/// The section.
-pub fn section(evaluation: &Evaluation) -> Section {
+/// The section; none where it would hold the input alone.
+pub fn section(evaluation: &Evaluation) -> Option<Section> {
+    if evaluation.methods.is_empty() && evaluation.baselines.is_empty() {
+        return None;
+    }
     let mut panels = Vec::new();
     for metric in METRICS.iter().filter(|m| evaluation.hold.contains_key(**m)) {
         panels.push((metric_name(metric).to_owned(), table(evaluation, metric)));
@@ -32,7 +35,7 @@ pub fn section(evaluation: &Evaluation) -> Section {
         evaluation.resamples,
         tabs("tables", &panels)
     );
-    Section::new("results", "Results", body)
+    Some(Section::new("results", "Results", body))
 }
 
 /// Columns that tell the rows apart: heads, and texts of a row.

@@ -32,11 +32,7 @@ fn name(method: &TimedMethod) -> String {
 }
 
 fn class(method: &TimedMethod) -> String {
-    match method.method.as_str() {
-        PATH_TRACER => "ink".into(),
-        other if other.starts_with(PATH_TRACER) => "hold".into(),
-        other => colour(other),
-    }
+    colour(&method.method)
 }
 
 /// From each endpoint the point of least error.

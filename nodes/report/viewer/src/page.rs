@@ -113,6 +113,16 @@ impl Page {
         Self { path, limit, inline: Some(vec![]), inline_bytes: 0, folder_bytes: 0, scenes, thumbs, errors, measures }
     }
 
+    /// A page that is one text in memory, however large.
+    pub fn in_memory() -> Self {
+        Self::new(PathBuf::new(), Some(usize::MAX))
+    }
+
+    /// Bytes of the data so far.
+    pub fn bytes(&self) -> usize {
+        self.inline_bytes
+    }
+
     /// Adds a scene, whose images are of the frames and tracks so far.
     ///
     /// # Errors
@@ -158,6 +168,21 @@ impl Page {
     /// # Errors
     /// If a file cannot be written.
     pub fn finish(mut self, head: &Head, frames: &[Frame], tracks: &[Track]) -> Result<Written, ViewerError> {
+        let page = self.text(head, frames, tracks)?;
+        write(&self.path, page.as_bytes())?;
+        let folder = self.inline.is_none().then(|| self.folder());
+        if folder.is_none() {
+            remove_parts(&self.folder(), 0)?;
+        }
+        let bytes = page.len() as u64 + self.folder_bytes;
+        Ok(Written { page: self.path.clone(), folder, bytes, scenes: self.scenes.len() })
+    }
+
+    /// The page as a text, which refers to the files that were written before.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn text(&mut self, head: &Head, frames: &[Frame], tracks: &[Track]) -> Result<String, ViewerError> {
         let thumbs = std::mem::take(&mut self.thumbs);
         for (block, thumbs) in thumbs.chunks(BLOCK).enumerate() {
             self.part(format!("t{block:04}"), serde_json::json!({ "thumbs": thumbs }).to_string())?;
@@ -194,14 +219,7 @@ impl Page {
         let parts = self.inline.iter().flatten().map(|(name, json)| {
             format!("<script type=\"application/json\" id=\"d-{name}\">{}</script>\n", inert(json))
         });
-        let page = filled(&head.title, &inert(&index), &parts.collect::<String>());
-        write(&self.path, page.as_bytes())?;
-        let folder = self.inline.is_none().then(|| self.folder());
-        if folder.is_none() {
-            remove_parts(&self.folder(), 0)?;
-        }
-        let bytes = page.len() as u64 + self.folder_bytes;
-        Ok(Written { page: self.path.clone(), folder, bytes, scenes: self.scenes.len() })
+        Ok(filled(&head.title, &inert(&index), &parts.collect::<String>()))
     }
 
     /// The folder of the data: `NAME_files` beside `NAME.html`.

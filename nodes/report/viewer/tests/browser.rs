@@ -285,8 +285,10 @@ fn keys_and_fingers_work() {
     // The state is in the address.
     let hash = browser.eval("location.hash");
     assert!(hash.as_str().is_some_and(|hash| hash.contains("mode=error") && hash.contains("ev=0.5")), "{hash}");
-    // Two fingers zoom, one moves.
+    // It opens with the image beside its reference. Two fingers zoom, one moves.
     opened(&mut browser, &page, 400);
+    assert_eq!(browser.eval("[state.mode, now.b.frame]"), json!(["wipe", 2]));
+    browser.eval("setMode('single')");
     let scale = browser.eval("state.scale").as_f64().expect("a number");
     let at = |v: &Value| v.as_f64().expect("a number");
     let middle = browser.eval(

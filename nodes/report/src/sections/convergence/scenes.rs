@@ -37,12 +37,12 @@ pub fn table(convergence: &Convergence) -> String {
         let reasons = if scene.reasons.is_empty() {
             String::new()
         } else {
-            format!("<span class=\"ci\">heavy tail: {}</span>", escape(&scene.reasons.join("; ")))
+            format!("<span class=\"ci words\">heavy tail: {}</span>", escape(&scene.reasons.join("; ")))
         };
         let _ = write!(
             out,
             "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>\
-             <td>{}</td><td>{}</td><td>{}%</td><td>{}</td><td>{}</td><td class=\"left\">{}{reasons}</td></tr>",
+             <td>{}</td><td>{}</td><td>{}%</td><td>{}</td><td>{}</td><td class=\"left text\">{}{reasons}</td></tr>",
             escape(&scene.scene),
             slope(scene.slope.as_ref(), scene.unresolved),
             holds(scene.slope.as_ref()),

@@ -42,7 +42,7 @@ fn ratio(found: Option<&Estimate>, scenes: u64, text: impl Fn(f64) -> String) ->
     match found {
         None => "–".into(),
         Some(e) if scenes < 2 => text(e.mean),
-        Some(e) => format!("{} <small>[{}, {}]</small>", text(e.mean), text(e.low), text(e.high)),
+        Some(e) => format!("{}<span class=\"ci\">[{}, {}]</span>", text(e.mean), text(e.low), text(e.high)),
     }
 }
 
@@ -77,7 +77,7 @@ pub fn points(of: &TimeError) -> String {
                 count(point.from_spp),
                 calls(point),
                 format!(
-                    "{} <small>{} to {}</small>",
+                    "{}<span class=\"ci\">{} to {}</span>",
                     compact(all.wall_s[1]),
                     compact(all.wall_s[0]),
                     compact(all.wall_s[2])

@@ -156,6 +156,8 @@ function begin() {
   $("foot").textContent = `${index.provenance} ${index.command}`;
   if (!index.frames.length) return tell("there is no image in these items", true);
   state.a = index.first;
+  // What there is against the reference, if there is one.
+  state.mode = "wipe";
   recall();
   try {
     canvas = new Canvas($("gl"));

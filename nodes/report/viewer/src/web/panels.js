@@ -14,7 +14,7 @@ function showPanels() {
   const scene = index.scenes[state.scene];
   $("title").replaceChildren(scene.key, make("small", { textContent: index.title }));
   for (const button of $("modes").children) {
-    button.setAttribute("aria-pressed", button.dataset.mode === state.mode);
+    button.setAttribute("aria-pressed", button.dataset.mode === (now.b ? state.mode : "single"));
     button.disabled = button.dataset.mode !== "single" && !now.b;
   }
   showTracks();
