@@ -324,7 +324,16 @@ impl CacheAt {
     /// Opens the cache without an upstream, and creates it if necessary.
     pub(crate) fn alone(&self) -> Result<Store, CliError> {
         self.leave_out();
-        Ok(Store::open(&self.folder())?)
+        let store = Store::open(&self.folder())?;
+        if store.file_system().lockless {
+            let folder = self.folder();
+            terminal::note(&format!(
+                "note: the file system of the cache `{}` refuses locks: two machines may execute the same action, and \
+                 `cache gc` does not work; see docs/many_machines.md",
+                folder.display()
+            ));
+        }
+        Ok(store)
     }
 
     /// Opens an existing cache for reading, without an upstream.

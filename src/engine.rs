@@ -5,6 +5,7 @@
 mod action;
 pub mod batch;
 mod conclude;
+pub mod courier;
 pub mod event;
 pub mod exec;
 mod execute;
@@ -27,11 +28,12 @@ mod run;
 mod scheduler;
 mod sharded;
 mod sighted;
+pub mod simulation;
 mod steering;
 mod transient;
 
 pub use event::Summary;
-pub use executor::{ChildCommand, JobOption, JobOptions, Scheduling, Share};
+pub use executor::{Apart, ChildCommand, JobOption, JobOptions, Scheduling, Share};
 pub use lanes::Only;
 pub(crate) use lanes::target_ports;
 pub use reached::{holds_anywhere, reached, seen_by};

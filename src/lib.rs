@@ -12,3 +12,4 @@ pub mod pipeline;
 pub mod query;
 pub mod registry;
 pub mod runs;
+pub mod units;

@@ -11,6 +11,7 @@ mod overrides;
 mod read;
 pub mod reference;
 mod resolve;
+mod resources;
 pub mod schema;
 pub mod schema_check;
 mod values;
@@ -18,11 +19,17 @@ mod wire;
 pub mod yaml;
 
 pub use resolve::{Options, check, resolve, resolve_text};
+pub use resources::AskedResources;
 
 use crate::ids::{Id, PortId};
 use serde_json::Value;
-use std::{fmt, ops::Range, sync::Arc};
-use tauflow_contract::{KindSpec, Mode, NodeKind};
+use std::{
+    fmt,
+    ops::Range,
+    panic::{AssertUnwindSafe, catch_unwind},
+    sync::Arc,
+};
+use tauflow_contract::{KindSpec, Mode, NodeKind, Resources};
 
 /// A resolved pipeline.
 #[derive(Clone, Debug)]
@@ -54,6 +61,8 @@ pub struct Node {
     pub cells: Range<usize>,
     /// Its outputs are handed on in memory and need not be stored, unless they are asked for.
     pub transient: bool,
+    /// The resources that its actions ask a scheduler for, where they are not those of the kind.
+    pub resources: AskedResources,
 }
 
 impl fmt::Debug for Node {
@@ -123,6 +132,13 @@ impl Pipeline {
 }
 
 impl Node {
+    /// The resources that an action of these params and this group asks a scheduler for.
+    pub fn resources_of(&self, params: &Value, group: &str) -> Resources {
+        // A kind that panics tells of it when its action runs.
+        let kind = catch_unwind(AssertUnwindSafe(|| self.kind.resources(params, group))).unwrap_or_default();
+        self.resources.over(kind)
+    }
+
     /// How it works through items.
     pub fn mode(&self) -> Mode {
         self.spec.mode

@@ -10,7 +10,7 @@ use crate::{
     index::BlobAt,
     layout::{open_plain, own_folder},
     lease::Use,
-    quarantine,
+    network, quarantine,
     segment::{Appender, BLOB_HEADER, Sort, blob_frame},
     store::lock,
 };
@@ -207,7 +207,7 @@ impl Store {
         let tmp = self.layout.tmp();
         let written = File::create_new(&tmp)
             .and_then(|mut file| file.write_all(bytes))
-            .and_then(|()| fs::rename(&tmp, &path))
+            .and_then(|()| network::rename(&tmp, &path))
             .at("write the blob", &path);
         if written.is_err() {
             let _ = fs::remove_file(&tmp); // gives the space back; the first error is the one to report
@@ -221,7 +221,7 @@ impl Store {
         let path = || self.index().segments[at.segment as usize].path.clone();
         let file = match self.segment_file(at.segment) {
             Ok(file) => file,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(PackedRead::Moved),
+            Err(error) if network::is_gone(&error) => return Ok(PackedRead::Moved),
             Err(error) => return Err(error).at("open the pack", &path()),
         };
         let mut bytes = vec![0; at.size as usize];
@@ -229,6 +229,11 @@ impl Store {
             Ok(()) if blake3::hash(&bytes).as_bytes() == &digest.hash => Ok(PackedRead::Whole(bytes)),
             Ok(()) => Ok(PackedRead::Damaged(bytes)),
             Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(PackedRead::Damaged(Vec::new())),
+            Err(error) if network::is_gone(&error) => {
+                // It was deleted while it was open here.
+                self.forget_file(at.segment);
+                Ok(PackedRead::Moved)
+            }
             Err(error) => Err(error).at("read the pack", &path()),
         }
     }
@@ -251,7 +256,7 @@ impl Store {
                 quarantine::loose(&self.layout, digest, &path);
                 Ok(None)
             }
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(error) if network::is_gone(&error) => Ok(None),
             other => other.at("read the blob", &path),
         }
     }

@@ -9,7 +9,7 @@
 //!
 //! The lock belongs to the open file, so threads of one store exclude each other by a table beside it.
 
-use crate::{CacheError, Key, error::At, layout::open_lock};
+use crate::{CacheError, Key, error::At, layout::open_lock, network};
 use nix::{
     errno::Errno,
     fcntl::{FcntlArg, fcntl},
@@ -85,6 +85,8 @@ impl Claims {
         match taken {
             Ok(()) => Ok(Some(claim)),
             Err(_) if is_taken(&taken) => Ok(None),
+            // Two machines may then do the same, which costs time and changes no result.
+            Err(error) if network::has_no_locks(&error.into()) => Ok(Some(claim)),
             Err(error) => Err(io::Error::from(error)).at("lock", &self.path),
         }
     }

@@ -96,6 +96,15 @@ pub enum CacheError {
         /// The name.
         name: String,
     },
+    /// A collection cannot tell which processes use the store.
+    #[error(
+        "the file system of the cache `{dir}` refuses locks, so that `cache gc` cannot see which processes use it. \
+        Mount it with locks (NFS: version 4, without `nolock`), or run `cache gc` on the machine that has the disk"
+    )]
+    NoLocks {
+        /// The store's folder.
+        dir: PathBuf,
+    },
     /// A record does not fit the log's frame.
     #[error("the record of action {key} has {bytes} bytes, more than {limit}. Put large outputs into blobs")]
     RecordTooLarge {

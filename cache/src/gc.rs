@@ -15,6 +15,7 @@ use crate::{
     CacheError, Digest, Store,
     error::At,
     layout::{Layout, names, open_lock, open_plain},
+    network,
 };
 use std::{
     fs::TryLockError,
@@ -102,7 +103,12 @@ impl Store {
         self.layout.own_folders()?;
         let path = self.layout.gc_lock();
         let file = open_lock(&path)?;
-        file.lock().at("wait for the lock", &path)?;
+        if let Err(error) = file.lock() {
+            if network::has_no_locks(&error) {
+                return Err(CacheError::NoLocks { dir: self.layout.root.clone() });
+            }
+            return Err(error).at("wait for the lock", &path);
+        }
         self.flush()?;
         trash::restore_trash(&self.layout)?;
         self.refresh()?;

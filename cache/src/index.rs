@@ -13,7 +13,7 @@ use crate::{
     error::At,
     hashed::HashedMap,
     layout::{Layout, names},
-    lease, quarantine,
+    lease, network, quarantine,
     record::{Head, MOST_GENERATION},
     segment::{LogEntry, PackedBlob, Sort, scan_log, scan_pack},
     sidecar,
@@ -303,7 +303,7 @@ impl Index {
         let (path, from, sort) = (segment.path.clone(), segment.scanned, segment.sort);
         // Asked before the length is read: a dead owner appends no more.
         let dead = !lease::is_live(&layout.lease(&segment.owner));
-        let gone = |error: &io::Error| error.kind() == io::ErrorKind::NotFound; // the next refresh sees it gone
+        let gone = network::is_gone; // the next refresh sees it gone
         let len = match fs::symlink_metadata(&path) {
             Ok(meta) => meta.len(),
             Err(error) if gone(&error) => return Ok(()),

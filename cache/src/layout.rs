@@ -23,6 +23,7 @@
 use crate::{
     Digest,
     error::{At, CacheError},
+    network,
 };
 use nix::libc;
 use std::{
@@ -200,7 +201,7 @@ impl Layout {
         let tmp = self.tmp();
         let written = File::create_new(&tmp)
             .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
-            .and_then(|()| fs::rename(&tmp, path));
+            .and_then(|()| network::rename(&tmp, path));
         if written.is_err() {
             let _ = fs::remove_file(&tmp); // the first error is the one to report
         }
@@ -288,10 +289,9 @@ fn list(dir: &Path, wanted: impl Fn(fs::FileType) -> bool) -> io::Result<Vec<Str
         Ok(entries) => {
             for entry in entries {
                 let entry = entry?;
-                let gone = |error: &io::Error| error.kind() == io::ErrorKind::NotFound;
                 let wanted = match entry.file_type() {
                     Ok(kind) => wanted(kind),
-                    Err(error) if gone(&error) => false,
+                    Err(error) if network::is_gone(&error) => false,
                     Err(error) => return Err(error),
                 };
                 if wanted && let Ok(name) = entry.file_name().into_string() {

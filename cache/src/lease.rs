@@ -12,10 +12,11 @@ use crate::{
     codec::{Fields, Put},
     error::{At, CacheError},
     layout::{Layout, open_plain},
+    network,
 };
 use std::{
     collections::HashSet,
-    fs::{self, File, TryLockError},
+    fs::{self, File},
     hash::{BuildHasher, RandomState},
     io::{self, Read},
     os::unix::fs::FileExt,
@@ -92,9 +93,10 @@ pub(crate) fn read_uses(path: &Path, each: &mut dyn FnMut(Use)) -> io::Result<()
 /// Whether the owner of a lease file lives. A file that is gone has no owner.
 pub(crate) fn is_live(path: &Path) -> bool {
     match open_plain(path) {
-        // Shared, so that two processes that ask do not take each other for the owner.
-        Ok(file) => matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)),
-        Err(error) => error.kind() != io::ErrorKind::NotFound, // unreadable: better to think that it lives
+        // Shared, so that two processes that ask do not take each other for the owner. Where there are no locks, nobody
+        // can tell: better to think that it lives.
+        Ok(file) => file.try_lock_shared().is_err(),
+        Err(error) => !network::is_gone(&error), // unreadable: as well
     }
 }
 
@@ -103,6 +105,8 @@ pub(crate) fn is_live(path: &Path) -> bool {
 pub(crate) struct Lease {
     path: PathBuf,
     file: File,
+    /// The file system refused to lock it.
+    lockless: bool,
     notes: Mutex<Notes>,
 }
 
@@ -128,20 +132,28 @@ impl Lease {
         loop {
             let tmp = layout.tmp();
             let made = File::create_new(&tmp).and_then(|file| {
-                file.lock()?;
-                fs::rename(&tmp, &path)?;
-                Ok(file)
+                let lockless = match file.lock() {
+                    Err(error) if network::has_no_locks(&error) => true,
+                    other => other.map(|()| false)?,
+                };
+                network::rename(&tmp, &path)?;
+                Ok((file, lockless))
             });
             if made.is_err() {
                 let _ = fs::remove_file(&tmp); // the first error is the one to report
             }
             match made {
-                Ok(file) => return Ok(Self { path, file, notes: Mutex::default() }),
+                Ok((file, lockless)) => return Ok(Self { path, file, lockless, notes: Mutex::default() }),
                 // A gc swept the unlocked temporary file away; once more.
                 Err(error) if error.kind() == io::ErrorKind::NotFound && tries < 10 => tries += 1,
                 Err(error) => return Err(error).at("create the lease", &path),
             }
         }
+    }
+
+    /// Whether the file system refuses locks.
+    pub fn is_lockless(&self) -> bool {
+        self.lockless
     }
 
     pub fn path(&self) -> &Path {

@@ -6,6 +6,7 @@ use crate::{
     error::At,
     index::{Index, RecordAt, Slot},
     lease::Use,
+    network,
     record::{Head, after, decode, encode},
     segment::{Appender, MAX_BODY, RECORD_HEADER, Sort, read_record, record_frame},
     store::lock,
@@ -13,7 +14,7 @@ use crate::{
 };
 use std::{
     collections::{HashMap, HashSet},
-    fs, io,
+    fs,
     sync::Arc,
     time::Instant,
 };
@@ -191,7 +192,10 @@ impl Store {
                     let record = decode(frame.bytes())?;
                     return (record.key == *key && record.namespace == namespace).then_some((slot, at, record));
                 }
-                Err(error) if error.kind() == io::ErrorKind::NotFound => self.refresh().ok()?,
+                Err(error) if network::is_gone(&error) => {
+                    self.forget_file(at.segment);
+                    self.refresh().ok()?;
+                }
                 _ => {
                     // Damaged since it was indexed.
                     let mut index = self.index_mut();

@@ -8,6 +8,7 @@ use crate::{
     codec::{Fields, Put},
     index::{BlobAt, Index, RecordAt},
     layout::{Layout, open_plain},
+    network,
     record::MOST_GENERATION,
     segment::{MAX_BODY, MAX_PACKED, RECORD_HEADER, Sort},
 };
@@ -200,7 +201,7 @@ pub(crate) fn save(index: &Index, number: u32, layout: &Layout) {
     let tmp = layout.tmp();
     let written = File::create_new(&tmp)
         .and_then(|mut file| file.write_all(&body))
-        .and_then(|()| fs::rename(&tmp, path_of(&segment.path)));
+        .and_then(|()| network::rename(&tmp, &path_of(&segment.path)));
     if written.is_err() {
         let _ = fs::remove_file(&tmp); // gives the space back
     }

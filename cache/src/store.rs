@@ -9,6 +9,7 @@ use crate::{
     index::Index,
     layout::{Layout, lease_owner, names, open_plain, sync_dir},
     lease::{Lease, Use, is_live, new_owner},
+    network::{self, FileSystem},
     segment::{Appender, Sort},
     sidecar,
 };
@@ -51,6 +52,8 @@ pub struct Store {
     alone: Mutex<Alone>,
     /// A second place to ask for missing records and blobs.
     pub(crate) beyond: Option<Arc<dyn Beyond>>,
+    /// The name of the file system, if several machines can share it.
+    network: Option<&'static str>,
 }
 
 /// The part of a store that exists only if it may write.
@@ -157,6 +160,7 @@ impl Store {
 
     fn with(mut layout: Layout, writing: Result<Writing, CacheError>) -> Result<Self, CacheError> {
         layout.writes = writing.is_ok();
+        let network = network::network(&layout.root);
         let mut index = Index::default();
         index.refresh(&layout)?;
         Ok(Self {
@@ -171,7 +175,14 @@ impl Store {
             refreshed: Mutex::new(Instant::now()),
             alone: Mutex::default(),
             beyond: None,
+            network,
         })
+    }
+
+    /// The file system on which it lies.
+    pub fn file_system(&self) -> FileSystem {
+        let lockless = self.writing.as_ref().is_ok_and(|writing| writing.lease.is_lockless());
+        FileSystem { network: self.network, lockless }
     }
 
     /// Whether the folder holds a store: not so if it was only opened to be looked at, and is empty.
@@ -265,7 +276,9 @@ impl Store {
         let mut others = listed.iter().filter(|name| lease_owner(name).is_some()).map(|name| folder.join(name));
         // A file system that counts whole seconds would hide changes.
         let coarse = changed.duration_since(SystemTime::UNIX_EPOCH).is_ok_and(|time| time.subsec_nanos() == 0);
-        let now = if coarse || others.any(|path| !self.is_own_lease(&path) && is_live(&path)) {
+        // Another machine's lease may be hidden for a while.
+        let hidden = self.network.is_some();
+        let now = if coarse || hidden || others.any(|path| !self.is_own_lease(&path) && is_live(&path)) {
             Alone::default()
         } else {
             let since = since.unwrap_or_else(Instant::now);
@@ -317,6 +330,11 @@ impl Store {
         }
         files.insert(number, file.clone());
         Ok(file)
+    }
+
+    /// Opens a segment's file again the next time.
+    pub(crate) fn forget_file(&self, number: u32) {
+        lock(&self.files).remove(&number);
     }
 
     /// Starts a segment that this instance writes.

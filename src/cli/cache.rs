@@ -4,7 +4,12 @@ use super::{
     CacheAt, CliError, Exit, bytes_text, seconds_text, table, terminal,
     upstream::{self, PushArgs},
 };
-use crate::{engine::PIPELINE, kinds::Registry, query};
+use crate::{
+    engine::PIPELINE,
+    kinds::Registry,
+    query,
+    units::{bytes, seconds},
+};
 use clap::Subcommand;
 use std::{
     path::PathBuf,
@@ -78,45 +83,6 @@ fn by_pipeline<'a>(store: &Store, names: impl Iterator<Item = &'a String>) -> Re
     Ok(())
 }
 
-/// A number and its unit.
-fn measure(text: &str, units: &[(&str, f64)]) -> Result<f64, String> {
-    let text = text.trim();
-    let at = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
-    let (number, unit) = text.split_at(at);
-    let unit = unit.trim().to_ascii_lowercase();
-    let factor = units.iter().find(|(name, _)| *name == unit).map(|(_, factor)| *factor);
-    match (number.parse::<f64>(), factor) {
-        (Ok(number), Some(factor)) if number.is_finite() => Ok(number * factor),
-        _ => {
-            let names: Vec<&str> = units.iter().map(|(name, _)| *name).filter(|name| !name.is_empty()).collect();
-            Err(format!("give a number and one of {}", names.join(", ")))
-        }
-    }
-}
-
-/// Seconds of a text such as `90s` or `30d`.
-pub(crate) fn seconds(text: &str) -> Result<f64, String> {
-    measure(text, &[("s", 1.0), ("m", 60.0), ("h", 3600.0), ("d", 86_400.0)])
-}
-
-/// Bytes of a text such as `20GiB`.
-pub(crate) fn bytes(text: &str) -> Result<u64, String> {
-    let k = 1024.0;
-    let units = [
-        ("", 1.0),
-        ("b", 1.0),
-        ("kb", 1e3),
-        ("mb", 1e6),
-        ("gb", 1e9),
-        ("tb", 1e12),
-        ("kib", k),
-        ("mib", k * k),
-        ("gib", k * k * k),
-        ("tib", k * k * k * k),
-    ];
-    measure(text, &units).map(|bytes| bytes as u64)
-}
-
 /// The cache, which has to be there.
 pub(crate) fn made(at: &CacheAt) -> Result<Store, CliError> {
     let store = at.look_alone()?;
@@ -184,6 +150,10 @@ pub(crate) fn cache(command: &CacheCommand, registry: &Registry, at: &CacheAt) -
 fn stat(store: &Store) -> Result<(), CliError> {
     let stat = store.stat()?;
     outln!("{}", store.dir().display());
+    if let Some(network) = store.file_system().network {
+        let locks = if store.file_system().lockless { "without locks" } else { "with locks" };
+        outln!("on {network}, {locks}; see docs/many_machines.md");
+    }
     outln!("{} blobs, {}; log {}", stat.blobs, bytes_text(stat.bytes), bytes_text(stat.log_bytes));
     if stat.quarantined + stat.conflicts > 0 {
         outln!("{} damaged blobs moved aside, {} conflicting records", stat.quarantined, stat.conflicts);
@@ -310,15 +280,5 @@ mod tests {
             }
         }
         assert!(named >= 6, "{named}");
-    }
-
-    #[test]
-    fn sizes_and_times_have_units() {
-        assert_eq!((bytes("20GiB"), bytes("1.5 mb"), bytes("7")), (Ok(20 << 30), Ok(1_500_000), Ok(7)));
-        assert_eq!((seconds("90s"), seconds("30d"), seconds("1.5h")), (Ok(90.0), Ok(2_592_000.0), Ok(5400.0)));
-        for bad in ["", "x", "3", "-1d", "3 weeks", "1e9d"] {
-            assert!(seconds(bad).is_err(), "{bad}");
-        }
-        assert!(bytes("3 apples").is_err());
     }
 }

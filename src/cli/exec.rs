@@ -1,9 +1,9 @@
 //! `tauflow exec`.
 
-use super::{CacheAt, CliError, Exit, alone, exec_args::ExecArgs};
+use super::{CacheAt, CliError, Exit, alone, exec_args::ExecArgs, upstream};
 use crate::{
     engine::{
-        batch::{self, BatchFile},
+        batch::{self, BatchFile, Telling},
         exec::{self, ActionFile, ExecError},
     },
     kinds::Registry,
@@ -31,11 +31,27 @@ impl From<ExecError> for CliError {
     }
 }
 
+/// Executes a batch.
+fn serve(path: &Path, args: &ExecArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
+    if !args.push {
+        let batch = BatchFile::read(path).map_err(CliError::Bad)?;
+        let to = args.lines.as_deref().map_or(Telling::Parent, Telling::File);
+        batch::serve(batch, &cache.open()?, registry, to)?;
+        return Ok(Exit::Done);
+    }
+    let (courier, name) = (upstream::courier(cache)?, path.display().to_string());
+    let note = format!("{name}.batch");
+    let text = courier.get(&note).map_err(CliError::Environment)?;
+    let text = text.ok_or_else(|| CliError::Bad(format!("the upstream has no batch `{note}`; `run` writes them")))?;
+    let batch = BatchFile::parse(&text);
+    let batch = batch.map_err(|why| CliError::Bad(format!("`{note}` is no batch of actions: {why}")))?;
+    batch::serve(batch, &cache.open()?, registry, Telling::Note(&*courier, &format!("{name}.lines")))?;
+    Ok(Exit::Done)
+}
+
 pub(crate) fn exec(args: &ExecArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     if let Some(path) = &args.batch {
-        let batch = BatchFile::read(path).map_err(CliError::Bad)?;
-        batch::serve(batch, &cache.open()?, registry, args.lines.as_deref())?;
-        return Ok(Exit::Done);
+        return serve(path, args, registry, cache);
     }
     let stop = Arc::new(AtomicBool::new(false));
     match &args.inside {

@@ -1,6 +1,6 @@
 //! Arguments of `tauflow exec`.
 
-use super::cache::seconds;
+use crate::units::seconds;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -27,6 +27,10 @@ pub(crate) struct ExecArgs {
     /// Append these lines to a file instead. The batch then goes on when the process that started it is gone.
     #[arg(long, value_name = "FILE", requires = "batch")]
     pub(super) lines: Option<PathBuf>,
+    /// The batch is a note in the upstream, and so are its lines. Results are pushed to the upstream. `run` with
+    /// `--worker-cache` starts these processes.
+    #[arg(long, requires = "batch", conflicts_with = "lines")]
+    pub(super) push: bool,
     /// Internal: already in a separate process, with this working directory.
     #[arg(long, hide = true, value_name = "DIR")]
     pub(super) inside: Option<PathBuf>,

@@ -1,12 +1,17 @@
 //! Options of `run` that say where actions run.
 
-use super::{CacheAt, CliError, cache::seconds, config::Config};
+use super::{CacheAt, CliError, config::Config, upstream};
 use crate::{
-    engine::{ChildCommand, ExecutorKind, JobOption, JobOptions, Scheduling},
+    engine::{Apart, ChildCommand, ExecutorKind, JobOption, JobOptions, Scheduling},
     pipeline::Pipeline,
+    units::seconds,
 };
 use clap::{Args, ValueEnum};
-use std::{process::Command, time::Duration};
+use std::{
+    path::{Path, PathBuf},
+    process::Command,
+    time::Duration,
+};
 
 /// Jobs at a time, unless `--jobs` says.
 const MOST_JOBS: usize = 100;
@@ -29,6 +34,10 @@ pub(crate) struct ExecutorArgs {
     /// a node, such as --job-option=training:--gres=gpu:1, is for jobs of this node. Can be repeated.
     #[arg(long = "job-option", value_name = "[NODE:]OPTION", allow_hyphen_values = true)]
     options: Vec<String>,
+    /// Give the jobs of each machine a cache of their own in this directory, for machines without a shared file system.
+    /// Batches and results go through the upstream, which must be set and writable.
+    #[arg(long, value_name = "DIR")]
+    worker_cache: Option<PathBuf>,
     /// Ask the scheduler for the state of jobs every so often.
     #[arg(long, value_name = "TIME", default_value = "3s", value_parser = seconds)]
     poll_every: f64,
@@ -66,9 +75,12 @@ impl ExecutorArgs {
             let message = "--submit, --poll and --cancel need --executor command";
             return Err(CliError::Bad(message.into()));
         }
+        if self.worker_cache.is_some() && matches!(self.executor, Where::Threads | Where::Process) {
+            return Err(CliError::Bad("--worker-cache needs --executor slurm, hyperqueue or command".into()));
+        }
         let scheduling = match self.executor {
             Where::Threads => return Ok(ExecutorKind::Threads),
-            Where::Process => return Ok(ExecutorKind::Processes(worker(cache)?)),
+            Where::Process => return Ok(ExecutorKind::Processes(worker(cache, false)?)),
             Where::Slurm => Scheduling::Slurm,
             Where::Hyperqueue => Scheduling::HyperQueue,
             Where::Command => self.commands()?,
@@ -80,7 +92,9 @@ impl ExecutorArgs {
         }
         Ok(ExecutorKind::Jobs(JobOptions {
             scheduling,
-            worker: worker(cache)?,
+            worker: worker(cache, self.worker_cache.is_some())?,
+            apart: self.worker_cache.as_deref().map(|store| apart(store, cache)).transpose()?,
+            resources: pipeline.nodes.iter().map(|node| (node.name.clone(), node.resources)).collect(),
             options: self.options.iter().map(|text| option(text, pipeline)).collect::<Result<_, _>>()?,
             duration: Duration::from_secs_f64(self.batch),
             retries: self.retries,
@@ -124,8 +138,17 @@ fn option(text: &str, pipeline: &Pipeline) -> Result<JobOption, CliError> {
     Ok(JobOption { node: Some(node.to_owned()), text: option.to_owned() })
 }
 
-/// The command that runs a batch in another process.
-fn worker(cache: &CacheAt) -> Result<ChildCommand, CliError> {
+/// How jobs with a store of their own share results.
+fn apart(store: &Path, cache: &CacheAt) -> Result<Apart, CliError> {
+    if !store.is_absolute() {
+        let message = format!("--worker-cache {} must be an absolute path", store.display());
+        return Err(CliError::Bad(message));
+    }
+    Ok(Apart { courier: upstream::courier(cache)?, store: store.to_owned() })
+}
+
+/// The command that runs a batch in another process; `push` says that it is a note in the upstream.
+fn worker(cache: &CacheAt, push: bool) -> Result<ChildCommand, CliError> {
     let program =
         std::env::current_exe().map_err(|e| CliError::Environment(format!("cannot find this program: {e}")))?;
     let upstream = cache.upstream()?.map(|address| address.to_string()).unwrap_or_default();
@@ -134,6 +157,7 @@ fn worker(cache: &CacheAt) -> Result<ChildCommand, CliError> {
     Ok(ChildCommand::new(move |batch, store| {
         let mut command = Command::new(&program);
         command.args(["exec", "--batch"]).arg(batch).arg("--cache").arg(store);
+        command.args(push.then_some("--push"));
         // One that cannot be used was told, and children are not to tell it again.
         let usable = reader.as_ref().is_some_and(|reader| !reader.is_lost());
         command.arg("--upstream").arg(if usable { upstream.as_str() } else { "" });

@@ -11,6 +11,7 @@ use crate::{
 };
 use clap::Args;
 use serde_json::Value;
+use tauflow_contract::Resources;
 
 /// Arguments of `explain`.
 #[derive(Args)]
@@ -72,6 +73,9 @@ fn in_full(action: &Explained) {
         Value::Null => {}
         Value::Object(fields) => fields.iter().for_each(|(field, value)| outln!("machine    {field} = {value}")),
         other => outln!("machine    {other}"),
+    }
+    if action.resources != Resources::default() {
+        outln!("resources  {}, as a job", action.resources);
     }
     match (&action.why, &action.nearest) {
         (Why::Done, _) => outln!("\nup to date: no input has changed"),

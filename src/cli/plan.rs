@@ -23,6 +23,11 @@ pub(crate) fn plan(args: &PipelineArgs, registry: &Registry, cache: &CacheAt) ->
         lines.sort();
         lines.iter().for_each(|(why, count)| outln!("  {}: {count} x {why}", node.node));
     }
+    let asking: Vec<&NodePlan> = plan.nodes.iter().filter(|node| asks(node)).collect();
+    if !asking.is_empty() {
+        outln!("\nresources of an action, where it runs as a job:");
+        asking.iter().for_each(|node| outln!("  {}: {}", node.node, node.resources.join("; or ")));
+    }
     let time = range(plan.total.seconds, plan.most.seconds, seconds_text);
     let size = range(plan.total.bytes, plan.most.bytes, |bytes| bytes_text(bytes as u64));
     let known = plan.most.seconds > 0.0 || plan.never.is_empty();
@@ -39,6 +44,11 @@ pub(crate) fn plan(args: &PipelineArgs, registry: &Registry, cache: &CacheAt) ->
         outln!("  not counted, because the kind has never run: {}", plan.never.join(", "));
     }
     Ok(Exit::Done)
+}
+
+/// Whether a node's actions run, or may, and ask a scheduler for anything.
+fn asks(node: &NodePlan) -> bool {
+    node.to_run + node.may_run > 0 && !node.resources.is_empty()
 }
 
 /// One value, or the least and the most.

@@ -1,9 +1,7 @@
 //! `tauflow run`.
 
 use super::{
-    CacheAt, CliError, Exit, PipelineArgs, bytes_text,
-    cache::bytes,
-    counted,
+    CacheAt, CliError, Exit, PipelineArgs, bytes_text, counted,
     executor::ExecutorArgs,
     notify,
     page::{self, Page},
@@ -20,6 +18,7 @@ use crate::{
     pipeline::{Pipeline, chart::Chart},
     query,
     runs::{Observer, PageFile, RunRecord, RunsError},
+    units::bytes,
 };
 use clap::{Args, ValueEnum};
 use serde_json::json;

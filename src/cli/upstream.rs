@@ -3,7 +3,7 @@
 
 use super::{CacheAt, CliError, Exit, PipelineArgs, bytes_text, config::Config, counted, terminal};
 use crate::{
-    engine::{self, ROLLUP, SHARD},
+    engine::{self, ROLLUP, SHARD, courier::Courier},
     kinds::Registry,
     pipeline::Pipeline,
 };
@@ -13,9 +13,11 @@ use std::{
     path::{Path, PathBuf},
     sync::Arc,
 };
-use tauflow_cache::{Key, Record, Store};
+use tauflow_cache::{Digest, Key, Record, Store};
 use tauflow_contract::ActionKey;
-use tauflow_upstream::{Address, PublicKey, Pushed, Reader, SecretKey, Traffic, Upstream, UpstreamError, Wanted};
+use tauflow_upstream::{
+    Address, PublicKey, Pushed, Reader, SecretKey, Sender, Traffic, Upstream, UpstreamError, Wanted,
+};
 
 /// Records that are pushed by their own. Sub-steps (`memo`) stay: answers of programs about a machine are among them.
 /// What a whole run reaches stays, too, because it names all outputs, measured ones included.
@@ -233,6 +235,43 @@ pub(crate) fn publish(pipeline: &Pipeline, registry: &Registry, at: &CacheAt) ->
     lines(&pushed, "pushed").iter().for_each(|line| eprintln!("{line}"));
     pushed.notes.iter().for_each(|note| eprintln!("note: {note}"));
     Ok(())
+}
+
+/// Carries batches and results between a run and jobs that have a store of their own.
+#[derive(Debug)]
+struct Notes {
+    sender: Sender,
+    reader: Arc<Reader>,
+}
+
+/// What carries batches and results through the upstream.
+pub(crate) fn courier(at: &CacheAt) -> Result<Arc<dyn Courier>, CliError> {
+    required(at)?;
+    let lost = || CliError::Environment("the upstream cannot be read".into());
+    let (sender, reader) = (Sender::new(created(at)?), at.reader()?.ok_or_else(lost)?);
+    Ok(Arc::new(Notes { sender, reader }))
+}
+
+impl Courier for Notes {
+    fn put(&self, name: &str, content: Vec<u8>) -> Result<(), String> {
+        self.sender.upstream().put_note(name, content).map_err(|error| error.to_string())
+    }
+
+    fn get(&self, name: &str) -> Result<Option<Vec<u8>>, String> {
+        self.sender.upstream().note(name).map_err(|error| error.to_string())
+    }
+
+    fn delete(&self, names: &[String]) {
+        self.sender.upstream().delete_notes(names);
+    }
+
+    fn publish(&self, store: &Store, blobs: &[Digest], records: &[(&str, Key)]) -> Result<(), String> {
+        self.sender.send(store, blobs, records).map_err(|error| error.to_string())
+    }
+
+    fn refresh(&self) -> Result<(), String> {
+        self.reader.refresh().map_err(|error| error.to_string())
+    }
 }
 
 /// Makes the upstream to which results are to be published, unless it is there. A run is not to fail at its end.

@@ -3,10 +3,13 @@
 //!
 //! The two processes share the store and nothing else.
 
+mod remote;
+
 use super::{
     EngineError,
+    courier::Courier,
     exec::{ActionFile, ExecError, ExecSite, Handling},
-    execute::{Execution, Outcome, PreparedAction},
+    execute::{ActionInputs, Execution, Outcome, PreparedAction},
     holdings::Holdings,
     ids::Id,
 };
@@ -29,7 +32,7 @@ use std::{
     thread,
     time::Duration,
 };
-use tauflow_cache::{CacheError, Store};
+use tauflow_cache::{CacheError, Key, Store};
 use tauflow_contract::{Digest, Progress, read_regular};
 
 /// Most bytes of a batch's file: far more than any has.
@@ -118,6 +121,17 @@ pub enum End {
 }
 
 impl BatchedAction {
+    /// The blobs that it reads.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub(super) fn reads(&self, store: &Store) -> Result<Vec<Digest>, CacheError> {
+        let ActionInputs { each, whole, .. } = &self.action.recipe;
+        let parts: Vec<Digest> = each.values().flat_map(|artifact| artifact.parts.values().copied()).collect();
+        let listings: Vec<Digest> = whole.values().map(|listed| listed.blob).collect();
+        store.reach(&parts, &listings)
+    }
+
     /// An action that leaves this process. What only this process holds of its inputs is stored first.
     ///
     /// # Errors
@@ -141,13 +155,15 @@ impl BatchedAction {
         Ok(Self { action: file, handling, compare: action.before.is_some() })
     }
 
-    fn run(self, site: &ExecSite<'_>, progress: &dyn Progress) -> Execution {
-        match self.action.execute(site, self.handling, self.compare, progress) {
-            Ok((_, execution)) => execution,
-            Err(ExecError::Missing(blob)) => Execution::of(Outcome::Missing(vec![blob])),
-            Err(ExecError::Cache(error)) => Execution::of(Outcome::Fatal(error.into())),
-            Err(other) => Execution::of(Outcome::Failed(other.to_string())),
-        }
+    /// Executes it; the action itself, if it could be executed.
+    fn run(self, site: &ExecSite<'_>, progress: &dyn Progress) -> (Execution, Option<PreparedAction>) {
+        let failed = match self.action.execute(site, self.handling, self.compare, progress) {
+            Ok((action, execution)) => return (execution, Some(action)),
+            Err(ExecError::Missing(blob)) => Outcome::Missing(vec![blob]),
+            Err(ExecError::Cache(error)) => Outcome::Fatal(error.into()),
+            Err(other) => Outcome::Failed(other.to_string()),
+        };
+        (Execution::of(failed), None)
     }
 }
 
@@ -170,10 +186,19 @@ impl BatchFile {
     pub fn read(path: &Path) -> Result<Self, String> {
         let refused = |why: String| format!("{} is no batch of actions: {why}; `run` writes them", path.display());
         let bytes = read_regular(path, MOST_BYTES).map_err(|e| refused(e.to_string()))?;
-        serde_json::from_slice(&bytes).map_err(|e| refused(e.to_string()))
+        Self::parse(&bytes).map_err(refused)
     }
 
-    /// Executes the actions one after the other; each line is told as it happens.
+    /// Reads the text of a batch.
+    ///
+    /// # Errors
+    /// In words if it is none.
+    pub fn parse(bytes: &[u8]) -> Result<Self, String> {
+        serde_json::from_slice(bytes).map_err(|error| error.to_string())
+    }
+
+    /// Executes the actions one after the other; each line is told as it happens. Before an action has ended,
+    /// `recorded` is told the key of its record, which is not the action's own if it ran a program.
     ///
     /// # Errors
     /// If the store fails.
@@ -183,18 +208,25 @@ impl BatchFile {
         registry: &Registry,
         stop: &AtomicBool,
         tell: &(dyn Fn(&Line) + Sync),
+        recorded: Option<&dyn Fn(Key)>,
     ) -> Result<(), EngineError> {
         let wanted = self.wanted.into_iter().collect::<HashSet<_>>();
         // Nothing is passed on in memory here: all inputs are stored.
         let site = ExecSite { holdings: Holdings::stored(store, &wanted), registry, stop };
         for (action, of) in self.actions.into_iter().enumerate() {
             let compare = of.compare;
-            let execution = if stop.load(Ordering::Relaxed) {
-                Execution::of(Outcome::Cancelled)
+            let (execution, executed) = if stop.load(Ordering::Relaxed) {
+                (Execution::of(Outcome::Cancelled), None)
             } else {
                 tell(&Line::Begun { action });
                 of.run(&site, &Reporter { action, tell })
             };
+            if let (Some(recorded), Some(executed)) = (recorded, executed)
+                && let Outcome::Hit(_) | Outcome::Ran(_) = execution.outcome
+                && let Some(record) = executed.recorded(store)?
+            {
+                recorded(record.key);
+            }
             let (warning, spent_us) = (execution.warning, execution.spent_us);
             let (end, fatal) = match execution.outcome {
                 Outcome::Hit(_) => (End::Hit, None),
@@ -224,24 +256,38 @@ fn signalled(stop: &AtomicBool) -> bool {
     stop.load(Ordering::Relaxed)
 }
 
-/// Executes a batch in this process, which was started for it, and stops on SIGTERM and SIGINT. It tells lines in this
-/// file; without one on stdout, and then it also stops when the process that started it is gone. What the actions
+/// Where a batch's process tells its lines.
+#[derive(Clone, Copy)]
+pub enum Telling<'a> {
+    /// On stdout, to the process that started it; it stops when that is gone.
+    Parent,
+    /// In this file.
+    File(&'a Path),
+    /// In a note, after the records of the actions that it tells of were published.
+    Note(&'a dyn Courier, &'a str),
+}
+
+/// Executes a batch in this process, which was started for it, and stops on SIGTERM and SIGINT. What the actions
 /// themselves print goes to stderr.
 ///
 /// # Errors
-/// If this process cannot be made ready, or the store fails.
-pub fn serve(batch: BatchFile, store: &Store, registry: &Registry, lines: Option<&Path>) -> Result<(), EngineError> {
+/// If this process cannot be made ready, the store fails, or results cannot be published.
+pub fn serve(batch: BatchFile, store: &Store, registry: &Registry, to: Telling<'_>) -> Result<(), EngineError> {
     let failed = |what: &str, error: io::Error| EngineError::Executor(format!("cannot {what}: {error}"));
     let stop = Arc::new(AtomicBool::new(false));
     let seen = stop.clone();
     ctrlc::set_handler(move || seen.store(true, Ordering::Relaxed))
         .map_err(|e| EngineError::Executor(format!("cannot listen for signals: {e}")))?;
-    let told = match lines {
-        Some(path) => {
+    let told = match to {
+        Telling::Note(courier, name) => {
+            dup2_stdout(io::stderr()).map_err(|e| failed("turn its output", e.into()))?;
+            return remote::serve(batch, store, registry, &stop, (courier, name));
+        }
+        Telling::File(path) => {
             let file = File::options().append(true).create(true).open(path);
             file.map_err(|e| failed(&format!("write {}", path.display()), e))?
         }
-        None => {
+        Telling::Parent => {
             prctl::set_pdeathsig(Signal::SIGTERM).map_err(|e| failed("listen for the end of its parent", e.into()))?;
             File::from(io::stdout().as_fd().try_clone_to_owned().map_err(|e| failed("keep its output", e))?)
         }
@@ -254,7 +300,7 @@ pub fn serve(batch: BatchFile, store: &Store, registry: &Registry, lines: Option
         // Whoever started this process may have gone; what is done is recorded all the same.
         let _ = told.lock().unwrap_or_else(PoisonError::into_inner).write_all(text.as_bytes());
     };
-    batch.run(store, registry, &stop, &tell)
+    batch.run(store, registry, &stop, &tell, None)
 }
 
 #[cfg(test)]

@@ -10,8 +10,8 @@ mod processes;
 mod shard;
 mod threads;
 
-pub use budget::Capacity;
-pub use jobs::{JobOption, JobOptions, Jobs, Scheduling};
+pub use budget::{Budget, Capacity};
+pub use jobs::{Apart, JobOption, JobOptions, Jobs, Scheduling};
 pub use processes::{ChildCommand, Processes};
 pub use shard::{Share, Shared, Waiting};
 pub use threads::{Site, Threads};

@@ -1,7 +1,7 @@
 //! Raw nodes: kind, inputs, params and matrix, with positions; and matrices copied from other nodes.
 
 use super::{
-    read,
+    AskedResources, read,
     values::Values,
     yaml::{Data, Key, Yaml},
 };
@@ -27,6 +27,8 @@ pub(super) struct RawNode {
     pub matrix_span: Span,
     /// Its outputs need not be stored.
     pub transient: bool,
+    /// The resources that it asks a scheduler for.
+    pub resources: AskedResources,
 }
 
 /// An input as written.
@@ -49,7 +51,7 @@ pub(super) struct Axis {
     pub taken: bool,
 }
 
-const NODE: [&str; 5] = ["kind", "inputs", "params", "matrix", "transient"];
+const NODE: [&str; 6] = ["kind", "inputs", "params", "matrix", "transient", "resources"];
 /// The key of a matrix that is no axis.
 const LIKE: &str = "like";
 
@@ -92,6 +94,7 @@ impl NodeReader<'_> {
             like: None,
             matrix_span: name.span,
             transient: false,
+            resources: AskedResources::default(),
             name,
         };
         let mut has_kind = false;
@@ -112,6 +115,7 @@ impl NodeReader<'_> {
                     node.matrix_span = value.span;
                     (node.like, node.matrix) = self.matrix(value);
                 }
+                "resources" => node.resources = AskedResources::read(value, self.problems),
                 "transient" => match value.data {
                     Data::Bool(transient) => node.transient = transient,
                     _ => {

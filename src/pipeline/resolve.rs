@@ -3,7 +3,7 @@
 //! Collects all problems before it fails.
 
 use super::{
-    Cell, Node, Pipeline, Target,
+    AskedResources, Cell, Node, Pipeline, Target,
     file::{self, PipelineFile},
     foresee::{self, Listed},
     node::{self, Axis, RawNode},
@@ -137,6 +137,7 @@ pub(super) struct Draft {
     pub axes: Vec<(String, Vec<String>)>,
     pub cells: Vec<DraftCell>,
     pub transient: bool,
+    pub resources: AskedResources,
 }
 
 /// A cell on its way.
@@ -219,7 +220,7 @@ fn draft(raw: &RawNode, registry: &Registry, problems: &mut Vec<Problem>) -> Dra
             .collect();
         axes.push((axis.text.clone(), texts));
     }
-    Draft { kind, axes, cells, transient: raw.transient }
+    Draft { kind, axes, cells, transient: raw.transient, resources: raw.resources }
 }
 
 /// The text of an axis value: scalars as they are, lists and maps with their scalars joined by `-`.
@@ -371,6 +372,7 @@ fn assemble(name: String, seed: u64, drafts: &[Draft], wiring: &wire::Wiring, or
             axes: draft.axes.clone(),
             cells: start..pipeline.cells.len(),
             transient: draft.transient,
+            resources: draft.resources,
         });
     }
     pipeline

@@ -56,6 +56,27 @@ pub fn schema(registry: &Registry) -> Value {
                     fast to compute. Later runs that need them rebuild them.",
                     "type": "boolean",
                 })),
+                "resources": or_named(json!({
+                    "description": "Resources that each action asks a scheduler for, instead of those of the kind; \
+                    null leaves one to the scheduler. They change no result.",
+                    "type": "object",
+                    "additionalProperties": false,
+                    "properties": {
+                        "cores": or_named(json!({
+                            "description": "Processor cores.", "type": ["integer", "null"], "minimum": 1,
+                        })),
+                        "memory": or_named(json!({
+                            "description": "Memory with a unit, such as 8GiB.", "type": ["string", "null"],
+                        })),
+                        "time": or_named(json!({
+                            "description": "The longest time that an action may take, such as 90s, 10m or 2h.",
+                            "type": ["string", "null"],
+                        })),
+                        "gpu": or_named(json!({
+                            "description": "GPUs.", "type": ["integer", "null"], "minimum": 0,
+                        })),
+                    },
+                })),
                 "matrix": or_named(json!({
                     "description": "Axes; the node has one cell per combination. An axis with the name of a param \
                     sets it.",

@@ -15,7 +15,7 @@ use std::{
     fmt,
 };
 use tauflow_cache::Store;
-use tauflow_contract::{ActionKey, ItemKey};
+use tauflow_contract::{ActionKey, ItemKey, Resources};
 
 /// The explanation of a node, cell or item.
 #[derive(Clone, Debug)]
@@ -37,6 +37,8 @@ pub struct Explained {
     pub name: String,
     /// Its key; none that a run has if `why` says that it is undecided.
     pub key: ActionKey,
+    /// What it asks a scheduler for, where it runs as a job.
+    pub resources: Resources,
     /// Why it runs, or does not.
     pub why: Why,
     /// The earlier key that differs least, if it runs.
@@ -110,7 +112,9 @@ pub fn explain(pipeline: &Pipeline, store: &Store, only: &Only) -> Result<Explan
         let nearest = nearest(one);
         let (cell, name) = (pipeline.cell_name(one.cell), name(pipeline, one));
         let why = Why::of(one, nearest.as_ref());
-        return Ok(Explanation::One(Box::new(Explained { cell, name, key: (*one.key).clone(), why, nearest })));
+        let key = (*one.key).clone();
+        let resources = pipeline.nodes[one.node].resources_of(&key.basis.params, &key.basis.group);
+        return Ok(Explanation::One(Box::new(Explained { cell, name, key, resources, why, nearest })));
     }
     let mut groups: BTreeMap<String, ExplainedGroup> = BTreeMap::new();
     for action in mine {

@@ -14,7 +14,7 @@ use crate::{
     pipeline::Pipeline,
 };
 use serde::Serialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use tauflow_cache::Store;
 
 /// Earlier actions of a kind by which a run estimates the time to go.
@@ -63,6 +63,8 @@ pub struct NodePlan {
     pub most: Option<Cost>,
     /// Why actions would run, with how many for each reason.
     pub reasons: Vec<(Reason, u64)>,
+    /// What an action asks a scheduler for, in words; several where cells or groups differ.
+    pub resources: Vec<String>,
 }
 
 impl NodePlan {
@@ -161,11 +163,22 @@ pub fn plan(pipeline: &Pipeline, store: &Store) -> Result<PlanCosts, EngineError
             may_run,
             most: both,
             reasons: reasons.into_iter().collect(),
+            resources: resources(pipeline, place),
         });
     }
     let sum = |of: fn(&NodePlan) -> Option<Cost>| nodes.iter().filter_map(of).fold(Cost::default(), Cost::and);
     let (total, at_most) = (sum(|node| node.cost), sum(|node| node.most.or(node.cost)));
     Ok(PlanCosts { nodes, total, most: at_most, never })
+}
+
+/// What the actions of a node ask a scheduler for.
+fn resources(pipeline: &Pipeline, node: usize) -> Vec<String> {
+    let of = &pipeline.nodes[node];
+    let mut found = BTreeSet::new();
+    for cell in &pipeline.cells[of.cells.clone()] {
+        found.extend(of.spec.groups().iter().map(|group| of.resources_of(&cell.params, group.name)));
+    }
+    found.iter().map(ToString::to_string).filter(|text| !text.is_empty()).collect()
 }
 
 /// The actions of each node if everything runs, with the times of earlier actions. Looks no action up.

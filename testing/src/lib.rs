@@ -6,8 +6,10 @@
 //! that it installed, so that a test cannot stop running unnoticed.
 
 mod browser;
+mod shared;
 
 pub use browser::Browser;
+pub use shared::Shared;
 
 use std::{fmt::Display, io::Write as _};
 
@@ -36,6 +38,8 @@ pub enum Need {
     Fish,
     /// A Python with the package `hyperqueue`, named by `TAUFLOW_HYPERQUEUE`.
     HyperQueue,
+    /// A kernel with FUSE, and the right to mount such file systems.
+    Fuse,
     /// The program `man`.
     Man,
     /// A library of ONNX Runtime, named by `TAUFLOW_ONNXRUNTIME`.
@@ -68,7 +72,7 @@ pub enum Need {
 
 impl Need {
     /// All needs with their names in `TAUFLOW_REQUIRE`.
-    pub const ALL: [(&'static str, Self); 25] = [
+    pub const ALL: [(&'static str, Self); 26] = [
         ("advisories", Self::Advisories),
         ("avx2", Self::Avx2),
         ("avx512", Self::Avx512),
@@ -78,6 +82,7 @@ impl Need {
         ("deny", Self::Deny),
         ("fifo", Self::Fifo),
         ("fish", Self::Fish),
+        ("fuse", Self::Fuse),
         ("hyperqueue", Self::HyperQueue),
         ("man", Self::Man),
         ("moto", Self::Moto),

@@ -1,20 +1,21 @@
 //! Runs whose actions are jobs of a scheduler: Slurm where it is installed, and a shell that starts processes.
 
-use crate::{Place, Said, root};
+#[path = "../support/schedulers.rs"]
+mod schedulers;
+
+use crate::{Place, Said};
+use schedulers::{HyperQueue, Slurm};
 use std::{
     fs,
-    os::unix::fs::PermissionsExt,
-    path::Path,
     process::{Child, Command, Stdio},
     sync::{Mutex, OnceLock},
     thread,
     time::{Duration, Instant},
 };
-use tauflow_testing::{Need, set, skip};
-use tempfile::TempDir;
+use tauflow_testing::{Need, skip};
 
 /// Items of a list, each copied by a program that notes that it began and that it ended.
-const PIPELINE: &str = "\
+pub(crate) const PIPELINE: &str = "\
 pipeline: small
 seed: 3
 nodes:
@@ -42,7 +43,7 @@ nodes:
 ";
 
 /// A place with this pipeline, whose program takes so long for each item.
-fn place(items: usize, seconds: &str) -> Place {
+pub(crate) fn place(items: usize, seconds: &str) -> Place {
     let place = Place::with(PIPELINE);
     let here = place.path("").display().to_string();
     let script = |name: &str, text: &str| place.write(name, &text.replace("HERE", &here));
@@ -62,7 +63,7 @@ sleep {seconds} || exit 1; echo $n >> HERE/ended; cp in/numbers/n out/copies/n"
 }
 
 /// How often each item was begun or ended.
-fn noted(place: &Place, what: &str) -> Vec<String> {
+pub(crate) fn noted(place: &Place, what: &str) -> Vec<String> {
     let mut lines: Vec<String> =
         fs::read_to_string(place.path(what)).unwrap_or_default().lines().map(str::to_owned).collect();
     lines.sort();
@@ -70,14 +71,14 @@ fn noted(place: &Place, what: &str) -> Vec<String> {
 }
 
 /// The numbers up to this, in the order of their texts.
-fn numbers(last: usize) -> Vec<String> {
+pub(crate) fn numbers(last: usize) -> Vec<String> {
     let mut all: Vec<String> = (1..=last).map(|n| n.to_string()).collect();
     all.sort();
     all
 }
 
 /// Options that have a shell start jobs as processes of this machine.
-const SHELL: [&str; 10] = [
+pub(crate) const SHELL: [&str; 10] = [
     "--executor",
     "command",
     "--submit",
@@ -90,109 +91,53 @@ const SHELL: [&str; 10] = [
     "0.2s",
 ];
 
-/// Slurm, as long as it runs. Tests that use it take turns.
-struct Slurm {
-    folder: TempDir,
-}
-
-impl Slurm {
-    /// Starts it once for all tests; none if it is not installed.
-    fn running() -> Option<&'static Mutex<Self>> {
-        static RUNNING: OnceLock<Option<Mutex<Slurm>>> = OnceLock::new();
-        RUNNING.get_or_init(|| Self::start().map(Mutex::new)).as_ref()
-    }
-
-    fn start() -> Option<Self> {
-        let there = |program: &str| {
-            ["/usr/bin", "/usr/sbin", "/bin", "/sbin"].iter().any(|folder| Path::new(folder).join(program).is_file())
-        };
-        if !["sbatch", "squeue", "slurmctld", "slurmd", "munged"].iter().all(|program| there(program)) {
-            return None;
-        }
-        let slurm = Self { folder: TempDir::new().expect("a temporary folder") };
-        let output = slurm.act("start");
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        Some(slurm)
-    }
-
-    /// Its daemons must not hold the pipes of the test's output.
-    fn act(&self, what: &str) -> std::process::Output {
-        let log = self.folder.path().join(format!("{what}.out"));
-        let file = fs::File::create(&log).expect("writable");
-        let mut command = Command::new("sh");
-        command.arg(root().join("tests/support/slurm.sh")).arg(what).arg(self.folder.path());
-        command.arg(std::process::id().to_string());
-        command.stdout(file.try_clone().expect("a file")).stderr(file).stdin(Stdio::null());
-        let status = command.status().expect("sh starts");
-        std::process::Output { status, stdout: Vec::new(), stderr: fs::read(&log).expect("readable") }
-    }
-
-    fn configuration(&self) -> String {
-        self.folder.path().join("slurm.conf").display().to_string()
-    }
-}
-
 /// A scheduler, and what chooses it.
-struct Scheduler {
-    options: Vec<&'static str>,
-    variables: Vec<(&'static str, String)>,
+pub(crate) struct Scheduler {
+    pub(crate) options: Vec<&'static str>,
+    pub(crate) variables: Vec<(&'static str, String)>,
 }
 
 impl Scheduler {
-    fn shell() -> Self {
+    pub(crate) fn shell() -> Self {
         Self { options: SHELL.to_vec(), variables: Vec::new() }
     }
 
-    fn command(&self, place: &Place, more: &[&str]) -> Command {
+    pub(crate) fn command(&self, place: &Place, more: &[&str]) -> Command {
         let mut command = place.command(&[&["run", "small.yaml"], &self.options[..], more].concat());
         command.envs(self.variables.clone());
         command
     }
 
-    fn run(&self, place: &Place, more: &[&str]) -> Said {
+    pub(crate) fn run(&self, place: &Place, more: &[&str]) -> Said {
         Said::of(&self.command(place, more).output().expect("the program starts"))
     }
 
-    fn start(&self, place: &Place, more: &[&str]) -> Child {
+    pub(crate) fn start(&self, place: &Place, more: &[&str]) -> Child {
         let err = fs::File::create(place.path("err")).expect("writable");
         self.command(place, more).stdout(Stdio::null()).stderr(err).spawn().expect("the program starts")
     }
 }
 
-/// Does a test with Slurm, or says that it skipped.
-fn with_slurm(test: impl FnOnce(&Scheduler)) {
-    let Some(slurm) = Slurm::running() else { return skip(Need::Slurm, "slurm-wlm and munge are not installed") };
+/// Does a test with Slurm, or says that it skipped. Such tests take turns.
+pub(crate) fn with_slurm(test: impl FnOnce(&Scheduler)) {
+    static RUNNING: OnceLock<Option<Mutex<Slurm>>> = OnceLock::new();
+    let Some(slurm) = RUNNING.get_or_init(|| Slurm::start().map(Mutex::new)) else {
+        return skip(Need::Slurm, "slurm-wlm and munge are not installed");
+    };
     let slurm = slurm.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-    let options = vec!["--executor", "slurm", "--poll-every", "0.5s"];
-    test(&Scheduler { options, variables: vec![("SLURM_CONF", slurm.configuration())] });
+    test(&Scheduler { options: vec!["--executor", "slurm", "--poll-every", "0.5s"], variables: slurm.variables() });
 }
 
 /// Does a test with a server and a worker of HyperQueue, or says that it skipped.
-fn with_hyperqueue(test: impl FnOnce(&Scheduler)) {
-    let Some(python) = set("TAUFLOW_HYPERQUEUE") else {
+pub(crate) fn with_hyperqueue(test: impl FnOnce(&Scheduler)) {
+    let Some(hyperqueue) = HyperQueue::start() else {
         return skip(Need::HyperQueue, "TAUFLOW_HYPERQUEUE names no Python with the package hyperqueue");
     };
-    let folder = TempDir::new().expect("a temporary folder");
-    // In place of the program `hq`, which the package lacks.
-    let (program, script) = (folder.path().join("hq"), root().join("tests/support/hq.py"));
-    fs::write(&program, format!("#!/bin/sh\nexec '{python}' '{}' \"$@\"\n", script.display())).expect("writable");
-    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).expect("our own");
-    let server = folder.path().join("server");
-    let mut serve = Command::new(&program);
-    serve.args(["serve", "2"]).env("HQ_SERVER_DIR", &server).stdin(Stdio::piped());
-    let log = fs::File::create(folder.path().join("log")).expect("writable");
-    let mut serving = serve.stdout(log.try_clone().expect("a file")).stderr(log).spawn().expect("it starts");
-    wait_until("HyperQueue serves", || {
-        fs::read_to_string(folder.path().join("log")).is_ok_and(|log| log.lines().any(|line| line == "ready"))
-    });
-    let path = format!("{}:{}", folder.path().display(), std::env::var("PATH").unwrap_or_default());
-    let variables = vec![("PATH", path), ("HQ_SERVER_DIR", server.display().to_string())];
-    test(&Scheduler { options: vec!["--executor", "hyperqueue", "--poll-every", "0.5s"], variables });
-    drop(serving.stdin.take());
-    serving.wait().expect("it ends");
+    let options = vec!["--executor", "hyperqueue", "--poll-every", "0.5s"];
+    test(&Scheduler { options, variables: hyperqueue.variables() });
 }
 
-fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
+pub(crate) fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
     let begun = Instant::now();
     while !is_so() {
         assert!(begun.elapsed() < Duration::from_secs(90), "waited in vain until {what}");
@@ -200,7 +145,7 @@ fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
     }
 }
 
-fn jobs_are_gone(place: &Place) -> bool {
+pub(crate) fn jobs_are_gone(place: &Place) -> bool {
     fs::read_dir(place.path("store/jobs")).map_or(true, |mut entries| entries.next().is_none())
 }
 
@@ -209,19 +154,25 @@ fn jobs_are_noted(place: &Place) -> bool {
     folders.any(|folder| folder.path().join("jobs.json").is_file())
 }
 
-fn the_same_as_on_threads(scheduler: &Scheduler) {
+pub(crate) fn the_same_as_on_threads(scheduler: &Scheduler) {
+    the_same_with(scheduler, &[]);
+}
+
+/// The digests of a run on threads, with these options of the run of jobs; the place with both caches.
+pub(crate) fn the_same_with(scheduler: &Scheduler, more: &[&str]) -> Place {
     let place = Place::new();
     place.tauflow(&["run", "small.yaml", "--update-lock"]).ends(0);
     let other = place.path("store").with_file_name("other");
     let cache = other.display().to_string();
-    let said = scheduler.run(&place, &["--locked", "--cache", &cache]).ends(0);
+    let said = scheduler.run(&place, &[&["--locked", "--cache", &cache], more].concat()).ends(0);
     assert!(said.err.contains("small.lock agrees") && said.err.contains("jobs: "), "{}", said.err);
     assert!(!said.err.contains("warning"), "{}", said.err);
-    let again = scheduler.run(&place, &["--cache", &cache]).ends(0);
+    let again = scheduler.run(&place, &[&["--cache", &cache], more].concat()).ends(0);
     assert!(again.err.contains("nothing to do"), "{}", again.err);
     place.tauflow(&["cache", "verify", "--cache", &cache]).ends(0);
     let left = fs::read_dir(other.join("jobs")).expect("there were jobs").count();
     assert_eq!(left, 0, "folders of jobs that have ended are removed");
+    place
 }
 
 fn the_next_run_finds_the_jobs_of_one_that_was_killed(scheduler: &Scheduler) {
@@ -281,7 +232,7 @@ fn a_job_that_is_killed_runs_again(scheduler: &Scheduler, kill: impl Fn(&Place))
 }
 
 /// Kills the processes that run batches of this place.
-fn kill_workers(place: &Place) {
+pub(crate) fn kill_workers(place: &Place) {
     let folder = place.path("store").display().to_string();
     let all = Command::new("ps").args(["-eo", "pid,args"]).output().expect("ps starts");
     for line in String::from_utf8_lossy(&all.stdout).lines() {
@@ -364,6 +315,7 @@ fn jobs_of_hyperqueue_are_the_same_are_found_are_cancelled_and_run_again() {
         the_next_run_finds_the_jobs_of_one_that_was_killed(hyperqueue);
         ctrl_c_cancels_jobs(hyperqueue);
         a_job_that_is_killed_runs_again(hyperqueue, kill_workers);
+        crate::job_resources::are_asked_of_hyperqueue(hyperqueue);
     });
 }
 

@@ -7,10 +7,14 @@ mod errors;
 mod exports;
 mod foresight;
 mod inspect;
+mod job_faults;
+mod job_resources;
 mod jobs;
+mod jobs_apart;
 mod locks;
 mod looking;
 mod manuals;
+mod network_fs;
 #[cfg(feature = "objects")]
 mod objects;
 mod own_programs;

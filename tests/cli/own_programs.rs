@@ -1,8 +1,8 @@
 //! Nodes of the kind `command` in a pipeline: what runs again, what a lock holds, and what a failure leaves.
 
 use crate::{Place, json, root};
-use std::{collections::BTreeMap, fs, process::Command};
-use tauflow_testing::{Need, skip};
+use std::{collections::BTreeMap, fs, path::Path, process::Command};
+use tauflow_testing::{Need, Shared, skip};
 
 /// Numbers of a list, each doubled, and their sum. Each script notes that it ran.
 const PIPELINE: &str = "\
@@ -130,8 +130,13 @@ fn the_denoiser_of_the_manual_is_a_method_in_the_tables_of_the_quickstart() {
     let place = Place::with(&pipeline);
     place.write("box.py", block("python"));
     let wanted = ["--target", "comparison", "--target", "comparison_report"];
-    place.tauflow(&[&["run", "small.yaml", "--profile", "tiny", "--out", "out"], &wanted[..]].concat()).ends(0);
-    place.tauflow(&["export", "small.yaml", "comparison", "--profile", "tiny", "-o", "tables"]).ends(0);
+    // `tests/pipelines/executors.rs` shares the rest of the quickstart.
+    let tmp = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let shared = Shared::of(Path::new(env!("CARGO_BIN_EXE_tauflow")), tmp, "tiny-quickstart");
+    let cache = shared.path().join("cache").display().to_string();
+    let tiny = ["small.yaml", "--profile", "tiny", "--cache", &cache];
+    place.tauflow(&[&["run"], &tiny[..], &["--out", "out"], &wanted[..]].concat()).ends(0);
+    place.tauflow(&[&["export", "small.yaml", "comparison"], &tiny[1..], &["-o", "tables"]].concat()).ends(0);
     let table = json(&fs::read_to_string(place.path("tables/evaluation/value.json")).expect("exported"));
     let of = |method: &str| {
         let rows = table["baselines"].as_array().into_iter().flatten();

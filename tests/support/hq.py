@@ -20,6 +20,7 @@ import tempfile
 
 from hyperqueue import Client, Job, LocalCluster
 from hyperqueue.cluster import WorkerConfig
+from hyperqueue.ffi.protocol import ResourceRequest
 
 SERVER = pathlib.Path(os.environ["HQ_SERVER_DIR"])
 JOBS = SERVER / "jobs"
@@ -39,11 +40,16 @@ def submit(arguments):
     parser.add_argument("--array", required=True)
     parser.add_argument("--stdout", required=True)
     parser.add_argument("--stderr", choices=["none"], required=True)
+    parser.add_argument("--cpus", type=int, default=1)
+    parser.add_argument("--resource", action="append", default=[])
+    parser.add_argument("--time-limit")
     split = arguments.index("--")
     options = parser.parse_args(arguments[:split])
     words = shlex.join(arguments[split + 1 :])
     first, last = map(int, options.array.split("-"))
     folder = pathlib.Path(tempfile.mkdtemp(dir=JOBS))
+    asked = [option for option in arguments[:split] if option.startswith(("--cpus=", "--resource=", "--time-limit="))]
+    (folder / "options").write_text(" ".join(asked))
     job = Job(default_workdir=os.getcwd(), max_fails=None, name=options.name)
     for task in range(first, last + 1):
         at = shlex.quote(str(folder / str(task)))
@@ -52,8 +58,10 @@ def submit(arguments):
             f"echo $code > {at}.end; exit $code"
         )
         env = {**os.environ, "HQ_TASK_ID": str(task)}
+        # Workers of the package have cores, and tell of nothing else.
+        resources = ResourceRequest(cpus=options.cpus)
         out = options.stdout.replace("%{TASK_ID}", str(task))
-        job.program(["sh", "-c", script], env=env, stdout=out, stderr=None, cwd=os.getcwd())
+        job.program(["sh", "-c", script], env=env, stdout=out, stderr=None, cwd=os.getcwd(), resources=resources)
     submitted = Client(SERVER / "server").submit(job)
     (folder / "count").write_text(str(last + 1))
     (JOBS / str(submitted.id)).symlink_to(folder)

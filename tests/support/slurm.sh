@@ -7,10 +7,13 @@ case $act in
 start)
     pid=${3:-}
     mkdir -p "$dir/state" "$dir/spool" "$dir/munge"
+    # A small file system of its own, where that is allowed: tests fill it.
+    mount -t tmpfs -o size=16m tmpfs "$dir/state" 2>/dev/null || true
     chmod 700 "$dir/munge"
     dd if=/dev/urandom of="$dir/munge/key" bs=1024 count=1 2>/dev/null
     chmod 400 "$dir/munge/key"
     host=$(hostname -s)
+    memory=$(awk '$1 == "MemTotal:" { print $2 }' /proc/meminfo)
     port=$((20000 + $$ % 20000))
     cat >"$dir/slurm.conf" <<EOF
 ClusterName=here
@@ -36,7 +39,7 @@ ReturnToService=2
 MpiDefault=none
 SchedulerParameters=sched_interval=1,batch_sched_delay=0,defer_batch
 KillWait=5
-NodeName=$host NodeAddr=127.0.0.1 CPUs=2 State=UNKNOWN
+NodeName=$host NodeAddr=127.0.0.1 CPUs=2 RealMemory=$((memory / 1024)) State=UNKNOWN
 PartitionName=all Nodes=$host Default=YES MaxTime=INFINITE State=UP
 EOF
     munged --force --key-file="$dir/munge/key" --socket="$dir/munge/socket" --pid-file="$dir/munge/pid" \
@@ -56,5 +59,6 @@ stop)
     for pid in slurmd.pid slurmctld.pid munge/pid; do
         [ ! -s "$dir/$pid" ] || kill "$(cat "$dir/$pid")" 2>/dev/null || true
     done
+    umount -l "$dir/state" 2>/dev/null || true
     ;;
 esac

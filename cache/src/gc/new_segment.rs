@@ -5,6 +5,7 @@ use crate::{
     error::At,
     layout::{Layout, names, sync_dir},
     lease::new_owner,
+    network,
     segment::Sort,
 };
 use std::{
@@ -53,7 +54,7 @@ impl<'a> NewSegment<'a> {
         let last = names(&folder).at("list", &folder)?;
         let last = last.iter().filter_map(|name| self.sort.parse(name)).map(|(seq, _)| seq).max();
         let path = folder.join(self.sort.name(last.unwrap_or(0).saturating_add(1), &new_owner()));
-        fs::rename(tmp, &path).at("publish the segment", &path)?;
+        network::rename(tmp, &path).at("publish the segment", &path)?;
         (self.file, self.len) = (None, 0);
         sync_dir(&folder).at("sync the folder", &folder)
     }

@@ -8,11 +8,12 @@ use crate::{
     index::Slot,
     layout::{is_own_folder, lease_owner, names, open_plain},
     lease::{Use, is_live, read_uses},
+    network,
     record::{Reach, decode_reach},
     segment::read_record,
     tree,
 };
-use std::{collections::HashSet, fs, path::Path};
+use std::{collections::HashSet, path::Path};
 
 impl Sweep<'_> {
     /// Gives back what live stores have noted meanwhile.
@@ -62,7 +63,7 @@ impl Sweep<'_> {
             };
             match place {
                 Trashed::Loose { trash, home } => {
-                    if !home.parent().is_some_and(is_own_folder) || fs::rename(&trash, &home).is_err() {
+                    if !home.parent().is_some_and(is_own_folder) || network::rename(&trash, &home).is_err() {
                         continue; // it had been damaged, or its owner wrote it again
                     }
                 }
@@ -73,7 +74,7 @@ impl Sweep<'_> {
                         // No room for a copy: all of the pack comes back.
                         Err(error) if error.is_full() => {
                             let home = self.store.layout.folder("packs").join(trash.file_name().unwrap_or_default());
-                            fs::rename(&trash, &home).at("restore", &home)?;
+                            network::rename(&trash, &home).at("restore", &home)?;
                             packs.insert(trash);
                         }
                         other => drop(other?),

@@ -22,7 +22,7 @@ use crate::{
     error::At,
     layout::{names, tmp_owner},
     lease::{Use, is_live, new_owner},
-    quarantine,
+    network, quarantine,
     record::decode,
     segment::{Sort, blob_frame, commit_frame, read_record, record_frame},
 };
@@ -99,7 +99,7 @@ impl<'a> Sweep<'a> {
             }
             let (digest, home) = (blob.digest, home.clone());
             let trash = self.trash(&home);
-            match fs::rename(&home, &trash) {
+            match network::rename(&home, &trash) {
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {} // quarantined meanwhile
                 other => other.at("remove the blob", &home)?,
             }
@@ -294,7 +294,7 @@ impl<'a> Sweep<'a> {
 
     fn discard(&self, path: &Path) -> Result<(), CacheError> {
         let _ = fs::remove_file(path.with_added_extension("idx")); // there may be none
-        match fs::rename(path, self.trash(path)) {
+        match network::rename(path, &self.trash(path)) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()), // taken by hand
             other => other.at("remove the segment", path),
         }

@@ -4,6 +4,7 @@ use crate::{
     CacheError, Digest,
     error::At,
     layout::{Layout, names, own_folder},
+    network,
     segment::Sort,
 };
 use std::{fs, path::PathBuf};
@@ -28,7 +29,7 @@ pub(super) fn restore_trash(layout: &Layout) -> Result<(), CacheError> {
         {
             fs::create_dir_all(folder).at("create the folder", folder)?;
         }
-        fs::rename(trash.join(&name), &home).at("restore", &home)?;
+        network::rename(&trash.join(&name), &home).at("restore", &home)?;
     }
     Ok(())
 }

@@ -70,4 +70,8 @@ impl Objects {
     pub fn replace(&self, _: &str, _: Vec<u8>) -> Result<(), UpstreamError> {
         match *self {}
     }
+
+    pub fn delete(&self, _: &str) {
+        match *self {}
+    }
 }

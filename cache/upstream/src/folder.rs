@@ -112,6 +112,15 @@ impl Folder {
         File::open(folder).and_then(|folder| folder.sync_all()).at("write to", folder)
     }
 
+    /// Deletes a file, and its folder if that is empty then.
+    pub fn delete(&self, name: &str) {
+        let path = self.path(name);
+        let _ = fs::remove_file(&path); // it may never have been written
+        if let Some(above) = path.parent() {
+            let _ = fs::remove_dir(above); // it has other files
+        }
+    }
+
     /// Writes a small file whole.
     pub fn write(&self, name: &str, content: &[u8]) -> Result<(), UpstreamError> {
         let mut file = self.temporary()?;

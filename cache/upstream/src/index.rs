@@ -110,7 +110,7 @@ pub struct Contents {
     pub(crate) blobs: HashMap<Digest, (Digest, u64)>,
     /// The identities of records.
     pub(crate) records: HashSet<[u8; 32]>,
-    /// The indices that are sound, sorted.
+    /// The indices that are sound.
     pub(crate) indices: Vec<Digest>,
     /// The packs.
     pub(crate) packs: HashSet<Digest>,
@@ -121,16 +121,22 @@ pub struct Contents {
 impl Contents {
     pub(crate) fn read(upstream: &Upstream) -> Result<Self, UpstreamError> {
         let mut contents = Self::default();
-        upstream.each_index(&upstream.indices()?, &mut |digest, read| match read
-            .and_then(|bytes| lines(upstream, digest, &bytes))
-        {
-            Ok(lines) => {
-                contents.indices.push(*digest);
-                contents.add(lines);
-            }
-            Err(note) => contents.notes.push(note),
-        })?;
+        contents.refresh(upstream)?;
         Ok(contents)
+    }
+
+    /// Reads indices that are new since the last time.
+    pub(crate) fn refresh(&mut self, upstream: &Upstream) -> Result<(), UpstreamError> {
+        let mut new = upstream.indices()?;
+        let known: HashSet<Digest> = self.indices.iter().copied().collect();
+        new.retain(|digest| !known.contains(digest));
+        upstream.each_index(&new, &mut |digest, read| match read.and_then(|bytes| lines(upstream, digest, &bytes)) {
+            Ok(lines) => {
+                self.indices.push(*digest);
+                self.add(lines);
+            }
+            Err(note) => self.notes.push(note),
+        })
     }
 
     fn add(&mut self, lines: Vec<Line>) {

@@ -11,6 +11,7 @@
 //! LIST                       names of the indices, for web servers, which cannot list
 //! packs/<hash>-<size>.pack   blobs, one after the other
 //! packs/<hash>-<size>.index  lines of JSON: the pack, places of its blobs, and records
+//! jobs/                      notes between a run and its jobs, if they share nothing else
 //! tmp/                       files that are being written (in directories only)
 //! ```
 //! A pack is complete before its index is visible, and records come after the packs that hold their blobs.
@@ -36,6 +37,7 @@ mod folder;
 mod index;
 mod places;
 mod reader;
+mod sender;
 mod sign;
 mod traffic;
 mod upstream;
@@ -45,6 +47,7 @@ pub use copy::{Pulled, Pushed, Wanted, all, pull, push};
 pub use error::UpstreamError;
 pub use index::Contents;
 pub use reader::{Listener, Opening, Reader};
+pub use sender::Sender;
 pub use sign::{PublicKey, SecretKey};
 pub use traffic::{Traffic, reads};
 pub use upstream::Upstream;

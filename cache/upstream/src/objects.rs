@@ -285,6 +285,11 @@ impl Objects {
         put.map(drop).map_err(|error| self.error("write to", &error))
     }
 
+    /// Deletes a file.
+    pub fn delete(&self, name: &str) {
+        let _ = wait(self.store.delete(&self.path(name))); // it may never have been written
+    }
+
     async fn in_parts(&self, path: &Path, chunks: Vec<Bytes>) -> Result<(), Error> {
         let mut upload = self.store.put_multipart(path).await?;
         let mut open: VecDeque<Bytes> = chunks.into();

@@ -10,9 +10,8 @@ use std::{
     collections::{HashMap, HashSet},
     env,
     fs::File,
-    io::{self, BufWriter, Write},
     os::unix::fs::FileExt,
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock, RwLockReadGuard},
 };
 use tauflow_cache::{Digest, Key, Record};
 
@@ -27,7 +26,7 @@ pub(crate) struct Places {
     pub upstream: Upstream,
     /// The lines of records.
     spool: File,
-    listed: Listed,
+    listed: RwLock<Listed>,
     use_of: Mutex<Use>,
 }
 
@@ -45,6 +44,8 @@ struct Listed {
     numbers: HashMap<Digest, u32>,
     /// Bytes in the spool.
     end: u64,
+    /// The indices that were read.
+    indices: HashSet<Digest>,
 }
 
 /// Open packs, and errors so far.
@@ -59,8 +60,8 @@ pub(crate) struct Use {
 }
 
 impl Listed {
-    /// Adds the lines of an index.
-    fn add(&mut self, lines: Vec<Line>, namespaces: &[&str], spool: &mut impl Write) -> io::Result<()> {
+    /// Adds the lines of an index; the texts of its records are appended to `texts`, which stand at the end.
+    fn add(&mut self, lines: Vec<Line>, namespaces: &[&str], texts: &mut Vec<u8>) {
         let mut pack = None;
         for line in lines {
             match line {
@@ -92,14 +93,14 @@ impl Listed {
                     if self.records.get(&slot).is_some_and(|(.., known)| *known >= when) {
                         continue;
                     }
-                    let text = serde_json::to_vec(&Line::Record(Box::new(record.into())))?;
-                    spool.write_all(&text)?;
+                    let text = serde_json::to_vec(&Line::Record(Box::new(record.into())));
+                    let text = text.expect("texts and numbers always serialise to memory");
+                    texts.extend_from_slice(&text);
                     self.records.insert(slot, (self.end, text.len() as u32, when)); // an index has less than 4 GiB
                     self.end += text.len() as u64;
                 }
             }
         }
-        Ok(())
     }
 }
 
@@ -109,26 +110,58 @@ impl Places {
     /// # Errors
     /// When the upstream fails, or no temporary file can be written. Damage is told.
     pub fn read(upstream: Upstream, namespaces: &[&str], tell: &dyn Fn(&str)) -> Result<Self, UpstreamError> {
+        let spool = tempfile::tempfile().at("write to", &env::temp_dir())?;
+        let places = Self { upstream, spool, listed: RwLock::default(), use_of: Mutex::default() };
+        places.refresh(namespaces, tell)?;
+        Ok(places)
+    }
+
+    /// Reads indices that are new since they were listed last.
+    ///
+    /// # Errors
+    /// As [`Places::read`].
+    pub fn refresh(&self, namespaces: &[&str], tell: &dyn Fn(&str)) -> Result<(), UpstreamError> {
         let folder = env::temp_dir();
-        let mut spool = BufWriter::new(tempfile::tempfile().at("write to", &folder)?);
-        let mut listed = Listed::default();
+        let mut new = self.upstream.indices()?;
+        let mut listed = self.listed.write().unwrap_or_else(PoisonError::into_inner);
+        new.retain(|index| !listed.indices.contains(index));
         let mut written = Ok(());
-        upstream.each_index(&upstream.indices()?, &mut |index, read| match read
-            .and_then(|bytes| lines(&upstream, index, &bytes))
-        {
-            Ok(lines) if written.is_ok() => written = listed.add(lines, namespaces, &mut spool),
-            Ok(_) => {}
-            Err(note) => tell(&note),
+        self.upstream.each_index(&new, &mut |index, read| {
+            listed.indices.insert(*index);
+            match read.and_then(|bytes| lines(&self.upstream, index, &bytes)) {
+                Ok(lines) if written.is_ok() => {
+                    let mut texts = Vec::new();
+                    let start = listed.end;
+                    listed.add(lines, namespaces, &mut texts);
+                    written = self.spool.write_all_at(&texts, start);
+                }
+                Ok(_) => {}
+                Err(note) => tell(&note),
+            }
         })?;
         written.at("write to", &folder)?;
-        let spool = spool.into_inner().map_err(io::IntoInnerError::into_error).at("write to", &folder)?;
-        Ok(Self { upstream, spool, listed, use_of: Mutex::default() })
+        drop(listed);
+        // A blob that could not be had may be in a new pack.
+        if !new.is_empty() {
+            self.used().bad.clear();
+        }
+        Ok(())
+    }
+
+    fn listed(&self) -> RwLockReadGuard<'_, Listed> {
+        self.listed.read().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The places of a blob: pack and offset.
-    pub fn of_blob(&self, digest: &Digest) -> impl Iterator<Item = BlobAt> {
-        let more = self.listed.more.get(digest).into_iter().flatten();
-        self.listed.blobs.get(digest).into_iter().chain(more).copied()
+    pub fn of_blob(&self, digest: &Digest) -> Vec<BlobAt> {
+        let listed = self.listed();
+        let more = listed.more.get(digest).into_iter().flatten();
+        listed.blobs.get(digest).into_iter().chain(more).copied().collect()
+    }
+
+    /// Whether a blob has a place.
+    pub fn knows(&self, digest: &Digest) -> bool {
+        self.listed().blobs.contains_key(digest)
     }
 
     pub fn used(&self) -> MutexGuard<'_, Use> {
@@ -136,9 +169,9 @@ impl Places {
     }
 
     pub fn record(&self, namespace: u8, key: &Key) -> Option<Record> {
-        let (offset, len, _) = self.listed.records.get(&(namespace, *key))?;
-        let mut text = vec![0; *len as usize];
-        self.spool.read_exact_at(&mut text, *offset).ok()?;
+        let (offset, len, _) = self.listed().records.get(&(namespace, *key)).copied()?;
+        let mut text = vec![0; len as usize];
+        self.spool.read_exact_at(&mut text, offset).ok()?;
         match serde_json::from_slice(&text).ok()? {
             Line::Record(record) => Some(Record::from(*record)),
             Line::Pack(_) | Line::Blob(..) => None,
@@ -156,7 +189,7 @@ impl Places {
         if let Some(known) = self.used().open.get(&number) {
             return Ok(known.clone());
         }
-        let opened = self.upstream.pack(&self.listed.packs[number as usize]).map(Arc::new);
+        let opened = self.upstream.pack(&self.listed().packs[number as usize]).map(Arc::new);
         let mut used = self.used();
         if used.open.len() >= MOST_OPEN {
             // Packs that cannot be opened are kept, so that nobody tries again.

@@ -50,6 +50,18 @@ impl Reader {
         self.places.get()?.as_ref()?.upstream.traffic()
     }
 
+    /// Sees what others have pushed since it was asked first.
+    ///
+    /// # Errors
+    /// When the upstream cannot be listed or read.
+    pub fn refresh(&self) -> Result<(), UpstreamError> {
+        match self.places() {
+            Some(places) => places.refresh(self.namespaces, &*self.tell),
+            // This was told.
+            None => Ok(()),
+        }
+    }
+
     fn places(&self) -> Option<&Places> {
         if self.lost.load(Ordering::Relaxed) {
             return None;
@@ -77,7 +89,7 @@ impl Beyond for Reader {
 
     fn contains(&self, digest: &Digest) -> bool {
         let places = self.places();
-        places.is_some_and(|places| places.of_blob(digest).next().is_some() && !places.used().bad.contains(digest))
+        places.is_some_and(|places| places.knows(digest) && !places.used().bad.contains(digest))
     }
 
     fn blob(&self, digest: &Digest) -> Option<Vec<u8>> {

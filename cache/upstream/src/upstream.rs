@@ -24,10 +24,12 @@ const FORMAT: &str = "tauflow-upstream 1";
 const SMALL_FILE: u64 = 4096;
 const MOST_LIST: u64 = 64 << 20;
 /// Names that belong to an upstream. Another machine may be making it, too.
-const OWN: [&str; 5] = ["UPSTREAM", "LIST", "packs", "tmp", "lost+found"];
+const OWN: [&str; 6] = ["UPSTREAM", "LIST", "packs", "jobs", "tmp", "lost+found"];
 /// Bytes at which a pack is sealed and another begun. In an object store it is one request, and must fit in memory.
 const FULL_PACK: u64 = 256 << 20;
 const FULL_OBJECT: u64 = 64 << 20;
+/// Most bytes of a note.
+const MOST_NOTE: u64 = 1 << 30;
 /// Indices that are read at the same time.
 const AT_ONCE: usize = 8;
 
@@ -108,7 +110,8 @@ impl Upstream {
                 Place::Folder(folder) => folder.names("")?,
                 Place::Objects(objects) => objects.names()?,
             };
-            let is_own = |name: &String| OWN.contains(&name.as_str()) || name.starts_with("packs/");
+            let is_own =
+                |name: &String| OWN.contains(&name.as_str()) || name.starts_with("packs/") || name.starts_with("jobs/");
             if !names.iter().all(is_own) {
                 return Err(UpstreamError::NotUpstream { place: upstream.name() });
             }
@@ -185,6 +188,44 @@ impl Upstream {
             // Who makes an upstream at the same time writes the same marker.
             Place::Objects(objects) if name == "UPSTREAM" => objects.seal(name, vec![content]),
             Place::Objects(objects) => objects.replace(name, content),
+        }
+    }
+
+    /// Writes a note: a small file below `jobs/`, which may change. Machines that share nothing else tell each other
+    /// by notes what is to be done.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn put_note(&self, name: &str, content: Vec<u8>) -> Result<(), UpstreamError> {
+        let name = format!("jobs/{name}");
+        if let Place::Folder(folder) = &self.place {
+            let path = folder.path(&name);
+            let above = path.parent().unwrap_or(folder.root());
+            fs::create_dir_all(above).at("create the directory", above)?;
+        }
+        self.write(&name, content)
+    }
+
+    /// Reads a note, if it is there.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn note(&self, name: &str) -> Result<Option<Vec<u8>>, UpstreamError> {
+        let name = format!("jobs/{name}");
+        match &self.place {
+            Place::Folder(folder) => folder.small(&name, MOST_NOTE),
+            Place::Objects(objects) => objects.small(&name),
+        }
+    }
+
+    /// Deletes notes. Those that stay cost room and nothing else.
+    pub fn delete_notes(&self, names: &[String]) {
+        for name in names {
+            let name = format!("jobs/{name}");
+            match &self.place {
+                Place::Folder(folder) => folder.delete(&name),
+                Place::Objects(objects) => objects.delete(&name),
+            }
         }
     }
 

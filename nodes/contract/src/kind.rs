@@ -2,7 +2,7 @@
 
 use crate::{
     Action, Context, Determinism, Group, InputPort, ItemKey, Known, Later, Outlook, OutputPort, Outputs, Probe,
-    derive_seed,
+    Resources, derive_seed,
 };
 use schemars::JsonSchema;
 use serde::{Serialize, de::DeserializeOwned};
@@ -157,6 +157,13 @@ pub trait Kind: Send + Sync + 'static {
     /// params may decide.
     fn sort(_params: &Self::Params) -> String {
         String::new()
+    }
+
+    /// The resources that an action of a group asks a scheduler for, where actions run as jobs. A pipeline can give
+    /// others for a node. As with [`Kind::work`], only projected params may decide. The default leaves all to the
+    /// scheduler.
+    fn resources(_params: &Self::Params, _group: &str) -> Resources {
+        Resources::default()
     }
 
     /// Programs and files that the params name and that this machine lacks. `check` asks for them, and also lists the

@@ -20,6 +20,7 @@ mod names;
 mod port;
 mod probe;
 mod regular;
+mod resources;
 mod row;
 mod seen;
 
@@ -39,6 +40,7 @@ pub use names::interned;
 pub use port::{All, Determinism, Each, Group, InputPort, Out, OutputPort, Takes};
 pub use probe::{Act, Look, Probe};
 pub use regular::{file_digest, open_regular, read_regular};
+pub use resources::Resources;
 pub use row::{KindRow, NodeKind, Projection};
 pub use seen::{
     Asked, CHANGED, MISSING, PROGRAM_VARIABLES, Seen, Sight, Stamp, leave_out_of_sights, left_out_of_sights,

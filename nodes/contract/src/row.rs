@@ -1,8 +1,8 @@
 //! Type-erased kinds for the engine, with JSON params.
 
 use crate::{
-    Action, Context, ItemKey, Kind, KindError, KindSpec, Known, Outlook, Outputs, ParamProblem, Probe, SourceItem,
-    fill_in, leave_out,
+    Action, Context, ItemKey, Kind, KindError, KindSpec, Known, Outlook, Outputs, ParamProblem, Probe, Resources,
+    SourceItem, fill_in, leave_out,
 };
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -32,6 +32,8 @@ pub trait NodeKind: Send + Sync {
     fn work(&self, params: &Value, group: &str) -> f64;
     /// See [`Kind::sort`]; `params` are resolved, or a projection.
     fn sort(&self, params: &Value) -> String;
+    /// See [`Kind::resources`]; `params` are resolved, or a projection.
+    fn resources(&self, params: &Value, group: &str) -> Resources;
     /// See [`Kind::missing`]; `params` are resolved.
     fn missing(&self, params: &Value) -> Vec<ParamProblem>;
     /// See [`Kind::items`]; `params` are resolved.
@@ -144,6 +146,12 @@ impl<K: Kind> NodeKind for KindRow<K> {
         let mut read = params.clone();
         fill_in(&mut read, K::later());
         parse(&read).map_or_else(|_| String::new(), |params| K::sort(&params))
+    }
+
+    fn resources(&self, params: &Value, group: &str) -> Resources {
+        let mut read = params.clone();
+        fill_in(&mut read, K::later());
+        parse(&read).map_or_else(|_| Resources::default(), |params| K::resources(&params, group))
     }
 
     fn missing(&self, params: &Value) -> Vec<ParamProblem> {

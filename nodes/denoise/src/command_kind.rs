@@ -10,7 +10,7 @@ use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use tauflow_contract::{
     Action, Before, Context, Determinism, FILE_PORT, Group, InputPort, Kind, KindError, KindSpec, Later, Mode,
-    OutputPort, Outputs, ParamProblem, Probe, Seen, Takes, interned,
+    OutputPort, Outputs, ParamProblem, Probe, Resources, Seen, Takes, interned,
 };
 use tauflow_data::{
     records::{MEDIA, media},
@@ -236,6 +236,12 @@ impl Kind for CommandKind {
 
     fn sort(params: &Self::Params) -> String {
         params.run.join(" ")
+    }
+
+    fn resources(params: &Self::Params, _group: &str) -> Resources {
+        let runs = if params.reproducible == Reproducible::Everywhere { 2.0 } else { 1.0 };
+        let limited = Resources::default().time(params.time * runs);
+        params.memory.map_or(limited, |mib| limited.memory(mib.saturating_mul(1 << 20)))
     }
 
     fn later() -> &'static [Later] {

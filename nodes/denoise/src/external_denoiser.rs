@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tauflow_contract::{
     Action, Before, Context, Each, Facts, Group, ItemKey, Kind, KindError, KindSpec, Known, Later, Media, Mode, Out,
-    Outlook, Outputs, ParamProblem, Probe, Seen,
+    Outlook, Outputs, ParamProblem, Probe, Resources, Seen,
 };
 use tauflow_data::{
     Image,
@@ -160,6 +160,10 @@ impl Kind for ExternalDenoiser {
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
         timed::projected(params, group)
+    }
+
+    fn resources(_params: &Self::Params, _group: &str) -> Resources {
+        Resources::default().cores(2).memory(2 << 30)
     }
 
     fn sort(params: &Self::Params) -> String {

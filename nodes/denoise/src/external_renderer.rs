@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::Path};
 use tauflow_contract::{
     Action, Before, Context, Digest, Each, Facts, Group, ItemKey, Kind, KindError, KindSpec, Known, Later, Media, Mode,
-    Out, Outlook, Outputs, ParamProblem, Probe, Seen,
+    Out, Outlook, Outputs, ParamProblem, Probe, Resources, Seen,
 };
 use tauflow_data::{
     Image, Resolution, Rungs, Scene,
@@ -130,6 +130,10 @@ impl Kind for ExternalRenderer {
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
         timed::projected(params, group)
+    }
+
+    fn resources(_params: &Self::Params, _group: &str) -> Resources {
+        Resources::default().cores(2).memory(2 << 30)
     }
 
     fn sort(params: &Self::Params) -> String {

@@ -10,7 +10,8 @@ use std::{
 };
 use tauflow_contract::{
     Action, All, Any, Artifact, Basis, Before, Context, Digest, Each, Facts, Group, Handle, ItemKey, Kind, KindError,
-    KindSpec, Known, Later, Media, MemoKey, Mode, Out, Outlook, Outputs, ParamProblem, Probe, Stored, leave_out,
+    KindSpec, Known, Later, Media, MemoKey, Mode, Out, Outlook, Outputs, ParamProblem, Probe, Resources, Stored,
+    leave_out,
 };
 use tauflow_data::{
     IntegratorKind, Resolution, Rungs, SamplerKind,
@@ -146,6 +147,13 @@ impl Kind for LadderRendering {
         let samples = if group == GBUFFERS.name { params.gbuffer_samples } else { params.rungs.last() };
         let rounds = if group == TIMINGS.name { params.repeats + 1 } else { 1 };
         pixels * samples as f64 * rounds as f64
+    }
+
+    fn resources(params: &Self::Params, _group: &str) -> Resources {
+        let pixels = (params.resolution.width() * params.resolution.height()) as u64;
+        let rungs = params.rungs.counts().len() as u64;
+        // Scenes of files may be large, and are not known here.
+        Resources::default().cores(2).memory((1 << 30) + pixels * (512 + 64 * rungs))
     }
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {

@@ -1,7 +1,7 @@
 #![doc = include_str!("bridge_refinement.md")]
 
 use crate::{
-    device::{self, NetworkDevice, Place},
+    device::{self, CORES, NetworkDevice, Place},
     model::Model,
     refinement::{endpoint, features, model_needs_gbuffer},
     rollout::{Denoiser, bridge_stop, local_steps},
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use tauflow_contract::{
     Action, All, Context, Each, Foreseen, Group, Kind, KindError, KindSpec, Known, Later, Media, Mode, Out, Outlook,
-    Outputs, ParamProblem, Probe,
+    Outputs, ParamProblem, Probe, Resources,
 };
 use tauflow_data::{
     facts::{self, CONDITIONING, PARAMETERIZATION, RUNGS},
@@ -70,6 +70,10 @@ impl Kind for BridgeRefinement {
 
     fn later() -> &'static [Later] {
         &[device::ON_THE_CPU]
+    }
+
+    fn resources(params: &Self::Params, _group: &str) -> Resources {
+        params.device.resources(CORES).memory(2 << 30)
     }
 
     fn environment(params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {

@@ -9,7 +9,7 @@ use burn::tensor::Device;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use tauflow_contract::{Before, KindError, KindSpec, Later, OutputPort, ParamProblem};
+use tauflow_contract::{Before, KindError, KindSpec, Later, OutputPort, ParamProblem, Resources};
 
 /// What networks run on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -30,6 +30,9 @@ pub(crate) const PORT_PARAMS: &[&str] = &["device"];
 /// Networks ran on the CPU before the param `device` existed.
 pub(crate) const ON_THE_CPU: Later = Later { pointer: "/device", before: Before::Text("cpu") };
 
+/// Cores that networks ask a scheduler for: few, so that small nodes have them. More make an action faster.
+pub(crate) const CORES: u32 = 2;
+
 impl NetworkDevice {
     /// Its name in pipeline files.
     pub const fn name(self) -> &'static str {
@@ -47,6 +50,12 @@ impl NetworkDevice {
         }
         let outputs = spec.outputs.into_iter().map(OutputPort::of_machine).collect();
         KindSpec { outputs, ..spec }
+    }
+
+    /// The resources of an action whose networks run here, on so many cores beside it.
+    pub(crate) fn resources(self, cores: u32) -> Resources {
+        let resources = Resources::default().cores(cores);
+        if self == Self::Vulkan { resources.gpus(1) } else { resources }
     }
 
     /// What is wrong with the param `device`.

@@ -1,7 +1,7 @@
 #![doc = include_str!("refinement.md")]
 
 use crate::{
-    device::{self, NetworkDevice, Place},
+    device::{self, CORES, NetworkDevice, Place},
     mirrors::Mirrored,
     model::Model,
     network_calls::NetworkCalls,
@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use tauflow_contract::{
     Action, All, Any, Before, Context, Each, Foreseen, Group, ItemKey, Kind, KindError, KindSpec, Known, Later, Media,
-    Mode, Out, Outlook, Outputs, ParamProblem, Probe, Source,
+    Mode, Out, Outlook, Outputs, ParamProblem, Probe, Resources, Source,
 };
 use tauflow_data::{
     Image,
@@ -162,6 +162,10 @@ impl Kind for Refinement {
         let calls = params.nfe.counts().iter().sum::<u64>() as f64;
         let rounds = if group == MEASURED.name { params.repeats + 1 } else { 1 };
         calls * u64::from(params.mirrors) as f64 * rounds as f64
+    }
+
+    fn resources(params: &Self::Params, _group: &str) -> Resources {
+        params.device.resources(CORES).memory(2 << 30)
     }
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {

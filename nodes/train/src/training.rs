@@ -11,7 +11,7 @@ pub use params::TrainingParams;
 pub use tauflow_tensors::Decay;
 
 use crate::{
-    device::{self, Place},
+    device::{self, CORES, Place},
     model::{Model, ModelInfo},
 };
 use batches::{DataSet, Draw};
@@ -21,7 +21,7 @@ use serde_json::Value;
 use std::time::Instant;
 use tauflow_contract::{
     Action, All, Basis, Context, Facts, Foreseen, Group, Items, Kind, KindError, KindSpec, Known, Later, Media, Mode,
-    Out, Outlook, Outputs, ParamProblem, Probe, derive_seed, leave_out,
+    Out, Outlook, Outputs, ParamProblem, Probe, Resources, derive_seed, leave_out,
 };
 use tauflow_data::{
     facts::{self, CONDITIONING, PARAMETERIZATION, RUNGS},
@@ -89,6 +89,11 @@ impl Kind for Training {
     fn work(params: &Self::Params, _group: &str) -> f64 {
         let crop = params.crop as f64;
         params.steps as f64 * params.batch as f64 * crop * crop
+    }
+
+    fn resources(params: &Self::Params, _group: &str) -> Resources {
+        let pixels = (params.batch * params.crop * params.crop) as u64;
+        params.device.resources(CORES).memory((1 << 30) + pixels * params.preset.bytes_per_pixel())
     }
 
     fn later() -> &'static [Later] {

@@ -6,7 +6,7 @@ use crate::engine::ids::{LaneId, SlotId};
 use std::collections::HashMap;
 
 /// See the module.
-pub(super) struct Budget {
+pub struct Budget {
     /// Actions at a time.
     workers: usize,
     /// Bytes that may be held.

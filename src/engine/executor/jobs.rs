@@ -19,9 +19,14 @@ use super::{
     Batch, Capacity, ChildCommand, Executor, Reply,
     threads::{self, Crew, Site},
 };
-use crate::engine::EngineError;
+use crate::{
+    engine::{EngineError, courier::Courier},
+    pipeline::AskedResources,
+};
 use serde_json::Value;
 use std::{
+    collections::HashMap,
+    path::PathBuf,
     sync::{Arc, mpsc},
     thread::Scope,
     time::Duration,
@@ -62,6 +67,15 @@ impl Scheduling {
     }
 }
 
+/// Jobs that share no files with the run.
+#[derive(Clone, Debug)]
+pub struct Apart {
+    /// What carries batches, lines and results.
+    pub courier: Arc<dyn Courier>,
+    /// The folder of the store on the machines of jobs.
+    pub store: PathBuf,
+}
+
 /// An option of the command that submits jobs.
 #[derive(Clone, Debug)]
 pub struct JobOption {
@@ -78,6 +92,11 @@ pub struct JobOptions {
     pub scheduling: Scheduling,
     /// The command that executes a batch.
     pub worker: ChildCommand,
+    /// How jobs share results with the run, if each machine has a store of its own; they share the run's store
+    /// otherwise.
+    pub apart: Option<Apart>,
+    /// Resources of actions as the pipeline gives them, by node.
+    pub resources: HashMap<String, AskedResources>,
     /// More options of the command that submits.
     pub options: Vec<JobOption>,
     /// The duration of a job that actions are gathered for.

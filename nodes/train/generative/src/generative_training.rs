@@ -14,7 +14,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_contract::{
     Action, All, Basis, Context, Facts, Group, Kind, KindError, KindSpec, Known, MOST_ITEMS, Media, Mode, Out, Outlook,
-    Outputs, ParamProblem,
+    Outputs, ParamProblem, Resources,
 };
 use tauflow_data::{
     Image,
@@ -124,6 +124,10 @@ impl Kind for GenerativeTraining {
 
     fn work(params: &Self::Params, _group: &str) -> f64 {
         params.steps as f64 * params.batch as f64
+    }
+
+    fn resources(_params: &Self::Params, _group: &str) -> Resources {
+        Resources::default().cores(2).memory(4 << 30)
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {

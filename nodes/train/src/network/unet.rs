@@ -35,6 +35,15 @@ impl Preset {
         }
     }
 
+    /// Bytes of memory that a training takes for each pixel of a batch, at most.
+    pub(crate) fn bytes_per_pixel(self) -> u64 {
+        match self {
+            Self::Tiny => 8 << 10,
+            Self::Small => 16 << 10,
+            Self::Base => 64 << 10,
+        }
+    }
+
     fn plan(self) -> Plan {
         match self {
             Self::Tiny => Plan { widths: &[32, 64, 96], blocks: 1, convolutions: 1, embedding: 64 },

@@ -4,6 +4,8 @@ use std::ops::Range;
 
 /// A job of less than this costs more to start than it does.
 const LEAST_S: f64 = 10.0;
+/// Seconds that a job may take to start.
+const STARTS_S: u64 = 60;
 /// Actions of one job, at most.
 const MOST_ACTIONS: usize = 4096;
 
@@ -11,6 +13,14 @@ const MOST_ACTIONS: usize = 4096;
 /// more than `most_s` nor so little that starting jobs is most of the work.
 pub fn duration(all_s: f64, free: usize, most_s: f64) -> f64 {
     (all_s / free.max(1) as f64).max(LEAST_S).min(most_s)
+}
+
+/// The time limit of a job in seconds, if its actions have one: that of one action, and three times what all are
+/// expected to take, if there are several. Limits are for what goes wrong, which is seldom two actions of one job.
+pub fn time_limit(of_one: Option<u64>, actions: usize, expected_s: f64) -> Option<u64> {
+    let of_others = if actions > 1 { (3.0 * expected_s).ceil() as u64 } else { 0 };
+    // Starting a job and opening a store take a while.
+    of_one.map(|seconds| seconds.saturating_add(of_others).saturating_add(STARTS_S))
 }
 
 /// Divides actions, which are expected to take so many seconds each, into jobs of about `duration_s`.
@@ -42,6 +52,13 @@ mod tests {
         assert_eq!(bundles(&[100.0, 100.0, 1.0, 1.0], 10.0), [0..1, 1..2, 2..4]);
         assert_eq!(bundles(&[6.0, 6.0, 6.0], 10.0), [0..2, 2..3]);
         assert_eq!(bundles(&vec![0.0; MOST_ACTIONS + 1], 10.0), [0..MOST_ACTIONS, MOST_ACTIONS..MOST_ACTIONS + 1]);
+    }
+
+    #[test]
+    fn jobs_have_a_time_limit_if_their_actions_have_one() {
+        assert_eq!(time_limit(None, 5, 100.0), None);
+        assert_eq!(time_limit(Some(3600), 1, 100.0), Some(3600 + STARTS_S));
+        assert_eq!(time_limit(Some(3600), 5, 100.0), Some(3900 + STARTS_S));
     }
 
     #[test]

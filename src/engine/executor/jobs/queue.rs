@@ -4,15 +4,18 @@ mod commands;
 mod hyperqueue;
 mod slurm;
 
-use super::{JobOptions, Scheduling};
+use super::{
+    JobOptions, Scheduling,
+    folder::{Folder, NUMBER},
+};
 use std::{
     collections::HashMap,
     io::{self, Read},
-    path::Path,
     process::{Command, Stdio},
     thread,
     time::{Duration, Instant},
 };
+use tauflow_contract::Resources;
 
 /// Longest time that a scheduler may take to answer.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -30,12 +33,25 @@ pub enum Stage {
 pub struct Submission<'a> {
     /// Their name.
     pub name: &'a str,
-    /// The folder that has `N.sh` for the job of number N, and to which `N.log` is written.
-    pub folder: &'a Path,
+    /// The folder that has `N.sh` for the job of number N, and says where its log is written.
+    pub folder: &'a Folder,
     /// How many there are.
     pub jobs: usize,
-    /// More options of the command that submits them.
+    /// What each of them asks for.
+    pub resources: Resources,
+    /// More options of the command that submits them. They override the resources.
     pub options: Vec<&'a str>,
+}
+
+impl Submission<'_> {
+    /// The words of a shell that run the job whose number is in this variable.
+    fn words(&self, variable: &str) -> String {
+        match &self.folder.inline {
+            // The number stands in a quoted word.
+            Some(inline) => inline.replace(NUMBER, &format!("'\"${variable}\"'")),
+            None => format!("exec sh {}/\"${variable}.sh\"", quoted(&self.folder.path().display().to_string())),
+        }
+    }
 }
 
 /// A scheduler. Errors are in words: the command, and what it said.

@@ -29,7 +29,7 @@ use std::{
     time::{Duration, Instant},
 };
 use tauflow_cache::Key;
-use tauflow_contract::{Digest, Progress};
+use tauflow_contract::{Digest, Progress, Resources};
 
 /// Shortest time between two looks at what jobs tell.
 const LOOK: Duration = Duration::from_millis(100);
@@ -47,8 +47,8 @@ pub struct Steward<'a, 'o> {
     queue: Box<dyn Queue>,
     root: PathBuf,
     store: PathBuf,
-    /// By node, in the order in which they came.
-    waiting: BTreeMap<Name, VecDeque<Open>>,
+    /// By node and resources, in the order in which they came.
+    waiting: BTreeMap<(Name, Resources), VecDeque<Open>>,
     /// Open orders by batch.
     batches: HashMap<u64, usize>,
     next_batch: u64,
@@ -67,6 +67,9 @@ pub struct Steward<'a, 'o> {
     accepts: bool,
     not_before: Instant,
     told: (usize, usize),
+    /// When notes of jobs were read last, and what was published was looked for.
+    read: Instant,
+    refreshed: Instant,
 }
 
 impl<'a, 'o> Steward<'a, 'o> {
@@ -97,6 +100,8 @@ impl<'a, 'o> Steward<'a, 'o> {
             accepts: false,
             not_before: now,
             told: (0, 0),
+            read: now,
+            refreshed: now,
         }
     }
 
@@ -188,14 +193,22 @@ impl<'a, 'o> Steward<'a, 'o> {
 
     fn wait(&mut self, open: Open) {
         self.first.get_or_insert_with(Instant::now);
-        self.waiting.entry(open.label.node.clone()).or_default().push_back(open);
+        let like = (open.label.node.clone(), self.resources(&open));
+        self.waiting.entry(like).or_default().push_back(open);
+    }
+
+    /// What an action asks for.
+    fn resources(&self, open: &Open) -> Resources {
+        let basis = &open.order.action.key.basis;
+        let kind = open.order.action.producer.kind.resources(&basis.params, &basis.group);
+        self.options.resources.get(&*open.label.node).map_or(kind, |asked| asked.over(kind))
     }
 
     /// Takes over the jobs of earlier runs that have not ended.
     fn find(&mut self) {
         let scheduler = self.options.scheduling.name();
         let mut left = Vec::new();
-        for mut folder in Folder::left(&self.root) {
+        for mut folder in Folder::left(&self.root, self.options.apart.as_ref()) {
             match folder.jobs() {
                 Some(jobs) if jobs.scheduler == scheduler => left.push((folder, jobs.ids)),
                 // Jobs of another scheduler end by themselves, and a later run with that scheduler removes the folder.
@@ -242,7 +255,15 @@ impl<'a, 'o> Steward<'a, 'o> {
 
     /// Reads what jobs tell.
     fn listen(&mut self) {
+        let far = self.options.apart.is_some() && self.read.elapsed() < self.options.poll;
+        if !far {
+            self.read = Instant::now();
+        }
         for n in 0..self.jobs.len() {
+            // A request to a server has its time, unless the job has ended.
+            if far && self.jobs[n].missed < MISSES {
+                continue;
+            }
             for line in self.jobs[n].lines.news() {
                 let job = &mut self.jobs[n];
                 let place = job.at;
@@ -279,6 +300,7 @@ impl<'a, 'o> Steward<'a, 'o> {
 
     /// Replies to actions that jobs told the end of.
     fn see(&mut self) {
+        self.refresh();
         for unseen in std::mem::take(&mut self.unseen) {
             match processes::outcome(&unseen.open.order, &unseen.end, self.holdings()) {
                 Ok(Some(outcome)) => {
@@ -290,6 +312,18 @@ impl<'a, 'o> Steward<'a, 'o> {
                     self.blame(unseen.open, "a job says that it is done, but recorded nothing that is seen here");
                 }
                 Err(error) => self.reply(unseen.open, Execution::of(Outcome::Fatal(error))),
+            }
+        }
+    }
+
+    /// Looks for what jobs have published, if they have a store of their own.
+    fn refresh(&mut self) {
+        let Some(apart) = self.options.apart.as_ref().filter(|_| !self.unseen.is_empty()) else { return };
+        let new = self.unseen.iter().any(|unseen| unseen.since > self.refreshed);
+        if new || self.refreshed.elapsed() >= self.options.poll {
+            self.refreshed = Instant::now();
+            if let Err(error) = apart.courier.refresh() {
+                self.warn(format!("the results of jobs are not seen yet: {error}"));
             }
         }
     }
@@ -344,7 +378,7 @@ impl<'a, 'o> Steward<'a, 'o> {
         let item = open.order.action.item.as_ref().map_or_else(String::new, |item| format!("/{item}"));
         if open.attempts > self.options.retries {
             let message = format!(
-                "{why}, at attempt {}; if memory or time ran out, ask the scheduler for more with --job-option; \
+                "{why}, at attempt {}; if memory or time ran out, ask for more with `resources` of the node; \
                  `--retries` allows more attempts",
                 open.attempts
             );

@@ -2,13 +2,15 @@
 
 use super::{Queue, Stage, Submission, ask, quoted};
 use std::{collections::HashMap, process::Command};
+use tauflow_contract::Resources;
 
 /// Jobs that one command line names.
 const MOST_NAMED: usize = 500;
 
 /// See the module. In the command lines, words in braces are replaced.
 pub struct Commands {
-    /// Submits the job of `{script}` under the name `{name}`, with its output in `{log}`; prints the job's id.
+    /// Submits the job of `{script}` under the name `{name}`, with its output in `{log}`; prints the job's id. It may
+    /// ask for `{cores}`, `{memory}` in MiB, `{time}` in seconds, and `{gpus}`.
     pub submit: String,
     /// Prints a line for each job that has not ended: its id, and a word for its state. It may name other jobs.
     pub poll: String,
@@ -21,6 +23,17 @@ fn shell(line: &str) -> Result<String, String> {
     said.map_err(|error| format!("the command `{line}`: {error}"))
 }
 
+/// A command line with the resources of a job in their places; 1 core and 0 of everything else if nothing is asked for.
+fn with_resources(line: &str, of: Resources) -> String {
+    let places = [
+        ("{cores}", u64::from(of.cores.unwrap_or(1))),
+        ("{memory}", of.memory_mib().unwrap_or(0)),
+        ("{time}", of.time.unwrap_or(0)),
+        ("{gpus}", u64::from(of.gpus.unwrap_or(0))),
+    ];
+    places.iter().fold(line.to_owned(), |line, (place, number)| line.replace(place, &number.to_string()))
+}
+
 fn with_ids(line: &str, ids: &[&str]) -> String {
     line.replace("{ids}", &ids.iter().map(|id| quoted(id)).collect::<Vec<_>>().join(" "))
 }
@@ -29,8 +42,10 @@ impl Queue for Commands {
     fn submit(&self, of: &Submission<'_>) -> Result<Vec<String>, String> {
         let mut ids = Vec::with_capacity(of.jobs);
         for job in 0..of.jobs {
-            let file = |extension: &str| quoted(&of.folder.join(format!("{job}.{extension}")).display().to_string());
-            let line = self.submit.replace("{script}", &file("sh")).replace("{log}", &file("log"));
+            let script = quoted(&of.folder.path().join(format!("{job}.sh")).display().to_string());
+            let log = quoted(&of.folder.log_of(&job.to_string()).display().to_string());
+            let line = self.submit.replace("{script}", &script).replace("{log}", &log);
+            let line = with_resources(&line, of.resources);
             let mut line = line.replace("{name}", &quoted(&format!("{}-{job}", of.name)));
             for option in &of.options {
                 line.push(' ');

@@ -6,6 +6,7 @@ use std::{
     collections::{BTreeSet, HashMap},
     process::Command,
 };
+use tauflow_contract::Resources;
 
 /// See the module.
 pub struct HyperQueue;
@@ -15,19 +16,30 @@ fn job(id: &str) -> &str {
     id.split_once('_').map_or(id, |(job, _)| job)
 }
 
+/// Options of `hq submit` that ask for resources. Workers know their memory in megabytes.
+fn asked(of: Resources) -> Vec<String> {
+    let options = [
+        of.cores.map(|cores| format!("--cpus={cores}")),
+        of.memory.map(|bytes| format!("--resource=mem={}", bytes.div_ceil(1_000_000))),
+        of.time.map(|seconds| format!("--time-limit={seconds}s")),
+        of.gpus.filter(|gpus| *gpus > 0).map(|gpus| format!("--resource=gpus/nvidia={gpus}")),
+    ];
+    options.into_iter().flatten().collect()
+}
+
 impl Queue for HyperQueue {
     fn submit(&self, of: &Submission<'_>) -> Result<Vec<String>, String> {
-        let folder = of.folder.display().to_string();
         let mut command = Command::new("hq");
         command.args(["submit", "--output-mode=quiet", "--name", of.name]);
         command.arg(format!("--array=0-{}", of.jobs.saturating_sub(1)));
-        command.arg(format!("--stdout={folder}/%{{TASK_ID}}.log")).arg("--stderr=none").args(&of.options);
+        command.arg(format!("--stdout={}", of.folder.log_of("%{TASK_ID}").display())).arg("--stderr=none");
+        command.args(asked(of.resources)).args(&of.options);
         // It sets this variable, which enters the keys of programs.
         let threads = match std::env::var("OMP_NUM_THREADS") {
             Ok(threads) => format!("export OMP_NUM_THREADS={}", super::quoted(&threads)),
             Err(_) => "unset OMP_NUM_THREADS".to_owned(),
         };
-        let script = format!("{threads}; exec sh {}/\"$HQ_TASK_ID.sh\" 2>&1", super::quoted(&folder));
+        let script = format!("{threads}; exec 2>&1; {}", of.words("HQ_TASK_ID"));
         command.args(["--", "sh", "-c"]).arg(script);
         let said = ask(&mut command)?;
         let id = said.lines().last().unwrap_or_default().trim();

@@ -2,6 +2,7 @@
 
 use super::{Queue, Stage, Submission, ask};
 use std::{collections::HashMap, fs, process::Command};
+use tauflow_contract::Resources;
 
 /// Jobs that one call of `scancel` names.
 const MOST_NAMED: usize = 500;
@@ -9,19 +10,31 @@ const MOST_NAMED: usize = 500;
 /// See the module.
 pub struct Slurm;
 
+/// Options of `sbatch` that ask for resources.
+fn asked(of: Resources) -> Vec<String> {
+    let options = [
+        of.cores.map(|cores| format!("--cpus-per-task={cores}")),
+        of.memory_mib().map(|mib| format!("--mem={mib}M")),
+        // Whole minutes; Slurm kills jobs up to a minute late.
+        of.time.map(|seconds| format!("--time={}", seconds.div_ceil(60))),
+        of.gpus.filter(|gpus| *gpus > 0).map(|gpus| format!("--gres=gpu:{gpus}")),
+    ];
+    options.into_iter().flatten().collect()
+}
+
 impl Queue for Slurm {
     fn submit(&self, of: &Submission<'_>) -> Result<Vec<String>, String> {
-        let script = of.folder.join("array.sh");
-        let folder = super::quoted(&of.folder.display().to_string());
-        fs::write(&script, format!("#!/bin/sh\nexec sh {folder}/\"$SLURM_ARRAY_TASK_ID.sh\"\n"))
+        let script = of.folder.path().join("array.sh");
+        fs::write(&script, format!("#!/bin/sh\n{}\n", of.words("SLURM_ARRAY_TASK_ID")))
             .map_err(|error| format!("cannot write {}: {error}", script.display()))?;
         let mut command = Command::new("sbatch");
         command.args(["--parsable", "--no-requeue", "--open-mode=append", "--job-name", of.name]);
         command.arg(format!("--array=0-{}", of.jobs.saturating_sub(1)));
         // `%` begins a pattern in the names of outputs.
-        let folder = of.folder.display().to_string().replace('%', "%%");
-        command.arg(format!("--output={folder}/%a.log"));
-        let said = ask(command.args(&of.options).arg(&script))?;
+        let log = of.folder.log_of("{number}").display().to_string().replace('%', "%%").replace("{number}", "%a");
+        command.arg(format!("--output={log}"));
+        command.args(asked(of.resources)).args(&of.options);
+        let said = ask(command.arg(&script))?;
         // `ID`, or `ID;CLUSTER`; a plug-in may have printed more before.
         let id = said.lines().last().and_then(|line| line.split(';').next()).unwrap_or_default().trim();
         if id.is_empty() || !id.bytes().all(|byte| byte.is_ascii_digit()) {

@@ -2,7 +2,7 @@
 
 use super::{
     super::{
-        JobOption, bundle,
+        Apart, JobOption, bundle,
         folder::{Folder, Submitted},
         job::{Job, Open},
         pace::Pace,
@@ -18,11 +18,12 @@ use crate::engine::{
 };
 use std::{
     cell::RefCell,
+    collections::BTreeSet,
     rc::Rc,
     time::{Duration, Instant},
 };
 use tauflow_cache::CacheError;
-use tauflow_contract::Digest;
+use tauflow_contract::{Digest, Resources};
 
 /// Actions are gathered until none has come for this long,
 const QUIET: Duration = Duration::from_millis(200);
@@ -52,23 +53,27 @@ impl Steward<'_, '_> {
         let longest = self.options.duration.as_secs_f64();
         let cost =
             |pace: &mut Pace, open: &Open| pace.seconds(&open.label.node, &open.order.action, self.crew.of.store);
-        let costs: Vec<(Name, Vec<f64>)> = self
+        let costs: Vec<((Name, Resources), Vec<f64>)> = self
             .waiting
             .iter()
-            .map(|(node, opens)| (node.clone(), opens.iter().map(|open| cost(&mut self.pace, open)).collect()))
+            .map(|(like, opens)| (like.clone(), opens.iter().map(|open| cost(&mut self.pace, open)).collect()))
             .collect();
         let all = costs.iter().flat_map(|(_, costs)| costs).sum();
         let duration = bundle::duration(all, free, longest);
         let mut room = free.min(MOST_TOGETHER);
-        for (node, costs) in costs {
-            let Some(opens) = self.waiting.get_mut(&node) else { continue };
-            let bundles = bundle::bundles(&costs, duration).into_iter().take(room);
-            let jobs: Vec<Vec<Open>> = bundles.map(|range| opens.drain(..range.len()).collect()).collect();
+        for (like, costs) in costs {
+            let Some(opens) = self.waiting.get_mut(&like) else { continue };
+            let bundles: Vec<_> = bundle::bundles(&costs, duration).into_iter().take(room).collect();
+            let longest = bundles.iter().map(|range| costs[range.clone()].iter().sum::<f64>()).fold(0.0, f64::max);
+            let jobs: Vec<Vec<Open>> = bundles.iter().map(|range| opens.drain(..range.len()).collect()).collect();
+            let (node, resources) = like;
+            let most = jobs.iter().map(Vec::len).max().unwrap_or(0);
+            let resources = Resources { time: bundle::time_limit(resources.time, most, longest), ..resources };
             if jobs.is_empty() {
                 continue;
             }
             room -= jobs.len();
-            if let Err((error, orders)) = self.submit_jobs(&node, jobs) {
+            if let Err((error, orders)) = self.submit_jobs(&node, resources, jobs) {
                 self.refused(error, orders);
                 break;
             }
@@ -80,7 +85,12 @@ impl Steward<'_, '_> {
     }
 
     /// Submits jobs of these actions of a node, or gives them back.
-    fn submit_jobs(&mut self, node: &Name, jobs: Vec<Vec<Open>>) -> Result<(), (Refusal, Vec<Open>)> {
+    fn submit_jobs(
+        &mut self,
+        node: &Name,
+        resources: Resources,
+        jobs: Vec<Vec<Open>>,
+    ) -> Result<(), (Refusal, Vec<Open>)> {
         let all = |jobs: Vec<Vec<Open>>| jobs.into_iter().flatten().collect();
         let holdings = self.holdings();
         let mut wanted: Vec<Digest> = self.wanted.iter().copied().collect();
@@ -96,7 +106,13 @@ impl Steward<'_, '_> {
             Ok(batches) => batches,
             Err(error) => return Err((Refusal::Fatal(error), all(jobs))),
         };
-        let written = Folder::new(&self.root, &batches, &self.options.worker, &self.store);
+        let apart = self.options.apart.as_ref();
+        if let Some(apart) = apart
+            && let Err(error) = self.publish_inputs(apart, &batches)
+        {
+            return Err((error, all(jobs)));
+        }
+        let written = Folder::new(&self.root, &batches, &self.options.worker, &self.store, apart);
         let folder = match written {
             Ok(folder) => folder,
             Err(error) => {
@@ -107,7 +123,7 @@ impl Steward<'_, '_> {
         let name = folder.name();
         let for_it = |option: &&JobOption| option.node.as_deref().is_none_or(|name| name == &**node);
         let options = self.options.options.iter().filter(for_it).map(|option| option.text.as_str()).collect();
-        let submission = queue::Submission { name: &name, folder: folder.path(), jobs: jobs.len(), options };
+        let submission = queue::Submission { name: &name, folder: &folder, jobs: jobs.len(), resources, options };
         let ids = match self.queue.submit(&submission) {
             Ok(ids) => ids,
             Err(error) => return Err((Refusal::Scheduler(error), all(jobs))),
@@ -122,6 +138,18 @@ impl Steward<'_, '_> {
             self.jobs.push(Job::new(&folder, number, id, opens.into_iter().map(Some).collect()));
         }
         Ok(())
+    }
+
+    /// Publishes what actions read, for jobs that do not share the store.
+    fn publish_inputs(&self, apart: &Apart, batches: &[BatchFile]) -> Result<(), Refusal> {
+        let store = self.crew.of.store;
+        let mut read = BTreeSet::new();
+        for action in batches.iter().flat_map(|batch| &batch.actions) {
+            read.extend(action.reads(store).map_err(|error| Refusal::Fatal(error.into()))?);
+        }
+        let read: Vec<Digest> = read.into_iter().collect();
+        // An upstream that does not answer may answer later, as a scheduler may.
+        apart.courier.publish(store, &read, &[]).map_err(Refusal::Scheduler)
     }
 
     /// The scheduler did not take jobs: their actions wait for a while.

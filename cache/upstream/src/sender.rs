@@ -1,0 +1,70 @@
+//! Copies to an upstream in many small steps, as a job does with its results: what is there is read once, and then only
+//! what is new.
+
+use crate::{
+    Upstream, UpstreamError,
+    index::{Contents, Writer, identity},
+};
+use std::{
+    collections::HashSet,
+    sync::{Mutex, PoisonError},
+};
+use tauflow_cache::{Digest, Key, Store};
+
+/// See the module.
+#[derive(Debug)]
+pub struct Sender {
+    upstream: Upstream,
+    there: Mutex<Contents>,
+}
+
+impl Sender {
+    /// Of an upstream that is open for writing.
+    pub fn new(upstream: Upstream) -> Self {
+        Self { upstream, there: Mutex::default() }
+    }
+
+    /// The upstream.
+    pub fn upstream(&self) -> &Upstream {
+        &self.upstream
+    }
+
+    /// Copies these blobs of a store, and these records with all that they reach, as far as the upstream lacks them. A
+    /// record whose blobs are not all in the store is left out.
+    ///
+    /// # Errors
+    /// When the store cannot be read, or the upstream cannot be read or written.
+    pub fn send(&self, store: &Store, blobs: &[Digest], records: &[(&str, Key)]) -> Result<(), UpstreamError> {
+        let mut there = self.there.lock().unwrap_or_else(PoisonError::into_inner);
+        there.refresh(&self.upstream)?;
+        let mut writer = Writer::new(&self.upstream);
+        let mut sent: HashSet<Digest> = HashSet::new();
+        let there = &*there;
+        let mut blob = |digest: Digest, writer: &mut Writer<'_>| {
+            if there.blobs.contains_key(&digest) || sent.contains(&digest) {
+                return Ok(true);
+            }
+            let Some(bytes) = store.get(&digest)? else { return Ok(false) };
+            writer.blob(digest, bytes)?;
+            sent.insert(digest);
+            Ok::<bool, UpstreamError>(true)
+        };
+        for digest in blobs {
+            blob(*digest, &mut writer)?;
+        }
+        for (namespace, key) in records {
+            let Some(record) = store.read(namespace, key) else { continue };
+            if there.records.contains(&identity(&record)) {
+                continue;
+            }
+            let mut complete = true;
+            for digest in store.reach(&record.refs, &record.trees)? {
+                complete &= blob(digest, &mut writer)?;
+            }
+            if complete || record.transient {
+                writer.record(record)?;
+            }
+        }
+        writer.end()
+    }
+}
