@@ -93,7 +93,7 @@ pub enum ExecutorKind {
     /// In child processes, which are started like this.
     Processes(ChildCommand),
     /// In jobs of a scheduler.
-    Jobs(JobOptions),
+    Jobs(Box<JobOptions>),
 }
 
 impl Default for RunOptions {

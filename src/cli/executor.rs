@@ -90,7 +90,7 @@ impl ExecutorArgs {
                 return Err(CliError::Bad(format!("{option} must be above 0 s, and at most 10 days")));
             }
         }
-        Ok(ExecutorKind::Jobs(JobOptions {
+        Ok(ExecutorKind::Jobs(Box::new(JobOptions {
             scheduling,
             worker: worker(cache, self.worker_cache.is_some())?,
             apart: self.worker_cache.as_deref().map(|store| apart(store, cache)).transpose()?,
@@ -100,7 +100,7 @@ impl ExecutorArgs {
             retries: self.retries,
             most: if jobs == 0 { MOST_JOBS } else { jobs },
             poll: Duration::from_secs_f64(self.poll_every),
-        }))
+        })))
     }
 
     fn commands(&self) -> Result<Scheduling, CliError> {
