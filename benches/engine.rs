@@ -1,17 +1,23 @@
 //! Overhead of the engine: ten map nodes over many items that do next to nothing; and large items beside plain files.
 //!
 //! ```text
-//! cargo bench --bench engine [-- ITEMS [FOLDER]]
+//! cargo bench --bench engine [-- ITEMS [FOLDER [UPSTREAM]]]
 //! ```
 //!
-//! There are 30,000 items unless told. The cache lies in FOLDER, or in memory.
+//! There are 30,000 items unless told. The cache lies in FOLDER, or in memory. UPSTREAM is a new directory or a prefix
+//! in an object store: the results are pushed there, and a second machine with an empty cache runs the same.
 //!
 //! `benches/engine_peers.sh` does the same graph with ninja and with Snakemake.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::{error::Error, path::PathBuf, sync::atomic::AtomicBool, time::Instant};
+use std::{
+    error::Error,
+    path::PathBuf,
+    sync::{Arc, atomic::AtomicBool},
+    time::Instant,
+};
 use tauflow::{
     engine::{self, RunOptions, Summary},
     kinds::Registry,
@@ -22,6 +28,7 @@ use tauflow_contract::{
     Action, Artifact, Context, Each, Group, InputPort, ItemKey, Kind, KindError, KindRow, KindSpec, Media, Mode,
     NodeKind, Out, Outputs, ReadFiles, SourceItem, Stored, WriteFiles,
 };
+use tauflow_upstream::{Address, Reader, Upstream, all, push};
 
 /// Bytes of an output.
 const SIZE: usize = 1024;
@@ -143,6 +150,15 @@ struct Bench {
 impl Bench {
     /// Resolves and runs the pipeline in a freshly opened store, as a new process would; seconds and what it did.
     fn run(&self, changed: u64, no_rollup: bool) -> Result<(f64, Summary), Box<dyn Error>> {
+        self.run_in(&|| Ok(Store::open(&self.folder)?), changed, no_rollup)
+    }
+
+    fn run_in(
+        &self,
+        open: &dyn Fn() -> Result<Store, Box<dyn Error>>,
+        changed: u64,
+        no_rollup: bool,
+    ) -> Result<(f64, Summary), Box<dyn Error>> {
         let start = Instant::now();
         let mut text = format!(
             "pipeline: bench\nnodes:\n  n0: {{ kind: source, params: {{ items: {}, changed: {changed} }} }}\n",
@@ -155,12 +171,50 @@ impl Bench {
             ));
         }
         let pipeline = pipeline::resolve_text("bench.yaml", &text, &self.registry, &Options::default())?;
-        let store = Store::open(&self.folder)?;
+        let store = open()?;
         let options = RunOptions { no_rollup, ..RunOptions::default() };
         let summary = engine::run(&pipeline, &store, &options, &AtomicBool::new(false), &|_| {})?;
         drop(store);
         assert!(summary.failures.is_empty());
         Ok((start.elapsed().as_secs_f64(), summary))
+    }
+
+    /// Pushes the results, and tells what a second machine with an empty cache takes.
+    fn second_machine(&self, address: &Address) -> Result<(), Box<dyn Error>> {
+        const SHARED: &[&str] = &["action", "rollup", "shard"];
+        let store = Store::open(&self.folder)?;
+        let upstream = Upstream::create(address)?;
+        let start = Instant::now();
+        push(&store, &upstream, &all(&store, SHARED), &|_| true, false, &mut |_, _| {})?;
+        let traffic = upstream.traffic().unwrap_or_default();
+        println!(
+            "pushed in {:.1} s: {} requests, {} bytes",
+            start.elapsed().as_secs_f64(),
+            traffic.requests,
+            traffic.sent
+        );
+        for (what, changed, no_rollup) in [
+            ("second machine, by roll-ups", 0, false),
+            ("second machine, every key derived", 0, true),
+            ("second machine, one source item changed", self.items / 2, false),
+        ] {
+            let folder = tempfile::tempdir()?;
+            let (at, kept) = (address.clone(), folder.path().join("upstream"));
+            let opening = move || Ok(Upstream::open(&at)?.keeping(&kept));
+            let reader =
+                Arc::new(Reader::new(Box::new(opening), SHARED, |_| true, Box::new(|note| eprintln!("{note}"))));
+            let open = || -> Result<Store, Box<dyn Error>> {
+                let mut store = Store::open(folder.path())?;
+                store.look_beyond(reader.clone());
+                Ok(store)
+            };
+            let (seconds, summary) = self.run_in(&open, changed, no_rollup)?;
+            let ran: u64 = summary.nodes.iter().map(|n| n.ran).sum();
+            let traffic = reader.traffic().unwrap_or_default();
+            let (requests, bytes) = (traffic.requests, traffic.received);
+            println!("{what:<44} {seconds:>9.2} s, {ran} ran, {requests} requests, {bytes} bytes received");
+        }
+        Ok(())
     }
 
     /// Runs with each of these items changed (0 is none) and tells the median.
@@ -232,6 +286,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut args = std::env::args().skip(1).filter(|a| !a.starts_with("--"));
     let items = args.next().map_or(Ok(30_000), |a| a.parse())?;
     let own = tempfile::tempdir_in(args.next().map_or_else(std::env::temp_dir, PathBuf::from))?;
+    let upstream = args.next().map(|address| address.parse::<Address>()).transpose()?;
     let registry =
         Registry::new([Box::new(KindRow::<Source>::new()) as Box<dyn NodeKind>, Box::new(KindRow::<Copy>::new())]);
     large(&registry, own.path())?;
@@ -240,5 +295,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     bench.tell("nothing changed, by roll-ups", &[0; 5], false)?;
     bench.tell("nothing changed, every key derived", &[0; 5], true)?;
     bench.tell("one source item changed", &[2, 3, 5, 7, 11].map(|n| items / n), false)?;
+    if let Some(address) = &upstream {
+        bench.second_machine(address)?;
+    }
     Ok(())
 }

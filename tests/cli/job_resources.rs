@@ -123,6 +123,13 @@ pub(crate) fn are_asked_of_hyperqueue(hyperqueue: &Scheduler) {
     let told: Vec<String> = jobs.filter_map(|job| fs::read_to_string(job.path().join("options")).ok()).collect();
     let of_copies = "--cpus=2 --resource=mem=1000 --time-limit=300s --resource=gpus/nvidia=1";
     assert!(told.iter().any(|options| options == of_copies), "{told:?}");
+    let place = asking("{ cores: 2, memory: 1000MB }");
+    hyperqueue.run(&place, &["--job-option=--cpus=1", "--job-option=--resource=mem=7"]).ends(0);
+    let jobs = fs::read_dir(format!("{server}/jobs")).expect("there were jobs").flatten();
+    let told: Vec<String> = jobs.filter_map(|job| fs::read_to_string(job.path().join("options")).ok()).collect();
+    // An option is given once.
+    let of_copies = "--time-limit=3660s --cpus=1 --resource=mem=7";
+    assert!(told.iter().any(|options| options == of_copies), "{told:?}");
 }
 
 #[test]

@@ -59,7 +59,7 @@ fn batch() {
     println!(); // the test runner has begun a line
     let batch = BatchFile::read(Path::new(&batch)).expect("a batch");
     let store = Store::open(Path::new(&cache)).expect("a store");
-    batch::serve(batch, &store, &registry(), None).expect("it runs");
+    batch::serve(batch, &store, &registry(), batch::Telling::Parent).expect("it runs");
     drop(store);
     process::exit(0);
 }

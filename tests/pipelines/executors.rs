@@ -39,18 +39,18 @@ fn jobs_of_schedulers_make_the_outputs_of_the_quickstart() {
     let shared = Shared::of(Path::new(env!("CARGO_BIN_EXE_tauflow")), tmp, "tiny-quickstart");
     run(folder.path(), &shared.path().join("cache"), &["--update-lock"], &[]);
     drop(shared);
-    let jobs = |executor: &str, variables: &[(&str, String)]| {
-        // Other tests of this machine run beside it: two jobs at a time, and few of them.
-        let more = ["--locked", "--executor", executor, "--poll-every", "0.5s", "--batch", "20s"];
+    let jobs = |executor: &str, core: &str, variables: &[(&str, String)]| {
+        // Two jobs at a time on two cores, and few of them.
+        let more = ["--locked", "--executor", executor, "--poll-every", "0.5s", "--batch", "20s", core];
         let said = run(folder.path(), &folder.path().join(executor), &more, variables);
         assert!(said.contains(".lock agrees") && !said.contains("warning"), "{said}");
     };
     match Slurm::start() {
-        Some(slurm) => jobs("slurm", &slurm.variables()),
+        Some(slurm) => jobs("slurm", "--job-option=--cpus-per-task=1", &slurm.variables()),
         None => skip(Need::Slurm, "slurm-wlm and munge are not installed"),
     }
     match HyperQueue::start() {
-        Some(hyperqueue) => jobs("hyperqueue", &hyperqueue.variables()),
+        Some(hyperqueue) => jobs("hyperqueue", "--job-option=--cpus=1", &hyperqueue.variables()),
         None => skip(Need::HyperQueue, "TAUFLOW_HYPERQUEUE names no Python with the package hyperqueue"),
     }
 }

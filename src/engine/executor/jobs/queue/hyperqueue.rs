@@ -16,6 +16,11 @@ fn job(id: &str) -> &str {
     id.split_once('_').map_or(id, |(job, _)| job)
 }
 
+/// What an option sets: `--cpus`, or `--resource=mem`.
+fn name(option: &str) -> &str {
+    option.rsplit_once('=').map_or(option, |(name, _)| name)
+}
+
 /// Options of `hq submit` that ask for resources. Workers know their memory in megabytes.
 fn asked(of: Resources) -> Vec<String> {
     let options = [
@@ -33,7 +38,9 @@ impl Queue for HyperQueue {
         command.args(["submit", "--output-mode=quiet", "--name", of.name]);
         command.arg(format!("--array=0-{}", of.jobs.saturating_sub(1)));
         command.arg(format!("--stdout={}", of.folder.log_of("%{TASK_ID}").display())).arg("--stderr=none");
-        command.args(asked(of.resources)).args(&of.options);
+        // It takes an option once.
+        let is_given = |option: &&String| of.options.iter().any(|given| name(given) == name(option));
+        command.args(asked(of.resources).iter().filter(|option| !is_given(option))).args(&of.options);
         // It sets this variable, which enters the keys of programs.
         let threads = match std::env::var("OMP_NUM_THREADS") {
             Ok(threads) => format!("export OMP_NUM_THREADS={}", super::quoted(&threads)),
