@@ -9,6 +9,7 @@ pub use tauflow_eval::{
 pub use tauflow_render::{
     quality_gate::geometric_mean_luminance,
     render::{Goal, RenderStats, Rendered, Setup, Stage, render_image},
+    samples::{Sample, render_samples},
     until::Until,
 };
 pub use tauflow_scene_library::skies::sky;

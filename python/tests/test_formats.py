@@ -128,6 +128,48 @@ def test_parquet(tiny, tmp_path):
         assert row["hdr_psnr"] == expected["hdr_psnr"] and isinstance(row["nfe"], int)
 
 
+def decoded(color, exposure):
+    """Radiance of RGBE bytes, as noisebase decodes them."""
+    exponent = np.exp((color[3].astype(np.float64) + 1) / 256 * (exposure[1] - exposure[0]) + exposure[0])
+    return color[:3] / 255 * exponent
+
+
+def test_noisebase(tiny, tmp_path):
+    zarr = pytest.importorskip("zarr")
+    store = getattr(zarr, "ZipStore", None) or zarr.storage.ZipStore
+    export(tiny, tmp_path, "ladders", "--format", "noisebase", "--samples", 4)
+    ladders = tauflow.open(tiny.export("ladders", tmp_path / "folder"))
+    rows = (tmp_path / "scenes.csv").read_text().split()[1:]
+    assert len(rows) == len(ladders) > 0 and "samples: 4" in (tmp_path / "noisebase.yaml").read_text()
+    for row in rows:
+        name, key = row.split(",")
+        data = zarr.open_group(store=store(str(tmp_path / name), mode="r"), mode="r")
+        color = decoded(np.asarray(data["color"][0]), np.asarray(data["exposure"][0]))
+        height, width = color.shape[1:3]
+        # The mean of the samples is the rung; bytes have an error of a few steps.
+        rung = ladders[key].rung(4).data.transpose(2, 0, 1)
+        top = np.maximum(color.max(axis=(0, 3)), 1e-6)
+        assert np.abs(color.mean(axis=3) - rung).max() <= (top / 255 * 1.5).max()
+        reference = np.asarray(data["reference"][0])
+        assert np.array_equal(reference, ladders[key].rung(16).data.transpose(2, 0, 1))
+        # A position is seen in its own pixel.
+        position = np.asarray(data["position"][0]).astype(np.float64)
+        matrix = np.asarray(data["view_proj_mat"][0]).astype(np.float64)
+        seen = np.einsum("ij,ihws->jhws", matrix, np.concatenate([position, np.ones_like(position[:1])]))
+        x = (seen[0] / seen[3] + 1) * width / 2
+        y = (1 - seen[1] / seen[3]) * height / 2
+        assert np.all((x - np.arange(width)[None, :, None] > -0.1) & (x - np.arange(width)[None, :, None] < 1.1))
+        assert np.all((y - np.arange(height)[:, None, None] > -0.1) & (y - np.arange(height)[:, None, None] < 1.1))
+        length = np.linalg.norm(np.asarray(data["normal"][0]).astype(np.float64), axis=0)
+        assert np.all((length < 1e-3) | (np.abs(length - 1) < 2e-3))
+        assert np.asarray(data["crop_offset"]).shape == (1, 2) and not np.asarray(data["motion"]).any()
+
+
+def test_noisebase_needs_ladders(tiny, tmp_path):
+    with pytest.raises(AssertionError, match="renders the samples of ladders, and `packed` renders none"):
+        export(tiny, tmp_path, "packed", "--format", "noisebase")
+
+
 def test_one_item(tiny, packed, tmp_path):
     key = list(packed)[1]
     export(tiny, tmp_path / "one", "packed", "--item", key)

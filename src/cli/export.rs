@@ -2,6 +2,7 @@
 //! programs.
 
 mod formats;
+mod noisebase;
 mod parquet;
 
 use super::{
@@ -16,7 +17,8 @@ use crate::{
 };
 use clap::Args;
 use formats::{Format, Writer};
-use std::{path::PathBuf, sync::atomic::AtomicBool};
+use std::{collections::BTreeMap, path::PathBuf, sync::atomic::AtomicBool};
+use tauflow_cache::Store;
 use tauflow_contract::{
     Artifact, Collection, Context, ItemKey, KindError, Media as _, Radiance, Silent, WriteFiles as _,
 };
@@ -44,6 +46,9 @@ pub(crate) struct ExportArgs {
     /// Format of the files.
     #[arg(long, value_enum, default_value_t, value_name = "FORMAT")]
     format: Format,
+    /// Samples per pixel, with `--format noisebase`.
+    #[arg(long, default_value_t = 8, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=4096))]
+    samples: u64,
 }
 
 pub(crate) fn export(args: &ExportArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
@@ -65,8 +70,14 @@ pub(crate) fn export(args: &ExportArgs, registry: &Registry, cache: &CacheAt) ->
     };
     let mut out = DiskFolder::new(&args.out);
     folder::begin(&out).map_err(unwritten)?;
-    let mut restored = false;
     let node = &pipeline.nodes[asked.node];
+    if args.format == Format::Noisebase {
+        write_samples(args, &ctx, (&asked, &found), &store, &mut out)?;
+        eprintln!("{}", counted(found.iter().count() as u64, "item"));
+        outln!("{}", args.out.display());
+        return Ok(Exit::Done);
+    }
+    let mut restored = false;
     let items = loop {
         let written = match args.format {
             Format::Folder => write(&ctx, &found, &out, &radiance),
@@ -113,6 +124,38 @@ fn write(
         folder::export_item(ctx, key, artifact, &out).map_err(|error| (key.clone(), error))
     };
     collection.iter().map(item).collect()
+}
+
+/// Renders and writes the samples of every item.
+fn write_samples(
+    args: &ExportArgs,
+    ctx: &Context<'_>,
+    (asked, found): (&Selection<'_>, &Collection),
+    store: &Store,
+    out: &mut DiskFolder,
+) -> Result<(), CliError> {
+    let pipeline = asked.pipeline();
+    let origins = noisebase::origins(pipeline, asked).map_err(CliError::Bad)?;
+    let mut outputs: BTreeMap<&str, Collection> = BTreeMap::new();
+    for (name, _) in origins.iter().flat_map(|origin| &origin.scenes) {
+        if !outputs.contains_key(name.as_str()) {
+            outputs.insert(name, collection(&Selection::parse(name, pipeline)?, store)?);
+        }
+    }
+    let mut scenes = noisebase::Scenes::new(args.samples);
+    let mut put = |name: &str, bytes: &[u8]| out.put(name, bytes);
+    for (key, ladder) in found.iter() {
+        let own = key.split_cell().map_or_else(|| key.as_str(), |(_, own)| own);
+        let scene = origins.iter().filter(|origin| origin.has(key)).find_map(|origin| {
+            let keys =
+                origin.scenes.iter().flat_map(|(name, cell)| [(name, own.to_owned()), (name, format!("{cell}/{own}"))]);
+            keys.filter_map(|(name, key)| outputs[name.as_str()].get(&key)).next().map(|scene| (origin, scene))
+        });
+        let scene =
+            scene.ok_or_else(|| CliError::Bad(format!("`{key}`: its scene is not among those of the pipeline")))?;
+        scenes.add(ctx, (key, ladder), scene, &mut put).map_err(|error| unread(key.as_str(), error))?;
+    }
+    scenes.finish(&format!("{}, {}", pipeline.name, args.node), &mut put).map_err(unwritten)
 }
 
 /// Writes every item in a format of other programs; of the first that cannot be written, its key and why.

@@ -21,6 +21,7 @@ mod placement;
 pub mod quality_gate;
 pub mod render;
 pub mod rng;
+pub mod samples;
 pub mod scene_statistics;
 pub mod skips;
 mod sobol;

@@ -32,6 +32,8 @@ pub(crate) enum Format {
     Csv,
     /// `NODE.parquet`: the rows of `csv`, in typed columns.
     Parquet,
+    /// `scene0000.zip` and on, `noisebase.yaml`: single samples of ladders, rendered anew, as noisebase reads them.
+    Noisebase,
 }
 
 /// Bytes after which a new archive begins.
@@ -187,7 +189,7 @@ fn crc(bytes: &[u8]) -> u32 {
 }
 
 /// A ZIP archive of uncompressed files, all with the date 1980-01-01: equal files give equal bytes.
-fn zip(files: &[(String, Vec<u8>)]) -> Vec<u8> {
+pub(super) fn zip(files: &[(String, Vec<u8>)]) -> Vec<u8> {
     let (mut out, mut directory) = (Vec::new(), Vec::new());
     for (name, bytes) in files {
         let start = out.len() as u32;
@@ -274,7 +276,7 @@ impl Writer {
     ) -> Result<(), KindError> {
         let plain = Plain::of(ctx, key, artifact, radiance)?;
         match self.format {
-            Format::Folder => Err(KindError::Internal("folders are written elsewhere".into())),
+            Format::Folder | Format::Noisebase => Err(KindError::Internal("it is written elsewhere".into())),
             Format::Npz => {
                 let plain = plain.with_images()?;
                 let size: usize = plain.images.values().map(|image| image.data().len() * 4 + 256).sum();
