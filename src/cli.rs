@@ -8,6 +8,7 @@ mod alone;
 mod cache;
 mod checkpoints;
 mod config;
+mod denoise;
 mod descendants;
 mod exec;
 mod exec_args;
@@ -167,6 +168,8 @@ enum Command {
     Checkpoints(checkpoints::CheckpointsArgs),
     /// Render a scene.
     Render(Box<render::RenderArgs>),
+    /// Denoise rendered images with the bundled models.
+    Denoise(Box<denoise::DenoiseArgs>),
     /// Denoise a rendered image with a trained solver.
     Refine(refine::RefineArgs),
     /// Export a scene to other programs.
@@ -276,6 +279,7 @@ pub fn main() -> ExitCode {
         Command::Export(args) => export::export(&args, &registry, &cache),
         Command::View(args) => view::view(&args, &registry, &cache),
         Command::Checkpoints(args) => checkpoints::checkpoints(&args, &registry, &cache),
+        Command::Denoise(args) => denoise::denoise(&args),
         Command::Refine(args) => refine::refine(&args),
         Command::Render(args) => render::render(&args, &registry, &cache),
         Command::Scene(command) => scene::scene(&command, &registry, &cache),

@@ -2,6 +2,9 @@
 
 use crate::kinds::Registry;
 
+pub use tauflow_denoiser::{
+    Denoised, Denoiser as BundledDenoiser, Frame, Settings as DenoiseSettings, Weights as BundledWeights,
+};
 pub use tauflow_eval::{
     bootstrap::{Resampled, Table as Paired},
     bounded,
@@ -15,7 +18,7 @@ pub use tauflow_render::{
 pub use tauflow_scene_library::skies::sky;
 pub use tauflow_scene_readers::{LightUnit, Options, Setting, View, check_scene, environment_map, load_scene_in};
 pub use tauflow_train::{
-    Conditioning, Course, Denoiser, Mirrored, Model, NetworkCalls, NetworkDevice, Place, rollout_to,
+    Conditioning, Course, Denoiser, Mirrored, Model, NetworkCalls, NetworkDevice, Place, clean_estimate, rollout_to,
 };
 
 /// Every kind there is.
@@ -26,6 +29,7 @@ pub fn registry() -> Registry {
         tauflow_render::kinds(),
         tauflow_train::kinds(),
         tauflow_generative::kinds(),
+        tauflow_denoiser::kinds(),
         tauflow_denoise::kinds(),
         tauflow_eval::kinds(),
         tauflow_scorer::kinds(),

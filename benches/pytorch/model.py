@@ -35,6 +35,8 @@ def main():
     state = ((1 + image(3, 2001)) * (1 + image(3, 2001)) - 0.1).float().double()
     gbuffer = image(6, 2002).float().double()
     predictions = [solver.predict(state, gbuffer, tau).reshape(-1).tolist() for tau in TIMES]
+    if solver.info.get("unknown_counts"):
+        predictions.append(solver.predict(state, gbuffer, None).reshape(-1).tolist())
     print(json.dumps({"model": solver.info, "predictions": predictions}))
 
 

@@ -1,6 +1,6 @@
 """Our network and PyTorch's version of it, one after the other: a training step and a prediction; see README.md.
 
-python network.py [--presets tiny small base] [--threads 1 2] [--rounds 5] [--preload libjemalloc.so.2 ...]
+python network.py [--presets tiny small base fast best] [--threads 1 2] [--rounds 5] [--preload libjemalloc.so.2 ...]
 
 PyTorch runs in both of its memory layouts, by itself and with each allocator that is preloaded (our program has
 mimalloc). The fastest counts, round by round. It runs eagerly. Both sides do forward and backward pass, a clip of the
@@ -22,8 +22,8 @@ import sys
 import time
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-BATCH = {"tiny": 8, "small": 4, "base": 4}
-STEPS = {"tiny": 30, "small": 15, "base": 6}
+BATCH = {"tiny": 8, "small": 4, "base": 4, "fast": 8, "best": 4}
+STEPS = {"tiny": 30, "small": 15, "base": 6, "fast": 30, "best": 15}
 # The network itself is that of the package.
 sys.path.insert(0, str(ROOT / "python"))
 
@@ -32,7 +32,7 @@ def peer(preset, threads, layout):
     import torch
     from torch.utils.flop_counter import FlopCounterMode
 
-    from tauflow._network import CHANNELS, CLOCK, bases, network
+    from tauflow._network import CHANNELS, CLOCK, bases, network, sides
 
     torch.set_num_threads(threads)
     torch.manual_seed(1)
@@ -45,7 +45,7 @@ def peer(preset, threads, layout):
     def inputs(count, side):
         image = lambda channels: torch.randn(count, channels, side, side).to(memory_format=form)
         # Ours makes them in each step; PyTorch is given them.
-        ours = image(CHANNELS), torch.randn(count, CLOCK), bases(image(3))
+        ours = image(CHANNELS), torch.randn(count, CLOCK), bases(image(3), sides(preset))
         return *ours, image(3), image(3), torch.ones(count, 1, 1, 1)
 
     def step():

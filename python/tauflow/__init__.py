@@ -5,6 +5,7 @@
     results["test_ladders"]["L0-open-000003"].rung(16)
 """
 
+from ._denoise import denoise
 from ._errors import TauflowError
 from ._images import EXPOSED, RAW, Image
 from ._items import Item, Node
@@ -20,6 +21,7 @@ __all__ = [
     "RAW",
     "Results",
     "TauflowError",
+    "denoise",
     "open",
     "program",
     "read_channels",

@@ -6,21 +6,43 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
-PLANS = {"tiny": ([32, 64, 96], 1, 1, 64), "small": ([48, 96, 160], 1, 2, 128), "base": ([96, 192, 384], 2, 2, 256)}
-CHANNELS, CLOCK, SIDES = 15, 14, (5, 3, 3, 3)
-WEIGHTS = sum(side * side for side in SIDES)
-BLACK, FLOOR, STEEPEST, MULTIPLE = 0.02, 0.05, 16.0, 8
+PLANS = {
+    "tiny": ([32, 64, 96], 1, 1, 64),
+    "small": ([48, 96, 160], 1, 2, 128),
+    "base": ([96, 192, 384], 2, 2, 256),
+    "fast": ([32, 48, 64, 96], 1, 1, 64),
+    "best": ([40, 80, 96, 144], 1, 2, 64),
+}
+# Presets whose output at a pixel depends only on its surroundings.
+LOCAL = ("fast", "best")
+CHANNELS, CLOCK = 15, 14
+BLACK, FLOOR, STEEPEST = 0.02, 0.05, 16.0
+
+
+def sides(preset):
+    """Sides of the windows of weights, at blocks of 1, 2, 4 ... pixels."""
+    return (5, 3, 3, 3, 3) if preset in LOCAL else (5, 3, 3, 3)
+
+
+def numbers_of(preset, output):
+    """Numbers of the last layer for a pixel."""
+    return 3 if output == "values" else sum(side * side for side in sides(preset))
+
+
+def multiple(preset):
+    """Height and width of inputs are multiples of this."""
+    return 2 ** max(len(PLANS[preset][0]), len(sides(preset)) - 1)
 
 
 def network(preset, channels=CHANNELS, output="means", log=False):
     """The network of a preset; see docs/formats/model.md."""
     widths, blocks, convolutions, embedding = PLANS[preset]
-    numbers = 3 if output == "values" else WEIGHTS
+    numbers = numbers_of(preset, output)
 
     class Step(nn.Module):
         def __init__(self, channels, out=None):
             super().__init__()
-            self.norm = nn.GroupNorm(channels // 8, channels, affine=False)
+            self.norm = nn.Identity() if preset in LOCAL else nn.GroupNorm(channels // 8, channels, affine=False)
             self.time = nn.Linear(embedding, 2 * channels)
             self.conv = nn.Conv2d(channels, out or channels, 3, padding=1)
 
@@ -90,10 +112,10 @@ def network(preset, channels=CHANNELS, output="means", log=False):
     return Unet()
 
 
-def bases(light):
-    """What lies around each pixel of [N, 3, H, W] at each scale: [N, 3, WEIGHTS, H, W]."""
+def bases(light, sides=(5, 3, 3, 3)):
+    """What lies around each pixel of [N, 3, H, W] at each scale: [N, 3, weights, H, W]."""
     found = []
-    for scale, side in enumerate(SIDES):
+    for scale, side in enumerate(sides):
         small = F.avg_pool2d(light, 2**scale) if scale else light
         count, colours, height, width = small.shape
         padded = F.pad(small, (side // 2,) * 4, mode="replicate")
@@ -125,7 +147,7 @@ def shapes(preset, channels, output="means"):
         level(f"up.{i}", width)
     level("middle", widths[-1])
     found["last.time"] = (embedding, 2 * widths[0])
-    found["head"] = (9 * widths[0], 4 * (3 if output == "values" else WEIGHTS))
+    found["head"] = (9 * widths[0], 4 * numbers_of(preset, output))
     if output == "shaded_means":
         found["shade"] = (9 * widths[0], 4 * 3)
     return {f"{name}.{part}": shape if part == "kernel" else (1, shape[1])
@@ -213,6 +235,8 @@ def ladder(info, tau):
 
 
 def clock(info, tau):
+    if tau is None:
+        return torch.zeros(1, CLOCK, dtype=torch.float64)
     _, last, count = ladder(info, tau)
     angles = [math.pi * 2 ** (k / 2 - 1) * tau for k in range((CLOCK - 2) // 2)]
     waves = [wave(angle) for angle in angles for wave in (math.sin, math.cos)]
@@ -220,6 +244,8 @@ def clock(info, tau):
 
 
 def gain(info, tau):
+    if tau is None:
+        return -1.0
     first, last, count = ladder(info, tau)
     unit = first**-0.5 - last**-0.5
     return {
@@ -231,12 +257,16 @@ def gain(info, tau):
 
 
 def predict(info, net, state, gbuffer, tau):
-    """The prediction [H, W, 3] for a state [H, W, 3] and a G-buffer [H, W, 6], or None, in f64."""
+    """The prediction [H, W, 3] for a state [H, W, 3] and a G-buffer [H, W, 6], or None, in f64.
+
+    `tau` is None if the sample count is unknown.
+    """
     height, width, _ = state.shape
-    beyond = (0, -width % MULTIPLE, 0, -height % MULTIPLE)
+    whole = multiple(info["preset"])
+    beyond = (0, -width % whole, 0, -height % whole)
     plane = lambda x: F.pad(x.permute(2, 0, 1)[None], beyond, mode="replicate")
     state, gbuffer = plane(state), plane(gbuffer) if channels(info) == 15 else None
     shown, light, albedo = features(info, state, gbuffer)
     with torch.inference_mode():
-        found = net(shown, clock(info, tau), bases(light), albedo, state, gain(info, tau))
+        found = net(shown, clock(info, tau), bases(light, sides(info["preset"])), albedo, state, gain(info, tau))
     return found[0, :, :height, :width].permute(1, 2, 0)

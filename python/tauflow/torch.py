@@ -62,14 +62,19 @@ class Solver:
         """Samples per pixel of the ladder that it was trained on, increasing."""
         return list(self.info["counts"])
 
-    def predict(self, state, gbuffer, tau: float) -> torch.Tensor:
-        """The network's prediction [height, width, 3] for a state at variance time `tau`, both in the model's space."""
+    def predict(self, state, gbuffer, tau: Optional[float]) -> torch.Tensor:
+        """The network's prediction [height, width, 3] for a state at variance time `tau`, both in the model's space.
+
+        `tau` is None for unknown sample counts, which a solver that was trained with `unknown_counts` accepts.
+        """
+        if tau is None and not self.info.get("unknown_counts"):
+            raise TauflowError("the solver must be told the sample count; train it with `unknown_counts` above 0")
         return _network.predict(self.info, self.net, state, gbuffer, tau)
 
     def refine(
         self,
         image,
-        from_spp: int,
+        from_spp: Optional[int] = None,
         *,
         gbuffer=None,
         nfe: int = 1,
@@ -78,7 +83,9 @@ class Solver:
     ) -> np.ndarray:
         """Denoises linear radiance [height, width, 3] of `from_spp` samples per pixel, as `tauflow refine` does.
 
-        `gbuffer` [height, width, 6] is albedo, then normal; a solver that was trained with G-buffers needs it. `nfe`
+        Without `from_spp`, the sample count is unknown, and may differ from pixel to pixel: the result is the clean
+        estimate of one call. `gbuffer` [height, width, 6] is albedo, then normal; a solver that was trained with
+        G-buffers needs it. `nfe`
         is the number of network calls, `to_spp` the noise level of the result (default: that of the last rung).
         `exposure` is the factor for the network (default: 0.18 divided by the geometric mean luminance); the result
         has the original exposure. Raises TauflowError if these do not fit the solver.
@@ -92,7 +99,9 @@ class Solver:
                 raise TauflowError(f"the image has the shape {data.shape}, the G-buffer {tuple(gbuffer.shape)}")
         first, last = self.counts[0], self.counts[-1]
         end = last if to_spp is None else to_spp
-        if not (first <= from_spp < end <= last) or nfe < 1:
+        if from_spp is None and (nfe != 1 or to_spp is not None):
+            raise TauflowError("more than one call, or an end other than the last rung, needs `from_spp`")
+        if from_spp is not None and (not (first <= from_spp < end <= last) or nfe < 1):
             raise TauflowError(
                 f"a rollout from {from_spp} to {end} spp with {nfe} calls is impossible: the training ladder goes from "
                 f"{first} to {last} spp, and `nfe` counts from 1"
@@ -103,6 +112,10 @@ class Solver:
         exposed = torch.from_numpy((data.astype(np.float64) * factor).astype(np.float32).astype(np.float64))
         log = self.info["space"] == "log1p"
         state = _network.signed_log1p(exposed) if log else exposed
+        if from_spp is None:
+            state = _step(self.info["parameterization"], state, self.predict(state, gbuffer, None), 0.0, 1.0)
+            refined = _network.signed_expm1(state) if log else state
+            return (refined.numpy() / factor).astype(np.float32)
         times = [_tau(self.info, from_spp * (end / from_spp) ** (i / nfe)) for i in range(nfe)]
         times.append(1.0 if end == last else _tau(self.info, end))
         for tau, then in zip(times, times[1:]):

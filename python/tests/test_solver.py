@@ -34,6 +34,11 @@ nodes:
     matrix: { parameterization: [vanilla_rf, local_velocity, mc_velocity, mc_noise], conditioning: [rgb, gbuffer] }
     inputs: { train: packed, test: packed }
     params: { preset: tiny, steps: 2, batch: 2, crop: 16, space: log1p }
+  local:
+    kind: training
+    matrix: { conditioning: [rgb, gbuffer] }
+    inputs: { train: packed }
+    params: { preset: fast, steps: 2, batch: 2, crop: 16, space: log1p, output: shaded_means, unknown_counts: 0.5 }
 """
 
 
@@ -46,7 +51,7 @@ def place(tmp_path_factory):
         done = subprocess.run([tauflow.program(), *map(str, words)], cwd=folder, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
 
-    command("run", "learned.yaml", "--cache", "cache", "--target", "solvers")
+    command("run", "learned.yaml", "--cache", "cache", "--target", "solvers", "--target", "local")
     command("checkpoints", "learned.yaml", "--cache", "cache", "-o", "models")
     command("export", "learned.yaml", "packed", "--cache", "cache", "-o", "packed")
     return folder, command
@@ -74,6 +79,25 @@ def test_images_are_those_of_refine(place, parameterization, conditioning):
         assert np.abs(found - expected).max() <= 1e-4 * max(1.0, np.abs(expected).max())
 
 
+@pytest.mark.parametrize("conditioning", ["rgb", "gbuffer"])
+def test_unknown_counts_are_those_of_refine(place, conditioning):
+    folder, command = place
+    models = folder.glob("models/local*/**/model.safetensors")
+    model = next(path for path in models if f"conditioning={conditioning}" in str(path))
+    solver, item = tauflow.torch.load(model), next(iter(tauflow.open(folder / "packed").values()))
+    layers = item.gbuffer()
+    gbuffer = np.concatenate([layers["albedo"], layers["normal"]], axis=-1) if conditioning == "gbuffer" else None
+    image = item.rung(1)
+    words = ["--gbuffer", item.path("gbuffer.exr")] if gbuffer is not None else []
+    for told in [["--from-spp", 4], []]:
+        command("refine", model, image.path, "-o", "out.exr", *words, *told)
+        expected = tauflow.read_layers(str(folder / "out.exr"))[""]
+        found = solver.refine(image, *told[1:], gbuffer=gbuffer)
+        assert np.abs(found - expected).max() <= 1e-4 * max(1.0, np.abs(expected).max())
+    with pytest.raises(TauflowError, match="needs `from_spp`"):
+        solver.refine(image, gbuffer=gbuffer, nfe=2)
+
+
 def test_what_does_not_fit_is_told(place, tmp_path):
     folder, _ = place
     model = next(path for path in folder.glob("models/**/model.safetensors") if "conditioning=gbuffer" in str(path))
@@ -84,6 +108,8 @@ def test_what_does_not_fit_is_told(place, tmp_path):
     for words in [dict(from_spp=16), dict(from_spp=1, to_spp=17), dict(from_spp=1, nfe=0), dict(from_spp=0)]:
         with pytest.raises(TauflowError, match="from 1 to 16 spp"):
             solver.refine(image, gbuffer=features, **words)
+    with pytest.raises(TauflowError, match="must be told the sample count"):
+        solver.refine(image, gbuffer=features)
     with pytest.raises(TauflowError, match=r"it must be \[height, width, 3\]"):
         solver.refine(image[0], 1, gbuffer=features)
     with pytest.raises(TauflowError, match="not finite"):

@@ -6,8 +6,8 @@ use super::{
     seconds_text,
 };
 use crate::registry::{
-    Conditioning, Course, Denoiser, Mirrored, Model, NetworkCalls, NetworkDevice, Place, geometric_mean_luminance,
-    rollout_to,
+    Conditioning, Course, Denoiser, Mirrored, Model, NetworkCalls, NetworkDevice, Place, clean_estimate,
+    geometric_mean_luminance, rollout_to,
 };
 use clap::Args;
 use std::{collections::BTreeMap, path::PathBuf, time::Instant};
@@ -27,9 +27,10 @@ pub(crate) struct RefineArgs {
     model: PathBuf,
     /// Image to denoise: an EXR file of linear radiance. The layers `albedo` and `normal` are its G-buffer.
     image: PathBuf,
-    /// Samples per pixel of the image.
+    /// Samples per pixel of the image. Without it, the count is unknown and may differ from pixel to pixel: a solver
+    /// that was trained with `unknown_counts` denoises such images in one call.
     #[arg(long, value_name = "N")]
-    from_spp: u64,
+    from_spp: Option<u64>,
     /// Noise level of the result, in samples per pixel. Default: the last rung of the training ladders.
     #[arg(long, value_name = "N")]
     to_spp: Option<u64>,
@@ -102,18 +103,29 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     let start = Instant::now();
     let exposed = image.map(|v| (f64::from(v) * exposure) as f32);
     finite(&exposed, "the exposed image", "lower --exposure")?;
-    let course = Course { from: args.from_spp, steps: args.nfe as usize, grid: TimeGrid::Ladder };
     let to = args.to_spp.map_or(model.clock().n_max(), |n| n as f64);
     let model = Mirrored::new(&model, views);
-    let refined = rollout_to(&model, &exposed, gbuffer.as_ref(), course, to).map_err(told)?;
+    let refined = match args.from_spp {
+        Some(from) => {
+            let course = Course { from, steps: args.nfe as usize, grid: TimeGrid::Ladder };
+            rollout_to(&model, &exposed, gbuffer.as_ref(), course, to)
+        }
+        None if args.nfe > 1 || args.to_spp.is_some() => {
+            return Err(CliError::Bad(
+                "--nfe above 1 and --to-spp need the sample count of the image; give it with --from-spp".into(),
+            ));
+        }
+        None => clean_estimate(&model, &exposed, gbuffer.as_ref()),
+    };
+    let refined = refined.map_err(told)?;
     let seconds = start.elapsed().as_secs_f64();
     let png = args.out.extension().is_some_and(|e| e == "png");
     let refined = if png { refined } else { refined.map(|v| (f64::from(v) / exposure) as f32) };
     finite(&refined, "the refined image", "the solver cannot process this image; try a different --exposure or image")?;
     write_picture(&args.out, &refined)?;
+    let from = args.from_spp.map_or_else(|| "unknown".into(), |from| from.to_string());
     eprintln!(
-        "{} spp -> {to} spp in {} and {}, exposure {exposure:.4}",
-        args.from_spp,
+        "{from} spp -> {to} spp in {} and {}, exposure {exposure:.4}",
         super::counted(args.nfe, "network call"),
         seconds_text(seconds)
     );

@@ -8,7 +8,10 @@ use super::{
 };
 use crate::{
     kinds::Registry,
-    registry::{Goal, RenderStats, Rendered, Setup, Stage, Until, render_image},
+    registry::{
+        BundledDenoiser, BundledWeights, DenoiseSettings, Frame, Goal, RenderStats, Rendered, Setup, Stage, Until,
+        render_image,
+    },
 };
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -60,6 +63,10 @@ pub(crate) struct RenderArgs {
     /// Add the layer `variance`: the variance of single samples.
     #[arg(long)]
     variance: bool,
+    /// Denoise the image with the bundled model, as `tauflow denoise` does. An .exr keeps the noisy image as the layer
+    /// `noisy`.
+    #[arg(long)]
+    denoise: bool,
     /// Show the image in the viewer tev while it is rendered.
     #[arg(long, value_name = "HOST:PORT")]
     tev: Option<String>,
@@ -194,7 +201,7 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
         film: resolution,
         sampler: args.sampler(),
         integrator: args.integrator(),
-        gbuffer_samples: args.gbuffer.then_some(args.gbuffer_samples),
+        gbuffer_samples: (args.gbuffer || args.denoise).then_some(args.gbuffer_samples),
     };
     // An error of the viewer is not one of the scene.
     let mut failed = None;
@@ -217,7 +224,8 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
     .map_err(|error| failed.take().unwrap_or_else(|| told(error)))?;
     shown.bar.finish_and_clear();
     shown.show(&rendered.image)?;
-    write(args, &rendered)?;
+    let denoised = if args.denoise { Some(denoised(args, &rendered)?) } else { None };
+    write(args, &rendered, denoised)?;
     let (read, paths) = (ready.get() - begun, paths_end - ready.get());
     report(args, &rendered.stats, read.as_secs_f64(), paths.as_secs_f64());
     // A pipe or a device may be stdout itself, and gets the image alone.
@@ -227,14 +235,39 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
     Ok(Exit::Done)
 }
 
-fn write(args: &RenderArgs, rendered: &Rendered) -> Result<(), CliError> {
-    let image = rendered.image.map(|v| v * args.exposure);
-    if !(args.gbuffer || args.variance) {
-        return write_picture(&args.out, &image);
+/// The image denoised. Independent samples also tell their variance, from two on.
+fn denoised(args: &RenderArgs, rendered: &Rendered) -> Result<Image, CliError> {
+    let mut frame = Frame::new(rendered.image.clone()).map_err(told)?;
+    if let Some(GBuffer { albedo, normal }) = &rendered.gbuffer {
+        let gbuffer = albedo.beside(normal).map_err(|e| told(e.into()))?;
+        frame = frame.with_gbuffer(gbuffer).map_err(told)?;
+    }
+    let samples = rendered.stats.samples;
+    if samples > 1 && args.sampler() == SamplerKind::Independent {
+        frame = frame.with_variance(rendered.variance.map(|v| v / samples as f32)).map_err(told)?;
+    }
+    let denoiser = BundledDenoiser::built_in(BundledWeights::Best).map_err(told)?;
+    let settings = DenoiseSettings { spp: Some(samples), ..DenoiseSettings::default() };
+    let begun = Instant::now();
+    let denoised = denoiser.denoise(&frame, &settings, &mut |_, _| Ok(())).map_err(told)?;
+    let kept = denoised.kept.map(|share| format!(", {:.1}% of the noisy image kept", 100.0 * share));
+    eprintln!("denoised in {}{}", seconds_text(begun.elapsed().as_secs_f64()), kept.unwrap_or_default());
+    Ok(denoised.image)
+}
+
+fn write(args: &RenderArgs, rendered: &Rendered, denoised: Option<Image>) -> Result<(), CliError> {
+    let noisy = rendered.image.map(|v| v * args.exposure);
+    let image = denoised.map(|image| image.map(|v| v * args.exposure));
+    let png = args.out.extension().is_some_and(|e| e == "png");
+    if png || !(args.gbuffer || args.variance || args.denoise) {
+        return write_picture(&args.out, image.as_ref().unwrap_or(&noisy));
     }
     let variance = rendered.variance.map(|v| v * args.exposure * args.exposure);
-    let mut layers = vec![ExrLayer::colors("", &image)];
-    if let Some(GBuffer { albedo, normal }) = &rendered.gbuffer {
+    let mut layers = vec![ExrLayer::colors("", image.as_ref().unwrap_or(&noisy))];
+    if image.is_some() {
+        layers.push(ExrLayer::colors("noisy", &noisy));
+    }
+    if let Some(GBuffer { albedo, normal }) = rendered.gbuffer.as_ref().filter(|_| args.gbuffer) {
         layers.push(ExrLayer::colors(GBuffer::LAYERS[0], albedo));
         layers.push(ExrLayer { letters: &["X", "Y", "Z"], ..ExrLayer::colors(GBuffer::LAYERS[1], normal) });
     }

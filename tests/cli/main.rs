@@ -3,6 +3,7 @@
 mod adding_a_kind;
 mod alone;
 mod caches;
+mod denoising;
 mod errors;
 mod exports;
 mod foresight;

@@ -74,14 +74,31 @@ impl TensorFile {
     /// # Errors
     /// If a shape does not fit its data.
     pub fn to_bytes(&self) -> Result<Vec<u8>, DataError> {
+        self.written(Dtype::F32, |value| value.to_le_bytes())
+    }
+
+    /// The same with all values rounded to half precision, in half of the bytes.
+    ///
+    /// # Errors
+    /// If a shape does not fit its data, or a value exceeds half precision.
+    pub fn to_half_bytes(&self) -> Result<Vec<u8>, DataError> {
+        for (name, tensor) in &self.tensors {
+            if let Some(value) = tensor.data.iter().find(|value| !half::f16::from_f32(**value).is_finite()) {
+                return Err(DataError::Format(format!("{value} of tensor `{name}` exceeds half precision (65504)")));
+            }
+        }
+        self.written(Dtype::F16, |value| half::f16::from_f32(value).to_le_bytes())
+    }
+
+    fn written<const N: usize>(&self, dtype: Dtype, bytes: impl Fn(f32) -> [u8; N]) -> Result<Vec<u8>, DataError> {
         let raw: Vec<(&String, &Vec<usize>, Vec<u8>)> = self
             .tensors
             .iter()
-            .map(|(name, t)| (name, &t.shape, t.data.iter().flat_map(|v| v.to_le_bytes()).collect()))
+            .map(|(name, t)| (name, &t.shape, t.data.iter().flat_map(|v| bytes(*v)).collect()))
             .collect();
         let mut views = Vec::with_capacity(raw.len());
         for (name, shape, bytes) in &raw {
-            let view = TensorView::new(Dtype::F32, (*shape).clone(), bytes)
+            let view = TensorView::new(dtype, (*shape).clone(), bytes)
                 .map_err(|e| DataError::Format(format!("tensor `{name}`: {e}")))?;
             views.push(((*name).clone(), view));
         }
@@ -255,6 +272,11 @@ mod tests {
             let error = Image::from_bytes(&empty).expect_err("nothing in it").to_string();
             assert!(error.contains("holds nothing"), "{error}");
         }
+        let halves = TensorFile::from_bytes(&file.to_half_bytes().expect("small numbers")).expect("own bytes");
+        assert_eq!((&halves.metadata, &halves.tensors["b"].data), (&file.metadata, &vec![1.0, -2.0, 3.5, 0.0]));
+        assert_eq!(halves.to_half_bytes().expect("small numbers"), file.to_half_bytes().expect("small numbers"));
+        let large = TensorFile::default().with("large", &[1], vec![1e5]).to_half_bytes().expect_err("too large");
+        assert!(large.to_string().contains("`large`"), "{large}");
         let image = Image::from_data(2, 1, 3, vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0]).expect("fits");
         assert_eq!(Image::from_bytes(&image.to_bytes()).expect("own bytes"), image);
     }

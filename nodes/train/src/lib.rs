@@ -5,6 +5,7 @@ mod dataset_packing;
 mod device;
 mod mirrors;
 mod model;
+mod model_rounding;
 mod network;
 mod network_calls;
 mod parameterization;
@@ -18,10 +19,11 @@ pub use dataset_packing::{DatasetPacking, DatasetPackingParams};
 pub use device::{NetworkDevice, Place};
 pub use mirrors::Mirrored;
 pub use model::{Model, ModelInfo};
+pub use model_rounding::{ModelRounding, ModelRoundingParams};
 pub use network::{Loss, Preset};
 pub use network_calls::NetworkCalls;
 pub use refinement::{Refinement, RefinementParams};
-pub use rollout::{Course, Denoiser, bridge_stop, local_steps, rollout, rollout_to};
+pub use rollout::{Course, Denoiser, bridge_stop, clean_estimate, local_steps, rollout, rollout_to};
 pub use space::{Space, signed_log1p};
 pub use tauflow_data::methods::{Conditioning, Parameterization};
 pub use training::{Decay, Training, TrainingParams, timing};
@@ -34,6 +36,7 @@ pub fn kinds() -> Vec<Box<dyn NodeKind>> {
         Box::new(KindRow::<DatasetPacking>::new()),
         Box::new(KindRow::<Training>::new()),
         Box::new(KindRow::<Refinement>::new()),
+        Box::new(KindRow::<ModelRounding>::new()),
         Box::new(KindRow::<BridgeRefinement>::new()),
     ]
 }

@@ -31,7 +31,7 @@ impl Denoiser for Mirrored<'_> {
         self.model.clock()
     }
 
-    fn predict(&self, state: &Image, gbuffer: Option<&Image>, tau: f64) -> Result<Image, KindError> {
+    fn predict(&self, state: &Image, gbuffer: Option<&Image>, tau: Option<f64>) -> Result<Image, KindError> {
         let mut sum = self.model.predict(state, gbuffer, tau)?;
         for view in self.views.all().skip(1) {
             let gbuffer = gbuffer.map(|gbuffer| view.gbuffer(gbuffer)).transpose()?;
@@ -63,8 +63,9 @@ mod tests {
             counts: vec![1, 4, 16],
             steps: 1,
             output: Output::Means,
+            unknown_counts: false,
         };
-        let network = info.encoding().expect("a ladder").network(Preset::Tiny);
+        let network = info.encoding().expect("a ladder").network();
         let mut weights = network.slots().draw(3);
         for (i, matrix) in weights.0.iter_mut().enumerate() {
             let mut stream = Stream::new(5, &[i as u64]);
@@ -86,13 +87,13 @@ mod tests {
     #[test]
     fn one_view_is_the_model_and_all_of_them_do_not_know_left_from_right() {
         let (model, state, gbuffer) = (model(), image(3, 1), image(6, 2));
-        let alone = model.predict(&state, Some(&gbuffer), 0.3).expect("fits");
+        let alone = model.predict(&state, Some(&gbuffer), Some(0.3)).expect("fits");
         let every: Vec<View> = Views::try_from(8).expect("a number of views").all().collect();
         let of = |views: u64, view: usize| {
             let view = every[view];
             let (state, gbuffer) = (view.image(&state).expect("fits"), view.gbuffer(&gbuffer).expect("fits"));
             let mirrored = Mirrored::new(&model, Views::try_from(views).expect("a number of views"));
-            view.inverse().image(&mirrored.predict(&state, Some(&gbuffer), 0.3).expect("fits")).expect("fits")
+            view.inverse().image(&mirrored.predict(&state, Some(&gbuffer), Some(0.3)).expect("fits")).expect("fits")
         };
         assert_eq!(of(1, 0), alone);
         assert!(furthest(&of(1, 1), &alone) > 1e-3, "the network knows left from right");

@@ -40,6 +40,9 @@ pub struct ModelInfo {
     /// The type of its network's output.
     #[serde(default = "Output::unsaid", skip_serializing_if = "Output::is_unsaid")]
     pub output: Output,
+    /// Whether it also learned to denoise without being told the sample count.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub unknown_counts: bool,
 }
 
 impl ModelInfo {
@@ -60,6 +63,7 @@ impl ModelInfo {
             clock: VarianceTime::new(self.n_min(), self.n_max())?,
             gbuffer: self.conditioning == Conditioning::Gbuffer,
             output: self.output,
+            preset: self.preset,
         })
     }
 }
@@ -77,7 +81,7 @@ pub struct Model {
 impl Model {
     pub(crate) fn new(info: ModelInfo, weights: Weights, place: &Place) -> Result<Self, KindError> {
         let encoding = info.encoding()?;
-        let network = encoding.network(info.preset);
+        let network = encoding.network();
         let tensors = network.slots().tensors(&weights, place.device());
         Ok(Self { info, encoding, network, weights, tensors, place: place.clone() })
     }
@@ -109,7 +113,7 @@ impl Model {
         let file = TensorFile::from_bytes(bytes).map_err(|e| damaged(e.to_string()))?;
         let note = file.metadata.get("model").ok_or_else(|| damaged("the note `model` is missing".into()))?;
         let info: ModelInfo = serde_json::from_str(note).map_err(|e| damaged(format!("its note `model`: {e}")))?;
-        let weights = info.encoding()?.network(info.preset).slots().read(&file, "")?;
+        let weights = info.encoding()?.network().slots().read(&file, "")?;
         Self::new(info, weights, place)
     }
 
@@ -118,9 +122,20 @@ impl Model {
     /// # Errors
     /// If it cannot be written as safetensors.
     pub fn to_bytes(&self) -> Result<Vec<u8>, KindError> {
+        Ok(self.file().to_bytes()?)
+    }
+
+    /// The model as bytes, its weights rounded to half precision.
+    ///
+    /// # Errors
+    /// If a weight exceeds half precision.
+    pub fn to_half_bytes(&self) -> Result<Vec<u8>, KindError> {
+        Ok(self.file().to_half_bytes()?)
+    }
+
+    fn file(&self) -> TensorFile {
         let note = serde_json::to_string(&self.info).expect("plain data");
-        let file = self.network.slots().write(TensorFile::default().note("model", note), "", &self.weights);
-        Ok(file.to_bytes()?)
+        self.network.slots().write(TensorFile::default().note("model", note), "", &self.weights)
     }
 
     /// Its metadata.
@@ -128,24 +143,43 @@ impl Model {
         &self.info
     }
 
+    /// How far, in pixels, a prediction looks at most; none if it looks at the whole image.
+    pub fn reach(&self) -> Option<usize> {
+        self.encoding.reach(&self.network)
+    }
+
+    /// The predictions of two images agree where they show the same if their corners are this many pixels apart, or a
+    /// multiple of it.
+    pub fn multiple(&self) -> usize {
+        self.network.multiple()
+    }
+
     /// Number of weights.
     pub fn weights(&self) -> usize {
         self.network.slots().count()
     }
 
-    /// Predictions for a batch of states [H, W, 3] of one shape, each with its G-buffer and time.
+    /// Predictions for a batch of states [H, W, 3] of one shape, each with its G-buffer and its time, or none if the
+    /// sample count is unknown.
     ///
     /// # Errors
-    /// If shapes differ, or G-buffers are missing where the model needs them.
+    /// If shapes differ, G-buffers are missing where the model needs them, or it must be told the sample count.
     pub fn predict_batch(
         &self,
         states: &[&Image],
         gbuffers: &[Option<&Image>],
-        tau: &[f64],
+        tau: &[Option<f64>],
     ) -> Result<Vec<Image>, KindError> {
         let Some(first) = states.first() else { return Ok(Vec::new()) };
         if states.len() != gbuffers.len() || states.len() != tau.len() {
             return Err(KindError::Internal("a batch of states needs as many G-buffers and times".into()));
+        }
+        if tau.contains(&None) && !self.info.unknown_counts {
+            return Err(KindError::Input(
+                "the model must be told the sample count of its input; train with `unknown_counts` above 0, or give \
+                the count"
+                    .into(),
+            ));
         }
         let (width, height) = (first.width(), first.height());
         let multiple = self.network.multiple();
@@ -197,7 +231,7 @@ impl Denoiser for Model {
         self.encoding.clock
     }
 
-    fn predict(&self, state: &Image, gbuffer: Option<&Image>, tau: f64) -> Result<Image, KindError> {
+    fn predict(&self, state: &Image, gbuffer: Option<&Image>, tau: Option<f64>) -> Result<Image, KindError> {
         let mut images = self.predict_batch(&[state], &[gbuffer], &[tau])?;
         images.pop().ok_or_else(|| KindError::Internal("the network gave no image".into()))
     }
@@ -239,19 +273,25 @@ mod tests {
             counts: vec![1, 4, 16],
             steps: 1,
             output,
+            unknown_counts: false,
         };
         for output in [Output::Means, Output::ShadedMeans, Output::Values] {
-            let weights = info(output).encoding().expect("a ladder").network(Preset::Tiny).slots().draw(3);
+            let weights = info(output).encoding().expect("a ladder").network().slots().draw(3);
             let model = Model::new(info(output), weights, &Place::cpu()).expect("fits");
             let bytes = model.to_bytes().expect("plain numbers");
             let text = String::from_utf8_lossy(&bytes[..2048]).into_owned();
             assert_eq!(text.contains("output"), output != Output::Means, "{output:?}");
+            let halves = model.to_half_bytes().expect("small weights");
+            let rounded = Model::load(&halves).expect("sound");
+            assert!(halves.len() < bytes.len() * 11 / 20 && rounded.to_half_bytes().expect("small weights") == halves);
             let read = Model::load_to(&bytes, &Place::cpu()).expect("sound");
             assert_eq!(read.info(), model.info());
             // Weights that are zero at first: means of pixels for two of them, no noise at all for the third.
             let state = Image::from_data(8, 8, 3, (0..192).map(|i| (i % 7) as f32 / 7.0).collect()).expect("fits");
-            let predicted = read.predict(&state, Some(&Image::new(8, 8, 6)), 0.0).expect("fits");
+            let predicted = read.predict(&state, Some(&Image::new(8, 8, 6)), Some(0.0)).expect("fits");
             assert_eq!(predicted.data().iter().all(|v| *v == 0.0), output == Output::Values, "{output:?}");
+            let untold = read.predict(&state, Some(&Image::new(8, 8, 6)), None).expect_err("it did not learn that");
+            assert!(untold.to_string().contains("unknown_counts"), "{untold}");
         }
     }
 }

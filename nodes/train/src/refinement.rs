@@ -5,7 +5,7 @@ use crate::{
     mirrors::Mirrored,
     model::Model,
     network_calls::NetworkCalls,
-    rollout::{Course, Denoiser, rollout},
+    rollout::{Course, Denoiser, clean_estimate, rollout},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -29,6 +29,7 @@ const LATER: &[Later] = &[
     Later { pointer: "/method", before: Before::Null },
     Later { pointer: "/mirrors", before: Before::Integer(1) },
     Later { pointer: "/blank", before: Before::Text("none") },
+    Later { pointer: "/unknown_count", before: Before::Flag(false) },
     device::ON_THE_CPU,
 ];
 
@@ -87,6 +88,9 @@ pub struct RefinementParams {
     pub mirrors: Views,
     /// Channels of the G-buffer that are set to 0, to measure how much the solver uses them.
     pub blank: Blank,
+    /// Do not tell the model the sample count of the endpoint. Requires `nfe: [1]` and a model that was trained with
+    /// `unknown_counts`.
+    pub unknown_count: bool,
     /// Device of the network; the outputs of a GPU depend on the machine.
     pub device: NetworkDevice,
     /// Number of measurements by `timing` per number of calls.
@@ -103,6 +107,7 @@ impl Default for RefinementParams {
             grid: TimeGrid::Ladder,
             mirrors: Views::ONE,
             blank: Blank::None,
+            unknown_count: false,
             device: NetworkDevice::Cpu,
             repeats: 3,
         }
@@ -113,6 +118,20 @@ impl RefinementParams {
     /// What the method is called in tables.
     fn method(&self, parameterization: Parameterization) -> String {
         self.method.as_ref().map_or(parameterization.name(), MethodName::as_str).to_owned()
+    }
+
+    /// The endpoint refined by `nfe` calls.
+    fn refined(
+        &self,
+        model: &dyn Denoiser,
+        endpoint: &Image,
+        gbuffer: Option<&Image>,
+        nfe: u64,
+    ) -> Result<Image, KindError> {
+        if self.unknown_count {
+            return clean_estimate(model, endpoint, gbuffer);
+        }
+        rollout(model, endpoint, gbuffer, Course { from: self.from, steps: nfe as usize, grid: self.grid })
     }
 }
 
@@ -191,7 +210,12 @@ impl Kind for Refinement {
     }
 
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
-        params.device.problems()
+        let mut problems = params.device.problems();
+        if params.unknown_count && params.nfe.counts() != [1] {
+            let message = "more than one network call needs the sample count of the endpoint";
+            problems.push(ParamProblem::new("/unknown_count", message, "set `nfe: [1]`"));
+        }
+        problems
     }
 
     fn environment(params: &Self::Params, group: &str, _probe: &dyn Probe) -> Option<Value> {
@@ -213,8 +237,7 @@ impl Kind for Refinement {
         let counts = action.params.nfe.counts();
         for (done, nfe) in counts.iter().enumerate() {
             ctx.check_cancelled()?;
-            let course = Course { from: action.params.from, steps: *nfe as usize, grid: action.params.grid };
-            let image = rollout(&model, endpoint, gbuffer, course)?;
+            let image = action.params.refined(&model, endpoint, gbuffer, *nfe)?;
             let said = RefinedImage {
                 method: action.params.method(model.parameterization()),
                 from_spp: action.params.from,
@@ -236,8 +259,7 @@ fn timed(
     gbuffer: Option<&Image>,
     params: &RefinementParams,
 ) -> Result<Timing, KindError> {
-    let course = |nfe: u64| Course { from: params.from, steps: nfe as usize, grid: params.grid };
-    rollout(model, endpoint, gbuffer, course(1))?;
+    params.refined(model, endpoint, gbuffer, 1)?;
     let entry = |nfe: &u64| TimedImage {
         method: params.method(model.parameterization()),
         from_spp: params.from,
@@ -248,8 +270,8 @@ fn timed(
     for done in 0..params.repeats {
         for entry in &mut entries {
             ctx.check_cancelled()?;
-            let course = course(entry.nfe);
-            entry.took.add(|| rollout(model, endpoint, gbuffer, course))?;
+            let nfe = entry.nfe;
+            entry.took.add(|| params.refined(model, endpoint, gbuffer, nfe))?;
         }
         ctx.progress(done + 1, params.repeats, "rounds");
     }
@@ -329,7 +351,11 @@ mod tests {
     fn params_that_cannot_be_are_problems_at_their_place() {
         let row = KindRow::<Refinement>::new();
         assert!(row.resolve(&json!({ "nfe": [1, 10_000], "mirrors": 8 })).is_ok());
-        for (params, pointer) in [(json!({ "nfe": [2, 2] }), "/nfe"), (json!({ "mirrors": 3 }), "/mirrors")] {
+        for (params, pointer) in [
+            (json!({ "nfe": [2, 2] }), "/nfe"),
+            (json!({ "mirrors": 3 }), "/mirrors"),
+            (json!({ "nfe": [1, 2], "unknown_count": true }), "/unknown_count"),
+        ] {
             assert_eq!(row.resolve(&params).expect_err("wrong")[0].pointer, pointer, "{params}");
         }
     }

@@ -19,12 +19,12 @@ pub trait Denoiser {
     /// The clock of the ladder that it learned on.
     fn clock(&self) -> VarianceTime;
 
-    /// The prediction for a state [H, W, 3] in its space, at variance time `tau`, with albedo and normal [H, W, 6] if
-    /// it was trained with them.
+    /// The prediction for a state [H, W, 3] in its space, at variance time `tau`, or of an unknown sample count, with
+    /// albedo and normal [H, W, 6] if it was trained with them.
     ///
     /// # Errors
-    /// If shapes do not fit what it was trained for.
-    fn predict(&self, state: &Image, gbuffer: Option<&Image>, tau: f64) -> Result<Image, KindError>;
+    /// If shapes do not fit what it was trained for, or it must be told the time.
+    fn predict(&self, state: &Image, gbuffer: Option<&Image>, tau: Option<f64>) -> Result<Image, KindError>;
 }
 
 /// Where a rollout starts and how it goes.
@@ -87,10 +87,32 @@ pub fn rollout_to(
     let times = clock.grid_to(from, to, course.steps, course.grid);
     let mut state = encode(model, endpoint)?;
     for pair in times.windows(2) {
-        let prediction = model.predict(&state, gbuffer, pair[0])?;
+        let prediction = model.predict(&state, gbuffer, Some(pair[0]))?;
         state = model.parameterization().step(&state, &prediction, pair[0], pair[1]);
     }
     decode(model, state, endpoint)
+}
+
+/// The clean estimate for exposed linear radiance [H, W, 3] of an unknown sample count, which may differ from pixel to
+/// pixel; one network call.
+///
+/// # Errors
+/// If the model has no such estimate, was not trained for unknown counts, or refuses the shapes.
+pub fn clean_estimate(model: &dyn Denoiser, image: &Image, gbuffer: Option<&Image>) -> Result<Image, KindError> {
+    readable(image, gbuffer)?;
+    let state = encode(model, image)?;
+    let prediction = model.predict(&state, gbuffer, None)?;
+    // Any time does: the estimate of MC noise does not depend on it.
+    match model.parameterization() {
+        parameterization @ Parameterization::McNoise => {
+            let clean = parameterization.clean(&state, &prediction, 0.0);
+            decode(model, clean.ok_or_else(|| KindError::Internal("MC noise has a clean estimate".into()))?, image)
+        }
+        other => Err(KindError::Input(format!(
+            "images of unknown sample counts need a model of `mc_noise`, but this one is of `{}`",
+            other.name()
+        ))),
+    }
 }
 
 /// One stop of the bridge: from endpoint I_k part of the way to the clean estimate, to where variance time puts I_m.
@@ -109,7 +131,7 @@ pub fn bridge_stop(
     let (tau, next) = span(model, from, to)?;
     readable(endpoint, gbuffer)?;
     let state = encode(model, endpoint)?;
-    let prediction = model.predict(&state, gbuffer, tau)?;
+    let prediction = model.predict(&state, gbuffer, Some(tau))?;
     let Some(clean) = model.parameterization().clean(&state, &prediction, tau) else {
         return Err(KindError::Input(format!(
             "a bridge stop needs an estimate of the clean image, which `{}` does not provide; use `mc_noise` or \
@@ -140,7 +162,7 @@ pub fn local_steps(
     let mut state = encode(model, endpoint)?;
     for n in from..to {
         let (tau, next) = span(model, n, n + 1)?;
-        let prediction = model.predict(&state, gbuffer, tau)?;
+        let prediction = model.predict(&state, gbuffer, Some(tau))?;
         state = model.parameterization().step(&state, &prediction, tau, next);
     }
     decode(model, state, endpoint)
@@ -227,11 +249,11 @@ mod tests {
             VarianceTime::new(1, 512).expect("a ladder")
         }
 
-        fn predict(&self, state: &Image, _: Option<&Image>, tau: f64) -> Result<Image, KindError> {
+        fn predict(&self, state: &Image, _: Option<&Image>, tau: Option<f64>) -> Result<Image, KindError> {
             self.calls.set(self.calls.get() + 1);
             Ok(state.map(|x| match self.kind {
                 Parameterization::McNoise => x - self.clean,
-                Parameterization::McVelocity => (self.clean - x) / (1.0 - tau) as f32,
+                Parameterization::McVelocity => (self.clean - x) / (1.0 - tau.expect("told")) as f32,
                 // The straight line from noisy to clean has this velocity everywhere.
                 Parameterization::LocalVelocity | Parameterization::VanillaRf => self.clean - self.noisy,
             }))
@@ -257,6 +279,16 @@ mod tests {
                     }
                 }
             }
+        }
+    }
+
+    #[test]
+    fn an_oracle_of_noise_need_not_know_how_much_there_is() {
+        for space in [Space::Linear, Space::Log1p] {
+            let clean = clean_estimate(&Oracle::new(Parameterization::McNoise, space), &noisy(), None).expect("one");
+            assert!(clean.data().iter().all(|v| (v - 2.0).abs() < 2e-4), "{space:?}");
+            let velocity = Oracle::new(Parameterization::LocalVelocity, space);
+            assert!(clean_estimate(&velocity, &noisy(), None).expect_err("none").to_string().contains("mc_noise"));
         }
     }
 

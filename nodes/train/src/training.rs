@@ -165,9 +165,10 @@ impl OneTraining<'_> {
             counts: train.counts.clone(),
             steps: params.steps,
             output: params.output,
+            unknown_counts: params.unknown_counts != 0.0,
         };
         let (encoding, rates) = (info.encoding()?, self.rates());
-        let mut trainer = Trainer::new(encoding, params.preset, rates, params.loss, self.seed, &self.place);
+        let mut trainer = Trainer::new(encoding, rates, params.loss, self.seed, &self.place);
         let checkpoints = self.checkpoints(&info);
         let mut curve = checkpoints.latest(ctx, &mut trainer, params.steps).unwrap_or_default();
         let seconds = self.steps(&info, &mut trainer, &mut curve, &checkpoints, (&train, test.as_ref()), share)?;
@@ -253,6 +254,7 @@ impl OneTraining<'_> {
             exposure_jitter: p.exposure_jitter,
             permute_colours: p.permute_colours,
             rung_exponent: p.rung_exponent,
+            unknown_counts: p.unknown_counts,
         };
         let score = |trainer: &Trainer| -> Result<Option<Score>, KindError> {
             let Some(set) = test else { return Ok(None) };

@@ -48,9 +48,10 @@ fn matrices(info: &Value) -> BTreeMap<String, Vec<usize>> {
     let text = |name: &str| info[name].as_str().unwrap_or("means");
     let presets = table("preset");
     let preset = presets.iter().find(|row| row[0] == text("preset")).expect("a preset of the page");
-    let [widths, plan] = [&preset[1..4], &preset[4..]]
-        .map(|cells| cells.iter().map(|cell| cell.parse().expect("a number")).collect::<Vec<usize>>());
+    let numbers = |cell: &String| cell.split(", ").map(|n| n.parse().expect("a number")).collect::<Vec<usize>>();
+    let (widths, plan) = (numbers(&preset[1]), preset[2..5].iter().flat_map(numbers).collect::<Vec<_>>());
     let [blocks, convolutions, embedding] = plan[..] else { panic!("{preset:?}") };
+    let weights: usize = numbers(&preset[5]).into_iter().map(|side| side * side).sum();
     let value = |symbol: &str, level: usize| match symbol {
         "C" => {
             if text("conditioning") == "gbuffer" {
@@ -63,12 +64,13 @@ fn matrices(info: &Value) -> BTreeMap<String, Vec<usize>> {
             if text("output") == "values" {
                 3
             } else {
-                52
+                weights
             }
         }
         "E" => embedding,
         "Wi" => widths[level],
         "Wj" => widths[level + 1],
+        "Wm" => widths[widths.len() - 1],
         _ => match symbol.strip_prefix('W') {
             Some(level) => widths[level.parse::<usize>().expect("a resolution")],
             None => symbol.parse().expect("a number"),
@@ -76,7 +78,7 @@ fn matrices(info: &Value) -> BTreeMap<String, Vec<usize>> {
     };
     let mut found = BTreeMap::new();
     for row in table("layer").iter().filter(|row| row[0] != "shade" || text("output") == "shaded_means") {
-        let places: BTreeSet<(usize, usize, usize)> = (0..2 * blocks * convolutions)
+        let places: BTreeSet<(usize, usize, usize)> = (0..(widths.len() - 1) * blocks * convolutions)
             .map(|n| (n / (blocks * convolutions), n / convolutions % blocks, n % convolutions))
             .collect();
         for (level, block, step) in places {
@@ -106,7 +108,7 @@ fn checked(bytes: &[u8]) -> (TensorFile, Value) {
     assert_eq!(file.metadata.keys().collect::<Vec<_>>(), ["model"]);
     let info: Value = serde_json::from_str(&file.metadata["model"]).expect("JSON");
     let fields = table("field").into_iter().flat_map(|row| row[0].split(", ").map(str::to_owned).collect::<Vec<_>>());
-    let optional = |name: &String| name == "output" && info.get(name).is_none();
+    let optional = |name: &String| ["output", "unknown_counts"].contains(&name.as_str()) && info.get(name).is_none();
     let found: BTreeSet<String> = info.as_object().expect("fields").keys().cloned().collect();
     assert_eq!(found, fields.filter(|name| !optional(name)).collect());
     assert_ne!(info.get("output"), Some(&json!("means")), "it is absent then");
@@ -193,7 +195,13 @@ fn predictions(bytes: &[u8]) -> Vec<Vec<f32>> {
     let light = made_up(3 * WIDTH * HEIGHT, 2001).into_iter().map(|v| (1.0 + v) * (1.0 + v) - 0.1);
     let state = image(3, light.collect());
     let gbuffer = image(6, made_up(6 * WIDTH * HEIGHT, 2002));
-    TIMES.map(|tau| model.predict(&state, Some(&gbuffer), tau).expect("fits").data().to_vec()).to_vec()
+    let predict = |tau| model.predict(&state, Some(&gbuffer), tau).expect("fits").data().to_vec();
+    times(model.info().unknown_counts).map(predict).collect()
+}
+
+/// The times that are predicted at; none for an unknown count.
+fn times(unknown_counts: bool) -> impl Iterator<Item = Option<f64>> {
+    TIMES.map(Some).into_iter().chain(unknown_counts.then_some(None))
 }
 
 fn folder(name: &str) -> PathBuf {
@@ -228,12 +236,12 @@ fn compare_with(name: &str, bytes: &[u8], file: &[u8]) {
     assert_eq!(theirs["model"], checked(bytes).1);
     let theirs: Vec<Vec<f64>> = serde_json::from_value(theirs["predictions"].clone()).expect("numbers");
     assert_eq!(theirs.len(), ours.len());
-    for ((ours, theirs), tau) in ours.iter().zip(&theirs).zip(TIMES) {
+    for ((ours, theirs), tau) in ours.iter().zip(&theirs).zip(times(true)) {
         assert_eq!(ours.len(), theirs.len());
         let largest = theirs.iter().fold(0.0f64, |most, v| most.max(v.abs()));
         let apart = ours.iter().zip(theirs).fold(0.0f64, |most, (a, b)| most.max((f64::from(*a) - b).abs()));
-        println!("{name}, tau {tau}: {apart:.1e} apart, the largest prediction {largest:.3}");
-        assert!(largest > 0.01 && apart < 1e-5 * largest, "{name}, tau {tau}: {apart} of {largest}");
+        println!("{name}, tau {tau:?}: {apart:.1e} apart, the largest prediction {largest:.3}");
+        assert!(largest > 0.01 && apart < 1e-5 * largest, "{name}, tau {tau:?}: {apart} of {largest}");
     }
 }
 
@@ -246,13 +254,18 @@ fn model_files_are_what_the_manual_says_and_pytorch_predicts_the_same() {
             "shaded",
             json!({ "conditioning": "gbuffer", "output": "shaded_means", "parameterization": "local_velocity" }),
         ),
+        (
+            "local",
+            json!({ "conditioning": "gbuffer", "output": "shaded_means", "space": "log1p", "preset": "fast",
+                "parameterization": "mc_noise", "unknown_counts": 0.5 }),
+        ),
         ("values", json!({ "output": "values", "parameterization": "vanilla_rf" })),
     ];
     for (name, params) in cases {
         let (bytes, checkpoint) = trained(params.clone());
         let (file, info) = checked(&bytes);
         for (param, value) in params.as_object().expect("fields") {
-            assert_eq!(&info[param], value);
+            assert_eq!(info[param], if param == "unknown_counts" { json!(true) } else { value.clone() });
         }
         assert_eq!((&info["counts"], &info["steps"]), (&json!(COUNTS), &json!(6)));
         compare(&format!("{name}-trained"), &bytes);
@@ -264,7 +277,7 @@ fn model_files_are_what_the_manual_says_and_pytorch_predicts_the_same() {
 #[test]
 fn files_made_by_the_manual_alone_are_read() {
     let names = |kind: &str| table(kind).into_iter().map(|row| row[0].clone()).collect::<Vec<_>>();
-    for (preset, conditioning) in names("preset").iter().zip(["rgb", "gbuffer", "gbuffer"]) {
+    for (preset, conditioning) in names("preset").iter().zip(["rgb", "gbuffer", "gbuffer", "rgb", "gbuffer"]) {
         let info = json!({ "parameterization": "vanilla_rf", "conditioning": conditioning, "preset": preset,
             "space": "linear", "counts": [2, 32], "steps": 1 });
         // Fields are written in an order of their own.

@@ -40,6 +40,8 @@ pub struct NormSilu {
     pub pixels: usize,
     /// C, a multiple of [`GROUP`].
     pub channels: usize,
+    /// Whether values are normalised; otherwise they are only modulated, and a pixel depends on no other pixel.
+    pub normalise: bool,
 }
 
 /// Pixels whose values are summed in f32.
@@ -79,6 +81,9 @@ impl NormSilu {
     }
 
     fn moments(&self, x: &[f32]) -> Moments {
+        if !self.normalise {
+            return Moments { mean: vec![0.0; self.channels], inverse: vec![1.0; self.channels] };
+        }
         let mean: Vec<f32> = self.means(x, |_, v| v).map(|v| v as f32).collect();
         let variances = self.means(x, |c, v| (v - mean[c]) * (v - mean[c]));
         let inverse = variances.map(|v| (1.0 / (v + EPSILON).sqrt()) as f32).collect();
@@ -202,7 +207,7 @@ impl NormSilu {
         // of x = scale d - slope (x - mean) - offset.
         let count = (self.pixels * GROUP) as f64;
         let (mut slope, mut offset) = (vec![0.0f32; c], vec![0.0f32; c]);
-        for group in (0..c).step_by(GROUP) {
+        for group in (0..c).step_by(GROUP).take_while(|_| self.normalise) {
             let channels = group..group + GROUP;
             let w = channels.clone().map(|i| with[i] * f64::from(affine.scale[i])).sum::<f64>() / count;
             let m = channels.clone().map(|i| alone[i] * f64::from(1.0 + image.modulation[i])).sum::<f64>() / count;
@@ -335,8 +340,11 @@ mod tests {
             for group in 0..c / GROUP {
                 let inside = |i: &usize| i % c / GROUP == group;
                 let count = (norm.pixels * GROUP) as f64;
-                let mean = (0..size).filter(inside).map(|i| x[i]).sum::<f64>() / count;
-                let variance = (0..size).filter(inside).map(|i| (x[i] - mean).powi(2)).sum::<f64>() / count;
+                let mut mean = (0..size).filter(inside).map(|i| x[i]).sum::<f64>() / count;
+                let mut variance = (0..size).filter(inside).map(|i| (x[i] - mean).powi(2)).sum::<f64>() / count;
+                if !norm.normalise {
+                    (mean, variance) = (0.0, 1.0 - EPSILON);
+                }
                 for i in (0..size).filter(inside) {
                     let modulation = &modulation[image * 2 * c..(image + 1) * 2 * c];
                     let u =
@@ -350,8 +358,10 @@ mod tests {
 
     #[test]
     fn normalisation_and_its_gradients_are_what_they_say_over_runs_and_bands() {
-        for (images, pixels, channels) in [(1, 700, 24), (2, 1100, 16), (1, 513, 40), (2, 65, 8)] {
-            let norm = NormSilu { pixels, channels };
+        for (images, pixels, channels, normalise) in
+            [(1, 700, 24, true), (2, 1100, 16, true), (1, 513, 40, true), (2, 65, 8, true), (2, 700, 24, false)]
+        {
+            let norm = NormSilu { pixels, channels, normalise };
             let (x, modulation) = (numbers(1, images * pixels * channels), numbers(2, images * 2 * channels));
             let gradient = numbers(3, x.len());
             let (out, moments) = norm.forward([&x, &modulation]);
@@ -379,7 +389,7 @@ mod tests {
     #[test]
     fn sizes_that_do_not_fit_are_refused() {
         let refused = |pixels, channels, x: usize, modulation: usize| {
-            let norm = NormSilu { pixels, channels };
+            let norm = NormSilu { pixels, channels, normalise: true };
             let (x, modulation) = (vec![1.0; x], vec![1.0; modulation]);
             std::panic::catch_unwind(move || _ = norm.forward([&x, &modulation])).is_err()
         };
@@ -393,7 +403,7 @@ mod tests {
 
     #[test]
     fn bits_do_not_depend_on_the_number_of_threads() {
-        let norm = NormSilu { pixels: 1300, channels: 48 };
+        let norm = NormSilu { pixels: 1300, channels: 48, normalise: true };
         let (x, modulation) = (numbers(1, 3 * 1300 * 48), numbers(2, 3 * 96));
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");

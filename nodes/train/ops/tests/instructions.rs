@@ -38,7 +38,7 @@ fn both<const N: usize>(operator: &impl Operator<N>, inputs: [&[f32]; N]) -> u64
 /// all.
 fn found() -> Vec<(&'static str, u64)> {
     let instructions = Instructions::best();
-    let (x, norm) = (numbers(1, 2 * 1300 * 48), NormSilu { pixels: 1300, channels: 48 });
+    let (x, norm) = (numbers(1, 2 * 1300 * 48), NormSilu { pixels: 1300, channels: 48, normalise: true });
     let pyramid = Arc::new(Pyramid::new(&numbers(3, 2 * 40 * 24 * 3), 40, 24, &[5, 3, 3, 3]));
     let logits = numbers(4, 2 * 40 * 24 * pyramid.weights());
     let conv = Conv3 { height: 18, width: 21, inputs: 24, outputs: 40, instructions };

@@ -1,8 +1,8 @@
 //! The input features of the network, and the units of its output.
 
 use super::{
-    head::{Answer, Head, Output, SIDES},
-    unet::{Inputs, Unet},
+    head::{Answer, Head, Output},
+    unet::{Inputs, Preset, Unet},
 };
 use crate::space::{Space, signed_log1p};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -32,8 +32,8 @@ pub(crate) struct Sample<'a> {
     pub(crate) state: &'a [f32],
     /// [H, W, 6], for solvers that see G-buffers.
     pub(crate) gbuffer: Option<&'a [f32]>,
-    /// Variance time.
-    pub(crate) tau: f64,
+    /// Variance time; none if the network is not told.
+    pub(crate) tau: Option<f64>,
 }
 
 /// How states become inputs: fixed by how a solver was trained.
@@ -44,6 +44,7 @@ pub(crate) struct Encoding {
     pub(crate) clock: VarianceTime,
     pub(crate) gbuffer: bool,
     pub(crate) output: Output,
+    pub(crate) preset: Preset,
 }
 
 impl Encoding {
@@ -93,7 +94,7 @@ impl Encoding {
         }
         let shape = [samples.len(), height, width, channels];
         let head = (self.output != Output::Values).then(|| Head {
-            light: Arc::new(Pyramid::new(&lights, height, width, &SIDES)),
+            light: Arc::new(Pyramid::new(&lights, height, width, self.preset.sides())),
             answer: Answer {
                 albedo: self.gbuffer.then(|| Arc::new(albedos)),
                 state: Arc::new(samples.iter().flat_map(|sample| sample.state.iter().copied()).collect()),
@@ -108,9 +109,17 @@ impl Encoding {
         }
     }
 
+    /// How far, in pixels, predictions of a network look at most; none if it looks at the whole image.
+    pub(crate) fn reach(&self, network: &Unet) -> Option<usize> {
+        // Features look at means over windows of means over windows. Each scale of the head's windows looks at half a
+        // side of blocks, and at the block that the pixel is in.
+        let windows = (0..).zip(self.preset.sides()).map(|(scale, side)| (side / 2 + 1) << scale).max().unwrap_or(0);
+        Some((network.reach()? + 2 * REACH).max(windows))
+    }
+
     /// The network for such inputs.
-    pub(crate) fn network(&self, preset: super::unet::Preset) -> Unet {
-        Unet::new(preset, self.channels(), CLOCK, self.output)
+    pub(crate) fn network(&self) -> Unet {
+        Unet::new(self.preset, self.channels(), CLOCK, self.output)
     }
 
     /// The target as a fraction of the way from the state to the converged image: a known factor, which the network
@@ -120,8 +129,9 @@ impl Encoding {
     /// own. Velocities divide that by the time it takes: a local one by that of a small step, so that to the next rung
     /// of a dyadic ladder, whose secant is 0.85 of it, the network weighs the pixel itself in. At the end of the ladder
     /// the time vanishes with the way, and what is left is finite. Interpolants of rectified flow have 1 - t of their
-    /// way before them, whatever it is worth.
-    fn gain(&self, tau: f64) -> f64 {
+    /// way before them, whatever it is worth. If the sample count is unknown, the whole way is left.
+    fn gain(&self, tau: Option<f64>) -> f64 {
+        let Some(tau) = tau else { return -1.0 };
         let (count, last) = (self.clock.count(tau), self.clock.n_max());
         // d tau/dn = 1/(2 unit n^(3/2)), and 1 - tau = (1/sqrt n - 1/sqrt n_max)/unit.
         let unit = 1.0 / self.clock.n_min().sqrt() - 1.0 / last.sqrt();
@@ -133,9 +143,11 @@ impl Encoding {
         }
     }
 
-    /// Smooth functions of tau. Training sees few times, rollouts many: high frequencies would not carry over.
-    fn time(&self, tau: f64) -> [f32; CLOCK] {
+    /// Smooth functions of tau. Training sees few times, rollouts many: high frequencies would not carry over. All are
+    /// 0, which no time is, if the network is not told.
+    fn time(&self, tau: Option<f64>) -> [f32; CLOCK] {
         let mut out = [0.0; CLOCK];
+        let Some(tau) = tau else { return out };
         out[0] = tau as f32;
         out[1] = (maths::log(self.clock.count(tau.clamp(0.0, 1.0))) / maths::log(self.clock.n_max())) as f32;
         for i in 0..(CLOCK - 2) / 2 {
@@ -219,7 +231,8 @@ mod tests {
     fn gains_are_those_of_the_law() {
         let clock = VarianceTime::new(1, 256).expect("a ladder");
         let gain = |parameterization, tau| {
-            Encoding { parameterization, space: Space::Linear, clock, gbuffer: false, output: Output::Means }.gain(tau)
+            let (space, output, preset) = (Space::Linear, Output::Means, Preset::Tiny);
+            Encoding { parameterization, space, clock, gbuffer: false, output, preset }.gain(Some(tau))
         };
         let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-6 * b.abs().max(1.0), "{a} {b}");
         for n in [1.0f64, 4.0, 100.0, 255.0] {
@@ -241,16 +254,20 @@ mod tests {
     fn equal_weights_give_the_mean_of_the_window_times_the_albedo() {
         let clock = VarianceTime::new(1, 256).expect("a ladder");
         let device = Device::flex();
-        for space in [Space::Linear, Space::Log1p] {
+        for (space, preset, tau) in [
+            (Space::Linear, Preset::Tiny, Some(0.0)),
+            (Space::Log1p, Preset::Tiny, Some(0.0)),
+            (Space::Log1p, Preset::Fast, None),
+        ] {
             let (parameterization, output) = (Parameterization::McNoise, Output::Means);
-            let encoding = Encoding { parameterization, space, clock, gbuffer: true, output };
-            let network = encoding.network(super::super::unet::Preset::Tiny);
+            let encoding = Encoding { parameterization, space, clock, gbuffer: true, output, preset };
+            let network = encoding.network();
             // Light of 3 on albedos that change from pixel to pixel.
             let albedo = |i: usize| (i % 5) as f32 / 5.0;
             let state: Vec<f32> = (0..16 * 16 * 3).map(|i| space.encode(3.0 * (albedo(i / 3) + BLACK))).collect();
             let gbuffer: Vec<f32> =
                 (0..16 * 16).flat_map(|i| [albedo(i), albedo(i), albedo(i), 0.0, 0.0, 1.0]).collect();
-            let sample = Sample { state: &state, gbuffer: Some(&gbuffer), tau: 0.0 };
+            let sample = Sample { state: &state, gbuffer: Some(&gbuffer), tau };
             let inputs = encoding.inputs(&device, &[sample], 16, 16);
             assert_eq!(inputs.features.dims(), [1, 16, 16, encoding.channels()]);
             let weights = network.slots().draw(1);

@@ -95,6 +95,7 @@ fn gradients_of_convolutions() {
 fn gradients_of_normalisation() {
     let inputs = [(numbers(1, 2 * 4 * 5 * 16), vec![2, 4, 5, 16]), (numbers(2, 2 * 32), vec![2, 32])];
     check(&inputs, |t| layers::norm_silu(t[0].clone(), flat(&t[1])));
+    check(&inputs, |t| layers::modulated_silu(t[0].clone(), flat(&t[1])));
     check(&inputs[..1], |t| layers::silu(t[0].clone()));
 }
 
@@ -152,19 +153,21 @@ fn gradients_of_head_and_loss() {
 #[test]
 fn gradients_of_the_whole_network() {
     for output in [Output::Means, Output::ShadedMeans, Output::Values] {
-        gradients_of_the_network(output);
+        gradients_of_the_network(output, Preset::Tiny, Some(0.3));
     }
+    gradients_of_the_network(Output::ShadedMeans, Preset::Fast, Some(0.3));
 }
 
-fn gradients_of_the_network(output: Output) {
+fn gradients_of_the_network(output: Output, preset: Preset, tau: Option<f64>) {
     let encoding = features::Encoding {
         parameterization: Parameterization::McNoise,
         space: Space::Linear,
         clock: VarianceTime::new(1, 16).expect("a ladder"),
         gbuffer: true,
         output,
+        preset,
     };
-    let network: Unet = encoding.network(Preset::Tiny);
+    let network: Unet = encoding.network();
     let state: Vec<f32> = numbers(1, 16 * 16 * 3).iter().map(|v| 3.0 * v.abs()).collect();
     let gbuffer = numbers(2, 16 * 16 * 6);
     let mut weights = network.slots().draw(3);
@@ -177,7 +180,7 @@ fn gradients_of_the_network(output: Output) {
     let target = Arc::new(numbers(4, 16 * 16 * 3));
     let loss = |weights: &tauflow_tensors::Weights, device: &Device| {
         let tensors = network.slots().tensors(weights, device);
-        let sample = features::Sample { state: &state, gbuffer: Some(&gbuffer), tau: 0.3 };
+        let sample = features::Sample { state: &state, gbuffer: Some(&gbuffer), tau };
         let inputs = encoding.inputs(device, &[sample], 16, 16);
         (head::mean_loss(network.forward(&tensors, inputs), target.clone(), target.len(), Loss::Squared), tensors)
     };

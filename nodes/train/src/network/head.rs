@@ -36,26 +36,14 @@ impl Output {
         *self == Self::unsaid()
     }
 
-    /// Numbers of the last layer for a pixel.
-    pub(crate) fn numbers(self) -> usize {
+    /// Numbers of the last layer for a pixel, of windows of weights with these sides.
+    pub(crate) fn numbers(self, sides: &[usize]) -> usize {
         match self {
-            Self::Means | Self::ShadedMeans => WEIGHTS,
+            Self::Means | Self::ShadedMeans => sides.iter().map(|side| side * side).sum(),
             Self::Values => 3,
         }
     }
 }
-
-/// Sides of the windows of weights, from full resolution down.
-pub(crate) const SIDES: [usize; 4] = [5, 3, 3, 3];
-/// Numbers of the last layer for a pixel.
-pub(crate) const WEIGHTS: usize = {
-    let (mut sum, mut i) = (0, 0);
-    while i < SIDES.len() {
-        sum += SIDES[i] * SIDES[i];
-        i += 1;
-    }
-    sum
-};
 
 /// Pixels that a thread does at least.
 const PIXELS: usize = 1024;
@@ -70,10 +58,10 @@ pub(crate) struct Head {
 }
 
 impl Head {
-    /// The prediction [N, H, W, 3] of numbers [N, H, W, [`WEIGHTS`]], and of shades [N, H, W, 3] if there are any.
+    /// The prediction [N, H, W, 3] of numbers [N, H, W, weights], and of shades [N, H, W, 3] if there are any.
     pub(crate) fn expand(self, numbers: Tensor<4>, shades: Option<Tensor<4>>) -> Tensor<4> {
         let [images, height, width, channels] = numbers.dims();
-        assert_eq!(channels, WEIGHTS, "a number for each place of the windows");
+        assert_eq!(channels, self.light.weights(), "a number for each place of the windows");
         let shape = [images, height, width, 3];
         let mut mean = apply(WeightedMean(self.light), [numbers.into()], shape);
         if let Some(shades) = shades {

@@ -3,8 +3,8 @@
 
 use super::{
     features::CLOCK,
-    head::{Answer, Head, Output, SIDES},
-    unet::{Inputs, Preset, Unet},
+    head::{Answer, Head, Output},
+    unet::{Inputs, Preset, SIDES, Unet},
 };
 use burn::tensor::{Device, Tensor, TensorData};
 use serde::Deserialize;
@@ -55,7 +55,7 @@ fn outputs_and_gradients_are_pytorchs() {
         features: Tensor::from_data(TensorData::new(image(CHANNELS, 1001), [1, SIDE, SIDE, CHANNELS]), &device),
         clock: Tensor::from_data(TensorData::new(made_up(CLOCK, 1002), [1, CLOCK]), &device),
         head: Some(Head {
-            light: Arc::new(Pyramid::new(&image(3, 1003), SIDE, SIDE, &SIDES)),
+            light: Arc::new(Pyramid::new(&image(3, 1003), SIDE, SIDE, SIDES)),
             answer: Answer {
                 albedo: Some(Arc::new(image(3, 1004))),
                 state: Arc::new(image(3, 1007)),

@@ -3,13 +3,13 @@
 //! The image is first folded, [H, W, C] to [H/2, W/2, 4 C], which loses nothing and makes every layer four times
 //! cheaper than at full resolution; the last layer unfolds again.
 
-use super::head::{Head, Output, SIDES};
+use super::head::{Head, Output};
 use burn::tensor::Tensor;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_tensors::{
     Slots, Start,
-    layers::{conv3, fold, linear, norm_silu, silu, unfold},
+    layers::{conv3, fold, linear, modulated_silu, norm_silu, silu, unfold},
 };
 
 /// Size of the network.
@@ -23,32 +23,55 @@ pub enum Preset {
     Small,
     /// About 12 million weights.
     Base,
+    /// About 0.4 million weights, local: for images of any size, and for speed.
+    Fast,
+    /// About 1.35 million weights, local: for images of any size.
+    Best,
 }
 
+/// Sides of the windows of weights, from full resolution down: at blocks of 1, 2, 4 and 8 pixels.
+pub(crate) const SIDES: &[usize] = &[5, 3, 3, 3];
+
+/// The same with blocks of 16 pixels.
+const LARGER_SIDES: &[usize] = &[5, 3, 3, 3, 3];
+
 impl Preset {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Tiny, Self::Small, Self::Base, Self::Fast, Self::Best];
+
     /// Its name in pipelines.
     pub fn name(self) -> &'static str {
         match self {
             Self::Tiny => "tiny",
             Self::Small => "small",
             Self::Base => "base",
+            Self::Fast => "fast",
+            Self::Best => "best",
         }
     }
 
     /// Bytes of memory that a training takes for each pixel of a batch, at most.
     pub(crate) fn bytes_per_pixel(self) -> u64 {
         match self {
-            Self::Tiny => 8 << 10,
-            Self::Small => 16 << 10,
+            Self::Tiny | Self::Fast => 8 << 10,
+            Self::Small | Self::Best => 16 << 10,
             Self::Base => 64 << 10,
         }
     }
 
+    /// Sides of the windows of weights around a pixel, from full resolution down: those at level i are of blocks of
+    /// 2^i pixels.
+    pub(crate) fn sides(self) -> &'static [usize] {
+        self.plan().sides
+    }
+
     fn plan(self) -> Plan {
         match self {
-            Self::Tiny => Plan { widths: &[32, 64, 96], blocks: 1, convolutions: 1, embedding: 64 },
-            Self::Small => Plan { widths: &[48, 96, 160], blocks: 1, convolutions: 2, embedding: 128 },
-            Self::Base => Plan { widths: &[96, 192, 384], blocks: 2, convolutions: 2, embedding: 256 },
+            Self::Tiny => Plan::normalised(&[32, 64, 96], 1, 1, 64),
+            Self::Small => Plan::normalised(&[48, 96, 160], 1, 2, 128),
+            Self::Base => Plan::normalised(&[96, 192, 384], 2, 2, 256),
+            Self::Fast => Plan::local(&[32, 48, 64, 96], 1, 64),
+            Self::Best => Plan::local(&[40, 80, 96, 144], 2, 64),
         }
     }
 }
@@ -62,6 +85,21 @@ struct Plan {
     convolutions: usize,
     /// Channels of the time embedding.
     embedding: usize,
+    /// Sides of the windows of weights.
+    sides: &'static [usize],
+    /// Whether values are normalised over the image.
+    normalise: bool,
+}
+
+impl Plan {
+    fn normalised(widths: &'static [usize], blocks: usize, convolutions: usize, embedding: usize) -> Self {
+        Self { widths, blocks, convolutions, embedding, sides: SIDES, normalise: true }
+    }
+
+    /// A pixel of the output depends only on pixels around it: nothing changes with the size of the image.
+    fn local(widths: &'static [usize], convolutions: usize, embedding: usize) -> Self {
+        Self { widths, blocks: 1, convolutions, embedding, sides: LARGER_SIDES, normalise: false }
+    }
 }
 
 /// The input of the network.
@@ -86,6 +124,8 @@ pub(crate) struct Unet {
     last: Layer,
     head: Layer,
     shade: Option<Layer>,
+    normalise: bool,
+    multiple: usize,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -133,10 +173,12 @@ impl Unet {
         }
         let last = build.modulation("last", plan.widths[0]);
         // Every place weighs the same at first, or nothing is predicted.
-        let head = build.conv("head", plan.widths[0], 4 * output.numbers(), Start::Zero);
+        let head = build.conv("head", plan.widths[0], 4 * output.numbers(plan.sides), Start::Zero);
         let shaded = output == Output::ShadedMeans;
         let shade = shaded.then(|| build.conv("shade", plan.widths[0], 4 * 3, Start::Zero));
-        Self { slots: build.slots, time, stem, down, middle, up, last, head, shade }
+        let multiple = (2 << down.len()).max(1 << (plan.sides.len() - 1));
+        let normalise = plan.normalise;
+        Self { slots: build.slots, time, stem, down, middle, up, last, head, shade, normalise, multiple }
     }
 
     /// Its weights.
@@ -146,12 +188,27 @@ impl Unet {
 
     /// Height and width must be multiples of this.
     pub(crate) fn multiple(&self) -> usize {
-        (2 << self.down.len()).max(1 << (SIDES.len() - 1))
+        self.multiple
+    }
+
+    /// How far, in pixels, the output looks at most; none if it looks at the whole image.
+    pub(crate) fn reach(&self) -> Option<usize> {
+        if self.normalise {
+            return None;
+        }
+        let convolutions = |blocks: &[Block]| blocks.iter().map(|Block(steps)| steps.len()).sum::<usize>();
+        // A pixel of level i is 2^(i + 1) pixels wide, and what looks at one looks at all of it.
+        let levels = (1..).zip(self.down.iter().zip(self.up.iter().rev()));
+        let levels =
+            levels.map(|(i, (down, up))| (convolutions(&down.blocks) + convolutions(&up.blocks)) * (1 << i) + (2 << i));
+        // The stem, the head, and the block that they are folded to.
+        let ends = 2 * 2 + 2;
+        Some(ends + levels.sum::<usize>() + (convolutions(&self.middle) << (self.down.len() + 1)))
     }
 
     /// The prediction, [N, H, W, 3].
     pub(crate) fn forward(&self, weights: &[Tensor<2>], inputs: Inputs) -> Tensor<4> {
-        let run = Run { weights };
+        let run = Run { weights, normalise: self.normalise };
         let time = silu(run.linear(self.time[0], inputs.clock));
         let time = silu(run.linear(self.time[1], time));
         let mut x = run.conv(self.stem, fold(inputs.features));
@@ -169,7 +226,7 @@ impl Unet {
             }
             x = run.blocks(&level.blocks, x, &time);
         }
-        let x = norm_silu(x, run.linear(self.last, time));
+        let x = run.activated(x, self.last, &time);
         let shades = self.shade.map(|shade| unfold(run.conv(shade, x.clone())));
         let numbers = unfold(run.conv(self.head, x));
         match inputs.head {
@@ -214,6 +271,7 @@ impl Builder {
 
 struct Run<'a> {
     weights: &'a [Tensor<2>],
+    normalise: bool,
 }
 
 impl Run<'_> {
@@ -225,11 +283,16 @@ impl Run<'_> {
         conv3(x, self.weights[layer.kernel].clone(), self.weights[layer.bias].clone())
     }
 
+    fn activated(&self, x: Tensor<4>, modulation: Layer, time: &Tensor<2>) -> Tensor<4> {
+        let modulation = self.linear(modulation, time.clone());
+        if self.normalise { norm_silu(x, modulation) } else { modulated_silu(x, modulation) }
+    }
+
     fn blocks(&self, blocks: &[Block], mut x: Tensor<4>, time: &Tensor<2>) -> Tensor<4> {
         for Block(steps) in blocks {
-            let branch = steps.iter().fold(x.clone(), |h, (modulation, conv)| {
-                self.conv(*conv, norm_silu(h, self.linear(*modulation, time.clone())))
-            });
+            let branch = steps
+                .iter()
+                .fold(x.clone(), |h, (modulation, conv)| self.conv(*conv, self.activated(h, *modulation, time)));
             x = x + branch;
         }
         x
@@ -243,10 +306,12 @@ mod tests {
     #[test]
     fn presets_have_the_sizes_that_they_say() {
         let count = |preset| Unet::new(preset, 15, 14, Output::Means).slots().count();
-        let sizes = [count(Preset::Tiny), count(Preset::Small), count(Preset::Base)];
+        let sizes = Preset::ALL.map(count);
         assert!((350_000..450_000).contains(&sizes[0]), "{sizes:?}");
         assert!((1_000_000..2_000_000).contains(&sizes[1]), "{sizes:?}");
         assert!((10_000_000..15_000_000).contains(&sizes[2]), "{sizes:?}");
+        assert!((350_000..450_000).contains(&sizes[3]), "{sizes:?}");
+        assert!((1_200_000..1_500_000).contains(&sizes[4]), "{sizes:?}");
     }
 
     #[test]

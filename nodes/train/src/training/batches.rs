@@ -22,7 +22,7 @@ pub(crate) struct DataSet {
 pub(crate) struct Batch {
     states: Vec<Vec<f32>>,
     gbuffers: Vec<Option<Vec<f32>>>,
-    tau: Vec<f64>,
+    tau: Vec<Option<f64>>,
     /// [N, H, W, 3].
     pub(crate) targets: Arc<Vec<f32>>,
     /// Height and width.
@@ -45,6 +45,8 @@ struct Pick {
     scale: f32,
     /// Which of the six orders of the colours.
     colours: usize,
+    /// Whether the network is told the sample count.
+    told: bool,
 }
 
 /// Test scenes whose gain is watched during training.
@@ -177,6 +179,7 @@ impl DataSet {
     /// The batch of a training step.
     pub(crate) fn draw(&self, encoding: &Encoding, draw: &Draw, step: u64) -> Batch {
         let mut stream = Stream::new(draw.seed, &[step]).part("batch");
+        let mut untold = Stream::new(draw.seed, &[step]).part("unknown counts");
         let shares = draw.shares(&self.counts[..self.counts.len() - 1]);
         let picks: Vec<Pick> = (0..draw.batch)
             .map(|_| {
@@ -199,6 +202,7 @@ impl DataSet {
                     turn: stream.below(8),
                     scale: maths::exp2(draw.exposure_jitter * (2.0 * stream.uniform() - 1.0)) as f32,
                     colours: if draw.permute_colours { stream.below(COLOURS.len()) } else { 0 },
+                    told: untold.uniform() >= draw.unknown_counts,
                 }
             })
             .collect();
@@ -221,7 +225,7 @@ impl DataSet {
                 let t = (rung as f64 + shift) / rungs as f64;
                 let (width, height) = size(&self.scenes[scene]);
                 let (left, top) = (middle(width), middle(height));
-                Pick { scene, target: scene, rung, t, left, top, turn: 0, scale: 1.0, colours: 0 }
+                Pick { scene, target: scene, rung, t, left, top, turn: 0, scale: 1.0, colours: 0, told: true }
             })
             .collect();
         let batches: Vec<Vec<Pick>> = picks.chunks(batch).map(<[Pick]>::to_vec).collect();
@@ -237,7 +241,8 @@ impl DataSet {
             targets.extend(target);
             batch.states.push(state);
             batch.gbuffers.push(gbuffer);
-            batch.tau.push(encoding.parameterization.time(&encoding.clock, &self.counts, pick.rung, pick.t));
+            let tau = encoding.parameterization.time(&encoding.clock, &self.counts, pick.rung, pick.t);
+            batch.tau.push(pick.told.then_some(tau));
         }
         batch.targets = Arc::new(targets);
         batch
@@ -287,6 +292,8 @@ pub(crate) struct Draw {
     pub(crate) permute_colours: bool,
     /// Rungs of n samples are drawn in proportion to n to minus this.
     pub(crate) rung_exponent: f64,
+    /// Share of the examples for which the network is not told the sample count.
+    pub(crate) unknown_counts: f64,
 }
 
 impl Draw {
@@ -299,6 +306,7 @@ impl Draw {
         exposure_jitter: 0.0,
         permute_colours: false,
         rung_exponent: 0.0,
+        unknown_counts: 0.0,
     };
 
     /// Running sums of what rungs with these sample counts are drawn in proportion to; none if all are alike.

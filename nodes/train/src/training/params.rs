@@ -64,6 +64,10 @@ pub struct TrainingParams {
     pub rung_exponent: f64,
     /// Output of the network.
     pub output: Output,
+    /// Share of the examples for which the network is not told the sample count, so that it also denoises images of
+    /// unknown or uneven counts.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub unknown_counts: f64,
     /// Steps between points of the loss curve.
     #[schemars(range(min = 1))]
     pub test_every: u64,
@@ -97,6 +101,7 @@ impl Default for TrainingParams {
             permute_colours: false,
             rung_exponent: 0.0,
             output: Output::default(),
+            unknown_counts: 0.0,
             test_every: 250,
             checkpoint_every: 500,
             device: NetworkDevice::Cpu,
@@ -108,6 +113,7 @@ impl Default for TrainingParams {
 pub(super) const LATER: &[Later] = &[
     Later { pointer: "/rung_exponent", before: Before::Number(0.0) },
     Later { pointer: "/output", before: Before::Text("means") },
+    Later { pointer: "/unknown_counts", before: Before::Number(0.0) },
     ON_THE_CPU,
 ];
 
@@ -124,14 +130,22 @@ fn shares(_: &mut SchemaGenerator) -> Schema {
 impl TrainingParams {
     /// Checks beyond the schema: incompatible params.
     pub(super) fn problems(&self) -> Vec<ParamProblem> {
-        if self.rung_exponent == 0.0 || self.parameterization != Parameterization::VanillaRf {
-            return Vec::new();
+        let mut problems = Vec::new();
+        if self.rung_exponent != 0.0 && self.parameterization == Parameterization::VanillaRf {
+            problems.push(ParamProblem::new(
+                "/rung_exponent",
+                "`vanilla_rf` uses only the first and the last rung, so no rungs are sampled",
+                "leave it at 0",
+            ));
         }
-        vec![ParamProblem::new(
-            "/rung_exponent",
-            "`vanilla_rf` uses only the first and the last rung, so no rungs are sampled",
-            "leave it at 0",
-        )]
+        if self.unknown_counts != 0.0 && self.parameterization != Parameterization::McNoise {
+            problems.push(ParamProblem::new(
+                "/unknown_counts",
+                "only the target of `mc_noise` does not depend on the sample count",
+                "leave it at 0, or use `mc_noise`",
+            ));
+        }
+        problems
     }
 }
 
@@ -159,6 +173,8 @@ mod tests {
             ("exposure_jitter/maximum", 8.0),
             ("rung_exponent/minimum", 0.0),
             ("rung_exponent/maximum", 4.0),
+            ("unknown_counts/minimum", 0.0),
+            ("unknown_counts/maximum", 1.0),
             ("test_every/minimum", 1.0),
             ("checkpoint_every/minimum", 1.0),
         ] {
@@ -174,5 +190,9 @@ mod tests {
         assert!(TrainingParams::default().problems().is_empty() && changed.problems().is_empty());
         let vanilla = TrainingParams { parameterization: Parameterization::VanillaRf, ..changed };
         assert_eq!(vanilla.problems()[0].pointer, "/rung_exponent");
+        let untold = TrainingParams { unknown_counts: 0.5, ..TrainingParams::default() };
+        assert!(untold.problems().is_empty());
+        let velocity = TrainingParams { parameterization: Parameterization::McVelocity, ..untold };
+        assert_eq!(velocity.problems()[0].pointer, "/unknown_counts");
     }
 }

@@ -27,6 +27,7 @@ fn info(preset: Preset) -> ModelInfo {
         counts: vec![1, 4, 16],
         steps: 1,
         output: Output::Means,
+        unknown_counts: false,
     }
 }
 
@@ -35,7 +36,7 @@ fn info(preset: Preset) -> ModelInfo {
 /// # Errors
 /// None: the made-up ladder is one.
 pub fn weights(preset: Preset) -> Result<usize, KindError> {
-    Ok(info(preset).encoding()?.network(preset).slots().count())
+    Ok(info(preset).encoding()?.network().slots().count())
 }
 
 fn image(side: usize, period: usize) -> Result<Image, KindError> {
@@ -69,7 +70,7 @@ pub fn training_steps(
         steps: steps as u64,
         weight_decay: 0.0,
     };
-    let mut trainer = Trainer::new(info(preset).encoding()?, preset, rates, Loss::Squared, 1, place);
+    let mut trainer = Trainer::new(info(preset).encoding()?, rates, Loss::Squared, 1, place);
     let set = DataSet::new(vec![("made-up", scene(2 * side)?)], "train", Conditioning::Gbuffer)?;
     let draw = Draw { seed: 1, batch, side, exposure_jitter: 1.0, permute_colours: true, ..Draw::PLAIN };
     let milliseconds = |from: Instant| 1000.0 * from.elapsed().as_secs_f64();
@@ -90,13 +91,13 @@ pub fn training_steps(
 /// If the network cannot be made.
 pub fn predictions(place: &Place, preset: Preset, side: usize, times: usize) -> Result<Vec<f64>, KindError> {
     let info = info(preset);
-    let weights = info.encoding()?.network(preset).slots().draw(1);
+    let weights = info.encoding()?.network().slots().draw(1);
     let model = Model::new(info, weights, place)?;
     let (state, gbuffer) = (image(side, 97)?, Image::new(side, side, 6));
     (0..times)
         .map(|_| {
             let start = Instant::now();
-            model.predict(&state, Some(&gbuffer), 0.0)?;
+            model.predict(&state, Some(&gbuffer), Some(0.0))?;
             Ok(1000.0 * start.elapsed().as_secs_f64())
         })
         .collect()

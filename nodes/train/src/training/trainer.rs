@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{
     device::Place,
-    network::{Loss, Preset, features::Encoding, head::mean_loss, unet::Unet},
+    network::{Loss, features::Encoding, head::mean_loss, unet::Unet},
 };
 use burn::tensor::{Device, Tensor};
 use rayon::prelude::*;
@@ -31,8 +31,8 @@ pub(crate) struct Trainer {
 
 impl Trainer {
     /// At the start.
-    pub(crate) fn new(encoding: Encoding, preset: Preset, rates: Rates, loss: Loss, seed: u64, place: &Place) -> Self {
-        let network = encoding.network(preset);
+    pub(crate) fn new(encoding: Encoding, rates: Rates, loss: Loss, seed: u64, place: &Place) -> Self {
+        let network = encoding.network();
         let state = Optimised::new(network.slots().draw(seed));
         let first = state.weights.norm();
         let parts = if place.adapter().is_none() { PARTS } else { 1 };
@@ -122,7 +122,7 @@ fn numbers(tensor: Tensor<2>) -> Result<Vec<f32>, KindError> {
 mod tests {
     use super::*;
     use crate::{
-        network::Output,
+        network::{Output, Preset},
         space::Space,
         training::{Decay, batches::Draw},
     };
@@ -153,7 +153,8 @@ mod tests {
 
     fn encoding(parameterization: Parameterization) -> Encoding {
         let clock = VarianceTime::new(1, 16).expect("a ladder");
-        Encoding { parameterization, space: Space::Linear, clock, gbuffer: true, output: Output::Means }
+        let (space, output, preset) = (Space::Linear, Output::Means, Preset::Tiny);
+        Encoding { parameterization, space, clock, gbuffer: true, output, preset }
     }
 
     fn rates() -> Rates {
@@ -163,14 +164,7 @@ mod tests {
 
     #[test]
     fn parts_of_a_batch_add_up_to_its_gradient() {
-        let trainer = Trainer::new(
-            encoding(Parameterization::McVelocity),
-            Preset::Tiny,
-            rates(),
-            Loss::Squared,
-            3,
-            &Place::cpu(),
-        );
+        let trainer = Trainer::new(encoding(Parameterization::McVelocity), rates(), Loss::Squared, 3, &Place::cpu());
         let mut weights = trainer.state.weights.clone();
         // Nothing may be zero, or gradients behind it would be.
         weights.0.iter_mut().enumerate().for_each(|(i, matrix)| {
@@ -199,8 +193,7 @@ mod tests {
 
     #[test]
     fn a_loss_beyond_all_numbers_is_told_and_changes_nothing() {
-        let mut trainer =
-            Trainer::new(encoding(Parameterization::McNoise), Preset::Tiny, rates(), Loss::Squared, 3, &Place::cpu());
+        let mut trainer = Trainer::new(encoding(Parameterization::McNoise), rates(), Loss::Squared, 3, &Place::cpu());
         let before = trainer.state.clone();
         let mut batch = scenes(2, 16).all(&trainer.encoding, 16, 2).next().expect("scenes");
         batch.targets = vec![1e30; batch.targets.len()].into();
@@ -212,8 +205,7 @@ mod tests {
     #[test]
     fn one_batch_is_learned() {
         for parameterization in Parameterization::ALL {
-            let mut trainer =
-                Trainer::new(encoding(parameterization), Preset::Tiny, rates(), Loss::Squared, 3, &Place::cpu());
+            let mut trainer = Trainer::new(encoding(parameterization), rates(), Loss::Squared, 3, &Place::cpu());
             let draw = Draw { seed: 5, batch: 2, side: 16, ..Draw::PLAIN };
             let batch = scenes(2, 16).draw(&trainer.encoding, &draw, 0);
             let first = trainer.step(&batch).expect("finite").0;
@@ -230,8 +222,7 @@ mod tests {
     #[test]
     fn a_fresh_network_averages_and_its_loss_is_that_of_any_batches() {
         let set = scenes(3, 16);
-        let trainer =
-            Trainer::new(encoding(Parameterization::McNoise), Preset::Tiny, rates(), Loss::Squared, 1, &Place::cpu());
+        let trainer = Trainer::new(encoding(Parameterization::McNoise), rates(), Loss::Squared, 1, &Place::cpu());
         let targets: Vec<f32> =
             set.all(&trainer.encoding, 16, 4).flat_map(|b| b.targets.iter().copied().collect::<Vec<_>>()).collect();
         assert_eq!(targets.len(), 3 * 2 * 16 * 16 * 3);

@@ -26,10 +26,19 @@ pub fn linear<const D: usize>(x: Tensor<D>, kernel: Tensor<2>, bias: Tensor<2>) 
 /// Normalises `x` [N, H, W, C] in groups of 8 channels, modulates it by `modulation` [N, 2 C] (scales, then shifts),
 /// and applies SiLU.
 pub fn norm_silu(x: Tensor<4>, modulation: Tensor<2>) -> Tensor<4> {
+    modulated(x, modulation, true)
+}
+
+/// As [`norm_silu`] without the normalisation: each pixel by itself.
+pub fn modulated_silu(x: Tensor<4>, modulation: Tensor<2>) -> Tensor<4> {
+    modulated(x, modulation, false)
+}
+
+fn modulated(x: Tensor<4>, modulation: Tensor<2>, normalise: bool) -> Tensor<4> {
     let shape = x.dims();
     let [_, height, width, channels] = shape;
     assert_eq!(channels % GROUP, 0, "channels come in groups of {GROUP}");
-    apply(NormSilu { pixels: height * width, channels }, [x.into(), modulation.into()], shape)
+    apply(NormSilu { pixels: height * width, channels, normalise }, [x.into(), modulation.into()], shape)
 }
 
 /// SiLU of every value.

@@ -53,13 +53,17 @@ impl OnDevice<3> for Linear {
 
 impl OnDevice<2> for NormSilu {
     fn by_tensors(&self, [x, modulation]: [Tensor<1>; 2]) -> Tensor<1> {
-        let Self { pixels, channels } = *self;
+        let Self { pixels, channels, normalise } = *self;
         let images = x.dims()[0] / (pixels * channels);
-        let x = x.reshape([images, pixels, channels / GROUP, GROUP]);
-        let mean = |values: Tensor<4>| values.mean_dim(1).mean_dim(3);
-        let off = x.clone() - mean(x);
-        let deviation = (mean(off.clone().square()) + EPSILON).sqrt();
-        let normal = (off / deviation).reshape([images, pixels, channels]);
+        let normal = if normalise {
+            let x = x.reshape([images, pixels, channels / GROUP, GROUP]);
+            let mean = |values: Tensor<4>| values.mean_dim(1).mean_dim(3);
+            let off = x.clone() - mean(x);
+            let deviation = (mean(off.clone().square()) + EPSILON).sqrt();
+            (off / deviation).reshape([images, pixels, channels])
+        } else {
+            x.reshape([images, pixels, channels])
+        };
         let modulation = modulation.reshape([images, 2, channels]);
         let scale = modulation.clone().slice([0..images, 0..1, 0..channels]) + 1.0;
         let shift = modulation.slice([0..images, 1..2, 0..channels]);

@@ -1,7 +1,7 @@
 //! burn's operations make what the operators of `tauflow-ops` make, with the same gradients.
 
 use super::*;
-use crate::network::head::SIDES;
+use crate::network::unet::SIDES;
 #[cfg(feature = "gpu")]
 use crate::{
     network::{
@@ -67,8 +67,8 @@ fn differences(device: &Device) -> Vec<(String, f64)> {
         let inputs = [numbers(1, rows * inputs), numbers(2, inputs * outputs), numbers(3, outputs)];
         all.push((format!("{map:?}"), difference(map, inputs, device)));
     }
-    for (images, pixels, channels) in [(2, 20, 16), (1, 1024, 32)] {
-        let norm = NormSilu { pixels, channels };
+    for (images, pixels, channels, normalise) in [(2, 20, 16, true), (1, 1024, 32, true), (2, 20, 16, false)] {
+        let norm = NormSilu { pixels, channels, normalise };
         let inputs = [numbers(1, images * pixels * channels), numbers(2, images * 2 * channels)];
         all.push((format!("{norm:?}"), difference(norm, inputs, device)));
     }
@@ -78,7 +78,7 @@ fn differences(device: &Device) -> Vec<(String, f64)> {
         all.push((format!("{fold:?}"), difference(fold, [numbers(1, 2 * 4 * 6 * 3)], device)));
     }
     let (height, width) = (8, 16);
-    let light = Arc::new(Pyramid::new(&numbers(1, 2 * height * width * 3), height, width, &SIDES));
+    let light = Arc::new(Pyramid::new(&numbers(1, 2 * height * width * 3), height, width, SIDES));
     let logits = numbers(2, 2 * height * width * light.weights()).iter().map(|v| 4.0 * v).collect();
     all.push(("WeightedMean".into(), difference(WeightedMean(light), [logits], device)));
     let size = 2 * 4 * 4 * 3;
@@ -125,8 +125,9 @@ fn of_network(preset: Preset, gbuffer: bool, device: &Device) -> Vec<Vec<f32>> {
         clock: VarianceTime::new(1, 16).expect("a ladder"),
         gbuffer,
         output: Output::Means,
+        preset,
     };
-    let network = encoding.network(preset);
+    let network = encoding.network();
     let mut weights = network.slots().draw(3);
     // Nothing may be zero, or its gradient and those behind it would be.
     for (i, matrix) in weights.0.iter_mut().enumerate() {
@@ -139,7 +140,7 @@ fn of_network(preset: Preset, gbuffer: bool, device: &Device) -> Vec<Vec<f32>> {
     let state = |i| numbers(i, SIDE * SIDE * 3).iter().map(|v| 3.0 * v.abs()).collect::<Vec<f32>>();
     let (states, gbuffers) = ([state(1), state(2)], [3, 4].map(|i| numbers(i, SIDE * SIDE * 6)));
     let samples: Vec<Sample<'_>> = (0..2)
-        .map(|i| Sample { state: &states[i], gbuffer: gbuffer.then_some(&gbuffers[i][..]), tau: 0.3 * i as f64 })
+        .map(|i| Sample { state: &states[i], gbuffer: gbuffer.then_some(&gbuffers[i][..]), tau: Some(0.3 * i as f64) })
         .collect();
     let output = network.forward(&weights, encoding.inputs(&device, &samples, SIDE, SIDE));
     let target = Arc::new(numbers(5, 2 * SIDE * SIDE * 3));
@@ -152,7 +153,7 @@ fn of_network(preset: Preset, gbuffer: bool, device: &Device) -> Vec<Vec<f32>> {
 #[test]
 fn networks_on_a_device_are_those_on_the_cpu() {
     let Some(place) = crate::device::vulkan::for_tests() else { return };
-    for preset in [Preset::Tiny, Preset::Small, Preset::Base] {
+    for preset in Preset::ALL {
         for gbuffer in [false, true] {
             let (found, expected) =
                 (of_network(preset, gbuffer, place.device()), of_network(preset, gbuffer, &Device::flex()));

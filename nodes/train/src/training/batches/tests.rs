@@ -1,5 +1,5 @@
 use super::*;
-use crate::{network::Output, space::Space};
+use crate::{network::Output, network::Preset, space::Space};
 use std::collections::BTreeSet;
 use tauflow_data::{methods::Parameterization, time::VarianceTime};
 
@@ -59,7 +59,8 @@ fn films_of_several_sizes_give_windows_from_all_over_each() {
 
 fn encoding(parameterization: Parameterization) -> Encoding {
     let clock = VarianceTime::new(1, 16).expect("a ladder");
-    Encoding { parameterization, space: Space::Linear, clock, gbuffer: true, output: Output::Means }
+    let (space, output, preset) = (Space::Linear, Output::Means, Preset::Tiny);
+    Encoding { parameterization, space, clock, gbuffer: true, output, preset }
 }
 
 #[test]
@@ -75,7 +76,8 @@ fn targets_are_those_of_the_real_rungs_pixel_by_pixel() {
             rungs.insert(rung);
             // I_k - I_last, whatever the turn: 1000 for each rung between.
             assert!(target.iter().all(|t| *t == 1000.0 * (rung as f32 - 2.0)));
-            assert!((batch.tau[i] - encoding.clock.tau(COUNTS[rung] as f64)).abs() < 1e-12);
+            let tau = batch.tau[i].expect("the network is told");
+            assert!((tau - encoding.clock.tau(COUNTS[rung] as f64)).abs() < 1e-12);
             // The G-buffer moves with the state: its first channel is twice the state's place.
             let gbuffer = batch.gbuffers[i].as_ref().expect("asked for");
             for (state, gbuffer) in state.chunks_exact(3).zip(gbuffer.chunks_exact(6)) {
@@ -91,10 +93,26 @@ fn rungs_are_drawn_as_often_as_their_exponent_says() {
     let (set, encoding) = (set(3), encoding(Parameterization::McNoise));
     for (rung_exponent, expected) in [(0.0, 0.5), (0.5, 2.0 / 3.0), (1.0, 0.8), (4.0, 256.0 / 257.0)] {
         let draw = Draw { rung_exponent, batch: 50, ..PLAIN };
-        let first = (0..80).flat_map(|step| set.draw(&encoding, &draw, step).tau).filter(|tau| *tau == 0.0).count();
+        let first =
+            (0..80).flat_map(|step| set.draw(&encoding, &draw, step).tau).filter(|tau| *tau == Some(0.0)).count();
         let (share, deviation) = (first as f64 / 4000.0, (expected * (1.0f64 - expected) / 4000.0).sqrt());
         assert!((share - expected).abs() < 4.0 * deviation, "{rung_exponent}: {share} {expected}");
     }
+}
+
+#[test]
+fn counts_are_hidden_as_often_as_asked_and_nothing_else_changes() {
+    let (set, encoding) = (set(3), encoding(Parameterization::McNoise));
+    let told = Draw { batch: 50, ..PLAIN };
+    let mut hidden = 0;
+    for step in 0..80 {
+        let told = set.draw(&encoding, &told, step);
+        let some = set.draw(&encoding, &Draw { unknown_counts: 0.3, batch: 50, ..PLAIN }, step);
+        assert!(told.tau.iter().all(Option::is_some) && told.states == some.states && told.targets == some.targets);
+        hidden += some.tau.iter().filter(|tau| tau.is_none()).count();
+    }
+    let deviation = (0.3f64 * 0.7 * 4000.0).sqrt();
+    assert!((hidden as f64 - 1200.0).abs() < 4.0 * deviation, "{hidden}");
 }
 
 #[test]
@@ -128,7 +146,8 @@ fn shuffled_targets_come_from_another_scene() {
 
 #[test]
 fn turns_are_eight_and_lose_no_pixel() {
-    let pick = |turn| Pick { scene: 0, target: 0, rung: 0, t: 0.0, left: 2, top: 1, turn, scale: 1.0, colours: 0 };
+    let pick =
+        |turn| Pick { scene: 0, target: 0, rung: 0, t: 0.0, left: 2, top: 1, turn, scale: 1.0, colours: 0, told: true };
     let all: BTreeSet<Vec<usize>> = (0..8).map(|turn| pick(turn).places((SIDE, SIDE), 4)).collect();
     assert_eq!(all.len(), 8);
     for places in &all {
@@ -175,7 +194,8 @@ fn normals_turn_with_the_picture() {
     };
     let image = Image::from_data(side, side, 6, (0..side * side).flat_map(bump).collect()).expect("fits");
     for turn in 0..8 {
-        let pick = Pick { scene: 0, target: 0, rung: 0, t: 0.0, left: 0, top: 0, turn, scale: 1.0, colours: 0 };
+        let pick =
+            Pick { scene: 0, target: 0, rung: 0, t: 0.0, left: 0, top: 0, turn, scale: 1.0, colours: 0, told: true };
         let turned = pick.turned(&image, &pick.places((side, side), side));
         assert_eq!(turned, image.data(), "{turn}");
     }

@@ -1,0 +1,269 @@
+//! Denoising a frame: exposure, tiles, one network call for each, and the mix.
+
+use crate::{
+    built_in::Weights,
+    frame::Frame,
+    mix::{Evidence, changed},
+    tiles::{part, put, tiles},
+};
+use tauflow_contract::KindError;
+use tauflow_data::{Image, bins::geometric_mean_luminance, time::TimeGrid, views::Views};
+use tauflow_train::{Conditioning, Course, Mirrored, Model, clean_estimate, rollout};
+
+/// Geometric mean luminance that solvers saw scenes exposed to.
+const KEY: f64 = 0.18;
+
+/// How a frame is denoised.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// Samples per pixel; none if unknown or uneven. Counts outside of the model's ladder count as unknown.
+    pub spp: Option<u64>,
+    /// The factor that brings the geometric mean luminance to mid-grey, 0.18; none to measure it. The result has the
+    /// exposure of the frame.
+    pub exposure: Option<f64>,
+    /// Share of the denoised image in the result, from 0 to 1.
+    pub strength: f64,
+    /// Mirrored and rotated copies over which the call is averaged.
+    pub views: Views,
+    /// Side of tiles in pixels; none to use tiles only for images above 1.6 million pixels. Results have the same bits.
+    pub tile: Option<usize>,
+    /// Whether the G-buffer is used, if there is one.
+    pub gbuffer: bool,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { spp: None, exposure: None, strength: 1.0, views: Views::ONE, tile: None, gbuffer: true }
+    }
+}
+
+/// A denoised frame.
+#[derive(Clone, Debug)]
+pub struct Denoised {
+    /// Linear radiance [H, W, 3] with the exposure of the frame.
+    pub image: Image,
+    /// The exposure factor that the network saw.
+    pub exposure: f64,
+    /// Whether the network was shown the G-buffer.
+    pub with_gbuffer: bool,
+    /// Mean share of the noisy image in the result; none without variance.
+    pub kept: Option<f64>,
+}
+
+/// Loaded models: for radiance alone, for radiance with G-buffers, or both.
+pub struct Denoiser {
+    rgb: Option<Model>,
+    gbuffer: Option<Model>,
+}
+
+impl Denoiser {
+    /// The bundled models of a size.
+    ///
+    /// # Errors
+    /// None with the files of this repository.
+    pub fn built_in(weights: Weights) -> Result<Self, KindError> {
+        let rgb = Some(weights.model(Conditioning::Rgb)?);
+        Ok(Self { rgb, gbuffer: Some(weights.model(Conditioning::Gbuffer)?) })
+    }
+
+    /// Another model alone.
+    pub fn of(model: Model) -> Self {
+        match model.info().conditioning {
+            Conditioning::Rgb => Self { rgb: Some(model), gbuffer: None },
+            Conditioning::Gbuffer => Self { rgb: None, gbuffer: Some(model) },
+        }
+    }
+
+    /// Denoises a frame. `progress` is called with the tiles that are done and how many there are; its error ends the
+    /// work.
+    ///
+    /// # Errors
+    /// If no model fits the frame, settings are out of their ranges, or values exceed single precision.
+    pub fn denoise(
+        &self,
+        frame: &Frame,
+        settings: &Settings,
+        progress: &mut dyn FnMut(usize, usize) -> Result<(), KindError>,
+    ) -> Result<Denoised, KindError> {
+        if !(0.0..=1.0).contains(&settings.strength) {
+            return Err(KindError::Input(format!("a strength of {}; it goes from 0 to 1", settings.strength)));
+        }
+        let (model, gbuffer) = self.model(frame, settings)?;
+        let noisy = frame.radiance();
+        let exposure = settings.exposure.unwrap_or_else(|| KEY / geometric_mean_luminance(noisy));
+        if !(exposure.is_finite() && exposure > 0.0) {
+            return Err(KindError::Input(format!("an exposure of {exposure}; it must be a factor above 0")));
+        }
+        let exposed = noisy.map(|value| (f64::from(value) * exposure) as f32);
+        exposed.finite("the exposed image", "lower the exposure")?;
+        let probe = frame.variance().map(|variance| (variance, changed(&exposed)));
+        let tiles = tiles(noisy.width(), noisy.height(), settings.tile, model.reach(), model.multiple());
+        let calls = tiles.len() * if probe.is_some() { 2 } else { 1 };
+        let mut done = 0;
+        let mut all = |image: &Image| -> Result<Image, KindError> {
+            let mut out = Image::new(image.width(), image.height(), 3);
+            for tile in &tiles {
+                let seen = part(image, tile.seen);
+                let features = gbuffer.map(|gbuffer| part(gbuffer, tile.seen));
+                put(&mut out, tile, &estimate(model, &seen, features.as_ref(), settings)?);
+                done += 1;
+                progress(done, calls)?;
+            }
+            Ok(out)
+        };
+        let mut image = all(&exposed)?;
+        let mut kept = None;
+        if let Some((variance, (moved, changes))) = &probe {
+            let variance = variance.map(|value| (f64::from(value) * exposure * exposure) as f32);
+            let denoised_changed = all(moved)?;
+            let shares = Evidence {
+                noisy: &exposed,
+                variance: &variance,
+                denoised: &image,
+                denoised_changed: &denoised_changed,
+                changes,
+            }
+            .shares();
+            kept = Some(shares.iter().map(|share| f64::from(*share)).sum::<f64>() / shares.len().max(1) as f64);
+            for (i, value) in image.data_mut().iter_mut().enumerate() {
+                *value += shares[i / 3] * (exposed.data()[i] - *value);
+            }
+        }
+        let strength = settings.strength as f32;
+        for (value, noisy) in image.data_mut().iter_mut().zip(noisy.data()) {
+            let denoised = (f64::from(*value) / exposure) as f32;
+            *value = if strength < 1.0 { noisy + strength * (denoised - noisy) } else { denoised };
+        }
+        image.finite("the denoised image", "set another exposure")?;
+        Ok(Denoised { image, exposure, with_gbuffer: gbuffer.is_some(), kept })
+    }
+
+    /// The model for a frame, and the G-buffer that it needs.
+    fn model<'a>(&'a self, frame: &'a Frame, settings: &Settings) -> Result<(&'a Model, Option<&'a Image>), KindError> {
+        match (&self.rgb, &self.gbuffer, frame.gbuffer().filter(|_| settings.gbuffer)) {
+            (_, Some(model), Some(gbuffer)) => Ok((model, Some(gbuffer))),
+            (Some(model), _, _) => Ok((model, None)),
+            (None, _, _) => Err(KindError::Input(
+                "the model needs albedo and normals, which the image lacks; give them, or use a model of \
+                `conditioning: rgb`"
+                    .into(),
+            )),
+        }
+    }
+}
+
+/// The clean estimate of a part of an exposed image.
+fn estimate(model: &Model, image: &Image, gbuffer: Option<&Image>, settings: &Settings) -> Result<Image, KindError> {
+    let info = model.info();
+    let viewed = Mirrored::new(model, settings.views);
+    match settings.spp.filter(|spp| (info.n_min()..info.n_max()).contains(spp)) {
+        Some(from) => rollout(&viewed, image, gbuffer, Course { from, steps: 1, grid: TimeGrid::Ladder }),
+        None => clean_estimate(&viewed, image, gbuffer),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tauflow_data::rng::Stream;
+
+    fn made_up(width: usize, height: usize, channels: usize, seed: u64) -> Image {
+        let mut stream = Stream::new(seed, &[]);
+        let mut data: Vec<f32> = (0..width * height * channels).map(|_| stream.range(0.0, 1.0) as f32).collect();
+        // A few fireflies.
+        for _ in 0..data.len() / 500 {
+            let at = stream.below(data.len());
+            data[at] *= if channels == 3 { 80.0 } else { 1.0 };
+        }
+        Image::from_data(width, height, channels, data).expect("fits")
+    }
+
+    fn quiet(_: usize, _: usize) -> Result<(), KindError> {
+        Ok(())
+    }
+
+    fn frame(width: usize, height: usize) -> Frame {
+        let frame = Frame::new(made_up(width, height, 3, 1)).expect("finite");
+        frame.with_gbuffer(made_up(width, height, 6, 2)).expect("fits")
+    }
+
+    #[test]
+    fn bundled_models_load_and_are_local_and_need_no_count() {
+        for weights in Weights::ALL {
+            for conditioning in [Conditioning::Rgb, Conditioning::Gbuffer] {
+                let model = weights.model(conditioning).expect("a file of this repository");
+                let info = model.info();
+                assert_eq!((info.conditioning, info.preset.name()), (conditioning, weights.name()));
+                assert!(info.unknown_counts && model.reach().is_some_and(|reach| reach < 200), "{info:?}");
+                assert!(model.to_half_bytes().expect("small weights") == weights.bytes(conditioning));
+            }
+        }
+    }
+
+    #[test]
+    fn tiles_have_the_bits_of_the_whole_image() {
+        let frame = frame(330, 190);
+        for weights in Weights::ALL {
+            let denoiser = Denoiser::built_in(weights).expect("bundled");
+            for gbuffer in [false, true] {
+                let of = |tile| {
+                    let settings = Settings { tile, gbuffer, ..Settings::default() };
+                    denoiser.denoise(&frame, &settings, &mut quiet).expect("fine").image
+                };
+                let (whole, tiled) = (of(None), of(Some(32)));
+                let differ = whole.data().iter().zip(tiled.data()).filter(|(a, b)| a.to_bits() != b.to_bits()).count();
+                assert_eq!(differ, 0, "{weights:?}, G-buffers {gbuffer}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_exposure_of_the_frame_does_not_matter() {
+        let denoiser = Denoiser::built_in(Weights::Fast).expect("bundled");
+        let frame = frame(40, 24);
+        let of = |frame: &Frame| denoiser.denoise(frame, &Settings::default(), &mut quiet).expect("fine").image;
+        let plain = of(&frame);
+        for factor in [1.0 / 1024.0, 4096.0] {
+            let brighter = Frame::new(frame.radiance().map(|value| value * factor)).expect("finite");
+            let brighter = of(&brighter.with_gbuffer(frame.gbuffer().expect("given").clone()).expect("fits"));
+            let apart = |(a, b): (&f32, &f32)| (a - b * factor).abs() <= 1e-4 * (a.abs() + factor);
+            assert!(brighter.data().iter().zip(plain.data()).all(apart), "{factor}");
+        }
+    }
+
+    #[test]
+    fn strength_mixes_and_sizes_are_any() {
+        let denoiser = Denoiser::built_in(Weights::Fast).expect("bundled");
+        for (width, height) in [(1, 1), (1, 50), (3, 2), (17, 31)] {
+            let frame = frame(width, height);
+            let of = |strength| {
+                let settings = Settings { strength, ..Settings::default() };
+                denoiser.denoise(&frame, &settings, &mut quiet).expect("fine").image
+            };
+            assert!(of(0.0) == *frame.radiance());
+            let (whole, half) = (of(1.0), of(0.5));
+            assert!((whole.width(), whole.height()) == (width, height));
+            for ((half, whole), noisy) in half.data().iter().zip(whole.data()).zip(frame.radiance().data()) {
+                assert!((half - 0.5 * (whole + noisy)).abs() <= 1e-5 * noisy.abs().max(1.0));
+            }
+        }
+        let settings = Settings { strength: 1.5, ..Settings::default() };
+        assert!(
+            denoiser.denoise(&frame(4, 4), &settings, &mut quiet).expect_err("above 1").to_string().contains("1.5")
+        );
+    }
+
+    #[test]
+    fn a_noise_free_image_is_kept_where_the_variance_says_so() {
+        let denoiser = Denoiser::built_in(Weights::Fast).expect("bundled");
+        let (noisy, zero) = (frame(64, 48), Image::new(64, 48, 3));
+        let kept =
+            denoiser.denoise(&noisy.clone().with_variance(zero).expect("fits"), &Settings::default(), &mut quiet);
+        let kept = kept.expect("fine");
+        assert!(kept.kept.expect("a variance") > 0.9, "{:?}", kept.kept);
+        // As much noise as there is light.
+        let large = noisy.radiance().map(|value| value * value + 1.0);
+        let denoised = denoiser.denoise(&noisy.with_variance(large).expect("fits"), &Settings::default(), &mut quiet);
+        assert!(denoised.expect("fine").kept.expect("a variance") < 0.05);
+    }
+}

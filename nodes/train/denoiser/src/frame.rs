@@ -1,0 +1,171 @@
+//! What is denoised: checked, with damaged pixels mended.
+
+use tauflow_contract::KindError;
+use tauflow_data::Image;
+
+/// Images of one frame, all of one size.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    radiance: Image,
+    gbuffer: Option<Image>,
+    variance: Option<Image>,
+    notes: Vec<String>,
+}
+
+impl Frame {
+    /// A frame of linear radiance [H, W, 3] at any exposure. Pixels that are not finite are replaced by the mean of
+    /// those around them, which the notes say.
+    ///
+    /// # Errors
+    /// If the image has not three channels, or no pixel is finite.
+    pub fn new(radiance: Image) -> Result<Self, KindError> {
+        shape(&radiance, "radiance", 3, None)?;
+        let mut notes = Vec::new();
+        let radiance = mended(radiance, "radiance", &mut notes)?;
+        Ok(Self { radiance, gbuffer: None, variance: None, notes })
+    }
+
+    /// With albedo and normal [H, W, 6]: normals are in camera space (right, up, towards the camera) and have length 1,
+    /// or 0 where nothing was hit.
+    ///
+    /// # Errors
+    /// If it has another size or number of channels, or no pixel is finite.
+    pub fn with_gbuffer(mut self, gbuffer: Image) -> Result<Self, KindError> {
+        shape(&gbuffer, "the G-buffer", 6, Some(&self.radiance))?;
+        self.gbuffer = Some(mended(gbuffer, "the G-buffer", &mut self.notes)?);
+        Ok(self)
+    }
+
+    /// With the variance of each pixel's value [H, W, 3], in squares of the radiance's unit: that of one sample divided
+    /// by the number of samples. Its expectation matters, so a noisy estimate will do.
+    ///
+    /// # Errors
+    /// If it has another size or number of channels, a value is negative, or no pixel is finite.
+    pub fn with_variance(mut self, variance: Image) -> Result<Self, KindError> {
+        shape(&variance, "the variance", 3, Some(&self.radiance))?;
+        if let Some(value) = variance.data().iter().find(|value| **value < 0.0) {
+            return Err(KindError::Input(format!("the variance has a value of {value}; variances are at least 0")));
+        }
+        self.variance = Some(mended(variance, "the variance", &mut self.notes)?);
+        Ok(self)
+    }
+
+    /// Linear radiance [H, W, 3], finite.
+    pub fn radiance(&self) -> &Image {
+        &self.radiance
+    }
+
+    /// Albedo and normal [H, W, 6], finite.
+    pub fn gbuffer(&self) -> Option<&Image> {
+        self.gbuffer.as_ref()
+    }
+
+    /// Variance of each value of the radiance [H, W, 3], finite and not negative.
+    pub fn variance(&self) -> Option<&Image> {
+        self.variance.as_ref()
+    }
+
+    /// What was mended, for people.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+}
+
+fn shape(image: &Image, what: &str, channels: usize, of: Option<&Image>) -> Result<(), KindError> {
+    if image.channels() != channels {
+        let found = image.channels();
+        return Err(KindError::Input(format!("{what} has {found} values per pixel; it needs {channels}")));
+    }
+    match of {
+        Some(of) if (of.width(), of.height()) != (image.width(), image.height()) => Err(KindError::Input(format!(
+            "{what} has {} x {} pixels, but the radiance has {} x {}; render both at the same size",
+            image.width(),
+            image.height(),
+            of.width(),
+            of.height()
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// How far the finite pixels are looked for that replace another, before the mean of all takes its place.
+const FARTHEST: usize = 8;
+
+/// The image with pixels that are not finite replaced by the mean of the nearest finite ones.
+fn mended(image: Image, what: &str, notes: &mut Vec<String>) -> Result<Image, KindError> {
+    let (width, height, channels) = (image.width(), image.height(), image.channels());
+    let finite: Vec<bool> =
+        image.data().chunks_exact(channels).map(|pixel| pixel.iter().all(|v| v.is_finite())).collect();
+    let damaged = finite.iter().filter(|finite| !**finite).count();
+    if damaged == 0 {
+        return Ok(image);
+    }
+    if damaged == finite.len() {
+        return Err(KindError::Input(format!("{what} has no finite pixel; look at what made the image")));
+    }
+    let mean_of = |pixels: &mut dyn Iterator<Item = usize>| -> Option<Vec<f32>> {
+        let (mut sum, mut count) = (vec![0.0f64; channels], 0usize);
+        for at in pixels.filter(|at| finite[*at]) {
+            let pixel = &image.data()[at * channels..(at + 1) * channels];
+            sum.iter_mut().zip(pixel).for_each(|(sum, value)| *sum += f64::from(*value));
+            count += 1;
+        }
+        (count > 0).then(|| sum.into_iter().map(|sum| (sum / count as f64) as f32).collect())
+    };
+    let whole = mean_of(&mut (0..finite.len())).unwrap_or_else(|| vec![0.0; channels]);
+    let mut out = image.clone();
+    for at in (0..finite.len()).filter(|at| !finite[*at]) {
+        let (x, y) = (at % width, at / width);
+        let ring = |reach: usize| {
+            let rows = y.saturating_sub(reach)..=(y + reach).min(height - 1);
+            let columns = x.saturating_sub(reach)..=(x + reach).min(width - 1);
+            mean_of(&mut rows.flat_map(|y| columns.clone().map(move |x| y * width + x)))
+        };
+        let value = (1..=FARTHEST).find_map(ring).unwrap_or_else(|| whole.clone());
+        out.data_mut()[at * channels..(at + 1) * channels].copy_from_slice(&value);
+    }
+    notes.push(format!(
+        "{damaged} of {} pixels of {what} are not finite; they are replaced by the mean of those around them",
+        finite.len()
+    ));
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn image(channels: usize, value: f32) -> Image {
+        Image::from_data(4, 3, channels, vec![value; 12 * channels]).expect("fits")
+    }
+
+    #[test]
+    fn damaged_pixels_are_replaced_by_their_neighbours_and_told() {
+        let mut damaged = image(3, 1.0);
+        damaged.pixel_mut(3, 2)[1] = f32::NAN;
+        damaged.pixel_mut(2, 2).copy_from_slice(&[3.0, 4.0, 5.0]);
+        damaged.pixel_mut(0, 0)[0] = f32::INFINITY;
+        let frame = Frame::new(damaged.clone()).expect("others are finite");
+        assert_eq!(frame.radiance().pixel(0, 0), [1.0, 1.0, 1.0]);
+        let around = [3.0, 4.0, 5.0].map(|value: f32| (1.0 + 1.0 + value) / 3.0);
+        assert!(frame.radiance().pixel(3, 2).iter().zip(around).all(|(found, value)| (found - value).abs() < 1e-6));
+        assert_eq!(frame.radiance().pixel(1, 1), damaged.pixel(1, 1));
+        assert!(frame.notes()[0].starts_with("2 of 12 pixels of radiance"), "{:?}", frame.notes());
+        assert!(Frame::new(image(3, f32::NAN)).expect_err("none is").to_string().contains("no finite pixel"));
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let frame = || Frame::new(image(3, 1.0)).expect("fine");
+        assert!(frame().with_gbuffer(image(6, 0.5)).expect("fits").notes().is_empty());
+        let wrong = |result: Result<Frame, KindError>, part: &str| {
+            let error = result.expect_err("does not fit").to_string();
+            assert!(error.contains(part), "{error}");
+        };
+        wrong(Frame::new(image(4, 1.0)), "4 values per pixel; it needs 3");
+        wrong(frame().with_gbuffer(image(3, 1.0)), "3 values per pixel; it needs 6");
+        wrong(frame().with_gbuffer(Image::new(3, 3, 6)), "3 x 3 pixels, but the radiance has 4 x 3");
+        wrong(frame().with_variance(image(3, -1.0)), "at least 0");
+        wrong(frame().with_variance(Image::new(4, 4, 3)), "4 x 4 pixels");
+    }
+}

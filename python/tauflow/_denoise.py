@@ -1,0 +1,58 @@
+"""The bundled denoiser: `tauflow denoise` on arrays."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import tempfile
+from typing import Optional
+
+import numpy as np
+
+from ._errors import TauflowError
+from ._open import program
+from .exr import read_layers, write_layers
+
+
+def denoise(
+    radiance,
+    albedo=None,
+    normal=None,
+    *,
+    variance=None,
+    spp: Optional[int] = None,
+    weights: str = "best",
+    strength: float = 1.0,
+    exposure: Optional[float] = None,
+    normals: str = "auto",
+) -> np.ndarray:
+    """Denoises linear radiance [height, width, 3] at any exposure, and returns it as float32.
+
+    `albedo` and `normal` [height, width, 3] belong together; `normals` is `auto`, `camera` or `world`. `variance` is
+    that of each value of the radiance: with it, the noisy image is mixed in where its estimated error is smaller.
+    `spp` is the sample count, if it is known and the same in all pixels. `weights` is `best` or `fast`. `strength` is
+    the share of the denoised image. Raises TauflowError if shapes differ, or the command refuses the image.
+    """
+    layers = {"": radiance, "albedo": albedo, "normal": normal, "variance": variance}
+    layers = {name: np.asarray(image, np.float32) for name, image in layers.items() if image is not None}
+    if (albedo is None) != (normal is None):
+        raise TauflowError("`albedo` and `normal` belong together; pass both or none")
+    shape = layers[""].shape
+    for name, image in layers.items():
+        if image.ndim != 3 or image.shape[2] != 3 or image.size == 0 or image.shape != shape:
+            raise TauflowError(f"`{name or 'radiance'}` has the shape {image.shape}; all must be [height, width, 3]")
+    with tempfile.TemporaryDirectory() as folder:
+        noisy, clean = os.path.join(folder, "noisy.exr"), os.path.join(folder, "clean.exr")
+        write_layers(noisy, layers)
+        words = [program(), "denoise", noisy, "-o", clean, "--weights", weights, "--strength", str(strength)]
+        words += ["--normals", normals]
+        words += ["--spp", str(spp)] if spp is not None else []
+        words += ["--exposure", str(exposure)] if exposure is not None else []
+        words += ["--variance", "variance"] if variance is not None else []
+        try:
+            done = subprocess.run(words, capture_output=True, text=True, check=False)
+        except OSError as error:
+            raise TauflowError(f"{words[0]}: {error}") from None
+        if done.returncode:
+            raise TauflowError(done.stderr.replace(noisy, "the image").strip())
+        return read_layers(clean)[""]

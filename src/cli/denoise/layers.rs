@@ -1,0 +1,341 @@
+//! Which layers of an EXR file are radiance, albedo, normal and variance, by the names that renderers give them, and
+//! normals as the network wants them. Knows no network.
+
+use crate::cli::CliError;
+use exr::meta::MetaData;
+use std::{collections::BTreeMap, io::Cursor, path::Path};
+use tauflow_contract::read_regular;
+use tauflow_data::{Image, image_io::parse_exr};
+
+/// Names of layers of radiance, best first, in lower case. Blender keeps the noisy image beside a denoised one.
+const RADIANCE: &[&str] =
+    &["", "noisy image", "combined", "beauty", "rgba", "rgb", "color", "image", "hdr", "radiance"];
+
+/// Names of layers of albedo.
+const ALBEDO: &[&str] = &["albedo", "denoising albedo", "alb"];
+
+/// Names of layers of normals. pbrt has shading normals beside those of the surface.
+const NORMAL: &[&str] = &["normal", "denoising normal", "nrm", "sh_normal", "ns", "nn", "normals", "n"];
+
+/// Most bytes of a file.
+const MOST_BYTES: u64 = 1 << 32;
+
+/// The layers of a file, and what the header says.
+pub(super) struct Layers {
+    pub(super) images: BTreeMap<String, Image>,
+    /// From world to camera space, for row vectors, row by row.
+    pub(super) camera: Option<[f32; 16]>,
+    file: String,
+}
+
+/// The space of normals.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum Space {
+    /// Recognised by their values.
+    Auto,
+    /// Right, up, and towards the camera or away from it.
+    Camera,
+    /// Of the scene.
+    World,
+}
+
+impl Layers {
+    pub(super) fn read(path: &Path) -> Result<Self, CliError> {
+        let file = path.display().to_string();
+        let bytes = read_regular(path, MOST_BYTES).map_err(|e| CliError::Bad(format!("{file}: {e}")))?;
+        let images = parse_exr(&file, &bytes).map_err(|e| CliError::Bad(e.to_string()))?;
+        let meta = MetaData::read_from_buffered(Cursor::new(&bytes), false).ok();
+        let camera = meta.and_then(|meta| meta.headers.iter().find_map(|header| header.own_attributes.world_to_camera));
+        Ok(Self { images, camera, file })
+    }
+
+    /// The layer of radiance and its name.
+    pub(super) fn radiance(&self, asked: Option<&str>) -> Result<(String, Image), CliError> {
+        if let Some(asked) = asked {
+            return self.named(asked);
+        }
+        if let Some(found) = self.first(RADIANCE) {
+            return Ok(found);
+        }
+        let mut others = self.images.iter().filter(|(name, _)| !is(name, ALBEDO) && !is(name, NORMAL));
+        match (others.next(), others.next()) {
+            (Some((name, image)), None) => Ok((name.clone(), image.clone())),
+            _ => Err(CliError::Bad(format!(
+                "{}: no layer is recognised as radiance among {}; name it with --layer",
+                self.file,
+                self.names()
+            ))),
+        }
+    }
+
+    /// A layer by its whole name.
+    pub(super) fn named(&self, asked: &str) -> Result<(String, Image), CliError> {
+        self.images.get_key_value(asked).map(|(name, image)| (name.clone(), image.clone())).ok_or_else(|| {
+            CliError::Bad(format!("{} has no layer `{asked}` of three channels, only {}", self.file, self.names()))
+        })
+    }
+
+    pub(super) fn albedo(&self) -> Option<(String, Image)> {
+        self.first(ALBEDO)
+    }
+
+    pub(super) fn normal(&self) -> Option<(String, Image)> {
+        self.first(NORMAL)
+    }
+
+    /// The only layer of a file that holds one thing, or the one of these names.
+    pub(super) fn only(self, names: &[&str]) -> Result<Image, CliError> {
+        if let Some((_, image)) = self.first(names) {
+            return Ok(image);
+        }
+        match self.images.len() {
+            1 => Ok(self.images.into_values().next().expect("one layer")),
+            _ => Err(CliError::Bad(format!(
+                "{}: several layers ({}), none of which is called {}; write a file with one layer",
+                self.file,
+                self.names(),
+                names
+                    .iter()
+                    .filter(|name| !name.is_empty())
+                    .map(|name| format!("`{name}`"))
+                    .collect::<Vec<_>>()
+                    .join(", ")
+            ))),
+        }
+    }
+
+    pub(super) fn only_albedo(self) -> Result<Image, CliError> {
+        self.only(ALBEDO)
+    }
+
+    pub(super) fn only_normal(self) -> Result<Image, CliError> {
+        self.only(NORMAL)
+    }
+
+    fn first(&self, names: &[&str]) -> Option<(String, Image)> {
+        names.iter().find_map(|wanted| {
+            let found = self.images.iter().find(|(name, _)| last(name) == *wanted);
+            found.map(|(name, image)| (name.clone(), image.clone()))
+        })
+    }
+
+    fn names(&self) -> String {
+        let name = |name: &String| if name.is_empty() { "the unnamed layer".to_owned() } else { format!("`{name}`") };
+        self.images.keys().map(name).collect::<Vec<_>>().join(", ")
+    }
+}
+
+fn is(name: &str, names: &[&str]) -> bool {
+    names.contains(&last(name).as_str())
+}
+
+/// The last part of a layer's name: Blender puts the view layer before it.
+fn last(name: &str) -> String {
+    name.rsplit('.').next().unwrap_or(name).trim_matches(['<', '>']).to_ascii_lowercase().replace("root", "")
+}
+
+/// Share of normals that must agree on something.
+const MOST: f64 = 0.95;
+
+/// Normals as the network wants them: camera space, right, up and towards the camera, of length 1, or 0 where nothing
+/// was hit. Returns what was found of them, for people.
+pub(super) fn camera_normals(
+    mut normals: Image,
+    space: Space,
+    camera: Option<[f32; 16]>,
+) -> Result<(Image, Vec<String>), CliError> {
+    let mut notes = Vec::new();
+    if encoded(&normals) {
+        normals = normals.map(|value| 2.0 * value - 1.0);
+        notes.push("normals are stored from 0 to 1; they are read as 2 n - 1".to_owned());
+    }
+    let long = unit(&mut normals);
+    if long > 0.0 {
+        notes.push(format!("{:.1}% of the normals are longer than 1; they are shortened", 100.0 * long));
+    }
+    let world = match space {
+        Space::Camera => false,
+        Space::World => true,
+        Space::Auto => share_facing(&normals).is_some_and(|share| share > 1.0 - MOST && share < MOST),
+    };
+    if world {
+        match camera {
+            Some(matrix) => normals = rotated(&normals, [0, 1, 2].map(|row| [0, 1, 2].map(|c| matrix[4 * row + c]))),
+            None => {
+                normals = rotated(&normals, facing(&normals));
+                notes.push(
+                    "normals are in world space, but the file has no camera matrix; they are turned so that most face \
+                     the camera"
+                        .to_owned(),
+                );
+            }
+        }
+    }
+    // Cameras that look along +z see normals of negative z.
+    if share_facing(&normals).is_some_and(|share| share < 0.5) {
+        for pixel in normals.data_mut().chunks_exact_mut(3) {
+            pixel[2] = -pixel[2];
+        }
+    }
+    Ok((normals, notes))
+}
+
+/// Whether values are of normals that were mapped to 0 to 1.
+fn encoded(normals: &Image) -> bool {
+    let pixels = || normals.data().chunks_exact(3).filter(|pixel| pixel.iter().any(|value| *value != 0.0));
+    let count = pixels().count();
+    let near = |length: f32| (length - 1.0).abs() < 0.1;
+    let length = |pixel: &[f32], f: fn(f32) -> f32| pixel.iter().map(|value| f(*value).powi(2)).sum::<f32>().sqrt();
+    let mapped = pixels().filter(|pixel| near(length(pixel, |value| 2.0 * value - 1.0))).count();
+    let plain = pixels().filter(|pixel| near(length(pixel, |value| value))).count();
+    count > 0
+        && normals.data().iter().all(|value| (0.0..=1.0).contains(value))
+        && mapped as f64 > MOST * count as f64
+        && (plain as f64) < 0.5 * count as f64
+}
+
+/// Shortens what is longer than 1; returns the share of pixels that were by more than a little.
+fn unit(normals: &mut Image) -> f64 {
+    let mut long = 0;
+    let count = normals.data().len() / 3;
+    for pixel in normals.data_mut().chunks_exact_mut(3) {
+        let length = pixel.iter().map(|value| value * value).sum::<f32>().sqrt();
+        if length > 1.0 {
+            long += usize::from(length > 1.01);
+            pixel.iter_mut().for_each(|value| *value /= length);
+        }
+    }
+    long as f64 / count.max(1) as f64
+}
+
+/// Share of normals with positive z, of those whose z is clear; none if there are none.
+fn share_facing(normals: &Image) -> Option<f64> {
+    let clear: Vec<f32> = normals.data().chunks_exact(3).map(|pixel| pixel[2]).filter(|z| z.abs() > 0.1).collect();
+    let facing = clear.iter().filter(|z| **z > 0.0).count();
+    (!clear.is_empty()).then(|| facing as f64 / clear.len() as f64)
+}
+
+/// Row vectors times a matrix, scaled back to their lengths.
+fn rotated(normals: &Image, matrix: [[f32; 3]; 3]) -> Image {
+    let mut out = normals.clone();
+    for pixel in out.data_mut().chunks_exact_mut(3) {
+        let length = pixel.iter().map(|value| value * value).sum::<f32>().sqrt();
+        let turned = [0, 1, 2].map(|c| (0..3).map(|row| pixel[row] * matrix[row][c]).sum::<f32>());
+        let now = turned.iter().map(|value| value * value).sum::<f32>().sqrt();
+        let scale = if now > 0.0 { length / now } else { 0.0 };
+        pixel.iter_mut().zip(turned).for_each(|(value, turned)| *value = scale * turned);
+    }
+    out
+}
+
+/// A rotation for row vectors that turns the mean normal to +z.
+fn facing(normals: &Image) -> [[f32; 3]; 3] {
+    let mut mean = [0.0f64; 3];
+    for pixel in normals.data().chunks_exact(3) {
+        mean.iter_mut().zip(pixel).for_each(|(mean, value)| *mean += f64::from(*value));
+    }
+    let length = mean.iter().map(|value| value * value).sum::<f64>().sqrt();
+    if length < 1e-9 {
+        return [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    }
+    let back = mean.map(|value| value / length);
+    // The axis that is least along it.
+    let axis = if back[1].abs() < 0.9 { [0.0, 1.0, 0.0] } else { [1.0, 0.0, 0.0] };
+    let cross =
+        |a: [f64; 3], b: [f64; 3]| [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+    let right = cross(axis, back);
+    let length = right.iter().map(|value| value * value).sum::<f64>().sqrt();
+    let right = right.map(|value| value / length);
+    let up = cross(back, right);
+    [0, 1, 2].map(|row| [right[row] as f32, up[row] as f32, back[row] as f32])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn layers(names: &[&str]) -> Layers {
+        let image = |i: usize| Image::from_data(1, 1, 3, vec![i as f32; 3]).expect("fits");
+        let images = names.iter().enumerate().map(|(i, name)| ((*name).to_owned(), image(i))).collect();
+        Layers { images, camera: None, file: "x.exr".into() }
+    }
+
+    #[test]
+    fn layers_of_renderers_are_recognised() {
+        for (names, radiance, albedo, normal) in [
+            (vec!["", "albedo", "normal"], "", "albedo", "normal"),
+            (
+                vec![
+                    "ViewLayer.Combined",
+                    "ViewLayer.Noisy Image",
+                    "ViewLayer.Denoising Albedo",
+                    "ViewLayer.Denoising Normal",
+                ],
+                "ViewLayer.Noisy Image",
+                "ViewLayer.Denoising Albedo",
+                "ViewLayer.Denoising Normal",
+            ),
+            (vec!["", "Albedo", "N", "Ns", "P", "Variance"], "", "Albedo", "Ns"),
+            (vec!["<root>", "albedo", "sh_normal"], "<root>", "albedo", "sh_normal"),
+            (vec!["path", "albedo", "nn"], "path", "albedo", "nn"),
+        ] {
+            let layers = layers(&names);
+            let name = |found: Option<(String, Image)>| found.map(|(name, _)| name).unwrap_or_default();
+            assert_eq!(layers.radiance(None).expect("recognised").0, radiance, "{names:?}");
+            assert_eq!((name(layers.albedo()), name(layers.normal())), (albedo.into(), normal.into()), "{names:?}");
+        }
+        let unknown = layers(&["first", "second"]);
+        let CliError::Bad(told) = unknown.radiance(None).expect_err("two that could be") else { panic!("wrong sort") };
+        assert!(told.contains("`first`, `second`") && told.contains("--layer"), "{told}");
+        assert_eq!(unknown.radiance(Some("second")).expect("named").0, "second");
+        assert!(unknown.radiance(Some("third")).is_err());
+        assert!(layers(&["first", "second"]).only_albedo().is_err() && layers(&["any"]).only_albedo().is_ok());
+    }
+
+    /// Normals of a sphere that a camera sees, right, up and towards it.
+    fn sphere() -> Image {
+        let side = 24;
+        let pixel = |i: usize| {
+            let of = |at: usize| (at as f32 + 0.5) / side as f32 * 2.2 - 1.1;
+            let (x, y) = (of(i % side), -of(i / side));
+            let left = 1.0 - x * x - y * y;
+            if left > 0.0 { [x, y, left.sqrt()] } else { [0.0; 3] }
+        };
+        Image::from_data(side, side, 3, (0..side * side).flat_map(pixel).collect()).expect("fits")
+    }
+
+    fn near(a: &Image, b: &Image) -> bool {
+        a.data().iter().zip(b.data()).all(|(a, b)| (a - b).abs() < 1e-5)
+    }
+
+    #[test]
+    fn normals_of_any_convention_become_those_of_the_camera() {
+        let camera = |normals: &Image, space, matrix| camera_normals(normals.clone(), space, matrix).expect("normals");
+        let plain = sphere();
+        assert!(near(&camera(&plain, Space::Auto, None).0, &plain));
+        assert!(camera(&plain, Space::Auto, None).1.is_empty());
+        // Away from the camera, and mapped to 0 to 1.
+        let mut away = plain.clone();
+        away.data_mut().chunks_exact_mut(3).for_each(|pixel| pixel[2] = -pixel[2]);
+        assert!(near(&camera(&away, Space::Auto, None).0, &plain));
+        let hits = |image: &Image| {
+            let filled =
+                |pixel: &[f32]| if pixel == [0.0; 3] { [0.0, 0.0, 1.0] } else { [pixel[0], pixel[1], pixel[2]] };
+            let data = image.data().chunks_exact(3).flat_map(filled).collect();
+            Image::from_data(image.width(), image.height(), 3, data).expect("fits")
+        };
+        let whole = hits(&plain);
+        let (found, notes) = camera(&whole.map(|value| 0.5 * value + 0.5), Space::Auto, None);
+        assert!(near(&found, &whole) && notes[0].contains("2 n - 1"), "{notes:?}");
+        // World space: seen from above, where y is towards the camera.
+        let turned = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]];
+        let world = rotated(&plain, turned);
+        let matrix = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 5.0, 1.0];
+        assert!(near(&camera(&world, Space::Auto, Some(matrix)).0, &plain));
+        let (found, notes) = camera(&world, Space::Auto, None);
+        assert!(notes[0].contains("world space") && share_facing(&found).is_some_and(|share| share > MOST));
+        assert!(!near(&camera(&plain, Space::World, Some(matrix)).0, &plain));
+        let (found, notes) = camera(&plain.map(|value| 3.0 * value), Space::Camera, None);
+        assert!(notes[0].contains("longer than 1") && near(&found, &plain), "{notes:?}");
+    }
+}

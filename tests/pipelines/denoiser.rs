@@ -1,0 +1,60 @@
+//! The pipeline of the bundled models makes the same bits each time, and no choice is made on the scenes that they are
+//! judged on.
+
+use crate::support::root;
+use std::{fs, path::Path, process::Command};
+use tauflow_testing::{Need, skip, slow};
+
+fn tauflow(folder: &Path, args: &[&str]) -> String {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_tauflow"));
+    let output = command.args(args).current_dir(folder).output().expect("it starts");
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{args:?}: {text}");
+    text
+}
+
+#[test]
+fn models_have_the_same_bits_each_time() {
+    if !slow() {
+        return skip(Need::Slow, "TAUFLOW_SLOW is not set");
+    }
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    fs::copy(root().join("pipelines/denoiser.yaml"), folder.path().join("denoiser.yaml")).expect("copied");
+    // Side by side, and one after the other: all cores, or a share of them.
+    for (jobs, lock) in [("2", "--update-lock"), ("1", "--locked")] {
+        let run = ["run", "denoiser.yaml", "--profile", "tiny", lock, "--jobs", jobs, "--cache", jobs];
+        let text = tauflow(folder.path(), &run);
+        assert!(lock != "--locked" || text.contains(".lock agrees"), "{text}");
+        for node in ["fast_rounded", "best_rounded"] {
+            let out = format!("{jobs}-{node}");
+            tauflow(
+                folder.path(),
+                &["export", "denoiser.yaml", node, "--profile", "tiny", "--cache", jobs, "-o", &out],
+            );
+        }
+    }
+    for (node, preset) in [("fast_rounded", "fast"), ("best_rounded", "best")] {
+        for conditioning in ["gbuffer", "rgb"] {
+            let model = |jobs: &str| {
+                let cell = format!("preset={preset}+conditioning={conditioning}/model/model.safetensors");
+                fs::read(folder.path().join(format!("{jobs}-{node}")).join(cell)).expect("exported")
+            };
+            assert!(model("1") == model("2") && model("1").len() < 4 << 20, "{preset} {conditioning}");
+        }
+    }
+}
+
+#[test]
+fn no_choice_is_made_on_the_scenes_of_the_comparison() {
+    for entry in fs::read_dir(root().join("pipelines")).expect("a folder") {
+        let path = entry.expect("an entry").path();
+        if path.extension().is_none_or(|extension| extension != "yaml") {
+            continue;
+        }
+        let text = fs::read_to_string(&path).expect("text");
+        let judges = path.ends_with("denoiser_test.yaml");
+        assert_eq!(text.contains("library: 2"), judges, "{}", path.display());
+        assert!(!text.contains("denoiser_test.yaml]"), "{} includes the comparison", path.display());
+        assert!(!judges || !text.contains("kind: training"), "the comparison trains nothing");
+    }
+}
