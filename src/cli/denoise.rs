@@ -54,8 +54,8 @@ pub(crate) struct DenoiseArgs {
     /// Space of the normals.
     #[arg(long, value_name = "SPACE", default_value = "auto")]
     normals: Space,
-    /// Layer with the variance of each pixel. The noisy image is mixed in where its estimated error is smaller, in twice
-    /// the time.
+    /// Layer with the variance of each pixel. The noisy image is mixed in where its estimated error is smaller, in
+    /// twice the time.
     #[arg(long, value_name = "LAYER")]
     variance: Option<String>,
     /// The layer of --variance holds the variance of single samples, as `tauflow render --variance` and pbrt write it.

@@ -226,8 +226,8 @@ impl DenoisingParams {
     }
 }
 
-/// An unbiased estimate of the variance of each value of I_n, by the nested I_m of its first m samples: the expectation
-/// of (I_n - I_m)^2 is s (1/m - 1/n), and the variance of I_n is s/n, where s is that of a sample.
+/// An unbiased estimate of the variance of each value of I_n, by the nested I_m of its first m samples. Let s be the
+/// variance of a sample: the expectation of (I_n - I_m)^2 is s (1/m - 1/n), and the variance of I_n is s/n.
 fn variance(noisy: &Image, first: &Image, n: u64, m: u64) -> Image {
     let factor = m as f64 / (n - m) as f64;
     let mut out = noisy.clone();

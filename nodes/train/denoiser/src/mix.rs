@@ -1,12 +1,12 @@
 //! The mix of a noisy image with what was made of it, by estimated errors: at high sample counts the noisy image may be
 //! the better one.
 //!
-//! Let y be a noisy value with variance v, x its expectation, D the denoised value, and w the share of y in the mix. The
-//! squared error of w y + (1 - w) D is least at w = (E[(D - y)^2] - v (1 - d))/E[(D - y)^2], where d is the slope dD/dy:
-//! Stein's lemma gives the covariance of y and D as v d. This is Stein's unbiased risk estimate (SURE); Firmino et al.
-//! (2022) use it for progressive renders. Expectations are means over a window. The slope is measured by a second call
-//! with a slightly changed image (Ramani et al. 2008). Means of few pixels are uncertain, so the excess of (D - y)^2 is
-//! lowered by its standard error: without evidence against it, the denoised value stays.
+//! Let y be a noisy value with variance v, x its expectation, D the denoised value, and w the share of y in the mix.
+//! The squared error of w y + (1 - w) D is least at w = (E[(D - y)^2] - v (1 - d))/E[(D - y)^2], where d is the slope
+//! dD/dy: Stein's lemma gives the covariance of y and D as v d. This is Stein's unbiased risk estimate (SURE); Firmino
+//! et al. (2022) use it for progressive renders. Expectations are means over a window. The slope is measured by a second
+//! call with a slightly changed image (Ramani et al. 2008). Means of few pixels are uncertain, so the excess of
+//! (D - y)^2 is lowered by its standard error: without evidence against it, the denoised value stays.
 
 use rayon::prelude::*;
 use tauflow_data::{Image, rng::Stream};
@@ -169,8 +169,8 @@ mod tests {
         a.data().iter().zip(b.data()).map(|(a, b)| f64::from(a - b).powi(2)).sum()
     }
 
-    /// Mean share, and the error of the mix over the smaller one of both images: of a denoiser that keeps `slope` of the
-    /// noise and is wrong by `bias`.
+    /// Mean share, and the error of the mix over the smaller one of both images: of a denoiser that keeps `slope` of
+    /// the noise and is wrong by `bias`.
     fn mix(deviation: f64, bias: f64, slope: f64, seed: u64) -> (f64, f64) {
         let clean = image(|x, y| 1.0 + 0.5 * ((x / 8 + y / 8) % 2) as f64);
         let noise = noise(deviation, seed);

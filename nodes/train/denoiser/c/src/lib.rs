@@ -99,8 +99,8 @@ pub unsafe extern "C" fn tauflow_denoiser_free(denoiser: *mut TauflowDenoiser) {
 /// Denoises a frame; 0 if it is done.
 ///
 /// # Safety
-/// `denoiser` is null or came from [`tauflow_denoiser_new`]. `frame` is null or points at a frame, whose images are null
-/// or have 3 x width x height floats; those of `output` are writable. `error` is null, or points at `error_size`
+/// `denoiser` is null or came from [`tauflow_denoiser_new`]. `frame` is null or points at a frame, whose images are
+/// null or have 3 x width x height floats; those of `output` are writable. `error` is null, or points at `error_size`
 /// writable bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn tauflow_denoise(
