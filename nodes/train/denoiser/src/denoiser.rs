@@ -200,6 +200,31 @@ mod tests {
         }
     }
 
+    /// The BLAKE3 digests of `models/README.md`, of a file and of what it makes of a fixed image.
+    #[test]
+    fn files_and_their_bits_are_those_of_the_model_card() {
+        let card = include_str!("../../../../models/README.md");
+        let frame = frame(61, 47);
+        for weights in Weights::ALL {
+            let denoiser = Denoiser::built_in(weights).expect("bundled");
+            for (conditioning, gbuffer) in [(Conditioning::Rgb, false), (Conditioning::Gbuffer, true)] {
+                let settings = Settings { exposure: Some(1.0), gbuffer, ..Settings::default() };
+                let image = denoiser.denoise(&frame, &settings, &mut quiet).expect("fine").image;
+                let bits: Vec<u8> = image.data().iter().flat_map(|value| value.to_le_bytes()).collect();
+                let short = |bytes: &[u8]| blake3::hash(bytes).to_hex()[..16].to_owned();
+                let (name, file) = (weights.name(), weights.bytes(conditioning));
+                let row = format!(
+                    "| `{name}_{}.safetensors` | {} | `{}` | `{}` |",
+                    conditioning.name(),
+                    file.len(),
+                    short(file),
+                    short(&bits)
+                );
+                assert!(card.contains(&row), "models/README.md lacks the row\n{row}");
+            }
+        }
+    }
+
     #[test]
     fn tiles_have_the_bits_of_the_whole_image() {
         let frame = frame(330, 190);

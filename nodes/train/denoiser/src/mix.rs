@@ -4,9 +4,9 @@
 //! Let y be a noisy value with variance v, x its expectation, D the denoised value, and w the share of y in the mix.
 //! The squared error of w y + (1 - w) D is least at w = (E[(D - y)^2] - v (1 - d))/E[(D - y)^2], where d is the slope
 //! dD/dy: Stein's lemma gives the covariance of y and D as v d. This is Stein's unbiased risk estimate (SURE); Firmino
-//! et al. (2022) use it for progressive renders. Expectations are means over a window. The slope is measured by a second
-//! call with a slightly changed image (Ramani et al. 2008). Means of few pixels are uncertain, so the excess of
-//! (D - y)^2 is lowered by its standard error: without evidence against it, the denoised value stays.
+//! et al. (2022) use it for progressive renders. Expectations are means over a window. A second call with a slightly
+//! changed image measures the slope (Ramani et al. 2008). Means of few pixels are uncertain, so the excess of (D - y)^2
+//! is lowered by its standard error: without evidence against it, the denoised value stays.
 
 use rayon::prelude::*;
 use tauflow_data::{Image, rng::Stream};
