@@ -135,6 +135,10 @@ impl Kind for Denoising {
         calls as f64 * rounds as f64
     }
 
+    fn resources(_params: &Self::Params, _group: &str) -> Resources {
+        Resources::default().cores(2).memory(2 << 30)
+    }
+
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
         let mut value = serde_json::to_value(params).expect("plain data");
         if let Value::Object(fields) = &mut value
