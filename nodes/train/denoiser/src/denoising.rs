@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tauflow_contract::{
     Action, All, Any, Context, Each, Group, ItemKey, Kind, KindError, KindSpec, Known, Media, Mode, Out, Outlook,
-    Outputs, Probe,
+    Outputs, Probe, Resources,
 };
 use tauflow_data::{
     Image,
@@ -259,7 +259,7 @@ fn timed(ctx: &Context<'_>, denoiser: &Denoiser, frame: &Frame, params: &Denoisi
 mod tests {
     use super::*;
     use std::{collections::BTreeMap, sync::atomic::AtomicBool};
-    use tauflow_contract::{KindRow, Media, MemoryBlobs, NodeKind as _, Silent};
+    use tauflow_contract::{KindRow, MemoryBlobs, NodeKind as _, Silent};
     use tauflow_data::rng::Stream;
 
     fn scene() -> PackedScene {
