@@ -74,7 +74,7 @@ impl TensorFile {
     /// # Errors
     /// If a shape does not fit its data.
     pub fn to_bytes(&self) -> Result<Vec<u8>, DataError> {
-        self.written(Dtype::F32, |value| value.to_le_bytes())
+        self.written(Dtype::F32, f32::to_le_bytes)
     }
 
     /// The same with all values rounded to half precision, in half of the bytes.
