@@ -28,7 +28,8 @@ impl Denoiser for Informed {
         VarianceTime::new(1, LAST).expect("a ladder")
     }
 
-    fn predict(&self, state: &Image, _: Option<&Image>, tau: f64) -> Result<Image, KindError> {
+    fn predict(&self, state: &Image, _: Option<&Image>, tau: Option<f64>) -> Result<Image, KindError> {
+        let tau = tau.expect("a rollout tells the time");
         let (clock, count) = (self.clock(), self.clock().count(tau));
         // Given I_n, the expectation of I_m is (1 - n/m) of the way to the mean.
         let way = |to: f64| 1.0 - count / to;

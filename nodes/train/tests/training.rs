@@ -203,13 +203,14 @@ fn images_of_any_size_are_predicted_alone_as_in_a_batch() {
     let scenes = [toy::scene(5, 21, &COUNTS), toy::scene(6, 21, &COUNTS)];
     let states: Vec<_> = scenes.iter().map(|s| &s.states[0]).collect();
     let gbuffers: Vec<_> = scenes.iter().map(|s| s.gbuffer.as_ref()).collect();
-    let both = model.predict_batch(&states, &gbuffers, &[0.0, 0.5]).expect("fits");
-    let alone = model.predict_batch(&states[1..], &gbuffers[1..], &[0.5]).expect("fits");
+    let both = model.predict_batch(&states, &gbuffers, &[Some(0.0), Some(0.5)]).expect("fits");
+    let alone = model.predict_batch(&states[1..], &gbuffers[1..], &[Some(0.5)]).expect("fits");
     assert_eq!((both[1].width(), both[1].height()), (21, 21));
     assert_eq!(both[1], alone[0], "bit by bit");
-    let missing = model.predict_batch(&states, &[None, None], &[0.0, 0.5]).expect_err("no G-buffers").to_string();
+    let missing =
+        model.predict_batch(&states, &[None, None], &[Some(0.0), Some(0.5)]).expect_err("no G-buffers").to_string();
     assert!(missing.contains("G-buffers"), "{missing}");
-    assert!(model.predict_batch(&states, &gbuffers[..1], &[0.0, 0.5]).is_err());
+    assert!(model.predict_batch(&states, &gbuffers[..1], &[Some(0.0), Some(0.5)]).is_err());
 }
 
 #[test]

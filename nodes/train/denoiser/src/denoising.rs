@@ -244,11 +244,11 @@ fn variance(noisy: &Image, first: &Image, n: u64, m: u64) -> Image {
 /// One warm-up, then the measurements.
 fn timed(ctx: &Context<'_>, denoiser: &Denoiser, frame: &Frame, params: &DenoisingParams) -> Result<Timing, KindError> {
     let settings = params.settings();
-    let mut denoise = || denoiser.denoise(frame, &settings, &mut |_, _| ctx.check_cancelled());
+    let denoise = || denoiser.denoise(frame, &settings, &mut |_, _| ctx.check_cancelled());
     denoise()?;
     let mut took = Repeated::default();
     for done in 0..params.repeats {
-        took.add(&mut denoise)?;
+        took.add(denoise)?;
         ctx.progress(done + 1, params.repeats, "rounds");
     }
     let entry = TimedImage { method: params.method.as_str().to_owned(), from_spp: params.from, nfe: 1, took };
