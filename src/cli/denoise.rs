@@ -142,11 +142,9 @@ fn jobs(args: &DenoiseArgs) -> Result<Vec<Job>, CliError> {
             images.push(path.clone());
         }
     }
-    if let ([image], false) = (&images[..], folders) {
-        if !args.out.is_dir() {
-            check_picture(&args.out)?;
-            return Ok(vec![Job { image: image.clone(), out: args.out.clone() }]);
-        }
+    if let ([image], false, false) = (&images[..], folders, args.out.is_dir()) {
+        check_picture(&args.out)?;
+        return Ok(vec![Job { image: image.clone(), out: args.out.clone() }]);
     }
     if args.albedo.is_some() {
         return Err(CliError::Bad("--albedo and --normal are for one image".into()));
