@@ -16,7 +16,7 @@ fn layers() -> [Image; 3] {
     let mut stream = Stream::new(5, &[]);
     let mut images = [0, 1, 2].map(|_| Image::new(WIDTH, HEIGHT, 3));
     for i in 0..WIDTH * HEIGHT {
-        let albedo = if i % WIDTH / 8 % 2 == 0 { 0.2 } else { 0.8 };
+        let albedo = if (i % WIDTH / 8).is_multiple_of(2) { 0.2 } else { 0.8 };
         let at = (i % WIDTH, i / WIDTH);
         images[0].pixel_mut(at.0, at.1).fill((albedo * -(1.0 - stream.uniform()).ln()) as f32);
         images[1].pixel_mut(at.0, at.1).fill(albedo as f32);

@@ -113,7 +113,8 @@ pub(super) fn of_network(
         let times = model.clock().grid(1.0, *steps, TimeGrid::Ladder);
         let predict = |state: &[f64], tau: f64| {
             let state = Image::from_data(start.width(), start.height(), 3, state.iter().map(|v| *v as f32).collect());
-            let said = model.predict(&state.map_err(|e| e.to_string())?, gbuffer, tau).map_err(|e| e.to_string())?;
+            let said =
+                model.predict(&state.map_err(|e| e.to_string())?, gbuffer, Some(tau)).map_err(|e| e.to_string())?;
             Ok(said.data().iter().map(|v| f64::from(*v)).collect())
         };
         let wide = wide(model.parameterization(), &times, encoded(start, space), predict)?;

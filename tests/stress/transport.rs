@@ -31,7 +31,8 @@ impl Denoiser for Oracle {
         self.clock
     }
 
-    fn predict(&self, state: &Image, _: Option<&Image>, tau: f64) -> Result<Image, KindError> {
+    fn predict(&self, state: &Image, _: Option<&Image>, tau: Option<f64>) -> Result<Image, KindError> {
+        let tau = tau.expect("a rollout tells the time");
         let mut out = state.clone();
         for ((out, clean), start) in out.data_mut().iter_mut().zip(self.clean.data()).zip(self.start.data()) {
             let noise = *out - self.space.encode(*clean);
