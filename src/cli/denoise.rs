@@ -37,7 +37,7 @@ pub(crate) struct DenoiseArgs {
     #[arg(long, value_name = "NAME", default_value = "best", value_parser = ["best", "fast"])]
     weights: String,
     /// Model file to use in place of the bundled ones; it must have been trained with `unknown_counts`, or --spp given.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "weights")]
     model: Option<PathBuf>,
     /// Layer of the radiance, if it is not recognised.
     #[arg(long, value_name = "NAME")]
@@ -61,7 +61,7 @@ pub(crate) struct DenoiseArgs {
     /// The layer of --variance holds the variance of single samples, as `tauflow render --variance` and pbrt write it.
     #[arg(long, requires_all = ["variance", "spp"])]
     per_sample: bool,
-    /// Samples per pixel, if they are known and the same in all pixels; a slightly better result.
+    /// Samples per pixel, if they are known and the same in all pixels. Counts from 64 on count as unknown.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     spp: Option<u64>,
     /// Share of the denoised image in the result, from 0 to 1.
@@ -144,6 +144,7 @@ fn jobs(args: &DenoiseArgs) -> Result<Vec<Job>, CliError> {
     }
     if let ([image], false, false) = (&images[..], folders, args.out.is_dir()) {
         check_picture(&args.out)?;
+        differs(image, &args.out)?;
         return Ok(vec![Job { image: image.clone(), out: args.out.clone() }]);
     }
     if args.albedo.is_some() {
@@ -153,18 +154,15 @@ fn jobs(args: &DenoiseArgs) -> Result<Vec<Job>, CliError> {
         let out = args.out.display();
         return Err(CliError::Bad(format!("{out} is a file, but there are several images; name a folder with -o")));
     }
+    if args.out.extension().is_some_and(|extension| extension == "exr" || extension == "png") {
+        return Err(CliError::Bad(format!("{} names one image, but there are several", args.out.display())));
+    }
     std::fs::create_dir_all(&args.out)
         .map_err(|e| CliError::Environment(format!("cannot make the folder {}: {e}", args.out.display())))?;
     let mut jobs: Vec<Job> = Vec::new();
     for image in images {
         let out = args.out.join(image.file_name().unwrap_or_default());
-        let same = |path: &Path| path.canonicalize().ok();
-        if same(&out).is_some_and(|to| same(&image) == Some(to)) {
-            let name = image.display();
-            return Err(CliError::Bad(format!(
-                "{name} would be overwritten by its result; name another folder with -o"
-            )));
-        }
+        differs(&image, &out)?;
         if let Some(other) = jobs.iter().find(|job| job.out == out) {
             return Err(CliError::Bad(format!(
                 "{} and {} have the same name, so their results would be one file; denoise them one after the other",
@@ -175,6 +173,16 @@ fn jobs(args: &DenoiseArgs) -> Result<Vec<Job>, CliError> {
         jobs.push(Job { image, out });
     }
     Ok(jobs)
+}
+
+/// Refuses to write a result over its image.
+fn differs(image: &Path, out: &Path) -> Result<(), CliError> {
+    let same = |path: &Path| path.canonicalize().ok();
+    if !is_stream(out) && same(out).is_some_and(|to| same(image) == Some(to)) {
+        let name = image.display();
+        return Err(CliError::Bad(format!("{name} would be overwritten by its result; name another one with -o")));
+    }
+    Ok(())
 }
 
 /// Suffixes of the files of OIDN's examples.
@@ -254,7 +262,7 @@ fn write(path: &Path, denoised: &Denoised) -> Result<(), CliError> {
 fn frame(args: &DenoiseArgs, path: &Path) -> Result<(Frame, Vec<String>), CliError> {
     let mut notes = Vec::new();
     let layers = Layers::read(path)?;
-    let (name, radiance) = layers.radiance(args.layer.as_deref())?;
+    let (name, radiance) = layers.radiance(args.layer.as_deref(), args.variance.as_deref())?;
     if !name.is_empty() {
         notes.push(format!("radiance is the layer `{name}`"));
     }
@@ -266,7 +274,7 @@ fn frame(args: &DenoiseArgs, path: &Path) -> Result<(Frame, Vec<String>), CliErr
     if negative > 0 {
         notes.push(format!("{negative} values are negative; they are denoised as they are"));
     }
-    let features = if args.rgb { None } else { features(args, path, &layers, &mut notes)? };
+    let features = if args.rgb { None } else { features(args, path, &layers, &name, &mut notes)? };
     let mut frame = Frame::new(radiance).map_err(told)?;
     if let Some((albedo, normal)) = features {
         let gbuffer = albedo.beside(&normal).map_err(|e| CliError::Bad(e.to_string()))?;
@@ -285,6 +293,7 @@ fn features(
     args: &DenoiseArgs,
     path: &Path,
     layers: &Layers,
+    radiance: &str,
     notes: &mut Vec<String>,
 ) -> Result<Option<(Image, Image)>, CliError> {
     let files = match (&args.albedo, &args.normal) {
@@ -297,7 +306,7 @@ fn features(
             let camera = normal.camera.or(layers.camera);
             (Layers::read(&albedo)?.only_albedo()?, normal.only_normal()?, camera)
         }
-        None => match (layers.albedo(), layers.normal()) {
+        None => match (layers.albedo(radiance), layers.normal(radiance)) {
             (Some((_, albedo)), Some((_, normal))) => (albedo, normal, layers.camera),
             (None, None) => return Ok(None),
             (albedo, _) => {
@@ -307,6 +316,11 @@ fn features(
             }
         },
     };
+    let outside = albedo.data().iter().filter(|value| !(-0.01..=1.01).contains(*value)).count();
+    if outside > 0 {
+        let of = albedo.data().len();
+        notes.push(format!("{outside} of {of} values of the albedo are not from 0 to 1; check the layer"));
+    }
     let (normal, told) = camera_normals(normal, args.normals, camera)?;
     notes.extend(told);
     Ok(Some((albedo, normal)))

@@ -115,7 +115,7 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
                 "--nfe above 1 and --to-spp need the sample count of the image; give it with --from-spp".into(),
             ));
         }
-        None => clean_estimate(&model, &exposed, gbuffer.as_ref()),
+        None => clean_estimate(&model, &exposed, gbuffer.as_ref(), None),
     };
     let refined = refined.map_err(told)?;
     let seconds = start.elapsed().as_secs_f64();

@@ -86,6 +86,8 @@ fn images_of_any_renderer_are_denoised_by_the_layers_that_they_have() {
     denoise("ours.exr", &["-o", "out.png"]).ends(0);
     assert!(fs::read(place.path("out.png")).expect("written").starts_with(b"\x89PNG"));
 
+    assert!(denoise("ours.exr", &["-o", "x.exr", "--model", "x", "--weights", "fast"]).ends(2).err.contains("--model"));
+
     // The variance: noise-free by what it says, or of single samples.
     let zero = Image::new(WIDTH, HEIGHT, 3);
     let layers = [("", RGB, &noisy), ("variance", RGB, &zero), ("Variance", RGB, &albedo)];
@@ -117,6 +119,8 @@ fn folders_are_denoised_and_one_bad_image_does_not_stop_the_others() {
         assert!(error.contains(part), "{error}");
     };
     told(&["frames", "-o", "frames"], "would be overwritten");
+    told(&["frames/b.exr", "-o", "frames/b.exr"], "would be overwritten");
+    told(&["frames", "-o", "new.exr"], "names one image");
     told(&["frames/b.exr", "clean/b.exr", "-o", "all"], "have the same name");
     told(&["clean", "-o", "frames/c.exr"], "is a file");
     fs::create_dir(place.path("none")).expect("writable");

@@ -6,7 +6,7 @@ use std::{collections::BTreeSet, fs};
 use tauflow::registry::registry;
 
 /// Kinds whose outputs are not pinned, and why.
-const NOT_PINNED: [(&str, &str); 13] = [
+const NOT_PINNED: [(&str, &str); 15] = [
     ("assets", "what it makes depends on files from outside the project"),
     ("scene_files", "what it makes depends on files from outside the project"),
     ("command", "another program makes its outputs"),
@@ -20,10 +20,12 @@ const NOT_PINNED: [(&str, &str); 13] = [
     ("image_quality", "the tests of its crate pin the scores of samples that are made in memory"),
     ("no_reference_scores", "models and programs that are not ours make its scores"),
     ("adapter_report", "the tests of its crate check the page of samples that are made in memory"),
+    ("denoising", "models/README.md pins the bits of the bundled models, which a test of its crate compares"),
+    ("model_rounding", "the bundled models are its outputs, and models/README.md pins them"),
 ];
 
 /// Kinds that `pipelines/stress.yaml` leaves out, and why.
-const NOT_STRESSED: [(&str, &str); 10] = [
+const NOT_STRESSED: [(&str, &str); 12] = [
     ("assets", "its hazards are damaged files, which the tests of its crate feed it"),
     ("scene_files", "its hazards are damaged files, which the tests of its crate feed it"),
     ("pretrained_backbones", "its hazards are damaged checkpoints, which the tests of its crate feed it"),
@@ -34,6 +36,8 @@ const NOT_STRESSED: [(&str, &str); 10] = [
     ("image_quality", "its samples are clipped to display values, and the tests of its crate feed it flat ones"),
     ("no_reference_scores", "it calls models and programs that are not ours"),
     ("adapter_report", "it shows scores that other kinds made, and no number comes of them"),
+    ("denoising", "the tests of its crate feed it fireflies, damaged pixels, extreme exposures and odd sizes"),
+    ("model_rounding", "weights that are too large for half precision are refused, which a test of tensors holds"),
 ];
 
 /// The texts in which a kind must be named.

@@ -87,7 +87,8 @@ fn check(root: &Value, schema: &Value, value: &Value, place: &str, found: &mut V
             "minItems" if value.as_array().is_some_and(|a| a.len() < count(rule)) => fail("too few items".into()),
             "maxItems" if value.as_array().is_some_and(|a| a.len() > count(rule)) => fail("too many items".into()),
             "minLength" if value.as_str().is_some_and(|t| t.chars().count() < count(rule)) => fail("too short".into()),
-            "minItems" | "maxItems" | "minLength" => {}
+            "maxLength" if value.as_str().is_some_and(|t| t.chars().count() > count(rule)) => fail("too long".into()),
+            "minItems" | "maxItems" | "minLength" | "maxLength" => {}
             "uniqueItems" => {
                 let repeated = |items: &Vec<Value>| (1..items.len()).any(|i| items[..i].contains(&items[i]));
                 if *rule == Value::Bool(true) && value.as_array().is_some_and(repeated) {

@@ -129,7 +129,7 @@ impl RefinementParams {
         nfe: u64,
     ) -> Result<Image, KindError> {
         if self.unknown_count {
-            return clean_estimate(model, endpoint, gbuffer);
+            return clean_estimate(model, endpoint, gbuffer, None);
         }
         rollout(model, endpoint, gbuffer, Course { from: self.from, steps: nfe as usize, grid: self.grid })
     }

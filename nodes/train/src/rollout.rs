@@ -93,26 +93,43 @@ pub fn rollout_to(
     decode(model, state, endpoint)
 }
 
-/// The clean estimate for exposed linear radiance [H, W, 3] of an unknown sample count, which may differ from pixel to
-/// pixel; one network call.
+/// The estimate of the converged image for exposed linear radiance [H, W, 3] of `count` samples, or of an unknown count,
+/// which may differ from pixel to pixel; one network call.
+///
+/// A rollout ends at I_m, the last rung, which contains the samples of I_n: with the law, the fraction n/m of its noise
+/// stays. Here all of it goes.
 ///
 /// # Errors
-/// If the model has no such estimate, was not trained for unknown counts, or refuses the shapes.
-pub fn clean_estimate(model: &dyn Denoiser, image: &Image, gbuffer: Option<&Image>) -> Result<Image, KindError> {
-    readable(image, gbuffer)?;
-    let state = encode(model, image)?;
-    let prediction = model.predict(&state, gbuffer, None)?;
-    // Any time does: the estimate of MC noise does not depend on it.
-    match model.parameterization() {
-        parameterization @ Parameterization::McNoise => {
-            let clean = parameterization.clean(&state, &prediction, 0.0);
-            decode(model, clean.ok_or_else(|| KindError::Internal("MC noise has a clean estimate".into()))?, image)
-        }
-        other => Err(KindError::Input(format!(
-            "images of unknown sample counts need a model of `mc_noise`, but this one is of `{}`",
-            other.name()
-        ))),
+/// If the model is not of MC noise, the count is not within its ladder, it was not trained for unknown counts, or it
+/// refuses the shapes.
+pub fn clean_estimate(
+    model: &dyn Denoiser,
+    image: &Image,
+    gbuffer: Option<&Image>,
+    count: Option<u64>,
+) -> Result<Image, KindError> {
+    if model.parameterization() != Parameterization::McNoise {
+        return Err(KindError::Input(format!(
+            "a clean image in one call needs a model of `mc_noise`, but this one is of `{}`",
+            model.parameterization().name()
+        )));
     }
+    let (clock, count) = (model.clock(), count.map(|count| count as f64));
+    if let Some(count) = count.filter(|count| *count < clock.n_min() || *count >= clock.n_max()) {
+        return Err(KindError::Input(format!(
+            "an image of {count} spp is outside the training ladder of {} to {} spp (its end excluded)",
+            clock.n_min(),
+            clock.n_max()
+        )));
+    }
+    readable(image, gbuffer)?;
+    let mut state = encode(model, image)?;
+    let prediction = model.predict(&state, gbuffer, count.map(|count| clock.tau(count)))?;
+    let share = count.map_or(1.0, |count| 1.0 - count / clock.n_max());
+    for (state, noise) in state.data_mut().iter_mut().zip(prediction.data()) {
+        *state -= (f64::from(*noise) / share) as f32;
+    }
+    decode(model, state, image)
 }
 
 /// One stop of the bridge: from endpoint I_k part of the way to the clean estimate, to where variance time puts I_m.
@@ -285,10 +302,15 @@ mod tests {
     #[test]
     fn an_oracle_of_noise_need_not_know_how_much_there_is() {
         for space in [Space::Linear, Space::Log1p] {
-            let clean = clean_estimate(&Oracle::new(Parameterization::McNoise, space), &noisy(), None).expect("one");
+            let oracle = Oracle::new(Parameterization::McNoise, space);
+            let clean = clean_estimate(&oracle, &noisy(), None, None).expect("one");
             assert!(clean.data().iter().all(|v| (v - 2.0).abs() < 2e-4), "{space:?}");
             let velocity = Oracle::new(Parameterization::LocalVelocity, space);
-            assert!(clean_estimate(&velocity, &noisy(), None).expect_err("none").to_string().contains("mc_noise"));
+            let error = clean_estimate(&velocity, &noisy(), None, None).expect_err("none").to_string();
+            assert!(error.contains("mc_noise"), "{error}");
+            for count in [0, 512, 600] {
+                assert!(clean_estimate(&oracle, &noisy(), None, Some(count)).is_err(), "{count}");
+            }
         }
     }
 

@@ -1,5 +1,5 @@
-//! Which layers of an EXR file are radiance, albedo, normal and variance, by the names that renderers give them, and
-//! normals as the network wants them. Knows no network.
+//! Recognises the layers of radiance, albedo and normals of an EXR file by the names that renderers give them, and
+//! converts normals to what the network wants. Knows no network.
 
 use crate::cli::CliError;
 use exr::meta::MetaData;
@@ -49,15 +49,17 @@ impl Layers {
         Ok(Self { images, camera, file })
     }
 
-    /// The layer of radiance and its name.
-    pub(super) fn radiance(&self, asked: Option<&str>) -> Result<(String, Image), CliError> {
+    /// The layer of radiance and its name: the one that is asked for, or the one that is recognised. `variance` names a
+    /// layer that is none.
+    pub(super) fn radiance(&self, asked: Option<&str>, variance: Option<&str>) -> Result<(String, Image), CliError> {
         if let Some(asked) = asked {
             return self.named(asked);
         }
-        if let Some(found) = self.first(RADIANCE) {
+        if let Some(found) = self.first(RADIANCE, |_| true) {
             return Ok(found);
         }
-        let mut others = self.images.iter().filter(|(name, _)| !is(name, ALBEDO) && !is(name, NORMAL));
+        let features = |name: &String| is(name, ALBEDO) || is(name, NORMAL) || Some(name.as_str()) == variance;
+        let mut others = self.images.iter().filter(|(name, _)| !features(name));
         match (others.next(), others.next()) {
             (Some((name, image)), None) => Ok((name.clone(), image.clone())),
             _ => Err(CliError::Bad(format!(
@@ -75,17 +77,26 @@ impl Layers {
         })
     }
 
-    pub(super) fn albedo(&self) -> Option<(String, Image)> {
-        self.first(ALBEDO)
+    /// The albedo that belongs to a layer of radiance: of the same view layer, or of none.
+    pub(super) fn albedo(&self, radiance: &str) -> Option<(String, Image)> {
+        self.beside(ALBEDO, radiance)
     }
 
-    pub(super) fn normal(&self) -> Option<(String, Image)> {
-        self.first(NORMAL)
+    /// The normals that belong to a layer of radiance.
+    pub(super) fn normal(&self, radiance: &str) -> Option<(String, Image)> {
+        self.beside(NORMAL, radiance)
+    }
+
+    fn beside(&self, names: &[&str], radiance: &str) -> Option<(String, Image)> {
+        let prefix = |name: &str| name.rsplit_once('.').map(|(prefix, _)| prefix.to_owned());
+        let own = prefix(radiance);
+        let same = self.first(names, |name| prefix(name) == own);
+        same.or_else(|| self.first(names, |name| prefix(name).is_none() || own.is_none()))
     }
 
     /// The only layer of a file that holds one thing, or the one of these names.
     pub(super) fn only(self, names: &[&str]) -> Result<Image, CliError> {
-        if let Some((_, image)) = self.first(names) {
+        if let Some((_, image)) = self.first(names, |_| true) {
             return Ok(image);
         }
         match self.images.len() {
@@ -112,10 +123,12 @@ impl Layers {
         self.only(NORMAL)
     }
 
-    fn first(&self, names: &[&str]) -> Option<(String, Image)> {
+    /// The layer of the first of these names. Blender's compositor changes images, so its layers count last.
+    fn first(&self, names: &[&str], may: impl Fn(&str) -> bool) -> Option<(String, Image)> {
+        let composite = |name: &String| name.to_ascii_lowercase().starts_with("composite.");
         names.iter().find_map(|wanted| {
-            let found = self.images.iter().find(|(name, _)| last(name) == *wanted);
-            found.map(|(name, image)| (name.clone(), image.clone()))
+            let found = self.images.iter().filter(|(name, _)| last(name) == *wanted && may(name));
+            found.min_by_key(|(name, _)| composite(name)).map(|(name, image)| (name.clone(), image.clone()))
         })
     }
 
@@ -131,7 +144,8 @@ fn is(name: &str, names: &[&str]) -> bool {
 
 /// The last part of a layer's name: Blender puts the view layer before it.
 fn last(name: &str) -> String {
-    name.rsplit('.').next().unwrap_or(name).trim_matches(['<', '>']).to_ascii_lowercase().replace("root", "")
+    let last = name.rsplit('.').next().unwrap_or(name).to_ascii_lowercase();
+    if last == "<root>" || last == "root" { String::new() } else { last }
 }
 
 /// Share of normals that must agree on something.
@@ -145,8 +159,20 @@ pub(super) fn camera_normals(
     camera: Option<[f32; 16]>,
 ) -> Result<(Image, Vec<String>), CliError> {
     let mut notes = Vec::new();
+    let mut damaged = 0;
+    for pixel in normals.data_mut().chunks_exact_mut(3).filter(|pixel| pixel.iter().any(|value| !value.is_finite())) {
+        pixel.fill(0.0);
+        damaged += 1;
+    }
+    if damaged > 0 {
+        notes.push(format!("{damaged} normals are not finite; they count as no normal"));
+    }
     if encoded(&normals) {
-        normals = normals.map(|value| 2.0 * value - 1.0);
+        // Nothing was hit where the stored value is 0, or where it stands for 0.
+        for pixel in normals.data_mut().chunks_exact_mut(3) {
+            let none = pixel.iter().all(|value| *value == 0.0) || length(pixel, mapped) < 0.1;
+            pixel.iter_mut().for_each(|value| *value = if none { 0.0 } else { mapped(*value) });
+        }
         notes.push("normals are stored from 0 to 1; they are read as 2 n - 1".to_owned());
     }
     let long = unit(&mut normals);
@@ -160,7 +186,7 @@ pub(super) fn camera_normals(
     };
     if world {
         match camera {
-            Some(matrix) => normals = rotated(&normals, [0, 1, 2].map(|row| [0, 1, 2].map(|c| matrix[4 * row + c]))),
+            Some(matrix) => normals = rotated(&normals, rotation(&matrix, &normals)),
             None => {
                 normals = rotated(&normals, facing(&normals));
                 notes.push(
@@ -180,13 +206,40 @@ pub(super) fn camera_normals(
     Ok((normals, notes))
 }
 
+/// The rotation of a matrix from world to camera space, for row vectors. OpenEXR has row vectors, whose translation is
+/// in the last row; pbrt writes matrices for column vectors. Without a translation, the rotation counts by which more
+/// normals face the camera.
+fn rotation(matrix: &[f32; 16], normals: &Image) -> [[f32; 3]; 3] {
+    let rows = [0, 1, 2].map(|row| [0, 1, 2].map(|c| matrix[4 * row + c]));
+    let columns = [0, 1, 2].map(|row| [0, 1, 2].map(|c| matrix[4 * c + row]));
+    let moved = |places: [usize; 3]| places.iter().any(|at| matrix[*at] != 0.0);
+    match (moved([12, 13, 14]), moved([3, 7, 11])) {
+        (true, false) => rows,
+        (false, true) => columns,
+        _ => {
+            // Cameras look along +z or -z.
+            let agree = |matrix| share_facing(&rotated(normals, matrix)).map_or(0.0, |share| (share - 0.5).abs());
+            if agree(columns) > agree(rows) { columns } else { rows }
+        }
+    }
+}
+
+/// A value that was mapped to 0 to 1.
+fn mapped(value: f32) -> f32 {
+    2.0 * value - 1.0
+}
+
+fn length(pixel: &[f32], f: fn(f32) -> f32) -> f32 {
+    pixel.iter().map(|value| f(*value).powi(2)).sum::<f32>().sqrt()
+}
+
 /// Whether values are of normals that were mapped to 0 to 1.
 fn encoded(normals: &Image) -> bool {
-    let pixels = || normals.data().chunks_exact(3).filter(|pixel| pixel.iter().any(|value| *value != 0.0));
+    let hit = |pixel: &&[f32]| pixel.iter().any(|value| *value != 0.0) && length(pixel, mapped) > 0.1;
+    let pixels = || normals.data().chunks_exact(3).filter(hit);
     let count = pixels().count();
     let near = |length: f32| (length - 1.0).abs() < 0.1;
-    let length = |pixel: &[f32], f: fn(f32) -> f32| pixel.iter().map(|value| f(*value).powi(2)).sum::<f32>().sqrt();
-    let mapped = pixels().filter(|pixel| near(length(pixel, |value| 2.0 * value - 1.0))).count();
+    let mapped = pixels().filter(|pixel| near(length(pixel, mapped))).count();
     let plain = pixels().filter(|pixel| near(length(pixel, |value| value))).count();
     count > 0
         && normals.data().iter().all(|value| (0.0..=1.0).contains(value))
@@ -278,17 +331,31 @@ mod tests {
             (vec!["", "Albedo", "N", "Ns", "P", "Variance"], "", "Albedo", "Ns"),
             (vec!["<root>", "albedo", "sh_normal"], "<root>", "albedo", "sh_normal"),
             (vec!["path", "albedo", "nn"], "path", "albedo", "nn"),
+            (
+                vec!["Composite.Combined", "A.Denoising Albedo", "A.Denoising Normal", "B.Noisy Image"],
+                "B.Noisy Image",
+                "",
+                "",
+            ),
+            (vec!["Composite.Combined", "View.Combined"], "View.Combined", "", ""),
         ] {
             let layers = layers(&names);
             let name = |found: Option<(String, Image)>| found.map(|(name, _)| name).unwrap_or_default();
-            assert_eq!(layers.radiance(None).expect("recognised").0, radiance, "{names:?}");
-            assert_eq!((name(layers.albedo()), name(layers.normal())), (albedo.into(), normal.into()), "{names:?}");
+            assert_eq!(layers.radiance(None, None).expect("recognised").0, radiance, "{names:?}");
+            assert_eq!(
+                (name(layers.albedo(radiance)), name(layers.normal(radiance))),
+                (albedo.into(), normal.into()),
+                "{names:?}"
+            );
         }
         let unknown = layers(&["first", "second"]);
-        let CliError::Bad(told) = unknown.radiance(None).expect_err("two that could be") else { panic!("wrong sort") };
+        let CliError::Bad(told) = unknown.radiance(None, None).expect_err("two that could be") else {
+            panic!("wrong sort")
+        };
         assert!(told.contains("`first`, `second`") && told.contains("--layer"), "{told}");
-        assert_eq!(unknown.radiance(Some("second")).expect("named").0, "second");
-        assert!(unknown.radiance(Some("third")).is_err());
+        assert_eq!(unknown.radiance(None, Some("first")).expect("one is the variance").0, "second");
+        assert_eq!(unknown.radiance(Some("second"), None).expect("named").0, "second");
+        assert!(unknown.radiance(Some("third"), None).is_err());
         assert!(layers(&["first", "second"]).only_albedo().is_err() && layers(&["any"]).only_albedo().is_ok());
     }
 
@@ -327,11 +394,33 @@ mod tests {
         let whole = hits(&plain);
         let (found, notes) = camera(&whole.map(|value| 0.5 * value + 0.5), Space::Auto, None);
         assert!(near(&found, &whole) && notes[0].contains("2 n - 1"), "{notes:?}");
+        // A background that was mapped, too, or left at 0.
+        for background in [0.5, 0.0] {
+            let stored = |pixel: &[f32]| {
+                if pixel == [0.0; 3] { [background; 3] } else { [0, 1, 2].map(|c| 0.5 * pixel[c] + 0.5) }
+            };
+            let data = plain.data().chunks_exact(3).flat_map(stored).collect();
+            let stored = Image::from_data(plain.width(), plain.height(), 3, data).expect("fits");
+            let (found, notes) = camera(&stored, Space::Auto, None);
+            assert!(near(&found, &plain) && notes.len() == 1, "{background}: {notes:?}");
+        }
+        let mut broken = plain.clone();
+        broken.pixel_mut(12, 12)[1] = f32::NAN;
+        let (found, notes) = camera(&broken, Space::Auto, None);
+        assert!(found.data().iter().all(|value| value.is_finite()) && notes[0].contains("1 normals"), "{notes:?}");
         // World space: seen from above, where y is towards the camera.
         let turned = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]];
         let world = rotated(&plain, turned);
         let matrix = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 5.0, 1.0];
         assert!(near(&camera(&world, Space::Auto, Some(matrix)).0, &plain));
+        // The same for column vectors, as pbrt writes it, and without a translation.
+        let columns = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 5.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+        assert!(near(&camera(&world, Space::Auto, Some(columns)).0, &plain));
+        let still = |mut matrix: [f32; 16]| {
+            (matrix[7], matrix[14]) = (0.0, 0.0);
+            matrix
+        };
+        assert!(near(&camera(&world, Space::Auto, Some(still(matrix))).0, &plain));
         let (found, notes) = camera(&world, Space::Auto, None);
         assert!(notes[0].contains("world space") && share_facing(&found).is_some_and(|share| share > MOST));
         assert!(!near(&camera(&plain, Space::World, Some(matrix)).0, &plain));

@@ -108,8 +108,8 @@ impl Pictures<'_> {
         let input = rung_of(self.evaluation.from_spp);
         let head = Head {
             title: title.to_owned(),
-            provenance: "The scenes of report.html. Made by:".into(),
-            command: "tauflow run PIPELINE".into(),
+            provenance: "The scenes of report.html. Both pages were made by".into(),
+            command: "the command that report.html names".into(),
             first: shelf.frames.iter().position(|frame| frame.id == input).unwrap_or(0),
             reasons: REASONS.iter().map(|(name, text)| ((*name).to_owned(), (*text).to_owned())).collect(),
         };

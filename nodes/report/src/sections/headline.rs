@@ -72,9 +72,11 @@ pub fn block(evaluation: &Evaluation, material: &Material) -> String {
 pub fn hero(opening: &Montage, viewer: Option<&Viewer>) -> Result<String, KindError> {
     let Some(row) = opening.rows.first() else { return Ok(String::new()) };
     let mut out = String::from("<figure class=\"hero\"><div>");
-    for (picture, (_, head)) in row.pictures.iter().zip(&opening.columns) {
+    let input = row.pictures.first().and_then(|picture| picture.psnr);
+    for (at, (picture, (_, head))) in row.pictures.iter().zip(&opening.columns).enumerate() {
         let Some(image) = &picture.image else { continue };
-        let score = picture.psnr.map_or_else(String::new, |p| format!(" · {} dB", fixed(p, 2)));
+        let gain = picture.psnr.zip(input).filter(|_| at > 0).map(|(score, input)| score - input);
+        let score = gain.map_or_else(String::new, |gain| format!(" · {} dB", signed(gain, 2)));
         let shown = format!(r#"<img alt="{}" src="{}">"#, escape(head), png_uri(&encode_png(image)?));
         let shown = linked(&shown, viewer, &row.scene, &picture.frame);
         let _ = write!(out, "<div>{shown}<span><b>{}</b>{score}</span></div>", escape(head));
@@ -87,7 +89,7 @@ pub fn hero(opening: &Montage, viewer: Option<&Viewer>) -> Result<String, KindEr
     });
     let _ = write!(
         out,
-        "</div><figcaption>{}: the test scene with the median gain. Captions: HDR PSNR of this scene.\
+        "</div><figcaption>{}: the test scene with the median gain. Captions: gain in HDR PSNR over the first picture.\
          {}</figcaption></figure>",
         escape(&row.scene),
         open.unwrap_or_default()

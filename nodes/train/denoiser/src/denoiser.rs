@@ -7,8 +7,8 @@ use crate::{
     tiles::{part, put, tiles},
 };
 use tauflow_contract::KindError;
-use tauflow_data::{Image, bins::geometric_mean_luminance, time::TimeGrid, views::Views};
-use tauflow_train::{Conditioning, Course, Mirrored, Model, clean_estimate, rollout};
+use tauflow_data::{Image, bins::geometric_mean_luminance, views::Views};
+use tauflow_train::{Conditioning, Mirrored, Model, clean_estimate};
 
 /// Geometric mean luminance that solvers saw scenes exposed to.
 const KEY: f64 = 0.18;
@@ -25,7 +25,8 @@ pub struct Settings {
     pub strength: f64,
     /// Mirrored and rotated copies over which the call is averaged.
     pub views: Views,
-    /// Side of tiles in pixels; none to use tiles only for images above 1.6 million pixels. Results have the same bits.
+    /// Side of tiles in pixels, up to 16384; none to use tiles only for images above 1.6 million pixels. Results have
+    /// the same bits.
     pub tile: Option<usize>,
     /// Whether the G-buffer is used, if there is one.
     pub gbuffer: bool,
@@ -46,7 +47,7 @@ pub struct Denoised {
     pub exposure: f64,
     /// Whether the network was shown the G-buffer.
     pub with_gbuffer: bool,
-    /// Mean share of the noisy image in the result; none without variance.
+    /// Mean share of the noisy image in the result, `strength` included; none without variance.
     pub kept: Option<f64>,
 }
 
@@ -85,26 +86,37 @@ impl Denoiser {
         settings: &Settings,
         progress: &mut dyn FnMut(usize, usize) -> Result<(), KindError>,
     ) -> Result<Denoised, KindError> {
+        if settings.tile.is_some_and(|side| !(1..=MOST_TILE).contains(&side)) {
+            return Err(KindError::Input(format!("a tile must have 1 to {MOST_TILE} pixels")));
+        }
         if !(0.0..=1.0).contains(&settings.strength) {
             return Err(KindError::Input(format!("a strength of {}; it goes from 0 to 1", settings.strength)));
         }
         let (model, gbuffer) = self.model(frame, settings)?;
         let noisy = frame.radiance();
-        let exposure = settings.exposure.unwrap_or_else(|| KEY / geometric_mean_luminance(noisy));
+        // What is brighter than any light of a picture would spread over it.
+        let bound = bound(noisy);
+        let seen = noisy.map(|value| value.clamp(-bound, bound));
+        let exposure = settings.exposure.unwrap_or_else(|| KEY / geometric_mean_luminance(&seen));
         if !(exposure.is_finite() && exposure > 0.0) {
             return Err(KindError::Input(format!("an exposure of {exposure}; it must be a factor above 0")));
         }
-        let exposed = noisy.map(|value| (f64::from(value) * exposure) as f32);
+        let (width, height) = (noisy.width(), noisy.height());
+        let exposed = seen.map(|value| (f64::from(value) * exposure) as f32);
+        // Mirrored copies look at the same blocks of pixels only if the image consists of whole ones.
+        let multiple = if settings.views == Views::ONE { 1 } else { model.multiple() };
+        let exposed = padded(&exposed, multiple);
+        let features = gbuffer.map(|gbuffer| padded(gbuffer, multiple));
         exposed.finite("the exposed image", "lower the exposure")?;
         let probe = frame.variance().map(|variance| (variance, changed(&exposed)));
-        let tiles = tiles(noisy.width(), noisy.height(), settings.tile, model.reach(), model.multiple());
+        let tiles = tiles(exposed.width(), exposed.height(), settings.tile, model.reach(), model.multiple());
         let calls = tiles.len() * if probe.is_some() { 2 } else { 1 };
         let mut done = 0;
         let mut all = |image: &Image| -> Result<Image, KindError> {
             let mut out = Image::new(image.width(), image.height(), 3);
             for tile in &tiles {
                 let seen = part(image, tile.seen);
-                let features = gbuffer.map(|gbuffer| part(gbuffer, tile.seen));
+                let features = features.as_ref().map(|features| part(features, tile.seen));
                 put(&mut out, tile, &estimate(model, &seen, features.as_ref(), settings)?);
                 done += 1;
                 progress(done, calls)?;
@@ -114,7 +126,7 @@ impl Denoiser {
         let mut image = all(&exposed)?;
         let mut kept = None;
         if let Some((variance, (moved, changes))) = &probe {
-            let variance = variance.map(|value| (f64::from(value) * exposure * exposure) as f32);
+            let variance = padded(&variance.map(|value| (f64::from(value) * exposure * exposure) as f32), multiple);
             let denoised_changed = all(moved)?;
             let shares = Evidence {
                 noisy: &exposed,
@@ -124,14 +136,20 @@ impl Denoiser {
                 changes,
             }
             .shares();
-            kept = Some(shares.iter().map(|share| f64::from(*share)).sum::<f64>() / shares.len().max(1) as f64);
+            let share = shares.iter().map(|share| f64::from(*share)).sum::<f64>() / shares.len().max(1) as f64;
+            kept = Some(1.0 - settings.strength * (1.0 - share));
             for (i, value) in image.data_mut().iter_mut().enumerate() {
                 *value += shares[i / 3] * (exposed.data()[i] - *value);
             }
         }
+        let mut image = part(&image, [0, 0, width, height]);
         let strength = settings.strength as f32;
         for (value, noisy) in image.data_mut().iter_mut().zip(noisy.data()) {
-            let denoised = (f64::from(*value) / exposure) as f32;
+            let mut denoised = (f64::from(*value) / exposure) as f32;
+            // A lamp that is as bright as all around it keeps its brightness.
+            if noisy.abs() > bound && denoised > 0.25 * bound {
+                denoised = *noisy;
+            }
             *value = if strength < 1.0 { noisy + strength * (denoised - noisy) } else { denoised };
         }
         image.finite("the denoised image", "set another exposure")?;
@@ -152,14 +170,46 @@ impl Denoiser {
     }
 }
 
+/// Largest side of tiles.
+const MOST_TILE: usize = 16384;
+
+/// How many times brighter than the median a value that the network is shown may be.
+const BRIGHTEST: f32 = 1e6;
+
+/// The largest value that the network is shown, before exposure.
+fn bound(image: &Image) -> f32 {
+    // Some of the pixels tell the median of all.
+    let step = (image.data().len() / (1 << 16)).max(1);
+    let mut values: Vec<f32> = image.data().iter().step_by(step).copied().filter(|value| *value > 0.0).collect();
+    if values.is_empty() {
+        return f32::MAX;
+    }
+    let middle = values.len() / 2;
+    let (_, median, _) = values.select_nth_unstable_by(middle, f32::total_cmp);
+    (*median * BRIGHTEST).min(f32::MAX)
+}
+
+/// The image with its last row and column repeated up to a multiple of so many pixels.
+fn padded(image: &Image, multiple: usize) -> Image {
+    let (width, height) = (image.width().next_multiple_of(multiple), image.height().next_multiple_of(multiple));
+    if (width, height) == (image.width(), image.height()) {
+        return image.clone();
+    }
+    let mut data = Vec::with_capacity(width * height * image.channels());
+    for y in 0..height {
+        for x in 0..width {
+            data.extend_from_slice(image.pixel(x.min(image.width() - 1), y.min(image.height() - 1)));
+        }
+    }
+    Image::from_data(width, height, image.channels(), data).expect("as many values as pixels")
+}
+
 /// The clean estimate of a part of an exposed image.
 fn estimate(model: &Model, image: &Image, gbuffer: Option<&Image>, settings: &Settings) -> Result<Image, KindError> {
     let info = model.info();
     let viewed = Mirrored::new(model, settings.views);
-    match settings.spp.filter(|spp| (info.n_min()..info.n_max()).contains(spp)) {
-        Some(from) => rollout(&viewed, image, gbuffer, Course { from, steps: 1, grid: TimeGrid::Ladder }),
-        None => clean_estimate(&viewed, image, gbuffer),
-    }
+    let spp = settings.spp.filter(|spp| (info.n_min()..info.n_max()).contains(spp));
+    clean_estimate(&viewed, image, gbuffer, spp)
 }
 
 #[cfg(test)]
@@ -233,14 +283,15 @@ mod tests {
         let frame = frame(330, 190);
         for weights in Weights::ALL {
             let denoiser = Denoiser::built_in(weights).expect("bundled");
-            for gbuffer in [false, true] {
+            for (gbuffer, views) in [(false, 1), (true, 1), (false, 2), (true, 8)] {
                 let of = |tile| {
-                    let settings = Settings { tile, gbuffer, ..Settings::default() };
+                    let views = Views::try_from(views).expect("a number of views");
+                    let settings = Settings { tile, gbuffer, views, ..Settings::default() };
                     denoiser.denoise(&frame, &settings, &mut quiet).expect("fine").image
                 };
-                let (whole, tiled) = (of(None), of(Some(32)));
+                let (whole, tiled) = (of(None), of(Some(64)));
                 let differ = whole.data().iter().zip(tiled.data()).filter(|(a, b)| a.to_bits() != b.to_bits()).count();
-                assert_eq!(differ, 0, "{weights:?}, G-buffers {gbuffer}");
+                assert_eq!(differ, 0, "{weights:?}, G-buffers {gbuffer}, {views} views");
             }
         }
     }
@@ -256,6 +307,42 @@ mod tests {
             let brighter = of(&brighter.with_gbuffer(frame.gbuffer().expect("given").clone()).expect("fits"));
             let apart = |(a, b): (&f32, &f32)| (a - b * factor).abs() <= 1e-4 * (a.abs() + factor);
             assert!(brighter.data().iter().zip(plain.data()).all(apart), "{factor}");
+        }
+    }
+
+    #[test]
+    fn a_told_count_leaves_no_more_noise_than_an_unknown_one() {
+        // Grey noise of 32 samples on a grey wall.
+        let mut stream = Stream::new(9, &[]);
+        let grey = |stream: &mut Stream| (0..32).map(|_| -(1.0 - stream.uniform()).ln()).sum::<f64>() as f32 / 32.0;
+        let data = (0..96 * 96).flat_map(|_| [grey(&mut stream); 3]).collect();
+        let frame = Frame::new(Image::from_data(96, 96, 3, data).expect("fits")).expect("finite");
+        let denoiser = Denoiser::built_in(Weights::Best).expect("bundled");
+        let error = |spp| {
+            let settings = Settings { spp, ..Settings::default() };
+            let image = denoiser.denoise(&frame, &settings, &mut quiet).expect("fine").image;
+            image.data().iter().map(|value| f64::from(value - 1.0).powi(2)).sum::<f64>() / image.data().len() as f64
+        };
+        let noise = 1.0 / 32.0;
+        assert!(error(Some(32)) < 0.1 * noise && error(None) < 0.1 * noise, "{} {}", error(Some(32)), error(None));
+    }
+
+    #[test]
+    fn one_pixel_of_any_brightness_does_not_reach_the_others() {
+        let denoiser = Denoiser::built_in(Weights::Best).expect("bundled");
+        let plain = made_up(64, 64, 3, 4).map(|value| value.min(1.0));
+        let far = |firefly: f32| {
+            let mut image = plain.clone();
+            image.pixel_mut(10, 10).fill(firefly);
+            let frame = Frame::new(image).expect("finite");
+            let settings = Settings::default();
+            let denoised = denoiser.denoise(&frame, &settings, &mut quiet).expect("fine").image;
+            (0..64usize * 64).filter(|i| i % 64 > 50 && i / 64 > 50).map(|i| denoised.data()[3 * i]).collect::<Vec<_>>()
+        };
+        let expected = far(0.5);
+        for firefly in [1e6, 1e12, 3e38] {
+            let apart = far(firefly).iter().zip(&expected).fold(0.0f32, |most, (a, b)| most.max((a - b).abs()));
+            assert!(apart < 0.3, "{firefly}: {apart}");
         }
     }
 

@@ -20,6 +20,9 @@ impl Frame {
     /// If the image has not three channels, or no pixel is finite.
     pub fn new(radiance: Image) -> Result<Self, KindError> {
         shape(&radiance, "radiance", 3, None)?;
+        if radiance.data().is_empty() {
+            return Err(KindError::Input("the image has no pixels; render it again".into()));
+        }
         let mut notes = Vec::new();
         let radiance = mended(radiance, "radiance", &mut notes)?;
         Ok(Self { radiance, gbuffer: None, variance: None, notes })
@@ -163,6 +166,7 @@ mod tests {
             assert!(error.contains(part), "{error}");
         };
         wrong(Frame::new(image(4, 1.0)), "4 values per pixel; it needs 3");
+        wrong(Frame::new(Image::new(0, 0, 3)), "no pixels");
         wrong(frame().with_gbuffer(image(3, 1.0)), "3 values per pixel; it needs 6");
         wrong(frame().with_gbuffer(Image::new(3, 3, 6)), "3 x 3 pixels, but the radiance has 4 x 3");
         wrong(frame().with_variance(image(3, -1.0)), "at least 0");

@@ -1,4 +1,4 @@
-//! The mix of a noisy image with what was made of it, by estimated errors: at high sample counts the noisy image may be
+//! The mix of a noisy image and its denoised version, by estimated errors: at high sample counts the noisy image may be
 //! the better one.
 //!
 //! Let y be a noisy value with variance v, x its expectation, D the denoised value, and w the share of y in the mix.
@@ -30,9 +30,12 @@ pub(crate) fn changed(noisy: &Image) -> (Image, Vec<f32>) {
     let mut changes = vec![0.0; noisy.data().len()];
     changes.par_chunks_mut(rows).zip(noisy.data().par_chunks(rows)).enumerate().for_each(|(row, (changes, values))| {
         let mut stream = Stream::new(row as u64, &[]).part("probe");
-        for (change, value) in changes.iter_mut().zip(values) {
+        // The noise of a path moves all colours of a pixel together.
+        for (changes, values) in changes.chunks_exact_mut(3).zip(values.chunks_exact(3)) {
             let sign = if stream.chance(0.5) { 1.0 } else { -1.0 };
-            *change = sign * CHANGE * (value.abs() + floor);
+            for (change, value) in changes.iter_mut().zip(values) {
+                *change = sign * CHANGE * (value.abs() + floor);
+            }
         }
     });
     let mut moved = noisy.clone();
@@ -43,7 +46,7 @@ pub(crate) fn changed(noisy: &Image) -> (Image, Vec<f32>) {
 /// What a mix is estimated from; all are [H, W, 3].
 pub(crate) struct Evidence<'a> {
     pub(crate) noisy: &'a Image,
-    /// Of each value of `noisy`.
+    /// The variance of each value of `noisy`.
     pub(crate) variance: &'a Image,
     pub(crate) denoised: &'a Image,
     /// The image denoised with the changes of [`changed`].

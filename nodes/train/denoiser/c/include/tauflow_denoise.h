@@ -3,6 +3,7 @@
  *
  *     char error[512];
  *     TauflowDenoiser *denoiser = tauflow_denoiser_new("best", error, sizeof error);
+ *     if (!denoiser) { fprintf(stderr, "%s\n", error); return 1; }
  *     TauflowFrame frame = {0};
  *     frame.width = width, frame.height = height;
  *     frame.radiance = radiance, frame.albedo = albedo, frame.normal = normal;

@@ -51,7 +51,7 @@ unsafe fn told<T>(error: *mut c_char, size: usize, f: impl FnOnce() -> Result<T,
     };
     if !error.is_null() && size > 0 {
         let bytes = message.as_bytes();
-        let count = bytes.len().min(size - 1);
+        let count = (0..=bytes.len().min(size - 1)).rev().find(|count| message.is_char_boundary(*count)).unwrap_or(0);
         // SAFETY: the caller says that `size` bytes are writable, and `count` is less.
         unsafe {
             std::ptr::copy_nonoverlapping(bytes.as_ptr().cast(), error, count);
@@ -136,6 +136,9 @@ unsafe fn denoised(denoiser: &Denoiser, frame: &TauflowFrame) -> Result<Image, K
     let count = count.filter(|count| (3..=isize::MAX as usize / 8).contains(count)).ok_or_else(|| {
         KindError::Input(format!("a frame of {width} x {height} pixels; it needs at least one, and must fit in memory"))
     })?;
+    if !(0.0..=1.0).contains(&frame.keep) {
+        return Err(KindError::Input(format!("`keep` is {}; it goes from 0 to 1", frame.keep)));
+    }
     let image = |pixels: *const f32| -> Result<Image, KindError> {
         // SAFETY: the caller says that it has as many floats, and it is not null.
         let data = unsafe { std::slice::from_raw_parts(pixels, count) }.to_vec();

@@ -96,7 +96,7 @@ fn what_is_wrong_is_told_and_nothing_is_written() {
         (TauflowFrame { albedo: radiance.as_ptr(), ..fine }, "belong together"),
         (TauflowFrame { width: 0, ..fine }, "0 x 17 pixels"),
         (TauflowFrame { width: usize::MAX, ..fine }, "must fit in memory"),
-        (TauflowFrame { keep: 2.0, ..fine }, "a strength of -1"),
+        (TauflowFrame { keep: 2.0, ..fine }, "`keep` is 2"),
         (TauflowFrame { exposure: -1.0, ..fine }, "an exposure of -1"),
         (TauflowFrame { radiance: nan.as_ptr(), ..fine }, "no finite pixel"),
     ] {
