@@ -10,6 +10,8 @@ const NOTES: [&str; 8] = ["$schema", "$defs", "title", "description", "default",
 const NAME: &str = "^[A-Za-z_][A-Za-z0-9_-]*$";
 /// What uses of named values look like.
 const USE: &str = "^\\$[A-Za-z_][A-Za-z0-9_-]*$";
+/// The pattern of names of strata.
+const STRATUM: &str = "^[A-Za-z0-9][A-Za-z0-9_.-]*$";
 
 /// What is wrong with `value`, a line each, with its place.
 pub fn problems(root: &Value, value: &Value) -> Vec<String> {
@@ -96,8 +98,12 @@ fn check(root: &Value, schema: &Value, value: &Value, place: &str, found: &mut V
                 }
             }
             "pattern" => {
-                assert!(*rule == NAME || *rule == USE, "the validator knows two patterns, and not {rule}");
+                assert!([NAME, USE, STRATUM].iter().any(|known| rule == known), "the validator does not know {rule}");
                 let fine = |text: &str| {
+                    if *rule == STRATUM {
+                        return text.starts_with(|c: char| c.is_ascii_alphanumeric())
+                            && text.chars().all(|c| c.is_ascii_alphanumeric() || "_.-".contains(c));
+                    }
                     let Some(text) = text.strip_prefix(if *rule == USE { "$" } else { "" }) else { return false };
                     text.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
                         && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-')
