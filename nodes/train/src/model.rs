@@ -176,8 +176,8 @@ impl Model {
         }
         if tau.contains(&None) && !self.info.unknown_counts {
             return Err(KindError::Input(
-                "the model must be told the sample count of its input, within its ladder; give the count, or train with \
-                `unknown_counts` above 0"
+                "the model must be told the sample count of its input, within its ladder; give the count, or train \
+                with `unknown_counts` above 0"
                     .into(),
             ));
         }

@@ -93,8 +93,8 @@ pub fn rollout_to(
     decode(model, state, endpoint)
 }
 
-/// The estimate of the converged image for exposed linear radiance [H, W, 3] of `count` samples, or of an unknown count,
-/// which may differ from pixel to pixel; one network call.
+/// The estimate of the converged image for exposed linear radiance [H, W, 3] of `count` samples, or of an unknown
+/// count, which may differ from pixel to pixel; one network call.
 ///
 /// A rollout ends at I_m, the last rung, which contains the samples of I_n: with the law, the fraction n/m of its noise
 /// stays. Here all of it goes.
