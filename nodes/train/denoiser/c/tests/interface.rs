@@ -77,8 +77,8 @@ fn images_are_those_of_the_library() {
 
 #[test]
 fn what_is_wrong_is_told_and_nothing_is_written() {
-    let mut error: [c_char; 64] = [0; 64];
-    // SAFETY: the name ends in 0, and the text has 64 bytes.
+    let mut error: [c_char; 200] = [0; 200];
+    // SAFETY: the name ends in 0, and the text has 200 bytes.
     let none = unsafe { tauflow_denoiser_new(c"better".as_ptr(), error.as_mut_ptr(), error.len()) };
     assert!(none.is_null() && text(&error).contains("`better`"), "{}", text(&error));
     // SAFETY: null is allowed.
