@@ -151,7 +151,7 @@ mod tests {
         let own = BTreeMap::from([("a".parse().expect("a name"), vec![grey(0.25), grey(0.5)])]);
         let below = pictures.iter().chain(&own).map(|(name, images)| (name.clone(), images.clone())).collect();
         let (own, below, sheet) = (sheet(&own, 2), sheet(&below, 2), sheet(&pictures, 2));
-        let (left, top) = (22 + 28, 16 + 28);
+        let (left, top) = (font::width("L0", 2) + 28, 16 + 28);
         let group = 2 * 8 + 3 + 14;
         assert_eq!((sheet.width(), sheet.height()), (left + 2 * group, top + 63 + 14));
         assert_eq!(sheet.pixel(left, top)[0], 0.25);

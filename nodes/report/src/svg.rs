@@ -501,7 +501,7 @@ mod tests {
     fn a_wide_plot_has_a_drawing_for_phones() {
         let mut plot = Plot::new([560.0, 300.0], [20.0; 4], Scale::linear([0.0, 1.0]), Scale::linear([0.0, 1.0]));
         let ticks = (0..=40).map(|i| (f64::from(i) / 40.0, format!("tick {i}")));
-        plot.title("A title that has more words than a phone has room for in one line").x_axis(ticks, "x");
+        plot.title("A title that has more words than a phone has room for").x_axis(ticks, "x");
         plot.line([(0.0, 0.0), (1.0, 1.0)], "c0").end_label(0.5, "c0", "a label of several words");
         let svg = plot.finish("x");
         let drawings: Vec<&str> = svg.split("<svg ").skip(1).collect();
