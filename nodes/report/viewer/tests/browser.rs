@@ -346,7 +346,7 @@ fn the_sample_of_the_documentation_opens() {
             browser.eval(&format!("setMode('{mode}')"));
             assert_eq!(browser.eval(OVERFLOW), json!([]), "{mode} at {width}");
         }
-        assert!(browser.eval("framesOf(0).length").as_u64() > Some(5), "it has rungs and methods");
+        assert!(browser.eval("framesOf(0).length").as_u64() > Some(1), "it has rungs");
     }
     calm(&browser);
 }
