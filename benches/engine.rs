@@ -4,7 +4,7 @@
 //! cargo bench --bench engine [-- ITEMS [FOLDER [UPSTREAM]]]
 //! ```
 //!
-//! There are 30,000 items unless told. The cache lies in FOLDER, or in memory. UPSTREAM is a new directory or a prefix
+//! The default is 30,000 items. The cache lies in FOLDER, or in memory. UPSTREAM is a new directory or a prefix
 //! in an object store: the results are pushed there, and a second machine with an empty cache runs the same.
 //!
 //! `benches/engine_peers.sh` does the same graph with ninja and with Snakemake.

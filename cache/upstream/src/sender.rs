@@ -19,7 +19,7 @@ pub struct Sender {
 }
 
 impl Sender {
-    /// Of an upstream that is open for writing.
+    /// A sender for an upstream that is open for writing.
     pub fn new(upstream: Upstream) -> Self {
         Self { upstream, there: Mutex::default() }
     }

@@ -218,7 +218,7 @@ impl Upstream {
         }
     }
 
-    /// Deletes notes. Those that stay cost room and nothing else.
+    /// Deletes notes. A note that cannot be deleted only takes space.
     pub fn delete_notes(&self, names: &[String]) {
         for name in names {
             let name = format!("jobs/{name}");

@@ -17,22 +17,22 @@ pub struct Resources {
 }
 
 impl Resources {
-    /// With so many cores.
+    /// Sets the number of cores.
     pub const fn cores(self, cores: u32) -> Self {
         Self { cores: Some(cores), ..self }
     }
 
-    /// With this much memory, in bytes.
+    /// Sets the memory in bytes.
     pub const fn memory(self, bytes: u64) -> Self {
         Self { memory: Some(bytes), ..self }
     }
 
-    /// With a time limit in seconds, rounded up.
+    /// Sets the time limit in seconds, rounded up.
     pub fn time(self, seconds: f64) -> Self {
         Self { time: Some(seconds.max(1.0).ceil() as u64), ..self }
     }
 
-    /// With so many GPUs.
+    /// Sets the number of GPUs.
     pub const fn gpus(self, gpus: u32) -> Self {
         Self { gpus: Some(gpus), ..self }
     }

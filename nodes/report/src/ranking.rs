@@ -159,7 +159,7 @@ pub fn conditioning_order(conditioning: &str) -> (bool, String) {
     (conditioning != Conditioning::Rgb.name(), conditioning.to_owned())
 }
 
-/// What the class of a method's colour begins with.
+/// Prefix of the CSS class of a method's colour.
 const CLASS: &str = "of-";
 /// Colours of the page that methods may have, `m0` and on: those of solvers, then that of OIDN.
 pub const COLOURS: usize = 12;
