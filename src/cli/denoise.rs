@@ -208,9 +208,15 @@ fn images_of(folder: &Path) -> Result<Vec<PathBuf>, CliError> {
 
 /// The files of albedo and normals beside an image of OIDN's examples: NAME.hdr.exr, NAME.alb.exr, NAME.nrm.exr.
 fn beside(image: &Path) -> Option<[PathBuf; 2]> {
-    let stem = image.to_str()?.strip_suffix(".hdr.exr")?;
-    let parts = PARTS.map(|part| PathBuf::from(format!("{stem}{part}")));
-    parts.iter().all(|part| part.is_file()).then_some(parts)
+    let name = image.to_str()?;
+    let stem = name.len().checked_sub(".hdr.exr".len()).filter(|at| name.is_char_boundary(*at))?;
+    let (stem, end) = name.split_at(stem);
+    // Files of one image have their ends in the same case.
+    let capitals = end == ".HDR.EXR";
+    let part =
+        |part: &str| PathBuf::from(format!("{stem}{}", if capitals { part.to_uppercase() } else { part.into() }));
+    let parts = PARTS.map(part);
+    (end.eq_ignore_ascii_case(".hdr.exr") && parts.iter().all(|part| part.is_file())).then_some(parts)
 }
 
 fn one(args: &DenoiseArgs, denoiser: &BundledDenoiser, settings: &DenoiseSettings, job: &Job) -> Result<(), CliError> {
@@ -219,7 +225,7 @@ fn one(args: &DenoiseArgs, denoiser: &BundledDenoiser, settings: &DenoiseSetting
         CliError::Bad(message) if !message.starts_with(&name) => CliError::Bad(format!("{name}: {message}")),
         other => other,
     };
-    let (frame, mut notes) = frame(args, &job.image).map_err(named)?;
+    let (frame, alpha, mut notes) = frame(args, &job.image).map_err(named)?;
     notes.extend(frame.notes().iter().cloned());
     for note in notes {
         terminal::note(&format!("{name}: {note}"));
@@ -234,7 +240,7 @@ fn one(args: &DenoiseArgs, denoiser: &BundledDenoiser, settings: &DenoiseSetting
     let denoised = denoiser.denoise(&frame, settings, &mut progress).map_err(|error| named(told(error)))?;
     bar.finish_and_clear();
     let seconds = start.elapsed().as_secs_f64();
-    write(&job.out, &denoised)?;
+    write(&job.out, &denoised, alpha.as_ref())?;
     let Denoised { image, exposure, with_gbuffer, kept } = &denoised;
     let features = if *with_gbuffer { "albedo and normals" } else { "RGB alone" };
     let kept = kept.map(|share| format!(", {:.1}% of the noisy image kept", 100.0 * share)).unwrap_or_default();
@@ -250,16 +256,22 @@ fn one(args: &DenoiseArgs, denoiser: &BundledDenoiser, settings: &DenoiseSetting
     Ok(())
 }
 
-/// Writes the result: radiance, or its preview.
-fn write(path: &Path, denoised: &Denoised) -> Result<(), CliError> {
+/// Writes the result: radiance and the alpha of the input, or a preview.
+fn write(path: &Path, denoised: &Denoised, alpha: Option<&Image>) -> Result<(), CliError> {
     if path.extension().is_some_and(|e| e == "png") {
         return write_picture(path, &denoised.image.map(|v| (f64::from(v) * denoised.exposure) as f32));
     }
-    write_layers(path, &[ExrLayer::colors("", &denoised.image)])
+    match alpha {
+        None => write_layers(path, &[ExrLayer::colors("", &denoised.image)]),
+        Some(alpha) => {
+            let image = denoised.image.beside(alpha).map_err(|e| CliError::Bad(e.to_string()))?;
+            write_layers(path, &[ExrLayer::colors("", &image)])
+        }
+    }
 }
 
-/// The frame of a file, and what is worth telling of it.
-fn frame(args: &DenoiseArgs, path: &Path) -> Result<(Frame, Vec<String>), CliError> {
+/// The frame of a file, its alpha, and what is worth telling of it.
+fn frame(args: &DenoiseArgs, path: &Path) -> Result<(Frame, Option<Image>, Vec<String>), CliError> {
     let mut notes = Vec::new();
     let layers = Layers::read(path)?;
     let (name, radiance) = layers.radiance(args.layer.as_deref(), args.variance.as_deref())?;
@@ -285,7 +297,7 @@ fn frame(args: &DenoiseArgs, path: &Path) -> Result<(Frame, Vec<String>), CliErr
         let samples = args.spp.filter(|_| args.per_sample).unwrap_or(1) as f32;
         frame = frame.with_variance(variance.map(|value| value / samples)).map_err(told)?;
     }
-    Ok((frame, notes))
+    Ok((frame, layers.alpha(&name), notes))
 }
 
 /// Albedo, and normals in camera space, if the image has both.

@@ -83,6 +83,16 @@ fn images_of_any_renderer_are_denoised_by_the_layers_that_they_have() {
     assert!(fast != whole && of("ours.exr", &["--mirrors", "8"], "albedo") != whole);
     assert!(of("ours.exr", &["--strength", "0"], "albedo") == noisy);
     of("ours.exr", &["--spp", "4", "--exposure", "0.5"], "exposure 0.5000");
+    let alpha = Image::from_data(WIDTH, HEIGHT, 1, (0..WIDTH * HEIGHT).map(|i| i as f32).collect()).expect("fits");
+    let cut_out = noisy.beside(&alpha).expect("as large");
+    write(&place, "alpha.exr", &[("", &["R", "G", "B", "A"], &cut_out)]);
+    assert!(of("alpha.exr", &[], "RGB alone") == rgb);
+    let kept = fs::read(place.path("out.exr")).expect("written");
+    let channels =
+        exr::meta::MetaData::read_from_buffered(&kept[..], false).expect("own").headers[0].channels.list.len();
+    let kept = exr::prelude::read_first_flat_layer_from_file(place.path("out.exr")).expect("own");
+    let kept = kept.layer_data.channel_data.list.iter().find(|c| c.name.to_string() == "A").expect("alpha");
+    assert!(channels == 4 && kept.sample_data.values_as_f32().eq(alpha.data().iter().copied()));
     denoise("ours.exr", &["-o", "out.png"]).ends(0);
     assert!(fs::read(place.path("out.png")).expect("written").starts_with(b"\x89PNG"));
 

@@ -138,6 +138,29 @@ impl Model {
         self.network.slots().write(TensorFile::default().note("model", note), "", &self.weights)
     }
 
+    /// The weights, as the first ones of a training of a model `like` this one.
+    ///
+    /// # Errors
+    /// If the trained model would differ in what its weights mean.
+    pub(crate) fn into_weights_for(self, like: &ModelInfo) -> Result<Weights, KindError> {
+        let own = |info: &ModelInfo| {
+            [
+                ("preset", info.preset.name().to_owned()),
+                ("conditioning", info.conditioning.name().into()),
+                ("parameterization", info.parameterization.name().into()),
+                ("space", info.space.name().into()),
+                ("output", format!("{:?}", info.output)),
+            ]
+        };
+        match own(&self.info).into_iter().zip(own(like)).find(|(start, wanted)| start != wanted) {
+            None => Ok(self.weights),
+            Some(((param, start), (_, wanted))) => Err(KindError::Input(format!(
+                "the model on input `start` has `{param}: {start}`, but this training has `{param}: {wanted}`; give \
+                both the same `{param}`"
+            ))),
+        }
+    }
+
     /// Its metadata.
     pub fn info(&self) -> &ModelInfo {
         &self.info

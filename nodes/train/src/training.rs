@@ -20,14 +20,14 @@ use params::LATER;
 use serde_json::Value;
 use std::time::Instant;
 use tauflow_contract::{
-    Action, All, Basis, Context, Facts, Foreseen, Group, Items, Kind, KindError, KindSpec, Known, Later, Media, Mode,
-    Out, Outlook, Outputs, ParamProblem, Probe, Resources, derive_seed, leave_out,
+    Action, All, Basis, Context, Digest, Facts, Foreseen, Group, Handle, Items, Kind, KindError, KindSpec, Known,
+    Later, Media, Mode, Out, Outlook, Outputs, ParamProblem, Probe, Resources, derive_seed, leave_out,
 };
 use tauflow_data::{
     facts::{self, CONDITIONING, PARAMETERIZATION, RUNGS},
     records::{ModelFile, PackedScene, TrainingLog, TrainingTiming},
 };
-use tauflow_tensors::{Checkpoints as Kept, Curve, Rates, Score, Share};
+use tauflow_tensors::{Checkpoints as Kept, Curve, Rates, Score, Share, Weights};
 use trainer::Trainer;
 
 /// Raised with every change of what a training computes: neither results nor checkpoints of before count then.
@@ -38,6 +38,9 @@ pub struct Training;
 
 const TRAIN: All<PackedScene> = All::new("train", "The training set.");
 const TEST: All<PackedScene> = All::new("test", "The test set; only its loss is recorded.").or_none();
+
+const START: All<ModelFile> =
+    All::new("start", "A model whose weights the training begins with, in place of random ones.").or_none().single();
 
 const MAIN: Group = Group::main(VERSION);
 const MODEL: Out<ModelFile> = Out::new(MAIN, "model", "The averaged weights.").single();
@@ -56,7 +59,7 @@ impl Kind for Training {
             summary: "Trains a solver (a neural denoiser).",
             manual: include_str!("training.md"),
             mode: Mode::Gather,
-            inputs: vec![TRAIN.port(), TEST.port()],
+            inputs: vec![TRAIN.port(), TEST.port(), START.port()],
             outputs: vec![MODEL.port(), LOG.port(), TIMING.port()],
             seeded: true,
         }
@@ -117,7 +120,9 @@ impl Kind for Training {
         let (train, test) = (action.all(TRAIN)?, action.all_if(TEST)?);
         let seed =
             if params.draw == 0 { action.seed } else { derive_seed(action.seed, "draw", &params.draw.to_string()) };
-        let work = OneTraining { ctx, params, seed, train, test, place: Place::of(params.device)? };
+        let digest = action.all_if(START)?.map(Items::digest);
+        let start = action.only_if(START)?.zip(digest);
+        let work = OneTraining { ctx, params, seed, train, test, start, place: Place::of(params.device)? };
         work.run(&mut Share::new())
     }
 }
@@ -136,6 +141,7 @@ struct OneTraining<'a> {
     seed: u64,
     train: Items<'a, PackedScene>,
     test: Option<Items<'a, PackedScene>>,
+    start: Option<(Handle<'a, ModelFile>, Digest)>,
     place: Place,
 }
 
@@ -168,7 +174,8 @@ impl OneTraining<'_> {
             unknown_counts: params.unknown_counts != 0.0,
         };
         let (encoding, rates) = (info.encoding()?, self.rates());
-        let mut trainer = Trainer::new(encoding, rates, params.loss, self.seed, &self.place);
+        let start = self.first_weights(&info)?;
+        let mut trainer = Trainer::new(encoding, rates, params.loss, (self.seed, start), &self.place);
         let checkpoints = self.checkpoints(&info);
         let mut curve = checkpoints.latest(ctx, &mut trainer, params.steps).unwrap_or_default();
         let seconds = self.steps(&info, &mut trainer, &mut curve, &checkpoints, (&train, test.as_ref()), share)?;
@@ -192,6 +199,13 @@ impl OneTraining<'_> {
             .put_one(TIMING, ITEM, timing(seconds, share.most()).store(ctx)?)
     }
 
+    /// The weights of the model that the training begins with.
+    fn first_weights(&self, info: &ModelInfo) -> Result<Option<Weights>, KindError> {
+        let Some((file, _)) = &self.start else { return Ok(None) };
+        let bytes = file.load(self.ctx)?;
+        Model::load(&bytes.0)?.into_weights_for(info).map(Some)
+    }
+
     fn rates(&self) -> Rates {
         let p = self.params;
         Rates {
@@ -213,6 +227,7 @@ impl OneTraining<'_> {
         let basis = Basis::new("training", VERSION, "checkpoint");
         let mut inputs = vec![self.train.digest()];
         inputs.extend(self.test.map(Items::digest));
+        inputs.extend(self.start.as_ref().map(|(_, digest)| *digest));
         let basis = Basis { environment: self.place.beside(Value::Null), ..basis.with(params, Some(self.seed)) };
         Checkpoints { kept: Kept { basis, inputs, every: self.params.checkpoint_every }, info: info.clone() }
     }
@@ -255,6 +270,7 @@ impl OneTraining<'_> {
             permute_colours: p.permute_colours,
             rung_exponent: p.rung_exponent,
             unknown_counts: p.unknown_counts,
+            independent_targets: p.independent_targets,
         };
         let score = |trainer: &Trainer| -> Result<Option<Score>, KindError> {
             let Some(set) = test else { return Ok(None) };

@@ -30,8 +30,19 @@ impl Lab {
     }
 
     fn run(&self, params: &TrainingParams, progress: &dyn Progress, cancel: &AtomicBool) -> Result<Outputs, KindError> {
+        self.run_from(params, None, progress, cancel)
+    }
+
+    fn run_from(
+        &self,
+        params: &TrainingParams,
+        start: Option<&Collection>,
+        progress: &dyn Progress,
+        cancel: &AtomicBool,
+    ) -> Result<Outputs, KindError> {
         let ctx = Context::new(&self.blobs, progress, cancel);
-        let all = BTreeMap::from([("train", &self.train), ("test", &self.test)]);
+        let mut all = BTreeMap::from([("train", &self.train), ("test", &self.test)]);
+        all.extend(start.map(|start| ("start", start)));
         let params = params.clone();
         Training::run(&ctx, &Action { params, item: None, group: "main", seed: 11, each: BTreeMap::new(), all })
     }
@@ -103,6 +114,29 @@ fn a_stopped_training_goes_on_to_the_same_bits() {
     let timing: TrainingTiming = serde_json::from_slice(&halved.bytes(&longer, "timing")).expect("a timing");
     assert_eq!(timing.steps, 8);
     assert!(straight.bytes(&straight.train(&params), "model") == halved.bytes(&longer, "model"));
+}
+
+#[test]
+fn a_training_can_begin_with_the_weights_of_a_model() {
+    let lab = Lab::new(3, 1, 24);
+    let first = lab.train(&short());
+    let cancel = AtomicBool::new(false);
+    let again = |params: &TrainingParams| lab.run_from(params, Some(&first.collections["model"]), &Silent, &cancel);
+    let same = again(&TrainingParams { steps: 0, ..short() }).expect("no steps");
+    let weights = |outputs: &Outputs| lab.bytes(outputs, "model");
+    // Behind the header, which notes another number of steps.
+    let numbers = |bytes: &[u8]| {
+        let header = u64::from_le_bytes(bytes[..8].try_into().expect("eight bytes")) as usize;
+        bytes[8 + header..].to_vec()
+    };
+    assert!(numbers(&weights(&same)) == numbers(&weights(&first)));
+    // It goes on from there, and its checkpoints are its own.
+    let loss = |outputs: &Outputs, at: usize| lab.log(outputs).points[at].test.expect("test scenes");
+    let more = again(&short()).expect("trains");
+    assert_eq!(loss(&more, 0), loss(&first, lab.log(&first).points.len() - 1));
+    assert!(weights(&more) != weights(&first));
+    let other = again(&TrainingParams { conditioning: Conditioning::Gbuffer, ..short() }).expect_err("another network");
+    assert!(other.to_string().contains("`conditioning: rgb`") && other.to_string().contains("`start`"), "{other}");
 }
 
 #[test]

@@ -2,7 +2,11 @@
 //! converts normals to what the network wants. Knows no network.
 
 use crate::cli::CliError;
-use exr::meta::MetaData;
+use exr::{
+    math::Vec2,
+    meta::MetaData,
+    prelude::{ReadChannels as _, ReadLayers as _, ReadSpecificChannel as _, read},
+};
 use std::{collections::BTreeMap, io::Cursor, path::Path};
 use tauflow_contract::read_regular;
 use tauflow_data::{Image, image_io::parse_exr};
@@ -25,6 +29,7 @@ pub(super) struct Layers {
     pub(super) images: BTreeMap<String, Image>,
     /// From world to camera space, for row vectors, row by row.
     pub(super) camera: Option<[f32; 16]>,
+    bytes: Vec<u8>,
     file: String,
 }
 
@@ -46,7 +51,7 @@ impl Layers {
         let images = parse_exr(&file, &bytes).map_err(|e| CliError::Bad(e.to_string()))?;
         let meta = MetaData::read_from_buffered(Cursor::new(&bytes), false).ok();
         let camera = meta.and_then(|meta| meta.headers.iter().find_map(|header| header.own_attributes.world_to_camera));
-        Ok(Self { images, camera, file })
+        Ok(Self { images, camera, bytes, file })
     }
 
     /// The layer of radiance and its name: the one that is asked for, or the one that is recognised. `variance` names a
@@ -68,6 +73,36 @@ impl Layers {
                 self.names()
             ))),
         }
+    }
+
+    /// The alpha of a layer, one channel; none if it has none.
+    pub(super) fn alpha(&self, layer: &str) -> Option<Image> {
+        let name = if layer.is_empty() { "A".to_owned() } else { format!("{layer}.A") };
+        let file = read()
+            .no_deep_data()
+            .largest_resolution_level()
+            .specific_channels()
+            .required(name.as_str())
+            .collect_pixels(
+                |size: Vec2<usize>, _| Image::new(size.width(), size.height(), 1),
+                |plane: &mut Image, at: Vec2<usize>, (alpha,): (f32,)| plane.pixel_mut(at.x(), at.y())[0] = alpha,
+            )
+            .first_valid_layer()
+            .all_attributes()
+            .from_buffered(Cursor::new(&self.bytes))
+            .ok()?;
+        let window = file.attributes.display_window;
+        let position = file.layer_data.attributes.layer_position;
+        let plane = file.layer_data.channel_data.pixels;
+        let mut alpha = Image::new(window.size.width(), window.size.height(), 1);
+        let [left, top] = [position.x() - window.position.x(), position.y() - window.position.y()].map(i64::from);
+        for (y, x) in (0..plane.height()).flat_map(|y| (0..plane.width()).map(move |x| (y, x))) {
+            let (to_x, to_y) = (x as i64 + left, y as i64 + top);
+            if (0..alpha.width() as i64).contains(&to_x) && (0..alpha.height() as i64).contains(&to_y) {
+                alpha.pixel_mut(to_x as usize, to_y as usize)[0] = plane.pixel(x, y)[0];
+            }
+        }
+        Some(alpha)
     }
 
     /// A layer by its whole name.
@@ -310,7 +345,7 @@ mod tests {
     fn layers(names: &[&str]) -> Layers {
         let image = |i: usize| Image::from_data(1, 1, 3, vec![i as f32; 3]).expect("fits");
         let images = names.iter().enumerate().map(|(i, name)| ((*name).to_owned(), image(i))).collect();
-        Layers { images, camera: None, file: "x.exr".into() }
+        Layers { images, camera: None, bytes: Vec::new(), file: "x.exr".into() }
     }
 
     #[test]

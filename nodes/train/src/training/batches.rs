@@ -47,6 +47,8 @@ struct Pick {
     colours: usize,
     /// Whether the network is told the sample count.
     told: bool,
+    /// Whether the target leaves out the samples of the input.
+    apart: bool,
 }
 
 /// Test scenes whose gain is watched during training.
@@ -183,6 +185,7 @@ impl DataSet {
         let shares = draw.shares(&self.counts[..self.counts.len() - 1]);
         let picks: Vec<Pick> = (0..draw.batch)
             .map(|_| {
+                let told = untold.uniform() >= draw.unknown_counts;
                 let scene = stream.below(self.scenes.len());
                 let (width, height) = size(&self.scenes[scene]);
                 let other = (scene + 1 + stream.below(self.scenes.len().max(2) - 1)) % self.scenes.len();
@@ -202,7 +205,8 @@ impl DataSet {
                     turn: stream.below(8),
                     scale: maths::exp2(draw.exposure_jitter * (2.0 * stream.uniform() - 1.0)) as f32,
                     colours: if draw.permute_colours { stream.below(COLOURS.len()) } else { 0 },
-                    told: untold.uniform() >= draw.unknown_counts,
+                    told,
+                    apart: draw.independent_targets && !told,
                 }
             })
             .collect();
@@ -225,7 +229,8 @@ impl DataSet {
                 let t = (rung as f64 + shift) / rungs as f64;
                 let (width, height) = size(&self.scenes[scene]);
                 let (left, top) = (middle(width), middle(height));
-                Pick { scene, target: scene, rung, t, left, top, turn: 0, scale: 1.0, colours: 0, told: true }
+                let (turn, scale, colours) = (0, 1.0, 0);
+                Pick { scene, target: scene, rung, t, left, top, turn, scale, colours, told: true, apart: false }
             })
             .collect();
         let batches: Vec<Vec<Pick>> = picks.chunks(batch).map(<[Pick]>::to_vec).collect();
@@ -256,7 +261,12 @@ impl DataSet {
             let encode = |v: f32| encoding.space.encode(v * pick.scale);
             let rung = |i: usize| pick.colours(&self.scenes[scene].states[i], &places);
             let pairs = rung(lesson.from).zip(rung(lesson.to));
+            let [from_count, to_count] = [lesson.from, lesson.to].map(|i| self.counts[i] as f32);
             let pixels = pairs.map(|(from, to)| {
+                let to = match pick.apart {
+                    true => [0, 1, 2].map(|c| others((from[c], from_count), (to[c], to_count))),
+                    false => to,
+                };
                 let parts = [0, 1, 2].map(|c| lesson.example(encode(from[c]), encode(to[c])));
                 (parts.map(|(state, _)| state), parts.map(|(_, target)| target))
             });
@@ -269,6 +279,13 @@ impl DataSet {
         let turned = |gbuffer: &Image| pick.turned(gbuffer, &pick.places((gbuffer.width(), gbuffer.height()), side));
         (state, target, gbuffer.map(turned))
     }
+}
+
+/// The mean of the samples of `all` that are not in `some`; both are means with their sample counts, and `some` is
+/// nested in `all`. Rounding gives no negative radiance.
+fn others(some: (f32, f32), all: (f32, f32)) -> f32 {
+    let rest = (all.0 * all.1 - some.0 * some.1) / (all.1 - some.1);
+    if all.0 >= 0.0 { rest.max(0.0) } else { rest }
 }
 
 /// Width and height of a scene's images.
@@ -294,6 +311,8 @@ pub(crate) struct Draw {
     pub(crate) rung_exponent: f64,
     /// Share of the examples for which the network is not told the sample count.
     pub(crate) unknown_counts: f64,
+    /// Whether their targets leave out the samples of the input.
+    pub(crate) independent_targets: bool,
 }
 
 impl Draw {
@@ -307,6 +326,7 @@ impl Draw {
         permute_colours: false,
         rung_exponent: 0.0,
         unknown_counts: 0.0,
+        independent_targets: false,
     };
 
     /// Running sums of what rungs with these sample counts are drawn in proportion to; none if all are alike.

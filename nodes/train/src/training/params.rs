@@ -68,6 +68,9 @@ pub struct TrainingParams {
     /// unknown or uneven counts.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub unknown_counts: f64,
+    /// Where the network is not told the sample count, take the target from the samples of the last rung that the
+    /// input does not contain. Otherwise the network keeps some noise of inputs with many samples.
+    pub independent_targets: bool,
     /// Steps between points of the loss curve.
     #[schemars(range(min = 1))]
     pub test_every: u64,
@@ -102,6 +105,7 @@ impl Default for TrainingParams {
             rung_exponent: 0.0,
             output: Output::default(),
             unknown_counts: 0.0,
+            independent_targets: false,
             test_every: 250,
             checkpoint_every: 500,
             device: NetworkDevice::Cpu,
@@ -114,6 +118,7 @@ pub(super) const LATER: &[Later] = &[
     Later { pointer: "/rung_exponent", before: Before::Number(0.0) },
     Later { pointer: "/output", before: Before::Text("means") },
     Later { pointer: "/unknown_counts", before: Before::Number(0.0) },
+    Later { pointer: "/independent_targets", before: Before::Flag(false) },
     ON_THE_CPU,
 ];
 
@@ -143,6 +148,13 @@ impl TrainingParams {
                 "/unknown_counts",
                 "only the target of `mc_noise` does not depend on the sample count",
                 "leave it at 0, or use `mc_noise`",
+            ));
+        }
+        if self.independent_targets && self.unknown_counts == 0.0 {
+            problems.push(ParamProblem::new(
+                "/independent_targets",
+                "it changes only examples without a sample count, and `unknown_counts` is 0",
+                "raise `unknown_counts`, or leave it out",
             ));
         }
         problems

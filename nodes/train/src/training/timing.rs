@@ -70,7 +70,7 @@ pub fn training_steps(
         steps: steps as u64,
         weight_decay: 0.0,
     };
-    let mut trainer = Trainer::new(info(preset).encoding()?, rates, Loss::Squared, 1, place);
+    let mut trainer = Trainer::new(info(preset).encoding()?, rates, Loss::Squared, (1, None), place);
     let set = DataSet::new(vec![("made-up", scene(2 * side)?)], "train", Conditioning::Gbuffer)?;
     let draw = Draw { seed: 1, batch, side, exposure_jitter: 1.0, permute_colours: true, ..Draw::PLAIN };
     let milliseconds = |from: Instant| 1000.0 * from.elapsed().as_secs_f64();

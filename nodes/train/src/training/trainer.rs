@@ -30,10 +30,16 @@ pub(crate) struct Trainer {
 }
 
 impl Trainer {
-    /// At the start.
-    pub(crate) fn new(encoding: Encoding, rates: Rates, loss: Loss, seed: u64, place: &Place) -> Self {
+    /// At the start, with the given weights, or with random ones of a seed.
+    pub(crate) fn new(
+        encoding: Encoding,
+        rates: Rates,
+        loss: Loss,
+        (seed, start): (u64, Option<Weights>),
+        place: &Place,
+    ) -> Self {
         let network = encoding.network();
-        let state = Optimised::new(network.slots().draw(seed));
+        let state = Optimised::new(start.unwrap_or_else(|| network.slots().draw(seed)));
         let first = state.weights.norm();
         let parts = if place.adapter().is_none() { PARTS } else { 1 };
         let device = place.device().clone().autodiff();
@@ -164,7 +170,8 @@ mod tests {
 
     #[test]
     fn parts_of_a_batch_add_up_to_its_gradient() {
-        let trainer = Trainer::new(encoding(Parameterization::McVelocity), rates(), Loss::Squared, 3, &Place::cpu());
+        let trainer =
+            Trainer::new(encoding(Parameterization::McVelocity), rates(), Loss::Squared, (3, None), &Place::cpu());
         let mut weights = trainer.state.weights.clone();
         // Nothing may be zero, or gradients behind it would be.
         weights.0.iter_mut().enumerate().for_each(|(i, matrix)| {
@@ -193,7 +200,8 @@ mod tests {
 
     #[test]
     fn a_loss_beyond_all_numbers_is_told_and_changes_nothing() {
-        let mut trainer = Trainer::new(encoding(Parameterization::McNoise), rates(), Loss::Squared, 3, &Place::cpu());
+        let mut trainer =
+            Trainer::new(encoding(Parameterization::McNoise), rates(), Loss::Squared, (3, None), &Place::cpu());
         let before = trainer.state.clone();
         let mut batch = scenes(2, 16).all(&trainer.encoding, 16, 2).next().expect("scenes");
         batch.targets = vec![1e30; batch.targets.len()].into();
@@ -205,7 +213,8 @@ mod tests {
     #[test]
     fn one_batch_is_learned() {
         for parameterization in Parameterization::ALL {
-            let mut trainer = Trainer::new(encoding(parameterization), rates(), Loss::Squared, 3, &Place::cpu());
+            let mut trainer =
+                Trainer::new(encoding(parameterization), rates(), Loss::Squared, (3, None), &Place::cpu());
             let draw = Draw { seed: 5, batch: 2, side: 16, ..Draw::PLAIN };
             let batch = scenes(2, 16).draw(&trainer.encoding, &draw, 0);
             let first = trainer.step(&batch).expect("finite").0;
@@ -222,7 +231,8 @@ mod tests {
     #[test]
     fn a_fresh_network_averages_and_its_loss_is_that_of_any_batches() {
         let set = scenes(3, 16);
-        let trainer = Trainer::new(encoding(Parameterization::McNoise), rates(), Loss::Squared, 1, &Place::cpu());
+        let trainer =
+            Trainer::new(encoding(Parameterization::McNoise), rates(), Loss::Squared, (1, None), &Place::cpu());
         let targets: Vec<f32> =
             set.all(&trainer.encoding, 16, 4).flat_map(|b| b.targets.iter().copied().collect::<Vec<_>>()).collect();
         assert_eq!(targets.len(), 3 * 2 * 16 * 16 * 3);

@@ -116,6 +116,31 @@ fn counts_are_hidden_as_often_as_asked_and_nothing_else_changes() {
 }
 
 #[test]
+fn targets_without_a_count_are_the_other_samples_of_the_last_rung() {
+    let (set, encoding) = (set(3), encoding(Parameterization::McNoise));
+    let plain = Draw { unknown_counts: 0.5, batch: 50, ..PLAIN };
+    for step in 0..4 {
+        let before = set.draw(&encoding, &plain, step);
+        let after = set.draw(&encoding, &Draw { independent_targets: true, ..plain }, step);
+        assert!(before.states == after.states && before.tau == after.tau);
+        for (i, tau) in after.tau.iter().enumerate() {
+            let rung = (after.states[i][0] as usize % 10_000) / 1000;
+            // I_n - (N I_N - n I_n)/(N - n) = (I_n - I_N) N/(N - n).
+            let (n, last) = (COUNTS[rung] as f32, COUNTS[2] as f32);
+            let factor = if tau.is_none() { last / (last - n) } else { 1.0 };
+            for at in i * 192..(i + 1) * 192 {
+                let (found, expected) = (after.targets[at], before.targets[at] * factor);
+                assert!((found - expected).abs() < 1.0, "{found} {expected}");
+            }
+        }
+        assert!(after.tau.contains(&None) && after.tau.iter().any(Option::is_some));
+    }
+    assert_eq!(others((4.0, 1.0), (1.0, 4.0)), 0.0, "three others of 0");
+    assert_eq!(others((4.1, 1.0), (1.0, 4.0)), 0.0, "rounding");
+    assert_eq!(others((1.0, 1.0), (4.0, 4.0)), 5.0);
+}
+
+#[test]
 fn shuffled_targets_come_from_another_scene() {
     // From rung to rung scene s rises by 1000 (s + 1), so that a target tells whose it is, and a state by 100,000 s.
     let packed = |scene: usize| {
@@ -144,10 +169,24 @@ fn shuffled_targets_come_from_another_scene() {
     assert_eq!(pairs.len(), 9, "every scene's targets reach every other scene: {pairs:?}");
 }
 
+/// A window of scene 0 that is not changed.
+const UNTURNED: Pick = Pick {
+    scene: 0,
+    target: 0,
+    rung: 0,
+    t: 0.0,
+    left: 2,
+    top: 1,
+    turn: 0,
+    scale: 1.0,
+    colours: 0,
+    told: true,
+    apart: false,
+};
+
 #[test]
 fn turns_are_eight_and_lose_no_pixel() {
-    let pick =
-        |turn| Pick { scene: 0, target: 0, rung: 0, t: 0.0, left: 2, top: 1, turn, scale: 1.0, colours: 0, told: true };
+    let pick = |turn| Pick { turn, ..UNTURNED };
     let all: BTreeSet<Vec<usize>> = (0..8).map(|turn| pick(turn).places((SIDE, SIDE), 4)).collect();
     assert_eq!(all.len(), 8);
     for places in &all {
@@ -194,8 +233,7 @@ fn normals_turn_with_the_picture() {
     };
     let image = Image::from_data(side, side, 6, (0..side * side).flat_map(bump).collect()).expect("fits");
     for turn in 0..8 {
-        let pick =
-            Pick { scene: 0, target: 0, rung: 0, t: 0.0, left: 0, top: 0, turn, scale: 1.0, colours: 0, told: true };
+        let pick = Pick { left: 0, top: 0, turn, ..UNTURNED };
         let turned = pick.turned(&image, &pick.places((side, side), side));
         assert_eq!(turned, image.data(), "{turn}");
     }
